@@ -1,0 +1,157 @@
+"""What this machine has, what is missing, and the command that mends it.
+
+Nothing here imports a package that might abort: versions come from the installed metadata, and the Mitsuba variant is
+tried in a process of its own.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+
+from datafactory.paths.backend import cuda_usable, find_llvm
+from shared.errors import InputError
+
+MINIMUM_PYTHON = (3, 11)
+MINIMUM_MEMORY_GIB = 4.0
+"""A rule of thumb, not a measurement: one worker's interpreter, scene, paths and cube."""
+MINIMUM_DISK_GIB = 5.0
+"""About 2 500 frames: a stored frame is 1.9 MB (3 x 630 x 48 complex64 and 630 x 450 float32), uncompressed."""
+
+_GIB = 1024.0**3
+_TRIAL_SECONDS = 120.0
+
+# Compile a kernel and trace one ray: the two things that fail on a broken set-up.
+_TRIAL = """
+from datafactory.paths.backend import select_variant
+variant = select_variant()
+import drjit as dr
+import mitsuba as mi
+assert int(dr.sum(dr.arange(mi.UInt32, 8))[0]) == 28
+scene = mi.load_dict({"type": "scene", "ball": {"type": "sphere"}})
+hit = scene.ray_intersect(mi.Ray3f(mi.Point3f(-3, 0, 0), mi.Vector3f(1, 0, 0)))
+assert abs(float(hit.t[0]) - 2) < 1e-4
+print(variant)
+"""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was looked at.
+
+    :param item: what
+    :param value: what was found, in words
+    :param ok: whether that will do
+    :param remedy: the command or step that mends it; "" where nothing is to be mended
+    :param required: whether the data factory cannot work without it
+    """
+
+    item: str
+    value: str
+    ok: bool
+    remedy: str = ""
+    required: bool = True
+
+
+def examine() -> list[Finding]:
+    """Look at everything the data factory needs; nothing is raised for anything that is missing."""
+    return [
+        _python(),
+        _package("numba"),
+        _package("usd-core"),
+        _package("mitsuba"),
+        _package("drjit"),
+        _package("sionna-rt"),
+        _package("pyarrow"),
+        _package("torch", required=False),
+        _gpu(),
+        _llvm(),
+        _variant(),
+        _cores(),
+        _memory(),
+        _disk(),
+    ]
+
+
+def _python() -> Finding:
+    ok = sys.version_info >= MINIMUM_PYTHON
+    remedy = "" if ok else "install Python 3.11 or newer and make the environment again"
+    return Finding("Python", platform.python_version(), ok, remedy)
+
+
+def _package(name: str, required: bool = True) -> Finding:
+    try:
+        return Finding(name, version(name), True, required=required)
+    except PackageNotFoundError:
+        return Finding(name, "missing", False, f"pip install {name}", required)
+
+
+def _gpu() -> Finding:
+    value = "NVIDIA device with OptiX" if cuda_usable() else "none usable; the CPU is used"
+    return Finding("GPU", value, True, required=False)
+
+
+def _llvm() -> Finding:
+    # With CUDA or Metal no LLVM is needed: whether anything works at all is the variant's line.
+    try:
+        path, found = find_llvm()
+    except InputError as error:
+        needed = sys.platform == "linux" and not cuda_usable()
+        return Finding("LLVM", str(error), False, "pip install karellen-llvm-core wheel-axle-runtime", required=needed)
+    return Finding("LLVM", f"{found} at {path}", True)
+
+
+def _variant() -> Finding:
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", _TRIAL], capture_output=True, text=True, timeout=_TRIAL_SECONDS, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return Finding("Mitsuba variant", f"no answer within {_TRIAL_SECONDS:g} s", False, "see the lines above")
+    if done.returncode == 0:
+        return Finding("Mitsuba variant", done.stdout.split()[-1], True)
+    if done.returncode < 0:
+        problem = f"the trial was ended by signal {-done.returncode}"
+    else:
+        problem = (done.stderr.strip().splitlines() or ["no message"])[-1]
+    return Finding("Mitsuba variant", problem, False, "mend LLVM or the GPU driver (lines above), then try again")
+
+
+def _cores() -> Finding:
+    return Finding("CPU cores", f"{len(_usable_cores())} usable of {os.cpu_count()}", True, required=False)
+
+
+def _usable_cores() -> set[int]:
+    if hasattr(os, "sched_getaffinity"):
+        return set(os.sched_getaffinity(0))
+    return set(range(os.cpu_count() or 1))
+
+
+def _amount(item: str, measure: Callable[[], float], minimum_gib: float, remedy: str) -> Finding:
+    try:
+        gib = measure()
+    except (ImportError, OSError) as error:
+        return Finding(item, f"cannot be told: {error}", False, "pip install psutil", required=False)
+    ok = gib >= minimum_gib
+    return Finding(item, f"{gib:.1f} GiB", ok, "" if ok else remedy, required=False)
+
+
+def _memory() -> Finding:
+    def total() -> float:
+        import psutil
+
+        return float(psutil.virtual_memory().total) / _GIB
+
+    remedy = f"at least {MINIMUM_MEMORY_GIB:g} GiB: fewer --workers, or a larger machine"
+    return _amount("memory", total, MINIMUM_MEMORY_GIB, remedy)
+
+
+def _disk() -> Finding:
+    remedy = f"at least {MINIMUM_DISK_GIB:g} GiB free here: make room, or give --out on another disk"
+    return _amount("free disk space", lambda: shutil.disk_usage(os.getcwd()).free / _GIB, MINIMUM_DISK_GIB, remedy)

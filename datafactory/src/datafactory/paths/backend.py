@@ -1,0 +1,185 @@
+"""The one place that chooses the Mitsuba variant, and the libLLVM that it compiles with.
+
+Call :func:`select_variant` before anything imports ``sionna.rt``: that package sets a variant of its own at import, and
+Dr.Jit takes whatever libLLVM the system has. With LLVM 15 or 16 Dr.Jit 1.5 then aborts the process on AVX-512 machines,
+with no exception to catch; so nothing here initialises Dr.Jit before a good library was found.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from shared.errors import InputError
+
+CUDA = "cuda_ad_mono_polarized"
+METAL = "metal_ad_mono_polarized"
+LLVM = "llvm_ad_mono_polarized"
+VARIANTS = (CUDA, METAL, LLVM)
+
+MINIMUM_LLVM = 17
+"""Measured: 17 to 23 work, 15 and 16 abort on AVX-512 machines."""
+
+LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"
+INSTALL_LLVM = "LLVM 17 or newer: pip install karellen-llvm-core wheel-axle-runtime" + (
+    " (Linux x86-64), or brew install llvm (macOS)" if sys.platform != "linux" else ""
+)
+
+_PROBE_SECONDS = 20.0
+
+# cuInit and a device count through the driver's C interface; OptiX (libnvoptix), which Mitsuba needs to trace rays,
+# comes with the driver but not with every container.
+_CUDA_PROBE = """
+import ctypes, sys
+names = ("nvcuda.dll", "nvoptix.dll") if sys.platform == "win32" else ("libcuda.so.1", "libnvoptix.so.1")
+driver, _ = [ctypes.CDLL(name) for name in names]
+count = ctypes.c_int(0)
+assert driver.cuInit(0) == 0 and driver.cuDeviceGetCount(ctypes.byref(count)) == 0 and count.value > 0
+"""
+
+# LLVMGetVersion has been exported since LLVM 16; a library without it is older.
+_LLVM_PROBE = """
+import ctypes, sys
+parts = [ctypes.c_uint(0) for _ in range(3)]
+ctypes.CDLL(sys.argv[1]).LLVMGetVersion(*(ctypes.byref(part) for part in parts))
+print(*(part.value for part in parts), sep=".")
+"""
+
+
+def _answer_of(script: str, *arguments: str) -> str | None:
+    """What a script prints in a bare interpreter of its own, or None if it fails: a crash there harms nothing here."""
+    command = [sys.executable, "-I", "-S", "-c", script, *arguments]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=_PROBE_SECONDS, check=False)
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    return done.stdout.strip() if done.returncode == 0 else None
+
+
+def cuda_usable() -> bool:
+    """Whether the NVIDIA driver starts, sees a device and has OptiX; asked in a subprocess, without Dr.Jit."""
+    return sys.platform in ("linux", "win32") and _answer_of(_CUDA_PROBE) is not None
+
+
+def llvm_version(path: Path) -> str | None:
+    """Version of a libLLVM, e.g. ``"15.0.6"``; None if it cannot be told.
+
+    The file name says it on every Linux (``libLLVM-15.so.1``, ``libLLVM.so.23.1``, after following links); where it
+    does not, a subprocess loads the library and asks ``LLVMGetVersion``, so that two LLVMs never meet in this process.
+    """
+    for name in (path.resolve().name, path.name):
+        found = re.fullmatch(r"libLLVM(?:-|\.so\.)(\d+(?:\.\d+)*)(?:\.so.*|\.dylib|git)?", name)
+        if found:
+            return found.group(1)
+    return _answer_of(_LLVM_PROBE, str(path)) if path.is_file() else None
+
+
+def _candidates() -> Iterator[Path]:
+    """Libraries in order of preference: this environment's, then the system's, newest first."""
+    yield from sorted(Path(sys.prefix, "lib").glob("libLLVM*.so*"))
+    found = [
+        path
+        for pattern in (
+            "usr/lib/*-linux-gnu/libLLVM*.so*",
+            "usr/lib/llvm-*/lib/libLLVM*.so*",
+            "usr/lib64/libLLVM*.so*",
+            "usr/lib/libLLVM*.so*",
+            "usr/local/lib/libLLVM*.so*",
+            "opt/homebrew/opt/llvm/lib/libLLVM.dylib",
+            "usr/local/opt/llvm/lib/libLLVM.dylib",
+        )
+        for path in Path("/").glob(pattern)
+    ]
+    yield from sorted(found, key=lambda path: (-_major(llvm_version(path)), str(path)))
+
+
+def _major(version: str | None) -> int:
+    return int(version.split(".")[0]) if version else 0
+
+
+def find_llvm() -> tuple[Path, str]:
+    """Path and version of a libLLVM that Dr.Jit can use, found without initialising Dr.Jit.
+
+    ``DRJIT_LIBLLVM_PATH`` decides alone where it is set; else this environment's ``lib`` (where the wheel
+    karellen-llvm-core puts its library), then the system's.
+
+    :raises InputError: if there is none, or only one older than 17
+    """
+    given = os.environ.get(LLVM_VARIABLE)
+    if given:
+        path = Path(given)
+        if not path.is_file():
+            raise InputError(LLVM_VARIABLE, f"no file {given}", "a libLLVM, or the variable unset")
+        version = llvm_version(path)
+        if _major(version) < MINIMUM_LLVM:
+            raise InputError(LLVM_VARIABLE, _too_old(path, version), f"{INSTALL_LLVM}, and the variable unset")
+        assert version is not None  # its major number was just compared
+        return path, version
+    refused: list[str] = []
+    for path in _candidates():
+        version = llvm_version(path)
+        if version and _major(version) >= MINIMUM_LLVM:
+            return path, version
+        refused.append(_too_old(path, version))
+    raise InputError("LLVM", refused[0] if refused else "no libLLVM was found", INSTALL_LLVM)
+
+
+def _too_old(path: Path, version: str | None) -> str:
+    if version is None:
+        return f"the version of {path} cannot be told"
+    return f"found {version} at {path}; Dr.Jit aborts with LLVM 15 and 16 and knows none older"
+
+
+def select_variant() -> str:
+    """Choose and set the Mitsuba variant: CUDA where a device is usable, Metal on macOS, else LLVM.
+
+    Idempotent: a variant of ours that is already set stays. ``DRJIT_LIBLLVM_PATH`` is set for this process and its
+    children before Dr.Jit reads it, i.e. before the first array on the LLVM backend; code that used that backend
+    earlier has loaded its own library, and this function cannot change it any more.
+
+    :return: the variant's name, now set
+    :raises InputError: if there is no usable device and no usable libLLVM, with the command that mends it
+    """
+    already = sys.modules.get("mitsuba")
+    if already is not None and already.variant() in VARIANTS:
+        return str(already.variant())
+    if cuda_usable():
+        return _set(CUDA)
+    if sys.platform == "darwin" and METAL in _compiled_variants():
+        return _set(METAL)
+    path, _ = find_llvm()
+    os.environ[LLVM_VARIABLE] = str(path)
+    return _set(LLVM)
+
+
+def _compiled_variants() -> list[str]:
+    import mitsuba
+
+    return list(mitsuba.variants())
+
+
+def _set(variant: str) -> str:
+    # Imported late: this module is also asked by doctor, on machines where Mitsuba is missing or does not load.
+    try:
+        import mitsuba
+
+        mitsuba.set_variant(variant)
+    except ImportError as error:
+        raise InputError("mitsuba", f"{variant} cannot be loaded: {error}", "pip install mitsuba drjit") from None
+    return variant
+
+
+def set_threads(count: int) -> None:
+    """Let Dr.Jit's LLVM backend use ``count`` threads (no effect on CUDA).
+
+    :raises InputError: if ``count`` is below 1
+    """
+    if count < 1:
+        raise InputError("threads", f"{count!r}", "a whole number of at least 1")
+    import drjit
+
+    drjit.set_thread_count(count)

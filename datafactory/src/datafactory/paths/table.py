@@ -1,0 +1,232 @@
+"""PathTable: the contract between tracing and everything after it.
+
+A table holds the multipath of one frame in the radar frame, independent of array, waveform and patterns: one trace serves
+every radar. There are two kinds of path, because there are two delay laws. x_i is a TX, x_j an RX, t the time since the
+start of chirp 0; all reflections on the way are unfolded (each mirror replaced by the mirror image behind it).
+
+Scattered paths have a point from which the wave spreads anew (a diffuse bounce, a point target):
+
+    c tau = |x_i - (p + v_p t)| + b + b' t + |x_j - (q + v_q t)|
+
+with the scattering point as the TX sees it (p) and as the RX sees it (q). A single bounce has p = q, b = 0. Mirrors before
+or after the point only move p or q to where its image stands. b is the length between two scattering points.
+
+Specular paths have none: the RX sees the mirror image of the TX itself, and curvature is that of the whole path:
+
+    c tau = |x_j - (s + v_s t + H (x_i - x_0))|
+
+with s the image of the reference x_0 and H the product of the mirrors' reflections, an orthogonal matrix. Both laws are
+exact for plane mirrors and constant velocities, in the near field too.
+
+Amplitudes are those of isotropic antennas of 0 dBi and of unit transmit power, with the sign convention of the IF signal:
+the conjugate of the propagation channel's, because the mixer conjugates the received wave (eq. (1) has +j f_c tau).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shared.radar import FrontEnd, Radar
+
+Real = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ScatteredPaths:
+    """K paths with a scattering point.
+
+    :param tx_point: [K, 3] p, the point as the TX sees it at t = 0 [m]
+    :param rx_point: [K, 3] q, the point as the RX sees it at t = 0 [m]
+    :param tx_velocity: [K, 3] v_p relative to the radar [m/s]
+    :param rx_velocity: [K, 3] v_q relative to the radar [m/s]
+    :param between_m: [K] b [m]
+    :param between_rate_mps: [K] b' [m/s]
+    :param amplitude: [K] complex, see the module
+    :param depth: [K] number of bounces
+    :param object_index: [K] index into the table's ``objects`` of what scattered; -1 where unknown
+    """
+
+    tx_point: Real
+    rx_point: Real
+    tx_velocity: Real
+    rx_velocity: Real
+    between_m: Real
+    between_rate_mps: Real
+    amplitude: NDArray[np.complex128]
+    depth: NDArray[np.int8]
+    object_index: NDArray[np.int32]
+
+    def __len__(self) -> int:
+        return len(self.amplitude)
+
+    def take(self, index: NDArray) -> ScatteredPaths:
+        """The paths at these indices, or where a mask is true."""
+        return ScatteredPaths(**{name: getattr(self, name)[index] for name in self.__dataclass_fields__})
+
+    def reversed(self) -> ScatteredPaths:
+        """The same paths run backwards: by reciprocity of the same amplitude."""
+        return replace(
+            self,
+            tx_point=self.rx_point,
+            rx_point=self.tx_point,
+            tx_velocity=self.rx_velocity,
+            rx_velocity=self.tx_velocity,
+        )
+
+    def range_m(self) -> Real:
+        """[K] half of the path's length from and to the origin at t = 0 [m]."""
+        legs = np.linalg.norm(self.tx_point, axis=1) + np.linalg.norm(self.rx_point, axis=1)
+        return 0.5 * (legs + self.between_m)
+
+    @staticmethod
+    def of_points(
+        position: Real, velocity: Real, amplitude: NDArray[np.complex128], object_index: NDArray[np.int32] | None = None
+    ) -> ScatteredPaths:
+        """Single bounces at points [K, 3] m moving with [K, 3] m/s."""
+        count = len(position)
+        position, velocity = position.reshape(count, 3).astype(float), velocity.reshape(count, 3).astype(float)
+        return ScatteredPaths(
+            tx_point=position,
+            rx_point=position,
+            tx_velocity=velocity,
+            rx_velocity=velocity,
+            between_m=np.zeros(count),
+            between_rate_mps=np.zeros(count),
+            amplitude=np.asarray(amplitude, dtype=np.complex128).reshape(count),
+            depth=np.ones(count, dtype=np.int8),
+            object_index=np.full(count, -1, dtype=np.int32) if object_index is None else object_index,
+        )
+
+    @staticmethod
+    def concatenate(parts: list[ScatteredPaths]) -> ScatteredPaths:
+        names = ScatteredPaths.__dataclass_fields__
+        return ScatteredPaths(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
+
+
+@dataclass(frozen=True)
+class SpecularPaths:
+    """S purely specular paths.
+
+    :param image: [S, 3] s, image of the reference point at t = 0 [m]
+    :param image_velocity: [S, 3] v_s relative to the radar [m/s]
+    :param axes: [S, 3, 3] H, orthogonal
+    :param reference: [3] x_0, where the traced TX stood [m]
+    :param amplitude: [S] complex, see the module
+    :param depth: [S] number of bounces
+    :param object_index: [S] index of the last mirror's object; -1 where unknown
+    """
+
+    image: Real
+    image_velocity: Real
+    axes: Real
+    reference: Real
+    amplitude: NDArray[np.complex128]
+    depth: NDArray[np.int8]
+    object_index: NDArray[np.int32]
+
+    def __len__(self) -> int:
+        return len(self.amplitude)
+
+    def take(self, index: NDArray) -> SpecularPaths:
+        """The paths at these indices, or where a mask is true."""
+        kept = {name: getattr(self, name)[index] for name in self.__dataclass_fields__ if name != "reference"}
+        return SpecularPaths(reference=self.reference, **kept)
+
+    @staticmethod
+    def none() -> SpecularPaths:
+        return SpecularPaths(
+            image=np.zeros((0, 3)),
+            image_velocity=np.zeros((0, 3)),
+            axes=np.zeros((0, 3, 3)),
+            reference=np.zeros(3),
+            amplitude=np.zeros(0, dtype=np.complex128),
+            depth=np.zeros(0, dtype=np.int8),
+            object_index=np.zeros(0, dtype=np.int32),
+        )
+
+    def range_m(self) -> Real:
+        """[S] half of the path's length between reference and origin at t = 0 [m]."""
+        return 0.5 * np.linalg.norm(self.image, axis=1)
+
+    def departure(self) -> Real:
+        """[S, 3] directions in which the reference TX sees the image of the origin: H^T (0 - s)."""
+        return np.einsum("kji,kj->ki", self.axes, -self.image)
+
+    def as_scattered(self, tx: Real) -> ScatteredPaths:
+        """The same paths for one TX at ``tx`` [3], in the form of scattered paths.
+
+        The RX-side point is the image of this TX. The TX leg is made a constant 1 m by placing the TX-side point 1 m ahead
+        of the TX, and b = -1 m takes it off again, so that one kernel serves both laws exactly.
+        """
+        count = len(self)
+        image = self.image + np.einsum("kij,j->ki", self.axes, tx - self.reference)
+        return ScatteredPaths(
+            tx_point=np.tile(tx + np.array([1.0, 0.0, 0.0]), (count, 1)),
+            rx_point=image,
+            tx_velocity=np.zeros((count, 3)),
+            rx_velocity=self.image_velocity,
+            between_m=np.full(count, -1.0),
+            between_rate_mps=np.zeros(count),
+            amplitude=self.amplitude,
+            depth=self.depth,
+            object_index=self.object_index,
+        )
+
+
+@dataclass(frozen=True)
+class PathTable:
+    """All paths of one frame.
+
+    :param scattered: paths with a scattering point
+    :param specular: paths without
+    :param objects: names that ``object_index`` points to
+    :param counts: what was found, dropped and why, by name, e.g. ``{"rays": 500000, "beyond_range": 12}``
+    """
+
+    scattered: ScatteredPaths
+    specular: SpecularPaths = field(default_factory=SpecularPaths.none)
+    objects: tuple[str, ...] = ()
+    counts: dict[str, int] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.scattered) + len(self.specular)
+
+    def moves(self) -> bool:
+        """Whether any delay changes over the frame."""
+        scattered, specular = self.scattered, self.specular
+        rates = (scattered.tx_velocity, scattered.rx_velocity, scattered.between_rate_mps, specular.image_velocity)
+        return any(np.any(rate) for rate in rates)
+
+    def illuminated(self, front_end: FrontEnd) -> PathTable:
+        """The table with amplitudes in sqrt(W): transmit power and the element patterns towards both ends applied."""
+        scattered, specular = self.scattered, self.specular
+        return PathTable(
+            scattered=_scaled(scattered, _gain(front_end, scattered.tx_point, scattered.rx_point)),
+            specular=_scaled(specular, _gain(front_end, specular.departure(), specular.image)),
+            objects=self.objects,
+            counts=self.counts,
+        )
+
+    def within(self, radar: Radar) -> PathTable:
+        """Only the paths nearer than the unambiguous range, as behind a receiver's anti-alias filter; the rest is counted."""
+        limit = radar.waveform.unambiguous_range_m
+        near, near_specular = self.scattered.range_m() < limit, self.specular.range_m() < limit
+        beyond = int((~near).sum() + (~near_specular).sum())
+        return PathTable(
+            scattered=self.scattered.take(near),
+            specular=self.specular.take(near_specular),
+            objects=self.objects,
+            counts={**self.counts, "beyond_range": self.counts.get("beyond_range", 0) + beyond},
+        )
+
+
+def _gain(front_end: FrontEnd, departure: Real, arrival: Real) -> Real:
+    gains = front_end.tx_pattern.power_gain(departure) * front_end.rx_pattern.power_gain(arrival)
+    return np.sqrt(front_end.transmit_power_w * gains)
+
+
+def _scaled(paths, factor: Real):
+    return replace(paths, amplitude=paths.amplitude * factor)

@@ -1,0 +1,236 @@
+"""Free ground: where in a scene a car could stand, cut into separated regions for training, validation and test.
+
+A cell is free ground where the topmost surface is ground (not a roof, bridge or car), slopes gently, and nothing steps
+up or down by more than 0.3 m within 1.5 m. Everything is read off a height map, so what lies under a bridge or a
+tree is not used.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from datafactory.scenes.height_map import HeightMap, height_map
+from datafactory.scenes.material_names import singular, words
+from datafactory.scenes.scene import Scene
+from shared.errors import InputError
+
+Split = Literal["train", "validation", "test"]
+SPLITS: tuple[Split, ...] = ("train", "validation", "test")
+SHARES = (6.0, 1.0, 1.0)
+"""Areas of the regions, in the proportion of their frames."""
+
+CELL_M = 0.5
+MAXIMUM_STEP_M = 0.3
+CLEARANCE_M = 1.5
+MAXIMUM_SLOPE = 0.2
+NEAR_OBSTACLE_M = 30.0
+"""Free ground farther than this from every obstacle is left out: cities stand on plains that would take most poses."""
+LEVEL_M = 1.0
+"""How far an isolated patch (a courtyard) may lie above or below the nearest main ground."""
+LOWER_RIM_SHARE = 0.1
+"""A patch with more of its rim than this above lower ground is a roof or a deck."""
+
+ROAD_WORDS = frozenset({"road", "street", "lane", "asphalt", "tarmac", "highway", "strasse", "fahrbahn"})
+
+
+@dataclass(frozen=True)
+class Ground:
+    """Free ground on the grid of a height map; every array is [nx, ny].
+
+    :param scene: name of the scene
+    :param origin: (x, y) of the corner of cell [0, 0] [m]
+    :param cell_m: side of a cell [m]
+    :param height_m: height of the topmost surface at the cells' centres [m], NaN where there is none
+    :param obstacle: something stands more than 0.3 m above the ground here
+    :param free: free ground, the gaps between the regions included
+    :param road: free ground that belongs to an object named as a road
+    :param region: index into ``SPLITS`` of the region a free cell belongs to; -1 for all others
+    :param gap_m: width of the strips between the regions [m]
+    """
+
+    scene: str
+    origin: tuple[float, float]
+    cell_m: float
+    height_m: NDArray[np.float64]
+    obstacle: NDArray[np.bool_]
+    free: NDArray[np.bool_]
+    road: NDArray[np.bool_]
+    region: NDArray[np.int8]
+    gap_m: float
+
+    def cells(self, split: Split, road: bool = False) -> NDArray[np.int64]:
+        """[n, 2] cells of a split's region, or of its roads alone."""
+        chosen = self.region == SPLITS.index(split)
+        return np.argwhere(chosen & self.road if road else chosen)
+
+    def area_m2(self, split: Split) -> float:
+        return float(np.count_nonzero(self.region == SPLITS.index(split))) * self.cell_m**2
+
+    def cell_of(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Cells that the points [...] lie in [m]; indices may fall outside the grid."""
+        i = np.floor((x - self.origin[0]) / self.cell_m).astype(np.int64)
+        return i, np.floor((y - self.origin[1]) / self.cell_m).astype(np.int64)
+
+    def height_at(self, x: float, y: float) -> float:
+        """Height of the ground [m] at a point on free ground, bilinear between the cells' centres."""
+        at = [(x - self.origin[0]) / self.cell_m - 0.5, (y - self.origin[1]) / self.cell_m - 0.5]
+        return float(ndimage.map_coordinates(self.height_m, np.array(at)[:, None], order=1, mode="nearest")[0])
+
+    def free_path(self, x: float, y: float, headings_rad: NDArray[np.float64], reach_m: float) -> NDArray[np.float64]:
+        """[n] distance [m] from a point to the first obstacle along each heading [n]; inf if none within ``reach_m``.
+
+        Steps of half a cell; beyond the edge of the scene there is nothing.
+        """
+        distance = np.arange(0.5 * self.cell_m, reach_m, 0.5 * self.cell_m)
+        i, j = self.cell_of(x + np.cos(headings_rad)[:, None] * distance, y + np.sin(headings_rad)[:, None] * distance)
+        inside = (i >= 0) & (i < self.obstacle.shape[0]) & (j >= 0) & (j < self.obstacle.shape[1])
+        blocked = inside & self.obstacle[np.where(inside, i, 0), np.where(inside, j, 0)]
+        return np.where(blocked.any(axis=1), distance[blocked.argmax(axis=1)], np.inf)
+
+
+def free_ground(scene: Scene) -> Ground:
+    """Find the scene's free ground and cut it into three separated regions.
+
+    :raises InputError: if the scene has no free ground; ``--poses`` does without
+    """
+    if not scene.objects:
+        raise InputError(scene.source or scene.name, "the scene has no objects", "at least one mesh")
+    seen = height_map(scene, CELL_M)
+    cell = seen.cell_m
+    edge, standing = _steps(seen)
+    ground = _without_roofs(np.isfinite(seen.surface) & ~edge & ~standing & (_slope(seen) <= MAXIMUM_SLOPE), seen)
+    obstacle = standing | _above(ground, seen)
+    for target in scene.targets:
+        i, j = (int((target.position[axis] - seen.origin[axis]) / cell) for axis in (0, 1))
+        obstacle[min(i, obstacle.shape[0] - 1), min(j, obstacle.shape[1] - 1)] = True
+    # From any point of a cell to any point of an obstacle's cell: two half diagonals less than between centres.
+    clear = _distance(edge | obstacle, cell) >= CLEARANCE_M + np.sqrt(2.0) * cell
+    free = ground & clear
+    near = free & (_distance(obstacle, cell) <= NEAR_OBSTACLE_M)
+    if near.any():
+        free = near
+    if not free.any():
+        raise InputError(
+            scene.source or scene.name,
+            f"no free ground: nowhere a gentle surface with {CLEARANCE_M} m around it free of steps",
+            "a scene with open ground, or --poses FILE.json",
+        )
+    region, gap = _regions(free, cell)
+    road = free & np.isin(seen.owner, [n for n, item in enumerate(scene.objects) if _is_road(item.name, item.material)])
+    return Ground(scene.name, seen.origin, cell, seen.surface, obstacle, free, road, region, gap)
+
+
+def _is_road(name: str, material: str) -> bool:
+    """Whether any part of the object's path, or its material's name, has a road's word in it."""
+    found = [word for part in (*name.split("/"), material) for word in words(part)]
+    return any(word in ROAD_WORDS or singular(word) in ROAD_WORDS for word in found)
+
+
+def _distance(marked: NDArray[np.bool_], cell_m: float) -> NDArray[np.float64]:
+    """Distance [m] between cell centres to the nearest marked cell; inf where nothing is marked."""
+    if not marked.any():
+        return np.full(marked.shape, np.inf)
+    return ndimage.distance_transform_edt(~marked) * cell_m
+
+
+def _steps(seen: HeightMap) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Cells at the edge of the ground (nothing beyond, or a drop), and cells that something stands on.
+
+    Within a cell a permitted slope rises by up to slope * cell * (|cos| + |sin|) / 2 from centre to corner and by
+    slope * cell to the next centre: only what is above that is a step.
+    """
+    cell = seen.cell_m
+    surface = np.where(np.isnan(seen.surface), -np.inf, seen.surface)
+    padded = np.pad(surface, 1, constant_values=-np.inf)
+    lowest = ndimage.minimum_filter(padded, footprint=ndimage.generate_binary_structure(2, 1))[1:-1, 1:-1]
+    with np.errstate(invalid="ignore"):  # -inf less -inf: no ground on either side
+        drop = surface - lowest
+    rise = seen.highest - seen.surface  # NaN, hence no step, where the cell's centre has no ground
+    allowed = max(MAXIMUM_STEP_M, MAXIMUM_SLOPE * cell)
+    edge = ~(drop <= allowed)
+    obstacle = rise > MAXIMUM_STEP_M + MAXIMUM_SLOPE * cell * np.sqrt(0.5)
+    return edge, obstacle
+
+
+def _slope(seen: HeightMap) -> NDArray[np.float64]:
+    """Steepness of the surface, rise over run; 0 along an axis of one cell."""
+    rise_x, rise_y = (
+        np.gradient(seen.surface, seen.cell_m, axis=axis) if size > 1 else np.zeros_like(seen.surface)
+        for axis, size in enumerate(seen.surface.shape)
+    )
+    return np.hypot(rise_x, rise_y)
+
+
+def _without_roofs(gentle: NDArray[np.bool_], seen: HeightMap) -> NDArray[np.bool_]:
+    """Gentle patches that are ground: their rim does not look down on lower surfaces, and they lie near its level.
+
+    The largest such patch sets the level; another one counts if it lies within 1 m of the nearest cell of that patch.
+    """
+    label, count = ndimage.label(gentle)
+    if count == 0:
+        return gentle
+    sizes = np.bincount(label.ravel(), minlength=count + 1)
+    # Every cell outside the patches is rim of the nearest patch, up to three cells away: as far as an edge reaches.
+    distance, (i, j) = ndimage.distance_transform_edt(~gentle, return_indices=True)
+    rim = (distance > 0) & (distance <= 3.0) & np.isfinite(seen.surface)
+    owner = label[i, j][rim]
+    lower = seen.surface[rim] < seen.surface[i, j][rim] - LEVEL_M
+    rims = np.bincount(owner, minlength=count + 1)
+    lower_rims = np.bincount(owner, weights=lower, minlength=count + 1)
+    is_ground = lower_rims <= LOWER_RIM_SHARE * rims
+    is_ground[0] = False
+    if not is_ground.any():
+        return np.zeros_like(gentle)
+    main = label == np.argmax(np.where(is_ground, sizes, 0))
+    i, j = ndimage.distance_transform_edt(~main, return_distances=False, return_indices=True)
+    level = np.abs(seen.surface - seen.surface[i, j]) <= LEVEL_M
+    return (is_ground[label] & level) | main
+
+
+def _above(ground: NDArray[np.bool_], seen: HeightMap) -> NDArray[np.bool_]:
+    """Cells that rise above the nearest ground by more than a step and what a permitted slope gains on the way.
+
+    Roofs, canopies and hillsides are obstacles too, not only the walls that the local steps show.
+    """
+    if not ground.any():
+        return np.zeros_like(ground)
+    away, (i, j) = ndimage.distance_transform_edt(~ground, return_indices=True)
+    slope_gain = MAXIMUM_SLOPE * seen.cell_m * (away + np.sqrt(0.5))
+    return seen.highest > seen.surface[i, j] + MAXIMUM_STEP_M + slope_gain
+
+
+def _regions(free: NDArray[np.bool_], cell_m: float) -> tuple[NDArray[np.int8], float]:
+    """Cut free cells along their longer axis into train, gap, validation, gap, test, areas about 6 : 1 : 1.
+
+    The gap is at least 5 m and at least 5 % of the extent. Where the ground is too short for gaps and three regions,
+    the later ones stay empty.
+    """
+    extents = [np.flatnonzero(free.any(axis=1 - axis)) for axis in (0, 1)]
+    spans = [int(used[-1] - used[0] + 1) for used in extents]
+    axis = int(np.argmax(spans))
+    gap = int(np.ceil(max(5.0, 0.05 * spans[axis] * cell_m) / cell_m))
+    lines = np.count_nonzero(free, axis=1 - axis)
+    total = np.concatenate([[0], np.cumsum(lines)])  # total[n]: free cells in lines 0 to n - 1
+    # For every end of the training region the other two cuts follow; take the end whose test region fits best.
+    best = (np.inf, len(lines), len(lines))
+    for end in range(1, len(lines) - 2 * gap):
+        train = total[end]
+        start = end + gap
+        stop = int(np.searchsorted(total, total[start] + train * SHARES[1] / SHARES[0]))
+        if stop + gap >= len(lines):
+            break
+        misfit = abs(float(total[-1] - total[stop + gap]) - train * SHARES[2] / SHARES[0])
+        best = min(best, (misfit, end, stop))
+    _, end, stop = best
+    position = np.arange(len(lines))
+    along = np.full(len(lines), -1, dtype=np.int8)
+    along[position < end] = 0
+    along[(position >= end + gap) & (position < stop)] = 1
+    along[position >= stop + gap] = 2
+    shape = (-1, 1) if axis == 0 else (1, -1)
+    return np.where(free, along.reshape(shape), -1).astype(np.int8), gap * cell_m

@@ -1,0 +1,187 @@
+"""Where the radar stands and how it moves: poses from a file, or drawn on free ground."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, TypeAdapter, ValidationError
+from scipy.spatial.transform import Rotation
+
+from datafactory.scenes.ground import Ground, Split
+from shared.errors import InputError
+
+SENSOR_HEIGHT_M = 0.5
+MAXIMUM_SPEED_MPS = 6.0
+"""Uniform from 0 in a random direction: the paper, section "Training data generation"."""
+
+ROAD_PREFERENCE = 0.8
+"""Share of the positions drawn on roads alone, where the split's region has any."""
+FREE_AHEAD_M = 8.0
+SIGHT_M = 90.0
+SECTOR_DEG = 50.0
+SECTOR_RAYS = 21
+"""One heading every 5 deg across the sector: a facade 8 m wide at 90 m is still seen."""
+POSITION_TRIES = 16
+YAW_TRIES = 8
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Pose:
+    """The radar's frame in the world at the start of a frame.
+
+    The radar's x is its boresight, y its left, z up. Right-handed intrinsic rotations, first yaw about z, then pitch
+    about the new y, then roll about the new x (ISO 8855): positive yaw turns the boresight to the left, positive
+    pitch points it *down*, positive roll lifts the left side.
+
+    :param position: world position [m]
+    :param yaw_deg: [deg]
+    :param pitch_deg: [deg]
+    :param roll_deg: [deg]
+    :param velocity: world velocity [m/s]
+    :param time_s: time in the scene [s], at which moving objects are placed
+    """
+
+    position: Vector
+    yaw_deg: float = 0.0
+    pitch_deg: float = 0.0
+    roll_deg: float = 0.0
+    velocity: Vector = (0.0, 0.0, 0.0)
+    time_s: float = 0.0
+
+    def _rotation(self) -> Rotation:
+        return Rotation.from_euler("ZYX", [self.yaw_deg, self.pitch_deg, self.roll_deg], degrees=True)
+
+    def rotation(self) -> NDArray[np.float64]:
+        """[3, 3] matrix R from radar to world: world = position + R @ radar."""
+        return np.asarray(self._rotation().as_matrix(), dtype=np.float64)
+
+    def quaternion(self) -> tuple[float, float, float, float]:
+        """The same rotation as unit quaternion (w, x, y, z), w not negative."""
+        w, x, y, z = self._rotation().as_quat(canonical=True, scalar_first=True)
+        return float(w), float(x), float(y), float(z)
+
+
+_Triple = Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]
+
+
+class _Entry(BaseModel):
+    """One entry of a poses file."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    position: _Triple
+    yaw_deg: FiniteFloat = 0.0
+    pitch_deg: FiniteFloat = 0.0
+    roll_deg: FiniteFloat = 0.0
+    velocity: _Triple = [0.0, 0.0, 0.0]
+    time: FiniteFloat = 0.0
+
+    def pose(self) -> Pose:
+        x, y, z = self.position
+        vx, vy, vz = self.velocity
+        return Pose((x, y, z), self.yaw_deg, self.pitch_deg, self.roll_deg, (vx, vy, vz), self.time)
+
+
+_ENTRIES = TypeAdapter(list[_Entry])
+_FORM = '[{"position": [x, y, z], "yaw_deg": 0, "pitch_deg": 0, "roll_deg": 0, "velocity": [x, y, z], "time": s}, ...]'
+
+
+def read_poses(path: Path) -> tuple[Pose, ...]:
+    """Read a ``--poses`` file: a JSON list of objects, of whose keys only ``position`` is required.
+
+    :raises InputError: if the file cannot be read, is no such list, is empty, or an entry has an unknown, doubled,
+        missing or wrong field; the message names the entry (from 0), the field and the value
+    """
+    try:
+        raw = json.loads(path.read_text(encoding="utf-8"), object_pairs_hook=_without_doubles)
+    except OSError as error:
+        raise InputError(path, f"cannot be read: {error.strerror}", "a JSON file of poses") from None
+    except (ValueError, RecursionError) as error:  # malformed JSON, no UTF-8, a doubled key, nested too deeply
+        raise InputError(path, f"malformed JSON: {error}", _FORM) from None
+    try:
+        entries = _ENTRIES.validate_python(raw)
+    except ValidationError as error:
+        raise _condensed(error, path) from None
+    if not entries:
+        raise InputError(path, "the list is empty", "at least one pose")
+    return tuple(entry.pose() for entry in entries)
+
+
+def _without_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    for n, (key, _) in enumerate(pairs):
+        if any(key == other for other, _ in pairs[:n]):
+            raise ValueError(f"the key {key!r} is given twice in one object")
+    return dict(pairs)
+
+
+def _condensed(error: ValidationError, path: Path) -> InputError:
+    """One line of pydantic's first complaint: entry, field, value, what is right."""
+    first = error.errors(include_url=False)[0]
+    more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
+    if not first["loc"]:
+        return InputError(path, f"holds {type(first['input']).__name__}, not a list", _FORM)
+    entry, *field = first["loc"]
+    where = f"entry {entry}" + "".join(f".{part}" for part in field)
+    if first["type"] == "extra_forbidden":
+        return InputError(path, f"unknown key {where}{more}", f"one of {', '.join(_Entry.model_fields)}")
+    value = "missing" if first["type"] == "missing" else f"= {first['input']!r}"
+    message = "[x, y, z] in metres" if first["type"] == "missing" else first["msg"][0].lower() + first["msg"][1:]
+    return InputError(path, f"{where} {value}{more}", message)
+
+
+def sample_pose(ground: Ground, split: Split, rng: np.random.Generator) -> Pose:
+    """Draw a pose on the free ground of a split's region, 0.5 m above it, pitch and roll 0.
+
+    A position is drawn uniformly, on roads alone with probability 0.8 where there are any, and a yaw uniformly; both
+    are taken if the boresight is free for 8 m and something stands within 90 m and +-50 deg of it. After 16 positions
+    with 8 yaws each the best of them is taken: something to see first, then the longest free path. The velocity is
+    horizontal, its speed uniform from 0 to 6 m/s and its direction uniform.
+
+    :param ground: from :func:`datafactory.scenes.ground.free_ground`
+    :param split: ``"train"``, ``"validation"`` or ``"test"``
+    :param rng: the frame's own generator; the same state draws the same pose
+    :raises InputError: if the split's region has no free ground
+    """
+    cells = ground.cells(split)
+    if not len(cells):
+        raise InputError(
+            ground.scene,
+            f"no free ground is left for {split}: it is too small for three regions {ground.gap_m:.1f} m apart",
+            "a larger scene, another --split, or --poses FILE.json",
+        )
+    roads = ground.cells(split, road=True)
+    best: tuple[tuple[bool, float], float, float, float] | None = None
+    for _ in range(POSITION_TRIES):
+        pool = roads if len(roads) and rng.random() < ROAD_PREFERENCE else cells
+        corner = pool[rng.integers(len(pool))] + rng.random(2)
+        x, y = (float(ground.origin[axis] + corner[axis] * ground.cell_m) for axis in (0, 1))
+        for yaw in rng.uniform(-math.pi, math.pi, YAW_TRIES):
+            score = _view(ground, x, y, float(yaw))
+            if best is None or score > best[0]:
+                best = (score, x, y, float(yaw))
+        if best is not None and best[0] == (True, FREE_AHEAD_M):
+            break
+    assert best is not None  # at least one yaw was tried
+    _, x, y, yaw = best
+    speed = rng.uniform(0.0, MAXIMUM_SPEED_MPS)
+    direction = rng.uniform(-math.pi, math.pi)
+    return Pose(
+        position=(x, y, ground.height_at(x, y) + SENSOR_HEIGHT_M),
+        yaw_deg=math.degrees(yaw),
+        velocity=(speed * math.cos(direction), speed * math.sin(direction), 0.0),
+    )
+
+
+def _view(ground: Ground, x: float, y: float, yaw: float) -> tuple[bool, float]:
+    """Whether anything stands in the sector ahead, and the free path along the boresight, capped at 8 m."""
+    sector = yaw + np.radians(np.linspace(-SECTOR_DEG, SECTOR_DEG, SECTOR_RAYS))
+    free = ground.free_path(x, y, sector, SIGHT_M)
+    return bool(np.isfinite(free).any()), min(float(free[SECTOR_RAYS // 2]), FREE_AHEAD_M)

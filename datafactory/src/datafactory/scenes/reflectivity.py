@@ -1,0 +1,99 @@
+"""Fresnel reflectivity of a half-space, and the scattering coefficient that gives a stated backscatter.
+
+Half-spaces only: a slab of finite thickness adds interference, which the tracer computes for itself. Time convention
+exp(+j omega t), so a lossy permittivity is eps' - j sigma / (omega eps0).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shared.errors import InputError
+from shared.units import db_to_power
+
+VACUUM_PERMITTIVITY = 8.854_187_8128e-12
+"""Electric constant [F/m] (CODATA 2018)."""
+
+Polarization = Literal["te", "tm"]
+
+
+def complex_permittivity(relative_permittivity: float, conductivity_s_per_m: float, frequency_hz: float) -> complex:
+    """Relative permittivity eps' - j sigma / (2 pi f eps0), ITU-R P.2040-4."""
+    return complex(relative_permittivity, -conductivity_s_per_m / (2.0 * math.pi * frequency_hz * VACUUM_PERMITTIVITY))
+
+
+def fresnel_reflectivity(
+    relative_permittivity: float,
+    conductivity_s_per_m: float,
+    frequency_hz: float,
+    incidence_rad: ArrayLike,
+    polarization: Polarization,
+) -> NDArray[np.float64]:
+    """Power reflectivity |Gamma|^2 of a plane half-space in air, for each angle of incidence.
+
+    With eta the complex permittivity and theta the angle from the normal (ITU-R P.2040-4 eq. (37)):
+    Gamma_TE = (cos - sqrt(eta - sin^2)) / (cos + sqrt(eta - sin^2)),
+    Gamma_TM = (eta cos - sqrt(eta - sin^2)) / (eta cos + sqrt(eta - sin^2)). On a horizontal surface TE is a
+    horizontally polarised wave and TM a vertically polarised one.
+
+    :param incidence_rad: [...] angle from the normal [rad], 0 to pi/2
+    :param polarization: ``"te"`` or ``"tm"``
+    :return: [...] between 0 and 1
+    """
+    eta = complex_permittivity(relative_permittivity, conductivity_s_per_m, frequency_hz)
+    theta = np.asarray(incidence_rad, dtype=np.float64)
+    cosine = np.cos(theta)
+    root = np.sqrt(eta - np.sin(theta) ** 2)
+    leading = cosine if polarization == "te" else eta * cosine
+    return np.abs((leading - root) / (leading + root)) ** 2
+
+
+def normal_reflectivity(relative_permittivity: float, conductivity_s_per_m: float, frequency_hz: float) -> float:
+    """Power reflectivity at normal incidence, |(1 - sqrt(eta)) / (1 + sqrt(eta))|^2: the same for TE and TM."""
+    return float(fresnel_reflectivity(relative_permittivity, conductivity_s_per_m, frequency_hz, 0.0, "te"))
+
+
+def lambertian_sigma0(
+    scattering_coefficient: float, reflectivity: ArrayLike, incidence_rad: ArrayLike
+) -> NDArray[np.float64]:
+    """Monostatic radar cross section per unit area [m^2/m^2] of a Lambertian surface.
+
+    The effective-roughness model (Degli-Esposti et al. 2007, doi 10.1109/TAP.2006.888422) scatters S^2 |Gamma|^2 of
+    the intercepted power with pattern cos(theta_s) / pi. A facet dA intercepts cos(theta_i) dA, and sigma is 4 pi
+    times the power per steradian over the power density, hence sigma0 = 4 S^2 |Gamma|^2 cos^2(theta). The tracer takes
+    |Gamma|^2 at the actual angle and polarisation, and so must the caller. Far larger than a resolution cell, no
+    shadowing.
+    """
+    return 4.0 * scattering_coefficient**2 * np.asarray(reflectivity) * np.cos(incidence_rad) ** 2
+
+
+def scattering_coefficient_for_sigma0(
+    sigma0_db: float,
+    grazing_deg: float,
+    relative_permittivity: float,
+    conductivity_s_per_m: float,
+    frequency_hz: float,
+    polarization: Polarization = "tm",
+) -> float:
+    """Scattering coefficient S with which a Lambertian half-space has the stated sigma0 at the stated grazing angle.
+
+    The inverse of :func:`lambertian_sigma0`, capped at S = 1 because the model cannot scatter more than it reflects.
+    The match is exact at that one angle: elsewhere the model follows |Gamma|^2 sin^2(grazing).
+
+    :param sigma0_db: radar cross section per unit area [dB relative to 1 m^2/m^2]
+    :param grazing_deg: angle above the surface [deg], above 0 and at most 90
+    :param polarization: ``"tm"`` for a vertically polarised radar over a road
+    :raises InputError: if the grazing angle is outside (0, 90]
+    """
+    if not 0.0 < grazing_deg <= 90.0:
+        raise InputError("grazing_deg", f"{grazing_deg!r}", "an angle above 0 and at most 90 degrees")
+    incidence = math.radians(90.0 - grazing_deg)
+    reflectivity = fresnel_reflectivity(
+        relative_permittivity, conductivity_s_per_m, frequency_hz, incidence, polarization
+    )
+    unit = float(lambertian_sigma0(1.0, reflectivity, incidence))
+    return min(1.0, math.sqrt(float(db_to_power(sigma0_db)) / unit))

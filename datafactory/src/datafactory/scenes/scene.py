@@ -1,0 +1,92 @@
+"""The scene as plain float64 arrays: what every reader makes and everything after it consumes.
+
+A scene knows neither USD nor Mitsuba nor Sionna. Readers bring their input to metres, z up, and one world frame;
+nothing here is moved or merged.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+ZERO = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class SceneObject:
+    """One triangle mesh of one material, at time 0.
+
+    :param name: unique within the scene, e.g. the prim path
+    :param vertices: [V, 3] world coordinates [m], float64
+    :param triangles: [T, 3] vertex indices, int32; every triangle has a positive area
+    :param material: the name that the source gave its material, e.g. ``"mat-itu_concrete"``; "" where it gave none
+    :param velocity: world velocity [m/s] of the whole object (rigid translation)
+    """
+
+    name: str
+    vertices: NDArray[np.float64]
+    triangles: NDArray[np.int32]
+    material: str = ""
+    velocity: tuple[float, float, float] = ZERO
+
+    @property
+    def moves(self) -> bool:
+        return any(component != 0.0 for component in self.velocity)
+
+
+@dataclass(frozen=True)
+class PointTarget:
+    """A target given by its radar cross section, where geometric optics is wrong or needless.
+
+    :param name: unique within the scene
+    :param position: world position [m] at time 0
+    :param rcs_dbsm: radar cross section [dB relative to 1 m^2]
+    :param velocity: world velocity [m/s]
+    """
+
+    name: str
+    position: tuple[float, float, float]
+    rcs_dbsm: float
+    velocity: tuple[float, float, float] = ZERO
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Everything a source said, in metres and z up.
+
+    :param name: short name, used in the dataset's ``scene`` column
+    :param objects: the meshes, in the source's order
+    :param targets: point targets with a radar cross section
+    :param source: the path or ``sionna:NAME`` it was read from
+    :param warnings: what was read but not used, counted, in words, e.g. ``"3 prims of type Curves ignored"``
+    """
+
+    name: str
+    objects: tuple[SceneObject, ...]
+    targets: tuple[PointTarget, ...] = ()
+    source: str = ""
+    warnings: tuple[str, ...] = field(default=())
+
+    @property
+    def triangle_count(self) -> int:
+        return sum(len(item.triangles) for item in self.objects)
+
+    def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Lower and upper corner [m] of everything in the scene, each [3]."""
+        points = [item.vertices for item in self.objects] + [np.array([target.position]) for target in self.targets]
+        every = np.concatenate(points)
+        return every.min(axis=0), every.max(axis=0)
+
+    def content_hash(self) -> str:
+        """SHA-256 over geometry, materials, velocities and targets, independent of the file they came from."""
+        digest = hashlib.sha256()
+        for item in self.objects:
+            digest.update(repr((item.name, item.material, item.velocity, item.vertices.shape)).encode())
+            digest.update(np.ascontiguousarray(item.vertices, dtype="<f8").tobytes())
+            digest.update(np.ascontiguousarray(item.triangles, dtype="<i4").tobytes())
+        for target in self.targets:
+            digest.update(repr(target).encode())
+        return digest.hexdigest()

@@ -1,0 +1,163 @@
+"""Where USD prims are, and how fast they move.
+
+Positions are those at the stage's start. A velocity is the finite difference over the first time interval of the
+animation, v = (M(t1) c - M(t0) c) / (t1 - t0) * timeCodesPerSecond, with c the mean of the object's vertices and M its
+local-to-world transform, both ends authored samples: USD interpolates linearly between them, so that for a translation
+it is exact. An object that also turns keeps only the translation of c.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Usd, UsdGeom
+
+RESTING_SPEED = 1e-6  # stage units per second below which float64 transforms cannot tell motion from rounding
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What a prim's transform is relative to: the stage, or one instance of a point instancer.
+
+    :param root: the prim whose subtree is placed; its own transform is within ``matrix_at``
+    :param label: what replaces the root's parent in the names of objects
+    :param matrix_at: time code to the [4, 4] matrix (column vectors) from the root's coordinates to the stage's
+    :param sample_times: time codes at which that matrix has samples
+    :param predicate: which prims below the root are visited
+    """
+
+    root: Usd.Prim
+    label: str
+    matrix_at: Callable[[float], NDArray[np.float64]]
+    sample_times: tuple[float, ...]
+    predicate: Usd._PrimFlagsPredicate
+
+    def name(self, prim: Usd.Prim) -> str:
+        """The prim's path, unique in the scene."""
+        if self.root.IsPseudoRoot():
+            return str(prim.GetPath())
+        below = str(prim.GetPath())[len(str(self.root.GetPath())) :]
+        return f"{self.label}/{self.root.GetName()}{below}"
+
+
+class Transforms:
+    """World transforms and velocities of a stage's prims, in stage units and axes."""
+
+    def __init__(self, stage: Usd.Stage) -> None:
+        self._codes_per_second = float(stage.GetTimeCodesPerSecond())
+        self._caches: dict[float, UsdGeom.XformCache] = {}
+        self._times: dict[str, frozenset[float]] = {}
+        self.start = _start_time(stage)
+
+    def matrix(self, prim: Usd.Prim, frame: Frame, time: float | None = None) -> NDArray[np.float64]:
+        """[4, 4] acting on column vectors, from the prim's coordinates to the stage's."""
+        time = self.start if time is None else time
+        cache = self._cache(time)
+        if frame.root.IsPseudoRoot():
+            return _columns(cache.GetLocalToWorldTransform(prim))
+        relative, _ = cache.ComputeRelativeTransform(prim, frame.root)
+        return frame.matrix_at(time) @ _columns(relative)
+
+    def velocity(self, prim: Usd.Prim, frame: Frame, centre: NDArray[np.float64]) -> tuple[NDArray[np.float64], bool]:
+        """World velocity [stage units / s] of a point given in the prim's coordinates, and whether the prim turns."""
+        interval = _first_interval(self.sample_times(prim, frame), self.start)
+        if interval is None:
+            return np.zeros(3), False
+        before, after = (self.matrix(prim, frame, time) for time in interval)
+        step = (after - before)[:3]
+        seconds = (interval[1] - interval[0]) / self._codes_per_second
+        velocity = (step[:, :3] @ centre + step[:, 3]) / seconds
+        turns = not np.allclose(after[:3, :3], before[:3, :3], rtol=0, atol=1e-9 * np.abs(before[:3, :3]).max())
+        return np.where(np.linalg.norm(velocity) > RESTING_SPEED, velocity, 0.0), turns
+
+    def sample_times(self, prim: Usd.Prim, frame: Frame) -> tuple[float, ...]:
+        """Time codes with a transform sample on the prim or above it, rising."""
+        times = set(frame.sample_times)
+        while prim != frame.root and not prim.IsPseudoRoot():
+            path = str(prim.GetPath())
+            if path not in self._times:
+                xformable = UsdGeom.Xformable(prim)
+                self._times[path] = frozenset(xformable.GetTimeSamples() if xformable else ())
+            times |= self._times[path]
+            prim = prim.GetParent()
+        return tuple(sorted(times))
+
+    def _cache(self, time: float) -> UsdGeom.XformCache:
+        if time not in self._caches:
+            self._caches[time] = UsdGeom.XformCache(Usd.TimeCode(time))
+        return self._caches[time]
+
+
+def instance_frames(
+    instancer: UsdGeom.PointInstancer, frame: Frame, transforms: Transforms, predicate: Usd._PrimFlagsPredicate
+) -> list[Frame]:
+    """One frame for each visible instance, in the order of the instancer's arrays.
+
+    :raises ValueError: the arrays contradict one another, or a prototype is missing
+    """
+    prim = instancer.GetPrim()
+    start = Usd.TimeCode(transforms.start)
+    prototypes = [prim.GetStage().GetPrimAtPath(path) for path in instancer.GetPrototypesRel().GetForwardedTargets()]
+    chosen = np.asarray(instancer.GetProtoIndicesAttr().Get(start) or [], dtype=np.int64)
+    if not all(prototypes):
+        raise ValueError("a target of 'prototypes' does not exist")
+    if len(chosen) and not (chosen.min() >= 0 and chosen.max() < len(prototypes)):
+        raise ValueError(f"protoIndices run from {chosen.min()} to {chosen.max()} with {len(prototypes)} prototypes")
+    mask = instancer.ComputeMaskAtTime(start) or [True] * len(chosen)
+    local: dict[float, list[NDArray[np.float64]]] = {}
+
+    def placed(time: float, index: int) -> NDArray[np.float64]:
+        if time not in local:
+            code = Usd.TimeCode(time)
+            matrices = instancer.ComputeInstanceTransformsAtTime(
+                code, code, UsdGeom.PointInstancer.IncludeProtoXform, UsdGeom.PointInstancer.IgnoreMask
+            )
+            world = transforms.matrix(prim, frame, time)
+            local[time] = [world @ _columns(matrix) for matrix in matrices]
+        if index >= len(local[time]):
+            raise ValueError(f"{len(chosen)} protoIndices but {len(local[time])} instance transforms")
+        return local[time][index]
+
+    if len(chosen):
+        placed(transforms.start, len(chosen) - 1)  # contradictions show here, not in the middle of the walk
+    attributes = (instancer.GetPositionsAttr(), instancer.GetOrientationsAttr(), instancer.GetScalesAttr())
+    times = {time for attribute in attributes for time in attribute.GetTimeSamples()}
+    times.update(transforms.sample_times(prim, frame))
+    return [
+        Frame(
+            prototypes[prototype],
+            f"{frame.name(prim)}[{index}]",
+            partial(placed, index=index),
+            tuple(sorted(times.union(UsdGeom.Xformable(prototypes[prototype]).GetTimeSamples()))),
+            predicate,
+        )
+        for index, prototype in enumerate(chosen)
+        if mask[index]
+    ]
+
+
+def _columns(matrix: object) -> NDArray[np.float64]:
+    """USD's matrices act on row vectors. Its fourth column, a projection, has no meaning for a rigid scene."""
+    columns = np.array(matrix, dtype=np.float64).T
+    columns[3] = (0.0, 0.0, 0.0, 1.0)
+    return columns
+
+
+def _first_interval(times: tuple[float, ...], start: float) -> tuple[float, float] | None:
+    """The samples about the start; before the first one USD holds it, and the animation is taken from there."""
+    if len(times) < 2 or start >= times[-1]:
+        return None
+    after = max(1, int(np.searchsorted(times, start, side="right")))
+    return times[after - 1], times[after]
+
+
+def _start_time(stage: Usd.Stage) -> float:
+    """The authored start, or else the first sample in any layer, or 0."""
+    if stage.HasAuthoredTimeCodeRange():
+        return float(stage.GetStartTimeCode())
+    samples = [time for layer in stage.GetUsedLayers() for time in layer.ListAllTimeSamples()]
+    return min(samples, default=0.0)

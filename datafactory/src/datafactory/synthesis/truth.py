@@ -1,0 +1,305 @@
+"""The truth: what the virtual sensor would image of the same paths, row by row in the Doppler cell that the input chose.
+
+The virtual sensor's cube (256 channels x 128 chirps) is never formed. An image row needs one Doppler cell only, and a path
+enters only the rows near its range. With eta = (m - M/2) / M the position in the frame, nu that in the sweep, and the delay
+developed around mid-frame (tau_c there, Doppler f_c in bins, curvature q in cycles), element c receives from path k
+
+    A exp(j 2 pi (f_0 + B nu) tau_c) exp(j 2 pi ((1 + nu B / f_0) f_c eta + q eta^2))
+
+and the Doppler filter of cell m turns the second factor into G(f_c - m + kappa nu, q) with kappa = f_c B / f_0, the range
+migration in bins over the frame, and
+
+    G(delta, q) = sum_m w_m exp(j 2 pi (delta eta_m + q eta_m^2)) / sum_m w_m.
+
+G is tabulated with its derivatives. Over a block of neighbouring elements f_c varies little, so G becomes a polynomial in
+(f_c - f) + kappa nu; the range remainder becomes one in z (:mod:`shared.sweep`). What is left is to add, for each path and
+Doppler cell, a few moments per element to a grid of range cells, and to combine the cells around each row.
+
+Limits: constant velocities; the delay's third derivative within a frame is left out (2.4e-6 m at 3 m and 10 m/s); rows further than
+ROW_REACH bins and Doppler cells further than DOPPLER_REACH from a path get nothing from it (Hann skirts below -74 and
+-64 dB of the path). ``tests/datafactory/test_truth.py`` holds the image against the cube's own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import comb, factorial
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from datafactory.paths.table import PathTable, ScatteredPaths
+from shared.cycles import phasor
+from shared.imaging import DEFAULT_TERMS, WALK_REACH
+from shared.radar import Radar
+from shared.sweep import reference_frequency_hz, shift_polynomials, sweep_positions
+from shared.units import SPEED_OF_LIGHT
+from shared.windows import hann
+
+CELLS_PER_BIN = 2
+BLOCK = 32
+"""Elements that share a path's range cell and Doppler expansion."""
+SHIFT_TERMS = 5
+"""Powers of the range remainder: -77 dB at the ends of the sweep for |z| <= 0.36 bins."""
+ROW_REACH = 12
+DOPPLER_REACH = 8.0
+DELTA_STEP = 1.0 / 16.0
+CURVATURE_STEP = 1.0 / 32.0
+DOPPLER_ERROR = 3e-3
+"""Bound on the Doppler polynomial's error, relative to the path's own amplitude: -50 dB."""
+MAX_DOPPLER_TERMS = 10
+
+
+@dataclass(frozen=True)
+class MidFrame:
+    """Paths at mid-frame, as seen by one TX: what the kernel reads.
+
+    :param rx_point: [K, 3] [m]; ``rx_velocity`` [K, 3] [m/s]
+    :param tx_length, tx_rate: [K] everything before the RX leg [m], [m/s]
+    :param curvature: [K] q [cycles], seen from the array's centre
+    :param doppler: [K] f [bins], unwrapped, seen from the array's centre
+    :param range_bins: [K] x = B tau seen from the array's centre
+    :param amplitude: [K] complex128 [sqrt(W)]
+    """
+
+    rx_point: NDArray[np.float64]
+    rx_velocity: NDArray[np.float64]
+    tx_length: NDArray[np.float64]
+    tx_rate: NDArray[np.float64]
+    curvature: NDArray[np.float64]
+    doppler: NDArray[np.float64]
+    range_bins: NDArray[np.float64]
+    amplitude: NDArray[np.complex128]
+
+
+def truth_moments(
+    paths: PathTable, radar: Radar, doppler_cells: NDArray[np.int64], terms: int = DEFAULT_TERMS
+) -> NDArray[np.complex64]:
+    """[terms, R, C] sweep moments of the virtual sensor, each row in its own Doppler cell.
+
+    :param paths: illuminated paths, amplitudes in sqrt(W)
+    :param doppler_cells: [R] index on the radar's velocity axis for each image row
+    :returns: what :func:`shared.imaging.near_field_images` takes
+    """
+    array, waveform = radar.virtual_sensor, radar.waveform
+    if len(array.tx_m) != 1:
+        raise ValueError(f"the virtual sensor has {len(array.tx_m)} TX; expected 1")
+    tx = array.tx[0]
+    both = ScatteredPaths.concatenate([paths.scattered, paths.specular.as_scattered(tx)])
+    mid = _at_mid_frame(both, radar, tx, array.rx.mean(axis=0))
+    frame_s = waveform.chirps * waveform.chirp_interval_s
+    doppler_terms = _doppler_terms(mid, radar, frame_s)
+    table = _doppler_table(mid.curvature, waveform.chirps, doppler_terms)
+    mixing = _mixing(radar, terms, doppler_terms)  # (2 terms, offsets * SHIFT_TERMS * doppler_terms)
+    pad = (ROW_REACH + 2) * CELLS_PER_BIN
+    cells = waveform.range_bins * CELLS_PER_BIN + 2 * pad
+    channels = array.channels
+    blocks = [slice(first, min(first + BLOCK, channels)) for first in range(0, channels, BLOCK)]
+    grids = [np.zeros((cells, SHIFT_TERMS * doppler_terms, 2, len(array.rx[block])), np.float32) for block in blocks]
+    moments = np.zeros((terms, waveform.range_bins, channels), dtype=np.complex64)
+    centre_cell = np.rint(mid.range_bins * CELLS_PER_BIN).astype(np.int64) + pad
+    window = 2 * ROW_REACH * CELLS_PER_BIN + 1
+    for cell in np.unique(doppler_cells):
+        rows = np.flatnonzero(doppler_cells == cell)
+        needed = np.zeros(cells, dtype=bool)
+        for row in rows:
+            first = row * CELLS_PER_BIN + pad - ROW_REACH * CELLS_PER_BIN
+            needed[first : first + window] = True
+        frequency = float(cell - waveform.chirps // 2)
+        delta = mid.doppler - frequency
+        delta -= waveform.chirps * np.rint(delta / waveform.chirps)
+        inside = (centre_cell >= 0) & (centre_cell < cells)
+        near = inside & (np.abs(delta) <= DOPPLER_REACH)
+        near[inside] &= needed[centre_cell[inside]]
+        chosen = np.flatnonzero(near)
+        if not len(chosen):
+            continue
+        turn = np.exp(-2j * np.pi * frequency * (waveform.chirps // 2) / waveform.chirps).astype(np.complex64)
+        for block, grid in zip(blocks, grids, strict=True):
+            rx = array.rx[block]
+            grid[needed] = 0.0
+            _add_doppler_moments(
+                chosen, mid.rx_point, mid.rx_velocity, mid.tx_length, mid.tx_rate, mid.curvature, mid.amplitude,
+                rx, 0.5 * (rx[0] + rx[-1]), frequency, float(waveform.chirps), frame_s,
+                reference_frequency_hz(radar), waveform.bandwidth_hz, pad, needed, table, BINOMIAL, grid,
+            )  # fmt: skip
+            for row in rows:
+                first = row * CELLS_PER_BIN + pad - ROW_REACH * CELLS_PER_BIN
+                around = grid[first : first + window].reshape(mixing.shape[1], -1)
+                re_re, re_im, im_re, im_im = (mixing @ around).reshape(2, terms, 2, -1).transpose(0, 2, 1, 3).reshape(4, terms, -1)
+                moments[:, row, block] = turn * (re_re - im_im + 1j * (re_im + im_re))
+    return moments
+
+
+def _at_mid_frame(paths: ScatteredPaths, radar: Radar, tx: NDArray[np.float64], centre: NDArray[np.float64]) -> MidFrame:
+    waveform = radar.waveform
+    time = waveform.chirps // 2 * waveform.chirp_interval_s
+    frame_s = waveform.chirps * waveform.chirp_interval_s
+    tx_vector = paths.tx_point + paths.tx_velocity * time - tx
+    rx_point = paths.rx_point + paths.rx_velocity * time
+    tx_leg, tx_rate, tx_bend = _derivatives(tx_vector, paths.tx_velocity)
+    rx_leg, rx_rate, rx_bend = _derivatives(rx_point - centre, paths.rx_velocity)
+    tx_length = tx_leg + paths.between_m + paths.between_rate_mps * time
+    tx_rate = tx_rate + paths.between_rate_mps
+    cycles_per_metre = reference_frequency_hz(radar) / SPEED_OF_LIGHT
+    return MidFrame(
+        rx_point=rx_point,
+        rx_velocity=paths.rx_velocity,
+        tx_length=tx_length,
+        tx_rate=tx_rate,
+        curvature=0.5 * cycles_per_metre * (tx_bend + rx_bend) * frame_s**2,
+        doppler=cycles_per_metre * (tx_rate + rx_rate) * frame_s,
+        range_bins=waveform.bandwidth_hz / SPEED_OF_LIGHT * (tx_length + rx_leg),
+        amplitude=paths.amplitude,
+    )
+
+
+def _derivatives(vector, velocity):
+    """Length of a moving vector and its first two time derivatives."""
+    length = np.maximum(np.linalg.norm(vector, axis=1), 1e-9)
+    rate = np.einsum("ki,ki->k", vector, velocity) / length
+    return length, rate, (np.einsum("ki,ki->k", velocity, velocity) - rate**2) / length
+
+
+def _doppler_terms(mid: MidFrame, radar: Radar, frame_s: float) -> int:
+    """Terms of the Doppler polynomial so that its remainder stays below DOPPLER_ERROR for every path.
+
+    With s the largest departure from the expansion point, the remainder of E terms is at most
+    (2 pi s)^E / E! sum w |eta|^E / sum w.
+    """
+    if not len(mid.amplitude) or not np.any(mid.doppler) and not np.any(mid.rx_velocity):
+        return 1
+    waveform = radar.waveform
+    distance = np.maximum(np.linalg.norm(mid.rx_point, axis=1), 0.5)
+    speed = np.linalg.norm(mid.rx_velocity, axis=1)
+    half_block = 0.5 * BLOCK * SPEED_OF_LIGHT / (2.0 * waveform.carrier_hz)
+    spread = reference_frequency_hz(radar) / SPEED_OF_LIGHT * speed * half_block / distance * frame_s
+    # The sweep's ends have no weight: Hann's standard deviation of nu is 0.18, twice that holds 96 % of the weight.
+    migration = 0.36 * np.abs(mid.doppler) * waveform.bandwidth_hz / reference_frequency_hz(radar)
+    departure = float((spread + migration).max()) + 0.5 * DELTA_STEP
+    eta = np.abs(_frame_positions(waveform.chirps))
+    window = hann(waveform.chirps) / hann(waveform.chirps).sum()
+    for count in range(2, MAX_DOPPLER_TERMS):
+        if (2.0 * np.pi * departure) ** count / factorial(count) * (window @ eta**count) < DOPPLER_ERROR:
+            return count
+    return MAX_DOPPLER_TERMS
+
+
+def _frame_positions(chirps: int) -> NDArray[np.float64]:
+    return (np.arange(chirps) - chirps // 2) / chirps
+
+
+def _doppler_table(curvature: NDArray[np.float64], chirps: int, terms: int) -> tuple:
+    """(first curvature index, first delta, [q, delta, terms] complex128): G and its derivatives over their factorials."""
+    lowest = int(np.rint(curvature.min(initial=0.0) / CURVATURE_STEP))
+    highest = int(np.rint(curvature.max(initial=0.0) / CURVATURE_STEP))
+    # Beyond 16 cycles an echo smears over the whole Doppler axis; nothing nearer than a metre moves that fast.
+    lowest, highest = max(lowest, -512), min(highest, 512)
+    q = CURVATURE_STEP * np.arange(lowest, highest + 1)
+    delta = np.arange(-DOPPLER_REACH - 1.0, DOPPLER_REACH + 1.0 + DELTA_STEP, DELTA_STEP)
+    eta = _frame_positions(chirps)
+    window = hann(chirps) / hann(chirps).sum()
+    table = np.empty((len(q), len(delta), terms), dtype=np.complex128)
+    kernel = np.exp(2j * np.pi * delta[:, None] * eta)
+    bend = window * np.exp(2j * np.pi * q[:, None] * eta**2)
+    for e in range(terms):
+        table[:, :, e] = (bend * (2j * np.pi * eta) ** e / factorial(e)) @ kernel.T
+    return lowest, float(delta[0]), table
+
+
+def _mixing(radar: Radar, terms: int, doppler_terms: int) -> NDArray[np.float32]:
+    """[2 terms, offsets * SHIFT_TERMS * doppler_terms]: moments of the cells around a row to its sweep moments.
+
+    sum_n w_n / sum(w) walk_t(nu) shift_p(nu) nu^j exp(j 2 pi nu (cell - row)); first the real, then the imaginary parts.
+    """
+    samples = radar.waveform.samples
+    nu = sweep_positions(samples)
+    window = hann(samples) / hann(samples).sum()
+    offset = np.arange(-ROW_REACH * CELLS_PER_BIN, ROW_REACH * CELLS_PER_BIN + 1) / CELLS_PER_BIN
+    walk = shift_polynomials(nu, WALK_REACH, terms) * window
+    shift = shift_polynomials(nu, _shift_reach(radar), SHIFT_TERMS)
+    powers = nu ** np.arange(doppler_terms)[:, None]
+    kernel = np.exp(2j * np.pi * offset[:, None] * nu)
+    mixing = np.einsum("tn,on,pn,jn->topj", walk, kernel, shift, powers, optimize=True).reshape(terms, -1)
+    return np.concatenate([mixing.real, mixing.imag]).astype(np.float32)
+
+
+def _shift_reach(radar: Radar) -> float:
+    half_block = 0.5 * (BLOCK - 1) * SPEED_OF_LIGHT / (2.0 * radar.waveform.carrier_hz)
+    return 0.5 / CELLS_PER_BIN + half_block * radar.waveform.bandwidth_hz / SPEED_OF_LIGHT
+
+
+BINOMIAL = np.array([[comb(e, j) for j in range(MAX_DOPPLER_TERMS)] for e in range(MAX_DOPPLER_TERMS)], dtype=np.float64)
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract", "nsz", "arcp", "reassoc"})
+def _add_doppler_moments(
+    chosen, rx_point, rx_velocity, tx_length, tx_rate, curvature, amplitude,
+    rx, rx_centre, frequency, chirps, frame_s,
+    reference_hz, bandwidth_hz, pad, needed, table_parts, binomial, grid,
+):  # fmt: skip
+    """Add the chosen paths' moments in one Doppler cell to ``grid`` [cells, SHIFT_TERMS * doppler terms, 2, RX]."""
+    lowest_q, lowest_delta, table = table_parts
+    doppler_terms = table.shape[2]
+    count = len(rx)
+    x, y, z = rx[:, 0].copy(), rx[:, 1].copy(), rx[:, 2].copy()
+    re, im = np.empty(count), np.empty(count)
+    depart = np.empty(count, dtype=np.float32)
+    shift = np.empty(count, dtype=np.float32)
+    b_re, b_im = np.empty(count, dtype=np.float32), np.empty(count, dtype=np.float32)
+    a_re, a_im = np.empty(count, dtype=np.float32), np.empty(count, dtype=np.float32)
+    per_metre = reference_hz / SPEED_OF_LIGHT
+    bins_per_metre = bandwidth_hz / SPEED_OF_LIGHT
+    for k in chosen:
+        qx, qy, qz = rx_point[k]
+        vx, vy, vz = rx_velocity[k]
+        cx, cy, cz = qx - rx_centre[0], qy - rx_centre[1], qz - rx_centre[2]
+        centre_leg = np.sqrt(cx * cx + cy * cy + cz * cz)
+        total = per_metre * frame_s * (tx_rate[k] + (cx * vx + cy * vy + cz * vz) / max(centre_leg, 1e-9))
+        delta = total - frequency
+        delta -= chirps * np.floor(delta / chirps + 0.5)
+        cell = int(np.floor(bins_per_metre * (tx_length[k] + centre_leg) * CELLS_PER_BIN + 0.5))
+        slot = cell + pad
+        q = min(max(int(np.floor(curvature[k] / CURVATURE_STEP + 0.5)) - lowest_q, 0), table.shape[0] - 1)
+        node = int(np.floor((delta - lowest_delta) / DELTA_STEP + 0.5))
+        if slot < 0 or slot >= len(needed) or not needed[slot] or node < 0 or node >= table.shape[1]:
+            continue
+        response = table[q, node]
+        origin = total - delta + lowest_delta + node * DELTA_STEP
+        kappa = np.float32(total * bandwidth_hz / reference_hz)
+        offset = cell / CELLS_PER_BIN - bins_per_metre * tx_length[k]
+        k_re, k_im = amplitude[k].real, amplitude[k].imag
+        for c in range(count):
+            dx, dy, dz = qx - x[c], qy - y[c], qz - z[c]
+            leg = np.sqrt(dx * dx + dy * dy + dz * dz)
+            cosine, sine = phasor(per_metre * (tx_length[k] + leg))
+            re[c] = cosine * k_re - sine * k_im
+            im[c] = cosine * k_im + sine * k_re
+            shift[c] = bins_per_metre * leg - offset
+            depart[c] = per_metre * frame_s * (tx_rate[k] + (dx * vx + dy * vy + dz * vz) / leg) - origin
+        scale = np.float32(1.0)
+        for j in range(doppler_terms):
+            # kappa^j sum_e C(e, j) G_e d^(e - j), by Horner's rule
+            last = doppler_terms - 1
+            top_re = np.float32(binomial[last, j] * response[last].real)
+            top_im = np.float32(binomial[last, j] * response[last].imag)
+            for c in range(count):
+                b_re[c], b_im[c] = top_re, top_im
+            for e in range(last - 1, j - 1, -1):
+                g_re = np.float32(binomial[e, j] * response[e].real)
+                g_im = np.float32(binomial[e, j] * response[e].imag)
+                for c in range(count):
+                    b_re[c] = b_re[c] * depart[c] + g_re
+                    b_im[c] = b_im[c] * depart[c] + g_im
+            for c in range(count):
+                a_re[c] = scale * (b_re[c] * np.float32(re[c]) - b_im[c] * np.float32(im[c]))
+                a_im[c] = scale * (b_re[c] * np.float32(im[c]) + b_im[c] * np.float32(re[c]))
+            for p in range(SHIFT_TERMS):
+                moment_re, moment_im = grid[slot, p * doppler_terms + j, 0], grid[slot, p * doppler_terms + j, 1]
+                for c in range(count):
+                    moment_re[c] += a_re[c]
+                    moment_im[c] += a_im[c]
+                    a_re[c] *= shift[c]
+                    a_im[c] *= shift[c]
+            scale *= kappa

@@ -1,0 +1,37 @@
+"""Physical constants and the conversions that every package shares."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+SPEED_OF_LIGHT = 299_792_458.0
+"""Speed of light in vacuum [m/s], exact by the definition of the metre."""
+
+BOLTZMANN = 1.380_649e-23
+"""Boltzmann constant [J/K], exact by the definition of the kelvin."""
+
+REFERENCE_TEMPERATURE = 290.0
+"""Reference temperature of noise figures [K] (IEEE Std 145)."""
+
+
+def db_to_power(value_db: ArrayLike) -> NDArray[np.float64]:
+    """Power ratio of a level [dB]: ``10 ** (value / 10)``, element by element."""
+    return np.power(10.0, np.asarray(value_db, dtype=np.float64) / 10.0)
+
+
+def power_to_db(power: ArrayLike, floor_db: float = -400.0) -> NDArray[np.float64]:
+    """Level [dB] of a power ratio; zero and everything below ``floor_db`` reads ``floor_db``, so it is always finite."""
+    power = np.asarray(power, dtype=np.float64)
+    return 10.0 * np.log10(np.maximum(power, 10.0 ** (floor_db / 10.0)))
+
+
+def amplitude_to_db(amplitude: ArrayLike, floor_db: float = -400.0) -> NDArray[np.float64]:
+    """Level [dB] of a magnitude ratio, ``20 log10 |amplitude|``; finite like :func:`power_to_db`."""
+    magnitude = np.abs(np.asarray(amplitude))
+    return 20.0 * np.log10(np.maximum(magnitude.astype(np.float64), 10.0 ** (floor_db / 20.0)))
+
+
+def dbm_to_watt(level_dbm: float) -> float:
+    """Power [W] of a level [dBm]."""
+    return 1e-3 * 10.0 ** (level_dbm / 10.0)

@@ -1,0 +1,185 @@
+"""The choice of the Mitsuba variant and of libLLVM, with fake libraries and without initialising Dr.Jit."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import pytest
+
+from datafactory.paths import backend
+from shared.errors import InputError
+
+
+@pytest.fixture
+def no_gpu(monkeypatch):
+    monkeypatch.setattr(backend, "cuda_usable", lambda: False)
+
+
+def fake_library(folder, name):
+    path = folder / name
+    path.write_bytes(b"not a library")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "version"),
+    [
+        ("libLLVM-15.so.1", "15"),
+        ("libLLVM-15.0.6.so", "15.0.6"),
+        ("libLLVM-17.so", "17"),
+        ("libLLVM.so.23.1", "23.1"),
+        ("libLLVM.so.18.1", "18.1"),
+        ("libLLVM-19.dylib", "19"),
+    ],
+)
+def test_version_is_read_off_the_name(tmp_path, name, version):
+    assert backend.llvm_version(fake_library(tmp_path, name)) == version
+
+
+def test_version_is_read_off_the_file_that_a_link_names(tmp_path):
+    fake_library(tmp_path, "libLLVM.so.21.1")
+    (tmp_path / "libLLVM.so").symlink_to("libLLVM.so.21.1")
+    assert backend.llvm_version(tmp_path / "libLLVM.so") == "21.1"
+
+
+def test_version_of_a_nameless_file_that_is_no_library_cannot_be_told(tmp_path):
+    assert backend.llvm_version(fake_library(tmp_path, "libLLVM.so")) is None
+
+
+def test_version_of_a_real_library_without_a_version_in_its_name_is_asked_of_it(tmp_path, monkeypatch):
+    monkeypatch.delenv(backend.LLVM_VARIABLE, raising=False)
+    try:
+        path, version = backend.find_llvm()
+    except InputError as error:
+        pytest.skip(f"this machine has no libLLVM: {error}")
+    # A hard link, so that following it leads to no other name; a copy would be 90 MB.
+    try:
+        (tmp_path / "libLLVM.so").hardlink_to(path.resolve())
+    except OSError as error:
+        pytest.skip(f"the temporary folder is on another disk: {error}")
+    assert backend.llvm_version(tmp_path / "libLLVM.so").split(".")[0] == version.split(".")[0]
+
+
+@pytest.mark.parametrize("name", ["libLLVM-15.so.1", "libLLVM-16.so", "libLLVM-14.so"])
+def test_old_llvm_in_the_variable_is_refused(tmp_path, monkeypatch, no_gpu, name):
+    monkeypatch.setenv(backend.LLVM_VARIABLE, str(fake_library(tmp_path, name)))
+    monkeypatch.setitem(sys.modules, "mitsuba", None)
+    with pytest.raises(InputError, match=r"DRJIT_LIBLLVM_PATH: found 1[456] at .*expected LLVM 17 or newer") as caught:
+        backend.select_variant()
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_file_in_the_variable_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setenv(backend.LLVM_VARIABLE, str(tmp_path / "libLLVM-20.so"))
+    with pytest.raises(InputError, match="DRJIT_LIBLLVM_PATH: no file"):
+        backend.find_llvm()
+
+
+def test_only_old_libraries_are_refused_with_the_command_that_mends_it(tmp_path, monkeypatch):
+    monkeypatch.delenv(backend.LLVM_VARIABLE, raising=False)
+    old = [fake_library(tmp_path, "libLLVM-15.0.6.so"), fake_library(tmp_path, "libLLVM-14.so")]
+    monkeypatch.setattr(backend, "_candidates", lambda: iter(old))
+    with pytest.raises(InputError, match=r"LLVM: found 15\.0\.6 at .*pip install karellen-llvm-core"):
+        backend.find_llvm()
+
+
+def test_no_library_at_all_is_refused(monkeypatch):
+    monkeypatch.delenv(backend.LLVM_VARIABLE, raising=False)
+    monkeypatch.setattr(backend, "_candidates", lambda: iter(()))
+    with pytest.raises(InputError, match="LLVM: no libLLVM was found; expected LLVM 17 or newer"):
+        backend.find_llvm()
+
+
+def test_an_old_library_is_passed_over_for_a_newer_one(tmp_path, monkeypatch):
+    monkeypatch.delenv(backend.LLVM_VARIABLE, raising=False)
+    files = [fake_library(tmp_path, "libLLVM-15.so.1"), fake_library(tmp_path, "libLLVM.so.19.1")]
+    monkeypatch.setattr(backend, "_candidates", lambda: iter(files))
+    assert backend.find_llvm() == (files[1], "19.1")
+
+
+def test_this_environments_library_goes_before_the_systems(tmp_path, monkeypatch):
+    monkeypatch.delenv(backend.LLVM_VARIABLE, raising=False)
+    monkeypatch.setattr(sys, "prefix", str(tmp_path))
+    (tmp_path / "lib").mkdir()
+    ours = fake_library(tmp_path / "lib", "libLLVM.so.23.1")
+    assert backend.find_llvm() == (ours, "23.1")
+
+
+class FakeMitsuba(SimpleNamespace):
+    """Keeps the variant that is set, as the real module does."""
+
+    current: str | None = None
+
+    def variant(self):
+        return self.current
+
+    def set_variant(self, name):
+        self.current = name
+
+
+def test_llvm_is_chosen_and_its_path_set_before_mitsuba_is_asked(tmp_path, monkeypatch, no_gpu):
+    library = fake_library(tmp_path, "libLLVM.so.22.1")
+    monkeypatch.delenv(backend.LLVM_VARIABLE, raising=False)
+    monkeypatch.setattr(backend, "_candidates", lambda: iter([library]))
+    monkeypatch.setattr(sys, "platform", "linux")
+    seen = []
+
+    class Watching(FakeMitsuba):
+        def set_variant(self, name):
+            seen.append((name, backend.os.environ.get(backend.LLVM_VARIABLE)))
+            super().set_variant(name)
+
+    monkeypatch.setitem(sys.modules, "mitsuba", Watching())
+    assert backend.select_variant() == backend.LLVM
+    assert backend.select_variant() == backend.LLVM
+    assert seen == [(backend.LLVM, str(library))]
+
+
+def test_cuda_is_preferred_and_needs_no_llvm(monkeypatch):
+    monkeypatch.setattr(backend, "cuda_usable", lambda: True)
+    monkeypatch.setattr(backend, "find_llvm", lambda: pytest.fail("LLVM is not needed with CUDA"))
+    monkeypatch.setitem(sys.modules, "mitsuba", FakeMitsuba())
+    assert backend.select_variant() == backend.CUDA
+
+
+def test_a_foreign_variant_is_replaced(tmp_path, monkeypatch, no_gpu):
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setenv(backend.LLVM_VARIABLE, str(fake_library(tmp_path, "libLLVM-20.so")))
+    monkeypatch.setitem(sys.modules, "mitsuba", FakeMitsuba(current="scalar_rgb"))
+    assert backend.select_variant() == backend.LLVM
+
+
+def test_missing_mitsuba_is_an_input_error(tmp_path, monkeypatch, no_gpu):
+    monkeypatch.setenv(backend.LLVM_VARIABLE, str(fake_library(tmp_path, "libLLVM-20.so")))
+    monkeypatch.setitem(sys.modules, "mitsuba", None)
+    with pytest.raises(InputError, match="mitsuba: .* cannot be loaded: .*expected pip install mitsuba"):
+        backend.select_variant()
+
+
+def test_a_probe_that_crashes_or_fails_harms_nothing():
+    assert backend._answer_of("import os; os.abort()") is None
+    assert backend._answer_of("raise SystemExit(3)") is None
+    assert backend._answer_of("import sys; print(sys.argv[1])", "word") == "word"
+
+
+def test_threads_below_one_are_refused():
+    with pytest.raises(InputError, match="threads: 0; expected a whole number of at least 1"):
+        backend.set_threads(0)
+
+
+def test_sionna_keeps_the_chosen_variant():
+    """In a process of its own, for the variant is global: select, then import Sionna, then compute."""
+    pytest.importorskip("mitsuba")
+    script = (
+        "from datafactory.paths.backend import select_variant, set_threads, VARIANTS\n"
+        "chosen = select_variant()\n"
+        "set_threads(1)\n"
+        "import drjit, mitsuba, sionna.rt\n"
+        "assert mitsuba.variant() == chosen and chosen in VARIANTS, mitsuba.variant()\n"
+        "assert drjit.thread_count() == 1\n"
+        "print(int(drjit.sum(drjit.arange(mitsuba.UInt32, 8))[0]))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert done.stdout.strip() == "28", done.stderr[-500:]
