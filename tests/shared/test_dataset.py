@@ -177,10 +177,11 @@ def _polars(path):
 
 
 def _duckdb(path):
-    duckdb = pytest.importorskip("duckdb")
-    (column,) = duckdb.sql(f"select range_channel from '{path}'").fetchone()
-    query = f"select value from parquet_kv_metadata('{path}') where decode(key) = 'sparseradar'"
-    return np.array(column), duckdb.sql(query).fetchone()[0]
+    with pytest.importorskip("duckdb").connect() as connection:
+        ((column,),) = connection.execute(f"select range_channel from '{path}'").fetchall()
+        query = f"select decode(value) from parquet_kv_metadata('{path}') where decode(key) = 'sparseradar'"
+        ((text,),) = connection.execute(query).fetchall()
+    return np.array(column), text
 
 
 def _pandas(path):

@@ -163,7 +163,7 @@ def _draw_targets(axis: Axes, frame: Frame, radar: Radar, brightest: float, norm
     axis.plot(0.0, 0.0, marker="^", color="black", markersize=8, linestyle="none", label="sensor")
     half = max(NARROWEST_VIEW_M, 1.05 * float(np.abs(y).max(initial=0.0)))
     axis.set(xlim=(half, -half), ylim=(-2.0, float(radar.waveform.ranges_m[-1])), facecolor="0.93")
-    axis.set_aspect("equal", anchor="S")
+    axis.set_aspect("equal")
     axis.set(title=f"{len(frame.targets)} targets from above", xlabel="y [m], left > 0", ylabel="x [m], ahead")
     axis.legend(loc="upper right")
     return points

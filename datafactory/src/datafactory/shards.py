@@ -22,13 +22,13 @@ from shared.dataset_folder import MANIFEST, SPLITS, ShardRecord
 from shared.errors import InputError
 
 FRAMES_PER_SHARD = 8
-"""Frames in a full shard: 13 MB for the default radar, 400 MB with its cubes; a killed run loses at most this many."""
+"""Frames in a full shard: 12 MB for the default radar, 400 MB with its cubes; a killed run loses at most this many."""
 
 PARTIAL = ".partial"
 """Suffix of a file that is being written."""
 
-# Measured with pyarrow on one core of an AVX-512 Zen 5, range_channel and image of the default radar (1.86 MB), each frame
-# its own row group so that a random one is cheap; frames/s at random / in order, and size: plain 530 / 600, 100 %;
+# Measured with pyarrow on one core of an AVX-512 Zen 5: range_channel and image of the default radar (1.86 MB), each
+# frame its own row group so that a random one is cheap. Frames/s at random / in order, size: none 530 / 600, 100 %;
 # LZ4 + byte stream split 470 / 555, 82 %; zstd level 1 + byte stream split 390 / 465, 76 %.
 COMPRESSION = "lz4"
 FRAMES_PER_ROW_GROUP = 1

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from datafactory.scenes.materials import MaterialMapping
 from datafactory.scenes.poses import Pose
-from datafactory.scenes.scene import Scene
+from datafactory.scenes.scene import PointTarget, Scene
 
 
 @dataclass(frozen=True)
@@ -45,10 +45,12 @@ class Stage:
 
     :param meshes: the merged meshes, in a fixed order
     :param objects: names of the scene's objects, then of its point targets
+    :param targets: the point targets
     """
 
     meshes: tuple[MergedMesh, ...]
     objects: tuple[str, ...]
+    targets: tuple[PointTarget, ...] = ()
 
 
 def stage_of(scene: Scene, materials: MaterialMapping) -> Stage:
@@ -70,4 +72,4 @@ def stage_of(scene: Scene, materials: MaterialMapping) -> Stage:
             )
         )
     names = tuple(item.name for item in scene.objects) + tuple(target.name for target in scene.targets)
-    return Stage(meshes=tuple(meshes), objects=names)
+    return Stage(meshes=tuple(meshes), objects=names, targets=scene.targets)

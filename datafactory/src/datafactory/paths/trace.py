@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,7 @@ from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
 from datafactory.paths.unfold import image_seen_from_tx, segment_lengths, tx_image_seen_from_rx, unit
 from datafactory.scenes.materials import MaterialMapping
 from datafactory.scenes.poses import Pose
+from shared.units import SPEED_OF_LIGHT, db_to_power
 
 SPECULAR, DIFFUSE = 1, 2
 """Sionna's codes of the bounces followed here."""
@@ -70,14 +72,15 @@ class _Bundle:
 def trace(
     stage: Stage, materials: MaterialMapping, pose: Pose, frequency_hz: float, settings: TraceSettings, fan: RayFan, seed: int
 ) -> PathTable:
-    """All multipath of one frame.
+    """All multipath of one frame, the point targets' single bounces among it.
 
     :param frequency_hz: mid-sweep; materials take their values at 77 GHz whatever it is
     :param seed: of the solver's choices between kinds of bounce; 0 to 2**32 - 1
     """
     paths = _solve(stage, materials, pose, frequency_hz, settings, fan, seed)
     bundle = _on_host(paths, stage, pose)
-    scattered, specular, dropped = [], [], 0
+    targets, hidden = _point_targets(paths.scene, stage, pose, frequency_hz)
+    scattered, specular, dropped = [targets], [], 0
     lengths = (bundle.interactions > 0).sum(axis=1)
     for depth in range(1, settings.depth + 1):
         part = bundle.take(lengths == depth)
@@ -88,7 +91,7 @@ def trace(
         scattered += _scattered(part.take(ends_diffuse), fan)
         specular.append(_specular(part.take(mirrors)))
     return PathTable(
-        scattered=ScatteredPaths.concatenate(scattered or [ScatteredPaths.of_points(*np.zeros((2, 0, 3)), np.zeros(0))]),
+        scattered=ScatteredPaths.concatenate(scattered),
         specular=_joined(specular),
         objects=stage.objects,
         counts={
@@ -97,6 +100,7 @@ def trace(
             "diffuse_then_specular_dropped": dropped,
             "truncated": int(len(bundle.amplitude) >= _capacity(settings)),
             "invalid": paths.invalid,
+            "point_targets_hidden": hidden,
         },
     )
 
@@ -108,7 +112,8 @@ def _capacity(settings: TraceSettings) -> int:
 
 @dataclass(frozen=True)
 class _Solved:
-    paths: object
+    scene: Any  # sionna.rt.Scene
+    paths: Any  # sionna.rt.Paths
     invalid: int
     shapes: dict[int, int]  # object id of Sionna -> index of the stage's mesh
 
@@ -161,7 +166,35 @@ def _solve(stage, materials, pose, frequency_hz, settings, fan, seed) -> _Solved
         )
     valid = paths.valid.numpy()
     shapes = {scene.objects[f"part-{index}"].object_id: index for index in range(len(stage.meshes))}
-    return _Solved(paths=paths, invalid=int((~valid).sum()), shapes=shapes)
+    return _Solved(scene=scene, paths=paths, invalid=int((~valid).sum()), shapes=shapes)
+
+
+def _point_targets(scene: Any, stage: Stage, pose: Pose, frequency_hz: float) -> tuple[ScatteredPaths, int]:
+    """Echoes of the point targets that the radar can see, and the number of those that it cannot.
+
+    Radar equation for isotropic antennas of unit power: lambda sqrt(sigma) / ((4 pi)^(3/2) R^2).
+    """
+    import mitsuba as mi
+
+    first = len(stage.objects) - len(stage.targets)
+    position = np.array([target.position for target in stage.targets]).reshape(-1, 3)
+    velocity = np.array([target.velocity for target in stage.targets]).reshape(-1, 3)
+    rotation = pose.rotation()
+    position = (position + velocity * pose.time_s - np.asarray(pose.position)) @ rotation
+    velocity = (velocity - np.asarray(pose.velocity)) @ rotation
+    range_m = np.linalg.norm(position, axis=1)
+    visible = range_m > 0.0
+    if len(position):
+        direction = position / np.where(visible, range_m, 1.0)[:, None]
+        ray = mi.Ray3f(mi.Point3f(0.0), mi.Vector3f(*direction.T.astype(np.float32)))
+        ray.maxt = mi.Float(range_m.astype(np.float32))
+        visible &= ~scene.mi_scene.ray_test(ray).numpy()
+    cross_section = db_to_power([target.rcs_dbsm for target in stage.targets])
+    amplitude = SPEED_OF_LIGHT / frequency_hz * np.sqrt(cross_section) / (4.0 * np.pi) ** 1.5
+    amplitude = amplitude / np.where(visible, range_m, 1.0) ** 2
+    index = np.arange(first, len(stage.objects), dtype=np.int32)
+    echoes = ScatteredPaths.of_points(position, velocity, amplitude, index)
+    return echoes.take(visible), int((~visible).sum())
 
 
 def _mitsuba_mesh(name: str, vertices: NDArray[np.float32], triangles: NDArray[np.int32]):

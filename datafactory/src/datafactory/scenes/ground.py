@@ -208,7 +208,7 @@ def _regions(free: NDArray[np.bool_], cell_m: float) -> tuple[NDArray[np.int8], 
     """Cut free cells along their longer axis into train, gap, validation, gap, test, areas about 6 : 1 : 1.
 
     The gap is at least 5 m and at least 5 % of the extent. Where the ground is too short for gaps and three regions,
-    the later ones stay empty.
+    train has it all and the others stay empty.
     """
     extents = [np.flatnonzero(free.any(axis=1 - axis)) for axis in (0, 1)]
     spans = [int(used[-1] - used[0] + 1) for used in extents]
@@ -224,8 +224,9 @@ def _regions(free: NDArray[np.bool_], cell_m: float) -> tuple[NDArray[np.int8], 
         stop = int(np.searchsorted(total, total[start] + train * SHARES[1] / SHARES[0]))
         if stop + gap >= len(lines):
             break
-        misfit = abs(float(total[-1] - total[stop + gap]) - train * SHARES[2] / SHARES[0])
-        best = min(best, (misfit, end, stop))
+        validation, test = total[stop] - total[start], total[-1] - total[stop + gap]
+        if min(train, validation, test) > 0:
+            best = min(best, (abs(float(test) - train * SHARES[2] / SHARES[0]), end, stop))
     _, end, stop = best
     position = np.arange(len(lines))
     along = np.full(len(lines), -1, dtype=np.int8)

@@ -18,9 +18,8 @@ def words(name: str) -> tuple[str, ...]:
     ``.001`` or ``_2`` are no words. ``"/World/Looks/M_WetGround_01"`` gives ``("wet", "ground")``.
     """
     last = name.rstrip("/").rsplit("/", 1)[-1].rsplit(":", 1)[-1]
-    last = last.replace("ß", "ss")
     split = re.sub(r"([a-z])([A-Z])", r"\1 \2", last)
-    found = re.findall(r"[^\W\d_]+", split.lower())
+    found = re.findall(r"[^\W\d_]+", split.lower().replace("ß", "ss"))
     while len(found) > 1 and found[0] in PREFIXES:
         found = found[1:]
     while len(found) > 1 and found[-1] in SUFFIXES:

@@ -82,7 +82,9 @@ def scattering_coefficient_for_sigma0(
     """Scattering coefficient S with which a Lambertian half-space has the stated sigma0 at the stated grazing angle.
 
     The inverse of :func:`lambertian_sigma0`, capped at S = 1 because the model cannot scatter more than it reflects.
-    The match is exact at that one angle: elsewhere the model follows |Gamma|^2 sin^2(grazing).
+    The match is exact at that one angle: elsewhere the model follows |Gamma|^2 sin^2(grazing). For asphalt set to
+    -20 dB x sin(grazing) at 5 deg and vertical polarisation that is -3.4 dB off at 1 deg and -2 dB at 10 deg; at the
+    Brewster angle (20 deg grazing) the model has a null that no road has.
 
     :param sigma0_db: radar cross section per unit area [dB relative to 1 m^2/m^2]
     :param grazing_deg: angle above the surface [deg], above 0 and at most 90

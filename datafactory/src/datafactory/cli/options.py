@@ -1,0 +1,77 @@
+"""Options that several commands share, and how a run is shown."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from datafactory.pipeline import Order, Report, render
+from datafactory.scenes.materials import MaterialTable
+from shared.errors import InputError
+from shared.radar import DEFAULT_RADAR
+
+Out = Annotated[Path, typer.Option("--out", help="Folder of the dataset; new or empty.", show_default=False)]
+RadarName = Annotated[str, typer.Option("--radar", help="A preset or a TOML file.")]
+Seed = Annotated[int, typer.Option("--seed", min=0, help="Dataset seed: same seed, same bytes.")]
+Split = Annotated[str, typer.Option("--split", help="Pattern train:validation:test over the frames.")]
+Store = Annotated[str, typer.Option("--store", help="range-channel, range-doppler or cube: what else to keep.")]
+Noise = Annotated[bool, typer.Option("--noise/--no-noise", help="Add receiver noise.")]
+TruthWindow = Annotated[
+    str, typer.Option("--truth-window", help="Over the virtual sensor: none, taylor-25, taylor-30 or hann.")
+]
+Workers = Annotated[int, typer.Option("--workers", min=0, help="Worker processes; 0: one a core.")]
+Resume = Annotated[bool, typer.Option("--resume", help="Go on with an unfinished run in the same folder.")]
+
+DEFAULT_RADAR_NAME = DEFAULT_RADAR
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def choice(option: str, value: str, allowed: tuple[str, ...]) -> str:
+    """``value``, if it is one of ``allowed``."""
+    if value not in allowed:
+        raise InputError(option, repr(value), f"one of {', '.join(allowed)}")
+    return value
+
+
+def run(order: Order, table: MaterialTable, out: Path, workers: int, resume: bool) -> Report:
+    """Render with a progress bar, and print what was made."""
+    console = Console(soft_wrap=True, highlight=False)
+    with _bar(console) as advance:
+        report = render(
+            order, table, out, workers or cores(), resume, announce=lambda line: console.print(line, markup=False), advance=advance
+        )
+    kept = f" ({report.shards_kept} shards kept from before)" if report.shards_kept else ""
+    console.print(f"{report.frames} frames in {out}, {report.seconds:.0f} s{kept}", markup=False)
+    for name, count in report.counts.items():
+        if name not in ("frames",) and count:
+            console.print(f"  {name.replace('_', ' ')}: {count:.0f}", markup=False)
+    console.print(f"look:  datafactory inspect {out}", markup=False)
+    return report
+
+
+@contextmanager
+def _bar(console: Console) -> Iterator:
+    columns = (
+        TextColumn("frames"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[rate]}"),
+        TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(),
+    )  # fmt: skip
+    with Progress(*columns, console=console, speed_estimate_period=600.0) as progress:
+        task = progress.add_task("frames", total=None, rate="")
+
+        def advance(done: int, total: int) -> None:
+            progress.update(task, completed=done, total=total)
+            speed = progress.tasks[task].speed
+            progress.update(task, rate=f"{speed:.2f} frames/s" if speed else "")
+
+        yield advance

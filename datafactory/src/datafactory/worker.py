@@ -1,0 +1,137 @@
+"""What a worker process does: the frames of one shard, from poses or targets to a file."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pyarrow as pa
+from threadpoolctl import threadpool_limits
+
+from datafactory import frames as stages
+from datafactory.paths.prune import pruned
+from datafactory.paths.rays import RayFan
+from datafactory.paths.stage import Stage
+from datafactory.paths.trace import TraceSettings, trace
+from datafactory.points import CloseTargets, PointTargets, draw_close_targets
+from datafactory.progress import FinishedShard
+from datafactory.scenes.ground import Ground
+from datafactory.scenes.materials import MaterialMapping
+from datafactory.scenes.poses import Pose, sample_pose
+from datafactory.seeds import frame_seed, generator
+from datafactory.shards import ShardPlan, write_shard
+from shared.dataset import Frame
+from shared.radar import Radar
+
+
+@dataclass(frozen=True)
+class SceneWork:
+    """A scene made ready once, for all of its frames.
+
+    :param ground: where poses are drawn; None where they are given
+    """
+
+    name: str
+    stage: Stage
+    materials: MaterialMapping
+    ground: Ground | None
+
+
+@dataclass(frozen=True)
+class SceneFrame:
+    """Recipe of a scene frame: which scene, and a given pose or None to draw one in the split's region."""
+
+    scene: int
+    pose: Pose | None = None
+
+
+@dataclass(frozen=True)
+class PointFrame:
+    """Recipe of a point frame: exactly these targets, or None to draw close targets."""
+
+    targets: PointTargets | None = None
+
+
+Recipe = SceneFrame | PointFrame
+
+
+@dataclass(frozen=True)
+class Job:
+    """Everything that determines the frames' bytes.
+
+    :param recipes: one a frame, by frame index
+    :param splits: split of every frame
+    """
+
+    radar: Radar
+    processing: stages.Processing
+    trace: TraceSettings
+    prune_db: float
+    close_targets: CloseTargets
+    seed: int
+    scenes: tuple[SceneWork, ...]
+    recipes: tuple[Recipe, ...]
+    splits: tuple[str, ...]
+    schema: pa.Schema
+
+
+def render_shard(
+    job: Job, plan: ShardPlan, directory: Path, fingerprint: str, report: Callable[[int], None]
+) -> tuple[FinishedShard, dict[str, float]]:
+    """Write one shard; returns its record with the counts of its frames, and the seconds each stage took.
+
+    :param report: called with 1 for every frame that is finished but for its image
+    """
+    counts: Counter[str] = Counter()
+    seconds: Counter[str] = Counter()
+    with threadpool_limits(limits=1):
+        record = write_shard(directory / plan.path, _frames(job, plan, counts, seconds, report), job.schema)
+    return FinishedShard(record=record, counts=dict(counts), fingerprint=fingerprint), dict(seconds)
+
+
+def _frames(
+    job: Job, plan: ShardPlan, counts: Counter[str], seconds: Counter[str], report: Callable[[int], None]
+) -> Iterator[Frame]:
+    for first in range(0, len(plan.frame_ids), stages.IMAGE_BATCH):
+        batch = []
+        for frame_id in plan.frame_ids[first : first + stages.IMAGE_BATCH]:
+            batch.append(_measure(job, frame_id, counts, seconds))
+            report(1)
+        started = time.perf_counter()
+        for frame, left_out in stages.image(batch, job.radar, job.processing.store):
+            counts.update(left_out)
+            yield frame
+        seconds["image and write"] += time.perf_counter() - started
+
+
+def _measure(job: Job, frame_id: int, counts: Counter[str], seconds: Counter[str]) -> stages.Measurement:
+    recipe, seed = job.recipes[frame_id], frame_seed(job.seed, frame_id)
+    started = time.perf_counter()
+    if isinstance(recipe, PointFrame):
+        targets = recipe.targets
+        if targets is None:
+            targets = draw_close_targets(job.radar, job.close_targets, generator(seed, "targets"))
+        setting = stages.Setting(frame_id, "points", "points", seed)
+        paths, known = targets.path_table(job.radar), targets.truth(job.radar)
+    else:
+        work = job.scenes[recipe.scene]
+        pose = recipe.pose
+        if pose is None:
+            assert work.ground is not None  # the pipeline finds the ground wherever poses are drawn
+            pose = sample_pose(work.ground, job.splits[frame_id], generator(seed, "pose"))
+        setting = stages.Setting(frame_id, "scene", work.name, seed, pose.position, pose.velocity, pose.quaternion())
+        rays = generator(seed, "rays")
+        fan = RayFan(job.trace.rays, offset=(float(rays.random()), float(rays.random())))
+        frequency_hz = job.radar.waveform.mid_sweep_hz
+        table = trace(work.stage, work.materials, pose, frequency_hz, job.trace, fan, int(rays.integers(2**31)))
+        paths = pruned(table.within(job.radar).illuminated(job.radar.front_end), job.radar, job.prune_db)
+        known = stages.object_targets(paths, len(work.stage.objects) - len(work.stage.targets), job.radar)
+    counts.update({**paths.counts, "frames": 1, "paths": len(paths)})
+    seconds["paths"] += time.perf_counter() - started
+    started = time.perf_counter()
+    measurement = stages.measure(setting, paths, known, job.radar, job.processing, generator(seed, "noise"))
+    seconds["cube and truth"] += time.perf_counter() - started
+    return measurement

@@ -1,0 +1,48 @@
+"""What every test may use: the oracles, a small radar, the ray tracer's variant."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import settings
+
+from shared.radar import Radar
+from shared.waveform import Waveform
+
+# Behind everything else on the path: the folder tests/shared must not come before the package of that name.
+sys.path.append(str(Path(__file__).resolve().parent))
+
+# The same examples in every run; compilation makes the first example slow, so that a deadline would only add noise.
+settings.register_profile("repeatable", derandomize=True, deadline=None, database=None)
+settings.load_profile("repeatable")
+
+RadarMaker = Callable[..., Radar]
+
+
+def _small_radar(**waveform: object) -> Radar:
+    """The default radar with a short frame: 64 samples, 8 chirps, all range bins; fields of the waveform by name."""
+    fields: dict[str, object] = {"samples": 64, "chirps": 8, **waveform}
+    fields.setdefault("range_bins", fields["samples"])
+    return Radar(name="small", waveform=Waveform.model_validate(fields))
+
+
+@pytest.fixture(scope="session")
+def small_radar() -> RadarMaker:
+    return _small_radar
+
+
+@pytest.fixture(scope="session")
+def variant() -> str:
+    """Mitsuba's variant, set once before anything imports Sionna."""
+    from datafactory.paths.backend import select_variant
+
+    return select_variant()
+
+
+@pytest.fixture
+def generator() -> np.random.Generator:
+    return np.random.default_rng(20_240)

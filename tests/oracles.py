@@ -1,0 +1,127 @@
+"""Slow references, each written from its equation and sharing no code with what it judges beyond the data classes.
+
+The IF signal is summed in float64 path by path from the delay laws of the PathTable; mirrors are mirrored; images come
+from the full cube of the virtual sensor. Nothing here is fast, and nothing here approximates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
+from shared.arrays import AntennaArray
+from shared.imaging import matched_filter_row
+from shared.radar import Radar
+
+LIGHT_MPS = 299_792_458.0
+
+Real = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+
+def reference_file(*parts: str) -> Path:
+    """A file of the reference material that lies beside the checkout; the test skips where it is absent."""
+    path = Path(__file__).resolve().parents[1] / ".." / "shared" / "data" / Path(*parts)
+    if not path.is_file():
+        pytest.skip(f"no reference material beside the checkout: {'/'.join(parts)}")
+    return path
+
+
+def scattered_delays(paths: ScatteredPaths, tx: Real, rx: Real, time_s: float) -> Real:
+    """[K] c tau = |x_i - (p + v_p t)| + b + b' t + |x_j - (q + v_q t)|, divided by c [s]."""
+    tx_leg = np.linalg.norm(paths.tx_point + paths.tx_velocity * time_s - tx, axis=1)
+    rx_leg = np.linalg.norm(paths.rx_point + paths.rx_velocity * time_s - rx, axis=1)
+    return (tx_leg + paths.between_m + paths.between_rate_mps * time_s + rx_leg) / LIGHT_MPS
+
+
+def specular_delays(paths: SpecularPaths, tx: Real, rx: Real, time_s: float) -> Real:
+    """[S] c tau = |x_j - (s + v_s t + H (x_i - x_0))|, divided by c [s]."""
+    image = paths.image + paths.image_velocity * time_s + np.array([axes @ (tx - paths.reference) for axes in paths.axes])
+    return np.linalg.norm(image - rx, axis=1) / LIGHT_MPS
+
+
+def if_cube(paths: PathTable, radar: Radar, array: AntennaArray | None = None) -> Complex:
+    """[chirps, samples, channels] the float64 sum of eq. (1) over all paths of a table, for every TX, RX and chirp."""
+    array, waveform = array or radar.array, radar.waveform
+    slope = waveform.bandwidth_hz / waveform.chirp_duration_s
+    fast_time = np.arange(waveform.samples) * waveform.chirp_duration_s / waveform.samples
+    tx_count = len(array.tx_m)
+    cube = np.zeros((waveform.chirps, waveform.samples, tx_count * len(array.rx_m)), dtype=np.complex128)
+    amplitude = np.concatenate([paths.scattered.amplitude, paths.specular.amplitude])
+    for i, tx in enumerate(np.array(array.tx_m)):
+        turn = i * waveform.chirp_interval_s / tx_count if waveform.multiplexing == "tdm" else 0.0
+        for j, rx in enumerate(np.array(array.rx_m)):
+            for m in range(waveform.chirps):
+                time_s = m * waveform.chirp_interval_s + turn
+                scattered = scattered_delays(paths.scattered, tx, rx, time_s)
+                specular = specular_delays(paths.specular, tx, rx, time_s) if len(paths.specular) else np.zeros(0)
+                tau = np.concatenate([scattered, specular])
+                cycles = waveform.carrier_hz * tau + slope * fast_time[:, None] * tau
+                if waveform.residual_video_phase:
+                    cycles = cycles - 0.5 * slope * tau**2
+                cube[m, :, tx_count * j + i] = np.exp(2j * np.pi * (cycles % 1.0)) @ amplitude
+    return cube
+
+
+def doppler_filtered(cube: Complex, radar: Radar, cell: int) -> Complex:
+    """[samples, channels] one cell of the Hann-windowed Doppler filter bank, by its definition."""
+    chirps = radar.waveform.chirps
+    m = np.arange(chirps)
+    window = 0.5 - 0.5 * np.cos(2.0 * np.pi * m / chirps) if chirps > 1 else np.ones(1)
+    filter_ = window / window.sum() * np.exp(-2j * np.pi * (cell - chirps // 2) * m / chirps)
+    return np.einsum("m,mnc->nc", filter_, cube)
+
+
+def truth_rows(paths: PathTable, radar: Radar, cells: NDArray[np.int64], rows: Sequence[int]) -> Complex:
+    """[rows, U] truth image rows: full virtual cube, each row's own Doppler filter, exact matched filter."""
+    cube = if_cube(paths, radar, radar.virtual_sensor)
+    return np.stack(
+        [matched_filter_row(doppler_filtered(cube, radar, int(cells[r])), radar, radar.virtual_sensor, r) for r in rows]
+    )
+
+
+def mirrored(point: Real, plane: tuple[Real, Real]) -> Real:
+    """[..., 3] mirror image of points in the plane (point on it, unit normal)."""
+    origin, normal = plane
+    return point - 2.0 * ((point - origin) @ normal)[..., None] * normal
+
+
+def mirror_path(tx: Real, rx: Real, planes: Sequence[tuple[Real, Real]]) -> tuple[float, Real]:
+    """Length [m] and vertices [depth, 3] of the path TX - plane 1 - ... - plane n - RX, by the method of images.
+
+    The TX is mirrored in plane 1, its image in plane 2, ...; then the path is walked back from the RX.
+    """
+    images = [tx]
+    for plane in planes:
+        images.append(mirrored(images[-1], plane))
+    length = float(np.linalg.norm(rx - images[-1]))
+    vertices, end = [], rx
+    for (origin, normal), image in zip(reversed(planes), reversed(images[1:]), strict=True):
+        along = image - end
+        end = end + along * float((origin - end) @ normal) / float(along @ normal)
+        vertices.append(end)
+    return length, np.array(vertices[::-1])
+
+
+def relative_error(value: NDArray, reference: NDArray) -> float:
+    """Relative L2 error."""
+    return float(np.linalg.norm(value - reference) / np.linalg.norm(reference))
+
+
+def peak_error_db(value: NDArray, reference: NDArray) -> float:
+    """Largest difference relative to the reference's peak magnitude [dB]."""
+    return float(20.0 * np.log10(np.abs(value - reference).max() / np.abs(reference).max()))
+
+
+def interpolated_peak(magnitude: Real) -> float:
+    """Index of the maximum of a sampled curve, refined by the parabola through the logarithms of three samples."""
+    top = int(np.argmax(magnitude))
+    if top in (0, len(magnitude) - 1):
+        return float(top)
+    left, middle, right = np.log(magnitude[top - 1 : top + 2])
+    return top + 0.5 * float(left - right) / float(left - 2.0 * middle + right)
