@@ -1,7 +1,7 @@
 """One frame from its paths: cube, noise, Doppler choice, truth, targets. The method, in its order.
 
-Frames are imaged in batches of a fixed size, because a matrix product's last bits depend on the batch's size: a frame has
-the same bytes whether its batch is full or not.
+Frames are imaged in batches of a fixed size, because a matrix product's last bits depend on the batch's size: a frame
+has the same bytes whether its batch is full or not.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ def measure(
     generator: np.random.Generator,
 ) -> Measurement:
     """Input and sweep moments of one frame from its illuminated paths."""
-    cube = cube_of_paths(paths, radar, processing.tolerance)
+    cube = cube_of_paths(paths, radar, processing.tolerance).astype(np.complex64, copy=False)
     noise_power = cell_noise_power(radar) if processing.noise else 0.0
     if processing.noise:
         cube = cube + receiver_noise(radar, generator)

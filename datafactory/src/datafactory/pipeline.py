@@ -20,7 +20,7 @@ from datafactory.paths.prune import DEFAULT_LEVEL_DB
 from datafactory.paths.stage import stage_of
 from datafactory.paths.trace import TraceSettings
 from datafactory.points import CloseTargets, PointTargets, rayleigh_length
-from datafactory.progress import FinishedShard, begin, completed, finish, fingerprint, record_finished
+from datafactory.progress import FinishedShard, begin, completed, fingerprint, finish, record_finished
 from datafactory.scenes.ground import free_ground
 from datafactory.scenes.materials import MaterialTable
 from datafactory.scenes.open import open_scene
@@ -32,7 +32,16 @@ from shared.dataset import VERSION, arrow_schema, description
 from shared.radar import Radar
 from shared.windows import angle_window, point_spread
 
-PACKAGES = ("sparseradar-shared", "sparseradar-datafactory", "sionna-rt", "mitsuba", "drjit", "numpy", "numba", "pyarrow")
+PACKAGES = (
+    "sparseradar-shared",
+    "sparseradar-datafactory",
+    "sionna-rt",
+    "mitsuba",
+    "drjit",
+    "numpy",
+    "numba",
+    "pyarrow",
+)
 
 
 @dataclass(frozen=True)
@@ -129,7 +138,10 @@ def render(
         {
             "version": VERSION,
             "arguments": arguments,
-            **{key: about[key] for key in ("radar", "array", "virtual_sensor", "axes", "shapes", "conventions", "truth")},
+            **{
+                key: about[key]
+                for key in ("radar", "array", "virtual_sensor", "axes", "shapes", "conventions", "truth")
+            },
             "seeds": {"dataset": order.seed, "frame": "SeedSequence(entropy=dataset, spawn_key=(frame_id,))"},
             "scenes": [_scene_entry(scene, work) for scene, work in zip(scenes, works, strict=True)],
             "counts": counts,
@@ -195,7 +207,9 @@ def _conventions(order: Order) -> dict[str, Any]:
     if elements > 1:
         rx = order.radar.virtual_sensor.rx
         spacing = abs(float(rx[1, 1] - rx[0, 1]))
-    width, sidelobe = point_spread(angle_window(order.processing.truth_window, elements), spacing / order.radar.waveform.wavelength_m)
+    width, sidelobe = point_spread(
+        angle_window(order.processing.truth_window, elements), spacing / order.radar.waveform.wavelength_m
+    )
     return {
         "conventions": {
             "frame": "x forward, y left, z up, origin at the centroid of the full array's RX; u = y / range",
@@ -234,7 +248,13 @@ def _total(finished: Sequence[FinishedShard]) -> dict[str, float]:
 
 
 def _run(
-    job: Job, todo: list[ShardPlan], directory: Path, mark: str, workers: int, total: int, advance: Callable[[int, int], None]
+    job: Job,
+    todo: list[ShardPlan],
+    directory: Path,
+    mark: str,
+    workers: int,
+    total: int,
+    advance: Callable[[int, int], None],
 ) -> tuple[dict[ShardPlan, FinishedShard], Counter[str]]:
     """Render the shards in worker processes; each is recorded as soon as it is whole."""
     context = multiprocessing.get_context("spawn")
@@ -243,7 +263,9 @@ def _run(
     seconds: Counter[str] = Counter()
     done = total - sum(len(plan.frame_ids) for plan in todo)
     advance(done, total)
-    with ProcessPoolExecutor(workers, mp_context=context, initializer=_start, initargs=(job, directory, mark, ticks)) as pool:
+    with ProcessPoolExecutor(
+        workers, mp_context=context, initializer=_start, initargs=(job, directory, mark, ticks)
+    ) as pool:
         pending: dict[Future, ShardPlan] = {pool.submit(_render, plan): plan for plan in todo}
         try:
             while pending:

@@ -1,7 +1,7 @@
 """Point targets: the paper's close-target sets, and exactly the targets that a file names.
 
-The paper adds 5500 synthetic frames of closely spaced point targets to its ray-traced ones (section III-B), because street
-scenes seldom challenge the resolution. It states no distributions; ours are the fields of :class:`CloseTargets`.
+The paper adds 5500 synthetic frames of closely spaced point targets to its ray-traced ones (section III-B), because
+street scenes seldom challenge the resolution. It states no distributions; ours are the fields of :class:`CloseTargets`.
 """
 
 from __future__ import annotations
@@ -73,7 +73,11 @@ class PointTargets:
 
 
 def target_list(
-    position: NDArray[np.float64], velocity: NDArray[np.float64], level_db: NDArray[np.float64], names: list[str], radar: Radar
+    position: NDArray[np.float64],
+    velocity: NDArray[np.float64],
+    level_db: NDArray[np.float64],
+    names: list[str],
+    radar: Radar,
 ) -> tuple[Target, ...]:
     """Targets as seen from the origin at mid-frame, strongest first.
 
@@ -103,9 +107,10 @@ def draw_close_targets(radar: Radar, settings: CloseTargets, generator: np.rando
     resolution, step = rayleigh_length(radar), radar.waveform.range_step_m
     farthest = min(settings.range_m[1], step * (radar.waveform.range_bins - 2))
     nearest = min(settings.range_m[0], 0.5 * farthest)
+    lowest, highest = np.log(settings.separation_rl)
     for _ in range(generator.integers(settings.groups[0], settings.groups[1], endpoint=True)):
         count = int(generator.integers(settings.targets[0], settings.targets[1], endpoint=True))
-        separation = resolution * np.exp(generator.uniform(*np.log(settings.separation_rl), count - 1))
+        separation = resolution * np.exp(generator.uniform(float(lowest), float(highest), count - 1))
         u = np.concatenate([[0.0], np.cumsum(separation)])
         u = np.clip(u - u.mean() + generator.uniform(*settings.u), -0.95, 0.95)
         range_m = generator.uniform(nearest, farthest) + step * generator.uniform(-0.5, 0.5, count)
@@ -135,7 +140,8 @@ class _Entry(BaseModel):
 
 
 def read_targets(path: Path) -> tuple[PointTargets, ...]:
-    """Frames of ``--targets``: ``[[{"x": m, "y": m, "z": m, "vx": m/s, ..., "rcs_dbsm": dB, "phase": rad}, ...], ...]``.
+    """Frames of ``--targets``: ``[[{"x": m, "y": m, "z": m, "vx": m/s, ..., "rcs_dbsm": dB, "phase": rad}, ...],
+    ...]``.
 
     :raises InputError: an unreadable file, another shape, a field or value that does not belong, a target at the origin
     """
@@ -153,7 +159,8 @@ def read_targets(path: Path) -> tuple[PointTargets, ...]:
     for number, frame in enumerate(frames):
         for index, entry in enumerate(frame):
             if np.hypot(np.hypot(entry.x, entry.y), entry.z) < 0.01:
-                raise InputError(path, f"frame {number}, target {index} stands within 1 cm of the radar", "a place further away")
+                fault = f"frame {number}, target {index} stands within 1 cm of the radar"
+                raise InputError(path, fault, "a place further away")
     return tuple(_as_arrays(frame) for frame in frames)
 
 

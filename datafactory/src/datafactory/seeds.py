@@ -1,7 +1,7 @@
 """Randomness: one dataset seed, one stream a frame, one stream a purpose.
 
-A frame's streams depend on (dataset seed, frame index) alone, so that frame 17 is the same whether it is rendered alone,
-first, last, by one worker or by eight; and adding a purpose does not change the others.
+A frame's streams depend on (dataset seed, frame index) alone, so that frame 17 is the same whether it is rendered
+alone, first, last, by one worker or by eight; and adding a purpose does not change the others.
 """
 
 from __future__ import annotations

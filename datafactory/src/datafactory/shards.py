@@ -18,7 +18,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from shared.dataset import Frame, to_record_batch
-from shared.dataset_folder import MANIFEST, SPLITS, ShardRecord
+from shared.dataset_folder import MANIFEST, SPLITS, ShardRecord, Split
 from shared.errors import InputError
 
 FRAMES_PER_SHARD = 8
@@ -53,7 +53,7 @@ class ShardPlan:
         return f"{self.split}/part-{self.index:05d}.parquet"
 
 
-def split_of(index: int, pattern: str = "6:1:1") -> str:
+def split_of(index: int, pattern: str = "6:1:1") -> Split:
     """Split of frame ``index`` under a pattern A:B:C: the first A of every A + B + C frames are train, and so on.
 
     :raises InputError: a pattern that is not three whole numbers with a positive sum

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +18,7 @@ from datafactory.paths.stage import Stage
 from datafactory.paths.trace import TraceSettings, trace
 from datafactory.points import CloseTargets, PointTargets, draw_close_targets
 from datafactory.progress import FinishedShard
-from datafactory.scenes.ground import Ground
+from datafactory.scenes.ground import Ground, Split
 from datafactory.scenes.materials import MaterialMapping
 from datafactory.scenes.poses import Pose, sample_pose
 from datafactory.seeds import frame_seed, generator
@@ -74,7 +74,7 @@ class Job:
     seed: int
     scenes: tuple[SceneWork, ...]
     recipes: tuple[Recipe, ...]
-    splits: tuple[str, ...]
+    splits: tuple[Split, ...]
     schema: pa.Schema
 
 
@@ -86,14 +86,14 @@ def render_shard(
     :param report: called with 1 for every frame that is finished but for its image
     """
     counts: Counter[str] = Counter()
-    seconds: Counter[str] = Counter()
+    seconds: dict[str, float] = defaultdict(float)
     with threadpool_limits(limits=1):
         record = write_shard(directory / plan.path, _frames(job, plan, counts, seconds, report), job.schema)
     return FinishedShard(record=record, counts=dict(counts), fingerprint=fingerprint), dict(seconds)
 
 
 def _frames(
-    job: Job, plan: ShardPlan, counts: Counter[str], seconds: Counter[str], report: Callable[[int], None]
+    job: Job, plan: ShardPlan, counts: Counter[str], seconds: dict[str, float], report: Callable[[int], None]
 ) -> Iterator[Frame]:
     for first in range(0, len(plan.frame_ids), stages.IMAGE_BATCH):
         batch = []
@@ -107,7 +107,7 @@ def _frames(
         seconds["image and write"] += time.perf_counter() - started
 
 
-def _measure(job: Job, frame_id: int, counts: Counter[str], seconds: Counter[str]) -> stages.Measurement:
+def _measure(job: Job, frame_id: int, counts: Counter[str], seconds: dict[str, float]) -> stages.Measurement:
     recipe, seed = job.recipes[frame_id], frame_seed(job.seed, frame_id)
     started = time.perf_counter()
     if isinstance(recipe, PointFrame):

@@ -52,7 +52,9 @@ class ParabolicPattern(BaseModel):
         x, y, z = np.moveaxis(np.asarray(directions, dtype=np.float64), -1, 0)
         azimuth = np.degrees(np.arctan2(y, x))
         elevation = np.degrees(np.arctan2(z, np.hypot(x, y)))
-        loss = 12.0 * (azimuth / self.azimuth_beamwidth_deg) ** 2 + 12.0 * (elevation / self.elevation_beamwidth_deg) ** 2
+        loss = (
+            12.0 * (azimuth / self.azimuth_beamwidth_deg) ** 2 + 12.0 * (elevation / self.elevation_beamwidth_deg) ** 2
+        )
         return db_to_power(self.gain_dbi - np.minimum(loss, self.floor_db))
 
 

@@ -91,11 +91,11 @@ def avr_qdm_110() -> AntennaArray:
     shift = -45e-3
     return AntennaArray(
         tx_m=line(np.array([-5e-3, -3e-3, -1e-3]) + shift),
-        rx_m=line(6e-3 * np.arange(16) + shift),
+        rx_m=line(6e-3 * np.arange(16, dtype=np.float64) + shift),
     )
 
 
 def virtual_sensor_256(carrier_hz: float) -> AntennaArray:
     """The truth's sensor (paper, section II-B): 1 TX at the origin, 256 RX at half a carrier wavelength [Hz]."""
     spacing = SPEED_OF_LIGHT / (2.0 * carrier_hz)
-    return AntennaArray(tx_m=((0.0, 0.0, 0.0),), rx_m=line(spacing * (np.arange(256) - 127.5)))
+    return AntennaArray(tx_m=((0.0, 0.0, 0.0),), rx_m=line(spacing * (np.arange(256, dtype=np.float64) - 127.5)))

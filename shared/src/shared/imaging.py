@@ -2,8 +2,8 @@
 
 Both compensate the delay of eq. (2). With the sign of eq. (1) the echo of a target at u = sin(azimuth) has the phase
 -k u (y_tx + y_rx) over the virtual elements, so that the weights are exp(+j k u (y_tx + y_rx)) and the image peaks at
-+u. (Eq. (7)-(9) of the paper, taken literally with its eq. (1), peak at -u.) k belongs to mid-sweep, f_c + B/2, where the
-range window has its weight: an echo's phase in a range bin is that of mid-sweep.
++u. (Eq. (7)-(9) of the paper, taken literally with its eq. (1), peak at -u.) k belongs to mid-sweep, f_c + B/2, where
+the range window has its weight: an echo's phase in a range bin is that of mid-sweep.
 """
 
 from __future__ import annotations
@@ -118,15 +118,13 @@ def _row_matrix(tx, rx, tx_of, rx_of, range_m, u, reference_hz, bandwidth_hz, ro
                 value *= walk
 
 
-def near_field_images(
-    moments: NDArray[np.complex64], radar: Radar, array: AntennaArray
-) -> NDArray[np.complex64]:
+def near_field_images(moments: NDArray[np.complex64], radar: Radar, array: AntennaArray) -> NDArray[np.complex64]:
     """[B, R, U] near-field matched-filter images of a batch of sweep moments [B, terms, R, C].
 
     The delay of each pixel and element pair is exact; only its departure from the row's own range, at most 1.5 bins
-    over 256 elements, is developed into a polynomial of ``terms`` terms, so that a row is one matrix product for all frames of
-    the batch. The matrix costs as much as some ten frames: image in batches. One BLAS thread, because a product's last bits
-    depend on how it is split: for the same batch size the same bytes.
+    over 256 elements, is developed into a polynomial of ``terms`` terms, so that a row is one matrix product for all
+    frames of the batch. The matrix costs as much as some ten frames: image in batches. One BLAS thread, because a
+    product's last bits depend on how it is split: for the same batch size the same bytes.
     """
     batch, terms, rows, channels = moments.shape
     if channels != array.channels or rows != radar.waveform.range_bins:

@@ -65,7 +65,7 @@ class ImageGrid(BaseModel):
     @property
     def u(self) -> NDArray[np.float64]:
         """[bins] rising u = sin(azimuth)."""
-        return self.u_start + self.step * np.arange(self.bins)
+        return self.u_start + self.step * np.arange(self.bins, dtype=np.float64)
 
 
 class Radar(BaseModel):

@@ -3,8 +3,8 @@
     s(i_tx, i_rx, t) = sum_k A_k exp(+j 2 pi (mu t tau_k + f_c tau_k))                                          (1)
     tau_k(i_tx, i_rx) = (|x_tx - x_k| + |x_rx - x_k|) / c                                                      (2)
 
-Everything fast in this project is tested against this sum. The delay is frozen at the start of each chirp. The sum costs
-targets * channels * chirps * samples complex exponentials; it is a reference, not a way to make data.
+Everything fast in this project is tested against this sum. The delay is frozen at the start of each chirp. The sum
+costs targets * channels * chirps * samples complex exponentials; it is a reference, not a way to make data.
 """
 
 from __future__ import annotations

@@ -29,8 +29,8 @@ def shift_polynomials(nu: NDArray[np.float64], reach: float, terms: int) -> NDAr
     """[terms, N] coefficients q_p(nu) of exp(j 2 pi z nu) = sum_p z^p q_p(nu) for |z| <= ``reach`` [bins].
 
     The Jacobi-Anger expansion exp(j a x) = J_0(a) + 2 sum_d j^d J_d(a) T_d(x) (DLMF 10.12.3) with a = 2 pi reach nu and
-    x = z / reach, cut after ``terms`` terms and rearranged into powers of z. Its error is about 2 J_terms(pi reach) at the
-    ends of the sweep, near the least that any polynomial of this degree can have, and far less at its centre.
+    x = z / reach, cut after ``terms`` terms and rearranged into powers of z. Its error is about 2 J_terms(pi reach) at
+    the ends of the sweep, near the least that any polynomial of this degree can have, and far less at its centre.
     """
     argument = 2.0 * np.pi * reach * nu
     order = np.arange(terms)

@@ -21,7 +21,9 @@ def db_to_power(value_db: ArrayLike) -> NDArray[np.float64]:
 
 
 def power_to_db(power: ArrayLike, floor_db: float = -400.0) -> NDArray[np.float64]:
-    """Level [dB] of a power ratio; zero and everything below ``floor_db`` reads ``floor_db``, so it is always finite."""
+    """Level [dB] of a power ratio; zero and everything below ``floor_db`` reads ``floor_db``, so it is always
+    finite.
+    """
     power = np.asarray(power, dtype=np.float64)
     return 10.0 * np.log10(np.maximum(power, 10.0 ** (floor_db / 10.0)))
 

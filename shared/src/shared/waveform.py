@@ -95,9 +95,9 @@ class Waveform(BaseModel):
     @property
     def ranges_m(self) -> NDArray[np.float64]:
         """[range_bins] range axis [m], rising from 0."""
-        return self.range_step_m * np.arange(self.range_bins)
+        return self.range_step_m * np.arange(self.range_bins, dtype=np.float64)
 
     @property
     def velocities_mps(self) -> NDArray[np.float64]:
         """[chirps] Doppler axis [m/s], rising; positive is receding; the lower edge is in, the upper is not."""
-        return self.velocity_step_mps * (np.arange(self.chirps) - self.chirps // 2)
+        return self.velocity_step_mps * (np.arange(self.chirps, dtype=np.float64) - self.chirps // 2)

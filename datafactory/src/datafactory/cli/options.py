@@ -49,7 +49,13 @@ def run(order: Order, table: MaterialTable, out: Path, workers: int, resume: boo
     console = Console(soft_wrap=True, highlight=False)
     with _bar(console) as advance:
         report = render(
-            order, table, out, workers or cores(), resume, announce=lambda line: console.print(line, markup=False), advance=advance
+            order,
+            table,
+            out,
+            workers or cores(),
+            resume,
+            announce=lambda line: console.print(line, markup=False),
+            advance=advance,
         )
     kept = f" ({report.shards_kept} shards kept from before)" if report.shards_kept else ""
     console.print(f"{report.frames} frames in {out}, {report.seconds:.0f} s{kept}", markup=False)

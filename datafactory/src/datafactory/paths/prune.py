@@ -1,7 +1,8 @@
 """Leaving out paths that no range bin would miss.
 
 Within each range bin the weakest paths are dropped, as many as together hold at most a given share of the bin's power
-(incoherent sum, patterns applied). Judged bin by bin, a weak echo far away is never weighed against a strong one nearby.
+(incoherent sum, patterns applied). Judged bin by bin, a weak echo far away is never weighed against a strong one
+nearby.
 """
 
 from __future__ import annotations

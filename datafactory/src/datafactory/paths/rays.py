@@ -1,16 +1,16 @@
 """Where rays are sent: directions over the radar's field of view, denser towards the horizon.
 
-A full-sphere lattice sends most of its rays to the sky and to the road under the bumper. The lattice here covers the front
-half space, uniform in azimuth; the sine of elevation z has the density
+A full-sphere lattice sends most of its rays to the sky and to the road under the bumper. The lattice here covers the
+front half space, uniform in azimuth; the sine of elevation z has the density
 
     p(z) = 1 / (2 asinh(1 / z_0) sqrt(z_0^2 + z^2)),   -1 <= z <= 1,
 
-so that log-distances on the ground get equal shares, down to the grazing angle z_0. Each direction then stands for a solid
-angle of 1 / (N p), with p(azimuth, z) = p(z) / pi per steradian, instead of the full lattice's 4 pi / N, and diffuse
-amplitudes are scaled by the square root of that ratio: their expected power is unchanged.
+so that log-distances on the ground get equal shares, down to the grazing angle z_0. Each direction then stands for a
+solid angle of 1 / (N p), with p(azimuth, z) = p(z) / pi per steradian, instead of the full lattice's 4 pi / N, and
+diffuse amplitudes are scaled by the square root of that ratio: their expected power is unchanged.
 
-The points come from the Kronecker sequence of the golden ratio that the Fibonacci lattice is made of, rotated by a random
-offset per frame (Cranley-Patterson), so that neighbouring frames do not share artefacts.
+The points come from the Kronecker sequence of the golden ratio that the Fibonacci lattice is made of, rotated by a
+random offset per frame (Cranley-Patterson), so that neighbouring frames do not share artefacts.
 """
 
 from __future__ import annotations
@@ -51,7 +51,9 @@ class RayFan:
         return np.stack([(azimuth / (2.0 * np.pi)) % 1.0, np.clip(0.5 * (1.0 - z), 0.0, 1.0)], axis=1)
 
     def solid_angle_ratio(self, directions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """[K] solid angle that a ray in these directions [K, 3] stands for, relative to the full lattice's 4 pi / count."""
+        """[K] solid angle that a ray in these directions [K, 3] stands for, relative to the full lattice's 4 pi /
+        count.
+        """
         z = directions[:, 2] / np.linalg.norm(directions, axis=1)
         density = 1.0 / (2.0 * np.arcsinh(1.0 / self.horizon) * np.sqrt(self.horizon**2 + z**2)) / np.pi
         return 1.0 / (4.0 * np.pi * density)

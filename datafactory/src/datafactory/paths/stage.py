@@ -1,7 +1,8 @@
 """A scene as the ray tracer sees it from one pose: meshes merged by material and velocity, in the radar frame.
 
-The tracer works in float32. Vertices are brought to the radar's own origin and axes in float64 first, so that a scene far
-from its origin loses nothing, and merged: identity of the objects is kept by the first triangle of each in its mesh.
+The tracer works in float32. Vertices are brought to the radar's own origin and axes in float64 first, so that a scene
+far from its origin loses nothing, and merged: identity of the objects is kept by the first triangle of each in its
+mesh.
 """
 
 from __future__ import annotations
@@ -67,7 +68,9 @@ def stage_of(scene: Scene, materials: MaterialMapping) -> Stage:
                 material=material,
                 velocity=np.array(velocity),
                 vertices=np.concatenate([part.vertices for part in parts]),
-                triangles=np.concatenate([p.triangles + s for p, s in zip(parts, starts, strict=True)]).astype(np.int32),
+                triangles=np.concatenate([p.triangles + s for p, s in zip(parts, starts, strict=True)]).astype(
+                    np.int32
+                ),
                 object_of_triangle=np.repeat(members, [len(part.triangles) for part in parts]).astype(np.int32),
             )
         )

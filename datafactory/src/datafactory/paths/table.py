@@ -1,15 +1,16 @@
 """PathTable: the contract between tracing and everything after it.
 
-A table holds the multipath of one frame in the radar frame, independent of array, waveform and patterns: one trace serves
-every radar. There are two kinds of path, because there are two delay laws. x_i is a TX, x_j an RX, t the time since the
-start of chirp 0; all reflections on the way are unfolded (each mirror replaced by the mirror image behind it).
+A table holds the multipath of one frame in the radar frame, independent of array, waveform and patterns: one trace
+serves every radar. There are two kinds of path, because there are two delay laws. x_i is a TX, x_j an RX, t the time
+since the start of chirp 0; all reflections on the way are unfolded (each mirror replaced by the mirror image behind
+it).
 
 Scattered paths have a point from which the wave spreads anew (a diffuse bounce, a point target):
 
     c tau = |x_i - (p + v_p t)| + b + b' t + |x_j - (q + v_q t)|
 
-with the scattering point as the TX sees it (p) and as the RX sees it (q). A single bounce has p = q, b = 0. Mirrors before
-or after the point only move p or q to where its image stands. b is the length between two scattering points.
+with the scattering point as the TX sees it (p) and as the RX sees it (q). A single bounce has p = q, b = 0. Mirrors
+before or after the point only move p or q to where its image stands. b is the length between two scattering points.
 
 Specular paths have none: the RX sees the mirror image of the TX itself, and curvature is that of the whole path:
 
@@ -18,8 +19,9 @@ Specular paths have none: the RX sees the mirror image of the TX itself, and cur
 with s the image of the reference x_0 and H the product of the mirrors' reflections, an orthogonal matrix. Both laws are
 exact for plane mirrors and constant velocities, in the near field too.
 
-Amplitudes are those of isotropic antennas of 0 dBi and of unit transmit power, with the sign convention of the IF signal:
-the conjugate of the propagation channel's, because the mixer conjugates the received wave (eq. (1) has +j f_c tau).
+Amplitudes are those of isotropic antennas of 0 dBi and of unit transmit power, with the sign convention of the IF
+signal: the conjugate of the propagation channel's, because the mixer conjugates the received wave (eq. (1) has +j f_c
+tau).
 """
 
 from __future__ import annotations
@@ -158,8 +160,8 @@ class SpecularPaths:
     def as_scattered(self, tx: Real) -> ScatteredPaths:
         """The same paths for one TX at ``tx`` [3], in the form of scattered paths.
 
-        The RX-side point is the image of this TX. The TX leg is made a constant 1 m by placing the TX-side point 1 m ahead
-        of the TX, and b = -1 m takes it off again, so that one kernel serves both laws exactly.
+        The RX-side point is the image of this TX. The TX leg is made a constant 1 m by placing the TX-side point 1 m
+        ahead of the TX, and b = -1 m takes it off again, so that one kernel serves both laws exactly.
         """
         count = len(self)
         image = self.image + np.einsum("kij,j->ki", self.axes, tx - self.reference)
@@ -211,7 +213,9 @@ class PathTable:
         )
 
     def within(self, radar: Radar) -> PathTable:
-        """Only the paths nearer than the unambiguous range, as behind a receiver's anti-alias filter; the rest is counted."""
+        """Only the paths nearer than the unambiguous range, as behind a receiver's anti-alias filter; the rest is
+        counted.
+        """
         limit = radar.waveform.unambiguous_range_m
         near, near_specular = self.scattered.range_m() < limit, self.specular.range_m() < limit
         beyond = int((~near).sum() + (~near_specular).sum())

@@ -1,12 +1,14 @@
 """The only module that calls Sionna's solvers: one trace a frame, from a stage and a pose to a PathTable.
 
-The trace is monostatic, isotropic and vertically polarised, at mid-sweep, in the radar's own frame. Patterns, powers, array
-and waveform come later. What is done about Sionna RT 2.2's traits, each with a test in ``tests/datafactory/test_trace.py``:
+The trace is monostatic, isotropic and vertically polarised, at mid-sweep, in the radar's own frame. Patterns, powers,
+array and waveform come later. What is done about Sionna RT 2.2's traits, each with a test in
+``tests/datafactory/test_trace.py``:
 
 * First-hit directions are replaced by :class:`datafactory.paths.rays.RayFan` (the solver's lattice covers the sphere).
-* A path that ends with a mirror after a diffuse bounce is found once per sequence of planes, whatever the number of rays,
-  so that its power is wrong; such paths are dropped. Their reverses, mirror first, are right, and by reciprocity each of
-  them stands for both: it enters the table twice, with the TX's and the RX's side exchanged.
+* A path that ends with a mirror after a diffuse bounce is found once per sequence of planes, whatever the number of
+rays,
+  so that its power is wrong; such paths are dropped. Their reverses, mirror first, are right, and by reciprocity each
+  of them stands for both: it enters the table twice, with the TX's and the RX's side exchanged.
 * Amplitudes are conjugated: ``Paths.a`` belongs to exp(-j 2 pi f tau), the IF signal to exp(+j 2 pi f tau).
 * Line of sight from TX to RX is left out, and the solver runs in its deterministic mode.
 """
@@ -33,11 +35,13 @@ from shared.units import SPEED_OF_LIGHT, db_to_power
 SPECULAR, DIFFUSE = 1, 2
 """Sionna's codes of the bounces followed here."""
 
-PATTERNS = {
+PATTERNS: dict[str, dict[str, Any]] = {
     "lambertian": {"scattering_pattern": "lambertian"},
     "backscattering": {"scattering_pattern": "backscattering", "alpha_r": 4, "alpha_i": 4, "lambda_": 0.5},
 }
-"""Diffuse patterns of the material table. With lambda = 1 (or the directive pattern) hardly anything comes back off normal."""
+"""Diffuse patterns of the material table. With lambda = 1 (or the directive pattern) hardly anything comes back off
+normal.
+"""
 
 
 @dataclass(frozen=True)
@@ -68,9 +72,20 @@ class _Bundle:
     def take(self, index: NDArray) -> _Bundle:
         return _Bundle(**{item.name: getattr(self, item.name)[index] for item in fields(self)})
 
+    def cut(self, depth: int) -> _Bundle:
+        """The same paths without the columns beyond ``depth``."""
+        columns = {item.name: getattr(self, item.name)[:, :depth] for item in fields(self) if item.name != "amplitude"}
+        return _Bundle(amplitude=self.amplitude, **columns)
+
 
 def trace(
-    stage: Stage, materials: MaterialMapping, pose: Pose, frequency_hz: float, settings: TraceSettings, fan: RayFan, seed: int
+    stage: Stage,
+    materials: MaterialMapping,
+    pose: Pose,
+    frequency_hz: float,
+    settings: TraceSettings,
+    fan: RayFan,
+    seed: int,
 ) -> PathTable:
     """All multipath of one frame, the point targets' single bounces among it.
 
@@ -84,7 +99,7 @@ def trace(
     lengths = (bundle.interactions > 0).sum(axis=1)
     for depth in range(1, settings.depth + 1):
         part = bundle.take(lengths == depth)
-        part = _Bundle(*(getattr(part, f.name) if f.name == "amplitude" else getattr(part, f.name)[:, :depth] for f in fields(part)))
+        part = part.cut(depth)
         mirrors = (part.interactions == SPECULAR).all(axis=1)
         ends_diffuse = part.interactions[:, -1] == DIFFUSE
         dropped += int((~mirrors & ~ends_diffuse).sum())
@@ -187,7 +202,7 @@ def _point_targets(scene: Any, stage: Stage, pose: Pose, frequency_hz: float) ->
     if len(position):
         direction = position / np.where(visible, range_m, 1.0)[:, None]
         ray = mi.Ray3f(mi.Point3f(0.0), mi.Vector3f(*direction.T.astype(np.float32)))
-        ray.maxt = mi.Float(range_m.astype(np.float32))
+        ray.maxt = range_m.astype(np.float32)
         visible &= ~scene.mi_scene.ray_test(ray).numpy()
     cross_section = db_to_power([target.rcs_dbsm for target in stage.targets])
     amplitude = SPEED_OF_LIGHT / frequency_hz * np.sqrt(cross_section) / (4.0 * np.pi) ** 1.5

@@ -8,7 +8,6 @@ tree is not used.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +16,9 @@ from scipy import ndimage
 from datafactory.scenes.height_map import HeightMap, height_map
 from datafactory.scenes.material_names import singular, words
 from datafactory.scenes.scene import Scene
+from shared.dataset_folder import SPLITS, Split
 from shared.errors import InputError
 
-Split = Literal["train", "validation", "test"]
-SPLITS: tuple[Split, ...] = ("train", "validation", "test")
 SHARES = (6.0, 1.0, 1.0)
 """Areas of the regions, in the proportion of their frames."""
 

@@ -26,11 +26,12 @@ BLOCK_REACH_BINS = 0.2
 
 
 @dataclass(frozen=True)
-class Block:
-    """RX that share one range cell a path: ``rx`` is the slice of RX indices."""
+class _Contribution:
+    """Paths with the TX they serve and the starts of that TX's chirps [s]."""
 
-    rx: slice
-    reach_bins: float
+    paths: ScatteredPaths
+    tx: slice
+    start: NDArray[np.float64]
 
 
 def cube_of_paths(
@@ -49,37 +50,41 @@ def cube_of_paths(
     computed = 1 if static else waveform.chirps
     cube = np.zeros((computed, waveform.samples, len(array.rx_m), len(array.tx_m)), dtype=dtype)
     times = chirp_times(radar.model_copy(update={"array": array}))[:, :computed]
+    contributions = _contributions(paths, array, times)
     with ThreadPoolExecutor(threads) as pool:
-        for scattered, tx_indices, start in _contributions(paths, array, times):
-            for block in _blocks(array, waveform.bandwidth_hz):
-                _add_block(cube, scattered, radar, array, block, tx_indices, start, tolerance, pool)
-    cube = cube.reshape(computed, waveform.samples, array.channels)
-    return np.repeat(cube, waveform.chirps, axis=0) if static and waveform.chirps > 1 else cube
+        for block in _blocks(array, waveform.bandwidth_hz) if contributions else []:
+            _add_block(cube, contributions, radar, array, block, tolerance, pool)
+    channels = cube.reshape(computed, waveform.samples, array.channels)
+    return np.repeat(channels, waveform.chirps, axis=0) if static and waveform.chirps > 1 else channels
 
 
-def _contributions(paths: PathTable, array: AntennaArray, times):
-    """Parts of the table with the TX they serve and their chirp times: all TX at once, or each alone where it must be."""
-    together = bool(np.all(times == times[0]))
-    everyone = list(range(len(array.tx_m)))
-    for tx_indices in [everyone] if together else [[i] for i in everyone]:
-        if len(paths.scattered):
-            yield _by_range(paths.scattered), tx_indices, times[tx_indices[0]]
-    for i in everyone:
-        if len(paths.specular):
-            yield _by_range(paths.specular.as_scattered(array.tx[i])), [i], times[i]
+def _contributions(paths: PathTable, array: AntennaArray, times: NDArray[np.float64]) -> list[_Contribution]:
+    """Parts of the table: all TX at once where delays factorise, else each TX alone."""
+    everyone = range(len(array.tx_m))
+    parts = []
+    if len(paths.scattered):
+        scattered = _by_range(paths.scattered)
+        if np.all(times == times[0]):
+            parts.append(_Contribution(scattered, slice(0, len(everyone)), times[0]))
+        else:  # TDM: the targets have moved on when the next TX sends
+            parts += [_Contribution(scattered, slice(i, i + 1), times[i]) for i in everyone]
+    if len(paths.specular):
+        for i in everyone:
+            parts.append(_Contribution(_by_range(paths.specular.as_scattered(array.tx[i])), slice(i, i + 1), times[i]))
+    return parts
 
 
 def _by_range(paths: ScatteredPaths) -> ScatteredPaths:
     return paths.take(np.argsort(paths.range_m(), kind="stable"))
 
 
-def _blocks(array: AntennaArray, bandwidth_hz: float) -> list[Block]:
-    """RX in their order, cut so that no block is wider than BLOCK_REACH_BINS to either side of its centre."""
+def _blocks(array: AntennaArray, bandwidth_hz: float) -> list[slice]:
+    """RX indices in their order, cut so that no block is wider than BLOCK_REACH_BINS to either side of its centre."""
     rx = array.rx
     blocks, first = [], 0
     for last in range(1, len(rx) + 1):
         if last == len(rx) or _reach(rx[first : last + 1], bandwidth_hz) > BLOCK_REACH_BINS:
-            blocks.append(Block(slice(first, last), _reach(rx[first:last], bandwidth_hz)))
+            blocks.append(slice(first, last))
             first = last
     return blocks
 
@@ -101,30 +106,40 @@ def terms_for(reach_bins: float, tolerance: float) -> int:
     return terms
 
 
-def _add_block(cube, paths, radar, array, block, tx_indices, start, tolerance, pool) -> None:
+def _add_block(
+    cube: NDArray,
+    contributions: list[_Contribution],
+    radar: Radar,
+    array: AntennaArray,
+    block: slice,
+    tolerance: float,
+    pool: ThreadPoolExecutor,
+) -> None:
+    """Add the echoes at one block of RX to ``cube`` [chirps, samples, RX, TX], one task a chirp."""
     waveform = radar.waveform
-    tx, rx = array.tx[tx_indices], array.rx[block.rx]
+    tx, rx = array.tx, array.rx[block]
     reach = 0.5 / OVERSAMPLING + _reach(tx, waveform.bandwidth_hz) + _reach(rx, waveform.bandwidth_hz)
     terms = terms_for(reach, tolerance)
     polynomials = shift_polynomials(sweep_positions(waveform.samples), reach, terms).astype(cube.dtype)
-    cells = OVERSAMPLING * waveform.samples
+    # Sample n belongs to nu = (n - N // 2) / N, i.e. to output n - N // 2 of the FFT over the range cells.
+    outputs = np.arange(waveform.samples) - waveform.samples // 2
     real = np.float32 if cube.dtype == np.complex64 else np.float64
-    width = len(rx) * len(tx)
+    tx_centre, rx_centre = _centre(tx), _centre(rx)
 
     def chirp(m: int) -> None:
-        moments = np.zeros((cells, terms, 2 * width), dtype=real)
-        add_moments(
-            paths.tx_point, paths.rx_point, paths.tx_velocity, paths.rx_velocity,
-            paths.between_m, paths.between_rate_mps, paths.amplitude,
-            tx, rx, _centre(tx), _centre(rx), float(start[m]),
-            reference_frequency_hz(radar), waveform.bandwidth_hz, waveform.slope_hz_per_s,
-            float(waveform.residual_video_phase), OVERSAMPLING, moments,
-        )  # fmt: skip
+        moments = np.zeros((OVERSAMPLING * waveform.samples, terms, 2 * len(tx) * len(rx)), dtype=real)
+        for part in contributions:
+            paths = part.paths
+            add_moments(
+                paths.tx_point, paths.rx_point, paths.tx_velocity, paths.rx_velocity,
+                paths.between_m, paths.between_rate_mps, paths.amplitude,
+                tx[part.tx], rx, tx_centre, rx_centre, float(part.start[m]),
+                reference_frequency_hz(radar), waveform.bandwidth_hz, waveform.slope_hz_per_s,
+                float(waveform.residual_video_phase), OVERSAMPLING,
+                moments[:, :, 2 * part.tx.start * len(rx) : 2 * part.tx.stop * len(rx)],
+            )  # fmt: skip
         spectra = scipy.fft.ifft(moments.view(cube.dtype), axis=0, norm="forward", overwrite_x=True)
-        first = -(waveform.samples // 2)
-        samples = np.arange(first, first + waveform.samples)
-        signal = np.einsum("pn,npc->nc", polynomials, spectra[samples])
-        part = cube[m][:, block.rx]
-        part[:, :, tx_indices] += signal.reshape(waveform.samples, len(tx), len(rx)).transpose(0, 2, 1)
+        signal = np.einsum("pn,npc->nc", polynomials, spectra[outputs])
+        cube[m][:, block] += signal.reshape(waveform.samples, len(tx), len(rx)).transpose(0, 2, 1)
 
-    list(pool.map(chirp, range(len(start))))
+    list(pool.map(chirp, range(len(cube))))

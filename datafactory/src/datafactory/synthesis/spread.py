@@ -7,11 +7,13 @@ Eq. (1) at sample n, with nu = (n - N/2) / N, f_0 = f_c + B/2 the frequency ther
 Split x = g / h + z into a cell g of a grid h times finer than the bins and a remainder z, and develop the remainder's
 phasor into powers of z (:mod:`shared.sweep`):
 
-    s[n] = sum_p q_p(nu_n) sum_g M_p[g] exp(j 2 pi g nu_n / h),      M_p[g] = sum_{k in g} A_k exp(j 2 pi f_0 tau_k) z_k^p
+    s[n] = sum_p q_p(nu_n) sum_g M_p[g] exp(j 2 pi g nu_n / h),      M_p[g] = sum_{k in g} A_k exp(j 2 pi f_0 tau_k)
+    z_k^p
 
 All channels share the cell of the array's centre, so that the moments of a path are added to one contiguous stretch of
-memory, and every path costs channels * terms multiply-adds; paths come sorted by range, so that the stretch stays in cache.
-The sums over g are FFTs. The error is the remainder's, bounded by :func:`shared.sweep.shift_error`, plus rounding.
+memory, and every path costs channels * terms multiply-adds; paths come sorted by range, so that the stretch stays in
+cache. The sums over g are FFTs. The error is the remainder's, bounded by :func:`shared.sweep.shift_error`, plus
+rounding.
 
 Delays are evaluated in float64 for every TX, RX and chirp; the phase is reduced modulo one cycle before it is rounded.
 """
@@ -24,14 +26,15 @@ import numpy as np
 from shared.cycles import phasor
 from shared.units import SPEED_OF_LIGHT
 
-
 CHUNK = 128
 """Paths whose phases are evaluated together: long enough to vectorise, short enough to stay in the first cache."""
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"})
 def _legs(count, x, y, z, elements, link, cycles_per_metre, constant, bins_per_metre, offset, re, im, shift):
-    """Phasor and range [bins] of the leg from every element [E, 3] to the first ``count`` points x, y, z [B], plus ``link`` metres."""
+    """Phasor and range [bins] of the leg from every element [E, 3] to the first ``count`` points x, y, z [B], plus
+    ``link`` metres.
+    """
     for e in range(len(elements)):
         ex, ey, ez = elements[e, 0], elements[e, 1], elements[e, 2]
         for k in range(count):
@@ -52,7 +55,7 @@ def add_moments(
 
     :param tx, rx: [TX, 3], [RX, 3] elements [m]; ``tx_centre``, ``rx_centre`` [3] their centres, which choose the cell
     :param time: start of the chirp [s]
-    :param video_phase: 1.0 adds the residual video phase -mu tau^2 / 2, developed around the centre's delay
+    :param video_phase: 1.0 adds the residual video phase -mu tau^2 / 2 up to its part quadratic in the remainder z
     :param moments: [cells, terms, 2 * RX * TX] real; re, im of channels in tx-major order
     """
     cells, terms, width = moments.shape
@@ -60,7 +63,7 @@ def add_moments(
     # One allocation each: slices of a common array lose their contiguous layout in numba, and with it vectorisation.
     px, py, pz = np.empty(CHUNK), np.empty(CHUNK), np.empty(CHUNK)
     qx, qy, qz = np.empty(CHUNK), np.empty(CHUNK), np.empty(CHUNK)
-    link, zero, offset = np.empty(CHUNK), np.zeros(CHUNK), np.empty(CHUNK)
+    link, zero, tx_offset, rx_offset = np.empty(CHUNK), np.zeros(CHUNK), np.empty(CHUNK), np.empty(CHUNK)
     frequency, constant = np.empty(CHUNK), np.empty(CHUNK)
     cell = np.empty(CHUNK, dtype=np.int64)
     on_tx, on_rx = (tx_count, CHUNK), (rx_count, CHUNK)
@@ -84,21 +87,23 @@ def add_moments(
             qy[b] = rx_point[k, 1] + rx_velocity[k, 1] * time
             qz[b] = rx_point[k, 2] + rx_velocity[k, 2] * time
             link[b] = between[k] + between_rate[k] * time
-            path = link[b]
-            path += np.sqrt((px[b] - tx_centre[0]) ** 2 + (py[b] - tx_centre[1]) ** 2 + (pz[b] - tx_centre[2]) ** 2)
-            path += np.sqrt((qx[b] - rx_centre[0]) ** 2 + (qy[b] - rx_centre[1]) ** 2 + (qz[b] - rx_centre[2]) ** 2)
-            cell[b] = int(np.floor(bins_per_metre * path * oversampling + 0.5))
-            offset[b] = cell[b] / oversampling
-            # tau^2 = tau_0 (2 tau - tau_0) + (tau - tau_0)^2; the last term is below 1e-6 cycles over any array of ours.
-            delay = path / SPEED_OF_LIGHT
+            tx_leg = np.sqrt((px[b] - tx_centre[0]) ** 2 + (py[b] - tx_centre[1]) ** 2 + (pz[b] - tx_centre[2]) ** 2)
+            rx_leg = np.sqrt((qx[b] - rx_centre[0]) ** 2 + (qy[b] - rx_centre[1]) ** 2 + (qz[b] - rx_centre[2]) ** 2)
+            cell[b] = int(np.floor(bins_per_metre * (tx_leg + link[b] + rx_leg) * oversampling + 0.5))
+            # Each leg has its own offset, so that both shifts are small before they are rounded to float32.
+            rx_offset[b] = bins_per_metre * rx_leg
+            tx_offset[b] = cell[b] / oversampling - rx_offset[b]
+            # tau^2 = tau_0 (2 tau - tau_0) + (z / B)^2 with tau_0 the cell's delay; the last term is in the
+            # polynomials.
+            delay = cell[b] / (oversampling * bandwidth_hz)
             frequency[b] = (reference_hz - video_phase * slope_hz_per_s * delay) / SPEED_OF_LIGHT
             constant[b] = 0.5 * video_phase * slope_hz_per_s * delay * delay
         _legs(
-            count, px, py, pz, tx, link, frequency, constant, bins_per_metre, offset,
+            count, px, py, pz, tx, link, frequency, constant, bins_per_metre, tx_offset,
             tx_re, tx_im, tx_shift,
         )  # fmt: skip
         _legs(
-            count, qx, qy, qz, rx, zero, frequency, zero, bins_per_metre, zero,
+            count, qx, qy, qz, rx, zero, frequency, zero, bins_per_metre, rx_offset,
             rx_re, rx_im, rx_shift,
         )  # fmt: skip
         for b in range(count):

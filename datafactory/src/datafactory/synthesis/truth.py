@@ -1,23 +1,25 @@
-"""The truth: what the virtual sensor would image of the same paths, row by row in the Doppler cell that the input chose.
+"""The truth: what the virtual sensor would image of the same paths, row by row in the Doppler cell that the input
+chose.
 
-The virtual sensor's cube (256 channels x 128 chirps) is never formed. An image row needs one Doppler cell only, and a path
-enters only the rows near its range. With eta = (m - M/2) / M the position in the frame, nu that in the sweep, and the delay
-developed around mid-frame (tau_c there, Doppler f_c in bins, curvature q in cycles), element c receives from path k
+The virtual sensor's cube (256 channels x 128 chirps) is never formed. An image row needs one Doppler cell only, and a
+path enters only the rows near its range. With eta = (m - M/2) / M the position in the frame, nu that in the sweep, and
+the delay developed around mid-frame (tau_c there, Doppler f_c in bins, curvature q in cycles), element c receives from
+path k
 
     A exp(j 2 pi (f_0 + B nu) tau_c) exp(j 2 pi ((1 + nu B / f_0) f_c eta + q eta^2))
 
-and the Doppler filter of cell m turns the second factor into G(f_c - m + kappa nu, q) with kappa = f_c B / f_0, the range
-migration in bins over the frame, and
+and the Doppler filter of cell m turns the second factor into G(f_c - m + kappa nu, q) with kappa = f_c B / f_0, the
+range migration in bins over the frame, and
 
     G(delta, q) = sum_m w_m exp(j 2 pi (delta eta_m + q eta_m^2)) / sum_m w_m.
 
-G is tabulated with its derivatives. Over a block of neighbouring elements f_c varies little, so G becomes a polynomial in
-(f_c - f) + kappa nu; the range remainder becomes one in z (:mod:`shared.sweep`). What is left is to add, for each path and
-Doppler cell, a few moments per element to a grid of range cells, and to combine the cells around each row.
+G is tabulated with its derivatives. Over a block of neighbouring elements f_c varies little, so G becomes a polynomial
+in (f_c - f) + kappa nu; the range remainder becomes one in z (:mod:`shared.sweep`). What is left is to add, for each
+path and Doppler cell, a few moments per element to a grid of range cells, and to combine the cells around each row.
 
-Limits: constant velocities; the delay's third derivative within a frame is left out (2.4e-6 m at 3 m and 10 m/s); rows further than
-ROW_REACH bins and Doppler cells further than DOPPLER_REACH from a path get nothing from it (Hann skirts below -74 and
--64 dB of the path). ``tests/datafactory/test_truth.py`` holds the image against the cube's own.
+Limits: constant velocities; the delay's third derivative within a frame is left out (2.4e-6 m at 3 m and 10 m/s); rows
+further than ROW_REACH bins and Doppler cells further than DOPPLER_REACH from a path get nothing from it (Hann skirts
+below -74 and -64 dB of the path). ``tests/datafactory/test_truth.py`` holds the image against the cube's own.
 """
 
 from __future__ import annotations
@@ -127,12 +129,16 @@ def truth_moments(
             for row in rows:
                 first = row * CELLS_PER_BIN + pad - ROW_REACH * CELLS_PER_BIN
                 around = grid[first : first + window].reshape(mixing.shape[1], -1)
-                re_re, re_im, im_re, im_im = (mixing @ around).reshape(2, terms, 2, -1).transpose(0, 2, 1, 3).reshape(4, terms, -1)
+                re_re, re_im, im_re, im_im = (
+                    (mixing @ around).reshape(2, terms, 2, -1).transpose(0, 2, 1, 3).reshape(4, terms, -1)
+                )
                 moments[:, row, block] = turn * (re_re - im_im + 1j * (re_im + im_re))
     return moments
 
 
-def _at_mid_frame(paths: ScatteredPaths, radar: Radar, tx: NDArray[np.float64], centre: NDArray[np.float64]) -> MidFrame:
+def _at_mid_frame(
+    paths: ScatteredPaths, radar: Radar, tx: NDArray[np.float64], centre: NDArray[np.float64]
+) -> MidFrame:
     waveform = radar.waveform
     time = waveform.chirps // 2 * waveform.chirp_interval_s
     frame_s = waveform.chirps * waveform.chirp_interval_s
@@ -168,7 +174,7 @@ def _doppler_terms(mid: MidFrame, radar: Radar, frame_s: float) -> int:
     With s the largest departure from the expansion point, the remainder of E terms is at most
     (2 pi s)^E / E! sum w |eta|^E / sum w.
     """
-    if not len(mid.amplitude) or not np.any(mid.doppler) and not np.any(mid.rx_velocity):
+    if not len(mid.amplitude) or (not np.any(mid.doppler) and not np.any(mid.rx_velocity)):
         return 1
     waveform = radar.waveform
     distance = np.maximum(np.linalg.norm(mid.rx_point, axis=1), 0.5)
@@ -191,7 +197,9 @@ def _frame_positions(chirps: int) -> NDArray[np.float64]:
 
 
 def _doppler_table(curvature: NDArray[np.float64], chirps: int, terms: int) -> tuple:
-    """(first curvature index, first delta, [q, delta, terms] complex128): G and its derivatives over their factorials."""
+    """(first curvature index, first delta, [q, delta, terms] complex128): G and its derivatives over their
+    factorials.
+    """
     lowest = int(np.rint(curvature.min(initial=0.0) / CURVATURE_STEP))
     highest = int(np.rint(curvature.max(initial=0.0) / CURVATURE_STEP))
     # Beyond 16 cycles an echo smears over the whole Doppler axis; nothing nearer than a metre moves that fast.
@@ -211,7 +219,8 @@ def _doppler_table(curvature: NDArray[np.float64], chirps: int, terms: int) -> t
 def _mixing(radar: Radar, terms: int, doppler_terms: int) -> NDArray[np.float32]:
     """[2 terms, offsets * SHIFT_TERMS * doppler_terms]: moments of the cells around a row to its sweep moments.
 
-    sum_n w_n / sum(w) walk_t(nu) shift_p(nu) nu^j exp(j 2 pi nu (cell - row)); first the real, then the imaginary parts.
+    sum_n w_n / sum(w) walk_t(nu) shift_p(nu) nu^j exp(j 2 pi nu (cell - row)); first the real, then the imaginary
+    parts.
     """
     samples = radar.waveform.samples
     nu = sweep_positions(samples)
@@ -230,7 +239,9 @@ def _shift_reach(radar: Radar) -> float:
     return 0.5 / CELLS_PER_BIN + half_block * radar.waveform.bandwidth_hz / SPEED_OF_LIGHT
 
 
-BINOMIAL = np.array([[comb(e, j) for j in range(MAX_DOPPLER_TERMS)] for e in range(MAX_DOPPLER_TERMS)], dtype=np.float64)
+BINOMIAL = np.array(
+    [[comb(e, j) for j in range(MAX_DOPPLER_TERMS)] for e in range(MAX_DOPPLER_TERMS)], dtype=np.float64
+)
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract", "nsz", "arcp", "reassoc"})

@@ -1,0 +1,67 @@
+# Every target sets itself up: `make dataset` and `make test` work in a fresh clone with Python 3.11 or newer and a C compiler.
+
+.DEFAULT_GOAL := help
+.PHONY: help setup dataset test lint smoke bench accuracy scenes clean
+
+PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do \
+	$$p -c 'import sys; raise SystemExit(sys.version_info < (3, 11))' 2>/dev/null && { echo $$p; break; }; done)
+BIN := .venv/bin
+INSTALLED := .venv/.installed
+DEVELOPMENT := pytest pytest-xdist hypothesis import-linter ruff mypy polars duckdb pandas mpmath
+DATASET := build/dataset
+CITIES := --scene scenes/street.usda --scene sionna:simple_street_canyon_with_cars --scene sionna:munich
+
+help:
+	@echo "make dataset   render the example dataset into $(DATASET)"
+	@echo "make test      lint, types, import directions and all tests"
+	@echo "make smoke     tiny scenes, end to end"
+	@echo "make setup     only the set-up that the others do by themselves"
+	@echo "make lint | bench | accuracy | scenes | clean"
+
+setup: $(INSTALLED)
+
+# karellen-llvm-core finishes its installation at the next start of the interpreter, hence the empty run.
+$(INSTALLED): constraints.txt shared/pyproject.toml datafactory/pyproject.toml trainer/pyproject.toml
+	@test -n "$(PYTHON)" || { echo "make: no Python 3.11 or newer found; install one, or: make PYTHON=/path/to/python3"; exit 2; }
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt \
+		-e shared -e datafactory -e trainer $(DEVELOPMENT)
+	$(BIN)/python -c pass
+	@touch $@
+
+dataset: $(DATASET)/manifest.json
+	@echo
+	@echo "The dataset is in $(DATASET) (manifest.json says how it was made). Look at it:"
+	@echo "  $(BIN)/datafactory inspect $(DATASET)        numbers, and pictures in $(DATASET)/pictures"
+	@echo "Next:"
+	@echo "  $(BIN)/datafactory render --scene YOUR_SCENE.usd --out build/mine --frames 16"
+
+$(DATASET)/manifest.json: | $(INSTALLED)
+	$(BIN)/datafactory render $(CITIES) --frames 64 --points 16 --out $(DATASET) --resume
+
+test: lint
+	$(BIN)/python -m pytest -n 2
+
+lint: $(INSTALLED)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+smoke: $(INSTALLED)
+	rm -rf build/smoke
+	$(BIN)/datafactory doctor
+	$(BIN)/datafactory render --scene scenes/tiny.usda --scene scenes/street.xml --frames 3 --points 1 --rays 20000 --out build/smoke
+	$(BIN)/datafactory inspect build/smoke --verify --frames 2
+
+bench: $(INSTALLED)
+	$(BIN)/python tests/benchmarks/bench.py --out build/bench.json
+
+accuracy: $(INSTALLED)
+	$(BIN)/datafactory accuracy --scene scenes/street.usda --out build/accuracy
+
+scenes: $(INSTALLED)
+	$(BIN)/python scenes/make_scenes.py
+
+clean:
+	rm -rf build .venv

@@ -1,0 +1,222 @@
+"""The fast cube against the float64 sum of eq. (1)-(2), over everything that a path table can hold."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from oracles import if_cube, relative_error
+
+from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
+from datafactory.synthesis.cube import FLOAT32_TOLERANCE, cube_of_paths, terms_for
+from shared.arrays import AntennaArray, line
+from shared.radar import Radar
+from shared.sweep import shift_error
+from shared.waveform import Waveform
+
+# The tolerance is a promise; a second or two of hypothesis examples is enough to break a false one.
+PROPERTY = settings(max_examples=40)
+
+
+def random_reflection(generator: np.random.Generator) -> np.ndarray:
+    """[3, 3] a product of one to three mirrors."""
+    axes = np.eye(3)
+    for _ in range(generator.integers(1, 4)):
+        normal = generator.normal(size=3)
+        normal /= np.linalg.norm(normal)
+        axes = axes - 2.0 * np.outer(normal, normal @ axes)
+    return axes
+
+
+def random_table(
+    generator: np.random.Generator, scattered: int, specular: int, limits_m: tuple[float, float], span_db: float, speed: float
+) -> PathTable:
+    """Paths of all kinds: single and multiple bounces, images behind mirrors, over a range of distances and powers."""
+
+    def points(count: int) -> np.ndarray:
+        direction = generator.normal(size=(count, 3))
+        direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+        return direction * np.exp(generator.uniform(*np.log(limits_m), count))[:, None]
+
+    def amplitudes(count: int) -> np.ndarray:
+        level = 10.0 ** (-span_db / 20.0 * generator.uniform(0.0, 1.0, count))
+        return level * np.exp(2j * np.pi * generator.uniform(size=count))
+
+    def velocities(count: int) -> np.ndarray:
+        return speed * generator.uniform(-1.0, 1.0, (count, 3))
+
+    paths = ScatteredPaths.of_points(points(scattered), velocities(scattered), amplitudes(scattered))
+    # Every second path bounces more than once: another point at the RX's end, and a length between.
+    multiple = np.arange(scattered) % 2 == 1
+    paths = ScatteredPaths(
+        **{
+            **{name: getattr(paths, name) for name in paths.__dataclass_fields__},
+            "rx_point": np.where(multiple[:, None], points(scattered), paths.tx_point),
+            "rx_velocity": np.where(multiple[:, None], velocities(scattered), paths.tx_velocity),
+            "between_m": np.where(multiple, generator.uniform(0.0, 20.0, scattered), 0.0),
+            "between_rate_mps": np.where(multiple, speed * generator.uniform(-1.0, 1.0, scattered), 0.0),
+        }
+    )
+    return PathTable(
+        scattered=paths,
+        specular=SpecularPaths(
+            image=2.0 * points(specular),
+            image_velocity=velocities(specular),
+            axes=np.array([random_reflection(generator) for _ in range(specular)]).reshape(specular, 3, 3),
+            reference=generator.uniform(-0.1, 0.1, 3),
+            amplitude=amplitudes(specular),
+            depth=np.ones(specular, dtype=np.int8),
+            object_index=np.full(specular, -1, dtype=np.int32),
+        ),
+    )
+
+
+def small_arrays() -> list[AntennaArray]:
+    plane = ((0.0, -0.04, 0.01), (0.0, 0.03, -0.02), (0.01, 0.0, 0.0))
+    return [
+        AntennaArray(tx_m=((0.0, 0.0, 0.0),), rx_m=((0.0, 0.0, 0.0),)),
+        AntennaArray(tx_m=line(np.array([-0.05, -0.048])), rx_m=line(np.array([-0.045, 0.003, 0.045]))),
+        AntennaArray(tx_m=plane, rx_m=plane[::-1]),
+        AntennaArray(tx_m=((0.0, 0.0, 0.0),), rx_m=line(np.linspace(-0.25, 0.25, 5))),
+    ]
+
+
+@PROPERTY
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    samples=st.sampled_from([1, 2, 3, 31, 64, 65]),
+    chirps=st.sampled_from([1, 2, 3]),
+    array=st.sampled_from(small_arrays()),
+    counts=st.tuples(st.integers(0, 5), st.integers(0, 3)).filter(any),
+    limits_m=st.sampled_from([(0.3, 1.0), (0.3, 150.0), (9.0, 10.0), (100.0, 150.0)]),
+    span_db=st.sampled_from([0.0, 120.0]),
+    speed=st.sampled_from([0.0, 3.0, 40.0]),
+    multiplexing=st.sampled_from(["simultaneous", "tdm"]),
+    video_phase=st.booleans(),
+    tolerance=st.sampled_from([1e-3, 1e-6, 1e-9]),
+)
+def test_cube_keeps_its_tolerance(
+    seed, samples, chirps, array, counts, limits_m, span_db, speed, multiplexing, video_phase, tolerance
+):
+    # With 64 samples the unambiguous range is 9.6 m: most of these echoes are folded, as eq. (1) has them.
+    waveform = Waveform(
+        samples=samples, chirps=chirps, range_bins=samples, multiplexing=multiplexing, residual_video_phase=video_phase
+    )
+    radar = Radar(waveform=waveform, array=array)
+    table = random_table(np.random.default_rng(seed), *counts, limits_m, span_db, speed)
+    reference = if_cube(table, radar)
+    cube = cube_of_paths(table, radar, tolerance)
+    assert cube.shape == reference.shape
+    # Paths of equal strength may cancel in one sample; the promise is relative to what the paths could add up to.
+    amplitudes = np.concatenate([table.scattered.amplitude, table.specular.amplitude])
+    energy = np.sqrt(reference.size) * np.linalg.norm(amplitudes)
+    assert np.linalg.norm(cube - reference) <= tolerance * max(np.linalg.norm(reference), energy)
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9])
+@pytest.mark.parametrize("video_phase", [False, True])
+def test_default_radar_keeps_its_tolerance(tolerance, video_phase):
+    waveform = Waveform(chirps=3, residual_video_phase=video_phase)
+    radar = Radar(waveform=waveform)
+    table = random_table(np.random.default_rng(5), 40, 10, (0.3, 150.0), 120.0, 15.0)
+    assert relative_error(cube_of_paths(table, radar, tolerance), if_cube(table, radar)) <= tolerance
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9])
+@pytest.mark.parametrize("video_phase", [False, True])
+def test_virtual_sensor_keeps_its_tolerance(tolerance, video_phase):
+    # 0.5 m wide: the RX are worked on in blocks.
+    radar = Radar(waveform=Waveform(samples=128, range_bins=128, chirps=2, residual_video_phase=video_phase))
+    table = random_table(np.random.default_rng(6), 12, 4, (0.3, 150.0), 60.0, 15.0)
+    cube = cube_of_paths(table, radar, tolerance, array=radar.virtual_sensor)
+    assert relative_error(cube, if_cube(table, radar, radar.virtual_sensor)) <= tolerance
+
+
+@pytest.mark.parametrize("range_m", [0.3, 0.0749, 0.075, 9.5934, 9.594, 19.19, 150.0])
+def test_both_ends_of_the_range_axis(small_radar, range_m):
+    radar = small_radar(chirps=2)
+    table = PathTable(ScatteredPaths.of_points(np.array([[range_m, 0.0, 0.0]]), np.zeros((1, 3)), np.ones(1)))
+    assert relative_error(cube_of_paths(table, radar), if_cube(table, radar)) <= 1e-6
+
+
+def test_more_paths_than_a_chunk(small_radar):
+    radar = small_radar(samples=32, chirps=2)
+    table = random_table(np.random.default_rng(9), 301, 20, (1.0, 30.0), 40.0, 10.0)
+    assert relative_error(cube_of_paths(table, radar), if_cube(table, radar)) <= 1e-6
+
+
+def test_one_path_does_not_hide_another_120_db_below(small_radar):
+    # The tolerance is relative to the whole: 120 dB below, an echo needs 1e-9 to be seen at all.
+    radar = small_radar(chirps=2)
+    strong = ScatteredPaths.of_points(np.array([[2.0, 0.5, 0.0]]), np.zeros((1, 3)), np.ones(1))
+    weak = ScatteredPaths.of_points(np.array([[8.0, -1.0, 0.0]]), np.zeros((1, 3)), np.array([1e-6]))
+    both = cube_of_paths(PathTable(ScatteredPaths.concatenate([strong, weak])), radar, 1e-9)
+    alone = both - if_cube(PathTable(strong), radar)
+    assert relative_error(alone, if_cube(PathTable(weak), radar)) < 1e-3
+
+
+def test_cube_is_linear_in_the_amplitudes(small_radar):
+    radar = small_radar(chirps=2)
+    table = random_table(np.random.default_rng(1), 5, 0, (1.0, 9.0), 0.0, 5.0)
+    doubled = PathTable(table.scattered.take(np.repeat(np.arange(5), 2)))
+    assert relative_error(cube_of_paths(doubled, radar), 2.0 * cube_of_paths(table, radar)) < 1e-6
+
+
+@example(speed=0.0)
+@given(speed=st.sampled_from([1e-300, 1e-30]))
+@settings(max_examples=3)
+def test_static_equals_moving_with_no_velocity(speed):
+    # A velocity that moves nothing takes the moving way through every chirp; the static way repeats one.
+    radar = Radar(waveform=Waveform(samples=64, range_bins=64, chirps=4))
+    table = random_table(np.random.default_rng(2), 6, 2, (1.0, 9.0), 20.0, 0.0)
+    static = cube_of_paths(table, radar)
+    moving = random_table(np.random.default_rng(2), 6, 2, (1.0, 9.0), 20.0, speed)
+    assert moving.moves() == (speed > 0.0)
+    assert static.tobytes() == cube_of_paths(moving, radar).tobytes()
+
+
+def test_threads_do_not_change_the_bytes(small_radar):
+    radar = small_radar(samples=64, chirps=8, multiplexing="tdm")
+    table = random_table(np.random.default_rng(3), 40, 5, (1.0, 20.0), 20.0, 10.0)
+    one, again, four = (cube_of_paths(table, radar, threads=threads).tobytes() for threads in (1, 1, 4))
+    assert one == again == four
+
+
+def test_order_of_the_paths_hardly_matters(small_radar):
+    radar = small_radar(chirps=2)
+    table = random_table(np.random.default_rng(4), 50, 0, (1.0, 9.0), 20.0, 10.0)
+    turned = PathTable(table.scattered.take(np.arange(50)[::-1]))
+    assert relative_error(cube_of_paths(turned, radar), cube_of_paths(table, radar)) < 1e-6
+
+
+def test_precision_follows_the_tolerance(small_radar):
+    radar = small_radar(chirps=1)
+    table = random_table(np.random.default_rng(4), 2, 0, (1.0, 9.0), 0.0, 0.0)
+    assert cube_of_paths(table, radar, FLOAT32_TOLERANCE).dtype == np.complex64
+    assert cube_of_paths(table, radar, 0.9 * FLOAT32_TOLERANCE).dtype == np.complex128
+
+
+def test_number_of_moments_is_the_least_that_serves():
+    for tolerance in (1e-3, 1e-6, 1e-9):
+        terms = terms_for(0.3, tolerance)
+        assert shift_error(0.3, terms) <= tolerance / 3.0 < shift_error(0.3, terms - 1)
+
+
+def test_an_empty_table_is_a_silent_cube(small_radar):
+    radar = small_radar(chirps=3)
+    table = random_table(np.random.default_rng(1), 0, 0, (1.0, 9.0), 0.0, 0.0)
+    cube = cube_of_paths(table, radar)
+    assert cube.shape == (3, 64, 48)
+    assert not cube.any()
+
+
+def test_reciprocity_of_the_fast_cube(small_radar):
+    # Paths run backwards, antennas exchanged: the same signal, channel by channel.
+    forward = AntennaArray(tx_m=line(np.array([-0.03, 0.01])), rx_m=line(np.array([-0.02, 0.0, 0.04])))
+    backward = AntennaArray(tx_m=forward.rx_m, rx_m=forward.tx_m)
+    radar = small_radar(chirps=2)
+    table = random_table(np.random.default_rng(8), 7, 0, (1.0, 20.0), 20.0, 10.0)
+    one = cube_of_paths(table, radar, array=forward).reshape(2, 64, 3, 2)
+    other = cube_of_paths(PathTable(table.scattered.reversed()), radar, array=backward).reshape(2, 64, 2, 3)
+    assert relative_error(one, other.swapaxes(2, 3)) < 1e-6
