@@ -41,7 +41,9 @@ def scattered_delays(paths: ScatteredPaths, tx: Real, rx: Real, time_s: float) -
 
 def specular_delays(paths: SpecularPaths, tx: Real, rx: Real, time_s: float) -> Real:
     """[S] c tau = |x_j - (s + v_s t + H (x_i - x_0))|, divided by c [s]."""
-    image = paths.image + paths.image_velocity * time_s + np.array([axes @ (tx - paths.reference) for axes in paths.axes])
+    image = (
+        paths.image + paths.image_velocity * time_s + np.array([axes @ (tx - paths.reference) for axes in paths.axes])
+    )
     return np.linalg.norm(image - rx, axis=1) / LIGHT_MPS
 
 

@@ -30,7 +30,12 @@ def random_reflection(generator: np.random.Generator) -> np.ndarray:
 
 
 def random_table(
-    generator: np.random.Generator, scattered: int, specular: int, limits_m: tuple[float, float], span_db: float, speed: float
+    generator: np.random.Generator,
+    scattered: int,
+    specular: int,
+    limits_m: tuple[float, float],
+    span_db: float,
+    speed: float,
 ) -> PathTable:
     """Paths of all kinds: single and multiple bounces, images behind mirrors, over a range of distances and powers."""
 

@@ -1,7 +1,9 @@
 """The truth image against the virtual sensor's own cube: Doppler filter and exact matched filter, row by row.
 
-Errors are the largest difference relative to the image's peak. Measured with the seeds below: static -62 to -71 dB, up to
-15 m/s from 3 m on -52 to -64 dB. The limit is the range walk's polynomial in the first case, Doppler's in the second.
+Errors are the largest difference relative to the strongest path's amplitude, which is what its peak reads.
+Measured with the seeds below: MEASURED. The limit is the range walk's polynomial in the first case,
+Doppler's in the second. Nearer and faster the delay's third derivative counts: -31 dB at 15 m/s and 1 to 3 m, -44 dB at
+30 m/s and 3 to 9 m.
 """
 
 from __future__ import annotations
@@ -21,23 +23,28 @@ from shared.waveform import Waveform
 STATIC_DB = -60.0
 MOVING_DB = -45.0
 COUNT = 6
+GRID = ImageGrid(bins=30)
+"""Coarse, to keep the references quick: paths are placed within a beam width of its points, so that peaks are seen."""
 
 
 def radar_of(samples: int, range_bins: int, chirps: int = 32) -> Radar:
-    """A frame of 10.3 ms like the default's, of few chirps: anything beyond 3 m/s is beyond the unambiguous velocity."""
+    """A frame of 10.3 ms like the default's, in fewer chirps: with 32, 3 m/s is the unambiguous velocity."""
     waveform = Waveform(samples=samples, range_bins=range_bins, chirps=chirps, chirp_interval_s=128 * 80.6e-6 / chirps)
-    return Radar(waveform=waveform, grid=ImageGrid(bins=60))
+    return Radar(waveform=waveform, grid=GRID)
 
 
 def points(generator: np.random.Generator, count: int, limits_m: tuple[float, float]) -> NDArray[np.float64]:
     """[count, 3] in the field of view, up to 0.1 rad above and below the array's plane."""
-    u, elevation = generator.uniform(-0.84, 0.84, count), generator.uniform(-0.1, 0.1, count)
+    u = generator.choice(GRID.u[1:], count) + generator.uniform(-0.002, 0.002, count)
+    elevation = generator.uniform(-0.1, 0.1, count)
     range_m = generator.uniform(*limits_m, count)
     x, y = np.sqrt(1.0 - u**2) * np.cos(elevation), u * np.cos(elevation)
     return range_m[:, None] * np.stack([x, y, np.sin(elevation)], axis=1)
 
 
-def scattered(generator: np.random.Generator, count: int, limits_m: tuple[float, float], speed: float) -> ScatteredPaths:
+def scattered(
+    generator: np.random.Generator, count: int, limits_m: tuple[float, float], speed: float
+) -> ScatteredPaths:
     velocity = generator.uniform(-speed, speed, (count, 3))
     return ScatteredPaths.of_points(points(generator, count, limits_m), velocity, phasors(generator, count))
 
@@ -70,19 +77,31 @@ def image_of(paths: PathTable, radar: Radar, cells: NDArray[np.int64]) -> NDArra
 def error_db(paths: PathTable, radar: Radar, cells: NDArray[np.int64], rows: range) -> float:
     image = image_of(paths, radar, cells)
     difference = np.abs(image[list(rows)] - truth_rows(paths, radar, cells, rows)).max()
-    e = float(20.0 * np.log10(difference / np.abs(image).max())); print("MEAS", e)
+    strongest = max(np.abs(kind.amplitude).max(initial=0.0) for kind in (paths.scattered, paths.specular))
+    e = float(20.0 * np.log10(difference / strongest)); print("MEAS", e)
     return e
 
 
+NEAR = ((1.0, 3.0), 64, range(4, 26, 2))
+MIDDLE = ((3.0, 9.0), 128, range(16, 66, 4))
+FAR = ((25.0, 29.0), 256, range(164, 198, 6))
+
+
 @pytest.mark.parametrize(
-    ("limits_m", "samples", "rows"),
-    [((1.0, 3.0), 64, range(4, 26)), ((3.0, 9.0), 128, range(16, 66, 3)), ((25.0, 29.0), 256, range(164, 198, 3))],
+    ("place", "speed", "bound_db"),
+    [
+        (NEAR, 0.0, STATIC_DB),
+        (MIDDLE, 0.0, STATIC_DB),
+        (FAR, 0.0, STATIC_DB),
+        (NEAR, 5.0, MOVING_DB),
+        (MIDDLE, 5.0, MOVING_DB),
+        (MIDDLE, 15.0, MOVING_DB),
+        (FAR, 15.0, MOVING_DB),
+    ],
 )
-@pytest.mark.parametrize(("speed", "bound_db"), [(0.0, STATIC_DB), (5.0, MOVING_DB), (15.0, MOVING_DB)])
-def test_image_agrees_with_the_virtual_sensors_cube(limits_m, samples, rows, speed, bound_db):
-    if speed > 5.0 and limits_m[0] < 3.0:
-        pytest.skip("the delay's third derivative counts here: outside the stated limits")
-    radar = radar_of(samples, rows[-1] + 3)
+def test_image_agrees_with_the_virtual_sensors_cube(place, speed, bound_db):
+    limits_m, samples, rows = place
+    radar = radar_of(samples, rows[-1] + 3, chirps=32 if speed else 4)
     paths = scattered(np.random.default_rng(11), COUNT, limits_m, speed)
     assert error_db(PathTable(paths), radar, nearest_cells(paths, radar), rows) < bound_db
 
@@ -90,7 +109,7 @@ def test_image_agrees_with_the_virtual_sensors_cube(limits_m, samples, rows, spe
 def test_default_doppler_axis():
     radar = radar_of(64, 45, chirps=128)
     paths = scattered(np.random.default_rng(12), COUNT, (3.0, 6.0), 10.0)
-    assert error_db(PathTable(paths), radar, nearest_cells(paths, radar), range(18, 43, 4)) < MOVING_DB
+    assert error_db(PathTable(paths), radar, nearest_cells(paths, radar), range(18, 43, 6)) < MOVING_DB
 
 
 def test_cells_that_differ_from_row_to_row_at_random():
@@ -99,17 +118,13 @@ def test_cells_that_differ_from_row_to_row_at_random():
     radar = radar_of(128, 60)
     paths = scattered(generator, 20, (3.0, 8.5), 4.0)
     cells = generator.integers(0, radar.waveform.chirps, radar.waveform.range_bins)
-    strongest = image_of(PathTable(paths), radar, nearest_cells(paths, radar))
-    image = image_of(PathTable(paths), radar, cells)
-    rows = range(18, 60, 2)
-    difference = np.abs(image[list(rows)] - truth_rows(PathTable(paths), radar, cells, rows)).max()
-    assert 20.0 * np.log10(difference / np.abs(strongest).max()) < MOVING_DB
+    assert error_db(PathTable(paths), radar, cells, range(18, 60, 4)) < MOVING_DB
 
 
 @pytest.mark.parametrize(("speed", "bound_db"), [(0.0, STATIC_DB), (8.0, MOVING_DB)])
 def test_specular_paths(speed, bound_db):
     generator = np.random.default_rng(14)
-    radar = radar_of(128, 60)
+    radar = radar_of(128, 60, chirps=32 if speed else 4)
     normal = points(generator, COUNT, (1.0, 1.0))
     image = 2.0 * points(generator, COUNT, (3.0, 8.0))
     specular = SpecularPaths(
@@ -123,13 +138,13 @@ def test_specular_paths(speed, bound_db):
     )
     paths = PathTable(scattered(generator, 2, (3.0, 8.0), speed), specular)
     cells = nearest_cells(specular.as_scattered(np.zeros(3)), radar)
-    assert error_db(paths, radar, cells, range(18, 58, 2)) < bound_db
+    assert error_db(paths, radar, cells, range(18, 58, 4)) < bound_db
 
 
 @pytest.mark.parametrize(("speed", "bound_db"), [(0.0, STATIC_DB), (8.0, MOVING_DB)])
 def test_multiple_bounces(speed, bound_db):
     generator = np.random.default_rng(15)
-    radar = radar_of(128, 60)
+    radar = radar_of(128, 60, chirps=32 if speed else 4)
     at_tx, at_rx = scattered(generator, COUNT, (1.5, 4.0), speed), scattered(generator, COUNT, (1.5, 4.0), speed)
     paths = ScatteredPaths(
         tx_point=at_tx.tx_point,
@@ -142,18 +157,18 @@ def test_multiple_bounces(speed, bound_db):
         depth=np.full(COUNT, 2, dtype=np.int8),
         object_index=at_tx.object_index,
     )
-    assert error_db(PathTable(paths), radar, nearest_cells(paths, radar), range(16, 58, 2)) < bound_db
+    assert error_db(PathTable(paths), radar, nearest_cells(paths, radar), range(16, 58, 4)) < bound_db
 
 
 def test_paths_beyond_the_last_row_leave_their_skirts_alone():
     # Range window skirts reach back a few rows; what lies further leaves nothing, and nothing is written out of bounds.
-    radar = radar_of(256, 40)
+    radar = radar_of(128, 40, chirps=4)
     step = radar.waveform.range_step_m
     directions = points(np.random.default_rng(16), 5, (1.0, 1.0))
-    position = directions * (step * np.array([39.4, 40.7, 42.0, 60.0, 230.0]))[:, None]
+    position = directions * (step * np.array([39.4, 40.7, 42.0, 60.0, 110.0]))[:, None]
     paths = PathTable(ScatteredPaths.of_points(position, np.zeros((5, 3)), np.ones(5)))
     cells = np.full(40, radar.waveform.chirps // 2)
-    assert error_db(paths, radar, cells, range(28, 40)) < STATIC_DB
+    assert error_db(paths, radar, cells, range(28, 40, 2)) < STATIC_DB
 
 
 def test_velocity_beyond_the_unambiguous_one_folds_as_the_cube_does():
@@ -163,17 +178,17 @@ def test_velocity_beyond_the_unambiguous_one_folds_as_the_cube_does():
     position = np.array([[4.5, 1.0, 0.0]])
     ahead = position / np.linalg.norm(position)
     paths = ScatteredPaths.of_points(position, (2.2 * folded + 0.4) * ahead, np.ones(1))
-    assert error_db(PathTable(paths), radar, nearest_cells(paths, radar), range(24, 44)) < MOVING_DB
+    assert error_db(PathTable(paths), radar, nearest_cells(paths, radar), range(24, 44, 2)) < MOVING_DB
 
 
 def test_an_on_grid_target_reads_its_amplitude():
     radar = radar_of(64, 45)
-    u = radar.grid.u[37]
+    u = radar.grid.u[23]
     range_m = 30 * radar.waveform.range_step_m
     position = range_m * np.array([[np.sqrt(1.0 - u**2), u, 0.0]])
     paths = PathTable(ScatteredPaths.of_points(position, np.zeros((1, 3)), np.array([0.3 - 0.4j])))
     image = np.abs(image_of(paths, radar, np.full(45, 16)))
-    assert np.unravel_index(image.argmax(), image.shape) == (30, 37)
+    assert np.unravel_index(image.argmax(), image.shape) == (30, 23)
     assert image.max() == pytest.approx(0.5, rel=1e-3)
 
 

@@ -89,6 +89,7 @@ def truth_moments(
         raise ValueError(f"the virtual sensor has {len(array.tx_m)} TX; expected 1")
     tx = array.tx[0]
     both = ScatteredPaths.concatenate([paths.scattered, paths.specular.as_scattered(tx)])
+    both = both.take(np.argsort(both.range_m(), kind="stable"))  # neighbours in range share cells, and the cache
     mid = _at_mid_frame(both, radar, tx, array.rx.mean(axis=0))
     frame_s = waveform.chirps * waveform.chirp_interval_s
     doppler_terms = _doppler_terms(mid, radar, frame_s)

@@ -1,0 +1,208 @@
+"""The main job from the command line, on a small radar: bytes, resume, splits, and the one line for each bad input."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from datafactory import pipeline
+from datafactory.cli import app
+from datafactory.seeds import frame_seed
+from shared.dataset_folder import open_dataset, verify
+from shared.errors import InputError
+from shared.radar import load_radar
+from shared.signal import if_signal, target_amplitudes
+
+SCENES = Path(__file__).parents[2] / "scenes"
+TINY = SCENES / "tiny.usda"
+
+RADAR = """
+[waveform]
+chirps = 16
+samples = 256
+range_bins = 160
+bandwidth_hz = 400e6
+[grid]
+bins = 60
+"""
+
+TWELVE = ("--frames", 9, "--points", 3, "--workers", 1)
+
+
+@pytest.fixture(scope="module")
+def radar_file(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("radar") / "small.toml"
+    path.write_text(RADAR, encoding="utf-8")
+    return path
+
+
+def run(*arguments: object) -> str:
+    """What the command prints; its errors propagate as they would into ``datafactory.cli.main``."""
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments], catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+def rendered(out: Path, radar: Path, *more: object) -> Path:
+    run("render", "--scene", TINY, "--radar", radar, "--rays", 4000, "--out", out, *more)
+    return out
+
+
+def shard_bytes(folder: Path) -> dict[str, bytes]:
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in sorted(folder.glob("*/*.parquet"))}
+
+
+def manifest_but_made(folder: Path) -> dict:
+    manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+    return {key: value for key, value in manifest.items() if key != "made"}
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory, radar_file) -> Path:
+    return rendered(tmp_path_factory.mktemp("reference") / "data", radar_file, *TWELVE)
+
+
+def test_the_dataset_is_whole_and_split_by_the_pattern(dataset):
+    opened = open_dataset(dataset)
+    assert verify(opened) == []
+    kinds = {}
+    for split in ("train", "validation", "test"):
+        for frame in opened.frames(split):
+            kinds[frame.frame_id] = (split, frame.kind)
+    assert sorted(kinds) == list(range(12))
+    assert {index for index, (split, _) in kinds.items() if split == "validation"} == {6}
+    assert {index for index, (split, _) in kinds.items() if split == "test"} == {7}
+    assert [kinds[index][1] for index in range(12)] == ["scene"] * 9 + ["points"] * 3
+
+
+def test_workers_do_not_change_the_bytes(dataset, radar_file, tmp_path):
+    other = rendered(tmp_path / "data", radar_file, *TWELVE[:4], "--workers", 2)
+    assert shard_bytes(other) == shard_bytes(dataset)
+    assert manifest_but_made(other) == manifest_but_made(dataset)
+
+
+def test_another_seed_changes_them(dataset, radar_file, tmp_path):
+    other = rendered(tmp_path / "data", radar_file, "--frames", 2, "--split", "1:0:0", "--seed", 1, "--workers", 1)
+    ours = next(iter(open_dataset(dataset).frames("train")))
+    theirs = next(iter(open_dataset(other).frames("train")))
+    assert ours.sensor_position != theirs.sensor_position
+    assert not np.array_equal(ours.range_channel, theirs.range_channel)
+
+
+def test_a_frame_does_not_depend_on_how_many_are_rendered(dataset, radar_file, tmp_path):
+    """Frame 1 of a run of two is frame 1 of the run of twelve: same seed, pose, paths, noise, image."""
+    short = rendered(tmp_path / "data", radar_file, "--frames", 2, "--workers", 1)
+    ours = list(open_dataset(dataset).frames("train"))[1]
+    theirs = list(open_dataset(short).frames("train"))[1]
+    assert theirs.seed == ours.seed == frame_seed(0, 1)
+    for name in ("range_channel", "velocity", "image"):
+        np.testing.assert_array_equal(getattr(theirs, name), getattr(ours, name))
+    assert theirs.targets == ours.targets
+
+
+def test_a_killed_run_resumes_to_the_same_bytes(dataset, radar_file, tmp_path, monkeypatch):
+    """The run dies after its first shard was recorded: --resume ends where an undisturbed run ends."""
+    out, recorded, record = tmp_path / "data", [], pipeline.record_finished
+
+    def dies_at_the_second(directory, plan, finished):
+        if recorded:
+            raise OSError(28, "No space left on device")
+        recorded.append(plan)
+        record(directory, plan, finished)
+
+    monkeypatch.setattr(pipeline, "record_finished", dies_at_the_second)
+    with pytest.raises(OSError, match="No space left"):
+        rendered(out, radar_file, *TWELVE)
+    monkeypatch.undo()
+    assert not (out / "manifest.json").exists()
+    with pytest.raises(InputError, match="seed"):
+        rendered(out, radar_file, *TWELVE, "--resume", "--seed", 5)
+    assert "kept from before" in run(
+        "render", "--scene", TINY, "--radar", radar_file, "--rays", 4000, "--out", out, *TWELVE, "--resume"
+    )
+    assert shard_bytes(out) == shard_bytes(dataset)
+    assert manifest_but_made(out) == manifest_but_made(dataset)
+
+
+def test_exact_targets_give_the_sum_of_equation_one(radar_file, tmp_path):
+    near = {"x": 5.0, "y": 1.0, "rcs_dbsm": 0.0, "phase": 0.3}
+    far = {"x": 20.0, "y": -9.0, "z": 0.5, "vx": -8.0, "rcs_dbsm": 10}
+    file = tmp_path / "targets.json"
+    file.write_text(json.dumps([[near, far]]), encoding="utf-8")
+    out = tmp_path / "data"
+    run("points", "--targets", file, "--no-noise", "--store", "cube", "--radar", radar_file, "--out", out)
+    (frame,) = open_dataset(out).frames("train")
+    radar = load_radar(str(radar_file))
+    position = np.array([[5.0, 1.0, 0.0], [20.0, -9.0, 0.5]])
+    velocity = np.array([[0.0, 0.0, 0.0], [-8.0, 0.0, 0.0]])
+    amplitude = target_amplitudes(radar, position, np.array([0.0, 10.0]), np.array([0.3, 0.0]))
+    reference = if_signal(radar, position, velocity, amplitude)
+    assert np.linalg.norm(frame.cube - reference) <= 1e-6 * np.linalg.norm(reference)
+    assert frame.noise_power == 0.0
+    levels = [target.amplitude_db for target in frame.targets]
+    np.testing.assert_allclose(levels, sorted(20 * np.log10(np.abs(amplitude)), reverse=True), atol=1e-9)
+    approaching = min(frame.targets, key=lambda target: target.velocity_mps)
+    assert approaching.velocity_mps == pytest.approx(-8.0 * 20.0 / np.linalg.norm(position[1]), rel=1e-3)
+
+
+def test_given_poses_are_taken_exactly(radar_file, tmp_path):
+    poses = [
+        {"position": [-5.0, 0.0, 0.6], "yaw_deg": 10, "velocity": [1.0, 0.0, 0.0]},
+        {"position": [-6.0, 0.5, 0.6]},
+    ]
+    file = tmp_path / "poses.json"
+    file.write_text(json.dumps(poses), encoding="utf-8")
+    rendered(tmp_path / "data", radar_file, "--poses", file)
+    first, second = open_dataset(tmp_path / "data").frames("train")
+    assert first.sensor_position == (-5.0, 0.0, 0.6)
+    assert first.sensor_velocity == (1.0, 0.0, 0.0)
+    assert first.sensor_orientation == pytest.approx((np.cos(np.radians(5)), 0.0, 0.0, np.sin(np.radians(5))))
+    assert second.sensor_position == (-6.0, 0.5, 0.6)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "names"),
+    [
+        (["render", "--scene", "missing.usda"], "missing.usda"),
+        (["render", "--scene", "sionna:atlantis"], "atlantis"),
+        (["render", "--scene", TINY, "--radar", "nothing.toml"], "nothing.toml"),
+        (["render", "--scene", TINY, "--split", "1:2"], "--split"),
+        (["render", "--scene", TINY, "--store", "floppy"], "--store"),
+        (["render", "--scene", TINY, "--truth-window", "oval"], "--truth-window"),
+        (["render", "--scene", TINY, "--frames", "0"], "--frames"),
+        (["render", "--scene", TINY, "--poses", "nowhere.json"], "nowhere.json"),
+        (["render", "--scene", TINY, "--materials", "nowhere.toml"], "nowhere.toml"),
+        (["points", "--targets", "none.json"], "none.json"),
+    ],
+)
+def test_bad_input_is_one_line_and_nothing_is_written(arguments, names, tmp_path):
+    out = tmp_path / "out"
+    with pytest.raises(InputError) as caught:
+        run(*arguments, "--out", out)
+    assert names in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    "targets",
+    [
+        "not json",
+        "[]",
+        "{}",
+        '[[{"x": 1}]]',
+        '[[{"x": "a", "y": 0, "rcs_dbsm": 0}]]',
+        '[[{"x": 0, "y": 0, "rcs_dbsm": 0}]]',
+        '[[{"x": 1e999, "y": 0, "rcs_dbsm": 0}]]',
+        '[[{"x": 1, "y": 0, "rcs_dbsm": 0, "colour": 3}]]',
+    ],
+)
+def test_a_bad_targets_file_is_named(targets, tmp_path):
+    file = tmp_path / "targets.json"
+    file.write_text(targets, encoding="utf-8")
+    with pytest.raises(InputError, match=r"targets\.json"):
+        run("points", "--targets", file, "--out", tmp_path / "out")
