@@ -194,10 +194,10 @@ def test_sionnas_own_lattice_returns_the_radar_integral():
 
 
 def test_the_fan_is_unbiased():
-    # Some 300 hits a frame leave 0.3 dB in each; over frames with their own offsets it averages out.
-    offsets = [((k / 8.0) % 1.0, (0.618 * k) % 1.0) for k in range(8)]
-    powers = [power(traced(PANEL, rays=5_000, fan=RayFan(5_000, offset)).scattered) for offset in offsets]
-    assert decibels(np.mean(powers) / radar_integral(PANEL)) == pytest.approx(0.0, abs=0.1)
+    # 1200 hits a frame leave 0.11 dB in each (measured); over 8 frames with their own offsets 0.04 dB.
+    offsets = [(k / 8.0, (0.618 * k) % 1.0) for k in range(8)]
+    powers = [power(traced(PANEL, rays=20_000, fan=RayFan(20_000, offset)).scattered) for offset in offsets]
+    assert decibels(float(np.mean(powers)) / radar_integral(PANEL)) == pytest.approx(0.0, abs=0.1)
 
 
 def test_the_fan_leaves_sionna_as_it_was():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from datafactory import pipeline
+from datafactory import pool
 from datafactory.cli import app
 from datafactory.seeds import frame_seed
 from shared.dataset_folder import open_dataset, verify
@@ -106,7 +106,7 @@ def test_a_frame_does_not_depend_on_how_many_are_rendered(dataset, radar_file, t
 
 def test_a_killed_run_resumes_to_the_same_bytes(dataset, radar_file, tmp_path, monkeypatch):
     """The run dies after its first shard was recorded: --resume ends where an undisturbed run ends."""
-    out, recorded, record = tmp_path / "data", [], pipeline.record_finished
+    out, recorded, record = tmp_path / "data", [], pool.record_finished
 
     def dies_at_the_second(directory, plan, finished):
         if recorded:
@@ -114,7 +114,7 @@ def test_a_killed_run_resumes_to_the_same_bytes(dataset, radar_file, tmp_path, m
         recorded.append(plan)
         record(directory, plan, finished)
 
-    monkeypatch.setattr(pipeline, "record_finished", dies_at_the_second)
+    monkeypatch.setattr(pool, "record_finished", dies_at_the_second)
     with pytest.raises(OSError, match="No space left"):
         rendered(out, radar_file, *TWELVE)
     monkeypatch.undo()
@@ -206,3 +206,13 @@ def test_a_bad_targets_file_is_named(targets, tmp_path):
     file.write_text(targets, encoding="utf-8")
     with pytest.raises(InputError, match=r"targets\.json"):
         run("points", "--targets", file, "--out", tmp_path / "out")
+
+
+def test_rendering_from_traced_paths_gives_the_same_frames(dataset, radar_file, tmp_path):
+    """The trace of a scene, rendered later, is the scene rendered at once; so is a second radar's."""
+    run("trace", "--scene", TINY, "--radar", radar_file, "--rays", 4000, "--frames", 9, "--out", tmp_path / "trace")
+    again = tmp_path / "data"
+    run("render", "--paths", tmp_path / "trace", "--radar", radar_file, "--frames", 0, "--points", 3, "--out", again)
+    assert shard_bytes(again) == shard_bytes(dataset)
+    with pytest.raises(InputError, match="no traced paths"):
+        run("render", "--paths", dataset, "--radar", radar_file, "--out", tmp_path / "other")

@@ -18,7 +18,7 @@ from datafactory.points import target_list
 from datafactory.synthesis.cube import cube_of_paths
 from datafactory.synthesis.truth import truth_moments
 from shared.dataset import Frame, Target
-from shared.imaging import near_field_images
+from shared.imaging import DEFAULT_TERMS, near_field_images
 from shared.radar import Radar
 from shared.signal import receiver_noise
 from shared.spectrum import range_doppler, select_doppler
@@ -41,6 +41,7 @@ class Processing:
     :param store: "range-channel", "range-doppler" or "cube"
     :param truth_window: over the virtual sensor's elements, see :func:`shared.windows.angle_window`
     :param tolerance: of the cube's synthesis, relative L2
+    :param truth_terms: polynomial terms of the truth's range walk
     """
 
     peaks: int = 3
@@ -48,6 +49,7 @@ class Processing:
     store: str = "range-channel"
     truth_window: str = "taylor-30"
     tolerance: float = 1e-6
+    truth_terms: int = DEFAULT_TERMS
 
 
 @dataclass(frozen=True)
@@ -97,7 +99,7 @@ def measure(
     if processing.noise:
         cube = cube + receiver_noise(radar, generator)
     selection = select_doppler(range_doppler(cube, radar), noise_power, processing.peaks)
-    moments = truth_moments(paths, radar, selection.cells[0])
+    moments = truth_moments(paths, radar, selection.cells[0], processing.truth_terms)
     return Measurement(
         setting=setting,
         range_channel=selection.range_channel,
@@ -151,12 +153,16 @@ def object_targets(paths: PathTable, first_object: int, radar: Radar) -> tuple[T
     )
 
 
-def _cells(magnitude: NDArray[np.float32], measurement: Measurement, radar: Radar) -> list[Target]:
-    """Local maxima of the truth image above the noise."""
+def detected_cells(magnitude: NDArray[np.float32], noise_power: float) -> NDArray[np.bool_]:
+    """[R, U] local maxima of a truth image [sqrt(W)] above the noise."""
     peak = float(magnitude.max())
-    floor = max(float(np.sqrt(measurement.noise_power)), peak * 10.0 ** (-CELL_SPAN_DB / 20.0))
-    top = (magnitude == maximum_filter(magnitude, size=3)) & (magnitude > floor)
-    rows, columns = np.nonzero(top)
+    floor = max(float(np.sqrt(noise_power)), peak * 10.0 ** (-CELL_SPAN_DB / 20.0))
+    return (magnitude == maximum_filter(magnitude, size=3)) & (magnitude > floor)
+
+
+def _cells(magnitude: NDArray[np.float32], measurement: Measurement, radar: Radar) -> list[Target]:
+    """The detected cells as targets."""
+    rows, columns = np.nonzero(detected_cells(magnitude, measurement.noise_power))
     ranges, u, velocity = radar.waveform.ranges_m, radar.grid.u, measurement.velocity[0]
     level_db = amplitude_to_db(magnitude[rows, columns])
     return [

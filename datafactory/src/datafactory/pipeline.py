@@ -2,34 +2,32 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import platform
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from datafactory.frames import Processing
-from datafactory.paths.backend import select_variant, set_threads
-from datafactory.paths.prune import DEFAULT_LEVEL_DB
-from datafactory.paths.stage import stage_of
-from datafactory.paths.trace import TraceSettings
-from datafactory.points import CloseTargets, PointTargets, rayleigh_length
-from datafactory.progress import FinishedShard, begin, completed, fingerprint, finish, record_finished
-from datafactory.scenes.ground import free_ground
+import pyarrow as pa
+
+from datafactory.order import Order
+from datafactory.paths.storage import paths_schema
+from datafactory.points import rayleigh_length
+from datafactory.pool import run_shards
+from datafactory.progress import FinishedShard, begin, completed, fingerprint, finish
 from datafactory.scenes.materials import MaterialTable
-from datafactory.scenes.open import open_scene
-from datafactory.scenes.poses import Pose
-from datafactory.scenes.scene import Scene
-from datafactory.shards import ShardPlan, plan_shards, split_of
-from datafactory.worker import Job, PointFrame, Recipe, SceneFrame, SceneWork, render_shard
+from datafactory.shards import FRAMES_PER_SHARD, ShardPlan, plan_shards, split_of
+from datafactory.sources import PATHS, Announce, Sources, sources_of
+from datafactory.worker import (
+    Job,
+    render_shard,
+    trace_shard,
+)
 from shared.dataset import VERSION, arrow_schema, description
-from shared.radar import Radar
 from shared.windows import angle_window, point_spread
 
 PACKAGES = (
@@ -42,31 +40,6 @@ PACKAGES = (
     "numba",
     "pyarrow",
 )
-
-
-@dataclass(frozen=True)
-class Order:
-    """What the user asked for.
-
-    :param scenes: ``--scene`` arguments, dealt to the frames in turn
-    :param frames: scene frames in total
-    :param points: close-target frames after them
-    :param poses: one frame a pose, instead of ``frames`` drawn ones; empty to draw
-    :param targets: frames of exactly these targets, instead of drawn ones
-    """
-
-    radar: Radar
-    scenes: tuple[str, ...] = ()
-    frames: int = 0
-    points: int = 0
-    seed: int = 0
-    split: str = "6:1:1"
-    poses: tuple[Pose, ...] = ()
-    targets: tuple[PointTargets, ...] = ()
-    processing: Processing = field(default_factory=Processing)
-    trace: TraceSettings = field(default_factory=TraceSettings)
-    prune_db: float = DEFAULT_LEVEL_DB
-    close_targets: CloseTargets = field(default_factory=CloseTargets)
 
 
 @dataclass(frozen=True)
@@ -87,14 +60,17 @@ class Report:
     seconds: float
 
 
+Advance = Callable[[int, int], None]
+
+
 def render(
     order: Order,
     table: MaterialTable,
     directory: Path,
     workers: int = 1,
     resume: bool = False,
-    announce: Callable[[str], None] = lambda line: None,
-    advance: Callable[[int, int], None] = lambda done, total: None,
+    announce: Announce = lambda line: None,
+    advance: Advance = lambda done, total: None,
 ) -> Report:
     """Render a dataset into ``directory``.
 
@@ -103,100 +79,116 @@ def render(
     :raises InputError: anything wrong with the order or its inputs, before anything is written
     :raises OSError: the disk fails; what was finished can be resumed
     """
-    started = time.perf_counter()
-    scenes = [open_scene(source) for source in order.scenes]
-    works = tuple(_prepare(scene, table, draw=not order.poses, announce=announce) for scene in scenes)
-    recipes = _recipes(order)
-    splits = tuple(split_of(index, order.split) for index in range(len(recipes)))
     about = description(order.radar, order.processing.peaks, order.processing.store, _conventions(order))
-    job = Job(
+    sources = sources_of(order, table, announce)
+    job = _job(order, sources, arrow_schema(about))
+    said = {key: about[key] for key in ("radar", "array", "virtual_sensor", "axes", "shapes", "conventions", "truth")}
+    return _produce(
+        job, plan_shards(job.splits), render_shard, {**sources.arguments, **_processing_arguments(order)},
+        {**said, "scenes": sources.entries}, directory, workers, resume, announce, advance,
+    )  # fmt: skip
+
+
+def trace_paths(
+    order: Order,
+    table: MaterialTable,
+    directory: Path,
+    workers: int = 1,
+    resume: bool = False,
+    announce: Announce = lambda line: None,
+    advance: Advance = lambda done, total: None,
+) -> Report:
+    """Trace scene frames into ``directory/paths``, for :func:`render` with ``Order.paths``; otherwise like it."""
+    sources = sources_of(order, table, announce)
+    job = _job(order, sources, paths_schema())
+    frames = range(len(job.recipes))
+    plans = tuple(
+        ShardPlan(PATHS, index, tuple(frames[first : first + FRAMES_PER_SHARD]))
+        for index, first in enumerate(range(0, len(frames), FRAMES_PER_SHARD))
+    )
+    return _produce(
+        job, plans, trace_shard, sources.arguments, {"scenes": sources.entries},
+        directory, workers, resume, announce, advance,
+    )  # fmt: skip
+
+
+def _processing_arguments(order: Order) -> dict[str, Any]:
+    return {
+        "processing": asdict(order.processing),
+        "prune_db": order.prune_db,
+        "close_targets": asdict(order.close_targets),
+    }
+
+
+def _job(order: Order, sources: Sources, schema: pa.Schema) -> Job:
+    return Job(
         radar=order.radar,
         processing=order.processing,
         trace=order.trace,
         prune_db=order.prune_db,
         close_targets=order.close_targets,
         seed=order.seed,
-        scenes=works,
-        recipes=recipes,
-        splits=splits,
-        schema=arrow_schema(about),
+        scenes=sources.works,
+        recipes=sources.recipes,
+        splits=tuple(split_of(index, order.split) for index in range(len(sources.recipes))),
+        schema=schema,
     )
-    arguments = _arguments(order, scenes, works)
-    plans = plan_shards(splits)
+
+
+def _produce(
+    job: Job,
+    plans: Sequence[ShardPlan],
+    write: Callable[..., Any],
+    arguments: dict[str, Any],
+    sections: dict[str, Any],
+    directory: Path,
+    workers: int,
+    resume: bool,
+    announce: Announce,
+    advance: Advance,
+) -> Report:
+    """Write the planned shards that are not there yet, then the manifest.
+
+    :param write: :func:`datafactory.worker.render_shard` or :func:`datafactory.worker.trace_shard`
+    :param sections: the manifest's own entries beside those that every run has
+    """
+    started = time.perf_counter()
     if begin(directory, arguments, resume):
         announce(f"{directory} is already complete")
-        return Report(directory, len(recipes), 0, len(plans), {}, time.perf_counter() - started)
+        return Report(directory, len(job.recipes), 0, len(plans), {}, time.perf_counter() - started)
     mark = fingerprint(arguments)
-    kept = completed(directory, plans, mark).shards
-    todo = [plan for plan in plans if plan not in kept]
-    made, stage_seconds = _run(job, todo, directory, mark, workers, len(recipes), advance)
-    finished = [(kept | made)[plan] for plan in plans]
+    earlier = completed(directory, plans, mark)
+    for path in earlier.damaged:
+        announce(f"{path} is not as it was recorded and is made again")
+    todo = [plan for plan in plans if plan not in earlier.shards]
+    made, stage_seconds = run_shards(job, write, todo, directory, mark, workers, len(job.recipes), advance)
+    finished = [(earlier.shards | made)[plan] for plan in plans]
     counts = _total(finished)
     seconds = time.perf_counter() - started
-    finish(
-        directory,
-        {
-            "version": VERSION,
-            "arguments": arguments,
-            **{
-                key: about[key]
-                for key in ("radar", "array", "virtual_sensor", "axes", "shapes", "conventions", "truth")
-            },
-            "seeds": {"dataset": order.seed, "frame": "SeedSequence(entropy=dataset, spawn_key=(frame_id,))"},
-            "scenes": [_scene_entry(scene, work) for scene, work in zip(scenes, works, strict=True)],
-            "counts": counts,
-            "shards": [item.record.model_dump() for item in finished],
-            "made": {
-                "finished": datetime.now(UTC).isoformat(timespec="seconds"),
-                "host": platform.node(),
-                "machine": f"{platform.system()} {platform.machine()}",
-                "python": platform.python_version(),
-                "versions": {name: version(name) for name in PACKAGES},
-                "workers": workers,
-                "seconds": round(seconds, 1),
-                "stage_seconds": {name: round(value, 1) for name, value in sorted(stage_seconds.items())},
-            },
-        },
-    )
-    return Report(directory, len(recipes), len(made), len(kept), counts, seconds)
+    manifest = {
+        "version": VERSION,
+        "arguments": arguments,
+        **sections,
+        "seeds": {"dataset": job.seed, "frame": "SeedSequence(entropy=dataset, spawn_key=(frame_id,))"},
+        "counts": counts,
+        "shards": [item.record.model_dump() for item in finished],
+        "made": _made(workers, seconds, stage_seconds),
+    }
+    finish(directory, manifest)
+    return Report(directory, len(job.recipes), len(made), len(earlier.shards), counts, seconds)
 
 
-def _prepare(scene: Scene, table: MaterialTable, draw: bool, announce: Callable[[str], None]) -> SceneWork:
-    materials = table.map_materials([item.material for item in scene.objects])
-    for warning in scene.warnings:
-        announce(f"{scene.name}: {warning}")
-    pairs = ", ".join(f"{name or '(none)'} -> {material.name}" for name, (material, _) in materials.entries.items())
-    announce(f"{scene.name}: {len(scene.objects)} objects, {scene.triangle_count} triangles; materials {pairs}")
-    if materials.unknown:
-        announce(f"{scene.name}: unknown materials given the default: {', '.join(materials.unknown)}")
-    return SceneWork(scene.name, stage_of(scene, materials), materials, free_ground(scene) if draw else None)
-
-
-def _recipes(order: Order) -> tuple[Recipe, ...]:
-    recipes: list[Recipe] = []
-    for index in range(len(order.poses) or order.frames):
-        recipes.append(SceneFrame(index % len(order.scenes), order.poses[index] if order.poses else None))
-    recipes += [PointFrame(targets) for targets in order.targets] or [PointFrame()] * order.points
-    return tuple(recipes)
-
-
-def _arguments(order: Order, scenes: Sequence[Scene], works: Sequence[SceneWork]) -> dict[str, Any]:
-    """All that determines the bytes, by the names that the user knows; scenes and materials by content."""
+def _made(workers: int, seconds: float, stage_seconds: dict[str, float]) -> dict[str, Any]:
+    """The only part of the manifest that may differ between equal runs."""
     return {
-        "scenes": [{"scene": scene.name, "content": scene.content_hash()} for scene in scenes],
-        "materials": [work.materials.to_json() for work in works],
-        "radar": order.radar.model_dump(mode="json"),
-        "frames": order.frames,
-        "points": order.points,
-        "seed": order.seed,
-        "split": order.split,
-        "poses": [asdict(pose) for pose in order.poses],
-        "targets": [{name: getattr(t, name).tolist() for name in vars(t)} for t in order.targets],
-        "processing": asdict(order.processing),
-        "trace": asdict(order.trace),
-        "prune_db": order.prune_db,
-        "close_targets": asdict(order.close_targets),
-        "versions": {"sparseradar-datafactory": version("sparseradar-datafactory"), "sionna-rt": version("sionna-rt")},
+        "finished": datetime.now(UTC).isoformat(timespec="seconds"),
+        "host": platform.node(),
+        "machine": f"{platform.system()} {platform.machine()}",
+        "python": platform.python_version(),
+        "versions": {name: version(name) for name in PACKAGES},
+        "workers": workers,
+        "seconds": round(seconds, 1),
+        "stage_seconds": {name: round(value, 1) for name, value in sorted(stage_seconds.items())},
     }
 
 
@@ -227,73 +219,8 @@ def _conventions(order: Order) -> dict[str, Any]:
     }
 
 
-def _scene_entry(scene: Scene, work: SceneWork) -> dict[str, Any]:
-    return {
-        "name": scene.name,
-        "source": scene.source,
-        "content_sha256": scene.content_hash(),
-        "objects": len(scene.objects),
-        "triangles": scene.triangle_count,
-        "point_targets": len(scene.targets),
-        "warnings": list(scene.warnings),
-        "materials": work.materials.to_json(),
-    }
-
-
 def _total(finished: Sequence[FinishedShard]) -> dict[str, float]:
     counts: Counter[str] = Counter()
     for item in finished:
         counts.update(item.counts)
     return dict(sorted(counts.items()))
-
-
-def _run(
-    job: Job,
-    todo: list[ShardPlan],
-    directory: Path,
-    mark: str,
-    workers: int,
-    total: int,
-    advance: Callable[[int, int], None],
-) -> tuple[dict[ShardPlan, FinishedShard], Counter[str]]:
-    """Render the shards in worker processes; each is recorded as soon as it is whole."""
-    context = multiprocessing.get_context("spawn")
-    ticks = context.SimpleQueue()
-    made: dict[ShardPlan, FinishedShard] = {}
-    seconds: Counter[str] = Counter()
-    done = total - sum(len(plan.frame_ids) for plan in todo)
-    advance(done, total)
-    with ProcessPoolExecutor(
-        workers, mp_context=context, initializer=_start, initargs=(job, directory, mark, ticks)
-    ) as pool:
-        pending: dict[Future, ShardPlan] = {pool.submit(_render, plan): plan for plan in todo}
-        try:
-            while pending:
-                finished, _ = wait(pending, timeout=0.5, return_when=FIRST_COMPLETED)
-                while not ticks.empty():
-                    done += ticks.get()
-                    advance(done, total)
-                for future in finished:
-                    plan = pending.pop(future)
-                    made[plan], spent = future.result()
-                    record_finished(directory, plan, made[plan])
-                    seconds.update(spent)
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-    return made, seconds
-
-
-_state: dict[str, Any] = {}
-"""What a worker process was given at its start; a process pool hands tasks nothing else."""
-
-
-def _start(job: Job, directory: Path, mark: str, ticks: Any) -> None:
-    if job.scenes:
-        select_variant()
-        set_threads(1)
-    _state.update(job=job, directory=directory, mark=mark, ticks=ticks)
-
-
-def _render(plan: ShardPlan) -> tuple[FinishedShard, dict[str, float]]:
-    return render_shard(_state["job"], plan, _state["directory"], _state["mark"], _state["ticks"].put)

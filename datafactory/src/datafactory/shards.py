@@ -93,14 +93,22 @@ def write_shard(path: Path, frames: Iterable[Frame], schema: pa.Schema) -> Shard
     :raises InputError: a frame that does not fit the schema
     :raises OSError: the disk is full or fails; nothing is left behind
     """
+    tables = (pa.Table.from_batches([to_record_batch([frame], schema)]) for frame in frames)
+    return write_tables(path, tables, schema, **_writer_options(schema))
+
+
+def write_tables(path: Path, tables: Iterable[pa.Table], schema: pa.Schema, **options: Any) -> ShardRecord:
+    """Write a Parquet file as :func:`write_shard` does, from tables that hold one frame each.
+
+    :param options: of :class:`pyarrow.parquet.ParquetWriter`
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(path.name + PARTIAL)
     rows = 0
     try:
         with partial.open("wb") as handle:
-            with pq.ParquetWriter(handle, schema, **_writer_options(schema)) as writer:
-                for frame in frames:
-                    table = pa.Table.from_batches([to_record_batch([frame], schema)])
+            with pq.ParquetWriter(handle, schema, **options) as writer:
+                for table in tables:
                     writer.write_table(table, row_group_size=FRAMES_PER_ROW_GROUP)
                     rows += 1
             handle.flush()

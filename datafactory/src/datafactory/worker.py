@@ -6,6 +6,7 @@ import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import pyarrow as pa
@@ -15,6 +16,7 @@ from datafactory import frames as stages
 from datafactory.paths.prune import pruned
 from datafactory.paths.rays import RayFan
 from datafactory.paths.stage import Stage
+from datafactory.paths.storage import TracedFrame, read_paths, to_row
 from datafactory.paths.trace import TraceSettings, trace
 from datafactory.points import CloseTargets, PointTargets, draw_close_targets
 from datafactory.progress import FinishedShard
@@ -22,7 +24,7 @@ from datafactory.scenes.ground import Ground, Split
 from datafactory.scenes.materials import MaterialMapping
 from datafactory.scenes.poses import Pose, sample_pose
 from datafactory.seeds import frame_seed, generator
-from datafactory.shards import ShardPlan, write_shard
+from datafactory.shards import ShardPlan, write_shard, write_tables
 from shared.dataset import Frame
 from shared.radar import Radar
 
@@ -55,7 +57,15 @@ class PointFrame:
     targets: PointTargets | None = None
 
 
-Recipe = SceneFrame | PointFrame
+@dataclass(frozen=True)
+class StoredFrame:
+    """Recipe of a scene frame that was traced before: row ``row`` of a paths shard."""
+
+    shard: Path
+    row: int
+
+
+Recipe = SceneFrame | PointFrame | StoredFrame
 
 
 @dataclass(frozen=True)
@@ -117,21 +127,55 @@ def _measure(job: Job, frame_id: int, counts: Counter[str], seconds: dict[str, f
         setting = stages.Setting(frame_id, "points", "points", seed)
         paths, known = targets.path_table(job.radar), targets.truth(job.radar)
     else:
-        work = job.scenes[recipe.scene]
-        pose = recipe.pose
-        if pose is None:
-            assert work.ground is not None  # the pipeline finds the ground wherever poses are drawn
-            pose = sample_pose(work.ground, job.splits[frame_id], generator(seed, "pose"))
-        setting = stages.Setting(frame_id, "scene", work.name, seed, pose.position, pose.velocity, pose.quaternion())
-        rays = generator(seed, "rays")
-        fan = RayFan(job.trace.rays, offset=(float(rays.random()), float(rays.random())))
-        frequency_hz = job.radar.waveform.mid_sweep_hz
-        table = trace(work.stage, work.materials, pose, frequency_hz, job.trace, fan, int(rays.integers(2**31)))
+        traced = _stored(recipe) if isinstance(recipe, StoredFrame) else trace_frame(job, frame_id, recipe)
+        pose, seed = traced.pose, traced.seed
+        setting = stages.Setting(frame_id, "scene", traced.scene, seed, pose.position, pose.velocity, pose.quaternion())
+        table = traced.table.at_wavelength(traced.wavelength_m, job.radar.waveform.wavelength_m)
         paths = pruned(table.within(job.radar).illuminated(job.radar.front_end), job.radar, job.prune_db)
-        known = stages.object_targets(paths, len(work.stage.objects) - len(work.stage.targets), job.radar)
+        known = stages.object_targets(paths, len(paths.objects) - traced.point_targets, job.radar)
     counts.update({**paths.counts, "frames": 1, "paths": len(paths)})
     seconds["paths"] += time.perf_counter() - started
     started = time.perf_counter()
     measurement = stages.measure(setting, paths, known, job.radar, job.processing, generator(seed, "noise"))
     seconds["cube and truth"] += time.perf_counter() - started
     return measurement
+
+
+def trace_frame(job: Job, frame_id: int, recipe: SceneFrame) -> TracedFrame:
+    """Pose and multipath of a scene frame, independent of the radar but for its wavelength."""
+    work, seed = job.scenes[recipe.scene], frame_seed(job.seed, frame_id)
+    pose = recipe.pose
+    if pose is None:
+        assert work.ground is not None  # the pipeline finds the ground wherever poses are drawn
+        pose = sample_pose(work.ground, job.splits[frame_id], generator(seed, "pose"))
+    rays = generator(seed, "rays")
+    fan = RayFan(job.trace.rays, offset=(float(rays.random()), float(rays.random())))
+    waveform, solver_seed = job.radar.waveform, int(rays.integers(2**31))
+    table = trace(work.stage, work.materials, pose, waveform.mid_sweep_hz, job.trace, fan, solver_seed)
+    return TracedFrame(frame_id, work.name, seed, pose, waveform.wavelength_m, len(work.stage.targets), table)
+
+
+def _stored(recipe: StoredFrame) -> TracedFrame:
+    return next(islice(read_paths(recipe.shard), recipe.row, None))
+
+
+def trace_shard(
+    job: Job, plan: ShardPlan, directory: Path, fingerprint: str, report: Callable[[int], None]
+) -> tuple[FinishedShard, dict[str, float]]:
+    """Write one shard of traced paths; returns what :func:`render_shard` does."""
+    counts: Counter[str] = Counter()
+    started = time.perf_counter()
+
+    def rows() -> Iterator[pa.Table]:
+        for frame_id in plan.frame_ids:
+            recipe = job.recipes[frame_id]
+            assert isinstance(recipe, SceneFrame)  # only scenes are traced
+            traced = trace_frame(job, frame_id, recipe)
+            counts.update({**traced.table.counts, "frames": 1, "paths": len(traced.table)})
+            yield pa.Table.from_pylist([to_row(traced)], schema=job.schema)
+            report(1)
+
+    with threadpool_limits(limits=1):
+        record = write_tables(directory / plan.path, rows(), job.schema, compression="zstd")
+    seconds = {"paths": time.perf_counter() - started}
+    return FinishedShard(record=record, counts=dict(counts), fingerprint=fingerprint), seconds

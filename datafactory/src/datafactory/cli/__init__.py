@@ -11,6 +11,7 @@ from datafactory.cli.doctor import doctor
 from datafactory.cli.inspect import inspect
 from datafactory.cli.points import points
 from datafactory.cli.render import render
+from datafactory.cli.trace import trace
 from shared.errors import InputError
 
 app = typer.Typer(
@@ -19,7 +20,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for command in (render, points, city, inspect, doctor):
+for command in (render, points, trace, city, inspect, doctor):
     app.command()(command)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
@@ -12,7 +12,8 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from datafactory.pipeline import Order, Report, render
+from datafactory.order import Order
+from datafactory.pipeline import Report, render
 from datafactory.scenes.materials import MaterialTable
 from shared.errors import InputError
 from shared.radar import DEFAULT_RADAR
@@ -22,6 +23,16 @@ RadarName = Annotated[str, typer.Option("--radar", help="A preset or a TOML file
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Dataset seed: same seed, same bytes.")]
 Split = Annotated[str, typer.Option("--split", help="Pattern train:validation:test over the frames.")]
 Store = Annotated[str, typer.Option("--store", help="range-channel, range-doppler or cube: what else to keep.")]
+Scenes = Annotated[
+    list[str] | None,
+    typer.Option("--scene", help="USD, Mitsuba XML or mesh file, or sionna:NAME; may be repeated.", show_default=False),
+]
+Poses = Annotated[
+    Path | None, typer.Option("--poses", help="JSON file of sensor poses: one frame a pose, instead of drawn ones.")
+]
+Materials = Annotated[Path | None, typer.Option("--materials", help="TOML file that overrides the material table.")]
+Rays = Annotated[int, typer.Option("--rays", min=1, max=20_000_000, help="Rays a frame, over the field of view.")]
+Depth = Annotated[int, typer.Option("--depth", min=1, max=3, help="Largest number of bounces.")]
 Noise = Annotated[bool, typer.Option("--noise/--no-noise", help="Add receiver noise.")]
 TruthWindow = Annotated[
     str, typer.Option("--truth-window", help="Over the virtual sensor: none, taylor-25, taylor-30 or hann.")
@@ -44,11 +55,13 @@ def choice(option: str, value: str, allowed: tuple[str, ...]) -> str:
     return value
 
 
-def run(order: Order, table: MaterialTable, out: Path, workers: int, resume: bool) -> Report:
-    """Render with a progress bar, and print what was made."""
+def run(
+    order: Order, table: MaterialTable, out: Path, workers: int, resume: bool, make: Callable[..., Report] = render
+) -> Report:
+    """Render (or another ``make`` of the pipeline) with a progress bar, and print what was made."""
     console = Console(soft_wrap=True, highlight=False)
     with _bar(console) as advance:
-        report = render(
+        report = make(
             order,
             table,
             out,
@@ -62,7 +75,8 @@ def run(order: Order, table: MaterialTable, out: Path, workers: int, resume: boo
     for name, count in report.counts.items():
         if name not in ("frames",) and count:
             console.print(f"  {name.replace('_', ' ')}: {count:.0f}", markup=False)
-    console.print(f"look:  datafactory inspect {out}", markup=False)
+    if make is render:
+        console.print(f"look:  datafactory inspect {out}", markup=False)
     return report
 
 

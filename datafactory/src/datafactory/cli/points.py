@@ -9,7 +9,7 @@ import typer
 
 from datafactory.cli import options
 from datafactory.frames import Processing
-from datafactory.pipeline import Order
+from datafactory.order import Order
 from datafactory.points import read_targets
 from datafactory.scenes.materials import load_materials
 from datafactory.shards import parse_split_pattern

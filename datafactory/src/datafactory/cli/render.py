@@ -9,8 +9,8 @@ import typer
 
 from datafactory.cli import options
 from datafactory.frames import Processing
+from datafactory.order import Order
 from datafactory.paths.trace import TraceSettings
-from datafactory.pipeline import Order
 from datafactory.scenes.materials import load_materials
 from datafactory.scenes.poses import read_poses
 from datafactory.shards import parse_split_pattern
@@ -21,36 +21,37 @@ from shared.windows import ANGLE_WINDOWS
 
 
 def render(
-    scene: Annotated[
-        list[str],
-        typer.Option(help="USD, Mitsuba XML or mesh file, or sionna:NAME; may be repeated.", show_default=False),
-    ],
     out: options.Out,
+    scene: options.Scenes = None,
+    paths: Annotated[
+        Path | None, typer.Option(help="Folder of `datafactory trace`, instead of --scene: the same paths again.")
+    ] = None,
     radar: options.RadarName = options.DEFAULT_RADAR_NAME,
     frames: Annotated[int, typer.Option(min=0, help="Scene frames in total, dealt to the scenes in turn.")] = 8,
     points: Annotated[int, typer.Option(min=0, help="Close-target frames to add.")] = 0,
     seed: options.Seed = 0,
-    poses: Annotated[
-        Path | None, typer.Option(help="JSON file of sensor poses: one frame a pose, instead of drawn ones.")
-    ] = None,
+    poses: options.Poses = None,
     split: options.Split = "6:1:1",
-    materials: Annotated[Path | None, typer.Option(help="TOML file that overrides the material table.")] = None,
+    materials: options.Materials = None,
     store: options.Store = "range-channel",
-    rays: Annotated[int, typer.Option(min=1, max=20_000_000, help="Rays a frame, over the field of view.")] = 200_000,
-    depth: Annotated[int, typer.Option(min=1, max=3, help="Largest number of bounces.")] = 2,
+    rays: options.Rays = 200_000,
+    depth: options.Depth = 2,
     noise: options.Noise = True,
     truth_window: options.TruthWindow = "taylor-30",
     workers: options.Workers = 0,
     resume: options.Resume = False,
 ) -> None:
     """Render frames of scenes, and close-target frames beside them, into a dataset."""
+    if bool(scene) == bool(paths):
+        raise InputError("--scene", "given together with --paths" if paths else "missing", "either --scene or --paths")
     parse_split_pattern(split)
     given = read_poses(poses) if poses else ()
-    if not given and frames + points == 0:
+    if not (given or paths or frames + points):
         raise InputError("--frames", "0 and --points 0: nothing to render", "at least one frame")
     order = Order(
         radar=load_radar(radar),
-        scenes=tuple(scene) if given or frames else (),
+        scenes=tuple(scene or ()) if given or frames else (),
+        paths=paths,
         frames=0 if given else frames,
         points=points,
         seed=seed,

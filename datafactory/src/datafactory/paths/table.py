@@ -202,6 +202,16 @@ class PathTable:
         rates = (scattered.tx_velocity, scattered.rx_velocity, scattered.between_rate_mps, specular.image_velocity)
         return any(np.any(rate) for rate in rates)
 
+    def at_wavelength(self, traced_m: float, wanted_m: float) -> PathTable:
+        """The table for another wavelength [m] than it was traced at: amplitudes are proportional to it.
+
+        The materials' values are those of 77 GHz whatever the wavelength; specular phases stay as traced.
+        """
+        if traced_m == wanted_m:
+            return self
+        ratio = wanted_m / traced_m
+        return replace(self, scattered=_scaled(self.scattered, ratio), specular=_scaled(self.specular, ratio))
+
     def illuminated(self, front_end: FrontEnd) -> PathTable:
         """The table with amplitudes in sqrt(W): transmit power and the element patterns towards both ends applied."""
         scattered, specular = self.scattered, self.specular
@@ -232,5 +242,5 @@ def _gain(front_end: FrontEnd, departure: Real, arrival: Real) -> Real:
     return np.sqrt(front_end.transmit_power_w * gains)
 
 
-def _scaled(paths, factor: Real):
+def _scaled(paths, factor: Real | float):
     return replace(paths, amplitude=paths.amplitude * factor)

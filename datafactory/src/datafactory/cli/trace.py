@@ -1,0 +1,52 @@
+"""``datafactory trace``: multipath alone, to render radars from later."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from datafactory.cli import options
+from datafactory.order import Order
+from datafactory.paths.trace import TraceSettings
+from datafactory.pipeline import trace_paths
+from datafactory.scenes.materials import load_materials
+from datafactory.scenes.poses import read_poses
+from datafactory.shards import parse_split_pattern
+from shared.errors import InputError
+from shared.radar import load_radar
+
+
+def trace(
+    out: options.Out,
+    scene: options.Scenes = None,
+    radar: options.RadarName = options.DEFAULT_RADAR_NAME,
+    frames: Annotated[int, typer.Option(min=1, help="Frames in total, dealt to the scenes in turn.")] = 8,
+    seed: options.Seed = 0,
+    poses: options.Poses = None,
+    split: options.Split = "6:1:1",
+    materials: options.Materials = None,
+    rays: options.Rays = 200_000,
+    depth: options.Depth = 2,
+    workers: options.Workers = 0,
+    resume: options.Resume = False,
+) -> None:
+    """Trace multipath into DIR/paths; `datafactory render --paths DIR` renders any radar from it.
+
+    Of the radar, only its wavelength matters here.
+    """
+    parse_split_pattern(split)
+    if not scene:
+        raise InputError("--scene", "missing", "a scene file or sionna:NAME")
+    given = read_poses(poses) if poses else ()
+    order = Order(
+        radar=load_radar(radar),
+        scenes=tuple(scene),
+        frames=0 if given else frames,
+        seed=seed,
+        split=split,
+        poses=given,
+        trace=TraceSettings(rays=rays, depth=depth),
+    )
+    options.run(order, load_materials(materials), out, workers, resume, make=trace_paths)
+    typer.echo(f"next:  datafactory render --paths {out} --out ANOTHER_FOLDER")

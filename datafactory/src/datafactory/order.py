@@ -1,0 +1,40 @@
+"""What the user asked for: a frozen value that the command line builds and the pipeline obeys."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from datafactory.frames import Processing
+from datafactory.paths.prune import DEFAULT_LEVEL_DB
+from datafactory.paths.trace import TraceSettings
+from datafactory.points import CloseTargets, PointTargets
+from datafactory.scenes.poses import Pose
+from shared.radar import Radar
+
+
+@dataclass(frozen=True)
+class Order:
+    """What the user asked for.
+
+    :param scenes: ``--scene`` arguments, dealt to the frames in turn
+    :param frames: scene frames in total
+    :param points: close-target frames after them
+    :param poses: one frame a pose, instead of ``frames`` drawn ones; empty to draw
+    :param targets: frames of exactly these targets, instead of drawn ones
+    :param paths: folder of :func:`datafactory.pipeline.trace_paths`, instead of scenes
+    """
+
+    radar: Radar
+    scenes: tuple[str, ...] = ()
+    frames: int = 0
+    points: int = 0
+    seed: int = 0
+    split: str = "6:1:1"
+    poses: tuple[Pose, ...] = ()
+    targets: tuple[PointTargets, ...] = ()
+    paths: Path | None = None
+    processing: Processing = field(default_factory=Processing)
+    trace: TraceSettings = field(default_factory=TraceSettings)
+    prune_db: float = DEFAULT_LEVEL_DB
+    close_targets: CloseTargets = field(default_factory=CloseTargets)

@@ -1,0 +1,161 @@
+"""PathTables on disk: one Parquet row a frame, so that another radar can be rendered from the same trace.
+
+Lists have the length of the frame's own paths; vectors are flattened in C order, complex numbers split into real and
+imaginary. Amplitudes are isotropic, as in the table; the wavelength they were traced at stands beside them, as they
+are proportional to it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
+from datafactory.scenes.poses import Pose
+from shared.errors import InputError
+
+SHAPES = {
+    "scattered": {
+        "tx_point": (3,),
+        "rx_point": (3,),
+        "tx_velocity": (3,),
+        "rx_velocity": (3,),
+        "between_m": (),
+        "between_rate_mps": (),
+        "amplitude": (2,),
+        "depth": (),
+        "object_index": (),
+    },
+    "specular": {
+        "image": (3,),
+        "image_velocity": (3,),
+        "axes": (3, 3),
+        "amplitude": (2,),
+        "depth": (),
+        "object_index": (),
+    },
+}
+"""Trailing shape of each list column; ``amplitude`` holds (real, imaginary)."""
+
+INTEGERS = {"depth": np.int8, "object_index": np.int32}
+
+
+@dataclass(frozen=True)
+class TracedFrame:
+    """One traced frame.
+
+    :param frame_id: index in the dataset
+    :param scene: scene name
+    :param seed: the frame's own seed
+    :param pose: where the radar stood
+    :param wavelength_m: at which it was traced
+    :param point_targets: number of the scene's point targets, the last of ``table.objects``
+    """
+
+    frame_id: int
+    scene: str
+    seed: int
+    pose: Pose
+    wavelength_m: float
+    point_targets: int
+    table: PathTable
+
+
+def paths_schema() -> pa.Schema:
+    """Columns of a paths shard."""
+    triple = pa.list_(pa.float64(), 3)
+    fields = [
+        pa.field("frame_id", pa.int64()),
+        pa.field("scene", pa.string()),
+        pa.field("seed", pa.int64()),
+        pa.field("position", triple),
+        pa.field("velocity", triple),
+        pa.field("yaw_pitch_roll_deg", triple),
+        pa.field("time_s", pa.float64()),
+        pa.field("wavelength_m", pa.float64()),
+        pa.field("point_targets", pa.int64()),
+        pa.field("objects", pa.list_(pa.string())),
+        pa.field("counts", pa.map_(pa.string(), pa.int64())),
+        pa.field("specular_reference", triple),
+    ]
+    for kind, columns in SHAPES.items():
+        for name in columns:
+            number = pa.int32() if name in INTEGERS else pa.float64()
+            fields.append(pa.field(f"{kind}_{name}", pa.list_(number)))
+    return pa.schema(fields, metadata={b"sparseradar_paths": b"1"})
+
+
+def to_row(frame: TracedFrame) -> dict[str, Any]:
+    """The frame as a row of :func:`paths_schema`."""
+    pose, table = frame.pose, frame.table
+    row: dict[str, Any] = {
+        "frame_id": frame.frame_id,
+        "scene": frame.scene,
+        "seed": frame.seed,
+        "position": list(pose.position),
+        "velocity": list(pose.velocity),
+        "yaw_pitch_roll_deg": [pose.yaw_deg, pose.pitch_deg, pose.roll_deg],
+        "time_s": pose.time_s,
+        "wavelength_m": frame.wavelength_m,
+        "point_targets": frame.point_targets,
+        "objects": list(table.objects),
+        "counts": sorted(table.counts.items()),
+        "specular_reference": table.specular.reference,
+    }
+    for kind, columns in SHAPES.items():
+        for name in columns:
+            values = getattr(getattr(table, kind), name)
+            if name == "amplitude":
+                values = np.stack([values.real, values.imag], axis=-1)
+            row[f"{kind}_{name}"] = np.ascontiguousarray(values).ravel()
+    return row
+
+
+def from_row(batch: pa.RecordBatch) -> TracedFrame:
+    """The way back from a batch of one row of :func:`paths_schema`."""
+    parts: dict[str, dict[str, Any]] = {}
+    for kind, columns in SHAPES.items():
+        parts[kind] = {}
+        for name, shape in columns.items():
+            values = batch.column(f"{kind}_{name}").flatten().to_numpy(zero_copy_only=False)
+            values = values.astype(INTEGERS.get(name, np.float64), copy=False).reshape(-1, *shape)
+            parts[kind][name] = values[:, 0] + 1j * values[:, 1] if name == "amplitude" else values
+    arrays = [f"{kind}_{name}" for kind, columns in SHAPES.items() for name in columns]
+    (row,) = batch.select([name for name in batch.schema.names if name not in arrays]).to_pylist()
+    yaw, pitch, roll = row["yaw_pitch_roll_deg"]
+    return TracedFrame(
+        frame_id=row["frame_id"],
+        scene=row["scene"],
+        seed=row["seed"],
+        pose=Pose(tuple(row["position"]), yaw, pitch, roll, tuple(row["velocity"]), row["time_s"]),
+        wavelength_m=row["wavelength_m"],
+        point_targets=row["point_targets"],
+        table=PathTable(
+            scattered=ScatteredPaths(**parts["scattered"]),
+            specular=SpecularPaths(reference=np.array(row["specular_reference"]), **parts["specular"]),
+            objects=tuple(row["objects"]),
+            counts=dict(row["counts"]),
+        ),
+    )
+
+
+def read_paths(path: Path) -> Iterator[TracedFrame]:
+    """The frames of a paths shard, one at a time.
+
+    :raises InputError: a file that is not a paths shard
+    """
+    try:
+        with pq.ParquetFile(path) as file:
+            if b"sparseradar_paths" not in (file.schema_arrow.metadata or {}):
+                raise InputError(path, "holds no traced paths", "a shard under paths/ written by datafactory trace")
+            for group in range(file.num_row_groups):
+                for batch in file.read_row_group(group).to_batches(max_chunksize=1):
+                    yield from_row(batch)
+    except (OSError, pa.ArrowException) as error:
+        raise InputError(path, f"not readable as Parquet: {error}", "an undamaged paths shard") from error
