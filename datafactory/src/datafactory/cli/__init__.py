@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 
 import typer
+from typer.exceptions import TyperException
 
 from datafactory.cli.city import city
 from datafactory.cli.doctor import doctor
@@ -27,15 +28,18 @@ for command in (render, points, trace, city, inspect, doctor):
 def main() -> None:
     """Entry point: 0 done, 1 a run that failed, 2 bad arguments or bad input, each with one line."""
     try:
-        app()
+        sys.exit(app(standalone_mode=False))
     except InputError as error:
         _fail(str(error), 2)
     except OSError as error:
         _fail(f"{error.filename or 'input/output'}: {error.strerror or error}", 1)
-    except KeyboardInterrupt:
+    except TyperException as error:
+        _fail(" ".join(error.format_message().split()), 2)
+    except (KeyboardInterrupt, typer.Abort):
         _fail("interrupted; what was finished is kept: the same command with --resume goes on", 130)
 
 
 def _fail(line: str, status: int) -> None:
-    print(f"datafactory: {line}", file=sys.stderr)
+    if line:  # without arguments the help has been printed already
+        print(f"datafactory: {line}", file=sys.stderr)
     sys.exit(status)
