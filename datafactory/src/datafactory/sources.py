@@ -86,10 +86,9 @@ def _prepare(scene: Scene, table: MaterialTable, draw: bool, announce: Callable[
         announce(f"{scene.name}: {warning}")
     pairs = ", ".join(f"{name or '(none)'} -> {material.name}" for name, (material, _) in materials.entries.items())
     announce(f"{scene.name}: {len(scene.objects)} objects, {scene.triangle_count} triangles; materials {pairs}")
-    if materials.unknown:
-        announce(
-            f"{scene.name}: unknown materials given the default: {', '.join(name or '(none)' for name in materials.unknown)}"
-        )
+    unknown = ", ".join(name or "(none)" for name in materials.unknown)
+    if unknown:
+        announce(f"{scene.name}: unknown materials given the default: {unknown}")
     return SceneWork(scene.name, stage_of(scene, materials), materials, free_ground(scene) if draw else None)
 
 

@@ -13,6 +13,7 @@ import pyarrow as pa
 from threadpoolctl import threadpool_limits
 
 from datafactory import frames as stages
+from datafactory.paths.density import lit_cells
 from datafactory.paths.prune import pruned
 from datafactory.paths.rays import RayFan
 from datafactory.paths.stage import Stage
@@ -133,6 +134,7 @@ def _measure(job: Job, frame_id: int, counts: Counter[str], seconds: dict[str, f
         table = traced.table.at_wavelength(traced.wavelength_m, job.radar.waveform.wavelength_m)
         paths = pruned(table.within(job.radar).illuminated(job.radar.front_end), job.radar, job.prune_db)
         known = stages.object_targets(paths, len(paths.objects) - traced.point_targets, job.radar)
+        counts.update(lit_cells(paths, job.radar))
     counts.update({**paths.counts, "frames": 1, "paths": len(paths)})
     seconds["paths"] += time.perf_counter() - started
     started = time.perf_counter()
