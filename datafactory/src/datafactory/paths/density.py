@@ -1,7 +1,7 @@
 """How densely the paths sample the image: speckle needs several scatterers in a resolution cell to be speckle.
 
-A rough surface's echo in a cell is a sum of many contributions. Where only a few rays stand for it, the cell shows the rays
-rather than the surface; such cells are counted, so that a dataset says how much of it they are.
+A rough surface's echo in a cell is a sum of many contributions. Where only a few rays stand for it, the cell shows the
+rays rather than the surface; such cells are counted, so that a dataset says how much of it they are.
 """
 
 from __future__ import annotations

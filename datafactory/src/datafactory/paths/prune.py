@@ -34,12 +34,13 @@ def pruned(paths: PathTable, radar: Radar, level_db: float = DEFAULT_LEVEL_DB) -
 
 def _negligible(power: NDArray[np.float64], group: NDArray[np.int64], share: float) -> NDArray[np.bool_]:
     """[K] whether a member belongs to the weakest of its group that hold at most ``share`` of the group's power."""
+    _, group = np.unique(group, return_inverse=True)
+    total = np.bincount(group, power)
     order = np.lexsort((power, group))
-    running = np.cumsum(power[order])
-    group = group[order]
-    first = np.searchsorted(group, group, side="left")
-    last = np.searchsorted(group, group, side="right") - 1
-    before = running[first] - power[order][first]
+    # Relative to its own group's power, so that a weak group loses no digits to a running sum over stronger ones.
+    part = power[order] / total[group[order]]
+    running = np.cumsum(part)
+    first = np.searchsorted(group[order], group[order], side="left")
     result = np.zeros(len(power), dtype=bool)
-    result[order] = running - before <= share * (running[last] - before)
+    result[order] = running - (running[first] - part[first]) <= share
     return result
