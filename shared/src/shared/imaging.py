@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from shared.arrays import AntennaArray
 from shared.cycles import phasor
-from shared.radar import Radar
+from shared.radar import ImageGrid, Radar
 from shared.sweep import reference_frequency_hz, shift_polynomials, sweep_positions
 from shared.units import SPEED_OF_LIGHT
 from shared.windows import hann
@@ -97,25 +97,106 @@ def sweep_moments(fast_time: NDArray[np.complexfloating], radar: Radar, terms: i
     return np.stack(spectra)
 
 
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"})
+def _steer(tx_leg, x, y, element, cycles_per_metre, bins_per_metre, row, scale, re, im, walk):
+    """Fill re, im, walk [U] for one element pair: steering phasor at mid-sweep times ``scale``, range walk [bins].
+
+    :param tx_leg: [U] from the TX to the pixels (x, y, 0) [m]; ``element`` [3] the RX [m]
+    """
+    rx_x, rx_y, rx_z = element[0], element[1], element[2]
+    for j in range(len(x)):
+        dx, dy = x[j] - rx_x, y[j] - rx_y
+        path = tx_leg[j] + np.sqrt(dx * dx + dy * dy + rx_z * rx_z)
+        cosine, sine = phasor(-cycles_per_metre * path)
+        re[j], im[j] = scale * cosine, scale * sine
+        walk[j] = row - bins_per_metre * path
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"})
+def _store_power(value, walk, line):
+    """``line`` = value; value *= walk; all [U]. A call of its own: one loop over more lines does not vectorise."""
+    for j in range(len(line)):
+        line[j] = value[j]
+        value[j] *= walk[j]
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"})
+def _store_folded_power(left, right, left_walk, right_walk, even, odd):
+    """``even`` = left + right, ``odd`` = left - right; then left, right *= their walks; all [U]."""
+    for j in range(len(even)):
+        even[j] = left[j] + right[j]
+        odd[j] = left[j] - right[j]
+        left[j] *= left_walk[j]
+        right[j] *= right_walk[j]
+
+
 @numba.njit(cache=True, error_model="numpy")
-def _row_matrix(tx, rx, tx_of, rx_of, range_m, u, reference_hz, bandwidth_hz, row, terms, matrix):
-    """Fill ``matrix`` [terms, C, U]: steering phase at mid-sweep times powers of the range walk [bins]."""
-    channels = len(tx_of)
-    x = range_m * np.sqrt(1.0 - u * u)
-    y = range_m * u
+def _pixel_legs(elements, x, y):
+    """[E, U] distances from elements [E, 3] to the pixels (x, y, 0) [m]."""
+    legs = np.empty((len(elements), len(x)))
+    for e in range(len(elements)):
+        for j in range(len(x)):
+            legs[e, j] = np.sqrt((x[j] - elements[e, 0]) ** 2 + (y[j] - elements[e, 1]) ** 2 + elements[e, 2] ** 2)
+    return legs
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _fill_matrix(tx, rx, tx_of, rx_of, range_m, u, cycles_per_metre, bins_per_metre, row, scale, matrix):
+    """Fill ``matrix`` [terms, C, 2, U]: re and im of the steering phasors times powers of the range walk [bins].
+
+    Real and imaginary parts stand in lines of their own: interleaved stores took four times as long.
+    """
+    terms, channels, _, columns = matrix.shape
+    x, y = range_m * np.sqrt(1.0 - u * u), range_m * u
+    tx_leg = _pixel_legs(tx, x, y)
+    re, im, walk = np.empty(columns, np.float32), np.empty(columns, np.float32), np.empty(columns, np.float32)
     for c in range(channels):
-        tx_x, tx_y, tx_z = tx[tx_of[c]]
-        rx_x, rx_y, rx_z = rx[rx_of[c]]
-        for j in range(len(u)):
-            tx_leg = np.sqrt((tx_x - x[j]) ** 2 + (tx_y - y[j]) ** 2 + tx_z**2)
-            rx_leg = np.sqrt((rx_x - x[j]) ** 2 + (rx_y - y[j]) ** 2 + rx_z**2)
-            tau = (tx_leg + rx_leg) / SPEED_OF_LIGHT
-            cosine, sine = phasor(-reference_hz * tau)
-            walk = np.float32(row - bandwidth_hz * tau)
-            value = np.complex64(complex(cosine / channels, sine / channels))
-            for p in range(terms):
-                matrix[p, c, j] = value
-                value *= walk
+        _steer(tx_leg[tx_of[c]], x, y, rx[rx_of[c]], cycles_per_metre, bins_per_metre, row, scale, re, im, walk)
+        for p in range(terms):
+            _store_power(re, walk, matrix[p, c, 0])
+            _store_power(im, walk, matrix[p, c, 1])
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _fill_folded(tx, rx, tx_of, rx_of, range_m, u, cycles_per_metre, bins_per_metre, row, scale, even, odd):
+    """Sum and difference of :func:`_fill_matrix` at +u and -u into ``even`` and ``odd`` [terms, C, 2, U]."""
+    terms, channels, _, columns = even.shape
+    x, y = range_m * np.sqrt(1.0 - u * u), range_m * u
+    mirror_y = -y
+    tx_leg, mirror_leg = _pixel_legs(tx, x, y), _pixel_legs(tx, x, mirror_y)
+    l_re, l_im, l_walk = np.empty(columns, np.float32), np.empty(columns, np.float32), np.empty(columns, np.float32)
+    r_re, r_im, r_walk = np.empty(columns, np.float32), np.empty(columns, np.float32), np.empty(columns, np.float32)
+    for c in range(channels):
+        i, element = tx_of[c], rx[rx_of[c]]
+        _steer(tx_leg[i], x, y, element, cycles_per_metre, bins_per_metre, row, scale, l_re, l_im, l_walk)
+        _steer(mirror_leg[i], x, mirror_y, element, cycles_per_metre, bins_per_metre, row, scale, r_re, r_im, r_walk)
+        for p in range(terms):
+            _store_folded_power(l_re, r_re, l_walk, r_walk, even[p, c, 0], odd[p, c, 0])
+            _store_folded_power(l_im, r_im, l_walk, r_walk, even[p, c, 1], odd[p, c, 1])
+
+
+def _product(signal: NDArray[np.complex64], matrix: NDArray[np.float32]) -> NDArray[np.complex64]:
+    """[B, U] complex product of ``signal`` [B, terms, C] with ``matrix`` [terms, C, 2, U], as one real product."""
+    batch, columns = len(signal), matrix.shape[-1]
+    flat = signal.reshape(batch, -1)
+    parts = np.concatenate([flat.real, flat.imag]) @ matrix.reshape(flat.shape[1], 2 * columns)
+    real, imaginary = parts[:batch].reshape(batch, 2, columns), parts[batch:].reshape(batch, 2, columns)
+    product = np.empty((batch, columns), dtype=np.complex64)
+    product.real = real[:, 0] - imaginary[:, 1]
+    product.imag = real[:, 1] + imaginary[:, 0]
+    return product
+
+
+def _zero_crossing(array: AntennaArray, grid: ImageGrid) -> int | None:
+    """J such that column J - j of the grid's axis is -u_j, if channel C - 1 - c is the mirror image of channel c.
+
+    The mirror is the x-z plane. None where array or grid have no such symmetry, or the middle channel is its own image.
+    """
+    twice = -2.0 * grid.u_start / grid.step
+    mirror = np.array([1.0, -1.0, 1.0])
+    tx, rx = array.tx[array.channel_tx], array.rx[array.channel_rx]
+    symmetric = np.array_equal(tx[::-1] * mirror, tx) and np.array_equal(rx[::-1] * mirror, rx)
+    return round(twice) if symmetric and array.channels % 2 == 0 and abs(twice - round(twice)) < 1e-9 else None
 
 
 def near_field_images(moments: NDArray[np.complex64], radar: Radar, array: AntennaArray) -> NDArray[np.complex64]:
@@ -123,8 +204,15 @@ def near_field_images(moments: NDArray[np.complex64], radar: Radar, array: Anten
 
     The delay of each pixel and element pair is exact; only its departure from the row's own range, at most 1.5 bins
     over 256 elements, is developed into a polynomial of ``terms`` terms, so that a row is one matrix product for all
-    frames of the batch. The matrix costs as much as some ten frames: image in batches. One BLAS thread, because a
+    frames of the batch. The matrix costs as much as some eight frames: image in batches. One BLAS thread, because a
     product's last bits depend on how it is split: for the same batch size the same bytes.
+
+    Where array and u axis are symmetric, an element sees the pixel at -u as its mirror image sees the one at +u: with
+    M the matrix and s, s' the signals of an element and of its mirror image, summed over half of the elements,
+
+        I(+-u) = sum (s + s') (M(u) + M(-u)) / 2  +-  sum (s - s') (M(u) - M(-u)) / 2,
+
+    which is half the work in filling the matrices and in multiplying by them.
     """
     batch, terms, rows, channels = moments.shape
     if channels != array.channels or rows != radar.waveform.range_bins:
@@ -133,15 +221,32 @@ def near_field_images(moments: NDArray[np.complex64], radar: Radar, array: Anten
             f"{radar.waveform.range_bins}, {array.channels}]"
         )
     waveform, grid = radar.waveform, radar.grid
-    reference_hz = reference_frequency_hz(radar)
+    tx, rx, tx_of, rx_of = array.tx, array.rx, array.channel_tx, array.channel_rx
+    per_metre = reference_frequency_hz(radar) / SPEED_OF_LIGHT, waveform.bandwidth_hz / SPEED_OF_LIGHT
     images = np.empty((batch, rows, grid.bins), dtype=np.complex64)
-    matrix = np.empty((terms, channels, grid.bins), dtype=np.complex64)
-    by_row = np.ascontiguousarray(moments.transpose(2, 0, 1, 3)).reshape(rows, batch, terms * channels)
+    crossing = _zero_crossing(array, grid)
     with threadpool_limits(limits=1, user_api="blas"):
-        for row in range(rows):
-            _row_matrix(
-                array.tx, array.rx, array.channel_tx, array.channel_rx, row * waveform.range_step_m,
-                grid.u, reference_hz, waveform.bandwidth_hz, float(row), terms, matrix,
-            )  # fmt: skip
-            images[:, row] = by_row[row] @ matrix.reshape(terms * channels, grid.bins)
+        if crossing is None:
+            matrix = np.empty((terms, channels, 2, grid.bins), dtype=np.float32)
+            for row, range_m in enumerate(waveform.ranges_m):
+                _fill_matrix(tx, rx, tx_of, rx_of, range_m, grid.u, *per_metre, float(row), 1.0 / channels, matrix)
+                images[:, row] = _product(moments[:, :, row], matrix)
+            return images
+        half = channels // 2
+        # Columns j >= J / 2 have u_j >= 0; u holds these and the mirror images of the others, perhaps beyond the grid.
+        first = min(max((crossing + 1) // 2, 0), grid.bins)
+        last = max(crossing, grid.bins - 1) if first else grid.bins - 1
+        start = min(first, crossing - first + 1) if first else 0
+        u = grid.u_start + grid.step * np.arange(start, last + 1)
+        right = slice(first - start, grid.bins - start)
+        left = slice(crossing - first + 1 - start, crossing + 1 - start)
+        even = np.empty((terms, half, 2, len(u)), dtype=np.float32)
+        odd = np.empty_like(even)
+        upper = tx_of[half:], rx_of[half:]
+        for row, range_m in enumerate(waveform.ranges_m):
+            _fill_folded(tx, rx, *upper, range_m, u, *per_metre, float(row), 0.5 / channels, even, odd)
+            signal, mirrored = moments[:, :, row, half:], moments[:, :, row, half - 1 :: -1]
+            sums, differences = _product(signal + mirrored, even), _product(signal - mirrored, odd)
+            images[:, row, first:] = sums[:, right] + differences[:, right]
+            images[:, row, :first] = (sums[:, left] - differences[:, left])[:, ::-1]
     return images

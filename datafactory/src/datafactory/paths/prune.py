@@ -36,6 +36,7 @@ def _negligible(power: NDArray[np.float64], group: NDArray[np.int64], share: flo
     """[K] whether a member belongs to the weakest of its group that hold at most ``share`` of the group's power."""
     _, group = np.unique(group, return_inverse=True)
     total = np.bincount(group, power)
+    total[total == 0.0] = 1.0  # paths without power are all negligible
     order = np.lexsort((power, group))
     # Relative to its own group's power, so that a weak group loses no digits to a running sum over stronger ones.
     part = power[order] / total[group[order]]
