@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import settings
+from threadpoolctl import threadpool_limits
 
 from shared.radar import Radar
 from shared.waveform import Waveform
@@ -28,6 +29,13 @@ def _small_radar(**waveform: object) -> Radar:
     fields: dict[str, object] = {"samples": 64, "chirps": 8, **waveform}
     fields.setdefault("range_bins", fields["samples"])
     return Radar(name="small", waveform=Waveform.model_validate(fields))
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_blas_thread() -> Iterator[None]:
+    """Small products gain nothing from threads, and lose a hundredfold where other processes hold the cores."""
+    with threadpool_limits(limits=1, user_api="blas"):
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -42,7 +42,7 @@ def random_table(
     def points(count: int) -> np.ndarray:
         direction = generator.normal(size=(count, 3))
         direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-        return direction * np.exp(generator.uniform(*np.log(limits_m), count))[:, None]
+        return direction * np.exp(generator.uniform(np.log(limits_m[0]), np.log(limits_m[1]), count))[:, None]
 
     def amplitudes(count: int) -> np.ndarray:
         level = 10.0 ** (-span_db / 20.0 * generator.uniform(0.0, 1.0, count))
@@ -109,7 +109,7 @@ def test_cube_keeps_its_tolerance(
         samples=samples, chirps=chirps, range_bins=samples, multiplexing=multiplexing, residual_video_phase=video_phase
     )
     radar = Radar(waveform=waveform, array=array)
-    table = random_table(np.random.default_rng(seed), *counts, limits_m, span_db, speed)
+    table = random_table(np.random.default_rng(seed), counts[0], counts[1], limits_m, span_db, speed)
     reference = if_cube(table, radar)
     cube = cube_of_paths(table, radar, tolerance)
     assert cube.shape == reference.shape

@@ -54,7 +54,8 @@ def test_the_absolute_baseband_of_another_simulator_is_reproduced():
         ),
         array=PAIR,
         front_end=FrontEnd(
-            transmit_power_dbm=config["tx_power_dBm"] + gain_db, tx_pattern=IsotropicPattern(), rx_pattern=IsotropicPattern()
+            transmit_power_dbm=config["tx_power_dBm"] + gain_db,
+            tx_pattern=IsotropicPattern(), rx_pattern=IsotropicPattern(),
         ),
     )  # fmt: skip
     every = round(radar.waveform.sample_rate_hz / config["fs_Hz"])
@@ -135,7 +136,7 @@ def test_noise_power_agrees_with_its_formula(small_radar):
     assert 10.0 * np.log10(np.mean(np.abs(noise) ** 2) / sample_power) == pytest.approx(0.0, abs=0.1)
     measured = np.mean(np.abs(range_doppler(noise, radar)) ** 2)
     assert 10.0 * np.log10(measured / cell_noise_power(radar)) == pytest.approx(0.0, abs=0.1)
-    # A periodic Hann window has an equivalent noise bandwidth of 1.5 bins (Harris 1978, Table I), in range and in Doppler.
+    # A periodic Hann window has an equivalent noise bandwidth of 1.5 bins (Harris 1978, Table I), on both axes.
     assert cell_noise_power(radar) == pytest.approx(sample_power * 1.5**2 / (256 * 64), rel=1e-12)
 
 

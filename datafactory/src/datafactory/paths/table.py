@@ -29,7 +29,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from shared.radar import FrontEnd, Radar
 
@@ -85,7 +85,7 @@ class ScatteredPaths:
 
     @staticmethod
     def of_points(
-        position: Real, velocity: Real, amplitude: NDArray[np.complex128], object_index: NDArray[np.int32] | None = None
+        position: Real, velocity: Real, amplitude: ArrayLike, object_index: NDArray[np.int32] | None = None
     ) -> ScatteredPaths:
         """Single bounces at points [K, 3] m moving with [K, 3] m/s."""
         count = len(position)

@@ -6,11 +6,12 @@ array and waveform come later. What is done about Sionna RT 2.2's traits, each w
 
 * First-hit directions are replaced by :class:`datafactory.paths.rays.RayFan` (the solver's lattice covers the sphere).
 * A path that ends with a mirror after a diffuse bounce is found once per sequence of planes, whatever the number of
-rays,
-  so that its power is wrong; such paths are dropped. Their reverses, mirror first, are right, and by reciprocity each
-  of them stands for both: it enters the table twice, with the TX's and the RX's side exchanged.
+  rays, so that its power is wrong; such paths are dropped. Their reverses, mirror first, are right, and by reciprocity
+  each of them stands for both: it enters the table twice, with the TX's and the RX's side exchanged.
 * Amplitudes are conjugated: ``Paths.a`` belongs to exp(-j 2 pi f tau), the IF signal to exp(+j 2 pi f tau).
-* Line of sight from TX to RX is left out, and the solver runs in its deterministic mode.
+* Line of sight from TX to RX is left out, and the solver runs in its deterministic mode. That fixes which paths are
+  found, not their order, which depends on the threads' timing (measured: on a busy machine one trace in ten); they are
+  sorted here, because sums in float32 depend on it.
 """
 
 from __future__ import annotations
@@ -77,6 +78,11 @@ class _Bundle:
         columns = {item.name: getattr(self, item.name)[:, :depth] for item in fields(self) if item.name != "amplitude"}
         return _Bundle(amplitude=self.amplitude, **columns)
 
+    def in_fixed_order(self) -> _Bundle:
+        """The same paths, sorted by their vertices: the solver's threads hand them over as they happen to finish."""
+        count, depth = self.interactions.shape
+        return self.take(np.lexsort(self.vertices.reshape(count, 3 * depth).T[::-1]))
+
 
 def trace(
     stage: Stage,
@@ -98,8 +104,7 @@ def trace(
     scattered, specular, dropped = [targets], [], 0
     lengths = (bundle.interactions > 0).sum(axis=1)
     for depth in range(1, settings.depth + 1):
-        part = bundle.take(lengths == depth)
-        part = part.cut(depth)
+        part = bundle.take(lengths == depth).cut(depth).in_fixed_order()
         mirrors = (part.interactions == SPECULAR).all(axis=1)
         ends_diffuse = part.interactions[:, -1] == DIFFUSE
         dropped += int((~mirrors & ~ends_diffuse).sum())

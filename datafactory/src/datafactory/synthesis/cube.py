@@ -106,6 +106,16 @@ def terms_for(reach_bins: float, tolerance: float) -> int:
     return terms
 
 
+def _with_video_phase(polynomials: NDArray[np.complex128], time_bandwidth: float) -> NDArray[np.complex128]:
+    """Polynomials in z times exp(-j pi z^2 / (B T_c)): the residual video phase -mu (z / B)^2 / 2 of the remainder."""
+    result = polynomials.copy()
+    factor = 1.0 + 0.0j
+    for power in range(1, (len(polynomials) + 1) // 2):
+        factor *= -1j * np.pi / (time_bandwidth * power)
+        result[2 * power :] += factor * polynomials[: -2 * power]
+    return result
+
+
 def _add_block(
     cube: NDArray,
     contributions: list[_Contribution],
@@ -120,7 +130,10 @@ def _add_block(
     tx, rx = array.tx, array.rx[block]
     reach = 0.5 / OVERSAMPLING + _reach(tx, waveform.bandwidth_hz) + _reach(rx, waveform.bandwidth_hz)
     terms = terms_for(reach, tolerance)
-    polynomials = shift_polynomials(sweep_positions(waveform.samples), reach, terms).astype(cube.dtype)
+    polynomials = shift_polynomials(sweep_positions(waveform.samples), reach, terms)
+    if waveform.residual_video_phase:
+        polynomials = _with_video_phase(polynomials, waveform.bandwidth_hz * waveform.chirp_duration_s)
+    polynomials = polynomials.astype(cube.dtype)
     # Sample n belongs to nu = (n - N // 2) / N, i.e. to output n - N // 2 of the FFT over the range cells.
     outputs = np.arange(waveform.samples) - waveform.samples // 2
     real = np.float32 if cube.dtype == np.complex64 else np.float64

@@ -1,0 +1,182 @@
+"""The path table: both delay laws, illumination, reciprocity, and what counts what."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from oracles import mirror_path, mirrored, scattered_delays, specular_delays
+
+from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
+from shared.antenna import IsotropicPattern, ParabolicPattern
+from shared.radar import FrontEnd, Radar
+from shared.signal import round_trip_delays, target_amplitudes
+from shared.waveform import Waveform
+
+LIGHT_MPS = 299_792_458.0
+WALL = (np.array([9.0, 3.0, 0.0]), np.array([-0.8, -0.6, 0.0]))
+FLOOR = (np.array([0.0, 0.0, -1.5]), np.array([0.0, 0.0, 1.0]))
+
+
+def behind(planes, velocity=(0.0, 0.0, 0.0), reference=(0.0, 0.0, 0.0)) -> SpecularPaths:
+    """One specular path by its mirrors, straight from the method of images."""
+    image, axes = np.array(reference), np.eye(3)
+    for plane in planes:
+        image = mirrored(image, plane)
+        axes = (np.eye(3) - 2.0 * np.outer(plane[1], plane[1])) @ axes
+    return SpecularPaths(
+        image=image[None],
+        image_velocity=np.array([velocity]),
+        axes=axes[None],
+        reference=np.array(reference),
+        amplitude=np.array([1.0 - 2.0j]),
+        depth=np.array([len(planes)], dtype=np.int8),
+        object_index=np.array([0], dtype=np.int32),
+    )
+
+
+def two_points() -> ScatteredPaths:
+    generator = np.random.default_rng(1)
+    return ScatteredPaths(
+        tx_point=generator.uniform(2.0, 20.0, (2, 3)),
+        rx_point=generator.uniform(2.0, 20.0, (2, 3)),
+        tx_velocity=generator.uniform(-9.0, 9.0, (2, 3)),
+        rx_velocity=generator.uniform(-9.0, 9.0, (2, 3)),
+        between_m=np.array([0.0, 7.0]),
+        between_rate_mps=np.array([0.0, -3.0]),
+        amplitude=np.array([1.0, 2.0j]),
+        depth=np.array([1, 2], dtype=np.int8),
+        object_index=np.array([0, 1], dtype=np.int32),
+    )
+
+
+@pytest.mark.parametrize("planes", [[WALL], [WALL, FLOOR], [FLOOR, WALL]])
+@pytest.mark.parametrize("reference", [(0.0, 0.0, 0.0), (0.05, -0.1, 0.02)])
+def test_specular_law_is_the_mirror_path_of_every_pair(planes, reference):
+    generator = np.random.default_rng(2)
+    paths = behind(planes, reference=reference)
+    for tx, rx in generator.uniform(-0.3, 0.3, (20, 2, 3)):
+        length, _ = mirror_path(tx, rx, planes)
+        assert specular_delays(paths, tx, rx, 0.0)[0] * LIGHT_MPS == pytest.approx(length, abs=1e-12)
+        assert scattered_delays(paths.as_scattered(tx), tx, rx, 0.0)[0] * LIGHT_MPS == pytest.approx(length, abs=1e-12)
+
+
+@pytest.mark.parametrize("planes", [[WALL], [WALL, FLOOR]])
+def test_specular_law_of_a_moving_mirror(planes):
+    generator = np.random.default_rng(3)
+    velocity = np.array([-12.0, 3.0, 0.5])
+    # The first mirror moves; its image moves with twice the normal part, and further mirrors reflect that.
+    image_velocity = 2.0 * (velocity @ WALL[1]) * WALL[1]
+    for plane in planes[1:]:
+        image_velocity = image_velocity - 2.0 * (image_velocity @ plane[1]) * plane[1]
+    paths = behind(planes, tuple(image_velocity))
+    for time_s in (0.0, 0.01, 0.5):
+        now = [(WALL[0] + velocity * time_s, WALL[1]), *planes[1:]]
+        for tx, rx in generator.uniform(-0.3, 0.3, (5, 2, 3)):
+            length, _ = mirror_path(tx, rx, now)
+            assert specular_delays(paths, tx, rx, time_s)[0] * LIGHT_MPS == pytest.approx(length, abs=1e-11)
+            one_tx = scattered_delays(paths.as_scattered(tx), tx, rx, time_s)
+            assert one_tx[0] * LIGHT_MPS == pytest.approx(length, abs=1e-11)
+
+
+@pytest.mark.parametrize("planes", [[WALL], [WALL, FLOOR]])
+def test_departure_points_to_the_first_mirror(planes):
+    _, vertices = mirror_path(np.zeros(3), np.zeros(3), planes)
+    paths = behind(planes)
+    departure, arrival = paths.departure()[0], paths.image[0]
+    np.testing.assert_allclose(departure / np.linalg.norm(departure), vertices[0] / np.linalg.norm(vertices[0]))
+    np.testing.assert_allclose(arrival / np.linalg.norm(arrival), vertices[-1] / np.linalg.norm(vertices[-1]))
+
+
+def test_a_single_bounce_is_equation_2():
+    radar = Radar(waveform=Waveform(chirps=3))
+    position, velocity = np.array([7.0, -2.0, 0.3]), np.array([4.0, 5.0, -1.0])
+    paths = ScatteredPaths.of_points(position[None], velocity[None], np.ones(1))
+    delays = round_trip_delays(radar, position, velocity)
+    for channel, (i, j) in enumerate(zip(radar.array.channel_tx, radar.array.channel_rx, strict=True)):
+        for m in range(3):
+            tau = scattered_delays(paths, radar.array.tx[i], radar.array.rx[j], m * 80.6e-6)
+            assert tau[0] == pytest.approx(delays[channel, m], rel=1e-14)
+
+
+def test_a_reversed_path_takes_as_long_from_the_other_end():
+    paths = two_points()
+    a, b = np.array([0.0, 0.1, 0.0]), np.array([0.02, -0.2, 0.1])
+    np.testing.assert_allclose(
+        scattered_delays(paths, a, b, 0.01), scattered_delays(paths.reversed(), b, a, 0.01), rtol=1e-15
+    )
+    np.testing.assert_array_equal(paths.reversed().amplitude, paths.amplitude)
+    again = paths.reversed().reversed()
+    np.testing.assert_array_equal(again.tx_point, paths.tx_point)
+    np.testing.assert_array_equal(again.rx_velocity, paths.rx_velocity)
+
+
+def test_range_is_half_of_the_path():
+    paths, origin = two_points(), np.zeros(3)
+    np.testing.assert_allclose(paths.range_m(), scattered_delays(paths, origin, origin, 0.0) * LIGHT_MPS / 2.0)
+    specular = behind([WALL])
+    np.testing.assert_allclose(specular.range_m(), specular_delays(specular, origin, origin, 0.0) * LIGHT_MPS / 2.0)
+
+
+def test_taking_and_joining_lose_nothing():
+    paths = two_points()
+    joined = ScatteredPaths.concatenate([paths.take(np.array([1])), paths.take(np.array([True, False]))])
+    assert len(joined) == 2
+    for name in paths.__dataclass_fields__:
+        np.testing.assert_array_equal(getattr(joined, name), getattr(paths, name)[[1, 0]])
+        assert getattr(joined, name).dtype == getattr(paths, name).dtype
+    assert len(behind([WALL]).take(np.array([False]))) == 0
+
+
+def test_only_what_moves_moves():
+    still = ScatteredPaths.of_points(np.ones((2, 3)), np.zeros((2, 3)), np.ones(2))
+    assert not PathTable(still, behind([WALL])).moves()
+    assert PathTable(still, behind([WALL], (0.0, 0.0, 1e-9))).moves()
+    assert PathTable(two_points()).moves()
+    assert len(PathTable(still, behind([WALL]))) == 3
+
+
+def test_illumination_is_the_radar_equation():
+    # Isotropic amplitude of a point target with unit power: sqrt(lambda^2 sigma / ((4 pi)^3 R^4)).
+    radar = Radar()
+    position = np.array([[20.0, 5.0, -0.5], [30.0, -14.0, 2.0]])
+    rcs_dbsm, phase = np.array([10.0, -3.0]), np.array([0.4, 2.0])
+    range_m = np.linalg.norm(position, axis=1)
+    isotropic = radar.waveform.wavelength_m * np.sqrt(10.0 ** (rcs_dbsm / 10.0) / (4.0 * np.pi) ** 3) / range_m**2
+    table = PathTable(ScatteredPaths.of_points(position, np.zeros((2, 3)), isotropic * np.exp(1j * phase)))
+    lit = table.illuminated(radar.front_end).scattered.amplitude
+    np.testing.assert_allclose(lit, target_amplitudes(radar, position, rcs_dbsm, phase), rtol=1e-12)
+
+
+def test_each_end_has_its_own_pattern():
+    # A TX that looks ahead and an RX that looks everywhere: only the departure counts.
+    narrow = ParabolicPattern(gain_dbi=0.0, azimuth_beamwidth_deg=20.0, elevation_beamwidth_deg=20.0, floor_db=40.0)
+    one_way = FrontEnd(transmit_power_dbm=30.0, tx_pattern=narrow, rx_pattern=IsotropicPattern())
+    ahead, aside = np.array([[5.0, 0.0, 0.0]]), np.array([[0.0, 5.0, 0.0]])
+    base = ScatteredPaths.of_points(ahead, np.zeros((1, 3)), np.ones(1))
+    leaving_ahead = PathTable(
+        ScatteredPaths(**{**{n: getattr(base, n) for n in base.__dataclass_fields__}, "rx_point": aside})
+    )
+    assert np.abs(leaving_ahead.illuminated(one_way).scattered.amplitude[0]) == pytest.approx(1.0)
+    leaving_aside = PathTable(leaving_ahead.scattered.reversed())
+    assert np.abs(leaving_aside.illuminated(one_way).scattered.amplitude[0]) == pytest.approx(1e-2)
+    # A specular path by wall and floor leaves and arrives in different directions, too.
+    specular = PathTable(base, behind([WALL, FLOOR]))
+    gains = narrow.power_gain(specular.specular.departure())
+    lit = specular.illuminated(one_way).specular.amplitude / specular.specular.amplitude
+    np.testing.assert_allclose(np.abs(lit) ** 2, gains)
+
+
+def test_paths_beyond_the_unambiguous_range_are_counted():
+    radar = Radar(waveform=Waveform(samples=64, range_bins=64))
+    limit = radar.waveform.unambiguous_range_m
+    position = np.array([[limit - 0.01, 0.0, 0.0], [limit + 0.01, 0.0, 0.0], [3.0, 0.0, 0.0]])
+    table = PathTable(
+        ScatteredPaths.of_points(position, np.zeros((3, 3)), np.arange(3.0)),
+        behind([(np.array([limit + 1.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0]))]),
+        counts={"rays": 7},
+    )
+    near = table.within(radar)
+    assert near.scattered.amplitude.real.tolist() == [0.0, 2.0]
+    assert len(near.specular) == 0
+    assert near.counts == {"rays": 7, "beyond_range": 2}
+    assert near.within(radar).counts == near.counts
