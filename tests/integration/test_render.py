@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from datafactory import pool
-from datafactory.cli import app
+from datafactory.cli.app import app
 from datafactory.seeds import frame_seed
 from shared.dataset_folder import open_dataset, verify
 from shared.errors import InputError
@@ -41,7 +41,7 @@ def radar_file(tmp_path_factory) -> Path:
 
 
 def run(*arguments: object) -> str:
-    """What the command prints; its errors propagate as they would into ``datafactory.cli.main``."""
+    """What the command prints; its errors propagate as they would into ``datafactory.cli.app.main``."""
     result = CliRunner().invoke(app, [str(argument) for argument in arguments], catch_exceptions=False)
     assert result.exit_code == 0, result.output
     return result.output

@@ -100,6 +100,24 @@ def test_a_dataset_that_was_used_can_be_pickled(directory):
     assert again.description == data.description
 
 
+def test_few_shards_stay_open(directory, monkeypatch):
+    monkeypatch.setattr("trainer.data.OPEN_SHARDS", 1)
+    data = ShardDataset(directory, "train")
+    for index in (0, 4, 1, 3):
+        assert data[index]["frame_id"].item() == index
+        assert len(data._open) == 1
+
+
+def test_a_shard_damaged_within_is_named(directory):
+    data = ShardDataset(directory, "train")
+    path = directory / "train/part-00001.parquet"
+    content = bytearray(path.read_bytes())
+    content[4 : len(content) // 2] = bytes(len(content) // 2 - 4)
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=r"part-00001.parquet: damaged"):
+        data[3]
+
+
 @pytest.mark.parametrize(
     ("split", "columns", "message"),
     [

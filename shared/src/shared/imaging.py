@@ -8,13 +8,14 @@ the range window has its weight: an echo's phase in a range bin is that of mid-s
 
 from __future__ import annotations
 
+from math import factorial, floor, pi
+
 import numba
 import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from shared.arrays import AntennaArray
-from shared.cycles import phasor
 from shared.radar import ImageGrid, Radar
 from shared.sweep import reference_frequency_hz, shift_polynomials, sweep_positions
 from shared.units import SPEED_OF_LIGHT
@@ -97,9 +98,25 @@ def sweep_moments(fast_time: NDArray[np.complexfloating], radar: Radar, terms: i
     return np.stack(spectra)
 
 
+# Taylor series of sin and cos of half the angle y = pi r, |y| <= pi / 2; the first term left out is below 6e-8.
+_S3, _S5, _S7, _S9, _S11 = [np.float32((-1) ** k / factorial(2 * k + 1)) for k in range(1, 6)]
+_C2, _C4, _C6, _C8, _C10, _C12 = [np.float32((-1) ** k / factorial(2 * k)) for k in range(1, 7)]
+_ONE, _TWO = np.float32(1.0), np.float32(2.0)
+
+
+@numba.njit(inline="always", error_model="numpy")
+def _single_phasor(cycles):
+    """:func:`shared.cycles.phasor` in float32 once the phase is reduced: within 7e-7, at half the price."""
+    y = np.float32(pi * (cycles - floor(cycles + 0.5)))
+    q = y * y
+    s = y + y * q * (_S3 + q * (_S5 + q * (_S7 + q * (_S9 + q * _S11))))
+    c = _ONE + q * (_C2 + q * (_C4 + q * (_C6 + q * (_C8 + q * (_C10 + q * _C12)))))
+    return _ONE - _TWO * s * s, _TWO * s * c
+
+
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"})
 def _steer(tx_leg, x, y, element, cycles_per_metre, bins_per_metre, row, scale, re, im, walk):
-    """Fill re, im, walk [U] for one element pair: steering phasor at mid-sweep times ``scale``, range walk [bins].
+    """Fill re, im, walk [U] for one element pair: phasor of the delay at mid-sweep times ``scale``, range walk [bins].
 
     :param tx_leg: [U] from the TX to the pixels (x, y, 0) [m]; ``element`` [3] the RX [m]
     """
@@ -107,7 +124,7 @@ def _steer(tx_leg, x, y, element, cycles_per_metre, bins_per_metre, row, scale, 
     for j in range(len(x)):
         dx, dy = x[j] - rx_x, y[j] - rx_y
         path = tx_leg[j] + np.sqrt(dx * dx + dy * dy + rx_z * rx_z)
-        cosine, sine = phasor(-cycles_per_metre * path)
+        cosine, sine = _single_phasor(cycles_per_metre * path)
         re[j], im[j] = scale * cosine, scale * sine
         walk[j] = row - bins_per_metre * path
 
@@ -142,7 +159,7 @@ def _pixel_legs(elements, x, y):
 
 @numba.njit(cache=True, error_model="numpy")
 def _fill_matrix(tx, rx, tx_of, rx_of, range_m, u, cycles_per_metre, bins_per_metre, row, scale, matrix):
-    """Fill ``matrix`` [terms, C, 2, U]: re and im of the steering phasors times powers of the range walk [bins].
+    """Fill ``matrix`` [terms, C, 2, U]: re and im of the delays' phasors times powers of the range walk [bins].
 
     Real and imaginary parts stand in lines of their own: interleaved stores took four times as long.
     """
@@ -175,16 +192,14 @@ def _fill_folded(tx, rx, tx_of, rx_of, range_m, u, cycles_per_metre, bins_per_me
             _store_folded_power(l_im, r_im, l_walk, r_walk, even[p, c, 1], odd[p, c, 1])
 
 
-def _product(signal: NDArray[np.complex64], matrix: NDArray[np.float32]) -> NDArray[np.complex64]:
-    """[B, U] complex product of ``signal`` [B, terms, C] with ``matrix`` [terms, C, 2, U], as one real product."""
+def _product(signal: NDArray[np.complex64], matrix: NDArray[np.float32]) -> NDArray[np.float32]:
+    """[2, B, U] re and im of sum s conj(m) over ``signal`` s [B, terms, C] and ``matrix`` m [terms, C, 2, U].
+
+    One real product: with s = a + j b and m = x + j y the sum is a x + b y + j (b x - a y), and -j s = b - j a.
+    """
     batch, columns = len(signal), matrix.shape[-1]
-    flat = signal.reshape(batch, -1)
-    parts = np.concatenate([flat.real, flat.imag]) @ matrix.reshape(flat.shape[1], 2 * columns)
-    real, imaginary = parts[:batch].reshape(batch, 2, columns), parts[batch:].reshape(batch, 2, columns)
-    product = np.empty((batch, columns), dtype=np.complex64)
-    product.real = real[:, 0] - imaginary[:, 1]
-    product.imag = real[:, 1] + imaginary[:, 0]
-    return product
+    both = np.stack([signal, -1j * signal]).reshape(2 * batch, -1)
+    return (both.view(np.float32) @ matrix.reshape(-1, columns)).reshape(2, batch, columns)
 
 
 def _zero_crossing(array: AntennaArray, grid: ImageGrid) -> int | None:
@@ -220,6 +235,7 @@ def near_field_images(moments: NDArray[np.complex64], radar: Radar, array: Anten
             f"moments are [{batch}, {terms}, {rows}, {channels}]; expected [batch, terms, "
             f"{radar.waveform.range_bins}, {array.channels}]"
         )
+    moments = moments.astype(np.complex64, copy=False)
     waveform, grid = radar.waveform, radar.grid
     tx, rx, tx_of, rx_of = array.tx, array.rx, array.channel_tx, array.channel_rx
     per_metre = reference_frequency_hz(radar) / SPEED_OF_LIGHT, waveform.bandwidth_hz / SPEED_OF_LIGHT
@@ -229,8 +245,10 @@ def near_field_images(moments: NDArray[np.complex64], radar: Radar, array: Anten
         if crossing is None:
             matrix = np.empty((terms, channels, 2, grid.bins), dtype=np.float32)
             for row, range_m in enumerate(waveform.ranges_m):
-                _fill_matrix(tx, rx, tx_of, rx_of, range_m, grid.u, *per_metre, float(row), 1.0 / channels, matrix)
-                images[:, row] = _product(moments[:, :, row], matrix)
+                _fill_matrix(
+                    tx, rx, tx_of, rx_of, range_m, grid.u, *per_metre, float(row), np.float32(1.0 / channels), matrix
+                )
+                images.real[:, row], images.imag[:, row] = _product(moments[:, :, row], matrix)
             return images
         half = channels // 2
         # Columns j >= J / 2 have u_j >= 0; u holds these and the mirror images of the others, perhaps beyond the grid.
@@ -244,9 +262,9 @@ def near_field_images(moments: NDArray[np.complex64], radar: Radar, array: Anten
         odd = np.empty_like(even)
         upper = tx_of[half:], rx_of[half:]
         for row, range_m in enumerate(waveform.ranges_m):
-            _fill_folded(tx, rx, *upper, range_m, u, *per_metre, float(row), 0.5 / channels, even, odd)
+            _fill_folded(tx, rx, *upper, range_m, u, *per_metre, float(row), np.float32(0.5 / channels), even, odd)
             signal, mirrored = moments[:, :, row, half:], moments[:, :, row, half - 1 :: -1]
             sums, differences = _product(signal + mirrored, even), _product(signal - mirrored, odd)
-            images[:, row, first:] = sums[:, right] + differences[:, right]
-            images[:, row, :first] = (sums[:, left] - differences[:, left])[:, ::-1]
+            images.real[:, row, first:], images.imag[:, row, first:] = (sums + differences)[..., right]
+            images.real[:, row, :first], images.imag[:, row, :first] = (sums - differences)[..., left][..., ::-1]
     return images

@@ -7,7 +7,9 @@ from typing import Annotated
 
 import typer
 
+from datafactory.accuracy.budget import menu_for
 from datafactory.cli import options
+from datafactory.cli.accuracy import render_within_budget
 from datafactory.frames import Processing
 from datafactory.order import Order
 from datafactory.paths.trace import TraceSettings
@@ -21,6 +23,7 @@ from shared.windows import ANGLE_WINDOWS
 
 
 def render(
+    context: typer.Context,
     out: options.Out,
     scene: options.Scenes = None,
     paths: Annotated[
@@ -38,6 +41,16 @@ def render(
     depth: options.Depth = 2,
     noise: options.Noise = True,
     truth_window: options.TruthWindow = "taylor-30",
+    error_budget: Annotated[
+        float | None,
+        typer.Option(
+            min=-120.0,
+            max=-1.0,
+            show_default=False,
+            help="Choose rays, depth, pruning, tolerance and truth terms for this error [dB], e.g. -30, from a sweep "
+            "made once; --rays and --depth stay as given. Without it nothing is swept and the defaults hold.",
+        ),
+    ] = None,
     workers: options.Workers = 0,
     resume: options.Resume = False,
 ) -> None:
@@ -64,4 +77,15 @@ def render(
         ),
         trace=TraceSettings(rays=rays, depth=depth),
     )
-    options.run(order, load_materials(materials), out, workers, resume)
+    table = load_materials(materials)
+    if error_budget is None:
+        options.run(order, table, out, workers, resume)
+        return
+    menu = menu_for(rays if _stated(context, "rays") else None, depth if _stated(context, "depth") else None)
+    render_within_budget(order, table, error_budget, menu, out, workers, resume)
+
+
+def _stated(context: typer.Context, name: str) -> bool:
+    """Whether the user gave this option."""
+    source = context.get_parameter_source(name)
+    return source is not None and source.name != "DEFAULT"

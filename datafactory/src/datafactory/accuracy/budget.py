@@ -1,0 +1,178 @@
+"""``--error-budget``: prices from the cache or a sweep, a choice, and the errors that the choice has all together.
+
+Prices belong to a scene, its materials, the radar, the poses, the menu and the code; they are measured once. The sweep
+looks at frames of the run itself, because the same scene may be harmless from one pose and full of corner reflectors
+from the next. Single prices choose; then the choice is measured whole, and where it misses the budget, because
+errors met that the squares did not foresee, the next choice aims lower by as much.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from threadpoolctl import threadpool_limits
+
+from datafactory.accuracy.cache import Announce, cached, user_cache
+from datafactory.accuracy.chain import Clock, reference_of, run
+from datafactory.accuracy.errors import peak_error, relative_l2
+from datafactory.accuracy.knobs import REFERENCE_DEPTH, UNPRUNED_DB, Settings
+from datafactory.accuracy.prices import Choice, Errors, Menu, Prices, choose, measure_prices
+from datafactory.accuracy.probes import Probe, probes_of, traced
+from datafactory.accuracy.sweep import Advance, Effort, power_error
+from datafactory.order import Order
+from datafactory.paths.backend import select_variant, set_threads
+from datafactory.scenes.materials import MaterialTable
+from datafactory.scenes.open import open_scene
+from shared.errors import InputError
+from shared.radar import Radar
+
+FRAMES = 2
+"""Frames of each scene that are swept, spread over the run."""
+ROUNDS = 4
+"""Choices tried before the last is taken as it is."""
+
+
+@dataclass(frozen=True)
+class SweptScene:
+    """A scene of the order: the frames that were swept and, where the run has more, one that was not."""
+
+    content: str
+    swept: tuple[Probe, ...]
+    elsewhere: tuple[Probe, ...]
+
+
+@dataclass(frozen=True)
+class Budget:
+    """A budget and what was chosen for it.
+
+    :param choice: its prediction was measured on the frames swept, all settings at once
+    :param order: the user's, with the settings chosen
+    """
+
+    level_db: float
+    choice: Choice
+    order: Order
+    menu: Menu
+    scenes: tuple[SweptScene, ...]
+
+
+def menu_for(rays: int | None, depth: int | None) -> Menu:
+    """The full menu, or only what the user asked for where they did."""
+    menu = Menu()
+    if rays is not None:
+        effort = replace(menu.effort, reference_rays=max(2 * rays, menu.effort.reference_rays))
+        menu = replace(menu, rays=(rays,), effort=effort)
+    return menu if depth is None else replace(menu, depth=(depth,))
+
+
+def settle(
+    order: Order,
+    table: MaterialTable,
+    level_db: float,
+    menu: Menu,
+    announce: Announce,
+    advance: Advance,
+    folder: Path | None = None,
+) -> Budget:
+    """Choose the settings with the least counted work for an order's scene frames.
+
+    :param folder: of the cache; the user's by default
+    :raises InputError: an order without scenes to trace, or whatever is wrong with them
+    """
+    if not order.scenes:
+        raise InputError("--error-budget", "there is no scene frame to trace", "--scene with --frames or --poses")
+    select_variant()
+    set_threads(1)
+    radar, folder = order.radar, folder or user_cache()
+    scenes, prices = [], []
+    with threadpool_limits(limits=1):
+        for index, source in enumerate(order.scenes):
+            scene = _swept(order, table, index, source)
+            if not scene.swept:
+                continue
+            scenes.append(scene)
+
+            def sweep(path: Path, probes: tuple[Probe, ...] = scene.swept, name: str = source) -> Prices:
+                announce(f"{name}: measuring what accuracy costs, once; the result is kept as {path}")
+                return measure_prices(probes, menu, radar, advance)
+
+            prices.append(cached(folder, _inputs(scene, radar, asdict(menu)), Prices, sweep, announce))
+        target_db = level_db
+        for _ in range(ROUNDS):
+            choice = choose(prices, menu, target_db, radar)
+            together = [_together(scene, choice.settings, menu.effort, radar, folder, announce) for scene in scenes]
+            predicted = worst_of(together)
+            excess_db = predicted.worst_db - level_db
+            if excess_db <= 0.0 or not choice.keeps_budget:
+                break
+            target_db -= excess_db
+    choice = replace(choice, predicted=predicted, keeps_budget=excess_db <= 0.0)
+    settings = choice.settings
+    processing = replace(order.processing, tolerance=settings.tolerance, truth_terms=settings.truth_terms)
+    trace = replace(order.trace, rays=settings.rays, depth=settings.depth)
+    announce(_said(level_db, choice))
+    chosen = replace(order, processing=processing, trace=trace, prune_db=settings.prune_db)
+    return Budget(level_db, choice, chosen, menu, tuple(scenes))
+
+
+def errors_together(probes: Sequence[Probe], settings: Settings, effort: Effort, radar: Radar) -> Errors:
+    """The errors of all settings at once on these frames, each against everything converged."""
+    settings = replace(settings, video_phase=radar.waveform.residual_video_phase)
+    against = replace(settings, rays=effort.reference_rays, depth=REFERENCE_DEPTH)
+    cube, image, power = [], [], []
+    for probe in probes:
+        tables = [traced(probe, settings, radar)]
+        reference = reference_of(tables, replace(settings, prune_db=UNPRUNED_DB), radar)
+        outcome = run(tables, settings, radar, Clock(), reference, batch=1)
+        cube.append(relative_l2(outcome.cubes[0], reference.cubes[0]))
+        image.append(peak_error(outcome.images[0], reference.images[0]))
+        power.append(power_error(probe, settings, against, effort, radar, {})[0])
+    return Errors.of(max(cube), max(image), max(power))
+
+
+def worst_of(scenes: Sequence[Errors]) -> Errors:
+    """The largest of each error."""
+    every = [errors.model_dump() for errors in scenes]
+    return Errors(**{name: max(errors[name] for errors in every) for name in every[0]})
+
+
+def _together(
+    scene: SweptScene, settings: Settings, effort: Effort, radar: Radar, folder: Path, announce: Announce
+) -> Errors:
+    inputs = _inputs(scene, radar, {"settings": asdict(settings), "effort": asdict(effort)})
+    return cached(folder, inputs, Errors, lambda path: errors_together(scene.swept, settings, effort, radar), announce)
+
+
+def _swept(order: Order, table: MaterialTable, index: int, source: str) -> SweptScene:
+    """The frames of one scene to look at; none where the run has no frame of it."""
+    own = range(index, len(order.poses) or order.frames, len(order.scenes))
+    if not own:
+        return SweptScene("", (), ())
+    chosen = tuple(own[place] for place in sorted({0, len(own) // 2}))[:FRAMES]
+    other = tuple(number for number in own if number not in chosen)[-1:]
+    scene = open_scene(source)
+    probes = probes_of(scene, table, order.poses, chosen + other, order.seed, order.split)
+    return SweptScene(scene.content_hash(), probes[: len(chosen)], probes[len(chosen) :])
+
+
+def _inputs(scene: SweptScene, radar: Radar, wanted: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "scene": scene.content,
+        "materials": scene.swept[0].materials.to_json(),
+        "radar": radar.model_dump(mode="json"),
+        "frames": [[probe.frame_id, probe.seed, asdict(probe.pose)] for probe in scene.swept],
+        "wanted": wanted,
+    }
+
+
+def _said(budget_db: float, choice: Choice) -> str:
+    s = choice.settings
+    text = (
+        f"error budget {budget_db:g} dB: {s.rays} rays, depth {s.depth}, pruning at {s.prune_db:g} dB, tolerance "
+        f"{s.tolerance:g}, {s.truth_terms} truth terms; {choice.work:.2e} multiply-adds a frame; "
+        f"predicted {choice.predicted}"
+    )
+    return text if choice.keeps_budget else f"{text}. NOT KEPT: nothing on the menu was found that keeps this budget"

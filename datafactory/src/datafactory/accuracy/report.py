@@ -1,0 +1,137 @@
+"""The sweep as a table, as files, and as a picture of error against time."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, fields
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FormatStrFormatter
+
+from datafactory.accuracy.sweep import Row
+
+HEADINGS = (
+    "knob", "setting", "s/frame", "cube dB", "image dB", "image L2 dB", "power bias dB", "detections %", "rows %",
+    "peak MB", "paths", "work",
+)  # fmt: skip
+EXPLANATION = (
+    "A frame on one core, median seconds: trace and write on the wall clock, the rest in processor time. "
+    "* is the default. Errors are the largest over the frames.",
+    "Signal knobs, on the same paths: cube is relative L2; image the largest difference over the peak, in the same "
+    "Doppler cells. They are varied around an unpruned cube at 1e-6 and a truth of 6 terms.",
+    "Power knobs change the paths, and the ray count changes the speckle realisation: what is compared is the "
+    "amplitude in a resolution cell, sqrt(mean power) over realisations of the rays, and the bias of the total power. "
+    "Their change in detections contains the change of speckle.",
+    "rows: Doppler cells chosen otherwise, among rows with a detection. Peak: growth of the resident set in any stage. "
+    "Work: counted multiply-adds.",
+)
+MARKERS = "osD^vP*Xph<>d8"
+TRUTH_ALONE = ("truth_terms", "truth_wave", "truth_window")
+CUBE_ALONE = ("tolerance", "input_wave", "video_phase")
+"""Knobs that leave the other of the two as it is; each is drawn where it acts."""
+
+
+def table_rows(rows: Sequence[Row]) -> list[tuple[str, ...]]:
+    """The rows as text under HEADINGS."""
+    return [
+        (
+            row.knob,
+            row.setting + (" *" if row.default else ""),
+            f"{row.seconds:.2f}",
+            f"{row.cube_error_db:.1f}",
+            f"{row.image_error_db:.1f}",
+            f"{row.image_l2_db:.1f}",
+            f"{row.power_bias_db:+.3f}",
+            f"{row.detections_changed:.1f}",
+            f"{row.doppler_rows_changed:.1f}",
+            f"{row.peak_mb:.0f}",
+            f"{row.paths:.0f}",
+            f"{row.work:.2e}",
+        )
+        for row in rows
+    ]
+
+
+def write_tables(rows: Sequence[Row], directory: Path) -> list[Path]:
+    """``accuracy.parquet`` and ``accuracy.csv``; in the latter ``stage_seconds`` is JSON.
+
+    :raises OSError: the folder cannot be written
+    """
+    parquet, text = directory / "accuracy.parquet", directory / "accuracy.csv"
+    pq.write_table(pa.Table.from_pylist([asdict(row) for row in rows]), parquet)
+    with text.open("w", encoding="utf-8", newline="") as handle:
+        writer = csv.DictWriter(handle, [item.name for item in fields(Row)])
+        writer.writeheader()
+        writer.writerows({**asdict(row), "stage_seconds": json.dumps(row.stage_seconds)} for row in rows)
+    return [parquet, text]
+
+
+def pareto_front(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+    """The points (seconds, error) that no other point beats in both, seconds rising and error falling."""
+    front: list[tuple[float, float]] = []
+    for seconds, error in sorted(points):
+        if not front or error < front[-1][1]:
+            front.append((seconds, error))
+    return front
+
+
+def draw(rows: Sequence[Row], title: str) -> Figure:
+    """Error against time: cube and image on the same paths, and power in a resolution cell."""
+    figure = Figure(figsize=(17.0, 6.2), layout="constrained")
+    axes = figure.subplots(1, 3)
+    power = [row for row in rows if row.kind == "power"]
+    cube = [row for row in rows if row.kind == "signal" and row.knob not in TRUTH_ALONE]
+    truth = [row for row in rows if row.kind == "signal" and row.knob not in CUBE_ALONE]
+    _panel(axes[0], cube, [row.cube_error_db for row in cube], "cube, same paths: relative L2 error [dB]")
+    _panel(axes[1], truth, [row.image_error_db for row in truth], "truth, same paths: largest error over peak [dB]")
+    _panel(
+        axes[2], power, [row.image_error_db for row in power], "amplitude in a cell, mean power: error over peak [dB]"
+    )
+    figure.suptitle(title)
+    return figure
+
+
+def _panel(axis: Axes, rows: Sequence[Row], errors: Sequence[float], label: str) -> None:
+    points = [(row.seconds, error) for row, error in zip(rows, errors, strict=True)]
+    front = pareto_front(points)
+    axis.step(*zip(*front, strict=True), where="post", color="tab:blue", linewidth=1.2, label="Pareto front", zorder=1)
+    for number, knob in enumerate(dict.fromkeys(row.knob for row in rows)):
+        mine = [index for index, row in enumerate(rows) if row.knob == knob]
+        default = knob == "defaults"
+        axis.plot(
+            [points[index][0] for index in mine],
+            [points[index][1] for index in mine],
+            linestyle="none",
+            marker="*" if default else MARKERS[number % len(MARKERS)],
+            markersize=17 if default else 6,
+            color="tab:red" if default else f"C{number % 10}",
+            label="default" if default else knob,
+            zorder=3 if default else 2,
+        )
+    seen: set[tuple[float, float]] = set()
+    for row, point in zip(rows, points, strict=True):
+        if point in front and row.knob != "defaults" and point not in seen:
+            seen.add(point)
+            axis.annotate(f"{row.knob} {row.setting}", point, xytext=(5, 4), textcoords="offset points", fontsize=7)
+    axis.margins(x=0.12)
+    axis.set(xscale="log", xlabel="seconds a frame, one core", ylabel=label)
+    for formatter in (axis.xaxis.set_major_formatter, axis.xaxis.set_minor_formatter):
+        formatter(FormatStrFormatter("%.3g"))
+    axis.grid(True, which="both", alpha=0.25)
+    axis.legend(fontsize=7, loc="best")
+
+
+def write_picture(rows: Sequence[Row], title: str, directory: Path) -> Path:
+    """``accuracy.png``.
+
+    :raises OSError: the folder cannot be written
+    """
+    path = directory / "accuracy.png"
+    draw(rows, title).savefig(path, dpi=110, metadata={"Software": None})
+    return path

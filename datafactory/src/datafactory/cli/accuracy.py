@@ -1,0 +1,102 @@
+"""``datafactory accuracy``: what accuracy costs in time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from datafactory.accuracy import budget, knobs, report
+from datafactory.accuracy.check import check
+from datafactory.accuracy.prices import Menu
+from datafactory.accuracy.probes import probes_of
+from datafactory.accuracy.sweep import Advance, Effort, sweep
+from datafactory.cli import options
+from datafactory.frames import IMAGE_BATCH
+from datafactory.order import Order
+from datafactory.paths.backend import select_variant, set_threads
+from datafactory.scenes.materials import MaterialTable, load_materials
+from datafactory.scenes.open import open_scene
+from datafactory.scenes.poses import read_poses
+from shared.errors import InputError
+from shared.radar import load_radar
+
+TABLE_WIDTH = 150
+"""Columns that the table needs; a narrower terminal wraps its lines rather than its cells."""
+
+
+def accuracy(
+    scene: Annotated[str, typer.Option(help="USD, Mitsuba XML or mesh file, or sionna:NAME.", show_default=False)],
+    out: Annotated[Path, typer.Option("--out", help="Folder for the tables and the picture.", show_default=False)],
+    radar: options.RadarName = options.DEFAULT_RADAR_NAME,
+    frames: Annotated[int, typer.Option(min=1, max=IMAGE_BATCH, help="Frames to measure on; --quick takes one.")] = 2,
+    poses: Annotated[
+        Path | None, typer.Option(help="JSON file of sensor poses to measure at, instead of drawn ones.")
+    ] = None,
+    seed: options.Seed = 0,
+    repeats: Annotated[int, typer.Option(min=1, max=20, help="Timed runs of each stage and frame.")] = 1,
+    quick: Annotated[bool, typer.Option("--quick", help="One frame, fewer settings; for a small scene.")] = False,
+    materials: Annotated[Path | None, typer.Option(help="TOML file that overrides the material table.")] = None,
+) -> None:
+    """Show what accuracy costs in time: every approximation as a knob with its price and its error."""
+    console = Console(soft_wrap=True, highlight=False)
+    model, table = load_radar(radar), load_materials(materials)
+    given = read_poses(poses) if poses else ()
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except FileExistsError:
+        raise InputError("--out", f"{out} is a file", "a folder") from None
+    select_variant()
+    set_threads(1)
+    count = min(1 if quick else frames, len(given) or IMAGE_BATCH)
+    probes = probes_of(open_scene(scene), table, given, tuple(range(count)), seed)
+    signal, power = knobs.SIGNAL_KNOBS, knobs.POWER_KNOBS
+    effort = Effort(knobs.REFERENCE_RAYS, realisations=4, repeats=repeats)
+    if quick:
+        signal, power = knobs.QUICK_SIGNAL_KNOBS, knobs.QUICK_POWER_KNOBS
+        effort = Effort(knobs.QUICK_REFERENCE_RAYS, realisations=2, batch=1, rays=knobs.QUICK_RAYS)
+    with _bar(console) as advance:
+        rows = sweep(probes, signal, power, effort, model, advance)
+    shown = Table(*report.HEADINGS, title=f"What accuracy costs: {scene}", title_justify="left")
+    for row in report.table_rows(rows):
+        shown.add_row(*row)
+    Console(width=max(console.width, TABLE_WIDTH), soft_wrap=True, highlight=False).print(shown)
+    for line in report.EXPLANATION:
+        console.print(line, markup=False)
+    batch = f"{effort.rays} rays, images in batches of {effort.batch}"
+    title = f"{scene}: {count} frame{'s' if count > 1 else ''}, seed {seed}, radar {model.name}, {batch}"
+    for path in (*report.write_tables(rows, out), report.write_picture(rows, title, out)):
+        console.print(f"wrote {path}", markup=False)
+
+
+def render_within_budget(
+    order: Order, table: MaterialTable, level_db: float, menu: Menu, out: Path, workers: int, resume: bool
+) -> None:
+    """``render --error-budget``: settle the settings, render, and check what was promised."""
+    console = Console(soft_wrap=True, highlight=False)
+
+    def announce(line: str) -> None:
+        console.print(line, markup=False)
+
+    with _bar(console) as advance:
+        settled = budget.settle(order, table, level_db, menu, announce, advance)
+    options.run(settled.order, table, out, workers, resume)
+    check(settled, out, announce)
+
+
+@contextmanager
+def _bar(console: Console) -> Iterator[Advance]:
+    columns = (TextColumn("{task.description:28s}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console) as progress:
+        task = progress.add_task("opening", total=None)
+
+        def advance(done: int, total: int, label: str) -> None:
+            progress.update(task, completed=done, total=total, description=label)
+
+        yield advance

@@ -1,0 +1,46 @@
+"""``datafactory``: the command line. Thin: parse, call the library, print."""
+
+from __future__ import annotations
+
+import sys
+
+import typer
+from typer.exceptions import TyperException
+
+from datafactory.cli.accuracy import accuracy
+from datafactory.cli.city import city
+from datafactory.cli.doctor import doctor
+from datafactory.cli.inspect import inspect
+from datafactory.cli.points import points
+from datafactory.cli.render import render
+from datafactory.cli.trace import trace
+from shared.errors import InputError
+
+app = typer.Typer(
+    help="Scenes to multipath to 77 GHz FMCW radar data in Parquet shards.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+for command in (render, points, accuracy, trace, city, inspect, doctor):
+    app.command()(command)
+
+
+def main() -> None:
+    """Entry point: 0 done, 1 a run that failed, 2 bad arguments or bad input, each with one line."""
+    try:
+        sys.exit(app(standalone_mode=False))
+    except InputError as error:
+        _fail(str(error), 2)
+    except OSError as error:
+        _fail(f"{error.filename or 'input/output'}: {error.strerror or error}", 1)
+    except TyperException as error:
+        _fail(" ".join(error.format_message().split()), 2)
+    except (KeyboardInterrupt, typer.Abort):
+        _fail("interrupted; what was finished is kept: the same command with --resume goes on", 130)
+
+
+def _fail(line: str, status: int) -> None:
+    if line:  # without arguments the help has been printed already
+        print(f"datafactory: {line}", file=sys.stderr)
+    sys.exit(status)

@@ -1,0 +1,195 @@
+"""The truth image against the exact matched filter and back projection, its moments against the virtual cube."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache
+
+import numpy as np
+from machine import gemm_flops_per_second
+from numpy.typing import NDArray
+from record import DB_OF_PEAK, Record, Timing, peak_error_db, timed
+from references import back_projection, nufft_image
+from workloads import EGO_SPEED_MPS, SEED, Workload, street
+
+from datafactory.paths.table import PathTable, ScatteredPaths
+from datafactory.synthesis.cube import cube_of_paths
+from datafactory.synthesis.truth import truth_moments
+from shared.imaging import DEFAULT_TERMS, near_field_images, sweep_moments
+from shared.radar import Radar
+from shared.spectrum import range_doppler, select_doppler
+from shared.windows import hann
+
+RANGES_M = (3.0, 5.7, 20.0, 60.0)
+BATCH = 8
+"""Frames imaged together: two of each range."""
+ECHOES = 5
+MARGIN_ROWS = 24
+"""Rows on either side of the echoes on which images are compared; Hann's skirts are below -80 dB beyond."""
+VIRTUAL_CHIRPS = 2
+"""Chirps of the virtual cube that are really synthesised."""
+
+
+def _ours(work: Workload) -> str:
+    shape = f"{work.sensor.channels} channels onto {work.radar.waveform.range_bins} x {work.radar.grid.bins}"
+    return f"near_field_images, {shape}, {DEFAULT_TERMS} terms, a frame in a batch of {BATCH}, 1 thread"
+
+
+def _static(radar: Radar) -> Radar:
+    return radar.model_copy(update={"waveform": radar.waveform.model_copy(update={"chirps": 1})})
+
+
+@cache
+def _frames(work: Workload) -> tuple[NDArray[np.complex128], Timing, NDArray[np.complex64]]:
+    """Fast time of the batch [B, samples, C], time a frame of the fast images, and the images [B, R, U].
+
+    Each frame holds echoes of similar strength near one of RANGES_M, all over the u axis. Ranges beyond the image of a
+    small radar fold to its middle.
+    """
+    radar, generator = _static(work.radar), np.random.default_rng(SEED)
+    signals = []
+    for index in range(BATCH):
+        range_m = _range_m(work, index) + generator.uniform(-0.3, 0.3, ECHOES)
+        u = generator.uniform(-0.84, 0.84, ECHOES)
+        points = range_m[:, None] * np.stack([np.sqrt(1.0 - u**2), u, np.zeros(ECHOES)], axis=1)
+        amplitude = generator.uniform(0.5, 1.0, ECHOES) * np.exp(2j * np.pi * generator.uniform(size=ECHOES))
+        paths = PathTable(ScatteredPaths.of_points(points, np.zeros((ECHOES, 3)), amplitude))
+        signals.append(cube_of_paths(paths, radar, 1e-9, array=work.sensor)[0])
+    moments = np.stack([sweep_moments(signal, radar, DEFAULT_TERMS) for signal in signals]).astype(np.complex64)
+    near_field_images(moments, radar, work.sensor)
+    elapsed, images = timed(lambda: near_field_images(moments, radar, work.sensor), work.size.repeats)
+    return np.stack(signals), elapsed.scaled(1.0 / BATCH), images
+
+
+def _range_m(work: Workload, index: int) -> float:
+    waveform = work.radar.waveform
+    last = waveform.ranges_m[-1]
+    return RANGES_M[index % len(RANGES_M)] if last > RANGES_M[-1] else 0.5 * last
+
+
+def _rows(work: Workload, index: int) -> NDArray[np.intp]:
+    waveform = work.radar.waveform
+    centre = round(_range_m(work, index) / waveform.range_step_m)
+    return np.arange(max(centre - MARGIN_ROWS, 0), min(centre + MARGIN_ROWS + 1, waveform.range_bins))
+
+
+@cache
+def _exact(work: Workload) -> tuple[Timing, NDArray[np.complex128]]:
+    """Time and result of the exact image of frame 0, all rows."""
+    radar, signals = _static(work.radar), _frames(work)[0]
+    rows = np.arange(radar.waveform.range_bins)
+    return timed(lambda: nufft_image(signals[0], radar, work.sensor, rows), 1)
+
+
+def truth_vs_exact(work: Workload) -> Record:
+    """The truth image against the exact matched filter."""
+    signals, elapsed, images = _frames(work)
+    radar = _static(work.radar)
+    exact_time, _ = _exact(work)
+    errors: dict[str, float] = {}
+    for index in range(BATCH):
+        rows = _rows(work, index)
+        error = peak_error_db(images[index][rows], nufft_image(signals[index], radar, work.sensor, rows))
+        key = f"error_at_{_range_m(work, index):g}_m_db"
+        errors[key] = max(error, errors.get(key, -np.inf))
+    return Record(
+        name="truth_vs_exact",
+        ours=_ours(work),
+        ours_time=elapsed,
+        reference="exact matched filter, FINUFFT 1D type 2 a channel, 1e-12, float64, one frame; 1 thread",
+        reference_time=exact_time,
+        error=max(errors.values()),
+        error_unit=f"{DB_OF_PEAK}, worst of {len(errors)} ranges",
+        details={
+            "milliseconds_a_frame": 1e3 * elapsed.seconds,
+            "cpu_milliseconds_a_frame": 1e3 * elapsed.cpu_seconds,
+            **errors,
+        },
+    )
+
+
+def image_vs_gemm_limit(work: Workload) -> Record:
+    """The truth image against the full complex product that it stands for, at the rate of a complex matrix product."""
+    _, elapsed, images = _frames(work)
+    rate = gemm_flops_per_second(work.size.gemm)
+    flops = 8.0 * DEFAULT_TERMS * work.sensor.channels * images[0].size
+    rows = _rows(work, 0)
+    return Record(
+        name="image_vs_gemm_limit",
+        ours=_ours(work),
+        ours_time=elapsed,
+        reference="terms x channels x pixels complex multiply-adds at the rate of a complex64 product; 1 thread "
+        "(above 1 where symmetry saves work)",
+        reference_time=Timing(flops / rate, flops / rate),
+        error=peak_error_db(images[0][rows], _exact(work)[1][rows]),
+        error_unit=DB_OF_PEAK,
+        details={"gflop_a_frame": flops / 1e9, "gemm_gflops": rate / 1e9},
+    )
+
+
+def image_vs_numpy_backprojection(work: Workload) -> Record:
+    """The truth image against back projection in NumPy."""
+    signals, elapsed, images = _frames(work)
+    projected_time, projected = timed(lambda: back_projection(signals[0], _static(work.radar), work.sensor), 1)
+    exact = _exact(work)[1]
+    rows = _rows(work, 0)
+    return Record(
+        name="image_vs_numpy_backprojection",
+        ours=_ours(work),
+        ours_time=elapsed,
+        reference="NumPy back projection, float64, 8 times oversampled, linear interpolation, one frame; 1 thread",
+        reference_time=projected_time,
+        error=peak_error_db(images[0][rows], exact[rows]),
+        error_unit=f"{DB_OF_PEAK}, against the exact matched filter",
+        details={"reference_error_db": peak_error_db(projected[rows], exact[rows])},
+    )
+
+
+def truth_synthesis_vs_cube(work: Workload) -> Record:
+    """Sweep moments of the moving truth against synthesising the virtual sensor's whole cube."""
+    radar, paths = work.radar, work.paths
+    cells = select_doppler(range_doppler(work.cube[1], radar), 0.0, 1).cells[0]
+    truth_moments(street(32, EGO_SPEED_MPS), radar, cells)
+    elapsed, _ = timed(lambda: truth_moments(paths, radar, cells), work.size.repeats)
+    short = radar.model_copy(update={"waveform": radar.waveform.model_copy(update={"chirps": VIRTUAL_CHIRPS})})
+    cube_of_paths(street(32, EGO_SPEED_MPS), short, array=work.sensor)
+    cube_time, _ = timed(lambda: cube_of_paths(paths, short, array=work.sensor), 1)
+    chirps = radar.waveform.chirps
+    return Record(
+        name="truth_synthesis_vs_cube",
+        ours=f"truth_moments, {work.size.paths} paths x {work.sensor.channels} channels, a cell a row, 1 thread",
+        ours_time=elapsed,
+        reference=f"cube_of_paths of the virtual sensor, {VIRTUAL_CHIRPS} of {chirps} chirps, scaled; 1 thread",
+        reference_time=cube_time.scaled(chirps / VIRTUAL_CHIRPS),
+        error=_moments_error_db(work),
+        error_unit=f"{DB_OF_PEAK}, of the moments, at {work.size.truth_paths} paths",
+        details={"doppler_cells": len(np.unique(cells))},
+    )
+
+
+def _moments_error_db(work: Workload) -> float:
+    """Error of the truth's moments against those of the whole virtual cube, Doppler filtered row by row."""
+    radar = work.radar
+    # Echoes from beyond the unambiguous range fold in the cube; the truth has none, as behind an anti-alias filter.
+    paths = street(work.size.truth_paths, EGO_SPEED_MPS).within(radar)
+    measured = cube_of_paths(paths, radar).astype(np.complex64, copy=False)
+    cells = select_doppler(range_doppler(measured, radar), 0.0, 1).cells[0]
+    moments = truth_moments(paths, radar, cells)
+    exact = np.empty(moments.shape, dtype=np.complex128)
+    cube = cube_of_paths(paths, radar, array=work.sensor)
+    for cell, filtered in _doppler_filtered(cube, radar, np.unique(cells)):
+        rows = np.flatnonzero(cells == cell)
+        exact[:, rows] = sweep_moments(filtered, radar, len(moments))[:, rows]
+    return peak_error_db(moments, exact)
+
+
+def _doppler_filtered(
+    cube: NDArray, radar: Radar, cells: NDArray[np.int64]
+) -> Iterator[tuple[int, NDArray[np.complex128]]]:
+    """Each cell of the Hann-windowed Doppler filter bank with its [samples, C]."""
+    chirps = radar.waveform.chirps
+    m = np.arange(chirps)
+    window = hann(chirps) / hann(chirps).sum()
+    for cell in cells:
+        filter_ = window * np.exp(-2j * np.pi * (cell - chirps // 2) * m / chirps)
+        yield int(cell), np.tensordot(filter_, cube, axes=1)

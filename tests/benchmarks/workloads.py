@@ -1,0 +1,148 @@
+"""What is synthesised in the benchmarks: seeded paths, sizes, and results that several comparisons share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from record import Timing, timed
+from references import direct_sum
+
+from datafactory.paths.table import PathTable, ScatteredPaths
+from datafactory.synthesis.cube import cube_of_paths
+from shared.arrays import AntennaArray, virtual_sensor_256
+from shared.radar import ImageGrid, Radar
+from shared.waveform import Waveform
+
+SEED = 20_240
+EGO_SPEED_MPS = 10.0
+
+
+@dataclass(frozen=True)
+class Size:
+    """How much is computed.
+
+    :param name: "full" are the sizes that the results are quoted at
+    :param paths: K of the cubes
+    :param peer_rays, peer_targets: work of Sionna and mmWrt
+    :param direct_samples, nufft_samples: channel-chirps of the moving cube on which the references are run
+    :param truth_paths: K at which the truth's moments are checked against the whole virtual cube
+    :param waveform: of the cubes and images
+    :param elements: of the virtual sensor, half of a carrier wavelength apart
+    :param angle_bins: of the images
+    :param repeats: of which the median is taken
+    :param gemm, copy_mb: sizes at which the machine's limits are measured
+    """
+
+    name: str
+    paths: int
+    peer_rays: int
+    peer_targets: int
+    direct_samples: int
+    nufft_samples: int
+    truth_paths: int
+    waveform: Waveform
+    elements: int
+    angle_bins: int
+    repeats: int
+    gemm: int
+    copy_mb: int
+
+
+FULL = Size(
+    name="full",
+    paths=100_000,
+    peer_rays=200_000,
+    peer_targets=100,
+    direct_samples=4,
+    nufft_samples=48,
+    truth_paths=1_000,
+    waveform=Waveform(),
+    elements=256,
+    angle_bins=450,
+    repeats=5,
+    gemm=2048,
+    copy_mb=512,
+)
+QUICK = Size(
+    name="quick",
+    paths=5_000,
+    peer_rays=20_000,
+    peer_targets=20,
+    direct_samples=4,
+    nufft_samples=16,
+    truth_paths=300,
+    waveform=Waveform(),
+    elements=256,
+    angle_bins=90,
+    repeats=3,
+    gemm=1024,
+    copy_mb=128,
+)
+
+
+def street(paths: int, speed_mps: float, seed: int = SEED) -> PathTable:
+    """Single bounces over the field of view from 3 to 85 m, amplitudes as 1 / R^2, approached at ``speed_mps``."""
+    generator = np.random.default_rng(seed)
+    range_m = generator.uniform(3.0, 85.0, paths)
+    u, z = generator.uniform(-0.85, 0.85, paths), generator.uniform(-0.05, 0.05, paths)
+    direction = np.stack([np.sqrt(1.0 - u**2 - z**2), u, z], axis=1)
+    amplitude = range_m**-2 * np.exp(2j * np.pi * generator.uniform(size=paths))
+    velocity = np.tile([-speed_mps, 0.0, 0.0], (paths, 1))
+    return PathTable(ScatteredPaths.of_points(range_m[:, None] * direction, velocity, amplitude))
+
+
+def by_range(paths: PathTable) -> PathTable:
+    """The same scattered paths in the order of their ranges: FINUFFT then spreads them a fifth faster."""
+    return PathTable(paths.scattered.take(np.argsort(paths.scattered.range_m())))
+
+
+class Workload:
+    """The moving frame of one size, and what several comparisons need of it, each computed once."""
+
+    def __init__(self, size: Size) -> None:
+        self.size = size
+        full = virtual_sensor_256(size.waveform.carrier_hz)
+        middle = slice((256 - size.elements) // 2, (256 + size.elements) // 2)
+        self.sensor = AntennaArray(tx_m=full.tx_m, rx_m=full.rx_m[middle])
+        self.radar = Radar(waveform=size.waveform, virtual_sensor=self.sensor, grid=ImageGrid(bins=size.angle_bins))
+
+    @cached_property
+    def paths(self) -> PathTable:
+        """K paths seen from an ego vehicle at EGO_SPEED_MPS."""
+        return street(self.size.paths, EGO_SPEED_MPS)
+
+    @cached_property
+    def cube(self) -> tuple[Timing, NDArray[np.complex64]]:
+        """Time and result of the moving cube at 1e-6 on one thread."""
+        elapsed, cube = self.cube_at(1e-6)
+        return elapsed, cube.astype(np.complex64, copy=False)
+
+    def cube_at(self, tolerance: float, threads: int = 1) -> tuple[Timing, NDArray]:
+        """Time and result of the moving cube, after a warm-up with few paths."""
+        cube_of_paths(street(32, EGO_SPEED_MPS), self.radar, tolerance, threads=threads)
+        return timed(lambda: cube_of_paths(self.paths, self.radar, tolerance, threads=threads), self.size.repeats)
+
+    @cached_property
+    def channel_chirps(self) -> int:
+        """Channels times chirps of the moving cube."""
+        return self.radar.array.channels * self.radar.waveform.chirps
+
+    def sample(self, count: int) -> list[tuple[int, int]]:
+        """Seeded (channel, chirp) pairs, each at most once."""
+        chosen = np.random.default_rng(SEED).choice(self.channel_chirps, min(count, self.channel_chirps), replace=False)
+        return [(int(index) % self.radar.array.channels, int(index) // self.radar.array.channels) for index in chosen]
+
+    @cached_property
+    def direct(self) -> tuple[Timing, NDArray[np.complex128]]:
+        """Time and [pairs, samples] of the float64 sum on the seeded sample of channel-chirps."""
+        pairs = self.sample(self.size.direct_samples)
+        return timed(lambda: np.stack([direct_sum(self.paths, self.radar, self.radar.array, *p) for p in pairs]), 1)
+
+    def error_against_direct(self, cube: NDArray) -> float:
+        """Relative L2 error of the cube on the direct sum's sample."""
+        reference = self.direct[1]
+        ours = np.stack([cube[chirp, :, channel] for channel, chirp in self.sample(self.size.direct_samples)])
+        return float(np.linalg.norm(ours - reference) / np.linalg.norm(reference))

@@ -1,0 +1,71 @@
+"""``--array``: which of the dataset's virtual channels a network gets to see."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+
+from shared.arrays import AVR_QDM_110_THINNED_RX
+from shared.errors import InputError
+from shared.radar import Radar, first_validation_error
+
+
+class ArrayChoice(BaseModel):
+    """A subset of a radar's RX elements, each with all TX.
+
+    :param name: "full", "sparse6", "sparse4" or the TOML file's name
+    :param rx: indices of the RX elements kept, rising
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: str
+    rx: Annotated[tuple[Annotated[int, Field(ge=0, strict=True)], ...], Field(min_length=1)]
+
+    @field_validator("rx")
+    @classmethod
+    def _rising(cls, rx: tuple[int, ...]) -> tuple[int, ...]:
+        if list(rx) != sorted(set(rx)):
+            raise ValueError(f"rx = {list(rx)}; expected rising indices without repetition")
+        return rx
+
+    def channels(self, radar: Radar) -> NDArray[np.intp]:
+        """Indices of the virtual channels among those of the radar's array."""
+        return radar.array.channel_indices(self.rx)
+
+
+def choose_array(name_or_path: str, radar: Radar) -> ArrayChoice:
+    """A named array of the radar, or a TOML file with one entry ``rx = [0, 1, ...]``.
+
+    :raises InputError: an unknown name, an unreadable file, RX elements that the radar does not have
+    """
+    count = len(radar.array.rx_m)
+    if name_or_path == "full":
+        return ArrayChoice(name="full", rx=tuple(range(count)))
+    if name_or_path in AVR_QDM_110_THINNED_RX:
+        choice = ArrayChoice(name=name_or_path, rx=AVR_QDM_110_THINNED_RX[name_or_path])
+    else:
+        choice = _from_file(Path(name_or_path))
+    if choice.rx[-1] >= count:
+        raise InputError(
+            "--array", f"{name_or_path} uses RX {choice.rx[-1]}", f"RX 0 to {count - 1}, those of the dataset's radar"
+        )
+    return choice
+
+
+def _from_file(path: Path) -> ArrayChoice:
+    if not path.is_file():
+        known = ", ".join(AVR_QDM_110_THINNED_RX)
+        raise InputError("--array", f"no named array and no file {str(path)!r}", f"a TOML file or one of {known}")
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+        return ArrayChoice.model_validate({"name": path.stem, **document})
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
+        raise InputError(path, f"not readable as TOML: {error}", "a TOML file in UTF-8") from error
+    except ValidationError as error:
+        raise InputError(path, *first_validation_error(error)) from error

@@ -1,0 +1,24 @@
+"""``trainer predict``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def predict(
+    run: Annotated[Path, typer.Argument(help="Run folder of trainer fit.", show_default=False)],
+    source: Annotated[
+        Path, typer.Argument(metavar="INPUT", help="A dataset, or a cube as .npy or .npz.", show_default=False)
+    ],
+    out: Annotated[Path, typer.Option("--out", help="Folder of the images; new or empty.", show_default=False)],
+    radar: Annotated[str | None, typer.Option(help="Radar of a .npy cube: a preset or a TOML file.")] = None,
+    split: Annotated[str, typer.Option(help="Of a dataset: train, validation, test or all.")] = "test",
+    pictures: Annotated[bool, typer.Option("--pictures/--no-pictures", help="A PNG for each frame.")] = True,
+) -> None:
+    """Image frames with a trained network, every Doppler peak of a range bin included."""
+    from trainer.predict import predict as run_predict
+
+    run_predict(run, source, out, radar, split, pictures)

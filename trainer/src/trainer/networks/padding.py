@@ -1,0 +1,17 @@
+"""Images whose sides are no multiple of a network's stride: zeros at the far end, cut off again."""
+
+from __future__ import annotations
+
+import torch
+from torch.nn import functional
+
+
+def pad_to_multiple(image: torch.Tensor, multiple: int) -> torch.Tensor:
+    """[B, F, R', U'] zero-padded at the end of range and angle; pixel (0, 0) stays where it is."""
+    rows, bins = image.shape[-2:]
+    return functional.pad(image, (0, -bins % multiple, 0, -rows % multiple))
+
+
+def crop_like(image: torch.Tensor, reference: torch.Tensor) -> torch.Tensor:
+    """The part of ``image`` that :func:`pad_to_multiple` did not add to ``reference``."""
+    return image[..., : reference.shape[-2], : reference.shape[-1]]

@@ -1,0 +1,94 @@
+"""The network we recommend: dense mixing along angle, one range bin at a time, before a light U-Net.
+
+The ambiguities of a thinned array are not local: an alias stands anywhere in the row, where no small convolution sees
+it together with its source. A dense layer along angle sees the whole row at once, costs a matrix product, and is the
+same for every range bin. The U-Net behind it uses what neighbouring range bins say.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import torch
+from torch import nn
+from torch.nn import functional
+
+from trainer.networks.padding import crop_like, pad_to_multiple
+
+LEVELS = 3
+MIXED = 3
+"""Images that the mixing hands to the U-Net; the first is an estimate that the U-Net corrects."""
+BRANCH_GAIN = 0.3
+"""Initial scale of residual branches: without normalisation layers, which would tie a pixel to the whole image (and a
+crop's result to where it was cut), the sum of branches must start near its skip."""
+
+
+class AngularMixing(nn.Module):
+    """[B, F, R, U] to [B, outputs, R, U] by a dense network along angle, the same for every range bin."""
+
+    def __init__(self, inputs: int, bins: int, hidden: int, outputs: int) -> None:
+        super().__init__()
+        self.outputs = outputs
+        self.project = nn.Linear(inputs * bins, hidden)
+        self.mix = nn.Linear(hidden, hidden)
+        self.expand = nn.Linear(hidden, outputs * bins)
+
+    def forward(self, features: torch.Tensor) -> torch.Tensor:
+        batch, channels, rows, bins = features.shape
+        row = features.permute(0, 2, 1, 3).reshape(batch, rows, channels * bins)
+        row = functional.gelu(self.project(row))
+        row = row + functional.gelu(self.mix(row))  # (B, R, hidden)
+        return self.expand(row).reshape(batch, rows, self.outputs, bins).permute(0, 2, 1, 3)
+
+
+class ResidualBlock(nn.Module):
+    """Two 3 x 3 convolutions beside the identity."""
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.first = nn.Conv2d(channels, channels, 3, padding=1)
+        self.second = nn.Conv2d(channels, channels, 3, padding=1)
+        with torch.no_grad():
+            self.second.weight.mul_(BRANCH_GAIN)
+
+    def forward(self, image: torch.Tensor) -> torch.Tensor:
+        return image + self.second(functional.gelu(self.first(image)))
+
+
+class SpectralUNet(nn.Module):
+    """Angular mixing and a light U-Net, [B, inputs, R, U] to [B, outputs, R, U]; any R, a fixed U.
+
+    :param inputs: feature channels
+    :param outputs: 1 for regression, 2 for the two-class softmax (logits)
+    :param bins: U, angle bins
+    :param width: channels of the U-Net's first level, doubled at each of the two others
+    :param hidden: units of the mixing
+    """
+
+    def __init__(self, inputs: int, outputs: int, bins: int, width: int, hidden: int) -> None:
+        super().__init__()
+        self.outputs = outputs
+        self.mixing = AngularMixing(inputs, bins, hidden, max(MIXED, outputs))
+        sizes = [width * 2**level for level in range(LEVELS)]
+        self.stem = nn.Conv2d(inputs + max(MIXED, outputs), width, 3, padding=1)
+        self.encoder = nn.ModuleList(ResidualBlock(size) for size in sizes)
+        # 2 x 2, not 1 x 1: the backward of a strided 1 x 1 convolution corrupts the heap (torch 2.13, channels_last).
+        self.down = nn.ModuleList(nn.Conv2d(fine, coarse, 2, stride=2) for fine, coarse in pairwise(sizes))
+        self.up = nn.ModuleList(
+            nn.ConvTranspose2d(coarse, fine, 2, stride=2)
+            for fine, coarse in zip(sizes[-2::-1], sizes[:0:-1], strict=True)
+        )
+        self.decoder = nn.ModuleList(ResidualBlock(size) for size in sizes[-2::-1])
+        self.head = nn.Conv2d(width, outputs, 1)
+
+    def forward(self, features: torch.Tensor) -> torch.Tensor:
+        mixed = self.mixing(features)
+        image = self.stem(pad_to_multiple(torch.cat([features, mixed], dim=1), 2 ** (LEVELS - 1)))
+        skips: list[torch.Tensor] = []
+        for level, encode in enumerate(self.encoder):
+            image = encode(self.down[level - 1](skips[-1]) if level else image)
+            skips.append(image)
+        skips.pop()
+        for up, decode in zip(self.up, self.decoder, strict=True):
+            image = decode(up(image) + skips.pop())
+        return mixed[:, : self.outputs] + crop_like(self.head(image), features)
