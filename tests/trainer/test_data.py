@@ -112,7 +112,7 @@ def test_a_shard_damaged_within_is_named(directory):
     data = ShardDataset(directory, "train")
     path = directory / "train/part-00001.parquet"
     content = bytearray(path.read_bytes())
-    content[4 : len(content) // 2] = bytes(len(content) // 2 - 4)
+    content[4 : len(content) // 8] = bytes(len(content) // 8 - 4)  # the first columns; the footer stays
     path.write_bytes(content)
     with pytest.raises(InputError, match=r"part-00001.parquet: damaged"):
         data[3]

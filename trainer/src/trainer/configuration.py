@@ -54,7 +54,7 @@ class FitConfig(BaseModel):
     beta: Positive = 10.0
     threshold_db: Positive = 30.0
     alpha: NotNegative = 0.0
-    foreground: NotNegative = 0.0
+    foreground: NotNegative = 1.0
     batch: Count = 4
     accumulate: Count = 1
     steps: Count = 1200

@@ -18,7 +18,7 @@ GPU = {"steps": 13_000, "rows": 0, "width": 24, "hidden": 768, "precision": "bf1
 """What a GPU changes: whole images, a wider network, six epochs of the paper's 17 500 frames."""
 PAPER = {
     "model": "attention-unet", "features": "paper", "target": "paper", "width": 64, "rows": 0, "batch": 2,
-    "accumulate": 4, "learning_rate": 1e-4, "augment": False,
+    "accumulate": 4, "learning_rate": 1e-4, "foreground": 0.0, "augment": False,
 }  # fmt: skip
 """The paper's own recipe."""
 

@@ -30,11 +30,11 @@ VARIANTS: dict[str, dict[str, object]] = {
     "recommended": {},
     "foreground-0": {"foreground": 0.0},
     "foreground-4": {"foreground": 4.0},
-    "exponent-0.75": {"exponent": 0.75},
+    "exponent-0.75": {"exponent": 0.75, "foreground": 0.0},
     "exponent-1": {"exponent": 1.0},
     "no-augmentation": {"augment": False},
     "attention-unet": {"model": "attention-unet", "width": 8},
-    "paper-input-target": {"features": "paper", "target": "paper", "rows": 0, "augment": False},
+    "paper-input-target": {"features": "paper", "target": "paper", "rows": 0, "augment": False, "foreground": 0.0},
 }
 """What each variant changes of the recommended configuration."""
 
