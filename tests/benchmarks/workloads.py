@@ -77,7 +77,7 @@ QUICK = Size(
     waveform=Waveform(),
     elements=256,
     angle_bins=90,
-    repeats=3,
+    repeats=2,
     gemm=1024,
     copy_mb=128,
 )

@@ -103,6 +103,7 @@ def settle(
         target_db = level_db
         for _ in range(ROUNDS):
             choice = choose(prices, menu, target_db, radar)
+            advance(menu.steps(), menu.steps(), "the choice as a whole")
             together = [_together(scene, choice.settings, menu.effort, radar, folder, announce) for scene in scenes]
             predicted = worst_of(together)
             excess_db = predicted.worst_db - level_db
