@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import scipy.fft
@@ -16,12 +17,13 @@ from shared.radar import Radar
 from shared.signal import chirp_times
 from shared.sweep import reference_frequency_hz, shift_error, shift_polynomials, sweep_positions
 from shared.units import SPEED_OF_LIGHT
+from shared.waveform import Waveform
 
 OVERSAMPLING = 2
 """Range cells a bin: twice the FFT length for a third fewer moments; measured fastest at 1e5 paths."""
 FLOAT32_TOLERANCE = 3e-7
 """Below this, sums in float32 no longer keep the promise and the cube is made in complex128."""
-BLOCK_REACH_BINS = 0.2
+BLOCK_REACH_BINS = 0.205
 """RX are worked on in blocks whose delays spread by at most this many bins to either side of the block's centre."""
 
 
@@ -106,6 +108,16 @@ def terms_for(reach_bins: float, tolerance: float) -> int:
     return terms
 
 
+@lru_cache(maxsize=8)
+def _polynomials(waveform: Waveform, reach: float, terms: int) -> NDArray[np.complex128]:
+    """[terms, samples] shift polynomials of the waveform, the same for every block of one width and every frame."""
+    polynomials = shift_polynomials(sweep_positions(waveform.samples), reach, terms)
+    if waveform.residual_video_phase:
+        polynomials = _with_video_phase(polynomials, waveform.bandwidth_hz * waveform.chirp_duration_s)
+    polynomials.setflags(write=False)
+    return polynomials
+
+
 def _with_video_phase(polynomials: NDArray[np.complex128], time_bandwidth: float) -> NDArray[np.complex128]:
     """Polynomials in z times exp(-j pi z^2 / (B T_c)): the residual video phase -mu (z / B)^2 / 2 of the remainder."""
     result = polynomials.copy()
@@ -129,11 +141,9 @@ def _add_block(
     waveform = radar.waveform
     tx, rx = array.tx, array.rx[block]
     reach = 0.5 / OVERSAMPLING + _reach(tx, waveform.bandwidth_hz) + _reach(rx, waveform.bandwidth_hz)
+    reach = np.ceil(reach * 1e6) * 1e-6  # blocks of one width differ in the last digits, and share their polynomials
     terms = terms_for(reach, tolerance)
-    polynomials = shift_polynomials(sweep_positions(waveform.samples), reach, terms)
-    if waveform.residual_video_phase:
-        polynomials = _with_video_phase(polynomials, waveform.bandwidth_hz * waveform.chirp_duration_s)
-    polynomials = polynomials.astype(cube.dtype)
+    polynomials = _polynomials(waveform, reach, terms).astype(cube.dtype)
     # Sample n belongs to nu = (n - N // 2) / N, i.e. to output n - N // 2 of the FFT over the range cells.
     outputs = np.arange(waveform.samples) - waveform.samples // 2
     real = np.float32 if cube.dtype == np.complex64 else np.float64
