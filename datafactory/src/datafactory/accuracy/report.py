@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter
 
+from datafactory.accuracy.errors import FLOOR_DB
 from datafactory.accuracy.sweep import Row
 
 HEADINGS = (
@@ -27,7 +28,8 @@ EXPLANATION = (
     "Doppler cells. They are varied around an unpruned cube at 1e-6 and a truth of 6 terms.",
     "Power knobs change the paths, and the ray count changes the speckle realisation: what is compared is the "
     "amplitude in a resolution cell, sqrt(mean power) over realisations of the rays, and the bias of the total power. "
-    "Their change in detections contains the change of speckle.",
+    "Rays and lattice are held against the densest fan, depth and effects against all of them with the same rays. "
+    "The change in detections contains the change of speckle.",
     "rows: Doppler cells chosen otherwise, among rows with a detection. Peak: growth of the resident set in any stage. "
     "Work: counted multiply-adds.",
 )
@@ -85,7 +87,8 @@ def draw(rows: Sequence[Row], title: str) -> Figure:
     """Error against time: cube and image on the same paths, and power in a resolution cell."""
     figure = Figure(figsize=(17.0, 6.2), layout="constrained")
     axes = figure.subplots(1, 3)
-    power = [row for row in rows if row.kind == "power"]
+    # At the floor a power setting is its own reference: there is nothing to draw.
+    power = [row for row in rows if row.kind == "power" and row.image_error_db > FLOOR_DB]
     cube = [row for row in rows if row.kind == "signal" and row.knob not in TRUTH_ALONE]
     truth = [row for row in rows if row.kind == "signal" and row.knob not in CUBE_ALONE]
     _panel(axes[0], cube, [row.cube_error_db for row in cube], "cube, same paths: relative L2 error [dB]")
