@@ -4,6 +4,7 @@ import csv
 import json
 import shutil
 import signal
+from importlib.metadata import version
 
 import numpy as np
 import pytest
@@ -58,7 +59,7 @@ def test_a_run_says_what_it_was_made_with(dataset, tmp_path):
     assert document["config"]["seed"] == 3
     assert document["datasets"][0]["frames"] == {"train": 8, "validation": 2, "test": 1}
     assert len(document["datasets"][0]["sha256"]) == 64
-    assert document["versions"]["torch"] == torch.__version__
+    assert document["versions"]["torch"] == version("torch")
     assert document["radar"]["array"]["rx_m"] == [list(position) for position in RADAR.array.rx_m]
     rows = metrics(tmp_path / "run")
     assert [row["step"] for row in rows] == ["2", "4"]

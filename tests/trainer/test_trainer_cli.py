@@ -81,7 +81,11 @@ def test_fit_predict_and_export_work_one_after_the_other(tmp_path):
 
 @pytest.mark.slow
 def test_two_processes_train_what_one_trains(tmp_path):
-    """Two processes with a batch of 2 each against one with a batch of 4: equal but for the order of sums."""
+    """Two processes with a batch of 2 each against one with a batch of 4: equal but for the order of sums.
+
+    Held to the relative norm over all weights, because Adam turns the rounding of a gradient near zero into a step
+    of that one weight. Measured: 3.5e-5; one process with a batch of 2, i.e. half of the data, differs by 1.6e-2.
+    """
     data = small_dataset(tmp_path / "data")
     for name, devices, batch in (("one", "1", "4"), ("two", "2", "2")):
         command = [sys.executable, "-m", "trainer.cli", "fit", data, "--out", tmp_path / name, *SIZE]
@@ -92,7 +96,7 @@ def test_two_processes_train_what_one_trains(tmp_path):
         )
         assert done.returncode == 0, done.stderr
     one, two = (load_file(tmp_path / name / "weights.safetensors") for name in ("one", "two"))
-    for name in one:
-        torch.testing.assert_close(two[name], one[name], rtol=1e-4, atol=1e-5)
+    difference = torch.cat([(two[name] - one[name]).flatten() for name in one])
+    assert difference.norm() <= 1e-3 * torch.cat([weight.flatten() for weight in one.values()]).norm()
     assert (tmp_path / "one/metrics.csv").read_text().count("\n") == 2
     assert (tmp_path / "two/metrics.csv").read_text().count("\n") == 2
