@@ -22,7 +22,7 @@ from shared.units import SPEED_OF_LIGHT
 from shared.windows import hann
 
 DEFAULT_TERMS = 5
-"""Polynomial terms of the range walk: -64 dB of the image's peak from 3 to 60 m (``make bench``, ``truth_vs_exact``)."""
+"""Polynomial terms of the range walk: -64 dB of the image's peak from 3 to 60 m (``make bench``, truth_vs_exact)."""
 WALK_REACH = 0.8
 """Range walk [bins] that the terms must follow: +-0.71 bins at u = 0.85 over 256 elements, more as the front curves."""
 
