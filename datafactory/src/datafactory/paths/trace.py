@@ -10,7 +10,7 @@ array and waveform come later. What is done about Sionna RT 2.2's traits, each w
   each of them stands for both: it enters the table twice, with the TX's and the RX's side exchanged.
 * Amplitudes are conjugated: ``Paths.a`` belongs to exp(-j 2 pi f tau), the IF signal to exp(+j 2 pi f tau).
 * Line of sight from TX to RX is left out, and the solver runs in its deterministic mode. That fixes which paths are
-  found, not their order, which depends on the threads' timing (measured: on a busy machine one trace in ten); they are
+  found, not their order, which depends on the threads' timing (seen on a busy machine); they are
   sorted here, because sums in float32 depend on it.
 """
 
