@@ -93,6 +93,7 @@ def table(generator) -> PathTable:
         amplitude=np.array([2.0 + 0.5j]),
         depth=np.ones(1, np.int8),
         object_index=np.zeros(1, np.int32),
+        kinds=np.ones(1, np.uint8),
     )
     return PathTable(scattered, specular)
 

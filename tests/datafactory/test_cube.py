@@ -73,6 +73,7 @@ def random_table(
             amplitude=amplitudes(specular),
             depth=np.ones(specular, dtype=np.int8),
             object_index=np.full(specular, -1, dtype=np.int32),
+            kinds=np.ones(specular, dtype=np.uint8),
         ),
     )
 

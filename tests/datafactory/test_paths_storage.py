@@ -24,6 +24,7 @@ def a_frame(frame_id: int, scattered: int, specular: int) -> TracedFrame:
             "amplitude": real(count) + 1j * real(count),
             "depth": generator.integers(1, 4, count).astype(np.int8),
             "object_index": generator.integers(-1, 9, count).astype(np.int32),
+            "kinds": generator.integers(1, 32, count).astype(np.uint8),
         }
 
     names = ("tx_point", "rx_point", "tx_velocity", "rx_velocity")

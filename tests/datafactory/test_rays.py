@@ -28,29 +28,31 @@ def test_mitsuba_maps_the_square_as_claimed():
 
 
 @pytest.mark.parametrize("offset", [(0.0, 0.0), (0.37, 0.81)])
-def test_rays_look_ahead_uniformly_in_azimuth(offset):
+def test_azimuth_has_the_stated_density(offset):
     x, y, _ = directions_of(RayFan(20_000, offset)).T
-    assert (x > -1e-12).all()
-    counts, _ = np.histogram(np.arctan2(y, x), bins=20, range=(-np.pi / 2.0, np.pi / 2.0))
-    np.testing.assert_allclose(counts, 1000, atol=20)
+    assert (x > -1e-9).all()
+    azimuth = np.sort(np.arctan2(y, x))
+    share = 0.8 * 0.5 * (np.sin(azimuth) + 1.0) + 0.2 * (azimuth / np.pi + 0.5)
+    np.testing.assert_allclose(
+        share, (np.arange(20_000) + 0.5) / 20_000, atol=4.0 / 20_000
+    )  # discrepancy of the sequence
 
 
 @pytest.mark.parametrize("offset", [(0.0, 0.0), (0.37, 0.81)])
 def test_elevation_has_the_stated_density(offset):
-    fan = RayFan(20_000, offset, horizon=0.02)
+    fan = RayFan(20_000, offset, beam=0.05)
     z = np.sort(directions_of(fan)[:, 2])
-    # The integral of p(z) from -1: a half plus asinh(z / z_0) / (2 asinh(1 / z_0)).
-    share = 0.5 + np.arcsinh(z / 0.02) / (2.0 * np.arcsinh(1.0 / 0.02))
+    share = 0.5 + np.arctan(z / 0.05) / (2.0 * np.arctan(1.0 / 0.05))
     np.testing.assert_allclose(share, (np.arange(20_000) + 0.5) / 20_000, atol=1.5 / 20_000)
 
 
-@pytest.mark.parametrize("horizon", [0.005, 0.01, 0.1])
+@pytest.mark.parametrize("beam", [0.05, 0.1, 0.2])
 @pytest.mark.parametrize("offset", [(0.0, 0.0), (0.37, 0.81)])
-def test_solid_angles_fill_the_front_half_space(horizon, offset):
-    fan = RayFan(20_000, offset, horizon)
+def test_solid_angles_fill_the_front_half_space(beam, offset):
+    fan = RayFan(20_000, offset, beam)
     directions = directions_of(fan)
     solid_angle = 4.0 * np.pi / fan.count * fan.solid_angle_ratio(directions)
-    assert solid_angle.sum() == pytest.approx(2.0 * np.pi, rel=1e-3)
+    assert solid_angle.sum() == pytest.approx(2.0 * np.pi, rel=5e-3)
     # ... and any part of it: here the cap within 60 deg of boresight, 2 pi (1 - cos 60 deg).
     assert solid_angle[directions[:, 0] > 0.5].sum() == pytest.approx(np.pi, rel=2e-2)
 
@@ -64,7 +66,7 @@ def test_solid_angle_does_not_depend_on_the_vectors_length():
 def test_rays_are_dense_at_the_horizon():
     fan = RayFan(10_000)
     ratio = fan.solid_angle_ratio(np.array([[1.0, 0.0, 0.0], [1.0, 0.0, 1.0]]))
-    assert ratio[0] < 0.1 < 1.0 < ratio[1]
+    assert ratio[0] < 0.25 < 1.0 < ratio[1]
 
 
 def test_offsets_move_the_lattice_and_nothing_else():

@@ -31,6 +31,7 @@ def behind(planes, velocity=(0.0, 0.0, 0.0), reference=(0.0, 0.0, 0.0)) -> Specu
         amplitude=np.array([1.0 - 2.0j]),
         depth=np.array([len(planes)], dtype=np.int8),
         object_index=np.array([0], dtype=np.int32),
+        kinds=np.array([1], dtype=np.uint8),
     )
 
 
@@ -46,6 +47,7 @@ def two_points() -> ScatteredPaths:
         amplitude=np.array([1.0, 2.0j]),
         depth=np.array([1, 2], dtype=np.int8),
         object_index=np.array([0, 1], dtype=np.int32),
+        kinds=np.array([2, 3], dtype=np.uint8),
     )
 
 

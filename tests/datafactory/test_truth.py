@@ -134,6 +134,7 @@ def test_specular_paths(speed, bound_db):
         amplitude=phasors(generator, COUNT),
         depth=np.ones(COUNT, dtype=np.int8),
         object_index=np.zeros(COUNT, dtype=np.int32),
+        kinds=np.ones(COUNT, dtype=np.uint8),
     )
     paths = PathTable(scattered(generator, 2, (3.0, 8.0), speed), specular)
     cells = nearest_cells(specular.as_scattered(np.zeros(3)), radar)
@@ -155,6 +156,7 @@ def test_multiple_bounces(speed, bound_db):
         amplitude=at_tx.amplitude,
         depth=np.full(COUNT, 2, dtype=np.int8),
         object_index=at_tx.object_index,
+        kinds=at_tx.kinds,
     )
     assert error_db(PathTable(paths), radar, nearest_cells(paths, radar), range(16, 58, 4)) < bound_db
 

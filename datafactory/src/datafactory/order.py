@@ -7,7 +7,7 @@ from pathlib import Path
 
 from datafactory.frames import Processing
 from datafactory.paths.prune import DEFAULT_LEVEL_DB
-from datafactory.paths.trace import TraceSettings
+from datafactory.paths.solver import TraceSettings
 from datafactory.points import CloseTargets, PointTargets
 from datafactory.scenes.poses import Pose
 from shared.radar import Radar

@@ -16,9 +16,10 @@ from datafactory import frames as stages
 from datafactory.paths.density import lit_cells
 from datafactory.paths.prune import pruned
 from datafactory.paths.rays import RayFan
+from datafactory.paths.solver import TraceSettings
 from datafactory.paths.stage import Stage
 from datafactory.paths.storage import TracedFrame, read_paths, to_row
-from datafactory.paths.trace import TraceSettings, trace
+from datafactory.paths.trace import trace
 from datafactory.points import CloseTargets, PointTargets, draw_close_targets
 from datafactory.progress import FinishedShard
 from datafactory.scenes.ground import Ground, Split

@@ -12,7 +12,7 @@ from typing import Any
 
 from datafactory.frames import Processing
 from datafactory.paths.prune import DEFAULT_LEVEL_DB
-from datafactory.paths.trace import TraceSettings
+from datafactory.paths.solver import TraceSettings
 
 _TRACE, _PROCESSING = TraceSettings(), Processing()
 UNPRUNED_DB = -200.0

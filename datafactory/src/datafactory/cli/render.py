@@ -12,7 +12,7 @@ from datafactory.cli import options
 from datafactory.cli.accuracy import render_within_budget
 from datafactory.frames import Processing
 from datafactory.order import Order
-from datafactory.paths.trace import TraceSettings
+from datafactory.paths.solver import TraceSettings
 from datafactory.scenes.materials import load_materials
 from datafactory.scenes.poses import read_poses
 from datafactory.shards import parse_split_pattern

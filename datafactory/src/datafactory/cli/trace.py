@@ -8,7 +8,7 @@ import typer
 
 from datafactory.cli import options
 from datafactory.order import Order
-from datafactory.paths.trace import TraceSettings
+from datafactory.paths.solver import TraceSettings
 from datafactory.pipeline import trace_paths
 from datafactory.scenes.materials import load_materials
 from datafactory.scenes.poses import read_poses

@@ -1,12 +1,13 @@
-"""Where rays are sent: directions over the radar's field of view, denser towards the horizon.
+"""Where rays are sent: directions over the radar's field of view, as dense as its resolution cells.
 
-A full-sphere lattice sends most of its rays to the sky and to the road under the bumper. The lattice here covers the
-front half space, uniform in azimuth; the sine of elevation z has the density
+A full-sphere lattice sends most of its rays to the sky, to the road under the bumper and behind the radar. The lattice
+here covers the front half space. Four fifths of it are uniform in u = sin(azimuth), as the image's cells are, the rest
+uniform in azimuth, so that no ray stands for too much; the sine of elevation z has the density of a Cauchy distribution
+cut at the poles, about as wide as a car radar's beam:
 
-    p(z) = 1 / (2 asinh(1 / z_0) sqrt(z_0^2 + z^2)),   -1 <= z <= 1,
+    p(azimuth) = 0.8 cos(azimuth) / 2 + 0.2 / pi,        p(z) = z_0 / (2 atan(1 / z_0) (z_0^2 + z^2)),   -1 <= z <= 1.
 
-so that log-distances on the ground get equal shares, down to the grazing angle z_0. Each direction then stands for a
-solid angle of 1 / (N p), with p(azimuth, z) = p(z) / pi per steradian, instead of the full lattice's 4 pi / N, and
+Each direction then stands for a solid angle of 1 / (N p(azimuth) p(z)) instead of the full lattice's 4 pi / N, and
 diffuse amplitudes are scaled by the square root of that ratio: their expected power is unchanged.
 
 The points come from the Kronecker sequence of the golden ratio that the Fibonacci lattice is made of, rotated by a
@@ -20,8 +21,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-HORIZON = 0.01
-"""z_0: at a sensor height of 0.5 m the ground at 50 m."""
+BEAM = 0.2
+"""z_0, chosen among 0.05 to 0.2 and other laws by the error of the power in the resolution cells of a city and of a street:
+50 000 of these rays err less than 250 000 of the full sphere (``datafactory accuracy``, knob ``lattice``).
+"""
+UNIFORM_IN_U = 0.8
 GOLDEN_RATIO = (1.0 + np.sqrt(5.0)) / 2.0
 
 
@@ -31,12 +35,12 @@ class RayFan:
 
     :param count: number of rays
     :param offset: [2] shift of the lattice in its unit square, per frame
-    :param horizon: z_0 of the density
+    :param beam: z_0 of the density
     """
 
     count: int
     offset: tuple[float, float] = (0.0, 0.0)
-    horizon: float = HORIZON
+    beam: float = BEAM
 
     def unit_square(self) -> NDArray[np.float64]:
         """[count, 2] the points that Mitsuba's ``square_to_uniform_sphere`` turns into these directions.
@@ -46,8 +50,8 @@ class RayFan:
         index = np.arange(self.count)
         across = (index / GOLDEN_RATIO + self.offset[0]) % 1.0
         up = ((index + 0.5) / self.count + self.offset[1]) % 1.0
-        azimuth = np.pi * (across - 0.5)
-        z = self.horizon * np.sinh((2.0 * up - 1.0) * np.arcsinh(1.0 / self.horizon))
+        azimuth = _azimuth_at(across)
+        z = self.beam * np.tan((2.0 * up - 1.0) * np.arctan(1.0 / self.beam))
         return np.stack([(azimuth / (2.0 * np.pi)) % 1.0, np.clip(0.5 * (1.0 - z), 0.0, 1.0)], axis=1)
 
     def solid_angle_ratio(self, directions: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -55,5 +59,20 @@ class RayFan:
         count.
         """
         z = directions[:, 2] / np.linalg.norm(directions, axis=1)
-        density = 1.0 / (2.0 * np.arcsinh(1.0 / self.horizon) * np.sqrt(self.horizon**2 + z**2)) / np.pi
-        return 1.0 / (4.0 * np.pi * density)
+        cosine = np.maximum(directions[:, 0], 0.0) / np.maximum(np.hypot(directions[:, 0], directions[:, 1]), 1e-30)
+        elevation = self.beam / (2.0 * np.arctan(1.0 / self.beam) * (self.beam**2 + z**2))
+        return 1.0 / (4.0 * np.pi * _azimuth_density(cosine) * elevation)
+
+
+def _azimuth_density(cosine: NDArray[np.float64]) -> NDArray[np.float64]:
+    return UNIFORM_IN_U * 0.5 * cosine + (1.0 - UNIFORM_IN_U) / np.pi
+
+
+def _azimuth_at(share: NDArray[np.float64]) -> NDArray[np.float64]:
+    """[N] azimuth below which ``share`` [N] of the rays lie: Newton's method, which the smooth rising law makes safe."""
+    azimuth = np.arcsin(2.0 * share - 1.0) * UNIFORM_IN_U + np.pi * (share - 0.5) * (1.0 - UNIFORM_IN_U)
+    for _ in range(8):
+        below = UNIFORM_IN_U * 0.5 * (np.sin(azimuth) + 1.0) + (1.0 - UNIFORM_IN_U) * (azimuth / np.pi + 0.5)
+        step = (below - share) / _azimuth_density(np.cos(azimuth))
+        azimuth = np.clip(azimuth - step, -0.5 * np.pi, 0.5 * np.pi)
+    return azimuth

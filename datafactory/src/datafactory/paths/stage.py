@@ -18,7 +18,7 @@ from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import PointTarget, Scene
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MergedMesh:
     """Objects of one material and one velocity as one mesh.
 
@@ -40,7 +40,7 @@ class MergedMesh:
         return (world @ pose.rotation()).astype(np.float32)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Stage:
     """All merged meshes of a scene.
 

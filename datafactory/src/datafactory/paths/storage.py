@@ -31,6 +31,7 @@ SHAPES = {
         "amplitude": (2,),
         "depth": (),
         "object_index": (),
+        "kinds": (),
     },
     "specular": {
         "image": (3,),
@@ -39,11 +40,15 @@ SHAPES = {
         "amplitude": (2,),
         "depth": (),
         "object_index": (),
+        "kinds": (),
     },
 }
 """Trailing shape of each list column; ``amplitude`` holds (real, imaginary)."""
 
-INTEGERS = {"depth": np.int8, "object_index": np.int32}
+INTEGERS = {"depth": np.int8, "object_index": np.int32, "kinds": np.uint8}
+
+VERSION = b"2"
+"""Of the paths' columns; 2 added ``kinds``."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +93,7 @@ def paths_schema() -> pa.Schema:
         for name in columns:
             number = pa.int32() if name in INTEGERS else pa.float64()
             fields.append(pa.field(f"{kind}_{name}", pa.list_(number)))
-    return pa.schema(fields, metadata={b"sparseradar_paths": b"1"})
+    return pa.schema(fields, metadata={b"sparseradar_paths": VERSION})
 
 
 def to_row(frame: TracedFrame) -> dict[str, Any]:
@@ -152,8 +157,11 @@ def read_paths(path: Path) -> Iterator[TracedFrame]:
     """
     try:
         with pq.ParquetFile(path) as file:
-            if b"sparseradar_paths" not in (file.schema_arrow.metadata or {}):
+            found = (file.schema_arrow.metadata or {}).get(b"sparseradar_paths")
+            if found is None:
                 raise InputError(path, "holds no traced paths", "a shard under paths/ written by datafactory trace")
+            if found != VERSION:
+                raise InputError(path, f"paths of version {found.decode()}", f"version {VERSION.decode()}: trace again")
             for group in range(file.num_row_groups):
                 for batch in file.read_row_group(group).to_batches(max_chunksize=1):
                     yield from_row(batch)

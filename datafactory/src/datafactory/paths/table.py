@@ -35,6 +35,9 @@ from shared.radar import FrontEnd, Radar
 
 Real = NDArray[np.float64]
 
+SPECULAR, DIFFUSE, REFRACTED, DIFFRACTED, TARGET = 1, 2, 4, 8, 16
+"""Kinds of interaction on a path, Sionna's codes; a path carries the sum of those it has, each counted once."""
+
 
 @dataclass(frozen=True)
 class ScatteredPaths:
@@ -49,6 +52,7 @@ class ScatteredPaths:
     :param amplitude: [K] complex, see the module
     :param depth: [K] number of bounces
     :param object_index: [K] index into the table's ``objects`` of what scattered; -1 where unknown
+    :param kinds: [K] kinds of interaction on the path, see ``SPECULAR`` and its neighbours
     """
 
     tx_point: Real
@@ -60,6 +64,7 @@ class ScatteredPaths:
     amplitude: NDArray[np.complex128]
     depth: NDArray[np.int8]
     object_index: NDArray[np.int32]
+    kinds: NDArray[np.uint8]
 
     def __len__(self) -> int:
         return len(self.amplitude)
@@ -100,6 +105,7 @@ class ScatteredPaths:
             amplitude=np.asarray(amplitude, dtype=np.complex128).reshape(count),
             depth=np.ones(count, dtype=np.int8),
             object_index=np.full(count, -1, dtype=np.int32) if object_index is None else object_index,
+            kinds=np.full(count, TARGET, dtype=np.uint8),
         )
 
     @staticmethod
@@ -119,6 +125,7 @@ class SpecularPaths:
     :param amplitude: [S] complex, see the module
     :param depth: [S] number of bounces
     :param object_index: [S] index of the last mirror's object; -1 where unknown
+    :param kinds: [S] kinds of interaction on the path
     """
 
     image: Real
@@ -128,6 +135,7 @@ class SpecularPaths:
     amplitude: NDArray[np.complex128]
     depth: NDArray[np.int8]
     object_index: NDArray[np.int32]
+    kinds: NDArray[np.uint8]
 
     def __len__(self) -> int:
         return len(self.amplitude)
@@ -147,6 +155,7 @@ class SpecularPaths:
             amplitude=np.zeros(0, dtype=np.complex128),
             depth=np.zeros(0, dtype=np.int8),
             object_index=np.zeros(0, dtype=np.int32),
+            kinds=np.zeros(0, dtype=np.uint8),
         )
 
     def range_m(self) -> Real:
@@ -175,6 +184,7 @@ class SpecularPaths:
             amplitude=self.amplitude,
             depth=self.depth,
             object_index=self.object_index,
+            kinds=self.kinds,
         )
 
 

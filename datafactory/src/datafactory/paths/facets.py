@@ -1,0 +1,217 @@
+"""The finite size of mirrors: what a facet reflects, relative to an infinite plane.
+
+Geometric optics gives a specular path the amplitude of an infinite plane, whatever the facet's size: right where the
+facet is much larger than the Fresnel zone, far too much for a window reveal. Physical optics in the Fresnel
+approximation (Goodman, Introduction to Fourier Optics, section 4.2) integrates the field over the mirror's plane,
+
+    F = -j int exp(j pi rho^2) d(xi) d(eta),   (xi, eta) = sqrt((1/d1 + 1/d2) / lambda) (x cos(theta), y),
+
+with (x, y) in the plane from the specular point, x in the plane of incidence, d1 and d2 the unfolded distances to the
+source and to the next point from which the wave spreads. The infinite plane has F = 1. In polar coordinates the radial
+integral is elementary and leaves one along the boundary:
+
+    F = (1 / 2 pi) contour-integral (1 - exp(j pi rho(phi)^2)) d(phi).
+
+At an edge F = 1/2, at a right-angled corner 1/4; a plate far smaller than the zone gives its cross section
+4 pi A^2 / lambda^2. Edges beyond ``TAPER`` Fresnel zones are faded out, exp(-rho^2 / TAPER): their wave reaches the
+radar from another place, and is diffraction. The conjugate is returned, in the sign convention of the PathTable.
+
+Limits: the facet is plane and lit as a whole; successive mirrors are treated one by one; coplanar pieces count as one
+mirror of one material (where they overlap, as their mean), pieces of a curved surface do not add up (use point targets
+for spheres and cylinders).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.special import wofz
+
+from datafactory.paths.stage import MergedMesh, Stage
+
+Real = NDArray[np.float64]
+
+TAPER = 16.0
+"""Fresnel zones (rho^2) after which an edge's ripple has fallen to 1/e: there it is 4 % of the reflection."""
+CUT = 6.0 * TAPER
+"""rho^2 beyond which an edge is not looked at: its ripple is below 1e-4."""
+COPLANAR_COSINE = np.cos(np.radians(0.2))
+COPLANAR_M = 1e-3
+CLOSEST = 1e-9
+"""Fresnel radii: an edge nearer to the specular point runs through it, and turns nothing around it."""
+RATE = complex(1.0 / TAPER, -np.pi)
+"""a of the taper and phase exp(-a rho^2)."""
+NEAR = 1.5
+"""Fresnel radii along an edge from its foot: nearer ends are integrated numerically, farther ones by the half line's
+closed form less the tail's asymptotic series, whose error is below 1e-3 there.
+"""
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(6)
+PANELS = np.array([0.0, 0.1, 0.5, 1.0, NEAR])
+TABLE_STEP = 0.01
+TABLE = wofz(1j * np.sqrt(RATE) * TABLE_STEP * np.arange(int(np.sqrt(CUT) / TABLE_STEP) + 3))
+"""erfc(z) exp(z^2) at z = sqrt(a) height: smooth, so that linear interpolation keeps 1e-4."""
+
+
+@dataclass(frozen=True)
+class Mirrors:
+    """The triangles of a stage as mirrors; edges of the plane of each are found when first asked for.
+
+    :param corners: [T, 3, 3] all meshes' triangles one after another, world [m] at time 0
+    :param normals: [T, 3] unit normals
+    :param body: [T] number of the velocity that the triangle moves with: planes join only within one
+    """
+
+    corners: Real
+    normals: Real
+    body: NDArray[np.int64]
+    _edges: dict[int, Real] = field(default_factory=dict, compare=False, repr=False)
+
+    @staticmethod
+    def of(meshes: Sequence[MergedMesh]) -> Mirrors:
+        corners = [mesh.vertices[mesh.triangles] for mesh in meshes]
+        velocities = sorted({tuple(mesh.velocity) for mesh in meshes})
+        body = [np.full(len(m.triangles), velocities.index(tuple(m.velocity)), dtype=np.int64) for m in meshes]
+        every = np.concatenate([np.zeros((0, 3, 3)), *corners])
+        normal = np.cross(every[:, 1] - every[:, 0], every[:, 2] - every[:, 0])
+        length = np.linalg.norm(normal, axis=1, keepdims=True)
+        return Mirrors(every, normal / np.where(length > 0.0, length, 1.0), np.concatenate([np.zeros(0, int), *body]))
+
+    def edges(self, triangle: int) -> Real:
+        """[E, 2, 3] directed boundary edges [m] of all triangles in the plane of this one, inside on their left."""
+        if triangle not in self._edges:
+            self._edges[triangle] = self._boundary(triangle)
+        return self._edges[triangle]
+
+    def _boundary(self, triangle: int) -> Real:
+        normal, origin = self.normals[triangle], self.corners[triangle, 0]
+        cosine = self.normals @ normal
+        near = np.flatnonzero((np.abs(cosine) > COPLANAR_COSINE) & (self.body == self.body[triangle]))
+        height = np.abs((self.corners[near] - origin) @ normal).max(axis=1)
+        near = near[height < COPLANAR_M]
+        corners = np.where((cosine[near] < 0.0)[:, None, None], self.corners[near, ::-1], self.corners[near])
+        edges = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2, 3)
+        return _without_shared(edges - origin) + origin
+
+
+@lru_cache(maxsize=8)
+def mirrors_of(stage: Stage) -> Mirrors:
+    """The mirrors of a stage, made once."""
+    return Mirrors.of(stage.meshes)
+
+
+def _without_shared(edges: Real) -> Real:
+    """The directed edges whose reverse is not among them; doubled triangles count once."""
+    grid = np.rint(edges / 1e-4).astype(np.int64)
+    _, point = np.unique(grid.reshape(-1, 3), axis=0, return_inverse=True)
+    pair = point.reshape(-1, 2)
+    forward, index = np.unique(pair, axis=0, return_index=True)
+    known = {tuple(item) for item in forward.tolist()}
+    free = [place for place, (a, b) in zip(index, forward.tolist(), strict=True) if a != b and (b, a) not in known]
+    return edges[np.sort(np.array(free, dtype=np.int64))]
+
+
+def reflected_share(
+    mirrors: Mirrors,
+    triangle: NDArray[np.int64],
+    point: Real,
+    arrival: Real,
+    before_m: Real,
+    after_m: Real,
+    wavelength_m: float,
+) -> NDArray[np.complex128]:
+    """[n] factor F* on the amplitude of a reflection at a specular point.
+
+    :param triangle: [n] that was hit, index into ``mirrors``
+    :param point: [n, 3] specular points, world [m] at time 0
+    :param arrival: [n, 3] direction in which the wave arrives (any length)
+    :param before_m, after_m: [n] d1 and d2, unfolded distances to source and next spreading point [m]
+    """
+    share = np.ones(len(triangle), dtype=np.complex128)
+    scale = np.sqrt((1.0 / before_m + 1.0 / after_m) / wavelength_m)
+    order = np.argsort(triangle, kind="stable")
+    starts = np.flatnonzero(np.diff(triangle[order], prepend=-1))
+    for group in np.split(order, starts[1:]) if len(order) else []:
+        which = int(triangle[group[0]])
+        normal = mirrors.normals[which]
+        along = arrival[group] - (arrival[group] @ normal)[:, None] * normal
+        length = np.linalg.norm(arrival[group], axis=1)
+        cosine = np.abs(arrival[group] @ normal) / length
+        steep = np.linalg.norm(along, axis=1) < 1e-9 * length
+        along[steep] = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+        along /= np.linalg.norm(along, axis=1, keepdims=True)
+        across = np.cross(normal, along)
+        edges = mirrors.edges(which)
+        share[group] = _shares(
+            np.ascontiguousarray(edges), point[group], along * (cosine * scale[group])[:, None],
+            across * scale[group][:, None],
+        )  # fmt: skip
+    return share
+
+
+@njit(cache=True)
+def _shares(edges, point, along, across):
+    """[n] F* of points [n, 3] in one plane with edges [E, 2, 3]; ``along``, ``across`` [n, 3] give xi and eta."""
+    share = np.ones(len(point), dtype=np.complex128)
+    for k in range(len(point)):
+        total, turned = 0.0j, 0.0
+        for e in range(len(edges)):
+            ax = ay = bx = by = 0.0
+            for i in range(3):
+                from_point, to_point = edges[e, 0, i] - point[k, i], edges[e, 1, i] - point[k, i]
+                ax += from_point * along[k, i]
+                ay += from_point * across[k, i]
+                bx += to_point * along[k, i]
+                by += to_point * across[k, i]
+            length = max(np.hypot(bx - ax, by - ay), CLOSEST)
+            tx, ty = (bx - ax) / length, (by - ay) / length
+            height = ax * ty - ay * tx  # distance of the line, positive with the point on its left
+            size = abs(height)
+            if size < CLOSEST:
+                continue
+            start, stop = ax * tx + ay * ty, bx * tx + by * ty
+            side = 1.0 if height >= 0.0 else -1.0
+            total += side * (_from_foot(size, stop) - _from_foot(size, start))
+            turned += side * (np.arctan2(stop, size) - np.arctan2(start, size))
+        share[k] = total / max(turned, 2.0 * np.pi)
+    return np.conj(share)
+
+
+@njit(cache=True)
+def _from_foot(height, end):
+    """Integral of 1 - exp(-a rho^2) d(phi) along a line at ``height`` from its foot to ``end``; odd in ``end``.
+
+    With u along the line, d(phi) = height du / (height^2 + u^2), and for the half line (Gradshteyn and Ryzhik, 3.466)
+
+        int_0^inf exp(-a (height^2 + u^2)) d(phi) = pi / 2 erfc(sqrt(a) height).
+    """
+    far = abs(end)
+    if far > NEAR:
+        total = complex(np.arctan2(far, height))
+        square = height * height
+        if square < CUT:
+            place = height / TABLE_STEP
+            index = int(place)
+            scaled = TABLE[index] + (place - index) * (TABLE[index + 1] - TABLE[index])
+            total -= 0.5 * np.pi * scaled * np.exp(-RATE * square)
+        if square + far * far < CUT:
+            density = height / (square + far * far)
+            slope = -2.0 * far * density / (square + far * far)
+            first = density / (2.0 * RATE * far)
+            second = (slope * far - density) / (2.0 * RATE * far * far) / (2.0 * RATE * far)
+            total += np.exp(-RATE * (square + far * far)) * (first + second)
+    else:
+        total = 0.0j
+        for panel in range(len(PANELS) - 1):
+            low, high = PANELS[panel], min(PANELS[panel + 1], far)
+            if low >= far:
+                break
+            for q in range(len(NODES)):
+                u = 0.5 * (high + low) + 0.5 * (high - low) * NODES[q]
+                rho2 = height * height + u * u
+                total += 0.5 * (high - low) * WEIGHTS[q] * height / rho2 * (1.0 - np.exp(-RATE * rho2))
+    return total if end >= 0.0 else -total

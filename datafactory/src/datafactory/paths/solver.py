@@ -1,0 +1,275 @@
+"""The only module that calls Sionna's path solver: a stage and a pose in, traced paths as float64 arrays out.
+
+The trace is monostatic and isotropic, at mid-sweep, in the radar's own frame. Patterns, powers, array and waveform come
+later. What is done here about Sionna RT 2.2's traits, each with a test in ``tests/datafactory/test_trace.py``:
+
+* First-hit directions are replaced by :class:`datafactory.paths.rays.RayFan` (the solver's lattice covers the sphere).
+* A wave that passes through a pane goes on in its direction; the crossings are taken out of the vertices, and do not
+  count as bounces.
+* Amplitudes are conjugated: ``Paths.a`` belongs to exp(-j 2 pi f tau), the IF signal to exp(+j 2 pi f tau).
+* Line of sight from TX to RX is left out, and the solver runs in its deterministic mode. That fixes which paths are
+  found, not their order, which depends on the threads' timing (seen on a busy machine); they are
+  sorted here, because sums in float32 depend on it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from datafactory.paths.backend import select_variant
+from datafactory.paths.rays import RayFan
+from datafactory.paths.stage import Stage
+from datafactory.paths.table import DIFFUSE, REFRACTED, SPECULAR
+from datafactory.scenes.materials import MaterialMapping
+from datafactory.scenes.poses import Pose
+
+PATTERNS: dict[str, dict[str, Any]] = {
+    "lambertian": {"scattering_pattern": "lambertian"},
+    "backscattering": {"scattering_pattern": "backscattering", "alpha_r": 4, "alpha_i": 4, "lambda_": 0.5},
+}
+"""Diffuse patterns of the material table. With lambda = 1 (or the directive pattern) hardly anything comes back off
+normal.
+"""
+CROSSINGS = 2
+"""Panes that a path may pass on its whole way: one pane, there and back."""
+
+
+@dataclass(frozen=True)
+class TraceSettings:
+    """How a frame is traced.
+
+    :param rays: directions sent from the TX
+    :param depth: largest number of bounces, 1 to 3
+    :param specular, diffuse: kinds of bounce to follow
+    :param refraction: follow waves through panes, up to ``CROSSINGS`` of them
+    :param diffraction: add echoes of edges, and of point targets hidden behind one
+    :param point_targets: add the echoes of targets given by their cross section
+    :param finite_mirrors: reflect with the share of the facet's size, not like infinite planes
+    :param surface_phase: give every cell of a rough surface its own phase
+    :param polarization: of TX and RX, "V" or "H" each
+    """
+
+    rays: int = 200_000
+    depth: int = 2
+    specular: bool = True
+    diffuse: bool = True
+    refraction: bool = False
+    diffraction: bool = False
+    point_targets: bool = True
+    finite_mirrors: bool = True
+    surface_phase: bool = True
+    polarization: tuple[str, str] = ("V", "V")
+
+    @property
+    def steps(self) -> int:
+        """Interactions that the solver may string together."""
+        return self.depth + (CROSSINGS if self.refraction else 0)
+
+    @property
+    def capacity(self) -> int:
+        """Paths the solver may keep: every ray can leave a path at every step, so that nothing is ever truncated."""
+        return self.rays * self.steps + 1_000_000
+
+
+@dataclass(frozen=True)
+class Bundle:
+    """Traced paths: n of them, vertices from TX to RX, crossings of panes taken out."""
+
+    vertices: NDArray[np.float64]  # [n, depth, 3]
+    interactions: NDArray[np.int64]  # [n, depth] SPECULAR or DIFFUSE, 0 beyond the path's end
+    objects: NDArray[np.int64]  # [n, depth] index into the stage's objects, -1 beyond the end
+    triangles: NDArray[np.int64]  # [n, depth] index into the stage's triangles, -1 beyond the end
+    velocities: NDArray[np.float64]  # [n, depth, 3] relative to the radar
+    crossings: NDArray[np.int64]  # [n] panes passed
+    amplitude: NDArray[np.complex128]  # [n]
+
+    def take(self, index: NDArray) -> Bundle:
+        return Bundle(**{item.name: getattr(self, item.name)[index] for item in fields(self)})
+
+    def cut(self, depth: int) -> Bundle:
+        """The same paths without the columns beyond ``depth``."""
+        whole = ("amplitude", "crossings")
+        columns = {name: getattr(self, name)[:, :depth] for name in self.__dataclass_fields__ if name not in whole}
+        return Bundle(amplitude=self.amplitude, crossings=self.crossings, **columns)
+
+    def in_fixed_order(self) -> Bundle:
+        """The same paths, sorted by their vertices: the solver's threads hand them over as they happen to finish."""
+        count, depth = self.interactions.shape
+        return self.take(np.lexsort(self.vertices.reshape(count, 3 * depth).T[::-1]))
+
+
+@dataclass(frozen=True)
+class Solved:
+    """What the solver returned.
+
+    :param geometry: Mitsuba's scene in the radar frame, for further rays
+    :param invalid: padded entries
+    :param truncated: 1 where the solver's capacity was reached
+    """
+
+    bundle: Bundle
+    geometry: Any
+    invalid: int
+    truncated: int
+
+
+def solve(
+    stage: Stage,
+    materials: MaterialMapping,
+    pose: Pose,
+    frequency_hz: float,
+    settings: TraceSettings,
+    fan: RayFan,
+    seed: int,
+) -> Solved:
+    """Trace one frame.
+
+    :param frequency_hz: mid-sweep; materials take their values at 77 GHz whatever it is
+    :param seed: of the solver's choices between kinds of bounce; 0 to 2**32 - 1
+    """
+    scene, paths = solver_paths(stage, materials, pose, frequency_hz, settings, fan, seed)
+    shapes = {scene.objects[f"part-{index}"].object_id: index for index in range(len(stage.meshes))}
+    valid = paths.valid.numpy().reshape(-1)
+    bundle = _without_crossings(_on_host(paths, valid, shapes, stage, pose), settings.depth)
+    return Solved(bundle, scene.mi_scene, int((~valid).sum()), int(valid.sum() >= settings.capacity))
+
+
+def solver_paths(
+    stage: Stage,
+    materials: MaterialMapping,
+    pose: Pose,
+    frequency_hz: float,
+    settings: TraceSettings,
+    fan: RayFan,
+    seed: int,
+) -> tuple[Any, Any]:
+    """Sionna's own Scene and Paths of a frame, arguments as in :func:`solve`."""
+    select_variant()
+    from sionna import rt
+
+    scene = rt.load_scene()
+    by_name = {material.name: material for material, _ in materials.entries.values()}
+    radio = {
+        name: rt.RadioMaterial(
+            name=f"m-{name}",
+            relative_permittivity=material.relative_permittivity,
+            conductivity=material.conductivity_s_per_m,
+            thickness=material.thickness_m,
+            scattering_coefficient=material.scattering_coefficient,
+            **PATTERNS[material.pattern],
+        )
+        for name, material in by_name.items()
+    }
+    objects = [
+        rt.SceneObject(
+            mi_mesh=_mitsuba_mesh(f"part-{index}", mesh.seen_from(pose), mesh.triangles),
+            name=f"part-{index}",
+            radio_material=radio[mesh.material],
+        )
+        for index, mesh in enumerate(stage.meshes)
+    ]
+    scene.edit(add=objects)
+    scene.frequency = frequency_hz
+    scene.tx_array, scene.rx_array = (
+        rt.PlanarArray(num_rows=1, num_cols=1, vertical_spacing=0.5, horizontal_spacing=0.5, pattern="iso",
+                       polarization=polarization)
+        for polarization in settings.polarization
+    )  # fmt: skip
+    scene.add(rt.Transmitter("radar-tx", position=[0.0, 0.0, 0.0]))
+    scene.add(rt.Receiver("radar-rx", position=[0.0, 0.0, 0.0]))
+    with _directions(fan):
+        paths = rt.PathSolver(deterministic=True)(
+            scene,
+            max_depth=settings.steps,
+            samples_per_src=settings.rays,
+            max_num_paths_per_src=settings.capacity,
+            synthetic_array=True,
+            los=False,
+            specular_reflection=settings.specular,
+            diffuse_reflection=settings.diffuse,
+            refraction=settings.refraction,
+            seed=seed,
+        )
+    return scene, paths
+
+
+def _mitsuba_mesh(name: str, vertices: NDArray[np.float32], triangles: NDArray[np.int32]):
+    import mitsuba as mi
+
+    mesh = mi.Mesh(name, vertex_count=len(vertices), face_count=len(triangles))
+    parameters = mi.traverse(mesh)
+    parameters["vertex_positions"] = vertices.ravel()
+    parameters["faces"] = triangles.astype(np.uint32).ravel()
+    parameters.update()
+    return mesh
+
+
+@contextmanager
+def _directions(fan: RayFan) -> Iterator[None]:
+    """Let the solver's candidate generator send its rays into the fan instead of its full-sphere lattice."""
+    import mitsuba as mi
+    from sionna.rt.path_solvers import sb_candidate_generator as generator
+    from sionna.rt.path_solvers import sb_deterministic as deterministic
+
+    def lattice(count: int):
+        across, up = fan.unit_square().T
+        return mi.Point2f(across.astype(np.float32), up.astype(np.float32))
+
+    replaced = [(module, module.fibonacci_lattice) for module in (generator, deterministic)]
+    try:
+        for module, _ in replaced:
+            module.fibonacci_lattice = lattice
+        yield
+    finally:
+        for module, original in replaced:
+            module.fibonacci_lattice = original
+
+
+def _on_host(paths: Any, valid: NDArray[np.bool_], shapes: dict[int, int], stage: Stage, pose: Pose) -> Bundle:
+    """The valid paths as float64, with the radar's own motion taken off the objects' velocities."""
+
+    def columns(values: Any) -> NDArray:
+        return np.moveaxis(values.numpy()[:, 0, 0], 0, 1)[valid]
+
+    vertices = columns(paths.vertices).astype(np.float64)
+    interactions = columns(paths.interactions).astype(np.int64)
+    shape, primitive = columns(paths.objects).astype(np.int64), columns(paths.primitives).astype(np.int64)
+    real, imaginary = (part.numpy().reshape(-1)[valid].astype(np.float64) for part in paths.a)
+    rotation = pose.rotation()
+    objects, triangles = np.full((2, *shape.shape), -1, dtype=np.int64)
+    velocities = np.zeros(vertices.shape)
+    first = np.cumsum([0, *(len(mesh.triangles) for mesh in stage.meshes)])
+    for object_id, index in shapes.items():
+        mesh = stage.meshes[index]
+        here = (shape == object_id) & (interactions > 0)
+        objects[here] = mesh.object_of_triangle[primitive[here]]
+        triangles[here] = first[index] + primitive[here]
+        velocities[here] = (mesh.velocity - np.asarray(pose.velocity)) @ rotation
+    crossings = np.zeros(len(real), dtype=np.int64)
+    return Bundle(vertices, interactions, objects, triangles, velocities, crossings, real - 1j * imaginary)
+
+
+def _without_crossings(bundle: Bundle, depth: int) -> Bundle:
+    """Bounces alone, the crossings counted; paths of more than ``depth`` bounces are beyond what was asked for."""
+    crossed = bundle.interactions == REFRACTED
+    bounces = np.isin(bundle.interactions, (SPECULAR, DIFFUSE))
+    rows = np.arange(len(crossed))[:, None]
+    order = np.argsort(~bounces, axis=1, kind="stable")
+    past = ~bounces[rows, order]
+    moved = {
+        name: getattr(bundle, name)[rows, order]
+        for name in ("vertices", "interactions", "objects", "triangles", "velocities")
+    }
+    moved["vertices"][past] = 0.0
+    moved["velocities"][past] = 0.0
+    moved["interactions"][past] = 0
+    moved["objects"][past] = moved["triangles"][past] = -1
+    kept = Bundle(**moved, crossings=crossed.sum(axis=1), amplitude=bundle.amplitude)
+    count = bounces.sum(axis=1)
+    return kept.take((count > 0) & (count <= depth)).cut(depth)
