@@ -388,3 +388,50 @@ def test_an_empty_view_is_an_empty_table():
     table = traced(behind)
     assert len(table) == 0
     assert table.counts["traced"] == table.counts["truncated"] == 0
+
+
+def test_a_small_mirror_is_found_without_a_ray_on_it():
+    plate = rectangle("plate", (50.0, 0.0, 0.0), (0.0, 0.01, 0.0), (0.0, 0.0, 0.01), "mirror")
+    table = traced(plate, rays=10)
+    assert len(table.specular) == 1
+    # A plate much smaller than the Fresnel zone: sigma = 4 pi A^2 / lambda^2, so that |a| = A / (4 pi R^2).
+    assert abs(table.specular.amplitude[0]) == pytest.approx(0.02**2 / (4.0 * np.pi * 50.0**2), rel=2e-3)
+
+
+def test_a_foot_on_the_diagonal_of_a_quad_counts_once():
+    assert len(traced(wall("mirror")).specular) == 1
+
+
+def test_a_hidden_mirror_is_counted_and_not_heard():
+    blind = rectangle("blind", (5.0, 0.0, 0.0), (0.3, 1.0, 0.0), (0.0, 0.0, 1.0), "concrete")
+    table = traced(wall("mirror"), blind)
+    assert len(table.specular) == 0
+    assert table.counts["mirrors_hidden"] == 1
+
+
+def test_a_moving_mirror_moves_its_image_twice_as_fast():
+    table = traced(wall("mirror", velocity=(-3.0, 5.0, 0.0)), pose=Pose((0.0, 0.0, 0.0), time_s=0.5))
+    np.testing.assert_allclose(table.specular.image[0], [2.0 * 8.5, 0.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(table.specular.image_velocity[0], [-6.0, 0.0, 0.0], atol=1e-9)
+
+
+def test_neighbouring_poses_share_a_rough_surfaces_phases():
+    # The same lattice seen 1 mm and 10 cm further: phases of the surface stay, or are drawn anew; powers stay.
+    def phases(step_m: float) -> dict[tuple[float, ...], complex]:
+        wide = wall("rough")  # wider than the beam, so that the same rays hit it from all three places
+        pose = Pose((0.0, step_m, 0.0))
+        rough, smooth = (traced(wide, pose=pose, rays=5_000, surface_phase=given) for given in (True, False))
+        assert power(rough.scattered) == pytest.approx(power(smooth.scattered), rel=1e-9)
+        turn = rough.scattered.amplitude / smooth.scattered.amplitude
+        near = np.linalg.norm(rough.scattered.rx_point, axis=1) < 30.0  # where float32 hits agree to a millimetre
+        return dict(zip(map(tuple, np.round(rough.scattered.rx_point[near], 2)), turn[near], strict=True))
+
+    here, near, far = phases(0.0), phases(1e-3), phases(0.1)
+
+    def kept(there: dict[tuple[float, ...], complex]) -> float:
+        both = here.keys() & there.keys()
+        assert len(both) > 500
+        return float(np.mean([abs(here[place] - there[place]) < 1e-9 for place in both]))
+
+    assert kept(near) > 0.9
+    assert kept(far) < 0.1

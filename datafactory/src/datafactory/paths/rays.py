@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 BEAM = 0.2
-"""z_0, chosen among 0.05 to 0.2 and other laws by the error of the power in the resolution cells of a city and of a street:
-50 000 of these rays err less than 250 000 of the full sphere (``datafactory accuracy``, knob ``lattice``).
+"""z_0, chosen among 0.05 to 0.2 and other laws by the error of the power in the resolution cells of a city and of a
+street: 50 000 of these rays err less than 250 000 of the full sphere (``datafactory accuracy``, knob ``lattice``).
 """
 UNIFORM_IN_U = 0.8
 GOLDEN_RATIO = (1.0 + np.sqrt(5.0)) / 2.0
@@ -69,7 +69,7 @@ def _azimuth_density(cosine: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _azimuth_at(share: NDArray[np.float64]) -> NDArray[np.float64]:
-    """[N] azimuth below which ``share`` [N] of the rays lie: Newton's method, which the smooth rising law makes safe."""
+    """[N] azimuth below which ``share`` [N] of the rays lie, by Newton's method: the law rises everywhere."""
     azimuth = np.arcsin(2.0 * share - 1.0) * UNIFORM_IN_U + np.pi * (share - 0.5) * (1.0 - UNIFORM_IN_U)
     for _ in range(8):
         below = UNIFORM_IN_U * 0.5 * (np.sin(azimuth) + 1.0) + (1.0 - UNIFORM_IN_U) * (azimuth / np.pi + 0.5)

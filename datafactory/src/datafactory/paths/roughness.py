@@ -28,7 +28,7 @@ def surface_phase(position: NDArray[np.float64], object_index: NDArray[np.int64]
     key = np.asarray(object_index, dtype=np.int64).view(np.uint64)
     for axis in range(3):
         key = _mixed(key ^ cell[:, axis])
-    return 2.0 * np.pi * (key >> np.uint64(11)) * 2.0**-53
+    return 2.0 * np.pi * 2.0**-53 * (key >> np.uint64(11)).astype(np.float64)
 
 
 def _mixed(key: NDArray[np.uint64]) -> NDArray[np.uint64]:

@@ -28,6 +28,7 @@ from datafactory.paths.stage import Stage
 from datafactory.paths.table import DIFFUSE, REFRACTED, SPECULAR
 from datafactory.scenes.materials import MaterialMapping
 from datafactory.scenes.poses import Pose
+from shared.front_end import Polarization
 
 PATTERNS: dict[str, dict[str, Any]] = {
     "lambertian": {"scattering_pattern": "lambertian"},
@@ -64,7 +65,7 @@ class TraceSettings:
     point_targets: bool = True
     finite_mirrors: bool = True
     surface_phase: bool = True
-    polarization: tuple[str, str] = ("V", "V")
+    polarization: tuple[Polarization, Polarization] = ("V", "V")
 
     @property
     def steps(self) -> int:

@@ -1,4 +1,4 @@
-"""Echoes of targets that are given by their radar cross section."""
+"""Echoes of targets that are given by their radar cross section: in plain sight, behind panes, round corners."""
 
 from __future__ import annotations
 
@@ -6,41 +6,75 @@ from typing import Any
 
 import numpy as np
 
+from datafactory.paths.echo_points import echo_points
+from datafactory.paths.edges import edges_of
+from datafactory.paths.round_corners import echoes_round_corners
+from datafactory.paths.solver import TraceSettings
 from datafactory.paths.stage import Stage
-from datafactory.paths.table import ScatteredPaths
-from datafactory.scenes.materials import MaterialMapping
+from datafactory.paths.table import REFRACTED, TARGET, ScatteredPaths
+from datafactory.paths.transmission import clear_between, panes_between
+from datafactory.scenes.materials import Material, MaterialMapping
 from datafactory.scenes.poses import Pose
-from shared.units import SPEED_OF_LIGHT, db_to_power
+from shared.units import SPEED_OF_LIGHT
+
+FAINTEST = 1e-4
+"""One-way amplitude behind surfaces below which a target counts as hidden: -160 dB there and back, any wall's case."""
+
+
+def slabs_of(stage: Stage, materials: MaterialMapping) -> tuple[Material, ...]:
+    """Material of each of the stage's meshes."""
+    by_name = {material.name: material for material, _ in materials.entries.values()}
+    return tuple(by_name[mesh.material] for mesh in stage.meshes)
 
 
 def target_echoes(
-    geometry: Any, stage: Stage, materials: MaterialMapping, pose: Pose, frequency_hz: float, refraction: bool
-) -> tuple[ScatteredPaths, int]:
-    """Echoes of the point targets that the radar can see, and the number of those that it cannot.
+    geometry: Any,
+    stage: Stage,
+    materials: MaterialMapping,
+    pose: Pose,
+    frequency_hz: float,
+    settings: TraceSettings,
+) -> tuple[ScatteredPaths, dict[str, int]]:
+    """Echoes of the point targets, and what became of them.
 
-    Radar equation for isotropic antennas of unit power: lambda sqrt(sigma) / ((4 pi)^(3/2) R^2).
+    Radar equation for isotropic antennas of unit power: lambda sqrt(sigma) / ((4 pi)^(3/2) R^2), times the square of
+    what panes let through.
 
     :param geometry: Mitsuba's scene in the radar frame
-    :param refraction: whether targets behind panes are seen through them
     """
-    import mitsuba as mi
-
-    first = len(stage.objects) - len(stage.targets)
-    position = np.array([target.position for target in stage.targets]).reshape(-1, 3)
-    velocity = np.array([target.velocity for target in stage.targets]).reshape(-1, 3)
+    wavelength = SPEED_OF_LIGHT / frequency_hz
+    crossed = settings.polarization[0] != settings.polarization[1]
+    points = echo_points(stage.targets, pose.position, wavelength, pose.time_s, crossed)
     rotation = pose.rotation()
-    position = (position + velocity * pose.time_s - np.asarray(pose.position)) @ rotation
-    velocity = (velocity - np.asarray(pose.velocity)) @ rotation
+    position = (points.position - np.asarray(pose.position)) @ rotation
+    velocity = (points.velocity - np.asarray(pose.velocity)) @ rotation
+    index = (len(stage.objects) - len(stage.targets) + points.target).astype(np.int32)
     range_m = np.linalg.norm(position, axis=1)
-    visible = range_m > 0.0
-    if len(position):
-        direction = position / np.where(visible, range_m, 1.0)[:, None]
-        ray = mi.Ray3f(mi.Point3f(0.0), mi.Vector3f(*direction.T.astype(np.float32)))
-        ray.maxt = range_m.astype(np.float32)
-        visible &= ~geometry.ray_test(ray).numpy()
-    cross_section = db_to_power([target.rcs_dbsm for target in stage.targets])
-    amplitude = SPEED_OF_LIGHT / frequency_hz * np.sqrt(cross_section) / (4.0 * np.pi) ** 1.5
-    amplitude = amplitude / np.where(visible, range_m, 1.0) ** 2
-    index = np.arange(first, len(stage.objects), dtype=np.int32)
-    echoes = ScatteredPaths.of_points(position, velocity, amplitude, index)
-    return echoes.take(visible), int((~visible).sum())
+    apart = range_m > 0.0
+    clear = apart & clear_between(geometry, np.zeros((len(position), 3)), position)
+    factor = clear.astype(np.complex128)
+    kinds = np.full(len(position), TARGET, dtype=np.uint8)
+    if settings.refraction and len(position):
+        behind = np.flatnonzero(apart & ~clear)
+        panes = panes_between(geometry, stage, materials, frequency_hz, position[behind], settings.polarization[0])
+        factor[behind] = np.where(np.abs(panes.factor) > FAINTEST, panes.factor, 0.0) ** 2
+        kinds[behind] |= REFRACTED
+    amplitude = wavelength * np.sqrt(points.rcs_m2) / (4.0 * np.pi) ** 1.5 / np.where(apart, range_m, 1.0) ** 2
+    direct = ScatteredPaths.of_points(position, velocity, amplitude * factor, index)
+    direct = ScatteredPaths(**{**vars(direct), "kinds": kinds})
+    seen = factor != 0.0
+    counts = {
+        "point_targets_hidden": int((~seen).sum()),
+        "target_echoes_silent": points.silent,
+        "targets_in_near_field": points.near,
+    }
+    parts = [direct.take(seen)]
+    if settings.diffraction and not seen.all():
+        round_corners, more = echoes_round_corners(
+            edges_of(stage).seen_from(pose), slabs_of(stage, materials), frequency_hz,
+            lambda start, end: clear_between(geometry, start, end),
+            position[~seen], velocity[~seen], points.rcs_m2[~seen], index[~seen], settings.polarization,
+        )  # fmt: skip
+        parts.append(round_corners)
+        counts |= more
+    return ScatteredPaths.concatenate(parts), counts

@@ -3,12 +3,14 @@
 The solver's paths (:mod:`datafactory.paths.solver`) are brought into the table's two delay laws, and into the physics
 that the solver leaves out:
 
+* single mirrors are found without rays (:mod:`datafactory.paths.mirror_feet`), those of the solver are left out;
 * a mirror reflects with the share of its facet's size (:mod:`datafactory.paths.facets`);
 * a diffuse bounce takes on the phase of its surface cell (:mod:`datafactory.paths.roughness`);
 * a path that ends with a mirror after a diffuse bounce is found once per sequence of planes, whatever the number of
   rays, so that its power is wrong; such paths are dropped. Their reverses, mirror first, are right, and by reciprocity
   each of them stands for both: it enters the table twice, with the TX's and the RX's side exchanged;
-* targets given by a radar cross section are added.
+* targets given by a radar cross section are added (:mod:`datafactory.paths.targets`), and what edges send back
+  (:mod:`datafactory.paths.diffraction`).
 """
 
 from __future__ import annotations
@@ -18,13 +20,17 @@ from dataclasses import fields
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.paths.diffraction import edge_echoes
+from datafactory.paths.edges import edges_of
 from datafactory.paths.facets import mirrors_of, reflected_share
+from datafactory.paths.mirror_feet import single_mirrors
 from datafactory.paths.rays import RayFan
 from datafactory.paths.roughness import surface_phase
 from datafactory.paths.solver import Bundle, TraceSettings, solve
 from datafactory.paths.stage import Stage
 from datafactory.paths.table import DIFFUSE, REFRACTED, SPECULAR, PathTable, ScatteredPaths, SpecularPaths
-from datafactory.paths.targets import target_echoes
+from datafactory.paths.targets import slabs_of, target_echoes
+from datafactory.paths.transmission import clear_between
 from datafactory.paths.unfold import image_seen_from_tx, segment_lengths, tx_image_seen_from_rx, unit, with_ends
 from datafactory.scenes.materials import MaterialMapping
 from datafactory.scenes.poses import Pose
@@ -49,10 +55,24 @@ def trace(
     bundle = solved.bundle
     scattered: list[ScatteredPaths] = []
     specular: list[SpecularPaths] = []
-    hidden = dropped = 0
+    dropped, more = 0, dict[str, int]()
     if settings.point_targets:
-        echoes, hidden = target_echoes(solved.geometry, stage, materials, pose, frequency_hz, settings.refraction)
+        echoes, counts = target_echoes(solved.geometry, stage, materials, pose, frequency_hz, settings)
         scattered.append(echoes)
+        more |= counts
+    if settings.diffraction:
+        across, along, counts = edge_echoes(
+            edges_of(stage).seen_from(pose), slabs_of(stage, materials), frequency_hz,
+            lambda start, end: clear_between(solved.geometry, start, end),
+            settings.polarization, settings.finite_mirrors,
+        )  # fmt: skip
+        scattered.append(across)
+        specular.append(along)
+        more |= counts
+    if settings.specular:
+        singles, counts = single_mirrors(solved.geometry, stage, materials, pose, frequency_hz, settings)
+        specular.append(singles)
+        more |= counts
     lengths = (bundle.interactions > 0).sum(axis=1)
     for depth in range(1, settings.depth + 1):
         part = bundle.take(lengths == depth).cut(depth).in_fixed_order()
@@ -62,7 +82,8 @@ def trace(
         part = _with_surfaces(part.take(mirrors | ends_diffuse), stage, pose, SPEED_OF_LIGHT / frequency_hz, settings)
         ends_diffuse = part.interactions[:, -1] == DIFFUSE
         scattered += _scattered(part.take(ends_diffuse), fan)
-        specular.append(_specular(part.take(~ends_diffuse)))
+        if depth > 1:
+            specular.append(_specular(part.take(~ends_diffuse)))
     return PathTable(
         scattered=_joined_scattered(scattered),
         specular=_joined(specular),
@@ -73,7 +94,7 @@ def trace(
             "diffuse_then_specular_dropped": dropped,
             "truncated": solved.truncated,
             "invalid": solved.invalid,
-            "point_targets_hidden": hidden,
+            **more,
         },
     )
 
@@ -167,6 +188,7 @@ def _joined_scattered(parts: list[ScatteredPaths]) -> ScatteredPaths:
 
 
 def _joined(parts: list[SpecularPaths]) -> SpecularPaths:
+    parts = [SpecularPaths.none(), *parts]
     names = [item.name for item in fields(SpecularPaths) if item.name != "reference"]
     return SpecularPaths(
         reference=np.zeros(3), **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names}

@@ -1,0 +1,111 @@
+"""Single mirrors, found by the feet of their perpendiculars: all of them, whatever the number of rays.
+
+A single specular echo comes back where the perpendicular from the radar meets a facet. The solver finds it only if a
+ray happens to hit that facet, so that a small one shows in some realisations and not in others. Here every triangle's
+foot in the front half space, where the rays are sent, is computed:
+
+    A = conj(Gamma) sqrt(1 - S^2) lambda / (4 pi 2 R) F,
+
+with Gamma the slab's reflection coefficient at normal incidence (ITU-R P.2040-3, eq. (37)), S what scattering takes,
+and F the share of the facet's size (:mod:`datafactory.paths.facets`). Nothing comes back cross-polarised.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from datafactory.paths.facets import mirrors_of, reflected_share
+from datafactory.paths.solver import TraceSettings
+from datafactory.paths.stage import Stage
+from datafactory.paths.table import REFRACTED, SPECULAR, SpecularPaths
+from datafactory.paths.targets import FAINTEST, slabs_of
+from datafactory.paths.transmission import clear_between, panes_between, slab_reflection
+from datafactory.scenes.materials import MaterialMapping
+from datafactory.scenes.poses import Pose
+from shared.units import SPEED_OF_LIGHT
+
+Real = NDArray[np.float64]
+
+INSIDE = 1e-9
+"""Barycentric coordinates may fall below zero by this: a foot on an edge belongs to both triangles, and counts once."""
+CLOSEST_M = 0.01
+"""The solver, too, leaves out what is nearer: the antennas' own size matters there."""
+AHEAD_M = 1e-6
+"""A foot straight below, at x = 0 but for rounding, is still ahead."""
+
+
+def single_mirrors(
+    geometry: Any, stage: Stage, materials: MaterialMapping, pose: Pose, frequency_hz: float, settings: TraceSettings
+) -> tuple[SpecularPaths, dict[str, int]]:
+    """All single specular echoes of a frame, and how many are hidden.
+
+    :param geometry: Mitsuba's scene in the radar frame
+    """
+    if not stage.meshes or settings.polarization[0] != settings.polarization[1]:
+        return SpecularPaths.none(), {}
+    mirrors, rotation, wavelength = mirrors_of(stage), pose.rotation(), SPEED_OF_LIGHT / frequency_hz
+    mesh = np.repeat(np.arange(len(stage.meshes)), [len(item.triangles) for item in stage.meshes])
+    velocity = np.array([item.velocity for item in stage.meshes])[mesh]
+    moved = velocity * pose.time_s - np.asarray(pose.position)
+    triangle, foot = _feet((mirrors.corners + moved[:, None]) @ rotation, mirrors.normals @ rotation)
+    range_m = np.linalg.norm(foot, axis=1)
+    clear = clear_between(geometry, np.zeros((len(foot), 3)), foot)
+    passed = clear.astype(np.complex128)
+    kinds = np.full(len(foot), SPECULAR, dtype=np.uint8)
+    if settings.refraction and not clear.all():
+        behind = np.flatnonzero(~clear)
+        panes = panes_between(geometry, stage, materials, frequency_hz, foot[behind], settings.polarization[0])
+        passed[behind] = np.where(np.abs(panes.factor) > FAINTEST, panes.factor, 0.0) ** 2
+        kinds[behind] |= REFRACTED
+    seen = np.flatnonzero(passed != 0.0)
+    triangle, foot, range_m, passed, kinds = (values[seen] for values in (triangle, foot, range_m, passed, kinds))
+    slabs = slabs_of(stage, materials)
+    reflection = np.array([_normal_reflection(slabs[index], frequency_hz) for index in mesh[triangle]], dtype=complex)
+    amplitude = np.conj(reflection) * wavelength / (8.0 * np.pi * range_m) * passed
+    if settings.finite_mirrors:
+        at_rest = mirrors.corners[triangle, 0]
+        normal = mirrors.normals[triangle]
+        world = foot @ rotation.T - moved[triangle]
+        world -= np.einsum("ki,ki->k", world - at_rest, normal)[:, None] * normal
+        amplitude *= reflected_share(mirrors, triangle, world, foot @ rotation.T, range_m, range_m, wavelength)
+    objects = np.concatenate([item.object_of_triangle for item in stage.meshes])
+    direction = foot / range_m[:, None]
+    relative = (velocity[triangle] - np.asarray(pose.velocity)) @ rotation
+    approach = np.einsum("ki,ki->k", direction, relative)
+    return SpecularPaths(
+        image=2.0 * foot,
+        image_velocity=2.0 * approach[:, None] * direction,
+        axes=np.eye(3) - 2.0 * direction[:, :, None] * direction[:, None, :],
+        reference=np.zeros(3),
+        amplitude=amplitude,
+        depth=np.ones(len(foot), dtype=np.int8),
+        object_index=objects[triangle].astype(np.int32),
+        kinds=kinds,
+    ), {"mirrors_hidden": int((passed == 0.0).sum() + len(clear) - len(seen))}
+
+
+def _feet(corners: Real, normals: Real) -> tuple[NDArray[np.int64], Real]:
+    """Triangles [n] that hold the foot of the perpendicular from the origin, and the feet [n, 3] [m]."""
+    height = np.einsum("ki,ki->k", normals, corners[:, 0])
+    foot = height[:, None] * normals
+    near = np.flatnonzero((np.abs(height) >= CLOSEST_M) & (foot[:, 0] >= -AHEAD_M))
+    inside = np.ones(len(near), dtype=bool)
+    for corner in range(3):
+        a, b = corners[near, corner], corners[near, (corner + 1) % 3]
+        turned = np.einsum("ki,ki->k", normals[near], np.cross(b - a, foot[near] - a))
+        inside &= turned >= -INSIDE * np.einsum("ki,ki->k", b - a, b - a)
+    found = near[inside]
+    _, first = np.unique(np.rint(foot[found] / 1e-6), axis=0, return_index=True)
+    chosen = found[np.sort(first)]
+    return chosen, foot[chosen]
+
+
+def _normal_reflection(material, frequency_hz: float) -> complex:
+    one = np.ones(1)
+    te, _ = slab_reflection(
+        material.relative_permittivity, material.conductivity_s_per_m, material.thickness_m, frequency_hz, one
+    )
+    return complex(te[0]) * np.sqrt(1.0 - material.scattering_coefficient**2)
