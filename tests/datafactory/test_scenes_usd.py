@@ -95,7 +95,13 @@ def test_transforms_far_from_the_origin_keep_float64(tmp_path: Path) -> None:
     body = f'def Mesh "m" {{\n{CUBE}\n{translated(1e6, 0, 0.123456789)}}}'
     scene = read(tmp_path, body)
     assert scene.objects[0].vertices[:, 2].max() == pytest.approx(1.123456789, abs=1e-12)
-    assert any("over 10 km from the origin" in warning and "1.2e-07 m" in warning for warning in scene.warnings)
+    assert not any("float32" in warning for warning in scene.warnings)  # 1.2e-7 m apart about their own origin
+
+
+def test_float32_points_far_from_their_origin_are_said_with_the_figure(tmp_path: Path) -> None:
+    far = CUBE.replace("(-1,", "(500000,").replace("(1,", "(500001,")
+    scene = read(tmp_path, f'def Mesh "m" {{\n{far}\n}}')
+    assert any("31 mm apart" in warning and "2889 deg" in warning for warning in scene.warnings)
 
 
 def test_instances_are_expanded(tmp_path: Path) -> None:

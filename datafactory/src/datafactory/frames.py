@@ -20,7 +20,7 @@ from datafactory.synthesis.truth import truth_moments
 from shared.dataset import Frame, Target
 from shared.imaging import DEFAULT_TERMS, near_field_images
 from shared.radar import Radar
-from shared.signal import receiver_noise
+from shared.receiver import received
 from shared.spectrum import range_doppler, select_doppler
 from shared.units import amplitude_to_db
 from shared.windows import angle_window, cell_noise_power
@@ -72,6 +72,7 @@ class Measurement:
     :param moments: [terms, R, C] of the virtual sensor
     :param targets: known beforehand: point targets and RCS objects
     :param list_cells: whether the truth's cells join the list of targets
+    :param saturated: samples (I or Q) that left the converter's range
     """
 
     setting: Setting
@@ -83,6 +84,7 @@ class Measurement:
     targets: tuple[Target, ...]
     list_cells: bool
     cube: NDArray[np.complex64] | None
+    saturated: int = 0
 
 
 def measure(
@@ -95,9 +97,8 @@ def measure(
 ) -> Measurement:
     """Input and sweep moments of one frame from its illuminated paths."""
     cube = cube_of_paths(paths, radar, processing.tolerance).astype(np.complex64, copy=False)
+    cube, saturated = received(cube, radar, generator if processing.noise else None)
     noise_power = cell_noise_power(radar) if processing.noise else 0.0
-    if processing.noise:
-        cube = cube + receiver_noise(radar, generator)
     selection = select_doppler(range_doppler(cube, radar), noise_power, processing.peaks)
     moments = truth_moments(paths, radar, selection.cells[0], processing.truth_terms)
     return Measurement(
@@ -110,6 +111,7 @@ def measure(
         targets=targets,
         list_cells=setting.kind == "scene",
         cube=cube if processing.store == "cube" else None,
+        saturated=saturated,
     )
 
 
@@ -137,7 +139,10 @@ def image(measurements: Sequence[Measurement], radar: Radar, store: str) -> Iter
             range_doppler=measurement.magnitude if store == "range-doppler" else None,
             cube=measurement.cube,
         )
-        yield frame, {"targets_left_out": max(0, len(targets) - MAXIMUM_TARGETS)}
+        counts = {"targets_left_out": max(0, len(targets) - MAXIMUM_TARGETS)}
+        if radar.front_end.converter is not None:
+            counts["converter_saturated"] = measurement.saturated
+        yield frame, counts
 
 
 def object_targets(paths: PathTable, first_object: int, radar: Radar) -> tuple[Target, ...]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from shared.dataset import Frame
 from shared.dataset_reading import check_version, open_shard, read_description, read_frames
 from shared.errors import InputError
+from shared.locations import Location, RemotePath, file_names, file_size, locate, sha256_of
 from shared.radar import first_validation_error
 
 Split = Literal["train", "validation", "test"]
@@ -49,18 +49,18 @@ class _ManifestShards(BaseModel):
 class Dataset:
     """An opened dataset.
 
-    :param path: its folder
+    :param path: its folder, local or remote
     :param manifest: the whole manifest, as plain JSON values
     :param splits: split name to the paths of its shards, in the manifest's order; only splits that have frames
     :param records: one for each shard of the manifest, ``paths/`` included
     """
 
-    path: Path
+    path: Location
     manifest: dict[str, Any]
-    splits: dict[str, tuple[Path, ...]]
+    splits: dict[str, tuple[Location, ...]]
     records: tuple[ShardRecord, ...]
 
-    def shards(self, split: str) -> tuple[Path, ...]:
+    def shards(self, split: str) -> tuple[Location, ...]:
         """The shards of a split.
 
         :raises InputError: a split that has no frames
@@ -74,7 +74,7 @@ class Dataset:
         for shard in self.shards(split):
             yield from read_frames(shard, columns)
 
-    def rows(self, split: str) -> tuple[tuple[Path, int], ...]:
+    def rows(self, split: str) -> tuple[tuple[Location, int], ...]:
         """(shard, row) of every frame of a split, for :func:`read_frame`."""
         count = {self.path / record.path: record.rows for record in self.records}
         return tuple((shard, row) for shard in self.shards(split) for row in range(count[shard]))
@@ -84,29 +84,30 @@ class Dataset:
         return read_description(next(shard for shards in self.splits.values() for shard in shards))
 
 
-def read_manifest(directory: Path) -> dict[str, Any]:
+def read_manifest(directory: Location) -> dict[str, Any]:
     """The manifest of a dataset's folder, its version checked.
 
     :raises InputError: missing, not JSON, no version or a newer one
     """
     path = directory / MANIFEST
-    if not path.is_file():
+    if file_size(path) is None:
         raise InputError(path, "no such file", "the folder of a finished dataset")
     try:
         manifest = json.loads(path.read_bytes())
-    except (ValueError, OSError) as error:
+    except (ValueError, RecursionError, OSError) as error:  # no JSON, or nested too deeply
         raise InputError(path, f"not readable as JSON: {error}", "a manifest made by datafactory") from error
     check_version(path, manifest)
     return manifest
 
 
-def open_dataset(path: Path | str, check_sizes: bool = True) -> Dataset:
-    """A dataset by its folder; every shard of the manifest is there and has the right size.
+def open_dataset(path: Path | str | RemotePath, check_sizes: bool = True) -> Dataset:
+    """A dataset by its folder, local or by URI; every shard of the manifest is there and has the right size.
 
+    :param path: see :func:`shared.locations.locate`
     :param check_sizes: False leaves missing and cut-off shards to :func:`verify`
     :raises InputError: naming the file that is missing, damaged or of a newer version
     """
-    path = Path(path)
+    path = locate(path)
     manifest = read_manifest(path)
     if not isinstance(manifest.get("shards"), list) or not manifest["shards"]:
         raise InputError(path / MANIFEST, "no list of shards", "one record for each shard")
@@ -138,23 +139,22 @@ def verify(dataset: Dataset) -> list[str]:
             faults.append(f"{record.path}: {fault}")
     known = {record.path for record in dataset.records}
     for folder in (*SPLITS, "paths"):
-        found = (f"{folder}/{file.name}" for file in sorted((dataset.path / folder).glob("*")))
+        found = (f"{folder}/{name}" for name in file_names(dataset.path / folder))
         faults.extend(f"{name}: not in the manifest" for name in found if name not in known)
     return faults
 
 
-def _size_fault(directory: Path, record: ShardRecord) -> str | None:
+def _size_fault(directory: Location, record: ShardRecord) -> str | None:
     path = directory / record.path
-    if not path.is_file():
+    size = file_size(path)
+    if size is None:
         return "missing; the manifest names it"
-    size = path.stat().st_size
     return None if size == record.bytes else f"{size} bytes; the manifest says {record.bytes}"
 
 
-def _content_fault(directory: Path, record: ShardRecord, schemas: dict[bool, pa.Schema]) -> str | None:
+def _content_fault(directory: Location, record: ShardRecord, schemas: dict[bool, pa.Schema]) -> str | None:
     path = directory / record.path
-    with path.open("rb") as handle:
-        digest = hashlib.file_digest(handle, "sha256").hexdigest()
+    digest = sha256_of(path)
     if digest != record.sha256:
         return f"sha256 is {digest}; the manifest says {record.sha256}"
     is_paths = record.path.startswith("paths/")

@@ -7,7 +7,6 @@ import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,6 +18,7 @@ from pydantic import ValidationError
 from shared.arrays import AntennaArray
 from shared.dataset import COMPLEX_ARRAYS, METADATA_KEY, SCALARS, VECTORS, VERSION, Frame, Target, row_bytes
 from shared.errors import InputError
+from shared.locations import Location, file_size, open_parquet
 from shared.radar import FrontEnd, Radar, first_validation_error
 from shared.waveform import Waveform
 
@@ -32,20 +32,20 @@ BATCH_BYTES = 64 << 20
 _READ_ERRORS = (pa.ArrowException, OSError, UnicodeDecodeError)
 
 
-def open_shard(path: Path) -> pq.ParquetFile:
+def open_shard(path: Location) -> pq.ParquetFile:
     """The Parquet file, opened.
 
     :raises InputError: missing, cut short or no Parquet file
     """
-    if not path.is_file():
+    if file_size(path) is None:
         raise InputError(path, "no such file", "a Parquet shard")
     try:
-        return pq.ParquetFile(path)
+        return open_parquet(path)
     except _READ_ERRORS as error:
         raise InputError(path, f"not readable as Parquet: {error}", "a whole Parquet shard") from error
 
 
-def read_description(path: Path) -> dict[str, Any]:
+def read_description(path: Location) -> dict[str, Any]:
     """The JSON description in a shard's schema, its version and its columns checked.
 
     :raises InputError: not a shard of this format, or of a newer version of it
@@ -79,7 +79,7 @@ def frame_from_row(batch: pa.RecordBatch, row: int, shapes: Mapping[str, Sequenc
     return Frame(**values, targets=_targets(batch, row) if "targets" in names else ())
 
 
-def read_frames(path: Path, columns: Sequence[str] | None = None) -> Iterator[Frame]:
+def read_frames(path: Location, columns: Sequence[str] | None = None) -> Iterator[Frame]:
     """The frames of one shard one after the other, in bounded memory.
 
     :param columns: which of :data:`SELECTABLE` to read, all by default; an array left out has length 0 along its first
@@ -98,7 +98,7 @@ def read_frames(path: Path, columns: Sequence[str] | None = None) -> Iterator[Fr
             raise InputError(path, f"damaged: {error}", "a shard as it was written") from error
 
 
-def read_frame(path: Path, row: int, columns: Sequence[str] | None = None) -> Frame:
+def read_frame(path: Location, row: int, columns: Sequence[str] | None = None) -> Frame:
     """Frame ``row`` of a shard; only its row group is read. ``columns`` and errors as in :func:`read_frames`."""
     with open_shard(path) as file:
         shapes = _description(path, file.schema_arrow)["shapes"]
@@ -129,7 +129,8 @@ def radar_of(description: Mapping[str, Any], source: object = "description") -> 
         fields = {
             "name": radar["name"],
             "waveform": {name: radar[name] for name in Waveform.model_fields},
-            "front_end": {name: radar[name] for name in FrontEnd.model_fields},
+            # Imperfections of the front end came later: a dataset that does not name them was made without.
+            "front_end": {name: radar[name] for name in FrontEnd.model_fields if name in radar},
             "grid": grid,
         }
         for array in ("array", "virtual_sensor"):
@@ -147,22 +148,24 @@ def _parsed(text: bytes) -> Any:
     return json.loads(text)
 
 
-def _description(path: Path, schema: pa.Schema) -> dict[str, Any]:
+def _description(path: Location, schema: pa.Schema) -> dict[str, Any]:
     metadata = schema.metadata or {}
     if METADATA_KEY not in metadata:
         raise InputError(path, "the schema has no metadata 'sparseradar'", "a shard made by datafactory")
     try:
         description = _parsed(metadata[METADATA_KEY])
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(path, f"metadata 'sparseradar' is not JSON: {error}", "a shard made by datafactory") from error
     check_version(path, description)
     _check_columns(path, schema, description)
     return description
 
 
-def _check_columns(path: Path, schema: pa.Schema, description: Mapping[str, Any]) -> None:
+def _check_columns(path: Location, schema: pa.Schema, description: Mapping[str, Any]) -> None:
     """Every column that a frame needs, and arrays as long as the description's shapes say."""
     shapes = description.get("shapes", {})
+    if not isinstance(shapes, dict) or not all(map(_is_shape, shapes.values())):
+        raise InputError(path, "shapes are not lists of lengths by column", "the columns of version 1")
     required = {*SCALARS, *VECTORS, "range_channel", "velocity", "image"}
     if missing := sorted(required - set(schema.names)) or sorted(required - {*SCALARS, *VECTORS} - shapes.keys()):
         raise InputError(path, f"no column or no shape for {missing[0]!r}", "the columns of version 1")
@@ -173,7 +176,11 @@ def _check_columns(path: Path, schema: pa.Schema, description: Mapping[str, Any]
             raise InputError(path, f"{column} is {kind}", f"a fixed_size_list<float> of {values}, as its shape says")
 
 
-def _wanted_columns(path: Path, file: pq.ParquetFile, columns: Sequence[str] | None) -> list[str]:
+def _is_shape(value: object) -> bool:
+    return isinstance(value, list) and all(type(length) is int and length > 0 for length in value)
+
+
+def _wanted_columns(path: Location, file: pq.ParquetFile, columns: Sequence[str] | None) -> list[str]:
     present = file.schema_arrow.names
     selectable = [name for name in present if name in SELECTABLE]
     if unknown := sorted(set(columns or ()) - set(selectable)):

@@ -20,3 +20,16 @@ class InputError(ValueError):
         if expected:
             text += f"; expected {expected}"
         super().__init__(" ".join(text.split()))
+
+
+def require_utf8(path: object) -> None:
+    """Refuse a path that is no text: Arrow, USD and trimesh cannot open it, and no Parquet column can name it.
+
+    POSIX file names are bytes; Python holds what is not UTF-8 in them as lone surrogates.
+
+    :raises InputError: naming the path with its odd characters escaped
+    """
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        raise InputError(ascii(str(path)), "the path is not UTF-8", "a file or folder whose name is text") from None

@@ -52,7 +52,7 @@ def paper_features(range_channel: Array, weights: Array) -> Array:
     covariance = covariance_rows(range_channel, weights.shape[-1])
     channels = [
         _log_magnitude(xp, xp.abs(image) * scale),
-        xp.angle(image),
+        xp.angle(image + 0.0),  # a product may sum to -0, whose phase would be pi
         covariance.real,
         covariance.imag,
         xp.angle(covariance),
@@ -137,11 +137,13 @@ def _namespace(array: Array) -> Any:
 def _unit_rows(range_channel: Array) -> tuple[Array, Array]:
     """([..., R, C] rows of unit RMS, [..., R, 1] their RMS); zero rows stay zero.
 
-    The maximum comes out first, so that no square under- or overflows.
+    The maximum comes out first, so that no square under- or overflows. Rows below :data:`SMALLEST_AMPLITUDE` count as
+    zero: the reciprocal of a subnormal overflows.
     """
     xp = _namespace(range_channel)
     largest = xp.amax(xp.abs(range_channel), axis=-1, keepdims=True)
-    bounded = range_channel / xp.where(largest > 0, largest, 1.0)
+    loud = largest > SMALLEST_AMPLITUDE
+    bounded = xp.where(loud, range_channel, 0.0) / xp.where(loud, largest, 1.0)
     rms = xp.sqrt(xp.mean(xp.abs(bounded) ** 2, axis=-1, keepdims=True))
     return bounded / xp.where(rms > 0, rms, 1.0), largest * rms
 

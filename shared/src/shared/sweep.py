@@ -1,7 +1,8 @@
 """Small range shifts as polynomials: what lets many echoes, or many pixels, share one FFT.
 
 An echo z bins away from a grid point differs from the grid point's own by exp(j 2 pi z nu) over the sweep position
-nu in [-1/2, 1/2). For |z| <= reach this is a polynomial in z whose coefficients are functions of nu alone.
+nu in [-1/2, 1/2). For |z| <= reach this is a polynomial in z whose coefficients are functions of nu alone, and each of
+these functions is a sum of a few shifts by whole cells of a finer grid: what lets all terms share one FFT.
 """
 
 from __future__ import annotations
@@ -47,3 +48,53 @@ def shift_error(reach: float, terms: int) -> float:
     """Bound on the error of :func:`shift_polynomials` anywhere in the sweep: the sum of the terms left out."""
     left_out = np.arange(terms, terms + 40)
     return float(2.0 * np.abs(jv(left_out, np.pi * reach)).sum())
+
+
+def shift_error_rms(nu: NDArray[np.float64], reach: float, terms: int) -> float:
+    """Bound on the root mean square error of :func:`shift_polynomials` over the sweep ``nu``, for any |z| <= reach.
+
+    The terms left out grow as nu^terms, so that the mean over the sweep is far below what its ends have. Those of even
+    order are real and those of odd order imaginary.
+    """
+    left_out = 2.0 * np.abs(jv(np.arange(terms, terms + 40)[:, None], 2.0 * np.pi * reach * np.abs(nu)))
+    return float(np.sqrt(np.mean(left_out[0::2].sum(axis=0) ** 2 + left_out[1::2].sum(axis=0) ** 2)))
+
+
+def shift_weights(
+    nu: NDArray[np.float64], reach: float, terms: int, taps: int, oversampling: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Polynomials of the shift as weights on a grid of ``oversampling`` cells a bin: gain [N], weights [taps, terms].
+
+        q_p(nu) = gain(nu) sum_j weights[j, p] exp(j 2 pi (j - taps // 2) nu / oversampling)
+
+    The gain undoes a Kaiser-Bessel window ``taps`` cells wide, as in gridding (Jackson et al. 1991, IEEE Trans. Med.
+    Imaging 10, 473), which keeps the weights of order one and their errors off the sweep's ends; the weights are the
+    least squares fit over the sweep. They are real, because q_p is real for even p and imaginary for odd p.
+
+    :param taps: an odd number of cells
+    """
+    polynomials = shift_polynomials(nu, reach, terms)
+    shape = np.pi * taps * (1.0 - 0.5 / oversampling)
+    root = np.sqrt(shape**2 - (np.pi * taps * nu / oversampling) ** 2)
+    gain = np.sinh(shape) / shape * root / np.sinh(root)
+    offset = np.arange(taps) - taps // 2
+    shifts = gain[:, None] * np.exp(2j * np.pi * nu[:, None] * offset / oversampling)
+    weights = np.linalg.lstsq(
+        np.concatenate([shifts.real, shifts.imag]), np.concatenate([polynomials.real, polynomials.imag], axis=1).T
+    )[0]
+    return gain, weights
+
+
+def shift_weights_error(
+    nu: NDArray[np.float64],
+    reach: float,
+    gain: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    oversampling: int,
+) -> float:
+    """Root mean square error over the sweep of :func:`shift_weights`, for the worst of 129 shifts within the reach."""
+    z = np.linspace(-reach, reach, 129)
+    taps, terms = weights.shape
+    shifts = np.exp(2j * np.pi * nu * (np.arange(taps) - taps // 2)[:, None] / oversampling)
+    error = gain * (z[:, None] ** np.arange(terms) @ weights.T @ shifts) - np.exp(2j * np.pi * z[:, None] * nu)
+    return float(np.sqrt(np.mean(np.abs(error) ** 2, axis=1)).max())

@@ -36,8 +36,8 @@ class Waveform(BaseModel):
     bandwidth_hz: Positive = 1e9
     chirp_duration_s: Positive = 80.6e-6
     chirp_interval_s: Positive = 80.6e-6
-    chirps: Annotated[int, Field(ge=1)] = 128
-    samples: Annotated[int, Field(ge=1)] = 1024
+    chirps: Annotated[int, Field(ge=1, le=2**16)] = 128
+    samples: Annotated[int, Field(ge=1, le=2**20)] = 1024
     range_bins: Annotated[int, Field(ge=1)] = 630
     multiplexing: Literal["simultaneous", "tdm"] = "simultaneous"
     residual_video_phase: bool = False

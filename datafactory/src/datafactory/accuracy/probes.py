@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from datafactory.accuracy.knobs import Settings
 from datafactory.accuracy.variants import SphereLattice
+from datafactory.paths.density import cell_power
 from datafactory.paths.rays import RayFan
 from datafactory.paths.stage import Stage, stage_of
 from datafactory.paths.table import PathTable
@@ -20,7 +21,6 @@ from datafactory.scenes.scene import Scene
 from datafactory.seeds import frame_seed, generator
 from datafactory.shards import split_of
 from shared.radar import Radar
-from shared.windows import angle_window, point_spread
 
 
 @dataclass(frozen=True)
@@ -71,29 +71,6 @@ def traced(probe: Probe, settings: Settings, radar: Radar, realisation: int = 0)
         probe.stage, probe.materials, probe.pose, frequency_hz, settings.trace(), fan, int(stream.integers(2**31))
     )
     return paths.within(radar).illuminated(radar.front_end)
-
-
-def cell_power(paths: PathTable, radar: Radar) -> NDArray[np.float64]:
-    """[R, U'] power [W] of the paths in every resolution cell of the truth, summed without phase.
-
-    That is the expectation of |sum A|^2 over random phases (Goodman, Speckle Phenomena in Optics, section 2.1), so
-    that no image of many realisations is needed. Cells are one range bin times the truth's -3 dB width in u.
-    """
-    elements, wavelength = radar.virtual_sensor.channels, radar.waveform.wavelength_m
-    aperture = float(np.ptp(radar.virtual_sensor.rx[:, 1]))
-    spacing = aperture / (elements - 1) / wavelength if elements > 1 else 0.5
-    width, _ = point_spread(angle_window("taylor-30", elements), spacing)
-    columns = int(np.ceil(2.0 / width))
-    range_m = np.concatenate([paths.scattered.range_m(), paths.specular.range_m()])
-    arrival = np.concatenate([paths.scattered.rx_point, paths.specular.image])
-    power = np.abs(np.concatenate([paths.scattered.amplitude, paths.specular.amplitude])) ** 2
-    u = arrival[:, 1] / np.maximum(np.linalg.norm(arrival, axis=1), 1e-9)
-    row = np.rint(range_m / radar.waveform.range_step_m).astype(np.int64)
-    column = np.clip(((u + 1.0) / width).astype(np.int64), 0, columns - 1)
-    inside = row < radar.waveform.range_bins
-    cells = np.zeros((radar.waveform.range_bins, columns))
-    np.add.at(cells, (row[inside], column[inside]), power[inside])
-    return cells
 
 
 def mean_cell_power(

@@ -14,7 +14,7 @@ integral is elementary and leaves one along the boundary:
 
 At an edge F = 1/2, at a right-angled corner 1/4; a plate far smaller than the zone gives its cross section
 4 pi A^2 / lambda^2. Edges beyond ``TAPER`` Fresnel zones are faded out, exp(-rho^2 / TAPER): their wave reaches the
-radar from another place, and is diffraction. The conjugate is returned, in the sign convention of the PathTable.
+radar from another place, and is diffraction. The sign of the phase is that of the PathTable: longer ways turn forward.
 
 Limits: the facet is plane and lit as a whole; successive mirrors are treated one by one; coplanar pieces count as one
 mirror of one material (where they overlap, as their mean), pieces of a curved surface do not add up (use point targets
@@ -124,7 +124,7 @@ def reflected_share(
     after_m: Real,
     wavelength_m: float,
 ) -> NDArray[np.complex128]:
-    """[n] factor F* on the amplitude of a reflection at a specular point.
+    """[n] factor F on the amplitude of a reflection at a specular point.
 
     :param triangle: [n] that was hit, index into ``mirrors``
     :param point: [n, 3] specular points, world [m] at time 0
@@ -155,7 +155,7 @@ def reflected_share(
 
 @njit(cache=True)
 def _shares(edges, point, along, across):
-    """[n] F* of points [n, 3] in one plane with edges [E, 2, 3]; ``along``, ``across`` [n, 3] give xi and eta."""
+    """[n] F of points [n, 3] in one plane with edges [E, 2, 3]; ``along``, ``across`` [n, 3] give xi and eta."""
     share = np.ones(len(point), dtype=np.complex128)
     for k in range(len(point)):
         total, turned = 0.0j, 0.0
@@ -178,7 +178,7 @@ def _shares(edges, point, along, across):
             total += side * (_from_foot(size, stop) - _from_foot(size, start))
             turned += side * (np.arctan2(stop, size) - np.arctan2(start, size))
         share[k] = total / max(turned, 2.0 * np.pi)
-    return np.conj(share)
+    return share
 
 
 @njit(cache=True)

@@ -165,5 +165,5 @@ def read_paths(path: Path) -> Iterator[TracedFrame]:
             for group in range(file.num_row_groups):
                 for batch in file.read_row_group(group).to_batches(max_chunksize=1):
                     yield from_row(batch)
-    except (OSError, pa.ArrowException) as error:
+    except (OSError, pa.ArrowException, UnicodeDecodeError) as error:  # a damaged name is no UTF-8 any more
         raise InputError(path, f"not readable as Parquet: {error}", "an undamaged paths shard") from error

@@ -29,7 +29,7 @@ from datafactory.paths.roughness import surface_phase
 from datafactory.paths.solver import Bundle, TraceSettings, solve
 from datafactory.paths.stage import Stage
 from datafactory.paths.table import DIFFUSE, REFRACTED, SPECULAR, PathTable, ScatteredPaths, SpecularPaths
-from datafactory.paths.targets import slabs_of, target_echoes
+from datafactory.paths.targets import EDGES_WITHIN_M, slabs_of, target_echoes
 from datafactory.paths.transmission import clear_between
 from datafactory.paths.unfold import image_seen_from_tx, segment_lengths, tx_image_seen_from_rx, unit, with_ends
 from datafactory.scenes.materials import MaterialMapping
@@ -62,9 +62,9 @@ def trace(
         more |= counts
     if settings.diffraction:
         across, along, counts = edge_echoes(
-            edges_of(stage).seen_from(pose), slabs_of(stage, materials), frequency_hz,
+            edges_of(stage).seen_from(pose).within(EDGES_WITHIN_M), slabs_of(stage, materials), frequency_hz,
             lambda start, end: clear_between(solved.geometry, start, end),
-            settings.polarization, settings.finite_mirrors,
+            settings.polarization, settings.finite_mirrors and settings.specular,
         )  # fmt: skip
         scattered.append(across)
         specular.append(along)

@@ -234,7 +234,7 @@ def load_materials(path: Path | None = None) -> MaterialTable:
 def _parse(text: str, source: object) -> _File:
     try:
         return _File.model_validate(tomllib.loads(text))
-    except tomllib.TOMLDecodeError as error:
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise InputError(source, f"malformed TOML: {error}", "[material.NAME] tables, [map] and default") from None
     except ValidationError as error:
         raise _condensed(error, source, "") from None

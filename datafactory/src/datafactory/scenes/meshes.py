@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from datafactory.scenes.notes import Notes
+from datafactory.scenes.scale import note_coarse_vertices, size_remark, vertex_spacing_m
 from datafactory.scenes.scene import Scene, SceneObject
 from shared.errors import InputError
 
@@ -87,17 +88,17 @@ def place_mesh(
     return placed, triangles[:, ::-1] if mirrored else triangles
 
 
-def load_mesh(path: Path, source: object) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def load_mesh(path: Path, source: object) -> tuple[NDArray[np.floating], NDArray[np.int64]]:
     """The one mesh of a PLY or OBJ file that another scene file refers to, its vertices not merged.
 
     :param source: what an error is to name, e.g. the scene file and the shape
-    :return: vertices [V, 3] and triangles [T, 3]; both empty for a file that holds points alone
+    :return: vertices [V, 3] in the file's precision and triangles [T, 3]; both empty for a file of points alone
     :raises InputError: the file is absent or cannot be read
     """
     loaded = _load(path, source)
     parts = [
-        (part.vertices @ matrix[:3, :3].T + matrix[:3, 3], part.faces)
-        for _, matrix, part in _placed_parts(loaded)
+        (_as_written(part, path), part.faces)  # neither format places its meshes
+        for _, _, part in _placed_parts(loaded)
         if isinstance(part, trimesh.Trimesh)
     ]
     if not parts:
@@ -121,12 +122,14 @@ def read_mesh_file(path: Path) -> Scene:
     if suffix in (".glb", ".gltf"):
         to_world[:3, :3] = Y_UP_TO_Z_UP
         _check_gltf(path, notes)
-    objects = []
+    objects, spacings = [], []
     for name, matrix, part in _placed_parts(_load(path, path)):
         if not isinstance(part, trimesh.Trimesh):
             notes.count(f"# geometries of type {type(part).__name__} ignored (only triangle meshes are used)")
             continue
-        vertices, triangles = place_mesh(part.vertices, part.faces, to_world @ matrix)
+        written = _as_written(part, path)
+        spacings.append(vertex_spacing_m(written, to_world @ matrix))
+        vertices, triangles = place_mesh(written, part.faces, to_world @ matrix)
         vertices, triangles, dropped = clean_mesh(vertices, triangles)
         dropped.add_to(notes)
         if len(triangles):
@@ -135,7 +138,11 @@ def read_mesh_file(path: Path) -> Scene:
             notes.count("# meshes without a usable triangle ignored")
     if objects and suffix not in (".glb", ".gltf"):
         notes.say(f"{suffix} files state no units and no up axis: taken as metres, z up")
-    return Scene(path.stem, tuple(objects), source=str(path), warnings=notes.sentences())
+    note_coarse_vertices(spacings, notes)
+    scene = Scene(path.stem, tuple(objects), source=str(path))
+    if remark := size_remark(scene, "its units, which are taken as metres"):
+        notes.say(remark)
+    return replace(scene, warnings=notes.sentences())
 
 
 def _load(path: Path, source: object) -> trimesh.Scene:
@@ -158,6 +165,23 @@ def _placed_parts(scene: trimesh.Scene) -> list[tuple[str, NDArray[np.float64], 
     return parts
 
 
+def _as_written(mesh: trimesh.Trimesh, path: Path) -> NDArray[np.floating]:
+    """[V, 3] vertices in the precision of the file; trimesh makes float64 of everything.
+
+    glTF and STL hold float32 alone, PLY says what it holds, OBJ is text.
+
+    :raises InputError: vertices of another number of coordinates than three, which trimesh lets through
+    """
+    if mesh.vertices.shape[1:] != (3,):
+        raise InputError(path, f"a mesh has vertices of shape {list(mesh.vertices.shape)}", "x, y and z for each")
+    properties = mesh.metadata.get("_ply_raw", {}).get("vertex", {}).get("properties", {})
+    if path.suffix.lower() not in (".glb", ".gltf", ".stl") and not str(properties.get("x", "")).endswith("f4"):
+        return mesh.vertices
+    with np.errstate(over="ignore"):  # an STL of text may hold more than float32 does
+        single = mesh.vertices.astype(np.float32)
+    return single if np.array_equal(single, mesh.vertices, equal_nan=True) else mesh.vertices
+
+
 def _material_name(mesh: trimesh.Trimesh) -> str:
     material = getattr(mesh.visual, "material", None)
     return str(getattr(material, "name", None) or "")
@@ -173,7 +197,7 @@ def _check_gltf(path: Path, notes: Notes) -> None:
         header = json.loads(data)
         required = set(header.get("extensionsRequired", ()))
         animations, skins = len(header.get("animations", ())), len(header.get("skins", ()))
-    except (OSError, ValueError, AttributeError, TypeError) as error:
+    except (OSError, ValueError, AttributeError, TypeError, RecursionError) as error:
         raise InputError(path, f"not a readable glTF file ({error})", "an intact .glb or .gltf file") from error
     unread = sorted(required.intersection(GLTF_GEOMETRY_EXTENSIONS))
     if unread:

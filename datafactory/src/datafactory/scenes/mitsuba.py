@@ -7,14 +7,17 @@ and so is everything here.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from datafactory.scenes import primitives
 from datafactory.scenes.meshes import clean_mesh, load_mesh, place_mesh
 from datafactory.scenes.mitsuba_xml import Shape, read_shapes
 from datafactory.scenes.notes import Notes
+from datafactory.scenes.scale import note_coarse_vertices, size_remark, vertex_spacing_m
 from datafactory.scenes.scene import Scene, SceneObject
 from shared.errors import InputError
 
@@ -33,11 +36,13 @@ def read_mitsuba(path: str | Path, name: str | None = None) -> Scene:
         raise InputError(path, "no such file", "an existing Mitsuba XML file")
     notes = Notes()
     objects: list[SceneObject] = []
+    spacings: list[float] = []
     for shape in read_shapes(path):
         mesh = _local_mesh(shape)
         if mesh is None:
             notes.count(f"# shapes of type {shape.kind!r} ignored")
             continue
+        spacings.append(vertex_spacing_m(mesh[0], shape.to_world))
         placed, wound = place_mesh(*mesh, shape.to_world)
         vertices, triangles, dropped = clean_mesh(placed, wound[:, ::-1] if shape.flag("flip_normals") else wound)
         dropped.add_to(notes)
@@ -45,11 +50,18 @@ def read_mitsuba(path: str | Path, name: str | None = None) -> Scene:
             objects.append(SceneObject(shape.name, vertices, triangles, shape.material))
         else:
             notes.count("# shapes without a usable triangle ignored")
-    return Scene(name or path.stem, tuple(objects), source=str(path), warnings=notes.sentences())
+    note_coarse_vertices(spacings, notes)
+    scene = Scene(name or path.stem, tuple(objects), source=str(path))
+    if remark := size_remark(scene, "its units, which are taken as metres"):
+        notes.say(remark)
+    return replace(scene, warnings=notes.sentences())
 
 
-def _local_mesh(shape: Shape) -> primitives.Mesh | None:
-    """The shape before to_world; None for a plugin that is not supported. Defaults are Mitsuba's."""
+def _local_mesh(shape: Shape) -> tuple[NDArray[np.floating], NDArray[np.int64]] | None:
+    """Vertices, in the file's precision, and triangles before to_world; None for a plugin that is not supported.
+
+    Defaults are Mitsuba's.
+    """
     if shape.kind in ("ply", "obj"):
         return load_mesh(shape.path.parent / shape.text("filename"), f"{shape.path}, shape {shape.name!r}")
     if shape.kind == "rectangle":

@@ -8,7 +8,7 @@ from pathlib import Path
 from datafactory.scenes.meshes import MESH_SUFFIXES, read_mesh_file
 from datafactory.scenes.mitsuba import read_mitsuba
 from datafactory.scenes.scene import Scene
-from shared.errors import InputError
+from shared.errors import InputError, require_utf8
 
 USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 MITSUBA_SUFFIXES = (".xml",)
@@ -20,9 +20,11 @@ def open_scene(source: str) -> Scene:
     """Read a scene in metres and z up.
 
     :param source: a path with one of ``KNOWN_SUFFIXES``, or ``sionna:NAME`` for a scene that Sionna ships
-    :raises InputError: an unknown suffix or name, a file that is missing or unreadable, a scene with nothing in it
+    :raises InputError: an unknown suffix or name, a file that is missing or unreadable, a path that is not UTF-8, a
+        scene with nothing in it
     """
     source = str(source)
+    require_utf8(source)
     if source.startswith(SIONNA_PREFIX):
         name = source.removeprefix(SIONNA_PREFIX)
         scene = _read(_sionna_file(name), name)

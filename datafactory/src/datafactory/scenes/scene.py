@@ -12,7 +12,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.scenes.target_models import RcsModel
+
+Vector = tuple[float, float, float]
 ZERO = (0.0, 0.0, 0.0)
+WORLD_AXES: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 @dataclass(frozen=True)
@@ -43,14 +47,18 @@ class PointTarget:
 
     :param name: unique within the scene
     :param position: world position [m] at time 0
-    :param rcs_dbsm: radar cross section [dB relative to 1 m^2]
+    :param rcs_dbsm: radar cross section [dB relative to 1 m^2]; of a model its nominal one, for lists
     :param velocity: world velocity [m/s]
+    :param model: where and how strongly the target echoes, by aspect; None for ``rcs_dbsm`` from everywhere
+    :param axes: x, y and z of the model's frame in the world, right-handed unit vectors
     """
 
     name: str
-    position: tuple[float, float, float]
+    position: Vector
     rcs_dbsm: float
-    velocity: tuple[float, float, float] = ZERO
+    velocity: Vector = ZERO
+    model: RcsModel | None = None
+    axes: tuple[Vector, Vector, Vector] = WORLD_AXES
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,10 @@
 """Universal Scene Description: a composed stage to metres, z up and triangles.
 
 Read as the stage is at its start (see ``usd_motion``), variants as selected, instances and point instancers expanded.
-Invisible prims and those of purpose guide or proxy are left out. Three custom attributes speak to the radar:
+Invisible prims and those of purpose guide or proxy are left out. Custom attributes speak to the radar:
 
 - ``radar:rcs_dbsm`` (a number): the prim is a point target at its origin, and stands for all geometry below it;
+- ``radar:target`` (string or token) and ``radar:targets_by_name`` (bool): likewise, by a model (see ``usd_targets``);
 - ``radar:velocity`` (three numbers, m/s in the stage's own world axes): velocity of the prim and all below it;
 - ``radar:material`` (string or token): material name for the prim and all below it.
 """
@@ -13,6 +14,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +22,14 @@ from pxr import Tf, Usd, UsdGeom, UsdShade
 
 from datafactory.scenes.meshes import clean_mesh, place_mesh
 from datafactory.scenes.notes import Notes
-from datafactory.scenes.scene import PointTarget, Scene, SceneObject
+from datafactory.scenes.scale import note_coarse_vertices, vertex_spacing_m
+from datafactory.scenes.scene import WORLD_AXES, PointTarget, Scene, SceneObject, Vector
 from datafactory.scenes.usd_motion import Frame, Transforms, instance_frames
 from datafactory.scenes.usd_prims import PrimMesh, is_solid, polygon_mesh, solid_mesh
 from datafactory.scenes.usd_stage import check_sizes, open_stage, stage_to_world
+from datafactory.scenes.usd_targets import model_axes, names_count, prim_model, target_kind
 from shared.errors import InputError
 
-Vector = tuple[float, float, float]
 ON_STAGE = Usd.TraverseInstanceProxies()  # active, loaded, defined, not abstract
 IN_PROTOTYPE = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded)  # prototypes are often overs or classes
 
@@ -40,6 +43,7 @@ class _Inherited:
     velocity: Vector | None = None
     purpose: str = "default"
     instancers: tuple[str, ...] = ()
+    targets_by_name: bool = False
 
 
 def read_usd(path: str | Path) -> Scene:
@@ -58,12 +62,10 @@ def read_usd(path: str | Path) -> Scene:
         try:
             stage = open_stage(path, notes)
             scene = _Reader(path, stage, notes).read()
-        except Tf.ErrorException as error:
-            text = "; ".join(line.split(" : ", 1)[-1].strip("' ") for line in str(error).splitlines() if " : '" in line)
-            text = re.sub(r"pxrInternal\w*?::", "", text)  # the namespace of USD's own build
-            raise InputError(path, f"USD cannot read it ({text or error})", "an intact USD file") from error
+        except (Tf.ErrorException, UnicodeDecodeError) as error:
+            raise InputError(path, f"USD cannot read it ({_reason(error)})", "an intact USD file") from error
         finally:
-            remarks = [remark.commentary for remark in (*trap.GetWarnings(), *trap.GetErrors())]
+            remarks = [_commentary(remark) for remark in (*trap.GetWarnings(), *trap.GetErrors())]
             # Composition errors come a second time, with an address in memory: ``open_stage`` has counted them.
             remarks = [remark for remark in remarks if "(instantiating stage on stage" not in remark]
             trap.Clear()
@@ -72,6 +74,24 @@ def read_usd(path: str | Path) -> Scene:
         notes.say(f"USD reported: {' '.join(remarks[0].split())}{more}")
     check_sizes(scene, notes)
     return replace(scene, warnings=notes.sentences())
+
+
+def _reason(error: Exception) -> str:
+    """What USD says is wrong, in its own words."""
+    try:
+        text = str(error)
+    except UnicodeDecodeError as undecodable:  # it quotes the file
+        text = str(undecodable)
+    quoted = "; ".join(line.split(" : ", 1)[-1].strip("' ") for line in text.splitlines() if " : '" in line)
+    return re.sub(r"pxrInternal\w*?::", "", quoted) or text  # without the namespace of USD's own build
+
+
+def _commentary(remark: Any) -> str:
+    """The words of one of USD's diagnostics."""
+    try:
+        return remark.commentary
+    except UnicodeDecodeError as undecodable:
+        return str(undecodable)
 
 
 class _Reader:
@@ -87,6 +107,7 @@ class _Reader:
         self._turn = self._to_world[:3, :3] / np.cbrt(np.linalg.det(self._to_world[:3, :3]))
         self._objects: list[SceneObject] = []
         self._targets: list[PointTarget] = []
+        self._spacings: list[float] = []
         self._registry = Usd.SchemaRegistry()
 
     def read(self) -> Scene:
@@ -97,6 +118,7 @@ class _Reader:
             prim, inherited = waiting.pop()
             below = self._visit(prim, inherited)
             waiting.extend(reversed(below))  # a stack, so that the order is the stage's
+        note_coarse_vertices(self._spacings, self._notes)
         return Scene(self._path.stem, tuple(self._objects), tuple(self._targets), str(self._path))
 
     def _visit(self, prim: Usd.Prim, inherited: _Inherited) -> list[tuple[Usd.Prim, _Inherited]]:
@@ -110,8 +132,9 @@ class _Reader:
                 inherited = replace(inherited, purpose=str(imageable.GetPurposeAttr().Get()))
         inherited = self._with_attributes(prim, inherited)
         if inherited.purpose not in (UsdGeom.Tokens.guide, UsdGeom.Tokens.proxy):
-            if prim.HasAttribute("radar:rcs_dbsm"):
-                self._add_target(prim, inherited)
+            kind = target_kind(self._path, prim, self._start, inherited.targets_by_name)
+            if kind is not None or prim.HasAttribute("radar:rcs_dbsm"):
+                self._add_target(prim, inherited, kind)
                 return []
             if prim.IsA(UsdGeom.PointInstancer):
                 return self._instances(UsdGeom.PointInstancer(prim), inherited)
@@ -130,6 +153,8 @@ class _Reader:
             if not isinstance(material, str) or not material:
                 raise InputError(self._path, f"{prim.GetPath()}.radar:material = {material!r}", "a material name")
             inherited = replace(inherited, material=material)
+        if prim.HasAttribute("radar:targets_by_name"):
+            inherited = replace(inherited, targets_by_name=names_count(self._path, prim, self._start))
         return inherited
 
     def _numbers(self, prim: Usd.Prim, name: str, size: int, expected: str) -> NDArray[np.float64]:
@@ -143,17 +168,27 @@ class _Reader:
             raise InputError(self._path, f"{prim.GetPath()}.{name} = {value!r}", expected)
         return numbers
 
-    def _add_target(self, prim: Usd.Prim, inherited: _Inherited) -> None:
-        rcs = self._numbers(prim, "radar:rcs_dbsm", 1, "a finite number [dBsm]")
+    def _add_target(self, prim: Usd.Prim, inherited: _Inherited, kind: str | None) -> None:
+        model, axes = None, WORLD_AXES
+        matrix = self._transforms.matrix(prim, inherited.frame)
+        if kind is None:
+            rcs_dbsm = float(self._numbers(prim, "radar:rcs_dbsm", 1, "a finite number [dBsm]")[0])
+        else:
+            model = prim_model(self._path, prim, self._start, kind)
+            rcs_dbsm = model.nominal_rcs_dbsm
+            turned = model_axes(matrix[:3, :3], self._turn)
+            if turned is None:
+                raise InputError(self._path, f"{prim.GetPath()}: its transform is flat", "one that keeps x and z apart")
+            axes = turned
         below = Usd.PrimRange(prim, inherited.frame.predicate)
         replaced = sum(1 for item in below if item.IsA(UsdGeom.Gprim) or item.IsA(UsdGeom.PointInstancer))
-        self._notes.count("# geometry prims left out: a point target (radar:rcs_dbsm) stands for them", replaced)
-        matrix = self._to_world @ self._transforms.matrix(prim, inherited.frame)
-        x, y, z = (float(value) for value in matrix[:3, 3])
+        reason = "a point target (radar:rcs_dbsm)" if kind is None else "the model of a target"
+        self._notes.count(f"# geometry prims left out: {reason} stands for them", replaced)
+        x, y, z = (float(value) for value in (self._to_world @ matrix)[:3, 3])
         if not np.isfinite([x, y, z]).all():
             raise InputError(self._path, f"{prim.GetPath()} stands at ({x}, {y}, {z})", "a finite position")
         velocity = self._velocity(prim, inherited, np.zeros(3))
-        self._targets.append(PointTarget(inherited.frame.name(prim), (x, y, z), float(rcs[0]), velocity))
+        self._targets.append(PointTarget(inherited.frame.name(prim), (x, y, z), rcs_dbsm, velocity, model, axes))
 
     def _velocity(self, prim: Usd.Prim, inherited: _Inherited, centre: NDArray[np.float64]) -> Vector:
         """World velocity [m/s]: what an attribute says, or else what the animation does."""
@@ -199,7 +234,7 @@ class _Reader:
         """One object for the prim, or one for each of its material subsets and one for the rest."""
         matrix = self._to_world @ self._transforms.matrix(prim, inherited.frame)
         points, triangles = place_mesh(mesh.points, mesh.triangles, matrix)
-        self._note_spacing(mesh.points, points, matrix)
+        self._spacings.append(vertex_spacing_m(mesh.points, matrix))
         finite = mesh.points[np.isfinite(mesh.points).all(axis=1)].astype(np.float64)
         centre = finite.mean(axis=0) if len(finite) else np.zeros(3)
         velocity = self._velocity(prim, inherited, centre)
@@ -234,14 +269,3 @@ class _Reader:
             if not bound and binding.GetDirectBindingRel().GetTargets():
                 self._notes.count("# material bindings lead to no material")
         self._objects.append(SceneObject(inherited.frame.name(prim), points, triangles, material, velocity))
-
-    def _note_spacing(
-        self, local: NDArray[np.floating], world: NDArray[np.float64], matrix: NDArray[np.float64]
-    ) -> None:
-        """Warn where float32 points far from the origin stand on a grid coarse against a wavelength."""
-        far = np.nanmax(np.abs(world), initial=0.0, where=np.isfinite(world))
-        if local.dtype.itemsize > 4 or far < 10e3:
-            return
-        largest = np.float32(np.max(np.abs(local), initial=0.0, where=np.isfinite(local)))
-        spacing = float(np.spacing(largest)) * np.abs(np.linalg.svd(matrix[:3, :3], compute_uv=False)).max()
-        self._notes.count(f"# meshes over 10 km from the origin have float32 points, {spacing:.2g} m apart at best")

@@ -11,10 +11,10 @@ from pxr import Pcp, Usd, UsdGeom
 
 from datafactory.scenes.meshes import Y_UP_TO_Z_UP
 from datafactory.scenes.notes import Notes
+from datafactory.scenes.scale import size_remark
 from datafactory.scenes.scene import Scene
 from shared.errors import InputError
 
-PLAUSIBLE_METRES = (0.1, 50e3)  # of a scene's longest side: a tin can, a city
 # Composition errors after which part of the scene is not there.
 MISSING = (
     Pcp.ErrorInvalidAssetPath,
@@ -82,12 +82,6 @@ def _note_other_units(stage: Usd.Stage, metres: float, axis: str, notes: Notes) 
 
 def check_sizes(scene: Scene, notes: Notes) -> None:
     """Say how large the scene is where its units look wrong."""
-    if not scene.objects and not scene.targets:
-        return
-    lower, upper = scene.bounds()
-    sides = upper - lower
-    low, high = PLAUSIBLE_METRES
     mixed = any("which USD does not convert" in sentence for sentence in notes.sentences())
-    if mixed or sides.max() > high or (scene.objects and sides.max() < low):
-        text = " x ".join(f"{side:.3g}" for side in sides)
-        notes.say(f"the scene measures {text} m (x, y, z): check metersPerUnit")
+    if remark := size_remark(scene, "metersPerUnit", always=mixed):
+        notes.say(remark)

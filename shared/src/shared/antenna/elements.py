@@ -1,4 +1,4 @@
-"""Radiation patterns of single elements, as power gain over direction in the radar frame."""
+"""Element patterns given by a formula in azimuth and elevation: isotropic, parabolic, 3GPP TR 38.901."""
 
 from __future__ import annotations
 
@@ -9,6 +9,17 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
 from shared.units import db_to_power
+
+Real = NDArray[np.float64]
+
+
+def angles_deg(directions: Real) -> tuple[Real, Real]:
+    """Azimuth (positive left) and elevation (positive up) [deg], each [...], of ``directions`` [..., 3] of any length.
+
+    A zero vector counts as boresight.
+    """
+    x, y, z = np.moveaxis(np.asarray(directions, dtype=np.float64), -1, 0)
+    return np.degrees(np.arctan2(y, x)), np.degrees(np.arctan2(z, np.hypot(x, y)))
 
 
 class IsotropicPattern(BaseModel):
@@ -22,7 +33,7 @@ class IsotropicPattern(BaseModel):
     kind: Literal["isotropic"] = "isotropic"
     gain_dbi: FiniteFloat = 0.0
 
-    def power_gain(self, directions: NDArray[np.float64]) -> NDArray[np.float64]:
+    def power_gain(self, directions: Real) -> Real:
         """[...] linear power gain towards ``directions`` [..., 3] (any length)."""
         return np.full(directions.shape[:-1], float(db_to_power(self.gain_dbi)))
 
@@ -47,18 +58,33 @@ class ParabolicPattern(BaseModel):
     elevation_beamwidth_deg: Annotated[FiniteFloat, Field(gt=0, le=720)]
     floor_db: Annotated[FiniteFloat, Field(ge=0)] = 30.0
 
-    def power_gain(self, directions: NDArray[np.float64]) -> NDArray[np.float64]:
+    def power_gain(self, directions: Real) -> Real:
         """[...] linear power gain towards ``directions`` [..., 3] (any length; a zero vector counts as boresight)."""
-        x, y, z = np.moveaxis(np.asarray(directions, dtype=np.float64), -1, 0)
-        azimuth = np.degrees(np.arctan2(y, x))
-        elevation = np.degrees(np.arctan2(z, np.hypot(x, y)))
+        azimuth, elevation = angles_deg(directions)
         loss = (
             12.0 * (azimuth / self.azimuth_beamwidth_deg) ** 2 + 12.0 * (elevation / self.elevation_beamwidth_deg) ** 2
         )
         return db_to_power(self.gain_dbi - np.minimum(loss, self.floor_db))
 
 
-Pattern = Annotated[IsotropicPattern | ParabolicPattern, Field(discriminator="kind")]
+class Tr38901Pattern(BaseModel):
+    """The base-station element of 3GPP TR 38.901, Table 7.3-1, which leaves nothing to choose.
+
+    A = -min(A_V + A_H, 30), A_V = min(12 (el / 65 deg)^2, 30), A_H = min(12 (az / 65 deg)^2, 30), gain 8 dBi. The gain
+    is 1.8 dB below the directivity of this shape, i.e. the element has losses
+    (``tests/shared/test_antenna.py`` integrates it).
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    kind: Literal["tr38901"] = "tr38901"
+
+    def power_gain(self, directions: Real) -> Real:
+        """[...] linear power gain towards ``directions`` [..., 3] (any length; a zero vector counts as boresight)."""
+        azimuth, elevation = angles_deg(directions)
+        vertical = np.minimum(12.0 * (elevation / 65.0) ** 2, 30.0)
+        horizontal = np.minimum(12.0 * (azimuth / 65.0) ** 2, 30.0)
+        return db_to_power(8.0 - np.minimum(vertical + horizontal, 30.0))
 
 
 def car_radar_pattern() -> ParabolicPattern:

@@ -1,0 +1,125 @@
+"""The effects that a frame may need, by name, and what switching one off means."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+from datafactory.frames import Processing
+from datafactory.paths.solver import TraceSettings
+from shared.antenna import IsotropicPattern
+from shared.errors import InputError
+from shared.radar import FrontEnd
+from shared.units import power_to_db
+
+AUTO = "auto"
+DESCRIPTIONS = {
+    "specular": "mirrors",
+    "diffuse": "rough surfaces",
+    "multi_bounce": "more than one bounce; off: single bounces alone",
+    "refraction": "waves through panes; off: panes are opaque",
+    "diffraction": "echoes of edges, and targets seen round them",
+    "doppler": "motion; off: the scene stands still as it is at mid-frame, and one chirp is simulated",
+    "range_migration": "echoes that cross range bins within the frame; off: each keeps its range of mid-frame",
+    "intra_chirp_motion": "motion within a chirp; off: every chirp sees the scene as it is at its start",
+    "near_field": "spherical waves over the input array; off: plane waves. The truth's are always spherical",
+    "antenna_pattern": "gain by direction; off: the gain of boresight everywhere",
+    "rcs_targets": "targets given by a radar cross section",
+    "noise": "receiver noise",
+}
+"""What each effect stands for, in words, in the order of the chain."""
+
+
+@dataclass(frozen=True)
+class EffectSet:
+    """Which effects are simulated; names as in ``DESCRIPTIONS``."""
+
+    specular: bool = True
+    diffuse: bool = True
+    multi_bounce: bool = True
+    refraction: bool = True
+    diffraction: bool = True
+    doppler: bool = True
+    range_migration: bool = True
+    intra_chirp_motion: bool = True
+    near_field: bool = True
+    antenna_pattern: bool = True
+    rcs_targets: bool = True
+    noise: bool = True
+
+    @staticmethod
+    def of(names: set[str] | frozenset[str]) -> EffectSet:
+        return EffectSet(**{item.name: item.name in names for item in fields(EffectSet)})
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The effects that are on, in the order of the chain."""
+        return tuple(item.name for item in fields(self) if getattr(self, item.name))
+
+    def without(self, name: str) -> EffectSet:
+        return replace(self, **{name: False})
+
+    def with_also(self, name: str) -> EffectSet:
+        return replace(self, **{name: True})
+
+    def trace(self, settings: TraceSettings) -> TraceSettings:
+        """Trace settings that follow no more than these effects."""
+        return replace(
+            settings,
+            depth=settings.depth if self.multi_bounce else 1,
+            specular=settings.specular and self.specular,
+            diffuse=settings.diffuse and self.diffuse,
+            refraction=self.refraction,
+            diffraction=self.diffraction,
+            point_targets=self.rcs_targets,
+        )
+
+    def front_end(self, front_end: FrontEnd) -> FrontEnd:
+        """The front end with its patterns, or with their boresight gain in every direction."""
+        if self.antenna_pattern:
+            return front_end
+        return front_end.model_copy(
+            update={
+                "tx_pattern": _of_boresight_gain(front_end.tx_pattern),
+                "rx_pattern": _of_boresight_gain(front_end.rx_pattern),
+            }
+        )
+
+    def processing(self, processing: Processing) -> Processing:
+        """Processing that simulates no more than these effects."""
+        return replace(
+            processing,
+            noise=processing.noise and self.noise,
+            doppler=self.doppler,
+            range_migration=self.range_migration,
+            intra_chirp_motion=self.intra_chirp_motion,
+            near_field=self.near_field,
+        )
+
+
+ALL = EffectSet()
+NAMES = ALL.names
+
+
+def parse_effects(text: str) -> EffectSet | None:
+    """``--effects``: None for ``auto``, everything for ``all``, else a list of names separated by commas.
+
+    :raises InputError: a name that does not exist
+    """
+    if text == AUTO:
+        return None
+    if text == "all":
+        return ALL
+    names = [name.strip() for name in text.split(",") if name.strip()]
+    for name in names:
+        if name not in NAMES:
+            raise InputError("--effects", repr(name), f"auto, all, or some of {','.join(NAMES)}")
+    if not names:
+        raise InputError("--effects", repr(text), f"auto, all, or some of {','.join(NAMES)}")
+    return EffectSet.of(set(names))
+
+
+def _of_boresight_gain(pattern) -> IsotropicPattern:
+    import numpy as np
+
+    gain = pattern.power_gain(np.array([1.0, 0.0, 0.0]))
+    return IsotropicPattern(gain_dbi=float(power_to_db(gain)))

@@ -1,0 +1,126 @@
+"""How much a frame would change without an effect: the equations, path by path.
+
+Every figure is an amplitude ratio: the change of an echo's response over the response's peak. A path's power times the
+square of its change is summed in the truth's resolution cells, without phase, and the strongest cell is held against
+the strongest cell of everything.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from datafactory.paths.table import PathTable
+from shared.arrays import AntennaArray
+from shared.radar import Radar
+from shared.waveform import Waveform
+from shared.windows import hann
+
+Real = NDArray[np.float64]
+
+POINTS = 64
+"""Samples of the windows in these integrals; their spectra are a few bins wide."""
+PADDING = 16
+
+
+def doppler_change(radial_mps: Real, waveform: Waveform) -> Real:
+    """[K] change of the range-Doppler response when an echo of this range rate stands still.
+
+    max over the Doppler axis of |W(nu - f) - W(nu)|, W the Hann window's spectrum, f the Doppler shift in bins.
+    """
+    bins = np.abs(radial_mps) / waveform.velocity_step_mps
+    return _shift_change(bins)
+
+
+def intra_chirp_change(radial_mps: Real, waveform: Waveform) -> Real:
+    """[K] change of the range response when an echo stands still within each chirp.
+
+    Its Doppler shift moves it by 2 v T_c / lambda range bins.
+    """
+    bins = 2.0 * np.abs(radial_mps) * waveform.chirp_duration_s / waveform.wavelength_m
+    return _shift_change(bins)
+
+
+def migration_change(radial_mps: Real, waveform: Waveform) -> Real:
+    """[K] change of the range-Doppler response when an echo keeps its range of mid-frame.
+
+    max over both axes of |sum w w exp(j 2 pi (eta y + nu x)) (exp(j 2 pi m eta nu) - 1)|, m the bins it crosses.
+    """
+    crossed = np.abs(radial_mps) * waveform.chirps * waveform.chirp_interval_s / waveform.range_step_m
+    grid, values = _migration_table()
+    return np.interp(crossed, grid, values)
+
+
+def plane_wave_change(paths: PathTable, array: AntennaArray, wavelength_m: float) -> Real:
+    """[K] change of the array's image when waves are plane over it, a phase common to all channels taken out.
+
+    With d_c the channels' phase errors, min over phi of rms |1 - exp(j (d_c - phi))| = sqrt(2 - 2 |mean exp(j d_c)|),
+    which bounds the change of the beamformer's output (Cauchy and Schwarz).
+    """
+    tx, rx = array.tx[array.channel_tx], array.rx[array.channel_rx]
+    scattered, specular = paths.scattered, paths.specular
+    error = _curvature(scattered.tx_point, tx) + _curvature(scattered.rx_point, rx)
+    # A mirror shows the TX's image; seen from it an RX stands displaced by both their places.
+    displaced = rx - np.einsum("kij,cj->kci", specular.axes, tx - specular.reference)
+    error = np.concatenate([error, _curvature(specular.image, displaced)])
+    coherence = np.abs(np.mean(np.exp(2j * np.pi * error / wavelength_m), axis=1))
+    return np.sqrt(np.maximum(2.0 - 2.0 * coherence, 0.0))
+
+
+def _curvature(point: Real, elements: Real) -> Real:
+    """[K, C] spherical less plane wave's length [m] from points [K, 3] to elements [C, 3] or [K, C, 3]."""
+    distance = np.maximum(np.linalg.norm(point, axis=1), 1e-9)[:, None]
+    spherical = np.linalg.norm(point[:, None] - elements, axis=2)
+    return spherical - (distance - np.sum(point[:, None] * elements, axis=2) / distance)
+
+
+def radial_mps(paths: PathTable) -> Real:
+    """[K] range rates at t = 0 seen from the origin, half the rate of the path's length."""
+    scattered, specular = paths.scattered, paths.specular
+
+    def rate(point: Real, velocity: Real) -> Real:
+        return np.einsum("ki,ki->k", point, velocity) / np.maximum(np.linalg.norm(point, axis=1), 1e-9)
+
+    legs = rate(scattered.tx_point, scattered.tx_velocity) + rate(scattered.rx_point, scattered.rx_velocity)
+    return 0.5 * np.concatenate([legs + scattered.between_rate_mps, rate(specular.image, specular.image_velocity)])
+
+
+def pattern_change(paths: PathTable, radar: Radar) -> Real:
+    """[K] change of an illuminated echo's amplitude when every direction gets boresight's gain, over the amplitude."""
+    front_end = radar.front_end
+    scattered, specular = paths.scattered, paths.specular
+    departure = np.concatenate([scattered.tx_point, specular.departure()])
+    arrival = np.concatenate([scattered.rx_point, specular.image])
+    ahead = np.array([1.0, 0.0, 0.0])
+    gain = front_end.tx_pattern.power_gain(departure) * front_end.rx_pattern.power_gain(arrival)
+    boresight = float(front_end.tx_pattern.power_gain(ahead) * front_end.rx_pattern.power_gain(ahead))
+    return np.abs(np.sqrt(boresight / np.maximum(gain, 1e-30 * boresight)) - 1.0)
+
+
+def _shift_change(bins: Real) -> Real:
+    grid, values = _shift_table()
+    return np.interp(bins, grid, values)
+
+
+@lru_cache(maxsize=1)
+def _shift_table() -> tuple[Real, Real]:
+    place = (np.arange(POINTS) - POINTS / 2) / POINTS
+    window = hann(POINTS) / hann(POINTS).sum()
+    grid = np.concatenate([[0.0], np.geomspace(1e-4, 3.0, 200)])
+    moved = window * (np.exp(2j * np.pi * grid[:, None] * place) - 1.0)
+    return grid, np.abs(np.fft.fft(moved, PADDING * POINTS, axis=1)).max(axis=1)
+
+
+@lru_cache(maxsize=1)
+def _migration_table() -> tuple[Real, Real]:
+    place = (np.arange(POINTS) - POINTS / 2) / POINTS
+    window = hann(POINTS) / hann(POINTS).sum()
+    weight = np.outer(window, window)
+    grid = np.concatenate([[0.0], np.geomspace(1e-3, 8.0, 60)])
+    values = [
+        np.abs(np.fft.fft2(weight * (np.exp(2j * np.pi * crossed * np.outer(place, place)) - 1.0), (256, 256))).max()
+        for crossed in grid
+    ]
+    return grid, np.array(values)

@@ -1,0 +1,300 @@
+"""Waves over one edge: where they turn, how strong they are, and what edges send straight back to the radar.
+
+One way from a source to an observer the field relative to a source of 1 at 1 m is (:mod:`shared.wedge`)
+
+    G = D / sqrt(s s' (s + s')) * share,
+
+s' before and s after the point on the edge where both legs make the same angle with it (Keller). It divides the edge in
+the ratio of the perpendicular distances of source and observer. ``share`` is what an edge of finite length has of an
+endless one, by stationary phase: the length along the edge grows by sin^2(beta) (1/s + 1/s') x^2 / 2, so that
+
+    share = 1 / (1 - j) int exp(-j pi v^2 / 2) dv,   v = x sin(beta) sqrt(2 (1/s + 1/s') / lambda),
+
+between the ends of the edge: 1 far within, 1/2 at an end. Beyond the end the wave comes from the end itself.
+
+Back to the radar, s = s' = h, the foot of the perpendicular: lambda / (4 pi) D / sqrt(2 h^3). The exact delay of an
+endless edge with direction e, for a TX and an RX at distances rho_i, rho_j from it and at z_i, z_j along it, is
+
+    c tau = sqrt((rho_i + rho_j)^2 + (z_i - z_j)^2).
+
+The table's law of scattered paths with p = q = foot is exact for elements side by side across the edge (z_i = z_j),
+e.g. a vertical edge before a level array, and off by (z_i + z_j)^2 / (4 h) otherwise. The law of specular paths with
+image 2 p and H = 2 e e^T - I is exact for elements along the edge, and off by (w_i - w_j)^2 / (4 h) with w across edge
+and sight. Each edge takes the one with the smaller error for an array along y: the worst, at 45 deg, is 0.1 wavelength
+at 20 m for elements 0.25 m from the centre.
+
+Polarisation is followed through the edge's own directions (soft: electric field along the edge). Faces reflect as slabs
+of their materials; a rim lets pass what its sheet lets pass. Amplitudes are conjugates, as the table wants them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import fresnel
+
+from datafactory.paths.edges import WedgeEdges
+from datafactory.paths.facets import TAPER
+from datafactory.paths.table import DIFFRACTED, ScatteredPaths, SpecularPaths
+from datafactory.paths.transmission import Polarization, polarization_axis, slab_reflection, slab_transmission
+from datafactory.paths.unfold import unit
+from datafactory.scenes.materials import Material
+from shared.units import SPEED_OF_LIGHT
+from shared.wedge import WedgeGeometry, diffraction_coefficient
+
+Real = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Sight = Callable[[Real, Real], NDArray[np.bool_]]
+"""Whether nothing stands between points [K, 3] and [K, 3] of the radar frame: ``partial(clear_between, scene)``."""
+
+LEAST_SHARE = 0.05
+"""Edges that end so far beside the ray that no more than this is left of them are dropped (-26 dB)."""
+NEAREST_M = 0.05
+"""Nearer edges are left out: the theory wants several wavelengths between edge and antenna [m]."""
+BESIDE_M = 0.01
+"""How far beside an edge the lines of sight pass that decide whether it is seen [m]."""
+GRAZING = 1e-6
+"""Angles from a face [rad], and cosines of incidence, below which a ray counts as inside the face."""
+
+
+@dataclass(frozen=True)
+class EdgeRays:
+    """K rays from a source over an edge to an observer, in the radar frame.
+
+    :param edge: [K] index into the edges given
+    :param point: [K, 3] on the edge [m]
+    :param inward, outward: [K, 3] unit vectors along the ray before and after
+    :param geometry: angles and distances in the wedges' own coordinates
+    :param share: [K] of an endless edge, its phase relative to the path over ``point``
+    :param at_end: [K] whether ``point`` is an end of the edge
+    """
+
+    edge: NDArray[np.int64]
+    point: Real
+    inward: Real
+    outward: Real
+    geometry: WedgeGeometry
+    share: Complex
+    at_end: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.edge)
+
+    def take(self, index: NDArray) -> EdgeRays:
+        """The rays at these indices, or where a mask is true."""
+        kept = {item.name: getattr(self, item.name)[index] for item in fields(self) if item.name != "geometry"}
+        return EdgeRays(geometry=self.geometry.take(index), **kept)
+
+
+def rays_over_edges(edges: WedgeEdges, source: Real, observer: Real, wavelength_m: float) -> EdgeRays:
+    """The rays that geometry allows, obstacles not looked at.
+
+    :param edges: E edges in the radar frame
+    :param source, observer: [3] [m]
+    """
+    length = np.linalg.norm(edges.end - edges.start, axis=1)
+    (z_source, rho_source), (z_observer, rho_observer) = (_cylindrical(edges, place) for place in (source, observer))
+    # First the many that are far from reaching: beyond v = 5 the share is below LEAST_SHARE.
+    far = np.flatnonzero((rho_source > NEAREST_M) & (rho_observer > NEAREST_M))
+    rho = (rho_source + rho_observer)[far]
+    stationary = (rho_observer[far] * z_source[far] + rho_source[far] * z_observer[far]) / rho
+    missed = np.maximum(-stationary, stationary - length[far])
+    straight = np.hypot(rho, (z_observer - z_source)[far])
+    scale = rho / straight * np.sqrt(2.0 * (1.0 / rho_source + 1.0 / rho_observer)[far] * rho / straight / wavelength_m)
+    near = missed * scale < 5.0
+    kept, stationary, sine, scale = far[near], stationary[near], (rho / straight)[near], scale[near]
+    share = _share(-stationary * scale, (length[kept] - stationary) * scale)
+
+    chosen = edges.take(kept)
+    point = chosen.start + np.clip(stationary, 0.0, length[kept])[:, None] * chosen.direction
+    angles = [_angle(chosen, place - point) for place in (source, observer)]
+    limit = chosen.exterior_n * np.pi - GRAZING
+    met = np.abs(share) > LEAST_SHARE
+    for angle in angles:
+        met &= (angle > GRAZING) & (angle < limit)
+    return EdgeRays(
+        edge=kept[met],
+        point=point[met],
+        inward=unit(point - source)[met],
+        outward=unit(observer - point)[met],
+        geometry=WedgeGeometry(
+            exterior_n=chosen.exterior_n[met],
+            source_angle_rad=angles[0][met],
+            observer_angle_rad=angles[1][met],
+            source_distance_m=np.linalg.norm(point - source, axis=1)[met],
+            observer_distance_m=np.linalg.norm(observer - point, axis=1)[met],
+            sin_beta=sine[met],
+        ),
+        share=share[met],
+        at_end=((stationary < 0.0) | (stationary > length[kept]))[met],
+    )
+
+
+def field_over_edges(
+    edges: WedgeEdges,
+    rays: EdgeRays,
+    slabs: Sequence[Material],
+    frequency_hz: float,
+    source_axis: Real,
+    observer_axis: Real,
+    mirrors_end: bool = False,
+) -> Complex:
+    """G [K] [1/m] of the rays, exp(+j omega t), without the phase of the path's length.
+
+    :param slabs: material of each of the stage's meshes
+    :param source_axis, observer_axis: [K, 3] unit vectors of the polarisations sent and received
+    :param mirrors_end: whether the mirrors' finite size is already in the specular paths (:mod:`.facets`); what those
+        hold of a face's rim is then left out here
+    """
+    geometry, chosen = rays.geometry, edges.take(rays.edge)
+    wavelength = SPEED_OF_LIGHT / frequency_hz
+    # Luebbers' 0-face is the source's: each face takes the nearer of the two ends, so that the ray may run either way.
+    phi = (
+        np.minimum(geometry.source_angle_rad, geometry.observer_angle_rad),
+        chosen.exterior_n * np.pi - np.maximum(geometry.source_angle_rad, geometry.observer_angle_rad),
+    )
+    reflection, passed = [], []
+    for face, angle in enumerate(phi):
+        cosine = np.clip(geometry.sin_beta * np.abs(np.sin(angle)), GRAZING, 1.0)
+        mirror, through = _slab_coefficients(slabs, chosen.face_mesh[:, face], frequency_hz, cosine)
+        if mirrors_end:
+            mirror = mirror * _rim_share(angle, geometry.source_distance_m, wavelength)
+        reflection.append(mirror)
+        passed.append(np.where(chosen.exterior_n == 2.0, through, 0.0))
+    soft, hard = (
+        diffraction_coefficient(
+            geometry, 2.0 * np.pi / wavelength, reflection[0][which], reflection[1][which], passed[0][which]
+        )
+        for which in (0, 1)
+    )
+    # Edge-fixed unit vectors of Kouyoumjian and Pathak; E_d = -(beta beta' D_s + phi phi' D_h) E_i.
+    phi_in = -unit(np.cross(chosen.direction, rays.inward))
+    phi_out = unit(np.cross(chosen.direction, rays.outward))
+    beta_in, beta_out = np.cross(rays.inward, phi_in), np.cross(rays.outward, phi_out)
+    along = _dot(observer_axis, beta_out) * _dot(source_axis, beta_in)
+    across = _dot(observer_axis, phi_out) * _dot(source_axis, phi_in)
+    return -(along * soft + across * hard) * geometry.spreading() * rays.share
+
+
+def edge_echoes(
+    edges: WedgeEdges,
+    slabs: Sequence[Material],
+    frequency_hz: float,
+    sight: Sight,
+    polarization: tuple[Polarization, Polarization] = ("V", "V"),
+    mirrors_end: bool = True,
+) -> tuple[ScatteredPaths, SpecularPaths, dict[str, int]]:
+    """What edges send straight back to the radar, at the origin.
+
+    :param edges: in the radar frame, ``edges_of(stage).seen_from(pose)``
+    :param slabs: material of each of the stage's meshes; :param frequency_hz: mid-sweep
+    :param polarization: of TX and RX
+    :param mirrors_end: as in :func:`field_over_edges`
+    :return: edges across the array axis and edges along it, with the delay law that suits either, and counts
+    """
+    wavelength = SPEED_OF_LIGHT / frequency_hz
+    every = rays_over_edges(edges, np.zeros(3), np.zeros(3), wavelength)
+    rays = every.take(sight(np.zeros((len(every), 3)), _beside(edges, every)))
+    axes = [polarization_axis(rays.inward, which) for which in polarization]
+    field = field_over_edges(edges, rays, slabs, frequency_hz, axes[0], axes[1], mirrors_end)
+    amplitude = np.conj(wavelength / (4.0 * np.pi) * field)
+    velocity = diffracting_velocity(edges.velocity[rays.edge], edges.direction[rays.edge], rays.at_end)
+    level = along_array(edges.direction[rays.edge], rays.inward)
+    across, along = np.flatnonzero(~level), np.flatnonzero(level)
+    owner = edges.object_index[rays.edge]
+    scattered = replace(
+        ScatteredPaths.of_points(rays.point[across], velocity[across], amplitude[across], owner[across]),
+        kinds=np.full(len(across), DIFFRACTED, dtype=np.uint8),
+    )
+    e = edges.direction[rays.edge[along]]
+    specular = SpecularPaths(
+        image=2.0 * rays.point[along],
+        image_velocity=2.0 * velocity[along],
+        axes=2.0 * e[:, :, None] * e[:, None, :] - np.eye(3),
+        reference=np.zeros(3),
+        amplitude=amplitude[along],
+        depth=np.ones(len(along), dtype=np.int8),
+        object_index=owner[along],
+        kinds=np.full(len(along), DIFFRACTED, dtype=np.uint8),
+    )
+    return scattered, specular, {"edge_rays": len(every), "edge_rays_hidden": len(every) - len(rays)}
+
+
+def along_array(direction: Real, sight: Real) -> NDArray[np.bool_]:
+    """[K] whether an edge [K, 3] lies rather along the array axis y than across it, as seen along ``sight`` [K, 3]."""
+    return direction[:, 1] ** 2 > np.cross(direction, sight)[:, 1] ** 2
+
+
+def _dot(one: Real, other: Real) -> Real:
+    return np.einsum("ki,ki->k", one, other)
+
+
+def _cylindrical(edges: WedgeEdges, place: Real) -> tuple[Real, Real]:
+    """Coordinate along each edge, from its start, and distance from its line [E]."""
+    z = _dot(place - edges.start, edges.direction)
+    return z, np.linalg.norm(place - edges.start - z[:, None] * edges.direction, axis=1)
+
+
+def _angle(edges: WedgeEdges, towards: Real) -> Real:
+    """[E] angle of a direction from the 0-face, 0 to 2 pi."""
+    into_0 = np.cross(edges.normal_0, edges.direction)
+    return np.arctan2(_dot(towards, edges.normal_0), _dot(towards, into_0)) % (2.0 * np.pi)
+
+
+def _share(low: Real, high: Real) -> Complex:
+    """The module's share of an edge between v = ``low`` and ``high``; beyond an end, with the phase of that end."""
+    sine_low, cosine_low = fresnel(low)
+    sine_high, cosine_high = fresnel(high)
+    share = ((cosine_high - cosine_low) - 1j * (sine_high - sine_low)) / (1.0 - 1j)
+    missed = np.where(low > 0.0, low, np.where(high < 0.0, high, 0.0))
+    return share * np.exp(0.5j * np.pi * missed**2)
+
+
+def _slab_coefficients(
+    slabs: Sequence[Material], mesh: NDArray[np.int64], frequency_hz: float, cosine: Real
+) -> tuple[Complex, Complex]:
+    """R [2, K] and T [2, K], TE and TM: R less what the face scatters, T relative to the air in the sheet's place."""
+    reflected, passed = np.zeros((2, 2, len(mesh)), dtype=np.complex128)
+    for index in np.unique(mesh):
+        here, slab = mesh == index, slabs[index]
+        values = (slab.relative_permittivity, slab.conductivity_s_per_m, slab.thickness_m, frequency_hz, cosine[here])
+        reflected[:, here] = np.array(slab_reflection(*values)) * np.sqrt(1.0 - slab.scattering_coefficient**2)
+        air = np.exp(2j * np.pi * frequency_hz / SPEED_OF_LIGHT * slab.thickness_m * cosine[here])
+        passed[:, here] = np.array(slab_transmission(*values)) * air
+    return reflected, passed
+
+
+def _rim_share(angle: Real, distance_m: Real, wavelength_m: float) -> Real:
+    """[K] share of a rim's wave that the specular path over its face, seen at ``angle``, does not hold.
+
+    The specular point lies h |cos| inside the face, h sin before it: rho^2 = 2 h cos^2 / (lambda sin) Fresnel zones.
+    The specular path has the rim with the weight exp(-rho^2 / TAPER); without a specular point it has nothing. A face
+    so narrow that the point lies beyond its opposite rim is taken to have one: its rims are a little too weak.
+    """
+    zones = 2.0 * distance_m * np.cos(angle) ** 2 / (wavelength_m * np.maximum(np.sin(angle), GRAZING))
+    return np.where((angle < 0.5 * np.pi) & (angle > 0.0), 1.0 - np.exp(-zones / TAPER), 1.0)
+
+
+def _beside(edges: WedgeEdges, rays: EdgeRays) -> Real:
+    """[K, 3] points that are seen from the source if the edge is, and if nothing adjoins it there.
+
+    Where one face is lit, the line of sight passes beside the edge, and on beyond it: a wall that goes on in another
+    mesh stops it. Where both are, it ends before the edge, midway between the faces.
+    """
+    angle, n = rays.geometry.source_angle_rad, rays.geometry.exterior_n
+    both = (angle < np.pi) & (angle > (n - 1.0) * np.pi)
+    turn = np.where(
+        both, 0.5 * n * np.pi, np.where(angle <= (n - 1.0) * np.pi, angle + 0.5 * np.pi, angle - 0.5 * np.pi)
+    )
+    chosen = edges.take(rays.edge)
+    into_0 = np.cross(chosen.normal_0, chosen.direction)
+    aside = np.cos(turn)[:, None] * into_0 + np.sin(turn)[:, None] * chosen.normal_0
+    return rays.point + BESIDE_M * (aside + np.where(both, 0.0, 2.0)[:, None] * rays.inward)
+
+
+def diffracting_velocity(velocity: Real, direction: Real, at_end: NDArray[np.bool_]) -> Real:
+    """[K, 3] velocity of the point that diffracts: on an edge that slides along itself it stays, its end moves on."""
+    return velocity - np.where(at_end, 0.0, _dot(velocity, direction))[:, None] * direction

@@ -1,0 +1,277 @@
+"""The wedges of a scene: straight edges where a wave is diffracted, found once from the merged meshes.
+
+An edge is where two triangles meet at a fold, or where a sheet ends (a half plane, n = 2). The wedge's exterior is the
+side on which the faces make more than 180 deg, whatever way the triangles are wound, because windings cannot be relied
+upon. Someone on the other side sees an inner corner, which diffracts nothing; the angles of
+:mod:`datafactory.paths.diffraction` leave it out. Folds too flat to diffract, those of terrain and of
+tessellated curves, are counted and left out.
+
+Meshes of one velocity are taken together, since a roof and its walls are often meshes of different materials: their
+vertices are welded within ``WELD_M``. Collinear pieces that share a vertex, faces' planes and materials are one edge.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields, replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from datafactory.paths.stage import MergedMesh, Stage
+from datafactory.paths.unfold import unit
+from datafactory.scenes.poses import Pose
+
+Real = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+WELD_M = 1e-4
+"""Vertices nearer than this are one [m]."""
+FLATTEST_FOLD_DEG = 15.0
+"""Smallest angle between the planes of two faces that makes an edge: a 30-sided column has none, a 16-sided one does.
+Straight back from metal, 15 deg is 10 (hard) to 14 dB (soft) below a right angle, in the median over directions.
+"""
+SAME_PLANE = 1e-3
+"""Largest difference between unit vectors of faces and directions that count as the same: 0.06 deg."""
+STRAIGHT_M = 1e-3
+"""Largest distance of a merged edge's inner vertices from its chord [m]; what bends more is left in pieces."""
+
+
+@dataclass(frozen=True)
+class WedgeEdges:
+    """E wedges. Around an edge, angles run from the 0-face through the exterior to the n-face, at n pi.
+
+    In world coordinates at time 0 as :func:`edges_of` finds them, in the radar's after :meth:`seen_from`.
+
+    :param start, end: [E, 3] [m]
+    :param direction: [E, 3] unit vector from start to end; (into the 0-face, normal_0, direction) are right-handed
+    :param normal_0: [E, 3] unit normal of the 0-face, into the exterior
+    :param normal_n: [E, 3] unit normal of the n-face, into the exterior
+    :param exterior_n: [E] n, above 1 and at most 2
+    :param face_mesh: [E, 2] index into ``Stage.meshes`` of the two faces' materials; twice the same for a half plane
+    :param velocity: [E, 3] [m/s]
+    :param object_index: [E] index into ``Stage.objects`` of the 0-face
+    :param counts: what was found and left out: ``edges``, ``half_planes``, ``merged``, ``flat``, ``non_manifold``,
+        ``doubled_triangles``, ``collapsed_triangles``
+    """
+
+    start: Real
+    end: Real
+    direction: Real
+    normal_0: Real
+    normal_n: Real
+    exterior_n: Real
+    face_mesh: Index
+    velocity: Real
+    object_index: NDArray[np.int32]
+    counts: dict[str, int] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+    def take(self, index: NDArray) -> WedgeEdges:
+        """The edges at these indices, or where a mask is true."""
+        kept = {item.name: getattr(self, item.name)[index] for item in fields(self) if item.name != "counts"}
+        return WedgeEdges(**kept, counts=self.counts)
+
+    def seen_from(self, pose: Pose) -> WedgeEdges:
+        """The same edges in the radar frame at the pose's time, velocities relative to the radar."""
+        rotation = pose.rotation()
+        moved = self.velocity * pose.time_s - np.asarray(pose.position)
+        return replace(
+            self,
+            start=(self.start + moved) @ rotation,
+            end=(self.end + moved) @ rotation,
+            direction=self.direction @ rotation,
+            normal_0=self.normal_0 @ rotation,
+            normal_n=self.normal_n @ rotation,
+            velocity=(self.velocity - np.asarray(pose.velocity)) @ rotation,
+        )
+
+    def within(self, distance_m: float) -> WedgeEdges:
+        """The edges of which a part lies nearer than this to the origin [m]: in the radar frame, those in range."""
+        length = np.linalg.norm(self.end - self.start, axis=1)
+        foot = np.clip(-np.einsum("ei,ei->e", self.start, self.direction), 0.0, length)
+        nearest = self.start + foot[:, None] * self.direction
+        return self.take(np.linalg.norm(nearest, axis=1) < distance_m)
+
+
+@lru_cache(maxsize=8)
+def edges_of(stage: Stage) -> WedgeEdges:
+    """All wedges of a stage, made once for each."""
+    bodies: dict[tuple[float, ...], list[int]] = {}
+    for index, mesh in enumerate(stage.meshes):
+        bodies.setdefault(tuple(mesh.velocity), []).append(index)
+    parts = [_edges_of_body(stage.meshes, members) for members in bodies.values()]
+    if not parts:
+        parts = [_edges_of_body((), [])]
+    names = [item.name for item in fields(WedgeEdges) if item.name != "counts"]
+    counts = {key: sum(part.counts[key] for part in parts) for key in parts[0].counts}
+    return WedgeEdges(
+        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names}, counts=counts
+    )
+
+
+@dataclass(frozen=True)
+class _Body:
+    """Welded triangles of one velocity."""
+
+    vertices: Real  # [V, 3]
+    triangles: Index  # [T, 3]
+    mesh: Index  # [T]
+    owner: NDArray[np.int32]  # [T] index into the stage's objects
+
+
+def _edges_of_body(meshes: tuple[MergedMesh, ...], members: list[int]) -> WedgeEdges:
+    body, counts = _welded(meshes, members)
+    pairs, faces, half_plane, non_manifold = _shared_edges(body.triangles)
+    edges = _wedges(body, pairs, faces)
+    sharp = np.cos((edges.exterior_n - 1.0) * np.pi) < np.cos(np.radians(FLATTEST_FOLD_DEG))
+    edges, pairs = edges.take(sharp), pairs[sharp]
+    merged = _merged(edges, pairs)
+    velocity = meshes[members[0]].velocity if members else np.zeros(3)
+    counts |= {
+        "edges": len(merged),
+        "half_planes": int((merged.exterior_n == 2.0).sum()),
+        "merged": len(edges) - len(merged),
+        "flat": int((~sharp & ~half_plane).sum()),
+        "non_manifold": non_manifold,
+    }
+    return replace(merged, velocity=np.tile(velocity, (len(merged), 1)), counts=counts)
+
+
+def _welded(meshes: tuple[MergedMesh, ...], members: list[int]) -> tuple[_Body, dict[str, int]]:
+    """All triangles of a body on common vertices, without those that collapse or stand in one another's place."""
+    chosen = [meshes[index] for index in members]
+    starts = np.cumsum([0] + [len(mesh.vertices) for mesh in chosen])
+    every = np.concatenate([np.zeros((0, 3)), *(mesh.vertices for mesh in chosen)])
+    distinct, first = np.unique(every, axis=0, return_inverse=True)
+    near = cKDTree(distinct).query_pairs(WELD_M, output_type="ndarray") if len(distinct) else np.zeros((0, 2), int)
+    ties = coo_array((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=(len(distinct),) * 2)
+    count, point = connected_components(ties, directed=False) if len(distinct) else (0, np.zeros(0, dtype=int))
+    vertices = np.zeros((count, 3))
+    vertices[point[::-1]] = distinct[::-1]  # each point lies where its first vertex does
+    triangles = np.concatenate(
+        [np.zeros((0, 3), int), *(m.triangles + s for m, s in zip(chosen, starts, strict=False))]
+    )
+    triangles = point[first.reshape(-1)][triangles] if len(triangles) else triangles
+    mesh = np.repeat(np.array(members, dtype=np.int64), [len(m.triangles) for m in chosen])
+    owner = np.concatenate([np.zeros(0, np.int32), *(m.object_of_triangle for m in chosen)]).astype(np.int32)
+    ordered = np.sort(triangles, axis=1)
+    solid = (ordered[:, 0] != ordered[:, 1]) & (ordered[:, 1] != ordered[:, 2])
+    corner = vertices[triangles]
+    doubled_area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
+    solid &= doubled_area > 0.0
+    _, single = np.unique(ordered[solid], axis=0, return_index=True)
+    kept = np.flatnonzero(solid)[np.sort(single)]
+    counts = {
+        "doubled_triangles": int(solid.sum()) - len(kept),
+        "collapsed_triangles": int((~solid).sum()),
+    }
+    return _Body(vertices, triangles[kept], mesh[kept], owner[kept]), counts
+
+
+def _shared_edges(triangles: Index) -> tuple[Index, Index, NDArray[np.bool_], int]:
+    """Edges of one or two triangles: vertices [E, 2], triangles [E, 2] (twice the same on a rim), rims [E].
+
+    Last, the number of edges that more than two triangles share; none of those is used.
+    """
+    sides = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
+    face = np.tile(np.arange(len(triangles)), 3)
+    order = np.lexsort((face, sides[:, 1], sides[:, 0]))
+    sides, face = sides[order], face[order]
+    new = np.ones(len(sides), dtype=bool)
+    new[1:] = (sides[1:] != sides[:-1]).any(axis=1)
+    first = np.flatnonzero(new)
+    uses = np.diff(np.append(first, len(sides)))
+    kept = first[uses <= 2]
+    rim = uses[uses <= 2] == 1
+    faces = np.stack([face[kept], face[np.where(rim, kept, kept + 1)]], axis=1) if len(kept) else np.zeros((0, 2), int)
+    return sides[kept], faces, rim, int((uses > 2).sum())
+
+
+def _wedges(body: _Body, pairs: Index, faces: Index) -> WedgeEdges:
+    """The wedge at every edge; the interior is the side on which its faces make less than 180 deg."""
+    start, end = body.vertices[pairs[:, 0]], body.vertices[pairs[:, 1]]
+    along = unit(end - start)
+    into = []  # unit vectors [E, 3] from the edge into either face, across the edge
+    for side in (0, 1):
+        centre = body.vertices[body.triangles[faces[:, side]]].mean(axis=1) - start
+        into.append(unit(centre - np.einsum("ei,ei->e", centre, along)[:, None] * along))
+    rim = faces[:, 0] == faces[:, 1]
+    cosine = np.clip(np.einsum("ei,ei->e", *into), -1.0, 1.0)
+    exterior_n = np.where(rim, 2.0, 2.0 - np.arccos(cosine) / np.pi)
+    # Turn the edge so that from the 0-face the exterior comes first: the n-face is then at a negative angle.
+    turn = np.where(np.einsum("ei,ei->e", np.cross(into[0], into[1]), along) > 0.0, -1.0, 1.0)
+    direction = turn[:, None] * along
+    return WedgeEdges(
+        start=np.where(turn[:, None] > 0.0, start, end),
+        end=np.where(turn[:, None] > 0.0, end, start),
+        direction=direction,
+        normal_0=np.cross(direction, into[0]),
+        normal_n=np.cross(into[1], direction),
+        exterior_n=exterior_n,
+        face_mesh=body.mesh[faces].reshape(-1, 2),
+        velocity=np.zeros(start.shape),
+        object_index=body.owner[faces[:, 0]],
+    )
+
+
+def _merged(edges: WedgeEdges, pairs: Index) -> WedgeEdges:
+    """Collinear pieces with a vertex in common and the same faces made one; each chain keeps its first piece's name."""
+    first, second = _neighbours(edges, pairs)
+    links = coo_array((np.ones(len(first)), (first, second)), shape=(len(edges),) * 2)
+    count, chain = connected_components(links, directed=False) if len(edges) else (0, np.zeros(0, dtype=int))
+    lead = np.full(count, len(edges))
+    np.minimum.at(lead, chain, np.arange(len(edges)))
+    origin, direction = edges.start[lead][chain], edges.direction[lead][chain]
+    off = np.zeros(count)
+    reach = []
+    for end in (edges.start, edges.end):
+        along = np.einsum("ei,ei->e", end - origin, direction)
+        np.maximum.at(off, chain, np.linalg.norm(end - origin - along[:, None] * direction, axis=1))
+        reach.append(along)
+    straight = off[chain] < STRAIGHT_M
+    low, high = np.full(count, np.inf), np.full(count, -np.inf)
+    np.minimum.at(low, chain, np.minimum(*reach))
+    np.maximum.at(high, chain, np.maximum(*reach))
+    start = np.where(straight[:, None], origin + low[chain][:, None] * direction, edges.start)
+    end = np.where(straight[:, None], origin + high[chain][:, None] * direction, edges.end)
+    kept = ~straight | (lead[chain] == np.arange(len(edges)))
+    return replace(edges, start=start, end=end).take(kept)
+
+
+def _neighbours(edges: WedgeEdges, pairs: Index) -> tuple[Index, Index]:
+    """Pairs of edges, as two index arrays, that continue each other through a common vertex."""
+    vertex, edge = pairs.reshape(-1), np.repeat(np.arange(len(pairs)), 2)
+    order = np.argsort(vertex, kind="stable")
+    vertex, edge = vertex[order], edge[order]
+    found: list[tuple[Index, Index]] = []
+    step = 1
+    while step < len(vertex):
+        here = np.flatnonzero(vertex[step:] == vertex[:-step])  # the step-th next edge around the same vertex
+        if not len(here):
+            break
+        a, b = edge[here], edge[here + step]
+        same = _alike(edges, a, b)
+        found.append((a[same], b[same]))
+        step += 1
+    none = np.zeros(0, dtype=np.int64)
+    return np.concatenate([none, *(a for a, _ in found)]), np.concatenate([none, *(b for _, b in found)])
+
+
+def _alike(edges: WedgeEdges, a: Index, b: Index) -> NDArray[np.bool_]:
+    """Whether edges continue each other with the same faces, of which either may be called the first."""
+
+    def near(one: Real, other: Real) -> NDArray[np.bool_]:
+        return np.linalg.norm(one - other, axis=1) < SAME_PLANE
+
+    faces = edges.face_mesh
+    as_is = near(edges.normal_0[a], edges.normal_0[b]) & near(edges.normal_n[a], edges.normal_n[b])
+    as_is &= near(edges.direction[a], edges.direction[b]) & (faces[a] == faces[b]).all(axis=1)
+    turned = near(edges.normal_0[a], edges.normal_n[b]) & near(edges.normal_n[a], edges.normal_0[b])
+    turned &= near(edges.direction[a], -edges.direction[b]) & (faces[a] == faces[b][:, ::-1]).all(axis=1)
+    return as_is | turned

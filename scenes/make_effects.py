@@ -1,0 +1,268 @@
+"""Write the effect scenes into ``effects/``: ``.venv/bin/python scenes/make_effects.py``.
+
+Each scene calls for a known set of effects, by hand calculation: ``effect_reasons`` has the reasons and
+``effect_levels`` the formulas, and ``effects/expected.json`` says both. Metres, z up; the sensor stands about 0.5 m
+high near the origin and looks along +x. There is no ground except where a scene says so: the bodies hang in free
+space, because a road under the sensor alone would call for half of the effects. Faces are set a little aside, so that
+no line of sight runs along the diagonal that cuts them into triangles. Everything follows from the numbers below: the
+same versions write the same bytes.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from effect_reasons import expectations
+from pxr import Gf, Sdf, Usd, UsdGeom
+
+from datafactory.scenes.city_shapes import Polygon, Surface, box, prism, welded
+
+Vector = tuple[float, float, float]
+
+SENSOR: Vector = (0.0, 0.0, 0.5)
+STEPS_M = (0.0, -0.5, -1.0)
+YAWS_DEG = (0.0, 2.0, -2.0)
+"""Where the poses of a scene stand along x, and how far they look aside: nothing may hang on one spot."""
+EGO_VELOCITY: Vector = (11.0, 0.0, 0.0)
+"""Below the 12 m/s from which the default radar's Doppler axis wraps."""
+ROAD = [(-20.0, -10.0), (0.0, -60.0), (150.0, -64.0), (150.0, 64.0), (0.0, 60.0), (-20.0, 10.0)]
+FIELD = [(1.0, 0.0), (60.0, -50.0), (120.0, 0.0), (60.0, 50.0)]
+"""Outlines of the ground [m]. No side ahead of the sensor has a point within 94 m in which the line of sight meets it
+at a right angle, so that none sends an edge's echo back; the field begins 1 m ahead of the sensor."""
+
+
+@dataclass(frozen=True)
+class Piece:
+    """One body of a scene.
+
+    :param name: of its prim, below /World
+    :param surface: its shape, of one material, in its own frame; None for a bare point target
+    :param position: of its frame's origin, world [m]
+    :param yaw_deg: right-handed rotation about z [deg]
+    :param velocity: world velocity [m/s]
+    :param rcs_dbsm: makes it a point target at its frame's origin, and the surface a picture [dBsm]
+    """
+
+    name: str
+    surface: Surface | None
+    position: Vector = (0.0, 0.0, 0.0)
+    yaw_deg: float = 0.0
+    velocity: Vector = (0.0, 0.0, 0.0)
+    rcs_dbsm: float | None = None
+
+
+@dataclass(frozen=True)
+class EffectScene:
+    """A scene and where it is seen from.
+
+    :param shows: what it is, one sentence
+    :param poses: entries of a ``--poses`` file
+    """
+
+    name: str
+    shows: str
+    pieces: tuple[Piece, ...]
+    poses: list[dict[str, Any]] = field(default_factory=lambda: standing())
+
+
+def standing(times_s: Sequence[float] = (0.0, 0.0, 0.0)) -> list[dict[str, Any]]:
+    """Poses at rest, on boresight of what stands ahead within +-2 deg: the pattern loses less than 0.01 dB."""
+    return [
+        {
+            "position": [SENSOR[0] + step, SENSOR[1], SENSOR[2]],
+            "yaw_deg": yaw,
+            "velocity": [0.0, 0.0, 0.0],
+            "time": time,
+        }
+        for step, yaw, time in zip(STEPS_M, YAWS_DEG, times_s, strict=True)
+    ]
+
+
+def driving() -> list[dict[str, Any]]:
+    """The sensor moves along its boresight; one pose every 0.55 m."""
+    return [
+        {"position": [0.55 * n, 0.0, SENSOR[2]], "yaw_deg": 0.0, "velocity": list(EGO_VELOCITY), "time": 0.05 * n}
+        for n in range(3)
+    ]
+
+
+def sheet(corners: Sequence[Sequence[float]], material: str) -> Surface:
+    """One plane face without thickness: the slab that the tracer assumes behind a facet is then the pane itself."""
+    return welded([Polygon(np.array(corners, dtype=np.float64), material)])
+
+
+def upright(width: float, lower: float, upper: float, material: str) -> Surface:
+    """A sheet across the x axis that faces the sensor, from z = lower to upper [m]."""
+    half = 0.5 * width
+    return sheet([(0, half, lower), (0, -half, lower), (0, -half, upper), (0, half, upper)], material)
+
+
+def corner_reflector(edge: float) -> Surface:
+    """A trihedral for the eye: three right-angled triangles about the origin, open towards -x."""
+    a = edge / math.sqrt(3.0)  # the opening's corners lie on a circle about the axis
+    tips = [
+        (-a, a * math.sqrt(2.0) * math.sin(turn), a * math.sqrt(2.0) * math.cos(turn)) for turn in (0.0, 2.0944, 4.1888)
+    ]
+    return welded([Polygon(np.array([(0.0, 0.0, 0.0), tips[i], tips[(i + 1) % 3]]), "metal") for i in range(3)])
+
+
+def dihedral(face: float, opening_deg: float, lower: float, upper: float) -> Surface:
+    """Two metal sheets that meet in the z axis and open towards -x, symmetric about it."""
+    half = math.radians(0.5 * opening_deg)
+    x, y = -face * math.cos(half), face * math.sin(half)
+    faces = [
+        [(x, y, lower), (0, 0, lower), (0, 0, upper), (x, y, upper)],
+        [(0, 0, lower), (x, -y, lower), (x, -y, upper), (0, 0, upper)],
+    ]
+    return welded([Polygon(np.array(face, dtype=np.float64), "metal") for face in faces])
+
+
+def car_body() -> Surface:
+    """4.4 x 1.8 m of metal, 0.6 to 1.5 m high: above the sensor, so that no upright edge has a point at its height."""
+    return box((-2.2, -0.9, 0.6), (2.2, 0.9, 1.5), "metal")
+
+
+def retaining_wall(side: float, start: float, stop: float, material: str) -> Surface:
+    """A wall along x at y = side [m], 3 m high, 0.4 m thick, with ramped ends: no edge is upright."""
+    outline = np.array([(start, 0.0), (stop, 0.0), (stop - 6.0, 3.0), (start + 6.0, 3.0)])  # (x, z)
+    lying = prism(outline, 0.0, 0.4, material)
+    x, z, depth = lying.vertices.T
+    outward = math.copysign(1.0, side)
+    vertices = np.column_stack([x, side + outward * depth, z])
+    faces = lying.faces if outward < 0.0 else tuple(face[::-1] for face in lying.faces)
+    return Surface(vertices, faces, lying.materials)
+
+
+def ground(outline: Sequence[tuple[float, float]], material: str) -> Surface:
+    """A sheet at z = 0 with a convex outline (x, y) [m], counter-clockwise from above."""
+    return sheet([(x, y, 0.0) for x, y in outline], material)
+
+
+def street() -> tuple[Piece, ...]:
+    """A road in a cutting: walls at y = +-6 m from x = 4 m, a van and a car at the kerb; nothing moves."""
+    return (
+        Piece("Road", ground(ROAD, "asphalt")),
+        Piece("Wall_left", retaining_wall(6.0, 4.0, 66.0, "concrete")),
+        Piece("Wall_right", retaining_wall(-6.0, 4.0, 66.0, "concrete")),
+        Piece("Van", box((7.0, -4.8, 0.6), (12.0, -2.8, 2.4), "metal")),
+        Piece("Car", car_body(), (26.0, 4.0, 0.0)),
+    )
+
+
+def scenes() -> tuple[EffectScene, ...]:
+    """All effect scenes, in the order of ``expected.json``."""
+    ahead: Vector = (60.0, 0.0, SENSOR[2])
+    trihedral = Piece("Trihedral", corner_reflector(0.2), ahead, rcs_dbsm=26.51)
+    return (
+        EffectScene(
+            "wall", "A concrete wall 40 m wide and 10 m high, square to the radar at 60 m.",
+            (Piece("Wall", box((60.0, -19.0, -4.5), (60.3, 21.0, 5.5), "concrete")),),
+        ),
+        EffectScene(
+            "plate", "A metal plate of 0.2 x 0.2 m, square to the radar at 50 m: smaller than a Fresnel zone.",
+            (Piece("Plate", upright(0.2, 0.4, 0.6, "metal"), (50.0, 0.02, 0.0)),),
+        ),
+        EffectScene(
+            "dihedral", "Two metal walls of 14 m that meet at 85 deg, 60 m away; seen only by bounces on both.",
+            (Piece("Corner", dihedral(14.0, 85.0, -3.5, 4.5), (60.0, 0.0, 0.0)),),
+        ),
+        EffectScene(
+            "trihedral", "A trihedral of 0.2 m, as a point target at 60 m.", (trihedral,),
+        ),
+        EffectScene(
+            "reflector_behind_pane", "A large metal wall at 80 m behind a front of glass at 75 m turned by 30 deg.",
+            (
+                Piece("Pane", upright(16.0, -5.0, 6.0, "glass"), (75.0, 0.8, 0.0), yaw_deg=30.0),
+                Piece("Reflector", box((80.0, -5.0, -4.5), (80.2, 7.0, 5.5), "metal")),
+            ),
+        ),
+        EffectScene(
+            "target_behind_pane", "A trihedral at 60 m behind a pane of acrylic at 50 m turned by 30 deg.",
+            (Piece("Pane", upright(10.0, -3.5, 4.5, "acrylic"), (50.0, 0.4, 0.0), yaw_deg=30.0), trihedral),
+        ),
+        EffectScene(
+            "corner", "A point target at 60 m in the shadow of a concrete wedge, 0.14 m behind its edge at 30 m.",
+            (
+                Piece("Wedge", prism([(30.0, 0.0), (34.0, 0.6), (31.5, 2.0)], -0.5, 1.5, "concrete")),
+                Piece("Hidden", None, (60.0, 0.27, SENSOR[2]), rcs_dbsm=24.7),
+            ),
+        ),
+        EffectScene(
+            "parked_car", "A car body at 50 m, turned by 30 deg so that no face looks at the radar.",
+            (Piece("Car", car_body(), (50.0, 0.0, 0.0), yaw_deg=30.0),),
+        ),
+        EffectScene(
+            "moving_car", "A car as a point target, 14.6 dBsm from behind, driving away at 11 m/s from 36 m.",
+            (Piece("Car", box((0.0, -0.9, -0.3), (4.4, 0.9, 0.9), "metal"), (36.0, 0.0, SENSOR[2]),
+                   velocity=(11.0, 0.0, 0.0), rcs_dbsm=14.6),),
+            standing((0.0, 0.2, 0.4)),
+        ),
+        EffectScene(
+            "creeping_target", "A pedestrian as a point target at 60 m, approaching at 0.1 m/s: Doppler alone.",
+            (Piece("Pedestrian", None, ahead, velocity=(-0.1, 0.0, 0.0), rcs_dbsm=-1.4),),
+            standing((0.0, 0.2, 0.4)),
+        ),
+        EffectScene(
+            "moving_ego", "A street in which nothing moves, seen from a car at 11 m/s.", street(), driving(),
+        ),
+        EffectScene(
+            "target_1m", "A metal sphere of 2 cm radius as a point target, 1 to 2 m ahead.",
+            (Piece("Sphere", None, (1.0, 0.0, SENSOR[2]), rcs_dbsm=-29.0),),
+        ),
+        EffectScene(
+            "target_80m", "A pedestrian as a point target at 80 m.",
+            (Piece("Pedestrian", None, (80.0, 0.0, SENSOR[2]), rcs_dbsm=-1.4),),
+        ),
+        EffectScene(
+            "empty_field", "Grass from 1 m ahead of the sensor, and nothing on it.",
+            (Piece("Field", ground(FIELD, "vegetation")),),
+        ),
+    )  # fmt: skip
+
+
+def write_stage(path: Path, scene: EffectScene) -> None:
+    """Write a scene as .usda; materials are named by ``radar:material``."""
+    stage = Usd.Stage.CreateInMemory()
+    stage.GetRootLayer().documentation = scene.shows
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
+    UsdGeom.SetStageMetersPerUnit(stage, UsdGeom.LinearUnits.meters)
+    stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/World").GetPrim())
+    for piece in scene.pieces:
+        xform = UsdGeom.Xform.Define(stage, f"/World/{piece.name}")
+        if any(piece.position):
+            xform.AddTranslateOp().Set(Gf.Vec3d(*piece.position))
+        if piece.yaw_deg:
+            xform.AddRotateZOp().Set(piece.yaw_deg)
+        prim = xform.GetPrim()
+        if any(piece.velocity):
+            prim.CreateAttribute("radar:velocity", Sdf.ValueTypeNames.Double3).Set(Gf.Vec3d(*piece.velocity))
+        if piece.rcs_dbsm is not None:
+            prim.CreateAttribute("radar:rcs_dbsm", Sdf.ValueTypeNames.Double).Set(piece.rcs_dbsm)
+        if piece.surface is not None:
+            prim.CreateAttribute("radar:material", Sdf.ValueTypeNames.Token).Set(piece.surface.materials[0])
+            mesh = UsdGeom.Mesh.Define(stage, f"/World/{piece.name}/Geometry")
+            mesh.CreatePointsAttr(piece.surface.vertices.astype(np.float32))
+            mesh.CreateFaceVertexCountsAttr([len(face) for face in piece.surface.faces])
+            mesh.CreateFaceVertexIndicesAttr([vertex for face in piece.surface.faces for vertex in face])
+            mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+    stage.GetRootLayer().Export(str(path))
+
+
+def write_effects(folder: Path) -> None:
+    """Write all scenes, their poses and ``expected.json`` into an existing folder."""
+    for scene in scenes():
+        write_stage(folder / f"{scene.name}.usda", scene)
+        entries = ",\n".join(f"    {json.dumps(pose)}" for pose in scene.poses)
+        (folder / f"{scene.name}.poses.json").write_text(f"[\n{entries}\n]\n", encoding="utf-8")
+    expected = expectations({scene.name: scene.shows for scene in scenes()})
+    (folder / "expected.json").write_text(json.dumps(expected, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    write_effects(Path(__file__).resolve().parent / "effects")

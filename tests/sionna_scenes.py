@@ -1,0 +1,101 @@
+"""Small Sionna scenes for tests that hold our physics against Sionna's own, and against its geometry."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from datafactory.paths.stage import Stage, stage_of
+from datafactory.scenes.materials import Material, MaterialMapping
+from datafactory.scenes.poses import Pose
+from datafactory.scenes.scene import Scene, SceneObject
+
+FREQUENCY_HZ = 77.5e9
+WAVELENGTH_M = 299_792_458.0 / FREQUENCY_HZ
+
+
+def material(name: str, permittivity: float, conductivity: float, thickness_m: float) -> Material:
+    """A smooth material."""
+    return Material(name, permittivity, conductivity, thickness_m, 0.0, "lambertian", "test", (77.0, 78.0), ())
+
+
+MATERIALS = MaterialMapping(
+    entries={
+        item.name: (item, "test")
+        for item in (
+            material("metal", 1.0, 1e7, 0.1),
+            material("glass", 6.31, 1.211, 0.006),
+            material("air", 1.0, 0.0, 0.05),
+        )
+    },
+    unknown=(),
+)
+
+
+def mesh(name: str, vertices: Any, triangles: Any, of: str, velocity=(0.0, 0.0, 0.0)) -> SceneObject:
+    return SceneObject(name, np.array(vertices, dtype=float), np.array(triangles, dtype=np.int32), of, velocity)
+
+
+def plate(name: str, centre: Any, across: Any, up: Any, of: str, velocity=(0.0, 0.0, 0.0)) -> SceneObject:
+    """A flat rectangle, centre +- across +- up [m]."""
+    c, a, b = (np.array(v, dtype=float) for v in (centre, across, up))
+    return mesh(name, [c - a - b, c + a - b, c + a + b, c - a + b], [[0, 1, 2], [0, 2, 3]], of, velocity)
+
+
+def box(name: str, low: Any, high: Any, of: str, velocity=(0.0, 0.0, 0.0)) -> SceneObject:
+    """A closed box, outward winding, eight shared vertices."""
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
+    quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+    triangles = [part for a, b, c, d in quads for part in ((a, b, c), (a, c, d))]
+    return mesh(name, np.array(low) + corners * (np.array(high) - np.array(low)), triangles, of, velocity)
+
+
+def stage(*objects: SceneObject) -> Stage:
+    return stage_of(Scene("test", objects), MATERIALS)
+
+
+def sionna_scene(of: Stage, pose: Pose | None = None) -> Any:
+    """The stage as a Sionna scene in the radar frame; its ``mi_scene`` is Mitsuba's. Call ``select_variant`` first."""
+    import mitsuba as mi
+    from sionna import rt
+
+    scene = rt.load_scene()
+    objects = []
+    for index, part in enumerate(of.meshes):
+        shape = mi.Mesh(f"part-{index}", vertex_count=len(part.vertices), face_count=len(part.triangles))
+        parameters = mi.traverse(shape)
+        parameters["vertex_positions"] = part.seen_from(pose or Pose((0.0, 0.0, 0.0))).ravel()
+        parameters["faces"] = part.triangles.astype(np.uint32).ravel()
+        parameters.update()
+        slab = MATERIALS[part.material]
+        radio = rt.RadioMaterial(
+            f"m-{index}",
+            relative_permittivity=slab.relative_permittivity,
+            conductivity=slab.conductivity_s_per_m,
+            thickness=slab.thickness_m,
+        )
+        objects.append(rt.SceneObject(mi_mesh=shape, name=f"part-{index}", radio_material=radio))
+    scene.edit(add=objects)
+    scene.frequency = FREQUENCY_HZ
+    return scene
+
+
+def channel(
+    scene: Any, tx: tuple[float, float, float], rx: tuple[float, float, float], polarization: str = "V", **kinds: bool
+) -> tuple[NDArray[np.complex128], NDArray[np.int64]]:
+    """Sionna's channel coefficients [n] from ``tx`` to ``rx`` and the kinds of interaction on each path [depth, n]."""
+    from sionna import rt
+
+    antenna = rt.PlanarArray(
+        num_rows=1, num_cols=1, vertical_spacing=0.5, horizontal_spacing=0.5, pattern="iso", polarization=polarization
+    )
+    scene.tx_array = scene.rx_array = antenna
+    scene.add(rt.Transmitter("tx", position=list(tx)))
+    scene.add(rt.Receiver("rx", position=list(rx)))
+    chosen = {"los": False, "specular_reflection": False, "diffuse_reflection": False, "refraction": False, **kinds}
+    paths = rt.PathSolver(deterministic=True)(scene, max_depth=2, samples_per_src=200_000, seed=1, **chosen)
+    valid = paths.valid.numpy().reshape(-1)
+    real, imaginary = (part.numpy().reshape(-1)[valid].astype(float) for part in paths.a)
+    return real + 1j * imaginary, paths.interactions.numpy()[:, 0, 0][:, valid].astype(np.int64)
