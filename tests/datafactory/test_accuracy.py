@@ -13,7 +13,7 @@ import pytest
 from oracles import doppler_filtered, if_cube, peak_error_db, relative_error
 
 from datafactory.accuracy import budget, prices, report
-from datafactory.accuracy.cache import cached, user_cache
+from datafactory.cache import cached, user_cache
 from datafactory.accuracy.chain import Clock, reference_of, run
 from datafactory.accuracy.check import HONEST_DB, check
 from datafactory.accuracy.errors import FLOOR_DB, detections_changed, level_db, peak_error, relative_l2

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from datafactory.effects.catalogue import EffectSet
+from datafactory.effects.plan import DEFAULT_BUDGET_DB
 from datafactory.frames import Processing
 from datafactory.paths.prune import DEFAULT_LEVEL_DB
 from datafactory.paths.solver import TraceSettings
@@ -22,6 +24,8 @@ class Order:
     :param points: close-target frames after them
     :param poses: one frame a pose, instead of ``frames`` drawn ones; empty to draw
     :param targets: frames of exactly these targets, instead of drawn ones
+    :param effects: what is simulated of the scenes; None for what a plan finds each to need
+    :param budget_db: what leaving an effect out may cost, for that plan
     :param paths: folder of :func:`datafactory.pipeline.trace_paths`, instead of scenes
     """
 
@@ -35,6 +39,8 @@ class Order:
     targets: tuple[PointTargets, ...] = ()
     paths: Path | None = None
     processing: Processing = field(default_factory=Processing)
+    effects: EffectSet | None = None
+    budget_db: float = DEFAULT_BUDGET_DB
     trace: TraceSettings = field(default_factory=TraceSettings)
     prune_db: float = DEFAULT_LEVEL_DB
     close_targets: CloseTargets = field(default_factory=CloseTargets)

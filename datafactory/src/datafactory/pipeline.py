@@ -13,14 +13,17 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
+from threadpoolctl import threadpool_limits
 
+from datafactory.effects.timing import saving
 from datafactory.order import Order
+from datafactory.paths.backend import select_variant, set_threads
 from datafactory.paths.storage import paths_schema
 from datafactory.points import rayleigh_length
 from datafactory.pool import run_shards
 from datafactory.progress import FinishedShard, begin, completed, fingerprint, finish
 from datafactory.scenes.materials import MaterialTable
-from datafactory.shards import FRAMES_PER_SHARD, ShardPlan, plan_shards, split_of
+from datafactory.shards import FRAMES_PER_SHARD, ShardPlan, plan_shards, split_of, write_manifest
 from datafactory.sources import PATHS, Announce, Sources, sources_of
 from datafactory.worker import (
     Job,
@@ -28,6 +31,7 @@ from datafactory.worker import (
     trace_shard,
 )
 from shared.dataset import VERSION, arrow_schema, description
+from shared.dataset_folder import read_manifest
 from shared.windows import angle_window, point_spread
 
 PACKAGES = (
@@ -83,10 +87,13 @@ def render(
     sources = sources_of(order, table, announce)
     job = _job(order, sources, arrow_schema(about))
     said = {key: about[key] for key in ("radar", "array", "virtual_sensor", "axes", "shapes", "conventions", "truth")}
-    return _produce(
+    report = _produce(
         job, plan_shards(job.splits), render_shard, {**sources.arguments, **_processing_arguments(order)},
         {**said, "scenes": sources.entries}, directory, workers, resume, announce, advance,
     )  # fmt: skip
+    if report.shards_made:
+        _say_what_plans_saved(order, sources, directory, announce)
+    return report
 
 
 def trace_paths(
@@ -110,6 +117,29 @@ def trace_paths(
         job, plans, trace_shard, sources.arguments, {"scenes": sources.entries},
         directory, workers, resume, announce, advance,
     )  # fmt: skip
+
+
+def _say_what_plans_saved(order: Order, sources: Sources, directory: Path, announce: Announce) -> None:
+    """Time one frame of every scene as planned and with every effect; print it and keep it under ``made``."""
+    savings = []
+    if sources.probes:
+        select_variant()
+        set_threads(1)
+    with threadpool_limits(limits=1):
+        for scene, probe, effects in sources.probes:
+            found = saving(scene, probe, effects, order.processing)
+            if found is None:
+                announce(f"{scene}: every effect was simulated")
+                continue
+            savings.append(found)
+            share = 100.0 * (1.0 - found.planned_seconds / found.all_seconds)
+            announce(
+                f"{scene}: {found.planned_seconds:.2f} s a frame on one core, {found.all_seconds:.2f} s with "
+                f"--effects all: {share:.0f} % saved"
+            )
+    manifest = read_manifest(directory)
+    manifest["made"]["effects_saving"] = [vars(item) for item in savings]
+    write_manifest(directory, manifest)
 
 
 def _processing_arguments(order: Order) -> dict[str, Any]:

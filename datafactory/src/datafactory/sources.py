@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
+from datafactory.effects.catalogue import EffectSet
+from datafactory.effects.plan import EffectPlan, by_choice, decide
+from datafactory.effects.planning import gathered, looked_at
+from datafactory.effects.probe import Evidence, Probe
 from datafactory.order import Order
 from datafactory.paths.stage import stage_of
 from datafactory.points import PointTargets
 from datafactory.scenes.ground import free_ground
 from datafactory.scenes.materials import MaterialTable
 from datafactory.scenes.open import open_scene
+from datafactory.scenes.poses import sample_pose
 from datafactory.scenes.scene import Scene
+from datafactory.seeds import frame_seed, generator
+from datafactory.shards import split_of
 from datafactory.worker import (
     PointFrame,
     Recipe,
@@ -37,12 +45,14 @@ class Sources:
     :param recipes: one a frame
     :param arguments: what of it determines the bytes, by the names that the user knows
     :param entries: the manifest's ``scenes``
+    :param probes: first frame of every scene with its plan, to say afterwards what the plan saved
     """
 
     works: tuple[SceneWork, ...]
     recipes: tuple[Recipe, ...]
     arguments: dict[str, Any]
     entries: list[dict[str, Any]]
+    probes: tuple[tuple[str, Probe, EffectSet], ...] = ()
 
 
 def sources_of(order: Order, table: MaterialTable, announce: Announce) -> Sources:
@@ -51,15 +61,14 @@ def sources_of(order: Order, table: MaterialTable, announce: Announce) -> Source
     common |= {"seed": order.seed, "split": order.split, "radar": order.radar.model_dump(mode="json")}
     common |= {"versions": {name: version(name) for name in ("sparseradar-datafactory", "sionna-rt")}}
     if order.paths is not None:
-        manifest = read_manifest(order.paths)
-        records = [ShardRecord.model_validate(item) for item in manifest["shards"] if item["path"].startswith(PATHS)]
-        if not records:
-            raise InputError(order.paths, "holds no traced paths", "a folder written by datafactory trace")
-        stored = [StoredFrame(order.paths / item.path, row) for item in records for row in range(item.rows)]
-        arguments = {**common, "paths": [item.sha256 for item in records]}
-        return Sources((), (*stored, *points), arguments, manifest["scenes"])
+        return _stored(order, order.paths, points, common)
     scenes = [open_scene(source) for source in order.scenes]
-    works = tuple(_prepare(scene, table, draw=not order.poses, announce=announce) for scene in scenes)
+    prepared = [_prepare(scene, table, draw=not order.poses, announce=announce) for scene in scenes]
+    plans = [
+        _plan(order, index, scene, work, announce)
+        for index, (scene, work) in enumerate(zip(scenes, prepared, strict=True))
+    ]
+    works = tuple(replace(work, effects=plan.effects) for work, plan in zip(prepared, plans, strict=True))
     recipes = [
         SceneFrame(index % len(scenes), order.poses[index] if order.poses else None)
         for index in range(len(order.poses) or order.frames)
@@ -71,9 +80,81 @@ def sources_of(order: Order, table: MaterialTable, announce: Announce) -> Source
         "frames": order.frames,
         "poses": [asdict(pose) for pose in order.poses],
         "trace": asdict(order.trace),
+        "effects": [work.effects.names for work in works],
     }
-    entries = [_scene_entry(scene, work) for scene, work in zip(scenes, works, strict=True)]
-    return Sources(works, (*recipes, *points), arguments, entries)
+    entries = [
+        {**_scene_entry(scene, work), "effect_plan": plan.to_json()}
+        for scene, work, plan in zip(scenes, works, plans, strict=True)
+    ]
+    probes = tuple(
+        (work.name, probe, work.effects)
+        for work, probe in zip(works, (_probe(order, index, work) for index, work in enumerate(works)), strict=True)
+        if probe.poses
+    )
+    return Sources(works, (*recipes, *points), arguments, entries, probes)
+
+
+def _stored(order: Order, folder: Path, points: list[Recipe], common: dict[str, Any]) -> Sources:
+    """Paths traced before, with the effects they were traced with or, as far as they hold them, those asked for."""
+    manifest = read_manifest(folder)
+    records = [ShardRecord.model_validate(item) for item in manifest["shards"] if item["path"].startswith(PATHS)]
+    if not records:
+        raise InputError(folder, "holds no traced paths", "a folder written by datafactory trace")
+    traced, wanted = manifest["arguments"]["radar"]["front_end"], order.radar.front_end
+    for field in ("tx_polarization", "rx_polarization"):
+        if traced.get(field, "V") != getattr(wanted, field):
+            problem = (
+                f"paths were traced with {field} = {traced.get(field, 'V')!r}, the radar has {getattr(wanted, field)!r}"
+            )
+            raise InputError(folder, problem, "the same polarisation, or datafactory trace with this radar")
+    plans = [
+        EffectSet.of({item["effect"] for item in entry["effect_plan"]["effects"] if item["on"]})
+        for entry in manifest["scenes"]
+    ]
+    stored, frame = list[Recipe](), 0
+    for record in records:
+        for row in range(record.rows):
+            effects = order.effects or plans[frame % len(plans)]
+            stored.append(StoredFrame(folder / record.path, row, effects))
+            frame += 1
+    names = [(order.effects or effects).names for effects in plans]
+    arguments = {**common, "paths": [item.sha256 for item in records], "effects": names}
+    return Sources((), (*stored, *points), arguments, manifest["scenes"])
+
+
+def scene_plan(
+    order: Order, table: MaterialTable, announce: Announce
+) -> tuple[Probe, EffectPlan, Mapping[str, Evidence]]:
+    """The plan of an order's first scene, with what it was made from."""
+    scene = open_scene(order.scenes[0])
+    work = _prepare(scene, table, draw=not order.poses, announce=lambda line: None)
+    probe = _probe(order, 0, work)
+    evidence = gathered(scene.content_hash(), probe, announce)
+    return probe, decide(scene.name, evidence, order.budget_db), evidence
+
+
+def _plan(order: Order, index: int, scene: Scene, work: SceneWork, announce: Announce) -> EffectPlan:
+    """What is simulated of the order's scene number ``index``: what was asked for, or what its own frames call for."""
+    if order.effects is not None:
+        return by_choice(scene.name, order.effects)
+    plan = decide(scene.name, gathered(scene.content_hash(), _probe(order, index, work), announce), order.budget_db)
+    left_out = ", ".join(item.effect for item in plan.decisions if not item.on) or "nothing"
+    announce(f"{scene.name}: effects {', '.join(plan.effects.names)}; left out {left_out} (datafactory plan says why)")
+    return plan
+
+
+def _probe(order: Order, index: int, work: SceneWork) -> Probe:
+    chosen = looked_at(range(index, len(order.poses) or order.frames, len(order.scenes)))
+    if work.ground is not None:
+        poses = tuple(
+            sample_pose(work.ground, split_of(frame, order.split), generator(frame_seed(order.seed, frame), "pose"))
+            for frame in chosen
+        )
+    else:
+        poses = tuple(order.poses[frame] for frame in chosen)
+    front_end = order.radar.front_end
+    settings = replace(order.trace, polarization=(front_end.tx_polarization, front_end.rx_polarization))
+    return Probe(work.stage, work.materials, poses, order.radar, settings, order.seed)
 
 
 def _as_lists(targets: PointTargets) -> dict[str, Any]:

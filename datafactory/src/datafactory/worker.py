@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
@@ -13,6 +13,7 @@ import pyarrow as pa
 from threadpoolctl import threadpool_limits
 
 from datafactory import frames as stages
+from datafactory.effects.catalogue import ALL, EffectSet
 from datafactory.paths.density import lit_cells
 from datafactory.paths.prune import pruned
 from datafactory.paths.rays import RayFan
@@ -36,12 +37,14 @@ class SceneWork:
     """A scene made ready once, for all of its frames.
 
     :param ground: where poses are drawn; None where they are given
+    :param effects: what is simulated of it
     """
 
     name: str
     stage: Stage
     materials: MaterialMapping
     ground: Ground | None
+    effects: EffectSet = ALL
 
 
 @dataclass(frozen=True)
@@ -61,10 +64,11 @@ class PointFrame:
 
 @dataclass(frozen=True)
 class StoredFrame:
-    """Recipe of a scene frame that was traced before: row ``row`` of a paths shard."""
+    """Recipe of a scene frame that was traced before: row ``row`` of a paths shard, and what is simulated of it."""
 
     shard: Path
     row: int
+    effects: EffectSet = ALL
 
 
 Recipe = SceneFrame | PointFrame | StoredFrame
@@ -121,6 +125,7 @@ def _frames(
 
 def _measure(job: Job, frame_id: int, counts: Counter[str], seconds: dict[str, float]) -> stages.Measurement:
     recipe, seed = job.recipes[frame_id], frame_seed(job.seed, frame_id)
+    processing = job.processing
     started = time.perf_counter()
     if isinstance(recipe, PointFrame):
         targets = recipe.targets
@@ -133,13 +138,16 @@ def _measure(job: Job, frame_id: int, counts: Counter[str], seconds: dict[str, f
         pose, seed = traced.pose, traced.seed
         setting = stages.Setting(frame_id, "scene", traced.scene, seed, pose.position, pose.velocity, pose.quaternion())
         table = traced.table.at_wavelength(traced.wavelength_m, job.radar.waveform.wavelength_m)
-        paths = pruned(table.within(job.radar).illuminated(job.radar.front_end), job.radar, job.prune_db)
+        effects = recipe.effects if isinstance(recipe, StoredFrame) else job.scenes[recipe.scene].effects
+        processing = effects.processing(processing)
+        illuminated = table.within(job.radar).illuminated(effects.front_end(job.radar.front_end))
+        paths = pruned(illuminated, job.radar, job.prune_db)
         known = stages.object_targets(paths, len(paths.objects) - traced.point_targets, job.radar)
         counts.update(lit_cells(paths, job.radar))
     counts.update({**paths.counts, "frames": 1, "paths": len(paths)})
     seconds["paths"] += time.perf_counter() - started
     started = time.perf_counter()
-    measurement = stages.measure(setting, paths, known, job.radar, job.processing, generator(seed, "noise"))
+    measurement = stages.measure(setting, paths, known, job.radar, processing, generator(seed, "noise"))
     seconds["cube and truth"] += time.perf_counter() - started
     return measurement
 
@@ -154,7 +162,10 @@ def trace_frame(job: Job, frame_id: int, recipe: SceneFrame) -> TracedFrame:
     rays = generator(seed, "rays")
     fan = RayFan(job.trace.rays, offset=(float(rays.random()), float(rays.random())))
     waveform, solver_seed = job.radar.waveform, int(rays.integers(2**31))
-    table = trace(work.stage, work.materials, pose, waveform.mid_sweep_hz, job.trace, fan, solver_seed)
+    front_end = job.radar.front_end
+    polarization = (front_end.tx_polarization, front_end.rx_polarization)
+    settings = replace(work.effects.trace(job.trace), polarization=polarization)
+    table = trace(work.stage, work.materials, pose, waveform.mid_sweep_hz, settings, fan, solver_seed)
     return TracedFrame(frame_id, work.name, seed, pose, waveform.wavelength_m, len(work.stage.targets), table)
 
 

@@ -15,13 +15,13 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from datafactory.accuracy.cache import Announce, cached, user_cache
 from datafactory.accuracy.chain import Clock, reference_of, run
 from datafactory.accuracy.errors import peak_error, relative_l2
 from datafactory.accuracy.knobs import REFERENCE_DEPTH, UNPRUNED_DB, Settings
 from datafactory.accuracy.prices import Choice, Errors, Menu, Prices, choose, measure_prices
 from datafactory.accuracy.probes import Probe, probes_of, traced
 from datafactory.accuracy.sweep import Advance, Effort, power_error
+from datafactory.cache import Announce, cached, user_cache
 from datafactory.order import Order
 from datafactory.paths.backend import select_variant, set_threads
 from datafactory.scenes.materials import MaterialTable

@@ -11,7 +11,6 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from datafactory.accuracy.budget import Budget, worst_of
-from datafactory.accuracy.cache import Announce
 from datafactory.accuracy.chain import as_set, cube_as_set, images_as_set
 from datafactory.accuracy.errors import peak_error, relative_l2
 from datafactory.accuracy.knobs import REFERENCE_DEPTH, REFERENCE_TERMS, REFERENCE_TOLERANCE, Settings
@@ -19,6 +18,7 @@ from datafactory.accuracy.prices import Errors
 from datafactory.accuracy.probes import Probe, traced
 from datafactory.accuracy.sweep import power_error
 from datafactory.accuracy.variants import reference_moments
+from datafactory.cache import Announce
 from datafactory.paths.table import PathTable
 from datafactory.shards import split_of, write_manifest
 from datafactory.synthesis.cube import cube_of_paths

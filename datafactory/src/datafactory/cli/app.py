@@ -11,10 +11,11 @@ from datafactory.cli.accuracy import accuracy
 from datafactory.cli.city import city
 from datafactory.cli.doctor import doctor
 from datafactory.cli.inspect import inspect
+from datafactory.cli.plan import plan
 from datafactory.cli.points import points
 from datafactory.cli.render import render
 from datafactory.cli.trace import trace
-from shared.errors import InputError
+from shared.errors import InputError, require_utf8
 
 app = typer.Typer(
     help="Scenes to multipath to 77 GHz FMCW radar data in Parquet shards.",
@@ -22,18 +23,22 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for command in (render, points, accuracy, trace, city, inspect, doctor):
+for command in (render, points, plan, accuracy, trace, city, inspect, doctor):
     app.command()(command)
 
 
 def main() -> None:
     """Entry point: 0 done, 1 a run that failed, 2 bad arguments or bad input, each with one line."""
     try:
+        for argument in sys.argv[1:]:
+            require_utf8(argument)
         sys.exit(app(standalone_mode=False))
     except InputError as error:
         _fail(str(error), 2)
     except OSError as error:
         _fail(f"{error.filename or 'input/output'}: {error.strerror or error}", 1)
+    except MemoryError as error:
+        _fail(f"out of memory ({error}); expected fewer samples, chirps, channels, rays or workers", 1)
     except TyperException as error:
         _fail(" ".join(error.format_message().split()), 2)
     except (KeyboardInterrupt, typer.Abort):

@@ -33,6 +33,9 @@ Poses = Annotated[
 Materials = Annotated[Path | None, typer.Option("--materials", help="TOML file that overrides the material table.")]
 Rays = Annotated[int, typer.Option("--rays", min=1, max=20_000_000, help="Rays a frame, over the field of view.")]
 Depth = Annotated[int, typer.Option("--depth", min=1, max=3, help="Largest number of bounces.")]
+Effects = Annotated[
+    str, typer.Option("--effects", help="auto (what each scene calls for), all, or names separated by commas.")
+]
 Noise = Annotated[bool, typer.Option("--noise/--no-noise", help="Add receiver noise.")]
 TruthWindow = Annotated[
     str, typer.Option("--truth-window", help="Over the virtual sensor: none, taylor-25, taylor-30 or hann.")

@@ -10,6 +10,8 @@ import typer
 from datafactory.accuracy.budget import menu_for
 from datafactory.cli import options
 from datafactory.cli.accuracy import render_within_budget
+from datafactory.effects.catalogue import parse_effects
+from datafactory.effects.plan import DEFAULT_BUDGET_DB
 from datafactory.frames import Processing
 from datafactory.order import Order
 from datafactory.paths.solver import TraceSettings
@@ -39,6 +41,7 @@ def render(
     store: options.Store = "range-channel",
     rays: options.Rays = 200_000,
     depth: options.Depth = 2,
+    effects: options.Effects = "auto",
     noise: options.Noise = True,
     truth_window: options.TruthWindow = "taylor-30",
     error_budget: Annotated[
@@ -76,6 +79,8 @@ def render(
             truth_window=options.choice("--truth-window", truth_window, ANGLE_WINDOWS),
         ),
         trace=TraceSettings(rays=rays, depth=depth),
+        effects=parse_effects(effects),
+        budget_db=DEFAULT_BUDGET_DB if error_budget is None else error_budget,
     )
     table = load_materials(materials)
     if error_budget is None:

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from datafactory.cli import options
+from datafactory.effects.catalogue import parse_effects
 from datafactory.order import Order
 from datafactory.paths.solver import TraceSettings
 from datafactory.pipeline import trace_paths
@@ -28,6 +29,7 @@ def trace(
     materials: options.Materials = None,
     rays: options.Rays = 200_000,
     depth: options.Depth = 2,
+    effects: options.Effects = "auto",
     workers: options.Workers = 0,
     resume: options.Resume = False,
 ) -> None:
@@ -47,6 +49,7 @@ def trace(
         split=split,
         poses=given,
         trace=TraceSettings(rays=rays, depth=depth),
+        effects=parse_effects(effects),
     )
     options.run(order, load_materials(materials), out, workers, resume, make=trace_paths)
     typer.echo(f"next:  datafactory render --paths {out} --out ANOTHER_FOLDER")

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict
 
 from datafactory.effects import changes
 from datafactory.paths.density import cell_power
@@ -26,9 +27,11 @@ from shared.windows import cell_noise_power
 
 PROBE_RAYS = 200_000
 PROBE_DEPTH = 3
+PANE_DB = -60.0
+"""Two-way transmission below which a surface counts as opaque: 30 dB under the default error budget."""
 FLOOR_DB = -200.0
 """Stands for "nothing" where a level is asked for."""
-BINS_PER_PATH_BLOCK = 20_000
+PATH_BLOCK = 20_000
 """Paths whose plane-wave errors are held in memory at a time."""
 
 Real = NDArray[np.float64]
@@ -51,6 +54,14 @@ class Evidence:
     cell_share: float = 0.0
 
 
+class Gathered(BaseModel):
+    """Evidence for every effect, by name: what is kept in the user's cache."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    evidence: dict[str, Evidence]
+
+
 @dataclass(frozen=True)
 class Probe:
     """Where to look.
@@ -67,8 +78,8 @@ class Probe:
     seed: int = 0
 
 
-def gather(probe: Probe) -> dict[str, Evidence]:
-    """Evidence for every effect, by name; deterministic."""
+def gather(probe: Probe) -> Gathered:
+    """Evidence for every effect; deterministic."""
     tables = [_table(probe, index) for index in range(len(probe.poses))]
     structural = _structural(probe, tables)
     rates = [changes.radial_mps(table) for table in tables]
@@ -93,7 +104,7 @@ def gather(probe: Probe) -> dict[str, Evidence]:
     evidence = {
         name: structural.get(name) or _measured(tables, measure, probe.radar) for name, measure in measures.items()
     }
-    return {**evidence, "noise": _noise(tables, probe.radar)}
+    return Gathered(evidence={**evidence, "noise": _noise(tables, probe.radar)})
 
 
 def _table(probe: Probe, index: int) -> PathTable:
@@ -116,7 +127,7 @@ def _structural(probe: Probe, tables: Sequence[PathTable]) -> dict[str, Evidence
             found[name] = Evidence(FLOOR_DB, "there is no surface")
     if not _has_panes(probe):
         found["refraction"] = Evidence(FLOOR_DB, "no material lets a wave through")
-    if not len(edges_of(probe.stage)) if probe.stage.meshes else True:
+    if not probe.stage.meshes or not len(edges_of(probe.stage)):
         found["diffraction"] = Evidence(FLOOR_DB, "there is no edge")
     if not any(table.moves() for table in tables):
         for name in ("doppler", "range_migration", "intra_chirp_motion"):
@@ -142,10 +153,6 @@ def _has_panes(probe: Probe) -> bool:
         if amplitude_to_db(te[0] ** 2) > PANE_DB:
             return True
     return False
-
-
-PANE_DB = -60.0
-"""Two-way transmission below which a surface counts as opaque: 30 dB under the default error budget."""
 
 
 def _measured(tables: Sequence[PathTable], measure: Callable[[int, PathTable], Real], radar: Radar) -> Evidence:
@@ -177,18 +184,14 @@ def _noise(tables: Sequence[PathTable], radar: Radar) -> Evidence:
 
 def _plane_wave_change(table: PathTable, radar: Radar) -> Real:
     wavelength = radar.waveform.wavelength_m
-    scattered, specular = table.scattered, table.specular
-    parts = [
-        changes.plane_wave_change(
-            replace(table, scattered=scattered.take(slice(first, first + BINS_PER_PATH_BLOCK)),
-                    specular=specular.take(slice(0, 0))), radar.array, wavelength,
-        )
-        for first in range(0, len(scattered), BINS_PER_PATH_BLOCK)
-    ]  # fmt: skip
-    parts.append(
-        changes.plane_wave_change(replace(table, scattered=scattered.take(slice(0, 0))), radar.array, wavelength)
-    )
-    return np.concatenate(parts)
+    everyone, nobody = np.arange(len(table.scattered)), np.zeros(0, dtype=np.int64)
+    parts = []
+    for first in range(0, len(everyone), PATH_BLOCK):
+        block = table.scattered.take(everyone[first : first + PATH_BLOCK])
+        part = replace(table, scattered=block, specular=table.specular.take(nobody))
+        parts.append(changes.plane_wave_change(part, radar.array, wavelength))
+    mirrors = replace(table, scattered=table.scattered.take(nobody))
+    return np.concatenate([*parts, changes.plane_wave_change(mirrors, radar.array, wavelength)])
 
 
 def _kinds(table: PathTable) -> NDArray[np.uint8]:

@@ -61,7 +61,9 @@ def single_mirrors(
         passed[behind] = np.where(np.abs(panes.factor) > FAINTEST, panes.factor, 0.0) ** 2
         kinds[behind] |= REFRACTED
     seen = np.flatnonzero(passed != 0.0)
-    triangle, foot, range_m, passed, kinds = (values[seen] for values in (triangle, foot, range_m, passed, kinds))
+    hidden = len(triangle) - len(seen)
+    triangle, foot, range_m = triangle[seen], foot[seen], range_m[seen]
+    passed, kinds = passed[seen], kinds[seen]
     slabs = slabs_of(stage, materials)
     reflection = np.array([_normal_reflection(slabs[index], frequency_hz) for index in mesh[triangle]], dtype=complex)
     amplitude = np.conj(reflection) * wavelength / (8.0 * np.pi * range_m) * passed
@@ -84,7 +86,7 @@ def single_mirrors(
         depth=np.ones(len(foot), dtype=np.int8),
         object_index=objects[triangle].astype(np.int32),
         kinds=kinds,
-    ), {"mirrors_hidden": int((passed == 0.0).sum() + len(clear) - len(seen))}
+    ), {"mirrors_hidden": hidden}
 
 
 def _feet(corners: Real, normals: Real) -> tuple[NDArray[np.int64], Real]:

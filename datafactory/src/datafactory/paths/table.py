@@ -212,6 +212,28 @@ class PathTable:
         rates = (scattered.tx_velocity, scattered.rx_velocity, scattered.between_rate_mps, specular.image_velocity)
         return any(np.any(rate) for rate in rates)
 
+    def at_rest(self, time_s: float) -> PathTable:
+        """The table as it is at ``time_s`` [s], and stays."""
+        scattered, specular = self.scattered, self.specular
+        still = np.zeros((len(scattered), 3))
+        return replace(
+            self,
+            scattered=replace(
+                scattered,
+                tx_point=scattered.tx_point + scattered.tx_velocity * time_s,
+                rx_point=scattered.rx_point + scattered.rx_velocity * time_s,
+                between_m=scattered.between_m + scattered.between_rate_mps * time_s,
+                tx_velocity=still,
+                rx_velocity=still,
+                between_rate_mps=np.zeros(len(scattered)),
+            ),
+            specular=replace(
+                specular,
+                image=specular.image + specular.image_velocity * time_s,
+                image_velocity=np.zeros((len(specular), 3)),
+            ),
+        )
+
     def at_wavelength(self, traced_m: float, wanted_m: float) -> PathTable:
         """The table for another wavelength [m] than it was traced at: amplitudes are proportional to it.
 

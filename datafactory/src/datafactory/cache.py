@@ -23,7 +23,7 @@ def user_cache() -> Path:
     """The platform's folder for what can be made again (XDG base directories; Library/Caches; LOCALAPPDATA)."""
     given = os.environ.get("XDG_CACHE_HOME") or (os.environ.get("LOCALAPPDATA") if sys.platform == "win32" else None)
     base = Path(given) if given else Path.home() / ("Library/Caches" if sys.platform == "darwin" else ".cache")
-    return base / "sparseradar" / "accuracy"
+    return base / "sparseradar"
 
 
 def cached(
