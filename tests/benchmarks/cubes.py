@@ -158,16 +158,16 @@ def _terms(work: Workload) -> int:
     reach = [0.5 * float(np.ptp(part, axis=0).max()) * bandwidth_hz / SPEED_OF_LIGHT for part in (array.tx, array.rx)]
     if reach[1] > BLOCK_REACH_BINS:
         raise ValueError(f"the RX reach {reach[1]:.3f} bins; expected one block of at most {BLOCK_REACH_BINS}")
-    return terms_for(0.5 / OVERSAMPLING + sum(reach), 1e-6)
+    return terms_for(0.5 / OVERSAMPLING + sum(reach), 1e-6, work.radar.waveform.samples)
 
 
 def vs_gemm_limit(work: Workload) -> Record:
     """The moving cube's counted operations at the rate of a complex matrix product: a bound no product can beat."""
     elapsed, cube = work.cube
     terms, cells = _terms(work), OVERSAMPLING * work.radar.waveform.samples
-    # A multiplication and an addition for each real part of each moment; 5 N log2 N operations for each FFT.
+    # A multiplication and an addition for each real part of each moment; 5 N log2 N operations for each channel's FFT.
     moments = 2.0 * 2.0 * terms * work.size.paths * work.channel_chirps
-    transforms = 5.0 * cells * math.log2(cells) * terms * work.channel_chirps
+    transforms = 5.0 * cells * math.log2(cells) * work.channel_chirps
     rate = gemm_flops_per_second(work.size.gemm)
     limit = (moments + transforms) / rate
     return Record(

@@ -12,6 +12,7 @@ from record import DB_OF_PEAK, Record, Timing, peak_error_db, timed
 from references import back_projection, nufft_image
 from workloads import EGO_SPEED_MPS, SEED, Workload, street
 
+from datafactory.frames import IMAGE_BATCH
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.cube import cube_of_paths
 from datafactory.synthesis.truth import truth_moments
@@ -21,8 +22,8 @@ from shared.spectrum import range_doppler, select_doppler
 from shared.windows import hann
 
 RANGES_M = (3.0, 5.7, 20.0, 60.0)
-BATCH = 8
-"""Frames imaged together: two of each range."""
+BATCH = IMAGE_BATCH
+"""Frames imaged together, as in the pipeline: some of each range."""
 ECHOES = 5
 MARGIN_ROWS = 24
 """Rows on either side of the echoes on which images are compared; Hann's skirts are below -80 dB beyond."""
@@ -43,14 +44,14 @@ def _static(radar: Radar) -> Radar:
 def _frames(work: Workload) -> tuple[NDArray[np.complex128], Timing, NDArray[np.complex64]]:
     """Fast time of the batch [B, samples, C], time a frame of the fast images, and the images [B, R, U].
 
-    Each frame holds echoes of similar strength near one of RANGES_M, all over the u axis. Ranges beyond the image of a
-    small radar fold to its middle.
+    Each frame holds echoes of similar strength near one of RANGES_M, all over the u axis and near its grid, so that a
+    coarse image does not miss their peaks. Ranges beyond the image of a small radar fold to its middle.
     """
     radar, generator = _static(work.radar), np.random.default_rng(SEED)
     signals = []
     for index in range(BATCH):
         range_m = _range_m(work, index) + generator.uniform(-0.3, 0.3, ECHOES)
-        u = generator.uniform(-0.84, 0.84, ECHOES)
+        u = generator.choice(radar.grid.u[1:], ECHOES) + generator.uniform(-0.002, 0.002, ECHOES)
         points = range_m[:, None] * np.stack([np.sqrt(1.0 - u**2), u, np.zeros(ECHOES)], axis=1)
         amplitude = generator.uniform(0.5, 1.0, ECHOES) * np.exp(2j * np.pi * generator.uniform(size=ECHOES))
         paths = PathTable(ScatteredPaths.of_points(points, np.zeros((ECHOES, 3)), amplitude))

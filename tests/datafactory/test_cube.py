@@ -12,7 +12,7 @@ from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
 from datafactory.synthesis.cube import FLOAT32_TOLERANCE, cube_of_paths, terms_for
 from shared.arrays import AntennaArray, line
 from shared.radar import Radar
-from shared.sweep import shift_error
+from shared.sweep import shift_error_rms, shift_weights, shift_weights_error, sweep_positions
 from shared.waveform import Waveform
 
 # The tolerance is a promise; a second or two of hypothesis examples is enough to break a false one.
@@ -203,10 +203,47 @@ def test_precision_follows_the_tolerance(small_radar):
     assert cube_of_paths(table, radar, 0.9 * FLOAT32_TOLERANCE).dtype == np.complex128
 
 
-def test_number_of_moments_is_the_least_that_serves():
-    for tolerance in (1e-3, 1e-6, 1e-9):
-        terms = terms_for(0.3, tolerance)
-        assert shift_error(0.3, terms) <= tolerance / 3.0 < shift_error(0.3, terms - 1)
+@pytest.mark.parametrize("samples", [3, 64, 1024])
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9])
+def test_number_of_moments_is_the_least_that_serves(tolerance, samples):
+    nu, terms = sweep_positions(samples), terms_for(0.3, tolerance, samples)
+    assert shift_error_rms(nu, 0.3, terms) <= 0.8 * tolerance < shift_error_rms(nu, 0.3, terms - 2)
+
+
+@pytest.mark.parametrize("reach", [0.25, 0.4545, 1.0])
+@pytest.mark.parametrize(("terms", "taps"), [(6, 7), (8, 9), (12, 13)])
+def test_weights_on_the_grid_are_the_shift(reach, terms, taps):
+    # A shift by z bins is a sum of shifts by half bins; its error is the one that is foretold, and near its bound.
+    nu = sweep_positions(256)
+    gain, weights = shift_weights(nu, reach, terms, taps, 2)
+    z = np.random.default_rng(7).uniform(-reach, reach, 50)
+    shifts = np.exp(1j * np.pi * nu * (np.arange(taps) - taps // 2)[:, None])
+    approximate = gain * np.einsum("zp,jp,jn->zn", z[:, None] ** np.arange(terms), weights, shifts)
+    error = np.sqrt(np.mean(np.abs(approximate - np.exp(2j * np.pi * z[:, None] * nu)) ** 2, axis=1)).max()
+    foretold = shift_weights_error(nu, reach, gain, weights, 2)
+    assert 0.3 * foretold < error <= 1.02 * foretold
+    wide, many = shift_weights(nu, reach, terms, taps + 4, 2)
+    assert shift_weights_error(nu, reach, wide, many, 2) <= 1.02 * shift_error_rms(nu, reach, terms) + 1e-13
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 5e-7, 1e-6, 1e-9])
+@pytest.mark.parametrize("direction", [(0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.6, -0.8, 0.0)])
+def test_the_worst_places_for_a_single_path(direction, tolerance):
+    # Seen end on, the outer elements' delays are as far from the block's centre as they can be; half a cell comes on
+    # top. The weights have little to spare: 0.78e-6 of 1e-6 for a whole block of the virtual sensor.
+    radar = Radar(waveform=Waveform(chirps=1))
+    step = radar.waveform.range_step_m
+    for cell in 80.0, 80.125, 80.249, 80.251, 80.375:
+        place = PathTable(ScatteredPaths.of_points(cell * step * np.array([direction]), np.zeros((1, 3)), np.ones(1)))
+        cube = cube_of_paths(place, radar, tolerance, array=radar.virtual_sensor)
+        assert relative_error(cube, if_cube(place, radar, radar.virtual_sensor)) <= tolerance
+
+
+def test_a_tolerance_beyond_float64_is_refused(small_radar):
+    table = random_table(np.random.default_rng(1), 1, 0, (1.0, 9.0), 0.0, 0.0)
+    for tolerance in (1e-12, 0.0, float("nan")):
+        with pytest.raises(ValueError, match="expected at least 1e-11"):
+            cube_of_paths(table, small_radar(chirps=1), tolerance)
 
 
 def test_an_empty_table_is_a_silent_cube(small_radar):

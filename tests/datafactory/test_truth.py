@@ -172,6 +172,29 @@ def test_paths_beyond_the_last_row_leave_their_skirts_alone():
     assert error_db(paths, radar, cells, range(28, 40, 2)) < STATIC_DB
 
 
+@pytest.mark.parametrize("speed", [0.0, 2.0])
+def test_the_range_axis_is_cyclic_as_the_cubes(speed):
+    # Echoes in the last range bins reach row 0 across the axis's end; those beyond the unambiguous range fold.
+    radar = radar_of(64, 64, chirps=32 if speed else 4)
+    step, generator = radar.waveform.range_step_m, np.random.default_rng(19)
+    ahead = points(generator, 5, (1.0, 1.0))
+    position = ahead * (step * np.array([60.2, 62.6, 63.5, 66.3, 131.8]))[:, None]
+    paths = PathTable(ScatteredPaths.of_points(position, speed * ahead, phasors(generator, 5)))
+    cells = np.full(64, radar.waveform.chirps // 2 + round(speed / radar.waveform.velocity_step_mps))
+    for rows in range(8), range(56, 64):
+        assert error_db(paths, radar, cells, rows) < (MOVING_DB if speed else STATIC_DB)
+
+
+@pytest.mark.parametrize("samples", [12, 15, 24, 25])
+def test_a_range_axis_shorter_than_the_skirts(samples):
+    # Every cell counts once for every row.
+    radar = radar_of(samples, samples, chirps=4)
+    step = radar.waveform.range_step_m
+    position = points(np.random.default_rng(20), 3, (1.0, 1.0)) * (step * np.array([7.3, 9.0, 11.4]))[:, None]
+    paths = PathTable(ScatteredPaths.of_points(position, np.zeros((3, 3)), np.ones(3)))
+    assert error_db(paths, radar, np.full(samples, 2), range(samples)) < STATIC_DB
+
+
 def test_velocity_beyond_the_unambiguous_one_folds_as_the_cube_does():
     radar = radar_of(64, 45)
     waveform = radar.waveform

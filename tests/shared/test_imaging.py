@@ -12,6 +12,7 @@ from datafactory.synthesis.cube import cube_of_paths
 from datafactory.synthesis.truth import truth_moments
 from shared.arrays import AVR_QDM_110_THINNED_RX, AntennaArray, line
 from shared.imaging import (
+    PRODUCT_FRAMES,
     delay_and_sum,
     matched_filter_row,
     near_field_images,
@@ -166,14 +167,32 @@ def test_fast_images_agree_with_the_exact_matched_filter(range_m):
         assert 20.0 * np.log10(np.abs(image[list(rows)] - exact).max()) < bound_db
 
 
-def test_a_batch_of_the_same_size_gives_the_same_bytes():
+@pytest.mark.parametrize("elements", [256, 255])
+def test_a_frame_has_the_same_bytes_in_every_batch(elements):
+    # 255 elements have a middle one: the way without symmetry.
     radar = Radar(waveform=Waveform(samples=32, range_bins=20, chirps=1), grid=ImageGrid(bins=20))
+    array = AntennaArray(tx_m=radar.virtual_sensor.tx_m, rx_m=radar.virtual_sensor.rx_m[:elements])
     generator = np.random.default_rng(4)
-    one, two = (generator.normal(size=(3, 20, 256)) + 1j * generator.normal(size=(3, 20, 256)) for _ in range(2))
-    together = near_field_images(np.stack([one, two]).astype(np.complex64), radar, radar.virtual_sensor)
-    swapped = near_field_images(np.stack([two, one]).astype(np.complex64), radar, radar.virtual_sensor)
-    assert together[0].tobytes() == swapped[1].tobytes()
-    assert together[1].tobytes() == swapped[0].tobytes()
+    shape = PRODUCT_FRAMES + 3, 3, 20, elements
+    frames = (generator.normal(size=shape) + 1j * generator.normal(size=shape)).astype(np.complex64)
+    whole = near_field_images(frames, radar, array)
+    for count in (1, 2, 7, PRODUCT_FRAMES, PRODUCT_FRAMES + 1):
+        assert near_field_images(frames[:count], radar, array).tobytes() == whole[:count].tobytes()
+    turned = near_field_images(frames[::-1], radar, array)
+    assert turned[::-1].tobytes() == whole.tobytes()
+
+
+def test_images_are_the_same_with_and_without_the_use_of_symmetry():
+    # A silent 257th element makes the array lopsided.
+    radar = Radar(waveform=Waveform(samples=64, range_bins=40, chirps=1), grid=ImageGrid(bins=30))
+    sensor = radar.virtual_sensor
+    wider = AntennaArray(tx_m=sensor.tx_m, rx_m=(*sensor.rx_m, (0.0, 0.26, 0.0)))
+    generator = np.random.default_rng(5)
+    moments = np.zeros((2, 3, 40, 257), dtype=np.complex64)
+    moments[..., :256] = generator.normal(size=(2, 3, 40, 256)) + 1j * generator.normal(size=(2, 3, 40, 256))
+    folded = near_field_images(moments[..., :256], radar, sensor)
+    whole = near_field_images(moments, radar, wider) * (257 / 256)
+    assert np.abs(whole - folded).max() < 1e-5 * np.abs(folded).max()
 
 
 def test_wrong_shapes_are_refused():

@@ -8,14 +8,13 @@ the range window has its weight: an echo's phase in a range bin is that of mid-s
 
 from __future__ import annotations
 
-from math import factorial, floor, pi
-
 import numba
 import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from shared.arrays import AntennaArray
+from shared.cycles import single_phasor
 from shared.radar import ImageGrid, Radar
 from shared.sweep import reference_frequency_hz, shift_polynomials, sweep_positions
 from shared.units import SPEED_OF_LIGHT
@@ -23,6 +22,8 @@ from shared.windows import hann
 
 DEFAULT_TERMS = 5
 """Polynomial terms of the range walk: -64 dB of the image's peak from 3 to 60 m (``make bench``, truth_vs_exact)."""
+PRODUCT_FRAMES = 8
+"""Frames of one matrix product; batches are filled up with zeros."""
 WALK_REACH = 0.8
 """Range walk [bins] that the terms must follow: +-0.71 bins at u = 0.85 over 256 elements, more as the front curves."""
 
@@ -98,22 +99,6 @@ def sweep_moments(fast_time: NDArray[np.complexfloating], radar: Radar, terms: i
     return np.stack(spectra)
 
 
-# Taylor series of sin and cos of half the angle y = pi r, |y| <= pi / 2; the first term left out is below 6e-8.
-_S3, _S5, _S7, _S9, _S11 = [np.float32((-1) ** k / factorial(2 * k + 1)) for k in range(1, 6)]
-_C2, _C4, _C6, _C8, _C10, _C12 = [np.float32((-1) ** k / factorial(2 * k)) for k in range(1, 7)]
-_ONE, _TWO = np.float32(1.0), np.float32(2.0)
-
-
-@numba.njit(inline="always", error_model="numpy")
-def _single_phasor(cycles):
-    """:func:`shared.cycles.phasor` in float32 once the phase is reduced: within 7e-7, at half the price."""
-    y = np.float32(pi * (cycles - floor(cycles + 0.5)))
-    q = y * y
-    s = y + y * q * (_S3 + q * (_S5 + q * (_S7 + q * (_S9 + q * _S11))))
-    c = _ONE + q * (_C2 + q * (_C4 + q * (_C6 + q * (_C8 + q * (_C10 + q * _C12)))))
-    return _ONE - _TWO * s * s, _TWO * s * c
-
-
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"})
 def _steer(tx_leg, x, y, element, cycles_per_metre, bins_per_metre, row, scale, re, im, walk):
     """Fill re, im, walk [U] for one element pair: phasor of the delay at mid-sweep times ``scale``, range walk [bins].
@@ -124,7 +109,7 @@ def _steer(tx_leg, x, y, element, cycles_per_metre, bins_per_metre, row, scale, 
     for j in range(len(x)):
         dx, dy = x[j] - rx_x, y[j] - rx_y
         path = tx_leg[j] + np.sqrt(dx * dx + dy * dy + rx_z * rx_z)
-        cosine, sine = _single_phasor(cycles_per_metre * path)
+        cosine, sine = single_phasor(cycles_per_metre * path)
         re[j], im[j] = scale * cosine, scale * sine
         walk[j] = row - bins_per_metre * path
 
@@ -192,14 +177,61 @@ def _fill_folded(tx, rx, tx_of, rx_of, range_m, u, cycles_per_metre, bins_per_me
             _store_folded_power(l_im, r_im, l_walk, r_walk, even[p, c, 1], odd[p, c, 1])
 
 
-def _product(signal: NDArray[np.complex64], matrix: NDArray[np.float32]) -> NDArray[np.float32]:
-    """[2, B, U] re and im of sum s conj(m) over ``signal`` s [B, terms, C] and ``matrix`` m [terms, C, 2, U].
+@numba.njit(cache=True, error_model="numpy")
+def _fold_signals(moments, row, even, odd):
+    """Fill ``even`` and ``odd`` with s + s' and s - s', where s' is the signal of an element's mirror image.
 
-    One real product: with s = a + j b and m = x + j y the sum is a x + b y + j (b x - a y), and -j s = b - j a.
+    :param moments: [B, terms, R, C]
+    :param even, odd: [groups, 2, PRODUCT_FRAMES, terms, C / 2], the signal and -j times it, see :func:`_product`
     """
-    batch, columns = len(signal), matrix.shape[-1]
-    both = np.stack([signal, -1j * signal]).reshape(2 * batch, -1)
-    return (both.view(np.float32) @ matrix.reshape(-1, columns)).reshape(2, batch, columns)
+    batch, terms, _, channels = moments.shape
+    half = channels // 2
+    for b in range(batch):
+        group, frame = b // PRODUCT_FRAMES, b % PRODUCT_FRAMES
+        for p in range(terms):
+            signal = moments[b, p, row]
+            plus, plus_turned = even[group, 0, frame, p], even[group, 1, frame, p]
+            minus, minus_turned = odd[group, 0, frame, p], odd[group, 1, frame, p]
+            for c in range(half):
+                one, other = signal[half + c], signal[half - 1 - c]
+                total, difference = one + other, one - other
+                plus[c], plus_turned[c] = total, complex(total.imag, -total.real)
+                minus[c], minus_turned[c] = difference, complex(difference.imag, -difference.real)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _unfold(even, odd, row, offset, crossing, first, images):
+    """Write even + odd to columns j of an image row, and even - odd to their mirror images, columns ``crossing`` - j.
+
+    :param even, odd: [groups, 2, PRODUCT_FRAMES, columns] re and im of columns j = ``offset`` and on
+    :param first: columns from this one on are written as they stand, those before as mirror images
+    """
+    batch, _, bins = images.shape
+    end = offset + even.shape[3]
+    for b in range(batch):
+        group, frame = b // PRODUCT_FRAMES, b % PRODUCT_FRAMES
+        even_re, even_im = even[group, 0, frame], even[group, 1, frame]
+        odd_re, odd_im = odd[group, 0, frame], odd[group, 1, frame]
+        image = images[b, row]
+        for j in range(max(first, offset), min(bins, end)):
+            k = j - offset
+            image[j] = complex(even_re[k] + odd_re[k], even_im[k] + odd_im[k])
+        for j in range(max(crossing - end + 1, 0), min(crossing - offset + 1, first)):
+            k = crossing - j - offset
+            image[j] = complex(even_re[k] - odd_re[k], even_im[k] - odd_im[k])
+
+
+def _product(signal: NDArray[np.complex64], matrix: NDArray[np.float32]) -> NDArray[np.float32]:
+    """[groups, 2, F, U] re and im of sum s conj(m) over matrix m [terms, C, 2, U].
+
+    One real product a group: with s = a + j b and m = x + j y the sum is a x + b y + j (b x - a y), and -j s = b - j a.
+
+    :param signal: [groups, 2, F = PRODUCT_FRAMES, terms, C] s and -j s
+    """
+    groups, _, frames = signal.shape[:3]
+    columns = matrix.shape[-1]
+    lines = signal.view(np.float32).reshape(groups, 2 * frames, -1)
+    return (lines @ matrix.reshape(-1, columns)).reshape(groups, 2, frames, columns)
 
 
 def _zero_crossing(array: AntennaArray, grid: ImageGrid) -> int | None:
@@ -218,9 +250,10 @@ def near_field_images(moments: NDArray[np.complex64], radar: Radar, array: Anten
     """[B, R, U] near-field matched-filter images of a batch of sweep moments [B, terms, R, C].
 
     The delay of each pixel and element pair is exact; only its departure from the row's own range, at most 1.5 bins
-    over 256 elements, is developed into a polynomial of ``terms`` terms, so that a row is one matrix product for all
-    frames of the batch. The matrix costs as much as some eight frames: image in batches. One BLAS thread, because a
-    product's last bits depend on how it is split: for the same batch size the same bytes.
+    over 256 elements, is developed into a polynomial of ``terms`` terms, so that a row is a matrix product for all
+    frames of the batch. The matrix costs as much as some eight frames: image in batches. A product's last bits depend
+    on its size and on how it is split among threads: it is always one of PRODUCT_FRAMES frames on one BLAS thread, so
+    that a frame has the same bytes in every batch.
 
     Where array and u axis are symmetric, an element sees the pixel at -u as its mirror image sees the one at +u: with
     M the matrix and s, s' the signals of an element and of its mirror image, summed over half of the elements,
@@ -235,36 +268,50 @@ def near_field_images(moments: NDArray[np.complex64], radar: Radar, array: Anten
             f"moments are [{batch}, {terms}, {rows}, {channels}]; expected [batch, terms, "
             f"{radar.waveform.range_bins}, {array.channels}]"
         )
-    moments = moments.astype(np.complex64, copy=False)
-    waveform, grid = radar.waveform, radar.grid
-    tx, rx, tx_of, rx_of = array.tx, array.rx, array.channel_tx, array.channel_rx
-    per_metre = reference_frequency_hz(radar) / SPEED_OF_LIGHT, waveform.bandwidth_hz / SPEED_OF_LIGHT
-    images = np.empty((batch, rows, grid.bins), dtype=np.complex64)
-    crossing = _zero_crossing(array, grid)
+    moments = np.ascontiguousarray(moments, dtype=np.complex64)
+    images = np.empty((batch, rows, radar.grid.bins), dtype=np.complex64)
+    crossing = _zero_crossing(array, radar.grid)
     with threadpool_limits(limits=1, user_api="blas"):
         if crossing is None:
-            matrix = np.empty((terms, channels, 2, grid.bins), dtype=np.float32)
-            for row, range_m in enumerate(waveform.ranges_m):
-                _fill_matrix(
-                    tx, rx, tx_of, rx_of, range_m, grid.u, *per_metre, float(row), np.float32(1.0 / channels), matrix
-                )
-                images.real[:, row], images.imag[:, row] = _product(moments[:, :, row], matrix)
-            return images
-        half = channels // 2
-        # Columns j >= J / 2 have u_j >= 0; u holds these and the mirror images of the others, perhaps beyond the grid.
-        first = min(max((crossing + 1) // 2, 0), grid.bins)
-        last = max(crossing, grid.bins - 1) if first else grid.bins - 1
-        start = min(first, crossing - first + 1) if first else 0
-        u = grid.u_start + grid.step * np.arange(start, last + 1)
-        right = slice(first - start, grid.bins - start)
-        left = slice(crossing - first + 1 - start, crossing + 1 - start)
-        even = np.empty((terms, half, 2, len(u)), dtype=np.float32)
-        odd = np.empty_like(even)
-        upper = tx_of[half:], rx_of[half:]
-        for row, range_m in enumerate(waveform.ranges_m):
-            _fill_folded(tx, rx, *upper, range_m, u, *per_metre, float(row), np.float32(0.5 / channels), even, odd)
-            signal, mirrored = moments[:, :, row, half:], moments[:, :, row, half - 1 :: -1]
-            sums, differences = _product(signal + mirrored, even), _product(signal - mirrored, odd)
-            images.real[:, row, first:], images.imag[:, row, first:] = (sums + differences)[..., right]
-            images.real[:, row, :first], images.imag[:, row, :first] = (sums - differences)[..., left][..., ::-1]
+            _whole_images(moments, radar, array, images)
+        else:
+            _folded_images(moments, radar, array, crossing, images)
     return images
+
+
+def _whole_images(moments: NDArray, radar: Radar, array: AntennaArray, images: NDArray) -> None:
+    """Fill ``images`` with no use of symmetry."""
+    batch, terms, _, channels = moments.shape
+    signal = np.zeros((-(-batch // PRODUCT_FRAMES), 2, PRODUCT_FRAMES, terms, channels), dtype=np.complex64)
+    matrix = np.empty((terms, channels, 2, radar.grid.bins), dtype=np.float32)
+    for row, range_m in enumerate(radar.waveform.ranges_m):
+        geometry = array.tx, array.rx, array.channel_tx, array.channel_rx, range_m, radar.grid.u
+        _fill_matrix(*geometry, *_per_metre(radar), float(row), np.float32(1.0 / channels), matrix)
+        for b in range(batch):
+            signal[b // PRODUCT_FRAMES, :, b % PRODUCT_FRAMES] = moments[b, :, row], -1j * moments[b, :, row]
+        product = _product(signal, matrix).swapaxes(1, 2).reshape(-1, 2, radar.grid.bins)[:batch]
+        images.real[:, row], images.imag[:, row] = product[:, 0], product[:, 1]
+
+
+def _folded_images(moments: NDArray, radar: Radar, array: AntennaArray, crossing: int, images: NDArray) -> None:
+    """Fill ``images`` by their halves u >= 0 and u < 0, see :func:`near_field_images`."""
+    (batch, terms, _, channels), grid = moments.shape, radar.grid
+    half = channels // 2
+    # Columns j >= J / 2 have u_j >= 0; u holds these and the mirror images of the others, perhaps beyond the grid.
+    first = min(max((crossing + 1) // 2, 0), grid.bins)
+    last = max(crossing, grid.bins - 1) if first else grid.bins - 1
+    start = min(first, crossing - first + 1) if first else 0
+    u = grid.u_start + grid.step * np.arange(start, last + 1)
+    lines = (-(-batch // PRODUCT_FRAMES), 2, PRODUCT_FRAMES, terms, half)
+    sums, differences = np.zeros(lines, dtype=np.complex64), np.zeros(lines, dtype=np.complex64)
+    even, odd = (np.empty((terms, half, 2, len(u)), dtype=np.float32) for _ in range(2))
+    elements, scale = (array.tx, array.rx, array.channel_tx[half:], array.channel_rx[half:]), np.float32(0.5 / channels)
+    for row, range_m in enumerate(radar.waveform.ranges_m):
+        _fill_folded(*elements, range_m, u, *_per_metre(radar), float(row), scale, even, odd)
+        _fold_signals(moments, row, sums, differences)
+        _unfold(_product(sums, even), _product(differences, odd), row, start, crossing, first, images)
+
+
+def _per_metre(radar: Radar) -> tuple[float, float]:
+    """Cycles at mid-sweep and range bins of a metre of path."""
+    return reference_frequency_hz(radar) / SPEED_OF_LIGHT, radar.waveform.bandwidth_hz / SPEED_OF_LIGHT

@@ -4,36 +4,65 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
 from datafactory.paths.table import PathTable, ScatteredPaths
-from datafactory.synthesis.spread import add_moments
+from datafactory.synthesis.spread import add_moments, add_to_grid, columns, empty_moments, padded
 from shared.arrays import AntennaArray
 from shared.radar import Radar
 from shared.signal import chirp_times
-from shared.sweep import reference_frequency_hz, shift_error, shift_polynomials, sweep_positions
+from shared.sweep import (
+    reference_frequency_hz,
+    shift_error_rms,
+    shift_weights,
+    shift_weights_error,
+    sweep_positions,
+)
 from shared.units import SPEED_OF_LIGHT
 from shared.waveform import Waveform
 
 OVERSAMPLING = 2
-"""Range cells a bin: the remainder is half as wide as with 1 and needs fewer moments, for FFTs twice as long."""
-FLOAT32_TOLERANCE = 3e-7
-"""Below this, sums in float32 no longer keep the promise and the cube is made in complex128."""
+"""Range cells a bin: the remainder is half as wide as with 1 and needs fewer moments, for an FFT twice as long."""
+FLOAT32_TOLERANCE = 5e-7
+"""Below this the cube is made in complex128: rounding alone is up to 2.7e-7 in complex64, measured with 1e2 to 1e5
+paths."""
+SMALLEST_TOLERANCE = 1e-11
+"""Phases of 1e5 cycles in float64 hold no more."""
+APPROXIMATION = 0.8
+"""Share of the tolerance for the weights' error; rounding, independent of it, has 0.6: 0.8^2 + 0.6^2 = 1."""
 BLOCK_REACH_BINS = 0.205
-"""RX are worked on in blocks whose delays spread by at most this many bins to either side of the block's centre."""
+"""RX are worked on in blocks whose delays spread by at most this many bins to either side of the block's centre: 64 of
+the virtual sensor's, which 8 moments serve at 1e-6."""
 
 
 @dataclass(frozen=True)
 class _Contribution:
-    """Paths with the TX they serve and the starts of that TX's chirps [s]."""
+    """Paths, sorted by range, with the TX they serve and the starts of that TX's chirps [s].
 
-    paths: ScatteredPaths
+    :param table: [16, K] of :func:`datafactory.synthesis.spread.columns`
+    """
+
+    table: NDArray[np.float64]
     tx: slice
     start: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class _Block:
+    """RX elements worked on together, and the weights that their delays need.
+
+    :param rx: indices
+    :param gain: [samples] over the FFT's output
+    :param weights: [taps, terms], complex where there is a residual video phase
+    """
+
+    rx: slice
+    gain: NDArray
+    weights: NDArray
 
 
 def cube_of_paths(
@@ -41,10 +70,13 @@ def cube_of_paths(
 ) -> NDArray[np.complex64] | NDArray[np.complex128]:
     """[chirps, samples, channels] noise-free IF signal of illuminated paths (amplitudes in sqrt(W)).
 
-    :param tolerance: bound on the relative L2 error against the float64 sum; complex64 down to 3e-7, else complex128
+    :param tolerance: bound on the relative L2 error against the float64 sum; complex64 down to 5e-7, else complex128
     :param array: another array than the radar's own, e.g. its virtual sensor
     :param threads: chirps worked on at once
+    :raises ValueError: a tolerance below 1e-11
     """
+    if not tolerance >= SMALLEST_TOLERANCE:
+        raise ValueError(f"tolerance {tolerance:g}; expected at least {SMALLEST_TOLERANCE:g}")
     array = array or radar.array
     waveform = radar.waveform
     dtype = np.complex64 if tolerance >= FLOAT32_TOLERANCE else np.complex128
@@ -52,41 +84,60 @@ def cube_of_paths(
     computed = 1 if static else waveform.chirps
     cube = np.zeros((computed, waveform.samples, len(array.rx_m), len(array.tx_m)), dtype=dtype)
     times = chirp_times(radar.model_copy(update={"array": array}))[:, :computed]
-    contributions = _contributions(paths, array, times)
-    with ThreadPoolExecutor(threads) as pool:
-        for block in _blocks(array, waveform.bandwidth_hz) if contributions else []:
-            _add_block(cube, contributions, radar, array, block, tolerance, pool)
+    contributions = _contributions(paths, array, times, waveform)
+    if contributions:
+        blocks = _blocks(array, waveform, tolerance, dtype)
+        tasks = [(block, chirp) for block in blocks for chirp in range(computed)]
+        work = partial(_add_chirps, cube, contributions, radar, array)
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(work, [tasks[first::threads] for first in range(threads)]))
     channels = cube.reshape(computed, waveform.samples, array.channels)
     return np.repeat(channels, waveform.chirps, axis=0) if static and waveform.chirps > 1 else channels
 
 
-def _contributions(paths: PathTable, array: AntennaArray, times: NDArray[np.float64]) -> list[_Contribution]:
+def _contributions(
+    paths: PathTable, array: AntennaArray, times: NDArray[np.float64], waveform: Waveform
+) -> list[_Contribution]:
     """Parts of the table: all TX at once where delays factorise, else each TX alone."""
     everyone = range(len(array.tx_m))
     parts = []
     if len(paths.scattered):
-        scattered = _by_range(paths.scattered)
+        scattered = _by_cell(paths.scattered, waveform)
         if np.all(times == times[0]):
             parts.append(_Contribution(scattered, slice(0, len(everyone)), times[0]))
         else:  # TDM: the targets have moved on when the next TX sends
             parts += [_Contribution(scattered, slice(i, i + 1), times[i]) for i in everyone]
     if len(paths.specular):
         for i in everyone:
-            parts.append(_Contribution(_by_range(paths.specular.as_scattered(array.tx[i])), slice(i, i + 1), times[i]))
+            specular = _by_cell(paths.specular.as_scattered(array.tx[i]), waveform)
+            parts.append(_Contribution(specular, slice(i, i + 1), times[i]))
     return parts
 
 
-def _by_range(paths: ScatteredPaths) -> ScatteredPaths:
-    return paths.take(np.argsort(paths.range_m(), kind="stable"))
+def _by_cell(paths: ScatteredPaths, waveform: Waveform) -> NDArray[np.float64]:
+    """[16, K] table of the paths in the order of their range cells, seen from the origin at t = 0."""
+    cells = OVERSAMPLING * waveform.samples
+    cells_per_metre = OVERSAMPLING * waveform.bandwidth_hz / SPEED_OF_LIGHT
+    cell = np.floor(2.0 * paths.range_m() * cells_per_metre).astype(np.int64) % cells
+    # NumPy sorts integers of 16 bits by radix: a twentieth of the time that the ranges themselves would take.
+    order = np.argsort(cell.astype(np.min_scalar_type(cells)), kind="stable")
+    return columns(paths, order)
 
 
-def _blocks(array: AntennaArray, bandwidth_hz: float) -> list[slice]:
-    """RX indices in their order, cut so that no block is wider than BLOCK_REACH_BINS to either side of its centre."""
+def _blocks(array: AntennaArray, waveform: Waveform, tolerance: float, dtype: type) -> list[_Block]:
+    """RX in their order, cut so that no block is wider than BLOCK_REACH_BINS to either side of its centre."""
     rx = array.rx
     blocks, first = [], 0
     for last in range(1, len(rx) + 1):
-        if last == len(rx) or _reach(rx[first : last + 1], bandwidth_hz) > BLOCK_REACH_BINS:
-            blocks.append(slice(first, last))
+        if last == len(rx) or _reach(rx[first : last + 1], waveform.bandwidth_hz) > BLOCK_REACH_BINS:
+            elements = slice(first, last)
+            reach = sum(_reach(part, waveform.bandwidth_hz) for part in (array.tx, rx[elements]))
+            # Blocks of one width differ in the last digits, and share their weights.
+            reach = float(np.ceil((0.5 / OVERSAMPLING + reach) * 1e6) * 1e-6)
+            gain, weights = _weights(waveform, reach, tolerance)
+            real = np.finfo(dtype).dtype
+            narrow = dtype if np.iscomplexobj(weights) else real
+            blocks.append(_Block(elements, gain.astype(real), weights.astype(narrow)))
             first = last
     return blocks
 
@@ -100,69 +151,70 @@ def _centre(elements: NDArray[np.float64]) -> NDArray[np.float64]:
     return 0.5 * (elements.min(axis=0) + elements.max(axis=0))
 
 
-def terms_for(reach_bins: float, tolerance: float) -> int:
-    """Least number of moments whose remainder stays within a third of the tolerance (the rest is rounding)."""
-    terms = 1
-    while shift_error(reach_bins, terms) > tolerance / 3.0:
-        terms += 1
+def terms_for(reach_bins: float, tolerance: float, samples: int = 1024) -> int:
+    """Least even number of moments whose remainder, in the mean over the sweep, leaves room for rounding.
+
+    Even, because a kernel is compiled for every number. Few samples weigh the sweep's ends more and may need more.
+    """
+    nu, terms = sweep_positions(samples), 2
+    while shift_error_rms(nu, reach_bins, terms) > APPROXIMATION * tolerance:
+        terms += 2
     return terms
 
 
 @lru_cache(maxsize=8)
-def _polynomials(waveform: Waveform, reach: float, terms: int) -> NDArray[np.complex128]:
-    """[terms, samples] shift polynomials of the waveform, the same for every block of one width and every frame."""
-    polynomials = shift_polynomials(sweep_positions(waveform.samples), reach, terms)
+def _weights(waveform: Waveform, reach: float, tolerance: float) -> tuple[NDArray, NDArray]:
+    """Gain [samples] and weights [taps, terms] of the waveform: the fewest moments that serve, then the fewest taps."""
+    nu, taps = sweep_positions(waveform.samples), 3
+    terms = terms_for(reach, tolerance, waveform.samples)
+    gain, weights = shift_weights(nu, reach, terms, taps, OVERSAMPLING)
+    while shift_weights_error(nu, reach, gain, weights, OVERSAMPLING) > APPROXIMATION * tolerance:
+        taps += 2
+        gain, weights = shift_weights(nu, reach, terms, taps, OVERSAMPLING)
     if waveform.residual_video_phase:
-        polynomials = _with_video_phase(polynomials, waveform.bandwidth_hz * waveform.chirp_duration_s)
-    polynomials.setflags(write=False)
-    return polynomials
+        weights = _with_video_phase(weights, waveform.bandwidth_hz * waveform.chirp_duration_s)
+    return gain, weights
 
 
-def _with_video_phase(polynomials: NDArray[np.complex128], time_bandwidth: float) -> NDArray[np.complex128]:
-    """Polynomials in z times exp(-j pi z^2 / (B T_c)): the residual video phase -mu (z / B)^2 / 2 of the remainder."""
-    result = polynomials.copy()
+def _with_video_phase(weights: NDArray[np.float64], time_bandwidth: float) -> NDArray[np.complex128]:
+    """Weights of powers of z times exp(-j pi z^2 / (B T_c)): the remainder's residual video phase -mu (z / B)^2 / 2."""
+    result = weights.astype(np.complex128)
     factor = 1.0 + 0.0j
-    for power in range(1, (len(polynomials) + 1) // 2):
+    for power in range(1, (weights.shape[1] + 1) // 2):
         factor *= -1j * np.pi / (time_bandwidth * power)
-        result[2 * power :] += factor * polynomials[: -2 * power]
+        result[:, 2 * power :] += factor * weights[:, : -2 * power]
     return result
 
 
-def _add_block(
+def _add_chirps(
     cube: NDArray,
     contributions: list[_Contribution],
     radar: Radar,
     array: AntennaArray,
-    block: slice,
-    tolerance: float,
-    pool: ThreadPoolExecutor,
+    tasks: list[tuple[_Block, int]],
 ) -> None:
-    """Add the echoes at one block of RX to ``cube`` [chirps, samples, RX, TX], one task a chirp."""
-    waveform = radar.waveform
-    tx, rx = array.tx, array.rx[block]
-    reach = 0.5 / OVERSAMPLING + _reach(tx, waveform.bandwidth_hz) + _reach(rx, waveform.bandwidth_hz)
-    reach = np.ceil(reach * 1e6) * 1e-6  # blocks of one width differ in the last digits, and share their polynomials
-    terms = terms_for(reach, tolerance)
-    polynomials = _polynomials(waveform, reach, terms).astype(cube.dtype)
+    """Fill ``cube`` [chirps, samples, RX, TX] at these blocks of RX and chirps."""
+    waveform, tx, tx_centre = radar.waveform, array.tx, _centre(array.tx)
+    cells, real = OVERSAMPLING * waveform.samples, cube.real.dtype
     # Sample n belongs to nu = (n - N // 2) / N, i.e. to output n - N // 2 of the FFT over the range cells.
     outputs = np.arange(waveform.samples) - waveform.samples // 2
-    real = np.float32 if cube.dtype == np.complex64 else np.float64
-    tx_centre, rx_centre = _centre(tx), _centre(rx)
-
-    def chirp(m: int) -> None:
-        moments = np.zeros((OVERSAMPLING * waveform.samples, terms, 2 * len(tx) * len(rx)), dtype=real)
+    workspaces: dict[tuple[int, ...], NDArray] = {}
+    for block, chirp in tasks:
+        rx, powers = array.rx[block.rx], (0,) * block.weights.shape[1]
+        shape = cells, len(tx), len(rx), len(powers)
+        if shape not in workspaces:
+            workspaces[shape] = empty_moments(*shape, real)
+        moments = workspaces[shape]
+        moments.fill(0.0)
         for part in contributions:
-            paths = part.paths
             add_moments(
-                paths.tx_point, paths.rx_point, paths.tx_velocity, paths.rx_velocity,
-                paths.between_m, paths.between_rate_mps, paths.amplitude,
-                tx[part.tx], rx, tx_centre, rx_centre, float(part.start[m]),
+                part.table, tx[part.tx], padded(rx), tx_centre, _centre(rx), float(part.start[chirp]),
                 reference_frequency_hz(radar), waveform.bandwidth_hz, waveform.slope_hz_per_s,
-                float(waveform.residual_video_phase), OVERSAMPLING,
-                moments[:, :, 2 * part.tx.start * len(rx) : 2 * part.tx.stop * len(rx)],
+                float(waveform.residual_video_phase), OVERSAMPLING, powers, part.tx.start, moments,
             )  # fmt: skip
-        spectra = scipy.fft.ifft(moments.view(cube.dtype), axis=0, norm="forward", overwrite_x=True)
-        signal = np.einsum("pn,npc->nc", polynomials, spectra[outputs])
-        cube[m][:, block] += signal.reshape(waveform.samples, len(tx), len(rx)).transpose(0, 2, 1)
-
-    list(pool.map(chirp, range(len(cube))))
+        grid = np.zeros((cells, len(rx), len(tx)), dtype=cube.dtype)
+        add_to_grid(moments, np.ascontiguousarray(block.weights.real), powers, cube.dtype.type(1.0), grid)
+        if np.iscomplexobj(block.weights):
+            add_to_grid(moments, np.ascontiguousarray(block.weights.imag), powers, cube.dtype.type(1.0j), grid)
+        spectra = scipy.fft.ifft(grid, axis=0, norm="forward", overwrite_x=True)
+        np.multiply(spectra[outputs], block.gain[:, None, None], out=cube[chirp][:, block.rx])

@@ -1,4 +1,4 @@
-"""Echoes to IF samples: moments of the delays on a grid of range cells, then one FFT a moment.
+"""Echoes to a grid of range cells, of which one FFT makes the IF samples.
 
 Eq. (1) at sample n, with nu = (n - N/2) / N, f_0 = f_c + B/2 the frequency there, and x = B tau the range in bins:
 
@@ -10,10 +10,14 @@ phasor into powers of z (:mod:`shared.sweep`):
     s[n] = sum_p q_p(nu_n) sum_g M_p[g] exp(j 2 pi g nu_n / h),      M_p[g] = sum_{k in g} A_k exp(j 2 pi f_0 tau_k)
     z_k^p
 
+Each q_p is a sum of shifts by whole cells, q_p(nu) = D(nu) sum_j W_jp exp(j 2 pi j nu / h), so that one FFT serves all
+moments:
+
+    s[n] = D(nu_n) sum_g G[g] exp(j 2 pi g nu_n / h),      G[g] = sum_{j, p} W_jp M_p[g - j]
+
 All channels share the cell of the array's centre, so that the moments of a path are added to one contiguous stretch of
 memory, and every path costs channels * terms multiply-adds; paths come sorted by range, so that the stretch stays in
-cache. The sums over g are FFTs. The error is the remainder's, bounded by :func:`shared.sweep.shift_error`, plus
-rounding.
+cache. The error is that of the weights (:func:`shared.sweep.shift_weights_error`), plus rounding.
 
 Delays are evaluated in float64 for every TX, RX and chirp; the phase is reduced modulo one cycle before it is rounded.
 """
@@ -22,107 +26,221 @@ from __future__ import annotations
 
 import numba
 import numpy as np
+from numpy.typing import DTypeLike, NDArray
 
-from shared.cycles import phasor
+from datafactory.paths.table import ScatteredPaths
+from shared.cycles import phasor, phasor_like
 from shared.units import SPEED_OF_LIGHT
 
-CHUNK = 128
+CHUNK = 64
 """Paths whose phases are evaluated together: long enough to vectorise, short enough to stay in the first cache."""
+LANES = 16
+"""RX elements worked on together: a constant, so that the compiler keeps their moments in registers; 16 float32 fill
+the widest ones."""
+_FAST = {"contract", "nsz", "arcp"}
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"})
-def _legs(count, x, y, z, elements, link, cycles_per_metre, constant, bins_per_metre, offset, re, im, shift):
-    """Phasor and range [bins] of the leg from every element [E, 3] to the first ``count`` points x, y, z [B], plus
-    ``link`` metres.
+def columns(paths: ScatteredPaths, order: NDArray[np.intp]) -> NDArray[np.float64]:
+    """[16, K] paths in this order, as the kernel reads them: what stands at t = 0 (TX point, RX point, length between),
+    how each of these changes, and the amplitude's real and imaginary part.
     """
-    for e in range(len(elements)):
-        ex, ey, ez = elements[e, 0], elements[e, 1], elements[e, 2]
-        for k in range(count):
-            dx, dy, dz = x[k] - ex, y[k] - ey, z[k] - ez
-            leg = np.sqrt(dx * dx + dy * dy + dz * dz) + link[k]
-            re[e, k], im[e, k] = phasor(cycles_per_metre[k] * leg + constant[k])
-            shift[e, k] = bins_per_metre * leg - offset[k]
+    still = [*paths.tx_point.T, *paths.rx_point.T, paths.between_m]
+    rates = [*paths.tx_velocity.T, *paths.rx_velocity.T, paths.between_rate_mps]
+    table = np.empty((16, len(order)))
+    for row, column in zip(table, [*still, *rates, paths.amplitude.real, paths.amplitude.imag], strict=True):
+        np.take(column, order, out=row, mode="clip")  # the other modes copy ``out``
+    return table
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"})
+def padded(elements: NDArray[np.float64]) -> NDArray[np.float64]:
+    """[3, E] coordinates of ``elements`` [RX, 3], the last one repeated up to a multiple of LANES."""
+    missing = -len(elements) % LANES
+    return np.ascontiguousarray(np.concatenate([elements, np.repeat(elements[-1:], missing, axis=0)]).T)
+
+
+def empty_moments(cells: int, tx_count: int, rx_count: int, terms: int, real: DTypeLike) -> NDArray:
+    """[cells, TX, RX / LANES, terms * 2 * LANES] uninitialised moments, real and imaginary parts apart.
+
+    On a boundary of 64 bytes: a vector that lies across two cache lines is stored at half the speed.
+    """
+    shape = (cells, tx_count, -(-rx_count // LANES), terms * 2 * LANES)
+    size = int(np.prod(shape)) * np.dtype(real).itemsize
+    raw = np.empty(size + 64, dtype=np.uint8)
+    first = -raw.ctypes.data % 64
+    return raw[first : first + size].view(real).reshape(shape)
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=_FAST)
+def _distances(count, x, y, z, point, distance):
+    """Distances of the first ``count`` points x, y, z [B] to one."""
+    for k in range(count):
+        dx, dy, dz = x[k] - point[0], y[k] - point[1], z[k] - point[2]
+        distance[k] = np.sqrt(dx * dx + dy * dy + dz * dz)
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=_FAST)
+def _phasors(count, length, link, cycles_per_metre, constant, re, im):
+    """Phasors of the first ``count`` lengths [B] plus ``link`` [m]."""
+    for k in range(count):
+        re[k], im[k] = phasor(cycles_per_metre[k] * (length[k] + link[k]) + constant[k])
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=_FAST)
+def _rx_legs(px, py, pz, x, y, z, cycles_per_metre, bins_per_metre, offset, at, re, im, shift):
+    """Phasor and range [bins] of the leg from a point to the elements x, y, z [E], from index ``at`` of re, im, shift.
+
+    Unsigned indices spare numba's test for negative ones, which keeps loops from vectorising.
+    """
+    for first in range(0, len(x), LANES):
+        for lane in range(LANES):
+            e = np.uint64(first) + np.uint64(lane)
+            dx, dy, dz = px - x[e], py - y[e], pz - z[e]
+            leg = np.sqrt(dx * dx + dy * dy + dz * dz)
+            to = np.uint64(at) + e
+            re[to], im[to] = phasor_like(cycles_per_metre * leg, re[to])
+            shift[to] = bins_per_metre * leg - offset
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=_FAST)
+def _add_powers(one, other, rx_count, rx_re, rx_im, rx_shift, powers, to, moments):
+    """Add two paths of one TX to the moments of the cell that they share, from index ``to``: one store serves both.
+
+    :param one, other: of each path re, im and range [bins] of the TX leg, and the index of its first RX leg
+    :param powers: a tuple of ``terms`` entries, which stand for nothing: the length of a tuple is known to the compiler
+    """
+    t_re, t_im, t_shift, at = one
+    u_re, u_im, u_shift, other_at = other
+    for panel in range(rx_count // LANES):
+        first, second = np.uint64(at + panel * LANES), np.uint64(other_at + panel * LANES)
+        into = np.uint64(to + panel * len(powers) * 2 * LANES)
+        for lane in range(LANES):
+            e, f = first + np.uint64(lane), second + np.uint64(lane)
+            re, im = t_re * rx_re[e] - t_im * rx_im[e], t_re * rx_im[e] + t_im * rx_re[e]
+            other_re, other_im = u_re * rx_re[f] - u_im * rx_im[f], u_re * rx_im[f] + u_im * rx_re[f]
+            z, other_z = t_shift + rx_shift[e], u_shift + rx_shift[f]
+            for p in range(len(powers)):
+                moments[into + np.uint64(p * 2 * LANES + lane)] += re + other_re
+                moments[into + np.uint64(p * 2 * LANES + LANES + lane)] += im + other_im
+                re *= z
+                im *= z
+                other_re *= other_z
+                other_im *= other_z
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=_FAST)
 def add_moments(
-    tx_point, rx_point, tx_velocity, rx_velocity, between, between_rate, amplitude,
-    tx, rx, tx_centre, rx_centre, time, reference_hz, bandwidth_hz, slope_hz_per_s, video_phase, oversampling, moments,
+    table, tx, rx, tx_centre, rx_centre, time, reference_hz, bandwidth_hz, slope_hz_per_s, video_phase, oversampling,
+    powers, first_tx, moments,
 ):  # fmt: skip
-    """Add all paths at one instant to ``moments``.
+    """Add all paths at one instant to ``moments`` of :func:`empty_moments`.
 
-    Paths as in :class:`datafactory.paths.table.ScatteredPaths`, amplitude [K] complex128.
-
-    :param tx, rx: [TX, 3], [RX, 3] elements [m]; ``tx_centre``, ``rx_centre`` [3] their centres, which choose the cell
+    :param table: [16, K] of :func:`columns`
+    :param tx: [TX, 3] elements [m]; ``rx`` [3, E] of :func:`padded` [m]
+    :param tx_centre, rx_centre: [3] the arrays' centres, which choose the cell
     :param time: start of the chirp [s]
     :param video_phase: 1.0 adds the residual video phase -mu tau^2 / 2 up to its part quadratic in the remainder z
-    :param moments: [cells, terms, 2 * RX * TX] real; re, im of channels in tx-major order
+    :param powers: a tuple of ``terms`` entries
+    :param first_tx: index among the moments' TX of the first of ``tx``
     """
-    cells, terms, width = moments.shape
-    tx_count, rx_count = len(tx), len(rx)
-    # One allocation each: slices of a common array lose their contiguous layout in numba, and with it vectorisation.
-    px, py, pz = np.empty(CHUNK), np.empty(CHUNK), np.empty(CHUNK)
-    qx, qy, qz = np.empty(CHUNK), np.empty(CHUNK), np.empty(CHUNK)
-    link, zero, tx_offset, rx_offset = np.empty(CHUNK), np.zeros(CHUNK), np.empty(CHUNK), np.empty(CHUNK)
+    cells, moment_tx = moments.shape[0], moments.shape[1]
+    tx_count, rx_count, path_count = len(tx), rx.shape[1], table.shape[1]
+    flat = moments.reshape(moments.size)
+    one_tx = moments.shape[2] * moments.shape[3]
+    # Rows of C-ordered arrays by one index each: any other slice loses its contiguous layout in numba, and with it
+    # vectorisation.
+    x, y, z = rx[0], rx[1], rx[2]
+    now = np.empty((7, CHUNK))
+    px, py, pz, qx, qy, qz, link = now[0], now[1], now[2], now[3], now[4], now[5], now[6]
+    length, rx_length, nearest = np.empty(CHUNK), np.empty(CHUNK), np.empty(CHUNK)
+    tx_offset, rx_offset = np.empty(CHUNK), np.empty(CHUNK)
     frequency, constant = np.empty(CHUNK), np.empty(CHUNK)
-    cell = np.empty(CHUNK, dtype=np.int64)
-    on_tx, on_rx = (tx_count, CHUNK), (rx_count, CHUNK)
+    on_tx, on_rx = (tx_count, CHUNK), CHUNK * rx_count
     tx_re, tx_im, tx_shift = np.empty(on_tx), np.empty(on_tx), np.empty(on_tx)
-    rx_re, rx_im, rx_shift = np.empty(on_rx), np.empty(on_rx), np.empty(on_rx)
     real = moments.dtype.type
-    r_re, r_im = np.empty(rx_count, dtype=moments.dtype), np.empty(rx_count, dtype=moments.dtype)
-    r_shift = np.empty(rx_count, dtype=moments.dtype)
-    term = np.empty((tx_count, rx_count, 2), dtype=moments.dtype)
-    remainder = np.empty((tx_count, rx_count, 2), dtype=moments.dtype)
-    flat_term, flat_remainder = term.reshape(width), remainder.reshape(width)
+    rx_re, rx_im = np.empty(on_rx, dtype=moments.dtype), np.empty(on_rx, dtype=moments.dtype)
+    rx_shift = np.empty(on_rx, dtype=moments.dtype)
     bins_per_metre = bandwidth_hz / SPEED_OF_LIGHT
-    for first in range(0, len(amplitude), CHUNK):
-        count = min(CHUNK, len(amplitude) - first)
+    for first in range(0, path_count, CHUNK):
+        count = min(CHUNK, path_count - first)
+        for row in range(7):
+            start, rate, line = table[row], table[7 + row], now[row]
+            for b in range(count):
+                line[b] = start[first + b] + rate[first + b] * time
+        # Loops over few arrays each: the compiler proves of at most some eight pairs that they do not overlap.
+        _distances(count, px, py, pz, tx_centre, length)
+        _distances(count, qx, qy, qz, rx_centre, rx_length)
         for b in range(count):
-            k = first + b
-            px[b] = tx_point[k, 0] + tx_velocity[k, 0] * time
-            py[b] = tx_point[k, 1] + tx_velocity[k, 1] * time
-            pz[b] = tx_point[k, 2] + tx_velocity[k, 2] * time
-            qx[b] = rx_point[k, 0] + rx_velocity[k, 0] * time
-            qy[b] = rx_point[k, 1] + rx_velocity[k, 1] * time
-            qz[b] = rx_point[k, 2] + rx_velocity[k, 2] * time
-            link[b] = between[k] + between_rate[k] * time
-            tx_leg = np.sqrt((px[b] - tx_centre[0]) ** 2 + (py[b] - tx_centre[1]) ** 2 + (pz[b] - tx_centre[2]) ** 2)
-            rx_leg = np.sqrt((qx[b] - rx_centre[0]) ** 2 + (qy[b] - rx_centre[1]) ** 2 + (qz[b] - rx_centre[2]) ** 2)
-            cell[b] = int(np.floor(bins_per_metre * (tx_leg + link[b] + rx_leg) * oversampling + 0.5))
+            nearest[b] = np.floor(bins_per_metre * (length[b] + link[b] + rx_length[b]) * oversampling + 0.5)
+        for b in range(count):
             # Each leg has its own offset, so that both shifts are small before they are rounded to float32.
-            rx_offset[b] = bins_per_metre * rx_leg
-            tx_offset[b] = cell[b] / oversampling - rx_offset[b]
-            # tau^2 = tau_0 (2 tau - tau_0) + (z / B)^2 with tau_0 the cell's delay; the last term is in the
-            # polynomials.
-            delay = cell[b] / (oversampling * bandwidth_hz)
+            rx_offset[b] = bins_per_metre * rx_length[b]
+            tx_offset[b] = nearest[b] / oversampling - bins_per_metre * rx_length[b]
+        for b in range(count):
+            # tau^2 = tau_0 (2 tau - tau_0) + (z / B)^2 with tau_0 the cell's delay; the last term is in the weights.
+            delay = nearest[b] / (oversampling * bandwidth_hz)
             frequency[b] = (reference_hz - video_phase * slope_hz_per_s * delay) / SPEED_OF_LIGHT
             constant[b] = 0.5 * video_phase * slope_hz_per_s * delay * delay
-        _legs(
-            count, px, py, pz, tx, link, frequency, constant, bins_per_metre, tx_offset,
-            tx_re, tx_im, tx_shift,
-        )  # fmt: skip
-        _legs(
-            count, qx, qy, qz, rx, zero, frequency, zero, bins_per_metre, rx_offset,
-            rx_re, rx_im, rx_shift,
-        )  # fmt: skip
+        for i in range(tx_count):
+            t_re, t_im, t_shift = tx_re[i], tx_im[i], tx_shift[i]
+            _distances(count, px, py, pz, tx[i], length)
+            _phasors(count, length, link, frequency, constant, t_re, t_im)
+            for b in range(count):
+                t_shift[b] = bins_per_metre * (length[b] + link[b]) - tx_offset[b]
+        a_re, a_im = table[14], table[15]
+        for i in range(tx_count):
+            t_re, t_im = tx_re[i], tx_im[i]
+            for b in range(count):
+                re, im = t_re[b], t_im[b]
+                t_re[b] = re * a_re[first + b] - im * a_im[first + b]
+                t_im[b] = re * a_im[first + b] + im * a_re[first + b]
         for b in range(count):
-            a_re, a_im = amplitude[first + b].real, amplitude[first + b].imag
-            for j in range(rx_count):
-                r_re[j], r_im[j], r_shift[j] = rx_re[j, b], rx_im[j, b], rx_shift[j, b]
+            _rx_legs(
+                qx[b], qy[b], qz[b], x, y, z, frequency[b], bins_per_metre, rx_offset[b],
+                b * rx_count, rx_re, rx_im, rx_shift,
+            )  # fmt: skip
+        b = 0
+        while b < count:
+            # A path without a neighbour in its cell is added with itself at no amplitude.
+            paired = b + 1 < count and nearest[b] == nearest[b + 1]
+            f, weight = (b + 1, 1.0) if paired else (b, 0.0)
             for i in range(tx_count):
-                t_re = real(tx_re[i, b] * a_re - tx_im[i, b] * a_im)
-                t_im = real(tx_re[i, b] * a_im + tx_im[i, b] * a_re)
-                t_shift = real(tx_shift[i, b])
-                part, rest = term[i], remainder[i]
-                for j in range(rx_count):
-                    part[j, 0] = t_re * r_re[j] - t_im * r_im[j]
-                    part[j, 1] = t_re * r_im[j] + t_im * r_re[j]
-                    rest[j, 0] = t_shift + r_shift[j]
-                    rest[j, 1] = t_shift + r_shift[j]
-            row = moments[cell[b] % cells]
-            for p in range(terms):
-                moment = row[p]
-                for c in range(width):
-                    moment[c] += flat_term[c]
-                    flat_term[c] *= flat_remainder[c]
+                _add_powers(
+                    (real(tx_re[i, b]), real(tx_im[i, b]), real(tx_shift[i, b]), b * rx_count),
+                    (real(weight * tx_re[i, f]), real(weight * tx_im[i, f]), real(tx_shift[i, f]), f * rx_count),
+                    rx_count, rx_re, rx_im, rx_shift,
+                    powers, ((int(nearest[b]) % cells) * moment_tx + first_tx + i) * one_tx, flat,
+                )  # fmt: skip
+            b += 2 if paired else 1
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=_FAST)
+def _add_tap(weights, powers, at, moments, total):
+    """Add the moments of one cell, from index ``at``, times ``weights`` [terms], to ``total`` [2 * LANES]."""
+    first = np.uint64(at)
+    for e in range(2 * LANES):
+        value = total[e]
+        for p in range(len(powers)):
+            value += weights[p] * moments[first + np.uint64(p * 2 * LANES + e)]
+        total[e] = value
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=_FAST)
+def add_to_grid(moments, weights, powers, phase, grid):
+    """Add sum_{j, p} W_jp M_p[g - j], times ``phase``, to ``grid`` [cells, RX, TX] complex, cyclic in g.
+
+    :param weights: [taps, terms] of the moments' real type
+    :param powers: a tuple of ``terms`` entries
+    """
+    cells, tx_count, panels, size = moments.shape
+    flat = moments.reshape(moments.size)
+    rx_count, taps = grid.shape[1], len(weights)
+    total = np.empty(2 * LANES, dtype=moments.dtype)
+    for g in range(cells):
+        for i in range(tx_count):
+            for panel in range(panels):
+                total[:] = 0.0
+                for j in range(taps):
+                    cell = (g + taps // 2 - j) % cells
+                    _add_tap(weights[j], powers, ((cell * tx_count + i) * panels + panel) * size, flat, total)
+                for e in range(min(LANES, rx_count - panel * LANES)):
+                    grid[g, panel * LANES + e, i] += phase * complex(total[e], total[LANES + e])

@@ -19,7 +19,8 @@ path and Doppler cell, a few moments per element to a grid of range cells, and t
 
 Limits: constant velocities; the delay's third derivative within a frame is left out (2.4e-6 m at 3 m and 10 m/s); rows
 further than ROW_REACH bins and Doppler cells further than DOPPLER_REACH from a path get nothing from it (Hann skirts
-below -74 and -64 dB of the path). ``tests/datafactory/test_truth.py`` holds the image against the cube's own.
+below -74 and -64 dB of the path). Ranges are cyclic, as in the cube: row 0 neighbours the last range bin, and an echo
+from beyond the unambiguous range folds. ``tests/datafactory/test_truth.py`` holds the image against the cube's own.
 """
 
 from __future__ import annotations
@@ -95,27 +96,21 @@ def truth_moments(
     doppler_terms = _doppler_terms(mid, radar, frame_s)
     table = _doppler_table(mid.curvature, waveform.chirps, doppler_terms)
     mixing = _mixing(radar, terms, doppler_terms)  # (2 terms, offsets * SHIFT_TERMS * doppler_terms)
-    pad = (ROW_REACH + 2) * CELLS_PER_BIN
-    cells = waveform.range_bins * CELLS_PER_BIN + 2 * pad
+    cells = waveform.samples * CELLS_PER_BIN
+    around_row = _around_row(waveform.samples)
     channels = array.channels
     blocks = [slice(first, min(first + BLOCK, channels)) for first in range(0, channels, BLOCK)]
     grids = [np.zeros((cells, SHIFT_TERMS * doppler_terms, 2, len(array.rx[block])), np.float32) for block in blocks]
     moments = np.zeros((terms, waveform.range_bins, channels), dtype=np.complex64)
-    centre_cell = np.rint(mid.range_bins * CELLS_PER_BIN).astype(np.int64) + pad
-    window = 2 * ROW_REACH * CELLS_PER_BIN + 1
+    centre_cell = np.rint(mid.range_bins * CELLS_PER_BIN).astype(np.int64) % cells
     for cell in np.unique(doppler_cells):
         rows = np.flatnonzero(doppler_cells == cell)
         needed = np.zeros(cells, dtype=bool)
-        for row in rows:
-            first = row * CELLS_PER_BIN + pad - ROW_REACH * CELLS_PER_BIN
-            needed[first : first + window] = True
+        needed[(rows[:, None] * CELLS_PER_BIN + around_row) % cells] = True
         frequency = float(cell - waveform.chirps // 2)
         delta = mid.doppler - frequency
         delta -= waveform.chirps * np.rint(delta / waveform.chirps)
-        inside = (centre_cell >= 0) & (centre_cell < cells)
-        near = inside & (np.abs(delta) <= DOPPLER_REACH)
-        near[inside] &= needed[centre_cell[inside]]
-        chosen = np.flatnonzero(near)
+        chosen = np.flatnonzero((np.abs(delta) <= DOPPLER_REACH) & needed[centre_cell])
         if not len(chosen):
             continue
         turn = np.exp(-2j * np.pi * frequency * (waveform.chirps // 2) / waveform.chirps).astype(np.complex64)
@@ -125,11 +120,10 @@ def truth_moments(
             _add_doppler_moments(
                 chosen, mid.rx_point, mid.rx_velocity, mid.tx_length, mid.tx_rate, mid.curvature, mid.amplitude,
                 rx, 0.5 * (rx[0] + rx[-1]), frequency, float(waveform.chirps), frame_s,
-                reference_frequency_hz(radar), waveform.bandwidth_hz, pad, needed, table, BINOMIAL, grid,
+                reference_frequency_hz(radar), waveform.bandwidth_hz, needed, table, BINOMIAL, grid,
             )  # fmt: skip
             for row in rows:
-                first = row * CELLS_PER_BIN + pad - ROW_REACH * CELLS_PER_BIN
-                around = grid[first : first + window].reshape(mixing.shape[1], -1)
+                around = _cyclic(grid, row * CELLS_PER_BIN + around_row).reshape(mixing.shape[1], -1)
                 re_re, re_im, im_re, im_im = (
                     (mixing @ around).reshape(2, terms, 2, -1).transpose(0, 2, 1, 3).reshape(4, terms, -1)
                 )
@@ -226,13 +220,26 @@ def _mixing(radar: Radar, terms: int, doppler_terms: int) -> NDArray[np.float32]
     samples = radar.waveform.samples
     nu = sweep_positions(samples)
     window = hann(samples) / hann(samples).sum()
-    offset = np.arange(-ROW_REACH * CELLS_PER_BIN, ROW_REACH * CELLS_PER_BIN + 1) / CELLS_PER_BIN
+    offset = _around_row(samples) / CELLS_PER_BIN
     walk = shift_polynomials(nu, WALK_REACH, terms) * window
     shift = shift_polynomials(nu, _shift_reach(radar), SHIFT_TERMS)
     powers = nu ** np.arange(doppler_terms)[:, None]
     kernel = np.exp(2j * np.pi * offset[:, None] * nu)
     mixing = np.einsum("tn,on,pn,jn->topj", walk, kernel, shift, powers, optimize=True).reshape(terms, -1)
     return np.concatenate([mixing.real, mixing.imag]).astype(np.float32)
+
+
+def _around_row(samples: int) -> NDArray[np.int64]:
+    """Cells, counted from a row's own, that its moments are made of: on a short range axis each of all cells once."""
+    cells = samples * CELLS_PER_BIN
+    reach = min(ROW_REACH * CELLS_PER_BIN, cells // 2)
+    return np.arange(-reach, reach + 1)[:cells]
+
+
+def _cyclic(grid: NDArray[np.float32], cells: NDArray[np.int64]) -> NDArray[np.float32]:
+    """The grid at consecutive cells, a view where they do not cross its ends."""
+    first, last = int(cells[0]), int(cells[-1])
+    return grid[first : last + 1] if first >= 0 and last < len(grid) else grid[cells % len(grid)]
 
 
 def _shift_reach(radar: Radar) -> float:
@@ -249,7 +256,7 @@ BINOMIAL = np.array(
 def _add_doppler_moments(
     chosen, rx_point, rx_velocity, tx_length, tx_rate, curvature, amplitude,
     rx, rx_centre, frequency, chirps, frame_s,
-    reference_hz, bandwidth_hz, pad, needed, table_parts, binomial, grid,
+    reference_hz, bandwidth_hz, needed, table_parts, binomial, grid,
 ):  # fmt: skip
     """Add the chosen paths' moments in one Doppler cell to ``grid`` [cells, SHIFT_TERMS * doppler terms, 2, RX]."""
     lowest_q, lowest_delta, table = table_parts
@@ -272,10 +279,10 @@ def _add_doppler_moments(
         delta = total - frequency
         delta -= chirps * np.floor(delta / chirps + 0.5)
         cell = int(np.floor(bins_per_metre * (tx_length[k] + centre_leg) * CELLS_PER_BIN + 0.5))
-        slot = cell + pad
+        slot = cell % len(needed)
         q = min(max(int(np.floor(curvature[k] / CURVATURE_STEP + 0.5)) - lowest_q, 0), table.shape[0] - 1)
         node = int(np.floor((delta - lowest_delta) / DELTA_STEP + 0.5))
-        if slot < 0 or slot >= len(needed) or not needed[slot] or node < 0 or node >= table.shape[1]:
+        if not needed[slot] or node < 0 or node >= table.shape[1]:
             continue
         response = table[q, node]
         origin = total - delta + lowest_delta + node * DELTA_STEP
