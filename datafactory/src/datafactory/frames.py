@@ -16,6 +16,7 @@ from datafactory.paths.table import PathTable
 from datafactory.points import target_list
 from datafactory.synthesis.cube import cube_of_paths
 from datafactory.synthesis.truth import truth_moments
+from datafactory.synthesis.wave_model import WaveModel
 from shared.dataset import Frame, Target
 from shared.imaging import DEFAULT_TERMS, near_field_images
 from shared.radar import Radar
@@ -103,11 +104,12 @@ def measure(
     """Input and sweep moments of one frame from its illuminated paths."""
     if not processing.doppler:
         paths = paths.at_rest(radar.waveform.mid_frame_s)
-    cube = cube_of_paths(paths, radar, processing.tolerance).astype(np.complex64, copy=False)
+    model = WaveModel(processing.range_migration, processing.intra_chirp_motion, processing.near_field)
+    cube = cube_of_paths(paths, radar, processing.tolerance, model=model).astype(np.complex64, copy=False)
     cube, saturated = received(cube, radar, generator if processing.noise else None)
     noise_power = cell_noise_power(radar) if processing.noise else 0.0
     selection = select_doppler(range_doppler(cube, radar), noise_power, processing.peaks)
-    moments = truth_moments(paths, radar, selection.cells[0], processing.truth_terms)
+    moments = truth_moments(paths, radar, selection.cells[0], processing.truth_terms, model)
     return Measurement(
         setting=setting,
         range_channel=selection.range_channel,

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.spread import add_moments, add_to_grid, columns, empty_moments, padded
+from datafactory.synthesis.wave_model import EQUATION_1, WaveModel
 from shared.arrays import AntennaArray
 from shared.radar import Radar
 from shared.signal import chirp_times
@@ -66,13 +67,19 @@ class _Block:
 
 
 def cube_of_paths(
-    paths: PathTable, radar: Radar, tolerance: float = 1e-6, array: AntennaArray | None = None, threads: int = 1
+    paths: PathTable,
+    radar: Radar,
+    tolerance: float = 1e-6,
+    array: AntennaArray | None = None,
+    threads: int = 1,
+    model: WaveModel = EQUATION_1,
 ) -> NDArray[np.complex64] | NDArray[np.complex128]:
     """[chirps, samples, channels] noise-free IF signal of illuminated paths (amplitudes in sqrt(W)).
 
     :param tolerance: bound on the relative L2 error against the float64 sum; complex64 down to 5e-7, else complex128
     :param array: another array than the radar's own, e.g. its virtual sensor
     :param threads: chirps worked on at once
+    :param model: what the bound is against; the default is eq. (1) and (2)
     :raises ValueError: a tolerance below 1e-11
     """
     if not tolerance >= SMALLEST_TOLERANCE:
@@ -88,7 +95,7 @@ def cube_of_paths(
     if contributions:
         blocks = _blocks(array, waveform, tolerance, dtype)
         tasks = [(block, chirp) for block in blocks for chirp in range(computed)]
-        work = partial(_add_chirps, cube, contributions, radar, array)
+        work = partial(_add_chirps, cube, contributions, radar, array, model)
         with ThreadPoolExecutor(threads) as pool:
             list(pool.map(work, [tasks[first::threads] for first in range(threads)]))
     channels = cube.reshape(computed, waveform.samples, array.channels)
@@ -172,13 +179,13 @@ def _weights(waveform: Waveform, reach: float, tolerance: float) -> tuple[NDArra
         taps += 2
         gain, weights = shift_weights(nu, reach, terms, taps, OVERSAMPLING)
     if waveform.residual_video_phase:
-        weights = _with_video_phase(weights, waveform.bandwidth_hz * waveform.chirp_duration_s)
+        return gain, _with_video_phase(weights, waveform.bandwidth_hz * waveform.chirp_duration_s)
     return gain, weights
 
 
 def _with_video_phase(weights: NDArray[np.float64], time_bandwidth: float) -> NDArray[np.complex128]:
     """Weights of powers of z times exp(-j pi z^2 / (B T_c)): the remainder's residual video phase -mu (z / B)^2 / 2."""
-    result = weights.astype(np.complex128)
+    result: NDArray[np.complex128] = weights.astype(np.complex128)
     factor = 1.0 + 0.0j
     for power in range(1, (weights.shape[1] + 1) // 2):
         factor *= -1j * np.pi / (time_bandwidth * power)
@@ -191,6 +198,7 @@ def _add_chirps(
     contributions: list[_Contribution],
     radar: Radar,
     array: AntennaArray,
+    model: WaveModel,
     tasks: list[tuple[_Block, int]],
 ) -> None:
     """Fill ``cube`` [chirps, samples, RX, TX] at these blocks of RX and chirps."""
@@ -207,8 +215,10 @@ def _add_chirps(
         moments = workspaces[shape]
         moments.fill(0.0)
         for part in contributions:
+            start = float(part.start[chirp])
             add_moments(
-                part.table, tx[part.tx], padded(rx), tx_centre, _centre(rx), float(part.start[chirp]),
+                part.table, tx[part.tx], padded(rx), tx_centre, _centre(rx),
+                model.phase_time_s(start, radar), model.beat_time_s(start, radar), not model.near_field,
                 reference_frequency_hz(radar), waveform.bandwidth_hz, waveform.slope_hz_per_s,
                 float(waveform.residual_video_phase), OVERSAMPLING, powers, part.tx.start, moments,
             )  # fmt: skip

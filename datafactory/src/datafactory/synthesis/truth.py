@@ -33,6 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.table import PathTable, ScatteredPaths
+from datafactory.synthesis.wave_model import EQUATION_1, WaveModel
 from shared.cycles import phasor
 from shared.imaging import DEFAULT_TERMS, WALK_REACH
 from shared.radar import Radar
@@ -62,7 +63,7 @@ class MidFrame:
     :param tx_length, tx_rate: [K] everything before the RX leg [m], [m/s]
     :param curvature: [K] q [cycles], seen from the array's centre
     :param doppler: [K] f [bins], unwrapped, seen from the array's centre
-    :param range_bins: [K] x = B tau seen from the array's centre
+    :param range_bins: [K] x = B tau seen from the array's centre, at the time of the beat frequency
     :param amplitude: [K] complex128 [sqrt(W)]
     """
 
@@ -77,12 +78,17 @@ class MidFrame:
 
 
 def truth_moments(
-    paths: PathTable, radar: Radar, doppler_cells: NDArray[np.int64], terms: int = DEFAULT_TERMS
+    paths: PathTable,
+    radar: Radar,
+    doppler_cells: NDArray[np.int64],
+    terms: int = DEFAULT_TERMS,
+    model: WaveModel = EQUATION_1,
 ) -> NDArray[np.complex64]:
     """[terms, R, C] sweep moments of the virtual sensor, each row in its own Doppler cell.
 
     :param paths: illuminated paths, amplitudes in sqrt(W)
     :param doppler_cells: [R] index on the radar's velocity axis for each image row
+    :param model: of motion; waves are spherical whatever it says of the input array
     :returns: what :func:`shared.imaging.near_field_images` takes
     """
     array, waveform = radar.virtual_sensor, radar.waveform
@@ -91,7 +97,7 @@ def truth_moments(
     tx = array.tx[0]
     both = ScatteredPaths.concatenate([paths.scattered, paths.specular.as_scattered(tx)])
     both = both.take(np.argsort(both.range_m(), kind="stable"))  # neighbours in range share cells, and the cache
-    mid = _at_mid_frame(both, radar, tx, array.rx.mean(axis=0))
+    mid = _at_mid_frame(both, radar, tx, array.rx.mean(axis=0), model)
     frame_s = waveform.chirps * waveform.chirp_interval_s
     doppler_terms = _doppler_terms(mid, radar, frame_s)
     table = _doppler_table(mid.curvature, waveform.chirps, doppler_terms)
@@ -120,7 +126,8 @@ def truth_moments(
             _add_doppler_moments(
                 chosen, mid.rx_point, mid.rx_velocity, mid.tx_length, mid.tx_rate, mid.curvature, mid.amplitude,
                 rx, 0.5 * (rx[0] + rx[-1]), frequency, float(waveform.chirps), frame_s,
-                reference_frequency_hz(radar), waveform.bandwidth_hz, needed, table, BINOMIAL, grid,
+                reference_frequency_hz(radar), waveform.bandwidth_hz, model.lead_s(radar),
+                float(model.range_migration), needed, table, BINOMIAL, grid,
             )  # fmt: skip
             for row in rows:
                 around = _cyclic(grid, row * CELLS_PER_BIN + around_row).reshape(mixing.shape[1], -1)
@@ -132,10 +139,10 @@ def truth_moments(
 
 
 def _at_mid_frame(
-    paths: ScatteredPaths, radar: Radar, tx: NDArray[np.float64], centre: NDArray[np.float64]
+    paths: ScatteredPaths, radar: Radar, tx: NDArray[np.float64], centre: NDArray[np.float64], model: WaveModel
 ) -> MidFrame:
     waveform = radar.waveform
-    time = waveform.chirps // 2 * waveform.chirp_interval_s
+    time = model.phase_time_s(waveform.chirps // 2 * waveform.chirp_interval_s, radar)
     frame_s = waveform.chirps * waveform.chirp_interval_s
     tx_vector = paths.tx_point + paths.tx_velocity * time - tx
     rx_point = paths.rx_point + paths.rx_velocity * time
@@ -151,7 +158,9 @@ def _at_mid_frame(
         tx_rate=tx_rate,
         curvature=0.5 * cycles_per_metre * (tx_bend + rx_bend) * frame_s**2,
         doppler=cycles_per_metre * (tx_rate + rx_rate) * frame_s,
-        range_bins=waveform.bandwidth_hz / SPEED_OF_LIGHT * (tx_length + rx_leg),
+        range_bins=waveform.bandwidth_hz
+        / SPEED_OF_LIGHT
+        * (tx_length + rx_leg + model.lead_s(radar) * (tx_rate + rx_rate)),
         amplitude=paths.amplitude,
     )
 
@@ -256,9 +265,12 @@ BINOMIAL = np.array(
 def _add_doppler_moments(
     chosen, rx_point, rx_velocity, tx_length, tx_rate, curvature, amplitude,
     rx, rx_centre, frequency, chirps, frame_s,
-    reference_hz, bandwidth_hz, needed, table_parts, binomial, grid,
+    reference_hz, bandwidth_hz, lead, migration, needed, table_parts, binomial, grid,
 ):  # fmt: skip
-    """Add the chosen paths' moments in one Doppler cell to ``grid`` [cells, SHIFT_TERMS * doppler terms, 2, RX]."""
+    """Add the chosen paths' moments in one Doppler cell to ``grid`` [cells, SHIFT_TERMS * doppler terms, 2, RX].
+
+    :param lead: by how much ranges run ahead of phases [s]; ``migration`` 1.0 for ranges that move within the frame
+    """
     lowest_q, lowest_delta, table = table_parts
     doppler_terms = table.shape[2]
     count = len(rx)
@@ -275,10 +287,12 @@ def _add_doppler_moments(
         vx, vy, vz = rx_velocity[k]
         cx, cy, cz = qx - rx_centre[0], qy - rx_centre[1], qz - rx_centre[2]
         centre_leg = np.sqrt(cx * cx + cy * cy + cz * cz)
-        total = per_metre * frame_s * (tx_rate[k] + (cx * vx + cy * vy + cz * vz) / max(centre_leg, 1e-9))
+        centre_rate = (cx * vx + cy * vy + cz * vz) / max(centre_leg, 1e-9)
+        total = per_metre * frame_s * (tx_rate[k] + centre_rate)
         delta = total - frequency
         delta -= chirps * np.floor(delta / chirps + 0.5)
-        cell = int(np.floor(bins_per_metre * (tx_length[k] + centre_leg) * CELLS_PER_BIN + 0.5))
+        ranged = tx_length[k] + lead * tx_rate[k]
+        cell = int(np.floor(bins_per_metre * (ranged + centre_leg + lead * centre_rate) * CELLS_PER_BIN + 0.5))
         slot = cell % len(needed)
         q = min(max(int(np.floor(curvature[k] / CURVATURE_STEP + 0.5)) - lowest_q, 0), table.shape[0] - 1)
         node = int(np.floor((delta - lowest_delta) / DELTA_STEP + 0.5))
@@ -286,8 +300,8 @@ def _add_doppler_moments(
             continue
         response = table[q, node]
         origin = total - delta + lowest_delta + node * DELTA_STEP
-        kappa = np.float32(total * bandwidth_hz / reference_hz)
-        offset = cell / CELLS_PER_BIN - bins_per_metre * tx_length[k]
+        kappa = np.float32(migration * total * bandwidth_hz / reference_hz)
+        offset = cell / CELLS_PER_BIN - bins_per_metre * ranged
         k_re, k_im = amplitude[k].real, amplitude[k].imag
         for c in range(count):
             dx, dy, dz = qx - x[c], qy - y[c], qz - z[c]
@@ -295,8 +309,9 @@ def _add_doppler_moments(
             cosine, sine = phasor(per_metre * (tx_length[k] + leg))
             re[c] = cosine * k_re - sine * k_im
             im[c] = cosine * k_im + sine * k_re
-            shift[c] = bins_per_metre * leg - offset
-            depart[c] = per_metre * frame_s * (tx_rate[k] + (dx * vx + dy * vy + dz * vz) / leg) - origin
+            rate = (dx * vx + dy * vy + dz * vz) / leg
+            shift[c] = bins_per_metre * (leg + lead * rate) - offset
+            depart[c] = per_metre * frame_s * (tx_rate[k] + rate) - origin
         scale = np.float32(1.0)
         for j in range(doppler_terms):
             # kappa^j sum_e C(e, j) G_e d^(e - j), by Horner's rule
