@@ -10,10 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from datafactory.scenes.ground import CLEARANCE_M, SPLITS, free_ground
+from datafactory.scenes.ground import CELL_M, CLEARANCE_M, SPLITS, free_ground
 from datafactory.scenes.height_map import height_map
 from datafactory.scenes.poses import SENSOR_HEIGHT_M, Pose, read_poses, sample_pose
 from datafactory.scenes.scene import PointTarget, Scene, SceneObject
+from datafactory.scenes.target_models import Car
 from shared.errors import InputError
 
 # --- rotations ------------------------------------------------------------------------------------------------------
@@ -339,3 +340,16 @@ def test_ground_too_small_for_three_regions_says_what_to_do():
     with pytest.raises(InputError, match=r"yard: no free ground is left for test: .*--poses"):
         sample_pose(ground, "test", np.random.default_rng(0))
     assert sample_pose(ground, "train", np.random.default_rng(0)).position[2] == SENSOR_HEIGHT_M
+
+
+def test_no_pose_stands_within_a_target_models_footprint():
+    ground = SceneObject(
+        "ground",
+        np.array([[-15.0, -15.0, 0.0], [15.0, -15.0, 0.0], [15.0, 15.0, 0.0], [-15.0, 15.0, 0.0]]),
+        np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32),
+        "asphalt",
+    )
+    car = PointTarget("car", (1.0, 2.0, 0.0), 11.0, model=Car())
+    free = free_ground(Scene("parking", (ground,), (car,))).free
+    x, y = (-15.0 + CELL_M * (index + 0.5) for index in np.nonzero(free))
+    assert np.hypot(x - 1.0, y - 2.0).min() > Car.footprint_m

@@ -20,7 +20,7 @@ from shared.dataset import Target
 from shared.errors import InputError
 from shared.radar import Radar, first_validation_error
 from shared.signal import target_amplitudes
-from shared.units import amplitude_to_db, power_to_db
+from shared.units import FARTHEST_M, FASTEST_MPS, amplitude_to_db, power_to_db
 from shared.windows import cell_noise_power
 
 
@@ -126,15 +126,19 @@ def draw_close_targets(radar: Radar, settings: CloseTargets, generator: np.rando
     return PointTargets(position, np.zeros_like(position), np.concatenate(rcs), phase)
 
 
+Coordinate = Annotated[FiniteFloat, Field(ge=-FARTHEST_M, le=FARTHEST_M)]
+Speed = Annotated[FiniteFloat, Field(ge=-FASTEST_MPS, le=FASTEST_MPS)]
+
+
 class _Entry(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
-    x: FiniteFloat
-    y: FiniteFloat
-    z: FiniteFloat = 0.0
-    vx: FiniteFloat = 0.0
-    vy: FiniteFloat = 0.0
-    vz: FiniteFloat = 0.0
+    x: Coordinate
+    y: Coordinate
+    z: Coordinate = 0.0
+    vx: Speed = 0.0
+    vy: Speed = 0.0
+    vz: Speed = 0.0
     rcs_dbsm: Annotated[FiniteFloat, Field(ge=-200, le=200)]
     phase: FiniteFloat = 0.0
 
@@ -149,7 +153,7 @@ def read_targets(path: Path) -> tuple[PointTargets, ...]:
     try:
         document: Any = json.loads(path.read_text(encoding="utf-8"))
         frames = TypeAdapter(list[list[_Entry]]).validate_python(document)
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         if isinstance(error, ValidationError):
             raise InputError(path, *first_validation_error(error)) from error
         reason = error.strerror if isinstance(error, OSError) else error

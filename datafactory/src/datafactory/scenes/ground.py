@@ -15,7 +15,7 @@ from scipy import ndimage
 
 from datafactory.scenes.height_map import HeightMap, height_map
 from datafactory.scenes.material_names import singular, words
-from datafactory.scenes.scene import Scene
+from datafactory.scenes.scene import PointTarget, Scene
 from shared.dataset_folder import SPLITS, Split
 from shared.errors import InputError
 
@@ -91,6 +91,16 @@ class Ground:
         return np.where(blocked.any(axis=1), distance[blocked.argmax(axis=1)], np.inf)
 
 
+def _mark(obstacle: NDArray[np.bool_], target: PointTarget, seen: HeightMap) -> None:
+    """Mark the cells that a point target stands on, at least the one at its place, as far as there are any."""
+    radius = target.model.footprint_m if target.model is not None else 0.0
+    middle = [(target.position[axis] - seen.origin[axis]) / seen.cell_m - 0.5 for axis in (0, 1)]
+    reach = radius / seen.cell_m + 0.5
+    across, along = np.indices(obstacle.shape)
+    distance = np.hypot(across - middle[0], along - middle[1])
+    obstacle |= distance <= max(reach, float(distance.min()))
+
+
 def free_ground(scene: Scene) -> Ground:
     """Find the scene's free ground and cut it into three separated regions.
 
@@ -104,8 +114,7 @@ def free_ground(scene: Scene) -> Ground:
     ground = _without_roofs(np.isfinite(seen.surface) & ~edge & ~standing & (_slope(seen) <= MAXIMUM_SLOPE), seen)
     obstacle = standing | _above(ground, seen)
     for target in scene.targets:
-        i, j = (int((target.position[axis] - seen.origin[axis]) / cell) for axis in (0, 1))
-        obstacle[min(i, obstacle.shape[0] - 1), min(j, obstacle.shape[1] - 1)] = True
+        _mark(obstacle, target, seen)
     # From any point of a cell to any point of an obstacle's cell: two half diagonals less than between centres.
     clear = _distance(edge | obstacle, cell) >= CLEARANCE_M + np.sqrt(2.0) * cell
     free = ground & clear

@@ -19,6 +19,7 @@ from datafactory.scenes.notes import Notes
 from datafactory.scenes.scale import note_coarse_vertices, size_remark, vertex_spacing_m
 from datafactory.scenes.scene import Scene, SceneObject
 from shared.errors import InputError
+from shared.units import FARTHEST_M
 
 MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl")
 Y_UP_TO_Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # (x, y, z) -> (x, -z, y)
@@ -40,11 +41,13 @@ class Dropped:
 
     out_of_range: int = 0
     not_finite: int = 0
+    beyond: int = 0
     no_area: int = 0
 
     def add_to(self, notes: Notes) -> None:
         notes.count("# triangles with a vertex index out of range dropped", self.out_of_range)
         notes.count("# triangles with a NaN or infinite vertex dropped", self.not_finite)
+        notes.count(f"# triangles with a vertex beyond {FARTHEST_M:g} m dropped", self.beyond)
         notes.count("# triangles without area dropped", self.no_area)
 
 
@@ -63,13 +66,15 @@ def clean_mesh(
     kept = triangles[inside]
     finite = np.isfinite(vertices[kept]).all(axis=(1, 2))
     kept = kept[finite]
+    near = (np.abs(vertices[kept]) <= FARTHEST_M).all(axis=(1, 2))
+    kept = kept[near]
     corner = vertices[kept]
     edges = np.roll(corner, -1, axis=1) - corner  # [T, 3, 3]
     doubled_area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
     solid = doubled_area > FLAT * np.square(edges).sum(axis=2).max(axis=1, initial=0.0)
     kept = kept[solid]
     used, compact = np.unique(kept, return_inverse=True)
-    dropped = Dropped(int((~inside).sum()), int((~finite).sum()), int((~solid).sum()))
+    dropped = Dropped(*(int((~mask).sum()) for mask in (inside, finite, near, solid)))
     return vertices[used], compact.reshape(-1, 3).astype(np.int32), dropped
 
 
@@ -82,7 +87,8 @@ def place_mesh(
     :param triangles: [T, 3] vertex indices; counter-clockwise seen from outside
     :param matrix: [4, 4] acting on column vectors; a negative determinant reverses the winding
     """
-    with np.errstate(invalid="ignore"):  # NaN and infinite vertices are dropped and counted in ``clean_mesh``
+    # NaN, infinite and absurdly far vertices are dropped and counted in ``clean_mesh``.
+    with np.errstate(invalid="ignore", over="ignore"):
         placed = np.asarray(vertices, dtype=np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
         mirrored = np.linalg.det(matrix[:3, :3]) < 0
     return placed, triangles[:, ::-1] if mirrored else triangles

@@ -20,6 +20,7 @@ from trimesh.transformations import rotation_matrix
 from shared.errors import InputError
 
 INCLUDE_DEPTH = 15  # Mitsuba's limit
+LARGEST = 1e60  # of a number in a scene: cubes of it, as in determinants, are still finite
 TRANSFORM_NAMES = ("to_world", "toWorld")  # since version 2, and before
 
 
@@ -225,9 +226,9 @@ def _step(step: ElementTree.Element) -> NDArray[np.float64] | None:
 
 
 def _numbers(text: str) -> NDArray[np.float64] | None:
-    """Finite numbers separated by blanks or commas, or None."""
+    """Numbers of at most LARGEST separated by blanks or commas, or None."""
     try:
         numbers = np.array([float(word) for word in text.replace(",", " ").split()], dtype=np.float64)
     except ValueError:
         return None
-    return numbers if np.isfinite(numbers).all() else None
+    return numbers if (np.abs(numbers) <= LARGEST).all() else None

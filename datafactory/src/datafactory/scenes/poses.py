@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from datafactory.scenes.ground import Ground, Split
 from shared.errors import InputError
+from shared.units import FARTHEST_M, FASTEST_MPS
 
 SENSOR_HEIGHT_M = 0.5
 MAXIMUM_SPEED_MPS = 6.0
@@ -69,7 +70,11 @@ class Pose:
         return float(w), float(x), float(y), float(z)
 
 
-_Triple = Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]
+_Coordinate = Annotated[FiniteFloat, Field(ge=-FARTHEST_M, le=FARTHEST_M)]
+_Speed = Annotated[FiniteFloat, Field(ge=-FASTEST_MPS, le=FASTEST_MPS)]
+_Position = Annotated[list[_Coordinate], Field(min_length=3, max_length=3)]
+_Velocity = Annotated[list[_Speed], Field(min_length=3, max_length=3)]
+_Time = Annotated[FiniteFloat, Field(ge=-1e6, le=1e6)]
 
 
 class _Entry(BaseModel):
@@ -77,12 +82,12 @@ class _Entry(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True)
 
-    position: _Triple
+    position: _Position
     yaw_deg: FiniteFloat = 0.0
     pitch_deg: FiniteFloat = 0.0
     roll_deg: FiniteFloat = 0.0
-    velocity: _Triple = [0.0, 0.0, 0.0]
-    time: FiniteFloat = 0.0
+    velocity: _Velocity = [0.0, 0.0, 0.0]
+    time: _Time = 0.0
 
     def pose(self) -> Pose:
         x, y, z = self.position

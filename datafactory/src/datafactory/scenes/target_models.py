@@ -35,6 +35,10 @@ class RcsModel(Protocol):
     def nominal_rcs_dbsm(self) -> float:
         """One number for lists [dBsm]: the mean of a road user, the best aspect of a body at 77 GHz."""
 
+    @property
+    def footprint_m(self) -> float:
+        """Radius [m] of the circle on the ground, around the target's origin, that holds it."""
+
     def far_field_m(self, wavelength_m: float) -> float:
         """Distance [m] from which on the model holds."""
 
@@ -83,6 +87,7 @@ class Car:
         _Lobe((2.5, 0.0, 0.8), 0.0, 40.54, 71.75, 29.13, 14.99, 14.91),
         _Lobe((0.0, 0.0, 1.6), None, 360.0, 0.0, 18.13, 21.12, 21.05),
     )
+    footprint_m: ClassVar[float] = 2.7
     cross_polar_ratio_db: ClassVar[float] = 21.12
     nominal_rcs_dbsm: ClassVar[float] = 11.25
 
@@ -100,6 +105,7 @@ class Car:
 class Pedestrian:
     """A human (TR 38.901, Table 7.9.2.1-1): one point at half of 1.75 m, the same -1.37 dBsm from everywhere."""
 
+    footprint_m: ClassVar[float] = 0.4
     cross_polar_ratio_db: ClassVar[float] = 19.81
     nominal_rcs_dbsm: ClassVar[float] = -1.37
 
@@ -122,6 +128,7 @@ class Cyclist:
 
     SIDE_DBSM: ClassVar[float] = -8.0
     END_DBSM: ClassVar[float] = -13.0
+    footprint_m: ClassVar[float] = 0.9
     cross_polar_ratio_db: ClassVar[float] = 19.81
     nominal_rcs_dbsm: ClassVar[float] = -9.8  # the mean over azimuth
 
@@ -145,6 +152,10 @@ class Sphere:
     cross_polar_ratio_db: ClassVar[float] = np.inf
 
     @property
+    def footprint_m(self) -> float:
+        return self.radius_m
+
+    @property
     def nominal_rcs_dbsm(self) -> float:
         return float(power_to_db(rcs.sphere_rcs_m2(self.radius_m)))
 
@@ -162,6 +173,10 @@ class Cylinder:
     radius_m: float
     length_m: float
     cross_polar_ratio_db: ClassVar[float] = np.inf
+
+    @property
+    def footprint_m(self) -> float:
+        return float(np.hypot(self.radius_m, 0.5 * self.length_m))
 
     @property
     def nominal_rcs_dbsm(self) -> float:
@@ -185,6 +200,10 @@ class Plate:
     cross_polar_ratio_db: ClassVar[float] = np.inf
 
     @property
+    def footprint_m(self) -> float:
+        return 0.5 * self.width_m
+
+    @property
     def nominal_rcs_dbsm(self) -> float:
         return float(power_to_db(rcs.plate_rcs_m2(self.width_m, self.height_m, NOMINAL_WAVELENGTH_M)))
 
@@ -205,6 +224,10 @@ class Dihedral:
     face_m: float
     length_m: float
     cross_polar_ratio_db: ClassVar[float] = np.inf  # edge along or across the polarisation
+
+    @property
+    def footprint_m(self) -> float:
+        return self.face_m
 
     @property
     def nominal_rcs_dbsm(self) -> float:
@@ -231,6 +254,10 @@ class Trihedral:
         (float(np.sqrt(1 / 3)), float(np.sqrt(1 / 2)), -float(np.sqrt(1 / 6))),
         (float(np.sqrt(1 / 3)), -float(np.sqrt(1 / 2)), -float(np.sqrt(1 / 6))),
     )
+
+    @property
+    def footprint_m(self) -> float:
+        return self.edge_m
 
     @property
     def nominal_rcs_dbsm(self) -> float:

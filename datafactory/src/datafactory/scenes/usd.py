@@ -29,6 +29,7 @@ from datafactory.scenes.usd_prims import PrimMesh, is_solid, polygon_mesh, solid
 from datafactory.scenes.usd_stage import check_sizes, open_stage, stage_to_world
 from datafactory.scenes.usd_targets import model_axes, names_count, prim_model, target_kind
 from shared.errors import InputError
+from shared.units import FARTHEST_M, FASTEST_MPS
 
 ON_STAGE = Usd.TraverseInstanceProxies()  # active, loaded, defined, not abstract
 IN_PROTOTYPE = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded)  # prototypes are often overs or classes
@@ -185,8 +186,10 @@ class _Reader:
         reason = "a point target (radar:rcs_dbsm)" if kind is None else "the model of a target"
         self._notes.count(f"# geometry prims left out: {reason} stands for them", replaced)
         x, y, z = (float(value) for value in (self._to_world @ matrix)[:3, 3])
-        if not np.isfinite([x, y, z]).all():
-            raise InputError(self._path, f"{prim.GetPath()} stands at ({x}, {y}, {z})", "a finite position")
+        if not (np.abs([x, y, z]) <= FARTHEST_M).all():
+            raise InputError(
+                self._path, f"{prim.GetPath()} stands at ({x}, {y}, {z})", f"a position within {FARTHEST_M:g} m"
+            )
         velocity = self._velocity(prim, inherited, np.zeros(3))
         self._targets.append(PointTarget(inherited.frame.name(prim), (x, y, z), rcs_dbsm, velocity, model, axes))
 
@@ -198,8 +201,10 @@ class _Reader:
         if turns:
             self._notes.count("# objects turn or change size: only the motion of their centre is used")
         x, y, z = (float(value) for value in self._to_world[:3, :3] @ velocity)
-        if not np.isfinite([x, y, z]).all():
-            raise InputError(self._path, f"{prim.GetPath()} moves at ({x}, {y}, {z}) m/s", "finite transforms")
+        if not (np.abs([x, y, z]) <= FASTEST_MPS).all():
+            raise InputError(
+                self._path, f"{prim.GetPath()} moves at ({x}, {y}, {z}) m/s", f"at most {FASTEST_MPS:g} m/s"
+            )
         return x, y, z
 
     def _instances(self, instancer: UsdGeom.PointInstancer, inherited: _Inherited) -> list[tuple[Usd.Prim, _Inherited]]:

@@ -13,6 +13,8 @@ from datafactory.scenes.notes import Notes
 from datafactory.scenes.triangulation import triangulate
 from shared.errors import InputError
 
+LARGEST = 1e60  # of a solid's size: squares of it, as in areas, are still finite
+
 
 @dataclass(frozen=True)
 class PrimMesh:
@@ -86,8 +88,9 @@ def _wound(gprim: UsdGeom.Gprim, triangles: NDArray[np.int64]) -> NDArray[np.int
 
 def _size(prim: Usd.Prim, name: str, time: Usd.TimeCode) -> float:
     value = prim.GetAttribute(name).Get(time)
-    if not isinstance(value, (int, float)) or not (np.isfinite(value) and value >= 0):
-        raise InputError(prim.GetStage().GetRootLayer().identifier, f"{prim.GetPath()}.{name} = {value!r}", "0 or more")
+    if not isinstance(value, (int, float)) or not 0 <= value <= LARGEST:
+        source, expected = prim.GetStage().GetRootLayer().identifier, f"a number from 0 to {LARGEST:g}"
+        raise InputError(source, f"{prim.GetPath()}.{name} = {value!r}", expected)
     return float(value)
 
 

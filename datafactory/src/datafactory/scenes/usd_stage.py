@@ -48,8 +48,8 @@ def stage_to_world(path: Path, stage: Usd.Stage, notes: Notes) -> NDArray[np.flo
     :raises InputError: metersPerUnit is not a positive number, or timeCodesPerSecond
     """
     metres = float(UsdGeom.GetStageMetersPerUnit(stage))
-    if not (np.isfinite(metres) and metres > 0):
-        raise InputError(path, f"metersPerUnit = {metres:g}", "a positive number")
+    if not 1e-12 <= metres <= 1e12:
+        raise InputError(path, f"metersPerUnit = {metres:g}", "a positive number, 1 for metres, 0.01 for centimetres")
     if not UsdGeom.StageHasAuthoredMetersPerUnit(stage):
         notes.say(f"no metersPerUnit: USD's default of {metres:g} m is used")
     codes_per_second = stage.GetTimeCodesPerSecond()
