@@ -2,17 +2,20 @@
 
 Two kinds. The settings of a *signal* knob see the same traced paths, so that cubes and images can be subtracted. A
 *power* knob changes the paths themselves and with them the speckle: subtracting images would compare two
-realisations. What converges there is the power in a resolution cell averaged over realisations.
+realisations. What converges there is the power in a resolution cell (:mod:`datafactory.accuracy.power`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
+from datafactory.effects.catalogue import ALL, NAMES, EffectSet
 from datafactory.frames import Processing
 from datafactory.paths.prune import DEFAULT_LEVEL_DB
 from datafactory.paths.solver import TraceSettings
+from datafactory.synthesis.wave_model import WaveModel
 
 _TRACE, _PROCESSING = TraceSettings(), Processing()
 UNPRUNED_DB = -200.0
@@ -21,40 +24,64 @@ UNPRUNED_DB = -200.0
 
 @dataclass(frozen=True)
 class Settings:
-    """How one frame is made; the defaults are the pipeline's.
+    """How one frame is made; the defaults are the pipeline's with every effect.
 
-    :param rays, depth, specular, diffuse: see :class:`datafactory.paths.trace.TraceSettings`
-    :param lattice: "fan", the pipeline's, or "sphere", the solver's own full-sphere lattice
+    :param effects: what is simulated; a run has those of its scene's plan
+    :param rays, depth, finite_mirrors, surface_phase: see :class:`datafactory.paths.solver.TraceSettings`
+    :param lattice: "fan", the pipeline's; "sphere", the solver's own lattice, of which the front half is used, as the
+        fan does; "all around", all of it
     :param prune_db: see :func:`datafactory.paths.prune.pruned`
     :param delays: "exact", or "linear": one constant range rate a path, developed at mid-frame from the origin
     :param width: "complex64" or "complex128" sums in the cube, or "float32 geometry": coordinates rounded to float32
     :param tolerance: of the cube, relative L2
-    :param input_wave: "spherical" or "plane" waves over the input array
     :param video_phase: the residual video phase that eq. (1) leaves out
     :param truth_terms: polynomial terms of the range walk
     :param truth_wave: "spherical", or "plane": range FFT and far-field steering of the virtual sensor
     :param truth_window: over the virtual sensor's elements
     """
 
+    effects: EffectSet = ALL
     rays: int = _TRACE.rays
     depth: int = _TRACE.depth
-    specular: bool = True
-    diffuse: bool = True
+    finite_mirrors: bool = True
+    surface_phase: bool = True
     lattice: str = "fan"
     prune_db: float = DEFAULT_LEVEL_DB
     delays: str = "exact"
     width: str = "complex64"
     tolerance: float = _PROCESSING.tolerance
-    input_wave: str = "spherical"
     video_phase: bool = False
     truth_terms: int = _PROCESSING.truth_terms
     truth_wave: str = "spherical"
     truth_window: str = _PROCESSING.truth_window
 
     def trace(self) -> TraceSettings:
-        return TraceSettings(rays=self.rays, depth=self.depth, specular=self.specular, diffuse=self.diffuse)
+        """What a run with these effects traces; the polarisation is the radar's."""
+        return self.effects.trace(
+            TraceSettings(
+                rays=self.rays,
+                depth=self.depth,
+                finite_mirrors=self.finite_mirrors,
+                surface_phase=self.surface_phase,
+            )
+        )
+
+    def wave_model(self) -> WaveModel:
+        """What a run with these effects makes of motion and curvature."""
+        effects = self.effects
+        return WaveModel(effects.range_migration, effects.intra_chirp_motion, effects.near_field)
+
+    def tracing(self) -> Settings:
+        """These settings as far as they change the paths' powers; all others as they are by default."""
+        own = {name: getattr(self.effects, name) for name in POWER_EFFECTS}
+        names = ("rays", "depth", "finite_mirrors", "surface_phase", "lattice")
+        return Settings(effects=replace(ALL, **own), **{name: getattr(self, name) for name in names})
 
 
+SIGNAL_EFFECTS = ("doppler", "range_migration", "intra_chirp_motion", "near_field")
+"""Effects on the way from paths to signal."""
+POWER_EFFECTS = ("specular", "diffuse", "multi_bounce", "refraction", "diffraction", "antenna_pattern", "rcs_targets")
+"""Effects that add paths or change their power. What is left is the noise, which no frame here has."""
 DEFAULT = Settings()
 CONVERGED = replace(DEFAULT, prune_db=UNPRUNED_DB, truth_terms=6)
 """What signal knobs are varied around: the pipeline's tracing, nothing pruned, cube at -120 dB, truth at its best."""
@@ -62,59 +89,89 @@ CONVERGED = replace(DEFAULT, prune_db=UNPRUNED_DB, truth_terms=6)
 
 @dataclass(frozen=True)
 class Knob:
-    """One field of :class:`Settings` and the values to try.
+    """One field of :class:`Settings`, or one effect of its set, and the values to try.
 
     :param power: whether it changes the paths, see the module
+    :param paired: held against the default with the same rays, whose sampling is then common to both; otherwise against
+        the densest fan
+    :param beside: field and value of another setting that all values share, as (name, value)
+    :param label: what it is called; its name by default
     """
 
     name: str
     values: tuple[Any, ...]
     power: bool = False
+    paired: bool = True
+    beside: tuple[str, Any] | None = None
+    label: str = ""
 
     def __post_init__(self) -> None:
-        if self.name not in {item.name for item in fields(Settings)}:
-            raise ValueError(f"knob {self.name!r}; expected a field of Settings")
+        if self.name not in {item.name for item in fields(Settings)} | set(NAMES):
+            raise ValueError(f"knob {self.name!r}; expected a field of Settings or an effect")
+        if not self.label:
+            object.__setattr__(self, "label", self.name)
 
     def at(self, base: Settings, value: Any) -> Settings:
         """``base`` with this knob set to ``value``."""
+        if self.beside is not None:
+            base = replace(base, **dict([self.beside]))
+        if self.name in NAMES:
+            return replace(base, effects=replace(base.effects, **{self.name: value}))
         return replace(base, **{self.name: value})
 
 
+def effect_knobs(effects: EffectSet, absent: Collection[str]) -> tuple[Knob, ...]:
+    """A knob for every effect, at the value that it does not have in the plan.
+
+    :param absent: effects that the scene has nothing for; multiple bounces are the knob ``depth``
+    """
+    return tuple(
+        Knob(name, (not getattr(effects, name),), power=name in POWER_EFFECTS)
+        for name in (*SIGNAL_EFFECTS, *POWER_EFFECTS)
+        if name not in absent and name != "multi_bounce"
+    )
+
+
+def _rays(fan: tuple[int, ...], sphere: tuple[int, ...]) -> tuple[Knob, ...]:
+    return (
+        Knob("rays", fan, power=True, paired=False),
+        Knob("rays", sphere, power=True, paired=False, beside=("lattice", "sphere"), label=SPHERE_RAYS),
+    )
+
+
+SPHERE_RAYS = "rays of the full sphere"
 SIGNAL_KNOBS = (
     Knob("tolerance", (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)),
     Knob("width", ("complex64", "complex128", "float32 geometry")),
     Knob("prune_db", (-20.0, -30.0, -40.0, -50.0, -60.0, UNPRUNED_DB)),
-    Knob("delays", ("exact", "linear")),
-    Knob("input_wave", ("spherical", "plane")),
+    Knob("delays", ("linear",)),
     Knob("video_phase", (False, True)),
     Knob("truth_terms", (3, 4, 5, 6)),
-    Knob("truth_wave", ("spherical", "plane")),
+    Knob("truth_wave", ("plane",)),
     Knob("truth_window", ("none", "taylor-25", "taylor-30", "hann")),
 )
 POWER_KNOBS = (
-    Knob("rays", (25_000, 50_000, 100_000, 200_000, 400_000, 800_000), power=True),
-    Knob("lattice", ("fan", "sphere"), power=True),
-    Knob("depth", (1, 2, 3), power=True),
-    Knob("specular", (True, False), power=True),
-    Knob("diffuse", (True, False), power=True),
+    *_rays((25_000, 50_000, 100_000, 200_000, 400_000, 800_000), (200_000, 400_000, 800_000, 1_600_000)),
+    Knob("lattice", ("all around",), power=True, paired=False),
+    Knob("depth", (1, 2), power=True),
+    Knob("finite_mirrors", (False,), power=True),
+    Knob("surface_phase", (False,), power=True),
 )
 QUICK_SIGNAL_KNOBS = (
     Knob("tolerance", (1e-3, 1e-6, 1e-9)),
     Knob("width", ("complex128", "float32 geometry")),
     Knob("prune_db", (-30.0, -50.0)),
     Knob("delays", ("linear",)),
-    Knob("input_wave", ("plane",)),
     Knob("video_phase", (True,)),
     Knob("truth_terms", (3, 5, 6)),
     Knob("truth_wave", ("plane",)),
     Knob("truth_window", ("hann",)),
 )
 QUICK_POWER_KNOBS = (
-    Knob("rays", (25_000, 50_000, 100_000, 200_000), power=True),
-    Knob("lattice", ("sphere",), power=True),
+    *_rays((12_500, 25_000, 50_000, 100_000, 200_000), (100_000, 200_000, 400_000)),
     Knob("depth", (1,), power=True),
-    Knob("specular", (False,), power=True),
-    Knob("diffuse", (False,), power=True),
+    Knob("finite_mirrors", (False,), power=True),
+    Knob("surface_phase", (False,), power=True),
 )
 
 REFERENCE_DEPTH = 3

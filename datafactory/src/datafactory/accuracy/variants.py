@@ -4,8 +4,6 @@ Each is a change of the path table, whose delays one kernel then evaluates exact
 
 * linear delays: every point moves along its line of sight from the origin at mid-frame alone, so that its distance is
   linear in time and its direction fixed. In this kernel it costs what exact delays cost.
-* plane waves: every point is put D = 1e6 m away in its own direction and the difference is taken off the length
-  between, so that |x_i - p| becomes |p| - x_i . p / |p|. The rest, L^2 / 2 D, is 1e-9 m over the input array.
 * float32 geometry: coordinates and velocities rounded to float32, delays still evaluated in float64.
 """
 
@@ -17,16 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.rays import RayFan
-from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
+from datafactory.paths.table import PathTable
 from datafactory.paths.unfold import unit
 from datafactory.synthesis.cube import cube_of_paths
+from datafactory.synthesis.wave_model import EQUATION_1, WaveModel
 from shared.arrays import AntennaArray
 from shared.imaging import sweep_moments
 from shared.radar import Radar
-from shared.signal import chirp_times
 from shared.windows import hann
 
-FAR_M = 1e6
 REFERENCE_BLOCK = 32
 """Elements of the virtual sensor whose full cube is held at a time: 64 MB for the default waveform."""
 
@@ -45,6 +42,14 @@ class SphereLattice(RayFan):
     def solid_angle_ratio(self, directions: Real) -> Real:
         """[K] ones: every ray stands for 4 pi / count."""
         return np.ones(len(directions))
+
+
+class FrontOfSphere(SphereLattice):
+    """The same lattice, of which only the rays into the fan's half space count; the others are lost."""
+
+    def solid_angle_ratio(self, directions: Real) -> Real:
+        """[K] 1 ahead, 0 behind."""
+        return (directions[:, 0] >= 0.0).astype(np.float64)
 
 
 def linear_delays(paths: PathTable, radar: Radar) -> PathTable:
@@ -84,53 +89,13 @@ def float32_geometry(paths: PathTable) -> PathTable:
     return replace(paths, scattered=rounded(paths.scattered), specular=rounded(paths.specular))
 
 
-def plane_waves(paths: PathTable, time_s: float) -> PathTable:
-    """A table at rest: the paths at ``time_s`` [s] as plane waves over every array near the origin."""
-    scattered, specular = paths.scattered, paths.specular
-    tx_point = scattered.tx_point + scattered.tx_velocity * time_s
-    rx_point = scattered.rx_point + scattered.rx_velocity * time_s
-    legs = np.linalg.norm(tx_point, axis=1) + np.linalg.norm(rx_point, axis=1)
-    between = scattered.between_m + scattered.between_rate_mps * time_s + legs - 2.0 * FAR_M
-    image = specular.image + specular.image_velocity * time_s
-    departure = unit(np.einsum("kji,kj->ki", specular.axes, -image))
-    both = ScatteredPaths.concatenate([scattered, specular.as_scattered(specular.reference)])
-    at_rest = np.zeros((len(both), 3))
-    return PathTable(
-        scattered=replace(
-            both,
-            tx_point=FAR_M * np.concatenate([unit(tx_point), departure]),
-            rx_point=FAR_M * np.concatenate([unit(rx_point), unit(image)]),
-            tx_velocity=at_rest,
-            rx_velocity=at_rest,
-            between_m=np.concatenate(
-                [between, np.linalg.norm(image, axis=1) + departure @ specular.reference - 2.0 * FAR_M]
-            ),
-            between_rate_mps=np.zeros(len(both)),
-        ),
-        specular=SpecularPaths.none(),
-        objects=paths.objects,
-        counts=paths.counts,
-    )
-
-
-def plane_wave_cube(paths: PathTable, radar: Radar, tolerance: float) -> NDArray:
-    """[chirps, samples, channels] like :func:`cube_of_paths`, with plane waves over the array, chirp by chirp."""
-    array, waveform = radar.array, radar.waveform
-    single = radar.model_copy(update={"waveform": waveform.model_copy(update={"chirps": 1})})
-    times = chirp_times(radar)
-    groups = [(array.tx_m, times[0])]
-    if not np.all(times == times[0]):
-        groups = [((position,), times[index]) for index, position in enumerate(array.tx_m)]
-    parts = []
-    for tx_m, starts in groups:
-        some = AntennaArray(tx_m=tx_m, rx_m=array.rx_m)
-        chirps = [cube_of_paths(plane_waves(paths, float(start)), single, tolerance, some)[0] for start in starts]
-        parts.append(np.stack(chirps).reshape(waveform.chirps, waveform.samples, len(array.rx_m), len(tx_m)))
-    return np.concatenate(parts, axis=3).reshape(waveform.chirps, waveform.samples, array.channels)
-
-
 def reference_moments(
-    paths: PathTable, radar: Radar, doppler_cells: NDArray[np.int64], terms: int, tolerance: float = 1e-6
+    paths: PathTable,
+    radar: Radar,
+    doppler_cells: NDArray[np.int64],
+    terms: int,
+    tolerance: float = 1e-6,
+    model: WaveModel = EQUATION_1,
 ) -> NDArray[np.complex64]:
     """[terms, R, C] what :func:`truth_moments` approximates: from its whole cube and Doppler filters."""
     waveform, sensor = radar.waveform, radar.virtual_sensor
@@ -140,7 +105,7 @@ def reference_moments(
     for first in range(0, len(sensor.rx_m), REFERENCE_BLOCK):
         block = slice(first, first + REFERENCE_BLOCK)
         some = AntennaArray(tx_m=sensor.tx_m, rx_m=sensor.rx_m[block])
-        cube = cube_of_paths(paths, radar, tolerance, some)
+        cube = cube_of_paths(paths, radar, tolerance, some, model=replace(model, near_field=True))
         for cell in np.unique(doppler_cells):
             rows = np.flatnonzero(doppler_cells == cell)
             weight = window * np.exp(-2j * np.pi * (cell - waveform.chirps // 2) * turn)

@@ -15,6 +15,7 @@ from threadpoolctl import threadpool_limits
 from datafactory.cli import options
 from datafactory.effects.picture import draw
 from datafactory.effects.plan import DEFAULT_BUDGET_DB
+from datafactory.effects.proof import prove
 from datafactory.effects.timing import costs
 from datafactory.frames import Processing
 from datafactory.order import Order
@@ -46,6 +47,9 @@ def plan(
     materials: options.Materials = None,
     rays: options.Rays = 200_000,
     depth: options.Depth = 2,
+    prove_it: Annotated[
+        bool, typer.Option("--prove", help="Simulate one frame as planned and with every effect, and compare.")
+    ] = False,
     times: Annotated[bool, typer.Option("--times/--no-times", help="Measure what each effect costs in time.")] = True,
 ) -> None:
     """Say which effects will be simulated, why, what each costs and what leaving it out would cost."""
@@ -69,7 +73,10 @@ def plan(
                 probe, found.effects, evidence, Processing(),
                 lambda done, total, label: progress.update(task, completed=done, total=total, description=label),
             )  # fmt: skip
+        proof = prove(probe, found.effects) if prove_it else None
     document = found.to_json()
+    if proof is not None:
+        document["proof"] = {name: round(value, 3) for name, value in vars(proof).items()}
     for item in document["effects"]:
         item["cost_seconds"] = round(seconds[item["effect"]], 3)
     if out is not None:
@@ -80,6 +87,12 @@ def plan(
         print(json.dumps(document, indent=2))
         return
     _table(document, console)
+    if proof is not None:
+        console.print(
+            f"against --effects all: power in a cell {proof.power_db:.1f} dB, input image {proof.input_db:.1f} dB, "
+            f"truth image {proof.truth_db:.1f} dB of the peak; {proof.planned_seconds:.2f} s a frame instead of "
+            f"{proof.all_seconds:.2f} s"
+        )
     if out is not None:
         console.print(f"wrote {out / 'plan.json'} and {out / 'plan.png'}", markup=False)
 

@@ -1,0 +1,156 @@
+"""How far the power in a resolution cell is from its average over realisations of the rays.
+
+A frame has one realisation. The power in a cell, summed over its paths without phase, is free of speckle; its average
+over realisations does not depend on the number of rays, and one realisation scatters around it the less the more
+rays there are. With P_i the cells' power in realisation i and Q its average in a much denser reference:
+
+* amplitude over peak: rms over i of max over cells |sqrt(P_i) - sqrt(Q)|, over max sqrt(Q): what an image's error over
+  its peak would be;
+* relative L2 of the amplitudes: rms over i of |sqrt(P_i) - sqrt(Q)|_2 over |sqrt(Q)|_2;
+* L1 of the power: mean over i of sum |P_i - Q| / sum Q, once as received, once with both weighted by range^4;
+* bias of the total power: mean over i of sum P_i / sum Q.
+
+Q is itself a mean over few realisations. The squared differences contain its variance, which is estimated from their
+scatter and subtracted: var(sqrt Q) = var(Q) / 4 Q by first-order propagation. Realisations of P and Q are disjoint.
+Where a setting changes something else than the sampling (depth, effects), both have the same rays, P_i is held against
+Q_i, and there is nothing to subtract.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from datafactory.accuracy.knobs import DEFAULT, Settings
+from datafactory.accuracy.probes import Probe, traced
+from datafactory.frames import IMAGE_BATCH
+from datafactory.paths.density import cell_power
+from shared.radar import Radar
+
+Real = NDArray[np.float64]
+
+REFERENCE_FIRST = 1000
+"""Number of the first realisation of a reference, far from those of the settings."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is measured.
+
+    :param reference_rays: rays of the converged tracing
+    :param realisations: of the rays, of every setting
+    :param reference_realisations: of the reference
+    :param repeats: of each timed stage and frame
+    :param batch: frames that share the image stage
+    :param rays: of every setting that does not state its own
+    """
+
+    reference_rays: int
+    realisations: int = 4
+    reference_realisations: int = 4
+    repeats: int = 1
+    batch: int = IMAGE_BATCH
+    rays: int = DEFAULT.rays
+
+
+@dataclass(frozen=True)
+class Realisations:
+    """Power in the cells, by realisation.
+
+    :param power: [M, R, U'] of :func:`datafactory.paths.density.cell_power` [W]
+    :param paths: mean number
+    """
+
+    power: Real
+    paths: float
+
+
+@dataclass(frozen=True)
+class PowerError:
+    """See the module; ``peak`` and ``l2`` are amplitude ratios, the others power ratios."""
+
+    peak: float
+    l2: float
+    l1: float
+    l1_range_weighted: float
+    total: float
+
+
+Kept = dict[tuple[int, Settings, int, int], Realisations]
+"""Realisations by frame, settings, first number and count."""
+
+
+def realisations(probe: Probe, settings: Settings, radar: Radar, first: int, count: int, kept: Kept) -> Realisations:
+    """Realisations ``first`` to ``first + count - 1``, traced unless ``kept`` holds them; added to it."""
+    key = (probe.frame_id, settings.tracing(), first, count)
+    if key not in kept:
+        power, paths = [], []
+        for number in range(first, first + count):
+            table = traced(probe, settings, radar, number)
+            power.append(cell_power(table, radar))
+            paths.append(len(table))
+        kept[key] = Realisations(np.array(power), float(np.mean(paths)))
+    return kept[key]
+
+
+def power_error(
+    probe: Probe,
+    settings: Settings,
+    against: Settings,
+    effort: Effort,
+    radar: Radar,
+    kept: Kept,
+    paired: bool = False,
+    first: int = 1,
+) -> PowerError:
+    """The errors of ``settings`` held against ``against``, with the same rays or with a reference of its own.
+
+    :param first: number of the first realisation; the reference's follow :data:`REFERENCE_FIRST` later
+    """
+    value = realisations(probe, settings, radar, first, effort.realisations, kept).power
+    if paired:
+        expected = realisations(probe, against, radar, first, effort.realisations, kept).power
+        return compared(value, expected, np.zeros(1), radar)
+    numbers = (REFERENCE_FIRST + first, effort.reference_realisations)
+    expected, variance = mean_and_variance(realisations(probe, against, radar, *numbers, kept).power)
+    return compared(value, expected, variance, radar)
+
+
+def mean_and_variance(power: Real) -> tuple[Real, Real]:
+    """Of the mean Q of M realisations [M, R, U']: Q [R, U'], and the variance of sqrt(Q) [R, U'] that its scatter
+    tells of; none of a single realisation.
+    """
+    mean = power.mean(axis=0)
+    if len(power) < 2:
+        return mean, np.zeros_like(mean)
+    of_mean = power.var(axis=0, ddof=1) / len(power)
+    return mean, np.divide(of_mean, 4.0 * mean, out=np.zeros_like(mean), where=mean > 0.0)
+
+
+def compared(value: Real, expected: Real, variance: Real, radar: Radar) -> PowerError:
+    """Realisations [M, R, U'] held against one expectation [R, U'] or each against its own [M, R, U'].
+
+    :param variance: of sqrt(expected), to subtract; broadcast to the cells
+    """
+    expected = np.broadcast_to(expected, value.shape)
+    peak, total = np.sqrt(expected.max()), expected.sum(axis=(1, 2))
+    if not peak > 0.0:
+        wrong = float(value.any())
+        return PowerError(wrong, wrong, wrong, wrong, 1.0)
+    squared = np.maximum((np.sqrt(value) - np.sqrt(expected)) ** 2 - variance, 0.0)
+    unbiased = np.maximum(np.sum((np.sqrt(value) - np.sqrt(expected)) ** 2 - variance, axis=(1, 2)), 0.0)
+    difference, weight = np.abs(value - expected).sum(axis=2), radar.waveform.ranges_m**4
+    weighted = expected.sum(axis=2) @ weight
+    return PowerError(
+        peak=float(np.sqrt(np.mean(squared.max(axis=(1, 2)))) / peak),
+        l2=float(np.sqrt(np.mean(unbiased / np.maximum(total, np.finfo(float).tiny)))),
+        l1=_mean_share(difference.sum(axis=1), total),
+        l1_range_weighted=_mean_share(difference @ weight, weighted),
+        total=_mean_share(value.sum(axis=(1, 2)), total),
+    )
+
+
+def _mean_share(part: Real, whole: Real) -> float:
+    return float(np.mean(part / np.where(whole > 0.0, whole, 1.0)))
