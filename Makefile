@@ -1,7 +1,7 @@
 # Every target sets itself up: `make dataset` and `make test` work in a fresh clone with Python 3.11 or newer and a C compiler.
 
 .DEFAULT_GOAL := help
-.PHONY: help setup dataset test lint smoke bench accuracy scenes clean
+.PHONY: help setup dataset test lint smoke bench accuracy hardcases scenes clean
 
 PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do \
 	$$p -c 'import sys; raise SystemExit(sys.version_info < (3, 11))' 2>/dev/null && { echo $$p; break; }; done)
@@ -16,6 +16,7 @@ help:
 	@echo "make test      lint, types, import directions and all tests"
 	@echo "make smoke     tiny scenes, end to end"
 	@echo "make setup     only the set-up that the others do by themselves"
+	@echo "make hardcases the cases that break radar simulators: hazard, bound, what was measured"
 	@echo "make lint | bench | accuracy | scenes | clean"
 
 setup: $(INSTALLED)
@@ -60,8 +61,12 @@ bench: $(INSTALLED)
 accuracy: $(INSTALLED)
 	$(BIN)/datafactory accuracy --scene scenes/street.usda --out build/accuracy
 
+hardcases: $(INSTALLED)
+	$(BIN)/python tests/hardcases/run.py
+
 scenes: $(INSTALLED)
 	$(BIN)/python scenes/make_scenes.py
+	$(BIN)/python scenes/make_effects.py
 
 clean:
 	rm -rf build .venv
