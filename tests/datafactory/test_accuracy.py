@@ -13,7 +13,6 @@ import pytest
 from oracles import doppler_filtered, if_cube, peak_error_db, relative_error
 
 from datafactory.accuracy import budget, prices, report
-from datafactory.cache import cached, user_cache
 from datafactory.accuracy.chain import Clock, reference_of, run
 from datafactory.accuracy.check import HONEST_DB, check
 from datafactory.accuracy.errors import FLOOR_DB, detections_changed, level_db, peak_error, relative_l2
@@ -23,6 +22,7 @@ from datafactory.accuracy.probes import cell_power, probes_of, traced
 from datafactory.accuracy.sweep import Effort, Row, sweep
 from datafactory.accuracy.variants import float32_geometry, linear_delays, plane_wave_cube, reference_moments
 from datafactory.accuracy.work import counted_work
+from datafactory.cache import cached, user_cache
 from datafactory.order import Order
 from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
 from datafactory.pipeline import render

@@ -148,7 +148,7 @@ def test_the_matched_filter_row_is_its_equation():
 
 @pytest.mark.parametrize("range_m", [3.0, 5.7, 20.0, 60.0])
 def test_fast_images_agree_with_the_exact_matched_filter(range_m):
-    # Echoes of unit amplitude, so that errors are relative to the peak. Measured: -37 dB with 3 terms, -70 dB with 5.
+    # Echoes of unit amplitude, so that errors are relative to the peak. Measured: -47 dB with 3 terms, -83 dB with 5.
     step = Waveform().range_step_m
     centre = round(range_m / step)
     samples = 1 << int(np.ceil(np.log2(centre + 20)))
@@ -161,7 +161,7 @@ def test_fast_images_agree_with_the_exact_matched_filter(range_m):
     fast_time = cube_of_paths(table, radar, array=radar.virtual_sensor)[0]
     rows = range(centre - 5, centre + 6, 3)
     exact = np.stack([matched_filter_row(fast_time, radar, radar.virtual_sensor, row) for row in rows])
-    for terms, bound_db in ((3, -36.0), (5, -65.0)):
+    for terms, bound_db in ((3, -45.0), (5, -80.0)):
         moments = sweep_moments(fast_time, radar, terms)[None].astype(np.complex64)
         image = near_field_images(moments, radar, radar.virtual_sensor)[0]
         assert 20.0 * np.log10(np.abs(image[list(rows)] - exact).max()) < bound_db

@@ -9,11 +9,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import torch
+from pyarrow.fs import LocalFileSystem, SubTreeFileSystem
 from torch.utils.data import DataLoader
 
 from shared.arrays import AntennaArray, line
 from shared.dataset import Frame, arrow_schema, description, to_record_batch
 from shared.errors import InputError
+from shared.locations import RemotePath
 from shared.radar import ImageGrid, Radar
 from shared.waveform import Waveform
 from trainer.data import ShardDataset
@@ -98,14 +100,33 @@ def test_a_dataset_that_was_used_can_be_pickled(directory):
     again = pickle.loads(pickle.dumps(data))
     assert torch.equal(again[0]["image"], first["image"])
     assert again.description == data.description
+    place = RemotePath(SubTreeFileSystem(str(directory), LocalFileSystem()), "", "memory://set")
+    remote = pickle.loads(pickle.dumps(ShardDataset(place, "train")))
+    assert torch.equal(remote[4]["range_channel"], data[4]["range_channel"])
 
 
 def test_few_shards_stay_open(directory, monkeypatch):
     monkeypatch.setattr("trainer.data.OPEN_SHARDS", 1)
+    monkeypatch.setattr("trainer.data.CACHE_BYTES", 0)
     data = ShardDataset(directory, "train")
     for index in (0, 4, 1, 3):
         assert data[index]["frame_id"].item() == index
         assert len(data._open) == 1
+
+
+def test_frames_that_fit_are_decoded_once(directory, monkeypatch):
+    data = ShardDataset(directory, "train", columns=("image",))
+    one = data._read(0).nbytes
+    monkeypatch.setattr("trainer.data.CACHE_BYTES", 2 * one)
+    read = []
+    monkeypatch.setattr(ShardDataset, "_read", lambda self, index: read.append(index) or READ(self, index))
+    for index in (3, 1, 4, 3, 1, 4, 4):
+        np.testing.assert_array_equal(data[index]["image"].numpy(), make_frame(index).image)
+    assert read == [3, 1, 4, 4, 4]
+    assert len(pickle.loads(pickle.dumps(data))._kept) == 0
+
+
+READ = ShardDataset._read
 
 
 def test_a_shard_damaged_within_is_named(directory):

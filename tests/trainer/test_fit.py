@@ -9,12 +9,15 @@ from importlib.metadata import version
 import numpy as np
 import pytest
 import torch
+from pyarrow.fs import LocalFileSystem, SubTreeFileSystem
 from safetensors.torch import load_file
 from tiny_radar import RADAR, TINY, frame, small_dataset, write_dataset
 
 from shared.errors import InputError
+from shared.locations import RemotePath
 from trainer.errors import TrainingStopped
 from trainer.fit import fit
+from trainer.predict import predict
 from trainer.runs import CHECKPOINT, METRICS, WEIGHTS, load_imager, read_run, save_weights
 from trainer.task import ImagingTask
 
@@ -69,7 +72,7 @@ def test_a_run_says_what_it_was_made_with(dataset, tmp_path):
 
 
 def test_the_same_seed_gives_the_same_weights_and_another_does_not(dataset, tmp_path):
-    config = TINY.model_copy(update={"augment": True, "rows": 16})
+    config = TINY.model_copy(update={"augment": True, "rows": 16, "points": 1})
     for name, seed in (("one", 3), ("two", 3), ("three", 4)):
         run(dataset, tmp_path / name, config.model_copy(update={"seed": seed}))
     one, two, three = ((tmp_path / name / WEIGHTS).read_bytes() for name in ("one", "two", "three"))
@@ -78,7 +81,7 @@ def test_the_same_seed_gives_the_same_weights_and_another_does_not(dataset, tmp_
 
 
 def test_a_killed_run_resumed_ends_in_the_same_weights(dataset, tmp_path, monkeypatch):
-    config = TINY.model_copy(update={"steps": 6, "augment": True, "accumulate": 2})
+    config = TINY.model_copy(update={"steps": 6, "augment": True, "points": 1, "accumulate": 2})
     run(dataset, tmp_path / "whole", config)
     original = ImagingTask.training_step
 
@@ -224,3 +227,41 @@ def test_weights_that_are_cut_short_or_foreign_are_named(dataset, tmp_path):
 def test_bad_weights_are_refused(dataset, tmp_path, weights, message):
     with pytest.raises(InputError, match=message):
         run(dataset, tmp_path / "run", weights=weights)
+
+
+def test_a_run_that_no_longer_improves_stops_early(dataset, tmp_path):
+    config = TINY.model_copy(update={"steps": 40, "validate_every": 1, "patience": 2, "learning_rate": 1e-12})
+    run(dataset, tmp_path / "run", config)
+    assert len(metrics(tmp_path / "run")) < 40
+
+
+def test_the_best_weights_are_those_of_the_least_normalised_error(dataset, tmp_path):
+    run(dataset, tmp_path / "run", TINY.model_copy(update={"steps": 8, "validate_every": 1}))
+    rows = metrics(tmp_path / "run")
+    best = min(rows, key=lambda row: float(row["validation_nmse"]))
+    imager = load_imager(tmp_path / "run")[1]
+    assert imager.gain == pytest.approx(float(best["validation_gain"]), rel=1e-6)
+    # What the metrics say is what the weights and the gain give.
+    errors = []
+    for index in (100, 101):
+        made = frame(index)
+        snapshot, noise = torch.from_numpy(made.range_channel[:1]), torch.tensor([made.noise_power])
+        with torch.no_grad():
+            estimate = imager(snapshot, noise)[0].numpy() / made.image_peak
+        errors.append(((estimate - made.image) ** 2).sum() / (made.image**2).sum())
+    assert np.mean(errors) == pytest.approx(float(best["validation_nmse"]), rel=1e-4)
+
+
+def test_a_dataset_in_another_place_trains_the_same_weights(dataset, tmp_path):
+    """By URI, and through a filesystem of Arrow's as object storage is: same bytes, and the same name in the run."""
+    place = RemotePath(SubTreeFileSystem(str(dataset.parent), LocalFileSystem()), "data", "memory://bucket/data")
+    run(dataset, tmp_path / "local")
+    for name, source in (("uri", dataset.as_uri()), ("remote", place)):
+        run(source, tmp_path / name)
+        for file in (WEIGHTS, METRICS, "run.json", "verdict.json"):
+            assert (tmp_path / name / file).read_bytes() == (tmp_path / "local" / file).read_bytes(), file
+    for name, source in (("local", dataset), ("remote", place)):
+        predict(tmp_path / "local", source, tmp_path / f"images-{name}", announce=str)
+    assert (tmp_path / "images-remote/images.parquet").read_bytes() == (
+        tmp_path / "images-local/images.parquet"
+    ).read_bytes()

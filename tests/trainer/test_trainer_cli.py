@@ -33,6 +33,8 @@ def status(capsys, monkeypatch, *arguments):
         (("fit", "none", "--out", "run", "--steps", "0"), "trainer: trainer fit: steps = 0; expected input should"),
         (("fit", "none", "--out", "run", "--target", "paper"), "trainer: trainer fit: document: target 'paper'"),
         (("fit", "none", "--out", "run", "--recipe", "best"), "trainer: --recipe: 'best'; expected recommended"),
+        (("fit", "ftp://host/set", "--out", "run"), "trainer: ftp://host/set: scheme 'ftp'; expected a local path, or"),
+        (("fit", "s3://", "--out", "run"), "trainer: s3://: names no bucket; expected s3://BUCKET"),
         (("predict", "none", "none", "--out", "o"), "trainer: none: no run.json; expected a run folder"),
         (("export", "none", "--out", "o.onnx"), "trainer: none: no run.json; expected a run folder"),
     ],

@@ -27,7 +27,7 @@ RADAR = Radar(
 )
 NOISE_POWER = 1e-18
 TINY = FitConfig(
-    width=4, hidden=16, batch=2, steps=4, rows=0, augment=False, validate_every=2, learning_rate=3e-3, seed=3
+    width=4, hidden=16, batch=2, steps=4, rows=0, augment=False, points=0, validate_every=2, learning_rate=3e-3, seed=3
 )
 
 

@@ -80,8 +80,8 @@ class FrontEnd(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    transmit_power_dbm: FiniteFloat = 10.0
-    noise_figure_db: Annotated[FiniteFloat, Field(ge=0)] = 12.0
+    transmit_power_dbm: Annotated[FiniteFloat, Field(ge=-200, le=200)] = 10.0
+    noise_figure_db: Annotated[FiniteFloat, Field(ge=0, le=200)] = 12.0
     tx_pattern: Pattern = Field(default_factory=car_radar_pattern)
     rx_pattern: Pattern = Field(default_factory=car_radar_pattern)
     tx_polarization: Polarization = "V"

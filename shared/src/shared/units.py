@@ -14,6 +14,12 @@ BOLTZMANN = 1.380_649e-23
 REFERENCE_TEMPERATURE = 290.0
 """Reference temperature of noise figures [K] (IEEE Std 145)."""
 
+FARTHEST_M = 1e9
+"""Largest coordinate that is read [m]: beyond every map of the Earth, and its square is far within float32."""
+
+FASTEST_MPS = 1e5
+"""Largest component of a velocity that is read [m/s]: faster than any satellite."""
+
 
 def db_to_power(value_db: ArrayLike) -> NDArray[np.float64]:
     """Power ratio of a level [dB]: ``10 ** (value / 10)``, element by element."""

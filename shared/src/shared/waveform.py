@@ -10,7 +10,9 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
 from shared.units import SPEED_OF_LIGHT
 
-Positive = Annotated[FiniteFloat, Field(gt=0)]
+Frequency = Annotated[FiniteFloat, Field(gt=0, le=1e13)]
+Duration = Annotated[FiniteFloat, Field(ge=1e-9, le=1e3)]
+"""Limits far outside of radar, and far inside of what products of a few of them can overflow."""
 
 
 class Waveform(BaseModel):
@@ -32,10 +34,10 @@ class Waveform(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    carrier_hz: Positive = 77e9
-    bandwidth_hz: Positive = 1e9
-    chirp_duration_s: Positive = 80.6e-6
-    chirp_interval_s: Positive = 80.6e-6
+    carrier_hz: Frequency = 77e9
+    bandwidth_hz: Frequency = 1e9
+    chirp_duration_s: Duration = 80.6e-6
+    chirp_interval_s: Duration = 80.6e-6
     chirps: Annotated[int, Field(ge=1, le=2**16)] = 128
     samples: Annotated[int, Field(ge=1, le=2**20)] = 1024
     range_bins: Annotated[int, Field(ge=1)] = 630

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,14 +11,19 @@ import torch
 from lightning.pytorch import Callback, LightningModule, Trainer
 from lightning.pytorch.loggers import TensorBoardLogger
 
+from trainer.errors import writing
 from trainer.pictures import panel
 from trainer.runs import CHECKPOINT, METRICS, save_weights
 
-COLUMNS = ("step", "train_loss", "validation_loss", "validation_nmse", "das_nmse")
+NMSE, LOSS = "validation_nmse", "validation_loss"
+COLUMNS = ("step", "train_loss", LOSS, NMSE, "validation_gain", "das_nmse")
 
 
 class RunKeeper(Callback):
     """Keeps the run folder up to date at every validation, each file whole or not at all.
+
+    The best weights are those of the least normalised error of the linear image, what a run is judged by; where an
+    image has no amplitudes, of the least loss.
 
     :param directory: the run folder
     :param announce: takes one line for each validation
@@ -37,15 +41,17 @@ class RunKeeper(Callback):
 
     def on_validation_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         values = {name: float(value) for name, value in trainer.callback_metrics.items()}
-        improved = values["validation_loss"] < self.best
-        self.best = min(self.best, values["validation_loss"])
+        value = values.get(NMSE, values[LOSS])
+        improved = value < self.best
+        self.best = min(self.best, value)
         if trainer.is_global_zero:
             self._report(trainer, pl_module, values, improved)
         # Last, so that a run killed before it takes up this validation again. All processes take part.
-        partial = self.directory / f"{CHECKPOINT}.partial"
-        trainer.save_checkpoint(partial)
         if trainer.is_global_zero:
-            os.replace(partial, self.directory / CHECKPOINT)
+            with writing(self.directory / CHECKPOINT) as partial:
+                trainer.save_checkpoint(partial)
+        else:
+            trainer.save_checkpoint(self.directory / CHECKPOINT)  # takes part, writes nothing
 
     def _report(self, trainer: Trainer, pl_module: LightningModule, values: dict[str, float], improved: bool) -> None:
         row: dict[str, Any] = {"step": trainer.global_step, **values}
@@ -53,7 +59,7 @@ class RunKeeper(Callback):
         shown = "  ".join(f"{name} {row[name]:.4g}" for name in COLUMNS[1:] if name in row)
         self.announce(f"step {trainer.global_step}  {shown}{'  (best)' if improved else ''}")
         if improved:
-            save_weights(self.directory, pl_module.imager)
+            save_weights(self.directory, pl_module.imager, values.get("validation_gain", 1.0))
 
     def _append(self, row: dict[str, Any]) -> None:
         path = self.directory / METRICS

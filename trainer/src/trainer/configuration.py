@@ -37,6 +37,7 @@ class FitConfig(BaseModel):
     :param clip: largest norm of the gradient
     :param rows: range bins of a training crop, 0 for whole images; snapshots of one online sample of the "doa-cnn"
     :param augment: shift and mirror the training frames in angle
+    :param points: crops of online point targets beside each training frame, see :mod:`trainer.online_points`
     :param seed: of initial weights, data order, crops and augmentation
     :param precision: "bf16" computes the network in bfloat16, weights stay float32
     :param validate_every: optimiser steps from one validation to the next
@@ -55,17 +56,18 @@ class FitConfig(BaseModel):
     threshold_db: Positive = 30.0
     alpha: NotNegative = 0.0
     foreground: NotNegative = 1.0
-    batch: Count = 4
+    batch: Count = 2
     accumulate: Count = 1
-    steps: Count = 1200
+    steps: Count = 2400
     learning_rate: Positive = 1e-3
     weight_decay: NotNegative = 1e-2
     clip: Positive = 1.0
     rows: Annotated[int, Field(ge=0)] = 160
     augment: bool = True
+    points: Annotated[int, Field(ge=0)] = 1
     seed: Annotated[int, Field(ge=0)] = 0
     precision: Precision = "32"
-    validate_every: Count = 100
+    validate_every: Count = 200
     patience: Annotated[int, Field(ge=0)] = 0
 
     @model_validator(mode="after")
@@ -73,6 +75,8 @@ class FitConfig(BaseModel):
         of_doa = [self.model == "doa-cnn", self.features == "covariance", self.target == "doa"]
         if any(of_doa) and not all(of_doa):
             raise ValueError("model 'doa-cnn', features 'covariance' and target 'doa' belong together")
+        if all(of_doa) and self.points:
+            raise ValueError(f"model 'doa-cnn' has samples of its own; got points = {self.points}, expected 0")
         if self.target == "row" and self.features != "row":
             raise ValueError(
                 f"target 'row' needs the scale that features 'row' take out; got features {self.features!r}"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import multiprocessing
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 from lightning.pytorch import LightningDataModule
@@ -13,6 +12,8 @@ from torch.utils.data import ConcatDataset, DataLoader
 from shared.dataset_folder import SPLITS, open_dataset, verify
 from shared.dataset_reading import radar_of
 from shared.errors import InputError
+from shared.locations import Location, locate
+from shared.windows import ANGLE_WINDOWS
 from trainer.configuration import FitConfig
 from trainer.data import ShardDataset
 from trainer.order import BatchOrder
@@ -24,17 +25,18 @@ COLUMNS = ("range_channel", "image")
 class ImagingData(LightningDataModule):
     """Training and validation frames of datasets of one radar.
 
-    :param directories: of the datasets
+    :param directories: of the datasets, local paths or URIs
     :param weights: share of each in the training batches; by default in proportion to their frames
     :param config: batch size, steps and seed
     :param workers: reading processes
     :param check: hash every shard first
-    :raises InputError: a damaged shard by its path, datasets of different radars, no training or validation frames
+    :raises InputError: a damaged shard by its path, datasets of different radars or truths, no training or
+        validation frames
     """
 
     def __init__(
         self,
-        directories: Sequence[Path],
+        directories: Sequence[Location | str],
         weights: Sequence[float] | None,
         config: FitConfig,
         workers: int = 0,
@@ -46,16 +48,18 @@ class ImagingData(LightningDataModule):
         if weights and min(weights) <= 0:
             raise InputError("--weight", f"{min(weights)}", "numbers above 0")
         self.config, self.weights, self.workers = config, weights or None, workers
-        self.fingerprints = tuple(_fingerprint(directory, check) for directory in directories)
-        self.training = [ShardDataset(directory, "train", COLUMNS) for directory in directories]
-        self.radar = radar_of(self.training[0].description, directories[0])
-        for directory, dataset in zip(directories[1:], self.training[1:], strict=True):
-            same_radar(self.radar, str(directories[0]), radar_of(dataset.description, directory), str(directory))
-        with_validation = [d for d in directories if "validation" in open_dataset(d, check_sizes=False).splits]
+        folders = [locate(directory) for directory in directories]
+        self.fingerprints = tuple(_fingerprint(folder, check) for folder in folders)
+        self.training = [ShardDataset(folder, "train", COLUMNS) for folder in folders]
+        self.radar = radar_of(self.training[0].description, folders[0])
+        for folder, dataset in zip(folders[1:], self.training[1:], strict=True):
+            same_radar(self.radar, str(folders[0]), radar_of(dataset.description, folder), str(folder))
+        self.truth_window = _truth_window(self.training, folders)
+        with_validation = [d for d in folders if "validation" in open_dataset(d, check_sizes=False).splits]
         if not with_validation:
-            raise InputError(directories[0], "no frames in split 'validation'", "a dataset with all three splits")
+            raise InputError(folders[0], "no frames in split 'validation'", "a dataset with all three splits")
         self.validation: ConcatDataset[dict[str, Any]] = ConcatDataset(
-            ShardDataset(directory, "validation", COLUMNS) for directory in with_validation
+            ShardDataset(folder, "validation", COLUMNS) for folder in with_validation
         )
 
     def train_dataloader(self) -> DataLoader:
@@ -91,7 +95,18 @@ class ImagingData(LightningDataModule):
         )
 
 
-def _fingerprint(directory: Path, check: bool) -> Fingerprint:
+def _truth_window(datasets: Sequence[ShardDataset], folders: Sequence[Location]) -> str:
+    """The window over the virtual sensor's elements; "none" where a dataset does not name one."""
+    windows = [dataset.description.get("truth", {}).get("window", "none") for dataset in datasets]
+    for window, folder in zip(windows, folders, strict=True):
+        if window != windows[0]:
+            raise InputError(folder, f"truth.window = {window!r}", f"{windows[0]!r}, as {folders[0]} has it")
+    if windows[0] not in ANGLE_WINDOWS:
+        raise InputError(folders[0], f"truth.window = {windows[0]!r}", f"one of {list(ANGLE_WINDOWS)}")
+    return windows[0]
+
+
+def _fingerprint(directory: Location, check: bool) -> Fingerprint:
     dataset = open_dataset(directory)
     if check and (faults := verify(dataset)):
         more = f" (and {len(faults) - 1} more faults)" if len(faults) > 1 else ""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import time
 import warnings
@@ -16,6 +17,7 @@ import torch
 
 from shared.errors import InputError
 from shared.features import COVARIANCE_CHANNELS, PAPER_CHANNELS, ROW_CHANNELS
+from trainer.errors import TrainingStopped, writing
 from trainer.runs import load_imager
 from trainer.targets import UNITS
 
@@ -45,10 +47,10 @@ def export(run_directory: Path, out: Path) -> Export:
 
     Input ``features`` [1, F, R, U], of the "doa-cnn" [1, 3, R, C * C]; output ``answer`` [1, 1 or 2, R, U]. The
     features before and the decoding behind it are :mod:`shared.features`, NumPy alone, and a power with the row's
-    scale; array, axes and both names stand in the file's metadata under ``sparseradar``.
+    scale and the gain; array, axes, gain and both names stand in the file's metadata under ``sparseradar``.
 
     :raises InputError: no whole run, an output that cannot be written
-    :raises RuntimeError: onnxruntime disagrees with torch by more than :data:`TOLERANCE`; the file is removed
+    :raises TrainingStopped: onnxruntime disagrees with torch by more than :data:`TOLERANCE`; nothing is written
     """
     run, imager = load_imager(run_directory)
     if out.suffix != ".onnx" or not out.parent.is_dir():
@@ -61,21 +63,23 @@ def export(run_directory: Path, out: Path) -> Export:
     with warnings.catch_warnings():
         # The newer exporter needs another package and gives the same graph for these networks.
         warnings.simplefilter("ignore", DeprecationWarning)
+        buffer = io.BytesIO()
         torch.onnx.export(
-            network, (features,), out, dynamo=False, opset_version=OPSET, input_names=["features"],
+            network, (features,), buffer, dynamo=False, opset_version=OPSET, input_names=["features"],
             output_names=["answer"],
         )  # fmt: skip
-    model = onnx.load(out)
+    model = onnx.load_model_from_string(buffer.getvalue())
     description = {
         "features": CHANNELS[run.config.features],
         "unit": UNITS[run.config.target],
+        "gain": imager.gain,
         "config": run.config.model_dump(mode="json"),
         "chosen_array": run.array.model_dump(mode="json"),
         **run.radar.metadata(),
     }
     onnx.helper.set_model_props(model, {"sparseradar": json.dumps(description)})
-    onnx.save(model, out)
-    session = onnxruntime.InferenceSession(str(out), providers=["CPUExecutionProvider"])
+    content = model.SerializeToString()
+    session = onnxruntime.InferenceSession(content, providers=["CPUExecutionProvider"])
     with torch.inference_mode():
         expected = network(features).numpy()
         torch_seconds = _latency(lambda: network(features))
@@ -83,8 +87,12 @@ def export(run_directory: Path, out: Path) -> Export:
     found = session.run(None, feed)[0]
     difference = float(np.abs(found - expected).max() / max(float(np.abs(expected).max()), 1e-30))
     if not difference <= TOLERANCE:
-        out.unlink()
-        raise RuntimeError(f"{out}: onnxruntime differs from torch by {difference:.2g} of the maximum; nothing written")
+        raise TrainingStopped(
+            f"{out}: onnxruntime differs from torch by {difference:.2g} of the maximum, more than {TOLERANCE:g}; "
+            "nothing written"
+        )
+    with writing(out) as partial:
+        partial.write_bytes(content)
     return Export(out, difference, torch_seconds, _latency(lambda: session.run(None, feed)))
 
 

@@ -18,13 +18,16 @@ from lightning.pytorch.loggers import TensorBoardLogger
 from lightning.pytorch.trainer.states import TrainerStatus
 
 from shared.errors import InputError
+from shared.locations import Location
 from trainer.arrays import choose_array
-from trainer.callbacks import PictureLogger, RunKeeper
+from trainer.callbacks import LOSS, NMSE, PictureLogger, RunKeeper
 from trainer.configuration import FitConfig
 from trainer.datamodule import ImagingData
 from trainer.doa import DoaData, DoaTask
-from trainer.runs import CHECKPOINT, RUN_FILE, Run, read_run, versions, write_run
+from trainer.runs import CHECKPOINT, RUN_FILE, WEIGHTS, Run, read_run, versions, write_run
+from trainer.targets import UNITS
 from trainer.task import ImagingTask
+from trainer.verdict import judge
 
 DEVELOPER_ADVICE = (
     ".*does not have many workers.*",
@@ -37,7 +40,7 @@ DEVELOPER_ADVICE = (
 
 
 def fit(
-    datasets: Sequence[Path],
+    datasets: Sequence[Location | str],
     out: Path,
     config: FitConfig,
     array: str = "sparse6",
@@ -48,9 +51,9 @@ def fit(
     devices: int = 1,
     announce: Callable[[str], None] = print,
 ) -> Run:
-    """Train one network and keep it in ``out``.
+    """Train one network, keep it in ``out`` and score it on the test frames (:mod:`trainer.verdict`).
 
-    :param datasets: folders of datasets of one radar; the "doa-cnn" takes only the radar from them
+    :param datasets: folders of datasets of one radar, local or by URI; the "doa-cnn" takes only the radar from them
     :param array: see :func:`trainer.arrays.choose_array`
     :param weights: share of each dataset in the batches
     :param resume: go on with the run in ``out``, at the batch after its last checkpoint
@@ -75,7 +78,7 @@ def fit(
         _prepare(out, run, resume)
     checkpoint = out / CHECKPOINT if resume and (out / CHECKPOINT).is_file() else None
     online = config.model == "doa-cnn"
-    task = (DoaTask if online else ImagingTask)(config, run.radar, run.array)
+    task = (DoaTask if online else ImagingTask)(config, run.radar, run.array, data.truth_window)
     source: LightningDataModule = DoaData(config, run.radar) if online else data
     parameters = sum(parameter.numel() for parameter in task.parameters())
     frames = ", ".join(f"{f.name}: {f.frames['train']} + {f.frames['validation']}" for f in run.datasets)
@@ -83,7 +86,9 @@ def fit(
         announce(f"{config.model}, {parameters} parameters; array {run.array.name}; train + validate frames: {frames}")
     callbacks: list[Callback] = [RunKeeper(out, announce), *([] if online else [PictureLogger()])]
     if config.patience:
-        callbacks.append(EarlyStopping("validation_loss", patience=config.patience))
+        watched = LOSS if UNITS[config.target] == UNITS["class"] else NMSE
+        # Not strict: without a truth in any validation frame there is no normalised error, and no early stop.
+        callbacks.append(EarlyStopping(watched, patience=config.patience, strict=False))
     batches = config.steps * config.accumulate
     with _quiet():
         trainer = Trainer(
@@ -119,6 +124,8 @@ def fit(
             raise
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise InputError(checkpoint, f"not readable: {reason}", "the checkpoint of this run") from error
+    if first and not online and (out / WEIGHTS).is_file():
+        judge(out, datasets, announce)
     return run
 
 

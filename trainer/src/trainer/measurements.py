@@ -15,6 +15,7 @@ from pydantic import ValidationError
 from shared.dataset_folder import MANIFEST, SPLITS, open_dataset
 from shared.dataset_reading import radar_of
 from shared.errors import InputError
+from shared.locations import Location, RemotePath, locate
 from shared.radar import Radar, first_validation_error, load_radar
 from shared.spectrum import range_doppler, select_doppler
 from shared.windows import cell_noise_power
@@ -40,15 +41,16 @@ class Measurement:
     truth: NDArray[np.float32] | None
 
 
-def open_measurements(source: Path, radar: str | None, split: str) -> tuple[Radar, Iterator[Measurement]]:
-    """The radar and the frames of a dataset's split, or of a cube.
+def open_measurements(source: Location | str, radar: str | None, split: str) -> tuple[Radar, Iterator[Measurement]]:
+    """The radar and the frames of a dataset's split, local or remote, or of a cube.
 
     A cube is complex64 [chirp, sample, C]: a ``.npy`` with its radar named by ``radar``, or a ``.npz`` with ``cube``
     and ``radar``, the fields of a radar file as JSON text.
 
     :raises InputError: neither, or one that is damaged or does not fit its radar
     """
-    if source.is_dir():
+    source = locate(source)
+    if isinstance(source, RemotePath) or source.is_dir():
         if radar is not None:
             raise InputError("--radar", f"{radar!r} beside a dataset", "no --radar: the dataset holds its own")
         dataset = open_dataset(source)

@@ -13,21 +13,25 @@ from numpy.typing import NDArray
 
 from shared.radar import Radar
 from shared.units import amplitude_to_db
+from trainer.errors import writing
 
 SPAN_DB = 40.0
 """Levels shown below the maximum [dB]."""
 
 
-def level_db(image: NDArray[np.floating]) -> NDArray[np.float64]:
-    """[R, U] level below the picture's maximum, weighted by range, at least -:data:`SPAN_DB` [dB].
+def level_db(
+    image: NDArray[np.floating], span_db: float = SPAN_DB, reference: NDArray[np.floating] | None = None
+) -> NDArray[np.float64]:
+    """[R, U] level below the maximum of the image, or of a reference, weighted by range, from -``span_db`` on [dB].
 
     An echo's amplitude falls with R^2 and a picture has 40 dB: without the weight only the nearest metres would show.
     """
-    weighted = np.asarray(image, dtype=np.float64) * np.arange(len(image))[:, None]
-    peak = weighted.max()
+    distance = np.arange(len(image))[:, None]
+    weighted = np.asarray(image, dtype=np.float64) * distance
+    peak = (weighted if reference is None else np.asarray(reference, dtype=np.float64) * distance).max()
     if peak <= 0:
-        return np.full(image.shape, -SPAN_DB)
-    return np.asarray(np.maximum(amplitude_to_db(weighted / peak), -SPAN_DB))
+        return np.full(image.shape, -span_db)
+    return np.asarray(np.maximum(amplitude_to_db(weighted / peak), -span_db))
 
 
 def panel(images: Mapping[str, NDArray[np.floating]]) -> NDArray[np.uint8]:
@@ -36,21 +40,51 @@ def panel(images: Mapping[str, NDArray[np.floating]]) -> NDArray[np.uint8]:
     return np.asarray(255.0 * np.concatenate(columns, axis=1), dtype=np.uint8)
 
 
+def save_comparison(path: Path, frames: Mapping[str, Mapping[str, NDArray[np.floating]]], radar: Radar) -> None:
+    """A PNG with a row for each frame and a column for each of its images, the last of which sets the row's 0 dB."""
+    count = len(next(iter(frames.values())))
+    figure = Figure(figsize=(3.6 * count, 3.6 * len(frames) + 0.4), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(len(frames), count, sharex=True, sharey=True, squeeze=False)
+    for line, (title, images) in zip(axes, frames.items(), strict=True):
+        reference = list(images.values())[-1]
+        for axis, (name, image) in zip(line, images.items(), strict=True):
+            drawn = axis.imshow(
+                level_db(image, reference=reference)[:, ::-1], origin="lower", aspect="auto", vmin=-SPAN_DB, vmax=0.0,
+                cmap="magma", extent=_extent(radar),
+            )  # fmt: skip
+            if axis in axes[0]:
+                axis.set_title(name)
+            if axis in axes[-1]:
+                axis.set_xlabel("u = sin(azimuth)")
+        line[0].set_ylabel(f"{title}\nrange [m]")
+    figure.colorbar(drawn, ax=axes, label="amplitude x range [dB of the truth's maximum]", aspect=40)
+    _save(figure, path)
+
+
+def _extent(radar: Radar) -> tuple[float, float, float, float]:
+    """Left, right, bottom and top edge; column 0 is u_start, on the right: u rises to the left of the radar."""
+    return radar.grid.u_stop, radar.grid.u_start, 0.0, radar.waveform.range_bins * radar.waveform.range_step_m
+
+
 def save_picture(path: Path, images: Mapping[str, NDArray[np.floating]], radar: Radar, title: str) -> None:
     """A PNG of the images side by side with range and u axes, left of the radar on the left."""
     figure = Figure(figsize=(4.0 * len(images), 5.0), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(1, len(images), sharey=True, squeeze=False)[0]
-    grid = radar.grid
-    far = radar.waveform.range_bins * radar.waveform.range_step_m
     for axis, (name, image) in zip(axes, images.items(), strict=True):
-        # Column 0 is u_start, on the right: u rises to the left of the radar.
         drawn = axis.imshow(
             level_db(image)[:, ::-1], origin="lower", aspect="auto", vmin=-SPAN_DB, vmax=0.0, cmap="magma",
-            extent=(grid.u_stop, grid.u_start, 0.0, far),
+            extent=_extent(radar),
         )  # fmt: skip
         axis.set(title=name, xlabel="u = sin(azimuth)")
     axes[0].set_ylabel("range [m]")
     figure.colorbar(drawn, ax=axes, label="amplitude x range [dB below maximum]")
     figure.suptitle(title)
-    figure.savefig(path, dpi=100, metadata={"Software": None})
+    _save(figure, path)
+
+
+def _save(figure: Figure, path: Path) -> None:
+    with writing(path) as partial:
+        # Without the version of matplotlib, so that the bytes do not depend on it.
+        figure.savefig(partial, format="png", dpi=100, metadata={"Software": None})

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from shared.dataset import METADATA_KEY
 from shared.errors import InputError
+from shared.locations import Location
+from trainer.errors import writing
 from trainer.imager import Imager
 from trainer.measurements import Measurement, open_measurements
 from trainer.pictures import save_picture
@@ -25,7 +27,7 @@ IMAGES = "images.parquet"
 
 def predict(
     run_directory: Path,
-    source: Path,
+    source: Location | str,
     out: Path,
     radar: str | None = None,
     split: str = "test",
@@ -49,8 +51,7 @@ def predict(
     device = "cuda" if torch.cuda.is_available() else "cpu"
     imager.to(device)
     schema, count = _schema(run), 0
-    partial = out / f"{IMAGES}.partial"
-    with pq.ParquetWriter(partial, schema, compression="lz4") as writer:
+    with writing(out / IMAGES) as partial, pq.ParquetWriter(partial, schema, compression="lz4") as writer:
         for measurement in measurements:
             image, velocity = image_peaks(imager, measurement)
             row = {
@@ -62,7 +63,6 @@ def predict(
             if pictures:
                 _picture(out, run, imager, measurement, image)
             count += 1
-    partial.rename(out / IMAGES)
     announce(f"{count} frames of {source} in {out}")
     return count
 

@@ -1,17 +1,17 @@
 """A run folder: what the run was made with and what came out, readable without executing anything that it holds.
 
 RUN/run.json             configuration, radar, array, fingerprints of the datasets, versions
-RUN/weights.safetensors  of the best validation
+RUN/weights.safetensors  of the best validation, its metadata the gain
 RUN/metrics.csv          one line for each validation
 RUN/last.ckpt            for --resume: plain tensors and numbers, loaded with weights_only
 RUN/tensorboard/         curves and pictures
+RUN/verdict.json         scores on the test split, beside RUN/pictures/test.png
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-import os
 import platform
 from collections.abc import Iterable, Mapping
 from importlib.metadata import version
@@ -19,14 +19,16 @@ from pathlib import Path
 
 import torch
 from pydantic import BaseModel, ConfigDict, ValidationError
-from safetensors import SafetensorError
-from safetensors.torch import load_file, save
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save
 
 from shared.dataset_folder import ShardRecord
 from shared.errors import InputError
+from shared.locations import Location, folder_name
 from shared.radar import Radar, first_validation_error
 from trainer.arrays import ArrayChoice
 from trainer.configuration import FitConfig
+from trainer.errors import writing
 from trainer.imager import Imager
 
 RUN_VERSION = 1
@@ -34,6 +36,7 @@ RUN_FILE = "run.json"
 WEIGHTS = "weights.safetensors"
 CHECKPOINT = "last.ckpt"
 METRICS = "metrics.csv"
+GAIN = "gain"
 PACKAGES = ("sparseradar-trainer", "sparseradar-shared", "torch", "lightning", "numpy", "pyarrow")
 
 
@@ -52,11 +55,9 @@ class Fingerprint(BaseModel):
     frames: dict[str, int]
 
     @classmethod
-    def of(cls, directory: Path, records: Iterable[ShardRecord], frames: Mapping[str, int]) -> Fingerprint:
+    def of(cls, directory: Location, records: Iterable[ShardRecord], frames: Mapping[str, int]) -> Fingerprint:
         lines = "\n".join(f"{record.path} {record.sha256}" for record in records)
-        return cls(
-            name=directory.resolve().name, sha256=hashlib.sha256(lines.encode()).hexdigest(), frames=dict(frames)
-        )
+        return cls(name=folder_name(directory), sha256=hashlib.sha256(lines.encode()).hexdigest(), frames=dict(frames))
 
 
 class Run(BaseModel):
@@ -80,7 +81,12 @@ def versions() -> dict[str, str]:
 
 def write_run(directory: Path, run: Run) -> None:
     """Write ``run.json`` into an existing folder."""
-    _replace(directory / RUN_FILE, (json.dumps(run.model_dump(mode="json"), indent=1) + "\n").encode())
+    write_json(directory / RUN_FILE, run.model_dump(mode="json"))
+
+
+def write_json(path: Path, document: Mapping[str, object]) -> None:
+    """Write a JSON file, whole or not at all."""
+    _replace(path, (json.dumps(document, indent=1) + "\n").encode())
 
 
 def read_run(directory: Path) -> Run:
@@ -104,24 +110,26 @@ def read_run(directory: Path) -> Run:
         raise InputError(path, *first_validation_error(error)) from error
 
 
-def save_weights(directory: Path, imager: Imager) -> None:
-    """Write ``weights.safetensors``, whole or not at all."""
+def save_weights(directory: Path, imager: Imager, gain: float = 1.0) -> None:
+    """Write ``weights.safetensors``, whole or not at all; the gain stands in its metadata."""
     tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in imager.network.state_dict().items()}
-    _replace(directory / WEIGHTS, save(tensors))
+    _replace(directory / WEIGHTS, save(tensors, metadata={GAIN: repr(float(gain))}))
 
 
 def load_imager(directory: Path) -> tuple[Run, Imager]:
     """The run's imager in evaluation mode, on the CPU.
 
-    :raises InputError: no run, weights that are missing, cut short or of another network
+    :raises InputError: no run, weights that are missing, cut short, not finite or of another network
     """
     run, path = read_run(directory), directory / WEIGHTS
     if not path.is_file():
         raise InputError(path, "no such file", "the weights of a run that has validated at least once")
     imager = Imager(run.config, run.radar, run.array)
     try:
-        tensors = load_file(path)
-    except (SafetensorError, OSError) as error:
+        with safe_open(path, framework="pt") as file:
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - it is no mapping
+            imager.gain = float((file.metadata() or {}).get(GAIN, "1.0"))
+    except (SafetensorError, OSError, ValueError) as error:
         raise InputError(path, f"not readable as safetensors: {error}", "a whole weights file") from error
     expected = imager.network.state_dict()
     for name in sorted(expected.keys() | tensors.keys()):
@@ -129,6 +137,8 @@ def load_imager(directory: Path) -> tuple[Run, Imager]:
         if shapes[0] != shapes[1]:
             described = f"{run.config.model} of {RUN_FILE}"
             raise InputError(path, f"{name} has shape {shapes[0]}", f"{shapes[1]}, as the {described} has it")
+        if not torch.isfinite(tensors[name]).all():
+            raise InputError(path, f"{name} has values that are not finite", "the weights of a run that trained")
     imager.network.load_state_dict(tensors)
     imager.network.to(memory_format=torch.channels_last)
     return run, imager.eval()
@@ -152,6 +162,5 @@ def same_radar(one: Radar, one_source: str, other: Radar, other_source: str) -> 
 
 
 def _replace(path: Path, content: bytes) -> None:
-    partial = path.with_name(path.name + ".partial")
-    partial.write_bytes(content)
-    os.replace(partial, path)
+    with writing(path) as partial:
+        partial.write_bytes(content)

@@ -15,6 +15,7 @@ from trainer.configuration import FitConfig
 from trainer.errors import TrainingStopped
 from trainer.imager import Imager
 from trainer.losses import frame_losses
+from trainer.online_points import OnlinePoints
 from trainer.targets import decode, encode
 
 WARM_UP = 0.05
@@ -26,22 +27,28 @@ Batch = dict[str, torch.Tensor]
 
 
 class ImagingTask(LightningModule):
-    """Trains an :class:`Imager`. All randomness follows from (seed, batch index), see :mod:`trainer.augmentation`."""
+    """Trains an :class:`Imager`. All randomness follows from (seed, batch index), see :mod:`trainer.augmentation`.
 
-    def __init__(self, config: FitConfig, radar: Radar, array: ArrayChoice) -> None:
+    :param truth_window: of the datasets, for the truth of online point targets
+    """
+
+    def __init__(self, config: FitConfig, radar: Radar, array: ArrayChoice, truth_window: str = "none") -> None:
         super().__init__()
         self.config = config
         torch.manual_seed(config.seed)
         self.imager = Imager(config, radar, array)
         self.imager.network.to(memory_format=torch.channels_last)
         self._augment = AngularAugmentation(radar)
+        self._points = OnlinePoints(radar, truth_window) if config.points else None
         self.batches_seen = 0
+        self._projections: list[float] = []
+        self._energies: list[float] = []
 
     def training_step(self, batch: Batch, batch_index: int) -> torch.Tensor:
-        range_channel, image, known = self._training_frames(batch)
-        features, scale = self.imager.features(range_channel, batch["noise_power"])
-        target = encode(self.config, image, batch["image_peak"], scale)
-        losses = frame_losses(self.config, self.imager.answer(features), target, known)
+        batch = self._training_batch(batch)
+        features, scale = self.imager.features(batch["range_channel"], batch["noise_power"])
+        target = encode(self.config, batch["image"], batch["image_peak"], scale)
+        losses = frame_losses(self.config, self.imager.answer(features), target, batch["known"])
         self._refuse_not_finite(losses, batch["frame_id"])
         self.batches_seen += 1
         loss = losses.mean()
@@ -49,7 +56,7 @@ class ImagingTask(LightningModule):
         return loss
 
     def validation_step(self, batch: Batch, batch_index: int) -> None:
-        """Loss, and the normalised mean squared error of the linear image beside that of the best-scaled DaS."""
+        """Loss; what the gain and the normalised error of the linear image follow from; that of the best-scaled DaS."""
         range_channel, image = batch["range_channel"][:, 0], batch["image"]
         features, scale = self.imager.features(range_channel, batch["noise_power"])
         answer = self.imager.answer(features)
@@ -63,10 +70,28 @@ class ImagingTask(LightningModule):
         estimate = decode(self.config, answer, scale)[shown]
         if self.config.target == "row":
             estimate = estimate / batch["image_peak"].float()[shown, None, None]
-        das = best_scaled(self.imager.das(range_channel)[shown], image[shown])
-        for name, candidate in (("validation_nmse", estimate), ("das_nmse", das)):
-            error = normalised_error(candidate, image[shown]).mean()
-            self.log(name, error, batch_size=int(shown.sum()), sync_dist=True)
+        truth = image[shown]
+        energy = truth.square().sum(dim=(-2, -1))
+        self._projections += ((estimate * truth).sum(dim=(-2, -1)) / energy).tolist()
+        self._energies += (estimate.square().sum(dim=(-2, -1)) / energy).tolist()
+        das = normalised_error(best_scaled(self.imager.das(range_channel)[shown], truth), truth).mean()
+        self.log("das_nmse", das, batch_size=len(truth), sync_dist=True)
+
+    def on_validation_epoch_start(self) -> None:
+        self._projections, self._energies = [], []
+
+    def on_validation_epoch_end(self) -> None:
+        """The one gain of all frames that errs least, and the error that it leaves.
+
+        With p = <e, t> / <t, t> and q = <e, e> / <t, t> of a frame, NMSE(g) = 1 - 2 g p + g^2 q; its mean over frames
+        is least for g = mean(p) / mean(q), where it is 1 - mean(p)^2 / mean(q).
+        """
+        if not self._projections:
+            return
+        projection, energy = math.fsum(self._projections), math.fsum(self._energies)
+        gain = projection / energy if energy > 0.0 else 1.0
+        self.log("validation_gain", gain, sync_dist=True)
+        self.log("validation_nmse", 1.0 - gain * projection / len(self._projections), sync_dist=True)
 
     def configure_optimizers(self) -> dict[str, Any]:
         config = self.config
@@ -90,8 +115,11 @@ class ImagingTask(LightningModule):
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         self.batches_seen = checkpoint["batches_seen"]
 
-    def _training_frames(self, batch: Batch) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor | None]:
-        """Cropped and augmented ([B, R', C], [B, R', U], [B, 1, U] or None) of the strongest Doppler peak."""
+    def _training_batch(self, batch: Batch) -> Batch:
+        """The strongest Doppler peak, cropped and augmented, and behind it the online point targets.
+
+        ``known`` [B, 1, U] is 1 where the truth is known, ``frame_id`` -1 for online points.
+        """
         config, count = self.config, len(batch["frame_id"])
         largest = self._augment.largest_shift if config.augment else 0
         world, rank = self.trainer.world_size, self.trainer.global_rank
@@ -101,14 +129,28 @@ class ImagingTask(LightningModule):
             first = int(drawn.crop * (image.shape[1] - config.rows + 1))
             range_channel = range_channel[:, first : first + config.rows]
             image = image[:, first : first + config.rows]
-        if not config.augment:
-            return range_channel, image, None
-        return self._augment(range_channel, image, drawn)
+        known = torch.ones_like(image[:, :1])
+        if config.augment:
+            range_channel, image, known = self._augment(range_channel, image, drawn)
+        parts = {**batch, "range_channel": range_channel, "image": image, "known": known}
+        if self._points is None:
+            return parts
+        places = range(count * rank * config.points, count * (rank + 1) * config.points)
+        crops = self._points(config.seed, self.batches_seen, places, image.shape[1], image.device)
+        extra = {
+            "range_channel": crops.range_channel,
+            "image": crops.image,
+            "image_peak": crops.image_peak,
+            "noise_power": torch.ones_like(crops.image_peak),
+            "known": known.new_ones(len(places), *known.shape[1:]),
+            "frame_id": batch["frame_id"].new_full((len(places),), -1),
+        }
+        return {name: torch.cat([parts[name], extra[name]]) for name in extra}
 
     def _refuse_not_finite(self, losses: torch.Tensor, frame_id: torch.Tensor) -> None:
         finite = torch.isfinite(losses.detach())
         if not finite.all():
-            frames = frame_id[~finite].tolist()
+            frames = [frame if frame >= 0 else "online points" for frame in frame_id[~finite].tolist()]
             raise TrainingStopped(
                 f"loss is not finite for frame {frames} at batch {self.batches_seen}; the weights are unchanged: look "
                 "at that frame, or lower the learning rate"

@@ -1,9 +1,9 @@
 """``--error-budget``: prices from the cache or a sweep, a choice, and the errors that the choice has all together.
 
-Prices belong to a scene, its materials, the radar, the poses, the menu and the code; they are measured once. The sweep
-looks at frames of the run itself, because the same scene may be harmless from one pose and full of corner reflectors
-from the next. Single prices choose; then the choice is measured whole, and where it misses the budget, because
-errors met that the squares did not foresee, the next choice aims lower by as much.
+Prices belong to a scene, its materials and effects, the radar, the poses, the menu and the code; they are measured
+once. The sweep looks at frames of the run itself, because the same scene may be harmless from one pose and full of
+corner reflectors from the next. Single prices choose; then the choice is measured whole, and where it misses the
+budget, because errors met that the squares did not foresee, the next choice aims lower by as much.
 """
 
 from __future__ import annotations
@@ -18,14 +18,15 @@ from threadpoolctl import threadpool_limits
 from datafactory.accuracy.chain import Clock, reference_of, run
 from datafactory.accuracy.errors import peak_error, relative_l2
 from datafactory.accuracy.knobs import REFERENCE_DEPTH, UNPRUNED_DB, Settings
+from datafactory.accuracy.power import Kept, power_error
 from datafactory.accuracy.prices import Choice, Errors, Menu, Prices, choose, measure_prices
-from datafactory.accuracy.probes import Probe, probes_of, traced
-from datafactory.accuracy.sweep import Advance, Effort, power_error
+from datafactory.accuracy.probes import PlannedScene, Probe, planned_scenes, probes_of, traced
+from datafactory.accuracy.sweep import Advance
 from datafactory.cache import Announce, cached, user_cache
+from datafactory.effects.catalogue import EffectSet
 from datafactory.order import Order
 from datafactory.paths.backend import select_variant, set_threads
 from datafactory.scenes.materials import MaterialTable
-from datafactory.scenes.open import open_scene
 from shared.errors import InputError
 from shared.radar import Radar
 
@@ -37,9 +38,14 @@ ROUNDS = 4
 
 @dataclass(frozen=True)
 class SweptScene:
-    """A scene of the order: the frames that were swept and, where the run has more, one that was not."""
+    """A scene of the order: the frames that were swept and, where the run has more, one that was not.
+
+    :param effects: that it is simulated with; :param complete: those that the power in cells is held against
+    """
 
     content: str
+    effects: EffectSet
+    complete: EffectSet
     swept: tuple[Probe, ...]
     elsewhere: tuple[Probe, ...]
 
@@ -89,23 +95,28 @@ def settle(
     radar, folder = order.radar, folder or user_cache()
     scenes, prices = [], []
     with threadpool_limits(limits=1):
-        for index, source in enumerate(order.scenes):
-            scene = _swept(order, table, index, source)
+        for index, planned in enumerate(planned_scenes(order, table, lambda line: None)):
+            scene = _swept(order, index, planned)
             if not scene.swept:
                 continue
             scenes.append(scene)
 
-            def sweep(path: Path, probes: tuple[Probe, ...] = scene.swept, name: str = source) -> Prices:
+            def sweep(path: Path, scene: SweptScene = scene, name: str = order.scenes[index]) -> Prices:
                 announce(f"{name}: measuring what accuracy costs, once; the result is kept as {path}")
-                return measure_prices(probes, menu, radar, advance)
+                return measure_prices(scene.swept, menu, radar, scene.effects, advance)
 
             prices.append(cached(folder, _inputs(scene, radar, asdict(menu)), Prices, sweep, announce))
+        traces: list[Kept] = [{} for _ in scenes]
         target_db = level_db
         for _ in range(ROUNDS):
             choice = choose(prices, menu, target_db, radar)
             advance(menu.steps(), menu.steps(), "the choice as a whole")
-            together = [_together(scene, choice.settings, menu.effort, radar, folder, announce) for scene in scenes]
-            predicted = worst_of(together)
+            predicted = worst_of(
+                [
+                    _together(scene, choice.settings, menu, radar, kept, folder, announce)
+                    for scene, kept in zip(scenes, traces, strict=True)
+                ]
+            )
             excess_db = predicted.worst_db - level_db
             if excess_db <= 0.0 or not choice.keeps_budget:
                 break
@@ -114,66 +125,85 @@ def settle(
     settings = choice.settings
     processing = replace(order.processing, tolerance=settings.tolerance, truth_terms=settings.truth_terms)
     trace = replace(order.trace, rays=settings.rays, depth=settings.depth)
-    announce(_said(level_db, choice))
+    announce(_said(level_db, choice, menu))
     chosen = replace(order, processing=processing, trace=trace, prune_db=settings.prune_db)
     return Budget(level_db, choice, chosen, menu, tuple(scenes))
 
 
-def errors_together(probes: Sequence[Probe], settings: Settings, effort: Effort, radar: Radar) -> Errors:
-    """The errors of all settings at once on these frames, each against everything converged."""
-    settings = replace(settings, video_phase=radar.waveform.residual_video_phase)
-    against = replace(settings, rays=effort.reference_rays, depth=REFERENCE_DEPTH)
-    cube, image, power = [], [], []
-    for probe in probes:
+def errors_together(scene: SweptScene, settings: Settings, menu: Menu, radar: Radar, kept: Kept) -> Errors:
+    """The errors of all settings at once on the frames swept, each against everything converged.
+
+    :param kept: realisations traced before; the reference's are added
+    """
+    settings = replace(settings, effects=scene.effects, video_phase=radar.waveform.residual_video_phase)
+    cube, image = list[float](), list[float]()
+    for probe in () if menu.paths_only else scene.swept:
         tables = [traced(probe, settings, radar)]
         reference = reference_of(tables, replace(settings, prune_db=UNPRUNED_DB), radar)
         outcome = run(tables, settings, radar, Clock(), reference, batch=1)
         cube.append(relative_l2(outcome.cubes[0], reference.cubes[0]))
         image.append(peak_error(outcome.images[0], reference.images[0]))
-        power.append(power_error(probe, settings, against, effort, radar, {})[0])
-    return Errors.of(max(cube), max(image), max(power))
+    return Errors.of(cube, image, power_errors(scene.swept, scene, settings, menu, radar, kept))
+
+
+def power_errors(
+    probes: Sequence[Probe], scene: SweptScene, settings: Settings, menu: Menu, radar: Radar, kept: Kept, draw: int = 0
+) -> list[float]:
+    """Of the power in a cell, amplitude over peak, against many rays, every bounce and every effect, by frame.
+
+    :param draw: of the rays, see :func:`datafactory.accuracy.power.power_error`
+    """
+    against = replace(settings, effects=scene.complete, rays=menu.effort.reference_rays, depth=REFERENCE_DEPTH)
+    return [power_error(probe, settings, against, menu.effort, radar, kept, draw=draw).peak for probe in probes]
 
 
 def worst_of(scenes: Sequence[Errors]) -> Errors:
     """The largest of each error."""
     every = [errors.model_dump() for errors in scenes]
-    return Errors(**{name: max(errors[name] for errors in every) for name in every[0]})
+
+    def largest(name: str) -> float | None:
+        values = [errors[name] for errors in every if errors[name] is not None]
+        return max(values) if values else None
+
+    return Errors.model_validate({name: largest(name) for name in Errors.model_fields})
 
 
 def _together(
-    scene: SweptScene, settings: Settings, effort: Effort, radar: Radar, folder: Path, announce: Announce
+    scene: SweptScene, settings: Settings, menu: Menu, radar: Radar, kept: Kept, folder: Path, announce: Announce
 ) -> Errors:
-    inputs = _inputs(scene, radar, {"settings": asdict(settings), "effort": asdict(effort)})
-    return cached(folder, inputs, Errors, lambda path: errors_together(scene.swept, settings, effort, radar), announce)
+    wanted = {"settings": asdict(settings), "complete": scene.complete.names, "menu": asdict(menu)}
+
+    def measure(path: Path) -> Errors:
+        return errors_together(scene, settings, menu, radar, kept)
+
+    return cached(folder, _inputs(scene, radar, wanted), Errors, measure, announce)
 
 
-def _swept(order: Order, table: MaterialTable, index: int, source: str) -> SweptScene:
+def _swept(order: Order, index: int, planned: PlannedScene) -> SweptScene:
     """The frames of one scene to look at; none where the run has no frame of it."""
     own = range(index, len(order.poses) or order.frames, len(order.scenes))
-    if not own:
-        return SweptScene("", (), ())
-    chosen = tuple(own[place] for place in sorted({0, len(own) // 2}))[:FRAMES]
+    chosen = tuple(own[place] for place in sorted({0, len(own) // 2}))[:FRAMES] if own else ()
     other = tuple(number for number in own if number not in chosen)[-1:]
-    scene = open_scene(source)
-    probes = probes_of(scene, table, order.poses, chosen + other, order.seed, order.split)
-    return SweptScene(scene.content_hash(), probes[: len(chosen)], probes[len(chosen) :])
+    probes = probes_of(planned.work, order, chosen + other)
+    swept, elsewhere = probes[: len(chosen)], probes[len(chosen) :]
+    return SweptScene(planned.content, planned.work.effects, planned.complete, swept, elsewhere)
 
 
 def _inputs(scene: SweptScene, radar: Radar, wanted: dict[str, Any]) -> dict[str, Any]:
     return {
         "scene": scene.content,
         "materials": scene.swept[0].materials.to_json(),
+        "effects": scene.effects.names,
         "radar": radar.model_dump(mode="json"),
         "frames": [[probe.frame_id, probe.seed, asdict(probe.pose)] for probe in scene.swept],
         "wanted": wanted,
     }
 
 
-def _said(budget_db: float, choice: Choice) -> str:
+def _said(budget_db: float, choice: Choice, menu: Menu) -> str:
     s = choice.settings
-    text = (
-        f"error budget {budget_db:g} dB: {s.rays} rays, depth {s.depth}, pruning at {s.prune_db:g} dB, tolerance "
-        f"{s.tolerance:g}, {s.truth_terms} truth terms; {choice.work:.2e} multiply-adds a frame; "
-        f"predicted {choice.predicted}"
-    )
+    text = f"error budget {budget_db:g} dB: {s.rays} rays, depth {s.depth}, "
+    if not menu.paths_only:
+        text += f"pruning at {s.prune_db:g} dB, tolerance {s.tolerance:g}, {s.truth_terms} truth terms; "
+    text += f"{choice.work:.2e} multiply-adds a frame; predicted {choice.predicted}"
     return text if choice.keeps_budget else f"{text}. NOT KEPT: nothing on the menu was found that keeps this budget"

@@ -110,9 +110,14 @@ class Clock:
         return max(item.peak_mb for every in self.measured.values() for item in every)
 
 
+def at_rest_or_not(paths: PathTable, settings: Settings, radar: Radar) -> PathTable:
+    """The paths as they move, or as they stand at mid-frame where there is no Doppler."""
+    return paths if settings.effects.doppler else paths.at_rest(radar.waveform.mid_frame_s)
+
+
 def as_set(paths: PathTable, settings: Settings, radar: Radar) -> PathTable:
     """The paths that the settings leave, with the delay law that they ask for."""
-    kept = pruned(paths, radar, settings.prune_db)
+    kept = at_rest_or_not(pruned(paths, radar, settings.prune_db), settings, radar)
     if settings.delays == "linear":
         kept = variants.linear_delays(kept, radar)
     return variants.float32_geometry(kept) if settings.width == "float32 geometry" else kept
@@ -126,9 +131,7 @@ def cube_as_set(paths: PathTable, settings: Settings, radar: Radar) -> NDArray:
     if settings.video_phase != radar.waveform.residual_video_phase:
         waveform = radar.waveform.model_copy(update={"residual_video_phase": settings.video_phase})
         radar = radar.model_copy(update={"waveform": waveform})
-    if settings.input_wave == "plane":
-        return variants.plane_wave_cube(paths, radar, tolerance)
-    return cube_of_paths(paths, radar, tolerance)
+    return cube_of_paths(paths, radar, tolerance, model=settings.wave_model())
 
 
 def images_as_set(
@@ -163,10 +166,12 @@ class Reference:
 def reference_of(tables: Sequence[PathTable], settings: Settings, radar: Radar) -> Reference:
     """The converged frames of unpruned ``tables`` under the radar's own residual video phase."""
     cubes, cells, moments = [], [], []
-    for paths in tables:
-        cubes.append(cube_of_paths(paths, radar, knobs.REFERENCE_TOLERANCE))
+    model = settings.wave_model()
+    for table in tables:
+        paths = at_rest_or_not(table, settings, radar)
+        cubes.append(cube_of_paths(paths, radar, knobs.REFERENCE_TOLERANCE, model=model))
         cells.append(selection_of(cubes[-1], radar).cells[0])
-        moments.append(variants.reference_moments(paths, radar, cells[-1], knobs.REFERENCE_TERMS))
+        moments.append(variants.reference_moments(paths, radar, cells[-1], knobs.REFERENCE_TERMS, model=model))
     return Reference(tuple(cubes), tuple(cells), images_as_set(moments, settings, radar))
 
 
@@ -205,8 +210,8 @@ def run(
     """All stages after tracing. Doppler cells are those of the reference, so that image errors are the image's own."""
     cubes, cells, moments, counts = [], [], [], []
     s = settings
-    geometry = (s.prune_db, s.delays, s.width == "float32 geometry")
-    signal = (*geometry, s.width, s.tolerance, s.input_wave, s.video_phase)
+    geometry = (s.prune_db, s.delays, s.width == "float32 geometry", s.effects)
+    signal = (*geometry, s.width, s.tolerance, s.video_phase)
     for index, table in enumerate(tables):
         paths = as_set(table, s, radar)
         counts.append(len(paths))
@@ -214,7 +219,8 @@ def run(
         selection = clock("range-Doppler", partial(selection_of, cube, radar), key=(index, signal))
         rows = selection.cells[0] if reference is None else reference.cells[index]
         truth = (index, *geometry, s.truth_terms)
-        moments.append(clock("truth", partial(truth_moments, paths, radar, rows, s.truth_terms), key=truth))
+        imaged = partial(truth_moments, paths, radar, rows, s.truth_terms, s.wave_model())
+        moments.append(clock("truth", imaged, key=truth))
         cubes.append(cube)
         cells.append(selection.cells[0])
     key = (*geometry, s.truth_terms, s.truth_wave, s.truth_window)

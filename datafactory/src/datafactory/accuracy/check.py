@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,13 +11,12 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from datafactory.accuracy.budget import Budget, worst_of
-from datafactory.accuracy.chain import as_set, cube_as_set, images_as_set
+from datafactory.accuracy.budget import Budget, SweptScene, power_errors, worst_of
+from datafactory.accuracy.chain import as_set, at_rest_or_not, cube_as_set, images_as_set
 from datafactory.accuracy.errors import peak_error, relative_l2
-from datafactory.accuracy.knobs import REFERENCE_DEPTH, REFERENCE_TERMS, REFERENCE_TOLERANCE, Settings
+from datafactory.accuracy.knobs import REFERENCE_TERMS, REFERENCE_TOLERANCE, Settings
 from datafactory.accuracy.prices import Errors
 from datafactory.accuracy.probes import Probe, traced
-from datafactory.accuracy.sweep import power_error
 from datafactory.accuracy.variants import reference_moments
 from datafactory.cache import Announce
 from datafactory.paths.table import PathTable
@@ -29,35 +29,39 @@ from shared.radar import Radar
 
 HONEST_DB = 3.0
 """Achieved and predicted error may differ by this much."""
-CHOSEN = ("rays", "depth", "prune_db", "tolerance", "truth_terms")
+CHECK_DRAW = 1
+"""Of the rays for the power in cells: not those of the prediction, nor of its reference."""
+OF_PATHS = ("rays", "depth")
+CHOSEN = (*OF_PATHS, "prune_db", "tolerance", "truth_terms")
 
 
 def check(budget: Budget, directory: Path, announce: Announce) -> None:
-    """Measure the errors of the finished dataset on the frames swept and on one that was not; print and record them.
+    """Measure the errors of the finished run on the frames swept and on one that was not; print and record them.
 
-    The image is the dataset's own, read back, in the Doppler cells that its noise chose. For the power in a cell the
-    rays are drawn anew: the realisations are not those of the prediction.
+    The image is the dataset's own, read back, in the Doppler cells that its noise chose; of traced paths there is none.
+    For the power in a cell the rays are drawn anew: the realisations are not those of the prediction.
     """
     started = time.perf_counter()
     choice = budget.choice
     with threadpool_limits(limits=1):
-        achieved = worst_of([_achieved(scene.swept, budget, directory) for scene in budget.scenes])
-        others = [_achieved(scene.elsewhere, budget, directory) for scene in budget.scenes if scene.elsewhere]
-    predicted = choice.predicted.model_dump()
-    differences = {name: round(value - predicted[name], 1) for name, value in achieved.model_dump().items()}
+        achieved = worst_of([_achieved(scene, scene.swept, budget, directory) for scene in budget.scenes])
+        others = [_achieved(scene, scene.elsewhere, budget, directory) for scene in budget.scenes if scene.elsewhere]
+    predicted = choice.predicted.measured()
+    differences = {name: round(value - predicted[name], 1) for name, value in achieved.measured().items()}
     honest = max(map(abs, differences.values())) <= HONEST_DB
+    chosen = OF_PATHS if budget.menu.paths_only else CHOSEN
     entry: dict[str, Any] = {
         "budget_db": budget.level_db,
         "keeps_budget": choice.keeps_budget,
-        "settings": {name: getattr(choice.settings, name) for name in CHOSEN},
+        "settings": {name: getattr(choice.settings, name) for name in chosen},
         "work_per_frame": choice.work,
         "frames": [probe.frame_id for scene in budget.scenes for probe in scene.swept],
         "predicted": predicted,
-        "achieved": achieved.model_dump(),
+        "achieved": achieved.measured(),
         "achieved_less_predicted_db": differences,
         "prediction_within_3_db": honest,
         "other_frames": [probe.frame_id for scene in budget.scenes for probe in scene.elsewhere],
-        "achieved_on_other_frames": worst_of(others).model_dump() if others else None,
+        "achieved_on_other_frames": worst_of(others).measured() if others else None,
     }
     manifest = read_manifest(directory)
     manifest["error_budget"] = entry
@@ -72,26 +76,30 @@ def check(budget: Budget, directory: Path, announce: Announce) -> None:
         announce(f"warning: the error budget of {budget.level_db:g} dB is not kept")
 
 
-def _achieved(probes: tuple[Probe, ...], budget: Budget, directory: Path) -> Errors:
-    radar, effort = budget.order.radar, budget.menu.effort
-    window = budget.order.processing.truth_window
-    settings = replace(budget.choice.settings, truth_window=window, video_phase=radar.waveform.residual_video_phase)
-    against = replace(settings, rays=effort.reference_rays, depth=REFERENCE_DEPTH)
-    cube, image, power = [], [], []
-    for probe in probes:
+def _achieved(scene: SweptScene, probes: Sequence[Probe], budget: Budget, directory: Path) -> Errors:
+    radar, window = budget.order.radar, budget.order.processing.truth_window
+    settings = replace(
+        budget.choice.settings,
+        effects=scene.effects,
+        truth_window=window,
+        video_phase=radar.waveform.residual_video_phase,
+    )
+    cube, image = list[float](), list[float]()
+    for probe in () if budget.menu.paths_only else probes:
         paths = traced(probe, settings, radar)
-        exact = cube_of_paths(paths, radar, REFERENCE_TOLERANCE)
+        converged = at_rest_or_not(paths, settings, radar)
+        exact = cube_of_paths(converged, radar, REFERENCE_TOLERANCE, model=settings.wave_model())
         cube.append(relative_l2(cube_as_set(as_set(paths, settings, radar), settings, radar), exact))
-        image.append(_stored_image_error(_frame(directory, probe.frame_id, budget.order.split), paths, settings, radar))
-        power.append(power_error(probe, settings, against, effort, radar, {}, effort.realisations)[0])
-    return Errors.of(max(cube), max(image), max(power))
+        stored = _frame(directory, probe.frame_id, budget.order.split)
+        image.append(_stored_image_error(stored, converged, settings, radar))
+    return Errors.of(cube, image, power_errors(probes, scene, settings, budget.menu, radar, {}, CHECK_DRAW))
 
 
 def _stored_image_error(frame: Frame, paths: PathTable, settings: Settings, radar: Radar) -> float:
     """Of the image in the dataset against the converged one of the same paths in the same Doppler cells."""
     waveform = radar.waveform
     cells = np.rint(frame.velocity[0] / waveform.velocity_step_mps).astype(np.int64) + waveform.chirps // 2
-    moments = reference_moments(paths, radar, cells, REFERENCE_TERMS)
+    moments = reference_moments(paths, radar, cells, REFERENCE_TERMS, model=settings.wave_model())
     expected = images_as_set([moments], settings, radar, size=1)[0]
     return peak_error(frame.image * np.float32(frame.image_peak), expected)
 

@@ -31,8 +31,8 @@ from shared.radar import Radar
 
 Real = NDArray[np.float64]
 
-REFERENCE_FIRST = 1000
-"""Number of the first realisation of a reference, far from those of the settings."""
+DRAW, REFERENCE = 1000, 500
+"""Draw d has realisations from 1000 d + 1 on, and its reference those from 1000 d + 501 on; 0 is the run's own."""
 
 
 @dataclass(frozen=True)
@@ -103,17 +103,19 @@ def power_error(
     radar: Radar,
     kept: Kept,
     paired: bool = False,
-    first: int = 1,
+    draw: int = 0,
 ) -> PowerError:
-    """The errors of ``settings`` held against ``against``, with the same rays or with a reference of its own.
+    """The errors of ``settings`` held against ``against``.
 
-    :param first: number of the first realisation; the reference's follow :data:`REFERENCE_FIRST` later
+    :param paired: both with the same rays; otherwise ``against`` has a reference's own
+    :param draw: number of an independent draw of all these rays
     """
+    first = DRAW * draw + 1
     value = realisations(probe, settings, radar, first, effort.realisations, kept).power
     if paired:
         expected = realisations(probe, against, radar, first, effort.realisations, kept).power
         return compared(value, expected, np.zeros(1), radar)
-    numbers = (REFERENCE_FIRST + first, effort.reference_realisations)
+    numbers = (first + REFERENCE, effort.reference_realisations)
     expected, variance = mean_and_variance(realisations(probe, against, radar, *numbers, kept).power)
     return compared(value, expected, variance, radar)
 

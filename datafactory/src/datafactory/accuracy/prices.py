@@ -2,7 +2,8 @@
 
 Errors of different knobs have no common phase, so their squares add. Three errors are bounded, each as an amplitude:
 the cube's (relative L2) and the truth image's (largest difference over peak) on the same paths, and the amplitude in
-a resolution cell, sqrt(mean power), over its peak. The price is counted work, so that every machine chooses alike.
+a resolution cell, sqrt(power), over its peak (:mod:`datafactory.accuracy.power`). The price is counted work, so that
+every machine chooses alike.
 """
 
 from __future__ import annotations
@@ -18,16 +19,21 @@ from pydantic import BaseModel, ConfigDict
 from datafactory.accuracy.chain import Clock, Reference, reference_of, run
 from datafactory.accuracy.errors import level_db, peak_error, relative_l2
 from datafactory.accuracy.knobs import CONVERGED, DEFAULT, REFERENCE_DEPTH, REFERENCE_RAYS, Settings
+from datafactory.accuracy.power import Effort, Kept, power_error, realisations
 from datafactory.accuracy.probes import Probe, traced
-from datafactory.accuracy.sweep import Advance, Effort, Means, power_error
-from datafactory.accuracy.work import counted_work
+from datafactory.accuracy.sweep import Advance
+from datafactory.accuracy.work import counted_work, trace_work
+from datafactory.effects.catalogue import EffectSet
 from datafactory.paths.table import PathTable
 from shared.radar import Radar
 
 
 @dataclass(frozen=True)
 class Menu:
-    """What may be chosen from, each from cheap to dear; the last depth is the reference."""
+    """What may be chosen from, each from cheap to dear; of knobs without values the default stays.
+
+    :param effort: of measuring the power in cells
+    """
 
     rays: tuple[int, ...] = (25_000, 50_000, 100_000, 200_000, 400_000, 800_000)
     depth: tuple[int, ...] = (1, 2, REFERENCE_DEPTH)
@@ -35,6 +41,15 @@ class Menu:
     tolerance: tuple[float, ...] = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
     truth_terms: tuple[int, ...] = (3, 4, 5, 6)
     effort: Effort = field(default_factory=lambda: Effort(REFERENCE_RAYS))
+
+    @property
+    def paths_only(self) -> bool:
+        """Whether nothing is chosen but how to trace."""
+        return not (self.prune_db or self.tolerance or self.truth_terms)
+
+    def of_paths(self) -> Menu:
+        """What of it concerns the paths alone."""
+        return replace(self, prune_db=(), tolerance=(), truth_terms=())
 
     def steps(self) -> int:
         return len(self.rays) + len(self.depth) + len(self.prune_db) + len(self.tolerance) + len(self.truth_terms)
@@ -72,27 +87,37 @@ class Prices(BaseModel):
 
 
 class Errors(BaseModel):
-    """The three errors [dB], the largest over the frames, to 0.1 dB so that the last bits of a sum do not decide."""
+    """The three errors [dB], the largest over the frames, to 0.1 dB so that the last bits of a sum do not decide.
+
+    None of cube and image where only paths are made.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    cube_db: float
-    image_db: float
+    cube_db: float | None
+    image_db: float | None
     power_db: float
 
     @staticmethod
-    def of(cube: float, image: float, power: float) -> Errors:
-        """From amplitude ratios."""
-        return Errors(
-            cube_db=round(level_db(cube), 1), image_db=round(level_db(image), 1), power_db=round(level_db(power), 1)
-        )
+    def of(cube: Sequence[float], image: Sequence[float], power: Sequence[float]) -> Errors:
+        """The largest of amplitude ratios; none of a cube or image that is not made."""
+
+        def largest(ratios: Sequence[float]) -> float | None:
+            return round(level_db(max(ratios)), 1) if ratios else None
+
+        return Errors(cube_db=largest(cube), image_db=largest(image), power_db=round(level_db(max(power)), 1))
+
+    def measured(self) -> dict[str, float]:
+        """Name and level of those that there are."""
+        return {name: value for name, value in self.model_dump().items() if value is not None}
 
     @property
     def worst_db(self) -> float:
-        return max(self.cube_db, self.image_db, self.power_db)
+        return max(self.measured().values())
 
     def __str__(self) -> str:
-        return f"cube {self.cube_db:.1f}, image {self.image_db:.1f}, power in a cell {self.power_db:.1f} dB"
+        names = {"cube_db": "cube", "image_db": "image", "power_db": "power in a cell"}
+        return ", ".join(f"{names[name]} {value:.1f}" for name, value in self.measured().items()) + " dB"
 
 
 @dataclass(frozen=True)
@@ -105,34 +130,49 @@ class Choice:
     keeps_budget: bool
 
 
-def measure_prices(probes: Sequence[Probe], menu: Menu, radar: Radar, advance: Advance) -> Prices:
-    """Sweep the knobs of the menu, the rays of the others being its middle ones; nothing is timed."""
-    base = replace(CONVERGED, video_phase=radar.waveform.residual_video_phase)
+def measure_prices(probes: Sequence[Probe], menu: Menu, radar: Radar, effects: EffectSet, advance: Advance) -> Prices:
+    """Sweep the knobs of the menu, the rays of the others being its middle ones; nothing is timed.
+
+    :param effects: that the scene is simulated with
+    """
     depth = DEFAULT.depth if DEFAULT.depth in menu.depth else menu.depth[-1]
-    usual = replace(DEFAULT, rays=menu.rays[len(menu.rays) // 2], depth=depth, video_phase=base.video_phase)
+    usual = replace(
+        DEFAULT,
+        effects=effects,
+        rays=menu.rays[len(menu.rays) // 2],
+        depth=depth,
+        video_phase=radar.waveform.residual_video_phase,
+    )
     total, prices = menu.steps(), list[Price]()
     advance(0, total, "reference")
-    tables = [traced(probe, usual, radar) for probe in probes]
-    reference, kept = reference_of(tables, base, radar), Clock(keep=True)
-    run(tables, base, radar, kept, reference)
-    for knob in ("tolerance", "prune_db", "truth_terms"):
-        for value in getattr(menu, knob):
-            advance(len(prices), total, f"{knob} {value}")
-            clock = Clock(kept=kept.kept)
-            prices.append(_signal_price(knob, value, replace(base, **{knob: value}), tables, reference, clock, radar))
-    del reference, kept
-    means: Means = {}
+    if not menu.paths_only:
+        base = replace(usual, prune_db=CONVERGED.prune_db, truth_terms=CONVERGED.truth_terms)
+        tables = [traced(probe, usual, radar) for probe in probes]
+        reference, kept = reference_of(tables, base, radar), Clock(keep=True)
+        run(tables, base, radar, kept, reference)
+        for knob in ("tolerance", "prune_db", "truth_terms"):
+            for value in getattr(menu, knob):
+                advance(len(prices), total, f"{knob} {value}")
+                clock = Clock(kept=kept.kept)
+                settings = replace(base, **{knob: value})
+                prices.append(_signal_price(knob, value, settings, tables, reference, clock, radar))
+        del reference, kept
+    traces: Kept = {}
     none = (0.0,) * len(probes)
     for knob in ("rays", "depth"):
         for value in getattr(menu, knob):
             advance(len(prices), total, f"{knob} {value}")
             settings = replace(usual, **{knob: value})
-            against = replace(settings, rays=menu.effort.reference_rays)
-            if knob == "depth":
-                against = replace(settings, depth=REFERENCE_DEPTH)
-            errors = tuple(power_error(probe, settings, against, menu.effort, radar, means)[0] for probe in probes)
-            paths = float(np.mean([means[probe.frame_id, settings][1] for probe in probes]))
-            prices.append(Price(knob=knob, value=value, cube=none, image=none, power=errors, paths=paths))
+            deep = knob == "depth"
+            against = replace(usual, depth=REFERENCE_DEPTH) if deep else replace(usual, rays=menu.effort.reference_rays)
+            errors = tuple(
+                power_error(probe, settings, against, menu.effort, radar, traces, paired=deep).peak for probe in probes
+            )
+            count = menu.effort.realisations
+            paths = [realisations(probe, settings, radar, 1, count, traces).paths for probe in probes]
+            prices.append(
+                Price(knob=knob, value=value, cube=none, image=none, power=errors, paths=float(np.mean(paths)))
+            )
     return Prices(frame_ids=tuple(probe.frame_id for probe in probes), prices=tuple(prices))
 
 
@@ -164,11 +204,15 @@ def choose(scenes: Sequence[Prices], menu: Menu, budget_db: float, radar: Radar)
     """
     choices, lists = [], [prices.by_setting() for prices in scenes]
     for rays, depth, prune, tolerance, terms in itertools.product(
-        menu.rays, menu.depth, menu.prune_db, menu.tolerance, menu.truth_terms
+        menu.rays,
+        menu.depth,
+        menu.prune_db or (DEFAULT.prune_db,),
+        menu.tolerance or (DEFAULT.tolerance,),
+        menu.truth_terms or (DEFAULT.truth_terms,),
     ):
         settings = replace(DEFAULT, rays=rays, depth=depth, prune_db=prune, tolerance=tolerance, truth_terms=terms)
-        predicted = _predicted(lists, settings)
-        work = counted_work(settings, _paths(lists, settings), radar)
+        predicted = _predicted(lists, settings, menu)
+        work = trace_work(settings) if menu.paths_only else counted_work(settings, _paths(lists, settings), radar)
         choices.append(Choice(settings, work, predicted, predicted.worst_db <= budget_db))
     good = [choice for choice in choices if choice.keeps_budget]
     if good:
@@ -176,16 +220,16 @@ def choose(scenes: Sequence[Prices], menu: Menu, budget_db: float, radar: Radar)
     return min(choices, key=lambda choice: (choice.predicted.worst_db, choice.work))
 
 
-def _predicted(lists: Sequence[PriceList], settings: Settings) -> Errors:
-    cube, image, power = [], [], []
+def _predicted(lists: Sequence[PriceList], settings: Settings, menu: Menu) -> Errors:
+    cube, image, power = list[float](), list[float](), list[float]()
     for prices in lists:
-        tolerance, prune = prices["tolerance", settings.tolerance], prices["prune_db", settings.prune_db]
-        terms = prices["truth_terms", settings.truth_terms]
         rays, depth = prices["rays", settings.rays], prices["depth", settings.depth]
-        cube.append(max(map(math.hypot, tolerance.cube, prune.cube)))
-        image.append(max(map(math.hypot, terms.image, prune.image)))
-        power.append(max(map(math.hypot, rays.power, depth.power)))
-    return Errors.of(max(cube), max(image), max(power))
+        power += map(math.hypot, rays.power, depth.power)
+        if not menu.paths_only:
+            tolerance, prune = prices["tolerance", settings.tolerance], prices["prune_db", settings.prune_db]
+            cube += map(math.hypot, tolerance.cube, prune.cube)
+            image += map(math.hypot, prices["truth_terms", settings.truth_terms].image, prune.image)
+    return Errors.of(cube, image, power)
 
 
 def _paths(lists: Sequence[PriceList], settings: Settings) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
 
@@ -16,9 +16,11 @@ from matplotlib.ticker import FormatStrFormatter
 
 from datafactory.accuracy.errors import FLOOR_DB
 from datafactory.accuracy.sweep import Row
+from datafactory.effects.catalogue import EffectSet
 
 HEADINGS = (
-    "knob", "setting", "s/frame", "cube dB", "image dB", "image L2 dB", "power bias dB", "detections %", "rows %",
+    "knob", "setting", "s/frame", "cube dB", "image dB", "image L2 dB", "cell L1 dB", "L1 r^4 dB", "bias dB",
+    "detections %", "rows %",
     "peak MB", "paths", "work",
 )  # fmt: skip
 EXPLANATION = (
@@ -26,10 +28,13 @@ EXPLANATION = (
     "* is the default. Errors are the largest over the frames.",
     "Signal knobs, on the same paths: cube is relative L2; image the largest difference over the peak, in the same "
     "Doppler cells. They are varied around an unpruned cube at 1e-6 and a truth of 6 terms.",
-    "Power knobs change the paths, and the ray count changes the speckle realisation: what is compared is the "
-    "amplitude in a resolution cell, sqrt(mean power) over realisations of the rays, and the bias of the total power. "
-    "Rays and lattice are held against the densest fan, depth and effects against all of them with the same rays. "
-    "The change in detections contains the change of speckle.",
+    "Power knobs change the paths, and the ray count changes the speckle realisation. Measured is the power in a "
+    "resolution cell, summed over its paths without phase, of one realisation of the rays against its average over "
+    "realisations of many more: cube and image L2 are relative L2 of the amplitudes, image is the largest difference "
+    "over the peak, rms over realisations, the reference's own variance subtracted; cell L1 is "
+    "sum |P - P_ref| / sum P_ref, mean over realisations, L1 r^4 the same weighted by range^4; bias is of the total "
+    "power. Depth, surfaces and effects are held against the default with the same rays (depth against the deepest). "
+    "surface_phase turns phases alone: it has no error in power. The change in detections contains that of speckle.",
     "rows: Doppler cells chosen otherwise, among rows with a detection. Peak: growth of the resident set in any stage. "
     "Work: counted multiply-adds.",
 )
@@ -49,6 +54,8 @@ def table_rows(rows: Sequence[Row]) -> list[tuple[str, ...]]:
             f"{row.cube_error_db:.1f}",
             f"{row.image_error_db:.1f}",
             f"{row.image_l2_db:.1f}",
+            "" if row.power_l1_db is None else f"{row.power_l1_db:.1f}",
+            "" if row.power_l1_range_weighted_db is None else f"{row.power_l1_range_weighted_db:.1f}",
             f"{row.power_bias_db:+.3f}",
             f"{row.detections_changed:.1f}",
             f"{row.doppler_rows_changed:.1f}",
@@ -138,3 +145,9 @@ def write_picture(rows: Sequence[Row], title: str, directory: Path) -> Path:
     path = directory / "accuracy.png"
     draw(rows, title).savefig(path, dpi=110, metadata={"Software": None})
     return path
+
+
+def effects_line(effects: EffectSet, absent: Collection[str]) -> str:
+    """What the frames are simulated with, and which effects have no row because the scene has nothing for them."""
+    text = f"Effects as planned: {', '.join(effects.names)}. An effect's row is the other way round."
+    return f"{text} Nothing in the scene for: {', '.join(sorted(absent))}." if absent else text

@@ -2,7 +2,8 @@
 
 Signal knobs share the paths of the pipeline's own tracing, unpruned, and are held against a cube of 1e-11 and a truth
 whose Doppler filter and range walk are exact. Power knobs change the paths and with them the speckle; their error is
-that of the amplitude in a resolution cell, sqrt(mean power), averaged over the same realisations for every setting.
+that of the power in resolution cells (:mod:`datafactory.accuracy.power`). Everything is varied around the effects that
+the scene's plan calls for; an effect's row is the difference that it makes to the frame as planned.
 """
 
 from __future__ import annotations
@@ -19,34 +20,16 @@ from threadpoolctl import threadpool_limits
 from datafactory.accuracy import chain
 from datafactory.accuracy.errors import detections_changed, level_db, peak_error, relative_l2
 from datafactory.accuracy.knobs import CONVERGED, DEFAULT, REFERENCE_DEPTH, Knob, Settings
-from datafactory.accuracy.probes import Probe, mean_cell_power, traced
+from datafactory.accuracy.power import Effort, Kept, power_error
+from datafactory.accuracy.probes import Probe, traced
 from datafactory.accuracy.work import counted_work
-from datafactory.frames import IMAGE_BATCH
+from datafactory.effects.catalogue import ALL, EffectSet
 from datafactory.paths.table import PathTable
 from shared.radar import Radar
 
 SAME_PATHS = "same paths: cube at 1e-11 in complex128, truth by the virtual sensor's whole cube"
+DEFAULTS = "defaults"
 Advance = Callable[[int, int, str], None]
-Means = dict[tuple[int, Settings], tuple[NDArray[np.float64], float]]
-"""Mean cell power and number of paths, by frame and settings."""
-
-
-@dataclass(frozen=True)
-class Effort:
-    """How much is measured.
-
-    :param reference_rays: rays of the converged tracing
-    :param realisations: of the rays, averaged in power
-    :param repeats: of each timed stage and frame
-    :param batch: frames that share the image stage
-    :param rays: of every setting that does not state its own
-    """
-
-    reference_rays: int
-    realisations: int = 4
-    repeats: int = 1
-    batch: int = IMAGE_BATCH
-    rays: int = DEFAULT.rays
 
 
 @dataclass(frozen=True)
@@ -54,9 +37,11 @@ class Row:
     """One setting of one knob, measured; errors are the largest over the frames.
 
     :param seconds: a frame on one core; :param stage_seconds: the same by stage
-    :param cube_error_db: relative L2; for power knobs of the cells' mean amplitudes
-    :param image_error_db: largest difference over the peak; for power knobs of the cells' mean amplitudes
+    :param cube_error_db: relative L2; for power knobs of the amplitudes in cells, rms over realisations
+    :param image_error_db: largest difference over the peak; for power knobs of the amplitudes in cells, rms likewise
     :param image_l2_db: relative L2 of the images; for power knobs as ``cube_error_db``
+    :param power_l1_db, power_l1_range_weighted_db: for power knobs sum |P - P_ref| / sum P_ref over cells [dB], mean
+        over realisations; the second with both weighted by range^4
     :param power_bias_db: total power over the reference's [dB]
     :param detections_changed: [%] of the truth's cells above noise; for power knobs the speckle's change is in it
     :param doppler_rows_changed: [%] of the image rows with a detection whose strongest Doppler cell is another
@@ -74,6 +59,8 @@ class Row:
     cube_error_db: float
     image_error_db: float
     image_l2_db: float
+    power_l1_db: float | None
+    power_l1_range_weighted_db: float | None
     power_bias_db: float
     detections_changed: float
     doppler_rows_changed: float
@@ -83,6 +70,17 @@ class Row:
     reference: str
 
 
+@dataclass(frozen=True)
+class _Step:
+    """A row to be measured."""
+
+    label: str
+    value: Any
+    settings: Settings
+    default: bool
+    knob: Knob | None = None
+
+
 def sweep(
     probes: Sequence[Probe],
     signal: Sequence[Knob],
@@ -90,18 +88,17 @@ def sweep(
     effort: Effort,
     radar: Radar,
     advance: Advance = lambda done, total, label: None,
+    effects: EffectSet = ALL,
 ) -> list[Row]:
     """Measure every setting of every knob on the probes, on one core; the defaults together come first.
 
     :param advance: takes settings done, settings in all, and what is being measured
+    :param effects: of the scene's plan
     """
-    default = replace(DEFAULT, rays=effort.rays, video_phase=radar.waveform.residual_video_phase)
-    converged = replace(CONVERGED, rays=effort.rays, video_phase=default.video_phase)
-    steps = [("defaults", "all", default), *((k.name, v, k.at(converged, v)) for k in signal for v in k.values)]
-    powers = [
-        ("defaults", "all, power", None, default),
-        *((k.name, v, k, k.at(default, v)) for k in power for v in k.values),
-    ]
+    default = replace(DEFAULT, rays=effort.rays, effects=effects, video_phase=radar.waveform.residual_video_phase)
+    converged = replace(default, prune_db=CONVERGED.prune_db, truth_terms=CONVERGED.truth_terms)
+    steps = _steps(signal, default, converged, "all")
+    powers = _steps(power, default, default, "all, power")
     rows: list[Row] = []
     total = len(steps) + len(powers)
     with threadpool_limits(limits=1):
@@ -114,68 +111,50 @@ def sweep(
         kept: dict[Any, Any] = {}
         chain.run(tables, converged, radar, chain.Clock(effort.repeats, kept, keep=True), reference, effort.batch)
         fixed["write"] = chain.write_seconds(reference.cubes[0], reference.images[0], radar, max(3, effort.repeats))
-        for knob, value, settings in steps:
-            advance(len(rows), total, f"{knob} {value}")
-            rows.append(_signal_row(knob, value, settings, default, tables, reference, fixed, effort, radar, kept))
+        for step in steps:
+            advance(len(rows), total, f"{step.label} {step.value}")
+            rows.append(_signal_row(step, tables, reference, fixed, effort, radar, kept))
         del reference, kept
-        means: Means = {}
+        realisations: Kept = {}
         usual = chain.run(tables[:1], default, radar, chain.Clock(), batch=1)
-        for name, value, power_knob, settings in powers:
-            advance(len(rows), total, f"{name} {value}")
-            against = power_reference(power_knob, settings, effort)
-            errors = [power_error(probe, settings, against, effort, radar, means) for probe in probes]
-            about = (
-                f"fan of {against.rays} rays, depth {against.depth}: cell power over {effort.realisations} realisations"
-            )
-            rows.append(
-                _power_row(name, value, settings, default, probes[0], usual, errors, fixed, about, effort, radar)
-            )
+        for step in powers:
+            advance(len(rows), total, f"{step.label} {step.value}")
+            rows.append(_power_row(step, default, probes, usual, fixed, effort, radar, realisations))
     advance(total, total, "done")
     return rows
 
 
-def power_reference(knob: Knob | None, settings: Settings, effort: Effort) -> Settings:
+def _steps(knobs: Sequence[Knob], default: Settings, base: Settings, everything: str) -> list[_Step]:
+    """The defaults together, then every value of every knob away from ``base``.
+
+    Whatever rays the sweep itself is made with, the pipeline's default is marked.
+    """
+    pipeline = replace(default, rays=DEFAULT.rays)
+    return [
+        _Step(DEFAULTS, everything, default, True),
+        *(
+            _Step(knob.label, value, knob.at(base, value), knob.at(pipeline, value) == pipeline, knob)
+            for knob in knobs
+            for value in knob.values
+        ),
+    ]
+
+
+def power_reference(knob: Knob | None, settings: Settings, default: Settings, effort: Effort) -> Settings:
     """What a power setting is held against.
 
-    Number and lattice of the rays against the densest fan of the same depth; depth and effects against all of them
-    with the same rays, whose sampling error is then common to both and cancels; the defaults against all of it.
+    Number and lattice of the rays against the densest fan of the same depth; depth against the deepest, effects and
+    surfaces against the default, both with the same rays; the defaults against the densest and deepest.
     """
-    complete = replace(settings, specular=True, diffuse=True, lattice="fan")
     if knob is None:
-        return replace(complete, rays=effort.reference_rays, depth=REFERENCE_DEPTH)
-    if knob.name in ("rays", "lattice"):
-        return replace(complete, rays=effort.reference_rays)
-    return replace(complete, depth=REFERENCE_DEPTH)
-
-
-def power_error(
-    probe: Probe,
-    settings: Settings,
-    against: Settings,
-    effort: Effort,
-    radar: Radar,
-    means: Means,
-    first: int = 0,
-) -> tuple[float, float, float]:
-    """(largest over peak, relative L2, total power ratio) of the mean amplitudes in resolution cells.
-
-    :param means: what was averaged before, by frame and settings; added to
-    :param first: number of the first realisation
-    """
-    for wanted in (settings, against):
-        if (probe.frame_id, wanted) not in means:
-            numbers = range(first, first + effort.realisations)
-            means[probe.frame_id, wanted] = mean_cell_power(probe, wanted, radar, numbers)
-    value, reference = means[probe.frame_id, settings][0], means[probe.frame_id, against][0]
-    ratio = float(value.sum() / reference.sum()) if reference.any() else 1.0
-    return peak_error(np.sqrt(value), np.sqrt(reference)), relative_l2(np.sqrt(value), np.sqrt(reference)), ratio
+        return replace(default, rays=effort.reference_rays, depth=REFERENCE_DEPTH)
+    if not knob.paired:
+        return replace(settings, rays=effort.reference_rays, lattice="fan")
+    return replace(default, depth=REFERENCE_DEPTH) if knob.name == "depth" else default
 
 
 def _signal_row(
-    knob: str,
-    value: Any,
-    settings: Settings,
-    default: Settings,
+    step: _Step,
     tables: Sequence[PathTable],
     reference: chain.Reference,
     fixed: dict[str, float],
@@ -184,67 +163,81 @@ def _signal_row(
     kept: dict[Any, Any],
 ) -> Row:
     clock = chain.Clock(effort.repeats, kept)
-    outcome = chain.run(tables, settings, radar, clock, reference, effort.batch)
+    outcome = chain.run(tables, step.settings, radar, clock, reference, effort.batch)
     stages = {**fixed, **clock.seconds()}
     pairs = list(zip(outcome.images, reference.images, strict=True))
     expected = replace(outcome, images=reference.images).detections(radar)
     paths = float(np.mean(outcome.paths))
     return Row(
-        knob=knob,
-        setting=str(value),
-        default=_is_default(knob, value, default),
+        knob=step.label,
+        setting=str(step.value),
+        default=step.default,
         kind="signal",
         seconds=sum(stages.values()),
         stage_seconds={name: stages[name] for name in chain.STAGES},
         cube_error_db=_worst([relative_l2(a, b) for a, b in zip(outcome.cubes, reference.cubes, strict=True)]),
         image_error_db=_worst([peak_error(a, b) for a, b in pairs]),
         image_l2_db=_worst([relative_l2(a, b) for a, b in pairs]),
+        power_l1_db=None,
+        power_l1_range_weighted_db=None,
         power_bias_db=_widest([float((a**2).sum() / (b**2).sum()) if b.any() else 1.0 for a, b in pairs]),
         detections_changed=_changed(outcome.detections(radar), expected),
         doppler_rows_changed=_moved(outcome.cells, reference.cells, expected),
         peak_mb=clock.peak_mb(),
         paths=paths,
-        work=counted_work(settings, paths, radar),
+        work=counted_work(step.settings, paths, radar),
         reference=SAME_PATHS,
     )
 
 
 def _power_row(
-    knob: str,
-    value: Any,
-    settings: Settings,
+    step: _Step,
     default: Settings,
-    probe: Probe,
+    probes: Sequence[Probe],
     usual: chain.Outcome,
-    errors: Sequence[tuple[float, float, float]],
     fixed: dict[str, float],
-    about: str,
     effort: Effort,
     radar: Radar,
+    kept: Kept,
 ) -> Row:
+    settings = step.settings
+    against = power_reference(step.knob, settings, default, effort)
+    paired = step.knob is not None and step.knob.paired
+    errors = [power_error(probe, settings, against, effort, radar, kept, paired) for probe in probes]
     clock = chain.Clock(effort.repeats)
-    table = clock("trace", lambda: traced(probe, settings, radar))
+    table = clock("trace", lambda: traced(probes[0], settings, radar))
     outcome = chain.run([table], settings, radar, clock, batch=effort.batch)
     stages = {**fixed, **clock.seconds()}
-    worst, l2, ratio = zip(*errors, strict=True)
     paths = float(outcome.paths[0])
     return Row(
-        knob=knob,
-        setting=str(value),
-        default=_is_default(knob, value, default),
+        knob=step.label,
+        setting=str(step.value),
+        default=step.default,
         kind="power",
         seconds=sum(stages.values()),
         stage_seconds={name: stages[name] for name in chain.STAGES},
-        cube_error_db=_worst(l2),
-        image_error_db=_worst(worst),
-        image_l2_db=_worst(l2),
-        power_bias_db=_widest(ratio),
+        cube_error_db=_worst([error.l2 for error in errors]),
+        image_error_db=_worst([error.peak for error in errors]),
+        image_l2_db=_worst([error.l2 for error in errors]),
+        power_l1_db=0.5 * _worst([error.l1 for error in errors]),
+        power_l1_range_weighted_db=0.5 * _worst([error.l1_range_weighted for error in errors]),
+        power_bias_db=_widest([error.total for error in errors]),
         detections_changed=_changed(outcome.detections(radar), usual.detections(radar)),
         doppler_rows_changed=_moved(outcome.cells, usual.cells, usual.detections(radar)),
         peak_mb=clock.peak_mb(),
         paths=paths,
         work=counted_work(settings, paths, radar),
-        reference=about,
+        reference=_said(against, effort, paired),
+    )
+
+
+def _said(against: Settings, effort: Effort, paired: bool) -> str:
+    realisations = f"{effort.realisations} realisations"
+    if paired:
+        return f"same {against.rays} rays, depth {against.depth}, effects as planned: cell power, {realisations}"
+    return (
+        f"fan of {against.rays} rays, depth {against.depth}, mean of {effort.reference_realisations}: cell power, "
+        f"{realisations}"
     )
 
 
@@ -276,8 +269,3 @@ def _moved(
     changed = [(a != b)[map_.any(axis=1)] for a, b, map_ in zip(cells, expected, detections, strict=True)]
     every = np.concatenate(changed)
     return 100.0 * float(every.mean()) if len(every) else 0.0
-
-
-def _is_default(knob: str, value: Any, default: Settings) -> bool:
-    """Whether this is what the pipeline does, whatever rays the sweep itself is made with."""
-    return knob == "defaults" or getattr(replace(default, rays=DEFAULT.rays), knob) == value

@@ -25,6 +25,11 @@ CUBE_REACH_BINS = 0.6
 """Typical range remainder [bins] of a block of channels, which sets the cube's number of moments."""
 
 
+def trace_work(settings: Settings) -> float:
+    """Multiply-adds for tracing one frame."""
+    return RAY_BOUNCE * settings.rays * settings.trace().steps
+
+
 def counted_work(settings: Settings, paths: float, radar: Radar) -> float:
     """Multiply-adds for one frame with this many paths after pruning."""
     waveform, grid = radar.waveform, radar.grid
@@ -33,10 +38,9 @@ def counted_work(settings: Settings, paths: float, radar: Radar) -> float:
     width = 1.0 if settings.tolerance >= FLOAT32_TOLERANCE else 2.0
     signals = float(radar.array.channels * waveform.chirps)
     cells = OVERSAMPLING * waveform.samples
-    trace = RAY_BOUNCE * settings.rays * settings.depth
     spread = width * signals * paths * (PHASE + 2.0 * terms)
     transforms = width * signals * terms * (4.0 * cells * math.log2(cells) + 4.0 * waveform.samples)
     doppler = 4.0 * signals * waveform.samples * math.log2(waveform.samples * waveform.chirps)
     truth = elements * (TRUTH_PATH * paths + TRUTH_ROW * waveform.range_bins * settings.truth_terms)
     image = 4.0 * waveform.range_bins * elements * grid.bins * settings.truth_terms
-    return trace + spread + transforms + doppler + truth + image
+    return trace_work(settings) + spread + transforms + doppler + truth + image

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
@@ -12,17 +12,18 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from datafactory.accuracy import budget, knobs, report
+from datafactory.accuracy import budget, knobs, lattices, report
 from datafactory.accuracy.check import check
+from datafactory.accuracy.power import Effort
 from datafactory.accuracy.prices import Menu
-from datafactory.accuracy.probes import probes_of
-from datafactory.accuracy.sweep import Advance, Effort, sweep
+from datafactory.accuracy.probes import planned_scenes, probes_of
+from datafactory.accuracy.sweep import Advance, sweep
 from datafactory.cli import options
 from datafactory.frames import IMAGE_BATCH
 from datafactory.order import Order
 from datafactory.paths.backend import select_variant, set_threads
+from datafactory.pipeline import Report, render
 from datafactory.scenes.materials import MaterialTable, load_materials
-from datafactory.scenes.open import open_scene
 from datafactory.scenes.poses import read_poses
 from shared.errors import InputError
 from shared.radar import load_radar
@@ -55,19 +56,27 @@ def accuracy(
     select_variant()
     set_threads(1)
     count = min(1 if quick else frames, len(given) or IMAGE_BATCH)
-    probes = probes_of(open_scene(scene), table, given, tuple(range(count)), seed)
+    order = Order(radar=model, scenes=(scene,), frames=0 if given else count, poses=given[:count], seed=seed)
+    planned = planned_scenes(order, table, lambda line: console.print(line, markup=False))[0]
+    effects = planned.work.effects
+    probes = probes_of(planned.work, order, range(count))
     signal, power = knobs.SIGNAL_KNOBS, knobs.POWER_KNOBS
-    effort = Effort(knobs.REFERENCE_RAYS, realisations=4, repeats=repeats)
+    effort = Effort(knobs.REFERENCE_RAYS, repeats=repeats)
     if quick:
         signal, power = knobs.QUICK_SIGNAL_KNOBS, knobs.QUICK_POWER_KNOBS
-        effort = Effort(knobs.QUICK_REFERENCE_RAYS, realisations=2, batch=1, rays=knobs.QUICK_RAYS)
+        effort = Effort(
+            knobs.QUICK_REFERENCE_RAYS, realisations=2, reference_realisations=3, batch=1, rays=knobs.QUICK_RAYS
+        )
+    toggled = knobs.effect_knobs(effects, planned.absent)
+    signal += tuple(knob for knob in toggled if not knob.power)
+    power += tuple(knob for knob in toggled if knob.power)
     with _bar(console) as advance:
-        rows = sweep(probes, signal, power, effort, model, advance)
+        rows = sweep(probes, signal, power, effort, model, advance, effects)
     shown = Table(*report.HEADINGS, title=f"What accuracy costs: {scene}", title_justify="left")
     for row in report.table_rows(rows):
         shown.add_row(*row)
     Console(width=max(console.width, TABLE_WIDTH), soft_wrap=True, highlight=False).print(shown)
-    for line in report.EXPLANATION:
+    for line in (*report.EXPLANATION, report.effects_line(effects, planned.absent), *lattices.lines(rows)):
         console.print(line, markup=False)
     batch = f"{effort.rays} rays, images in batches of {effort.batch}"
     title = f"{scene}: {count} frame{'s' if count > 1 else ''}, seed {seed}, radar {model.name}, {batch}"
@@ -75,10 +84,17 @@ def accuracy(
         console.print(f"wrote {path}", markup=False)
 
 
-def render_within_budget(
-    order: Order, table: MaterialTable, level_db: float, menu: Menu, out: Path, workers: int, resume: bool
+def make_within_budget(
+    order: Order,
+    table: MaterialTable,
+    level_db: float,
+    menu: Menu,
+    out: Path,
+    workers: int,
+    resume: bool,
+    make: Callable[..., Report] = render,
 ) -> None:
-    """``render --error-budget``: settle the settings, render, and check what was promised."""
+    """``--error-budget``: settle the settings, render (or another ``make`` of the pipeline), check what was promised."""
     console = Console(soft_wrap=True, highlight=False)
 
     def announce(line: str) -> None:
@@ -86,7 +102,7 @@ def render_within_budget(
 
     with _bar(console) as advance:
         settled = budget.settle(order, table, level_db, menu, announce, advance)
-    options.run(settled.order, table, out, workers, resume)
+    options.run(settled.order, table, out, workers, resume, make=make)
     check(settled, out, announce)
 
 

@@ -58,6 +58,12 @@ def choice(option: str, value: str, allowed: tuple[str, ...]) -> str:
     return value
 
 
+def stated(context: typer.Context, name: str) -> bool:
+    """Whether the user gave this option."""
+    source = context.get_parameter_source(name)
+    return source is not None and source.name != "DEFAULT"
+
+
 def run(
     order: Order, table: MaterialTable, out: Path, workers: int, resume: bool, make: Callable[..., Report] = render
 ) -> Report:

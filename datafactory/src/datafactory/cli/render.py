@@ -9,7 +9,7 @@ import typer
 
 from datafactory.accuracy.budget import menu_for
 from datafactory.cli import options
-from datafactory.cli.accuracy import render_within_budget
+from datafactory.cli.accuracy import make_within_budget
 from datafactory.effects.catalogue import parse_effects
 from datafactory.effects.plan import DEFAULT_BUDGET_DB
 from datafactory.frames import Processing
@@ -86,11 +86,7 @@ def render(
     if error_budget is None:
         options.run(order, table, out, workers, resume)
         return
-    menu = menu_for(rays if _stated(context, "rays") else None, depth if _stated(context, "depth") else None)
-    render_within_budget(order, table, error_budget, menu, out, workers, resume)
-
-
-def _stated(context: typer.Context, name: str) -> bool:
-    """Whether the user gave this option."""
-    source = context.get_parameter_source(name)
-    return source is not None and source.name != "DEFAULT"
+    menu = menu_for(
+        rays if options.stated(context, "rays") else None, depth if options.stated(context, "depth") else None
+    )
+    make_within_budget(order, table, error_budget, menu, out, workers, resume)

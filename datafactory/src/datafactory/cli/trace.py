@@ -6,8 +6,11 @@ from typing import Annotated
 
 import typer
 
+from datafactory.accuracy.budget import menu_for
 from datafactory.cli import options
+from datafactory.cli.accuracy import make_within_budget
 from datafactory.effects.catalogue import parse_effects
+from datafactory.effects.plan import DEFAULT_BUDGET_DB
 from datafactory.order import Order
 from datafactory.paths.solver import TraceSettings
 from datafactory.pipeline import trace_paths
@@ -19,6 +22,7 @@ from shared.radar import load_radar
 
 
 def trace(
+    context: typer.Context,
     out: options.Out,
     scene: options.Scenes = None,
     radar: options.RadarName = options.DEFAULT_RADAR_NAME,
@@ -30,12 +34,22 @@ def trace(
     rays: options.Rays = 200_000,
     depth: options.Depth = 2,
     effects: options.Effects = "auto",
+    error_budget: Annotated[
+        float | None,
+        typer.Option(
+            min=-120.0,
+            max=-1.0,
+            show_default=False,
+            help="Choose rays and depth for this error [dB] of the power in a resolution cell of this radar, e.g. -30, "
+            "from a sweep made once; --rays and --depth stay as given.",
+        ),
+    ] = None,
     workers: options.Workers = 0,
     resume: options.Resume = False,
 ) -> None:
     """Trace multipath into DIR/paths; `datafactory render --paths DIR` renders any radar from it.
 
-    Of the radar, only its wavelength matters here.
+    Of the radar, only its wavelength matters here, and with --error-budget its antennas and resolution.
     """
     parse_split_pattern(split)
     if not scene:
@@ -50,6 +64,14 @@ def trace(
         poses=given,
         trace=TraceSettings(rays=rays, depth=depth),
         effects=parse_effects(effects),
+        budget_db=DEFAULT_BUDGET_DB if error_budget is None else error_budget,
     )
-    options.run(order, load_materials(materials), out, workers, resume, make=trace_paths)
+    table = load_materials(materials)
+    if error_budget is None:
+        options.run(order, table, out, workers, resume, make=trace_paths)
+    else:
+        menu = menu_for(
+            rays if options.stated(context, "rays") else None, depth if options.stated(context, "depth") else None
+        ).of_paths()
+        make_within_budget(order, table, error_budget, menu, out, workers, resume, make=trace_paths)
     typer.echo(f"next:  datafactory render --paths {out} --out ANOTHER_FOLDER")

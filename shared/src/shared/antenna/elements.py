@@ -31,7 +31,7 @@ class IsotropicPattern(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     kind: Literal["isotropic"] = "isotropic"
-    gain_dbi: FiniteFloat = 0.0
+    gain_dbi: Annotated[FiniteFloat, Field(ge=-200, le=200)] = 0.0
 
     def power_gain(self, directions: Real) -> Real:
         """[...] linear power gain towards ``directions`` [..., 3] (any length)."""
@@ -53,10 +53,10 @@ class ParabolicPattern(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     kind: Literal["parabolic"] = "parabolic"
-    gain_dbi: FiniteFloat
+    gain_dbi: Annotated[FiniteFloat, Field(ge=-200, le=200)]
     azimuth_beamwidth_deg: Annotated[FiniteFloat, Field(gt=0, le=720)]
     elevation_beamwidth_deg: Annotated[FiniteFloat, Field(gt=0, le=720)]
-    floor_db: Annotated[FiniteFloat, Field(ge=0)] = 30.0
+    floor_db: Annotated[FiniteFloat, Field(ge=0, le=400)] = 30.0
 
     def power_gain(self, directions: Real) -> Real:
         """[...] linear power gain towards ``directions`` [..., 3] (any length; a zero vector counts as boresight)."""

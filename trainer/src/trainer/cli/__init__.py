@@ -6,7 +6,8 @@ import sys
 
 import typer
 
-from shared.errors import InputError
+from shared.errors import InputError, require_utf8
+from trainer.cli.evaluate import evaluate
 from trainer.cli.export import export
 from trainer.cli.fit import fit
 from trainer.cli.predict import predict
@@ -18,13 +19,15 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for command in (fit, predict, export):
+for command in (fit, predict, evaluate, export):
     app.command()(command)
 
 
 def main() -> None:
     """Entry point: 0 done, 1 a run that failed, 2 bad arguments or bad input, each with one line."""
     try:
+        for argument in sys.argv[1:]:
+            require_utf8(argument)
         app()
     except InputError as error:
         _fail(str(error), 2)

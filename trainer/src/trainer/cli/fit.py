@@ -11,6 +11,7 @@ from pydantic import ValidationError
 from rich.console import Console
 
 from shared.errors import InputError
+from shared.locations import locate
 from shared.radar import first_validation_error
 from trainer.configuration import FitConfig
 
@@ -18,20 +19,22 @@ GPU = {"steps": 13_000, "rows": 0, "width": 24, "hidden": 768, "precision": "bf1
 """What a GPU changes: whole images, a wider network, six epochs of the paper's 17 500 frames."""
 PAPER = {
     "model": "attention-unet", "features": "paper", "target": "paper", "width": 64, "rows": 0, "batch": 2,
-    "accumulate": 4, "learning_rate": 1e-4, "foreground": 0.0, "augment": False,
+    "accumulate": 4, "learning_rate": 1e-4, "foreground": 0.0, "augment": False, "points": 0,
 }  # fmt: skip
 """The paper's own recipe."""
 
 
 DOA = {
     "model": "doa-cnn", "features": "covariance", "target": "doa", "width": 256, "rows": 64, "batch": 8,
-    "learning_rate": 1e-3, "weight_decay": 0.0, "augment": False, "precision": "32",
+    "learning_rate": 1e-3, "weight_decay": 0.0, "augment": False, "points": 0, "precision": "32",
 }  # fmt: skip
 """The direction-of-arrival network that the paper compares with, on online samples."""
 
 
 def fit(
-    datasets: Annotated[list[Path], typer.Argument(help="Folders of datasets of one radar.", show_default=False)],
+    datasets: Annotated[
+        list[str], typer.Argument(help="Folders of datasets of one radar; also s3:// and gs://.", show_default=False)
+    ],
     out: Annotated[Path, typer.Option("--out", help="Run folder; new or empty.", show_default=False)],
     array: Annotated[str, typer.Option(help="full, sparse6, sparse4 or a TOML file with rx = [...].")] = "sparse6",
     recipe: Annotated[
@@ -45,6 +48,7 @@ def fit(
     steps: Annotated[int | None, typer.Option(help="Optimiser steps.")] = None,
     batch: Annotated[int | None, typer.Option(help="Frames of one forward pass.")] = None,
     accumulate: Annotated[int | None, typer.Option(help="Batches of one optimiser step.")] = None,
+    points: Annotated[int | None, typer.Option(help="Crops of online point targets beside each frame.")] = None,
     rows: Annotated[int | None, typer.Option(help="Range bins of a training crop; 0: whole images.")] = None,
     learning_rate: Annotated[float | None, typer.Option(help="Peak learning rate.")] = None,
     precision: Annotated[str | None, typer.Option(help="32 or bf16.")] = None,
@@ -67,7 +71,7 @@ def fit(
     given = {
         "model": model, "features": features, "target": target, "width": width, "hidden": hidden, "steps": steps,
         "batch": batch, "accumulate": accumulate, "rows": rows, "learning_rate": learning_rate,
-        "precision": precision, "validate_every": validate_every, "patience": patience,
+        "precision": precision, "validate_every": validate_every, "patience": patience, "points": points,
     }  # fmt: skip
     fields = GPU if torch.cuda.is_available() else {"precision": _processor_precision()}
     fields = fields | recipes[recipe] | {name: value for name, value in given.items() if value is not None}
@@ -81,7 +85,9 @@ def fit(
         console.print(line, markup=False)
 
     run_fit(datasets, out, config, array, weight, resume, workers, check, devices, announce)
-    announce(f"run in {out}; curves: tensorboard --logdir {out}; next: trainer predict {out} {datasets[0]} --out DIR")
+    # The located name: a URI as given may hold a key.
+    first = locate(datasets[0])
+    announce(f"run in {out}; curves: tensorboard --logdir {out}; next: trainer predict {out} {first} --out DIR")
 
 
 def _processor_precision() -> str:

@@ -11,7 +11,10 @@ import typer
 def predict(
     run: Annotated[Path, typer.Argument(help="Run folder of trainer fit.", show_default=False)],
     source: Annotated[
-        Path, typer.Argument(metavar="INPUT", help="A dataset, or a cube as .npy or .npz.", show_default=False)
+        str,
+        typer.Argument(
+            metavar="INPUT", help="A dataset, also s3:// or gs://, or a cube as .npy or .npz.", show_default=False
+        ),
     ],
     out: Annotated[Path, typer.Option("--out", help="Folder of the images; new or empty.", show_default=False)],
     radar: Annotated[str | None, typer.Option(help="Radar of a .npy cube: a preset or a TOML file.")] = None,

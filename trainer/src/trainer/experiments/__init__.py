@@ -1,1 +1,1 @@
-"""Comparisons that decided a default."""
+"""The experiments of ``trainer evaluate``, and the comparison that decided the defaults of ``trainer fit``."""

@@ -2,76 +2,43 @@
 
     python -m trainer.experiments.ablation DATASET [DATASET ...] --out DIR [--steps N] [--variants NAME,NAME]
 
-Each variant is an ordinary run folder in DIR, kept if it is there already; the table goes to DIR/ablation.md.
+Each variant is an ordinary run folder in DIR, kept if it is there already and gone on with if it was not finished; the
+table goes to DIR/ablation.md.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
+import json
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import torch
 from torch.utils.flop_counter import FlopCounterMode
 
 from shared.errors import InputError
 from trainer.configuration import FitConfig
-from trainer.data import ShardDataset
 from trainer.fit import fit
 from trainer.imager import Imager
-from trainer.runs import WEIGHTS, load_imager
-from trainer.task import best_scaled, normalised_error
+from trainer.runs import METRICS, RUN_FILE, load_imager
+from trainer.verdict import VERDICT
 
-STEPS = 500
+STEPS = 600
 VARIANTS: dict[str, dict[str, object]] = {
     "recommended": {},
-    "foreground-0": {"foreground": 0.0},
-    "foreground-4": {"foreground": 4.0},
-    "exponent-0.75": {"exponent": 0.75, "foreground": 0.0},
-    "exponent-1": {"exponent": 1.0},
+    "no-points": {"points": 0, "batch": 4},
     "no-augmentation": {"augment": False},
+    "foreground-0": {"foreground": 0.0},
+    "exponent-1": {"exponent": 1.0},
     "attention-unet": {"model": "attention-unet", "width": 8},
-    "paper-input-target": {"features": "paper", "target": "paper", "rows": 0, "augment": False, "foreground": 0.0},
-}
+    "paper": {
+        "model": "attention-unet", "width": 8, "features": "paper", "target": "paper", "rows": 0, "batch": 1,
+        "augment": False, "points": 0, "foreground": 0.0,
+    },
+}  # fmt: skip
 """What each variant changes of the recommended configuration."""
-
-
-@dataclass(frozen=True)
-class Score:
-    """Means over the test frames of one dataset.
-
-    :param error: normalised squared error of the estimate as it is
-    :param scaled_error: of the estimate with the best factor for each frame
-    :param das_error: of delay-and-sum of the same channels with the best factor
-    :param mean_error: of the mean training image with the best factor; an all-zero image has 1
-    """
-
-    error: float
-    scaled_error: float
-    das_error: float
-    mean_error: float
-
-
-def score(imager: Imager, dataset: Path) -> Score:
-    """Test frames of one dataset, against the truth relative to its peak; frames without a truth do not count."""
-    training, frames = ShardDataset(dataset, "train", ("image",)), ShardDataset(dataset, "test")
-    mean = torch.stack([training[index]["image"] for index in range(len(training))]).mean(dim=0)[None]
-    errors = []
-    for index in range(len(frames)):
-        frame = frames[index]
-        truth, snapshot = frame["image"][None], frame["range_channel"][:1]
-        if not truth.any():
-            continue
-        with torch.inference_mode():
-            estimate = imager(snapshot, frame["noise_power"][None])
-        if imager.config.target == "row":
-            estimate = estimate / frame["image_peak"].float()
-        candidates = (estimate, *(best_scaled(image, truth) for image in (estimate, imager.das(snapshot), mean)))
-        errors.append([float(normalised_error(candidate, truth)) for candidate in candidates])
-    return Score(*np.mean(errors, axis=0).tolist())
 
 
 def giga_flops(imager: Imager, rows: int) -> float:
@@ -96,31 +63,40 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(table(options.datasets, options.out, options.variants.split(","), options.steps, options.precision))
     except InputError as error:
         sys.exit(f"ablation: {error}")
+    except KeyboardInterrupt:
+        sys.exit("ablation: interrupted; the same command goes on from the last checkpoint")
 
 
 def table(datasets: Sequence[Path], out: Path, variants: Sequence[str], steps: int, precision: str) -> str:
     """The Markdown table of the variants, trained where they are not there yet."""
     if unknown := [name for name in variants if name not in VARIANTS]:
         raise InputError("--variants", repr(unknown[0]), f"some of {', '.join(VARIANTS)}")
-    names = [path.resolve().name for path in datasets]
-    head = ["variant", "parameters", "GFLOP", *(f"{name}: error / scaled" for name in names)]
+    head = ["variant", "parameters", "GFLOP", "validation NMSE", "test NMSE", "test F1"]
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
-    baselines = ""
     for name in variants:
-        if not (out / name / WEIGHTS).is_file():
+        if not (out / name / VERDICT).is_file():
             config = FitConfig.model_validate({"steps": steps, "precision": precision, **VARIANTS[name]})
-            fit(datasets, out / name, config)
+            fit(datasets, out / name, config, resume=(out / name / RUN_FILE).is_file())
         run, imager = load_imager(out / name)
-        scores = [score(imager, dataset) for dataset in datasets]
+        scores = json.loads((out / name / VERDICT).read_text(encoding="utf-8"))
         parameters = sum(parameter.numel() for parameter in imager.parameters())
         flops = giga_flops(imager, run.radar.waveform.range_bins)
-        cells = [f"{s.error:.2f} / {s.scaled_error:.2f}" for s in scores]
-        lines.append("| " + " | ".join([name, f"{parameters / 1e6:.2f} M", f"{flops:.1f}", *cells]) + " |")
-        shown = [f"{s.das_error:.2f} / {s.mean_error:.2f}" for s in scores]
-        baselines = "| " + " | ".join(["delay-and-sum / mean training image, scaled", "", "", *shown]) + " |"
-    text = "\n".join([*lines, baselines]) + "\n"
+        cells = [f"{parameters / 1e6:.2f} M", f"{flops:.1f}", f"{best_validation(out / name):.3f}"]
+        lines.append("| " + " | ".join([name, *cells, *(f"{scores[k]['network']:.3f}" for k in ("nmse", "f1"))]) + " |")
+    # The same frames for all variants: the last one's baselines are everyone's.
+    for key, name in (("das", "delay and sum"), ("mean", "mean training image"), ("zero", "zero image")):
+        cells = [f"{scores[k][key]:.3f}" if key in scores[k] else "" for k in ("nmse", "f1")]
+        lines.append("| " + " | ".join([name, "", "", "", *cells]) + " |")
+    text = "\n".join(lines) + "\n"
     (out / "ablation.md").write_text(text, encoding="utf-8")
     return text
+
+
+def best_validation(run_directory: Path) -> float:
+    """Normalised error on the validation frames of the weights that a run kept."""
+    with (run_directory / METRICS).open(encoding="utf-8", newline="") as handle:
+        rows = list(csv.DictReader(handle))
+    return min(float(row["validation_nmse"]) for row in rows)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,83 @@
+"""One hard case: what would go wrong, the bound that must be kept, and the measurement that tells.
+
+A measurement returns one number, smaller is better, that must be finite and at most ``bound``: an error against a slow
+reference, or the count of things that went wrong (crashes, silent losses, wrong answers), whose bound is 0. While it
+runs, every RuntimeWarning is an error: a logarithm of zero or a division by zero is a broken bound whatever comes out.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from shared.errors import InputError
+
+
+@dataclass(frozen=True)
+class HardCase:
+    """A case that breaks radar simulators.
+
+    :param name: unique in the catalogue, in a few words
+    :param hazard: what would go wrong
+    :param bound: the largest measurement that is right
+    :param unit: of bound and measurement, e.g. ``"dB"``, ``"relative"``, ``"wrong answers"``
+    :param measure: the measurement; may raise, which breaks the bound
+    """
+
+    name: str
+    hazard: str
+    bound: float
+    unit: str
+    measure: Callable[[], float]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What came of a case.
+
+    :param theme: name of the module that holds the case
+    :param measured: NaN where the measurement raised
+    :param fault: why the bound is broken, in one line; "" where it is kept
+    """
+
+    theme: str
+    case: HardCase
+    measured: float
+    fault: str
+
+    @property
+    def kept(self) -> bool:
+        return not self.fault
+
+
+def judge(theme: str, case: HardCase) -> Verdict:
+    """Measure a case; whatever it raises breaks its bound, and is said."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", RuntimeWarning)
+            measured = float(case.measure())
+    except Exception as error:  # a case may fail in any way: the table must still be printed
+        return Verdict(theme, case, math.nan, " ".join(f"{type(error).__name__}: {error}".split()))
+    if not math.isfinite(measured):
+        return Verdict(theme, case, measured, "not finite")
+    return Verdict(theme, case, measured, "" if measured <= case.bound else "above the bound")
+
+
+def unrefused(attempts: Mapping[str, Callable[[], object]]) -> float:
+    """How many of these attempts were not refused with :class:`InputError` in one line.
+
+    Any other exception propagates: that is the crash that the case is about.
+
+    :param attempts: by what they try, for the reader of the code
+    """
+    accepted = 0
+    for attempt in attempts.values():
+        try:
+            attempt()
+        except InputError as error:
+            accepted += "\n" in str(error)
+        else:
+            accepted += 1
+    return float(accepted)

@@ -1,0 +1,307 @@
+"""Hard cases of geometry: far from the origin, degenerate meshes, sensors where none should stand.
+
+References are mirror images in closed form, or the same scene without what makes it hard.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from hardcases.case import HardCase, unrefused
+from hardcases.tools import (
+    MIRROR,
+    factory,
+    frame_of,
+    not_finite,
+    not_finite_paths,
+    rectangle,
+    small_radar,
+    traced,
+    wall_ahead,
+)
+from numpy.typing import NDArray
+from oracles import relative_error
+
+from datafactory.paths.table import PathTable
+from datafactory.points import read_targets
+from datafactory.scenes.meshes import clean_mesh
+from datafactory.scenes.open import open_scene
+from datafactory.scenes.poses import Pose, read_poses
+from datafactory.scenes.scene import SceneObject
+from datafactory.synthesis.cube import cube_of_paths
+from shared.radar import load_radar
+
+UTM = (500_000.0, 5_480_000.0, 320.0)
+"""Easting, northing and height of a place in the middle of a UTM zone [m]."""
+
+SMALL_RADAR = """
+[waveform]
+chirps = 4
+samples = 128
+range_bins = 100
+[grid]
+bins = 30
+"""
+
+
+def _moved(item: SceneObject, by: Sequence[float]) -> SceneObject:
+    return replace(item, vertices=item.vertices + np.asarray(by))
+
+
+def _specular_level_db(paths: PathTable, reference: PathTable) -> float:
+    """Difference between the sums of specular amplitudes [dB]."""
+    sums = [np.abs(table.specular.amplitude.sum()) for table in (paths, reference)]
+    return abs(float(20.0 * np.log10(sums[0] / sums[1])))
+
+
+def _diffuse_level_db(paths: PathTable, reference: PathTable) -> float:
+    """Difference between the sums of diffuse power [dB]."""
+    sums = [float((np.abs(table.scattered.amplitude) ** 2).sum()) for table in (paths, reference)]
+    return abs(float(10.0 * np.log10(sums[0] / sums[1])))
+
+
+def _far_away() -> float:
+    """Error of a mirror's image [m] in a scene 5500 km from its origin, against the world's own plane."""
+    paths = traced([_moved(wall_ahead(), UTM)], Pose(UTM))
+    return float(np.abs(paths.specular.image[0] - [20.0, 0.0, 0.0]).max())
+
+
+def _stage(points_m: NDArray, metres: float, offset: Sequence[float] = (0.0, 0.0, 0.0)) -> str:
+    """A USD layer of one quadrilateral, its points in units of ``metres`` under a translation [m]."""
+    corners = ", ".join(f"({x!r}, {y!r}, {z!r})" for x, y, z in (points_m / metres).tolist())
+    place = ", ".join(repr(value / metres) for value in offset)
+    return f"""#usda 1.0
+(
+  metersPerUnit = {metres}
+  upAxis = "Z"
+)
+def Mesh "wall" {{
+  point3f[] points = [{corners}]
+  int[] faceVertexCounts = [4]
+  int[] faceVertexIndices = [0, 1, 2, 3]
+  uniform token subdivisionScheme = "none"
+  double3 xformOp:translate = ({place})
+  uniform token[] xformOpOrder = ["xformOp:translate"]
+}}
+"""
+
+
+def _millimetres() -> float:
+    """Relative difference between the cubes of a wall given in millimetres and in metres."""
+    cubes = []
+    with tempfile.TemporaryDirectory() as folder:
+        for metres in (1.0, 0.001):
+            path = Path(folder) / "wall.usda"
+            path.write_text(_stage(wall_ahead().vertices, metres), encoding="utf-8")
+            item = replace(open_scene(str(path)).objects[0], material=MIRROR)
+            cubes.append(cube_of_paths(traced([item]), small_radar()))
+    return relative_error(cubes[1], cubes[0])
+
+
+def _unstated_units() -> float:
+    """Readers of formats without units that do not remark on a street of 60 m given in millimetres."""
+    street = trimesh.creation.box((60_000.0, 20_000.0, 10_000.0))
+    silent = 0
+    with tempfile.TemporaryDirectory() as folder:
+        street.export(Path(folder) / "street.ply")
+        street.export(Path(folder) / "street.obj")
+        shape = '<shape type="ply"><string name="filename" value="street.ply"/></shape>'
+        (Path(folder) / "street.xml").write_text(f'<scene version="3.0.0">{shape}</scene>', encoding="utf-8")
+        for name in ("street.ply", "street.obj", "street.xml"):
+            warnings = open_scene(str(Path(folder) / name)).warnings
+            silent += not any("check its units" in warning for warning in warnings)
+    return float(silent)
+
+
+def _coarse_vertices() -> float:
+    """Readers that do not give the figure for float32 vertices 500 km away, or give one where nothing is coarse.
+
+    The same box stands far away in float32 numbers, then near its own origin under a float64 translation or in doubles.
+    """
+    box = trimesh.creation.box((2.0, 2.0, 2.0))
+    far = box.copy()
+    far.apply_translation((500_000.0, 0.0, 0.0))
+    wrong = 0
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        far.export(folder / "far.ply")
+        box.export(folder / "near.ply")
+        far.export(folder / "doubles.obj")
+        far.export(folder / "coarse.glb")
+        trimesh.Scene([trimesh.Trimesh(box.vertices, box.faces)]).export(folder / "near.glb")
+        for mesh in ("far", "near"):
+            shift = '<transform name="to_world"><translate x="500000"/></transform>' if mesh == "near" else ""
+            shape = f'<shape type="ply"><string name="filename" value="{mesh}.ply"/>{shift}</shape>'
+            (folder / f"{mesh}.xml").write_text(f'<scene version="3.0.0">{shape}</scene>', encoding="utf-8")
+        corners = wall_ahead().vertices
+        (folder / "near.usda").write_text(_stage(corners, 1.0, (500_000.0, 0.0, 0.0)), encoding="utf-8")
+        (folder / "far.usda").write_text(_stage(corners + np.array([500_000.0, 0.0, 0.0]), 1.0), encoding="utf-8")
+        coarse = ("far.ply", "coarse.glb", "far.xml", "far.usda")
+        for file in (*coarse, "near.ply", "near.glb", "near.xml", "near.usda", "doubles.obj"):
+            said = any("31 mm apart" in warning for warning in open_scene(str(folder / file)).warnings)
+            wrong += said != (file in coarse)
+    return float(wrong)
+
+
+def _degenerate_triangles() -> float:
+    """Level error [dB] of a wall with zero-area triangles, needles and every vertex doubled, against the wall alone."""
+    wall = wall_ahead(material="rough")
+    n = len(wall.vertices)
+    vertices = np.concatenate([wall.vertices, wall.vertices, [[10.0, 0.0, 0.0], [10.0, 1.0, 0.0], [10.0, 2.0, 0.0]]])
+    needle = [[10.0, -20.0, 1.0], [10.0, 20.0, 1.0], [10.0, 0.0, 1.0 + 1e-9]]
+    vertices = np.concatenate([vertices, needle])
+    extra = [[0, 0, 1], [2 * n, 2 * n + 1, 2 * n + 2], [0, n, 1], [2 * n + 3, 2 * n + 4, 2 * n + 5]]
+    triangles = np.concatenate([wall.triangles[:1], wall.triangles[1:] + n, extra])
+    vertices, kept, dropped = clean_mesh(vertices, triangles)
+    if dropped.no_area != 3:  # the needle has an area, and is traced
+        return np.inf
+    return _diffuse_level_db(traced([replace(wall, vertices=vertices, triangles=kept)]), traced([wall]))
+
+
+def _thin_triangles() -> float:
+    """Level error [dB] of a wall cut into 2000 slivers of 60 m by 3 cm, against the wall alone."""
+    wall, strips = wall_ahead(material="rough"), 1000
+    y = np.linspace(-30.0, 30.0, strips + 1)
+    low = np.stack([np.full_like(y, 10.0), y, np.full_like(y, -30.0)], axis=1)
+    high = low + np.array([0.0, 0.0, 60.0])
+    i, n = np.arange(strips), strips + 1
+    triangles = np.concatenate(
+        [np.stack([i, i + 1, n + i + 1], axis=1), np.stack([i, n + i + 1, n + i], axis=1)]
+    ).astype(np.int32)
+    return _diffuse_level_db(
+        traced([replace(wall, vertices=np.concatenate([low, high]), triangles=triangles)]), traced([wall])
+    )
+
+
+def _not_a_number() -> float:
+    """Triangles with NaN or infinite vertices that are not dropped and counted, and values of the trace not finite."""
+    wall = wall_ahead(material="rough")
+    bad = np.array([[np.nan, 0.0, 0.0], [np.inf, 0.0, 0.0], [0.0, -np.inf, 0.0]])
+    triangles = np.concatenate([wall.triangles, [[0, 1, 4], [1, 2, 5], [2, 3, 6]]])
+    vertices, kept, dropped = clean_mesh(np.concatenate([wall.vertices, bad]), triangles)
+    paths = traced([replace(wall, vertices=vertices, triangles=kept)])
+    return float(abs(dropped.not_finite - 3) + abs(len(kept) - 2) + not_finite_paths(paths) + (len(paths) == 0))
+
+
+def _flipped() -> float:
+    """Level error [dB] of walls whose normals point away, mirror and rough."""
+    errors = []
+    for material, compare in ((MIRROR, _specular_level_db), ("rough", _diffuse_level_db)):
+        wall = wall_ahead(material=material)
+        away = replace(wall, triangles=wall.triangles[:, ::-1].copy())
+        errors.append(compare(traced([away]), traced([wall])))
+    return max(errors)
+
+
+def _coplanar() -> float:
+    """Level error [dB] of two walls in one plane that face each other, against one of them."""
+    errors = []
+    for material, compare in ((MIRROR, _specular_level_db), ("rough", _diffuse_level_db)):
+        wall = wall_ahead(material=material)
+        back = replace(wall, name="back", triangles=wall.triangles[:, ::-1].copy())
+        errors.append(compare(traced([wall, back]), traced([wall])))
+    return max(errors)
+
+
+def _misplaced_sensor(objects: Sequence[SceneObject], depth: int = 3) -> float:
+    """Values not finite in the paths and the frame of a sensor where none should stand, with a wall 10 m ahead."""
+    paths = traced([*objects, wall_ahead()], depth=depth)
+    if not len(paths.specular):
+        return np.inf
+    radar = small_radar()
+    frame = frame_of(paths.within(radar).illuminated(radar.front_end), radar)
+    return float(not_finite_paths(paths) + not_finite(frame))
+
+
+def _utm_command() -> float:
+    """Exit status of a whole run on a scene at UTM coordinates, its poses drawn by the program."""
+    corners = np.array([[-30.0, -30.0, 0.0], [30.0, -30.0, 0.0], [30.0, 30.0, 0.0], [-30.0, 30.0, 0.0]])
+    facade = np.array([[12.0, -20.0, 0.0], [12.0, 20.0, 0.0], [12.0, 20.0, 6.0], [12.0, -20.0, 6.0]])
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "radar.toml").write_text(SMALL_RADAR, encoding="utf-8")
+        house = _stage(facade, 1.0, UTM).split("\n)\n")[1].replace('"wall"', '"house"')
+        (folder / "utm.usda").write_text(_stage(corners, 1.0, UTM) + house, encoding="utf-8")
+        status, _, said = factory(
+            "render", "--scene", folder / "utm.usda", "--radar", folder / "radar.toml", "--frames", 1, "--rays", 2000,
+            "--workers", 1, "--out", folder / "data",
+        )  # fmt: skip
+        return float(status) if not said.strip() else np.inf
+
+
+def _nothing_in_view() -> float:
+    """Values not finite in the frame of a scene that stands behind the radar, and paths found there."""
+    behind = rectangle("behind", (-50.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    paths = traced([behind])
+    return float(len(paths) + not_finite(frame_of(paths, small_radar(), noise=False)))
+
+
+def _empty_scene() -> float:
+    """Scenes with nothing in them that are not refused in one line."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "empty.usda").write_text('#usda 1.0\n(\n  metersPerUnit = 1\n  upAxis = "Z"\n)\n', encoding="utf-8")
+        (folder / "empty.xml").write_text('<scene version="3.0.0"/>', encoding="utf-8")
+        flat = np.zeros((4, 3))
+        (folder / "flat.usda").write_text(_stage(flat, 1.0), encoding="utf-8")
+        names = ("empty.usda", "empty.xml", "flat.usda")
+        return unrefused({file: lambda file=file: open_scene(str(folder / file)) for file in names})  # type: ignore[misc]
+
+
+def _absurd_numbers() -> float:
+    """Scenes, poses, targets and radars of finite but absurd numbers that are not refused in one line."""
+    cube = '<scene version="3.0.0"><shape type="cube"><transform name="to_world">{}</transform></shape></scene>'
+    header = '#usda 1.0\n(\n metersPerUnit = {}\n upAxis = "Z"\n)\n'
+    sphere = 'def Sphere "s" {{\n double radius = {}\n}}\n'
+    target = 'def Xform "t" {\n double radar:rcs_dbsm = 0\n double3 xformOp:translate = (1e300, 0, 0)\n'
+    target += ' uniform token[] xformOpOrder = ["xformOp:translate"]\n}\n'
+    texts: dict[str, tuple[str, Callable[[Path], object]]] = {
+        "scaled.xml": (cube.format('<scale value="1e308"/>'), lambda path: open_scene(str(path))),
+        "moved.xml": (cube.format('<translate x="1e300"/>'), lambda path: open_scene(str(path))),
+        "shrunk.xml": (cube.format('<scale value="1e-300"/>'), lambda path: open_scene(str(path))),
+        "sphere.usda": (header.format(1) + sphere.format(1e300), lambda path: open_scene(str(path))),
+        "units.usda": (header.format(1e300) + sphere.format(1e300), lambda path: open_scene(str(path))),
+        "target.usda": (header.format(1) + target, lambda path: open_scene(str(path))),
+        "poses.json": ('[{"position": [1e300, 0, 0]}]', read_poses),
+        "velocity.json": ('[{"position": [0, 0, 0], "velocity": [0, -1e300, 0]}]', read_poses),
+        "targets.json": ('[[{"x": 1e200, "y": 0, "rcs_dbsm": 0}]]', read_targets),
+        "carrier.toml": ("[waveform]\ncarrier_hz = 1e300\n", lambda path: load_radar(str(path))),
+        "chirp.toml": ("[waveform]\nchirp_duration_s = 1e-300\n", lambda path: load_radar(str(path))),
+        "power.toml": ("[front_end]\ntransmit_power_dbm = 1e4\n", lambda path: load_radar(str(path))),
+    }
+    with tempfile.TemporaryDirectory() as folder:
+        attempts = {}
+        for name, (text, read) in texts.items():
+            (Path(folder) / name).write_text(text, encoding="utf-8")
+            attempts[name] = partial(read, Path(folder) / name)
+        return unrefused(attempts)
+
+
+FLOOR = rectangle("floor", (0.0, 0.0, 0.0), (30.0, 0.0, 0.0), (0.0, 30.0, 0.0), "rough")
+AHEAD = rectangle("ahead", (30.0, 0.0, 0.0), (30.0, 0.0, 0.0), (0.0, 30.0, 0.0), "rough")
+AROUND = (wall_ahead(0.05, "rough", "front"), wall_ahead(-0.05, "rough", "rear"))
+
+CASES = (
+    HardCase("scene at UTM coordinates", "float32 coordinates are half a metre apart", 1e-5, "m", _far_away),
+    HardCase("UTM scene, whole run", "ground search and poses far from 0", 0.0, "exit status", _utm_command),
+    HardCase("float32 vertices 500 km away", "3 cm apart, silently", 0.0, "wrong remarks", _coarse_vertices),
+    HardCase("scene in millimetres", "sizes and epsilons in metres", 1e-5, "relative", _millimetres),
+    HardCase("millimetres without a unit", "a thousandfold scene, silently", 0.0, "silent readers", _unstated_units),
+    HardCase("zero areas, needles, double vertices", "normals of no length", 0.01, "dB", _degenerate_triangles),
+    HardCase("slivers of 60 m by 6 cm", "rays slip between triangles", 0.05, "dB", _thin_triangles),
+    HardCase("NaN and infinite vertices", "poison the acceleration structure", 0.0, "wrong values", _not_a_number),
+    HardCase("flipped normals", "one-sided reflection", 1e-4, "dB", _flipped),
+    HardCase("coplanar facing walls", "an echo counted twice", 1e-3, "dB", _coplanar),
+    HardCase("finite but absurd numbers, 1e300", "squares overflow", 0.0, "not refused", _absurd_numbers),
+    HardCase("sensor inside a wall", "segments of centimetres", 0.0, "not finite", lambda: _misplaced_sensor(AROUND)),
+    HardCase("sensor on a surface", "a ray of length 0", 0.0, "not finite", lambda: _misplaced_sensor([FLOOR])),
+    HardCase("sensor touching an edge", "as above, at an edge", 0.0, "not finite", lambda: _misplaced_sensor([AHEAD])),
+    HardCase("nothing in view", "empty arrays all the way", 0.0, "wrong values", _nothing_in_view),
+    HardCase("a scene with nothing in it", "an empty acceleration structure", 0.0, "not refused", _empty_scene),
+)  # fmt: skip

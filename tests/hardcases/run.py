@@ -1,0 +1,105 @@
+"""Run the catalogue of hard cases; print its table, write it as JSON and, if wanted, as Markdown.
+
+    python tests/hardcases/run.py [--only WORD] [--out build/hardcases.json] [--markdown FILE]
+
+Exit status 1 if any bound is broken. A case that hangs ends the run with a traceback.
+"""
+
+from __future__ import annotations
+
+import faulthandler
+import json
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+
+from hardcases.case import Verdict, judge
+from hardcases.catalogue import catalogue
+from threadpoolctl import threadpool_limits
+
+HANG_SECONDS = 300.0
+"""No case takes a twentieth of it, compilation included."""
+PAGE_WIDTH = 160
+"""Columns of the table where no terminal says how many it has."""
+
+
+def figure(value: float) -> str:
+    """A number as the table shows it."""
+    return "-" if math.isnan(value) else f"{value:.3g}"
+
+
+def table_of(verdicts: Sequence[Verdict]) -> Table:
+    """The table for the terminal."""
+    table = Table("theme", "case", "hazard", "bound", "measured", "verdict", title="Hard cases")
+    for verdict in verdicts:
+        case = verdict.case
+        judged = "[green]kept[/]" if verdict.kept else "[red]broken[/]"
+        bound = f"{figure(case.bound)} {case.unit}"
+        table.add_row(verdict.theme, case.name, case.hazard, bound, figure(verdict.measured), judged)
+    return table
+
+
+def markdown_of(verdicts: Sequence[Verdict]) -> str:
+    """The same as a Markdown table."""
+    lines = ["| case | hazard | bound | measured |", "|---|---|---|---|"]
+    for verdict in verdicts:
+        case = verdict.case
+        measured = figure(verdict.measured) + ("" if verdict.kept else " **broken**")
+        lines.append(f"| {case.name} | {case.hazard} | {figure(case.bound)} {case.unit} | {measured} |")
+    return "\n".join(lines) + "\n"
+
+
+def records_of(verdicts: Sequence[Verdict]) -> list[dict[str, object]]:
+    """The same as plain JSON values; null where nothing finite was measured."""
+    return [
+        {
+            "theme": verdict.theme,
+            "case": verdict.case.name,
+            "hazard": verdict.case.hazard,
+            "bound": verdict.case.bound,
+            "unit": verdict.case.unit,
+            "measured": verdict.measured if math.isfinite(verdict.measured) else None,
+            "kept": verdict.kept,
+            "fault": verdict.fault,
+        }
+        for verdict in verdicts
+    ]
+
+
+def run(
+    only: Annotated[str, typer.Option(help="Only cases with this word in theme or name.")] = "",
+    out: Annotated[Path, typer.Option(help="JSON file of the results.")] = Path("build/hardcases.json"),
+    markdown: Annotated[Path | None, typer.Option(help="File for a Markdown table.", show_default=False)] = None,
+) -> None:
+    """Run the catalogue of hard cases."""
+    console = Console(soft_wrap=True, highlight=False, width=None if sys.stdout.isatty() else PAGE_WIDTH)
+    verdicts = []
+    chosen = [(theme, case) for theme, case in catalogue() if only in theme or only in case.name]
+    with threadpool_limits(limits=1, user_api="blas"):
+        for theme, case in chosen:
+            faulthandler.dump_traceback_later(HANG_SECONDS, exit=True)
+            verdicts.append(judge(theme, case))
+            faulthandler.cancel_dump_traceback_later()
+    console.print(table_of(verdicts))
+    broken = [verdict for verdict in verdicts if not verdict.kept]
+    for verdict in broken:
+        console.print(f"{verdict.case.name}: {verdict.fault}", markup=False)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_text(json.dumps(records_of(verdicts), indent=1) + "\n", encoding="utf-8")
+    if markdown is not None:
+        markdown.write_text(markdown_of(verdicts), encoding="utf-8")
+    console.print(f"{len(verdicts) - len(broken)} of {len(verdicts)} bounds kept; {out}", markup=False)
+    if broken or not verdicts:
+        raise typer.Exit(1)
+
+
+if __name__ == "__main__":
+    typer.run(run)

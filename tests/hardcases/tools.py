@@ -1,0 +1,139 @@
+"""What several themes need: small radars, whole frames, one trace, a command in this process."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import sys
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from oracles import if_cube, relative_error
+
+from datafactory.frames import Processing, Setting, image, measure
+from datafactory.paths.table import PathTable, ScatteredPaths
+from datafactory.scenes.materials import Material, MaterialMapping
+from datafactory.scenes.poses import Pose
+from datafactory.scenes.scene import Scene, SceneObject
+from datafactory.synthesis.cube import cube_of_paths
+from shared.antenna import IsotropicPattern
+from shared.arrays import AntennaArray
+from shared.dataset import Frame
+from shared.radar import FrontEnd, ImageGrid, Radar
+from shared.waveform import Waveform
+
+MIRROR = "mirror"
+"""Name of the perfect conductor among :data:`MATERIALS`; ``rough`` scatters diffusely, ``vacuum`` does nothing."""
+
+
+def _material(name: str, permittivity: float, conductivity: float, scattering: float) -> Material:
+    return Material(name, permittivity, conductivity, 0.1, scattering, "lambertian", "test", (77.0, 78.0), ())
+
+
+MATERIALS = MaterialMapping(
+    entries={
+        MIRROR: (_material(MIRROR, 1.0, 1e7, 0.0), "test"),
+        "rough": (_material("rough", 5.0, 1.0, 0.6), "test"),
+        "vacuum": (_material("vacuum", 1.0, 0.0, 0.0), "test"),
+    },
+    unknown=(),
+)
+
+
+def small_radar(**waveform: object) -> Radar:
+    """12 channels, a frame of 10 ms in 16 chirps of 128 samples, 38 m of range, 30 angles; isotropic elements."""
+    fields: dict[str, object] = {"samples": 128, "chirps": 16, "chirp_interval_s": 640e-6, **waveform}
+    fields.setdefault("range_bins", fields["samples"])
+    full = Radar(waveform=Waveform.model_validate(fields))
+    array = AntennaArray(tx_m=full.array.tx_m[:2], rx_m=tuple(full.array.rx_m[i] for i in (0, 1, 6, 10, 13, 15)))
+    front_end = FrontEnd(tx_pattern=IsotropicPattern(), rx_pattern=IsotropicPattern())
+    return full.model_copy(update={"name": "small", "array": array, "front_end": front_end, "grid": ImageGrid(bins=30)})
+
+
+def points(position: ArrayLike, velocity: ArrayLike | None = None, amplitude: ArrayLike | None = None) -> PathTable:
+    """Echoes of points [K, 3] m, moving with [K, 3] m/s, of amplitude 1 where not given."""
+    place = np.array(position, dtype=float).reshape(-1, 3)
+    rate = np.zeros_like(place) if velocity is None else np.array(velocity, dtype=float).reshape(-1, 3)
+    level = np.ones(len(place)) if amplitude is None else np.array(amplitude)
+    return PathTable(scattered=ScatteredPaths.of_points(place, rate, level))
+
+
+def cube_error(paths: PathTable, radar: Radar, tolerance: float = 1e-6) -> float:
+    """Relative L2 error of the cube against the float64 sum of eq. (1) over all paths, chirps and channels."""
+    return relative_error(cube_of_paths(paths, radar, tolerance), if_cube(paths, radar))
+
+
+def frame_of(paths: PathTable, radar: Radar, noise: bool = True) -> Frame:
+    """The whole method after tracing: cube, noise, Doppler choice, truth image, targets."""
+    processing = Processing(noise=noise)
+    measurement = measure(Setting(0, "scene", "hard", 0), paths, (), radar, processing, np.random.default_rng(0))
+    frame, _ = next(image([measurement], radar, processing.store))
+    return frame
+
+
+def not_finite(frame: Frame) -> int:
+    """Values of a frame's columns that are NaN or infinite."""
+    numbers = [frame.range_channel, frame.velocity, frame.image, np.array([frame.image_peak, frame.noise_power])]
+    numbers += [
+        np.array([[t.range_m, t.u, t.velocity_mps, t.amplitude_db] for t in frame.targets]),
+    ]
+    return sum(int(np.count_nonzero(~np.isfinite(values))) for values in numbers)
+
+
+def not_finite_paths(paths: PathTable) -> int:
+    """Values of a table's columns that are NaN or infinite."""
+    columns = [getattr(paths.scattered, name) for name in paths.scattered.__dataclass_fields__]
+    columns += [getattr(paths.specular, name) for name in paths.specular.__dataclass_fields__]
+    return sum(int(np.count_nonzero(~np.isfinite(column))) for column in columns)
+
+
+def rectangle(name: str, centre: ArrayLike, across: ArrayLike, up: ArrayLike, material: str = MIRROR) -> SceneObject:
+    """A flat rectangle, centre +- across +- up [m], of two triangles."""
+    middle, a, b = (np.array(vector, dtype=float) for vector in (centre, across, up))
+    vertices = np.array([middle - a - b, middle + a - b, middle + a + b, middle - a + b])
+    return SceneObject(name, vertices, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), material)
+
+
+def wall_ahead(distance_m: float = 10.0, material: str = MIRROR, name: str = "wall") -> SceneObject:
+    """A square of 60 m ahead, facing the radar."""
+    return rectangle(name, (distance_m, 0.0, 0.0), (0.0, 30.0, 0.0), (0.0, 0.0, 30.0), material)
+
+
+def traced(
+    objects: Sequence[SceneObject], pose: Pose = Pose((0.0, 0.0, 0.0)), rays: int = 20_000, depth: int = 1
+) -> PathTable:
+    """The multipath of objects of :data:`MATERIALS` seen from a pose, as traced: amplitudes not yet illuminated."""
+    from datafactory.paths.rays import RayFan
+    from datafactory.paths.solver import TraceSettings
+    from datafactory.paths.stage import stage_of
+    from datafactory.paths.trace import trace
+
+    stage = stage_of(Scene("hard", tuple(objects)), MATERIALS)
+    return trace(stage, MATERIALS, pose, 77.5e9, TraceSettings(rays=rays, depth=depth), RayFan(rays), seed=1)
+
+
+def factory(*arguments: object) -> tuple[int, str, str]:
+    """(exit status, standard output, standard error) of ``datafactory`` with these arguments, in this process.
+
+    What ``main`` does not catch propagates: that is the traceback that a user would see.
+    """
+    from datafactory.cli.app import main
+
+    out, err, before = io.StringIO(), io.StringIO(), sys.argv
+    sys.argv = ["datafactory", *map(str, arguments)]
+    try:
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+            main()
+    except SystemExit as end:
+        return int(end.code or 0), out.getvalue(), err.getvalue()
+    finally:
+        sys.argv = before
+    return 0, out.getvalue(), err.getvalue()
+
+
+def level_db(value: NDArray | complex | float, reference: complex | float) -> float:
+    """Largest magnitude of ``value`` relative to ``reference`` [dB]; -400 where it is zero."""
+    from shared.units import amplitude_to_db
+
+    return float(amplitude_to_db(np.abs(np.asarray(value)).max() / abs(reference)))

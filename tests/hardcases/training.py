@@ -1,0 +1,288 @@
+"""Hard cases of training: numbers that half precision cannot hold, nothing to learn from, and damaged run folders.
+
+Networks are tiny and untrained: what is asked is that numbers stay finite, that a run stops before it is ruined, and
+that files which are no run of ours are refused.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import io
+import resource
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from hardcases.case import HardCase, unrefused
+from hardcases.tools import small_radar
+
+ROWS, BATCH = 16, 2
+LEVELS = (0.0, 1e-45, 1e-38, 1e-30, 1e-12, 1.0, 1e18, 1e30)
+"""Magnitudes of snapshots [sqrt(W)], from nothing over the smallest number of float32 to near its largest."""
+HALF = 1e30
+"""Beyond the largest number of float16 (65504) by far."""
+
+
+def _config(**changes: object) -> Any:
+    from trainer.configuration import FitConfig
+
+    fields = {"width": 4, "hidden": 8, "batch": BATCH, "rows": 0, "points": 0, "augment": False, "precision": "bf16"}
+    return FitConfig.model_validate({**fields, **changes})
+
+
+def _task(**changes: object) -> Any:
+    """An :class:`trainer.task.ImagingTask` that needs no trainer around it."""
+    from types import SimpleNamespace
+
+    from trainer.arrays import choose_array
+    from trainer.task import ImagingTask
+
+    class Alone(ImagingTask):
+        trainer = SimpleNamespace(world_size=1, global_rank=0)  # type: ignore[assignment]
+
+        def log(self, *arguments: Any, **named: Any) -> None:
+            """Nowhere."""
+
+    return Alone(_config(**changes), small_radar(), choose_array("full", small_radar()))
+
+
+def _batch(level: float, truth: float = 1.0) -> dict[str, Any]:
+    """Two frames of snapshots of this magnitude, the second with an empty half, and truths of one pixel a row."""
+    import torch
+
+    radar = small_radar()
+    generator = np.random.default_rng(3)
+    phase = generator.uniform(-np.pi, np.pi, (BATCH, 1, ROWS, radar.array.channels))
+    snapshot = (level * np.exp(1j * phase)).astype(np.complex64)
+    snapshot[1, :, ROWS // 2 :] = 0
+    image = np.zeros((BATCH, ROWS, radar.grid.bins), np.float32)
+    image[:, :, 7] = truth
+    return {
+        "range_channel": torch.from_numpy(snapshot),
+        "image": torch.from_numpy(image),
+        "image_peak": torch.full((BATCH,), level if truth else 0.0, dtype=torch.float64),
+        "noise_power": torch.full((BATCH,), 1e-20, dtype=torch.float64),
+        "frame_id": torch.tensor([41, 42]),
+    }
+
+
+def _variants() -> list[dict[str, object]]:
+    return [
+        {"model": "spectral-unet"},
+        {"model": "attention-unet"},
+        {"model": "attention-unet", "features": "paper", "target": "paper", "foreground": 0.0},
+        {"model": "spectral-unet", "target": "class"},
+    ]
+
+
+def _not_finite_gradients(batches: list[dict[str, Any]]) -> float:
+    """Losses and gradients that are not finite, over networks, features, targets and batches."""
+    import torch
+
+    count = 0
+    for changes in _variants():
+        task = _task(**changes)
+        for batch in batches:
+            task.zero_grad()
+            loss = task.training_step(batch, 0)
+            loss.backward()
+            numbers = [loss.detach(), *(parameter.grad for parameter in task.parameters())]
+            count += sum(int((~torch.isfinite(number)).sum()) for number in numbers)
+    return float(count)
+
+
+def _half_precision() -> float:
+    """Largest difference of the image at the extreme scale from that at scale 1, both in bfloat16, relative to it."""
+    import torch
+
+    task = _task()
+    with torch.inference_mode():
+        one, large = (task.imager(_batch(level)["range_channel"][:, 0], _batch(1.0)["noise_power"] * level**2)
+                      for level in (1.0, HALF))  # fmt: skip
+    return float((large.double() / HALF - one.double()).abs().max() / one.abs().max())
+
+
+def _infinite_input() -> float:
+    """What is wrong when a loss meets an infinity: no stop, no frame's name, weights that moved or are not finite."""
+    import torch
+
+    from trainer.errors import TrainingStopped
+
+    task = _task()
+    before = {name: value.clone() for name, value in task.state_dict().items()}
+    batch = _batch(1.0)
+    batch["range_channel"][1, 0, 3, 2] = complex(np.inf, 0.0)
+    try:
+        task.training_step(batch, 0).backward()
+        wrong = 1
+    except TrainingStopped as stopped:
+        wrong = int("[42]" not in str(stopped)) + ("\n" in str(stopped))
+    after = task.state_dict()
+    wrong += sum(not torch.equal(before[name], after[name]) for name in before)
+    return float(wrong + any(parameter.grad is not None for parameter in task.parameters()))
+
+
+@contextlib.contextmanager
+def _run_folder() -> Iterator[Path]:
+    """A run with untrained weights."""
+    from trainer.runs import Run, save_weights, write_run
+
+    task = _task(precision="32")
+    imager = task.imager
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "run"
+        path.mkdir()
+        choice = {"name": "full", "rx": tuple(range(6))}
+        radar = small_radar()
+        write_run(path, Run.model_validate({"config": imager.config, "radar": radar, "array": choice, "datasets": ()}))
+        save_weights(path, imager)
+        yield path
+
+
+def _truncated_weights() -> float:
+    """Weights cut short, at 30 lengths, that are not refused."""
+    from trainer.runs import WEIGHTS, load_imager
+
+    with _run_folder() as run:
+        whole = (run / WEIGHTS).read_bytes()
+
+        def attempt(size: int) -> None:
+            (run / WEIGHTS).write_bytes(whole[:size])
+            load_imager(run)
+
+        sizes = np.linspace(0, len(whole) - 1, 30).astype(int).tolist()
+        return unrefused({f"{size} bytes": lambda size=size: attempt(size) for size in sizes})  # type: ignore[misc]
+
+
+def _foreign_weights() -> float:
+    """Weights of another network, a pickle, weights that are not finite: not refused, or executed."""
+    import torch
+    from safetensors.torch import load_file, save_file
+
+    from trainer.runs import RUN_FILE, WEIGHTS, load_imager
+
+    with _run_folder() as run:
+        executed = run / "executed"
+
+        class Trap:
+            def __reduce__(self) -> tuple[Callable[..., Any], tuple[str, str]]:
+                return open, (str(executed), "w")
+
+        # Copied: what load_file returns is the file's own memory, and the file is about to be overwritten.
+        weights = {name: value.clone() for name, value in load_file(run / WEIGHTS).items()}
+        description = (run / RUN_FILE).read_text(encoding="utf-8")
+
+        def pickled() -> None:
+            torch.save(Trap(), run / WEIGHTS)
+            load_imager(run)
+
+        def other() -> None:
+            save_file({name: value[..., :1].contiguous() for name, value in weights.items()}, run / WEIGHTS)
+            load_imager(run)
+
+        def not_a_number() -> None:
+            save_file({name: torch.full_like(value, torch.nan) for name, value in weights.items()}, run / WEIGHTS)
+            load_imager(run)
+
+        def newer() -> None:
+            (run / RUN_FILE).write_text(description.replace('"version": 1', '"version": 2'), encoding="utf-8")
+            load_imager(run)
+
+        attempts = {"pickled": pickled, "other": other, "not a number": not_a_number, "newer": newer}
+        return unrefused(attempts) + executed.exists()
+
+
+def _another_radar() -> float:
+    """Cubes of radars that a run was not trained for and that are imaged all the same."""
+    from trainer.predict import predict
+
+    with _run_folder() as run:
+
+        def attempt(**changes: object) -> Callable[[], object]:
+            other = small_radar(**changes)
+            shape = (other.waveform.chirps, other.waveform.samples, other.array.channels)
+            file = run.parent / f"{len(changes)}-{'-'.join(changes)}.npz"
+            np.savez(file, cube=np.ones(shape, np.complex64), radar=other.model_dump_json())
+            return lambda: predict(run, file, run.parent / "images", announce=str)
+
+        return (
+            unrefused(
+                {
+                    "bandwidth": attempt(bandwidth_hz=2e9),
+                    "samples": attempt(samples=64),
+                    "chirps": attempt(chirps=8),
+                    "carrier": attempt(carrier_hz=76e9),
+                }
+            )
+            + (run.parent / "images").exists()
+        )
+
+
+@contextlib.contextmanager
+def _disk_of(size: int) -> Iterator[None]:
+    """No file may grow beyond ``size`` bytes: every write past it fails, as on a full disk."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def _full_disk() -> float:
+    """Writers that do not fail with the file's name, or that leave half a file, on a disk of 500 bytes."""
+    from trainer.errors import writing
+    from trainer.export import export
+    from trainer.predict import predict
+    from trainer.runs import load_imager, read_run, save_weights, write_run
+
+    with _run_folder() as run:
+        described, imager = load_imager(run)
+        radar = described.radar
+        shape = (radar.waveform.chirps, radar.waveform.samples, radar.array.channels)
+        cube, out = run.parent / "cube.npz", run.parent / "new"
+        np.savez(cube, cube=np.ones(shape, np.complex64), radar=radar.model_dump_json())
+        out.mkdir()
+
+        def plain() -> None:
+            with writing(out / "text") as partial:
+                partial.write_bytes(bytes(10_000))
+
+        attempts: dict[str, Callable[[], object]] = {
+            "weights": lambda: save_weights(out, imager),
+            "run.json": lambda: write_run(out, read_run(run)),
+            "images": lambda: predict(run, cube, run.parent / "images", announce=str),
+            "export": lambda: export(run, out / "network.onnx"),
+            "text": plain,
+        }
+        wrong = 0
+        for attempt in attempts.values():
+            try:
+                with _disk_of(500), contextlib.redirect_stdout(io.StringIO()):
+                    attempt()
+                wrong += 1
+            except OSError as error:
+                named = error.filename is not None and Path(error.filename).parent.name in ("new", "images")
+                wrong += not (named and error.errno == errno.EFBIG)
+        return float(wrong + sum(1 for folder in (out, run.parent / "images") for _ in folder.iterdir()))
+
+
+CASES = (
+    HardCase("half precision", "bfloat16 overflows on snapshots of 1e30", 1e-5, "relative", _half_precision),
+    HardCase(
+        "gradients at every level", "a square overflows or a logarithm meets zero", 0, "values",
+        lambda: _not_finite_gradients([_batch(level) for level in LEVELS]),
+    ),
+    HardCase(
+        "batch of zero images", "normalisation divides by an empty truth", 0, "values",
+        lambda: _not_finite_gradients([_batch(1e-6, truth=0.0), _batch(0.0, truth=0.0)]),
+    ),
+    HardCase("infinite input", "one bad frame ruins the weights", 0, "wrong answers", _infinite_input),
+    HardCase("truncated weights", "half a network is loaded", 0, "unrefused", _truncated_weights),
+    HardCase("foreign weights", "other tensors, a pickle or NaN are loaded", 0, "unrefused", _foreign_weights),
+    HardCase("dataset of another radar", "a network images axes it has never seen", 0, "unrefused", _another_radar),
+    HardCase("full disk", "a traceback, or half a file that looks whole", 0, "wrong answers", _full_disk),
+)  # fmt: skip

@@ -1,0 +1,184 @@
+"""Random radars, arrays and echoes: what holds of the IF signal whatever they are.
+
+Scaling by a power of two changes no digit and is asked to change no bit; everything else holds to the cube's tolerance,
+relative to the largest the cube could be.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from oracles import if_cube
+
+from datafactory.paths.table import PathTable, ScatteredPaths
+from datafactory.synthesis.cube import cube_of_paths
+from shared.arrays import AntennaArray
+from shared.radar import Radar
+from shared.spectrum import range_doppler
+from shared.waveform import Waveform
+from shared.windows import hann
+
+TOLERANCE = 1e-6
+EXAMPLES = 20
+
+coordinate = st.floats(-0.0625, 0.0625, width=32)
+elements = st.lists(st.tuples(coordinate, coordinate, coordinate), min_size=1, max_size=3).map(tuple)
+arrays = st.builds(lambda tx, rx: AntennaArray(tx_m=tx, rx_m=rx), elements, elements)
+
+
+@st.composite
+def radars(draw: st.DrawFn) -> Radar:
+    """Any carrier, bandwidth, frame shape and multiplexing."""
+    array = draw(arrays)
+    samples, chirps = draw(st.integers(1, 48)), draw(st.integers(1, 6))
+    duration = draw(st.floats(10e-6, 100e-6))
+    waveform = Waveform(
+        carrier_hz=draw(st.floats(24e9, 300e9)),
+        bandwidth_hz=draw(st.floats(50e6, 4e9)),
+        chirp_duration_s=duration,
+        chirp_interval_s=duration * draw(st.floats(1.0, 2.0)) * len(array.tx_m),
+        chirps=chirps,
+        samples=samples,
+        range_bins=samples,
+        multiplexing=draw(st.sampled_from(["simultaneous", "tdm"])),
+        residual_video_phase=draw(st.booleans()),
+    )
+    return Radar(waveform=waveform, array=array)
+
+
+@st.composite
+def echoes(draw: st.DrawFn, most: int = 12) -> ScatteredPaths:
+    """Paths of one and of several bounces, moving, over five decades of amplitude."""
+    count, seed = draw(st.integers(1, most)), draw(st.integers(0, 2**32 - 1))
+    generator = np.random.default_rng(seed)
+    several = generator.uniform(size=count) < 0.5
+    first = generator.uniform(-40.0, 40.0, (count, 3))
+    amplitude = 10.0 ** generator.uniform(-5.0, 0.0, count) * np.exp(2j * np.pi * generator.uniform(size=count))
+    single = ScatteredPaths.of_points(first, generator.uniform(-40.0, 40.0, (count, 3)), amplitude)
+    return replace(
+        single,
+        rx_point=np.where(several[:, None], generator.uniform(-40.0, 40.0, (count, 3)), single.rx_point),
+        rx_velocity=np.where(several[:, None], generator.uniform(-40.0, 40.0, (count, 3)), single.rx_velocity),
+        between_m=np.where(several, generator.uniform(0.0, 30.0, count), 0.0),
+        between_rate_mps=np.where(several, generator.uniform(-40.0, 40.0, count), 0.0),
+    )
+
+
+def cube_of(paths: ScatteredPaths, radar: Radar) -> NDArray:
+    return cube_of_paths(PathTable(paths), radar, TOLERANCE)
+
+
+def same(one: NDArray, other: NDArray, paths: ScatteredPaths) -> bool:
+    """Whether two cubes agree to twice the tolerance, of what the paths would be without cancellation."""
+    scale = np.linalg.norm(paths.amplitude) * np.sqrt(one.size)
+    return bool(np.isfinite(one).all() and np.linalg.norm(one - other) <= 2.0 * TOLERANCE * scale)
+
+
+@settings(max_examples=EXAMPLES)
+@given(radars(), echoes())
+def test_the_cube_is_the_float64_sum(radar: Radar, paths: ScatteredPaths) -> None:
+    assert same(cube_of(paths, radar), if_cube(PathTable(paths), radar), paths)
+
+
+@settings(max_examples=EXAMPLES)
+@given(radars(), echoes(), st.integers(-60, 60))
+def test_the_same_input_makes_the_same_bytes_and_scaling_changes_no_digit(
+    radar: Radar, paths: ScatteredPaths, power: int
+) -> None:
+    once = cube_of(paths, radar)
+    assert cube_of(paths, radar).tobytes() == once.tobytes()
+    threads = cube_of_paths(PathTable(paths), radar, TOLERANCE, threads=2)
+    assert threads.tobytes() == once.tobytes()
+    scale = np.float32(2.0**power)
+    scaled = cube_of(replace(paths, amplitude=paths.amplitude * float(scale)), radar)
+    np.testing.assert_array_equal(scaled, once * scale)
+
+
+@settings(max_examples=EXAMPLES)
+@given(radars(), echoes(), st.floats(-np.pi, np.pi), st.randoms(use_true_random=False))
+def test_order_phase_and_superposition(radar: Radar, paths: ScatteredPaths, phase: float, chance) -> None:
+    order = list(range(len(paths)))
+    chance.shuffle(order)
+    turned = replace(paths, amplitude=paths.amplitude * np.exp(1j * phase)).take(np.array(order))
+    whole = cube_of(paths, radar)
+    assert same(cube_of(turned, radar), whole * np.exp(1j * phase), paths)
+    half = len(paths) // 2
+    parts = cube_of(paths.take(np.arange(half)), radar) + cube_of(paths.take(np.arange(half, len(paths))), radar)
+    assert same(parts, whole, paths)
+
+
+@settings(max_examples=EXAMPLES)
+@given(radars(), echoes())
+def test_reciprocity(radar: Radar, paths: ScatteredPaths) -> None:
+    """TX and RX change places, the paths run backwards: every pair of elements receives the same."""
+    waveform = radar.waveform.model_copy(update={"multiplexing": "simultaneous"})  # TX turns would change places too
+    radar = radar.model_copy(update={"waveform": waveform})
+    swapped = radar.model_copy(update={"array": AntennaArray(tx_m=radar.array.rx_m, rx_m=radar.array.tx_m)})
+    shape = (radar.waveform.chirps, radar.waveform.samples, len(radar.array.rx_m), len(radar.array.tx_m))
+    forth = cube_of(paths, radar).reshape(shape)
+    back = cube_of(paths.reversed(), swapped).reshape(*shape[:2], shape[3], shape[2])
+    assert same(back.transpose(0, 1, 3, 2), forth, paths)
+
+
+@settings(max_examples=EXAMPLES)
+@given(radars(), echoes(), st.integers(0, 3))
+def test_a_frame_that_starts_later(radar: Radar, paths: ScatteredPaths, skipped: int) -> None:
+    """The paths advanced by some chirps make the cube of a longer frame without those chirps."""
+    chirps = radar.waveform.chirps
+    longer = radar.model_copy(update={"waveform": radar.waveform.model_copy(update={"chirps": chirps + skipped})})
+    time = skipped * radar.waveform.chirp_interval_s
+    later = replace(
+        paths,
+        tx_point=paths.tx_point + paths.tx_velocity * time,
+        rx_point=paths.rx_point + paths.rx_velocity * time,
+        between_m=paths.between_m + paths.between_rate_mps * time,
+    )
+    assert same(cube_of(later, radar), cube_of(paths, longer)[skipped:], paths)
+
+
+@settings(max_examples=EXAMPLES)
+@given(radars(), echoes(), st.integers(0, 2))
+def test_a_mirrored_world(radar: Radar, paths: ScatteredPaths, axis: int) -> None:
+    """Array and paths mirrored in a coordinate plane: distances, and so the cube, are as before."""
+    sign = np.where(np.arange(3) == axis, -1.0, 1.0)
+    array = AntennaArray(
+        tx_m=tuple(map(tuple, radar.array.tx * sign)),
+        rx_m=tuple(map(tuple, radar.array.rx * sign)),
+    )
+    names = ("tx_point", "rx_point", "tx_velocity", "rx_velocity")
+    mirrored = replace(paths, **{name: getattr(paths, name) * sign for name in names})
+    assert same(cube_of(mirrored, radar.model_copy(update={"array": array})), cube_of(paths, radar), paths)
+
+
+@settings(max_examples=EXAMPLES)
+@given(radars(), st.floats(0.5, 60.0), st.integers(-5, 20))
+def test_a_shift_by_whole_range_bins(radar: Radar, range_m: float, bins: int) -> None:
+    """One TX and RX at the origin: a target so many bins further is in the spectrum so many bins on, round the end."""
+    waveform = radar.waveform.model_copy(update={"residual_video_phase": False})
+    here = ((0.0, 0.0, 0.0),)
+    radar = Radar(waveform=waveform, array=AntennaArray(tx_m=here, rx_m=here))
+    further = range_m + bins * waveform.range_step_m
+    if further < 0.1:
+        return
+    spectra = [
+        range_doppler(cube_of(ScatteredPaths.of_points(np.array([[r, 0, 0]]), np.zeros((1, 3)), [1.0]), radar), radar)
+        for r in (range_m, further)
+    ]
+    np.testing.assert_allclose(np.abs(np.roll(spectra[0], bins, axis=0)), np.abs(spectra[1]), rtol=0, atol=5e-6)
+
+
+@settings(max_examples=EXAMPLES)
+@given(radars(), echoes(most=1))
+def test_energy(radar: Radar, paths: ScatteredPaths) -> None:
+    """Every sample of a single echo has its amplitude's magnitude; the spectra hold the windowed samples' energy."""
+    cube = cube_of(paths, radar)
+    np.testing.assert_allclose(np.abs(cube), np.abs(paths.amplitude[0]), rtol=3e-6)
+    samples, chirps = radar.waveform.samples, radar.waveform.chirps
+    fast, slow = hann(samples), hann(chirps)
+    weighted = cube * (fast / fast.sum())[:, None] * (slow / slow.sum())[:, None, None]
+    energy = samples * chirps * float((np.abs(weighted) ** 2).sum())
+    assert np.isclose(float((np.abs(range_doppler(cube, radar)) ** 2).sum()), energy, rtol=1e-5)

@@ -1,0 +1,73 @@
+"""``trainer evaluate``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from pydantic import ValidationError
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+
+from shared.errors import InputError
+from shared.radar import first_validation_error
+
+
+def evaluate(
+    dataset: Annotated[
+        str, typer.Argument(help="Folder of a dataset with a test split, also s3:// or gs://.", show_default=False)
+    ],
+    out: Annotated[Path, typer.Option("--out", help="Folder of the evaluation; new or empty.", show_default=False)],
+    run: Annotated[list[Path] | None, typer.Option("--run", help="Run folder of trainer fit; repeatable.")] = None,
+    methods: Annotated[
+        str | None,
+        typer.Option(
+            help="Comma-separated: das, das-hamming, music, iaa, omp, omp-cfar, spice, ml, ...; cnn and unet stand for "
+            "the runs. By default das, music, iaa, omp and all runs."
+        ),
+    ] = None,
+    arrays: Annotated[str, typer.Option(help="Comma-separated: names, or TOML files.")] = "sparse6,sparse4,full",
+    experiments: Annotated[
+        str | None,
+        typer.Option(
+            help="Comma-separated: point-spread, street, two-reflectors, detection, doppler, resolution, robustness, "
+            "generalisation, noise-only, tradeoff, measured. By default all that apply."
+        ),
+    ] = None,
+    frames: Annotated[int, typer.Option(help="Most test frames of each kind that are scored.")] = 50,
+    shown: Annotated[int, typer.Option(help="Frames to look at in the report.")] = 3,
+    trials: Annotated[int, typer.Option(help="Simulated trials of each condition.")] = 120,
+    seed: Annotated[int, typer.Option(help="Same seed, same numbers.")] = 0,
+    measured: Annotated[
+        Path | None, typer.Option(help="A measured snapshot of a half-wavelength line: .mat or .npy.")
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Keep what is finished in --out.")] = False,
+) -> None:
+    """Hold runs and classical estimators against each other: metrics, figures, and a page to look at."""
+    # torch and matplotlib take seconds to import, and trainer --help should not.
+    from trainer.evaluate import evaluate as run_evaluate
+    from trainer.experiments.bench import Settings
+
+    try:
+        settings = Settings(frames=frames, shown=shown, trials=trials, seed=seed)
+    except ValidationError as error:
+        raise InputError("trainer evaluate", *first_validation_error(error)) from error
+    console = Console(soft_wrap=True, highlight=False)
+    columns = TextColumn("{task.description:<15}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
+    with Progress(*columns, console=console) as bars:
+        shown_bars: dict[str, TaskID] = {}
+
+        def advance(name: str, done: int, total: int) -> None:
+            if name not in shown_bars:
+                shown_bars[name] = bars.add_task(name, total=total)
+            bars.update(shown_bars[name], completed=done, total=total)
+
+        run_evaluate(
+            dataset, out, run or [], _names(methods), _names(arrays) or [], _names(experiments), settings, measured,
+            resume, lambda line: bars.console.print(line, markup=False), advance,
+        )  # fmt: skip
+
+
+def _names(text: str | None) -> list[str] | None:
+    return None if text is None else [name.strip() for name in text.split(",") if name.strip()]

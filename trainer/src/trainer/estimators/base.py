@@ -1,0 +1,55 @@
+"""What an estimator is, and all of them by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trainer.estimators.array import LineArray, line_array
+from trainer.estimators.das import DelayAndSum
+from trainer.estimators.iaa import IterativeAdaptive
+from trainer.estimators.ml import MaximumLikelihood
+from trainer.estimators.music import Music
+from trainer.estimators.omp import OrthogonalMatchingPursuit
+from trainer.estimators.spice import SparseCovariance
+
+__all__ = ["ESTIMATORS", "UNIFORM_ESTIMATORS", "Estimator", "LineArray", "line_array"]
+
+
+class Estimator(Protocol):
+    """An angular spectrum from one snapshot for each range bin."""
+
+    name: str
+
+    def image(
+        self, snapshots: NDArray[np.complexfloating], array: LineArray, u: NDArray[np.floating], noise_power: float
+    ) -> NDArray[np.float64]:
+        """[R, U] magnitudes [sqrt(W)], always finite; a row of zeros where the snapshot is zero.
+
+        :param snapshots: [R, C] complex, the channels of ``array`` in its order [sqrt(W)]
+        :param u: [U] angles sin(azimuth), rising
+        :param noise_power: of one channel in one range-Doppler cell [W]; 0 where there is none
+        :raises InputError: snapshots of another shape or not finite, a negative noise power
+        """
+        ...
+
+
+ESTIMATORS: dict[str, Callable[[], Estimator]] = {
+    "das": DelayAndSum,
+    "das-hamming": lambda: DelayAndSum("hamming"),
+    "das-hann": lambda: DelayAndSum("hann"),
+    "music": Music,
+    "iaa": IterativeAdaptive,
+    "omp": OrthogonalMatchingPursuit,
+    "omp-cfar": lambda: OrthogonalMatchingPursuit("cfar"),
+    "spice": SparseCovariance,
+    "likes": lambda: SparseCovariance(reweighted=True),
+    "ml": MaximumLikelihood,
+}
+"""A new estimator by the name that ``--methods`` takes; all of them work on any array."""
+
+UNIFORM_ESTIMATORS: dict[str, Callable[[], Estimator]] = {"music-fbss": lambda: Music("forward-backward")}
+"""Those that need a uniform line of elements, and refuse any other with an ``InputError``."""

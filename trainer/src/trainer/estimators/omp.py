@@ -1,0 +1,124 @@
+"""Orthogonal matching pursuit, stopped by the known noise power or at a constant false-alarm rate."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+from scipy.special import gammaln
+from scipy.stats import chi2
+
+from shared.errors import InputError
+from trainer.estimators.array import LineArray, draw_lines, image_rows, scan_axis, uniform_axis
+from trainer.estimators.lines import line_amplitudes, refine_lines
+
+MOST_LINES = 16
+"""In a range bin, and at most half the channels: beyond that no sparse solution is known to be the only one."""
+FALSE_ALARM = 0.01
+"""Probability that a range bin of noise alone gets a line."""
+SEARCH_POINTS = 8
+"""Angles in a resolution cell from which lines leave the grid."""
+ROUNDING = 1e-20
+"""Energy left, of the snapshot's: less is rounding."""
+
+
+class OrthogonalMatchingPursuit:
+    """Lines one by one: the largest of |a(u)^H r|, then least squares for all, r = x - A A^+ x.
+
+    Pati, Rezaiifar and Krishnaprasad 1993. Greedy: of two targets within a resolution cell the first line falls
+    between them.
+
+    - "noise": angles of the image's axis; goes on while |r|^2 exceeds what noise of the known power leaves in all but
+      1 % of the cases, sigma^2 / 2 times the quantile of chi^2 with 2 (C - k) degrees of freedom.
+    - "cfar": continuous angles, all refined together after each new line (Newtonised OMP, Mamandipoor, Ramasamy and
+      Madhow, IEEE Trans. Signal Process. 64(19), 2016); goes on while the new line takes a larger share of |r|^2 than
+      the best line would of noise, whatever its power, with probability :data:`FALSE_ALARM`.
+
+    :param stop: "noise" or "cfar"
+    """
+
+    def __init__(self, stop: str = "noise") -> None:
+        if stop not in ("noise", "cfar"):
+            raise InputError("omp", f"stop = {stop!r}", "noise or cfar")
+        self.stop = stop
+        self.name = "omp" if stop == "noise" else "omp-cfar"
+
+    def image(
+        self, snapshots: NDArray[np.complexfloating], array: LineArray, u: NDArray[np.floating], noise_power: float
+    ) -> NDArray[np.float64]:
+        """[R, U] lines with their magnitudes [sqrt(W)], each in its nearest bin of u [U].
+
+        :param snapshots: [R, C] [sqrt(W)]
+        :param noise_power: [W]; 0 lets "noise" go on to rounding or the largest number of lines; "cfar" does not use it
+        """
+        axis = scan_axis(array, u)[0] if self.stop == "noise" else uniform_axis(array, SEARCH_POINTS)
+        most = min(MOST_LINES, max(array.channels // 2, 1))
+        if self.stop == "noise":
+            limits = [0.5 * chi2.ppf(0.99, 2 * (array.channels - k)) for k in range(most)]
+        else:
+            limits = [largest_share_of_noise(array, array.channels - k) for k in range(most)]
+
+        def solve(x: NDArray[np.complex128], noise: NDArray[np.float64]) -> NDArray[np.float64]:
+            found, amplitude = self._lines(x, noise, array, axis, limits)
+            return draw_lines(found, np.abs(amplitude), array, u)
+
+        return image_rows(snapshots, array, len(u), noise_power, solve)
+
+    def _lines(
+        self,
+        x: NDArray[np.complex128],
+        noise: NDArray[np.float64],
+        array: LineArray,
+        axis: NDArray[np.float64],
+        limits: list[float],
+    ) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
+        """(u [B, K], amplitudes [B, K], 0 for none); a row leaves the loop when its stopping rule says so."""
+        conjugate = array.manifold(axis).conj()
+        found = np.zeros((len(x), len(limits)))
+        amplitude = np.zeros(found.shape, dtype=np.complex128)
+        going, left = np.arange(len(x)), x
+        total = np.sum(np.abs(x) ** 2, axis=1)
+        for k, limit in enumerate(limits):
+            best = axis[np.argmax(np.abs(left @ conjugate), axis=1)]
+            lines = np.concatenate([found[going, :k], best[:, None]], axis=1)
+            if self.stop == "cfar":
+                lines = refine_lines(x[going], lines, array)
+            amplitudes, after = line_amplitudes(x[going], lines, array)
+            energy, remains = np.sum(np.abs(left) ** 2, axis=1), np.sum(np.abs(after) ** 2, axis=1)
+            goes_on = energy > ROUNDING * total[going]
+            if self.stop == "noise":
+                goes_on &= energy > noise[going] * limit
+            else:
+                goes_on &= energy - remains > limit * energy
+            going, left = going[goes_on], after[goes_on]
+            found[going, : k + 1], amplitude[going, : k + 1] = lines[goes_on], amplitudes[goes_on]
+            if not len(going):
+                break
+        return found, amplitude
+
+
+def largest_share_of_noise(array: LineArray, dimensions: int) -> float:
+    """Share of the energy of white noise that its best line takes with probability :data:`FALSE_ALARM`.
+
+    For noise uniform on the sphere of C complex dimensions the share at one angle is above t with probability
+    (1 - t)^(C - 1). Over a curve of manifold vectors the expected number of upcrossings (Rice 1944; the tube of
+    Hotelling 1939 and Weyl 1939) is
+
+        N(t) = Delta u beta / sqrt(pi) sqrt(t) (1 - t)^(C - 3/2) Gamma(C) / Gamma(C - 1/2),   beta = k std(p),
+
+    with Delta u the period of u, and the sum of both bounds the probability that any angle is above t. With lines
+    already found C is what they leave of the channels: an approximation.
+
+    :param dimensions: C; with fewer than 2 every angle takes all, and the share is 1: nothing is ever found
+    """
+    if dimensions < 2:
+        return 1.0
+    beta = 2.0 * np.pi / array.wavelength_m * float(np.std(array.positions_m))
+    curve = 2.0 * array.half_period * beta / np.sqrt(np.pi) * np.exp(gammaln(dimensions) - gammaln(dimensions - 0.5))
+
+    def excess(share: float) -> float:
+        point = (1.0 - share) ** (dimensions - 1)
+        return point + curve * np.sqrt(share) * (1.0 - share) ** (dimensions - 1.5) - FALSE_ALARM
+
+    # N rises and then falls: the level sought is on the falling side.
+    return float(brentq(excess, 1.0 / (2.0 * dimensions - 2.0), 1.0))

@@ -1,0 +1,121 @@
+"""Finished cells of a sweep on disk, so that a run which was killed goes on where it was.
+
+A cell is the result of one (experiment, method, array, condition), a few arrays, and stands in one file of its own
+whose name is a hash of all that the result depends on. A file is written beside its name, then renamed: there is no
+half cell.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import zipfile
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shared.errors import InputError
+from shared.locations import sha256_of
+
+Values = Mapping[str, NDArray[Any]]
+"""Named arrays, numbers among them as arrays without axes."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What one result depends on.
+
+    :param experiment: name of the experiment
+    :param method: name of the method
+    :param array: name of the array
+    :param condition: what was varied, as text, e.g. "frame=17"
+    :param inputs: fingerprint of data, weights and settings
+    :param code: fingerprint of what computed it
+    """
+
+    experiment: str
+    method: str
+    array: str
+    condition: str
+    inputs: str
+    code: str
+
+    @property
+    def file_name(self) -> str:
+        return f"{self.experiment}-{digest(asdict(self))[:24]}.npz"
+
+
+def digest(value: object) -> str:
+    """SHA-256 of a value of plain JSON types, in hexadecimal."""
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
+
+
+@cache
+def code_fingerprint() -> str:
+    """Of the sources of ``trainer`` and ``shared``: what other code computed is not kept."""
+    sources = {}
+    for package in ("shared", "trainer"):
+        for folder in import_module(package).__path__:
+            root = Path(folder)
+            sources.update(
+                {f"{package}/{path.relative_to(root)}": sha256_of(path) for path in sorted(root.rglob("*.py"))}
+            )
+    return digest(sources)
+
+
+class CellStore:
+    """The finished cells of one output folder.
+
+    :param directory: folder of the cells, made if it is not there
+    :ivar computed: cells filled by this process
+    :ivar kept: cells found finished
+    """
+
+    def __init__(self, directory: Path) -> None:
+        self.directory = directory
+        self.computed = 0
+        self.kept = 0
+        self._used: set[str] = set()
+        directory.mkdir(parents=True, exist_ok=True)
+        for left_behind in directory.glob("*.partial"):
+            left_behind.unlink()
+
+    def result(self, cell: Cell, compute: Callable[[], Values]) -> Values:
+        """The cell's arrays: read if it was finished before, else computed and kept.
+
+        :raises InputError: a file of the folder that is damaged
+        """
+        path = self.directory / cell.file_name
+        again = path.name in self._used
+        self._used.add(path.name)
+        if path.is_file():
+            self.kept += not again
+            return _read(path)
+        values = {name: np.asarray(value) for name, value in compute().items()}
+        partial = path.with_suffix(".partial")
+        with partial.open("wb") as handle:
+            np.savez(handle, allow_pickle=False, **values)
+        os.replace(partial, path)
+        self.computed += 1
+        return values
+
+    @property
+    def unused(self) -> int:
+        """Cells on disk that nothing has asked for: of other methods, settings or data."""
+        return sum(path.name not in self._used for path in self.directory.glob("*.npz"))
+
+
+def _read(path: Path) -> Values:
+    try:
+        # Opened here, so that it is closed where NumPy finds no archive in it.
+        with path.open("rb") as handle, np.load(handle, allow_pickle=False) as content:
+            return {name: content[name] for name in content.files}
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise InputError(path, f"damaged: {error}", "a finished cell; delete the file to compute it anew") from error

@@ -1,0 +1,1 @@
+"""What images and detections are judged by; every function states its equation and source."""

@@ -1,0 +1,94 @@
+"""Confidence intervals: bootstrap over frames, Wilson for probabilities."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import binomtest, bootstrap
+
+from shared.errors import InputError
+
+CONFIDENCE = 0.95
+RESAMPLES = 2000
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A value with its 95 % confidence interval.
+
+    :param value: the estimate
+    :param low: lower end
+    :param high: upper end
+    """
+
+    value: float
+    low: float
+    high: float
+
+
+def bootstrap_mean(values: NDArray[np.floating], seed: int = 0) -> Interval:
+    """Mean of values [n] and its percentile bootstrap interval (Efron 1979) over the n of them.
+
+    One value alone has no spread that could be resampled: its interval is NaN, not of width zero.
+
+    :raises InputError: no values, or some not finite
+    """
+    data = _finite("values", values)
+    return _bootstrap((data,), np.mean, seed)
+
+
+def bootstrap_ratio(parts: NDArray[np.floating], wholes: NDArray[np.floating], seed: int = 0) -> Interval:
+    """Ratio of sums, sum part / sum whole, of n frames and its interval: frames, not detections, are drawn again.
+
+    0 where the wholes add up to nothing.
+
+    :param parts: [n] e.g. true positives of each frame
+    :param wholes: [n] e.g. truths of each frame
+    :raises InputError: none, of different lengths, or some not finite
+    """
+    part, whole = _finite("parts", parts), _finite("wholes", wholes)
+    if len(part) != len(whole):
+        raise InputError("bootstrap", f"{len(part)} parts and {len(whole)} wholes", "as many of one as of the other")
+
+    def ratio(x: NDArray[np.float64], y: NDArray[np.float64], axis: int = -1) -> NDArray[np.float64]:
+        below = np.sum(y, axis=axis)
+        return np.where(below > 0.0, np.sum(x, axis=axis) / np.where(below > 0.0, below, 1.0), 0.0)
+
+    return _bootstrap((part, whole), ratio, seed)
+
+
+def wilson(successes: int, trials: int) -> Interval:
+    """Share of successes and its Wilson score interval (Wilson 1927), which keeps within 0 and 1.
+
+    :raises InputError: no trials, or more successes than trials
+    """
+    if trials < 1 or not 0 <= successes <= trials:
+        raise InputError("wilson", f"{successes} of {trials}", "at least one trial, and no more successes than trials")
+    interval = binomtest(successes, trials).proportion_ci(CONFIDENCE, method="wilson")
+    return Interval(successes / trials, float(interval.low), float(interval.high))
+
+
+def _finite(name: str, values: NDArray[np.floating]) -> NDArray[np.float64]:
+    data = np.asarray(values, dtype=np.float64).ravel()
+    if not len(data) or not np.isfinite(data).all():
+        raise InputError(
+            "bootstrap",
+            f"{name}: {len(data)} values, {int((~np.isfinite(data)).sum())} not finite",
+            "one or more finite values",
+        )
+    return data
+
+
+def _bootstrap(samples: tuple[NDArray[np.float64], ...], statistic: Callable[..., Any], seed: int) -> Interval:
+    value = float(statistic(*samples, axis=-1))
+    if len(samples[0]) < 2:
+        return Interval(value, float("nan"), float("nan"))
+    result = bootstrap(
+        samples, statistic, paired=True, vectorized=True, n_resamples=RESAMPLES, batch=100,
+        confidence_level=CONFIDENCE, method="percentile", rng=np.random.default_rng(seed),
+    )  # fmt: skip
+    return Interval(value, float(result.confidence_interval.low), float(result.confidence_interval.high))

@@ -1,0 +1,1 @@
+"""Figures, tables and the page in which a person looks at them."""
