@@ -45,6 +45,11 @@ def noise_dbw() -> float:
     return float(power_to_db(cell_noise_power(RADAR)))
 
 
+def cell_noise_dbw() -> float:
+    """Receiver noise in a cell of the input's beamformed image [dBW]: all channels' mean."""
+    return noise_dbw() - 10.0 * math.log10(RADAR.array.channels)
+
+
 def point_dbw(range_m: float, rcs_dbsm: float) -> float:
     """Echo of a point target on boresight [dBW], P_t G_t G_r lambda^2 sigma / ((4 pi)^3 R^4)."""
     position = np.array([[range_m, 0.0, 0.0]])

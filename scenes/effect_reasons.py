@@ -45,14 +45,25 @@ def point(range_m: float, rcs_dbsm: float, speed_mps: float = 0.0) -> Expectatio
     return Expectation(verdicts, (Echo("point target, radar equation", range_m, power),))
 
 
-def mirror(range_m: float, mirror_dbsm: float, rough_dbsm: float, edge_dbsm: float, what: str) -> Expectation:
+def rough_patch(range_m: float, rough_dbsm: float, change_db: float, wide: bool = True) -> Verdict:
+    """A rough surface beside a stronger echo; a wide one fills the range bins behind it."""
+    above = levels.point_dbw(range_m, rough_dbsm) - levels.cell_noise_dbw()
+    reason = f"the rough patch in one cell is {rough_dbsm:.1f} dBsm"
+    if wide and above > 6.0:
+        return Verdict(change_db, f"{reason}; it fills the cells beside the echo, {above:.0f} dB above the noise", True)
+    return Verdict(change_db, reason)
+
+
+def mirror(
+    range_m: float, mirror_dbsm: float, rough_dbsm: float, edge_dbsm: float, what: str, wide: bool = True
+) -> Expectation:
     """A facet square to the radar whose specular echo is all that counts."""
     power = levels.point_dbw(range_m, mirror_dbsm)
     verdicts = {
         **ABSENT,
         **motion(0.0),
         "specular": everything(f"the mirror's echo is {mirror_dbsm:.1f} dBsm: {what}"),
-        "diffuse": Verdict(rough_dbsm - mirror_dbsm, f"the rough patch in one cell is {rough_dbsm:.1f} dBsm"),
+        "diffuse": rough_patch(range_m, rough_dbsm, rough_dbsm - mirror_dbsm, wide),
         "multi_bounce": CONVEX,
         "diffraction": Verdict(edge_dbsm - mirror_dbsm, f"the strongest edge is {edge_dbsm:.1f} dBsm (Keller)"),
         "near_field": near_field(range_m, mirror=True),
@@ -85,9 +96,8 @@ def plate() -> Expectation:
     plate_dbsm = levels.plate_rcs_dbsm(area) + levels.mirror_db("metal")
     rough = levels.diffuse_rcs_dbsm("metal", area, 0.0)
     excess = levels.plane_rcs_dbsm(50.0) - levels.plate_rcs_dbsm(area)
-    expected = mirror(
-        50.0, plate_dbsm, rough, -math.inf, f"4 pi A^2 / lambda^2; an infinite plane has {excess:.1f} dB more"
-    )
+    what = f"4 pi A^2 / lambda^2; an infinite plane has {excess:.1f} dB more"
+    expected = mirror(50.0, plate_dbsm, rough, -math.inf, what, wide=False)
     within = nothing("its edges lie within the Fresnel zone: physical optics of the facet counts them as specular")
     return Expectation({**expected.verdicts, "diffraction": within}, expected.echoes)
 
@@ -106,7 +116,7 @@ def dihedral() -> Expectation:
         **ABSENT,
         **motion(0.0),
         "specular": everything("both bounces of the only strong echo are mirrors"),
-        "diffuse": Verdict(rough - one_way_round, f"the rough patch in one cell is {rough:.1f} dBsm"),
+        "diffuse": rough_patch(60.0, rough, rough - one_way_round),
         "multi_bounce": everything(
             f"no face looks at the radar; two bounces are {one_way_round:.1f} dBsm, once each way"
         ),
@@ -144,15 +154,16 @@ def target_behind_pane() -> Expectation:
     verdicts = {
         **ABSENT,
         **motion(0.0),
-        "diffuse": Verdict(
-            levels.point_dbw(50.0, rough) - power, f"the pane's rough patch in one cell is {rough:.1f} dBsm"
-        ),
+        "diffuse": rough_patch(50.0, rough, levels.point_dbw(50.0, rough) - power),
         "refraction": everything(f"the only strong echo crosses the pane twice: {through:.1f} dB"),
         "multi_bounce": nothing(
             "the pane, turned by 30 deg, mirrors the target nowhere that counts; to cross is no bounce"
         ),
         "diffraction": Verdict(
-            levels.shadow_db(4.0, 50.0, 10.0), "the wave round the pane's edges, 4 m off the line (knife edge, one way)"
+            levels.shadow_db(4.0, 50.0, 10.0),
+            "the wave round the pane's edges, 4 m off the line (knife edge, one way); with the pane's own edges it "
+            "fills a good part of the few cells there are",
+            True,
         ),
         "near_field": near_field(60.0),
         "antenna_pattern": boresight(),

@@ -1,6 +1,7 @@
 """What it takes to say that a scene calls for an effect: the rule of each, a verdict with its figure, its reason.
 
-An effect is on where its change of the result exceeds the error budget, or where the scene would be empty without it.
+An effect is on where its change of the result exceeds the error budget, where the scene would be empty without it, or
+where it alone fills more than a tenth of the cells above the noise.
 Nothing here is measured with the tracer: figures are the formulas of ``effect_levels``, and None where the scene lacks
 what the effect works on.
 """
@@ -41,16 +42,19 @@ class Verdict:
 
     :param change_db: predicted change [dB], see RULES; None where there is nothing that could change
     :param reason: in one line
+    :param fills_cells: more than a tenth of the cells above the noise hold little else
     """
 
     change_db: float | None
     reason: str
+    fills_cells: bool = False
 
     def to_json(self) -> dict[str, Any]:
-        on = self.change_db is not None and self.change_db > BUDGET_DB
+        on = self.change_db is not None and (self.change_db > BUDGET_DB or self.fills_cells)
         return {
             "on": on,
             "change_db": None if self.change_db is None else round(self.change_db, 1) + 0.0,
+            "fills_cells": self.fills_cells,
             "reason": self.reason,
         }
 

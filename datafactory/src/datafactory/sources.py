@@ -8,7 +8,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from datafactory.effects.catalogue import EffectSet
+from datafactory.effects.catalogue import PATH_EFFECTS, EffectSet
 from datafactory.effects.plan import EffectPlan, by_choice, decide
 from datafactory.effects.planning import gathered, looked_at
 from datafactory.effects.probe import Evidence, Probe
@@ -29,7 +29,7 @@ from datafactory.worker import (
     SceneWork,
     StoredFrame,
 )
-from shared.dataset_folder import ShardRecord, read_manifest
+from shared.dataset_folder import MANIFEST, ShardRecord, read_manifest
 from shared.errors import InputError
 
 PATHS = "paths"
@@ -95,31 +95,49 @@ def sources_of(order: Order, table: MaterialTable, announce: Announce) -> Source
 
 
 def _stored(order: Order, folder: Path, points: list[Recipe], common: dict[str, Any]) -> Sources:
-    """Paths traced before, with the effects they were traced with or, as far as they hold them, those asked for."""
+    """Paths traced before, with the effects that they were traced with, or those asked for where they hold them."""
     manifest = read_manifest(folder)
     records = [ShardRecord.model_validate(item) for item in manifest["shards"] if item["path"].startswith(PATHS)]
     if not records:
         raise InputError(folder, "holds no traced paths", "a folder written by datafactory trace")
-    traced, wanted = manifest["arguments"]["radar"]["front_end"], order.radar.front_end
+    try:
+        traced, wanted = manifest["arguments"]["radar"]["front_end"], order.radar.front_end
+        plans = [
+            EffectSet.of({item["effect"] for item in entry["effect_plan"]["effects"] if item["on"]})
+            for entry in manifest["scenes"]
+        ]
+    except (KeyError, TypeError) as error:
+        problem = f"its entries arguments.radar.front_end and scenes.effect_plan are not understood ({error!r})"
+        raise InputError(folder / MANIFEST, problem, "paths traced by this version") from None
     for field in ("tx_polarization", "rx_polarization"):
         if traced.get(field, "V") != getattr(wanted, field):
             problem = (
                 f"paths were traced with {field} = {traced.get(field, 'V')!r}, the radar has {getattr(wanted, field)!r}"
             )
             raise InputError(folder, problem, "the same polarisation, or datafactory trace with this radar")
-    plans = [
-        EffectSet.of({item["effect"] for item in entry["effect_plan"]["effects"] if item["on"]})
-        for entry in manifest["scenes"]
-    ]
+    entries = manifest["scenes"]
+    if order.effects is not None:
+        for entry, effects in zip(entries, plans, strict=True):
+            _require_same_paths(folder, entry["name"], effects, order.effects)
+        plans = [order.effects] * len(plans)
+        entries = [{**entry, "effect_plan": by_choice(entry["name"], order.effects).to_json()} for entry in entries]
     stored, frame = list[Recipe](), 0
     for record in records:
         for row in range(record.rows):
-            effects = order.effects or plans[frame % len(plans)]
-            stored.append(StoredFrame(folder / record.path, row, effects))
+            stored.append(StoredFrame(folder / record.path, row, plans[frame % len(plans)]))
             frame += 1
-    names = [(order.effects or effects).names for effects in plans]
+    names = [effects.names for effects in plans]
     arguments = {**common, "paths": [item.sha256 for item in records], "effects": names}
-    return Sources((), (*stored, *points), arguments, manifest["scenes"])
+    return Sources((), (*stored, *points), arguments, entries)
+
+
+def _require_same_paths(folder: Path, scene: str, traced: EffectSet, asked: EffectSet) -> None:
+    """Which paths there are was settled when they were traced."""
+    for name in PATH_EFFECTS:
+        if getattr(traced, name) != getattr(asked, name):
+            had, wants = ("with", "without") if getattr(traced, name) else ("without", "with")
+            problem = f"the paths of {scene} were traced {had} {name}, --effects asks for frames {wants} it"
+            raise InputError(folder, problem, "--effects auto, or datafactory trace with these effects")
 
 
 def scene_plan(
@@ -139,7 +157,8 @@ def _plan(order: Order, index: int, scene: Scene, work: SceneWork, announce: Ann
         return by_choice(scene.name, order.effects)
     plan = decide(scene.name, gathered(scene.content_hash(), _probe(order, index, work), announce), order.budget_db)
     left_out = ", ".join(item.effect for item in plan.decisions if not item.on) or "nothing"
-    announce(f"{scene.name}: effects {', '.join(plan.effects.names)}; left out {left_out} (datafactory plan says why)")
+    simulated = ", ".join(plan.effects.names) or "none"
+    announce(f"{scene.name}: effects {simulated}; left out {left_out} (datafactory plan says why)")
     return plan
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 
+import numpy as np
+
 from datafactory.frames import Processing
 from datafactory.paths.solver import TraceSettings
 from shared.antenna import IsotropicPattern
@@ -27,6 +29,8 @@ DESCRIPTIONS = {
     "noise": "receiver noise",
 }
 """What each effect stands for, in words, in the order of the chain."""
+PATH_EFFECTS = ("specular", "diffuse", "multi_bounce", "refraction", "diffraction", "rcs_targets")
+"""Those that decide which paths are traced; the others work on the paths that there are."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +123,5 @@ def parse_effects(text: str) -> EffectSet | None:
 
 
 def _of_boresight_gain(pattern) -> IsotropicPattern:
-    import numpy as np
-
     gain = pattern.power_gain(np.array([1.0, 0.0, 0.0]))
     return IsotropicPattern(gain_dbi=float(power_to_db(gain)))

@@ -1,8 +1,10 @@
 """Which effects a scene calls for, and why.
 
 An effect is simulated where leaving it out would change the frame by more than the error budget: the power in a
-resolution cell over the peak's for added echoes, the response over its peak for how echoes are formed. The rule and the
-figure of each effect stand in :mod:`datafactory.effects.changes` and :mod:`datafactory.effects.probe`.
+resolution cell over the peak's for added echoes, the response over its peak for how echoes are formed. It is also where
+more than a tenth of the cells above the noise would change, however far below the peak: one strong mirror does not
+empty the rest of the picture. The figures of each effect stand in :mod:`datafactory.effects.changes` and
+:mod:`datafactory.effects.probe`.
 """
 
 from __future__ import annotations
@@ -15,6 +17,8 @@ from datafactory.effects.catalogue import DESCRIPTIONS, NAMES, EffectSet
 from datafactory.effects.probe import FLOOR_DB, Evidence
 
 DEFAULT_BUDGET_DB = -30.0
+OCCUPIED_SHARE = 0.1
+"""Of the cells above the noise; those that change by more than half a decibel count."""
 
 NEEDS = {"range_migration": "doppler", "intra_chirp_motion": "doppler"}
 """An effect that means nothing without another."""
@@ -69,11 +73,11 @@ def decide(scene: str, evidence: Mapping[str, Evidence], budget_db: float = DEFA
     decisions = []
     for name in NAMES:
         found = evidence[name]
-        wanted = found.change_db > budget_db
+        wanted = found.change_db > budget_db or found.cell_share > OCCUPIED_SHARE
         needed = NEEDS.get(name)
         on[name] = wanted and (needed is None or on[needed])
         decisions.append(Decision(name, on[name], _reason(name, found, on[name], budget_db), found.text,
-                                  round(found.change_db, 1)))  # fmt: skip
+                                  round(found.change_db, 1) + 0.0))  # fmt: skip
     shares = {name: (evidence[name].power_share, evidence[name].cell_share) for name in NAMES}
     return EffectPlan(scene, budget_db, tuple(decisions), shares)
 
@@ -89,8 +93,10 @@ def _reason(name: str, found: Evidence, on: bool, budget_db: float) -> str:
     if found.change_db <= FLOOR_DB:
         return found.text
     level = f"{found.change_db:.1f} dB of the peak"
+    if on and found.change_db <= budget_db:
+        return f"{what}: {level}, but {100.0 * found.cell_share:.0f} % of the cells above the noise"
     if on:
         return f"{what}: {level}, above {budget_db:g} dB"
-    if found.change_db > budget_db:
+    if found.change_db > budget_db or found.cell_share > OCCUPIED_SHARE:
         return f"{what}: means nothing without {NEEDS[name]}"
     return f"{what}: no more than {level}, within {budget_db:g} dB"

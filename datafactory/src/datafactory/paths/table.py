@@ -166,20 +166,29 @@ class SpecularPaths:
         """[S, 3] directions in which the reference TX sees the image of the origin: H^T (0 - s)."""
         return np.einsum("kji,kj->ki", self.axes, -self.image)
 
-    def as_scattered(self, tx: Real) -> ScatteredPaths:
+    def as_scattered(self, tx: Real, plane: bool = False) -> ScatteredPaths:
         """The same paths for one TX at ``tx`` [3], in the form of scattered paths.
 
         The RX-side point is the image of this TX. The TX leg is made a constant 1 m by placing the TX-side point 1 m
         ahead of the TX, and b = -1 m takes it off again, so that one kernel serves both laws exactly.
+
+        :param plane: for a kernel that lays plane waves over both arrays: |x_j - s - H x_i| is |s| - n (x_j - H x_i),
+            n = s / |s|. The RX-side point is the reference's image, b has n H x_i, and the point 1 m ahead of the
+            origin gives the TX leg 1 m - x_i.
         """
         count = len(self)
-        image = self.image + np.einsum("kij,j->ki", self.axes, tx - self.reference)
+        moved = np.einsum("kij,j->ki", self.axes, tx - self.reference)
+        image, ahead, between = self.image + moved, tx + np.array([1.0, 0.0, 0.0]), np.full(count, -1.0)
+        if plane:
+            distance = np.maximum(np.linalg.norm(self.image, axis=1), 1e-9)
+            image, ahead = self.image, np.array([1.0, 0.0, 0.0])
+            between = np.einsum("ki,ki->k", self.image, moved) / distance + tx[0] - 1.0
         return ScatteredPaths(
-            tx_point=np.tile(tx + np.array([1.0, 0.0, 0.0]), (count, 1)),
+            tx_point=np.tile(ahead, (count, 1)),
             rx_point=image,
             tx_velocity=np.zeros((count, 3)),
             rx_velocity=self.image_velocity,
-            between_m=np.full(count, -1.0),
+            between_m=between,
             between_rate_mps=np.zeros(count),
             amplitude=self.amplitude,
             depth=self.depth,

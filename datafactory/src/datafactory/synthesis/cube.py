@@ -97,7 +97,7 @@ def cube_of_paths(
     computed = 1 if static else waveform.chirps
     cube = np.zeros((computed, waveform.samples, len(array.rx_m), len(array.tx_m)), dtype=dtype)
     times = chirp_times(radar.model_copy(update={"array": array}))[:, :computed]
-    contributions = _contributions(paths, array, times, waveform)
+    contributions = _contributions(paths, array, times, waveform, plane=not model.near_field)
     if contributions:
         blocks = _blocks(array, waveform, tolerance, dtype)
         tasks = [(block, chirp) for block in blocks for chirp in range(computed)]
@@ -110,9 +110,9 @@ def cube_of_paths(
 
 
 def _contributions(
-    paths: PathTable, array: AntennaArray, times: NDArray[np.float64], waveform: Waveform
+    paths: PathTable, array: AntennaArray, times: NDArray[np.float64], waveform: Waveform, plane: bool
 ) -> list[_Contribution]:
-    """Parts of the table: all TX at once where delays factorise, else each TX alone."""
+    """Parts of the table: all TX at once where delays factorise, else each TX alone; ``plane`` waves or spherical."""
     everyone = range(len(array.tx_m))
     parts = []
     if len(paths.scattered):
@@ -123,7 +123,7 @@ def _contributions(
             parts += [_Contribution(scattered, slice(i, i + 1), times[i]) for i in everyone]
     if len(paths.specular):
         for i in everyone:
-            specular = _by_cell(paths.specular.as_scattered(array.tx[i]), waveform)
+            specular = _by_cell(paths.specular.as_scattered(array.tx[i], plane), waveform)
             parts.append(_Contribution(specular, slice(i, i + 1), times[i]))
     return parts
 
