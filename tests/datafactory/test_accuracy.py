@@ -12,24 +12,29 @@ import pyarrow.parquet as pq
 import pytest
 from oracles import doppler_filtered, if_cube, peak_error_db, relative_error
 
-from datafactory.accuracy import budget, prices, report
+from datafactory.accuracy import budget, lattices, report
 from datafactory.accuracy.chain import Clock, reference_of, run
 from datafactory.accuracy.check import HONEST_DB, check
 from datafactory.accuracy.errors import FLOOR_DB, detections_changed, level_db, peak_error, relative_l2
-from datafactory.accuracy.knobs import CONVERGED, DEFAULT, Knob
-from datafactory.accuracy.prices import Menu, Price, Prices, choose
-from datafactory.accuracy.probes import cell_power, probes_of, traced
-from datafactory.accuracy.sweep import Effort, Row, sweep
-from datafactory.accuracy.variants import float32_geometry, linear_delays, plane_wave_cube, reference_moments
+from datafactory.accuracy.knobs import CONVERGED, DEFAULT, POWER_EFFECTS, SIGNAL_EFFECTS, Knob, Settings, effect_knobs
+from datafactory.accuracy.power import Effort, compared, mean_and_variance, power_error
+from datafactory.accuracy.prices import Errors, Menu, Price, Prices, choose
+from datafactory.accuracy.probes import planned_scenes, probes_of, traced
+from datafactory.accuracy.sweep import Row, sweep
+from datafactory.accuracy.variants import float32_geometry, linear_delays, reference_moments
 from datafactory.accuracy.work import counted_work
 from datafactory.cache import cached, user_cache
+from datafactory.effects.catalogue import ALL, NAMES, EffectSet
+from datafactory.frames import Processing, Setting, image, measure
 from datafactory.order import Order
+from datafactory.paths.density import cell_power
+from datafactory.paths.prune import pruned
+from datafactory.paths.solver import TraceSettings
+from datafactory.paths.storage import read_paths
 from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
-from datafactory.pipeline import render
+from datafactory.pipeline import render, trace_paths
 from datafactory.scenes.materials import load_materials
-from datafactory.scenes.open import open_scene
 from datafactory.scenes.poses import Pose
-from datafactory.synthesis.cube import cube_of_paths
 from shared.errors import InputError
 from shared.imaging import sweep_moments
 from shared.radar import ImageGrid, Radar
@@ -37,9 +42,11 @@ from shared.waveform import Waveform
 
 TINY = Path(__file__).resolve().parents[2] / "scenes" / "tiny.usda"
 POSE = Pose((-10.0, 0.0, 0.5), yaw_deg=5.0, velocity=(4.0, 1.0, 0.0))
+EFFECTS = ALL.without("diffraction").without("refraction").without("intra_chirp_motion")
+"""What the scene calls for, near enough, and quick."""
 MENU = Menu(
-    rays=(500, 2000), depth=(1, 2), prune_db=(-20.0, -40.0), tolerance=(1e-3, 1e-6), truth_terms=(3, 5),
-    effort=Effort(8000, realisations=2),
+    rays=(1000, 4000), depth=(1, 2), prune_db=(-20.0, -40.0), tolerance=(1e-3, 1e-6), truth_terms=(3, 5),
+    effort=Effort(8000, realisations=3, reference_realisations=3),
 )  # fmt: skip
 
 
@@ -49,9 +56,15 @@ def radar() -> Radar:
     return Radar(name="small", waveform=Waveform(samples=512, chirps=8, range_bins=96), grid=ImageGrid(bins=48))
 
 
+def probes_at(radar: Radar, *poses: Pose):
+    order = Order(radar=radar, scenes=(str(TINY),), poses=poses, seed=3, effects=EFFECTS)
+    (planned,) = planned_scenes(order, load_materials(None), lambda line: None)
+    return probes_of(planned.work, order, range(len(poses)))
+
+
 @pytest.fixture(scope="module")
-def probes(variant):
-    return probes_of(open_scene(str(TINY)), load_materials(None), (POSE,), (0,), 3)
+def probes(variant, radar):
+    return probes_at(radar, POSE)
 
 
 @pytest.fixture(scope="module")
@@ -61,16 +74,20 @@ def rows(probes, radar) -> list[Row]:
         Knob("width", ("float32 geometry",)),
         Knob("prune_db", (-20.0, -40.0)),
         Knob("delays", ("linear",)),
-        Knob("input_wave", ("plane",)),
+        Knob("near_field", (False,)),
         Knob("truth_terms", (3, 6)),
         Knob("truth_wave", ("plane",)),
     )
     power = (
-        Knob("rays", (500, 4000), power=True),
+        Knob("rays", (500, 4000), power=True, paired=False),
+        Knob("rays", (16_000,), power=True, paired=False, beside=("lattice", "sphere"), label="sphere rays"),
         Knob("depth", (1,), power=True),
+        Knob("surface_phase", (False,), power=True),
         Knob("diffuse", (False,), power=True),
+        Knob("diffraction", (True,), power=True),
     )
-    return sweep(probes, signal, power, Effort(20_000, realisations=2, repeats=2, batch=1, rays=4000), radar)
+    effort = Effort(20_000, realisations=2, reference_realisations=2, repeats=2, batch=1, rays=4000)
+    return sweep(probes, signal, power, effort, radar, effects=EFFECTS)
 
 
 @pytest.fixture
@@ -120,42 +137,6 @@ def test_detections_match_within_one_cell():
     assert detections_changed(np.zeros_like(expected), expected) == 100.0
 
 
-def test_plane_waves_are_the_far_field_of_eq_2(radar, table):
-    """The delay law |p| - x . p / |p| written out, on the first and last chirp, for every TX and RX."""
-    cube = plane_wave_cube(table, radar, 1e-9)
-    waveform, array = radar.waveform, radar.array
-    frequency = waveform.carrier_hz + waveform.bandwidth_hz * np.arange(waveform.samples) / waveform.samples
-    scattered, specular = table.scattered, table.specular
-    for chirp in (0, waveform.chirps - 1):
-        time = chirp * waveform.chirp_interval_s
-        p, q = scattered.tx_point + scattered.tx_velocity * time, scattered.rx_point + scattered.rx_velocity * time
-        s = specular.image[0] + specular.image_velocity[0] * time
-        for channel in (0, 7, 46):
-            tx, rx = array.tx[array.channel_tx[channel]], array.rx[array.channel_rx[channel]]
-            tx_leg = np.linalg.norm(p, axis=1) - p @ tx / np.linalg.norm(p, axis=1)
-            rx_leg = np.linalg.norm(q, axis=1) - q @ rx / np.linalg.norm(q, axis=1)
-            moved = specular.axes[0] @ (tx - specular.reference)
-            length = np.linalg.norm(s) + s @ (moved - rx) / np.linalg.norm(s)
-            delays = np.append(tx_leg + rx_leg + scattered.between_m, length) / 299_792_458.0
-            amplitude = np.append(scattered.amplitude, specular.amplitude)
-            expected = np.exp(2j * np.pi * frequency[:, None] * delays) @ amplitude
-            assert relative_error(cube[chirp, :, channel], expected) < 1e-5
-
-
-def test_plane_waves_in_time_division(radar, table):
-    tdm = radar.model_copy(update={"waveform": radar.waveform.model_copy(update={"multiplexing": "tdm"})})
-    far = replace(
-        table,
-        scattered=replace(
-            table.scattered, tx_point=3000.0 * table.scattered.tx_point, rx_point=3000.0 * table.scattered.rx_point
-        ),
-        specular=SpecularPaths.none(),
-    )
-    assert relative_error(plane_wave_cube(far, tdm, 1e-7), cube_of_paths(far, tdm, 1e-7)) < 1e-2
-    near = replace(far, scattered=table.scattered)
-    assert relative_error(plane_wave_cube(near, tdm, 1e-7), cube_of_paths(near, tdm, 1e-7)) > 1e-2
-
-
 def test_linear_delays_touch_the_exact_ones_at_mid_frame(radar, table):
     """From the origin: value and first derivative agree at mid-frame, the second derivative is gone."""
     linear = linear_delays(table, radar)
@@ -200,7 +181,7 @@ def test_reference_moments_are_those_of_the_whole_virtual_cube(radar, table):
 
 
 def test_cell_power_keeps_the_power_of_every_path_in_range(probes, radar):
-    paths = traced(probes[0], replace(DEFAULT, rays=2000), radar)
+    paths = traced(probes[0], replace(DEFAULT, rays=2000, effects=EFFECTS), radar)
     inside = np.rint(paths.scattered.range_m() / radar.waveform.range_step_m) < radar.waveform.range_bins
     images = np.rint(paths.specular.range_m() / radar.waveform.range_step_m) < radar.waveform.range_bins
     expected = (np.abs(paths.scattered.amplitude[inside]) ** 2).sum()
@@ -216,16 +197,26 @@ def test_tighter_settings_have_smaller_errors(rows):
     assert find(rows, "prune_db", -20.0).cube_error_db > find(rows, "prune_db", -40.0).cube_error_db
     assert find(rows, "truth_wave", "plane").image_error_db > find(rows, "truth_terms", 6).image_error_db + 10.0
     exact = find(rows, "tolerance", 1e-6).cube_error_db
-    for knob, value in (("delays", "linear"), ("input_wave", "plane"), ("width", "float32 geometry")):
+    for knob, value in (("delays", "linear"), ("near_field", "off"), ("width", "float32 geometry")):
         assert find(rows, knob, value).cube_error_db > exact
     assert find(rows, "rays", 500).image_error_db > find(rows, "rays", 4000).image_error_db
-    assert find(rows, "diffuse", False).power_bias_db < 0.0
+    assert find(rows, "rays", 500).power_l1_db > find(rows, "rays", 4000).power_l1_db
+    assert find(rows, "diffuse", "off").power_bias_db < 0.0 < find(rows, "diffraction", "on").power_bias_db
+
+
+def test_the_surface_turns_phases_alone(rows, probes, radar):
+    """Not a watt in any cell, and yet another signal."""
+    assert find(rows, "surface_phase", "off").image_error_db == FLOOR_DB
+    settings = replace(DEFAULT, rays=1000, effects=EFFECTS)
+    rough, smooth = (traced(probes[0], replace(settings, surface_phase=on), radar).scattered for on in (True, False))
+    np.testing.assert_allclose(np.abs(rough.amplitude), np.abs(smooth.amplitude), rtol=1e-12)
+    assert relative_l2(rough.amplitude, smooth.amplitude) > 0.5
 
 
 def test_more_truth_terms_follow_the_range_walk(variant, radar):
     """From a radar at rest, where the Doppler filter adds no error of its own."""
-    still = probes_of(open_scene(str(TINY)), load_materials(None), (replace(POSE, velocity=(0.0, 0.0, 0.0)),), (0,), 3)
-    settings = replace(CONVERGED, rays=2000)
+    still = probes_at(radar, replace(POSE, velocity=(0.0, 0.0, 0.0)))
+    settings = replace(CONVERGED, rays=2000, effects=EFFECTS)
     tables = [traced(still[0], settings, radar)]
     reference = reference_of(tables, settings, radar)
     errors = []
@@ -246,7 +237,9 @@ def test_every_row_is_priced(rows):
         assert row.work > 0.0
         assert row.peak_mb >= 0.0
         assert row.reference
+        assert (row.power_l1_db is None) == (row.kind == "signal")
     assert [row.setting for row in rows if row.default and row.knob == "tolerance"] == ["1e-06"]
+    assert [row.knob for row in rows if not row.approximation] == ["diffraction"]
 
 
 def test_tables_and_picture(rows, tmp_path):
@@ -308,6 +301,14 @@ def test_the_cheapest_choice_that_keeps_the_budget(radar):
     hopeless = choose([price_list(menu)], menu, -119.0, radar)
     assert not hopeless.keeps_budget
     assert hopeless.settings.depth == menu.depth[-1]
+    # What cannot be kept is as good as the menu has it, and the rest is kept and no better.
+    beyond = price_list(menu).model_copy(
+        update={"prices": tuple(p.model_copy(update={"power": (0.3,)}) for p in price_list(menu).prices)}
+    )
+    rest = choose([beyond], menu, -32.0, radar)
+    assert not rest.keeps_budget
+    assert rest.predicted.power_db > -32.0 >= max(rest.predicted.cube_db, rest.predicted.image_db)
+    assert rest.settings.tolerance > menu.tolerance[-1]
     # Two scenes: the choice answers for the worse one.
     worse = price_list(menu).model_copy(
         update={
@@ -326,32 +327,32 @@ def test_work_counts_what_is_bought(radar):
     assert counted_work(DEFAULT, 2000.0, radar) > usual
 
 
-def test_a_budget_is_settled_once_kept_and_checked(variant, radar, tmp_path, monkeypatch):
-    order = Order(
-        radar=radar, scenes=(str(TINY),), poses=(POSE, replace(POSE, position=(-8.0, 1.0, 0.5))), split="1:0:0"
+def order_of_two(radar: Radar) -> Order:
+    poses = (POSE, replace(POSE, position=(-8.0, 1.0, 0.5)))
+    return Order(radar=radar, scenes=(str(TINY),), poses=poses, split="1:0:0", effects=EFFECTS)
+
+
+def settled(order: Order, level_db: float, menu: Menu, said: list[str], folder: Path) -> budget.Budget:
+    return budget.settle(
+        order, load_materials(None), level_db, menu, said.append, lambda done, total, label: None, folder
     )
-    said: list[str] = []
-    table = load_materials(None)
 
-    def settle(level: float) -> budget.Budget:
-        return budget.settle(
-            order, table, level, MENU, said.append, lambda done, total, label: None, tmp_path / "cache"
-        )
 
-    first = settle(-20.0)
+def test_a_budget_is_settled_once_kept_and_checked(variant, radar, tmp_path, monkeypatch):
+    order, said = order_of_two(radar), list[str]()
+    first = settled(order, -20.0, MENU, said, tmp_path / "cache")
     assert any("measuring" in line for line in said)
     with monkeypatch.context() as patch:
         patch.setattr(budget, "measure_prices", lambda *arguments: pytest.fail("swept again"))
-        second, tighter = settle(-20.0), settle(-60.0)
+        second = settled(order, -20.0, MENU, said, tmp_path / "cache")
+        tighter = settled(order, -60.0, MENU, said, tmp_path / "cache")
     assert second.choice == first.choice
     assert tighter.choice.work >= first.choice.work
-    again = prices.measure_prices(first.scenes[0].swept, MENU, radar, lambda done, total, label: None)
-    assert choose([again], MENU, -20.0, radar).settings == first.choice.settings
     assert first.order.trace.rays == first.choice.settings.rays
     assert first.order.prune_db == first.choice.settings.prune_db
     assert first.order.processing.truth_terms == first.choice.settings.truth_terms
 
-    render(first.order, table, tmp_path / "data")
+    render(first.order, load_materials(None), tmp_path / "data")
     check(first, tmp_path / "data", said.append)
     entry = json.loads((tmp_path / "data" / "manifest.json").read_text(encoding="utf-8"))["error_budget"]
     assert entry["budget_db"] == -20.0
@@ -361,6 +362,20 @@ def test_a_budget_is_settled_once_kept_and_checked(variant, radar, tmp_path, mon
     for error in ("cube_db", "image_db", "power_db"):
         assert abs(entry["achieved"][error] - entry["predicted"][error]) <= HONEST_DB
     assert "seconds" not in json.dumps(entry)
+
+
+def test_a_budget_of_traced_paths_bounds_the_power_in_cells_alone(variant, radar, tmp_path):
+    said = list[str]()
+    order = replace(order_of_two(radar), poses=(POSE,))
+    found = settled(order, -15.0, MENU.of_paths(), said, tmp_path / "cache")
+    assert found.order.trace.rays in MENU.rays
+    trace_paths(found.order, load_materials(None), tmp_path / "paths")
+    check(found, tmp_path / "paths", said.append)
+    entry = json.loads((tmp_path / "paths" / "manifest.json").read_text(encoding="utf-8"))["error_budget"]
+    assert set(entry["predicted"]) == set(entry["achieved"]) == {"power_db"}
+    assert set(entry["settings"]) == {"rays", "depth"}
+    assert entry["work_per_frame"] > 0.0
+    assert abs(entry["achieved"]["power_db"] - entry["predicted"]["power_db"]) <= HONEST_DB
 
 
 def test_a_damaged_cache_is_measured_again(tmp_path):
@@ -397,3 +412,123 @@ def test_given_rays_and_depth_stay():
     assert menu.rays == (3_000_000,)
     assert menu.depth == (1,)
     assert menu.effort.reference_rays > 3_000_000
+    assert menu.of_paths().rays == menu.rays
+    assert menu.of_paths().paths_only
+    assert not menu.paths_only
+
+
+def test_errors_leave_out_what_was_not_made():
+    paths = Errors.of([], [], [1e-2, 1e-3])
+    assert paths.measured() == {"power_db": -40.0} == {"power_db": paths.worst_db}
+    assert str(paths) == "power in a cell -40.0 dB"
+    both = budget.worst_of([Errors.of([0.1], [0.1], [0.01]), Errors.of([1e-3], [1.0], [0.1])])
+    assert both == Errors.of([0.1], [1.0], [0.1])
+
+
+def test_default_settings_are_those_of_a_run():
+    assert DEFAULT.trace() == ALL.trace(TraceSettings())
+    for name in NAMES:
+        effects = ALL.without(name)
+        settings = replace(DEFAULT, effects=effects)
+        assert settings.trace() == effects.trace(TraceSettings())
+        processing, model = effects.processing(Processing()), settings.wave_model()
+        assert model.range_migration == processing.range_migration
+        assert model.intra_chirp_motion == processing.intra_chirp_motion
+        assert model.near_field == processing.near_field
+        # What changes no path leaves the realisations kept for others valid.
+        assert (settings.tracing() == DEFAULT.tracing()) == (name not in POWER_EFFECTS)
+    assert {*SIGNAL_EFFECTS, *POWER_EFFECTS, "noise"} == set(NAMES)
+
+
+@pytest.mark.parametrize("left_out", [(), ("doppler",), ("near_field", "range_migration", "antenna_pattern")])
+def test_a_frame_of_the_sweep_is_a_frame_of_the_run(left_out, radar, tmp_path, variant):
+    """Traced by the pipeline itself, then made as :mod:`datafactory.frames` makes it, without noise."""
+    effects = EffectSet.of(set(NAMES) - {"noise", "diffraction", "refraction", *left_out})
+    order = replace(order_of_two(radar), poses=(POSE,), effects=effects, seed=5, trace=TraceSettings(rays=1000))
+    trace_paths(order, load_materials(None), tmp_path)
+    stored = next(iter(read_paths(next((tmp_path / "paths").iterdir()))))
+    front_end = effects.front_end(radar.front_end)
+    paths = pruned(stored.table.within(radar).illuminated(front_end), radar, order.prune_db)
+    setting, processing = Setting(0, "scene", "tiny", 0), effects.processing(Processing(store="cube"))
+    expected, _ = next(image([measure(setting, paths, (), radar, processing, np.random.default_rng(0))], radar, "cube"))
+
+    (planned,) = planned_scenes(order, load_materials(None), lambda line: None)
+    settings = replace(DEFAULT, rays=1000, effects=effects)
+    outcome = run([traced(probes_of(planned.work, order, (0,))[0], settings, radar)], settings, radar, Clock(), batch=1)
+    assert relative_error(outcome.cubes[0], expected.cube) < 1e-6
+    assert peak_error_db(outcome.images[0], expected.image * expected.image_peak) < -60.0
+
+
+def test_an_effect_has_the_value_that_the_plan_does_not():
+    knobs = effect_knobs(ALL.without("diffraction"), {"refraction"})
+    assert {knob.name: knob.values for knob in knobs if knob.name in ("diffraction", "diffuse", "refraction")} == {
+        "diffraction": (True,),
+        "diffuse": (False,),
+    }
+    assert {knob.name for knob in knobs if not knob.power} == set(SIGNAL_EFFECTS)
+    off = Knob("diffuse", (False,), power=True).at(DEFAULT, False)
+    assert off == replace(DEFAULT, effects=ALL.without("diffuse"))
+    sphere = Knob("rays", (7,), beside=("lattice", "sphere")).at(DEFAULT, 7)
+    assert sphere == Settings(rays=7, lattice="sphere")
+    with pytest.raises(ValueError, match="moonlight"):
+        Knob("moonlight", (True,))
+
+
+def exponential_cells(generator: np.random.Generator, radar: Radar, count: int) -> np.ndarray:
+    """[count, R, 20] realisations whose mean is 1 in the first ten columns and 4 in the others."""
+    mean = np.repeat([1.0, 4.0], 10)
+    return generator.gamma(50.0, mean / 50.0, (count, radar.waveform.range_bins, 20))
+
+
+def test_the_scatter_of_a_frame_does_not_contain_that_of_its_reference(generator, radar):
+    """The amplitude of a Gamma power of shape k scatters by sqrt(mean / 4 k): known, whatever the reference is."""
+    value = exponential_cells(generator, radar, 8)
+    expected = np.sqrt(1.0 / (4.0 * 50.0))
+    for count in (3, 100):
+        reference, variance = mean_and_variance(exponential_cells(generator, radar, count))
+        assert compared(value, reference, variance, radar).l2 == pytest.approx(expected, rel=0.03)
+    reference, variance = mean_and_variance(exponential_cells(generator, radar, 3))
+    biased = compared(value, reference, np.zeros(1), radar).l2
+    assert biased == pytest.approx(expected * np.sqrt(4.0 / 3.0), rel=0.03)
+
+
+def test_cells_are_compared_as_stated(radar):
+    reference = np.ones((radar.waveform.range_bins, 3))
+    reference[20, 1] = 4.0
+    value = reference.copy()
+    value[10, 0] = 4.0
+    error = compared(value[None], reference, np.zeros(1), radar)
+    total, weight = reference.sum(), radar.waveform.ranges_m**4
+    assert error.peak == pytest.approx(0.5)
+    assert error.l2 == pytest.approx(np.sqrt(1.0 / total))
+    assert error.l1 == pytest.approx(3.0 / total)
+    assert error.l1_range_weighted == pytest.approx(3.0 * weight[10] / (weight @ reference.sum(axis=1)))
+    assert error.total == pytest.approx((total + 3.0) / total)
+    nothing = compared(0.0 * value[None], 0.0 * reference, np.zeros(1), radar)
+    assert (nothing.peak, nothing.l1, nothing.total) == (0.0, 0.0, 1.0)
+
+
+def test_draws_are_independent_and_repeatable(probes, radar):
+    settings = replace(DEFAULT, rays=1000, effects=EFFECTS)
+    against, effort = replace(settings, rays=4000), Effort(4000, realisations=2, reference_realisations=2)
+    errors = [power_error(probes[0], settings, against, effort, radar, {}, draw=draw) for draw in (0, 0, 1)]
+    assert errors[0] == errors[1] != errors[2]
+    paired = power_error(probes[0], settings, settings, effort, radar, {}, paired=True)
+    assert (paired.peak, paired.l1, paired.total) == (0.0, 0.0, 1.0)
+
+
+def test_rays_of_equal_error_are_interpolated():
+    counts = (1000, 10_000, 100_000)
+    law = [-10.0 * np.log10(count) for count in counts]
+    assert lattices.rays_for(-35.0, counts, law) == pytest.approx(10.0**3.5)
+    assert lattices.rays_for(law[0] + 1.0, counts, law) is None
+    assert lattices.rays_for(law[-1] - 1.0, counts, law) is None
+    # Where chance lets an error rise, the smaller one before it holds.
+    assert lattices.rays_for(-32.0, counts, (-30.0, -40.0, -39.0)) == pytest.approx(10.0**3.2)
+
+
+def test_the_lattices_are_compared_in_words(rows):
+    lines = lattices.lines(rows)
+    assert len(lines) == 2
+    assert all(("times fewer" in line) or ("no error that both" in line) for line in lines)
+    assert lattices.lines([row for row in rows if row.knob != "sphere rays"]) == []

@@ -18,7 +18,7 @@ from pydantic import BaseModel, ConfigDict
 
 from datafactory.accuracy.chain import Clock, Reference, reference_of, run
 from datafactory.accuracy.errors import level_db, peak_error, relative_l2
-from datafactory.accuracy.knobs import CONVERGED, DEFAULT, REFERENCE_DEPTH, REFERENCE_RAYS, Settings
+from datafactory.accuracy.knobs import BUDGET_REFERENCE_RAYS, CONVERGED, DEFAULT, REFERENCE_DEPTH, Settings
 from datafactory.accuracy.power import Effort, Kept, power_error, realisations
 from datafactory.accuracy.probes import Probe, traced
 from datafactory.accuracy.sweep import Advance
@@ -40,7 +40,7 @@ class Menu:
     prune_db: tuple[float, ...] = (-20.0, -30.0, -40.0, -50.0, -60.0)
     tolerance: tuple[float, ...] = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
     truth_terms: tuple[int, ...] = (3, 4, 5, 6)
-    effort: Effort = field(default_factory=lambda: Effort(REFERENCE_RAYS))
+    effort: Effort = field(default_factory=lambda: Effort(BUDGET_REFERENCE_RAYS))
 
     @property
     def paths_only(self) -> bool:
@@ -111,6 +111,10 @@ class Errors(BaseModel):
         """Name and level of those that there are."""
         return {name: value for name, value in self.model_dump().items() if value is not None}
 
+    def excess_db(self, budget_db: float) -> tuple[float, ...]:
+        """By how much each exceeds a budget, 0 where it does not, the largest first."""
+        return tuple(sorted((max(value - budget_db, 0.0) for value in self.measured().values()), reverse=True))
+
     @property
     def worst_db(self) -> float:
         return max(self.measured().values())
@@ -168,7 +172,7 @@ def measure_prices(probes: Sequence[Probe], menu: Menu, radar: Radar, effects: E
             errors = tuple(
                 power_error(probe, settings, against, menu.effort, radar, traces, paired=deep).peak for probe in probes
             )
-            count = menu.effort.realisations
+            count = menu.effort.realisations if deep else menu.effort.count(value)
             paths = [realisations(probe, settings, radar, 1, count, traces).paths for probe in probes]
             prices.append(
                 Price(knob=knob, value=value, cube=none, image=none, power=errors, paths=float(np.mean(paths)))
@@ -200,7 +204,8 @@ def _signal_price(
 def choose(scenes: Sequence[Prices], menu: Menu, budget_db: float, radar: Radar) -> Choice:
     """The least counted work of all combinations that keep the budget in every frame of every scene.
 
-    Where none does, the one with the smallest worst error, and of those the cheapest.
+    Where none does, the one that exceeds it least: by its worst error first, then by the others, so that these are
+    still kept where they can be; and of equals the cheapest.
     """
     choices, lists = [], [prices.by_setting() for prices in scenes]
     for rays, depth, prune, tolerance, terms in itertools.product(
@@ -217,7 +222,7 @@ def choose(scenes: Sequence[Prices], menu: Menu, budget_db: float, radar: Radar)
     good = [choice for choice in choices if choice.keeps_budget]
     if good:
         return min(good, key=lambda choice: choice.work)
-    return min(choices, key=lambda choice: (choice.predicted.worst_db, choice.work))
+    return min(choices, key=lambda choice: (choice.predicted.excess_db(budget_db), choice.work))
 
 
 def _predicted(lists: Sequence[PriceList], settings: Settings, menu: Menu) -> Errors:

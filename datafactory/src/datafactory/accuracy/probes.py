@@ -116,9 +116,9 @@ def traced(probe: Probe, settings: Settings, radar: Radar, realisation: int = 0)
 
 
 def _ahead(paths: PathTable) -> PathTable:
-    """Without the paths of rays that the fan does not send: their amplitudes are zero, their mirrors behind."""
+    """Without the paths of rays that the fan does not send: amplitude zero, or mirrors behind at both ends."""
     scattered, specular = paths.scattered, paths.specular
-    ahead = specular.departure()[:, 0] >= AHEAD
+    ahead = (specular.departure()[:, 0] >= AHEAD) | (specular.image[:, 0] >= AHEAD)
     return replace(
         paths,
         scattered=scattered.take(np.flatnonzero(scattered.amplitude != 0.0)),

@@ -23,7 +23,7 @@ from datafactory.accuracy.knobs import CONVERGED, DEFAULT, REFERENCE_DEPTH, Knob
 from datafactory.accuracy.power import Effort, Kept, power_error
 from datafactory.accuracy.probes import Probe, traced
 from datafactory.accuracy.work import counted_work
-from datafactory.effects.catalogue import ALL, EffectSet
+from datafactory.effects.catalogue import ALL, NAMES, EffectSet
 from datafactory.paths.table import PathTable
 from shared.radar import Radar
 
@@ -38,7 +38,8 @@ class Row:
 
     :param seconds: a frame on one core; :param stage_seconds: the same by stage
     :param cube_error_db: relative L2; for power knobs of the amplitudes in cells, rms over realisations
-    :param image_error_db: largest difference over the peak; for power knobs of the amplitudes in cells, rms likewise
+    :param image_error_db: largest difference over the peak; for power knobs of the amplitudes in cells, mean over
+        realisations
     :param image_l2_db: relative L2 of the images; for power knobs as ``cube_error_db``
     :param power_l1_db, power_l1_range_weighted_db: for power knobs sum |P - P_ref| / sum P_ref over cells [dB], mean
         over realisations; the second with both weighted by range^4
@@ -48,6 +49,7 @@ class Row:
     :param peak_mb: growth of the resident set [MB], see :mod:`datafactory.accuracy.chain`
     :param work: counted multiply-adds; :param paths: mean over the frames, after pruning
     :param reference: what the errors are held against
+    :param approximation: whether the setting is one; False where it adds an effect that the plan leaves out
     """
 
     knob: str
@@ -68,17 +70,25 @@ class Row:
     paths: float
     work: float
     reference: str
+    approximation: bool
 
 
 @dataclass(frozen=True)
 class _Step:
-    """A row to be measured."""
+    """A row to be measured.
+
+    :param value: as it is shown
+    """
 
     label: str
-    value: Any
+    value: str
     settings: Settings
     default: bool
     knob: Knob | None = None
+
+    @property
+    def approximation(self) -> bool:
+        return self.knob is None or self.knob.name not in NAMES or self.value == _shown(False)
 
 
 def sweep(
@@ -133,11 +143,15 @@ def _steps(knobs: Sequence[Knob], default: Settings, base: Settings, everything:
     return [
         _Step(DEFAULTS, everything, default, True),
         *(
-            _Step(knob.label, value, knob.at(base, value), knob.at(pipeline, value) == pipeline, knob)
+            _Step(knob.label, _shown(value), knob.at(base, value), knob.at(pipeline, value) == pipeline, knob)
             for knob in knobs
             for value in knob.values
         ),
     ]
+
+
+def _shown(value: Any) -> str:
+    return str(value) if not isinstance(value, bool) else "on" if value else "off"
 
 
 def power_reference(knob: Knob | None, settings: Settings, default: Settings, effort: Effort) -> Settings:
@@ -170,7 +184,7 @@ def _signal_row(
     paths = float(np.mean(outcome.paths))
     return Row(
         knob=step.label,
-        setting=str(step.value),
+        setting=step.value,
         default=step.default,
         kind="signal",
         seconds=sum(stages.values()),
@@ -187,6 +201,7 @@ def _signal_row(
         paths=paths,
         work=counted_work(step.settings, paths, radar),
         reference=SAME_PATHS,
+        approximation=step.approximation,
     )
 
 
@@ -211,7 +226,7 @@ def _power_row(
     paths = float(outcome.paths[0])
     return Row(
         knob=step.label,
-        setting=str(step.value),
+        setting=step.value,
         default=step.default,
         kind="power",
         seconds=sum(stages.values()),
@@ -228,11 +243,12 @@ def _power_row(
         paths=paths,
         work=counted_work(settings, paths, radar),
         reference=_said(against, effort, paired),
+        approximation=step.approximation,
     )
 
 
 def _said(against: Settings, effort: Effort, paired: bool) -> str:
-    realisations = f"{effort.realisations} realisations"
+    realisations = f"{effort.realisations} realisations" + ("" if paired else " or more")
     if paired:
         return f"same {against.rays} rays, depth {against.depth}, effects as planned: cell power, {realisations}"
     return (

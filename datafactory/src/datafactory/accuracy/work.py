@@ -8,6 +8,7 @@ matter.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 from datafactory.accuracy.knobs import Settings
 from datafactory.synthesis.cube import FLOAT32_TOLERANCE, OVERSAMPLING, terms_for
@@ -34,7 +35,7 @@ def counted_work(settings: Settings, paths: float, radar: Radar) -> float:
     """Multiply-adds for one frame with this many paths after pruning."""
     waveform, grid = radar.waveform, radar.grid
     elements = radar.virtual_sensor.channels
-    terms = terms_for(CUBE_REACH_BINS, settings.tolerance)
+    terms = _terms(settings.tolerance)
     width = 1.0 if settings.tolerance >= FLOAT32_TOLERANCE else 2.0
     signals = float(radar.array.channels * waveform.chirps)
     cells = OVERSAMPLING * waveform.samples
@@ -44,3 +45,9 @@ def counted_work(settings: Settings, paths: float, radar: Radar) -> float:
     truth = elements * (TRUTH_PATH * paths + TRUTH_ROW * waveform.range_bins * settings.truth_terms)
     image = 4.0 * waveform.range_bins * elements * grid.bins * settings.truth_terms
     return trace_work(settings) + spread + transforms + doppler + truth + image
+
+
+@lru_cache(maxsize=64)
+def _terms(tolerance: float) -> int:
+    """Moments of the cube; thousands of combinations share a few tolerances."""
+    return terms_for(CUBE_REACH_BINS, tolerance)

@@ -28,7 +28,9 @@ from datafactory.scenes.poses import read_poses
 from shared.errors import InputError
 from shared.radar import load_radar
 
-TABLE_WIDTH = 150
+PLANNED_FRAMES = 8
+"""Frames of the run whose effects are planned, as many as ``datafactory render`` makes by default."""
+TABLE_WIDTH = 165
 """Columns that the table needs; a narrower terminal wraps its lines rather than its cells."""
 
 
@@ -56,11 +58,12 @@ def accuracy(
     select_variant()
     set_threads(1)
     count = min(1 if quick else frames, len(given) or IMAGE_BATCH)
-    order = Order(radar=model, scenes=(scene,), frames=0 if given else count, poses=given[:count], seed=seed)
+    order = Order(radar=model, scenes=(scene,), frames=0 if given else PLANNED_FRAMES, poses=given, seed=seed)
     planned = planned_scenes(order, table, lambda line: console.print(line, markup=False))[0]
     effects = planned.work.effects
     probes = probes_of(planned.work, order, range(count))
-    signal, power = knobs.SIGNAL_KNOBS, knobs.POWER_KNOBS
+    signal: tuple[knobs.Knob, ...] = knobs.SIGNAL_KNOBS
+    power: tuple[knobs.Knob, ...] = knobs.POWER_KNOBS
     effort = Effort(knobs.REFERENCE_RAYS, repeats=repeats)
     if quick:
         signal, power = knobs.QUICK_SIGNAL_KNOBS, knobs.QUICK_POWER_KNOBS
@@ -94,7 +97,7 @@ def make_within_budget(
     resume: bool,
     make: Callable[..., Report] = render,
 ) -> None:
-    """``--error-budget``: settle the settings, render (or another ``make`` of the pipeline), check what was promised."""
+    """``--error-budget``: settle the settings, render (or another ``make`` of the pipeline), check the promise."""
     console = Console(soft_wrap=True, highlight=False)
 
     def announce(line: str) -> None:
