@@ -36,7 +36,7 @@ def draw(plan: EffectPlan, cost_seconds: Mapping[str, float], path: Path) -> Non
     share.barh(place + 0.2, power, height=0.38, color=colours, label="of the power")
     share.barh(place - 0.2, cells, height=0.38, color=colours, alpha=0.45, label="of the occupied cells")
     share.set(xlim=(0.0, 100.0), xlabel="share that it changes [%]")
-    share.legend(fontsize=7, loc="lower right")
+    share.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, 1.09), ncols=2, frameon=False)
     price.barh(place, [cost_seconds[name] for name in names], color=colours)
     price.set(xlabel="cost [s a frame]")
     figure.suptitle(f"{plan.scene}: effects simulated (blue) and left out (grey)", fontsize=10)
