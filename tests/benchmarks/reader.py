@@ -44,7 +44,7 @@ def measure(directory: Path, split: str, columns: tuple[str, ...], repeats: int)
         for index in order:
             data[index]
 
-    cold = least_seconds(lambda: read(ShardDataset(directory, split, columns)), repeats)
+    cold = least_seconds(lambda: read(ShardDataset(directory, split, columns, cache_bytes=0)), repeats)
     kept = ShardDataset(directory, split, columns)
     read(kept)
     size = sum(tensor.nbytes for tensor in kept[0].values())

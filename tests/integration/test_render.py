@@ -12,7 +12,9 @@ from typer.testing import CliRunner
 from datafactory import pool
 from datafactory.cli.app import app
 from datafactory.seeds import frame_seed
+from shared.dataset import arrow_schema
 from shared.dataset_folder import open_dataset, verify
+from shared.dataset_reading import open_shard, read_description
 from shared.errors import InputError
 from shared.radar import load_radar
 from shared.signal import if_signal, target_amplitudes
@@ -77,6 +79,13 @@ def test_the_dataset_is_whole_and_split_by_the_pattern(dataset):
     assert {index for index, (split, _) in kinds.items() if split == "validation"} == {6}
     assert {index for index, (split, _) in kinds.items() if split == "test"} == {7}
     assert [kinds[index][1] for index in range(12)] == ["scene"] * 9 + ["points"] * 3
+
+
+def test_shards_have_the_schema_that_was_meant(dataset):
+    """Down to the elements of the lists, never null: a list whose elements may be costs a quarter more to read."""
+    for shard in open_dataset(dataset).splits["train"]:
+        with open_shard(shard) as file:
+            assert file.schema_arrow.equals(arrow_schema(read_description(shard)), check_metadata=True)
 
 
 def test_workers_do_not_change_the_bytes(dataset, radar_file, tmp_path):

@@ -107,23 +107,23 @@ def test_a_dataset_that_was_used_can_be_pickled(directory):
 
 def test_few_shards_stay_open(directory, monkeypatch):
     monkeypatch.setattr("trainer.data.OPEN_SHARDS", 1)
-    monkeypatch.setattr("trainer.data.CACHE_BYTES", 0)
-    data = ShardDataset(directory, "train")
+    data = ShardDataset(directory, "train", cache_bytes=0)
     for index in (0, 4, 1, 3):
         assert data[index]["frame_id"].item() == index
         assert len(data._open) == 1
 
 
 def test_frames_that_fit_are_decoded_once(directory, monkeypatch):
-    data = ShardDataset(directory, "train", columns=("image",))
-    one = data._read(0).nbytes
-    monkeypatch.setattr("trainer.data.CACHE_BYTES", 2 * one)
+    one = ShardDataset(directory, "train", columns=("image",))._read(0).nbytes
+    data = ShardDataset(directory, "train", columns=("image",), cache_bytes=2 * one)
     read = []
     monkeypatch.setattr(ShardDataset, "_read", lambda self, index: read.append(index) or READ(self, index))
     for index in (3, 1, 4, 3, 1, 4, 4):
         np.testing.assert_array_equal(data[index]["image"].numpy(), make_frame(index).image)
     assert read == [3, 1, 4, 4, 4]
-    assert len(pickle.loads(pickle.dumps(data))._kept) == 0
+    again = pickle.loads(pickle.dumps(data))
+    assert len(again._kept) == 0
+    assert again._room == 2 * one
 
 
 READ = ShardDataset._read

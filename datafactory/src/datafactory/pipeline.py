@@ -161,7 +161,7 @@ def _job(order: Order, sources: Sources, schema: pa.Schema) -> Job:
         scenes=sources.works,
         recipes=sources.recipes,
         splits=tuple(split_of(index, order.split) for index in range(len(sources.recipes))),
-        schema=schema,
+        schema_message=schema.serialize().to_pybytes(),
     )
 
 
