@@ -147,10 +147,10 @@ def test_errors_are_those_of_the_baselines():
 
 
 @pytest.mark.parametrize("model", ["spectral-unet", "attention-unet"])
-@pytest.mark.parametrize("features", ["row", "paper"])
+@pytest.mark.parametrize("features", ["adaptive", "row", "paper"])
 @pytest.mark.parametrize("value", [0.0, 1e-30, 1e25])
 def test_hard_inputs_give_finite_images_and_gradients(model, features, value):
-    target = "row" if features == "row" else "paper"
+    target = "paper" if features == "paper" else "row"
     config = TINY.model_copy(
         update={"model": model, "features": features, "target": target, "precision": "bf16", "foreground": 0.0}
     )

@@ -9,8 +9,9 @@ import pytest
 import torch
 from tiny_radar import NOISE_POWER, RADAR, TINY, frame, small_dataset, write_dataset
 
+from shared.adaptive import adaptive_tables
 from shared.errors import InputError
-from shared.features import row_features, steering_weights
+from shared.features import adaptive_features, row_features, steering_weights
 from shared.signal import if_signal
 from trainer.arrays import ArrayChoice
 from trainer.export import export
@@ -159,8 +160,14 @@ def test_a_split_without_frames_and_a_full_folder_are_refused(tmp_path):
 
 @pytest.mark.parametrize(
     "changes",
-    [{}, {"model": "attention-unet", "features": "paper", "target": "paper"}, {"target": "class"}],
-    ids=["spectral", "attention", "class"],
+    [
+        {},
+        {"features": "row"},
+        {"blocks": "convnext"},
+        {"model": "attention-unet", "features": "paper", "target": "paper"},
+        {"target": "class"},
+    ],
+    ids=["recommended", "row", "convnext", "paper", "class"],
 )
 def test_onnx_gives_what_torch_gives(tmp_path, changes):
     run = make_run(tmp_path / "run", **changes)
@@ -175,10 +182,18 @@ def test_onnx_gives_what_torch_gives(tmp_path, changes):
     snapshot = frame(5).range_channel[:1]
     noise = np.array([NOISE_POWER])
     features = imager.features(torch.from_numpy(snapshot), torch.from_numpy(noise))[0].numpy()
-    if not changes:  # the deployed front end: NumPy alone
+    assert len(description["features"]) == features.shape[1]
+    if imager.config.features != "paper":  # the deployed front end: NumPy alone
         channels = np.array([0, 1, 2, 5])
-        own = row_features(snapshot[..., channels], steering_weights(RADAR, channels), noise)[0]
-        np.testing.assert_allclose(own, features, atol=1e-5)
+        given = snapshot[..., channels], steering_weights(RADAR, channels), noise
+        own = row_features(*given)[0]
+        np.testing.assert_allclose(own, features[:, :4], atol=1e-5)
+        if imager.config.features == "adaptive":
+            config = description["config"]
+            tables = adaptive_tables(RADAR, channels)
+            own = adaptive_features(*given, tables, config["iterations"], config["exponent"])[0]
+            # Five inverses in single precision, then a square root.
+            np.testing.assert_allclose(own, features, atol=5e-3)
     found = session.run(None, {"features": features})[0]
     with torch.no_grad():
         expected = imager.network(torch.from_numpy(features)).numpy()

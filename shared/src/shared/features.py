@@ -1,4 +1,5 @@
-"""What a network sees of a range-channel matrix: the paper's five channels, and complex rows of known scale.
+"""What a network sees of a range-channel matrix: the paper's five channels, or complex rows of known scale and what an
+adaptive spectrum makes of them.
 
 One implementation for NumPy and torch: the functions use only what both spell alike, so that the training device
 computes what a deployed front end computes with NumPy. Inputs are batched, ``[..., R, C]``, and already hold the chosen
@@ -14,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shared.adaptive import AdaptiveTables, adaptive_spectrum
 from shared.imaging import steering_matrix
 from shared.radar import Radar
 
@@ -30,6 +32,10 @@ SMALLEST_AMPLITUDE = 1e-30
 PAPER_CHANNELS = ("log magnitude", "phase", "covariance real", "covariance imaginary", "covariance phase")
 COVARIANCE_CHANNELS = ("real", "imaginary", "phase")
 ROW_CHANNELS = ("real", "imaginary", "magnitude", "row power over noise")
+COMPRESSED = "compressed adaptive magnitude"
+ADAPTIVE_CHANNELS = (*ROW_CHANNELS, COMPRESSED)
+LARGEST_NOISE = 1e3
+"""Noise amplitude over a row's; more makes no difference to an adaptive spectrum."""
 
 
 def steering_weights(radar: Radar, channels: NDArray[np.intp]) -> NDArray[np.complex64]:
@@ -127,6 +133,28 @@ def row_features(range_channel: Array, weights: Array, noise_power: Array) -> tu
     level = xp.broadcast_to(over_noise, magnitude.shape)
     stacked = xp.stack([image.real, image.imag, magnitude, xp.asarray(level, dtype=magnitude.dtype)], axis=-3)
     return stacked, scale[..., 0]
+
+
+def adaptive_features(
+    range_channel: Array, weights: Array, noise_power: Array, tables: AdaptiveTables, iterations: int, exponent: float
+) -> tuple[Array, Array]:
+    """The channels of :func:`row_features`, and the magnitude of :func:`shared.adaptive.adaptive_spectrum`.
+
+    The latter is compressed as the network's target is: over the row's RMS, to the power ``exponent``. It is an
+    estimate already, and the same for all arrays but for their resolution.
+
+    :param tables: :func:`shared.adaptive.adaptive_tables` of the same channels
+    :param iterations: of the adaptive spectrum
+    :returns: ([..., 5, R, U], [..., R] RMS of the rows [sqrt(W)])
+    """
+    xp = _namespace(range_channel)
+    stacked, scale = row_features(range_channel, weights, noise_power)
+    unit, _ = _unit_rows(range_channel)
+    # A quotient of amplitudes: the square of 1e-30 would be zero.
+    noise = xp.sqrt(noise_power)[..., None] / xp.where(scale > 0, scale, 1.0)
+    noise = xp.asarray(xp.clip(noise, None, LARGEST_NOISE) ** 2, dtype=stacked.dtype)
+    magnitude = adaptive_spectrum(unit, noise, tables, weights.shape[-1], iterations)
+    return xp.concatenate([stacked, (magnitude**exponent)[..., None, :, :]], axis=-3), scale
 
 
 def _namespace(array: Array) -> Any:

@@ -11,8 +11,9 @@ Positive = Annotated[FiniteFloat, Field(gt=0)]
 NotNegative = Annotated[FiniteFloat, Field(ge=0)]
 
 Model = Literal["spectral-unet", "attention-unet", "doa-cnn"]
-Features = Literal["row", "paper", "covariance"]
+Features = Literal["adaptive", "row", "paper", "covariance"]
 Target = Literal["row", "paper", "class", "doa"]
+Blocks = Literal["convolution", "convnext"]
 Precision = Literal["32", "bf16"]
 
 
@@ -22,7 +23,9 @@ class FitConfig(BaseModel):
     :param model: network, see :mod:`trainer.networks`
     :param width: channels of its first level; of every convolution of the "doa-cnn"
     :param hidden: units of the spectral network's angular mixing
+    :param blocks: of the spectral network's U-Net, see :mod:`trainer.networks.blocks`
     :param features: input, see :mod:`shared.features`
+    :param iterations: of the spectrum among the "adaptive" features
     :param target: what the network is asked for, see :mod:`trainer.targets`
     :param exponent: compression of the "row" target's magnitudes
     :param beta: scale of the "paper" target (paper, section III-A)
@@ -49,7 +52,9 @@ class FitConfig(BaseModel):
     model: Model = "spectral-unet"
     width: Count = 12
     hidden: Count = 384
-    features: Features = "row"
+    blocks: Blocks = "convolution"
+    features: Features = "adaptive"
+    iterations: Count = 5
     target: Target = "row"
     exponent: Annotated[FiniteFloat, Field(gt=0, le=1)] = 0.5
     beta: Positive = 10.0
@@ -58,7 +63,7 @@ class FitConfig(BaseModel):
     foreground: NotNegative = 1.0
     batch: Count = 2
     accumulate: Count = 1
-    steps: Count = 2400
+    steps: Count = 1800
     learning_rate: Positive = 1e-3
     weight_decay: NotNegative = 1e-2
     clip: Positive = 1.0
@@ -77,9 +82,10 @@ class FitConfig(BaseModel):
             raise ValueError("model 'doa-cnn', features 'covariance' and target 'doa' belong together")
         if all(of_doa) and self.points:
             raise ValueError(f"model 'doa-cnn' has samples of its own; got points = {self.points}, expected 0")
-        if self.target == "row" and self.features != "row":
+        if self.target == "row" and self.features not in ("adaptive", "row"):
             raise ValueError(
-                f"target 'row' needs the scale that features 'row' take out; got features {self.features!r}"
+                f"target 'row' needs the scale that features 'adaptive' and 'row' take out; "
+                f"got features {self.features!r}"
             )
         if self.target == "paper" and self.rows:
             raise ValueError(f"target 'paper' is normalised per whole image; got rows = {self.rows}, expected 0")

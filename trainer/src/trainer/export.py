@@ -16,8 +16,8 @@ import onnxruntime  # type: ignore[import-untyped]
 import torch
 
 from shared.errors import InputError
-from shared.features import COVARIANCE_CHANNELS, PAPER_CHANNELS, ROW_CHANNELS
 from trainer.errors import TrainingStopped, writing
+from trainer.networks import CHANNELS
 from trainer.runs import load_imager
 from trainer.targets import UNITS
 
@@ -25,7 +25,6 @@ TOLERANCE = 1e-4
 """Largest difference from torch, relative to the largest value."""
 OPSET = 17
 REPETITIONS = 5
-CHANNELS = {"row": ROW_CHANNELS, "paper": PAPER_CHANNELS, "covariance": COVARIANCE_CHANNELS}
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import torch
 from torch import nn
 
-from shared.features import covariance_channels, paper_features, row_features, steering_weights
+from shared.adaptive import AdaptiveTables, adaptive_tables
+from shared.features import adaptive_features, covariance_channels, paper_features, row_features, steering_weights
 from shared.radar import Radar
 from trainer.arrays import ArrayChoice
 from trainer.configuration import FitConfig
@@ -31,9 +32,12 @@ class Imager(nn.Module):
         super().__init__()
         self.config = config
         channels = array.channels(radar)
-        # Neither is a parameter nor stored: both follow from radar and array.
+        # None is a parameter or stored: all follow from radar and array.
         self.register_buffer("channels", torch.from_numpy(channels), persistent=False)
         self.register_buffer("weights", torch.from_numpy(steering_weights(radar, channels)), persistent=False)
+        if config.features == "adaptive":
+            for name, table in adaptive_tables(radar, channels)._asdict().items():
+                self.register_buffer(name, torch.from_numpy(table), persistent=False)
         self.network = build_network(config, radar.grid.bins, len(channels))
         self.gain = 1.0
 
@@ -51,7 +55,11 @@ class Imager(nn.Module):
                 return paper_features(chosen, self.weights), None
             if self.config.features == "covariance":
                 return covariance_channels(chosen), None
-            return row_features(chosen, self.weights, noise_power)
+            if self.config.features == "row":
+                return row_features(chosen, self.weights, noise_power)
+            tables = AdaptiveTables(*(self.get_buffer(name) for name in AdaptiveTables._fields))
+            iterations, exponent = self.config.iterations, self.config.exponent
+            return adaptive_features(chosen, self.weights, noise_power, tables, iterations, exponent)
 
     def das(self, range_channel: torch.Tensor) -> torch.Tensor:
         """[B, R, U] delay-and-sum magnitude of the same channels [sqrt(W)], what a network must beat."""

@@ -4,19 +4,29 @@ from __future__ import annotations
 
 from torch import nn
 
-from shared.features import PAPER_CHANNELS, ROW_CHANNELS
+from shared.features import ADAPTIVE_CHANNELS, COMPRESSED, COVARIANCE_CHANNELS, PAPER_CHANNELS, ROW_CHANNELS
 from trainer.configuration import FitConfig
 from trainer.networks.attention_unet import AttentionUNet
 from trainer.networks.doa_cnn import DoaCnn
 from trainer.networks.spectral_unet import SpectralUNet
+
+CHANNELS = {
+    "adaptive": ADAPTIVE_CHANNELS,
+    "row": ROW_CHANNELS,
+    "paper": PAPER_CHANNELS,
+    "covariance": COVARIANCE_CHANNELS,
+}
+"""What each kind of features consists of."""
 
 
 def build_network(config: FitConfig, bins: int, channels: int) -> nn.Module:
     """The network of a configuration, for images of ``bins`` angle bins of an array of ``channels``."""
     if config.model == "doa-cnn":
         return DoaCnn(channels, bins, config.width)
-    inputs = len(ROW_CHANNELS if config.features == "row" else PAPER_CHANNELS)
+    inputs = len(CHANNELS[config.features])
     outputs = 2 if config.target == "class" else 1
     if config.model == "attention-unet":
         return AttentionUNet(inputs, outputs, config.width)
-    return SpectralUNet(inputs, outputs, bins, config.width, config.hidden)
+    # Of the answer's own kind: a magnitude over its row's, compressed alike.
+    start = ADAPTIVE_CHANNELS.index(COMPRESSED) if (config.features, config.target) == ("adaptive", "row") else None
+    return SpectralUNet(inputs, outputs, bins, config.width, config.hidden, config.blocks, start)

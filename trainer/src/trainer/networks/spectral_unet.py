@@ -2,7 +2,8 @@
 
 The ambiguities of a thinned array are not local: an alias stands anywhere in the row, where no small convolution sees
 it together with its source. A dense layer along angle sees the whole row at once, costs a matrix product, and is the
-same for every range bin. The U-Net behind it uses what neighbouring range bins say.
+same for every range bin. The U-Net behind it uses what neighbouring range bins say. Where the input holds an estimate
+already, an adaptive spectrum, both only correct it.
 """
 
 from __future__ import annotations
@@ -13,14 +14,12 @@ import torch
 from torch import nn
 from torch.nn import functional
 
+from trainer.networks.blocks import BLOCKS
 from trainer.networks.padding import crop_like, pad_to_multiple
 
 LEVELS = 3
 MIXED = 3
 """Images that the mixing hands to the U-Net; the first is an estimate that the U-Net corrects."""
-BRANCH_GAIN = 0.3
-"""Initial scale of residual branches: without normalisation layers, which would tie a pixel to the whole image (and a
-crop's result to where it was cut), the sum of branches must start near its skip."""
 
 
 class AngularMixing(nn.Module):
@@ -41,20 +40,6 @@ class AngularMixing(nn.Module):
         return self.expand(row).reshape(batch, rows, self.outputs, bins).permute(0, 2, 1, 3)
 
 
-class ResidualBlock(nn.Module):
-    """Two 3 x 3 convolutions beside the identity."""
-
-    def __init__(self, channels: int) -> None:
-        super().__init__()
-        self.first = nn.Conv2d(channels, channels, 3, padding=1)
-        self.second = nn.Conv2d(channels, channels, 3, padding=1)
-        with torch.no_grad():
-            self.second.weight.mul_(BRANCH_GAIN)
-
-    def forward(self, image: torch.Tensor) -> torch.Tensor:
-        return image + self.second(functional.gelu(self.first(image)))
-
-
 class SpectralUNet(nn.Module):
     """Angular mixing and a light U-Net, [B, inputs, R, U] to [B, outputs, R, U]; any R, a fixed U.
 
@@ -63,22 +48,34 @@ class SpectralUNet(nn.Module):
     :param bins: U, angle bins
     :param width: channels of the U-Net's first level, doubled at each of the two others
     :param hidden: units of the mixing
+    :param blocks: of the U-Net, a name in :data:`trainer.networks.blocks.BLOCKS`
+    :param start: the input channel that is an estimate already, to which the network's answer is added; None if none is
     """
 
-    def __init__(self, inputs: int, outputs: int, bins: int, width: int, hidden: int) -> None:
+    def __init__(
+        self,
+        inputs: int,
+        outputs: int,
+        bins: int,
+        width: int,
+        hidden: int,
+        blocks: str = "convolution",
+        start: int | None = None,
+    ) -> None:
         super().__init__()
-        self.outputs = outputs
+        self.outputs, self.start = outputs, start
+        block = BLOCKS[blocks]
         self.mixing = AngularMixing(inputs, bins, hidden, max(MIXED, outputs))
         sizes = [width * 2**level for level in range(LEVELS)]
         self.stem = nn.Conv2d(inputs + max(MIXED, outputs), width, 3, padding=1)
-        self.encoder = nn.ModuleList(ResidualBlock(size) for size in sizes)
+        self.encoder = nn.ModuleList(block(size) for size in sizes)
         # 2 x 2, not 1 x 1: the backward of a strided 1 x 1 convolution corrupts the heap (torch 2.13, channels_last).
         self.down = nn.ModuleList(nn.Conv2d(fine, coarse, 2, stride=2) for fine, coarse in pairwise(sizes))
         self.up = nn.ModuleList(
             nn.ConvTranspose2d(coarse, fine, 2, stride=2)
             for fine, coarse in zip(sizes[-2::-1], sizes[:0:-1], strict=True)
         )
-        self.decoder = nn.ModuleList(ResidualBlock(size) for size in sizes[-2::-1])
+        self.decoder = nn.ModuleList(block(size) for size in sizes[-2::-1])
         self.head = nn.Conv2d(width, outputs, 1)
 
     def forward(self, features: torch.Tensor) -> torch.Tensor:
@@ -91,4 +88,5 @@ class SpectralUNet(nn.Module):
         skips.pop()
         for up, decode in zip(self.up, self.decoder, strict=True):
             image = decode(up(image) + skips.pop())
-        return mixed[:, : self.outputs] + crop_like(self.head(image), features)
+        answer = mixed[:, : self.outputs] + crop_like(self.head(image), features)
+        return answer if self.start is None else answer + features[:, self.start : self.start + 1]
