@@ -85,8 +85,7 @@ def _more_targets_than_elements() -> float:
 def _noise_alone() -> float:
     """Largest magnitude that an estimator draws in noise alone, over the noise's own in one channel.
 
-    Maximum likelihood is told that there are two targets: of noise its best pair may be two close lines of a thousand
-    times the noise that cancel each other. It is asked for finite values alone.
+    Maximum likelihood is told of two targets that are not there, whose best angles may all but coincide.
     """
     rows = 40
     worst = 0.0
@@ -94,8 +93,7 @@ def _noise_alone() -> float:
         snapshots = _noise(rows, array.channels)
         if _not_finite(snapshots, array, NOISE_W):
             return np.inf
-        asked = (estimator for estimator in _asked(array) if estimator.name != "ml")
-        images = (estimator.image(snapshots, array, U, NOISE_W) for estimator in asked)
+        images = (estimator.image(snapshots, array, U, NOISE_W) for estimator in _asked(array))
         worst = max(worst, *(float(image.max()) for image in images))
     return worst / float(np.sqrt(NOISE_W))
 

@@ -21,7 +21,7 @@ from trainer.estimators.base import ESTIMATORS, UNIFORM_ESTIMATORS, LineArray, l
 from trainer.estimators.covariance import FLOOR, Distances
 from trainer.estimators.das import DelayAndSum, aperture_window
 from trainer.estimators.iaa import IterativeAdaptive
-from trainer.estimators.lines import line_amplitudes, refine_lines
+from trainer.estimators.lines import SEPARABLE, bounded_amplitudes, line_amplitudes, refine_lines
 from trainer.estimators.ml import MaximumLikelihood
 from trainer.estimators.music import Music, aic_order, forward_backward, pseudo_spectrum
 from trainer.estimators.omp import FALSE_ALARM, OrthogonalMatchingPursuit, largest_share_of_noise
@@ -450,6 +450,37 @@ def test_locate_leaves_empty_rows_at_zero() -> None:
     assert not amplitude[1].any()
     assert np.abs(amplitude[[0, 2]]).min() > 0.0
     assert (np.diff(found) >= 0.0).all()
+
+
+@pytest.mark.parametrize("array", ["full", "sparse6", "sparse4"])
+def test_lines_in_noise_do_not_cancel_each_other(array: str) -> None:
+    """Two angles told of, none there: unbounded least squares reaches a thousand times the noise."""
+    line = ARRAYS[array]
+    rows = noise(line, 300, 1.0, np.random.default_rng(0))
+    found, amplitude = MaximumLikelihood().locate(rows, line)
+    # At most what any unit combination of channels has in it, over the least singular value kept.
+    limit = np.linalg.norm(rows, axis=1) / np.sqrt(SEPARABLE * line.channels)
+    assert (np.abs(amplitude).max(axis=1) <= limit).all()
+    assert np.abs(amplitude).max() < 3.0
+    if array == "full":
+        assert np.abs(line_amplitudes(rows, found, line)[0]).max() > 100.0
+
+
+def test_bounded_amplitudes_are_those_of_least_squares_until_lines_all_but_coincide() -> None:
+    array = ARRAYS["sparse6"]
+    generator = np.random.default_rng(1)
+    apart = np.array([[0.1, 0.1 + 0.5 * array.resolution, 0.4]])
+    x = echoes(array, apart, np.array([[1.0, 0.5j, -0.2]])) + noise(array, 1, 0.01, generator)
+    for bounded, plain in zip(bounded_amplitudes(x, apart, array), line_amplitudes(x, apart, array), strict=True):
+        np.testing.assert_allclose(bounded, plain, atol=1e-9)
+    # The sum of what stands there, halved; nothing where they cancel.
+    close = np.array([[0.1, 0.1 + 1e-4 * array.resolution]])
+    same = echoes(array, close, np.array([[0.7, 0.3]]))
+    np.testing.assert_allclose(bounded_amplitudes(same, close, array)[0], [[0.5, 0.5]], atol=1e-3)
+    opposite = echoes(array, close, np.array([[500.0, -500.0]])) + echoes(array, close[:, :1], np.ones((1, 1)))
+    amplitude, left = bounded_amplitudes(opposite, close, array)
+    np.testing.assert_allclose(np.abs(amplitude), 0.5, atol=0.2)
+    np.testing.assert_allclose(left, opposite - echoes(array, close, amplitude))
 
 
 def test_refinement_never_makes_it_worse() -> None:

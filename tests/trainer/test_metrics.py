@@ -22,9 +22,11 @@ from trainer.arrays import choose_array
 from trainer.estimators.base import ESTIMATORS, LineArray, line_array
 from trainer.metrics.bootstrap import bootstrap_mean, bootstrap_ratio, wilson
 from trainer.metrics.detection import (
+    PROMINENCES,
+    TRUTH_PROMINENCE,
     Counts,
-    count_as_the_paper,
     count_one_to_one,
+    find_image_peaks,
     find_row_peaks,
     half_separation,
     match,
@@ -35,7 +37,6 @@ from trainer.metrics.detection import (
 from trainer.metrics.gospa import gospa
 from trainer.metrics.image import level_image, nmse, nmse_best_scaled, psnr, ssim
 from trainer.metrics.noise_only import false_alarms, noise_level
-from trainer.metrics.residual import SUPPORT_PROBABILITY, explain, row_lines
 from trainer.metrics.scenarios import echoes, noise
 from trainer.metrics.width import point_spread
 
@@ -54,18 +55,30 @@ def lines_image(places: list[list[int]], width: float = 1.0) -> NDArray[np.float
 TRUTH = lines_image([[100, 200], [], [50], [300, 310, 400]])
 
 
+def sweep(
+    estimate: NDArray, truth: NDArray, prominences: tuple[float, ...], d_max: int = 2, threshold: float = 0.5
+) -> list[Counts]:
+    """The paper's counts of an image; the truth's peaks are found in the same way, those that stand out."""
+    true = find_image_peaks(truth).above(TRUTH_PROMINENCE)
+    return paper_sweep(find_image_peaks(estimate, threshold), true, prominences, d_max)
+
+
+def strict(estimate: NDArray, truth: NDArray, d_max: float = 2) -> Counts:
+    return strict_counts(find_image_peaks(estimate).above(0.05), find_image_peaks(truth).above(0.05), d_max)
+
+
 # Detection -----------------------------------------------------------------------------------------------------------
 
 
 def test_a_perfect_image_detects_all_and_nothing_else() -> None:
-    for counts in (*paper_sweep(TRUTH, TRUTH, (0.0, 0.3)), strict_counts(TRUTH, TRUTH)):
+    for counts in (*sweep(TRUTH, TRUTH, (0.0, 0.3)), strict(TRUTH, TRUTH)):
         assert (counts.tp, counts.fp, counts.fn) == (6, 0, 0)
         assert counts.detection_rate == counts.precision == counts.f1 == 1.0
         assert counts.false_alarm_rate == 0.0
 
 
 def test_an_empty_image_scores_zero() -> None:
-    for counts in (*paper_sweep(np.zeros_like(TRUTH), TRUTH, (0.0,)), strict_counts(np.zeros_like(TRUTH), TRUTH)):
+    for counts in (*sweep(np.zeros_like(TRUTH), TRUTH, (0.0,)), strict(np.zeros_like(TRUTH), TRUTH)):
         assert (counts.tp, counts.fp, counts.fn) == (0, 0, 6)
         assert counts.detection_rate == counts.precision == counts.f1 == counts.false_alarm_rate == 0.0
 
@@ -82,14 +95,22 @@ def test_white_noise_is_detected_by_chance(d_max: int) -> None:
     truth = lines_image([[p] for p in generator.integers(50, 400, rows)])
     window = 2 * d_max + 3
     expected = 1.0 - 2.0 ** (window - 1) / np.prod(np.arange(1.0, window + 1))
-    counts = paper_sweep(image, truth, (0.0,), d_max, threshold=0.0)[0]
+    counts = sweep(image, truth, (0.0,), d_max, threshold=0.0)[0]
     assert counts.detection_rate == pytest.approx(expected, abs=4 * np.sqrt(expected * (1 - expected) / rows) + 1e-3)
-    cut = paper_sweep(image, truth, (0.0,), d_max, threshold=0.5)[0]
+    cut = sweep(image, truth, (0.0,), d_max, threshold=0.5)[0]
     # The outermost bins are no peaks, and bin 1 has the forced maximum beside it.
     assert (cut.tp + cut.fp) / rows == pytest.approx((BINS - 3) * (1.0 - 0.5**3) / 3.0, rel=0.01)
     assert cut.precision == pytest.approx((2 * d_max + 1) / (BINS - 3), rel=0.1)
     # Of all bins but those near the truth.
     assert cut.false_alarm_rate == pytest.approx(7 / 24 * (1.0 - (2 * d_max + 1) / BINS), rel=0.01)
+
+
+def count_as_the_paper(detected: NDArray, true: NDArray, d_max: float, bins: int) -> Counts:
+    """The rules of the paper, section IV-C, for one row, each from the distances of all pairs."""
+    near = np.abs(np.subtract.outer(detected, true)) <= d_max
+    hits = int(near.any(axis=1).sum())
+    occupied = len(np.union1d(detected, true))
+    return Counts(hits, len(detected) - hits, len(true) - int(near.any(axis=0).sum()), bins - occupied)
 
 
 def test_the_papers_rules_by_hand() -> None:
@@ -105,11 +126,44 @@ def test_the_papers_rules_by_hand() -> None:
     assert count_one_to_one(np.array([11.0]), np.array([10.0, 12.0]), 2.0) == Counts(tp=0, fp=1, fn=2)
 
 
+def crowded_images() -> tuple[NDArray, NDArray]:
+    """(estimate, truth) of smooth noise, with plateaus, empty rows, and peaks beside both ends of a row."""
+    generator = np.random.default_rng(4)
+    estimate, truth = (np.apply_along_axis(np.convolve, 1, generator.random((60, 52)), np.hanning(n), mode="valid")
+                       for n in (5, 6))  # fmt: skip
+    estimate, truth = estimate[:, :47], np.round(truth[:, :47], 1)
+    estimate[3], truth[7], estimate[8], truth[8] = 0.0, 0.0, 1.0, 1.0
+    estimate[9, [1, -2]] = truth[9, [1, -2]] = 9.0
+    return estimate, truth
+
+
+def test_peaks_of_an_image_are_those_of_its_rows() -> None:
+    for image in crowded_images():
+        peaks = find_image_peaks(image)
+        rows = [find_row_peaks(row) for row in image]
+        for found, row in zip(peaks.by_row(), rows, strict=True):
+            np.testing.assert_array_equal(found, row.bins)
+        np.testing.assert_array_equal(peaks.prominence, np.concatenate([row.prominence for row in rows]))
+    assert [len(bins) for bins in find_image_peaks(np.zeros((3, 9))).by_row()] == [0, 0, 0]
+
+
+@pytest.mark.parametrize("d_max", [0, 2, 4])
+def test_a_sweep_over_an_image_is_the_rules_row_by_row(d_max: int) -> None:
+    estimate, truth = crowded_images()
+    for prominence, counts in zip(PROMINENCES, sweep(estimate, truth, PROMINENCES, d_max), strict=True):
+        expected = Counts()
+        for row, true_row in zip(estimate, truth, strict=True):
+            true = find_row_peaks(true_row).above(TRUTH_PROMINENCE)
+            if len(true):
+                expected += count_as_the_paper(find_row_peaks(row).above(prominence), true, d_max, estimate.shape[1])
+        assert counts == expected
+
+
 def test_rows_without_truth_count_only_in_the_strict_score() -> None:
     estimate = TRUTH.copy()
     estimate[1] = lines_image([[30, 60]])[0]
-    assert paper_sweep(estimate, TRUTH, (0.1,))[0].fp == 0
-    assert strict_counts(estimate, TRUTH).fp == 2
+    assert sweep(estimate, TRUTH, (0.1,))[0].fp == 0
+    assert strict(estimate, TRUTH).fp == 2
 
 
 def test_a_sweep_is_find_peaks_at_each_prominence() -> None:
@@ -119,7 +173,7 @@ def test_a_sweep_is_find_peaks_at_each_prominence() -> None:
     for prominence in (0.0, 0.05, 0.2, 0.5, 0.9):
         expected, _ = find_peaks(row / row.max(), height=0.5, prominence=prominence)
         np.testing.assert_array_equal(peaks.above(prominence), expected)
-    found = [counts.tp + counts.fp for counts in paper_sweep(row[None], TRUTH[:1], (0.0, 0.1, 0.3, 0.99))]
+    found = [counts.tp + counts.fp for counts in sweep(row[None], TRUTH[:1], (0.0, 0.1, 0.3, 0.99))]
     assert found == sorted(found, reverse=True)
     assert found[0] > found[-1]
 
@@ -127,7 +181,7 @@ def test_a_sweep_is_find_peaks_at_each_prominence() -> None:
 @pytest.mark.parametrize("factor", [1e-20, 1e20])
 def test_detection_does_not_depend_on_the_unit(factor: float) -> None:
     estimate = np.random.default_rng(0).random(TRUTH.shape) + TRUTH
-    assert paper_sweep(estimate * factor, TRUTH * factor) == paper_sweep(estimate, TRUTH)
+    assert sweep(estimate * factor, TRUTH * factor, PROMINENCES) == sweep(estimate, TRUTH, PROMINENCES)
 
 
 @given(
@@ -159,7 +213,9 @@ def test_counts_add_up() -> None:
 def test_images_of_other_shapes_are_refused() -> None:
     for call in (paper_sweep, strict_counts):
         with pytest.raises(InputError, match="images"):
-            call(TRUTH, TRUTH[:2])
+            call(find_image_peaks(TRUTH), find_image_peaks(TRUTH[:2]))
+    with pytest.raises(InputError, match="image"):
+        find_image_peaks(TRUTH[0])
 
 
 # GOSPA ---------------------------------------------------------------------------------------------------------------
@@ -361,113 +417,6 @@ def test_false_alarms_of_delay_and_sum_are_those_of_rice() -> None:
     assert false_alarms(np.zeros((3, 50)), level) == 0
     with pytest.raises(InputError, match="probability"):
         noise_level(array, 2.0, 0.0)
-
-
-# Residual ------------------------------------------------------------------------------------------------------------
-
-
-def known_rows(array: LineArray) -> tuple[NDArray[np.complex128], list[list[int]]]:
-    generator = np.random.default_rng(5)
-    places = [[100, 300], [220], [60, 225, 400], [30]]
-    u = np.zeros((4, 3))
-    strengths = np.zeros((4, 3), dtype=complex)
-    for row, bins in enumerate(places):
-        u[row, : len(bins)] = U[bins]
-        strengths[row, : len(bins)] = np.exp(2j * np.pi * generator.random(len(bins)))
-    return echoes(array, u, strengths) + noise(array, 4, 1e-3, generator), places
-
-
-@pytest.mark.parametrize("array", ["full", "sparse6", "sparse4"])
-def test_the_true_image_explains_the_data(array: str) -> None:
-    line = ARRAYS[array]
-    rows, places = known_rows(line)
-    result = explain(lines_image(places), U, rows, line, 1e-3)
-    assert (result.rows, result.lines, result.unsupported, result.untested) == (4, 7, 0, 0)
-    assert result.explained_share == 1.0
-    assert result.hallucinated_share == 0.0
-    assert result.data_nmse < 2e-3
-    assert result.left == pytest.approx(result.expected, rel=0.5)
-
-
-def test_an_empty_image_explains_nothing() -> None:
-    line = ARRAYS["sparse6"]
-    rows, places = known_rows(line)
-    result = explain(np.zeros((4, BINS)), U, rows, line, 1e-3)
-    assert (result.data_nmse, result.explained_share, result.lines) == (pytest.approx(1.0), 0.0, 0)
-    silent = explain(lines_image(places), U, np.zeros_like(rows), line, 1e-3)
-    assert (silent.rows, silent.data_nmse, silent.explained_share, silent.hallucinated_share) == (0, 0.0, 0.0, 0.0)
-
-
-def test_invented_and_missing_targets_are_told_apart() -> None:
-    line = ARRAYS["sparse6"]
-    rows, places = known_rows(line)
-    invented = [[*bins, 350] for bins in places]
-    result = explain(lines_image(invented), U, rows, line, 1e-3)
-    assert (result.lines, result.unsupported) == (11, 4)
-    assert result.explained_share == 1.0
-    missing = explain(lines_image([bins[:1] for bins in places]), U, rows, line, 1e-3)
-    assert missing.unsupported == 0
-    assert missing.explained_share == 0.5
-    assert missing.data_nmse == pytest.approx(3 / 7, abs=0.1)
-
-
-def test_two_peaks_of_one_target_are_one_too_many() -> None:
-    line = ARRAYS["full"]
-    rows = echoes(line, U[[[200]]], np.ones((1, 1), dtype=complex)) + noise(line, 1, 1e-2, np.random.default_rng(0))
-    result = explain(lines_image([[200, 204]]), U, rows, line, 1e-2)
-    assert (result.lines, result.unsupported) == (2, 1)
-
-
-def test_a_target_between_two_bins_is_explained_by_either() -> None:
-    line, power = ARRAYS["full"], 1e-4
-    u = np.array([[U[200] + 0.45 * RADAR.grid.step, U[300] - 0.3 * RADAR.grid.step]])
-    rows = echoes(line, u, np.ones((1, 2), dtype=complex)) + noise(line, 1, power, np.random.default_rng(0))
-    assert explain(lines_image([[200, 300]]), U, rows, line, power).explained_share == 1.0
-    # A bin too far is one: at 40 dB that cannot be the target.
-    assert explain(lines_image([[198, 300]]), U, rows, line, power).explained_share == 0.0
-
-
-def test_peaks_in_noise_are_supported_as_rarely_as_said() -> None:
-    line, rows = ARRAYS["sparse6"], 1500
-    x = noise(line, rows, 1.0, np.random.default_rng(2))
-    image = np.tile(lines_image([[225]]), (rows, 1))
-    result = explain(image, U, x, line, 1.0)
-    assert result.lines - result.unsupported <= 3 + 10 * rows * SUPPORT_PROBABILITY
-    # And one line takes one of 18 dimensions.
-    assert result.data_nmse == pytest.approx(17 / 18, rel=0.01)
-    assert result.explained_share == pytest.approx(0.99, abs=0.01)
-
-
-def test_more_peaks_than_half_the_channels_are_counted_as_untested() -> None:
-    line = ARRAYS["sparse4"]
-    rows, _ = known_rows(line)
-    result = explain(lines_image([list(range(20, 440, 40))] * 4), U, rows, line, 0.0)
-    assert (result.lines, result.untested) == (4 * 6, 4 * 5)
-    assert np.isfinite([result.left, result.expected]).all()
-
-
-@pytest.mark.parametrize("factor", [1e-20, 1e20])
-def test_the_residual_does_not_depend_on_the_unit(factor: float) -> None:
-    line = ARRAYS["sparse6"]
-    rows, places = known_rows(line)
-    image = lines_image(places)
-    one, scaled = explain(image, U, rows, line, 1e-3), explain(image, U, rows * factor, line, 1e-3 * factor**2)
-    assert scaled.data_nmse == pytest.approx(one.data_nmse)
-    assert (scaled.explained_rows, scaled.unsupported) == (one.explained_rows, one.unsupported)
-
-
-def test_row_lines_include_the_ends() -> None:
-    row = np.zeros(20)
-    row[[0, 7, 19]] = [0.5, 1.0, 0.05]
-    np.testing.assert_array_equal(row_lines(row, 0.1), [7, 0])
-    assert not len(row_lines(np.zeros(20)))
-
-
-def test_residual_refuses_what_does_not_fit() -> None:
-    with pytest.raises(InputError, match="residual"):
-        explain(np.zeros((3, BINS)), U, np.zeros((4, 12)), ARRAYS["sparse4"], 1.0)
-    with pytest.raises(InputError, match="noise_power"):
-        explain(np.zeros((4, BINS)), U, np.zeros((4, 12)), ARRAYS["sparse4"], -1.0)
 
 
 # Intervals -----------------------------------------------------------------------------------------------------------

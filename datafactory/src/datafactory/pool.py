@@ -12,9 +12,7 @@ from typing import Any
 from datafactory.paths.backend import select_variant, set_threads
 from datafactory.progress import FinishedShard, record_finished
 from datafactory.shards import ShardPlan
-from datafactory.worker import (
-    Job,
-)
+from datafactory.worker import Job
 
 
 def run_shards(

@@ -20,6 +20,11 @@ class InputError(ValueError):
         if expected:
             text += f"; expected {expected}"
         super().__init__(" ".join(text.split()))
+        self._arguments = str(source), problem, expected
+
+    def __reduce__(self) -> tuple[type[InputError], tuple[str, str, str]]:
+        """Made anew from its three parts, so that a process pool can hand it on."""
+        return type(self), self._arguments
 
 
 def require_utf8(path: object) -> None:

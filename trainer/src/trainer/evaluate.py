@@ -3,6 +3,7 @@
 OUT/cells/            one file for each finished (experiment, method, array, condition): what ``--resume`` keeps
 OUT/figures/          PNG and SVG
 OUT/metrics.parquet   the numbers, also as metrics.csv
+OUT/summary.md        the numbers that methods are chosen by, a table for each array
 OUT/report.html       everything, in one file
 """
 
@@ -47,8 +48,10 @@ from trainer.experiments.robustness import Robustness
 from trainer.experiments.store import Cell, CellStore, Values, code_fingerprint
 from trainer.experiments.street import Street, shown_frames
 from trainer.experiments.tradeoff import SECONDS, Tradeoff
+from trainer.experiments.workers import Workers
 from trainer.report.page import TRUTH, ReportFigure, ReportFrame, report_page
 from trainer.report.style import save_figure, write_whole
+from trainer.report.summary import summary
 from trainer.report.tables import metrics_table, write_table
 from trainer.runs import Fingerprint
 
@@ -61,7 +64,7 @@ EXPERIMENTS: dict[str, Experiment] = {
 }  # fmt: skip
 """By the name that ``--experiments`` takes, in the order of the report."""
 DEFAULT_ARRAYS = ("sparse6", "sparse4", "full")
-CELLS, FIGURES, REPORT = "cells", "figures", "report.html"
+CELLS, FIGURES, REPORT, SUMMARY = "cells", "figures", "report.html", "summary.md"
 RUNTIME = "runtime"
 RUNTIME_REPEATS = 3
 """Runs for one image after a first one, of which the shortest counts: what else a machine does only adds."""
@@ -80,6 +83,7 @@ def evaluate(
     settings: Settings | None = None,
     measured: Path | None = None,
     resume: bool = False,
+    workers: int = 1,
     announce: Callable[[str], None] = print,
     progress: Progress | None = None,
 ) -> pa.Table:
@@ -93,7 +97,10 @@ def evaluate(
     :param experiments: names of :data:`EXPERIMENTS`; all that apply by default
     :param measured: snapshot for the experiment "measured"
     :param resume: keep the cells that ``out`` already has
+    :param workers: processes that compute cells, see :class:`trainer.experiments.workers.Workers`; the numbers, but for
+        the seconds, do not depend on it. Seconds are measured before the first cell, in this process alone.
     :raises InputError: bad data, runs, names, or an experiment asked for that does not apply
+    :raises TrainingStopped: a worker process was killed
     """
     bench, left_out = open_bench(dataset, runs, methods, arrays, settings or Settings(), measured)
     chosen, obstacles = choose_experiments(experiments, bench)
@@ -106,17 +113,17 @@ def evaluate(
     bench = replace(bench, seconds=_seconds(bench, store, report))
     rows: list[MetricRow] = []
     figures: list[ReportFigure] = []
-    street = EXPERIMENTS[Street.name]
-    shown = _compute(street.cells, street.tasks(bench), store, partial(report, "images"))
     (out / FIGURES).mkdir(exist_ok=True)
     written = set()
-    for experiment in chosen:
-        results = _compute(experiment.cells, experiment.tasks(bench), store, partial(report, experiment.name))
-        rows += experiment.rows(bench, results)
-        for name, figure in experiment.figures(bench, results).items():
-            png = save_figure(figure, out / FIGURES, name)
-            written |= {f"{name}.png", f"{name}.svg"}
-            figures.append(ReportFigure(experiment.title, experiment.caption, png))
+    with Workers(bench, workers) as pool:
+        shown = _compute(EXPERIMENTS[Street.name], bench, store, pool, partial(report, "images"))
+        for experiment in chosen:
+            results = _compute(experiment, bench, store, pool, partial(report, experiment.name))
+            rows += experiment.rows(bench, results)
+            for name, figure in experiment.figures(bench, results).items():
+                png = save_figure(figure, out / FIGURES, name)
+                written |= {f"{name}.png", f"{name}.svg"}
+                figures.append(ReportFigure(experiment.title, experiment.caption, png))
     rows += [
         single_row(RUNTIME, contender, SECONDS, "", bench.seconds[contender.method, contender.array.name])
         for contender in bench.contenders
@@ -126,7 +133,9 @@ def evaluate(
         announce(f"{stale} files in {out / FIGURES} are of other arguments and not in this report")
     if store.unused:
         announce(f"{store.unused} cells in {store.directory} are of other arguments and not in this report")
-    announce(f"{store.computed} cells computed, {store.kept} kept; {len(table)} numbers; look: {out / REPORT}")
+    announce(
+        f"{store.computed} cells computed, {store.kept} kept; {len(table)} numbers; look: {out / REPORT}, {SUMMARY}"
+    )
     return table
 
 
@@ -143,6 +152,7 @@ def _write(
     parameters = {(contender.method, contender.array.name): contender.parameters for contender in bench.contenders}
     table = metrics_table(rows, bench.seconds, parameters)
     write_table(table, out)
+    write_whole(out / SUMMARY, summary(table).encode())
     frames = _report_frames(bench, shown)
     page = report_page(title, _summary(bench, chosen), bench.radar, frames, figures, table)
     write_whole(out / REPORT, page.encode())
@@ -213,14 +223,26 @@ def _open_store(out: Path, resume: bool) -> CellStore:
     return CellStore(out / CELLS)
 
 
-def _compute(family: str, tasks: Sequence[Task], store: CellStore, report: Callable[[int, int], None]) -> Results:
-    results: dict[tuple[str, str, str], Values] = {}
-    for done, task in enumerate(tasks):
-        report(done, len(tasks))
-        cell = Cell(family, task.method, task.array, task.condition, task.inputs, code_fingerprint())
-        results[task.key] = store.result(cell, task.compute)
-    report(len(tasks), len(tasks))
-    return results
+def _compute(
+    experiment: Experiment, bench: Bench, store: CellStore, pool: Workers, report: Callable[[int, int], None]
+) -> Results:
+    """The cells of an experiment in the order of its tasks; those not yet on disk are computed and kept one by one."""
+    tasks = experiment.tasks(bench)
+    cells = [_cell(experiment.cells, task) for task in tasks]
+    values: dict[int, Values] = {}
+    for place, cell in enumerate(cells):
+        if (found := store.finished(cell)) is not None:
+            values[place] = found
+    report(len(values), len(tasks))
+    missing = [place for place in range(len(tasks)) if place not in values]
+    for place, computed in pool.results(experiment, tasks, missing):
+        values[place] = store.keep(cells[place], computed)
+        report(len(values), len(tasks))
+    return {task.key: values[place] for place, task in enumerate(tasks)}
+
+
+def _cell(family: str, task: Task) -> Cell:
+    return Cell(family, task.method, task.array, task.condition, task.inputs, code_fingerprint())
 
 
 def _seconds(bench: Bench, store: CellStore, report: Progress) -> dict[tuple[str, str], float]:
@@ -230,8 +252,16 @@ def _seconds(bench: Bench, store: CellStore, report: Progress) -> dict[tuple[str
         contender_task(bench, contender, ref.condition, bench.data_sha256, partial(_time, contender, ref))
         for contender in bench.contenders
     ]
-    results = _compute(RUNTIME, tasks, store, partial(report, RUNTIME))
-    return {(method, array): float(values["seconds"]) for (method, array, _), values in results.items()}
+    seconds = {}
+    for done, task in enumerate(tasks):
+        report(RUNTIME, done, len(tasks))
+        cell = _cell(RUNTIME, task)
+        values = store.finished(cell)
+        if values is None:
+            values = store.keep(cell, task.compute())
+        seconds[task.method, task.array] = float(values["seconds"])
+    report(RUNTIME, len(tasks), len(tasks))
+    return seconds
 
 
 def _time(contender: Contender, ref: FrameRef) -> Values:

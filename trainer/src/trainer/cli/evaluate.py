@@ -42,6 +42,9 @@ def evaluate(
     measured: Annotated[
         Path | None, typer.Option(help="A measured snapshot of a half-wavelength line: .mat or .npy.")
     ] = None,
+    workers: Annotated[
+        int, typer.Option(min=0, help="Processes that compute; 0: one a core. The numbers do not depend on it.")
+    ] = 0,
     resume: Annotated[bool, typer.Option("--resume", help="Keep what is finished in --out.")] = False,
 ) -> None:
     """Hold runs and classical estimators against each other: metrics, figures, and a page to look at."""
@@ -65,7 +68,7 @@ def evaluate(
 
         run_evaluate(
             dataset, out, run or [], _names(methods), _names(arrays) or [], _names(experiments), settings, measured,
-            resume, lambda line: bars.console.print(line, markup=False), advance,
+            resume, workers, lambda line: bars.console.print(line, markup=False), advance,
         )  # fmt: skip
 
 

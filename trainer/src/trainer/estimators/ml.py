@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from shared.errors import InputError
 from trainer.estimators.array import ROWS_AT_ONCE, LineArray, check_snapshots, draw_lines, image_rows, uniform_axis
-from trainer.estimators.lines import line_amplitudes, refine_lines
+from trainer.estimators.lines import bounded_amplitudes, line_amplitudes, refine_lines
 
 SEARCH_POINTS, CANDIDATES = 6, 8
 """Angles searched in a resolution cell, and pairs refined: of 6 400 random pairs (10 and 30 dB, 0.25 to 3.3 cells, 18
@@ -26,6 +26,10 @@ class MaximumLikelihood:
     SNR. All pairs of a grid are tried, further lines are added by alternating projection (Ziskind and Wax 1988), and
     Gauss-Newton steps leave the grid. For K = 1 and 2 the search is exhaustive; for more it may stop at a local
     optimum. It is told K: an image that beats it clearly knows something else as well.
+
+    Told of more targets than there are, of noise alone for instance, the best angles may be two that all but coincide,
+    with amplitudes a thousand times the noise that cancel. The angles stay those of the likelihood; the amplitudes are
+    bounded, see :func:`trainer.estimators.lines.bounded_amplitudes`: lines too close to be told apart share their sum.
 
     :param targets: K, in every range bin
     :raises InputError: less than one target
@@ -46,7 +50,7 @@ class MaximumLikelihood:
 
         def solve(x: NDArray[np.complex128], _: NDArray[np.float64]) -> NDArray[np.float64]:
             found = _search(x, array, self.targets)
-            amplitude, _left = line_amplitudes(x, found, array)
+            amplitude, _left = bounded_amplitudes(x, found, array)
             return draw_lines(found, np.abs(amplitude), array, u)
 
         return image_rows(snapshots, array, len(u), noise_power, solve)
@@ -72,7 +76,7 @@ class MaximumLikelihood:
             block = present[start : start + ROWS_AT_ONCE]
             x = rows[block] / scale[block, None]
             found[block] = np.sort(_search(x, array, count), axis=1)
-            amplitude[block] = scale[block, None] * line_amplitudes(x, found[block], array)[0]
+            amplitude[block] = scale[block, None] * bounded_amplitudes(x, found[block], array)[0]
         return found, amplitude
 
 

@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from shared.errors import InputError
 from trainer.estimators.array import LineArray, draw_lines, image_rows, scan_axis, uniform_axis
-from trainer.estimators.lines import line_amplitudes, refine_lines
+from trainer.estimators.lines import bounded_amplitudes, line_amplitudes, refine_lines
 
 MOST_LINES = 16
 """In a range bin, and at most half the channels: beyond that no sparse solution is known to be the only one."""
@@ -32,7 +32,9 @@ class OrthogonalMatchingPursuit:
       1 % of the cases, sigma^2 / 2 times the quantile of chi^2 with 2 (C - k) degrees of freedom.
     - "cfar": continuous angles, all refined together after each new line (Newtonised OMP, Mamandipoor, Ramasamy and
       Madhow, IEEE Trans. Signal Process. 64(19), 2016); goes on while the new line takes a larger share of |r|^2 than
-      the best line would of noise, whatever its power, with probability :data:`FALSE_ALARM`.
+      the best line would of noise, whatever its power, with probability :data:`FALSE_ALARM`. Lines that were refined
+      to all but one angle explain an error of calibration by amplitudes that cancel: those are bounded, and a line that
+      explains nothing more within the bound is the last, see :func:`trainer.estimators.lines.bounded_amplitudes`.
 
     :param stop: "noise" or "cfar"
     """
@@ -78,12 +80,13 @@ class OrthogonalMatchingPursuit:
         amplitude = np.zeros(found.shape, dtype=np.complex128)
         going, left = np.arange(len(x)), x
         total = np.sum(np.abs(x) ** 2, axis=1)
+        least_squares = bounded_amplitudes if self.stop == "cfar" else line_amplitudes
         for k, limit in enumerate(limits):
             best = axis[np.argmax(np.abs(left @ conjugate), axis=1)]
             lines = np.concatenate([found[going, :k], best[:, None]], axis=1)
             if self.stop == "cfar":
                 lines = refine_lines(x[going], lines, array)
-            amplitudes, after = line_amplitudes(x[going], lines, array)
+            amplitudes, after = least_squares(x[going], lines, array)
             energy, remains = np.sum(np.abs(left) ** 2, axis=1), np.sum(np.abs(after) ** 2, axis=1)
             goes_on = energy > ROUNDING * total[going]
             if self.stop == "noise":

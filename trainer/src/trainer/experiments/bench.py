@@ -20,6 +20,9 @@ from trainer.experiments.contenders import Contender
 from trainer.experiments.store import Values, digest
 from trainer.metrics.bootstrap import Interval, bootstrap_mean, bootstrap_ratio, wilson
 
+KEPT = 2
+"""Frames or simulated scenes that an experiment holds while its contenders take turns."""
+
 
 class Settings(BaseModel):
     """How much is computed.
@@ -87,6 +90,7 @@ class Task:
     :param condition: what was varied, as text
     :param inputs: fingerprint of what the cell depends on besides its names
     :param compute: the work
+    :param device: that the work needs, "cpu" or "cuda"
     """
 
     method: str
@@ -94,6 +98,7 @@ class Task:
     condition: str
     inputs: str
     compute: Callable[[], Values]
+    device: str = "cpu"
 
     @property
     def key(self) -> tuple[str, str, str]:
@@ -105,7 +110,8 @@ def contender_task(
 ) -> Task:
     """A task of one contender, whose cell depends on the contender, the radar and ``inputs``, of plain JSON types."""
     radar = bench.radar.model_dump(mode="json")
-    return Task(contender.method, contender.array.name, condition, digest([contender.inputs, radar, inputs]), compute)
+    fingerprint = digest([contender.inputs, radar, inputs])
+    return Task(contender.method, contender.array.name, condition, fingerprint, compute, contender.device)
 
 
 def radar_task(bench: Bench, method: str, condition: str, inputs: object, compute: Callable[[], Values]) -> Task:
@@ -157,7 +163,8 @@ class Experiment(Protocol):
         """Why the experiment does not apply to what is given; None where it does."""
 
     def tasks(self, bench: Bench) -> Sequence[Task]:
-        """The cells that the experiment needs."""
+        """The cells that the experiment needs, in an order that the bench alone decides; those that share a frame or a
+        simulated scene follow each other."""
 
     def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
         """The numbers."""

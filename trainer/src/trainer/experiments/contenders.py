@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from shared.errors import InputError
 from shared.locations import Location
 from shared.radar import Radar
 from trainer.arrays import ArrayChoice
-from trainer.estimators.base import ESTIMATORS, LineArray, line_array
+from trainer.estimators.base import ESTIMATORS, Estimator, LineArray, line_array
 from trainer.experiments.store import digest
 from trainer.imager import Imager
 from trainer.runs import RUN_FILE, WEIGHTS, Fingerprint, Run, load_imager, same_radar
@@ -41,7 +42,9 @@ class Contender:
     :param row_wise: an image row depends on nothing but that row's snapshot
     :param inputs: fingerprint of what its images depend on besides the data
     :param trained_on: datasets that its weights have seen
-    :param imaging: range-channel matrix [R, C] of all the radar's channels and noise power [W] to image [R, U]
+    :param imaging: range-channel matrix [R, C] of all the radar's channels and noise power [W] to image [R, U]; to be
+        pickled, for worker processes
+    :param device: that it images on, "cpu" or "cuda"
     """
 
     method: str
@@ -54,6 +57,7 @@ class Contender:
     inputs: str
     trained_on: tuple[Fingerprint, ...]
     imaging: Callable[[NDArray[np.complex64], float], NDArray[np.floating]]
+    device: str = "cpu"
 
     @property
     def name(self) -> str:
@@ -132,24 +136,28 @@ def _kind(run: Run) -> str:
 def estimator_contender(name: str, array: ArrayChoice, radar: Radar) -> Contender:
     """The estimator of this name (:data:`trainer.estimators.base.ESTIMATORS`) on an array."""
     channels = array.channels(radar)
-    estimator, line, u = ESTIMATORS[name](), line_array(radar, channels), radar.grid.u
+    line = line_array(radar, channels)
     inputs = digest(["estimator", name, list(array.rx)])
     return Contender(
         name, array, channels, line, 0, AMPLITUDE, True, inputs, (),
-        lambda range_channel, noise: estimator.image(range_channel[:, channels], line, u, noise),
+        partial(_estimate, ESTIMATORS[name](), channels, line, radar.grid.u),
     )  # fmt: skip
+
+
+def _estimate(
+    estimator: Estimator,
+    channels: NDArray[np.intp],
+    line: LineArray,
+    u: NDArray[np.float64],
+    range_channel: NDArray[np.complex64],
+    noise_power: float,
+) -> NDArray[np.float64]:
+    return estimator.image(range_channel[:, channels], line, u, noise_power)
 
 
 def _network(label: str, array: ArrayChoice, path: Path, run: Run, imager: Imager) -> Contender:
     device = "cuda" if torch.cuda.is_available() else "cpu"
     imager.to(device)
-
-    def imaging(range_channel: NDArray[np.complex64], noise_power: float) -> NDArray[np.float32]:
-        with torch.inference_mode():
-            snapshots = torch.from_numpy(np.array(range_channel)).to(device)[None]
-            noise = torch.full((1,), noise_power, dtype=torch.float64, device=device)
-            return imager(snapshots, noise)[0].cpu().numpy()
-
     of_angles = _kind(run) == "cnn"
     channels = array.channels(run.radar)
     parameters = sum(parameter.numel() for parameter in imager.parameters())
@@ -157,5 +165,15 @@ def _network(label: str, array: ArrayChoice, path: Path, run: Run, imager: Image
     return Contender(
         label, array, channels, line_array(run.radar, channels), parameters, UNITS[run.config.target],
         # It takes range bins one by one, and trains on samples of its own: of its datasets it took the radar alone.
-        of_angles, digest(["run", content, device]), () if of_angles else run.datasets, imaging,
+        of_angles, digest(["run", content, device]), () if of_angles else run.datasets,
+        partial(_network_image, imager, device), device,
     )  # fmt: skip
+
+
+def _network_image(
+    imager: Imager, device: str, range_channel: NDArray[np.complex64], noise_power: float
+) -> NDArray[np.float32]:
+    with torch.inference_mode():
+        snapshots = torch.from_numpy(np.array(range_channel)).to(device)[None]
+        noise = torch.full((1,), noise_power, dtype=torch.float64, device=device)
+        return np.asarray(imager(snapshots, noise)[0].cpu().numpy(), dtype=np.float32)

@@ -15,7 +15,7 @@ from shared.dataset import Frame
 from shared.dataset_folder import Dataset
 from shared.dataset_reading import read_frame
 from shared.radar import Radar
-from trainer.experiments.bench import Bench, FrameRef, Results, Task, contender_task
+from trainer.experiments.bench import KEPT, Bench, FrameRef, Results, Task, contender_task
 from trainer.experiments.contenders import AMPLITUDE, Contender
 from trainer.experiments.levels import scene_levels
 from trainer.experiments.store import Values
@@ -23,7 +23,8 @@ from trainer.metrics.detection import (
     D_MAX_BINS,
     PROMINENCES,
     TRUTH_PROMINENCE,
-    find_row_peaks,
+    ImagePeaks,
+    find_image_peaks,
     paper_sweep,
     strict_counts,
 )
@@ -80,7 +81,7 @@ def frame_tasks(bench: Bench) -> list[Task]:
     ]  # fmt: skip
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=KEPT)
 def load_frame(ref: FrameRef) -> Frame:
     """The frame, kept while its contenders take turns."""
     return read_frame(ref.path, ref.row, COLUMNS)
@@ -97,9 +98,11 @@ def score_frame(radar: Radar, contender: Contender, load: Callable[[], Frame]) -
     frame = load()
     truth = np.asarray(frame.image, dtype=np.float64) * frame.image_peak
     image = contender.image(frame.range_channel[0], frame.noise_power)
-    paper = [[astuple(counts) for counts in paper_sweep(image, truth, PROMINENCES, d_max)] for d_max in D_MAX_BINS]
-    strict = [astuple(strict_counts(image, truth, STRICT_PROMINENCE, d_max))[:3] for d_max in D_MAX_BINS]
-    parts, rows = _gospa_parts(image, truth)
+    detected, true = find_image_peaks(image), find_image_peaks(truth).above(TRUTH_PROMINENCE)
+    paper = [[astuple(counts) for counts in paper_sweep(detected, true, PROMINENCES, d_max)] for d_max in D_MAX_BINS]
+    prominent = detected.above(STRICT_PROMINENCE)
+    strict = [astuple(strict_counts(prominent, true, d_max))[:3] for d_max in D_MAX_BINS]
+    parts, rows = _gospa_parts(prominent, true)
     explanation = explain(
         image, radar.grid.u, frame.range_channel[0][:, contender.channels], contender.line, frame.noise_power
     )
@@ -116,15 +119,13 @@ def score_frame(radar: Radar, contender: Contender, load: Callable[[], Frame]) -
     return {name: np.asarray(value, dtype=np.float64) for name, value in (values | quality).items()}
 
 
-def _gospa_parts(image: NDArray[np.floating], truth: NDArray[np.floating]) -> tuple[NDArray[np.float64], int]:
+def _gospa_parts(detected: ImagePeaks, true: ImagePeaks) -> tuple[NDArray[np.float64], int]:
     """([3] localisation, missed, false [bins^2] summed over rows with a truth, number of those rows)."""
     parts, rows = np.zeros(3), 0
-    for row, true_row in zip(image, truth, strict=True):
-        true = find_row_peaks(true_row).above(TRUTH_PROMINENCE)[:, None].astype(np.float64)
-        if not len(true):
+    for found, truth in zip(detected.by_row(), true.by_row(), strict=True):
+        if not len(truth):
             continue
-        found = find_row_peaks(row).above(STRICT_PROMINENCE)[:, None].astype(np.float64)
-        distance = gospa(found, true, GOSPA_CUTOFF_BINS)
+        distance = gospa(found[:, None].astype(np.float64), truth[:, None].astype(np.float64), GOSPA_CUTOFF_BINS)
         parts += [distance.localisation, distance.missed, distance.false]
         rows += 1
     return parts, rows

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache, partial
+from functools import lru_cache, partial
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from shared.radar import Radar
 from shared.windows import cell_noise_power
-from trainer.experiments.bench import Bench, MetricRow, Results, Task, contender_task, mean_row
+from trainer.experiments.bench import KEPT, Bench, MetricRow, Results, Task, contender_task, mean_row
 from trainer.experiments.contenders import AMPLITUDE, Contender
 from trainer.experiments.levels import PROBABILITY
 from trainer.experiments.simulation import snapshot
@@ -45,7 +45,7 @@ class NoiseOnly:
         seed = bench.settings.seed
         count = min(FRAMES, bench.settings.trials)
 
-        @cache
+        @lru_cache(maxsize=KEPT)
         def frame(index: int) -> NDArray[np.complex64]:
             nothing = np.zeros((0, 3)), np.zeros(0, dtype=np.complex128)
             return snapshot(bench.radar, *nothing, np.random.default_rng([seed, 40, index]))

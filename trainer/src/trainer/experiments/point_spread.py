@@ -8,7 +8,7 @@ height: here it is a point of 0 dBsm. The figure has it at u = 0.1; the numbers 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache, partial
+from functools import lru_cache, partial
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from shared.radar import Radar
 from shared.signal import target_amplitudes
 from shared.windows import cell_noise_power
-from trainer.experiments.bench import Bench, MetricRow, Results, Task, contender_task, mean_row, radar_task
+from trainer.experiments.bench import KEPT, Bench, MetricRow, Results, Task, contender_task, mean_row, radar_task
 from trainer.experiments.contenders import Contender
 from trainer.experiments.levels import REPORT_SPAN_DB, own_levels
 from trainer.experiments.simulation import CLOSE_UP_BINS, close_up, in_plane, out_of_sight, snapshot, truth_image
@@ -51,7 +51,7 @@ class CylinderSpread:
     def tasks(self, bench: Bench) -> Sequence[Task]:
         seed = bench.settings.seed
 
-        @cache
+        @lru_cache(maxsize=KEPT)
         def scene(index: int) -> NDArray[np.complex64]:
             return snapshot(
                 bench.radar, *_cylinder(bench.radar, ANGLES[index]), np.random.default_rng([seed, 8, index])
@@ -62,8 +62,8 @@ class CylinderSpread:
                 bench, contender, f"u={u:g}", [seed, index, CLOSE_UP_BINS],
                 partial(_image, bench.radar, contender, partial(scene, index)),
             )
-            for contender in bench.contenders
             for index, u in enumerate(ANGLES)
+            for contender in bench.contenders
         ]  # fmt: skip
         return [*tasks, radar_task(bench, "truth", f"u={SHOWN_U:g}", CLOSE_UP_BINS, partial(_truth, bench.radar))]
 

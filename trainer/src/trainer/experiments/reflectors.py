@@ -8,7 +8,7 @@ over many.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache, partial
+from functools import lru_cache, partial
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from shared.radar import Radar
 from shared.signal import target_amplitudes
 from shared.windows import cell_noise_power
-from trainer.experiments.bench import Bench, MetricRow, Results, Task, contender_task, radar_task, share_row
+from trainer.experiments.bench import KEPT, Bench, MetricRow, Results, Task, contender_task, radar_task, share_row
 from trainer.experiments.contenders import Contender
 from trainer.experiments.levels import own_levels
 from trainer.experiments.pairs import resolution_cell
@@ -51,7 +51,7 @@ class Reflectors:
     def tasks(self, bench: Bench) -> Sequence[Task]:
         count, seed = min(bench.settings.trials, MOST_REALISATIONS), bench.settings.seed
 
-        @cache
+        @lru_cache(maxsize=KEPT)
         def scene(index: int) -> NDArray[np.complex64]:
             generator = np.random.default_rng([seed, 10, index])
             return snapshot(bench.radar, *_pair(bench.radar, seed, index), generator)
@@ -61,8 +61,8 @@ class Reflectors:
                 bench, contender, f"realisation={index}", [seed, index, CLOSE_UP_BINS],
                 partial(_image, bench.radar, contender, partial(scene, index)),
             )
-            for contender in bench.contenders
             for index in range(count)
+            for contender in bench.contenders
         ]  # fmt: skip
         return [*tasks, radar_task(bench, "truth", "realisation=0", seed, partial(_truth, bench.radar, seed))]
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cache, partial
+from functools import lru_cache, partial
 from itertools import product
 
 import numpy as np
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from shared.radar import Radar
 from trainer.estimators.ml import MaximumLikelihood
-from trainer.experiments.bench import Bench, MetricRow, Results, Task, contender_task, mean_row, share_row
+from trainer.experiments.bench import KEPT, Bench, MetricRow, Results, Task, contender_task, mean_row, share_row
 from trainer.experiments.contenders import Contender, estimator_contender
 from trainer.experiments.pairs import Condition, Trials, image_trials, simulate
 from trainer.experiments.store import Values
@@ -62,7 +62,7 @@ class Resolution:
     def tasks(self, bench: Bench) -> Sequence[Task]:
         settings = bench.settings
 
-        @cache
+        @lru_cache(maxsize=KEPT)
         def trials(index: int) -> Trials:
             return simulate(bench.radar, (*PAIRS, *SINGLES)[index], settings.trials, [settings.seed, 20, index])
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import lru_cache, partial
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from shared.arrays import AntennaArray
 from trainer.arrays import ArrayChoice
-from trainer.experiments.bench import Bench, MetricRow, Results, Task, contender_task, mean_row, share_row
+from trainer.experiments.bench import KEPT, Bench, MetricRow, Results, Task, contender_task, mean_row, share_row
 from trainer.experiments.contenders import Contender
 from trainer.experiments.pairs import (
     Condition,
@@ -119,7 +119,7 @@ class Robustness:
         settings = bench.settings
         images = -(-settings.trials // len(trial_rows(bench.radar)))
 
-        @cache
+        @lru_cache(maxsize=KEPT)
         def sensor(impairment: Impairment, image: int) -> Trials:
             """One image; the same targets and noise whatever the impairment."""
             seed = [settings.seed, 30, image]

@@ -11,7 +11,7 @@ import hashlib
 import json
 import os
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cache
 from importlib import import_module
@@ -87,18 +87,23 @@ class CellStore:
         for left_behind in directory.glob("*.partial"):
             left_behind.unlink()
 
-    def result(self, cell: Cell, compute: Callable[[], Values]) -> Values:
-        """The cell's arrays: read if it was finished before, else computed and kept.
+    def finished(self, cell: Cell) -> Values | None:
+        """The cell's arrays if it was finished before.
 
         :raises InputError: a file of the folder that is damaged
         """
         path = self.directory / cell.file_name
         again = path.name in self._used
         self._used.add(path.name)
-        if path.is_file():
-            self.kept += not again
-            return _read(path)
-        values = {name: np.asarray(value) for name, value in compute().items()}
+        if not path.is_file():
+            return None
+        self.kept += not again
+        return _read(path)
+
+    def keep(self, cell: Cell, computed: Values) -> Values:
+        """The arrays of a cell that was computed, once they are on disk."""
+        path = self.directory / cell.file_name
+        values = {name: np.asarray(value) for name, value in computed.items()}
         partial = path.with_suffix(".partial")
         with partial.open("wb") as handle:
             np.savez(handle, allow_pickle=False, **values)

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
 from scipy.optimize import linear_sum_assignment
 from scipy.signal import find_peaks
 
@@ -93,71 +95,97 @@ def find_row_peaks(spectrum: NDArray[np.floating], threshold: float = THRESHOLD)
     return Peaks(bins, found["prominences"])
 
 
-def count_as_the_paper(detected: NDArray[np.intp], true: NDArray[np.intp], d_max: float, bins: int) -> Counts:
-    """Counts of one row by the rules of the paper, section IV-C.
+@dataclass(frozen=True, eq=False)
+class ImagePeaks:
+    """Peaks of an image [R, U], each row normalised by itself.
 
-    TP: detected peaks at most d_max from a truth; FP: the other detected peaks. One detection may serve several truths,
-    and several detections one. FN: truths without a detection within d_max. TN: bins that hold neither a detection
-    nor a truth (rows without a truth are left out, so that rows cannot be what is meant).
-
-    :param detected: [n] bins
-    :param true: [m] bins
-    :param bins: U
+    :param shape: (R, U)
+    :param rows: [N] of the peaks, rising
+    :param bins: [N], rising within a row
+    :param prominence: [N] of the row's maximum
     """
-    distance = np.abs(np.subtract.outer(detected, true))
-    near = distance <= d_max
-    hits = int(near.any(axis=1).sum())
-    occupied = len(np.union1d(detected, true))
-    return Counts(hits, len(detected) - hits, len(true) - int(near.any(axis=0).sum()), bins - occupied)
+
+    shape: tuple[int, int]
+    rows: NDArray[np.intp]
+    bins: NDArray[np.intp]
+    prominence: NDArray[np.float64]
+
+    def above(self, prominence: float) -> ImagePeaks:
+        """Those of at least this prominence."""
+        kept = self.prominence >= prominence
+        return ImagePeaks(self.shape, self.rows[kept], self.bins[kept], self.prominence[kept])
+
+    def by_row(self) -> list[NDArray[np.intp]]:
+        """R arrays of bins, rising."""
+        edges = np.searchsorted(self.rows, np.arange(self.shape[0] + 1))
+        return [self.bins[first:last] for first, last in pairwise(edges)]
+
+
+def find_image_peaks(image: NDArray[np.floating], threshold: float = THRESHOLD) -> ImagePeaks:
+    """The peaks of all rows of an image [R, U], those of :func:`find_row_peaks`, in one pass.
+
+    :raises InputError: no image
+    """
+    if np.ndim(image) != 2:
+        raise InputError("image", f"shape {np.shape(image)}", "an image [R, U]")
+    magnitude = np.asarray(image, dtype=np.float64)
+    rows, columns = magnitude.shape
+    top = magnitude.max(axis=1, initial=0.0)[:, None]
+    # The rows one after the other with an infinite sample between them: it ends the search for a peak's prominence as
+    # the end of the row does, makes no peak of the row's last bin, and is itself above the heights asked for.
+    line = np.full((rows, columns + 1), np.inf)
+    line[:, :columns] = np.divide(magnitude, top, out=np.zeros_like(magnitude), where=top > 0.0)
+    places, found = find_peaks(line.ravel(), height=(threshold, 1.0), prominence=0.0)
+    return ImagePeaks((rows, columns), places // (columns + 1), places % (columns + 1), found["prominences"])
 
 
 def paper_sweep(
-    estimate: NDArray[np.floating],
-    truth: NDArray[np.floating],
-    prominences: Sequence[float] = PROMINENCES,
-    d_max: float = D_MAX_BINS[0],
-    threshold: float = THRESHOLD,
-    truth_prominence: float = TRUTH_PROMINENCE,
+    detected: ImagePeaks, true: ImagePeaks, prominences: Sequence[float] = PROMINENCES, d_max: int = D_MAX_BINS[0]
 ) -> list[Counts]:
-    """The paper's counts of one image, one for each prominence, over all rows with a peak in the truth.
+    """Counts by the rules of the paper, section IV-C, one for each prominence that a detection needs.
 
-    :param estimate: [R, U] magnitudes
-    :param truth: [R, U] magnitudes
-    :raises InputError: images of different shapes
+    TP: detected peaks at most d_max from a truth; FP: the other detected peaks. One detection may serve several truths,
+    and several detections one. FN: truths without a detection within d_max. TN: bins that hold neither a detection
+    nor a truth. Over all rows with a truth; the others are left out, so that rows cannot be what TN counts.
+
+    :param detected: of the estimate, of any prominence
+    :param true: of the truth, of the prominence that makes one
+    :raises InputError: peaks of images of different shapes
     """
-    _same_shape(estimate, truth)
-    totals = [Counts() for _ in prominences]
-    for row, true_row in zip(estimate, truth, strict=True):
-        true = find_row_peaks(true_row, threshold).above(truth_prominence)
-        if not len(true):
-            continue
-        peaks = find_row_peaks(row, threshold)
-        for index, prominence in enumerate(prominences):
-            totals[index] += count_as_the_paper(peaks.above(prominence), true, d_max, len(row))
-    return totals
+    _same_shape(detected, true)
+    # A truth's bins and those within d_max of it, and the most prominent detection within d_max of each bin.
+    truth = np.zeros(true.shape, dtype=bool)
+    truth[true.rows, true.bins] = True
+    strength = np.full(detected.shape, -np.inf)
+    strength[detected.rows, detected.bins] = detected.prominence
+    window = 2 * d_max + 1
+    near_truth = maximum_filter1d(truth, window, axis=1, mode="constant", cval=0)
+    nearest = maximum_filter1d(strength, window, axis=1, mode="constant", cval=-np.inf)
+    served = nearest[true.rows, true.bins]
+    counted = np.asarray(truth.any(axis=1))
+    judged = counted[detected.rows]
+    place = detected.rows[judged], detected.bins[judged]
+    prominence, hit, on_truth = detected.prominence[judged], near_truth[place], truth[place]
+    cells = int(counted.sum()) * true.shape[1]
+    counts = []
+    for least in prominences:
+        kept = prominence >= least
+        tp, fn = int(np.sum(kept & hit)), int(np.sum(served < least))
+        occupied = len(true.bins) + int(np.sum(kept & ~on_truth))
+        counts.append(Counts(tp, int(kept.sum()) - tp, fn, cells - occupied))
+    return counts
 
 
-def strict_counts(
-    estimate: NDArray[np.floating],
-    truth: NDArray[np.floating],
-    prominence: float = TRUTH_PROMINENCE,
-    d_max: float = D_MAX_BINS[0],
-    threshold: float = THRESHOLD,
-    truth_prominence: float = TRUTH_PROMINENCE,
-) -> Counts:
+def strict_counts(detected: ImagePeaks, true: ImagePeaks, d_max: float = D_MAX_BINS[0]) -> Counts:
     """One-to-one counts of an image over all its rows, those without a truth too: there every detection is false.
 
-    :param estimate: [R, U] magnitudes
-    :param truth: [R, U] magnitudes
-    :raises InputError: images of different shapes
+    :raises InputError: peaks of images of different shapes
     """
-    _same_shape(estimate, truth)
-    total = Counts()
-    for row, true_row in zip(estimate, truth, strict=True):
-        true = find_row_peaks(true_row, threshold).above(truth_prominence)
-        detected = find_row_peaks(row, threshold).above(prominence)
-        total += count_one_to_one(detected.astype(np.float64), true.astype(np.float64), d_max)
-    return total
+    _same_shape(detected, true)
+    return total(
+        count_one_to_one(found.astype(np.float64), truth.astype(np.float64), d_max)
+        for found, truth in zip(detected.by_row(), true.by_row(), strict=True)
+    )
 
 
 def count_one_to_one(detected: NDArray[np.float64], true: NDArray[np.float64], d_max: float) -> Counts:
@@ -205,6 +233,6 @@ def _ratio(part: int, whole: int) -> float:
     return part / whole if whole else 0.0
 
 
-def _same_shape(estimate: NDArray[np.floating], truth: NDArray[np.floating]) -> None:
-    if np.shape(estimate) != np.shape(truth) or np.ndim(truth) != 2:
-        raise InputError("images", f"shapes {np.shape(estimate)} and {np.shape(truth)}", "two images [R, U]")
+def _same_shape(detected: ImagePeaks, true: ImagePeaks) -> None:
+    if detected.shape != true.shape:
+        raise InputError("images", f"shapes {detected.shape} and {true.shape}", "two images [R, U]")

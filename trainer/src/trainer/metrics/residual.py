@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import find_peaks
 from scipy.stats import chi2
 
 from shared.errors import InputError
 from trainer.estimators.array import LineArray, check_snapshots
-from trainer.estimators.lines import refine_lines
+from trainer.estimators.lines import RIDGE, line_amplitudes, refine_lines
+from trainer.metrics.detection import find_image_peaks
 
 PEAK_LEVEL = 0.1
 """Height and prominence of peaks that count, of the row's maximum: -20 dB."""
@@ -95,69 +95,85 @@ def explain(
     rows = np.asarray(snapshots, dtype=np.complex128)
     energies = np.sum(np.abs(rows) ** 2, axis=1)
     present = np.flatnonzero(energies > 0.0)
-    peaks = [row_lines(np.asarray(image[row], dtype=np.float64), level) for row in present]
-    lines = _within_their_bins(rows[present], [found[:most] for found in peaks], array, u)
+    peaks = image_lines(np.asarray(image)[present], level)
+    lines = [found[:most] for found in peaks]
     noise = np.maximum(noise_power, LEAST_NOISE * energies[present] / array.channels)
     explained = unsupported = 0
     left = expected = 0.0
-    for x, angles, power in zip(rows[present], lines, noise, strict=True):
-        manifold = array.manifold(angles)
-        remains = _left(manifold, x)
-        explained += int(remains <= power * limits[len(angles)])
-        unsupported += len(angles) - _supported(manifold, x, -power * float(np.log(SUPPORT_PROBABILITY)))
-        left, expected = left + remains, expected + float(power) * (array.channels - len(angles))
-    tested = sum(len(angles) for angles in lines)
+    for group, bins in _by_count(lines):
+        x, power, count = rows[present[group]], noise[group], bins.shape[1]
+        angles = _within_their_bins(x, bins, array, u)
+        remains = np.sum(np.abs(line_amplitudes(x, angles, array)[1]) ** 2, axis=1)
+        explained += int(np.sum(remains <= power * limits[count]))
+        needed = supported_lines(x, angles, array, -power * float(np.log(SUPPORT_PROBABILITY)))
+        unsupported += int(np.sum(count - needed))
+        left, expected = left + float(remains.sum()), expected + float(power.sum()) * (array.channels - count)
+    tested = sum(len(found) for found in lines)
     untested = sum(len(found) for found in peaks) - tested
     energy = float(energies[present].sum())
     return Explanation(len(present), explained, tested, unsupported, untested, energy, left, expected)
 
 
-def row_lines(row: NDArray[np.float64], level: float = PEAK_LEVEL) -> NDArray[np.intp]:
-    """[K] bins of the peaks of a row [U], strongest first: height and prominence reach ``level`` of its maximum."""
-    top = float(row.max(initial=0.0))
-    if not top > 0.0:
-        return np.empty(0, dtype=np.intp)
+def image_lines(image: NDArray[np.floating], level: float = PEAK_LEVEL) -> list[NDArray[np.intp]]:
+    """R arrays of the bins of the peaks of an image [R, U], the strongest of a row first.
+
+    Height and prominence of a peak reach ``level`` of the row's maximum.
+    """
     # A zero at either end makes peaks of the first and last bin too.
-    padded = np.pad(row / top, 1)
-    peaks = find_peaks(padded, height=level, prominence=level)[0] - 1
-    return peaks[np.argsort(row[peaks], kind="stable")[::-1]]
+    peaks = find_image_peaks(np.pad(image, ((0, 0), (1, 1))), level).above(level)
+    return [
+        bins[np.argsort(row[bins], kind="stable")[::-1]]
+        for row, bins in zip(np.asarray(image), (found - 1 for found in peaks.by_row()), strict=True)
+    ]
+
+
+def _by_count(lines: list[NDArray[np.intp]]) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+    """(rows [n], their lines [n, K]) for each number of lines: rows with as many are worked on together."""
+    counts = np.array([len(bins) for bins in lines], dtype=np.intp)
+    groups = [np.flatnonzero(counts == count) for count in np.unique(counts)]
+    return [(group, np.stack([lines[row] for row in group])) for group in groups]
 
 
 def _within_their_bins(
-    rows: NDArray[np.complex128], peaks: list[NDArray[np.intp]], array: LineArray, u: NDArray[np.floating]
-) -> list[NDArray[np.float64]]:
-    """For each row [C] the angles at most half a bin from its peaks that explain it best, or nearly so."""
+    x: NDArray[np.complex128], bins: NDArray[np.intp], array: LineArray, u: NDArray[np.floating]
+) -> NDArray[np.float64]:
+    """[B, K] the angles at most half a bin from the peaks [B, K] that explain x [B, C] best, or nearly so."""
     axis = np.asarray(u, dtype=np.float64)
+    start = axis[bins]
+    if not bins.shape[1]:
+        return start
     half_bin = 0.5 * float(np.median(np.diff(axis))) if len(axis) > 1 else 0.0
-    counts = np.array([len(bins) for bins in peaks], dtype=np.intp)
-    lines = [axis[bins] for bins in peaks]
-    # Rows with as many lines are refined together.
-    for count in np.unique(counts[counts > 0]):
-        group = np.flatnonzero(counts == count)
-        start = np.array([lines[row] for row in group])
-        refined = np.clip(refine_lines(rows[group], start, array, REFINEMENTS), start - half_bin, start + half_bin)
-        for row, angles in zip(group, refined, strict=True):
-            lines[row] = angles
-    return lines
+    return np.clip(refine_lines(x, start, array, REFINEMENTS), start - half_bin, start + half_bin)
 
 
-def _left(manifold: NDArray[np.complex128], x: NDArray[np.complex128]) -> float:
-    basis, _ = np.linalg.qr(manifold)
-    return float(np.sum(np.abs(x - basis @ (basis.conj().T @ x)) ** 2))
+def supported_lines(
+    x: NDArray[np.complex128], u: NDArray[np.float64], array: LineArray, threshold: NDArray[np.float64]
+) -> NDArray[np.intp]:
+    """[B] of the lines u [B, K], how many remain of a row x [B, C] after those are taken out, the weakest first, that
+    save less than ``threshold`` [B] [W].
 
-
-def _supported(manifold: NDArray[np.complex128], x: NDArray[np.complex128], threshold: float) -> int:
-    """Number of lines [C, K] that remain after those are taken out that save less than ``threshold`` [W].
-
-    Leaving out line k raises what is left by |s_k|^2 / [(A^H A)^-1]_kk.
+    Leaving out line k raises what is left by |s_k|^2 / [(A^H A)^-1]_kk, s = A^+ x. With the ridge of
+    :mod:`trainer.estimators.lines` of two lines at one angle either saves next to nothing and one goes.
     """
-    kept = manifold
-    while kept.shape[1]:
-        inverse = np.linalg.pinv(kept.conj().T @ kept, rcond=1e-12, hermitian=True)
-        amplitude = inverse @ (kept.conj().T @ x)
-        saved = np.abs(amplitude) ** 2 / np.maximum(np.diag(inverse).real, np.finfo(np.float64).tiny)
-        weakest = int(np.argmin(saved))
-        if saved[weakest] >= threshold:
+    remaining = np.full(len(x), u.shape[1])
+    atoms = np.moveaxis(array.manifold(u), 0, 1)
+    adjoint = np.swapaxes(atoms, 1, 2).conj()
+    gram, matched = adjoint @ atoms, (adjoint @ x[..., None])[..., 0]
+    gram[:, np.arange(u.shape[1]), np.arange(u.shape[1])] += RIDGE * array.channels
+    going = np.arange(len(x))
+    # All rows still going have as many lines left, and lose one a round.
+    for count in range(u.shape[1], 0, -1):
+        inverse = np.linalg.inv(gram)
+        amplitude = (inverse @ matched[..., None])[..., 0]
+        variance = np.einsum("bkk->bk", inverse).real
+        saved = np.abs(amplitude) ** 2 / np.maximum(variance, np.finfo(np.float64).tiny)
+        weakest = np.argmin(saved, axis=1)
+        loses = saved[np.arange(len(going)), weakest] < threshold[going]
+        going = going[loses]
+        if not len(going):
             break
-        kept = np.delete(kept, weakest, axis=1)
-    return kept.shape[1]
+        remaining[going] -= 1
+        kept = np.arange(count) != weakest[loses, None]
+        matched = matched[loses][kept].reshape(len(going), count - 1)
+        gram = gram[loses][kept[:, :, None] & kept[:, None, :]].reshape(len(going), count - 1, count - 1)
+    return remaining

@@ -1,0 +1,64 @@
+"""An experiment whose cells say what became of their process, or end badly: for a worker to import."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+import torch
+from threadpoolctl import threadpool_info
+
+from shared.errors import InputError
+from trainer.experiments.bench import Bench, Task
+from trainer.experiments.store import Values
+
+
+@dataclass(frozen=True)
+class Troubled:
+    """Cells of what :data:`WORK` has, by name."""
+
+    work: tuple[str, ...]
+    name: str = "troubled"
+    cells: str = "troubled"
+    title: str = ""
+    caption: str = ""
+
+    def obstacle(self, bench: Bench) -> str | None:
+        return None
+
+    def tasks(self, bench: Bench) -> Sequence[Task]:
+        return [
+            Task(kind, "", f"place={place}", "", partial(WORK[kind], bench), "cuda" if kind == "gpu" else "cpu")
+            for place, kind in enumerate(self.work)
+        ]
+
+
+def _report(bench: Bench) -> Values:
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    threads = max([torch.get_num_threads(), *(pool["num_threads"] for pool in threadpool_info())])
+    return {
+        "pid": np.asarray(os.getpid()), "deaf": np.asarray(signal.SIGINT in blocked), "threads": np.asarray(threads),
+        "seed": np.asarray(bench.settings.seed),
+    }  # fmt: skip
+
+
+def _refuse(_bench: Bench) -> Values:
+    raise InputError("part-00000.parquet", "row 3: damaged", "a whole row")
+
+
+def _die(_bench: Bench) -> Values:
+    os.kill(os.getpid(), signal.SIGKILL)
+    return {}
+
+
+def _hang(_bench: Bench) -> Values:
+    threading.Event().wait()
+    return {}
+
+
+WORK = {"report": _report, "gpu": _report, "refuse": _refuse, "die": _die, "hang": _hang}
