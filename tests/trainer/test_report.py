@@ -12,12 +12,14 @@ import pytest
 from matplotlib.image import imread
 from tiny_radar import RADAR
 
+from shared.radar import Radar
 from trainer.arrays import ArrayChoice
 from trainer.experiments.bench import MetricRow
 from trainer.experiments.contenders import estimator_contender
+from trainer.pictures import hold_peaks
 from trainer.report.page import ReportFigure, ReportFrame, report_page
 from trainer.report.panels import image_panels
-from trainer.report.style import level_db, new_figure, save_figure, subplots
+from trainer.report.style import SPAN_DB, draw_image, level_db, new_figure, save_figure, subplots
 from trainer.report.tables import metrics_table, write_table
 
 SHAPE = (RADAR.waveform.range_bins, RADAR.grid.bins)
@@ -118,6 +120,31 @@ def test_panels_show_what_stands_left_on_the_left():
     # The axis runs as the extent does.
     first, last = figure.axes[0].get_xlim()
     assert first > last
+
+
+@pytest.mark.parametrize("bin_of_row", [(0, 0), (3, 4), (6, 9), (2, 10)])
+def test_no_block_loses_its_highest_level(bin_of_row):
+    levels = np.full((7, 11), -SPAN_DB)
+    levels[bin_of_row] = 0.0
+    held, rows, columns = hold_peaks(levels, (3, 3))
+    assert (rows, columns, held.shape) == (3, 4, (3, 3))
+    assert np.argwhere(held == 0.0).tolist() == [[bin_of_row[0] // 3, bin_of_row[1] // 4]]
+
+
+def test_every_bin_of_a_large_image_is_drawn_in_its_place():
+    """An image of five times a panel's pixels, one bin lit: it is seen, where the axes say it is."""
+    radar = Radar()
+    levels = np.full((radar.waveform.range_bins, radar.grid.bins), -SPAN_DB)
+    levels[200, 401] = 0.0
+    axis = subplots(new_figure(3.0, 3.0, ""), 1, 1)[0, 0]
+    draw_image(axis, levels, radar, "one bin")
+    (drawn,) = axis.images
+    left, right, near, far = drawn.get_extent()
+    (row,), (column,) = np.nonzero(drawn.get_array() == 0.0)
+    rows, columns = drawn.get_array().shape
+    assert near + (far - near) * (row + 0.5) / rows == pytest.approx(200 * radar.waveform.range_step_m, abs=0.2)
+    assert left + (right - left) * (column + 0.5) / columns == pytest.approx(radar.grid.u[401], abs=0.01)
+    assert axis.get_xlim() == pytest.approx((radar.grid.u_stop, radar.grid.u_start))
 
 
 def test_a_missing_contender_is_said_in_its_panel():

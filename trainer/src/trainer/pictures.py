@@ -7,8 +7,10 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib import colormaps
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
 from shared.radar import Radar
@@ -17,6 +19,8 @@ from trainer.errors import writing
 
 SPAN_DB = 40.0
 """Levels shown below the maximum [dB]."""
+PANEL_PIXELS = 320, 300
+"""Height and width of a panel in the pictures."""
 
 
 def level_db(
@@ -34,6 +38,31 @@ def level_db(
     return np.asarray(np.maximum(amplitude_to_db(weighted / peak), -span_db))
 
 
+def hold_peaks(levels_db: NDArray[np.floating], pixels: tuple[int, int]) -> tuple[NDArray[np.floating], int, int]:
+    """(the highest level of every block of bins, the rows and columns of a block), at most ``pixels`` blocks.
+
+    A panel has fewer pixels than an image has bins, and a target is one bin: drawn by the nearest, two of three vanish.
+    The last blocks may hold fewer bins.
+    """
+    rows, columns = (-(-bins // most) for bins, most in zip(levels_db.shape, pixels, strict=True))
+    held = np.maximum.reduceat(levels_db, np.arange(0, levels_db.shape[0], rows), axis=0)
+    return np.maximum.reduceat(held, np.arange(0, levels_db.shape[1], columns), axis=1), rows, columns
+
+
+def _draw(axis: Axes, levels_db: NDArray[np.floating], radar: Radar) -> AxesImage:
+    """Levels [R, U] with the radar's left on the left."""
+    held, rows, columns = hold_peaks(levels_db, PANEL_PIXELS)
+    left = radar.grid.u_start + columns * held.shape[1] * radar.grid.step
+    far = rows * held.shape[0] * radar.waveform.range_step_m
+    drawn = axis.imshow(
+        held[:, ::-1], origin="lower", aspect="auto", vmin=-SPAN_DB, vmax=0.0, cmap="magma",
+        extent=(left, radar.grid.u_start, 0.0, far), interpolation="nearest",
+    )  # fmt: skip
+    last = radar.waveform.range_bins * radar.waveform.range_step_m
+    axis.set(xlim=(radar.grid.u_stop, radar.grid.u_start), ylim=(0.0, last))
+    return drawn
+
+
 def panel(images: Mapping[str, NDArray[np.floating]]) -> NDArray[np.uint8]:
     """[R, n U, 3] colours of the images in one row, far range at the top, without axes."""
     columns = [colormaps["magma"](1.0 + level_db(image)[::-1] / SPAN_DB)[..., :3] for image in images.values()]
@@ -49,10 +78,7 @@ def save_comparison(path: Path, frames: Mapping[str, Mapping[str, NDArray[np.flo
     for line, (title, images) in zip(axes, frames.items(), strict=True):
         reference = list(images.values())[-1]
         for axis, (name, image) in zip(line, images.items(), strict=True):
-            drawn = axis.imshow(
-                level_db(image, reference=reference)[:, ::-1], origin="lower", aspect="auto", vmin=-SPAN_DB, vmax=0.0,
-                cmap="magma", extent=_extent(radar),
-            )  # fmt: skip
+            drawn = _draw(axis, level_db(image, reference=reference), radar)
             if axis in axes[0]:
                 axis.set_title(name)
             if axis in axes[-1]:
@@ -62,21 +88,13 @@ def save_comparison(path: Path, frames: Mapping[str, Mapping[str, NDArray[np.flo
     _save(figure, path)
 
 
-def _extent(radar: Radar) -> tuple[float, float, float, float]:
-    """Left, right, bottom and top edge; column 0 is u_start, on the right: u rises to the left of the radar."""
-    return radar.grid.u_stop, radar.grid.u_start, 0.0, radar.waveform.range_bins * radar.waveform.range_step_m
-
-
 def save_picture(path: Path, images: Mapping[str, NDArray[np.floating]], radar: Radar, title: str) -> None:
     """A PNG of the images side by side with range and u axes, left of the radar on the left."""
     figure = Figure(figsize=(4.0 * len(images), 5.0), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(1, len(images), sharey=True, squeeze=False)[0]
     for axis, (name, image) in zip(axes, images.items(), strict=True):
-        drawn = axis.imshow(
-            level_db(image)[:, ::-1], origin="lower", aspect="auto", vmin=-SPAN_DB, vmax=0.0, cmap="magma",
-            extent=_extent(radar),
-        )  # fmt: skip
+        drawn = _draw(axis, level_db(image), radar)
         axis.set(title=name, xlabel="u = sin(azimuth)")
     axes[0].set_ylabel("range [m]")
     figure.colorbar(drawn, ax=axes, label="amplitude x range [dB below maximum]")

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from shared.radar import Radar
 from shared.units import amplitude_to_db
+from trainer.pictures import hold_peaks
 
 SPAN_DB = 40.0
 """Levels shown below the reference [dB]."""
@@ -41,6 +42,8 @@ COLOURS = (
 LINES = ("-", "--", ":", "-.")
 MARKERS = ("o", "s", "^", "D")
 TRUTH_COLOUR = "black"
+PANEL_PIXELS = 260, 220
+"""Height and width of a panel of :func:`trainer.report.panels.image_panels`, 2.4 x 2 inches, in the PNG."""
 SETTINGS: dict[Any, Any] = {
     "font.size": 9.0,
     "axes.titlesize": 9.0,
@@ -128,12 +131,14 @@ def level_db(image: NDArray[np.floating], reference: float, span_db: float = SPA
 def draw_image(axis: Axes, levels_db: NDArray[np.floating], radar: Radar, title: str, first_row: int = 0) -> None:
     """Levels [n, U] of the range bins from ``first_row`` on, the radar's left on the left."""
     grid, step = radar.grid, radar.waveform.range_step_m
-    near, far = first_row - 0.5, first_row + len(levels_db) - 0.5
+    held, rows, columns = hold_peaks(levels_db, PANEL_PIXELS)
+    near, far = (first_row - 0.5) * step, (first_row - 0.5 + rows * held.shape[0]) * step
+    left = grid.u_start + columns * held.shape[1] * grid.step
     axis.imshow(
-        levels_db[:, ::-1], origin="lower", aspect="auto", cmap="magma", vmin=-SPAN_DB, vmax=0.0,
-        extent=(grid.u_stop, grid.u_start, near * step, far * step), interpolation="nearest",
+        held[:, ::-1], origin="lower", aspect="auto", cmap="magma", vmin=-SPAN_DB, vmax=0.0,
+        extent=(left, grid.u_start, near, far), interpolation="nearest",
     )  # fmt: skip
-    axis.set_title(title)
+    axis.set(title=title, xlim=(grid.u_stop, grid.u_start), ylim=(near, near + len(levels_db) * step))
 
 
 def colour_bar(figure: Figure, axes: NDArray[np.object_]) -> None:
