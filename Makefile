@@ -70,7 +70,7 @@ $(STUDY)/unet-%.done: $(STUDY)/data/manifest.json
 	@touch $@
 
 $(STUDY)/cnn-%.done: $(STUDY)/data/manifest.json
-	$(BIN)/trainer fit $(STUDY)/data --array $* --recipe doa --steps 500 --out $(@:.done=) $(if $(wildcard $(@:.done=)/run.json),--resume)
+	$(BIN)/trainer fit $(STUDY)/data --array $* --recipe doa --out $(@:.done=) $(if $(wildcard $(@:.done=)/run.json),--resume)
 	@touch $@
 
 STUDY_RUNS := $(foreach array,sparse6 sparse4,$(STUDY)/unet-$(array).done $(STUDY)/cnn-$(array).done)

@@ -360,6 +360,13 @@ def test_a_network_of_angles_takes_rows_alone_and_was_trained_on_no_scene(tmp_pa
     np.testing.assert_allclose(cnn.image_rows(snapshots, 1e-3, rows), image[rows], rtol=1e-5)
 
 
+def test_contenders_stand_in_the_order_of_methods_and_arrays_whatever_that_of_the_runs(tmp_path):
+    doa = {"model": "doa-cnn", "features": "covariance", "target": "doa"}
+    runs = [make_run(tmp_path / "c", THIN), make_run(tmp_path / "b", FULL, **doa), make_run(tmp_path / "a", FULL)]
+    names = [contender.name for contender in gather(["cnn", "das", "unet"], runs, [FULL, THIN], RADAR, tmp_path)]
+    assert names == ["das full", "das thin", "cnn full", "unet full", "unet thin"]
+
+
 def test_a_measured_pair_is_found_where_it_stands(evaluation):
     rows = {
         (row["method"], row["array"], row["metric"]): row["value"]

@@ -19,7 +19,7 @@ from trainer.experiments.contenders import estimator_contender
 from trainer.pictures import hold_peaks
 from trainer.report.page import ReportFigure, ReportFrame, report_page
 from trainer.report.panels import image_panels
-from trainer.report.style import SPAN_DB, draw_image, level_db, new_figure, save_figure, subplots
+from trainer.report.style import SPAN_DB, Look, draw_image, legend_below, level_db, new_figure, save_figure, subplots
 from trainer.report.tables import metrics_table, write_table
 
 SHAPE = (RADAR.waveform.range_bins, RADAR.grid.bins)
@@ -152,6 +152,17 @@ def test_a_missing_contender_is_said_in_its_panel():
     figure = image_panels({("das", "full"): empty, ("unet", "thin"): empty}, empty, RADAR, 0, "title", cut_row=3)
     texts = {text.get_text() for axis in figure.axes for text in axis.texts}
     assert texts == {"no das\nfor thin", "no unet\nfor full"}
+
+
+def test_a_legend_of_many_long_names_stays_within_its_figure():
+    figure = new_figure(4.0, 3.0, "title")
+    subplots(figure, 1, 1)
+    legend_below(figure, Look([f"unet:a folder of name {n}" for n in range(8)], ["full"]).method_handles())
+    figure.draw_without_rendering()
+    (legend,) = figure.legends
+    box = legend.get_window_extent()
+    assert 0.0 <= box.x0 < box.x1 <= figure.bbox.width
+    assert len(legend.get_texts()) == 8
 
 
 def test_figures_are_the_same_bytes_twice(tmp_path):

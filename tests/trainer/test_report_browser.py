@@ -190,7 +190,7 @@ def test_the_table_is_filtered(page):
     assert body.locator("td").count() == 2 * 11
     assert count.inner_text() == "2 rows"
     page.select_option("#filter-method", "iaa")
-    playwright.expect(count).to_have_text("1 rows")
+    playwright.expect(count).to_have_text("1 row")
     assert body.locator("td").all_inner_texts()[:6] == [
         "detection",
         "iaa",

@@ -23,12 +23,12 @@ PAPER = {
 }  # fmt: skip
 """The paper's own recipe."""
 
-
 DOA = {
-    "model": "doa-cnn", "features": "covariance", "target": "doa", "width": 256, "rows": 64, "batch": 8,
-    "learning_rate": 1e-3, "weight_decay": 0.0, "augment": False, "points": 0, "precision": "32",
+    "model": "doa-cnn", "features": "covariance", "target": "doa", "width": 256, "rows": 64, "batch": 2,
+    "steps": 4000, "learning_rate": 1e-3, "weight_decay": 0.0, "augment": False, "points": 0,
 }  # fmt: skip
-"""The direction-of-arrival network that the paper compares with, on online samples."""
+"""The direction-of-arrival network that the paper compares with, on online samples; with batches of 512 it learned in
+nine minutes of one core what it does in three with 128."""
 
 
 def fit(

@@ -83,7 +83,7 @@ def gather(
     radar: Radar,
     source: Location,
 ) -> tuple[Contender, ...]:
-    """The contenders, estimators first, each on all arrays, each run on its own.
+    """The contenders, estimators first, each on all arrays, each run on its own, in the order of methods and arrays.
 
     :param methods: names of estimators, "cnn", "unet"; by default :data:`DEFAULT_METHODS` and all runs
     :param runs: run folders
@@ -115,11 +115,15 @@ def gather(
     estimators = [name for name in chosen if name in ESTIMATORS]
     contenders = [estimator_contender(name, array, radar) for name in estimators for array in arrays]
     places = [(kind, run.array.rx) for (_, run, _), kind in zip(loaded, kinds, strict=True)]
+    networks: list[tuple[int, str, int, Contender]] = []
     for (path, run, imager), place in zip(loaded, places, strict=True):
         # Two networks of one kind on one array are told apart by their folders.
         label = place[0] if places.count(place) == 1 else f"{place[0]}:{path.resolve().name}"
         array = next(array for array in arrays if array.rx == run.array.rx)
-        contenders.append(_network(label, array, path, run, imager))
+        network = _network(label, array, path, run, imager)
+        networks.append((chosen.index(place[0]), label, arrays.index(array), network))
+    # One method's arrays beside each other, whatever the order of the runs.
+    contenders += [network for *_, network in sorted(networks, key=lambda entry: entry[:3])]
     names = [contender.name for contender in contenders]
     if same := [name for index, name in enumerate(names) if name in names[:index]]:
         raise InputError("--run", f"two runs are named {same[0]!r}", "run folders of different names")

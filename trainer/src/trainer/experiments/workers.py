@@ -64,12 +64,12 @@ class Workers:
     ) -> None:
         if self._pool is None:
             return
-        # After an error, or Ctrl-C, what the processes are at is of no use and may take long.
-        self._pool.shutdown(wait=kind is None, cancel_futures=True)
-        for process in self._processes:
-            if kind is not None:
+        # After an error, or Ctrl-C, what the processes are at is of no use and may take long. The pool ends them all
+        # when it finds one ended; only its own thread may wait for them: the system tells one waiter of each.
+        if kind is not None:
+            for process in self._processes:
                 process.terminate()
-            process.join()
+        self._pool.shutdown(wait=True, cancel_futures=True)
 
     def results(
         self, experiment: Experiment, tasks: Sequence[Task], places: Sequence[int]

@@ -109,7 +109,7 @@ def _figure(figure: ReportFigure) -> str:
     picture = base64.b64encode(figure.png).decode()
     title, caption = html.escape(figure.title), html.escape(figure.caption)
     return (
-        f'<figure><h3>{title}</h3><img alt="{title}" src="data:image/png;base64,{picture}">'
+        f'<figure><img alt="{title}" src="data:image/png;base64,{picture}">'
         f'<figcaption class="note">{caption}</figcaption></figure>'
     )
 

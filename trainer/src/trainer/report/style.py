@@ -92,13 +92,14 @@ class Look:
 
 
 def legend_below(figure: Figure, handles: Sequence[Line2D]) -> None:
-    """Outside of all axes, so that it covers no data."""
-    figure.legend(
-        handles=list(handles),
-        loc="outside lower center",
-        ncols=min(len(handles), int(figure.get_figwidth() / 1.15)),
-        frameon=False,
-    )
+    """Outside of all axes, so that it covers no data; in as many rows as its labels need."""
+    canvas = figure.canvas
+    assert isinstance(canvas, FigureCanvasAgg)
+    for columns in range(len(handles), 0, -1):
+        legend = figure.legend(handles=list(handles), loc="outside lower center", ncols=columns, frameon=False)
+        if columns == 1 or legend.get_window_extent(canvas.get_renderer()).width <= figure.bbox.width:
+            return
+        legend.remove()
 
 
 def counted(count: int, noun: str) -> str:
