@@ -81,7 +81,7 @@ $(STUDY)/report/report.html: $(STUDY_RUNS)
 	$(call EVALUATE,data)
 
 $(STUDY)/unseen-report/report.html: $(STUDY)/unseen/manifest.json $(STUDY_RUNS)
-	$(call EVALUATE,unseen) --experiments street,generalisation
+	$(call EVALUATE,unseen) --experiments street,detection,generalisation
 
 test: lint
 	$(BIN)/python -m pytest -n 2

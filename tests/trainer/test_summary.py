@@ -54,3 +54,10 @@ def test_what_is_undefined_is_blank_and_other_numbers_make_no_line():
     assert head == ["sparse4", "F1", "s an image", "parameters"]
     assert lines == [["unet", "", "1.4", "1 612 123"]]
     assert "reference" not in tables()
+
+
+def test_with_none_of_its_experiments_it_is_a_sentence():
+    text = summary(
+        metrics_table([row("iaa", "sparse4", "bias [bins]", "snr=20 dB", 1.0)], {("iaa", "sparse4"): 1.0}, {})
+    )
+    assert text == "Nothing to sum up: none of detection, resolution, noise-only was run.\n"

@@ -47,11 +47,14 @@ COLUMNS = (
 
 def summary(table: pa.Table) -> str:
     """Markdown: for each array a table with a line for each method; columns whose experiment did not run are left out.
+    Where none ran, a sentence.
 
     :param table: of :func:`trainer.report.tables.metrics_table`
     """
     rows = table.to_pylist()
     arrays = list(dict.fromkeys(row["array"] for row in rows if row[SECONDS] is not None))
+    if not any(_is_of(row, column) for row in rows for column in COLUMNS):
+        return f"Nothing to sum up: none of {', '.join(dict.fromkeys(c.experiment for c in COLUMNS))} was run.\n"
     return "\n".join(_array_table(array, [row for row in rows if row["array"] == array]) for array in arrays)
 
 
