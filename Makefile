@@ -17,7 +17,7 @@ CITIES := --scene scenes/street.usda --scene sionna:simple_street_canyon_with_ca
 
 help:
 	@echo "make dataset   render the example dataset into $(DATASET)"
-	@echo "make study     2000 frames, networks for two arrays, all methods against each other: under two hours on two cores"
+	@echo "make study     2000 frames, networks for two arrays, all methods against each other, two hours on two cores"
 	@echo "make test      lint, types, import directions and all tests"
 	@echo "make smoke     tiny scenes, end to end"
 	@echo "make setup     only the set-up that the others do by themselves"
@@ -49,17 +49,18 @@ $(DATASET)/manifest.json: | $(INSTALLED)
 # Killed, it goes on where it was: a dataset, a run or an evaluation that is begun is resumed, one that is finished stays.
 # Two runs at a time, each on one core.
 study:
-	@$(MAKE) --no-print-directory $(STUDY)/data/manifest.json $(STUDY)/unseen/manifest.json
+	@$(MAKE) --no-print-directory --jobs=1 $(STUDY)/data/manifest.json $(STUDY)/unseen/manifest.json
 	@OMP_NUM_THREADS=1 $(MAKE) --no-print-directory --jobs=2 $(STUDY_RUNS)
-	@$(MAKE) --no-print-directory $(STUDY)/report/report.html $(STUDY)/unseen-report/report.html
+	@$(MAKE) --no-print-directory --jobs=1 $(STUDY)/report/report.html $(STUDY)/unseen-report/report.html
 	@echo
 	@echo "Look at $(STUDY)/report/report.html and $(STUDY)/unseen-report/report.html; the tables are in summary.md beside them."
 
 $(STUDY)/city.usda: | $(INSTALLED)
+	@mkdir -p $(@D)
 	$(BIN)/datafactory city --seed 1 --blocks 4 --out $@
 
-$(STUDY)/data/manifest.json: $(STUDY)/city.usda
-	$(BIN)/datafactory render $(CITIES) --scene $< --frames 1300 --points 700 --rays 100000 --out $(@D) --resume
+$(STUDY)/data/manifest.json: | $(STUDY)/city.usda
+	$(BIN)/datafactory render $(CITIES) --scene $(STUDY)/city.usda --frames 1300 --points 700 --rays 100000 --out $(@D) --resume
 
 $(STUDY)/unseen/manifest.json: | $(INSTALLED)
 	$(BIN)/datafactory render --scene sionna:san_francisco --frames 16 --split 0:0:1 --rays 100000 --out $(@D) --resume

@@ -2,10 +2,12 @@
 
 import hashlib
 import json
+import math
 import resource
 import subprocess
 import sys
 import tempfile
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +24,7 @@ from datafactory.shards import (
     write_manifest,
     write_shard,
 )
+from datafactory.sources import scene_of
 from shared.arrays import AntennaArray, line
 from shared.dataset import Frame, arrow_schema, description
 from shared.dataset_folder import open_dataset, read_manifest, verify
@@ -315,3 +318,15 @@ def test_the_encoding_is_the_one_that_was_measured(tmp_path):
         assert "BYTE_STREAM_SPLIT" in column.encodings
         assert column.compression == "LZ4"
     assert columns["frame_id"].statistics.min == 0
+
+
+@pytest.mark.parametrize("scenes", [1, 2, 3, 4, 5, 6, 8, 12, 16])
+@pytest.mark.parametrize("pattern", ["6:1:1", "13:2:1", "0:0:1", "1:1:1"])
+def test_every_split_gets_every_scene_alike(scenes, pattern):
+    """Over enough frames each scene has its share of each split; four scenes once gave all test frames to the last."""
+    places = sum(map(int, pattern.split(":")))
+    frames = math.lcm(scenes, places) * scenes
+    counts = Counter((scene_of(index, scenes, pattern), split_of(index, pattern)) for index in range(frames))
+    for split in {split_of(index, pattern) for index in range(places)}:
+        assert len({counts[scene, split] for scene in range(scenes)}) == 1
+    assert [scene_of(index, scenes, pattern) for index in range(scenes)] == list(range(scenes))

@@ -37,6 +37,9 @@ def status(capsys, monkeypatch, *arguments):
         (("fit", "s3://", "--out", "run"), "trainer: s3://: names no bucket; expected s3://BUCKET"),
         (("predict", "none", "none", "--out", "o"), "trainer: none: no run.json; expected a run folder"),
         (("export", "none", "--out", "o.onnx"), "trainer: none: no run.json; expected a run folder"),
+        (("evaluate", "none", "--out", "o", "--bogus"), "trainer: No such option: --bogus"),
+        (("evaluate", "none"), "trainer: Missing option '--out'"),
+        (("judge", "none"), "trainer: No such command 'judge'"),
     ],
 )
 def test_a_user_s_error_is_one_line_and_status_2(tmp_path, capsys, monkeypatch, arguments, message):
@@ -56,7 +59,7 @@ def test_a_user_s_error_is_one_line_and_status_2(tmp_path, capsys, monkeypatch, 
     ],
 )  # fmt: skip
 def test_a_run_that_failed_is_one_line_and_status_1(capsys, monkeypatch, error, code, line):
-    def failing():
+    def failing(**_):
         raise error
 
     monkeypatch.setattr(cli, "app", failing)
@@ -64,6 +67,18 @@ def test_a_run_that_failed_is_one_line_and_status_1(capsys, monkeypatch, error, 
     assert found == code
     assert text.startswith(line)
     assert text.count("\n") == 1
+
+
+def test_an_interrupted_command_says_how_to_go_on(capsys, monkeypatch):
+    """As typer hands it on, which swallows Ctrl-C of its own accord."""
+
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("trainer.evaluate.evaluate", interrupted)
+    code, text = status(capsys, monkeypatch, "evaluate", "data", "--out", "out")
+    assert code == 130
+    assert text.startswith("trainer: interrupted; the same command with --resume goes on")
 
 
 def test_fit_predict_and_export_work_one_after_the_other(tmp_path):

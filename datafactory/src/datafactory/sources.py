@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
@@ -21,7 +22,7 @@ from datafactory.scenes.open import open_scene
 from datafactory.scenes.poses import sample_pose
 from datafactory.scenes.scene import Scene
 from datafactory.seeds import frame_seed, generator
-from datafactory.shards import split_of
+from datafactory.shards import parse_split_pattern, split_of
 from datafactory.worker import (
     PointFrame,
     Recipe,
@@ -55,6 +56,20 @@ class Sources:
     probes: tuple[tuple[str, Probe, EffectSet], ...] = ()
 
 
+def scene_of(index: int, scenes: int, pattern: str) -> int:
+    """Scene of frame ``index``: in turn, so that every split has frames of every scene.
+
+    Four scenes in turn under eight splits in turn would meet always alike, all test frames in the last scene. Where the
+    numbers have a common divisor the turn begins one scene later each time that both have come round.
+
+    :param scenes: their number
+    :param pattern: see :func:`datafactory.shards.split_of`
+    """
+    splits = sum(parse_split_pattern(pattern))
+    rounds = index // math.lcm(scenes, splits) if math.gcd(scenes, splits) > 1 else 0
+    return (index + rounds) % scenes
+
+
 def sources_of(order: Order, table: MaterialTable, announce: Announce) -> Sources:
     points: list[Recipe] = [PointFrame(targets) for targets in order.targets] or [PointFrame()] * order.points
     common = {"points": order.points, "targets": [_as_lists(targets) for targets in order.targets]}
@@ -69,10 +84,11 @@ def sources_of(order: Order, table: MaterialTable, announce: Announce) -> Source
         for index, (scene, work) in enumerate(zip(scenes, prepared, strict=True))
     ]
     works = tuple(replace(work, effects=plan.effects) for work, plan in zip(prepared, plans, strict=True))
-    recipes = [
-        SceneFrame(index % len(scenes), order.poses[index] if order.poses else None)
-        for index in range(len(order.poses) or order.frames)
-    ]
+    recipes = (
+        [SceneFrame(index % len(scenes), pose) for index, pose in enumerate(order.poses)]
+        if order.poses
+        else [SceneFrame(scene_of(index, len(scenes), order.split), None) for index in range(order.frames)]
+    )
     arguments = {
         **common,
         "scenes": [{"scene": scene.name, "content": scene.content_hash()} for scene in scenes],

@@ -48,7 +48,7 @@ from trainer.experiments.robustness import Robustness
 from trainer.experiments.store import Cell, CellStore, Values, code_fingerprint
 from trainer.experiments.street import Street, shown_frames
 from trainer.experiments.tradeoff import SECONDS, Tradeoff
-from trainer.experiments.workers import Workers
+from trainer.experiments.workers import Workers, alone
 from trainer.report.page import TRUTH, ReportFigure, ReportFrame, report_page
 from trainer.report.style import save_figure, write_whole
 from trainer.report.summary import summary
@@ -246,7 +246,7 @@ def _cell(family: str, task: Task) -> Cell:
 
 
 def _seconds(bench: Bench, store: CellStore, report: Progress) -> dict[tuple[str, str], float]:
-    """Seconds for one image of each contender: the first test frame, whole."""
+    """Seconds for one image of each contender, one thread: the first test frame, whole."""
     ref = bench.frames[0]
     tasks = [
         contender_task(bench, contender, ref.condition, bench.data_sha256, partial(_time, contender, ref))
@@ -258,7 +258,7 @@ def _seconds(bench: Bench, store: CellStore, report: Progress) -> dict[tuple[str
         cell = _cell(RUNTIME, task)
         values = store.finished(cell)
         if values is None:
-            values = store.keep(cell, task.compute())
+            values = store.keep(cell, alone(task))
         seconds[task.method, task.array] = float(values["seconds"])
     report(RUNTIME, len(tasks), len(tasks))
     return seconds

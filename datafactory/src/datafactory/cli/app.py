@@ -25,6 +25,8 @@ app = typer.Typer(
 )
 for command in (render, points, plan, accuracy, trace, city, inspect, doctor):
     app.command()(command)
+INTERRUPTED = 130
+"""Exit status after Ctrl-C: 128 and the number of the signal."""
 
 
 def main() -> None:
@@ -32,7 +34,10 @@ def main() -> None:
     try:
         for argument in sys.argv[1:]:
             require_utf8(argument)
-        sys.exit(app(standalone_mode=False))
+        status = app(standalone_mode=False)
+        if status == INTERRUPTED:  # how typer hands on Ctrl-C
+            raise KeyboardInterrupt
+        sys.exit(status)
     except InputError as error:
         _fail(str(error), 2)
     except OSError as error:
@@ -42,7 +47,7 @@ def main() -> None:
     except TyperException as error:
         _fail(" ".join(error.format_message().split()), 2)
     except (KeyboardInterrupt, typer.Abort):
-        _fail("interrupted; what was finished is kept: the same command with --resume goes on", 130)
+        _fail("interrupted; what was finished is kept: the same command with --resume goes on", INTERRUPTED)
 
 
 def _fail(line: str, status: int) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 
 import typer
+from typer.exceptions import TyperException
 
 from shared.errors import InputError, require_utf8
 from trainer.cli.evaluate import evaluate
@@ -21,6 +22,8 @@ app = typer.Typer(
 )
 for command in (fit, predict, evaluate, export):
     app.command()(command)
+INTERRUPTED = 130
+"""Exit status after Ctrl-C: 128 and the number of the signal."""
 
 
 def main() -> None:
@@ -28,17 +31,23 @@ def main() -> None:
     try:
         for argument in sys.argv[1:]:
             require_utf8(argument)
-        app()
+        status = app(standalone_mode=False)
+        if status == INTERRUPTED:  # how typer hands on Ctrl-C
+            raise KeyboardInterrupt
+        sys.exit(status)
     except InputError as error:
         _fail(str(error), 2)
     except TrainingStopped as error:
         _fail(str(error), 1)
     except OSError as error:
         _fail(f"{error.filename or 'input/output'}: {error.strerror or error}", 1)
-    except KeyboardInterrupt:
-        _fail("interrupted; the same command with --resume goes on from the last checkpoint", 130)
+    except TyperException as error:
+        _fail(" ".join(error.format_message().split()), 2)
+    except (KeyboardInterrupt, typer.Abort):
+        _fail("interrupted; the same command with --resume goes on from the last checkpoint", INTERRUPTED)
 
 
 def _fail(line: str, status: int) -> None:
-    print(f"trainer: {line}", file=sys.stderr)
+    if line:  # without arguments the help has been printed already
+        print(f"trainer: {line}", file=sys.stderr)
     sys.exit(status)

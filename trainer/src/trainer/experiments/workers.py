@@ -33,6 +33,8 @@ from trainer.experiments.store import Values
 
 AHEAD = 2
 """Tasks handed out for each worker: one at work, one to go on with."""
+GRACE_S = 2.0
+"""What processes at work have to finish before they are ended [s]."""
 
 
 def cores() -> int:
@@ -54,7 +56,7 @@ class Workers:
         self.count = count or cores()
         self.bench = bench
         self._pool: ProcessPoolExecutor | None = None
-        self._processes: list[Any] = []
+        self._others: set[Any] = set()
 
     def __enter__(self) -> Workers:
         return self
@@ -64,12 +66,19 @@ class Workers:
     ) -> None:
         if self._pool is None:
             return
-        # After an error, or Ctrl-C, what the processes are at is of no use and may take long. The pool ends them all
-        # when it finds one ended; only its own thread may wait for them: the system tells one waiter of each.
+        # After an error, or Ctrl-C, what the processes are at is of no use and may take long; but one that is ended in
+        # the middle of handing over its result leaves the pool waiting for the rest. Only the pool waits for them: the
+        # system tells one waiter of each.
+        impatience = threading.Timer(GRACE_S, self._end)
         if kind is not None:
-            for process in self._processes:
-                process.terminate()
+            impatience.start()
         self._pool.shutdown(wait=True, cancel_futures=True)
+        impatience.cancel()
+
+    def _end(self) -> None:
+        for child in multiprocessing.active_children():
+            if child not in self._others:
+                child.terminate()
 
     def results(
         self, experiment: Experiment, tasks: Sequence[Task], places: Sequence[int]
@@ -84,20 +93,20 @@ class Workers:
         """
         if self.count == 1:
             for place in places:
-                yield place, _alone(tasks[place])
+                yield place, alone(tasks[place])
             return
         here = deque(place for place in places if tasks[place].device != "cpu")
         elsewhere = deque(place for place in places if tasks[place].device == "cpu")
         running: dict[Future[Values], int] = {}
-        pool = self._started() if elsewhere else None
         try:
+            pool = self._started() if elsewhere else None
             while here or elsewhere or running:
                 while pool and elsewhere and len(running) < AHEAD * self.count:
                     place = elsewhere.popleft()
                     running[pool.submit(_cell, experiment, place)] = place
                 if here:
                     place = here.popleft()
-                    yield place, _alone(tasks[place])
+                    yield place, alone(tasks[place])
                 finished, _ = wait(running, timeout=0.0 if here else None, return_when=FIRST_COMPLETED)
                 for future in finished:
                     yield running.pop(future), future.result()
@@ -109,7 +118,7 @@ class Workers:
 
     def _started(self) -> ProcessPoolExecutor:
         if self._pool is None:
-            others = set(multiprocessing.active_children())
+            self._others = set(multiprocessing.active_children())
             # Plain pickle: that of multiprocessing would hand weights over in shared memory.
             content = pickle.dumps(_without_gpu(self.bench))
             context = multiprocessing.get_context("spawn")
@@ -117,7 +126,6 @@ class Workers:
             with _deaf_children():
                 for _ in range(self.count):
                     self._pool.submit(int)
-            self._processes = [child for child in multiprocessing.active_children() if child not in others]
         return self._pool
 
 
@@ -144,7 +152,7 @@ def _not_here(_snapshots: object, _noise_power: float) -> Any:
     raise RuntimeError("a contender on a GPU is imaged in the main process")
 
 
-def _alone(task: Task) -> Values:
+def alone(task: Task) -> Values:
     """In this process, with as many threads as a worker has."""
     with threadpool_limits(limits=1):
         return task.compute()
