@@ -27,8 +27,12 @@ DOA = {
     "model": "doa-cnn", "features": "covariance", "target": "doa", "width": 256, "rows": 64, "batch": 2,
     "steps": 4000, "learning_rate": 1e-3, "weight_decay": 0.0, "augment": False, "points": 0,
 }  # fmt: skip
-"""The direction-of-arrival network that the paper compares with, on online samples; with batches of 512 it learned in
-nine minutes of one core what it does in three with 128."""
+"""The direction-of-arrival network that the paper compares with, on online samples of 64 snapshots.
+
+Small batches learn more in the same time: ``trainer fit DIR --array sparse4 --recipe doa --precision bf16``, one
+thread, takes 120 s of the processor with ``--batch 8 --steps 200``, to a validation loss of 0.0289, and 150 s with
+``--batch 2 --steps 700``, to 0.0264.
+"""
 
 
 def fit(

@@ -20,6 +20,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import replace
 from multiprocessing.connection import wait as wait_for_sentinels
+from multiprocessing.process import BaseProcess
 from types import TracebackType
 from typing import Any
 
@@ -34,7 +35,7 @@ from trainer.experiments.store import Values
 AHEAD = 2
 """Tasks handed out for each worker: one at work, one to go on with."""
 GRACE_S = 2.0
-"""What processes at work have to finish before they are ended [s]."""
+"""What processes at work have to finish before they are ended [s]: most cells take less, and nobody minds the wait."""
 
 
 def cores() -> int:
@@ -56,7 +57,7 @@ class Workers:
         self.count = count or cores()
         self.bench = bench
         self._pool: ProcessPoolExecutor | None = None
-        self._others: set[Any] = set()
+        self._others: set[BaseProcess] = set()
 
     def __enter__(self) -> Workers:
         return self
@@ -76,6 +77,7 @@ class Workers:
         impatience.cancel()
 
     def _end(self) -> None:
+        """End the processes of the pool, also those that it started after its first task."""
         for child in multiprocessing.active_children():
             if child not in self._others:
                 child.terminate()
