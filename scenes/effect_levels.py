@@ -21,10 +21,10 @@ from datafactory.scenes.reflectivity import (
     lambertian_sigma0,
     normal_reflectivity,
 )
+from shared.physics.units import amplitude_to_db, power_to_db
 from shared.radar import Radar
 from shared.signal import target_amplitudes
-from shared.units import amplitude_to_db, power_to_db
-from shared.windows import angle_window, cell_noise_power, hann, point_spread
+from shared.signal.windows import angle_window, cell_noise_power, hann, point_spread
 
 RADAR = Radar()
 MID_SWEEP_HZ = RADAR.waveform.mid_sweep_hz

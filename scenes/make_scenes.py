@@ -15,8 +15,8 @@ import trimesh
 from datafactory.scenes.city import City, write_city
 from datafactory.scenes.city_shapes import Surface, box, cylinder, yaw_rotation
 from datafactory.scenes.city_usd import Placement, write_usd
-from shared.units import power_to_db
-from shared.waveform import Waveform
+from shared.physics.units import power_to_db
+from shared.radar.waveform import Waveform
 
 RADAR_POSITION = (0.0, 0.0, 0.6)
 """Where the radar is meant to stand on the test range [m], looking along +x."""

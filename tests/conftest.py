@@ -12,7 +12,7 @@ from hypothesis import settings
 from threadpoolctl import threadpool_limits
 
 from shared.radar import Radar
-from shared.waveform import Waveform
+from shared.radar.waveform import Waveform
 
 # Behind everything else on the path: the folder tests/shared must not come before the package of that name.
 sys.path.append(str(Path(__file__).resolve().parent))

@@ -14,9 +14,9 @@ import pytest
 from numpy.typing import NDArray
 
 from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
-from shared.arrays import AntennaArray
-from shared.imaging import matched_filter_row
 from shared.radar import Radar
+from shared.radar.arrays import AntennaArray
+from shared.signal.imaging import matched_filter_row
 
 LIGHT_MPS = 299_792_458.0
 

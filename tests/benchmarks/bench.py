@@ -27,7 +27,7 @@ from rich.table import Table
 from threadpoolctl import threadpool_limits
 from workloads import FULL, QUICK, Size, Workload
 
-from shared.errors import InputError
+from shared.physics.errors import InputError
 
 BENCHMARKS: dict[str, Callable[[Workload], Record]] = {
     "cube_moving_vs_direct": cubes.moving_vs_direct,

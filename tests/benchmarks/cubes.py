@@ -14,8 +14,8 @@ from references import direct_sum, nufft_sum
 from workloads import SEED, Workload, by_range, street
 
 from datafactory.synthesis.cube import BLOCK_REACH_BINS, OVERSAMPLING, cube_of_paths, terms_for
+from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
-from shared.units import SPEED_OF_LIGHT
 
 NUFFT_TOLERANCE = 1e-6
 NUFFT = "FINUFFT 1D type 1, float64, 1e-6, delays and phases compiled and included, paths sorted beforehand"

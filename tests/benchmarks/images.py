@@ -16,10 +16,10 @@ from datafactory.frames import IMAGE_BATCH
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.cube import cube_of_paths
 from datafactory.synthesis.truth import truth_moments
-from shared.imaging import DEFAULT_TERMS, near_field_images, sweep_moments
 from shared.radar import Radar
-from shared.spectrum import range_doppler, select_doppler
-from shared.windows import hann
+from shared.signal.imaging import DEFAULT_TERMS, near_field_images, sweep_moments
+from shared.signal.spectrum import range_doppler, select_doppler
+from shared.signal.windows import hann
 
 RANGES_M = (3.0, 5.7, 20.0, 60.0)
 FRAMES = 8

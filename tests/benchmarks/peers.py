@@ -12,10 +12,10 @@ from workloads import EGO_SPEED_MPS, SEED, Workload
 from datafactory.paths.backend import select_variant, set_threads
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.cube import cube_of_paths
-from shared.arrays import AntennaArray
+from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
-from shared.units import SPEED_OF_LIGHT
-from shared.waveform import Waveform
+from shared.radar.arrays import AntennaArray
+from shared.radar.waveform import Waveform
 
 SINGLE = AntennaArray(tx_m=((0.0, 0.0, 0.0),), rx_m=((0.0, 0.0, 0.0),))
 MMWRT_SAMPLES = 512

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from record import NotInstalledError
 
 from datafactory.paths.table import PathTable
-from shared.arrays import AntennaArray
-from shared.cycles import phasor
-from shared.imaging import pixel_delays
+from shared.physics.cycles import phasor
+from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
-from shared.units import SPEED_OF_LIGHT
-from shared.windows import hann
+from shared.radar.arrays import AntennaArray
+from shared.signal.imaging import pixel_delays
+from shared.signal.windows import hann
 
 Complex = NDArray[np.complex128]
 Real = NDArray[np.float64]
@@ -103,7 +103,7 @@ def nufft_sum(
 def nufft_image(fast_time: Complex, radar: Radar, array: AntennaArray, rows: NDArray[np.intp]) -> Complex:
     """[rows, U] exact matched filter by one 1D type 2 FINUFFT a channel, 1e-12, one thread.
 
-    The same sum as :func:`shared.imaging.matched_filter_row`, all rows at once.
+    The same sum as :func:`shared.signal.imaging.matched_filter_row`, all rows at once.
 
     :param fast_time: [samples, C]
     """

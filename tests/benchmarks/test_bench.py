@@ -17,8 +17,8 @@ from rich.console import Console
 from typer import Typer
 from typer.testing import CliRunner
 
-from shared.imaging import matched_filter_row
-from shared.waveform import Waveform
+from shared.radar.waveform import Waveform
+from shared.signal.imaging import matched_filter_row
 
 sys.path.append(str(Path(__file__).resolve().parent))
 

@@ -12,9 +12,9 @@ from references import direct_sum
 
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.cube import cube_of_paths
-from shared.arrays import AntennaArray, virtual_sensor_256
 from shared.radar import ImageGrid, Radar
-from shared.waveform import Waveform
+from shared.radar.arrays import AntennaArray, virtual_sensor_256
+from shared.radar.waveform import Waveform
 
 SEED = 20_240
 EGO_SPEED_MPS = 10.0

@@ -35,10 +35,10 @@ from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
 from datafactory.pipeline import render, trace_paths
 from datafactory.scenes.materials import load_materials
 from datafactory.scenes.poses import Pose
-from shared.errors import InputError
-from shared.imaging import sweep_moments
+from shared.physics.errors import InputError
 from shared.radar import ImageGrid, Radar
-from shared.waveform import Waveform
+from shared.radar.waveform import Waveform
+from shared.signal.imaging import sweep_moments
 
 TINY = Path(__file__).resolve().parents[2] / "scenes" / "tiny.usda"
 POSE = Pose((-10.0, 0.0, 0.5), yaw_deg=5.0, velocity=(4.0, 1.0, 0.0))

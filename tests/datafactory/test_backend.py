@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 
 from datafactory.paths import backend
-from shared.errors import InputError
+from shared.physics.errors import InputError
 
 
 @pytest.fixture(autouse=True)

@@ -17,8 +17,8 @@ from datafactory.scenes import city_parts as parts
 from datafactory.scenes.city import City, write_city
 from datafactory.scenes.city_shapes import Surface, framed_pane, prism, stepped_surface, welded
 from datafactory.scenes.city_usd import MATERIAL_COLOURS
-from shared.errors import InputError
-from shared.units import SPEED_OF_LIGHT
+from shared.physics.errors import InputError
+from shared.physics.units import SPEED_OF_LIGHT
 
 SCENES = Path(__file__).resolve().parents[2] / "scenes"
 USD_SCENES = ("street.usda", "test_range.usda", "tiny.usda")

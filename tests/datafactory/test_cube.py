@@ -10,10 +10,10 @@ from oracles import if_cube, relative_error
 
 from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
 from datafactory.synthesis.cube import FLOAT32_TOLERANCE, cube_of_paths, terms_for
-from shared.arrays import AntennaArray, line
 from shared.radar import Radar
-from shared.sweep import shift_error_rms, shift_weights, shift_weights_error, sweep_positions
-from shared.waveform import Waveform
+from shared.radar.arrays import AntennaArray, line
+from shared.radar.waveform import Waveform
+from shared.signal.sweep import shift_error_rms, shift_weights, shift_weights_error, sweep_positions
 
 # The tolerance is a promise; a second or two of hypothesis examples is enough to break a false one.
 PROPERTY = settings(max_examples=40)

@@ -262,7 +262,7 @@ def test_one_wedge_is_sionnas(rx):
 
     Only there. With one face lit, Sionna 2.2.0 gives the faces coefficients of opposite signs (0.9 to 1.3 dB too much
     for V); and H gets the coefficient of V, although a metal face does not short that field. The eigenfunctions of the
-    wedge in ``tests/shared/test_wedge.py`` decide for ours in both cases.
+    wedge in ``tests/shared/physics/test_wedge.py`` decide for ours in both cases.
     """
     of = stage(box("house", (5.0, 0.5, -40.0), (30.0, 40.0, 40.0), "metal"))
     tx = (0.0, -4.0, 0.0)

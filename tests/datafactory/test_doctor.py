@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from datafactory import doctor
 from datafactory.cli.doctor import doctor as command
 from datafactory.doctor import Finding
-from shared.errors import InputError
+from shared.physics.errors import InputError
 
 application = typer.Typer()
 application.command()(command)

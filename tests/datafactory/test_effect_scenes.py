@@ -23,9 +23,9 @@ from datafactory.scenes.materials import load_materials
 from datafactory.scenes.open import open_scene
 from datafactory.scenes.poses import Pose, read_poses
 from datafactory.scenes.scene import Scene
+from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
 from shared.signal import round_trip_delays
-from shared.units import SPEED_OF_LIGHT
 
 SCENES = Path(__file__).resolve().parents[2] / "scenes"
 EFFECTS = SCENES / "effects"

@@ -23,11 +23,11 @@ from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
 from datafactory.scenes.materials import load_materials
 from datafactory.scenes.open import open_scene
 from datafactory.scenes.poses import Pose
-from shared.antenna import IsotropicPattern
-from shared.errors import InputError
-from shared.front_end import FrontEnd
+from shared.physics.errors import InputError
 from shared.radar import Radar
-from shared.waveform import Waveform
+from shared.radar.antenna import IsotropicPattern
+from shared.radar.front_end import FrontEnd
+from shared.radar.waveform import Waveform
 
 CONTRACT = (
     "specular", "diffuse", "multi_bounce", "refraction", "diffraction", "doppler", "range_migration",

@@ -12,13 +12,13 @@ from typer.testing import CliRunner
 from datafactory.cli.inspect import inspect
 from datafactory.inspection import draw_frame, summarise, write_pictures
 from datafactory.shards import plan_shards, split_of, write_manifest, write_shard
-from shared.arrays import avr_qdm_110
 from shared.dataset import Frame, Target, arrow_schema, description
-from shared.dataset_folder import open_dataset
-from shared.errors import InputError
-from shared.imaging import steering_matrix
+from shared.dataset.folder import open_dataset
+from shared.physics.errors import InputError
 from shared.radar import ImageGrid, Radar, load_radar
-from shared.waveform import Waveform
+from shared.radar.arrays import avr_qdm_110
+from shared.radar.waveform import Waveform
+from shared.signal.imaging import steering_matrix
 
 RADAR = Radar(
     name="small", waveform=Waveform(chirps=2, samples=32, range_bins=24), array=avr_qdm_110(), grid=ImageGrid(bins=64)

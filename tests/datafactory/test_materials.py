@@ -22,7 +22,7 @@ from datafactory.scenes.reflectivity import (
     normal_reflectivity,
     scattering_coefficient_for_sigma0,
 )
-from shared.errors import InputError
+from shared.physics.errors import InputError
 
 GHZ = FREQUENCY_HZ / 1e9
 SIGMA_PER_LOSS = 2.0 * math.pi * FREQUENCY_HZ * VACUUM_PERMITTIVITY

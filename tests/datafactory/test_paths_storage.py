@@ -10,7 +10,7 @@ import pytest
 from datafactory.paths.storage import TracedFrame, paths_schema, read_paths, to_row
 from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
 from datafactory.scenes.poses import Pose
-from shared.errors import InputError
+from shared.physics.errors import InputError
 
 
 def a_frame(frame_id: int, scattered: int, specular: int) -> TracedFrame:

@@ -15,7 +15,7 @@ from datafactory.scenes.height_map import height_map
 from datafactory.scenes.poses import SENSOR_HEIGHT_M, Pose, read_poses, sample_pose
 from datafactory.scenes.scene import PointTarget, Scene, SceneObject
 from datafactory.scenes.target_models import Car
-from shared.errors import InputError
+from shared.physics.errors import InputError
 
 # --- rotations ------------------------------------------------------------------------------------------------------
 

@@ -13,7 +13,7 @@ import trimesh
 from datafactory.scenes.mitsuba import read_mitsuba
 from datafactory.scenes.open import open_scene, sionna_scenes
 from datafactory.scenes.scene import SceneObject
-from shared.errors import InputError
+from shared.physics.errors import InputError
 
 CAMPUS = (
     Path(__file__).resolve().parents[2] / ".." / "shared" / "data" / "mitsuba_campus" / "Terrains" / "test_scene.xml"

@@ -11,7 +11,7 @@ import trimesh
 
 from datafactory.scenes.meshes import clean_mesh, place_mesh
 from datafactory.scenes.open import KNOWN_SUFFIXES, open_scene, sionna_scenes
-from shared.errors import InputError
+from shared.physics.errors import InputError
 
 
 def volume(vertices: np.ndarray, triangles: np.ndarray) -> float:

@@ -13,7 +13,7 @@ from datafactory.scenes.primitives import CHORD_ERROR
 from datafactory.scenes.scene import Scene, SceneObject
 from datafactory.scenes.triangulation import triangulate
 from datafactory.scenes.usd import read_usd
-from shared.errors import InputError
+from shared.physics.errors import InputError
 
 REFERENCE = Path(__file__).resolve().parents[2] / ".." / "shared" / "data" / "usd"
 needs_reference = pytest.mark.skipif(not REFERENCE.is_dir(), reason="the reference stages are not beside the checkout")

@@ -25,13 +25,13 @@ from datafactory.shards import (
     write_shard,
 )
 from datafactory.sources import scene_of
-from shared.arrays import AntennaArray, line
 from shared.dataset import Frame, arrow_schema, description
-from shared.dataset_folder import open_dataset, read_manifest, verify
-from shared.dataset_reading import read_frames
-from shared.errors import InputError
+from shared.dataset.folder import open_dataset, read_manifest, verify
+from shared.dataset.reading import read_frames
+from shared.physics.errors import InputError
 from shared.radar import ImageGrid, Radar
-from shared.waveform import Waveform
+from shared.radar.arrays import AntennaArray, line
+from shared.radar.waveform import Waveform
 
 RADAR = Radar(
     waveform=Waveform(chirps=2, samples=8, range_bins=6),

@@ -7,10 +7,10 @@ import pytest
 from oracles import mirror_path, mirrored, scattered_delays, specular_delays
 
 from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
-from shared.antenna import IsotropicPattern, ParabolicPattern
 from shared.radar import FrontEnd, Radar
+from shared.radar.antenna import IsotropicPattern, ParabolicPattern
+from shared.radar.waveform import Waveform
 from shared.signal import round_trip_delays, target_amplitudes
-from shared.waveform import Waveform
 
 LIGHT_MPS = 299_792_458.0
 WALL = (np.array([9.0, 3.0, 0.0]), np.array([-0.8, -0.6, 0.0]))

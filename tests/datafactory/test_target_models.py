@@ -26,10 +26,10 @@ from datafactory.scenes.target_models import (
     target_model,
 )
 from datafactory.synthesis.cube import cube_of_paths
-from shared import rcs
-from shared.errors import InputError
+from shared.physics import rcs
+from shared.physics.errors import InputError
 from shared.radar import Radar
-from shared.spectrum import range_doppler
+from shared.signal.spectrum import range_doppler
 
 WAVELENGTH = 3.868e-3
 

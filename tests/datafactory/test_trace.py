@@ -22,11 +22,11 @@ from datafactory.scenes.materials import Material, MaterialMapping
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import Scene, SceneObject
 from datafactory.synthesis.cube import cube_of_paths
-from shared.antenna import IsotropicPattern
-from shared.arrays import AntennaArray
 from shared.radar import FrontEnd, Radar
-from shared.spectrum import range_doppler
-from shared.waveform import Waveform
+from shared.radar.antenna import IsotropicPattern
+from shared.radar.arrays import AntennaArray
+from shared.radar.waveform import Waveform
+from shared.signal.spectrum import range_doppler
 
 pytestmark = pytest.mark.usefixtures("variant")
 

@@ -15,7 +15,7 @@ from datafactory.paths.transmission import (
     slab_transmission,
 )
 from datafactory.scenes.materials import load_materials
-from shared.errors import InputError
+from shared.physics.errors import InputError
 
 VACUUM = 8.854_187_8128e-12
 COSINES = np.array([1.0, 0.9, 0.6, 0.3, 0.05])

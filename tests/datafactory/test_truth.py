@@ -15,10 +15,10 @@ from oracles import truth_rows
 
 from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
 from datafactory.synthesis.truth import truth_moments
-from shared.arrays import AntennaArray, line
-from shared.imaging import near_field_images
 from shared.radar import ImageGrid, Radar
-from shared.waveform import Waveform
+from shared.radar.arrays import AntennaArray, line
+from shared.radar.waveform import Waveform
+from shared.signal.imaging import near_field_images
 
 STATIC_DB = -60.0
 MOVING_DB = -45.0

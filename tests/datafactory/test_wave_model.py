@@ -11,11 +11,11 @@ from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.cube import cube_of_paths
 from datafactory.synthesis.truth import truth_moments
 from datafactory.synthesis.wave_model import EQUATION_1, WaveModel
-from shared.imaging import near_field_images, sweep_moments
+from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
-from shared.spectrum import range_doppler
-from shared.units import SPEED_OF_LIGHT
-from shared.waveform import Waveform
+from shared.radar.waveform import Waveform
+from shared.signal.imaging import near_field_images, sweep_moments
+from shared.signal.spectrum import range_doppler
 
 RADAR = Radar(waveform=Waveform(samples=256, range_bins=160, chirps=32))
 

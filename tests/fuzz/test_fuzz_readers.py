@@ -27,11 +27,11 @@ from datafactory.scenes.poses import Pose, read_poses
 from datafactory.scenes.scene import Scene
 from datafactory.shards import write_shard, write_tables
 from shared.dataset import VERSION, Frame, arrow_schema, description
-from shared.dataset_folder import MANIFEST, open_dataset, verify
-from shared.dataset_reading import read_frames
-from shared.errors import InputError
+from shared.dataset.folder import MANIFEST, open_dataset, verify
+from shared.dataset.reading import read_frames
+from shared.physics.errors import InputError
 from shared.radar import ImageGrid, Radar, load_radar
-from shared.waveform import Waveform
+from shared.radar.waveform import Waveform
 
 TOKENS = (
     *(b"nan", b"inf", b"-1", b"0", b"1e400", b"1e-320", b"99999999999999999999", b"null", b"true", b"None"),

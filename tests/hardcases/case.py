@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from shared.errors import InputError
+from shared.physics.errors import InputError
 
 
 @dataclass(frozen=True)

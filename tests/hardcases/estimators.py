@@ -11,8 +11,8 @@ import numpy as np
 from hardcases.case import HardCase
 from numpy.typing import NDArray
 
-from shared.arrays import AVR_QDM_110_THINNED_RX
 from shared.radar import Radar
+from shared.radar.arrays import AVR_QDM_110_THINNED_RX
 from trainer.estimators.array import LineArray
 from trainer.estimators.base import ESTIMATORS, UNIFORM_ESTIMATORS, Estimator, line_array
 

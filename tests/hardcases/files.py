@@ -24,9 +24,9 @@ from datafactory.scenes.materials import load_materials
 from datafactory.scenes.open import open_scene
 from datafactory.scenes.poses import read_poses
 from shared.dataset import VERSION
-from shared.dataset_folder import MANIFEST, Dataset, open_dataset, verify
-from shared.dataset_reading import read_frame, read_frames
-from shared.errors import InputError
+from shared.dataset.folder import MANIFEST, Dataset, open_dataset, verify
+from shared.dataset.reading import read_frame, read_frames
+from shared.physics.errors import InputError
 from shared.radar import load_radar
 
 RADAR = """

@@ -15,10 +15,10 @@ from hardcases.tools import small_radar
 from numpy.typing import NDArray
 from oracles import relative_error
 
-from shared.features import covariance_channels, covariance_rows, paper_features, row_features, steering_weights
-from shared.imaging import delay_and_sum, near_field_images, steering_matrix
-from shared.spectrum import select_doppler
-from shared.units import amplitude_to_db, power_to_db
+from shared.physics.units import amplitude_to_db, power_to_db
+from shared.signal.features import covariance_channels, covariance_rows, paper_features, row_features, steering_weights
+from shared.signal.imaging import delay_and_sum, near_field_images, steering_matrix
+from shared.signal.spectrum import select_doppler
 
 ROWS, NOISE_W = 12, 1e-12
 SMALLEST_SUBNORMAL = float(np.finfo(np.float32).smallest_subnormal)

@@ -28,10 +28,10 @@ from datafactory.paths.stage import MergedMesh
 from datafactory.paths.table import PathTable
 from datafactory.scenes.poses import Pose
 from datafactory.synthesis.cube import cube_of_paths
+from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
-from shared.sweep import reference_frequency_hz
-from shared.units import SPEED_OF_LIGHT
-from shared.waveform import Waveform
+from shared.radar.waveform import Waveform
+from shared.signal.sweep import reference_frequency_hz
 
 RANGES_M = (5.0, 50.0, 200.0)
 OFFSETS_M = (0.0, 1e3, 10e3, 500e3)

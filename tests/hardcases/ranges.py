@@ -23,9 +23,9 @@ from oracles import peak_error_db, truth_rows
 from datafactory.points import read_targets
 from datafactory.synthesis.cube import cube_of_paths
 from datafactory.synthesis.truth import truth_moments
-from shared.arrays import AntennaArray, line
-from shared.imaging import near_field_images
-from shared.spectrum import range_doppler, select_doppler
+from shared.radar.arrays import AntennaArray, line
+from shared.signal.imaging import near_field_images
+from shared.signal.spectrum import range_doppler, select_doppler
 
 
 def _near(position: Sequence[float]) -> float:

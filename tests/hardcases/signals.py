@@ -15,12 +15,12 @@ from oracles import if_cube, peak_error_db, truth_rows
 from datafactory.paths.table import PathTable
 from datafactory.synthesis.cube import cube_of_paths
 from datafactory.synthesis.truth import truth_moments
-from shared.arrays import AntennaArray, line
-from shared.cycles import phasor
-from shared.imaging import delay_and_sum, near_field_images
+from shared.physics.cycles import phasor
+from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
-from shared.spectrum import range_doppler, select_doppler
-from shared.units import SPEED_OF_LIGHT
+from shared.radar.arrays import AntennaArray, line
+from shared.signal.imaging import delay_and_sum, near_field_images
+from shared.signal.spectrum import range_doppler, select_doppler
 
 WEAK = 1e-6
 """An echo 120 dB below its neighbour."""

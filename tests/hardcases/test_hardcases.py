@@ -10,7 +10,7 @@ from hardcases.case import HardCase, judge, unrefused
 from hardcases.catalogue import catalogue
 from hardcases.run import markdown_of, records_of
 
-from shared.errors import InputError
+from shared.physics.errors import InputError
 
 CATALOGUE = catalogue()
 

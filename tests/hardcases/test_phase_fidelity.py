@@ -9,8 +9,8 @@ from hardcases.phase_fidelity import FLOOR_DB, PHASE_DEG, YAW_DEG, fidelity, rad
 
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scale import vertex_spacing_m
-from shared.sweep import reference_frequency_hz
-from shared.units import SPEED_OF_LIGHT
+from shared.physics.units import SPEED_OF_LIGHT
+from shared.signal.sweep import reference_frequency_hz
 
 pytestmark = pytest.mark.usefixtures("variant")
 

@@ -17,11 +17,11 @@ from datafactory.scenes.materials import Material, MaterialMapping
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import Scene, SceneObject
 from datafactory.synthesis.cube import cube_of_paths
-from shared.antenna import IsotropicPattern
-from shared.arrays import AntennaArray
 from shared.dataset import Frame
 from shared.radar import FrontEnd, ImageGrid, Radar
-from shared.waveform import Waveform
+from shared.radar.antenna import IsotropicPattern
+from shared.radar.arrays import AntennaArray
+from shared.radar.waveform import Waveform
 
 MIRROR = "mirror"
 """Name of the perfect conductor among :data:`MATERIALS`; ``rough`` scatters diffusely, ``vacuum`` does nothing."""
@@ -134,6 +134,6 @@ def factory(*arguments: object) -> tuple[int, str, str]:
 
 def level_db(value: NDArray | complex | float, reference: complex | float) -> float:
     """Largest magnitude of ``value`` relative to ``reference`` [dB]; -400 where it is zero."""
-    from shared.units import amplitude_to_db
+    from shared.physics.units import amplitude_to_db
 
     return float(amplitude_to_db(np.abs(np.asarray(value)).max() / abs(reference)))

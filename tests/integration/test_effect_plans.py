@@ -33,12 +33,12 @@ from datafactory.scenes.materials import MaterialMapping, load_materials
 from datafactory.scenes.open import open_scene
 from datafactory.scenes.poses import Pose, read_poses
 from datafactory.sources import scene_plan
-from shared.arrays import AntennaArray
-from shared.imaging import delay_and_sum
+from shared.physics.units import amplitude_to_db, power_to_db
 from shared.radar import Radar
-from shared.spectrum import range_doppler
-from shared.units import amplitude_to_db, power_to_db
-from shared.windows import cell_noise_power
+from shared.radar.arrays import AntennaArray
+from shared.signal.imaging import delay_and_sum
+from shared.signal.spectrum import range_doppler
+from shared.signal.windows import cell_noise_power
 
 SCENES = Path(__file__).resolve().parents[2] / "scenes"
 EFFECTS = SCENES / "effects"

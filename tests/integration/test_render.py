@@ -13,9 +13,9 @@ from datafactory import pool
 from datafactory.cli.app import app
 from datafactory.seeds import frame_seed
 from shared.dataset import arrow_schema
-from shared.dataset_folder import open_dataset, verify
-from shared.dataset_reading import open_shard, read_description
-from shared.errors import InputError
+from shared.dataset.folder import open_dataset, verify
+from shared.dataset.reading import open_shard, read_description
+from shared.physics.errors import InputError
 from shared.radar import load_radar
 from shared.signal import if_signal, target_amplitudes
 

@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from datafactory.paths.table import PathTable, ScatteredPaths
-from shared.arrays import AntennaArray, line
-from shared.imaging import delay_and_sum
 from shared.radar import Radar
+from shared.radar.arrays import AntennaArray, line
 from shared.signal import target_amplitudes
+from shared.signal.imaging import delay_and_sum
 
 RADAR = small_radar(samples=48, chirps=4)
 

@@ -16,11 +16,11 @@ from oracles import if_cube
 
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.cube import cube_of_paths
-from shared.arrays import AntennaArray
 from shared.radar import Radar
-from shared.spectrum import range_doppler
-from shared.waveform import Waveform
-from shared.windows import hann
+from shared.radar.arrays import AntennaArray
+from shared.radar.waveform import Waveform
+from shared.signal.spectrum import range_doppler
+from shared.signal.windows import hann
 
 TOLERANCE = 1e-6
 EXAMPLES = 20

@@ -5,7 +5,7 @@ import pytest
 import torch
 from tiny_radar import RADAR, TINY, frame, small_dataset
 
-from shared.errors import InputError
+from shared.physics.errors import InputError
 from trainer.arrays import ArrayChoice
 from trainer.experiments import ablation
 from trainer.experiments.ablation import behind, best_validation, giga_flops, table

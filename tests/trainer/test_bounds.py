@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from shared.errors import InputError
+from shared.physics.errors import InputError
 from shared.radar import Radar
 from trainer.arrays import choose_array
 from trainer.estimators.base import ESTIMATORS, LineArray, line_array

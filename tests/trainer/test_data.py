@@ -12,12 +12,12 @@ import torch
 from pyarrow.fs import LocalFileSystem, SubTreeFileSystem
 from torch.utils.data import DataLoader
 
-from shared.arrays import AntennaArray, line
 from shared.dataset import Frame, arrow_schema, description, to_record_batch
-from shared.errors import InputError
-from shared.locations import RemotePath
+from shared.dataset.locations import RemotePath
+from shared.physics.errors import InputError
 from shared.radar import ImageGrid, Radar
-from shared.waveform import Waveform
+from shared.radar.arrays import AntennaArray, line
+from shared.radar.waveform import Waveform
 from trainer.data import ShardDataset
 
 RADAR = Radar(

@@ -6,8 +6,8 @@ import torch
 from pydantic import ValidationError
 from tiny_radar import RADAR, TINY, frame, write_dataset
 
-from shared.arrays import line
-from shared.features import steering_weights
+from shared.radar.arrays import line
+from shared.signal.features import steering_weights
 from trainer.configuration import FitConfig
 from trainer.doa import AMPLITUDE_SPAN_DB, DoaSamples, DoaTask
 from trainer.export import export

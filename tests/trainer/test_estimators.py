@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.io import loadmat
 
-from shared.errors import InputError
-from shared.imaging import delay_and_sum
+from shared.physics.errors import InputError
 from shared.radar import Radar
+from shared.signal.imaging import delay_and_sum
 from trainer.arrays import choose_array
 from trainer.estimators import array as array_module
 from trainer.estimators.array import check_snapshots, draw_lines, scan_axis, uniform_axis

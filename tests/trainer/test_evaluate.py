@@ -12,12 +12,12 @@ from tiny_radar import RADAR as SHORT_RADAR
 from tiny_radar import TINY, frame, write_dataset
 
 from shared.dataset import Target
-from shared.dataset_folder import open_dataset
-from shared.errors import InputError
+from shared.dataset.folder import open_dataset
+from shared.physics.errors import InputError
 from shared.radar import load_radar
 from shared.signal import if_signal
-from shared.spectrum import range_doppler
-from shared.windows import cell_noise_power
+from shared.signal.spectrum import range_doppler
+from shared.signal.windows import cell_noise_power
 from trainer.arrays import ArrayChoice
 from trainer.cli import main
 from trainer.estimators.das import DelayAndSum

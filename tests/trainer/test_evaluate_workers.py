@@ -15,7 +15,7 @@ import pytest
 from tiny_radar import RADAR, frame, write_dataset
 from troubled_experiment import Troubled
 
-from shared.errors import InputError
+from shared.physics.errors import InputError
 from trainer.errors import TrainingStopped
 from trainer.evaluate import open_bench
 from trainer.experiments.bench import Bench, Settings

@@ -13,8 +13,8 @@ from pyarrow.fs import LocalFileSystem, SubTreeFileSystem
 from safetensors.torch import load_file
 from tiny_radar import RADAR, TINY, frame, small_dataset, write_dataset
 
-from shared.errors import InputError
-from shared.locations import RemotePath
+from shared.dataset.locations import RemotePath
+from shared.physics.errors import InputError
 from trainer.errors import TrainingStopped
 from trainer.fit import fit
 from trainer.predict import predict

@@ -8,8 +8,8 @@ import torch
 from pydantic import ValidationError
 from tiny_radar import NOISE_POWER, RADAR, TINY, frame
 
-from shared.errors import InputError
-from shared.features import steering_weights
+from shared.physics.errors import InputError
+from shared.signal.features import steering_weights
 from trainer.arrays import ArrayChoice, choose_array
 from trainer.augmentation import AngularAugmentation, Draw, draw
 from trainer.configuration import FitConfig

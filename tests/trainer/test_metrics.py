@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from scipy.signal import find_peaks
 from torchmetrics.functional.image import structural_similarity_index_measure
 
-from shared.errors import InputError
+from shared.physics.errors import InputError
 from shared.radar import Radar
-from shared.windows import angle_window
-from shared.windows import point_spread as window_point_spread
+from shared.signal.windows import angle_window
+from shared.signal.windows import point_spread as window_point_spread
 from trainer.arrays import choose_array
 from trainer.estimators.base import ESTIMATORS, LineArray, line_array
 from trainer.metrics.bootstrap import bootstrap_mean, bootstrap_ratio, wilson

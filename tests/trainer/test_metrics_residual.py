@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
-from shared.errors import InputError
+from shared.physics.errors import InputError
 from shared.radar import Radar
 from trainer.arrays import choose_array
 from trainer.estimators.base import ESTIMATORS, LineArray, line_array

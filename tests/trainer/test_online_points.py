@@ -7,7 +7,7 @@ from tiny_radar import RADAR
 
 from shared.radar import load_radar
 from shared.signal import if_signal_of_delays
-from shared.windows import hann
+from shared.signal.windows import hann
 from trainer.online_points import NEIGHBOURS, OnlinePoints, hann_response
 
 CPU = torch.device("cpu")

@@ -9,10 +9,10 @@ import pytest
 import torch
 from tiny_radar import NOISE_POWER, RADAR, TINY, frame, small_dataset, write_dataset
 
-from shared.adaptive import adaptive_tables
-from shared.errors import InputError
-from shared.features import adaptive_features, row_features, steering_weights
+from shared.physics.errors import InputError
 from shared.signal import if_signal
+from shared.signal.adaptive import adaptive_tables
+from shared.signal.features import adaptive_features, row_features, steering_weights
 from trainer.arrays import ArrayChoice
 from trainer.export import export
 from trainer.imager import Imager

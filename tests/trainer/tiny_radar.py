@@ -10,12 +10,12 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from shared.arrays import AntennaArray, line
 from shared.dataset import Frame, arrow_schema, description, to_record_batch
-from shared.features import steering_weights
-from shared.imaging import steering_matrix
 from shared.radar import ImageGrid, Radar
-from shared.waveform import Waveform
+from shared.radar.arrays import AntennaArray, line
+from shared.radar.waveform import Waveform
+from shared.signal.features import steering_weights
+from shared.signal.imaging import steering_matrix
 from trainer.configuration import FitConfig
 
 RADAR = Radar(

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from threadpoolctl import threadpool_info
 
-from shared.errors import InputError
+from shared.physics.errors import InputError
 from trainer.experiments.bench import Bench, Task
 from trainer.experiments.store import Values
 

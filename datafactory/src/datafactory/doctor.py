@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 
 from datafactory.paths.backend import cuda_usable, find_llvm
-from shared.errors import InputError
+from shared.physics.errors import InputError
 
 MINIMUM_PYTHON = (3, 11)
 MINIMUM_MEMORY_GIB = 4.0

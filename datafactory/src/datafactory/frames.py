@@ -18,12 +18,12 @@ from datafactory.synthesis.cube import cube_of_paths
 from datafactory.synthesis.truth import truth_moments
 from datafactory.synthesis.wave_model import WaveModel
 from shared.dataset import Frame, Target
-from shared.imaging import DEFAULT_TERMS, near_field_images
+from shared.physics.units import amplitude_to_db
 from shared.radar import Radar
-from shared.receiver import received
-from shared.spectrum import range_doppler, select_doppler
-from shared.units import amplitude_to_db
-from shared.windows import angle_window, cell_noise_power
+from shared.radar.receiver import received
+from shared.signal.imaging import DEFAULT_TERMS, near_field_images
+from shared.signal.spectrum import range_doppler, select_doppler
+from shared.signal.windows import angle_window, cell_noise_power
 
 IMAGE_BATCH = 16
 """Frames imaged together: twice as many would save a tenth of the time, for 200 MB more."""
@@ -39,7 +39,7 @@ class Processing:
     :param peaks: Doppler cells kept of every range bin, D
     :param noise: add receiver noise
     :param store: "range-channel", "range-doppler" or "cube"
-    :param truth_window: over the virtual sensor's elements, see :func:`shared.windows.angle_window`
+    :param truth_window: over the virtual sensor's elements, see :func:`shared.signal.windows.angle_window`
     :param tolerance: of the cube's synthesis, relative L2
     :param truth_terms: polynomial terms of the truth's range walk
     :param doppler, range_migration, intra_chirp_motion, near_field: effects, see

@@ -14,14 +14,14 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from shared.arrays import AVR_QDM_110_THINNED_RX
 from shared.dataset import Frame
-from shared.dataset_folder import MANIFEST, Dataset
-from shared.dataset_reading import radar_of, read_frame
-from shared.errors import InputError
-from shared.imaging import delay_and_sum
+from shared.dataset.folder import MANIFEST, Dataset
+from shared.dataset.reading import radar_of, read_frame
+from shared.physics.errors import InputError
+from shared.physics.units import amplitude_to_db
 from shared.radar import Radar
-from shared.units import amplitude_to_db
+from shared.radar.arrays import AVR_QDM_110_THINNED_RX
+from shared.signal.imaging import delay_and_sum
 
 SPAN_DB = 60.0
 """Span of the colour bar, down from the brightest cell [dB]."""

@@ -31,8 +31,8 @@ from datafactory.worker import (
     trace_shard,
 )
 from shared.dataset import VERSION, arrow_schema, description
-from shared.dataset_folder import read_manifest
-from shared.windows import angle_window, point_spread
+from shared.dataset.folder import read_manifest
+from shared.signal.windows import angle_window, point_spread
 
 PACKAGES = (
     "sparseradar-shared",

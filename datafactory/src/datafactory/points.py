@@ -17,11 +17,11 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, TypeAdapter, Val
 
 from datafactory.paths.table import PathTable, ScatteredPaths
 from shared.dataset import Target
-from shared.errors import InputError
+from shared.physics.errors import InputError
+from shared.physics.units import FARTHEST_M, FASTEST_MPS, amplitude_to_db, power_to_db
 from shared.radar import Radar, first_validation_error
 from shared.signal import target_amplitudes
-from shared.units import FARTHEST_M, FASTEST_MPS, amplitude_to_db, power_to_db
-from shared.windows import cell_noise_power
+from shared.signal.windows import cell_noise_power
 
 
 @dataclass(frozen=True)

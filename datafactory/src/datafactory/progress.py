@@ -18,8 +18,8 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from datafactory.shards import PARTIAL, ShardPlan, write_json, write_manifest
-from shared.dataset_folder import MANIFEST, ShardRecord, read_manifest
-from shared.errors import InputError
+from shared.dataset.folder import MANIFEST, ShardRecord, read_manifest
+from shared.physics.errors import InputError
 
 FOLDER = ".progress"
 ARGUMENTS = "arguments.json"

@@ -18,8 +18,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from shared.dataset import Frame, to_record_batch
-from shared.dataset_folder import MANIFEST, SPLITS, ShardRecord, Split
-from shared.errors import InputError
+from shared.dataset.folder import MANIFEST, SPLITS, ShardRecord, Split
+from shared.physics.errors import InputError
 
 FRAMES_PER_SHARD = 8
 """Frames in a full shard: 12 MB for the default radar, 400 MB with its cubes; a killed run loses at most this many."""

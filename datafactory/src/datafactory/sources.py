@@ -30,8 +30,8 @@ from datafactory.worker import (
     SceneWork,
     StoredFrame,
 )
-from shared.dataset_folder import MANIFEST, ShardRecord, read_manifest
-from shared.errors import InputError
+from shared.dataset.folder import MANIFEST, ShardRecord, read_manifest
+from shared.physics.errors import InputError
 
 PATHS = "paths"
 """Folder of traced paths, beside the splits."""

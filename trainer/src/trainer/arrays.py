@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
-from shared.arrays import AVR_QDM_110_THINNED_RX
-from shared.errors import InputError
+from shared.physics.errors import InputError
 from shared.radar import Radar, first_validation_error
+from shared.radar.arrays import AVR_QDM_110_THINNED_RX
 
 
 class ArrayChoice(BaseModel):

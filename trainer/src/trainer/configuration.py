@@ -24,7 +24,7 @@ class FitConfig(BaseModel):
     :param width: channels of its first level; of every convolution of the "doa-cnn"
     :param hidden: units of the spectral network's angular mixing
     :param blocks: of the spectral network's U-Net, see :mod:`trainer.networks.blocks`
-    :param features: input, see :mod:`shared.features`
+    :param features: input, see :mod:`shared.signal.features`
     :param iterations: of the spectrum among the "adaptive" features
     :param target: what the network is asked for, see :mod:`trainer.targets`
     :param exponent: compression of the "row" target's magnitudes

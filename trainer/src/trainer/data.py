@@ -11,10 +11,10 @@ import torch
 from torch.utils.data import Dataset as TorchDataset
 
 from shared.dataset import COMPLEX_ARRAYS
-from shared.dataset_folder import open_dataset
-from shared.dataset_reading import open_shard
-from shared.errors import InputError
-from shared.locations import Location
+from shared.dataset.folder import open_dataset
+from shared.dataset.locations import Location
+from shared.dataset.reading import open_shard
+from shared.physics.errors import InputError
 
 COLUMNS = ("range_channel", "velocity", "image", "range_doppler", "cube")
 """Array columns that become tensors."""
@@ -37,7 +37,7 @@ class ShardDataset(TorchDataset[dict[str, torch.Tensor]]):
     because an order that is shuffled anew every epoch comes back to the one as soon as to the other. Nothing open or
     kept is ever pickled or forked into a worker, and only the columns asked for are decoded.
 
-    :param directory: the dataset's folder, local or remote, see :func:`shared.locations.locate`
+    :param directory: the dataset's folder, local or remote, see :func:`shared.dataset.locations.locate`
     :param split: "train", "validation" or "test"
     :param columns: array columns to read, of :data:`COLUMNS`
     :param cache_bytes: decoded columns that every process keeps

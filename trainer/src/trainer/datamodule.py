@@ -9,11 +9,11 @@ from typing import Any
 from lightning.pytorch import LightningDataModule
 from torch.utils.data import ConcatDataset, DataLoader
 
-from shared.dataset_folder import SPLITS, open_dataset, verify
-from shared.dataset_reading import radar_of
-from shared.errors import InputError
-from shared.locations import Location, locate
-from shared.windows import ANGLE_WINDOWS
+from shared.dataset.folder import SPLITS, open_dataset, verify
+from shared.dataset.locations import Location, locate
+from shared.dataset.reading import radar_of
+from shared.physics.errors import InputError
+from shared.signal.windows import ANGLE_WINDOWS
 from trainer.configuration import FitConfig
 from trainer.data import ShardDataset
 from trainer.order import BatchOrder

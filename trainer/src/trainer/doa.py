@@ -13,8 +13,8 @@ from lightning.pytorch import LightningDataModule
 from torch.nn import functional
 from torch.utils.data import DataLoader, Dataset, Subset
 
-from shared.imaging import steering_matrix
 from shared.radar import Radar
+from shared.signal.imaging import steering_matrix
 from trainer.configuration import FitConfig
 from trainer.task import Batch, ImagingTask
 

@@ -18,10 +18,10 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from shared.dataset_folder import MANIFEST, open_dataset
-from shared.dataset_reading import radar_of
-from shared.errors import InputError
-from shared.locations import Location, folder_name, locate
+from shared.dataset.folder import MANIFEST, open_dataset
+from shared.dataset.locations import Location, folder_name, locate
+from shared.dataset.reading import radar_of
+from shared.physics.errors import InputError
 from trainer.arrays import choose_array
 from trainer.experiments.bench import (
     Bench,

@@ -15,7 +15,7 @@ import onnx
 import onnxruntime  # type: ignore[import-untyped]
 import torch
 
-from shared.errors import InputError
+from shared.physics.errors import InputError
 from trainer.errors import TrainingStopped, writing
 from trainer.networks import CHANNELS
 from trainer.runs import load_imager
@@ -45,7 +45,7 @@ def export(run_directory: Path, out: Path) -> Export:
     """Write the run's network as ONNX, float32.
 
     Input ``features`` [1, F, R, U], of the "doa-cnn" [1, 3, R, C * C]; output ``answer`` [1, 1 or 2, R, U]. The
-    features before and the decoding behind it are :mod:`shared.features`, NumPy alone, and a power with the row's
+    features before and the decoding behind it are :mod:`shared.signal.features`, NumPy alone, and a power with the row's
     scale and the gain; array, axes, gain and both names stand in the file's metadata under ``sparseradar``.
 
     :raises InputError: no whole run, an output that cannot be written

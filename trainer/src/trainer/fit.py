@@ -17,8 +17,8 @@ from lightning.pytorch.callbacks import Callback, EarlyStopping
 from lightning.pytorch.loggers import TensorBoardLogger
 from lightning.pytorch.trainer.states import TrainerStatus
 
-from shared.errors import InputError
-from shared.locations import Location
+from shared.dataset.locations import Location
+from shared.physics.errors import InputError
 from trainer.arrays import choose_array
 from trainer.callbacks import LOSS, NMSE, PictureLogger, RunKeeper
 from trainer.configuration import FitConfig

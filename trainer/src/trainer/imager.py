@@ -5,9 +5,15 @@ from __future__ import annotations
 import torch
 from torch import nn
 
-from shared.adaptive import AdaptiveTables, adaptive_tables
-from shared.features import adaptive_features, covariance_channels, paper_features, row_features, steering_weights
 from shared.radar import Radar
+from shared.signal.adaptive import AdaptiveTables, adaptive_tables
+from shared.signal.features import (
+    adaptive_features,
+    covariance_channels,
+    paper_features,
+    row_features,
+    steering_weights,
+)
 from trainer.arrays import ArrayChoice
 from trainer.configuration import FitConfig
 from trainer.networks import build_network

@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from shared.dataset_folder import MANIFEST, SPLITS, open_dataset
-from shared.dataset_reading import radar_of
-from shared.errors import InputError
-from shared.locations import Location, RemotePath, locate
+from shared.dataset.folder import MANIFEST, SPLITS, open_dataset
+from shared.dataset.locations import Location, RemotePath, locate
+from shared.dataset.reading import radar_of
+from shared.physics.errors import InputError
 from shared.radar import Radar, first_validation_error, load_radar
-from shared.spectrum import range_doppler, select_doppler
-from shared.windows import cell_noise_power
+from shared.signal.spectrum import range_doppler, select_doppler
+from shared.signal.windows import cell_noise_power
 
 
 @dataclass(frozen=True, eq=False)

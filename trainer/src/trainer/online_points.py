@@ -20,9 +20,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from shared.imaging import steering_matrix
 from shared.radar import Radar
-from shared.windows import angle_window
+from shared.signal.imaging import steering_matrix
+from shared.signal.windows import angle_window
 
 TARGETS_PER_ROW = (0.05, 3.0)
 """Density of a crop's targets, drawn between these with a uniform logarithm."""
@@ -49,7 +49,7 @@ class PointCrops:
 class OnlinePoints:
     """Crops of point targets for one radar.
 
-    :param truth_window: over the virtual sensor's elements, of :data:`shared.windows.ANGLE_WINDOWS`
+    :param truth_window: over the virtual sensor's elements, of :data:`shared.signal.windows.ANGLE_WINDOWS`
     """
 
     def __init__(self, radar: Radar, truth_window: str) -> None:

@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
+from shared.physics.units import amplitude_to_db
 from shared.radar import Radar
-from shared.units import amplitude_to_db
 from trainer.errors import writing
 
 SPAN_DB = 40.0

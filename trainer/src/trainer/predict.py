@@ -13,8 +13,8 @@ import torch
 from numpy.typing import NDArray
 
 from shared.dataset import METADATA_KEY
-from shared.errors import InputError
-from shared.locations import Location
+from shared.dataset.locations import Location
+from shared.physics.errors import InputError
 from trainer.errors import writing
 from trainer.imager import Imager
 from trainer.measurements import Measurement, open_measurements

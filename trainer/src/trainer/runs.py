@@ -22,9 +22,9 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 
-from shared.dataset_folder import ShardRecord
-from shared.errors import InputError
-from shared.locations import Location, folder_name
+from shared.dataset.folder import ShardRecord
+from shared.dataset.locations import Location, folder_name
+from shared.physics.errors import InputError
 from shared.radar import Radar, first_validation_error
 from trainer.arrays import ArrayChoice
 from trainer.configuration import FitConfig

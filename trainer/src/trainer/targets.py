@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import torch
 
-from shared.units import db_to_power
+from shared.physics.units import db_to_power
 from trainer.configuration import FitConfig
 
 UNITS = {

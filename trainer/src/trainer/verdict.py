@@ -23,9 +23,9 @@ import torch
 from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
-from shared.dataset_folder import open_dataset
-from shared.dataset_reading import radar_of
-from shared.locations import Location, folder_name, locate
+from shared.dataset.folder import open_dataset
+from shared.dataset.locations import Location, folder_name, locate
+from shared.dataset.reading import radar_of
 from trainer.data import ShardDataset
 from trainer.imager import Imager
 from trainer.metrics.detection import D_MAX_BINS, Counts, count_one_to_one, total

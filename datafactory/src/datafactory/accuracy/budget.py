@@ -27,7 +27,7 @@ from datafactory.effects.catalogue import EffectSet
 from datafactory.order import Order
 from datafactory.paths.backend import select_variant, set_threads
 from datafactory.scenes.materials import MaterialTable
-from shared.errors import InputError
+from shared.physics.errors import InputError
 from shared.radar import Radar
 
 FRAMES = 2

@@ -33,10 +33,10 @@ from datafactory.shards import write_shard
 from datafactory.synthesis.cube import FLOAT32_TOLERANCE, cube_of_paths
 from datafactory.synthesis.truth import truth_moments
 from shared.dataset import Frame, arrow_schema, description
-from shared.imaging import delay_and_sum, near_field_images
 from shared.radar import Radar
-from shared.spectrum import DopplerSelection, range_doppler, select_doppler
-from shared.windows import angle_window, cell_noise_power
+from shared.signal.imaging import delay_and_sum, near_field_images
+from shared.signal.spectrum import DopplerSelection, range_doppler, select_doppler
+from shared.signal.windows import angle_window, cell_noise_power
 
 STAGES = ("trace", "delays and spread", "range-Doppler", "truth", "image", "write")
 WAITING = ("trace", "write")

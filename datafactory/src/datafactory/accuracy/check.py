@@ -23,8 +23,8 @@ from datafactory.paths.table import PathTable
 from datafactory.shards import split_of, write_manifest
 from datafactory.synthesis.cube import cube_of_paths
 from shared.dataset import Frame
-from shared.dataset_folder import open_dataset, read_manifest
-from shared.dataset_reading import read_frame
+from shared.dataset.folder import open_dataset, read_manifest
+from shared.dataset.reading import read_frame
 from shared.radar import Radar
 
 HONEST_DB = 3.0

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
-from shared.units import amplitude_to_db
+from shared.physics.units import amplitude_to_db
 
 FLOOR_DB = -200.0
 

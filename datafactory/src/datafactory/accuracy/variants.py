@@ -19,10 +19,10 @@ from datafactory.paths.table import PathTable
 from datafactory.paths.unfold import unit
 from datafactory.synthesis.cube import cube_of_paths
 from datafactory.synthesis.wave_model import EQUATION_1, WaveModel
-from shared.arrays import AntennaArray
-from shared.imaging import sweep_moments
 from shared.radar import Radar
-from shared.windows import hann
+from shared.radar.arrays import AntennaArray
+from shared.signal.imaging import sweep_moments
+from shared.signal.windows import hann
 
 REFERENCE_BLOCK = 32
 """Elements of the virtual sensor whose full cube is held at a time: 64 MB for the default waveform."""

@@ -25,7 +25,7 @@ from datafactory.paths.backend import select_variant, set_threads
 from datafactory.pipeline import Report, render
 from datafactory.scenes.materials import MaterialTable, load_materials
 from datafactory.scenes.poses import read_poses
-from shared.errors import InputError
+from shared.physics.errors import InputError
 from shared.radar import load_radar
 
 PLANNED_FRAMES = 8

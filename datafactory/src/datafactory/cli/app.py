@@ -15,7 +15,7 @@ from datafactory.cli.plan import plan
 from datafactory.cli.points import points
 from datafactory.cli.render import render
 from datafactory.cli.trace import trace
-from shared.errors import InputError, require_utf8
+from shared.physics.errors import InputError, require_utf8
 
 app = typer.Typer(
     help="Scenes to multipath to 77 GHz FMCW radar data in Parquet shards.",

@@ -10,8 +10,8 @@ from rich.console import Console
 from rich.table import Table
 
 from datafactory.inspection import Summary, summarise, write_pictures
-from shared.dataset_folder import SPLITS, open_dataset
-from shared.dataset_folder import verify as verify_dataset
+from shared.dataset.folder import SPLITS, open_dataset
+from shared.dataset.folder import verify as verify_dataset
 
 
 def inspect(

@@ -15,7 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from datafactory.order import Order
 from datafactory.pipeline import Report, render
 from datafactory.scenes.materials import MaterialTable
-from shared.errors import InputError
+from shared.physics.errors import InputError
 from shared.radar import DEFAULT_RADAR
 
 Out = Annotated[Path, typer.Option("--out", help="Folder of the dataset; new or empty.", show_default=False)]

@@ -15,7 +15,7 @@ from datafactory.scenes.materials import load_materials
 from datafactory.shards import parse_split_pattern
 from shared.dataset import STORES
 from shared.radar import load_radar
-from shared.windows import ANGLE_WINDOWS
+from shared.signal.windows import ANGLE_WINDOWS
 
 
 def points(

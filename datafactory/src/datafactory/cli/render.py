@@ -19,9 +19,9 @@ from datafactory.scenes.materials import load_materials
 from datafactory.scenes.poses import read_poses
 from datafactory.shards import parse_split_pattern
 from shared.dataset import STORES
-from shared.errors import InputError
+from shared.physics.errors import InputError
 from shared.radar import load_radar
-from shared.windows import ANGLE_WINDOWS
+from shared.signal.windows import ANGLE_WINDOWS
 
 
 def render(

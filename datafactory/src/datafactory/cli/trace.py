@@ -17,7 +17,7 @@ from datafactory.pipeline import trace_paths
 from datafactory.scenes.materials import load_materials
 from datafactory.scenes.poses import read_poses
 from datafactory.shards import parse_split_pattern
-from shared.errors import InputError
+from shared.physics.errors import InputError
 from shared.radar import load_radar
 
 

@@ -8,10 +8,10 @@ import numpy as np
 
 from datafactory.frames import Processing
 from datafactory.paths.solver import TraceSettings
-from shared.antenna import IsotropicPattern
-from shared.errors import InputError
+from shared.physics.errors import InputError
+from shared.physics.units import power_to_db
 from shared.radar import FrontEnd
-from shared.units import power_to_db
+from shared.radar.antenna import IsotropicPattern
 
 AUTO = "auto"
 DESCRIPTIONS = {

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.table import PathTable
-from shared.arrays import AntennaArray
 from shared.radar import Radar
-from shared.waveform import Waveform
-from shared.windows import hann
+from shared.radar.arrays import AntennaArray
+from shared.radar.waveform import Waveform
+from shared.signal.windows import hann
 
 Real = NDArray[np.float64]
 

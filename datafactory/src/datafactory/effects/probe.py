@@ -22,9 +22,9 @@ from datafactory.paths.trace import trace
 from datafactory.paths.transmission import slab_transmission
 from datafactory.scenes.materials import MaterialMapping
 from datafactory.scenes.poses import Pose
+from shared.physics.units import amplitude_to_db, power_to_db
 from shared.radar import Radar
-from shared.units import amplitude_to_db, power_to_db
-from shared.windows import cell_noise_power
+from shared.signal.windows import cell_noise_power
 
 PROBE_RAYS = 400_000
 """With half of them a surface at 80 m has one to four in a resolution cell, and the plan of one scene of

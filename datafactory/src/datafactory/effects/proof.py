@@ -18,9 +18,9 @@ from datafactory.paths.trace import trace
 from datafactory.synthesis.cube import cube_of_paths
 from datafactory.synthesis.truth import truth_moments
 from datafactory.synthesis.wave_model import WaveModel
-from shared.imaging import delay_and_sum, near_field_images
-from shared.spectrum import range_doppler
-from shared.units import amplitude_to_db, power_to_db
+from shared.physics.units import amplitude_to_db, power_to_db
+from shared.signal.imaging import delay_and_sum, near_field_images
+from shared.signal.spectrum import range_doppler
 
 
 @dataclass(frozen=True)

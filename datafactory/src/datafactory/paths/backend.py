@@ -14,7 +14,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from shared.errors import InputError
+from shared.physics.errors import InputError
 
 CUDA = "cuda_ad_mono_polarized"
 METAL = "metal_ad_mono_polarized"

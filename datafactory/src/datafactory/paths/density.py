@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from datafactory.paths.table import PathTable
 from shared.radar import Radar
-from shared.windows import angle_window, point_spread
+from shared.signal.windows import angle_window, point_spread
 
 FEW_PATHS = 5
 """Below five the amplitude of the sum is visibly not Rayleigh distributed."""

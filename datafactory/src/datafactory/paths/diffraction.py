@@ -1,6 +1,6 @@
 """Waves over one edge: where they turn, how strong they are, and what edges send straight back to the radar.
 
-One way from a source to an observer the field relative to a source of 1 at 1 m is (:mod:`shared.wedge`)
+One way from a source to an observer the field relative to a source of 1 at 1 m is (:mod:`shared.physics.wedge`)
 
     G = D / sqrt(s s' (s + s')) * share,
 
@@ -42,8 +42,8 @@ from datafactory.paths.table import DIFFRACTED, ScatteredPaths, SpecularPaths
 from datafactory.paths.transmission import Polarization, polarization_axis, slab_reflection, slab_transmission
 from datafactory.paths.unfold import unit
 from datafactory.scenes.materials import Material
-from shared.units import SPEED_OF_LIGHT
-from shared.wedge import WedgeGeometry, diffraction_coefficient
+from shared.physics.units import SPEED_OF_LIGHT
+from shared.physics.wedge import WedgeGeometry, diffraction_coefficient
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.scenes.scene import PointTarget
-from shared.units import db_to_power
+from shared.physics.units import db_to_power
 
 Real = NDArray[np.float64]
 

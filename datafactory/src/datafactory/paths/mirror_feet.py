@@ -25,7 +25,7 @@ from datafactory.paths.targets import FAINTEST, slabs_of
 from datafactory.paths.transmission import clear_between, panes_between, slab_reflection
 from datafactory.scenes.materials import MaterialMapping
 from datafactory.scenes.poses import Pose
-from shared.units import SPEED_OF_LIGHT
+from shared.physics.units import SPEED_OF_LIGHT
 
 Real = NDArray[np.float64]
 

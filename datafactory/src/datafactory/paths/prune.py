@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.table import PathTable
+from shared.physics.units import db_to_power
 from shared.radar import Radar
-from shared.units import db_to_power
 
 DEFAULT_LEVEL_DB = -40.0
 """Ten dB below the default error budget of -30 dB."""

@@ -40,7 +40,7 @@ from datafactory.paths.edges import WedgeEdges
 from datafactory.paths.table import DIFFRACTED, TARGET, ScatteredPaths
 from datafactory.paths.transmission import Polarization, polarization_axis
 from datafactory.scenes.materials import Material
-from shared.units import SPEED_OF_LIGHT
+from shared.physics.units import SPEED_OF_LIGHT
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]

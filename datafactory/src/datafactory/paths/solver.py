@@ -28,7 +28,7 @@ from datafactory.paths.stage import Stage
 from datafactory.paths.table import DIFFUSE, REFRACTED, SPECULAR
 from datafactory.scenes.materials import MaterialMapping
 from datafactory.scenes.poses import Pose
-from shared.front_end import Polarization
+from shared.radar.front_end import Polarization
 
 PATTERNS: dict[str, dict[str, Any]] = {
     "lambertian": {"scattering_pattern": "lambertian"},

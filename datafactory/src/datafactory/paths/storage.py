@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 
 from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
 from datafactory.scenes.poses import Pose
-from shared.errors import InputError
+from shared.physics.errors import InputError
 
 SHAPES = {
     "scattered": {

@@ -15,7 +15,7 @@ from datafactory.paths.table import REFRACTED, TARGET, ScatteredPaths
 from datafactory.paths.transmission import clear_between, panes_between
 from datafactory.scenes.materials import Material, MaterialMapping
 from datafactory.scenes.poses import Pose
-from shared.units import SPEED_OF_LIGHT
+from shared.physics.units import SPEED_OF_LIGHT
 
 FAINTEST = 1e-4
 """One-way amplitude behind surfaces below which a target counts as hidden: -160 dB there and back, any wall's case."""

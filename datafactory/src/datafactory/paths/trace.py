@@ -34,7 +34,7 @@ from datafactory.paths.transmission import clear_between
 from datafactory.paths.unfold import image_seen_from_tx, segment_lengths, tx_image_seen_from_rx, unit, with_ends
 from datafactory.scenes.materials import MaterialMapping
 from datafactory.scenes.poses import Pose
-from shared.units import SPEED_OF_LIGHT
+from shared.physics.units import SPEED_OF_LIGHT
 
 
 def trace(

@@ -29,8 +29,8 @@ from datafactory.paths.stage import Stage
 from datafactory.paths.unfold import unit
 from datafactory.scenes.materials import Material, MaterialMapping
 from datafactory.scenes.reflectivity import complex_permittivity
-from shared.errors import InputError
-from shared.units import SPEED_OF_LIGHT
+from shared.physics.errors import InputError
+from shared.physics.units import SPEED_OF_LIGHT
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]

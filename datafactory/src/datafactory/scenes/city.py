@@ -14,7 +14,7 @@ import numpy as np
 from datafactory.scenes import city_parts as parts
 from datafactory.scenes.city_shapes import Surface, stepped_surface, welded
 from datafactory.scenes.city_usd import Placement, check_target, write_usd
-from shared.errors import InputError
+from shared.physics.errors import InputError
 
 BLOCK_LENGTH = 76.0
 LANE = 3.5

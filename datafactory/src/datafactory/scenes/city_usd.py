@@ -17,7 +17,7 @@ import numpy as np
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdShade
 
 from datafactory.scenes.city_shapes import Surface
-from shared.errors import InputError
+from shared.physics.errors import InputError
 
 SUFFIXES = (".usd", ".usda", ".usdc")
 

@@ -16,8 +16,8 @@ from scipy import ndimage
 from datafactory.scenes.height_map import HeightMap, height_map
 from datafactory.scenes.material_names import singular, words
 from datafactory.scenes.scene import PointTarget, Scene
-from shared.dataset_folder import SPLITS, Split
-from shared.errors import InputError
+from shared.dataset.folder import SPLITS, Split
+from shared.physics.errors import InputError
 
 SHARES = (6.0, 1.0, 1.0)
 """Areas of the regions, in the proportion of their frames."""

@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError,
 
 from datafactory.scenes.material_names import phrases, singular, words
 from datafactory.scenes.reflectivity import scattering_coefficient_for_sigma0
-from shared.errors import InputError
+from shared.physics.errors import InputError
 
 FREQUENCY_HZ = 77e9
 """Frequency of the table [Hz]."""

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from datafactory.scenes.notes import Notes
 from datafactory.scenes.scale import note_coarse_vertices, size_remark, vertex_spacing_m
 from datafactory.scenes.scene import Scene, SceneObject
-from shared.errors import InputError
-from shared.units import FARTHEST_M
+from shared.physics.errors import InputError
+from shared.physics.units import FARTHEST_M
 
 MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl")
 Y_UP_TO_Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # (x, y, z) -> (x, -z, y)

@@ -19,7 +19,7 @@ from datafactory.scenes.mitsuba_xml import Shape, read_shapes
 from datafactory.scenes.notes import Notes
 from datafactory.scenes.scale import note_coarse_vertices, size_remark, vertex_spacing_m
 from datafactory.scenes.scene import Scene, SceneObject
-from shared.errors import InputError
+from shared.physics.errors import InputError
 
 ORIGIN = (0.0, 0.0, 0.0)
 

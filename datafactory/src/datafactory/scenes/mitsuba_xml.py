@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from trimesh.transformations import rotation_matrix
 
-from shared.errors import InputError
+from shared.physics.errors import InputError
 
 INCLUDE_DEPTH = 15  # Mitsuba's limit
 LARGEST = 1e60  # of a number in a scene: cubes of it, as in determinants, are still finite

@@ -8,7 +8,7 @@ from pathlib import Path
 from datafactory.scenes.meshes import MESH_SUFFIXES, read_mesh_file
 from datafactory.scenes.mitsuba import read_mitsuba
 from datafactory.scenes.scene import Scene
-from shared.errors import InputError, require_utf8
+from shared.physics.errors import InputError, require_utf8
 
 USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 MITSUBA_SUFFIXES = (".xml",)

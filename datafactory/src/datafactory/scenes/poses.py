@@ -14,8 +14,8 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, TypeAdapter, Val
 from scipy.spatial.transform import Rotation
 
 from datafactory.scenes.ground import Ground, Split
-from shared.errors import InputError
-from shared.units import FARTHEST_M, FASTEST_MPS
+from shared.physics.errors import InputError
+from shared.physics.units import FARTHEST_M, FASTEST_MPS
 
 SENSOR_HEIGHT_M = 0.5
 MAXIMUM_SPEED_MPS = 6.0

@@ -12,8 +12,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shared.errors import InputError
-from shared.units import db_to_power
+from shared.physics.errors import InputError
+from shared.physics.units import db_to_power
 
 VACUUM_PERMITTIVITY = 8.854_187_8128e-12
 """Electric constant [F/m] (CODATA 2018)."""

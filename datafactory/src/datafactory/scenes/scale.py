@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from datafactory.scenes.notes import Notes
 from datafactory.scenes.scene import Scene
-from shared.units import SPEED_OF_LIGHT
+from shared.physics.units import SPEED_OF_LIGHT
 
 PLAUSIBLE_METRES = (0.1, 50e3)
 """Of a scene's longest side: a tin can, a city."""

@@ -17,8 +17,8 @@ from typing import ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from shared import rcs
-from shared.units import SPEED_OF_LIGHT, db_to_power, power_to_db
+from shared.physics import rcs
+from shared.physics.units import SPEED_OF_LIGHT, db_to_power, power_to_db
 
 Real = NDArray[np.float64]
 NOMINAL_WAVELENGTH_M = SPEED_OF_LIGHT / 77e9

@@ -28,8 +28,8 @@ from datafactory.scenes.usd_motion import Frame, Transforms, instance_frames
 from datafactory.scenes.usd_prims import PrimMesh, is_solid, polygon_mesh, solid_mesh
 from datafactory.scenes.usd_stage import check_sizes, open_stage, stage_to_world
 from datafactory.scenes.usd_targets import model_axes, names_count, prim_model, target_kind
-from shared.errors import InputError
-from shared.units import FARTHEST_M, FASTEST_MPS
+from shared.physics.errors import InputError
+from shared.physics.units import FARTHEST_M, FASTEST_MPS
 
 ON_STAGE = Usd.TraverseInstanceProxies()  # active, loaded, defined, not abstract
 IN_PROTOTYPE = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded)  # prototypes are often overs or classes

@@ -11,7 +11,7 @@ from pxr import Usd, UsdGeom, UsdSkel
 from datafactory.scenes import primitives
 from datafactory.scenes.notes import Notes
 from datafactory.scenes.triangulation import triangulate
-from shared.errors import InputError
+from shared.physics.errors import InputError
 
 LARGEST = 1e60  # of a solid's size: squares of it, as in areas, are still finite
 

@@ -13,7 +13,7 @@ from datafactory.scenes.meshes import Y_UP_TO_Z_UP
 from datafactory.scenes.notes import Notes
 from datafactory.scenes.scale import size_remark
 from datafactory.scenes.scene import Scene
-from shared.errors import InputError
+from shared.physics.errors import InputError
 
 # Composition errors after which part of the scene is not there.
 MISSING = (

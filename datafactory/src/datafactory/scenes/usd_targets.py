@@ -21,7 +21,7 @@ from pxr import Usd, UsdGeom
 
 from datafactory.scenes.scene import Vector
 from datafactory.scenes.target_models import MODELS, ROAD_USERS, SIZES, RcsModel, target_model
-from shared.errors import InputError
+from shared.physics.errors import InputError
 
 EXEMPT = "none"
 _BY_NAME = re.compile(rf"({'|'.join(ROAD_USERS)})(?![a-z])", re.IGNORECASE)

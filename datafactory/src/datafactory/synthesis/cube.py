@@ -14,18 +14,18 @@ from numpy.typing import NDArray
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.spread import add_moments, add_to_grid, columns, empty_moments, padded
 from datafactory.synthesis.wave_model import EQUATION_1, WaveModel
-from shared.arrays import AntennaArray
+from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
+from shared.radar.arrays import AntennaArray
+from shared.radar.waveform import Waveform
 from shared.signal import chirp_times
-from shared.sweep import (
+from shared.signal.sweep import (
     reference_frequency_hz,
     shift_error_rms,
     shift_weights,
     shift_weights_error,
     sweep_positions,
 )
-from shared.units import SPEED_OF_LIGHT
-from shared.waveform import Waveform
 
 OVERSAMPLING = 2
 """Range cells a bin: the remainder is half as wide as with 1 and needs fewer moments, for an FFT twice as long."""

@@ -5,7 +5,7 @@ Eq. (1) at sample n, with nu = (n - N/2) / N, f_0 = f_c + B/2 the frequency ther
     s[n] = sum_k A_k exp(j 2 pi f_0 tau_k) exp(j 2 pi x_k nu_n)
 
 Split x = g / h + z into a cell g of a grid h times finer than the bins and a remainder z, and develop the remainder's
-phasor into powers of z (:mod:`shared.sweep`):
+phasor into powers of z (:mod:`shared.signal.sweep`):
 
     s[n] = sum_p q_p(nu_n) sum_g M_p[g] exp(j 2 pi g nu_n / h),      M_p[g] = sum_{k in g} A_k exp(j 2 pi f_0 tau_k)
     z_k^p
@@ -17,7 +17,7 @@ moments:
 
 All channels share the cell of the array's centre, so that the moments of a path are added to one contiguous stretch of
 memory, and every path costs channels * terms multiply-adds; paths come sorted by range, so that the stretch stays in
-cache. The error is that of the weights (:func:`shared.sweep.shift_weights_error`), plus rounding.
+cache. The error is that of the weights (:func:`shared.signal.sweep.shift_weights_error`), plus rounding.
 
 Delays are evaluated in float64 for every TX, RX and chirp; the phase is reduced modulo one cycle before it is rounded.
 """
@@ -29,8 +29,8 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from datafactory.paths.table import ScatteredPaths
-from shared.cycles import phasor, phasor_like
-from shared.units import SPEED_OF_LIGHT
+from shared.physics.cycles import phasor, phasor_like
+from shared.physics.units import SPEED_OF_LIGHT
 
 CHUNK = 64
 """Paths whose phases are evaluated together: long enough to vectorise, short enough to stay in the first cache."""

@@ -14,7 +14,7 @@ range migration in bins over the frame, and
     G(delta, q) = sum_m w_m exp(j 2 pi (delta eta_m + q eta_m^2)) / sum_m w_m.
 
 G is tabulated with its derivatives. Over a block of neighbouring elements f_c varies little, so G becomes a polynomial
-in (f_c - f) + kappa nu; the range remainder becomes one in z (:mod:`shared.sweep`). What is left is to add, for each
+in (f_c - f) + kappa nu; the range remainder becomes one in z (:mod:`shared.signal.sweep`). What is left is to add, for each
 path and Doppler cell, a few moments per element to a grid of range cells, and to combine the cells around each row.
 
 Limits: constant velocities; the delay's third derivative within a frame is left out (2.4e-6 m at 3 m and 10 m/s); rows
@@ -34,12 +34,12 @@ from numpy.typing import NDArray
 
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.wave_model import EQUATION_1, WaveModel
-from shared.cycles import phasor
-from shared.imaging import DEFAULT_TERMS, WALK_REACH
+from shared.physics.cycles import phasor
+from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
-from shared.sweep import reference_frequency_hz, shift_polynomials, sweep_positions
-from shared.units import SPEED_OF_LIGHT
-from shared.windows import hann
+from shared.signal.imaging import DEFAULT_TERMS, WALK_REACH
+from shared.signal.sweep import reference_frequency_hz, shift_polynomials, sweep_positions
+from shared.signal.windows import hann
 
 CELLS_PER_BIN = 2
 BLOCK = 32
@@ -89,7 +89,7 @@ def truth_moments(
     :param paths: illuminated paths, amplitudes in sqrt(W)
     :param doppler_cells: [R] index on the radar's velocity axis for each image row
     :param model: of motion; waves are spherical whatever it says of the input array
-    :returns: what :func:`shared.imaging.near_field_images` takes
+    :returns: what :func:`shared.signal.imaging.near_field_images` takes
     """
     array, waveform = radar.virtual_sensor, radar.waveform
     if len(array.tx_m) != 1:

@@ -16,7 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from shared.radar import Radar
-from shared.sweep import reference_frequency_hz
+from shared.signal.sweep import reference_frequency_hz
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ import typer
 from pydantic import ValidationError
 from rich.console import Console
 
-from shared.errors import InputError
-from shared.locations import locate
+from shared.dataset.locations import locate
+from shared.physics.errors import InputError
 from shared.radar import first_validation_error
 from trainer.configuration import FitConfig
 

@@ -4,7 +4,7 @@ Signal model, for one range bin after range and Doppler processing (plane waves,
 
     x_c = sum_k s_k exp(-j k u_k p_c) + n_c,    k = 2 pi / lambda,    p_c = y_tx + y_rx,    u = sin(azimuth)
 
-with the sign and the mid-sweep wavelength of :func:`shared.imaging.delay_and_sum`, so that a target on the left peaks
+with the sign and the mid-sweep wavelength of :func:`shared.signal.imaging.delay_and_sum`, so that a target on the left peaks
 at u > 0. Valid from about 5 m for the input array of 94 mm; nearer than that the wave front is curved.
 """
 
@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shared.errors import InputError
+from shared.physics.errors import InputError
 from shared.radar import Radar
 
 FINEST_DIVISION = 8

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from shared.errors import InputError
+from shared.physics.errors import InputError
 from trainer.estimators.array import LineArray, image_rows
 
 WINDOWS = {"none": 1.0, "hamming": 0.54, "hann": 0.5}

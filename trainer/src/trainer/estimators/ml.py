@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from shared.errors import InputError
+from shared.physics.errors import InputError
 from trainer.estimators.array import ROWS_AT_ONCE, LineArray, check_snapshots, draw_lines, image_rows, uniform_axis
 from trainer.estimators.lines import bounded_amplitudes, line_amplitudes, refine_lines
 

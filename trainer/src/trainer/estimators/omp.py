@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 from scipy.special import gammaln
 from scipy.stats import chi2
 
-from shared.errors import InputError
+from shared.physics.errors import InputError
 from trainer.estimators.array import LineArray, draw_lines, image_rows, scan_axis, uniform_axis
 from trainer.estimators.lines import bounded_amplitudes, line_amplitudes, refine_lines
 

@@ -23,8 +23,8 @@ import torch
 from numpy.typing import NDArray
 from torch.utils.flop_counter import FlopCounterMode
 
-from shared.errors import InputError
-from shared.windows import cell_noise_power
+from shared.physics.errors import InputError
+from shared.signal.windows import cell_noise_power
 from trainer.arrays import choose_array
 from trainer.configuration import FitConfig
 from trainer.data import ShardDataset

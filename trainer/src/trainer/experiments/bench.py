@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 from pydantic import BaseModel, ConfigDict, Field
 
-from shared.locations import Location
+from shared.dataset.locations import Location
 from shared.radar import Radar
 from trainer.experiments.contenders import Contender
 from trainer.experiments.store import Values, digest

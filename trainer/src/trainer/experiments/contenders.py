@@ -12,8 +12,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from shared.errors import InputError
-from shared.locations import Location
+from shared.dataset.locations import Location
+from shared.physics.errors import InputError
 from shared.radar import Radar
 from trainer.arrays import ArrayChoice
 from trainer.estimators.base import ESTIMATORS, Estimator, LineArray, line_array

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from shared.dataset import Frame, Target
-from shared.dataset_reading import read_frame
+from shared.dataset.reading import read_frame
 from shared.radar import Radar
 from trainer.experiments.bench import Bench, FrameRef, MetricRow, Results, Task, contender_task, mean_row, ratio_row
 from trainer.experiments.contenders import Contender

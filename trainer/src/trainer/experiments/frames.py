@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shared.dataset import Frame
-from shared.dataset_folder import Dataset
-from shared.dataset_reading import read_frame
+from shared.dataset.folder import Dataset
+from shared.dataset.reading import read_frame
 from shared.radar import Radar
 from trainer.experiments.bench import KEPT, Bench, FrameRef, Results, Task, contender_task
 from trainer.experiments.contenders import AMPLITUDE, Contender

@@ -18,8 +18,8 @@ import scipy.io
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from shared.errors import InputError
-from shared.units import SPEED_OF_LIGHT
+from shared.physics.errors import InputError
+from shared.physics.units import SPEED_OF_LIGHT
 from trainer.estimators.base import ESTIMATORS, UNIFORM_ESTIMATORS, Estimator, LineArray
 from trainer.estimators.ml import MaximumLikelihood
 from trainer.estimators.music import Music

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from shared.radar import Radar
-from shared.windows import cell_noise_power
+from shared.signal.windows import cell_noise_power
 from trainer.experiments.bench import KEPT, Bench, MetricRow, Results, Task, contender_task, mean_row
 from trainer.experiments.contenders import AMPLITUDE, Contender
 from trainer.experiments.levels import PROBABILITY

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shared.arrays import AntennaArray
 from shared.radar import Radar
-from shared.windows import cell_noise_power
+from shared.radar.arrays import AntennaArray
+from shared.signal.windows import cell_noise_power
 from trainer.estimators.base import line_array
 from trainer.experiments.contenders import Contender
 from trainer.experiments.simulation import amplitude_of, in_plane, snapshot

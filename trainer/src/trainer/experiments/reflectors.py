@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from shared.radar import Radar
 from shared.signal import target_amplitudes
-from shared.windows import cell_noise_power
+from shared.signal.windows import cell_noise_power
 from trainer.experiments.bench import KEPT, Bench, MetricRow, Results, Task, contender_task, radar_task, share_row
 from trainer.experiments.contenders import Contender
 from trainer.experiments.levels import own_levels

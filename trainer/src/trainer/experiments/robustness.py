@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from shared.arrays import AntennaArray
+from shared.radar.arrays import AntennaArray
 from trainer.arrays import ArrayChoice
 from trainer.experiments.bench import KEPT, Bench, MetricRow, Results, Task, contender_task, mean_row, share_row
 from trainer.experiments.contenders import Contender

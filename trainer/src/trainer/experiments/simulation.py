@@ -11,11 +11,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from shared.imaging import DEFAULT_TERMS, near_field_images, sweep_moments
 from shared.radar import Radar
 from shared.signal import if_signal
-from shared.spectrum import range_doppler
-from shared.windows import angle_window, cell_noise_power, hann
+from shared.signal.imaging import DEFAULT_TERMS, near_field_images, sweep_moments
+from shared.signal.spectrum import range_doppler
+from shared.signal.windows import angle_window, cell_noise_power, hann
 
 TRUTH_WINDOW = "taylor-30"
 """Of the virtual sensor's elements, the dataset factory's default."""

@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shared.errors import InputError
-from shared.locations import sha256_of
+from shared.dataset.locations import sha256_of
+from shared.physics.errors import InputError
 
 Values = Mapping[str, NDArray[Any]]
 """Named arrays, numbers among them as arrays without axes."""

@@ -27,7 +27,7 @@ from typing import Any
 import torch
 from threadpoolctl import threadpool_limits
 
-from shared.errors import InputError
+from shared.physics.errors import InputError
 from trainer.errors import TrainingStopped
 from trainer.experiments.bench import Bench, Experiment, Task
 from trainer.experiments.store import Values

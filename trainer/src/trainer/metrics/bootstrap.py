@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binomtest, bootstrap
 
-from shared.errors import InputError
+from shared.physics.errors import InputError
 
 CONFIDENCE = 0.95
 RESAMPLES = 2000

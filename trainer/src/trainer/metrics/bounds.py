@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from shared.errors import InputError
+from shared.physics.errors import InputError
 from trainer.estimators.array import LineArray
 
 

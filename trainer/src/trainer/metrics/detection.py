@@ -16,7 +16,7 @@ from scipy.ndimage import maximum_filter1d
 from scipy.optimize import linear_sum_assignment
 from scipy.signal import find_peaks
 
-from shared.errors import InputError
+from shared.physics.errors import InputError
 
 THRESHOLD = 0.5
 """Height of a peak that counts, of the row's maximum (paper, section IV-C)."""

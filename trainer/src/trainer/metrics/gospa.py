@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
-from shared.errors import InputError
+from shared.physics.errors import InputError
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from shared.errors import InputError
-from shared.units import amplitude_to_db
+from shared.physics.errors import InputError
+from shared.physics.units import amplitude_to_db
 
 SPAN_DB = 40.0
 """Dynamic range in which images are compared in dB."""

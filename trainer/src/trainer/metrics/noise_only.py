@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
-from shared.errors import InputError
+from shared.physics.errors import InputError
 from trainer.estimators.array import LineArray
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from shared.errors import InputError
+from shared.physics.errors import InputError
 from trainer.estimators.array import LineArray, check_snapshots
 from trainer.estimators.lines import RIDGE, line_amplitudes, refine_lines
 from trainer.metrics.detection import find_image_peaks

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shared.errors import InputError
+from shared.physics.errors import InputError
 from trainer.estimators.array import LineArray
 
 CENTRE_SPAN = 0.5

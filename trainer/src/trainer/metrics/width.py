@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from shared.errors import InputError
+from shared.physics.errors import InputError
 
 
 @dataclass(frozen=True)

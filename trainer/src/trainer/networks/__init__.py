@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from torch import nn
 
-from shared.features import ADAPTIVE_CHANNELS, COMPRESSED, COVARIANCE_CHANNELS, PAPER_CHANNELS, ROW_CHANNELS
+from shared.signal.features import ADAPTIVE_CHANNELS, COMPRESSED, COVARIANCE_CHANNELS, PAPER_CHANNELS, ROW_CHANNELS
 from trainer.configuration import FitConfig
 from trainer.networks.attention_unet import AttentionUNet
 from trainer.networks.doa_cnn import DoaCnn

@@ -19,7 +19,7 @@ DROPOUT = 0.3
 
 
 class DoaCnn(nn.Module):
-    """[B, 3, R, C * C] covariances (:func:`shared.features.covariance_channels`) to [B, 1, R, U] logits.
+    """[B, 3, R, C * C] covariances (:func:`shared.signal.features.covariance_channels`) to [B, 1, R, U] logits.
 
     :param channels: C of the array, at least 9
     :param bins: U, angles of the grid

@@ -18,8 +18,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
+from shared.physics.units import amplitude_to_db
 from shared.radar import Radar
-from shared.units import amplitude_to_db
 from trainer.pictures import hold_peaks
 
 SPAN_DB = 40.0

@@ -1,0 +1,204 @@
+"""Reading shards: single frames, streams of frames in bounded memory, and what a shard says about itself."""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from shared.dataset import COMPLEX_ARRAYS, METADATA_KEY, SCALARS, VECTORS, VERSION, Frame, Target, row_bytes
+from shared.dataset.locations import Location, file_size, open_parquet
+from shared.physics.errors import InputError
+from shared.radar import FrontEnd, Radar, first_validation_error
+from shared.radar.arrays import AntennaArray
+from shared.radar.waveform import Waveform
+
+SELECTABLE = ("range_channel", "velocity", "image", "targets", "range_doppler", "cube")
+"""Columns that a reader may leave out; the others are a few bytes a frame and always read."""
+
+BATCH_BYTES = 64 << 20
+"""Array bytes decoded at a time while streaming: some 30 frames of the default radar, one of its cubes."""
+
+# What pyarrow raises for a file that is missing, cut short or damaged (a damaged name is no UTF-8 any more).
+_READ_ERRORS = (pa.ArrowException, OSError, UnicodeDecodeError)
+
+
+def open_shard(path: Location) -> pq.ParquetFile:
+    """The Parquet file, opened.
+
+    :raises InputError: missing, cut short or no Parquet file
+    """
+    if file_size(path) is None:
+        raise InputError(path, "no such file", "a Parquet shard")
+    try:
+        return open_parquet(path)
+    except _READ_ERRORS as error:
+        raise InputError(path, f"not readable as Parquet: {error}", "a whole Parquet shard") from error
+
+
+def read_description(path: Location) -> dict[str, Any]:
+    """The JSON description in a shard's schema, its version and its columns checked.
+
+    :raises InputError: not a shard of this format, or of a newer version of it
+    """
+    with open_shard(path) as file:
+        return copy.deepcopy(_description(path, file.schema_arrow))
+
+
+def check_version(source: object, document: object) -> None:
+    """Refuse what a newer version made, or what has no version.
+
+    :raises InputError: always naming ``source``
+    """
+    version = document.get("version") if isinstance(document, dict) else None
+    if not isinstance(version, int) or isinstance(version, bool) or version < 1:
+        raise InputError(source, f"version = {version!r}", f"a format version from 1 to {VERSION}")
+    if version > VERSION:
+        raise InputError(source, f"made by a newer version: version {version}; this reads up to {VERSION}; upgrade")
+
+
+def frame_from_row(batch: pa.RecordBatch, row: int, shapes: Mapping[str, Sequence[int]]) -> Frame:
+    """One row as a frame; its arrays are read-only views of the batch's memory.
+
+    :param shapes: the description's shapes, by column
+    """
+    names = batch.schema.names
+    small = [name for name in names if name in SCALARS or name in VECTORS]
+    values: dict[str, Any] = {name: batch.column(name)[row].as_py() for name in small}
+    values.update((name, tuple(values[name])) for name in VECTORS)
+    values.update((name, _array(batch, name, row, shapes[name])) for name in shapes)
+    return Frame(**values, targets=_targets(batch, row) if "targets" in names else ())
+
+
+def read_frames(path: Location, columns: Sequence[str] | None = None) -> Iterator[Frame]:
+    """The frames of one shard one after the other, in bounded memory.
+
+    :param columns: which of :data:`SELECTABLE` to read, all by default; an array left out has length 0 along its first
+        axis (None for ``range_doppler`` and ``cube``), targets left out are ()
+    :raises InputError: a file that is missing, damaged or of a newer version; a column that it does not have
+    """
+    with open_shard(path) as file:
+        shapes = _description(path, file.schema_arrow)["shapes"]
+        wanted = _wanted_columns(path, file, columns)
+        rows = max(1, BATCH_BYTES // max(1, row_bytes(shapes, wanted)))
+        try:
+            for batch in file.iter_batches(batch_size=rows, columns=wanted, use_threads=False):
+                for row in range(len(batch)):
+                    yield frame_from_row(batch, row, shapes)
+        except _READ_ERRORS as error:
+            raise InputError(path, f"damaged: {error}", "a shard as it was written") from error
+
+
+def read_frame(path: Location, row: int, columns: Sequence[str] | None = None) -> Frame:
+    """Frame ``row`` of a shard; only its row group is read. ``columns`` and errors as in :func:`read_frames`."""
+    with open_shard(path) as file:
+        shapes = _description(path, file.schema_arrow)["shapes"]
+        wanted = _wanted_columns(path, file, columns)
+        if not 0 <= row < file.metadata.num_rows:
+            raise InputError(path, f"row {row}", f"a row from 0 to {file.metadata.num_rows - 1}")
+        group, first = 0, 0
+        while row >= first + file.metadata.row_group(group).num_rows:
+            first += file.metadata.row_group(group).num_rows
+            group += 1
+        try:
+            table = file.read_row_group(group, columns=wanted, use_threads=False)
+        except _READ_ERRORS as error:
+            raise InputError(path, f"damaged: {error}", "a shard as it was written") from error
+    return frame_from_row(table.slice(row - first, 1).combine_chunks().to_batches()[0], 0, shapes)
+
+
+def radar_of(description: Mapping[str, Any], source: object = "description") -> Radar:
+    """The radar that a description or a manifest holds (the inverse of ``Radar.metadata``).
+
+    :param source: the file that messages name
+    :raises InputError: fields that are missing or that no radar allows
+    """
+    try:
+        radar, u = description["radar"], description["axes"]["u"]
+        # u_stop is not among the axes; 12 digits undo the rounding of step = (stop - start) / bins.
+        grid = {"u_start": u["start"], "u_stop": round(u["start"] + u["step"] * u["bins"], 12), "bins": u["bins"]}
+        fields = {
+            "name": radar["name"],
+            "waveform": {name: radar[name] for name in Waveform.model_fields},
+            # Imperfections of the front end came later: a dataset that does not name them was made without.
+            "front_end": {name: radar[name] for name in FrontEnd.model_fields if name in radar},
+            "grid": grid,
+        }
+        for array in ("array", "virtual_sensor"):
+            fields[array] = {name: description[array][name] for name in AntennaArray.model_fields}
+        return Radar.model_validate(fields)
+    except ValidationError as error:
+        raise InputError(source, *first_validation_error(error)) from error
+    except (KeyError, TypeError) as error:
+        raise InputError(source, f"no whole radar in the metadata: {error!r}", "the entries of version 1") from error
+
+
+@lru_cache(maxsize=16)
+def _parsed(text: bytes) -> Any:
+    """The JSON value; shared, not to be changed. To parse 256 positions anew is a tenth of reading a frame."""
+    return json.loads(text)
+
+
+def _description(path: Location, schema: pa.Schema) -> dict[str, Any]:
+    metadata = schema.metadata or {}
+    if METADATA_KEY not in metadata:
+        raise InputError(path, "the schema has no metadata 'sparseradar'", "a shard made by datafactory")
+    try:
+        description = _parsed(metadata[METADATA_KEY])
+    except (ValueError, RecursionError) as error:
+        raise InputError(path, f"metadata 'sparseradar' is not JSON: {error}", "a shard made by datafactory") from error
+    check_version(path, description)
+    _check_columns(path, schema, description)
+    return description
+
+
+def _check_columns(path: Location, schema: pa.Schema, description: Mapping[str, Any]) -> None:
+    """Every column that a frame needs, and arrays as long as the description's shapes say."""
+    shapes = description.get("shapes", {})
+    if not isinstance(shapes, dict) or not all(map(_is_shape, shapes.values())):
+        raise InputError(path, "shapes are not lists of lengths by column", "the columns of version 1")
+    required = {*SCALARS, *VECTORS, "range_channel", "velocity", "image"}
+    if missing := sorted(required - set(schema.names)) or sorted(required - {*SCALARS, *VECTORS} - shapes.keys()):
+        raise InputError(path, f"no column or no shape for {missing[0]!r}", "the columns of version 1")
+    for column, shape in shapes.items():
+        values = math.prod(shape)
+        kind = schema.field(column).type if column in schema.names else pa.null()
+        if not pa.types.is_fixed_size_list(kind) or kind.list_size != values:
+            raise InputError(path, f"{column} is {kind}", f"a fixed_size_list<float> of {values}, as its shape says")
+
+
+def _is_shape(value: object) -> bool:
+    return isinstance(value, list) and all(type(length) is int and length > 0 for length in value)
+
+
+def _wanted_columns(path: Location, file: pq.ParquetFile, columns: Sequence[str] | None) -> list[str]:
+    present = file.schema_arrow.names
+    selectable = [name for name in present if name in SELECTABLE]
+    if unknown := sorted(set(columns or ()) - set(selectable)):
+        raise InputError(path, f"no column {unknown[0]!r}", f"some of {selectable}")
+    chosen = {*SCALARS, *VECTORS, *(selectable if columns is None else columns)}
+    return [name for name in present if name in chosen]
+
+
+def _array(batch: pa.RecordBatch, name: str, row: int, shape: Sequence[int]) -> NDArray[Any] | None:
+    if name not in batch.schema.names:
+        if name in ("range_doppler", "cube"):
+            return None
+        values = np.empty((0, *shape[1:]), dtype=np.float32)
+    else:
+        values = batch.column(name).slice(row, 1).flatten().to_numpy().reshape(shape)
+    return values.view(np.complex64)[..., 0] if name in COMPLEX_ARRAYS else values
+
+
+def _targets(batch: pa.RecordBatch, row: int) -> tuple[Target, ...]:
+    structs = batch.column("targets").slice(row, 1).flatten()
+    return tuple(Target(*values) for values in zip(*(field.to_pylist() for field in structs.flatten()), strict=True))

@@ -1,0 +1,101 @@
+"""Antenna arrays: where the elements stand, and which virtual elements they form.
+
+Radar frame: x forward (boresight), y left, z up, metres (ISO 8855). The origin is the centroid of the full array's RX
+elements, because with few TX close together that is the point from which the angle of an echo is seen; a thinned array
+keeps the full array's origin, so that images of all arrays register.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+
+from shared.physics.units import SPEED_OF_LIGHT
+
+Position = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+
+AVR_QDM_110_THINNED_RX = {"full": tuple(range(16)), "sparse6": (0, 1, 6, 10, 13, 15), "sparse4": (0, 1, 10, 15)}
+"""RX elements kept by the paper's arrays (its Fig. 4 and published code), by array name."""
+
+
+class AntennaArray(BaseModel):
+    """A MIMO array of TX and RX phase centres.
+
+    :param tx_m: TX positions in the radar frame [m]
+    :param rx_m: RX positions in the radar frame [m]
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    tx_m: Annotated[tuple[Position, ...], Field(min_length=1)]
+    rx_m: Annotated[tuple[Position, ...], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _within_a_metre(self) -> AntennaArray:
+        reach = max(np.abs(self.tx).max(), np.abs(self.rx).max())
+        if reach > 1.0:
+            raise ValueError(f"array positions reach {reach:g} m from the origin; expected metres, at most 1 m")
+        return self
+
+    @property
+    def tx(self) -> NDArray[np.float64]:
+        """[TX, 3] positions [m]."""
+        return np.array(self.tx_m, dtype=np.float64)
+
+    @property
+    def rx(self) -> NDArray[np.float64]:
+        """[RX, 3] positions [m]."""
+        return np.array(self.rx_m, dtype=np.float64)
+
+    @property
+    def channels(self) -> int:
+        """Number of virtual elements, TX times RX."""
+        return len(self.tx_m) * len(self.rx_m)
+
+    @property
+    def channel_tx(self) -> NDArray[np.intp]:
+        """[channels] TX index of each virtual element; rx-major order, index = TX count * rx + tx."""
+        return np.tile(np.arange(len(self.tx_m)), len(self.rx_m))
+
+    @property
+    def channel_rx(self) -> NDArray[np.intp]:
+        """[channels] RX index of each virtual element, see :attr:`channel_tx`."""
+        return np.repeat(np.arange(len(self.rx_m)), len(self.tx_m))
+
+    @property
+    def virtual(self) -> NDArray[np.float64]:
+        """[channels, 3] sums of TX and RX position [m]: in the far field the echo's path is 2 R - u . (tx + rx)."""
+        return self.tx[self.channel_tx] + self.rx[self.channel_rx]
+
+    def channel_indices(self, rx: tuple[int, ...]) -> NDArray[np.intp]:
+        """Indices of the virtual elements that use one of these RX elements, in this array's channel order."""
+        unknown = sorted(set(rx) - set(range(len(self.rx_m))))
+        if unknown:
+            raise ValueError(f"RX {unknown} do not exist; expected indices from 0 to {len(self.rx_m) - 1}")
+        return np.flatnonzero(np.isin(self.channel_rx, rx))
+
+
+def line(y_m: NDArray[np.float64]) -> tuple[Position, ...]:
+    """Positions of elements along y, for :class:`AntennaArray`."""
+    return tuple((0.0, float(y), 0.0) for y in y_m)
+
+
+def avr_qdm_110() -> AntennaArray:
+    """The array of the AVR-QDM-110 (paper, Table 1 and Fig. 4): 3 TX and 16 RX, 48 virtual elements on a 2 mm grid.
+
+    Published: TX at -5, -3, -1 mm, RX at 0, 6, ..., 90 mm; here moved by -45 mm to the RX centroid.
+    """
+    shift = -45e-3
+    return AntennaArray(
+        tx_m=line(np.array([-5e-3, -3e-3, -1e-3]) + shift),
+        rx_m=line(6e-3 * np.arange(16, dtype=np.float64) + shift),
+    )
+
+
+def virtual_sensor_256(carrier_hz: float) -> AntennaArray:
+    """The truth's sensor (paper, section II-B): 1 TX at the origin, 256 RX at half a carrier wavelength [Hz]."""
+    spacing = SPEED_OF_LIGHT / (2.0 * carrier_hz)
+    return AntennaArray(tx_m=((0.0, 0.0, 0.0),), rx_m=line(spacing * (np.arange(256, dtype=np.float64) - 127.5)))

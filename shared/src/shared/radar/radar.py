@@ -1,0 +1,196 @@
+"""A radar: waveform, array, front end and image grid; its presets, its TOML file and its metadata."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
+
+from shared.physics.errors import InputError
+from shared.physics.units import BOLTZMANN, REFERENCE_TEMPERATURE, db_to_power
+from shared.radar.antenna import PatchPattern, read_table
+from shared.radar.arrays import AntennaArray, avr_qdm_110, virtual_sensor_256
+from shared.radar.front_end import FrontEnd
+from shared.radar.waveform import Waveform
+
+
+class ImageGrid(BaseModel):
+    """The angle axis of range-angle images: ``u_j = u_start + j (u_stop - u_start) / bins``.
+
+    :param u_start: first u = sin(azimuth)
+    :param u_stop: end of the axis, not on the grid
+    :param bins: number of angle bins
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    u_start: Annotated[FiniteFloat, Field(ge=-1, lt=1)] = -0.85
+    u_stop: Annotated[FiniteFloat, Field(gt=-1, le=1)] = 0.85
+    bins: Annotated[int, Field(ge=1)] = 450
+
+    @model_validator(mode="after")
+    def _rising(self) -> ImageGrid:
+        if self.u_stop <= self.u_start:
+            raise ValueError(f"u_stop = {self.u_stop!r}; expected more than u_start = {self.u_start!r}")
+        return self
+
+    @property
+    def step(self) -> float:
+        return (self.u_stop - self.u_start) / self.bins
+
+    @property
+    def u(self) -> NDArray[np.float64]:
+        """[bins] rising u = sin(azimuth)."""
+        return self.u_start + self.step * np.arange(self.bins, dtype=np.float64)
+
+
+class Radar(BaseModel):
+    """Everything about the sensor; frozen, and written into what is made with it.
+
+    :param name: preset name or the TOML file's own
+    :param virtual_sensor: the truth's array, at the same origin
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: str = "custom"
+    waveform: Waveform = Field(default_factory=Waveform)
+    array: AntennaArray = Field(default_factory=avr_qdm_110)
+    front_end: FrontEnd = Field(default_factory=FrontEnd)
+    grid: ImageGrid = Field(default_factory=ImageGrid)
+    virtual_sensor: AntennaArray = Field(default_factory=lambda data: virtual_sensor_256(data["waveform"].carrier_hz))
+
+    @property
+    def sample_noise_power_w(self) -> float:
+        """Receiver noise in one complex sample, k T0 F f_s [W]."""
+        noise_factor = float(db_to_power(self.front_end.noise_figure_db))
+        return BOLTZMANN * REFERENCE_TEMPERATURE * noise_factor * self.waveform.sample_rate_hz
+
+    def metadata(self) -> dict[str, Any]:
+        """Radar, array and axes as plain JSON values, for the Parquet schema and the manifest."""
+        waveform, grid = self.waveform, self.grid
+        velocities = waveform.velocities_mps
+        return {
+            "radar": {
+                "name": self.name,
+                **waveform.model_dump(),
+                "slope_hz_per_s": waveform.slope_hz_per_s,
+                "sample_rate_hz": waveform.sample_rate_hz,
+                "wavelength_m": waveform.wavelength_m,
+                "range_window": "hann",
+                "doppler_window": "hann",
+                **self.front_end.model_dump(),
+            },
+            "array": {**_positions(self.array), "order": "rx-major"},
+            "virtual_sensor": {**_positions(self.virtual_sensor), "order": "rx-major"},
+            "axes": {
+                "range_m": {"start": 0.0, "step": waveform.range_step_m, "bins": waveform.range_bins},
+                "u": {"start": grid.u_start, "step": grid.step, "bins": grid.bins},
+                "velocity_mps": {
+                    "start": float(velocities[0]),
+                    "stop": float(velocities[0]) + waveform.velocity_step_mps * waveform.chirps,
+                    "step": waveform.velocity_step_mps,
+                    "bins": waveform.chirps,
+                },
+            },
+        }
+
+
+def _positions(array: AntennaArray) -> dict[str, list[list[float]]]:
+    return {"tx_m": [list(position) for position in array.tx_m], "rx_m": [list(position) for position in array.rx_m]}
+
+
+def _virtual_preset() -> Radar:
+    waveform = Waveform()
+    return Radar(name="avr-qdm-110-virtual", waveform=waveform, array=virtual_sensor_256(waveform.carrier_hz))
+
+
+PRESETS = {"avr-qdm-110": lambda: Radar(name="avr-qdm-110"), "avr-qdm-110-virtual": _virtual_preset}
+"""The paper's sensor and its enhanced virtual twin, by the name that ``--radar`` takes."""
+
+DEFAULT_RADAR = "avr-qdm-110"
+
+MAXIMUM_RESIDUAL_PHASE_RAD = 0.3
+"""The first order of exp(j x) that the phase noise's model keeps is then wrong by at most x^2 / 2, -27 dB."""
+
+
+def load_radar(name_or_path: str) -> Radar:
+    """A preset by name, or a TOML file with the tables ``waveform``, ``array``, ``front_end``, ``grid``.
+
+    The file states only what differs from the default radar. A pattern may be named by a file beside it:
+    ``tx_pattern = { kind = "table", file = "pattern.csv" }``, see :class:`shared.radar.antenna.TablePattern`.
+
+    :raises InputError: an unknown name, an unreadable file, a field or value that the radar does not allow, alone or
+        together with others
+    """
+    if name_or_path in PRESETS:
+        return PRESETS[name_or_path]()
+    path = Path(name_or_path)
+    if not path.is_file():
+        raise InputError("--radar", f"no preset and no file {name_or_path!r}", f"a TOML file or one of {list(PRESETS)}")
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+        _read_pattern_tables(path, document)
+        radar = Radar.model_validate({"name": path.stem, **document})
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError, OSError) as error:
+        raise InputError(path, f"not readable as TOML: {error}", "a TOML file in UTF-8") from error
+    except ValidationError as error:
+        raise InputError(path, *first_validation_error(error)) from error
+    _check_together(path, radar)
+    return radar
+
+
+def _read_pattern_tables(path: Path, document: dict[str, Any]) -> None:
+    """Put the patterns themselves where the document names their files, relative to the folder of ``path``."""
+    front_end = document.get("front_end")
+    for name in ("tx_pattern", "rx_pattern"):
+        pattern = front_end.get(name) if isinstance(front_end, dict) else None
+        if not isinstance(front_end, dict) or not isinstance(pattern, dict) or "file" not in pattern:
+            continue
+        field, file, outside = f"front_end.{name}", pattern["file"], pattern.get("outside_gain_dbi")
+        if pattern.get("kind") != "table":
+            raise InputError(path, f"{field}.kind = {pattern.get('kind')!r} with a file", "kind = 'table'")
+        unknown = sorted(set(pattern) - {"kind", "file", "outside_gain_dbi"})
+        if unknown:
+            raise InputError(path, f"{field}.{unknown[0]} beside a file", "kind, file and outside_gain_dbi alone")
+        if not isinstance(file, str) or not file:
+            raise InputError(path, f"{field}.file = {file!r}", "the name of a CSV file")
+        if outside is not None and (isinstance(outside, bool) or not isinstance(outside, int | float)):
+            raise InputError(path, f"{field}.outside_gain_dbi = {outside!r}", "a number [dBi]")
+        front_end[name] = read_table(path.parent / file, outside)
+
+
+def _check_together(path: Path, radar: Radar) -> None:
+    """What waveform, array and front end allow only together."""
+    waveform, tx_count = radar.waveform, len(radar.array.tx_m)
+    turn = waveform.chirp_interval_s / tx_count
+    # A part in 1e9: intervals written as a rounded multiple of the duration are meant to be that multiple.
+    if waveform.multiplexing == "tdm" and turn < waveform.chirp_duration_s * (1.0 - 1e-9):
+        problem = f"waveform.chirp_interval_s = {waveform.chirp_interval_s!r} leaves each of {tx_count} TX {turn:g} s"
+        expected = f"at least {tx_count} x chirp_duration_s = {tx_count * waveform.chirp_duration_s:g} with tdm"
+        raise InputError(path, problem, expected)
+    for end in ("tx", "rx"):
+        pattern, polarization = (getattr(radar.front_end, f"{end}_{name}") for name in ("pattern", "polarization"))
+        axis = {"V": "z", "H": "y"}[polarization]
+        if isinstance(pattern, PatchPattern) and pattern.resonant_along != axis:
+            problem = f"front_end.{end}_pattern.resonant_along = {pattern.resonant_along!r}"
+            raise InputError(path, problem, f"{axis!r} with {end}_polarization = {polarization!r}")
+    noise = radar.front_end.phase_noise
+    if noise is not None and noise.residual_rad(waveform) > MAXIMUM_RESIDUAL_PHASE_RAD:
+        problem = f"front_end.phase_noise leaves {noise.residual_rad(waveform):.2g} rad on the farthest echo"
+        raise InputError(path, problem, f"at most {MAXIMUM_RESIDUAL_PHASE_RAD} rad, where its model holds")
+
+
+def first_validation_error(error: ValidationError) -> tuple[str, str]:
+    """The first fault of a pydantic validation as (field and value, what would be right)."""
+    fault = error.errors()[0]
+    field = ".".join(str(part) for part in fault["loc"]) or "document"
+    if fault["type"] == "extra_forbidden":
+        return f"unknown field {field}", "a field of this table; see the documentation"
+    if fault["type"] == "value_error":
+        return f"{field}: {fault['ctx']['error']}", ""
+    return f"{field} = {fault['input']!r}", fault["msg"][0].lower() + fault["msg"][1:]

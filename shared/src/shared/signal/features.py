@@ -1,0 +1,186 @@
+"""What a network sees of a range-channel matrix: the paper's five channels, or complex rows of known scale and what an
+adaptive spectrum makes of them.
+
+One implementation for NumPy and torch: the functions use only what both spell alike, so that the training device
+computes what a deployed front end computes with NumPy. Inputs are batched, ``[..., R, C]``, and already hold the chosen
+channels alone; ``weights`` are those of :func:`steering_weights` for the same channels. A row, or an image, that is
+all zero gives zeros: nothing divides by zero and no logarithm meets one.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shared.radar import Radar
+from shared.signal.adaptive import AdaptiveTables, adaptive_spectrum
+from shared.signal.imaging import steering_matrix
+
+Array = Any
+"""A NumPy array or a torch tensor; what goes in comes out."""
+
+MAGNITUDE_FLOOR_DB = -120.0
+"""Floor of the logarithmic magnitude below the image's maximum [dB]."""
+SIGNAL_TO_NOISE_RANGE = (-2.0, 8.0)
+"""Row power over noise power that the fourth complex channel can tell apart, log10."""
+SMALLEST_AMPLITUDE = 1e-30
+"""Below every amplitude of a radar [sqrt(W)], well inside float32."""
+
+PAPER_CHANNELS = ("log magnitude", "phase", "covariance real", "covariance imaginary", "covariance phase")
+COVARIANCE_CHANNELS = ("real", "imaginary", "phase")
+ROW_CHANNELS = ("real", "imaginary", "magnitude", "row power over noise")
+COMPRESSED = "compressed adaptive magnitude"
+ADAPTIVE_CHANNELS = (*ROW_CHANNELS, COMPRESSED)
+LARGEST_NOISE = 1e3
+"""Noise amplitude over a row's; more makes no difference to an adaptive spectrum."""
+
+
+def steering_weights(radar: Radar, channels: NDArray[np.intp]) -> NDArray[np.complex64]:
+    """[C, U] weights of eq. (9) for these channels of the radar's array, divided by their number."""
+    return (steering_matrix(radar, radar.array)[channels] / len(channels)).astype(np.complex64)
+
+
+def paper_features(range_channel: Array, weights: Array) -> Array:
+    """[..., 5, R, U] the paper's input, eq. (7) to (12).
+
+    Logarithmic magnitude of the delay-and-sum image, min-max normalised per image to [0, 1]; its phase [rad]; real
+    part, imaginary part and phase [rad] of the covariance of :func:`covariance_rows`.
+
+    :param range_channel: [..., R, C] complex
+    :param weights: [C, U] complex
+    """
+    xp = _namespace(range_channel)
+    unit, scale = _unit_rows(range_channel)
+    image = unit @ weights
+    covariance = covariance_rows(range_channel, weights.shape[-1])
+    channels = [
+        _log_magnitude(xp, xp.abs(image) * scale),
+        xp.angle(image + 0.0),  # a product may sum to -0, whose phase would be pi
+        covariance.real,
+        covariance.imag,
+        xp.angle(covariance),
+    ]
+    return xp.stack(channels, axis=-3)
+
+
+def covariance_rows(range_channel: Array, bins: int) -> Array:
+    """[..., R, bins] unrolled covariance of each range bin, eq. (10) and (11).
+
+    S S^H divided by its own Frobenius norm, which for one snapshot is ||S||^2; of its first n rows and columns the
+    upper triangle, row by row, then zeros. n is the largest that fits, 29 for 450 bins.
+
+    :param range_channel: [..., R, C] complex
+    """
+    xp = _namespace(range_channel)
+    channels = range_channel.shape[-1]
+    kept = covariance_size(channels, bins)
+    first, second = np.triu_indices(kept)
+    padding = bins - len(first)
+    weight = np.pad(np.full(len(first), 1.0 / channels, np.float32), (0, padding))
+    first, second = (xp.asarray(np.pad(index, (0, padding)), device=range_channel.device) for index in (first, second))
+    unit, _ = _unit_rows(range_channel)
+    return unit[..., first] * xp.conj(unit[..., second]) * xp.asarray(weight, device=range_channel.device)
+
+
+def covariance_channels(range_channel: Array) -> Array:
+    """[..., 3, R, C * C] real part, imaginary part and phase [rad] of each range bin's whole covariance, row by row.
+
+    Eq. (13) and (14): S S^H over its Frobenius norm, the input of a direction-of-arrival network.
+    """
+    xp = _namespace(range_channel)
+    unit, _ = _unit_rows(range_channel)
+    channels = unit.shape[-1]
+    matrix = unit[..., :, None] * xp.conj(unit[..., None, :]) / channels
+    flat = matrix.reshape(*unit.shape[:-1], channels * channels)
+    return xp.stack([flat.real, flat.imag, xp.angle(flat)], axis=-3)
+
+
+def covariance_size(channels: int, bins: int) -> int:
+    """Rows and columns of the covariance whose upper triangle fits ``bins``: at most all channels."""
+    fitting = int((np.sqrt(8.0 * bins + 1.0) - 1.0) / 2.0)
+    return min(channels, fitting)
+
+
+def row_features(range_channel: Array, weights: Array, noise_power: Array) -> tuple[Array, Array]:
+    """Complex delay-and-sum rows of unit RMS, and the scale that was taken out of each.
+
+    An echo falls with R^2, so that an image normalised as a whole is dark beyond ten metres. Here every range bin is
+    divided by its own RMS over channels: all ranges weigh alike, no half-precision format overflows, and the scale
+    turns an estimate back into sqrt(W). Magnitude images do not depend on a row's common phase, so it is referred to
+    the row's strongest pixel, which becomes real and positive.
+
+    :param range_channel: [..., R, C] complex [sqrt(W)]
+    :param weights: [C, U] complex
+    :param noise_power: [...] noise of one channel and cell [W], 0 if there is none
+    :returns: ([..., 4, R, U] real part, imaginary part and magnitude of the image, all within [-1, 1], and the row's
+        power over noise, log10 mapped to [0, 1]; [..., R] RMS of the rows [sqrt(W)])
+    """
+    xp = _namespace(range_channel)
+    unit, scale = _unit_rows(range_channel)
+    image = unit @ weights
+    magnitude = xp.abs(image)
+    strongest = xp.take_along_axis if xp is np else xp.take_along_dim
+    peak = strongest(image, xp.argmax(magnitude, axis=-1)[..., None], -1)
+    # A zero row has no phase; angle(0) = 0 in both libraries.
+    image = image * xp.exp(-1j * xp.angle(peak))
+    noise = xp.clip(xp.sqrt(noise_power), SMALLEST_AMPLITUDE, None)[..., None, None]
+    low, high = SIGNAL_TO_NOISE_RANGE
+    over_noise = 2.0 * (xp.log10(xp.clip(scale, SMALLEST_AMPLITUDE, None)) - xp.log10(noise))
+    over_noise = (xp.clip(over_noise, low, high) - low) / (high - low)
+    level = xp.broadcast_to(over_noise, magnitude.shape)
+    stacked = xp.stack([image.real, image.imag, magnitude, xp.asarray(level, dtype=magnitude.dtype)], axis=-3)
+    return stacked, scale[..., 0]
+
+
+def adaptive_features(
+    range_channel: Array, weights: Array, noise_power: Array, tables: AdaptiveTables, iterations: int, exponent: float
+) -> tuple[Array, Array]:
+    """The channels of :func:`row_features`, and the magnitude of :func:`shared.signal.adaptive.adaptive_spectrum`.
+
+    The latter is compressed as the network's target is: over the row's RMS, to the power ``exponent``. It is an
+    estimate already, and the same for all arrays but for their resolution.
+
+    :param tables: :func:`shared.signal.adaptive.adaptive_tables` of the same channels
+    :param iterations: of the adaptive spectrum
+    :returns: ([..., 5, R, U], [..., R] RMS of the rows [sqrt(W)])
+    """
+    xp = _namespace(range_channel)
+    stacked, scale = row_features(range_channel, weights, noise_power)
+    unit, _ = _unit_rows(range_channel)
+    # A quotient of amplitudes: the square of 1e-30 would be zero.
+    noise = xp.sqrt(noise_power)[..., None] / xp.where(scale > 0, scale, 1.0)
+    noise = xp.asarray(xp.clip(noise, None, LARGEST_NOISE) ** 2, dtype=stacked.dtype)
+    magnitude = adaptive_spectrum(unit, noise, tables, weights.shape[-1], iterations)
+    return xp.concatenate([stacked, (magnitude**exponent)[..., None, :, :]], axis=-3), scale
+
+
+def _namespace(array: Array) -> Any:
+    """The library that an array belongs to; torch is never imported for a NumPy array."""
+    return np if isinstance(array, np.ndarray) else importlib.import_module(type(array).__module__.partition(".")[0])
+
+
+def _unit_rows(range_channel: Array) -> tuple[Array, Array]:
+    """([..., R, C] rows of unit RMS, [..., R, 1] their RMS); zero rows stay zero.
+
+    The maximum comes out first, so that no square under- or overflows. Rows below :data:`SMALLEST_AMPLITUDE` count as
+    zero: the reciprocal of a subnormal overflows.
+    """
+    xp = _namespace(range_channel)
+    largest = xp.amax(xp.abs(range_channel), axis=-1, keepdims=True)
+    loud = largest > SMALLEST_AMPLITUDE
+    bounded = xp.where(loud, range_channel, 0.0) / xp.where(loud, largest, 1.0)
+    rms = xp.sqrt(xp.mean(xp.abs(bounded) ** 2, axis=-1, keepdims=True))
+    return bounded / xp.where(rms > 0, rms, 1.0), largest * rms
+
+
+def _log_magnitude(xp: Any, magnitude: Array) -> Array:
+    """[..., R, U] log10 magnitude with a floor below the image's maximum, min-max normalised per image."""
+    largest = xp.amax(magnitude, axis=(-2, -1), keepdims=True)
+    relative = magnitude / xp.where(largest > 0, largest, 1.0)
+    logarithm = xp.log10(xp.clip(relative, 10.0 ** (MAGNITUDE_FLOOR_DB / 20.0), None))
+    lowest = xp.amin(logarithm, axis=(-2, -1), keepdims=True)
+    span = xp.amax(logarithm, axis=(-2, -1), keepdims=True) - lowest
+    return (logarithm - lowest) / xp.where(span > 0, span, 1.0)

@@ -1,0 +1,82 @@
+"""From the cube to the range-channel matrix: the paper's section II-C, with the Doppler choice made explicit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from shared.radar import Radar
+from shared.signal.windows import hann
+
+RAYLEIGH_MEAN = 0.886
+"""Mean magnitude of complex noise of unit power, sqrt(pi) / 2."""
+RAYLEIGH_DEVIATION = 0.463
+"""Standard deviation of that magnitude, sqrt(1 - pi / 4)."""
+DETECTION_DEVIATIONS = 6.0
+"""A second or third Doppler peak stands this many deviations of the channel mean above the noise."""
+PEAK_SPAN_DB = 80.0
+"""... and at most this far below the strongest of its range bin."""
+
+
+@dataclass(frozen=True)
+class DopplerSelection:
+    """The D strongest Doppler peaks of every range bin.
+
+    :param cells: [D, R] Doppler indices on the rising velocity axis
+    :param range_channel: [D, R, C] complex64 values there, all channels, [sqrt(W)]
+    :param magnitude: [R, chirps] mean magnitude over channels, the map that the choice was made on [sqrt(W)]
+    """
+
+    cells: NDArray[np.int64]
+    range_channel: NDArray[np.complex64]
+    magnitude: NDArray[np.float32]
+
+
+def range_doppler(cube: NDArray[np.complex64], radar: Radar) -> NDArray[np.complex64]:
+    """[R, chirps, C] range-Doppler spectra of a cube [chirps, samples, C], velocity rising.
+
+    Hann windows in range and Doppler; each FFT is divided by its window's sum, so that an on-grid target reads |A|.
+    """
+    waveform = radar.waveform
+    expected = (waveform.chirps, waveform.samples)
+    if cube.ndim != 3 or cube.shape[:2] != expected:
+        raise ValueError(f"cube of shape {cube.shape}; expected [chirp, sample, channel] = {expected} + (channels,)")
+    window = hann(waveform.samples)
+    spectrum = scipy.fft.fft(cube * (window / window.sum()).astype(np.float32)[:, None], axis=1)
+    spectrum = np.ascontiguousarray(spectrum[:, : waveform.range_bins].transpose(1, 0, 2))  # (R, M, C)
+    window = hann(waveform.chirps)
+    spectrum *= (window / window.sum()).astype(np.float32)[:, None]
+    spectrum = scipy.fft.fft(spectrum, axis=1, overwrite_x=True)
+    return scipy.fft.fftshift(spectrum, axes=1)
+
+
+def select_doppler(spectra: NDArray[np.complex64], noise_power: float, peaks: int = 3) -> DopplerSelection:
+    """The D = ``peaks`` strongest Doppler cells of every range bin of ``spectra`` [R, chirps, C].
+
+    The first is the maximum of the mean magnitude over channels. The others are local maxima along (circular) Doppler,
+    strongest first, with a mean magnitude of at least (0.886 + 6 * 0.463 / sqrt(C)) sqrt(noise_power) and of at least
+    the first - 80 dB; where there are fewer, the first again. Noise alone has local maxima in plenty, and beside a
+    strong line the window's own skirt has none, hence peaks above a threshold rather than the next strongest cells.
+    """
+    rows, chirps, channels = spectra.shape
+    magnitude = np.abs(spectra).mean(axis=2)
+    first = magnitude.argmax(axis=1)
+    strongest = np.take_along_axis(magnitude, first[:, None], axis=1)
+    threshold = (RAYLEIGH_MEAN + DETECTION_DEVIATIONS * RAYLEIGH_DEVIATION / np.sqrt(channels)) * np.sqrt(noise_power)
+    candidate = (magnitude > np.roll(magnitude, 1, axis=1)) & (magnitude >= np.roll(magnitude, -1, axis=1))
+    candidate &= (magnitude >= threshold) & (magnitude >= strongest * 10.0 ** (-PEAK_SPAN_DB / 20.0)) & (magnitude > 0)
+    np.put_along_axis(candidate, first[:, None], False, axis=1)
+    ranked = np.argsort(np.where(candidate, -magnitude, np.inf), axis=1, kind="stable")
+    cells = np.repeat(first[None], peaks, axis=0)
+    for peak in range(1, min(peaks, chirps + 1)):
+        following = ranked[:, peak - 1]
+        exists = np.take_along_axis(candidate, following[:, None], axis=1)[:, 0]
+        cells[peak] = np.where(exists, following, first)
+    return DopplerSelection(
+        cells=cells.astype(np.int64),
+        range_channel=np.ascontiguousarray(spectra[np.arange(rows)[None, :], cells]),
+        magnitude=magnitude.astype(np.float32),
+    )

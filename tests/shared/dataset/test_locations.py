@@ -1,0 +1,173 @@
+"""Datasets on object storage: a small S3 server of the test's own, a filesystem of Arrow's, and what is refused."""
+
+import http.server
+import json
+import threading
+from urllib.parse import parse_qs, unquote, urlsplit
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.fs
+import pyarrow.parquet as pq
+import pytest
+
+from shared.dataset import Frame, arrow_schema, description, to_record_batch
+from shared.dataset.folder import open_dataset, verify
+from shared.dataset.locations import RemotePath, file_names, folder_name, locate, sha256_of
+from shared.physics.errors import InputError
+from shared.radar import ImageGrid, Radar
+from shared.radar.arrays import AntennaArray, line
+from shared.radar.waveform import Waveform
+
+RADAR = Radar(
+    waveform=Waveform(chirps=2, samples=8, range_bins=6),
+    array=AntennaArray(tx_m=line(np.zeros(1)), rx_m=line(2e-3 * np.arange(4))),
+    grid=ImageGrid(bins=5),
+    virtual_sensor=AntennaArray(tx_m=line(np.zeros(1)), rx_m=line(2e-3 * np.arange(8))),
+)
+
+
+def make_frame(frame_id):
+    generator = np.random.default_rng(frame_id)
+    pairs = generator.standard_normal((3, 6, 4, 2)).astype(np.float32)
+    return Frame(
+        frame_id, "points", "none", frame_id, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0),
+        range_channel=pairs.view(np.complex64)[..., 0],
+        velocity=generator.random((3, 6), np.float32),
+        image=generator.random((6, 5), np.float32),
+        image_peak=1e-7,
+        noise_power=1e-16,
+    )  # fmt: skip
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """bucket/radar/set: a dataset of three frames, in a folder that stands for a bucket."""
+    directory = tmp_path / "bucket/radar/set"
+    shard = directory / "train/part-00000.parquet"
+    shard.parent.mkdir(parents=True)
+    schema = arrow_schema(description(RADAR, 3, "range-channel"))
+    rows = [make_frame(index) for index in range(3)]
+    pq.write_table(pa.Table.from_batches([to_record_batch(rows, schema)]), shard, row_group_size=1)
+    record = {"path": "train/part-00000.parquet", "rows": 3, "bytes": shard.stat().st_size, "sha256": sha256_of(shard)}
+    (directory / "manifest.json").write_text(json.dumps({"version": 1, "shards": [record]}))
+    return directory
+
+
+class Store(http.server.BaseHTTPRequestHandler):
+    """As much of S3 as reading needs: HEAD and GET with ranges, and ListObjectsV2."""
+
+    root = None
+
+    def do_HEAD(self):
+        self._object(with_body=False)
+
+    def do_GET(self):
+        parts = urlsplit(self.path)
+        if "list-type" in parse_qs(parts.query):
+            self._list(unquote(parts.path).strip("/"), parse_qs(parts.query))
+        else:
+            self._object(with_body=True)
+
+    def _object(self, with_body):
+        path = self.root / unquote(urlsplit(self.path).path).strip("/")
+        if not path.is_file():
+            return self._send(200 if path.is_dir() and path.parent == self.root else 404, b"", {})
+        content = path.read_bytes()
+        if "Range" in self.headers:
+            first, _, last = self.headers["Range"].removeprefix("bytes=").partition("-")
+            part = content[int(first) : int(last) + 1]
+            span = {"Content-Range": f"bytes {first}-{last}/{len(content)}"}
+            return self._send(206, part if with_body else b"", span, len(part))
+        self._send(200, content if with_body else b"", {}, len(content))
+
+    def _list(self, bucket, query):
+        prefix = query.get("prefix", [""])[0]
+        keys = sorted(p.relative_to(self.root / bucket).as_posix() for p in (self.root / bucket).rglob("*.*"))
+        found = "".join(f"<Contents><Key>{k}</Key><Size>1</Size></Contents>" for k in keys if k.startswith(prefix))
+        text = f"<ListBucketResult><IsTruncated>false</IsTruncated>{found}</ListBucketResult>"
+        self._send(200, text.encode(), {"Content-Type": "application/xml"})
+
+    def _send(self, status, body, headers, length=None):
+        self.send_response(status)
+        for name, value in headers.items():
+            self.send_header(name, value)
+        self.send_header("Content-Length", str(len(body) if length is None else length))
+        self.end_headers()
+        self.wfile.write(body)
+
+    def log_message(self, *arguments):
+        """Nothing: pytest's output is not this server's log."""
+
+
+@pytest.fixture
+def s3(folder):
+    """The URI of the dataset on a server of this test."""
+    handler = type("Bound", (Store,), {"root": folder.parents[2]})
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler)
+    thread = threading.Thread(target=server.serve_forever, daemon=True)
+    thread.start()
+    options = f"scheme=http&endpoint_override=127.0.0.1:{server.server_port}&region=us-east-1"
+    yield f"s3://user:secret@bucket/radar/set?{options}"
+    server.shutdown()
+    server.server_close()
+    thread.join()
+
+
+def values(dataset):
+    return [(f.frame_id, f.image.tobytes(), f.range_channel.tobytes()) for f in dataset.frames("train")]
+
+
+def test_a_dataset_on_s3_holds_what_the_local_one_holds(folder, s3):
+    dataset = open_dataset(s3)
+    assert values(dataset) == values(open_dataset(folder))
+    assert dataset.rows("train")[2][1] == 2
+    assert verify(dataset) == []
+    shard = folder / "train/part-00000.parquet"
+    content = bytearray(shard.read_bytes())
+    content[40] ^= 1
+    shard.write_bytes(content)
+    (folder / "train/part-00009.parquet").write_bytes(b"more")
+    faults = verify(open_dataset(s3))
+    assert [fault.split(":")[0] for fault in faults] == ["train/part-00000.parquet", "train/part-00009.parquet"]
+
+
+def test_messages_name_the_uri_without_its_secret(folder, s3):
+    (folder / "train/part-00000.parquet").unlink()
+    with pytest.raises(InputError, match=r"s3://bucket/radar/set/train/part-00000.parquet: missing") as caught:
+        open_dataset(s3)
+    assert "secret" not in str(caught.value)
+    with pytest.raises(InputError, match=r"s3://bucket/radar/other/manifest.json: no such file"):
+        open_dataset(s3.replace("/set?", "/other?"))
+
+
+def test_any_filesystem_of_arrow_will_do(folder):
+    inner = pyarrow.fs.SubTreeFileSystem(str(folder.parents[1]), pyarrow.fs.LocalFileSystem())
+    place = RemotePath(inner, "radar/set", "memory://radar/set")
+    assert values(open_dataset(place)) == values(open_dataset(folder))
+    assert file_names(place / "train") == ["part-00000.parquet"]
+    assert file_names(place / "none") == []
+    assert folder_name(place) == "set"
+    assert sha256_of(place / "manifest.json") == sha256_of(folder / "manifest.json")
+
+
+def test_a_local_uri_is_the_local_folder(folder):
+    assert locate(folder.as_uri()) == folder
+    assert locate(str(folder)) == folder
+    assert values(open_dataset(folder.as_uri())) == values(open_dataset(folder))
+
+
+@pytest.mark.parametrize(
+    ("uri", "message"),
+    [
+        ("ftp://host/set", "ftp://host/set: scheme 'ftp'; expected a local path, or one of file, s3, gs, gcs"),
+        ("s3://", "s3://: names no bucket; expected s3://BUCKET/FOLDER"),
+        ("s3://me:secret@b/set?endpoint_override=127.0.0.1:9&scheme=http", "s3://b/set/manifest.json: cannot be reach"),
+    ],
+)
+def test_a_store_that_is_not_there_is_one_line(uri, message, monkeypatch):
+    monkeypatch.setenv("AWS_MAX_ATTEMPTS", "1")
+    with pytest.raises(InputError, match=message) as caught:
+        open_dataset(uri)
+    assert "\n" not in str(caught.value)
+    assert "secret" not in str(caught.value)

@@ -1,0 +1,71 @@
+"""The polynomials of the kernels: unit phasors and range shifts, each against its definition."""
+
+from __future__ import annotations
+
+import mpmath  # type: ignore[import-untyped]
+import numba
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from shared.physics.cycles import phasor
+from shared.radar import Radar
+from shared.radar.waveform import Waveform
+from shared.signal.sweep import reference_frequency_hz, shift_error, shift_polynomials, sweep_positions
+
+
+@numba.njit
+def _phasor(cycles: float) -> tuple[float, float]:
+    return phasor(cycles)
+
+
+@given(st.one_of(st.floats(-0.5, 0.5), st.integers(-4000, 4000).map(lambda k: k / 8.0)))
+def test_phasor_is_exact_to_1e_15(cycles):
+    # mpmath gets the cycles reduced the same way, exactly: beyond one cycle float64 itself is the coarser part.
+    cosine, sine = _phasor(cycles)
+    with mpmath.workdps(40):
+        angle = 2 * mpmath.pi * mpmath.mpf(cycles)
+        assert abs(cosine - mpmath.cos(angle)) < 1e-15
+        assert abs(sine - mpmath.sin(angle)) < 1e-15
+
+
+@given(st.floats(-1e6, 1e6))
+def test_phasor_of_many_cycles(cycles):
+    # x - round(x) is exact in float64 (Sterbenz), so that even 1e6 cycles lose nothing more.
+    cosine, sine = _phasor(cycles)
+    with mpmath.workdps(40):
+        angle = 2 * mpmath.pi * mpmath.mpf(cycles)
+        assert abs(cosine - mpmath.cos(angle)) < 1e-15
+        assert abs(sine - mpmath.sin(angle)) < 1e-15
+
+
+@pytest.mark.parametrize("samples", [1, 2, 7, 64])
+def test_sweep_positions_are_centred_on_the_window(samples):
+    nu = sweep_positions(samples)
+    assert nu[samples // 2] == 0.0
+    assert nu.min() >= -0.5
+    assert nu.max() < 0.5
+    radar = Radar(waveform=Waveform(samples=samples, range_bins=1))
+    expected = 77e9 + 1e9 * (samples // 2) / samples
+    assert reference_frequency_hz(radar) == pytest.approx(expected, rel=1e-15)
+
+
+@pytest.mark.parametrize("reach", [0.25, 0.8, 1.5])
+@pytest.mark.parametrize("terms", [1, 3, 5, 9, 14])
+def test_shift_polynomials_keep_their_bound(reach, terms):
+    nu = sweep_positions(65)
+    z = np.linspace(-reach, reach, 101)
+    polynomials = shift_polynomials(nu, reach, terms)
+    approximate = np.einsum("zp,pn->zn", z[:, None] ** np.arange(terms), polynomials)
+    error = np.abs(approximate - np.exp(2j * np.pi * z[:, None] * nu)).max()
+    bound = shift_error(reach, terms)
+    assert error <= bound + 1e-13
+    # The bound is no more pessimistic than the triangle inequality makes it.
+    assert bound < 4.0 * error + 1e-12
+
+
+def test_no_shift_costs_no_error():
+    # At z = 0 only the first polynomial counts; rearranging the series leaves its remainder there.
+    polynomials = shift_polynomials(sweep_positions(16), 0.3, 12)
+    np.testing.assert_allclose(polynomials[0], 1.0, atol=shift_error(0.3, 12))

@@ -1,0 +1,195 @@
+"""Wedge diffraction against exact solutions: Sommerfeld's half plane, the eigenfunctions of a wedge, the knife edge."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import mpmath
+import numpy as np
+import pytest
+from scipy.special import fresnel, jv
+
+from shared.physics.errors import InputError
+from shared.physics.wedge import WedgeGeometry, diffraction_coefficient, transition_function
+
+WAVENUMBER = 2.0 * np.pi * 77.5e9 / 299_792_458.0
+SOFT, HARD = -1.0, 1.0
+GLASS = 6.31 - 0.28j
+
+
+def geometry(n=1.5, source=0.9, observer=1.0, source_m=20.0, observer_m=20.0, sin_beta=1.0) -> WedgeGeometry:
+    return WedgeGeometry(
+        *(np.atleast_1d(v).astype(float) for v in (n, source, observer, source_m, observer_m, sin_beta))
+    )
+
+
+def fresnel_te(angle: np.ndarray) -> np.ndarray:
+    """Reflection of a half-space for a ray that makes ``angle`` with the surface."""
+    cosine = np.abs(np.sin(angle))
+    root = np.sqrt(GLASS - 1.0 + cosine**2)
+    return (cosine - root) / (cosine + root)
+
+
+def total_field(n, source, observer, source_m, observer_m, reflection) -> complex:
+    """Incident, reflected and diffracted field at one observer in the plane across the edge, spherical waves."""
+    sides = {"0": source, "n": n * np.pi - observer}
+    r_0, r_n = (reflection(np.array(sides[face])) for face in ("0", "n"))
+    rays = geometry(n, source, observer, source_m, observer_m)
+    field = diffraction_coefficient(rays, WAVENUMBER, r_0, r_n)[0]
+    field *= rays.spreading()[0] * np.exp(-1j * WAVENUMBER * (source_m + observer_m))
+
+    def wave(between: float) -> complex:
+        distance = np.sqrt(source_m**2 + observer_m**2 - 2.0 * source_m * observer_m * np.cos(between))
+        return np.exp(-1j * WAVENUMBER * distance) / distance
+
+    if abs(observer - source) < np.pi:
+        field += wave(observer - source)
+    if observer + source < np.pi:
+        field += r_0 * wave(observer + source)
+    if 2.0 * n * np.pi - observer - source < np.pi:
+        field += r_n * wave(2.0 * n * np.pi - observer - source)
+    return complex(field)
+
+
+@pytest.mark.parametrize("x", [1e-9, 1e-3, 0.3, 1.0, 5.0, 10.0, 1e2, 1e4])
+def test_the_transition_function_is_its_integral(x):
+    root = mpmath.sqrt(x)
+    tail = mpmath.sqrt(mpmath.pi) / 2 * mpmath.erfc(mpmath.sqrt(1j) * root) / mpmath.sqrt(1j)
+    exact = complex(2j * root * mpmath.exp(1j * x) * tail)
+    assert transition_function(x) == pytest.approx(exact, rel=1e-11)
+
+
+def test_the_transition_function_has_its_known_limits():
+    assert transition_function(0.0) == 0.0
+    x = 1e3  # 1 + j / 2X - 3 / 4X^2: Kouyoumjian and Pathak, eq. (28)
+    assert transition_function(x) == pytest.approx(1.0 + 0.5j / x - 0.75 / x**2, abs=1e-8)
+
+
+@pytest.mark.parametrize("reflection", [SOFT, HARD])
+def test_a_half_plane_in_a_plane_wave_is_sommerfelds(reflection):
+    source, distance = 0.9, 37.0 / WAVENUMBER
+    observer = np.linspace(0.05, 2.0 * np.pi - 0.05, 301)
+
+    def half(angle):
+        """exp(j k rho cos) times Fresnel's integral from -sqrt(2 k rho) cos(angle / 2), Born and Wolf 11.5."""
+        edge = -np.sqrt(2.0 * WAVENUMBER * distance) * np.cos(0.5 * angle)
+        sine, cosine = fresnel(edge * np.sqrt(2.0 / np.pi))
+        integral = np.sqrt(0.5 * np.pi) * ((0.5 - cosine) - 1j * (0.5 - sine))
+        phase = np.exp(1j * WAVENUMBER * distance * np.cos(angle))
+        return phase * np.exp(0.25j * np.pi) / np.sqrt(np.pi) * integral
+
+    exact = half(observer - source) + reflection * half(observer + source)
+    rays = WedgeGeometry(
+        *np.broadcast_arrays(2.0, source, observer, np.inf, distance, 1.0)  # a plane wave: L = rho
+    )
+    phase = np.exp(-1j * WAVENUMBER * distance) / np.sqrt(distance)
+    field = diffraction_coefficient(rays, WAVENUMBER, reflection, reflection) * phase
+    travel = WAVENUMBER * distance
+    field = field + np.where(np.abs(observer - source) < np.pi, np.exp(1j * travel * np.cos(observer - source)), 0.0)
+    mirror = reflection * np.exp(1j * travel * np.cos(observer + source))
+    field = field + np.where(observer + source < np.pi, mirror, 0.0)
+    np.testing.assert_allclose(field, exact, atol=1e-10)
+
+
+@pytest.mark.parametrize("reflection", [SOFT, HARD])
+def test_a_right_angled_corner_is_its_eigenfunction_sum(reflection):
+    """UTD is asymptotic: at k rho = 60 it is off by 2.8e-4 of a field of 1."""
+    n, source, travel = 1.5, 0.7, 60.0
+    observer = np.linspace(0.1, n * np.pi - 0.1, 151)
+    order = np.arange(0, 200)[:, None] / n  # J_200/1.5(60) is below 1e-30
+    across = np.sin if reflection == SOFT else np.cos
+    weight = np.where(order == 0.0, 1.0, 2.0) * 2.0 / n  # Balanis, Advanced Engineering Electromagnetics, 13.8
+    terms = (
+        weight * np.exp(0.5j * np.pi * order) * jv(order, travel) * across(order * observer) * across(order * source)
+    )
+    exact = terms.sum(axis=0)
+    distance = travel / WAVENUMBER
+    rays = WedgeGeometry(*np.broadcast_arrays(n, source, observer, np.inf, distance, 1.0))
+    field = diffraction_coefficient(rays, WAVENUMBER, reflection, reflection) * np.exp(-1j * travel) / np.sqrt(distance)
+    field = field + np.where(np.abs(observer - source) < np.pi, np.exp(1j * travel * np.cos(observer - source)), 0.0)
+    mirror = reflection * np.exp(1j * travel * np.cos(observer + source))
+    field = field + np.where(observer + source < np.pi, mirror, 0.0)
+    np.testing.assert_allclose(field, exact, atol=4e-4)
+
+
+@pytest.mark.parametrize("n", [1.2, 1.5, 1.75, 2.0])
+@pytest.mark.parametrize(
+    "reflection", [lambda angle: SOFT, lambda angle: HARD, fresnel_te], ids=["soft", "hard", "glass"]
+)
+def test_the_total_field_is_continuous_across_both_boundaries(n, reflection):
+    step = 1e-9  # so near that the phase along the step is nothing
+    source = 0.35 * n
+    for boundary in (np.pi + source, np.pi - source):
+        if boundary < n * np.pi:
+            below, above = (total_field(n, source, boundary + side, 20.0, 11.0, reflection) for side in (-step, step))
+            assert abs(above - below) < 1e-3 * max(abs(below), abs(above))
+
+
+def test_the_n_face_has_its_reflection_boundary_too():
+    n, source = 1.5, 1.2 * np.pi
+    boundary = 2.0 * n * np.pi - np.pi - source
+    below, above = (total_field(n, source, boundary + side, 20.0, 11.0, fresnel_te) for side in (-1e-9, 1e-9))
+    assert abs(above - below) < 1e-3 * max(abs(below), abs(above))
+
+
+@pytest.mark.parametrize("face", [fresnel_te, lambda angle: SOFT + 0.0 * angle, lambda angle: HARD + 0.0 * angle])
+def test_source_and_observer_may_change_places(face):
+    """Reciprocal; R_0 and R_n belong to source and observer, so that the faces change places with them."""
+    n, phi_source, phi_observer = 1.6, 0.8, 3.9
+    there = geometry(n, phi_source, phi_observer, 30.0, 7.0, 0.9)
+    back = geometry(n, n * np.pi - phi_observer, n * np.pi - phi_source, 7.0, 30.0, 0.9)
+    one = diffraction_coefficient(there, WAVENUMBER, face(phi_source), face(n * np.pi - phi_observer))
+    two = diffraction_coefficient(back, WAVENUMBER, face(n * np.pi - phi_observer), face(phi_source))
+    np.testing.assert_allclose(one, two, rtol=1e-10)
+    np.testing.assert_allclose(there.spreading(), back.spreading(), rtol=1e-14)
+
+
+def test_a_screen_that_reflects_nothing_is_the_knife_edge():
+    """ITU-R P.526-15 eq. (31): J(nu) = 6.9 + 20 log10(sqrt((nu - 0.1)^2 + 1) + nu - 0.1) dB for nu > -0.78."""
+    d_1, d_2 = 40.0, 25.0
+    wavelength = 2.0 * np.pi / WAVENUMBER
+    for nu in (-0.5, 0.0, 0.5, 1.0, 2.4, 8.0):
+        height = nu / np.sqrt(2.0 / wavelength * (1.0 / d_1 + 1.0 / d_2))
+        up_1, up_2 = np.arctan(height / d_1), np.arctan(height / d_2)
+        s_1, s_2 = np.hypot(d_1, height), np.hypot(d_2, height)
+        field = total_field(2.0, 0.5 * np.pi - up_1, 1.5 * np.pi + up_2, s_1, s_2, lambda angle: 0.0)
+        loss_db = -20.0 * np.log10(abs(field) * (d_1 + d_2))
+        formula_db = 6.9 + 20.0 * np.log10(np.sqrt((nu - 0.1) ** 2 + 1.0) + nu - 0.1)
+        assert loss_db == pytest.approx(formula_db, abs=0.35)
+
+
+def test_a_sheet_of_air_diffracts_nothing():
+    assert diffraction_coefficient(geometry(n=2.0, observer=5.0), WAVENUMBER, 0.0, 0.0, 1.0) == 0.0
+
+
+def test_the_coefficient_is_finite_exactly_on_its_boundaries():
+    source = 0.25 * np.pi
+    for observer in (source + np.pi, np.pi - source):
+        on, beside = (
+            diffraction_coefficient(geometry(1.5, source, observer - off), WAVENUMBER, SOFT, SOFT)[0]
+            for off in (0.0, -1e-9)
+        )
+        assert np.isfinite(on)
+        # Half of the field of the wave that ends there.
+        assert abs(on) * geometry().spreading()[0] == pytest.approx(0.5 / 40.0, rel=0.02)
+        assert abs(beside) == pytest.approx(abs(on), rel=0.02)
+
+
+def test_the_field_falls_steadily_into_the_shadow():
+    rays = [geometry(1.5, 0.5, np.pi + 0.5 + deep) for deep in (0.0, 0.01, 0.03, 0.1, 0.3, 0.9)]
+    levels = [abs(diffraction_coefficient(ray, WAVENUMBER, SOFT, SOFT)[0]) for ray in rays]
+    assert all(deeper < lighter for lighter, deeper in pairwise(levels))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"n": 0.9}, "exterior_n: 0.9; expected above 1"),
+        ({"observer": 5.0}, "observer_angle_rad: 5.0; expected between the faces"),
+        ({"source_m": 0.0}, "source_distance_m: 0.0; expected above 0"),
+        ({"sin_beta": np.nan}, "sin_beta: nan; expected above 0"),
+    ],
+)
+def test_rays_that_cannot_be_are_refused(changes, message):
+    with pytest.raises(InputError, match=message):
+        geometry(**changes)

@@ -1,0 +1,276 @@
+"""The front end's imperfections: conversion, phase noise, transmitters that take turns; and how a radar states them."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from shared.dataset.reading import radar_of
+from shared.physics.errors import InputError
+from shared.physics.units import dbm_to_watt
+from shared.radar import Radar, load_radar
+from shared.radar.arrays import AntennaArray
+from shared.radar.front_end import Converter, FrontEnd, PhaseNoise
+from shared.radar.receiver import digitised, received, receiver_noise, with_phase_noise
+from shared.radar.waveform import Waveform
+from shared.signal import chirp_times, if_signal, target_amplitudes
+
+PAIR = AntennaArray(tx_m=((0.0, 0.01, 0.0), (0.0, -0.01, 0.0)), rx_m=((0.0, 0.0, 0.0), (0.0, 0.002, 0.0)))
+
+
+def tone(radar: Radar, range_bin: float, amplitude: float = 1.0) -> np.ndarray:
+    """A cube with the echo of one delay in every channel and chirp."""
+    n, waveform = np.arange(radar.waveform.samples), radar.waveform
+    line = amplitude * np.exp(2j * np.pi * n * range_bin / waveform.samples)
+    return np.tile(line[None, :, None], (waveform.chirps, 1, radar.array.channels)).astype(np.complex64)
+
+
+# Conversion
+
+
+@pytest.mark.parametrize("bits", [8, 12])
+def test_a_tone_of_full_scale_is_6_db_a_bit_above_its_quantisation(small_radar, bits):
+    radar = small_radar(samples=1024, chirps=8)
+    converter = Converter(bits=bits, full_scale_dbm=-40.0)
+    amplitude = np.sqrt(dbm_to_watt(-40.0)) * (1.0 - 1e-3)
+    ideal = tone(radar, 123.456, amplitude)
+    error = digitised(ideal, converter)[0].astype(complex) - ideal
+    ratio = 10.0 * np.log10(np.mean(np.abs(ideal) ** 2) / np.mean(np.abs(error) ** 2))
+    assert ratio == pytest.approx(6.02 * bits + 1.76, abs=0.1)
+
+
+def test_what_is_too_strong_is_cut_off_and_counted(small_radar):
+    radar = small_radar(samples=1000, chirps=1)
+    full_scale = np.sqrt(dbm_to_watt(-40.0))
+    cube, saturated = digitised(tone(radar, 100.3, 2.0 * full_scale), Converter(bits=10, full_scale_dbm=-40.0))
+    assert max(cube.real.max(), cube.imag.max()) <= full_scale
+    assert min(cube.real.min(), cube.imag.min()) >= -full_scale
+    # |cos| > 1/2 over two thirds of its period, for I and Q of each sample.
+    assert saturated / (2 * cube.size) == pytest.approx(2 / 3, abs=0.01)
+    assert digitised(tone(radar, 100.3, 0.99 * full_scale), Converter(bits=10, full_scale_dbm=-40.0))[1] == 0
+
+
+def test_one_bit_keeps_the_signs_alone(small_radar, generator):
+    radar = small_radar()
+    noise = receiver_noise(radar, generator)
+    cube, _ = digitised(noise, Converter(bits=1, full_scale_dbm=-60.0))
+    step = np.float32(np.sqrt(dbm_to_watt(-60.0)) / 2.0)
+    np.testing.assert_allclose(cube.real, np.where(noise.real >= 0.0, step, -step), rtol=1e-6)
+    np.testing.assert_allclose(cube.imag, np.where(noise.imag >= 0.0, step, -step), rtol=1e-6)
+
+
+# Phase noise
+
+
+def by_the_definition(radar: Radar, noise: PhaseNoise, range_bin: int, seed: int) -> np.ndarray:
+    """[4 samples] exp(j (phi(t) - phi(t - tau))) over one chirp, phi summed from its Fourier coefficients in float64.
+
+    Four times as dense as the radar's own samples, so that no sideband is folded.
+    """
+    waveform = radar.waveform
+    m, t = np.arange(1, waveform.samples), np.arange(4 * waveform.samples) / (4 * waveform.samples)
+    frequency = m / waveform.chirp_duration_s
+    level = 10.0 ** (noise.level_dbc_per_hz / 10.0) / (1.0 + (frequency / noise.loop_bandwidth_hz) ** 2)
+    draw = np.random.default_rng(seed).standard_normal((2, len(m))) * np.sqrt(level / waveform.chirp_duration_s / 2.0)
+    late = range_bin / waveform.bandwidth_hz / waveform.chirp_duration_s
+
+    def phi(time):
+        return 2.0 * np.real(np.exp(2j * np.pi * np.outer(time, m)) @ (draw[0] + 1j * draw[1]))
+
+    return np.exp(1j * (phi(t) - phi(t - late)))
+
+
+@pytest.mark.parametrize("range_bin", [7, 40, 63])
+def test_phase_noise_is_the_difference_of_the_oscillators_phases(small_radar, range_bin):
+    radar = small_radar(samples=64, chirps=1)
+    noise = PhaseNoise(level_dbc_per_hz=-90.0, loop_bandwidth_hz=1e5)
+    ideal = tone(radar, range_bin)
+    error = np.fft.fft(with_phase_noise(ideal, radar, noise, np.random.default_rng(3))[0, :, 0] - ideal[0, :, 0]) / 64
+    dense = np.exp(2j * np.pi * np.arange(256) * range_bin / 64 / 4)
+    expected = np.fft.fft((by_the_definition(radar, noise, range_bin, 3) - 1.0) * dense)[:64] / 256
+    assert np.linalg.norm(expected) > 1e-5
+    # What is left is the second order of the phase, and float32.
+    assert np.linalg.norm(error - expected) < 5e-3 * np.linalg.norm(expected)
+
+
+def test_an_echo_without_delay_sees_its_own_oscillator(small_radar):
+    radar = small_radar(samples=64, chirps=2)
+    cube = with_phase_noise(tone(radar, 0), radar, PhaseNoise(level_dbc_per_hz=-80.0), np.random.default_rng(3))
+    np.testing.assert_allclose(cube, tone(radar, 0), atol=1e-6)
+
+
+def test_range_correlation_lifts_the_skirts_with_the_square_of_the_delay(small_radar):
+    # Near the carrier, pi f tau << 1, the spectrum is (2 pi f tau)^2 L(f).
+    radar = small_radar(samples=512, chirps=64).model_copy(update={"array": PAIR})
+    noise = PhaseNoise(level_dbc_per_hz=-90.0, loop_bandwidth_hz=1e5)
+    duration, bandwidth = radar.waveform.chirp_duration_s, radar.waveform.bandwidth_hz
+    for range_bin in (50, 200):
+        cube = with_phase_noise(tone(radar, range_bin), radar, noise, np.random.default_rng(1))
+        spectrum = np.fft.fft(cube[:, :, 0], axis=1) / 512
+        m = np.array([-9, -6, 6, 9])
+        power = np.mean(np.abs(spectrum[:, range_bin + m]) ** 2, axis=0)
+        density = 1e-9 / (1.0 + (m / duration / 1e5) ** 2)
+        expected = 4.0 * np.sin(np.pi * m / duration * range_bin / bandwidth) ** 2 * density / duration
+        np.testing.assert_allclose(10.0 * np.log10(power / expected), 0.0, atol=2.5)  # 64 draws: 0.5 dB each
+        assert 10.0 * np.log10(power.sum() / expected.sum()) == pytest.approx(0.0, abs=1.0)
+
+
+def test_all_receivers_share_the_oscillator_and_turns_do_not(small_radar):
+    noise = PhaseNoise(level_dbc_per_hz=-95.0)
+    for multiplexing, shared in (("simultaneous", True), ("tdm", False)):
+        radar = small_radar(samples=64, chirps=2, multiplexing=multiplexing).model_copy(update={"array": PAIR})
+        ideal = tone(radar, 30)
+        error = with_phase_noise(ideal, radar, noise, np.random.default_rng(5)) - ideal
+        by_channel = error.transpose(2, 0, 1)  # rx-major: TX 0, TX 1 at RX 0, then at RX 1
+        np.testing.assert_allclose(by_channel[0], by_channel[2], atol=1e-6)
+        assert np.abs(by_channel[0]).max() > 1e-4
+        assert np.allclose(by_channel[0], by_channel[1], atol=1e-6) == shared
+        assert not np.allclose(error[0], error[1], atol=1e-6)  # chirp by chirp anew
+
+
+def test_the_phase_that_is_left_is_what_a_long_run_shows():
+    waveform = Waveform(samples=128, range_bins=128)
+    noise = PhaseNoise(level_dbc_per_hz=-90.0, loop_bandwidth_hz=2e5)
+    radar = Radar(waveform=waveform)
+    # The farthest bin of all, so that the mean square of the definition is that of residual_rad.
+    draws = [by_the_definition(radar, noise, 128, seed) for seed in range(200)]
+    assert np.std(np.angle(draws)) == pytest.approx(noise.residual_rad(waveform), rel=0.05)
+
+
+# The whole receiver
+
+
+def test_an_ideal_receiver_adds_noise_alone_and_without_a_generator_nothing(small_radar):
+    radar = small_radar()
+    ideal = tone(radar, 20)
+    noisy, saturated = received(ideal, radar, np.random.default_rng(7))
+    assert saturated == 0
+    assert noisy.tobytes() == (ideal + receiver_noise(radar, np.random.default_rng(7))).tobytes()
+    assert received(ideal, radar, None)[0].tobytes() == ideal.tobytes()
+
+
+def test_every_imperfection_is_applied_in_order_and_reproducibly(small_radar):
+    front_end = FrontEnd(
+        phase_noise=PhaseNoise(level_dbc_per_hz=-90.0), converter=Converter(bits=12, full_scale_dbm=-80.0)
+    )
+    radar = small_radar().model_copy(update={"front_end": front_end})
+    ideal = tone(radar, 20, 1e-6)
+    one, again = (received(ideal, radar, np.random.default_rng(7))[0] for _ in range(2))
+    assert one.tobytes() == again.tobytes()
+    generator = np.random.default_rng(7)
+    by_hand = with_phase_noise(ideal, radar, front_end.phase_noise, generator) + receiver_noise(radar, generator)
+    assert one.tobytes() == digitised(by_hand, front_end.converter)[0].tobytes()
+    # Without noise there is no phase noise either; the converter stays.
+    assert received(ideal, radar, None)[0].tobytes() == digitised(ideal, front_end.converter)[0].tobytes()
+
+
+# Transmitters that take turns
+
+
+def tdm_pair(small_radar, **waveform):
+    """The same radar, all TX at once and in turns."""
+    return [
+        small_radar(samples=64, chirps=16, chirp_interval_s=161.2e-6, multiplexing=way, **waveform).model_copy(
+            update={"array": PAIR}
+        )
+        for way in ("simultaneous", "tdm")
+    ]
+
+
+def test_a_static_scene_does_not_notice_the_turns(small_radar):
+    position, still = np.array([[5.0, 1.0, 0.2], [3.0, -1.0, 0.0]]), np.zeros((2, 3))
+    both = [
+        if_signal(radar, position, still, target_amplitudes(radar, position, np.zeros(2), np.ones(2)))
+        for radar in tdm_pair(small_radar)
+    ]
+    np.testing.assert_allclose(both[0], both[1], rtol=0.0, atol=1e-9 * np.abs(both[0]).max())
+
+
+def test_a_moving_targets_phase_turns_by_its_doppler_from_tx_to_tx(small_radar):
+    speed = 5.0
+    position, velocity = np.array([[40 * 0.149896229, 0.0, 0.0]]), np.array([[speed, 0.0, 0.0]])
+    at_once, in_turns = (if_signal(r, position, velocity, np.ones(1)) for r in tdm_pair(small_radar))
+    radar = tdm_pair(small_radar)[1]
+    turn = chirp_times(radar)[1, 0]
+    assert turn == pytest.approx(161.2e-6 / 2)
+    # Mean phase over the sweep: at mid-sweep, f_d = 2 v f / c with the sign of eq. (1).
+    doppler = 2.0 * speed * radar.waveform.mid_sweep_hz / 299_792_458.0
+    rotation = np.angle(np.sum(in_turns * at_once.conj(), axis=(0, 1)))
+    np.testing.assert_allclose(rotation[[0, 2]], 0.0, atol=1e-9)
+    np.testing.assert_allclose(rotation[[1, 3]], 2.0 * np.pi * doppler * turn, rtol=2e-3)
+
+
+# In a radar's file
+
+
+def radar_file(tmp_path, text: str) -> Radar:
+    path = tmp_path / "radar.toml"
+    path.write_text(text, encoding="utf-8")
+    return load_radar(str(path))
+
+
+FULL = """[front_end]
+tx_polarization = "V"
+rx_polarization = "H"
+[front_end.phase_noise]
+level_dbc_per_hz = -95
+[front_end.converter]
+bits = 12
+full_scale_dbm = -30
+"""
+
+
+def test_the_front_end_is_read_and_comes_back_from_the_metadata(tmp_path):
+    radar = radar_file(tmp_path, FULL)
+    assert radar.front_end.cross_polarized
+    assert radar.front_end.phase_noise == PhaseNoise(level_dbc_per_hz=-95.0, loop_bandwidth_hz=300e3)
+    assert radar.front_end.converter == Converter(bits=12, full_scale_dbm=-30.0)
+    assert radar_of(json.loads(json.dumps(radar.metadata(), allow_nan=False))) == radar
+    assert not FrontEnd().cross_polarized
+    assert (FrontEnd().phase_noise, FrontEnd().converter) == (None, None)
+
+
+def test_a_dataset_from_before_these_fields_is_read_as_without_them():
+    description = Radar().metadata()
+    for name in ("tx_polarization", "rx_polarization", "phase_noise", "converter"):
+        del description["radar"][name]
+    assert radar_of(description) == Radar()
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ('[front_end]\ntx_polarization = "X"\n', ["front_end.tx_polarization = 'X'", "'V' or 'H'"]),
+        ("[front_end.converter]\nbits = 12\n", ["front_end.converter.full_scale_dbm"]),
+        ("[front_end.converter]\nbits = 0\nfull_scale_dbm = 0\n", ["front_end.converter.bits = 0"]),
+        ("[front_end.phase_noise]\nlevel_dbc_per_hz = nan\n", ["front_end.phase_noise.level_dbc_per_hz = nan"]),
+        ("[front_end.phase_noise]\nlevel_dbc_per_hz = -40\n", ["front_end.phase_noise leaves", "at most 0.3 rad"]),
+        (
+            '[front_end]\ntx_polarization = "H"\ntx_pattern = { kind = "patch" }\n',
+            ["front_end.tx_pattern.resonant_along = 'z'", "'y' with tx_polarization = 'H'"],
+        ),
+        (
+            '[waveform]\nmultiplexing = "tdm"\n',
+            ["chirp_interval_s = 8.06e-05 leaves each of 3 TX", "3 x chirp_duration_s = 0.0002418"],
+        ),
+    ],
+)
+def test_a_wrong_front_end_is_one_line(tmp_path, text, parts):
+    with pytest.raises(InputError) as caught:
+        radar_file(tmp_path, text)
+    assert "\n" not in str(caught.value)
+    for part in ("radar.toml: ", *parts):
+        assert part in str(caught.value)
+
+
+def test_turns_that_fit_are_accepted(tmp_path):
+    text = '[waveform]\nmultiplexing = "tdm"\nchirp_interval_s = 241.8e-6\n'
+    assert radar_file(tmp_path, text).waveform.multiplexing == "tdm"
+
+
+def test_a_negative_number_of_bits_is_refused():
+    with pytest.raises(ValidationError, match="greater than or equal to 1"):
+        Converter(bits=-3, full_scale_dbm=0.0)

@@ -1,0 +1,142 @@
+"""The adaptive spectrum: its equation written out in float64, the limits it must keep, NumPy and torch alike."""
+
+import numpy as np
+import pytest
+import torch
+
+from shared.radar import Radar
+from shared.radar.arrays import AVR_QDM_110_THINNED_RX
+from shared.signal.adaptive import FLOOR, AdaptiveTables, adaptive_spectrum, adaptive_tables
+from shared.signal.features import ADAPTIVE_CHANNELS, ROW_CHANNELS, adaptive_features, row_features, steering_weights
+from shared.signal.imaging import steering_matrix
+
+RADAR = Radar()
+BINS = RADAR.grid.bins
+ARRAYS = sorted(AVR_QDM_110_THINNED_RX)
+
+
+def chosen(name):
+    return RADAR.array.channel_indices(AVR_QDM_110_THINNED_RX[name])
+
+
+def echoes(generator, channels, rows=4, targets=2, noise_db=-25.0):
+    """([rows, C] complex64 of RMS 1, [rows] relative noise power, [rows, targets] u), strong and a little weaker."""
+    y = RADAR.array.virtual[channels, 1]
+    u = generator.uniform(-0.8, 0.8, (rows, targets))
+    amplitude = np.exp(2j * np.pi * generator.random((rows, targets))) * 10.0 ** (-0.1 * np.arange(targets))
+    wavenumber = 2 * np.pi / RADAR.waveform.wavelength_m
+    x = np.einsum("rk,rkc->rc", amplitude, np.exp(-1j * wavenumber * u[..., None] * y))
+    power = 10.0 ** (noise_db / 10.0)
+    x = x + np.sqrt(power / 2) * (generator.standard_normal(x.shape) + 1j * generator.standard_normal(x.shape))
+    scale = np.sqrt((np.abs(x) ** 2).mean(-1, keepdims=True))
+    return (x / scale).astype(np.complex64), (power / scale[:, 0] ** 2).astype(np.float32), u
+
+
+def slow_reference(x, noise, channels, iterations):
+    """[U] of one snapshot: eq. of the module, full covariance, no distances, float64."""
+    grid = RADAR.grid
+    count = int((1.0 - abs(grid.u[0])) / grid.step)
+    axis = grid.u[0] + grid.step * np.arange(-count, BINS + count + 2)
+    axis = axis[np.abs(axis) < 1.0]
+    a = np.exp(-1j * 2 * np.pi / RADAR.waveform.wavelength_m * np.outer(RADAR.array.virtual[channels, 1], axis))
+    s = np.abs(a.conj().T @ x) / len(x)
+    for _ in range(iterations):
+        power = s**2
+        white = max(noise, FLOOR * power.sum() + FLOOR)
+        inverse = np.linalg.inv(a * power @ a.conj().T + white * np.eye(len(x)))
+        s = np.abs(a.conj().T @ inverse @ x) / np.einsum("cn,cd,dn->n", a.conj(), inverse, a).real
+    return s[np.searchsorted(axis, grid.u - 1e-9)]
+
+
+@pytest.mark.parametrize("iterations", [0, 1, 5])
+@pytest.mark.parametrize("name", ARRAYS)
+def test_it_equals_its_equation_written_out(generator, name, iterations):
+    channels = chosen(name)
+    x, noise, _ = echoes(generator, channels)
+    tables = adaptive_tables(RADAR, channels)
+    found = adaptive_spectrum(x, noise, tables, BINS, iterations)
+    assert found.dtype == np.float32
+    expected = [
+        slow_reference(row.astype(complex), float(n), channels, iterations) for row, n in zip(x, noise, strict=True)
+    ]
+    np.testing.assert_allclose(found, expected, atol=5e-3)
+    tensors = AdaptiveTables(*(torch.from_numpy(table) for table in tables))
+    again = adaptive_spectrum(torch.from_numpy(x), torch.from_numpy(noise), tensors, BINS, iterations)
+    assert again.dtype == torch.float32
+    np.testing.assert_allclose(again, found, atol=5e-3)
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+def test_an_echo_reads_its_amplitude_at_its_angle_and_ambiguities_fall(generator, name):
+    """Delay-and-sum of 4 RX shows a second echo 1.5 dB below; here nothing is left of it above -20 dB."""
+    channels = chosen(name)
+    place = 300
+    x = np.conj(steering_matrix(RADAR, RADAR.array)[channels, place])[None].astype(np.complex64)
+    found = adaptive_spectrum(x, np.full(1, 1e-3, np.float32), adaptive_tables(RADAR, channels), BINS, 5)[0]
+    assert found.argmax() == place
+    assert found[place] == pytest.approx(1.0, abs=0.02)
+    away = np.abs(np.arange(BINS) - place) > 6
+    assert found[away].max() < 0.1
+    if name == "sparse4":
+        assert np.abs(x @ steering_weights(RADAR, channels))[0, away].max() > 0.7
+
+
+def test_arrays_agree_where_delay_and_sum_does_not(generator):
+    """The same two echoes by 16, 6 and 4 RX: what the spectrum says of the bins off the echoes' main lobes."""
+    outside = {}
+    for name in ARRAYS:
+        channels = chosen(name)
+        x, noise, u = echoes(np.random.default_rng(3), channels, rows=40)
+        away = np.abs(RADAR.grid.u[None, :, None] - u[:, None, :]).min(axis=-1) > 0.05
+        found = adaptive_spectrum(x, noise, adaptive_tables(RADAR, channels), BINS, 5)
+        das = np.abs(x @ steering_weights(RADAR, channels))
+        outside[name] = [float(np.sqrt(np.mean(image[away] ** 2))) for image in (found, das)]
+    for adaptive, das in outside.values():
+        assert adaptive < 0.4 * das
+
+
+def test_zero_rows_give_zeros_and_noise_alone_stays_noise(generator):
+    channels = chosen("sparse6")
+    tables = adaptive_tables(RADAR, channels)
+    x = np.zeros((2, 3, len(channels)), np.complex64)
+    assert not adaptive_spectrum(x, np.zeros((2, 3), np.float32), tables, BINS, 5).any()
+    values = generator.standard_normal((50, len(channels), 2)).astype(np.float32) / np.sqrt(np.float32(2))
+    x = values.view(np.complex64)[..., 0]
+    found = adaptive_spectrum(x, np.ones(50, np.float32), tables, BINS, 5)
+    # E |s|^2 of white noise is 1 / C for delay-and-sum; the covariance is nearly white, so not far from it here.
+    assert np.mean(found**2) < 3.0 / len(channels)
+
+
+def test_the_features_are_the_row_s_and_the_compressed_spectrum(generator):
+    channels = chosen("sparse4")
+    weights, tables = steering_weights(RADAR, channels), adaptive_tables(RADAR, channels)
+    x, _, _ = echoes(generator, channels, rows=6)
+    levels = np.geomspace(1e-4, 1e-8, 6).astype(np.float32)
+    frames = (x * levels[:, None]).reshape(2, 3, -1)
+    noise_power = np.array([1e-14, 0.0])
+    stacked, scale = adaptive_features(frames, weights, noise_power, tables, 3, 0.5)
+    row, row_scale = row_features(frames, weights, noise_power)
+    assert stacked.shape == (2, len(ADAPTIVE_CHANNELS), 3, BINS)
+    assert stacked.dtype == np.float32
+    np.testing.assert_array_equal(stacked[:, : len(ROW_CHANNELS)], row)
+    np.testing.assert_array_equal(scale, row_scale)
+    relative = (noise_power[:, None] / scale.astype(float) ** 2).astype(np.float32)
+    expected = np.sqrt(adaptive_spectrum(x.reshape(2, 3, -1), relative, tables, BINS, 3))
+    np.testing.assert_allclose(stacked[:, 4], expected, atol=2e-3)
+
+
+@pytest.mark.parametrize("value", [0.0, 1e-30, 1e30])
+@pytest.mark.parametrize("noise", [0.0, 1e-40, 1e20])
+def test_hard_rows_are_finite_in_both_libraries(value, noise):
+    channels = chosen("sparse4")
+    weights, tables = steering_weights(RADAR, channels), adaptive_tables(RADAR, channels)
+    data = np.full((1, 5, 12), value, np.complex64)
+    data[0, 2:] = 0
+    found, _ = adaptive_features(data, weights, np.array([noise]), tables, 5, 0.5)
+    assert np.isfinite(found).all()
+    assert np.all(found[0, 4, 2:] == 0)
+    tensors = AdaptiveTables(*(torch.from_numpy(table) for table in tables))
+    arguments = torch.from_numpy(data), torch.from_numpy(weights), torch.tensor([noise], dtype=torch.float64)
+    again, _ = adaptive_features(*arguments, tensors, 5, 0.5)
+    assert torch.isfinite(again).all()
+    np.testing.assert_allclose(again, found, atol=5e-3)

@@ -1,0 +1,149 @@
+"""Features: equal to eq. (7)-(12) written out in float64, the same in NumPy and torch, finite on every hard row."""
+
+import numpy as np
+import pytest
+import torch
+
+from shared.radar import ImageGrid, Radar
+from shared.radar.arrays import AVR_QDM_110_THINNED_RX
+from shared.radar.waveform import Waveform
+from shared.signal.features import (
+    MAGNITUDE_FLOOR_DB,
+    covariance_channels,
+    covariance_rows,
+    covariance_size,
+    paper_features,
+    row_features,
+    steering_weights,
+)
+
+RADAR = Radar(waveform=Waveform(samples=16, chirps=2, range_bins=5), grid=ImageGrid(bins=450))
+ARRAYS = sorted(AVR_QDM_110_THINNED_RX)
+
+
+def snapshots(generator, channels, rows=5):
+    """[rows, C] of amplitudes 80 dB apart, like an image's near and far rows [sqrt(W)]."""
+    values = generator.standard_normal((rows, channels, 2)) * np.geomspace(1e-4, 1e-8, rows)[:, None, None]
+    return (values[..., 0] + 1j * values[..., 1]).astype(np.complex64)
+
+
+def slow_reference(snapshot, radar, channels):
+    """[5, R, U] the paper's features by loops in float64; sign of the steering as in design conventions (+u)."""
+    y = radar.array.virtual[channels, 1]
+    wavenumber = 2 * np.pi / radar.waveform.wavelength_m
+    rows, bins = len(snapshot), radar.grid.bins
+    image = np.zeros((rows, bins), complex)
+    covariance = np.zeros((rows, bins), complex)
+    for r in range(rows):
+        s = snapshot[r].astype(complex)
+        for j, u in enumerate(radar.grid.u):
+            image[r, j] = sum(s[c] * np.exp(1j * wavenumber * u * y[c]) for c in range(len(s))) / len(s)
+        matrix = np.outer(s, s.conj())
+        matrix = (matrix / np.linalg.norm(matrix))[:29, :29]
+        place = 0
+        for row in range(len(matrix)):
+            for column in range(row, len(matrix)):
+                covariance[r, place] = matrix[row, column]
+                place += 1
+    level = np.log10(np.maximum(np.abs(image) / np.abs(image).max(), 10 ** (MAGNITUDE_FLOOR_DB / 20)))
+    level = (level - level.min()) / (level.max() - level.min())
+    return np.stack([level, np.angle(image), covariance.real, covariance.imag, np.angle(covariance)])
+
+
+def wrapped(phase):
+    return np.abs(np.exp(1j * phase) - 1)
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+def test_the_paper_s_channels_equal_the_slow_reference_for_every_array(generator, name):
+    channels = RADAR.array.channel_indices(AVR_QDM_110_THINNED_RX[name])
+    data = snapshots(generator, len(channels))
+    expected = slow_reference(data, RADAR, channels)
+    found = paper_features(data, steering_weights(RADAR, channels))
+    assert found.shape == (5, 5, 450)
+    assert found.dtype == np.float32
+    for channel in (0, 2, 3):
+        np.testing.assert_allclose(found[channel], expected[channel], atol=2e-5)
+    # Phases are compared where the value is not within rounding of zero, and on the circle.
+    strong = expected[0] > 0.5
+    assert wrapped(found[1] - expected[1])[strong].max() < 1e-3
+    filled = np.abs(expected[2] + 1j * expected[3]) > 1e-5
+    assert wrapped(found[4] - expected[4])[filled].max() < 1e-3
+
+
+def test_the_covariance_of_a_full_array_is_cropped_to_29_and_padded():
+    assert [covariance_size(channels, 450) for channels in (48, 18, 12)] == [29, 18, 12]
+    row = covariance_rows(np.exp(1j * np.arange(48, dtype=np.float32))[None].astype(np.complex64), 450)[0]
+    assert np.all(row[435:] == 0)
+    # |element| = 1 / 48: the norm is that of the whole matrix, before the crop.
+    np.testing.assert_allclose(np.abs(row[:435]), 1 / 48, rtol=1e-5)
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+def test_torch_gives_what_numpy_gives_and_a_batch_what_single_frames_give(generator, name):
+    channels = RADAR.array.channel_indices(AVR_QDM_110_THINNED_RX[name])
+    weights = steering_weights(RADAR, channels)
+    data = np.stack([snapshots(generator, len(channels)) for _ in range(2)])
+    noise = np.array([1e-16, 0.0])
+    tensors = torch.from_numpy(data), torch.from_numpy(weights), torch.from_numpy(noise)
+    paper, (rows, scale) = paper_features(data, weights), row_features(data, weights, noise)
+    torch_paper, (torch_rows, torch_scale) = paper_features(*tensors[:2]), row_features(*tensors)
+    for channel in (0, 2, 3):
+        np.testing.assert_allclose(torch_paper[:, channel], paper[:, channel], atol=2e-5)
+    np.testing.assert_allclose(torch_rows, rows, atol=2e-5)
+    np.testing.assert_allclose(torch_scale, scale, rtol=1e-5)
+    assert torch_rows.dtype == torch.float32
+    assert rows.dtype == np.float32
+    np.testing.assert_allclose(row_features(data[1], weights, noise[1])[0], rows[1], atol=2e-5)
+
+
+def test_a_row_keeps_its_shape_whatever_its_amplitude_and_phase(generator):
+    weights = steering_weights(RADAR, np.arange(48))
+    data = snapshots(generator, 48)
+    features, scale = row_features(data, weights, np.array(1e-30))
+    factor = np.float32(1e-5) * np.exp(1j * np.linspace(0, 6, 5))[:, None].astype(np.complex64)
+    again, scale_again = row_features(data * factor, weights, np.array(1e-40))
+    np.testing.assert_allclose(again, features, atol=2e-4)
+    np.testing.assert_allclose(scale_again, scale * 1e-5, rtol=1e-4)
+    np.testing.assert_allclose(scale, np.sqrt((np.abs(data) ** 2).mean(-1)), rtol=1e-5)
+
+
+def test_a_single_echo_reads_one_at_its_place():
+    weights = steering_weights(RADAR, np.arange(48))
+    echo = np.conj(weights[:, 300] * 48)[None] * np.complex64(3e-7 * np.exp(2j))
+    features, scale = row_features(echo, weights, np.array(1e-17))
+    assert scale[0] == pytest.approx(3e-7, rel=1e-5)
+    assert features[2, 0].argmax() == 300
+    np.testing.assert_allclose(features[:3, 0, 300], [1, 0, 1], atol=1e-5)
+    # log10(9e-14 / 1e-17) = 3.954 on the scale from -2 to 8
+    assert features[3, 0, 0] == pytest.approx((np.log10(9e-14 / 1e-17) + 2) / 10, abs=1e-5)
+
+
+@pytest.mark.parametrize("value", [0.0, 1e-30, 1e30])
+def test_hard_rows_are_finite_in_both_libraries(value):
+    weights = steering_weights(RADAR, np.arange(12))
+    data = np.full((2, 5, 12), value, np.complex64)
+    data[1, 2:] = 0
+    noise = np.zeros(2)
+    paper, (rows, scale) = paper_features(data, weights), row_features(data, weights, noise)
+    assert np.isfinite(paper).all()
+    assert np.isfinite(rows).all()
+    assert np.isfinite(scale).all()
+    assert np.abs(paper).max() < 3.2
+    assert np.abs(rows).max() <= 1.0 + 1e-5
+    arguments = torch.from_numpy(data), torch.from_numpy(weights)
+    assert torch.isfinite(paper_features(*arguments)).all()
+    assert torch.isfinite(row_features(*arguments, torch.from_numpy(noise))[0]).all()
+    assert np.all(rows[1, :3, 2:] == 0)
+
+
+def test_the_whole_covariance_equals_eq_13(generator):
+    data = snapshots(generator, 12)
+    found = covariance_channels(data)
+    assert found.shape == (3, 5, 144)
+    for row, s in enumerate(data.astype(complex)):
+        matrix = np.outer(s, s.conj())
+        matrix /= np.linalg.norm(matrix)
+        np.testing.assert_allclose(found[0, row] + 1j * found[1, row], matrix.ravel(), atol=1e-6)
+        assert wrapped(found[2, row] - np.angle(matrix.ravel())).max() < 1e-2
+    np.testing.assert_allclose(covariance_channels(torch.from_numpy(data))[:2], found[:2], atol=1e-6)

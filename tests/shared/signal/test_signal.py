@@ -1,0 +1,166 @@
+"""Eq. (1)-(2) as a signal: absolute level, signs, reciprocity, noise."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from oracles import if_cube, reference_file, relative_error
+
+from datafactory.paths.table import PathTable, ScatteredPaths
+from shared.radar import FrontEnd, Radar
+from shared.radar.antenna import IsotropicPattern
+from shared.radar.arrays import AntennaArray, line
+from shared.radar.receiver import receiver_noise
+from shared.radar.waveform import Waveform
+from shared.signal import chirp_times, if_signal, round_trip_delays, target_amplitudes
+from shared.signal.spectrum import range_doppler
+from shared.signal.windows import cell_noise_power, hann
+
+PAIR = AntennaArray(tx_m=((0.0, 0.0, 0.0),), rx_m=((0.0, 0.0, 0.0),))
+
+
+@pytest.mark.parametrize("multiplexing", ["simultaneous", "tdm"])
+@pytest.mark.parametrize("video_phase", [False, True])
+def test_the_sum_is_equation_1(small_radar, generator, multiplexing, video_phase):
+    radar = small_radar(samples=33, chirps=5, multiplexing=multiplexing, residual_video_phase=video_phase)
+    positions = generator.uniform([3.0, -20.0, -1.0], [40.0, 20.0, 1.0], (4, 3))
+    velocities = generator.uniform(-15.0, 15.0, (4, 3))
+    amplitudes = generator.normal(size=4) + 1j * generator.normal(size=4)
+    signal = if_signal(radar, positions, velocities, amplitudes)
+    table = PathTable(ScatteredPaths.of_points(positions, velocities, amplitudes))
+    # Phases of 2e4 cycles in float64 keep 4e-12 cycles; two orders of summation differ by no more than a few of those.
+    assert relative_error(signal, if_cube(table, radar)) < 1e-9
+
+
+def test_tdm_transmitters_take_turns(small_radar):
+    radar = small_radar(chirps=3, multiplexing="tdm")
+    interval = radar.waveform.chirp_interval_s
+    times = chirp_times(radar)
+    np.testing.assert_allclose(times[:, 0], [0.0, interval / 3.0, 2.0 * interval / 3.0])
+    np.testing.assert_allclose(np.diff(times, axis=1), interval)
+
+
+def test_the_absolute_baseband_of_another_simulator_is_reproduced():
+    # The vector samples at 60 kHz an 80 us chirp; 24 samples a chirp hold those instants as every fifth.
+    vector = json.loads(reference_file("vectors", "radarsimpy_baseband.json").read_text(encoding="utf-8"))
+    config = vector["config"]
+    start_hz, stop_hz = config["f_Hz"]
+    gain_db = config["rf_gain_dB"] + config["baseband_gain_dB"]
+    radar = Radar(
+        waveform=Waveform(
+            carrier_hz=start_hz, bandwidth_hz=stop_hz - start_hz, chirp_duration_s=config["T_s"],
+            chirp_interval_s=config["T_s"], chirps=1, samples=24, range_bins=24, residual_video_phase=True,
+        ),
+        array=PAIR,
+        front_end=FrontEnd(
+            transmit_power_dbm=config["tx_power_dBm"] + gain_db,
+            tx_pattern=IsotropicPattern(), rx_pattern=IsotropicPattern(),
+        ),
+    )  # fmt: skip
+    every = round(radar.waveform.sample_rate_hz / config["fs_Hz"])
+    position = np.array([config["target_m"]], dtype=float)
+    amplitude = target_amplitudes(radar, position, np.array([config["rcs_dBsm"]]), np.zeros(1))
+    # A watt into the load's ohms: the peak voltage of a sinusoid of power P is sqrt(2 P R).
+    voltage = np.sqrt(2.0 * config["load_ohm"]) * if_signal(radar, position, np.zeros((1, 3)), amplitude)[0, ::every, 0]
+    expected = np.array(vector["baseband_re"]) + 1j * np.array(vector["baseband_im"])
+    assert np.abs(voltage[: len(expected)] - expected).max() < 1e-6 * np.abs(expected).max()
+
+
+def _radar_equation_dbw(radar: Radar, range_m: float, rcs_dbsm: float) -> float:
+    """Received power by the radar equation, in decibels, at boresight of the default radar."""
+    wavelength = 299_792_458.0 / 77.5e9
+    gain_dbi = 2 * 11.1
+    return (
+        radar.front_end.transmit_power_dbm - 30.0 + gain_dbi + rcs_dbsm
+        + 20.0 * np.log10(wavelength) - 30.0 * np.log10(4.0 * np.pi) - 40.0 * np.log10(range_m)
+    )  # fmt: skip
+
+
+def test_power_follows_the_radar_equation(small_radar):
+    radar = small_radar(samples=512, chirps=4)
+    for bin_index in (20, 40, 80, 160, 320):
+        # TX and RX of the full array are not at the origin, which moves the echo by less than 0.05 bins at boresight.
+        range_m = bin_index * radar.waveform.range_step_m
+        position = np.array([[range_m, 0.0, 0.0]])
+        amplitude = target_amplitudes(radar, position, np.array([11.0]), np.array([0.7]))
+        cube = if_signal(radar, position, np.zeros((1, 3)), amplitude)
+        expected = _radar_equation_dbw(radar, range_m, 11.0)
+        assert 10.0 * np.log10(np.mean(np.abs(cube) ** 2)) == pytest.approx(expected, abs=0.05)
+        peak = np.abs(range_doppler(cube.astype(np.complex64), radar)).max(axis=(0, 1)).mean()
+        assert 20.0 * np.log10(peak) == pytest.approx(expected, abs=0.05)
+
+
+def test_power_falls_with_the_fourth_power_of_range(small_radar):
+    radar = small_radar()
+    positions = np.array([[10.0, 3.0, 0.1], [20.0, 6.0, 0.2], [40.0, 12.0, 0.4]])
+    amplitudes = target_amplitudes(radar, positions, np.zeros(3), np.zeros(3))
+    np.testing.assert_allclose(np.diff(20.0 * np.log10(np.abs(amplitudes))), -40.0 * np.log10(2.0), atol=1e-9)
+
+
+def test_an_approaching_target_has_negative_range_rate(small_radar):
+    radar = small_radar(samples=128, chirps=64)
+    position = np.array([[10.0, 2.0, 0.0]])
+    direction = position[0] / np.linalg.norm(position[0])
+    for speed in (-7.0, 4.0):  # along the line of sight, range rate in m/s
+        cube = if_signal(radar, position, speed * direction[None], np.ones(1, dtype=complex))
+        power = (np.abs(range_doppler(cube.astype(np.complex64), radar)) ** 2).sum(axis=(0, 2))
+        found = radar.waveform.velocities_mps[power.argmax()]
+        assert abs(found - speed) <= 0.5 * radar.waveform.velocity_step_mps
+
+
+def test_reciprocity_of_transmitters_and_receivers(small_radar, generator):
+    radar = small_radar(chirps=3)
+    forward = AntennaArray(tx_m=line(np.array([-0.03, 0.01])), rx_m=line(np.array([-0.02, 0.0, 0.04])))
+    backward = AntennaArray(tx_m=forward.rx_m, rx_m=forward.tx_m)
+    position, velocity = generator.uniform(2.0, 30.0, (3, 3)), generator.uniform(-10.0, 10.0, (3, 3))
+    amplitude = np.array([1.0, 0.5j, -0.2])
+    one = if_signal(radar.model_copy(update={"array": forward}), position, velocity, amplitude)
+    other = if_signal(radar.model_copy(update={"array": backward}), position, velocity, amplitude)
+    shape = one.shape[:2]
+    np.testing.assert_allclose(one.reshape(*shape, 3, 2), other.reshape(*shape, 2, 3).swapaxes(2, 3), atol=1e-12)
+
+
+def test_delay_is_twice_the_range_for_a_pair_at_the_origin(small_radar):
+    radar = small_radar(chirps=4).model_copy(update={"array": PAIR})
+    delays = round_trip_delays(radar, np.array([30.0, 40.0, 0.0]), np.array([6.0, 8.0, 0.0]))
+    times = radar.waveform.chirp_interval_s * np.arange(4)
+    np.testing.assert_allclose(delays[0], 2.0 * (50.0 + 10.0 * times) / 299_792_458.0, rtol=1e-15)
+
+
+def test_noise_power_agrees_with_its_formula(small_radar):
+    radar = small_radar(samples=256, chirps=64)
+    noise = receiver_noise(radar, np.random.default_rng(7))
+    factor = 10.0 ** (radar.front_end.noise_figure_db / 10.0)
+    sample_power = 1.380649e-23 * 290.0 * factor * 256 / 80.6e-6
+    assert 10.0 * np.log10(np.mean(np.abs(noise) ** 2) / sample_power) == pytest.approx(0.0, abs=0.1)
+    measured = np.mean(np.abs(range_doppler(noise, radar)) ** 2)
+    assert 10.0 * np.log10(measured / cell_noise_power(radar)) == pytest.approx(0.0, abs=0.1)
+    # A periodic Hann window has an equivalent noise bandwidth of 1.5 bins (Harris 1978, Table I), on both axes.
+    assert cell_noise_power(radar) == pytest.approx(sample_power * 1.5**2 / (256 * 64), rel=1e-12)
+
+
+def test_noise_is_circular_and_white(small_radar):
+    radar = small_radar(samples=256, chirps=32)
+    noise = receiver_noise(radar, np.random.default_rng(8)) / np.sqrt(radar.sample_noise_power_w)
+    # 4e5 samples: an estimate of zero deviates by 1.6e-3.
+    assert abs(np.mean(noise**2)) < 8e-3
+    assert abs(np.mean(noise[:, 1:] * noise[:, :-1].conj())) < 8e-3
+    assert abs(np.mean(noise[..., 1:] * noise[..., :-1].conj())) < 8e-3
+
+
+def test_noise_depends_on_the_generator_alone(small_radar):
+    radar = small_radar()
+    first, again = (receiver_noise(radar, np.random.default_rng(3)).tobytes() for _ in range(2))
+    assert first == again
+    assert first != receiver_noise(radar, np.random.default_rng(4)).tobytes()
+
+
+@pytest.mark.parametrize("length", [1, 2, 7, 64])
+def test_hann_window_is_the_periodic_one(length):
+    window = hann(length)
+    if length == 1:
+        assert window.tolist() == [1.0]
+    else:
+        np.testing.assert_allclose(window, np.sin(np.pi * np.arange(length) / length) ** 2, atol=1e-15)

@@ -1,0 +1,135 @@
+"""Range-Doppler spectra and the choice of Doppler cells."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from shared.radar import Radar
+from shared.radar.receiver import receiver_noise
+from shared.signal import if_signal
+from shared.signal.spectrum import RAYLEIGH_DEVIATION, RAYLEIGH_MEAN, range_doppler, select_doppler
+from shared.signal.windows import cell_noise_power, hann
+
+
+def spectra_of(radar: Radar, ranges_m, velocities_mps, amplitudes, noise: int | None = None) -> np.ndarray:
+    """[R, chirps, C] of targets at boresight, with receiver noise of a seed where given."""
+    positions, velocities = np.zeros((2, len(ranges_m), 3))
+    positions[:, 0], velocities[:, 0] = ranges_m, velocities_mps
+    cube = if_signal(radar, positions, velocities, np.array(amplitudes, dtype=complex))
+    if noise is not None:
+        cube = cube + receiver_noise(radar, np.random.default_rng(noise))
+    return range_doppler(cube.astype(np.complex64), radar)
+
+
+def test_spectra_are_the_windowed_sums(small_radar):
+    radar = small_radar(samples=16, chirps=6, range_bins=10)
+    generator = np.random.default_rng(1)
+    cube = (generator.normal(size=(6, 16, 2)) + 1j * generator.normal(size=(6, 16, 2))).astype(np.complex64)
+    spectra = range_doppler(cube, radar)
+    assert spectra.shape == (10, 6, 2)
+    assert spectra.dtype == np.complex64
+    range_window, doppler_window = hann(16) / hann(16).sum(), hann(6) / hann(6).sum()
+    for row, cell in ((0, 3), (4, 0), (9, 5)):
+        n, m = np.arange(16), np.arange(6)
+        kernel = np.outer(
+            doppler_window * np.exp(-2j * np.pi * (cell - 3) * m / 6), range_window * np.exp(-2j * np.pi * row * n / 16)
+        )
+        np.testing.assert_allclose(spectra[row, cell], np.einsum("mn,mnc->c", kernel, cube), atol=1e-6)
+
+
+@pytest.mark.parametrize("chirps", [1, 2, 5, 16])
+@pytest.mark.parametrize("samples", [1, 9, 32])
+def test_an_on_grid_line_reads_its_amplitude(small_radar, chirps, samples):
+    radar = small_radar(samples=samples, chirps=chirps)
+    n, m = np.arange(samples), np.arange(chirps)
+    row, cell = samples // 3, chirps // 4
+    line = np.exp(2j * np.pi * ((cell - chirps // 2) * m[:, None] / chirps + row * n / samples))
+    spectra = range_doppler((0.7j * line)[..., None].astype(np.complex64), radar)
+    assert spectra[row, cell, 0] == pytest.approx(0.7j, abs=1e-5)
+
+
+def test_a_cube_of_another_shape_is_refused(small_radar):
+    with pytest.raises(ValueError, match=r"expected \[chirp, sample, channel\] = \(8, 64\)"):
+        range_doppler(np.zeros((64, 8, 2), np.complex64), small_radar())
+
+
+def test_a_static_target_is_one_target(small_radar):
+    # The Hann window leaves the neighbours of the zero-Doppler cell only 6 dB down: they are no second target.
+    radar = small_radar(chirps=32)
+    amplitude = 1e4 * np.sqrt(radar.sample_noise_power_w)
+    selection = select_doppler(spectra_of(radar, [4.5], [0.0], [amplitude], noise=1), cell_noise_power(radar))
+    row = round(4.5 / radar.waveform.range_step_m)
+    magnitude = selection.magnitude[row]
+    assert 20.0 * np.log10(magnitude[17] / magnitude[16]) == pytest.approx(-6.02, abs=0.1)
+    assert selection.cells[:, row].tolist() == [16, 16, 16]
+    np.testing.assert_array_equal(selection.range_channel[0, row], selection.range_channel[1, row])
+
+
+def test_two_movers_in_one_range_bin_are_two(small_radar):
+    radar = small_radar(chirps=64)
+    level = 1e3 * np.sqrt(cell_noise_power(radar))
+    step = radar.waveform.velocity_step_mps
+    spectra = spectra_of(radar, [4.5, 4.5], [-10 * step, 7 * step], [level, 0.1 * level], noise=2)
+    selection = select_doppler(spectra, cell_noise_power(radar))
+    row = round(4.5 / radar.waveform.range_step_m)
+    assert selection.cells[:, row].tolist() == [22, 39, 22]
+    np.testing.assert_array_equal(selection.range_channel[:, row], spectra[row, [22, 39, 22]])
+
+
+def test_peaks_stand_in_order_of_strength(small_radar):
+    radar = small_radar(chirps=64)
+    step = radar.waveform.velocity_step_mps
+    spectra = spectra_of(radar, [4.5] * 3, [-20 * step, 0.0, 20 * step], [0.2, 0.5, 1.0])
+    row = round(4.5 / radar.waveform.range_step_m)
+    assert select_doppler(spectra, 1e-12).cells[:, row].tolist() == [52, 32, 12]
+    assert select_doppler(spectra, 1e-12, peaks=2).cells[:, row].tolist() == [52, 32]
+
+
+def test_peaks_wrap_around_the_doppler_axis(small_radar):
+    radar = small_radar(chirps=16)
+    step = radar.waveform.velocity_step_mps
+    spectra = spectra_of(radar, [4.5], [-8 * step], [1.0])
+    row = round(4.5 / radar.waveform.range_step_m)
+    # Cells 15 and 1 are its neighbours, 6 dB down, on either side of the fold.
+    assert select_doppler(spectra, 1e-12).cells[:, row].tolist() == [0, 0, 0]
+
+
+def test_a_weak_second_peak_needs_the_threshold():
+    noise_power = 1e-6
+    threshold = (RAYLEIGH_MEAN + 6.0 * RAYLEIGH_DEVIATION / np.sqrt(48)) * np.sqrt(noise_power)
+    spectra = np.zeros((1, 32, 48), dtype=np.complex64)
+    spectra[0, 5] = 1.0
+    for level, second in ((0.999 * threshold, 5), (1.001 * threshold, 20)):
+        spectra[0, 20] = level
+        assert select_doppler(spectra, noise_power).cells[:2, 0].tolist() == [5, second]
+
+
+def test_a_second_peak_stands_within_80_db():
+    spectra = np.zeros((1, 32, 4), dtype=np.complex64)
+    spectra[0, 5] = 1.0
+    for level_db, second in ((-80.1, 5), (-79.9, 20)):
+        spectra[0, 20] = 10.0 ** (level_db / 20.0)
+        assert select_doppler(spectra, 0.0).cells[:2, 0].tolist() == [5, second]
+
+
+def test_noise_alone_has_no_second_peak(small_radar):
+    radar = small_radar(samples=128, chirps=64)
+    spectra = range_doppler(receiver_noise(radar, np.random.default_rng(3)), radar)
+    selection = select_doppler(spectra, cell_noise_power(radar))
+    np.testing.assert_array_equal(selection.cells[0], np.abs(spectra).mean(axis=2).argmax(axis=1))
+    # Six deviations: not one of 8000 cells.
+    assert (selection.cells == selection.cells[0]).all()
+    # The constants of the threshold are those of the noise's magnitude.
+    normalised = np.abs(spectra) / np.sqrt(cell_noise_power(radar))
+    assert normalised.mean() == pytest.approx(RAYLEIGH_MEAN, abs=0.01)
+    assert normalised.std() == pytest.approx(RAYLEIGH_DEVIATION, abs=0.01)
+
+
+@pytest.mark.parametrize("chirps", [1, 2, 3])
+def test_silence_and_few_chirps_are_no_trouble(chirps):
+    selection = select_doppler(np.zeros((5, chirps, 4), dtype=np.complex64), 1e-15)
+    assert selection.cells.shape == (3, 5)
+    assert not selection.cells.any()
+    assert not selection.range_channel.any()
+    assert selection.magnitude.shape == (5, chirps)
