@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fresnel
 
-from datafactory.scenes.materials import Material, load_materials
-from datafactory.scenes.reflectivity import (
+from datafactory.scenes.materials.reflectivity import (
     Polarization,
     complex_permittivity,
     fresnel_reflectivity,
     lambertian_sigma0,
     normal_reflectivity,
 )
+from datafactory.scenes.materials.table import Material, load_materials
 from shared.physics.units import amplitude_to_db, power_to_db
 from shared.radar import Radar
 from shared.signal import target_amplitudes

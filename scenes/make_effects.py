@@ -21,7 +21,7 @@ import numpy as np
 from effect_reasons import expectations
 from pxr import Gf, Sdf, Usd, UsdGeom
 
-from datafactory.scenes.city_shapes import Polygon, Surface, box, prism, welded
+from datafactory.scenes.city.shapes import Polygon, Surface, box, prism, welded
 
 Vector = tuple[float, float, float]
 

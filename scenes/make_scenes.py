@@ -12,9 +12,9 @@ from xml.etree import ElementTree
 
 import trimesh
 
-from datafactory.scenes.city import City, write_city
-from datafactory.scenes.city_shapes import Surface, box, cylinder, yaw_rotation
-from datafactory.scenes.city_usd import Placement, write_usd
+from datafactory.scenes.city.city import City, write_city
+from datafactory.scenes.city.shapes import Surface, box, cylinder, yaw_rotation
+from datafactory.scenes.city.usd import Placement, write_usd
 from shared.physics.units import power_to_db
 from shared.radar.waveform import Waveform
 

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.paths.stage import Stage, stage_of
-from datafactory.scenes.materials import Material, MaterialMapping
+from datafactory.paths.merged_scene import Stage, stage_of
+from datafactory.scenes.materials.table import Material, MaterialMapping
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import Scene, SceneObject
 

@@ -18,14 +18,14 @@ import trimesh
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from datafactory.frame.points import read_targets
 from datafactory.paths.storage import TracedFrame, paths_schema, read_paths, to_row
 from datafactory.paths.table import PathTable, ScatteredPaths
-from datafactory.points import read_targets
-from datafactory.scenes.materials import load_materials
-from datafactory.scenes.open import open_scene
+from datafactory.run.shards import write_shard, write_tables
+from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.poses import Pose, read_poses
+from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene
-from datafactory.shards import write_shard, write_tables
 from shared.dataset import VERSION, Frame, arrow_schema, description
 from shared.dataset.folder import MANIFEST, open_dataset, verify
 from shared.dataset.reading import read_frames

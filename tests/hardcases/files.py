@@ -19,10 +19,10 @@ import pyarrow.parquet as pq
 from hardcases.case import HardCase, unrefused
 from hardcases.tools import factory
 
-from datafactory.points import read_targets
-from datafactory.scenes.materials import load_materials
-from datafactory.scenes.open import open_scene
+from datafactory.frame.points import read_targets
+from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.poses import read_poses
+from datafactory.scenes.readers.open import open_scene
 from shared.dataset import VERSION
 from shared.dataset.folder import MANIFEST, Dataset, open_dataset, verify
 from shared.dataset.reading import read_frame, read_frames

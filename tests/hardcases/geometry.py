@@ -28,11 +28,11 @@ from hardcases.tools import (
 from numpy.typing import NDArray
 from oracles import relative_error
 
+from datafactory.frame.points import read_targets
 from datafactory.paths.table import PathTable
-from datafactory.points import read_targets
-from datafactory.scenes.meshes import clean_mesh
-from datafactory.scenes.open import open_scene
 from datafactory.scenes.poses import Pose, read_poses
+from datafactory.scenes.readers.meshes import clean_mesh
+from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import SceneObject
 from datafactory.synthesis.cube import cube_of_paths
 from shared.radar import load_radar

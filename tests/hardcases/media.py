@@ -18,7 +18,7 @@ from hardcases.tools import (
     wall_ahead,
 )
 
-from datafactory.scenes.reflectivity import VACUUM_PERMITTIVITY, fresnel_reflectivity
+from datafactory.scenes.materials.reflectivity import VACUUM_PERMITTIVITY, fresnel_reflectivity
 
 FREQUENCY_HZ = 77.5e9
 WAVELENGTH_M = 299_792_458.0 / FREQUENCY_HZ

@@ -24,7 +24,7 @@ from hardcases.tools import MIRROR, points, rectangle, traced
 from numpy.typing import NDArray
 from scipy.signal.windows import chebwin
 
-from datafactory.paths.stage import MergedMesh
+from datafactory.paths.merged_scene import MergedMesh
 from datafactory.paths.table import PathTable
 from datafactory.scenes.poses import Pose
 from datafactory.synthesis.cube import cube_of_paths

@@ -20,7 +20,7 @@ from hardcases.tools import (
 )
 from oracles import peak_error_db, truth_rows
 
-from datafactory.points import read_targets
+from datafactory.frame.points import read_targets
 from datafactory.synthesis.cube import cube_of_paths
 from datafactory.synthesis.truth import truth_moments
 from shared.radar.arrays import AntennaArray, line

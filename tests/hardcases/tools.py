@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from oracles import if_cube, relative_error
 
-from datafactory.frames import Processing, Setting, image, measure
+from datafactory.frame.chain import Processing, Setting, image, measure
 from datafactory.paths.table import PathTable, ScatteredPaths
-from datafactory.scenes.materials import Material, MaterialMapping
+from datafactory.scenes.materials.table import Material, MaterialMapping
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import Scene, SceneObject
 from datafactory.synthesis.cube import cube_of_paths
@@ -104,9 +104,9 @@ def traced(
     objects: Sequence[SceneObject], pose: Pose = Pose((0.0, 0.0, 0.0)), rays: int = 20_000, depth: int = 1
 ) -> PathTable:
     """The multipath of objects of :data:`MATERIALS` seen from a pose, as traced: amplitudes not yet illuminated."""
+    from datafactory.paths.merged_scene import stage_of
     from datafactory.paths.rays import RayFan
     from datafactory.paths.solver import TraceSettings
-    from datafactory.paths.stage import stage_of
     from datafactory.paths.trace import trace
 
     stage = stage_of(Scene("hard", tuple(objects)), MATERIALS)

@@ -21,18 +21,18 @@ from numpy.typing import NDArray
 from datafactory.cli import app as command_line
 from datafactory.effects.catalogue import NAMES, PATH_EFFECTS, EffectSet
 from datafactory.effects.plan import DEFAULT_BUDGET_DB, OCCUPIED_SHARE, EffectPlan
-from datafactory.frames import Measurement, Processing, Setting, measure
-from datafactory.order import Order
+from datafactory.frame.chain import Measurement, Processing, Setting, measure
 from datafactory.paths.density import cell_power
+from datafactory.paths.merged_scene import Stage, stage_of
 from datafactory.paths.rays import RayFan
 from datafactory.paths.solver import TraceSettings
-from datafactory.paths.stage import Stage, stage_of
 from datafactory.paths.table import DIFFUSE, PathTable, ScatteredPaths
 from datafactory.paths.trace import trace
-from datafactory.scenes.materials import MaterialMapping, load_materials
-from datafactory.scenes.open import open_scene
+from datafactory.run.order import Order
+from datafactory.run.sources import scene_plan
+from datafactory.scenes.materials.table import MaterialMapping, load_materials
 from datafactory.scenes.poses import Pose, read_poses
-from datafactory.sources import scene_plan
+from datafactory.scenes.readers.open import open_scene
 from shared.physics.units import amplitude_to_db, power_to_db
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray

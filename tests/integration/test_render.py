@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from datafactory import pool
 from datafactory.cli.app import app
-from datafactory.seeds import frame_seed
+from datafactory.frame.seeds import frame_seed
+from datafactory.run import workers as pool
 from shared.dataset import arrow_schema
 from shared.dataset.folder import open_dataset, verify
 from shared.dataset.reading import open_shard, read_description

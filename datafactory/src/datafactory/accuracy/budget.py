@@ -22,11 +22,11 @@ from datafactory.accuracy.power import Kept, power_error
 from datafactory.accuracy.prices import Choice, Errors, Menu, Prices, choose, measure_prices
 from datafactory.accuracy.probes import PlannedScene, Probe, planned_scenes, probes_of, traced
 from datafactory.accuracy.sweep import Advance
-from datafactory.cache import Announce, cached, user_cache
 from datafactory.effects.catalogue import EffectSet
-from datafactory.order import Order
 from datafactory.paths.backend import select_variant, set_threads
-from datafactory.scenes.materials import MaterialTable
+from datafactory.run.cache import Announce, cached, user_cache
+from datafactory.run.order import Order
+from datafactory.scenes.materials.table import MaterialTable
 from shared.physics.errors import InputError
 from shared.radar import Radar
 

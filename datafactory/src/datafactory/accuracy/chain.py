@@ -26,10 +26,10 @@ from numpy.typing import NDArray
 
 from datafactory.accuracy import knobs, variants
 from datafactory.accuracy.knobs import Settings
-from datafactory.frames import IMAGE_BATCH, detected_cells
+from datafactory.frame.chain import IMAGE_BATCH, detected_cells
 from datafactory.paths.prune import pruned
 from datafactory.paths.table import PathTable
-from datafactory.shards import write_shard
+from datafactory.run.shards import write_shard
 from datafactory.synthesis.cube import FLOAT32_TOLERANCE, cube_of_paths
 from datafactory.synthesis.truth import truth_moments
 from shared.dataset import Frame, arrow_schema, description

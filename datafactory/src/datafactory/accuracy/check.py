@@ -18,9 +18,9 @@ from datafactory.accuracy.knobs import REFERENCE_TERMS, REFERENCE_TOLERANCE, Set
 from datafactory.accuracy.prices import Errors
 from datafactory.accuracy.probes import Probe, traced
 from datafactory.accuracy.variants import reference_moments
-from datafactory.cache import Announce
 from datafactory.paths.table import PathTable
-from datafactory.shards import split_of, write_manifest
+from datafactory.run.cache import Announce
+from datafactory.run.shards import split_of, write_manifest
 from datafactory.synthesis.cube import cube_of_paths
 from shared.dataset import Frame
 from shared.dataset.folder import open_dataset, read_manifest

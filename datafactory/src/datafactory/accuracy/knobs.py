@@ -12,7 +12,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from datafactory.effects.catalogue import ALL, NAMES, EffectSet
-from datafactory.frames import Processing
+from datafactory.frame.chain import Processing
 from datafactory.paths.prune import DEFAULT_LEVEL_DB
 from datafactory.paths.solver import TraceSettings
 from datafactory.synthesis.wave_model import WaveModel

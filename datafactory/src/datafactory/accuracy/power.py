@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from datafactory.accuracy.knobs import DEFAULT, Settings
 from datafactory.accuracy.probes import Probe, traced
-from datafactory.frames import IMAGE_BATCH
+from datafactory.frame.chain import IMAGE_BATCH
 from datafactory.paths.density import cell_power
 from shared.radar import Radar
 

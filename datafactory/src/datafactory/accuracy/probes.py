@@ -9,20 +9,20 @@ import numpy as np
 
 from datafactory.accuracy.knobs import POWER_EFFECTS, Settings
 from datafactory.accuracy.variants import FrontOfSphere, SphereLattice
-from datafactory.cache import Announce
 from datafactory.effects.catalogue import EffectSet
-from datafactory.effects.probe import FLOOR_DB
-from datafactory.order import Order
+from datafactory.effects.evidence import FLOOR_DB
+from datafactory.frame.seeds import frame_seed, generator
+from datafactory.paths.merged_scene import Stage
 from datafactory.paths.rays import RayFan
-from datafactory.paths.stage import Stage
 from datafactory.paths.table import PathTable
 from datafactory.paths.trace import trace
-from datafactory.scenes.materials import MaterialMapping, MaterialTable
+from datafactory.run.cache import Announce
+from datafactory.run.job import SceneWork
+from datafactory.run.order import Order
+from datafactory.run.shards import split_of
+from datafactory.run.sources import sources_of
+from datafactory.scenes.materials.table import MaterialMapping, MaterialTable
 from datafactory.scenes.poses import Pose, sample_pose
-from datafactory.seeds import frame_seed, generator
-from datafactory.shards import split_of
-from datafactory.sources import sources_of
-from datafactory.worker import SceneWork
 from shared.radar import Radar
 
 LATTICES = {"fan": RayFan, "sphere": FrontOfSphere, "all around": SphereLattice}
@@ -68,7 +68,7 @@ class Probe:
 
 
 def planned_scenes(order: Order, table: MaterialTable, announce: Announce) -> list[PlannedScene]:
-    """The order's scenes as :func:`datafactory.sources.sources_of` makes them ready and plans them.
+    """The order's scenes as :func:`datafactory.run.sources.sources_of` makes them ready and plans them.
 
     Where the user chose the effects, nothing else is looked at: all others count as absent.
 

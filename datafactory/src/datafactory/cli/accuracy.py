@@ -19,11 +19,11 @@ from datafactory.accuracy.prices import Menu
 from datafactory.accuracy.probes import planned_scenes, probes_of
 from datafactory.accuracy.sweep import Advance, sweep
 from datafactory.cli import options
-from datafactory.frames import IMAGE_BATCH
-from datafactory.order import Order
+from datafactory.frame.chain import IMAGE_BATCH
 from datafactory.paths.backend import select_variant, set_threads
-from datafactory.pipeline import Report, render
-from datafactory.scenes.materials import MaterialTable, load_materials
+from datafactory.run.order import Order
+from datafactory.run.pipeline import Report, render
+from datafactory.scenes.materials.table import MaterialTable, load_materials
 from datafactory.scenes.poses import read_poses
 from shared.physics.errors import InputError
 from shared.radar import load_radar

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from datafactory.scenes.city import write_city
+from datafactory.scenes.city.city import write_city
 
 
 def city(

@@ -6,7 +6,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from datafactory.doctor import examine
+from datafactory.inspection.doctor import examine
 
 
 def doctor() -> None:

@@ -9,7 +9,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from datafactory.inspection import Summary, summarise, write_pictures
+from datafactory.inspection.dataset import Summary, summarise, write_pictures
 from shared.dataset.folder import SPLITS, open_dataset
 from shared.dataset.folder import verify as verify_dataset
 

@@ -12,9 +12,9 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from datafactory.order import Order
-from datafactory.pipeline import Report, render
-from datafactory.scenes.materials import MaterialTable
+from datafactory.run.order import Order
+from datafactory.run.pipeline import Report, render
+from datafactory.scenes.materials.table import MaterialTable
 from shared.physics.errors import InputError
 from shared.radar import DEFAULT_RADAR
 

@@ -17,14 +17,14 @@ from datafactory.effects.picture import draw
 from datafactory.effects.plan import DEFAULT_BUDGET_DB
 from datafactory.effects.proof import prove
 from datafactory.effects.timing import costs
-from datafactory.frames import Processing
-from datafactory.order import Order
+from datafactory.frame.chain import Processing
 from datafactory.paths.backend import select_variant, set_threads
 from datafactory.paths.solver import TraceSettings
-from datafactory.scenes.materials import load_materials
+from datafactory.run.order import Order
+from datafactory.run.shards import write_json
+from datafactory.run.sources import scene_plan
+from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.poses import read_poses
-from datafactory.shards import write_json
-from datafactory.sources import scene_plan
 from shared.radar import load_radar
 
 SAMPLED = 3

@@ -8,11 +8,11 @@ from typing import Annotated
 import typer
 
 from datafactory.cli import options
-from datafactory.frames import Processing
-from datafactory.order import Order
-from datafactory.points import read_targets
-from datafactory.scenes.materials import load_materials
-from datafactory.shards import parse_split_pattern
+from datafactory.frame.chain import Processing
+from datafactory.frame.points import read_targets
+from datafactory.run.order import Order
+from datafactory.run.shards import parse_split_pattern
+from datafactory.scenes.materials.table import load_materials
 from shared.dataset import STORES
 from shared.radar import load_radar
 from shared.signal.windows import ANGLE_WINDOWS

@@ -12,12 +12,12 @@ from datafactory.cli import options
 from datafactory.cli.accuracy import make_within_budget
 from datafactory.effects.catalogue import parse_effects
 from datafactory.effects.plan import DEFAULT_BUDGET_DB
-from datafactory.frames import Processing
-from datafactory.order import Order
+from datafactory.frame.chain import Processing
 from datafactory.paths.solver import TraceSettings
-from datafactory.scenes.materials import load_materials
+from datafactory.run.order import Order
+from datafactory.run.shards import parse_split_pattern
+from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.poses import read_poses
-from datafactory.shards import parse_split_pattern
 from shared.dataset import STORES
 from shared.physics.errors import InputError
 from shared.radar import load_radar

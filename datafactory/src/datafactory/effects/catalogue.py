@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from datafactory.frames import Processing
+from datafactory.frame.chain import Processing
 from datafactory.paths.solver import TraceSettings
 from shared.physics.errors import InputError
 from shared.physics.units import power_to_db

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from datafactory.effects.evidence import FLOOR_DB
 from datafactory.effects.plan import EffectPlan
-from datafactory.effects.probe import FLOOR_DB
 
 ON, OFF = "#1b6ca8", "#b8b8b8"
 LOWEST_DB = -80.0

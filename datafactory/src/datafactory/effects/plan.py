@@ -4,7 +4,7 @@ An effect is simulated where leaving it out would change the frame by more than 
 resolution cell over the peak's for added echoes, the response over its peak for how echoes are formed. It is also where
 more than a tenth of the cells above the noise would change, however far below the peak: one strong mirror does not
 empty the rest of the picture. The figures of each effect stand in :mod:`datafactory.effects.changes` and
-:mod:`datafactory.effects.probe`.
+:mod:`datafactory.effects.evidence`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from datafactory.effects.catalogue import DESCRIPTIONS, NAMES, EffectSet
-from datafactory.effects.probe import FLOOR_DB, Evidence
+from datafactory.effects.evidence import FLOOR_DB, Evidence
 
 DEFAULT_BUDGET_DB = -30.0
 OCCUPIED_SHARE = 0.1

@@ -7,9 +7,9 @@ from dataclasses import asdict
 
 from threadpoolctl import threadpool_limits
 
-from datafactory.cache import Announce, cached, user_cache
-from datafactory.effects.probe import Evidence, Gathered, Probe, gather
+from datafactory.effects.evidence import Evidence, Gathered, Probe, gather
 from datafactory.paths.backend import select_variant, set_threads
+from datafactory.run.cache import Announce, cached, user_cache
 
 POSES = 3
 """Frames of a run that are looked at, spread over it: an effect is needed if any of them needs it."""

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.effects.catalogue import ALL, EffectSet
-from datafactory.effects.probe import FLOOR_DB, Probe
-from datafactory.frames import Processing
+from datafactory.effects.evidence import FLOOR_DB, Probe
+from datafactory.frame.chain import Processing
 from datafactory.paths.density import cell_power
 from datafactory.paths.rays import RayFan
 from datafactory.paths.table import PathTable

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from datafactory import frames
 from datafactory.effects.catalogue import ALL, NAMES, EffectSet
-from datafactory.effects.probe import FLOOR_DB, Evidence, Probe
+from datafactory.effects.evidence import FLOOR_DB, Evidence, Probe
+from datafactory.frame import chain as frames
 from datafactory.paths.prune import DEFAULT_LEVEL_DB, pruned
 from datafactory.paths.rays import RayFan
 from datafactory.paths.trace import trace

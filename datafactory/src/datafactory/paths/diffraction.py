@@ -38,10 +38,10 @@ from scipy.special import fresnel
 
 from datafactory.paths.edges import WedgeEdges
 from datafactory.paths.facets import TAPER
+from datafactory.paths.panes import Polarization, polarization_axis, slab_reflection, slab_transmission
 from datafactory.paths.table import DIFFRACTED, ScatteredPaths, SpecularPaths
-from datafactory.paths.transmission import Polarization, polarization_axis, slab_reflection, slab_transmission
 from datafactory.paths.unfold import unit
-from datafactory.scenes.materials import Material
+from datafactory.scenes.materials.table import Material
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.physics.wedge import WedgeGeometry, diffraction_coefficient
 

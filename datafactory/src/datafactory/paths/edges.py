@@ -21,7 +21,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from datafactory.paths.stage import MergedMesh, Stage
+from datafactory.paths.merged_scene import MergedMesh, Stage
 from datafactory.paths.unfold import unit
 from datafactory.scenes.poses import Pose
 

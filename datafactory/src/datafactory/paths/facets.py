@@ -32,7 +32,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.special import wofz
 
-from datafactory.paths.stage import MergedMesh, Stage
+from datafactory.paths.merged_scene import MergedMesh, Stage
 
 Real = NDArray[np.float64]
 

@@ -37,9 +37,9 @@ from datafactory.paths.diffraction import (
     rays_over_edges,
 )
 from datafactory.paths.edges import WedgeEdges
+from datafactory.paths.panes import Polarization, polarization_axis
 from datafactory.paths.table import DIFFRACTED, TARGET, ScatteredPaths
-from datafactory.paths.transmission import Polarization, polarization_axis
-from datafactory.scenes.materials import Material
+from datafactory.scenes.materials.table import Material
 from shared.physics.units import SPEED_OF_LIGHT
 
 Real = NDArray[np.float64]

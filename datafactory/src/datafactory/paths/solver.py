@@ -1,7 +1,7 @@
 """The only module that calls Sionna's path solver: a stage and a pose in, traced paths as float64 arrays out.
 
 The trace is monostatic and isotropic, at mid-sweep, in the radar's own frame. Patterns, powers, array and waveform come
-later. What is done here about Sionna RT 2.2's traits, each with a test in ``tests/datafactory/test_trace.py``:
+later. What is done here about Sionna RT 2.2's traits, each with a test in ``tests/datafactory/paths/test_trace.py``:
 
 * First-hit directions are replaced by :class:`datafactory.paths.rays.RayFan` (the solver's lattice covers the sphere).
 * A wave that passes through a pane goes on in its direction; the crossings are taken out of the vertices, and do not
@@ -23,10 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.backend import select_variant
+from datafactory.paths.merged_scene import Stage
 from datafactory.paths.rays import RayFan
-from datafactory.paths.stage import Stage
 from datafactory.paths.table import DIFFUSE, REFRACTED, SPECULAR
-from datafactory.scenes.materials import MaterialMapping
+from datafactory.scenes.materials.table import MaterialMapping
 from datafactory.scenes.poses import Pose
 from shared.radar.front_end import Polarization
 

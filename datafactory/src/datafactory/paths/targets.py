@@ -8,12 +8,12 @@ import numpy as np
 
 from datafactory.paths.echo_points import echo_points
 from datafactory.paths.edges import edges_of
+from datafactory.paths.merged_scene import Stage
+from datafactory.paths.panes import clear_between, panes_between
 from datafactory.paths.round_corners import echoes_round_corners
 from datafactory.paths.solver import TraceSettings
-from datafactory.paths.stage import Stage
 from datafactory.paths.table import REFRACTED, TARGET, ScatteredPaths
-from datafactory.paths.transmission import clear_between, panes_between
-from datafactory.scenes.materials import Material, MaterialMapping
+from datafactory.scenes.materials.table import Material, MaterialMapping
 from datafactory.scenes.poses import Pose
 from shared.physics.units import SPEED_OF_LIGHT
 

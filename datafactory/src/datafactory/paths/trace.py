@@ -23,16 +23,16 @@ from numpy.typing import NDArray
 from datafactory.paths.diffraction import edge_echoes
 from datafactory.paths.edges import edges_of
 from datafactory.paths.facets import mirrors_of, reflected_share
+from datafactory.paths.merged_scene import Stage
 from datafactory.paths.mirror_feet import single_mirrors
+from datafactory.paths.panes import clear_between
 from datafactory.paths.rays import RayFan
 from datafactory.paths.roughness import surface_phase
 from datafactory.paths.solver import Bundle, TraceSettings, solve
-from datafactory.paths.stage import Stage
 from datafactory.paths.table import DIFFUSE, REFRACTED, SPECULAR, PathTable, ScatteredPaths, SpecularPaths
 from datafactory.paths.targets import EDGES_WITHIN_M, slabs_of, target_echoes
-from datafactory.paths.transmission import clear_between
 from datafactory.paths.unfold import image_seen_from_tx, segment_lengths, tx_image_seen_from_rx, unit, with_ends
-from datafactory.scenes.materials import MaterialMapping
+from datafactory.scenes.materials.table import MaterialMapping
 from datafactory.scenes.poses import Pose
 from shared.physics.units import SPEED_OF_LIGHT
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from datafactory.scenes.height_map import HeightMap, height_map
-from datafactory.scenes.material_names import singular, words
+from datafactory.scenes.materials.names import singular, words
 from datafactory.scenes.scene import PointTarget, Scene
 from shared.dataset.folder import SPLITS, Split
 from shared.physics.errors import InputError

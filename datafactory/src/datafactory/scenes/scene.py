@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.scenes.target_models import RcsModel
+from datafactory.scenes.targets.models import RcsModel
 
 Vector = tuple[float, float, float]
 ZERO = (0.0, 0.0, 0.0)

@@ -20,7 +20,7 @@ path and Doppler cell, a few moments per element to a grid of range cells, and t
 Limits: constant velocities; the delay's third derivative within a frame is left out (2.4e-6 m at 3 m and 10 m/s); rows
 further than ROW_REACH bins and Doppler cells further than DOPPLER_REACH from a path get nothing from it (Hann skirts
 below -74 and -64 dB of the path). Ranges are cyclic, as in the cube: row 0 neighbours the last range bin, and an echo
-from beyond the unambiguous range folds. ``tests/datafactory/test_truth.py`` holds the image against the cube's own.
+from beyond the unambiguous range folds. ``tests/datafactory/synthesis/test_truth.py`` holds the image against the cube's own.
 """
 
 from __future__ import annotations

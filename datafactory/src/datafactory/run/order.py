@@ -1,0 +1,46 @@
+"""What the user asked for: a frozen value that the command line builds and the pipeline obeys."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from datafactory.effects.catalogue import EffectSet
+from datafactory.effects.plan import DEFAULT_BUDGET_DB
+from datafactory.frame.chain import Processing
+from datafactory.frame.points import CloseTargets, PointTargets
+from datafactory.paths.prune import DEFAULT_LEVEL_DB
+from datafactory.paths.solver import TraceSettings
+from datafactory.scenes.poses import Pose
+from shared.radar import Radar
+
+
+@dataclass(frozen=True)
+class Order:
+    """What the user asked for.
+
+    :param scenes: ``--scene`` arguments, dealt to the frames in turn
+    :param frames: scene frames in total
+    :param points: close-target frames after them
+    :param poses: one frame a pose, instead of ``frames`` drawn ones; empty to draw
+    :param targets: frames of exactly these targets, instead of drawn ones
+    :param effects: what is simulated of the scenes; None for what a plan finds each to need
+    :param budget_db: what leaving an effect out may cost, for that plan
+    :param paths: folder of :func:`datafactory.run.pipeline.trace_paths`, instead of scenes
+    """
+
+    radar: Radar
+    scenes: tuple[str, ...] = ()
+    frames: int = 0
+    points: int = 0
+    seed: int = 0
+    split: str = "6:1:1"
+    poses: tuple[Pose, ...] = ()
+    targets: tuple[PointTargets, ...] = ()
+    paths: Path | None = None
+    processing: Processing = field(default_factory=Processing)
+    effects: EffectSet | None = None
+    budget_db: float = DEFAULT_BUDGET_DB
+    trace: TraceSettings = field(default_factory=TraceSettings)
+    prune_db: float = DEFAULT_LEVEL_DB
+    close_targets: CloseTargets = field(default_factory=CloseTargets)

@@ -1,0 +1,161 @@
+"""What a run has finished so far, beside the shards: ``DIR/.progress`` while it lasts, the manifest after it.
+
+Each finished shard leaves ``DIR/.progress/<split>-part-NNNNN.json``, written after the shard was renamed; a run that is
+killed and resumed ends in the same bytes as one that never was.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import tempfile
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from datafactory.run.shards import PARTIAL, ShardPlan, write_json, write_manifest
+from shared.dataset.folder import MANIFEST, ShardRecord, read_manifest
+from shared.physics.errors import InputError
+
+FOLDER = ".progress"
+ARGUMENTS = "arguments.json"
+
+
+class FinishedShard(BaseModel):
+    """A shard that is whole.
+
+    :param record: its entry in the manifest
+    :param counts: what its frames counted (rays, targets left out, ...), added up in the manifest
+    :param fingerprint: of the arguments it was made with, see :func:`fingerprint`
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    record: ShardRecord
+    counts: dict[str, int | float]
+    fingerprint: str
+
+
+@dataclass(frozen=True)
+class Progress:
+    """What a resumed run need not do again.
+
+    :param shards: finished shards whose size and SHA-256 are still right
+    :param damaged: paths of shards that were recorded but are missing or changed, and will be made again
+    """
+
+    shards: dict[ShardPlan, FinishedShard]
+    damaged: tuple[str, ...]
+
+
+def fingerprint(arguments: Mapping[str, Any]) -> str:
+    """SHA-256 of the arguments that determine the dataset's bytes (JSON values)."""
+    return hashlib.sha256(json.dumps(arguments, sort_keys=True, allow_nan=False).encode()).hexdigest()
+
+
+def begin(directory: Path, arguments: Mapping[str, Any], resume: bool) -> bool:
+    """Make the dataset's folder ready, before any work is done.
+
+    :param arguments: those that determine the bytes, as JSON values by the names that the user knows; the manifest's
+        ``arguments`` must be the same mapping
+    :param resume: take up an unfinished run in this folder
+    :returns: True if an earlier run with these arguments has already finished the dataset
+    :raises InputError: a folder that is not writable; without ``resume`` one that is not empty; with it one that holds
+        something else, or a run with other arguments
+    """
+    _make_writable(directory)
+    progress = directory / FOLDER
+    present = any(directory.iterdir())
+    if present and not resume:
+        raise InputError("--out", f"{directory} is not empty", "an empty or new folder, or --resume")
+    if (directory / MANIFEST).is_file():
+        _same_arguments(directory / MANIFEST, directory, read_manifest(directory).get("arguments"), arguments)
+        shutil.rmtree(progress, ignore_errors=True)
+        return True
+    if (progress / ARGUMENTS).is_file():
+        _same_arguments(progress / ARGUMENTS, directory, _read_json(progress / ARGUMENTS), arguments)
+    elif present and any(item.name != FOLDER for item in directory.iterdir()):
+        raise InputError("--out", f"{directory} is not empty and holds no unfinished run", "an empty or new folder")
+    for stale in [*directory.glob(f"*{PARTIAL}"), *directory.glob(f"*/*{PARTIAL}")]:
+        stale.unlink()
+    progress.mkdir(exist_ok=True)
+    write_json(progress / ARGUMENTS, arguments)
+    return False
+
+
+def record_finished(directory: Path, plan: ShardPlan, finished: FinishedShard) -> None:
+    """Note a shard as finished, after it was written."""
+    write_json(_note(directory, plan), finished.model_dump())
+
+
+def completed(directory: Path, plans: Iterable[ShardPlan], fingerprint: str) -> Progress:
+    """The shards of ``plans`` that an earlier run finished, each checked by its size and SHA-256."""
+    shards: dict[ShardPlan, FinishedShard] = {}
+    damaged = []
+    for plan in plans:
+        note = _note(directory, plan)
+        if not note.is_file():
+            continue
+        try:
+            finished = FinishedShard.model_validate_json(note.read_bytes())
+        except ValidationError:
+            damaged.append(plan.path)
+            continue
+        if finished.fingerprint == fingerprint and _is_whole(directory / plan.path, plan, finished.record):
+            shards[plan] = finished
+        else:
+            damaged.append(plan.path)
+    return Progress(shards, tuple(damaged))
+
+
+def finish(directory: Path, manifest: Mapping[str, Any]) -> Path:
+    """Write the manifest, which makes the dataset complete, and remove the notes; returns the manifest's path."""
+    path = write_manifest(directory, manifest)
+    shutil.rmtree(directory / FOLDER)
+    return path
+
+
+def _note(directory: Path, plan: ShardPlan) -> Path:
+    return directory / FOLDER / f"{plan.split}-part-{plan.index:05d}.json"
+
+
+def _is_whole(path: Path, plan: ShardPlan, record: ShardRecord) -> bool:
+    if record.path != plan.path or record.rows != len(plan.frame_ids) or not path.is_file():
+        return False
+    if path.stat().st_size != record.bytes:
+        return False
+    with path.open("rb") as handle:
+        return hashlib.file_digest(handle, "sha256").hexdigest() == record.sha256
+
+
+def _make_writable(directory: Path) -> None:
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=directory):
+            pass
+    except OSError as error:
+        raise InputError("--out", f"{directory}: {error.strerror}", "a folder that can be written") from error
+
+
+def _read_json(path: Path) -> Any:
+    try:
+        return json.loads(path.read_bytes())
+    except ValueError as error:
+        raise InputError(
+            path, f"not readable as JSON: {error}", "an unfinished run; start again in a new folder"
+        ) from error
+
+
+def _same_arguments(source: Path, directory: Path, before: Any, now: Mapping[str, Any]) -> None:
+    """Refuse to mix runs: the first argument that differs, with both values."""
+    if not isinstance(before, dict):
+        raise InputError(source, f"arguments = {before!r}", "the arguments of the run to resume")
+    now = json.loads(json.dumps(now, allow_nan=False))  # tuples read back as lists
+    for name in [*now, *(name for name in before if name not in now)]:
+        if before.get(name) != now.get(name):
+            values = f"{name} is {now.get(name)!r}, but the run in {directory} had {before.get(name)!r}"
+            raise InputError("--resume", values, "the arguments that it was started with")

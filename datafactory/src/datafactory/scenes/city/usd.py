@@ -1,0 +1,160 @@
+"""Placed surfaces to a USD stage: what the shipped scenes and the procedural city are written with.
+
+The stage is in metres and z up. Each placement is an Xform with a mesh named Geometry below it; surfaces that share a
+model are written once and referenced as instances. The radar's own attributes, which the USD reader knows:
+``radar:velocity`` (double3, world frame, m/s) and ``radar:rcs_dbsm`` (float, dBsm: a point target in place of the
+meshes below it).
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdShade
+
+from datafactory.scenes.city.shapes import Surface
+from shared.physics.errors import InputError
+
+SUFFIXES = (".usd", ".usda", ".usdc")
+
+MATERIAL_COLOURS = {
+    "concrete": (0.62, 0.61, 0.58),
+    "brick": (0.55, 0.27, 0.2),
+    "glass": (0.45, 0.6, 0.7),
+    "metal": (0.55, 0.57, 0.6),
+    "asphalt": (0.2, 0.2, 0.21),
+    "plasterboard": (0.88, 0.85, 0.76),
+    "wood": (0.45, 0.32, 0.2),
+    "vegetation": (0.3, 0.45, 0.2),
+    "marble": (0.85, 0.84, 0.82),
+    "rubber": (0.08, 0.08, 0.08),
+}
+"""The material keys and the colours that viewers show; colours mean nothing to the radar."""
+
+
+@dataclass(frozen=True)
+class Placement:
+    """One thing in the scene.
+
+    :param path: below /World, e.g. ``"Cars/Car_3"``, unique
+    :param surface: its shape in its own frame; None for a bare point target
+    :param position: of its frame's origin [m], world
+    :param yaw_deg: right-handed rotation about z [degree]
+    :param velocity: world velocity [m/s]
+    :param rcs_dbsm: radar cross section [dBsm] of the point target that stands for it; None where the mesh counts
+    :param model: name under which placements share one surface; "" where the surface is its own
+    """
+
+    path: str
+    surface: Surface | None
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    yaw_deg: float = 0.0
+    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rcs_dbsm: float | None = None
+    model: str = ""
+
+
+def check_target(path: Path) -> Path:
+    """The path, if a USD file can be written there.
+
+    :raises InputError: unknown suffix, or a folder that does not exist
+    """
+    path = Path(path)
+    if path.suffix.lower() not in SUFFIXES:
+        raise InputError(path, f"suffix {path.suffix!r}", f"one of {', '.join(SUFFIXES)}")
+    if not path.parent.is_dir():
+        raise InputError(path, f"folder {str(path.parent)!r} does not exist", "an existing folder")
+    if os.path.isdir(path):  # unlike Path.is_dir it also answers for a name that the file system refuses
+        raise InputError(path, "is a folder", "the name of a file")
+    return path
+
+
+def write_usd(path: Path, placements: Sequence[Placement], documentation: str) -> None:
+    """Write the placements as one USD file; the same placements give the same bytes.
+
+    :param path: ``.usda`` is text, ``.usdc`` and ``.usd`` are binary
+    :param documentation: stands in the layer's header
+    :raises InputError: as :func:`check_target`, or where the file cannot be written
+    """
+    path = check_target(path)
+    stage = Usd.Stage.CreateInMemory()
+    stage.GetRootLayer().documentation = documentation
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
+    UsdGeom.SetStageMetersPerUnit(stage, UsdGeom.LinearUnits.meters)
+    stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/World").GetPrim())
+    used = {key for item in placements if item.surface is not None for key in item.surface.materials}
+    for key in sorted(used):
+        _define_material(stage, key)
+
+    for item in placements:
+        xform = UsdGeom.Xform.Define(stage, f"/World/{item.path}")
+        prim = xform.GetPrim()
+        for scope in prim.GetPath().GetPrefixes()[1:-1]:
+            if not stage.GetPrimAtPath(scope).GetTypeName():
+                UsdGeom.Scope.Define(stage, scope)
+        if any(item.position):
+            xform.AddTranslateOp().Set(Gf.Vec3d(*item.position))
+        if item.yaw_deg:
+            xform.AddRotateZOp().Set(item.yaw_deg)
+        if any(item.velocity):
+            prim.CreateAttribute("radar:velocity", Sdf.ValueTypeNames.Double3).Set(Gf.Vec3d(*item.velocity))
+        if item.rcs_dbsm is not None:
+            prim.CreateAttribute("radar:rcs_dbsm", Sdf.ValueTypeNames.Float).Set(item.rcs_dbsm)
+        if item.surface is None:
+            continue
+        if not item.model:
+            _define_mesh(stage, prim.GetPath(), item.surface)
+            continue
+        model = Sdf.Path(f"/World/Models/{item.model}")
+        if not stage.GetPrimAtPath(model):
+            UsdGeom.Scope.Define(stage, model.GetParentPath())
+            stage.CreateClassPrim(model).SetTypeName("Xform")
+            _define_mesh(stage, model, item.surface)
+        prim.GetReferences().AddInternalReference(model)
+        prim.SetInstanceable(True)
+
+    try:
+        written = stage.GetRootLayer().Export(str(path))
+    except Tf.ErrorException as error:
+        raise InputError(path, f"cannot be written ({error.args[0].commentary})", "a writable place") from None
+    if not written:
+        raise InputError(path, "cannot be written", "a writable place")
+
+
+def _define_material(stage: Usd.Stage, key: str) -> None:
+    """A material prim named ``key`` with a preview surface, so that viewers show something."""
+    material = UsdShade.Material.Define(stage, f"/World/Materials/{key}")
+    UsdGeom.Scope.Define(stage, "/World/Materials")
+    shader = UsdShade.Shader.Define(stage, f"/World/Materials/{key}/Preview")
+    shader.CreateIdAttr("UsdPreviewSurface")
+    shader.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f).Set(Gf.Vec3f(*MATERIAL_COLOURS[key]))
+    material.CreateSurfaceOutput().ConnectToSource(shader.ConnectableAPI(), "surface")
+
+
+def _define_mesh(stage: Usd.Stage, parent: Sdf.Path, surface: Surface) -> None:
+    """The surface as a mesh below ``parent``: one material is bound to the mesh, several to a GeomSubset each."""
+    mesh = UsdGeom.Mesh.Define(stage, parent.AppendChild("Geometry"))
+    points = surface.vertices.astype(np.float32)
+    mesh.CreatePointsAttr(points)
+    mesh.CreateFaceVertexCountsAttr([len(face) for face in surface.faces])
+    mesh.CreateFaceVertexIndicesAttr([vertex for face in surface.faces for vertex in face])
+    mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+    mesh.CreateExtentAttr(np.stack([points.min(axis=0), points.max(axis=0)]))
+    keys = list(dict.fromkeys(surface.materials))
+    if len(keys) == 1:
+        _bind(stage, mesh.GetPrim(), keys[0])
+        return
+    for key in keys:
+        faces = [i for i, other in enumerate(surface.materials) if other == key]
+        binding = UsdShade.MaterialBindingAPI.Apply(mesh.GetPrim())
+        subset = binding.CreateMaterialBindSubset(key.capitalize(), faces)
+        _bind(stage, subset.GetPrim(), key)
+
+
+def _bind(stage: Usd.Stage, prim: Usd.Prim, key: str) -> None:
+    material = UsdShade.Material.Get(stage, f"/World/Materials/{key}")
+    UsdShade.MaterialBindingAPI.Apply(prim).Bind(material)

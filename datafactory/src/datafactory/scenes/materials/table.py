@@ -1,0 +1,304 @@
+"""Material properties at 77 GHz and the table that gives every material name of a scene one of them.
+
+Sources and assumptions stand with each material in ``materials_77ghz.toml``; a user's file has the same form and
+overrides or extends it. Sionna's own ITU rows are not used: several end below 77 GHz.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
+
+from datafactory.scenes.materials.names import phrases, singular, words
+from datafactory.scenes.materials.reflectivity import scattering_coefficient_for_sigma0
+from shared.physics.errors import InputError
+
+FREQUENCY_HZ = 77e9
+"""Frequency of the table [Hz]."""
+
+BUILT_IN = "materials_77ghz.toml"
+
+Pattern = Literal["lambertian", "backscattering"]
+
+
+@dataclass(frozen=True)
+class Material:
+    """What the tracer needs to know of a substance at 77 GHz.
+
+    :param name: name in the table
+    :param relative_permittivity: real part
+    :param conductivity_s_per_m: [S/m]
+    :param thickness_m: of the slab behind each facet [m]
+    :param scattering_coefficient: S of the effective-roughness model, 0 to 1
+    :param pattern: shape of the diffuse reflection
+    :param source: where the permittivity comes from
+    :param valid_ghz: lower and upper end of the source's range [GHz]
+    :param assumptions: what is not measured at 77 GHz
+    """
+
+    name: str
+    relative_permittivity: float
+    conductivity_s_per_m: float
+    thickness_m: float
+    scattering_coefficient: float
+    pattern: Pattern
+    source: str
+    valid_ghz: tuple[float, float]
+    assumptions: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class MaterialMapping:
+    """Which material every name of a scene was given, and by which rule.
+
+    :param entries: name -> (material, rule), in the order of first appearance
+    :param unknown: names that fell back to the default material
+    """
+
+    entries: Mapping[str, tuple[Material, str]]
+    unknown: tuple[str, ...]
+
+    def __getitem__(self, name: str) -> Material:
+        return self.entries[name][0]
+
+    def describe(self) -> list[tuple[str, ...]]:
+        """Rows for printing: name, material, rule, permittivity, conductivity [S/m], S."""
+        return [
+            (
+                name or "(none)",
+                material.name,
+                rule,
+                f"{material.relative_permittivity:g}",
+                f"{material.conductivity_s_per_m:g}",
+                f"{material.scattering_coefficient:.3f}",
+            )
+            for name, (material, rule) in self.entries.items()
+        ]
+
+    def to_json(self) -> dict[str, Any]:
+        """For the manifest: ``{"names": {name: {"material", "rule"}}, "materials": {material: {...}}, "unknown"}``."""
+        return {
+            "names": {
+                name: {"material": material.name, "rule": rule} for name, (material, rule) in self.entries.items()
+            },
+            "materials": {
+                material.name: {key: list(v) if isinstance(v, tuple) else v for key, v in asdict(material).items()}
+                for material, _ in self.entries.values()
+            },
+            "unknown": list(self.unknown),
+        }
+
+
+@dataclass(frozen=True)
+class MaterialTable:
+    """All materials with the names that lead to them.
+
+    :param materials: by name
+    :param aliases: phrase -> name, for other names of a substance (the names themselves among them)
+    :param uses: phrase -> name, for things usually made of it
+    :param exact: name as the scene gives it -> name, from the user's ``[map]``
+    :param default: name of the material that unknown names get
+    """
+
+    materials: Mapping[str, Material]
+    aliases: Mapping[str, str]
+    uses: Mapping[str, str]
+    exact: Mapping[str, str]
+    default: str
+
+    def lookup(self, name: str) -> tuple[Material, str]:
+        """The material of a scene's material name, and the rule that led there.
+
+        In this order: the user's ``[map]``; the table's own name; a name or an alias of a substance within the name; a
+        thing usually made of a substance; the default. Longer phrases go first, and among equals the last, so that
+        "brick wall" is brick and "glass_roof" is glass.
+        """
+        if name in self.exact:
+            return self.materials[self.exact[name]], "map"
+        if name in self.materials:
+            return self.materials[name], "name"
+        candidates = list(phrases(words(name)))
+        for rule, table in (("substance", self.aliases), ("use", self.uses)):
+            for phrase in candidates:
+                for spelling in (phrase, singular(phrase)):
+                    if spelling in table:
+                        return self.materials[table[spelling]], f"{rule} '{spelling}'"
+        return self.materials[self.default], "default"
+
+    def map_materials(self, names: Iterable[str]) -> MaterialMapping:
+        """Look every name up once; repeated names are mapped once."""
+        entries = {name: self.lookup(name) for name in dict.fromkeys(names)}
+        unknown = tuple(name for name, (_, rule) in entries.items() if rule == "default")
+        return MaterialMapping(entries=entries, unknown=unknown)
+
+
+Fraction = Annotated[FiniteFloat, Field(ge=0, le=1)]
+
+
+class _Entry(BaseModel):
+    """One ``[material.NAME]`` table, after it was laid over the built-in one of the same name."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+    relative_permittivity: Annotated[FiniteFloat, Field(ge=1)]
+    conductivity: Annotated[FiniteFloat, Field(ge=0)]
+    thickness: Annotated[FiniteFloat, Field(gt=0)] = 0.1
+    scattering_coefficient: Fraction | None = None
+    sigma0_db: FiniteFloat | None = None
+    grazing_deg: Annotated[FiniteFloat, Field(gt=0, le=90)] | None = None
+    pattern: Pattern = "lambertian"
+    valid_ghz: Annotated[list[FiniteFloat], Field(min_length=2, max_length=2)] = [77.0, 77.0]
+    source: Annotated[str, Field(min_length=1)]
+    assumptions: list[str] = []
+    aliases: list[str] = []
+    uses: list[str] = []
+
+    @model_validator(mode="after")
+    def _consistent(self) -> _Entry:
+        calibrated = (self.sigma0_db is not None, self.grazing_deg is not None)
+        if self.scattering_coefficient is not None and any(calibrated):
+            raise ValueError("scattering_coefficient and sigma0_db are both given; expected one of them")
+        if self.scattering_coefficient is None and not all(calibrated):
+            raise ValueError("no roughness; expected scattering_coefficient, or sigma0_db with grazing_deg")
+        if self.valid_ghz[0] > self.valid_ghz[1]:
+            raise ValueError(f"valid_ghz = {self.valid_ghz}; expected [lower, upper]")
+        for phrase in (*self.aliases, *self.uses):
+            if not words(phrase):
+                raise ValueError(f"alias {phrase!r} has no letters; expected a word, or an entry in [map]")
+        return self
+
+    def material(self, name: str) -> Material:
+        coefficient = self.scattering_coefficient
+        if coefficient is None:
+            assert self.sigma0_db is not None  # both by _consistent
+            assert self.grazing_deg is not None
+            coefficient = scattering_coefficient_for_sigma0(
+                self.sigma0_db, self.grazing_deg, self.relative_permittivity, self.conductivity, FREQUENCY_HZ
+            )
+        return Material(
+            name=name,
+            relative_permittivity=self.relative_permittivity,
+            conductivity_s_per_m=self.conductivity,
+            thickness_m=self.thickness,
+            scattering_coefficient=coefficient,
+            pattern=self.pattern,
+            source=self.source,
+            valid_ghz=(self.valid_ghz[0], self.valid_ghz[1]),
+            assumptions=tuple(self.assumptions),
+        )
+
+
+class _File(BaseModel):
+    """A materials file: the outer form, its tables still raw."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+    material: dict[str, dict[str, Any]] = {}
+    map: dict[str, str] = {}
+    default: str | None = None
+
+
+def load_materials(path: Path | None = None) -> MaterialTable:
+    """The built-in table, overridden and extended by a TOML file.
+
+    ``[material.NAME]`` with relative_permittivity, conductivity [S/m], scattering_coefficient (or sigma0_db and
+    grazing_deg), thickness [m], pattern, valid_ghz, source, aliases, uses changes the fields given of a known material
+    or adds a new one; ``[map]`` gives single names of a scene a material; ``default`` is for unknown names. A new
+    material needs permittivity and conductivity; without a roughness it gets S = 0.3, noted as an assumption.
+
+    :raises InputError: if the file cannot be read, is no TOML, or holds an unknown key, a wrong value or an unknown
+        material
+    """
+    base = _parse(
+        resources.files("datafactory.scenes.materials").joinpath(BUILT_IN).read_text(encoding="utf-8"), BUILT_IN
+    )
+    tables = dict(base.material)
+    assert base.default is not None  # the built-in file names one
+    if path is None:
+        return _table(tables, {}, base.default, BUILT_IN)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
+        raise InputError(path, f"cannot be read: {reason}", "a TOML file with [material.NAME] tables") from None
+    user = _parse(text, path)
+    for name, changes in user.material.items():
+        tables[name] = _overlaid(tables.get(name), changes, str(path))
+    return _table(tables, user.map, base.default if user.default is None else user.default, path, first=user.material)
+
+
+def _parse(text: str, source: object) -> _File:
+    try:
+        return _File.model_validate(tomllib.loads(text))
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise InputError(source, f"malformed TOML: {error}", "[material.NAME] tables, [map] and default") from None
+    except ValidationError as error:
+        raise _condensed(error, source, "") from None
+
+
+def _overlaid(known: dict[str, Any] | None, changes: dict[str, Any], source: str) -> dict[str, Any]:
+    """The user's fields over the known ones; a roughness given in one form replaces that in the other."""
+    if known is None:
+        rough = {"scattering_coefficient", "sigma0_db", "grazing_deg"} & changes.keys()
+        assumed = {} if rough else {"scattering_coefficient": 0.3, "assumptions": ["S = 0.3 is an assumption"]}
+        return {"source": source} | assumed | changes
+    kept = dict(known)
+    if "scattering_coefficient" in changes:
+        kept = {key: value for key, value in kept.items() if key not in ("sigma0_db", "grazing_deg")}
+    elif "sigma0_db" in changes:
+        kept.pop("scattering_coefficient", None)
+    return kept | {"source": f"{source}, over {known['source']}"} | changes
+
+
+def _table(
+    tables: Mapping[str, dict[str, Any]], exact: dict[str, str], default: str, source: object, first: Iterable[str] = ()
+) -> MaterialTable:
+    """Check every table; where two materials claim one alias, those named in ``first`` keep it."""
+    entries: dict[str, _Entry] = {}
+    for name, table in tables.items():
+        try:
+            entries[name] = _Entry.model_validate(table)
+        except ValidationError as error:
+            raise _condensed(error, source, f"material.{name}") from None
+    known = ", ".join(entries)
+    for key, target in {"default": default, **{f"map.{name}": target for name, target in exact.items()}}.items():
+        if target not in entries:
+            raise InputError(source, f"{key} = {target!r}", f"one of {known}")
+    order = [*first, *(name for name in entries if name not in set(first))]
+    # A number in a material's name is no word, so the name without one keeps the phrase: "concrete", not "concrete_2".
+    aliases: dict[str, str] = {name.lower().replace("_", " "): name for name in order}
+    uses: dict[str, str] = {}
+    for name in order:
+        aliases.setdefault(" ".join(words(name)), name)
+    for name in order:
+        for phrase in entries[name].aliases:
+            aliases.setdefault(" ".join(words(phrase)), name)
+        for phrase in entries[name].uses:
+            uses.setdefault(" ".join(words(phrase)), name)
+    return MaterialTable(
+        materials={name: entry.material(name) for name, entry in entries.items()},
+        aliases=aliases,
+        uses=uses,
+        exact=dict(exact),
+        default=default,
+    )
+
+
+def _condensed(error: ValidationError, source: object, prefix: str) -> InputError:
+    """One line of pydantic's first complaint: field, value, what is right."""
+    first = error.errors(include_url=False)[0]
+    where = ".".join(str(part) for part in ((prefix,) if prefix else ()) + first["loc"])
+    more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
+    if first["type"] == "extra_forbidden":
+        allowed = ", ".join((_Entry if prefix else _File).model_fields)
+        return InputError(source, f"unknown key {where}{more}", f"one of {allowed}")
+    if first["type"] == "value_error":
+        return InputError(source, f"{where}: {first['ctx']['error']}{more}")
+    value = "missing" if first["type"] == "missing" else f"= {first['input']!r}"
+    return InputError(source, f"{where} {value}{more}", first["msg"][0].lower() + first["msg"][1:])

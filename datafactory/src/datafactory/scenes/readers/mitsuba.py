@@ -1,0 +1,93 @@
+"""Mitsuba 3 scenes, as Sionna uses them: triangle meshes and the names of their materials.
+
+Nothing is instantiated: radio materials (or any other plugin) need not be known, only the ids of BSDFs are read.
+Cameras, lights and integrators mean nothing to a radar. Mitsuba has no unit; Sionna's scenes are in metres with z up,
+and so is everything here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from datafactory.scenes.readers import primitives
+from datafactory.scenes.readers.meshes import clean_mesh, load_mesh, place_mesh
+from datafactory.scenes.readers.mitsuba_xml import Shape, read_shapes
+from datafactory.scenes.readers.notes import Notes
+from datafactory.scenes.readers.scale import note_coarse_vertices, size_remark, vertex_spacing_m
+from datafactory.scenes.scene import Scene, SceneObject
+from shared.physics.errors import InputError
+
+ORIGIN = (0.0, 0.0, 0.0)
+
+
+def read_mitsuba(path: str | Path, name: str | None = None) -> Scene:
+    """Read a Mitsuba XML file.
+
+    :param path: the file; mesh files in it are relative to its folder
+    :param name: the scene's name, by default the file's
+    :raises InputError: malformed XML, an unresolved reference, a value that is no number, a missing or unreadable mesh
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(path, "no such file", "an existing Mitsuba XML file")
+    notes = Notes()
+    objects: list[SceneObject] = []
+    spacings: list[float] = []
+    for shape in read_shapes(path):
+        mesh = _local_mesh(shape)
+        if mesh is None:
+            notes.count(f"# shapes of type {shape.kind!r} ignored")
+            continue
+        spacings.append(vertex_spacing_m(mesh[0], shape.to_world))
+        placed, wound = place_mesh(*mesh, shape.to_world)
+        vertices, triangles, dropped = clean_mesh(placed, wound[:, ::-1] if shape.flag("flip_normals") else wound)
+        dropped.add_to(notes)
+        if len(triangles):
+            objects.append(SceneObject(shape.name, vertices, triangles, shape.material))
+        else:
+            notes.count("# shapes without a usable triangle ignored")
+    note_coarse_vertices(spacings, notes)
+    scene = Scene(name or path.stem, tuple(objects), source=str(path))
+    if remark := size_remark(scene, "its units, which are taken as metres"):
+        notes.say(remark)
+    return replace(scene, warnings=notes.sentences())
+
+
+def _local_mesh(shape: Shape) -> tuple[NDArray[np.floating], NDArray[np.int64]] | None:
+    """Vertices, in the file's precision, and triangles before to_world; None for a plugin that is not supported.
+
+    Defaults are Mitsuba's.
+    """
+    if shape.kind in ("ply", "obj"):
+        return load_mesh(shape.path.parent / shape.text("filename"), f"{shape.path}, shape {shape.name!r}")
+    if shape.kind == "rectangle":
+        return primitives.rectangle(2.0, 2.0)
+    if shape.kind == "cube":
+        return primitives.box(2.0)
+    if shape.kind == "disk":
+        return primitives.disk(1.0)
+    if shape.kind == "sphere":
+        vertices, triangles = primitives.sphere(shape.number("radius", 1.0))
+        return vertices + shape.point("center", ORIGIN), triangles
+    if shape.kind == "cylinder":
+        return _tube(shape)
+    return None
+
+
+def _tube(shape: Shape) -> primitives.Mesh:
+    """Mitsuba's cylinder: an open tube from p0 to p1."""
+    p0, p1 = shape.point("p0", ORIGIN), shape.point("p1", (0.0, 0.0, 1.0))
+    length = float(np.linalg.norm(p1 - p0))
+    if not length > 0:
+        raise shape.error(f"p0 = p1 = {p0.tolist()}", "two different points")
+    radius = shape.number("radius", 1.0)
+    vertices, triangles = primitives.cylinder(radius, radius, length, closed=False)
+    axis = (p1 - p0) / length
+    side = np.cross(np.eye(3)[np.argmin(np.abs(axis))], axis)
+    side /= np.linalg.norm(side)
+    frame = np.column_stack([side, np.cross(axis, side), axis])
+    return vertices @ frame.T + (p0 + p1) / 2, triangles

@@ -1,0 +1,276 @@
+"""Universal Scene Description: a composed stage to metres, z up and triangles.
+
+Read as the stage is at its start (see ``usd_motion``), variants as selected, instances and point instancers expanded.
+Invisible prims and those of purpose guide or proxy are left out. Custom attributes speak to the radar:
+
+- ``radar:rcs_dbsm`` (a number): the prim is a point target at its origin, and stands for all geometry below it;
+- ``radar:target`` (string or token) and ``radar:targets_by_name`` (bool): likewise, by a model (see ``usd_targets``);
+- ``radar:velocity`` (three numbers, m/s in the stage's own world axes): velocity of the prim and all below it;
+- ``radar:material`` (string or token): material name for the prim and all below it.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Tf, Usd, UsdGeom, UsdShade
+
+from datafactory.scenes.readers.meshes import clean_mesh, place_mesh
+from datafactory.scenes.readers.notes import Notes
+from datafactory.scenes.readers.scale import note_coarse_vertices, vertex_spacing_m
+from datafactory.scenes.readers.usd_motion import Frame, Transforms, instance_frames
+from datafactory.scenes.readers.usd_prims import PrimMesh, is_solid, polygon_mesh, solid_mesh
+from datafactory.scenes.readers.usd_stage import check_sizes, open_stage, stage_to_world
+from datafactory.scenes.readers.usd_targets import model_axes, names_count, prim_model, target_kind
+from datafactory.scenes.scene import WORLD_AXES, PointTarget, Scene, SceneObject, Vector
+from shared.physics.errors import InputError
+from shared.physics.units import FARTHEST_M, FASTEST_MPS
+
+ON_STAGE = Usd.TraverseInstanceProxies()  # active, loaded, defined, not abstract
+IN_PROTOTYPE = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded)  # prototypes are often overs or classes
+
+
+@dataclass(frozen=True)
+class _Inherited:
+    """What a prim hands down to those below it."""
+
+    frame: Frame
+    material: str | None = None
+    velocity: Vector | None = None
+    purpose: str = "default"
+    instancers: tuple[str, ...] = ()
+    targets_by_name: bool = False
+
+
+def read_usd(path: str | Path) -> Scene:
+    """Read a .usd, .usda, .usdc or .usdz file.
+
+    :param path: the root layer
+    :raises InputError: a layer that is missing or cannot be parsed, a reference or payload that leads nowhere, metadata
+        or a ``radar:`` attribute without a usable value
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(path, "no such file", "an existing USD file")
+    notes = Notes()
+    # USD prints its own diagnostics; here they become the user's one line, or a counted warning.
+    with Tf.DiagnosticTrap() as trap:
+        try:
+            stage = open_stage(path, notes)
+            scene = _Reader(path, stage, notes).read()
+        except (Tf.ErrorException, UnicodeDecodeError) as error:
+            raise InputError(path, f"USD cannot read it ({_reason(error)})", "an intact USD file") from error
+        finally:
+            remarks = [_commentary(remark) for remark in (*trap.GetWarnings(), *trap.GetErrors())]
+            # Composition errors come a second time, with an address in memory: ``open_stage`` has counted them.
+            remarks = [remark for remark in remarks if "(instantiating stage on stage" not in remark]
+            trap.Clear()
+    if remarks:
+        more = f" (and {len(remarks) - 1} more)" if len(remarks) > 1 else ""
+        notes.say(f"USD reported: {' '.join(remarks[0].split())}{more}")
+    check_sizes(scene, notes)
+    return replace(scene, warnings=notes.sentences())
+
+
+def _reason(error: Exception) -> str:
+    """What USD says is wrong, in its own words."""
+    try:
+        text = str(error)
+    except UnicodeDecodeError as undecodable:  # it quotes the file
+        text = str(undecodable)
+    quoted = "; ".join(line.split(" : ", 1)[-1].strip("' ") for line in text.splitlines() if " : '" in line)
+    return re.sub(r"pxrInternal\w*?::", "", quoted) or text  # without the namespace of USD's own build
+
+
+def _commentary(remark: Any) -> str:
+    """The words of one of USD's diagnostics."""
+    try:
+        return remark.commentary
+    except UnicodeDecodeError as undecodable:
+        return str(undecodable)
+
+
+class _Reader:
+    """One walk over a stage."""
+
+    def __init__(self, path: Path, stage: Usd.Stage, notes: Notes) -> None:
+        self._path = path
+        self._stage = stage
+        self._notes = notes
+        self._transforms = Transforms(stage)
+        self._start = Usd.TimeCode(self._transforms.start)
+        self._to_world = stage_to_world(path, stage, notes)
+        self._turn = self._to_world[:3, :3] / np.cbrt(np.linalg.det(self._to_world[:3, :3]))
+        self._objects: list[SceneObject] = []
+        self._targets: list[PointTarget] = []
+        self._spacings: list[float] = []
+        self._registry = Usd.SchemaRegistry()
+
+    def read(self) -> Scene:
+        root = self._stage.GetPseudoRoot()
+        top = _Inherited(Frame(root, "", lambda time: np.eye(4), (), ON_STAGE))
+        waiting = [(prim, top) for prim in reversed(root.GetFilteredChildren(ON_STAGE))]
+        while waiting:
+            prim, inherited = waiting.pop()
+            below = self._visit(prim, inherited)
+            waiting.extend(reversed(below))  # a stack, so that the order is the stage's
+        note_coarse_vertices(self._spacings, self._notes)
+        return Scene(self._path.stem, tuple(self._objects), tuple(self._targets), str(self._path))
+
+    def _visit(self, prim: Usd.Prim, inherited: _Inherited) -> list[tuple[Usd.Prim, _Inherited]]:
+        """Take what the prim itself holds; return what is to be visited below it."""
+        imageable = UsdGeom.Imageable(prim)
+        if imageable:
+            if imageable.GetVisibilityAttr().Get(self._start) == UsdGeom.Tokens.invisible:
+                self._notes.count("# invisible prims skipped, with everything below them")
+                return []
+            if imageable.GetPurposeAttr().HasAuthoredValue():
+                inherited = replace(inherited, purpose=str(imageable.GetPurposeAttr().Get()))
+        inherited = self._with_attributes(prim, inherited)
+        if inherited.purpose not in (UsdGeom.Tokens.guide, UsdGeom.Tokens.proxy):
+            kind = target_kind(self._path, prim, self._start, inherited.targets_by_name)
+            if kind is not None or prim.HasAttribute("radar:rcs_dbsm"):
+                self._add_target(prim, inherited, kind)
+                return []
+            if prim.IsA(UsdGeom.PointInstancer):
+                return self._instances(UsdGeom.PointInstancer(prim), inherited)
+            self._add_geometry(prim, inherited)
+        elif prim.IsA(UsdGeom.Gprim) or prim.IsA(UsdGeom.PointInstancer):
+            self._notes.count(f"# prims of purpose {inherited.purpose} skipped")
+        return [(child, inherited) for child in prim.GetFilteredChildren(inherited.frame.predicate)]
+
+    def _with_attributes(self, prim: Usd.Prim, inherited: _Inherited) -> _Inherited:
+        if prim.HasAttribute("radar:velocity"):
+            velocity = self._numbers(prim, "radar:velocity", 3, "three finite numbers [m/s]")
+            x, y, z = (float(value) for value in self._turn @ velocity)
+            inherited = replace(inherited, velocity=(x, y, z))
+        if prim.HasAttribute("radar:material"):
+            material = prim.GetAttribute("radar:material").Get(self._start)
+            if not isinstance(material, str) or not material:
+                raise InputError(self._path, f"{prim.GetPath()}.radar:material = {material!r}", "a material name")
+            inherited = replace(inherited, material=material)
+        if prim.HasAttribute("radar:targets_by_name"):
+            inherited = replace(inherited, targets_by_name=names_count(self._path, prim, self._start))
+        return inherited
+
+    def _numbers(self, prim: Usd.Prim, name: str, size: int, expected: str) -> NDArray[np.float64]:
+        """A custom attribute's value as [size] float64."""
+        value = prim.GetAttribute(name).Get(self._start)
+        try:
+            numbers = np.array(value, dtype=np.float64).reshape(-1)
+        except (TypeError, ValueError):
+            numbers = np.empty(0)
+        if isinstance(value, (str, bool)) or numbers.shape != (size,) or not np.isfinite(numbers).all():
+            raise InputError(self._path, f"{prim.GetPath()}.{name} = {value!r}", expected)
+        return numbers
+
+    def _add_target(self, prim: Usd.Prim, inherited: _Inherited, kind: str | None) -> None:
+        model, axes = None, WORLD_AXES
+        matrix = self._transforms.matrix(prim, inherited.frame)
+        if kind is None:
+            rcs_dbsm = float(self._numbers(prim, "radar:rcs_dbsm", 1, "a finite number [dBsm]")[0])
+        else:
+            model = prim_model(self._path, prim, self._start, kind)
+            rcs_dbsm = model.nominal_rcs_dbsm
+            turned = model_axes(matrix[:3, :3], self._turn)
+            if turned is None:
+                raise InputError(self._path, f"{prim.GetPath()}: its transform is flat", "one that keeps x and z apart")
+            axes = turned
+        below = Usd.PrimRange(prim, inherited.frame.predicate)
+        replaced = sum(1 for item in below if item.IsA(UsdGeom.Gprim) or item.IsA(UsdGeom.PointInstancer))
+        reason = "a point target (radar:rcs_dbsm)" if kind is None else "the model of a target"
+        self._notes.count(f"# geometry prims left out: {reason} stands for them", replaced)
+        x, y, z = (float(value) for value in (self._to_world @ matrix)[:3, 3])
+        if not (np.abs([x, y, z]) <= FARTHEST_M).all():
+            raise InputError(
+                self._path, f"{prim.GetPath()} stands at ({x}, {y}, {z})", f"a position within {FARTHEST_M:g} m"
+            )
+        velocity = self._velocity(prim, inherited, np.zeros(3))
+        self._targets.append(PointTarget(inherited.frame.name(prim), (x, y, z), rcs_dbsm, velocity, model, axes))
+
+    def _velocity(self, prim: Usd.Prim, inherited: _Inherited, centre: NDArray[np.float64]) -> Vector:
+        """World velocity [m/s]: what an attribute says, or else what the animation does."""
+        if inherited.velocity is not None:
+            return inherited.velocity
+        velocity, turns = self._transforms.velocity(prim, inherited.frame, centre)
+        if turns:
+            self._notes.count("# objects turn or change size: only the motion of their centre is used")
+        x, y, z = (float(value) for value in self._to_world[:3, :3] @ velocity)
+        if not (np.abs([x, y, z]) <= FASTEST_MPS).all():
+            raise InputError(
+                self._path, f"{prim.GetPath()} moves at ({x}, {y}, {z}) m/s", f"at most {FASTEST_MPS:g} m/s"
+            )
+        return x, y, z
+
+    def _instances(self, instancer: UsdGeom.PointInstancer, inherited: _Inherited) -> list[tuple[Usd.Prim, _Inherited]]:
+        path = str(instancer.GetPath())
+        if path in inherited.instancers:
+            raise InputError(self._path, f"point instancer {path} is within its own prototypes", "no such loop")
+        if instancer.GetVelocitiesAttr().HasAuthoredValue():
+            self._notes.count("# point instancers have 'velocities', which are not used (positions' samples are)")
+        try:
+            frames = instance_frames(instancer, inherited.frame, self._transforms, IN_PROTOTYPE)
+            return [
+                (frame.root, replace(inherited, frame=frame, instancers=(*inherited.instancers, path)))
+                for frame in frames
+            ]
+        except ValueError as error:
+            raise InputError(self._path, f"point instancer {path}: {error}", "arrays that fit together") from error
+
+    def _add_geometry(self, prim: Usd.Prim, inherited: _Inherited) -> None:
+        kind = str(prim.GetTypeName())
+        if prim.IsA(UsdGeom.Mesh):
+            mesh = polygon_mesh(UsdGeom.Mesh(prim), self._start, self._notes)
+            if mesh is not None:
+                self._add_mesh(prim, mesh, inherited)
+        elif is_solid(prim):
+            self._add_mesh(prim, solid_mesh(prim, self._start), inherited)
+        elif prim.IsA(UsdGeom.Gprim):
+            self._notes.count(f"# prims of type {kind} ignored")
+        elif kind and self._registry.FindConcretePrimDefinition(kind) is None:
+            self._notes.count(f"# prims of unknown type {kind} ignored")
+
+    def _add_mesh(self, prim: Usd.Prim, mesh: PrimMesh, inherited: _Inherited) -> None:
+        """One object for the prim, or one for each of its material subsets and one for the rest."""
+        matrix = self._to_world @ self._transforms.matrix(prim, inherited.frame)
+        points, triangles = place_mesh(mesh.points, mesh.triangles, matrix)
+        self._spacings.append(vertex_spacing_m(mesh.points, matrix))
+        finite = mesh.points[np.isfinite(mesh.points).all(axis=1)].astype(np.float64)
+        centre = finite.mean(axis=0) if len(finite) else np.zeros(3)
+        velocity = self._velocity(prim, inherited, centre)
+        rest = np.ones(len(triangles), dtype=bool)
+        for subset in UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets():
+            faces = np.asarray(subset.GetIndicesAttr().Get(self._start) or [], dtype=np.int64)
+            chosen = rest & np.isin(mesh.faces, faces)
+            rest &= ~chosen
+            handed = self._with_attributes(subset.GetPrim(), inherited)
+            self._add_object(subset.GetPrim(), points, triangles[chosen], velocity, handed)
+        if rest.any() or not len(rest):
+            self._add_object(prim, points, triangles[rest], velocity, inherited)
+
+    def _add_object(
+        self,
+        prim: Usd.Prim,
+        points: NDArray[np.float64],
+        triangles: NDArray[np.integer],
+        velocity: Vector,
+        inherited: _Inherited,
+    ) -> None:
+        points, triangles, dropped = clean_mesh(points, triangles)
+        dropped.add_to(self._notes)
+        if not len(triangles):
+            self._notes.count("# meshes or subsets without a usable triangle ignored")
+            return
+        material = inherited.material
+        if material is None:
+            binding = UsdShade.MaterialBindingAPI(prim)
+            bound, _ = binding.ComputeBoundMaterial()
+            material = str(bound.GetPrim().GetName()) if bound else ""
+            if not bound and binding.GetDirectBindingRel().GetTargets():
+                self._notes.count("# material bindings lead to no material")
+        self._objects.append(SceneObject(inherited.frame.name(prim), points, triangles, material, velocity))

@@ -1,0 +1,98 @@
+"""Which USD prims are targets by their radar cross section, and by which model.
+
+- ``radar:target`` (string or token): the name of a model of ``target_models``, with ``radar:radius_m``,
+  ``radar:length_m`` and so on for its sizes [m]; ``"none"`` exempts a prim from the name rule;
+- ``radar:targets_by_name`` (bool): below this prim, placed prims named car, pedestrian or cyclist are those targets. A
+  name may go on with anything but a letter: ``Car``, ``car_17`` and ``Pedestrian2``, but neither ``Cars`` nor
+  ``Carport``.
+
+The model's x forward and z up are the stage's: a Y-up stage has them along the prim's x and y. The prim's scale does
+not change a model's size.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Usd, UsdGeom
+
+from datafactory.scenes.scene import Vector
+from datafactory.scenes.targets.models import MODELS, ROAD_USERS, SIZES, RcsModel, target_model
+from shared.physics.errors import InputError
+
+EXEMPT = "none"
+_BY_NAME = re.compile(rf"({'|'.join(ROAD_USERS)})(?![a-z])", re.IGNORECASE)
+
+
+def target_kind(path: Path, prim: Usd.Prim, time: Usd.TimeCode, by_name: bool) -> str | None:
+    """The model that a prim calls for, by attribute or else by name; None where it calls for none.
+
+    :param by_name: whether the name rule holds here
+    :raises InputError: a ``radar:target`` that names no model, or stands beside ``radar:rcs_dbsm``
+    """
+    if prim.HasAttribute("radar:target"):
+        kind = prim.GetAttribute("radar:target").Get(time)
+        if kind == EXEMPT:
+            return None
+        if not isinstance(kind, str) or kind not in MODELS:
+            expected = f"one of {', '.join(MODELS)} or {EXEMPT}"
+            raise InputError(path, f"{prim.GetPath()}.radar:target = {kind!r}", expected)
+        if prim.HasAttribute("radar:rcs_dbsm"):
+            raise InputError(path, f"{prim.GetPath()} has radar:target and radar:rcs_dbsm", "one of the two")
+        return kind
+    if prim.HasAttribute("radar:rcs_dbsm") or not by_name or not prim.IsA(UsdGeom.Xformable):
+        return None
+    named = _BY_NAME.match(prim.GetName())
+    return named.group(1).lower() if named else None
+
+
+def names_count(path: Path, prim: Usd.Prim, time: Usd.TimeCode) -> bool:
+    """The value of ``radar:targets_by_name``.
+
+    :raises InputError: it is no bool
+    """
+    value = prim.GetAttribute("radar:targets_by_name").Get(time)
+    if not isinstance(value, bool):
+        raise InputError(path, f"{prim.GetPath()}.radar:targets_by_name = {value!r}", "true or false")
+    return value
+
+
+def prim_model(path: Path, prim: Usd.Prim, time: Usd.TimeCode, kind: str) -> RcsModel:
+    """The model of this kind with the sizes that the prim states.
+
+    :raises InputError: a size that is missing, not wanted, or no usable length
+    """
+    sizes = {}
+    for name in SIZES:
+        if prim.HasAttribute(f"radar:{name}"):
+            value = prim.GetAttribute(f"radar:{name}").Get(time)
+            if isinstance(value, bool) or not isinstance(value, int | float):
+                raise InputError(path, f"{prim.GetPath()}.radar:{name} = {value!r}", "a length [m]")
+            sizes[name] = float(value)
+    try:
+        return target_model(kind, sizes)
+    except ValueError as error:
+        raise InputError(path, f"{prim.GetPath()}.radar:target = {error}") from error
+
+
+def model_axes(local: NDArray[np.float64], turn: NDArray[np.float64]) -> tuple[Vector, Vector, Vector] | None:
+    """World directions of a model's x, y and z, right-handed and orthonormal; None where the transform is flat.
+
+    :param local: [3, 3] from the prim to the stage, columns the prim's axes; scale, shear and mirrors fall away
+    :param turn: [3, 3] rotation from the stage's axes to the world's
+    """
+    # The model is at home in world axes: into the stage's, through the prim's transform, and back.
+    matrix = turn @ local @ turn.T
+    forward, up = matrix[:, 0], matrix[:, 2]
+    x = forward / (np.linalg.norm(forward) or 1.0)
+    z = up - (up @ x) * x
+    length = float(np.linalg.norm(z))
+    if not (np.isfinite(matrix).all() and np.any(x) and length > 1e-6 * np.linalg.norm(up)):
+        return None
+    z = z / length
+    rows = np.stack([x, np.cross(z, x), z]) + 0.0
+    one, two, three = ((float(row[0]), float(row[1]), float(row[2])) for row in rows)
+    return one, two, three

@@ -1,0 +1,534 @@
+"""The price list: errors fall where accuracy is bought, the choice is the cheapest that keeps the budget."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from oracles import doppler_filtered, if_cube, peak_error_db, relative_error
+
+from datafactory.accuracy import budget, lattices, report
+from datafactory.accuracy.chain import Clock, reference_of, run
+from datafactory.accuracy.check import HONEST_DB, check
+from datafactory.accuracy.errors import FLOOR_DB, detections_changed, level_db, peak_error, relative_l2
+from datafactory.accuracy.knobs import CONVERGED, DEFAULT, POWER_EFFECTS, SIGNAL_EFFECTS, Knob, Settings, effect_knobs
+from datafactory.accuracy.power import Effort, compared, mean_and_variance, power_error
+from datafactory.accuracy.prices import Errors, Menu, Price, Prices, choose
+from datafactory.accuracy.probes import planned_scenes, probes_of, traced
+from datafactory.accuracy.sweep import Row, sweep
+from datafactory.accuracy.variants import float32_geometry, linear_delays, reference_moments
+from datafactory.accuracy.work import counted_work
+from datafactory.effects.catalogue import ALL, NAMES, EffectSet
+from datafactory.frame.chain import Processing, Setting, image, measure
+from datafactory.paths.density import cell_power
+from datafactory.paths.prune import pruned
+from datafactory.paths.solver import TraceSettings
+from datafactory.paths.storage import read_paths
+from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
+from datafactory.run.cache import cached, user_cache
+from datafactory.run.order import Order
+from datafactory.run.pipeline import render, trace_paths
+from datafactory.scenes.materials.table import load_materials
+from datafactory.scenes.poses import Pose
+from shared.physics.errors import InputError
+from shared.radar import ImageGrid, Radar
+from shared.radar.waveform import Waveform
+from shared.signal.imaging import sweep_moments
+
+TINY = Path(__file__).resolve().parents[3] / "scenes" / "tiny.usda"
+POSE = Pose((-10.0, 0.0, 0.5), yaw_deg=5.0, velocity=(4.0, 1.0, 0.0))
+EFFECTS = ALL.without("diffraction").without("refraction").without("intra_chirp_motion")
+"""What the scene calls for, near enough, and quick."""
+MENU = Menu(
+    rays=(1000, 4000), depth=(1, 2), prune_db=(-20.0, -40.0), tolerance=(1e-3, 1e-6), truth_terms=(3, 5),
+    effort=Effort(8000, realisations=3, reference_realisations=3),
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def radar() -> Radar:
+    """All 256 elements, because the range walk is over them, and no echo that folds; short in everything else."""
+    return Radar(name="small", waveform=Waveform(samples=512, chirps=8, range_bins=96), grid=ImageGrid(bins=48))
+
+
+def probes_at(radar: Radar, *poses: Pose):
+    order = Order(radar=radar, scenes=(str(TINY),), poses=poses, seed=3, effects=EFFECTS)
+    (planned,) = planned_scenes(order, load_materials(None), lambda line: None)
+    return probes_of(planned.work, order, range(len(poses)))
+
+
+@pytest.fixture(scope="module")
+def probes(variant, radar):
+    return probes_at(radar, POSE)
+
+
+@pytest.fixture(scope="module")
+def rows(probes, radar) -> list[Row]:
+    signal = (
+        Knob("tolerance", (1e-3, 1e-6, 1e-9)),
+        Knob("width", ("float32 geometry",)),
+        Knob("prune_db", (-20.0, -40.0)),
+        Knob("delays", ("linear",)),
+        Knob("near_field", (False,)),
+        Knob("truth_terms", (3, 6)),
+        Knob("truth_wave", ("plane",)),
+    )
+    power = (
+        Knob("rays", (500, 4000), power=True, paired=False),
+        Knob("rays", (16_000,), power=True, paired=False, beside=("lattice", "sphere"), label="sphere rays"),
+        Knob("depth", (1,), power=True),
+        Knob("surface_phase", (False,), power=True),
+        Knob("diffuse", (False,), power=True),
+        Knob("diffraction", (True,), power=True),
+    )
+    effort = Effort(20_000, realisations=2, reference_realisations=2, repeats=2, batch=1, rays=4000)
+    return sweep(probes, signal, power, effort, radar, effects=EFFECTS)
+
+
+@pytest.fixture
+def table(generator) -> PathTable:
+    """Moving points and one image of the TX, all within the small radar's range."""
+    count = 12
+    position = generator.uniform([3.0, -6.0, -1.0], [10.0, 6.0, 1.0], (count, 3))
+    amplitude = np.exp(2j * np.pi * generator.random(count))
+    scattered = ScatteredPaths.of_points(position, generator.uniform(-9.0, 9.0, (count, 3)), amplitude)
+    # The points as the RX sees them lie elsewhere, so that a variant that mixes up the two sides shows.
+    scattered = replace(
+        scattered, rx_point=position + generator.uniform(0.1, 1.0, (count, 3)), between_m=np.full(count, 1.0)
+    )
+    normal = np.array([-1.0, 0.2, 0.1]) / np.linalg.norm([-1.0, 0.2, 0.1])
+    specular = SpecularPaths(
+        image=np.array([[20.0, -5.0, -2.0]]),
+        image_velocity=np.array([[-6.0, 3.0, 0.0]]),
+        axes=(np.eye(3) - 2.0 * np.outer(normal, normal))[None],
+        reference=np.array([0.0, -0.04, 0.0]),
+        amplitude=np.array([2.0 + 0.5j]),
+        depth=np.ones(1, np.int8),
+        object_index=np.zeros(1, np.int32),
+        kinds=np.ones(1, np.uint8),
+    )
+    return PathTable(scattered, specular)
+
+
+def find(rows: list[Row], knob: str, value: object) -> Row:
+    return next(row for row in rows if (row.knob, row.setting) == (knob, str(value)))
+
+
+def test_errors_have_a_finite_floor_and_a_scale():
+    one = np.array([3.0, 4.0j])
+    assert relative_l2(one, one) == peak_error(one, one) == 0.0
+    assert level_db(0.0) == FLOOR_DB
+    assert relative_l2(1.1 * one, one) == pytest.approx(0.1)
+    assert peak_error(one + np.array([0.4, 0.0]), one) == pytest.approx(0.1)
+    assert relative_l2(one, 0.0 * one) == 1.0
+
+
+def test_detections_match_within_one_cell():
+    expected = np.zeros((8, 8), bool)
+    expected[2, 2] = expected[6, 6] = True
+    moved = np.roll(expected, 1, axis=1)
+    assert detections_changed(moved, expected) == 0.0
+    assert detections_changed(np.roll(expected, 3, axis=1), expected) == 200.0
+    assert detections_changed(np.zeros_like(expected), expected) == 100.0
+
+
+def test_linear_delays_touch_the_exact_ones_at_mid_frame(radar, table):
+    """From the origin: value and first derivative agree at mid-frame, the second derivative is gone."""
+    linear = linear_delays(table, radar)
+    middle, step = radar.waveform.mid_frame_s, 1e-3
+
+    def lengths(paths: PathTable, time: float) -> np.ndarray:
+        part = paths.scattered
+        both = [
+            np.linalg.norm(getattr(part, f"{e}_point") + getattr(part, f"{e}_velocity") * time, axis=1)
+            for e in ("tx", "rx")
+        ]
+        image = np.linalg.norm(paths.specular.image + paths.specular.image_velocity * time, axis=1)
+        return np.append(both[0] + both[1], image)
+
+    def bend(paths: PathTable) -> np.ndarray:
+        return (lengths(paths, middle + step) - 2.0 * lengths(paths, middle) + lengths(paths, middle - step)) / step**2
+
+    np.testing.assert_allclose(lengths(linear, middle), lengths(table, middle), rtol=1e-13)
+    rates = [(lengths(t, middle + step) - lengths(t, middle - step)) / (2 * step) for t in (linear, table)]
+    np.testing.assert_allclose(rates[0], rates[1], atol=1e-4)
+    assert np.abs(bend(linear)).max() < 1e-6 * np.abs(bend(table)).max() + 1e-7
+    assert np.abs(bend(table)).max() > 1.0
+
+
+def test_float32_geometry_moves_points_by_less_than_its_rounding(table):
+    rounded = float32_geometry(table)
+    moved = np.abs(rounded.scattered.tx_point - table.scattered.tx_point)
+    assert 0.0 < moved.max() <= np.abs(table.scattered.tx_point).max() * 2.0**-24
+    np.testing.assert_array_equal(rounded.scattered.amplitude, table.scattered.amplitude)
+
+
+def test_reference_moments_are_those_of_the_whole_virtual_cube(radar, table):
+    cells = np.random.default_rng(5).integers(0, radar.waveform.chirps, radar.waveform.range_bins)
+    moments = reference_moments(table, radar, cells, 4)
+    some = (0, 100, 255)  # elements of three blocks
+    sensor = radar.virtual_sensor.model_copy(update={"rx_m": tuple(radar.virtual_sensor.rx_m[e] for e in some)})
+    cube = if_cube(table, radar, sensor)
+    for cell in np.unique(cells):
+        rows = np.flatnonzero(cells == cell)
+        expected = sweep_moments(doppler_filtered(cube, radar, int(cell)), radar, 4)[:, rows]
+        assert peak_error_db(moments[:, rows][:, :, some], expected) < -100.0
+
+
+def test_cell_power_keeps_the_power_of_every_path_in_range(probes, radar):
+    paths = traced(probes[0], replace(DEFAULT, rays=2000, effects=EFFECTS), radar)
+    inside = np.rint(paths.scattered.range_m() / radar.waveform.range_step_m) < radar.waveform.range_bins
+    images = np.rint(paths.specular.range_m() / radar.waveform.range_step_m) < radar.waveform.range_bins
+    expected = (np.abs(paths.scattered.amplitude[inside]) ** 2).sum()
+    expected += (np.abs(paths.specular.amplitude[images]) ** 2).sum()
+    assert expected > 0.0
+    assert cell_power(paths, radar).sum() == pytest.approx(expected, rel=1e-12)
+
+
+def test_tighter_settings_have_smaller_errors(rows):
+    cube = [find(rows, "tolerance", value).cube_error_db for value in (1e-3, 1e-6, 1e-9)]
+    assert cube[0] > cube[1] > cube[2]
+    assert all(error <= 20.0 * np.log10(promise) for error, promise in zip(cube, (1e-3, 1e-6, 1e-9), strict=True))
+    assert find(rows, "prune_db", -20.0).cube_error_db > find(rows, "prune_db", -40.0).cube_error_db
+    assert find(rows, "truth_wave", "plane").image_error_db > find(rows, "truth_terms", 6).image_error_db + 10.0
+    exact = find(rows, "tolerance", 1e-6).cube_error_db
+    for knob, value in (("delays", "linear"), ("near_field", "off"), ("width", "float32 geometry")):
+        assert find(rows, knob, value).cube_error_db > exact
+    assert find(rows, "rays", 500).image_error_db > find(rows, "rays", 4000).image_error_db
+    assert find(rows, "rays", 500).power_l1_db > find(rows, "rays", 4000).power_l1_db
+    assert find(rows, "diffuse", "off").power_bias_db < 0.0 < find(rows, "diffraction", "on").power_bias_db
+
+
+def test_the_surface_turns_phases_alone(rows, probes, radar):
+    """Not a watt in any cell, and yet another signal."""
+    assert find(rows, "surface_phase", "off").image_error_db == FLOOR_DB
+    settings = replace(DEFAULT, rays=1000, effects=EFFECTS)
+    rough, smooth = (traced(probes[0], replace(settings, surface_phase=on), radar).scattered for on in (True, False))
+    np.testing.assert_allclose(np.abs(rough.amplitude), np.abs(smooth.amplitude), rtol=1e-12)
+    assert relative_l2(rough.amplitude, smooth.amplitude) > 0.5
+
+
+def test_more_truth_terms_follow_the_range_walk(variant, radar):
+    """From a radar at rest, where the Doppler filter adds no error of its own."""
+    still = probes_at(radar, replace(POSE, velocity=(0.0, 0.0, 0.0)))
+    settings = replace(CONVERGED, rays=2000, effects=EFFECTS)
+    tables = [traced(still[0], settings, radar)]
+    reference = reference_of(tables, settings, radar)
+    errors = []
+    for terms in (3, 4, 6):
+        outcome = run(tables, replace(settings, truth_terms=terms), radar, Clock(), reference, batch=1)
+        errors.append(level_db(peak_error(outcome.images[0], reference.images[0])))
+    assert errors[0] > errors[1] + 5.0
+    assert errors[1] > errors[2] + 5.0
+    assert errors[2] < -70.0
+
+
+def test_every_row_is_priced(rows):
+    assert rows[0].knob == "defaults"
+    for row in rows:
+        assert set(row.stage_seconds) == {"trace", "delays and spread", "range-Doppler", "truth", "image", "write"}
+        assert row.seconds == pytest.approx(sum(row.stage_seconds.values()))
+        assert all(FLOOR_DB <= error < 60.0 for error in (row.cube_error_db, row.image_error_db, row.image_l2_db))
+        assert row.work > 0.0
+        assert row.peak_mb >= 0.0
+        assert row.reference
+        assert (row.power_l1_db is None) == (row.kind == "signal")
+    assert [row.setting for row in rows if row.default and row.knob == "tolerance"] == ["1e-06"]
+    assert [row.knob for row in rows if not row.approximation] == ["diffraction"]
+
+
+def test_tables_and_picture(rows, tmp_path):
+    parquet, text = report.write_tables(rows, tmp_path)
+    picture = report.write_picture(rows, "tiny", tmp_path)
+    read = pq.read_table(parquet).to_pylist()
+    columns = {
+        "knob", "setting", "seconds", "stage_seconds", "cube_error_db", "image_error_db", "detections_changed",
+        "peak_mb", "reference",
+    }  # fmt: skip
+    assert columns <= set(read[0])
+    assert read == [asdict(row) for row in rows]
+    with text.open(encoding="utf-8", newline="") as handle:
+        lines = list(csv.DictReader(handle))
+    assert [float(line["cube_error_db"]) for line in lines] == [row.cube_error_db for row in rows]
+    assert json.loads(lines[0]["stage_seconds"]) == rows[0].stage_seconds
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert len(report.table_rows(rows)[0]) == len(report.HEADINGS)
+
+
+def test_pareto_front_is_monotone_and_unbeaten():
+    points = [(float(a), float(b)) for a, b in np.random.default_rng(2).random((60, 2))]
+    front = report.pareto_front(points)
+    assert np.all(np.diff(np.array(front), axis=0) * [1.0, -1.0] > 0.0)
+    for seconds, error in points:
+        assert any(s <= seconds and e <= error for s, e in front)
+    for s, e in front:
+        assert not any(a <= s and b <= e and (a, b) != (s, e) for a, b in points)
+
+
+def price_list(menu: Menu) -> Prices:
+    """Errors that fall as the settings get dearer, as a sweep would find them."""
+    entries = []
+    for knob in ("tolerance", "prune_db", "truth_terms", "rays", "depth"):
+        for place, value in enumerate(getattr(menu, knob)):
+            error = 0.1 * 0.2**place
+            entries.append(
+                Price(
+                    knob=knob,
+                    value=value,
+                    cube=(error if knob in ("tolerance", "prune_db") else 0.0,),
+                    image=(error if knob in ("truth_terms", "prune_db") else 0.0,),
+                    power=(error if knob in ("rays", "depth") else 0.0,),
+                    paths=0.9 if knob == "prune_db" else float(value) * 1000.0,
+                )
+            )
+    return Prices(frame_ids=(0,), prices=tuple(entries))
+
+
+def test_the_cheapest_choice_that_keeps_the_budget(radar):
+    menu = Menu()
+    found = [choose([price_list(menu)], menu, level, radar) for level in (-18.0, -25.0, -32.0, -40.0)]
+    work = [choice.work for choice in found]
+    assert work == sorted(work)
+    assert work[0] < work[-1]
+    for level, choice in zip((-18.0, -25.0, -32.0, -40.0), found, strict=True):
+        assert choice.keeps_budget
+        assert choice.predicted.worst_db <= level
+    hopeless = choose([price_list(menu)], menu, -119.0, radar)
+    assert not hopeless.keeps_budget
+    assert hopeless.settings.depth == menu.depth[-1]
+    # What cannot be kept is as good as the menu has it, and the rest is kept and no better.
+    beyond = price_list(menu).model_copy(
+        update={"prices": tuple(p.model_copy(update={"power": (0.3,)}) for p in price_list(menu).prices)}
+    )
+    rest = choose([beyond], menu, -32.0, radar)
+    assert not rest.keeps_budget
+    assert rest.predicted.power_db > -32.0 >= max(rest.predicted.cube_db, rest.predicted.image_db)
+    assert rest.settings.tolerance > menu.tolerance[-1]
+    # Two scenes: the choice answers for the worse one.
+    worse = price_list(menu).model_copy(
+        update={
+            "prices": tuple(
+                p.model_copy(update={"power": tuple(3 * e for e in p.power)}) for p in price_list(menu).prices
+            )
+        }
+    )
+    assert choose([price_list(menu), worse], menu, -25.0, radar).settings.rays >= found[1].settings.rays
+
+
+def test_work_counts_what_is_bought(radar):
+    usual = counted_work(DEFAULT, 1000.0, radar)
+    for dearer in ({"rays": 400_000}, {"depth": 3}, {"tolerance": 1e-9}, {"truth_terms": 6}):
+        assert counted_work(replace(DEFAULT, **dearer), 1000.0, radar) > usual
+    assert counted_work(DEFAULT, 2000.0, radar) > usual
+
+
+def order_of_two(radar: Radar) -> Order:
+    poses = (POSE, replace(POSE, position=(-8.0, 1.0, 0.5)))
+    return Order(radar=radar, scenes=(str(TINY),), poses=poses, split="1:0:0", effects=EFFECTS)
+
+
+def settled(order: Order, level_db: float, menu: Menu, said: list[str], folder: Path) -> budget.Budget:
+    return budget.settle(
+        order, load_materials(None), level_db, menu, said.append, lambda done, total, label: None, folder
+    )
+
+
+def test_a_budget_is_settled_once_kept_and_checked(variant, radar, tmp_path, monkeypatch):
+    order, said = order_of_two(radar), list[str]()
+    first = settled(order, -20.0, MENU, said, tmp_path / "cache")
+    assert any("measuring" in line for line in said)
+    with monkeypatch.context() as patch:
+        patch.setattr(budget, "measure_prices", lambda *arguments: pytest.fail("swept again"))
+        second = settled(order, -20.0, MENU, said, tmp_path / "cache")
+        tighter = settled(order, -60.0, MENU, said, tmp_path / "cache")
+    assert second.choice == first.choice
+    assert tighter.choice.work >= first.choice.work
+    assert first.order.trace.rays == first.choice.settings.rays
+    assert first.order.prune_db == first.choice.settings.prune_db
+    assert first.order.processing.truth_terms == first.choice.settings.truth_terms
+
+    render(first.order, load_materials(None), tmp_path / "data")
+    check(first, tmp_path / "data", said.append)
+    entry = json.loads((tmp_path / "data" / "manifest.json").read_text(encoding="utf-8"))["error_budget"]
+    assert entry["budget_db"] == -20.0
+    assert entry["predicted"] == first.choice.predicted.model_dump()
+    assert entry["settings"]["rays"] == first.choice.settings.rays
+    # The rays are drawn anew for the check, and all settings act at once.
+    for error in ("cube_db", "image_db", "power_db"):
+        assert abs(entry["achieved"][error] - entry["predicted"][error]) <= HONEST_DB
+    assert "seconds" not in json.dumps(entry)
+
+
+def test_a_budget_of_traced_paths_bounds_the_power_in_cells_alone(variant, radar, tmp_path):
+    said = list[str]()
+    order = replace(order_of_two(radar), poses=(POSE,))
+    found = settled(order, -15.0, MENU.of_paths(), said, tmp_path / "cache")
+    assert found.order.trace.rays in MENU.rays
+    trace_paths(found.order, load_materials(None), tmp_path / "paths")
+    check(found, tmp_path / "paths", said.append)
+    entry = json.loads((tmp_path / "paths" / "manifest.json").read_text(encoding="utf-8"))["error_budget"]
+    assert set(entry["predicted"]) == set(entry["achieved"]) == {"power_db"}
+    assert set(entry["settings"]) == {"rays", "depth"}
+    assert entry["work_per_frame"] > 0.0
+    assert abs(entry["achieved"]["power_db"] - entry["predicted"]["power_db"]) <= HONEST_DB
+
+
+def test_a_damaged_cache_is_measured_again(tmp_path):
+    said: list[str] = []
+    paths: list[Path] = []
+
+    def measure(path: Path) -> Prices:
+        paths.append(path)
+        return price_list(MENU)
+
+    for _ in range(2):
+        assert cached(tmp_path, {"scene": "a"}, Prices, measure, said.append) == price_list(MENU)
+    assert len(paths) == 1
+    paths[0].write_text("{")
+    assert cached(tmp_path, {"scene": "a"}, Prices, measure, said.append) == price_list(MENU)
+    assert len(paths) == 2
+    assert len(said) == 1
+    cached(tmp_path, {"scene": "b"}, Prices, measure, said.append)
+    assert paths[2] != paths[0]
+
+
+def test_the_cache_follows_the_user(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert user_cache().is_relative_to(tmp_path)
+
+
+def test_a_budget_needs_scenes(radar):
+    with pytest.raises(InputError, match="--error-budget"):
+        budget.settle(Order(radar=radar, points=3), load_materials(None), -30.0, MENU, print, lambda *a: None)
+
+
+def test_given_rays_and_depth_stay():
+    menu = budget.menu_for(3_000_000, 1)
+    assert menu.rays == (3_000_000,)
+    assert menu.depth == (1,)
+    assert menu.effort.reference_rays > 3_000_000
+    assert menu.of_paths().rays == menu.rays
+    assert menu.of_paths().paths_only
+    assert not menu.paths_only
+
+
+def test_errors_leave_out_what_was_not_made():
+    paths = Errors.of([], [], [1e-2, 1e-3])
+    assert paths.measured() == {"power_db": -40.0} == {"power_db": paths.worst_db}
+    assert str(paths) == "power in a cell -40.0 dB"
+    both = budget.worst_of([Errors.of([0.1], [0.1], [0.01]), Errors.of([1e-3], [1.0], [0.1])])
+    assert both == Errors.of([0.1], [1.0], [0.1])
+
+
+def test_default_settings_are_those_of_a_run():
+    assert DEFAULT.trace() == ALL.trace(TraceSettings())
+    for name in NAMES:
+        effects = ALL.without(name)
+        settings = replace(DEFAULT, effects=effects)
+        assert settings.trace() == effects.trace(TraceSettings())
+        processing, model = effects.processing(Processing()), settings.wave_model()
+        assert model.range_migration == processing.range_migration
+        assert model.intra_chirp_motion == processing.intra_chirp_motion
+        assert model.near_field == processing.near_field
+        # What changes no path leaves the realisations kept for others valid.
+        assert (settings.tracing() == DEFAULT.tracing()) == (name not in POWER_EFFECTS)
+    assert {*SIGNAL_EFFECTS, *POWER_EFFECTS, "noise"} == set(NAMES)
+
+
+@pytest.mark.parametrize("left_out", [(), ("doppler",), ("near_field", "range_migration", "antenna_pattern")])
+def test_a_frame_of_the_sweep_is_a_frame_of_the_run(left_out, radar, tmp_path, variant):
+    """Traced by the pipeline itself, then made as :mod:`datafactory.frame.chain` makes it, without noise."""
+    effects = EffectSet.of(set(NAMES) - {"noise", "diffraction", "refraction", *left_out})
+    order = replace(order_of_two(radar), poses=(POSE,), effects=effects, seed=5, trace=TraceSettings(rays=1000))
+    trace_paths(order, load_materials(None), tmp_path)
+    stored = next(iter(read_paths(next((tmp_path / "paths").iterdir()))))
+    front_end = effects.front_end(radar.front_end)
+    paths = pruned(stored.table.within(radar).illuminated(front_end), radar, order.prune_db)
+    setting, processing = Setting(0, "scene", "tiny", 0), effects.processing(Processing(store="cube"))
+    expected, _ = next(image([measure(setting, paths, (), radar, processing, np.random.default_rng(0))], radar, "cube"))
+
+    (planned,) = planned_scenes(order, load_materials(None), lambda line: None)
+    settings = replace(DEFAULT, rays=1000, effects=effects)
+    outcome = run([traced(probes_of(planned.work, order, (0,))[0], settings, radar)], settings, radar, Clock(), batch=1)
+    assert relative_error(outcome.cubes[0], expected.cube) < 1e-6
+    assert peak_error_db(outcome.images[0], expected.image * expected.image_peak) < -60.0
+
+
+def test_an_effect_has_the_value_that_the_plan_does_not():
+    knobs = effect_knobs(ALL.without("diffraction"), {"refraction"})
+    assert {knob.name: knob.values for knob in knobs if knob.name in ("diffraction", "diffuse", "refraction")} == {
+        "diffraction": (True,),
+        "diffuse": (False,),
+    }
+    assert {knob.name for knob in knobs if not knob.power} == set(SIGNAL_EFFECTS)
+    off = Knob("diffuse", (False,), power=True).at(DEFAULT, False)
+    assert off == replace(DEFAULT, effects=ALL.without("diffuse"))
+    sphere = Knob("rays", (7,), beside=("lattice", "sphere")).at(DEFAULT, 7)
+    assert sphere == Settings(rays=7, lattice="sphere")
+    with pytest.raises(ValueError, match="moonlight"):
+        Knob("moonlight", (True,))
+
+
+def exponential_cells(generator: np.random.Generator, radar: Radar, count: int) -> np.ndarray:
+    """[count, R, 20] realisations whose mean is 1 in the first ten columns and 4 in the others."""
+    mean = np.repeat([1.0, 4.0], 10)
+    return generator.gamma(50.0, mean / 50.0, (count, radar.waveform.range_bins, 20))
+
+
+def test_the_scatter_of_a_frame_does_not_contain_that_of_its_reference(generator, radar):
+    """The amplitude of a Gamma power of shape k scatters by sqrt(mean / 4 k): known, whatever the reference is."""
+    value = exponential_cells(generator, radar, 8)
+    expected = np.sqrt(1.0 / (4.0 * 50.0))
+    for count in (3, 100):
+        reference, variance = mean_and_variance(exponential_cells(generator, radar, count))
+        assert compared(value, reference, variance, radar).l2 == pytest.approx(expected, rel=0.03)
+    reference, variance = mean_and_variance(exponential_cells(generator, radar, 3))
+    biased = compared(value, reference, np.zeros(1), radar).l2
+    assert biased == pytest.approx(expected * np.sqrt(4.0 / 3.0), rel=0.03)
+
+
+def test_cells_are_compared_as_stated(radar):
+    reference = np.ones((radar.waveform.range_bins, 3))
+    reference[20, 1] = 4.0
+    value = reference.copy()
+    value[10, 0] = 4.0
+    error = compared(value[None], reference, np.zeros(1), radar)
+    total, weight = reference.sum(), radar.waveform.ranges_m**4
+    assert error.peak == pytest.approx(0.5)
+    assert error.l2 == pytest.approx(np.sqrt(1.0 / total))
+    assert error.l1 == pytest.approx(3.0 / total)
+    assert error.l1_range_weighted == pytest.approx(3.0 * weight[10] / (weight @ reference.sum(axis=1)))
+    assert error.total == pytest.approx((total + 3.0) / total)
+    nothing = compared(0.0 * value[None], 0.0 * reference, np.zeros(1), radar)
+    assert (nothing.peak, nothing.l1, nothing.total) == (0.0, 0.0, 1.0)
+
+
+def test_draws_are_independent_and_repeatable(probes, radar):
+    settings = replace(DEFAULT, rays=1000, effects=EFFECTS)
+    against, effort = replace(settings, rays=4000), Effort(4000, realisations=2, reference_realisations=2)
+    errors = [power_error(probes[0], settings, against, effort, radar, {}, draw=draw) for draw in (0, 0, 1)]
+    assert errors[0] == errors[1] != errors[2]
+    paired = power_error(probes[0], settings, settings, effort, radar, {}, paired=True)
+    assert (paired.peak, paired.l1, paired.total) == (0.0, 0.0, 1.0)
+
+
+def test_rays_of_equal_error_are_interpolated():
+    counts = (1000, 10_000, 100_000)
+    law = [-10.0 * np.log10(count) for count in counts]
+    assert lattices.rays_for(-35.0, counts, law) == pytest.approx(10.0**3.5)
+    assert lattices.rays_for(law[0] + 1.0, counts, law) is None
+    assert lattices.rays_for(law[-1] - 1.0, counts, law) is None
+    # Where chance lets an error rise, the smaller one before it holds.
+    assert lattices.rays_for(-32.0, counts, (-30.0, -40.0, -39.0)) == pytest.approx(10.0**3.2)
+
+
+def test_the_lattices_are_compared_in_words(rows):
+    lines = lattices.lines(rows)
+    assert len(lines) == 2
+    assert all(("times fewer" in line) or ("no error that both" in line) for line in lines)
+    assert lattices.lines([row for row in rows if row.knob != "sphere rays"]) == []

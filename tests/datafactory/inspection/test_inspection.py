@@ -1,0 +1,185 @@
+"""``datafactory inspect``: the numbers are the dataset's, the pictures show the targets where they are."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+import typer
+from matplotlib.image import imread
+from typer.testing import CliRunner
+
+from datafactory.cli.inspect import inspect
+from datafactory.inspection.dataset import draw_frame, summarise, write_pictures
+from datafactory.run.shards import plan_shards, split_of, write_manifest, write_shard
+from shared.dataset import Frame, Target, arrow_schema, description
+from shared.dataset.folder import open_dataset
+from shared.physics.errors import InputError
+from shared.radar import ImageGrid, Radar, load_radar
+from shared.radar.arrays import avr_qdm_110
+from shared.radar.waveform import Waveform
+from shared.signal.imaging import steering_matrix
+
+RADAR = Radar(
+    name="small", waveform=Waveform(chirps=2, samples=32, range_bins=24), array=avr_qdm_110(), grid=ImageGrid(bins=64)
+)
+ROW, COLUMN, AMPLITUDE = 15, 40, 1e-6
+
+
+def make_frame(frame_id: int, targets: bool = True) -> Frame:
+    """One target in the middle of a cell; its input has the phases of eq. (2) for plane waves."""
+    range_m, u = float(RADAR.waveform.ranges_m[ROW]), float(RADAR.grid.u[COLUMN])
+    signal = np.full((1, 24, 48), 1e-12, np.complex64)
+    signal[0, ROW] = AMPLITUDE * steering_matrix(RADAR, RADAR.array)[:, COLUMN].conj()
+    image = np.zeros((24, 64), np.float32)
+    image[ROW, COLUMN] = 1.0
+    return Frame(
+        frame_id, "scene" if frame_id % 2 else "points", f"street {frame_id % 3}", 1,
+        (0.0, 0.0, 0.0), (3.0, 4.0, 0.0), (1.0, 0.0, 0.0, 0.0),
+        range_channel=signal,
+        velocity=np.zeros((1, 24), np.float32),
+        image=image if targets else 0.0 * image,
+        image_peak=AMPLITUDE if targets else 0.0,
+        noise_power=0.0,
+        targets=(Target(range_m, u, 0.0, -120.0, "car"), Target(2.0, -0.5, 0.0, -150.0)) if targets else (),
+    )  # fmt: skip
+
+
+@pytest.fixture
+def directory(tmp_path):
+    directory = tmp_path / "data"
+    schema = arrow_schema(description(RADAR, 1, "range-channel"))
+    plans = plan_shards([split_of(index) for index in range(9)], frames_per_shard=4)
+    shards = [write_shard(directory / plan.path, map(make_frame, plan.frame_ids), schema) for plan in plans]
+    records = [record.model_dump() for record in shards]
+    write_manifest(directory, {"version": 1, "counts": {"targets left out": 7}, "shards": records})
+    return directory
+
+
+def run(*arguments):
+    app = typer.Typer()
+    app.command()(inspect)
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def test_the_summary_counts_every_frame_once(directory):
+    summary = summarise(open_dataset(directory))
+    assert summary.frames == {
+        ("train", "points"): 4,
+        ("train", "scene"): 3,
+        ("validation", "points"): 1,
+        ("test", "scene"): 1,
+    }
+    assert summary.scenes == {"street 0": 3, "street 1": 3, "street 2": 3}
+    assert (summary.radar, summary.shards) == ("small", 4)
+    assert summary.bytes == sum(path.stat().st_size for path in directory.rglob("*.parquet"))
+    assert summary.counts == {"targets left out": 7}
+
+
+def panels(figure):
+    """Title to level of the image panels, without the top view and the colour bar."""
+    return {axis.get_title(): axis.images[0] for axis in figure.axes if axis.images}
+
+
+def test_every_array_and_the_truth_peak_at_the_target():
+    images = panels(draw_frame(make_frame(1), RADAR))
+    assert list(images) == [
+        "DaS, 16 RX", "DaS, 6 RX (sparse6)", "DaS, 4 RX (sparse4)", "truth, 256 virtual elements",
+    ]  # fmt: skip
+    for image in images.values():
+        level = image.get_array()
+        assert np.unravel_index(level.argmax(), level.shape) == (ROW, COLUMN)
+        # One scale for all: the target reads the same, 0 dB, in each.
+        assert level.max() == pytest.approx(0.0, abs=1e-4)
+        assert (image.norm.vmin, image.norm.vmax) == (-60.0, 0.0)
+
+
+def test_pixels_stand_at_their_range_and_u():
+    image = panels(draw_frame(make_frame(1), RADAR))["DaS, 16 RX"]
+    left, right, bottom, top = image.get_extent()
+    rows, columns = image.get_array().shape
+    u = left + (COLUMN + 0.5) * (right - left) / columns
+    range_m = bottom + (ROW + 0.5) * (top - bottom) / rows
+    assert u == pytest.approx(RADAR.grid.u[COLUMN])
+    assert range_m == pytest.approx(RADAR.waveform.ranges_m[ROW])
+    # Left of the radar, u > 0, is on the left of the picture.
+    low, high = image.axes.get_xlim()
+    assert low > high
+
+
+def test_the_top_view_has_the_targets_at_x_and_y_in_the_colours_of_the_images():
+    frame = make_frame(1)
+    (axis,) = (axis for axis in draw_frame(frame, RADAR).axes if axis.get_title().endswith("from above"))
+    points, objects = axis.collections
+    positions = points.get_offsets()  # (y, x), the strongest drawn last
+    np.testing.assert_allclose(np.hypot(*positions.T), [2.0, frame.targets[0].range_m])
+    np.testing.assert_allclose(positions[:, 0], [-1.0, frame.targets[0].range_m * frame.targets[0].u])
+    loss = 30.0 + 20.0 * np.log10(frame.targets[0].range_m / 2.0)
+    np.testing.assert_allclose(points.get_array(), [-loss, 0.0], atol=1e-4)
+    assert len(objects.get_offsets()) == 1
+
+
+def test_the_title_names_the_frame_and_the_weight():
+    title = draw_frame(make_frame(5), RADAR, "train").get_suptitle()
+    for part in ("street 2", "frame 5", "train", "scene", "5.0 m/s", "x r"):
+        assert part in title
+
+
+def test_an_array_that_is_not_the_papers_is_drawn_without_thinned_ones():
+    radar = load_radar("avr-qdm-110-virtual").model_copy(
+        update={"waveform": RADAR.waveform, "grid": RADAR.grid},
+    )
+    frame = dataclasses.replace(make_frame(1), range_channel=np.ones((1, 24, 256), np.complex64))
+    assert list(panels(draw_frame(frame, radar))) == ["DaS, 256 RX", "truth, 256 virtual elements"]
+
+
+def test_an_empty_frame_can_be_drawn(tmp_path):
+    draw_frame(make_frame(1, targets=False), RADAR).savefig(tmp_path / "empty.png")
+    assert imread(tmp_path / "empty.png").ndim == 3
+
+
+def test_pictures_are_spread_over_the_dataset_and_the_same_each_time(directory, tmp_path):
+    dataset = open_dataset(directory)
+    first = write_pictures(dataset, 3, tmp_path / "one")
+    assert [path.name for path in first] == ["frame-000000.png", "frame-000004.png", "frame-000007.png"]
+    again = write_pictures(dataset, 1, tmp_path / "two")
+    assert [path.name for path in again] == ["frame-000000.png"]
+    assert first[0].read_bytes() == again[0].read_bytes()
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match=r"--out: .*expected a folder that can be written"):
+        write_pictures(dataset, 1, tmp_path / "file" / "pictures")
+
+
+def test_the_command_prints_the_numbers_and_draws(directory, tmp_path):
+    result = run(directory, "--verify", "--frames", 1, "--out", tmp_path / "pictures")
+    assert result.exit_code == 0, result.output
+    for part in ("4 shards are as they were written", "street 2", "24 x 64", "targets left out", "small"):
+        assert part in result.output
+    assert [path.name for path in (tmp_path / "pictures").iterdir()] == ["frame-000000.png"]
+    assert run(directory, "--frames", 0).exit_code == 0
+    assert not (directory / "pictures").exists()
+
+
+@pytest.mark.parametrize("damage", ["flip", "cut", "remove"])
+def test_verify_names_the_damaged_shard_and_exits_with_1(directory, damage):
+    shard = directory / "train/part-00001.parquet"
+    content = bytearray(shard.read_bytes())
+    if damage == "flip":
+        content[len(content) // 2] ^= 4
+        shard.write_bytes(content)
+    elif damage == "cut":
+        shard.write_bytes(content[:-10])
+    else:
+        shard.unlink()
+    result = run(directory, "--verify", "--frames", 0)
+    assert result.exit_code == 1
+    assert "train/part-00001.parquet: " in result.output
+    assert "train/part-00000.parquet" not in result.output
+
+
+def test_bad_datasets_are_input_errors_not_tracebacks(directory):
+    result = run(directory / "nothing")
+    assert isinstance(result.exception, InputError)
+    manifest = json.loads((directory / "manifest.json").read_text())
+    (directory / "manifest.json").write_text(json.dumps(manifest | {"counts": [1]}))
+    assert isinstance(run(directory).exception, InputError)

@@ -1,0 +1,149 @@
+"""The finite mirror against the Fresnel integrals, the plate's cross section, and the geometry that edges come from."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.special import fresnel
+
+from datafactory.paths import facets
+from datafactory.paths.facets import Mirrors, reflected_share
+from datafactory.paths.merged_scene import MergedMesh
+from datafactory.paths.roughness import SURFACE_CELL_M, surface_phase
+
+WAVELENGTH_M = 299_792_458.0 / 77.5e9
+DISTANCE_M = 10.0
+SCALE = np.sqrt(2.0 / DISTANCE_M / WAVELENGTH_M)
+
+
+def mesh(vertices, triangles, velocity=(0.0, 0.0, 0.0)) -> MergedMesh:
+    triangles = np.array(triangles, dtype=np.int32)
+    return MergedMesh(
+        "metal", np.array(velocity), np.array(vertices, float), triangles, np.zeros(len(triangles), np.int32)
+    )
+
+
+def plate(y: tuple[float, float], z: tuple[float, float], strips: int = 1) -> MergedMesh:
+    """A rectangle at x = DISTANCE_M, of strips with vertices of their own."""
+    vertices, triangles = [], []
+    edges = np.linspace(*y, strips + 1)
+    for left, right in itertools.pairwise(edges):
+        first = len(vertices)
+        vertices += [(DISTANCE_M, a, b) for a, b in ((left, z[0]), (right, z[0]), (right, z[1]), (left, z[1]))]
+        triangles += [(first, first + 1, first + 2), (first, first + 2, first + 3)]
+    return mesh(vertices, triangles)
+
+
+def share(*meshes: MergedMesh, at=(DISTANCE_M, 0.0, 0.0), arrival=(1.0, 0.0, 0.0)) -> complex:
+    one = np.array([DISTANCE_M])
+    return reflected_share(
+        Mirrors.of(meshes), np.array([0]), np.array([at]), np.array([arrival]), one, one, WAVELENGTH_M
+    )[0]
+
+
+def fresnel_share(y: tuple[float, float], z: tuple[float, float]) -> complex:
+    """Without taper: a product of two Fresnel integrals (Goodman, eq. 4-34)."""
+
+    def one(low: float, high: float) -> complex:
+        sine, cosine = fresnel(np.array([low, high]) * SCALE * np.sqrt(2.0))
+        return complex(np.diff(cosine)[0], np.diff(sine)[0]) / np.sqrt(2.0)
+
+    return -1j * one(*y) * one(*z)
+
+
+@pytest.mark.parametrize("half_m", [0.003, 0.01, 0.03, 0.06])
+@pytest.mark.parametrize("aside", [0.0, 0.4, 0.9])
+def test_a_plate_within_a_few_zones_agrees_with_the_fresnel_integrals(half_m, aside):
+    y, z = (-half_m * (1.0 - aside), half_m * (1.0 + aside)), (-half_m, half_m)
+    # The taper takes rho^2 / TAPER off what lies at rho, and changes the plane's own integral by 1 / (pi TAPER).
+    farthest = (half_m * SCALE) ** 2 * ((1.0 + aside) ** 2 + 1.0)
+    bound = (2.0 * half_m * SCALE) ** 2 * (min(farthest / facets.TAPER, 1.0) + 1.0 / (np.pi * facets.TAPER))
+    assert abs(share(plate(y, z)) - fresnel_share(y, z)) < bound
+
+
+def test_a_plate_much_smaller_than_the_zone_has_the_plates_cross_section():
+    side = 0.004
+    expected = 4.0 * np.pi * side**4 / WAVELENGTH_M**2
+    infinite = WAVELENGTH_M / (8.0 * np.pi * DISTANCE_M)
+    amplitude = abs(share(plate((-side / 2, side / 2), (-side / 2, side / 2)))) * infinite
+    sigma = amplitude**2 * (4.0 * np.pi) ** 3 * DISTANCE_M**4 / WAVELENGTH_M**2
+    assert abs(10.0 * np.log10(sigma / expected)) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("y", "z", "expected"),
+    [((-9.0, 9.0), (-9.0, 9.0), 1.0), ((0.0, 9.0), (-9.0, 9.0), 0.5), ((0.0, 9.0), (0.0, 9.0), 0.25)],
+)
+def test_whole_plane_edge_and_corner(y, z, expected):
+    assert share(plate(y, z)) == pytest.approx(expected, abs=1e-6)
+
+
+def test_the_share_is_continuous_across_an_edge_and_fades_outside():
+    offsets = np.linspace(-0.02, 0.02, 401)
+    values = np.array([share(plate((offset, 9.0), (-9.0, 9.0))) for offset in offsets])
+    assert np.abs(np.diff(values)).max() < 2.0 * SCALE * (offsets[1] - offsets[0])
+    assert abs(share(plate((0.6, 9.0), (-9.0, 9.0)))) < 0.05
+
+
+def test_strips_with_vertices_of_their_own_are_one_mirror():
+    assert share(plate((-0.2, 0.1), (-0.05, 0.3), 7)) == pytest.approx(
+        share(plate((-0.2, 0.1), (-0.05, 0.3))), abs=1e-9
+    )
+
+
+def test_pieces_with_shifted_joints_are_one_mirror():
+    upper = [plate((-0.2, 0.0), (0.0, 0.1)), plate((0.0, 0.2), (0.0, 0.1))]
+    lower = [plate((-0.2, 0.05), (-0.1, 0.0)), plate((0.05, 0.2), (-0.1, 0.0))]
+    assert share(*upper, *lower) == pytest.approx(share(plate((-0.2, 0.2), (-0.1, 0.1))), abs=1e-9)
+
+
+def test_triangles_wound_either_way_are_one_mirror():
+    flipped = plate((-0.2, 0.1), (-0.05, 0.3))
+    flipped = MergedMesh("metal", flipped.velocity, flipped.vertices, np.array([[0, 2, 1], [0, 2, 3]], np.int32),
+                         flipped.object_of_triangle)  # fmt: skip
+    assert share(flipped) == pytest.approx(share(plate((-0.2, 0.1), (-0.05, 0.3))), abs=1e-9)
+
+
+def test_a_moving_piece_is_no_part_of_a_mirror_at_rest():
+    still, moving = plate((-0.1, 0.0), (-0.1, 0.1)), plate((0.0, 0.1), (-0.1, 0.1))
+    moving = mesh(moving.vertices, moving.triangles, velocity=(1.0, 0.0, 0.0))
+    assert share(still, moving) == pytest.approx(share(still))
+
+
+def test_oblique_incidence_foreshortens_the_facet():
+    angle = np.radians(60.0)
+    # Along the plane of incidence a plate twice as long covers the same zones.
+    steep = share(plate((-0.06, 0.06), (-0.03, 0.03)), arrival=(np.cos(angle), np.sin(angle), 0.0))
+    assert steep == pytest.approx(share(plate((-0.03, 0.03), (-0.03, 0.03))), abs=1e-9)
+
+
+@pytest.mark.parametrize("height", [1e-9, 0.01, 0.3, 1.0, 3.0, 6.0])
+@pytest.mark.parametrize("end", [0.05, 0.3, 1.0, 1.4, 1.6, 2.5, 5.0, 9.0, 40.0])
+def test_the_edge_integral_agrees_with_quadrature(height, end):
+    def integrand(u: float) -> complex:
+        square = height**2 + u**2
+        return height / square * (1.0 - np.exp(-facets.RATE * square))
+
+    edges = np.linspace(0.0, end, max(2, int(end * 10)))
+    parts = [quad(integrand, low, high, complex_func=True)[0] for low, high in itertools.pairwise(edges)]
+    assert abs(facets._from_foot(height, end) - sum(parts)) < 2.0 * np.pi * 2e-4
+
+
+def test_a_surface_cell_keeps_its_phase_and_neighbours_have_their_own():
+    generator = np.random.default_rng(1)
+    corner = np.floor(generator.uniform(-1e3, 1e3, (4000, 3)) / SURFACE_CELL_M) * SURFACE_CELL_M
+    inside, elsewhere = corner + 0.3 * SURFACE_CELL_M, corner + 0.6 * SURFACE_CELL_M
+    index = generator.integers(0, 9, 4000)
+    phase = surface_phase(inside, index)
+    np.testing.assert_array_equal(phase, surface_phase(elsewhere, index))
+    for other in (
+        surface_phase(inside + np.array([SURFACE_CELL_M, 0.0, 0.0]), index),
+        surface_phase(inside, index + 1),
+    ):
+        assert abs(np.mean(np.exp(1j * (phase - other)))) < 4.0 / np.sqrt(4000)
+    assert abs(np.mean(np.exp(1j * phase))) < 4.0 / np.sqrt(4000)
+    assert phase.min() >= 0.0
+    assert phase.max() < 2.0 * np.pi

@@ -1,0 +1,217 @@
+"""Slabs against a transfer matrix of 40 digits and against Sionna; panes on the way to a point."""
+
+from __future__ import annotations
+
+import mpmath
+import numpy as np
+import pytest
+from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, box, channel, plate, sionna_scene, stage
+
+from datafactory.paths.panes import (
+    clear_between,
+    panes_between,
+    polarization_axis,
+    slab_reflection,
+    slab_transmission,
+)
+from datafactory.scenes.materials.table import load_materials
+from shared.physics.errors import InputError
+
+VACUUM = 8.854_187_8128e-12
+COSINES = np.array([1.0, 0.9, 0.6, 0.3, 0.05])
+
+
+def transfer_matrix(permittivity: float, conductivity: float, thickness: float, cosine: float, polarization: str):
+    """Transmission and reflection of the tangential electric field: Born and Wolf 1.6.2, in 40 digits."""
+    with mpmath.workdps(40):
+        eta = mpmath.mpc(permittivity, -conductivity / (2 * mpmath.pi * FREQUENCY_HZ * VACUUM))
+        wavenumber = 2 * mpmath.pi * FREQUENCY_HZ / 299_792_458
+        cosine = mpmath.mpf(cosine)
+        within = mpmath.sqrt(eta - 1 + cosine**2)
+        outside, inside = (cosine, within) if polarization == "te" else (1 / cosine, eta / within)
+        phase = wavenumber * thickness * within
+        matrix = mpmath.matrix(
+            [
+                [mpmath.cos(phase), 1j * mpmath.sin(phase) / inside],
+                [1j * inside * mpmath.sin(phase), mpmath.cos(phase)],
+            ]
+        )
+        front = (matrix[0, 0] + matrix[0, 1] * outside) * outside
+        back = matrix[1, 0] + matrix[1, 1] * outside
+        return complex(2 * outside / (front + back)), complex((front - back) / (front + back))
+
+
+@pytest.mark.parametrize(
+    ("permittivity", "conductivity", "thickness"),
+    [(6.31, 1.211, 0.006), (2.19, 0.032, 0.003), (5.24, 1.381, 0.02), (1.0, 1e7, 1e-7), (0.5, 0.0, 0.004)],
+    ids=["glass", "bumper", "concrete", "metal film", "plasma"],
+)
+def test_a_slab_is_its_transfer_matrix(permittivity, conductivity, thickness):
+    transmitted = slab_transmission(permittivity, conductivity, thickness, FREQUENCY_HZ, COSINES)
+    reflected = slab_reflection(permittivity, conductivity, thickness, FREQUENCY_HZ, COSINES)
+    for index, polarization in enumerate(("te", "tm")):
+        exact = [transfer_matrix(permittivity, conductivity, thickness, cosine, polarization) for cosine in COSINES]
+        sign = 1.0 if polarization == "te" else -1.0  # of the magnetic field, which TM counts
+        np.testing.assert_allclose(transmitted[index], [t for t, _ in exact], rtol=1e-8, atol=1e-15)
+        np.testing.assert_allclose(reflected[index], [sign * r for _, r in exact], rtol=1e-8, atol=1e-12)
+
+
+def test_power_is_kept_without_loss_and_lost_with_it():
+    for conductivity, kept in ((0.0, True), (1.0, False)):
+        transmitted = slab_transmission(4.0, conductivity, 0.01, FREQUENCY_HZ, COSINES)
+        reflected = slab_reflection(4.0, conductivity, 0.01, FREQUENCY_HZ, COSINES)
+        for t, r in zip(transmitted, reflected, strict=True):
+            total = np.abs(t) ** 2 + np.abs(r) ** 2
+            assert np.allclose(total, 1.0, atol=1e-12) if kept else np.all(total < 0.99)
+
+
+def test_a_pane_of_air_is_a_length_of_air():
+    te, tm = slab_transmission(1.0, 0.0, 0.05, FREQUENCY_HZ, COSINES)
+    exact = np.exp(-2j * np.pi / WAVELENGTH_M * 0.05 * COSINES)
+    np.testing.assert_allclose(te, exact, rtol=1e-12)
+    np.testing.assert_allclose(tm, exact, rtol=1e-12)
+    assert np.all(slab_reflection(1.0, 0.0, 0.05, FREQUENCY_HZ, 1e-6)[0] == 0.0)
+
+
+def test_everything_in_the_plane_of_incidence_passes_at_brewsters_angle():
+    brewster = np.cos(np.arctan(np.sqrt(4.0)))
+    te, tm = slab_transmission(4.0, 0.0, 0.0123, FREQUENCY_HZ, brewster)
+    assert abs(tm) == pytest.approx(1.0, abs=1e-12)
+    assert abs(te) < 0.9
+
+
+def test_total_reflection_lets_only_the_evanescent_wave_through():
+    """eta = 0.5 reflects totally beyond 45 deg; behind it the field falls as exp(-k d sqrt(sin^2 - 0.5))."""
+    near, far = (abs(slab_transmission(0.5, 0.0, d, FREQUENCY_HZ, 0.5)[0]) for d in (0.010, 0.012))
+    decay = np.exp(-2.0 * np.pi / WAVELENGTH_M * 0.002 * np.sqrt(0.75 - 0.5))
+    assert far / near == pytest.approx(decay, rel=1e-3)
+    assert abs(slab_reflection(0.5, 0.0, 0.012, FREQUENCY_HZ, 0.5)[0]) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_thick_lossy_walls_swallow_everything_and_nothing_overflows():
+    for material in load_materials().materials.values():
+        values = slab_transmission(
+            material.relative_permittivity, material.conductivity_s_per_m, 50.0, FREQUENCY_HZ, np.array([1.0, 1e-6])
+        )
+        assert np.all(np.isfinite(values))
+        if material.conductivity_s_per_m > 0.1:
+            assert np.all(np.abs(values) < 1e-30)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((0.0, 0.0, 0.1, 77e9, 1.0), "slab relative_permittivity: 0.0; expected above 0"),
+        ((2.0, -1.0, 0.1, 77e9, 1.0), "slab conductivity: -1.0; expected at least 0"),
+        ((2.0, 0.0, np.nan, 77e9, 1.0), "slab thickness: nan"),
+        ((2.0, 0.0, 0.1, 77e9, 0.0), "slab incidence_cosine: 0.0; expected above 0"),
+    ],
+)
+def test_impossible_slabs_are_refused(arguments, message):
+    with pytest.raises(InputError, match=message):
+        slab_transmission(*arguments)
+
+
+def far_pane(of: str, name: str = "pane", x: float = 5.0):
+    """A sheet 40 m wide across the x axis, turned by 30 deg about z."""
+    return plate(name, (x, 0.0, 0.0), (-10.0, 17.32, 0.0), (0.0, 0.0, 20.0), of)
+
+
+def crossed(objects, points, polarization="V", **options):
+    of = stage(*objects)
+    scene = sionna_scene(of).mi_scene
+    return panes_between(scene, of, MATERIALS, FREQUENCY_HZ, np.array(points, dtype=float), polarization, **options)
+
+
+def replaced(cosine: float) -> complex:
+    return complex(np.exp(2j * np.pi / WAVELENGTH_M * 0.006 * cosine))
+
+
+@pytest.mark.usefixtures("variant")
+@pytest.mark.parametrize("polarization", ["V", "H"])
+def test_one_pane_is_sionnas_refraction(polarization):
+    """Amplitude and phase to 1e-3: Sionna works in float32, and has the pane on top of the air, not in its place."""
+    point = (11.0, 3.0, 4.0)
+    (through, kinds), (free, none) = (
+        channel(sionna_scene(stage(far_pane("glass", x=x))), (0.0, 0.0, 0.0), point, polarization, los=True, **refract)
+        for x, refract in ((5.0, {"refraction": True}), (-50.0, {}))
+    )
+    assert (len(through), len(free)) == (1, 1)
+    assert (kinds == 4).any()
+    assert not none.any()
+    theirs = through[0] / free[0]
+    ours = crossed([far_pane("glass")], [point], polarization)
+    cosine = abs(np.dot(point, [np.cos(np.pi / 6.0), 0.5, 0.0])) / np.linalg.norm(point)
+    assert ours.count[0] == 1
+    assert np.conj(ours.factor[0]) / replaced(cosine) == pytest.approx(theirs, abs=1e-3)
+
+
+@pytest.mark.usefixtures("variant")
+def test_polarisation_decides_between_te_and_tm():
+    """In the horizontal plane an upright pane is TE for V and TM for H."""
+    cosine = np.cos(np.pi / 6.0)
+    glass = MATERIALS["glass"]
+    te, tm = slab_transmission(
+        glass.relative_permittivity, glass.conductivity_s_per_m, glass.thickness_m, FREQUENCY_HZ, cosine
+    )
+    for polarization, exact in (("V", te), ("H", tm)):
+        factor = crossed([far_pane("glass")], [(20.0, 0.0, 0.0)], polarization).factor[0]
+        assert np.conj(factor) == pytest.approx(complex(exact) * replaced(cosine), rel=1e-4)
+    assert abs(abs(te) - abs(tm)) > 0.02
+
+
+@pytest.mark.usefixtures("variant")
+def test_crossings_multiply_and_points_before_a_pane_see_none():
+    panes = [far_pane("glass"), far_pane("glass", "second", 8.0)]
+    points = [(4.0, 0.0, 0.0), (6.5, 0.0, 0.0), (20.0, 0.0, 0.0), (-7.0, 1.0, 0.5)]
+    result = crossed(panes, points)
+    np.testing.assert_array_equal(result.count, [0, 1, 2, 0])
+    np.testing.assert_allclose(result.factor[[0, 3]], 1.0, rtol=1e-14)
+    assert result.factor[2] == pytest.approx(result.factor[1] ** 2, rel=1e-6)
+
+
+@pytest.mark.usefixtures("variant")
+def test_metal_is_opaque_and_air_is_not_there():
+    metal = crossed([far_pane("metal")], [(20.0, 0.0, 0.0)])
+    assert abs(metal.factor[0]) < 1e-12
+    air = crossed([far_pane("air")], [(20.0, 1.0, 3.0)])
+    assert air.count[0] == 1
+    assert air.factor[0] == pytest.approx(1.0, abs=1e-9)
+
+
+@pytest.mark.usefixtures("variant")
+def test_a_box_is_two_panes_and_one_diagonal_is_not_crossed_twice():
+    """The ray along x meets the diagonal that the two triangles of each side share."""
+    result = crossed([box("case", (5.0, -2.0, -2.0), (5.006, 2.0, 2.0), "glass")], [(9.0, 0.0, 0.0), (90.0, 0.3, 0.2)])
+    np.testing.assert_array_equal(result.count, [2, 2])
+
+
+@pytest.mark.usefixtures("variant")
+def test_what_lies_behind_too_many_panes_is_given_up_and_counted():
+    panes = [far_pane("air", f"pane-{index}", 3.0 + index) for index in range(5)]
+    result = crossed(panes, [(20.0, 0.0, 0.0), (4.5, 0.0, 0.0)], maximum_crossings=4)
+    assert result.given_up == 1
+    assert result.factor[0] == 0.0
+    np.testing.assert_array_equal(result.count, [4, 2])
+
+
+@pytest.mark.usefixtures("variant")
+def test_no_points_need_no_rays():
+    result = crossed([far_pane("glass")], np.zeros((0, 3)))
+    assert (len(result.factor), result.given_up) == (0, 0)
+
+
+@pytest.mark.usefixtures("variant")
+def test_sight_is_blocked_by_what_stands_between_and_by_nothing_else():
+    scene = sionna_scene(stage(plate("wall", (5.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), "metal"))).mi_scene
+    start = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 3.0, 0.0], [5.0, 0.5, 0.5]])
+    end = np.array([[9.0, 0.0, 0.0], [5.0, 0.0, 0.0], [4.0, 0.0, 0.0], [9.0, 3.0, 0.0], [9.0, 0.5, 0.5]])
+    np.testing.assert_array_equal(clear_between(scene, start, end), [False, True, True, True, True])
+
+
+def test_the_polarisation_axes_are_the_spherical_unit_vectors():
+    direction = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.6, 0.0, 0.8], [0.0, 0.0, 1.0]])
+    vertical, horizontal = polarization_axis(direction, "V"), polarization_axis(direction, "H")
+    np.testing.assert_allclose(vertical[:2], [[0.0, 0.0, -1.0], [0.0, 0.0, -1.0]])
+    np.testing.assert_allclose(horizontal[:2], [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+    np.testing.assert_allclose(np.cross(vertical, horizontal), direction, atol=1e-15)

@@ -1,0 +1,332 @@
+"""Shards on disk: plans, complete files only, and a killed run that ends in the same bytes."""
+
+import hashlib
+import json
+import math
+import resource
+import subprocess
+import sys
+import tempfile
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from datafactory.run import progress
+from datafactory.run.shards import (
+    ShardPlan,
+    parse_split_pattern,
+    plan_shards,
+    split_of,
+    write_json,
+    write_manifest,
+    write_shard,
+)
+from datafactory.run.sources import scene_of
+from shared.dataset import Frame, arrow_schema, description
+from shared.dataset.folder import open_dataset, read_manifest, verify
+from shared.dataset.reading import read_frames
+from shared.physics.errors import InputError
+from shared.radar import ImageGrid, Radar
+from shared.radar.arrays import AntennaArray, line
+from shared.radar.waveform import Waveform
+
+RADAR = Radar(
+    waveform=Waveform(chirps=2, samples=8, range_bins=6),
+    array=AntennaArray(tx_m=line(np.zeros(1)), rx_m=line(2e-3 * np.arange(4))),
+    grid=ImageGrid(bins=20),
+    virtual_sensor=AntennaArray(tx_m=line(np.zeros(1)), rx_m=line(2e-3 * np.arange(8))),
+)
+SCHEMA = arrow_schema(description(RADAR, 1, "range-channel"))
+ARGUMENTS = {"scene": ["sionna:munich"], "frames": 20, "seed": 7, "budget": -30.0}
+
+
+def make_frame(frame_id: int) -> Frame:
+    generator = np.random.default_rng(frame_id)
+    pairs = generator.standard_normal((1, 6, 4, 2)).astype(np.float32)
+    return Frame(
+        frame_id, "points", "none", frame_id, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0),
+        range_channel=pairs.view(np.complex64)[..., 0],
+        velocity=np.zeros((1, 6), np.float32),
+        image=generator.random((6, 20), np.float32),
+        image_peak=1.0,
+        noise_power=2.0,
+    )  # fmt: skip
+
+
+def make_dataset(directory: Path, resume: bool = False, arguments: dict = ARGUMENTS, stop_after: int = 99) -> list[str]:
+    """A pipeline in small; returns the paths of the shards that it wrote. Stops like a killed run, in mid-shard."""
+    if progress.begin(directory, arguments, resume):
+        return []
+    mark = progress.fingerprint(arguments)
+    plans = plan_shards([split_of(index) for index in range(arguments["frames"])], frames_per_shard=4)
+    done = progress.completed(directory, plans, mark).shards
+    written = []
+    for plan in plans:
+        if plan in done:
+            continue
+        if len(written) == stop_after:
+            partial = (directory / plan.path).with_name("part-00099.parquet.partial")
+            partial.parent.mkdir(exist_ok=True)
+            partial.write_bytes(b"PAR1 and no more")
+            return written
+        record = write_shard(directory / plan.path, map(make_frame, plan.frame_ids), SCHEMA)
+        done[plan] = progress.FinishedShard(record=record, counts={"left_out": record.rows}, fingerprint=mark)
+        progress.record_finished(directory, plan, done[plan])
+        written.append(plan.path)
+    manifest = {
+        "version": 1,
+        "arguments": arguments,
+        "counts": {"left_out": sum(done[plan].counts["left_out"] for plan in plans)},
+        "shards": [done[plan].record.model_dump() for plan in plans],
+    }
+    progress.finish(directory, manifest)
+    return written
+
+
+def contents(directory: Path) -> dict[str, bytes]:
+    files = (path for path in directory.rglob("*") if path.is_file())
+    return {path.relative_to(directory).as_posix(): path.read_bytes() for path in files}
+
+
+def test_every_eight_frames_are_six_one_one():
+    splits = [split_of(index) for index in range(16)]
+    assert splits == (["train"] * 6 + ["validation", "test"]) * 2
+    assert {split_of(index, "1:0:0") for index in range(9)} == {"train"}
+    assert [split_of(index, "0:2:1") for index in range(4)] == ["validation", "validation", "test", "validation"]
+
+
+@pytest.mark.parametrize("pattern", ["6:1", "6:1:1:1", "0:0:0", "-1:1:1", "a:b:c", "1.5:1:1", "", "²:1:1"])
+def test_a_bad_split_pattern_is_refused(pattern):
+    with pytest.raises(InputError, match=r"--split: .* expected train:validation:test as three whole numbers"):
+        parse_split_pattern(pattern)
+
+
+def test_shards_hold_every_frame_once_and_one_split_each():
+    splits = [split_of(index) for index in range(30)]
+    plans = plan_shards(splits, frames_per_shard=8)
+    assert sorted(index for plan in plans for index in plan.frame_ids) == list(range(30))
+    assert all(splits[index] == plan.split for plan in plans for index in plan.frame_ids)
+    assert all(list(plan.frame_ids) == sorted(plan.frame_ids) for plan in plans)
+    assert [(plan.path, len(plan.frame_ids)) for plan in plans] == [
+        ("train/part-00000.parquet", 8),
+        ("train/part-00001.parquet", 8),
+        ("train/part-00002.parquet", 8),
+        ("validation/part-00000.parquet", 3),
+        ("test/part-00000.parquet", 3),
+    ]
+    assert plan_shards([]) == ()
+    with pytest.raises(ValueError, match="split 'dev'"):
+        plan_shards(["dev"])
+
+
+def test_a_shard_is_what_its_record_says(tmp_path):
+    path = tmp_path / "train/part-00003.parquet"
+    record = write_shard(path, map(make_frame, (4, 5, 6)), SCHEMA)
+    content = path.read_bytes()
+    assert record.model_dump() == {
+        "path": "train/part-00003.parquet",
+        "rows": 3,
+        "bytes": len(content),
+        "sha256": hashlib.sha256(content).hexdigest(),
+    }
+    assert [frame.frame_id for frame in read_frames(path)] == [4, 5, 6]
+    assert pq.read_metadata(path).num_row_groups == 3
+    assert pq.read_schema(path).equals(SCHEMA, check_metadata=True)
+
+
+def test_the_same_frames_give_the_same_bytes(tmp_path):
+    for name in ("train", "test"):
+        write_shard(tmp_path / name / "part-00000.parquet", map(make_frame, range(3)), SCHEMA)
+    first, second = contents(tmp_path).values()
+    assert first == second
+
+
+@pytest.mark.parametrize("module", ["polars", "duckdb", "pandas"])
+def test_other_readers_take_our_encoding(tmp_path, module):
+    reader = pytest.importorskip(module)
+    path = tmp_path / "train/part-00000.parquet"
+    write_shard(path, map(make_frame, range(3)), SCHEMA)
+    if module == "duckdb":
+        with reader.connect() as connection:
+            images = [row[0] for row in connection.execute(f"select image from '{path}' order by frame_id").fetchall()]
+    else:
+        images = list(reader.read_parquet(path)["image"])
+    expected = [make_frame(index).image.reshape(-1) for index in range(3)]
+    np.testing.assert_array_equal(np.array([np.asarray(image, np.float32) for image in images]), expected)
+
+
+def test_a_full_disk_leaves_nothing_behind(tmp_path):
+    path = tmp_path / "train/part-00000.parquet"
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
+    try:
+        with pytest.raises(OSError, match="File too large"):
+            write_shard(path, map(make_frame, range(50)), SCHEMA)
+        with pytest.raises(OSError, match="File too large"):
+            write_json(tmp_path / "manifest.json", {"long": "x" * 10_000})
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert contents(tmp_path) == {}
+
+
+def test_a_frame_that_fails_leaves_the_old_shard_and_nothing_else(tmp_path):
+    def frames():
+        yield make_frame(1)
+        raise RuntimeError("the solver failed")
+
+    path = tmp_path / "train/part-00000.parquet"
+    path.parent.mkdir()
+    path.write_bytes(b"old")
+    with pytest.raises(RuntimeError, match="the solver failed"):
+        write_shard(path, frames(), SCHEMA)
+    with pytest.raises(ValueError, match="no frames"):
+        write_shard(path, [], SCHEMA)
+    assert contents(tmp_path) == {"train/part-00000.parquet": b"old"}
+
+
+def test_a_manifest_is_sorted_whole_and_free_of_nan(tmp_path):
+    write_manifest(tmp_path, {"version": 1, "b": 2, "a": [1.5, None]})
+    text = (tmp_path / "manifest.json").read_text()
+    assert text == json.dumps({"a": [1.5, None], "b": 2, "version": 1}, indent=1) + "\n"
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        write_manifest(tmp_path, {"version": 1, "a": float("nan")})
+    assert read_manifest(tmp_path)["b"] == 2
+    assert [path.name for path in tmp_path.iterdir()] == ["manifest.json"]
+
+
+@pytest.mark.parametrize("stop_after", [0, 1, 3])
+def test_a_killed_and_resumed_run_ends_in_the_same_bytes(tmp_path, stop_after):
+    whole, resumed = tmp_path / "whole", tmp_path / "resumed"
+    every = make_dataset(whole)
+    first = make_dataset(resumed, stop_after=stop_after)
+    assert len(first) == stop_after
+    assert not (resumed / "manifest.json").exists()
+    second = make_dataset(resumed, resume=True)
+    assert first + second == every
+    assert contents(resumed) == contents(whole)
+    assert not (resumed / ".progress").exists()
+    assert verify(open_dataset(resumed)) == []
+    assert read_manifest(resumed)["counts"] == {"left_out": 20}
+
+
+def test_a_process_killed_while_writing_can_be_resumed(tmp_path):
+    script = f"""
+import importlib.util, os, signal
+spec = importlib.util.spec_from_file_location("pipeline", {str(Path(__file__))!r})
+pipeline = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(pipeline)
+def frame(index, make=pipeline.make_frame):
+    if index == 9:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return make(index)
+pipeline.make_frame = frame
+pipeline.make_dataset(pipeline.Path({str(tmp_path / "killed")!r}))
+"""
+    killed = subprocess.run([sys.executable, "-c", script], capture_output=True, check=False, timeout=120)
+    assert killed.returncode == -9, killed.stderr.decode()
+    left = contents(tmp_path / "killed")
+    assert any(name.endswith(".partial") for name in left)
+    assert ".progress/train-part-00000.json" in left
+    make_dataset(tmp_path / "killed", resume=True)
+    make_dataset(tmp_path / "whole")
+    assert contents(tmp_path / "killed") == contents(tmp_path / "whole")
+
+
+def test_a_finished_dataset_is_not_made_again(tmp_path):
+    make_dataset(tmp_path)
+    before = contents(tmp_path)
+    assert make_dataset(tmp_path, resume=True) == []
+    assert contents(tmp_path) == before
+    with pytest.raises(InputError, match=r"--resume: seed is 8, but the run in .* had 7"):
+        make_dataset(tmp_path, resume=True, arguments=ARGUMENTS | {"seed": 8})
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"seed": 8}, "seed is 8, but the run in .* had 7"),
+        ({"budget": -40.0}, r"budget is -40\.0, but .* had -30\.0"),
+        ({"radar": "x.toml"}, r"radar is 'x\.toml', but .* had None"),
+    ],
+)
+def test_a_resume_with_other_arguments_is_refused(tmp_path, changes, message):
+    make_dataset(tmp_path, stop_after=2)
+    before = contents(tmp_path)
+    with pytest.raises(InputError, match=f"--resume: {message}"):
+        make_dataset(tmp_path, resume=True, arguments=ARGUMENTS | changes)
+    assert contents(tmp_path) == before
+
+
+def test_finished_shards_that_changed_are_made_again(tmp_path):
+    first = make_dataset(tmp_path / "resumed", stop_after=3)
+    flipped = bytearray((tmp_path / "resumed" / first[0]).read_bytes())
+    flipped[100] ^= 1
+    (tmp_path / "resumed" / first[0]).write_bytes(flipped)
+    (tmp_path / "resumed" / first[1]).unlink()
+    (tmp_path / "resumed/.progress/train-part-00002.json").write_text("{")
+    plans = plan_shards([split_of(index) for index in range(20)], frames_per_shard=4)
+    found = progress.completed(tmp_path / "resumed", plans, progress.fingerprint(ARGUMENTS))
+    assert found == progress.Progress({}, tuple(first))
+    make_dataset(tmp_path / "resumed", resume=True)
+    make_dataset(tmp_path / "whole")
+    assert contents(tmp_path / "resumed") == contents(tmp_path / "whole")
+
+
+def test_a_record_of_other_arguments_does_not_count(tmp_path):
+    make_dataset(tmp_path, stop_after=1)
+    plan = ShardPlan("train", 0, (0, 1, 2, 3))
+    assert plan in progress.completed(tmp_path, [plan], progress.fingerprint(ARGUMENTS)).shards
+    assert progress.completed(tmp_path, [plan], "another").shards == {}
+    longer = ShardPlan("train", 0, (0, 1, 2, 3, 4))
+    assert progress.completed(tmp_path, [longer], progress.fingerprint(ARGUMENTS)).damaged == (plan.path,)
+
+
+def test_a_folder_with_something_in_it_is_left_alone(tmp_path):
+    (tmp_path / "thesis.tex").write_text("mine")
+    with pytest.raises(InputError, match=r"--out: .* is not empty; expected an empty or new folder, or --resume"):
+        make_dataset(tmp_path)
+    with pytest.raises(InputError, match=r"--out: .* is not empty and holds no unfinished run"):
+        make_dataset(tmp_path, resume=True)
+    assert contents(tmp_path) == {"thesis.tex": b"mine"}
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before_any_work(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match=r"--out: .*Not a directory; expected a folder that can be written"):
+        make_dataset(tmp_path / "file" / "out")
+
+    def read_only(dir):
+        raise OSError(30, "Read-only file system")
+
+    # Root may write into folders of mode 555, so the file system's answer is played.
+    monkeypatch.setattr(tempfile, "TemporaryFile", read_only)
+    with pytest.raises(InputError, match=r"--out: .*Read-only file system"):
+        make_dataset(tmp_path / "out")
+
+
+def test_the_encoding_is_the_one_that_was_measured(tmp_path):
+    """The encoding that the figures in ``shards.py`` are about is the one in the file."""
+    path = tmp_path / "train/part-00000.parquet"
+    write_shard(path, [make_frame(0)], SCHEMA)
+    group = pq.read_metadata(path).row_group(0)
+    columns = {column.path_in_schema: column for column in map(group.column, range(group.num_columns))}
+    for name in ("range_channel", "image", "velocity"):
+        column = columns[f"{name}.list.element"]
+        assert "BYTE_STREAM_SPLIT" in column.encodings
+        assert column.compression == "LZ4"
+    assert columns["frame_id"].statistics.min == 0
+
+
+@pytest.mark.parametrize("scenes", [1, 2, 3, 4, 5, 6, 8, 12, 16])
+@pytest.mark.parametrize("pattern", ["6:1:1", "13:2:1", "0:0:1", "1:1:1"])
+def test_every_split_gets_every_scene_alike(scenes, pattern):
+    """Over enough frames each scene has its share of each split; four scenes once gave all test frames to the last."""
+    places = sum(map(int, pattern.split(":")))
+    frames = math.lcm(scenes, places) * scenes
+    counts = Counter((scene_of(index, scenes, pattern), split_of(index, pattern)) for index in range(frames))
+    for split in {split_of(index, pattern) for index in range(places)}:
+        assert len({counts[scene, split] for scene in range(scenes)}) == 1
+    assert [scene_of(index, scenes, pattern) for index in range(scenes)] == list(range(scenes))
