@@ -21,7 +21,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from trainer.data import ShardDataset
+from trainer.data.shards import ShardDataset
 
 COPY_BYTES = 64 << 20
 

@@ -27,18 +27,18 @@ HALF = 1e30
 
 
 def _config(**changes: object) -> Any:
-    from trainer.configuration import FitConfig
+    from trainer.run.configuration import FitConfig
 
     fields = {"width": 4, "hidden": 8, "batch": BATCH, "rows": 0, "points": 0, "augment": False, "precision": "bf16"}
     return FitConfig.model_validate({**fields, **changes})
 
 
 def _task(**changes: object) -> Any:
-    """An :class:`trainer.task.ImagingTask` that needs no trainer around it."""
+    """An :class:`trainer.training.task.ImagingTask` that needs no trainer around it."""
     from types import SimpleNamespace
 
-    from trainer.arrays import choose_array
-    from trainer.task import ImagingTask
+    from trainer.data.arrays import choose_array
+    from trainer.training.task import ImagingTask
 
     class Alone(ImagingTask):
         trainer = SimpleNamespace(world_size=1, global_rank=0)  # type: ignore[assignment]
@@ -128,7 +128,7 @@ def _infinite_input() -> float:
 @contextlib.contextmanager
 def _run_folder() -> Iterator[Path]:
     """A run with untrained weights."""
-    from trainer.runs import Run, save_weights, write_run
+    from trainer.run.folder import Run, save_weights, write_run
 
     task = _task(precision="32")
     imager = task.imager
@@ -144,7 +144,7 @@ def _run_folder() -> Iterator[Path]:
 
 def _truncated_weights() -> float:
     """Weights cut short, at 30 lengths, that are not refused."""
-    from trainer.runs import WEIGHTS, load_imager
+    from trainer.run.folder import WEIGHTS, load_imager
 
     with _run_folder() as run:
         whole = (run / WEIGHTS).read_bytes()
@@ -162,7 +162,7 @@ def _foreign_weights() -> float:
     import torch
     from safetensors.torch import load_file, save_file
 
-    from trainer.runs import RUN_FILE, WEIGHTS, load_imager
+    from trainer.run.folder import RUN_FILE, WEIGHTS, load_imager
 
     with _run_folder() as run:
         executed = run / "executed"
@@ -197,7 +197,7 @@ def _foreign_weights() -> float:
 
 def _another_radar() -> float:
     """Cubes of radars that a run was not trained for and that are imaged all the same."""
-    from trainer.predict import predict
+    from trainer.run.predict import predict
 
     with _run_folder() as run:
 
@@ -235,9 +235,9 @@ def _disk_of(size: int) -> Iterator[None]:
 def _full_disk() -> float:
     """Writers that do not fail with the file's name, or that leave half a file, on a disk of 500 bytes."""
     from trainer.errors import writing
-    from trainer.export import export
-    from trainer.predict import predict
-    from trainer.runs import load_imager, read_run, save_weights, write_run
+    from trainer.run.export import export
+    from trainer.run.folder import load_imager, read_run, save_weights, write_run
+    from trainer.run.predict import predict
 
     with _run_folder() as run:
         described, imager = load_imager(run)

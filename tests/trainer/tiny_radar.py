@@ -16,7 +16,7 @@ from shared.radar.arrays import AntennaArray, line
 from shared.radar.waveform import Waveform
 from shared.signal.features import steering_weights
 from shared.signal.imaging import steering_matrix
-from trainer.configuration import FitConfig
+from trainer.run.configuration import FitConfig
 
 RADAR = Radar(
     name="tiny",

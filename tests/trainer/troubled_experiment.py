@@ -14,8 +14,8 @@ import torch
 from threadpoolctl import threadpool_info
 
 from shared.physics.errors import InputError
-from trainer.experiments.bench import Bench, Task
-from trainer.experiments.store import Values
+from trainer.evaluation.experiments.bench import Bench, Task
+from trainer.evaluation.store import Values
 
 
 @dataclass(frozen=True)

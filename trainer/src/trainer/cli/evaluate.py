@@ -49,8 +49,8 @@ def evaluate(
 ) -> None:
     """Hold runs and classical estimators against each other: metrics, figures, and a page to look at."""
     # torch and matplotlib take seconds to import, and trainer --help should not.
-    from trainer.evaluate import evaluate as run_evaluate
-    from trainer.experiments.bench import Settings
+    from trainer.evaluation.evaluate import evaluate as run_evaluate
+    from trainer.evaluation.experiments.bench import Settings
 
     try:
         settings = Settings(frames=frames, shown=shown, trials=trials, seed=seed)

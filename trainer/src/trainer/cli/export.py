@@ -13,7 +13,7 @@ def export(
     out: Annotated[Path, typer.Option("--out", help="File to write, ending in .onnx.", show_default=False)],
 ) -> None:
     """Write a run's network as ONNX, checked against torch."""
-    from trainer.export import export as run_export
+    from trainer.run.export import export as run_export
 
     result = run_export(run, out)
     print(

@@ -13,7 +13,7 @@ from rich.console import Console
 from shared.dataset.locations import locate
 from shared.physics.errors import InputError
 from shared.radar import first_validation_error
-from trainer.configuration import FitConfig
+from trainer.run.configuration import FitConfig
 
 GPU = {"steps": 13_000, "rows": 0, "width": 24, "hidden": 768, "precision": "bf16", "validate_every": 500, "batch": 8}
 """What a GPU changes: whole images, a wider network, six epochs of the paper's 17 500 frames."""
@@ -67,7 +67,7 @@ def fit(
 ) -> None:
     """Train a network on datasets of the factory."""
     # Lightning takes seconds to import, and trainer --help should not.
-    from trainer.fit import fit as run_fit
+    from trainer.training.fit import fit as run_fit
 
     recipes: dict[str, dict] = {"recommended": {}, "paper": PAPER, "doa": DOA}
     if recipe not in recipes:

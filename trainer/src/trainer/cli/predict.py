@@ -22,6 +22,6 @@ def predict(
     pictures: Annotated[bool, typer.Option("--pictures/--no-pictures", help="A PNG for each frame.")] = True,
 ) -> None:
     """Image frames with a trained network, every Doppler peak of a range bin included."""
-    from trainer.predict import predict as run_predict
+    from trainer.run.predict import predict as run_predict
 
     run_predict(run, source, out, radar, split, pictures)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from torch import nn
 
 from shared.signal.features import ADAPTIVE_CHANNELS, COMPRESSED, COVARIANCE_CHANNELS, PAPER_CHANNELS, ROW_CHANNELS
-from trainer.configuration import FitConfig
 from trainer.networks.attention_unet import AttentionUNet
 from trainer.networks.doa_cnn import DoaCnn
 from trainer.networks.spectral_unet import SpectralUNet
+from trainer.run.configuration import FitConfig
 
 CHANNELS = {
     "adaptive": ADAPTIVE_CHANNELS,

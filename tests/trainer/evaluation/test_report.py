@@ -1,0 +1,196 @@
+"""The page of an evaluation: one file that loads nothing, whose data are those that were put in."""
+
+import base64
+import io
+import json
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+from tiny_radar import RADAR
+
+from shared.radar import Radar
+from trainer.data.arrays import ArrayChoice
+from trainer.evaluation.experiments.bench import MetricRow
+from trainer.evaluation.experiments.contenders import estimator_contender
+from trainer.evaluation.report.page import ReportFigure, ReportFrame, report_page
+from trainer.evaluation.report.panels import image_panels
+from trainer.evaluation.report.style import (
+    SPAN_DB,
+    Look,
+    draw_image,
+    legend_below,
+    level_db,
+    new_figure,
+    save_figure,
+    subplots,
+)
+from trainer.evaluation.report.tables import metrics_table, write_table
+from trainer.run.pictures import hold_peaks
+
+SHAPE = (RADAR.waveform.range_bins, RADAR.grid.bins)
+NODE = shutil.which("node")
+
+
+def images():
+    """Two images and a truth: the truth's only echo stands in range bin 7, column 15."""
+    generator = np.random.default_rng(0)
+    found = {"das full": generator.integers(0, 200, SHAPE, dtype=np.uint8), "iaa full": np.zeros(SHAPE, np.uint8)}
+    found["truth"] = np.zeros(SHAPE, np.uint8)
+    found["truth"][7, 15] = 255
+    return found
+
+
+def table():
+    rows = [
+        MetricRow("detection", "das", "full", "precision", "d_max=2 bins", 0.25, 0.125, 0.5, 9),
+        MetricRow("detection", "iaa", "full", "precision", "d_max=2 bins", float("nan"), float("nan"), float("inf"), 0),
+    ]
+    return metrics_table(rows, {("das", "full"): 0.5}, {("das", "full"): 0})
+
+
+@pytest.fixture(scope="module")
+def page():
+    figure = ReportFigure("A <title> & {{data}}", "caption </script>", b"\x89PNG not really")
+    frames = [ReportFrame("hall </script><b>, frame 1", 7, images()), ReportFrame("hall, frame 2", 3, images())]
+    return report_page("Evaluation <of> {{data}}", "all & everything", RADAR, frames, [figure], table())
+
+
+def embedded(page):
+    return json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL).group(1))
+
+
+def test_the_page_loads_nothing(page):
+    assert not re.search(r"https?:|<link|@import|url\(|fetch\(|XMLHttpRequest|import\(|<iframe", page)
+    sources = re.findall(r'\bsrc\s*=\s*"?([^">]{0,30})', page)
+    assert sources
+    assert all(source.startswith("data:image/png;base64,") for source in sources)
+    assert not re.search(r"<script[^>]+src", page)
+
+
+def test_no_text_of_the_data_is_taken_for_markup(page):
+    # The page's own two script elements, and no mark of the template left or filled twice.
+    assert page.count("</script>") == 2
+    assert page.count("<h1>") == 1
+    assert "Evaluation &lt;of&gt; {{data}}" in page
+    assert "A &lt;title&gt; &amp; {{data}}" in page
+    assert page.count('"axes"') == 1
+
+
+def test_the_embedded_images_are_those_put_in(page):
+    data = embedded(page)
+    assert [frame["name"] for frame in data["frames"]] == ["hall </script><b>, frame 1", "hall, frame 2"]
+    assert (data["axes"]["range_bins"], data["axes"]["u_bins"]) == SHAPE
+    for name, levels in images().items():
+        picture = imread(io.BytesIO(base64.b64decode(data["frames"][0]["images"][name])))
+        np.testing.assert_array_equal(np.rint(255 * picture[..., 0]).astype(np.uint8), levels)
+    assert len(data["colours"]) == 256
+    assert data["table"]["columns"][:3] == ["experiment", "method", "array"]
+    assert data["table"]["rows"][0][5:10] == [0.25, 0.125, 0.5, 9, 0.5]
+    assert data["table"]["rows"][1][5:10] == [None, None, None, 0, None]
+
+
+def test_undefined_numbers_are_null_in_both_tables(tmp_path):
+    write_table(table(), tmp_path)
+    lines = (tmp_path / "metrics.csv").read_text().splitlines()
+    assert lines[2] == '"detection","iaa","full","precision","d_max=2 bins",,,,0,,'
+    assert not list(tmp_path.glob("*.partial"))
+
+
+@pytest.mark.skipif(NODE is None, reason="there is no node to parse the page's script")
+def test_the_script_parses(page, tmp_path):
+    script = re.search(r"<script>\n(.*?)</script>", page, re.DOTALL).group(1)
+    (tmp_path / "page.js").write_text(script)
+    done = subprocess.run(
+        [NODE, "--check", tmp_path / "page.js"], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_levels_are_cut_at_both_ends_and_an_empty_image_is_the_floor():
+    levels = level_db(np.array([[0.0, 1e-6, 0.1, 1.0, 10.0]]), 1.0)
+    np.testing.assert_allclose(levels, [[-40.0, -40.0, -20.0, 0.0, 0.0]], atol=1e-9)
+    assert (level_db(np.zeros((2, 2)), 0.0) == -40.0).all()
+
+
+def test_panels_show_what_stands_left_on_the_left():
+    levels = np.full(SHAPE, -40.0)
+    levels[5, -1] = 0.0  # the largest u: farthest left of the radar
+    figure = image_panels({("das", "full"): levels}, None, RADAR, 0, "title")
+    picture = figure.axes[0].images[0]
+    shown = np.asarray(picture.get_array())
+    assert shown[5, 0] == 0.0
+    left, right, near, _ = picture.get_extent()
+    assert left == RADAR.grid.u_stop > right == RADAR.grid.u_start
+    assert near == -0.5 * RADAR.waveform.range_step_m
+    # The axis runs as the extent does.
+    first, last = figure.axes[0].get_xlim()
+    assert first > last
+
+
+@pytest.mark.parametrize("bin_of_row", [(0, 0), (3, 4), (6, 9), (2, 10)])
+def test_no_block_loses_its_highest_level(bin_of_row):
+    levels = np.full((7, 11), -SPAN_DB)
+    levels[bin_of_row] = 0.0
+    held, rows, columns = hold_peaks(levels, (3, 3))
+    assert (rows, columns, held.shape) == (3, 4, (3, 3))
+    assert np.argwhere(held == 0.0).tolist() == [[bin_of_row[0] // 3, bin_of_row[1] // 4]]
+
+
+def test_every_bin_of_a_large_image_is_drawn_in_its_place():
+    """An image of five times a panel's pixels, one bin lit: it is seen, where the axes say it is."""
+    radar = Radar()
+    levels = np.full((radar.waveform.range_bins, radar.grid.bins), -SPAN_DB)
+    levels[200, 401] = 0.0
+    axis = subplots(new_figure(3.0, 3.0, ""), 1, 1)[0, 0]
+    draw_image(axis, levels, radar, "one bin")
+    (drawn,) = axis.images
+    left, right, near, far = drawn.get_extent()
+    (row,), (column,) = np.nonzero(drawn.get_array() == 0.0)
+    rows, columns = drawn.get_array().shape
+    assert near + (far - near) * (row + 0.5) / rows == pytest.approx(200 * radar.waveform.range_step_m, abs=0.2)
+    assert left + (right - left) * (column + 0.5) / columns == pytest.approx(radar.grid.u[401], abs=0.01)
+    assert axis.get_xlim() == pytest.approx((radar.grid.u_stop, radar.grid.u_start))
+
+
+def test_a_missing_contender_is_said_in_its_panel():
+    empty = np.full(SHAPE, -40.0)
+    figure = image_panels({("das", "full"): empty, ("unet", "thin"): empty}, empty, RADAR, 0, "title", cut_row=3)
+    texts = {text.get_text() for axis in figure.axes for text in axis.texts}
+    assert texts == {"no das\nfor thin", "no unet\nfor full"}
+
+
+def test_a_legend_of_many_long_names_stays_within_its_figure():
+    figure = new_figure(4.0, 3.0, "title")
+    subplots(figure, 1, 1)
+    legend_below(figure, Look([f"unet:a folder of name {n}" for n in range(8)], ["full"]).method_handles())
+    figure.draw_without_rendering()
+    (legend,) = figure.legends
+    box = legend.get_window_extent()
+    assert 0.0 <= box.x0 < box.x1 <= figure.bbox.width
+    assert len(legend.get_texts()) == 8
+
+
+def test_figures_are_the_same_bytes_twice(tmp_path):
+    def draw(folder):
+        folder.mkdir()
+        figure = new_figure(3.0, 2.0, "title")
+        subplots(figure, 1, 2)[0, 0].plot([0, 1], [1, 0])
+        save_figure(figure, folder, "it")
+        return [(folder / f"it.{kind}").read_bytes() for kind in ("png", "svg")]
+
+    assert draw(tmp_path / "one") == draw(tmp_path / "two")
+    assert b"matplotlib.org" not in draw(tmp_path / "three")[0]
+
+
+def test_a_row_wise_contender_images_the_rows_asked_for_alone():
+    contender = estimator_contender("das", ArrayChoice(name="full", rx=tuple(range(6))), RADAR)
+    generator = np.random.default_rng(3)
+    snapshots = (generator.standard_normal((24, 6, 2)) @ np.array([1.0, 1.0j])).astype(np.complex64)
+    rows = np.array([2, 9, 23])
+    np.testing.assert_allclose(
+        contender.image_rows(snapshots, 1e-3, rows), contender.image(snapshots, 1e-3)[rows], rtol=1e-6
+    )

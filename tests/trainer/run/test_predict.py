@@ -1,0 +1,207 @@
+"""``trainer predict`` and ``trainer export``: images of datasets and cubes, ONNX, and what is refused."""
+
+import json
+
+import numpy as np
+import onnxruntime
+import pyarrow.parquet as pq
+import pytest
+import torch
+from tiny_radar import NOISE_POWER, RADAR, TINY, frame, small_dataset, write_dataset
+
+from shared.physics.errors import InputError
+from shared.signal import if_signal
+from shared.signal.adaptive import adaptive_tables
+from shared.signal.features import adaptive_features, row_features, steering_weights
+from trainer.data.arrays import ArrayChoice
+from trainer.data.measurements import Measurement, open_measurements
+from trainer.run.export import export
+from trainer.run.folder import Run, load_imager, save_weights, write_run
+from trainer.run.imager import Imager
+from trainer.run.predict import image_peaks, predict
+
+SHAPE = (RADAR.waveform.range_bins, RADAR.grid.bins)
+
+
+def make_run(directory, **changes):
+    """A run with random weights: what is tested here does not depend on what they learned."""
+    config = TINY.model_copy(update=changes)
+    array = ArrayChoice(name="mine", rx=(0, 1, 2, 5))
+    torch.manual_seed(0)
+    imager = Imager(config, RADAR, array)
+    directory.mkdir()
+    write_run(directory, Run(config=config, radar=RADAR, array=array, datasets=()))
+    save_weights(directory, imager)
+    return directory
+
+
+def read_images(path):
+    table = pq.read_table(path)
+    images = {name: np.stack(table[name].to_numpy()).reshape(-1, *SHAPE) for name in ("image", "velocity")}
+    return table, images
+
+
+def test_a_dataset_becomes_images_and_pictures(tmp_path):
+    data, run = small_dataset(tmp_path / "data", training=2), make_run(tmp_path / "run")
+    assert predict(run, data, tmp_path / "out", split="all", announce=str) == 5
+    table, images = read_images(tmp_path / "out/images.parquet")
+    assert table["frame_id"].to_pylist() == [0, 1, 100, 101, 200]
+    description = json.loads(table.schema.metadata[b"sparseradar"])
+    assert description["shapes"]["image"] == list(SHAPE)
+    assert description["units"] == {"image": "sqrt(W)", "velocity": "m/s"}
+    assert description["axes"]["u"]["start"] == -0.5
+    imager = load_imager(run)[1]
+    made = frame(101)
+    with torch.no_grad():
+        peaks = imager(torch.from_numpy(made.range_channel), torch.full((3,), NOISE_POWER)).numpy()
+    np.testing.assert_allclose(images["image"][3], peaks.max(axis=0), rtol=1e-5, atol=1e-14)
+    pictures = sorted(path.name for path in (tmp_path / "out").glob("*.png"))
+    assert pictures == [f"frame-{index:06d}.png" for index in (0, 1, 100, 101, 200)]
+    assert (tmp_path / "out/frame-000000.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_doppler_peaks_are_merged_by_maximum_and_keep_their_velocity(tmp_path):
+    """Two targets at one range and different velocities: each pixel has the velocity of the peak that shows it."""
+    imager = load_imager(make_run(tmp_path / "run"))[1]
+    rows = SHAPE[0]
+
+    class Echo(torch.nn.Module):
+        """Answers with the row's magnitude image, so that the outcome is known."""
+
+        def forward(self, features):
+            return features[:, 2:3]
+
+    imager.network = Echo()
+    echoes = np.conj(steering_weights(RADAR, np.arange(6)) * 6)
+    snapshots = np.zeros((3, rows, 6), np.complex64)
+    snapshots[:, 10] = np.stack([echoes[:, 4] * 2e-7, echoes[:, 16] * 1e-7, echoes[:, 4] * 2e-7])
+    velocity = np.tile(np.array([[0.0], [9.0], [0.0]], np.float32), (1, rows))
+    image, speed = image_peaks(imager, Measurement("m", 0, snapshots, velocity, 0.0, None))
+    assert speed[10, 4] == 0.0
+    assert speed[10, 16] == 9.0
+    assert image[10, 4] == pytest.approx(2e-7, rel=1e-4)
+    assert image[10, 16] == pytest.approx(1e-7, rel=1e-4)
+    assert not image[:10].any()
+
+
+def cube_of_one_target():
+    position = np.array([[2.0, 0.4, 0.0]])
+    return if_signal(RADAR, position, np.zeros((1, 3)), np.array([1e-6 + 0j])).astype(np.complex64)
+
+
+def test_a_cube_is_imaged_and_its_target_is_where_it_was_put(tmp_path):
+    cube = cube_of_one_target()
+    np.savez(tmp_path / "cube.npz", cube=cube, radar=RADAR.model_dump_json())
+    found, measurements = open_measurements(tmp_path / "cube.npz", None, "test")
+    assert found == RADAR
+    (measurement,) = measurements
+    assert measurement.range_channel.shape == (3, 24, 6)
+    row = np.abs(measurement.range_channel[0]).mean(axis=1).argmax()
+    assert row == round(np.hypot(2.0, 0.4) / RADAR.waveform.range_step_m)
+    run = make_run(tmp_path / "run")
+    das = load_imager(run)[1].das(torch.from_numpy(measurement.range_channel[:1]))[0].numpy()
+    assert RADAR.grid.u[das[row].argmax()] == pytest.approx(0.4 / np.hypot(2.0, 0.4), abs=RADAR.grid.step)
+    assert predict(run, tmp_path / "cube.npz", tmp_path / "out", announce=str) == 1
+    assert (tmp_path / "out/cube.png").is_file()
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.npy", np.zeros((4, 32, 6), np.complex64), r"--radar: not given"),
+        ("b.npz", {"cube": np.zeros((4, 32, 6), np.complex64)}, r"b.npz: no array 'radar'"),
+        ("c.npz", {"cube": np.zeros((4, 32, 5), np.complex64)}, r"cube is complex64 \[4, 32, 5\]; .*\[4, 32, 6\]"),
+        ("d.npz", {"cube": np.zeros((4, 32, 6))}, r"cube is float64"),
+        ("e.npz", {"cube": np.full((4, 32, 6), np.nan, np.complex64)}, r"cube has 768 values that are not finite"),
+        ("f.npz", {"cube": np.array([{}], dtype=object), "radar": "{}"}, r"not readable as NumPy"),
+        ("g.npz", {"cube": np.zeros(1), "radar": "{"}, r"radar is not JSON"),
+        ("h.npz", {"cube": np.zeros(1), "radar": '{"chirps": 3}'}, r"radar: unknown field chirps"),
+        ("i.npz", b"PK no archive", r"not readable as NumPy"),
+        ("j.txt", b"text", r"INPUT: .*j.txt; expected the folder of a dataset, or a cube"),
+    ],
+)  # fmt: skip
+def test_a_bad_cube_is_one_line_with_the_fault(tmp_path, name, content, message):
+    path = tmp_path / name
+    if isinstance(content, bytes):
+        path.write_bytes(content)
+    elif isinstance(content, dict):
+        radar = {} if name == "b.npz" or "radar" in content else {"radar": RADAR.model_dump_json()}
+        np.savez(path, **radar, **content)
+    else:
+        np.save(path, content)
+    with pytest.raises(InputError, match=message) as caught:
+        open_measurements(path, None, "test")
+    assert "\n" not in str(caught.value)
+
+
+def test_another_array_or_other_axes_are_refused_with_both(tmp_path):
+    run = make_run(tmp_path / "run")
+    array = RADAR.array.model_copy(update={"rx_m": RADAR.array.rx_m[:5]})
+    other = RADAR.model_copy(update={"array": array, "name": "other"})
+    small = frame(0)
+    cut = type(small)(**{**vars(small), "range_channel": np.ascontiguousarray(small.range_channel[..., :5])})
+    data = write_dataset(tmp_path / "data", {"test": [cut]}, other)
+    with pytest.raises(InputError, match=r"radar 'other', array.rx_m = 5 positions .*; expected 6 positions .* 'tiny'"):
+        predict(run, data, tmp_path / "out")
+    grid = RADAR.grid.model_copy(update={"u_start": -0.4, "u_stop": 0.6})
+    shifted = write_dataset(tmp_path / "shifted", {"test": [small]}, RADAR.model_copy(update={"grid": grid}))
+    with pytest.raises(InputError, match=r"grid.u_start = -0.4; expected -0.5"):
+        predict(run, shifted, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_split_without_frames_and_a_full_folder_are_refused(tmp_path):
+    run, data = make_run(tmp_path / "run"), write_dataset(tmp_path / "data", {"train": [frame(0)]})
+    with pytest.raises(InputError, match="no frames in split 'test'"):
+        predict(run, data, tmp_path / "out")
+    with pytest.raises(InputError, match="is not empty"):
+        predict(run, data, tmp_path / "run", split="train")
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"features": "row"},
+        {"blocks": "convnext"},
+        {"model": "attention-unet", "features": "paper", "target": "paper"},
+        {"target": "class"},
+    ],
+    ids=["recommended", "row", "convnext", "paper", "class"],
+)
+def test_onnx_gives_what_torch_gives(tmp_path, changes):
+    run = make_run(tmp_path / "run", **changes)
+    result = export(run, tmp_path / "network.onnx")
+    assert result.difference <= 1e-4
+    assert min(result.torch_seconds, result.onnx_seconds) > 0
+    session = onnxruntime.InferenceSession(str(result.path), providers=["CPUExecutionProvider"])
+    description = json.loads(session.get_modelmeta().custom_metadata_map["sparseradar"])
+    assert description["chosen_array"]["rx"] == [0, 1, 2, 5]
+    assert description["axes"]["u"]["bins"] == 20
+    imager = load_imager(run)[1]
+    snapshot = frame(5).range_channel[:1]
+    noise = np.array([NOISE_POWER])
+    features = imager.features(torch.from_numpy(snapshot), torch.from_numpy(noise))[0].numpy()
+    assert len(description["features"]) == features.shape[1]
+    if imager.config.features != "paper":  # the deployed front end: NumPy alone
+        channels = np.array([0, 1, 2, 5])
+        given = snapshot[..., channels], steering_weights(RADAR, channels), noise
+        own = row_features(*given)[0]
+        np.testing.assert_allclose(own, features[:, :4], atol=1e-5)
+        if imager.config.features == "adaptive":
+            config = description["config"]
+            tables = adaptive_tables(RADAR, channels)
+            own = adaptive_features(*given, tables, config["iterations"], config["exponent"])[0]
+            # Five inverses in single precision, then a square root.
+            np.testing.assert_allclose(own, features, atol=5e-3)
+    found = session.run(None, {"features": features})[0]
+    with torch.no_grad():
+        expected = imager.network(torch.from_numpy(features)).numpy()
+    np.testing.assert_allclose(found, expected, atol=1e-4 * np.abs(expected).max())
+
+
+def test_an_export_that_cannot_be_written_is_refused(tmp_path):
+    run = make_run(tmp_path / "run")
+    for name in ("network.pt", "none/network.onnx"):
+        with pytest.raises(InputError, match=r"a file name ending in .onnx in an existing folder"):
+            export(run, tmp_path / name)

@@ -1,0 +1,267 @@
+"""``trainer fit``: it learns, it is repeatable, it resumes, and it says in one line what is wrong."""
+
+import csv
+import json
+import shutil
+import signal
+from importlib.metadata import version
+
+import numpy as np
+import pytest
+import torch
+from pyarrow.fs import LocalFileSystem, SubTreeFileSystem
+from safetensors.torch import load_file
+from tiny_radar import RADAR, TINY, frame, small_dataset, write_dataset
+
+from shared.dataset.locations import RemotePath
+from shared.physics.errors import InputError
+from trainer.errors import TrainingStopped
+from trainer.run.folder import CHECKPOINT, METRICS, WEIGHTS, load_imager, read_run, save_weights
+from trainer.run.predict import predict
+from trainer.training.fit import fit
+from trainer.training.task import ImagingTask
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    return small_dataset(tmp_path_factory.mktemp("fit") / "data")
+
+
+def run(dataset, out, config=TINY, **arguments):
+    lines = []
+    result = fit([dataset], out, config, array="full", announce=lines.append, **arguments)
+    return result, lines
+
+
+def metrics(out):
+    with (out / METRICS).open() as handle:
+        return list(csv.DictReader(handle))
+
+
+def test_eight_frames_are_learned_by_heart(dataset, tmp_path):
+    """The loss of the training frames, 0.045 for an empty image, falls below 0.004."""
+    config = TINY.model_copy(
+        update={
+            "hidden": 96,
+            "steps": 240,
+            "batch": 8,
+            "validate_every": 240,
+            "learning_rate": 1e-2,
+            "weight_decay": 0.0,
+        }
+    )
+    run(dataset, tmp_path / "run", config)
+    last = metrics(tmp_path / "run")[-1]
+    assert float(last["train_loss"]) < 0.004
+
+
+def test_a_run_says_what_it_was_made_with(dataset, tmp_path):
+    result, lines = run(dataset, tmp_path / "run")
+    assert read_run(tmp_path / "run") == result
+    document = json.loads((tmp_path / "run/run.json").read_text())
+    assert document["config"]["seed"] == 3
+    assert document["datasets"][0]["frames"] == {"train": 8, "validation": 2, "test": 1}
+    assert len(document["datasets"][0]["sha256"]) == 64
+    assert document["versions"]["torch"] == version("torch")
+    assert document["radar"]["array"]["rx_m"] == [list(position) for position in RADAR.array.rx_m]
+    rows = metrics(tmp_path / "run")
+    assert [row["step"] for row in rows] == ["2", "4"]
+    assert 0 < float(rows[0]["das_nmse"]) < 1
+    assert any(path.name.startswith("events") for path in (tmp_path / "run/tensorboard").iterdir())
+    assert "full" in lines[0]
+
+
+def test_the_same_seed_gives_the_same_weights_and_another_does_not(dataset, tmp_path):
+    config = TINY.model_copy(update={"augment": True, "rows": 16, "points": 1})
+    for name, seed in (("one", 3), ("two", 3), ("three", 4)):
+        run(dataset, tmp_path / name, config.model_copy(update={"seed": seed}))
+    one, two, three = ((tmp_path / name / WEIGHTS).read_bytes() for name in ("one", "two", "three"))
+    assert one == two
+    assert one != three
+
+
+def test_a_killed_run_resumed_ends_in_the_same_weights(dataset, tmp_path, monkeypatch):
+    config = TINY.model_copy(update={"steps": 6, "augment": True, "points": 1, "accumulate": 2})
+    run(dataset, tmp_path / "whole", config)
+    original = ImagingTask.training_step
+
+    def killed(self, batch, batch_index):
+        if batch_index == 6:  # within an epoch of the data and between two validations
+            raise MemoryError("killed")
+        return original(self, batch, batch_index)
+
+    monkeypatch.setattr(ImagingTask, "training_step", killed)
+    with pytest.raises(MemoryError):
+        run(dataset, tmp_path / "killed", config)
+    monkeypatch.undo()
+    assert metrics(tmp_path / "killed")[-1]["step"] == "2"
+    run(dataset, tmp_path / "killed", config, resume=True)
+    assert metrics(tmp_path / "killed") == metrics(tmp_path / "whole")
+    assert (tmp_path / "killed" / WEIGHTS).read_bytes() == (tmp_path / "whole" / WEIGHTS).read_bytes()
+    states = [torch.load(tmp_path / name / CHECKPOINT, weights_only=True) for name in ("killed", "whole")]
+    for name, tensor in states[0]["state_dict"].items():
+        assert torch.equal(tensor, states[1]["state_dict"][name]), name
+
+
+def test_an_interrupted_run_says_so_and_can_be_taken_up(dataset, tmp_path, monkeypatch):
+    def interrupted(self, batch, batch_index):
+        raise KeyboardInterrupt
+
+    kept = signal.getsignal(signal.SIGINT)
+    with monkeypatch.context() as patched:
+        patched.setattr(ImagingTask, "training_step", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            run(dataset, tmp_path / "run")
+    signal.signal(signal.SIGINT, kept)
+    run(dataset, tmp_path / "run", resume=True)
+    assert [row["step"] for row in metrics(tmp_path / "run")] == ["2", "4"]
+
+
+def test_a_run_killed_while_it_validates_validates_again(dataset, tmp_path, monkeypatch):
+    run(dataset, tmp_path / "whole")
+    original = ImagingTask.validation_step
+
+    def killed(self, batch, batch_index):
+        if self.trainer.global_step == 4 and batch_index == 1:
+            raise MemoryError("killed")
+        return original(self, batch, batch_index)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(ImagingTask, "validation_step", killed)
+        with pytest.raises(MemoryError):
+            run(dataset, tmp_path / "killed")
+    run(dataset, tmp_path / "killed", resume=True)
+    assert metrics(tmp_path / "killed") == metrics(tmp_path / "whole")
+    assert (tmp_path / "killed" / WEIGHTS).read_bytes() == (tmp_path / "whole" / WEIGHTS).read_bytes()
+
+
+def test_weights_survive_the_run_folder_bit_for_bit(dataset, tmp_path):
+    run(dataset, tmp_path / "run")
+    stored, imager = load_imager(tmp_path / "run")
+    before = {name: tensor.clone() for name, tensor in imager.network.state_dict().items()}
+    save_weights(tmp_path / "run", imager)
+    again = load_imager(tmp_path / "run")[1].network.state_dict()
+    assert before.keys() == again.keys()
+    assert all(torch.equal(before[name], again[name]) for name in before)
+    assert not imager.training
+    assert stored.array.rx == (0, 1, 2, 3, 4, 5)
+
+
+def test_an_infinite_input_stops_with_its_frame_and_keeps_the_weights(dataset, tmp_path, monkeypatch):
+    from trainer.training import datamodule
+
+    class Damaged(datamodule.ShardDataset):
+        def __getitem__(self, index):
+            item = super().__getitem__(index)
+            if item["frame_id"] == 5:
+                item["range_channel"][0, 3, 1] = complex(np.inf, 0)
+            return item
+
+    monkeypatch.setattr(datamodule, "ShardDataset", Damaged)
+    with pytest.raises(TrainingStopped, match=r"loss is not finite for frame \[5\] at batch \d; the weights are"):
+        run(dataset, tmp_path / "run", TINY.model_copy(update={"steps": 8, "validate_every": 1}))
+    if (tmp_path / "run" / WEIGHTS).is_file():
+        assert all(torch.isfinite(tensor).all() for tensor in load_file(tmp_path / "run" / WEIGHTS).values())
+
+
+def test_a_damaged_shard_stops_before_training_by_its_path(dataset, tmp_path):
+    copy = shutil.copytree(dataset, tmp_path / "data")
+    shard = copy / "train/part-00000.parquet"
+    content = bytearray(shard.read_bytes())
+    content[len(content) // 2] ^= 1
+    shard.write_bytes(content)
+    with pytest.raises(InputError, match=r"train/part-00000.parquet: sha256 is"):
+        run(copy, tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_datasets_of_different_radars_are_not_mixed(dataset, tmp_path):
+    other = RADAR.model_copy(update={"waveform": RADAR.waveform.model_copy(update={"bandwidth_hz": 2e9})})
+    frames = {"train": [frame(0, other)], "validation": [frame(1, other)]}
+    second = write_dataset(tmp_path / "other", frames, other)
+    with pytest.raises(InputError, match=r"other: radar 'tiny', waveform.bandwidth_hz = 2000000000.0; expected 10000"):
+        fit([dataset, second], tmp_path / "run", TINY, array="full")
+
+
+def test_what_a_resumed_run_must_not_change(dataset, tmp_path):
+    run(dataset, tmp_path / "run")
+    with pytest.raises(InputError, match="is not empty; expected an empty or new folder, or --resume"):
+        run(dataset, tmp_path / "run")
+    with pytest.raises(InputError, match=r"--resume: learning_rate is 0.5, but the run in .* had 0.003"):
+        run(dataset, tmp_path / "run", TINY.model_copy(update={"learning_rate": 0.5}), resume=True)
+    with pytest.raises(InputError, match="holds no run"):
+        run(dataset, tmp_path / "none", resume=True)
+
+
+def test_a_checkpoint_that_holds_code_is_not_executed(dataset, tmp_path):
+    class Trap:
+        def __reduce__(self):
+            return (open, (str(tmp_path / "executed"), "w"))
+
+    run(dataset, tmp_path / "run")
+    torch.save({"state_dict": Trap()}, tmp_path / "run" / CHECKPOINT)
+    with pytest.raises(InputError, match=r"last.ckpt: not readable"):
+        run(dataset, tmp_path / "run", resume=True)
+    assert not (tmp_path / "executed").exists()
+
+
+def test_weights_that_are_cut_short_or_foreign_are_named(dataset, tmp_path):
+    run(dataset, tmp_path / "run")
+    path = tmp_path / "run" / WEIGHTS
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(InputError, match=r"weights.safetensors: not readable as safetensors"):
+        load_imager(tmp_path / "run")
+    run(dataset, tmp_path / "wider", TINY.model_copy(update={"width": 8}))
+    path.write_bytes((tmp_path / "wider" / WEIGHTS).read_bytes())
+    with pytest.raises(InputError, match=r"decoder.0.first.bias has shape \[16\]; expected \[8\]"):
+        load_imager(tmp_path / "run")
+    path.unlink()
+    with pytest.raises(InputError, match="no such file"):
+        load_imager(tmp_path / "run")
+    with pytest.raises(InputError, match=r"no run.json"):
+        load_imager(tmp_path)
+
+
+@pytest.mark.parametrize(("weights", "message"), [((1.0, 2.0), "2 weights for 1 datasets"), ((0.0,), "above 0")])
+def test_bad_weights_are_refused(dataset, tmp_path, weights, message):
+    with pytest.raises(InputError, match=message):
+        run(dataset, tmp_path / "run", weights=weights)
+
+
+def test_a_run_that_no_longer_improves_stops_early(dataset, tmp_path):
+    config = TINY.model_copy(update={"steps": 40, "validate_every": 1, "patience": 2, "learning_rate": 1e-12})
+    run(dataset, tmp_path / "run", config)
+    assert len(metrics(tmp_path / "run")) < 40
+
+
+def test_the_best_weights_are_those_of_the_least_normalised_error(dataset, tmp_path):
+    run(dataset, tmp_path / "run", TINY.model_copy(update={"steps": 8, "validate_every": 1}))
+    rows = metrics(tmp_path / "run")
+    best = min(rows, key=lambda row: float(row["validation_nmse"]))
+    imager = load_imager(tmp_path / "run")[1]
+    assert imager.gain == pytest.approx(float(best["validation_gain"]), rel=1e-6)
+    # What the metrics say is what the weights and the gain give.
+    errors = []
+    for index in (100, 101):
+        made = frame(index)
+        snapshot, noise = torch.from_numpy(made.range_channel[:1]), torch.tensor([made.noise_power])
+        with torch.no_grad():
+            estimate = imager(snapshot, noise)[0].numpy() / made.image_peak
+        errors.append(((estimate - made.image) ** 2).sum() / (made.image**2).sum())
+    assert np.mean(errors) == pytest.approx(float(best["validation_nmse"]), rel=1e-4)
+
+
+def test_a_dataset_in_another_place_trains_the_same_weights(dataset, tmp_path):
+    """By URI, and through a filesystem of Arrow's as object storage is: same bytes, and the same name in the run."""
+    place = RemotePath(SubTreeFileSystem(str(dataset.parent), LocalFileSystem()), "data", "memory://bucket/data")
+    run(dataset, tmp_path / "local")
+    for name, source in (("uri", dataset.as_uri()), ("remote", place)):
+        run(source, tmp_path / name)
+        for file in (WEIGHTS, METRICS, "run.json", "verdict.json"):
+            assert (tmp_path / name / file).read_bytes() == (tmp_path / "local" / file).read_bytes(), file
+    for name, source in (("local", dataset), ("remote", place)):
+        predict(tmp_path / "local", source, tmp_path / f"images-{name}", announce=str)
+    assert (tmp_path / "images-remote/images.parquet").read_bytes() == (
+        tmp_path / "images-local/images.parquet"
+    ).read_bytes()

@@ -1,0 +1,213 @@
+"""Order, augmentation, targets and losses: what a training step is made of."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from pydantic import ValidationError
+from tiny_radar import NOISE_POWER, RADAR, TINY, frame
+
+from shared.physics.errors import InputError
+from shared.signal.features import steering_weights
+from trainer.data.arrays import ArrayChoice, choose_array
+from trainer.data.order import BatchOrder
+from trainer.run.configuration import FitConfig
+from trainer.run.imager import Imager
+from trainer.run.targets import decode, encode
+from trainer.training.augmentation import AngularAugmentation, Draw, draw
+from trainer.training.losses import frame_losses
+from trainer.training.task import best_scaled, normalised_error
+
+
+def test_an_epoch_sees_every_frame_once_and_the_next_in_another_order():
+    batches = list(BatchOrder([5, 3], None, batch=4, seed=1, batches=4))
+    first, second = batches[0] + batches[1], batches[2] + batches[3]
+    assert sorted(first) == sorted(second) == list(range(8))
+    assert first != second
+    assert batches == list(BatchOrder([5, 3], None, batch=4, seed=1, batches=4))
+    assert batches != list(BatchOrder([5, 3], None, batch=4, seed=2, batches=4))
+
+
+def test_a_run_taken_up_sees_what_it_would_have_seen():
+    whole = list(BatchOrder([7], None, batch=3, seed=0, batches=9))
+    assert list(BatchOrder([7], None, batch=3, seed=0, batches=9, first=4)) == whole[4:]
+    assert all(len(batch) == 3 for batch in whole)
+
+
+def test_processes_share_every_batch():
+    whole = list(BatchOrder([8], None, batch=4, seed=0, batches=4))
+    parts = [list(BatchOrder([8], None, batch=4, seed=0, batches=4, rank=rank, world=2)) for rank in (0, 1)]
+    assert [one + other for one, other in zip(*parts, strict=True)] == whole
+
+
+def test_weights_set_the_shares_of_the_datasets():
+    indices = np.concatenate(list(BatchOrder([30, 10], [1.0, 3.0], batch=4, seed=0, batches=10)))
+    assert len(indices) == 40
+    assert (indices >= 30).sum() == 30
+    assert set(indices[indices >= 30]) == set(range(30, 40))
+
+
+def test_a_shift_in_angle_is_that_of_a_target_seen_elsewhere():
+    weights = steering_weights(RADAR, np.arange(6))
+    echoes = torch.from_numpy(np.conj(weights * 6).T.copy())  # (U, C)
+    image = torch.eye(20)[None]  # row r holds one target at column r
+    drawn = Draw(torch.tensor([3]), torch.tensor([False]), 0.0)
+    moved, truth, known = AngularAugmentation(RADAR)(echoes[None], image, drawn)
+    torch.testing.assert_close(moved[0, :17], echoes[3:], rtol=0, atol=1e-5)
+    assert torch.equal(truth[0, :17, 3:], torch.eye(17))
+    assert known[0, 0].tolist() == [0.0] * 3 + [1.0] * 17
+
+
+def test_a_mirrored_frame_is_that_of_targets_on_the_other_side():
+    weights = steering_weights(RADAR, np.arange(6))
+    echoes = torch.from_numpy(np.conj(weights * 6).T.copy())
+    drawn = Draw(torch.tensor([0]), torch.tensor([True]), 0.0)
+    moved, truth, known = AngularAugmentation(RADAR)(echoes[None], torch.eye(20)[None], drawn)
+    # u_10 = 0 is its own mirror image; u_0 = -0.5 has no partner on the grid.
+    for column in range(1, 20):
+        torch.testing.assert_close(moved[0, column], echoes[20 - column], rtol=0, atol=1e-5)
+        assert truth[0, column].argmax() == 20 - column
+    assert known[0, 0].tolist() == [0.0] + [1.0] * 19
+
+
+def test_draws_depend_on_seed_and_step_alone_and_are_dealt_out():
+    whole = draw(1, 5, 4, 0, 4, 30)
+    parts = [draw(1, 5, 4, first, 2, 30) for first in (0, 2)]
+    assert torch.cat([part.shift for part in parts]).equal(whole.shift)
+    assert torch.cat([part.mirror for part in parts]).equal(whole.mirror)
+    assert {part.crop for part in parts} == {whole.crop}
+    assert not draw(1, 6, 4, 0, 4, 30).shift.equal(whole.shift)
+    assert not draw(1, 5, 4, 0, 4, 0).mirror.any()
+
+
+def truth_and_scale():
+    made = frame(0)
+    image = torch.from_numpy(made.image)[None]
+    scale = torch.from_numpy(np.sqrt((np.abs(made.range_channel[0]) ** 2).mean(-1)))[None]
+    return image, torch.tensor([made.image_peak], dtype=torch.float64), scale
+
+
+def test_the_row_target_is_invertible_and_level_over_range():
+    image, peak, scale = truth_and_scale()
+    target = encode(TINY, image, peak, scale)
+    back = decode(TINY, target[:, None], scale)
+    torch.testing.assert_close(back, image * peak.float(), rtol=1e-4, atol=1e-14)
+    with_targets = target[0].amax(dim=1)[1::3]
+    assert with_targets.min() > 0.4
+    assert with_targets.max() < 1.6
+
+
+def test_the_paper_s_target_is_min_max_times_beta():
+    image, peak, _ = truth_and_scale()
+    config = TINY.model_copy(update={"target": "paper"})
+    target = encode(config, image + 0.25, peak, None)
+    assert target.min() == 0
+    assert target.max() == 10.0
+    flat = encode(config, torch.ones(1, 3, 4), peak, None)
+    assert torch.equal(flat, torch.zeros(1, 3, 4))
+    torch.testing.assert_close(decode(config, encode(config, image, peak, None)[:, None], None), image - image.min())
+
+
+def test_the_class_target_holds_what_is_above_the_stated_level():
+    config = TINY.model_copy(update={"target": "class", "threshold_db": 20.0})
+    image = torch.tensor([[[1.0, 0.11, 0.09, 0.0]]])
+    assert encode(config, image, torch.ones(1), None).tolist() == [[[1.0, 1.0, 0.0, 0.0]]]
+    probability = decode(config, torch.tensor([[[[0.0]], [[math.log(3.0)]]]]), None)
+    assert probability.item() == pytest.approx(0.75)
+
+
+def test_a_row_without_signal_asks_for_nothing():
+    target = encode(TINY, torch.ones(1, 2, 3), torch.tensor([1e-7]), torch.tensor([[0.0, 1e-7]]))
+    assert target[0].tolist() == [[0.0] * 3, [1.0] * 3]
+
+
+def test_losses_are_those_of_table_2():
+    target = torch.tensor([[[0.0, 1.0]]])
+    answer = torch.tensor([[[[0.5, 0.0]]]])
+    config = TINY.model_copy(update={"foreground": 3.0, "alpha": 0.1})
+    assert frame_losses(config, answer, target).item() == pytest.approx((0.25 + 4.0 + 0.05) / 2)
+    known = torch.tensor([[[1.0, 0.0]]])
+    assert frame_losses(config, answer, target, known).item() == pytest.approx(0.25 + 0.05)
+    # Two classes, logits 0 and log 3: p(target) = 3/4; the loss is positive and falls as p(class) rises.
+    logits = torch.tensor([[[[0.0, 0.0]], [[math.log(3.0), math.log(3.0)]]]])
+    config = config.model_copy(update={"target": "class", "foreground": 0.0})
+    expected = -(math.log(0.25) + math.log(0.75)) / 2
+    assert frame_losses(config, logits, target).item() == pytest.approx(expected)
+
+
+def test_errors_are_those_of_the_baselines():
+    image = torch.rand(2, 3, 4)
+    assert normalised_error(torch.zeros_like(image), image).tolist() == [1.0, 1.0]
+    torch.testing.assert_close(best_scaled(image * 1e-9, image), image)
+    noise = torch.rand(2, 3, 4)
+    best = normalised_error(best_scaled(noise, image), image)
+    for factor in (0.9, 1.1):
+        assert (normalised_error(factor * best_scaled(noise, image), image) > best).all()
+
+
+@pytest.mark.parametrize("model", ["spectral-unet", "attention-unet"])
+@pytest.mark.parametrize("features", ["adaptive", "row", "paper"])
+@pytest.mark.parametrize("value", [0.0, 1e-30, 1e25])
+def test_hard_inputs_give_finite_images_and_gradients(model, features, value):
+    target = "paper" if features == "paper" else "row"
+    config = TINY.model_copy(
+        update={"model": model, "features": features, "target": target, "precision": "bf16", "foreground": 0.0}
+    )
+    imager = Imager(config, RADAR, ArrayChoice(name="full", rx=tuple(range(6))))
+    data = torch.full((2, 24, 6), value, dtype=torch.complex64)
+    data[0, :5] = 0
+    features, scale = imager.features(data, torch.zeros(2))
+    answer = imager.answer(features)
+    frame_losses(config, answer, torch.zeros(2, 24, 20)).sum().backward()
+    assert torch.isfinite(decode(config, answer, scale)).all()
+    assert all(torch.isfinite(parameter.grad).all() for parameter in imager.parameters())
+
+
+def test_arrays_by_name_and_by_file(tmp_path):
+    assert choose_array("full", RADAR).rx == (0, 1, 2, 3, 4, 5)
+    path = tmp_path / "mine.toml"
+    path.write_text("rx = [0, 2, 5]\n")
+    assert choose_array(str(path), RADAR) == ArrayChoice(name="mine", rx=(0, 2, 5))
+    assert choose_array(str(path), RADAR).channels(RADAR).tolist() == [0, 2, 5]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("rx = [0, 9]", "uses RX 9; expected RX 0 to 5"),
+        ("rx = [2, 0]", "expected rising indices"),
+        ("rx = []", "rx = "),
+        ("rx = [0", "not readable as TOML"),
+        ("tx = [0]\nrx = [0]", "unknown field tx"),
+    ],
+)
+def test_a_bad_array_file_is_one_line_with_the_fault(tmp_path, text, message):
+    path = tmp_path / "bad.toml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message) as caught:
+        choose_array(str(path), RADAR)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_array_that_does_not_exist_is_refused():
+    with pytest.raises(InputError, match="no named array and no file 'sparse5'"):
+        choose_array("sparse5", RADAR)
+    with pytest.raises(InputError, match="sparse6 uses RX 15; expected RX 0 to 5"):
+        choose_array("sparse6", RADAR)
+
+
+def test_configurations_that_contradict_themselves_are_refused():
+    with pytest.raises(ValidationError, match="target 'row' needs the scale"):
+        FitConfig(features="paper", target="row")
+    with pytest.raises(ValidationError, match="normalised per whole image"):
+        FitConfig(target="paper", rows=160)
+
+
+def test_delay_and_sum_of_the_imager_is_in_input_units():
+    imager = Imager(TINY, RADAR, ArrayChoice(name="full", rx=tuple(range(6))))
+    weights = steering_weights(RADAR, np.arange(6))
+    echo = torch.from_numpy(3e-7 * np.conj(weights[:, 4] * 6))[None, None]
+    assert imager.das(echo)[0, 0].max().item() == pytest.approx(3e-7, rel=1e-5)
+    assert imager.das(echo)[0, 0].argmax() == 4
+    assert NOISE_POWER < 1e-14

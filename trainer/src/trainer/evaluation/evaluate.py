@@ -1,0 +1,298 @@
+"""``trainer evaluate``: experiments, numbers, figures and the page that shows them.
+
+OUT/cells/            one file for each finished (experiment, method, array, condition): what ``--resume`` keeps
+OUT/figures/          PNG and SVG
+OUT/metrics.parquet   the numbers, also as metrics.csv
+OUT/summary.md        the numbers that methods are chosen by, a table for each array
+OUT/report.html       everything, in one file
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+
+from shared.dataset.folder import MANIFEST, open_dataset
+from shared.dataset.locations import Location, folder_name, locate
+from shared.dataset.reading import radar_of
+from shared.physics.errors import InputError
+from trainer.data.arrays import choose_array
+from trainer.evaluation.experiments.bench import (
+    Bench,
+    Experiment,
+    FrameRef,
+    MetricRow,
+    Results,
+    Settings,
+    Task,
+    contender_task,
+    single_row,
+)
+from trainer.evaluation.experiments.contenders import Contender, gather
+from trainer.evaluation.experiments.detection import Detection
+from trainer.evaluation.experiments.doppler import Doppler
+from trainer.evaluation.experiments.frames import frame_refs, load_frame
+from trainer.evaluation.experiments.generalisation import Generalisation
+from trainer.evaluation.experiments.measured import Measured
+from trainer.evaluation.experiments.noise_only import NoiseOnly
+from trainer.evaluation.experiments.point_spread import CylinderSpread
+from trainer.evaluation.experiments.reflectors import Reflectors
+from trainer.evaluation.experiments.resolution import Resolution
+from trainer.evaluation.experiments.robustness import Robustness
+from trainer.evaluation.experiments.street import Street, shown_frames
+from trainer.evaluation.experiments.tradeoff import SECONDS, Tradeoff
+from trainer.evaluation.report.page import TRUTH, ReportFigure, ReportFrame, report_page
+from trainer.evaluation.report.style import save_figure, write_whole
+from trainer.evaluation.report.summary import summary
+from trainer.evaluation.report.tables import metrics_table, write_table
+from trainer.evaluation.store import Cell, CellStore, Values, code_fingerprint
+from trainer.evaluation.workers import Workers, alone
+from trainer.run.folder import Fingerprint
+
+EXPERIMENTS: dict[str, Experiment] = {
+    experiment.name: experiment
+    for experiment in (
+        CylinderSpread(), Street(), Reflectors(), Detection(), Doppler(), Resolution(), Robustness(), Generalisation(),
+        NoiseOnly(), Tradeoff(), Measured(),
+    )
+}  # fmt: skip
+"""By the name that ``--experiments`` takes, in the order of the report."""
+DEFAULT_ARRAYS = ("sparse6", "sparse4", "full")
+CELLS, FIGURES, REPORT, SUMMARY = "cells", "figures", "report.html", "summary.md"
+RUNTIME = "runtime"
+RUNTIME_REPEATS = 3
+"""Runs for one image after a first one, of which the shortest counts: what else a machine does only adds."""
+
+Progress = Callable[[str, int, int], None]
+"""(what is computed, cells done, cells in all)."""
+
+
+def evaluate(
+    dataset: Location | str,
+    out: Path,
+    runs: Sequence[Path] = (),
+    methods: Sequence[str] | None = None,
+    arrays: Sequence[str] = DEFAULT_ARRAYS,
+    experiments: Sequence[str] | None = None,
+    settings: Settings | None = None,
+    measured: Path | None = None,
+    resume: bool = False,
+    workers: int = 1,
+    announce: Callable[[str], None] = print,
+    progress: Progress | None = None,
+) -> pa.Table:
+    """Run the experiments that apply and write everything into ``out``; returns the metrics table.
+
+    :param dataset: folder of a dataset with a test split, local or remote
+    :param runs: run folders of trainer fit, each evaluated on its own array
+    :param methods: names of estimators, "cnn" and "unet" for the runs; see
+        :func:`trainer.evaluation.experiments.contenders.gather`
+    :param arrays: see :func:`trainer.data.arrays.choose_array`
+    :param experiments: names of :data:`EXPERIMENTS`; all that apply by default
+    :param measured: snapshot for the experiment "measured"
+    :param resume: keep the cells that ``out`` already has
+    :param workers: processes that compute cells, see :class:`trainer.evaluation.workers.Workers`; the numbers, but for
+        the seconds, do not depend on it. Seconds are measured before the first cell, in this process alone.
+    :raises InputError: bad data, runs, names, or an experiment asked for that does not apply
+    :raises TrainingStopped: a worker process was killed
+    """
+    bench, left_out = open_bench(dataset, runs, methods, arrays, settings or Settings(), measured)
+    chosen, obstacles = choose_experiments(experiments, bench)
+    store = _open_store(out, resume)
+    for line in obstacles:
+        announce(line)
+    for kind, count in left_out.items():
+        announce(f"{count} {kind} frames of the test split are left out: --frames {bench.settings.frames}")
+    report = progress or (lambda *_: None)
+    bench = replace(bench, seconds=_seconds(bench, store, report))
+    rows: list[MetricRow] = []
+    figures: list[ReportFigure] = []
+    (out / FIGURES).mkdir(exist_ok=True)
+    written = set()
+    with Workers(bench, workers) as pool:
+        shown = _compute(EXPERIMENTS[Street.name], bench, store, pool, partial(report, "images"))
+        for experiment in chosen:
+            results = _compute(experiment, bench, store, pool, partial(report, experiment.name))
+            rows += experiment.rows(bench, results)
+            for name, figure in experiment.figures(bench, results).items():
+                png = save_figure(figure, out / FIGURES, name)
+                written |= {f"{name}.png", f"{name}.svg"}
+                figures.append(ReportFigure(experiment.title, experiment.caption, png))
+    rows += [
+        single_row(RUNTIME, contender, SECONDS, "", bench.seconds[contender.method, contender.array.name])
+        for contender in bench.contenders
+    ]
+    table = _write(out, bench, f"Evaluation on {folder_name(locate(dataset))}", chosen, rows, figures, shown)
+    if stale := sum(path.name not in written for path in (out / FIGURES).iterdir()):
+        announce(f"{stale} files in {out / FIGURES} are of other arguments and not in this report")
+    if store.unused:
+        announce(f"{store.unused} cells in {store.directory} are of other arguments and not in this report")
+    announce(
+        f"{store.computed} cells computed, {store.kept} kept; {len(table)} numbers; look: {out / REPORT}, {SUMMARY}"
+    )
+    return table
+
+
+def _write(
+    out: Path,
+    bench: Bench,
+    title: str,
+    chosen: Sequence[Experiment],
+    rows: Sequence[MetricRow],
+    figures: Sequence[ReportFigure],
+    shown: Results,
+) -> pa.Table:
+    """Tables and page."""
+    parameters = {(contender.method, contender.array.name): contender.parameters for contender in bench.contenders}
+    table = metrics_table(rows, bench.seconds, parameters)
+    write_table(table, out)
+    write_whole(out / SUMMARY, summary(table).encode())
+    frames = _report_frames(bench, shown)
+    page = report_page(title, _summary(bench, chosen), bench.radar, frames, figures, table)
+    write_whole(out / REPORT, page.encode())
+    return table
+
+
+def open_bench(
+    source: Location | str,
+    runs: Sequence[Path],
+    methods: Sequence[str] | None,
+    array_names: Sequence[str],
+    settings: Settings,
+    measured: Path | None,
+) -> tuple[Bench, dict[str, int]]:
+    """(what the experiments work on, frames left out by kind); arguments and errors as :func:`evaluate`."""
+    dataset = open_dataset(source)
+    radar = radar_of(dataset.description(), dataset.path / MANIFEST)
+    if not array_names:
+        raise InputError("--arrays", "none", f"some of {', '.join(DEFAULT_ARRAYS)}, or TOML files")
+    arrays = [choose_array(name, radar) for name in array_names]
+    names = [array.name for array in arrays]
+    if twice := [name for index, name in enumerate(names) if name in names[:index]]:
+        raise InputError("--arrays", f"{twice[0]!r} twice", "every array once, files of different names")
+    refs, left_out = frame_refs(dataset, "test", settings.frames)
+    contenders = gather(methods, runs, arrays, radar, dataset.path)
+    fingerprint = Fingerprint.of(dataset.path, dataset.records, {})
+    scenes = (
+        frozenset(frame.scene for frame in dataset.frames("train", ())) if "train" in dataset.splits else frozenset()
+    )
+    return Bench(fingerprint.sha256, radar, refs, scenes, contenders, settings, measured=measured), left_out
+
+
+def choose_experiments(names: Sequence[str] | None, bench: Bench) -> tuple[list[Experiment], list[str]]:
+    """(the experiments that apply, a line for each that does not).
+
+    :param names: of :data:`EXPERIMENTS`; None for all
+    :raises InputError: an unknown name, one that does not apply, none, a snapshot that no experiment looks at
+    """
+    if unknown := [name for name in names or () if name not in EXPERIMENTS]:
+        raise InputError("--experiments", repr(unknown[0]), f"some of {', '.join(EXPERIMENTS)}")
+    if names is not None and not names:
+        raise InputError("--experiments", "none", f"some of {', '.join(EXPERIMENTS)}")
+    wanted = [experiment for name, experiment in EXPERIMENTS.items() if names is None or name in names]
+    obstacles = {experiment.name: experiment.obstacle(bench) for experiment in wanted}
+    for name, obstacle in obstacles.items():
+        if obstacle and names is not None:
+            raise InputError("--experiments", f"{name}: {obstacle}", "an experiment that applies")
+    if bench.measured is not None and Measured.name not in obstacles:
+        raise InputError(
+            "--measured", f"{bench.measured} without the experiment", f"{Measured.name!r} in --experiments"
+        )
+    return (
+        [experiment for experiment in wanted if not obstacles[experiment.name]],
+        [f"experiment {name} is left out: {obstacle}" for name, obstacle in obstacles.items() if obstacle],
+    )
+
+
+def _open_store(out: Path, resume: bool) -> CellStore:
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        occupied = any(out.iterdir())
+    except OSError as error:
+        raise InputError("--out", f"{out}: {error.strerror}", "a folder that can be written") from error
+    if occupied and not resume:
+        raise InputError("--out", f"{out} is not empty", "an empty or new folder, or --resume to keep what is finished")
+    if occupied and not (out / CELLS).is_dir():
+        raise InputError("--out", f"{out} holds no {CELLS}/", "the folder of an evaluation to resume, or a new one")
+    return CellStore(out / CELLS)
+
+
+def _compute(
+    experiment: Experiment, bench: Bench, store: CellStore, pool: Workers, report: Callable[[int, int], None]
+) -> Results:
+    """The cells of an experiment in the order of its tasks; those not yet on disk are computed and kept one by one."""
+    tasks = experiment.tasks(bench)
+    cells = [_cell(experiment.cells, task) for task in tasks]
+    values: dict[int, Values] = {}
+    for place, cell in enumerate(cells):
+        if (found := store.finished(cell)) is not None:
+            values[place] = found
+    report(len(values), len(tasks))
+    missing = [place for place in range(len(tasks)) if place not in values]
+    for place, computed in pool.results(experiment, tasks, missing):
+        values[place] = store.keep(cells[place], computed)
+        report(len(values), len(tasks))
+    return {task.key: values[place] for place, task in enumerate(tasks)}
+
+
+def _cell(family: str, task: Task) -> Cell:
+    return Cell(family, task.method, task.array, task.condition, task.inputs, code_fingerprint())
+
+
+def _seconds(bench: Bench, store: CellStore, report: Progress) -> dict[tuple[str, str], float]:
+    """Seconds for one image of each contender, one thread: the first test frame, whole."""
+    ref = bench.frames[0]
+    tasks = [
+        contender_task(bench, contender, ref.condition, bench.data_sha256, partial(_time, contender, ref))
+        for contender in bench.contenders
+    ]
+    seconds = {}
+    for done, task in enumerate(tasks):
+        report(RUNTIME, done, len(tasks))
+        cell = _cell(RUNTIME, task)
+        values = store.finished(cell)
+        if values is None:
+            values = store.keep(cell, alone(task))
+        seconds[task.method, task.array] = float(values["seconds"])
+    report(RUNTIME, len(tasks), len(tasks))
+    return seconds
+
+
+def _time(contender: Contender, ref: FrameRef) -> Values:
+    frame = load_frame(ref)
+    contender.image(frame.range_channel[0], frame.noise_power)
+    seconds = []
+    for _ in range(RUNTIME_REPEATS):
+        start = time.perf_counter()
+        contender.image(frame.range_channel[0], frame.noise_power)
+        seconds.append(time.perf_counter() - start)
+    return {"seconds": np.asarray(min(seconds))}
+
+
+def _report_frames(bench: Bench, results: Results) -> list[ReportFrame]:
+    frames = []
+    for ref in shown_frames(bench):
+        truth = results[TRUTH, "", ref.condition]["levels"]
+        images = {c.name: results[c.method, c.array.name, ref.condition]["levels"] for c in bench.contenders}
+        # The cut starts where the truth is strongest.
+        row = int(truth.max(axis=1).argmax())
+        frames.append(ReportFrame(f"{ref.scene}, frame {ref.frame_id}", row, {**images, TRUTH: truth}))
+    return frames
+
+
+def _summary(bench: Bench, chosen: Sequence[Experiment]) -> str:
+    kinds = [ref.kind for ref in bench.frames]
+    counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
+    methods = ", ".join(dict.fromkeys(contender.method for contender in bench.contenders))
+    arrays = ", ".join(dict.fromkeys(contender.array.name for contender in bench.contenders))
+    settings = bench.settings
+    return (
+        f"Radar {bench.radar.name}; test frames: {counts}; methods: {methods}; arrays: {arrays}; {settings.trials} "
+        f"simulated trials of a condition; seed {settings.seed}; experiments: {', '.join(e.name for e in chosen)}."
+    )

@@ -1,0 +1,233 @@
+"""What an experiment of ``trainer evaluate`` is made of: contenders, tasks that fill cells, rows of the metrics
+table."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
+from pydantic import BaseModel, ConfigDict, Field
+
+from shared.dataset.locations import Location
+from shared.radar import Radar
+from trainer.evaluation.experiments.contenders import Contender
+from trainer.evaluation.store import Values, digest
+from trainer.metrics.bootstrap import Interval, bootstrap_mean, bootstrap_ratio, wilson
+
+KEPT = 2
+"""Frames or simulated scenes that an experiment holds while its contenders take turns."""
+
+
+class Settings(BaseModel):
+    """How much is computed.
+
+    :param frames: most frames of the test split that are scored, 50 as in the paper
+    :param shown: frames that the report shows
+    :param trials: simulated trials of each condition
+    :param seed: of trials, noise and bootstrap
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    frames: int = Field(default=50, ge=1)
+    shown: int = Field(default=3, ge=1)
+    trials: int = Field(default=120, ge=2)
+    seed: int = Field(default=0, ge=0)
+
+
+@dataclass(frozen=True)
+class FrameRef:
+    """Where a frame stands, and what it is of.
+
+    :param path: of its shard
+    :param row: in the shard
+    """
+
+    path: Location
+    row: int
+    frame_id: int
+    kind: str
+    scene: str
+
+    @property
+    def condition(self) -> str:
+        return f"frame={self.frame_id}"
+
+
+@dataclass(frozen=True, eq=False)
+class Bench:
+    """What every experiment works on.
+
+    :param data_sha256: fingerprint of its shards, as runs hold it
+    :param frames: of the test split, that are scored
+    :param training_scenes: scenes with frames in the dataset's training split
+    :param seconds: for one image by (method, array), measured
+    :param measured: file of a measured snapshot, if any
+    """
+
+    data_sha256: str
+    radar: Radar
+    frames: tuple[FrameRef, ...]
+    training_scenes: frozenset[str]
+    contenders: tuple[Contender, ...]
+    settings: Settings
+    seconds: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    measured: Path | None = None
+
+
+@dataclass(frozen=True)
+class Task:
+    """One cell to be filled.
+
+    :param method: contender's method, "truth" for what belongs to none
+    :param array: its array's name
+    :param condition: what was varied, as text
+    :param inputs: fingerprint of what the cell depends on besides its names
+    :param compute: the work
+    :param device: that the work needs, "cpu" or "cuda"
+    """
+
+    method: str
+    array: str
+    condition: str
+    inputs: str
+    compute: Callable[[], Values]
+    device: str = "cpu"
+
+    @property
+    def key(self) -> tuple[str, str, str]:
+        return self.method, self.array, self.condition
+
+
+def contender_task(
+    bench: Bench, contender: Contender, condition: str, inputs: object, compute: Callable[[], Values]
+) -> Task:
+    """A task of one contender, whose cell depends on the contender, the radar and ``inputs``, of plain JSON types."""
+    radar = bench.radar.model_dump(mode="json")
+    fingerprint = digest([contender.inputs, radar, inputs])
+    return Task(contender.method, contender.array.name, condition, fingerprint, compute, contender.device)
+
+
+def radar_task(bench: Bench, method: str, condition: str, inputs: object, compute: Callable[[], Values]) -> Task:
+    """A task that belongs to no array, such as the truth of a simulated scene."""
+    return Task(method, "", condition, digest([bench.radar.model_dump(mode="json"), inputs]), compute)
+
+
+Results = Mapping[tuple[str, str, str], Values]
+"""The filled cells of one experiment by (method, array, condition)."""
+
+
+@dataclass(frozen=True)
+class MetricRow:
+    """One line of the metrics table.
+
+    :param condition: "name=value" pairs, separated by commas; "" for none
+    :param value: NaN where the metric is not defined
+    :param low: lower end of the 95 % interval
+    :param high: upper end
+    :param samples: what the value is a mean of: frames, trials or angles
+    """
+
+    experiment: str
+    method: str
+    array: str
+    metric: str
+    condition: str
+    value: float
+    low: float
+    high: float
+    samples: int
+
+
+class Experiment(Protocol):
+    """One question, its cells, its numbers and its figure.
+
+    :ivar name: as ``--experiments`` takes it
+    :ivar cells: name under which its cells are kept; experiments that evaluate the same cells share it
+    :ivar title: one line for report and help
+    :ivar caption: below its figures
+    """
+
+    name: str
+    cells: str
+    title: str
+    caption: str
+
+    def obstacle(self, bench: Bench) -> str | None:
+        """Why the experiment does not apply to what is given; None where it does."""
+
+    def tasks(self, bench: Bench) -> Sequence[Task]:
+        """The cells that the experiment needs, in an order that the bench alone decides; those that share a frame or a
+        simulated scene follow each other."""
+
+    def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
+        """The numbers."""
+
+    def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
+        """The figures by the name of their files."""
+
+
+def mean_row(
+    bench: Bench, experiment: str, contender: Contender, metric: str, condition: str, samples: ArrayLike
+) -> MetricRow:
+    """A row of the mean of samples with its bootstrap interval.
+
+    Samples that are not finite (a metric that is not defined, the PSNR of a perfect image) do not count; the row says
+    how many did.
+    """
+    values = np.asarray(samples, dtype=np.float64)
+    values = values[np.isfinite(values)]
+    found = bootstrap_mean(values, bench.settings.seed) if len(values) else UNDEFINED
+    return _row(experiment, contender, metric, condition, found, len(values))
+
+
+def ratio_row(
+    bench: Bench,
+    experiment: str,
+    contender: Contender,
+    metric: str,
+    condition: str,
+    parts: ArrayLike,
+    wholes: ArrayLike,
+) -> MetricRow:
+    """A row of a ratio of sums over frames with its bootstrap interval over the frames; NaN where the whole is
+    nothing."""
+    part, whole = np.asarray(parts, dtype=np.float64), np.asarray(wholes, dtype=np.float64)
+    found = bootstrap_ratio(part, whole, bench.settings.seed) if whole.sum() > 0 else UNDEFINED
+    return _row(experiment, contender, metric, condition, found, len(whole))
+
+
+def share_row(experiment: str, contender: Contender, metric: str, condition: str, successes: ArrayLike) -> MetricRow:
+    """A row of a share of trials with its Wilson interval, which keeps a width where all trials end alike."""
+    outcomes = np.asarray(successes, dtype=bool)
+    return _row(experiment, contender, metric, condition, wilson(int(outcomes.sum()), len(outcomes)), len(outcomes))
+
+
+def single_row(experiment: str, contender: Contender, metric: str, condition: str, value: float) -> MetricRow:
+    """A row of a number that is known, not estimated."""
+    return _row(experiment, contender, metric, condition, Interval(value, value, value), 1)
+
+
+UNDEFINED = Interval(math.nan, math.nan, math.nan)
+
+
+def _row(
+    experiment: str, contender: Contender, metric: str, condition: str, found: Interval, samples: int
+) -> MetricRow:
+    return MetricRow(
+        experiment,
+        contender.method,
+        contender.array.name,
+        metric,
+        condition,
+        found.value,
+        found.low,
+        found.high,
+        samples,
+    )

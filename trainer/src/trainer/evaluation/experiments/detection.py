@@ -1,0 +1,134 @@
+"""Detection, false alarm and precision on unseen scene frames (the paper's Fig. 11), and the strict scores beside
+them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import product
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from trainer.evaluation.experiments.bench import Bench, FrameRef, MetricRow, Results, Task, mean_row, ratio_row
+from trainer.evaluation.experiments.contenders import Contender
+from trainer.evaluation.experiments.frames import CELLS, RESIDUAL, frame_tasks, gathered
+from trainer.evaluation.report.style import Look, counted, legend_below, new_figure, subplots
+from trainer.metrics.detection import D_MAX_BINS, PROMINENCES
+
+TP, FP, FN, TN = range(4)
+RATES = {"detection rate": (TP, (TP, FN)), "false-alarm rate": (FP, (FP, TN)), "precision": (TP, (TP, FP))}
+"""Numerator and summands of the denominator of the paper's three metrics."""
+GOSPA_PARTS = ("localisation", "missed", "false")
+
+
+def scene_frames(bench: Bench) -> tuple[FrameRef, ...]:
+    return tuple(ref for ref in bench.frames if ref.kind == "scene")
+
+
+class Detection:
+    """What is found in scenes, and what is found that is not there?"""
+
+    name = "detection"
+    cells = CELLS
+    title = "Detection rate, false-alarm rate and precision on unseen scene frames (paper, Fig. 11)"
+    caption = (
+        "By the paper's rules: every range bin's spectrum normalised to its maximum, peaks of "
+        "scipy.signal.find_peaks above 0.5, against the peaks of the truth, over the prominence that a peak needs. "
+        "Upper line: a detection counts within 2 bins of a truth, lower line: within 4. The table has the one-to-one "
+        "scores, GOSPA and image errors beside them."
+    )
+
+    def obstacle(self, bench: Bench) -> str | None:
+        return None if scene_frames(bench) else "the test split has no scene frames"
+
+    def tasks(self, bench: Bench) -> Sequence[Task]:
+        return frame_tasks(bench)
+
+    def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
+        refs = scene_frames(bench)
+        found = []
+        for contender in bench.contenders:
+            counts = gathered(results, contender, refs, "paper")  # (frames, d_max, prominence, 4)
+            for (metric, (part, whole)), (d, d_max), (p, prominence) in product(
+                RATES.items(), enumerate(D_MAX_BINS), enumerate(PROMINENCES)
+            ):
+                condition = f"d_max={d_max} bins,prominence={prominence:g}"
+                parts, wholes = counts[:, d, p, part], counts[:, d, p, list(whole)].sum(axis=-1)
+                found.append(ratio_row(bench, self.name, contender, metric, condition, parts, wholes))
+            found += strict_rows(bench, self.name, results, contender, refs, "")
+        return found
+
+    def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
+        refs = scene_frames(bench)
+        look = Look([c.method for c in bench.contenders], [c.array.name for c in bench.contenders])
+        figure = new_figure(11.0, 6.4, f"{self.title}: {counted(len(refs), 'frame')}")
+        axes = subplots(figure, len(D_MAX_BINS), len(RATES), sharex=True, sharey="col")
+        for contender in bench.contenders:
+            counts = gathered(results, contender, refs, "paper").sum(axis=0)
+            style = {
+                "color": look.colour(contender.method),
+                "ls": look.line(contender.array.name),
+                "lw": 1.3,
+            }
+            for line in range(len(D_MAX_BINS)):
+                for column, (part, whole) in enumerate(RATES.values()):
+                    rate = _ratio(counts[line, :, part], counts[line][:, list(whole)].sum(axis=-1))
+                    axes[line, column].plot(PROMINENCES, rate, **style)
+        for line, d_max in enumerate(D_MAX_BINS):
+            for column, metric in enumerate(RATES):
+                axis = axes[line, column]
+                axis.grid(alpha=0.25)
+                axis.set_title(f"{metric}, $d_{{max}}$ = {d_max} bins")
+                axis.set_ylim(bottom=0.0)
+        for axis in axes[-1]:
+            axis.set_xlabel("prominence of a peak, of the maximum")
+        legend_below(figure, [*look.method_handles(), *look.array_handles(markers=False)])
+        return {self.name: figure}
+
+
+def strict_rows(
+    bench: Bench, experiment: str, results: Results, contender: Contender, refs: Sequence[FrameRef], condition: str
+) -> list[MetricRow]:
+    """One-to-one scores, GOSPA and image errors over frames."""
+    prefix = f"{condition}," if condition else ""
+    strict = gathered(results, contender, refs, "strict")  # (frames, d_max, 3)
+    found = []
+    for d, d_max in enumerate(D_MAX_BINS):
+        tp, fp, fn = np.moveaxis(strict[:, d], -1, 0)
+        of = f"{prefix}d_max={d_max} bins"
+        for metric, parts, wholes in (
+            ("one-to-one recall", tp, tp + fn),
+            ("one-to-one precision", tp, tp + fp),
+            ("one-to-one F1", 2 * tp, 2 * tp + fp + fn),
+        ):
+            found.append(ratio_row(bench, experiment, contender, metric, of, parts, wholes))
+    rows, parts = gathered(results, contender, refs, "rows"), gathered(results, contender, refs, "gospa")
+    for index, part in enumerate(GOSPA_PARTS):
+        metric = f"GOSPA {part} [bins^2 a range bin]"
+        found.append(ratio_row(bench, experiment, contender, metric, condition, parts[:, index], rows))
+    residual = dict(zip(RESIDUAL, np.moveaxis(gathered(results, contender, refs, "residual"), -1, 0), strict=True))
+    for metric, part, whole in (
+        ("peaks that the data do not support", "unsupported", "lines"),
+        ("range bins explained to the noise", "explained_rows", "rows"),
+        ("energy that the peaks leave", "left", "energy"),
+    ):
+        found.append(ratio_row(bench, experiment, contender, metric, condition, residual[part], residual[whole]))
+    for metric, name in IMAGE_METRICS.items():
+        found.append(
+            mean_row(bench, experiment, contender, metric, condition, gathered(results, contender, refs, name))
+        )
+    return found
+
+
+IMAGE_METRICS = {
+    "NMSE": "nmse",
+    "NMSE at the best scale": "scaled_nmse",
+    "PSNR of levels [dB]": "psnr",
+    "SSIM of levels": "ssim",
+}
+
+
+def _ratio(part: NDArray[np.float64], whole: NDArray[np.float64]) -> NDArray[np.float64]:
+    """NaN, a gap in the curve, where nothing was counted."""
+    return np.divide(part, whole, out=np.full(part.shape, np.nan), where=whole > 0)

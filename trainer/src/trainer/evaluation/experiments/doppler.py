@@ -1,0 +1,207 @@
+"""Something that moves, seen in up to three Doppler peaks of a range bin (the paper's Fig. 12: an approaching truck).
+
+The strongest Doppler cell of a range bin is often the street's. What approaches there stands in the second or third
+peak, and is imaged if those are imaged too; the images are merged by their maximum.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache, partial
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from shared.dataset import Frame, Target
+from shared.dataset.reading import read_frame
+from shared.radar import Radar
+from trainer.evaluation.experiments.bench import (
+    Bench,
+    FrameRef,
+    MetricRow,
+    Results,
+    Task,
+    contender_task,
+    mean_row,
+    ratio_row,
+)
+from trainer.evaluation.experiments.contenders import Contender
+from trainer.evaluation.experiments.frames import load_frame
+from trainer.evaluation.experiments.levels import PROBABILITY, range_weighted
+from trainer.evaluation.experiments.street import true_magnitude
+from trainer.evaluation.report.style import SPAN_DB, colour_bar, draw_image, level_db, new_figure, subplots
+from trainer.evaluation.store import Values
+from trainer.metrics.detection import find_row_peaks
+
+MOST_FRAMES = 8
+"""Each is three images."""
+REACH_BINS, REACH_ROWS, REACH_CELLS = 4, 1, 1.5
+"""How far from a target a peak may be: angle bins, range bins, Doppler cells."""
+LEVEL = 0.1
+"""Height and prominence of a peak that counts, of its range bin's maximum: a truck beside a wall."""
+PLACES = ("in the strongest Doppler peak", "in a weaker Doppler peak")
+
+
+class Doppler:
+    """Is what moves found behind what stands?"""
+
+    name = "doppler"
+    cells = name
+    title = "What moves, in up to three Doppler peaks (paper, Fig. 12)"
+    caption = (
+        "From left: the range-Doppler map where the dataset stores it, else the Doppler peaks of every range bin "
+        "with their level; the images of the strongest, second and third peak, the latter where a range bin has "
+        "them; their maximum; the truth of the strongest peaks, and circles where targets have the velocity of a "
+        "weaker one. The table has the share of targets found within 4 angle bins in an image of their own Doppler "
+        "cell, by the strongest peak alone and by all."
+    )
+
+    def obstacle(self, bench: Bench) -> str | None:
+        return None
+
+    def tasks(self, bench: Bench) -> Sequence[Task]:
+        frames, shown = moving_frames(bench), shown_contender(bench)
+        tasks = []
+        for ref in frames:
+            for contender in bench.contenders:
+                keep = ref == frames[0] and contender is shown
+                work = partial(_score, bench.radar, contender, ref, keep)
+                tasks.append(
+                    contender_task(bench, contender, ref.condition, [bench.data_sha256, ref.frame_id, keep], work)
+                )
+        return tasks
+
+    def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
+        found, frames = [], moving_frames(bench)
+        for contender in bench.contenders:
+            counts = np.stack(
+                [results[contender.method, contender.array.name, ref.condition]["found"] for ref in frames]
+            )
+            for index, place in enumerate(PLACES):
+                total = counts[:, index, 0]
+                for column, peaks in ((1, "the strongest Doppler peak alone"), (2, "all Doppler peaks")):
+                    found.append(
+                        ratio_row(bench, self.name, contender, f"targets found by {peaks}", f"target={place}",
+                                  counts[:, index, column], total)
+                    )  # fmt: skip
+        rows = [float(np.any(f.velocity[1:] != f.velocity[0], axis=0).sum()) for f in map(load_frame, frames)]
+        # A property of the data, the same for all; kept with the first contender's array.
+        found.append(mean_row(bench, self.name, bench.contenders[0], "range bins with a second peak", "", rows))
+        return found
+
+    def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
+        contender, ref = shown_contender(bench), moving_frames(bench)[0]
+        images = results[contender.method, contender.array.name, ref.condition]["images"].astype(np.float64)
+        frame, radar = read_frame(ref.path, ref.row), bench.radar
+        shown = images if contender.unit == PROBABILITY else np.stack([range_weighted(image) for image in images])
+        # Where a range bin has fewer peaks, the dataset repeats the strongest: what is seen twice is shown once.
+        shown[1:][frame.velocity[1:] == frame.velocity[0]] = 0.0
+        reference = float(shown.max())
+        title = f"{self.title}: {ref.scene}, frame {ref.frame_id}, {contender.name}"
+        found = results[contender.method, contender.array.name, ref.condition]["found"][1]
+        if found[0]:
+            title += f": of {found[0]:.0f} targets in a weaker peak "
+            title += f"{found[1]:.0f} found by the strongest alone, {found[2]:.0f} by all"
+        figure = new_figure(2.2 * (len(images) + 3) + 1.5, 4.4, title)
+        axes = subplots(figure, 1, len(images) + 3, width_ratios=[1.4, *[1.0] * (len(images) + 2)])
+        _draw_range_doppler(axes[0, 0], frame, radar)
+        names = ["strongest peak", "second peak", "third peak", *(f"peak {n}" for n in range(4, len(images) + 1))]
+        panels = [*zip(names, (level_db(image, reference) for image in shown), strict=False)]
+        panels.append(("maximum of all", level_db(shown.max(axis=0), reference)))
+        truth = range_weighted(true_magnitude(ref))
+        panels.append(("truth of the strongest", level_db(truth, float(truth.max()))))
+        moving = [target for target in frame.targets if _place(target, frame, radar) == 1]
+        for axis, (name, levels) in zip(axes[0, 1:], panels, strict=True):
+            draw_image(axis, levels, radar, name)
+            axis.set(xlabel="u = sin(azimuth)", yticklabels=[])
+        axes[0, -1].plot([t.u for t in moving], [t.range_m for t in moving], "o", mfc="none", mec="cyan", ms=5, mew=0.7)
+        axes[0, 0].set_ylim(axes[0, 1].get_ylim())
+        colour_bar(figure, axes[0])
+        return {self.name: figure}
+
+
+@lru_cache(maxsize=1)
+def moving_frames(bench: Bench) -> tuple[FrameRef, ...]:
+    """Up to :data:`MOST_FRAMES`, those with most targets outside the strongest Doppler peak first."""
+    radar = bench.radar
+
+    def moving(ref: FrameRef) -> int:
+        frame = load_frame(ref)
+        return sum(_place(target, frame, radar) == 1 for target in frame.targets)
+
+    counts = {ref: moving(ref) for ref in bench.frames}
+    return tuple(sorted(bench.frames, key=lambda ref: -counts[ref])[:MOST_FRAMES])
+
+
+def shown_contender(bench: Bench) -> Contender:
+    """The first network of whole images; the first contender where there is none."""
+    networks = [contender for contender in bench.contenders if contender.parameters and not contender.row_wise]
+    return networks[0] if networks else bench.contenders[0]
+
+
+def _place(target: Target, frame: Frame, radar: Radar) -> int | None:
+    """0: in the strongest Doppler peak of its range bin, 1: in a weaker one, None: in none, or out of the image."""
+    row = round(target.range_m / radar.waveform.range_step_m)
+    if not (0 <= row < radar.waveform.range_bins and radar.grid.u_start <= target.u < radar.grid.u_stop):
+        return None
+    near = _same_velocity(frame.velocity[:, row], target.velocity_mps, radar)
+    return 0 if near[0] else 1 if near.any() else None
+
+
+def _same_velocity(velocities: NDArray[np.floating], velocity_mps: float, radar: Radar) -> NDArray[np.bool_]:
+    """Whether Doppler cells hold a velocity, which folds at the ends of the axis."""
+    step, span = radar.waveform.velocity_step_mps, radar.waveform.velocity_step_mps * radar.waveform.chirps
+    difference = (np.asarray(velocities, dtype=np.float64) - velocity_mps + 0.5 * span) % span - 0.5 * span
+    return np.abs(difference) <= REACH_CELLS * step
+
+
+def _score(radar: Radar, contender: Contender, ref: FrameRef, keep: bool) -> Values:
+    return score_peaks(radar, contender, load_frame(ref), keep)
+
+
+def score_peaks(radar: Radar, contender: Contender, frame: Frame, keep: bool) -> Values:
+    """found [2 places, 3]: targets, found by the strongest peak's image, found by any; images [D, R, U] if kept."""
+    images = [contender.image(snapshot, frame.noise_power) for snapshot in frame.range_channel]
+    counts = np.zeros((len(PLACES), 3))
+    for target in frame.targets:
+        place = _place(target, frame, radar)
+        if place is None:
+            continue
+        hits = [_found(image, velocity, target, radar) for image, velocity in zip(images, frame.velocity, strict=True)]
+        counts[place] += [1, hits[0], any(hits)]
+    return {"found": counts, **({"images": np.array(images, dtype=np.float32)} if keep else {})}
+
+
+def _found(image: NDArray[np.floating], velocity: NDArray[np.floating], target: Target, radar: Radar) -> bool:
+    """Is there a peak near the target in one of its range bins that holds its velocity?"""
+    row = round(target.range_m / radar.waveform.range_step_m)
+    column = (target.u - radar.grid.u_start) / radar.grid.step
+    for near in range(max(row - REACH_ROWS, 0), min(row + REACH_ROWS + 1, len(image))):
+        if _same_velocity(velocity[near : near + 1], target.velocity_mps, radar)[0]:
+            peaks = find_row_peaks(image[near], LEVEL).above(LEVEL)
+            if np.any(np.abs(peaks - column) <= REACH_BINS):
+                return True
+    return False
+
+
+def _draw_range_doppler(axis: Axes, frame: Frame, radar: Radar) -> None:
+    waveform = radar.waveform
+    ranges, velocities = waveform.ranges_m, waveform.velocities_mps
+    if frame.range_doppler is not None:
+        levels = level_db(range_weighted(frame.range_doppler), float(range_weighted(frame.range_doppler).max()))
+        far = waveform.range_bins * waveform.range_step_m
+        extent = (float(velocities[0]), float(velocities[-1]) + waveform.velocity_step_mps, 0.0, far)
+        axis.imshow(levels, origin="lower", aspect="auto", cmap="magma", extent=extent, vmin=-SPAN_DB, vmax=0.0)
+        axis.set_title("range-Doppler map")
+    else:
+        magnitude = np.abs(frame.range_channel).mean(axis=2) * np.arange(waveform.range_bins)
+        levels = level_db(magnitude, float(magnitude.max()))
+        order = np.argsort(levels, axis=None)
+        where = frame.velocity.ravel()[order], np.broadcast_to(ranges, levels.shape).ravel()[order]
+        axis.scatter(*where, c=levels.ravel()[order], s=3, cmap="magma")
+        axis.set_facecolor("black")
+        axis.set_title("Doppler peaks")
+        axis.set_xlim(velocities[0], velocities[-1])
+    axis.set(xlabel="velocity [m/s], receding", ylabel="range [m]")

@@ -1,0 +1,136 @@
+"""Scores of single frames of the test split: the cells that detection, generalisation and cost against quality
+share."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import astuple
+from functools import lru_cache, partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shared.dataset import Frame
+from shared.dataset.folder import Dataset
+from shared.dataset.reading import read_frame
+from shared.radar import Radar
+from trainer.evaluation.experiments.bench import KEPT, Bench, FrameRef, Results, Task, contender_task
+from trainer.evaluation.experiments.contenders import AMPLITUDE, Contender
+from trainer.evaluation.experiments.levels import scene_levels
+from trainer.evaluation.store import Values
+from trainer.metrics.detection import (
+    D_MAX_BINS,
+    PROMINENCES,
+    TRUTH_PROMINENCE,
+    ImagePeaks,
+    find_image_peaks,
+    paper_sweep,
+    strict_counts,
+)
+from trainer.metrics.gospa import gospa
+from trainer.metrics.image import SPAN_DB, nmse, nmse_best_scaled, psnr, ssim
+from trainer.metrics.residual import explain
+
+CELLS = "frames"
+GOSPA_CUTOFF_BINS = 4.0
+STRICT_PROMINENCE = 0.05
+RESIDUAL = ("rows", "explained_rows", "lines", "unsupported", "untested", "energy", "left")
+"""Of :class:`trainer.metrics.residual.Explanation`."""
+COLUMNS = ("range_channel", "velocity", "image", "targets")
+
+
+def frame_refs(dataset: Dataset, split: str, most: int) -> tuple[tuple[FrameRef, ...], dict[str, int]]:
+    """(up to ``most`` frames of each kind, those left out by kind); in the dataset's order.
+
+    :raises InputError: a split without frames
+    """
+    kept: dict[str, list[FrameRef]] = {}
+    left_out: dict[str, int] = {}
+    rows = dataset.rows(split)
+    for (path, row), frame in zip(rows, dataset.frames(split, ()), strict=True):
+        of_kind = kept.setdefault(frame.kind, [])
+        if len(of_kind) < most:
+            of_kind.append(FrameRef(path, row, frame.frame_id, frame.kind, frame.scene))
+        else:
+            left_out[frame.kind] = left_out.get(frame.kind, 0) + 1
+    return tuple(ref for of_kind in kept.values() for ref in of_kind), left_out
+
+
+def one_of_each_scene(refs: Sequence[FrameRef], count: int) -> tuple[FrameRef, ...]:
+    """``count`` frames, the first of each scene before the second of any."""
+    scenes: dict[str, list[FrameRef]] = {}
+    for ref in refs:
+        scenes.setdefault(ref.scene, []).append(ref)
+    turns = sorted(
+        ((turn, order, ref) for order, of_scene in enumerate(scenes.values()) for turn, ref in enumerate(of_scene)),
+        key=lambda entry: entry[:2],
+    )
+    return tuple(ref for _, _, ref in turns[:count])
+
+
+def frame_tasks(bench: Bench) -> list[Task]:
+    """The cells of all frames and contenders, frame by frame."""
+    return [
+        contender_task(
+            bench, contender, ref.condition, [bench.data_sha256, ref.frame_id],
+            partial(score_frame, bench.radar, contender, partial(load_frame, ref)),
+        )
+        for ref in bench.frames
+        for contender in bench.contenders
+    ]  # fmt: skip
+
+
+@lru_cache(maxsize=KEPT)
+def load_frame(ref: FrameRef) -> Frame:
+    """The frame, kept while its contenders take turns."""
+    return read_frame(ref.path, ref.row, COLUMNS)
+
+
+def score_frame(radar: Radar, contender: Contender, load: Callable[[], Frame]) -> Values:
+    """All scores of one image against the frame's truth, at the strongest Doppler peaks.
+
+    paper [2 d_max, prominences, 4]: TP, FP, FN, TN by the paper's rules; strict [2 d_max, 3]: TP, FP, FN one to one;
+    gospa [3]: localisation, missed, false [bins^2], summed over the range bins with a truth; rows []: how many those
+    are; residual [7]: see :data:`RESIDUAL`; nmse (NaN unless in sqrt(W)), scaled_nmse, psnr [dB], ssim []: NaN where
+    the truth is empty.
+    """
+    frame = load()
+    truth = np.asarray(frame.image, dtype=np.float64) * frame.image_peak
+    image = contender.image(frame.range_channel[0], frame.noise_power)
+    detected, true = find_image_peaks(image), find_image_peaks(truth).above(TRUTH_PROMINENCE)
+    paper = [[astuple(counts) for counts in paper_sweep(detected, true, PROMINENCES, d_max)] for d_max in D_MAX_BINS]
+    prominent = detected.above(STRICT_PROMINENCE)
+    strict = [astuple(strict_counts(prominent, true, d_max))[:3] for d_max in D_MAX_BINS]
+    parts, rows = _gospa_parts(prominent, true)
+    explanation = explain(
+        image, radar.grid.u, frame.range_channel[0][:, contender.channels], contender.line, frame.noise_power
+    )
+    residual = [getattr(explanation, name) for name in RESIDUAL]
+    values = {"paper": paper, "strict": strict, "gospa": parts, "rows": rows, "residual": residual}
+    quality = {"nmse": math.nan, "scaled_nmse": math.nan, "psnr": math.nan, "ssim": math.nan}
+    if truth.any():
+        levels = scene_levels(image, contender.unit, truth, SPAN_DB) / SPAN_DB + 1.0
+        true_levels = scene_levels(truth, AMPLITUDE, truth, SPAN_DB) / SPAN_DB + 1.0
+        quality["scaled_nmse"] = nmse_best_scaled(image, truth)
+        quality["psnr"], quality["ssim"] = psnr(levels, true_levels), ssim(levels, true_levels)
+        if contender.unit == AMPLITUDE:
+            quality["nmse"] = nmse(image, truth)
+    return {name: np.asarray(value, dtype=np.float64) for name, value in (values | quality).items()}
+
+
+def _gospa_parts(detected: ImagePeaks, true: ImagePeaks) -> tuple[NDArray[np.float64], int]:
+    """([3] localisation, missed, false [bins^2] summed over rows with a truth, number of those rows)."""
+    parts, rows = np.zeros(3), 0
+    for found, truth in zip(detected.by_row(), true.by_row(), strict=True):
+        if not len(truth):
+            continue
+        distance = gospa(found[:, None].astype(np.float64), truth[:, None].astype(np.float64), GOSPA_CUTOFF_BINS)
+        parts += [distance.localisation, distance.missed, distance.false]
+        rows += 1
+    return parts, rows
+
+
+def gathered(results: Results, contender: Contender, refs: Sequence[FrameRef], name: str) -> NDArray[np.float64]:
+    """[frames, ...] one score of a contender over frames."""
+    return np.stack([results[contender.method, contender.array.name, ref.condition][name] for ref in refs])

@@ -1,0 +1,107 @@
+"""Scores by scene: does a network image what it was never trained on?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from trainer.evaluation.experiments.bench import Bench, FrameRef, MetricRow, Results, Task
+from trainer.evaluation.experiments.contenders import Contender
+from trainer.evaluation.experiments.detection import strict_rows
+from trainer.evaluation.experiments.frames import CELLS, frame_tasks
+from trainer.evaluation.report.style import Look, counted, legend_below, new_figure, subplots
+from trainer.metrics.detection import D_MAX_BINS
+
+SHOWN = ("one-to-one F1", "SSIM of levels")
+
+
+class Generalisation:
+    """Is a scene worse than another, and was it trained on?"""
+
+    name = "generalisation"
+    cells = CELLS
+    title = "Scores by scene"
+    caption = (
+        "The test frames of each scene apart, and close point targets as a scene of their own. A filled bar belongs "
+        "to a network that was trained on other frames of this scene or to an estimator, which is trained on "
+        "nothing; a hatched one to a network that never saw the scene or whose training data are not this dataset's."
+    )
+
+    def obstacle(self, bench: Bench) -> str | None:
+        return None
+
+    def tasks(self, bench: Bench) -> Sequence[Task]:
+        return frame_tasks(bench)
+
+    def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
+        found = []
+        for scene, refs in by_scene(bench).items():
+            for contender in bench.contenders:
+                condition = f"scene={scene},trained on it={trained_on(bench, contender, scene)}"
+                found += strict_rows(bench, self.name, results, contender, refs, condition)
+        return found
+
+    def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
+        rows = self.rows(bench, results)
+        scenes = by_scene(bench)
+        look = Look([c.method for c in bench.contenders], [c.array.name for c in bench.contenders])
+        width = max(7.0, 1.2 + len(scenes) * (0.28 * len(bench.contenders) + 0.4))
+        figure = new_figure(width, 6.0, self.title)
+        axes = subplots(figure, len(SHOWN), 1, sharex=True)[:, 0]
+        slot = 0.85 / len(bench.contenders)
+        for axis, metric in zip(axes, SHOWN, strict=True):
+            for place, contender in enumerate(bench.contenders):
+                for column, scene in enumerate(scenes):
+                    row = _row(rows, contender, metric, scene)
+                    centre = column + (place - 0.5 * (len(bench.contenders) - 1)) * slot
+                    unseen = trained_on(bench, contender, scene) in ("no", "unknown")
+                    axis.bar(
+                        centre, row.value, 0.9 * slot, color=look.colour(contender.method),
+                        alpha=1.0 - 0.25 * look.arrays.index(contender.array.name), hatch="////" if unseen else None,
+                        edgecolor="white", lw=0.0,
+                    )  # fmt: skip
+                    if np.isfinite([row.low, row.high]).all():
+                        axis.plot([centre, centre], [row.low, row.high], color="black", lw=0.8)
+            axis.set(ylabel=metric, ylim=(0.0, None))
+            axis.grid(axis="y", alpha=0.25)
+        labels = [f"{scene}\n{counted(len(refs), 'frame')}" for scene, refs in scenes.items()]
+        axes[-1].set_xticks(range(len(scenes)), labels)
+        axes[0].set_title(
+            f"arrays from left to right, paler and paler: {', '.join(look.arrays)}; d_max 2 bins", loc="left"
+        )
+        legend_below(figure, look.method_handles())
+        return {self.name: figure}
+
+
+def by_scene(bench: Bench) -> dict[str, tuple[FrameRef, ...]]:
+    """The frames by scene, in order of appearance."""
+    scenes: dict[str, list[FrameRef]] = {}
+    for ref in bench.frames:
+        scenes.setdefault(ref.scene, []).append(ref)
+    return {scene: tuple(refs) for scene, refs in scenes.items()}
+
+
+def trained_on(bench: Bench, contender: Contender, scene: str) -> str:
+    """ "nothing" of an estimator and of what trains on synthetic samples; else "yes", "no", or "unknown".
+
+    A run knows its datasets by their fingerprints: this dataset's scenes are known, another's are not.
+    """
+    if contender.parameters == 0 or not contender.trained_on:
+        return "nothing"
+    known = [fingerprint.sha256 == bench.data_sha256 for fingerprint in contender.trained_on]
+    if any(known) and scene in bench.training_scenes:
+        return "yes"
+    return "no" if all(known) else "unknown"
+
+
+def _row(rows: Sequence[MetricRow], contender: Contender, metric: str, scene: str) -> MetricRow:
+    suffix = f",d_max={D_MAX_BINS[0]} bins" if metric.startswith("one-to-one") else ""
+    return next(
+        row
+        for row in rows
+        if (row.method, row.array, row.metric) == (contender.method, contender.array.name, metric)
+        and row.condition.startswith(f"scene={scene},")
+        and row.condition.endswith(suffix)
+    )

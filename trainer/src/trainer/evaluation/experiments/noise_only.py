@@ -1,0 +1,104 @@
+"""Frames of receiver noise alone: what does a method draw where there is nothing?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache, partial
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from shared.radar import Radar
+from shared.signal.windows import cell_noise_power
+from trainer.evaluation.experiments.bench import KEPT, Bench, MetricRow, Results, Task, contender_task, mean_row
+from trainer.evaluation.experiments.contenders import AMPLITUDE, Contender
+from trainer.evaluation.experiments.levels import PROBABILITY
+from trainer.evaluation.experiments.simulation import snapshot
+from trainer.evaluation.report.style import Look, new_figure, subplots
+from trainer.evaluation.store import Values
+from trainer.metrics.noise_only import false_alarms, noise_level
+
+FRAMES = 8
+LEVEL_PROBABILITY = 1e-4
+"""That delay-and-sum of noise exceeds the level at any one angle."""
+HALF = 0.5
+METRIC = "false alarms a noise-only frame"
+
+
+class NoiseOnly:
+    """Is anything invented?"""
+
+    name = "noise-only"
+    cells = name
+    title = "False alarms in frames of noise alone"
+    caption = (
+        "Peaks in frames of receiver noise without any target: of images in sqrt(W) above the level that "
+        "delay-and-sum of the same array exceeds with a probability of 1e-4 at each angle, of probabilities above "
+        "0.5. Images relative to their own peak have no level and are left out. Bars: 95 % intervals."
+    )
+
+    def obstacle(self, bench: Bench) -> str | None:
+        return None if _judged(bench) else "every image is relative to its own peak"
+
+    def tasks(self, bench: Bench) -> Sequence[Task]:
+        seed = bench.settings.seed
+        count = min(FRAMES, bench.settings.trials)
+
+        @lru_cache(maxsize=KEPT)
+        def frame(index: int) -> NDArray[np.complex64]:
+            nothing = np.zeros((0, 3)), np.zeros(0, dtype=np.complex128)
+            return snapshot(bench.radar, *nothing, np.random.default_rng([seed, 40, index]))
+
+        return [
+            contender_task(
+                bench, contender, f"frame={index}", [seed, LEVEL_PROBABILITY],
+                partial(_count, bench.radar, contender, partial(frame, index)),
+            )
+            for index in range(count)
+            for contender in _judged(bench)
+        ]  # fmt: skip
+
+    def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
+        return [
+            mean_row(bench, self.name, contender, METRIC, _condition(contender), _counts(results, contender))
+            for contender in _judged(bench)
+        ]
+
+    def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
+        contenders = _judged(bench)
+        look = Look([c.method for c in contenders], [c.array.name for c in contenders])
+        figure = new_figure(max(5.0, 0.5 * len(contenders) + 1.5), 3.6, self.title)
+        axis = subplots(figure, 1, 1)[0, 0]
+        for place, row in enumerate(self.rows(bench, results)):
+            axis.bar(place, row.value, color=look.colour(row.method))
+            if np.isfinite([row.low, row.high]).all():
+                axis.plot([place, place], [row.low, row.high], color="black", lw=1.0)
+        axis.set_xticks(range(len(contenders)), [c.name for c in contenders], rotation=60, ha="right")
+        axis.set_ylabel(METRIC)
+        axis.grid(axis="y", alpha=0.25)
+        return {self.name: figure}
+
+
+def _judged(bench: Bench) -> tuple[Contender, ...]:
+    """The contenders whose images have an absolute level."""
+    return tuple(contender for contender in bench.contenders if contender.unit in (AMPLITUDE, PROBABILITY))
+
+
+def _condition(contender: Contender) -> str:
+    level = f"{LEVEL_PROBABILITY:g} of das" if contender.unit == AMPLITUDE else f"{HALF:g}"
+    return f"level={level}"
+
+
+def _counts(results: Results, contender: Contender) -> list[float]:
+    return [
+        float(values["count"])
+        for (method, array, _), values in results.items()
+        if (method, array) == (contender.method, contender.array.name)
+    ]
+
+
+def _count(radar: Radar, contender: Contender, load: partial[NDArray[np.complex64]]) -> Values:
+    noise = cell_noise_power(radar)
+    level = noise_level(contender.line, noise, LEVEL_PROBABILITY) if contender.unit == AMPLITUDE else HALF
+    return {"count": np.asarray(false_alarms(contender.image(load(), noise), level))}

@@ -1,0 +1,135 @@
+"""Two equal cylinders side by side (the paper's Fig. 10), simulated.
+
+The paper gives their picture and not their distance; here they stand at 5.7 m, one resolution cell of the full array
+apart, lambda / (span + spacing) = 0.041 in u. The figure shows one realisation of phases and noise, the numbers are
+over many.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache, partial
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from shared.radar import Radar
+from shared.signal import target_amplitudes
+from shared.signal.windows import cell_noise_power
+from trainer.evaluation.experiments.bench import (
+    KEPT,
+    Bench,
+    MetricRow,
+    Results,
+    Task,
+    contender_task,
+    radar_task,
+    share_row,
+)
+from trainer.evaluation.experiments.contenders import Contender
+from trainer.evaluation.experiments.levels import own_levels
+from trainer.evaluation.experiments.pairs import resolution_cell
+from trainer.evaluation.experiments.simulation import (
+    CLOSE_UP_BINS,
+    close_up,
+    in_plane,
+    out_of_sight,
+    snapshot,
+    truth_image,
+)
+from trainer.evaluation.report.panels import image_panels
+from trainer.evaluation.store import Values
+from trainer.metrics.resolution import resolved, strongest_peaks
+
+RANGE_M = 5.7
+CENTRE_U = 0.05
+RCS_DBSM = 0.0
+MOST_REALISATIONS = 24
+"""Each is a whole image for a network of whole images."""
+
+
+class Reflectors:
+    """Are two equal echoes told apart?"""
+
+    name = "two-reflectors"
+    cells = name
+    title = "Two cylinders, one resolution cell of the full array apart (paper, Fig. 10)"
+    caption = (
+        "Two equal cylinders at 5.7 m, one resolution cell of the full array apart (arrows, dotted lines). "
+        "Simulated, one realisation of phases and noise; levels below each image's own maximum. Panels and table "
+        "have the share of realisations in which both were found within half of their distance."
+    )
+
+    def obstacle(self, bench: Bench) -> str | None:
+        return out_of_sight(bench.radar, RANGE_M)
+
+    def tasks(self, bench: Bench) -> Sequence[Task]:
+        count, seed = min(bench.settings.trials, MOST_REALISATIONS), bench.settings.seed
+
+        @lru_cache(maxsize=KEPT)
+        def scene(index: int) -> NDArray[np.complex64]:
+            generator = np.random.default_rng([seed, 10, index])
+            return snapshot(bench.radar, *_pair(bench.radar, seed, index), generator)
+
+        tasks = [
+            contender_task(
+                bench, contender, f"realisation={index}", [seed, index, CLOSE_UP_BINS],
+                partial(_image, bench.radar, contender, partial(scene, index)),
+            )
+            for index in range(count)
+            for contender in bench.contenders
+        ]  # fmt: skip
+        return [*tasks, radar_task(bench, "truth", "realisation=0", seed, partial(_truth, bench.radar, seed))]
+
+    def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
+        count = min(bench.settings.trials, MOST_REALISATIONS)
+        middle, places = close_up(bench.radar, RANGE_M)[1], _places(bench.radar)
+        found = []
+        for contender in bench.contenders:
+            cuts = np.stack(
+                [
+                    results[contender.method, contender.array.name, f"realisation={index}"]["image"][middle]
+                    for index in range(count)
+                ]
+            ).astype(np.float64)
+            both = resolved(strongest_peaks(cuts, bench.radar.grid.u, 2), np.tile(places, (count, 1)))
+            condition = f"range={RANGE_M:g} m,separation=1 RL"
+            found.append(share_row(self.name, contender, "probability of resolution", condition, both))
+        return found
+
+    def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
+        rows, middle = close_up(bench.radar, RANGE_M)
+        levels = {
+            (c.method, c.array.name): own_levels(results[c.method, c.array.name, "realisation=0"]["image"])
+            for c in bench.contenders
+        }
+        truth = own_levels(results["truth", "", "realisation=0"]["image"])
+        notes = {(row.method, row.array): f"resolved: {100.0 * row.value:.0f} %" for row in self.rows(bench, results)}
+        marks = [(RANGE_M, float(u)) for u in _places(bench.radar)]
+        figure = image_panels(
+            levels, truth, bench.radar, rows[0], self.title, marks, rows[middle], reach=0.25, notes=notes
+        )
+        return {self.name: figure}
+
+
+def _places(radar: Radar) -> NDArray[np.float64]:
+    """[2] u of the cylinders, rising."""
+    return CENTRE_U + resolution_cell(radar) * np.array([-0.5, 0.5])
+
+
+def _pair(radar: Radar, seed: int, index: int) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
+    """([2, 3] positions [m], [2] amplitudes [sqrt(W)]) of one realisation."""
+    phase = np.random.default_rng([seed, 11, index]).uniform(-np.pi, np.pi, 2)
+    positions = in_plane(np.full(2, RANGE_M), _places(radar))
+    return positions, target_amplitudes(radar, positions, np.full(2, RCS_DBSM), phase)
+
+
+def _image(radar: Radar, contender: Contender, scene: partial[NDArray[np.complex64]]) -> Values:
+    rows, _ = close_up(radar, RANGE_M)
+    return {"image": contender.image_rows(scene(), cell_noise_power(radar), rows).astype(np.float32)}
+
+
+def _truth(radar: Radar, seed: int) -> Values:
+    rows, _ = close_up(radar, RANGE_M)
+    return {"image": truth_image(radar, *_pair(radar, seed, 0))[rows]}

@@ -1,0 +1,195 @@
+"""Resolution against the physical limit: the Cramer-Rao bound of one target, maximum likelihood of two.
+
+Maximum likelihood knows that there are two targets and is the ceiling: whoever clearly beats it leaks, has a stronger
+prior or is helped by neighbouring range bins. It is computed on every array, whether it is among the methods or not.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import lru_cache, partial
+from itertools import product
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from shared.radar import Radar
+from trainer.estimators.ml import MaximumLikelihood
+from trainer.evaluation.experiments.bench import (
+    KEPT,
+    Bench,
+    MetricRow,
+    Results,
+    Task,
+    contender_task,
+    mean_row,
+    share_row,
+)
+from trainer.evaluation.experiments.contenders import Contender, estimator_contender
+from trainer.evaluation.experiments.pairs import Condition, Trials, image_trials, simulate
+from trainer.evaluation.report.style import Look, legend_below, new_figure, subplots
+from trainer.evaluation.store import Values
+from trainer.metrics.bounds import single_source_bound
+from trainer.metrics.resolution import resolved, strongest_peaks
+from trainer.metrics.width import point_spread
+
+SEPARATIONS = (1.0, 0.75, 0.5, 0.25)
+SNRS_DB = (10.0, 20.0, 30.0)
+RATIOS_DB = (0.0, 10.0)
+SINGLE_SNRS_DB = (0.0, 5.0, 10.0, 20.0, 30.0, 40.0)
+SHOWN_SNR_DB = 20.0
+PHASE_GROUPS_DEG = ((0, 60), (60, 120), (120, 180))
+"""Of the second target against the first at the middle of the array, without sign."""
+
+PAIRS = tuple(Condition(*values) for values in product(SEPARATIONS, SNRS_DB, RATIOS_DB))
+SINGLES = tuple(Condition(0.0, snr) for snr in SINGLE_SNRS_DB)
+CEILING = "ml"
+
+
+class Resolution:
+    """How close may two targets be, and how well is one placed?"""
+
+    name = "resolution"
+    cells = name
+    title = "Resolution against maximum likelihood, accuracy against the Cramer-Rao bound"
+    caption = (
+        "Upper line: share of pairs of equal targets of random phase of which both were found within half of their "
+        "distance, over that distance in cells of the full array (RL), at 20 dB in each channel; ml knows that "
+        "there are two. Lower line: root-mean-square error of a single target over the root of the array's "
+        "Cramer-Rao bound; 1 is efficient. Peaks are interpolated, but a line narrower than two bins is placed no "
+        "better than its bin, one wild peak in a hundred costs far more than the bound, and at 40 dB the front's "
+        "curvature at 12 m costs all as much as the noise."
+    )
+
+    def obstacle(self, bench: Bench) -> str | None:
+        return None
+
+    def tasks(self, bench: Bench) -> Sequence[Task]:
+        settings = bench.settings
+
+        @lru_cache(maxsize=KEPT)
+        def trials(index: int) -> Trials:
+            return simulate(bench.radar, (*PAIRS, *SINGLES)[index], settings.trials, [settings.seed, 20, index])
+
+        return [
+            contender_task(
+                bench, contender, str(condition), [settings.seed, settings.trials, index],
+                partial(_locate, bench.radar, contender, partial(trials, index)),
+            )
+            for index, condition in enumerate((*PAIRS, *SINGLES))
+            for contender in with_ceiling(bench)
+        ]  # fmt: skip
+
+    def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
+        found = []
+        for contender in with_ceiling(bench):
+            for condition in PAIRS:
+                values = results[contender.method, contender.array.name, str(condition)]
+                both = resolved(values["found"], values["u"])
+                metric = "probability of resolution"
+                found.append(share_row(self.name, contender, metric, str(condition), both))
+                degrees = np.abs(np.rad2deg(values["phase_rad"]))
+                for low, high in PHASE_GROUPS_DEG:
+                    group = (degrees >= low) & (degrees <= high)
+                    if group.any():
+                        text = f"{condition},phase={low}-{high} deg"
+                        found.append(share_row(self.name, contender, metric, text, both[group]))
+            for condition in SINGLES:
+                errors = _errors(results, contender, condition)
+                step = bench.radar.grid.step
+                found.append(mean_row(bench, self.name, contender, "bias [bins]", str(condition), errors / step))
+                squares = mean_row(
+                    bench,
+                    self.name,
+                    contender,
+                    "RMSE over bound",
+                    str(condition),
+                    errors**2 / _bound(contender, condition),
+                )
+                found.append(
+                    replace(
+                        squares,
+                        value=math.sqrt(squares.value),
+                        low=math.sqrt(squares.low),
+                        high=math.sqrt(squares.high),
+                    )
+                )
+        return found
+
+    def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
+        contenders = with_ceiling(bench)
+        look = Look([c.method for c in contenders], [c.array.name for c in contenders])
+        figure = new_figure(3.4 * len(look.arrays) + 0.6, 6.6, self.title)
+        axes = subplots(figure, 2, len(look.arrays), sharey="row")
+        for contender in contenders:
+            column = look.arrays.index(contender.array.name)
+            ceiling = contender.method == CEILING
+            style = {
+                "color": "black" if ceiling else look.colour(contender.method), "marker": "o", "ms": 3.5,
+                "lw": 1.3 if ceiling else look.weight(contender.method), "ls": "--" if ceiling else "-",
+            }  # fmt: skip
+            shares = []
+            for separation in SEPARATIONS:
+                values = results[contender.method, contender.array.name, str(Condition(separation, SHOWN_SNR_DB, 0.0))]
+                shares.append(float(resolved(values["found"], values["u"]).mean()))
+            axes[0, column].plot(SEPARATIONS, shares, **style)
+            ratios = [_error_over_bound(results, contender, single) for single in SINGLES]
+            axes[1, column].plot(SINGLE_SNRS_DB, ratios, **style)
+        for column, array in enumerate(look.arrays):
+            axes[0, column].set(title=f"{array}: two targets, 20 dB", xlabel="separation [RL]", ylim=(-0.03, 1.03))
+            axes[1, column].set(title=f"{array}: one target", xlabel="SNR of a channel [dB]", yscale="log")
+            axes[1, column].axhline(1.0, color="grey", lw=0.8)
+        axes[0, 0].set_ylabel("probability of resolution")
+        axes[1, 0].set_ylabel("RMSE / root of the bound")
+        for axis in axes.ravel():
+            axis.grid(alpha=0.25)
+        others = [handle for handle in look.method_handles() if handle.get_label() != CEILING]
+        known = Line2D([], [], color="black", ls="--", lw=2.0, label="ml, the number of targets known")
+        legend_below(figure, [*others, known])
+        return {self.name: figure}
+
+
+def with_ceiling(bench: Bench) -> tuple[Contender, ...]:
+    """The contenders, and maximum likelihood on each of their arrays."""
+    arrays = {contender.array.name: contender.array for contender in bench.contenders}
+    others = tuple(contender for contender in bench.contenders if contender.method != CEILING)
+    return (*others, *(estimator_contender(CEILING, array, bench.radar) for array in arrays.values()))
+
+
+def _locate(radar: Radar, contender: Contender, load: Callable[[], Trials]) -> Values:
+    """found [T, K] angles, rising, NaN where there are fewer; u [T, K] the true ones; phase_rad [T]."""
+    trials = load()
+    targets = trials.u.shape[1]
+    if contender.method == CEILING:
+        snapshots = trials.snapshots[:, trials.rows][..., contender.channels]
+        flat = snapshots.reshape(-1, snapshots.shape[-1])
+        found = MaximumLikelihood(targets).locate(flat, contender.line)[0]
+    else:
+        images = image_trials(contender, trials, radar)
+        if targets == 1:
+            spreads = [point_spread(image, radar.grid.u) for image in images]
+            found = np.array([[math.nan if spread is None else spread.u] for spread in spreads])
+        else:
+            found = strongest_peaks(images, radar.grid.u, targets)
+    return {"found": found, "u": trials.u, "phase_rad": trials.phase_rad}
+
+
+def _errors(results: Results, contender: Contender, single: Condition) -> NDArray[np.float64]:
+    """[T] errors in u of single targets, NaN where none was found."""
+    values = results[contender.method, contender.array.name, str(single)]
+    return (values["found"] - values["u"])[:, 0]
+
+
+def _error_over_bound(results: Results, contender: Contender, single: Condition) -> float:
+    """Root-mean-square error over the root of the bound; NaN where nothing was found."""
+    errors = _errors(results, contender, single)
+    errors = errors[np.isfinite(errors)]
+    return math.sqrt(float(np.mean(errors**2)) / _bound(contender, single)) if len(errors) else math.nan
+
+
+def _bound(contender: Contender, single: Condition) -> float:
+    return single_source_bound(contender.line, 10.0 ** (single.snr_db / 10.0))

@@ -1,0 +1,219 @@
+"""What a sensor that is not the ideal one costs: gain and phase errors, dead elements, displaced elements, noise.
+
+Pairs of equal targets one resolution cell of the full array apart, at 20 dB in each channel, as in :mod:`pairs`; every
+pair is seen by another sensor, i.e. has errors of its own, and no method is told of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from shared.radar.arrays import AntennaArray
+from trainer.data.arrays import ArrayChoice
+from trainer.evaluation.experiments.bench import (
+    KEPT,
+    Bench,
+    MetricRow,
+    Results,
+    Task,
+    contender_task,
+    mean_row,
+    share_row,
+)
+from trainer.evaluation.experiments.contenders import Contender
+from trainer.evaluation.experiments.pairs import (
+    Condition,
+    Trials,
+    false_peaks,
+    image_trials,
+    resolution_cell,
+    simulate,
+    trial_rows,
+)
+from trainer.evaluation.report.style import Look, legend_below, new_figure, subplots
+from trainer.evaluation.store import Values
+from trainer.metrics.resolution import resolved, strongest_peaks
+
+SEPARATION_CELLS = 1.0
+SNR_DB = 20.0
+
+
+@dataclass(frozen=True)
+class Impairment:
+    """One departure from the ideal sensor.
+
+    :param kind: "gain error", "phase error", "dead RX", "RX position error" or "SNR"
+    :param size: standard deviation [dB, deg, mm], number of RX, or SNR [dB]
+    """
+
+    kind: str
+    size: float
+
+    def __str__(self) -> str:
+        return f"{self.kind}={self.size:g} {UNITS[self.kind]}".strip()
+
+
+UNITS = {"gain error": "dB", "phase error": "deg", "dead RX": "", "RX position error": "mm", "SNR": "dB"}
+SIZES: Mapping[str, Sequence[float]] = {
+    "gain error": (0.0, 1.0, 2.0, 4.0),
+    "phase error": (0.0, 5.0, 10.0, 20.0, 40.0),
+    "dead RX": (0.0, 1.0, 2.0),
+    "RX position error": (0.0, 0.1, 0.2, 0.4, 0.8),
+    "SNR": (0.0, 10.0, SNR_DB, 30.0),
+}
+"""0, or the SNR of all, is the ideal sensor, and the same cell in every list."""
+IDEAL = Impairment("SNR", SNR_DB)
+
+
+def impairments() -> list[Impairment]:
+    """All, the ideal sensor first and once."""
+    return [
+        IDEAL,
+        *(
+            Impairment(kind, size)
+            for kind, sizes in SIZES.items()
+            for size in sizes
+            if size != (SNR_DB if kind == "SNR" else 0)
+        ),
+    ]
+
+
+def displaced(array: AntennaArray, deviation_mm: float, generator: np.random.Generator) -> AntennaArray:
+    """The array with its RX elements moved along y by normal errors [mm]."""
+    moved = array.rx + np.array([0.0, 1e-3 * deviation_mm, 0.0]) * generator.standard_normal((len(array.rx_m), 1))
+    return array.model_copy(update={"rx_m": tuple(tuple(float(x) for x in position) for position in moved)})
+
+
+def channel_factors(
+    impairment: Impairment, array: AntennaArray, chosen: ArrayChoice, generator: np.random.Generator
+) -> NDArray[np.complex128]:
+    """[C] what each of the radar's channels is multiplied by.
+
+    Gain and phase errors are of the channels. Dead elements are drawn among those of the chosen array.
+    """
+    factors = np.ones(array.channels, dtype=np.complex128)
+    errors = generator.standard_normal(array.channels)
+    if impairment.kind == "gain error":
+        return factors * 10.0 ** (impairment.size * errors / 20.0)
+    if impairment.kind == "phase error":
+        return factors * np.exp(1j * np.deg2rad(impairment.size) * errors)
+    if impairment.kind == "dead RX":
+        dead = generator.permutation(chosen.rx)[: int(impairment.size)]
+        factors[array.channel_indices(tuple(int(rx) for rx in dead))] = 0.0
+    return factors
+
+
+class Robustness:
+    """Who depends on a calibrated sensor?"""
+
+    name = "robustness"
+    cells = name
+    title = "Robustness to errors of the sensor"
+    caption = (
+        "Two equal targets one resolution cell of the full array apart, random phase, 20 dB in each channel unless "
+        "stated. Upper line: share of pairs found. Lower line: peaks above half of the maximum that belong to no "
+        "target."
+    )
+
+    def obstacle(self, bench: Bench) -> str | None:
+        return None
+
+    def tasks(self, bench: Bench) -> Sequence[Task]:
+        settings = bench.settings
+        images = -(-settings.trials // len(trial_rows(bench.radar)))
+
+        @lru_cache(maxsize=KEPT)
+        def sensor(impairment: Impairment, image: int) -> Trials:
+            """One image; the same targets and noise whatever the impairment."""
+            seed = [settings.seed, 30, image]
+            snr = impairment.size if impairment.kind == "SNR" else SNR_DB
+            arrays = None
+            if impairment.kind == "RX position error":
+                generator = np.random.default_rng([settings.seed, 31, image])
+                arrays = [displaced(bench.radar.array, impairment.size, generator) for _ in trial_rows(bench.radar)]
+            return simulate(bench.radar, Condition(SEPARATION_CELLS, snr), 1, seed, arrays)
+
+        return [
+            contender_task(
+                bench, contender, f"{impairment},image={image}", [settings.seed, image],
+                partial(_score, bench, contender, impairment, image, partial(sensor, impairment, image)),
+            )
+            for impairment in impairments()
+            for image in range(images)
+            for contender in bench.contenders
+        ]  # fmt: skip
+
+    def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
+        found = []
+        for contender in bench.contenders:
+            for impairment in impairments():
+                both, extra = (_samples(bench, results, contender, impairment, metric) for metric in METRICS)
+                found.append(share_row(self.name, contender, METRICS[0], str(impairment), both))
+                found.append(mean_row(bench, self.name, contender, METRICS[1], str(impairment), extra))
+        return found
+
+    def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
+        look = Look([c.method for c in bench.contenders], [c.array.name for c in bench.contenders])
+        figure = new_figure(13.0, 5.4, self.title)
+        axes = subplots(figure, len(METRICS), len(SIZES), sharey="row", sharex="col")
+        for column, (kind, sizes) in enumerate(SIZES.items()):
+            unit = f" [{UNITS[kind]}]" if UNITS[kind] else ""
+            axes[-1, column].set_xlabel(f"{kind}{unit}")
+            for line, metric in enumerate(METRICS):
+                axis = axes[line, column]
+                axis.grid(alpha=0.25)
+                for contender in bench.contenders:
+                    means = [
+                        float(np.mean(_samples(bench, results, contender, _at(kind, size), metric))) for size in sizes
+                    ]
+                    axis.plot(
+                        sizes, means, color=look.colour(contender.method), ls=look.line(contender.array.name),
+                        marker=look.marker(contender.array.name), ms=3.5, lw=look.weight(contender.method),
+                    )  # fmt: skip
+        for line, metric in enumerate(METRICS):
+            axes[line, 0].set_ylabel(metric)
+        axes[0, 0].set_ylim(-0.03, 1.03)
+        # Linear below one, to show none.
+        axes[1, 0].set_yscale("symlog", linthresh=1.0)
+        axes[1, 0].set_ylim(bottom=-0.03)
+        legend_below(figure, [*look.method_handles(), *look.array_handles()])
+        return {self.name: figure}
+
+
+METRICS = ("probability of resolution", "false peaks a trial")
+
+
+def _at(kind: str, size: float) -> Impairment:
+    """The impairment, or the ideal sensor where it is none."""
+    return IDEAL if kind != "SNR" and size == 0 else Impairment(kind, size)
+
+
+def _samples(
+    bench: Bench, results: Results, contender: Contender, impairment: Impairment, metric: str
+) -> NDArray[np.float64]:
+    """[trials] of all images of a condition."""
+    images = -(-bench.settings.trials // len(trial_rows(bench.radar)))
+    keys = [(contender.method, contender.array.name, f"{impairment},image={image}") for image in range(images)]
+    return np.concatenate([results[key][metric].astype(np.float64) for key in keys])
+
+
+def _score(bench: Bench, contender: Contender, impairment: Impairment, image: int, sensor: partial[Trials]) -> Values:
+    trials, radar = sensor(), bench.radar
+    generator = np.random.default_rng([bench.settings.seed, 32, image])
+    sensors = np.stack([channel_factors(impairment, radar.array, contender.array, generator) for _ in trials.rows])
+    # What lies between two pairs is seen by the sensor of the nearer one.
+    nearest = np.abs(np.arange(radar.waveform.range_bins)[:, None] - trials.rows).argmin(axis=1)
+    factors = sensors[nearest]  # (R, C)
+    seen = replace(trials, snapshots=(trials.snapshots * factors).astype(np.complex64))
+    images = image_trials(contender, seen, radar)
+    reach = 0.5 * SEPARATION_CELLS * resolution_cell(radar)
+    return {
+        METRICS[0]: resolved(strongest_peaks(images, radar.grid.u, 2), trials.u),
+        METRICS[1]: false_peaks(images, radar.grid.u, trials.u, reach),
+    }

@@ -1,0 +1,82 @@
+"""A street scene, imaged by everyone (the paper's Fig. 9), and the frames that the report shows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from trainer.evaluation.experiments.bench import Bench, FrameRef, MetricRow, Results, Task, contender_task, radar_task
+from trainer.evaluation.experiments.contenders import AMPLITUDE, Contender
+from trainer.evaluation.experiments.frames import load_frame, one_of_each_scene
+from trainer.evaluation.experiments.levels import from_bytes, scene_levels, to_bytes
+from trainer.evaluation.report.panels import image_panels
+from trainer.evaluation.report.style import SPAN_DB
+from trainer.evaluation.store import Values
+
+
+class Street:
+    """What do the images look like?"""
+
+    name = "street"
+    cells = "images"
+    title = "Street scene (paper, Fig. 9)"
+    caption = (
+        "One frame of the test split at the strongest Doppler peak of every range bin. Amplitudes weighted by range, "
+        "those in sqrt(W) under the maximum of the truth (256 elements), relative ones and probabilities under their "
+        "own."
+    )
+
+    def obstacle(self, bench: Bench) -> str | None:
+        return None
+
+    def tasks(self, bench: Bench) -> Sequence[Task]:
+        tasks = []
+        for ref in shown_frames(bench):
+            inputs = [bench.data_sha256, ref.frame_id]
+            tasks += [
+                contender_task(bench, contender, ref.condition, inputs, partial(_levels, contender, ref))
+                for contender in bench.contenders
+            ]
+            tasks.append(radar_task(bench, "truth", ref.condition, inputs, partial(_truth, ref)))
+        return tasks
+
+    def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
+        return []
+
+    def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
+        ref = next((ref for ref in shown_frames(bench) if ref.kind == "scene"), shown_frames(bench)[0])
+        levels = {
+            (c.method, c.array.name): np.maximum(
+                from_bytes(results[c.method, c.array.name, ref.condition]["levels"]), -SPAN_DB
+            )
+            for c in bench.contenders
+        }
+        truth = np.maximum(from_bytes(results["truth", "", ref.condition]["levels"]), -SPAN_DB)
+        figure = image_panels(levels, truth, bench.radar, 0, f"{self.title}: {ref.scene}, frame {ref.frame_id}")
+        return {self.name: figure}
+
+
+def shown_frames(bench: Bench) -> tuple[FrameRef, ...]:
+    """The frames that report and figure show."""
+    return one_of_each_scene(bench.frames, bench.settings.shown)
+
+
+def _levels(contender: Contender, ref: FrameRef) -> Values:
+    frame = load_frame(ref)
+    image = contender.image(frame.range_channel[0], frame.noise_power)
+    return {"levels": to_bytes(scene_levels(image, contender.unit, true_magnitude(ref)))}
+
+
+def _truth(ref: FrameRef) -> Values:
+    truth = true_magnitude(ref)
+    return {"levels": to_bytes(scene_levels(truth, AMPLITUDE, truth))}
+
+
+def true_magnitude(ref: FrameRef) -> NDArray[np.float64]:
+    """[R, U] truth of a frame [sqrt(W)]."""
+    frame = load_frame(ref)
+    return np.asarray(frame.image, dtype=np.float64) * frame.image_peak

@@ -1,0 +1,64 @@
+"""Quality against what it costs: seconds for one image, and parameters to be trained."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from matplotlib.figure import Figure
+
+from trainer.evaluation.experiments.bench import Bench, MetricRow, Results, Task, single_row
+from trainer.evaluation.experiments.detection import scene_frames, strict_rows
+from trainer.evaluation.experiments.frames import CELLS, frame_tasks
+from trainer.evaluation.report.style import Look, legend_below, new_figure, subplots
+from trainer.metrics.detection import D_MAX_BINS
+
+SHOWN = ("one-to-one F1", "SSIM of levels")
+SECONDS, PARAMETERS = "seconds for an image", "trained parameters"
+
+
+class Tradeoff:
+    """What does quality cost?"""
+
+    name = "tradeoff"
+    cells = CELLS
+    title = "Quality against runtime and parameters"
+    caption = (
+        "Means over the test split's scene frames with their 95 % intervals, over the least of some repeated runs "
+        "for one image on the machine that made this report, features included. The numbers beside the networks are "
+        "their parameters."
+    )
+
+    def obstacle(self, bench: Bench) -> str | None:
+        return None if scene_frames(bench) else "the test split has no scene frames"
+
+    def tasks(self, bench: Bench) -> Sequence[Task]:
+        return frame_tasks(bench)
+
+    def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
+        return [
+            single_row(self.name, contender, PARAMETERS, "", float(contender.parameters))
+            for contender in bench.contenders
+        ]
+
+    def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
+        look = Look([c.method for c in bench.contenders], [c.array.name for c in bench.contenders])
+        figure = new_figure(10.0, 4.8, self.title)
+        axes = subplots(figure, 1, len(SHOWN))[0]
+        for contender in bench.contenders:
+            rows = strict_rows(bench, self.name, results, contender, scene_frames(bench), "")
+            for axis, metric in zip(axes, SHOWN, strict=True):
+                row = next(r for r in rows if r.metric == metric and r.condition in ("", f"d_max={D_MAX_BINS[0]} bins"))
+                seconds = bench.seconds[contender.method, contender.array.name]
+                style = {"color": look.colour(contender.method), "marker": look.marker(contender.array.name)}
+                axis.plot(seconds, row.value, ms=7, ls="", **style)
+                axis.plot([seconds, seconds], [row.low, row.high], color=look.colour(contender.method), lw=1.0)
+                if contender.parameters:
+                    text = f"{contender.parameters / 1e6:.2g} M"
+                    axis.annotate(text, (seconds, row.value), xytext=(7, 4), textcoords="offset points", fontsize=7)
+        for axis, metric in zip(axes, SHOWN, strict=True):
+            suffix = f", d_max {D_MAX_BINS[0]} bins" if metric.startswith("one-to-one") else ""
+            axis.set(xscale="log", xlabel="seconds for one image", ylabel=f"{metric}{suffix}")
+            axis.grid(alpha=0.25, which="both")
+            axis.margins(0.12)
+        legend_below(figure, [*look.method_handles(), *look.array_handles(lines=False)])
+        return {self.name: figure}

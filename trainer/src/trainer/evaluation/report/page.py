@@ -1,0 +1,122 @@
+"""``report.html``: one file that holds everything it shows and loads nothing, neither from the disk nor from the
+network."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+
+import numpy as np
+import pyarrow as pa
+from matplotlib import colormaps
+from matplotlib.image import imsave
+from numpy.typing import NDArray
+
+from shared.radar import Radar
+from trainer.evaluation.experiments.levels import REPORT_SPAN_DB
+
+SCALE = (
+    "All images on one scale. Amplitudes are weighted by range; those in sqrt(W) stand under the maximum of the truth, "
+    "relative ones and probabilities under their own. Where a pixel holds several bins, it shows the highest. Click "
+    "into an image to move the cut."
+)
+TRUTH = "truth"
+
+
+@dataclass(frozen=True, eq=False)
+class ReportFrame:
+    """One frame to look at.
+
+    :param name: shown in the list
+    :param row: range bin where the cut starts
+    :param images: [R, U] bytes of levels (:func:`trainer.evaluation.experiments.levels.to_bytes`) by name, "truth" among them
+    """
+
+    name: str
+    row: int
+    images: Mapping[str, NDArray[np.uint8]]
+
+
+@dataclass(frozen=True)
+class ReportFigure:
+    """One picture.
+
+    :param title: above it
+    :param caption: below it, plain text
+    :param png: its file
+    """
+
+    title: str
+    caption: str
+    png: bytes
+
+
+def report_page(
+    title: str,
+    summary: str,
+    radar: Radar,
+    frames: Sequence[ReportFrame],
+    figures: Sequence[ReportFigure],
+    table: pa.Table,
+) -> str:
+    """The page's HTML.
+
+    :param summary: what was evaluated, one plain paragraph
+    :param table: of :func:`trainer.evaluation.report.tables.metrics_table`
+    """
+    waveform, grid = radar.waveform, radar.grid
+    data = {
+        "axes": {
+            "range_bins": waveform.range_bins, "range_step_m": waveform.range_step_m, "u_bins": grid.bins,
+            "u_start": grid.u_start, "u_step": grid.step,
+        },
+        "span_db": REPORT_SPAN_DB,
+        "colours": np.rint(255.0 * colormaps["magma"](np.arange(256))[:, :3]).astype(int).tolist(),
+        "frames": [
+            {"name": frame.name, "row": frame.row, "images": {name: _png(image) for name, image in
+            frame.images.items()}} for frame in frames
+        ],
+        "table": {
+            "columns": table.column_names,
+            "rows": [list(values) for values in zip(*(column.to_pylist() for column in table.columns), strict=True)],
+        },
+    }  # fmt: skip
+    # "</" would end the script element; JSON allows the escape.
+    text = json.dumps(data, allow_nan=False).replace("</", "<\\/")
+    page = files("trainer.evaluation.report").joinpath("viewer.html").read_text(encoding="utf-8")
+    parts = {
+        "title": html.escape(title),
+        "summary": html.escape(summary),
+        "scale": html.escape(SCALE),
+        "figures": "\n".join(_figure(figure) for figure in figures),
+        "data": text,
+    }
+    # The page is cut at its marks once, so that nothing inside a part is taken for a mark.
+    pieces = page.split("{{")
+    filled = [pieces[0]]
+    for piece in pieces[1:]:
+        name, rest = piece.split("}}", maxsplit=1)
+        filled += [parts[name], rest]
+    return "".join(filled)
+
+
+def _figure(figure: ReportFigure) -> str:
+    picture = base64.b64encode(figure.png).decode()
+    title, caption = html.escape(figure.title), html.escape(figure.caption)
+    return (
+        f'<figure><img alt="{title}" src="data:image/png;base64,{picture}">'
+        f'<figcaption class="note">{caption}</figcaption></figure>'
+    )
+
+
+def _png(levels: NDArray[np.uint8]) -> str:
+    """Base64 of a grey PNG whose red channel is ``levels``, row 0 first."""
+    buffer = io.BytesIO()
+    # Colours as they are: through a colour map, one level in twelve would come out one lower.
+    imsave(buffer, np.repeat(levels[..., None], 3, axis=-1), format="png")
+    return base64.b64encode(buffer.getvalue()).decode()

@@ -1,0 +1,181 @@
+"""One look for all figures: a colour for each method, a line for each array, images in dB on one scale."""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from shared.physics.units import amplitude_to_db
+from shared.radar import Radar
+from trainer.run.pictures import hold_peaks
+
+SPAN_DB = 40.0
+"""Levels shown below the reference [dB]."""
+COLOURS = (
+    "#0072b2",
+    "#d55e00",
+    "#009e73",
+    "#cc79a7",
+    "#e69f00",
+    "#56b4e9",
+    "#7f5539",
+    "#6a4c93",
+    "#444444",
+    "#b8b042",
+    "#88ccaa",
+    "#aa4466",
+)
+"""Told apart by most colour-blind readers (Okabe and Ito, 2008), and some more."""
+LINES = ("-", "--", ":", "-.")
+MARKERS = ("o", "s", "^", "D")
+TRUTH_COLOUR = "black"
+PANEL_PIXELS = 260, 220
+"""Height and width of a panel of :func:`trainer.evaluation.report.panels.image_panels`, 2.4 x 2 inches, in the PNG."""
+SETTINGS: dict[Any, Any] = {
+    "font.size": 9.0,
+    "axes.titlesize": 9.0,
+    "axes.grid": False,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.frameon": False,
+    "figure.dpi": 110.0,
+    # Element names in SVG files would be random otherwise.
+    "svg.hashsalt": "trainer",
+}
+
+
+class Look:
+    """Colours and lines of the methods and arrays of one figure.
+
+    :param methods: in their order
+    :param arrays: names, in their order
+    """
+
+    def __init__(self, methods: Iterable[str], arrays: Iterable[str]) -> None:
+        self.methods, self.arrays = list(dict.fromkeys(methods)), list(dict.fromkeys(arrays))
+
+    def colour(self, method: str) -> str:
+        return COLOURS[self.methods.index(method) % len(COLOURS)]
+
+    def line(self, array: str) -> str:
+        return LINES[self.arrays.index(array) % len(LINES)]
+
+    def marker(self, array: str) -> str:
+        return MARKERS[self.arrays.index(array) % len(MARKERS)]
+
+    def method_handles(self) -> list[Line2D]:
+        return [Line2D([], [], color=self.colour(name), lw=2.5, label=name) for name in self.methods]
+
+    def weight(self, method: str) -> float:
+        """Line width, broader for the first method: DaS is also the curve that others fall on."""
+        return 3.2 if self.methods.index(method) == 0 else 1.3
+
+    def array_handles(self, lines: bool = True, markers: bool = True) -> list[Line2D]:
+        handles = []
+        for name in self.arrays:
+            line, marker = self.line(name) if lines else "", self.marker(name) if markers else None
+            handles.append(Line2D([], [], color="grey", ls=line, marker=marker, ms=4, label=name))
+        return handles
+
+
+def legend_below(figure: Figure, handles: Sequence[Line2D]) -> None:
+    """Outside of all axes, so that it covers no data; in as many rows as its labels need."""
+    canvas = figure.canvas
+    assert isinstance(canvas, FigureCanvasAgg)
+    for columns in range(len(handles), 0, -1):
+        legend = figure.legend(handles=list(handles), loc="outside lower center", ncols=columns, frameon=False)
+        if columns == 1 or legend.get_window_extent(canvas.get_renderer()).width <= figure.bbox.width:
+            return
+        legend.remove()
+
+
+def counted(count: int, noun: str) -> str:
+    """ "1 frame", "2 frames"."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
+def new_figure(width: float, height: float, title: str) -> Figure:
+    """An empty figure, inches; independent of what else runs in the process."""
+    with matplotlib.rc_context(SETTINGS):
+        figure = Figure(figsize=(width, height), layout="constrained")
+        FigureCanvasAgg(figure)
+        figure.suptitle(title, fontsize=10.0)
+    return figure
+
+
+def subplots(figure: Figure, rows: int, columns: int, **arguments: Any) -> NDArray[np.object_]:
+    """[rows, columns] axes in the common style."""
+    with matplotlib.rc_context(SETTINGS):
+        return np.asarray(figure.subplots(rows, columns, squeeze=False, **arguments))
+
+
+def level_db(image: NDArray[np.floating], reference: float, span_db: float = SPAN_DB) -> NDArray[np.float64]:
+    """Level of magnitudes over ``reference`` [dB], cut at -``span_db`` and 0; the floor where there is no reference."""
+    if not reference > 0.0:
+        return np.full(np.shape(image), -span_db)
+    return np.clip(amplitude_to_db(np.asarray(image, dtype=np.float64) / reference), -span_db, 0.0)
+
+
+def draw_image(axis: Axes, levels_db: NDArray[np.floating], radar: Radar, title: str, first_row: int = 0) -> None:
+    """Levels [n, U] of the range bins from ``first_row`` on, the radar's left on the left."""
+    grid, step = radar.grid, radar.waveform.range_step_m
+    held, rows, columns = hold_peaks(levels_db, PANEL_PIXELS)
+    near, far = (first_row - 0.5) * step, (first_row - 0.5 + rows * held.shape[0]) * step
+    left = grid.u_start + columns * held.shape[1] * grid.step
+    axis.imshow(
+        held[:, ::-1], origin="lower", aspect="auto", cmap="magma", vmin=-SPAN_DB, vmax=0.0,
+        extent=(left, grid.u_start, near, far), interpolation="nearest",
+    )  # fmt: skip
+    axis.set(title=title, xlim=(grid.u_stop, grid.u_start), ylim=(near, near + len(levels_db) * step))
+
+
+def colour_bar(figure: Figure, axes: NDArray[np.object_]) -> None:
+    """The scale of all images of a figure, at the left of their axes."""
+    scale = ScalarMappable(Normalize(-SPAN_DB, 0.0), "magma")
+    figure.colorbar(scale, ax=axes.ravel().tolist(), label="level [dB]", location="left", aspect=40, pad=0.01)
+
+
+def label_images(axes: NDArray[np.object_]) -> None:
+    """Axis labels at the left and lower edge of a grid of images only."""
+    for axis in axes[-1]:
+        axis.set_xlabel("u = sin(azimuth)")
+    for axis in axes[:, 0]:
+        axis.set_ylabel("range [m]")
+    for axis in axes[:, 1:].ravel():
+        axis.set_yticklabels([])
+
+
+def save_figure(figure: Figure, directory: Path, name: str) -> bytes:
+    """Write ``name.png`` and ``name.svg``, whole or not at all; returns the PNG. Same figure, same bytes."""
+    content = {}
+    with matplotlib.rc_context(SETTINGS):
+        # Laid out once for both: the layout takes longer than the drawing.
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")
+        for kind, metadata in (("png", {"Software": None}), ("svg", {"Date": None, "Creator": None})):
+            buffer = io.BytesIO()
+            figure.savefig(buffer, format=kind, metadata=metadata)
+            content[kind] = buffer.getvalue()
+    for kind, text in content.items():
+        write_whole(directory / f"{name}.{kind}", text)
+    return content["png"]
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file beside its name, then rename it."""
+    partial = path.with_name(f"{path.name}.partial")
+    partial.write_bytes(content)
+    os.replace(partial, path)

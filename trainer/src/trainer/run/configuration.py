@@ -1,0 +1,92 @@
+"""What a run is made with: one frozen value, written into the run folder and compared when it is resumed."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+
+Count = Annotated[int, Field(ge=1)]
+Positive = Annotated[FiniteFloat, Field(gt=0)]
+NotNegative = Annotated[FiniteFloat, Field(ge=0)]
+
+Model = Literal["spectral-unet", "attention-unet", "doa-cnn"]
+Features = Literal["adaptive", "row", "paper", "covariance"]
+Target = Literal["row", "paper", "class", "doa"]
+Blocks = Literal["convolution", "convnext"]
+Precision = Literal["32", "bf16"]
+
+
+class FitConfig(BaseModel):
+    """Network, features, target, loss and schedule of one run.
+
+    :param model: network, see :mod:`trainer.networks`
+    :param width: channels of its first level; of every convolution of the "doa-cnn"
+    :param hidden: units of the spectral network's angular mixing
+    :param blocks: of the spectral network's U-Net, see :mod:`trainer.networks.blocks`
+    :param features: input, see :mod:`shared.signal.features`
+    :param iterations: of the spectrum among the "adaptive" features
+    :param target: what the network is asked for, see :mod:`trainer.run.targets`
+    :param exponent: compression of the "row" target's magnitudes
+    :param beta: scale of the "paper" target (paper, section III-A)
+    :param threshold_db: a pixel of the "class" target is a target down to this level below the image's peak [dB]
+    :param alpha: weight of the L1 norm of the estimate (paper, Table 2)
+    :param foreground: additional weight of a pixel of target value 1, against the empty background
+    :param batch: frames of one forward pass, on each device
+    :param accumulate: batches of one optimiser step
+    :param steps: optimiser steps of the whole run
+    :param learning_rate: peak of the schedule, a warm-up followed by a half cosine
+    :param weight_decay: of AdamW
+    :param clip: largest norm of the gradient
+    :param rows: range bins of a training crop, 0 for whole images; snapshots of one online sample of the "doa-cnn"
+    :param augment: shift and mirror the training frames in angle
+    :param points: crops of online point targets beside each training frame, see :mod:`trainer.training.online_points`
+    :param seed: of initial weights, data order, crops and augmentation
+    :param precision: "bf16" computes the network in bfloat16, weights stay float32
+    :param validate_every: optimiser steps from one validation to the next
+    :param patience: validations without improvement before an early stop, 0 for never
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    model: Model = "spectral-unet"
+    width: Count = 12
+    hidden: Count = 384
+    blocks: Blocks = "convolution"
+    features: Features = "adaptive"
+    iterations: Count = 5
+    target: Target = "row"
+    exponent: Annotated[FiniteFloat, Field(gt=0, le=1)] = 0.5
+    beta: Positive = 10.0
+    threshold_db: Positive = 30.0
+    alpha: NotNegative = 0.0
+    foreground: NotNegative = 1.0
+    batch: Count = 2
+    accumulate: Count = 1
+    steps: Count = 1800
+    learning_rate: Positive = 1e-3
+    weight_decay: NotNegative = 1e-2
+    clip: Positive = 1.0
+    rows: Annotated[int, Field(ge=0)] = 160
+    augment: bool = True
+    points: Annotated[int, Field(ge=0)] = 1
+    seed: Annotated[int, Field(ge=0)] = 0
+    precision: Precision = "32"
+    validate_every: Count = 200
+    patience: Annotated[int, Field(ge=0)] = 0
+
+    @model_validator(mode="after")
+    def _scales_match(self) -> FitConfig:
+        of_doa = [self.model == "doa-cnn", self.features == "covariance", self.target == "doa"]
+        if any(of_doa) and not all(of_doa):
+            raise ValueError("model 'doa-cnn', features 'covariance' and target 'doa' belong together")
+        if all(of_doa) and self.points:
+            raise ValueError(f"model 'doa-cnn' has samples of its own; got points = {self.points}, expected 0")
+        if self.target == "row" and self.features not in ("adaptive", "row"):
+            raise ValueError(
+                f"target 'row' needs the scale that features 'adaptive' and 'row' take out; "
+                f"got features {self.features!r}"
+            )
+        if self.target == "paper" and self.rows:
+            raise ValueError(f"target 'paper' is normalised per whole image; got rows = {self.rows}, expected 0")
+        return self

@@ -1,0 +1,104 @@
+"""``trainer export``: the network as ONNX, checked against torch."""
+
+from __future__ import annotations
+
+import io
+import json
+import time
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import onnx
+import onnxruntime  # type: ignore[import-untyped]
+import torch
+
+from shared.physics.errors import InputError
+from trainer.errors import TrainingStopped, writing
+from trainer.networks import CHANNELS
+from trainer.run.folder import load_imager
+from trainer.run.targets import UNITS
+
+TOLERANCE = 1e-4
+"""Largest difference from torch, relative to the largest value."""
+OPSET = 17
+REPETITIONS = 5
+
+
+@dataclass(frozen=True)
+class Export:
+    """What was written.
+
+    :param difference: largest difference from torch, relative to the largest value
+    :param torch_seconds, onnx_seconds: median latency of one image
+    """
+
+    path: Path
+    difference: float
+    torch_seconds: float
+    onnx_seconds: float
+
+
+def export(run_directory: Path, out: Path) -> Export:
+    """Write the run's network as ONNX, float32.
+
+    Input ``features`` [1, F, R, U], of the "doa-cnn" [1, 3, R, C * C]; output ``answer`` [1, 1 or 2, R, U]. The
+    features before and the decoding behind it are :mod:`shared.signal.features`, NumPy alone, and a power with the row's
+    scale and the gain; array, axes, gain and both names stand in the file's metadata under ``sparseradar``.
+
+    :raises InputError: no whole run, an output that cannot be written
+    :raises TrainingStopped: onnxruntime disagrees with torch by more than :data:`TOLERANCE`; nothing is written
+    """
+    run, imager = load_imager(run_directory)
+    if out.suffix != ".onnx" or not out.parent.is_dir():
+        raise InputError("--out", f"{out}", "a file name ending in .onnx in an existing folder")
+    generator = np.random.default_rng(0)
+    snapshot = generator.standard_normal((1, run.radar.waveform.range_bins, run.radar.array.channels, 2))
+    range_channel = torch.from_numpy(snapshot.astype(np.float32).view(np.complex64)[..., 0])
+    features, _ = imager.features(range_channel, torch.ones(1))
+    network = imager.network.to(memory_format=torch.contiguous_format)
+    with warnings.catch_warnings():
+        # The newer exporter needs another package and gives the same graph for these networks.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        buffer = io.BytesIO()
+        torch.onnx.export(
+            network, (features,), buffer, dynamo=False, opset_version=OPSET, input_names=["features"],
+            output_names=["answer"],
+        )  # fmt: skip
+    model = onnx.load_model_from_string(buffer.getvalue())
+    description = {
+        "features": CHANNELS[run.config.features],
+        "unit": UNITS[run.config.target],
+        "gain": imager.gain,
+        "config": run.config.model_dump(mode="json"),
+        "chosen_array": run.array.model_dump(mode="json"),
+        **run.radar.metadata(),
+    }
+    onnx.helper.set_model_props(model, {"sparseradar": json.dumps(description)})
+    content = model.SerializeToString()
+    session = onnxruntime.InferenceSession(content, providers=["CPUExecutionProvider"])
+    with torch.inference_mode():
+        expected = network(features).numpy()
+        torch_seconds = _latency(lambda: network(features))
+    feed = {"features": features.numpy()}
+    found = session.run(None, feed)[0]
+    difference = float(np.abs(found - expected).max() / max(float(np.abs(expected).max()), 1e-30))
+    if not difference <= TOLERANCE:
+        raise TrainingStopped(
+            f"{out}: onnxruntime differs from torch by {difference:.2g} of the maximum, more than {TOLERANCE:g}; "
+            "nothing written"
+        )
+    with writing(out) as partial:
+        partial.write_bytes(content)
+    return Export(out, difference, torch_seconds, _latency(lambda: session.run(None, feed)))
+
+
+def _latency(call: Callable[[], object]) -> float:
+    seconds = []
+    for _ in range(REPETITIONS):
+        start = time.perf_counter()
+        call()
+        seconds.append(time.perf_counter() - start)
+    return float(np.median(seconds))

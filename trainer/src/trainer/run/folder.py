@@ -1,0 +1,166 @@
+"""A run folder: what the run was made with and what came out, readable without executing anything that it holds.
+
+RUN/run.json             configuration, radar, array, fingerprints of the datasets, versions
+RUN/weights.safetensors  of the best validation, its metadata the gain
+RUN/metrics.csv          one line for each validation
+RUN/last.ckpt            for --resume: plain tensors and numbers, loaded with weights_only
+RUN/tensorboard/         curves and pictures
+RUN/verdict.json         scores on the test split, beside RUN/pictures/test.png
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+from collections.abc import Iterable, Mapping
+from importlib.metadata import version
+from pathlib import Path
+
+import torch
+from pydantic import BaseModel, ConfigDict, ValidationError
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save
+
+from shared.dataset.folder import ShardRecord
+from shared.dataset.locations import Location, folder_name
+from shared.physics.errors import InputError
+from shared.radar import Radar, first_validation_error
+from trainer.data.arrays import ArrayChoice
+from trainer.errors import writing
+from trainer.run.configuration import FitConfig
+from trainer.run.imager import Imager
+
+RUN_VERSION = 1
+RUN_FILE = "run.json"
+WEIGHTS = "weights.safetensors"
+CHECKPOINT = "last.ckpt"
+METRICS = "metrics.csv"
+GAIN = "gain"
+PACKAGES = ("sparseradar-trainer", "sparseradar-shared", "torch", "lightning", "numpy", "pyarrow")
+
+
+class Fingerprint(BaseModel):
+    """Which dataset a run has seen.
+
+    :param name: of its folder
+    :param sha256: over the shards' own hashes
+    :param frames: by split
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: str
+    sha256: str
+    frames: dict[str, int]
+
+    @classmethod
+    def of(cls, directory: Location, records: Iterable[ShardRecord], frames: Mapping[str, int]) -> Fingerprint:
+        lines = "\n".join(f"{record.path} {record.sha256}" for record in records)
+        return cls(name=folder_name(directory), sha256=hashlib.sha256(lines.encode()).hexdigest(), frames=dict(frames))
+
+
+class Run(BaseModel):
+    """All that is needed to use a run's weights, and to say where they come from."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    version: int = RUN_VERSION
+    config: FitConfig
+    radar: Radar
+    array: ArrayChoice
+    datasets: tuple[Fingerprint, ...]
+    weights: tuple[float, ...] | None = None
+    versions: dict[str, str] = {}
+
+
+def versions() -> dict[str, str]:
+    """Of the packages that a run's weights depend on."""
+    return {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}}
+
+
+def write_run(directory: Path, run: Run) -> None:
+    """Write ``run.json`` into an existing folder."""
+    write_json(directory / RUN_FILE, run.model_dump(mode="json"))
+
+
+def write_json(path: Path, document: Mapping[str, object]) -> None:
+    """Write a JSON file, whole or not at all."""
+    _replace(path, (json.dumps(document, indent=1) + "\n").encode())
+
+
+def read_run(directory: Path) -> Run:
+    """The run of a folder.
+
+    :raises InputError: no run folder, not JSON, a newer version, a value that no run has
+    """
+    path = directory / RUN_FILE
+    if not path.is_file():
+        raise InputError(directory, f"no {RUN_FILE}", "a run folder made by trainer fit")
+    try:
+        document = json.loads(path.read_bytes())
+    except (ValueError, OSError) as error:
+        raise InputError(path, f"not readable as JSON: {error}", "a run made by trainer fit") from error
+    found = document.get("version") if isinstance(document, dict) else None
+    if found != RUN_VERSION:
+        raise InputError(path, f"version = {found!r}", f"run version {RUN_VERSION}")
+    try:
+        return Run.model_validate(document)
+    except ValidationError as error:
+        raise InputError(path, *first_validation_error(error)) from error
+
+
+def save_weights(directory: Path, imager: Imager, gain: float = 1.0) -> None:
+    """Write ``weights.safetensors``, whole or not at all; the gain stands in its metadata."""
+    tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in imager.network.state_dict().items()}
+    _replace(directory / WEIGHTS, save(tensors, metadata={GAIN: repr(float(gain))}))
+
+
+def load_imager(directory: Path) -> tuple[Run, Imager]:
+    """The run's imager in evaluation mode, on the CPU.
+
+    :raises InputError: no run, weights that are missing, cut short, not finite or of another network
+    """
+    run, path = read_run(directory), directory / WEIGHTS
+    if not path.is_file():
+        raise InputError(path, "no such file", "the weights of a run that has validated at least once")
+    imager = Imager(run.config, run.radar, run.array)
+    try:
+        with safe_open(path, framework="pt") as file:
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - it is no mapping
+            imager.gain = float((file.metadata() or {}).get(GAIN, "1.0"))
+    except (SafetensorError, OSError, ValueError) as error:
+        raise InputError(path, f"not readable as safetensors: {error}", "a whole weights file") from error
+    expected = imager.network.state_dict()
+    for name in sorted(expected.keys() | tensors.keys()):
+        shapes = [list(state[name].shape) if name in state else None for state in (tensors, expected)]
+        if shapes[0] != shapes[1]:
+            described = f"{run.config.model} of {RUN_FILE}"
+            raise InputError(path, f"{name} has shape {shapes[0]}", f"{shapes[1]}, as the {described} has it")
+        if not torch.isfinite(tensors[name]).all():
+            raise InputError(path, f"{name} has values that are not finite", "the weights of a run that trained")
+    imager.network.load_state_dict(tensors)
+    imager.network.to(memory_format=torch.channels_last)
+    return run, imager.eval()
+
+
+def same_radar(one: Radar, one_source: str, other: Radar, other_source: str) -> None:
+    """Refuse to mix data of different arrays or axes.
+
+    :raises InputError: the first field that differs, with both values and where they come from
+    """
+    for part in ("array", "grid", "waveform"):
+        first, second = getattr(one, part), getattr(other, part)
+        for name in type(first).model_fields:
+            values = getattr(first, name), getattr(second, name)
+            if values[0] != values[1]:
+                shown = [f"{len(v)} positions {v[0]} to {v[-1]}" if isinstance(v, tuple) else f"{v}" for v in values]
+                raise InputError(
+                    other_source, f"radar {other.name!r}, {part}.{name} = {shown[1]}",
+                    f"{shown[0]}, as radar {one.name!r} of {one_source} has it",
+                )  # fmt: skip
+
+
+def _replace(path: Path, content: bytes) -> None:
+    with writing(path) as partial:
+        partial.write_bytes(content)

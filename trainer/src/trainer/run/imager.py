@@ -1,0 +1,82 @@
+"""Range-channel matrices to images: channels, features, network, decoding, as one torch module."""
+
+from __future__ import annotations
+
+import torch
+from torch import nn
+
+from shared.radar import Radar
+from shared.signal.adaptive import AdaptiveTables, adaptive_tables
+from shared.signal.features import (
+    adaptive_features,
+    covariance_channels,
+    paper_features,
+    row_features,
+    steering_weights,
+)
+from trainer.data.arrays import ArrayChoice
+from trainer.networks import build_network
+from trainer.run.configuration import FitConfig
+from trainer.run.targets import decode
+
+
+class Imager(nn.Module):
+    """A network together with what stands before and behind it.
+
+    :param config: of the run
+    :param radar: of the data
+    :param array: the channels that the network sees
+
+    ``gain`` multiplies the image of a target that has amplitudes: what the validation frames say a network over- or
+    underestimates as a whole. 1 while it trains.
+    """
+
+    channels: torch.Tensor
+    weights: torch.Tensor
+
+    def __init__(self, config: FitConfig, radar: Radar, array: ArrayChoice) -> None:
+        super().__init__()
+        self.config = config
+        channels = array.channels(radar)
+        # None is a parameter or stored: all follow from radar and array.
+        self.register_buffer("channels", torch.from_numpy(channels), persistent=False)
+        self.register_buffer("weights", torch.from_numpy(steering_weights(radar, channels)), persistent=False)
+        if config.features == "adaptive":
+            for name, table in adaptive_tables(radar, channels)._asdict().items():
+                self.register_buffer(name, torch.from_numpy(table), persistent=False)
+        self.network = build_network(config, radar.grid.bins, len(channels))
+        self.gain = 1.0
+
+    def features(
+        self, range_channel: torch.Tensor, noise_power: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor | None]:
+        """([B, F, R, U] float32 input of the network ([B, 3, R, C * C] covariances), [B, R] scale of the rows or None).
+
+        :param range_channel: [B, R, C] complex64, all channels of the radar [sqrt(W)]
+        :param noise_power: [B] [W]
+        """
+        with torch.no_grad(), torch.autocast(range_channel.device.type, enabled=False):
+            chosen = range_channel[..., self.channels]
+            if self.config.features == "paper":
+                return paper_features(chosen, self.weights), None
+            if self.config.features == "covariance":
+                return covariance_channels(chosen), None
+            if self.config.features == "row":
+                return row_features(chosen, self.weights, noise_power)
+            tables = AdaptiveTables(*(self.get_buffer(name) for name in AdaptiveTables._fields))
+            iterations, exponent = self.config.iterations, self.config.exponent
+            return adaptive_features(chosen, self.weights, noise_power, tables, iterations, exponent)
+
+    def das(self, range_channel: torch.Tensor) -> torch.Tensor:
+        """[B, R, U] delay-and-sum magnitude of the same channels [sqrt(W)], what a network must beat."""
+        return (range_channel[..., self.channels] @ self.weights).abs()
+
+    def answer(self, features: torch.Tensor) -> torch.Tensor:
+        """[B, 1 or 2, R, U] of the network, in the configuration's precision."""
+        with torch.autocast(features.device.type, torch.bfloat16, enabled=self.config.precision == "bf16"):
+            return self.network(features.contiguous(memory_format=torch.channels_last))
+
+    def forward(self, range_channel: torch.Tensor, noise_power: torch.Tensor) -> torch.Tensor:
+        """[B, R, U] image, see :data:`trainer.run.targets.UNITS`."""
+        features, scale = self.features(range_channel, noise_power)
+        return self.gain * decode(self.config, self.answer(features), scale)

@@ -1,0 +1,97 @@
+"""What a run leaves behind while it trains: metrics, the best weights, a checkpoint, pictures."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import torch
+from lightning.pytorch import Callback, LightningModule, Trainer
+from lightning.pytorch.loggers import TensorBoardLogger
+
+from trainer.errors import writing
+from trainer.run.folder import CHECKPOINT, METRICS, save_weights
+from trainer.run.pictures import panel
+
+NMSE, LOSS = "validation_nmse", "validation_loss"
+COLUMNS = ("step", "train_loss", LOSS, NMSE, "validation_gain", "das_nmse")
+
+
+class RunKeeper(Callback):
+    """Keeps the run folder up to date at every validation, each file whole or not at all.
+
+    The best weights are those of the least normalised error of the linear image, what a run is judged by; where an
+    image has no amplitudes, of the least loss.
+
+    :param directory: the run folder
+    :param announce: takes one line for each validation
+    """
+
+    def __init__(self, directory: Path, announce: Callable[[str], None]) -> None:
+        self.directory, self.announce = directory, announce
+        self.best = float("inf")
+
+    def state_dict(self) -> dict[str, Any]:
+        return {"best": self.best}
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        self.best = state_dict["best"]
+
+    def on_validation_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        values = {name: float(value) for name, value in trainer.callback_metrics.items()}
+        value = values.get(NMSE, values[LOSS])
+        improved = value < self.best
+        self.best = min(self.best, value)
+        if trainer.is_global_zero:
+            self._report(trainer, pl_module, values, improved)
+        # Last, so that a run killed before it takes up this validation again. All processes take part.
+        if trainer.is_global_zero:
+            with writing(self.directory / CHECKPOINT) as partial:
+                trainer.save_checkpoint(partial)
+        else:
+            trainer.save_checkpoint(self.directory / CHECKPOINT)  # takes part, writes nothing
+
+    def _report(self, trainer: Trainer, pl_module: LightningModule, values: dict[str, float], improved: bool) -> None:
+        row: dict[str, Any] = {"step": trainer.global_step, **values}
+        self._append({name: row.get(name, "") for name in COLUMNS})
+        shown = "  ".join(f"{name} {row[name]:.4g}" for name in COLUMNS[1:] if name in row)
+        self.announce(f"step {trainer.global_step}  {shown}{'  (best)' if improved else ''}")
+        if improved:
+            save_weights(self.directory, pl_module.imager, values.get("validation_gain", 1.0))
+
+    def _append(self, row: dict[str, Any]) -> None:
+        path = self.directory / METRICS
+        fresh = not path.is_file()
+        with path.open("a", newline="", encoding="utf-8") as handle:
+            writer = csv.DictWriter(handle, COLUMNS)
+            if fresh:
+                writer.writeheader()
+            writer.writerow(row)
+
+
+class PictureLogger(Callback):
+    """DaS, estimate and truth of the first validation frame into TensorBoard at every validation."""
+
+    def on_validation_batch_end(
+        self,
+        trainer: Trainer,
+        pl_module: LightningModule,
+        outputs: Any,
+        batch: dict[str, torch.Tensor],
+        batch_idx: int,
+        dataloader_idx: int = 0,
+    ) -> None:
+        if batch_idx or not trainer.is_global_zero or not isinstance(trainer.logger, TensorBoardLogger):
+            return
+        imager = pl_module.imager
+        with torch.no_grad():
+            snapshot = batch["range_channel"][:1, 0]
+            images = {
+                "delay and sum": imager.das(snapshot)[0],
+                "network": imager(snapshot, batch["noise_power"][:1])[0],
+                "truth": batch["image"][0],
+            }
+        picture = panel({name: image.float().cpu().numpy() for name, image in images.items()})
+        trainer.logger.experiment.add_image("first validation frame", picture, trainer.global_step, dataformats="HWC")

@@ -1,0 +1,117 @@
+"""Several datasets as one stream of training batches, and their validation frames."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Sequence
+from typing import Any
+
+from lightning.pytorch import LightningDataModule
+from torch.utils.data import ConcatDataset, DataLoader
+
+from shared.dataset.folder import SPLITS, open_dataset, verify
+from shared.dataset.locations import Location, locate
+from shared.dataset.reading import radar_of
+from shared.physics.errors import InputError
+from shared.signal.windows import ANGLE_WINDOWS
+from trainer.data.order import BatchOrder
+from trainer.data.shards import ShardDataset
+from trainer.run.configuration import FitConfig
+from trainer.run.folder import Fingerprint, same_radar
+
+COLUMNS = ("range_channel", "image")
+
+
+class ImagingData(LightningDataModule):
+    """Training and validation frames of datasets of one radar.
+
+    :param directories: of the datasets, local paths or URIs
+    :param weights: share of each in the training batches; by default in proportion to their frames
+    :param config: batch size, steps and seed
+    :param workers: reading processes
+    :param check: hash every shard first
+    :raises InputError: a damaged shard by its path, datasets of different radars or truths, no training or
+        validation frames
+    """
+
+    def __init__(
+        self,
+        directories: Sequence[Location | str],
+        weights: Sequence[float] | None,
+        config: FitConfig,
+        workers: int = 0,
+        check: bool = True,
+    ) -> None:
+        super().__init__()
+        if weights and len(weights) != len(directories):
+            raise InputError("--weight", f"{len(weights)} weights for {len(directories)} datasets", "one for each")
+        if weights and min(weights) <= 0:
+            raise InputError("--weight", f"{min(weights)}", "numbers above 0")
+        self.config, self.weights, self.workers = config, weights or None, workers
+        folders = [locate(directory) for directory in directories]
+        self.fingerprints = tuple(_fingerprint(folder, check) for folder in folders)
+        self.training = [ShardDataset(folder, "train", COLUMNS) for folder in folders]
+        self.radar = radar_of(self.training[0].description, folders[0])
+        for folder, dataset in zip(folders[1:], self.training[1:], strict=True):
+            same_radar(self.radar, str(folders[0]), radar_of(dataset.description, folder), str(folder))
+        self.truth_window = _truth_window(self.training, folders)
+        with_validation = [d for d in folders if "validation" in open_dataset(d, check_sizes=False).splits]
+        if not with_validation:
+            raise InputError(folders[0], "no frames in split 'validation'", "a dataset with all three splits")
+        self.validation: ConcatDataset[dict[str, Any]] = ConcatDataset(
+            ShardDataset(folder, "validation", COLUMNS) for folder in with_validation
+        )
+
+    def train_dataloader(self) -> DataLoader:
+        """From the batch on that the restored module has not seen yet."""
+        trainer = self.trainer
+        assert trainer is not None
+        world = trainer.world_size
+        order = BatchOrder(
+            [len(dataset) for dataset in self.training],
+            self.weights,
+            self.config.batch * world,
+            self.config.seed,
+            self.config.steps * self.config.accumulate,
+            first=trainer.lightning_module.batches_seen,
+            rank=trainer.global_rank,
+            world=world,
+        )
+        return self._loader(ConcatDataset(self.training), batch_sampler=order)
+
+    def val_dataloader(self) -> DataLoader:
+        """Every process validates all frames: few, and the same numbers however many processes there are."""
+        return self._loader(self.validation, batch_size=1)
+
+    def _loader(self, dataset: ConcatDataset, **arguments: Any) -> DataLoader:
+        # Not forked: Arrow's and torch's threads do not survive a fork.
+        context = multiprocessing.get_context("spawn") if self.workers else None
+        return DataLoader(
+            dataset,
+            num_workers=self.workers,
+            multiprocessing_context=context,
+            persistent_workers=self.workers > 0,
+            **arguments,
+        )
+
+
+def _truth_window(datasets: Sequence[ShardDataset], folders: Sequence[Location]) -> str:
+    """The window over the virtual sensor's elements; "none" where a dataset does not name one."""
+    windows = [dataset.description.get("truth", {}).get("window", "none") for dataset in datasets]
+    for window, folder in zip(windows, folders, strict=True):
+        if window != windows[0]:
+            raise InputError(folder, f"truth.window = {window!r}", f"{windows[0]!r}, as {folders[0]} has it")
+    if windows[0] not in ANGLE_WINDOWS:
+        raise InputError(folders[0], f"truth.window = {windows[0]!r}", f"one of {list(ANGLE_WINDOWS)}")
+    return windows[0]
+
+
+def _fingerprint(directory: Location, check: bool) -> Fingerprint:
+    dataset = open_dataset(directory)
+    if check and (faults := verify(dataset)):
+        more = f" (and {len(faults) - 1} more faults)" if len(faults) > 1 else ""
+        raise InputError(directory, f"{faults[0]}{more}", "a dataset as it was written")
+    frames: dict[str, int] = {
+        split: sum(record.rows for record in dataset.records if record.path.startswith(f"{split}/")) for split in SPLITS
+    }
+    return Fingerprint.of(directory, dataset.records, frames)

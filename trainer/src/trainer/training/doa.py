@@ -1,0 +1,129 @@
+"""Training of the direction-of-arrival network as the paper has it (section IV-A): online samples, no dataset.
+
+One to three targets at random angles, one snapshot, noise at 3 to 30 dB below the weakest of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import torch
+from lightning.pytorch import LightningDataModule
+from torch.nn import functional
+from torch.utils.data import DataLoader, Dataset, Subset
+
+from shared.radar import Radar
+from shared.signal.imaging import steering_matrix
+from trainer.run.configuration import FitConfig
+from trainer.training.task import Batch, ImagingTask
+
+MOST_TARGETS = 3
+SIGNAL_TO_NOISE_DB = (3.0, 30.0)
+"""Of the weakest target, per element."""
+AMPLITUDE_SPAN_DB = 20.0
+"""The paper names no range of amplitudes; this is ours."""
+SNAPSHOTS = 64
+"""Snapshots of a sample where the configuration's ``rows`` is 0."""
+VALIDATION_SAMPLES = 16
+
+
+class DoaSamples(Dataset[Batch]):
+    """Snapshots [1, R, C] and where their targets are [R, U], a function of the seed and the index alone.
+
+    :param size: number of samples
+    :param rows: R, snapshots of each
+    """
+
+    def __init__(self, radar: Radar, seed: int, size: int, rows: int) -> None:
+        self.radar, self.seed, self.size, self.rows = radar, seed, size, rows
+
+    def __len__(self) -> int:
+        return self.size
+
+    def __getitem__(self, index: int) -> Batch:
+        generator = np.random.default_rng([self.seed, index])
+        grid, channels = self.radar.grid, self.radar.array.channels
+        echoes = np.conj(steering_matrix(self.radar, self.radar.array))  # (C, U)
+        shape = (self.rows, MOST_TARGETS)
+        # Distinct bins: the first of a permutation.
+        place = np.argsort(generator.random((self.rows, grid.bins)), axis=1)[:, :MOST_TARGETS]
+        present = np.arange(MOST_TARGETS) < generator.integers(1, MOST_TARGETS + 1, self.rows)[:, None]
+        level_db = generator.uniform(0.0, AMPLITUDE_SPAN_DB, shape)
+        amplitude = 10.0 ** (level_db / 20.0) * np.exp(2j * np.pi * generator.random(shape)) * present
+        snapshot = np.einsum("rk,crk->rc", amplitude, echoes[:, place])
+        weakest_db = np.where(present, level_db, np.inf).min(axis=1)
+        noise_power = 10.0 ** ((weakest_db - generator.uniform(*SIGNAL_TO_NOISE_DB, self.rows)) / 10.0)
+        noise = generator.standard_normal((self.rows, channels, 2)) @ np.array([1.0, 1.0j])
+        snapshot += noise * np.sqrt(noise_power / 2.0)[:, None]
+        truth = np.zeros((self.rows, grid.bins), dtype=np.float32)
+        np.put_along_axis(truth, place, present.astype(np.float32), axis=1)
+        return {
+            "range_channel": torch.from_numpy(snapshot.astype(np.complex64)[None]),
+            "truth": torch.from_numpy(truth),
+            "noise_power": torch.tensor(float(noise_power.mean()), dtype=torch.float64),
+            "frame_id": torch.tensor(index),
+        }
+
+
+class DoaData(LightningDataModule):
+    """Training samples from the first that a resumed run has not seen, and others to validate on."""
+
+    def __init__(self, config: FitConfig, radar: Radar) -> None:
+        super().__init__()
+        self.config = config
+        self._training = config.steps * config.accumulate * config.batch
+        self._samples = (radar, config.seed)
+        self._rows = config.rows or SNAPSHOTS
+
+    def train_dataloader(self) -> DataLoader:
+        trainer = self.trainer
+        assert trainer is not None
+        world, rank = trainer.world_size, trainer.global_rank
+        samples = DoaSamples(*self._samples, size=self._training * world, rows=self._rows)
+        batches = [
+            list(range((index * world + rank) * self.config.batch, (index * world + rank + 1) * self.config.batch))
+            for index in range(self._training // self.config.batch)
+        ]
+        return DataLoader(samples, batch_sampler=_From(batches, trainer.lightning_module.batches_seen))
+
+    def val_dataloader(self) -> DataLoader:
+        trainer = self.trainer
+        assert trainer is not None
+        seen = self._training * trainer.world_size
+        samples = DoaSamples(*self._samples, size=seen + VALIDATION_SAMPLES, rows=self._rows)
+        return DataLoader(Subset(samples, range(seen, seen + VALIDATION_SAMPLES)), batch_size=VALIDATION_SAMPLES)
+
+
+class DoaTask(ImagingTask):
+    """Multi-label cross entropy of the angles that hold a target."""
+
+    def training_step(self, batch: Batch, batch_index: int) -> torch.Tensor:
+        # Dropout too is a function of seed and batch, so that a resumed run goes on as if it had not been killed.
+        torch.manual_seed((self.config.seed << 32) + self.batches_seen * self.trainer.world_size + self.global_rank)
+        loss = self._loss(batch)
+        self.batches_seen += 1
+        self.log("train_loss", loss, prog_bar=True)
+        return loss
+
+    def validation_step(self, batch: Batch, batch_index: int) -> None:
+        self.log("validation_loss", self._loss(batch), batch_size=len(batch["truth"]), sync_dist=True)
+
+    def _loss(self, batch: Batch) -> torch.Tensor:
+        features, _ = self.imager.features(batch["range_channel"][:, 0], batch["noise_power"])
+        answer = self.imager.answer(features)[:, 0].float()
+        losses = functional.binary_cross_entropy_with_logits(answer, batch["truth"], reduction="none")
+        losses = losses.mean(dim=(-2, -1))
+        self._refuse_not_finite(losses, batch["frame_id"])
+        return losses.mean()
+
+
+class _From(list[list[int]]):
+    """A list of batches that starts at ``first`` and has the length of all: what a progress bar goes by."""
+
+    def __init__(self, batches: list[list[int]], first: int) -> None:
+        super().__init__(batches)
+        self.first = first
+
+    def __iter__(self) -> Iterator[list[int]]:
+        return iter(self[self.first :])

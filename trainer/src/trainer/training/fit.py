@@ -1,0 +1,171 @@
+"""``trainer fit``: datasets to a run folder."""
+
+from __future__ import annotations
+
+import logging
+import os
+import pickle
+import sys
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import torch
+from lightning.pytorch import LightningDataModule, Trainer
+from lightning.pytorch.callbacks import Callback, EarlyStopping
+from lightning.pytorch.loggers import TensorBoardLogger
+from lightning.pytorch.trainer.states import TrainerStatus
+
+from shared.dataset.locations import Location
+from shared.physics.errors import InputError
+from trainer.data.arrays import choose_array
+from trainer.run.configuration import FitConfig
+from trainer.run.folder import CHECKPOINT, RUN_FILE, WEIGHTS, Run, read_run, versions, write_run
+from trainer.run.targets import UNITS
+from trainer.training.callbacks import LOSS, NMSE, PictureLogger, RunKeeper
+from trainer.training.datamodule import ImagingData
+from trainer.training.doa import DoaData, DoaTask
+from trainer.training.task import ImagingTask
+from trainer.training.verdict import judge
+
+DEVELOPER_ADVICE = (
+    ".*does not have many workers.*",
+    ".*smaller than the logging interval.*",
+    ".*treespec.*",
+    # It is: BatchOrder starts at the first batch that the checkpoint has not seen.
+    ".*your dataloader is not resumable.*",
+)
+"""Warnings of Lightning that no user of this package can act on."""
+
+
+def fit(
+    datasets: Sequence[Location | str],
+    out: Path,
+    config: FitConfig,
+    array: str = "sparse6",
+    weights: Sequence[float] | None = None,
+    resume: bool = False,
+    workers: int = 0,
+    check: bool = True,
+    devices: int = 1,
+    announce: Callable[[str], None] = print,
+) -> Run:
+    """Train one network, keep it in ``out`` and score it on the test frames (:mod:`trainer.training.verdict`).
+
+    :param datasets: folders of datasets of one radar, local or by URI; the "doa-cnn" takes only the radar from them
+    :param array: see :func:`trainer.data.arrays.choose_array`
+    :param weights: share of each dataset in the batches
+    :param resume: go on with the run in ``out``, at the batch after its last checkpoint
+    :param workers: reading processes
+    :param check: hash every shard before training
+    :param devices: processes, one a device; or started by torchrun
+    :raises InputError: bad data, or a folder that holds another run
+    :raises TrainingStopped: a loss that is not finite
+    :raises KeyboardInterrupt: Ctrl-C; what the last validation left is whole
+    """
+    data = ImagingData(datasets, weights, config, workers, check)
+    run = Run(
+        config=config,
+        radar=data.radar,
+        array=choose_array(array, data.radar),
+        datasets=data.fingerprints,
+        weights=tuple(weights) if weights else None,
+        versions=versions(),
+    )
+    first = int(os.environ.get("RANK", os.environ.get("LOCAL_RANK", "0"))) == 0
+    if first:
+        _prepare(out, run, resume)
+    checkpoint = out / CHECKPOINT if resume and (out / CHECKPOINT).is_file() else None
+    online = config.model == "doa-cnn"
+    task = (DoaTask if online else ImagingTask)(config, run.radar, run.array, data.truth_window)
+    source: LightningDataModule = DoaData(config, run.radar) if online else data
+    parameters = sum(parameter.numel() for parameter in task.parameters())
+    frames = ", ".join(f"{f.name}: {f.frames['train']} + {f.frames['validation']}" for f in run.datasets)
+    if first:
+        announce(f"{config.model}, {parameters} parameters; array {run.array.name}; train + validate frames: {frames}")
+    callbacks: list[Callback] = [RunKeeper(out, announce), *([] if online else [PictureLogger()])]
+    if config.patience:
+        watched = LOSS if UNITS[config.target] == UNITS["class"] else NMSE
+        # Not strict: without a truth in any validation frame there is no normalised error, and no early stop.
+        callbacks.append(EarlyStopping(watched, patience=config.patience, strict=False))
+    batches = config.steps * config.accumulate
+    with _quiet():
+        trainer = Trainer(
+            accelerator="auto",
+            devices=devices,
+            max_epochs=1,
+            max_steps=config.steps,
+            accumulate_grad_batches=config.accumulate,
+            gradient_clip_val=config.clip,
+            val_check_interval=min(config.validate_every * config.accumulate, batches),
+            check_val_every_n_epoch=None,
+            num_sanity_val_steps=0,
+            log_every_n_steps=10,
+            callbacks=callbacks,
+            logger=TensorBoardLogger(out, name="", version="tensorboard"),
+            enable_checkpointing=False,  # RunKeeper's own, written whole or not at all
+            enable_model_summary=False,
+            enable_progress_bar=sys.stderr.isatty(),
+            deterministic=not torch.cuda.is_available(),
+            benchmark=False,
+            use_distributed_sampler=False,  # BatchOrder deals the batches out itself
+        )
+    try:
+        with _quiet():
+            trainer.training.fit(task, datamodule=source, ckpt_path=checkpoint, weights_only=True)
+    except SystemExit:
+        if trainer.state.status != TrainerStatus.INTERRUPTED:
+            raise
+        # Lightning turns Ctrl-C into an exit without a word.
+        raise KeyboardInterrupt from None
+    except (pickle.UnpicklingError, EOFError, KeyError) as error:
+        if checkpoint is None:
+            raise
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise InputError(checkpoint, f"not readable: {reason}", "the checkpoint of this run") from error
+    if first and not online and (out / WEIGHTS).is_file():
+        judge(out, datasets, announce)
+    return run
+
+
+def _prepare(out: Path, run: Run, resume: bool) -> None:
+    """Make the folder ready, or see that the run in it is this one."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError("--out", f"{out}: {error.strerror}", "a folder that can be written") from error
+    if not resume:
+        if any(out.iterdir()):
+            raise InputError("--out", f"{out} is not empty", "an empty or new folder, or --resume")
+        write_run(out, run)
+        return
+    if not (out / RUN_FILE).is_file():
+        raise InputError("--resume", f"{out} holds no run", "the folder of an earlier trainer fit")
+    before = read_run(out)
+    for part in ("config", "radar", "array", "datasets", "weights"):
+        _same(out, part, getattr(before, part), getattr(run, part))
+
+
+def _same(out: Path, part: str, before: object, now: object) -> None:
+    if before == now:
+        return
+    if isinstance(before, FitConfig) and isinstance(now, FitConfig):
+        name = next(name for name in FitConfig.model_fields if getattr(before, name) != getattr(now, name))
+        part, before, now = name, getattr(before, name), getattr(now, name)
+    raise InputError("--resume", f"{part} is {now}, but the run in {out} had {before}", "what it was started with")
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Lightning's advice to developers is no message for a user; its warnings of real trouble stay."""
+    logger = logging.getLogger("lightning.pytorch")
+    level = logger.level
+    logger.setLevel(logging.WARNING)
+    with warnings.catch_warnings():
+        for text in DEVELOPER_ADVICE:
+            warnings.filterwarnings("ignore", text)
+        try:
+            yield
+        finally:
+            logger.setLevel(level)
