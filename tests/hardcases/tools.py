@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from oracles import if_cube, relative_error
 
-from datafactory.frame.chain import Processing, Setting, image, measure
+from datafactory.frame.measurement import FrameIdentity, Processing, image, measure
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.scenes.materials.table import Material, MaterialMapping
 from datafactory.scenes.poses import Pose
@@ -67,7 +67,7 @@ def cube_error(paths: PathTable, radar: Radar, tolerance: float = 1e-6) -> float
 def frame_of(paths: PathTable, radar: Radar, noise: bool = True) -> Frame:
     """The whole method after tracing: cube, noise, Doppler choice, truth image, targets."""
     processing = Processing(noise=noise)
-    measurement = measure(Setting(0, "scene", "hard", 0), paths, (), radar, processing, np.random.default_rng(0))
+    measurement = measure(FrameIdentity(0, "scene", "hard", 0), paths, (), radar, processing, np.random.default_rng(0))
     frame, _ = next(image([measurement], radar, processing.store))
     return frame
 

@@ -17,22 +17,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from prepared_scenes import EFFECT_SCENES as EFFECTS
+from prepared_scenes import prepared_scene
 
 from datafactory.cli import app as command_line
 from datafactory.effects.catalogue import NAMES, PATH_EFFECTS, EffectSet
 from datafactory.effects.plan import DEFAULT_BUDGET_DB, OCCUPIED_SHARE, EffectPlan
-from datafactory.frame.chain import Measurement, Processing, Setting, measure
+from datafactory.frame.chain import ChainSettings, SceneSource, illuminated
+from datafactory.frame.deal import Deal
+from datafactory.frame.measurement import FrameIdentity, Measurement, Processing, measure
+from datafactory.frame.prepared import PreparedScene
 from datafactory.paths.density import cell_power
-from datafactory.paths.merged_scene import Stage, stage_of
-from datafactory.paths.rays import RayFan
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import DIFFUSE, PathTable, ScatteredPaths
-from datafactory.paths.trace import trace
 from datafactory.run.order import Order
-from datafactory.run.sources import scene_plan
-from datafactory.scenes.materials.table import MaterialMapping, load_materials
+from datafactory.run.preparation import prepare
+from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.poses import Pose, read_poses
-from datafactory.scenes.readers.open import open_scene
 from shared.physics.units import amplitude_to_db, power_to_db
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
@@ -40,8 +41,6 @@ from shared.signal.imaging import delay_and_sum
 from shared.signal.spectrum import range_doppler
 from shared.signal.windows import cell_noise_power
 
-SCENES = Path(__file__).resolve().parents[2] / "scenes"
-EFFECTS = SCENES / "effects"
 EXPECTED = json.loads((EFFECTS / "expected.json").read_text(encoding="utf-8"))["scenes"]
 
 RAYS = 100_000
@@ -49,6 +48,8 @@ FANS = 4
 """Ray fans over which diffuse power is averaged: with one, a cell at 80 m holds one or two rays."""
 MOTION = ("doppler", "range_migration", "intra_chirp_motion")
 NOTHING_DB = -300.0
+WINDOW = "taylor-30"
+"""Of the truth, by default."""
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex64]
@@ -58,22 +59,18 @@ Complex = NDArray[np.complex64]
 class Case:
     """One scene at its first pose."""
 
-    stage: Stage
-    materials: MaterialMapping
+    scene: PreparedScene
     pose: Pose
     planned: EffectSet
 
     def toggled(self, name: str) -> EffectSet:
         return self.planned.without(name) if getattr(self.planned, name) else self.planned.with_also(name)
 
-    def paths(self, effects: EffectSet, fan: int = 0) -> PathTable:
-        """Illuminated paths with these effects; the same rays for the same ``fan``."""
-        radar = Radar()
-        offset = np.random.default_rng(fan).random(2)
-        rays = RayFan(RAYS, offset=(float(offset[0]), float(offset[1])))
-        settings, frequency_hz = effects.trace(TraceSettings(rays=RAYS)), radar.waveform.mid_sweep_hz
-        table = trace(self.stage, self.materials, self.pose, frequency_hz, settings, rays, fan)
-        return table.within(radar).illuminated(effects.front_end(radar.front_end))
+    def paths(self, effects: EffectSet, realisation: int = 0) -> PathTable:
+        """Illuminated paths with these effects; the same rays for the same ``realisation``."""
+        settings = effects.settings(ChainSettings(trace=TraceSettings(rays=RAYS)))
+        frame = Deal(scenes=1, poses=(self.pose,)).frame(0).with_rays(realisation)
+        return illuminated(SceneSource(frame, self.scene, settings).traced(Radar()), settings, Radar())
 
 
 def first_pose(name: str) -> Pose:
@@ -82,10 +79,8 @@ def first_pose(name: str) -> Pose:
 
 @lru_cache(maxsize=1)
 def case(name: str) -> Case:
-    scene = open_scene(str(EFFECTS / f"{name}.usda"))
-    materials = load_materials().map_materials([item.material for item in scene.objects])
     planned = EffectSet.of(set(EXPECTED[name]["effects"]))
-    return Case(stage_of(scene, materials), materials, first_pose(name), planned)
+    return Case(prepared_scene(EFFECTS / f"{name}.usda"), first_pose(name), planned)
 
 
 @pytest.fixture(autouse=True)
@@ -104,7 +99,7 @@ def one_thread(variant: str) -> None:
 def plan_of(name: str, seed: int = 0) -> EffectPlan:
     poses = read_poses(EFFECTS / f"{name}.poses.json")
     order = Order(radar=Radar(), scenes=(str(EFFECTS / f"{name}.usda"),), poses=poses, seed=seed)
-    return scene_plan(order, load_materials(), lambda line: None)[1]
+    return prepare(order, load_materials()).plans[0]
 
 
 @pytest.mark.parametrize("name", EXPECTED)
@@ -142,10 +137,10 @@ def change_of_paths(now: Case, name: str) -> float:
     planned, difference = [], []
     for fan in range(FANS if name == "diffuse" else 1):
         tables = [now.paths(effects, fan) for effects in (now.planned, now.toggled(name))]
-        planned.append(cell_power(tables[0], Radar()))
+        planned.append(cell_power(tables[0], Radar(), WINDOW))
         if name == "specular":
             tables = [not_purely_diffuse(table) for table in tables]
-        before, after = (cell_power(table, Radar()) for table in tables)
+        before, after = (cell_power(table, Radar(), WINDOW) for table in tables)
         difference.append(after - before)
     return largest_over_peak(np.mean(difference, axis=0), np.mean(planned, axis=0))
 
@@ -153,11 +148,11 @@ def change_of_paths(now: Case, name: str) -> float:
 def occupied_cells_changed(now: Case, name: str) -> float:
     """Share of the cells above the noise whose power changes by more than half a decibel."""
     tables = [now.paths(effects) for effects in (now.planned, now.toggled(name))]
-    powers = [cell_power(table, Radar()) for table in tables]
+    powers = [cell_power(table, Radar(), WINDOW) for table in tables]
     if name == "specular":
-        powers = [cell_power(not_purely_diffuse(table), Radar()) for table in tables]
+        powers = [cell_power(not_purely_diffuse(table), Radar(), WINDOW) for table in tables]
     both = np.maximum(*powers)
-    occupied = np.maximum(*(cell_power(table, Radar()) for table in tables)) > cell_noise_power(Radar()) / 48.0
+    occupied = np.maximum(*(cell_power(table, Radar(), WINDOW) for table in tables)) > cell_noise_power(Radar()) / 48.0
     return float(np.mean(np.abs(powers[1] - powers[0])[occupied] > 0.12 * both[occupied])) if occupied.any() else 0.0
 
 
@@ -169,7 +164,7 @@ def change_by_pattern(now: Case) -> float:
         scattered=replace(planned.scattered, amplitude=other.scattered.amplitude - planned.scattered.amplitude),
         specular=replace(planned.specular, amplitude=other.specular.amplitude - planned.specular.amplitude),
     )
-    return largest_over_peak(cell_power(difference, Radar()), cell_power(planned, Radar()))
+    return largest_over_peak(cell_power(difference, Radar(), WINDOW), cell_power(planned, Radar(), WINDOW))
 
 
 @pytest.mark.parametrize("effect", [*PATH_EFFECTS, "antenna_pattern"])
@@ -221,9 +216,11 @@ def radar_for(paths: PathTable) -> Radar:
 
 def measured(paths: PathTable, effects: EffectSet, noise: bool) -> Measurement:
     """The frame that ``effects`` make of these paths."""
-    processing = replace(effects.processing(Processing(peaks=1, store="cube")), noise=noise)
+    processing = replace(
+        effects.settings(ChainSettings(processing=Processing(peaks=1, store="cube"))).processing, noise=noise
+    )
     generator = np.random.default_rng(0)
-    return measure(Setting(0, "scene", "effects", 0), paths, (), radar_for(paths), processing, generator)
+    return measure(FrameIdentity(0, "scene", "effects", 0), paths, (), radar_for(paths), processing, generator)
 
 
 def spectra_of(paths: PathTable, effects: EffectSet) -> Complex:
@@ -385,9 +382,7 @@ def test_effects_asked_for_are_rendered_and_recorded(small, monkeypatch, capsys,
     assert run(monkeypatch, "render", *small, "--effects", "specular,diffuse,noise", "--out", out) == 0
     assert planned_in(out) == ["specular", "diffuse", "noise"]
     assert manifest(out)["arguments"]["effects"] == [["specular", "diffuse", "noise"]]
-    (saving,) = manifest(out)["made"]["effects_saving"]
-    assert set(saving) == {"scene", "planned_seconds", "all_seconds"}
-    assert "with --effects all" in capsys.readouterr().out
+    assert {"trace", "cube", "truth", "image"} <= set(manifest(out)["made"]["step_seconds"])
 
 
 def test_traced_paths_keep_their_plan(small, monkeypatch, capsys, tmp_path: Path) -> None:

@@ -5,89 +5,42 @@ from __future__ import annotations
 import csv
 import json
 from dataclasses import asdict, replace
-from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from oracles import doppler_filtered, if_cube, peak_error_db, relative_error
+from sampled_frames import EFFECTS, POSE, order_of_two, samples_at
 
-from datafactory.accuracy import budget, lattices, report
-from datafactory.accuracy.chain import Clock, reference_of, run
-from datafactory.accuracy.check import HONEST_DB, check
+from datafactory.accuracy import report
+from datafactory.accuracy.clock import Clock
 from datafactory.accuracy.errors import FLOOR_DB, detections_changed, level_db, peak_error, relative_l2
-from datafactory.accuracy.knobs import CONVERGED, DEFAULT, POWER_EFFECTS, SIGNAL_EFFECTS, Knob, Settings, effect_knobs
-from datafactory.accuracy.power import Effort, compared, mean_and_variance, power_error
-from datafactory.accuracy.prices import Errors, Menu, Price, Prices, choose
-from datafactory.accuracy.probes import planned_scenes, probes_of, traced
-from datafactory.accuracy.sweep import Row, sweep
+from datafactory.accuracy.knobs import (
+    CONVERGED,
+    DEFAULT,
+    POWER_EFFECTS,
+    SIGNAL_EFFECTS,
+    Knob,
+    KnobSettings,
+    effect_knobs,
+)
+from datafactory.accuracy.looking import reference_of, run
+from datafactory.accuracy.prices import Menu, Price, Prices, choose
+from datafactory.accuracy.samples import SampleFrame, lit_paths, made_with, traced
+from datafactory.accuracy.sweep import Row
 from datafactory.accuracy.variants import float32_geometry, linear_delays, reference_moments
 from datafactory.accuracy.work import counted_work
 from datafactory.effects.catalogue import ALL, NAMES, EffectSet
-from datafactory.frame.chain import Processing, Setting, image, measure
+from datafactory.frame.chain import ChainSettings
+from datafactory.frame.measurement import Processing
 from datafactory.paths.density import cell_power
-from datafactory.paths.prune import pruned
 from datafactory.paths.solver import TraceSettings
-from datafactory.paths.storage import read_paths
 from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
-from datafactory.run.cache import cached, user_cache
-from datafactory.run.order import Order
-from datafactory.run.pipeline import render, trace_paths
+from datafactory.run.pipeline import render
+from datafactory.run.preparation import prepare
 from datafactory.scenes.materials.table import load_materials
-from datafactory.scenes.poses import Pose
-from shared.physics.errors import InputError
-from shared.radar import ImageGrid, Radar
-from shared.radar.waveform import Waveform
+from shared.dataset.folder import open_dataset
 from shared.signal.imaging import sweep_moments
-
-TINY = Path(__file__).resolve().parents[3] / "scenes" / "tiny.usda"
-POSE = Pose((-10.0, 0.0, 0.5), yaw_deg=5.0, velocity=(4.0, 1.0, 0.0))
-EFFECTS = ALL.without("diffraction").without("refraction").without("intra_chirp_motion")
-"""What the scene calls for, near enough, and quick."""
-MENU = Menu(
-    rays=(1000, 4000), depth=(1, 2), prune_db=(-20.0, -40.0), tolerance=(1e-3, 1e-6), truth_terms=(3, 5),
-    effort=Effort(8000, realisations=3, reference_realisations=3),
-)  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def radar() -> Radar:
-    """All 256 elements, because the range walk is over them, and no echo that folds; short in everything else."""
-    return Radar(name="small", waveform=Waveform(samples=512, chirps=8, range_bins=96), grid=ImageGrid(bins=48))
-
-
-def probes_at(radar: Radar, *poses: Pose):
-    order = Order(radar=radar, scenes=(str(TINY),), poses=poses, seed=3, effects=EFFECTS)
-    (planned,) = planned_scenes(order, load_materials(None), lambda line: None)
-    return probes_of(planned.work, order, range(len(poses)))
-
-
-@pytest.fixture(scope="module")
-def probes(variant, radar):
-    return probes_at(radar, POSE)
-
-
-@pytest.fixture(scope="module")
-def rows(probes, radar) -> list[Row]:
-    signal = (
-        Knob("tolerance", (1e-3, 1e-6, 1e-9)),
-        Knob("width", ("float32 geometry",)),
-        Knob("prune_db", (-20.0, -40.0)),
-        Knob("delays", ("linear",)),
-        Knob("near_field", (False,)),
-        Knob("truth_terms", (3, 6)),
-        Knob("truth_wave", ("plane",)),
-    )
-    power = (
-        Knob("rays", (500, 4000), power=True, paired=False),
-        Knob("rays", (16_000,), power=True, paired=False, beside=("lattice", "sphere"), label="sphere rays"),
-        Knob("depth", (1,), power=True),
-        Knob("surface_phase", (False,), power=True),
-        Knob("diffuse", (False,), power=True),
-        Knob("diffraction", (True,), power=True),
-    )
-    effort = Effort(20_000, realisations=2, reference_realisations=2, repeats=2, batch=1, rays=4000)
-    return sweep(probes, signal, power, effort, radar, effects=EFFECTS)
 
 
 @pytest.fixture
@@ -180,14 +133,14 @@ def test_reference_moments_are_those_of_the_whole_virtual_cube(radar, table):
         assert peak_error_db(moments[:, rows][:, :, some], expected) < -100.0
 
 
-def test_cell_power_keeps_the_power_of_every_path_in_range(probes, radar):
-    paths = traced(probes[0], replace(DEFAULT, rays=2000, effects=EFFECTS), radar)
+def test_cell_power_keeps_the_power_of_every_path_in_range(samples, radar):
+    paths = lit_paths(samples[0], replace(DEFAULT, rays=2000, effects=EFFECTS), radar)
     inside = np.rint(paths.scattered.range_m() / radar.waveform.range_step_m) < radar.waveform.range_bins
     images = np.rint(paths.specular.range_m() / radar.waveform.range_step_m) < radar.waveform.range_bins
     expected = (np.abs(paths.scattered.amplitude[inside]) ** 2).sum()
     expected += (np.abs(paths.specular.amplitude[images]) ** 2).sum()
     assert expected > 0.0
-    assert cell_power(paths, radar).sum() == pytest.approx(expected, rel=1e-12)
+    assert cell_power(paths, radar, "taylor-30").sum() == pytest.approx(expected, rel=1e-12)
 
 
 def test_tighter_settings_have_smaller_errors(rows):
@@ -204,24 +157,26 @@ def test_tighter_settings_have_smaller_errors(rows):
     assert find(rows, "diffuse", "off").power_bias_db < 0.0 < find(rows, "diffraction", "on").power_bias_db
 
 
-def test_the_surface_turns_phases_alone(rows, probes, radar):
+def test_the_surface_turns_phases_alone(rows, samples, radar):
     """Not a watt in any cell, and yet another signal."""
     assert find(rows, "surface_phase", "off").image_error_db == FLOOR_DB
     settings = replace(DEFAULT, rays=1000, effects=EFFECTS)
-    rough, smooth = (traced(probes[0], replace(settings, surface_phase=on), radar).scattered for on in (True, False))
+    rough, smooth = (
+        lit_paths(samples[0], replace(settings, surface_phase=on), radar).scattered for on in (True, False)
+    )
     np.testing.assert_allclose(np.abs(rough.amplitude), np.abs(smooth.amplitude), rtol=1e-12)
     assert relative_l2(rough.amplitude, smooth.amplitude) > 0.5
 
 
 def test_more_truth_terms_follow_the_range_walk(variant, radar):
     """From a radar at rest, where the Doppler filter adds no error of its own."""
-    still = probes_at(radar, replace(POSE, velocity=(0.0, 0.0, 0.0)))
+    still = samples_at(radar, replace(POSE, velocity=(0.0, 0.0, 0.0)))
     settings = replace(CONVERGED, rays=2000, effects=EFFECTS)
-    tables = [traced(still[0], settings, radar)]
-    reference = reference_of(tables, settings, radar)
+    frames = [traced(still[0], settings, radar)]
+    reference = reference_of(frames, settings, radar)
     errors = []
     for terms in (3, 4, 6):
-        outcome = run(tables, replace(settings, truth_terms=terms), radar, Clock(), reference, batch=1)
+        outcome = run(frames, replace(settings, truth_terms=terms), radar, Clock(), reference.cells, batch=1)
         errors.append(level_db(peak_error(outcome.images[0], reference.images[0])))
     assert errors[0] > errors[1] + 5.0
     assert errors[1] > errors[2] + 5.0
@@ -327,134 +282,31 @@ def test_work_counts_what_is_bought(radar):
     assert counted_work(DEFAULT, 2000.0, radar) > usual
 
 
-def order_of_two(radar: Radar) -> Order:
-    poses = (POSE, replace(POSE, position=(-8.0, 1.0, 0.5)))
-    return Order(radar=radar, scenes=(str(TINY),), poses=poses, split="1:0:0", effects=EFFECTS)
-
-
-def settled(order: Order, level_db: float, menu: Menu, said: list[str], folder: Path) -> budget.Budget:
-    return budget.settle(
-        order, load_materials(None), level_db, menu, said.append, lambda done, total, label: None, folder
-    )
-
-
-def test_a_budget_is_settled_once_kept_and_checked(variant, radar, tmp_path, monkeypatch):
-    order, said = order_of_two(radar), list[str]()
-    first = settled(order, -20.0, MENU, said, tmp_path / "cache")
-    assert any("measuring" in line for line in said)
-    with monkeypatch.context() as patch:
-        patch.setattr(budget, "measure_prices", lambda *arguments: pytest.fail("swept again"))
-        second = settled(order, -20.0, MENU, said, tmp_path / "cache")
-        tighter = settled(order, -60.0, MENU, said, tmp_path / "cache")
-    assert second.choice == first.choice
-    assert tighter.choice.work >= first.choice.work
-    assert first.order.trace.rays == first.choice.settings.rays
-    assert first.order.prune_db == first.choice.settings.prune_db
-    assert first.order.processing.truth_terms == first.choice.settings.truth_terms
-
-    render(first.order, load_materials(None), tmp_path / "data")
-    check(first, tmp_path / "data", said.append)
-    entry = json.loads((tmp_path / "data" / "manifest.json").read_text(encoding="utf-8"))["error_budget"]
-    assert entry["budget_db"] == -20.0
-    assert entry["predicted"] == first.choice.predicted.model_dump()
-    assert entry["settings"]["rays"] == first.choice.settings.rays
-    # The rays are drawn anew for the check, and all settings act at once.
-    for error in ("cube_db", "image_db", "power_db"):
-        assert abs(entry["achieved"][error] - entry["predicted"][error]) <= HONEST_DB
-    assert "seconds" not in json.dumps(entry)
-
-
-def test_a_budget_of_traced_paths_bounds_the_power_in_cells_alone(variant, radar, tmp_path):
-    said = list[str]()
-    order = replace(order_of_two(radar), poses=(POSE,))
-    found = settled(order, -15.0, MENU.of_paths(), said, tmp_path / "cache")
-    assert found.order.trace.rays in MENU.rays
-    trace_paths(found.order, load_materials(None), tmp_path / "paths")
-    check(found, tmp_path / "paths", said.append)
-    entry = json.loads((tmp_path / "paths" / "manifest.json").read_text(encoding="utf-8"))["error_budget"]
-    assert set(entry["predicted"]) == set(entry["achieved"]) == {"power_db"}
-    assert set(entry["settings"]) == {"rays", "depth"}
-    assert entry["work_per_frame"] > 0.0
-    assert abs(entry["achieved"]["power_db"] - entry["predicted"]["power_db"]) <= HONEST_DB
-
-
-def test_a_damaged_cache_is_measured_again(tmp_path):
-    said: list[str] = []
-    paths: list[Path] = []
-
-    def measure(path: Path) -> Prices:
-        paths.append(path)
-        return price_list(MENU)
-
-    for _ in range(2):
-        assert cached(tmp_path, {"scene": "a"}, Prices, measure, said.append) == price_list(MENU)
-    assert len(paths) == 1
-    paths[0].write_text("{")
-    assert cached(tmp_path, {"scene": "a"}, Prices, measure, said.append) == price_list(MENU)
-    assert len(paths) == 2
-    assert len(said) == 1
-    cached(tmp_path, {"scene": "b"}, Prices, measure, said.append)
-    assert paths[2] != paths[0]
-
-
-def test_the_cache_follows_the_user(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert user_cache().is_relative_to(tmp_path)
-
-
-def test_a_budget_needs_scenes(radar):
-    with pytest.raises(InputError, match="--error-budget"):
-        budget.settle(Order(radar=radar, points=3), load_materials(None), -30.0, MENU, print, lambda *a: None)
-
-
-def test_given_rays_and_depth_stay():
-    menu = budget.menu_for(3_000_000, 1)
-    assert menu.rays == (3_000_000,)
-    assert menu.depth == (1,)
-    assert menu.effort.reference_rays > 3_000_000
-    assert menu.of_paths().rays == menu.rays
-    assert menu.of_paths().paths_only
-    assert not menu.paths_only
-
-
-def test_errors_leave_out_what_was_not_made():
-    paths = Errors.of([], [], [1e-2, 1e-3])
-    assert paths.measured() == {"power_db": -40.0} == {"power_db": paths.worst_db}
-    assert str(paths) == "power in a cell -40.0 dB"
-    both = budget.worst_of([Errors.of([0.1], [0.1], [0.01]), Errors.of([1e-3], [1.0], [0.1])])
-    assert both == Errors.of([0.1], [1.0], [0.1])
-
-
-def test_default_settings_are_those_of_a_run():
-    assert DEFAULT.trace() == ALL.trace(TraceSettings())
+def test_default_settings_are_those_of_a_run() -> None:
+    silent = ChainSettings(processing=Processing(noise=False))
+    assert DEFAULT.chain() == ALL.settings(silent)
     for name in NAMES:
         effects = ALL.without(name)
         settings = replace(DEFAULT, effects=effects)
-        assert settings.trace() == effects.trace(TraceSettings())
-        processing, model = effects.processing(Processing()), settings.wave_model()
-        assert model.range_migration == processing.range_migration
-        assert model.intra_chirp_motion == processing.intra_chirp_motion
-        assert model.near_field == processing.near_field
+        assert settings.chain() == effects.settings(silent)
         # What changes no path leaves the realisations kept for others valid.
         assert (settings.tracing() == DEFAULT.tracing()) == (name not in POWER_EFFECTS)
     assert {*SIGNAL_EFFECTS, *POWER_EFFECTS, "noise"} == set(NAMES)
 
 
 @pytest.mark.parametrize("left_out", [(), ("doppler",), ("near_field", "range_migration", "antenna_pattern")])
-def test_a_frame_of_the_sweep_is_a_frame_of_the_run(left_out, radar, tmp_path, variant):
-    """Traced by the pipeline itself, then made as :mod:`datafactory.frame.chain` makes it, without noise."""
+def test_a_frame_of_the_sweep_is_a_frame_of_the_run(left_out, radar, tmp_path, variant) -> None:
+    """Rendered by the pipeline itself, without noise."""
     effects = EffectSet.of(set(NAMES) - {"noise", "diffraction", "refraction", *left_out})
-    order = replace(order_of_two(radar), poses=(POSE,), effects=effects, seed=5, trace=TraceSettings(rays=1000))
-    trace_paths(order, load_materials(None), tmp_path)
-    stored = next(iter(read_paths(next((tmp_path / "paths").iterdir()))))
-    front_end = effects.front_end(radar.front_end)
-    paths = pruned(stored.table.within(radar).illuminated(front_end), radar, order.prune_db)
-    setting, processing = Setting(0, "scene", "tiny", 0), effects.processing(Processing(store="cube"))
-    expected, _ = next(image([measure(setting, paths, (), radar, processing, np.random.default_rng(0))], radar, "cube"))
+    settings = ChainSettings(trace=TraceSettings(rays=1000), processing=Processing(store="cube"))
+    order = replace(order_of_two(radar), poses=(POSE,), effects=effects, seed=5, settings=settings)
+    render(order, load_materials(None), tmp_path / "data")
+    (expected,) = open_dataset(tmp_path / "data").frames("train")
 
-    (planned,) = planned_scenes(order, load_materials(None), lambda line: None)
-    settings = replace(DEFAULT, rays=1000, effects=effects)
-    outcome = run([traced(probes_of(planned.work, order, (0,))[0], settings, radar)], settings, radar, Clock(), batch=1)
+    prepared = prepare(order, load_materials(None))
+    sample = SampleFrame(prepared.deal.frame(0), prepared.scenes[0])
+    knobs = replace(made_with(order, effects), rays=1000)
+    outcome = run([traced(sample, knobs, radar)], knobs, radar, Clock(), batch=1)
     assert relative_error(outcome.cubes[0], expected.cube) < 1e-6
     assert peak_error_db(outcome.images[0], expected.image * expected.image_peak) < -60.0
 
@@ -469,66 +321,6 @@ def test_an_effect_has_the_value_that_the_plan_does_not():
     off = Knob("diffuse", (False,), power=True).at(DEFAULT, False)
     assert off == replace(DEFAULT, effects=ALL.without("diffuse"))
     sphere = Knob("rays", (7,), beside=("lattice", "sphere")).at(DEFAULT, 7)
-    assert sphere == Settings(rays=7, lattice="sphere")
+    assert sphere == KnobSettings(rays=7, lattice="sphere")
     with pytest.raises(ValueError, match="moonlight"):
         Knob("moonlight", (True,))
-
-
-def exponential_cells(generator: np.random.Generator, radar: Radar, count: int) -> np.ndarray:
-    """[count, R, 20] realisations whose mean is 1 in the first ten columns and 4 in the others."""
-    mean = np.repeat([1.0, 4.0], 10)
-    return generator.gamma(50.0, mean / 50.0, (count, radar.waveform.range_bins, 20))
-
-
-def test_the_scatter_of_a_frame_does_not_contain_that_of_its_reference(generator, radar):
-    """The amplitude of a Gamma power of shape k scatters by sqrt(mean / 4 k): known, whatever the reference is."""
-    value = exponential_cells(generator, radar, 8)
-    expected = np.sqrt(1.0 / (4.0 * 50.0))
-    for count in (3, 100):
-        reference, variance = mean_and_variance(exponential_cells(generator, radar, count))
-        assert compared(value, reference, variance, radar).l2 == pytest.approx(expected, rel=0.03)
-    reference, variance = mean_and_variance(exponential_cells(generator, radar, 3))
-    biased = compared(value, reference, np.zeros(1), radar).l2
-    assert biased == pytest.approx(expected * np.sqrt(4.0 / 3.0), rel=0.03)
-
-
-def test_cells_are_compared_as_stated(radar):
-    reference = np.ones((radar.waveform.range_bins, 3))
-    reference[20, 1] = 4.0
-    value = reference.copy()
-    value[10, 0] = 4.0
-    error = compared(value[None], reference, np.zeros(1), radar)
-    total, weight = reference.sum(), radar.waveform.ranges_m**4
-    assert error.peak == pytest.approx(0.5)
-    assert error.l2 == pytest.approx(np.sqrt(1.0 / total))
-    assert error.l1 == pytest.approx(3.0 / total)
-    assert error.l1_range_weighted == pytest.approx(3.0 * weight[10] / (weight @ reference.sum(axis=1)))
-    assert error.total == pytest.approx((total + 3.0) / total)
-    nothing = compared(0.0 * value[None], 0.0 * reference, np.zeros(1), radar)
-    assert (nothing.peak, nothing.l1, nothing.total) == (0.0, 0.0, 1.0)
-
-
-def test_draws_are_independent_and_repeatable(probes, radar):
-    settings = replace(DEFAULT, rays=1000, effects=EFFECTS)
-    against, effort = replace(settings, rays=4000), Effort(4000, realisations=2, reference_realisations=2)
-    errors = [power_error(probes[0], settings, against, effort, radar, {}, draw=draw) for draw in (0, 0, 1)]
-    assert errors[0] == errors[1] != errors[2]
-    paired = power_error(probes[0], settings, settings, effort, radar, {}, paired=True)
-    assert (paired.peak, paired.l1, paired.total) == (0.0, 0.0, 1.0)
-
-
-def test_rays_of_equal_error_are_interpolated():
-    counts = (1000, 10_000, 100_000)
-    law = [-10.0 * np.log10(count) for count in counts]
-    assert lattices.rays_for(-35.0, counts, law) == pytest.approx(10.0**3.5)
-    assert lattices.rays_for(law[0] + 1.0, counts, law) is None
-    assert lattices.rays_for(law[-1] - 1.0, counts, law) is None
-    # Where chance lets an error rise, the smaller one before it holds.
-    assert lattices.rays_for(-32.0, counts, (-30.0, -40.0, -39.0)) == pytest.approx(10.0**3.2)
-
-
-def test_the_lattices_are_compared_in_words(rows):
-    lines = lattices.lines(rows)
-    assert len(lines) == 2
-    assert all(("times fewer" in line) or ("no error that both" in line) for line in lines)
-    assert lattices.lines([row for row in rows if row.knob != "sphere rays"]) == []

@@ -38,7 +38,7 @@ def a_frame(frame_id: int, scattered: int, specular: int) -> TracedFrame:
         counts={"rays": 5, "pruned": 0},
     )
     pose = Pose((1.0, 2.0, 3.0), 10.0, -2.0, 0.5, (4.0, 5.0, 6.0), 0.25)
-    return TracedFrame(frame_id, "scene", 2**62, pose, 3.87e-3, 1, table)
+    return TracedFrame(frame_id, "scene", 1, 2**62, pose, 3.87e-3, 1, table)
 
 
 def test_round_trip(tmp_path):

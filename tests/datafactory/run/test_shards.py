@@ -2,29 +2,25 @@
 
 import hashlib
 import json
-import math
 import resource
 import subprocess
 import sys
 import tempfile
-from collections import Counter
 from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from datafactory.frame.deal import split_of
 from datafactory.run import progress
 from datafactory.run.shards import (
     ShardPlan,
-    parse_split_pattern,
     plan_shards,
-    split_of,
     write_json,
     write_manifest,
     write_shard,
 )
-from datafactory.run.sources import scene_of
 from shared.dataset import Frame, arrow_schema, description
 from shared.dataset.folder import open_dataset, read_manifest, verify
 from shared.dataset.reading import read_frames
@@ -89,19 +85,6 @@ def make_dataset(directory: Path, resume: bool = False, arguments: dict = ARGUME
 def contents(directory: Path) -> dict[str, bytes]:
     files = (path for path in directory.rglob("*") if path.is_file())
     return {path.relative_to(directory).as_posix(): path.read_bytes() for path in files}
-
-
-def test_every_eight_frames_are_six_one_one():
-    splits = [split_of(index) for index in range(16)]
-    assert splits == (["train"] * 6 + ["validation", "test"]) * 2
-    assert {split_of(index, "1:0:0") for index in range(9)} == {"train"}
-    assert [split_of(index, "0:2:1") for index in range(4)] == ["validation", "validation", "test", "validation"]
-
-
-@pytest.mark.parametrize("pattern", ["6:1", "6:1:1:1", "0:0:0", "-1:1:1", "a:b:c", "1.5:1:1", "", "²:1:1"])
-def test_a_bad_split_pattern_is_refused(pattern):
-    with pytest.raises(InputError, match=r"--split: .* expected train:validation:test as three whole numbers"):
-        parse_split_pattern(pattern)
 
 
 def test_shards_hold_every_frame_once_and_one_split_each():
@@ -318,15 +301,3 @@ def test_the_encoding_is_the_one_that_was_measured(tmp_path):
         assert "BYTE_STREAM_SPLIT" in column.encodings
         assert column.compression == "LZ4"
     assert columns["frame_id"].statistics.min == 0
-
-
-@pytest.mark.parametrize("scenes", [1, 2, 3, 4, 5, 6, 8, 12, 16])
-@pytest.mark.parametrize("pattern", ["6:1:1", "13:2:1", "0:0:1", "1:1:1"])
-def test_every_split_gets_every_scene_alike(scenes, pattern):
-    """Over enough frames each scene has its share of each split; four scenes once gave all test frames to the last."""
-    places = sum(map(int, pattern.split(":")))
-    frames = math.lcm(scenes, places) * scenes
-    counts = Counter((scene_of(index, scenes, pattern), split_of(index, pattern)) for index in range(frames))
-    for split in {split_of(index, pattern) for index in range(places)}:
-        assert len({counts[scene, split] for scene in range(scenes)}) == 1
-    assert [scene_of(index, scenes, pattern) for index in range(scenes)] == list(range(scenes))

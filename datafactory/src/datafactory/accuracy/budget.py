@@ -15,17 +15,19 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from datafactory.accuracy.chain import Clock, reference_of, run
+from datafactory.accuracy.clock import Clock
 from datafactory.accuracy.errors import peak_error, relative_l2
-from datafactory.accuracy.knobs import REFERENCE_DEPTH, UNPRUNED_DB, Settings
+from datafactory.accuracy.knobs import REFERENCE_DEPTH, KnobSettings
+from datafactory.accuracy.looking import reference_of, run
 from datafactory.accuracy.power import Kept, power_error
 from datafactory.accuracy.prices import Choice, Errors, Menu, Prices, choose, measure_prices
-from datafactory.accuracy.probes import PlannedScene, Probe, planned_scenes, probes_of, traced
+from datafactory.accuracy.samples import PlannedScene, SampleFrame, made_with, planned_scenes, traced
 from datafactory.accuracy.sweep import Advance
-from datafactory.effects.catalogue import EffectSet
+from datafactory.frame.deal import Deal, first_middle_last
 from datafactory.paths.backend import select_variant, set_threads
 from datafactory.run.cache import Announce, cached, user_cache
 from datafactory.run.order import Order
+from datafactory.run.preparation import prepare
 from datafactory.scenes.materials.table import MaterialTable
 from shared.physics.errors import InputError
 from shared.radar import Radar
@@ -38,16 +40,11 @@ ROUNDS = 4
 
 @dataclass(frozen=True)
 class SweptScene:
-    """A scene of the order: the frames that were swept and, where the run has more, one that was not.
+    """A scene of the order: the frames that were swept and, where the run has more, one that was not."""
 
-    :param effects: that it is simulated with; :param complete: those that the power in cells is held against
-    """
-
-    content: str
-    effects: EffectSet
-    complete: EffectSet
-    swept: tuple[Probe, ...]
-    elsewhere: tuple[Probe, ...]
+    planned: PlannedScene
+    swept: tuple[SampleFrame, ...]
+    elsewhere: tuple[SampleFrame, ...]
 
 
 @dataclass(frozen=True)
@@ -56,11 +53,13 @@ class Budget:
 
     :param choice: its prediction was measured on the frames swept, all settings at once
     :param order: the user's, with the settings chosen
+    :param deal: which frame of the run is which
     """
 
     level_db: float
     choice: Choice
     order: Order
+    deal: Deal
     menu: Menu
     scenes: tuple[SweptScene, ...]
 
@@ -95,17 +94,19 @@ def settle(
     radar, folder = order.radar, folder or user_cache()
     scenes, prices = [], []
     with threadpool_limits(limits=1):
-        for index, planned in enumerate(planned_scenes(order, table, lambda line: None)):
-            scene = _swept(order, index, planned)
+        prepared = prepare(order, table)
+        for planned in planned_scenes(order, prepared):
+            scene = _swept(prepared.deal, planned)
             if not scene.swept:
                 continue
             scenes.append(scene)
 
-            def sweep(path: Path, scene: SweptScene = scene, name: str = order.scenes[index]) -> Prices:
+            def sweep(path: Path, scene: SweptScene = scene) -> Prices:
+                name = scene.planned.scene.name
                 announce(f"{name}: measuring what accuracy costs, once; the result is kept as {path}")
-                return measure_prices(scene.swept, menu, radar, scene.effects, advance)
+                return measure_prices(scene.swept, menu, radar, made_with(order, scene.planned.effects), advance)
 
-            prices.append(cached(folder, _inputs(scene, radar, asdict(menu)), Prices, sweep, announce))
+            prices.append(cached(folder, _inputs(scene, order, asdict(menu)), Prices, sweep, announce))
         traces: list[Kept] = [{} for _ in scenes]
         target_db = level_db
         for _ in range(ROUNDS):
@@ -113,7 +114,7 @@ def settle(
             advance(menu.steps(), menu.steps(), "the choice as a whole")
             predicted = worst_of(
                 [
-                    _together(scene, choice.settings, menu, radar, kept, folder, announce)
+                    _together(scene, choice.settings, menu, order, kept, folder, announce)
                     for scene, kept in zip(scenes, traces, strict=True)
                 ]
             )
@@ -122,39 +123,61 @@ def settle(
                 break
             target_db -= excess_db
     choice = replace(choice, predicted=predicted, keeps_budget=excess_db <= 0.0)
-    settings = choice.settings
-    processing = replace(order.processing, tolerance=settings.tolerance, truth_terms=settings.truth_terms)
-    trace = replace(order.trace, rays=settings.rays, depth=settings.depth)
-    announce(_said(level_db, choice, menu))
-    chosen = replace(order, processing=processing, trace=trace, prune_db=settings.prune_db)
-    return Budget(level_db, choice, chosen, menu, tuple(scenes))
+    announce(_choice_text(level_db, choice, menu))
+    return Budget(level_db, choice, _with_choice(order, choice.settings), prepared.deal, menu, tuple(scenes))
 
 
-def errors_together(scene: SweptScene, settings: Settings, menu: Menu, radar: Radar, kept: Kept) -> Errors:
+def _with_choice(order: Order, chosen: KnobSettings) -> Order:
+    """The order, its frames made as chosen."""
+    before = order.settings
+    return replace(
+        order,
+        settings=replace(
+            before,
+            processing=replace(before.processing, tolerance=chosen.tolerance, truth_terms=chosen.truth_terms),
+            trace=replace(before.trace, rays=chosen.rays, depth=chosen.depth),
+            prune_db=chosen.prune_db,
+        ),
+    )
+
+
+def as_run(chosen: KnobSettings, scene: SweptScene, order: Order) -> KnobSettings:
+    """What was chosen, with what the run makes its frames with."""
+    names = ("rays", "depth", "prune_db", "tolerance", "truth_terms")
+    return replace(made_with(order, scene.planned.effects), **{name: getattr(chosen, name) for name in names})
+
+
+def errors_together(scene: SweptScene, chosen: KnobSettings, menu: Menu, order: Order, kept: Kept) -> Errors:
     """The errors of all settings at once on the frames swept, each against everything converged.
 
     :param kept: realisations traced before; the reference's are added
     """
-    settings = replace(settings, effects=scene.effects, video_phase=radar.waveform.residual_video_phase)
+    settings, radar = as_run(chosen, scene, order), order.radar
     cube, image = list[float](), list[float]()
-    for probe in () if menu.paths_only else scene.swept:
-        tables = [traced(probe, settings, radar)]
-        reference = reference_of(tables, replace(settings, prune_db=UNPRUNED_DB), radar)
-        outcome = run(tables, settings, radar, Clock(), reference, batch=1)
+    for sample in () if menu.paths_only else scene.swept:
+        frames = [traced(sample, settings, radar)]
+        reference = reference_of(frames, settings, radar)
+        outcome = run(frames, settings, radar, Clock(), reference.cells, batch=1)
         cube.append(relative_l2(outcome.cubes[0], reference.cubes[0]))
         image.append(peak_error(outcome.images[0], reference.images[0]))
     return Errors.of(cube, image, power_errors(scene.swept, scene, settings, menu, radar, kept))
 
 
 def power_errors(
-    probes: Sequence[Probe], scene: SweptScene, settings: Settings, menu: Menu, radar: Radar, kept: Kept, draw: int = 0
+    samples: Sequence[SampleFrame],
+    scene: SweptScene,
+    settings: KnobSettings,
+    menu: Menu,
+    radar: Radar,
+    kept: Kept,
+    draw: int = 0,
 ) -> list[float]:
     """Of the power in a cell, amplitude over peak, against many rays, every bounce and every effect, by frame.
 
     :param draw: of the rays, see :func:`datafactory.accuracy.power.power_error`
     """
-    against = replace(settings, effects=scene.complete, rays=menu.effort.reference_rays, depth=REFERENCE_DEPTH)
-    return [power_error(probe, settings, against, menu.effort, radar, kept, draw=draw).peak for probe in probes]
+    against = replace(settings, effects=scene.planned.complete, rays=menu.effort.reference_rays, depth=REFERENCE_DEPTH)
+    return [power_error(sample, settings, against, menu.effort, radar, kept, draw=draw).peak for sample in samples]
 
 
 def worst_of(scenes: Sequence[Errors]) -> Errors:
@@ -169,38 +192,38 @@ def worst_of(scenes: Sequence[Errors]) -> Errors:
 
 
 def _together(
-    scene: SweptScene, settings: Settings, menu: Menu, radar: Radar, kept: Kept, folder: Path, announce: Announce
+    scene: SweptScene, chosen: KnobSettings, menu: Menu, order: Order, kept: Kept, folder: Path, announce: Announce
 ) -> Errors:
-    wanted = {"settings": asdict(settings), "complete": scene.complete.names, "menu": asdict(menu)}
+    wanted = {"settings": asdict(chosen), "complete": scene.planned.complete.names, "menu": asdict(menu)}
 
     def measure(path: Path) -> Errors:
-        return errors_together(scene, settings, menu, radar, kept)
+        return errors_together(scene, chosen, menu, order, kept)
 
-    return cached(folder, _inputs(scene, radar, wanted), Errors, measure, announce)
+    return cached(folder, _inputs(scene, order, wanted), Errors, measure, announce)
 
 
-def _swept(order: Order, index: int, planned: PlannedScene) -> SweptScene:
+def _swept(deal: Deal, planned: PlannedScene) -> SweptScene:
     """The frames of one scene to look at; none where the run has no frame of it."""
-    own = range(index, len(order.poses) or order.frames, len(order.scenes))
-    chosen = tuple(own[place] for place in sorted({0, len(own) // 2}))[:FRAMES] if own else ()
-    other = tuple(number for number in own if number not in chosen)[-1:]
-    probes = probes_of(planned.work, order, chosen + other)
-    swept, elsewhere = probes[: len(chosen)], probes[len(chosen) :]
-    return SweptScene(planned.content, planned.work.effects, planned.complete, swept, elsewhere)
+    samples = tuple(
+        SampleFrame(deal.frame(frame_id), planned.scene)
+        for frame_id in first_middle_last(deal.frames_of(planned.number))
+    )
+    return SweptScene(planned, samples[:FRAMES], samples[FRAMES:])
 
 
-def _inputs(scene: SweptScene, radar: Radar, wanted: dict[str, Any]) -> dict[str, Any]:
+def _inputs(scene: SweptScene, order: Order, wanted: dict[str, Any]) -> dict[str, Any]:
+    prepared = scene.planned.scene
     return {
-        "scene": scene.content,
-        "materials": scene.swept[0].materials.to_json(),
-        "effects": scene.effects.names,
-        "radar": radar.model_dump(mode="json"),
-        "frames": [[probe.frame_id, probe.seed, asdict(probe.pose)] for probe in scene.swept],
+        "scene": prepared.content,
+        "materials": prepared.materials.to_json(),
+        "made_with": asdict(made_with(order, scene.planned.effects)),
+        "radar": order.radar.model_dump(mode="json"),
+        "frames": [[item.frame_id, item.frame.seed, asdict(item.frame.where)] for item in scene.swept],
         "wanted": wanted,
     }
 
 
-def _said(budget_db: float, choice: Choice, menu: Menu) -> str:
+def _choice_text(budget_db: float, choice: Choice, menu: Menu) -> str:
     s = choice.settings
     text = f"error budget {budget_db:g} dB: {s.rays} rays, depth {s.depth}, "
     if not menu.paths_only:

@@ -4,28 +4,23 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from datafactory.accuracy.budget import Budget, SweptScene, power_errors, worst_of
-from datafactory.accuracy.chain import as_set, at_rest_or_not, cube_as_set, images_as_set
+from datafactory.accuracy.budget import Budget, SweptScene, as_run, power_errors, worst_of
+from datafactory.accuracy.clock import Clock
 from datafactory.accuracy.errors import peak_error, relative_l2
-from datafactory.accuracy.knobs import REFERENCE_TERMS, REFERENCE_TOLERANCE, Settings
+from datafactory.accuracy.looking import reference_of, run
 from datafactory.accuracy.prices import Errors
-from datafactory.accuracy.probes import Probe, traced
-from datafactory.accuracy.variants import reference_moments
-from datafactory.paths.table import PathTable
+from datafactory.accuracy.samples import SampleFrame, traced
 from datafactory.run.cache import Announce
-from datafactory.run.shards import split_of, write_manifest
-from datafactory.synthesis.cube import cube_of_paths
+from datafactory.run.shards import write_manifest
 from shared.dataset import Frame
-from shared.dataset.folder import open_dataset, read_manifest
+from shared.dataset.folder import Split, open_dataset, read_manifest
 from shared.dataset.reading import read_frame
-from shared.radar import Radar
 
 HONEST_DB = 3.0
 """Achieved and predicted error may differ by this much."""
@@ -55,12 +50,12 @@ def check(budget: Budget, directory: Path, announce: Announce) -> None:
         "keeps_budget": choice.keeps_budget,
         "settings": {name: getattr(choice.settings, name) for name in chosen},
         "work_per_frame": choice.work,
-        "frames": [probe.frame_id for scene in budget.scenes for probe in scene.swept],
+        "frames": [sample.frame_id for scene in budget.scenes for sample in scene.swept],
         "predicted": predicted,
         "achieved": achieved.measured(),
         "achieved_less_predicted_db": differences,
         "prediction_within_3_db": honest,
-        "other_frames": [probe.frame_id for scene in budget.scenes for probe in scene.elsewhere],
+        "other_frames": [sample.frame_id for scene in budget.scenes for sample in scene.elsewhere],
         "achieved_on_other_frames": worst_of(others).measured() if others else None,
     }
     manifest = read_manifest(directory)
@@ -76,36 +71,21 @@ def check(budget: Budget, directory: Path, announce: Announce) -> None:
         announce(f"warning: the error budget of {budget.level_db:g} dB is not kept")
 
 
-def _achieved(scene: SweptScene, probes: Sequence[Probe], budget: Budget, directory: Path) -> Errors:
-    radar, window = budget.order.radar, budget.order.processing.truth_window
-    settings = replace(
-        budget.choice.settings,
-        effects=scene.effects,
-        truth_window=window,
-        video_phase=radar.waveform.residual_video_phase,
-    )
+def _achieved(scene: SweptScene, samples: Sequence[SampleFrame], budget: Budget, directory: Path) -> Errors:
+    radar, settings = budget.order.radar, as_run(budget.choice.settings, scene, budget.order)
     cube, image = list[float](), list[float]()
-    for probe in () if budget.menu.paths_only else probes:
-        paths = traced(probe, settings, radar)
-        converged = at_rest_or_not(paths, settings, radar)
-        exact = cube_of_paths(converged, radar, REFERENCE_TOLERANCE, model=settings.wave_model())
-        cube.append(relative_l2(cube_as_set(as_set(paths, settings, radar), settings, radar), exact))
-        stored = _frame(directory, probe.frame_id, budget.order.split)
-        image.append(_stored_image_error(stored, converged, settings, radar))
-    return Errors.of(cube, image, power_errors(probes, scene, settings, budget.menu, radar, {}, CHECK_DRAW))
+    for sample in () if budget.menu.paths_only else samples:
+        stored = _stored_frame(directory, *budget.deal.place_of(sample.frame_id))
+        waveform = radar.waveform
+        rows = np.rint(stored.velocity[0] / waveform.velocity_step_mps).astype(np.int64) + waveform.chirps // 2
+        frames = [traced(sample, settings, radar)]
+        reference = reference_of(frames, settings, radar, [rows])
+        cube.append(relative_l2(run(frames, settings, radar, Clock(), [rows], batch=1).cubes[0], reference.cubes[0]))
+        image.append(peak_error(stored.image * np.float32(stored.image_peak), reference.images[0]))
+    return Errors.of(cube, image, power_errors(samples, scene, settings, budget.menu, radar, {}, CHECK_DRAW))
 
 
-def _stored_image_error(frame: Frame, paths: PathTable, settings: Settings, radar: Radar) -> float:
-    """Of the image in the dataset against the converged one of the same paths in the same Doppler cells."""
-    waveform = radar.waveform
-    cells = np.rint(frame.velocity[0] / waveform.velocity_step_mps).astype(np.int64) + waveform.chirps // 2
-    moments = reference_moments(paths, radar, cells, REFERENCE_TERMS, model=settings.wave_model())
-    expected = images_as_set([moments], settings, radar, size=1)[0]
-    return peak_error(frame.image * np.float32(frame.image_peak), expected)
-
-
-def _frame(directory: Path, frame_id: int, pattern: str) -> Frame:
-    split = split_of(frame_id, pattern)
-    place = sum(split_of(index, pattern) == split for index in range(frame_id))
+def _stored_frame(directory: Path, split: Split, place: int) -> Frame:
+    """Velocity and image of the frame at a place of its split."""
     path, row = open_dataset(directory).rows(split)[place]
     return read_frame(path, row, ("velocity", "image"))

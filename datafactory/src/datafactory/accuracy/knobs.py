@@ -11,19 +11,20 @@ from collections.abc import Collection
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
+from datafactory.accuracy.variants import FAN
 from datafactory.effects.catalogue import ALL, NAMES, EffectSet
-from datafactory.frame.chain import Processing
-from datafactory.paths.prune import DEFAULT_LEVEL_DB
+from datafactory.frame.chain import ChainSettings
+from datafactory.frame.measurement import Processing
+from datafactory.paths.prune import UNPRUNED_DB
 from datafactory.paths.solver import TraceSettings
-from datafactory.synthesis.wave_model import WaveModel
+from datafactory.synthesis.cube import FLOAT32_TOLERANCE
 
-_TRACE, _PROCESSING = TraceSettings(), Processing()
-UNPRUNED_DB = -200.0
-"""Pruning level that keeps every path that float64 can tell from zero."""
+_CHAIN = ChainSettings()
+_TRACE, _PROCESSING = _CHAIN.trace, _CHAIN.processing
 
 
 @dataclass(frozen=True)
-class Settings:
+class KnobSettings:
     """How one frame is made; the defaults are the pipeline's with every effect.
 
     :param effects: what is simulated; a run has those of its scene's plan
@@ -45,8 +46,8 @@ class Settings:
     depth: int = _TRACE.depth
     finite_mirrors: bool = True
     surface_phase: bool = True
-    lattice: str = "fan"
-    prune_db: float = DEFAULT_LEVEL_DB
+    lattice: str = FAN
+    prune_db: float = _CHAIN.prune_db
     delays: str = "exact"
     width: str = "complex64"
     tolerance: float = _PROCESSING.tolerance
@@ -55,41 +56,64 @@ class Settings:
     truth_wave: str = "spherical"
     truth_window: str = _PROCESSING.truth_window
 
-    def trace(self) -> TraceSettings:
-        """What a run with these effects traces; the polarisation is the radar's."""
-        return self.effects.trace(
-            TraceSettings(
-                rays=self.rays,
-                depth=self.depth,
-                finite_mirrors=self.finite_mirrors,
-                surface_phase=self.surface_phase,
+    def chain(self) -> ChainSettings:
+        """Settings of the chain with these effects, without noise; the polarisation is the radar's."""
+        tolerance = self.tolerance
+        if self.width == "complex128":
+            tolerance = min(tolerance, 0.99 * FLOAT32_TOLERANCE)
+        return self.effects.settings(
+            ChainSettings(
+                trace=TraceSettings(
+                    rays=self.rays,
+                    depth=self.depth,
+                    finite_mirrors=self.finite_mirrors,
+                    surface_phase=self.surface_phase,
+                ),
+                processing=Processing(
+                    noise=False,
+                    tolerance=tolerance,
+                    truth_terms=self.truth_terms,
+                    truth_window=self.truth_window,
+                ),
+                prune_db=self.prune_db,
             )
         )
 
-    def wave_model(self) -> WaveModel:
-        """What a run with these effects makes of motion and curvature."""
-        effects = self.effects
-        return WaveModel(effects.range_migration, effects.intra_chirp_motion, effects.near_field)
-
-    def tracing(self) -> Settings:
-        """These settings as far as they change the paths' powers; all others as they are by default."""
+    def tracing(self) -> KnobSettings:
+        """These settings as far as they change the power in a cell; all others as they are by default."""
         own = {name: getattr(self.effects, name) for name in POWER_EFFECTS}
-        names = ("rays", "depth", "finite_mirrors", "surface_phase", "lattice")
-        return Settings(effects=replace(ALL, **own), **{name: getattr(self, name) for name in names})
+        names = ("rays", "depth", "finite_mirrors", "surface_phase", "lattice", "truth_window")
+        return KnobSettings(effects=replace(ALL, **own), **{name: getattr(self, name) for name in names})
+
+    def of_geometry(self) -> tuple[Any, ...]:
+        """What decides delays and amplitudes of the same traced paths."""
+        return (self.prune_db, self.delays, self.width == "float32 geometry", self.effects)
+
+    def of_signal(self) -> tuple[Any, ...]:
+        """What decides the cube of the same traced paths."""
+        return (*self.of_geometry(), self.width, self.tolerance, self.video_phase)
+
+    def of_truth(self) -> tuple[Any, ...]:
+        """What decides the truth's moments of the same traced paths."""
+        return (*self.of_geometry(), self.truth_terms)
+
+    def of_image(self) -> tuple[Any, ...]:
+        """What decides the truth image of the same traced paths."""
+        return (*self.of_truth(), self.truth_wave, self.truth_window)
 
 
 SIGNAL_EFFECTS = ("doppler", "range_migration", "intra_chirp_motion", "near_field")
 """Effects on the way from paths to signal."""
 POWER_EFFECTS = ("specular", "diffuse", "multi_bounce", "refraction", "diffraction", "antenna_pattern", "rcs_targets")
 """Effects that add paths or change their power. What is left is the noise, which no frame here has."""
-DEFAULT = Settings()
+DEFAULT = KnobSettings()
 CONVERGED = replace(DEFAULT, prune_db=UNPRUNED_DB, truth_terms=6)
 """What signal knobs are varied around: the pipeline's tracing, nothing pruned, cube at -120 dB, truth at its best."""
 
 
 @dataclass(frozen=True)
 class Knob:
-    """One field of :class:`Settings`, or one effect of its set, and the values to try.
+    """One field of :class:`KnobSettings`, or one effect of its set, and the values to try.
 
     :param power: whether it changes the paths, see the module
     :param paired: held against the default with the same rays, whose sampling is then common to both; otherwise against
@@ -106,12 +130,12 @@ class Knob:
     label: str = ""
 
     def __post_init__(self) -> None:
-        if self.name not in {item.name for item in fields(Settings)} | set(NAMES):
-            raise ValueError(f"knob {self.name!r}; expected a field of Settings or an effect")
+        if self.name not in {item.name for item in fields(KnobSettings)} | set(NAMES):
+            raise ValueError(f"knob {self.name!r}; expected a field of KnobSettings or an effect")
         if not self.label:
             object.__setattr__(self, "label", self.name)
 
-    def at(self, base: Settings, value: Any) -> Settings:
+    def at(self, base: KnobSettings, value: Any) -> KnobSettings:
         """``base`` with this knob set to ``value``."""
         if self.beside is not None:
             base = replace(base, **dict([self.beside]))

@@ -23,9 +23,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.accuracy.knobs import DEFAULT, Settings
-from datafactory.accuracy.probes import Probe, traced
-from datafactory.frame.chain import IMAGE_BATCH
+from datafactory.accuracy.knobs import DEFAULT, KnobSettings
+from datafactory.accuracy.samples import SampleFrame, lit_paths
+from datafactory.frame.measurement import IMAGE_BATCH
 from datafactory.paths.density import cell_power
 from shared.radar import Radar
 
@@ -88,27 +88,29 @@ class PowerError:
     total: float
 
 
-Kept = dict[tuple[int, Settings, int, int], Realisations]
+Kept = dict[tuple[int, KnobSettings, int, int], Realisations]
 """Realisations by frame, settings, first number and count."""
 
 
-def realisations(probe: Probe, settings: Settings, radar: Radar, first: int, count: int, kept: Kept) -> Realisations:
+def realisations(
+    sample: SampleFrame, settings: KnobSettings, radar: Radar, first: int, count: int, kept: Kept
+) -> Realisations:
     """Realisations ``first`` to ``first + count - 1``, traced unless ``kept`` holds them; added to it."""
-    key = (probe.frame_id, settings.tracing(), first, count)
+    key = (sample.frame_id, settings.tracing(), first, count)
     if key not in kept:
         power, paths = [], []
         for number in range(first, first + count):
-            table = traced(probe, settings, radar, number)
-            power.append(cell_power(table, radar))
+            table = lit_paths(sample, settings, radar, number)
+            power.append(cell_power(table, radar, settings.truth_window))
             paths.append(len(table))
         kept[key] = Realisations(np.array(power), float(np.mean(paths)))
     return kept[key]
 
 
 def power_error(
-    probe: Probe,
-    settings: Settings,
-    against: Settings,
+    sample: SampleFrame,
+    settings: KnobSettings,
+    against: KnobSettings,
     effort: Effort,
     radar: Radar,
     kept: Kept,
@@ -123,12 +125,13 @@ def power_error(
     first = DRAW * draw + 1
     if paired:
         value, expected = (
-            realisations(probe, wanted, radar, first, effort.realisations, kept).power for wanted in (settings, against)
+            realisations(sample, wanted, radar, first, effort.realisations, kept).power
+            for wanted in (settings, against)
         )
         return compared(value, expected, np.zeros(1), radar)
-    value = realisations(probe, settings, radar, first, effort.count(settings.rays), kept).power
+    value = realisations(sample, settings, radar, first, effort.count(settings.rays), kept).power
     numbers = (first + REFERENCE, effort.reference_realisations)
-    expected, variance = mean_and_variance(realisations(probe, against, radar, *numbers, kept).power)
+    expected, variance = mean_and_variance(realisations(sample, against, radar, *numbers, kept).power)
     return compared(value, expected, variance, radar)
 
 

@@ -16,15 +16,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
-from datafactory.accuracy.chain import Clock, Reference, reference_of, run
+from datafactory.accuracy.clock import Clock
 from datafactory.accuracy.errors import level_db, peak_error, relative_l2
-from datafactory.accuracy.knobs import BUDGET_REFERENCE_RAYS, CONVERGED, DEFAULT, REFERENCE_DEPTH, Settings
+from datafactory.accuracy.knobs import BUDGET_REFERENCE_RAYS, CONVERGED, DEFAULT, REFERENCE_DEPTH, KnobSettings
+from datafactory.accuracy.looking import Outcome, reference_of, run
 from datafactory.accuracy.power import Effort, Kept, power_error, realisations
-from datafactory.accuracy.probes import Probe, traced
+from datafactory.accuracy.samples import SampleFrame, traced
 from datafactory.accuracy.sweep import Advance
 from datafactory.accuracy.work import counted_work, trace_work
-from datafactory.effects.catalogue import EffectSet
-from datafactory.paths.table import PathTable
+from datafactory.paths.storage import TracedFrame
 from shared.radar import Radar
 
 
@@ -128,41 +128,37 @@ class Errors(BaseModel):
 class Choice:
     """The settings chosen, their counted work a frame, what they promise, and whether that keeps the budget."""
 
-    settings: Settings
+    settings: KnobSettings
     work: float
     predicted: Errors
     keeps_budget: bool
 
 
-def measure_prices(probes: Sequence[Probe], menu: Menu, radar: Radar, effects: EffectSet, advance: Advance) -> Prices:
+def measure_prices(
+    samples: Sequence[SampleFrame], menu: Menu, radar: Radar, made_with: KnobSettings, advance: Advance
+) -> Prices:
     """Sweep the knobs of the menu, the rays of the others being its middle ones; nothing is timed.
 
-    :param effects: that the scene is simulated with
+    :param made_with: effects, truth window and video phase of the run
     """
     depth = DEFAULT.depth if DEFAULT.depth in menu.depth else menu.depth[-1]
-    usual = replace(
-        DEFAULT,
-        effects=effects,
-        rays=menu.rays[len(menu.rays) // 2],
-        depth=depth,
-        video_phase=radar.waveform.residual_video_phase,
-    )
+    usual = replace(made_with, rays=menu.rays[len(menu.rays) // 2], depth=depth)
     total, prices = menu.steps(), list[Price]()
     advance(0, total, "reference")
     if not menu.paths_only:
         base = replace(usual, prune_db=CONVERGED.prune_db, truth_terms=CONVERGED.truth_terms)
-        tables = [traced(probe, usual, radar) for probe in probes]
-        reference, kept = reference_of(tables, base, radar), Clock(keep=True)
-        run(tables, base, radar, kept, reference)
+        frames = [traced(sample, usual, radar) for sample in samples]
+        reference, kept = reference_of(frames, base, radar), Clock(keep=True)
+        run(frames, base, radar, kept, reference.cells)
         for knob in ("tolerance", "prune_db", "truth_terms"):
             for value in getattr(menu, knob):
                 advance(len(prices), total, f"{knob} {value}")
                 clock = Clock(kept=kept.kept)
                 settings = replace(base, **{knob: value})
-                prices.append(_signal_price(knob, value, settings, tables, reference, clock, radar))
+                prices.append(_signal_price(knob, value, settings, frames, reference, clock, radar))
         del reference, kept
     traces: Kept = {}
-    none = (0.0,) * len(probes)
+    none = (0.0,) * len(samples)
     for knob in ("rays", "depth"):
         for value in getattr(menu, knob):
             advance(len(prices), total, f"{knob} {value}")
@@ -170,34 +166,34 @@ def measure_prices(probes: Sequence[Probe], menu: Menu, radar: Radar, effects: E
             deep = knob == "depth"
             against = replace(usual, depth=REFERENCE_DEPTH) if deep else replace(usual, rays=menu.effort.reference_rays)
             errors = tuple(
-                power_error(probe, settings, against, menu.effort, radar, traces, paired=deep).peak for probe in probes
+                power_error(sample, settings, against, menu.effort, radar, traces, paired=deep).peak
+                for sample in samples
             )
             count = menu.effort.realisations if deep else menu.effort.count(value)
-            paths = [realisations(probe, settings, radar, 1, count, traces).paths for probe in probes]
+            paths = [realisations(sample, settings, radar, 1, count, traces).paths for sample in samples]
             prices.append(
                 Price(knob=knob, value=value, cube=none, image=none, power=errors, paths=float(np.mean(paths)))
             )
-    return Prices(frame_ids=tuple(probe.frame_id for probe in probes), prices=tuple(prices))
+    return Prices(frame_ids=tuple(sample.frame_id for sample in samples), prices=tuple(prices))
 
 
 def _signal_price(
     knob: str,
     value: float,
-    settings: Settings,
-    tables: Sequence[PathTable],
-    reference: Reference,
+    settings: KnobSettings,
+    frames: Sequence[TracedFrame],
+    reference: Outcome,
     clock: Clock,
     radar: Radar,
 ) -> Price:
-    outcome = run(tables, settings, radar, clock, reference)
-    traced_paths = sum(len(table) for table in tables)
+    outcome = run(frames, settings, radar, clock, reference.cells)
     return Price(
         knob=knob,
         value=value,
         cube=tuple(relative_l2(a, b) for a, b in zip(outcome.cubes, reference.cubes, strict=True)),
         image=tuple(peak_error(a, b) for a, b in zip(outcome.images, reference.images, strict=True)),
-        power=(0.0,) * len(tables),
-        paths=sum(outcome.paths) / max(traced_paths, 1),
+        power=(0.0,) * len(frames),
+        paths=sum(outcome.paths) / max(sum(outcome.reached), 1),
     )
 
 
@@ -225,7 +221,7 @@ def choose(scenes: Sequence[Prices], menu: Menu, budget_db: float, radar: Radar)
     return min(choices, key=lambda choice: (choice.predicted.excess_db(budget_db), choice.work))
 
 
-def _predicted(lists: Sequence[PriceList], settings: Settings, menu: Menu) -> Errors:
+def _predicted(lists: Sequence[PriceList], settings: KnobSettings, menu: Menu) -> Errors:
     cube, image, power = list[float](), list[float](), list[float]()
     for prices in lists:
         rays, depth = prices["rays", settings.rays], prices["depth", settings.depth]
@@ -237,7 +233,7 @@ def _predicted(lists: Sequence[PriceList], settings: Settings, menu: Menu) -> Er
     return Errors.of(cube, image, power)
 
 
-def _paths(lists: Sequence[PriceList], settings: Settings) -> float:
+def _paths(lists: Sequence[PriceList], settings: KnobSettings) -> float:
     """Mean paths after pruning: those of the rays, times what the depth changes, times what pruning keeps."""
     counts = []
     for prices in lists:

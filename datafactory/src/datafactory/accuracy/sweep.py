@@ -17,14 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from datafactory.accuracy import chain
+from datafactory.accuracy.clock import STAGES, Clock
 from datafactory.accuracy.errors import detections_changed, level_db, peak_error, relative_l2
-from datafactory.accuracy.knobs import CONVERGED, DEFAULT, REFERENCE_DEPTH, Knob, Settings
+from datafactory.accuracy.knobs import CONVERGED, DEFAULT, REFERENCE_DEPTH, Knob, KnobSettings
+from datafactory.accuracy.looking import Outcome, reference_of, run, write_seconds
 from datafactory.accuracy.power import Effort, Kept, power_error
-from datafactory.accuracy.probes import Probe, traced
+from datafactory.accuracy.samples import SampleFrame, traced
 from datafactory.accuracy.work import counted_work
-from datafactory.effects.catalogue import ALL, NAMES, EffectSet
-from datafactory.paths.table import PathTable
+from datafactory.effects.catalogue import NAMES
+from datafactory.paths.storage import TracedFrame
 from shared.radar import Radar
 
 SAME_PATHS = "same paths: cube at 1e-11 in complex128, truth by the virtual sensor's whole cube"
@@ -46,7 +47,7 @@ class Row:
     :param power_bias_db: total power over the reference's [dB]
     :param detections_changed: [%] of the truth's cells above noise; for power knobs the speckle's change is in it
     :param doppler_rows_changed: [%] of the image rows with a detection whose strongest Doppler cell is another
-    :param peak_mb: growth of the resident set [MB], see :mod:`datafactory.accuracy.chain`
+    :param peak_mb: growth of the resident set [MB], see :mod:`datafactory.accuracy.clock`
     :param work: counted multiply-adds; :param paths: mean over the frames, after pruning
     :param reference: what the errors are held against
     :param approximation: whether the setting is one; False where it adds an effect that the plan leaves out
@@ -82,7 +83,7 @@ class _Step:
 
     label: str
     value: str
-    settings: Settings
+    settings: KnobSettings
     default: bool
     knob: Knob | None = None
 
@@ -92,20 +93,20 @@ class _Step:
 
 
 def sweep(
-    probes: Sequence[Probe],
+    samples: Sequence[SampleFrame],
     signal: Sequence[Knob],
     power: Sequence[Knob],
     effort: Effort,
     radar: Radar,
     advance: Advance = lambda done, total, label: None,
-    effects: EffectSet = ALL,
+    usual: KnobSettings = DEFAULT,
 ) -> list[Row]:
-    """Measure every setting of every knob on the probes, on one core; the defaults together come first.
+    """Measure every setting of every knob on the samples, on one core; the defaults together come first.
 
     :param advance: takes settings done, settings in all, and what is being measured
-    :param effects: of the scene's plan
+    :param usual: how the run makes its frames
     """
-    default = replace(DEFAULT, rays=effort.rays, effects=effects, video_phase=radar.waveform.residual_video_phase)
+    default = replace(usual, rays=effort.rays)
     converged = replace(default, prune_db=CONVERGED.prune_db, truth_terms=CONVERGED.truth_terms)
     steps = _steps(signal, default, converged, "all")
     powers = _steps(power, default, default, "all, power")
@@ -113,28 +114,28 @@ def sweep(
     total = len(steps) + len(powers)
     with threadpool_limits(limits=1):
         advance(0, total, "reference")
-        _warm_up(probes[0], default, radar)
-        clock = chain.Clock(effort.repeats)
-        tables = [clock("trace", partial(traced, probe, default, radar)) for probe in probes]
-        reference = chain.reference_of(tables, converged, radar)
+        _warm_up(samples[0], default, radar)
+        clock = Clock(effort.repeats)
+        frames = [clock("trace", partial(traced, sample, default, radar)) for sample in samples]
+        reference = reference_of(frames, converged, radar)
         fixed = {"trace": clock.seconds()["trace"]}
         kept: dict[Any, Any] = {}
-        chain.run(tables, converged, radar, chain.Clock(effort.repeats, kept, keep=True), reference, effort.batch)
-        fixed["write"] = chain.write_seconds(reference.cubes[0], reference.images[0], radar, max(3, effort.repeats))
+        run(frames, converged, radar, Clock(effort.repeats, kept, keep=True), reference.cells, effort.batch)
+        fixed["write"] = write_seconds(reference.frames[0], radar, max(3, effort.repeats))
         for step in steps:
             advance(len(rows), total, f"{step.label} {step.value}")
-            rows.append(_signal_row(step, tables, reference, fixed, effort, radar, kept))
+            rows.append(_signal_row(step, frames, reference, fixed, effort, radar, kept))
         del reference, kept
         realisations: Kept = {}
-        usual = chain.run(tables[:1], default, radar, chain.Clock(), batch=1)
+        as_made = run(frames[:1], default, radar, Clock(), batch=1)
         for step in powers:
             advance(len(rows), total, f"{step.label} {step.value}")
-            rows.append(_power_row(step, default, probes, usual, fixed, effort, radar, realisations))
+            rows.append(_power_row(step, default, samples, as_made, fixed, effort, radar, realisations))
     advance(total, total, "done")
     return rows
 
 
-def _steps(knobs: Sequence[Knob], default: Settings, base: Settings, everything: str) -> list[_Step]:
+def _steps(knobs: Sequence[Knob], default: KnobSettings, base: KnobSettings, everything: str) -> list[_Step]:
     """The defaults together, then every value of every knob away from ``base``.
 
     Whatever rays the sweep itself is made with, the pipeline's default is marked.
@@ -154,7 +155,7 @@ def _shown(value: Any) -> str:
     return str(value) if not isinstance(value, bool) else "on" if value else "off"
 
 
-def power_reference(knob: Knob | None, settings: Settings, default: Settings, effort: Effort) -> Settings:
+def power_reference(knob: Knob | None, settings: KnobSettings, default: KnobSettings, effort: Effort) -> KnobSettings:
     """What a power setting is held against.
 
     Number and lattice of the rays against the densest fan of the same depth; depth against the deepest, effects and
@@ -169,15 +170,15 @@ def power_reference(knob: Knob | None, settings: Settings, default: Settings, ef
 
 def _signal_row(
     step: _Step,
-    tables: Sequence[PathTable],
-    reference: chain.Reference,
+    frames: Sequence[TracedFrame],
+    reference: Outcome,
     fixed: dict[str, float],
     effort: Effort,
     radar: Radar,
     kept: dict[Any, Any],
 ) -> Row:
-    clock = chain.Clock(effort.repeats, kept)
-    outcome = chain.run(tables, step.settings, radar, clock, reference, effort.batch)
+    clock = Clock(effort.repeats, kept)
+    outcome = run(frames, step.settings, radar, clock, reference.cells, effort.batch)
     stages = {**fixed, **clock.seconds()}
     pairs = list(zip(outcome.images, reference.images, strict=True))
     expected = replace(outcome, images=reference.images).detections(radar)
@@ -188,7 +189,7 @@ def _signal_row(
         default=step.default,
         kind="signal",
         seconds=sum(stages.values()),
-        stage_seconds={name: stages[name] for name in chain.STAGES},
+        stage_seconds={name: stages[name] for name in STAGES},
         cube_error_db=_worst([relative_l2(a, b) for a, b in zip(outcome.cubes, reference.cubes, strict=True)]),
         image_error_db=_worst([peak_error(a, b) for a, b in pairs]),
         image_l2_db=_worst([relative_l2(a, b) for a, b in pairs]),
@@ -207,9 +208,9 @@ def _signal_row(
 
 def _power_row(
     step: _Step,
-    default: Settings,
-    probes: Sequence[Probe],
-    usual: chain.Outcome,
+    default: KnobSettings,
+    samples: Sequence[SampleFrame],
+    usual: Outcome,
     fixed: dict[str, float],
     effort: Effort,
     radar: Radar,
@@ -218,10 +219,10 @@ def _power_row(
     settings = step.settings
     against = power_reference(step.knob, settings, default, effort)
     paired = step.knob is not None and step.knob.paired
-    errors = [power_error(probe, settings, against, effort, radar, kept, paired) for probe in probes]
-    clock = chain.Clock(effort.repeats)
-    table = clock("trace", lambda: traced(probes[0], settings, radar))
-    outcome = chain.run([table], settings, radar, clock, batch=effort.batch)
+    errors = [power_error(sample, settings, against, effort, radar, kept, paired) for sample in samples]
+    clock = Clock(effort.repeats)
+    frame = clock("trace", lambda: traced(samples[0], settings, radar))
+    outcome = run([frame], settings, radar, clock, batch=effort.batch)
     stages = {**fixed, **clock.seconds()}
     paths = float(outcome.paths[0])
     return Row(
@@ -230,7 +231,7 @@ def _power_row(
         default=step.default,
         kind="power",
         seconds=sum(stages.values()),
-        stage_seconds={name: stages[name] for name in chain.STAGES},
+        stage_seconds={name: stages[name] for name in STAGES},
         cube_error_db=_worst([error.l2 for error in errors]),
         image_error_db=_worst([error.peak for error in errors]),
         image_l2_db=_worst([error.l2 for error in errors]),
@@ -242,12 +243,12 @@ def _power_row(
         peak_mb=clock.peak_mb(),
         paths=paths,
         work=counted_work(settings, paths, radar),
-        reference=_said(against, effort, paired),
+        reference=_reference_text(against, effort, paired),
         approximation=step.approximation,
     )
 
 
-def _said(against: Settings, effort: Effort, paired: bool) -> str:
+def _reference_text(against: KnobSettings, effort: Effort, paired: bool) -> str:
     realisations = f"{effort.realisations} realisations" + ("" if paired else " or more")
     if paired:
         return f"same {against.rays} rays, depth {against.depth}, effects as planned: cell power, {realisations}"
@@ -257,12 +258,12 @@ def _said(against: Settings, effort: Effort, paired: bool) -> str:
     )
 
 
-def _warm_up(probe: Probe, settings: Settings, radar: Radar) -> None:
+def _warm_up(sample: SampleFrame, settings: KnobSettings, radar: Radar) -> None:
     """Everything is compiled once before it is timed."""
     few = replace(settings, rays=1000, prune_db=0.0)
-    table = traced(probe, few, radar)
+    frame = traced(sample, few, radar)
     for tolerance in (1e-6, 1e-9):
-        chain.run([table], replace(few, tolerance=tolerance), radar, chain.Clock(), batch=1)
+        run([frame], replace(few, tolerance=tolerance), radar, Clock(), batch=1)
 
 
 def _worst(ratios: Sequence[float]) -> float:

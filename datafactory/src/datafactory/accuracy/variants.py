@@ -1,4 +1,4 @@
-"""Approximations that the pipeline does not make, built from its own stages so that their price can be shown.
+"""Approximations that the pipeline does not make, built from its own parts so that their price can be shown.
 
 Each is a change of the path table, whose delays one kernel then evaluates exactly:
 
@@ -52,6 +52,24 @@ class FrontOfSphere(SphereLattice):
         return (directions[:, 0] >= 0.0).astype(np.float64)
 
 
+FAN, SPHERE = "fan", "sphere"
+LATTICES = {FAN: RayFan, SPHERE: FrontOfSphere, "all around": SphereLattice}
+"""First directions by name."""
+AHEAD = -1e-6
+"""Directions with x above this are ahead: those straight below, at 0 but for rounding, are."""
+
+
+def ahead_alone(paths: PathTable) -> PathTable:
+    """Without the paths of rays that the fan does not send: amplitude zero, or mirrors behind at both ends."""
+    scattered, specular = paths.scattered, paths.specular
+    ahead = (specular.departure()[:, 0] >= AHEAD) | (specular.image[:, 0] >= AHEAD)
+    return replace(
+        paths,
+        scattered=scattered.take(np.flatnonzero(scattered.amplitude != 0.0)),
+        specular=specular.take(np.flatnonzero(ahead)),
+    )
+
+
 def linear_delays(paths: PathTable, radar: Radar) -> PathTable:
     """The table with delays that are linear in time as seen from the origin."""
     time = radar.waveform.mid_frame_s
@@ -94,8 +112,8 @@ def reference_moments(
     radar: Radar,
     doppler_cells: NDArray[np.int64],
     terms: int,
-    tolerance: float = 1e-6,
     model: WaveModel = EQUATION_1,
+    tolerance: float = 1e-6,
 ) -> NDArray[np.complex64]:
     """[terms, R, C] what :func:`truth_moments` approximates: from its whole cube and Doppler filters."""
     waveform, sensor = radar.waveform, radar.virtual_sensor

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from functools import lru_cache
 
-from datafactory.accuracy.knobs import Settings
+from datafactory.accuracy.knobs import KnobSettings
 from datafactory.synthesis.cube import FLOAT32_TOLERANCE, OVERSAMPLING, terms_for
 from shared.radar import Radar
 
@@ -26,12 +26,12 @@ CUBE_REACH_BINS = 0.6
 """Typical range remainder [bins] of a block of channels, which sets the cube's number of moments."""
 
 
-def trace_work(settings: Settings) -> float:
+def trace_work(settings: KnobSettings) -> float:
     """Multiply-adds for tracing one frame."""
-    return RAY_BOUNCE * settings.rays * settings.trace().steps
+    return RAY_BOUNCE * settings.rays * settings.chain().trace.steps
 
 
-def counted_work(settings: Settings, paths: float, radar: Radar) -> float:
+def counted_work(settings: KnobSettings, paths: float, radar: Radar) -> float:
     """Multiply-adds for one frame with this many paths after pruning."""
     waveform, grid = radar.waveform, radar.grid
     elements = radar.virtual_sensor.channels

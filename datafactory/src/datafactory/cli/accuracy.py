@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
@@ -16,20 +17,19 @@ from datafactory.accuracy import budget, knobs, lattices, report
 from datafactory.accuracy.check import check
 from datafactory.accuracy.power import Effort
 from datafactory.accuracy.prices import Menu
-from datafactory.accuracy.probes import planned_scenes, probes_of
+from datafactory.accuracy.samples import SampleFrame, made_with, planned_scenes
 from datafactory.accuracy.sweep import Advance, sweep
 from datafactory.cli import options
-from datafactory.frame.chain import IMAGE_BATCH
+from datafactory.frame.measurement import IMAGE_BATCH
 from datafactory.paths.backend import select_variant, set_threads
 from datafactory.run.order import Order
 from datafactory.run.pipeline import Report, render
+from datafactory.run.preparation import prepare
 from datafactory.scenes.materials.table import MaterialTable, load_materials
 from datafactory.scenes.poses import read_poses
 from shared.physics.errors import InputError
 from shared.radar import load_radar
 
-PLANNED_FRAMES = 8
-"""Frames of the run whose effects are planned, as many as ``datafactory render`` makes by default."""
 TABLE_WIDTH = 165
 """Columns that the table needs; a narrower terminal wraps its lines rather than its cells."""
 
@@ -58,10 +58,11 @@ def accuracy(
     select_variant()
     set_threads(1)
     count = min(1 if quick else frames, len(given) or IMAGE_BATCH)
-    order = Order(radar=model, scenes=(scene,), frames=0 if given else PLANNED_FRAMES, poses=given, seed=seed)
-    planned = planned_scenes(order, table, lambda line: console.print(line, markup=False))[0]
-    effects = planned.work.effects
-    probes = probes_of(planned.work, order, range(count))
+    order = Order(radar=model, scenes=(scene,), frames=0 if given else options.DEFAULT_FRAMES, poses=given, seed=seed)
+    prepared = prepare(order, table, lambda line: console.print(line, markup=False))
+    (planned,) = planned_scenes(order, prepared)
+    effects = planned.effects
+    samples = [SampleFrame(prepared.deal.frame(frame_id), planned.scene) for frame_id in range(count)]
     signal: tuple[knobs.Knob, ...] = knobs.SIGNAL_KNOBS
     power: tuple[knobs.Knob, ...] = knobs.POWER_KNOBS
     effort = Effort(knobs.REFERENCE_RAYS, repeats=repeats)
@@ -74,10 +75,10 @@ def accuracy(
     signal += tuple(knob for knob in toggled if not knob.power)
     power += tuple(knob for knob in toggled if knob.power)
     with _bar(console) as advance:
-        rows = sweep(probes, signal, power, effort, model, advance, effects)
-    shown = Table(*report.HEADINGS, title=f"What accuracy costs: {scene}", title_justify="left")
+        rows = sweep(samples, signal, power, effort, model, advance, made_with(order, effects))
+    shown = Table(*map(escape, report.HEADINGS), title=escape(f"What accuracy costs: {scene}"), title_justify="left")
     for row in report.table_rows(rows):
-        shown.add_row(*row)
+        shown.add_row(*map(escape, row))
     Console(width=max(console.width, TABLE_WIDTH), soft_wrap=True, highlight=False).print(shown)
     for line in (*report.EXPLANATION, report.effects_line(effects, planned.absent), *lattices.lines(rows)):
         console.print(line, markup=False)

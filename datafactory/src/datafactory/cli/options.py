@@ -12,16 +12,21 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from datafactory.frame.chain import ChainSettings
+from datafactory.frame.deal import parse_split_pattern
+from datafactory.paths.solver import TraceSettings
 from datafactory.run.order import Order
 from datafactory.run.pipeline import Report, render
 from datafactory.scenes.materials.table import MaterialTable
+from datafactory.scenes.poses import read_poses
 from shared.physics.errors import InputError
-from shared.radar import DEFAULT_RADAR
+from shared.radar import DEFAULT_RADAR, load_radar
 
 Out = Annotated[Path, typer.Option("--out", help="Folder of the dataset; new or empty.", show_default=False)]
 RadarName = Annotated[str, typer.Option("--radar", help="A preset or a TOML file.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Dataset seed: same seed, same bytes.")]
 Split = Annotated[str, typer.Option("--split", help="Pattern train:validation:test over the frames.")]
+Frames = Annotated[int, typer.Option("--frames", min=1, help="Scene frames in total, dealt to the scenes in turn.")]
 Store = Annotated[str, typer.Option("--store", help="range-channel, range-doppler or cube: what else to keep.")]
 Scenes = Annotated[
     list[str] | None,
@@ -44,6 +49,38 @@ Workers = Annotated[int, typer.Option("--workers", min=0, help="Worker processes
 Resume = Annotated[bool, typer.Option("--resume", help="Go on with an unfinished run in the same folder.")]
 
 DEFAULT_RADAR_NAME = DEFAULT_RADAR
+DEFAULT_FRAMES = 8
+
+
+def order_of(
+    scene: list[str] | None,
+    poses: Path | None,
+    frames: int,
+    split: str,
+    seed: int,
+    radar: str,
+    rays: int,
+    depth: int,
+    budget_db: float,
+) -> Order:
+    """The scene frames that a command was asked for, to be traced with these settings.
+
+    :raises InputError: no scene, or whatever is wrong with split, poses or radar
+    """
+    parse_split_pattern(split)
+    if not scene:
+        raise InputError("--scene", "missing", "a scene file or sionna:NAME")
+    given = read_poses(poses) if poses else ()
+    return Order(
+        radar=load_radar(radar),
+        scenes=tuple(scene),
+        frames=0 if given else frames,
+        seed=seed,
+        split=split,
+        poses=given,
+        settings=ChainSettings(trace=TraceSettings(rays=rays, depth=depth)),
+        budget_db=budget_db,
+    )
 
 
 def cores() -> int:

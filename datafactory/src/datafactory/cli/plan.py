@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.table import Table
 from threadpoolctl import threadpool_limits
@@ -15,26 +16,21 @@ from threadpoolctl import threadpool_limits
 from datafactory.cli import options
 from datafactory.effects.picture import draw
 from datafactory.effects.plan import DEFAULT_BUDGET_DB
-from datafactory.effects.proof import prove
-from datafactory.effects.timing import costs
-from datafactory.frame.chain import Processing
+from datafactory.effects.price import price
+from datafactory.frame.deal import DEFAULT_PATTERN
 from datafactory.paths.backend import select_variant, set_threads
-from datafactory.paths.solver import TraceSettings
-from datafactory.run.order import Order
+from datafactory.run.preparation import prepare
 from datafactory.run.shards import write_json
-from datafactory.run.sources import scene_plan
 from datafactory.scenes.materials.table import load_materials
-from datafactory.scenes.poses import read_poses
-from shared.radar import load_radar
 
-SAMPLED = 3
-"""Poses drawn where none are given."""
 TABLE_WIDTH = 150
 
 
 def plan(
-    scene: Annotated[str, typer.Option(help="USD, Mitsuba XML or mesh file, or sionna:NAME.", show_default=False)],
+    scene: options.Scenes = None,
     poses: options.Poses = None,
+    frames: options.Frames = options.DEFAULT_FRAMES,
+    split: options.Split = DEFAULT_PATTERN,
     radar: options.RadarName = options.DEFAULT_RADAR_NAME,
     as_json: Annotated[bool, typer.Option("--json", help="Print the plan as JSON and nothing else.")] = False,
     out: Annotated[
@@ -52,55 +48,47 @@ def plan(
     ] = False,
     times: Annotated[bool, typer.Option("--times/--no-times", help="Measure what each effect costs in time.")] = True,
 ) -> None:
-    """Say which effects will be simulated, why, what each costs and what leaving it out would cost."""
+    """Say which effects will be simulated, why, what each costs and what leaving it out would cost.
+
+    With the scenes, frames, split and seed of a `datafactory render` this is the plan of that run.
+    """
     console = Console(soft_wrap=True, highlight=False, stderr=as_json)
-    given = read_poses(poses) if poses else ()
-    order = Order(
-        radar=load_radar(radar), scenes=(scene,), frames=0 if given else SAMPLED, poses=given, seed=seed,
-        budget_db=error_budget, trace=TraceSettings(rays=rays, depth=depth),
-    )  # fmt: skip
+    order = options.order_of(scene, poses, frames, split, seed, radar, rays=rays, depth=depth, budget_db=error_budget)
     select_variant()
     set_threads(1)
     columns = (TextColumn("{task.description:24s}"), BarColumn(), MofNCompleteColumn())
     with threadpool_limits(limits=1), Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task("looking", total=None)
-        probe, found, evidence = scene_plan(
-            order, load_materials(materials), lambda line: console.print(line, markup=False)
-        )
-        seconds = dict.fromkeys(evidence, 0.0)
-        if times:
-            seconds = costs(
-                probe, found.effects, evidence, Processing(),
-                lambda done, total, label: progress.update(task, completed=done, total=total, description=label),
-            )  # fmt: skip
-        proof = prove(probe, found.effects) if prove_it else None
-    document = found.to_json()
-    if proof is not None:
-        document["proof"] = {name: round(value, 3) for name, value in vars(proof).items()}
-    for item in document["effects"]:
-        item["cost_seconds"] = round(seconds[item["effect"]], 3)
+
+        def advance(done: int, total: int, label: str) -> None:
+            progress.update(task, completed=done, total=total, description=label)
+
+        prepared = prepare(order, load_materials(materials), lambda line: console.print(line, markup=False))
+        priced = [
+            price(sample, found, order.radar, order.settings, times, prove_it, advance)
+            for sample, found in zip(prepared.samples, prepared.plans, strict=True)
+        ]
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
-        write_json(out / "plan.json", document)
-        draw(found, seconds, out / "plan.png")
+        for number, item in enumerate(priced):
+            name = "plan" if len(priced) == 1 else f"plan-{number}-{item.plan.scene}"
+            write_json(out / f"{name}.json", item.to_json())
+            draw(item.plan, item.seconds, out / f"{name}.png")
+            console.print(f"wrote {out / name}.json and {out / name}.png", markup=False)
+    documents = [item.to_json() for item in priced]
     if as_json:
-        print(json.dumps(document, indent=2))
+        print(json.dumps(documents[0] if len(documents) == 1 else documents, indent=2))
         return
-    _table(document, console)
-    if proof is not None:
-        console.print(
-            f"against --effects all: power in a cell {proof.power_db:.1f} dB, input image {proof.input_db:.1f} dB, "
-            f"truth image {proof.truth_db:.1f} dB of the peak; {proof.planned_seconds:.2f} s a frame instead of "
-            f"{proof.all_seconds:.2f} s"
-        )
-    if out is not None:
-        console.print(f"wrote {out / 'plan.json'} and {out / 'plan.png'}", markup=False)
+    for item, document in zip(priced, documents, strict=True):
+        _table(document, console)
+        if item.proof is not None:
+            console.print(item.proof.sentence(), markup=False)
 
 
 def _table(document: dict[str, Any], console: Console) -> None:
-    shown = Table(title=f"{document['scene']}: error budget {document['budget_db']:g} dB", title_justify="left")
+    shown = Table(title=escape(f"{document['scene']}: error budget {document['budget_db']:g} dB"), title_justify="left")
     for heading in ("effect", "", "why", "evidence", "cost [s/frame]", "loss [dB]"):
-        shown.add_column(heading, justify="right" if "[" in heading else "left")
+        shown.add_column(escape(heading), justify="right" if "[" in heading else "left")
     for item in document["effects"]:
         nothing = item["loss_db"] <= -200.0
         shown.add_row(

@@ -8,10 +8,11 @@ from typing import Annotated
 import typer
 
 from datafactory.cli import options
-from datafactory.frame.chain import Processing
+from datafactory.frame.chain import ChainSettings
+from datafactory.frame.deal import DEFAULT_PATTERN, parse_split_pattern
+from datafactory.frame.measurement import Processing
 from datafactory.frame.points import read_targets
 from datafactory.run.order import Order
-from datafactory.run.shards import parse_split_pattern
 from datafactory.scenes.materials.table import load_materials
 from shared.dataset import STORES
 from shared.radar import load_radar
@@ -26,7 +27,7 @@ def points(
     targets: Annotated[
         Path | None, typer.Option(help="JSON file of exactly these targets: one frame for each inner list.")
     ] = None,
-    split: options.Split = "6:1:1",
+    split: options.Split = DEFAULT_PATTERN,
     store: options.Store = "range-channel",
     noise: options.Noise = True,
     truth_window: options.TruthWindow = "taylor-30",
@@ -41,10 +42,12 @@ def points(
         targets=read_targets(targets) if targets else (),
         seed=seed,
         split=split,
-        processing=Processing(
-            noise=noise,
-            store=options.choice("--store", store, STORES),
-            truth_window=options.choice("--truth-window", truth_window, ANGLE_WINDOWS),
+        settings=ChainSettings(
+            processing=Processing(
+                noise=noise,
+                store=options.choice("--store", store, STORES),
+                truth_window=options.choice("--truth-window", truth_window, ANGLE_WINDOWS),
+            )
         ),
     )
     options.run(order, load_materials(None), out, workers, resume)

@@ -12,10 +12,11 @@ from datafactory.cli import options
 from datafactory.cli.accuracy import make_within_budget
 from datafactory.effects.catalogue import parse_effects
 from datafactory.effects.plan import DEFAULT_BUDGET_DB
-from datafactory.frame.chain import Processing
+from datafactory.frame.chain import ChainSettings
+from datafactory.frame.deal import DEFAULT_PATTERN, parse_split_pattern
+from datafactory.frame.measurement import Processing
 from datafactory.paths.solver import TraceSettings
 from datafactory.run.order import Order
-from datafactory.run.shards import parse_split_pattern
 from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.poses import read_poses
 from shared.dataset import STORES
@@ -32,11 +33,13 @@ def render(
         Path | None, typer.Option(help="Folder of `datafactory trace`, instead of --scene: the same paths again.")
     ] = None,
     radar: options.RadarName = options.DEFAULT_RADAR_NAME,
-    frames: Annotated[int, typer.Option(min=0, help="Scene frames in total, dealt to the scenes in turn.")] = 8,
+    frames: Annotated[
+        int, typer.Option(min=0, help="Scene frames in total, dealt to the scenes in turn.")
+    ] = options.DEFAULT_FRAMES,
     points: Annotated[int, typer.Option(min=0, help="Close-target frames to add.")] = 0,
     seed: options.Seed = 0,
     poses: options.Poses = None,
-    split: options.Split = "6:1:1",
+    split: options.Split = DEFAULT_PATTERN,
     materials: options.Materials = None,
     store: options.Store = "range-channel",
     rays: options.Rays = 200_000,
@@ -73,12 +76,14 @@ def render(
         seed=seed,
         split=split,
         poses=given,
-        processing=Processing(
-            noise=noise,
-            store=options.choice("--store", store, STORES),
-            truth_window=options.choice("--truth-window", truth_window, ANGLE_WINDOWS),
+        settings=ChainSettings(
+            trace=TraceSettings(rays=rays, depth=depth),
+            processing=Processing(
+                noise=noise,
+                store=options.choice("--store", store, STORES),
+                truth_window=options.choice("--truth-window", truth_window, ANGLE_WINDOWS),
+            ),
         ),
-        trace=TraceSettings(rays=rays, depth=depth),
         effects=parse_effects(effects),
         budget_db=DEFAULT_BUDGET_DB if error_budget is None else error_budget,
     )

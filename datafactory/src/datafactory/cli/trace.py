@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated
 
 import typer
@@ -11,14 +12,9 @@ from datafactory.cli import options
 from datafactory.cli.accuracy import make_within_budget
 from datafactory.effects.catalogue import parse_effects
 from datafactory.effects.plan import DEFAULT_BUDGET_DB
-from datafactory.paths.solver import TraceSettings
-from datafactory.run.order import Order
+from datafactory.frame.deal import DEFAULT_PATTERN
 from datafactory.run.pipeline import trace_paths
-from datafactory.run.shards import parse_split_pattern
 from datafactory.scenes.materials.table import load_materials
-from datafactory.scenes.poses import read_poses
-from shared.physics.errors import InputError
-from shared.radar import load_radar
 
 
 def trace(
@@ -26,10 +22,10 @@ def trace(
     out: options.Out,
     scene: options.Scenes = None,
     radar: options.RadarName = options.DEFAULT_RADAR_NAME,
-    frames: Annotated[int, typer.Option(min=1, help="Frames in total, dealt to the scenes in turn.")] = 8,
+    frames: options.Frames = options.DEFAULT_FRAMES,
     seed: options.Seed = 0,
     poses: options.Poses = None,
-    split: options.Split = "6:1:1",
+    split: options.Split = DEFAULT_PATTERN,
     materials: options.Materials = None,
     rays: options.Rays = 200_000,
     depth: options.Depth = 2,
@@ -51,21 +47,9 @@ def trace(
 
     Of the radar, only its wavelength matters here, and with --error-budget its antennas and resolution.
     """
-    parse_split_pattern(split)
-    if not scene:
-        raise InputError("--scene", "missing", "a scene file or sionna:NAME")
-    given = read_poses(poses) if poses else ()
-    order = Order(
-        radar=load_radar(radar),
-        scenes=tuple(scene),
-        frames=0 if given else frames,
-        seed=seed,
-        split=split,
-        poses=given,
-        trace=TraceSettings(rays=rays, depth=depth),
-        effects=parse_effects(effects),
-        budget_db=DEFAULT_BUDGET_DB if error_budget is None else error_budget,
-    )
+    budget_db = DEFAULT_BUDGET_DB if error_budget is None else error_budget
+    order = options.order_of(scene, poses, frames, split, seed, radar, rays, depth, budget_db)
+    order = replace(order, effects=parse_effects(effects))
     table = load_materials(materials)
     if error_budget is None:
         options.run(order, table, out, workers, resume, make=trace_paths)

@@ -4,14 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 
-import numpy as np
-
-from datafactory.frame.chain import Processing
-from datafactory.paths.solver import TraceSettings
+from datafactory.frame.chain import ChainSettings
 from shared.physics.errors import InputError
-from shared.physics.units import power_to_db
-from shared.radar import FrontEnd
-from shared.radar.antenna import IsotropicPattern
 
 AUTO = "auto"
 DESCRIPTIONS = {
@@ -65,38 +59,29 @@ class EffectSet:
     def with_also(self, name: str) -> EffectSet:
         return replace(self, **{name: True})
 
-    def trace(self, settings: TraceSettings) -> TraceSettings:
-        """Trace settings that follow no more than these effects."""
+    def settings(self, settings: ChainSettings) -> ChainSettings:
+        """Settings of the chain that simulate no more than these effects."""
+        trace, processing = settings.trace, settings.processing
         return replace(
             settings,
-            depth=settings.depth if self.multi_bounce else 1,
-            specular=settings.specular and self.specular,
-            diffuse=settings.diffuse and self.diffuse,
-            refraction=self.refraction,
-            diffraction=self.diffraction,
-            point_targets=self.rcs_targets,
-        )
-
-    def front_end(self, front_end: FrontEnd) -> FrontEnd:
-        """The front end with its patterns, or with their boresight gain in every direction."""
-        if self.antenna_pattern:
-            return front_end
-        return front_end.model_copy(
-            update={
-                "tx_pattern": _of_boresight_gain(front_end.tx_pattern),
-                "rx_pattern": _of_boresight_gain(front_end.rx_pattern),
-            }
-        )
-
-    def processing(self, processing: Processing) -> Processing:
-        """Processing that simulates no more than these effects."""
-        return replace(
-            processing,
-            noise=processing.noise and self.noise,
-            doppler=self.doppler,
-            range_migration=self.range_migration,
-            intra_chirp_motion=self.intra_chirp_motion,
-            near_field=self.near_field,
+            trace=replace(
+                trace,
+                depth=trace.depth if self.multi_bounce else 1,
+                specular=trace.specular and self.specular,
+                diffuse=trace.diffuse and self.diffuse,
+                refraction=self.refraction,
+                diffraction=self.diffraction,
+                point_targets=self.rcs_targets,
+            ),
+            processing=replace(
+                processing,
+                noise=processing.noise and self.noise,
+                doppler=self.doppler,
+                range_migration=self.range_migration,
+                intra_chirp_motion=self.intra_chirp_motion,
+                near_field=self.near_field,
+            ),
+            antenna_pattern=settings.antenna_pattern and self.antenna_pattern,
         )
 
 
@@ -120,8 +105,3 @@ def parse_effects(text: str) -> EffectSet | None:
     if not names:
         raise InputError("--effects", repr(text), f"auto, all, or some of {','.join(NAMES)}")
     return EffectSet.of(set(names))
-
-
-def _of_boresight_gain(pattern) -> IsotropicPattern:
-    gain = pattern.power_gain(np.array([1.0, 0.0, 0.0]))
-    return IsotropicPattern(gain_dbi=float(power_to_db(gain)))

@@ -11,25 +11,22 @@ from pydantic import BaseModel, ConfigDict
 
 from datafactory.effects import changes
 from datafactory.effects.catalogue import NAMES
+from datafactory.frame.chain import ChainSettings, SceneSource, illuminated
+from datafactory.frame.deal import DealtFrame
+from datafactory.frame.prepared import PreparedScene, Sample
 from datafactory.paths.density import cell_power
 from datafactory.paths.edges import edges_of
-from datafactory.paths.merged_scene import Stage
 from datafactory.paths.panes import slab_transmission
-from datafactory.paths.rays import RayFan
-from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import DIFFRACTED, DIFFUSE, REFRACTED, SPECULAR, TARGET, PathTable
 from datafactory.paths.targets import slabs_of
-from datafactory.paths.trace import trace
-from datafactory.scenes.materials.table import MaterialMapping
-from datafactory.scenes.poses import Pose
 from shared.physics.units import amplitude_to_db, power_to_db
 from shared.radar import Radar
 from shared.signal.windows import cell_noise_power
 
-PROBE_RAYS = 400_000
+EVIDENCE_RAYS = 400_000
 """With half of them a surface at 80 m has one to four in a resolution cell, and the plan of one scene of
 ``scenes/effects`` hung on the seed (2 of 8 said otherwise; now none)."""
-PROBE_DEPTH = 3
+EVIDENCE_DEPTH = 3
 PANE_DB = -60.0
 """Two-way transmission below which a surface counts as opaque: 30 dB under the default error budget."""
 FLOOR_DB = -200.0
@@ -65,30 +62,19 @@ class Gathered(BaseModel):
     evidence: dict[str, Evidence]
 
 
-@dataclass(frozen=True)
-class Probe:
-    """Where to look.
+def gather(sample: Sample, radar: Radar, settings: ChainSettings) -> Gathered:
+    """Evidence for every effect; deterministic.
 
-    :param poses: of the radar, one trace each
-    :param seed: of the rays' offset
+    :param sample: frames of the run, one trace each
+    :param settings: of the run; number and depth of the rays are the evidence's own
     """
-
-    stage: Stage
-    materials: MaterialMapping
-    poses: tuple[Pose, ...]
-    radar: Radar
-    settings: TraceSettings
-    seed: int = 0
-
-
-def gather(probe: Probe) -> Gathered:
-    """Evidence for every effect; deterministic."""
-    if not probe.poses:
+    if not sample.frames:
         return Gathered(evidence=dict.fromkeys(NAMES, Evidence(FLOOR_DB, "no frame of the run stands in this scene")))
-    tables = [_table(probe, index) for index in range(len(probe.poses))]
-    structural = _structural(probe, tables)
+    panes = _has_panes(sample.scene, radar)
+    tables = [_lit_paths(sample.scene, frame, radar, settings, panes) for frame in sample.frames]
+    structural = _structural(sample.scene, tables, radar, panes)
     rates = [changes.radial_mps(table) for table in tables]
-    waveform = probe.radar.waveform
+    waveform = radar.waveform
 
     def of_kind(kind: int) -> Callable[[int, PathTable], Real]:
         return lambda index, table: (_kinds(table) & kind > 0).astype(np.float64)
@@ -102,56 +88,57 @@ def gather(probe: Probe) -> Gathered:
         "doppler": lambda index, table: changes.doppler_change(rates[index], waveform) ** 2,
         "range_migration": lambda index, table: changes.migration_change(rates[index], waveform) ** 2,
         "intra_chirp_motion": lambda index, table: changes.intra_chirp_change(rates[index], waveform) ** 2,
-        "near_field": lambda index, table: _plane_wave_change(table, probe.radar) ** 2,
-        "antenna_pattern": lambda index, table: changes.pattern_change(table, probe.radar) ** 2,
+        "near_field": lambda index, table: _plane_wave_change(table, radar) ** 2,
+        "antenna_pattern": lambda index, table: changes.pattern_change(table, radar) ** 2,
         "rcs_targets": of_kind(TARGET),
     }
+    window = settings.processing.truth_window
     evidence = {
-        name: structural.get(name) or _measured(tables, measure, probe.radar) for name, measure in measures.items()
+        name: structural.get(name) or _measured(tables, measure, radar, window) for name, measure in measures.items()
     }
-    return Gathered(evidence={**evidence, "noise": _noise(tables, probe.radar)})
+    return Gathered(evidence={**evidence, "noise": _noise(tables, radar, window)})
 
 
-def _table(probe: Probe, index: int) -> PathTable:
-    offset = np.random.default_rng([probe.seed, index]).random(2)
-    fan = RayFan(PROBE_RAYS, offset=(float(offset[0]), float(offset[1])))
-    settings = replace(
-        probe.settings, rays=PROBE_RAYS, depth=PROBE_DEPTH, specular=True, diffuse=True, refraction=_has_panes(probe),
+def _lit_paths(
+    scene: PreparedScene, frame: DealtFrame, radar: Radar, settings: ChainSettings, panes: bool
+) -> PathTable:
+    """Illuminated paths of one frame with every effect that the scene has something for."""
+    everything = replace(
+        settings.trace, rays=EVIDENCE_RAYS, depth=EVIDENCE_DEPTH, specular=True, diffuse=True, refraction=panes,
         diffraction=True, point_targets=True,
     )  # fmt: skip
-    frequency_hz = probe.radar.waveform.mid_sweep_hz
-    paths = trace(probe.stage, probe.materials, probe.poses[index], frequency_hz, settings, fan, index)
-    return paths.within(probe.radar).illuminated(probe.radar.front_end)
+    settings = replace(settings, trace=everything, antenna_pattern=True)
+    return illuminated(SceneSource(frame, scene, settings).traced(radar), settings, radar)
 
 
-def _structural(probe: Probe, tables: Sequence[PathTable]) -> dict[str, Evidence]:
+def _structural(scene: PreparedScene, tables: Sequence[PathTable], radar: Radar, panes: bool) -> dict[str, Evidence]:
     """Effects that need no measuring: the scene or the radar lacks what they work on."""
     found = {}
-    if not probe.stage.meshes:
+    if not scene.merged.meshes:
         for name in ("specular", "diffuse", "multi_bounce"):
             found[name] = Evidence(FLOOR_DB, "there is no surface")
-    if not _has_panes(probe):
+    if not panes:
         found["refraction"] = Evidence(FLOOR_DB, "no material lets a wave through")
-    if not probe.stage.meshes or not len(edges_of(probe.stage)):
+    if not scene.merged.meshes or not len(edges_of(scene.merged)):
         found["diffraction"] = Evidence(FLOOR_DB, "there is no edge")
     if not any(table.moves() for table in tables):
         for name in ("doppler", "range_migration", "intra_chirp_motion"):
             found[name] = Evidence(FLOOR_DB, "nothing moves, neither the radar nor anything that it sees")
-    if probe.radar.waveform.chirps == 1:
+    if radar.waveform.chirps == 1:
         for name in ("doppler", "range_migration"):
             found[name] = Evidence(FLOOR_DB, "the frame has one chirp")
-    if not probe.stage.targets:
+    if not scene.merged.targets:
         found["rcs_targets"] = Evidence(FLOOR_DB, "the scene has no target with a radar cross section")
-    front_end = probe.radar.front_end
+    front_end = radar.front_end
     if front_end.tx_pattern.kind == front_end.rx_pattern.kind == "isotropic":
         found["antenna_pattern"] = Evidence(FLOOR_DB, "the radar's elements are isotropic")
     return found
 
 
-def _has_panes(probe: Probe) -> bool:
+def _has_panes(scene: PreparedScene, radar: Radar) -> bool:
     """Whether any surface lets more through, out and back, than counts as nothing."""
-    frequency_hz = probe.radar.waveform.mid_sweep_hz
-    for slab in set(slabs_of(probe.stage, probe.materials)):
+    frequency_hz = radar.waveform.mid_sweep_hz
+    for slab in set(slabs_of(scene.merged, scene.materials)):
         te, _ = slab_transmission(
             slab.relative_permittivity, slab.conductivity_s_per_m, slab.thickness_m, frequency_hz, np.ones(1)
         )
@@ -160,12 +147,15 @@ def _has_panes(probe: Probe) -> bool:
     return False
 
 
-def _measured(tables: Sequence[PathTable], measure: Callable[[int, PathTable], Real], radar: Radar) -> Evidence:
+def _measured(
+    tables: Sequence[PathTable], measure: Callable[[int, PathTable], Real], radar: Radar, truth_window: str
+) -> Evidence:
     """From each path's share of its own power that the effect changes."""
     floor = cell_noise_power(radar) / radar.array.channels
     worst, powers, cells = 0.0, [], []
     for index, table in enumerate(tables):
-        total, changed = cell_power(table, radar), cell_power(table, radar, measure(index, table))
+        total = cell_power(table, radar, truth_window)
+        changed = cell_power(table, radar, truth_window, measure(index, table))
         peak = float(total.max(initial=0.0))
         if peak <= 0.0:
             continue
@@ -178,10 +168,10 @@ def _measured(tables: Sequence[PathTable], measure: Callable[[int, PathTable], R
     return Evidence(float(power_to_db(min(worst, 1.0), FLOOR_DB)), text, power, cell)
 
 
-def _noise(tables: Sequence[PathTable], radar: Radar) -> Evidence:
+def _noise(tables: Sequence[PathTable], radar: Radar, truth_window: str) -> Evidence:
     """Noise over the weakest range bin's echo: a bin without one holds nothing else."""
     noise = cell_noise_power(radar)
-    shares = [float(np.mean(cell_power(table, radar).max(axis=1) < 1e3 * noise)) for table in tables]
+    shares = [float(np.mean(cell_power(table, radar, truth_window).max(axis=1) < 1e3 * noise)) for table in tables]
     share = float(np.mean(shares))
     text = f"{100.0 * share:.0f} % of the range bins have no echo 30 dB above it"
     return Evidence(0.0 if share > 0.0 else -30.0, text, cell_share=share)
@@ -204,6 +194,6 @@ def _kinds(table: PathTable) -> NDArray[np.uint8]:
 
 
 def _bounces_more_than_once(table: PathTable) -> NDArray[np.bool_]:
-    """[K] paths of two or more bounces; to bend round an edge is none."""
+    """[K] whether a path has two or more bounces; diffraction at an edge does not count as one."""
     depth = np.concatenate([table.scattered.depth, table.specular.depth])
     return (depth > 1) & (_kinds(table) & DIFFRACTED == 0)

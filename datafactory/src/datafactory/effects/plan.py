@@ -63,7 +63,7 @@ class EffectPlan:
         return {
             "scene": self.scene,
             "budget_db": self.budget_db,
-            "effects": [vars(item) for item in self.decisions],
+            "effects": [dict(vars(item)) for item in self.decisions],
         }
 
 

@@ -1,183 +1,170 @@
-"""One frame from its paths: cube, noise, Doppler choice, truth, targets. The method, in its order.
+"""One frame: trace, within reach, illuminate, prune, measure, image. The method, in its order.
+
+Everything that makes a frame, or a part of one, comes here: the shards' worker, the evidence for a plan, its proof and
+its timing, the accuracy sweep. What wants to look in between hands in a hook. A hook is called at every step as
+``at(step, function, *arguments)`` and returns what the function returns. It may time the call, keep its value, or let
+something else take its place.
 
 Frames are imaged in batches, which share the matrices of the image; a frame has the same bytes in every batch.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from itertools import islice
+from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter
-
-from datafactory.frame.points import target_list
+from datafactory.frame.deal import DealtFrame
+from datafactory.frame.measurement import (
+    IMAGE_BATCH,
+    FrameIdentity,
+    Hook,
+    Measurement,
+    Processing,
+    image,
+    measure,
+    object_targets,
+    plainly,
+)
+from datafactory.frame.points import CloseTargets, draw_close_targets
+from datafactory.frame.prepared import PreparedScene
+from datafactory.frame.seeds import generator
+from datafactory.paths.density import lit_cells
+from datafactory.paths.prune import DEFAULT_LEVEL_DB, pruned
+from datafactory.paths.rays import RayFan
+from datafactory.paths.solver import TraceSettings
+from datafactory.paths.storage import TracedFrame, read_paths
 from datafactory.paths.table import PathTable
-from datafactory.synthesis.cube import cube_of_paths
-from datafactory.synthesis.truth import truth_moments
-from datafactory.synthesis.wave_model import WaveModel
-from shared.dataset import Frame, Target
-from shared.physics.units import amplitude_to_db
+from datafactory.paths.trace import trace
+from shared.dataset import Frame
 from shared.radar import Radar
-from shared.radar.receiver import received
-from shared.signal.imaging import DEFAULT_TERMS, near_field_images
-from shared.signal.spectrum import range_doppler, select_doppler
-from shared.signal.windows import angle_window, cell_noise_power
-
-IMAGE_BATCH = 16
-"""Frames imaged together: twice as many would save a tenth of the time, for 200 MB more."""
-MAXIMUM_TARGETS = 256
-CELL_SPAN_DB = 60.0
-"""Truth cells further below the image's peak than this are not listed where no noise sets the limit."""
 
 
 @dataclass(frozen=True)
-class Processing:
-    """What turns paths into frames, beside the radar.
+class ChainSettings:
+    """How a frame is made.
 
-    :param peaks: Doppler cells kept of every range bin, D
-    :param noise: add receiver noise
-    :param store: "range-channel", "range-doppler" or "cube"
-    :param truth_window: over the virtual sensor's elements, see :func:`shared.signal.windows.angle_window`
-    :param tolerance: of the cube's synthesis, relative L2
-    :param truth_terms: polynomial terms of the truth's range walk
-    :param doppler, range_migration, intra_chirp_motion, near_field: effects, see
-        :mod:`datafactory.effects.catalogue`; by default those of eq. (1) and (2)
+    :param trace: how its scene is traced; the polarisation is the radar's
+    :param processing: what turns paths into columns
+    :param prune_db: see :func:`datafactory.paths.prune.pruned`
+    :param antenna_pattern: an effect: the elements' gain by direction; off: the gain of boresight everywhere
+    :param close_targets: distributions of the targets of a point frame
     """
 
-    peaks: int = 3
-    noise: bool = True
-    store: str = "range-channel"
-    truth_window: str = "taylor-30"
-    tolerance: float = 1e-6
-    truth_terms: int = DEFAULT_TERMS
-    doppler: bool = True
-    range_migration: bool = True
-    intra_chirp_motion: bool = False
-    near_field: bool = True
+    trace: TraceSettings = field(default_factory=TraceSettings)
+    processing: Processing = field(default_factory=Processing)
+    prune_db: float = DEFAULT_LEVEL_DB
+    antenna_pattern: bool = True
+    close_targets: CloseTargets = field(default_factory=CloseTargets)
 
 
 @dataclass(frozen=True)
-class Setting:
-    """What a frame knows of itself before any signal is made: the columns that identify it."""
+class SceneSource:
+    """A scene frame that is traced now."""
 
-    frame_id: int
-    kind: str
-    scene: str
-    seed: int
-    sensor_position: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    sensor_velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    sensor_orientation: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    frame: DealtFrame
+    scene: PreparedScene
+    settings: ChainSettings
 
-
-@dataclass(frozen=True, eq=False)
-class Measurement:
-    """A frame before its truth is imaged.
-
-    :param moments: [terms, R, C] of the virtual sensor
-    :param targets: known beforehand: point targets and RCS objects
-    :param list_cells: whether the truth's cells join the list of targets
-    :param saturated: samples (I or Q) that left the converter's range
-    """
-
-    setting: Setting
-    range_channel: NDArray[np.complex64]
-    velocity: NDArray[np.float32]
-    magnitude: NDArray[np.float32]
-    noise_power: float
-    moments: NDArray[np.complex64]
-    targets: tuple[Target, ...]
-    list_cells: bool
-    cube: NDArray[np.complex64] | None
-    saturated: int = 0
-
-
-def measure(
-    setting: Setting,
-    paths: PathTable,
-    targets: tuple[Target, ...],
-    radar: Radar,
-    processing: Processing,
-    generator: np.random.Generator,
-) -> Measurement:
-    """Input and sweep moments of one frame from its illuminated paths."""
-    if not processing.doppler:
-        paths = paths.at_rest(radar.waveform.mid_frame_s)
-    model = WaveModel(processing.range_migration, processing.intra_chirp_motion, processing.near_field)
-    cube = cube_of_paths(paths, radar, processing.tolerance, model=model).astype(np.complex64, copy=False)
-    cube, saturated = received(cube, radar, generator if processing.noise else None)
-    noise_power = cell_noise_power(radar) if processing.noise else 0.0
-    selection = select_doppler(range_doppler(cube, radar), noise_power, processing.peaks)
-    moments = truth_moments(paths, radar, selection.cells[0], processing.truth_terms, model)
-    return Measurement(
-        setting=setting,
-        range_channel=selection.range_channel,
-        velocity=radar.waveform.velocities_mps[selection.cells].astype(np.float32),
-        magnitude=selection.magnitude,
-        noise_power=noise_power,
-        moments=moments * angle_window(processing.truth_window, moments.shape[-1]).astype(np.float32),
-        targets=targets,
-        list_cells=setting.kind == "scene",
-        cube=cube if processing.store == "cube" else None,
-        saturated=saturated,
-    )
-
-
-def image(measurements: Sequence[Measurement], radar: Radar, store: str) -> Iterator[tuple[Frame, dict[str, int]]]:
-    """Frames of at most IMAGE_BATCH measurements, with what was left out of each."""
-    moments = np.stack([measurement.moments for measurement in measurements])
-    images = near_field_images(moments, radar, radar.virtual_sensor)
-    for measurement, picture in zip(measurements, images, strict=True):
-        magnitude = np.abs(picture)
-        peak = float(magnitude.max())
-        targets = measurement.targets
-        if measurement.list_cells:
-            cells = _cells(magnitude, measurement, radar)
-            targets = tuple(sorted((*targets, *cells), key=lambda target: -target.amplitude_db))
-        frame = Frame(
-            **vars(measurement.setting),
-            range_channel=measurement.range_channel,
-            velocity=measurement.velocity,
-            image=(magnitude / peak if peak > 0.0 else magnitude).astype(np.float32),
-            image_peak=peak,
-            noise_power=measurement.noise_power,
-            targets=targets[:MAXIMUM_TARGETS],
-            range_doppler=measurement.magnitude if store == "range-doppler" else None,
-            cube=measurement.cube,
+    def traced(self, radar: Radar, at: Hook = plainly) -> TracedFrame:
+        """Pose and multipath, independent of the radar but for its wavelength and polarisation."""
+        frame, scene, front_end = self.frame, self.scene, radar.front_end
+        rays = frame.rays()
+        fan = RayFan(self.settings.trace.rays, offset=rays.offset)
+        settings = replace(self.settings.trace, polarization=(front_end.tx_polarization, front_end.rx_polarization))
+        table = at(
+            "trace", trace, scene.merged, scene.materials, frame.where, radar.waveform.mid_sweep_hz, settings, fan,
+            rays.solver_seed,
+        )  # fmt: skip
+        return TracedFrame(
+            frame_id=frame.frame_id,
+            scene=scene.name,
+            scene_number=frame.scene,
+            seed=frame.seed,
+            pose=frame.where,
+            wavelength_m=radar.waveform.wavelength_m,
+            point_targets=len(scene.merged.targets),
+            table=table,
         )
-        counts = {"targets_left_out": max(0, len(targets) - MAXIMUM_TARGETS)}
-        if radar.front_end.converter is not None:
-            counts["converter_saturated"] = measurement.saturated
-        yield frame, counts
 
 
-def object_targets(paths: PathTable, first_object: int, radar: Radar) -> tuple[Target, ...]:
-    """The point targets among illuminated paths: those that scatter off objects from ``first_object`` on."""
-    scattered = paths.scattered
-    chosen = scattered.take((scattered.object_index >= first_object) & (scattered.depth == 1))
-    return target_list(
-        chosen.rx_point,
-        chosen.rx_velocity,
-        amplitude_to_db(chosen.amplitude),
-        [paths.objects[index] for index in chosen.object_index],
-        radar,
-    )
+@dataclass(frozen=True)
+class StoredSource:
+    """A scene frame that was traced before: a row of a paths shard."""
+
+    shard: Path
+    row: int
+    settings: ChainSettings
+
+    def traced(self, radar: Radar, at: Hook = plainly) -> TracedFrame:
+        """The row."""
+        return at("read", _row_of, self.shard, self.row)
 
 
-def detected_cells(magnitude: NDArray[np.float32], noise_power: float) -> NDArray[np.bool_]:
-    """[R, U] local maxima of a truth image [sqrt(W)] above the noise."""
-    peak = float(magnitude.max())
-    floor = max(float(np.sqrt(noise_power)), peak * 10.0 ** (-CELL_SPAN_DB / 20.0))
-    return (magnitude == maximum_filter(magnitude, size=3)) & (magnitude > floor)
+@dataclass(frozen=True)
+class TracedSource:
+    """A scene frame that was traced in this process, to be made more than once."""
+
+    frame: TracedFrame
+    settings: ChainSettings
+
+    def traced(self, radar: Radar, at: Hook = plainly) -> TracedFrame:
+        """The frame."""
+        return self.frame
 
 
-def _cells(magnitude: NDArray[np.float32], measurement: Measurement, radar: Radar) -> list[Target]:
-    """The detected cells as targets."""
-    rows, columns = np.nonzero(detected_cells(magnitude, measurement.noise_power))
-    ranges, u, velocity = radar.waveform.ranges_m, radar.grid.u, measurement.velocity[0]
-    level_db = amplitude_to_db(magnitude[rows, columns])
-    return [
-        Target(float(ranges[row]), float(u[column]), float(velocity[row]), float(level))
-        for row, column, level in zip(rows, columns, level_db, strict=True)
-    ]
+@dataclass(frozen=True)
+class PointSource:
+    """A frame of point targets."""
+
+    frame: DealtFrame
+    settings: ChainSettings
+
+
+Source = SceneSource | StoredSource | TracedSource | PointSource
+
+
+def make_frames(sources: Iterable[Source], radar: Radar, at: Hook = plainly) -> Iterator[tuple[Frame, Counter[str]]]:
+    """Frames from their sources, each with what it counted."""
+    remaining = iter(sources)
+    while batch := list(islice(remaining, IMAGE_BATCH)):
+        measurements = [measured(source, radar, at) for source in batch]
+        yield from image(measurements, radar, batch[0].settings.processing.store, at)
+
+
+def measured(source: Source, radar: Radar, at: Hook = plainly) -> Measurement:
+    """A frame up to its image: trace, within reach, illuminate, prune, measure."""
+    settings = source.settings
+    if isinstance(source, PointSource):
+        frame = source.frame
+        targets = frame.targets
+        if targets is None:
+            targets = draw_close_targets(radar, settings.close_targets, generator(frame.seed, "targets"))
+        identity = FrameIdentity(frame.frame_id, "points", "points", frame.seed)
+        paths, known, lit = targets.path_table(radar), targets.truth(radar), dict[str, int]()
+    else:
+        traced = source.traced(radar, at)
+        pose = traced.pose
+        identity = FrameIdentity(
+            traced.frame_id, "scene", traced.scene, traced.seed, pose.position, pose.velocity, pose.quaternion()
+        )
+        paths = at("prune", pruned, illuminated(traced, settings, radar, at), radar, settings.prune_db)
+        known = object_targets(paths, len(paths.objects) - traced.point_targets, radar)
+        lit = lit_cells(paths, radar)
+    counts = {**paths.counts, **lit, "frames": 1, "paths": len(paths)}
+    noise = generator(identity.seed, "noise")
+    return measure(identity, paths, known, radar, settings.processing, noise, at, counts)
+
+
+def illuminated(traced: TracedFrame, settings: ChainSettings, radar: Radar, at: Hook = plainly) -> PathTable:
+    """A traced frame's paths as this radar lights them, amplitudes in sqrt(W)."""
+    table = traced.table.at_wavelength(traced.wavelength_m, radar.waveform.wavelength_m)
+    within_reach = at("within reach", PathTable.within, table, radar)
+    front_end = radar.front_end if settings.antenna_pattern else radar.front_end.with_boresight_gain()
+    return at("illuminate", PathTable.illuminated, within_reach, front_end)
+
+
+def _row_of(shard: Path, row: int) -> TracedFrame:
+    return next(islice(read_paths(shard), row, None))

@@ -36,18 +36,21 @@ def lit_cells(paths: PathTable, radar: Radar) -> dict[str, int]:
     return {"cells_lit": len(lit), "cells_lit_by_fewer_than_5_paths": int((lit < FEW_PATHS).sum())}
 
 
-def cell_power(paths: PathTable, radar: Radar, weight: NDArray[np.float64] | float = 1.0) -> NDArray[np.float64]:
+def cell_power(
+    paths: PathTable, radar: Radar, truth_window: str, weight: NDArray[np.float64] | float = 1.0
+) -> NDArray[np.float64]:
     """[R, U'] power [W] of the paths in every resolution cell of the truth, summed without phase.
 
     That is the expectation of |sum A|^2 over random phases (Goodman, Speckle Phenomena in Optics, section 2.1), so
     that no image of many realisations is needed. Cells are one range bin times the truth's -3 dB width in u.
 
+    :param truth_window: over the virtual sensor's elements, see :func:`shared.signal.windows.angle_window`
     :param weight: [K] or one number on the paths' powers, scattered paths first
     """
     elements, wavelength = radar.virtual_sensor.channels, radar.waveform.wavelength_m
     aperture = float(np.ptp(radar.virtual_sensor.rx[:, 1]))
     spacing = aperture / (elements - 1) / wavelength if elements > 1 else 0.5
-    width, _ = point_spread(angle_window("taylor-30", elements), spacing)
+    width, _ = point_spread(angle_window(truth_window, elements), spacing)
     columns = int(np.ceil(2.0 / width))
     range_m = np.concatenate([paths.scattered.range_m(), paths.specular.range_m()])
     arrival = np.concatenate([paths.scattered.rx_point, paths.specular.image])

@@ -18,6 +18,8 @@ from shared.radar import Radar
 
 DEFAULT_LEVEL_DB = -40.0
 """Ten dB below the default error budget of -30 dB."""
+UNPRUNED_DB = -200.0
+"""Keeps every path that float64 can tell from zero."""
 
 
 def pruned(paths: PathTable, radar: Radar, level_db: float = DEFAULT_LEVEL_DB) -> PathTable:

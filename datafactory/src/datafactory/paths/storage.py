@@ -8,6 +8,7 @@ are proportional to it.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -47,8 +48,8 @@ SHAPES = {
 
 INTEGERS = {"depth": np.int8, "object_index": np.int32, "kinds": np.uint8}
 
-VERSION = b"2"
-"""Of the paths' columns; 2 added ``kinds``."""
+VERSION = b"3"
+"""Of the paths' columns; 2 added ``kinds``, 3 ``scene_number``."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,7 @@ class TracedFrame:
 
     :param frame_id: index in the dataset
     :param scene: scene name
+    :param scene_number: of the scene among the run's
     :param seed: the frame's own seed
     :param pose: where the radar stood
     :param wavelength_m: at which it was traced
@@ -65,6 +67,7 @@ class TracedFrame:
 
     frame_id: int
     scene: str
+    scene_number: int
     seed: int
     pose: Pose
     wavelength_m: float
@@ -78,6 +81,7 @@ def paths_schema() -> pa.Schema:
     fields = [
         pa.field("frame_id", pa.int64()),
         pa.field("scene", pa.string()),
+        pa.field("scene_number", pa.int64()),
         pa.field("seed", pa.int64()),
         pa.field("position", triple),
         pa.field("velocity", triple),
@@ -102,6 +106,7 @@ def to_row(frame: TracedFrame) -> dict[str, Any]:
     row: dict[str, Any] = {
         "frame_id": frame.frame_id,
         "scene": frame.scene,
+        "scene_number": frame.scene_number,
         "seed": frame.seed,
         "position": list(pose.position),
         "velocity": list(pose.velocity),
@@ -137,6 +142,7 @@ def from_row(batch: pa.RecordBatch) -> TracedFrame:
     return TracedFrame(
         frame_id=row["frame_id"],
         scene=row["scene"],
+        scene_number=row["scene_number"],
         seed=row["seed"],
         pose=Pose(tuple(row["position"]), yaw, pitch, roll, tuple(row["velocity"]), row["time_s"]),
         wavelength_m=row["wavelength_m"],
@@ -155,6 +161,24 @@ def read_paths(path: Path) -> Iterator[TracedFrame]:
 
     :raises InputError: a file that is not a paths shard
     """
+    with _opened(path) as file:
+        for group in range(file.num_row_groups):
+            for batch in file.read_row_group(group).to_batches(max_chunksize=1):
+                yield from_row(batch)
+
+
+def read_places(path: Path) -> list[tuple[int, int]]:
+    """(frame index, scene number) of every row of a paths shard.
+
+    :raises InputError: a file that is not a paths shard
+    """
+    with _opened(path) as file:
+        rows = file.read(["frame_id", "scene_number"])
+        return list(zip(rows["frame_id"].to_pylist(), rows["scene_number"].to_pylist(), strict=True))
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[pq.ParquetFile]:
     try:
         with pq.ParquetFile(path) as file:
             found = (file.schema_arrow.metadata or {}).get(b"sparseradar_paths")
@@ -162,8 +186,6 @@ def read_paths(path: Path) -> Iterator[TracedFrame]:
                 raise InputError(path, "holds no traced paths", "a shard under paths/ written by datafactory trace")
             if found != VERSION:
                 raise InputError(path, f"paths of version {found.decode()}", f"version {VERSION.decode()}: trace again")
-            for group in range(file.num_row_groups):
-                for batch in file.read_row_group(group).to_batches(max_chunksize=1):
-                    yield from_row(batch)
+            yield file
     except (OSError, pa.ArrowException, UnicodeDecodeError) as error:  # a damaged name is no UTF-8 any more
         raise InputError(path, f"not readable as Parquet: {error}", "an undamaged paths shard") from error

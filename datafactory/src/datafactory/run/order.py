@@ -7,10 +7,9 @@ from pathlib import Path
 
 from datafactory.effects.catalogue import EffectSet
 from datafactory.effects.plan import DEFAULT_BUDGET_DB
-from datafactory.frame.chain import Processing
-from datafactory.frame.points import CloseTargets, PointTargets
-from datafactory.paths.prune import DEFAULT_LEVEL_DB
-from datafactory.paths.solver import TraceSettings
+from datafactory.frame.chain import ChainSettings
+from datafactory.frame.deal import DEFAULT_PATTERN
+from datafactory.frame.points import PointTargets
 from datafactory.scenes.poses import Pose
 from shared.radar import Radar
 
@@ -24,6 +23,7 @@ class Order:
     :param points: close-target frames after them
     :param poses: one frame a pose, instead of ``frames`` drawn ones; empty to draw
     :param targets: frames of exactly these targets, instead of drawn ones
+    :param settings: how a frame is made, with every effect
     :param effects: what is simulated of the scenes; None for what a plan finds each to need
     :param budget_db: what leaving an effect out may cost, for that plan
     :param paths: folder of :func:`datafactory.run.pipeline.trace_paths`, instead of scenes
@@ -34,13 +34,10 @@ class Order:
     frames: int = 0
     points: int = 0
     seed: int = 0
-    split: str = "6:1:1"
+    split: str = DEFAULT_PATTERN
     poses: tuple[Pose, ...] = ()
     targets: tuple[PointTargets, ...] = ()
     paths: Path | None = None
-    processing: Processing = field(default_factory=Processing)
+    settings: ChainSettings = field(default_factory=ChainSettings)
     effects: EffectSet | None = None
     budget_db: float = DEFAULT_BUDGET_DB
-    trace: TraceSettings = field(default_factory=TraceSettings)
-    prune_db: float = DEFAULT_LEVEL_DB
-    close_targets: CloseTargets = field(default_factory=CloseTargets)

@@ -18,11 +18,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from shared.dataset import Frame, to_record_batch
-from shared.dataset.folder import MANIFEST, SPLITS, ShardRecord, Split
-from shared.physics.errors import InputError
+from shared.dataset.folder import MANIFEST, SPLITS, ShardRecord
 
 FRAMES_PER_SHARD = 8
 """Frames in a full shard: 12 MB for the default radar, 400 MB with its cubes; a killed run loses at most this many."""
+
+PATHS = "paths"
+"""Folder of traced paths, beside the splits."""
 
 PARTIAL = ".partial"
 """Suffix of a file that is being written."""
@@ -38,7 +40,7 @@ FRAMES_PER_ROW_GROUP = 1
 class ShardPlan:
     """Which frames make up one shard.
 
-    :param split: "train", "validation" or "test"
+    :param split: "train", "validation", "test", or "paths" for traced paths
     :param index: number of the shard in its split
     :param frame_ids: its frames, rising
     """
@@ -53,34 +55,19 @@ class ShardPlan:
         return f"{self.split}/part-{self.index:05d}.parquet"
 
 
-def split_of(index: int, pattern: str = "6:1:1") -> Split:
-    """Split of frame ``index`` under a pattern A:B:C: the first A of every A + B + C frames are train, and so on.
-
-    :raises InputError: a pattern that is not three whole numbers with a positive sum
-    """
-    train, validation, test = parse_split_pattern(pattern)
-    place = index % (train + validation + test)
-    return SPLITS[(place >= train) + (place >= train + validation)]
-
-
-def parse_split_pattern(pattern: str) -> tuple[int, int, int]:
-    """The three numbers of a split pattern, see :func:`split_of`."""
-    parts = pattern.split(":")
-    if len(parts) != 3 or not all(part.isascii() and part.isdigit() for part in parts) or not any(map(int, parts)):
-        raise InputError("--split", f"{pattern!r}", "train:validation:test as three whole numbers, e.g. 6:1:1 or 1:0:0")
-    train, validation, test = map(int, parts)
-    return train, validation, test
-
-
 def plan_shards(frame_splits: Sequence[str], frames_per_shard: int = FRAMES_PER_SHARD) -> tuple[ShardPlan, ...]:
-    """The shards of a dataset whose frame i belongs to split ``frame_splits[i]``, split by split, frames rising."""
-    if unknown := sorted(set(frame_splits) - set(SPLITS)):
-        raise ValueError(f"split {unknown[0]!r}; expected one of {list(SPLITS)}")
+    """The shards of a dataset whose frame i belongs to ``frame_splits[i]``, split by split, frames rising.
+
+    :param frame_splits: a split, or PATHS for traced paths
+    """
+    folders = (*SPLITS, PATHS)
+    if unknown := sorted(set(frame_splits) - set(folders)):
+        raise ValueError(f"split {unknown[0]!r}; expected one of {list(folders)}")
     plans = []
-    for split in SPLITS:
-        frame_ids = [index for index, name in enumerate(frame_splits) if name == split]
+    for folder in folders:
+        frame_ids = [index for index, name in enumerate(frame_splits) if name == folder]
         for index, first in enumerate(range(0, len(frame_ids), frames_per_shard)):
-            plans.append(ShardPlan(split, index, tuple(frame_ids[first : first + frames_per_shard])))
+            plans.append(ShardPlan(folder, index, tuple(frame_ids[first : first + frames_per_shard])))
     return tuple(plans)
 
 

@@ -61,7 +61,7 @@ def select_doppler(spectra: NDArray[np.complex64], noise_power: float, peaks: in
     the first - 80 dB; where there are fewer, the first again. Noise alone has local maxima in plenty, and beside a
     strong line the window's own skirt has none, hence peaks above a threshold rather than the next strongest cells.
     """
-    rows, chirps, channels = spectra.shape
+    _, chirps, channels = spectra.shape
     magnitude = np.abs(spectra).mean(axis=2)
     first = magnitude.argmax(axis=1)
     strongest = np.take_along_axis(magnitude, first[:, None], axis=1)
@@ -75,8 +75,22 @@ def select_doppler(spectra: NDArray[np.complex64], noise_power: float, peaks: in
         following = ranked[:, peak - 1]
         exists = np.take_along_axis(candidate, following[:, None], axis=1)[:, 0]
         cells[peak] = np.where(exists, following, first)
+    return selection_at(spectra, cells, magnitude)
+
+
+def selection_at(
+    spectra: NDArray[np.complex64], cells: NDArray[np.int64], magnitude: NDArray[np.float32] | None = None
+) -> DopplerSelection:
+    """The values of ``spectra`` [R, chirps, C] in given Doppler cells.
+
+    :param cells: [D, R] or, for one of every range bin, [R]
+    :param magnitude: [R, chirps] mean over the channels, where it is known already
+    """
+    cells = np.atleast_2d(cells).astype(np.int64)
+    if magnitude is None:
+        magnitude = np.abs(spectra).mean(axis=2)
     return DopplerSelection(
-        cells=cells.astype(np.int64),
-        range_channel=np.ascontiguousarray(spectra[np.arange(rows)[None, :], cells]),
+        cells=cells,
+        range_channel=np.ascontiguousarray(spectra[np.arange(len(spectra))[None, :], cells]),
         magnitude=magnitude.astype(np.float32),
     )

@@ -1,0 +1,93 @@
+"""Seconds and memory by stage of the chain.
+
+Seconds are per frame on one core, the median over frames and repeats. Tracing and writing may wait for a device and
+are timed on the wall clock; the rest in processor time, which neighbours on the machine hardly change. The image stage
+works on a batch, as a run does, and its time is shared by a full batch. Peak memory is the growth of the process's
+resident set while a stage runs, sampled every 5 ms, over what was resident before: the stage's own arrays, not the
+libraries.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+import psutil
+
+STAGES = ("trace", "delays and spread", "range-Doppler", "truth", "image", "write")
+WAITING = ("trace", "write")
+SAMPLING_S = 0.005
+Value = TypeVar("Value")
+
+
+@contextmanager
+def peak_memory() -> Iterator[Callable[[], float]]:
+    """Yields a function that tells the growth of the resident set so far [MB]."""
+    process, done = psutil.Process(), threading.Event()
+    before = process.memory_info().rss
+    highest = [before]
+
+    def watch() -> None:
+        while not done.wait(SAMPLING_S):
+            highest[0] = max(highest[0], process.memory_info().rss)
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        yield lambda: (max(highest[0], process.memory_info().rss) - before) / 1e6
+    finally:
+        done.set()
+        watcher.join()
+
+
+@dataclass(frozen=True)
+class _Measured:
+    value: Any
+    seconds: tuple[float, ...]
+    peak_mb: float
+
+
+class Clock:
+    """Seconds and peak memory by stage; a stage whose settings the kept run shares is not run again.
+
+    :param repeats: runs of each call
+    :param kept: stages of an earlier run, by stage, settings and frame
+    :param keep: whether this run's stages join them
+    """
+
+    def __init__(self, repeats: int = 1, kept: dict[Any, _Measured] | None = None, keep: bool = False) -> None:
+        self.repeats, self.kept, self.keep = repeats, {} if kept is None else kept, keep
+        self.measured: dict[str, list[_Measured]] = defaultdict(list)
+
+    def __call__(self, stage: str, work: Callable[[], Value], share: int = 1, key: Any = None) -> Value:
+        """The work's value; its time is divided by ``share``."""
+        found = self.kept.get((stage, key)) if key is not None else None
+        if found is None:
+            seconds = []
+            now = time.perf_counter if stage in WAITING else time.process_time
+            with peak_memory() as peak:
+                for _ in range(self.repeats):
+                    started = now()
+                    value = work()
+                    seconds.append((now() - started) / share)
+                found = _Measured(value, tuple(seconds), peak())
+            if self.keep:
+                self.kept[stage, key] = found
+        self.measured[stage].append(found)
+        return found.value
+
+    def seconds(self) -> dict[str, float]:
+        """Medians over frames and repeats."""
+        return {
+            stage: float(np.median([s for m in every for s in m.seconds])) for stage, every in self.measured.items()
+        }
+
+    def peak_mb(self) -> float:
+        """The largest growth of any stage [MB]."""
+        return max(item.peak_mb for every in self.measured.values() for item in every)

@@ -1,0 +1,200 @@
+"""Which frame is frame i: its kind, scene, split, seed, pose and random streams.
+
+This is the only place that says so. Rendering, tracing, stored paths, evidence for the plan, the error budget and its
+check all ask a :class:`Deal`.
+
+Scene frames come first, close-target frames after them. A frame's streams depend on (dataset seed, frame index) alone,
+so that frame 17 is the same whether it is rendered alone, first, last, by one worker or by eight.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+from datafactory.frame.points import PointTargets
+from datafactory.frame.seeds import frame_seed, generator
+from datafactory.scenes.ground import Ground
+from datafactory.scenes.poses import Pose, sample_pose
+from shared.dataset.folder import SPLITS, Split
+from shared.physics.errors import InputError
+
+DEFAULT_PATTERN = "6:1:1"
+SOLVER_SEEDS = 2**31
+"""The solver takes seeds below 2**32; half of that fits every signed integer of its interface."""
+
+Kind = Literal["scene", "points"]
+
+
+def parse_split_pattern(pattern: str) -> tuple[int, int, int]:
+    """The three numbers of a split pattern A:B:C.
+
+    :raises InputError: a pattern that is not three whole numbers with a positive sum
+    """
+    parts = pattern.split(":")
+    if len(parts) != 3 or not all(part.isascii() and part.isdigit() for part in parts) or not any(map(int, parts)):
+        raise InputError("--split", f"{pattern!r}", "train:validation:test as three whole numbers, e.g. 6:1:1 or 1:0:0")
+    train, validation, test = map(int, parts)
+    return train, validation, test
+
+
+def split_of(frame_id: int, pattern: str = DEFAULT_PATTERN) -> Split:
+    """Split of a frame under a pattern A:B:C: the first A of every A + B + C frames are train, and so on.
+
+    :raises InputError: see :func:`parse_split_pattern`
+    """
+    train, validation, test = parse_split_pattern(pattern)
+    place = frame_id % (train + validation + test)
+    return SPLITS[(place >= train) + (place >= train + validation)]
+
+
+def drawn_scene(frame_id: int, scenes: int, pattern: str = DEFAULT_PATTERN) -> int:
+    """Scene of a frame whose pose is drawn: in turn, so that every split has frames of every scene.
+
+    Four scenes in turn under eight splits in turn would meet always alike: all test frames in the last scene. Where the
+    two numbers have a common divisor, the turn begins one scene later each time that both have come round.
+
+    :param scenes: their number
+    :param pattern: see :func:`split_of`
+    """
+    splits = sum(parse_split_pattern(pattern))
+    rounds = frame_id // math.lcm(scenes, splits) if math.gcd(scenes, splits) > 1 else 0
+    return (frame_id + rounds) % scenes
+
+
+@dataclass(frozen=True)
+class Rays:
+    """What is random in one trace.
+
+    :param offset: shift of the ray lattice in its unit square, see :class:`datafactory.paths.rays.RayFan`
+    :param solver_seed: of the solver's choices between kinds of bounce
+    """
+
+    offset: tuple[float, float]
+    solver_seed: int
+
+
+@dataclass(frozen=True)
+class DealtFrame:
+    """One frame of a run, before anything is simulated.
+
+    :param frame_id: index in the dataset
+    :param seed: the frame's own seed, as the ``seed`` column holds it
+    :param scene: number of the scene among the run's; -1 of a point frame
+    :param pose: of the radar, of a scene frame; None where its paths were traced before, whose row has it
+    :param targets: of a point frame: exactly these, or None to draw close targets
+    :param realisation: of the rays; 0 is the run's own, others are for measuring how far the rays matter
+    """
+
+    frame_id: int
+    kind: Kind
+    split: Split
+    seed: int
+    scene: int = -1
+    pose: Pose | None = None
+    targets: PointTargets | None = None
+    realisation: int = 0
+
+    @property
+    def where(self) -> Pose:
+        """The pose of a scene frame.
+
+        :raises ValueError: a point frame has none
+        """
+        if self.pose is None:
+            raise ValueError(f"frame {self.frame_id} is a {self.kind} frame; expected a scene frame, which has a pose")
+        return self.pose
+
+    def rays(self) -> Rays:
+        """What is random in the frame's trace."""
+        seed = self.seed if self.realisation == 0 else frame_seed(self.seed, self.realisation)
+        stream = generator(seed, "rays")
+        offset = (float(stream.random()), float(stream.random()))
+        return Rays(offset, int(stream.integers(SOLVER_SEEDS)))
+
+    def with_rays(self, realisation: int) -> DealtFrame:
+        """The same frame with other rays."""
+        return replace(self, realisation=realisation)
+
+
+@dataclass(frozen=True)
+class Deal:
+    """How a run's frames are dealt.
+
+    :param seed: of the dataset
+    :param pattern: of the splits, see :func:`split_of`
+    :param scenes: number of scenes
+    :param frames: number of drawn scene frames; 0 where poses are given
+    :param poses: given poses: one scene frame a pose, to the scenes in turn
+    :param grounds: where poses are drawn, one a scene; empty where they are given
+    :param traced: scene number of every scene frame, where their paths were traced before; a stored path row says which
+        frame and scene it is, and is believed
+    :param points: number of point frames
+    :param targets: of every point frame, where they are given
+    """
+
+    seed: int = 0
+    pattern: str = DEFAULT_PATTERN
+    scenes: int = 0
+    frames: int = 0
+    poses: tuple[Pose, ...] = ()
+    grounds: tuple[Ground, ...] = field(default=(), repr=False)
+    traced: tuple[int, ...] = ()
+    points: int = 0
+    targets: tuple[PointTargets, ...] = ()
+
+    @property
+    def scene_frames(self) -> int:
+        """Number of scene frames."""
+        return len(self.traced) or len(self.poses) or self.frames
+
+    def __len__(self) -> int:
+        return self.scene_frames + (len(self.targets) or self.points)
+
+    def splits(self) -> tuple[Split, ...]:
+        """Split of every frame."""
+        return tuple(split_of(frame_id, self.pattern) for frame_id in range(len(self)))
+
+    def scene_of(self, frame_id: int) -> int:
+        """Number of the scene that a scene frame stands in."""
+        if self.traced:
+            return self.traced[frame_id]
+        if self.poses:
+            return frame_id % self.scenes
+        return drawn_scene(frame_id, self.scenes, self.pattern)
+
+    def frames_of(self, scene: int) -> tuple[int, ...]:
+        """Frame indices of one scene, rising."""
+        return tuple(frame_id for frame_id in range(self.scene_frames) if self.scene_of(frame_id) == scene)
+
+    def place_of(self, frame_id: int) -> tuple[Split, int]:
+        """Split of a frame, and its row among the split's frames."""
+        split = split_of(frame_id, self.pattern)
+        return split, sum(split_of(other, self.pattern) == split for other in range(frame_id))
+
+    def frame(self, frame_id: int) -> DealtFrame:
+        """Frame ``frame_id``.
+
+        :raises InputError: no free ground for its pose
+        """
+        if not 0 <= frame_id < len(self):
+            raise IndexError(f"frame {frame_id}; expected 0 to {len(self) - 1}")
+        seed, split = frame_seed(self.seed, frame_id), split_of(frame_id, self.pattern)
+        if frame_id >= self.scene_frames:
+            targets = self.targets[frame_id - self.scene_frames] if self.targets else None
+            return DealtFrame(frame_id, "points", split, seed, targets=targets)
+        scene, pose = self.scene_of(frame_id), None
+        if self.poses:
+            pose = self.poses[frame_id]
+        elif not self.traced:
+            pose = sample_pose(self.grounds[scene], split, generator(seed, "pose"))
+        return DealtFrame(frame_id, "scene", split, seed, scene=scene, pose=pose)
+
+
+def first_middle_last(frame_ids: Sequence[int]) -> tuple[int, ...]:
+    """At most three of these frames, spread over the run: the first, the middle one, the last."""
+    if not frame_ids:
+        return ()
+    return tuple(dict.fromkeys((frame_ids[0], frame_ids[len(frame_ids) // 2], frame_ids[-1])))

@@ -1,0 +1,35 @@
+"""A scene made ready once, for all of its frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from datafactory.frame.deal import DealtFrame
+from datafactory.paths.merged_scene import Stage
+from datafactory.scenes.materials.table import MaterialMapping
+
+
+@dataclass(frozen=True)
+class PreparedScene:
+    """What a trace needs of a scene.
+
+    :param name: as the ``scene`` column has it
+    :param content: hash of the scene
+    :param merged: its meshes and targets as the ray tracer takes them
+    """
+
+    name: str
+    content: str
+    merged: Stage
+    materials: MaterialMapping
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Frames of a run that are looked at before or after it, all in one scene.
+
+    :param frames: in the order of the run
+    """
+
+    scene: PreparedScene
+    frames: tuple[DealtFrame, ...]

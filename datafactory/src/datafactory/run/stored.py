@@ -1,0 +1,96 @@
+"""Paths traced before: which frame and scene each row is, and what may be simulated of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from datafactory.effects.catalogue import PATH_EFFECTS, EffectSet
+from datafactory.effects.plan import by_choice
+from datafactory.paths.storage import read_places
+from datafactory.run.order import Order
+from datafactory.run.shards import PATHS
+from shared.dataset.folder import MANIFEST, ShardRecord, read_manifest
+from shared.physics.errors import InputError
+
+
+@dataclass(frozen=True)
+class StoredPaths:
+    """A folder of traced paths.
+
+    :param places: shard and row of every frame, by frame index
+    :param scene_numbers: number of the scene of every frame, as its row says
+    :param effects: of every scene, what is simulated of it
+    :param entries: the manifest's ``scenes``
+    :param checksums: SHA-256 of the shards
+    """
+
+    places: tuple[tuple[Path, int], ...]
+    scene_numbers: tuple[int, ...]
+    effects: tuple[EffectSet, ...]
+    entries: list[dict[str, Any]]
+    checksums: tuple[str, ...]
+
+
+def stored_paths(order: Order, folder: Path) -> StoredPaths:
+    """The paths of a folder, with the effects that they were traced with, or those asked for where they hold them.
+
+    :raises InputError: a folder without traced paths, of another version or polarisation, or whose paths were traced
+        without what ``order.effects`` asks for
+    """
+    manifest = read_manifest(folder)
+    records = [ShardRecord.model_validate(item) for item in manifest["shards"] if item["path"].startswith(PATHS)]
+    if not records:
+        raise InputError(folder, "holds no traced paths", "a folder written by datafactory trace")
+    try:
+        traced, entries = manifest["arguments"]["radar"]["front_end"], manifest["scenes"]
+        effects = [
+            EffectSet.of({item["effect"] for item in entry["effect_plan"]["effects"] if item["on"]})
+            for entry in entries
+        ]
+    except (KeyError, TypeError) as error:
+        problem = f"its entries arguments.radar.front_end and scenes.effect_plan are not understood ({error!r})"
+        raise InputError(folder / MANIFEST, problem, "paths traced by this version") from None
+    for field in ("tx_polarization", "rx_polarization"):
+        before, wanted = traced.get(field, "V"), getattr(order.radar.front_end, field)
+        if before != wanted:
+            problem = f"paths were traced with {field} = {before!r}, the radar has {wanted!r}"
+            raise InputError(folder, problem, "the same polarisation, or datafactory trace with this radar")
+    if order.effects is not None:
+        for entry, traced_with in zip(entries, effects, strict=True):
+            _require_same_paths(folder, entry["name"], traced_with, order.effects)
+        effects = [order.effects] * len(effects)
+        entries = [{**entry, "effect_plan": by_choice(entry["name"], order.effects).to_json()} for entry in entries]
+    places, scene_numbers = _places(folder, records, len(entries))
+    return StoredPaths(places, scene_numbers, tuple(effects), entries, tuple(record.sha256 for record in records))
+
+
+def _places(
+    folder: Path, records: Sequence[ShardRecord], scenes: int
+) -> tuple[tuple[tuple[Path, int], ...], tuple[int, ...]]:
+    """Shard and row, and scene number, of every frame index: the rows say it."""
+    found: dict[int, tuple[tuple[Path, int], int]] = {}
+    for record in records:
+        shard = folder / record.path
+        for row, (frame_id, scene) in enumerate(read_places(shard)):
+            if not 0 <= scene < scenes:
+                raise InputError(shard, f"row {row} has scene_number = {scene}", f"one of the {scenes} of {MANIFEST}")
+            if frame_id in found:
+                raise InputError(shard, f"row {row} has frame_id = {frame_id}, as another row", "each frame once")
+            found[frame_id] = ((shard, row), scene)
+    if sorted(found) != list(range(len(found))):
+        missing = min(set(range(len(found))) - set(found))
+        raise InputError(folder, f"frame {missing} of its {len(found)} is missing", "all frames of one trace")
+    ordered = [found[frame_id] for frame_id in range(len(found))]
+    return tuple(place for place, _ in ordered), tuple(scene for _, scene in ordered)
+
+
+def _require_same_paths(folder: Path, scene: str, traced: EffectSet, asked: EffectSet) -> None:
+    """Which paths there are was settled when they were traced."""
+    for name in PATH_EFFECTS:
+        if getattr(traced, name) != getattr(asked, name):
+            had, wants = ("with", "without") if getattr(traced, name) else ("without", "with")
+            problem = f"the paths of {scene} were traced {had} {name}, --effects asks for frames {wants} it"
+            raise InputError(folder, problem, "--effects auto, or datafactory trace with these effects")

@@ -1,0 +1,38 @@
+"""Frames of a tiny scene to measure accuracy on, and a menu of few settings."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from datafactory.accuracy.power import Effort
+from datafactory.accuracy.prices import Menu
+from datafactory.accuracy.samples import SampleFrame
+from datafactory.effects.catalogue import ALL
+from datafactory.run.order import Order
+from datafactory.run.preparation import prepare
+from datafactory.scenes.materials.table import load_materials
+from datafactory.scenes.poses import Pose
+from shared.radar import Radar
+
+TINY = Path(__file__).resolve().parents[1] / "scenes" / "tiny.usda"
+POSE = Pose((-10.0, 0.0, 0.5), yaw_deg=5.0, velocity=(4.0, 1.0, 0.0))
+EFFECTS = ALL.without("diffraction").without("refraction").without("intra_chirp_motion")
+"""What the scene calls for, near enough, and quick."""
+MENU = Menu(
+    rays=(1000, 4000), depth=(1, 2), prune_db=(-20.0, -40.0), tolerance=(1e-3, 1e-6), truth_terms=(3, 5),
+    effort=Effort(8000, realisations=3, reference_realisations=3),
+)  # fmt: skip
+
+
+def samples_at(radar: Radar, *poses: Pose) -> list[SampleFrame]:
+    """Frames of the tiny scene at these poses, as a run would have them."""
+    order = Order(radar=radar, scenes=(str(TINY),), poses=poses, seed=3, effects=EFFECTS)
+    prepared = prepare(order, load_materials(None))
+    return [SampleFrame(prepared.deal.frame(frame_id), prepared.scenes[0]) for frame_id in range(len(poses))]
+
+
+def order_of_two(radar: Radar) -> Order:
+    """Two frames of the tiny scene."""
+    poses = (POSE, replace(POSE, position=(-8.0, 1.0, 0.5)))
+    return Order(radar=radar, scenes=(str(TINY),), poses=poses, split="1:0:0", effects=EFFECTS)
