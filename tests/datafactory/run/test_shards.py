@@ -20,7 +20,6 @@ from datafactory.run.shards import (
     parse_split_pattern,
     plan_shards,
     split_of,
-    write_json,
     write_manifest,
     write_shard,
 )
@@ -28,6 +27,7 @@ from datafactory.run.sources import scene_of
 from shared.dataset import Frame, arrow_schema, description
 from shared.dataset.folder import open_dataset, read_manifest, verify
 from shared.dataset.reading import read_frames
+from shared.dataset.writing import write_json
 from shared.physics.errors import InputError
 from shared.radar import ImageGrid, Radar
 from shared.radar.arrays import AntennaArray, line

@@ -21,10 +21,10 @@ from datafactory.frame.chain import Processing
 from datafactory.paths.backend import select_variant, set_threads
 from datafactory.paths.solver import TraceSettings
 from datafactory.run.order import Order
-from datafactory.run.shards import write_json
 from datafactory.run.sources import scene_plan
 from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.poses import read_poses
+from shared.dataset.writing import write_json
 from shared.radar import load_radar
 
 SAMPLED = 3
