@@ -1,11 +1,10 @@
 """Write the effect scenes into ``effects/``: ``.venv/bin/python scenes/make_effects.py``.
 
-Each scene calls for a known set of effects, by hand calculation: ``effect_reasons`` has the reasons and
-``effect_levels`` the formulas, and ``effects/expected.json`` says both. Metres, z up; the sensor stands about 0.5 m
-high near the origin and looks along +x. There is no ground except where a scene says so: the bodies hang in free
-space, because a road under the sensor alone would call for half of the effects. Faces are set a little aside, so that
-no line of sight runs along the diagonal that cuts them into triangles. Everything follows from the numbers below: the
-same versions write the same bytes.
+Each scene calls for a known set of effects. ``tests/effect_scenes`` holds which, why and at what level, by hand
+calculation. Metres, z up; the sensor stands about 0.5 m high near the origin and looks along +x. There is no ground
+except where a scene says so: the bodies hang in free space, because a road under the sensor alone would call for half
+of the effects. Faces are set a little aside, so that no line of sight runs along the diagonal that cuts them into
+triangles. Everything follows from the numbers below: the same versions write the same bytes.
 """
 
 from __future__ import annotations
@@ -18,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from effect_reasons import expectations
 from pxr import Gf, Sdf, Usd, UsdGeom
 
 from datafactory.scenes.city.shapes import Polygon, Surface, box, prism, welded
@@ -61,7 +59,7 @@ class Piece:
 class EffectScene:
     """A scene and where it is seen from.
 
-    :param shows: what it is, one sentence
+    :param shows: what it is, one sentence; stands in the header of its file
     :param poses: entries of a ``--poses`` file
     """
 
@@ -156,7 +154,7 @@ def street() -> tuple[Piece, ...]:
 
 
 def scenes() -> tuple[EffectScene, ...]:
-    """All effect scenes, in the order of ``expected.json``."""
+    """All effect scenes, in the order of ``tests/effect_scenes/expected.json``."""
     ahead: Vector = (60.0, 0.0, SENSOR[2])
     trihedral = Piece("Trihedral", corner_reflector(0.2), ahead, rcs_dbsm=26.51)
     return (
@@ -255,13 +253,11 @@ def write_stage(path: Path, scene: EffectScene) -> None:
 
 
 def write_effects(folder: Path) -> None:
-    """Write all scenes, their poses and ``expected.json`` into an existing folder."""
+    """Write all scenes and their poses into an existing folder."""
     for scene in scenes():
         write_stage(folder / f"{scene.name}.usda", scene)
         entries = ",\n".join(f"    {json.dumps(pose)}" for pose in scene.poses)
         (folder / f"{scene.name}.poses.json").write_text(f"[\n{entries}\n]\n", encoding="utf-8")
-    expected = expectations({scene.name: scene.shows for scene in scenes()})
-    (folder / "expected.json").write_text(json.dumps(expected, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -234,7 +234,7 @@ def _disk_of(size: int) -> Iterator[None]:
 
 def _full_disk() -> float:
     """Writers that do not fail with the file's name, or that leave half a file, on a disk of 500 bytes."""
-    from trainer.errors import writing
+    from shared.dataset.writing import write_bytes
     from trainer.run.export import export
     from trainer.run.folder import load_imager, read_run, save_weights, write_run
     from trainer.run.predict import predict
@@ -247,16 +247,12 @@ def _full_disk() -> float:
         np.savez(cube, cube=np.ones(shape, np.complex64), radar=radar.model_dump_json())
         out.mkdir()
 
-        def plain() -> None:
-            with writing(out / "text") as partial:
-                partial.write_bytes(bytes(10_000))
-
         attempts: dict[str, Callable[[], object]] = {
             "weights": lambda: save_weights(out, imager),
             "run.json": lambda: write_run(out, read_run(run)),
             "images": lambda: predict(run, cube, run.parent / "images", announce=str),
             "export": lambda: export(run, out / "network.onnx"),
-            "text": plain,
+            "text": lambda: write_bytes(out / "text", bytes(10_000)),
         }
         wrong = 0
         for attempt in attempts.values():

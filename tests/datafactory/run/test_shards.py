@@ -17,13 +17,13 @@ from datafactory.run import progress
 from datafactory.run.shards import (
     ShardPlan,
     plan_shards,
-    write_json,
     write_manifest,
     write_shard,
 )
 from shared.dataset import Frame, arrow_schema, description
 from shared.dataset.folder import open_dataset, read_manifest, verify
 from shared.dataset.reading import read_frames
+from shared.dataset.writing import write_json
 from shared.physics.errors import InputError
 from shared.radar import ImageGrid, Radar
 from shared.radar.arrays import AntennaArray, line

@@ -18,6 +18,7 @@ from matplotlib.ticker import FormatStrFormatter
 from datafactory.accuracy.errors import FLOOR_DB
 from datafactory.accuracy.sweep import DEFAULTS, Row
 from datafactory.effects.catalogue import EffectSet
+from shared.dataset.writing import atomic
 
 HEADINGS = (
     "knob", "setting", "s/frame", "cube dB", "image dB", "image L2 dB", "cell L1 dB", "L1 r^4 dB", "bias dB",
@@ -79,8 +80,9 @@ def write_tables(rows: Sequence[Row], directory: Path) -> list[Path]:
     :raises OSError: the folder cannot be written
     """
     parquet, text = directory / "accuracy.parquet", directory / "accuracy.csv"
-    pq.write_table(pa.Table.from_pylist([asdict(row) for row in rows]), parquet)
-    with text.open("w", encoding="utf-8", newline="") as handle:
+    with atomic(parquet) as partial:
+        pq.write_table(pa.Table.from_pylist([asdict(row) for row in rows]), partial)
+    with atomic(text) as partial, partial.open("w", encoding="utf-8", newline="") as handle:
         writer = csv.DictWriter(handle, [item.name for item in fields(Row)])
         writer.writeheader()
         writer.writerows({**asdict(row), "stage_seconds": json.dumps(row.stage_seconds)} for row in rows)
@@ -170,7 +172,8 @@ def write_picture(rows: Sequence[Row], title: str, directory: Path) -> Path:
     :raises OSError: the folder cannot be written
     """
     path = directory / "accuracy.png"
-    draw(rows, title).savefig(path, dpi=110, metadata={"Software": None})
+    with atomic(path) as partial:
+        draw(rows, title).savefig(partial, format="png", dpi=110, metadata={"Software": None})
     return path
 
 

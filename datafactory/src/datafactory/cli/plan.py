@@ -20,8 +20,8 @@ from datafactory.effects.price import price
 from datafactory.frame.deal import DEFAULT_PATTERN
 from datafactory.paths.backend import select_variant, set_threads
 from datafactory.run.preparation import prepare
-from datafactory.run.shards import write_json
 from datafactory.scenes.materials.table import load_materials
+from shared.dataset.writing import write_json
 
 TABLE_WIDTH = 150
 

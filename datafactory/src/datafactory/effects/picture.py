@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from datafactory.effects.evidence import FLOOR_DB
 from datafactory.effects.plan import EffectPlan
+from shared.dataset.writing import atomic
 
 ON, OFF = "#1b6ca8", "#b8b8b8"
 LOWEST_DB = -80.0
@@ -40,4 +41,5 @@ def draw(plan: EffectPlan, cost_seconds: Mapping[str, float], path: Path) -> Non
     price.barh(place, [cost_seconds[name] for name in names], color=colours)
     price.set(xlabel="cost [s a frame]")
     figure.suptitle(f"{plan.scene}: effects simulated (blue) and left out (grey)", fontsize=10)
-    figure.savefig(path, dpi=130)
+    with atomic(path) as partial:
+        figure.savefig(partial, format="png", dpi=130)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from shared.dataset import Frame
 from shared.dataset.folder import MANIFEST, Dataset
 from shared.dataset.reading import radar_of, read_frame
+from shared.dataset.writing import atomic
 from shared.physics.errors import InputError
 from shared.physics.units import amplitude_to_db
 from shared.radar import Radar
@@ -94,7 +95,8 @@ def write_pictures(dataset: Dataset, count: int, folder: Path) -> list[Path]:
         frame = read_frame(shard, row, columns=("range_channel", "image", "targets"))
         path = folder / f"frame-{frame.frame_id:06d}.png"
         # No software version in the file: the same frame gives the same bytes.
-        draw_frame(frame, radar, split).savefig(path, dpi=150, metadata={"Software": None})
+        with atomic(path) as partial:
+            draw_frame(frame, radar, split).savefig(partial, format="png", dpi=150, metadata={"Software": None})
         pictures.append(path)
     return pictures
 

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from datafactory.run.shards import write_json
+from shared.dataset.writing import write_json
 
 Model = TypeVar("Model", bound=BaseModel)
 Announce = Callable[[str], None]

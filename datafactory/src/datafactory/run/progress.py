@@ -17,8 +17,9 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from datafactory.run.shards import PARTIAL, ShardPlan, write_json, write_manifest
+from datafactory.run.shards import ShardPlan, write_manifest
 from shared.dataset.folder import MANIFEST, ShardRecord, read_manifest
+from shared.dataset.writing import PARTIAL, write_json
 from shared.physics.errors import InputError
 
 FOLDER = ".progress"

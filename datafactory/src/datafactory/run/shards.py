@@ -6,9 +6,6 @@ What a killed run had finished is taken up again by :mod:`datafactory.run.progre
 
 from __future__ import annotations
 
-import hashlib
-import json
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,15 +16,14 @@ import pyarrow.parquet as pq
 
 from shared.dataset import Frame, to_record_batch
 from shared.dataset.folder import MANIFEST, SPLITS, ShardRecord
+from shared.dataset.locations import sha256_of
+from shared.dataset.writing import atomic, write_json
 
 FRAMES_PER_SHARD = 8
 """Frames in a full shard: 12 MB for the default radar, 400 MB with its cubes; a killed run loses at most this many."""
 
 PATHS = "paths"
 """Folder of traced paths, beside the splits."""
-
-PARTIAL = ".partial"
-"""Suffix of a file that is being written."""
 
 # Measured with pyarrow on one core of an AVX-512 Zen 5: range_channel and image of the default radar (1.86 MB), each
 # frame its own row group so that a random one is cheap. Frames/s at random / in order, size: none 530 / 600, 100 %;
@@ -90,24 +86,15 @@ def write_tables(path: Path, tables: Iterable[pa.Table], schema: pa.Schema, **op
     :param options: of :class:`pyarrow.parquet.ParquetWriter`
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + PARTIAL)
     rows = 0
-    try:
-        with partial.open("wb") as handle:
-            with pq.ParquetWriter(handle, schema, **options) as writer:
-                for table in tables:
-                    writer.write_table(table, row_group_size=FRAMES_PER_ROW_GROUP)
-                    rows += 1
-            handle.flush()
-            os.fsync(handle.fileno())
+    with atomic(path) as partial:
+        with partial.open("wb") as handle, pq.ParquetWriter(handle, schema, **options) as writer:
+            for table in tables:
+                writer.write_table(table, row_group_size=FRAMES_PER_ROW_GROUP)
+                rows += 1
         if rows == 0:
             raise ValueError(f"{path.name} would have no frames; expected at least one")
-        with partial.open("rb") as handle:
-            digest = hashlib.file_digest(handle, "sha256").hexdigest()
-        size = partial.stat().st_size
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
+        digest, size = sha256_of(partial), partial.stat().st_size
     return ShardRecord(path=f"{path.parent.name}/{path.name}", rows=rows, bytes=size, sha256=digest)
 
 
@@ -120,20 +107,6 @@ def write_manifest(directory: Path, manifest: Mapping[str, Any]) -> Path:
     path = directory / MANIFEST
     write_json(path, manifest)
     return path
-
-
-def write_json(path: Path, document: Mapping[str, Any]) -> None:
-    """Write a JSON file beside its final name, flush it to the disk and rename it; keys sorted, no NaN."""
-    partial = path.with_name(path.name + PARTIAL)
-    try:
-        with partial.open("w", encoding="utf-8") as handle:
-            json.dump(document, handle, sort_keys=True, indent=1, allow_nan=False)
-            handle.write("\n")
-            handle.flush()
-            os.fsync(handle.fileno())
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def _writer_options(schema: pa.Schema) -> dict[str, Any]:

@@ -21,6 +21,7 @@ import pyarrow as pa
 from shared.dataset.folder import MANIFEST, open_dataset
 from shared.dataset.locations import Location, folder_name, locate
 from shared.dataset.reading import radar_of
+from shared.dataset.writing import write_text
 from shared.physics.errors import InputError
 from trainer.data.arrays import choose_array
 from trainer.evaluation.experiments.bench import (
@@ -48,7 +49,7 @@ from trainer.evaluation.experiments.robustness import Robustness
 from trainer.evaluation.experiments.street import Street, shown_frames
 from trainer.evaluation.experiments.tradeoff import SECONDS, Tradeoff
 from trainer.evaluation.report.page import TRUTH, ReportFigure, ReportFrame, report_page
-from trainer.evaluation.report.style import save_figure, write_whole
+from trainer.evaluation.report.style import save_figure
 from trainer.evaluation.report.summary import summary
 from trainer.evaluation.report.tables import metrics_table, write_table
 from trainer.evaluation.store import Cell, CellStore, Values, code_fingerprint
@@ -152,10 +153,10 @@ def _write(
     parameters = {(contender.method, contender.array.name): contender.parameters for contender in bench.contenders}
     table = metrics_table(rows, bench.seconds, parameters)
     write_table(table, out)
-    write_whole(out / SUMMARY, summary(table).encode())
+    write_text(out / SUMMARY, summary(table))
     frames = _report_frames(bench, shown)
     page = report_page(title, _summary(bench, chosen), bench.radar, frames, figures, table)
-    write_whole(out / REPORT, page.encode())
+    write_text(out / REPORT, page)
     return table
 
 

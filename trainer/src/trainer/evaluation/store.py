@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import zipfile
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -22,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shared.dataset.locations import sha256_of
+from shared.dataset.writing import PARTIAL, atomic
 from shared.physics.errors import InputError
 
 Values = Mapping[str, NDArray[Any]]
@@ -84,7 +84,7 @@ class CellStore:
         self.kept = 0
         self._used: set[str] = set()
         directory.mkdir(parents=True, exist_ok=True)
-        for left_behind in directory.glob("*.partial"):
+        for left_behind in directory.glob(f"*{PARTIAL}"):
             left_behind.unlink()
 
     def finished(self, cell: Cell) -> Values | None:
@@ -104,10 +104,8 @@ class CellStore:
         """The arrays of a cell that was computed, once they are on disk."""
         path = self.directory / cell.file_name
         values = {name: np.asarray(value) for name, value in computed.items()}
-        partial = path.with_suffix(".partial")
-        with partial.open("wb") as handle:
+        with atomic(path) as partial, partial.open("wb") as handle:
             np.savez(handle, allow_pickle=False, **values)
-        os.replace(partial, path)
         self.computed += 1
         return values
 

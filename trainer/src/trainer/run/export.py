@@ -15,8 +15,9 @@ import onnx
 import onnxruntime  # type: ignore[import-untyped]
 import torch
 
+from shared.dataset.writing import write_bytes
 from shared.physics.errors import InputError
-from trainer.errors import TrainingStopped, writing
+from trainer.errors import TrainingStopped
 from trainer.networks import CHANNELS
 from trainer.run.folder import load_imager
 from trainer.run.targets import UNITS
@@ -90,8 +91,7 @@ def export(run_directory: Path, out: Path) -> Export:
             f"{out}: onnxruntime differs from torch by {difference:.2g} of the maximum, more than {TOLERANCE:g}; "
             "nothing written"
         )
-    with writing(out) as partial:
-        partial.write_bytes(content)
+    write_bytes(out, content)
     return Export(out, difference, torch_seconds, _latency(lambda: session.run(None, feed)))
 
 

@@ -24,10 +24,10 @@ from safetensors.torch import save
 
 from shared.dataset.folder import ShardRecord
 from shared.dataset.locations import Location, folder_name
+from shared.dataset.writing import write_bytes, write_json
 from shared.physics.errors import InputError
 from shared.radar import Radar, first_validation_error
 from trainer.data.arrays import ArrayChoice
-from trainer.errors import writing
 from trainer.run.configuration import FitConfig
 from trainer.run.imager import Imager
 
@@ -81,12 +81,7 @@ def versions() -> dict[str, str]:
 
 def write_run(directory: Path, run: Run) -> None:
     """Write ``run.json`` into an existing folder."""
-    write_json(directory / RUN_FILE, run.model_dump(mode="json"))
-
-
-def write_json(path: Path, document: Mapping[str, object]) -> None:
-    """Write a JSON file, whole or not at all."""
-    _replace(path, (json.dumps(document, indent=1) + "\n").encode())
+    write_json(directory / RUN_FILE, run.model_dump(mode="json"), sort_keys=False)
 
 
 def read_run(directory: Path) -> Run:
@@ -113,7 +108,7 @@ def read_run(directory: Path) -> Run:
 def save_weights(directory: Path, imager: Imager, gain: float = 1.0) -> None:
     """Write ``weights.safetensors``, whole or not at all; the gain stands in its metadata."""
     tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in imager.network.state_dict().items()}
-    _replace(directory / WEIGHTS, save(tensors, metadata={GAIN: repr(float(gain))}))
+    write_bytes(directory / WEIGHTS, save(tensors, metadata={GAIN: repr(float(gain))}))
 
 
 def load_imager(directory: Path) -> tuple[Run, Imager]:
@@ -159,8 +154,3 @@ def same_radar(one: Radar, one_source: str, other: Radar, other_source: str) -> 
                     other_source, f"radar {other.name!r}, {part}.{name} = {shown[1]}",
                     f"{shown[0]}, as radar {one.name!r} of {one_source} has it",
                 )  # fmt: skip
-
-
-def _replace(path: Path, content: bytes) -> None:
-    with writing(path) as partial:
-        partial.write_bytes(content)

@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
+from shared.dataset.writing import atomic
 from shared.physics.units import amplitude_to_db
 from shared.radar import Radar
-from trainer.errors import writing
 
 SPAN_DB = 40.0
 """Levels shown below the maximum [dB]."""
@@ -103,6 +103,6 @@ def save_picture(path: Path, images: Mapping[str, NDArray[np.floating]], radar: 
 
 
 def _save(figure: Figure, path: Path) -> None:
-    with writing(path) as partial:
+    with atomic(path) as partial:
         # Without the version of matplotlib, so that the bytes do not depend on it.
         figure.savefig(partial, format="png", dpi=100, metadata={"Software": None})

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from shared.dataset import METADATA_KEY
 from shared.dataset.locations import Location
+from shared.dataset.writing import atomic
 from shared.physics.errors import InputError
 from trainer.data.measurements import Measurement, open_measurements
-from trainer.errors import writing
 from trainer.run.folder import Run, load_imager, same_radar
 from trainer.run.imager import Imager
 from trainer.run.pictures import save_picture
@@ -51,7 +51,7 @@ def predict(
     device = "cuda" if torch.cuda.is_available() else "cpu"
     imager.to(device)
     schema, count = _schema(run), 0
-    with writing(out / IMAGES) as partial, pq.ParquetWriter(partial, schema, compression="lz4") as writer:
+    with atomic(out / IMAGES) as partial, pq.ParquetWriter(partial, schema, compression="lz4") as writer:
         for measurement in measurements:
             image, velocity = image_peaks(imager, measurement)
             row = {

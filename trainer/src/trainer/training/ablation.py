@@ -23,6 +23,7 @@ import torch
 from numpy.typing import NDArray
 from torch.utils.flop_counter import FlopCounterMode
 
+from shared.dataset.writing import write_text
 from shared.physics.errors import InputError
 from shared.signal.windows import cell_noise_power
 from trainer.data.arrays import choose_array
@@ -153,7 +154,7 @@ def table(
     text = "\n".join(lines) + "\n"
     if len(arrays) > 1:
         text += "\n" + "\n".join(elsewhere) + "\n"
-    (out / "ablation.md").write_text(text, encoding="utf-8")
+    write_text(out / "ablation.md", text)
     return text
 
 

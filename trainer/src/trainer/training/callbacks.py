@@ -11,7 +11,7 @@ import torch
 from lightning.pytorch import Callback, LightningModule, Trainer
 from lightning.pytorch.loggers import TensorBoardLogger
 
-from trainer.errors import writing
+from shared.dataset.writing import atomic
 from trainer.run.folder import CHECKPOINT, METRICS, save_weights
 from trainer.run.pictures import panel
 
@@ -48,7 +48,7 @@ class RunKeeper(Callback):
             self._report(trainer, pl_module, values, improved)
         # Last, so that a run killed before it takes up this validation again. All processes take part.
         if trainer.is_global_zero:
-            with writing(self.directory / CHECKPOINT) as partial:
+            with atomic(self.directory / CHECKPOINT) as partial:
                 trainer.save_checkpoint(partial)
         else:
             trainer.save_checkpoint(self.directory / CHECKPOINT)  # takes part, writes nothing

@@ -26,10 +26,11 @@ from scipy.signal import find_peaks
 from shared.dataset.folder import open_dataset
 from shared.dataset.locations import Location, folder_name, locate
 from shared.dataset.reading import radar_of
+from shared.dataset.writing import write_json
 from trainer.data.shards import ShardDataset
 from trainer.metrics.detection import D_MAX_BINS, Counts, count_one_to_one, total
 from trainer.metrics.image import nmse, nmse_best_scaled
-from trainer.run.folder import load_imager, same_radar, write_json
+from trainer.run.folder import load_imager, same_radar
 from trainer.run.imager import Imager
 from trainer.run.pictures import level_db, save_comparison
 from trainer.run.targets import UNITS
@@ -140,7 +141,7 @@ def judge(
         f1={name: counts["test"][name][index].f1 for name, index in best.items()},
         threshold_db={name: THRESHOLDS_DB[index] for name, index in best.items()},
     )
-    write_json(run_directory / VERDICT, asdict(verdict))
+    write_json(run_directory / VERDICT, asdict(verdict), sort_keys=False)
     rows = {
         frame.name: {f"delay and sum, {run.array.name}": frame.images["das"], run.config.model: frame.images["network"],
                      "truth": frame.truth}

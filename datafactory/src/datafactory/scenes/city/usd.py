@@ -8,6 +8,7 @@ meshes below it).
 
 from __future__ import annotations
 
+import errno
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ import numpy as np
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdShade
 
 from datafactory.scenes.city.shapes import Surface
+from shared.dataset.writing import atomic
 from shared.physics.errors import InputError
 
 SUFFIXES = (".usd", ".usda", ".usdc")
@@ -81,8 +83,10 @@ def write_usd(path: Path, placements: Sequence[Placement], documentation: str) -
     :raises InputError: as :func:`check_target`, or where the file cannot be written
     """
     path = check_target(path)
-    stage = Usd.Stage.CreateInMemory()
-    stage.GetRootLayer().documentation = documentation
+    # The layer's own format decides between text and binary: the partial file's suffix is not that of USD.
+    layer = Sdf.Layer.CreateAnonymous(path.suffix.lower())
+    stage = Usd.Stage.Open(layer)
+    layer.documentation = documentation
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
     UsdGeom.SetStageMetersPerUnit(stage, UsdGeom.LinearUnits.meters)
     stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/World").GetPrim())
@@ -118,11 +122,13 @@ def write_usd(path: Path, placements: Sequence[Placement], documentation: str) -
         prim.SetInstanceable(True)
 
     try:
-        written = stage.GetRootLayer().Export(str(path))
+        with atomic(path) as partial:
+            if not layer.Export(str(partial)):
+                raise OSError(errno.EIO, "USD names no reason")
     except Tf.ErrorException as error:
         raise InputError(path, f"cannot be written ({error.args[0].commentary})", "a writable place") from None
-    if not written:
-        raise InputError(path, "cannot be written", "a writable place")
+    except OSError as error:
+        raise InputError(path, f"cannot be written ({error.strerror})", "a writable place") from None
 
 
 def _define_material(stage: Usd.Stage, key: str) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
+from shared.dataset.writing import write_bytes
 from shared.physics.units import amplitude_to_db
 from shared.radar import Radar
 from trainer.run.pictures import hold_peaks
@@ -170,12 +170,5 @@ def save_figure(figure: Figure, directory: Path, name: str) -> bytes:
             figure.savefig(buffer, format=kind, metadata=metadata)
             content[kind] = buffer.getvalue()
     for kind, text in content.items():
-        write_whole(directory / f"{name}.{kind}", text)
+        write_bytes(directory / f"{name}.{kind}", text)
     return content["png"]
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file beside its name, then rename it."""
-    partial = path.with_name(f"{path.name}.partial")
-    partial.write_bytes(content)
-    os.replace(partial, path)

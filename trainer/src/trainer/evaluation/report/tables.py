@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -12,8 +11,8 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet as pq
 
+from shared.dataset.writing import atomic
 from trainer.evaluation.experiments.bench import MetricRow
-from trainer.evaluation.report.style import write_whole
 
 SECONDS = "seconds_per_image"
 SCHEMA = pa.schema(
@@ -56,8 +55,7 @@ def metrics_table(
 
 def write_table(table: pa.Table, directory: Path) -> None:
     """``metrics.parquet`` and ``metrics.csv``, whole or not at all."""
-    parquet, text = io.BytesIO(), io.BytesIO()
-    pq.write_table(table, parquet, compression="zstd")
-    pyarrow.csv.write_csv(table, text)
-    write_whole(directory / "metrics.parquet", parquet.getvalue())
-    write_whole(directory / "metrics.csv", text.getvalue())
+    with atomic(directory / "metrics.parquet") as partial:
+        pq.write_table(table, partial, compression="zstd")
+    with atomic(directory / "metrics.csv") as partial:
+        pyarrow.csv.write_csv(table, partial)

@@ -2,7 +2,7 @@
 
 For each scene the plan is the set written down beforehand. Then every effect is toggled in that set, and the result is
 simulated again: it changes by more than the error budget where the effect was on, and by less where it was off. What
-"changes" means is said in ``scenes/effects/expected.json`` (``rules``); the budget bounds the power in a resolution
+"changes" means is said in ``expected.json`` (``rules``); the budget bounds the power in a resolution
 cell averaged over realisations for added paths, and the response over its peak for how echoes are formed.
 """
 
@@ -41,7 +41,7 @@ from shared.signal.imaging import delay_and_sum
 from shared.signal.spectrum import range_doppler
 from shared.signal.windows import cell_noise_power
 
-EXPECTED = json.loads((EFFECTS / "expected.json").read_text(encoding="utf-8"))["scenes"]
+EXPECTED = json.loads((Path(__file__).parent / "expected.json").read_text(encoding="utf-8"))["scenes"]
 
 RAYS = 100_000
 FANS = 4

@@ -17,6 +17,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from effect_scenes import levels
+from effect_scenes.write_expected import EXPECTED, described, write_expected
 from numpy.typing import NDArray
 
 from datafactory.scenes.materials.table import load_materials
@@ -27,7 +29,7 @@ from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
 from shared.signal import round_trip_delays
 
-SCENES = Path(__file__).resolve().parents[3] / "scenes"
+SCENES = Path(__file__).resolve().parents[2] / "scenes"
 EFFECTS = SCENES / "effects"
 
 # Scene: materials of its objects; point targets as (position, RCS [dBsm], velocity); the radar's speed [m/s].
@@ -82,15 +84,8 @@ def make_effects() -> Iterator[ModuleType]:
 
 
 @pytest.fixture(scope="module")
-def levels(make_effects: ModuleType) -> ModuleType:
-    import effect_levels
-
-    return effect_levels
-
-
-@pytest.fixture(scope="module")
 def expected() -> dict[str, Any]:
-    return json.loads((EFFECTS / "expected.json").read_text(encoding="utf-8"))
+    return json.loads(EXPECTED.read_text(encoding="utf-8"))
 
 
 def scene_of(name: str) -> Scene:
@@ -157,6 +152,11 @@ def sends_back(edge: tuple[NDArray[np.float64], NDArray[np.float64]], sensor: ND
     return bool(0.0 <= share <= 1.0 and point[0] > sensor[0] and np.linalg.norm(point - sensor) < reach)
 
 
+def test_the_expectations_are_what_their_script_writes(tmp_path: Path) -> None:
+    write_expected(tmp_path / "expected.json")
+    assert (tmp_path / "expected.json").read_bytes() == EXPECTED.read_bytes()
+
+
 def test_the_committed_files_are_what_the_script_writes(make_effects: ModuleType, tmp_path: Path) -> None:
     make_effects.write_effects(tmp_path)
     written = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
@@ -165,8 +165,10 @@ def test_the_committed_files_are_what_the_script_writes(make_effects: ModuleType
     assert [name for name in written if written[name] != committed[name]] == []
 
 
-def test_the_scenes_are_those_listed(expected: dict[str, Any]) -> None:
+def test_the_scenes_are_those_listed(expected: dict[str, Any], make_effects: ModuleType) -> None:
     assert {path.stem for path in EFFECTS.glob("*.usda")} == set(CONTENT) == set(expected["scenes"]) == set(CALLED_FOR)
+    assert list(expected["scenes"]) == [scene.name for scene in make_effects.scenes()]
+    assert described(EFFECTS) == {scene.name: scene.shows for scene in make_effects.scenes()}
 
 
 @pytest.mark.parametrize("name", CONTENT)
@@ -313,7 +315,7 @@ def test_a_target_that_hides_nothing_is_in_plain_sight() -> None:
     assert {name for name, count in counts.items() if count} == {"target_behind_pane", "corner"}
 
 
-def test_levels_of_mirrors_and_points_agree_with_the_image(levels: ModuleType) -> None:
+def test_levels_of_mirrors_and_points_agree_with_the_image() -> None:
     """The image of the radar 2 R away: P_t G^2 (lambda / (8 pi R))^2, for any R."""
     front_end = Radar().front_end
     gain = float(front_end.tx_pattern.power_gain(np.array([1.0, 0.0, 0.0])))
@@ -323,7 +325,7 @@ def test_levels_of_mirrors_and_points_agree_with_the_image(levels: ModuleType) -
         assert level == pytest.approx(10.0 * math.log10(image), abs=1e-9)
 
 
-def test_the_near_field_change_is_that_of_exact_delays(levels: ModuleType) -> None:
+def test_the_near_field_change_is_that_of_exact_delays() -> None:
     """Against the slow reference's delays, at boresight where the plane wave has none: largest at the array's ends."""
     radar = Radar()
     delays = round_trip_delays(radar, np.array([80.0, 0.0, 0.0]), np.zeros(3))[:, 0]
@@ -339,14 +341,14 @@ def test_the_near_field_change_is_that_of_exact_delays(levels: ModuleType) -> No
     assert changes[2] - changes[3] == pytest.approx(20.0 * math.log10(4.0), abs=0.1)
 
 
-def test_changes_by_motion_have_their_limits(levels: ModuleType) -> None:
+def test_changes_by_motion_have_their_limits() -> None:
     """Small phases: the change is proportional to the speed; half a Doppler bin and more changes everything."""
     for change in (levels.doppler_change_db, levels.migration_change_db, levels.intra_chirp_change_db):
         assert change(2e-3) - change(1e-3) == pytest.approx(20.0 * math.log10(2.0), abs=0.01)
     assert levels.doppler_change_db(5.0) == pytest.approx(0.0, abs=0.2)
 
 
-def test_shadow_pane_and_edge_have_their_limits(levels: ModuleType) -> None:
+def test_shadow_pane_and_edge_have_their_limits() -> None:
     assert levels.shadow_db(0.0, 30.0, 30.0) == pytest.approx(-20.0 * math.log10(2.0), abs=1e-9)
     assert levels.shadow_db(-5.0, 30.0, 30.0) == pytest.approx(0.0, abs=0.2)
     # ITU-R P.526-15 eq. (31), good to 0.1 dB for nu > -0.78: nu = sqrt(2) where clearance^2 = lambda d1 d2 / (d1 + d2).

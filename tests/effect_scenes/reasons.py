@@ -1,4 +1,4 @@
-"""Which effects each effect scene calls for, and why: the content of ``effects/expected.json``.
+"""Which effects each effect scene calls for, and why: the content of ``expected.json``.
 
 Figures hold for the first pose; the others stand within 1 m of it. Cross sections without a range are those that the
 radar equation would say of an echo, so that echoes of one range compare at a glance.
@@ -10,8 +10,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-import effect_levels as levels
-from effect_verdicts import (
+from effect_scenes import levels
+from effect_scenes.verdicts import (
     ABSENT,
     BUDGET_DB,
     RULES,
@@ -310,5 +310,5 @@ def expectations(shows: Mapping[str, str]) -> dict[str, Any]:
         "budget_db": BUDGET_DB,
         "radar": levels.RADAR.name,
         "rules": RULES,
-        "scenes": {name: scenes[name].to_json(sentence) for name, sentence in shows.items()},
+        "scenes": {name: expectation.to_json(shows[name]) for name, expectation in scenes.items()},
     }

@@ -1,4 +1,4 @@
-"""What the echoes of the effect scenes measure, by hand: the formulas behind ``effects/expected.json``.
+"""What the echoes of the effect scenes measure, by hand: the formulas behind ``expected.json``.
 
 Powers are those of one channel in one range-Doppler cell [dBW], the unit of the dataset, for the default radar; changes
 are those of an image relative to its peak [dB], an effect being needed where its change exceeds the error budget. The

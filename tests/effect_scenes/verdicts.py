@@ -2,7 +2,7 @@
 
 An effect is on where its change of the result exceeds the error budget, where the scene would be empty without it, or
 where it alone fills more than a tenth of the cells above the noise.
-Nothing here is measured with the tracer: figures are the formulas of ``effect_levels``, and None where the scene lacks
+Nothing here is measured with the tracer: figures are the formulas of ``levels``, and None where the scene lacks
 what the effect works on.
 """
 
@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import effect_levels as levels
+from effect_scenes import levels
 
 BUDGET_DB = -30.0
 
