@@ -28,21 +28,21 @@ from shared.signal.sweep import (
 )
 
 OVERSAMPLING = 2
-"""Range cells a bin: the remainder is half as wide as with 1 and needs fewer moments, for an FFT twice as long."""
+"""Range cells in a bin. With 2 the remainder is half as wide as with 1 and needs fewer moments, for twice the FFT."""
 FLOAT32_TOLERANCE = 5e-7
 """Below this the cube is made in complex128: rounding alone is up to 2.7e-7 in complex64, measured with 1e2 to 1e5
 paths."""
 SMALLEST_TOLERANCE = 1e-11
-"""Phases of 1e5 cycles in float64 hold no more."""
+"""The rounding of phases of 1e5 cycles in float64."""
 APPROXIMATION = 0.8
 """Share of the tolerance for the weights' error; rounding, independent of it, has 0.6: 0.8^2 + 0.6^2 = 1."""
 BLOCK_REACH_BINS = 0.205
-"""RX are worked on in blocks whose delays spread by at most this many bins to either side of the block's centre: 64 of
-the virtual sensor's, which 8 moments serve at 1e-6."""
+"""Largest difference between a block's delays and the delay of its centre [bins]: blocks of 64 of the virtual sensor's
+RX, which need 8 moments at 1e-6."""
 
-CROWD = 256
-"""Paths in one range cell above which sums in float32 no longer keep 1e-6 (of 1000 equal ones: 5e-6, of 1000 of random
-phase: 2e-6) and the cube is summed in float64."""
+FLOAT32_PATHS_PER_CELL = 256
+"""Largest number of paths in one range cell whose sum in float32 keeps 1e-6; with more, the cube is summed in float64.
+The error of 1000 equal paths is 5e-6, of 1000 paths of random phase 2e-6."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,9 @@ def cube_of_paths(
     array = array or radar.array
     waveform = radar.waveform
     single = tolerance >= FLOAT32_TOLERANCE
-    dtype = np.complex64 if single and _largest_crowd(paths, waveform) <= CROWD else np.complex128
+    dtype = (
+        np.complex64 if single and _most_paths_in_a_cell(paths, waveform) <= FLOAT32_PATHS_PER_CELL else np.complex128
+    )
     static = not paths.moves()
     computed = 1 if static else waveform.chirps
     cube = np.zeros((computed, waveform.samples, len(array.rx_m), len(array.tx_m)), dtype=dtype)
@@ -113,16 +115,16 @@ def _contributions(
     paths: PathTable, array: AntennaArray, times: NDArray[np.float64], waveform: Waveform, plane: bool
 ) -> list[_Contribution]:
     """Parts of the table: all TX at once where delays factorise, else each TX alone; ``plane`` waves or spherical."""
-    everyone = range(len(array.tx_m))
+    all_tx = range(len(array.tx_m))
     parts = []
     if len(paths.scattered):
         scattered = _by_cell(paths.scattered, waveform)
         if np.all(times == times[0]):
-            parts.append(_Contribution(scattered, slice(0, len(everyone)), times[0]))
+            parts.append(_Contribution(scattered, slice(0, len(all_tx)), times[0]))
         else:  # TDM: the targets have moved on when the next TX sends
-            parts += [_Contribution(scattered, slice(i, i + 1), times[i]) for i in everyone]
+            parts += [_Contribution(scattered, slice(i, i + 1), times[i]) for i in all_tx]
     if len(paths.specular):
-        for i in everyone:
+        for i in all_tx:
             specular = _by_cell(paths.specular.as_scattered(array.tx[i], plane), waveform)
             parts.append(_Contribution(specular, slice(i, i + 1), times[i]))
     return parts
@@ -134,7 +136,7 @@ def _cells(range_m: NDArray[np.float64], waveform: Waveform) -> NDArray[np.int64
     return np.floor(2.0 * range_m * cells_per_metre).astype(np.int64) % (OVERSAMPLING * waveform.samples)
 
 
-def _largest_crowd(paths: PathTable, waveform: Waveform) -> int:
+def _most_paths_in_a_cell(paths: PathTable, waveform: Waveform) -> int:
     """Paths in the fullest range cell."""
     range_m = np.concatenate([paths.scattered.range_m(), paths.specular.range_m()])
     return int(np.bincount(_cells(range_m, waveform)).max(initial=0))
@@ -144,7 +146,7 @@ def _by_cell(paths: ScatteredPaths, waveform: Waveform) -> NDArray[np.float64]:
     """[16, K] table of the paths in the order of their range cells, seen from the origin at t = 0."""
     cells = OVERSAMPLING * waveform.samples
     cell = _cells(paths.range_m(), waveform)
-    # NumPy sorts integers of 16 bits by radix: a twentieth of the time that the ranges themselves would take.
+    # NumPy sorts integers of 16 bits by radix, in a twentieth of the time that sorting the ranges takes.
     order = np.argsort(cell.astype(np.min_scalar_type(cells)), kind="stable")
     return columns(paths, order)
 
@@ -157,7 +159,7 @@ def _blocks(array: AntennaArray, waveform: Waveform, tolerance: float, dtype: ty
         if last == len(rx) or _reach(rx[first : last + 1], waveform.bandwidth_hz) > BLOCK_REACH_BINS:
             elements = slice(first, last)
             reach = sum(_reach(part, waveform.bandwidth_hz) for part in (array.tx, rx[elements]))
-            # Blocks of one width differ in the last digits, and share their weights.
+            # Rounded up: blocks of one width differ in the last digits alone, and then share their weights.
             reach = float(np.ceil((0.5 / OVERSAMPLING + reach) * 1e6) * 1e-6)
             gain, weights = _weights(waveform, reach, tolerance)
             real = np.finfo(dtype).dtype
@@ -177,9 +179,10 @@ def _centre(elements: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def terms_for(reach_bins: float, tolerance: float, samples: int = 1024) -> int:
-    """Least even number of moments whose remainder, in the mean over the sweep, leaves room for rounding.
+    """Least even number of moments whose mean error over the sweep stays below its share of the tolerance.
 
-    Even, because a kernel is compiled for every number. Few samples weigh the sweep's ends more and may need more.
+    Even numbers alone, because a kernel is compiled for every number. With few samples the sweep's ends weigh more, and
+    more moments may be needed.
     """
     nu, terms = sweep_positions(samples), 2
     while shift_error_rms(nu, reach_bins, terms) > APPROXIMATION * tolerance:

@@ -15,9 +15,9 @@ moments:
 
     s[n] = D(nu_n) sum_g G[g] exp(j 2 pi g nu_n / h),      G[g] = sum_{j, p} W_jp M_p[g - j]
 
-All channels share the cell of the array's centre, so that the moments of a path are added to one contiguous stretch of
-memory, and every path costs channels * terms multiply-adds; paths come sorted by range, so that the stretch stays in
-cache. The error is that of the weights (:func:`shared.signal.sweep.shift_weights_error`), plus rounding.
+All channels share the cell of the array's centre. The moments of a path then lie in one contiguous range of memory, and
+a path takes channels * terms multiply-adds. Paths are sorted by range, so that this range of memory stays in cache. The
+error is that of the weights (:func:`shared.signal.sweep.shift_weights_error`), plus rounding.
 
 Delays are evaluated in float64 for every TX, RX and chirp; the phase is reduced modulo one cycle before it is rounded.
 """
@@ -61,7 +61,7 @@ def padded(elements: NDArray[np.float64]) -> NDArray[np.float64]:
 def empty_moments(cells: int, tx_count: int, rx_count: int, terms: int, real: DTypeLike) -> NDArray:
     """[cells, TX, RX / LANES, terms * 2 * LANES] uninitialised moments, real and imaginary parts apart.
 
-    On a boundary of 64 bytes: a vector that lies across two cache lines is stored at half the speed.
+    They start on a boundary of 64 bytes: storing a vector across two cache lines takes twice the time.
     """
     shape = (cells, tx_count, -(-rx_count // LANES), terms * 2 * LANES)
     size = int(np.prod(shape)) * np.dtype(real).itemsize
@@ -89,7 +89,7 @@ def _phasors(count, length, link, cycles_per_metre, constant, re, im):
 def _rx_legs(px, py, pz, x, y, z, cycles_per_metre, bins_per_metre, offset, at, re, im, shift):
     """Phasor and range [bins] of the leg from a point to the elements x, y, z [E], from index ``at`` of re, im, shift.
 
-    Unsigned indices spare numba's test for negative ones, which keeps loops from vectorising.
+    Indices are unsigned: numba's test for negative indices would prevent vectorisation.
     """
     for first in range(0, len(x), LANES):
         for lane in range(LANES):
@@ -136,10 +136,10 @@ def _rx_legs_from(length, beat_length, cycles_per_metre, bins_per_metre, offset,
 
 @numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=_FAST)
 def _add_powers(one, other, rx_count, rx_re, rx_im, rx_shift, powers, to, moments):
-    """Add two paths of one TX to the moments of the cell that they share, from index ``to``: one store serves both.
+    """Add two paths of one TX to the moments of their common cell, from index ``to``, with one store for both.
 
     :param one, other: of each path re, im and range [bins] of the TX leg, and the index of its first RX leg
-    :param powers: a tuple of ``terms`` entries, which stand for nothing: the length of a tuple is known to the compiler
+    :param powers: a tuple of ``terms`` entries; only its length is used, which the compiler knows
     """
     t_re, t_im, t_shift, at = one
     u_re, u_im, u_shift, other_at = other
@@ -181,8 +181,7 @@ def add_moments(
     tx_count, rx_count, path_count = len(tx), rx.shape[1], table.shape[1]
     flat = moments.reshape(moments.size)
     one_tx = moments.shape[2] * moments.shape[3]
-    # Rows of C-ordered arrays by one index each: any other slice loses its contiguous layout in numba, and with it
-    # vectorisation.
+    # Rows of C-ordered arrays, by one index each: numba knows them as contiguous, which vectorisation needs.
     x, y, z = rx[0], rx[1], rx[2]
     now, then = np.empty((7, CHUNK)), np.empty((7, CHUNK))
     px, py, pz, qx, qy, qz, link = now[0], now[1], now[2], now[3], now[4], now[5], now[6]
@@ -209,7 +208,7 @@ def add_moments(
                 line = then[row]
                 for b in range(count):
                     line[b] = start[first + b] + rate[first + b] * beat_time
-        # Loops over few arrays each: the compiler proves of at most some eight pairs that they do not overlap.
+        # Each loop uses few arrays: the compiler tests at most about eight pairs of arrays for overlap.
         _distances(count, bx, by, bz, tx_centre, length)
         _distances(count, cx, cy, cz, rx_centre, rx_length)
         for b in range(count):
@@ -257,7 +256,7 @@ def add_moments(
             )
         b = 0
         while b < count:
-            # A path without a neighbour in its cell is added with itself at no amplitude.
+            # A path without a neighbour in its cell is paired with itself at amplitude 0.
             paired = b + 1 < count and nearest[b] == nearest[b + 1]
             f, weight = (b + 1, 1.0) if paired else (b, 0.0)
             for i in range(tx_count):
