@@ -28,11 +28,11 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.special import wofz
 
 from datafactory.paths.merged_scene import MergedMesh, Stage
+from shared.physics.compiled import compiled
 
 Real = NDArray[np.float64]
 
@@ -153,7 +153,7 @@ def reflected_share(
     return share
 
 
-@njit(cache=True)
+@compiled()
 def _mirror_shares(edges, point, along, across):
     """[n] F of points [n, 3] in one plane with edges [E, 2, 3]; ``along``, ``across`` [n, 3] give xi and eta."""
     share = np.ones(len(point), dtype=np.complex128)
@@ -181,7 +181,7 @@ def _mirror_shares(edges, point, along, across):
     return share
 
 
-@njit(cache=True)
+@compiled()
 def _integral_from_foot(height, end):
     """Integral of 1 - exp(-a rho^2) d(phi) along a line at ``height`` from its foot to ``end``; odd in ``end``.
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from datafactory.scenes.scene import Scene
+from shared.physics.compiled import compiled
 
 MAXIMUM_CELLS = 1_000_000
 """A larger grid is made coarser. With this many cells the largest built-in city takes less than a second."""
@@ -57,7 +57,7 @@ def height_map(scene: Scene, cell_m: float) -> HeightMap:
     return HeightMap((float(lower[0]), float(lower[1])), cell, surface, highest, owner)
 
 
-@njit(cache=True)
+@compiled()
 def _rasterise(corners, index, surface, highest, owner):
     """Draw triangles [T, 3, 3] (x and y in cells, z in metres) into the maps.
 

@@ -24,11 +24,11 @@ Delays are evaluated in float64 for every TX, RX and chirp; the phase is reduced
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from datafactory.paths.table import ScatteredPaths
+from shared.physics.compiled import compiled
 from shared.physics.cycles import phasor, phasor_like
 from shared.physics.units import SPEED_OF_LIGHT
 
@@ -70,7 +70,7 @@ def empty_moments(cells: int, tx_count: int, rx_count: int, terms: int, real: DT
     return raw[first : first + size].view(real).reshape(shape)
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=_FAST)
+@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
 def _distances(count, x, y, z, point, distance):
     """Distances of the first ``count`` points x, y, z [B] to one."""
     for k in range(count):
@@ -78,14 +78,14 @@ def _distances(count, x, y, z, point, distance):
         distance[k] = np.sqrt(dx * dx + dy * dy + dz * dz)
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=_FAST)
+@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
 def _phasors(count, length, link, cycles_per_metre, constant, re, im):
     """Phasors of the first ``count`` lengths [B] plus ``link`` [m]."""
     for k in range(count):
         re[k], im[k] = phasor(cycles_per_metre[k] * (length[k] + link[k]) + constant[k])
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=_FAST)
+@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
 def _rx_legs(px, py, pz, x, y, z, cycles_per_metre, bins_per_metre, offset, at, re, im, shift):
     """Phasor and range [bins] of the leg from a point to the elements x, y, z [E], from index ``at`` of re, im, shift.
 
@@ -101,7 +101,7 @@ def _rx_legs(px, py, pz, x, y, z, cycles_per_metre, bins_per_metre, offset, at, 
             shift[to] = bins_per_metre * leg - offset
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=_FAST)
+@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
 def _plane_distances(count, x, y, z, point, distance):
     """Distances of the first ``count`` points x, y, z [B] to one near the origin, as if waves were plane there."""
     for k in range(count):
@@ -109,7 +109,7 @@ def _plane_distances(count, x, y, z, point, distance):
         distance[k] = far - (x[k] * point[0] + y[k] * point[1] + z[k] * point[2]) / max(far, 1e-9)
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=_FAST)
+@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
 def _rx_lengths(px, py, pz, x, y, z, plane, length):
     """Lengths [E] of the leg from a point to the elements x, y, z [E], spherical or plane waves."""
     if plane:
@@ -123,7 +123,7 @@ def _rx_lengths(px, py, pz, x, y, z, plane, length):
             length[e] = np.sqrt(dx * dx + dy * dy + dz * dz)
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=_FAST)
+@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
 def _rx_legs_from(length, beat_length, cycles_per_metre, bins_per_metre, offset, at, re, im, shift):
     """As :func:`_rx_legs`, from lengths [E] for the phase and others for the range."""
     for first in range(0, len(length), LANES):
@@ -134,7 +134,7 @@ def _rx_legs_from(length, beat_length, cycles_per_metre, bins_per_metre, offset,
             shift[to] = bins_per_metre * beat_length[e] - offset
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=_FAST)
+@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
 def _add_powers(one, other, rx_count, rx_re, rx_im, rx_shift, powers, to, moments):
     """Add two paths of one TX to the moments of their common cell, from index ``to``, with one store for both.
 
@@ -160,7 +160,7 @@ def _add_powers(one, other, rx_count, rx_re, rx_im, rx_shift, powers, to, moment
                 other_im *= other_z
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=_FAST)
+@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
 def add_moments(
     table, tx, rx, tx_centre, rx_centre, time, beat_time, plane,
     reference_hz, bandwidth_hz, slope_hz_per_s, video_phase, oversampling, powers, first_tx, moments,
@@ -269,7 +269,7 @@ def add_moments(
             b += 2 if paired else 1
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=_FAST)
+@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
 def _add_tap(weights, powers, at, moments, total):
     """Add the moments of one cell, from index ``at``, times ``weights`` [terms], to ``total`` [2 * LANES]."""
     first = np.uint64(at)
@@ -280,7 +280,7 @@ def _add_tap(weights, powers, at, moments, total):
         total[e] = value
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=_FAST)
+@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
 def add_to_grid(moments, weights, powers, phase, grid):
     """Add sum_{j, p} W_jp M_p[g - j], times ``phase``, to ``grid`` [cells, RX, TX] complex, cyclic in g.
 

@@ -29,12 +29,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import comb, factorial
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.wave_model import EQUATION_1, WaveModel
+from shared.physics.compiled import compiled
 from shared.physics.cycles import phasor
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
@@ -263,7 +263,7 @@ BINOMIAL = np.array(
 )
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract", "nsz", "arcp", "reassoc"})
+@compiled(nogil=True, error_model="numpy", fastmath={"contract", "nsz", "arcp", "reassoc"})
 def _add_doppler_moments(
     chosen, rx_point, rx_velocity, tx_length, tx_rate, curvature, amplitude,
     rx, rx_centre, frequency, chirps, frame_s,
