@@ -25,7 +25,8 @@ Delays are evaluated in float64 for every TX, RX and chirp; the phase is reduced
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from jaxtyping import Float, Float64, Integer
+from numpy.typing import DTypeLike
 
 from datafactory.paths.table import ScatteredPaths
 from shared.physics.compiled import compiled
@@ -40,9 +41,11 @@ the widest ones."""
 _FAST = {"contract", "nsz", "arcp"}
 
 
-def columns(paths: ScatteredPaths, order: NDArray[np.intp]) -> NDArray[np.float64]:
-    """[16, K] paths in this order, as the kernel reads them: what stands at t = 0 (TX point, RX point, length between),
-    how each of these changes, and the amplitude's real and imaginary part.
+def columns(paths: ScatteredPaths, order: Integer[np.ndarray, " paths"]) -> Float64[np.ndarray, "16 paths"]:
+    """The paths in this order, as the kernel reads them.
+
+    Rows: TX point, RX point and length between at t = 0 [m], the rates of these seven [m/s], and the amplitude's real
+    and imaginary part.
     """
     still = [*paths.tx_point.T, *paths.rx_point.T, paths.between_m]
     rates = [*paths.tx_velocity.T, *paths.rx_velocity.T, paths.between_rate_mps]
@@ -52,14 +55,16 @@ def columns(paths: ScatteredPaths, order: NDArray[np.intp]) -> NDArray[np.float6
     return table
 
 
-def padded(elements: NDArray[np.float64]) -> NDArray[np.float64]:
-    """[3, E] coordinates of ``elements`` [RX, 3], the last one repeated up to a multiple of LANES."""
+def padded(elements: Float64[np.ndarray, "rx 3"]) -> Float64[np.ndarray, "3 padded_rx"]:
+    """Coordinates of RX elements by rows, the last element repeated up to a multiple of LANES."""
     missing = -len(elements) % LANES
     return np.ascontiguousarray(np.concatenate([elements, np.repeat(elements[-1:], missing, axis=0)]).T)
 
 
-def empty_moments(cells: int, tx_count: int, rx_count: int, terms: int, real: DTypeLike) -> NDArray:
-    """[cells, TX, RX / LANES, terms * 2 * LANES] uninitialised moments, real and imaginary parts apart.
+def empty_moments(
+    cells: int, tx_count: int, rx_count: int, terms: int, real: DTypeLike
+) -> Float[np.ndarray, "{cells} {tx_count} panels {terms}*2*16"]:
+    """Uninitialised moments of panels of LANES elements, real and imaginary parts apart.
 
     They start on a boundary of 64 bytes: storing a vector across two cache lines takes twice the time.
     """

@@ -30,7 +30,7 @@ from dataclasses import dataclass
 from math import comb, factorial
 
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import Complex64, Complex128, Float32, Float64, Int64
 
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.wave_model import EQUATION_1, WaveModel
@@ -60,35 +60,35 @@ MAX_DOPPLER_TERMS = 10
 class MidFrame:
     """Paths at mid-frame, as seen by one TX: the input of the kernel.
 
-    :param rx_point: [K, 3] [m]; ``rx_velocity`` [K, 3] [m/s]
-    :param tx_length, tx_rate: [K] everything before the RX leg [m], [m/s]
-    :param curvature: [K] q [cycles], seen from the array's centre
-    :param doppler: [K] f [bins], unwrapped, seen from the array's centre
-    :param range_bins: [K] x = B tau seen from the array's centre, at the time of the beat frequency
-    :param amplitude: [K] complex128 [sqrt(W)]
+    :param rx_point: [m]; ``rx_velocity`` [m/s]
+    :param tx_length, tx_rate: length before the RX leg [m] and its rate [m/s]
+    :param curvature: q [cycles], seen from the array's centre
+    :param doppler: f [bins], unwrapped, seen from the array's centre
+    :param range_bins: x = B tau seen from the array's centre, at the time of the beat frequency
+    :param amplitude: [sqrt(W)]
     """
 
-    rx_point: NDArray[np.float64]
-    rx_velocity: NDArray[np.float64]
-    tx_length: NDArray[np.float64]
-    tx_rate: NDArray[np.float64]
-    curvature: NDArray[np.float64]
-    doppler: NDArray[np.float64]
-    range_bins: NDArray[np.float64]
-    amplitude: NDArray[np.complex128]
+    rx_point: Float64[np.ndarray, "paths 3"]
+    rx_velocity: Float64[np.ndarray, "paths 3"]
+    tx_length: Float64[np.ndarray, " paths"]
+    tx_rate: Float64[np.ndarray, " paths"]
+    curvature: Float64[np.ndarray, " paths"]
+    doppler: Float64[np.ndarray, " paths"]
+    range_bins: Float64[np.ndarray, " paths"]
+    amplitude: Complex128[np.ndarray, " paths"]
 
 
 def truth_moments(
     paths: PathTable,
     radar: Radar,
-    doppler_cells: NDArray[np.int64],
+    doppler_cells: Int64[np.ndarray, " rows"],
     terms: int = DEFAULT_TERMS,
     model: WaveModel = EQUATION_1,
-) -> NDArray[np.complex64]:
-    """[terms, R, C] sweep moments of the virtual sensor, each row in its own Doppler cell.
+) -> Complex64[np.ndarray, "{terms} rows channels"]:
+    """Sweep moments of the virtual sensor, each row in its own Doppler cell.
 
     :param paths: illuminated paths, amplitudes in sqrt(W)
-    :param doppler_cells: [R] index on the radar's velocity axis for each image row
+    :param doppler_cells: index on the radar's velocity axis for each image row
     :param model: of motion; waves are spherical whatever it says of the input array
     :returns: what :func:`shared.signal.imaging.near_field_images` takes
     """
@@ -140,7 +140,11 @@ def truth_moments(
 
 
 def _at_mid_frame(
-    paths: ScatteredPaths, radar: Radar, tx: NDArray[np.float64], centre: NDArray[np.float64], model: WaveModel
+    paths: ScatteredPaths,
+    radar: Radar,
+    tx: Float64[np.ndarray, " 3"],
+    centre: Float64[np.ndarray, " 3"],
+    model: WaveModel,
 ) -> MidFrame:
     waveform = radar.waveform
     time = model.phase_time_s(waveform.chirps // 2 * waveform.chirp_interval_s, radar)
@@ -166,7 +170,9 @@ def _at_mid_frame(
     )
 
 
-def _derivatives(vector, velocity):
+def _derivatives(
+    vector: Float64[np.ndarray, "paths 3"], velocity: Float64[np.ndarray, "paths 3"]
+) -> tuple[Float64[np.ndarray, " paths"], Float64[np.ndarray, " paths"], Float64[np.ndarray, " paths"]]:
     """Length of a moving vector and its first two time derivatives."""
     length = np.maximum(np.linalg.norm(vector, axis=1), 1e-9)
     rate = np.einsum("ki,ki->k", vector, velocity) / length
@@ -198,14 +204,14 @@ def _doppler_terms(mid: MidFrame, radar: Radar, frame_s: float) -> int:
     return MAX_DOPPLER_TERMS
 
 
-def _frame_positions(chirps: int) -> NDArray[np.float64]:
+def _frame_positions(chirps: int) -> Float64[np.ndarray, " {chirps}"]:
     return (np.arange(chirps) - chirps // 2) / chirps
 
 
-def _doppler_table(curvature: NDArray[np.float64], chirps: int, terms: int) -> tuple:
-    """(first curvature index, first delta, [q, delta, terms] complex128): G and its derivatives over their
-    factorials.
-    """
+def _doppler_table(
+    curvature: Float64[np.ndarray, " paths"], chirps: int, terms: int
+) -> tuple[int, float, Complex128[np.ndarray, "q delta {terms}"]]:
+    """First curvature index, first delta, and G with its derivatives over their factorials."""
     lowest = int(np.rint(curvature.min(initial=0.0) / CURVATURE_STEP))
     highest = int(np.rint(curvature.max(initial=0.0) / CURVATURE_STEP))
     # Beyond 16 cycles an echo covers the whole Doppler axis; that needs a target that fast nearer than a metre.
@@ -222,8 +228,8 @@ def _doppler_table(curvature: NDArray[np.float64], chirps: int, terms: int) -> t
     return lowest, float(delta[0]), table
 
 
-def _mixing_matrix(radar: Radar, terms: int, doppler_terms: int) -> NDArray[np.float32]:
-    """[2 terms, offsets * SHIFT_TERMS * doppler_terms]: moments of the cells around a row to its sweep moments.
+def _mixing_matrix(radar: Radar, terms: int, doppler_terms: int) -> Float32[np.ndarray, "2*{terms} inputs"]:
+    """The matrix from the moments of the cells around a row, [offset, shift term, Doppler term], to its sweep moments.
 
     sum_n w_n / sum(w) walk_t(nu) shift_p(nu) nu^j exp(j 2 pi nu (cell - row)); first the real, then the imaginary
     parts.
@@ -240,14 +246,16 @@ def _mixing_matrix(radar: Radar, terms: int, doppler_terms: int) -> NDArray[np.f
     return np.concatenate([mixing.real, mixing.imag]).astype(np.float32)
 
 
-def _around_row(samples: int) -> NDArray[np.int64]:
+def _around_row(samples: int) -> Int64[np.ndarray, " offsets"]:
     """Offsets from a row's own cell to the cells that contribute to it; on a short range axis each cell once."""
     cells = samples * CELLS_PER_BIN
     reach = min(ROW_REACH * CELLS_PER_BIN, cells // 2)
     return np.arange(-reach, reach + 1)[:cells]
 
 
-def _cyclic_slice(grid: NDArray[np.float32], cells: NDArray[np.int64]) -> NDArray[np.float32]:
+def _cyclic_slice(
+    grid: Float32[np.ndarray, "cells moments 2 rx"], cells: Int64[np.ndarray, " chosen"]
+) -> Float32[np.ndarray, "chosen moments 2 rx"]:
     """The grid at consecutive cells, a view where they do not cross its ends."""
     first, last = int(cells[0]), int(cells[-1])
     return grid[first : last + 1] if first >= 0 and last < len(grid) else grid[cells % len(grid)]
