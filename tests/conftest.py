@@ -6,13 +6,17 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import jaxtyping
 import numpy as np
 import pytest
 from hypothesis import settings
 from threadpoolctl import threadpool_limits
 
-from shared.radar import Radar
-from shared.radar.waveform import Waveform
+# The shapes and types in the signatures of these packages are checked at every call. Before anything imports them.
+jaxtyping.install_import_hook(["datafactory.synthesis"], "beartype.beartype")
+
+from shared.radar import Radar  # noqa: E402
+from shared.radar.waveform import Waveform  # noqa: E402
 
 # Behind everything else on the path: the folder tests/shared must not come before the package of that name.
 sys.path.append(str(Path(__file__).resolve().parent))

@@ -1,17 +1,27 @@
-"""``datafactory`` as a command: what it says when it is interrupted or given what it does not know."""
+"""``datafactory`` as a command: its help, and what it says when it is interrupted."""
 
+from __future__ import annotations
+
+import re
 import sys
 
 import pytest
+from typer.main import get_params_from_function
+from typer.testing import CliRunner
 
-from datafactory.cli.app import main
+from datafactory.cli.app import app, main
+from datafactory.cli.tables import plain_console, table
+
+COMMANDS = sorted(info.callback.__name__ for info in app.registered_commands if info.callback)
 
 
 def interrupted() -> None:
     raise KeyboardInterrupt
 
 
-def test_an_interrupted_command_says_how_to_go_on(capsys, monkeypatch):
+def test_an_interrupted_command_says_how_to_go_on(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """As typer hands it on, which swallows Ctrl-C of its own accord."""
     monkeypatch.setattr("datafactory.cli.doctor.examine", interrupted)
     monkeypatch.setattr(sys, "argv", ["datafactory", "doctor"])
@@ -21,3 +31,45 @@ def test_an_interrupted_command_says_how_to_go_on(capsys, monkeypatch):
     assert capsys.readouterr().err == (
         "datafactory: interrupted; what was finished is kept: the same command with --resume goes on\n"
     )
+
+
+def written_help(command: str) -> list[str]:
+    """The help texts of a command's options as its module writes them."""
+    (info,) = (info for info in app.registered_commands if info.callback and info.callback.__name__ == command)
+    assert info.callback is not None
+    declared = (parameter.default for parameter in get_params_from_function(info.callback).values())
+    return [option.help for option in declared if getattr(option, "help", None)]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_shows_every_text_as_it_is_written(command: str) -> None:
+    result = CliRunner().invoke(app, [command, "--help"], env={"COLUMNS": "400", "TERM": "dumb"})
+    assert result.exit_code == 0
+    for text in written_help(command):
+        assert text in result.output
+
+
+def test_some_help_states_a_unit() -> None:
+    assert "[dB]" in " ".join(text for command in COMMANDS for text in written_help(command))
+
+
+def test_tables_and_lines_show_square_brackets_and_colons(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "60")
+    names = ["/World/Cars[0]", "[bold]street[/bold]", "a:smile:b", "[/x]", "a" * 80]
+    console = plain_console()
+    console.print(table("[dB]", ("[/] name", "loss [dB]"), [(name, "-3.0") for name in names]))
+    console.print("wrote [0]/[dB] :smile:")
+    printed = capsys.readouterr().out
+    for part in ("[/] name", "loss [dB]", *names[:-1], "wrote [0]/[dB] :smile:"):
+        assert part in printed
+    assert printed.count("a") >= 80  # a long name continues on the next line
+    assert re.search(r"-3.0 │$", printed, re.MULTILINE)  # numbers stand on the right
+    assert max(map(len, printed.splitlines())) == 60
+
+
+def test_a_wide_table_keeps_its_width_in_a_narrow_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "60")
+    assert plain_console(narrowest=150).width == 150
+    assert plain_console(narrowest=20).width == 60

@@ -4,14 +4,16 @@ import dataclasses
 import json
 
 import numpy as np
+import pyarrow as pa
 import pytest
 import typer
 from matplotlib.image import imread
+from object_store import serve
 from typer.testing import CliRunner
 
 from datafactory.cli.inspect import inspect
 from datafactory.inspection.dataset import draw_frame, summarise, write_pictures
-from datafactory.run.shards import plan_shards, split_of, write_manifest, write_shard
+from datafactory.run.shards import plan_shards, split_of, write_manifest, write_shard, write_tables
 from shared.dataset import Frame, Target, arrow_schema, description
 from shared.dataset.folder import open_dataset
 from shared.physics.errors import InputError
@@ -34,7 +36,7 @@ def make_frame(frame_id: int, targets: bool = True) -> Frame:
     image = np.zeros((24, 64), np.float32)
     image[ROW, COLUMN] = 1.0
     return Frame(
-        frame_id, "scene" if frame_id % 2 else "points", f"street {frame_id % 3}", 1,
+        frame_id, "scene" if frame_id % 2 else "points", f"street [{frame_id % 3}]", 1,
         (0.0, 0.0, 0.0), (3.0, 4.0, 0.0), (1.0, 0.0, 0.0, 0.0),
         range_channel=signal,
         velocity=np.zeros((1, 24), np.float32),
@@ -52,7 +54,7 @@ def directory(tmp_path):
     plans = plan_shards([split_of(index) for index in range(9)], frames_per_shard=4)
     shards = [write_shard(directory / plan.path, map(make_frame, plan.frame_ids), schema) for plan in plans]
     records = [record.model_dump() for record in shards]
-    write_manifest(directory, {"version": 1, "counts": {"targets left out": 7}, "shards": records})
+    write_manifest(directory, {"version": 1, "counts": {"targets left out [dB]": 7}, "shards": records})
     return directory
 
 
@@ -70,10 +72,10 @@ def test_the_summary_counts_every_frame_once(directory):
         ("validation", "points"): 1,
         ("test", "scene"): 1,
     }
-    assert summary.scenes == {"street 0": 3, "street 1": 3, "street 2": 3}
+    assert summary.scenes == {"street [0]": 3, "street [1]": 3, "street [2]": 3}
     assert (summary.radar, summary.shards) == ("small", 4)
     assert summary.bytes == sum(path.stat().st_size for path in directory.rglob("*.parquet"))
-    assert summary.counts == {"targets left out": 7}
+    assert summary.counts == {"targets left out [dB]": 7}
 
 
 def panels(figure):
@@ -121,7 +123,7 @@ def test_the_top_view_has_the_targets_at_x_and_y_in_the_colours_of_the_images():
 
 def test_the_title_names_the_frame_and_the_weight():
     title = draw_frame(make_frame(5), RADAR, "train").get_suptitle()
-    for part in ("street 2", "frame 5", "train", "scene", "5.0 m/s", "x r"):
+    for part in ("street [2]", "frame 5", "train", "scene", "5.0 m/s", "x r"):
         assert part in title
 
 
@@ -153,11 +155,37 @@ def test_pictures_are_spread_over_the_dataset_and_the_same_each_time(directory, 
 def test_the_command_prints_the_numbers_and_draws(directory, tmp_path):
     result = run(directory, "--verify", "--frames", 1, "--out", tmp_path / "pictures")
     assert result.exit_code == 0, result.output
-    for part in ("4 shards are as they were written", "street 2", "24 x 64", "targets left out", "small"):
+    for part in ("4 shards are as they were written", "street [2]", "24 x 64", "targets left out [dB]", "small"):
         assert part in result.output
     assert [path.name for path in (tmp_path / "pictures").iterdir()] == ["frame-000000.png"]
     assert run(directory, "--frames", 0).exit_code == 0
     assert not (directory / "pictures").exists()
+
+
+def test_a_remote_dataset_is_read_and_its_pictures_stay_here(directory, tmp_path, monkeypatch):
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    (tmp_path / "bucket").mkdir()
+    directory.rename(tmp_path / "bucket" / "data")
+    with serve(tmp_path) as options:
+        result = run(f"s3://user:secret@bucket/data?{options}", "--verify", "--frames", 1)
+    assert result.exit_code == 0, result.output
+    assert "4 shards are as they were written" in result.output
+    assert "its pictures go to data-pictures, or to the folder that --out names" in result.output
+    assert "secret" not in result.output
+    assert [path.name for path in (tmp_path / "here" / "data-pictures").iterdir()] == ["frame-000000.png"]
+    assert not (tmp_path / "bucket" / "data" / "pictures").exists()
+
+
+def test_a_folder_of_traced_paths_is_summarised(tmp_path):
+    rows = [pa.Table.from_pylist([{"frame_id": index}]) for index in range(3)]
+    record = write_tables(tmp_path / "paths" / "part-00000.parquet", rows, rows[0].schema, compression="zstd")
+    write_manifest(tmp_path, {"version": 1, "counts": {"rays": 5}, "shards": [record.model_dump()]})
+    result = run(tmp_path, "--verify")
+    assert result.exit_code == 0, result.output
+    for part in ("1 shards are as they were written", "frames of traced paths │ 3", "count: rays"):
+        assert part in result.output
+    assert not (tmp_path / "pictures").exists()
 
 
 @pytest.mark.parametrize("damage", ["flip", "cut", "remove"])

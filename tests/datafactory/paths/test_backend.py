@@ -61,14 +61,14 @@ def test_a_library_says_of_itself_what_its_name_says():
         path, version = backend.find_llvm()
     except InputError as error:
         pytest.skip(f"this machine has no libLLVM: {error}")
-    asked = backend._answer_of(backend._LLVM_PROBE, str(path))
+    asked = backend._script_output(backend._LLVM_PROBE, str(path))
     assert asked is not None
     assert asked.split(".")[0] == version.split(".")[0]
 
 
 def test_a_library_without_a_version_in_its_name_is_asked(tmp_path, monkeypatch):
     library = fake_library(tmp_path, "libLLVM.so")
-    monkeypatch.setattr(backend, "_answer_of", lambda script, path: f"20.1.0 of {path}")
+    monkeypatch.setattr(backend, "_script_output", lambda script, path: f"20.1.0 of {path}")
     assert backend.llvm_version(library) == f"20.1.0 of {library}"
 
 
@@ -164,9 +164,9 @@ def test_missing_mitsuba_is_an_input_error(tmp_path, monkeypatch, no_gpu):
 
 
 def test_a_probe_that_crashes_or_fails_harms_nothing():
-    assert backend._answer_of("import os; os.abort()") is None
-    assert backend._answer_of("raise SystemExit(3)") is None
-    assert backend._answer_of("import sys; print(sys.argv[1])", "word") == "word"
+    assert backend._script_output("import os; os.abort()") is None
+    assert backend._script_output("raise SystemExit(3)") is None
+    assert backend._script_output("import sys; print(sys.argv[1])", "word") == "word"
 
 
 def test_threads_below_one_are_refused():

@@ -129,7 +129,7 @@ def test_the_edge_integral_agrees_with_quadrature(height, end):
 
     edges = np.linspace(0.0, end, max(2, int(end * 10)))
     parts = [quad(integrand, low, high, complex_func=True)[0] for low, high in itertools.pairwise(edges)]
-    assert abs(facets._from_foot(height, end) - sum(parts)) < 2.0 * np.pi * 2e-4
+    assert abs(facets._integral_from_foot(height, end) - sum(parts)) < 2.0 * np.pi * 2e-4
 
 
 def test_a_surface_cell_keeps_its_phase_and_neighbours_have_their_own():

@@ -233,13 +233,13 @@ def test_the_order_in_which_the_solver_returns_paths_does_not_matter(monkeypatch
     # On a busy machine its threads finish in another order once in a while.
     scene = (wall("rough", half_m=20.0), side_wall("rough"))
     expected = table_bytes(traced(*scene, depth=2, rays=5_000))
-    on_host = solver_module._on_host
+    bundle_of = solver_module._bundle_of
 
     def shuffled(*arguments):
-        bundle = on_host(*arguments)
+        bundle = bundle_of(*arguments)
         return bundle.take(np.random.default_rng(1).permutation(len(bundle.amplitude)))
 
-    monkeypatch.setattr(solver_module, "_on_host", shuffled)
+    monkeypatch.setattr(solver_module, "_bundle_of", shuffled)
     assert table_bytes(traced(*scene, depth=2, rays=5_000)) == expected
 
 

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import sys
+from typing import Any
 
 import typer
+from rich.markup import escape
+from typer.core import TyperCommand
 from typer.exceptions import TyperException
 
 from datafactory.cli.accuracy import accuracy
@@ -17,6 +20,18 @@ from datafactory.cli.render import render
 from datafactory.cli.trace import trace
 from shared.physics.errors import InputError, require_utf8
 
+
+class PlainCommand(TyperCommand):
+    """A command whose help is plain text: Rich would take a unit in square brackets for markup, and drop it."""
+
+    def __init__(self, *arguments: Any, **named: Any) -> None:
+        super().__init__(*arguments, **named)
+        self.help = escape(self.help or "")
+        for parameter in self.params:
+            if isinstance(text := getattr(parameter, "help", None), str):
+                parameter.help = escape(text)  # type: ignore[attr-defined]
+
+
 app = typer.Typer(
     help="Scenes to multipath to 77 GHz FMCW radar data in Parquet shards.",
     no_args_is_help=True,
@@ -24,7 +39,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 for command in (render, points, plan, accuracy, trace, city, inspect, doctor):
-    app.command()(command)
+    app.command(cls=PlainCommand)(command)
 INTERRUPTED = 130
 """Exit status after Ctrl-C: 128 and the number of the signal."""
 

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import typer
-from rich.console import Console
-from rich.table import Table
 
-from datafactory.inspection.doctor import examine
+from datafactory.cli.tables import plain_console, table
+from datafactory.inspection.doctor import Finding, examine
 
 
 def doctor() -> None:
     """Print what this machine has, what is missing, and the command that mends it."""
     findings = examine()
-    table = Table(title="datafactory doctor")
-    for heading in ("", "item", "found", "remedy"):
-        table.add_column(heading, overflow="fold")
-    for finding in findings:
-        mark = "ok" if finding.ok else ("MISSING" if finding.required else "note")
-        table.add_row(mark, finding.item, finding.value, finding.remedy)
-    Console().print(table)
+    rows = [(_mark(finding), finding.item, finding.value, finding.remedy) for finding in findings]
+    plain_console().print(table("datafactory doctor", ("", "item", "found", "remedy"), rows))
     if any(finding.required and not finding.ok for finding in findings):
         raise typer.Exit(1)
+
+
+def _mark(finding: Finding) -> str:
+    return "ok" if finding.ok else ("MISSING" if finding.required else "note")

@@ -6,57 +6,78 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
+from datafactory.cli.tables import plain_console, table
 from datafactory.inspection.dataset import Summary, summarise, write_pictures
-from shared.dataset.folder import SPLITS, open_dataset
+from shared.dataset.folder import SPLITS, Dataset, open_dataset
 from shared.dataset.folder import verify as verify_dataset
+from shared.dataset.locations import folder_name
 
 
 def inspect(
-    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a finished dataset.", show_default=False)],
+    directory: Annotated[
+        str,
+        typer.Argument(metavar="DIR", help="Folder of a finished dataset, also s3:// or gs://.", show_default=False),
+    ],
     verify: Annotated[
         bool, typer.Option("--verify", help="Check every byte against the manifest's checksums.")
     ] = False,
     frames: Annotated[int, typer.Option(min=0, help="Pictures to draw, of frames spread over the dataset.")] = 4,
-    out: Annotated[Path | None, typer.Option(help="Folder of the pictures; DIR/pictures by default.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of the pictures; by default DIR/pictures, of a remote dataset NAME-pictures in this folder.",
+            show_default=False,
+        ),
+    ] = None,
 ) -> None:
     """Summarise a dataset, check its files and draw some of its frames.
 
     Exit status 1: --verify found damaged files.
     """
-    console = Console(soft_wrap=True, highlight=False)
+    console = plain_console()
     dataset = open_dataset(directory, check_sizes=not verify)
     if verify:
         faults = verify_dataset(dataset)
         for fault in faults:
-            console.print(f"{directory}/{fault}", markup=False)
+            console.print(f"{dataset.path}/{fault}")
         if faults:
             console.print(f"{len(faults)} of {len(dataset.records)} shards or files are not as they were written")
             raise typer.Exit(1)
         console.print(f"{len(dataset.records)} shards are as they were written")
-    for table in _tables(summarise(dataset)):
-        console.print(table)
-    if frames:
-        for picture in write_pictures(dataset, frames, out or directory / "pictures"):
-            console.print(f"wrote {picture}", markup=False)
+    for shown in _tables(summarise(dataset)):
+        console.print(shown)
+    if frames and dataset.splits:
+        folder = out or _picture_folder(dataset)
+        if out is None and not isinstance(dataset.path, Path):
+            console.print(f"the dataset is remote: its pictures go to {folder}, or to the folder that --out names")
+        for picture in write_pictures(dataset, frames, folder):
+            console.print(f"wrote {picture}")
+
+
+def _picture_folder(dataset: Dataset) -> Path:
+    if isinstance(dataset.path, Path):
+        return dataset.path / "pictures"
+    return Path(f"{folder_name(dataset.path)}-pictures")
 
 
 def _tables(summary: Summary) -> list[Table]:
+    contents = [(name, " x ".join(map(str, shape))) for name, shape in summary.shapes.items()]
+    contents.append(("shards", f"{summary.shards}, {summary.bytes / 1e6:.1f} MB"))
+    contents += [(f"count: {name}", str(count)) for name, count in summary.counts.items()]
+    if summary.traced:
+        contents.insert(0, ("frames of traced paths", str(summary.traced)))
+    if not summary.frames:
+        return [table("Contents", ("what", "value"), contents)]
     kinds = sorted({kind for _, kind in summary.frames})
-    by_split = Table("split", *kinds, "frames", title="Frames", title_justify="left")
+    by_split = []
     for split in SPLITS:
         row = [summary.frames.get((split, kind), 0) for kind in kinds]
-        by_split.add_row(split, *map(str, row), str(sum(row)))
-    by_scene = Table("scene", "frames", title="Scenes", title_justify="left")
-    for scene, count in summary.scenes.items():
-        by_scene.add_row(scene, str(count))
-    about = Table("what", "value", title="Contents", title_justify="left")
-    about.add_row("radar", summary.radar)
-    for name, shape in summary.shapes.items():
-        about.add_row(name, " x ".join(map(str, shape)))
-    about.add_row("shards", f"{summary.shards}, {summary.bytes / 1e6:.1f} MB")
-    for name, count in summary.counts.items():
-        about.add_row(f"count: {name}", str(count))
-    return [by_split, by_scene, about]
+        by_split.append((split, *map(str, row), str(sum(row))))
+    by_scene = [(scene, str(count)) for scene, count in summary.scenes.items()]
+    return [
+        table("Frames", ("split", *kinds, "frames"), by_split),
+        table("Scenes", ("scene", "frames"), by_scene),
+        table("Contents", ("what", "value"), [("radar", summary.radar), *contents]),
+    ]

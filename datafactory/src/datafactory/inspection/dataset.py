@@ -35,9 +35,10 @@ NARROWEST_VIEW_M = 25.0
 class Summary:
     """The numbers of a dataset.
 
-    :param frames: (split, kind) to number of frames
+    :param frames: (split, kind) to number of frames; empty for a folder of traced paths alone
     :param scenes: scene name to number of frames
-    :param radar: its name
+    :param traced: frames whose traced paths are stored
+    :param radar: its name; "" where there are no frames
     :param shapes: array columns and their shapes
     :param shards: number of shards
     :param bytes: size of all shards
@@ -46,6 +47,7 @@ class Summary:
 
     frames: dict[tuple[str, str], int]
     scenes: dict[str, int]
+    traced: int
     radar: str
     shapes: dict[str, list[int]]
     shards: int
@@ -64,12 +66,14 @@ def summarise(dataset: Dataset) -> Summary:
         for frame in dataset.frames(split, columns=()):
             kinds[split, frame.kind] += 1
             scenes[frame.scene] += 1
-    description, counts = dataset.description(), dataset.manifest.get("counts", {})
+    counts = dataset.manifest.get("counts", {})
     if not isinstance(counts, dict):
         raise InputError(dataset.path / MANIFEST, f"counts = {counts!r}", "a number for each thing counted")
+    description: dict[str, Any] = dataset.description() if dataset.splits else {"radar": {"name": ""}, "shapes": {}}
     return Summary(
         frames=dict(kinds),
         scenes=dict(scenes),
+        traced=sum(record.rows for record in dataset.records if record.path.startswith("paths/")),
         radar=description["radar"]["name"],
         shapes=description["shapes"],
         shards=len(dataset.records),

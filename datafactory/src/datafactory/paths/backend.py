@@ -1,8 +1,8 @@
 """The one place that chooses the Mitsuba variant, and the libLLVM that it compiles with.
 
-Call :func:`select_variant` before anything imports ``sionna.rt``: that package sets a variant of its own at import, and
-Dr.Jit takes whatever libLLVM the system has. With LLVM 15 or 16 Dr.Jit 1.5 then aborts the process on AVX-512 machines,
-with no exception to catch; so nothing here initialises Dr.Jit before a good library was found.
+Call :func:`select_variant` before anything imports ``sionna.rt``. That package sets a variant of its own at import, and
+Dr.Jit then loads the first libLLVM of the system. With LLVM 15 or 16, Dr.Jit 1.5 aborts the process on AVX-512
+machines, without an exception. This module therefore initialises Dr.Jit only after it has found a usable library.
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ print(*(part.value for part in parts), sep=".")
 """
 
 
-def _answer_of(script: str, *arguments: str) -> str | None:
-    """What a script prints in a bare interpreter of its own, or None if it fails: a crash there harms nothing here."""
+def _script_output(script: str, *arguments: str) -> str | None:
+    """The output of a script in an interpreter of its own, or None if it fails; this process survives its crash."""
     command = [sys.executable, "-I", "-S", "-c", script, *arguments]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=_PROBE_SECONDS, check=False)
@@ -61,21 +61,21 @@ def _answer_of(script: str, *arguments: str) -> str | None:
 
 
 def cuda_usable() -> bool:
-    """Whether the NVIDIA driver starts, sees a device and has OptiX; asked in a subprocess, without Dr.Jit."""
-    return sys.platform in ("linux", "win32") and _answer_of(_CUDA_PROBE) is not None
+    """Whether the NVIDIA driver starts, finds a device and has OptiX; tested in a subprocess, without Dr.Jit."""
+    return sys.platform in ("linux", "win32") and _script_output(_CUDA_PROBE) is not None
 
 
 def llvm_version(path: Path) -> str | None:
     """Version of a libLLVM, e.g. ``"15.0.6"``; None if it cannot be told.
 
-    The file name says it on every Linux (``libLLVM-15.so.1``, ``libLLVM.so.23.1``, after following links); where it
-    does not, a subprocess loads the library and asks ``LLVMGetVersion``, so that two LLVMs never meet in this process.
+    On every Linux the file name holds it (``libLLVM-15.so.1``, ``libLLVM.so.23.1``, after following links). Otherwise a
+    subprocess loads the library and calls ``LLVMGetVersion``, so that this process never holds two LLVMs.
     """
     for name in (path.resolve().name, path.name):
         found = re.fullmatch(r"libLLVM(?:-|\.so\.)(\d+(?:\.\d+)*)(?:\.so.*|\.dylib|git)?", name)
         if found:
             return found.group(1)
-    return _answer_of(_LLVM_PROBE, str(path)) if path.is_file() else None
+    return _script_output(_LLVM_PROBE, str(path)) if path.is_file() else None
 
 
 def _candidates() -> Iterator[Path]:
@@ -94,10 +94,10 @@ def _candidates() -> Iterator[Path]:
         )
         for path in Path("/").glob(pattern)
     ]
-    yield from sorted(found, key=lambda path: (-_major(llvm_version(path)), str(path)))
+    yield from sorted(found, key=lambda path: (-_major_version(llvm_version(path)), str(path)))
 
 
-def _major(version: str | None) -> int:
+def _major_version(version: str | None) -> int:
     return int(version.split(".")[0]) if version else 0
 
 
@@ -115,14 +115,14 @@ def find_llvm() -> tuple[Path, str]:
         if not path.is_file():
             raise InputError(LLVM_VARIABLE, f"no file {given}", "a libLLVM, or the variable unset")
         version = llvm_version(path)
-        if _major(version) < MINIMUM_LLVM:
+        if _major_version(version) < MINIMUM_LLVM:
             raise InputError(LLVM_VARIABLE, _too_old(path, version), f"{INSTALL_LLVM}, and the variable unset")
         assert version is not None  # its major number was just compared
         return path, version
     refused: list[str] = []
     for path in _candidates():
         version = llvm_version(path)
-        if version and _major(version) >= MINIMUM_LLVM:
+        if version and _major_version(version) >= MINIMUM_LLVM:
             return path, version
         refused.append(_too_old(path, version))
     raise InputError("LLVM", refused[0] if refused else "no libLLVM was found", INSTALL_LLVM)
@@ -148,12 +148,12 @@ def select_variant() -> str:
     if already is not None and already.variant() in VARIANTS:
         return str(already.variant())
     if cuda_usable():
-        return _set(CUDA)
+        return _set_variant(CUDA)
     if sys.platform == "darwin" and METAL in _compiled_variants():
-        return _set(METAL)
+        return _set_variant(METAL)
     path, _ = find_llvm()
     os.environ[LLVM_VARIABLE] = str(path)
-    return _set(LLVM)
+    return _set_variant(LLVM)
 
 
 def _compiled_variants() -> list[str]:
@@ -162,8 +162,8 @@ def _compiled_variants() -> list[str]:
     return list(mitsuba.variants())
 
 
-def _set(variant: str) -> str:
-    # Imported late: this module is also asked by doctor, on machines where Mitsuba is missing or does not load.
+def _set_variant(variant: str) -> str:
+    # Imported late: ``datafactory doctor`` uses this module on machines where Mitsuba is missing or does not load.
     try:
         import mitsuba
 

@@ -1,16 +1,17 @@
-"""Waves over one edge: where they turn, how strong they are, and what edges send straight back to the radar.
+"""Waves over one edge: the point of diffraction, the field, and the echoes of edges to the radar itself.
 
 One way from a source to an observer the field relative to a source of 1 at 1 m is (:mod:`shared.physics.wedge`)
 
     G = D / sqrt(s s' (s + s')) * share,
 
-s' before and s after the point on the edge where both legs make the same angle with it (Keller). It divides the edge in
-the ratio of the perpendicular distances of source and observer. ``share`` is what an edge of finite length has of an
-endless one, by stationary phase: the length along the edge grows by sin^2(beta) (1/s + 1/s') x^2 / 2, so that
+with the distances s' before and s after the point of diffraction, where both legs make the same angle with the edge
+(Keller). That point divides the edge in the ratio of the perpendicular distances of source and observer. ``share`` is
+the field of an edge of finite length over that of an endless one, by stationary phase: the path's length grows along
+the edge by sin^2(beta) (1/s + 1/s') x^2 / 2, so that
 
     share = 1 / (1 - j) int exp(-j pi v^2 / 2) dv,   v = x sin(beta) sqrt(2 (1/s + 1/s') / lambda),
 
-between the ends of the edge: 1 far within, 1/2 at an end. Beyond the end the wave comes from the end itself.
+between the ends of the edge: 1 far within, 1/2 at an end. Beyond the end the point of diffraction is the end itself.
 
 Back to the radar, s = s' = h, the foot of the perpendicular: lambda / (4 pi) D / sqrt(2 h^3). The exact delay of an
 endless edge with direction e, for a TX and an RX at distances rho_i, rho_j from it and at z_i, z_j along it, is
@@ -20,11 +21,11 @@ endless edge with direction e, for a TX and an RX at distances rho_i, rho_j from
 The table's law of scattered paths with p = q = foot is exact for elements side by side across the edge (z_i = z_j),
 e.g. a vertical edge before a level array, and off by (z_i + z_j)^2 / (4 h) otherwise. The law of specular paths with
 image 2 p and H = 2 e e^T - I is exact for elements along the edge, and off by (w_i - w_j)^2 / (4 h) with w across edge
-and sight. Each edge takes the one with the smaller error for an array along y: the worst, at 45 deg, is 0.1 wavelength
-at 20 m for elements 0.25 m from the centre.
+and sight. For each edge the law with the smaller error for an array along y is used. The largest error, at 45 deg, is
+0.1 wavelength at 20 m for elements 0.25 m from the centre.
 
-Polarisation is followed through the edge's own directions (soft: electric field along the edge). Faces reflect as slabs
-of their materials; a rim lets pass what its sheet lets pass. Amplitudes are conjugates, as the table wants them.
+The polarisation is split into the edge's own directions (soft: electric field along the edge). Faces reflect as slabs
+of their materials; at a rim the sheet also transmits. Amplitudes are conjugates, as in the path table.
 """
 
 from __future__ import annotations
@@ -51,11 +52,11 @@ Sight = Callable[[Real, Real], NDArray[np.bool_]]
 """Whether nothing stands between points [K, 3] and [K, 3] of the radar frame: ``partial(clear_between, scene)``."""
 
 LEAST_SHARE = 0.05
-"""Edges that end so far beside the ray that no more than this is left of them are dropped (-26 dB)."""
+"""Rays with a smaller share of the edge are dropped (-26 dB)."""
 NEAREST_M = 0.05
-"""Nearer edges are left out: the theory wants several wavelengths between edge and antenna [m]."""
+"""Nearer edges are left out: the theory holds from several wavelengths on [m]."""
 BESIDE_M = 0.01
-"""How far beside an edge the lines of sight pass that decide whether it is seen [m]."""
+"""Distance from the edge at which the lines of sight to it pass [m]."""
 GRAZING = 1e-6
 """Angles from a face [rad], and cosines of incidence, below which a ray counts as inside the face."""
 
@@ -90,14 +91,14 @@ class EdgeRays:
 
 
 def rays_over_edges(edges: WedgeEdges, source: Real, observer: Real, wavelength_m: float) -> EdgeRays:
-    """The rays that geometry allows, obstacles not looked at.
+    """The rays over edges, before obstacles are tested.
 
     :param edges: E edges in the radar frame
     :param source, observer: [3] [m]
     """
     length = np.linalg.norm(edges.end - edges.start, axis=1)
     (z_source, rho_source), (z_observer, rho_observer) = (_cylindrical(edges, place) for place in (source, observer))
-    # First the many that are far from reaching: beyond v = 5 the share is below LEAST_SHARE.
+    # Most edges are dropped first, cheaply: beyond v = 5 the share is below LEAST_SHARE.
     far = np.flatnonzero((rho_source > NEAREST_M) & (rho_observer > NEAREST_M))
     rho = (rho_source + rho_observer)[far]
     stationary = (rho_observer[far] * z_source[far] + rho_source[far] * z_observer[far]) / rho
@@ -106,7 +107,7 @@ def rays_over_edges(edges: WedgeEdges, source: Real, observer: Real, wavelength_
     scale = rho / straight * np.sqrt(2.0 * (1.0 / rho_source + 1.0 / rho_observer)[far] * rho / straight / wavelength_m)
     near = missed * scale < 5.0
     kept, stationary, sine, scale = far[near], stationary[near], (rho / straight)[near], scale[near]
-    share = _share(-stationary * scale, (length[kept] - stationary) * scale)
+    share = _edge_share(-stationary * scale, (length[kept] - stationary) * scale)
 
     chosen = edges.take(kept)
     point = chosen.start + np.clip(stationary, 0.0, length[kept])[:, None] * chosen.direction
@@ -144,14 +145,14 @@ def field_over_edges(
 ) -> Complex:
     """G [K] [1/m] of the rays, exp(+j omega t), without the phase of the path's length.
 
-    :param slabs: material of each of the stage's meshes
+    :param slabs: material of each merged mesh
     :param source_axis, observer_axis: [K, 3] unit vectors of the polarisations sent and received
-    :param mirrors_end: whether the mirrors' finite size is already in the specular paths (:mod:`.facets`); what those
-        hold of a face's rim is then left out here
+    :param mirrors_end: whether the specular paths contain the mirrors' finite size (:mod:`.facets`), and with it a part
+        of a rim's wave; that part is then left out here
     """
     geometry, chosen = rays.geometry, edges.take(rays.edge)
     wavelength = SPEED_OF_LIGHT / frequency_hz
-    # Luebbers' 0-face is the source's: each face takes the nearer of the two ends, so that the ray may run either way.
+    # Luebbers' 0-face is the source's. Each face takes the end nearer to it, so that the field is the same both ways.
     phi = (
         np.minimum(geometry.source_angle_rad, geometry.observer_angle_rad),
         chosen.exterior_n * np.pi - np.maximum(geometry.source_angle_rad, geometry.observer_angle_rad),
@@ -187,17 +188,17 @@ def edge_echoes(
     polarization: tuple[Polarization, Polarization] = ("V", "V"),
     mirrors_end: bool = True,
 ) -> tuple[ScatteredPaths, SpecularPaths, dict[str, int]]:
-    """What edges send straight back to the radar, at the origin.
+    """Echoes of edges to the radar, at the origin.
 
-    :param edges: in the radar frame, ``edges_of(stage).seen_from(pose)``
-    :param slabs: material of each of the stage's meshes; :param frequency_hz: mid-sweep
+    :param edges: in the radar frame, ``edges_of(merged_scene).seen_from(pose)``
+    :param slabs: material of each merged mesh; :param frequency_hz: mid-sweep
     :param polarization: of TX and RX
     :param mirrors_end: as in :func:`field_over_edges`
     :return: edges across the array axis and edges along it, with the delay law that suits either, and counts
     """
     wavelength = SPEED_OF_LIGHT / frequency_hz
     every = rays_over_edges(edges, np.zeros(3), np.zeros(3), wavelength)
-    rays = every.take(sight(np.zeros((len(every), 3)), _beside(edges, every)))
+    rays = every.take(sight(np.zeros((len(every), 3)), _sight_points(edges, every)))
     axes = [polarization_axis(rays.inward, which) for which in polarization]
     field = field_over_edges(edges, rays, slabs, frequency_hz, axes[0], axes[1], mirrors_end)
     amplitude = np.conj(wavelength / (4.0 * np.pi) * field)
@@ -244,8 +245,8 @@ def _angle(edges: WedgeEdges, towards: Real) -> Real:
     return np.arctan2(_dot(towards, edges.normal_0), _dot(towards, into_0)) % (2.0 * np.pi)
 
 
-def _share(low: Real, high: Real) -> Complex:
-    """The module's share of an edge between v = ``low`` and ``high``; beyond an end, with the phase of that end."""
+def _edge_share(low: Real, high: Real) -> Complex:
+    """The module's ``share`` of an edge between v = ``low`` and ``high``; beyond an end, with the phase of that end."""
     sine_low, cosine_low = fresnel(low)
     sine_high, cosine_high = fresnel(high)
     share = ((cosine_high - cosine_low) - 1j * (sine_high - sine_low)) / (1.0 - 1j)
@@ -268,21 +269,22 @@ def _slab_coefficients(
 
 
 def _rim_share(angle: Real, distance_m: Real, wavelength_m: float) -> Real:
-    """[K] share of a rim's wave that the specular path over its face, seen at ``angle``, does not hold.
+    """[K] share of a rim's wave that the specular path over its face, seen at ``angle``, does not contain.
 
     The specular point lies h |cos| inside the face, h sin before it: rho^2 = 2 h cos^2 / (lambda sin) Fresnel zones.
-    The specular path has the rim with the weight exp(-rho^2 / TAPER); without a specular point it has nothing. A face
-    so narrow that the point lies beyond its opposite rim is taken to have one: its rims are a little too weak.
+    The specular path contains the rim with the weight exp(-rho^2 / TAPER); without a specular point there is no such
+    path. A narrow face, whose specular point would lie beyond the opposite rim, is treated as if it had one: its rims
+    are a little too weak.
     """
     zones = 2.0 * distance_m * np.cos(angle) ** 2 / (wavelength_m * np.maximum(np.sin(angle), GRAZING))
     return np.where((angle < 0.5 * np.pi) & (angle > 0.0), 1.0 - np.exp(-zones / TAPER), 1.0)
 
 
-def _beside(edges: WedgeEdges, rays: EdgeRays) -> Real:
-    """[K, 3] points that are seen from the source if the edge is, and if nothing adjoins it there.
+def _sight_points(edges: WedgeEdges, rays: EdgeRays) -> Real:
+    """[K, 3] points that are in sight of the source where the edge is, unless another mesh continues its face.
 
-    Where one face is lit, the line of sight passes beside the edge, and on beyond it: a wall that goes on in another
-    mesh stops it. Where both are, it ends before the edge, midway between the faces.
+    Where one face is lit, the line of sight passes the edge and ends behind it: a wall that continues the face in
+    another mesh blocks it. Where both faces are lit, it ends in front of the edge, midway between the faces.
     """
     angle, n = rays.geometry.source_angle_rad, rays.geometry.exterior_n
     both = (angle < np.pi) & (angle > (n - 1.0) * np.pi)
@@ -296,5 +298,5 @@ def _beside(edges: WedgeEdges, rays: EdgeRays) -> Real:
 
 
 def diffracting_velocity(velocity: Real, direction: Real, at_end: NDArray[np.bool_]) -> Real:
-    """[K, 3] velocity of the point that diffracts: on an edge that slides along itself it stays, its end moves on."""
+    """[K, 3] velocity of the point of diffraction: without the component along the edge, except at an end."""
     return velocity - np.where(at_end, 0.0, _dot(velocity, direction))[:, None] * direction

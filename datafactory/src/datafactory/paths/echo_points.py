@@ -1,4 +1,4 @@
-"""Point targets as the radar meets them in one frame: a few echo points each, with their cross sections."""
+"""The echo points of point targets in one frame, with their cross sections."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ class EchoPoints:
     :param position: [K, 3] world [m] at the pose's time; :param velocity: [K, 3] world [m/s]
     :param rcs_m2: [K] radar cross sections towards the radar [m^2], above 0
     :param target: [K] index of the target that each belongs to
-    :param silent: echo points left out because nothing comes back in this direction, e.g. a trihedral from behind
-    :param near: targets nearer than the distance from which on their model holds
+    :param silent: echo points left out because they have no echo in this direction, e.g. a trihedral from behind
+    :param near: targets nearer than the smallest distance at which their model holds
     """
 
     position: Real
@@ -43,9 +43,9 @@ def echo_points(
     """Every target's echo points, seen from one place, in the targets' order.
 
     :param radar_position: [3] world [m]
-    :param time_s: the targets have moved on from the scene's time 0 for so long
-    :param cross_polarized: the RX listens across the TX's polarisation; cross sections that the scene states as plain
-        numbers are taken as they stand
+    :param time_s: time since the scene's time 0 [s], for moving targets
+    :param cross_polarized: the RX's polarisation is across the TX's; a cross section that the scene states as a number
+        is used unchanged
     """
     position, velocity, sections, owner = [np.zeros((0, 3))], [np.zeros((0, 3))], [np.zeros(0)], [np.zeros(0, np.int32)]
     near = 0

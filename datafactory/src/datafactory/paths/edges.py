@@ -1,13 +1,14 @@
 """The wedges of a scene: straight edges where a wave is diffracted, found once from the merged meshes.
 
-An edge is where two triangles meet at a fold, or where a sheet ends (a half plane, n = 2). The wedge's exterior is the
-side on which the faces make more than 180 deg, whatever way the triangles are wound, because windings cannot be relied
-upon. Someone on the other side sees an inner corner, which diffracts nothing; the angles of
-:mod:`datafactory.paths.diffraction` leave it out. Folds too flat to diffract, those of terrain and of
-tessellated curves, are counted and left out.
+An edge is a fold between two triangles, or the rim of a sheet (a half plane, n = 2). The wedge's exterior is the side
+on which the faces make more than 180 deg. The winding of the triangles is not used, because files often have it wrong.
+An observer on the other side sees an inner corner, which does not diffract; the angles of
+:mod:`datafactory.paths.diffraction` leave it out. Flat folds, as of terrain and of tessellated curves, are counted and
+left out.
 
-Meshes of one velocity are taken together, since a roof and its walls are often meshes of different materials: their
-vertices are welded within ``WELD_M``. Collinear pieces that share a vertex, faces' planes and materials are one edge.
+Meshes of one velocity form one body, because a roof and its walls are often meshes of different materials. Their
+vertices are welded within ``WELD_M``. Collinear pieces that share a vertex, the faces' planes and the materials are one
+edge.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ Straight back from metal, 15 deg is 10 (hard) to 14 dB (soft) below a right angl
 SAME_PLANE = 1e-3
 """Largest difference between unit vectors of faces and directions that count as the same: 0.06 deg."""
 STRAIGHT_M = 1e-3
-"""Largest distance of a merged edge's inner vertices from its chord [m]; what bends more is left in pieces."""
+"""Largest distance of a merged edge's inner vertices from its chord [m]; an edge that bends more stays in pieces."""
 
 
 @dataclass(frozen=True)
@@ -100,12 +101,12 @@ class WedgeEdges:
 
 
 @lru_cache(maxsize=8)
-def edges_of(stage: Stage) -> WedgeEdges:
-    """All wedges of a stage, made once for each."""
+def edges_of(merged_scene: Stage) -> WedgeEdges:
+    """All wedges of a merged scene, made once for each."""
     bodies: dict[tuple[float, ...], list[int]] = {}
-    for index, mesh in enumerate(stage.meshes):
+    for index, mesh in enumerate(merged_scene.meshes):
         bodies.setdefault(tuple(mesh.velocity), []).append(index)
-    parts = [_edges_of_body(stage.meshes, members) for members in bodies.values()]
+    parts = [_edges_of_body(merged_scene.meshes, members) for members in bodies.values()]
     if not parts:
         parts = [_edges_of_body((), [])]
     names = [item.name for item in fields(WedgeEdges) if item.name != "counts"]
@@ -122,7 +123,7 @@ class _Body:
     vertices: Real  # [V, 3]
     triangles: Index  # [T, 3]
     mesh: Index  # [T]
-    owner: NDArray[np.int32]  # [T] index into the stage's objects
+    owner: NDArray[np.int32]  # [T] index into the merged scene's objects
 
 
 def _edges_of_body(meshes: tuple[MergedMesh, ...], members: list[int]) -> WedgeEdges:
@@ -131,7 +132,7 @@ def _edges_of_body(meshes: tuple[MergedMesh, ...], members: list[int]) -> WedgeE
     edges = _wedges(body, pairs, faces)
     sharp = np.cos((edges.exterior_n - 1.0) * np.pi) < np.cos(np.radians(FLATTEST_FOLD_DEG))
     edges, pairs = edges.take(sharp), pairs[sharp]
-    merged = _merged(edges, pairs)
+    merged = _merged_collinear(edges, pairs)
     velocity = meshes[members[0]].velocity if members else np.zeros(3)
     counts |= {
         "edges": len(merged),
@@ -144,7 +145,7 @@ def _edges_of_body(meshes: tuple[MergedMesh, ...], members: list[int]) -> WedgeE
 
 
 def _welded(meshes: tuple[MergedMesh, ...], members: list[int]) -> tuple[_Body, dict[str, int]]:
-    """All triangles of a body on common vertices, without those that collapse or stand in one another's place."""
+    """All triangles of a body on common vertices, without those that collapse and without doubles."""
     chosen = [meshes[index] for index in members]
     starts = np.cumsum([0] + [len(mesh.vertices) for mesh in chosen])
     every = np.concatenate([np.zeros((0, 3)), *(mesh.vertices for mesh in chosen)])
@@ -204,7 +205,7 @@ def _wedges(body: _Body, pairs: Index, faces: Index) -> WedgeEdges:
     rim = faces[:, 0] == faces[:, 1]
     cosine = np.clip(np.einsum("ei,ei->e", *into), -1.0, 1.0)
     exterior_n = np.where(rim, 2.0, 2.0 - np.arccos(cosine) / np.pi)
-    # Turn the edge so that from the 0-face the exterior comes first: the n-face is then at a negative angle.
+    # The edge's direction is chosen so that angles from the 0-face run through the exterior first.
     turn = np.where(np.einsum("ei,ei->e", np.cross(into[0], into[1]), along) > 0.0, -1.0, 1.0)
     direction = turn[:, None] * along
     return WedgeEdges(
@@ -220,8 +221,8 @@ def _wedges(body: _Body, pairs: Index, faces: Index) -> WedgeEdges:
     )
 
 
-def _merged(edges: WedgeEdges, pairs: Index) -> WedgeEdges:
-    """Collinear pieces with a vertex in common and the same faces made one; each chain keeps its first piece's name."""
+def _merged_collinear(edges: WedgeEdges, pairs: Index) -> WedgeEdges:
+    """Collinear pieces with a common vertex and the same faces joined; a chain keeps the values of its first piece."""
     first, second = _neighbours(edges, pairs)
     links = coo_array((np.ones(len(first)), (first, second)), shape=(len(edges),) * 2)
     count, chain = connected_components(links, directed=False) if len(edges) else (0, np.zeros(0, dtype=int))
@@ -256,14 +257,14 @@ def _neighbours(edges: WedgeEdges, pairs: Index) -> tuple[Index, Index]:
         if not len(here):
             break
         a, b = edge[here], edge[here + step]
-        same = _alike(edges, a, b)
+        same = _continue_each_other(edges, a, b)
         found.append((a[same], b[same]))
         step += 1
     none = np.zeros(0, dtype=np.int64)
     return np.concatenate([none, *(a for a, _ in found)]), np.concatenate([none, *(b for _, b in found)])
 
 
-def _alike(edges: WedgeEdges, a: Index, b: Index) -> NDArray[np.bool_]:
+def _continue_each_other(edges: WedgeEdges, a: Index, b: Index) -> NDArray[np.bool_]:
     """Whether edges continue each other with the same faces, of which either may be called the first."""
 
     def near(one: Real, other: Real) -> NDArray[np.bool_]:

@@ -1,7 +1,7 @@
 """The finite size of mirrors: what a facet reflects, relative to an infinite plane.
 
-Geometric optics gives a specular path the amplitude of an infinite plane, whatever the facet's size: right where the
-facet is much larger than the Fresnel zone, far too much for a window reveal. Physical optics in the Fresnel
+Geometric optics gives a specular path the amplitude of an infinite plane, whatever the facet's size. That is right for
+a facet much larger than the Fresnel zone, and far too much for a window reveal. Physical optics in the Fresnel
 approximation (Goodman, Introduction to Fourier Optics, section 4.2) integrates the field over the mirror's plane,
 
     F = -j int exp(j pi rho^2) d(xi) d(eta),   (xi, eta) = sqrt((1/d1 + 1/d2) / lambda) (x cos(theta), y),
@@ -14,7 +14,7 @@ integral is elementary and leaves one along the boundary:
 
 At an edge F = 1/2, at a right-angled corner 1/4; a plate far smaller than the zone gives its cross section
 4 pi A^2 / lambda^2. Edges beyond ``TAPER`` Fresnel zones are faded out, exp(-rho^2 / TAPER): their wave reaches the
-radar from another place, and is diffraction. The sign of the phase is that of the PathTable: longer ways turn forward.
+radar from another point, and is diffraction. The sign of the phase is that of the PathTable: it grows with the length.
 
 Limits: the facet is plane and lit as a whole; successive mirrors are treated one by one; coplanar pieces count as one
 mirror of one material (where they overlap, as their mean), pieces of a curved surface do not add up (use point targets
@@ -28,22 +28,22 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.special import wofz
 
 from datafactory.paths.merged_scene import MergedMesh, Stage
+from shared.physics.compiled import compiled
 
 Real = NDArray[np.float64]
 
 TAPER = 16.0
 """Fresnel zones (rho^2) after which an edge's ripple has fallen to 1/e: there it is 4 % of the reflection."""
 CUT = 6.0 * TAPER
-"""rho^2 beyond which an edge is not looked at: its ripple is below 1e-4."""
+"""rho^2 beyond which an edge is left out: its ripple is below 1e-4."""
 COPLANAR_COSINE = np.cos(np.radians(0.2))
 COPLANAR_M = 1e-3
 CLOSEST = 1e-9
-"""Fresnel radii: an edge nearer to the specular point runs through it, and turns nothing around it."""
+"""Fresnel radii: an edge nearer to the specular point passes through it, and its angle around the point is 0."""
 RATE = complex(1.0 / TAPER, -np.pi)
 """a of the taper and phase exp(-a rho^2)."""
 NEAR = 1.5
@@ -59,7 +59,7 @@ TABLE = wofz(1j * np.sqrt(RATE) * TABLE_STEP * np.arange(int(np.sqrt(CUT) / TABL
 
 @dataclass(frozen=True)
 class Mirrors:
-    """The triangles of a stage as mirrors; edges of the plane of each are found when first asked for.
+    """The triangles of a merged scene as mirrors; the boundary of a triangle's plane is found on first use.
 
     :param corners: [T, 3, 3] all meshes' triangles one after another, world [m] at time 0
     :param normals: [T, 3] unit normals
@@ -99,13 +99,13 @@ class Mirrors:
 
 
 @lru_cache(maxsize=8)
-def mirrors_of(stage: Stage) -> Mirrors:
-    """The mirrors of a stage, made once."""
-    return Mirrors.of(stage.meshes)
+def mirrors_of(merged_scene: Stage) -> Mirrors:
+    """The mirrors of a merged scene, made once."""
+    return Mirrors.of(merged_scene.meshes)
 
 
 def _without_shared(edges: Real) -> Real:
-    """The directed edges whose reverse is not among them; doubled triangles count once."""
+    """The directed edges whose reverse is not in the list; doubled triangles count once."""
     grid = np.rint(edges / 1e-4).astype(np.int64)
     _, point = np.unique(grid.reshape(-1, 3), axis=0, return_inverse=True)
     pair = point.reshape(-1, 2)
@@ -146,15 +146,15 @@ def reflected_share(
         along /= np.linalg.norm(along, axis=1, keepdims=True)
         across = np.cross(normal, along)
         edges = mirrors.edges(which)
-        share[group] = _shares(
+        share[group] = _mirror_shares(
             np.ascontiguousarray(edges), point[group], along * (cosine * scale[group])[:, None],
             across * scale[group][:, None],
         )  # fmt: skip
     return share
 
 
-@njit(cache=True)
-def _shares(edges, point, along, across):
+@compiled()
+def _mirror_shares(edges, point, along, across):
     """[n] F of points [n, 3] in one plane with edges [E, 2, 3]; ``along``, ``across`` [n, 3] give xi and eta."""
     share = np.ones(len(point), dtype=np.complex128)
     for k in range(len(point)):
@@ -175,14 +175,14 @@ def _shares(edges, point, along, across):
                 continue
             start, stop = ax * tx + ay * ty, bx * tx + by * ty
             side = 1.0 if height >= 0.0 else -1.0
-            total += side * (_from_foot(size, stop) - _from_foot(size, start))
+            total += side * (_integral_from_foot(size, stop) - _integral_from_foot(size, start))
             turned += side * (np.arctan2(stop, size) - np.arctan2(start, size))
         share[k] = total / max(turned, 2.0 * np.pi)
     return share
 
 
-@njit(cache=True)
-def _from_foot(height, end):
+@compiled()
+def _integral_from_foot(height, end):
     """Integral of 1 - exp(-a rho^2) d(phi) along a line at ``height`` from its foot to ``end``; odd in ``end``.
 
     With u along the line, d(phi) = height du / (height^2 + u^2), and for the half line (Gradshteyn and Ryzhik, 3.466)

@@ -1,13 +1,14 @@
 """Single mirrors, found by the feet of their perpendiculars: all of them, whatever the number of rays.
 
-A single specular echo comes back where the perpendicular from the radar meets a facet. The solver finds it only if a
-ray happens to hit that facet, so that a small one shows in some realisations and not in others. Here every triangle's
-foot in the front half space, where the rays are sent, is computed:
+A facet gives a single specular echo where it contains the foot of the perpendicular from the radar. The solver finds
+that echo only if a ray hits the facet, so that a small facet appears in some realisations and not in others. This
+module computes the foot on every triangle in the front half space, into which the rays are sent. The amplitude is
 
     A = conj(Gamma) sqrt(1 - S^2) lambda / (4 pi 2 R) F,
 
-with Gamma the slab's reflection coefficient at normal incidence (ITU-R P.2040-3, eq. (37)), S what scattering takes,
-and F the share of the facet's size (:mod:`datafactory.paths.facets`). Nothing comes back cross-polarised.
+with Gamma the slab's reflection coefficient at normal incidence (ITU-R P.2040-3, eq. (37)), S the scattering
+coefficient, and F the factor of the facet's size (:mod:`datafactory.paths.facets`). The echo has no cross-polarised
+part.
 """
 
 from __future__ import annotations
@@ -32,39 +33,44 @@ Real = NDArray[np.float64]
 INSIDE = 1e-9
 """Barycentric coordinates may fall below zero by this: a foot on an edge belongs to both triangles, and counts once."""
 CLOSEST_M = 0.01
-"""The solver, too, leaves out what is nearer: the antennas' own size matters there."""
+"""Nearer mirrors are left out, as the solver does: the antennas' own size matters there."""
 AHEAD_M = 1e-6
-"""A foot straight below, at x = 0 but for rounding, is still ahead."""
+"""A foot straight below the radar lies at x = 0, apart from rounding, and counts as ahead."""
 
 
 def single_mirrors(
-    geometry: Any, stage: Stage, materials: MaterialMapping, pose: Pose, frequency_hz: float, settings: TraceSettings
+    geometry: Any,
+    merged_scene: Stage,
+    materials: MaterialMapping,
+    pose: Pose,
+    frequency_hz: float,
+    settings: TraceSettings,
 ) -> tuple[SpecularPaths, dict[str, int]]:
     """All single specular echoes of a frame, and how many are hidden.
 
     :param geometry: Mitsuba's scene in the radar frame
     """
-    if not stage.meshes or settings.polarization[0] != settings.polarization[1]:
+    if not merged_scene.meshes or settings.polarization[0] != settings.polarization[1]:
         return SpecularPaths.none(), {}
-    mirrors, rotation, wavelength = mirrors_of(stage), pose.rotation(), SPEED_OF_LIGHT / frequency_hz
-    mesh = np.repeat(np.arange(len(stage.meshes)), [len(item.triangles) for item in stage.meshes])
-    velocity = np.array([item.velocity for item in stage.meshes])[mesh]
+    mirrors, rotation, wavelength = mirrors_of(merged_scene), pose.rotation(), SPEED_OF_LIGHT / frequency_hz
+    mesh = np.repeat(np.arange(len(merged_scene.meshes)), [len(item.triangles) for item in merged_scene.meshes])
+    velocity = np.array([item.velocity for item in merged_scene.meshes])[mesh]
     moved = velocity * pose.time_s - np.asarray(pose.position)
-    triangle, foot = _feet((mirrors.corners + moved[:, None]) @ rotation, mirrors.normals @ rotation)
+    triangle, foot = _perpendicular_feet((mirrors.corners + moved[:, None]) @ rotation, mirrors.normals @ rotation)
     range_m = np.linalg.norm(foot, axis=1)
     clear = clear_between(geometry, np.zeros((len(foot), 3)), foot)
     passed = clear.astype(np.complex128)
     kinds = np.full(len(foot), SPECULAR, dtype=np.uint8)
     if settings.refraction and not clear.all():
         behind = np.flatnonzero(~clear)
-        panes = panes_between(geometry, stage, materials, frequency_hz, foot[behind], settings.polarization[0])
+        panes = panes_between(geometry, merged_scene, materials, frequency_hz, foot[behind], settings.polarization[0])
         passed[behind] = np.where(np.abs(panes.factor) > FAINTEST, panes.factor, 0.0) ** 2
         kinds[behind] |= REFRACTED
     seen = np.flatnonzero(passed != 0.0)
     hidden = len(triangle) - len(seen)
     triangle, foot, range_m = triangle[seen], foot[seen], range_m[seen]
     passed, kinds = passed[seen], kinds[seen]
-    slabs = slabs_of(stage, materials)
+    slabs = slabs_of(merged_scene, materials)
     reflection = np.array([_normal_reflection(slabs[index], frequency_hz) for index in mesh[triangle]], dtype=complex)
     amplitude = np.conj(reflection) * wavelength / (8.0 * np.pi * range_m) * passed
     if settings.finite_mirrors:
@@ -73,7 +79,7 @@ def single_mirrors(
         world = foot @ rotation.T - moved[triangle]
         world -= np.einsum("ki,ki->k", world - at_rest, normal)[:, None] * normal
         amplitude *= reflected_share(mirrors, triangle, world, foot @ rotation.T, range_m, range_m, wavelength)
-    objects = np.concatenate([item.object_of_triangle for item in stage.meshes])
+    objects = np.concatenate([item.object_of_triangle for item in merged_scene.meshes])
     direction = foot / range_m[:, None]
     relative = (velocity[triangle] - np.asarray(pose.velocity)) @ rotation
     approach = np.einsum("ki,ki->k", direction, relative)
@@ -89,7 +95,7 @@ def single_mirrors(
     ), {"mirrors_hidden": hidden}
 
 
-def _feet(corners: Real, normals: Real) -> tuple[NDArray[np.int64], Real]:
+def _perpendicular_feet(corners: Real, normals: Real) -> tuple[NDArray[np.int64], Real]:
     """Triangles [n] that hold the foot of the perpendicular from the origin, and the feet [n, 3] [m]."""
     height = np.einsum("ki,ki->k", normals, corners[:, 0])
     foot = height[:, None] * normals

@@ -1,4 +1,4 @@
-"""Panes: what a slab lets through and reflects, and what stands on the straight line between radar and point.
+"""Panes: transmission and reflection of a slab, and the slabs on the straight line between radar and point.
 
 Slab of one layer in air, ITU-R P.2040-4 eq. (43), (44), multiple reflections inside included: with eta the complex
 relative permittivity, theta the angle of incidence, d the thickness, k = 2 pi / lambda,
@@ -9,12 +9,12 @@ relative permittivity, theta the angle of incidence, d the thickness, k = 2 pi /
 and r the Fresnel coefficients of its surface, eq. (37). T is the field behind the slab over the field in front of it,
 at points opposite each other: a pane of air has exp(-j k d cos theta). Valid for slabs wider than the beam's Fresnel
 zone and for a pulse longer than the echoes within (d |sqrt(eta)| well below the range resolution of 0.15 m; thicker
-walls swallow them).
+walls absorb them).
 
 Time convention exp(+j omega t) for coefficients; amplitudes for the path table are their conjugates.
 
-Sight is a ray cast by Mitsuba in float32. Every mesh surface is one slab, as in Sionna's own model: a pane modelled as
-a box is two panes.
+Lines of sight are rays of Mitsuba in float32. Every mesh surface is one slab, as in Sionna's own model: a pane modelled
+as a box is two panes.
 """
 
 from __future__ import annotations
@@ -51,10 +51,12 @@ def slab_transmission(
 
     :param relative_permittivity: eps' > 0; :param conductivity_s_per_m: at least 0; :param thickness_m: at least 0
     :param incidence_cosine: [K] cosine of the angle from the normal, above 0 and at most 1
-    :return: TE [K] and TM [K]; 0 where the slab swallows everything
+    :return: TE [K] and TM [K]; 0 where the slab absorbs everything
     :raises InputError: a value outside these bounds
     """
-    through, te, tm = _slab(relative_permittivity, conductivity_s_per_m, thickness_m, frequency_hz, incidence_cosine)
+    through, te, tm = _slab_terms(
+        relative_permittivity, conductivity_s_per_m, thickness_m, frequency_hz, incidence_cosine
+    )
     return (1.0 - te**2) * through / (1.0 - (te * through) ** 2), (1.0 - tm**2) * through / (1.0 - (tm * through) ** 2)
 
 
@@ -69,11 +71,13 @@ def slab_reflection(
 
     TE is the sign of the electric field, TM that of the magnetic one: a perfect conductor has -1 and +1.
     """
-    through, te, tm = _slab(relative_permittivity, conductivity_s_per_m, thickness_m, frequency_hz, incidence_cosine)
+    through, te, tm = _slab_terms(
+        relative_permittivity, conductivity_s_per_m, thickness_m, frequency_hz, incidence_cosine
+    )
     return te * (1.0 - through**2) / (1.0 - (te * through) ** 2), tm * (1.0 - through**2) / (1.0 - (tm * through) ** 2)
 
 
-def _slab(
+def _slab_terms(
     permittivity: float, conductivity: float, thickness_m: float, frequency_hz: float, incidence_cosine: ArrayLike
 ) -> tuple[Complex, Complex, Complex]:
     """exp(-jq) and the surface's Fresnel coefficients TE, TM."""
@@ -99,7 +103,7 @@ def _slab(
 
 @dataclass(frozen=True)
 class Crossings:
-    """What stands between the radar and K points.
+    """The surfaces between the radar and K points.
 
     :param factor: [K] one-way amplitude over that of free space, co-polarised, in the path table's convention
     :param count: [K] surfaces crossed
@@ -113,7 +117,7 @@ class Crossings:
 
 def panes_between(
     mi_scene: Any,
-    stage: Stage,
+    merged_scene: Stage,
     materials: MaterialMapping,
     frequency_hz: float,
     points: Real,
@@ -129,27 +133,30 @@ def panes_between(
     path's length is that of free space. Bending of the ray (its shift of d tan theta at most) is left out. Out and back
     is the square, by reciprocity, for a target that keeps the polarisation.
 
-    :param mi_scene: Mitsuba scene in the radar frame, radar at the origin; its shape ``part-N`` is ``stage.meshes[N]``
-    :param materials: those that ``stage`` was made with
+    :param mi_scene: Mitsuba scene in the radar frame, radar at the origin; its shape ``part-N`` is
+        ``merged_scene.meshes[N]``
+    :param materials: those that ``merged_scene`` was made with
     :param points: [K, 3] in the radar frame [m]; surfaces nearer than the ray caster's own error count as behind it
     """
     points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
-    slabs = _slab_of_shape(mi_scene, stage, materials)
+    slabs = _slab_of_shape(mi_scene, merged_scene, materials)
     distance = np.linalg.norm(points, axis=1)
     direction = unit(points)
     axis = polarization_axis(direction, polarization)
     field = axis.astype(np.complex128)
     count = np.zeros(len(points), dtype=np.int64)
-    walker = _Walker(mi_scene, direction, distance - _margin(distance))
+    surfaces = _SurfaceWalker(mi_scene, direction, distance - _ray_margin_m(distance))
     for _ in range(maximum_crossings):
-        hit, mesh_id, normal = walker.next_surface()
+        hit, mesh_id, normal = surfaces.next_surface()
         if not hit.any():
             break
         count[hit] += 1
         for shape in np.unique(mesh_id[hit]):
             here = hit & (mesh_id == shape)
-            field[here] = _behind(slabs[int(shape)], frequency_hz, direction[here], normal[here], field[here])
-    beyond = walker.next_surface()[0]
+            field[here] = _field_behind_slab(
+                slabs[int(shape)], frequency_hz, direction[here], normal[here], field[here]
+            )
+    beyond = surfaces.next_surface()[0]
     factor = np.where(beyond, 0.0, np.einsum("ki,ki->k", field, axis).conj())
     return Crossings(factor=factor, count=count, given_up=int(beyond.sum()))
 
@@ -164,8 +171,8 @@ def clear_between(mi_scene: Any, start: Real, end: Real) -> NDArray[np.bool_]:
         return np.zeros(0, dtype=bool)
     distance = np.linalg.norm(end - start, axis=1)
     direction = unit(end - start)
-    ahead = _margin(np.linalg.norm(start, axis=1))
-    reach = distance - ahead - _margin(np.linalg.norm(end, axis=1))
+    ahead = _ray_margin_m(np.linalg.norm(start, axis=1))
+    reach = distance - ahead - _ray_margin_m(np.linalg.norm(end, axis=1))
     first = start + ahead[:, None] * direction
     return ~mi_scene.ray_test(_rays(first, direction, np.maximum(reach, 0.0))).numpy()
 
@@ -179,15 +186,15 @@ def _rays(start: Real, direction: Real, reach: Real) -> Any:
     return ray
 
 
-def _margin(distance_m: Real) -> Real:
-    """Distance [m] within which float32 rays cannot tell before from behind: 0.1 mm nearby, 2 mm at 100 m."""
+def _ray_margin_m(distance_m: Real) -> Real:
+    """Error of a ray's float32 distance [m]: 0.1 mm nearby, 2 mm at 100 m."""
     return 1e-4 + 2e-5 * distance_m
 
 
 def polarization_axis(direction: Real, polarization: Polarization) -> Real:
     """[K, 3] theta^ (V, pointing down at the horizon) or phi^ (H, pointing left) of unit directions [K, 3].
 
-    Straight up and down, where there is none, the limit from +x.
+    Straight up and down it is undefined; the limit from +x is returned.
     """
     x, y, z = direction.T
     across = np.hypot(x, y)
@@ -198,7 +205,7 @@ def polarization_axis(direction: Real, polarization: Polarization) -> Real:
     return np.stack([z * cosine, z * sine, -across], axis=1)
 
 
-def _slab_of_shape(mi_scene: Any, stage: Stage, materials: MaterialMapping) -> dict[int, Material]:
+def _slab_of_shape(mi_scene: Any, merged_scene: Stage, materials: MaterialMapping) -> dict[int, Material]:
     """Material by the number with which a ray names the shape it met."""
     import drjit as dr
     import mitsuba as mi
@@ -207,11 +214,13 @@ def _slab_of_shape(mi_scene: Any, stage: Stage, materials: MaterialMapping) -> d
     slabs = {}
     for shape in mi_scene.shapes():
         number = int(mi.UInt32(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))).numpy()[0])
-        slabs[number] = by_name[stage.meshes[int(shape.id().removeprefix("part-"))].material]
+        slabs[number] = by_name[merged_scene.meshes[int(shape.id().removeprefix("part-"))].material]
     return slabs
 
 
-def _behind(material: Material, frequency_hz: float, direction: Real, normal: Real, field: Complex) -> Complex:
+def _field_behind_slab(
+    material: Material, frequency_hz: float, direction: Real, normal: Real, field: Complex
+) -> Complex:
     """The field [K, 3] behind one slab."""
     cosine = np.clip(np.abs(np.einsum("ki,ki->k", direction, normal)), 1e-6, 1.0)
     te, tm = slab_transmission(
@@ -232,10 +241,10 @@ def _behind(material: Material, frequency_hz: float, direction: Real, normal: Re
     return kept_te + (tm * replaced_air * np.einsum("ki,ki->k", field, along))[:, None] * along
 
 
-class _Walker:
+class _SurfaceWalker:
     """Rays from the origin, from one surface to the next.
 
-    A ray starts again a margin behind each surface; that it meets the same triangle once more is rounding.
+    A ray restarts a margin behind each surface. A second hit on the same triangle is an error of rounding, and skipped.
     """
 
     def __init__(self, mi_scene: Any, direction: Real, reach: Real) -> None:
@@ -256,7 +265,9 @@ class _Walker:
             new = pending[here & ~again]
             found[new], shape[new], normal[new] = True, triangle[here & ~again, 0], n[here & ~again]
             self.last[pending[here]] = triangle[here]
-            self.travelled[pending[here]] += distance[here] + _margin(self.travelled[pending[here]] + distance[here])
+            self.travelled[pending[here]] += distance[here] + _ray_margin_m(
+                self.travelled[pending[here]] + distance[here]
+            )
             self.travelled[pending[~here]] = np.inf
             pending = pending[again & (self.travelled[pending] < self.reach[pending])]
         return found, shape, normal

@@ -1,8 +1,7 @@
-"""Leaving out paths that no range bin would miss.
+"""Pruning: the weakest scattered paths of each range bin are left out.
 
-Within each range bin the weakest paths are dropped, as many as together hold at most a given share of the bin's power
-(incoherent sum, patterns applied). Judged bin by bin, a weak echo far away is never weighed against a strong one
-nearby.
+The paths left out hold together at most a given share of their bin's power (incoherent sum, patterns applied). Each bin
+is treated alone: a weak echo far away is never compared with a strong one nearby.
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ def _negligible(power: NDArray[np.float64], group: NDArray[np.int64], share: flo
     total = np.bincount(group, power)
     total[total == 0.0] = 1.0  # paths without power are all negligible
     order = np.lexsort((power, group))
-    # Relative to its own group's power, so that a weak group loses no digits to a running sum over stronger ones.
+    # Relative to its own group's power: a running sum over all groups would lose the digits of a weak one.
     part = power[order] / total[group[order]]
     running = np.cumsum(part)
     first = np.searchsorted(group[order], group[order], side="left")

@@ -1,17 +1,17 @@
-"""Where rays are sent: directions over the radar's field of view, as dense as its resolution cells.
+"""Directions of the rays: over the radar's field of view, as dense as its resolution cells.
 
-A full-sphere lattice sends most of its rays to the sky, to the road under the bumper and behind the radar. The lattice
-here covers the front half space. Four fifths of it are uniform in u = sin(azimuth), as the image's cells are, the rest
-uniform in azimuth, so that no ray stands for too much; the sine of elevation z has the density of a Cauchy distribution
-cut at the poles, about as wide as a car radar's beam:
+A full-sphere lattice sends most of its rays to the sky, to the road under the bumper and behind the radar. This lattice
+covers the front half space. Four fifths of its rays are uniform in u = sin(azimuth), as the image's cells are. The rest
+are uniform in azimuth, which bounds the solid angle that one ray represents. The sine of elevation z has the density of
+a Cauchy distribution cut at the poles, about as wide as a car radar's beam:
 
     p(azimuth) = 0.8 cos(azimuth) / 2 + 0.2 / pi,        p(z) = z_0 / (2 atan(1 / z_0) (z_0^2 + z^2)),   -1 <= z <= 1.
 
-Each direction then stands for a solid angle of 1 / (N p(azimuth) p(z)) instead of the full lattice's 4 pi / N, and
-diffuse amplitudes are scaled by the square root of that ratio: their expected power is unchanged.
+Each direction then represents a solid angle of 1 / (N p(azimuth) p(z)) instead of the full lattice's 4 pi / N. Diffuse
+amplitudes are scaled by the square root of that ratio, so that their expected power is unchanged.
 
-The points come from the Kronecker sequence of the golden ratio that the Fibonacci lattice is made of, rotated by a
-random offset per frame (Cranley-Patterson), so that neighbouring frames do not share artefacts.
+The points come from the Kronecker sequence of the golden ratio, of which the Fibonacci lattice is made. A random offset
+per frame rotates them (Cranley-Patterson), so that neighbouring frames have different artefacts.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 
 BEAM = 0.2
 """z_0, chosen among 0.05 to 0.2 and other laws by the error of the power in the resolution cells of a city and of a
-street: 50 000 of these rays err less than 250 000 of the full sphere (``datafactory accuracy``, knob ``lattice``).
+street. That error is smaller with 50 000 of these rays than with 250 000 of the full sphere (``datafactory accuracy``,
+knob ``lattice``).
 """
 UNIFORM_IN_U = 0.8
 GOLDEN_RATIO = (1.0 + np.sqrt(5.0)) / 2.0
@@ -55,9 +56,7 @@ class RayFan:
         return np.stack([(azimuth / (2.0 * np.pi)) % 1.0, np.clip(0.5 * (1.0 - z), 0.0, 1.0)], axis=1)
 
     def solid_angle_ratio(self, directions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """[K] solid angle that a ray in these directions [K, 3] stands for, relative to the full lattice's 4 pi /
-        count.
-        """
+        """[K] solid angle that a ray in these directions [K, 3] represents, over the full lattice's 4 pi / count."""
         z = directions[:, 2] / np.linalg.norm(directions, axis=1)
         cosine = np.maximum(directions[:, 0], 0.0) / np.maximum(np.hypot(directions[:, 0], directions[:, 1]), 1e-30)
         elevation = self.beam / (2.0 * np.arctan(1.0 / self.beam) * (self.beam**2 + z**2))

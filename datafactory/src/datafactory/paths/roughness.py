@@ -1,8 +1,8 @@
 """The random phase of a rough surface, fixed to the surface.
 
-Sionna's diffuse paths carry the phase of geometry alone. A real surface, rough on the scale of the wavelength, adds its
-own phase to every patch, the same whenever that patch is seen. So it is drawn here from a hash of the object and
-of the cell of its own coordinates, never from the ray's number: rays that hit one cell share it, and the sum over a
+Sionna's diffuse paths have the phase of geometry alone. A real surface, rough on the scale of the wavelength, adds a
+phase to every patch, the same from every position. The phase is therefore a hash of the object and of the cell in the
+object's own coordinates, and does not depend on the ray's number. Rays that hit one cell share it. The sum over a
 resolution cell becomes fully developed speckle, whose mean power is the sum of the paths' powers (Goodman, Speckle
 Phenomena in Optics, section 2.1).
 """
@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 SURFACE_CELL_M = 0.05
-"""About half the input array's aperture: a sensor that moves as far sees independent speckle, as over a real surface
-(the speckle's correlation length at the sensor is half the aperture; Goodman, section 4.3).
+"""About half the input array's aperture, the correlation length of a real surface's speckle at the sensor (Goodman,
+section 4.3): a sensor that moves by it receives independent speckle.
 """
 
 
@@ -27,11 +27,11 @@ def surface_phase(position: NDArray[np.float64], object_index: NDArray[np.int64]
     cell = np.floor(position / SURFACE_CELL_M).astype(np.int64).view(np.uint64)
     key = np.asarray(object_index, dtype=np.int64).view(np.uint64)
     for axis in range(3):
-        key = _mixed(key ^ cell[:, axis])
+        key = _split_mix_64(key ^ cell[:, axis])
     return 2.0 * np.pi * 2.0**-53 * (key >> np.uint64(11)).astype(np.float64)
 
 
-def _mixed(key: NDArray[np.uint64]) -> NDArray[np.uint64]:
+def _split_mix_64(key: NDArray[np.uint64]) -> NDArray[np.uint64]:
     """One step of SplitMix64 (Steele, Lea and Flood 2014): every input bit reaches every output bit."""
     key = key + np.uint64(0x9E3779B97F4A7C15)
     key = (key ^ (key >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)

@@ -1,15 +1,16 @@
-"""The only module that calls Sionna's path solver: a stage and a pose in, traced paths as float64 arrays out.
+"""The only module that calls Sionna's path solver: it takes a merged scene and a pose and returns float64 arrays.
 
-The trace is monostatic and isotropic, at mid-sweep, in the radar's own frame. Patterns, powers, array and waveform come
-later. What is done here about Sionna RT 2.2's traits, each with a test in ``tests/datafactory/paths/test_trace.py``:
+The trace is monostatic and isotropic, at mid-sweep, in the radar's own frame. Patterns, powers, array and waveform are
+applied later. This module adapts Sionna RT 2.2 as follows, each with a test in
+``tests/datafactory/paths/test_trace.py``:
 
 * First-hit directions are replaced by :class:`datafactory.paths.rays.RayFan` (the solver's lattice covers the sphere).
-* A wave that passes through a pane goes on in its direction; the crossings are taken out of the vertices, and do not
-  count as bounces.
+* A wave keeps its direction through a pane. The crossings are removed from the vertices, and are not counted as
+  bounces.
 * Amplitudes are conjugated: ``Paths.a`` belongs to exp(-j 2 pi f tau), the IF signal to exp(+j 2 pi f tau).
-* Line of sight from TX to RX is left out, and the solver runs in its deterministic mode. That fixes which paths are
-  found, not their order, which depends on the threads' timing (seen on a busy machine); they are
-  sorted here, because sums in float32 depend on it.
+* The line of sight from TX to RX is left out.
+* The solver runs in its deterministic mode. That fixes the set of paths. Their order still depends on the threads'
+  timing (observed on a busy machine). They are sorted here, because sums in float32 depend on the order.
 """
 
 from __future__ import annotations
@@ -34,11 +35,11 @@ PATTERNS: dict[str, dict[str, Any]] = {
     "lambertian": {"scattering_pattern": "lambertian"},
     "backscattering": {"scattering_pattern": "backscattering", "alpha_r": 4, "alpha_i": 4, "lambda_": 0.5},
 }
-"""Diffuse patterns of the material table. With lambda = 1 (or the directive pattern) hardly anything comes back off
-normal.
+"""Diffuse patterns of the material table. With lambda = 1, or the directive pattern, there is hardly any backscatter
+off normal incidence.
 """
 CROSSINGS = 2
-"""Panes that a path may pass on its whole way: one pane, there and back."""
+"""Largest number of panes on a whole path: one pane, on the way out and on the way back."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ class TraceSettings:
     :param refraction: follow waves through panes, up to ``CROSSINGS`` of them
     :param diffraction: add echoes of edges, and of point targets hidden behind one
     :param point_targets: add the echoes of targets given by their cross section
-    :param finite_mirrors: reflect with the share of the facet's size, not like infinite planes
+    :param finite_mirrors: reduce a reflection by the facet's finite size, instead of an infinite plane's
     :param surface_phase: give every cell of a rough surface its own phase
     :param polarization: of TX and RX, "V" or "H" each
     """
@@ -69,12 +70,12 @@ class TraceSettings:
 
     @property
     def steps(self) -> int:
-        """Interactions that the solver may string together."""
+        """Largest number of interactions on a path of the solver."""
         return self.depth + (CROSSINGS if self.refraction else 0)
 
     @property
     def capacity(self) -> int:
-        """Paths the solver may keep: every ray can leave a path at every step, so that nothing is ever truncated."""
+        """Paths that the solver may keep: one for every ray and step, so that none is ever left out."""
         return self.rays * self.steps + 1_000_000
 
 
@@ -84,8 +85,8 @@ class Bundle:
 
     vertices: NDArray[np.float64]  # [n, depth, 3]
     interactions: NDArray[np.int64]  # [n, depth] SPECULAR or DIFFUSE, 0 beyond the path's end
-    objects: NDArray[np.int64]  # [n, depth] index into the stage's objects, -1 beyond the end
-    triangles: NDArray[np.int64]  # [n, depth] index into the stage's triangles, -1 beyond the end
+    objects: NDArray[np.int64]  # [n, depth] index into the merged scene's objects, -1 beyond the end
+    triangles: NDArray[np.int64]  # [n, depth] index into the merged scene's triangles, -1 beyond the end
     velocities: NDArray[np.float64]  # [n, depth, 3] relative to the radar
     crossings: NDArray[np.int64]  # [n] panes passed
     amplitude: NDArray[np.complex128]  # [n]
@@ -100,7 +101,7 @@ class Bundle:
         return Bundle(amplitude=self.amplitude, crossings=self.crossings, **columns)
 
     def in_fixed_order(self) -> Bundle:
-        """The same paths, sorted by their vertices: the solver's threads hand them over as they happen to finish."""
+        """The same paths, sorted by their vertices: the solver's order depends on which of its threads ends first."""
         count, depth = self.interactions.shape
         return self.take(np.lexsort(self.vertices.reshape(count, 3 * depth).T[::-1]))
 
@@ -121,7 +122,7 @@ class Solved:
 
 
 def solve(
-    stage: Stage,
+    merged_scene: Stage,
     materials: MaterialMapping,
     pose: Pose,
     frequency_hz: float,
@@ -134,15 +135,15 @@ def solve(
     :param frequency_hz: mid-sweep; materials take their values at 77 GHz whatever it is
     :param seed: of the solver's choices between kinds of bounce; 0 to 2**32 - 1
     """
-    scene, paths = solver_paths(stage, materials, pose, frequency_hz, settings, fan, seed)
-    shapes = {scene.objects[f"part-{index}"].object_id: index for index in range(len(stage.meshes))}
+    scene, paths = solver_paths(merged_scene, materials, pose, frequency_hz, settings, fan, seed)
+    shapes = {scene.objects[f"part-{index}"].object_id: index for index in range(len(merged_scene.meshes))}
     valid = paths.valid.numpy().reshape(-1)
-    bundle = _without_crossings(_on_host(paths, valid, shapes, stage, pose), settings.depth)
+    bundle = _without_crossings(_bundle_of(paths, valid, shapes, merged_scene, pose), settings.depth)
     return Solved(bundle, scene.mi_scene, int((~valid).sum()), int(valid.sum() >= settings.capacity))
 
 
 def solver_paths(
-    stage: Stage,
+    merged_scene: Stage,
     materials: MaterialMapping,
     pose: Pose,
     frequency_hz: float,
@@ -173,7 +174,7 @@ def solver_paths(
             name=f"part-{index}",
             radio_material=radio[mesh.material],
         )
-        for index, mesh in enumerate(stage.meshes)
+        for index, mesh in enumerate(merged_scene.meshes)
     ]
     scene.edit(add=objects)
     scene.frequency = frequency_hz
@@ -184,7 +185,7 @@ def solver_paths(
     )  # fmt: skip
     scene.add(rt.Transmitter("radar-tx", position=[0.0, 0.0, 0.0]))
     scene.add(rt.Receiver("radar-rx", position=[0.0, 0.0, 0.0]))
-    with _directions(fan):
+    with _rays_of_fan(fan):
         paths = rt.PathSolver(deterministic=True)(
             scene,
             max_depth=settings.steps,
@@ -212,8 +213,8 @@ def _mitsuba_mesh(name: str, vertices: NDArray[np.float32], triangles: NDArray[n
 
 
 @contextmanager
-def _directions(fan: RayFan) -> Iterator[None]:
-    """Let the solver's candidate generator send its rays into the fan instead of its full-sphere lattice."""
+def _rays_of_fan(fan: RayFan) -> Iterator[None]:
+    """Replace the full-sphere lattice of the solver's candidate generator by the fan."""
     import mitsuba as mi
     from sionna.rt.path_solvers import sb_candidate_generator as generator
     from sionna.rt.path_solvers import sb_deterministic as deterministic
@@ -232,7 +233,7 @@ def _directions(fan: RayFan) -> Iterator[None]:
             module.fibonacci_lattice = original
 
 
-def _on_host(paths: Any, valid: NDArray[np.bool_], shapes: dict[int, int], stage: Stage, pose: Pose) -> Bundle:
+def _bundle_of(paths: Any, valid: NDArray[np.bool_], shapes: dict[int, int], merged_scene: Stage, pose: Pose) -> Bundle:
     """The valid paths as float64, with the radar's own motion taken off the objects' velocities."""
 
     def columns(values: Any) -> NDArray:
@@ -245,9 +246,9 @@ def _on_host(paths: Any, valid: NDArray[np.bool_], shapes: dict[int, int], stage
     rotation = pose.rotation()
     objects, triangles = np.full((2, *shape.shape), -1, dtype=np.int64)
     velocities = np.zeros(vertices.shape)
-    first = np.cumsum([0, *(len(mesh.triangles) for mesh in stage.meshes)])
+    first = np.cumsum([0, *(len(mesh.triangles) for mesh in merged_scene.meshes)])
     for object_id, index in shapes.items():
-        mesh = stage.meshes[index]
+        mesh = merged_scene.meshes[index]
         here = (shape == object_id) & (interactions > 0)
         objects[here] = mesh.object_of_triangle[primitive[here]]
         triangles[here] = first[index] + primitive[here]
@@ -257,7 +258,7 @@ def _on_host(paths: Any, valid: NDArray[np.bool_], shapes: dict[int, int], stage
 
 
 def _without_crossings(bundle: Bundle, depth: int) -> Bundle:
-    """Bounces alone, the crossings counted; paths of more than ``depth`` bounces are beyond what was asked for."""
+    """The paths without crossings of panes, which are counted; paths of more than ``depth`` bounces are dropped."""
     crossed = bundle.interactions == REFRACTED
     bounces = np.isin(bundle.interactions, (SPECULAR, DIFFUSE))
     rows = np.arange(len(crossed))[:, None]

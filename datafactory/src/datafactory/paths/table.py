@@ -9,10 +9,11 @@ Scattered paths have a point from which the wave spreads anew (a diffuse bounce,
 
     c tau = |x_i - (p + v_p t)| + b + b' t + |x_j - (q + v_q t)|
 
-with the scattering point as the TX sees it (p) and as the RX sees it (q). A single bounce has p = q, b = 0. Mirrors
-before or after the point only move p or q to where its image stands. b is the length between two scattering points.
+with the scattering point as the TX sees it (p) and as the RX sees it (q). A single bounce has p = q, b = 0. With
+mirrors before or after the point, p or q is its mirror image. b is the length between two scattering points.
 
-Specular paths have none: the RX sees the mirror image of the TX itself, and curvature is that of the whole path:
+Specular paths have no such point: the RX sees the mirror image of the TX, and the wavefront's curvature is that of the
+whole path:
 
     c tau = |x_j - (s + v_s t + H (x_i - x_0))|
 
@@ -169,8 +170,8 @@ class SpecularPaths:
     def as_scattered(self, tx: Real, plane: bool = False) -> ScatteredPaths:
         """The same paths for one TX at ``tx`` [3], in the form of scattered paths.
 
-        The RX-side point is the image of this TX. The TX leg is made a constant 1 m by placing the TX-side point 1 m
-        ahead of the TX, and b = -1 m takes it off again, so that one kernel serves both laws exactly.
+        The RX-side point is the image of this TX. The TX-side point stands 1 m ahead of the TX, which makes the TX leg
+        a constant 1 m, and b = -1 m removes it. One kernel then serves both laws exactly.
 
         :param plane: for a kernel that lays plane waves over both arrays: |x_j - s - H x_i| is |s| - n (x_j - H x_i),
             n = s / |s|. The RX-side point is the reference's image, b has n H x_i, and the point 1 m ahead of the
@@ -222,7 +223,7 @@ class PathTable:
         return any(np.any(rate) for rate in rates)
 
     def at_rest(self, time_s: float) -> PathTable:
-        """The table as it is at ``time_s`` [s], and stays."""
+        """The table as it is at ``time_s`` [s], with all velocities 0."""
         scattered, specular = self.scattered, self.specular
         still = np.zeros((len(scattered), 3))
         return replace(

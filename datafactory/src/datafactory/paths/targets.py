@@ -1,4 +1,4 @@
-"""Echoes of targets that are given by their radar cross section: in plain sight, behind panes, round corners."""
+"""Echoes of targets with a radar cross section: in sight, behind panes, round corners."""
 
 from __future__ import annotations
 
@@ -18,40 +18,40 @@ from datafactory.scenes.poses import Pose
 from shared.physics.units import SPEED_OF_LIGHT
 
 FAINTEST = 1e-4
-"""One-way amplitude behind surfaces below which a target counts as hidden: -160 dB there and back, any wall's case."""
+"""One-way amplitude behind surfaces below which a target counts as hidden: -160 dB both ways, as behind any wall."""
 
 EDGES_WITHIN_M = 200.0
-"""Farther edges are not looked at: at -20 dBsm they are 25 dB below a car radar's noise."""
+"""Farther edges are left out [m]: at -20 dBsm they are 25 dB below a car radar's noise."""
 
 
-def slabs_of(stage: Stage, materials: MaterialMapping) -> tuple[Material, ...]:
-    """Material of each of the stage's meshes."""
+def slabs_of(merged_scene: Stage, materials: MaterialMapping) -> tuple[Material, ...]:
+    """Material of each merged mesh."""
     by_name = {material.name: material for material, _ in materials.entries.values()}
-    return tuple(by_name[mesh.material] for mesh in stage.meshes)
+    return tuple(by_name[mesh.material] for mesh in merged_scene.meshes)
 
 
 def target_echoes(
     geometry: Any,
-    stage: Stage,
+    merged_scene: Stage,
     materials: MaterialMapping,
     pose: Pose,
     frequency_hz: float,
     settings: TraceSettings,
 ) -> tuple[ScatteredPaths, dict[str, int]]:
-    """Echoes of the point targets, and what became of them.
+    """Echoes of the point targets, and the numbers of those left out.
 
-    Radar equation for isotropic antennas of unit power: lambda sqrt(sigma) / ((4 pi)^(3/2) R^2), times the square of
-    what panes let through.
+    Radar equation for isotropic antennas of unit power: lambda sqrt(sigma) / ((4 pi)^(3/2) R^2), times the panes'
+    transmission both ways.
 
     :param geometry: Mitsuba's scene in the radar frame
     """
     wavelength = SPEED_OF_LIGHT / frequency_hz
     crossed = settings.polarization[0] != settings.polarization[1]
-    points = echo_points(stage.targets, pose.position, wavelength, pose.time_s, crossed)
+    points = echo_points(merged_scene.targets, pose.position, wavelength, pose.time_s, crossed)
     rotation = pose.rotation()
     position = (points.position - np.asarray(pose.position)) @ rotation
     velocity = (points.velocity - np.asarray(pose.velocity)) @ rotation
-    index = (len(stage.objects) - len(stage.targets) + points.target).astype(np.int32)
+    index = (len(merged_scene.objects) - len(merged_scene.targets) + points.target).astype(np.int32)
     range_m = np.linalg.norm(position, axis=1)
     apart = range_m > 0.0
     clear = apart & clear_between(geometry, np.zeros((len(position), 3)), position)
@@ -60,7 +60,7 @@ def target_echoes(
     if settings.refraction and len(position):
         behind = np.flatnonzero(apart & ~clear)
         out, back = (
-            panes_between(geometry, stage, materials, frequency_hz, position[behind], which).factor
+            panes_between(geometry, merged_scene, materials, frequency_hz, position[behind], which).factor
             for which in settings.polarization
         )
         factor[behind] = np.where(np.abs(out * back) > FAINTEST**2, out * back, 0.0)
@@ -77,8 +77,8 @@ def target_echoes(
     parts = [direct.take(seen)]
     if settings.diffraction and not seen.all():
         round_corners, more = echoes_round_corners(
-            edges_of(stage).seen_from(pose).within(EDGES_WITHIN_M), slabs_of(stage, materials), frequency_hz,
-            lambda start, end: clear_between(geometry, start, end),
+            edges_of(merged_scene).seen_from(pose).within(EDGES_WITHIN_M), slabs_of(merged_scene, materials),
+            frequency_hz, lambda start, end: clear_between(geometry, start, end),
             position[~seen], velocity[~seen], points.rcs_m2[~seen], index[~seen], settings.polarization,
         )  # fmt: skip
         parts.append(round_corners)

@@ -1,7 +1,7 @@
 """Free ground: where in a scene a car could stand, cut into separated regions for training, validation and test.
 
-A cell is free ground where the topmost surface is ground (not a roof, bridge or car), slopes gently, and nothing steps
-up or down by more than 0.3 m within 1.5 m. Everything is read off a height map, so what lies under a bridge or a
+A cell is free ground where the topmost surface is ground (not a roof, bridge or car), where it slopes gently, and where
+no step of more than 0.3 m lies within 1.5 m. The height map shows the topmost surface alone: ground under a bridge or a
 tree is not used.
 """
 
@@ -27,7 +27,7 @@ MAXIMUM_STEP_M = 0.3
 CLEARANCE_M = 1.5
 MAXIMUM_SLOPE = 0.2
 NEAR_OBSTACLE_M = 30.0
-"""Free ground farther than this from every obstacle is left out: cities stand on plains that would take most poses."""
+"""Free ground farther than this from every obstacle is left out: else most poses would lie on the plain at a city."""
 LEVEL_M = 1.0
 """How far an isolated patch (a courtyard) may lie above or below the nearest main ground."""
 LOWER_RIM_SHARE = 0.1
@@ -82,7 +82,7 @@ class Ground:
     def free_path(self, x: float, y: float, headings_rad: NDArray[np.float64], reach_m: float) -> NDArray[np.float64]:
         """[n] distance [m] from a point to the first obstacle along each heading [n]; inf if none within ``reach_m``.
 
-        Steps of half a cell; beyond the edge of the scene there is nothing.
+        Searched in steps of half a cell; beyond the edge of the scene there is no obstacle.
         """
         distance = np.arange(0.5 * self.cell_m, reach_m, 0.5 * self.cell_m)
         i, j = self.cell_of(x + np.cos(headings_rad)[:, None] * distance, y + np.sin(headings_rad)[:, None] * distance)
@@ -91,11 +91,11 @@ class Ground:
         return np.where(blocked.any(axis=1), distance[blocked.argmax(axis=1)], np.inf)
 
 
-def _mark(obstacle: NDArray[np.bool_], target: PointTarget, seen: HeightMap) -> None:
-    """Mark the cells that a point target stands on, at least the one at its place, as far as there are any."""
+def _mark_footprint(obstacle: NDArray[np.bool_], target: PointTarget, heights: HeightMap) -> None:
+    """Mark the cells that a point target stands on: at least the cell nearest to its position."""
     radius = target.model.footprint_m if target.model is not None else 0.0
-    middle = [(target.position[axis] - seen.origin[axis]) / seen.cell_m - 0.5 for axis in (0, 1)]
-    reach = radius / seen.cell_m + 0.5
+    middle = [(target.position[axis] - heights.origin[axis]) / heights.cell_m - 0.5 for axis in (0, 1)]
+    reach = radius / heights.cell_m + 0.5
     across, along = np.indices(obstacle.shape)
     distance = np.hypot(across - middle[0], along - middle[1])
     obstacle |= distance <= max(reach, float(distance.min()))
@@ -108,17 +108,19 @@ def free_ground(scene: Scene) -> Ground:
     """
     if not scene.objects:
         raise InputError(scene.source or scene.name, "the scene has no objects", "at least one mesh")
-    seen = height_map(scene, CELL_M)
-    cell = seen.cell_m
-    edge, standing = _steps(seen)
-    ground = _without_roofs(np.isfinite(seen.surface) & ~edge & ~standing & (_slope(seen) <= MAXIMUM_SLOPE), seen)
-    obstacle = standing | _above(ground, seen)
+    heights = height_map(scene, CELL_M)
+    cell = heights.cell_m
+    edge, standing = _edges_and_obstacles(heights)
+    ground = _without_roofs(
+        np.isfinite(heights.surface) & ~edge & ~standing & (_slope(heights) <= MAXIMUM_SLOPE), heights
+    )
+    obstacle = standing | _raised(ground, heights)
     for target in scene.targets:
-        _mark(obstacle, target, seen)
+        _mark_footprint(obstacle, target, heights)
     # From any point of a cell to any point of an obstacle's cell: two half diagonals less than between centres.
-    clear = _distance(edge | obstacle, cell) >= CLEARANCE_M + np.sqrt(2.0) * cell
+    clear = _distance_to_marked(edge | obstacle, cell) >= CLEARANCE_M + np.sqrt(2.0) * cell
     free = ground & clear
-    near = free & (_distance(obstacle, cell) <= NEAR_OBSTACLE_M)
+    near = free & (_distance_to_marked(obstacle, cell) <= NEAR_OBSTACLE_M)
     if near.any():
         free = near
     if not free.any():
@@ -127,9 +129,11 @@ def free_ground(scene: Scene) -> Ground:
             f"no free ground: nowhere a gentle surface with {CLEARANCE_M} m around it free of steps",
             "a scene with open ground, or --poses FILE.json",
         )
-    region, gap = _regions(free, cell)
-    road = free & np.isin(seen.owner, [n for n, item in enumerate(scene.objects) if _is_road(item.name, item.material)])
-    return Ground(scene.name, seen.origin, cell, seen.surface, obstacle, free, road, region, gap)
+    region, gap = _cut_into_regions(free, cell)
+    road = free & np.isin(
+        heights.owner, [n for n, item in enumerate(scene.objects) if _is_road(item.name, item.material)]
+    )
+    return Ground(scene.name, heights.origin, cell, heights.surface, obstacle, free, road, region, gap)
 
 
 def _is_road(name: str, material: str) -> bool:
@@ -138,55 +142,56 @@ def _is_road(name: str, material: str) -> bool:
     return any(word in ROAD_WORDS or singular(word) in ROAD_WORDS for word in found)
 
 
-def _distance(marked: NDArray[np.bool_], cell_m: float) -> NDArray[np.float64]:
+def _distance_to_marked(marked: NDArray[np.bool_], cell_m: float) -> NDArray[np.float64]:
     """Distance [m] between cell centres to the nearest marked cell; inf where nothing is marked."""
     if not marked.any():
         return np.full(marked.shape, np.inf)
     return ndimage.distance_transform_edt(~marked) * cell_m
 
 
-def _steps(seen: HeightMap) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def _edges_and_obstacles(heights: HeightMap) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Cells at the edge of the ground (nothing beyond, or a drop), and cells that something stands on.
 
     Within a cell a permitted slope rises by up to slope * cell * (|cos| + |sin|) / 2 from centre to corner and by
     slope * cell to the next centre: only what is above that is a step.
     """
-    cell = seen.cell_m
-    surface = np.where(np.isnan(seen.surface), -np.inf, seen.surface)
+    cell = heights.cell_m
+    surface = np.where(np.isnan(heights.surface), -np.inf, heights.surface)
     padded = np.pad(surface, 1, constant_values=-np.inf)
     lowest = ndimage.minimum_filter(padded, footprint=ndimage.generate_binary_structure(2, 1))[1:-1, 1:-1]
     with np.errstate(invalid="ignore"):  # -inf less -inf: no ground on either side
         drop = surface - lowest
-    rise = seen.highest - seen.surface  # NaN, hence no step, where the cell's centre has no ground
+    rise = heights.highest - heights.surface  # NaN, hence no step, where the cell's centre has no ground
     allowed = max(MAXIMUM_STEP_M, MAXIMUM_SLOPE * cell)
     edge = ~(drop <= allowed)
     obstacle = rise > MAXIMUM_STEP_M + MAXIMUM_SLOPE * cell * np.sqrt(0.5)
     return edge, obstacle
 
 
-def _slope(seen: HeightMap) -> NDArray[np.float64]:
+def _slope(heights: HeightMap) -> NDArray[np.float64]:
     """Steepness of the surface, rise over run; 0 along an axis of one cell."""
     rise_x, rise_y = (
-        np.gradient(seen.surface, seen.cell_m, axis=axis) if size > 1 else np.zeros_like(seen.surface)
-        for axis, size in enumerate(seen.surface.shape)
+        np.gradient(heights.surface, heights.cell_m, axis=axis) if size > 1 else np.zeros_like(heights.surface)
+        for axis, size in enumerate(heights.surface.shape)
     )
     return np.hypot(rise_x, rise_y)
 
 
-def _without_roofs(gentle: NDArray[np.bool_], seen: HeightMap) -> NDArray[np.bool_]:
-    """Gentle patches that are ground: their rim does not look down on lower surfaces, and they lie near its level.
+def _without_roofs(gentle: NDArray[np.bool_], heights: HeightMap) -> NDArray[np.bool_]:
+    """Gentle patches that are ground: few surfaces around their rim are lower, and they lie at the ground's level.
 
-    The largest such patch sets the level; another one counts if it lies within 1 m of the nearest cell of that patch.
+    The largest such patch sets the level. Another patch counts if its height is within 1 m of that patch's nearest
+    cell.
     """
     label, count = ndimage.label(gentle)
     if count == 0:
         return gentle
     sizes = np.bincount(label.ravel(), minlength=count + 1)
-    # Every cell outside the patches is rim of the nearest patch, up to three cells away: as far as an edge reaches.
+    # A cell outside the patches, at most three cells away, is rim of the nearest patch: an edge is that wide.
     distance, (i, j) = ndimage.distance_transform_edt(~gentle, return_indices=True)
-    rim = (distance > 0) & (distance <= 3.0) & np.isfinite(seen.surface)
+    rim = (distance > 0) & (distance <= 3.0) & np.isfinite(heights.surface)
     owner = label[i, j][rim]
-    lower = seen.surface[rim] < seen.surface[i, j][rim] - LEVEL_M
+    lower = heights.surface[rim] < heights.surface[i, j][rim] - LEVEL_M
     rims = np.bincount(owner, minlength=count + 1)
     lower_rims = np.bincount(owner, weights=lower, minlength=count + 1)
     is_ground = lower_rims <= LOWER_RIM_SHARE * rims
@@ -195,11 +200,11 @@ def _without_roofs(gentle: NDArray[np.bool_], seen: HeightMap) -> NDArray[np.boo
         return np.zeros_like(gentle)
     main = label == np.argmax(np.where(is_ground, sizes, 0))
     i, j = ndimage.distance_transform_edt(~main, return_distances=False, return_indices=True)
-    level = np.abs(seen.surface - seen.surface[i, j]) <= LEVEL_M
+    level = np.abs(heights.surface - heights.surface[i, j]) <= LEVEL_M
     return (is_ground[label] & level) | main
 
 
-def _above(ground: NDArray[np.bool_], seen: HeightMap) -> NDArray[np.bool_]:
+def _raised(ground: NDArray[np.bool_], heights: HeightMap) -> NDArray[np.bool_]:
     """Cells that rise above the nearest ground by more than a step and what a permitted slope gains on the way.
 
     Roofs, canopies and hillsides are obstacles too, not only the walls that the local steps show.
@@ -207,11 +212,11 @@ def _above(ground: NDArray[np.bool_], seen: HeightMap) -> NDArray[np.bool_]:
     if not ground.any():
         return np.zeros_like(ground)
     away, (i, j) = ndimage.distance_transform_edt(~ground, return_indices=True)
-    slope_gain = MAXIMUM_SLOPE * seen.cell_m * (away + np.sqrt(0.5))
-    return seen.highest > seen.surface[i, j] + MAXIMUM_STEP_M + slope_gain
+    slope_gain = MAXIMUM_SLOPE * heights.cell_m * (away + np.sqrt(0.5))
+    return heights.highest > heights.surface[i, j] + MAXIMUM_STEP_M + slope_gain
 
 
-def _regions(free: NDArray[np.bool_], cell_m: float) -> tuple[NDArray[np.int8], float]:
+def _cut_into_regions(free: NDArray[np.bool_], cell_m: float) -> tuple[NDArray[np.int8], float]:
     """Cut free cells along their longer axis into train, gap, validation, gap, test, areas about 6 : 1 : 1.
 
     The gap is at least 5 m and at least 5 % of the extent. Where the ground is too short for gaps and three regions,
@@ -223,7 +228,7 @@ def _regions(free: NDArray[np.bool_], cell_m: float) -> tuple[NDArray[np.int8], 
     gap = int(np.ceil(max(5.0, 0.05 * spans[axis] * cell_m) / cell_m))
     lines = np.count_nonzero(free, axis=1 - axis)
     total = np.concatenate([[0], np.cumsum(lines)])  # total[n]: free cells in lines 0 to n - 1
-    # For every end of the training region the other two cuts follow; take the end whose test region fits best.
+    # The end of the training region determines the other two cuts. The best end gives the best size of the test region.
     best = (np.inf, len(lines), len(lines))
     for end in range(1, len(lines) - 2 * gap):
         train = total[end]

@@ -5,18 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from datafactory.scenes.scene import Scene
+from shared.physics.compiled import compiled
 
 MAXIMUM_CELLS = 1_000_000
-"""Keeps the largest built-in city below a second; the grid is coarsened to it."""
+"""A larger grid is made coarser. With this many cells the largest built-in city takes less than a second."""
 
 
 @dataclass(frozen=True)
 class HeightMap:
-    """What stands over each cell of a horizontal grid at time 0.
+    """Heights over each cell of a horizontal grid at time 0.
 
     Cell [i, j] covers x from origin[0] + i * cell_m to origin[0] + (i + 1) * cell_m, and y likewise.
 
@@ -24,7 +24,7 @@ class HeightMap:
     :param cell_m: side of a cell [m]
     :param surface: [nx, ny] height of the topmost surface over the cell's centre [m]; NaN where there is none
     :param highest: [nx, ny] height of the highest point over any part of the cell [m]; -inf where there is none.
-        Walls and poles thinner than a cell are in here and not in ``surface``.
+        It contains walls and poles thinner than a cell, which ``surface`` does not.
     :param owner: [nx, ny] index of the object that ``surface`` belongs to, int32; -1 where there is none
     """
 
@@ -57,7 +57,7 @@ def height_map(scene: Scene, cell_m: float) -> HeightMap:
     return HeightMap((float(lower[0]), float(lower[1])), cell, surface, highest, owner)
 
 
-@njit(cache=True)
+@compiled()
 def _rasterise(corners, index, surface, highest, owner):
     """Draw triangles [T, 3, 3] (x and y in cells, z in metres) into the maps.
 

@@ -27,7 +27,7 @@ FREE_AHEAD_M = 8.0
 SIGHT_M = 90.0
 SECTOR_DEG = 50.0
 SECTOR_RAYS = 21
-"""One heading every 5 deg across the sector: a facade 8 m wide at 90 m is still seen."""
+"""One heading every 5 deg across the sector: one of them meets a facade 8 m wide at 90 m."""
 POSITION_TRIES = 16
 YAW_TRIES = 8
 
@@ -77,7 +77,7 @@ _Velocity = Annotated[list[_Speed], Field(min_length=3, max_length=3)]
 _Time = Annotated[FiniteFloat, Field(ge=-1e6, le=1e6)]
 
 
-class _Entry(BaseModel):
+class _PoseEntry(BaseModel):
     """One entry of a poses file."""
 
     model_config = ConfigDict(extra="forbid", strict=True)
@@ -95,7 +95,7 @@ class _Entry(BaseModel):
         return Pose((x, y, z), self.yaw_deg, self.pitch_deg, self.roll_deg, (vx, vy, vz), self.time)
 
 
-_ENTRIES = TypeAdapter(list[_Entry])
+_ENTRIES = TypeAdapter(list[_PoseEntry])
 _FORM = '[{"position": [x, y, z], "yaw_deg": 0, "pitch_deg": 0, "roll_deg": 0, "velocity": [x, y, z], "time": s}, ...]'
 
 
@@ -106,7 +106,7 @@ def read_poses(path: Path) -> tuple[Pose, ...]:
         missing or wrong field; the message names the entry (from 0), the field and the value
     """
     try:
-        raw = json.loads(path.read_text(encoding="utf-8"), object_pairs_hook=_without_doubles)
+        raw = json.loads(path.read_text(encoding="utf-8"), object_pairs_hook=_without_repeated_keys)
     except OSError as error:
         raise InputError(path, f"cannot be read: {error.strerror}", "a JSON file of poses") from None
     except (ValueError, RecursionError) as error:  # malformed JSON, no UTF-8, a doubled key, nested too deeply
@@ -114,20 +114,20 @@ def read_poses(path: Path) -> tuple[Pose, ...]:
     try:
         entries = _ENTRIES.validate_python(raw)
     except ValidationError as error:
-        raise _condensed(error, path) from None
+        raise _first_fault(error, path) from None
     if not entries:
         raise InputError(path, "the list is empty", "at least one pose")
     return tuple(entry.pose() for entry in entries)
 
 
-def _without_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def _without_repeated_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     for n, (key, _) in enumerate(pairs):
         if any(key == other for other, _ in pairs[:n]):
             raise ValueError(f"the key {key!r} is given twice in one object")
     return dict(pairs)
 
 
-def _condensed(error: ValidationError, path: Path) -> InputError:
+def _first_fault(error: ValidationError, path: Path) -> InputError:
     """One line of pydantic's first complaint: entry, field, value, what is right."""
     first = error.errors(include_url=False)[0]
     more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
@@ -136,7 +136,7 @@ def _condensed(error: ValidationError, path: Path) -> InputError:
     entry, *field = first["loc"]
     where = f"entry {entry}" + "".join(f".{part}" for part in field)
     if first["type"] == "extra_forbidden":
-        return InputError(path, f"unknown key {where}{more}", f"one of {', '.join(_Entry.model_fields)}")
+        return InputError(path, f"unknown key {where}{more}", f"one of {', '.join(_PoseEntry.model_fields)}")
     value = "missing" if first["type"] == "missing" else f"= {first['input']!r}"
     message = "[x, y, z] in metres" if first["type"] == "missing" else first["msg"][0].lower() + first["msg"][1:]
     return InputError(path, f"{where} {value}{more}", message)
@@ -147,8 +147,8 @@ def sample_pose(ground: Ground, split: Split, rng: np.random.Generator) -> Pose:
 
     A position is drawn uniformly, on roads alone with probability 0.8 where there are any, and a yaw uniformly; both
     are taken if the boresight is free for 8 m and something stands within 90 m and +-50 deg of it. After 16 positions
-    with 8 yaws each the best of them is taken: something to see first, then the longest free path. The velocity is
-    horizontal, its speed uniform from 0 to 6 m/s and its direction uniform.
+    with 8 yaws each the best of them is taken: first those with an object in the sector, then the longest free path.
+    The velocity is horizontal, its speed uniform from 0 to 6 m/s and its direction uniform.
 
     :param ground: from :func:`datafactory.scenes.ground.free_ground`
     :param split: ``"train"``, ``"validation"`` or ``"test"``
@@ -169,7 +169,7 @@ def sample_pose(ground: Ground, split: Split, rng: np.random.Generator) -> Pose:
         corner = pool[rng.integers(len(pool))] + rng.random(2)
         x, y = (float(ground.origin[axis] + corner[axis] * ground.cell_m) for axis in (0, 1))
         for yaw in rng.uniform(-math.pi, math.pi, YAW_TRIES):
-            score = _view(ground, x, y, float(yaw))
+            score = _view_score(ground, x, y, float(yaw))
             if best is None or score > best[0]:
                 best = (score, x, y, float(yaw))
         if best is not None and best[0] == (True, FREE_AHEAD_M):
@@ -185,7 +185,7 @@ def sample_pose(ground: Ground, split: Split, rng: np.random.Generator) -> Pose:
     )
 
 
-def _view(ground: Ground, x: float, y: float, yaw: float) -> tuple[bool, float]:
+def _view_score(ground: Ground, x: float, y: float, yaw: float) -> tuple[bool, float]:
     """Whether anything stands in the sector ahead, and the free path along the boresight, capped at 8 m."""
     sector = yaw + np.radians(np.linspace(-SECTOR_DEG, SECTOR_DEG, SECTOR_RAYS))
     free = ground.free_path(x, y, sector, SIGHT_M)

@@ -1,7 +1,7 @@
-"""The scene as plain float64 arrays: what every reader makes and everything after it consumes.
+"""The scene as plain float64 arrays: every reader returns one, and every later step takes one.
 
-A scene knows neither USD nor Mitsuba nor Sionna. Readers bring their input to metres, z up, and one world frame;
-nothing here is moved or merged.
+This module depends on neither USD nor Mitsuba nor Sionna. Readers convert their input to metres, z up and one world
+frame. Objects stand where they are at time 0, one mesh each.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class SceneObject:
 
 @dataclass(frozen=True)
 class PointTarget:
-    """A target given by its radar cross section, where geometric optics is wrong or needless.
+    """A target with a radar cross section in place of a mesh.
 
     :param name: unique within the scene
     :param position: world position [m] at time 0
@@ -63,13 +63,13 @@ class PointTarget:
 
 @dataclass(frozen=True)
 class Scene:
-    """Everything a source said, in metres and z up.
+    """The contents of a scene file, in metres and z up.
 
     :param name: short name, used in the dataset's ``scene`` column
     :param objects: the meshes, in the source's order
     :param targets: point targets with a radar cross section
     :param source: the path or ``sionna:NAME`` it was read from
-    :param warnings: what was read but not used, counted, in words, e.g. ``"3 prims of type Curves ignored"``
+    :param warnings: what the reader ignored, with counts, e.g. ``"3 prims of type Curves ignored"``
     """
 
     name: str

@@ -15,20 +15,21 @@ moments:
 
     s[n] = D(nu_n) sum_g G[g] exp(j 2 pi g nu_n / h),      G[g] = sum_{j, p} W_jp M_p[g - j]
 
-All channels share the cell of the array's centre, so that the moments of a path are added to one contiguous stretch of
-memory, and every path costs channels * terms multiply-adds; paths come sorted by range, so that the stretch stays in
-cache. The error is that of the weights (:func:`shared.signal.sweep.shift_weights_error`), plus rounding.
+All channels share the cell of the array's centre. The moments of a path then lie in one contiguous range of memory, and
+a path takes channels * terms multiply-adds. Paths are sorted by range, so that this range of memory stays in cache. The
+error is that of the weights (:func:`shared.signal.sweep.shift_weights_error`), plus rounding.
 
 Delays are evaluated in float64 for every TX, RX and chirp; the phase is reduced modulo one cycle before it is rounded.
 """
 
 from __future__ import annotations
 
-import numba
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from jaxtyping import Float, Float64, Integer
+from numpy.typing import DTypeLike
 
 from datafactory.paths.table import ScatteredPaths
+from shared.physics.compiled import compiled
 from shared.physics.cycles import phasor, phasor_like
 from shared.physics.units import SPEED_OF_LIGHT
 
@@ -40,9 +41,11 @@ the widest ones."""
 _FAST = {"contract", "nsz", "arcp"}
 
 
-def columns(paths: ScatteredPaths, order: NDArray[np.intp]) -> NDArray[np.float64]:
-    """[16, K] paths in this order, as the kernel reads them: what stands at t = 0 (TX point, RX point, length between),
-    how each of these changes, and the amplitude's real and imaginary part.
+def columns(paths: ScatteredPaths, order: Integer[np.ndarray, " paths"]) -> Float64[np.ndarray, "16 paths"]:
+    """The paths in this order, as the kernel reads them.
+
+    Rows: TX point, RX point and length between at t = 0 [m], the rates of these seven [m/s], and the amplitude's real
+    and imaginary part.
     """
     still = [*paths.tx_point.T, *paths.rx_point.T, paths.between_m]
     rates = [*paths.tx_velocity.T, *paths.rx_velocity.T, paths.between_rate_mps]
@@ -52,16 +55,18 @@ def columns(paths: ScatteredPaths, order: NDArray[np.intp]) -> NDArray[np.float6
     return table
 
 
-def padded(elements: NDArray[np.float64]) -> NDArray[np.float64]:
-    """[3, E] coordinates of ``elements`` [RX, 3], the last one repeated up to a multiple of LANES."""
+def padded(elements: Float64[np.ndarray, "rx 3"]) -> Float64[np.ndarray, "3 padded_rx"]:
+    """Coordinates of RX elements by rows, the last element repeated up to a multiple of LANES."""
     missing = -len(elements) % LANES
     return np.ascontiguousarray(np.concatenate([elements, np.repeat(elements[-1:], missing, axis=0)]).T)
 
 
-def empty_moments(cells: int, tx_count: int, rx_count: int, terms: int, real: DTypeLike) -> NDArray:
-    """[cells, TX, RX / LANES, terms * 2 * LANES] uninitialised moments, real and imaginary parts apart.
+def empty_moments(
+    cells: int, tx_count: int, rx_count: int, terms: int, real: DTypeLike
+) -> Float[np.ndarray, "{cells} {tx_count} panels {terms}*2*16"]:
+    """Uninitialised moments of panels of LANES elements, real and imaginary parts apart.
 
-    On a boundary of 64 bytes: a vector that lies across two cache lines is stored at half the speed.
+    They start on a boundary of 64 bytes: storing a vector across two cache lines takes twice the time.
     """
     shape = (cells, tx_count, -(-rx_count // LANES), terms * 2 * LANES)
     size = int(np.prod(shape)) * np.dtype(real).itemsize
@@ -70,7 +75,7 @@ def empty_moments(cells: int, tx_count: int, rx_count: int, terms: int, real: DT
     return raw[first : first + size].view(real).reshape(shape)
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=_FAST)
+@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
 def _distances(count, x, y, z, point, distance):
     """Distances of the first ``count`` points x, y, z [B] to one."""
     for k in range(count):
@@ -78,18 +83,18 @@ def _distances(count, x, y, z, point, distance):
         distance[k] = np.sqrt(dx * dx + dy * dy + dz * dz)
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=_FAST)
+@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
 def _phasors(count, length, link, cycles_per_metre, constant, re, im):
     """Phasors of the first ``count`` lengths [B] plus ``link`` [m]."""
     for k in range(count):
         re[k], im[k] = phasor(cycles_per_metre[k] * (length[k] + link[k]) + constant[k])
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=_FAST)
+@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
 def _rx_legs(px, py, pz, x, y, z, cycles_per_metre, bins_per_metre, offset, at, re, im, shift):
     """Phasor and range [bins] of the leg from a point to the elements x, y, z [E], from index ``at`` of re, im, shift.
 
-    Unsigned indices spare numba's test for negative ones, which keeps loops from vectorising.
+    Indices are unsigned: numba's test for negative indices would prevent vectorisation.
     """
     for first in range(0, len(x), LANES):
         for lane in range(LANES):
@@ -101,7 +106,7 @@ def _rx_legs(px, py, pz, x, y, z, cycles_per_metre, bins_per_metre, offset, at, 
             shift[to] = bins_per_metre * leg - offset
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=_FAST)
+@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
 def _plane_distances(count, x, y, z, point, distance):
     """Distances of the first ``count`` points x, y, z [B] to one near the origin, as if waves were plane there."""
     for k in range(count):
@@ -109,7 +114,7 @@ def _plane_distances(count, x, y, z, point, distance):
         distance[k] = far - (x[k] * point[0] + y[k] * point[1] + z[k] * point[2]) / max(far, 1e-9)
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=_FAST)
+@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
 def _rx_lengths(px, py, pz, x, y, z, plane, length):
     """Lengths [E] of the leg from a point to the elements x, y, z [E], spherical or plane waves."""
     if plane:
@@ -123,7 +128,7 @@ def _rx_lengths(px, py, pz, x, y, z, plane, length):
             length[e] = np.sqrt(dx * dx + dy * dy + dz * dz)
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=_FAST)
+@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
 def _rx_legs_from(length, beat_length, cycles_per_metre, bins_per_metre, offset, at, re, im, shift):
     """As :func:`_rx_legs`, from lengths [E] for the phase and others for the range."""
     for first in range(0, len(length), LANES):
@@ -134,12 +139,12 @@ def _rx_legs_from(length, beat_length, cycles_per_metre, bins_per_metre, offset,
             shift[to] = bins_per_metre * beat_length[e] - offset
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=_FAST)
+@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
 def _add_powers(one, other, rx_count, rx_re, rx_im, rx_shift, powers, to, moments):
-    """Add two paths of one TX to the moments of the cell that they share, from index ``to``: one store serves both.
+    """Add two paths of one TX to the moments of their common cell, from index ``to``, with one store for both.
 
     :param one, other: of each path re, im and range [bins] of the TX leg, and the index of its first RX leg
-    :param powers: a tuple of ``terms`` entries, which stand for nothing: the length of a tuple is known to the compiler
+    :param powers: a tuple of ``terms`` entries; only its length is used, which the compiler knows
     """
     t_re, t_im, t_shift, at = one
     u_re, u_im, u_shift, other_at = other
@@ -160,7 +165,7 @@ def _add_powers(one, other, rx_count, rx_re, rx_im, rx_shift, powers, to, moment
                 other_im *= other_z
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=_FAST)
+@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
 def add_moments(
     table, tx, rx, tx_centre, rx_centre, time, beat_time, plane,
     reference_hz, bandwidth_hz, slope_hz_per_s, video_phase, oversampling, powers, first_tx, moments,
@@ -181,8 +186,7 @@ def add_moments(
     tx_count, rx_count, path_count = len(tx), rx.shape[1], table.shape[1]
     flat = moments.reshape(moments.size)
     one_tx = moments.shape[2] * moments.shape[3]
-    # Rows of C-ordered arrays by one index each: any other slice loses its contiguous layout in numba, and with it
-    # vectorisation.
+    # Rows of C-ordered arrays, by one index each: numba knows them as contiguous, which vectorisation needs.
     x, y, z = rx[0], rx[1], rx[2]
     now, then = np.empty((7, CHUNK)), np.empty((7, CHUNK))
     px, py, pz, qx, qy, qz, link = now[0], now[1], now[2], now[3], now[4], now[5], now[6]
@@ -209,7 +213,7 @@ def add_moments(
                 line = then[row]
                 for b in range(count):
                     line[b] = start[first + b] + rate[first + b] * beat_time
-        # Loops over few arrays each: the compiler proves of at most some eight pairs that they do not overlap.
+        # Each loop uses few arrays: the compiler tests at most about eight pairs of arrays for overlap.
         _distances(count, bx, by, bz, tx_centre, length)
         _distances(count, cx, cy, cz, rx_centre, rx_length)
         for b in range(count):
@@ -257,7 +261,7 @@ def add_moments(
             )
         b = 0
         while b < count:
-            # A path without a neighbour in its cell is added with itself at no amplitude.
+            # A path without a neighbour in its cell is paired with itself at amplitude 0.
             paired = b + 1 < count and nearest[b] == nearest[b + 1]
             f, weight = (b + 1, 1.0) if paired else (b, 0.0)
             for i in range(tx_count):
@@ -270,7 +274,7 @@ def add_moments(
             b += 2 if paired else 1
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=_FAST)
+@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
 def _add_tap(weights, powers, at, moments, total):
     """Add the moments of one cell, from index ``at``, times ``weights`` [terms], to ``total`` [2 * LANES]."""
     first = np.uint64(at)
@@ -281,7 +285,7 @@ def _add_tap(weights, powers, at, moments, total):
         total[e] = value
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=_FAST)
+@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
 def add_to_grid(moments, weights, powers, phase, grid):
     """Add sum_{j, p} W_jp M_p[g - j], times ``phase``, to ``grid`` [cells, RX, TX] complex, cyclic in g.
 

@@ -1,10 +1,9 @@
-"""The truth: what the virtual sensor would image of the same paths, row by row in the Doppler cell that the input
-chose.
+"""The truth: the virtual sensor's image of the same paths, each row in the Doppler cell that the input selected.
 
-The virtual sensor's cube (256 channels x 128 chirps) is never formed. An image row needs one Doppler cell only, and a
-path enters only the rows near its range. With eta = (m - M/2) / M the position in the frame, nu that in the sweep, and
-the delay developed around mid-frame (tau_c there, Doppler f_c in bins, curvature q in cycles), element c receives from
-path k
+The virtual sensor's cube (256 channels x 128 chirps) is never computed. An image row needs one Doppler cell only, and a
+path contributes only to rows near its range. With eta = (m - M/2) / M the position in the frame, nu that in the sweep,
+and the delay developed around mid-frame (tau_c there, Doppler f_c in bins, curvature q in cycles), element c receives
+from path k
 
     A exp(j 2 pi (f_0 + B nu) tau_c) exp(j 2 pi ((1 + nu B / f_0) f_c eta + q eta^2))
 
@@ -13,14 +12,16 @@ range migration in bins over the frame, and
 
     G(delta, q) = sum_m w_m exp(j 2 pi (delta eta_m + q eta_m^2)) / sum_m w_m.
 
-G is tabulated with its derivatives. Over a block of neighbouring elements f_c varies little, so G becomes a polynomial
-in (f_c - f) + kappa nu; the range remainder becomes one in z (:mod:`shared.signal.sweep`). What is left is to add, for each
-path and Doppler cell, a few moments per element to a grid of range cells, and to combine the cells around each row.
+G is tabulated with its derivatives. Over a block of neighbouring elements f_c varies little, so that G is a polynomial
+in (f_c - f) + kappa nu. The factor of the range remainder is a polynomial in z (:mod:`shared.signal.sweep`). For each
+path and Doppler cell a few moments per element are added to a grid of range cells. The cells around each row then give
+the row.
 
-Limits: constant velocities; the delay's third derivative within a frame is left out (2.4e-6 m at 3 m and 10 m/s); rows
-further than ROW_REACH bins and Doppler cells further than DOPPLER_REACH from a path get nothing from it (Hann skirts
-below -74 and -64 dB of the path). Ranges are cyclic, as in the cube: row 0 neighbours the last range bin, and an echo
-from beyond the unambiguous range folds. ``tests/datafactory/synthesis/test_truth.py`` holds the image against the cube's own.
+Limits: velocities are constant. The delay's third derivative within a frame is left out (2.4e-6 m at 3 m and 10 m/s). A
+path contributes to rows within ROW_REACH bins and Doppler cells within DOPPLER_REACH of it (beyond, Hann's skirts lie
+below -74 and -64 dB of the path). Ranges are cyclic, as in the cube: row 0 is next to the last range bin, and an echo
+from beyond the unambiguous range folds. ``tests/datafactory/synthesis/test_truth.py`` compares the image with the
+cube's own.
 """
 
 from __future__ import annotations
@@ -28,12 +29,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import comb, factorial
 
-import numba
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import Complex64, Complex128, Float32, Float64, Int64
 
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.wave_model import EQUATION_1, WaveModel
+from shared.physics.compiled import compiled
 from shared.physics.cycles import phasor
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
@@ -57,37 +58,37 @@ MAX_DOPPLER_TERMS = 10
 
 @dataclass(frozen=True)
 class MidFrame:
-    """Paths at mid-frame, as seen by one TX: what the kernel reads.
+    """Paths at mid-frame, as seen by one TX: the input of the kernel.
 
-    :param rx_point: [K, 3] [m]; ``rx_velocity`` [K, 3] [m/s]
-    :param tx_length, tx_rate: [K] everything before the RX leg [m], [m/s]
-    :param curvature: [K] q [cycles], seen from the array's centre
-    :param doppler: [K] f [bins], unwrapped, seen from the array's centre
-    :param range_bins: [K] x = B tau seen from the array's centre, at the time of the beat frequency
-    :param amplitude: [K] complex128 [sqrt(W)]
+    :param rx_point: [m]; ``rx_velocity`` [m/s]
+    :param tx_length, tx_rate: length before the RX leg [m] and its rate [m/s]
+    :param curvature: q [cycles], seen from the array's centre
+    :param doppler: f [bins], unwrapped, seen from the array's centre
+    :param range_bins: x = B tau seen from the array's centre, at the time of the beat frequency
+    :param amplitude: [sqrt(W)]
     """
 
-    rx_point: NDArray[np.float64]
-    rx_velocity: NDArray[np.float64]
-    tx_length: NDArray[np.float64]
-    tx_rate: NDArray[np.float64]
-    curvature: NDArray[np.float64]
-    doppler: NDArray[np.float64]
-    range_bins: NDArray[np.float64]
-    amplitude: NDArray[np.complex128]
+    rx_point: Float64[np.ndarray, "paths 3"]
+    rx_velocity: Float64[np.ndarray, "paths 3"]
+    tx_length: Float64[np.ndarray, " paths"]
+    tx_rate: Float64[np.ndarray, " paths"]
+    curvature: Float64[np.ndarray, " paths"]
+    doppler: Float64[np.ndarray, " paths"]
+    range_bins: Float64[np.ndarray, " paths"]
+    amplitude: Complex128[np.ndarray, " paths"]
 
 
 def truth_moments(
     paths: PathTable,
     radar: Radar,
-    doppler_cells: NDArray[np.int64],
+    doppler_cells: Int64[np.ndarray, " rows"],
     terms: int = DEFAULT_TERMS,
     model: WaveModel = EQUATION_1,
-) -> NDArray[np.complex64]:
-    """[terms, R, C] sweep moments of the virtual sensor, each row in its own Doppler cell.
+) -> Complex64[np.ndarray, "{terms} rows channels"]:
+    """Sweep moments of the virtual sensor, each row in its own Doppler cell.
 
     :param paths: illuminated paths, amplitudes in sqrt(W)
-    :param doppler_cells: [R] index on the radar's velocity axis for each image row
+    :param doppler_cells: index on the radar's velocity axis for each image row
     :param model: of motion; waves are spherical whatever it says of the input array
     :returns: what :func:`shared.signal.imaging.near_field_images` takes
     """
@@ -101,7 +102,7 @@ def truth_moments(
     frame_s = waveform.chirps * waveform.chirp_interval_s
     doppler_terms = _doppler_terms(mid, radar, frame_s)
     table = _doppler_table(mid.curvature, waveform.chirps, doppler_terms)
-    mixing = _mixing(radar, terms, doppler_terms)  # (2 terms, offsets * SHIFT_TERMS * doppler_terms)
+    mixing = _mixing_matrix(radar, terms, doppler_terms)  # (2 terms, offsets * SHIFT_TERMS * doppler_terms)
     cells = waveform.samples * CELLS_PER_BIN
     around_row = _around_row(waveform.samples)
     channels = array.channels
@@ -130,7 +131,7 @@ def truth_moments(
                 float(model.range_migration), needed, table, BINOMIAL, grid,
             )  # fmt: skip
             for row in rows:
-                around = _cyclic(grid, row * CELLS_PER_BIN + around_row).reshape(mixing.shape[1], -1)
+                around = _cyclic_slice(grid, row * CELLS_PER_BIN + around_row).reshape(mixing.shape[1], -1)
                 re_re, re_im, im_re, im_im = (
                     (mixing @ around).reshape(2, terms, 2, -1).transpose(0, 2, 1, 3).reshape(4, terms, -1)
                 )
@@ -139,7 +140,11 @@ def truth_moments(
 
 
 def _at_mid_frame(
-    paths: ScatteredPaths, radar: Radar, tx: NDArray[np.float64], centre: NDArray[np.float64], model: WaveModel
+    paths: ScatteredPaths,
+    radar: Radar,
+    tx: Float64[np.ndarray, " 3"],
+    centre: Float64[np.ndarray, " 3"],
+    model: WaveModel,
 ) -> MidFrame:
     waveform = radar.waveform
     time = model.phase_time_s(waveform.chirps // 2 * waveform.chirp_interval_s, radar)
@@ -165,7 +170,9 @@ def _at_mid_frame(
     )
 
 
-def _derivatives(vector, velocity):
+def _derivatives(
+    vector: Float64[np.ndarray, "paths 3"], velocity: Float64[np.ndarray, "paths 3"]
+) -> tuple[Float64[np.ndarray, " paths"], Float64[np.ndarray, " paths"], Float64[np.ndarray, " paths"]]:
     """Length of a moving vector and its first two time derivatives."""
     length = np.maximum(np.linalg.norm(vector, axis=1), 1e-9)
     rate = np.einsum("ki,ki->k", vector, velocity) / length
@@ -185,7 +192,8 @@ def _doppler_terms(mid: MidFrame, radar: Radar, frame_s: float) -> int:
     speed = np.linalg.norm(mid.rx_velocity, axis=1)
     half_block = 0.5 * BLOCK * SPEED_OF_LIGHT / (2.0 * waveform.carrier_hz)
     spread = reference_frequency_hz(radar) / SPEED_OF_LIGHT * speed * half_block / distance * frame_s
-    # The sweep's ends have no weight: Hann's standard deviation of nu is 0.18, twice that holds 96 % of the weight.
+    # Hann gives the sweep's ends no weight: its standard deviation of nu is 0.18, and twice that holds 96 % of the
+    # weight.
     migration = 0.36 * np.abs(mid.doppler) * waveform.bandwidth_hz / reference_frequency_hz(radar)
     departure = float((spread + migration).max()) + 0.5 * DELTA_STEP
     eta = np.abs(_frame_positions(waveform.chirps))
@@ -196,17 +204,17 @@ def _doppler_terms(mid: MidFrame, radar: Radar, frame_s: float) -> int:
     return MAX_DOPPLER_TERMS
 
 
-def _frame_positions(chirps: int) -> NDArray[np.float64]:
+def _frame_positions(chirps: int) -> Float64[np.ndarray, " {chirps}"]:
     return (np.arange(chirps) - chirps // 2) / chirps
 
 
-def _doppler_table(curvature: NDArray[np.float64], chirps: int, terms: int) -> tuple:
-    """(first curvature index, first delta, [q, delta, terms] complex128): G and its derivatives over their
-    factorials.
-    """
+def _doppler_table(
+    curvature: Float64[np.ndarray, " paths"], chirps: int, terms: int
+) -> tuple[int, float, Complex128[np.ndarray, "q delta {terms}"]]:
+    """First curvature index, first delta, and G with its derivatives over their factorials."""
     lowest = int(np.rint(curvature.min(initial=0.0) / CURVATURE_STEP))
     highest = int(np.rint(curvature.max(initial=0.0) / CURVATURE_STEP))
-    # Beyond 16 cycles an echo smears over the whole Doppler axis; nothing nearer than a metre moves that fast.
+    # Beyond 16 cycles an echo covers the whole Doppler axis; that needs a target that fast nearer than a metre.
     lowest, highest = max(lowest, -512), min(highest, 512)
     q = CURVATURE_STEP * np.arange(lowest, highest + 1)
     delta = np.arange(-DOPPLER_REACH - 1.0, DOPPLER_REACH + 1.0 + DELTA_STEP, DELTA_STEP)
@@ -220,8 +228,8 @@ def _doppler_table(curvature: NDArray[np.float64], chirps: int, terms: int) -> t
     return lowest, float(delta[0]), table
 
 
-def _mixing(radar: Radar, terms: int, doppler_terms: int) -> NDArray[np.float32]:
-    """[2 terms, offsets * SHIFT_TERMS * doppler_terms]: moments of the cells around a row to its sweep moments.
+def _mixing_matrix(radar: Radar, terms: int, doppler_terms: int) -> Float32[np.ndarray, "2*{terms} inputs"]:
+    """The matrix from the moments of the cells around a row, [offset, shift term, Doppler term], to its sweep moments.
 
     sum_n w_n / sum(w) walk_t(nu) shift_p(nu) nu^j exp(j 2 pi nu (cell - row)); first the real, then the imaginary
     parts.
@@ -238,14 +246,16 @@ def _mixing(radar: Radar, terms: int, doppler_terms: int) -> NDArray[np.float32]
     return np.concatenate([mixing.real, mixing.imag]).astype(np.float32)
 
 
-def _around_row(samples: int) -> NDArray[np.int64]:
-    """Cells, counted from a row's own, that its moments are made of: on a short range axis each of all cells once."""
+def _around_row(samples: int) -> Int64[np.ndarray, " offsets"]:
+    """Offsets from a row's own cell to the cells that contribute to it; on a short range axis each cell once."""
     cells = samples * CELLS_PER_BIN
     reach = min(ROW_REACH * CELLS_PER_BIN, cells // 2)
     return np.arange(-reach, reach + 1)[:cells]
 
 
-def _cyclic(grid: NDArray[np.float32], cells: NDArray[np.int64]) -> NDArray[np.float32]:
+def _cyclic_slice(
+    grid: Float32[np.ndarray, "cells moments 2 rx"], cells: Int64[np.ndarray, " chosen"]
+) -> Float32[np.ndarray, "chosen moments 2 rx"]:
     """The grid at consecutive cells, a view where they do not cross its ends."""
     first, last = int(cells[0]), int(cells[-1])
     return grid[first : last + 1] if first >= 0 and last < len(grid) else grid[cells % len(grid)]
@@ -261,7 +271,7 @@ BINOMIAL = np.array(
 )
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract", "nsz", "arcp", "reassoc"})
+@compiled(nogil=True, error_model="numpy", fastmath={"contract", "nsz", "arcp", "reassoc"})
 def _add_doppler_moments(
     chosen, rx_point, rx_velocity, tx_length, tx_rate, curvature, amplitude,
     rx, rx_centre, frequency, chirps, frame_s,
@@ -269,7 +279,7 @@ def _add_doppler_moments(
 ):  # fmt: skip
     """Add the chosen paths' moments in one Doppler cell to ``grid`` [cells, SHIFT_TERMS * doppler terms, 2, RX].
 
-    :param lead: by how much ranges run ahead of phases [s]; ``migration`` 1.0 for ranges that move within the frame
+    :param lead: time by which ranges precede phases [s]; ``migration`` 1.0 for ranges that move within the frame
     """
     lowest_q, lowest_delta, table = table_parts
     doppler_terms = table.shape[2]

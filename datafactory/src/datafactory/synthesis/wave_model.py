@@ -1,4 +1,4 @@
-"""How motion and curvature of the wave enter the signal: eq. (1) and (2), or less, or more.
+"""The parts of the signal model that can be chosen: motion within frame and chirp, curvature of the wave.
 
 A chirp that starts at t sees the echo's phase at mid-sweep and its beat frequency. Eq. (1) freezes the delay at the
 chirp's start, tau(t) for both. With motion within the chirp the phase (f_c + mu s) tau(t + s), developed around
@@ -6,9 +6,10 @@ mid-sweep s = T_c / 2, is
 
     f_0 tau(t + T_c / 2) + mu (s - T_c / 2) (tau + tau' f_0 / mu) + mu tau' (s - T_c / 2)^2,
 
-so that the phase belongs to the time t + T_c / 2, and the beat frequency to one later by f_0 / mu: range and Doppler
-are coupled. Left out are the last term, mu tau' T_c^2 / 4 = 1.3e-3 cycles at the sweep's ends and 10 m/s, and the
-delay's curvature over f_0 / mu (6.2 ms). Without range migration the beat frequency is that of mid-frame throughout.
+so that the phase is that at the time t + T_c / 2, and the beat frequency that at a time later by f_0 / mu: range and
+Doppler are coupled. Left out are the last term, mu tau' T_c^2 / 4 = 1.3e-3 cycles at the sweep's ends and 10 m/s, and
+the delay's curvature over f_0 / mu (6.2 ms). Without range migration the beat frequency is that of mid-frame
+throughout.
 """
 
 from __future__ import annotations
@@ -33,16 +34,19 @@ class WaveModel:
     near_field: bool = True
 
     def phase_time_s(self, start_s: float, radar: Radar) -> float:
-        """When a chirp's phase is that of the scene [s]; ``start_s`` is the chirp's start."""
+        """Time at which the scene has the phase of a chirp [s].
+
+        :param start_s: start of the chirp [s]
+        """
         return start_s + 0.5 * radar.waveform.chirp_duration_s if self.intra_chirp_motion else start_s
 
     def beat_time_s(self, start_s: float, radar: Radar) -> float:
-        """When a chirp's beat frequency is that of the scene [s]."""
+        """Time at which the scene has the beat frequency of a chirp [s]; ``start_s`` as in :meth:`phase_time_s`."""
         start = start_s if self.range_migration else radar.waveform.mid_frame_s
         return self.phase_time_s(start, radar) + self.lead_s(radar)
 
     def lead_s(self, radar: Radar) -> float:
-        """By how much the beat frequency runs ahead of the phase, f_0 / mu [s]."""
+        """Time by which the beat frequency precedes the phase, f_0 / mu [s]."""
         return reference_frequency_hz(radar) / radar.waveform.slope_hz_per_s if self.intra_chirp_motion else 0.0
 
 

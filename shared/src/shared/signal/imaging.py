@@ -8,11 +8,11 @@ the range window has its weight: an echo's phase in a range bin is that of mid-s
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from shared.physics.compiled import compiled
 from shared.physics.cycles import single_phasor
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import ImageGrid, Radar
@@ -101,7 +101,7 @@ def sweep_moments(fast_time: NDArray[np.complexfloating], radar: Radar, terms: i
     return np.stack(spectra)
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"})
+@compiled(error_model="numpy", fastmath={"contract", "nsz", "arcp"})
 def _steer(tx_leg, x, y, element, cycles_per_metre, bins_per_metre, row, scale, re, im, walk):
     """Fill re, im, walk [U] for one element pair: phasor of the delay at mid-sweep times ``scale``, range walk [bins].
 
@@ -116,7 +116,7 @@ def _steer(tx_leg, x, y, element, cycles_per_metre, bins_per_metre, row, scale, 
         walk[j] = row - bins_per_metre * path
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"})
+@compiled(error_model="numpy", fastmath={"contract", "nsz", "arcp"})
 def _store_power(value, walk, line):
     """``line`` = value; value *= walk; all [U]. A call of its own: one loop over more lines does not vectorise."""
     for j in range(len(line)):
@@ -124,7 +124,7 @@ def _store_power(value, walk, line):
         value[j] *= walk[j]
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"})
+@compiled(error_model="numpy", fastmath={"contract", "nsz", "arcp"})
 def _store_folded_power(left, right, left_walk, right_walk, even, odd):
     """``even`` = left + right, ``odd`` = left - right; then left, right *= their walks; all [U]."""
     for j in range(len(even)):
@@ -134,7 +134,7 @@ def _store_folded_power(left, right, left_walk, right_walk, even, odd):
         right[j] *= right_walk[j]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _pixel_legs(elements, x, y):
     """[E, U] distances from elements [E, 3] to the pixels (x, y, 0) [m]."""
     legs = np.empty((len(elements), len(x)))
@@ -144,7 +144,7 @@ def _pixel_legs(elements, x, y):
     return legs
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _fill_matrix(tx, rx, tx_of, rx_of, range_m, u, cycles_per_metre, bins_per_metre, row, scale, matrix):
     """Fill ``matrix`` [terms, C, 2, U]: re and im of the delays' phasors times powers of the range walk [bins].
 
@@ -161,7 +161,7 @@ def _fill_matrix(tx, rx, tx_of, rx_of, range_m, u, cycles_per_metre, bins_per_me
             _store_power(im, walk, matrix[p, c, 1])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _fill_folded(tx, rx, tx_of, rx_of, range_m, u, cycles_per_metre, bins_per_metre, row, scale, even, odd):
     """Sum and difference of :func:`_fill_matrix` at +u and -u into ``even`` and ``odd`` [terms, C, 2, U]."""
     terms, channels, _, columns = even.shape
@@ -179,7 +179,7 @@ def _fill_folded(tx, rx, tx_of, rx_of, range_m, u, cycles_per_metre, bins_per_me
             _store_folded_power(l_im, r_im, l_walk, r_walk, even[p, c, 1], odd[p, c, 1])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _fold_signals(moments, row, even, odd):
     """Fill ``even`` and ``odd`` with s + s' and s - s', where s' is the signal of an element's mirror image.
 
@@ -201,7 +201,7 @@ def _fold_signals(moments, row, even, odd):
                 minus[c], minus_turned[c] = difference, complex(difference.imag, -difference.real)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _unfold(even, odd, row, offset, crossing, first, images):
     """Write even + odd to columns j of an image row, and even - odd to their mirror images, columns ``crossing`` - j.
 

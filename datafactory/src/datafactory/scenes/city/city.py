@@ -1,8 +1,8 @@
-"""A procedural city with traffic: a main street along x, crossed between its blocks, furnished and peopled.
+"""A procedural city with traffic: a main street along x, cross streets between its blocks, furniture and people.
 
 Cross section of the main street, from its centre line: lane 3.5 m, parking strip 2 m, kerb 0.12 m high, pavement 3 m,
-facades at 8.5 to 11 m (widths of a two-lane collector road with parking, RASt 06). Traffic keeps to the right. Cars,
-pedestrians and cyclists that move say so in ``radar:velocity``; people are point targets by their radar cross section.
+facades at 8.5 to 11 m (widths of a two-lane collector road with parking, RASt 06). Traffic keeps to the right. Moving
+cars, pedestrians and cyclists have a ``radar:velocity``. People are point targets with a radar cross section.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 
 from datafactory.scenes.city import parts
 from datafactory.scenes.city.shapes import Surface, stepped_surface, welded
-from datafactory.scenes.city.usd import Placement, check_target, write_usd
+from datafactory.scenes.city.usd import Placement, check_output, write_usd
 from shared.physics.errors import InputError
 
 BLOCK_LENGTH = 76.0
@@ -144,7 +144,7 @@ class City:
         position = (round(x, 3), round(y, 3), 0.0)
         self.placements.append(Placement(self._name("Houses", "House"), parts.house(style), position, yaw_deg))
 
-    def _row(self, start: float, end: float) -> list[tuple[float, float, float]]:
+    def _frontage(self, start: float, end: float) -> list[tuple[float, float, float]]:
         """Houses along a frontage as (start, width, setback) [m]: runs of one setback with gaps between the runs."""
         rng, row, at, setback = self.rng, [], start, 0.0
         while end - at >= 8.0:
@@ -157,7 +157,7 @@ class City:
         return row
 
     def _house_row(self, start: float, end: float, side: int) -> None:
-        for at, width, setback in self._row(start, end):
+        for at, width, setback in self._frontage(start, end):
             x = at if side > 0 else at + width
             self._house(width, self.rng.uniform(9.0, 12.0), x, side * (FACADE + setback), 0.0 if side > 0 else 180.0)
 
@@ -165,7 +165,7 @@ class City:
         """Houses along both arms of a cross street, behind those of the main street; two signs and a waiting car."""
         for arm in (1, -1):
             for side in (1, -1):
-                for at, width, setback in self._row(26.0, REACH_Y - 4.0):
+                for at, width, setback in self._frontage(26.0, REACH_Y - 4.0):
                     # East of the street the facade faces -x (yaw -90 degrees: x' runs along -y), west of it +x.
                     far_end = (side > 0) == (arm > 0)
                     y = arm * (at + width) if far_end else arm * at
@@ -274,7 +274,7 @@ def write_city(path: Path, seed: int = 0, blocks: int = 2) -> None:
     :param blocks: blocks of 76 m along the main street, at least 1, with a cross street between neighbours
     :raises InputError: a bad argument, or a place that cannot be written
     """
-    path = check_target(path)
+    path = check_output(path)
     if not isinstance(seed, int) or seed < 0:
         raise InputError("city seed", f"seed = {seed!r}", "a whole number of at least 0")
     if not isinstance(blocks, int) or blocks < 1:

@@ -1,8 +1,8 @@
-"""What stands in the procedural city: houses, cars, street furniture, trees, people. Metres, z up.
+"""The parts of the procedural city: houses, cars, street furniture, trees, people. Metres, z up.
 
-Every part is closed, its normals point outwards, and its sizes are those that matter at 77 GHz, where the wavelength
-is 3.9 mm: recesses, frames, kerbs and posts scatter, surface grain does not belong into a mesh. Fronts face -y,
-vehicles and people face +x, and the base stands on z = 0 unless a docstring says otherwise.
+Every part is closed, and its normals point outwards. The wavelength at 77 GHz is 3.9 mm: meshes hold recesses, frames,
+kerbs and posts, and leave the grain of a surface to its material. Fronts face -y, vehicles and people face +x. The base
+lies at z = 0 unless a docstring states another height.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ RIDER_HEIGHT = 1.2
 
 @dataclass(frozen=True)
 class HouseStyle:
-    """What distinguishes one house of a row from the next.
+    """The parameters of one house.
 
     :param width: facade width [m]
     :param depth: [m]
@@ -221,7 +221,7 @@ def car(shape: CarShape) -> Surface:
 
     radius, width = 0.32, 0.2
     wheel = cylinder(radius, -0.5 * width, 0.5 * width, 10, "rubber")
-    # The tread stands 2 cm proud of the flank, so that the radar sees the wheel and not only the body around it.
+    # The tread stands 2 cm outside the flank, so that the body does not hide the wheel from the radar.
     track = shape.half_width + 0.02 - 0.5 * width
     wheels = [wheel.moved((x, side * track, radius), QUARTER_TURN_X) for x in shape.axles for side in (-1.0, 1.0)]
     return joined([welded(polygons), *wheels])
@@ -267,7 +267,7 @@ def tree(rng: np.random.Generator) -> Surface:
 def pedestrian() -> Surface:
     """A person of 1.75 m about the point of reflection: the feet stand at z = -TORSO_HEIGHT.
 
-    Only for the eye: the reader puts a point target in its place, so the material is a stand-in for clothing.
+    The mesh is for viewers alone: the reader replaces it by a point target. The material represents clothing.
     """
     legs = [box((-0.1, y - 0.07, 0.0), (0.1, y + 0.07, 0.85), "rubber") for y in (-0.1, 0.1)]
     torso = box((-0.13, -0.22, 0.85), (0.13, 0.22, 1.5), "rubber")

@@ -1,4 +1,4 @@
-"""Closed polygon surfaces that carry a material on every face: the bricks of the procedural city.
+"""Closed polygon surfaces with a material on every face, of which the procedural city is built.
 
 Metres, z up. Corners run counter-clockwise seen from outside, so that every normal points out of the body.
 """
@@ -13,7 +13,7 @@ import trimesh
 from numpy.typing import ArrayLike, NDArray
 
 MILLIMETRE_DECIMALS = 3
-"""Vertices are kept to 1 mm: corners that differ by rounding weld, and the bytes of a file do not hang on a sine."""
+"""Vertices are rounded to 1 mm: nearly equal corners are welded, and a file does not depend on a library's sine."""
 
 X_TO_Z_CYCLE = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 """Proper rotation (x, y, z) -> (z, x, y): lays the z axis of a prism along x."""

@@ -1,7 +1,7 @@
-"""Placed surfaces to a USD stage: what the shipped scenes and the procedural city are written with.
+"""Writes placed surfaces as a USD stage, for the shipped scenes and the procedural city.
 
-The stage is in metres and z up. Each placement is an Xform with a mesh named Geometry below it; surfaces that share a
-model are written once and referenced as instances. The radar's own attributes, which the USD reader knows:
+The USD stage is in metres and z up. Each placement is an Xform with a mesh named Geometry below it. Surfaces that share
+a model are written once and referenced as instances. The attributes for the radar are those of the USD reader:
 ``radar:velocity`` (double3, world frame, m/s) and ``radar:rcs_dbsm`` (float, dBsm: a point target in place of the
 meshes below it).
 """
@@ -35,7 +35,7 @@ MATERIAL_COLOURS = {
     "marble": (0.85, 0.84, 0.82),
     "rubber": (0.08, 0.08, 0.08),
 }
-"""The material keys and the colours that viewers show; colours mean nothing to the radar."""
+"""The material keys and the colours that viewers show; the radar does not use the colours."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Placement:
     model: str = ""
 
 
-def check_target(path: Path) -> Path:
+def check_output(path: Path) -> Path:
     """The path, if a USD file can be written there.
 
     :raises InputError: unknown suffix, or a folder that does not exist
@@ -80,26 +80,26 @@ def write_usd(path: Path, placements: Sequence[Placement], documentation: str) -
 
     :param path: ``.usda`` is text, ``.usdc`` and ``.usd`` are binary
     :param documentation: stands in the layer's header
-    :raises InputError: as :func:`check_target`, or where the file cannot be written
+    :raises InputError: as :func:`check_output`, or where the file cannot be written
     """
-    path = check_target(path)
+    path = check_output(path)
     # The layer's own format decides between text and binary: the partial file's suffix is not that of USD.
     layer = Sdf.Layer.CreateAnonymous(path.suffix.lower())
-    stage = Usd.Stage.Open(layer)
+    usd_stage = Usd.Stage.Open(layer)
     layer.documentation = documentation
-    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
-    UsdGeom.SetStageMetersPerUnit(stage, UsdGeom.LinearUnits.meters)
-    stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/World").GetPrim())
+    UsdGeom.SetStageUpAxis(usd_stage, UsdGeom.Tokens.z)
+    UsdGeom.SetStageMetersPerUnit(usd_stage, UsdGeom.LinearUnits.meters)
+    usd_stage.SetDefaultPrim(UsdGeom.Xform.Define(usd_stage, "/World").GetPrim())
     used = {key for item in placements if item.surface is not None for key in item.surface.materials}
     for key in sorted(used):
-        _define_material(stage, key)
+        _define_material(usd_stage, key)
 
     for item in placements:
-        xform = UsdGeom.Xform.Define(stage, f"/World/{item.path}")
+        xform = UsdGeom.Xform.Define(usd_stage, f"/World/{item.path}")
         prim = xform.GetPrim()
         for scope in prim.GetPath().GetPrefixes()[1:-1]:
-            if not stage.GetPrimAtPath(scope).GetTypeName():
-                UsdGeom.Scope.Define(stage, scope)
+            if not usd_stage.GetPrimAtPath(scope).GetTypeName():
+                UsdGeom.Scope.Define(usd_stage, scope)
         if any(item.position):
             xform.AddTranslateOp().Set(Gf.Vec3d(*item.position))
         if item.yaw_deg:
@@ -111,13 +111,13 @@ def write_usd(path: Path, placements: Sequence[Placement], documentation: str) -
         if item.surface is None:
             continue
         if not item.model:
-            _define_mesh(stage, prim.GetPath(), item.surface)
+            _define_mesh(usd_stage, prim.GetPath(), item.surface)
             continue
         model = Sdf.Path(f"/World/Models/{item.model}")
-        if not stage.GetPrimAtPath(model):
-            UsdGeom.Scope.Define(stage, model.GetParentPath())
-            stage.CreateClassPrim(model).SetTypeName("Xform")
-            _define_mesh(stage, model, item.surface)
+        if not usd_stage.GetPrimAtPath(model):
+            UsdGeom.Scope.Define(usd_stage, model.GetParentPath())
+            usd_stage.CreateClassPrim(model).SetTypeName("Xform")
+            _define_mesh(usd_stage, model, item.surface)
         prim.GetReferences().AddInternalReference(model)
         prim.SetInstanceable(True)
 
@@ -131,19 +131,19 @@ def write_usd(path: Path, placements: Sequence[Placement], documentation: str) -
         raise InputError(path, f"cannot be written ({error.strerror})", "a writable place") from None
 
 
-def _define_material(stage: Usd.Stage, key: str) -> None:
+def _define_material(usd_stage: Usd.Stage, key: str) -> None:
     """A material prim named ``key`` with a preview surface, so that viewers show something."""
-    material = UsdShade.Material.Define(stage, f"/World/Materials/{key}")
-    UsdGeom.Scope.Define(stage, "/World/Materials")
-    shader = UsdShade.Shader.Define(stage, f"/World/Materials/{key}/Preview")
+    material = UsdShade.Material.Define(usd_stage, f"/World/Materials/{key}")
+    UsdGeom.Scope.Define(usd_stage, "/World/Materials")
+    shader = UsdShade.Shader.Define(usd_stage, f"/World/Materials/{key}/Preview")
     shader.CreateIdAttr("UsdPreviewSurface")
     shader.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f).Set(Gf.Vec3f(*MATERIAL_COLOURS[key]))
     material.CreateSurfaceOutput().ConnectToSource(shader.ConnectableAPI(), "surface")
 
 
-def _define_mesh(stage: Usd.Stage, parent: Sdf.Path, surface: Surface) -> None:
+def _define_mesh(usd_stage: Usd.Stage, parent: Sdf.Path, surface: Surface) -> None:
     """The surface as a mesh below ``parent``: one material is bound to the mesh, several to a GeomSubset each."""
-    mesh = UsdGeom.Mesh.Define(stage, parent.AppendChild("Geometry"))
+    mesh = UsdGeom.Mesh.Define(usd_stage, parent.AppendChild("Geometry"))
     points = surface.vertices.astype(np.float32)
     mesh.CreatePointsAttr(points)
     mesh.CreateFaceVertexCountsAttr([len(face) for face in surface.faces])
@@ -152,15 +152,15 @@ def _define_mesh(stage: Usd.Stage, parent: Sdf.Path, surface: Surface) -> None:
     mesh.CreateExtentAttr(np.stack([points.min(axis=0), points.max(axis=0)]))
     keys = list(dict.fromkeys(surface.materials))
     if len(keys) == 1:
-        _bind(stage, mesh.GetPrim(), keys[0])
+        _bind(usd_stage, mesh.GetPrim(), keys[0])
         return
     for key in keys:
         faces = [i for i, other in enumerate(surface.materials) if other == key]
         binding = UsdShade.MaterialBindingAPI.Apply(mesh.GetPrim())
         subset = binding.CreateMaterialBindSubset(key.capitalize(), faces)
-        _bind(stage, subset.GetPrim(), key)
+        _bind(usd_stage, subset.GetPrim(), key)
 
 
-def _bind(stage: Usd.Stage, prim: Usd.Prim, key: str) -> None:
-    material = UsdShade.Material.Get(stage, f"/World/Materials/{key}")
+def _bind(usd_stage: Usd.Stage, prim: Usd.Prim, key: str) -> None:
+    material = UsdShade.Material.Get(usd_stage, f"/World/Materials/{key}")
     UsdShade.MaterialBindingAPI.Apply(prim).Bind(material)

@@ -1,4 +1,4 @@
-"""From the material names that scenes carry to words that can be looked up."""
+"""The words of a scene's material names, for look-up in the material table."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import re
 from collections.abc import Iterator
 
 PREFIXES = frozenset({"mat", "mtl", "material", "itu", "m", "mi", "radio", "tex", "shader"})
-"""Words that say "this is a material" (Sionna ``mat-itu_``, Blender ``Material.``, Unreal ``M_``) and not which one."""
+"""Words that mark any material (Sionna ``mat-itu_``, Blender ``Material.``, Unreal ``M_``) and name none."""
 
 SUFFIXES = frozenset({"mat", "mtl", "material", "shader", "inst", "instance", "sg"})
 
 
 def words(name: str) -> tuple[str, ...]:
-    """Lower-case words of a material name without what only says that it is a material.
+    """Lower-case words of a material name, without those that mark any material.
 
     A USD path counts by its last part; camel case and every sign that is no letter separate words; numbers such as
     ``.001`` or ``_2`` are no words. ``"/World/Looks/M_WetGround_01"`` gives ``("wet", "ground")``.

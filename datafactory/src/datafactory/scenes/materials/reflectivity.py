@@ -1,6 +1,6 @@
 """Fresnel reflectivity of a half-space, and the scattering coefficient that gives a stated backscatter.
 
-Half-spaces only: a slab of finite thickness adds interference, which the tracer computes for itself. Time convention
+Half-spaces only: the interference within a slab of finite thickness is the tracer's part. Time convention
 exp(+j omega t), so a lossy permittivity is eps' - j sigma / (omega eps0).
 """
 

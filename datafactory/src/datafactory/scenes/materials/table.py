@@ -1,7 +1,7 @@
-"""Material properties at 77 GHz and the table that gives every material name of a scene one of them.
+"""Material properties at 77 GHz, and the table that assigns one material to every material name of a scene.
 
-Sources and assumptions stand with each material in ``materials_77ghz.toml``; a user's file has the same form and
-overrides or extends it. Sionna's own ITU rows are not used: several end below 77 GHz.
+``materials_77ghz.toml`` states source and assumptions of each material. A user's file has the same form and overrides
+or extends it. Sionna's own ITU rows are not used: several end below 77 GHz.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ Pattern = Literal["lambertian", "backscattering"]
 
 @dataclass(frozen=True)
 class Material:
-    """What the tracer needs to know of a substance at 77 GHz.
+    """The properties of a substance at 77 GHz that the tracer uses.
 
     :param name: name in the table
     :param relative_permittivity: real part
@@ -55,7 +55,7 @@ class Material:
 
 @dataclass(frozen=True)
 class MaterialMapping:
-    """Which material every name of a scene was given, and by which rule.
+    """The material of every name of a scene, and the rule that chose it.
 
     :param entries: name -> (material, rule), in the order of first appearance
     :param unknown: names that fell back to the default material
@@ -97,7 +97,7 @@ class MaterialMapping:
 
 @dataclass(frozen=True)
 class MaterialTable:
-    """All materials with the names that lead to them.
+    """All materials and their names.
 
     :param materials: by name
     :param aliases: phrase -> name, for other names of a substance (the names themselves among them)
@@ -113,7 +113,7 @@ class MaterialTable:
     default: str
 
     def lookup(self, name: str) -> tuple[Material, str]:
-        """The material of a scene's material name, and the rule that led there.
+        """The material of a scene's material name, and the rule that chose it.
 
         In this order: the user's ``[map]``; the table's own name; a name or an alias of a substance within the name; a
         thing usually made of a substance; the default. Longer phrases go first, and among equals the last, so that
@@ -141,7 +141,7 @@ class MaterialTable:
 Fraction = Annotated[FiniteFloat, Field(ge=0, le=1)]
 
 
-class _Entry(BaseModel):
+class _MaterialEntry(BaseModel):
     """One ``[material.NAME]`` table, after it was laid over the built-in one of the same name."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
@@ -160,7 +160,7 @@ class _Entry(BaseModel):
     uses: list[str] = []
 
     @model_validator(mode="after")
-    def _consistent(self) -> _Entry:
+    def _consistent(self) -> _MaterialEntry:
         calibrated = (self.sigma0_db is not None, self.grazing_deg is not None)
         if self.scattering_coefficient is not None and any(calibrated):
             raise ValueError("scattering_coefficient and sigma0_db are both given; expected one of them")
@@ -194,7 +194,7 @@ class _Entry(BaseModel):
         )
 
 
-class _File(BaseModel):
+class _MaterialFile(BaseModel):
     """A materials file: the outer form, its tables still raw."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
@@ -215,34 +215,36 @@ def load_materials(path: Path | None = None) -> MaterialTable:
     :raises InputError: if the file cannot be read, is no TOML, or holds an unknown key, a wrong value or an unknown
         material
     """
-    base = _parse(
+    base = _parsed(
         resources.files("datafactory.scenes.materials").joinpath(BUILT_IN).read_text(encoding="utf-8"), BUILT_IN
     )
     tables = dict(base.material)
     assert base.default is not None  # the built-in file names one
     if path is None:
-        return _table(tables, {}, base.default, BUILT_IN)
+        return _checked_table(tables, {}, base.default, BUILT_IN)
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
         raise InputError(path, f"cannot be read: {reason}", "a TOML file with [material.NAME] tables") from None
-    user = _parse(text, path)
+    user = _parsed(text, path)
     for name, changes in user.material.items():
-        tables[name] = _overlaid(tables.get(name), changes, str(path))
-    return _table(tables, user.map, base.default if user.default is None else user.default, path, first=user.material)
+        tables[name] = _with_changes(tables.get(name), changes, str(path))
+    return _checked_table(
+        tables, user.map, base.default if user.default is None else user.default, path, first=user.material
+    )
 
 
-def _parse(text: str, source: object) -> _File:
+def _parsed(text: str, source: object) -> _MaterialFile:
     try:
-        return _File.model_validate(tomllib.loads(text))
+        return _MaterialFile.model_validate(tomllib.loads(text))
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise InputError(source, f"malformed TOML: {error}", "[material.NAME] tables, [map] and default") from None
     except ValidationError as error:
-        raise _condensed(error, source, "") from None
+        raise _first_fault(error, source, "") from None
 
 
-def _overlaid(known: dict[str, Any] | None, changes: dict[str, Any], source: str) -> dict[str, Any]:
+def _with_changes(known: dict[str, Any] | None, changes: dict[str, Any], source: str) -> dict[str, Any]:
     """The user's fields over the known ones; a roughness given in one form replaces that in the other."""
     if known is None:
         rough = {"scattering_coefficient", "sigma0_db", "grazing_deg"} & changes.keys()
@@ -256,16 +258,16 @@ def _overlaid(known: dict[str, Any] | None, changes: dict[str, Any], source: str
     return kept | {"source": f"{source}, over {known['source']}"} | changes
 
 
-def _table(
+def _checked_table(
     tables: Mapping[str, dict[str, Any]], exact: dict[str, str], default: str, source: object, first: Iterable[str] = ()
 ) -> MaterialTable:
     """Check every table; where two materials claim one alias, those named in ``first`` keep it."""
-    entries: dict[str, _Entry] = {}
+    entries: dict[str, _MaterialEntry] = {}
     for name, table in tables.items():
         try:
-            entries[name] = _Entry.model_validate(table)
+            entries[name] = _MaterialEntry.model_validate(table)
         except ValidationError as error:
-            raise _condensed(error, source, f"material.{name}") from None
+            raise _first_fault(error, source, f"material.{name}") from None
     known = ", ".join(entries)
     for key, target in {"default": default, **{f"map.{name}": target for name, target in exact.items()}}.items():
         if target not in entries:
@@ -290,13 +292,13 @@ def _table(
     )
 
 
-def _condensed(error: ValidationError, source: object, prefix: str) -> InputError:
+def _first_fault(error: ValidationError, source: object, prefix: str) -> InputError:
     """One line of pydantic's first complaint: field, value, what is right."""
     first = error.errors(include_url=False)[0]
     where = ".".join(str(part) for part in ((prefix,) if prefix else ()) + first["loc"])
     more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
     if first["type"] == "extra_forbidden":
-        allowed = ", ".join((_Entry if prefix else _File).model_fields)
+        allowed = ", ".join((_MaterialEntry if prefix else _MaterialFile).model_fields)
         return InputError(source, f"unknown key {where}{more}", f"one of {allowed}")
     if first["type"] == "value_error":
         return InputError(source, f"{where}: {first['ctx']['error']}{more}")

@@ -24,7 +24,7 @@ from shared.physics.units import FARTHEST_M
 MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl")
 Y_UP_TO_Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # (x, y, z) -> (x, -z, y)
 FLAT = 1e-12  # twice a triangle's area over its longest edge squared: below this float64 cannot tell it from a line
-# glTF extensions that change where the vertices are, and that trimesh does not undo.
+# glTF extensions that change vertex positions and that trimesh does not decode.
 GLTF_GEOMETRY_EXTENSIONS = (
     "KHR_draco_mesh_compression",
     "EXT_meshopt_compression",
@@ -32,7 +32,7 @@ GLTF_GEOMETRY_EXTENSIONS = (
     "KHR_mesh_quantization",
     "EXT_mesh_gpu_instancing",
 )
-logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # its remarks about textures would reach the user's terminal
+logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # it would print remarks about textures
 
 
 @dataclass(frozen=True)
@@ -103,8 +103,8 @@ def load_mesh(path: Path, source: object) -> tuple[NDArray[np.floating], NDArray
     """
     loaded = _load(path, source)
     parts = [
-        (_as_written(part, path), part.faces)  # neither format places its meshes
-        for _, _, part in _placed_parts(loaded)
+        (_in_file_precision(part, path), part.faces)  # neither format places its meshes
+        for _, _, part in _placed_geometries(loaded)
         if isinstance(part, trimesh.Trimesh)
     ]
     if not parts:
@@ -129,11 +129,11 @@ def read_mesh_file(path: Path) -> Scene:
         to_world[:3, :3] = Y_UP_TO_Z_UP
         _check_gltf(path, notes)
     objects, spacings = [], []
-    for name, matrix, part in _placed_parts(_load(path, path)):
+    for name, matrix, part in _placed_geometries(_load(path, path)):
         if not isinstance(part, trimesh.Trimesh):
             notes.count(f"# geometries of type {type(part).__name__} ignored (only triangle meshes are used)")
             continue
-        written = _as_written(part, path)
+        written = _in_file_precision(part, path)
         spacings.append(vertex_spacing_m(written, to_world @ matrix))
         vertices, triangles = place_mesh(written, part.faces, to_world @ matrix)
         vertices, triangles, dropped = clean_mesh(vertices, triangles)
@@ -156,13 +156,13 @@ def _load(path: Path, source: object) -> trimesh.Scene:
         raise InputError(source, f"mesh file {str(path)!r} does not exist", "an existing file")
     try:
         return trimesh.load_scene(path, process=False, split_object=True, group_material=True)
-    except Exception as error:  # trimesh's loaders raise whatever their parsing meets, from KeyError to struct.error
-        # What looks like no STL at all is taken for text, and guessing its encoding needs a library not installed.
+    except Exception as error:  # trimesh's loaders raise many types, from KeyError to struct.error
+        # trimesh reads an unknown STL as text and guesses its encoding with a library that is not installed.
         reason = "unknown content" if isinstance(error, ImportError) else f"{type(error).__name__}: {error}"
         raise InputError(source, f"mesh file {str(path)!r} cannot be read ({reason})", "an intact file") from error
 
 
-def _placed_parts(scene: trimesh.Scene) -> list[tuple[str, NDArray[np.float64], trimesh.parent.Geometry]]:
+def _placed_geometries(scene: trimesh.Scene) -> list[tuple[str, NDArray[np.float64], trimesh.parent.Geometry]]:
     """Every node with geometry: its name (unique), its [4, 4] matrix in column convention, the geometry."""
     parts = []
     for node in scene.graph.nodes_geometry:
@@ -171,7 +171,7 @@ def _placed_parts(scene: trimesh.Scene) -> list[tuple[str, NDArray[np.float64], 
     return parts
 
 
-def _as_written(mesh: trimesh.Trimesh, path: Path) -> NDArray[np.floating]:
+def _in_file_precision(mesh: trimesh.Trimesh, path: Path) -> NDArray[np.floating]:
     """[V, 3] vertices in the precision of the file; trimesh makes float64 of everything.
 
     glTF and STL hold float32 alone, PLY says what it holds, OBJ is text.
@@ -194,7 +194,7 @@ def _material_name(mesh: trimesh.Trimesh) -> str:
 
 
 def _check_gltf(path: Path, notes: Notes) -> None:
-    """Refuse what trimesh would read wrongly, and say what it leaves out."""
+    """Refuse extensions that trimesh reads wrongly, and note what it ignores."""
     try:
         data = path.read_bytes()
         # A .glb is a 12-byte header, then chunks of (length, type, data), the JSON first (glTF 2.0, section 4.4).

@@ -1,8 +1,8 @@
 """Mitsuba 3 scenes, as Sionna uses them: triangle meshes and the names of their materials.
 
-Nothing is instantiated: radio materials (or any other plugin) need not be known, only the ids of BSDFs are read.
-Cameras, lights and integrators mean nothing to a radar. Mitsuba has no unit; Sionna's scenes are in metres with z up,
-and so is everything here.
+The reader creates no Mitsuba object, so that it needs no plugin: of a BSDF it reads only the id. It skips cameras,
+lights and integrators. A Mitsuba file states no unit. Sionna's scenes are in metres with z up, and every file is read
+so.
 """
 
 from __future__ import annotations

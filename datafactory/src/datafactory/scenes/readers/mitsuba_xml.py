@@ -1,8 +1,7 @@
 """The syntax of Mitsuba 3 XML: defaults, includes, references, transforms; to plain values.
 
-Mitsuba's own parser would do, but importing Mitsuba loads Dr.Jit, which takes whatever libLLVM it finds at that
-moment: a reader must not decide that. Python's parser fetches no external entity, and expat bounds the expansion of
-internal ones.
+Mitsuba's own parser is not used: importing Mitsuba loads Dr.Jit, and Dr.Jit then loads the first libLLVM that it finds.
+Python's parser fetches no external entity, and expat bounds the expansion of internal ones.
 """
 
 from __future__ import annotations
@@ -96,7 +95,7 @@ def read_shapes(path: Path) -> list[Shape]:
 
     :raises InputError: malformed XML, an undefined parameter, an id used twice, a reference that leads nowhere
     """
-    elements = list(_expanded(path, path, {}, 0))
+    elements = list(_expanded_elements(path, path, {}, 0))
     kinds: dict[str, str] = {}
     aliases = {top.get("as", ""): top.get("id", "") for top in elements if top.tag == "alias"}
     for element in (item for top in elements if top.tag != "alias" for item in top.iter()):
@@ -110,7 +109,9 @@ def read_shapes(path: Path) -> list[Shape]:
     return [_shape(path, element, number, kinds, aliases) for number, element in enumerate(tops, start=1)]
 
 
-def _expanded(path: Path, scene: Path, parameters: dict[str, str], depth: int) -> Iterator[ElementTree.Element]:
+def _expanded_elements(
+    path: Path, scene: Path, parameters: dict[str, str], depth: int
+) -> Iterator[ElementTree.Element]:
     """Children of the scene element with includes in place and ``$name`` substituted as far as it is known there."""
     try:
         root = ElementTree.parse(path).getroot()
@@ -130,7 +131,7 @@ def _expanded(path: Path, scene: Path, parameters: dict[str, str], depth: int) -
             if depth >= INCLUDE_DEPTH:
                 raise InputError(scene, f"<include> is nested more than {INCLUDE_DEPTH} deep", "no include loop")
             # Mitsuba looks for every file from the folder of the main scene.
-            yield from _expanded(scene.parent / top.get("filename", ""), scene, parameters, depth + 1)
+            yield from _expanded_elements(scene.parent / top.get("filename", ""), scene, parameters, depth + 1)
         else:
             yield top
 

@@ -1,4 +1,4 @@
-"""Counted remarks of a reader: what a source holds that the scene does not, in words."""
+"""Counted remarks of a reader: what a file holds and the scene does not."""
 
 from __future__ import annotations
 

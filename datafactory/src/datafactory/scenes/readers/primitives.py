@@ -1,9 +1,9 @@
 """Solids that scene files give by their parameters, as triangle meshes.
 
-Round ones are solids of revolution with ``SEGMENTS`` chords to the full circle, their corners on the true surface.
-The largest gap between chord and arc is r (1 - cos(pi / SEGMENTS)) = 0.0012 r around the axis; a facet of a sphere,
-bent both ways, stays within twice that (``CHORD_ERROR``). At 77 GHz such a surface is a sum of flat mirrors: give small
-round targets a radar cross section instead.
+Round solids are solids of revolution with ``SEGMENTS`` chords to the full circle. Their corners lie on the true
+surface. The largest gap between chord and arc is r (1 - cos(pi / SEGMENTS)) = 0.0012 r around the axis. A facet of a
+sphere is curved in two directions, and its gap is at most twice that (``CHORD_ERROR``). At 77 GHz such a surface
+reflects as a set of flat mirrors: a small round target needs a radar cross section instead.
 """
 
 from __future__ import annotations
@@ -43,14 +43,14 @@ def cylinder(radius_bottom: float, radius_top: float, height: float, closed: boo
     tube = np.array([[radius_bottom, -height / 2], [radius_top, height / 2]])
     if closed:
         tube = np.concatenate([[[0.0, -height / 2]], tube, [[0.0, height / 2]]])
-    return _revolve(_distinct(tube))
+    return _revolve(_without_repeats(tube))
 
 
 def capsule(radius_bottom: float, radius_top: float, height: float) -> Mesh:
     """A tube of this height along z about the origin, with half a sphere on each end."""
     lower = _arc(radius_bottom, -np.pi / 2, 0.0, -height / 2)
     upper = _arc(radius_top, 0.0, np.pi / 2, height / 2)
-    return _revolve(_distinct(np.concatenate([lower, upper])))
+    return _revolve(_without_repeats(np.concatenate([lower, upper])))
 
 
 def disk(radius: float) -> Mesh:
@@ -58,7 +58,7 @@ def disk(radius: float) -> Mesh:
     return _revolve(np.array([[radius, 0.0], [0.0, 0.0]]))
 
 
-def _distinct(profile: NDArray[np.float64]) -> NDArray[np.float64]:
+def _without_repeats(profile: NDArray[np.float64]) -> NDArray[np.float64]:
     """The profile without repeated points, which would make triangles of no area."""
     return profile[np.concatenate([[True], (np.diff(profile, axis=0) != 0).any(axis=1)])]
 

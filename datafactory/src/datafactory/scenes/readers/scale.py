@@ -1,4 +1,4 @@
-"""Does a scene's scale fit a radar: is its size that of a place, and how coarse are its vertices against a wavelength.
+"""Two checks of a scene's scale: a plausible size, and vertices that are fine enough for the wavelength.
 
 float32 keeps 24 bits: at 500 km from the origin neighbouring numbers are 3 cm apart, eight wavelengths of 77 GHz. A
 vertex rounded by half a spacing moves its echo's phase by up to 2 * 360 deg * (spacing / 2) / wavelength.
@@ -19,7 +19,7 @@ PLAUSIBLE_METRES = (0.1, 50e3)
 """Of a scene's longest side: a tin can, a city."""
 WAVELENGTH_M = SPEED_OF_LIGHT / 77e9
 COARSE_DEG = 10.0
-"""Phase errors of vertices up to this are not worth a remark; float32 vertices reach it about 1 km from the origin."""
+"""Smaller phase errors of vertices are not noted. float32 vertices reach this about 1 km from the origin."""
 
 
 def phase_error_deg(spacing_m: float) -> float:
@@ -42,7 +42,7 @@ def vertex_spacing_m(vertices: NDArray[np.floating], matrix: NDArray[np.float64]
 
 
 def note_coarse_vertices(spacings_m: Sequence[float], notes: Notes) -> None:
-    """Say with the figure how many meshes have vertices too coarse for coherent echoes.
+    """Count the meshes whose vertices are too coarse for coherent echoes, with the largest phase error.
 
     :param spacings_m: :func:`vertex_spacing_m` of every mesh
     """
@@ -56,10 +56,10 @@ def note_coarse_vertices(spacings_m: Sequence[float], notes: Notes) -> None:
 
 
 def size_remark(scene: Scene, remedy: str, always: bool = False) -> str:
-    """What to say where a scene has no plausible size; "" where there is nothing to say.
+    """The remark on a scene of implausible size; "" for a plausible one.
 
     :param remedy: what the user should check
-    :param always: say it whatever the size
+    :param always: return the remark for any size
     """
     if not scene.objects and not scene.targets:
         return ""

@@ -1,10 +1,10 @@
 """Polygons to triangles.
 
-A convex polygon is cut into a fan from its first corner. A concave one would stick out of its own outline as a fan (the
-roof of an L-shaped house would cover the yard), so it is cut by clipping ears: Meisters, "Polygons have ears", Amer.
-Math. Monthly 82 (1975): every simple polygon has a corner whose triangle lies inside it; cut it off, repeat. Non-planar
-polygons are judged in the plane of their Newell normal. Where the outline crosses itself no ear may be left, and
-the fan is used and counted.
+A convex polygon is cut into a fan from its first corner. The fan of a concave polygon would cover area outside its
+outline, such as the yard of an L-shaped house. It is cut by clipping ears instead (Meisters, "Polygons have ears",
+Amer. Math. Monthly 82, 1975): every simple polygon has a corner whose triangle lies inside it; that triangle is cut
+off, and so on. A non-planar polygon is cut in the plane of its Newell normal. A polygon whose outline crosses itself
+may have no ear; it is cut into a fan and counted.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def triangulate(
         corners.append(fans)
         faces.append(owners)
         for face, polygon in zip(chosen[concave], polygons[concave], strict=True):
-            ears = _clip_ears(_flatten(points[polygon].astype(np.float64)))
+            ears = _clip_ears(_in_own_plane(points[polygon].astype(np.float64)))
             if ears is None:
                 crossing += 1
                 cut = _fan(polygon[None])
@@ -98,7 +98,7 @@ def _concave(polygons: NDArray[np.float64]) -> NDArray[np.bool_]:
     return (np.einsum("fnk,fk->fn", turns, normal) < -CONVEX_TOLERANCE * size[:, None]).any(axis=1)
 
 
-def _flatten(polygon: NDArray[np.float64]) -> list[tuple[float, float]]:
+def _in_own_plane(polygon: NDArray[np.float64]) -> list[tuple[float, float]]:
     """[n, 3] corners as 2-D coordinates in the polygon's plane, counter-clockwise."""
     about = polygon - polygon[0]
     normal = _newell(polygon)

@@ -1,11 +1,13 @@
-"""Universal Scene Description: a composed stage to metres, z up and triangles.
+"""Universal Scene Description: a composed USD stage to metres, z up and triangles.
 
-Read as the stage is at its start (see ``usd_motion``), variants as selected, instances and point instancers expanded.
-Invisible prims and those of purpose guide or proxy are left out. Custom attributes speak to the radar:
+The reader takes the USD stage at its start (see ``usd_motion``), with the variants that the file selects. It expands
+instances and point instancers. It leaves out invisible prims and those of purpose guide or proxy. Custom attributes
+state what the radar needs:
 
-- ``radar:rcs_dbsm`` (a number): the prim is a point target at its origin, and stands for all geometry below it;
-- ``radar:target`` (string or token) and ``radar:targets_by_name`` (bool): likewise, by a model (see ``usd_targets``);
-- ``radar:velocity`` (three numbers, m/s in the stage's own world axes): velocity of the prim and all below it;
+- ``radar:rcs_dbsm`` (a number): the prim is a point target at its origin, and replaces all geometry below it;
+- ``radar:target`` (string or token) and ``radar:targets_by_name`` (bool): a point target with a model (see
+  ``usd_targets``);
+- ``radar:velocity`` (three numbers, m/s in the USD stage's own world axes): velocity of the prim and all below it;
 - ``radar:material`` (string or token): material name for the prim and all below it.
 """
 
@@ -25,19 +27,21 @@ from datafactory.scenes.readers.notes import Notes
 from datafactory.scenes.readers.scale import note_coarse_vertices, vertex_spacing_m
 from datafactory.scenes.readers.usd_motion import Frame, Transforms, instance_frames
 from datafactory.scenes.readers.usd_prims import PrimMesh, is_solid, polygon_mesh, solid_mesh
-from datafactory.scenes.readers.usd_stage import check_sizes, open_stage, stage_to_world
-from datafactory.scenes.readers.usd_targets import model_axes, names_count, prim_model, target_kind
+from datafactory.scenes.readers.usd_stage import check_sizes, open_usd_stage, usd_stage_to_world
+from datafactory.scenes.readers.usd_targets import model_axes, names_are_targets, prim_model, target_kind
 from datafactory.scenes.scene import WORLD_AXES, PointTarget, Scene, SceneObject, Vector
 from shared.physics.errors import InputError
 from shared.physics.units import FARTHEST_M, FASTEST_MPS
 
-ON_STAGE = Usd.TraverseInstanceProxies()  # active, loaded, defined, not abstract
-IN_PROTOTYPE = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded)  # prototypes are often overs or classes
+SCENE_PRIMS = Usd.TraverseInstanceProxies()  # active, loaded, defined, not abstract
+PROTOTYPE_PRIMS = Usd.TraverseInstanceProxies(
+    Usd.PrimIsActive & Usd.PrimIsLoaded
+)  # prototypes are often overs or classes
 
 
 @dataclass(frozen=True)
 class _Inherited:
-    """What a prim hands down to those below it."""
+    """The values that a prim passes to the prims below it."""
 
     frame: Frame
     material: str | None = None
@@ -58,16 +62,16 @@ def read_usd(path: str | Path) -> Scene:
     if not path.is_file():
         raise InputError(path, "no such file", "an existing USD file")
     notes = Notes()
-    # USD prints its own diagnostics; here they become the user's one line, or a counted warning.
+    # USD would print its diagnostics. The trap keeps them for the error's one line or for a counted warning.
     with Tf.DiagnosticTrap() as trap:
         try:
-            stage = open_stage(path, notes)
-            scene = _Reader(path, stage, notes).read()
+            usd_stage = open_usd_stage(path, notes)
+            scene = _Reader(path, usd_stage, notes).read()
         except (Tf.ErrorException, UnicodeDecodeError) as error:
             raise InputError(path, f"USD cannot read it ({_reason(error)})", "an intact USD file") from error
         finally:
             remarks = [_commentary(remark) for remark in (*trap.GetWarnings(), *trap.GetErrors())]
-            # Composition errors come a second time, with an address in memory: ``open_stage`` has counted them.
+            # USD reports composition errors twice. ``open_usd_stage`` has counted them already.
             remarks = [remark for remark in remarks if "(instantiating stage on stage" not in remark]
             trap.Clear()
     if remarks:
@@ -78,17 +82,17 @@ def read_usd(path: str | Path) -> Scene:
 
 
 def _reason(error: Exception) -> str:
-    """What USD says is wrong, in its own words."""
+    """The text of USD's own error."""
     try:
         text = str(error)
-    except UnicodeDecodeError as undecodable:  # it quotes the file
+    except UnicodeDecodeError as undecodable:  # the text quotes bytes of the file that are no UTF-8
         text = str(undecodable)
     quoted = "; ".join(line.split(" : ", 1)[-1].strip("' ") for line in text.splitlines() if " : '" in line)
     return re.sub(r"pxrInternal\w*?::", "", quoted) or text  # without the namespace of USD's own build
 
 
 def _commentary(remark: Any) -> str:
-    """The words of one of USD's diagnostics."""
+    """The text of one of USD's diagnostics."""
     try:
         return remark.commentary
     except UnicodeDecodeError as undecodable:
@@ -96,15 +100,15 @@ def _commentary(remark: Any) -> str:
 
 
 class _Reader:
-    """One walk over a stage."""
+    """Reads one USD stage, prim by prim."""
 
-    def __init__(self, path: Path, stage: Usd.Stage, notes: Notes) -> None:
+    def __init__(self, path: Path, usd_stage: Usd.Stage, notes: Notes) -> None:
         self._path = path
-        self._stage = stage
+        self._usd_stage = usd_stage
         self._notes = notes
-        self._transforms = Transforms(stage)
+        self._transforms = Transforms(usd_stage)
         self._start = Usd.TimeCode(self._transforms.start)
-        self._to_world = stage_to_world(path, stage, notes)
+        self._to_world = usd_stage_to_world(path, usd_stage, notes)
         self._turn = self._to_world[:3, :3] / np.cbrt(np.linalg.det(self._to_world[:3, :3]))
         self._objects: list[SceneObject] = []
         self._targets: list[PointTarget] = []
@@ -112,18 +116,18 @@ class _Reader:
         self._registry = Usd.SchemaRegistry()
 
     def read(self) -> Scene:
-        root = self._stage.GetPseudoRoot()
-        top = _Inherited(Frame(root, "", lambda time: np.eye(4), (), ON_STAGE))
-        waiting = [(prim, top) for prim in reversed(root.GetFilteredChildren(ON_STAGE))]
+        root = self._usd_stage.GetPseudoRoot()
+        top = _Inherited(Frame(root, "", lambda time: np.eye(4), (), SCENE_PRIMS))
+        waiting = [(prim, top) for prim in reversed(root.GetFilteredChildren(SCENE_PRIMS))]
         while waiting:
             prim, inherited = waiting.pop()
             below = self._visit(prim, inherited)
-            waiting.extend(reversed(below))  # a stack, so that the order is the stage's
+            waiting.extend(reversed(below))  # the last one is taken next: the order of the USD stage
         note_coarse_vertices(self._spacings, self._notes)
         return Scene(self._path.stem, tuple(self._objects), tuple(self._targets), str(self._path))
 
     def _visit(self, prim: Usd.Prim, inherited: _Inherited) -> list[tuple[Usd.Prim, _Inherited]]:
-        """Take what the prim itself holds; return what is to be visited below it."""
+        """Read the prim itself; return the prims below it that are to be read, with what they inherit."""
         imageable = UsdGeom.Imageable(prim)
         if imageable:
             if imageable.GetVisibilityAttr().Get(self._start) == UsdGeom.Tokens.invisible:
@@ -155,7 +159,7 @@ class _Reader:
                 raise InputError(self._path, f"{prim.GetPath()}.radar:material = {material!r}", "a material name")
             inherited = replace(inherited, material=material)
         if prim.HasAttribute("radar:targets_by_name"):
-            inherited = replace(inherited, targets_by_name=names_count(self._path, prim, self._start))
+            inherited = replace(inherited, targets_by_name=names_are_targets(self._path, prim, self._start))
         return inherited
 
     def _numbers(self, prim: Usd.Prim, name: str, size: int, expected: str) -> NDArray[np.float64]:
@@ -194,7 +198,7 @@ class _Reader:
         self._targets.append(PointTarget(inherited.frame.name(prim), (x, y, z), rcs_dbsm, velocity, model, axes))
 
     def _velocity(self, prim: Usd.Prim, inherited: _Inherited, centre: NDArray[np.float64]) -> Vector:
-        """World velocity [m/s]: what an attribute says, or else what the animation does."""
+        """World velocity [m/s]: that of an attribute, or else that of the animation."""
         if inherited.velocity is not None:
             return inherited.velocity
         velocity, turns = self._transforms.velocity(prim, inherited.frame, centre)
@@ -214,7 +218,7 @@ class _Reader:
         if instancer.GetVelocitiesAttr().HasAuthoredValue():
             self._notes.count("# point instancers have 'velocities', which are not used (positions' samples are)")
         try:
-            frames = instance_frames(instancer, inherited.frame, self._transforms, IN_PROTOTYPE)
+            frames = instance_frames(instancer, inherited.frame, self._transforms, PROTOTYPE_PRIMS)
             return [
                 (frame.root, replace(inherited, frame=frame, instancers=(*inherited.instancers, path)))
                 for frame in frames
@@ -248,8 +252,8 @@ class _Reader:
             faces = np.asarray(subset.GetIndicesAttr().Get(self._start) or [], dtype=np.int64)
             chosen = rest & np.isin(mesh.faces, faces)
             rest &= ~chosen
-            handed = self._with_attributes(subset.GetPrim(), inherited)
-            self._add_object(subset.GetPrim(), points, triangles[chosen], velocity, handed)
+            of_subset = self._with_attributes(subset.GetPrim(), inherited)
+            self._add_object(subset.GetPrim(), points, triangles[chosen], velocity, of_subset)
         if rest.any() or not len(rest):
             self._add_object(prim, points, triangles[rest], velocity, inherited)
 

@@ -1,9 +1,9 @@
-"""Where USD prims are, and how fast they move.
+"""Positions and velocities of USD prims.
 
-Positions are those at the stage's start. A velocity is the finite difference over the first time interval of the
+Positions are those at the USD stage's start. A velocity is the finite difference over the first time interval of the
 animation, v = (M(t1) c - M(t0) c) / (t1 - t0) * timeCodesPerSecond, with c the mean of the object's vertices and M its
-local-to-world transform, both ends authored samples: USD interpolates linearly between them, so that for a translation
-it is exact. An object that also turns keeps only the translation of c.
+local-to-world transform. t0 and t1 are authored samples. USD interpolates linearly between them, so that v is exact for
+a translation. Of an object that also turns, v is the velocity of c.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
-RESTING_SPEED = 1e-6  # stage units per second below which float64 transforms cannot tell motion from rounding
+RESTING_SPEED = 1e-6  # USD stage units per second below which float64 transforms cannot tell motion from rounding
 
 
 @dataclass(frozen=True)
 class Frame:
-    """What a prim's transform is relative to: the stage, or one instance of a point instancer.
+    """The coordinates that a prim's transform refers to: the USD stage, or one instance of a point instancer.
 
     :param root: the prim whose subtree is placed; its own transform is within ``matrix_at``
     :param label: what replaces the root's parent in the names of objects
-    :param matrix_at: time code to the [4, 4] matrix (column vectors) from the root's coordinates to the stage's
+    :param matrix_at: time code to the [4, 4] matrix (column vectors) from the root's coordinates to the USD stage's
     :param sample_times: time codes at which that matrix has samples
     :param predicate: which prims below the root are visited
     """
@@ -45,16 +45,16 @@ class Frame:
 
 
 class Transforms:
-    """World transforms and velocities of a stage's prims, in stage units and axes."""
+    """World transforms and velocities of a USD stage's prims, in USD stage units and axes."""
 
-    def __init__(self, stage: Usd.Stage) -> None:
-        self._codes_per_second = float(stage.GetTimeCodesPerSecond())
+    def __init__(self, usd_stage: Usd.Stage) -> None:
+        self._codes_per_second = float(usd_stage.GetTimeCodesPerSecond())
         self._caches: dict[float, UsdGeom.XformCache] = {}
         self._times: dict[str, frozenset[float]] = {}
-        self.start = _start_time(stage)
+        self.start = _start_time(usd_stage)
 
     def matrix(self, prim: Usd.Prim, frame: Frame, time: float | None = None) -> NDArray[np.float64]:
-        """[4, 4] acting on column vectors, from the prim's coordinates to the stage's."""
+        """[4, 4] acting on column vectors, from the prim's coordinates to the USD stage's."""
         time = self.start if time is None else time
         cache = self._cache(time)
         if frame.root.IsPseudoRoot():
@@ -63,7 +63,10 @@ class Transforms:
         return frame.matrix_at(time) @ _columns(relative)
 
     def velocity(self, prim: Usd.Prim, frame: Frame, centre: NDArray[np.float64]) -> tuple[NDArray[np.float64], bool]:
-        """World velocity [stage units / s] of a point given in the prim's coordinates, and whether the prim turns."""
+        """World velocity [units of the USD stage / s] of a point of the prim, and whether the prim turns.
+
+        :param centre: [3] the point in the prim's coordinates
+        """
         interval = _first_interval(self.sample_times(prim, frame), self.start)
         if interval is None:
             return np.zeros(3), False
@@ -123,7 +126,7 @@ def instance_frames(
         return local[time][index]
 
     if len(chosen):
-        placed(transforms.start, len(chosen) - 1)  # contradictions show here, not in the middle of the walk
+        placed(transforms.start, len(chosen) - 1)  # arrays of unequal length are refused before any prim is read
     attributes = (instancer.GetPositionsAttr(), instancer.GetOrientationsAttr(), instancer.GetScalesAttr())
     times = {time for attribute in attributes for time in attribute.GetTimeSamples()}
     times.update(transforms.sample_times(prim, frame))
@@ -141,23 +144,23 @@ def instance_frames(
 
 
 def _columns(matrix: object) -> NDArray[np.float64]:
-    """USD's matrices act on row vectors. Its fourth column, a projection, has no meaning for a rigid scene."""
+    """[4, 4] acting on column vectors; USD's matrices act on row vectors. The projective part is dropped."""
     columns = np.array(matrix, dtype=np.float64).T
     columns[3] = (0.0, 0.0, 0.0, 1.0)
     return columns
 
 
 def _first_interval(times: tuple[float, ...], start: float) -> tuple[float, float] | None:
-    """The samples about the start; before the first one USD holds it, and the animation is taken from there."""
+    """The two samples around the start; the first two where the start lies before them."""
     if len(times) < 2 or start >= times[-1]:
         return None
     after = max(1, int(np.searchsorted(times, start, side="right")))
     return times[after - 1], times[after]
 
 
-def _start_time(stage: Usd.Stage) -> float:
+def _start_time(usd_stage: Usd.Stage) -> float:
     """The authored start, or else the first sample in any layer, or 0."""
-    if stage.HasAuthoredTimeCodeRange():
-        return float(stage.GetStartTimeCode())
-    samples = [time for layer in stage.GetUsedLayers() for time in layer.ListAllTimeSamples()]
+    if usd_stage.HasAuthoredTimeCodeRange():
+        return float(usd_stage.GetStartTimeCode())
+    samples = [time for layer in usd_stage.GetUsedLayers() for time in layer.ListAllTimeSamples()]
     return min(samples, default=0.0)

@@ -18,7 +18,7 @@ LARGEST = 1e60  # of a solid's size: squares of it, as in areas, are still finit
 
 @dataclass(frozen=True)
 class PrimMesh:
-    """A prim's triangles in local coordinates and stage units.
+    """A prim's triangles in local coordinates and units of the USD stage.
 
     :param points: [V, 3], in the precision of the file
     :param triangles: [T, 3] vertex indices, counter-clockwise seen from outside

@@ -1,4 +1,4 @@
-"""A USD stage as a whole: is it complete, what are its units and axes, is its size plausible."""
+"""Checks of a whole USD stage: missing layers, units and axes, size."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from datafactory.scenes.readers.scale import size_remark
 from datafactory.scenes.scene import Scene
 from shared.physics.errors import InputError
 
-# Composition errors after which part of the scene is not there.
+# Composition errors that leave out a part of the scene.
 MISSING = (
     Pcp.ErrorInvalidAssetPath,
     Pcp.ErrorInvalidSublayerPath,
@@ -24,51 +24,51 @@ MISSING = (
 )
 
 
-def open_stage(path: Path, notes: Notes) -> Usd.Stage:
-    """Open a stage with everything loaded.
+def open_usd_stage(path: Path, notes: Notes) -> Usd.Stage:
+    """Open a USD stage with everything loaded.
 
     :raises InputError: a sublayer, reference or payload leads nowhere
     :raises pxr.Tf.ErrorException: the root layer cannot be parsed
     """
-    stage = Usd.Stage.Open(str(path))
-    errors = stage.GetCompositionErrors()
+    usd_stage = Usd.Stage.Open(str(path))
+    errors = usd_stage.GetCompositionErrors()
     missing = [error for error in errors if isinstance(error, MISSING)]
     if missing:
         more = f" (and {len(missing) - 1} more)" if len(missing) > 1 else ""
         raise InputError(path, f"{str(missing[0]).rstrip('.')}{more}", "every layer in its place")
-    # Anonymous layers are named by their address in memory, which would differ from run to run.
+    # The name of an anonymous layer is its address in memory, which differs from run to run.
     first = re.sub(r"@anon:[^@]*@,?|@,@anon:[^@]*(?=@)", "", " ".join(str(errors[0]).split())) if errors else ""
     notes.count(f"# composition errors, the first: {first}", len(errors))
-    return stage
+    return usd_stage
 
 
-def stage_to_world(path: Path, stage: Usd.Stage, notes: Notes) -> NDArray[np.float64]:
-    """[4, 4] from stage units and axes to metres and z up.
+def usd_stage_to_world(path: Path, usd_stage: Usd.Stage, notes: Notes) -> NDArray[np.float64]:
+    """[4, 4] from USD stage units and axes to metres and z up.
 
     :raises InputError: metersPerUnit is not a positive number, or timeCodesPerSecond
     """
-    metres = float(UsdGeom.GetStageMetersPerUnit(stage))
+    metres = float(UsdGeom.GetStageMetersPerUnit(usd_stage))
     if not 1e-12 <= metres <= 1e12:
         raise InputError(path, f"metersPerUnit = {metres:g}", "a positive number, 1 for metres, 0.01 for centimetres")
-    if not UsdGeom.StageHasAuthoredMetersPerUnit(stage):
+    if not UsdGeom.StageHasAuthoredMetersPerUnit(usd_stage):
         notes.say(f"no metersPerUnit: USD's default of {metres:g} m is used")
-    codes_per_second = stage.GetTimeCodesPerSecond()
+    codes_per_second = usd_stage.GetTimeCodesPerSecond()
     if not (np.isfinite(codes_per_second) and codes_per_second > 0):
         raise InputError(path, f"timeCodesPerSecond = {codes_per_second:g}", "a positive number")
-    axis = str(UsdGeom.GetStageUpAxis(stage))
+    axis = str(UsdGeom.GetStageUpAxis(usd_stage))
     if axis not in (UsdGeom.Tokens.y, UsdGeom.Tokens.z):
         raise InputError(path, f"upAxis = {axis!r}", "Y or Z")
-    if not stage.HasAuthoredMetadata(UsdGeom.Tokens.upAxis):
+    if not usd_stage.HasAuthoredMetadata(UsdGeom.Tokens.upAxis):
         notes.say(f"no upAxis: USD's default {axis} is used")
-    _note_other_units(stage, metres, axis, notes)
+    _note_other_units(usd_stage, metres, axis, notes)
     matrix = np.eye(4)
     matrix[:3, :3] = metres * (Y_UP_TO_Z_UP if axis == UsdGeom.Tokens.y else np.eye(3))
     return matrix
 
 
-def _note_other_units(stage: Usd.Stage, metres: float, axis: str, notes: Notes) -> None:
-    """USD does not convert a referenced layer's units: a file that mixes them is easily 100 times too large."""
-    for layer in stage.GetUsedLayers():
+def _note_other_units(usd_stage: Usd.Stage, metres: float, axis: str, notes: Notes) -> None:
+    """Note layers in other units or axes than the USD stage's: USD converts neither."""
+    for layer in usd_stage.GetUsedLayers():
         top = layer.pseudoRoot
         other = top.GetInfo(UsdGeom.Tokens.metersPerUnit) if top.HasInfo(UsdGeom.Tokens.metersPerUnit) else metres
         if not np.isclose(other, metres, rtol=1e-6):
@@ -81,7 +81,7 @@ def _note_other_units(stage: Usd.Stage, metres: float, axis: str, notes: Notes) 
 
 
 def check_sizes(scene: Scene, notes: Notes) -> None:
-    """Say how large the scene is where its units look wrong."""
+    """Note the scene's size where it is implausible or units are mixed."""
     mixed = any("which USD does not convert" in sentence for sentence in notes.sentences())
     if remark := size_remark(scene, "metersPerUnit", always=mixed):
         notes.say(remark)

@@ -1,4 +1,4 @@
-"""Which USD prims are targets by their radar cross section, and by which model.
+"""The USD prims that are targets with a model of their radar cross section.
 
 - ``radar:target`` (string or token): the name of a model of ``target_models``, with ``radar:radius_m``,
   ``radar:length_m`` and so on for its sizes [m]; ``"none"`` exempts a prim from the name rule;
@@ -6,8 +6,8 @@
   name may go on with anything but a letter: ``Car``, ``car_17`` and ``Pedestrian2``, but neither ``Cars`` nor
   ``Carport``.
 
-The model's x forward and z up are the stage's: a Y-up stage has them along the prim's x and y. The prim's scale does
-not change a model's size.
+The model's x (forward) and z (up) are those of the USD stage: with Y up they lie along the prim's x and y. The prim's
+scale does not change a model's size.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def target_kind(path: Path, prim: Usd.Prim, time: Usd.TimeCode, by_name: bool) -
     return named.group(1).lower() if named else None
 
 
-def names_count(path: Path, prim: Usd.Prim, time: Usd.TimeCode) -> bool:
+def names_are_targets(path: Path, prim: Usd.Prim, time: Usd.TimeCode) -> bool:
     """The value of ``radar:targets_by_name``.
 
     :raises InputError: it is no bool
@@ -81,10 +81,11 @@ def prim_model(path: Path, prim: Usd.Prim, time: Usd.TimeCode, kind: str) -> Rcs
 def model_axes(local: NDArray[np.float64], turn: NDArray[np.float64]) -> tuple[Vector, Vector, Vector] | None:
     """World directions of a model's x, y and z, right-handed and orthonormal; None where the transform is flat.
 
-    :param local: [3, 3] from the prim to the stage, columns the prim's axes; scale, shear and mirrors fall away
-    :param turn: [3, 3] rotation from the stage's axes to the world's
+    :param local: [3, 3] from the prim to the USD stage, columns the prim's axes; scale, shear and mirrors have no
+        effect
+    :param turn: [3, 3] rotation from the USD stage's axes to the world's
     """
-    # The model is at home in world axes: into the stage's, through the prim's transform, and back.
+    # The model's axes are the world's. ``turn.T`` brings them to the USD stage's, ``turn`` brings the result back.
     matrix = turn @ local @ turn.T
     forward, up = matrix[:, 0], matrix[:, 2]
     x = forward / (np.linalg.norm(forward) or 1.0)

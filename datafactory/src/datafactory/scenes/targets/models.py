@@ -1,8 +1,8 @@
-"""Targets by their radar cross section: where they echo from, and how strongly, seen from one place.
+"""Models of targets by their radar cross section: echo points and their strengths, seen from one position.
 
-A model stands in its own frame, x forward, y left, z up, metres. Road users stand on the ground at the frame's origin;
-bodies of metal have their centre (a trihedral its apex) there. A model is asked with the radar's position in that frame
-and answers with echo points; their phases follow from where they are. Nothing here is random.
+A model has its own frame, x forward, y left, z up, metres. Road users stand on the ground at the frame's origin; bodies
+of metal have their centre (a trihedral its apex) there. A model takes the radar's position in that frame and returns
+echo points. Their phases follow from their positions. Nothing here is random.
 
 Road users are 3GPP TR 38.901 (Release 19), clause 7.9.2, with its random component at its linear mean of 1; the cyclist
 is Belgiovane and Chen (2016). Both are levels found by measurement, without regard to distance.
@@ -25,7 +25,7 @@ NOMINAL_WAVELENGTH_M = SPEED_OF_LIGHT / 77e9
 
 
 class RcsModel(Protocol):
-    """What a target's model knows."""
+    """The interface of a target's model."""
 
     @property
     def cross_polar_ratio_db(self) -> float:
@@ -281,10 +281,10 @@ MODELS: dict[str, type] = {
     "dihedral": Dihedral,
     "trihedral": Trihedral,
 }
-"""Every model by the name that a scene calls it by."""
+"""Every model by its name in a scene."""
 
 ROAD_USERS = ("car", "pedestrian", "cyclist")
-"""Models without sizes: those that a name alone can call for."""
+"""Models without sizes: a prim's name alone selects them."""
 
 
 def sizes_of(kind: str) -> tuple[str, ...]:

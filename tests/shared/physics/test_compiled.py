@@ -1,0 +1,107 @@
+"""Kernels without a folder for their machine code: compiled all the same, and kept where there is one."""
+
+from __future__ import annotations
+
+import functools
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import datafactory
+import shared
+from shared.physics.compiled import compiled
+
+PACKAGES = [Path(package.__file__ or "").parent for package in (shared, datafactory)]
+KERNEL = """
+from shared.physics.compiled import compiled
+
+@compiled(error_model="numpy")
+def tripled(value):
+    return 3 * value
+"""
+HEIGHTS = """
+import numpy as np
+from datafactory.scenes.height_map import height_map
+from datafactory.scenes.scene import Scene, SceneObject
+from datafactory.synthesis.cube import cube_of_paths
+from datafactory.synthesis.truth import truth_moments
+corners = np.array([[0.0, 0, 1], [4, 0, 1], [0, 4, 1]])
+flat = SceneObject("flat", corners, np.array([[0, 1, 2]], dtype=np.int32))
+print(height_map(Scene("one", (flat,)), 1.0).surface[0, 0])
+"""
+
+
+def run(script: str, folder: Path, home: Path, **more: str) -> str:
+    """What a script prints in an interpreter whose own code lies in ``folder`` and whose home is ``home``."""
+    kept = {name: value for name, value in os.environ.items() if not name.startswith(("NUMBA_", "XDG_"))}
+    environment = {**kept, "PYTHONPATH": str(folder), "HOME": str(home), **more}
+    done = subprocess.run(
+        [sys.executable, "-c", script], env=environment, cwd=folder, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+@pytest.fixture
+def unwritable(tmp_path: Path) -> Path:
+    """A folder in which nothing can be made, not even by root: its parent is a file."""
+    (tmp_path / "file").write_text("")
+    return tmp_path / "file" / "home"
+
+
+@pytest.fixture
+def read_only(tmp_path: Path) -> Path:
+    """A copy of both packages in which no cache can be written: every ``__pycache__`` is a file."""
+    folder = tmp_path / "site-packages"
+    for package in PACKAGES:
+        shutil.copytree(package, folder / package.name, ignore=shutil.ignore_patterns("__pycache__"))
+    (folder / "kernel.py").write_text(KERNEL)
+    for place in [folder, *(path for path in folder.rglob("*") if path.is_dir())]:
+        (place / "__pycache__").write_text("")
+    return folder
+
+
+def test_a_read_only_installation_compiles_in_every_process(read_only: Path, unwritable: Path) -> None:
+    before = sorted(read_only.rglob("*"))
+    assert run(HEIGHTS, read_only, unwritable) == "1.0"
+    assert run("import kernel; print(kernel.tripled(14))", read_only, unwritable) == "42"
+    assert sorted(read_only.rglob("*")) == before
+
+
+@pytest.mark.parametrize("named", [False, True])
+def test_machine_code_goes_to_the_folder_that_is_named_or_to_the_users(
+    read_only: Path, unwritable: Path, tmp_path: Path, named: bool
+) -> None:
+    home, more = tmp_path / "home", {}
+    home.mkdir()
+    if named:
+        home, more = unwritable, {"NUMBA_CACHE_DIR": str(tmp_path / "named")}
+    assert run("import kernel; print(kernel.tripled(14))", read_only, home, **more) == "42"
+    assert list((tmp_path / ("named" if named else "home")).rglob("kernel.tripled*.nbc"))
+
+
+def test_machine_code_lies_beside_the_source_where_that_can_be_written(read_only: Path, unwritable: Path) -> None:
+    (read_only / "__pycache__").unlink()
+    assert run("import kernel; print(kernel.tripled(14))", read_only, unwritable) == "42"
+    assert list((read_only / "__pycache__").glob("kernel.tripled*.nbc"))
+
+
+def test_the_wrapper_of_a_type_checker_is_taken_off() -> None:
+    def doubled(value: int) -> int:
+        return 2 * value
+
+    @functools.wraps(doubled)
+    def checked(*arguments: object, **named: object) -> object:
+        raise AssertionError("numba cannot compile this")
+
+    assert compiled(cache=False)(checked)(21) == 42
+
+
+def test_no_kernel_goes_round_the_decorator() -> None:
+    for package in PACKAGES:
+        for path in package.rglob("*.py"):
+            assert path.name == "compiled.py" or "njit" not in path.read_text(encoding="utf-8"), path
