@@ -113,7 +113,7 @@ def fit(
         )
     try:
         with _quiet():
-            trainer.training.fit(task, datamodule=source, ckpt_path=checkpoint, weights_only=True)
+            trainer.fit(task, datamodule=source, ckpt_path=checkpoint, weights_only=True)
     except SystemExit:
         if trainer.state.status != TrainerStatus.INTERRUPTED:
             raise
