@@ -20,17 +20,17 @@ from shared.signal.spectrum import range_doppler
 from shared.signal.windows import cell_noise_power
 from trainer.cli import main
 from trainer.data.arrays import ArrayChoice
+from trainer.data.pairs import Condition, simulate
+from trainer.data.simulation import in_plane, snapshot, truth_image
 from trainer.estimators.das import DelayAndSum
 from trainer.evaluation.evaluate import EXPERIMENTS, choose_experiments, evaluate, open_bench
 from trainer.evaluation.experiments.bench import FrameRef, Settings
 from trainer.evaluation.experiments.contenders import estimator_contender, gather
 from trainer.evaluation.experiments.doppler import score_peaks
 from trainer.evaluation.experiments.frames import one_of_each_scene, score_frame
-from trainer.evaluation.experiments.levels import from_bytes, scene_levels, to_bytes
 from trainer.evaluation.experiments.measured import half_wavelength_line, read_snapshot, reference_degrees
-from trainer.evaluation.experiments.pairs import Condition, simulate
 from trainer.evaluation.experiments.robustness import Impairment, channel_factors, displaced
-from trainer.evaluation.experiments.simulation import in_plane, snapshot, truth_image
+from trainer.evaluation.report.levels import from_bytes, scene_levels, to_bytes
 from trainer.evaluation.report.tables import SECONDS
 from trainer.metrics.resolution import strongest_peaks
 from trainer.run.folder import Fingerprint, Run, save_weights, write_run

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
+from trainer.data.pairs import Condition
 from trainer.evaluation.experiments.bench import MetricRow
-from trainer.evaluation.experiments.pairs import Condition
 from trainer.evaluation.report.summary import summary
 from trainer.evaluation.report.tables import metrics_table
 

@@ -26,8 +26,8 @@ from torch.utils.flop_counter import FlopCounterMode
 from shared.physics.errors import InputError
 from shared.signal.windows import cell_noise_power
 from trainer.data.arrays import choose_array
+from trainer.data.pairs import Condition, simulate
 from trainer.data.shards import ShardDataset
-from trainer.evaluation.experiments.pairs import Condition, simulate
 from trainer.metrics.detection import Counts
 from trainer.metrics.resolution import resolved, strongest_peaks
 from trainer.run.configuration import FitConfig

@@ -29,8 +29,8 @@ from trainer.evaluation.experiments.bench import (
 )
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.experiments.frames import load_frame
-from trainer.evaluation.experiments.levels import PROBABILITY, range_weighted
 from trainer.evaluation.experiments.street import true_magnitude
+from trainer.evaluation.report.levels import PROBABILITY, range_weighted
 from trainer.evaluation.report.style import SPAN_DB, colour_bar, draw_image, level_db, new_figure, subplots
 from trainer.evaluation.store import Values
 from trainer.metrics.detection import find_row_peaks

@@ -17,7 +17,7 @@ from shared.dataset.reading import read_frame
 from shared.radar import Radar
 from trainer.evaluation.experiments.bench import KEPT, Bench, FrameRef, Results, Task, contender_task
 from trainer.evaluation.experiments.contenders import AMPLITUDE, Contender
-from trainer.evaluation.experiments.levels import scene_levels
+from trainer.evaluation.report.levels import scene_levels
 from trainer.evaluation.store import Values
 from trainer.metrics.detection import (
     D_MAX_BINS,

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from shared.radar import Radar
 from shared.signal.windows import cell_noise_power
+from trainer.data.simulation import snapshot
 from trainer.evaluation.experiments.bench import KEPT, Bench, MetricRow, Results, Task, contender_task, mean_row
 from trainer.evaluation.experiments.contenders import AMPLITUDE, Contender
-from trainer.evaluation.experiments.levels import PROBABILITY
-from trainer.evaluation.experiments.simulation import snapshot
+from trainer.evaluation.report.levels import PROBABILITY
 from trainer.evaluation.report.style import Look, new_figure, subplots
 from trainer.evaluation.store import Values
 from trainer.metrics.noise_only import false_alarms, noise_level

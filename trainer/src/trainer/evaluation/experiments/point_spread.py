@@ -17,6 +17,14 @@ from numpy.typing import NDArray
 from shared.radar import Radar
 from shared.signal import target_amplitudes
 from shared.signal.windows import cell_noise_power
+from trainer.data.simulation import (
+    CLOSE_UP_BINS,
+    close_up,
+    in_plane,
+    out_of_sight,
+    snapshot,
+    truth_image,
+)
 from trainer.evaluation.experiments.bench import (
     KEPT,
     Bench,
@@ -28,15 +36,7 @@ from trainer.evaluation.experiments.bench import (
     radar_task,
 )
 from trainer.evaluation.experiments.contenders import Contender
-from trainer.evaluation.experiments.levels import REPORT_SPAN_DB, own_levels
-from trainer.evaluation.experiments.simulation import (
-    CLOSE_UP_BINS,
-    close_up,
-    in_plane,
-    out_of_sight,
-    snapshot,
-    truth_image,
-)
+from trainer.evaluation.report.levels import REPORT_SPAN_DB, own_levels
 from trainer.evaluation.report.panels import image_panels
 from trainer.evaluation.store import Values
 from trainer.metrics.width import point_spread

@@ -17,6 +17,15 @@ from numpy.typing import NDArray
 from shared.radar import Radar
 from shared.signal import target_amplitudes
 from shared.signal.windows import cell_noise_power
+from trainer.data.pairs import resolution_cell
+from trainer.data.simulation import (
+    CLOSE_UP_BINS,
+    close_up,
+    in_plane,
+    out_of_sight,
+    snapshot,
+    truth_image,
+)
 from trainer.evaluation.experiments.bench import (
     KEPT,
     Bench,
@@ -28,16 +37,7 @@ from trainer.evaluation.experiments.bench import (
     share_row,
 )
 from trainer.evaluation.experiments.contenders import Contender
-from trainer.evaluation.experiments.levels import own_levels
-from trainer.evaluation.experiments.pairs import resolution_cell
-from trainer.evaluation.experiments.simulation import (
-    CLOSE_UP_BINS,
-    close_up,
-    in_plane,
-    out_of_sight,
-    snapshot,
-    truth_image,
-)
+from trainer.evaluation.report.levels import own_levels
 from trainer.evaluation.report.panels import image_panels
 from trainer.evaluation.store import Values
 from trainer.metrics.resolution import resolved, strongest_peaks

@@ -18,6 +18,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from shared.radar import Radar
+from trainer.data.pairs import Condition, Trials, image_trials, simulate
 from trainer.estimators.ml import MaximumLikelihood
 from trainer.evaluation.experiments.bench import (
     KEPT,
@@ -30,7 +31,6 @@ from trainer.evaluation.experiments.bench import (
     share_row,
 )
 from trainer.evaluation.experiments.contenders import Contender, estimator_contender
-from trainer.evaluation.experiments.pairs import Condition, Trials, image_trials, simulate
 from trainer.evaluation.report.style import Look, legend_below, new_figure, subplots
 from trainer.evaluation.store import Values
 from trainer.metrics.bounds import single_source_bound

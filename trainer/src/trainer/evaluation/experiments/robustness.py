@@ -16,6 +16,15 @@ from numpy.typing import NDArray
 
 from shared.radar.arrays import AntennaArray
 from trainer.data.arrays import ArrayChoice
+from trainer.data.pairs import (
+    Condition,
+    Trials,
+    false_peaks,
+    image_trials,
+    resolution_cell,
+    simulate,
+    trial_rows,
+)
 from trainer.evaluation.experiments.bench import (
     KEPT,
     Bench,
@@ -27,15 +36,6 @@ from trainer.evaluation.experiments.bench import (
     share_row,
 )
 from trainer.evaluation.experiments.contenders import Contender
-from trainer.evaluation.experiments.pairs import (
-    Condition,
-    Trials,
-    false_peaks,
-    image_trials,
-    resolution_cell,
-    simulate,
-    trial_rows,
-)
 from trainer.evaluation.report.style import Look, legend_below, new_figure, subplots
 from trainer.evaluation.store import Values
 from trainer.metrics.resolution import resolved, strongest_peaks

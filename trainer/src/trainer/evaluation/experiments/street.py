@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from trainer.evaluation.experiments.bench import Bench, FrameRef, MetricRow, Results, Task, contender_task, radar_task
 from trainer.evaluation.experiments.contenders import AMPLITUDE, Contender
 from trainer.evaluation.experiments.frames import load_frame, one_of_each_scene
-from trainer.evaluation.experiments.levels import from_bytes, scene_levels, to_bytes
+from trainer.evaluation.report.levels import from_bytes, scene_levels, to_bytes
 from trainer.evaluation.report.panels import image_panels
 from trainer.evaluation.report.style import SPAN_DB
 from trainer.evaluation.store import Values

@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import pyarrow as pa
 
+from trainer.data.pairs import Condition
 from trainer.evaluation.experiments.detection import Detection
 from trainer.evaluation.experiments.noise_only import METRIC as FALSE_ALARMS
 from trainer.evaluation.experiments.noise_only import NoiseOnly
-from trainer.evaluation.experiments.pairs import Condition
 from trainer.evaluation.experiments.resolution import SHOWN_SNR_DB, Resolution
 from trainer.evaluation.report.tables import SECONDS
 from trainer.metrics.detection import D_MAX_BINS

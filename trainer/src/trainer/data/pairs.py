@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
 from shared.signal.windows import cell_noise_power
+from trainer.data.simulation import amplitude_of, in_plane, snapshot
 from trainer.estimators.base import line_array
 from trainer.evaluation.experiments.contenders import Contender
-from trainer.evaluation.experiments.simulation import amplitude_of, in_plane, snapshot
 from trainer.metrics.detection import find_row_peaks
 
 NEAREST_M = 12.0
