@@ -14,11 +14,8 @@ from numpy.typing import NDArray
 
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
-from shared.signal.windows import cell_noise_power
 from trainer.data.simulation import amplitude_of, in_plane, snapshot
 from trainer.estimators.base import line_array
-from trainer.evaluation.experiments.contenders import Contender
-from trainer.metrics.detection import find_row_peaks
 
 NEAREST_M = 12.0
 """Plane waves, which all estimators assume, are right over the input array from about 5 m."""
@@ -124,20 +121,3 @@ def _phase_at_middle(radar: Radar, u: NDArray[np.float64], phase: NDArray[np.flo
     middle = 0.5 * (line.positions_m.min() + line.positions_m.max())
     there = phase - 2.0 * np.pi / line.wavelength_m * middle * u
     return np.angle(np.exp(1j * (there[:, 1] - there[:, 0])))
-
-
-def image_trials(contender: Contender, trials: Trials, radar: Radar) -> NDArray[np.float64]:
-    """[I n, U] the contender's image rows of all trials."""
-    noise = cell_noise_power(radar)
-    return np.concatenate([contender.image_rows(image, noise, trials.rows) for image in trials.snapshots])
-
-
-def false_peaks(
-    images: NDArray[np.floating], u: NDArray[np.float64], true: NDArray[np.float64], reach: float
-) -> NDArray[np.int64]:
-    """[T] peaks of each row above half of its maximum that are farther than ``reach`` from every true angle [T, K]."""
-    counts = []
-    for row, angles in zip(images, true, strict=True):
-        peaks = u[find_row_peaks(row).bins]
-        counts.append(int(np.all(np.abs(peaks[:, None] - angles) > reach, axis=1).sum()))
-    return np.array(counts)

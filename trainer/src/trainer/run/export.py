@@ -17,7 +17,7 @@ import torch
 
 from shared.physics.errors import InputError
 from trainer.errors import TrainingStopped, writing
-from trainer.networks import CHANNELS
+from trainer.run.building import CHANNELS
 from trainer.run.folder import load_imager
 from trainer.run.targets import UNITS
 

@@ -33,7 +33,7 @@ from trainer.metrics.resolution import resolved, strongest_peaks
 from trainer.run.configuration import FitConfig
 from trainer.run.folder import METRICS, RUN_FILE, Run, load_imager
 from trainer.run.imager import Imager
-from trainer.run.targets import UNITS
+from trainer.run.targets import AMPLITUDE, UNITS
 from trainer.training.fit import fit
 from trainer.training.verdict import THRESHOLDS_DB, TRUTH_DB, VERDICT, count_matches, row_peaks
 
@@ -184,7 +184,7 @@ def _score(run: Run, imager: Imager, datasets: Sequence[Path]) -> Score:
             if not truth.any():
                 continue
             image = _image(imager, frame["range_channel"][0], frame["noise_power"])
-            if UNITS[run.config.target] == UNITS["row"]:
+            if UNITS[run.config.target] == AMPLITUDE:
                 image = image / np.float32(peak)
             found = count_matches(image, row_peaks(truth, TRUTH_DB))
             counts = [one + other for one, other in zip(counts, found, strict=True)]

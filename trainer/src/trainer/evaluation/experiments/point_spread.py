@@ -28,7 +28,6 @@ from trainer.data.simulation import (
 from trainer.evaluation.experiments.bench import (
     KEPT,
     Bench,
-    MetricRow,
     Results,
     Task,
     contender_task,
@@ -38,6 +37,7 @@ from trainer.evaluation.experiments.bench import (
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.report.levels import REPORT_SPAN_DB, own_levels
 from trainer.evaluation.report.panels import image_panels
+from trainer.evaluation.rows import MetricRow, SummaryColumn
 from trainer.evaluation.store import Values
 from trainer.metrics.width import point_spread
 
@@ -60,6 +60,7 @@ class CylinderSpread:
         "image's own maximum; the cut is that of the cylinder's range bin. In the table, sidelobes below -60 dB "
         "count as -60 dB; table and panels have means over nine directions."
     )
+    summary: tuple[SummaryColumn, ...] = ()
 
     def obstacle(self, bench: Bench) -> str | None:
         return out_of_sight(bench.radar, RANGE_M)

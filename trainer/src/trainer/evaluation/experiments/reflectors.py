@@ -29,7 +29,6 @@ from trainer.data.simulation import (
 from trainer.evaluation.experiments.bench import (
     KEPT,
     Bench,
-    MetricRow,
     Results,
     Task,
     contender_task,
@@ -39,6 +38,7 @@ from trainer.evaluation.experiments.bench import (
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.report.levels import own_levels
 from trainer.evaluation.report.panels import image_panels
+from trainer.evaluation.rows import MetricRow, SummaryColumn
 from trainer.evaluation.store import Values
 from trainer.metrics.resolution import resolved, strongest_peaks
 
@@ -60,6 +60,7 @@ class Reflectors:
         "Simulated, one realisation of phases and noise; levels below each image's own maximum. Panels and table "
         "have the share of realisations in which both were found within half of their distance."
     )
+    summary: tuple[SummaryColumn, ...] = ()
 
     def obstacle(self, bench: Bench) -> str | None:
         return out_of_sight(bench.radar, RANGE_M)

@@ -12,8 +12,8 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet as pq
 
-from trainer.evaluation.experiments.bench import MetricRow
 from trainer.evaluation.report.style import write_whole
+from trainer.evaluation.rows import MetricRow
 
 SECONDS = "seconds_per_image"
 SCHEMA = pa.schema(
