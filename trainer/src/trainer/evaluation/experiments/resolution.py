@@ -85,7 +85,7 @@ class Resolution:
         return [
             contender_task(
                 bench, contender, str(condition), [settings.seed, settings.trials, index],
-                partial(_locate, bench.radar, contender, partial(trials, index)),
+                partial(locate_targets, bench.radar, contender, partial(trials, index)),
             )
             for index, condition in enumerate((*PAIRS, *SINGLES))
             for contender in with_ceiling(bench)
@@ -166,8 +166,9 @@ def with_ceiling(bench: Bench) -> tuple[Contender, ...]:
     return (*others, *(estimator_contender(CEILING, array, bench.radar) for array in arrays.values()))
 
 
-def _locate(radar: Radar, contender: Contender, load: Callable[[], Trials]) -> Values:
-    """found [T, K] angles, rising, NaN where there are fewer; u [T, K] the true ones; phase_rad [T]."""
+def locate_targets(radar: Radar, contender: Contender, load: Callable[[], Trials]) -> Values:
+    """found [T, K] angles of the targets of each trial, rising, NaN where there are fewer; u [T, K] the true ones;
+    phase_rad [T] of the trials."""
     trials = load()
     targets = trials.u.shape[1]
     if contender.method == CEILING:
