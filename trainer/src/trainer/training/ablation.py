@@ -35,31 +35,13 @@ from trainer.run.folder import METRICS, RUN_FILE, Run, load_imager
 from trainer.run.imager import Imager
 from trainer.run.targets import AMPLITUDE, UNITS
 from trainer.training.fit import fit
+from trainer.training.recipes import VARIANTS
 from trainer.training.verdict import THRESHOLDS_DB, TRUTH_DB, VERDICT, count_matches, row_peaks
 
 STEPS = 600
 PAIR = (0.5, 20.0)
 """Separation in resolution cells of the full array, and signal-to-noise ratio of a channel [dB], of the pairs."""
 TRIALS = 300
-ROW: dict[str, object] = {"features": "row"}
-"""Without the adaptive spectrum. What stands below it was decided before there was one."""
-ATTENTION: dict[str, object] = {"model": "attention-unet", "width": 8}
-VARIANTS: dict[str, dict[str, object]] = {
-    "recommended": {},
-    "attention-unet": ATTENTION,
-    "convnext": {"blocks": "convnext"},
-    "row-features": ROW,
-    "attention-unet-row-features": ROW | ATTENTION,
-    "convnext-row-features": ROW | {"blocks": "convnext"},
-    "no-points": ROW | {"points": 0, "batch": 4},
-    "no-augmentation": ROW | {"augment": False},
-    "foreground-0": ROW | {"foreground": 0.0},
-    "exponent-1": ROW | {"exponent": 1.0},
-    "paper": ATTENTION | {
-        "features": "paper", "target": "paper", "rows": 0, "batch": 1, "augment": False, "points": 0, "foreground": 0.0,
-    },
-}  # fmt: skip
-"""What each variant changes of the recommended configuration."""
 
 
 @dataclass(frozen=True)
