@@ -9,7 +9,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from datafactory.inspection.dataset import Summary, summarise, write_pictures
+from datafactory.inspection.dataset import Summary, summarise, summarise_traced, write_pictures
 from shared.dataset.folder import SPLITS, open_dataset
 from shared.dataset.folder import verify as verify_dataset
 
@@ -36,6 +36,9 @@ def inspect(
             console.print(f"{len(faults)} of {len(dataset.records)} shards or files are not as they were written")
             raise typer.Exit(1)
         console.print(f"{len(dataset.records)} shards are as they were written")
+    if not dataset.splits:
+        console.print(summarise_traced(dataset), markup=False)
+        return
     for table in _tables(summarise(dataset)):
         console.print(table)
     if frames:

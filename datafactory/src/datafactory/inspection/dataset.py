@@ -77,6 +77,15 @@ def summarise(dataset: Dataset) -> Summary:
     )
 
 
+def summarise_traced(dataset: Dataset) -> str:
+    """One line on a folder of ``datafactory trace``, which holds paths and no frames."""
+    rows, size = (sum(getattr(record, name) for record in dataset.records) for name in ("rows", "bytes"))
+    return (
+        f"{dataset.path} holds the traced paths of {rows} frames in {len(dataset.records)} shards, {size / 1e6:.1f} MB, "
+        f"and no frames; next: datafactory render --paths {dataset.path} --out OTHER"
+    )
+
+
 def write_pictures(dataset: Dataset, count: int, folder: Path) -> list[Path]:
     """Draw ``count`` frames spread evenly over the dataset, as ``frame-NNNNNN.png``.
 
