@@ -221,6 +221,11 @@ def test_rendering_from_traced_paths_gives_the_same_frames(dataset, radar_file, 
     """The trace of a scene, rendered later, is the scene rendered at once; so is a second radar's."""
     run("trace", "--scene", TINY, "--radar", radar_file, "--rays", 4000, "--frames", 9, "--out", tmp_path / "trace")
     again = tmp_path / "data"
+    for more in ((), ("--verify",)):
+        said = run("inspect", tmp_path / "trace", *more)
+        assert said.endswith(f"and no frames; next: datafactory render --paths {tmp_path / 'trace'} --out OTHER\n")
+        assert "the traced paths of 9 frames in" in said
+    assert "as they were written" in said
     run("render", "--paths", tmp_path / "trace", "--radar", radar_file, "--frames", 0, "--points", 3, "--out", again)
     assert shard_bytes(again) == shard_bytes(dataset)
     with pytest.raises(InputError, match="no traced paths"):

@@ -71,6 +71,18 @@ def write_dataset(directory: Path, frames: dict[str, list[Frame]], radar: Radar 
     return directory
 
 
+def traced_folder(directory: Path) -> Path:
+    """What ``datafactory trace`` leaves: a manifest whose shards all lie under ``paths/``."""
+    path = directory / "paths" / "part-00000.parquet"
+    path.parent.mkdir(parents=True)
+    pq.write_table(pa.table({"frame_id": [0, 1, 2]}), path)
+    content = path.read_bytes()
+    digest = hashlib.sha256(content).hexdigest()
+    record = {"path": f"paths/{path.name}", "rows": 3, "bytes": len(content), "sha256": digest}
+    (directory / "manifest.json").write_text(json.dumps({"version": 1, "shards": [record]}))
+    return directory
+
+
 def small_dataset(directory: Path, training: int = 8, validation: int = 2) -> Path:
     return write_dataset(
         directory,

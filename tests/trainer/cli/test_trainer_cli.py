@@ -7,7 +7,8 @@ import sys
 import pytest
 import torch
 from safetensors.torch import load_file
-from tiny_radar import small_dataset
+from small_evaluation import FULL, make_run
+from tiny_radar import RADAR, small_dataset, traced_folder
 from typer.testing import CliRunner
 
 from trainer import cli
@@ -48,6 +49,27 @@ def test_a_user_s_error_is_one_line_and_status_2(tmp_path, capsys, monkeypatch, 
     assert code == 2
     assert line.startswith(message)
     assert line.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("fit", "TRACED", "--array", "full"),
+        ("evaluate", "TRACED", "--arrays", "full", "--methods", "das"),
+        ("predict", "RUN", "TRACED"),
+        ("predict", "RUN", "TRACED", "--split", "all"),
+    ],
+)
+def test_a_folder_of_traced_paths_is_refused_in_one_line(tmp_path, capsys, monkeypatch, command):
+    traced = traced_folder(tmp_path / "traced")
+    places = {"TRACED": traced, "RUN": make_run(tmp_path / "run", FULL, RADAR)}
+    arguments = [places.get(word, word) for word in command]
+    code, line = status(capsys, monkeypatch, *arguments, "--out", tmp_path / "out")
+    assert code == 2
+    made_by = f"datafactory render --paths {traced} --out OTHER"
+    expected = f"holds traced paths and no frames; expected a dataset, as made by {made_by}"
+    assert line == f"trainer: {traced}: {expected}\n"
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,6 @@ from tiny_radar import RADAR
 
 from shared.radar import Radar
 from trainer.data.arrays import ArrayChoice
-from trainer.evaluation.experiments.bench import MetricRow
 from trainer.evaluation.experiments.contenders import estimator_contender
 from trainer.evaluation.report.page import ReportFigure, ReportFrame, report_page
 from trainer.evaluation.report.panels import image_panels
@@ -29,6 +28,7 @@ from trainer.evaluation.report.style import (
     subplots,
 )
 from trainer.evaluation.report.tables import metrics_table, write_table
+from trainer.evaluation.rows import MetricRow
 from trainer.run.pictures import hold_peaks
 
 SHAPE = (RADAR.waveform.range_bins, RADAR.grid.bins)

@@ -15,9 +15,9 @@ from matplotlib.image import imread
 from tiny_radar import RADAR
 
 from shared.radar import Radar
-from trainer.evaluation.experiments.bench import MetricRow
 from trainer.evaluation.report.page import ReportFrame, report_page
 from trainer.evaluation.report.tables import metrics_table
+from trainer.evaluation.rows import MetricRow
 
 BROWSER = installed_browser()
 if BROWSER is None:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 
-from trainer.evaluation.experiments.bench import MetricRow
-from trainer.evaluation.experiments.pairs import Condition
+from trainer.data.pairs import Condition
+from trainer.evaluation.evaluate import SUMMARY_COLUMNS
 from trainer.evaluation.report.summary import summary
 from trainer.evaluation.report.tables import metrics_table
+from trainer.evaluation.rows import MetricRow
 
 CLOSE, CLOSER = str(Condition(1.0, 20.0)), str(Condition(0.5, 20.0))
 
@@ -34,7 +35,7 @@ PARAMETERS = {("das", "sparse6"): 0, ("unet", "sparse6"): 1612123, ("unet", "spa
 
 
 def tables() -> dict[str, list[list[str]]]:
-    text = summary(metrics_table(ROWS, SECONDS, PARAMETERS))
+    text = summary(metrics_table(ROWS, SECONDS, PARAMETERS), SUMMARY_COLUMNS)
     parts = [part.splitlines() for part in text.split("\n\n")]
     cells = [[[cell.strip() for cell in line.strip("|").split("|")] for line in part] for part in parts]
     return {part[0][0]: part for part in cells}
@@ -58,6 +59,7 @@ def test_what_is_undefined_is_blank_and_other_numbers_make_no_line():
 
 def test_with_none_of_its_experiments_it_is_a_sentence():
     text = summary(
-        metrics_table([row("iaa", "sparse4", "bias [bins]", "snr=20 dB", 1.0)], {("iaa", "sparse4"): 1.0}, {})
+        metrics_table([row("iaa", "sparse4", "bias [bins]", "snr=20 dB", 1.0)], {("iaa", "sparse4"): 1.0}, {}),
+        SUMMARY_COLUMNS,
     )
     assert text == "Nothing to sum up: none of detection, resolution, noise-only was run.\n"

@@ -4,12 +4,12 @@ import pytest
 import torch
 from tiny_radar import RADAR, TINY
 
-from trainer.networks import build_network
 from trainer.networks.attention_unet import AttentionUNet
 from trainer.networks.blocks import ConvNextBlock
 from trainer.networks.doa_cnn import DoaCnn
 from trainer.networks.padding import crop_like, pad_to_multiple
 from trainer.networks.spectral_unet import SpectralUNet
+from trainer.run.building import build_network
 
 BINS = RADAR.grid.bins
 

@@ -4,8 +4,8 @@ Signal model, for one range bin after range and Doppler processing (plane waves,
 
     x_c = sum_k s_k exp(-j k u_k p_c) + n_c,    k = 2 pi / lambda,    p_c = y_tx + y_rx,    u = sin(azimuth)
 
-with the sign and the mid-sweep wavelength of :func:`shared.signal.imaging.delay_and_sum`, so that a target on the left peaks
-at u > 0. Valid from about 5 m for the input array of 94 mm; nearer than that the wave front is curved.
+with the sign and the mid-sweep wavelength of :func:`shared.signal.steering.manifold`, so that a target on the left
+peaks at u > 0. Valid from about 5 m for the input array of 94 mm; nearer than that the wave front is curved.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from shared.physics.errors import InputError
 from shared.radar import Radar
+from shared.signal.steering import manifold
 
 FINEST_DIVISION = 8
 """A common spacing is sought among the smallest gap between two elements and its parts down to this one."""
@@ -88,8 +89,7 @@ class LineArray:
 
     def manifold(self, u: NDArray[np.floating]) -> NDArray[np.complex128]:
         """[C, *u.shape] echoes exp(-j k u p) of unit amplitude from the directions u."""
-        wavenumber = 2.0 * np.pi / self.wavelength_m
-        return np.exp(-1j * wavenumber * np.multiply.outer(self.positions_m, np.asarray(u, dtype=np.float64)))
+        return manifold(self.positions_m, self.wavelength_m, u)
 
 
 def line_array(radar: Radar, channels: NDArray[np.intp] | None = None) -> LineArray:

@@ -28,7 +28,6 @@ from trainer.evaluation.experiments.bench import (
     Bench,
     Experiment,
     FrameRef,
-    MetricRow,
     Results,
     Settings,
     Task,
@@ -52,6 +51,7 @@ from trainer.evaluation.report.page import TRUTH, ReportFigure, ReportFrame, rep
 from trainer.evaluation.report.style import save_figure
 from trainer.evaluation.report.summary import summary
 from trainer.evaluation.report.tables import metrics_table, write_table
+from trainer.evaluation.rows import MetricRow
 from trainer.evaluation.store import Cell, CellStore, Values, code_fingerprint
 from trainer.evaluation.workers import Workers, alone
 from trainer.run.folder import Fingerprint
@@ -64,6 +64,7 @@ EXPERIMENTS: dict[str, Experiment] = {
     )
 }  # fmt: skip
 """By the name that ``--experiments`` takes, in the order of the report."""
+SUMMARY_COLUMNS = [(name, column) for name, experiment in EXPERIMENTS.items() for column in experiment.summary]
 DEFAULT_ARRAYS = ("sparse6", "sparse4", "full")
 CELLS, FIGURES, REPORT, SUMMARY = "cells", "figures", "report.html", "summary.md"
 RUNTIME = "runtime"
@@ -153,7 +154,7 @@ def _write(
     parameters = {(contender.method, contender.array.name): contender.parameters for contender in bench.contenders}
     table = metrics_table(rows, bench.seconds, parameters)
     write_table(table, out)
-    write_text(out / SUMMARY, summary(table))
+    write_text(out / SUMMARY, summary(table, SUMMARY_COLUMNS))
     frames = _report_frames(bench, shown)
     page = report_page(title, _summary(bench, chosen), bench.radar, frames, figures, table)
     write_text(out / REPORT, page)

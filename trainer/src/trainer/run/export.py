@@ -18,7 +18,7 @@ import torch
 from shared.dataset.writing import write_bytes
 from shared.physics.errors import InputError
 from trainer.errors import TrainingStopped
-from trainer.networks import CHANNELS
+from trainer.run.building import CHANNELS
 from trainer.run.folder import load_imager
 from trainer.run.targets import UNITS
 

@@ -15,7 +15,7 @@ from shared.signal.features import (
     steering_weights,
 )
 from trainer.data.arrays import ArrayChoice
-from trainer.networks import build_network
+from trainer.run.building import build_network
 from trainer.run.configuration import FitConfig
 from trainer.run.targets import decode
 

@@ -13,12 +13,9 @@ import torch
 from shared.physics.units import db_to_power
 from trainer.run.configuration import FitConfig
 
-UNITS = {
-    "row": "sqrt(W)",
-    "paper": "relative to the image's peak",
-    "class": "probability of a target",
-    "doa": "probability of a target",
-}
+AMPLITUDE = "sqrt(W)"
+PROBABILITY = "probability of a target"
+UNITS = {"row": AMPLITUDE, "paper": "relative to the image's peak", "class": PROBABILITY, "doa": PROBABILITY}
 """Unit of the decoded image, by target."""
 
 

@@ -27,40 +27,22 @@ from shared.dataset.writing import write_text
 from shared.physics.errors import InputError
 from shared.signal.windows import cell_noise_power
 from trainer.data.arrays import choose_array
+from trainer.data.pairs import Condition, simulate
 from trainer.data.shards import ShardDataset
-from trainer.evaluation.experiments.pairs import Condition, simulate
 from trainer.metrics.detection import Counts
 from trainer.metrics.resolution import resolved, strongest_peaks
 from trainer.run.configuration import FitConfig
 from trainer.run.folder import METRICS, RUN_FILE, Run, load_imager
 from trainer.run.imager import Imager
-from trainer.run.targets import UNITS
+from trainer.run.targets import AMPLITUDE, UNITS
 from trainer.training.fit import fit
+from trainer.training.recipes import VARIANTS
 from trainer.training.verdict import THRESHOLDS_DB, TRUTH_DB, VERDICT, count_matches, row_peaks
 
 STEPS = 600
 PAIR = (0.5, 20.0)
 """Separation in resolution cells of the full array, and signal-to-noise ratio of a channel [dB], of the pairs."""
 TRIALS = 300
-ROW: dict[str, object] = {"features": "row"}
-"""Without the adaptive spectrum. What stands below it was decided before there was one."""
-ATTENTION: dict[str, object] = {"model": "attention-unet", "width": 8}
-VARIANTS: dict[str, dict[str, object]] = {
-    "recommended": {},
-    "attention-unet": ATTENTION,
-    "convnext": {"blocks": "convnext"},
-    "row-features": ROW,
-    "attention-unet-row-features": ROW | ATTENTION,
-    "convnext-row-features": ROW | {"blocks": "convnext"},
-    "no-points": ROW | {"points": 0, "batch": 4},
-    "no-augmentation": ROW | {"augment": False},
-    "foreground-0": ROW | {"foreground": 0.0},
-    "exponent-1": ROW | {"exponent": 1.0},
-    "paper": ATTENTION | {
-        "features": "paper", "target": "paper", "rows": 0, "batch": 1, "augment": False, "points": 0, "foreground": 0.0,
-    },
-}  # fmt: skip
-"""What each variant changes of the recommended configuration."""
 
 
 @dataclass(frozen=True)
@@ -185,7 +167,7 @@ def _score(run: Run, imager: Imager, datasets: Sequence[Path]) -> Score:
             if not truth.any():
                 continue
             image = _image(imager, frame["range_channel"][0], frame["noise_power"])
-            if UNITS[run.config.target] == UNITS["row"]:
+            if UNITS[run.config.target] == AMPLITUDE:
                 image = image / np.float32(peak)
             found = count_matches(image, row_peaks(truth, TRUTH_DB))
             counts = [one + other for one, other in zip(counts, found, strict=True)]

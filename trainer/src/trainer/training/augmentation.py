@@ -57,9 +57,7 @@ class AngularAugmentation:
         self.largest_shift = int(LARGEST_SHIFT / grid.step)
         # Phase [rad] of one bin's shift, for each channel.
         self._phase = torch.from_numpy(wavenumber * grid.step * radar.array.virtual[:, 1])
-        # u_j = -u_i for i = mirror - j; a grid that is not symmetric by whole bins has no mirror image.
-        mirror = -2.0 * grid.u_start / grid.step
-        self._mirror = round(mirror) if abs(mirror - round(mirror)) < 1e-3 else None
+        self._mirror = grid.mirror
 
     def __call__(
         self, range_channel: torch.Tensor, image: torch.Tensor, drawn: Draw

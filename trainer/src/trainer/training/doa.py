@@ -14,7 +14,7 @@ from torch.nn import functional
 from torch.utils.data import DataLoader, Dataset, Subset
 
 from shared.radar import Radar
-from shared.signal.imaging import steering_matrix
+from shared.signal.steering import manifold
 from trainer.run.configuration import FitConfig
 from trainer.training.task import Batch, ImagingTask
 
@@ -44,7 +44,7 @@ class DoaSamples(Dataset[Batch]):
     def __getitem__(self, index: int) -> Batch:
         generator = np.random.default_rng([self.seed, index])
         grid, channels = self.radar.grid, self.radar.array.channels
-        echoes = np.conj(steering_matrix(self.radar, self.radar.array))  # (C, U)
+        echoes = manifold(self.radar.array.virtual[:, 1], self.radar.waveform.wavelength_m, grid.u)  # (C, U)
         shape = (self.rows, MOST_TARGETS)
         # Distinct bins: the first of a permutation.
         place = np.argsort(generator.random((self.rows, grid.bins)), axis=1)[:, :MOST_TARGETS]

@@ -22,7 +22,7 @@ from shared.physics.errors import InputError
 from trainer.data.arrays import choose_array
 from trainer.run.configuration import FitConfig
 from trainer.run.folder import CHECKPOINT, RUN_FILE, WEIGHTS, Run, read_run, versions, write_run
-from trainer.run.targets import UNITS
+from trainer.run.targets import PROBABILITY, UNITS
 from trainer.training.callbacks import LOSS, NMSE, PictureLogger, RunKeeper
 from trainer.training.datamodule import ImagingData
 from trainer.training.doa import DoaData, DoaTask
@@ -86,7 +86,7 @@ def fit(
         announce(f"{config.model}, {parameters} parameters; array {run.array.name}; train + validate frames: {frames}")
     callbacks: list[Callback] = [RunKeeper(out, announce), *([] if online else [PictureLogger()])]
     if config.patience:
-        watched = LOSS if UNITS[config.target] == UNITS["class"] else NMSE
+        watched = LOSS if UNITS[config.target] == PROBABILITY else NMSE
         # Not strict: without a truth in any validation frame there is no normalised error, and no early stop.
         callbacks.append(EarlyStopping(watched, patience=config.patience, strict=False))
     batches = config.steps * config.accumulate
@@ -113,7 +113,7 @@ def fit(
         )
     try:
         with _quiet():
-            trainer.training.fit(task, datamodule=source, ckpt_path=checkpoint, weights_only=True)
+            trainer.fit(task, datamodule=source, ckpt_path=checkpoint, weights_only=True)
     except SystemExit:
         if trainer.state.status != TrainerStatus.INTERRUPTED:
             raise

@@ -33,7 +33,7 @@ from trainer.metrics.image import nmse, nmse_best_scaled
 from trainer.run.folder import load_imager, same_radar
 from trainer.run.imager import Imager
 from trainer.run.pictures import level_db, save_comparison
-from trainer.run.targets import UNITS
+from trainer.run.targets import AMPLITUDE, PROBABILITY, UNITS
 
 VERDICT = "verdict.json"
 PICTURE = "pictures/test.png"
@@ -131,7 +131,7 @@ def judge(
         announce("no test frames with a truth: no verdict")
         return None
     best = {name: int(np.argmax([c.f1 for c in found])) for name, found in counts["validation"].items()}
-    of_amplitude = UNITS[run.config.target] != UNITS["class"]
+    of_amplitude = UNITS[run.config.target] != PROBABILITY
     error = dict(zip(METHODS, np.mean(errors, axis=0).tolist(), strict=True)) if of_amplitude else {}
     verdict = Verdict(
         frames=len(errors),
@@ -204,7 +204,7 @@ def _frames(imager: Imager, folders: Sequence[Location], split: str, mean: Image
             peak = float(frame["image_peak"]) or 1.0
             with torch.inference_mode():
                 network, das = (image[0].cpu().numpy() for image in (imager(snapshot, noise), imager.das(snapshot)))
-            if UNITS[imager.config.target] == UNITS["row"]:
+            if UNITS[imager.config.target] == AMPLITUDE:
                 network = network / np.float32(peak)
             images = {"network": network, "das": das / np.float32(peak), "mean": mean}
             yield _Scored(f"{folder_name(folder)}, frame {int(frame['frame_id'])}", frame["image"].numpy(), images)

@@ -17,6 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from shared.dataset.locations import Location
 from shared.radar import Radar
 from trainer.evaluation.experiments.contenders import Contender
+from trainer.evaluation.rows import MetricRow, SummaryColumn
 from trainer.evaluation.store import Values, digest
 from trainer.metrics.bootstrap import Interval, bootstrap_mean, bootstrap_ratio, wilson
 
@@ -123,28 +124,6 @@ Results = Mapping[tuple[str, str, str], Values]
 """The filled cells of one experiment by (method, array, condition)."""
 
 
-@dataclass(frozen=True)
-class MetricRow:
-    """One line of the metrics table.
-
-    :param condition: "name=value" pairs, separated by commas; "" for none
-    :param value: NaN where the metric is not defined
-    :param low: lower end of the 95 % interval
-    :param high: upper end
-    :param samples: what the value is a mean of: frames, trials or angles
-    """
-
-    experiment: str
-    method: str
-    array: str
-    metric: str
-    condition: str
-    value: float
-    low: float
-    high: float
-    samples: int
-
-
 class Experiment(Protocol):
     """One question, its cells, its numbers and its figure.
 
@@ -152,12 +131,14 @@ class Experiment(Protocol):
     :ivar cells: name under which its cells are kept; experiments that evaluate the same cells share it
     :ivar title: one line for report and help
     :ivar caption: below its figures
+    :ivar summary: the columns that it has in the summary
     """
 
     name: str
     cells: str
     title: str
     caption: str
+    summary: tuple[SummaryColumn, ...]
 
     def obstacle(self, bench: Bench) -> str | None:
         """Why the experiment does not apply to what is given; None where it does."""

@@ -15,18 +15,19 @@ from numpy.typing import NDArray
 from shared.dataset.locations import Location
 from shared.physics.errors import InputError
 from shared.radar import Radar
+from shared.signal.windows import cell_noise_power
 from trainer.data.arrays import ArrayChoice
+from trainer.data.pairs import Trials
 from trainer.estimators.base import ESTIMATORS, Estimator, LineArray, line_array
 from trainer.evaluation.store import digest
 from trainer.run.folder import RUN_FILE, WEIGHTS, Fingerprint, Run, load_imager, same_radar
 from trainer.run.imager import Imager
-from trainer.run.targets import UNITS
+from trainer.run.targets import AMPLITUDE, UNITS
 
 NETWORKS = ("cnn", "unet")
 """Names in ``--methods`` that stand for the runs: direction-of-arrival networks, and networks of whole images."""
 DEFAULT_METHODS = ("das", "music", "iaa", "omp")
 """Beside the networks of all runs."""
-AMPLITUDE = "sqrt(W)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +75,11 @@ class Contender:
         if self.row_wise:
             return self.image(range_channel[rows], noise_power)
         return self.image(range_channel, noise_power)[rows]
+
+    def image_trials(self, trials: Trials, radar: Radar) -> NDArray[np.float64]:
+        """[T, U] the image rows of all trials."""
+        noise = cell_noise_power(radar)
+        return np.concatenate([self.image_rows(image, noise, trials.rows) for image in trials.snapshots])
 
 
 def gather(

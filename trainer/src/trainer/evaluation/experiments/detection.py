@@ -10,16 +10,32 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from trainer.evaluation.experiments.bench import Bench, FrameRef, MetricRow, Results, Task, mean_row, ratio_row
+from trainer.evaluation.experiments.bench import Bench, FrameRef, Results, Task, mean_row, ratio_row
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.experiments.frames import CELLS, RESIDUAL, frame_tasks, gathered
 from trainer.evaluation.report.style import Look, counted, legend_below, new_figure, subplots
+from trainer.evaluation.rows import MetricRow, SummaryColumn
 from trainer.metrics.detection import D_MAX_BINS, PROMINENCES
 
 TP, FP, FN, TN = range(4)
 RATES = {"detection rate": (TP, (TP, FN)), "false-alarm rate": (FP, (FP, TN)), "precision": (TP, (TP, FP))}
 """Numerator and summands of the denominator of the paper's three metrics."""
 GOSPA_PARTS = ("localisation", "missed", "false")
+RECALL, PRECISION, F1 = "one-to-one recall", "one-to-one precision", "one-to-one F1"
+UNSUPPORTED = "peaks that the data do not support"
+SCALED_NMSE, SSIM = "NMSE at the best scale", "SSIM of levels"
+IMAGE_METRICS = {"NMSE": "nmse", SCALED_NMSE: "scaled_nmse", "PSNR of levels [dB]": "psnr", SSIM: "ssim"}
+"""Names in the table, and in the cells."""
+
+_MATCH = f"d_max={D_MAX_BINS[0]} bins"
+SUMMARY = (
+    SummaryColumn("NMSE, best scale", SCALED_NMSE),
+    SummaryColumn("SSIM", SSIM),
+    SummaryColumn("recall", RECALL, _MATCH),
+    SummaryColumn("precision", PRECISION, _MATCH),
+    SummaryColumn("F1", F1, _MATCH),
+    SummaryColumn("unsupported peaks", UNSUPPORTED),
+)
 
 
 def scene_frames(bench: Bench) -> tuple[FrameRef, ...]:
@@ -38,6 +54,7 @@ class Detection:
         "Upper line: a detection counts within 2 bins of a truth, lower line: within 4. The table has the one-to-one "
         "scores, GOSPA and image errors beside them."
     )
+    summary: tuple[SummaryColumn, ...] = SUMMARY
 
     def obstacle(self, bench: Bench) -> str | None:
         return None if scene_frames(bench) else "the test split has no scene frames"
@@ -98,9 +115,9 @@ def strict_rows(
         tp, fp, fn = np.moveaxis(strict[:, d], -1, 0)
         of = f"{prefix}d_max={d_max} bins"
         for metric, parts, wholes in (
-            ("one-to-one recall", tp, tp + fn),
-            ("one-to-one precision", tp, tp + fp),
-            ("one-to-one F1", 2 * tp, 2 * tp + fp + fn),
+            (RECALL, tp, tp + fn),
+            (PRECISION, tp, tp + fp),
+            (F1, 2 * tp, 2 * tp + fp + fn),
         ):
             found.append(ratio_row(bench, experiment, contender, metric, of, parts, wholes))
     rows, parts = gathered(results, contender, refs, "rows"), gathered(results, contender, refs, "gospa")
@@ -109,7 +126,7 @@ def strict_rows(
         found.append(ratio_row(bench, experiment, contender, metric, condition, parts[:, index], rows))
     residual = dict(zip(RESIDUAL, np.moveaxis(gathered(results, contender, refs, "residual"), -1, 0), strict=True))
     for metric, part, whole in (
-        ("peaks that the data do not support", "unsupported", "lines"),
+        (UNSUPPORTED, "unsupported", "lines"),
         ("range bins explained to the noise", "explained_rows", "rows"),
         ("energy that the peaks leave", "left", "energy"),
     ):
@@ -119,14 +136,6 @@ def strict_rows(
             mean_row(bench, experiment, contender, metric, condition, gathered(results, contender, refs, name))
         )
     return found
-
-
-IMAGE_METRICS = {
-    "NMSE": "nmse",
-    "NMSE at the best scale": "scaled_nmse",
-    "PSNR of levels [dB]": "psnr",
-    "SSIM of levels": "ssim",
-}
 
 
 def _ratio(part: NDArray[np.float64], whole: NDArray[np.float64]) -> NDArray[np.float64]:

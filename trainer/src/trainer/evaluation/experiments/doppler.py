@@ -20,7 +20,6 @@ from shared.radar import Radar
 from trainer.evaluation.experiments.bench import (
     Bench,
     FrameRef,
-    MetricRow,
     Results,
     Task,
     contender_task,
@@ -29,11 +28,13 @@ from trainer.evaluation.experiments.bench import (
 )
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.experiments.frames import load_frame
-from trainer.evaluation.experiments.levels import PROBABILITY, range_weighted
 from trainer.evaluation.experiments.street import true_magnitude
+from trainer.evaluation.report.levels import range_weighted
 from trainer.evaluation.report.style import SPAN_DB, colour_bar, draw_image, level_db, new_figure, subplots
+from trainer.evaluation.rows import MetricRow, SummaryColumn
 from trainer.evaluation.store import Values
 from trainer.metrics.detection import find_row_peaks
+from trainer.run.targets import PROBABILITY
 
 MOST_FRAMES = 8
 """Each is three images."""
@@ -57,6 +58,7 @@ class Doppler:
         "weaker one. The table has the share of targets found within 4 angle bins in an image of their own Doppler "
         "cell, by the strongest peak alone and by all."
     )
+    summary: tuple[SummaryColumn, ...] = ()
 
     def obstacle(self, bench: Bench) -> str | None:
         return None

@@ -16,8 +16,8 @@ from shared.dataset.folder import Dataset
 from shared.dataset.reading import read_frame
 from shared.radar import Radar
 from trainer.evaluation.experiments.bench import KEPT, Bench, FrameRef, Results, Task, contender_task
-from trainer.evaluation.experiments.contenders import AMPLITUDE, Contender
-from trainer.evaluation.experiments.levels import scene_levels
+from trainer.evaluation.experiments.contenders import Contender
+from trainer.evaluation.report.levels import scene_levels
 from trainer.evaluation.store import Values
 from trainer.metrics.detection import (
     D_MAX_BINS,
@@ -31,6 +31,7 @@ from trainer.metrics.detection import (
 from trainer.metrics.gospa import gospa
 from trainer.metrics.image import SPAN_DB, nmse, nmse_best_scaled, psnr, ssim
 from trainer.metrics.residual import explain
+from trainer.run.targets import AMPLITUDE
 
 CELLS = "frames"
 GOSPA_CUTOFF_BINS = 4.0

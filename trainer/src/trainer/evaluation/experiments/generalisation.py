@@ -7,14 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from trainer.evaluation.experiments.bench import Bench, FrameRef, MetricRow, Results, Task
+from trainer.evaluation.experiments.bench import Bench, FrameRef, Results, Task
 from trainer.evaluation.experiments.contenders import Contender
-from trainer.evaluation.experiments.detection import strict_rows
+from trainer.evaluation.experiments.detection import F1, SSIM, strict_rows
 from trainer.evaluation.experiments.frames import CELLS, frame_tasks
 from trainer.evaluation.report.style import Look, counted, legend_below, new_figure, subplots
+from trainer.evaluation.rows import MetricRow, SummaryColumn
 from trainer.metrics.detection import D_MAX_BINS
 
-SHOWN = ("one-to-one F1", "SSIM of levels")
+SHOWN = (F1, SSIM)
 
 
 class Generalisation:
@@ -28,6 +29,7 @@ class Generalisation:
         "to a network that was trained on other frames of this scene or to an estimator, which is trained on "
         "nothing; a hatched one to a network that never saw the scene or whose training data are not this dataset's."
     )
+    summary: tuple[SummaryColumn, ...] = ()
 
     def obstacle(self, bench: Bench) -> str | None:
         return None

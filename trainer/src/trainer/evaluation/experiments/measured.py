@@ -23,8 +23,9 @@ from shared.physics.units import SPEED_OF_LIGHT
 from trainer.estimators.base import ESTIMATORS, UNIFORM_ESTIMATORS, Estimator, LineArray
 from trainer.estimators.ml import MaximumLikelihood
 from trainer.estimators.music import Music
-from trainer.evaluation.experiments.bench import Bench, MetricRow, Results, Task
+from trainer.evaluation.experiments.bench import Bench, Results, Task
 from trainer.evaluation.report.style import SPAN_DB, Look, legend_below, level_db, new_figure, subplots
+from trainer.evaluation.rows import MetricRow, SummaryColumn
 from trainer.evaluation.store import Values, digest
 from trainer.metrics.resolution import strongest_peaks
 
@@ -57,6 +58,7 @@ class Measured:
         "the others are not. Weaker lines beside the two are what these leave, errors of calibration or echoes, drawn "
         "where they stand above what a method takes for noise."
     )
+    summary: tuple[SummaryColumn, ...] = ()
 
     def obstacle(self, bench: Bench) -> str | None:
         return None if bench.measured else "no --measured file"

@@ -11,19 +11,21 @@ from numpy.typing import NDArray
 
 from shared.radar import Radar
 from shared.signal.windows import cell_noise_power
-from trainer.evaluation.experiments.bench import KEPT, Bench, MetricRow, Results, Task, contender_task, mean_row
-from trainer.evaluation.experiments.contenders import AMPLITUDE, Contender
-from trainer.evaluation.experiments.levels import PROBABILITY
-from trainer.evaluation.experiments.simulation import snapshot
+from trainer.data.simulation import snapshot
+from trainer.evaluation.experiments.bench import KEPT, Bench, Results, Task, contender_task, mean_row
+from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.report.style import Look, new_figure, subplots
+from trainer.evaluation.rows import MetricRow, SummaryColumn
 from trainer.evaluation.store import Values
 from trainer.metrics.noise_only import false_alarms, noise_level
+from trainer.run.targets import AMPLITUDE, PROBABILITY
 
 FRAMES = 8
 LEVEL_PROBABILITY = 1e-4
 """That delay-and-sum of noise exceeds the level at any one angle."""
 HALF = 0.5
 METRIC = "false alarms a noise-only frame"
+SUMMARY = (SummaryColumn("false alarms", METRIC, digits=1),)
 
 
 class NoiseOnly:
@@ -37,6 +39,7 @@ class NoiseOnly:
         "delay-and-sum of the same array exceeds with a probability of 1e-4 at each angle, of probabilities above "
         "0.5. Images relative to their own peak have no level and are left out. Bars: 95 % intervals."
     )
+    summary: tuple[SummaryColumn, ...] = SUMMARY
 
     def obstacle(self, bench: Bench) -> str | None:
         return None if _judged(bench) else "every image is relative to its own peak"

@@ -17,19 +17,7 @@ from numpy.typing import NDArray
 from shared.radar import Radar
 from shared.signal import target_amplitudes
 from shared.signal.windows import cell_noise_power
-from trainer.evaluation.experiments.bench import (
-    KEPT,
-    Bench,
-    MetricRow,
-    Results,
-    Task,
-    contender_task,
-    mean_row,
-    radar_task,
-)
-from trainer.evaluation.experiments.contenders import Contender
-from trainer.evaluation.experiments.levels import REPORT_SPAN_DB, own_levels
-from trainer.evaluation.experiments.simulation import (
+from trainer.data.simulation import (
     CLOSE_UP_BINS,
     close_up,
     in_plane,
@@ -37,7 +25,19 @@ from trainer.evaluation.experiments.simulation import (
     snapshot,
     truth_image,
 )
+from trainer.evaluation.experiments.bench import (
+    KEPT,
+    Bench,
+    Results,
+    Task,
+    contender_task,
+    mean_row,
+    radar_task,
+)
+from trainer.evaluation.experiments.contenders import Contender
+from trainer.evaluation.report.levels import REPORT_SPAN_DB, own_levels
 from trainer.evaluation.report.panels import image_panels
+from trainer.evaluation.rows import MetricRow, SummaryColumn
 from trainer.evaluation.store import Values
 from trainer.metrics.width import point_spread
 
@@ -60,6 +60,7 @@ class CylinderSpread:
         "image's own maximum; the cut is that of the cylinder's range bin. In the table, sidelobes below -60 dB "
         "count as -60 dB; table and panels have means over nine directions."
     )
+    summary: tuple[SummaryColumn, ...] = ()
 
     def obstacle(self, bench: Bench) -> str | None:
         return out_of_sight(bench.radar, RANGE_M)

@@ -17,20 +17,8 @@ from numpy.typing import NDArray
 from shared.radar import Radar
 from shared.signal import target_amplitudes
 from shared.signal.windows import cell_noise_power
-from trainer.evaluation.experiments.bench import (
-    KEPT,
-    Bench,
-    MetricRow,
-    Results,
-    Task,
-    contender_task,
-    radar_task,
-    share_row,
-)
-from trainer.evaluation.experiments.contenders import Contender
-from trainer.evaluation.experiments.levels import own_levels
-from trainer.evaluation.experiments.pairs import resolution_cell
-from trainer.evaluation.experiments.simulation import (
+from trainer.data.pairs import resolution_cell
+from trainer.data.simulation import (
     CLOSE_UP_BINS,
     close_up,
     in_plane,
@@ -38,7 +26,19 @@ from trainer.evaluation.experiments.simulation import (
     snapshot,
     truth_image,
 )
+from trainer.evaluation.experiments.bench import (
+    KEPT,
+    Bench,
+    Results,
+    Task,
+    contender_task,
+    radar_task,
+    share_row,
+)
+from trainer.evaluation.experiments.contenders import Contender
+from trainer.evaluation.report.levels import own_levels
 from trainer.evaluation.report.panels import image_panels
+from trainer.evaluation.rows import MetricRow, SummaryColumn
 from trainer.evaluation.store import Values
 from trainer.metrics.resolution import resolved, strongest_peaks
 
@@ -60,6 +60,7 @@ class Reflectors:
         "Simulated, one realisation of phases and noise; levels below each image's own maximum. Panels and table "
         "have the share of realisations in which both were found within half of their distance."
     )
+    summary: tuple[SummaryColumn, ...] = ()
 
     def obstacle(self, bench: Bench) -> str | None:
         return out_of_sight(bench.radar, RANGE_M)

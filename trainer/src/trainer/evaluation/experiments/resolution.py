@@ -18,11 +18,11 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from shared.radar import Radar
+from trainer.data.pairs import Condition, Trials, simulate
 from trainer.estimators.ml import MaximumLikelihood
 from trainer.evaluation.experiments.bench import (
     KEPT,
     Bench,
-    MetricRow,
     Results,
     Task,
     contender_task,
@@ -30,8 +30,8 @@ from trainer.evaluation.experiments.bench import (
     share_row,
 )
 from trainer.evaluation.experiments.contenders import Contender, estimator_contender
-from trainer.evaluation.experiments.pairs import Condition, Trials, image_trials, simulate
 from trainer.evaluation.report.style import Look, legend_below, new_figure, subplots
+from trainer.evaluation.rows import MetricRow, SummaryColumn
 from trainer.evaluation.store import Values
 from trainer.metrics.bounds import single_source_bound
 from trainer.metrics.resolution import resolved, strongest_peaks
@@ -48,6 +48,12 @@ PHASE_GROUPS_DEG = ((0, 60), (60, 120), (120, 180))
 PAIRS = tuple(Condition(*values) for values in product(SEPARATIONS, SNRS_DB, RATIOS_DB))
 SINGLES = tuple(Condition(0.0, snr) for snr in SINGLE_SNRS_DB)
 CEILING = "ml"
+PROBABILITY_OF_RESOLUTION = "probability of resolution"
+SUMMARY = (
+    SummaryColumn("P(resolve) 1 RL", PROBABILITY_OF_RESOLUTION, str(Condition(1.0, SHOWN_SNR_DB))),
+    SummaryColumn("0.5 RL", PROBABILITY_OF_RESOLUTION, str(Condition(0.5, SHOWN_SNR_DB))),
+)
+"""Pairs of equal targets."""
 
 
 class Resolution:
@@ -64,6 +70,7 @@ class Resolution:
         "better than its bin, one wild peak in a hundred costs far more than the bound, and at 40 dB the front's "
         "curvature at 12 m costs all as much as the noise."
     )
+    summary: tuple[SummaryColumn, ...] = SUMMARY
 
     def obstacle(self, bench: Bench) -> str | None:
         return None
@@ -78,7 +85,7 @@ class Resolution:
         return [
             contender_task(
                 bench, contender, str(condition), [settings.seed, settings.trials, index],
-                partial(_locate, bench.radar, contender, partial(trials, index)),
+                partial(locate_targets, bench.radar, contender, partial(trials, index)),
             )
             for index, condition in enumerate((*PAIRS, *SINGLES))
             for contender in with_ceiling(bench)
@@ -90,14 +97,13 @@ class Resolution:
             for condition in PAIRS:
                 values = results[contender.method, contender.array.name, str(condition)]
                 both = resolved(values["found"], values["u"])
-                metric = "probability of resolution"
-                found.append(share_row(self.name, contender, metric, str(condition), both))
+                found.append(share_row(self.name, contender, PROBABILITY_OF_RESOLUTION, str(condition), both))
                 degrees = np.abs(np.rad2deg(values["phase_rad"]))
                 for low, high in PHASE_GROUPS_DEG:
                     group = (degrees >= low) & (degrees <= high)
                     if group.any():
                         text = f"{condition},phase={low}-{high} deg"
-                        found.append(share_row(self.name, contender, metric, text, both[group]))
+                        found.append(share_row(self.name, contender, PROBABILITY_OF_RESOLUTION, text, both[group]))
             for condition in SINGLES:
                 errors = _errors(results, contender, condition)
                 step = bench.radar.grid.step
@@ -160,8 +166,9 @@ def with_ceiling(bench: Bench) -> tuple[Contender, ...]:
     return (*others, *(estimator_contender(CEILING, array, bench.radar) for array in arrays.values()))
 
 
-def _locate(radar: Radar, contender: Contender, load: Callable[[], Trials]) -> Values:
-    """found [T, K] angles, rising, NaN where there are fewer; u [T, K] the true ones; phase_rad [T]."""
+def locate_targets(radar: Radar, contender: Contender, load: Callable[[], Trials]) -> Values:
+    """found [T, K] angles of the targets of each trial, rising, NaN where there are fewer; u [T, K] the true ones;
+    phase_rad [T] of the trials."""
     trials = load()
     targets = trials.u.shape[1]
     if contender.method == CEILING:
@@ -169,7 +176,7 @@ def _locate(radar: Radar, contender: Contender, load: Callable[[], Trials]) -> V
         flat = snapshots.reshape(-1, snapshots.shape[-1])
         found = MaximumLikelihood(targets).locate(flat, contender.line)[0]
     else:
-        images = image_trials(contender, trials, radar)
+        images = contender.image_trials(trials, radar)
         if targets == 1:
             spreads = [point_spread(image, radar.grid.u) for image in images]
             found = np.array([[math.nan if spread is None else spread.u] for spread in spreads])

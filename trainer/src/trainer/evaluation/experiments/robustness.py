@@ -16,10 +16,16 @@ from numpy.typing import NDArray
 
 from shared.radar.arrays import AntennaArray
 from trainer.data.arrays import ArrayChoice
+from trainer.data.pairs import (
+    Condition,
+    Trials,
+    resolution_cell,
+    simulate,
+    trial_rows,
+)
 from trainer.evaluation.experiments.bench import (
     KEPT,
     Bench,
-    MetricRow,
     Results,
     Task,
     contender_task,
@@ -27,17 +33,10 @@ from trainer.evaluation.experiments.bench import (
     share_row,
 )
 from trainer.evaluation.experiments.contenders import Contender
-from trainer.evaluation.experiments.pairs import (
-    Condition,
-    Trials,
-    false_peaks,
-    image_trials,
-    resolution_cell,
-    simulate,
-    trial_rows,
-)
 from trainer.evaluation.report.style import Look, legend_below, new_figure, subplots
+from trainer.evaluation.rows import MetricRow, SummaryColumn
 from trainer.evaluation.store import Values
+from trainer.metrics.detection import find_row_peaks
 from trainer.metrics.resolution import resolved, strongest_peaks
 
 SEPARATION_CELLS = 1.0
@@ -120,6 +119,7 @@ class Robustness:
         "stated. Upper line: share of pairs found. Lower line: peaks above half of the maximum that belong to no "
         "target."
     )
+    summary: tuple[SummaryColumn, ...] = ()
 
     def obstacle(self, bench: Bench) -> str | None:
         return None
@@ -211,9 +211,20 @@ def _score(bench: Bench, contender: Contender, impairment: Impairment, image: in
     nearest = np.abs(np.arange(radar.waveform.range_bins)[:, None] - trials.rows).argmin(axis=1)
     factors = sensors[nearest]  # (R, C)
     seen = replace(trials, snapshots=(trials.snapshots * factors).astype(np.complex64))
-    images = image_trials(contender, seen, radar)
+    images = contender.image_trials(seen, radar)
     reach = 0.5 * SEPARATION_CELLS * resolution_cell(radar)
     return {
         METRICS[0]: resolved(strongest_peaks(images, radar.grid.u, 2), trials.u),
         METRICS[1]: false_peaks(images, radar.grid.u, trials.u, reach),
     }
+
+
+def false_peaks(
+    images: NDArray[np.floating], u: NDArray[np.float64], true: NDArray[np.float64], reach: float
+) -> NDArray[np.int64]:
+    """[T] peaks of each row above half of its maximum that are farther than ``reach`` from every true angle [T, K]."""
+    counts = []
+    for row, angles in zip(images, true, strict=True):
+        peaks = u[find_row_peaks(row).bins]
+        counts.append(int(np.all(np.abs(peaks[:, None] - angles) > reach, axis=1).sum()))
+    return np.array(counts)

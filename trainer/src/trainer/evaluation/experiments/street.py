@@ -9,13 +9,15 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from trainer.evaluation.experiments.bench import Bench, FrameRef, MetricRow, Results, Task, contender_task, radar_task
-from trainer.evaluation.experiments.contenders import AMPLITUDE, Contender
+from trainer.evaluation.experiments.bench import Bench, FrameRef, Results, Task, contender_task, radar_task
+from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.experiments.frames import load_frame, one_of_each_scene
-from trainer.evaluation.experiments.levels import from_bytes, scene_levels, to_bytes
+from trainer.evaluation.report.levels import from_bytes, scene_levels, to_bytes
 from trainer.evaluation.report.panels import image_panels
 from trainer.evaluation.report.style import SPAN_DB
+from trainer.evaluation.rows import MetricRow, SummaryColumn
 from trainer.evaluation.store import Values
+from trainer.run.targets import AMPLITUDE
 
 
 class Street:
@@ -29,6 +31,7 @@ class Street:
         "those in sqrt(W) under the maximum of the truth (256 elements), relative ones and probabilities under their "
         "own."
     )
+    summary: tuple[SummaryColumn, ...] = ()
 
     def obstacle(self, bench: Bench) -> str | None:
         return None

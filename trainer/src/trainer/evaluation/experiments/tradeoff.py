@@ -6,13 +6,14 @@ from collections.abc import Sequence
 
 from matplotlib.figure import Figure
 
-from trainer.evaluation.experiments.bench import Bench, MetricRow, Results, Task, single_row
-from trainer.evaluation.experiments.detection import scene_frames, strict_rows
+from trainer.evaluation.experiments.bench import Bench, Results, Task, single_row
+from trainer.evaluation.experiments.detection import F1, SSIM, scene_frames, strict_rows
 from trainer.evaluation.experiments.frames import CELLS, frame_tasks
 from trainer.evaluation.report.style import Look, legend_below, new_figure, subplots
+from trainer.evaluation.rows import MetricRow, SummaryColumn
 from trainer.metrics.detection import D_MAX_BINS
 
-SHOWN = ("one-to-one F1", "SSIM of levels")
+SHOWN = (F1, SSIM)
 SECONDS, PARAMETERS = "seconds for an image", "trained parameters"
 
 
@@ -27,6 +28,7 @@ class Tradeoff:
         "for one image on the machine that made this report, features included. The numbers beside the networks are "
         "their parameters."
     )
+    summary: tuple[SummaryColumn, ...] = ()
 
     def obstacle(self, bench: Bench) -> str | None:
         return None if scene_frames(bench) else "the test split has no scene frames"

@@ -18,7 +18,7 @@ from matplotlib.image import imsave
 from numpy.typing import NDArray
 
 from shared.radar import Radar
-from trainer.evaluation.experiments.levels import REPORT_SPAN_DB
+from trainer.evaluation.report.levels import REPORT_SPAN_DB
 
 SCALE = (
     "All images on one scale. Amplitudes are weighted by range; those in sqrt(W) stand under the maximum of the truth, "
@@ -34,7 +34,7 @@ class ReportFrame:
 
     :param name: shown in the list
     :param row: range bin where the cut starts
-    :param images: [R, U] bytes of levels (:func:`trainer.evaluation.experiments.levels.to_bytes`) by name, "truth" among them
+    :param images: [R, U] bytes of levels (:func:`trainer.evaluation.report.levels.to_bytes`) by name, "truth" among them
     """
 
     name: str

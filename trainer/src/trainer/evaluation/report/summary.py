@@ -4,83 +4,55 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import pyarrow as pa
 
-from trainer.evaluation.experiments.detection import Detection
-from trainer.evaluation.experiments.noise_only import METRIC as FALSE_ALARMS
-from trainer.evaluation.experiments.noise_only import NoiseOnly
-from trainer.evaluation.experiments.pairs import Condition
-from trainer.evaluation.experiments.resolution import SHOWN_SNR_DB, Resolution
 from trainer.evaluation.report.tables import SECONDS
-from trainer.metrics.detection import D_MAX_BINS
+from trainer.evaluation.rows import SummaryColumn
+
+Row = Mapping[str, object]
+"""One line of the metrics table by the names of its columns."""
+Columns = Sequence[tuple[str, SummaryColumn]]
+"""Name of an experiment and a column of its own, from left to right."""
 
 
-class Column(NamedTuple):
-    """One column of the summary: the metrics table's row of a method and an array that it shows.
-
-    :param condition: how the row's condition begins; the first such row counts
-    """
-
-    heading: str
-    experiment: str
-    metric: str
-    condition: str
-    digits: int
-
-
-_MATCH = f"d_max={D_MAX_BINS[0]} bins"
-COLUMNS = (
-    Column("NMSE, best scale", Detection.name, "NMSE at the best scale", "", 2),
-    Column("SSIM", Detection.name, "SSIM of levels", "", 2),
-    Column("recall", Detection.name, "one-to-one recall", _MATCH, 2),
-    Column("precision", Detection.name, "one-to-one precision", _MATCH, 2),
-    Column("F1", Detection.name, "one-to-one F1", _MATCH, 2),
-    Column("unsupported peaks", Detection.name, "peaks that the data do not support", "", 2),
-    Column("P(resolve) 1 RL", Resolution.name, "probability of resolution", str(Condition(1.0, SHOWN_SNR_DB)), 2),
-    Column("0.5 RL", Resolution.name, "probability of resolution", str(Condition(0.5, SHOWN_SNR_DB)), 2),
-    Column("false alarms", NoiseOnly.name, FALSE_ALARMS, "", 1),
-)
-"""Scores of the scene frames, pairs of equal targets at 20 dB, frames of noise alone."""
-
-
-def summary(table: pa.Table) -> str:
-    """Markdown: for each array a table with a line for each method; columns whose experiment did not run are left out.
-    Where none ran, a sentence.
+def summary(table: pa.Table, columns: Columns) -> str:
+    """Markdown: for each array a table with a line for each method. Columns whose experiment did not run are left out;
+    where none ran, the text is a sentence.
 
     :param table: of :func:`trainer.evaluation.report.tables.metrics_table`
     """
     rows = table.to_pylist()
     arrays = list(dict.fromkeys(row["array"] for row in rows if row[SECONDS] is not None))
-    if not any(_is_of(row, column) for row in rows for column in COLUMNS):
-        return f"Nothing to sum up: none of {', '.join(dict.fromkeys(c.experiment for c in COLUMNS))} was run.\n"
-    return "\n".join(_array_table(array, [row for row in rows if row["array"] == array]) for array in arrays)
+    if not any(_belongs(row, *column) for row in rows for column in columns):
+        return f"Nothing to sum up: none of {', '.join(dict.fromkeys(name for name, _ in columns))} was run.\n"
+    return "\n".join(_array_table(array, [row for row in rows if row["array"] == array], columns) for array in arrays)
 
 
-def _array_table(array: str, rows: Sequence[Mapping[str, object]]) -> str:
-    columns = [column for column in COLUMNS if any(_is_of(row, column) for row in rows)]
-    headings = [array, *(column.heading for column in columns), "s an image", "parameters"]
+def _array_table(array: str, rows: Sequence[Row], all_columns: Columns) -> str:
+    columns = [column for column in all_columns if any(_belongs(row, *column) for row in rows)]
+    headings = [array, *(column.heading for _, column in columns), "s an image", "parameters"]
     lines = [headings, ["---"] * len(headings)]
     for method in dict.fromkeys(row["method"] for row in rows):
         of_method = [row for row in rows if row["method"] == method]
-        if not any(_is_of(row, column) for row in of_method for column in columns):
+        if not any(_belongs(row, *column) for row in of_method for column in columns):
             continue
-        shown = [_shown(of_method, column) for column in columns]
-        about = next((row for row in of_method if row[SECONDS] is not None), None)
-        seconds = f"{about[SECONDS]:.3g}" if about else ""
-        parameters = f"{about['parameters']:,}".replace(",", " ") if about and about["parameters"] else ""
-        lines.append([str(method), *shown, seconds, parameters])
+        values = [_value_text(of_method, *column) for column in columns]
+        timed = next((row for row in of_method if row[SECONDS] is not None), None)
+        seconds = f"{timed[SECONDS]:.3g}" if timed else ""
+        parameters = f"{timed['parameters']:,}".replace(",", " ") if timed and timed["parameters"] else ""
+        lines.append([str(method), *values, seconds, parameters])
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
-def _is_of(row: Mapping[str, object], column: Column) -> bool:
-    return (row["experiment"], row["metric"]) == column[1:3] and str(row["condition"]).startswith(column.condition)
+def _belongs(row: Row, experiment: str, column: SummaryColumn) -> bool:
+    named = row["experiment"] == experiment and row["metric"] == column.metric
+    return named and str(row["condition"]).startswith(column.condition)
 
 
-def _shown(rows: Sequence[Mapping[str, object]], column: Column) -> str:
+def _value_text(rows: Sequence[Row], experiment: str, column: SummaryColumn) -> str:
     """Value and 95 % interval; nothing where it is not defined."""
-    row = next((row for row in rows if _is_of(row, column)), None)
+    row = next((row for row in rows if _belongs(row, experiment, column)), None)
     if row is None or row["value"] is None:
         return ""
     value, low, high = (math.nan if row[name] is None else float(str(row[name])) for name in ("value", "low", "high"))

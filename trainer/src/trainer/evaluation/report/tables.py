@@ -12,7 +12,7 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 
 from shared.dataset.writing import atomic
-from trainer.evaluation.experiments.bench import MetricRow
+from trainer.evaluation.rows import MetricRow
 
 SECONDS = "seconds_per_image"
 SCHEMA = pa.schema(

@@ -12,13 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shared.physics.errors import InputError
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
-from shared.signal.windows import cell_noise_power
+from trainer.data.simulation import amplitude_of, in_plane, snapshot
 from trainer.estimators.base import line_array
-from trainer.evaluation.experiments.contenders import Contender
-from trainer.evaluation.experiments.simulation import amplitude_of, in_plane, snapshot
-from trainer.metrics.detection import find_row_peaks
 
 NEAREST_M = 12.0
 """Plane waves, which all estimators assume, are right over the input array from about 5 m."""
@@ -36,24 +34,34 @@ class Condition:
     :param separation_cells: between the targets, in resolution cells of the full array; 0 for a single target
     :param snr_db: of the stronger target in one channel
     :param ratio_db: stronger over weaker target
+    :param phase_rad: of the second target against the first at the middle of the array; uniform where None
+    :raises InputError: a separation or a ratio that is negative
     """
 
     separation_cells: float
     snr_db: float
     ratio_db: float = 0.0
+    phase_rad: float | None = None
+
+    def __post_init__(self) -> None:
+        if not self.separation_cells >= 0.0:
+            raise InputError("pair", f"separation_cells = {self.separation_cells!r}", "resolution cells, 0 or more")
+        if not self.ratio_db >= 0.0:
+            raise InputError("pair", f"ratio_db = {self.ratio_db!r}", "at least 0, the stronger over the weaker")
 
     def __str__(self) -> str:
         single = f"snr={self.snr_db:g} dB"
         if self.separation_cells == 0:
             return single
-        return f"separation={self.separation_cells:g} RL,{single},ratio={self.ratio_db:g} dB"
+        phase = "" if self.phase_rad is None else f",phase={np.rad2deg(self.phase_rad):g} deg"
+        return f"separation={self.separation_cells:g} RL,{single},ratio={self.ratio_db:g} dB{phase}"
 
 
 @dataclass(frozen=True, eq=False)
 class Trials:
     """Simulated images full of trials.
 
-    :param snapshots: [I, R, C] range-channel matrices [sqrt(W)]
+    :param snapshots: [I, R, C] range-channel matrices of I images [sqrt(W)]
     :param rows: [n] range bins with targets, the same in every image
     :param u: [I n, K] true angles, rising along K
     :param phase_rad: [I n] of the second target against the first at the middle of the array, -pi to pi; 0 for single
@@ -95,11 +103,13 @@ def simulate(
     gap = condition.separation_cells * resolution_cell(radar)
     reach = min(SPREAD_U, min(grid.u_stop, -grid.u_start) - gap)
     centre = generator.uniform(-reach, reach, count)
-    phase = generator.uniform(-np.pi, np.pi, (count, 2))
+    phase = generator.uniform(-np.pi, np.pi, (count, 2))  # at the origin of the radar
     stronger = generator.integers(0, 2, count)
     u = centre[:, None] + gap * np.array([[-0.5, 0.5]]) if targets == 2 else centre[:, None]
     level_db = np.zeros((count, targets))
     if targets == 2:
+        if condition.phase_rad is not None:
+            phase[:, 1] += condition.phase_rad - _phase_at_middle(radar, u, phase)
         level_db[np.arange(count), 1 - stronger] = -condition.ratio_db
     amplitude = amplitude_of(condition.snr_db, radar) * 10.0 ** (level_db / 20.0) * np.exp(1j * phase[:, :targets])
     ranges = radar.waveform.range_step_m * np.repeat(rows, targets).astype(np.float64)
@@ -124,20 +134,3 @@ def _phase_at_middle(radar: Radar, u: NDArray[np.float64], phase: NDArray[np.flo
     middle = 0.5 * (line.positions_m.min() + line.positions_m.max())
     there = phase - 2.0 * np.pi / line.wavelength_m * middle * u
     return np.angle(np.exp(1j * (there[:, 1] - there[:, 0])))
-
-
-def image_trials(contender: Contender, trials: Trials, radar: Radar) -> NDArray[np.float64]:
-    """[I n, U] the contender's image rows of all trials."""
-    noise = cell_noise_power(radar)
-    return np.concatenate([contender.image_rows(image, noise, trials.rows) for image in trials.snapshots])
-
-
-def false_peaks(
-    images: NDArray[np.floating], u: NDArray[np.float64], true: NDArray[np.float64], reach: float
-) -> NDArray[np.int64]:
-    """[T] peaks of each row above half of its maximum that are farther than ``reach`` from every true angle [T, K]."""
-    counts = []
-    for row, angles in zip(images, true, strict=True):
-        peaks = u[find_row_peaks(row).bins]
-        counts.append(int(np.all(np.abs(peaks[:, None] - angles) > reach, axis=1).sum()))
-    return np.array(counts)

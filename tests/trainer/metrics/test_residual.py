@@ -5,26 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from paper_arrays import ARRAYS, RADAR, U, echoes, lines_image, noise
 from scipy.signal import find_peaks
 
 from shared.physics.errors import InputError
-from shared.radar import Radar
-from trainer.data.arrays import choose_array
-from trainer.estimators.base import ESTIMATORS, LineArray, line_array
+from trainer.estimators.base import ESTIMATORS, LineArray
 from trainer.estimators.lines import refine_lines
 from trainer.metrics.residual import REFINEMENTS, SUPPORT_PROBABILITY, explain, image_lines, supported_lines
-from trainer.metrics.scenarios import echoes, noise
 
-RADAR = Radar()
-U = RADAR.grid.u
 BINS = len(U)
-ARRAYS = {name: line_array(RADAR, choose_array(name, RADAR).channels(RADAR)) for name in ("full", "sparse6", "sparse4")}
-
-
-def lines_image(places: list[list[int]]) -> NDArray[np.float64]:
-    """[rows, 450] images of Gaussian lines of equal height, one bin wide."""
-    bins = np.arange(BINS)
-    return np.array([sum((np.exp(-0.5 * (bins - p) ** 2) for p in row), np.zeros(BINS)) for row in places])
 
 
 def slow_lines(row: NDArray[np.float64], level: float) -> NDArray[np.intp]:

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from trainer.evaluation.experiments.contenders import AMPLITUDE
 from trainer.evaluation.report.style import level_db
+from trainer.run.targets import AMPLITUDE, PROBABILITY
 
-PROBABILITY = "probability of a target"
 REPORT_SPAN_DB = 60.0
 """Levels that the report keeps below 0 dB."""
 STEPS = 255

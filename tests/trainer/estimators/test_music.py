@@ -1,0 +1,55 @@
+"""MUSIC: what one snapshot allows, and what smoothing brings."""
+
+from __future__ import annotations
+
+import numpy as np
+from paper_arrays import ARRAYS, U, echoes, noise, some_rows
+
+from trainer.estimators.base import ESTIMATORS, UNIFORM_ESTIMATORS, LineArray
+from trainer.estimators.music import aic_order, forward_backward, pseudo_spectrum
+from trainer.metrics.resolution import strongest_peaks
+
+
+def test_the_papers_music_is_a_rising_function_of_delay_and_sum() -> None:
+    for array in ARRAYS.values():
+        rows = some_rows(array, noise_power=0.1)
+        das, music = (ESTIMATORS[name]().image(rows, array, U, 0.1) for name in ("das", "music"))
+        for beam, spectrum in zip(das, music, strict=True):
+            order = np.argsort(beam)
+            assert (np.diff(spectrum[order]) >= -1e-12 * spectrum.max()).all()
+        np.testing.assert_allclose(music.max(axis=1), das.max(axis=1))
+
+
+def test_aic_counts_targets_with_snapshots_and_one_without() -> None:
+    array = LineArray(0.5 * np.arange(10.0), 1.0)
+    generator = np.random.default_rng(5)
+    for targets in (1, 2, 3):
+        u = np.array([[-0.5, 0.1, 0.6]])[:, :targets]
+        strengths = generator.standard_normal((200, targets)) + 1j * generator.standard_normal((200, targets))
+        data = echoes(array, np.repeat(u, 200, axis=0), strengths) + noise(array, 200, 0.01, generator)
+        eigenvalues = np.linalg.eigvalsh(data.T @ data.conj() / 200)[None, ::-1]
+        # AIC overestimates with some probability that does not vanish; it must not underestimate here.
+        assert targets <= aic_order(eigenvalues, 200)[0] <= targets + 2
+    rank_one = np.zeros((3, 10))
+    rank_one[:2, 0] = [1.0, 1e-30]
+    rank_one[1, 1:] = 1e-47  # rounding of an eigenvalue solver
+    np.testing.assert_array_equal(aic_order(rank_one, 1), [1, 1, 0])
+
+
+def test_smoothing_resolves_what_one_snapshot_alone_does_not() -> None:
+    array = ARRAYS["full"]
+    true = np.array([[-1.0, 1.0]]) * array.resolution
+    snapshot = echoes(array, true, np.ones((1, 2), dtype=complex)) + noise(array, 1, 1e-3, np.random.default_rng(1))
+    smoothed = UNIFORM_ESTIMATORS["music-fbss"]().image(snapshot, array, U, 1e-3)
+    np.testing.assert_allclose(strongest_peaks(smoothed, U, 2), true, atol=0.3 * array.resolution)
+
+
+def test_smoothed_data_are_those_of_a_subarray() -> None:
+    array = LineArray(0.5 * np.arange(8.0), 1.0)
+    x = echoes(array, np.array([[0.3]]), np.array([[1.0 + 0.5j]]))
+    data = forward_backward(x, 5)
+    assert data.shape == (1, 5, 8)
+    # One target is one direction, whatever is shifted and mirrored.
+    assert np.linalg.matrix_rank(data[0], tol=1e-9) == 1
+    steering = LineArray(0.5 * np.arange(5.0), 1.0).manifold(np.array([0.3]))
+    assert pseudo_spectrum(data, steering, 1)[0, 0] > 1e6

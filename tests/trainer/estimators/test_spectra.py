@@ -1,0 +1,89 @@
+"""Delay-and-sum, IAA, SPICE and LIKES against their papers, one snapshot and one angle at a time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from paper_arrays import ARRAYS, RADAR, U, echoes, noise, some_rows
+
+from shared.signal.windows import cell_noise_power
+from trainer.data.arrays import choose_array
+from trainer.data.pairs import Condition, simulate
+from trainer.estimators.array import scan_axis
+from trainer.estimators.base import ESTIMATORS, LineArray
+from trainer.estimators.covariance import FLOOR
+from trainer.estimators.das import DelayAndSum
+from trainer.estimators.iaa import IterativeAdaptive
+from trainer.estimators.spice import SparseCovariance
+from trainer.metrics.resolution import resolved, strongest_peaks
+
+
+def test_windows_trade_sidelobes_for_width() -> None:
+    array = ARRAYS["full"]
+    snapshot = echoes(array, np.zeros((1, 1)), np.ones((1, 1), dtype=complex))
+    u = np.linspace(-0.85, 0.85, 4001)
+    highest = []
+    for window in ("none", "hann", "hamming"):
+        level = 20.0 * np.log10(np.maximum(DelayAndSum(window).image(snapshot, array, u, 0.0)[0], 1e-12))
+        highest.append(level[np.abs(u) > 3.0 * array.resolution].max())
+    assert highest[0] > -22.0
+    assert highest[1] < -40.0
+    assert -46.0 < highest[2] < -40.0
+
+
+def slow_covariance_methods(
+    x: NDArray[np.complex128], array: LineArray, scan: NDArray[np.float64], noise_power: float, method: str, steps: int
+) -> NDArray[np.float64]:
+    """One snapshot, one angle at a time, straight from the papers."""
+    manifold = array.manifold(scan)
+    power = np.array([abs(np.vdot(a, x)) ** 2 for a in manifold.T]) / array.channels**2
+    shown = np.sqrt(power)
+    for _ in range(steps):
+        covariance = sum(p * np.outer(a, a.conj()) for p, a in zip(power, manifold.T, strict=True))
+        load = FLOOR * covariance[0, 0].real if method == "iaa" else noise_power
+        inverse = np.linalg.inv(covariance + load * np.eye(array.channels))
+        filtered = np.array([abs(np.vdot(a, inverse @ x)) for a in manifold.T])
+        form = np.array([np.vdot(a, inverse @ a).real for a in manifold.T])
+        if method == "iaa":
+            shown = filtered / form
+            power = shown**2
+        else:
+            weight = 1.0 / np.sqrt(form) if method == "likes" else np.linalg.norm(x) / np.sqrt(array.channels)
+            shown, power = power * filtered, power * filtered * weight
+    return shown
+
+
+@pytest.mark.parametrize("method", ["iaa", "spice", "likes"])
+def test_covariance_methods_follow_their_papers(method: str) -> None:
+    array, u = ARRAYS["sparse4"], U[::9]
+    rows = some_rows(array, rows=2)
+    estimator = {"iaa": IterativeAdaptive(4), "spice": SparseCovariance(), "likes": SparseCovariance(True)}[method]
+    estimator.iterations = 4
+    image = estimator.image(rows, array, u, 1e-3)
+    scan, shown = scan_axis(array, u)
+    for row, snapshot in zip(image, rows, strict=True):
+        expected = slow_covariance_methods(snapshot, array, scan, 1e-3, method, 4)[shown]
+        np.testing.assert_allclose(row, expected, rtol=1e-5, atol=1e-7)
+
+
+@pytest.mark.parametrize("method", ["iaa", "likes", "spice"])
+def test_a_target_beyond_the_axis_is_not_drawn_inside_it(method: str) -> None:
+    array = ARRAYS["sparse6"]
+    snapshot = echoes(array, np.array([[0.93, -0.2]]), np.array([[1.0, 0.1 + 0.0j]]))
+    snapshot += noise(array, 1, 1e-5, np.random.default_rng(0))
+    image = ESTIMATORS[method]().image(snapshot, array, U, 1e-5)[0]
+    away = np.abs(U + 0.2) > array.resolution
+    assert image[away].max() < 0.3 * image[~away].max()
+
+
+def test_likes_reaches_below_the_resolution_cell_where_delay_and_sum_does_not() -> None:
+    array, channels = ARRAYS["sparse6"], choose_array("sparse6", RADAR).channels(RADAR)
+    trials = simulate(RADAR, Condition(0.5, 30.0, phase_rad=np.pi / 2), 20, [1])
+    rows = trials.snapshots[:, trials.rows][..., channels].reshape(len(trials.u), -1)
+    found = {
+        name: strongest_peaks(ESTIMATORS[name]().image(rows, array, U, cell_noise_power(RADAR)), U, 2)
+        for name in ("likes", "das")
+    }
+    np.testing.assert_allclose(found["likes"], trials.u, atol=0.15 * array.resolution)
+    assert not resolved(found["das"], trials.u).any()

@@ -1,0 +1,59 @@
+"""Who is compared, in which order, and on what it was trained."""
+
+import numpy as np
+import pytest
+from small_evaluation import FULL, RADAR, THIN, make_run, run_all
+
+from shared.physics.errors import InputError
+from trainer.evaluation.experiments.contenders import gather
+from trainer.run.folder import Fingerprint
+
+
+def test_the_table_says_on_what_a_network_was_trained(inputs, evaluation, tmp_path):
+    def words(table):
+        rows = [row for row in table.to_pylist() if row["experiment"] == "generalisation"]
+        return {(row["method"], row["condition"].split(",d_max")[0]) for row in rows}
+
+    assert {
+        ("unet", "scene=hall,trained on it=yes"), ("unet", "scene=none,trained on it=no"),
+        ("das", "scene=hall,trained on it=nothing"),
+    } <= words(evaluation[0])  # fmt: skip
+    other = make_run(tmp_path / "other", datasets=(Fingerprint(name="else", sha256="0" * 64, frames={}),))
+    chosen = {"runs": [other], "methods": ["unet"], "experiments": ["generalisation"], "measured": None}
+    assert ("unet", "scene=hall,trained on it=unknown") in words(run_all(inputs, tmp_path / "out", **chosen))
+
+
+def test_a_network_of_angles_takes_rows_alone_and_was_trained_on_no_scene(tmp_path):
+    array = RADAR.array.model_copy(update={"tx_m": ((0.0, 0.0, 0.0), (0.0, 0.024, 0.0))})
+    radar = RADAR.model_copy(update={"array": array})
+    changes = {"model": "doa-cnn", "features": "covariance", "target": "doa"}
+    seen = (Fingerprint(name="data", sha256="0" * 64, frames={}),)
+    run = make_run(tmp_path / "run", FULL, radar, seen, **changes)
+    (cnn,) = gather(["cnn"], [run], [FULL], radar, tmp_path)
+    assert (cnn.name, cnn.unit, cnn.trained_on) == ("cnn full", "probability of a target", ())
+    generator = np.random.default_rng(1)
+    snapshots = (generator.standard_normal((48, 12, 2)) @ np.array([1.0, 1.0j])).astype(np.complex64)
+    image = cnn.image(snapshots, 1e-3)
+    assert image.shape == (48, 20)
+    assert 0.0 < image.min() < image.max() < 1.0
+    rows = np.array([4, 40])
+    np.testing.assert_allclose(cnn.image_rows(snapshots, 1e-3, rows), image[rows], rtol=1e-5)
+
+
+def test_contenders_stand_in_the_order_of_methods_and_arrays_whatever_that_of_the_runs(tmp_path):
+    doa = {"model": "doa-cnn", "features": "covariance", "target": "doa"}
+    runs = [make_run(tmp_path / "c", THIN), make_run(tmp_path / "b", FULL, **doa), make_run(tmp_path / "a", FULL)]
+    names = [contender.name for contender in gather(["cnn", "das", "unet"], runs, [FULL, THIN], RADAR, tmp_path)]
+    assert names == ["das full", "das thin", "cnn full", "unet full", "unet thin"]
+
+
+def test_two_networks_of_one_kind_are_told_apart(inputs, tmp_path):
+    runs = [make_run(tmp_path / name) for name in ("wide", "deep")]
+    table = run_all(
+        inputs, tmp_path / "out", runs=runs, methods=["unet"], experiments=["tradeoff"], measured=None,
+    )  # fmt: skip
+    assert set(table["method"].to_pylist()) == {"unet:wide", "unet:deep"}
+    copy = tmp_path / "else" / "wide"
+    copy.parent.mkdir()
+    with pytest.raises(InputError, match="two runs are named 'unet:wide thin'"):
+        run_all(inputs, tmp_path / "no", runs=[runs[0], make_run(copy)], methods=["unet"], measured=None)

@@ -1,0 +1,82 @@
+"""What ``trainer evaluate`` refuses, in one line, and what it leaves out."""
+
+import pytest
+from small_evaluation import RADAR, SETTINGS, make_data, make_run, status
+from tiny_radar import RADAR as SHORT_RADAR
+from tiny_radar import frame, write_dataset
+
+from shared.physics.errors import InputError
+from trainer.evaluation.evaluate import EXPERIMENTS, choose_experiments, open_bench
+
+REFUSALS = {
+    "an unknown method": (["--methods", "das,best"], "--methods: 'best'; expected some of das"),
+    "a method twice": (["--methods", "das,das"], "--methods: 'das' twice"),
+    "a network without a run": (["--methods", "das,cnn"], "--methods: 'cnn' without a run of that kind"),
+    "an unknown experiment": (["--experiments", "fig8"], "--experiments: 'fig8'; expected some of point-spread"),
+    "an experiment that does not apply": (["--experiments", "measured"], "--experiments: measured: no --measured file"),
+    "an array that is no subset": (["--arrays", "sparse6"], "--array: sparse6 uses RX 15; expected RX 0 to 5"),
+    "an array that is not there": (["--arrays", "none.toml"], "--array: no named array and no file 'none.toml'"),
+    "an array twice": (["--arrays", "full,full"], "--arrays: 'full' twice"),
+    "no array": (["--arrays", ","], "--arrays: none; expected some of"),
+    "no frames": (["--frames", "0"], "trainer evaluate: frames = 0; expected input should be greater than or equal"),
+    "no run": (["--run", "nothing"], "nothing: no run.json; expected a run folder"),
+    "a run of another array": (["--run", "RUN", "--arrays", "full"], "--run: RUN was trained for array 'thin'"),
+    "a run of another radar": (["--run", "OTHER"], "DATA: radar 'tiny', waveform.samples = 64; expected 32"),
+    "a run that no method stands for": (["--run", "RUN", "--methods", "das"], "--run: RUN is a 'unet', not among"),
+    "a snapshot nobody asked for": (
+        ["--measured", "PAIR", "--experiments", "detection"], "--measured: PAIR without the experiment",
+    ),
+    "a file for a folder": (["--out", "PAIR"], "--out: PAIR: File exists"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", REFUSALS)
+def test_a_user_s_error_is_one_line_and_status_2(inputs, tmp_path, capsys, monkeypatch, case):
+    data, run, thin, measured = inputs
+    given, message = REFUSALS[case]
+    if "OTHER" in given:
+        make_run(tmp_path / "other", radar=SHORT_RADAR)
+    places = {"RUN": run, "OTHER": tmp_path / "other", "DATA": data, "PAIR": measured}
+    arguments = [str(places.get(word, word)) for word in given]
+    if "--arrays" not in given:
+        arguments += ["--arrays", f"{thin},full"]
+    if "--out" not in given:
+        arguments += ["--out", str(tmp_path / "out")]
+    for word, place in places.items():
+        message = message.replace(word, str(place))
+    code, line = status(capsys, monkeypatch, data, *arguments)
+    assert code == 2
+    assert line.startswith(f"trainer: {message}"), line
+    assert line.count("\n") == 1
+
+
+def test_data_without_a_test_split_and_folders_in_use_are_refused(inputs, tmp_path, capsys, monkeypatch):
+    data = write_dataset(tmp_path / "data", {"train": [frame(0, RADAR)]}, RADAR)
+    code, line = status(capsys, monkeypatch, data, "--out", tmp_path / "out", "--arrays", "full")
+    assert (code, line) == (2, f"trainer: {data}: no frames in split 'test'; expected one of ['train']\n")
+    code, line = status(capsys, monkeypatch, tmp_path, "--out", tmp_path / "out")
+    assert code == 2
+    assert line.startswith(f"trainer: {tmp_path}/manifest.json: no such file")
+    used = tmp_path / "used"
+    used.mkdir()
+    (used / "thesis.txt").write_text("mine")
+    for more, problem in (([], "is not empty"), (["--resume"], "holds no cells/")):
+        code, line = status(capsys, monkeypatch, inputs[0], "--out", used, "--arrays", "full", *more)
+        assert code == 2
+        assert line.startswith(f"trainer: --out: {used} {problem}")
+    assert [path.name for path in used.iterdir()] == ["thesis.txt"]
+
+
+def test_a_radar_that_does_not_see_so_far_leaves_experiments_out_and_says_so(tmp_path):
+    data = make_data(tmp_path / "data", SHORT_RADAR)
+    bench, _ = open_bench(data, [], ["das"], ["full"], SETTINGS, None)
+    chosen, lines = choose_experiments(None, bench)
+    reason = "the radar sees to 3.4 m, the targets stand at 5.7 m"
+    assert lines == [
+        f"experiment point-spread is left out: {reason}", f"experiment two-reflectors is left out: {reason}",
+        "experiment measured is left out: no --measured file",
+    ]  # fmt: skip
+    names = {experiment.name for experiment in chosen}
+    assert names == EXPERIMENTS.keys() - {"point-spread", "two-reflectors", "measured"}
+    with pytest.raises(InputError, match=f"point-spread: {reason}"):
+        choose_experiments(["point-spread"], bench)

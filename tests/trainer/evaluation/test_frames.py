@@ -1,0 +1,78 @@
+"""Scores of images whose score is known, and the frames that are shown."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_evaluation import FULL, RADAR
+from tiny_radar import frame
+
+from shared.dataset import Target
+from trainer.evaluation.experiments.bench import FrameRef
+from trainer.evaluation.experiments.contenders import estimator_contender
+from trainer.evaluation.experiments.doppler import score_peaks
+from trainer.evaluation.experiments.frames import one_of_each_scene, score_frame
+from trainer.evaluation.report.levels import from_bytes, scene_levels, to_bytes
+
+
+def known(image):
+    """A contender that answers with this image."""
+    return replace(estimator_contender("das", FULL, RADAR), imaging=lambda _snapshot, _noise: image)
+
+
+def test_the_truth_scores_one_an_empty_image_nothing_and_noise_between():
+    made = frame(3, RADAR)
+    truth = made.image.astype(np.float64) * made.image_peak
+    perfect = score_frame(RADAR, known(truth), lambda: made)
+    tp, fp, fn = perfect["strict"][0]
+    assert tp > 10
+    assert (fp, fn) == (0, 0)
+    assert perfect["nmse"] == perfect["scaled_nmse"] == 0.0
+    assert perfect["ssim"] == 1.0
+    assert perfect["psnr"] == np.inf
+    assert not perfect["gospa"].any()
+    empty = score_frame(RADAR, known(np.zeros_like(truth)), lambda: made)
+    assert empty["strict"][0].tolist() == [0, 0, tp + fn]
+    assert empty["nmse"] == empty["scaled_nmse"] == 1.0
+    assert empty["gospa"][1] == 8.0 * (tp + fn)  # c^2 / 2 for each missed one
+    noise = np.random.default_rng(0).rayleigh(truth.max(), truth.shape)
+    white = score_frame(RADAR, known(noise), lambda: made)
+    assert white["strict"][0][1] > fp
+    assert 0.5 < white["scaled_nmse"] < 1.0
+    assert white["ssim"] < 0.5
+
+
+def test_an_empty_truth_has_no_image_errors_and_every_detection_is_false():
+    made = replace(frame(3, RADAR), image=np.zeros((48, 20), np.float32))
+    scores = score_frame(RADAR, estimator_contender("das", FULL, RADAR), lambda: made)
+    assert np.isnan([scores[name] for name in ("nmse", "scaled_nmse", "psnr", "ssim")]).all()
+    assert scores["strict"][0][0] == 0
+    assert scores["strict"][0][1] > 0
+
+
+def test_what_moves_is_found_in_its_own_doppler_cell_only():
+    """The second peak holds a target at 1 m/s that the first, at 0, does not."""
+    made = frame(3, RADAR)
+    row, column = 12, 5
+    images = np.full((3, 48, 20), 1e-9)
+    images[1, row, column] = 1.0
+    calls = iter(images)
+    contender = replace(known(None), imaging=lambda _snapshot, _noise: next(calls))
+    mover = Target(row * RADAR.waveform.range_step_m, float(RADAR.grid.u[column]), 1.0, -100.0, "truck")
+    wide = RADAR.model_copy(update={"waveform": RADAR.waveform.model_copy(update={"chirps": 512})})
+    found = score_peaks(wide, contender, replace(made, targets=(mover,)), keep=False)["found"]
+    assert found.tolist() == [[0, 0, 0], [1, 0, 1]]
+
+
+def test_levels_keep_their_scale_as_bytes():
+    image = np.outer(np.arange(1.0, 30.0), np.ones(4))
+    levels = scene_levels(image, "sqrt(W)", 10.0 * image)
+    assert levels.max() == pytest.approx(-20.0)
+    assert np.abs(from_bytes(to_bytes(levels)) - levels).max() <= 0.5 * 60.0 / 255 + 1e-9
+    assert scene_levels(image, "relative to the image's peak", 10.0 * image).max() == 0.0
+
+
+def test_frames_shown_are_of_all_scenes_first():
+    refs = [FrameRef(Path("p"), row, row, "scene", scene) for row, scene in enumerate("aaabbc")]
+    assert [ref.frame_id for ref in one_of_each_scene(refs, 4)] == [0, 3, 5, 1]

@@ -1,0 +1,61 @@
+"""Confidence intervals: coverage, repeatability, ratios of sums, Wilson."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from shared.physics.errors import InputError
+from trainer.metrics.bootstrap import bootstrap_mean, bootstrap_ratio, wilson
+
+
+def test_intervals_cover_the_truth_as_often_as_they_say() -> None:
+    generator = np.random.default_rng(1)
+    inside = 0
+    for draw in range(100):
+        interval = bootstrap_mean(generator.normal(2.0, 1.0, 60), seed=draw)
+        inside += interval.low <= 2.0 <= interval.high
+    assert 86 <= inside <= 100
+    wide = bootstrap_mean(generator.normal(2.0, 1.0, 60))
+    assert wide.high - wide.low == pytest.approx(2 * 1.96 / np.sqrt(60), rel=0.25)
+
+
+def test_bootstrap_is_repeatable_and_knows_no_spread_of_one() -> None:
+    values = np.random.default_rng(0).random(30)
+    assert bootstrap_mean(values, seed=3) == bootstrap_mean(values, seed=3)
+    assert bootstrap_mean(values, seed=3) != bootstrap_mean(values, seed=4)
+    one = bootstrap_mean(np.array([0.3]))
+    assert one.value == 0.3
+    assert np.isnan([one.low, one.high]).all()
+    same = bootstrap_mean(np.full(10, 0.5))
+    assert (same.value, same.low, same.high) == (0.5, 0.5, 0.5)
+
+
+def test_ratios_are_of_sums() -> None:
+    parts, wholes = np.array([1.0, 0.0, 9.0, 2.0]), np.array([2.0, 0.0, 10.0, 4.0])
+    interval = bootstrap_ratio(parts, wholes)
+    assert interval.value == 12 / 16
+    assert interval.low < 12 / 16 < interval.high
+    assert bootstrap_ratio(np.zeros(4), np.zeros(4)).value == 0.0
+    assert bootstrap_ratio(parts, parts).low == 1.0
+
+
+def test_wilson_intervals() -> None:
+    # Newcombe 1998, table I: 81 of 263 and 0 of 20, Wilson without continuity correction.
+    found = wilson(81, 263)
+    assert (found.low, found.high) == (pytest.approx(0.2553, abs=1e-4), pytest.approx(0.3662, abs=1e-4))
+    nothing = wilson(0, 20)
+    assert (nothing.value, nothing.low, nothing.high) == (0.0, 0.0, pytest.approx(0.1611, abs=1e-4))
+    assert wilson(20, 20).high == 1.0
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: bootstrap_mean(np.empty(0)), lambda: bootstrap_mean(np.array([1.0, np.nan])),
+        lambda: bootstrap_ratio(np.ones(3), np.ones(4)), lambda: wilson(3, 2), lambda: wilson(0, 0),
+    ],
+)  # fmt: skip
+def test_intervals_of_nothing_are_refused(call) -> None:
+    with pytest.raises(InputError, match="expected"):
+        call()

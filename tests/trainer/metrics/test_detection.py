@@ -1,0 +1,190 @@
+"""Detections: a perfect image, an empty one, white noise, the paper's rules by hand."""
+
+from __future__ import annotations
+
+from itertools import permutations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from paper_arrays import U, lines_image
+from scipy.signal import find_peaks
+
+from shared.physics.errors import InputError
+from trainer.metrics.detection import (
+    PROMINENCES,
+    TRUTH_PROMINENCE,
+    Counts,
+    count_one_to_one,
+    find_image_peaks,
+    find_row_peaks,
+    half_separation,
+    match,
+    paper_sweep,
+    strict_counts,
+    total,
+)
+
+TRUTH = lines_image([[100, 200], [], [50], [300, 310, 400]])
+
+
+def sweep(
+    estimate: NDArray, truth: NDArray, prominences: tuple[float, ...], d_max: int = 2, threshold: float = 0.5
+) -> list[Counts]:
+    """The paper's counts of an image; the truth's peaks are found in the same way, those that stand out."""
+    true = find_image_peaks(truth).above(TRUTH_PROMINENCE)
+    return paper_sweep(find_image_peaks(estimate, threshold), true, prominences, d_max)
+
+
+def strict(estimate: NDArray, truth: NDArray, d_max: float = 2) -> Counts:
+    return strict_counts(find_image_peaks(estimate).above(0.05), find_image_peaks(truth).above(0.05), d_max)
+
+
+def test_a_perfect_image_detects_all_and_nothing_else() -> None:
+    for counts in (*sweep(TRUTH, TRUTH, (0.0, 0.3)), strict(TRUTH, TRUTH)):
+        assert (counts.tp, counts.fp, counts.fn) == (6, 0, 0)
+        assert counts.detection_rate == counts.precision == counts.f1 == 1.0
+        assert counts.false_alarm_rate == 0.0
+
+
+def test_an_empty_image_scores_zero() -> None:
+    for counts in (*sweep(np.zeros_like(TRUTH), TRUTH, (0.0,)), strict(np.zeros_like(TRUTH), TRUTH)):
+        assert (counts.tp, counts.fp, counts.fn) == (0, 0, 6)
+        assert counts.detection_rate == counts.precision == counts.f1 == counts.false_alarm_rate == 0.0
+
+
+@pytest.mark.parametrize("d_max", [2, 4])
+def test_white_noise_is_detected_by_chance(d_max: int) -> None:
+    # Of n values in any order 2^(n - 1) of n! orders have no inner maximum: a window of 2 d_max + 1 bins and its two
+    # neighbours holds a peak otherwise. One bin in three is a peak of at least t where it is the largest of three
+    # uniform numbers and above t: (1 - t^3) / 3.
+    rows = 2000
+    generator = np.random.default_rng(6)
+    image = generator.random((rows, len(U)))
+    image[:, 0] = 1.0  # no peak itself; the maximum of every row, so that the threshold is that of the numbers
+    truth = lines_image([[p] for p in generator.integers(50, 400, rows)])
+    window = 2 * d_max + 3
+    expected = 1.0 - 2.0 ** (window - 1) / np.prod(np.arange(1.0, window + 1))
+    counts = sweep(image, truth, (0.0,), d_max, threshold=0.0)[0]
+    assert counts.detection_rate == pytest.approx(expected, abs=4 * np.sqrt(expected * (1 - expected) / rows) + 1e-3)
+    cut = sweep(image, truth, (0.0,), d_max, threshold=0.5)[0]
+    # The outermost bins are no peaks, and bin 1 has the forced maximum beside it.
+    assert (cut.tp + cut.fp) / rows == pytest.approx((len(U) - 3) * (1.0 - 0.5**3) / 3.0, rel=0.01)
+    assert cut.precision == pytest.approx((2 * d_max + 1) / (len(U) - 3), rel=0.1)
+    # Of all bins but those near the truth.
+    assert cut.false_alarm_rate == pytest.approx(7 / 24 * (1.0 - (2 * d_max + 1) / len(U)), rel=0.01)
+
+
+def count_as_the_paper(detected: NDArray, true: NDArray, d_max: float, bins: int) -> Counts:
+    """The rules of the paper, section IV-C, for one row, each from the distances of all pairs."""
+    near = np.abs(np.subtract.outer(detected, true)) <= d_max
+    hits = int(near.any(axis=1).sum())
+    occupied = len(np.union1d(detected, true))
+    return Counts(hits, len(detected) - hits, len(true) - int(near.any(axis=0).sum()), bins - occupied)
+
+
+def test_the_papers_rules_by_hand() -> None:
+    true = np.array([10, 13, 100])
+    # 11 serves both 10 and 13; 12 is a second detection of them; 104 is beyond 2; 101 and 200.
+    counts = count_as_the_paper(np.array([11, 12, 104, 200]), true, 2, 450)
+    assert counts == Counts(tp=2, fp=2, fn=1, tn=450 - 7)
+    assert count_as_the_paper(np.array([11, 12, 104, 200]), true, 4, 450) == Counts(tp=3, fp=1, fn=0, tn=450 - 7)
+    assert count_as_the_paper(np.array([10]), true, 0, 450) == Counts(tp=1, fp=0, fn=2, tn=447)
+    assert count_as_the_paper(np.array([], dtype=int), true, 2, 450).detection_rate == 0.0
+    one = count_as_the_paper(np.array([11]), np.array([10, 12]), 2, 450)
+    assert (one.tp, one.fn) == (1, 0)
+    assert count_one_to_one(np.array([11.0]), np.array([10.0, 12.0]), 2.0) == Counts(tp=0, fp=1, fn=2)
+
+
+def crowded_images() -> tuple[NDArray, NDArray]:
+    """(estimate, truth) of smooth noise, with plateaus, empty rows, and peaks beside both ends of a row."""
+    generator = np.random.default_rng(4)
+    estimate, truth = (np.apply_along_axis(np.convolve, 1, generator.random((60, 52)), np.hanning(n), mode="valid")
+                       for n in (5, 6))  # fmt: skip
+    estimate, truth = estimate[:, :47], np.round(truth[:, :47], 1)
+    estimate[3], truth[7], estimate[8], truth[8] = 0.0, 0.0, 1.0, 1.0
+    estimate[9, [1, -2]] = truth[9, [1, -2]] = 9.0
+    return estimate, truth
+
+
+def test_peaks_of_an_image_are_those_of_its_rows() -> None:
+    for image in crowded_images():
+        peaks = find_image_peaks(image)
+        rows = [find_row_peaks(row) for row in image]
+        for found, row in zip(peaks.by_row(), rows, strict=True):
+            np.testing.assert_array_equal(found, row.bins)
+        np.testing.assert_array_equal(peaks.prominence, np.concatenate([row.prominence for row in rows]))
+    assert [len(bins) for bins in find_image_peaks(np.zeros((3, 9))).by_row()] == [0, 0, 0]
+
+
+@pytest.mark.parametrize("d_max", [0, 2, 4])
+def test_a_sweep_over_an_image_is_the_rules_row_by_row(d_max: int) -> None:
+    estimate, truth = crowded_images()
+    for prominence, counts in zip(PROMINENCES, sweep(estimate, truth, PROMINENCES, d_max), strict=True):
+        expected = Counts()
+        for row, true_row in zip(estimate, truth, strict=True):
+            true = find_row_peaks(true_row).above(TRUTH_PROMINENCE)
+            if len(true):
+                expected += count_as_the_paper(find_row_peaks(row).above(prominence), true, d_max, estimate.shape[1])
+        assert counts == expected
+
+
+def test_rows_without_truth_count_only_in_the_strict_score() -> None:
+    estimate = TRUTH.copy()
+    estimate[1] = lines_image([[30, 60]])[0]
+    assert sweep(estimate, TRUTH, (0.1,))[0].fp == 0
+    assert strict(estimate, TRUTH).fp == 2
+
+
+def test_a_sweep_is_find_peaks_at_each_prominence() -> None:
+    generator = np.random.default_rng(1)
+    row = np.convolve(generator.random(len(U) + 8), np.hanning(9), mode="valid")
+    peaks = find_row_peaks(row)
+    for prominence in (0.0, 0.05, 0.2, 0.5, 0.9):
+        expected, _ = find_peaks(row / row.max(), height=0.5, prominence=prominence)
+        np.testing.assert_array_equal(peaks.above(prominence), expected)
+    found = [counts.tp + counts.fp for counts in sweep(row[None], TRUTH[:1], (0.0, 0.1, 0.3, 0.99))]
+    assert found == sorted(found, reverse=True)
+    assert found[0] > found[-1]
+
+
+@pytest.mark.parametrize("factor", [1e-20, 1e20])
+def test_detection_does_not_depend_on_the_unit(factor: float) -> None:
+    estimate = np.random.default_rng(0).random(TRUTH.shape) + TRUTH
+    assert sweep(estimate * factor, TRUTH * factor, PROMINENCES) == sweep(estimate, TRUTH, PROMINENCES)
+
+
+@given(
+    st.lists(st.integers(0, 30), max_size=5, unique=True), st.lists(st.integers(0, 30), max_size=5, unique=True),
+    st.integers(0, 6),
+)  # fmt: skip
+def test_matching_is_the_best_of_all_assignments(detected: list[int], true: list[int], d_max: int) -> None:
+    first, second = np.array(sorted(detected), dtype=float), np.array(sorted(true), dtype=float)
+    pairs = match(first, second, float(d_max))
+    reach = np.minimum(d_max + 1e-9, half_separation(second) - 1e-9)
+    best = (0, 0.0)
+    places = [*range(len(second)), *[-1] * len(first)]
+    for order in set(permutations(places, len(first))):
+        chosen = [(i, j) for i, j in enumerate(order) if j >= 0]
+        distances = [abs(first[i] - second[j]) for i, j in chosen]
+        if all(distance <= reach[j] for distance, (_, j) in zip(distances, chosen, strict=True)):
+            best = max(best, (len(chosen), -sum(distances)))
+    assert len(pairs) == best[0]
+    assert -sum(abs(first[i] - second[j]) for i, j in pairs) == pytest.approx(best[1])
+    assert len(np.unique(pairs[:, 0])) == len(np.unique(pairs[:, 1])) == len(pairs)
+
+
+def test_counts_add_up() -> None:
+    assert total([Counts(1, 2, 3, 4), Counts(5, 6, 7, 8)]) == Counts(6, 8, 10, 12)
+    assert total([]) == Counts()
+    assert Counts(tp=2, fp=1, fn=3).f1 == pytest.approx(2 * (2 / 3) * (2 / 5) / (2 / 3 + 2 / 5))
+
+
+def test_images_of_other_shapes_are_refused() -> None:
+    for call in (paper_sweep, strict_counts):
+        with pytest.raises(InputError, match="images"):
+            call(find_image_peaks(TRUTH), find_image_peaks(TRUTH[:2]))
+    with pytest.raises(InputError, match="image"):
+        find_image_peaks(TRUTH[0])

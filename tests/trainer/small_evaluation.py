@@ -1,0 +1,59 @@
+"""A radar, data and a run for evaluations of seconds."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from tiny_radar import RADAR as SHORT_RADAR
+from tiny_radar import TINY, frame, write_dataset
+
+from trainer.cli import main
+from trainer.data.arrays import ArrayChoice
+from trainer.evaluation.evaluate import evaluate
+from trainer.evaluation.experiments.bench import Settings
+from trainer.run.folder import Run, save_weights, write_run
+from trainer.run.imager import Imager
+
+RADAR = SHORT_RADAR.model_copy(
+    update={"waveform": SHORT_RADAR.waveform.model_copy(update={"samples": 64, "range_bins": 48})}
+)
+"""Sees to 7 m: the cylinders of the paper stand at 5.7 m."""
+FULL = ArrayChoice(name="full", rx=tuple(range(6)))
+THIN = ArrayChoice(name="thin", rx=(0, 1, 2, 5))
+SETTINGS = Settings(frames=3, shown=2, trials=2)
+REFERENCE = Path(__file__).resolve().parents[3] / "shared" / "data" / "measured" / "two_reflectors"
+
+
+def make_data(directory, radar=RADAR):
+    """Two training frames and four test frames, of which three are of a scene."""
+    frames = [replace(frame(index, radar), kind="scene", scene="hall") for index in range(6)]
+    frames[5] = replace(frames[5], kind="points", scene="none")
+    return write_dataset(directory, {"train": frames[:2], "test": frames[2:]}, radar)
+
+
+def make_run(directory, array=THIN, radar=RADAR, datasets=(), **changes):
+    """A run with random weights: what is tested here does not depend on what they learned."""
+    config = TINY.model_copy(update=changes)
+    torch.manual_seed(0)
+    directory.mkdir()
+    write_run(directory, Run(config=config, radar=radar, array=array, datasets=datasets))
+    save_weights(directory, Imager(config, radar, array))
+    return directory
+
+
+def run_all(inputs, out, **changes):
+    data, run, thin, measured = inputs
+    arguments = {
+        "runs": [run], "methods": ["das", "omp", "unet"], "arrays": [str(thin), "full"], "settings": SETTINGS,
+        "measured": measured, "announce": lambda _: None,
+    }  # fmt: skip
+    return evaluate(data, out, **(arguments | changes))
+
+
+def status(capsys, monkeypatch, *arguments):
+    """(exit status, standard error) of the command."""
+    monkeypatch.setattr("sys.argv", ["trainer", "evaluate", *map(str, arguments)])
+    with pytest.raises(SystemExit) as caught:
+        main()
+    return caught.value.code, capsys.readouterr().err

@@ -1,0 +1,45 @@
+"""Recipes: what counts before what, and that every one of them is a configuration."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from shared.physics.errors import InputError
+from trainer.run.configuration import FitConfig
+from trainer.training.recipes import GPU, RECIPES, VARIANTS, configuration
+
+
+@pytest.fixture(autouse=True)
+def processor_without_bfloat16(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    monkeypatch.setattr(torch.cpu, "get_capabilities", dict)
+
+
+def test_every_recipe_and_variant_is_a_configuration() -> None:
+    for recipe in RECIPES:
+        assert configuration(recipe) == FitConfig.model_validate(RECIPES[recipe])
+    for changes in VARIANTS.values():
+        FitConfig.model_validate(changes)
+    assert configuration() == FitConfig()
+
+
+def test_what_is_stated_counts_before_the_recipe_and_the_recipe_before_the_device(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    found = configuration("paper", {"width": 8, "steps": None, "seed": 3})
+    assert (found.width, found.accumulate, found.steps, found.seed) == (8, 4, FitConfig().steps, 3)
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {"avx512_bf16": True})
+    assert configuration().precision == "bf16"
+    assert configuration(given={"precision": "32"}).precision == "32"
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    assert configuration() == FitConfig.model_validate(GPU)
+    assert configuration("doa").width == 256
+    assert configuration("doa").precision == "bf16"
+
+
+def test_what_is_no_recipe_or_no_value_is_refused() -> None:
+    with pytest.raises(InputError, match="--recipe: 'best'; expected recommended, paper or doa"):
+        configuration("best")
+    with pytest.raises(InputError, match="trainer fit: steps = 0"):
+        configuration(given={"steps": 0})
