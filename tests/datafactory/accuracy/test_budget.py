@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from sampled_frames import MENU, POSE, order_of_two
+from sampled_frames import EFFECTS, MENU, POSE, TINY, order_of_two
 
 from datafactory.accuracy import budget
 from datafactory.accuracy.check import HONEST_DB, check
@@ -85,3 +85,20 @@ def test_errors_leave_out_what_was_not_made():
     assert str(paths) == "power in a cell -40.0 dB"
     both = budget.worst_of([Errors.of([0.1], [0.1], [0.01]), Errors.of([1e-3], [1.0], [0.1])])
     assert both == Errors.of([0.1], [1.0], [0.1])
+
+
+def test_a_budget_on_two_scenes_keeps_what_it_says(variant, radar, tmp_path) -> None:
+    """From frame 8 on the scenes' turn is another: frames that are swept and checked must be the run's."""
+    for name in ("one", "two"):
+        (tmp_path / f"{name}.usda").write_text(TINY.read_text(encoding="utf-8"), encoding="utf-8")
+    scenes = tuple(str(tmp_path / f"{name}.usda") for name in ("one", "two"))
+    order = Order(radar=radar, scenes=scenes, frames=16, effects=EFFECTS, seed=1)
+    lines = list[str]()
+    found = settled(order, -15.0, MENU, lines, tmp_path / "cache")
+    assert [[sample.frame_id for sample in scene.swept] for scene in found.scenes] == [[0, 9], [1, 8]]
+    render(found.order, load_materials(None), tmp_path / "data")
+    check(found, tmp_path / "data", lines.append)
+    entry = json.loads((tmp_path / "data" / "manifest.json").read_text(encoding="utf-8"))["error_budget"]
+    for error in ("cube_db", "image_db", "power_db"):
+        assert abs(entry["achieved"][error] - entry["predicted"][error]) <= HONEST_DB
+    assert max(entry["achieved_on_other_frames"].values()) < 0.0

@@ -1,0 +1,126 @@
+"""Traced now and rendered later is rendered at once, byte for byte: for any number of scenes, poses, splits, points.
+
+Each scene of a run has a plan of its own here, so that a frame that got another scene's plan would show.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from prepared_scenes import SCENES
+from typer.testing import CliRunner
+
+from datafactory.cli.app import app
+from datafactory.effects.catalogue import ALL
+from datafactory.effects.plan import EffectPlan, by_choice
+from datafactory.frame.prepared import Sample
+from datafactory.run import preparation
+from datafactory.run.order import Order
+from datafactory.run.preparation import prepare
+from datafactory.scenes.materials.table import load_materials
+from shared.dataset.folder import open_dataset
+from shared.radar import Radar
+
+RADAR = """
+[waveform]
+chirps = 8
+samples = 128
+range_bins = 100
+bandwidth_hz = 400e6
+[grid]
+bins = 24
+"""
+LEFT_OUT = ("range_migration", "near_field", "antenna_pattern", "doppler", "intra_chirp_motion")
+"""Of the plan of each scene, by its number: effects of the signal, which are decided when paths are rendered."""
+
+
+@pytest.fixture
+def radar_file(tmp_path: Path) -> Path:
+    path = tmp_path / "small.toml"
+    path.write_text(RADAR, encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def scenes(tmp_path: Path) -> list[Path]:
+    """Five scenes: a file each, all of one shape."""
+    text = (SCENES / "tiny.usda").read_text(encoding="utf-8")
+    paths = [tmp_path / f"scene{number}.usda" for number in range(len(LEFT_OUT))]
+    for path in paths:
+        path.write_text(text, encoding="utf-8")
+    return paths
+
+
+@pytest.fixture(autouse=True)
+def plans(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Scene n is planned without effect n; nothing is measured for it."""
+
+    def plan_of(order: Order, sample: Sample, announce: object) -> EffectPlan:
+        number = int(sample.scene.name.removeprefix("scene"))
+        return by_choice(sample.scene.name, ALL.without(LEFT_OUT[number]).without("diffraction"))
+
+    monkeypatch.setattr(preparation, "plan_of", plan_of)
+
+
+def run(*arguments: object) -> None:
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments], catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+
+
+def shards(folder: Path) -> dict[str, bytes]:
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in sorted(folder.glob("*/*.parquet"))}
+
+
+@pytest.mark.parametrize(
+    ("count", "more"),
+    [
+        (1, ("--frames", 3)),
+        (2, ("--frames", 10)),  # the turn begins one scene later from frame 8 on
+        (3, ("--frames", 4, "--split", "2:1:1")),
+        (4, ("--frames", 10, "--seed", 3)),
+        (5, ("--frames", 6, "--split", "1:0:0")),
+        (3, ("--poses",)),
+    ],
+)
+def test_traced_now_and_rendered_later_is_rendered_at_once(
+    count: int, more: tuple[object, ...], scenes: list[Path], radar_file: Path, tmp_path: Path
+) -> None:
+    if more == ("--poses",):
+        poses = [{"position": [-10.0 + 0.5 * number, 0.2 * number, 0.5]} for number in range(7)]
+        (tmp_path / "poses.json").write_text(json.dumps(poses), encoding="utf-8")
+        more = ("--poses", tmp_path / "poses.json")
+    given = [item for path in scenes[:count] for item in ("--scene", path)]
+    common = ("--radar", radar_file, "--rays", 500, *more, "--workers", 1)
+    run("render", *given, *common, "--points", 2, "--out", tmp_path / "once")
+    run("trace", *given, *common, "--out", tmp_path / "traced")
+    seed_and_split = [item for item in more if item not in ("--frames", "--poses")]
+    again = [
+        item for name in ("--seed", "--split") if name in seed_and_split
+        for item in (name, more[more.index(name) + 1])
+    ]  # fmt: skip
+    run("render", "--paths", tmp_path / "traced", "--radar", radar_file, *again, "--points", 2, "--workers", 1,
+        "--out", tmp_path / "later")  # fmt: skip
+    once = shards(tmp_path / "once")
+    assert shards(tmp_path / "later") == once
+    frames = [frame for split in open_dataset(tmp_path / "once").splits for frame in
+              open_dataset(tmp_path / "once").frames(split)]  # fmt: skip
+    assert len({frame.scene for frame in frames if frame.kind == "scene"}) == count
+
+
+def test_the_planner_looks_at_frames_of_the_run(scenes: list[Path], radar_file: Path, tmp_path: Path) -> None:
+    """Four scenes under eight splits, where a fixed stride meets other scenes' frames from frame 8 on."""
+    order = Order(radar=Radar(), scenes=tuple(map(str, scenes[:4])), frames=12, seed=3)
+    samples = prepare(order, load_materials()).samples
+    given = [item for path in scenes[:4] for item in ("--scene", path)]
+    run("render", *given, "--radar", radar_file, "--rays", 500, "--frames", 12, "--seed", 3, "--workers", 1,
+        "--out", tmp_path / "data")  # fmt: skip
+    dataset = open_dataset(tmp_path / "data")
+    frames = {frame.frame_id: frame for split in dataset.splits for frame in dataset.frames(split)}
+    for sample in samples:
+        assert len(sample.frames) == 3
+        for dealt in sample.frames:
+            frame = frames[dealt.frame_id]
+            assert (frame.scene, frame.seed) == (sample.scene.name, dealt.seed)
+            assert frame.sensor_position == dealt.where.position
