@@ -6,7 +6,7 @@ from pathlib import Path
 
 from datafactory.frame.deal import Deal
 from datafactory.frame.prepared import PreparedScene, Sample
-from datafactory.paths.merged_scene import stage_of
+from datafactory.paths.merged_scene import merge_scene
 from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.readers.open import open_scene
@@ -20,7 +20,7 @@ def prepared_scene(path: Path) -> PreparedScene:
     """The scene of a file."""
     scene = open_scene(str(path))
     materials = load_materials().map_materials([item.material for item in scene.objects])
-    return PreparedScene(scene.name, scene.content_hash(), stage_of(scene, materials), materials)
+    return PreparedScene(scene.name, scene.content_hash(), merge_scene(scene, materials), materials)
 
 
 def a_sample(name: str, *poses: Pose, seed: int = 0) -> Sample:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.paths.merged_scene import Stage, stage_of
+from datafactory.paths.merged_scene import MergedScene, merge_scene
 from datafactory.scenes.materials.table import Material, MaterialMapping
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import Scene, SceneObject
@@ -52,12 +52,12 @@ def box(name: str, low: Any, high: Any, of: str, velocity=(0.0, 0.0, 0.0)) -> Sc
     return mesh(name, np.array(low) + corners * (np.array(high) - np.array(low)), triangles, of, velocity)
 
 
-def stage(*objects: SceneObject) -> Stage:
-    return stage_of(Scene("test", objects), MATERIALS)
+def scene_of(*objects: SceneObject) -> MergedScene:
+    return merge_scene(Scene("test", objects), MATERIALS)
 
 
-def sionna_scene(of: Stage, pose: Pose | None = None) -> Any:
-    """The stage as a Sionna scene in the radar frame; its ``mi_scene`` is Mitsuba's. Call ``select_variant`` first."""
+def sionna_scene(of: MergedScene, pose: Pose | None = None) -> Any:
+    """The merged scene as a Sionna scene in the radar frame; its ``mi_scene`` is Mitsuba's. Call ``select_variant`` first."""
     import mitsuba as mi
     from sionna import rt
 

@@ -104,13 +104,13 @@ def traced(
     objects: Sequence[SceneObject], pose: Pose = Pose((0.0, 0.0, 0.0)), rays: int = 20_000, depth: int = 1
 ) -> PathTable:
     """The multipath of objects of :data:`MATERIALS` seen from a pose, as traced: amplitudes not yet illuminated."""
-    from datafactory.paths.merged_scene import stage_of
+    from datafactory.paths.merged_scene import merge_scene
     from datafactory.paths.rays import RayFan
     from datafactory.paths.solver import TraceSettings
     from datafactory.paths.trace import trace
 
-    stage = stage_of(Scene("hard", tuple(objects)), MATERIALS)
-    return trace(stage, MATERIALS, pose, 77.5e9, TraceSettings(rays=rays, depth=depth), RayFan(rays), seed=1)
+    merged = merge_scene(Scene("hard", tuple(objects)), MATERIALS)
+    return trace(merged, MATERIALS, pose, 77.5e9, TraceSettings(rays=rays, depth=depth), RayFan(rays), seed=1)
 
 
 def factory(*arguments: object) -> tuple[int, str, str]:

@@ -13,7 +13,7 @@ from datafactory.effects.plan import DEFAULT_BUDGET_DB, by_choice, decide
 from datafactory.frame.chain import ChainSettings
 from datafactory.frame.deal import DealtFrame
 from datafactory.frame.prepared import PreparedScene
-from datafactory.paths.merged_scene import Stage
+from datafactory.paths.merged_scene import MergedScene
 from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.poses import Pose
 from shared.radar import Radar
@@ -123,5 +123,5 @@ def test_costs_are_differences_of_frames(monkeypatch) -> None:
 def a_frame() -> tuple[DealtFrame, PreparedScene]:
     """Of an empty scene; nothing is traced."""
     materials = load_materials().map_materials([])
-    scene = PreparedScene("empty", "none", Stage((), ()), materials)
+    scene = PreparedScene("empty", "none", MergedScene((), ()), materials)
     return DealtFrame(0, "scene", "train", 1, scene=0, pose=Pose((0.0, 0.0, 0.5))), scene

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import subprocess
 import sys
 from types import SimpleNamespace
@@ -176,7 +177,10 @@ def test_threads_below_one_are_refused():
 
 def test_sionna_keeps_the_chosen_variant():
     """In a process of its own, for the variant is global: select, then import Sionna, then compute."""
-    pytest.importorskip("mitsuba")
+    if (
+        importlib.util.find_spec("mitsuba") is None
+    ):  # imported here, it would load the system's LLVM for all tests after
+        pytest.skip("there is no Mitsuba")
     script = (
         "from datafactory.paths.backend import select_variant, set_threads, VARIANTS\n"
         "chosen = select_variant()\n"

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 from scipy.special import fresnel
-from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, box, channel, plate, sionna_scene, stage
+from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, box, channel, plate, scene_of, sionna_scene
 
 from datafactory.paths.diffraction import edge_echoes, field_over_edges, rays_over_edges
 from datafactory.paths.edges import WedgeEdges, edges_of
 from datafactory.paths.facets import TAPER, mirrors_of, reflected_share
-from datafactory.paths.merged_scene import Stage
+from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.panes import clear_between, polarization_axis
 from datafactory.paths.round_corners import echoes_round_corners
 from datafactory.paths.table import DIFFRACTED, TARGET, ScatteredPaths, SpecularPaths
@@ -29,12 +29,12 @@ def everything(start, end):
     return np.ones(len(start), dtype=bool)
 
 
-def slabs(of: Stage):
+def slabs(of: MergedScene):
     return [MATERIALS[part.material] for part in of.meshes]
 
 
 def echoes(*objects, sight=everything, pose=HOME, **options):
-    of = stage(*objects)
+    of = scene_of(*objects)
     return edge_echoes(edges_of(of).seen_from(pose), slabs(of), FREQUENCY_HZ, sight, **options)
 
 
@@ -86,7 +86,7 @@ def test_the_share_of_a_finite_edge_is_its_line_integral():
         exact = (wave * part).sum() / endless
         line = plate("line", (distance, 5.0, 0.5 * (low + high) * step), (0.0, 5.0, 0.0),
                      (0.0, 0.0, 0.5 * (high - low) * step), "metal")  # fmt: skip
-        rim = only_edge_at(edges_of(stage(line)), (distance, 0.0, 0.0))
+        rim = only_edge_at(edges_of(scene_of(line)), (distance, 0.0, 0.0))
         rays = rays_over_edges(rim, RADAR, RADAR, WAVELENGTH_M)
         delay = np.linalg.norm(rays.point[0]) - distance
         # The table adds the phase of the path over the point, which beyond an end is that end.
@@ -98,7 +98,7 @@ def test_nothing_jumps_where_an_edge_ends():
     amplitude = []
     for beyond in (-1e-7, 1e-7):
         sheet = plate("s", (10.0, 5.0, 3.0 + beyond), (0.0, 5.0, 0.0), (0.0, 0.0, 3.0), "metal")
-        rim = only_edge_at(edges_of(stage(sheet)), (10.0, 0.0, 0.0))
+        rim = only_edge_at(edges_of(scene_of(sheet)), (10.0, 0.0, 0.0))
         found, _, _ = edge_echoes(rim, [MATERIALS["metal"]], FREQUENCY_HZ, everything)
         amplitude.append(found.amplitude[0])
     assert amplitude[1] == pytest.approx(amplitude[0], rel=1e-4)
@@ -133,7 +133,7 @@ def shortest_over(edge: WedgeEdges, tx: np.ndarray, rx: np.ndarray) -> float:
 )
 def test_the_delay_law_is_that_of_the_edge(objects, kind, error_m):
     """TX and RX up to 0.25 m apart along y; between upright and level within the stated error."""
-    of = stage(*objects)
+    of = scene_of(*objects)
     edges = edges_of(of).seen_from(HOME)
     nearest = rays_over_edges(edges, RADAR, RADAR, WAVELENGTH_M)
     edge = edges.take(nearest.edge[np.argmin(nearest.geometry.source_distance_m)][None])
@@ -163,7 +163,7 @@ def test_mirror_and_edge_together_are_as_before_inside_the_mirror():
     """
     distance, mirror = 10.0, WAVELENGTH_M / (4.0 * np.pi * 20.0)
     for inside in (0.02, 0.1, 0.2, 0.33):
-        of = stage(upright_edge(x=distance, y=-inside))
+        of = scene_of(upright_edge(x=distance, y=-inside))
         # The endless mirror less the rim's wave, which paths.facets fades out with distance; phases of the path table.
         zones = 2.0 * inside**2 / (WAVELENGTH_M * distance)
         sine, cosine = fresnel(np.sqrt(2.0 * zones))
@@ -194,11 +194,13 @@ def test_a_wave_from_beyond_the_rim_is_not_weakened():
 @pytest.mark.usefixtures("variant")
 def test_hidden_edges_and_walls_that_go_on_in_another_mesh_are_silent():
     sheet = upright_edge(turned=0.3, half=1.0)
-    free = stage(sheet)
-    hidden = stage(sheet, plate("screen", (5.0, 0.0, 0.0), (0.0, 2.0, 0.0), (0.0, 0.0, 2.0), "metal"))
+    free = scene_of(sheet)
+    hidden = scene_of(sheet, plate("screen", (5.0, 0.0, 0.0), (0.0, 2.0, 0.0), (0.0, 0.0, 2.0), "metal"))
     # The same plane, from the rim to the right, its vertices nowhere near those of the sheet.
     back = np.array([-np.sin(0.3), -np.cos(0.3), 0.0])
-    goes_on = stage(sheet, plate("more", np.array([10.0, 0.0, 0.0]) + 5.0 * back, 5.0 * back, (0.0, 0.0, 7.0), "metal"))
+    goes_on = scene_of(
+        sheet, plate("more", np.array([10.0, 0.0, 0.0]) + 5.0 * back, 5.0 * back, (0.0, 0.0, 7.0), "metal")
+    )
     found = []
     for of in (free, hidden, goes_on):
         sight = partial(clear_between, sionna_scene(of).mi_scene)
@@ -212,7 +214,7 @@ def test_hidden_edges_and_walls_that_go_on_in_another_mesh_are_silent():
 def test_a_corner_seen_from_outside_diffracts_and_from_within_does_not():
     house = box("house", (5.0, -2.0, -3.0), (9.0, 2.0, 3.0), "metal")
     room = box("room", (-4.0, -4.0, -3.0), (4.0, 4.0, 3.0), "metal")
-    of = stage(house)
+    of = scene_of(house)
     scattered, specular, counts = echoes(house, sight=partial(clear_between, sionna_scene(of).mi_scene))
     # The four edges of the near side; the radar stands inside the angle of those behind.
     np.testing.assert_allclose(np.sort(scattered.rx_point[:, 1]), [-2.0, 2.0])
@@ -232,7 +234,7 @@ def test_a_sheet_of_air_has_no_edges_and_glass_fainter_ones_than_metal():
 
 def test_a_rough_face_reflects_less_at_its_rim_too():
     """Straight before the rim the reflected wave is nearly all of it: sqrt(1 - S^2) of the smooth one's."""
-    edges = only_edge_at(edges_of(stage(upright_edge())), (10.0, 0.0, 0.0))
+    edges = only_edge_at(edges_of(scene_of(upright_edge())), (10.0, 0.0, 0.0))
     smooth, rough = (
         edge_echoes(edges, [replace(MATERIALS["metal"], scattering_coefficient=s)], FREQUENCY_HZ, everything,
                     mirrors_end=False)[0].amplitude[0]
@@ -244,7 +246,7 @@ def test_a_rough_face_reflects_less_at_its_rim_too():
 # One way over an edge.
 
 
-def bistatic(of: Stage, tx, rx, polarization="V"):
+def bistatic(of: MergedScene, tx, rx, polarization="V"):
     edges = edges_of(of).seen_from(replace(HOME, position=tuple(float(v) for v in tx)))
     observer = np.array(rx, dtype=float) - np.array(tx)
     rays = rays_over_edges(edges, RADAR, observer, WAVELENGTH_M)
@@ -264,7 +266,7 @@ def test_one_wedge_is_sionnas(rx):
     for V); and H gets the coefficient of V, although a metal face does not short that field. The eigenfunctions of the
     wedge in ``tests/shared/physics/test_wedge.py`` decide for ours in both cases.
     """
-    of = stage(box("house", (5.0, 0.5, -40.0), (30.0, 40.0, 40.0), "metal"))
+    of = scene_of(box("house", (5.0, 0.5, -40.0), (30.0, 40.0, 40.0), "metal"))
     tx = (0.0, -4.0, 0.0)
     amplitude, kinds = channel(sionna_scene(of), tx, rx, diffraction=True)
     theirs = np.abs(amplitude[(kinds == 8).any(axis=0)])
@@ -278,7 +280,7 @@ def test_one_wedge_is_sionnas(rx):
 @pytest.mark.parametrize("of", ["metal", "glass"])
 @pytest.mark.parametrize("polarization", ["V", "H"])
 def test_source_and_observer_may_change_places(of, polarization):
-    house = stage(box("house", (5.0, 0.5, -40.0), (30.0, 40.0, 40.0), of))
+    house = scene_of(box("house", (5.0, 0.5, -40.0), (30.0, 40.0, 40.0), of))
     here, there = np.array([0.0, 4.0, 0.0]), np.array([12.0, -2.0, 0.7])
     (_, _, one), (_, _, two) = (bistatic(house, a, b, polarization) for a, b in ((here, there), (there, here)))
     assert np.abs(one).max() == pytest.approx(np.abs(two).max(), rel=1e-10)
@@ -291,7 +293,9 @@ HIDDEN = np.array([[9.0, -1.0, 0.4]])
 OFF_AXIS = Pose((0.0, 4.0, 0.0))
 
 
-def round_corner(of: Stage, target=HIDDEN, pose=OFF_AXIS, velocity=(0.0, 0.0, 0.0), rcs_m2=10.0, sight=None, **options):
+def round_corner(
+    of: MergedScene, target=HIDDEN, pose=OFF_AXIS, velocity=(0.0, 0.0, 0.0), rcs_m2=10.0, sight=None, **options
+):
     """Echoes of one target given in the world; metres and m/s."""
     position = (np.atleast_2d(target) - np.array(pose.position)) @ pose.rotation()
     relative = (np.array([velocity]) - np.array(pose.velocity)) @ pose.rotation()
@@ -306,7 +310,7 @@ def test_a_target_behind_a_screen_has_twice_the_knife_edge_loss():
     """ITU-R P.526-15 eq. (31), within 0.5 dB for the way out and back; a metal half plane, 30 m and 20 m from it."""
     for nu in (0.5, 1.0, 2.4):
         height = nu / np.sqrt(2.0 / WAVELENGTH_M * (1.0 / 30.0 + 1.0 / 20.0))
-        screen = stage(plate("s", (30.0, -20.0 + height, 0.0), (0.0, 20.0, 0.0), (0.0, 0.0, 200.0), "metal"))
+        screen = scene_of(plate("s", (30.0, -20.0 + height, 0.0), (0.0, 20.0, 0.0), (0.0, 0.0, 200.0), "metal"))
         paths, counts = round_corner(screen, (50.0, 0.0, 0.0), HOME, edges_per_target=1)
         direct = WAVELENGTH_M * np.sqrt(10.0) / ((4.0 * np.pi) ** 1.5 * 50.0**2)
         loss_db = -20.0 * np.log10(np.abs(paths.amplitude) / direct)
@@ -327,7 +331,7 @@ def test_a_target_behind_a_screen_has_twice_the_knife_edge_loss():
 )
 def test_the_way_round_is_as_long_as_it_is_for_every_element(low, on_edge, target, error_m):
     """Elements up to 0.25 m from the centre. A level edge is exact for all targets, an upright one for level rays."""
-    of = stage(box("house", low, (30.0, 40.0, 40.0), "metal"))
+    of = scene_of(box("house", low, (30.0, 40.0, 40.0), "metal"))
     edge = only_edge_at(edges_of(of), on_edge)
     position = np.array([target])
     path, _ = echoes_round_corners(edge, slabs(of), FREQUENCY_HZ, everything, position, np.zeros((1, 3)), np.ones(1),
@@ -343,9 +347,9 @@ def test_the_delay_changes_as_radar_and_target_move():
     step = 1e-3
     for radar, target in (((4.0, -2.0, 0.5), (1.0, -3.0, 0.0)), ((0.0, 0.0, 0.0), (0.0, 2.0, 5.0))):
         paths, _ = round_corner(
-            stage(CORNER), pose=replace(OFF_AXIS, velocity=radar), velocity=target, edges_per_target=1
+            scene_of(CORNER), pose=replace(OFF_AXIS, velocity=radar), velocity=target, edges_per_target=1
         )
-        edge = only_edge_at(edges_of(stage(CORNER)), (5.0, 0.5, 0.0))
+        edge = only_edge_at(edges_of(scene_of(CORNER)), (5.0, 0.5, 0.0))
         later, first = (
             2.0
             * shortest_over(edge, np.array(OFF_AXIS.position) + np.array(radar) * t, HIDDEN[0] + np.array(target) * t)
@@ -363,7 +367,7 @@ def test_two_ways_round_make_four_paths_and_a_wall_leaves_one():
     target = (16.0, 0.0, 0.0)
 
     def found(*objects):
-        of = stage(*objects)
+        of = scene_of(*objects)
         rims = edges_of(of)
         rims = rims.take((rims.start[:, 0] < 10.0) & (np.abs(rims.direction[:, 2]) > 0.5))  # the pillar's upright ones
         sight = partial(clear_between, sionna_scene(of).mi_scene)
@@ -384,14 +388,14 @@ def test_two_ways_round_make_four_paths_and_a_wall_leaves_one():
 
 @pytest.mark.usefixtures("variant")
 def test_a_target_in_a_closed_box_is_reached_by_nothing():
-    of = stage(box("safe", (8.0, -1.0, -1.0), (10.0, 1.0, 1.0), "metal"))
+    of = scene_of(box("safe", (8.0, -1.0, -1.0), (10.0, 1.0, 1.0), "metal"))
     paths, counts = round_corner(of, (9.0, 0.0, 0.0), HOME, sight=partial(clear_between, sionna_scene(of).mi_scene))
     assert len(paths) == 0
     assert counts["targets_unreached"] == 1
 
 
 def test_the_strongest_edges_are_kept_and_the_rest_is_counted():
-    of = stage(CORNER, plate("post", (6.0, -4.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 40.0), "glass"))
+    of = scene_of(CORNER, plate("post", (6.0, -4.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 40.0), "glass"))
     everyone, all_counts = round_corner(of)
     few, counts = round_corner(of, edges_per_target=1)
     assert len(everyone) > 1

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from sionna_scenes import box, mesh, plate, stage
+from sionna_scenes import box, mesh, plate, scene_of
 
 from datafactory.paths.edges import FLATTEST_FOLD_DEG, edges_of
 from datafactory.scenes.poses import Pose
@@ -32,7 +32,7 @@ def fold(degrees: float, name: str = "fold") -> SceneObject:
 @pytest.mark.parametrize("wound", [1, -1], ids=["outward", "inward"])
 def test_a_box_has_twelve_right_angled_edges(item, wound):
     turned = mesh("box", item.vertices, item.triangles[:, ::wound], "metal")
-    edges = edges_of(stage(turned))
+    edges = edges_of(scene_of(turned))
     assert len(edges) == 12
     np.testing.assert_allclose(edges.exterior_n, 1.5, atol=1e-4)
     middle = 0.5 * (edges.start + edges.end) - 0.5
@@ -52,7 +52,7 @@ def test_a_box_has_twelve_right_angled_edges(item, wound):
 
 def test_the_frame_of_an_edge_is_right_handed():
     """Turning about the edge from into the 0-face over its normal, the n-face comes at n pi."""
-    edges = edges_of(stage(UNIT_BOX, fold(40.0)))
+    edges = edges_of(scene_of(UNIT_BOX, fold(40.0)))
     into_0 = np.cross(edges.normal_0, edges.direction)
     np.testing.assert_allclose(edges.direction, np.cross(into_0, edges.normal_0), atol=1e-12)
     angle = edges.exterior_n[:, None] * np.pi
@@ -66,7 +66,7 @@ def test_roof_and_walls_of_different_materials_meet_in_wedges():
     up = np.abs(UNIT_BOX.vertices[faces][:, :, 2] - 1.0).max(axis=1) < 1e-9
     roof, walls = (mesh(name, UNIT_BOX.vertices, faces[up == top], of) for name, top, of in
                    (("roof", True, "metal"), ("walls", False, "glass")))  # fmt: skip
-    of = stage(roof, walls)
+    of = scene_of(roof, walls)
     edges = edges_of(of)
     assert len(edges) == 12
     eaves = np.abs(edges.start[:, 2] - 1.0) + np.abs(edges.end[:, 2] - 1.0) < 1e-9
@@ -75,7 +75,7 @@ def test_roof_and_walls_of_different_materials_meet_in_wedges():
 
 
 def test_a_sheet_ends_in_four_half_planes():
-    edges = edges_of(stage(plate("sheet", (5.0, 0.0, 0.0), (0.0, 2.0, 0.0), (0.0, 0.0, 1.0), "glass")))
+    edges = edges_of(scene_of(plate("sheet", (5.0, 0.0, 0.0), (0.0, 2.0, 0.0), (0.0, 0.0, 1.0), "glass")))
     assert len(edges) == edges.counts["half_planes"] == 4
     np.testing.assert_array_equal(edges.exterior_n, 2.0)
     np.testing.assert_allclose(edges.normal_0, -edges.normal_n, atol=1e-12)
@@ -91,7 +91,7 @@ def test_pieces_of_one_line_are_one_edge():
     steps = np.arange(count - 1)
     triangles = np.concatenate([np.stack([steps, steps + 1, steps + count + 1], axis=1),
                                 np.stack([steps, steps + count + 1, steps + count], axis=1)])  # fmt: skip
-    edges = edges_of(stage(mesh("strip", np.concatenate([lower, upper]), triangles, "metal")))
+    edges = edges_of(scene_of(mesh("strip", np.concatenate([lower, upper]), triangles, "metal")))
     assert len(edges) == 4
     assert edges.counts["merged"] == 2 * (count - 2)
     assert sorted(np.linalg.norm(edges.end - edges.start, axis=1)) == pytest.approx([1.0, 1.0, 3.0, 3.0])
@@ -105,13 +105,13 @@ def test_a_chain_that_bends_is_left_in_pieces():
     steps = np.arange(39)
     triangles = np.concatenate([np.stack([steps, steps + 1, steps + 41], axis=1),
                                 np.stack([steps, steps + 41, steps + 40], axis=1)])  # fmt: skip
-    edges = edges_of(stage(mesh("curb", np.concatenate([outer, up]), triangles, "metal")))
+    edges = edges_of(scene_of(mesh("curb", np.concatenate([outer, up]), triangles, "metal")))
     assert len(edges) == 2 * 39 + 2
 
 
 @pytest.mark.parametrize(("degrees", "count"), [(FLATTEST_FOLD_DEG - 1.0, 6), (FLATTEST_FOLD_DEG + 1.0, 7)])
 def test_flat_folds_are_left_out_and_counted(degrees, count):
-    edges = edges_of(stage(fold(degrees)))
+    edges = edges_of(scene_of(fold(degrees)))
     assert len(edges) == count  # the rim has six pieces, those along x on either side of the fold
     assert edges.counts["flat"] == 2 + (7 - count)  # the squares' diagonals, and the fold
     if count == 7:
@@ -122,7 +122,7 @@ def test_edges_of_three_sheets_and_doubled_triangles_are_counted():
     sheets = [plate(f"s{i}", centre, across, (0.0, 0.0, 1.0), "metal") for i, (centre, across) in
               enumerate([((1.0, 0.0, 0.0), (1.0, 0.0, 0.0)), ((-1.0, 0.0, 0.0), (1.0, 0.0, 0.0)),
                          ((0.0, 1.0, 0.0), (0.0, 1.0, 0.0))])]  # fmt: skip
-    edges = edges_of(stage(*sheets, mesh("again", sheets[0].vertices, sheets[0].triangles[:, ::-1], "metal")))
+    edges = edges_of(scene_of(*sheets, mesh("again", sheets[0].vertices, sheets[0].triangles[:, ::-1], "metal")))
     assert edges.counts["non_manifold"] == 1
     assert edges.counts["doubled_triangles"] == 2
     assert len(edges) == 7  # three rims each, and those of the two sheets in one plane are one
@@ -131,15 +131,15 @@ def test_edges_of_three_sheets_and_doubled_triangles_are_counted():
 def test_bodies_that_move_apart_share_no_edge():
     halves = [plate("left", (1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), "metal"),
               plate("right", (0.0, 1.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), "metal", (0.0, 3.0, 0.0))]  # fmt: skip
-    edges = edges_of(stage(*halves))
+    edges = edges_of(scene_of(*halves))
     assert edges.counts["half_planes"] == 8
-    names = np.array(stage(*halves).objects)[edges.object_index]
+    names = np.array(scene_of(*halves).objects)[edges.object_index]
     np.testing.assert_array_equal(edges.velocity[:, 1], np.where(names == "right", 3.0, 0.0))
 
 
 def test_the_radar_frame_is_the_poses():
     pose = Pose((10.0, 2.0, 0.5), yaw_deg=90.0, velocity=(1.0, 0.0, 0.0), time_s=2.0)
-    of = stage(box("car", (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), "metal", (0.0, 4.0, 0.0)))
+    of = scene_of(box("car", (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), "metal", (0.0, 4.0, 0.0)))
     edges, seen = edges_of(of), edges_of(of).seen_from(pose)
     np.testing.assert_allclose(seen.start, (edges.start + np.array([0.0, 8.0, 0.0]) - pose.position) @ pose.rotation())
     np.testing.assert_allclose(seen.velocity, np.tile([4.0, 1.0, 0.0], (12, 1)), atol=1e-12)
@@ -149,9 +149,9 @@ def test_the_radar_frame_is_the_poses():
 
 def test_edges_in_range_are_those_of_which_a_part_is():
     """Rims 3 m above and below, 12 m to the sides, at 4 m: nearest points at 5 m and 12.65 m."""
-    edges = edges_of(stage(plate("wall", (4.0, 0.0, 0.0), (0.0, 12.0, 0.0), (0.0, 0.0, 3.0), "metal")))
+    edges = edges_of(scene_of(plate("wall", (4.0, 0.0, 0.0), (0.0, 12.0, 0.0), (0.0, 0.0, 3.0), "metal")))
     assert [len(edges.within(distance)) for distance in (4.9, 5.1, 12.6, 12.7)] == [0, 2, 2, 4]
 
 
 def test_an_empty_stage_has_no_edges():
-    assert len(edges_of(stage())) == 0
+    assert len(edges_of(scene_of())) == 0

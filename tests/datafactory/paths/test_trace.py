@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from oracles import mirror_path, mirrored
 
 from datafactory.paths import solver as solver_module
-from datafactory.paths.merged_scene import stage_of
+from datafactory.paths.merged_scene import merge_scene
 from datafactory.paths.rays import RayFan
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import PathTable
@@ -87,16 +87,16 @@ def traced(
     seed: int = 1,
     **settings,
 ) -> PathTable:
-    stage = stage_of(Scene("test", objects), MATERIALS)
+    merged = merge_scene(Scene("test", objects), MATERIALS)
     chosen = TraceSettings(rays=rays, **{"depth": 1, **settings})
-    return trace(stage, MATERIALS, pose, FREQUENCY_HZ, chosen, fan or RayFan(rays), seed)
+    return trace(merged, MATERIALS, pose, FREQUENCY_HZ, chosen, fan or RayFan(rays), seed)
 
 
 def solved(*objects: SceneObject, fan: RayFan, rays: int, **settings):
     """The solver's own Paths of the same trace."""
-    stage = stage_of(Scene("test", objects), MATERIALS)
+    merged = merge_scene(Scene("test", objects), MATERIALS)
     chosen = TraceSettings(rays=rays, **settings)
-    return solver_module.solver_paths(stage, MATERIALS, RADAR_AT_ORIGIN, FREQUENCY_HZ, chosen, fan, 1)[1]
+    return solver_module.solver_paths(merged, MATERIALS, RADAR_AT_ORIGIN, FREQUENCY_HZ, chosen, fan, 1)[1]
 
 
 class WholeSphere(RayFan):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import mpmath
 import numpy as np
 import pytest
-from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, box, channel, plate, sionna_scene, stage
+from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, box, channel, plate, scene_of, sionna_scene
 
 from datafactory.paths.panes import (
     clear_between,
@@ -118,7 +118,7 @@ def far_pane(of: str, name: str = "pane", x: float = 5.0):
 
 
 def crossed(objects, points, polarization="V", **options):
-    of = stage(*objects)
+    of = scene_of(*objects)
     scene = sionna_scene(of).mi_scene
     return panes_between(scene, of, MATERIALS, FREQUENCY_HZ, np.array(points, dtype=float), polarization, **options)
 
@@ -133,7 +133,9 @@ def test_one_pane_is_sionnas_refraction(polarization):
     """Amplitude and phase to 1e-3: Sionna works in float32, and has the pane on top of the air, not in its place."""
     point = (11.0, 3.0, 4.0)
     (through, kinds), (free, none) = (
-        channel(sionna_scene(stage(far_pane("glass", x=x))), (0.0, 0.0, 0.0), point, polarization, los=True, **refract)
+        channel(
+            sionna_scene(scene_of(far_pane("glass", x=x))), (0.0, 0.0, 0.0), point, polarization, los=True, **refract
+        )
         for x, refract in ((5.0, {"refraction": True}), (-50.0, {}))
     )
     assert (len(through), len(free)) == (1, 1)
@@ -203,7 +205,7 @@ def test_no_points_need_no_rays():
 
 @pytest.mark.usefixtures("variant")
 def test_sight_is_blocked_by_what_stands_between_and_by_nothing_else():
-    scene = sionna_scene(stage(plate("wall", (5.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), "metal"))).mi_scene
+    scene = sionna_scene(scene_of(plate("wall", (5.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), "metal"))).mi_scene
     start = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 3.0, 0.0], [5.0, 0.5, 0.5]])
     end = np.array([[9.0, 0.0, 0.0], [5.0, 0.0, 0.0], [4.0, 0.0, 0.0], [9.0, 3.0, 0.0], [9.0, 0.5, 0.5]])
     np.testing.assert_array_equal(clear_between(scene, start, end), [False, True, True, True, True])

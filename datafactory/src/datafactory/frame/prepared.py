@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from datafactory.frame.deal import DealtFrame
-from datafactory.paths.merged_scene import Stage
+from datafactory.paths.merged_scene import MergedScene
 from datafactory.scenes.materials.table import MaterialMapping
 
 
@@ -20,7 +20,7 @@ class PreparedScene:
 
     name: str
     content: str
-    merged: Stage
+    merged: MergedScene
     materials: MaterialMapping
 
 

@@ -22,7 +22,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from datafactory.paths.merged_scene import MergedMesh, Stage
+from datafactory.paths.merged_scene import MergedMesh, MergedScene
 from datafactory.paths.unfold import unit
 from datafactory.scenes.poses import Pose
 
@@ -101,7 +101,7 @@ class WedgeEdges:
 
 
 @lru_cache(maxsize=8)
-def edges_of(merged_scene: Stage) -> WedgeEdges:
+def edges_of(merged_scene: MergedScene) -> WedgeEdges:
     """All wedges of a merged scene, made once for each."""
     bodies: dict[tuple[float, ...], list[int]] = {}
     for index, mesh in enumerate(merged_scene.meshes):

@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import wofz
 
-from datafactory.paths.merged_scene import MergedMesh, Stage
+from datafactory.paths.merged_scene import MergedMesh, MergedScene
 from shared.physics.compiled import compiled
 
 Real = NDArray[np.float64]
@@ -99,7 +99,7 @@ class Mirrors:
 
 
 @lru_cache(maxsize=8)
-def mirrors_of(merged_scene: Stage) -> Mirrors:
+def mirrors_of(merged_scene: MergedScene) -> Mirrors:
     """The mirrors of a merged scene, made once."""
     return Mirrors.of(merged_scene.meshes)
 

@@ -41,7 +41,7 @@ class MergedMesh:
 
 
 @dataclass(frozen=True, eq=False)
-class Stage:
+class MergedScene:
     """All merged meshes of a scene.
 
     :param meshes: the merged meshes, in a fixed order
@@ -54,7 +54,7 @@ class Stage:
     targets: tuple[PointTarget, ...] = ()
 
 
-def stage_of(scene: Scene, materials: MaterialMapping) -> Stage:
+def merge_scene(scene: Scene, materials: MaterialMapping) -> MergedScene:
     """Merge a scene's objects; the order depends on names and velocities alone."""
     groups: dict[tuple[str, tuple[float, float, float]], list[int]] = defaultdict(list)
     for index, item in enumerate(scene.objects):
@@ -75,4 +75,4 @@ def stage_of(scene: Scene, materials: MaterialMapping) -> Stage:
             )
         )
     names = tuple(item.name for item in scene.objects) + tuple(target.name for target in scene.targets)
-    return Stage(meshes=tuple(meshes), objects=names, targets=scene.targets)
+    return MergedScene(meshes=tuple(meshes), objects=names, targets=scene.targets)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.facets import mirrors_of, reflected_share
-from datafactory.paths.merged_scene import Stage
+from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.panes import clear_between, panes_between, slab_reflection
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import REFRACTED, SPECULAR, SpecularPaths
@@ -40,7 +40,7 @@ AHEAD_M = 1e-6
 
 def single_mirrors(
     geometry: Any,
-    merged_scene: Stage,
+    merged_scene: MergedScene,
     materials: MaterialMapping,
     pose: Pose,
     frequency_hz: float,

@@ -25,7 +25,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from datafactory.paths.merged_scene import Stage
+from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.unfold import unit
 from datafactory.scenes.materials.reflectivity import complex_permittivity
 from datafactory.scenes.materials.table import Material, MaterialMapping
@@ -117,7 +117,7 @@ class Crossings:
 
 def panes_between(
     mi_scene: Any,
-    merged_scene: Stage,
+    merged_scene: MergedScene,
     materials: MaterialMapping,
     frequency_hz: float,
     points: Real,
@@ -205,7 +205,7 @@ def polarization_axis(direction: Real, polarization: Polarization) -> Real:
     return np.stack([z * cosine, z * sine, -across], axis=1)
 
 
-def _slab_of_shape(mi_scene: Any, merged_scene: Stage, materials: MaterialMapping) -> dict[int, Material]:
+def _slab_of_shape(mi_scene: Any, merged_scene: MergedScene, materials: MaterialMapping) -> dict[int, Material]:
     """Material by the number with which a ray names the shape it met."""
     import drjit as dr
     import mitsuba as mi

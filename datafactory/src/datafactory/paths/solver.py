@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.backend import select_variant
-from datafactory.paths.merged_scene import Stage
+from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.rays import RayFan
 from datafactory.paths.table import DIFFUSE, REFRACTED, SPECULAR
 from datafactory.scenes.materials.table import MaterialMapping
@@ -122,7 +122,7 @@ class Solved:
 
 
 def solve(
-    merged_scene: Stage,
+    merged_scene: MergedScene,
     materials: MaterialMapping,
     pose: Pose,
     frequency_hz: float,
@@ -143,7 +143,7 @@ def solve(
 
 
 def solver_paths(
-    merged_scene: Stage,
+    merged_scene: MergedScene,
     materials: MaterialMapping,
     pose: Pose,
     frequency_hz: float,
@@ -233,7 +233,9 @@ def _rays_of_fan(fan: RayFan) -> Iterator[None]:
             module.fibonacci_lattice = original
 
 
-def _bundle_of(paths: Any, valid: NDArray[np.bool_], shapes: dict[int, int], merged_scene: Stage, pose: Pose) -> Bundle:
+def _bundle_of(
+    paths: Any, valid: NDArray[np.bool_], shapes: dict[int, int], merged_scene: MergedScene, pose: Pose
+) -> Bundle:
     """The valid paths as float64, with the radar's own motion taken off the objects' velocities."""
 
     def columns(values: Any) -> NDArray:

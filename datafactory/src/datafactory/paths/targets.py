@@ -8,7 +8,7 @@ import numpy as np
 
 from datafactory.paths.echo_points import echo_points
 from datafactory.paths.edges import edges_of
-from datafactory.paths.merged_scene import Stage
+from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.panes import clear_between, panes_between
 from datafactory.paths.round_corners import echoes_round_corners
 from datafactory.paths.solver import TraceSettings
@@ -24,7 +24,7 @@ EDGES_WITHIN_M = 200.0
 """Farther edges are left out [m]: at -20 dBsm they are 25 dB below a car radar's noise."""
 
 
-def slabs_of(merged_scene: Stage, materials: MaterialMapping) -> tuple[Material, ...]:
+def slabs_of(merged_scene: MergedScene, materials: MaterialMapping) -> tuple[Material, ...]:
     """Material of each merged mesh."""
     by_name = {material.name: material for material, _ in materials.entries.values()}
     return tuple(by_name[mesh.material] for mesh in merged_scene.meshes)
@@ -32,7 +32,7 @@ def slabs_of(merged_scene: Stage, materials: MaterialMapping) -> tuple[Material,
 
 def target_echoes(
     geometry: Any,
-    merged_scene: Stage,
+    merged_scene: MergedScene,
     materials: MaterialMapping,
     pose: Pose,
     frequency_hz: float,

@@ -1,4 +1,4 @@
-"""One trace a frame: from a stage and a pose to a PathTable.
+"""One trace a frame: from a merged scene and a pose to a PathTable.
 
 The solver's paths (:mod:`datafactory.paths.solver`) are brought into the table's two delay laws, and into the physics
 that the solver leaves out:
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from datafactory.paths.diffraction import edge_echoes
 from datafactory.paths.edges import edges_of
 from datafactory.paths.facets import mirrors_of, reflected_share
-from datafactory.paths.merged_scene import Stage
+from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.mirror_feet import single_mirrors
 from datafactory.paths.panes import clear_between
 from datafactory.paths.rays import RayFan
@@ -38,7 +38,7 @@ from shared.physics.units import SPEED_OF_LIGHT
 
 
 def trace(
-    stage: Stage,
+    merged: MergedScene,
     materials: MaterialMapping,
     pose: Pose,
     frequency_hz: float,
@@ -51,18 +51,18 @@ def trace(
     :param frequency_hz: mid-sweep; materials take their values at 77 GHz whatever it is
     :param seed: of the solver's choices between kinds of bounce; 0 to 2**32 - 1
     """
-    solved = solve(stage, materials, pose, frequency_hz, settings, fan, seed)
+    solved = solve(merged, materials, pose, frequency_hz, settings, fan, seed)
     bundle = solved.bundle
     scattered: list[ScatteredPaths] = []
     specular: list[SpecularPaths] = []
     dropped, more = 0, dict[str, int]()
     if settings.point_targets:
-        echoes, counts = target_echoes(solved.geometry, stage, materials, pose, frequency_hz, settings)
+        echoes, counts = target_echoes(solved.geometry, merged, materials, pose, frequency_hz, settings)
         scattered.append(echoes)
         more |= counts
     if settings.diffraction:
         across, along, counts = edge_echoes(
-            edges_of(stage).seen_from(pose).within(EDGES_WITHIN_M), slabs_of(stage, materials), frequency_hz,
+            edges_of(merged).seen_from(pose).within(EDGES_WITHIN_M), slabs_of(merged, materials), frequency_hz,
             lambda start, end: clear_between(solved.geometry, start, end),
             settings.polarization, settings.finite_mirrors and settings.specular,
         )  # fmt: skip
@@ -70,7 +70,7 @@ def trace(
         specular.append(along)
         more |= counts
     if settings.specular:
-        singles, counts = single_mirrors(solved.geometry, stage, materials, pose, frequency_hz, settings)
+        singles, counts = single_mirrors(solved.geometry, merged, materials, pose, frequency_hz, settings)
         specular.append(singles)
         more |= counts
     lengths = (bundle.interactions > 0).sum(axis=1)
@@ -79,7 +79,7 @@ def trace(
         ends_diffuse = part.interactions[:, -1] == DIFFUSE
         mirrors = (part.interactions == SPECULAR).all(axis=1)
         dropped += int((~mirrors & ~ends_diffuse).sum())
-        part = _with_surfaces(part.take(mirrors | ends_diffuse), stage, pose, SPEED_OF_LIGHT / frequency_hz, settings)
+        part = _with_surfaces(part.take(mirrors | ends_diffuse), merged, pose, SPEED_OF_LIGHT / frequency_hz, settings)
         ends_diffuse = part.interactions[:, -1] == DIFFUSE
         scattered += _scattered(part.take(ends_diffuse), fan)
         if depth > 1:
@@ -87,7 +87,7 @@ def trace(
     return PathTable(
         scattered=_joined_scattered(scattered),
         specular=_joined(specular),
-        objects=stage.objects,
+        objects=merged.objects,
         counts={
             "rays": settings.rays,
             "traced": len(bundle.amplitude),
@@ -99,7 +99,9 @@ def trace(
     )
 
 
-def _with_surfaces(part: Bundle, stage: Stage, pose: Pose, wavelength_m: float, settings: TraceSettings) -> Bundle:
+def _with_surfaces(
+    part: Bundle, merged: MergedScene, pose: Pose, wavelength_m: float, settings: TraceSettings
+) -> Bundle:
     """The paths with what their surfaces do to the amplitude: share of a finite mirror, phase of a rough cell."""
     rotation = pose.rotation()
     velocity = part.velocities @ rotation.T + np.asarray(pose.velocity)
@@ -116,7 +118,7 @@ def _with_surfaces(part: Bundle, stage: Stage, pose: Pose, wavelength_m: float, 
             back = part.interactions.shape[1] - 1 - step
             after = _unfolded_before(lengths[:, ::-1], part.interactions[:, ::-1], back)
             factor[~rough] *= reflected_share(
-                mirrors_of(stage), part.triangles[~rough, step], at_rest[~rough, step], towards[~rough, step],
+                mirrors_of(merged), part.triangles[~rough, step], at_rest[~rough, step], towards[~rough, step],
                 before[~rough], after[~rough], wavelength_m,
             )  # fmt: skip
     return Bundle(**{**vars(part), "amplitude": part.amplitude * factor})

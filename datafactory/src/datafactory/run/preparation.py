@@ -16,7 +16,7 @@ from datafactory.frame.chain import ChainSettings
 from datafactory.frame.deal import Deal
 from datafactory.frame.points import PointTargets
 from datafactory.frame.prepared import PreparedScene, Sample
-from datafactory.paths.merged_scene import stage_of
+from datafactory.paths.merged_scene import merge_scene
 from datafactory.run.order import Order
 from datafactory.run.planning import plan_of, sample_of
 from datafactory.run.stored import StoredPaths, stored_paths
@@ -138,7 +138,7 @@ def _prepared(scene: Scene, table: MaterialTable, announce: Announce) -> Prepare
     unknown = ", ".join(name or "(none)" for name in materials.unknown)
     if unknown:
         announce(f"{scene.name}: unknown materials given the default: {unknown}")
-    return PreparedScene(scene.name, scene.content_hash(), stage_of(scene, materials), materials)
+    return PreparedScene(scene.name, scene.content_hash(), merge_scene(scene, materials), materials)
 
 
 def _entry(scene: Scene, materials: MaterialMapping) -> dict[str, Any]:
