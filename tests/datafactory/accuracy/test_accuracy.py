@@ -36,7 +36,7 @@ from datafactory.frame.measurement import Processing
 from datafactory.paths.density import cell_power
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
-from datafactory.run.pipeline import render
+from datafactory.run.pipeline import Execution, render
 from datafactory.run.preparation import prepare
 from datafactory.scenes.materials.table import load_materials
 from shared.dataset.folder import open_dataset
@@ -300,7 +300,7 @@ def test_a_frame_of_the_sweep_is_a_frame_of_the_run(left_out, radar, tmp_path, v
     effects = EffectSet.of(set(NAMES) - {"noise", "diffraction", "refraction", *left_out})
     settings = ChainSettings(trace=TraceSettings(rays=1000), processing=Processing(store="cube"))
     order = replace(order_of_two(radar), poses=(POSE,), effects=effects, seed=5, settings=settings)
-    render(order, load_materials(None), tmp_path / "data")
+    render(order, load_materials(None), Execution(tmp_path / "data"))
     (expected,) = open_dataset(tmp_path / "data").frames("train")
 
     prepared = prepare(order, load_materials(None))

@@ -13,7 +13,7 @@ from datafactory.accuracy import budget
 from datafactory.accuracy.check import HONEST_DB, check
 from datafactory.accuracy.prices import Errors, Menu
 from datafactory.run.order import Order
-from datafactory.run.pipeline import render, trace_paths
+from datafactory.run.pipeline import Execution, render, trace_paths
 from datafactory.scenes.materials.table import load_materials
 from shared.physics.errors import InputError
 
@@ -38,7 +38,7 @@ def test_a_budget_is_settled_once_kept_and_checked(variant, radar, tmp_path, mon
     assert first.order.settings.prune_db == first.choice.settings.prune_db
     assert first.order.settings.processing.truth_terms == first.choice.settings.truth_terms
 
-    render(first.order, load_materials(None), tmp_path / "data")
+    render(first.order, load_materials(None), Execution(tmp_path / "data"))
     check(first, tmp_path / "data", said.append)
     entry = json.loads((tmp_path / "data" / "manifest.json").read_text(encoding="utf-8"))["error_budget"]
     assert entry["budget_db"] == -20.0
@@ -55,7 +55,7 @@ def test_a_budget_of_traced_paths_bounds_the_power_in_cells_alone(variant, radar
     order = replace(order_of_two(radar), poses=(POSE,))
     found = settled(order, -15.0, MENU.of_paths(), said, tmp_path / "cache")
     assert found.order.settings.trace.rays in MENU.rays
-    trace_paths(found.order, load_materials(None), tmp_path / "paths")
+    trace_paths(found.order, load_materials(None), Execution(tmp_path / "paths"))
     check(found, tmp_path / "paths", said.append)
     entry = json.loads((tmp_path / "paths" / "manifest.json").read_text(encoding="utf-8"))["error_budget"]
     assert set(entry["predicted"]) == set(entry["achieved"]) == {"power_db"}
@@ -96,7 +96,7 @@ def test_a_budget_on_two_scenes_keeps_what_it_says(variant, radar, tmp_path) -> 
     lines = list[str]()
     found = settled(order, -15.0, MENU, lines, tmp_path / "cache")
     assert [[sample.frame_id for sample in scene.swept] for scene in found.scenes] == [[0, 9], [1, 8]]
-    render(found.order, load_materials(None), tmp_path / "data")
+    render(found.order, load_materials(None), Execution(tmp_path / "data"))
     check(found, tmp_path / "data", lines.append)
     entry = json.loads((tmp_path / "data" / "manifest.json").read_text(encoding="utf-8"))["error_budget"]
     for error in ("cube_db", "image_db", "power_db"):

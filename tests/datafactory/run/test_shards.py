@@ -54,6 +54,11 @@ def make_frame(frame_id: int) -> Frame:
 
 def make_dataset(directory: Path, resume: bool = False, arguments: dict = ARGUMENTS, stop_after: int = 99) -> list[str]:
     """A pipeline in small; returns the paths of the shards that it wrote. Stops like a killed run, in mid-shard."""
+    with progress.claimed(directory, resume):
+        return make_claimed(directory, resume, arguments, stop_after)
+
+
+def make_claimed(directory: Path, resume: bool, arguments: dict, stop_after: int) -> list[str]:
     if progress.begin(directory, arguments, resume):
         return []
     mark = progress.fingerprint(arguments)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
@@ -23,7 +23,7 @@ from datafactory.cli import options
 from datafactory.frame.measurement import IMAGE_BATCH
 from datafactory.paths.backend import select_variant, set_threads
 from datafactory.run.order import Order
-from datafactory.run.pipeline import Report, render
+from datafactory.run.pipeline import render
 from datafactory.run.preparation import prepare
 from datafactory.scenes.materials.table import MaterialTable, load_materials
 from datafactory.scenes.poses import read_poses
@@ -93,10 +93,8 @@ def make_within_budget(
     table: MaterialTable,
     level_db: float,
     menu: Menu,
-    out: Path,
-    workers: int,
-    resume: bool,
-    make: Callable[..., Report] = render,
+    running: options.Running,
+    make: options.Make = render,
 ) -> None:
     """``--error-budget``: settle the settings, render (or another ``make`` of the pipeline), check the promise."""
     console = Console(soft_wrap=True, highlight=False)
@@ -106,8 +104,8 @@ def make_within_budget(
 
     with _bar(console) as advance:
         settled = budget.settle(order, table, level_db, menu, announce, advance)
-    options.run(settled.order, table, out, workers, resume, make=make)
-    check(settled, out, announce)
+    options.run(settled.order, table, running, make=make)
+    check(settled, running.out, announce)
 
 
 @contextmanager

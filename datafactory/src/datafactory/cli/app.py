@@ -13,11 +13,13 @@ from typer.exceptions import TyperException
 from datafactory.cli.accuracy import accuracy
 from datafactory.cli.city import city
 from datafactory.cli.doctor import doctor
+from datafactory.cli.entry import INTERRUPTED
 from datafactory.cli.inspect import inspect
 from datafactory.cli.plan import plan
 from datafactory.cli.points import points
 from datafactory.cli.render import render
 from datafactory.cli.trace import trace
+from datafactory.run.workers import RunFailed
 from shared.physics.errors import InputError, require_utf8
 
 
@@ -40,8 +42,6 @@ app = typer.Typer(
 )
 for command in (render, points, plan, accuracy, trace, city, inspect, doctor):
     app.command(cls=PlainCommand)(command)
-INTERRUPTED = 130
-"""Exit status after Ctrl-C: 128 and the number of the signal."""
 
 
 def main() -> None:
@@ -57,6 +57,8 @@ def main() -> None:
         _fail(str(error), 2)
     except OSError as error:
         _fail(f"{error.filename or 'input/output'}: {error.strerror or error}", 1)
+    except RunFailed as error:
+        _fail(str(error), 1)
     except MemoryError as error:
         _fail(f"out of memory ({error}); expected fewer samples, chirps, channels, rays or workers", 1)
     except TyperException as error:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -16,7 +17,7 @@ from datafactory.frame.chain import ChainSettings
 from datafactory.frame.deal import parse_split_pattern
 from datafactory.paths.solver import TraceSettings
 from datafactory.run.order import Order
-from datafactory.run.pipeline import Report, render
+from datafactory.run.pipeline import Execution, Report, render
 from datafactory.scenes.materials.table import MaterialTable
 from datafactory.scenes.poses import read_poses
 from shared.physics.errors import InputError
@@ -40,6 +41,9 @@ Rays = Annotated[int, typer.Option("--rays", min=1, max=20_000_000, help="Rays a
 Depth = Annotated[int, typer.Option("--depth", min=1, max=3, help="Largest number of bounces.")]
 Effects = Annotated[
     str, typer.Option("--effects", help="auto (what each scene calls for), all, or names separated by commas.")
+]
+KeepGoing = Annotated[
+    bool, typer.Option("--keep-going", help="Finish the other shards where three worker processes died of one.")
 ]
 Noise = Annotated[bool, typer.Option("--noise/--no-noise", help="Add receiver noise.")]
 TruthWindow = Annotated[
@@ -101,28 +105,43 @@ def stated(context: typer.Context, name: str) -> bool:
     return source is not None and source.name != "DEFAULT"
 
 
-def run(
-    order: Order, table: MaterialTable, out: Path, workers: int, resume: bool, make: Callable[..., Report] = render
-) -> Report:
-    """Render (or another ``make`` of the pipeline) with a progress bar, and print what was made."""
+Make = Callable[[Order, MaterialTable, Execution], Report]
+"""What a command runs: :func:`datafactory.run.pipeline.render` or :func:`datafactory.run.pipeline.trace_paths`."""
+
+
+@dataclass(frozen=True)
+class Running:
+    """How a command runs, as its options say.
+
+    :param workers: 0 takes one for each core
+    """
+
+    out: Path
+    workers: int = 0
+    resume: bool = False
+    keep_going: bool = False
+
+
+def run(order: Order, table: MaterialTable, running: Running, make: Make = render) -> Report:
+    """Make a dataset with a progress bar, and print what was made."""
     console = Console(soft_wrap=True, highlight=False)
     with _bar(console) as advance:
-        report = make(
-            order,
-            table,
-            out,
-            workers or cores(),
-            resume,
+        execution = Execution(
+            running.out,
+            running.workers or cores(),
+            running.resume,
+            running.keep_going,
             announce=lambda line: console.print(line, markup=False),
             advance=advance,
         )
+        report = make(order, table, execution)
     kept = f" ({report.shards_kept} shards kept from before)" if report.shards_kept else ""
-    console.print(f"{report.frames} frames in {out}, {report.seconds:.0f} s{kept}", markup=False)
+    console.print(f"{report.frames} frames in {running.out}, {report.seconds:.0f} s{kept}", markup=False)
     for name, count in report.counts.items():
         if name not in ("frames",) and count:
             console.print(f"  {name.replace('_', ' ')}: {count:.0f}", markup=False)
     if make is render:
-        console.print(f"look:  datafactory inspect {out}", markup=False)
+        console.print(f"look:  datafactory inspect {running.out}", markup=False)
     return report
 
 

@@ -33,6 +33,7 @@ def points(
     truth_window: options.TruthWindow = "taylor-30",
     workers: options.Workers = 0,
     resume: options.Resume = False,
+    keep_going: options.KeepGoing = False,
 ) -> None:
     """Render close-target frames, the paper's synthetic set, or exactly the targets of a file."""
     parse_split_pattern(split)
@@ -50,4 +51,4 @@ def points(
             )
         ),
     )
-    options.run(order, load_materials(None), out, workers, resume)
+    options.run(order, load_materials(None), options.Running(out, workers, resume, keep_going))

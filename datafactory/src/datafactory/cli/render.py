@@ -59,6 +59,7 @@ def render(
     ] = None,
     workers: options.Workers = 0,
     resume: options.Resume = False,
+    keep_going: options.KeepGoing = False,
 ) -> None:
     """Render frames of scenes, and close-target frames beside them, into a dataset."""
     if bool(scene) == bool(paths):
@@ -88,10 +89,11 @@ def render(
         budget_db=DEFAULT_BUDGET_DB if error_budget is None else error_budget,
     )
     table = load_materials(materials)
+    running = options.Running(out, workers, resume, keep_going)
     if error_budget is None:
-        options.run(order, table, out, workers, resume)
+        options.run(order, table, running)
         return
     menu = menu_for(
         rays if options.stated(context, "rays") else None, depth if options.stated(context, "depth") else None
     )
-    make_within_budget(order, table, error_budget, menu, out, workers, resume)
+    make_within_budget(order, table, error_budget, menu, running)

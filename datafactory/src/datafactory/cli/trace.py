@@ -42,6 +42,7 @@ def trace(
     ] = None,
     workers: options.Workers = 0,
     resume: options.Resume = False,
+    keep_going: options.KeepGoing = False,
 ) -> None:
     """Trace multipath into DIR/paths; `datafactory render --paths DIR` renders any radar from it.
 
@@ -51,11 +52,12 @@ def trace(
     order = options.order_of(scene, poses, frames, split, seed, radar, rays, depth, budget_db)
     order = replace(order, effects=parse_effects(effects))
     table = load_materials(materials)
+    running = options.Running(out, workers, resume, keep_going)
     if error_budget is None:
-        options.run(order, table, out, workers, resume, make=trace_paths)
+        options.run(order, table, running, make=trace_paths)
     else:
         menu = menu_for(
             rays if options.stated(context, "rays") else None, depth if options.stated(context, "depth") else None
         ).of_paths()
-        make_within_budget(order, table, error_budget, menu, out, workers, resume, make=trace_paths)
+        make_within_budget(order, table, error_budget, menu, running, make=trace_paths)
     typer.echo(f"next:  datafactory render --paths {out} --out ANOTHER_FOLDER")

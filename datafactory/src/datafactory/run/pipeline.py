@@ -17,10 +17,10 @@ from datafactory.paths.storage import paths_schema
 from datafactory.run.job import Job, WriteShard, render_shard, trace_shard
 from datafactory.run.order import Order
 from datafactory.run.preparation import Prepared, prepare
-from datafactory.run.progress import FinishedShard, begin, completed, fingerprint, finish
+from datafactory.run.progress import FinishedShard, begin, claimed, completed, fingerprint, finish
 from datafactory.run.provenance import provenance
 from datafactory.run.shards import PATHS, ShardPlan, plan_shards
-from datafactory.run.workers import Work, run_shards
+from datafactory.run.workers import RunFailed, ShardWork, failure_line, run_shards
 from datafactory.scenes.materials.table import MaterialTable
 from shared.dataset import VERSION, arrow_schema, description
 from shared.signal.windows import angle_window, point_spread
@@ -53,6 +53,7 @@ class Execution:
 
     :param workers: processes; one works in this process
     :param resume: take up an unfinished run
+    :param keep_going: finish the other shards where three worker processes died of one
     :param announce: takes lines for the user: material mappings, warnings
     :param advance: takes frames done and frames in all
     """
@@ -60,28 +61,27 @@ class Execution:
     directory: Path
     workers: int = 1
     resume: bool = False
+    keep_going: bool = False
     announce: Announce = lambda line: None
     advance: Advance = lambda done, total: None
 
 
-def render(
-    order: Order,
-    table: MaterialTable,
-    directory: Path,
-    workers: int = 1,
-    resume: bool = False,
-    announce: Announce = lambda line: None,
-    advance: Advance = lambda done, total: None,
-) -> Report:
-    """Render a dataset into ``directory``; the parameters are those of :class:`Execution`.
+def render(order: Order, table: MaterialTable, execution: Execution) -> Report:
+    """Render a dataset.
 
     :raises InputError: anything wrong with the order or its inputs, before anything is written
     :raises OSError: the disk fails; what was finished can be resumed
+    :raises RunFailed: worker processes died; what was finished can be resumed
     """
+    with claimed(execution.directory, execution.resume):
+        return _rendered(order, table, execution)
+
+
+def _rendered(order: Order, table: MaterialTable, execution: Execution) -> Report:
     started = time.perf_counter()
     settings = order.settings
     about = description(order.radar, settings.processing.peaks, settings.processing.store, _conventions(order))
-    prepared = prepare(order, table, announce)
+    prepared = prepare(order, table, execution.announce)
     job = _job(order, prepared, arrow_schema(about).serialize().to_pybytes())
     arguments = {
         **prepared.arguments,
@@ -91,25 +91,20 @@ def render(
     }
     stated = {key: about[key] for key in ("radar", "array", "virtual_sensor", "axes", "shapes", "conventions", "truth")}
     manifest = {"arguments": arguments, **stated, "scenes": prepared.entries}
-    execution = Execution(directory, workers, resume, announce, advance)
     return _produce(job, plan_shards(job.deal.splits()), render_shard, manifest, execution, started)
 
 
-def trace_paths(
-    order: Order,
-    table: MaterialTable,
-    directory: Path,
-    workers: int = 1,
-    resume: bool = False,
-    announce: Announce = lambda line: None,
-    advance: Advance = lambda done, total: None,
-) -> Report:
-    """Trace scene frames into ``directory/paths``, for :func:`render` with ``Order.paths``; otherwise like it."""
+def trace_paths(order: Order, table: MaterialTable, execution: Execution) -> Report:
+    """Trace scene frames into ``paths/`` of the folder, for :func:`render` with ``Order.paths``; otherwise like it."""
+    with claimed(execution.directory, execution.resume):
+        return _traced(order, table, execution)
+
+
+def _traced(order: Order, table: MaterialTable, execution: Execution) -> Report:
     started = time.perf_counter()
-    prepared = prepare(order, table, announce)
+    prepared = prepare(order, table, execution.announce)
     job = _job(order, prepared, paths_schema().serialize().to_pybytes())
     manifest = {"arguments": prepared.arguments, "scenes": prepared.entries}
-    execution = Execution(directory, workers, resume, announce, advance)
     return _produce(job, plan_shards((PATHS,) * len(job.deal)), trace_shard, manifest, execution, started)
 
 
@@ -147,9 +142,11 @@ def _produce(
     for path in earlier.damaged:
         execution.announce(f"{path} is not as it was recorded and is made again")
     todo = [plan for plan in plans if plan not in earlier.shards]
-    work = Work(job, write, directory, mark)
-    made, step_seconds = run_shards(work, todo, execution.workers, frames, execution.advance)
-    finished = [(earlier.shards | made)[plan] for plan in plans]
+    work = ShardWork(job, write, directory, mark)
+    made = run_shards(work, todo, execution.workers, execution.keep_going, frames, execution.advance)
+    if made.failed:
+        raise RunFailed(failure_line(made.failed))
+    finished = [(earlier.shards | made.shards)[plan] for plan in plans]
     counts = _total(finished)
     seconds = time.perf_counter() - started
     finish(
@@ -160,10 +157,10 @@ def _produce(
             "seeds": {"dataset": job.deal.seed, "frame": "SeedSequence(entropy=dataset, spawn_key=(frame_id,))"},
             "counts": counts,
             "shards": [item.record.model_dump() for item in finished],
-            "made": provenance(execution.workers, seconds, step_seconds),
+            "made": provenance(execution.workers, seconds, made.seconds),
         },
     )
-    return Report(directory, frames, len(made), len(earlier.shards), counts, seconds)
+    return Report(directory, frames, len(made.shards), len(earlier.shards), counts, seconds)
 
 
 def _conventions(order: Order) -> dict[str, Any]:

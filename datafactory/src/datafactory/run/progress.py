@@ -10,7 +10,8 @@ import hashlib
 import json
 import shutil
 import tempfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,9 +22,11 @@ from datafactory.run.shards import ShardPlan, write_manifest
 from shared.dataset.folder import MANIFEST, ShardRecord, read_manifest
 from shared.dataset.writing import PARTIAL, write_json
 from shared.physics.errors import InputError
+from shared.processes.lock import one_job
 
 FOLDER = ".progress"
 ARGUMENTS = "arguments.json"
+LOCK = "lock"
 
 
 class FinishedShard(BaseModel):
@@ -58,34 +61,69 @@ def fingerprint(arguments: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(arguments, sort_keys=True, allow_nan=False).encode()).hexdigest()
 
 
+@contextmanager
+def claimed(directory: Path, resume: bool) -> Iterator[None]:
+    """Hold the dataset's folder for one run, from before any work is done until it is over.
+
+    A folder that was made for this and that nothing came into is removed again.
+
+    :param resume: take up an unfinished run in this folder
+    :raises InputError: a folder that is not writable, that another process works in, or that is not empty where there
+        is nothing to resume
+    """
+    made = [path for path in (directory, *directory.parents) if not path.exists()]
+    _make_writable(directory)
+    progress = directory / FOLDER
+    try:
+        if not resume and _has_content(directory):
+            raise InputError("--out", f"{directory} is not empty", "an empty or new folder, or --resume")
+        progress.mkdir(exist_ok=True)
+        with one_job(directory, progress / LOCK, "--out"):
+            if not resume and _has_content(directory):
+                raise InputError("--out", f"{directory} is not empty", "an empty or new folder, or --resume")
+            yield
+    finally:
+        for path in (progress, *made):
+            with suppress(OSError):  # something stands in it
+                path.rmdir()
+
+
 def begin(directory: Path, arguments: Mapping[str, Any], resume: bool) -> bool:
-    """Make the dataset's folder ready, before any work is done.
+    """Begin a run in a claimed folder, or take one up.
 
     :param arguments: those that determine the bytes, as JSON values by the names that the user knows; the manifest's
         ``arguments`` must be the same mapping
     :param resume: take up an unfinished run in this folder
     :returns: True if an earlier run with these arguments has already finished the dataset
-    :raises InputError: a folder that is not writable; without ``resume`` one that is not empty; with it one that holds
-        something else, or a run with other arguments
+    :raises InputError: with ``resume`` a folder that holds something else, or a run with other arguments
     """
-    _make_writable(directory)
     progress = directory / FOLDER
-    present = any(directory.iterdir())
-    if present and not resume:
-        raise InputError("--out", f"{directory} is not empty", "an empty or new folder, or --resume")
     if (directory / MANIFEST).is_file():
         _same_arguments(directory / MANIFEST, directory, read_manifest(directory).get("arguments"), arguments)
-        shutil.rmtree(progress, ignore_errors=True)
         return True
     if (progress / ARGUMENTS).is_file():
         _same_arguments(progress / ARGUMENTS, directory, _read_json(progress / ARGUMENTS), arguments)
-    elif present and any(item.name != FOLDER for item in directory.iterdir()):
+    elif resume and _has_content(directory):
         raise InputError("--out", f"{directory} is not empty and holds no unfinished run", "an empty or new folder")
-    for stale in [*directory.glob(f"*{PARTIAL}"), *directory.glob(f"*/*{PARTIAL}")]:
-        stale.unlink()
-    progress.mkdir(exist_ok=True)
+    remove_partial(directory)
     write_json(progress / ARGUMENTS, arguments)
     return False
+
+
+def remove_partial(directory: Path) -> None:
+    """Remove what processes that were killed had begun to write."""
+    for stale in [*directory.glob(f"*{PARTIAL}"), *directory.glob(f"*/*{PARTIAL}")]:
+        stale.unlink(missing_ok=True)
+
+
+def workers_folder(directory: Path) -> Path:
+    """Where the worker processes of a run find their work."""
+    return directory / FOLDER / "workers"
+
+
+def _has_content(directory: Path) -> bool:
+    """Whether a folder holds anything but a claim."""
+    return any(item.name != FOLDER for item in directory.iterdir()) or (directory / FOLDER / ARGUMENTS).is_file()
 
 
 def record_finished(directory: Path, plan: ShardPlan, finished: FinishedShard) -> None:

@@ -1,25 +1,30 @@
-"""Shards in worker processes, or in this one: hand out, watch, record. The processes are the standard library's."""
+"""Shards in worker processes, or in this one: hand out, watch, record."""
 
 from __future__ import annotations
 
-import multiprocessing
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from datafactory.paths.backend import select_variant, set_threads
-from datafactory.run.job import Job, WriteShard
-from datafactory.run.progress import FinishedShard, record_finished
+from datafactory.run.job import Job, Report, WriteShard
+from datafactory.run.progress import FinishedShard, record_finished, remove_partial, workers_folder
 from datafactory.run.shards import ShardPlan
+from shared.processes.pool import WorkerPool
 
 Advance = Callable[[int, int], None]
+Seconds = dict[str, float]
+POLL_S = 0.3
+"""How often the frames that the workers finished are counted."""
+
+
+class RunFailed(Exception):
+    """A run that cannot be finished now, in one line."""
 
 
 @dataclass(frozen=True)
-class Work:
+class ShardWork:
     """What every worker is given once.
 
     :param write: makes one shard of the job
@@ -37,74 +42,85 @@ class Work:
             select_variant()
             set_threads(1)
 
-    def shard(self, plan: ShardPlan, report: Callable[[int], None]) -> tuple[FinishedShard, dict[str, float]]:
+    def __call__(self, plan: ShardPlan, report: Report) -> tuple[FinishedShard, Seconds]:
         """Write one shard."""
         return self.write(self.job, plan, self.directory, self.mark, report)
 
 
+@dataclass
+class Made:
+    """What was made: shards, seconds by step added over the workers, and shards that three processes died of."""
+
+    shards: dict[ShardPlan, FinishedShard] = field(default_factory=dict)
+    seconds: Counter[str] = field(default_factory=Counter)
+    failed: dict[ShardPlan, str] = field(default_factory=dict)
+
+
 def run_shards(
-    work: Work, todo: Sequence[ShardPlan], workers: int, total: int, advance: Advance
-) -> tuple[dict[ShardPlan, FinishedShard], dict[str, float]]:
+    work: ShardWork, todo: Sequence[ShardPlan], workers: int, keep_going: bool, total: int, advance: Advance
+) -> Made:
     """Write the shards; each is recorded as soon as it is whole.
 
     One worker, or one shard, is worked on in this process: a script needs no guard around its main part.
 
+    :param keep_going: finish the others where three processes died of a shard
     :param total: frames of the run; :param advance: takes frames done and frames in all
+    :raises RunFailed: three processes died of a shard
     """
-    progress = _Progress(work.directory, total - sum(len(plan.frame_ids) for plan in todo), total, advance)
-    if min(workers, len(todo)) <= 1:
+    made, workers = Made(), min(workers, len(todo))
+    before = total - sum(len(plan.frame_ids) for plan in todo)
+    done = before
+
+    def tell(running: int) -> None:
+        advance(done + running, total)
+
+    def keep(plan: ShardPlan, result: tuple[FinishedShard, Seconds]) -> None:
+        nonlocal done
+        record_finished(work.directory, plan, result[0])
+        made.shards[plan] = result[0]
+        made.seconds.update(result[1])
+        done += len(plan.frame_ids)
+
+    tell(0)
+    if workers <= 1:
         work.begin()
         for plan in todo:
-            progress.finished(plan, *work.shard(plan, progress.frames))
-    else:
-        _in_processes(work, todo, min(workers, len(todo)), progress)
-    return progress.made, dict(progress.seconds)
+            running = 0
+
+            def report(count: int) -> None:
+                nonlocal running
+                running += count
+                tell(running)
+
+            keep(plan, work(plan, report))
+        return made
+    waiting = deque(todo)
+    try:
+        with WorkerPool[ShardPlan, tuple[FinishedShard, Seconds]](
+            work, workers, workers_folder(work.directory)
+        ) as pool:
+            while waiting or pool.busy:
+                while waiting and pool.has_room:
+                    pool.submit(waiting.popleft())
+                for finished in pool.finished(POLL_S):
+                    if finished.result is not None:
+                        keep(finished.item, finished.result)
+                        continue
+                    made.failed[finished.item] = finished.failure
+                    if not keep_going:
+                        raise RunFailed(failure_line(made.failed))
+                tell(pool.running_steps())
+    except BaseException:
+        remove_partial(work.directory)
+        raise
+    return made
 
 
-class _Progress:
-    """What is done so far."""
-
-    def __init__(self, directory: Path, done: int, total: int, advance: Advance) -> None:
-        self.directory, self.done, self.total, self.advance = directory, done, total, advance
-        self.made: dict[ShardPlan, FinishedShard] = {}
-        self.seconds: Counter[str] = Counter()
-        advance(done, total)
-
-    def frames(self, count: int) -> None:
-        self.done += count
-        self.advance(self.done, self.total)
-
-    def finished(self, plan: ShardPlan, shard: FinishedShard, seconds: dict[str, float]) -> None:
-        record_finished(self.directory, plan, shard)
-        self.made[plan] = shard
-        self.seconds.update(seconds)
-
-
-def _in_processes(work: Work, todo: Sequence[ShardPlan], workers: int, progress: _Progress) -> None:
-    context = multiprocessing.get_context("spawn")
-    ticks = context.SimpleQueue()
-    with ProcessPoolExecutor(workers, mp_context=context, initializer=_start, initargs=(work, ticks)) as pool:
-        pending: dict[Future, ShardPlan] = {pool.submit(_shard, plan): plan for plan in todo}
-        try:
-            while pending:
-                finished, _ = wait(pending, timeout=0.5, return_when=FIRST_COMPLETED)
-                while not ticks.empty():
-                    progress.frames(ticks.get())
-                for future in finished:
-                    progress.finished(pending.pop(future), *future.result())
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-
-
-_given: dict[str, Any] = {}
-"""What a worker process was given at its start; a process pool hands tasks nothing else."""
-
-
-def _start(work: Work, ticks: Any) -> None:
-    work.begin()
-    _given.update(work=work, ticks=ticks)
-
-
-def _shard(plan: ShardPlan) -> tuple[FinishedShard, dict[str, float]]:
-    return _given["work"].shard(plan, _given["ticks"].put)
+def failure_line(failed: dict[ShardPlan, str]) -> str:
+    """What to say of shards that three processes died of."""
+    (plan, how), *others = failed.items()
+    more = f" (and {len(others)} other shards)" if others else ""
+    return (
+        f"{plan.path}, frames {plan.frame_ids[0]} to {plan.frame_ids[-1]}: three worker processes died of it{more}, "
+        f"{how}, perhaps for lack of memory; the same command with --resume, and fewer --workers, goes on"
+    )

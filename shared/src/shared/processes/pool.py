@@ -1,0 +1,240 @@
+"""Tasks in worker processes of which any may die at any moment.
+
+Each worker is a loky executor of one process. A death breaks that executor and no other: its task is tried again in a
+fresh process, and the task that a process died of is known. Workers share no lock and no pipe, which a process that is
+killed could leave locked or half written. What all tasks need is handed over by file, and so are results and the steps
+that were done: a pipe takes a long message in parts, and whoever waits for the rest of it waits for ever.
+
+A worker ends by itself when the process that started it is gone. Ctrl-C reaches that process alone.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import shutil
+import signal
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Hashable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Generic, Protocol, TypeVar
+
+from loky import ProcessPoolExecutor, process_executor
+from loky.process_executor import BrokenProcessPool
+
+ATTEMPTS = 3
+"""Processes that may die of one task before it counts as failed."""
+AHEAD = 2
+"""Tasks handed to each worker: one at work, one to go on with."""
+PARENT_CHECK_S = 0.5
+"""How often a worker looks whether the process that started it is still there."""
+
+WORK = "work.pickle"
+
+Item = TypeVar("Item", bound=Hashable)
+Result = TypeVar("Result")
+Item_contra = TypeVar("Item_contra", contravariant=True)
+Result_co = TypeVar("Result_co", covariant=True)
+Report = Callable[[int], None]
+
+
+class Work(Protocol[Item_contra, Result_co]):
+    """What every worker is given once; it can be pickled."""
+
+    def begin(self) -> None:
+        """Make the process ready; called once in each."""
+
+    def __call__(self, item: Item_contra, report: Report, /) -> Result_co:
+        """Do one task.
+
+        :param report: called with the number of steps that were done since the last call
+        """
+
+
+@dataclass(frozen=True)
+class Finished(Generic[Item, Result]):
+    """A task that is done, or that three processes died of.
+
+    :param result: None where it failed
+    :param failure: how its last process ended; empty where it is done
+    """
+
+    item: Item
+    result: Result | None
+    failure: str = ""
+
+
+@dataclass
+class _Worker(Generic[Item]):
+    """One process, and what was handed to it in order.
+
+    :param steps: file that grows by a byte a step
+    :param counted: its size as the last task finished
+    """
+
+    executor: ProcessPoolExecutor
+    steps: Path
+    counted: int = 0
+    running: deque[tuple[Item, Path, Future[None]]] = field(default_factory=deque)
+
+
+class WorkerPool(Generic[Item, Result]):
+    """A context that ends its processes when it is left, whatever for.
+
+    :param work: what the workers do; its tasks can be pickled and hashed
+    :param count: workers
+    :param folder: for the files that are handed over; it is the pool's own, made, and removed at the end
+    """
+
+    def __init__(self, work: Work[Item, Result], count: int, folder: Path) -> None:
+        self._work, self._count, self._folder = work, count, folder
+        self._workers: list[_Worker[Item]] = []
+        self._deaths: Counter[Item] = Counter()
+        self._files = 0
+
+    def __enter__(self) -> WorkerPool[Item, Result]:
+        shutil.rmtree(self._folder, ignore_errors=True)  # of a run that was killed
+        self._folder.mkdir(parents=True, mode=0o700)
+        (self._folder / WORK).write_bytes(pickle.dumps(self._work))
+        self._workers = [self._started() for _ in range(self._count)]
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for worker in self._workers:
+            worker.executor.shutdown(wait=True, kill_workers=True)
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+    @property
+    def busy(self) -> bool:
+        """Whether any task is not finished."""
+        return any(worker.running for worker in self._workers)
+
+    @property
+    def has_room(self) -> bool:
+        """Whether another task may be handed out."""
+        return any(len(worker.running) < AHEAD for worker in self._workers)
+
+    def submit(self, item: Item) -> None:
+        """Hand a task to the worker that has least to do."""
+        self._hand(min(self._workers, key=lambda worker: len(worker.running)), item)
+
+    def finished(self, timeout_s: float) -> Iterator[Finished[Item, Result]]:
+        """What has finished within this time [s]; tasks of processes that died are handed out again.
+
+        :raises Exception: what a task raised
+        """
+        wait([worker.running[0][2] for worker in self._workers if worker.running], timeout_s, FIRST_COMPLETED)
+        for place in range(self._count):
+            while (worker := self._workers[place]).running and worker.running[0][2].done():
+                item, answer, future = worker.running.popleft()
+                error = future.exception()
+                if isinstance(error, BrokenProcessPool):
+                    self._replace(place)
+                    if (failure := self._failure(item, error)) is not None:
+                        yield failure
+                    continue
+                future.result()
+                worker.counted = _size(worker.steps)
+                result: Result = pickle.loads(answer.read_bytes())
+                answer.unlink()
+                yield Finished(item, result)
+
+    def running_steps(self) -> int:
+        """Steps that were done of tasks that are not finished."""
+        return sum(_size(worker.steps) - worker.counted for worker in self._workers)
+
+    def _failure(self, item: Item, error: BaseException) -> Finished[Item, Result] | None:
+        """None while the task is tried again."""
+        self._deaths[item] += 1
+        if self._deaths[item] < ATTEMPTS:
+            self.submit(item)
+            return None
+        return Finished(item, None, _how(error))
+
+    def _replace(self, place: int) -> None:
+        """A fresh process in the place of one that died; what that had not begun goes on there."""
+        dead = self._workers[place]
+        dead.executor.shutdown(wait=True, kill_workers=True)
+        fresh = self._workers[place] = self._started()
+        for item, _, _ in dead.running:
+            self._hand(fresh, item)
+
+    def _hand(self, worker: _Worker[Item], item: Item) -> None:
+        answer = self._new_file("result")
+        try:
+            with _without_interrupts():
+                future = worker.executor.submit(_do, item, answer)
+        except BrokenProcessPool as error:  # it died while it had nothing to do
+            future = Future()
+            future.set_exception(error)
+        worker.running.append((item, answer, future))
+
+    def _started(self) -> _Worker[Item]:
+        steps = self._new_file("steps")
+        with _without_interrupts():
+            executor = ProcessPoolExecutor(1, initializer=_begin, initargs=(self._folder / WORK, steps, os.getpid()))
+            executor.submit(int)  # starts the process now: all import side by side
+        return _Worker(executor, steps)
+
+    def _new_file(self, kind: str) -> Path:
+        self._files += 1
+        return self._folder / f"{kind}-{self._files}"
+
+
+def _size(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except FileNotFoundError:
+        return 0
+
+
+def _how(error: BaseException) -> str:
+    """How a process ended, in a few words."""
+    codes = [part for part in str(error).replace("}", "{").split("{") if "SIG" in part or "EXIT" in part]
+    return f"its process ended by {codes[0]}" if codes else "its process ended"
+
+
+@contextmanager
+def _without_interrupts() -> Iterator[None]:
+    """Processes started meanwhile never see Ctrl-C, which a terminal sends to all: this one ends them."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+_given: dict[str, Any] = {}
+"""What a worker process was given at its start; an executor hands tasks nothing else."""
+
+
+def _begin(work_file: Path, steps: Path, parent: int) -> None:
+    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    # loky would end a worker that grew by 300 MB since its first task, which a larger scene does.
+    process_executor._USE_PSUTIL = False
+    work = pickle.loads(work_file.read_bytes())
+    work.begin()
+    handle = os.open(steps, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
+    _given.update(work=work, report=lambda count: os.write(handle, b"." * count))
+
+
+def _end_with(parent: int) -> None:
+    """A process that was killed cannot end its workers."""
+    while os.getppid() == parent:
+        time.sleep(PARENT_CHECK_S)
+    os._exit(1)
+
+
+def _do(item: Any, answer: Path) -> None:
+    answer.write_bytes(pickle.dumps(_given["work"](item, _given["report"])))

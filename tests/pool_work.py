@@ -1,0 +1,44 @@
+"""What the workers of the pool's tests do; a module, so that worker processes can import it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class Squares:
+    """Squares a number; some numbers are deadly.
+
+    :param folder: notes one line for each process that began
+    :param deaths: number -> processes that die of it before one does not
+    :param seconds: that each number takes
+    """
+
+    folder: Path
+    deaths: dict[int, int]
+    seconds: float = 0.0
+    dies_at_the_start: int = 0
+
+    def begin(self) -> None:
+        """Note the process; the first ones may die of that alone."""
+        begun = len(list(self.folder.glob("began-*")))
+        (self.folder / f"began-{os.getpid()}").touch()
+        if begun < self.dies_at_the_start:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    def __call__(self, item: int, report: Callable[[int], None]) -> tuple[int, bytes]:
+        report(1)
+        time.sleep(self.seconds)
+        if item < 0:
+            raise ValueError(f"{item} has no square here; expected a positive number")
+        died = list(self.folder.glob(f"died-{item}-*"))
+        if len(died) < self.deaths.get(item, 0):
+            (self.folder / f"died-{item}-{len(died)}").touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        report(1)
+        return item * item, bytes(300_000)  # more than a pipe takes at a time

@@ -1,0 +1,159 @@
+"""Worker processes that die: replaced, their tasks tried again, and nothing hangs or stays behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections import deque
+from pathlib import Path
+
+import psutil
+import pytest
+from pool_work import Squares
+
+from shared.physics.errors import InputError
+from shared.processes.lock import one_job
+from shared.processes.pool import ATTEMPTS, Finished, WorkerPool
+
+TESTS = Path(__file__).resolve().parents[2]
+
+
+def finished(pool: WorkerPool[int, tuple[int, bytes]], items: list[int]) -> list[Finished[int, tuple[int, bytes]]]:
+    """All outcomes, in the order in which they come."""
+    waiting, outcomes = deque(items), list[Finished[int, tuple[int, bytes]]]()
+    while waiting or pool.busy:
+        while waiting and pool.has_room:
+            pool.submit(waiting.popleft())
+        outcomes += pool.finished(0.2)
+    return outcomes
+
+
+def squares(outcomes: list[Finished[int, tuple[int, bytes]]]) -> dict[int, int]:
+    return {outcome.item: outcome.result[0] for outcome in outcomes if outcome.result is not None}
+
+
+def test_every_task_is_done_once(tmp_path: Path) -> None:
+    folder = tmp_path / "workers"
+    with WorkerPool[int, tuple[int, bytes]](Squares(tmp_path, {}), 2, folder) as pool:
+        outcomes = finished(pool, list(range(7)))
+        assert pool.running_steps() == 0
+    assert squares(outcomes) == {number: number**2 for number in range(7)}
+    assert len(outcomes) == 7
+    assert not folder.exists()
+
+
+def test_a_worker_that_dies_is_replaced_and_its_task_tried_again(tmp_path: Path) -> None:
+    deaths = {2: 1, 5: ATTEMPTS - 1}
+    with WorkerPool[int, tuple[int, bytes]](Squares(tmp_path, deaths), 2, tmp_path / "workers") as pool:
+        outcomes = finished(pool, list(range(7)))
+    assert squares(outcomes) == {number: number**2 for number in range(7)}
+    assert len(list(tmp_path.glob("began-*"))) == 2 + sum(deaths.values())
+
+
+def test_a_task_that_three_processes_die_of_is_named_and_the_rest_is_done(tmp_path: Path) -> None:
+    with WorkerPool[int, tuple[int, bytes]](Squares(tmp_path, {3: 99}), 2, tmp_path / "workers") as pool:
+        outcomes = finished(pool, list(range(6)))
+    assert squares(outcomes) == {number: number**2 for number in range(6) if number != 3}
+    (failed,) = (outcome for outcome in outcomes if outcome.result is None)
+    assert failed.item == 3
+    assert "SIGKILL" in failed.failure
+    assert len(list(tmp_path.glob("died-3-*"))) == ATTEMPTS
+
+
+def test_workers_that_die_while_they_start_are_replaced(tmp_path: Path) -> None:
+    work = Squares(tmp_path, {}, dies_at_the_start=2)
+    with WorkerPool[int, tuple[int, bytes]](work, 2, tmp_path / "workers") as pool:
+        outcomes = finished(pool, [1, 2, 3])
+    assert squares(outcomes) == {1: 1, 2: 4, 3: 9}
+
+
+def test_what_a_task_raises_is_raised_and_the_processes_end(tmp_path: Path) -> None:
+    with (
+        pytest.raises(ValueError, match="-1 has no square here"),
+        WorkerPool[int, tuple[int, bytes]](Squares(tmp_path, {}, seconds=0.1), 2, tmp_path / "workers") as pool,
+    ):
+        finished(pool, [1, -1, 2, 3])
+    began = [int(path.name.removeprefix("began-")) for path in tmp_path.glob("began-*")]
+    assert began
+    assert not any(psutil.pid_exists(process) for process in began)
+
+
+SCRIPT = """
+import sys
+from collections import deque
+from pathlib import Path
+sys.path.append({tests!r})
+from pool_work import Squares
+from shared.processes.pool import WorkerPool
+
+folder = Path({folder!r})
+with WorkerPool(Squares(folder, {{}}, seconds=60.0), 2, folder / "workers") as pool:
+    for number in range(4):
+        pool.submit(number)
+    while pool.busy:
+        list(pool.finished(0.2))
+"""
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+def test_workers_end_with_the_process_that_started_them(how: signal.Signals, tmp_path: Path) -> None:
+    """Also a script without a guard around its main part may have workers."""
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT.format(tests=str(TESTS), folder=str(tmp_path)), encoding="utf-8")
+    parent = subprocess.Popen([sys.executable, str(script)], stderr=subprocess.DEVNULL)
+    wait_for(lambda: len(list(tmp_path.glob("began-*"))) == 2)
+    began = [int(path.name.removeprefix("began-")) for path in tmp_path.glob("began-*")]
+    os.kill(parent.pid, how)
+    assert parent.wait(timeout=30) != 0
+    wait_for(lambda: not any(psutil.pid_exists(process) for process in began))
+
+
+def wait_for(condition: object, seconds: float = 60.0) -> None:
+    """Until the condition holds; fails after a time that no slow machine takes."""
+    assert callable(condition)
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.05)
+
+
+def test_a_folder_has_one_job_at_a_time(tmp_path: Path) -> None:
+    lock = tmp_path / "lock"
+    with one_job(tmp_path, lock, "--out"):
+        held = f"""
+from pathlib import Path
+from shared.processes.lock import one_job
+with one_job(Path({str(tmp_path)!r}), Path({str(lock)!r}), "--out"):
+    print("held")
+"""
+        other = subprocess.run([sys.executable, "-c", held], capture_output=True, text=True, check=False)
+        assert other.stdout == ""
+        assert "another process is at work" in other.stderr
+    assert not lock.exists()
+    with one_job(tmp_path, lock, "--out"):
+        pass
+
+
+def test_a_crash_releases_the_folder(tmp_path: Path) -> None:
+    crash = f"""
+import os, signal
+from pathlib import Path
+from shared.processes.lock import one_job
+with one_job(Path({str(tmp_path)!r}), Path({str(tmp_path / "lock")!r}), "--out"):
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+    assert subprocess.run([sys.executable, "-c", crash], check=False).returncode == -signal.SIGKILL
+    assert (tmp_path / "lock").exists()
+    with one_job(tmp_path, tmp_path / "lock", "--out"):
+        pass
+
+
+def test_the_message_of_a_held_folder_is_one_line(tmp_path: Path) -> None:
+    with one_job(tmp_path, tmp_path / "lock", "--out"), pytest.raises(InputError) as caught:  # noqa: SIM117
+        with one_job(tmp_path, tmp_path / "lock", "--out"):
+            pass
+    assert str(caught.value).startswith("--out: another process is at work in ")
+    assert "\n" not in str(caught.value)
