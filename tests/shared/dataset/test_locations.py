@@ -3,6 +3,7 @@
 import http.server
 import json
 import threading
+from pathlib import Path
 from urllib.parse import parse_qs, unquote, urlsplit
 
 import numpy as np
@@ -57,7 +58,7 @@ def folder(tmp_path):
 class Store(http.server.BaseHTTPRequestHandler):
     """As much of S3 as reading needs: HEAD and GET with ranges, and ListObjectsV2."""
 
-    root = None
+    root: Path
 
     def do_HEAD(self):
         self._object(with_body=False)
