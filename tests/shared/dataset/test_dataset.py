@@ -247,9 +247,31 @@ def make_dataset(folder: Path) -> Path:
     return folder
 
 
+def make_traced(folder: Path) -> Path:
+    """What ``datafactory trace`` leaves: shards of paths and no frames."""
+    path = folder / "paths" / "part-00000.parquet"
+    path.parent.mkdir(parents=True)
+    pq.write_table(pa.table({"frame_id": [0, 1]}), path)
+    content = path.read_bytes()
+    digest = hashlib.sha256(content).hexdigest()
+    shards = [{"path": "paths/part-00000.parquet", "rows": 2, "bytes": len(content), "sha256": digest}]
+    (folder / "manifest.json").write_text(json.dumps({"version": 1, "shards": shards}))
+    return folder
+
+
 def edit_manifest(folder: Path, **changes) -> None:
     manifest = json.loads((folder / "manifest.json").read_text()) | changes
     (folder / "manifest.json").write_text(json.dumps(manifest))
+
+
+def test_a_folder_of_traced_paths_is_verified_and_says_that_it_holds_no_frames(tmp_path):
+    dataset = open_dataset(make_traced(tmp_path))
+    assert dataset.splits == {}
+    assert verify(dataset) == []
+    expected = "holds traced paths and no frames; expected a dataset, as made by datafactory render --paths"
+    for ask in (dataset.description, lambda: dataset.shards("test"), lambda: dataset.rows("train")):
+        with pytest.raises(InputError, match=expected):
+            ask()
 
 
 def test_a_dataset_is_read_split_by_split(tmp_path):

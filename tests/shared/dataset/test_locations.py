@@ -1,16 +1,13 @@
 """Datasets on object storage: a small S3 server of the test's own, a filesystem of Arrow's, and what is refused."""
 
-import http.server
 import json
-import threading
-from pathlib import Path
-from urllib.parse import parse_qs, unquote, urlsplit
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.fs
 import pyarrow.parquet as pq
 import pytest
+from object_store import serve
 
 from shared.dataset import Frame, arrow_schema, description, to_record_batch
 from shared.dataset.folder import open_dataset, verify
@@ -55,64 +52,11 @@ def folder(tmp_path):
     return directory
 
 
-class Store(http.server.BaseHTTPRequestHandler):
-    """As much of S3 as reading needs: HEAD and GET with ranges, and ListObjectsV2."""
-
-    root: Path
-
-    def do_HEAD(self):
-        self._object(with_body=False)
-
-    def do_GET(self):
-        parts = urlsplit(self.path)
-        if "list-type" in parse_qs(parts.query):
-            self._list(unquote(parts.path).strip("/"), parse_qs(parts.query))
-        else:
-            self._object(with_body=True)
-
-    def _object(self, with_body):
-        path = self.root / unquote(urlsplit(self.path).path).strip("/")
-        if not path.is_file():
-            return self._send(200 if path.is_dir() and path.parent == self.root else 404, b"", {})
-        content = path.read_bytes()
-        if "Range" in self.headers:
-            first, _, last = self.headers["Range"].removeprefix("bytes=").partition("-")
-            part = content[int(first) : int(last) + 1]
-            span = {"Content-Range": f"bytes {first}-{last}/{len(content)}"}
-            return self._send(206, part if with_body else b"", span, len(part))
-        self._send(200, content if with_body else b"", {}, len(content))
-
-    def _list(self, bucket, query):
-        prefix = query.get("prefix", [""])[0]
-        keys = sorted(p.relative_to(self.root / bucket).as_posix() for p in (self.root / bucket).rglob("*.*"))
-        found = "".join(f"<Contents><Key>{k}</Key><Size>1</Size></Contents>" for k in keys if k.startswith(prefix))
-        text = f"<ListBucketResult><IsTruncated>false</IsTruncated>{found}</ListBucketResult>"
-        self._send(200, text.encode(), {"Content-Type": "application/xml"})
-
-    def _send(self, status, body, headers, length=None):
-        self.send_response(status)
-        for name, value in headers.items():
-            self.send_header(name, value)
-        self.send_header("Content-Length", str(len(body) if length is None else length))
-        self.end_headers()
-        self.wfile.write(body)
-
-    def log_message(self, *arguments):
-        """Nothing: pytest's output is not this server's log."""
-
-
 @pytest.fixture
 def s3(folder):
     """The URI of the dataset on a server of this test."""
-    handler = type("Bound", (Store,), {"root": folder.parents[2]})
-    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler)
-    thread = threading.Thread(target=server.serve_forever, daemon=True)
-    thread.start()
-    options = f"scheme=http&endpoint_override=127.0.0.1:{server.server_port}&region=us-east-1"
-    yield f"s3://user:secret@bucket/radar/set?{options}"
-    server.shutdown()
-    server.server_close()
-    thread.join()
+    with serve(folder.parents[2]) as options:
+        yield f"s3://user:secret@bucket/radar/set?{options}"
 
 
 def values(dataset):

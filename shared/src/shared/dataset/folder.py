@@ -65,6 +65,7 @@ class Dataset:
 
         :raises InputError: a split that has no frames
         """
+        self._require_frames()
         if split not in self.splits:
             raise InputError(self.path, f"no frames in split {split!r}", f"one of {list(self.splits)}")
         return self.splits[split]
@@ -80,8 +81,18 @@ class Dataset:
         return tuple((shard, row) for shard in self.shards(split) for row in range(count[shard]))
 
     def description(self) -> dict[str, Any]:
-        """The description of the first shard; all shards have the same (:func:`verify` checks it)."""
+        """The description of the first shard; all shards have the same (:func:`verify` checks it).
+
+        :raises InputError: a folder without frames, a first shard that cannot be read
+        """
+        self._require_frames()
         return read_description(next(shard for shards in self.splits.values() for shard in shards))
+
+    def _require_frames(self) -> None:
+        """``datafactory trace`` writes shards under ``paths/`` alone."""
+        if not self.splits:
+            made_by = f"datafactory render --paths {self.path} --out OTHER"
+            raise InputError(self.path, "holds traced paths and no frames", f"a dataset, as made by {made_by}")
 
 
 def read_manifest(directory: Location) -> dict[str, Any]:

@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Float, Float64
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
-from shared.physics.units import db_to_power, dbm_to_watt
-from shared.radar.antenna import Pattern, car_radar_pattern
+from shared.physics.units import db_to_power, dbm_to_watt, power_to_db
+from shared.radar.antenna import IsotropicPattern, Pattern, car_radar_pattern
 from shared.radar.waveform import Waveform
 
 Polarization = Literal["V", "H"]
@@ -92,6 +92,17 @@ class FrontEnd(BaseModel):
     @property
     def transmit_power_w(self) -> float:
         return dbm_to_watt(self.transmit_power_dbm)
+
+    def with_boresight_gain(self) -> FrontEnd:
+        """The front end with the gain of boresight in every direction."""
+        ahead = np.array([1.0, 0.0, 0.0])
+
+        def everywhere(pattern: Pattern) -> IsotropicPattern:
+            return IsotropicPattern(gain_dbi=float(power_to_db(pattern.power_gain(ahead))))
+
+        return self.model_copy(
+            update={"tx_pattern": everywhere(self.tx_pattern), "rx_pattern": everywhere(self.rx_pattern)}
+        )
 
     @property
     def cross_polarized(self) -> bool:

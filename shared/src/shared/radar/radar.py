@@ -17,6 +17,11 @@ from shared.radar.arrays import AntennaArray, avr_qdm_110, virtual_sensor_256
 from shared.radar.front_end import FrontEnd
 from shared.radar.waveform import Waveform
 
+MIRROR_TOLERANCE = 1e-6
+"""Of a bin, within which -u_j must meet the grid. A grid that is read back from a dataset has its end rounded to 12
+digits, 1e-9 bins. An image folded at an axis 1e-6 bins off has phases wrong by 1.5e-6 rad at the outermost of 256
+elements, -116 dB."""
+
 
 class ImageGrid(BaseModel):
     """The angle axis of range-angle images: ``u_j = u_start + j (u_stop - u_start) / bins``.
@@ -46,6 +51,12 @@ class ImageGrid(BaseModel):
     def u(self) -> Float64[np.ndarray, " bins"]:
         """[bins] rising u = sin(azimuth)."""
         return self.u_start + self.step * np.arange(self.bins, dtype=np.float64)
+
+    @property
+    def mirror(self) -> int | None:
+        """J such that bin J - j stands at -u_j; None where the bins have no mirror images among themselves."""
+        place = -2.0 * self.u_start / self.step
+        return round(place) if abs(place - round(place)) < MIRROR_TOLERANCE else None
 
 
 class Radar(BaseModel):

@@ -22,6 +22,7 @@ import numpy as np
 from jaxtyping import Complex64, Float32, Int, Int64
 
 from shared.radar import Radar
+from shared.signal.steering import manifold
 
 Array = Any
 """A NumPy array or a torch tensor; what goes in comes out."""
@@ -35,13 +36,13 @@ DISTANCE_DIGITS = 8
 class AdaptiveTables(NamedTuple):
     """What follows from array and grid alone, for N scanned angles and the L distances between C elements.
 
-    :param conjugate: [C, N] complex64 exp(j k u p), the conjugate of a(u)
+    :param matched: [C, N] complex64 conjugate of the manifold, exp(j k u p)
     :param phases: [2, L, N] float32 cosine and sine of k u l, l the distance
     :param pair: [C * C] int64 which distance p_c - p_d has, row by row
     :param sign: [C * C] float32 of p_c - p_d; 0 for elements at one place
     """
 
-    conjugate: Complex64[Array, "channels angles"]
+    matched: Complex64[Array, "channels angles"]
     phases: Float32[Array, "2 distances angles"]
     pair: Int64[Array, " pairs"]
     sign: Float32[Array, " pairs"]
@@ -57,12 +58,13 @@ def adaptive_tables(radar: Radar, channels: Int[np.ndarray, " channels"]) -> Ada
     below = np.arange(grid.u[0] - grid.step, -1.0, -grid.step)
     above = np.arange(grid.u[-1] + grid.step, 1.0, grid.step)
     u = np.concatenate([grid.u, below, above])
-    positions = radar.array.virtual[channels, 1] / radar.waveform.wavelength_m
+    positions_m, wavelength_m = radar.array.virtual[channels, 1], radar.waveform.wavelength_m
+    positions = positions_m / wavelength_m
     difference = np.round(positions[:, None] - positions[None, :], DISTANCE_DIGITS).ravel()
     distance, pair = np.unique(np.abs(difference), return_inverse=True)
     phase = 2.0 * np.pi * np.outer(distance, u)
     return AdaptiveTables(
-        np.exp(2j * np.pi * np.outer(positions, u)).astype(np.complex64),
+        manifold(positions_m, wavelength_m, u).conj().astype(np.complex64),
         np.stack([np.cos(phase), np.sin(phase)]).astype(np.float32),
         pair.reshape(-1).astype(np.int64),
         np.sign(difference).astype(np.float32),
@@ -90,7 +92,7 @@ def adaptive_spectrum(
     identity = xp.eye(channels, dtype=cosine.dtype, device=rows.device)
     # [C * C, L]: sums over the pairs of one distance as a matrix product.
     sums = xp.asarray(tables.pair[:, None] == xp.arange(len(cosine), device=rows.device), dtype=cosine.dtype)
-    magnitude = xp.abs(snapshot @ tables.conjugate) / channels
+    magnitude = xp.abs(snapshot @ tables.matched) / channels
     for _ in range(iterations):
         power = magnitude * magnitude
         # The covariance depends on the distance alone: r(l) = sum_n P_n exp(-j k u_n l).
@@ -99,7 +101,7 @@ def adaptive_spectrum(
         total = power.sum(-1)
         white = xp.maximum(loading, FLOOR * total + FLOOR)
         inverse = xp.linalg.inv(covariance.reshape(-1, channels, channels) + white[:, None, None] * identity)
-        numerator = xp.abs((inverse @ snapshot[:, :, None])[:, :, 0] @ tables.conjugate)
+        numerator = xp.abs((inverse @ snapshot[:, :, None])[:, :, 0] @ tables.matched)
         # a^H M a = sum_l (Re m_l cos(k u l) - Im m_l sin(k u l)), m_l the sum of M_cd over p_c - p_d = +-l.
         flat = inverse.reshape(-1, channels * channels)
         form = (flat.real @ sums) @ cosine - ((flat.imag * tables.sign) @ sums) @ sine

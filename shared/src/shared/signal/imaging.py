@@ -17,6 +17,7 @@ from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import ImageGrid, Radar
 from shared.radar.arrays import AntennaArray
 from shared.signal.near_field_kernels import PRODUCT_FRAMES, fill_folded, fill_matrix, fold_signals, unfold
+from shared.signal.steering import manifold
 from shared.signal.sweep import reference_frequency_hz, shift_polynomials, sweep_positions
 from shared.signal.windows import hann
 
@@ -32,8 +33,7 @@ def steering_matrix(radar: Radar, array: AntennaArray) -> Complex128[np.ndarray,
 
     Valid from about 5 m for the input array of 94 mm: nearer than that the wave front's curvature costs gain.
     """
-    wavenumber = 2.0 * np.pi / radar.waveform.wavelength_m
-    return np.exp(1j * wavenumber * array.virtual[:, 1:2] * radar.grid.u[None, :])
+    return manifold(array.virtual[:, 1], radar.waveform.wavelength_m, radar.grid.u).conj()
 
 
 def delay_and_sum(
@@ -121,11 +121,10 @@ def _zero_crossing(array: AntennaArray, grid: ImageGrid) -> int | None:
 
     The mirror is the x-z plane. None where array or grid have no such symmetry, or the middle channel is its own image.
     """
-    twice = -2.0 * grid.u_start / grid.step
     mirror = np.array([1.0, -1.0, 1.0])
     tx, rx = array.tx[array.channel_tx], array.rx[array.channel_rx]
     symmetric = np.array_equal(tx[::-1] * mirror, tx) and np.array_equal(rx[::-1] * mirror, rx)
-    return round(twice) if symmetric and array.channels % 2 == 0 and abs(twice - round(twice)) < 1e-9 else None
+    return grid.mirror if symmetric and array.channels % 2 == 0 else None
 
 
 def near_field_images(

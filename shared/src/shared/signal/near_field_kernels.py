@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from shared.physics.compiled import compiled
 from shared.physics.cycles import single_phasor
 
 PRODUCT_FRAMES = 8
 """Frames of one matrix product; batches are filled up with zeros."""
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"})
+@compiled(error_model="numpy", fastmath={"contract", "nsz", "arcp"})
 def _steer(tx_leg, x, y, element, cycles_per_metre, bins_per_metre, row, scale, re, im, walk):
     """Fill re, im, walk [U] for one element pair: phasor of the delay at mid-sweep times ``scale``, range walk [bins].
 
@@ -26,7 +26,7 @@ def _steer(tx_leg, x, y, element, cycles_per_metre, bins_per_metre, row, scale, 
         walk[j] = row - bins_per_metre * path
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"})
+@compiled(error_model="numpy", fastmath={"contract", "nsz", "arcp"})
 def _store_power(value, walk, line):
     """``line`` = value; value *= walk; all [U]. A call of its own: one loop over more lines does not vectorise."""
     for j in range(len(line)):
@@ -34,7 +34,7 @@ def _store_power(value, walk, line):
         value[j] *= walk[j]
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"})
+@compiled(error_model="numpy", fastmath={"contract", "nsz", "arcp"})
 def _store_folded_power(left, right, left_walk, right_walk, even, odd):
     """``even`` = left + right, ``odd`` = left - right; then left, right *= their walks; all [U]."""
     for j in range(len(even)):
@@ -44,7 +44,7 @@ def _store_folded_power(left, right, left_walk, right_walk, even, odd):
         right[j] *= right_walk[j]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _pixel_legs(elements, x, y):
     """[E, U] distances from elements [E, 3] to the pixels (x, y, 0) [m]."""
     legs = np.empty((len(elements), len(x)))
@@ -54,7 +54,7 @@ def _pixel_legs(elements, x, y):
     return legs
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def fill_matrix(tx, rx, tx_of, rx_of, range_m, u, cycles_per_metre, bins_per_metre, row, scale, matrix):
     """Fill ``matrix`` [terms, C, 2, U]: re and im of the delays' phasors times powers of the range walk [bins].
 
@@ -71,7 +71,7 @@ def fill_matrix(tx, rx, tx_of, rx_of, range_m, u, cycles_per_metre, bins_per_met
             _store_power(im, walk, matrix[p, c, 1])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def fill_folded(tx, rx, tx_of, rx_of, range_m, u, cycles_per_metre, bins_per_metre, row, scale, even, odd):
     """Sum and difference of :func:`fill_matrix` at +u and -u into ``even`` and ``odd`` [terms, C, 2, U]."""
     terms, channels, _, columns = even.shape
@@ -89,7 +89,7 @@ def fill_folded(tx, rx, tx_of, rx_of, range_m, u, cycles_per_metre, bins_per_met
             _store_folded_power(l_im, r_im, l_walk, r_walk, even[p, c, 1], odd[p, c, 1])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def fold_signals(moments, row, even, odd):
     """Fill ``even`` and ``odd`` with s + s' and s - s', where s' is the signal of an element's mirror image.
 
@@ -111,7 +111,7 @@ def fold_signals(moments, row, even, odd):
                 minus[c], minus_turned[c] = difference, complex(difference.imag, -difference.real)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def unfold(even, odd, row, offset, crossing, first, images):
     """Write even + odd to columns j of an image row, and even - odd to their mirror images, columns ``crossing`` - j.
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.fft
-from jaxtyping import Complex, Float32, Int64
+from jaxtyping import Complex, Float, Float32, Int, Int64
 
 from shared.radar import Radar
 from shared.signal.windows import hann
@@ -65,7 +65,7 @@ def select_doppler(
     the first - 80 dB; where there are fewer, the first again. Noise alone has many local maxima: hence the threshold.
     The skirt of a strong line has none: hence local maxima rather than the next strongest cells.
     """
-    rows, chirps, channels = spectra.shape
+    _, chirps, channels = spectra.shape
     magnitude = np.abs(spectra).mean(axis=2)
     first = magnitude.argmax(axis=1)
     strongest = np.take_along_axis(magnitude, first[:, None], axis=1)
@@ -79,8 +79,24 @@ def select_doppler(
         following = ranked[:, peak - 1]
         exists = np.take_along_axis(candidate, following[:, None], axis=1)[:, 0]
         cells[peak] = np.where(exists, following, first)
+    return selection_at(spectra, cells, magnitude)
+
+
+def selection_at(
+    spectra: Complex[np.ndarray, "rows chirps channels"],
+    cells: Int[np.ndarray, "peaks rows"] | Int[np.ndarray, " rows"],
+    magnitude: Float[np.ndarray, "rows chirps"] | None = None,
+) -> DopplerSelection:
+    """The values of ``spectra`` [R, chirps, C] in given Doppler cells.
+
+    :param cells: [D, R] or, for one of every range bin, [R]
+    :param magnitude: [R, chirps] mean over the channels, where it is known already
+    """
+    cells = np.atleast_2d(cells).astype(np.int64)
+    if magnitude is None:
+        magnitude = np.abs(spectra).mean(axis=2)
     return DopplerSelection(
-        cells=cells.astype(np.int64),
-        range_channel=np.ascontiguousarray(spectra[np.arange(rows)[None, :], cells]),
+        cells=cells,
+        range_channel=np.ascontiguousarray(spectra[np.arange(len(spectra))[None, :], cells]),
         magnitude=magnitude.astype(np.float32),
     )
