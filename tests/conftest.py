@@ -12,8 +12,19 @@ import pytest
 from hypothesis import settings
 from threadpoolctl import threadpool_limits
 
+<<<<<<< HEAD
 # The shapes and types in the signatures of these packages are checked at every call. Before anything imports them.
 jaxtyping.install_import_hook(["datafactory.synthesis"], "beartype.beartype")
+=======
+CHECKED = ("shared.physics", "shared.radar", "shared.signal", "datafactory.synthesis")
+"""Packages whose signatures, array shapes among them, are checked at every call under test."""
+
+# Before anything imports them. An int will do for a float (PEP 484), and no check draws a random item of a tuple, for
+# Hypothesis refuses randomness that it does not control.
+jaxtyping.install_import_hook(
+    CHECKED, "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True, is_random=False))"
+)
+>>>>>>> helper-shared
 
 from shared.radar import Radar  # noqa: E402
 from shared.radar.waveform import Waveform  # noqa: E402

@@ -54,6 +54,7 @@ def test_other_bytes_than_those_pinned(npm):
 def test_the_path_comes_first(npm, tmp_path, monkeypatch):
     (tmp_path / "browser" / browser.VERSION).mkdir(parents=True)
     unpacked = browser.installed_browser()
+    assert unpacked is not None
     assert unpacked.program == str(tmp_path / "browser" / browser.VERSION / "chromium")
     assert unpacked.environment
     other = tmp_path / "other"

@@ -12,6 +12,7 @@ from email.message import Message
 from email.parser import BytesParser
 from importlib.metadata import PackageNotFoundError, packages_distributions, version
 from pathlib import Path
+from typing import Any
 
 import pytest
 from packaging.requirements import Requirement
@@ -27,7 +28,7 @@ DATA = {
 }
 
 
-def project_of(package: str) -> dict:
+def project_of(package: str) -> dict[str, Any]:
     return tomllib.loads((ROOT / package / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
 
@@ -61,8 +62,8 @@ def test_what_is_imported_is_declared(package: str) -> None:
 @pytest.mark.parametrize("package", PACKAGES)
 def test_every_dependency_has_a_lower_bound_that_the_pins_satisfy(package: str) -> None:
     lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
-    pins = {requirement.name: requirement for requirement in map(Requirement, filter(lambda x: x[0] != "#", lines))}
-    pinned = {canonicalize_name(name): str(pin.specifier).removeprefix("==") for name, pin in pins.items()}
+    pins = [Requirement(line) for line in lines if not line.startswith("#")]
+    pinned: dict[str, str] = {canonicalize_name(pin.name): str(pin.specifier).removeprefix("==") for pin in pins}
     for name, requirement in requirements_of(package).items():
         assert any(clause.operator == ">=" for clause in requirement.specifier), str(requirement)
         own = name.startswith("sparseradar-")

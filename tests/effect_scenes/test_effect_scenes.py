@@ -212,7 +212,7 @@ def test_driving_poses_lie_on_one_course() -> None:
 def test_nothing_that_moves_leaves_the_radar_s_unambiguous_velocities() -> None:
     limit = Radar().waveform.wavelength_m / (4.0 * Radar().waveform.chirp_interval_s)
     for name, (_, targets, ego) in CONTENT.items():
-        speeds = [np.linalg.norm(velocity) for _, _, velocity in targets]
+        speeds = [float(np.linalg.norm(velocity)) for _, _, velocity in targets]
         assert max([ego, *speeds]) < limit, name
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import mpmath  # type: ignore[import-untyped]
+import mpmath
 import numpy as np
 from hardcases.case import HardCase
 from hardcases.tools import (

@@ -17,7 +17,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 
-import mpmath  # type: ignore[import-untyped]
+import mpmath
 import numpy as np
 from hardcases.case import HardCase
 from hardcases.tools import MIRROR, points, rectangle, traced

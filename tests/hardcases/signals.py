@@ -5,7 +5,7 @@ The reference is the float64 sum of eq. (1) (``tests/oracles.py``), or mpmath wh
 
 from __future__ import annotations
 
-import mpmath  # type: ignore[import-untyped]
+import mpmath
 import numba
 import numpy as np
 from hardcases.case import HardCase

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import mpmath  # type: ignore[import-untyped]
+import mpmath
 import numpy as np
 import pytest
 from hardcases.phase_fidelity import FLOOR_DB, PHASE_DEG, YAW_DEG, fidelity, radar, sidelobe_floor_db

@@ -206,7 +206,7 @@ def _another_radar() -> float:
             shape = (other.waveform.chirps, other.waveform.samples, other.array.channels)
             file = run.parent / f"{len(changes)}-{'-'.join(changes)}.npz"
             np.savez(file, cube=np.ones(shape, np.complex64), radar=other.model_dump_json())
-            return lambda: predict(run, file, run.parent / "images", announce=str)
+            return lambda: predict(run, file, run.parent / "images", announce=lambda line: None)
 
         return (
             unrefused(
@@ -250,7 +250,7 @@ def _full_disk() -> float:
         attempts: dict[str, Callable[[], object]] = {
             "weights": lambda: save_weights(out, imager),
             "run.json": lambda: write_run(out, read_run(run)),
-            "images": lambda: predict(run, cube, run.parent / "images", announce=str),
+            "images": lambda: predict(run, cube, run.parent / "images", announce=lambda line: None),
             "export": lambda: export(run, out / "network.onnx"),
             "text": lambda: write_bytes(out / "text", bytes(10_000)),
         }

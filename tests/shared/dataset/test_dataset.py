@@ -142,14 +142,17 @@ def test_columns_left_out_are_empty_and_the_rest_is_whole(tmp_path):
     assert back.range_channel.shape == (0, ROWS, CHANNELS)
     assert back.cube is None
     assert back.targets == ()
-    left_out = {"range_channel": frame.range_channel, "velocity": frame.velocity}
-    assert_same(dataclasses.replace(back, **left_out, cube=frame.cube, targets=frame.targets), frame)
+    whole = dataclasses.replace(
+        back, range_channel=frame.range_channel, velocity=frame.velocity, cube=frame.cube, targets=frame.targets
+    )
+    assert_same(whole, frame)
     with pytest.raises(InputError, match=r"shard\.parquet: no column 'range_doppler'"):
         list(read_frames(tmp_path / "shard.parquet", columns=["range_doppler"]))
 
 
 def test_row_bytes_is_what_arrow_holds():
     frame = make_frame(0, "cube")
+    assert frame.cube is not None
     expected = frame.range_channel.nbytes + frame.velocity.nbytes + frame.image.nbytes + frame.cube.nbytes
     shapes = description(RADAR, PEAKS, "cube")["shapes"]
     assert row_bytes(shapes) == expected

@@ -37,7 +37,7 @@ def test_plate_is_the_integral_of_its_currents(angles_deg):
     points = np.stack([np.zeros_like(y), y, z], axis=1)
     normals = np.tile([1.0, 0.0, 0.0], (len(y), 1))
     integral = physical_optics_rcs(points, normals, width * height / len(y), direction)
-    peak = rcs.plate_rcs_m2(width, height, WAVELENGTH)
+    peak = float(rcs.plate_rcs_m2(width, height, WAVELENGTH))
     assert rcs.plate_rcs_m2(width, height, WAVELENGTH, u, v) == pytest.approx(integral, abs=1e-4 * peak, rel=2e-2)
     assert peak == pytest.approx(4.0 * np.pi * (width * height) ** 2 / WAVELENGTH**2)
 
@@ -141,7 +141,7 @@ def test_dihedral_is_the_area_that_two_bounces_light(azimuth_deg):
 
 
 def test_dihedral_at_its_best_and_beside_it():
-    peak = rcs.dihedral_rcs_m2(0.1, 0.2, WAVELENGTH)
+    peak = float(rcs.dihedral_rcs_m2(0.1, 0.2, WAVELENGTH))
     assert peak == pytest.approx(8.0 * np.pi * (0.1 * 0.2) ** 2 / WAVELENGTH**2)
     assert rcs.dihedral_rcs_m2(0.1, 0.2, WAVELENGTH, np.pi / 4.0) == pytest.approx(0.0, abs=1e-12 * peak)
     # Along the edge it is a mirror of the edge's length: the first null of a plate as high.

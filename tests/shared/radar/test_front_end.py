@@ -153,18 +153,17 @@ def test_an_ideal_receiver_adds_noise_alone_and_without_a_generator_nothing(smal
 
 
 def test_every_imperfection_is_applied_in_order_and_reproducibly(small_radar):
-    front_end = FrontEnd(
-        phase_noise=PhaseNoise(level_dbc_per_hz=-90.0), converter=Converter(bits=12, full_scale_dbm=-80.0)
-    )
+    phase_noise, converter = PhaseNoise(level_dbc_per_hz=-90.0), Converter(bits=12, full_scale_dbm=-80.0)
+    front_end = FrontEnd(phase_noise=phase_noise, converter=converter)
     radar = small_radar().model_copy(update={"front_end": front_end})
     ideal = tone(radar, 20, 1e-6)
     one, again = (received(ideal, radar, np.random.default_rng(7))[0] for _ in range(2))
     assert one.tobytes() == again.tobytes()
     generator = np.random.default_rng(7)
-    by_hand = with_phase_noise(ideal, radar, front_end.phase_noise, generator) + receiver_noise(radar, generator)
-    assert one.tobytes() == digitised(by_hand, front_end.converter)[0].tobytes()
+    by_hand = with_phase_noise(ideal, radar, phase_noise, generator) + receiver_noise(radar, generator)
+    assert one.tobytes() == digitised(by_hand, converter)[0].tobytes()
     # Without noise there is no phase noise either; the converter stays.
-    assert received(ideal, radar, None)[0].tobytes() == digitised(ideal, front_end.converter)[0].tobytes()
+    assert received(ideal, radar, None)[0].tobytes() == digitised(ideal, converter)[0].tobytes()
 
 
 # Transmitters that take turns

@@ -23,7 +23,7 @@ from shared.physics.errors import InputError, require_utf8
 
 SCHEMES = ("file", "s3", "gs", "gcs")
 GOOGLE_RETRY_SECONDS = 10
-"""Arrow's own default asks Google's storage for a quarter of an hour before it says that it is not there."""
+"""Arrow's own default repeats a request to Google's storage for a quarter of an hour."""
 LONGEST_REASON = 300
 """Characters of a store's own message that are shown."""
 
@@ -140,6 +140,6 @@ def open_parquet(location: Location) -> pq.ParquetFile:
 
 
 def _unreachable(label: str, error: Exception) -> InputError:
-    # Google's library repeats itself over a thousand characters; what went wrong comes first.
+    # Google's library repeats its message over a thousand characters. The cause stands first.
     reason = textwrap.shorten(str(error), LONGEST_REASON, placeholder=" ...")
     return InputError(label, f"cannot be reached: {reason}", "a bucket that exists, and credentials that may read it")

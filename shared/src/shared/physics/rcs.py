@@ -12,9 +12,13 @@ Tuley, Radar Cross Section, 2nd ed., chapters 5 and 6; Balanis, Advanced Enginee
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from jaxtyping import Float64
+from numpy.typing import ArrayLike
 
-Real = NDArray[np.float64]
+from shared.physics.units import ArrayOrScalar
+
+Real = Float64[ArrayOrScalar, "..."]
+"""Of the shape to which the arguments broadcast."""
 
 
 def far_field_m(extent_m: float, wavelength_m: float) -> float:

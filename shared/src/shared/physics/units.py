@@ -2,8 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from jaxtyping import Float64
+from numpy.typing import ArrayLike
+
+if TYPE_CHECKING:
+    ArrayOrScalar = np.ndarray
+else:
+    ArrayOrScalar = np.ndarray | np.generic
+"""What NumPy returns: of zero-dimensional arrays it makes scalars, which have the methods of an array."""
 
 SPEED_OF_LIGHT = 299_792_458.0
 """Speed of light in vacuum [m/s], exact by the definition of the metre."""
@@ -21,12 +30,12 @@ FASTEST_MPS = 1e5
 """Largest component of a velocity that is read [m/s]: faster than any satellite."""
 
 
-def db_to_power(value_db: ArrayLike) -> NDArray[np.float64]:
+def db_to_power(value_db: ArrayLike) -> Float64[ArrayOrScalar, ...]:
     """Power ratio of a level [dB]: ``10 ** (value / 10)``, element by element."""
     return np.power(10.0, np.asarray(value_db, dtype=np.float64) / 10.0)
 
 
-def power_to_db(power: ArrayLike, floor_db: float = -400.0) -> NDArray[np.float64]:
+def power_to_db(power: ArrayLike, floor_db: float = -400.0) -> Float64[ArrayOrScalar, ...]:
     """Level [dB] of a power ratio; zero and everything below ``floor_db`` reads ``floor_db``, so it is always
     finite.
     """
@@ -34,7 +43,7 @@ def power_to_db(power: ArrayLike, floor_db: float = -400.0) -> NDArray[np.float6
     return 10.0 * np.log10(np.maximum(power, 10.0 ** (floor_db / 10.0)))
 
 
-def amplitude_to_db(amplitude: ArrayLike, floor_db: float = -400.0) -> NDArray[np.float64]:
+def amplitude_to_db(amplitude: ArrayLike, floor_db: float = -400.0) -> Float64[ArrayOrScalar, ...]:
     """Level [dB] of a magnitude ratio, ``20 log10 |amplitude|``; finite like :func:`power_to_db`."""
     magnitude = np.abs(np.asarray(amplitude))
     return 20.0 * np.log10(np.maximum(magnitude.astype(np.float64), 10.0 ** (floor_db / 20.0)))

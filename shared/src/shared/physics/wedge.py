@@ -19,7 +19,7 @@ along it ("hard", D_h). Real faces: the Fresnel coefficients of the 0-face at th
 the observer's, the 0-face being the source's (Luebbers, IEEE Trans. AP-32 (1984), doi 10.1109/TAP.1984.1143189), TE
 for soft and TM for hard: a heuristic, right on the boundaries and continuous between them. T is what a sheet (n = 2)
 lets through of the wave that meets it, so that a sheet of air diffracts nothing (Burnside and Burgener, IEEE Trans.
-AP-31 (1983)); 0 for a solid.
+AP-31 (1983)). T is 0 for a solid.
 
 Valid for k L of a few and more (nearer to the edge the wave is no ray), straight edges, plane faces larger than a
 Fresnel zone. Exact for the perfectly conducting half plane in a plane wave (Sommerfeld). At exactly grazing incidence
@@ -34,13 +34,16 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 import numpy as np
+from jaxtyping import Bool, Complex128, Float, Float64, Int
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import modfresnelm
 
 from shared.physics.errors import InputError
+from shared.physics.units import ArrayOrScalar
 
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+Real = Float64[ArrayOrScalar, "..."]
+Complex = Complex128[ArrayOrScalar, "..."]
+PerRay = Float[np.ndarray, " rays"]
 
 
 def transition_function(x: ArrayLike) -> Complex:
@@ -71,12 +74,12 @@ class WedgeGeometry:
     :raises InputError: an angle or a distance that no ray can have
     """
 
-    exterior_n: Real
-    source_angle_rad: Real
-    observer_angle_rad: Real
-    source_distance_m: Real
-    observer_distance_m: Real
-    sin_beta: Real
+    exterior_n: PerRay
+    source_angle_rad: PerRay
+    observer_angle_rad: PerRay
+    source_distance_m: PerRay
+    observer_distance_m: PerRay
+    sin_beta: PerRay
 
     def __post_init__(self) -> None:
         n = np.asarray(self.exterior_n)
@@ -88,15 +91,15 @@ class WedgeGeometry:
             value = np.asarray(getattr(self, name))
             _require(value > 0.0, name, value, "above 0")
 
-    def take(self, index: NDArray) -> WedgeGeometry:
+    def take(self, index: Int[np.ndarray, " taken"] | Bool[np.ndarray, " rays"]) -> WedgeGeometry:
         """The rays at these indices, or where a mask is true."""
         return WedgeGeometry(**{item.name: getattr(self, item.name)[index] for item in fields(self)})
 
-    def distance_parameter_m(self) -> Real:
-        """[K] L = s s' sin^2(beta_0) / (s + s') [m], written so that an infinite s' is no trouble."""
+    def distance_parameter_m(self) -> PerRay:
+        """[K] L = s s' sin^2(beta_0) / (s + s') [m], in a form that takes an infinite s'."""
         return self.sin_beta**2 / (1.0 / self.observer_distance_m + 1.0 / self.source_distance_m)
 
-    def spreading(self) -> Real:
+    def spreading(self) -> PerRay:
         """[K] 1 / sqrt(s s' (s + s')): field at the observer over D times the source's field at 1 m [m^-1.5]."""
         out, back = self.source_distance_m, self.observer_distance_m
         return 1.0 / np.sqrt(out * back * (out + back))
@@ -108,7 +111,7 @@ def diffraction_coefficient(
     reflection_0: ArrayLike,
     reflection_n: ArrayLike,
     transmission: ArrayLike = 0.0,
-) -> Complex:
+) -> Complex128[np.ndarray, " rays"]:
     """D of the module's equation, for one polarisation.
 
     :param geometry: K rays
@@ -134,7 +137,7 @@ def _cotangent_times_transition(angle: Real, n: Real, scale: Real) -> Complex:
     """cot(x / 2n) F(k L a(x)), with ``scale`` = sqrt(k L).
 
     With d = x - 2 pi n N the distance from the nearest pole of the cotangent, sqrt(k L a) = sqrt(2 k L) |sin(d / 2)|,
-    so that the pole meets a zero: |sin(d/2)| cot(d / 2n) is sign(d) n at d = 0.
+    so that the cotangent's pole is multiplied by a zero: |sin(d/2)| cot(d / 2n) is sign(d) n at d = 0.
     """
     distance = angle - 2.0 * np.pi * n * np.round(angle / (2.0 * np.pi * n))
     near = np.maximum(np.abs(distance), 1e-12)  # both sines are linear there: the ratio is n to the last digit

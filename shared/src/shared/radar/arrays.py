@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import Float, Float64, Int
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
 from shared.physics.units import SPEED_OF_LIGHT
@@ -41,12 +41,12 @@ class AntennaArray(BaseModel):
         return self
 
     @property
-    def tx(self) -> NDArray[np.float64]:
+    def tx(self) -> Float64[np.ndarray, "tx 3"]:
         """[TX, 3] positions [m]."""
         return np.array(self.tx_m, dtype=np.float64)
 
     @property
-    def rx(self) -> NDArray[np.float64]:
+    def rx(self) -> Float64[np.ndarray, "rx 3"]:
         """[RX, 3] positions [m]."""
         return np.array(self.rx_m, dtype=np.float64)
 
@@ -56,21 +56,21 @@ class AntennaArray(BaseModel):
         return len(self.tx_m) * len(self.rx_m)
 
     @property
-    def channel_tx(self) -> NDArray[np.intp]:
+    def channel_tx(self) -> Int[np.ndarray, " channels"]:
         """[channels] TX index of each virtual element; rx-major order, index = TX count * rx + tx."""
         return np.tile(np.arange(len(self.tx_m)), len(self.rx_m))
 
     @property
-    def channel_rx(self) -> NDArray[np.intp]:
+    def channel_rx(self) -> Int[np.ndarray, " channels"]:
         """[channels] RX index of each virtual element, see :attr:`channel_tx`."""
         return np.repeat(np.arange(len(self.rx_m)), len(self.tx_m))
 
     @property
-    def virtual(self) -> NDArray[np.float64]:
+    def virtual(self) -> Float64[np.ndarray, "channels 3"]:
         """[channels, 3] sums of TX and RX position [m]: in the far field the echo's path is 2 R - u . (tx + rx)."""
         return self.tx[self.channel_tx] + self.rx[self.channel_rx]
 
-    def channel_indices(self, rx: tuple[int, ...]) -> NDArray[np.intp]:
+    def channel_indices(self, rx: tuple[int, ...]) -> Int[np.ndarray, " kept"]:
         """Indices of the virtual elements that use one of these RX elements, in this array's channel order."""
         unknown = sorted(set(rx) - set(range(len(self.rx_m))))
         if unknown:
@@ -78,7 +78,7 @@ class AntennaArray(BaseModel):
         return np.flatnonzero(np.isin(self.channel_rx, rx))
 
 
-def line(y_m: NDArray[np.float64]) -> tuple[Position, ...]:
+def line(y_m: Float[np.ndarray, " elements"]) -> tuple[Position, ...]:
     """Positions of elements along y, for :class:`AntennaArray`."""
     return tuple((0.0, float(y), 0.0) for y in y_m)
 

@@ -1,7 +1,7 @@
 """The front end as a description: powers, noise, patterns, polarisation, and the receiver's imperfections.
 
-What the imperfections do to a cube stands in :mod:`shared.radar.receiver`. All of them are off by default. Interference by
-other radars is not simulated; it would be one more term added to the cube in :func:`shared.radar.receiver.received`.
+:mod:`shared.radar.receiver` applies the imperfections to a cube. All of them are off by default. Interference by other
+radars is not simulated. It would be one more term of the cube in :func:`shared.radar.receiver.received`.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import Float, Float64
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
 from shared.physics.units import db_to_power, dbm_to_watt, power_to_db
@@ -36,7 +36,7 @@ class PhaseNoise(BaseModel):
     level_dbc_per_hz: Annotated[FiniteFloat, Field(ge=-250, le=0)]
     loop_bandwidth_hz: Annotated[FiniteFloat, Field(gt=0)] = 300e3
 
-    def density_per_hz(self, frequency_hz: NDArray[np.float64]) -> NDArray[np.float64]:
+    def density_per_hz(self, frequency_hz: Float[np.ndarray, "*shape"]) -> Float64[np.ndarray, "*shape"]:
         """L(f), the two-sided spectral density of the phase [rad^2/Hz]."""
         return db_to_power(self.level_dbc_per_hz) / (1.0 + (frequency_hz / self.loop_bandwidth_hz) ** 2)
 
@@ -47,8 +47,8 @@ class PhaseNoise(BaseModel):
         """
         frequency = np.arange(1, waveform.samples) / waveform.chirp_duration_s
         farthest = waveform.samples / waveform.bandwidth_hz  # [s]
-        left = 4.0 * np.sin(np.pi * frequency * farthest) ** 2 * self.density_per_hz(frequency)
-        return float(np.sqrt(2.0 * left.sum() / waveform.chirp_duration_s))
+        residual = 4.0 * np.sin(np.pi * frequency * farthest) ** 2 * self.density_per_hz(frequency)  # [rad^2/Hz]
+        return float(np.sqrt(2.0 * residual.sum() / waveform.chirp_duration_s))
 
 
 class Converter(BaseModel):

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import Float64
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
 from shared.physics.errors import InputError
@@ -48,7 +48,7 @@ class ImageGrid(BaseModel):
         return (self.u_stop - self.u_start) / self.bins
 
     @property
-    def u(self) -> NDArray[np.float64]:
+    def u(self) -> Float64[np.ndarray, " bins"]:
         """[bins] rising u = sin(azimuth)."""
         return self.u_start + self.step * np.arange(self.bins, dtype=np.float64)
 

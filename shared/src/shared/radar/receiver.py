@@ -9,7 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 import scipy.fft
-from numpy.typing import NDArray
+from jaxtyping import Complex64
 from scipy.linalg import toeplitz
 
 from shared.physics.units import dbm_to_watt
@@ -17,7 +17,7 @@ from shared.radar import Radar
 from shared.radar.front_end import Converter, PhaseNoise
 from shared.radar.waveform import Waveform
 
-Cube = NDArray[np.complex64]
+Cube = Complex64[np.ndarray, "chirps samples channels"]
 
 
 def received(cube: Cube, radar: Radar, generator: np.random.Generator | None) -> tuple[Cube, int]:
@@ -46,7 +46,7 @@ def digitised(cube: Cube, converter: Converter) -> tuple[Cube, int]:
     half = 2 ** (converter.bits - 1)
     step = float(np.sqrt(dbm_to_watt(converter.full_scale_dbm))) / half
     result, saturated = np.empty_like(cube), 0
-    for ideal, recorded in zip(cube, result, strict=True):  # chirp by chirp: what float64 needs stays small
+    for ideal, recorded in zip(cube, result, strict=True):  # chirp by chirp: the float64 copies stay small
         for part in ("real", "imag"):
             level = np.floor(getattr(ideal, part).astype(np.float64) / step)
             saturated += int(np.count_nonzero((level < -half) | (level >= half)))
@@ -90,7 +90,7 @@ def with_phase_noise(cube: Cube, radar: Radar, noise: PhaseNoise, generator: np.
 
 
 @lru_cache(maxsize=2)
-def _range_correlation(waveform: Waveform) -> NDArray[np.complex64]:
+def _range_correlation(waveform: Waveform) -> Complex64[np.ndarray, "bins bins"]:
     """[to, from] 1 - exp(-j 2 pi f tau) of bins: f = (to - from) / T_c, tau = from / B."""
     index = np.arange(waveform.samples)
     cycles = (index[:, None] - index) * index / (waveform.chirp_duration_s * waveform.bandwidth_hz)
@@ -99,7 +99,7 @@ def _range_correlation(waveform: Waveform) -> NDArray[np.complex64]:
     return factor
 
 
-def receiver_noise(radar: Radar, generator: np.random.Generator) -> NDArray[np.complex64]:
+def receiver_noise(radar: Radar, generator: np.random.Generator) -> Cube:
     """[chirps, samples, channels] circular white Gaussian noise of k T0 F f_s [W] a sample."""
     shape = (radar.waveform.chirps, radar.waveform.samples, radar.array.channels)
     deviation = np.float32(np.sqrt(radar.sample_noise_power_w / 2.0))

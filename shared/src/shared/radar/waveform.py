@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import Float64
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
 from shared.physics.units import SPEED_OF_LIGHT
@@ -95,11 +95,11 @@ class Waveform(BaseModel):
         return 0.5 * self.chirps * self.chirp_interval_s
 
     @property
-    def ranges_m(self) -> NDArray[np.float64]:
+    def ranges_m(self) -> Float64[np.ndarray, " range_bins"]:
         """[range_bins] range axis [m], rising from 0."""
         return self.range_step_m * np.arange(self.range_bins, dtype=np.float64)
 
     @property
-    def velocities_mps(self) -> NDArray[np.float64]:
+    def velocities_mps(self) -> Float64[np.ndarray, " chirps"]:
         """[chirps] Doppler axis [m/s], rising; positive is receding; the lower edge is in, the upper is not."""
         return self.velocity_step_mps * (np.arange(self.chirps, dtype=np.float64) - self.chirps // 2)

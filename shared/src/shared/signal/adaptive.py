@@ -5,9 +5,9 @@ C virtual elements at p, from delay-and-sum on:
 
     R = sum_n |s(u_n)|^2 a_n a_n^H + sigma^2 I,    s(u) = a(u)^H R^-1 x / a(u)^H R^-1 a(u),    a(u) = exp(-j k u p)
 
-It weighs what an angle explains against what the others do, with the elements' positions known, so that a thinned
-array's ambiguities, and with them most of the difference between arrays, are gone before a network looks. Plane waves:
-right for the input array beyond some 5 m. Two targets closer than about half a cell merge after a few iterations.
+The iteration knows the elements' positions and divides a snapshot's power among all angles at once. That removes a
+thinned array's ambiguities, and with them most of the difference between arrays. It assumes plane waves: right for the
+input array beyond some 5 m. Two targets closer than about half a cell merge after a few iterations.
 
 One implementation for NumPy and torch, in single precision and for all rows at once: a network's input.
 ``trainer.estimators.iaa`` is the estimator, in double precision, on an axis as fine as its array asks for.
@@ -19,7 +19,7 @@ import importlib
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import Complex64, Float32, Int, Int64
 
 from shared.radar import Radar
 from shared.signal.steering import manifold
@@ -30,7 +30,7 @@ Array = Any
 FLOOR = 1e-4
 """Least power of white noise, of the power in a row: the inverse then stays within single precision."""
 DISTANCE_DIGITS = 8
-"""Distances that agree to this many decimals of a wavelength are one."""
+"""Distances that agree to this many decimals of a wavelength count as equal."""
 
 
 class AdaptiveTables(NamedTuple):
@@ -42,17 +42,17 @@ class AdaptiveTables(NamedTuple):
     :param sign: [C * C] float32 of p_c - p_d; 0 for elements at one place
     """
 
-    matched: Array
-    phases: Array
-    pair: Array
-    sign: Array
+    matched: Complex64[Array, "channels angles"]
+    phases: Float32[Array, "2 distances angles"]
+    pair: Int64[Array, " pairs"]
+    sign: Float32[Array, " pairs"]
 
 
-def adaptive_tables(radar: Radar, channels: NDArray[np.intp]) -> AdaptiveTables:
+def adaptive_tables(radar: Radar, channels: Int[np.ndarray, " channels"]) -> AdaptiveTables:
     """Tables of these channels of the radar's array, as NumPy arrays.
 
-    The first scanned angles are the image's; others in the same steps follow as far as |u| = 1, because what comes from
-    an angle that is not scanned would be explained by wrong ones.
+    The first scanned angles are the image's. Others in the same steps follow as far as |u| = 1: the iteration would
+    assign an echo from an angle that is not scanned to wrong angles.
     """
     grid = radar.grid
     below = np.arange(grid.u[0] - grid.step, -1.0, -grid.step)
@@ -71,7 +71,13 @@ def adaptive_tables(radar: Radar, channels: NDArray[np.intp]) -> AdaptiveTables:
     )
 
 
-def adaptive_spectrum(rows: Array, noise: Array, tables: AdaptiveTables, bins: int, iterations: int) -> Array:
+def adaptive_spectrum(
+    rows: Complex64[Array, "*rows channels"],
+    noise: Float32[Array, "*rows"],
+    tables: AdaptiveTables,
+    bins: int,
+    iterations: int,
+) -> Float32[Array, "*rows {bins}"]:
     """[..., bins] magnitude of the adaptive spectrum at the image's angles, in the rows' unit; zero rows give zeros.
 
     :param rows: [..., C] complex64 snapshots of RMS 1 or 0
@@ -99,6 +105,6 @@ def adaptive_spectrum(rows: Array, noise: Array, tables: AdaptiveTables, bins: i
         # a^H M a = sum_l (Re m_l cos(k u l) - Im m_l sin(k u l)), m_l the sum of M_cd over p_c - p_d = +-l.
         flat = inverse.reshape(-1, channels * channels)
         form = (flat.real @ sums) @ cosine - ((flat.imag * tables.sign) @ sums) @ sine
-        # It is at least C / trace(R): what is less is rounding.
+        # It is at least C / trace(R). A smaller value comes from rounding.
         magnitude = numerator / xp.maximum(form, (1.0 / (total + white))[:, None])
     return magnitude[:, :bins].reshape(*shape, bins)

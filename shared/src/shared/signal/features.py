@@ -4,7 +4,7 @@ adaptive spectrum makes of them.
 One implementation for NumPy and torch: the functions use only what both spell alike, so that the training device
 computes what a deployed front end computes with NumPy. Inputs are batched, ``[..., R, C]``, and already hold the chosen
 channels alone; ``weights`` are those of :func:`steering_weights` for the same channels. A row, or an image, that is
-all zero gives zeros: nothing divides by zero and no logarithm meets one.
+all zero gives zeros: no function divides by zero or takes its logarithm.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import importlib
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import Complex, Complex64, Float, Int
 
 from shared.radar import Radar
 from shared.signal.adaptive import AdaptiveTables, adaptive_spectrum
@@ -21,6 +21,9 @@ from shared.signal.imaging import steering_matrix
 
 Array = Any
 """A NumPy array or a torch tensor; what goes in comes out."""
+Snapshots = Complex[Array, "*batch rows channels"]
+Weights = Complex[Array, "channels bins"]
+RowScale = Float[Array, "*batch rows"]
 
 MAGNITUDE_FLOOR_DB = -120.0
 """Floor of the logarithmic magnitude below the image's maximum [dB]."""
@@ -38,12 +41,12 @@ LARGEST_NOISE = 1e3
 """Noise amplitude over a row's; more makes no difference to an adaptive spectrum."""
 
 
-def steering_weights(radar: Radar, channels: NDArray[np.intp]) -> NDArray[np.complex64]:
+def steering_weights(radar: Radar, channels: Int[np.ndarray, " channels"]) -> Complex64[np.ndarray, "channels bins"]:
     """[C, U] weights of eq. (9) for these channels of the radar's array, divided by their number."""
     return (steering_matrix(radar, radar.array)[channels] / len(channels)).astype(np.complex64)
 
 
-def paper_features(range_channel: Array, weights: Array) -> Array:
+def paper_features(range_channel: Snapshots, weights: Weights) -> Float[Array, "*batch 5 rows bins"]:
     """[..., 5, R, U] the paper's input, eq. (7) to (12).
 
     Logarithmic magnitude of the delay-and-sum image, min-max normalised per image to [0, 1]; its phase [rad]; real
@@ -66,7 +69,7 @@ def paper_features(range_channel: Array, weights: Array) -> Array:
     return xp.stack(channels, axis=-3)
 
 
-def covariance_rows(range_channel: Array, bins: int) -> Array:
+def covariance_rows(range_channel: Snapshots, bins: int) -> Complex[Array, "*batch rows {bins}"]:
     """[..., R, bins] unrolled covariance of each range bin, eq. (10) and (11).
 
     S S^H divided by its own Frobenius norm, which for one snapshot is ||S||^2; of its first n rows and columns the
@@ -85,7 +88,7 @@ def covariance_rows(range_channel: Array, bins: int) -> Array:
     return unit[..., first] * xp.conj(unit[..., second]) * xp.asarray(weight, device=range_channel.device)
 
 
-def covariance_channels(range_channel: Array) -> Array:
+def covariance_channels(range_channel: Snapshots) -> Float[Array, "*batch 3 rows channels*channels"]:
     """[..., 3, R, C * C] real part, imaginary part and phase [rad] of each range bin's whole covariance, row by row.
 
     Eq. (13) and (14): S S^H over its Frobenius norm, the input of a direction-of-arrival network.
@@ -104,13 +107,15 @@ def covariance_size(channels: int, bins: int) -> int:
     return min(channels, fitting)
 
 
-def row_features(range_channel: Array, weights: Array, noise_power: Array) -> tuple[Array, Array]:
+def row_features(
+    range_channel: Snapshots, weights: Weights, noise_power: Float[Array, "*batch"]
+) -> tuple[Float[Array, "*batch 4 rows bins"], RowScale]:
     """Complex delay-and-sum rows of unit RMS, and the scale that was taken out of each.
 
-    An echo falls with R^2, so that an image normalised as a whole is dark beyond ten metres. Here every range bin is
-    divided by its own RMS over channels: all ranges weigh alike, no half-precision format overflows, and the scale
-    turns an estimate back into sqrt(W). Magnitude images do not depend on a row's common phase, so it is referred to
-    the row's strongest pixel, which becomes real and positive.
+    An echo's amplitude falls with R^2: an image normalised as a whole is dark beyond ten metres. This function divides
+    every range bin by its own RMS over channels. All ranges then weigh alike, no half-precision format overflows, and
+    the scale turns an estimate back into sqrt(W). Magnitude images do not depend on a row's common phase. The function
+    removes the phase of the row's strongest pixel, which becomes real and positive.
 
     :param range_channel: [..., R, C] complex [sqrt(W)]
     :param weights: [C, U] complex
@@ -136,12 +141,17 @@ def row_features(range_channel: Array, weights: Array, noise_power: Array) -> tu
 
 
 def adaptive_features(
-    range_channel: Array, weights: Array, noise_power: Array, tables: AdaptiveTables, iterations: int, exponent: float
-) -> tuple[Array, Array]:
+    range_channel: Snapshots,
+    weights: Weights,
+    noise_power: Float[Array, "*batch"],
+    tables: AdaptiveTables,
+    iterations: int,
+    exponent: float,
+) -> tuple[Float[Array, "*batch 5 rows bins"], RowScale]:
     """The channels of :func:`row_features`, and the magnitude of :func:`shared.signal.adaptive.adaptive_spectrum`.
 
     The latter is compressed as the network's target is: over the row's RMS, to the power ``exponent``. It is an
-    estimate already, and the same for all arrays but for their resolution.
+    estimate already. Arrays change its resolution and little else.
 
     :param tables: :func:`shared.signal.adaptive.adaptive_tables` of the same channels
     :param iterations: of the adaptive spectrum
@@ -165,13 +175,13 @@ def _namespace(array: Array) -> Any:
 def _unit_rows(range_channel: Array) -> tuple[Array, Array]:
     """([..., R, C] rows of unit RMS, [..., R, 1] their RMS); zero rows stay zero.
 
-    The maximum comes out first, so that no square under- or overflows. Rows below :data:`SMALLEST_AMPLITUDE` count as
-    zero: the reciprocal of a subnormal overflows.
+    The maximum is divided out first, so that no square under- or overflows. Rows below :data:`SMALLEST_AMPLITUDE`
+    count as zero: the reciprocal of a subnormal overflows.
     """
     xp = _namespace(range_channel)
     largest = xp.amax(xp.abs(range_channel), axis=-1, keepdims=True)
-    loud = largest > SMALLEST_AMPLITUDE
-    bounded = xp.where(loud, range_channel, 0.0) / xp.where(loud, largest, 1.0)
+    has_signal = largest > SMALLEST_AMPLITUDE
+    bounded = xp.where(has_signal, range_channel, 0.0) / xp.where(has_signal, largest, 1.0)
     rms = xp.sqrt(xp.mean(xp.abs(bounded) ** 2, axis=-1, keepdims=True))
     return bounded / xp.where(rms > 0, rms, 1.0), largest * rms
 

@@ -9,28 +9,27 @@ the range window has its weight: an echo's phase in a range bin is that of mid-s
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Complex, Complex64, Complex128, Float64, Int
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from shared.physics.compiled import compiled
-from shared.physics.cycles import single_phasor
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import ImageGrid, Radar
 from shared.radar.arrays import AntennaArray
+from shared.signal.near_field_kernels import PRODUCT_FRAMES, fill_folded, fill_matrix, fold_signals, unfold
+from shared.signal.steering import manifold
 from shared.signal.steering import manifold
 from shared.signal.sweep import reference_frequency_hz, shift_polynomials, sweep_positions
 from shared.signal.windows import hann
 
 DEFAULT_TERMS = 5
 """Polynomial terms of the range walk: -70 dB of the image's peak from 3 to 60 m (``make bench``, truth_vs_exact)."""
-PRODUCT_FRAMES = 8
-"""Frames of one matrix product; batches are filled up with zeros."""
 WALK_REACH = 0.62
 """Range walk [bins] that the terms are fitted to. It reaches +-0.71 bins at u = 0.85 over 256 elements, but only at the
 outermost; fitted to 0.8 the errors are 10 dB larger, to 0.54 3 to 6 dB (5 terms, with echoes at u = +-0.84)."""
 
 
-def steering_matrix(radar: Radar, array: AntennaArray) -> NDArray[np.complex128]:
+def steering_matrix(radar: Radar, array: AntennaArray) -> Complex128[np.ndarray, "channels bins"]:
     """[C, U] delay-and-sum weights exp(j k u (y_tx + y_rx)), eq. (9) with the sign of eq. (2); plane waves.
 
     Valid from about 5 m for the input array of 94 mm: nearer than that the wave front's curvature costs gain.
@@ -39,8 +38,10 @@ def steering_matrix(radar: Radar, array: AntennaArray) -> NDArray[np.complex128]
 
 
 def delay_and_sum(
-    range_channel: NDArray[np.complex64], radar: Radar, channels: NDArray[np.intp] | None = None
-) -> NDArray[np.complex64]:
+    range_channel: Complex[np.ndarray, "*rows channels"],
+    radar: Radar,
+    channels: Int[np.ndarray, " used"] | None = None,
+) -> Complex64[np.ndarray, "*rows bins"]:
     """[..., R, U] complex images of range-channel matrices [..., R, C], eq. (8), divided by the channels used.
 
     :param channels: indices of the virtual elements to use; all by default
@@ -53,7 +54,7 @@ def delay_and_sum(
     return (range_channel @ (weights / len(weights)).astype(np.complex64)).astype(np.complex64, copy=False)
 
 
-def pixel_delays(radar: Radar, array: AntennaArray, range_m: float) -> NDArray[np.float64]:
+def pixel_delays(radar: Radar, array: AntennaArray, range_m: float) -> Float64[np.ndarray, "channels bins"]:
     """[C, U] round trip [s] from each element pair to the pixels (range, u) in the plane z = 0, eq. (2)."""
     u = radar.grid.u
     pixel = np.stack([range_m * np.sqrt(1.0 - u**2), range_m * u, np.zeros_like(u)], axis=-1)  # (U, 3)
@@ -63,8 +64,8 @@ def pixel_delays(radar: Radar, array: AntennaArray, range_m: float) -> NDArray[n
 
 
 def matched_filter_row(
-    fast_time: NDArray[np.complexfloating], radar: Radar, array: AntennaArray, row: int
-) -> NDArray[np.complex128]:
+    fast_time: Complex[np.ndarray, "samples channels"], radar: Radar, array: AntennaArray, row: int
+) -> Complex128[np.ndarray, " bins"]:
     """[U] one image row by the exact matched filter, the slow reference.
 
     I(r, u) = 1/C sum_c sum_n w_n / sum(w) s_c[n] exp(-j 2 pi (f_c + B n / N) tau_c(r, u))
@@ -82,13 +83,15 @@ def matched_filter_row(
     return image / array.channels
 
 
-def sweep_moments(fast_time: NDArray[np.complexfloating], radar: Radar, terms: int) -> NDArray[np.complex128]:
+def sweep_moments(
+    fast_time: Complex[np.ndarray, "samples channels"], radar: Radar, terms: int
+) -> Complex128[np.ndarray, "{terms} rows channels"]:
     """[terms, R, C] range spectra of ``fast_time`` [samples, C] weighted by the polynomials of the range walk.
 
     Y_p[r] = sum_n w_n / sum(w) q_p(nu_n) s[n] exp(-j 2 pi r nu_n),   nu_n = (n - N/2) / N
 
-    with q_p of :func:`shared.signal.sweep.shift_polynomials`: s compressed at r + d is sum_p (-d)^p Y_p[r], |d| up to about
-    WALK_REACH.
+    with q_p of :func:`shared.signal.sweep.shift_polynomials`: s compressed at r + d is sum_p (-d)^p Y_p[r], for |d|
+    up to about WALK_REACH.
     """
     samples = radar.waveform.samples
     nu = sweep_positions(samples)
@@ -99,128 +102,6 @@ def sweep_moments(fast_time: NDArray[np.complexfloating], radar: Radar, terms: i
         for polynomial in shift_polynomials(nu, WALK_REACH, terms)
     ]
     return np.stack(spectra)
-
-
-@compiled(error_model="numpy", fastmath={"contract", "nsz", "arcp"})
-def _steer(tx_leg, x, y, element, cycles_per_metre, bins_per_metre, row, scale, re, im, walk):
-    """Fill re, im, walk [U] for one element pair: phasor of the delay at mid-sweep times ``scale``, range walk [bins].
-
-    :param tx_leg: [U] from the TX to the pixels (x, y, 0) [m]; ``element`` [3] the RX [m]
-    """
-    rx_x, rx_y, rx_z = element[0], element[1], element[2]
-    for j in range(len(x)):
-        dx, dy = x[j] - rx_x, y[j] - rx_y
-        path = tx_leg[j] + np.sqrt(dx * dx + dy * dy + rx_z * rx_z)
-        cosine, sine = single_phasor(cycles_per_metre * path)
-        re[j], im[j] = scale * cosine, scale * sine
-        walk[j] = row - bins_per_metre * path
-
-
-@compiled(error_model="numpy", fastmath={"contract", "nsz", "arcp"})
-def _store_power(value, walk, line):
-    """``line`` = value; value *= walk; all [U]. A call of its own: one loop over more lines does not vectorise."""
-    for j in range(len(line)):
-        line[j] = value[j]
-        value[j] *= walk[j]
-
-
-@compiled(error_model="numpy", fastmath={"contract", "nsz", "arcp"})
-def _store_folded_power(left, right, left_walk, right_walk, even, odd):
-    """``even`` = left + right, ``odd`` = left - right; then left, right *= their walks; all [U]."""
-    for j in range(len(even)):
-        even[j] = left[j] + right[j]
-        odd[j] = left[j] - right[j]
-        left[j] *= left_walk[j]
-        right[j] *= right_walk[j]
-
-
-@compiled(error_model="numpy")
-def _pixel_legs(elements, x, y):
-    """[E, U] distances from elements [E, 3] to the pixels (x, y, 0) [m]."""
-    legs = np.empty((len(elements), len(x)))
-    for e in range(len(elements)):
-        for j in range(len(x)):
-            legs[e, j] = np.sqrt((x[j] - elements[e, 0]) ** 2 + (y[j] - elements[e, 1]) ** 2 + elements[e, 2] ** 2)
-    return legs
-
-
-@compiled(error_model="numpy")
-def _fill_matrix(tx, rx, tx_of, rx_of, range_m, u, cycles_per_metre, bins_per_metre, row, scale, matrix):
-    """Fill ``matrix`` [terms, C, 2, U]: re and im of the delays' phasors times powers of the range walk [bins].
-
-    Real and imaginary parts stand in lines of their own: interleaved stores took four times as long.
-    """
-    terms, channels, _, columns = matrix.shape
-    x, y = range_m * np.sqrt(1.0 - u * u), range_m * u
-    tx_leg = _pixel_legs(tx, x, y)
-    re, im, walk = np.empty(columns, np.float32), np.empty(columns, np.float32), np.empty(columns, np.float32)
-    for c in range(channels):
-        _steer(tx_leg[tx_of[c]], x, y, rx[rx_of[c]], cycles_per_metre, bins_per_metre, row, scale, re, im, walk)
-        for p in range(terms):
-            _store_power(re, walk, matrix[p, c, 0])
-            _store_power(im, walk, matrix[p, c, 1])
-
-
-@compiled(error_model="numpy")
-def _fill_folded(tx, rx, tx_of, rx_of, range_m, u, cycles_per_metre, bins_per_metre, row, scale, even, odd):
-    """Sum and difference of :func:`_fill_matrix` at +u and -u into ``even`` and ``odd`` [terms, C, 2, U]."""
-    terms, channels, _, columns = even.shape
-    x, y = range_m * np.sqrt(1.0 - u * u), range_m * u
-    mirror_y = -y
-    tx_leg, mirror_leg = _pixel_legs(tx, x, y), _pixel_legs(tx, x, mirror_y)
-    l_re, l_im, l_walk = np.empty(columns, np.float32), np.empty(columns, np.float32), np.empty(columns, np.float32)
-    r_re, r_im, r_walk = np.empty(columns, np.float32), np.empty(columns, np.float32), np.empty(columns, np.float32)
-    for c in range(channels):
-        i, element = tx_of[c], rx[rx_of[c]]
-        _steer(tx_leg[i], x, y, element, cycles_per_metre, bins_per_metre, row, scale, l_re, l_im, l_walk)
-        _steer(mirror_leg[i], x, mirror_y, element, cycles_per_metre, bins_per_metre, row, scale, r_re, r_im, r_walk)
-        for p in range(terms):
-            _store_folded_power(l_re, r_re, l_walk, r_walk, even[p, c, 0], odd[p, c, 0])
-            _store_folded_power(l_im, r_im, l_walk, r_walk, even[p, c, 1], odd[p, c, 1])
-
-
-@compiled(error_model="numpy")
-def _fold_signals(moments, row, even, odd):
-    """Fill ``even`` and ``odd`` with s + s' and s - s', where s' is the signal of an element's mirror image.
-
-    :param moments: [B, terms, R, C]
-    :param even, odd: [groups, 2, PRODUCT_FRAMES, terms, C / 2], the signal and -j times it, see :func:`_product`
-    """
-    batch, terms, _, channels = moments.shape
-    half = channels // 2
-    for b in range(batch):
-        group, frame = b // PRODUCT_FRAMES, b % PRODUCT_FRAMES
-        for p in range(terms):
-            signal = moments[b, p, row]
-            plus, plus_turned = even[group, 0, frame, p], even[group, 1, frame, p]
-            minus, minus_turned = odd[group, 0, frame, p], odd[group, 1, frame, p]
-            for c in range(half):
-                one, other = signal[half + c], signal[half - 1 - c]
-                total, difference = one + other, one - other
-                plus[c], plus_turned[c] = total, complex(total.imag, -total.real)
-                minus[c], minus_turned[c] = difference, complex(difference.imag, -difference.real)
-
-
-@compiled(error_model="numpy")
-def _unfold(even, odd, row, offset, crossing, first, images):
-    """Write even + odd to columns j of an image row, and even - odd to their mirror images, columns ``crossing`` - j.
-
-    :param even, odd: [groups, 2, PRODUCT_FRAMES, columns] re and im of columns j = ``offset`` and on
-    :param first: columns from this one on are written as they stand, those before as mirror images
-    """
-    batch, _, bins = images.shape
-    end = offset + even.shape[3]
-    for b in range(batch):
-        group, frame = b // PRODUCT_FRAMES, b % PRODUCT_FRAMES
-        even_re, even_im = even[group, 0, frame], even[group, 1, frame]
-        odd_re, odd_im = odd[group, 0, frame], odd[group, 1, frame]
-        image = images[b, row]
-        for j in range(max(first, offset), min(bins, end)):
-            k = j - offset
-            image[j] = complex(even_re[k] + odd_re[k], even_im[k] + odd_im[k])
-        for j in range(max(crossing - end + 1, 0), min(crossing - offset + 1, first)):
-            k = crossing - j - offset
-            image[j] = complex(even_re[k] - odd_re[k], even_im[k] - odd_im[k])
 
 
 def _product(signal: NDArray[np.complex64], matrix: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -247,17 +128,20 @@ def _zero_crossing(array: AntennaArray, grid: ImageGrid) -> int | None:
     return grid.mirror if symmetric and array.channels % 2 == 0 else None
 
 
-def near_field_images(moments: NDArray[np.complex64], radar: Radar, array: AntennaArray) -> NDArray[np.complex64]:
+def near_field_images(
+    moments: Complex[np.ndarray, "batch terms rows channels"], radar: Radar, array: AntennaArray
+) -> Complex64[np.ndarray, "batch rows bins"]:
     """[B, R, U] near-field matched-filter images of a batch of sweep moments [B, terms, R, C].
 
     The delay of each pixel and element pair is exact; only its departure from the row's own range, at most 1.5 bins
     over 256 elements, is developed into a polynomial of ``terms`` terms, so that a row is a matrix product for all
     frames of the batch. The matrix costs as much as some eight frames: image in batches. A product's last bits depend
-    on its size and on how it is split among threads: it is always one of PRODUCT_FRAMES frames on one BLAS thread, so
-    that a frame has the same bytes in every batch.
+    on its size and on how it is split among threads. Every product here is one of PRODUCT_FRAMES frames on one BLAS
+    thread, so that a frame has the same bytes in every batch.
 
-    Where array and u axis are symmetric, an element sees the pixel at -u as its mirror image sees the one at +u: with
-    M the matrix and s, s' the signals of an element and of its mirror image, summed over half of the elements,
+    Where array and u axis are symmetric, an element is as far from the pixel at -u as its mirror image is from the one
+    at +u. With M the matrix and s, s' the signals of an element and of its mirror image, summed over half of the
+    elements,
 
         I(+-u) = sum (s + s') (M(u) + M(-u)) / 2  +-  sum (s - s') (M(u) - M(-u)) / 2,
 
@@ -287,7 +171,7 @@ def _whole_images(moments: NDArray, radar: Radar, array: AntennaArray, images: N
     matrix = np.empty((terms, channels, 2, radar.grid.bins), dtype=np.float32)
     for row, range_m in enumerate(radar.waveform.ranges_m):
         geometry = array.tx, array.rx, array.channel_tx, array.channel_rx, range_m, radar.grid.u
-        _fill_matrix(*geometry, *_per_metre(radar), float(row), np.float32(1.0 / channels), matrix)
+        fill_matrix(*geometry, *_per_metre(radar), float(row), np.float32(1.0 / channels), matrix)
         for b in range(batch):
             signal[b // PRODUCT_FRAMES, :, b % PRODUCT_FRAMES] = moments[b, :, row], -1j * moments[b, :, row]
         product = _product(signal, matrix).swapaxes(1, 2).reshape(-1, 2, radar.grid.bins)[:batch]
@@ -308,9 +192,9 @@ def _folded_images(moments: NDArray, radar: Radar, array: AntennaArray, crossing
     even, odd = (np.empty((terms, half, 2, len(u)), dtype=np.float32) for _ in range(2))
     elements, scale = (array.tx, array.rx, array.channel_tx[half:], array.channel_rx[half:]), np.float32(0.5 / channels)
     for row, range_m in enumerate(radar.waveform.ranges_m):
-        _fill_folded(*elements, range_m, u, *_per_metre(radar), float(row), scale, even, odd)
-        _fold_signals(moments, row, sums, differences)
-        _unfold(_product(sums, even), _product(differences, odd), row, start, crossing, first, images)
+        fill_folded(*elements, range_m, u, *_per_metre(radar), float(row), scale, even, odd)
+        fold_signals(moments, row, sums, differences)
+        unfold(_product(sums, even), _product(differences, odd), row, start, crossing, first, images)
 
 
 def _per_metre(radar: Radar) -> tuple[float, float]:

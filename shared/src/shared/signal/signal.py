@@ -10,16 +10,15 @@ costs targets * channels * chirps * samples complex exponentials; it is a refere
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import Complex128, Float, Float64, Inexact
 
 from shared.physics.units import SPEED_OF_LIGHT, db_to_power
 from shared.radar import Radar
 
-Complex = NDArray[np.complex128]
-Real = NDArray[np.float64]
+Cube = Complex128[np.ndarray, "chirps samples channels"]
 
 
-def chirp_times(radar: Radar) -> Real:
+def chirp_times(radar: Radar) -> Float64[np.ndarray, "tx chirps"]:
     """[TX, chirps] start of each chirp of each TX [s] after the start of chirp 0."""
     waveform, tx_count = radar.waveform, len(radar.array.tx_m)
     start = waveform.chirp_interval_s * np.arange(waveform.chirps)
@@ -27,7 +26,9 @@ def chirp_times(radar: Radar) -> Real:
     return start[None, :] + turn * np.arange(tx_count)[:, None]
 
 
-def round_trip_delays(radar: Radar, position: Real, velocity: Real) -> Real:
+def round_trip_delays(
+    radar: Radar, position: Float[np.ndarray, " 3"], velocity: Float[np.ndarray, " 3"]
+) -> Float64[np.ndarray, "channels chirps"]:
     """[channels, chirps] delay of eq. (2) [s] of one target at ``position`` [3] m + ``velocity`` [3] m/s * t."""
     array = radar.array
     times = chirp_times(radar)[array.channel_tx]  # (C, M)
@@ -37,7 +38,7 @@ def round_trip_delays(radar: Radar, position: Real, velocity: Real) -> Real:
     return (tx_leg + rx_leg) / SPEED_OF_LIGHT
 
 
-def if_signal_of_delays(radar: Radar, delays_s: Real) -> Complex:
+def if_signal_of_delays(radar: Radar, delays_s: Float64[np.ndarray, "channels chirps"]) -> Cube:
     """[chirps, samples, channels] IF signal of one echo of unit amplitude with these delays [channels, chirps]."""
     waveform = radar.waveform
     t = waveform.chirp_duration_s * np.arange(waveform.samples) / waveform.samples
@@ -49,12 +50,17 @@ def if_signal_of_delays(radar: Radar, delays_s: Real) -> Complex:
     return np.exp(2j * np.pi * cycles)
 
 
-def if_signal(radar: Radar, positions: Real, velocities: Real, amplitudes: Complex) -> Complex:
+def if_signal(
+    radar: Radar,
+    positions: Float[np.ndarray, "targets 3"],
+    velocities: Float[np.ndarray, "targets 3"],
+    amplitudes: Inexact[np.ndarray, " targets"],
+) -> Cube:
     """[chirps, samples, channels] cube of point targets, eq. (1).
 
     :param positions: [K, 3] at t = 0, radar frame [m]
     :param velocities: [K, 3] relative to the radar [m/s]
-    :param amplitudes: [K] complex [sqrt(W)]
+    :param amplitudes: [K] real or complex [sqrt(W)]
     """
     waveform = radar.waveform
     cube = np.zeros((waveform.chirps, waveform.samples, radar.array.channels), dtype=np.complex128)
@@ -63,7 +69,12 @@ def if_signal(radar: Radar, positions: Real, velocities: Real, amplitudes: Compl
     return cube
 
 
-def target_amplitudes(radar: Radar, positions: Real, rcs_dbsm: Real, phase_rad: Real) -> Complex:
+def target_amplitudes(
+    radar: Radar,
+    positions: Float[np.ndarray, "targets 3"],
+    rcs_dbsm: Float[np.ndarray, " targets"],
+    phase_rad: Float[np.ndarray, " targets"],
+) -> Complex128[np.ndarray, " targets"]:
     """[K] amplitudes [sqrt(W)] by the radar equation, one number for all channels, seen from the origin at t = 0.
 
     A = sqrt(P_t G_t G_r lambda^2 sigma / ((4 pi)^3 R^4)) exp(j phase), lambda at mid-sweep (Skolnik, Introduction to

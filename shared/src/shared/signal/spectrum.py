@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.fft
-from numpy.typing import NDArray
+from jaxtyping import Complex, Float, Float32, Int, Int64
 
 from shared.radar import Radar
 from shared.signal.windows import hann
@@ -30,12 +30,14 @@ class DopplerSelection:
     :param magnitude: [R, chirps] mean magnitude over channels, the map that the choice was made on [sqrt(W)]
     """
 
-    cells: NDArray[np.int64]
-    range_channel: NDArray[np.complex64]
-    magnitude: NDArray[np.float32]
+    cells: Int64[np.ndarray, "peaks rows"]
+    range_channel: Complex[np.ndarray, "peaks rows channels"]
+    magnitude: Float32[np.ndarray, "rows chirps"]
 
 
-def range_doppler(cube: NDArray[np.complex64], radar: Radar) -> NDArray[np.complex64]:
+def range_doppler(
+    cube: Complex[np.ndarray, "chirps samples channels"], radar: Radar
+) -> Complex[np.ndarray, "rows chirps channels"]:
     """[R, chirps, C] range-Doppler spectra of a cube [chirps, samples, C], velocity rising.
 
     Hann windows in range and Doppler; each FFT is divided by its window's sum, so that an on-grid target reads |A|.
@@ -53,13 +55,15 @@ def range_doppler(cube: NDArray[np.complex64], radar: Radar) -> NDArray[np.compl
     return scipy.fft.fftshift(spectrum, axes=1)
 
 
-def select_doppler(spectra: NDArray[np.complex64], noise_power: float, peaks: int = 3) -> DopplerSelection:
+def select_doppler(
+    spectra: Complex[np.ndarray, "rows chirps channels"], noise_power: float, peaks: int = 3
+) -> DopplerSelection:
     """The D = ``peaks`` strongest Doppler cells of every range bin of ``spectra`` [R, chirps, C].
 
     The first is the maximum of the mean magnitude over channels. The others are local maxima along (circular) Doppler,
     strongest first, with a mean magnitude of at least (0.886 + 6 * 0.463 / sqrt(C)) sqrt(noise_power) and of at least
-    the first - 80 dB; where there are fewer, the first again. Noise alone has local maxima in plenty, and beside a
-    strong line the window's own skirt has none, hence peaks above a threshold rather than the next strongest cells.
+    the first - 80 dB; where there are fewer, the first again. Noise alone has many local maxima: hence the threshold.
+    The skirt of a strong line has none: hence local maxima rather than the next strongest cells.
     """
     _, chirps, channels = spectra.shape
     magnitude = np.abs(spectra).mean(axis=2)
@@ -79,7 +83,9 @@ def select_doppler(spectra: NDArray[np.complex64], noise_power: float, peaks: in
 
 
 def selection_at(
-    spectra: NDArray[np.complex64], cells: NDArray[np.int64], magnitude: NDArray[np.float32] | None = None
+    spectra: Complex[np.ndarray, "rows chirps channels"],
+    cells: Int[np.ndarray, "peaks rows"] | Int[np.ndarray, " rows"],
+    magnitude: Float[np.ndarray, "rows chirps"] | None = None,
 ) -> DopplerSelection:
     """The values of ``spectra`` [R, chirps, C] in given Doppler cells.
 

@@ -8,10 +8,14 @@ echo multiplies by the conjugate, exp(+j k u p), so that images peak at +u.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import Complex128, Float
+
+from shared.physics.units import ArrayOrScalar
 
 
-def manifold(positions_m: NDArray[np.floating], wavelength_m: float, u: NDArray[np.floating]) -> NDArray[np.complex128]:
+def manifold(
+    positions_m: Float[np.ndarray, " channels"], wavelength_m: float, u: Float[ArrayOrScalar, "*shape"]
+) -> Complex128[np.ndarray, " channels *shape"]:
     """[C, *u.shape] a(u) = exp(-j k u p), echoes of unit amplitude from the directions u.
 
     Valid from about 5 m for the input array of 94 mm: nearer than that the wave front is curved.

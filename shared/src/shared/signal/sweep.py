@@ -8,14 +8,14 @@ these functions is a sum of a few shifts by whole cells of a finer grid: what le
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Complex128, Float, Float64
 from numpy.polynomial.chebyshev import cheb2poly
-from numpy.typing import NDArray
 from scipy.special import jv
 
 from shared.radar import Radar
 
 
-def sweep_positions(samples: int) -> NDArray[np.float64]:
+def sweep_positions(samples: int) -> Float64[np.ndarray, " {samples}"]:
     """[samples] position in the sweep nu = (n - samples // 2) / samples, 0 at the window's centre."""
     return (np.arange(samples) - samples // 2) / samples
 
@@ -26,7 +26,9 @@ def reference_frequency_hz(radar: Radar) -> float:
     return waveform.carrier_hz + waveform.bandwidth_hz * (waveform.samples // 2) / waveform.samples
 
 
-def shift_polynomials(nu: NDArray[np.float64], reach: float, terms: int) -> NDArray[np.complex128]:
+def shift_polynomials(
+    nu: Float[np.ndarray, " samples"], reach: float, terms: int
+) -> Complex128[np.ndarray, "{terms} samples"]:
     """[terms, N] coefficients q_p(nu) of exp(j 2 pi z nu) = sum_p z^p q_p(nu) for |z| <= ``reach`` [bins].
 
     The Jacobi-Anger expansion exp(j a x) = J_0(a) + 2 sum_d j^d J_d(a) T_d(x) (DLMF 10.12.3) with a = 2 pi reach nu and
@@ -50,7 +52,7 @@ def shift_error(reach: float, terms: int) -> float:
     return float(2.0 * np.abs(jv(left_out, np.pi * reach)).sum())
 
 
-def shift_error_rms(nu: NDArray[np.float64], reach: float, terms: int) -> float:
+def shift_error_rms(nu: Float[np.ndarray, " samples"], reach: float, terms: int) -> float:
     """Bound on the root mean square error of :func:`shift_polynomials` over the sweep ``nu``, for any |z| <= reach.
 
     The terms left out grow as nu^terms, so that the mean over the sweep is far below what its ends have. Those of even
@@ -61,8 +63,8 @@ def shift_error_rms(nu: NDArray[np.float64], reach: float, terms: int) -> float:
 
 
 def shift_weights(
-    nu: NDArray[np.float64], reach: float, terms: int, taps: int, oversampling: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    nu: Float[np.ndarray, " samples"], reach: float, terms: int, taps: int, oversampling: int
+) -> tuple[Float64[np.ndarray, " samples"], Float64[np.ndarray, "{taps} {terms}"]]:
     """Polynomials of the shift as weights on a grid of ``oversampling`` cells a bin: gain [N], weights [taps, terms].
 
         q_p(nu) = gain(nu) sum_j weights[j, p] exp(j 2 pi (j - taps // 2) nu / oversampling)
@@ -86,10 +88,10 @@ def shift_weights(
 
 
 def shift_weights_error(
-    nu: NDArray[np.float64],
+    nu: Float[np.ndarray, " samples"],
     reach: float,
-    gain: NDArray[np.float64],
-    weights: NDArray[np.float64],
+    gain: Float[np.ndarray, " samples"],
+    weights: Float[np.ndarray, "taps terms"],
     oversampling: int,
 ) -> float:
     """Root mean square error over the sweep of :func:`shift_weights`, for the worst of 129 shifts within the reach."""

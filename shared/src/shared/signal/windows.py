@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import Float, Float64
 from scipy.signal import get_window
 
 from shared.radar import Radar
 
 
-def hann(length: int) -> NDArray[np.float64]:
+def hann(length: int) -> Float64[np.ndarray, " {length}"]:
     """[length] periodic Hann window, whose centre is sample length / 2: mid-sweep, mid-frame.
 
     A single sample gets weight 1 (the periodic formula would give 0).
@@ -34,7 +34,7 @@ ANGLE_WINDOWS = ("none", "taylor-25", "taylor-30", "hann")
 """Windows over the virtual sensor's elements that the truth can be made with."""
 
 
-def angle_window(name: str, elements: int) -> NDArray[np.float64]:
+def angle_window(name: str, elements: int) -> Float64[np.ndarray, " {elements}"]:
     """[elements] weights over a uniform line array, of mean 1 so that a target keeps reading its amplitude.
 
     ``taylor-N`` has its first three sidelobes at -N dB (n-bar = 4).
@@ -52,7 +52,7 @@ def angle_window(name: str, elements: int) -> NDArray[np.float64]:
     return weights / weights.mean()
 
 
-def point_spread(weights: NDArray[np.float64], spacing_wavelengths: float) -> tuple[float, float]:
+def point_spread(weights: Float[np.ndarray, " elements"], spacing_wavelengths: float) -> tuple[float, float]:
     """-3 dB width in u and peak sidelobe level [dB] of a uniform line array with these weights, broadside, one way."""
     oversampling = 64
     length = oversampling * 2 ** int(np.ceil(np.log2(len(weights))))

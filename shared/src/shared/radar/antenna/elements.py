@@ -5,15 +5,17 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import Float, Float64
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
-from shared.physics.units import db_to_power
+from shared.physics.units import ArrayOrScalar, db_to_power
 
-Real = NDArray[np.float64]
+Directions = Float[np.ndarray, "*shape 3"]
+Real = Float64[ArrayOrScalar, "*shape"]
+"""One number for each direction."""
 
 
-def angles_deg(directions: Real) -> tuple[Real, Real]:
+def angles_deg(directions: Directions) -> tuple[Real, Real]:
     """Azimuth (positive left) and elevation (positive up) [deg], each [...], of ``directions`` [..., 3] of any length.
 
     A zero vector counts as boresight.
@@ -33,7 +35,7 @@ class IsotropicPattern(BaseModel):
     kind: Literal["isotropic"] = "isotropic"
     gain_dbi: Annotated[FiniteFloat, Field(ge=-200, le=200)] = 0.0
 
-    def power_gain(self, directions: Real) -> Real:
+    def power_gain(self, directions: Directions) -> Real:
         """[...] linear power gain towards ``directions`` [..., 3] (any length)."""
         return np.full(directions.shape[:-1], float(db_to_power(self.gain_dbi)))
 
@@ -58,7 +60,7 @@ class ParabolicPattern(BaseModel):
     elevation_beamwidth_deg: Annotated[FiniteFloat, Field(gt=0, le=720)]
     floor_db: Annotated[FiniteFloat, Field(ge=0, le=400)] = 30.0
 
-    def power_gain(self, directions: Real) -> Real:
+    def power_gain(self, directions: Directions) -> Real:
         """[...] linear power gain towards ``directions`` [..., 3] (any length; a zero vector counts as boresight)."""
         azimuth, elevation = angles_deg(directions)
         loss = (
@@ -79,7 +81,7 @@ class Tr38901Pattern(BaseModel):
 
     kind: Literal["tr38901"] = "tr38901"
 
-    def power_gain(self, directions: Real) -> Real:
+    def power_gain(self, directions: Directions) -> Real:
         """[...] linear power gain towards ``directions`` [..., 3] (any length; a zero vector counts as boresight)."""
         azimuth, elevation = angles_deg(directions)
         vertical = np.minimum(12.0 * (elevation / 65.0) ** 2, 30.0)

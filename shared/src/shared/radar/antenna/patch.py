@@ -6,12 +6,10 @@ from functools import lru_cache
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
 from shared.physics.units import db_to_power, power_to_db
-
-Real = NDArray[np.float64]
+from shared.radar.antenna.elements import Directions, Real
 
 QUADRATURE_POINTS = 200
 """Of each of the two angles over the half space; patterns of patches up to two wavelengths are integrated to 1e-9."""
@@ -53,7 +51,7 @@ class PatchPattern(BaseModel):
         """Gain along the normal [dBi]: directivity times efficiency."""
         return float(power_to_db(_directivity(self))) + self.efficiency_db
 
-    def power_gain(self, directions: Real) -> Real:
+    def power_gain(self, directions: Directions) -> Real:
         """[...] linear power gain towards ``directions`` [..., 3] (any length; a zero vector counts as boresight)."""
         directions = np.asarray(directions, dtype=np.float64)
         length = np.linalg.norm(directions, axis=-1, keepdims=True)
@@ -61,7 +59,7 @@ class PatchPattern(BaseModel):
         shape = np.where(cosines[..., 0] > 0.0, self._shape(cosines), float(db_to_power(-self.back_db)))
         return shape * float(db_to_power(self.boresight_gain_dbi))
 
-    def _shape(self, cosines: Real) -> Real:
+    def _shape(self, cosines: Directions) -> Real:
         """[...] |E|^2 relative to boresight, of unit vectors [..., 3]."""
         normal, y, z = np.moveaxis(cosines, -1, 0)
         along, across = (z, y) if self.resonant_along == "z" else (y, z)

@@ -9,15 +9,13 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 from scipy.interpolate import RegularGridInterpolator
 
 from shared.physics.errors import InputError
 from shared.physics.units import db_to_power
-from shared.radar.antenna.elements import angles_deg
+from shared.radar.antenna.elements import Directions, Real, angles_deg
 
-Real = NDArray[np.float64]
 Axis = Annotated[tuple[FiniteFloat, ...], Field(min_length=2)]
 Level = Annotated[FiniteFloat, Field(ge=-200, le=60)]
 
@@ -74,7 +72,7 @@ class TablePattern(BaseModel):
             fill_value=self.outside_gain_dbi,  # None where the grid covers the sphere: nothing is outside
         )
 
-    def power_gain(self, directions: Real) -> Real:
+    def power_gain(self, directions: Directions) -> Real:
         """[...] linear power gain towards ``directions`` [..., 3] (any length; a zero vector counts as boresight)."""
         angles = np.stack(angles_deg(directions), axis=-1)
         return db_to_power(self._level_db(angles).reshape(angles.shape[:-1]))  # SciPy makes [1] of a single one
@@ -126,8 +124,8 @@ def read_table(path: Path, outside_gain_dbi: float | None = None) -> TablePatter
             outside_gain_dbi=outside_gain_dbi,
         )
     except ValidationError as error:
-        flaw = error.errors()[0]
-        reason = flaw["ctx"]["error"] if flaw["type"] == "value_error" else f"{flaw['loc'][0]}: {flaw['msg']}"
+        first = error.errors()[0]
+        reason = first["ctx"]["error"] if first["type"] == "value_error" else f"{first['loc'][0]}: {first['msg']}"
         raise InputError(path, str(reason)) from error
 
 

@@ -1,0 +1,76 @@
+"""Array shapes in the signatures of ``shared``: every public function states them, and under test they hold."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from jaxtyping import TypeCheckError
+
+import shared
+from shared.physics.units import db_to_power
+from shared.physics.wedge import WedgeGeometry
+from shared.radar import Radar
+from shared.signal import round_trip_delays, target_amplitudes
+from shared.signal.features import covariance_channels
+from shared.signal.imaging import near_field_images
+from shared.signal.spectrum import range_doppler
+
+ROOT = Path(next(iter(shared.__path__)))
+BARE = ("NDArray", "ndarray")
+
+
+def public_functions(tree: ast.Module) -> Iterator[ast.FunctionDef]:
+    for node in tree.body:
+        members = [node, *node.body] if isinstance(node, ast.ClassDef) else [node]
+        yield from (item for item in members if isinstance(item, ast.FunctionDef) and item.name[0] != "_")
+
+
+def has_bare_array(annotation: ast.expr) -> bool:
+    """Whether an array stands in it that is not the first part of a jaxtyping type, ``Float[np.ndarray, "..."]``."""
+    if isinstance(annotation, ast.Subscript) and isinstance(annotation.slice, ast.Tuple):
+        parts = annotation.slice.elts
+        if isinstance(parts[-1], ast.Constant) and isinstance(parts[-1].value, str):
+            return False
+    if isinstance(annotation, ast.Name | ast.Attribute):
+        return ast.unparse(annotation).rpartition(".")[2] in BARE
+    return any(has_bare_array(child) for child in ast.iter_child_nodes(annotation) if isinstance(child, ast.expr))
+
+
+@pytest.mark.parametrize("path", sorted(ROOT.rglob("*.py")), ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_public_functions_state_the_shapes_of_their_arrays(path: Path) -> None:
+    for function in public_functions(ast.parse(path.read_text(encoding="utf-8"))):
+        arguments = [*function.args.args, *function.args.kwonlyargs]
+        annotations = [item.annotation for item in arguments] + [function.returns]
+        bare = [ast.unparse(item) for item in annotations if item is not None and has_bare_array(item)]
+        assert not bare, f"{path.name}: {function.name}"
+
+
+def test_a_wrong_shape_or_dtype_is_found_under_test() -> None:
+    radar = Radar()
+    with pytest.raises(TypeCheckError, match="position"):
+        round_trip_delays(radar, np.zeros(2), np.zeros(3))
+    with pytest.raises(TypeCheckError, match="rcs_dbsm"):
+        target_amplitudes(radar, np.ones((2, 3)), np.zeros(3), np.zeros(2))
+    with pytest.raises(TypeCheckError, match="cube"):
+        range_doppler(np.zeros((128, 1024, 1)), radar)
+    with pytest.raises(TypeCheckError, match="moments"):
+        near_field_images(np.zeros((1, 5, 630), dtype=np.complex64), radar, radar.array)
+    with pytest.raises(TypeCheckError, match="range_channel"):
+        covariance_channels(np.zeros((4, 3)))
+    with pytest.raises(TypeCheckError, match="directions"):
+        radar.front_end.tx_pattern.power_gain(np.zeros((5, 2)))
+    with pytest.raises(TypeCheckError, match="sin_beta"):
+        WedgeGeometry(np.full(2, 1.5), np.ones(2), np.ones(2), np.ones(2), np.ones(2), sin_beta=np.ones(3))
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_a_scalar_and_an_array_are_both_welcome(kind: type[np.floating]) -> None:
+    """What NumPy makes of a scalar is a scalar; the result is float64 whatever comes in."""
+    for value in (kind(3.0), np.full((2, 1), 3.0, dtype=kind), [3.0, 3], 3):
+        found = db_to_power(value)
+        assert found.dtype == np.float64
+        assert found == pytest.approx(10.0**0.3, rel=1e-7)
