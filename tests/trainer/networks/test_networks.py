@@ -2,6 +2,7 @@
 
 import pytest
 import torch
+from jaxtyping import TypeCheckError
 from tiny_radar import RADAR, TINY
 
 from trainer.networks.attention_unet import AttentionUNet
@@ -165,3 +166,12 @@ def test_a_configuration_chooses_network_inputs_and_outputs():
     network = build_network(changed, BINS, 6)
     assert isinstance(network, AttentionUNet)
     assert network(torch.zeros(1, 5, 8, BINS)).shape == (1, 2, 8, BINS)
+
+
+@pytest.mark.parametrize("name", networks())
+def test_arrays_that_are_not_those_of_the_signature_are_refused_in_tests(name):
+    """tests/conftest.py holds every call of trainer.networks to its annotations."""
+    network = networks()[name]
+    for wrong in (torch.zeros(1, 6, 8, BINS), torch.zeros(5, 8, BINS), torch.zeros(1, 5, 8, BINS, dtype=torch.int64)):
+        with pytest.raises(TypeCheckError, match="features"):
+            network(wrong)

@@ -17,7 +17,7 @@ import torch
 
 from shared.physics.errors import InputError
 from trainer.errors import TrainingStopped, writing
-from trainer.run.building import CHANNELS
+from trainer.run.building import CHANNELS, lay_out
 from trainer.run.folder import load_imager
 from trainer.run.targets import UNITS
 
@@ -58,15 +58,21 @@ def export(run_directory: Path, out: Path) -> Export:
     snapshot = generator.standard_normal((1, run.radar.waveform.range_bins, run.radar.array.channels, 2))
     range_channel = torch.from_numpy(snapshot.astype(np.float32).view(np.complex64)[..., 0])
     features, _ = imager.features(range_channel, torch.ones(1))
-    network = imager.network.to(memory_format=torch.contiguous_format)
+    network = imager.network
+    lay_out(network, torch.contiguous_format)
     with warnings.catch_warnings():
         # The newer exporter needs another package and gives the same graph for these networks.
         warnings.simplefilter("ignore", DeprecationWarning)
         buffer = io.BytesIO()
         torch.onnx.export(
-            network, (features,), buffer, dynamo=False, opset_version=OPSET, input_names=["features"],
+            network,
+            (features,),
+            buffer,  # type: ignore[arg-type]  # declared for the newer exporter alone
+            dynamo=False,
+            opset_version=OPSET,
+            input_names=["features"],
             output_names=["answer"],
-        )  # fmt: skip
+        )
     model = onnx.load_model_from_string(buffer.getvalue())
     description = {
         "features": CHANNELS[run.config.features],

@@ -14,6 +14,7 @@ from lightning.pytorch.loggers import TensorBoardLogger
 from trainer.errors import writing
 from trainer.run.folder import CHECKPOINT, METRICS, save_weights
 from trainer.run.pictures import panel
+from trainer.training.task import ImagingTask
 
 NMSE, LOSS = "validation_nmse", "validation_loss"
 COLUMNS = ("step", "train_loss", LOSS, NMSE, "validation_gain", "das_nmse")
@@ -59,6 +60,7 @@ class RunKeeper(Callback):
         shown = "  ".join(f"{name} {row[name]:.4g}" for name in COLUMNS[1:] if name in row)
         self.announce(f"step {trainer.global_step}  {shown}{'  (best)' if improved else ''}")
         if improved:
+            assert isinstance(pl_module, ImagingTask)
             save_weights(self.directory, pl_module.imager, values.get("validation_gain", 1.0))
 
     def _append(self, row: dict[str, Any]) -> None:
@@ -85,6 +87,7 @@ class PictureLogger(Callback):
     ) -> None:
         if batch_idx or not trainer.is_global_zero or not isinstance(trainer.logger, TensorBoardLogger):
             return
+        assert isinstance(pl_module, ImagingTask)
         imager = pl_module.imager
         with torch.no_grad():
             snapshot = batch["range_channel"][:1, 0]

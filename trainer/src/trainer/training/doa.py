@@ -79,6 +79,7 @@ class DoaData(LightningDataModule):
     def train_dataloader(self) -> DataLoader:
         trainer = self.trainer
         assert trainer is not None
+        assert isinstance(trainer.lightning_module, DoaTask)
         world, rank = trainer.world_size, trainer.global_rank
         samples = DoaSamples(*self._samples, size=self._training * world, rows=self._rows)
         batches = [

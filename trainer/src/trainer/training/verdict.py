@@ -202,7 +202,8 @@ def _frames(imager: Imager, folders: Sequence[Location], split: str, mean: Image
             snapshot, noise = frame["range_channel"][:1].to(device), frame["noise_power"][None].to(device)
             peak = float(frame["image_peak"]) or 1.0
             with torch.inference_mode():
-                network, das = (image[0].cpu().numpy() for image in (imager(snapshot, noise), imager.das(snapshot)))
+                network = np.asarray(imager(snapshot, noise)[0].cpu().numpy(), dtype=np.float32)
+                das = np.asarray(imager.das(snapshot)[0].cpu().numpy(), dtype=np.float32)
             if UNITS[imager.config.target] == AMPLITUDE:
                 network = network / np.float32(peak)
             images = {"network": network, "das": das / np.float32(peak), "mean": mean}
