@@ -27,7 +27,7 @@ def test_aic_counts_targets_with_snapshots_and_one_without() -> None:
         u = np.array([[-0.5, 0.1, 0.6]])[:, :targets]
         strengths = generator.standard_normal((200, targets)) + 1j * generator.standard_normal((200, targets))
         data = echoes(array, np.repeat(u, 200, axis=0), strengths) + noise(array, 200, 0.01, generator)
-        eigenvalues = np.linalg.eigvalsh(data.T @ data.conj() / 200)[None, ::-1]
+        eigenvalues = np.linalg.eigvalsh(data.T @ data.conj() / 200)[None, ::-1].astype(np.float64)
         # AIC overestimates with some probability that does not vanish; it must not underestimate here.
         assert targets <= aic_order(eigenvalues, 200)[0] <= targets + 2
     rank_one = np.zeros((3, 10))

@@ -72,7 +72,7 @@ def test_maximum_likelihood_of_pairs_is_efficient() -> None:
     line = contender("ml", "sparse6").line
     variances = []
     for u, turn in zip(true, at_origin, strict=True):
-        amplitudes = 10.0 * np.array([1.0, np.exp(1j * turn)])  # 20 dB over noise of power 1
+        amplitudes = 10.0 * np.exp(1j * np.array([0.0, turn])).astype(np.complex128)  # 20 dB over noise of power 1
         variances.append(np.diag(deterministic_bound(line, u, np.outer(amplitudes, amplitudes.conj()), 1.0)))
     ratio = math.sqrt(float(np.mean((found - true) ** 2)) / float(np.mean(variances)))
     assert 0.9 <= ratio <= 1.1

@@ -115,9 +115,9 @@ def test_uncorrelated_sources_may_outnumber_the_channels() -> None:
     [
         (lambda a: single_source_bound(a, 0.0), "both positive"),
         (lambda a: single_source_bound(LineArray(np.zeros(3), 1.0), 1.0), "both positive"),
-        (lambda a: deterministic_bound(a, np.array([0.1, 0.1]), np.ones((2, 2)), 1.0), "tell apart"),
-        (lambda a: deterministic_bound(a, np.linspace(-0.5, 0.5, 12), np.eye(12), 1.0), "fewer sources"),
-        (lambda a: music_covariance(a, np.array([0.1, 0.2]), np.ones((2, 2)), 1.0, 1), "coherent"),
+        (lambda a: deterministic_bound(a, np.array([0.1, 0.1]), np.ones((2, 2), complex), 1.0), "tell apart"),
+        (lambda a: deterministic_bound(a, np.linspace(-0.5, 0.5, 12), np.eye(12, dtype=complex), 1.0), "fewer sources"),
+        (lambda a: music_covariance(a, np.array([0.1, 0.2]), np.ones((2, 2), complex), 1.0, 1), "coherent"),
     ],
 )
 def test_bounds_that_do_not_exist_are_refused(make, text: str) -> None:

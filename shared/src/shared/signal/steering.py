@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def manifold(positions_m: NDArray[np.floating], wavelength_m: float, u: NDArray[np.floating]) -> NDArray[np.complex128]:
+def manifold(
+    positions_m: NDArray[np.floating], wavelength_m: float, u: NDArray[np.floating] | float
+) -> NDArray[np.complex128]:
     """[C, *u.shape] a(u) = exp(-j k u p), echoes of unit amplitude from the directions u.
 
     Valid from about 5 m for the input array of 94 mm: nearer than that the wave front is curved.

@@ -87,7 +87,7 @@ class LineArray:
         """Resolution cell lambda / (span + spacing) in u, half a wavelength standing for a spacing there is none."""
         return self.wavelength_m / (float(np.ptp(self.positions_m)) + (self.spacing_m or 0.5 * self.wavelength_m))
 
-    def manifold(self, u: NDArray[np.floating]) -> NDArray[np.complex128]:
+    def manifold(self, u: NDArray[np.floating] | float) -> NDArray[np.complex128]:
         """[C, *u.shape] echoes exp(-j k u p) of unit amplitude from the directions u."""
         return manifold(self.positions_m, self.wavelength_m, u)
 

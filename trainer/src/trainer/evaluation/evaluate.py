@@ -85,7 +85,7 @@ def evaluate(
     measured: Path | None = None,
     resume: bool = False,
     workers: int = 1,
-    announce: Callable[[str], None] = print,
+    announce: Callable[[str], object] = print,
     progress: Progress | None = None,
 ) -> pa.Table:
     """Run the experiments that apply and write everything into ``out``; returns the metrics table.

@@ -30,7 +30,7 @@ class RunKeeper(Callback):
     :param announce: takes one line for each validation
     """
 
-    def __init__(self, directory: Path, announce: Callable[[str], None]) -> None:
+    def __init__(self, directory: Path, announce: Callable[[str], object]) -> None:
         self.directory, self.announce = directory, announce
         self.best = float("inf")
 

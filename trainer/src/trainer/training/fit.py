@@ -49,7 +49,7 @@ def fit(
     workers: int = 0,
     check: bool = True,
     devices: int = 1,
-    announce: Callable[[str], None] = print,
+    announce: Callable[[str], object] = print,
 ) -> Run:
     """Train one network, keep it in ``out`` and score it on the test frames (:mod:`trainer.training.verdict`).
 

@@ -95,7 +95,7 @@ class _Scored:
 
 
 def judge(
-    run_directory: Path, datasets: Sequence[Location | str], announce: Callable[[str], None] = print
+    run_directory: Path, datasets: Sequence[Location | str], announce: Callable[[str], object] = print
 ) -> Verdict | None:
     """Score a run on its datasets' test frames; writes ``verdict.json`` and ``pictures/test.png`` into its folder.
 
