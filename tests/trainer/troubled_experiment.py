@@ -52,7 +52,7 @@ def _report(bench: Bench) -> Values:
     threads = max([torch.get_num_threads(), *(pool["num_threads"] for pool in threadpool_info())])
     return {
         "pid": np.asarray(os.getpid()), "deaf": np.asarray(signal.SIGINT in blocked), "threads": np.asarray(threads),
-        "seed": np.asarray(bench.settings.seed),
+        "seed": np.asarray(bench.config.seed),
     }  # fmt: skip
 
 

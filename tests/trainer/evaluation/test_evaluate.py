@@ -2,7 +2,7 @@
 
 import pyarrow.parquet as pq
 import pytest
-from small_evaluation import SETTINGS, run_all
+from small_evaluation import QUICK, run_all
 
 from shared.physics.errors import InputError
 from trainer.evaluation.evaluate import EXPERIMENTS
@@ -106,11 +106,11 @@ def test_other_settings_are_computed_anew_and_what_is_left_is_said(inputs, tmp_p
     lines: list[str] = []
     chosen = {"methods": ["das"], "runs": [], "experiments": ["noise-only"], "measured": None, "announce": lines.append}
     run_all(inputs, out, **chosen)
-    run_all(inputs, out, **chosen, resume=True, settings=SETTINGS.model_copy(update={"seed": 1}))
+    run_all(inputs, out, **chosen, resume=True, config=QUICK.model_copy(update={"seed": 1}))
     # Two frames and two arrays; the images of the report and the runtimes depend on no seed.
     assert lines[-1].startswith("4 cells computed")
     assert any(line.startswith("4 cells in") and "of other arguments" in line for line in lines)
-    run_all(inputs, out, **chosen, resume=True, settings=SETTINGS.model_copy(update={"frames": 1}))
+    run_all(inputs, out, **chosen, resume=True, config=QUICK.model_copy(update={"frames": 1}))
     assert "2 scene frames of the test split are left out: --frames 1" in lines
 
 

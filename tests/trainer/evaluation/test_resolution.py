@@ -12,7 +12,7 @@ from paper_arrays import FAR
 
 from trainer.data.arrays import choose_array
 from trainer.data.pairs import Condition, Trials, simulate
-from trainer.evaluation.experiments.bench import Bench, Settings
+from trainer.evaluation.experiments.bench import Bench, EvaluationConfig
 from trainer.evaluation.experiments.contenders import Contender, estimator_contender
 from trainer.evaluation.experiments.resolution import PAIRS, SINGLES, Resolution, locate_targets
 from trainer.metrics.bootstrap import wilson
@@ -110,7 +110,7 @@ def test_probability_of_resolution_is_that_of_the_guide(array: str, separation: 
 def small_bench() -> Bench:
     """Delay-and-sum on two arrays, no data: this experiment simulates its own."""
     contenders = tuple(contender("das", array) for array in ("sparse6", "sparse4"))
-    return Bench("0" * 64, FAR, (), frozenset(), contenders, Settings(trials=10))
+    return Bench("0" * 64, FAR, (), frozenset(), contenders, EvaluationConfig(trials=10))
 
 
 def test_a_resolution_table_has_every_cell_once() -> None:

@@ -81,7 +81,7 @@ def test_one_source_bounds_agree() -> None:
         assert general[0, 0] == pytest.approx(single)
     # A filled line of length L has sum (p - mean p)^2 = C L^2 / 12, but for C^-2, and a cell lambda / L.
     full = ARRAYS["full"]
-    expected = full.resolution / (2.0 * np.pi) * np.sqrt(6.0 / (48 * 100.0))
+    expected = full.resolution_cell / (2.0 * np.pi) * np.sqrt(6.0 / (48 * 100.0))
     assert np.sqrt(single_source_bound(full, 100.0)) == pytest.approx(expected, rel=1e-3)
 
 

@@ -79,9 +79,10 @@ def summarise(dataset: Dataset) -> Summary:
 
 def summarise_traced(dataset: Dataset) -> str:
     """One line on a folder of ``datafactory trace``, which holds paths and no frames."""
-    rows, size = (sum(getattr(record, name) for record in dataset.records) for name in ("rows", "bytes"))
+    records = dataset.records
+    rows, megabytes = sum(record.rows for record in records), sum(record.bytes for record in records) / 1e6
     return (
-        f"{dataset.path} holds the traced paths of {rows} frames in {len(dataset.records)} shards, {size / 1e6:.1f} MB, "
+        f"{dataset.path} holds the traced paths of {rows} frames in {len(records)} shards, {megabytes:.1f} MB, "
         f"and no frames; next: datafactory render --paths {dataset.path} --out OTHER"
     )
 

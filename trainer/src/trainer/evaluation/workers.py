@@ -105,7 +105,7 @@ class Workers:
             while here or elsewhere or running:
                 while pool and elsewhere and len(running) < AHEAD * self.count:
                     place = elsewhere.popleft()
-                    running[pool.submit(_cell, experiment, place)] = place
+                    running[pool.submit(_compute, experiment, place)] = place
                 if here:
                     place = here.popleft()
                     yield place, alone(tasks[place])
@@ -179,7 +179,7 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-def _cell(experiment: Experiment, place: int) -> Values:
+def _compute(experiment: Experiment, place: int) -> Values:
     if _state["name"] != experiment.name:
         _state.update(name=experiment.name, tasks=experiment.tasks(_state["bench"]))
     return dict(_state["tasks"][place].compute())

@@ -44,9 +44,9 @@ class Export:
 def export(run_directory: Path, out: Path) -> Export:
     """Write the run's network as ONNX, float32.
 
-    Input ``features`` [1, F, R, U], of the "doa-cnn" [1, 3, R, C * C]; output ``answer`` [1, 1 or 2, R, U]. The
-    features before and the decoding behind it are :mod:`shared.signal.features`, NumPy alone, and a power with the row's
-    scale and the gain; array, axes, gain and both names stand in the file's metadata under ``sparseradar``.
+    Input ``features`` [1, F, R, U], of the "doa-cnn" [1, 3, R, C * C]; output ``answer`` [1, 1 or 2, R, U].
+    :mod:`shared.signal.features`, NumPy alone, computes the features. The image follows from the answer by a power, the
+    row's scale and the gain. The file's metadata hold array, axes, gain and both names under ``sparseradar``.
 
     :raises InputError: no whole run, an output that cannot be written
     :raises TrainingStopped: onnxruntime disagrees with torch by more than :data:`TOLERANCE`; nothing is written

@@ -122,8 +122,8 @@ def table(
             scores = [_score(*load_imager(folder), datasets) for folder in folders]
             parameters = sum(parameter.numel() for parameter in imager.parameters())
             cells = [f"{parameters / 1e6:.2f} M", f"{giga_flops(imager, run.radar.waveform.range_bins):.1f}"]
-            cells += [_spread([best_validation(folder) for folder in folders]), *_cells(scores)[1:]]
-            cells += [_spread([found[key]["network"] for found in verdicts]) for key in ("nmse", "f1")]
+            cells += [_middle_and_spread([best_validation(folder) for folder in folders]), *_cells(scores)[1:]]
+            cells += [_middle_and_spread([found[key]["network"] for found in verdicts]) for key in ("nmse", "f1")]
             lines.append(_line([name, Path(array).stem, *cells]))
             for other in (other for other in arrays if other != array):
                 moved = [_score(run, behind(folder, other), datasets) for folder in folders]
@@ -193,10 +193,10 @@ def _image(imager: Imager, snapshot: torch.Tensor, noise_power: torch.Tensor) ->
 
 
 def _cells(scores: Sequence[Score]) -> list[str]:
-    return [_spread([getattr(score, name) for score in scores]) for name in ("nmse", "f1", "resolved")]
+    return [_middle_and_spread([getattr(score, name) for score in scores]) for name in ("nmse", "f1", "resolved")]
 
 
-def _spread(values: Sequence[float]) -> str:
+def _middle_and_spread(values: Sequence[float]) -> str:
     """The middle of the seeds, and how far the outermost are from it."""
     low, high = min(values), max(values)
     middle = f"{0.5 * (low + high):.3f}"

@@ -86,7 +86,7 @@ class DoaData(LightningDataModule):
             list(range((index * world + rank) * self.config.batch, (index * world + rank + 1) * self.config.batch))
             for index in range(self._training // self.config.batch)
         ]
-        return DataLoader(samples, batch_sampler=_From(batches, trainer.lightning_module.batches_seen))
+        return DataLoader(samples, batch_sampler=_UnseenBatches(batches, trainer.lightning_module.batches_seen))
 
     def val_dataloader(self) -> DataLoader:
         trainer = self.trainer
@@ -119,7 +119,7 @@ class DoaTask(ImagingTask):
         return losses.mean()
 
 
-class _From(list[list[int]]):
+class _UnseenBatches(list[list[int]]):
     """A list of batches that starts at ``first`` and has the length of all: what a progress bar goes by."""
 
     def __init__(self, batches: list[list[int]], first: int) -> None:

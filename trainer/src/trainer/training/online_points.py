@@ -65,7 +65,7 @@ class OnlinePoints:
         drawn = [self._draw(np.random.default_rng([seed, step, 1, place]), rows) for place in places]
         row, u, amplitude, noise = zip(*drawn, strict=True)
         crop = np.repeat(np.arange(len(drawn)), [len(part) for part in row])
-        return self._see(
+        return self._snapshots_and_truth(
             crop, np.concatenate(row), np.concatenate(u), np.concatenate(amplitude),
             torch.from_numpy(np.stack(noise)).to(device),
         )  # fmt: skip
@@ -83,7 +83,7 @@ class OnlinePoints:
         row, u = generator.uniform(-1.0, rows, count), generator.uniform(-1.0, 1.0, count)
         return row, u, amplitude, noise.view(np.complex64)[..., 0]
 
-    def _see(
+    def _snapshots_and_truth(
         self,
         crop: NDArray[np.int_],
         row: NDArray[np.float64],

@@ -29,7 +29,9 @@ Batch = dict[str, torch.Tensor]
 
 
 class ImagingTask(LightningModule):
-    """Trains an :class:`Imager`. All randomness follows from (seed, batch index), see :mod:`trainer.training.augmentation`.
+    """Trains an :class:`Imager`. All randomness follows from seed and batch index.
+
+    See :mod:`trainer.training.augmentation`.
 
     :param truth_window: of the datasets, for the truth of online point targets
     """

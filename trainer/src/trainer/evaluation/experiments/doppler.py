@@ -200,9 +200,9 @@ def _draw_range_doppler(axis: Axes, frame: Frame, radar: Radar) -> None:
     else:
         magnitude = np.abs(frame.range_channel).mean(axis=2) * np.arange(waveform.range_bins)
         levels = level_db(magnitude, float(magnitude.max()))
-        order = np.argsort(levels, axis=None)
-        where = frame.velocity.ravel()[order], np.broadcast_to(ranges, levels.shape).ravel()[order]
-        axis.scatter(*where, c=levels.ravel()[order], s=3, cmap="magma")
+        rising = np.argsort(levels, axis=None)
+        where = frame.velocity.ravel()[rising], np.broadcast_to(ranges, levels.shape).ravel()[rising]
+        axis.scatter(*where, c=levels.ravel()[rising], s=3, cmap="magma")
         axis.set_facecolor("black")
         axis.set_title("Doppler peaks")
         axis.set_xlim(velocities[0], velocities[-1])

@@ -34,7 +34,7 @@ class ReportFrame:
 
     :param name: shown in the list
     :param row: range bin where the cut starts
-    :param images: [R, U] bytes of levels (:func:`trainer.evaluation.report.levels.to_bytes`) by name, "truth" among them
+    :param images: by name, [R, U] bytes of levels (:func:`trainer.evaluation.report.levels.to_bytes`); one is "truth"
     """
 
     name: str
