@@ -153,7 +153,7 @@ def image_rows(
     present = np.flatnonzero(scale > 0.0)
     for start in range(0, len(present), ROWS_AT_ONCE):
         block = present[start : start + ROWS_AT_ONCE]
-        # In two steps: the square of 1e-200 would be zero.
+        # The quotient comes before the square: the square of 1e-200 would be zero.
         relative = np.minimum(np.sqrt(noise_power) / scale[block], LARGEST_RELATIVE_NOISE) ** 2
         image[block] = scale[block, None] * solve(rows[block] / scale[block, None], relative)
     return image

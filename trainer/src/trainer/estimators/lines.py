@@ -73,7 +73,7 @@ def refine_lines(
         curvature = (adjoint @ jacobian).real
         slope = (adjoint @ left[..., None])[..., 0].real
         own = curvature[:, diagonal, diagonal]
-        # A line without amplitude has no curvature and stays where it is.
+        # A line without amplitude has no curvature, and no step.
         floor = np.maximum(RIDGE * own.max(axis=1, keepdims=True), np.finfo(np.float64).tiny)
         curvature[:, diagonal, diagonal] = own * (1.0 + damping[:, None]) + floor
         step = np.linalg.solve(curvature, slope[..., None])[..., 0]

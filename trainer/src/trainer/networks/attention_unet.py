@@ -16,7 +16,7 @@ LEVELS = 4
 
 
 def _convolution(inputs: int, outputs: int, size: int) -> list[nn.Module]:
-    # Without a bias: the normalisation's own shift would take its place.
+    # The convolution needs no bias: the normalisation adds a shift of its own.
     return [nn.Conv2d(inputs, outputs, size, padding=size // 2, bias=False), nn.BatchNorm2d(outputs)]
 
 

@@ -34,5 +34,5 @@ def build_network(config: FitConfig, bins: int, channels: int) -> nn.Module:
 
 
 def lay_out(network: nn.Module, memory_format: torch.memory_format) -> None:
-    """Lay the weights out in memory as the images that meet them are: the same numbers, another speed."""
+    """Store the weights in the memory format of the images: the same numbers, another speed."""
     network.to(memory_format=memory_format)  # type: ignore[call-overload]  # torch's declarations leave it out

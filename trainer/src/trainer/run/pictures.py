@@ -104,5 +104,5 @@ def save_picture(path: Path, images: Mapping[str, NDArray[np.floating]], radar: 
 
 def _save(figure: Figure, path: Path) -> None:
     with writing(path) as partial:
-        # Without the version of matplotlib, so that the bytes do not depend on it.
+        # The file does not name the version of matplotlib, so that the bytes do not depend on it.
         figure.savefig(partial, format="png", dpi=100, metadata={"Software": None})

@@ -46,7 +46,7 @@ TRIALS = 300
 
 @dataclass(frozen=True)
 class Score:
-    """What an imager is worth.
+    """Scores of an imager.
 
     :param nmse: of the linear image on the validation frames, with the one gain that errs least
     :param f1: on the validation frames, at the best level (:mod:`trainer.training.verdict`)
@@ -128,7 +128,7 @@ def table(
             for other in (other for other in arrays if other != array):
                 moved = [_score(run, behind(folder, other), datasets) for folder in folders]
                 elsewhere.append(_line([name, Path(array).stem, Path(other).stem, *_cells(moved)]))
-        # The same frames for all variants: the last one's baselines are everyone's.
+        # All variants have the same frames, and so the same baselines.
         for key, name in (("das", "delay and sum"), ("mean", "mean training image"), ("zero", "zero image")):
             cells = [f"{verdict[k][key]:.3f}" if key in verdict[k] else "" for k in ("nmse", "f1")]
             lines.append(_line([name, Path(array).stem, "", "", "", "", "", *cells]))
@@ -173,7 +173,7 @@ def _score(run: Run, imager: Imager, datasets: Sequence[Path]) -> Score:
             energy = np.sum(truth * truth, dtype=np.float64)
             projections.append(np.sum(image * truth, dtype=np.float64) / energy)
             energies.append(np.sum(image * image, dtype=np.float64) / energy)
-    # The error with the one gain that errs least, as in trainer.training.task.
+    # The error with the best single gain, as in trainer.training.task.
     error = 1.0 - np.mean(projections) ** 2 / np.mean(energies) if np.any(energies) else 1.0
     return Score(float(error), max(count.f1 for count in counts), _resolved(run, imager))
 
@@ -197,7 +197,7 @@ def _cells(scores: Sequence[Score]) -> list[str]:
 
 
 def _middle_and_spread(values: Sequence[float]) -> str:
-    """The middle of the seeds, and how far the outermost are from it."""
+    """The middle between the least and the largest value, and half of their difference."""
     low, high = min(values), max(values)
     middle = f"{0.5 * (low + high):.3f}"
     return middle if len(values) == 1 else f"{middle} ± {0.5 * (high - low):.3f}"

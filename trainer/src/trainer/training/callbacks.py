@@ -47,7 +47,7 @@ class RunKeeper(Callback):
         self.best = min(self.best, value)
         if trainer.is_global_zero:
             self._report(trainer, pl_module, values, improved)
-        # Last, so that a run killed before it takes up this validation again. All processes take part.
+        # The checkpoint comes last: a run that is killed before it repeats this validation. All processes take part.
         if trainer.is_global_zero:
             with writing(self.directory / CHECKPOINT) as partial:
                 trainer.save_checkpoint(partial)

@@ -86,7 +86,7 @@ class ImagingData(LightningDataModule):
         return self._loader(self.validation, batch_size=1)
 
     def _loader(self, dataset: ConcatDataset, **arguments: Any) -> DataLoader:
-        # Not forked: Arrow's and torch's threads do not survive a fork.
+        # Spawned processes: the threads of Arrow and torch do not survive a fork.
         context = multiprocessing.get_context("spawn") if self.workers else None
         return DataLoader(
             dataset,

@@ -46,7 +46,7 @@ class DoaSamples(Dataset[Batch]):
         grid, channels = self.radar.grid, self.radar.array.channels
         echoes = manifold(self.radar.array.virtual[:, 1], self.radar.waveform.wavelength_m, grid.u)  # (C, U)
         shape = (self.rows, MOST_TARGETS)
-        # Distinct bins: the first of a permutation.
+        # The first bins of a permutation are distinct.
         place = np.argsort(generator.random((self.rows, grid.bins)), axis=1)[:, :MOST_TARGETS]
         present = np.arange(MOST_TARGETS) < generator.integers(1, MOST_TARGETS + 1, self.rows)[:, None]
         level_db = generator.uniform(0.0, AMPLITUDE_SPAN_DB, shape)
@@ -100,7 +100,7 @@ class DoaTask(ImagingTask):
     """Multi-label cross entropy of the angles that hold a target."""
 
     def training_step(self, batch: Batch, batch_index: int) -> torch.Tensor:
-        # Dropout too is a function of seed and batch, so that a resumed run goes on as if it had not been killed.
+        # Dropout depends on seed and batch alone: a resumed run then equals one that was never killed.
         torch.manual_seed((self.config.seed << 32) + self.batches_seen * self.trainer.world_size + self.global_rank)
         loss = self._loss(batch)
         self.batches_seen += 1
@@ -120,7 +120,7 @@ class DoaTask(ImagingTask):
 
 
 class _UnseenBatches(list[list[int]]):
-    """A list of batches that starts at ``first`` and has the length of all: what a progress bar goes by."""
+    """The batches from ``first`` on; the length is that of all, which a progress bar needs."""
 
     def __init__(self, batches: list[list[int]], first: int) -> None:
         super().__init__(batches)

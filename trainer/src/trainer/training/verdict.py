@@ -1,4 +1,4 @@
-"""What a finished run is worth: its network against what costs nothing, on frames that no choice was made on.
+"""Scores of a finished run: its network against baselines that need no training, on frames that no choice used.
 
 The test split is imaged by the network, by delay-and-sum of the same channels, by nothing (zero) and by the mean of the
 training images. Two numbers each:
@@ -157,7 +157,7 @@ def row_peaks(image: Image, lowest_db: float) -> RowPeaks:
     level = range_weighted_db(image, PROMINENCE_DB - lowest_db)
     found = []
     for row in np.flatnonzero(level.max(axis=1) >= lowest_db):
-        # Padded with the floor, so that a maximum at the image's edge is a peak too.
+        # The padding makes a maximum at the image's edge a peak too.
         padded = np.pad(level[row], 1, constant_values=lowest_db - PROMINENCE_DB)
         columns = find_peaks(padded, height=lowest_db, prominence=PROMINENCE_DB)[0] - 1
         found.append(np.stack([np.full(len(columns), row), columns, level[row, columns]], axis=1))

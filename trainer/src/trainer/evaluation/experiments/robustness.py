@@ -179,7 +179,7 @@ class Robustness:
         for line, metric in enumerate(METRICS):
             axes[line, 0].set_ylabel(metric)
         axes[0, 0].set_ylim(-0.03, 1.03)
-        # Linear below one, to show none.
+        # The scale is linear below one, so that zero has a place.
         axes[1, 0].set_yscale("symlog", linthresh=1.0)
         axes[1, 0].set_ylim(bottom=-0.03)
         legend_below(figure, [*look.method_handles(), *look.array_handles()])
@@ -207,7 +207,7 @@ def _score(bench: Bench, contender: Contender, impairment: Impairment, image: in
     trials, radar = sensor(), bench.radar
     generator = np.random.default_rng([bench.config.seed, 32, image])
     sensors = np.stack([channel_factors(impairment, radar.array, contender.array, generator) for _ in trials.rows])
-    # What lies between two pairs is seen by the sensor of the nearer one.
+    # The range bins between two pairs have the sensor of the nearer pair.
     nearest = np.abs(np.arange(radar.waveform.range_bins)[:, None] - trials.rows).argmin(axis=1)
     factors = sensors[nearest]  # (R, C)
     seen = replace(trials, snapshots=(trials.snapshots * factors).astype(np.complex64))

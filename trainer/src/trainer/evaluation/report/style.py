@@ -50,7 +50,7 @@ STYLE: dict[Any, Any] = {
     "axes.spines.right": False,
     "legend.frameon": False,
     "figure.dpi": 110.0,
-    # Element names in SVG files would be random otherwise.
+    # Matplotlib names the elements of SVG files at random without it.
     "svg.hashsalt": "trainer",
 }
 
@@ -78,7 +78,7 @@ class Look:
         return [Line2D([], [], color=self.colour(name), lw=2.5, label=name) for name in self.methods]
 
     def weight(self, method: str) -> float:
-        """Line width, broader for the first method: DaS is also the curve that others fall on."""
+        """Line width; the first method, DaS, has a broad line that stays visible below others."""
         return 3.2 if self.methods.index(method) == 0 else 1.3
 
     def array_handles(self, lines: bool = True, markers: bool = True) -> list[Line2D]:
@@ -160,7 +160,7 @@ def save_figure(figure: Figure, directory: Path, name: str) -> bytes:
     """Write ``name.png`` and ``name.svg``, whole or not at all; returns the PNG. Same figure, same bytes."""
     content = {}
     with matplotlib.rc_context(STYLE):
-        # Laid out once for both: the layout takes longer than the drawing.
+        # One layout serves both files: it takes longer than the drawing.
         figure.draw_without_rendering()
         figure.set_layout_engine("none")
         for kind, metadata in (("png", {"Software": None}), ("svg", {"Date": None, "Creator": None})):
