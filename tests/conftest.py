@@ -5,42 +5,37 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import jaxtyping
 import numpy as np
 import pytest
 from hypothesis import settings
+from jaxtyping import install_import_hook
 from threadpoolctl import threadpool_limits
 
-<<<<<<< HEAD
-# The shapes and types in the signatures of these packages are checked at every call. Before anything imports them.
-jaxtyping.install_import_hook(["datafactory.synthesis"], "beartype.beartype")
-=======
-CHECKED = ("shared.physics", "shared.radar", "shared.signal", "datafactory.synthesis")
-"""Packages whose signatures, array shapes among them, are checked at every call under test."""
-
-# Before anything imports them. An int will do for a float (PEP 484), and no check draws a random item of a tuple, for
-# Hypothesis refuses randomness that it does not control.
-jaxtyping.install_import_hook(
-    CHECKED, "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True, is_random=False))"
-)
->>>>>>> helper-shared
-
-from shared.radar import Radar  # noqa: E402
-from shared.radar.waveform import Waveform  # noqa: E402
+if TYPE_CHECKING:
+    from shared.radar import Radar
 
 # Behind everything else on the path: the folder tests/shared must not come before the package of that name.
 sys.path.append(str(Path(__file__).resolve().parent))
+
+CHECKED = ("shared.physics", "shared.radar", "shared.signal", "datafactory.synthesis", "trainer.networks")
+"""Packages whose annotations, array shapes among them, are checked at every call under test."""
+# Before they are imported, so that this file imports none of them at its top.
+install_import_hook(CHECKED, "array_shapes.checked")
 
 # The same examples in every run; compilation makes the first example slow, so that a deadline would only add noise.
 settings.register_profile("repeatable", derandomize=True, deadline=None, database=None)
 settings.load_profile("repeatable")
 
-RadarMaker = Callable[..., Radar]
+RadarMaker = Callable[..., "Radar"]
 
 
 def _small_radar(**waveform: object) -> Radar:
     """The default radar with a short frame: 64 samples, 8 chirps, all range bins; fields of the waveform by name."""
+    from shared.radar import Radar
+    from shared.radar.waveform import Waveform
+
     fields: dict[str, object] = {"samples": 64, "chirps": 8, **waveform}
     fields.setdefault("range_bins", fields["samples"])
     return Radar(name="small", waveform=Waveform.model_validate(fields))

@@ -57,7 +57,7 @@ def scene_of(*objects: SceneObject) -> MergedScene:
 
 
 def sionna_scene(of: MergedScene, pose: Pose | None = None) -> Any:
-    """The merged scene as a Sionna scene in the radar frame; its ``mi_scene`` is Mitsuba's. Call ``select_variant`` first."""
+    """The scene in the radar frame as Sionna has it; its ``mi_scene`` is Mitsuba's. Call ``select_variant`` first."""
     import mitsuba as mi
     from sionna import rt
 

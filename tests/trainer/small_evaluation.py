@@ -11,7 +11,7 @@ from tiny_radar import TINY, frame, write_dataset
 from trainer.cli import main
 from trainer.data.arrays import ArrayChoice
 from trainer.evaluation.evaluate import evaluate
-from trainer.evaluation.experiments.bench import Settings
+from trainer.evaluation.experiments.bench import EvaluationConfig
 from trainer.run.folder import Run, save_weights, write_run
 from trainer.run.imager import Imager
 
@@ -21,7 +21,7 @@ RADAR = SHORT_RADAR.model_copy(
 """Sees to 7 m: the cylinders of the paper stand at 5.7 m."""
 FULL = ArrayChoice(name="full", rx=tuple(range(6)))
 THIN = ArrayChoice(name="thin", rx=(0, 1, 2, 5))
-SETTINGS = Settings(frames=3, shown=2, trials=2)
+QUICK = EvaluationConfig(frames=3, shown=2, trials=2)
 REFERENCE = Path(__file__).resolve().parents[3] / "shared" / "data" / "measured" / "two_reflectors"
 
 
@@ -45,7 +45,7 @@ def make_run(directory, array=THIN, radar=RADAR, datasets=(), **changes):
 def run_all(inputs, out, **changes):
     data, run, thin, measured = inputs
     arguments = {
-        "runs": [run], "methods": ["das", "omp", "unet"], "arrays": [str(thin), "full"], "settings": SETTINGS,
+        "runs": [run], "methods": ["das", "omp", "unet"], "arrays": [str(thin), "full"], "config": QUICK,
         "measured": measured, "announce": lambda _: None,
     }  # fmt: skip
     return evaluate(data, out, **(arguments | changes))

@@ -21,9 +21,9 @@ from trainer.run.configuration import FitConfig
 RADAR = Radar(
     name="tiny",
     waveform=Waveform(chirps=4, samples=32, range_bins=24),
-    array=AntennaArray(tx_m=line(np.array([0.0])), rx_m=line(2e-3 * np.array([0, 1, 2, 3, 6, 7]))),
+    array=AntennaArray(tx_m=line(np.array([0.0])), rx_m=line(2e-3 * np.array([0.0, 1.0, 2.0, 3.0, 6.0, 7.0]))),
     grid=ImageGrid(u_start=-0.5, u_stop=0.5, bins=20),
-    virtual_sensor=AntennaArray(tx_m=line(np.zeros(1)), rx_m=line(2e-3 * np.arange(-8, 9))),
+    virtual_sensor=AntennaArray(tx_m=line(np.zeros(1)), rx_m=line(2e-3 * np.arange(-8.0, 9.0))),
 )
 NOISE_POWER = 1e-18
 TINY = FitConfig(

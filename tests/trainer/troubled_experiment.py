@@ -11,14 +11,16 @@ from functools import partial
 
 import numpy as np
 import torch
+from matplotlib.figure import Figure
 from threadpoolctl import threadpool_info
 
 from shared.physics.errors import InputError
-from trainer.evaluation.experiments.bench import Bench, Task
+from trainer.evaluation.experiments.bench import Bench, Results, Task
+from trainer.evaluation.rows import MetricRow, SummaryColumn
 from trainer.evaluation.store import Values
 
 
-@dataclass(frozen=True)
+@dataclass
 class Troubled:
     """Cells of what :data:`WORK` has, by name."""
 
@@ -27,6 +29,7 @@ class Troubled:
     cells: str = "troubled"
     title: str = ""
     caption: str = ""
+    summary: tuple[SummaryColumn, ...] = ()
 
     def obstacle(self, bench: Bench) -> str | None:
         return None
@@ -37,13 +40,19 @@ class Troubled:
             for place, kind in enumerate(self.work)
         ]
 
+    def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
+        return []
+
+    def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
+        return {}
+
 
 def _report(bench: Bench) -> Values:
     blocked = signal.pthread_sigmask(signal.SIG_BLOCK, ())
     threads = max([torch.get_num_threads(), *(pool["num_threads"] for pool in threadpool_info())])
     return {
         "pid": np.asarray(os.getpid()), "deaf": np.asarray(signal.SIGINT in blocked), "threads": np.asarray(threads),
-        "seed": np.asarray(bench.settings.seed),
+        "seed": np.asarray(bench.config.seed),
     }  # fmt: skip
 
 

@@ -22,9 +22,9 @@ from trainer.data.shards import ShardDataset
 
 RADAR = Radar(
     waveform=Waveform(chirps=2, samples=8, range_bins=6),
-    array=AntennaArray(tx_m=line(np.zeros(1)), rx_m=line(2e-3 * np.arange(4))),
+    array=AntennaArray(tx_m=line(np.zeros(1)), rx_m=line(2e-3 * np.arange(4.0))),
     grid=ImageGrid(bins=5),
-    virtual_sensor=AntennaArray(tx_m=line(np.zeros(1)), rx_m=line(2e-3 * np.arange(8))),
+    virtual_sensor=AntennaArray(tx_m=line(np.zeros(1)), rx_m=line(2e-3 * np.arange(8.0))),
 )
 
 
@@ -116,8 +116,13 @@ def test_few_shards_stay_open(directory, monkeypatch):
 def test_frames_that_fit_are_decoded_once(directory, monkeypatch):
     one = ShardDataset(directory, "train", columns=("image",))._read(0).nbytes
     data = ShardDataset(directory, "train", columns=("image",), cache_bytes=2 * one)
-    read = []
-    monkeypatch.setattr(ShardDataset, "_read", lambda self, index: read.append(index) or READ(self, index))
+    read: list[int] = []
+
+    def counted(self, index):
+        read.append(index)
+        return READ(self, index)
+
+    monkeypatch.setattr(ShardDataset, "_read", counted)
     for index in (3, 1, 4, 3, 1, 4, 4):
         np.testing.assert_array_equal(data[index]["image"].numpy(), make_frame(index).image)
     assert read == [3, 1, 4, 4, 4]

@@ -19,7 +19,7 @@ def test_trials_have_the_separation_the_ratio_and_the_noise_that_they_say():
     assert (rows, channels) == (48, 6)
     assert len(trials.u) == images * len(trials.rows) >= 5
     line = estimator_contender("das", FULL, RADAR).line
-    np.testing.assert_allclose(np.diff(trials.u, axis=1), 2.0 * line.resolution)
+    np.testing.assert_allclose(np.diff(trials.u, axis=1), 2.0 * line.resolution_cell)
     flat = trials.snapshots[:, trials.rows].reshape(len(trials.u), -1)
     for x, u, phase in zip(flat, trials.u, trials.phase_rad, strict=True):
         amplitude = np.linalg.lstsq(line.manifold(u), x, rcond=None)[0]

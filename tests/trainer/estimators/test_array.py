@@ -33,7 +33,7 @@ def test_spacing_period_and_cell_of_the_paper_arrays() -> None:
     for array in ARRAYS.values():
         assert array.spacing_m == pytest.approx(2e-3)
         assert array.half_period == pytest.approx(wavelength / 4e-3)
-        assert array.resolution == pytest.approx(wavelength / 96e-3)
+        assert array.resolution_cell == pytest.approx(wavelength / 96e-3)
     assert [array.channels for array in ARRAYS.values()] == [48, 18, 12]
 
 
@@ -68,7 +68,7 @@ def test_scan_covers_the_period_and_holds_what_is_shown() -> None:
     np.testing.assert_allclose(scan[shown], U, atol=1e-12)
     ring = np.sort(np.append(scan, scan.min() + 2.0 * array.half_period))
     assert scan.min() >= -array.half_period - 1e-12
-    assert np.diff(ring).max() <= 1.6 * array.resolution / array_module.POINTS_PER_CELL
+    assert np.diff(ring).max() <= 1.6 * array.resolution_cell / array_module.POINTS_PER_CELL
 
 
 def test_scan_folds_angles_beyond_the_period() -> None:

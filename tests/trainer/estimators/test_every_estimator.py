@@ -76,7 +76,7 @@ def test_any_line_of_elements_will_do(name: str) -> None:
     lines = [
         IRREGULAR,
         LineArray(np.array([0.0, 0.0, 2e-3, 6e-3]), wavelength),
-        LineArray([0.0, 2e-3, 4e-3], wavelength),
+        LineArray(np.array([0.0, 2e-3, 4e-3]), wavelength),
     ]
     for array in lines:
         image = ESTIMATORS[name]().image(some_rows(array), array, U, 1e-3)
@@ -122,9 +122,9 @@ def test_bad_snapshots_are_refused_in_one_line(name: str, rows: NDArray, noise_p
         lambda: DelayAndSum("blackman"), lambda: OrthogonalMatchingPursuit("aic"), lambda: Music("forward"),
         lambda: Music(targets=0), lambda: MaximumLikelihood(0), lambda: LineArray(np.empty(0), 1.0),
         lambda: LineArray(np.array([np.nan]), 1.0), lambda: LineArray(np.zeros(2), 0.0),
-        lambda: aperture_window("kaiser", IRREGULAR), lambda: check_snapshots(np.zeros((1, 2)), IRREGULAR),
-        lambda: MaximumLikelihood(6).locate(np.ones((1, 6)), IRREGULAR),
-        lambda: UNIFORM_ESTIMATORS["music-fbss"]().image(np.ones((1, 12)), ARRAYS["sparse4"], U, 0.0),
+        lambda: aperture_window("kaiser", IRREGULAR), lambda: check_snapshots(np.zeros((1, 2), complex), IRREGULAR),
+        lambda: MaximumLikelihood(6).locate(np.ones((1, 6), complex), IRREGULAR),
+        lambda: UNIFORM_ESTIMATORS["music-fbss"]().image(np.ones((1, 12), complex), ARRAYS["sparse4"], U, 0.0),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused(make) -> None:

@@ -62,15 +62,15 @@ def test_lines_in_noise_do_not_cancel_each_other(array: str) -> None:
 def test_bounded_amplitudes_are_those_of_least_squares_until_lines_all_but_coincide() -> None:
     array = ARRAYS["sparse6"]
     generator = np.random.default_rng(1)
-    apart = np.array([[0.1, 0.1 + 0.5 * array.resolution, 0.4]])
+    apart = np.array([[0.1, 0.1 + 0.5 * array.resolution_cell, 0.4]])
     x = echoes(array, apart, np.array([[1.0, 0.5j, -0.2]])) + noise(array, 1, 0.01, generator)
     for bounded, plain in zip(bounded_amplitudes(x, apart, array), line_amplitudes(x, apart, array), strict=True):
         np.testing.assert_allclose(bounded, plain, atol=1e-9)
     # The sum of what stands there, halved; nothing where they cancel.
-    close = np.array([[0.1, 0.1 + 1e-4 * array.resolution]])
-    same = echoes(array, close, np.array([[0.7, 0.3]]))
+    close = np.array([[0.1, 0.1 + 1e-4 * array.resolution_cell]])
+    same = echoes(array, close, np.array([[0.7 + 0j, 0.3]]))
     np.testing.assert_allclose(bounded_amplitudes(same, close, array)[0], [[0.5, 0.5]], atol=1e-3)
-    opposite = echoes(array, close, np.array([[500.0, -500.0]])) + echoes(array, close[:, :1], np.ones((1, 1)))
+    opposite = echoes(array, close, np.array([[501.0 + 0j, -500.0]]))
     amplitude, left = bounded_amplitudes(opposite, close, array)
     np.testing.assert_allclose(np.abs(amplitude), 0.5, atol=0.2)
     np.testing.assert_allclose(left, opposite - echoes(array, close, amplitude))

@@ -26,7 +26,7 @@ def test_windows_trade_sidelobes_for_width() -> None:
     highest = []
     for window in ("none", "hann", "hamming"):
         level = 20.0 * np.log10(np.maximum(DelayAndSum(window).image(snapshot, array, u, 0.0)[0], 1e-12))
-        highest.append(level[np.abs(u) > 3.0 * array.resolution].max())
+        highest.append(level[np.abs(u) > 3.0 * array.resolution_cell].max())
     assert highest[0] > -22.0
     assert highest[1] < -40.0
     assert -46.0 < highest[2] < -40.0
@@ -58,7 +58,7 @@ def slow_covariance_methods(
 def test_covariance_methods_follow_their_papers(method: str) -> None:
     array, u = ARRAYS["sparse4"], U[::9]
     rows = some_rows(array, rows=2)
-    estimator = {"iaa": IterativeAdaptive(4), "spice": SparseCovariance(), "likes": SparseCovariance(True)}[method]
+    estimator = IterativeAdaptive(4) if method == "iaa" else SparseCovariance(reweighted=method == "likes")
     estimator.iterations = 4
     image = estimator.image(rows, array, u, 1e-3)
     scan, shown = scan_axis(array, u)
@@ -73,7 +73,7 @@ def test_a_target_beyond_the_axis_is_not_drawn_inside_it(method: str) -> None:
     snapshot = echoes(array, np.array([[0.93, -0.2]]), np.array([[1.0, 0.1 + 0.0j]]))
     snapshot += noise(array, 1, 1e-5, np.random.default_rng(0))
     image = ESTIMATORS[method]().image(snapshot, array, U, 1e-5)[0]
-    away = np.abs(U + 0.2) > array.resolution
+    away = np.abs(U + 0.2) > array.resolution_cell
     assert image[away].max() < 0.3 * image[~away].max()
 
 
@@ -85,5 +85,5 @@ def test_likes_reaches_below_the_resolution_cell_where_delay_and_sum_does_not() 
         name: strongest_peaks(ESTIMATORS[name]().image(rows, array, U, cell_noise_power(RADAR)), U, 2)
         for name in ("likes", "das")
     }
-    np.testing.assert_allclose(found["likes"], trials.u, atol=0.15 * array.resolution)
+    np.testing.assert_allclose(found["likes"], trials.u, atol=0.15 * array.resolution_cell)
     assert not resolved(found["das"], trials.u).any()

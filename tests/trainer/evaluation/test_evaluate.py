@@ -2,7 +2,7 @@
 
 import pyarrow.parquet as pq
 import pytest
-from small_evaluation import SETTINGS, run_all
+from small_evaluation import QUICK, run_all
 
 from shared.physics.errors import InputError
 from trainer.evaluation.evaluate import EXPERIMENTS
@@ -65,18 +65,18 @@ def test_a_killed_evaluation_goes_on_and_ends_in_the_same_numbers(inputs, evalua
     assert not (out / "metrics.csv").exists()
     finished = {path: path.read_bytes() for path in (out / "cells").glob("*.npz")}
     (out / "cells/left-behind.partial").write_bytes(b"half a cell")
-    said = []
-    again = {"resume": True, "announce": said.append, "experiments": chosen, "measured": None}
+    lines: list[str] = []
+    again = {"resume": True, "announce": lines.append, "experiments": chosen, "measured": None}
     assert deterministic(run_all(inputs, out, **again)) == [
         row for row in deterministic(evaluation[0]) if row["experiment"] in chosen
     ]
-    assert f", {len(finished)} kept;" in said[-1]
+    assert f", {len(finished)} kept;" in lines[-1]
     assert all(path.read_bytes() == content for path, content in finished.items())
     assert not list(out.rglob("*.partial"))
     # Nothing is left to do, and all is written again as it was.
     files = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
     run_all(inputs, out, **again)
-    assert said[-1].startswith("0 cells computed")
+    assert lines[-1].startswith("0 cells computed")
     assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == files
 
 
@@ -102,15 +102,16 @@ def test_the_numbers_do_not_depend_on_the_number_of_workers(inputs, evaluation, 
 
 
 def test_other_settings_are_computed_anew_and_what_is_left_is_said(inputs, tmp_path):
-    out, said = tmp_path / "out", []
-    chosen = {"methods": ["das"], "runs": [], "experiments": ["noise-only"], "measured": None, "announce": said.append}
+    out = tmp_path / "out"
+    lines: list[str] = []
+    chosen = {"methods": ["das"], "runs": [], "experiments": ["noise-only"], "measured": None, "announce": lines.append}
     run_all(inputs, out, **chosen)
-    run_all(inputs, out, **chosen, resume=True, settings=SETTINGS.model_copy(update={"seed": 1}))
+    run_all(inputs, out, **chosen, resume=True, config=QUICK.model_copy(update={"seed": 1}))
     # Two frames and two arrays; the images of the report and the runtimes depend on no seed.
-    assert said[-1].startswith("4 cells computed")
-    assert any(line.startswith("4 cells in") and "of other arguments" in line for line in said)
-    run_all(inputs, out, **chosen, resume=True, settings=SETTINGS.model_copy(update={"frames": 1}))
-    assert "2 scene frames of the test split are left out: --frames 1" in said
+    assert lines[-1].startswith("4 cells computed")
+    assert any(line.startswith("4 cells in") and "of other arguments" in line for line in lines)
+    run_all(inputs, out, **chosen, resume=True, config=QUICK.model_copy(update={"frames": 1}))
+    assert "2 scene frames of the test split are left out: --frames 1" in lines
 
 
 def test_a_damaged_cell_is_named(inputs, tmp_path):

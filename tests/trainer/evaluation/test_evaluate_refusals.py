@@ -1,7 +1,7 @@
 """What ``trainer evaluate`` refuses, in one line, and what it leaves out."""
 
 import pytest
-from small_evaluation import RADAR, SETTINGS, make_data, make_run, status
+from small_evaluation import QUICK, RADAR, make_data, make_run, status
 from tiny_radar import RADAR as SHORT_RADAR
 from tiny_radar import frame, write_dataset
 
@@ -69,7 +69,7 @@ def test_data_without_a_test_split_and_folders_in_use_are_refused(inputs, tmp_pa
 
 def test_a_radar_that_does_not_see_so_far_leaves_experiments_out_and_says_so(tmp_path):
     data = make_data(tmp_path / "data", SHORT_RADAR)
-    bench, _ = open_bench(data, [], ["das"], ["full"], SETTINGS, None)
+    bench, _ = open_bench(data, [], ["das"], ["full"], QUICK, None)
     chosen, lines = choose_experiments(None, bench)
     reason = "the radar sees to 3.4 m, the targets stand at 5.7 m"
     assert lines == [

@@ -18,7 +18,7 @@ from troubled_experiment import Troubled
 from shared.physics.errors import InputError
 from trainer.errors import TrainingStopped
 from trainer.evaluation.evaluate import open_bench
-from trainer.evaluation.experiments.bench import Bench, Settings
+from trainer.evaluation.experiments.bench import Bench, EvaluationConfig
 from trainer.evaluation.store import Values
 from trainer.evaluation.workers import Workers
 
@@ -30,7 +30,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def bench(data: Path) -> Bench:
-    return open_bench(data, [], ["das"], ["full"], Settings(seed=7), None)[0]
+    return open_bench(data, [], ["das"], ["full"], EvaluationConfig(seed=7), None)[0]
 
 
 def results(pool: Workers, *work: str) -> Iterator[tuple[int, Values]]:
@@ -100,11 +100,11 @@ from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 from troubled_experiment import Troubled
 from trainer.evaluation.evaluate import open_bench
-from trainer.evaluation.experiments.bench import Settings
+from trainer.evaluation.experiments.bench import EvaluationConfig
 from trainer.evaluation.workers import Workers
 
 if __name__ == "__main__":
-    bench = open_bench(Path(sys.argv[2]), [], ["das"], ["full"], Settings(), None)[0]
+    bench = open_bench(Path(sys.argv[2]), [], ["das"], ["full"], EvaluationConfig(), None)[0]
     experiment = Troubled(("report", "hang", "hang"))
     with Workers(bench, 2) as pool:
         for _ in pool.results(experiment, experiment.tasks(bench), range(3)):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import scipy.io
-from small_evaluation import REFERENCE, SETTINGS
+from small_evaluation import QUICK, REFERENCE
 
 from shared.physics.errors import InputError
 from trainer.estimators.das import DelayAndSum
@@ -39,7 +39,7 @@ def test_the_real_snapshot_shows_what_is_known_of_it():
 @pytest.mark.skipif(not REFERENCE.is_dir(), reason="the reference data's measured snapshot is not beside the checkout")
 def test_the_experiment_on_the_real_snapshot_has_the_stated_angles(inputs):
     """10 elements, smoothed MUSIC of two targets: -0.16 and 6.68 degrees; every method on all 86: the reference."""
-    bench, _ = open_bench(inputs[0], [], ["das"], ["full"], SETTINGS, REFERENCE / "realData_demo.mat")
+    bench, _ = open_bench(inputs[0], [], ["das"], ["full"], QUICK, REFERENCE / "realData_demo.mat")
     tasks = EXPERIMENTS["measured"].tasks(bench)
     results = {task.key: task.compute() for task in tasks if task.array in ("first 10", "all 86")}
     angles = {

@@ -60,7 +60,9 @@ def page():
 
 
 def embedded(page):
-    return json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL).group(1))
+    found = re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)
+    assert found is not None
+    return json.loads(found.group(1))
 
 
 def test_the_page_loads_nothing(page):
@@ -102,8 +104,10 @@ def test_undefined_numbers_are_null_in_both_tables(tmp_path):
 
 @pytest.mark.skipif(NODE is None, reason="there is no node to parse the page's script")
 def test_the_script_parses(page, tmp_path):
-    script = re.search(r"<script>\n(.*?)</script>", page, re.DOTALL).group(1)
-    (tmp_path / "page.js").write_text(script)
+    script = re.search(r"<script>\n(.*?)</script>", page, re.DOTALL)
+    assert script is not None
+    assert NODE is not None
+    (tmp_path / "page.js").write_text(script.group(1))
     done = subprocess.run(
         [NODE, "--check", tmp_path / "page.js"], capture_output=True, text=True, timeout=60, check=False
     )

@@ -55,6 +55,7 @@ def html(frames, radar=RADAR):
 
 @pytest.fixture(scope="module")
 def chromium():
+    assert BROWSER is not None
     playwright.expect.set_options(timeout=WAIT_MS)
     with playwright.sync_playwright() as driver:
         browser = driver.chromium.launch(

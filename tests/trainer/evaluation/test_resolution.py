@@ -12,7 +12,7 @@ from paper_arrays import FAR
 
 from trainer.data.arrays import choose_array
 from trainer.data.pairs import Condition, Trials, simulate
-from trainer.evaluation.experiments.bench import Bench, Settings
+from trainer.evaluation.experiments.bench import Bench, EvaluationConfig
 from trainer.evaluation.experiments.contenders import Contender, estimator_contender
 from trainer.evaluation.experiments.resolution import PAIRS, SINGLES, Resolution, locate_targets
 from trainer.metrics.bootstrap import wilson
@@ -72,7 +72,7 @@ def test_maximum_likelihood_of_pairs_is_efficient() -> None:
     line = contender("ml", "sparse6").line
     variances = []
     for u, turn in zip(true, at_origin, strict=True):
-        amplitudes = 10.0 * np.array([1.0, np.exp(1j * turn)])  # 20 dB over noise of power 1
+        amplitudes = 10.0 * np.exp(1j * np.array([0.0, turn])).astype(np.complex128)  # 20 dB over noise of power 1
         variances.append(np.diag(deterministic_bound(line, u, np.outer(amplitudes, amplitudes.conj()), 1.0)))
     ratio = math.sqrt(float(np.mean((found - true) ** 2)) / float(np.mean(variances)))
     assert 0.9 <= ratio <= 1.1
@@ -110,7 +110,7 @@ def test_probability_of_resolution_is_that_of_the_guide(array: str, separation: 
 def small_bench() -> Bench:
     """Delay-and-sum on two arrays, no data: this experiment simulates its own."""
     contenders = tuple(contender("das", array) for array in ("sparse6", "sparse4"))
-    return Bench("0" * 64, FAR, (), frozenset(), contenders, Settings(trials=10))
+    return Bench("0" * 64, FAR, (), frozenset(), contenders, EvaluationConfig(trials=10))
 
 
 def test_a_resolution_table_has_every_cell_once() -> None:

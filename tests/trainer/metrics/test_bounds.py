@@ -81,7 +81,7 @@ def test_one_source_bounds_agree() -> None:
         assert general[0, 0] == pytest.approx(single)
     # A filled line of length L has sum (p - mean p)^2 = C L^2 / 12, but for C^-2, and a cell lambda / L.
     full = ARRAYS["full"]
-    expected = full.resolution / (2.0 * np.pi) * np.sqrt(6.0 / (48 * 100.0))
+    expected = full.resolution_cell / (2.0 * np.pi) * np.sqrt(6.0 / (48 * 100.0))
     assert np.sqrt(single_source_bound(full, 100.0)) == pytest.approx(expected, rel=1e-3)
 
 
@@ -115,9 +115,9 @@ def test_uncorrelated_sources_may_outnumber_the_channels() -> None:
     [
         (lambda a: single_source_bound(a, 0.0), "both positive"),
         (lambda a: single_source_bound(LineArray(np.zeros(3), 1.0), 1.0), "both positive"),
-        (lambda a: deterministic_bound(a, np.array([0.1, 0.1]), np.ones((2, 2)), 1.0), "tell apart"),
-        (lambda a: deterministic_bound(a, np.linspace(-0.5, 0.5, 12), np.eye(12), 1.0), "fewer sources"),
-        (lambda a: music_covariance(a, np.array([0.1, 0.2]), np.ones((2, 2)), 1.0, 1), "coherent"),
+        (lambda a: deterministic_bound(a, np.array([0.1, 0.1]), np.ones((2, 2), complex), 1.0), "tell apart"),
+        (lambda a: deterministic_bound(a, np.linspace(-0.5, 0.5, 12), np.eye(12, dtype=complex), 1.0), "fewer sources"),
+        (lambda a: music_covariance(a, np.array([0.1, 0.2]), np.ones((2, 2), complex), 1.0, 1), "coherent"),
     ],
 )
 def test_bounds_that_do_not_exist_are_refused(make, text: str) -> None:

@@ -15,27 +15,27 @@ from shared.physics.errors import InputError
 from trainer.metrics.gospa import gospa
 
 
-def slow_gospa(estimated: NDArray, true: NDArray, cutoff: float, order: float) -> float:
+def slow_gospa(estimated: NDArray, true: NDArray, cutoff: float, exponent: float) -> float:
     """The definition: the least over all partial assignments."""
     best = np.inf
     places = [*range(len(true)), *[-1] * len(estimated)]
     for chosen in set(permutations(places, len(estimated))):
         pairs = [(i, j) for i, j in enumerate(chosen) if j >= 0]
         left = len(estimated) + len(true) - 2 * len(pairs)
-        cost = sum(np.linalg.norm(estimated[i] - true[j]) ** order for i, j in pairs) + cutoff**order / 2 * left
+        cost = sum(np.linalg.norm(estimated[i] - true[j]) ** exponent for i, j in pairs) + cutoff**exponent / 2 * left
         best = min(best, cost)
-    return float(best ** (1 / order))
+    return float(best ** (1 / exponent))
 
 
 POINTS = st.integers(0, 4).flatmap(lambda n: arrays(np.float64, (n, 2), elements=st.floats(-3, 3, width=16)))
 
 
 @given(POINTS, POINTS, st.sampled_from([0.5, 2.0, 10.0]), st.sampled_from([1.0, 2.0]))
-def test_gospa_is_its_definition(estimated: NDArray, true: NDArray, cutoff: float, order: float) -> None:
-    found = gospa(estimated, true, cutoff, order)
-    assert found.distance == pytest.approx(slow_gospa(estimated, true, cutoff, order), abs=1e-9)
-    assert found.localisation + found.missed + found.false == pytest.approx(found.distance**order, abs=1e-9)
-    assert gospa(true, estimated, cutoff, order).distance == pytest.approx(found.distance)
+def test_gospa_is_its_definition(estimated: NDArray, true: NDArray, cutoff: float, exponent: float) -> None:
+    found = gospa(estimated, true, cutoff, exponent)
+    assert found.distance == pytest.approx(slow_gospa(estimated, true, cutoff, exponent), abs=1e-9)
+    assert found.localisation + found.missed + found.false == pytest.approx(found.distance**exponent, abs=1e-9)
+    assert gospa(true, estimated, cutoff, exponent).distance == pytest.approx(found.distance)
 
 
 def test_gospa_parts() -> None:
@@ -55,13 +55,13 @@ def test_gospa_parts() -> None:
 
 
 @pytest.mark.parametrize(
-    ("estimated", "true", "cutoff", "order"),
+    ("estimated", "true", "cutoff", "exponent"),
     [
         (np.zeros((1, 2)), np.zeros((1, 3)), 1.0, 2.0), (np.zeros(2), np.zeros((1, 2)), 1.0, 2.0),
         (np.zeros((1, 2)), np.zeros((1, 2)), 0.0, 2.0), (np.zeros((1, 2)), np.zeros((1, 2)), 1.0, 0.5),
         (np.full((1, 2), np.nan), np.zeros((1, 2)), 1.0, 2.0),
     ],
 )  # fmt: skip
-def test_gospa_refuses_what_has_no_distance(estimated: NDArray, true: NDArray, cutoff: float, order: float) -> None:
+def test_gospa_refuses_what_has_no_distance(estimated: NDArray, true: NDArray, cutoff: float, exponent: float) -> None:
     with pytest.raises(InputError, match="gospa"):
-        gospa(estimated, true, cutoff, order)
+        gospa(estimated, true, cutoff, exponent)

@@ -44,8 +44,8 @@ def test_ssim_is_that_of_torchmetrics() -> None:
     generator = np.random.default_rng(0)
     truth = generator.random((30, 26))
     estimate = truth + 0.3 * generator.standard_normal(truth.shape)
-    images = [torch.from_numpy(image)[None, None] for image in (estimate, truth)]
-    _, likeness = structural_similarity_index_measure(*images, data_range=1.0, sigma=1.5, return_full_image=True)
+    one, other = (torch.from_numpy(image)[None, None] for image in (estimate, truth))
+    _, likeness = structural_similarity_index_measure(one, other, data_range=1.0, sigma=1.5, return_full_image=True)
     # Its mean includes pixels whose window hangs over the edge.
     assert ssim(estimate, truth) == pytest.approx(float(likeness[..., 5:-5, 5:-5].mean()), abs=1e-9)
 

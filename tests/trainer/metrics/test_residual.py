@@ -179,6 +179,6 @@ def test_lines_include_the_ends_of_a_row_and_rows_do_not_know_each_other() -> No
 
 def test_residual_refuses_what_does_not_fit() -> None:
     with pytest.raises(InputError, match="residual"):
-        explain(np.zeros((3, BINS)), U, np.zeros((4, 12)), ARRAYS["sparse4"], 1.0)
+        explain(np.zeros((3, BINS)), U, np.zeros((4, 12), complex), ARRAYS["sparse4"], 1.0)
     with pytest.raises(InputError, match="noise_power"):
-        explain(np.zeros((4, BINS)), U, np.zeros((4, 12)), ARRAYS["sparse4"], -1.0)
+        explain(np.zeros((4, BINS)), U, np.zeros((4, 12), complex), ARRAYS["sparse4"], -1.0)

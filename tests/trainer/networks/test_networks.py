@@ -2,6 +2,7 @@
 
 import pytest
 import torch
+from jaxtyping import TypeCheckError
 from tiny_radar import RADAR, TINY
 
 from trainer.networks.attention_unet import AttentionUNet
@@ -82,7 +83,8 @@ def test_every_parameter_changes_the_image(name):
 def test_the_paper_s_network_has_its_size():
     with torch.device("meta"):
         network = AttentionUNet(5, 1)
-    assert [stage[0].out_channels for stage in network.encoder] == [64, 128, 256, 512]
+    first = [next(layer.parameters()) for layer in network.encoder]
+    assert [len(weights) for weights in first] == [64, 128, 256, 512]
     # 8.05 million in the notes of the published architecture's used part; here with a convolution after upsampling.
     assert 7e6 < sum(parameter.numel() for parameter in network.parameters()) < 9e6
 
@@ -155,6 +157,7 @@ def test_a_convnext_block_normalises_no_pixel_by_another():
 )
 def test_only_an_answer_of_the_same_kind_starts_from_the_adaptive_spectrum(changes, inputs, start):
     network = build_network(TINY.model_copy(update=changes), BINS, 6)
+    assert isinstance(network, SpectralUNet)
     assert network.stem.in_channels == inputs + 3
     assert network.start == start
 
@@ -165,3 +168,12 @@ def test_a_configuration_chooses_network_inputs_and_outputs():
     network = build_network(changed, BINS, 6)
     assert isinstance(network, AttentionUNet)
     assert network(torch.zeros(1, 5, 8, BINS)).shape == (1, 2, 8, BINS)
+
+
+@pytest.mark.parametrize("name", networks())
+def test_arrays_that_are_not_those_of_the_signature_are_refused_in_tests(name):
+    """tests/conftest.py holds every call of trainer.networks to its annotations."""
+    network = networks()[name]
+    for wrong in (torch.zeros(1, 6, 8, BINS), torch.zeros(5, 8, BINS), torch.zeros(1, 5, 8, BINS, dtype=torch.int64)):
+        with pytest.raises(TypeCheckError, match="features"):
+            network(wrong)

@@ -19,7 +19,7 @@ DOA = TINY.model_copy(
     update={"model": "doa-cnn", "features": "covariance", "target": "doa", "width": 8, "rows": 16, "foreground": 0.0}
 )
 # Nine elements: the smallest array that four convolutions leave something of.
-WIDE = RADAR.model_copy(update={"array": RADAR.array.model_copy(update={"rx_m": line(2e-3 * np.arange(9))})})
+WIDE = RADAR.model_copy(update={"array": RADAR.array.model_copy(update={"rx_m": line(2e-3 * np.arange(9.0))})})
 
 
 def test_samples_hold_one_to_three_targets_at_the_stated_levels():

@@ -28,7 +28,7 @@ def dataset(tmp_path_factory):
 
 
 def run(dataset, out, config=TINY, **arguments):
-    lines = []
+    lines: list[str] = []
     result = fit([dataset], out, config, array="full", announce=lines.append, **arguments)
     return result, lines
 
@@ -154,7 +154,7 @@ def test_an_infinite_input_stops_with_its_frame_and_keeps_the_weights(dataset, t
         def __getitem__(self, index):
             item = super().__getitem__(index)
             if item["frame_id"] == 5:
-                item["range_channel"][0, 3, 1] = complex(np.inf, 0)
+                item["range_channel"][0, 3, 1] = np.inf
             return item
 
     monkeypatch.setattr(datamodule, "ShardDataset", Damaged)

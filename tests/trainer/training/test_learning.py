@@ -161,7 +161,8 @@ def test_hard_inputs_give_finite_images_and_gradients(model, features, value):
     answer = imager.answer(features)
     frame_losses(config, answer, torch.zeros(2, 24, 20)).sum().backward()
     assert torch.isfinite(decode(config, answer, scale)).all()
-    assert all(torch.isfinite(parameter.grad).all() for parameter in imager.parameters())
+    gradients = [parameter.grad for parameter in imager.parameters()]
+    assert all(gradient is not None and torch.isfinite(gradient).all() for gradient in gradients)
 
 
 def test_arrays_by_name_and_by_file(tmp_path):

@@ -16,7 +16,9 @@ QUIET = torch.zeros(1, 24, 6, dtype=torch.complex64)
 
 def see(row, u, amplitude, noise=QUIET):
     points = OnlinePoints(RADAR, "none")
-    return points._see(np.zeros(len(row), int), np.array(row), np.array(u), np.array(amplitude, complex), noise)
+    return points._snapshots_and_truth(
+        np.zeros(len(row), int), np.array(row), np.array(u), np.array(amplitude, complex), noise
+    )
 
 
 def test_the_range_response_is_the_spectrum_of_the_window():
@@ -39,7 +41,7 @@ def test_an_echo_is_that_of_the_signal_model_up_to_its_phase():
     spectrum = np.fft.fft(samples * window, axis=0)[398:404] / window.sum()
     points = OnlinePoints(radar, "taylor-30")
     noise = torch.zeros(1, 630, 48, dtype=torch.complex64)
-    found = points._see(np.array([0]), np.array([row]), np.array([u]), np.array([1.0 + 0j]), noise)
+    found = points._snapshots_and_truth(np.array([0]), np.array([row]), np.array([u]), np.array([1.0 + 0j]), noise)
     expected = found.range_channel[0, 398:404].numpy()
     projection = np.vdot(expected, spectrum) / np.vdot(expected, expected)
     assert abs(projection) == pytest.approx(1.0, abs=0.01)

@@ -77,6 +77,12 @@ def test_matching_is_one_to_one():
     assert count_matches(image, truth)[-1] == Counts(1, 0, 2)
 
 
+def verdict_of(run, datasets):
+    found = judge(run, datasets, announce=str)
+    assert found is not None
+    return found
+
+
 def test_the_truth_scores_one_and_an_empty_image_nothing():
     truth = frame(3).image
     peaks = row_peaks(truth, -30.0)
@@ -87,7 +93,7 @@ def test_the_truth_scores_one_and_an_empty_image_nothing():
 def test_delay_and_sum_as_a_network_scores_as_delay_and_sum(tmp_path, monkeypatch):
     data, run = small_dataset(tmp_path / "data", training=3), make_run(tmp_path / "run")
     loader(monkeypatch, Das())
-    found = judge(run, [data], announce=str)
+    found = verdict_of(run, [data])
     assert found.frames == 1
     assert found.f1["network"] == found.f1["das"] > 0
     assert found.threshold_db["network"] == found.threshold_db["das"]
@@ -101,14 +107,14 @@ def test_delay_and_sum_as_a_network_scores_as_delay_and_sum(tmp_path, monkeypatc
 def test_the_gain_of_the_run_multiplies_the_image(tmp_path, monkeypatch):
     data = small_dataset(tmp_path / "data", training=2)
     loader(monkeypatch, Das())
-    errors = [judge(make_run(tmp_path / str(g), gain=g), [data], announce=str).nmse["network"] for g in (1.0, 3.0)]
+    errors = [verdict_of(make_run(tmp_path / str(g), gain=g), [data]).nmse["network"] for g in (1.0, 3.0)]
     assert errors[1] > errors[0] + 1.0
 
 
 def test_an_empty_network_scores_as_the_zero_image(tmp_path, monkeypatch):
     data, run = small_dataset(tmp_path / "data", training=2), make_run(tmp_path / "run")
     loader(monkeypatch, Nothing())
-    found = judge(run, [data], announce=str)
+    found = verdict_of(run, [data])
     assert found.nmse["network"] == found.nmse["zero"] == 1.0
     assert found.f1["network"] == 0.0
 
@@ -117,9 +123,9 @@ def test_frames_without_a_truth_are_counted_and_do_not_count(tmp_path, monkeypat
     empty = type(frame(0))(**{**vars(frame(0)), "image": np.zeros((24, 20), np.float32), "image_peak": 0.0})
     splits = {"train": [frame(0)], "validation": [frame(1)], "test": [frame(2), empty]}
     data, run = write_dataset(tmp_path / "data", splits), make_run(tmp_path / "run")
-    found = judge(run, [data], announce=str)
+    found = verdict_of(run, [data])
     assert (found.frames, found.empty_frames) == (1, 1)
-    lines = []
+    lines: list[str] = []
     nothing = write_dataset(tmp_path / "none", {"train": [frame(0)], "validation": [frame(1)]})
     assert judge(run, [nothing], announce=lines.append) is None
     assert lines == ["no test frames with a truth: no verdict"]
@@ -127,16 +133,17 @@ def test_frames_without_a_truth_are_counted_and_do_not_count(tmp_path, monkeypat
 
 def test_a_class_probability_has_no_amplitude_to_judge(tmp_path):
     data, run = small_dataset(tmp_path / "data", training=2), make_run(tmp_path / "run", target="class")
-    found = judge(run, [data], announce=str)
+    found = verdict_of(run, [data])
     assert found.nmse == {}
     assert set(found.f1) == {"network", "das"}
 
 
 def test_fit_ends_with_the_verdict_of_its_best_weights(tmp_path):
-    data, lines = small_dataset(tmp_path / "data"), []
+    data = small_dataset(tmp_path / "data")
+    lines: list[str] = []
     fit([data], tmp_path / "run", TINY, array="full", announce=lines.append)
     assert lines[-1].startswith("test split, 1 frames")
     document = json.loads((tmp_path / "run" / VERDICT).read_text())
     assert document["gain"] == pytest.approx(load_imager(tmp_path / "run")[1].gain)
     assert document["gain"] != 1.0
-    assert judge(tmp_path / "run", [data], announce=str).nmse == document["nmse"]
+    assert verdict_of(tmp_path / "run", [data]).nmse == document["nmse"]

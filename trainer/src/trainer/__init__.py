@@ -1,0 +1,1 @@
+"""Radar datasets to networks that image sharper than the array."""

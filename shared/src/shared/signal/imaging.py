@@ -18,7 +18,6 @@ from shared.radar import ImageGrid, Radar
 from shared.radar.arrays import AntennaArray
 from shared.signal.near_field_kernels import PRODUCT_FRAMES, fill_folded, fill_matrix, fold_signals, unfold
 from shared.signal.steering import manifold
-from shared.signal.steering import manifold
 from shared.signal.sweep import reference_frequency_hz, shift_polynomials, sweep_positions
 from shared.signal.windows import hann
 

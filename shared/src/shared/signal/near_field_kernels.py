@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from shared.physics.compiled import compiled
-from shared.physics.compiled import compiled
 from shared.physics.cycles import single_phasor
 
 PRODUCT_FRAMES = 8

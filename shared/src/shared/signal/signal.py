@@ -10,7 +10,7 @@ costs targets * channels * chirps * samples complex exponentials; it is a refere
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Complex128, Float, Float64, Inexact
+from jaxtyping import Complex128, Float, Float64, Inexact, Real
 
 from shared.physics.units import SPEED_OF_LIGHT, db_to_power
 from shared.radar import Radar
@@ -72,8 +72,8 @@ def if_signal(
 def target_amplitudes(
     radar: Radar,
     positions: Float[np.ndarray, "targets 3"],
-    rcs_dbsm: Float[np.ndarray, " targets"],
-    phase_rad: Float[np.ndarray, " targets"],
+    rcs_dbsm: Real[np.ndarray, " targets"],
+    phase_rad: Real[np.ndarray, " targets"],
 ) -> Complex128[np.ndarray, " targets"]:
     """[K] amplitudes [sqrt(W)] by the radar equation, one number for all channels, seen from the origin at t = 0.
 

@@ -50,10 +50,10 @@ def evaluate(
     """Hold runs and classical estimators against each other: metrics, figures, and a page to look at."""
     # torch and matplotlib take seconds to import, and trainer --help should not.
     from trainer.evaluation.evaluate import evaluate as run_evaluate
-    from trainer.evaluation.experiments.bench import Settings
+    from trainer.evaluation.experiments.bench import EvaluationConfig
 
     try:
-        settings = Settings(frames=frames, shown=shown, trials=trials, seed=seed)
+        config = EvaluationConfig(frames=frames, shown=shown, trials=trials, seed=seed)
     except ValidationError as error:
         raise InputError("trainer evaluate", *first_validation_error(error)) from error
     console = Console(soft_wrap=True, highlight=False)
@@ -67,7 +67,7 @@ def evaluate(
             bars.update(shown_bars[name], completed=done, total=total)
 
         run_evaluate(
-            dataset, out, run or [], _names(methods), _names(arrays) or [], _names(experiments), settings, measured,
+            dataset, out, run or [], _names(methods), _names(arrays) or [], _names(experiments), config, measured,
             resume, workers, lambda line: bars.console.print(line, markup=False), advance,
         )  # fmt: skip
 

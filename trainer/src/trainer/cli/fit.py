@@ -56,6 +56,6 @@ def fit(
         console.print(line, markup=False)
 
     run_fit(datasets, out, configuration(recipe, given), array, weight, resume, workers, check, devices, announce)
-    # The located name: a URI as given may hold a key.
+    # The located name is shown: a URI as given may hold a key.
     first = locate(datasets[0])
     announce(f"run in {out}; curves: tensorboard --logdir {out}; next: trainer predict {out} {first} --out DIR")

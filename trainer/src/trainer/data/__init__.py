@@ -1,0 +1,1 @@
+"""What networks and estimators are given: frames of datasets, cubes from files, simulated targets."""

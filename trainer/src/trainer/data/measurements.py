@@ -86,7 +86,7 @@ def _read_cube(source: Path, radar: str | None) -> tuple[NDArray, Radar]:
     if not source.is_file() or source.suffix not in (".npy", ".npz"):
         raise InputError("INPUT", f"{source}", "the folder of a dataset, or a cube as .npy or .npz")
     try:
-        # Never a pickled object: a file from elsewhere must not run code.
+        # No pickled objects: a file from elsewhere must not run code.
         content = np.load(source, allow_pickle=False)
         if source.suffix == ".npy":
             if radar is None:

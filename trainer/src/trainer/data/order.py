@@ -46,14 +46,14 @@ class BatchOrder(Sampler[list[int]]):
 
     def __iter__(self) -> Iterator[list[int]]:
         frames = sum(self.sizes)
-        epoch, order = -1, np.empty(0, dtype=np.int64)
+        epoch, frames_of_epoch = -1, np.empty(0, dtype=np.int64)
         for index in range(self.first, self.batches):
             chosen: list[int] = []
             for place in range(index * self.batch, (index + 1) * self.batch):
                 if place // frames != epoch:
                     epoch = place // frames
-                    order = self._epoch(epoch)
-                chosen.append(int(order[place % frames]))
+                    frames_of_epoch = self._epoch(epoch)
+                chosen.append(int(frames_of_epoch[place % frames]))
             yield chosen[self.part]
 
     def _epoch(self, epoch: int) -> NDArray[np.int64]:

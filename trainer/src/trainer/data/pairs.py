@@ -76,7 +76,7 @@ class Trials:
 
 def resolution_cell(radar: Radar) -> float:
     """lambda / (span + spacing) of the full array in u, the RL of the tables."""
-    return line_array(radar).resolution
+    return line_array(radar).resolution_cell
 
 
 def trial_rows(radar: Radar) -> NDArray[np.intp]:

@@ -32,10 +32,10 @@ OPEN_SHARDS = 64
 class ShardDataset(TorchDataset[dict[str, torch.Tensor]]):
     """The frames of one split, read one row at a time.
 
-    Every process opens the shards it meets and keeps the last of them open: parsing a footer costs a fifth of reading a
-    frame. The first frames that fit :data:`CACHE_BYTES` stay in memory as they were decoded; they are not replaced,
-    because an order that is shuffled anew every epoch comes back to the one as soon as to the other. Nothing open or
-    kept is ever pickled or forked into a worker, and only the columns asked for are decoded.
+    Every process opens the shards that it reads and keeps the last of them open: parsing a footer costs a fifth of
+    reading a frame. The first frames that fit :data:`CACHE_BYTES` stay in memory as they were decoded. They are not
+    replaced, because every epoch has another random order, in which no frame comes sooner than another. A worker gets
+    no open file and no kept frame. Only the columns asked for are decoded.
 
     :param directory: the dataset's folder, local or remote, see :func:`shared.dataset.locations.locate`
     :param split: "train", "validation" or "test"
@@ -82,7 +82,7 @@ class ShardDataset(TorchDataset[dict[str, torch.Tensor]]):
                 self._room -= batch.nbytes
         item = {name: self._tensor(batch, name) for name in self.columns}
         if index in self._kept:
-            # Whoever changes a frame in place must not change the one that is kept.
+            # A caller that changes a frame in place must not change the kept one.
             item = {name: values.clone() for name, values in item.items()}
         for name, dtype in SCALARS.items():
             item[name] = torch.tensor(batch.column(name)[0].as_py(), dtype=dtype)
@@ -108,7 +108,7 @@ class ShardDataset(TorchDataset[dict[str, torch.Tensor]]):
         return self._open[path]
 
     def _tensor(self, batch: pa.RecordBatch, name: str) -> torch.Tensor:
-        # Arrow's memory as a tensor: a copy would cost a twentieth of the reading.
+        # The tensor uses Arrow's memory: a copy would cost a twentieth of the reading.
         values = torch.from_dlpack(batch.column(name).flatten()).reshape(self.description["shapes"][name])
         return torch.view_as_complex(values) if name in COMPLEX_ARRAYS else values
 

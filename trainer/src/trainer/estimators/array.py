@@ -83,11 +83,11 @@ class LineArray:
         return 1.0 if spacing is None else min(0.5 * self.wavelength_m / spacing, 1.0)
 
     @property
-    def resolution(self) -> float:
+    def resolution_cell(self) -> float:
         """Resolution cell lambda / (span + spacing) in u, half a wavelength standing for a spacing there is none."""
         return self.wavelength_m / (float(np.ptp(self.positions_m)) + (self.spacing_m or 0.5 * self.wavelength_m))
 
-    def manifold(self, u: NDArray[np.floating]) -> NDArray[np.complex128]:
+    def manifold(self, u: NDArray[np.floating] | float) -> NDArray[np.complex128]:
         """[C, *u.shape] echoes exp(-j k u p) of unit amplitude from the directions u."""
         return manifold(self.positions_m, self.wavelength_m, u)
 
@@ -118,14 +118,14 @@ def scan_axis(array: LineArray, u: NDArray[np.floating]) -> tuple[NDArray[np.flo
     below = scanned[np.maximum(place - 1, 0)] if len(scanned) else np.full(len(others), np.inf)
     above = scanned[np.minimum(place, len(scanned) - 1)] if len(scanned) else below
     away = np.minimum(np.abs(others - below), np.abs(others - above))
-    others = others[away > 0.5 * array.resolution / POINTS_PER_CELL]
+    others = others[away > 0.5 * array.resolution_cell / POINTS_PER_CELL]
     return np.concatenate([scanned, others]), shown.reshape(-1)
 
 
 def uniform_axis(array: LineArray, points_per_cell: float) -> NDArray[np.float64]:
     """[N] angles over one period, about ``points_per_cell`` to a resolution cell, without the period's end."""
     half = array.half_period
-    count = max(round(2.0 * half / array.resolution * points_per_cell), 2)
+    count = max(round(2.0 * half / array.resolution_cell * points_per_cell), 2)
     return -half + 2.0 * half / count * np.arange(count, dtype=np.float64)
 
 
@@ -153,7 +153,7 @@ def image_rows(
     present = np.flatnonzero(scale > 0.0)
     for start in range(0, len(present), ROWS_AT_ONCE):
         block = present[start : start + ROWS_AT_ONCE]
-        # In two steps: the square of 1e-200 would be zero.
+        # The quotient comes before the square: the square of 1e-200 would be zero.
         relative = np.minimum(np.sqrt(noise_power) / scale[block], LARGEST_RELATIVE_NOISE) ** 2
         image[block] = scale[block, None] * solve(rows[block] / scale[block, None], relative)
     return image
@@ -187,7 +187,7 @@ def draw_lines(
     image = np.zeros((len(u_found), len(axis)))
     if not len(axis) or not u_found.shape[1]:
         return image
-    step = float(np.median(np.diff(axis))) if len(axis) > 1 else array.resolution
+    step = float(np.median(np.diff(axis))) if len(axis) > 1 else array.resolution_cell
     edges = 0.5 * (axis[1:] + axis[:-1])
     place = np.searchsorted(edges, u_found, side="right")
     shown = (amplitude > 0.0) & (np.abs(u_found - axis[place]) <= step)

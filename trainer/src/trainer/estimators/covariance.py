@@ -39,12 +39,12 @@ class Distances:
         distance = np.abs(difference).ravel()[first]
         self._index = index.reshape(difference.shape)
         self._forward = rounded >= 0.0
-        # Pairs with p_c >= p_d, those of one distance side by side, for sums over them.
+        # Pairs with p_c >= p_d; those of one distance stand side by side, so that reduceat sums them.
         pairs = np.flatnonzero(self._forward)
-        order = np.argsort(self._index.ravel()[pairs], kind="stable")
-        self._pairs = pairs[order]
+        by_distance = np.argsort(self._index.ravel()[pairs], kind="stable")
+        self._pairs = pairs[by_distance]
         self._starts = np.searchsorted(self._index.ravel()[self._pairs], np.arange(len(distance)))
-        # Pairs of elements at one place are both among those with p_c >= p_d.
+        # Of two elements at one place both pairs have p_c >= p_d.
         self._weight = np.where(np.abs(rounded).ravel()[first] > 0.0, 2.0, 1.0)
         phase = 2.0 * np.pi * np.outer(distance, u)
         self._cosine, self._sine = np.cos(phase), np.sin(phase)  # (L, N)

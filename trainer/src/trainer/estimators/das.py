@@ -22,7 +22,7 @@ def aperture_window(name: str, array: LineArray) -> NDArray[np.float64]:
     if name not in WINDOWS:
         raise InputError("window", repr(name), f"one of {', '.join(WINDOWS)}")
     centre = 0.5 * (array.positions_m.min() + array.positions_m.max())
-    aperture = array.wavelength_m / array.resolution
+    aperture = array.wavelength_m / array.resolution_cell
     weights = WINDOWS[name] + (1.0 - WINDOWS[name]) * np.cos(2.0 * np.pi * (array.positions_m - centre) / aperture)
     return weights / weights.sum()
 

@@ -73,11 +73,11 @@ def refine_lines(
         curvature = (adjoint @ jacobian).real
         slope = (adjoint @ left[..., None])[..., 0].real
         own = curvature[:, diagonal, diagonal]
-        # A line without amplitude has no curvature and stays where it is.
+        # A line without amplitude has no curvature, and no step.
         floor = np.maximum(RIDGE * own.max(axis=1, keepdims=True), np.finfo(np.float64).tiny)
         curvature[:, diagonal, diagonal] = own * (1.0 + damping[:, None]) + floor
         step = np.linalg.solve(curvature, slope[..., None])[..., 0]
-        reach = LARGEST_STEP * array.resolution
+        reach = LARGEST_STEP * array.resolution_cell
         trial = best + np.clip(step, -reach, reach)
         trial_atoms = _atoms(trial, array)
         trial_amplitude, trial_left = _least_squares(x, trial_atoms)

@@ -46,7 +46,7 @@ class MaximumLikelihood:
         self, snapshots: NDArray[np.complexfloating], array: LineArray, u: NDArray[np.floating], noise_power: float
     ) -> NDArray[np.float64]:
         """[R, U] K lines a row with their magnitudes [sqrt(W)], each in its nearest bin of u [U]."""
-        _check_order(self.targets, array)
+        _check_count(self.targets, array)
 
         def solve(x: NDArray[np.complex128], _: NDArray[np.float64]) -> NDArray[np.float64]:
             found = _search(x, array, self.targets)
@@ -65,7 +65,7 @@ class MaximumLikelihood:
         :raises InputError: K less than 1, or so many that they explain any snapshot
         """
         count = self.targets if targets is None else targets
-        _check_order(count, array)
+        _check_count(count, array)
         check_snapshots(snapshots, array)
         found = np.zeros((len(snapshots), count))
         amplitude = np.zeros((len(snapshots), count), dtype=np.complex128)
@@ -80,7 +80,7 @@ class MaximumLikelihood:
         return found, amplitude
 
 
-def _check_order(targets: int, array: LineArray) -> None:
+def _check_count(targets: int, array: LineArray) -> None:
     if not 1 <= targets < max(array.channels, 2):
         raise InputError("ml", f"targets = {targets} with {array.channels} channels", "1 or more, fewer than channels")
 

@@ -50,15 +50,15 @@ class Music:
 
         :raises InputError: smoothing on an array that is not a uniform line
         """
-        order = uniform_order(array) if self.smoothing == "forward-backward" else np.arange(array.channels)
+        places = channels_by_position(array) if self.smoothing == "forward-backward" else np.arange(array.channels)
         elements = array.channels
         if self.smoothing == "forward-backward":
             elements = min(max(round(SUBARRAY_SHARE * array.channels), 2), array.channels)
-        part = LineArray(array.positions_m[order][:elements], array.wavelength_m)
+        part = LineArray(array.positions_m[places][:elements], array.wavelength_m)
         manifold, conjugate = part.manifold(u), array.manifold(u).conj()
 
         def solve(x: NDArray[np.complex128], _: NDArray[np.float64]) -> NDArray[np.float64]:
-            data = x[:, order, None]
+            data = x[:, places, None]
             if self.smoothing == "forward-backward":
                 data = forward_backward(data[..., 0], elements)
             spectrum = pseudo_spectrum(data, manifold, self.targets)
@@ -83,14 +83,14 @@ def pseudo_spectrum(
     vectors, singular, _ = np.linalg.svd(data, full_matrices=False)
     eigenvalues = np.zeros((len(data), channels))
     eigenvalues[:, : singular.shape[1]] = singular**2 / snapshots
-    count = aic_order(eigenvalues, snapshots) if targets is None else np.full(len(data), targets)
+    count = aic_count(eigenvalues, snapshots) if targets is None else np.full(len(data), targets)
     vectors = vectors * (np.arange(singular.shape[1]) < count[:, None])[:, None, :]
     signal = np.sum(np.abs(np.swapaxes(vectors, 1, 2).conj() @ manifold) ** 2, axis=1)
     noise = np.maximum(channels - signal, EIGENVALUE_FLOOR * channels)
     return np.where((count > 0)[:, None], channels / noise, 0.0)
 
 
-def aic_order(eigenvalues: NDArray[np.float64], snapshots: int) -> NDArray[np.intp]:
+def aic_count(eigenvalues: NDArray[np.float64], snapshots: int) -> NDArray[np.intp]:
     """[B] number of targets by AIC from falling eigenvalues [B, C] of the covariance of N snapshots.
 
     AIC(k) = -2 N (C - k) ln(geometric mean / arithmetic mean of the last C - k) + 2 k (2 C - k), k < C, the smallest
@@ -108,7 +108,7 @@ def aic_order(eigenvalues: NDArray[np.float64], snapshots: int) -> NDArray[np.in
     return np.argmin(criterion, axis=1)
 
 
-def uniform_order(array: LineArray) -> NDArray[np.intp]:
+def channels_by_position(array: LineArray) -> NDArray[np.intp]:
     """[C] channels by rising position, of a line of equal spacings.
 
     :raises InputError: an array with gaps or doubled elements

@@ -9,7 +9,7 @@ from trainer.estimators.array import LineArray, image_rows, scan_axis
 from trainer.estimators.covariance import FLOOR, Distances, loaded_inverse
 
 SPICE_ITERATIONS, LIKES_ITERATIONS = 60, 30
-"""LIKES changes P(resolve) of two targets by less than 0.03 from 20 to 60; SPICE creeps, as first-order methods do."""
+"""LIKES changes P(resolve) of two targets by less than 0.03 from 20 to 60; SPICE, of first order, converges slowly."""
 
 
 class SparseCovariance:

@@ -1,0 +1,1 @@
+"""``trainer evaluate``: experiments, their cells and worker processes, the report."""

@@ -26,10 +26,10 @@ from shared.physics.errors import InputError
 from trainer.data.arrays import choose_array
 from trainer.evaluation.experiments.bench import (
     Bench,
+    EvaluationConfig,
     Experiment,
     FrameRef,
     Results,
-    Settings,
     Task,
     contender_task,
     single_row,
@@ -82,11 +82,11 @@ def evaluate(
     methods: Sequence[str] | None = None,
     arrays: Sequence[str] = DEFAULT_ARRAYS,
     experiments: Sequence[str] | None = None,
-    settings: Settings | None = None,
+    config: EvaluationConfig | None = None,
     measured: Path | None = None,
     resume: bool = False,
     workers: int = 1,
-    announce: Callable[[str], None] = print,
+    announce: Callable[[str], object] = print,
     progress: Progress | None = None,
 ) -> pa.Table:
     """Run the experiments that apply and write everything into ``out``; returns the metrics table.
@@ -104,23 +104,23 @@ def evaluate(
     :raises InputError: bad data, runs, names, or an experiment asked for that does not apply
     :raises TrainingStopped: a worker process was killed
     """
-    bench, left_out = open_bench(dataset, runs, methods, arrays, settings or Settings(), measured)
+    bench, left_out = open_bench(dataset, runs, methods, arrays, config or EvaluationConfig(), measured)
     chosen, obstacles = choose_experiments(experiments, bench)
     store = _open_store(out, resume)
     for line in obstacles:
         announce(line)
     for kind, count in left_out.items():
-        announce(f"{count} {kind} frames of the test split are left out: --frames {bench.settings.frames}")
-    report = progress or (lambda *_: None)
-    bench = replace(bench, seconds=_seconds(bench, store, report))
+        announce(f"{count} {kind} frames of the test split are left out: --frames {bench.config.frames}")
+    advance = progress or (lambda *_: None)
+    bench = replace(bench, seconds=_seconds(bench, store, advance))
     rows: list[MetricRow] = []
     figures: list[ReportFigure] = []
     (out / FIGURES).mkdir(exist_ok=True)
     written = set()
     with Workers(bench, workers) as pool:
-        shown = _compute(EXPERIMENTS[Street.name], bench, store, pool, partial(report, "images"))
+        shown = _compute(EXPERIMENTS[Street.name], bench, store, pool, partial(advance, "images"))
         for experiment in chosen:
-            results = _compute(experiment, bench, store, pool, partial(report, experiment.name))
+            results = _compute(experiment, bench, store, pool, partial(advance, experiment.name))
             rows += experiment.rows(bench, results)
             for name, figure in experiment.figures(bench, results).items():
                 png = save_figure(figure, out / FIGURES, name)
@@ -156,7 +156,7 @@ def _write(
     write_table(table, out)
     write_text(out / SUMMARY, summary(table, SUMMARY_COLUMNS))
     frames = _report_frames(bench, shown)
-    page = report_page(title, _summary(bench, chosen), bench.radar, frames, figures, table)
+    page = report_page(title, _introduction(bench, chosen), bench.radar, frames, figures, table)
     write_text(out / REPORT, page)
     return table
 
@@ -166,7 +166,7 @@ def open_bench(
     runs: Sequence[Path],
     methods: Sequence[str] | None,
     array_names: Sequence[str],
-    settings: Settings,
+    config: EvaluationConfig,
     measured: Path | None,
 ) -> tuple[Bench, dict[str, int]]:
     """(what the experiments work on, frames left out by kind); arguments and errors as :func:`evaluate`."""
@@ -178,13 +178,13 @@ def open_bench(
     names = [array.name for array in arrays]
     if twice := [name for index, name in enumerate(names) if name in names[:index]]:
         raise InputError("--arrays", f"{twice[0]!r} twice", "every array once, files of different names")
-    refs, left_out = frame_refs(dataset, "test", settings.frames)
+    refs, left_out = frame_refs(dataset, "test", config.frames)
     contenders = gather(methods, runs, arrays, radar, dataset.path)
     fingerprint = Fingerprint.of(dataset.path, dataset.records, {})
     scenes = (
         frozenset(frame.scene for frame in dataset.frames("train", ())) if "train" in dataset.splits else frozenset()
     )
-    return Bench(fingerprint.sha256, radar, refs, scenes, contenders, settings, measured=measured), left_out
+    return Bench(fingerprint.sha256, radar, refs, scenes, contenders, config, measured=measured), left_out
 
 
 def choose_experiments(names: Sequence[str] | None, bench: Bench) -> tuple[list[Experiment], list[str]]:
@@ -226,7 +226,7 @@ def _open_store(out: Path, resume: bool) -> CellStore:
 
 
 def _compute(
-    experiment: Experiment, bench: Bench, store: CellStore, pool: Workers, report: Callable[[int, int], None]
+    experiment: Experiment, bench: Bench, store: CellStore, pool: Workers, advance: Callable[[int, int], None]
 ) -> Results:
     """The cells of an experiment in the order of its tasks; those not yet on disk are computed and kept one by one."""
     tasks = experiment.tasks(bench)
@@ -235,11 +235,11 @@ def _compute(
     for place, cell in enumerate(cells):
         if (found := store.finished(cell)) is not None:
             values[place] = found
-    report(len(values), len(tasks))
+    advance(len(values), len(tasks))
     missing = [place for place in range(len(tasks)) if place not in values]
     for place, computed in pool.results(experiment, tasks, missing):
         values[place] = store.keep(cells[place], computed)
-        report(len(values), len(tasks))
+        advance(len(values), len(tasks))
     return {task.key: values[place] for place, task in enumerate(tasks)}
 
 
@@ -247,7 +247,7 @@ def _cell(family: str, task: Task) -> Cell:
     return Cell(family, task.method, task.array, task.condition, task.inputs, code_fingerprint())
 
 
-def _seconds(bench: Bench, store: CellStore, report: Progress) -> dict[tuple[str, str], float]:
+def _seconds(bench: Bench, store: CellStore, advance: Progress) -> dict[tuple[str, str], float]:
     """Seconds for one image of each contender, one thread: the first test frame, whole."""
     ref = bench.frames[0]
     tasks = [
@@ -256,13 +256,13 @@ def _seconds(bench: Bench, store: CellStore, report: Progress) -> dict[tuple[str
     ]
     seconds = {}
     for done, task in enumerate(tasks):
-        report(RUNTIME, done, len(tasks))
+        advance(RUNTIME, done, len(tasks))
         cell = _cell(RUNTIME, task)
         values = store.finished(cell)
         if values is None:
             values = store.keep(cell, alone(task))
         seconds[task.method, task.array] = float(values["seconds"])
-    report(RUNTIME, len(tasks), len(tasks))
+    advance(RUNTIME, len(tasks), len(tasks))
     return seconds
 
 
@@ -288,13 +288,13 @@ def _report_frames(bench: Bench, results: Results) -> list[ReportFrame]:
     return frames
 
 
-def _summary(bench: Bench, chosen: Sequence[Experiment]) -> str:
+def _introduction(bench: Bench, chosen: Sequence[Experiment]) -> str:
     kinds = [ref.kind for ref in bench.frames]
     counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
     methods = ", ".join(dict.fromkeys(contender.method for contender in bench.contenders))
     arrays = ", ".join(dict.fromkeys(contender.array.name for contender in bench.contenders))
-    settings = bench.settings
+    config = bench.config
     return (
-        f"Radar {bench.radar.name}; test frames: {counts}; methods: {methods}; arrays: {arrays}; {settings.trials} "
-        f"simulated trials of a condition; seed {settings.seed}; experiments: {', '.join(e.name for e in chosen)}."
+        f"Radar {bench.radar.name}; test frames: {counts}; methods: {methods}; arrays: {arrays}; {config.trials} "
+        f"simulated trials of a condition; seed {config.seed}; experiments: {', '.join(e.name for e in chosen)}."
     )

@@ -117,7 +117,7 @@ class CellStore:
 
 def _read(path: Path) -> Values:
     try:
-        # Opened here, so that it is closed where NumPy finds no archive in it.
+        # This function opens the file, so that it is closed where NumPy finds no archive in it.
         with path.open("rb") as handle, np.load(handle, allow_pickle=False) as content:
             return {name: content[name] for name in content.files}
     except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:

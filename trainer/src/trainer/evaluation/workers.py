@@ -33,9 +33,9 @@ from trainer.evaluation.experiments.bench import Bench, Experiment, Task
 from trainer.evaluation.store import Values
 
 AHEAD = 2
-"""Tasks handed out for each worker: one at work, one to go on with."""
+"""Tasks sent to each worker: the one that it computes and the next."""
 GRACE_S = 2.0
-"""What processes at work have to finish before they are ended [s]: most cells take less, and nobody minds the wait."""
+"""Time that a process has to finish its cell before it is ended [s]: most cells take less."""
 
 
 def cores() -> int:
@@ -67,14 +67,14 @@ class Workers:
     ) -> None:
         if self._pool is None:
             return
-        # After an error, or Ctrl-C, what the processes are at is of no use and may take long; but one that is ended in
-        # the middle of handing over its result leaves the pool waiting for the rest. Only the pool waits for them: the
-        # system tells one waiter of each.
-        impatience = threading.Timer(GRACE_S, self._end)
+        # After an error, or Ctrl-C, nobody needs the cells that are being computed, and they may take long. A process
+        # that is ended while it sends its result leaves the pool waiting for the rest of it, hence the grace. Only the
+        # pool waits for the processes: the system reports the end of each to one waiter.
+        ending = threading.Timer(GRACE_S, self._end)
         if kind is not None:
-            impatience.start()
+            ending.start()
         self._pool.shutdown(wait=True, cancel_futures=True)
-        impatience.cancel()
+        ending.cancel()
 
     def _end(self) -> None:
         """End the processes of the pool, also those that it started after its first task."""
@@ -105,7 +105,7 @@ class Workers:
             while here or elsewhere or running:
                 while pool and elsewhere and len(running) < AHEAD * self.count:
                     place = elsewhere.popleft()
-                    running[pool.submit(_cell, experiment, place)] = place
+                    running[pool.submit(_compute, experiment, place)] = place
                 if here:
                     place = here.popleft()
                     yield place, alone(tasks[place])
@@ -121,19 +121,19 @@ class Workers:
     def _started(self) -> ProcessPoolExecutor:
         if self._pool is None:
             self._others = set(multiprocessing.active_children())
-            # Plain pickle: that of multiprocessing would hand weights over in shared memory.
+            # Plain pickle: the one of multiprocessing would send weights through shared memory.
             content = pickle.dumps(_without_gpu(self.bench))
             context = multiprocessing.get_context("spawn")
             self._pool = ProcessPoolExecutor(self.count, context, initializer=_start, initargs=(content,))
-            with _deaf_children():
+            with _interrupt_blocked():
                 for _ in range(self.count):
                     self._pool.submit(int)
         return self._pool
 
 
 @contextmanager
-def _deaf_children() -> Iterator[None]:
-    """Processes started meanwhile never see Ctrl-C, which a terminal sends to all: this one ends them."""
+def _interrupt_blocked() -> Iterator[None]:
+    """Processes started meanwhile never receive Ctrl-C, which a terminal sends to all: this process ends them."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -179,7 +179,7 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-def _cell(experiment: Experiment, place: int) -> Values:
+def _compute(experiment: Experiment, place: int) -> Values:
     if _state["name"] != experiment.name:
         _state.update(name=experiment.name, tasks=experiment.tasks(_state["bench"]))
     return dict(_state["tasks"][place].compute())

@@ -131,8 +131,8 @@ def find_image_peaks(image: NDArray[np.floating], threshold: float = THRESHOLD) 
     magnitude = np.asarray(image, dtype=np.float64)
     rows, columns = magnitude.shape
     top = magnitude.max(axis=1, initial=0.0)[:, None]
-    # The rows one after the other with an infinite sample between them: it ends the search for a peak's prominence as
-    # the end of the row does, makes no peak of the row's last bin, and is itself above the heights asked for.
+    # The rows stand one after the other with an infinite sample between them. It ends the search for a peak's
+    # prominence as the end of the row does. It makes no peak of the row's last bin, and is above the heights asked for.
     line = np.full((rows, columns + 1), np.inf)
     line[:, :columns] = np.divide(magnitude, top, out=np.zeros_like(magnitude), where=top > 0.0)
     places, found = find_peaks(line.ravel(), height=(threshold, 1.0), prominence=0.0)
@@ -208,7 +208,7 @@ def match(detected: NDArray[np.float64], true: NDArray[np.float64], d_max: float
         return np.empty((0, 2), dtype=np.intp)
     distance = np.abs(np.subtract.outer(detected, true))
     allowed = (distance <= d_max) & (distance < half_separation(true)[None, :])
-    # A pair that is not allowed costs more than all allowed ones together.
+    # A forbidden pair costs more than all allowed pairs together.
     forbidden = (distance[allowed].sum() + 1.0) * (len(detected) + len(true))
     first, second = linear_sum_assignment(np.where(allowed, distance, forbidden))
     kept = allowed[first, second]

@@ -30,7 +30,7 @@ class Gospa:
     assigned: int
 
 
-def gospa(estimated: NDArray[np.floating], true: NDArray[np.floating], cutoff: float, order: float = 2.0) -> Gospa:
+def gospa(estimated: NDArray[np.floating], true: NDArray[np.floating], cutoff: float, exponent: float = 2.0) -> Gospa:
     """Generalised optimal sub-pattern assignment with alpha = 2.
 
         d^p = min over assignments of  sum d(x, y)^p over its pairs + c^p / 2 (points left over in both sets)
@@ -41,11 +41,13 @@ def gospa(estimated: NDArray[np.floating], true: NDArray[np.floating], cutoff: f
     :param estimated: [n, dimensions] positions
     :param true: [m, dimensions] positions
     :param cutoff: c, in the points' unit
-    :param order: p
+    :param exponent: p
     :raises InputError: c not positive, p below 1, points of different dimensions or not finite
     """
-    if not (np.isfinite(cutoff) and cutoff > 0.0 and np.isfinite(order) and order >= 1.0):
-        raise InputError("gospa", f"cutoff = {cutoff!r}, order = {order!r}", "a positive cutoff and an order from 1")
+    if not (np.isfinite(cutoff) and cutoff > 0.0 and np.isfinite(exponent) and exponent >= 1.0):
+        raise InputError(
+            "gospa", f"cutoff = {cutoff!r}, exponent = {exponent!r}", "a positive cutoff and an exponent from 1"
+        )
     if np.ndim(estimated) != 2 or np.ndim(true) != 2 or np.shape(estimated)[1] != np.shape(true)[1]:
         shapes = f"points of shapes {np.shape(estimated)} and {np.shape(true)}"
         raise InputError("gospa", shapes, "[n, dimensions] and [m, dimensions]")
@@ -53,12 +55,12 @@ def gospa(estimated: NDArray[np.floating], true: NDArray[np.floating], cutoff: f
         raise InputError("gospa", "points that are not finite", "finite positions")
     # In units of c, so that powers of large or small units stay in range.
     distance = cdist(estimated, true) / cutoff
-    first, second = linear_sum_assignment(np.minimum(distance, 1.0) ** order)
+    first, second = linear_sum_assignment(np.minimum(distance, 1.0) ** exponent)
     pairs = distance[first, second]
     kept = pairs < 1.0
     assigned = int(kept.sum())
-    localisation = float(np.sum(pairs[kept] ** order))
+    localisation = float(np.sum(pairs[kept] ** exponent))
     missed, false = 0.5 * (len(true) - assigned), 0.5 * (len(estimated) - assigned)
-    power = cutoff**order
-    root = cutoff * (localisation + missed + false) ** (1.0 / order)
+    power = cutoff**exponent
+    root = cutoff * (localisation + missed + false) ** (1.0 / exponent)
     return Gospa(root, power * localisation, power * missed, power * false, assigned)

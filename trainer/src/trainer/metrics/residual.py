@@ -119,7 +119,7 @@ def image_lines(image: NDArray[np.floating], level: float = PEAK_LEVEL) -> list[
 
     Height and prominence of a peak reach ``level`` of the row's maximum.
     """
-    # A zero at either end makes peaks of the first and last bin too.
+    # The zeros at both ends make peaks of the first and last bin too.
     peaks = find_image_peaks(np.pad(image, ((0, 0), (1, 1))), level).above(level)
     return [
         bins[np.argsort(row[bins], kind="stable")[::-1]]
@@ -161,7 +161,7 @@ def supported_lines(
     gram, matched = adjoint @ atoms, (adjoint @ x[..., None])[..., 0]
     gram[:, np.arange(u.shape[1]), np.arange(u.shape[1])] += RIDGE * array.channels
     going = np.arange(len(x))
-    # All rows still going have as many lines left, and lose one a round.
+    # All rows that are still worked on have the same number of lines, and lose one a round.
     for count in range(u.shape[1], 0, -1):
         inverse = np.linalg.inv(gram)
         amplitude = (inverse @ matched[..., None])[..., 0]

@@ -7,6 +7,7 @@ are used: the published code creates its gates at the first forward pass, after 
 from __future__ import annotations
 
 import torch
+from jaxtyping import Float
 from torch import nn
 
 from trainer.networks.padding import crop_like, pad_to_multiple
@@ -15,7 +16,7 @@ LEVELS = 4
 
 
 def _convolution(inputs: int, outputs: int, size: int) -> list[nn.Module]:
-    # Without a bias: the normalisation's own shift would take its place.
+    # The convolution needs no bias: the normalisation adds a shift of its own.
     return [nn.Conv2d(inputs, outputs, size, padding=size // 2, bias=False), nn.BatchNorm2d(outputs)]
 
 
@@ -37,7 +38,11 @@ class AttentionGate(nn.Module):
         self.skip = nn.Sequential(*_convolution(channels, inner, 1))
         self.score = nn.Sequential(nn.Conv2d(inner, 1, 1), nn.Sigmoid())
 
-    def forward(self, gate: torch.Tensor, skip: torch.Tensor) -> torch.Tensor:
+    def forward(
+        self,
+        gate: Float[torch.Tensor, "batch channels rows bins"],
+        skip: Float[torch.Tensor, "batch channels rows bins"],
+    ) -> Float[torch.Tensor, "batch channels rows bins"]:
         return skip * self.score(torch.relu(self.gate(gate) + self.skip(skip)))  # (B, C, R, U)
 
 
@@ -51,6 +56,7 @@ class AttentionUNet(nn.Module):
 
     def __init__(self, inputs: int, outputs: int = 1, width: int = 64) -> None:
         super().__init__()
+        self.inputs, self.outputs = inputs, outputs
         sizes = [width * 2**level for level in range(LEVELS)]
         self.encoder = nn.ModuleList(
             _double_convolution(before, after) for before, after in zip([inputs, *sizes[:-1]], sizes, strict=True)
@@ -65,7 +71,9 @@ class AttentionUNet(nn.Module):
         self.decoder = nn.ModuleList(_double_convolution(2 * fine, fine) for _, fine in finer)
         self.head = nn.Conv2d(width, outputs, 1)
 
-    def forward(self, features: torch.Tensor) -> torch.Tensor:
+    def forward(
+        self, features: Float[torch.Tensor, "batch {self.inputs} rows bins"]
+    ) -> Float[torch.Tensor, "batch {self.outputs} rows bins"]:
         image = pad_to_multiple(features, 2 ** (LEVELS - 1))
         skips = []
         for level, encode in enumerate(self.encoder):

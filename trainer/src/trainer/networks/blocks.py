@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import torch
+from jaxtyping import Float
 from torch import nn
 from torch.nn import functional
 
@@ -23,7 +24,9 @@ class ResidualBlock(nn.Module):
         with torch.no_grad():
             self.second.weight.mul_(BRANCH_GAIN)
 
-    def forward(self, image: torch.Tensor) -> torch.Tensor:
+    def forward(
+        self, image: Float[torch.Tensor, "batch channels rows bins"]
+    ) -> Float[torch.Tensor, "batch channels rows bins"]:
         return image + self.second(functional.gelu(self.first(image)))
 
 
@@ -40,7 +43,9 @@ class ConvNextBlock(nn.Module):
         with torch.no_grad():
             self.reduce.weight.mul_(BRANCH_GAIN)
 
-    def forward(self, image: torch.Tensor) -> torch.Tensor:
+    def forward(
+        self, image: Float[torch.Tensor, "batch channels rows bins"]
+    ) -> Float[torch.Tensor, "batch channels rows bins"]:
         seen = self.norm(self.spread(image).permute(0, 2, 3, 1)).permute(0, 3, 1, 2)
         return image + self.reduce(functional.gelu(self.expand(seen)))
 

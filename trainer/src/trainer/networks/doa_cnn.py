@@ -10,6 +10,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 import torch
+from jaxtyping import Float
 from torch import nn
 
 FILTERS = 256
@@ -28,7 +29,7 @@ class DoaCnn(nn.Module):
 
     def __init__(self, channels: int, bins: int, width: int = FILTERS) -> None:
         super().__init__()
-        self.channels = channels
+        self.channels, self.bins = channels, bins
         layers: list[nn.Module] = []
         for inputs, size, stride in ((3, 3, 2), (width, 2, 1), (width, 2, 1), (width, 2, 1)):
             layers += [nn.Conv2d(inputs, width, size, stride), nn.BatchNorm2d(width), nn.ReLU()]
@@ -40,7 +41,9 @@ class DoaCnn(nn.Module):
             dense += [nn.Linear(before, after), nn.ReLU(), nn.Dropout(DROPOUT)]
         self.dense = nn.Sequential(*dense, nn.Linear(units[-1], bins))
 
-    def forward(self, features: torch.Tensor) -> torch.Tensor:
+    def forward(
+        self, features: Float[torch.Tensor, "batch 3 rows {self.channels**2}"]
+    ) -> Float[torch.Tensor, "batch 1 rows {self.bins}"]:
         batch, planes, rows, _ = features.shape
         matrix = features.permute(0, 2, 1, 3).reshape(batch * rows, planes, self.channels, self.channels)
         answer = self.dense(self.convolutions(matrix).flatten(1))  # (B R, U)

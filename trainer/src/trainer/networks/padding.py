@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import torch
+from jaxtyping import Float
 from torch.nn import functional
 
 
-def pad_to_multiple(image: torch.Tensor, multiple: int) -> torch.Tensor:
-    """[B, F, R', U'] zero-padded at the end of range and angle; pixel (0, 0) stays where it is."""
+def pad_to_multiple(
+    image: Float[torch.Tensor, "batch channels rows bins"], multiple: int
+) -> Float[torch.Tensor, "batch channels padded_rows padded_bins"]:
+    """Zero-padded at the end of range and angle to multiples; pixel (0, 0) stays where it is."""
     rows, bins = image.shape[-2:]
     return functional.pad(image, (0, -bins % multiple, 0, -rows % multiple))
 
 
-def crop_like(image: torch.Tensor, reference: torch.Tensor) -> torch.Tensor:
+def crop_like(
+    image: Float[torch.Tensor, "batch channels padded_rows padded_bins"],
+    reference: Float[torch.Tensor, "batch features rows bins"],
+) -> Float[torch.Tensor, "batch channels rows bins"]:
     """The part of ``image`` that :func:`pad_to_multiple` did not add to ``reference``."""
     return image[..., : reference.shape[-2], : reference.shape[-1]]

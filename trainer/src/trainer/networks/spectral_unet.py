@@ -11,6 +11,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 import torch
+from jaxtyping import Float
 from torch import nn
 from torch.nn import functional
 
@@ -27,12 +28,14 @@ class AngularMixing(nn.Module):
 
     def __init__(self, inputs: int, bins: int, hidden: int, outputs: int) -> None:
         super().__init__()
-        self.outputs = outputs
+        self.inputs, self.bins, self.outputs = inputs, bins, outputs
         self.project = nn.Linear(inputs * bins, hidden)
         self.mix = nn.Linear(hidden, hidden)
         self.expand = nn.Linear(hidden, outputs * bins)
 
-    def forward(self, features: torch.Tensor) -> torch.Tensor:
+    def forward(
+        self, features: Float[torch.Tensor, "batch {self.inputs} rows {self.bins}"]
+    ) -> Float[torch.Tensor, "batch {self.outputs} rows {self.bins}"]:
         batch, channels, rows, bins = features.shape
         row = features.permute(0, 2, 1, 3).reshape(batch, rows, channels * bins)
         row = functional.gelu(self.project(row))
@@ -63,7 +66,7 @@ class SpectralUNet(nn.Module):
         start: int | None = None,
     ) -> None:
         super().__init__()
-        self.outputs, self.start = outputs, start
+        self.inputs, self.bins, self.outputs, self.start = inputs, bins, outputs, start
         block = BLOCKS[blocks]
         self.mixing = AngularMixing(inputs, bins, hidden, max(MIXED, outputs))
         sizes = [width * 2**level for level in range(LEVELS)]
@@ -78,7 +81,9 @@ class SpectralUNet(nn.Module):
         self.decoder = nn.ModuleList(block(size) for size in sizes[-2::-1])
         self.head = nn.Conv2d(width, outputs, 1)
 
-    def forward(self, features: torch.Tensor) -> torch.Tensor:
+    def forward(
+        self, features: Float[torch.Tensor, "batch {self.inputs} rows {self.bins}"]
+    ) -> Float[torch.Tensor, "batch {self.outputs} rows {self.bins}"]:
         mixed = self.mixing(features)
         image = self.stem(pad_to_multiple(torch.cat([features, mixed], dim=1), 2 ** (LEVELS - 1)))
         skips: list[torch.Tensor] = []

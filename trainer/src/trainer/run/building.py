@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import torch
 from torch import nn
 
 from shared.signal.features import ADAPTIVE_CHANNELS, COMPRESSED, COVARIANCE_CHANNELS, PAPER_CHANNELS, ROW_CHANNELS
@@ -30,3 +31,8 @@ def build_network(config: FitConfig, bins: int, channels: int) -> nn.Module:
     # The adaptive spectrum is an answer of the "row" target's kind: a magnitude over its row's, compressed alike.
     start = ADAPTIVE_CHANNELS.index(COMPRESSED) if (config.features, config.target) == ("adaptive", "row") else None
     return SpectralUNet(inputs, outputs, bins, config.width, config.hidden, config.blocks, start)
+
+
+def lay_out(network: nn.Module, memory_format: torch.memory_format) -> None:
+    """Store the weights in the memory format of the images: the same numbers, another speed."""
+    network.to(memory_format=memory_format)  # type: ignore[call-overload]  # torch's declarations leave it out

@@ -12,13 +12,13 @@ from pathlib import Path
 
 import numpy as np
 import onnx
-import onnxruntime  # type: ignore[import-untyped]
+import onnxruntime
 import torch
 
 from shared.dataset.writing import write_bytes
 from shared.physics.errors import InputError
 from trainer.errors import TrainingStopped
-from trainer.run.building import CHANNELS
+from trainer.run.building import CHANNELS, lay_out
 from trainer.run.folder import load_imager
 from trainer.run.targets import UNITS
 
@@ -45,9 +45,9 @@ class Export:
 def export(run_directory: Path, out: Path) -> Export:
     """Write the run's network as ONNX, float32.
 
-    Input ``features`` [1, F, R, U], of the "doa-cnn" [1, 3, R, C * C]; output ``answer`` [1, 1 or 2, R, U]. The
-    features before and the decoding behind it are :mod:`shared.signal.features`, NumPy alone, and a power with the row's
-    scale and the gain; array, axes, gain and both names stand in the file's metadata under ``sparseradar``.
+    Input ``features`` [1, F, R, U], of the "doa-cnn" [1, 3, R, C * C]; output ``answer`` [1, 1 or 2, R, U].
+    :mod:`shared.signal.features`, NumPy alone, computes the features. The image follows from the answer by a power, the
+    row's scale and the gain. The file's metadata hold array, axes, gain and both names under ``sparseradar``.
 
     :raises InputError: no whole run, an output that cannot be written
     :raises TrainingStopped: onnxruntime disagrees with torch by more than :data:`TOLERANCE`; nothing is written
@@ -59,15 +59,21 @@ def export(run_directory: Path, out: Path) -> Export:
     snapshot = generator.standard_normal((1, run.radar.waveform.range_bins, run.radar.array.channels, 2))
     range_channel = torch.from_numpy(snapshot.astype(np.float32).view(np.complex64)[..., 0])
     features, _ = imager.features(range_channel, torch.ones(1))
-    network = imager.network.to(memory_format=torch.contiguous_format)
+    network = imager.network
+    lay_out(network, torch.contiguous_format)
     with warnings.catch_warnings():
         # The newer exporter needs another package and gives the same graph for these networks.
         warnings.simplefilter("ignore", DeprecationWarning)
         buffer = io.BytesIO()
         torch.onnx.export(
-            network, (features,), buffer, dynamo=False, opset_version=OPSET, input_names=["features"],
+            network,
+            (features,),
+            buffer,  # type: ignore[arg-type]  # declared for the newer exporter alone
+            dynamo=False,
+            opset_version=OPSET,
+            input_names=["features"],
             output_names=["answer"],
-        )  # fmt: skip
+        )
     model = onnx.load_model_from_string(buffer.getvalue())
     description = {
         "features": CHANNELS[run.config.features],

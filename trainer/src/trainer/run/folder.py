@@ -28,6 +28,7 @@ from shared.dataset.writing import write_bytes, write_json
 from shared.physics.errors import InputError
 from shared.radar import Radar, first_validation_error
 from trainer.data.arrays import ArrayChoice
+from trainer.run.building import lay_out
 from trainer.run.configuration import FitConfig
 from trainer.run.imager import Imager
 
@@ -135,7 +136,7 @@ def load_imager(directory: Path) -> tuple[Run, Imager]:
         if not torch.isfinite(tensors[name]).all():
             raise InputError(path, f"{name} has values that are not finite", "the weights of a run that trained")
     imager.network.load_state_dict(tensors)
-    imager.network.to(memory_format=torch.channels_last)
+    lay_out(imager.network, torch.channels_last)
     return run, imager.eval()
 
 

@@ -21,7 +21,7 @@ from trainer.run.targets import decode
 
 
 class Imager(nn.Module):
-    """A network together with what stands before and behind it.
+    """A network with the features before it and the decoding behind it.
 
     :param config: of the run
     :param radar: of the data
@@ -38,7 +38,7 @@ class Imager(nn.Module):
         super().__init__()
         self.config = config
         channels = array.channels(radar)
-        # None is a parameter or stored: all follow from radar and array.
+        # These buffers are neither trained nor stored: they follow from radar and array.
         self.register_buffer("channels", torch.from_numpy(channels), persistent=False)
         self.register_buffer("weights", torch.from_numpy(steering_weights(radar, channels)), persistent=False)
         if config.features == "adaptive":
@@ -68,7 +68,7 @@ class Imager(nn.Module):
             return adaptive_features(chosen, self.weights, noise_power, tables, iterations, exponent)
 
     def das(self, range_channel: torch.Tensor) -> torch.Tensor:
-        """[B, R, U] delay-and-sum magnitude of the same channels [sqrt(W)], what a network must beat."""
+        """[B, R, U] delay-and-sum magnitude of the same channels [sqrt(W)], the network's baseline."""
         return (range_channel[..., self.channels] @ self.weights).abs()
 
     def answer(self, features: torch.Tensor) -> torch.Tensor:

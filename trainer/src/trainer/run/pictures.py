@@ -23,7 +23,7 @@ PANEL_PIXELS = 320, 300
 """Height and width of a panel in the pictures."""
 
 
-def level_db(
+def range_weighted_db(
     image: NDArray[np.floating], span_db: float = SPAN_DB, reference: NDArray[np.floating] | None = None
 ) -> NDArray[np.float64]:
     """[R, U] level below the maximum of the image, or of a reference, weighted by range, from -``span_db`` on [dB].
@@ -65,7 +65,7 @@ def _draw(axis: Axes, levels_db: NDArray[np.floating], radar: Radar) -> AxesImag
 
 def panel(images: Mapping[str, NDArray[np.floating]]) -> NDArray[np.uint8]:
     """[R, n U, 3] colours of the images in one row, far range at the top, without axes."""
-    columns = [colormaps["magma"](1.0 + level_db(image)[::-1] / SPAN_DB)[..., :3] for image in images.values()]
+    columns = [colormaps["magma"](1.0 + range_weighted_db(image)[::-1] / SPAN_DB)[..., :3] for image in images.values()]
     return np.asarray(255.0 * np.concatenate(columns, axis=1), dtype=np.uint8)
 
 
@@ -78,7 +78,7 @@ def save_comparison(path: Path, frames: Mapping[str, Mapping[str, NDArray[np.flo
     for line, (title, images) in zip(axes, frames.items(), strict=True):
         reference = list(images.values())[-1]
         for axis, (name, image) in zip(line, images.items(), strict=True):
-            drawn = _draw(axis, level_db(image, reference=reference), radar)
+            drawn = _draw(axis, range_weighted_db(image, reference=reference), radar)
             if axis in axes[0]:
                 axis.set_title(name)
             if axis in axes[-1]:
@@ -94,7 +94,7 @@ def save_picture(path: Path, images: Mapping[str, NDArray[np.floating]], radar: 
     FigureCanvasAgg(figure)
     axes = figure.subplots(1, len(images), sharey=True, squeeze=False)[0]
     for axis, (name, image) in zip(axes, images.items(), strict=True):
-        drawn = _draw(axis, level_db(image), radar)
+        drawn = _draw(axis, range_weighted_db(image), radar)
         axis.set(title=name, xlabel="u = sin(azimuth)")
     axes[0].set_ylabel("range [m]")
     figure.colorbar(drawn, ax=axes, label="amplitude x range [dB below maximum]")
@@ -104,5 +104,5 @@ def save_picture(path: Path, images: Mapping[str, NDArray[np.floating]], radar: 
 
 def _save(figure: Figure, path: Path) -> None:
     with atomic(path) as partial:
-        # Without the version of matplotlib, so that the bytes do not depend on it.
+        # The file does not name the version of matplotlib, so that the bytes do not depend on it.
         figure.savefig(partial, format="png", dpi=100, metadata={"Software": None})

@@ -32,7 +32,7 @@ def predict(
     radar: str | None = None,
     split: str = "test",
     pictures: bool = True,
-    announce: Callable[[str], None] = print,
+    announce: Callable[[str], object] = print,
 ) -> int:
     """Image every frame into ``out``: ``images.parquet``, and a PNG with DaS beside it; returns the frames imaged.
 

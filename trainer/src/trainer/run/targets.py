@@ -34,7 +34,7 @@ def encode(
         lowest = image.amin(dim=(-2, -1), keepdim=True)
         span = image.amax(dim=(-2, -1), keepdim=True) - lowest
         return config.beta * (image - lowest) / torch.where(span > 0, span, 1.0)
-    # The quotient first, of two small numbers of one size: neither under- nor overflows.
+    # The quotient comes first: two small numbers of one size neither under- nor overflow.
     assert row_scale is not None
     quotient = image_peak.to(image.dtype)[:, None] / torch.where(row_scale > 0, row_scale, torch.inf)
     return (image * quotient[..., None]).pow(config.exponent)

@@ -47,7 +47,7 @@ TRIALS = 300
 
 @dataclass(frozen=True)
 class Score:
-    """What an imager is worth.
+    """Scores of an imager.
 
     :param nmse: of the linear image on the validation frames, with the one gain that errs least
     :param f1: on the validation frames, at the best level (:mod:`trainer.training.verdict`)
@@ -123,13 +123,13 @@ def table(
             scores = [_score(*load_imager(folder), datasets) for folder in folders]
             parameters = sum(parameter.numel() for parameter in imager.parameters())
             cells = [f"{parameters / 1e6:.2f} M", f"{giga_flops(imager, run.radar.waveform.range_bins):.1f}"]
-            cells += [_spread([best_validation(folder) for folder in folders]), *_cells(scores)[1:]]
-            cells += [_spread([found[key]["network"] for found in verdicts]) for key in ("nmse", "f1")]
+            cells += [_middle_and_spread([best_validation(folder) for folder in folders]), *_cells(scores)[1:]]
+            cells += [_middle_and_spread([found[key]["network"] for found in verdicts]) for key in ("nmse", "f1")]
             lines.append(_line([name, Path(array).stem, *cells]))
             for other in (other for other in arrays if other != array):
                 moved = [_score(run, behind(folder, other), datasets) for folder in folders]
                 elsewhere.append(_line([name, Path(array).stem, Path(other).stem, *_cells(moved)]))
-        # The same frames for all variants: the last one's baselines are everyone's.
+        # All variants have the same frames, and so the same baselines.
         for key, name in (("das", "delay and sum"), ("mean", "mean training image"), ("zero", "zero image")):
             cells = [f"{verdict[k][key]:.3f}" if key in verdict[k] else "" for k in ("nmse", "f1")]
             lines.append(_line([name, Path(array).stem, "", "", "", "", "", *cells]))
@@ -174,7 +174,7 @@ def _score(run: Run, imager: Imager, datasets: Sequence[Path]) -> Score:
             energy = np.sum(truth * truth, dtype=np.float64)
             projections.append(np.sum(image * truth, dtype=np.float64) / energy)
             energies.append(np.sum(image * image, dtype=np.float64) / energy)
-    # The error with the one gain that errs least, as in trainer.training.task.
+    # The error with the best single gain, as in trainer.training.task.
     error = 1.0 - np.mean(projections) ** 2 / np.mean(energies) if np.any(energies) else 1.0
     return Score(float(error), max(count.f1 for count in counts), _resolved(run, imager))
 
@@ -194,11 +194,11 @@ def _image(imager: Imager, snapshot: torch.Tensor, noise_power: torch.Tensor) ->
 
 
 def _cells(scores: Sequence[Score]) -> list[str]:
-    return [_spread([getattr(score, name) for score in scores]) for name in ("nmse", "f1", "resolved")]
+    return [_middle_and_spread([getattr(score, name) for score in scores]) for name in ("nmse", "f1", "resolved")]
 
 
-def _spread(values: Sequence[float]) -> str:
-    """The middle of the seeds, and how far the outermost are from it."""
+def _middle_and_spread(values: Sequence[float]) -> str:
+    """The middle between the least and the largest value, and half of their difference."""
     low, high = min(values), max(values)
     middle = f"{0.5 * (low + high):.3f}"
     return middle if len(values) == 1 else f"{middle} ± {0.5 * (high - low):.3f}"

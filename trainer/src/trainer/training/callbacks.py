@@ -14,6 +14,7 @@ from lightning.pytorch.loggers import TensorBoardLogger
 from shared.dataset.writing import atomic
 from trainer.run.folder import CHECKPOINT, METRICS, save_weights
 from trainer.run.pictures import panel
+from trainer.training.task import ImagingTask
 
 NMSE, LOSS = "validation_nmse", "validation_loss"
 COLUMNS = ("step", "train_loss", LOSS, NMSE, "validation_gain", "das_nmse")
@@ -29,7 +30,7 @@ class RunKeeper(Callback):
     :param announce: takes one line for each validation
     """
 
-    def __init__(self, directory: Path, announce: Callable[[str], None]) -> None:
+    def __init__(self, directory: Path, announce: Callable[[str], object]) -> None:
         self.directory, self.announce = directory, announce
         self.best = float("inf")
 
@@ -46,7 +47,7 @@ class RunKeeper(Callback):
         self.best = min(self.best, value)
         if trainer.is_global_zero:
             self._report(trainer, pl_module, values, improved)
-        # Last, so that a run killed before it takes up this validation again. All processes take part.
+        # The checkpoint comes last: a run that is killed before it repeats this validation. All processes take part.
         if trainer.is_global_zero:
             with atomic(self.directory / CHECKPOINT) as partial:
                 trainer.save_checkpoint(partial)
@@ -59,6 +60,7 @@ class RunKeeper(Callback):
         shown = "  ".join(f"{name} {row[name]:.4g}" for name in COLUMNS[1:] if name in row)
         self.announce(f"step {trainer.global_step}  {shown}{'  (best)' if improved else ''}")
         if improved:
+            assert isinstance(pl_module, ImagingTask)
             save_weights(self.directory, pl_module.imager, values.get("validation_gain", 1.0))
 
     def _append(self, row: dict[str, Any]) -> None:
@@ -85,6 +87,7 @@ class PictureLogger(Callback):
     ) -> None:
         if batch_idx or not trainer.is_global_zero or not isinstance(trainer.logger, TensorBoardLogger):
             return
+        assert isinstance(pl_module, ImagingTask)
         imager = pl_module.imager
         with torch.no_grad():
             snapshot = batch["range_channel"][:1, 0]

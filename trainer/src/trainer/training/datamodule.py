@@ -18,6 +18,7 @@ from trainer.data.order import BatchOrder
 from trainer.data.shards import ShardDataset
 from trainer.run.configuration import FitConfig
 from trainer.run.folder import Fingerprint, same_radar
+from trainer.training.task import ImagingTask
 
 COLUMNS = ("range_channel", "image")
 
@@ -66,6 +67,7 @@ class ImagingData(LightningDataModule):
         """From the batch on that the restored module has not seen yet."""
         trainer = self.trainer
         assert trainer is not None
+        assert isinstance(trainer.lightning_module, ImagingTask)
         world = trainer.world_size
         order = BatchOrder(
             [len(dataset) for dataset in self.training],
@@ -84,7 +86,7 @@ class ImagingData(LightningDataModule):
         return self._loader(self.validation, batch_size=1)
 
     def _loader(self, dataset: ConcatDataset, **arguments: Any) -> DataLoader:
-        # Not forked: Arrow's and torch's threads do not survive a fork.
+        # Spawned processes: the threads of Arrow and torch do not survive a fork.
         context = multiprocessing.get_context("spawn") if self.workers else None
         return DataLoader(
             dataset,

@@ -46,7 +46,7 @@ class DoaSamples(Dataset[Batch]):
         grid, channels = self.radar.grid, self.radar.array.channels
         echoes = manifold(self.radar.array.virtual[:, 1], self.radar.waveform.wavelength_m, grid.u)  # (C, U)
         shape = (self.rows, MOST_TARGETS)
-        # Distinct bins: the first of a permutation.
+        # The first bins of a permutation are distinct.
         place = np.argsort(generator.random((self.rows, grid.bins)), axis=1)[:, :MOST_TARGETS]
         present = np.arange(MOST_TARGETS) < generator.integers(1, MOST_TARGETS + 1, self.rows)[:, None]
         level_db = generator.uniform(0.0, AMPLITUDE_SPAN_DB, shape)
@@ -79,13 +79,14 @@ class DoaData(LightningDataModule):
     def train_dataloader(self) -> DataLoader:
         trainer = self.trainer
         assert trainer is not None
+        assert isinstance(trainer.lightning_module, DoaTask)
         world, rank = trainer.world_size, trainer.global_rank
         samples = DoaSamples(*self._samples, size=self._training * world, rows=self._rows)
         batches = [
             list(range((index * world + rank) * self.config.batch, (index * world + rank + 1) * self.config.batch))
             for index in range(self._training // self.config.batch)
         ]
-        return DataLoader(samples, batch_sampler=_From(batches, trainer.lightning_module.batches_seen))
+        return DataLoader(samples, batch_sampler=_UnseenBatches(batches, trainer.lightning_module.batches_seen))
 
     def val_dataloader(self) -> DataLoader:
         trainer = self.trainer
@@ -99,7 +100,7 @@ class DoaTask(ImagingTask):
     """Multi-label cross entropy of the angles that hold a target."""
 
     def training_step(self, batch: Batch, batch_index: int) -> torch.Tensor:
-        # Dropout too is a function of seed and batch, so that a resumed run goes on as if it had not been killed.
+        # Dropout depends on seed and batch alone: a resumed run then equals one that was never killed.
         torch.manual_seed((self.config.seed << 32) + self.batches_seen * self.trainer.world_size + self.global_rank)
         loss = self._loss(batch)
         self.batches_seen += 1
@@ -118,8 +119,8 @@ class DoaTask(ImagingTask):
         return losses.mean()
 
 
-class _From(list[list[int]]):
-    """A list of batches that starts at ``first`` and has the length of all: what a progress bar goes by."""
+class _UnseenBatches(list[list[int]]):
+    """The batches from ``first`` on; the length is that of all, which a progress bar needs."""
 
     def __init__(self, batches: list[list[int]], first: int) -> None:
         super().__init__(batches)

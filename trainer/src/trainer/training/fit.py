@@ -33,7 +33,7 @@ DEVELOPER_ADVICE = (
     ".*does not have many workers.*",
     ".*smaller than the logging interval.*",
     ".*treespec.*",
-    # It is: BatchOrder starts at the first batch that the checkpoint has not seen.
+    # The loader is resumable: BatchOrder starts at the first batch that the checkpoint has not seen.
     ".*your dataloader is not resumable.*",
 )
 """Warnings of Lightning that no user of this package can act on."""
@@ -49,7 +49,7 @@ def fit(
     workers: int = 0,
     check: bool = True,
     devices: int = 1,
-    announce: Callable[[str], None] = print,
+    announce: Callable[[str], object] = print,
 ) -> Run:
     """Train one network, keep it in ``out`` and score it on the test frames (:mod:`trainer.training.verdict`).
 
@@ -87,7 +87,7 @@ def fit(
     callbacks: list[Callback] = [RunKeeper(out, announce), *([] if online else [PictureLogger()])]
     if config.patience:
         watched = LOSS if UNITS[config.target] == PROBABILITY else NMSE
-        # Not strict: without a truth in any validation frame there is no normalised error, and no early stop.
+        # strict=False: without a truth in any validation frame there is no normalised error, and no early stop.
         callbacks.append(EarlyStopping(watched, patience=config.patience, strict=False))
     batches = config.steps * config.accumulate
     with _quiet():
@@ -117,7 +117,7 @@ def fit(
     except SystemExit:
         if trainer.state.status != TrainerStatus.INTERRUPTED:
             raise
-        # Lightning turns Ctrl-C into an exit without a word.
+        # Lightning turns Ctrl-C into an exit without a message.
         raise KeyboardInterrupt from None
     except (pickle.UnpicklingError, EOFError, KeyError) as error:
         if checkpoint is None:
@@ -130,7 +130,7 @@ def fit(
 
 
 def _prepare(out: Path, run: Run, resume: bool) -> None:
-    """Make the folder ready, or see that the run in it is this one."""
+    """Make the folder, or check that the run in it is this one."""
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -158,7 +158,7 @@ def _same(out: Path, part: str, before: object, now: object) -> None:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Lightning's advice to developers is no message for a user; its warnings of real trouble stay."""
+    """Hide Lightning's advice to developers; its other warnings stay."""
     logger = logging.getLogger("lightning.pytorch")
     level = logger.level
     logger.setLevel(logging.WARNING)

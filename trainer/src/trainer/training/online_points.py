@@ -1,4 +1,4 @@
-"""Point targets made while training: as many snapshots with a known truth as a network wants.
+"""Point targets simulated while training: any number of snapshots with a known truth.
 
 A scene fills few of its range bins with echoes that can be told apart, and a dataset ends. Here every training frame is
 accompanied by crops of random point targets, seen by the input array and by the virtual sensor at once. An echo of
@@ -36,7 +36,9 @@ NEIGHBOURS = range(-3, 5)
 
 @dataclass(frozen=True)
 class PointCrops:
-    """:param range_channel: [B, R, C] complex64, noise power 1
+    """Crops of B places.
+
+    :param range_channel: [B, R, C] complex64, noise power 1
     :param image: [B, R, U] truth relative to its peak
     :param image_peak: [B] float64, that peak; 1 where a crop is empty
     """
@@ -65,7 +67,7 @@ class OnlinePoints:
         drawn = [self._draw(np.random.default_rng([seed, step, 1, place]), rows) for place in places]
         row, u, amplitude, noise = zip(*drawn, strict=True)
         crop = np.repeat(np.arange(len(drawn)), [len(part) for part in row])
-        return self._see(
+        return self._snapshots_and_truth(
             crop, np.concatenate(row), np.concatenate(u), np.concatenate(amplitude),
             torch.from_numpy(np.stack(noise)).to(device),
         )  # fmt: skip
@@ -79,11 +81,11 @@ class OnlinePoints:
         level_db = generator.uniform(*STRONGEST_DB) - generator.uniform(0.0, SPAN_DB, count)
         amplitude = 10.0 ** (level_db / 20.0) * np.exp(2j * np.pi * generator.random(count))
         noise = generator.standard_normal((rows, self._channels, 2), dtype=np.float32) * np.float32(np.sqrt(0.5))
-        # From one row outside on: a neighbour's echo reaches into the crop.
+        # Targets start one row outside the crop: their echoes reach into it.
         row, u = generator.uniform(-1.0, rows, count), generator.uniform(-1.0, 1.0, count)
         return row, u, amplitude, noise.view(np.complex64)[..., 0]
 
-    def _see(
+    def _snapshots_and_truth(
         self,
         crop: NDArray[np.int_],
         row: NDArray[np.float64],
@@ -91,10 +93,10 @@ class OnlinePoints:
         amplitude: NDArray[np.complex128],
         noise: torch.Tensor,
     ) -> PointCrops:
-        """Both arrays' view of targets [n] in ``noise`` [B, R, C]."""
+        """Snapshots of the input array with ``noise`` [B, R, C], and the virtual sensor's image, of targets [n]."""
         crops, rows, channels = noise.shape
         device = noise.device
-        # Less than a thousand radians: float32 keeps the phase to 1e-4.
+        # float32 keeps phases below a thousand radians to 1e-4.
         phase = torch.from_numpy(-u[:, None] * self._phase).float().to(device)
         echo = torch.polar(torch.ones_like(phase), phase)  # (n, C + V)
         seen = torch.zeros(crops * rows, echo.shape[1], dtype=torch.complex64, device=device)

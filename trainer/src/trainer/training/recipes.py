@@ -21,7 +21,7 @@ GPU: Changes = {
 
 RECIPES: dict[str, Changes] = {
     "recommended": {},
-    # The paper's own.
+    # The recipe of the paper.
     "paper": {
         "model": "attention-unet", "features": "paper", "target": "paper", "width": 64, "rows": 0, "batch": 2,
         "accumulate": 4, "learning_rate": 1e-4, "foreground": 0.0, "augment": False, "points": 0,

@@ -1,4 +1,4 @@
-"""One optimiser step and one validation, as Lightning wants them told."""
+"""One optimiser step and one validation, as a Lightning module."""
 
 from __future__ import annotations
 
@@ -7,10 +7,12 @@ from typing import Any
 
 import torch
 from lightning.pytorch import LightningModule
+from lightning.pytorch.utilities.types import OptimizerLRScheduler
 
 from shared.radar import Radar
 from trainer.data.arrays import ArrayChoice
 from trainer.errors import TrainingStopped
+from trainer.run.building import lay_out
 from trainer.run.configuration import FitConfig
 from trainer.run.imager import Imager
 from trainer.run.targets import decode, encode
@@ -27,7 +29,9 @@ Batch = dict[str, torch.Tensor]
 
 
 class ImagingTask(LightningModule):
-    """Trains an :class:`Imager`. All randomness follows from (seed, batch index), see :mod:`trainer.training.augmentation`.
+    """Trains an :class:`Imager`. All randomness follows from seed and batch index.
+
+    See :mod:`trainer.training.augmentation`.
 
     :param truth_window: of the datasets, for the truth of online point targets
     """
@@ -37,7 +41,7 @@ class ImagingTask(LightningModule):
         self.config = config
         torch.manual_seed(config.seed)
         self.imager = Imager(config, radar, array)
-        self.imager.network.to(memory_format=torch.channels_last)
+        lay_out(self.imager.network, torch.channels_last)
         self._augment = AngularAugmentation(radar)
         self._points = OnlinePoints(radar, truth_window) if config.points else None
         self.batches_seen = 0
@@ -93,10 +97,10 @@ class ImagingTask(LightningModule):
         self.log("validation_gain", gain, sync_dist=True)
         self.log("validation_nmse", 1.0 - gain * projection / len(self._projections), sync_dist=True)
 
-    def configure_optimizers(self) -> dict[str, Any]:
+    def configure_optimizers(self) -> OptimizerLRScheduler:
         config = self.config
-        # One pass over the weights in place of several: 0.034 s instead of 0.36 s for the DoA CNN's 38 million (AdamW's
-        # step alone, torch 2.13, one thread), half of its training step.
+        # fused passes over the weights once: AdamW's step takes 0.034 s instead of 0.36 s for the DoA CNN's 38 million
+        # (torch 2.13, one thread), half of its training step.
         optimizer = torch.optim.AdamW(
             self.imager.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay, fused=True
         )

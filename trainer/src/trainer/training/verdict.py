@@ -1,4 +1,4 @@
-"""What a finished run is worth: its network against what costs nothing, on frames that no choice was made on.
+"""Scores of a finished run: its network against baselines that need no training, on frames that no choice used.
 
 The test split is imaged by the network, by delay-and-sum of the same channels, by nothing (zero) and by the mean of the
 training images. Two numbers each:
@@ -32,7 +32,7 @@ from trainer.metrics.detection import D_MAX_BINS, Counts, count_one_to_one, tota
 from trainer.metrics.image import nmse, nmse_best_scaled
 from trainer.run.folder import load_imager, same_radar
 from trainer.run.imager import Imager
-from trainer.run.pictures import level_db, save_comparison
+from trainer.run.pictures import range_weighted_db, save_comparison
 from trainer.run.targets import AMPLITUDE, PROBABILITY, UNITS
 
 VERDICT = "verdict.json"
@@ -54,7 +54,7 @@ METHODS = ("network", "das", "zero", "mean")
 SCORED = ("validation", "test")
 
 Image = NDArray[np.float32]
-Peaks = NDArray[np.float64]
+RowPeaks = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class _Scored:
 
 
 def judge(
-    run_directory: Path, datasets: Sequence[Location | str], announce: Callable[[str], None] = print
+    run_directory: Path, datasets: Sequence[Location | str], announce: Callable[[str], object] = print
 ) -> Verdict | None:
     """Score a run on its datasets' test frames; writes ``verdict.json`` and ``pictures/test.png`` into its folder.
 
@@ -153,19 +153,19 @@ def judge(
     return verdict
 
 
-def row_peaks(image: Image, lowest_db: float) -> Peaks:
+def row_peaks(image: Image, lowest_db: float) -> RowPeaks:
     """[n, 3] range bin, angle bin and level [dB] of the peaks along u of each range bin, down to ``lowest_db``."""
-    level = level_db(image, PROMINENCE_DB - lowest_db)
+    level = range_weighted_db(image, PROMINENCE_DB - lowest_db)
     found = []
     for row in np.flatnonzero(level.max(axis=1) >= lowest_db):
-        # Padded with the floor, so that a maximum at the image's edge is a peak too.
+        # The padding makes a maximum at the image's edge a peak too.
         padded = np.pad(level[row], 1, constant_values=lowest_db - PROMINENCE_DB)
         columns = find_peaks(padded, height=lowest_db, prominence=PROMINENCE_DB)[0] - 1
         found.append(np.stack([np.full(len(columns), row), columns, level[row, columns]], axis=1))
     return np.concatenate(found) if found else np.empty((0, 3))
 
 
-def count_matches(estimate: Image, truth: Peaks) -> list[Counts]:
+def count_matches(estimate: Image, truth: RowPeaks) -> list[Counts]:
     """Counts of an image against the peaks of its truth, at each of :data:`THRESHOLDS_DB`."""
     peaks = row_peaks(estimate, THRESHOLDS_DB[0])
     rows = np.union1d(peaks[:, 0], truth[:, 0])
@@ -188,7 +188,7 @@ def _mean_image(folders: Sequence[Location]) -> Image:
     images = []
     for folder in folders:
         frames = ShardDataset(folder, "train", ("image",))
-        images += [frames[index]["image"].numpy() for index in _spread(len(frames))]
+        images += [frames[index]["image"].numpy() for index in _evenly_spaced(len(frames))]
     return np.asarray(np.mean(images, axis=0), dtype=np.float32)
 
 
@@ -198,18 +198,19 @@ def _frames(imager: Imager, folders: Sequence[Location], split: str, mean: Image
         if split not in open_dataset(folder, check_sizes=False).splits:
             continue
         frames = ShardDataset(folder, split)
-        for index in _spread(len(frames)):
+        for index in _evenly_spaced(len(frames)):
             frame = frames[index]
             snapshot, noise = frame["range_channel"][:1].to(device), frame["noise_power"][None].to(device)
             peak = float(frame["image_peak"]) or 1.0
             with torch.inference_mode():
-                network, das = (image[0].cpu().numpy() for image in (imager(snapshot, noise), imager.das(snapshot)))
+                network = np.asarray(imager(snapshot, noise)[0].cpu().numpy(), dtype=np.float32)
+                das = np.asarray(imager.das(snapshot)[0].cpu().numpy(), dtype=np.float32)
             if UNITS[imager.config.target] == AMPLITUDE:
                 network = network / np.float32(peak)
             images = {"network": network, "das": das / np.float32(peak), "mean": mean}
             yield _Scored(f"{folder_name(folder)}, frame {int(frame['frame_id'])}", frame["image"].numpy(), images)
 
 
-def _spread(frames: int) -> list[int]:
+def _evenly_spaced(frames: int) -> list[int]:
     """At most :data:`MOST_FRAMES` indices, evenly spaced over all."""
     return sorted({int(index) for index in np.linspace(0, frames - 1, min(frames, MOST_FRAMES))})

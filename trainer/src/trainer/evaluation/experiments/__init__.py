@@ -1,1 +1,1 @@
-"""The experiments of ``trainer evaluate``, and the comparison that decided the defaults of ``trainer fit``."""
+"""The experiments of ``trainer evaluate``."""

@@ -25,7 +25,7 @@ KEPT = 2
 """Frames or simulated scenes that an experiment holds while its contenders take turns."""
 
 
-class Settings(BaseModel):
+class EvaluationConfig(BaseModel):
     """How much is computed.
 
     :param frames: most frames of the test split that are scored, 50 as in the paper
@@ -77,7 +77,7 @@ class Bench:
     frames: tuple[FrameRef, ...]
     training_scenes: frozenset[str]
     contenders: tuple[Contender, ...]
-    settings: Settings
+    config: EvaluationConfig
     seconds: Mapping[tuple[str, str], float] = field(default_factory=dict)
     measured: Path | None = None
 
@@ -164,7 +164,7 @@ def mean_row(
     """
     values = np.asarray(samples, dtype=np.float64)
     values = values[np.isfinite(values)]
-    found = bootstrap_mean(values, bench.settings.seed) if len(values) else UNDEFINED
+    found = bootstrap_mean(values, bench.config.seed) if len(values) else UNDEFINED
     return _row(experiment, contender, metric, condition, found, len(values))
 
 
@@ -180,7 +180,7 @@ def ratio_row(
     """A row of a ratio of sums over frames with its bootstrap interval over the frames; NaN where the whole is
     nothing."""
     part, whole = np.asarray(parts, dtype=np.float64), np.asarray(wholes, dtype=np.float64)
-    found = bootstrap_ratio(part, whole, bench.settings.seed) if whole.sum() > 0 else UNDEFINED
+    found = bootstrap_ratio(part, whole, bench.config.seed) if whole.sum() > 0 else UNDEFINED
     return _row(experiment, contender, metric, condition, found, len(whole))
 
 

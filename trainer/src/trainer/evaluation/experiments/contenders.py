@@ -123,12 +123,12 @@ def gather(
     places = [(kind, run.array.rx) for (_, run, _), kind in zip(loaded, kinds, strict=True)]
     networks: list[tuple[int, str, int, Contender]] = []
     for (path, run, imager), place in zip(loaded, places, strict=True):
-        # Two networks of one kind on one array are told apart by their folders.
+        # Folders tell two networks of one kind on one array apart.
         label = place[0] if places.count(place) == 1 else f"{place[0]}:{path.resolve().name}"
         array = next(array for array in arrays if array.rx == run.array.rx)
         network = _network(label, array, path, run, imager)
         networks.append((chosen.index(place[0]), label, arrays.index(array), network))
-    # One method's arrays beside each other, whatever the order of the runs.
+    # The arrays of one method stand beside each other, whatever the order of the runs.
     contenders += [network for *_, network in sorted(networks, key=lambda entry: entry[:3])]
     names = [contender.name for contender in contenders]
     if same := [name for index, name in enumerate(names) if name in names[:index]]:
@@ -174,7 +174,7 @@ def _network(label: str, array: ArrayChoice, path: Path, run: Run, imager: Image
     content = hashlib.sha256((path / RUN_FILE).read_bytes() + (path / WEIGHTS).read_bytes()).hexdigest()
     return Contender(
         label, array, channels, line_array(run.radar, channels), parameters, UNITS[run.config.target],
-        # It takes range bins one by one, and trains on samples of its own: of its datasets it took the radar alone.
+        # A "cnn" images range bins one by one. It trains on its own samples and takes only the radar from its datasets.
         of_angles, digest(["run", content, device]), () if of_angles else run.datasets,
         partial(_network_image, imager, device), device,
     )  # fmt: skip

@@ -89,7 +89,7 @@ class Doppler:
                                   counts[:, index, column], total)
                     )  # fmt: skip
         rows = [float(np.any(f.velocity[1:] != f.velocity[0], axis=0).sum()) for f in map(load_frame, frames)]
-        # A property of the data, the same for all; kept with the first contender's array.
+        # The number is a property of the data, the same for all contenders; the first one's row holds it.
         found.append(mean_row(bench, self.name, bench.contenders[0], "range bins with a second peak", "", rows))
         return found
 
@@ -98,7 +98,7 @@ class Doppler:
         images = results[contender.method, contender.array.name, ref.condition]["images"].astype(np.float64)
         frame, radar = read_frame(ref.path, ref.row), bench.radar
         shown = images if contender.unit == PROBABILITY else np.stack([range_weighted(image) for image in images])
-        # Where a range bin has fewer peaks, the dataset repeats the strongest: what is seen twice is shown once.
+        # Where a range bin has fewer peaks, the dataset repeats the strongest; the figure shows it once.
         shown[1:][frame.velocity[1:] == frame.velocity[0]] = 0.0
         reference = float(shown.max())
         title = f"{self.title}: {ref.scene}, frame {ref.frame_id}, {contender.name}"
@@ -200,9 +200,9 @@ def _draw_range_doppler(axis: Axes, frame: Frame, radar: Radar) -> None:
     else:
         magnitude = np.abs(frame.range_channel).mean(axis=2) * np.arange(waveform.range_bins)
         levels = level_db(magnitude, float(magnitude.max()))
-        order = np.argsort(levels, axis=None)
-        where = frame.velocity.ravel()[order], np.broadcast_to(ranges, levels.shape).ravel()[order]
-        axis.scatter(*where, c=levels.ravel()[order], s=3, cmap="magma")
+        rising = np.argsort(levels, axis=None)
+        where = frame.velocity.ravel()[rising], np.broadcast_to(ranges, levels.shape).ravel()[rising]
+        axis.scatter(*where, c=levels.ravel()[rising], s=3, cmap="magma")
         axis.set_facecolor("black")
         axis.set_title("Doppler peaks")
         axis.set_xlim(velocities[0], velocities[-1])

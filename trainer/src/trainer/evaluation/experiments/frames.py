@@ -64,7 +64,7 @@ def one_of_each_scene(refs: Sequence[FrameRef], count: int) -> tuple[FrameRef, .
     for ref in refs:
         scenes.setdefault(ref.scene, []).append(ref)
     turns = sorted(
-        ((turn, order, ref) for order, of_scene in enumerate(scenes.values()) for turn, ref in enumerate(of_scene)),
+        ((turn, place, ref) for place, of_scene in enumerate(scenes.values()) for turn, ref in enumerate(of_scene)),
         key=lambda entry: entry[:2],
     )
     return tuple(ref for _, _, ref in turns[:count])

@@ -131,7 +131,7 @@ def read_snapshot(path: Path) -> NDArray[np.complex128]:
     if not path.is_file() or path.suffix not in (".mat", ".npy"):
         raise InputError("--measured", f"{path}", "a .mat or .npy file with one complex vector")
     try:
-        # Never a pickled object: a file from elsewhere must not run code.
+        # No pickled objects: a file from elsewhere must not run code.
         if path.suffix == ".npy":
             found = {"array": np.load(path, allow_pickle=False)}
         else:

@@ -45,8 +45,8 @@ class NoiseOnly:
         return None if _judged(bench) else "every image is relative to its own peak"
 
     def tasks(self, bench: Bench) -> Sequence[Task]:
-        seed = bench.settings.seed
-        count = min(FRAMES, bench.settings.trials)
+        seed = bench.config.seed
+        count = min(FRAMES, bench.config.trials)
 
         @lru_cache(maxsize=KEPT)
         def frame(index: int) -> NDArray[np.complex64]:

@@ -66,7 +66,7 @@ class CylinderSpread:
         return out_of_sight(bench.radar, RANGE_M)
 
     def tasks(self, bench: Bench) -> Sequence[Task]:
-        seed = bench.settings.seed
+        seed = bench.config.seed
 
         @lru_cache(maxsize=KEPT)
         def scene(index: int) -> NDArray[np.complex64]:

@@ -66,7 +66,7 @@ class Reflectors:
         return out_of_sight(bench.radar, RANGE_M)
 
     def tasks(self, bench: Bench) -> Sequence[Task]:
-        count, seed = min(bench.settings.trials, MOST_REALISATIONS), bench.settings.seed
+        count, seed = min(bench.config.trials, MOST_REALISATIONS), bench.config.seed
 
         @lru_cache(maxsize=KEPT)
         def scene(index: int) -> NDArray[np.complex64]:
@@ -84,7 +84,7 @@ class Reflectors:
         return [*tasks, radar_task(bench, "truth", "realisation=0", seed, partial(_truth, bench.radar, seed))]
 
     def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
-        count = min(bench.settings.trials, MOST_REALISATIONS)
+        count = min(bench.config.trials, MOST_REALISATIONS)
         middle, places = close_up(bench.radar, RANGE_M)[1], _places(bench.radar)
         found = []
         for contender in bench.contenders:

@@ -76,15 +76,15 @@ class Resolution:
         return None
 
     def tasks(self, bench: Bench) -> Sequence[Task]:
-        settings = bench.settings
+        config = bench.config
 
         @lru_cache(maxsize=KEPT)
         def trials(index: int) -> Trials:
-            return simulate(bench.radar, (*PAIRS, *SINGLES)[index], settings.trials, [settings.seed, 20, index])
+            return simulate(bench.radar, (*PAIRS, *SINGLES)[index], config.trials, [config.seed, 20, index])
 
         return [
             contender_task(
-                bench, contender, str(condition), [settings.seed, settings.trials, index],
+                bench, contender, str(condition), [config.seed, config.trials, index],
                 partial(locate_targets, bench.radar, contender, partial(trials, index)),
             )
             for index, condition in enumerate((*PAIRS, *SINGLES))

@@ -125,23 +125,23 @@ class Robustness:
         return None
 
     def tasks(self, bench: Bench) -> Sequence[Task]:
-        settings = bench.settings
-        images = -(-settings.trials // len(trial_rows(bench.radar)))
+        config = bench.config
+        images = -(-config.trials // len(trial_rows(bench.radar)))
 
         @lru_cache(maxsize=KEPT)
         def sensor(impairment: Impairment, image: int) -> Trials:
             """One image; the same targets and noise whatever the impairment."""
-            seed = [settings.seed, 30, image]
+            seed = [config.seed, 30, image]
             snr = impairment.size if impairment.kind == "SNR" else SNR_DB
             arrays = None
             if impairment.kind == "RX position error":
-                generator = np.random.default_rng([settings.seed, 31, image])
+                generator = np.random.default_rng([config.seed, 31, image])
                 arrays = [displaced(bench.radar.array, impairment.size, generator) for _ in trial_rows(bench.radar)]
             return simulate(bench.radar, Condition(SEPARATION_CELLS, snr), 1, seed, arrays)
 
         return [
             contender_task(
-                bench, contender, f"{impairment},image={image}", [settings.seed, image],
+                bench, contender, f"{impairment},image={image}", [config.seed, image],
                 partial(_score, bench, contender, impairment, image, partial(sensor, impairment, image)),
             )
             for impairment in impairments()
@@ -179,7 +179,7 @@ class Robustness:
         for line, metric in enumerate(METRICS):
             axes[line, 0].set_ylabel(metric)
         axes[0, 0].set_ylim(-0.03, 1.03)
-        # Linear below one, to show none.
+        # The scale is linear below one, so that zero has a place.
         axes[1, 0].set_yscale("symlog", linthresh=1.0)
         axes[1, 0].set_ylim(bottom=-0.03)
         legend_below(figure, [*look.method_handles(), *look.array_handles()])
@@ -198,16 +198,16 @@ def _samples(
     bench: Bench, results: Results, contender: Contender, impairment: Impairment, metric: str
 ) -> NDArray[np.float64]:
     """[trials] of all images of a condition."""
-    images = -(-bench.settings.trials // len(trial_rows(bench.radar)))
+    images = -(-bench.config.trials // len(trial_rows(bench.radar)))
     keys = [(contender.method, contender.array.name, f"{impairment},image={image}") for image in range(images)]
     return np.concatenate([results[key][metric].astype(np.float64) for key in keys])
 
 
 def _score(bench: Bench, contender: Contender, impairment: Impairment, image: int, sensor: partial[Trials]) -> Values:
     trials, radar = sensor(), bench.radar
-    generator = np.random.default_rng([bench.settings.seed, 32, image])
+    generator = np.random.default_rng([bench.config.seed, 32, image])
     sensors = np.stack([channel_factors(impairment, radar.array, contender.array, generator) for _ in trials.rows])
-    # What lies between two pairs is seen by the sensor of the nearer one.
+    # The range bins between two pairs have the sensor of the nearer pair.
     nearest = np.abs(np.arange(radar.waveform.range_bins)[:, None] - trials.rows).argmin(axis=1)
     factors = sensors[nearest]  # (R, C)
     seen = replace(trials, snapshots=(trials.snapshots * factors).astype(np.complex64))

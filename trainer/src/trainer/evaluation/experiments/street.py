@@ -65,7 +65,7 @@ class Street:
 
 def shown_frames(bench: Bench) -> tuple[FrameRef, ...]:
     """The frames that report and figure show."""
-    return one_of_each_scene(bench.frames, bench.settings.shown)
+    return one_of_each_scene(bench.frames, bench.config.shown)
 
 
 def _levels(contender: Contender, ref: FrameRef) -> Values:

@@ -34,7 +34,7 @@ class ReportFrame:
 
     :param name: shown in the list
     :param row: range bin where the cut starts
-    :param images: [R, U] bytes of levels (:func:`trainer.evaluation.report.levels.to_bytes`) by name, "truth" among them
+    :param images: by name, [R, U] bytes of levels (:func:`trainer.evaluation.report.levels.to_bytes`); one is "truth"
     """
 
     name: str
@@ -96,7 +96,7 @@ def report_page(
         "figures": "\n".join(_figure(figure) for figure in figures),
         "data": text,
     }
-    # The page is cut at its marks once, so that nothing inside a part is taken for a mark.
+    # One split at the marks of the page: text inside a part that looks like a mark stays text.
     pieces = page.split("{{")
     filled = [pieces[0]]
     for piece in pieces[1:]:
@@ -117,6 +117,6 @@ def _figure(figure: ReportFigure) -> str:
 def _png(levels: NDArray[np.uint8]) -> str:
     """Base64 of a grey PNG whose red channel is ``levels``, row 0 first."""
     buffer = io.BytesIO()
-    # Colours as they are: through a colour map, one level in twelve would come out one lower.
+    # The values are stored as they are: a colour map would lower one level in twelve by one.
     imsave(buffer, np.repeat(levels[..., None], 3, axis=-1), format="png")
     return base64.b64encode(buffer.getvalue()).decode()

@@ -20,10 +20,8 @@ from numpy.typing import NDArray
 from shared.dataset.writing import write_bytes
 from shared.physics.units import amplitude_to_db
 from shared.radar import Radar
-from trainer.run.pictures import hold_peaks
+from trainer.run.pictures import SPAN_DB, hold_peaks
 
-SPAN_DB = 40.0
-"""Levels shown below the reference [dB]."""
 COLOURS = (
     "#0072b2",
     "#d55e00",
@@ -44,7 +42,7 @@ MARKERS = ("o", "s", "^", "D")
 TRUTH_COLOUR = "black"
 PANEL_PIXELS = 260, 220
 """Height and width of a panel of :func:`trainer.evaluation.report.panels.image_panels`, 2.4 x 2 inches, in the PNG."""
-SETTINGS: dict[Any, Any] = {
+STYLE: dict[Any, Any] = {
     "font.size": 9.0,
     "axes.titlesize": 9.0,
     "axes.grid": False,
@@ -52,7 +50,7 @@ SETTINGS: dict[Any, Any] = {
     "axes.spines.right": False,
     "legend.frameon": False,
     "figure.dpi": 110.0,
-    # Element names in SVG files would be random otherwise.
+    # Matplotlib names the elements of SVG files at random without it.
     "svg.hashsalt": "trainer",
 }
 
@@ -80,7 +78,7 @@ class Look:
         return [Line2D([], [], color=self.colour(name), lw=2.5, label=name) for name in self.methods]
 
     def weight(self, method: str) -> float:
-        """Line width, broader for the first method: DaS is also the curve that others fall on."""
+        """Line width; the first method, DaS, has a broad line that stays visible below others."""
         return 3.2 if self.methods.index(method) == 0 else 1.3
 
     def array_handles(self, lines: bool = True, markers: bool = True) -> list[Line2D]:
@@ -109,7 +107,7 @@ def counted(count: int, noun: str) -> str:
 
 def new_figure(width: float, height: float, title: str) -> Figure:
     """An empty figure, inches; independent of what else runs in the process."""
-    with matplotlib.rc_context(SETTINGS):
+    with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(width, height), layout="constrained")
         FigureCanvasAgg(figure)
         figure.suptitle(title, fontsize=10.0)
@@ -118,7 +116,7 @@ def new_figure(width: float, height: float, title: str) -> Figure:
 
 def subplots(figure: Figure, rows: int, columns: int, **arguments: Any) -> NDArray[np.object_]:
     """[rows, columns] axes in the common style."""
-    with matplotlib.rc_context(SETTINGS):
+    with matplotlib.rc_context(STYLE):
         return np.asarray(figure.subplots(rows, columns, squeeze=False, **arguments))
 
 
@@ -161,8 +159,8 @@ def label_images(axes: NDArray[np.object_]) -> None:
 def save_figure(figure: Figure, directory: Path, name: str) -> bytes:
     """Write ``name.png`` and ``name.svg``, whole or not at all; returns the PNG. Same figure, same bytes."""
     content = {}
-    with matplotlib.rc_context(SETTINGS):
-        # Laid out once for both: the layout takes longer than the drawing.
+    with matplotlib.rc_context(STYLE):
+        # One layout serves both files: it takes longer than the drawing.
         figure.draw_without_rendering()
         figure.set_layout_engine("none")
         for kind, metadata in (("png", {"Software": None}), ("svg", {"Date": None, "Creator": None})):
