@@ -210,7 +210,7 @@ def test_every_reference_stage_is_a_scene_or_one_line() -> None:
             refused += 1
             continue
         read_count += 1
-        names = [item.name for item in (*scene.objects, *scene.targets)]
+        names = [item.name for item in scene.objects] + [target.name for target in scene.targets]
         assert len(set(names)) == len(names)
         assert np.isfinite(scene.bounds()).all()
     # Nine files of materials alone, six that refer to a file kept elsewhere, one mesh without points.
