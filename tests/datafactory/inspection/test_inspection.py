@@ -113,12 +113,12 @@ def test_the_top_view_has_the_targets_at_x_and_y_in_the_colours_of_the_images():
     frame = make_frame(1)
     (axis,) = (axis for axis in draw_frame(frame, RADAR).axes if axis.get_title().endswith("from above"))
     points, objects = axis.collections
-    positions = points.get_offsets()  # (y, x), the strongest drawn last
+    positions = np.asarray(points.get_offsets(), dtype=float)  # (y, x), the strongest drawn last
     np.testing.assert_allclose(np.hypot(*positions.T), [2.0, frame.targets[0].range_m])
     np.testing.assert_allclose(positions[:, 0], [-1.0, frame.targets[0].range_m * frame.targets[0].u])
     loss = 30.0 + 20.0 * np.log10(frame.targets[0].range_m / 2.0)
-    np.testing.assert_allclose(points.get_array(), [-loss, 0.0], atol=1e-4)
-    assert len(objects.get_offsets()) == 1
+    np.testing.assert_allclose(np.asarray(points.get_array()), [-loss, 0.0], atol=1e-4)
+    assert len(np.asarray(objects.get_offsets())) == 1
 
 
 def test_the_title_names_the_frame_and_the_weight():

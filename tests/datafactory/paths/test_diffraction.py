@@ -247,7 +247,8 @@ def test_a_rough_face_reflects_less_at_its_rim_too():
 
 
 def bistatic(of: MergedScene, tx, rx, polarization="V"):
-    edges = edges_of(of).seen_from(replace(HOME, position=tuple(float(v) for v in tx)))
+    x, y, z = (float(value) for value in tx)
+    edges = edges_of(of).seen_from(replace(HOME, position=(x, y, z)))
     observer = np.array(rx, dtype=float) - np.array(tx)
     rays = rays_over_edges(edges, RADAR, observer, WAVELENGTH_M)
     field = field_over_edges(

@@ -28,7 +28,8 @@ def mesh(vertices, triangles, velocity=(0.0, 0.0, 0.0)) -> MergedMesh:
 
 def plate(y: tuple[float, float], z: tuple[float, float], strips: int = 1) -> MergedMesh:
     """A rectangle at x = DISTANCE_M, of strips with vertices of their own."""
-    vertices, triangles = [], []
+    vertices: list[tuple[float, float, float]] = []
+    triangles: list[tuple[int, int, int]] = []
     edges = np.linspace(*y, strips + 1)
     for left, right in itertools.pairwise(edges):
         first = len(vertices)

@@ -99,7 +99,7 @@ def test_bodies_are_their_formulas():
         (Trihedral(0.1), rcs.trihedral_rcs_m2(0.1, WAVELENGTH), [0.0, 0.0, 0.0]),
     ):
         points, sections = model.echoes(ahead, WAVELENGTH)
-        np.testing.assert_allclose(sections, [expected], rtol=1e-6)
+        np.testing.assert_allclose(sections, np.array([expected]), rtol=1e-6)
         np.testing.assert_allclose(points, [echo], atol=1e-12)
         assert model.nominal_rcs_dbsm == pytest.approx(10.0 * np.log10(expected), abs=0.1)
 
@@ -256,6 +256,7 @@ def test_units_and_up_axis_turn_the_frame_and_leave_the_size(tmp_path):
     (post,) = stage(tmp_path, body, 'metersPerUnit = 0.01\n upAxis = "Y"').targets
     assert post.position == pytest.approx((2.0, 1.0, 0.5))
     np.testing.assert_allclose(post.axes, [[0, 1, 0], [-1, 0, 0], [0, 0, 1]], atol=1e-12)
+    assert isinstance(post.model, Cylinder)
     assert post.model.length_m == 1.0
 
 

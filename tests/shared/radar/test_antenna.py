@@ -207,12 +207,12 @@ CORNERS = [f"{a},{e},0" for a in (-180, 0, 180) for e in (-90, 90)]
 @pytest.mark.parametrize(
     ("rows", "parts"),
     [
-        ([*CORNERS[:2], "0,-90,x", *CORNERS[3:]], ["row 4: gain_dbi = 'x'", "a number"]),
-        ([*CORNERS[:2], "0,-90,nan", *CORNERS[3:]], ["row 4: gain_dbi = 'nan'"]),
-        ([*CORNERS[:2], "0,-91,0", *CORNERS[3:]], ["row 4: elevation_deg = '-91'", "-90 to 90"]),
-        (["0,0", *CORNERS], ["row 2: 2 values", "expected 3"]),
-        (CORNERS[:-1], ["no row with azimuth_deg = 180, elevation_deg = 90 (azimuth of row 6)", "3 x 2"]),
-        ([*CORNERS, "0,90,1"], ["row 8: azimuth_deg = 0, elevation_deg = 90 stands in row 5 too"]),
+        ([*CORNERS[:2], "0,-90,x", *CORNERS[3:]], ["line 4: gain_dbi is no number", "expected a number"]),
+        ([*CORNERS[:2], "0,-90,nan", *CORNERS[3:]], ["line 4: gain_dbi = nan"]),
+        ([*CORNERS[:2], "0,-91,0", *CORNERS[3:]], ["line 4: elevation_deg = -91", "-90 to 90"]),
+        (["0,0", *CORNERS], ["line 2: 2 values", "expected 3"]),
+        (CORNERS[:-1], ["no line with azimuth_deg = 180, elevation_deg = 90 (azimuth of line 6)", "3 x 2"]),
+        ([*CORNERS, "0,90,1"], ["line 8: azimuth_deg = 0, elevation_deg = 90 stands in line 5 too"]),
         (CORNERS[:4], ["azimuth_deg runs from -180 to 0", "outside_gain_dbi"]),
         (["-180,0,1", "180,0,1"], ["elevation_deg: "]),
         ([], ["azimuth_deg: "]),
@@ -235,6 +235,38 @@ def test_what_is_no_table_is_one_line(tmp_path):
         assert "\n" not in str(caught.value)
     with pytest.raises(InputError, match=r"absent\.csv: not readable: No such file"):
         read_table(tmp_path / "absent.csv")
+    for device in (tmp_path, Path("/dev/zero")):
+        with pytest.raises(InputError, match="not readable: no regular file"):
+            read_table(device)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"root:x:0:0:hunter2:/root:/bin/sh\n",
+        b"root:x:0:0:caf\xe9 hunter2\n",
+        b'"hunter2\n',
+        b"azimuth_deg,elevation_deg,gain_dbi\n0,0,hunter2\n",
+        b"azimuth_deg,elevation_deg,gain_dbi\n0,hunter2,0\n",
+        b"azimuth_deg,elevation_deg,gain_dbi\nhunter2\n",
+        b"hunter2,azimuth_deg,elevation_deg,gain_dbi\n",
+    ],
+)
+def test_no_error_quotes_a_file_that_a_radar_names(tmp_path, content):
+    (tmp_path / "secret").write_bytes(content)
+    (tmp_path / "radar.toml").write_text('[front_end]\nrx_pattern = { kind = "table", file = "secret" }\n')
+    with pytest.raises(InputError) as caught:
+        load_radar(str(tmp_path / "radar.toml"))
+    assert "hunter2" not in str(caught.value)
+    assert str(caught.value).startswith(f"{tmp_path / 'secret'}: ")
+
+
+def test_a_pattern_file_without_end_is_refused_by_its_size(tmp_path):
+    path = tmp_path / "pattern.csv"
+    with path.open("wb") as file:
+        file.truncate(64_000_001)
+    with pytest.raises(InputError, match="64000001 bytes; expected at most 64000000"):
+        read_table(path)
 
 
 @pytest.mark.parametrize(

@@ -19,6 +19,8 @@ from shared.radar.antenna.elements import Directions, Real, angles_deg
 Axis = Annotated[tuple[FiniteFloat, ...], Field(min_length=2)]
 Level = Annotated[FiniteFloat, Field(ge=-200, le=60)]
 
+LARGEST_FILE = 64_000_000
+"""Bytes: a grid of one degree over the sphere takes less than two million."""
 COLUMNS = ("azimuth_deg", "elevation_deg", "gain_dbi")
 WHOLE_SPHERE = {"azimuth_deg": (-180.0, 180.0), "elevation_deg": (-90.0, 90.0)}
 
@@ -81,32 +83,42 @@ class TablePattern(BaseModel):
 def read_table(path: Path, outside_gain_dbi: float | None = None) -> TablePattern:
     """A pattern from a CSV file with the columns azimuth_deg, elevation_deg, gain_dbi, in any order of its rows.
 
+    No error quotes text of the file: a radar's file may name any file of the machine.
+
     :param outside_gain_dbi: see :class:`TablePattern`
     :raises InputError: not readable, another header, a value that is no finite number or beyond its bounds, a direction
-        twice or missing, a grid that leaves directions open; with the row and the value
+        twice or missing, a grid that leaves directions open; with the line, and with the value where it is a number
     """
     expected = f"a CSV file with the header {','.join(COLUMNS)}"
+    if path.exists() and not path.is_file():  # a device may have no end
+        raise InputError(path, "not readable: no regular file", expected)
     try:
+        if path.stat().st_size > LARGEST_FILE:
+            raise InputError(path, f"{path.stat().st_size} bytes", f"at most {LARGEST_FILE}")
         with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = list(csv.reader(file))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise InputError(path, f"not readable: {reason}", expected) from error
-    header = [name.strip() for name in rows[0]] if rows else []
+            reader = csv.reader(file)
+            rows = [(reader.line_num, row) for row in reader]
+    except OSError as error:
+        raise InputError(path, f"not readable: {error.strerror}", expected) from error
+    except UnicodeDecodeError:
+        raise InputError(path, "not readable: no UTF-8 text", expected) from None
+    except csv.Error as error:
+        raise InputError(path, f"line {reader.line_num}: not readable as CSV", expected) from error
+    header = [name.strip() for name in rows[0][1]] if rows else []
     if sorted(header) != sorted(COLUMNS):
-        raise InputError(path, f"row 1: header {','.join(header)!r}", expected)
+        raise InputError(path, "line 1: not the header of a pattern", expected)
     order = [header.index(name) for name in COLUMNS]
     levels: dict[tuple[float, float], float] = {}
     first_row: dict[tuple[float, float], int] = {}
-    for number, row in enumerate(rows[1:], start=2):
+    for number, row in rows[1:]:
         if not row:
             continue
         if len(row) != len(COLUMNS):
-            raise InputError(path, f"row {number}: {len(row)} values", f"{len(COLUMNS)}: {','.join(header)}")
+            raise InputError(path, f"line {number}: {len(row)} values", f"{len(COLUMNS)}: {','.join(header)}")
         azimuth, elevation, gain = (_number(path, number, COLUMNS[i], row[order[i]]) for i in range(3))
         place = (azimuth, elevation)
         if place in levels:
-            fault = f"row {number}: azimuth_deg = {azimuth:g}, elevation_deg = {elevation:g} stands in row"
+            fault = f"line {number}: azimuth_deg = {azimuth:g}, elevation_deg = {elevation:g} stands in line"
             raise InputError(path, f"{fault} {first_row[place]} too", "every direction once")
         levels[place], first_row[place] = gain, number
     azimuths, elevations = (sorted({place[axis] for place in levels}) for axis in (0, 1))
@@ -114,7 +126,9 @@ def read_table(path: Path, outside_gain_dbi: float | None = None) -> TablePatter
         for elevation in elevations:
             if (azimuth, elevation) not in levels:
                 known = min(row for place, row in first_row.items() if place[0] == azimuth)
-                fault = f"no row with azimuth_deg = {azimuth:g}, elevation_deg = {elevation:g} (azimuth of row {known})"
+                fault = (
+                    f"no line with azimuth_deg = {azimuth:g}, elevation_deg = {elevation:g} (azimuth of line {known})"
+                )
                 raise InputError(path, fault, f"all {len(azimuths)} x {len(elevations)} directions of the grid")
     try:
         return TablePattern(
@@ -129,12 +143,13 @@ def read_table(path: Path, outside_gain_dbi: float | None = None) -> TablePatter
         raise InputError(path, str(reason)) from error
 
 
-def _number(path: Path, row: int, column: str, text: str) -> float:
+def _number(path: Path, line: int, column: str, text: str) -> float:
     lowest, highest = WHOLE_SPHERE.get(column, (-200.0, 60.0))
+    expected = f"a number from {lowest:g} to {highest:g}"
     try:
         value = float(text)
     except ValueError:
-        value = float("nan")
+        raise InputError(path, f"line {line}: {column} is no number", expected) from None
     if not lowest <= value <= highest:  # false for NaN too
-        raise InputError(path, f"row {row}: {column} = {text.strip()!r}", f"a number from {lowest:g} to {highest:g}")
+        raise InputError(path, f"line {line}: {column} = {value:g}", expected)
     return value + 0.0  # -0 is 0

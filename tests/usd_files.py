@@ -1,0 +1,44 @@
+"""Small USD stages as text, for the tests of the USD reader."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from datafactory.scenes.readers.open import open_scene
+from datafactory.scenes.scene import Scene, SceneObject
+
+METRES_Z_UP = 'metersPerUnit = 1\n upAxis = "Z"'
+# A cube of edge 2 about the origin, corners numbered x + 2 y + 4 z, counter-clockwise seen from outside.
+CUBE_POINTS = "point3f[] points = [(-1,-1,-1),(1,-1,-1),(-1,1,-1),(1,1,-1),(-1,-1,1),(1,-1,1),(-1,1,1),(1,1,1)]"
+CUBE_FACES = """int[] faceVertexCounts = [4, 4, 4, 4, 4, 4]
+    int[] faceVertexIndices = [0,2,3,1, 4,5,7,6, 0,1,5,4, 2,6,7,3, 0,4,6,2, 1,3,7,5]
+    uniform token subdivisionScheme = "none"
+"""
+CUBE = f"{CUBE_POINTS}\n    {CUBE_FACES}"
+
+
+def write_usda(folder: Path, body: str, metadata: str = METRES_Z_UP, name: str = "stage.usda") -> Path:
+    path = folder / name
+    path.write_text(f"#usda 1.0\n(\n {metadata}\n)\n{body}\n", encoding="utf-8")
+    return path
+
+
+def read(folder: Path, body: str, metadata: str = METRES_Z_UP) -> Scene:
+    return open_scene(str(write_usda(folder, body, metadata)))
+
+
+def signed_volume(item: SceneObject) -> float:
+    """sum a . (b x c) / 6 [m^3]: positive for a closed surface whose normals point outwards."""
+    a, b, c = (item.vertices[item.triangles[:, corner]] for corner in range(3))
+    return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6)
+
+
+def area(item: SceneObject) -> float:
+    a, b, c = (item.vertices[item.triangles[:, corner]] for corner in range(3))
+    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+
+
+def translated(x: float, y: float, z: float) -> str:
+    return f'double3 xformOp:translate = ({x}, {y}, {z})\n uniform token[] xformOpOrder = ["xformOp:translate"]\n'
