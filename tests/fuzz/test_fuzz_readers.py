@@ -326,7 +326,7 @@ def dataset(tmp_path_factory) -> Path:
     manifest = {"version": VERSION, "shards": [record.model_dump()], "made": {}}
     (made / MANIFEST).write_text(json.dumps(manifest), encoding="utf-8")
     points = ScatteredPaths.of_points(np.ones((2, 3)), np.zeros((2, 3)), np.ones(2))
-    traced = TracedFrame(0, "scene", 1, Pose((0.0, 0.0, 0.0)), 0.0039, 0, PathTable(points, objects=("a",)))
+    traced = TracedFrame(0, "scene", 0, 1, Pose((0.0, 0.0, 0.0)), 0.0039, 0, PathTable(points, objects=("a",)))
     rows = [pa.Table.from_pylist([to_row(traced)], schema=paths_schema())]
     write_tables(made / "paths" / "part-00000.parquet", rows, paths_schema(), compression="zstd")
     return made

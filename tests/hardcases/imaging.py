@@ -45,8 +45,9 @@ def _features(signal: NDArray[np.complex64], noise_power: float = NOISE_W, torch
     if torch:
         import torch as library
 
-        given = tuple(library.as_tensor(value) for value in given)
-    matrix, steer, noise = given
+        matrix, steer, noise = (library.as_tensor(value) for value in given)
+    else:
+        matrix, steer, noise = given
     rows, scale = row_features(matrix, steer, noise)
     covariance = covariance_rows(matrix, 30)
     made = {

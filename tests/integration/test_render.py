@@ -115,7 +115,7 @@ def test_a_frame_does_not_depend_on_how_many_are_rendered(dataset, radar_file, t
 
 def test_a_killed_run_resumes_to_the_same_bytes(dataset, radar_file, tmp_path, monkeypatch):
     """The run dies after its first shard was recorded: --resume ends where an undisturbed run ends."""
-    out, recorded, record = tmp_path / "data", [], pool.record_finished
+    out, recorded, record = tmp_path / "data", list[object](), pool.record_finished
 
     def dies_at_the_second(directory, plan, finished):
         if recorded:

@@ -13,7 +13,8 @@ from typer.testing import CliRunner
 
 from datafactory.cli.inspect import inspect
 from datafactory.inspection.dataset import draw_frame, summarise, write_pictures
-from datafactory.run.shards import plan_shards, split_of, write_manifest, write_shard, write_tables
+from datafactory.frame.deal import split_of
+from datafactory.run.shards import plan_shards, write_manifest, write_shard, write_tables
 from shared.dataset import Frame, Target, arrow_schema, description
 from shared.dataset.folder import open_dataset
 from shared.physics.errors import InputError

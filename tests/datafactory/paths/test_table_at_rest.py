@@ -20,12 +20,16 @@ def test_a_table_at_rest_keeps_the_delays_of_its_moment(generator, time_s: float
     assert not still.moves()
     tx, rx = np.array([0.0, -0.048, 0.0]), np.array([0.0, 0.045, 0.0])
     for later_s in (0.0, 0.3):
-        for delays, before, after in (
-            (scattered_delays, table.scattered, still.scattered),
-            (specular_delays, table.specular, still.specular),
-        ):
-            np.testing.assert_allclose(delays(after, tx, rx, later_s), delays(before, tx, rx, time_s), rtol=1e-12)
-            np.testing.assert_array_equal(after.amplitude, before.amplitude)
+        scattered = (
+            scattered_delays(part, tx, rx, at) for part, at in ((still.scattered, later_s), (table.scattered, time_s))
+        )
+        specular = (
+            specular_delays(part, tx, rx, at) for part, at in ((still.specular, later_s), (table.specular, time_s))
+        )
+        for got, expected in (scattered, specular):
+            np.testing.assert_allclose(np.asarray(got), np.asarray(expected), rtol=1e-12)
+    np.testing.assert_array_equal(still.scattered.amplitude, table.scattered.amplitude)
+    np.testing.assert_array_equal(still.specular.amplitude, table.specular.amplitude)
 
 
 def test_a_moving_mirror_at_rest_shows_the_image_of_its_moment() -> None:

@@ -64,7 +64,7 @@ def make_claimed(directory: Path, resume: bool, arguments: dict, stop_after: int
     mark = progress.fingerprint(arguments)
     plans = plan_shards([split_of(index) for index in range(arguments["frames"])], frames_per_shard=4)
     done = progress.completed(directory, plans, mark).shards
-    written = []
+    written = list[str]()
     for plan in plans:
         if plan in done:
             continue

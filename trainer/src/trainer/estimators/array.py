@@ -89,7 +89,7 @@ class LineArray:
 
     def manifold(self, u: NDArray[np.floating] | float) -> NDArray[np.complex128]:
         """[C, *u.shape] echoes exp(-j k u p) of unit amplitude from the directions u."""
-        return manifold(self.positions_m, self.wavelength_m, u)
+        return manifold(self.positions_m, self.wavelength_m, np.asarray(u))
 
 
 def line_array(radar: Radar, channels: NDArray[np.intp] | None = None) -> LineArray:
