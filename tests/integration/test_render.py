@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,7 @@ from typer.testing import CliRunner
 from datafactory.cli.app import app
 from datafactory.frame.seeds import frame_seed
 from datafactory.run import workers as pool
+from datafactory.run.progress import claimed
 from shared.dataset import arrow_schema
 from shared.dataset.folder import open_dataset, verify
 from shared.dataset.reading import open_shard, read_description
@@ -230,3 +233,50 @@ def test_rendering_from_traced_paths_gives_the_same_frames(dataset, radar_file, 
     assert shard_bytes(again) == shard_bytes(dataset)
     with pytest.raises(InputError, match="no traced paths"):
         run("render", "--paths", dataset, "--radar", radar_file, "--out", tmp_path / "other")
+
+
+def test_what_cannot_fit_on_the_disk_is_refused_before_any_work(radar_file, tmp_path):
+    with pytest.raises(
+        InputError, match=r"1000000000 frames need at least \d+ GB; .* has \d+ GB free; expected at most"
+    ):
+        run("points", "--frames", 1_000_000_000, "--radar", radar_file, "--out", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_traced_paths_keep_their_split(radar_file, tmp_path):
+    """Drawn poses stand in their split's region: the split of the trace is taken, and another one refused."""
+    traced = tmp_path / "traced"
+    run("trace", "--scene", TINY, "--radar", radar_file, "--rays", 500, "--frames", 4, "--split", "2:1:1",
+        "--effects", "diffuse,noise", "--out", traced)  # fmt: skip
+    run("render", "--paths", traced, "--radar", radar_file, "--out", tmp_path / "data")
+    assert [len(open_dataset(tmp_path / "data").rows(split)) for split in ("train", "validation", "test")] == [2, 1, 1]
+    with pytest.raises(InputError, match=r"--split: '6:1:1': the poses of .* were drawn in the regions of '2:1:1'"):
+        run("render", "--paths", traced, "--radar", radar_file, "--split", "6:1:1", "--out", tmp_path / "other")
+
+
+def test_one_job_works_in_a_folder(radar_file, tmp_path):
+    out = tmp_path / "data"
+    with claimed(out, resume=False), pytest.raises(InputError, match="another process is at work"):
+        rendered(out, radar_file, "--frames", 1)
+    assert not out.exists()
+
+
+SCRIPT = """
+from pathlib import Path
+from datafactory.run.order import Order
+from datafactory.run.pipeline import Execution, render
+from datafactory.scenes.materials.table import load_materials
+from shared.radar import load_radar
+
+order = Order(radar=load_radar({radar!r}), points=20, split="1:1:0")
+print(render(order, load_materials(), Execution(Path({out!r}), workers={workers})).frames)
+"""
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_script_needs_no_guard_around_its_main_part(workers, radar_file, tmp_path):
+    """Three shards, in this process or in two others, from the top of a script."""
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT.format(radar=str(radar_file), out=str(tmp_path / "data"), workers=workers))
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=False, timeout=300)
+    assert (done.stdout.strip(), done.returncode) == ("20", 0), done.stderr[-800:]

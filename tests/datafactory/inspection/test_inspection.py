@@ -12,8 +12,8 @@ from object_store import serve
 from typer.testing import CliRunner
 
 from datafactory.cli.inspect import inspect
-from datafactory.inspection.dataset import draw_frame, summarise, write_pictures
 from datafactory.frame.deal import split_of
+from datafactory.inspection.dataset import draw_frame, summarise, write_pictures
 from datafactory.run.shards import plan_shards, write_manifest, write_shard, write_tables
 from shared.dataset import Frame, Target, arrow_schema, description
 from shared.dataset.folder import open_dataset

@@ -17,6 +17,7 @@ from datafactory.frame.deal import DEFAULT_PATTERN, parse_split_pattern
 from datafactory.frame.measurement import Processing
 from datafactory.paths.solver import TraceSettings
 from datafactory.run.order import Order
+from datafactory.run.stored import traced_split
 from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.poses import read_poses
 from shared.dataset import STORES
@@ -65,6 +66,8 @@ def render(
     if bool(scene) == bool(paths):
         raise InputError("--scene", "given together with --paths" if paths else "missing", "either --scene or --paths")
     parse_split_pattern(split)
+    if paths and not options.stated(context, "split"):
+        split = traced_split(paths) or split
     given = read_poses(poses) if poses else ()
     if not (given or paths or frames + points):
         raise InputError("--frames", "0 and --points 0: nothing to render", "at least one frame")

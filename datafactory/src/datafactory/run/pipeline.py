@@ -19,6 +19,7 @@ from datafactory.run.order import Order
 from datafactory.run.preparation import Prepared, prepare
 from datafactory.run.progress import FinishedShard, begin, claimed, completed, fingerprint, finish
 from datafactory.run.provenance import provenance
+from datafactory.run.room import require_room
 from datafactory.run.shards import PATHS, ShardPlan, plan_shards
 from datafactory.run.workers import RunFailed, ShardWork, failure_line, run_shards
 from datafactory.scenes.materials.table import MaterialTable
@@ -81,6 +82,8 @@ def _rendered(order: Order, table: MaterialTable, execution: Execution) -> Repor
     started = time.perf_counter()
     settings = order.settings
     about = description(order.radar, settings.processing.peaks, settings.processing.store, _conventions(order))
+    frames = (len(order.poses) or order.frames) + (len(order.targets) or order.points)
+    require_room(execution.directory, frames, about["shapes"])
     prepared = prepare(order, table, execution.announce)
     job = _job(order, prepared, arrow_schema(about).serialize().to_pybytes())
     arguments = {

@@ -53,6 +53,7 @@ def stored_paths(order: Order, folder: Path) -> StoredPaths:
     except (KeyError, TypeError) as error:
         problem = f"its entries arguments.radar.front_end and scenes.effect_plan are not understood ({error!r})"
         raise InputError(folder / MANIFEST, problem, "paths traced by this version") from None
+    _require_same_regions(folder, manifest["arguments"], order.split)
     for field in ("tx_polarization", "rx_polarization"):
         before, wanted = traced.get(field, "V"), getattr(order.radar.front_end, field)
         if before != wanted:
@@ -85,6 +86,21 @@ def _places(
         raise InputError(folder, f"frame {missing} of its {len(found)} is missing", "all frames of one trace")
     ordered = [found[frame_id] for frame_id in range(len(found))]
     return tuple(place for place, _ in ordered), tuple(scene for _, scene in ordered)
+
+
+def traced_split(folder: Path) -> str | None:
+    """The split pattern that a folder's paths were traced with; None where it says nothing of the kind."""
+    arguments = read_manifest(folder).get("arguments")
+    split = arguments.get("split") if isinstance(arguments, dict) else None
+    return split if isinstance(split, str) else None
+
+
+def _require_same_regions(folder: Path, arguments: dict[str, Any], split: str) -> None:
+    """Drawn poses stand in the region of their frame's split: another split would test where was trained."""
+    traced = arguments.get("split")
+    if not arguments.get("poses") and traced != split:
+        problem = f"{split!r}: the poses of {folder} were drawn in the regions of {traced!r}, and would change sides"
+        raise InputError("--split", problem, f"--split {traced}, or datafactory trace with this split")
 
 
 def _require_same_paths(folder: Path, scene: str, traced: EffectSet, asked: EffectSet) -> None:
