@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Complex128, Float
-
-from shared.physics.units import ArrayOrScalar
+from numpy.typing import ArrayLike
 
 
 def manifold(
-    positions_m: Float[np.ndarray, " channels"], wavelength_m: float, u: Float[ArrayOrScalar, "*shape"]
-) -> Complex128[np.ndarray, " channels *shape"]:
+    positions_m: Float[np.ndarray, " channels"], wavelength_m: float, u: ArrayLike
+) -> Complex128[np.ndarray, "channels ..."]:
     """[C, *u.shape] a(u) = exp(-j k u p), echoes of unit amplitude from the directions u.
 
     Valid from about 5 m for the input array of 94 mm: nearer than that the wave front is curved.
