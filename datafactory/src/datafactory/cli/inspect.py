@@ -48,6 +48,8 @@ def inspect(
         console.print(f"{len(dataset.records)} shards are as they were written")
     for shown in _tables(summarise(dataset)):
         console.print(shown)
+    if not dataset.splits:
+        console.print(f"traced paths and no frames; next: datafactory render --paths {dataset.path} --out OTHER")
     if frames and dataset.splits:
         folder = out or _picture_folder(dataset)
         if out is None and not isinstance(dataset.path, Path):
