@@ -13,7 +13,6 @@ from typer.exceptions import TyperException
 from datafactory.cli.accuracy import accuracy
 from datafactory.cli.city import city
 from datafactory.cli.doctor import doctor
-from datafactory.cli.entry import INTERRUPTED
 from datafactory.cli.inspect import inspect
 from datafactory.cli.plan import plan
 from datafactory.cli.points import points
@@ -21,6 +20,7 @@ from datafactory.cli.render import render
 from datafactory.cli.trace import trace
 from datafactory.run.workers import RunFailed
 from shared.physics.errors import InputError, require_utf8
+from shared.processes.interrupt import INTERRUPTED
 
 
 class PlainCommand(TyperCommand):

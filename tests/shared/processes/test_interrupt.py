@@ -1,0 +1,39 @@
+"""An interrupt is one line and exit status 130, wherever it meets the command."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+
+import pytest
+
+SCRIPT = """
+import os, signal
+from shared.processes.interrupt import run_command
+
+def interrupted():
+    os.kill(os.getpid(), signal.{name})
+
+def turned_into_another_error():
+    try:
+        interrupted()
+    except KeyboardInterrupt:
+        raise TypeError("No to_python converter found") from None
+
+run_command("program", lambda: {what})
+"""
+
+
+@pytest.mark.parametrize("name", [signal.SIGINT.name, signal.SIGTERM.name])
+@pytest.mark.parametrize("what", ["interrupted", "turned_into_another_error", "turned_into_another_error()"])
+def test_an_interrupt_is_one_line(name: str, what: str) -> None:
+    script = SCRIPT.format(name=name, what=what)
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (130, "program: interrupted\n")
+
+
+def test_an_error_of_its_own_stays_an_error() -> None:
+    script = "from shared.processes.interrupt import run_command\nrun_command('program', lambda: 1 / 0)"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert "ZeroDivisionError" in done.stderr
