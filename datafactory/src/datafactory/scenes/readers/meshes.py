@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from datafactory.scenes.readers.notes import Notes
 from datafactory.scenes.readers.scale import note_coarse_vertices, size_remark, vertex_spacing_m
-from datafactory.scenes.scene import Scene, SceneObject
+from datafactory.scenes.scene import Scene, SceneObject, placed
 from shared.physics.errors import InputError
 from shared.physics.units import FARTHEST_M
 
@@ -68,14 +68,27 @@ def clean_mesh(
     kept = kept[finite]
     near = (np.abs(vertices[kept]) <= FARTHEST_M).all(axis=(1, 2))
     kept = kept[near]
-    corner = vertices[kept]
-    edges = np.roll(corner, -1, axis=1) - corner  # [T, 3, 3]
-    doubled_area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
-    solid = doubled_area > FLAT * np.square(edges).sum(axis=2).max(axis=1, initial=0.0)
+    solid = _has_area(vertices[kept])
     kept = kept[solid]
     used, compact = np.unique(kept, return_inverse=True)
     dropped = Dropped(*(int((~mask).sum()) for mask in (inside, finite, near, solid)))
     return vertices[used], compact.reshape(-1, 3).astype(np.int32), dropped
+
+
+def usable(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """[T] whether :func:`clean_mesh` keeps triangles with these corners [T, 3, 3]."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        solid = _has_area(corners)
+    near = np.all(np.abs(corners) <= FARTHEST_M, axis=(1, 2))  # false for NaN
+    kept: NDArray[np.bool_] = solid & near
+    return kept
+
+
+def _has_area(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
+    edges = np.roll(corners, -1, axis=1) - corners  # [T, 3, 3]
+    doubled_area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+    solid: NDArray[np.bool_] = doubled_area > FLAT * np.square(edges).sum(axis=2).max(axis=1, initial=0.0)
+    return solid
 
 
 def place_mesh(
@@ -87,11 +100,10 @@ def place_mesh(
     :param triangles: [T, 3] vertex indices; counter-clockwise seen from outside
     :param matrix: [4, 4] acting on column vectors; a negative determinant reverses the winding
     """
-    # NaN, infinite and absurdly far vertices are dropped and counted in ``clean_mesh``.
     with np.errstate(invalid="ignore", over="ignore"):
-        placed = np.asarray(vertices, dtype=np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
         mirrored = np.linalg.det(matrix[:3, :3]) < 0
-    return placed, triangles[:, ::-1] if mirrored else triangles
+    # NaN, infinite and absurdly far vertices are dropped and counted in ``clean_mesh``.
+    return placed(vertices, matrix), triangles[:, ::-1] if mirrored else triangles
 
 
 def load_mesh(path: Path, source: object) -> tuple[NDArray[np.floating], NDArray[np.int64]]:
