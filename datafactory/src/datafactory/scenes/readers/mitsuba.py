@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from datafactory.scenes.readers import primitives
 from datafactory.scenes.readers.limits import check_counts
 from datafactory.scenes.readers.local_mesh import LocalMesh
-from datafactory.scenes.readers.meshes import load_mesh
+from datafactory.scenes.readers.mesh_files import load_mesh
 from datafactory.scenes.readers.mitsuba_xml import Shape, read_shapes
 from datafactory.scenes.readers.notes import Notes
 from datafactory.scenes.readers.scale import note_coarse_vertices, size_remark

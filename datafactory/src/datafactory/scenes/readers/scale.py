@@ -48,8 +48,9 @@ def number_spacing(vertices: NDArray[np.floating]) -> float:
 def placed_spacing_m(spacing: float, matrix: NDArray[np.float64]) -> float:
     """The spacing [m] of numbers of this spacing after a transform [4, 4]; 0 where it is too fine for a remark."""
     linear = matrix[:3, :3]
-    bound = spacing * float(np.sqrt(np.square(linear).sum()))  # the Frobenius norm, at least the spectral one
-    if not phase_error_deg(bound) > COARSE_DEG or not np.isfinite(bound):
+    with np.errstate(over="ignore", invalid="ignore"):
+        bound = spacing * float(np.sqrt(np.square(linear).sum()))  # the Frobenius norm, at least the spectral one
+    if not np.isfinite(bound) or phase_error_deg(bound) <= COARSE_DEG:
         return 0.0
     return spacing * float(np.linalg.norm(linear, ord=2))
 

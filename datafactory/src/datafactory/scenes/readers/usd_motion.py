@@ -71,11 +71,13 @@ class Transforms:
         if interval is None:
             return np.zeros(3), False
         before, after = (self.matrix(prim, frame, time) for time in interval)
-        step = (after - before)[:3]
         seconds = (interval[1] - interval[0]) / self._codes_per_second
-        velocity = (step[:, :3] @ centre + step[:, 3]) / seconds
-        turns = not np.allclose(after[:3, :3], before[:3, :3], rtol=0, atol=1e-9 * np.abs(before[:3, :3]).max())
-        return np.where(np.linalg.norm(velocity) > RESTING_SPEED, velocity, 0.0), turns
+        with np.errstate(over="ignore", invalid="ignore"):
+            step = (after - before)[:3]
+            velocity = (step[:, :3] @ centre + step[:, 3]) / seconds
+            turns = not np.abs(step[:, :3]).max() <= 1e-9 * np.abs(before[:3, :3]).max()
+            rests = np.linalg.norm(velocity) <= RESTING_SPEED  # false for NaN, which the caller refuses
+        return np.where(rests, 0.0, velocity), turns
 
     def sample_times(self, prim: Usd.Prim, frame: Frame) -> tuple[float, ...]:
         """Time codes with a transform sample on the prim or above it, rising."""
