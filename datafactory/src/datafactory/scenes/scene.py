@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass, field
+from functools import cached_property
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,12 +21,50 @@ ZERO = (0.0, 0.0, 0.0)
 WORLD_AXES: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
+@dataclass(frozen=True, eq=False)
+class PlacedPoints:
+    """The vertices of one instance of a mesh that several objects share.
+
+    :param points: [P, 3] of the shared mesh in its own coordinates, in any precision
+    :param used: [V] the points that are vertices of the object
+    :param matrix: [4, 4] from the mesh's coordinates to the world, acting on column vectors
+    """
+
+    points: NDArray[np.floating]
+    used: NDArray[np.integer]
+    matrix: NDArray[np.float64]
+
+    def world(self) -> NDArray[np.float64]:
+        """[V, 3] world coordinates [m]."""
+        return placed(self.points, self.matrix)[self.used]
+
+
+def placed(points: NDArray[np.floating], matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """[P, 3] points after an affine transform [4, 4], in float64; points that are not finite stay so."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        world: NDArray[np.float64] = np.asarray(points, dtype=np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
+    return world
+
+
+class _WorldVertices:
+    """The field ``vertices``: an array, or points of a shared mesh that are placed at each access."""
+
+    def __get__(self, item: SceneObject | None, owner: type) -> NDArray[np.float64]:
+        if item is None:
+            raise AttributeError("vertices")  # the field has no default
+        stored: NDArray[np.float64] | PlacedPoints = item.__dict__["vertices"]
+        return stored.world() if isinstance(stored, PlacedPoints) else stored
+
+    def __set__(self, item: SceneObject, value: NDArray[np.float64] | PlacedPoints) -> None:
+        item.__dict__["vertices"] = value
+
+
 @dataclass(frozen=True)
 class SceneObject:
     """One triangle mesh of one material, at time 0.
 
     :param name: unique within the scene, e.g. the prim path
-    :param vertices: [V, 3] world coordinates [m], float64
+    :param vertices: [V, 3] world coordinates [m], float64; of an instance they are computed at each access
     :param triangles: [T, 3] vertex indices, int32; every triangle has a positive area
     :param material: the name that the source gave its material, e.g. ``"mat-itu_concrete"``; "" where it gave none
     :param velocity: world velocity [m/s] of the whole object (rigid translation)
@@ -39,6 +79,20 @@ class SceneObject:
     @property
     def moves(self) -> bool:
         return any(component != 0.0 for component in self.velocity)
+
+    @staticmethod
+    def of(
+        name: str,
+        vertices: NDArray[np.float64] | PlacedPoints,
+        triangles: NDArray[np.int32],
+        material: str = "",
+        velocity: Vector = ZERO,
+    ) -> SceneObject:
+        """An object with vertices of its own, or one that shares points and triangles with other instances."""
+        return SceneObject(name, cast(NDArray[np.float64], vertices), triangles, material, velocity)
+
+
+setattr(SceneObject, "vertices", _WorldVertices())  # noqa: B010  after the dataclass, to which it would be a default
 
 
 @dataclass(frozen=True)
@@ -84,9 +138,18 @@ class Scene:
 
     def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Lower and upper corner [m] of everything in the scene, each [3]."""
-        points = [item.vertices for item in self.objects] + [np.array([target.position]) for target in self.targets]
-        every = np.concatenate(points)
-        return every.min(axis=0), every.max(axis=0)
+        lower, upper = self._corners
+        return lower.copy(), upper.copy()
+
+    @cached_property
+    def _corners(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        # Object by object: the vertices of instances are computed at each access.
+        corners = [np.array([target.position, target.position]) for target in self.targets]
+        for item in self.objects:
+            vertices = item.vertices
+            corners.append(np.stack([vertices.min(axis=0), vertices.max(axis=0)]))
+        every = np.stack(corners)
+        return every[:, 0].min(axis=0), every[:, 1].max(axis=0)
 
     def content_hash(self) -> str:
         """SHA-256 over geometry, materials, velocities and targets, independent of the file they came from."""

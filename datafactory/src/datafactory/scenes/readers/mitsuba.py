@@ -7,6 +7,8 @@ so.
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,10 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.scenes.readers import primitives
-from datafactory.scenes.readers.meshes import clean_mesh, load_mesh, place_mesh
+from datafactory.scenes.readers.limits import check_counts
+from datafactory.scenes.readers.local_mesh import LocalMesh
+from datafactory.scenes.readers.mesh_files import load_mesh
 from datafactory.scenes.readers.mitsuba_xml import Shape, read_shapes
 from datafactory.scenes.readers.notes import Notes
-from datafactory.scenes.readers.scale import note_coarse_vertices, size_remark, vertex_spacing_m
+from datafactory.scenes.readers.scale import note_coarse_vertices, size_remark
 from datafactory.scenes.scene import Scene, SceneObject
 from shared.physics.errors import InputError
 
@@ -37,17 +41,15 @@ def read_mitsuba(path: str | Path, name: str | None = None) -> Scene:
     notes = Notes()
     objects: list[SceneObject] = []
     spacings: list[float] = []
-    for shape in read_shapes(path):
-        mesh = _local_mesh(shape)
+    for shape, mesh in _meshes(path, read_shapes(path)):
         if mesh is None:
             notes.count(f"# shapes of type {shape.kind!r} ignored")
             continue
-        spacings.append(vertex_spacing_m(mesh[0], shape.to_world))
-        placed, wound = place_mesh(*mesh, shape.to_world)
-        vertices, triangles, dropped = clean_mesh(placed, wound[:, ::-1] if shape.flag("flip_normals") else wound)
+        spacings.append(mesh.spacing_m(shape.to_world))
+        vertices, triangles, dropped = mesh.placed(shape.to_world)
         dropped.add_to(notes)
         if len(triangles):
-            objects.append(SceneObject(shape.name, vertices, triangles, shape.material))
+            objects.append(SceneObject.of(shape.name, vertices, triangles, shape.material))
         else:
             notes.count("# shapes without a usable triangle ignored")
     note_coarse_vertices(spacings, notes)
@@ -57,7 +59,48 @@ def read_mitsuba(path: str | Path, name: str | None = None) -> Scene:
     return replace(scene, warnings=notes.sentences())
 
 
-def _local_mesh(shape: Shape) -> tuple[NDArray[np.floating], NDArray[np.int64]] | None:
+def _meshes(path: Path, shapes: Sequence[Shape]) -> Iterator[tuple[Shape, LocalMesh | None]]:
+    """Every shape with its mesh, None for a plugin that is not supported; shapes of one file share their mesh.
+
+    :raises InputError: more objects or triangles than a scene may hold, before any is placed
+    """
+    uses = Counter(_shared_by(shape) for shape in shapes)
+    known: dict[tuple[str, ...], LocalMesh | None] = {}
+    triangles: dict[str, int] = {}  # of one shape of each kind that is not shared
+    total = 0
+    for shape in shapes:
+        key = _shared_by(shape)
+        if key and key not in known:
+            known[key] = _local_mesh(shape, shared=uses[key] > 1)
+        elif not key and shape.kind not in triangles:
+            mesh = _local_mesh(shape, shared=False)
+            triangles[shape.kind] = 0 if mesh is None else len(mesh.triangles)
+        mesh = known[key] if key else None
+        total += triangles[shape.kind] if not key else 0 if mesh is None else len(mesh.triangles)
+    check_counts(path, "the scene", len(shapes), total)
+    for shape in shapes:
+        key = _shared_by(shape)
+        yield shape, known[key] if key else _local_mesh(shape, shared=False)
+
+
+def _shared_by(shape: Shape) -> tuple[str, ...]:
+    """What a shape's local mesh depends on; empty where it has parameters of its own."""
+    if shape.kind in ("sphere", "cylinder"):
+        return ()
+    file = (shape.text("filename"),) if shape.kind in ("ply", "obj") else ()
+    return shape.kind, *file, "flipped" if shape.flag("flip_normals") else ""
+
+
+def _local_mesh(shape: Shape, shared: bool) -> LocalMesh | None:
+    """The mesh before to_world; None for a plugin that is not supported."""
+    mesh = _points_and_triangles(shape)
+    if mesh is None:
+        return None
+    points, triangles = mesh
+    return LocalMesh(points, triangles[:, ::-1] if shape.flag("flip_normals") else triangles, shared)
+
+
+def _points_and_triangles(shape: Shape) -> tuple[NDArray[np.floating], NDArray[np.int64]] | None:
     """Vertices, in the file's precision, and triangles before to_world; None for a plugin that is not supported.
 
     Defaults are Mitsuba's.

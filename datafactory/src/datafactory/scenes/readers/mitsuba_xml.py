@@ -1,14 +1,8 @@
-"""The syntax of Mitsuba 3 XML: defaults, includes, references, transforms; to plain values.
-
-Mitsuba's own parser is not used: importing Mitsuba loads Dr.Jit, and Dr.Jit then loads the first libLLVM that it finds.
-Python's parser fetches no external entity, and expat bounds the expansion of internal ones.
-"""
+"""The syntax of shapes in Mitsuba 3 XML: references, transforms, properties; to plain values."""
 
 from __future__ import annotations
 
-import re
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from trimesh.transformations import rotation_matrix
 
+from datafactory.scenes.readers.mitsuba_files import read_elements
 from shared.physics.errors import InputError
 
-INCLUDE_DEPTH = 15  # Mitsuba's limit
 LARGEST = 1e60  # of a number in a scene: cubes of it, as in determinants, are still finite
 TRANSFORM_NAMES = ("to_world", "toWorld")  # since version 2, and before
 
@@ -93,9 +87,9 @@ class Shape:
 def read_shapes(path: Path) -> list[Shape]:
     """The shapes of a scene, in the file's order; those within other objects (shape groups) are not among them.
 
-    :raises InputError: malformed XML, an undefined parameter, an id used twice, a reference that leads nowhere
+    :raises InputError: as :func:`.mitsuba_files.read_elements`; an id used twice, a reference that leads nowhere
     """
-    elements = list(_expanded_elements(path, path, {}, 0))
+    elements = read_elements(path)
     kinds: dict[str, str] = {}
     aliases = {top.get("as", ""): top.get("id", "") for top in elements if top.tag == "alias"}
     for element in (item for top in elements if top.tag != "alias" for item in top.iter()):
@@ -107,42 +101,6 @@ def read_shapes(path: Path) -> list[Shape]:
         kinds[name] = element.tag
     tops = [element for element in elements if element.tag == "shape"]
     return [_shape(path, element, number, kinds, aliases) for number, element in enumerate(tops, start=1)]
-
-
-def _expanded_elements(
-    path: Path, scene: Path, parameters: dict[str, str], depth: int
-) -> Iterator[ElementTree.Element]:
-    """Children of the scene element with includes in place and ``$name`` substituted as far as it is known there."""
-    try:
-        root = ElementTree.parse(path).getroot()
-    except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise InputError(path, f"not well-formed XML ({error})", "a valid Mitsuba 3 scene") from error
-    except OSError as error:
-        raise InputError(scene, f"{path}: {error.strerror}", "a readable file") from error
-    if root.tag != "scene":
-        raise InputError(path, f"the outermost element is <{root.tag}>", "<scene>")
-    for top in root:
-        for element in top.iter():
-            for key, value in element.attrib.items():
-                element.set(key, _substituted(path, value, parameters))
-        if top.tag == "default":
-            parameters.setdefault(top.get("name", ""), top.get("value", ""))
-        elif top.tag == "include":
-            if depth >= INCLUDE_DEPTH:
-                raise InputError(scene, f"<include> is nested more than {INCLUDE_DEPTH} deep", "no include loop")
-            # Mitsuba looks for every file from the folder of the main scene.
-            yield from _expanded_elements(scene.parent / top.get("filename", ""), scene, parameters, depth + 1)
-        else:
-            yield top
-
-
-def _substituted(path: Path, text: str, parameters: dict[str, str]) -> str:
-    def value(match: re.Match[str]) -> str:
-        if match[1] not in parameters:
-            raise InputError(path, f"undefined parameter ${match[1]}", "a <default> for it")
-        return parameters[match[1]]
-
-    return re.sub(r"\$(\w+)", value, text)
 
 
 def _shape(

@@ -23,6 +23,10 @@ class Notes:
         """Add a remark that has no count; saying it twice changes nothing."""
         self._counts[remark] = 1
 
+    def repeat(self, other: Notes) -> None:
+        """Add the counts of other notes once more."""
+        self._counts.update(other._counts)
+
     def sentences(self) -> tuple[str, ...]:
         """The remarks with their counts filled in."""
         return tuple(remark.replace("#", str(number), 1) for remark, number in self._counts.items())

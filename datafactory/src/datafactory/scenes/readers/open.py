@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 from pathlib import Path
 
-from datafactory.scenes.readers.meshes import MESH_SUFFIXES, read_mesh_file
+from datafactory.scenes.readers.mesh_files import MESH_SUFFIXES, read_mesh_file
 from datafactory.scenes.readers.mitsuba import read_mitsuba
 from datafactory.scenes.scene import Scene
 from shared.physics.errors import InputError, require_utf8

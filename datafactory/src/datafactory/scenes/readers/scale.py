@@ -33,12 +33,26 @@ def vertex_spacing_m(vertices: NDArray[np.floating], matrix: NDArray[np.float64]
     :param vertices: [V, 3] in local coordinates, in the precision of the file
     :param matrix: [4, 4] to the world in metres; its offset is added in float64 and costs nothing
     """
+    return placed_spacing_m(number_spacing(vertices), matrix)
+
+
+def number_spacing(vertices: NDArray[np.floating]) -> float:
+    """Spacing of the numbers of a mesh's farthest vertex [V, 3], in its own unit; 0 for float64."""
     if vertices.dtype.itemsize > 4:
         return 0.0
     largest = np.float32(np.max(np.abs(vertices), initial=0.0, where=np.isfinite(vertices)))
     # The largest number has infinity above it: its spacing is that to the number below.
-    spacing = largest - np.nextafter(largest, np.float32(0.0))
-    return float(spacing) * float(np.linalg.norm(matrix[:3, :3], ord=2))
+    return float(largest - np.nextafter(largest, np.float32(0.0)))
+
+
+def placed_spacing_m(spacing: float, matrix: NDArray[np.float64]) -> float:
+    """The spacing [m] of numbers of this spacing after a transform [4, 4]; 0 where it is too fine for a remark."""
+    linear = matrix[:3, :3]
+    with np.errstate(over="ignore", invalid="ignore"):
+        bound = spacing * float(np.sqrt(np.square(linear).sum()))  # the Frobenius norm, at least the spectral one
+    if not np.isfinite(bound) or phase_error_deg(bound) <= COARSE_DEG:
+        return 0.0
+    return spacing * float(np.linalg.norm(linear, ord=2))
 
 
 def note_coarse_vertices(spacings_m: Sequence[float], notes: Notes) -> None:

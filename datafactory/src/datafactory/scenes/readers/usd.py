@@ -20,23 +20,20 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Tf, Usd, UsdGeom, UsdShade
+from pxr import Tf, Usd, UsdGeom
 
-from datafactory.scenes.readers.meshes import clean_mesh, place_mesh
+from datafactory.scenes.readers.local_mesh import LocalMesh
 from datafactory.scenes.readers.notes import Notes
-from datafactory.scenes.readers.scale import note_coarse_vertices, vertex_spacing_m
+from datafactory.scenes.readers.scale import note_coarse_vertices
+from datafactory.scenes.readers.usd_composition import check_composition
+from datafactory.scenes.readers.usd_counts import PROTOTYPE_PRIMS, SCENE_PRIMS, check_expansion
+from datafactory.scenes.readers.usd_facts import FactsOfPrims, has_shape
 from datafactory.scenes.readers.usd_motion import Frame, Transforms, instance_frames
-from datafactory.scenes.readers.usd_prims import PrimMesh, is_solid, polygon_mesh, solid_mesh
 from datafactory.scenes.readers.usd_stage import check_sizes, open_usd_stage, usd_stage_to_world
-from datafactory.scenes.readers.usd_targets import model_axes, names_are_targets, prim_model, target_kind
+from datafactory.scenes.readers.usd_targets import model_axes, prim_model
 from datafactory.scenes.scene import WORLD_AXES, PointTarget, Scene, SceneObject, Vector
 from shared.physics.errors import InputError
 from shared.physics.units import FARTHEST_M, FASTEST_MPS
-
-SCENE_PRIMS = Usd.TraverseInstanceProxies()  # active, loaded, defined, not abstract
-PROTOTYPE_PRIMS = Usd.TraverseInstanceProxies(
-    Usd.PrimIsActive & Usd.PrimIsLoaded
-)  # prototypes are often overs or classes
 
 
 @dataclass(frozen=True)
@@ -65,6 +62,7 @@ def read_usd(path: str | Path) -> Scene:
     # USD would print its diagnostics. The trap keeps them for the error's one line or for a counted warning.
     with Tf.DiagnosticTrap() as trap:
         try:
+            check_composition(path)
             usd_stage = open_usd_stage(path, notes)
             scene = _Reader(path, usd_stage, notes).read()
         except (Tf.ErrorException, UnicodeDecodeError) as error:
@@ -108,6 +106,7 @@ class _Reader:
         self._notes = notes
         self._transforms = Transforms(usd_stage)
         self._start = Usd.TimeCode(self._transforms.start)
+        self._facts = FactsOfPrims(path, self._start)
         self._to_world = usd_stage_to_world(path, usd_stage, notes)
         self._turn = self._to_world[:3, :3] / np.cbrt(np.linalg.det(self._to_world[:3, :3]))
         self._objects: list[SceneObject] = []
@@ -117,6 +116,7 @@ class _Reader:
 
     def read(self) -> Scene:
         root = self._usd_stage.GetPseudoRoot()
+        check_expansion(self._path, root, self._facts, self._start)
         top = _Inherited(Frame(root, "", lambda time: np.eye(4), (), SCENE_PRIMS))
         waiting = [(prim, top) for prim in reversed(root.GetFilteredChildren(SCENE_PRIMS))]
         while waiting:
@@ -128,56 +128,41 @@ class _Reader:
 
     def _visit(self, prim: Usd.Prim, inherited: _Inherited) -> list[tuple[Usd.Prim, _Inherited]]:
         """Read the prim itself; return the prims below it that are to be read, with what they inherit."""
-        imageable = UsdGeom.Imageable(prim)
-        if imageable:
-            if imageable.GetVisibilityAttr().Get(self._start) == UsdGeom.Tokens.invisible:
-                self._notes.count("# invisible prims skipped, with everything below them")
-                return []
-            if imageable.GetPurposeAttr().HasAuthoredValue():
-                inherited = replace(inherited, purpose=str(imageable.GetPurposeAttr().Get()))
+        facts = self._facts.of(prim)
+        if not facts.visible:
+            self._notes.count("# invisible prims skipped, with everything below them")
+            return []
+        if facts.purpose is not None and facts.purpose != inherited.purpose:
+            inherited = replace(inherited, purpose=facts.purpose)
         inherited = self._with_attributes(prim, inherited)
         if inherited.purpose not in (UsdGeom.Tokens.guide, UsdGeom.Tokens.proxy):
-            kind = target_kind(self._path, prim, self._start, inherited.targets_by_name)
-            if kind is not None or prim.HasAttribute("radar:rcs_dbsm"):
+            kind = self._facts.kind(prim, inherited.targets_by_name)
+            if kind is not None or facts.has_rcs:
                 self._add_target(prim, inherited, kind)
                 return []
-            if prim.IsA(UsdGeom.PointInstancer):
+            if facts.is_instancer:
                 return self._instances(UsdGeom.PointInstancer(prim), inherited)
-            self._add_geometry(prim, inherited)
-        elif prim.IsA(UsdGeom.Gprim) or prim.IsA(UsdGeom.PointInstancer):
+            self._add_geometry(prim, facts.is_gprim, inherited)
+        elif facts.is_gprim or facts.is_instancer:
             self._notes.count(f"# prims of purpose {inherited.purpose} skipped")
         return [(child, inherited) for child in prim.GetFilteredChildren(inherited.frame.predicate)]
 
     def _with_attributes(self, prim: Usd.Prim, inherited: _Inherited) -> _Inherited:
-        if prim.HasAttribute("radar:velocity"):
-            velocity = self._numbers(prim, "radar:velocity", 3, "three finite numbers [m/s]")
-            x, y, z = (float(value) for value in self._turn @ velocity)
+        facts = self._facts.of(prim)
+        if facts.velocity is not None:
+            x, y, z = (float(value) for value in self._turn @ facts.velocity)
             inherited = replace(inherited, velocity=(x, y, z))
-        if prim.HasAttribute("radar:material"):
-            material = prim.GetAttribute("radar:material").Get(self._start)
-            if not isinstance(material, str) or not material:
-                raise InputError(self._path, f"{prim.GetPath()}.radar:material = {material!r}", "a material name")
-            inherited = replace(inherited, material=material)
-        if prim.HasAttribute("radar:targets_by_name"):
-            inherited = replace(inherited, targets_by_name=names_are_targets(self._path, prim, self._start))
+        if facts.material is not None:
+            inherited = replace(inherited, material=facts.material)
+        if facts.targets_by_name is not None:
+            inherited = replace(inherited, targets_by_name=facts.targets_by_name)
         return inherited
-
-    def _numbers(self, prim: Usd.Prim, name: str, size: int, expected: str) -> NDArray[np.float64]:
-        """A custom attribute's value as [size] float64."""
-        value = prim.GetAttribute(name).Get(self._start)
-        try:
-            numbers = np.array(value, dtype=np.float64).reshape(-1)
-        except (TypeError, ValueError):
-            numbers = np.empty(0)
-        if isinstance(value, (str, bool)) or numbers.shape != (size,) or not np.isfinite(numbers).all():
-            raise InputError(self._path, f"{prim.GetPath()}.{name} = {value!r}", expected)
-        return numbers
 
     def _add_target(self, prim: Usd.Prim, inherited: _Inherited, kind: str | None) -> None:
         model, axes = None, WORLD_AXES
         matrix = self._transforms.matrix(prim, inherited.frame)
         if kind is None:
-            rcs_dbsm = float(self._numbers(prim, "radar:rcs_dbsm", 1, "a finite number [dBsm]")[0])
+            rcs_dbsm = float(self._facts.numbers(prim, "radar:rcs_dbsm", 1, "a finite number [dBsm]")[0])
         else:
             model = prim_model(self._path, prim, self._start, kind)
             rcs_dbsm = model.nominal_rcs_dbsm
@@ -226,55 +211,43 @@ class _Reader:
         except ValueError as error:
             raise InputError(self._path, f"point instancer {path}: {error}", "arrays that fit together") from error
 
-    def _add_geometry(self, prim: Usd.Prim, inherited: _Inherited) -> None:
+    def _add_geometry(self, prim: Usd.Prim, is_gprim: bool, inherited: _Inherited) -> None:
+        if has_shape(prim):
+            self._add_shape(prim, inherited)
+            return
         kind = str(prim.GetTypeName())
-        if prim.IsA(UsdGeom.Mesh):
-            mesh = polygon_mesh(UsdGeom.Mesh(prim), self._start, self._notes)
-            if mesh is not None:
-                self._add_mesh(prim, mesh, inherited)
-        elif is_solid(prim):
-            self._add_mesh(prim, solid_mesh(prim, self._start), inherited)
-        elif prim.IsA(UsdGeom.Gprim):
+        if is_gprim:
             self._notes.count(f"# prims of type {kind} ignored")
         elif kind and self._registry.FindConcretePrimDefinition(kind) is None:
             self._notes.count(f"# prims of unknown type {kind} ignored")
 
-    def _add_mesh(self, prim: Usd.Prim, mesh: PrimMesh, inherited: _Inherited) -> None:
+    def _add_shape(self, prim: Usd.Prim, inherited: _Inherited) -> None:
         """One object for the prim, or one for each of its material subsets and one for the rest."""
+        shared = prim.IsInstanceProxy() or not inherited.frame.root.IsPseudoRoot()
+        shape = self._facts.shape(prim, shared)
+        self._notes.repeat(shape.notes)
+        if not shape.meshes:
+            return
         matrix = self._to_world @ self._transforms.matrix(prim, inherited.frame)
-        points, triangles = place_mesh(mesh.points, mesh.triangles, matrix)
-        self._spacings.append(vertex_spacing_m(mesh.points, matrix))
-        finite = mesh.points[np.isfinite(mesh.points).all(axis=1)].astype(np.float64)
-        centre = finite.mean(axis=0) if len(finite) else np.zeros(3)
-        velocity = self._velocity(prim, inherited, centre)
-        rest = np.ones(len(triangles), dtype=bool)
-        for subset in UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets():
-            faces = np.asarray(subset.GetIndicesAttr().Get(self._start) or [], dtype=np.int64)
-            chosen = rest & np.isin(mesh.faces, faces)
-            rest &= ~chosen
-            of_subset = self._with_attributes(subset.GetPrim(), inherited)
-            self._add_object(subset.GetPrim(), points, triangles[chosen], velocity, of_subset)
-        if rest.any() or not len(rest):
-            self._add_object(prim, points, triangles[rest], velocity, inherited)
+        self._spacings.append(shape.meshes[0][1].spacing_m(matrix))
+        velocity = self._velocity(prim, inherited, shape.centre)
+        for name, mesh in shape.meshes:
+            if name:
+                subset = prim.GetChild(name)
+                self._add_object(subset, mesh, matrix, velocity, self._with_attributes(subset, inherited))
+            else:
+                self._add_object(prim, mesh, matrix, velocity, inherited)
 
     def _add_object(
-        self,
-        prim: Usd.Prim,
-        points: NDArray[np.float64],
-        triangles: NDArray[np.integer],
-        velocity: Vector,
-        inherited: _Inherited,
+        self, prim: Usd.Prim, mesh: LocalMesh, matrix: NDArray[np.float64], velocity: Vector, inherited: _Inherited
     ) -> None:
-        points, triangles, dropped = clean_mesh(points, triangles)
+        vertices, triangles, dropped = mesh.placed(matrix)
         dropped.add_to(self._notes)
         if not len(triangles):
             self._notes.count("# meshes or subsets without a usable triangle ignored")
             return
         material = inherited.material
         if material is None:
-            binding = UsdShade.MaterialBindingAPI(prim)
-            bound, _ = binding.ComputeBoundMaterial()
-            material = str(bound.GetPrim().GetName()) if bound else ""
-            if not bound and binding.GetDirectBindingRel().GetTargets():
-                self._notes.count("# material bindings lead to no material")
-        self._objects.append(SceneObject(inherited.frame.name(prim), points, triangles, material, velocity))
+            material, leads_nowhere = self._facts.bound_material(prim)
+            self._notes.count("# material bindings lead to no material", int(leads_nowhere))
+        self._objects.append(SceneObject.of(inherited.frame.name(prim), vertices, triangles, material, velocity))

@@ -71,11 +71,13 @@ class Transforms:
         if interval is None:
             return np.zeros(3), False
         before, after = (self.matrix(prim, frame, time) for time in interval)
-        step = (after - before)[:3]
         seconds = (interval[1] - interval[0]) / self._codes_per_second
-        velocity = (step[:, :3] @ centre + step[:, 3]) / seconds
-        turns = not np.allclose(after[:3, :3], before[:3, :3], rtol=0, atol=1e-9 * np.abs(before[:3, :3]).max())
-        return np.where(np.linalg.norm(velocity) > RESTING_SPEED, velocity, 0.0), turns
+        with np.errstate(over="ignore", invalid="ignore"):
+            step = (after - before)[:3]
+            velocity = (step[:, :3] @ centre + step[:, 3]) / seconds
+            turns = not np.abs(step[:, :3]).max() <= 1e-9 * np.abs(before[:3, :3]).max()
+            rests = np.linalg.norm(velocity) <= RESTING_SPEED  # false for NaN, which the caller refuses
+        return np.where(rests, 0.0, velocity), turns
 
     def sample_times(self, prim: Usd.Prim, frame: Frame) -> tuple[float, ...]:
         """Time codes with a transform sample on the prim or above it, rising."""
@@ -111,34 +113,32 @@ def instance_frames(
     if len(chosen) and not (chosen.min() >= 0 and chosen.max() < len(prototypes)):
         raise ValueError(f"protoIndices run from {chosen.min()} to {chosen.max()} with {len(prototypes)} prototypes")
     mask = instancer.ComputeMaskAtTime(start) or [True] * len(chosen)
-    local: dict[float, list[NDArray[np.float64]]] = {}
+    at_time: dict[float, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
 
     def placed(time: float, index: int) -> NDArray[np.float64]:
-        if time not in local:
+        if time not in at_time:
             code = Usd.TimeCode(time)
             matrices = instancer.ComputeInstanceTransformsAtTime(
                 code, code, UsdGeom.PointInstancer.IncludeProtoXform, UsdGeom.PointInstancer.IgnoreMask
             )
-            world = transforms.matrix(prim, frame, time)
-            local[time] = [world @ _columns(matrix) for matrix in matrices]
-        if index >= len(local[time]):
-            raise ValueError(f"{len(chosen)} protoIndices but {len(local[time])} instance transforms")
-        return local[time][index]
+            at_time[time] = transforms.matrix(prim, frame, time), np.array(matrices, dtype=np.float64)
+        world, local = at_time[time]
+        if index >= len(local):
+            raise ValueError(f"{len(chosen)} protoIndices but {len(local)} instance transforms")
+        return world @ _columns(local[index])
 
     if len(chosen):
         placed(transforms.start, len(chosen) - 1)  # arrays of unequal length are refused before any prim is read
     attributes = (instancer.GetPositionsAttr(), instancer.GetOrientationsAttr(), instancer.GetScalesAttr())
     times = {time for attribute in attributes for time in attribute.GetTimeSamples()}
     times.update(transforms.sample_times(prim, frame))
+    of_prototype = [tuple(sorted(times.union(UsdGeom.Xformable(item).GetTimeSamples()))) for item in prototypes]
+    name = frame.name(prim)
     return [
         Frame(
-            prototypes[prototype],
-            f"{frame.name(prim)}[{index}]",
-            partial(placed, index=index),
-            tuple(sorted(times.union(UsdGeom.Xformable(prototypes[prototype]).GetTimeSamples()))),
-            predicate,
+            prototypes[prototype], f"{name}[{index}]", partial(placed, index=index), of_prototype[prototype], predicate
         )
-        for index, prototype in enumerate(chosen)
+        for index, prototype in enumerate(chosen.tolist())
         if mask[index]
     ]
 

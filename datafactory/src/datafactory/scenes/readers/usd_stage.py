@@ -68,7 +68,7 @@ def usd_stage_to_world(path: Path, usd_stage: Usd.Stage, notes: Notes) -> NDArra
 
 def _note_other_units(usd_stage: Usd.Stage, metres: float, axis: str, notes: Notes) -> None:
     """Note layers in other units or axes than the USD stage's: USD converts neither."""
-    for layer in usd_stage.GetUsedLayers():
+    for layer in sorted(usd_stage.GetUsedLayers(), key=lambda layer: layer.identifier):
         top = layer.pseudoRoot
         other = top.GetInfo(UsdGeom.Tokens.metersPerUnit) if top.HasInfo(UsdGeom.Tokens.metersPerUnit) else metres
         if not np.isclose(other, metres, rtol=1e-6):

@@ -1,0 +1,71 @@
+"""A mesh in its own coordinates, as one prim or file holds it, and the objects that are made of it.
+
+Objects that repeat one mesh share its points and triangles. Their world coordinates are computed when they are asked
+for, by the same operations as for an object of its own, so that they have the same bits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from datafactory.scenes.readers.meshes import Dropped, clean_mesh, place_mesh, usable
+from datafactory.scenes.readers.scale import number_spacing, placed_spacing_m
+from datafactory.scenes.scene import PlacedPoints, placed
+
+Index = NDArray[np.int32]
+
+
+@dataclass(frozen=True, eq=False)
+class LocalMesh:
+    """Points and triangles of one material.
+
+    :param points: [P, 3] in local coordinates, in the precision of the file
+    :param triangles: [T, 3] vertex indices, counter-clockwise seen from outside
+    :param shared: whether several objects are made of it
+    """
+
+    points: NDArray[np.floating]
+    triangles: NDArray[np.int64]
+    shared: bool = False
+
+    def placed(self, matrix: NDArray[np.float64]) -> tuple[NDArray[np.float64] | PlacedPoints, Index, Dropped]:
+        """The mesh in the world without triangles that no ray tracer can use: vertices, triangles, what was dropped.
+
+        :param matrix: [4, 4] to the world, acting on column vectors; a mirror reverses the winding
+        :return: for :meth:`SceneObject.of`
+        """
+        if self.shared and self._all_in_range and usable(placed(self.points, matrix)[self.triangles]).all():
+            used, outward, mirrored = self._compact
+            triangles = mirrored if np.linalg.det(matrix[:3, :3]) < 0 else outward
+            return PlacedPoints(self.points, used, matrix), triangles, Dropped()
+        return clean_mesh(*place_mesh(self.points, self.triangles, matrix))
+
+    def spacing_m(self, matrix: NDArray[np.float64]) -> float:
+        """Spacing [m] of the numbers that the farthest vertex is written in, 0 where it does no harm."""
+        return placed_spacing_m(self._number_spacing, matrix)
+
+    @cached_property
+    def centre(self) -> NDArray[np.float64]:
+        """[3] mean of the finite points."""
+        finite = self.points[np.isfinite(self.points).all(axis=1)].astype(np.float64)
+        centre: NDArray[np.float64] = finite.mean(axis=0) if len(finite) else np.zeros(3)
+        return centre
+
+    @cached_property
+    def _number_spacing(self) -> float:
+        return number_spacing(self.points)
+
+    @cached_property
+    def _all_in_range(self) -> bool:
+        return bool(((self.triangles >= 0) & (self.triangles < len(self.points))).all())
+
+    @cached_property
+    def _compact(self) -> tuple[NDArray[np.int64], Index, Index]:
+        """The points in use, and the triangles on them as written and reversed."""
+        used, compact = np.unique(self.triangles, return_inverse=True)
+        outward = compact.reshape(-1, 3).astype(np.int32)
+        return used, outward, np.ascontiguousarray(outward[:, ::-1])

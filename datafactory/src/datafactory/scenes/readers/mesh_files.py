@@ -1,0 +1,170 @@
+"""The mesh files that trimesh reads (.glb .gltf .obj .ply .stl).
+
+glTF is in metres with y up (glTF 2.0, section 3.4) and is turned to z up. OBJ, PLY and STL say neither unit nor up
+axis: they are taken as metres and z up, and the scene's warnings say so.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from datafactory.scenes.readers.limits import MAXIMUM_TRIANGLES, check_counts, figure
+from datafactory.scenes.readers.local_mesh import LocalMesh
+from datafactory.scenes.readers.meshes import Y_UP_TO_Z_UP
+from datafactory.scenes.readers.notes import Notes
+from datafactory.scenes.readers.scale import note_coarse_vertices, size_remark
+from datafactory.scenes.scene import Scene, SceneObject
+from shared.physics.errors import InputError
+
+MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl")
+# glTF extensions that change vertex positions and that trimesh does not decode.
+GLTF_GEOMETRY_EXTENSIONS = (
+    "KHR_draco_mesh_compression",
+    "EXT_meshopt_compression",
+    "KHR_meshopt_compression",
+    "KHR_mesh_quantization",
+    "EXT_mesh_gpu_instancing",
+)
+logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # it would print remarks about textures
+
+
+def load_mesh(path: Path, source: object) -> tuple[NDArray[np.floating], NDArray[np.int64]]:
+    """The one mesh of a PLY or OBJ file that another scene file refers to, its vertices not merged.
+
+    :param source: what an error is to name, e.g. the scene file and the shape
+    :return: vertices [V, 3] in the file's precision and triangles [T, 3]; both empty for a file of points alone
+    :raises InputError: the file is absent or cannot be read
+    """
+    parts = [
+        (_in_file_precision(part, path), part.faces)  # neither format places its meshes
+        for _, _, part in _placed_geometries(path, source)
+        if isinstance(part, trimesh.Trimesh)
+    ]
+    if not parts:
+        return np.empty((0, 3)), np.empty((0, 3), dtype=np.int64)
+    offsets = np.cumsum([0] + [len(vertices) for vertices, _ in parts[:-1]])
+    return (
+        np.concatenate([vertices for vertices, _ in parts]),
+        np.concatenate([faces + offset for (_, faces), offset in zip(parts, offsets, strict=True)]),
+    )
+
+
+def read_mesh_file(path: Path) -> Scene:
+    """Read a mesh file as a scene: one object for each mesh and material.
+
+    :param path: a .glb, .gltf, .obj, .ply or .stl file
+    :raises InputError: unreadable, compressed beyond what trimesh reads, or without any triangle
+    """
+    notes = Notes()
+    suffix = path.suffix.lower()
+    to_world = np.eye(4)
+    if suffix in (".glb", ".gltf"):
+        to_world[:3, :3] = Y_UP_TO_Z_UP
+        _check_gltf(path, notes)
+    parts = _placed_geometries(path, path)
+    meshes = [(name, matrix, part) for name, matrix, part in parts if isinstance(part, trimesh.Trimesh)]
+    for _, _, part in parts:
+        if not isinstance(part, trimesh.Trimesh):
+            notes.count(f"# geometries of type {type(part).__name__} ignored (only triangle meshes are used)")
+    check_counts(path, "the scene", len(meshes), sum(len(part.faces) for _, _, part in meshes))
+    uses = Counter(id(part) for _, _, part in meshes)
+    local: dict[int, LocalMesh] = {}
+    objects, spacings = [], []
+    for name, matrix, part in meshes:
+        if id(part) not in local:
+            local[id(part)] = LocalMesh(_in_file_precision(part, path), part.faces, shared=uses[id(part)] > 1)
+        mesh = local[id(part)]
+        spacings.append(mesh.spacing_m(to_world @ matrix))
+        vertices, triangles, dropped = mesh.placed(to_world @ matrix)
+        dropped.add_to(notes)
+        if len(triangles):
+            objects.append(SceneObject.of(_text(name), vertices, triangles, _material_name(part)))
+        else:
+            notes.count("# meshes without a usable triangle ignored")
+    if objects and suffix not in (".glb", ".gltf"):
+        notes.say(f"{suffix} files state no units and no up axis: taken as metres, z up")
+    note_coarse_vertices(spacings, notes)
+    scene = Scene(path.stem, tuple(objects), source=str(path))
+    if remark := size_remark(scene, "its units, which are taken as metres"):
+        notes.say(remark)
+    return replace(scene, warnings=notes.sentences())
+
+
+def _placed_geometries(path: Path, source: object) -> list[tuple[str, NDArray[np.float64], trimesh.parent.Geometry]]:
+    """Every node with geometry: its name (unique), its [4, 4] matrix in column convention, the geometry.
+
+    :param source: what an error is to name
+    """
+    if not path.is_file():
+        raise InputError(source, f"mesh file {str(path)!r} does not exist", "an existing file")
+    parts = []
+    try:
+        scene = trimesh.load_scene(path, process=False, split_object=True, group_material=True)
+        for node in scene.graph.nodes_geometry:
+            matrix, geometry = scene.graph[node]
+            placement = np.asarray(matrix, dtype=np.float64).reshape(4, 4)
+            parts.append((str(node), placement, scene.geometry[geometry]))
+    except Exception as error:  # trimesh's loaders raise many types, from KeyError to struct.error
+        # trimesh reads an unknown STL as text and guesses its encoding with a library that is not installed.
+        reason = "unknown content" if isinstance(error, ImportError) else f"{type(error).__name__}: {error}"
+        raise InputError(
+            source, f"mesh file {str(path)!r} cannot be read ({_text(reason)})", "an intact file"
+        ) from error
+    return parts
+
+
+def _in_file_precision(mesh: trimesh.Trimesh, path: Path) -> NDArray[np.floating]:
+    """[V, 3] vertices in the precision of the file; trimesh makes float64 of everything.
+
+    glTF and STL hold float32 alone, PLY says what it holds, OBJ is text.
+
+    :raises InputError: vertices of another number of coordinates than three, which trimesh lets through
+    """
+    if mesh.vertices.shape[1:] != (3,):
+        raise InputError(path, f"a mesh has vertices of shape {list(mesh.vertices.shape)}", "x, y and z for each")
+    properties = mesh.metadata.get("_ply_raw", {}).get("vertex", {}).get("properties", {})
+    if path.suffix.lower() not in (".glb", ".gltf", ".stl") and not str(properties.get("x", "")).endswith("f4"):
+        return mesh.vertices
+    with np.errstate(over="ignore"):  # an STL of text may hold more than float32 does
+        single = mesh.vertices.astype(np.float32)
+    return single if np.array_equal(single, mesh.vertices, equal_nan=True) else mesh.vertices
+
+
+def _material_name(mesh: trimesh.Trimesh) -> str:
+    material = getattr(mesh.visual, "material", None)
+    return _text(str(getattr(material, "name", None) or ""))
+
+
+def _text(name: str) -> str:
+    """The name with lone surrogates, which JSON may hold and UTF-8 may not, written as escapes."""
+    return name.encode("utf-8", "backslashreplace").decode("utf-8")
+
+
+def _check_gltf(path: Path, notes: Notes) -> None:
+    """Refuse extensions that trimesh reads wrongly, and note what it ignores."""
+    try:
+        data = path.read_bytes()
+        # A .glb is a 12-byte header, then chunks of (length, type, data), the JSON first (glTF 2.0, section 4.4).
+        if data[:4] == b"glTF":
+            data = data[20 : 20 + int.from_bytes(data[12:16], "little")]
+        header = json.loads(data)
+        required = set(header.get("extensionsRequired", ()))
+        animations, skins = len(header.get("animations", ())), len(header.get("skins", ()))
+        largest = max((int(accessor.get("count", 0)) for accessor in header.get("accessors", ())), default=0)
+    except (OSError, ValueError, AttributeError, TypeError, OverflowError, RecursionError) as error:
+        raise InputError(path, f"not a readable glTF file ({error})", "an intact .glb or .gltf file") from error
+    unread = sorted(required.intersection(GLTF_GEOMETRY_EXTENSIONS))
+    if unread:
+        raise InputError(path, f"uses the glTF extension {unread[0]}", "a file exported without it")
+    if largest > 3 * MAXIMUM_TRIANGLES:  # an accessor without a buffer has as many zeros
+        raise InputError(path, f"an accessor of {figure(largest)} elements", f"at most {3 * MAXIMUM_TRIANGLES}")
+    notes.count("# glTF animations ignored: every object stands still", animations)
+    notes.count("# glTF skins ignored: meshes taken in their rest pose", skins)

@@ -1,0 +1,174 @@
+"""What a USD prim states for itself, read once: many instances ask for the same prim."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Sdf, Usd, UsdGeom, UsdShade
+
+from datafactory.scenes.readers.local_mesh import LocalMesh
+from datafactory.scenes.readers.notes import Notes
+from datafactory.scenes.readers.usd_prims import PrimMesh, is_solid, polygon_mesh, solid_mesh
+from datafactory.scenes.readers.usd_targets import names_are_targets, target_kind
+from shared.physics.errors import InputError
+
+
+@dataclass(frozen=True)
+class PrimFacts:
+    """The values of one prim that reading depends on, without what it inherits.
+
+    :param visible: False hides the prim and everything below it
+    :param purpose: the authored purpose, None where there is none
+    :param velocity: ``radar:velocity`` [m/s] in the USD stage's axes
+    :param material: ``radar:material``
+    :param targets_by_name: ``radar:targets_by_name``
+    :param has_rcs: whether ``radar:rcs_dbsm`` is there
+    :param is_instancer: a point instancer
+    :param is_gprim: any geometry
+    """
+
+    visible: bool
+    purpose: str | None
+    velocity: NDArray[np.float64] | None
+    material: str | None
+    targets_by_name: bool | None
+    has_rcs: bool
+    is_instancer: bool
+    is_gprim: bool
+
+
+@dataclass(frozen=True)
+class PrimShape:
+    """The meshes of one prim: one for each of its material subsets, and one for the rest.
+
+    :param meshes: (name of the subset, "" for the prim itself; its mesh)
+    :param centre: [3] mean of the prim's points
+    :param notes: what was left out of the geometry
+    """
+
+    meshes: tuple[tuple[str, LocalMesh], ...]
+    centre: NDArray[np.float64]
+    notes: Notes
+
+
+class FactsOfPrims:
+    """The facts of a USD stage's prims; those of an instance's prims are those of its prototype."""
+
+    def __init__(self, path: Path, start: Usd.TimeCode) -> None:
+        self._path = path
+        self._start = start
+        self._facts: dict[Sdf.Path, PrimFacts] = {}
+        self._materials: dict[Sdf.Path, tuple[str, bool]] = {}
+        self._kinds: dict[tuple[Sdf.Path, bool], str | None] = {}
+        self._shapes: dict[Sdf.Path, PrimShape] = {}
+
+    def of(self, prim: Usd.Prim) -> PrimFacts:
+        """The facts of one prim.
+
+        :raises InputError: a ``radar:`` attribute without a usable value
+        """
+        key = source_path(prim)
+        if key not in self._facts:
+            self._facts[key] = self._read(prim)
+        return self._facts[key]
+
+    def kind(self, prim: Usd.Prim, by_name: bool) -> str | None:
+        """The model of a target that the prim calls for, see :func:`.usd_targets.target_kind`."""
+        key = source_path(prim), by_name
+        if key not in self._kinds:
+            self._kinds[key] = target_kind(self._path, prim, self._start, by_name)
+        return self._kinds[key]
+
+    def shape(self, prim: Usd.Prim, shared: bool) -> PrimShape:
+        """The meshes of a Mesh or a solid; kept only where they are ``shared``."""
+        if not shared:
+            return self._read_shape(prim, shared)
+        key = source_path(prim)
+        if key not in self._shapes:
+            self._shapes[key] = self._read_shape(prim, shared)
+        return self._shapes[key]
+
+    def bound_material(self, prim: Usd.Prim) -> tuple[str, bool]:
+        """Name of the material bound to a prim, "" without one, and whether a binding leads to no material."""
+        key = prim.GetPath()
+        if key not in self._materials:
+            binding = UsdShade.MaterialBindingAPI(prim)
+            bound, _ = binding.ComputeBoundMaterial()
+            leads_nowhere = not bound and bool(binding.GetDirectBindingRel().GetTargets())
+            # Bindings above an instance count too, so that its prims do not have those of the prototype.
+            self._materials[key] = str(bound.GetPrim().GetName()) if bound else "", leads_nowhere
+        return self._materials[key]
+
+    def numbers(self, prim: Usd.Prim, name: str, size: int, expected: str) -> NDArray[np.float64]:
+        """A custom attribute's value as [size] float64."""
+        value = prim.GetAttribute(name).Get(self._start)
+        try:
+            numbers = np.array(value, dtype=np.float64).reshape(-1)
+        except (TypeError, ValueError):
+            numbers = np.empty(0)
+        if isinstance(value, (str, bool)) or numbers.shape != (size,) or not np.isfinite(numbers).all():
+            raise InputError(self._path, f"{prim.GetPath()}.{name} = {value!r}", expected)
+        return numbers
+
+    def _read(self, prim: Usd.Prim) -> PrimFacts:
+        imageable = UsdGeom.Imageable(prim)
+        visible, purpose = True, None
+        if imageable:
+            visible = imageable.GetVisibilityAttr().Get(self._start) != UsdGeom.Tokens.invisible
+            if imageable.GetPurposeAttr().HasAuthoredValue():
+                purpose = str(imageable.GetPurposeAttr().Get())
+        if not visible:
+            return PrimFacts(False, purpose, None, None, None, False, False, False)
+        velocity = material = by_name = None
+        if prim.HasAttribute("radar:velocity"):
+            velocity = self.numbers(prim, "radar:velocity", 3, "three finite numbers [m/s]")
+        if prim.HasAttribute("radar:material"):
+            material = prim.GetAttribute("radar:material").Get(self._start)
+            if not isinstance(material, str) or not material:
+                raise InputError(self._path, f"{prim.GetPath()}.radar:material = {material!r}", "a material name")
+        if prim.HasAttribute("radar:targets_by_name"):
+            by_name = names_are_targets(self._path, prim, self._start)
+        return PrimFacts(
+            visible=True,
+            purpose=purpose,
+            velocity=velocity,
+            material=material,
+            targets_by_name=by_name,
+            has_rcs=prim.HasAttribute("radar:rcs_dbsm"),
+            is_instancer=prim.IsA(UsdGeom.PointInstancer),
+            is_gprim=prim.IsA(UsdGeom.Gprim),
+        )
+
+    def _read_shape(self, prim: Usd.Prim, shared: bool) -> PrimShape:
+        notes = Notes()
+        mesh: PrimMesh | None
+        if prim.IsA(UsdGeom.Mesh):
+            mesh = polygon_mesh(UsdGeom.Mesh(prim), self._start, notes)
+        else:
+            mesh = solid_mesh(prim, self._start)
+        if mesh is None:
+            return PrimShape((), np.zeros(3), notes)
+        meshes = []
+        rest = np.ones(len(mesh.triangles), dtype=bool)
+        for subset in UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets():
+            faces = np.asarray(subset.GetIndicesAttr().Get(self._start) or [], dtype=np.int64)
+            chosen = rest & np.isin(mesh.faces, faces)
+            rest &= ~chosen
+            meshes.append((subset.GetPrim().GetName(), LocalMesh(mesh.points, mesh.triangles[chosen], shared)))
+        if rest.any() or not len(rest):
+            meshes.append(("", LocalMesh(mesh.points, mesh.triangles[rest], shared)))
+        centre = LocalMesh(mesh.points, mesh.triangles).centre
+        return PrimShape(tuple(meshes), centre, notes)
+
+
+def source_path(prim: Usd.Prim) -> Sdf.Path:
+    """The path under which a prim's values are kept: within an instance, that of the prototype's prim."""
+    return (prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim).GetPath()
+
+
+def has_shape(prim: Usd.Prim) -> bool:
+    """Whether :meth:`FactsOfPrims.shape` can make meshes of a prim."""
+    return prim.IsA(UsdGeom.Mesh) or is_solid(prim)
