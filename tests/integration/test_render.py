@@ -238,7 +238,7 @@ def test_rendering_from_traced_paths_gives_the_same_frames(dataset, radar_file, 
 
 def test_what_cannot_fit_on_the_disk_is_refused_before_any_work(radar_file, tmp_path):
     with pytest.raises(
-        InputError, match=r"1000000000 frames need at least \d+ GB; .* has \d+ GB free; expected at most"
+        InputError, match=r"1000000000 frames need at least \d+ MB; .* has \d+ MB free; expected at most"
     ):
         run("points", "--frames", 1_000_000_000, "--radar", radar_file, "--out", tmp_path / "out")
     assert not (tmp_path / "out").exists()

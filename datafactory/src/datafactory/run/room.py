@@ -10,9 +10,9 @@ from typing import Any
 from shared.dataset import row_bytes
 from shared.physics.errors import InputError
 
-COMPRESSED = 0.25
-"""Share of a frame's bytes that its shard needs at least. Street frames need 0.82 (``shards.py``), empty ones less; a
-run that this refuses cannot fit by a wide margin."""
+COMPRESSED = 0.005
+"""Share of its arrays' bytes that a frame needs on the disk at the very least: empty frames without noise take 0.007,
+close targets with noise 0.19, streets 0.82. A run that this refuses cannot fit."""
 
 
 def require_room(directory: Path, frames: int, shapes: Mapping[str, Any]) -> None:
@@ -25,5 +25,5 @@ def require_room(directory: Path, frames: int, shapes: Mapping[str, Any]) -> Non
     least = COMPRESSED * row_bytes(shapes)
     free = shutil.disk_usage(directory).free
     if frames * least > free:
-        fault = f"{frames} frames need at least {frames * least / 1e9:.0f} GB; {directory} has {free / 1e9:.0f} GB free"
+        fault = f"{frames} frames need at least {frames * least / 1e6:.0f} MB; {directory} has {free / 1e6:.0f} MB free"
         raise InputError("number of frames", fault, f"at most {int(free / least)}, or another disk")
