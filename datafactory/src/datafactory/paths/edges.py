@@ -52,9 +52,10 @@ class WedgeEdges:
     :param normal_0: [E, 3] unit normal of the 0-face, into the exterior
     :param normal_n: [E, 3] unit normal of the n-face, into the exterior
     :param exterior_n: [E] n, above 1 and at most 2
-    :param face_mesh: [E, 2] index into ``Stage.meshes`` of the two faces' materials; twice the same for a half plane
+    :param face_mesh: [E, 2] index into ``MergedScene.meshes`` of the two faces' materials; a half plane has the same
+        twice
     :param velocity: [E, 3] [m/s]
-    :param object_index: [E] index into ``Stage.objects`` of the 0-face
+    :param object_index: [E] index into ``MergedScene.objects`` of the 0-face
     :param counts: what was found and left out: ``edges``, ``half_planes``, ``merged``, ``flat``, ``non_manifold``,
         ``doubled_triangles``, ``collapsed_triangles``
     """

@@ -25,7 +25,7 @@ class MergedMesh:
     :param material: name in the material table
     :param velocity: world velocity [3] m/s
     :param vertices: [V, 3] world [m] at time 0, float64; :param triangles: [T, 3] int32
-    :param object_of_triangle: [T] index into ``Stage.objects``
+    :param object_of_triangle: [T] index into ``MergedScene.objects``
     """
 
     material: str

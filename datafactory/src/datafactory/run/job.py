@@ -19,10 +19,10 @@ from datafactory.paths.storage import to_row
 from datafactory.run.progress import FinishedShard
 from datafactory.run.shards import ShardPlan, write_shard, write_tables
 from shared.dataset import Frame
+from shared.processes.pool import StepsDone
 from shared.radar import Radar
 
 Value = TypeVar("Value")
-Report = Callable[[int], None]
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class StepSeconds:
     :param report: called with 1 for each
     """
 
-    report: Report
+    report: StepsDone
     seconds: dict[str, float] = field(default_factory=lambda: defaultdict(float))
 
     def __call__(self, step: str, function: Callable[..., Value], *arguments: object) -> Value:
@@ -82,7 +82,7 @@ class StepSeconds:
 
 
 def render_shard(
-    job: Job, plan: ShardPlan, directory: Path, fingerprint: str, report: Report
+    job: Job, plan: ShardPlan, directory: Path, fingerprint: str, report: StepsDone
 ) -> tuple[FinishedShard, dict[str, float]]:
     """Write one shard; returns its record with the counts of its frames, and the seconds that each step took.
 
@@ -106,7 +106,7 @@ def render_shard(
 
 
 def trace_shard(
-    job: Job, plan: ShardPlan, directory: Path, fingerprint: str, report: Report
+    job: Job, plan: ShardPlan, directory: Path, fingerprint: str, report: StepsDone
 ) -> tuple[FinishedShard, dict[str, float]]:
     """Write one shard of traced paths; returns what :func:`render_shard` does."""
     counts: Counter[str] = Counter()
@@ -127,5 +127,5 @@ def trace_shard(
     return FinishedShard(record=record, counts=dict(counts), fingerprint=fingerprint), seconds
 
 
-WriteShard = Callable[[Job, ShardPlan, Path, str, Report], tuple[FinishedShard, dict[str, float]]]
+WriteShard = Callable[[Job, ShardPlan, Path, str, StepsDone], tuple[FinishedShard, dict[str, float]]]
 """What makes a shard: :func:`render_shard` or :func:`trace_shard`."""

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from datafactory.paths.backend import select_variant, set_threads
-from datafactory.run.job import Job, Report, WriteShard
+from datafactory.run.job import Job, WriteShard
 from datafactory.run.progress import FinishedShard, record_finished, remove_partial, workers_folder
 from datafactory.run.shards import ShardPlan
-from shared.processes.pool import WorkerPool
+from shared.processes.pool import StepsDone, WorkerPool
 
 Advance = Callable[[int, int], None]
 Seconds = dict[str, float]
@@ -42,7 +42,7 @@ class ShardWork:
             select_variant()
             set_threads(1)
 
-    def __call__(self, plan: ShardPlan, report: Report) -> tuple[FinishedShard, Seconds]:
+    def __call__(self, plan: ShardPlan, report: StepsDone) -> tuple[FinishedShard, Seconds]:
         """Write one shard."""
         return self.write(self.job, plan, self.directory, self.mark, report)
 

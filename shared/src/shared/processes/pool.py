@@ -41,7 +41,7 @@ Item = TypeVar("Item", bound=Hashable)
 Result = TypeVar("Result")
 Item_contra = TypeVar("Item_contra", contravariant=True)
 Result_co = TypeVar("Result_co", covariant=True)
-Report = Callable[[int], None]
+StepsDone = Callable[[int], None]
 
 
 class Work(Protocol[Item_contra, Result_co]):
@@ -50,7 +50,7 @@ class Work(Protocol[Item_contra, Result_co]):
     def begin(self) -> None:
         """Make the process ready; called once in each."""
 
-    def __call__(self, item: Item_contra, report: Report, /) -> Result_co:
+    def __call__(self, item: Item_contra, report: StepsDone, /) -> Result_co:
         """Do one task.
 
         :param report: called with the number of steps that were done since the last call

@@ -78,7 +78,7 @@ class LineArray:
 
     @property
     def half_period(self) -> float:
-        """Largest |u| that the array tells apart, lambda / (2 spacing), and at most 1: 0.974 for 2 mm at 77.5 GHz."""
+        """Largest |u| that the array tells apart, lambda / (2 spacing), and at most 1: 0.967 for 2 mm at 77.5 GHz."""
         spacing = self.spacing_m
         return 1.0 if spacing is None else min(0.5 * self.wavelength_m / spacing, 1.0)
 
