@@ -244,6 +244,12 @@ def test_what_cannot_fit_on_the_disk_is_refused_before_any_work(radar_file, tmp_
     assert not (tmp_path / "out").exists()
 
 
+def test_what_cannot_fit_into_memory_is_refused_before_any_work(radar_file, tmp_path):
+    with pytest.raises(InputError, match=r"--rays: 20000000 rays in 500 processes need about \d+ GB; this machine has"):
+        rendered(tmp_path / "out", radar_file, "--rays", 20_000_000, "--workers", 500)
+    assert not (tmp_path / "out").exists()
+
+
 def test_traced_paths_keep_their_split(radar_file, tmp_path):
     """Drawn poses stand in their split's region: the split of the trace is taken, and another one refused."""
     traced = tmp_path / "traced"

@@ -19,7 +19,7 @@ from datafactory.run.order import Order
 from datafactory.run.preparation import Prepared, prepare
 from datafactory.run.progress import FinishedShard, begin, claimed, completed, fingerprint, finish
 from datafactory.run.provenance import provenance
-from datafactory.run.room import require_room
+from datafactory.run.room import require_memory, require_room
 from datafactory.run.shards import PATHS, ShardPlan, plan_shards
 from datafactory.run.workers import RunFailed, ShardWork, failure_line, run_shards
 from datafactory.scenes.materials.table import MaterialTable
@@ -84,6 +84,8 @@ def _rendered(order: Order, table: MaterialTable, execution: Execution) -> Repor
     about = description(order.radar, settings.processing.peaks, settings.processing.store, _conventions(order))
     frames = (len(order.poses) or order.frames) + (len(order.targets) or order.points)
     require_room(execution.directory, frames, about["shapes"])
+    if order.scenes:
+        require_memory(settings.trace.rays, execution.workers)
     prepared = prepare(order, table, execution.announce)
     job = _job(order, prepared, arrow_schema(about).serialize().to_pybytes())
     arguments = {
@@ -105,6 +107,7 @@ def trace_paths(order: Order, table: MaterialTable, execution: Execution) -> Rep
 
 def _traced(order: Order, table: MaterialTable, execution: Execution) -> Report:
     started = time.perf_counter()
+    require_memory(order.settings.trace.rays, execution.workers)
     prepared = prepare(order, table, execution.announce)
     job = _job(order, prepared, paths_schema().serialize().to_pybytes())
     manifest = {"arguments": prepared.arguments, "scenes": prepared.entries}
