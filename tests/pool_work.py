@@ -14,7 +14,7 @@ from pathlib import Path
 class Squares:
     """Squares a number; some numbers are deadly.
 
-    :param folder: notes one line for each process that began
+    :param folder: gets a file ``began-PID`` of each process, which names the signals that it does not hear
     :param deaths: number -> processes that die of it before one does not
     :param seconds: that each number takes
     """
@@ -27,7 +27,10 @@ class Squares:
     def begin(self) -> None:
         """Note the process; the first ones may die of that alone."""
         begun = len(list(self.folder.glob("began-*")))
-        (self.folder / f"began-{os.getpid()}").touch()
+        blocked = " ".join(signal.Signals(number).name for number in signal.pthread_sigmask(signal.SIG_BLOCK, ()))
+        unfinished = self.folder / f"new-{os.getpid()}"
+        unfinished.write_text(blocked, encoding="utf-8")
+        unfinished.rename(self.folder / f"began-{os.getpid()}")
         if begun < self.dies_at_the_start:
             os.kill(os.getpid(), signal.SIGKILL)
 

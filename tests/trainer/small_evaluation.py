@@ -8,7 +8,7 @@ import torch
 from tiny_radar import RADAR as SHORT_RADAR
 from tiny_radar import TINY, frame, write_dataset
 
-from trainer.cli import main
+from trainer.cli.app import main
 from trainer.data.arrays import ArrayChoice
 from trainer.evaluation.evaluate import evaluate
 from trainer.evaluation.experiments.bench import EvaluationConfig

@@ -8,6 +8,7 @@ import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -20,12 +21,16 @@ from trainer.evaluation.rows import MetricRow, SummaryColumn
 from trainer.evaluation.store import Values
 
 
-@dataclass
+@dataclass(eq=False)
 class Troubled:
-    """Cells of what :data:`WORK` has, by name."""
+    """Cells of what :data:`WORK` has, by name.
+
+    :param died: file that notes the processes that died of "die once"
+    """
 
     work: tuple[str, ...]
     name: str = "troubled"
+    died: Path = Path("died")
     cells: str = "troubled"
     title: str = ""
     caption: str = ""
@@ -36,7 +41,14 @@ class Troubled:
 
     def tasks(self, bench: Bench) -> Sequence[Task]:
         return [
-            Task(kind, "", f"place={place}", "", partial(WORK[kind], bench), "cuda" if kind == "gpu" else "cpu")
+            Task(
+                kind,
+                "",
+                f"place={place}",
+                "",
+                partial(WORK[kind], bench, self.died),
+                "cuda" if kind == "gpu" else "cpu",
+            )
             for place, kind in enumerate(self.work)
         ]
 
@@ -47,7 +59,7 @@ class Troubled:
         return {}
 
 
-def _report(bench: Bench) -> Values:
+def _report(bench: Bench, _died: Path) -> Values:
     blocked = signal.pthread_sigmask(signal.SIG_BLOCK, ())
     threads = max([torch.get_num_threads(), *(pool["num_threads"] for pool in threadpool_info())])
     return {
@@ -56,18 +68,25 @@ def _report(bench: Bench) -> Values:
     }  # fmt: skip
 
 
-def _refuse(_bench: Bench) -> Values:
+def _refuse(_bench: Bench, _died: Path) -> Values:
     raise InputError("part-00000.parquet", "row 3: damaged", "a whole row")
 
 
-def _die(_bench: Bench) -> Values:
+def _die(_bench: Bench, _died: Path) -> Values:
     os.kill(os.getpid(), signal.SIGKILL)
     return {}
 
 
-def _hang(_bench: Bench) -> Values:
+def _die_once(bench: Bench, died: Path) -> Values:
+    if not died.exists():
+        died.write_text(f"{os.getpid()}\n")
+        os.kill(os.getpid(), signal.SIGKILL)
+    return _report(bench, died)
+
+
+def _hang(_bench: Bench, _died: Path) -> Values:
     threading.Event().wait()
     return {}
 
 
-WORK = {"report": _report, "gpu": _report, "refuse": _refuse, "die": _die, "hang": _hang}
+WORK = {"report": _report, "gpu": _report, "refuse": _refuse, "die": _die, "die once": _die_once, "hang": _hang}

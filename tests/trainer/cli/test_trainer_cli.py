@@ -11,8 +11,8 @@ from small_evaluation import FULL, make_run
 from tiny_radar import RADAR, small_dataset, traced_folder
 from typer.testing import CliRunner
 
-from trainer import cli
-from trainer.cli import app, main
+from trainer.cli import app as cli
+from trainer.cli.app import app, main
 from trainer.errors import TrainingStopped
 
 SIZE = ["--width", "4", "--hidden", "16", "--rows", "16", "--steps", "4", "--validate-every", "4", "--array", "full"]

@@ -67,30 +67,40 @@ def use(pool: Workers, pids: set[int]) -> None:
         stop(pids)
 
 
-def test_cells_are_computed_elsewhere_and_no_worker_outlives_an_interrupt(bench: Bench) -> None:
+def test_cells_are_computed_elsewhere_and_no_worker_outlives_an_interrupt(bench: Bench, tmp_path: Path) -> None:
     """One thread a worker, deaf to the terminal's Ctrl-C; an input error is one line; hanging cells are ended."""
     pids: set[int] = set()
-    with pytest.raises(KeyboardInterrupt), Workers(bench, 2) as pool:
+    with pytest.raises(KeyboardInterrupt), Workers(bench, 2, tmp_path / "workers") as pool:
         use(pool, pids)
     assert 2 <= len(pids) <= 3
     assert all(gone(pid) for pid in pids - {os.getpid()})
     assert not multiprocessing.active_children()
+    assert not (tmp_path / "workers").exists()
 
 
-def test_one_worker_is_this_process_with_one_thread(bench: Bench) -> None:
-    with Workers(bench, 1) as pool:
+def test_one_worker_is_this_process_with_one_thread(bench: Bench, tmp_path: Path) -> None:
+    with Workers(bench, 1, tmp_path / "workers") as pool:
         ((_, values),) = results(pool, "report")
+        assert not (tmp_path / "workers").exists()
     assert (values["pid"], values["threads"], values["deaf"]) == (os.getpid(), 1, False)
     with pytest.raises(InputError, match="--workers: -1; expected 0"):
-        Workers(bench, -1)
+        Workers(bench, -1, tmp_path / "workers")
 
 
-def test_a_worker_that_dies_is_one_line_here(bench: Bench) -> None:
-    with (
-        pytest.raises(TrainingStopped, match=r"^a worker process was ended from outside.*--resume"),
-        Workers(bench, 2) as pool,
-    ):
-        list(results(pool, "report", "die", "hang", "hang"))
+def test_a_worker_that_dies_is_replaced_and_its_cell_computed(bench: Bench, tmp_path: Path) -> None:
+    died = tmp_path / "died"
+    with Workers(bench, 2, tmp_path / "workers") as pool:
+        experiment = Troubled(("report", "die once", "report"), name="dies", died=died)
+        found = dict(pool.results(experiment, experiment.tasks(pool.bench), range(3)))
+    assert sorted(found) == [0, 1, 2]
+    assert len(died.read_text().split()) == 1
+    assert int(died.read_text()) not in {int(values["pid"]) for values in found.values()}
+
+
+def test_a_cell_that_three_workers_die_of_is_one_line_here(bench: Bench, tmp_path: Path) -> None:
+    line = r"^report-die-hang die place=1: three worker processes died of it, its process ended by SIGKILL.*--resume"
+    with pytest.raises(TrainingStopped, match=line), Workers(bench, 2, tmp_path / "workers") as pool:
+        list(results(pool, "report", "die", "hang"))
     assert not multiprocessing.active_children()
 
 
@@ -103,19 +113,19 @@ from trainer.evaluation.evaluate import open_bench
 from trainer.evaluation.experiments.bench import EvaluationConfig
 from trainer.evaluation.workers import Workers
 
-if __name__ == "__main__":
-    bench = open_bench(Path(sys.argv[2]), [], ["das"], ["full"], EvaluationConfig(), None)[0]
-    experiment = Troubled(("report", "hang", "hang"))
-    with Workers(bench, 2) as pool:
-        for _ in pool.results(experiment, experiment.tasks(bench), range(3)):
-            print(*(child.pid for child in multiprocessing.active_children()), flush=True)
+bench = open_bench(Path(sys.argv[2]), [], ["das"], ["full"], EvaluationConfig(), None)[0]
+experiment = Troubled(("report", "hang", "hang"))
+with Workers(bench, 2, Path(sys.argv[3])) as pool:
+    for _ in pool.results(experiment, experiment.tasks(bench), range(3)):
+        print(*(child.pid for child in multiprocessing.active_children()), flush=True)
 """
 
 
 def test_workers_end_with_a_parent_that_was_killed(data: Path, tmp_path: Path) -> None:
+    """A script needs no guard around its main part."""
     script = tmp_path / "script.py"
     script.write_text(SCRIPT)
-    command = [sys.executable, str(script), str(Path(__file__).parents[1]), str(data)]
+    command = [sys.executable, str(script), str(Path(__file__).parents[1]), str(data), str(tmp_path / "workers")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as parent:
         assert parent.stdout is not None
         workers = [int(word) for word in parent.stdout.readline().split()]

@@ -9,9 +9,8 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-import tempfile
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,13 +19,12 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from datafactory.run.shards import ShardPlan, write_manifest
 from shared.dataset.folder import MANIFEST, ShardRecord, read_manifest
-from shared.dataset.writing import PARTIAL, write_json
+from shared.dataset.writing import remove_partial, write_json
 from shared.physics.errors import InputError
-from shared.processes.lock import one_job
+from shared.processes.lock import claimed as hold
 
 FOLDER = ".progress"
 ARGUMENTS = "arguments.json"
-LOCK = "lock"
 
 
 class FinishedShard(BaseModel):
@@ -71,21 +69,13 @@ def claimed(directory: Path, resume: bool) -> Iterator[None]:
     :raises InputError: a folder that is not writable, that another process works in, or that is not empty where there
         is nothing to resume
     """
-    made = [path for path in (directory, *directory.parents) if not path.exists()]
-    _make_writable(directory)
-    progress = directory / FOLDER
-    try:
+
+    def check() -> None:
         if not resume and _has_content(directory):
             raise InputError("--out", f"{directory} is not empty", "an empty or new folder, or --resume")
-        progress.mkdir(exist_ok=True)
-        with one_job(directory, progress / LOCK, "--out"):
-            if not resume and _has_content(directory):
-                raise InputError("--out", f"{directory} is not empty", "an empty or new folder, or --resume")
-            yield
-    finally:
-        for path in (progress, *made):
-            with suppress(OSError):  # something stands in it
-                path.rmdir()
+
+    with hold(directory, directory / FOLDER, "--out", check):
+        yield
 
 
 def begin(directory: Path, arguments: Mapping[str, Any], resume: bool) -> bool:
@@ -108,12 +98,6 @@ def begin(directory: Path, arguments: Mapping[str, Any], resume: bool) -> bool:
     remove_partial(directory)
     write_json(progress / ARGUMENTS, arguments)
     return False
-
-
-def remove_partial(directory: Path) -> None:
-    """Remove what processes that were killed had begun to write."""
-    for stale in [*directory.glob(f"*{PARTIAL}"), *directory.glob(f"*/*{PARTIAL}")]:
-        stale.unlink(missing_ok=True)
 
 
 def workers_folder(directory: Path) -> Path:
@@ -169,15 +153,6 @@ def _is_whole(path: Path, plan: ShardPlan, record: ShardRecord) -> bool:
         return False
     with path.open("rb") as handle:
         return hashlib.file_digest(handle, "sha256").hexdigest() == record.sha256
-
-
-def _make_writable(directory: Path) -> None:
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=directory):
-            pass
-    except OSError as error:
-        raise InputError("--out", f"{directory}: {error.strerror}", "a folder that can be written") from error
 
 
 def _read_json(path: Path) -> Any:

@@ -42,6 +42,12 @@ def atomic(path: Path) -> Iterator[Path]:
             partial.unlink()
 
 
+def remove_partial(folder: Path) -> None:
+    """Remove what processes that were killed had begun to write into a folder and the folders in it."""
+    for stale in [*folder.glob(f"*{PARTIAL}"), *folder.glob(f"*/*{PARTIAL}")]:
+        stale.unlink(missing_ok=True)
+
+
 def write_bytes(path: Path, content: bytes) -> None:
     """Write a file in one step, see :func:`atomic`."""
     with atomic(path) as partial:

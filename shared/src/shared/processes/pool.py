@@ -21,6 +21,7 @@ from collections.abc import Callable, Hashable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from multiprocessing import resource_tracker
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Generic, Protocol, TypeVar
@@ -208,6 +209,7 @@ def _without_interrupts() -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
+    resource_tracker.ensure_running()  # its start, with the first process, would let Ctrl-C through again
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -220,7 +222,7 @@ _given: dict[str, Any] = {}
 
 
 def _begin(work_file: Path, steps: Path, parent: int) -> None:
-    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    end_with_parent(parent)
     # loky would end a worker that grew by 300 MB since its first task, which a larger scene does.
     process_executor._USE_PSUTIL = False
     work = pickle.loads(work_file.read_bytes())
@@ -229,8 +231,12 @@ def _begin(work_file: Path, steps: Path, parent: int) -> None:
     _given.update(work=work, report=lambda count: os.write(handle, b"." * count))
 
 
+def end_with_parent(parent: int) -> None:
+    """End this process when the one that started it is gone: a process that was killed cannot end its workers."""
+    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+
 def _end_with(parent: int) -> None:
-    """A process that was killed cannot end its workers."""
     while os.getppid() == parent:
         time.sleep(PARENT_CHECK_S)
     os._exit(1)

@@ -1,5 +1,5 @@
 """``python -m trainer.cli``, for a machine where the script is not on the path."""
 
-from trainer.cli import main
+from trainer.cli.entry import main
 
 main()

@@ -21,7 +21,7 @@ import pyarrow as pa
 from shared.dataset.folder import MANIFEST, open_dataset
 from shared.dataset.locations import Location, folder_name, locate
 from shared.dataset.reading import radar_of
-from shared.dataset.writing import write_text
+from shared.dataset.writing import remove_partial, write_text
 from shared.physics.errors import InputError
 from trainer.data.arrays import choose_array
 from trainer.evaluation.experiments.bench import (
@@ -54,6 +54,7 @@ from trainer.evaluation.report.tables import metrics_table, write_table
 from trainer.evaluation.rows import MetricRow
 from trainer.evaluation.store import Cell, CellStore, Values, code_fingerprint
 from trainer.evaluation.workers import Workers, alone
+from trainer.run.claim import JOB, output_folder
 from trainer.run.folder import Fingerprint
 
 EXPERIMENTS: dict[str, Experiment] = {
@@ -102,35 +103,40 @@ def evaluate(
     :param workers: processes that compute cells, see :class:`trainer.evaluation.workers.Workers`; the numbers, but for
         the seconds, do not depend on it. Seconds are measured before the first cell, in this process alone.
     :raises InputError: bad data, runs, names, or an experiment asked for that does not apply
-    :raises TrainingStopped: a worker process was killed
+    :raises TrainingStopped: three worker processes died of a cell
     """
-    bench, left_out = open_bench(dataset, runs, methods, arrays, config or EvaluationConfig(), measured)
-    chosen, obstacles = choose_experiments(experiments, bench)
-    store = _open_store(out, resume)
-    for line in obstacles:
-        announce(line)
-    for kind, count in left_out.items():
-        announce(f"{count} {kind} frames of the test split are left out: --frames {bench.config.frames}")
+    remedy = "an empty or new folder, or --resume to keep what is finished"
     advance = progress or (lambda *_: None)
-    bench = replace(bench, seconds=_seconds(bench, store, advance))
-    rows: list[MetricRow] = []
-    figures: list[ReportFigure] = []
-    (out / FIGURES).mkdir(exist_ok=True)
-    written = set()
-    with Workers(bench, workers) as pool:
-        shown = _compute(EXPERIMENTS[Street.name], bench, store, pool, partial(advance, "images"))
-        for experiment in chosen:
-            results = _compute(experiment, bench, store, pool, partial(advance, experiment.name))
-            rows += experiment.rows(bench, results)
-            for name, figure in experiment.figures(bench, results).items():
-                png = save_figure(figure, out / FIGURES, name)
-                written |= {f"{name}.png", f"{name}.svg"}
-                figures.append(ReportFigure(experiment.title, experiment.caption, png))
-    rows += [
-        single_row(RUNTIME, contender, SECONDS, "", bench.seconds[contender.method, contender.array.name])
-        for contender in bench.contenders
-    ]
-    table = _write(out, bench, f"Evaluation on {folder_name(locate(dataset))}", chosen, rows, figures, shown)
+    with output_folder(out, resume, remedy) as folder:
+        if resume:
+            _require_cells(out)
+        bench, left_out = open_bench(dataset, runs, methods, arrays, config or EvaluationConfig(), measured)
+        chosen, obstacles = choose_experiments(experiments, bench)
+        remove_partial(out)
+        store = CellStore(out / CELLS)
+        for line in obstacles:
+            announce(line)
+        for kind, count in left_out.items():
+            announce(f"{count} {kind} frames of the test split are left out: --frames {bench.config.frames}")
+        bench = replace(bench, seconds=_seconds(bench, store, advance))
+        rows: list[MetricRow] = []
+        figures: list[ReportFigure] = []
+        (out / FIGURES).mkdir(exist_ok=True)
+        written = set()
+        with Workers(bench, workers, folder) as pool:
+            shown = _compute(EXPERIMENTS[Street.name], bench, store, pool, partial(advance, "images"))
+            for experiment in chosen:
+                results = _compute(experiment, bench, store, pool, partial(advance, experiment.name))
+                rows += experiment.rows(bench, results)
+                for name, figure in experiment.figures(bench, results).items():
+                    png = save_figure(figure, out / FIGURES, name)
+                    written |= {f"{name}.png", f"{name}.svg"}
+                    figures.append(ReportFigure(experiment.title, experiment.caption, png))
+        rows += [
+            single_row(RUNTIME, contender, SECONDS, "", bench.seconds[contender.method, contender.array.name])
+            for contender in bench.contenders
+        ]
+        table = _write(out, bench, f"Evaluation on {folder_name(locate(dataset))}", chosen, rows, figures, shown)
     if stale := sum(path.name not in written for path in (out / FIGURES).iterdir()):
         announce(f"{stale} files in {out / FIGURES} are of other arguments and not in this report")
     if store.unused:
@@ -212,17 +218,9 @@ def choose_experiments(names: Sequence[str] | None, bench: Bench) -> tuple[list[
     )
 
 
-def _open_store(out: Path, resume: bool) -> CellStore:
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        occupied = any(out.iterdir())
-    except OSError as error:
-        raise InputError("--out", f"{out}: {error.strerror}", "a folder that can be written") from error
-    if occupied and not resume:
-        raise InputError("--out", f"{out} is not empty", "an empty or new folder, or --resume to keep what is finished")
-    if occupied and not (out / CELLS).is_dir():
+def _require_cells(out: Path) -> None:
+    if any(item.name != JOB for item in out.iterdir()) and not (out / CELLS).is_dir():
         raise InputError("--out", f"{out} holds no {CELLS}/", "the folder of an evaluation to resume, or a new one")
-    return CellStore(out / CELLS)
 
 
 def _compute(

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shared.dataset.locations import sha256_of
-from shared.dataset.writing import PARTIAL, atomic
+from shared.dataset.writing import atomic
 from shared.physics.errors import InputError
 
 Values = Mapping[str, NDArray[Any]]
@@ -84,8 +84,6 @@ class CellStore:
         self.kept = 0
         self._used: set[str] = set()
         directory.mkdir(parents=True, exist_ok=True)
-        for left_behind in directory.glob(f"*{PARTIAL}"):
-            left_behind.unlink()
 
     def finished(self, cell: Cell) -> Values | None:
         """The cell's arrays if it was finished before.

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from shared.dataset import METADATA_KEY
 from shared.dataset.locations import Location
 from shared.dataset.writing import atomic
-from shared.physics.errors import InputError
 from trainer.data.measurements import Measurement, open_measurements
+from trainer.run.claim import output_folder
 from trainer.run.folder import Run, load_imager, same_radar
 from trainer.run.imager import Imager
 from trainer.run.pictures import save_picture
@@ -39,30 +39,24 @@ def predict(
     :param split: of a dataset, or "all"
     :raises InputError: a run or input that cannot be read, an array or axes that the run was not trained for
     """
-    run, imager = load_imager(run_directory)
-    found, measurements = open_measurements(source, radar, split)
-    same_radar(run.radar, str(run_directory), found, str(source))
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError("--out", f"{out}: {error.strerror}", "a folder that can be written") from error
-    if any(out.iterdir()):
-        raise InputError("--out", f"{out} is not empty", "an empty or new folder")
-    device = "cuda" if torch.cuda.is_available() else "cpu"
-    imager.to(device)
-    schema, count = _schema(run), 0
-    with atomic(out / IMAGES) as partial, pq.ParquetWriter(partial, schema, compression="lz4") as writer:
-        for measurement in measurements:
-            image, velocity = image_peaks(imager, measurement)
-            row = {
-                "frame_id": pa.array([measurement.frame_id], pa.int64()),
-                "image": _row(image, schema.field("image").type),
-                "velocity": _row(velocity, schema.field("velocity").type),
-            }
-            writer.write_table(pa.table(row, schema=schema))
-            if pictures:
-                _picture(out, run, imager, measurement, image)
-            count += 1
+    with output_folder(out, resume=False):
+        run, imager = load_imager(run_directory)
+        found, measurements = open_measurements(source, radar, split)
+        same_radar(run.radar, str(run_directory), found, str(source))
+        imager.to("cuda" if torch.cuda.is_available() else "cpu")
+        schema, count = _schema(run), 0
+        with atomic(out / IMAGES) as partial, pq.ParquetWriter(partial, schema, compression="lz4") as writer:
+            for measurement in measurements:
+                image, velocity = image_peaks(imager, measurement)
+                row = {
+                    "frame_id": pa.array([measurement.frame_id], pa.int64()),
+                    "image": _row(image, schema.field("image").type),
+                    "velocity": _row(velocity, schema.field("velocity").type),
+                }
+                writer.write_table(pa.table(row, schema=schema))
+                if pictures:
+                    _picture(out, run, imager, measurement, image)
+                count += 1
     announce(f"{count} frames of {source} in {out}")
     return count
 

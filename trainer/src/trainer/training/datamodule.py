@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 from lightning.pytorch import LightningDataModule
@@ -13,6 +15,7 @@ from shared.dataset.folder import SPLITS, open_dataset, verify
 from shared.dataset.locations import Location, locate
 from shared.dataset.reading import radar_of
 from shared.physics.errors import InputError
+from shared.processes.pool import end_with_parent
 from shared.signal.windows import ANGLE_WINDOWS
 from trainer.data.order import BatchOrder
 from trainer.data.shards import ShardDataset
@@ -93,8 +96,14 @@ class ImagingData(LightningDataModule):
             num_workers=self.workers,
             multiprocessing_context=context,
             persistent_workers=self.workers > 0,
+            worker_init_fn=partial(_begin_reading, os.getpid()),
             **arguments,
         )
+
+
+def _begin_reading(parent: int, _worker: int) -> None:
+    """A reading process ends with the one that trains."""
+    end_with_parent(parent)
 
 
 def _truth_window(datasets: Sequence[ShardDataset], folders: Sequence[Location]) -> str:

@@ -18,8 +18,11 @@ from lightning.pytorch.loggers import TensorBoardLogger
 from lightning.pytorch.trainer.states import TrainerStatus
 
 from shared.dataset.locations import Location
+from shared.dataset.writing import remove_partial
 from shared.physics.errors import InputError
+from shared.processes.pool import end_with_parent
 from trainer.data.arrays import choose_array
+from trainer.run.claim import output_folder
 from trainer.run.configuration import FitConfig
 from trainer.run.folder import CHECKPOINT, RUN_FILE, WEIGHTS, Run, read_run, versions, write_run
 from trainer.run.targets import PROBABILITY, UNITS
@@ -64,6 +67,31 @@ def fit(
     :raises TrainingStopped: a loss that is not finite
     :raises KeyboardInterrupt: Ctrl-C; what the last validation left is whole
     """
+    first = int(os.environ.get("RANK", os.environ.get("LOCAL_RANK", "0"))) == 0
+    if not first:
+        end_with_parent(os.getppid())
+        return _fit(datasets, out, config, array, weights, resume, workers, check, devices, announce, first)
+    with output_folder(out, resume, "an empty or new folder, or --resume"):
+        return _fit(datasets, out, config, array, weights, resume, workers, check, devices, announce, first)
+
+
+def _fit(
+    datasets: Sequence[Location | str],
+    out: Path,
+    config: FitConfig,
+    array: str,
+    weights: Sequence[float] | None,
+    resume: bool,
+    workers: int,
+    check: bool,
+    devices: int,
+    announce: Callable[[str], object],
+    first: bool,
+) -> Run:
+    """:func:`fit` in a folder that is held.
+
+    :param first: of the processes; it writes
+    """
     data = ImagingData(datasets, weights, config, workers, check)
     run = Run(
         config=config,
@@ -73,7 +101,6 @@ def fit(
         weights=tuple(weights) if weights else None,
         versions=versions(),
     )
-    first = int(os.environ.get("RANK", os.environ.get("LOCAL_RANK", "0"))) == 0
     if first:
         _prepare(out, run, resume)
     checkpoint = out / CHECKPOINT if resume and (out / CHECKPOINT).is_file() else None
@@ -130,14 +157,8 @@ def fit(
 
 
 def _prepare(out: Path, run: Run, resume: bool) -> None:
-    """Make the folder, or check that the run in it is this one."""
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError("--out", f"{out}: {error.strerror}", "a folder that can be written") from error
+    """Note the run, or check that the one in the folder is this one."""
     if not resume:
-        if any(out.iterdir()):
-            raise InputError("--out", f"{out} is not empty", "an empty or new folder, or --resume")
         write_run(out, run)
         return
     if not (out / RUN_FILE).is_file():
@@ -145,6 +166,7 @@ def _prepare(out: Path, run: Run, resume: bool) -> None:
     before = read_run(out)
     for part in ("config", "radar", "array", "datasets", "weights"):
         _same(out, part, getattr(before, part), getattr(run, part))
+    remove_partial(out)
 
 
 def _same(out: Path, part: str, before: object, now: object) -> None:
