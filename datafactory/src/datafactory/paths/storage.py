@@ -19,6 +19,7 @@ import pyarrow.parquet as pq
 
 from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
 from datafactory.scenes.poses import Pose
+from shared.dataset.reading import open_shard
 from shared.physics.errors import InputError
 
 SHAPES = {
@@ -180,7 +181,7 @@ def read_places(path: Path) -> list[tuple[int, int]]:
 @contextmanager
 def _opened(path: Path) -> Iterator[pq.ParquetFile]:
     try:
-        with pq.ParquetFile(path) as file:
+        with open_shard(path) as file:
             found = (file.schema_arrow.metadata or {}).get(b"sparseradar_paths")
             if found is None:
                 raise InputError(path, "holds no traced paths", "a shard under paths/ written by datafactory trace")

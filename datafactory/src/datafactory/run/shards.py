@@ -15,8 +15,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from shared.dataset import Frame, to_record_batch
-from shared.dataset.folder import MANIFEST, SPLITS, ShardRecord
+from shared.dataset.folder import SPLITS
 from shared.dataset.locations import sha256_of
+from shared.dataset.manifest import MANIFEST, ShardRecord, sealed
 from shared.dataset.writing import atomic, write_json
 
 FRAMES_PER_SHARD = 8
@@ -88,6 +89,8 @@ def write_tables(path: Path, tables: Iterable[pa.Table], schema: pa.Schema, **op
     path.parent.mkdir(parents=True, exist_ok=True)
     rows = 0
     with atomic(path) as partial:
+        # A checksum of every page: a bit that flips later is found by whoever reads.
+        options |= {"write_page_checksum": True}
         with partial.open("wb") as handle, pq.ParquetWriter(handle, schema, **options) as writer:
             for table in tables:
                 writer.write_table(table, row_group_size=FRAMES_PER_ROW_GROUP)
@@ -103,9 +106,10 @@ def write_manifest(directory: Path, manifest: Mapping[str, Any]) -> Path:
 
     The pipeline fills it: ``version``, ``shards`` (one :class:`ShardRecord` each, as a dict), ``arguments``, radar and
     axes, ``seeds``, ``scenes``, ``effects``, ``counts``, and ``made``, the only key that may differ between equal runs.
+    ``sha256`` is added, of all but ``made``.
     """
     path = directory / MANIFEST
-    write_json(path, manifest)
+    write_json(path, sealed(manifest))
     return path
 
 

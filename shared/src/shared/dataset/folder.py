@@ -2,47 +2,21 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import pyarrow as pa
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from shared.dataset import Frame
-from shared.dataset.locations import Location, RemotePath, file_names, file_size, locate, sha256_of
-from shared.dataset.reading import check_version, open_shard, read_description, read_frames
+from shared.dataset.locations import Location, RemotePath, file_names, file_size, locate
+from shared.dataset.manifest import MANIFEST, ShardRecord, digest_fault, read_manifest, shard_records
+from shared.dataset.reading import open_shard, read_description, read_frames
 from shared.physics.errors import InputError
-from shared.radar import first_validation_error
 
 Split = Literal["train", "validation", "test"]
 SPLITS: tuple[Split, ...] = ("train", "validation", "test")
-MANIFEST = "manifest.json"
-
-
-class ShardRecord(BaseModel):
-    """What the manifest says about one shard.
-
-    :param path: relative to the dataset's folder, with forward slashes
-    :param rows: frames in it
-    :param bytes: size of the file
-    :param sha256: of the file, in hexadecimal
-    """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    path: Annotated[str, Field(pattern=r"^(train|validation|test|paths)/part-[0-9]{5,}\.parquet$")]
-    rows: Annotated[int, Field(ge=1, strict=True)]
-    bytes: Annotated[int, Field(ge=1, strict=True)]
-    sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
-
-
-class _ManifestShards(BaseModel):
-    """The part of a manifest that reading depends on."""
-
-    shards: tuple[ShardRecord, ...]
 
 
 @dataclass(frozen=True)
@@ -95,22 +69,6 @@ class Dataset:
             raise InputError(self.path, "holds traced paths and no frames", f"a dataset, as made by {made_by}")
 
 
-def read_manifest(directory: Location) -> dict[str, Any]:
-    """The manifest of a dataset's folder, its version checked.
-
-    :raises InputError: missing, not JSON, no version or a newer one
-    """
-    path = directory / MANIFEST
-    if file_size(path) is None:
-        raise InputError(path, "no such file", "the folder of a finished dataset")
-    try:
-        manifest = json.loads(path.read_bytes())
-    except (ValueError, RecursionError, OSError) as error:  # no JSON, or nested too deeply
-        raise InputError(path, f"not readable as JSON: {error}", "a manifest made by datafactory") from error
-    check_version(path, manifest)
-    return manifest
-
-
 def open_dataset(path: Path | str | RemotePath, check_sizes: bool = True) -> Dataset:
     """A dataset by its folder, local or by URI; every shard of the manifest is there and has the right size.
 
@@ -120,14 +78,7 @@ def open_dataset(path: Path | str | RemotePath, check_sizes: bool = True) -> Dat
     """
     path = locate(path)
     manifest = read_manifest(path)
-    if not isinstance(manifest.get("shards"), list) or not manifest["shards"]:
-        raise InputError(path / MANIFEST, "no list of shards", "one record for each shard")
-    try:
-        records = _ManifestShards.model_validate(manifest).shards
-    except ValidationError as error:
-        raise InputError(path / MANIFEST, *first_validation_error(error)) from error
-    if len({record.path for record in records}) < len(records):
-        raise InputError(path / MANIFEST, "shards names a path twice", "one record for each shard")
+    records = shard_records(path / MANIFEST, manifest)
     if check_sizes:
         for record in records:
             if fault := _size_fault(path, record):
@@ -165,9 +116,8 @@ def _size_fault(directory: Location, record: ShardRecord) -> str | None:
 
 def _content_fault(directory: Location, record: ShardRecord, schemas: dict[bool, pa.Schema]) -> str | None:
     path = directory / record.path
-    digest = sha256_of(path)
-    if digest != record.sha256:
-        return f"sha256 is {digest}; the manifest says {record.sha256}"
+    if fault := digest_fault(path, record):
+        return fault
     is_paths = record.path.startswith("paths/")
     try:
         with open_shard(path) as file:

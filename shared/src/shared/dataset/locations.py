@@ -133,10 +133,12 @@ def sha256_of(location: Location) -> str:
 
 
 def open_parquet(location: Location) -> pq.ParquetFile:
-    """The Parquet file; a remote one fetches the ranges of a row group's columns together."""
+    """The Parquet file, the checksums of whose pages are verified; a remote one fetches the ranges of a row group's
+    columns together."""
     if isinstance(location, RemotePath):
-        return pq.ParquetFile(location.key, filesystem=location.filesystem, pre_buffer=True)
-    return pq.ParquetFile(location)
+        key, filesystem = location.key, location.filesystem
+        return pq.ParquetFile(key, filesystem=filesystem, pre_buffer=True, page_checksum_verification=True)
+    return pq.ParquetFile(location, page_checksum_verification=True)
 
 
 def _unreachable(label: str, error: Exception) -> InputError:

@@ -15,8 +15,9 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from shared.dataset import COMPLEX_ARRAYS, METADATA_KEY, SCALARS, VECTORS, VERSION, Frame, Target, row_bytes
+from shared.dataset import COMPLEX_ARRAYS, METADATA_KEY, SCALARS, VECTORS, Frame, Target, row_bytes
 from shared.dataset.locations import Location, file_size, open_parquet
+from shared.dataset.manifest import check_version, require_as_written
 from shared.physics.errors import InputError
 from shared.radar import FrontEnd, Radar, first_validation_error
 from shared.radar.arrays import AntennaArray
@@ -33,13 +34,14 @@ _READ_ERRORS = (pa.ArrowException, OSError, UnicodeDecodeError)
 
 
 def open_shard(path: Location) -> pq.ParquetFile:
-    """The Parquet file, opened.
+    """The Parquet file, opened; its pages are checked as they are read, the whole file as it is opened first.
 
-    :raises InputError: missing, cut short or no Parquet file
+    :raises InputError: missing, cut short or no Parquet file, or not as its dataset's manifest says
     """
     if file_size(path) is None:
         raise InputError(path, "no such file", "a Parquet shard")
     try:
+        require_as_written(path)
         return open_parquet(path)
     except _READ_ERRORS as error:
         raise InputError(path, f"not readable as Parquet: {error}", "a whole Parquet shard") from error
@@ -52,18 +54,6 @@ def read_description(path: Location) -> dict[str, Any]:
     """
     with open_shard(path) as file:
         return copy.deepcopy(_description(path, file.schema_arrow))
-
-
-def check_version(source: object, document: object) -> None:
-    """Refuse what a newer version made, or what has no version.
-
-    :raises InputError: always naming ``source``
-    """
-    version = document.get("version") if isinstance(document, dict) else None
-    if not isinstance(version, int) or isinstance(version, bool) or version < 1:
-        raise InputError(source, f"version = {version!r}", f"a format version from 1 to {VERSION}")
-    if version > VERSION:
-        raise InputError(source, f"made by a newer version: version {version}; this reads up to {VERSION}; upgrade")
 
 
 def frame_from_row(batch: pa.RecordBatch, row: int, shapes: Mapping[str, Sequence[int]]) -> Frame:

@@ -1,0 +1,141 @@
+"""Commands whose processes are killed: one line, nothing stays behind, the same command with --resume goes on."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import psutil
+import pytest
+from small_evaluation import make_data
+from tiny_radar import small_dataset
+
+from trainer.cli.app import main
+from trainer.run.claim import JOB
+
+SIZE = ["--width", "4", "--hidden", "16", "--rows", "16", "--validate-every", "4", "--array", "full", "--points", "0"]
+INTERRUPTED = "trainer: interrupted"
+
+
+def status(capsys, monkeypatch, *arguments):
+    """(exit status, standard error) of the command, here."""
+    monkeypatch.setattr("sys.argv", ["trainer", *map(str, arguments)])
+    with pytest.raises(SystemExit) as caught:
+        main()
+    return caught.value.code, capsys.readouterr().err
+
+
+def wait_for(condition: Callable[[], object], seconds: float = 120.0) -> None:
+    """Until the condition holds; fails after a time that no slow machine takes."""
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.05)
+
+
+@contextmanager
+def started(*arguments: object) -> Iterator[subprocess.Popen[str]]:
+    """The command in a process of its own, ended at the end whatever happens."""
+    command = [sys.executable, "-m", "trainer.cli", *map(str, arguments)]
+    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+    with subprocess.Popen(
+        command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def descendants(process: subprocess.Popen[str]) -> list[psutil.Process]:
+    return psutil.Process(process.pid).children(recursive=True)
+
+
+def ended(processes: list[psutil.Process]) -> bool:
+    return not any(found.is_running() and found.status() != psutil.STATUS_ZOMBIE for found in processes)
+
+
+@pytest.mark.slow
+def test_an_evaluation_that_is_killed(tmp_path, capsys, monkeypatch):
+    """By SIGTERM, by the death of a worker, by SIGKILL; beside it a second one is refused at once."""
+    data, out = make_data(tmp_path / "data"), tmp_path / "out"
+    arguments = [
+        "evaluate",
+        data,
+        "--out",
+        out,
+        "--arrays",
+        "full",
+        "--methods",
+        "das,omp",
+        "--experiments",
+        "resolution",
+    ]
+    many = [*arguments, "--trials", "4000", "--workers", "2"]
+    with started(*many) as process:
+        wait_for(lambda: (out / JOB / "workers").is_dir() and len(descendants(process)) > 2)
+        code, line = status(capsys, monkeypatch, *arguments, "--resume")
+        assert (code, line.count("\n")) == (2, 1)
+        assert line.startswith(f"trainer: --out: another process is at work in {out}; expected to wait")
+        workers = descendants(process)
+        process.send_signal(signal.SIGTERM)
+        assert process.communicate(timeout=60)[1].startswith(INTERRUPTED)
+        assert process.returncode == 130
+    wait_for(lambda: ended(workers))
+    assert not (out / JOB).exists()
+    with started(*many, "--resume") as process:
+        wait_for(lambda: (out / JOB / "workers").is_dir() and len(descendants(process)) > 2)
+        workers = descendants(process)
+        process.kill()
+        process.wait()
+    wait_for(lambda: ended(workers))
+    (out / "figures").mkdir(exist_ok=True)
+    (out / "figures/resolution.png.partial").write_bytes(b"half a picture")
+    assert status(capsys, monkeypatch, *arguments, "--trials", "2", "--workers", "1", "--resume") == (None, "")
+    assert not (out / JOB).exists()
+    assert not list(out.rglob("*.partial"))
+
+
+@pytest.mark.slow
+def test_a_training_that_is_killed(tmp_path, capsys, monkeypatch):
+    data, out = small_dataset(tmp_path / "data"), tmp_path / "run"
+    arguments = ["fit", data, "--out", out, *SIZE, "--steps", "100000"]
+    with started(*arguments, "--workers", "1") as process:
+        wait_for((out / "last.ckpt").is_file)
+        code, line = status(capsys, monkeypatch, *arguments, "--resume")
+        assert (code, line.count("\n")) == (2, 1)
+        assert line.startswith(f"trainer: --out: another process is at work in {out}; expected to wait")
+        readers = descendants(process)
+        process.send_signal(signal.SIGTERM)
+        said = process.communicate(timeout=60)[1]
+        assert said.startswith(INTERRUPTED)
+        assert said.count("\n") == 1
+        assert process.returncode == 130
+    wait_for(lambda: ended(readers))
+    assert not (out / JOB).exists()
+    lines = (out / "metrics.csv").read_text().count("\n")
+    with started(*arguments, "--workers", "1", "--resume") as process:
+        wait_for(lambda: (out / "metrics.csv").read_text().count("\n") > lines)
+        readers = descendants(process)
+        assert readers
+        process.kill()
+        process.wait()
+    wait_for(lambda: ended(readers))
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_while_the_command_is_being_loaded_is_one_line(tmp_path, how):
+    """Python itself answers an interrupt within its first tenth of a second, before any of our code runs."""
+    with started("evaluate", tmp_path, "--out", tmp_path / "out") as process:
+        wait_for(lambda: any("numpy" in found.path for found in psutil.Process(process.pid).memory_maps()))
+        process.send_signal(how)
+        said = process.communicate(timeout=60)[1]
+    assert said.startswith(INTERRUPTED)
+    assert said.count("\n") == 1
+    assert process.returncode == 130
+    assert not (tmp_path / "out").exists()
