@@ -178,7 +178,13 @@ def test_a_frame_that_fails_leaves_the_old_shard_and_nothing_else(tmp_path):
 def test_a_manifest_is_sorted_whole_and_free_of_nan(tmp_path):
     write_manifest(tmp_path, {"version": 1, "b": 2, "a": [1.5, None]})
     text = (tmp_path / "manifest.json").read_text()
-    assert text == json.dumps({"a": [1.5, None], "b": 2, "version": 1}, indent=1) + "\n"
+    document = json.loads(text)
+    assert text == json.dumps(document, indent=1, sort_keys=True) + "\n"
+    assert {name: value for name, value in document.items() if name != "sha256"} == {
+        "a": [1.5, None],
+        "b": 2,
+        "version": 1,
+    }
     with pytest.raises(ValueError, match="not JSON compliant"):
         write_manifest(tmp_path, {"version": 1, "a": float("nan")})
     assert read_manifest(tmp_path)["b"] == 2

@@ -9,8 +9,9 @@ from pathlib import Path
 
 from datafactory.paths.backend import select_variant, set_threads
 from datafactory.run.job import Job, WriteShard
-from datafactory.run.progress import FinishedShard, record_finished, remove_partial, workers_folder
+from datafactory.run.progress import FinishedShard, record_finished, workers_folder
 from datafactory.run.shards import ShardPlan
+from shared.dataset.writing import remove_partial
 from shared.processes.pool import StepsDone, WorkerPool
 
 Advance = Callable[[int, int], None]

@@ -8,7 +8,7 @@ import typer
 from typer.exceptions import TyperException
 
 from shared.physics.errors import InputError, require_utf8
-from trainer.cli.entry import INTERRUPTED
+from shared.processes.interrupt import INTERRUPTED
 from trainer.cli.evaluate import evaluate
 from trainer.cli.export import export
 from trainer.cli.fit import fit

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import signal
-import sys
+from collections.abc import Callable
 
-INTERRUPTED = 130
-"""Exit status after Ctrl-C or a request to end: 128 and the number of SIGINT."""
+from shared.processes.interrupt import run_command
 
 
 def main() -> None:
-    """Run the command line; a request to end (SIGTERM) is answered like Ctrl-C, so that workers end with it."""
-    try:
-        signal.signal(signal.SIGTERM, signal.default_int_handler)
-        from trainer.cli.app import main as run
+    """Run the command line."""
+    run_command("trainer", _loaded)
 
-        run()
-    except KeyboardInterrupt:
-        print("trainer: interrupted", file=sys.stderr)
-        sys.exit(INTERRUPTED)
+
+def _loaded() -> Callable[[], None]:
+    from trainer.cli.app import main
+
+    return main

@@ -21,7 +21,7 @@ import torch
 from threadpoolctl import threadpool_limits
 
 from shared.physics.errors import InputError
-from shared.processes.pool import Report, WorkerPool
+from shared.processes.pool import StepsDone, WorkerPool
 from trainer.errors import TrainingStopped
 from trainer.evaluation.experiments.bench import Bench, Experiment, Task
 from trainer.evaluation.store import Values
@@ -53,7 +53,7 @@ class CellWork:
         torch.set_num_threads(1)
         self._limits = threadpool_limits(limits=1)  # they hold as long as the object does
 
-    def __call__(self, item: Item, report: Report) -> Values:
+    def __call__(self, item: Item, report: StepsDone) -> Values:
         """Compute one cell."""
         experiment, place = item
         if self._listed[0] != experiment.name:
