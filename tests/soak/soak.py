@@ -194,11 +194,12 @@ class Soak:
         family = _family(process.pid)
         if process.poll() is not None:
             return self._ended(process, killed=False)
+        workers = [item for item in family if item.pid != process.pid and _works(item)]
+        if kind == "worker" and not workers:
+            kind = "parent"
         self.tally.kills[kind] += 1
         if kind == "worker":
-            workers = [item for item in family if item.pid != process.pid and _works(item)]
-            for item in self.chance.sample(workers, min(1, len(workers))):
-                _kill(item.pid, signal.SIGKILL)
+            _kill(self.chance.choice(workers).pid, signal.SIGKILL)
             return self._ended(process, killed=False)
         if kind == "group":
             os.killpg(process.pid, signal.SIGKILL)
