@@ -9,6 +9,7 @@ import pytest
 from usd_files import CUBE, METRES_Z_UP, read, write_usda
 
 from datafactory.scenes.readers.usd import read_usd
+from shared.physics.errors import InputError
 
 MOVING = """def Xform "car" {
       double3 xformOp:translate.timeSamples = { 0: (0, 0, 0), 12: (0, 0, 600), 24: (0, 0, 0) }
@@ -81,3 +82,34 @@ def test_the_same_file_gives_the_same_scene(tmp_path: Path) -> None:
     assert first.content_hash() == second.content_hash()
     assert first.warnings == second.warnings
     assert any("composition errors" in warning and "anon:" not in warning for warning in first.warnings)
+
+
+@pytest.mark.parametrize("value", ["(nan, 1, 1)", "(0, 0, 0)", "(1, 0, 1)", "(inf, 1, 1)", "(1e38, 1e38, 1e38)"])
+@pytest.mark.parametrize("operation", ["scale", "rotateXYZ"])
+def test_transforms_that_no_mesh_survives_are_counted_or_one_line(tmp_path: Path, value: str, operation: str) -> None:
+    """float32 points far from their origin ask for the transform's norm, which is not defined for NaN."""
+    body = f"""def Xform "w" {{
+      float3 xformOp:{operation} = {value}
+      uniform token[] xformOpOrder = ["xformOp:{operation}"]
+      def Mesh "m" {{
+        point3f[] points = [(1e6, 0, 0), (1e6, 1, 0), (1e6, 0, 1)]
+        int[] faceVertexCounts = [3]
+        int[] faceVertexIndices = [0, 1, 2]
+      }}
+    }}
+    def Mesh "rest" {{
+    {CUBE}
+    }}"""
+    scene = read(tmp_path, body)
+    assert scene.objects[-1].name == "/rest"
+    assert np.isfinite(scene.bounds()).all()
+
+
+def test_a_velocity_that_is_no_number_is_refused(tmp_path: Path) -> None:
+    body = f"""def Mesh "m" {{
+      {CUBE}
+      double3 xformOp:translate.timeSamples = {{ 0: (0, 0, 0), 1: (nan, 0, 0) }}
+      uniform token[] xformOpOrder = ["xformOp:translate"]
+    }}"""
+    with pytest.raises(InputError, match=r"/m moves at \(nan, nan, nan\) m/s; expected at most"):
+        read(tmp_path, body, f"{METRES_Z_UP}\n timeCodesPerSecond = 1\n startTimeCode = 0\n endTimeCode = 1")
