@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -117,12 +118,18 @@ def write_usd(path: Path, placements: Sequence[Placement], documentation: str) -
         prim.GetReferences().AddInternalReference(model)
         prim.SetInstanceable(True)
 
+    partial = path.with_name(f".partial-{os.getpid()}{path.suffix}")  # the suffix chooses the format
     try:
-        written = usd_stage.GetRootLayer().Export(str(path))
+        if not usd_stage.GetRootLayer().Export(str(partial)):
+            raise InputError(path, "cannot be written", "a writable place")
+        os.replace(partial, path)
     except Tf.ErrorException as error:
         raise InputError(path, f"cannot be written ({error.args[0].commentary})", "a writable place") from None
-    if not written:
-        raise InputError(path, "cannot be written", "a writable place")
+    except OSError as error:
+        raise InputError(path, f"cannot be written ({error.strerror})", "a writable place") from None
+    finally:
+        with suppress(OSError):
+            partial.unlink()
 
 
 def _define_material(usd_stage: Usd.Stage, key: str) -> None:
