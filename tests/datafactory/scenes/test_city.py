@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import math
+import subprocess
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -225,6 +226,33 @@ def regenerated(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("scenes")
     load_make_scenes().write_scenes(folder)
     return folder
+
+
+FULL = """
+import resource, signal, sys
+from pathlib import Path
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (5000, 5000))
+from datafactory.scenes.city.city import write_city
+from shared.physics.errors import InputError
+try:
+    write_city(Path(sys.argv[1]), 0, 1)
+except InputError as error:
+    print(error)
+"""
+
+
+@pytest.mark.parametrize("suffix", ["usda", "usdc"])
+def test_a_disk_that_is_full_leaves_the_file_that_was_there(tmp_path: Path, suffix: str) -> None:
+    """The limit on the size of files stands for the full disk."""
+    path = tmp_path / f"city.{suffix}"
+    path.write_text("before")
+    command = [sys.executable, "-c", FULL, str(path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout.startswith(f"{path}: cannot be written (")
+    assert len(done.stdout.splitlines()) == 1
+    assert [entry.name for entry in tmp_path.iterdir()] == [path.name]
+    assert path.read_text() == "before"
 
 
 def test_committed_scenes_are_what_the_script_writes(regenerated: Path) -> None:

@@ -98,4 +98,6 @@ def avr_qdm_110() -> AntennaArray:
 def virtual_sensor_256(carrier_hz: float) -> AntennaArray:
     """The truth's sensor (paper, section II-B): 1 TX at the origin, 256 RX at half a carrier wavelength [Hz]."""
     spacing = SPEED_OF_LIGHT / (2.0 * carrier_hz)
-    return AntennaArray(tx_m=((0.0, 0.0, 0.0),), rx_m=line(spacing * (np.arange(256, dtype=np.float64) - 127.5)))
+    with np.errstate(over="ignore"):  # of a carrier near 0 Hz the positions are infinite, and refused
+        positions = spacing * (np.arange(256, dtype=np.float64) - 127.5)
+    return AntennaArray(tx_m=((0.0, 0.0, 0.0),), rx_m=line(positions))

@@ -146,11 +146,12 @@ class _MaterialEntry(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
-    relative_permittivity: Annotated[FiniteFloat, Field(ge=1)]
-    conductivity: Annotated[FiniteFloat, Field(ge=0)]
-    thickness: Annotated[FiniteFloat, Field(gt=0)] = 0.1
+    # The upper limits lie far beyond any substance, and below what squares and quotients of them can overflow.
+    relative_permittivity: Annotated[FiniteFloat, Field(ge=1, le=1e9)]
+    conductivity: Annotated[FiniteFloat, Field(ge=0, le=1e12)]
+    thickness: Annotated[FiniteFloat, Field(gt=0, le=1e6)] = 0.1
     scattering_coefficient: Fraction | None = None
-    sigma0_db: FiniteFloat | None = None
+    sigma0_db: Annotated[FiniteFloat, Field(ge=-300, le=100)] | None = None
     grazing_deg: Annotated[FiniteFloat, Field(gt=0, le=90)] | None = None
     pattern: Pattern = "lambertian"
     valid_ghz: Annotated[list[FiniteFloat], Field(min_length=2, max_length=2)] = [77.0, 77.0]

@@ -78,12 +78,14 @@ def read_mesh_file(path: Path) -> Scene:
     uses = Counter(id(part) for _, _, part in meshes)
     local: dict[int, LocalMesh] = {}
     objects, spacings = [], []
-    for name, matrix, part in meshes:
+    for name, in_file, part in meshes:
+        with np.errstate(over="ignore", invalid="ignore"):
+            matrix = to_world @ in_file
         if id(part) not in local:
             local[id(part)] = LocalMesh(_in_file_precision(part, path), part.faces, shared=uses[id(part)] > 1)
         mesh = local[id(part)]
-        spacings.append(mesh.spacing_m(to_world @ matrix))
-        vertices, triangles, dropped = mesh.placed(to_world @ matrix)
+        spacings.append(mesh.spacing_m(matrix))
+        vertices, triangles, dropped = mesh.placed(matrix)
         dropped.add_to(notes)
         if len(triangles):
             objects.append(SceneObject.of(_text(name), vertices, triangles, _material_name(part)))

@@ -20,9 +20,12 @@ Mesh = tuple[NDArray[np.float64], NDArray[np.int64]]
 
 def _revolve(profile: NDArray[np.float64]) -> Mesh:
     """Revolve [n, 2] (radius, height), from bottom to top, about the z axis; normals point outwards."""
-    solid = creation.revolve(profile, sections=SEGMENTS, process=False)
+    # trimesh merges vertices on a grid of 1e-8: far from a size of 1, the solid is made smaller or larger first.
+    size = float(np.abs(profile).max(initial=0.0))
+    scale = 2.0 ** np.ceil(np.log2(size)) if size > 0.0 and not 1e-3 <= size <= 1e6 else 1.0  # exact, a power of two
+    solid = creation.revolve(profile / scale, sections=SEGMENTS, process=False)
     solid.merge_vertices()  # the corners on the axis, once for each segment until here
-    return np.asarray(solid.vertices, dtype=np.float64), np.asarray(solid.faces, dtype=np.int64)
+    return np.asarray(solid.vertices, dtype=np.float64) * scale, np.asarray(solid.faces, dtype=np.int64)
 
 
 def _arc(radius: float, start: float, stop: float, height: float) -> NDArray[np.float64]:

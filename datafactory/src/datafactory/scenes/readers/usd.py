@@ -28,7 +28,7 @@ from datafactory.scenes.readers.scale import note_coarse_vertices
 from datafactory.scenes.readers.usd_composition import check_composition
 from datafactory.scenes.readers.usd_counts import PROTOTYPE_PRIMS, SCENE_PRIMS, check_expansion
 from datafactory.scenes.readers.usd_facts import FactsOfPrims, has_shape
-from datafactory.scenes.readers.usd_motion import Frame, Transforms, instance_frames
+from datafactory.scenes.readers.usd_motion import Frame, Transforms, instance_frames, product
 from datafactory.scenes.readers.usd_stage import check_sizes, open_usd_stage, usd_stage_to_world
 from datafactory.scenes.readers.usd_targets import model_axes, prim_model
 from datafactory.scenes.scene import WORLD_AXES, PointTarget, Scene, SceneObject, Vector
@@ -174,7 +174,7 @@ class _Reader:
         replaced = sum(1 for item in below if item.IsA(UsdGeom.Gprim) or item.IsA(UsdGeom.PointInstancer))
         reason = "a point target (radar:rcs_dbsm)" if kind is None else "the model of a target"
         self._notes.count(f"# geometry prims left out: {reason} stands for them", replaced)
-        x, y, z = (float(value) for value in (self._to_world @ matrix)[:3, 3])
+        x, y, z = (float(value) for value in product(self._to_world, matrix)[:3, 3])
         if not (np.abs([x, y, z]) <= FARTHEST_M).all():
             raise InputError(
                 self._path, f"{prim.GetPath()} stands at ({x}, {y}, {z})", f"a position within {FARTHEST_M:g} m"
@@ -228,7 +228,7 @@ class _Reader:
         self._notes.repeat(shape.notes)
         if not shape.meshes:
             return
-        matrix = self._to_world @ self._transforms.matrix(prim, inherited.frame)
+        matrix = product(self._to_world, self._transforms.matrix(prim, inherited.frame))
         self._spacings.append(shape.meshes[0][1].spacing_m(matrix))
         velocity = self._velocity(prim, inherited, shape.centre)
         for name, mesh in shape.meshes:

@@ -12,7 +12,7 @@ from pxr import Sdf, Usd, UsdGeom
 
 from datafactory.scenes.readers.limits import MAXIMUM_NESTING, check_counts
 from datafactory.scenes.readers.usd_facts import FactsOfPrims, has_shape
-from datafactory.scenes.readers.usd_prims import solid_mesh
+from datafactory.scenes.readers.usd_prims import solid_mesh, whole_numbers
 from shared.physics.errors import InputError
 
 SCENE_PRIMS = Usd.TraverseInstanceProxies()  # active, loaded, defined, not abstract
@@ -116,7 +116,7 @@ class _Counting:
             raise InputError(self._path, f"point instancer {path} is within its own prototypes", "no such loop")
         usd_stage = instancer.GetPrim().GetStage()
         prototypes = [usd_stage.GetPrimAtPath(t) for t in instancer.GetPrototypesRel().GetForwardedTargets()]
-        indices = np.asarray(instancer.GetProtoIndicesAttr().Get(self._start) or [], dtype=np.int64)
+        indices = whole_numbers(instancer.GetProtoIndicesAttr(), self._start)
         self._instancers.append(path)
         size = Size()
         for index, times in sorted(Counter(indices.tolist()).items()):
@@ -141,8 +141,8 @@ class _Counting:
     def _triangles(self, prim: Usd.Prim) -> int:
         """Triangles of a Mesh or a solid, before any is dropped."""
         if prim.IsA(UsdGeom.Mesh):
-            counts = np.asarray(UsdGeom.Mesh(prim).GetFaceVertexCountsAttr().Get(self._start))
-            return int(np.maximum(counts.astype(np.int64) - 2, 0).sum()) if counts.dtype.kind in "iu" else 0
+            corners = whole_numbers(UsdGeom.Mesh(prim).GetFaceVertexCountsAttr(), self._start)
+            return int(np.maximum(corners - 2, 0).sum())
         kind = str(prim.GetTypeName())
         if kind not in self._solids:
             try:

@@ -11,7 +11,7 @@ from pxr import Sdf, Usd, UsdGeom, UsdShade
 
 from datafactory.scenes.readers.local_mesh import LocalMesh
 from datafactory.scenes.readers.notes import Notes
-from datafactory.scenes.readers.usd_prims import PrimMesh, is_solid, polygon_mesh, solid_mesh
+from datafactory.scenes.readers.usd_prims import PrimMesh, is_solid, polygon_mesh, solid_mesh, whole_numbers
 from datafactory.scenes.readers.usd_targets import names_are_targets, target_kind
 from shared.physics.errors import InputError
 
@@ -154,8 +154,7 @@ class FactsOfPrims:
         meshes = []
         rest = np.ones(len(mesh.triangles), dtype=bool)
         for subset in UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets():
-            faces = np.asarray(subset.GetIndicesAttr().Get(self._start) or [], dtype=np.int64)
-            chosen = rest & np.isin(mesh.faces, faces)
+            chosen = rest & np.isin(mesh.faces, whole_numbers(subset.GetIndicesAttr(), self._start))
             rest &= ~chosen
             meshes.append((subset.GetPrim().GetName(), LocalMesh(mesh.points, mesh.triangles[chosen], shared)))
         if rest.any() or not len(rest):

@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
+from datafactory.scenes.readers.usd_prims import whole_numbers
+
 RESTING_SPEED = 1e-6  # USD stage units per second below which float64 transforms cannot tell motion from rounding
 
 
@@ -60,7 +62,7 @@ class Transforms:
         if frame.root.IsPseudoRoot():
             return _columns(cache.GetLocalToWorldTransform(prim))
         relative, _ = cache.ComputeRelativeTransform(prim, frame.root)
-        return frame.matrix_at(time) @ _columns(relative)
+        return product(frame.matrix_at(time), _columns(relative))
 
     def velocity(self, prim: Usd.Prim, frame: Frame, centre: NDArray[np.float64]) -> tuple[NDArray[np.float64], bool]:
         """World velocity [units of the USD stage / s] of a point of the prim, and whether the prim turns.
@@ -107,7 +109,7 @@ def instance_frames(
     prim = instancer.GetPrim()
     start = Usd.TimeCode(transforms.start)
     prototypes = [prim.GetStage().GetPrimAtPath(path) for path in instancer.GetPrototypesRel().GetForwardedTargets()]
-    chosen = np.asarray(instancer.GetProtoIndicesAttr().Get(start) or [], dtype=np.int64)
+    chosen = whole_numbers(instancer.GetProtoIndicesAttr(), start)
     if not all(prototypes):
         raise ValueError("a target of 'prototypes' does not exist")
     if len(chosen) and not (chosen.min() >= 0 and chosen.max() < len(prototypes)):
@@ -125,7 +127,7 @@ def instance_frames(
         world, local = at_time[time]
         if index >= len(local):
             raise ValueError(f"{len(chosen)} protoIndices but {len(local)} instance transforms")
-        return world @ _columns(local[index])
+        return product(world, _columns(local[index]))
 
     if len(chosen):
         placed(transforms.start, len(chosen) - 1)  # arrays of unequal length are refused before any prim is read
@@ -148,6 +150,13 @@ def _columns(matrix: object) -> NDArray[np.float64]:
     columns = np.array(matrix, dtype=np.float64).T
     columns[3] = (0.0, 0.0, 0.0, 1.0)
     return columns
+
+
+def product(outer: NDArray[np.float64], inner: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The transform ``inner``, then ``outer``; what is infinite or NaN in them stays so."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        product: NDArray[np.float64] = outer @ inner
+    return product
 
 
 def _first_interval(times: tuple[float, ...], start: float) -> tuple[float, float] | None:

@@ -30,6 +30,14 @@ class PrimMesh:
     faces: NDArray[np.int64]
 
 
+def whole_numbers(attribute: Usd.Attribute, time: Usd.TimeCode) -> NDArray[np.int64]:
+    """The value of an attribute as whole numbers; empty without a value, or with one of another type."""
+    values = np.asarray(attribute.Get(time))
+    if values.ndim != 1 or values.dtype.kind not in "iu":
+        return np.empty(0, dtype=np.int64)
+    return values.astype(np.int64)
+
+
 def is_solid(prim: Usd.Prim) -> bool:
     """Whether ``solid_mesh`` can make a mesh of this prim."""
     return prim.GetTypeName() in _SOLIDS
@@ -67,8 +75,7 @@ def polygon_mesh(mesh: UsdGeom.Mesh, time: Usd.TimeCode, notes: Notes) -> PrimMe
     cut = triangulate(points, counts, indices)
     notes.count("# faces with fewer than three corners or an index out of range dropped", cut.bad_faces)
     notes.count("# faces whose outline crosses itself cut into a fan", cut.crossing_faces)
-    holes = mesh.GetHoleIndicesAttr().Get(time)
-    solid = ~np.isin(cut.faces, np.asarray(holes if holes else [], dtype=np.int64))
+    solid = ~np.isin(cut.faces, whole_numbers(mesh.GetHoleIndicesAttr(), time))
     return PrimMesh(points, _wound(mesh, cut.triangles[solid]), cut.faces[solid])
 
 

@@ -1,0 +1,250 @@
+"""Every scene reader on damaged and odd files: a finite scene, or one line. Anything else fails the test.
+
+What is read must be finite: a NaN that a reader lets through is found much later, by somebody else.
+"""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from fuzzing import EDITS, JSON, SPLICES, Edit, Splice, altered, damaged, edited, fuzz, reads_or_says_one_line
+from hypothesis import strategies as st
+
+from datafactory.scenes.readers.open import open_scene
+from datafactory.scenes.scene import Scene
+
+
+def finite_scene(path: Path) -> Scene:
+    scene = open_scene(str(path))
+    lower, upper = scene.bounds()
+    assert np.isfinite([lower, upper]).all()
+    for item in scene.objects:
+        assert np.isfinite(item.vertices).all()
+        assert np.isfinite(item.velocity).all()
+        assert item.triangles.min() >= 0
+        assert item.triangles.max() < len(item.vertices)
+    for target in scene.targets:
+        assert np.isfinite([*target.position, *target.velocity, target.rcs_dbsm]).all()
+    return scene
+
+
+USD = b"""#usda 1.0
+(
+  metersPerUnit = 0.01
+  upAxis = "Y"
+  timeCodesPerSecond = 24
+  startTimeCode = 0
+  endTimeCode = 24
+)
+def Xform "car" (
+  kind = "component"
+)
+{
+  custom double3 radar:velocity = (1, 0, 2)
+  double3 xformOp:translate.timeSamples = { 0: (0, 1, 2), 24: (100, 1, 2) }
+  float3 xformOp:rotateXYZ = (10, 20, 30)
+  uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateXYZ"]
+  def Mesh "body"
+  {
+    point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0.5, 0.5, 1)]
+    int[] faceVertexCounts = [4, 3, 3]
+    int[] faceVertexIndices = [0, 1, 2, 3, 0, 1, 4, 1, 2, 4]
+    uniform token subdivisionScheme = "none"
+    custom string radar:material = "metal"
+    def GeomSubset "front" {
+      uniform token elementType = "face"
+      int[] indices = [1]
+    }
+  }
+  def Sphere "wheel" {
+    double radius = 30
+  }
+  def Xform "sign" {
+    custom double radar:rcs_dbsm = 5
+  }
+}
+def PointInstancer "poles" {
+  rel prototypes = [</poles/pole>]
+  int[] protoIndices = [0, 0]
+  point3f[] positions = [(0, 0, 0), (200, 0, 0)]
+  def Cylinder "pole" {
+    double radius = 5
+    double height = 300
+  }
+}
+"""
+
+XML = b"""<scene version="2.1.0">
+  <default name="far" value="30"/>
+  <bsdf type="itu-radio-material" id="mat-concrete"><string name="type" value="concrete"/></bsdf>
+  <shape type="ply" id="part"><string name="filename" value="part.ply"/><ref id="mat-concrete"/></shape>
+  <shape type="cube" id="box"><transform name="to_world"><scale value="2"/><rotate z="1" angle="30"/>
+    <translate x="$far" y="1"/><matrix value="1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1"/></transform></shape>
+  <shape type="sphere"><float name="radius" value="0.5"/><point name="center" x="1" y="2" z="3"/></shape>
+  <shape type="cylinder"><point name="p0" value="0 0 0"/><point name="p1" x="1"/></shape>
+  <shape type="rectangle"><boolean name="flip_normals" value="true"/><transform name="to_world">
+    <lookat origin="0, 0, 0" target="1, 0, 0" up="0, 0, 1"/></transform></shape>
+</scene>
+"""
+
+
+INNER = b"""<scene version="2.1.0"><default name="size" value="2"/>
+  <shape type="obj"><string name="filename" value="part.obj"/><boolean name="flip_normals" value="true"/></shape>
+  <shape type="cube"><transform name="to_world"><scale value="$size"/></transform></shape>
+</scene>
+"""
+
+OBJ = b"""mtllib none.mtl
+o part
+v 0 0 0
+v 1 0 0
+v 1 1 0
+v 0 1 0.5
+usemtl metal
+f 1 2 3
+f 1//1 3//1 4//1
+g other
+f -1 -2 -3 -4
+"""
+
+PLY = b"""ply
+format ascii 1.0
+element vertex 4
+property float x
+property float y
+property float z
+element face 2
+property list uchar int vertex_indices
+end_header
+0 0 0
+1 0 0
+1 1 0
+0 1 1
+3 0 1 2
+3 0 2 3
+"""
+
+STL = b"""solid part
+facet normal 0 0 1
+outer loop
+vertex 0 0 0
+vertex 1 0 0
+vertex 0 1 0
+endloop
+endfacet
+endsolid part
+"""
+
+TEXTS = {
+    "scene.usda": USD,
+    "scene.xml": XML,
+    "inner.xml": INNER,
+    "scene.obj": OBJ,
+    "scene.ply": PLY,
+    "scene.stl": STL,
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Holds the parts that the scenes refer to."""
+    made = tmp_path_factory.mktemp("fuzz")
+    box = trimesh.creation.box((1.0, 2.0, 3.0))
+    box.export(made / "part.ply")
+    box.export(made / "part.obj")
+    (made / "outer.xml").write_text('<scene version="2.1.0"><include filename="inner.xml"/></scene>')
+    return made
+
+
+def read_text(folder: Path, name: str, content: bytes) -> Scene:
+    (folder / name).write_bytes(content)
+    return finite_scene(folder / ("outer.xml" if name == "inner.xml" else name))
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_the_undamaged_text_is_read(folder: Path, name: str) -> None:
+    assert read_text(folder, name, TEXTS[name]).objects
+
+
+@pytest.mark.parametrize("name", TEXTS)
+@fuzz(120, splices=SPLICES)
+def test_damaged_text(folder: Path, name: str, splices: list[Splice]) -> None:
+    reads_or_says_one_line(lambda: read_text(folder, name, damaged(TEXTS[name], splices)))
+
+
+@pytest.mark.parametrize("name", TEXTS)
+@fuzz(120, edits=EDITS)
+def test_edited_text(folder: Path, name: str, edits: list[Edit]) -> None:
+    reads_or_says_one_line(lambda: read_text(folder, name, edited(TEXTS[name], edits)))
+
+
+@fuzz(60, edits=EDITS)
+def test_a_package_of_edited_text(folder: Path, edits: list[Edit]) -> None:
+    path = folder / "scene.usdz"
+    with zipfile.ZipFile(path, "w") as package:
+        package.writestr("scene.usda", edited(USD, edits))
+    reads_or_says_one_line(lambda: finite_scene(path))
+
+
+@pytest.fixture(scope="module")
+def binaries(folder: Path) -> Path:
+    """Folder of files ``whole.*``: crate and package of the USD stage above, meshes in every format."""
+    from pxr import Usd, UsdUtils
+
+    (folder / "whole.usda").write_bytes(USD)
+    Usd.Stage.Open(str(folder / "whole.usda")).Export(str(folder / "whole.usdc"))
+    UsdUtils.CreateNewUsdzPackage(str(folder / "whole.usdc"), str(folder / "whole.usdz"))
+    box = trimesh.creation.box((1.0, 2.0, 3.0))
+    for suffix in ("ply", "stl", "obj", "glb"):
+        box.export(folder / f"whole.{suffix}")
+    return folder
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".stl", ".obj", ".glb"])
+@fuzz(120, splices=SPLICES)
+def test_damaged_mesh_file(binaries: Path, suffix: str, splices: list[Splice]) -> None:
+    path = binaries / f"damaged{suffix}"
+    path.write_bytes(damaged((binaries / f"whole{suffix}").read_bytes(), splices))
+    reads_or_says_one_line(lambda: finite_scene(path))
+
+
+@pytest.mark.parametrize("suffix", [".usdc", ".usdz"])
+@fuzz(12, splices=SPLICES)  # a quarter of a second each, most of it in the operating system
+def test_damaged_binary_usd(binaries: Path, suffix: str, splices: list[Splice]) -> None:
+    path = binaries / f"damaged{suffix}"
+    path.write_bytes(damaged((binaries / f"whole{suffix}").read_bytes(), splices))
+    reads_or_says_one_line(lambda: finite_scene(path))
+
+
+@pytest.fixture(scope="module")
+def gltf() -> tuple[dict[str, Any], bytes]:
+    """The header and the data of a glTF file: two nodes, one within the other, with a material and an animation."""
+    box = trimesh.creation.box((1.0, 2.0, 3.0))
+    box.visual = trimesh.visual.TextureVisuals(material=trimesh.visual.material.PBRMaterial(name="metal"))
+    scene = trimesh.Scene()
+    scene.add_geometry(box, node_name="outer")
+    turned = trimesh.transformations.rotation_matrix(0.3, [0, 0, 1])
+    scene.add_geometry(box, node_name="inner", parent_node_name="outer", transform=turned)
+    whole = scene.export(file_type="glb")
+    length = int.from_bytes(whole[12:16], "little")
+    header = json.loads(whole[20 : 20 + length])
+    return header | {"animations": [{}], "skins": []}, whole[20 + length + 8 :]
+
+
+@fuzz(200, edits=st.lists(st.tuples(st.floats(0.0, 1.0), JSON | st.integers(-2, 9)), min_size=0, max_size=4))
+def test_a_gltf_with_an_altered_header(
+    folder: Path, gltf: tuple[dict[str, Any], bytes], edits: list[tuple[float, Any]]
+) -> None:
+    header, data = gltf
+    text = json.dumps(altered(header, edits)).encode()
+    text += b" " * (-len(text) % 4)
+    chunks = len(text).to_bytes(4, "little") + b"JSON" + text + len(data).to_bytes(4, "little") + b"BIN\x00" + data
+    path = folder / "altered.glb"
+    path.write_bytes(b"glTF" + (2).to_bytes(4, "little") + (12 + len(chunks)).to_bytes(4, "little") + chunks)
+    reads_or_says_one_line(lambda: finite_scene(path))
