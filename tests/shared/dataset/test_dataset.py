@@ -302,8 +302,12 @@ def test_a_truncated_or_missing_shard_is_named(tmp_path):
     with pytest.raises(InputError, match=rf"part-00001\.parquet: {size - 7} bytes; the manifest says {size}"):
         open_dataset(tmp_path)
     assert len(verify(open_dataset(tmp_path, check_sizes=False))) == 1
-    with pytest.raises(InputError, match=r"part-00001\.parquet: not readable as Parquet"):
+    with pytest.raises(InputError, match=rf"part-00001\.parquet: {size - 7} bytes; the manifest says {size}"):
         list(read_frames(shard))
+    alone = tmp_path / "alone.parquet"
+    alone.write_bytes(shard.read_bytes())
+    with pytest.raises(InputError, match=r"alone\.parquet: not readable as Parquet"):
+        list(read_frames(alone))
     shard.unlink()
     with pytest.raises(InputError, match=r"part-00001\.parquet: missing"):
         open_dataset(tmp_path)

@@ -12,7 +12,7 @@ from datafactory.effects.plan import by_choice
 from datafactory.paths.storage import read_places
 from datafactory.run.order import Order
 from datafactory.run.shards import PATHS
-from shared.dataset.folder import MANIFEST, ShardRecord, read_manifest
+from shared.dataset.manifest import MANIFEST, ShardRecord, read_manifest, shard_records
 from shared.physics.errors import InputError
 
 
@@ -41,7 +41,8 @@ def stored_paths(order: Order, folder: Path) -> StoredPaths:
         without what ``order.effects`` asks for
     """
     manifest = read_manifest(folder)
-    records = [ShardRecord.model_validate(item) for item in manifest["shards"] if item["path"].startswith(PATHS)]
+    all_records = shard_records(folder / MANIFEST, manifest)
+    records = [record for record in all_records if record.path.startswith(f"{PATHS}/")]
     if not records:
         raise InputError(folder, "holds no traced paths", "a folder written by datafactory trace")
     try:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import csv
+import signal
+import threading
 from collections.abc import Callable
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import torch
@@ -71,6 +74,43 @@ class RunKeeper(Callback):
             if fresh:
                 writer.writeheader()
             writer.writerow(row)
+
+
+class Interrupts(Callback):
+    """An interrupt, or a request to end, ends the training after the batch at hand; a second one ends it at once.
+
+    In the middle of a batch it can strike while TensorBoard's writer is handed a number, and that waits two minutes for
+    the next one before it ends. A context, within which it answers SIGINT and SIGTERM.
+    """
+
+    def __init__(self) -> None:
+        self.asked = False
+        self._before: dict[signal.Signals, Any] = {}
+
+    def __enter__(self) -> Interrupts:
+        if threading.current_thread() is threading.main_thread():  # no other may say what answers a signal
+            for number in (signal.SIGINT, signal.SIGTERM):
+                self._before[number] = signal.signal(number, self._ask)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def on_train_batch_end(self, *_: Any, **__: Any) -> None:
+        self._end()
+
+    def on_validation_batch_end(self, *_: Any, **__: Any) -> None:
+        self._end()
+
+    def _ask(self, _number: int, _frame: FrameType | None) -> None:
+        if self.asked:
+            raise KeyboardInterrupt
+        self.asked = True
+
+    def _end(self) -> None:
+        if self.asked:
+            raise KeyboardInterrupt
 
 
 class PictureLogger(Callback):

@@ -26,7 +26,7 @@ from trainer.run.claim import output_folder
 from trainer.run.configuration import FitConfig
 from trainer.run.folder import CHECKPOINT, RUN_FILE, WEIGHTS, Run, read_run, versions, write_run
 from trainer.run.targets import PROBABILITY, UNITS
-from trainer.training.callbacks import LOSS, NMSE, PictureLogger, RunKeeper
+from trainer.training.callbacks import LOSS, NMSE, Interrupts, PictureLogger, RunKeeper
 from trainer.training.datamodule import ImagingData
 from trainer.training.doa import DoaData, DoaTask
 from trainer.training.task import ImagingTask
@@ -111,7 +111,8 @@ def _fit(
     frames = ", ".join(f"{f.name}: {f.frames['train']} + {f.frames['validation']}" for f in run.datasets)
     if first:
         announce(f"{config.model}, {parameters} parameters; array {run.array.name}; train + validate frames: {frames}")
-    callbacks: list[Callback] = [RunKeeper(out, announce), *([] if online else [PictureLogger()])]
+    interrupts = Interrupts()
+    callbacks: list[Callback] = [RunKeeper(out, announce), interrupts, *([] if online else [PictureLogger()])]
     if config.patience:
         watched = LOSS if UNITS[config.target] == PROBABILITY else NMSE
         # strict=False: without a truth in any validation frame there is no normalised error, and no early stop.
@@ -139,7 +140,7 @@ def _fit(
             use_distributed_sampler=False,  # BatchOrder deals the batches out itself
         )
     try:
-        with _quiet():
+        with _quiet(), interrupts:
             trainer.fit(task, datamodule=source, ckpt_path=checkpoint, weights_only=True)
     except SystemExit:
         if trainer.state.status != TrainerStatus.INTERRUPTED:

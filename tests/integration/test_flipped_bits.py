@@ -1,0 +1,187 @@
+"""One bit that flips anywhere in a dataset: each command that reads it stops with one line, or reads the same values.
+
+Bits of shards and of the manifest alike, each flip in the fresh state of a new file; what a command does with what it
+read (training, drawing, imaging) is left out.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import pickle
+import shutil
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import is_dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from prepared_scenes import SCENES
+from pydantic import BaseModel
+from typer.testing import CliRunner
+
+from datafactory.cli.app import app
+from datafactory.inspection.dataset import summarise
+from datafactory.paths.storage import read_paths
+from datafactory.run.order import Order
+from datafactory.run.stored import stored_paths
+from shared.dataset.folder import open_dataset, verify
+from shared.dataset.reading import read_frame
+from shared.physics.errors import InputError
+from shared.radar import load_radar
+from trainer.data.measurements import open_measurements
+from trainer.evaluation.evaluate import open_bench
+from trainer.evaluation.experiments.bench import EvaluationConfig
+from trainer.evaluation.experiments.frames import COLUMNS
+from trainer.run.configuration import FitConfig
+from trainer.training.datamodule import ImagingData
+
+RADAR = """
+[waveform]
+chirps = 4
+samples = 32
+range_bins = 24
+bandwidth_hz = 400e6
+[array]
+tx_m = [[0.0, 0.0, 0.0]]
+rx_m = [[0.0, 0.0, 0.0], [0.0, 0.002, 0.0], [0.0, 0.008, 0.0]]
+[grid]
+bins = 20
+"""
+FLIPS = {"frames": 240, "paths": 160}
+"""Bits flipped in a dataset of frames and in one of traced paths, a fifth of them in the manifest."""
+NOTICED = "noticed"
+LEAST = {
+    ("frames", "fit --no-check"): 0.6, ("frames", "evaluate"): 0.6, ("paths", "inspect"): 0.1,
+    ("paths", "inspect --verify"): 0.9, ("paths", "render --paths"): 0.9,
+}  # fmt: skip
+"""Share of the flips that a command must find, where that is not all: these do not open all shards, and a bit of what
+the manifest says of the machine that made it changes no value."""
+
+
+def run(*arguments: object) -> None:
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments], catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+
+
+def plain(value: Any) -> Any:
+    """The value as what pickle writes the same bytes of where it is the same."""
+    if isinstance(value, BaseModel):
+        return plain(value.model_dump())
+    if is_dataclass(value) and not isinstance(value, type):
+        return {name: plain(getattr(value, name)) for name in value.__dataclass_fields__}
+    if isinstance(value, np.ndarray):
+        return value.dtype.str, value.shape, value.tobytes()
+    if isinstance(value, torch.Tensor):
+        return plain(value.resolve_conj().numpy())
+    if isinstance(value, Mapping):
+        return sorted((str(name), plain(item)) for name, item in value.items())
+    if isinstance(value, (list, tuple, Iterator)):
+        return [plain(item) for item in value]
+    return str(value)
+
+
+def digest(value: Any) -> str:
+    return hashlib.sha256(pickle.dumps(plain(value))).hexdigest()
+
+
+def inspected(folder: Path) -> Any:
+    """The tables, and the frames that are drawn."""
+    dataset = open_dataset(folder)
+    rows = [place for split in dataset.splits for place in dataset.rows(split)]
+    return summarise(dataset), [read_frame(*place, columns=("range_channel", "image", "targets")) for place in rows]
+
+
+def fitted(check: bool, folder: Path) -> Any:
+    data = ImagingData([folder], None, FitConfig(), check=check)
+    items = [dataset[index] for dataset in (data.training[0], data.validation) for index in range(len(dataset))]
+    return data.radar, data.fingerprints, data.truth_window, items
+
+
+def predicted(folder: Path) -> Any:
+    return open_measurements(folder, None, "all")
+
+
+def evaluated(folder: Path) -> Any:
+    bench, left_out = open_bench(folder, [], ["das"], ["full"], EvaluationConfig(), None)
+    frames = [read_frame(ref.path, ref.row, COLUMNS) for ref in bench.frames]
+    return bench.radar, bench.data_sha256, bench.frames, sorted(bench.training_scenes), left_out, frames
+
+
+def rendered(folder: Path) -> Any:
+    stored = stored_paths(Order(radar=load_radar(str(folder.parent / "radar.toml"))), folder)
+    shards = list(dict.fromkeys(shard for shard, _ in stored.places))
+    return stored, [frame for shard in shards for frame in read_paths(shard)]
+
+
+def verified(folder: Path) -> Any:
+    faults = verify(open_dataset(folder, check_sizes=False))
+    if faults:
+        raise InputError(folder, faults[0])
+    return faults
+
+
+Read = Callable[[Path], Any]
+READS: dict[str, dict[str, Read]] = {
+    "frames": {
+        "inspect": inspected, "inspect --verify": verified, "fit": partial(fitted, True),
+        "fit --no-check": partial(fitted, False), "predict": predicted, "evaluate": evaluated,
+    },
+    "paths": {
+        "inspect": lambda folder: summarise(open_dataset(folder)), "inspect --verify": verified,
+        "render --paths": rendered,
+    },
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folders ``frames`` and ``paths``, and the radar of both."""
+    folder = tmp_path_factory.mktemp("flips")
+    (folder / "radar.toml").write_text(RADAR, encoding="utf-8")
+    radar = ("--radar", folder / "radar.toml", "--workers", 1)
+    run("points", "--frames", 8, *radar, "--out", folder / "frames")
+    effects = ("--effects", "specular,diffuse")
+    run("trace", "--scene", SCENES / "tiny.usda", "--frames", 2, "--rays", 100, *effects, *radar, "--out",
+        folder / "paths")  # fmt: skip
+    return folder
+
+
+def outcome(read: Read, folder: Path) -> str:
+    try:
+        return digest(read(folder))
+    except InputError as error:
+        return NOTICED if "\n" not in str(error) else str(error)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", READS)
+def test_no_flipped_bit_is_read_silently(kind: str, made: Path, generator: np.random.Generator) -> None:
+    folder, copy = made / kind, made / "copy"
+    shutil.copytree(folder, copy)
+    whole = {name: outcome(read, copy) for name, read in READS[kind].items()}
+    shutil.rmtree(copy)
+    assert NOTICED not in whole.values()
+    shards = sorted(folder.glob("*/*.parquet"))
+    noticed = Counter[str]()
+    for number in range(FLIPS[kind]):
+        path = folder / "manifest.json" if number % 5 == 0 else shards[generator.integers(len(shards))]
+        content = path.read_bytes()
+        damaged = bytearray(content)
+        place, bit = int(generator.integers(len(content))), int(generator.integers(8))
+        damaged[place] ^= 1 << bit
+        shutil.copytree(folder, copy, copy_function=os.link)
+        (copy / path.relative_to(folder)).unlink()
+        (copy / path.relative_to(folder)).write_bytes(damaged)
+        for name, read in READS[kind].items():
+            found = outcome(read, copy)
+            where = f"{name}: bit {bit} of byte {place} of {path.relative_to(folder)}"
+            assert found in (NOTICED, whole[name]), where
+            noticed[name] += found == NOTICED
+        shutil.rmtree(copy)
+    for name in READS[kind]:
+        assert noticed[name] >= LEAST.get((kind, name), 1.0) * FLIPS[kind], noticed
