@@ -263,7 +263,8 @@ def _full_disk() -> float:
             except OSError as error:
                 named = error.filename is not None and Path(error.filename).parent.name in ("new", "images")
                 wrong += not (named and error.errno == errno.EFBIG)
-        return float(wrong + sum(1 for folder in (out, run.parent / "images") for _ in folder.iterdir()))
+        # A folder that was made for a job and that nothing came into is gone again.
+        return float(wrong + sum(1 for folder in (out, run.parent / "images") for _ in folder.glob("*")))
 
 
 CASES = (
