@@ -269,12 +269,12 @@ def _kill(pid: int, how: signal.Signals) -> None:
         os.kill(pid, how)
 
 
-def soak(kills: int, names: list[str], work: Path, seed: int = 0) -> dict[str, Tally]:
-    """Kill until this many kills were made, the commands in turn; a tally by command."""
-    chance = random.Random(seed)
+def soak(kills: int, names: list[str], work: Path, seed: int = 0, minutes: float = float("inf")) -> dict[str, Tally]:
+    """Kill until this many kills were made or the time is over, the commands in turn; a tally by command."""
+    chance, end = random.Random(seed), time.monotonic() + 60.0 * minutes
     running = [Soak(command, work, chance) for command in commands(work, names)]
     tallies = {item.command.name: item.tally for item in running}
-    while (done := sum(sum(tally.kills.values()) for tally in tallies.values())) < kills:
+    while (done := sum(sum(tally.kills.values()) for tally in tallies.values())) < kills and time.monotonic() < end:
         item = running[sum(tally.finished for tally in tallies.values()) % len(running)]
         item.chain(min(chance.randint(1, LONGEST_CHAIN), kills - done))
         print(f"{done} of {kills} kills", file=sys.stderr, flush=True)
@@ -303,13 +303,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--commands", default="render,trace,fit,evaluate")
+    parser.add_argument(
+        "--minutes", type=float, default=float("inf"), help="stop after this time, the kills done or not"
+    )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--work", type=Path, default=ROOT / "build" / "soak")
     arguments = parser.parse_args()
     shutil.rmtree(arguments.work, ignore_errors=True)
     arguments.work.mkdir(parents=True)
     started = time.monotonic()
-    tallies = soak(arguments.kills, arguments.commands.split(","), arguments.work, arguments.seed)
+    names = arguments.commands.split(",")
+    tallies = soak(arguments.kills, names, arguments.work, arguments.seed, arguments.minutes)
     print(table(tallies))
     print(f"\n{(time.monotonic() - started) / 60.0:.0f} minutes, seed {arguments.seed}")
     sys.exit(not all(tally.clean for tally in tallies.values()))

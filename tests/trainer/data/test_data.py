@@ -135,13 +135,22 @@ READ = ShardDataset._read
 
 
 def test_a_shard_damaged_within_is_named(directory):
-    data = ShardDataset(directory, "train")
+    """Before it is opened by its hash, afterwards by what Parquet finds in its pages."""
+    early, late = ShardDataset(directory, "train"), ShardDataset(directory, "train", cache_bytes=0)
+    late[3]
     path = directory / "train/part-00001.parquet"
     content = bytearray(path.read_bytes())
     content[4 : len(content) // 8] = bytes(len(content) // 8 - 4)  # the first columns; the footer stays
     path.write_bytes(content)
+<<<<<<< HEAD
     with pytest.raises(InputError, match=r"part-00001.parquet: sha256 is .*; expected a shard as it was written"):
         data[3]
+=======
+    with pytest.raises(InputError, match=r"part-00001.parquet: sha256 is"):
+        early[3]
+    with pytest.raises(InputError, match=r"part-00001.parquet: damaged"):
+        late[3]
+>>>>>>> 263c5cb (Bounds and refusals: radars, networks and seeds that no machine holds, hostile NumPy files, checkpoints and manifests are one line)
 
 
 @pytest.mark.parametrize(

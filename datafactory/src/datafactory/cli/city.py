@@ -8,11 +8,12 @@ from typing import Annotated
 import typer
 
 from datafactory.scenes.city.city import write_city
+from shared.dataset import LARGEST_SEED
 
 
 def city(
     out: Annotated[Path, typer.Option("--out", help="File to write: .usda or .usdc.", show_default=False)],
-    seed: Annotated[int, typer.Option(min=0, help="Same seed, same bytes.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, max=LARGEST_SEED, help="Same seed, same bytes.")] = 0,
     blocks: Annotated[int, typer.Option(min=1, max=20, help="House blocks along the street.")] = 2,
 ) -> None:
     """Write a procedural city with traffic."""

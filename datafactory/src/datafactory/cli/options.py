@@ -20,12 +20,13 @@ from datafactory.run.order import Order
 from datafactory.run.pipeline import Execution, Report, render
 from datafactory.scenes.materials.table import MaterialTable
 from datafactory.scenes.poses import read_poses
+from shared.dataset import LARGEST_SEED
 from shared.physics.errors import InputError
 from shared.radar import DEFAULT_RADAR, load_radar
 
 Out = Annotated[Path, typer.Option("--out", help="Folder of the dataset; new or empty.", show_default=False)]
 RadarName = Annotated[str, typer.Option("--radar", help="A preset or a TOML file.")]
-Seed = Annotated[int, typer.Option("--seed", min=0, help="Dataset seed: same seed, same bytes.")]
+Seed = Annotated[int, typer.Option("--seed", min=0, max=LARGEST_SEED, help="Dataset seed: same seed, same bytes.")]
 Split = Annotated[str, typer.Option("--split", help="Pattern train:validation:test over the frames.")]
 Frames = Annotated[int, typer.Option("--frames", min=1, help="Scene frames in total, dealt to the scenes in turn.")]
 Store = Annotated[str, typer.Option("--store", help="range-channel, range-doppler or cube: what else to keep.")]

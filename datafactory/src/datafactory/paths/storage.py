@@ -165,7 +165,11 @@ def read_paths(path: Path) -> Iterator[TracedFrame]:
     with _opened(path) as file:
         for group in range(file.num_row_groups):
             for batch in file.read_row_group(group).to_batches(max_chunksize=1):
-                yield from_row(batch)
+                try:
+                    frame = from_row(batch)
+                except (ValueError, TypeError, ArithmeticError) as error:
+                    raise InputError(path, f"a row is not understood: {error}", "an undamaged paths shard") from error
+                yield frame
 
 
 def read_places(path: Path) -> list[tuple[int, int]]:
@@ -175,6 +179,8 @@ def read_places(path: Path) -> list[tuple[int, int]]:
     """
     with _opened(path) as file:
         rows = file.read(["frame_id", "scene_number"])
+        if any(column.null_count for column in rows.columns):
+            raise InputError(path, "rows without frame_id or scene_number", "an undamaged paths shard")
         return list(zip(rows["frame_id"].to_pylist(), rows["scene_number"].to_pylist(), strict=True))
 
 
@@ -186,7 +192,11 @@ def _opened(path: Path) -> Iterator[pq.ParquetFile]:
             if found is None:
                 raise InputError(path, "holds no traced paths", "a shard under paths/ written by datafactory trace")
             if found != VERSION:
-                raise InputError(path, f"paths of version {found.decode()}", f"version {VERSION.decode()}: trace again")
+                raise InputError(path, f"paths of version {found!r}", f"version {VERSION!r}: trace again")
+            there = {field.name: field.type for field in file.schema_arrow}
+            for name, kind in ((field.name, field.type) for field in paths_schema()):
+                if there.get(name) != kind:
+                    raise InputError(path, f"column {name!r} is {there.get(name, 'missing')}", f"{kind}")
             yield file
     except (OSError, pa.ArrowException, UnicodeDecodeError) as error:  # a damaged name is no UTF-8 any more
         raise InputError(path, f"not readable as Parquet: {error}", "an undamaged paths shard") from error

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pydantic import BaseModel, ValidationError
+
 from datafactory.effects.catalogue import PATH_EFFECTS, EffectSet
 from datafactory.effects.plan import by_choice
 from datafactory.paths.storage import read_places
@@ -14,6 +16,7 @@ from datafactory.run.order import Order
 from datafactory.run.shards import PATHS
 from shared.dataset.manifest import MANIFEST, ShardRecord, read_manifest, shard_records
 from shared.physics.errors import InputError
+from shared.radar import first_validation_error
 
 
 @dataclass(frozen=True)
@@ -34,6 +37,35 @@ class StoredPaths:
     checksums: tuple[str, ...]
 
 
+class _Effect(BaseModel):
+    effect: str
+    on: bool
+
+
+class _Plan(BaseModel):
+    effects: tuple[_Effect, ...]
+
+
+class _Scene(BaseModel):
+    name: str
+    effect_plan: _Plan
+
+
+class _Radar(BaseModel):
+    front_end: dict[str, Any]
+
+
+class _Arguments(BaseModel):
+    radar: _Radar
+
+
+class _Traced(BaseModel):
+    """What rendering needs to know of a manifest of traced paths."""
+
+    arguments: _Arguments
+    scenes: tuple[_Scene, ...]
+
+
 def stored_paths(order: Order, folder: Path) -> StoredPaths:
     """The paths of a folder, with the effects that they were traced with, or those asked for where they hold them.
 
@@ -46,14 +78,13 @@ def stored_paths(order: Order, folder: Path) -> StoredPaths:
     if not records:
         raise InputError(folder, "holds no traced paths", "a folder written by datafactory trace")
     try:
-        traced, entries = manifest["arguments"]["radar"]["front_end"], manifest["scenes"]
-        effects = [
-            EffectSet.of({item["effect"] for item in entry["effect_plan"]["effects"] if item["on"]})
-            for entry in entries
-        ]
-    except (KeyError, TypeError) as error:
-        problem = f"its entries arguments.radar.front_end and scenes.effect_plan are not understood ({error!r})"
-        raise InputError(folder / MANIFEST, problem, "paths traced by this version") from None
+        understood = _Traced.model_validate(manifest)
+    except ValidationError as error:
+        raise InputError(folder / MANIFEST, *first_validation_error(error)) from error
+    traced, entries = understood.arguments.radar.front_end, manifest["scenes"]
+    effects = [
+        EffectSet.of({item.effect for item in scene.effect_plan.effects if item.on}) for scene in understood.scenes
+    ]
     _require_same_regions(folder, manifest["arguments"], order.split)
     for field in ("tx_polarization", "rx_polarization"):
         before, wanted = traced.get(field, "V"), getattr(order.radar.front_end, field)

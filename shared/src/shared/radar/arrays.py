@@ -21,6 +21,10 @@ AVR_QDM_110_THINNED_RX = {"full": tuple(range(16)), "sparse6": (0, 1, 6, 10, 13,
 """RX elements kept by the paper's arrays (its Fig. 4 and published code), by array name."""
 
 
+MOST_CHANNELS = 2**14
+"""Some eight times the largest imaging radars."""
+
+
 class AntennaArray(BaseModel):
     """A MIMO array of TX and RX phase centres.
 
@@ -35,6 +39,11 @@ class AntennaArray(BaseModel):
 
     @model_validator(mode="after")
     def _within_a_metre(self) -> AntennaArray:
+        if self.channels > MOST_CHANNELS:
+            raise ValueError(
+                f"{len(self.tx_m)} TX and {len(self.rx_m)} RX make {self.channels} channels; expected at most "
+                f"{MOST_CHANNELS}"
+            )
         reach = max(np.abs(self.tx).max(), np.abs(self.rx).max())
         if reach > 1.0:
             raise ValueError(f"array positions reach {reach:g} m from the origin; expected metres, at most 1 m")

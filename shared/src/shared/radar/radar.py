@@ -23,6 +23,12 @@ digits, 1e-9 bins. An image folded at an axis 1e-6 bins off has phases wrong by 
 elements, -116 dB."""
 
 
+LARGEST_GB = 2
+LARGEST_ARRAY = LARGEST_GB * 10**9
+"""Bytes of a frame's cube, of its image and of the matrices that make them. The default radar's cube has 50 MB, that of
+the virtual sensor 268 MB; a frame takes a few times its cube to make."""
+
+
 class ImageGrid(BaseModel):
     """The angle axis of range-angle images: ``u_j = u_start + j (u_stop - u_start) / bins``.
 
@@ -35,7 +41,7 @@ class ImageGrid(BaseModel):
 
     u_start: Annotated[FiniteFloat, Field(ge=-1, lt=1)] = -0.85
     u_stop: Annotated[FiniteFloat, Field(gt=-1, le=1)] = 0.85
-    bins: Annotated[int, Field(ge=1)] = 450
+    bins: Annotated[int, Field(ge=1, le=2**16)] = 450
 
     @model_validator(mode="after")
     def _rising(self) -> ImageGrid:
@@ -74,6 +80,27 @@ class Radar(BaseModel):
     front_end: FrontEnd = Field(default_factory=FrontEnd)
     grid: ImageGrid = Field(default_factory=ImageGrid)
     virtual_sensor: AntennaArray = Field(default_factory=lambda data: virtual_sensor_256(data["waveform"].carrier_hz))
+
+    @model_validator(mode="after")
+    def _of_bounded_size(self) -> Radar:
+        waveform, bins = self.waveform, self.grid.bins
+        channels, elements = self.array.channels, self.virtual_sensor.channels
+        sizes = [
+            (f"chirps = {waveform.chirps} x samples = {waveform.samples} x {channels} channels", "cube",
+             8 * waveform.chirps * waveform.samples * channels),
+            (f"range_bins = {waveform.range_bins} x grid.bins = {bins}", "image", 4 * waveform.range_bins * bins),
+            (f"samples = {waveform.samples} x {elements} virtual elements", "chirp of the virtual sensor",
+             16 * waveform.samples * elements),
+            (f"grid.bins = {bins} x {max(channels, elements)} elements", "steering matrix",
+             16 * bins * max(channels, elements)),
+        ]  # fmt: skip
+        if self.front_end.phase_noise is not None:
+            correlation = f"samples = {waveform.samples}, squared, of front_end.phase_noise"
+            sizes.append((correlation, "range correlation", 8 * waveform.samples**2))
+        for factors, what, size in sizes:
+            if size > LARGEST_ARRAY:
+                raise ValueError(f"{factors} make a {what} of {size / 1e9:.3g} GB; expected at most {LARGEST_GB} GB")
+        return self
 
     @property
     def sample_noise_power_w(self) -> float:

@@ -13,7 +13,7 @@ from trainer.cli.evaluate import evaluate
 from trainer.cli.export import export
 from trainer.cli.fit import fit
 from trainer.cli.predict import predict
-from trainer.errors import TrainingStopped
+from trainer.errors import TrainingStopped, out_of_memory
 
 app = typer.Typer(
     help="Radar datasets to networks that image sharper than the array.",
@@ -38,6 +38,11 @@ def main() -> None:
         _fail(str(error), 2)
     except TrainingStopped as error:
         _fail(str(error), 1)
+    except (MemoryError, RuntimeError) as error:
+        if not out_of_memory(error):
+            raise
+        reason = (str(error).strip().splitlines() or ["out of memory"])[0]
+        _fail(f"{reason}; expected a smaller --batch, --rows, --points or --width, or fewer --workers", 1)
     except OSError as error:
         _fail(f"{error.filename or 'input/output'}: {error.strerror or error}", 1)
     except TyperException as error:

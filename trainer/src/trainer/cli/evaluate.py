@@ -10,6 +10,7 @@ from pydantic import ValidationError
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
+from shared.dataset import LARGEST_SEED
 from shared.physics.errors import InputError
 from shared.radar import first_validation_error
 
@@ -38,7 +39,7 @@ def evaluate(
     frames: Annotated[int, typer.Option(help="Most test frames of each kind that are scored.")] = 50,
     shown: Annotated[int, typer.Option(help="Frames to look at in the report.")] = 3,
     trials: Annotated[int, typer.Option(help="Simulated trials of each condition.")] = 120,
-    seed: Annotated[int, typer.Option(help="Same seed, same numbers.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, max=LARGEST_SEED, help="Same seed, same numbers.")] = 0,
     measured: Annotated[
         Path | None, typer.Option(help="A measured snapshot of a half-wavelength line: .mat or .npy.")
     ] = None,

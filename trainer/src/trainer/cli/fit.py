@@ -8,6 +8,8 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from shared.dataset import LARGEST_SEED
+
 
 def fit(
     datasets: Annotated[
@@ -32,7 +34,7 @@ def fit(
     precision: Annotated[str | None, typer.Option(help="32 or bf16.")] = None,
     validate_every: Annotated[int | None, typer.Option(help="Steps from one validation to the next.")] = None,
     patience: Annotated[int | None, typer.Option(help="Validations without gain before stopping; 0: never.")] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Same seed, same weights on one device.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, max=LARGEST_SEED, help="Same seed, same weights on one device.")] = 0,
     weight: Annotated[list[float] | None, typer.Option(help="Share of each dataset, in their order.")] = None,
     workers: Annotated[int, typer.Option(min=0, help="Reading processes beside the training one.")] = 0,
     devices: Annotated[int, typer.Option(min=1, help="GPUs, or processes on a CPU.")] = 1,

@@ -34,12 +34,12 @@ from trainer.evaluation.experiments.bench import (
     contender_task,
     single_row,
 )
-from trainer.evaluation.experiments.contenders import Contender, gather
+from trainer.evaluation.experiments.contenders import Contender, check_methods, gather
 from trainer.evaluation.experiments.detection import Detection
 from trainer.evaluation.experiments.doppler import Doppler
 from trainer.evaluation.experiments.frames import frame_refs, load_frame
 from trainer.evaluation.experiments.generalisation import Generalisation
-from trainer.evaluation.experiments.measured import Measured
+from trainer.evaluation.experiments.measured import Measured, read_snapshot
 from trainer.evaluation.experiments.noise_only import NoiseOnly
 from trainer.evaluation.experiments.point_spread import CylinderSpread
 from trainer.evaluation.experiments.reflectors import Reflectors
@@ -110,6 +110,11 @@ def evaluate(
     with output_folder(out, resume, remedy) as folder:
         if resume:
             _require_cells(out)
+        if methods is not None:
+            check_methods(methods)
+        _check_experiments(experiments)
+        if measured is not None:
+            read_snapshot(measured)
         bench, left_out = open_bench(dataset, runs, methods, arrays, config or EvaluationConfig(), measured)
         chosen, obstacles = choose_experiments(experiments, bench)
         remove_partial(out)
@@ -199,10 +204,7 @@ def choose_experiments(names: Sequence[str] | None, bench: Bench) -> tuple[list[
     :param names: of :data:`EXPERIMENTS`; None for all
     :raises InputError: an unknown name, one that does not apply, none, a snapshot that no experiment looks at
     """
-    if unknown := [name for name in names or () if name not in EXPERIMENTS]:
-        raise InputError("--experiments", repr(unknown[0]), f"some of {', '.join(EXPERIMENTS)}")
-    if names is not None and not names:
-        raise InputError("--experiments", "none", f"some of {', '.join(EXPERIMENTS)}")
+    _check_experiments(names)
     wanted = [experiment for name, experiment in EXPERIMENTS.items() if names is None or name in names]
     obstacles = {experiment.name: experiment.obstacle(bench) for experiment in wanted}
     for name, obstacle in obstacles.items():
@@ -216,6 +218,13 @@ def choose_experiments(names: Sequence[str] | None, bench: Bench) -> tuple[list[
         [experiment for experiment in wanted if not obstacles[experiment.name]],
         [f"experiment {name} is left out: {obstacle}" for name, obstacle in obstacles.items() if obstacle],
     )
+
+
+def _check_experiments(names: Sequence[str] | None) -> None:
+    if unknown := [name for name in names or () if name not in EXPERIMENTS]:
+        raise InputError("--experiments", repr(unknown[0]), f"some of {', '.join(EXPERIMENTS)}")
+    if names is not None and not names:
+        raise InputError("--experiments", "none", f"some of {', '.join(EXPERIMENTS)}")
 
 
 def _require_cells(out: Path) -> None:

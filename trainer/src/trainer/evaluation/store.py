@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import zipfile
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cache
@@ -23,6 +22,7 @@ from numpy.typing import NDArray
 from shared.dataset.locations import sha256_of
 from shared.dataset.writing import atomic
 from shared.physics.errors import InputError
+from trainer.data.numpy_files import read_npz
 
 Values = Mapping[str, NDArray[Any]]
 """Named arrays, numbers among them as arrays without axes."""
@@ -115,8 +115,6 @@ class CellStore:
 
 def _read(path: Path) -> Values:
     try:
-        # This function opens the file, so that it is closed where NumPy finds no archive in it.
-        with path.open("rb") as handle, np.load(handle, allow_pickle=False) as content:
-            return {name: content[name] for name in content.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise InputError(path, f"damaged: {error}", "a finished cell; delete the file to compute it anew") from error
+        return read_npz(path)
+    except InputError as error:
+        raise InputError(path, f"damaged ({error})", "a finished cell; delete the file to compute it anew") from error

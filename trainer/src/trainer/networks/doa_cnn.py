@@ -17,12 +17,14 @@ FILTERS = 256
 DENSE = (16, 8, 4)
 """Units of the dense layers in multiples of the filters."""
 DROPOUT = 0.3
+LEAST_CHANNELS = 9
+"""What four convolutions leave a value of."""
 
 
 class DoaCnn(nn.Module):
     """[B, 3, R, C * C] covariances (:func:`shared.signal.features.covariance_channels`) to [B, 1, R, U] logits.
 
-    :param channels: C of the array, at least 9
+    :param channels: C of the array, at least :data:`LEAST_CHANNELS`
     :param bins: U, angles of the grid
     :param width: filters of each convolution, 256 in the paper; the dense layers scale with it
     """

@@ -5,9 +5,10 @@ from __future__ import annotations
 import torch
 from torch import nn
 
+from shared.physics.errors import InputError
 from shared.signal.features import ADAPTIVE_CHANNELS, COMPRESSED, COVARIANCE_CHANNELS, PAPER_CHANNELS, ROW_CHANNELS
 from trainer.networks.attention_unet import AttentionUNet
-from trainer.networks.doa_cnn import DoaCnn
+from trainer.networks.doa_cnn import LEAST_CHANNELS, DoaCnn
 from trainer.networks.spectral_unet import SpectralUNet
 from trainer.run.configuration import FitConfig
 
@@ -20,8 +21,27 @@ CHANNELS = {
 """What each kind of features consists of."""
 
 
+MOST_PARAMETERS = 2**28
+"""Weights of a network. In training each takes 16 bytes: itself, its gradient and two moments."""
+
+
 def build_network(config: FitConfig, bins: int, channels: int) -> nn.Module:
-    """The network of a configuration, for images of ``bins`` angle bins of an array of ``channels``."""
+    """The network of a configuration, for images of ``bins`` angle bins of an array of ``channels``.
+
+    :raises InputError: more than :data:`MOST_PARAMETERS`, or fewer channels than the "doa-cnn" needs
+    """
+    if config.model == "doa-cnn" and channels < LEAST_CHANNELS:
+        raise InputError("--array", f"{channels} channels", f"at least {LEAST_CHANNELS} with model 'doa-cnn'")
+    with torch.device("meta"):  # counted before they take memory
+        parameters = sum(parameter.numel() for parameter in _network(config, bins, channels).parameters())
+    if parameters > MOST_PARAMETERS:
+        size = f"{parameters:.3g} weights, {16e-9 * parameters:.3g} GB in training"
+        asked = f"width = {config.width}, hidden = {config.hidden}, bins = {bins}, {channels} channels"
+        raise InputError("network", f"{asked} make {size}", f"at most {MOST_PARAMETERS:.3g} weights")
+    return _network(config, bins, channels)
+
+
+def _network(config: FitConfig, bins: int, channels: int) -> nn.Module:
     if config.model == "doa-cnn":
         return DoaCnn(channels, bins, config.width)
     inputs = len(CHANNELS[config.features])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -30,4 +31,11 @@ def output_folder(out: Path, resume: bool, remedy: str = "an empty or new folder
     with claimed(out, out / JOB, "--out", check):
         workers = out / JOB / "workers"
         shutil.rmtree(workers, ignore_errors=True)  # of a command that was killed
-        yield workers
+        try:
+            yield workers
+        except OSError as error:
+            if error.filename is not None:
+                raise
+            # What a library writes, TensorBoard for one, does not say where.
+            reason = error.strerror or " ".join(str(error).split())
+            raise OSError(error.errno or errno.EIO, reason, str(out)) from error

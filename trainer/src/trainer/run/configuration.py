@@ -6,7 +6,11 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
-Count = Annotated[int, Field(ge=1)]
+from shared.dataset import LARGEST_SEED
+
+Count = Annotated[int, Field(ge=1, le=10**9)]
+Few = Annotated[int, Field(ge=1, le=2**14)]
+"""Channels, units, frames of a batch: one array holds them all."""
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 NotNegative = Annotated[FiniteFloat, Field(ge=0)]
 
@@ -50,30 +54,30 @@ class FitConfig(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     model: Model = "spectral-unet"
-    width: Count = 12
-    hidden: Count = 384
+    width: Few = 12
+    hidden: Few = 384
     blocks: Blocks = "convolution"
     features: Features = "adaptive"
-    iterations: Count = 5
+    iterations: Few = 5
     target: Target = "row"
     exponent: Annotated[FiniteFloat, Field(gt=0, le=1)] = 0.5
     beta: Positive = 10.0
     threshold_db: Positive = 30.0
     alpha: NotNegative = 0.0
     foreground: NotNegative = 1.0
-    batch: Count = 2
+    batch: Few = 2
     accumulate: Count = 1
     steps: Count = 1800
     learning_rate: Positive = 1e-3
     weight_decay: NotNegative = 1e-2
     clip: Positive = 1.0
-    rows: Annotated[int, Field(ge=0)] = 160
+    rows: Annotated[int, Field(ge=0, le=2**20)] = 160
     augment: bool = True
-    points: Annotated[int, Field(ge=0)] = 1
-    seed: Annotated[int, Field(ge=0)] = 0
+    points: Annotated[int, Field(ge=0, le=2**14)] = 1
+    seed: Annotated[int, Field(ge=0, le=LARGEST_SEED)] = 0
     precision: Precision = "32"
     validate_every: Count = 200
-    patience: Annotated[int, Field(ge=0)] = 0
+    patience: Annotated[int, Field(ge=0, le=10**9)] = 0
 
     @model_validator(mode="after")
     def _scales_match(self) -> FitConfig:

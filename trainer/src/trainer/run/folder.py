@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import platform
 from collections.abc import Iterable, Mapping
 from importlib.metadata import version
@@ -95,7 +96,7 @@ def read_run(directory: Path) -> Run:
         raise InputError(directory, f"no {RUN_FILE}", "a run folder made by trainer fit")
     try:
         document = json.loads(path.read_bytes())
-    except (ValueError, OSError) as error:
+    except (ValueError, RecursionError, OSError) as error:
         raise InputError(path, f"not readable as JSON: {error}", "a run made by trainer fit") from error
     found = document.get("version") if isinstance(document, dict) else None
     if found != RUN_VERSION:
@@ -125,19 +126,25 @@ def load_imager(directory: Path) -> tuple[Run, Imager]:
         with safe_open(path, framework="pt") as file:
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - it is no mapping
             imager.gain = float((file.metadata() or {}).get(GAIN, "1.0"))
-    except (SafetensorError, OSError, ValueError) as error:
+    except (SafetensorError, OSError, ValueError, AttributeError, MemoryError) as error:
         raise InputError(path, f"not readable as safetensors: {error}", "a whole weights file") from error
+    if not math.isfinite(imager.gain):
+        raise InputError(path, f"{GAIN} = {imager.gain}", "a finite number")
     expected = imager.network.state_dict()
     for name in sorted(expected.keys() | tensors.keys()):
-        shapes = [list(state[name].shape) if name in state else None for state in (tensors, expected)]
-        if shapes[0] != shapes[1]:
+        kinds = [_kind(state[name]) if name in state else "not there" for state in (tensors, expected)]
+        if kinds[0] != kinds[1]:
             described = f"{run.config.model} of {RUN_FILE}"
-            raise InputError(path, f"{name} has shape {shapes[0]}", f"{shapes[1]}, as the {described} has it")
+            raise InputError(path, f"{name} is {kinds[0]}", f"{kinds[1]}, as the {described} has it")
         if not torch.isfinite(tensors[name]).all():
             raise InputError(path, f"{name} has values that are not finite", "the weights of a run that trained")
     imager.network.load_state_dict(tensors)
     lay_out(imager.network, torch.channels_last)
     return run, imager.eval()
+
+
+def _kind(tensor: torch.Tensor) -> str:
+    return f"{str(tensor.dtype).removeprefix('torch.')} {list(tensor.shape)}"
 
 
 def same_radar(one: Radar, one_source: str, other: Radar, other_source: str) -> None:

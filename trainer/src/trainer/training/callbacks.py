@@ -31,11 +31,17 @@ class RunKeeper(Callback):
 
     :param directory: the run folder
     :param announce: takes one line for each validation
+    :ivar started: the first step is next
     """
 
     def __init__(self, directory: Path, announce: Callable[[str], object]) -> None:
         self.directory, self.announce = directory, announce
         self.best = float("inf")
+        self.started = False
+
+    def on_train_start(self, *_: Any) -> None:
+        """What the checkpoint holds has been restored."""
+        self.started = True
 
     def state_dict(self) -> dict[str, Any]:
         return {"best": self.best}

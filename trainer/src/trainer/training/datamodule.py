@@ -24,6 +24,8 @@ from trainer.run.folder import Fingerprint, same_radar
 from trainer.training.task import ImagingTask
 
 COLUMNS = ("range_channel", "image")
+LARGEST_WEIGHT = 1e9
+"""Shares are sums of such numbers over their sum."""
 
 
 class ImagingData(LightningDataModule):
@@ -49,8 +51,9 @@ class ImagingData(LightningDataModule):
         super().__init__()
         if weights and len(weights) != len(directories):
             raise InputError("--weight", f"{len(weights)} weights for {len(directories)} datasets", "one for each")
-        if weights and min(weights) <= 0:
-            raise InputError("--weight", f"{min(weights)}", "numbers above 0")
+        for weight in weights or ():
+            if not 0 < weight < LARGEST_WEIGHT:
+                raise InputError("--weight", f"{weight}", f"numbers above 0, below {LARGEST_WEIGHT:g}")
         self.config, self.weights, self.workers = config, weights or None, workers
         folders = [locate(directory) for directory in directories]
         self.fingerprints = tuple(_fingerprint(folder, check) for folder in folders)

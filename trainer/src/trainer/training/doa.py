@@ -101,7 +101,8 @@ class DoaTask(ImagingTask):
 
     def training_step(self, batch: Batch, batch_index: int) -> torch.Tensor:
         # Dropout depends on seed and batch alone: a resumed run then equals one that was never killed.
-        torch.manual_seed((self.config.seed << 32) + self.batches_seen * self.trainer.world_size + self.global_rank)
+        place = self.batches_seen * self.trainer.world_size + self.global_rank
+        torch.manual_seed(((self.config.seed << 32) + place) % 2**64)
         loss = self._loss(batch)
         self.batches_seen += 1
         self.log("train_loss", loss, prog_bar=True)

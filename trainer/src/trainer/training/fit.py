@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import os
-import pickle
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -22,11 +21,13 @@ from shared.dataset.writing import remove_partial
 from shared.physics.errors import InputError
 from shared.processes.pool import end_with_parent
 from trainer.data.arrays import choose_array
+from trainer.errors import out_of_memory
 from trainer.run.claim import output_folder
 from trainer.run.configuration import FitConfig
 from trainer.run.folder import CHECKPOINT, RUN_FILE, WEIGHTS, Run, read_run, versions, write_run
 from trainer.run.targets import PROBABILITY, UNITS
 from trainer.training.callbacks import LOSS, NMSE, Interrupts, PictureLogger, RunKeeper
+from trainer.training.checkpoint import not_restored, require_checkpoint
 from trainer.training.datamodule import ImagingData
 from trainer.training.doa import DoaData, DoaTask
 from trainer.training.task import ImagingTask
@@ -106,13 +107,15 @@ def _fit(
     checkpoint = out / CHECKPOINT if resume and (out / CHECKPOINT).is_file() else None
     online = config.model == "doa-cnn"
     task = (DoaTask if online else ImagingTask)(config, run.radar, run.array, data.truth_window)
+    if checkpoint is not None:
+        require_checkpoint(checkpoint, task.state_dict())
     source: LightningDataModule = DoaData(config, run.radar) if online else data
     parameters = sum(parameter.numel() for parameter in task.parameters())
     frames = ", ".join(f"{f.name}: {f.frames['train']} + {f.frames['validation']}" for f in run.datasets)
     if first:
         announce(f"{config.model}, {parameters} parameters; array {run.array.name}; train + validate frames: {frames}")
-    interrupts = Interrupts()
-    callbacks: list[Callback] = [RunKeeper(out, announce), interrupts, *([] if online else [PictureLogger()])]
+    keeper, interrupts = RunKeeper(out, announce), Interrupts()
+    callbacks: list[Callback] = [keeper, interrupts, *([] if online else [PictureLogger()])]
     if config.patience:
         watched = LOSS if UNITS[config.target] == PROBABILITY else NMSE
         # strict=False: without a truth in any validation frame there is no normalised error, and no early stop.
@@ -147,11 +150,12 @@ def _fit(
             raise
         # Lightning turns Ctrl-C into an exit without a message.
         raise KeyboardInterrupt from None
-    except (pickle.UnpicklingError, EOFError, KeyError) as error:
-        if checkpoint is None:
+    except InputError:
+        raise
+    except Exception as error:
+        if checkpoint is None or keeper.started or out_of_memory(error):
             raise
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise InputError(checkpoint, f"not readable: {reason}", "the checkpoint of this run") from error
+        raise not_restored(checkpoint, error) from error
     if first and not online and (out / WEIGHTS).is_file():
         judge(out, datasets, announce)
     return run

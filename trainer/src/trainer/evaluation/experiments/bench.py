@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 from pydantic import BaseModel, ConfigDict, Field
 
+from shared.dataset import LARGEST_SEED
 from shared.dataset.locations import Location
 from shared.radar import Radar
 from trainer.evaluation.experiments.contenders import Contender
@@ -36,10 +37,10 @@ class EvaluationConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    frames: int = Field(default=50, ge=1)
-    shown: int = Field(default=3, ge=1)
-    trials: int = Field(default=120, ge=2)
-    seed: int = Field(default=0, ge=0)
+    frames: int = Field(default=50, ge=1, le=10**6)
+    shown: int = Field(default=3, ge=1, le=1000)
+    trials: int = Field(default=120, ge=2, le=10**5)
+    seed: int = Field(default=0, ge=0, le=LARGEST_SEED)
 
 
 @dataclass(frozen=True)

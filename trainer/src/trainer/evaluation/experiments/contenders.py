@@ -82,6 +82,20 @@ class Contender:
         return np.concatenate([self.image_rows(image, noise, trials.rows) for image in trials.snapshots])
 
 
+def check_methods(names: Sequence[str]) -> None:
+    """Refuse names that stand for no method.
+
+    :raises InputError: none, one that does not exist, one twice
+    """
+    known = ", ".join([*ESTIMATORS, *NETWORKS])
+    if not names:
+        raise InputError("--methods", "none", f"some of {known}")
+    if unknown := [name for name in names if name not in (*ESTIMATORS, *NETWORKS)]:
+        raise InputError("--methods", repr(unknown[0]), f"some of {known}")
+    if twice := [name for index, name in enumerate(names) if name in names[:index]]:
+        raise InputError("--methods", f"{twice[0]!r} twice", "every method once")
+
+
 def gather(
     methods: Sequence[str] | None,
     runs: Sequence[Path],
@@ -102,10 +116,7 @@ def gather(
         same_radar(run.radar, str(path), radar, str(source))
     kinds = [_kind(run) for _, run, _ in loaded]
     chosen = tuple(methods) if methods is not None else (*DEFAULT_METHODS, *sorted(set(kinds)))
-    if unknown := [name for name in chosen if name not in (*ESTIMATORS, *NETWORKS)]:
-        raise InputError("--methods", repr(unknown[0]), f"some of {', '.join([*ESTIMATORS, *NETWORKS])}")
-    if twice := [name for index, name in enumerate(chosen) if name in chosen[:index]]:
-        raise InputError("--methods", f"{twice[0]!r} twice", "every method once")
+    check_methods(chosen)
     for name in NETWORKS:
         if name in chosen and name not in kinds:
             raise InputError("--methods", f"{name!r} without a run of that kind", f"--run RUN of a {_MODELS[name]}")
