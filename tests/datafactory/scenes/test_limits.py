@@ -171,6 +171,7 @@ def test_the_nodes_of_a_gltf_share_their_mesh(tmp_path: Path) -> None:
     path.write_text(json.dumps(gltf(3, 2)))
     one, other = open_scene(str(path)).objects
     assert one.triangles is other.triangles
+    assert one.material == ""
     np.testing.assert_array_equal(np.abs(one.vertices - other.vertices).max(axis=0), [1.0, 0.0, 0.0])
 
 

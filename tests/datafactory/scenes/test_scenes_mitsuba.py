@@ -199,3 +199,12 @@ def test_the_campus_has_all_its_shapes() -> None:
     assert len(scene.objects) == 289
     assert {item.material for item in scene.objects} == {"mat-itu_concrete", "mat-itu_marble", "mat-itu_metal"}
     assert any("ı" in item.name for item in scene.objects)
+
+
+def test_axes_whose_square_underflows_still_turn(tmp_path: Path) -> None:
+    body = '<shape type="rectangle"><transform name="to_world"><rotate x="1e-300" angle="90"/></transform></shape>'
+    (item,) = open_scene(str(xml(tmp_path, body))).objects
+    np.testing.assert_allclose(np.ptp(item.vertices, axis=0), [2.0, 0.0, 2.0], atol=1e-12)
+    body = body.replace('<rotate x="1e-300" angle="90"/>', '<lookat origin="0 0 0" target="1e-300 0 0" up="0 0 1"/>')
+    with pytest.raises(InputError, match="to_world has <lookat"):
+        open_scene(str(xml(tmp_path, body)))

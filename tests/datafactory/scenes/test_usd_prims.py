@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from usd_files import CUBE, area, read, signed_volume
 
-from datafactory.scenes.readers.primitives import CHORD_ERROR
+from datafactory.scenes.readers.primitives import CHORD_ERROR, sphere
 
 
 @pytest.mark.parametrize(
@@ -99,3 +99,24 @@ def test_a_plane_faces_its_axis(tmp_path: Path, axis: str, size: tuple[int, int,
     np.testing.assert_allclose(np.ptp(item.vertices, axis=0), size)
     a, b, c = item.vertices[item.triangles[0]]
     assert np.cross(b - a, c - a)["XYZ".index(axis)] > 0
+
+
+@pytest.mark.parametrize("radius", [1e-12, 1e-4, 1e7, 1e40])
+def test_solids_of_any_size_are_the_same_solid(radius: float) -> None:
+    points, triangles = sphere(1.0)
+    other, others = sphere(radius)
+    assert len(other) == len(points)
+    assert len(others) == len(triangles)
+    assert np.linalg.norm(other, axis=1) == pytest.approx(radius)
+
+
+@pytest.mark.parametrize("attribute", ['string protoIndices = "x"', "double[] protoIndices = [0.5]"])
+def test_indices_of_another_type_are_no_indices(tmp_path: Path, attribute: str) -> None:
+    body = f"""def PointInstancer "p" {{
+      rel prototypes = </c>
+      {attribute}
+      point3f[] positions = [(0, 0, 0)]
+    }}
+    def Cube "c" {{
+    }}"""
+    assert [item.name for item in read(tmp_path, body).objects] == ["/c"]

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.scenes.readers.meshes import Dropped, clean_mesh, place_mesh, usable
+from datafactory.scenes.readers.meshes import Dropped, clean_mesh, mirrors, place_mesh, usable
 from datafactory.scenes.readers.scale import number_spacing, placed_spacing_m
 from datafactory.scenes.scene import PlacedPoints, placed
 
@@ -40,7 +40,7 @@ class LocalMesh:
         """
         if self.shared and self._all_in_range and usable(placed(self.points, matrix)[self.triangles]).all():
             used, outward, mirrored = self._compact
-            triangles = mirrored if np.linalg.det(matrix[:3, :3]) < 0 else outward
+            triangles = mirrored if mirrors(matrix) else outward
             return PlacedPoints(self.points, used, matrix), triangles, Dropped()
         return clean_mesh(*place_mesh(self.points, self.triangles, matrix))
 

@@ -142,7 +142,8 @@ def _in_file_precision(mesh: trimesh.Trimesh, path: Path) -> NDArray[np.floating
 
 def _material_name(mesh: trimesh.Trimesh) -> str:
     material = getattr(mesh.visual, "material", None)
-    return _text(str(getattr(material, "name", None) or ""))
+    name = getattr(material, "name", None)
+    return _text(name) if isinstance(name, str) else ""
 
 
 def _text(name: str) -> str:

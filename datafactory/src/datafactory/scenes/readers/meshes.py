@@ -80,7 +80,11 @@ def place_mesh(
     :param triangles: [T, 3] vertex indices; counter-clockwise seen from outside
     :param matrix: [4, 4] acting on column vectors; a negative determinant reverses the winding
     """
-    with np.errstate(invalid="ignore", over="ignore"):
-        mirrored = np.linalg.det(matrix[:3, :3]) < 0
     # NaN, infinite and absurdly far vertices are dropped and counted in ``clean_mesh``.
-    return placed(vertices, matrix), triangles[:, ::-1] if mirrored else triangles
+    return placed(vertices, matrix), triangles[:, ::-1] if mirrors(matrix) else triangles
+
+
+def mirrors(matrix: NDArray[np.float64]) -> bool:
+    """Whether an affine transform [4, 4] turns outer sides in."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        return bool(np.linalg.det(matrix[:3, :3]) < 0)

@@ -159,9 +159,10 @@ def _step(step: ElementTree.Element) -> NDArray[np.float64] | None:
         origin, target, up = (np.asarray(vector) for vector in given)
         forward = target - origin
         left = np.cross(up, forward)
-        if not (forward.any() and left.any()):
+        lengths = np.linalg.norm(forward), np.linalg.norm(left)
+        if not min(lengths) > 0.0:
             return None
-        forward, left = forward / np.linalg.norm(forward), left / np.linalg.norm(left)
+        forward, left = forward / lengths[0], left / lengths[1]
         matrix[:3] = np.column_stack([left, np.cross(forward, left), forward, origin])
         return matrix
     if step.tag not in ("translate", "scale", "rotate"):
@@ -180,6 +181,8 @@ def _step(step: ElementTree.Element) -> NDArray[np.float64] | None:
         angle = _numbers(step.get("angle", ""))
         if angle is None or len(angle) != 1 or not values.any():
             return None
+        if not 1e-100 < np.abs(values).max() < 1e100:  # whose square is 0 or infinite
+            values = values / np.abs(values).max()
         matrix = np.asarray(rotation_matrix(np.radians(angle[0]), values), dtype=np.float64)
     return matrix
 

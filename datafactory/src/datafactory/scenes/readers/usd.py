@@ -104,10 +104,10 @@ class _Reader:
         self._path = path
         self._usd_stage = usd_stage
         self._notes = notes
+        self._to_world = usd_stage_to_world(path, usd_stage, notes)
         self._transforms = Transforms(usd_stage)
         self._start = Usd.TimeCode(self._transforms.start)
         self._facts = FactsOfPrims(path, self._start)
-        self._to_world = usd_stage_to_world(path, usd_stage, notes)
         self._turn = self._to_world[:3, :3] / np.cbrt(np.linalg.det(self._to_world[:3, :3]))
         self._objects: list[SceneObject] = []
         self._targets: list[PointTarget] = []

@@ -163,7 +163,7 @@ def _first_interval(times: tuple[float, ...], start: float) -> tuple[float, floa
     """The two samples around the start; the first two where the start lies before them."""
     if len(times) < 2 or start >= times[-1]:
         return None
-    after = max(1, int(np.searchsorted(times, start, side="right")))
+    after = min(max(1, int(np.searchsorted(times, start, side="right"))), len(times) - 1)  # NaN sorts last
     return times[after - 1], times[after]
 
 

@@ -45,7 +45,7 @@ def open_usd_stage(path: Path, notes: Notes) -> Usd.Stage:
 def usd_stage_to_world(path: Path, usd_stage: Usd.Stage, notes: Notes) -> NDArray[np.float64]:
     """[4, 4] from USD stage units and axes to metres and z up.
 
-    :raises InputError: metersPerUnit is not a positive number, or timeCodesPerSecond
+    :raises InputError: metersPerUnit or timeCodesPerSecond is not a positive number, startTimeCode is not finite
     """
     metres = float(UsdGeom.GetStageMetersPerUnit(usd_stage))
     if not 1e-12 <= metres <= 1e12:
@@ -55,6 +55,8 @@ def usd_stage_to_world(path: Path, usd_stage: Usd.Stage, notes: Notes) -> NDArra
     codes_per_second = usd_stage.GetTimeCodesPerSecond()
     if not (np.isfinite(codes_per_second) and codes_per_second > 0):
         raise InputError(path, f"timeCodesPerSecond = {codes_per_second:g}", "a positive number")
+    if not np.isfinite(usd_stage.GetStartTimeCode()):
+        raise InputError(path, f"startTimeCode = {usd_stage.GetStartTimeCode()}", "a finite number")
     axis = str(UsdGeom.GetStageUpAxis(usd_stage))
     if axis not in (UsdGeom.Tokens.y, UsdGeom.Tokens.z):
         raise InputError(path, f"upAxis = {axis!r}", "Y or Z")
