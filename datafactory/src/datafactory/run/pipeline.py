@@ -172,11 +172,11 @@ def _produce(
 def _conventions(order: Order) -> dict[str, Any]:
     """What a reader of one shard needs to know beside the axes."""
     elements, window = order.radar.virtual_sensor.channels, order.settings.processing.truth_window
-    spacing = order.radar.waveform.wavelength_m / 2.0
-    if elements > 1:
-        rx = order.radar.virtual_sensor.rx
-        spacing = abs(float(rx[1, 1] - rx[0, 1]))
-    width, sidelobe = point_spread(angle_window(window, elements), spacing / order.radar.waveform.wavelength_m)
+    y, wavelength = order.radar.virtual_sensor.rx[:, 1], order.radar.waveform.wavelength_m
+    spacing = abs(float(y[1] - y[0])) if len(y) > 1 else 0.0
+    width = sidelobe = None  # of what is no line of elements
+    if spacing > 0.0:
+        width, sidelobe = point_spread(angle_window(window, elements), spacing / wavelength)
     return {
         "conventions": {
             "frame": "x forward, y left, z up, origin at the centroid of the full array's RX; u = y / range",
@@ -187,7 +187,7 @@ def _conventions(order: Order) -> dict[str, Any]:
         "truth": {
             "window": window,
             "width_u": width,
-            "width_bins": width / order.radar.grid.step,
+            "width_bins": None if width is None else width / order.radar.grid.step,
             "peak_sidelobe_db": sidelobe,
             "rayleigh_length_u_of_array": rayleigh_length(order.radar),
         },

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from shared.physics.errors import InputError
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
-from trainer.data.simulation import amplitude_of, in_plane, snapshot
+from trainer.data.simulation import LEAST_BINS, amplitude_of, in_plane, snapshot
 from trainer.estimators.base import line_array
 
 NEAREST_M = 12.0
@@ -83,6 +83,16 @@ def trial_rows(radar: Radar) -> NDArray[np.intp]:
     """Range bins of the trials."""
     first = min(round(NEAREST_M / radar.waveform.range_step_m), radar.waveform.range_bins // 2)
     return np.arange(first, radar.waveform.range_bins - SPACING_BINS // 2, SPACING_BINS)
+
+
+def no_room(radar: Radar, separation_cells: float) -> str | None:
+    """Why trials of pairs up to this far apart cannot be simulated, None if they can."""
+    if not len(trial_rows(radar)):
+        return f"{radar.waveform.range_bins} range bins hold no trial; {SPACING_BINS} do"
+    if radar.grid.bins < LEAST_BINS:
+        return f"{radar.grid.bins} angle bins hold no two targets; {LEAST_BINS} do"
+    gap, half = separation_cells * resolution_cell(radar), min(radar.grid.u_stop, -radar.grid.u_start)
+    return None if half > gap else f"pairs {gap:.2g} apart in u leave an image from u = {-half:.2g} to {half:.2g}"
 
 
 def simulate(

@@ -20,6 +20,9 @@ from shared.signal.windows import angle_window, cell_noise_power, hann
 TRUTH_WINDOW = "taylor-30"
 """Of the virtual sensor's elements, the dataset factory's default."""
 
+LEAST_BINS = 4
+"""Angle bins that a lobe needs to have a width."""
+
 CLOSE_UP_BINS = 7
 """Range bins shown on either side of a target."""
 
@@ -38,6 +41,8 @@ def close_up(radar: Radar, range_m: float) -> tuple[NDArray[np.intp], int]:
 
 def out_of_sight(radar: Radar, range_m: float) -> str | None:
     """Why a target at ``range_m`` cannot be shown, None if it can."""
+    if radar.grid.bins < LEAST_BINS:
+        return f"{radar.grid.bins} angle bins show no target's lobe; {LEAST_BINS} do"
     farthest = (radar.waveform.range_bins - 1) * radar.waveform.range_step_m
     return f"the radar sees to {farthest:.1f} m, the targets stand at {range_m:g} m" if range_m > farthest else None
 

@@ -13,6 +13,7 @@ SPAN_DB = 40.0
 """Dynamic range in which images are compared in dB."""
 SSIM_SIGMA, SSIM_RADIUS, SSIM_K1, SSIM_K2 = 1.5, 5, 0.01, 0.03
 """Wang et al. 2004: a Gaussian of 1.5 pixels in a window of 11, and the constants against division by zero."""
+SSIM_WINDOW = 2 * SSIM_RADIUS + 1
 
 
 def nmse(estimate: NDArray[np.floating], truth: NDArray[np.floating]) -> float:

@@ -21,6 +21,8 @@ CHANNELS = {
 """What each kind of features consists of."""
 
 
+LEAST_BINS = 3
+"""Of the "doa-cnn": as many targets as a sample has stand in bins of their own."""
 MOST_PARAMETERS = 2**28
 """Weights of a network. In training each takes 16 bytes: itself, its gradient and two moments."""
 
@@ -32,6 +34,8 @@ def build_network(config: FitConfig, bins: int, channels: int) -> nn.Module:
     """
     if config.model == "doa-cnn" and channels < LEAST_CHANNELS:
         raise InputError("--array", f"{channels} channels", f"at least {LEAST_CHANNELS} with model 'doa-cnn'")
+    if config.model == "doa-cnn" and bins < LEAST_BINS:
+        raise InputError("radar", f"grid.bins = {bins}", f"at least {LEAST_BINS} with model 'doa-cnn'")
     with torch.device("meta"):  # counted before they take memory
         parameters = sum(parameter.numel() for parameter in _network(config, bins, channels).parameters())
     if parameters > MOST_PARAMETERS:

@@ -1,7 +1,7 @@
 """A run folder: what the run was made with and what came out, readable without executing anything that it holds.
 
 RUN/run.json             configuration, radar, array, fingerprints of the datasets, versions
-RUN/weights.safetensors  of the best validation, its metadata the gain
+RUN/weights.safetensors  of the best validation, its metadata the gain and the checksum of both
 RUN/metrics.csv          one line for each validation
 RUN/last.ckpt            for --resume: plain tensors and numbers, loaded with weights_only
 RUN/tensorboard/         curves and pictures
@@ -39,6 +39,8 @@ WEIGHTS = "weights.safetensors"
 CHECKPOINT = "last.ckpt"
 METRICS = "metrics.csv"
 GAIN = "gain"
+DIGEST = "sha256"
+"""Entries of the weights' metadata: what images are multiplied by, and the checksum of both."""
 PACKAGES = ("sparseradar-trainer", "sparseradar-shared", "torch", "lightning", "numpy", "pyarrow")
 
 
@@ -110,7 +112,17 @@ def read_run(directory: Path) -> Run:
 def save_weights(directory: Path, imager: Imager, gain: float = 1.0) -> None:
     """Write ``weights.safetensors``, whole or not at all; the gain stands in its metadata."""
     tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in imager.network.state_dict().items()}
-    write_bytes(directory / WEIGHTS, save(tensors, metadata={GAIN: repr(float(gain))}))
+    written = repr(float(gain))
+    write_bytes(directory / WEIGHTS, save(tensors, metadata={GAIN: written, DIGEST: _digest(tensors, written)}))
+
+
+def _digest(tensors: Mapping[str, torch.Tensor], gain: str) -> str:
+    """SHA-256 of the gain and of all weights."""
+    digest = hashlib.sha256(gain.encode())
+    for name, tensor in sorted(tensors.items()):
+        digest.update(f"{name} {tensor.dtype} {list(tensor.shape)}".encode())
+        digest.update(tensor.contiguous().view(-1).view(torch.uint8).numpy().data)
+    return digest.hexdigest()
 
 
 def load_imager(directory: Path) -> tuple[Run, Imager]:
@@ -125,7 +137,10 @@ def load_imager(directory: Path) -> tuple[Run, Imager]:
     try:
         with safe_open(path, framework="pt") as file:
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - it is no mapping
-            imager.gain = float((file.metadata() or {}).get(GAIN, "1.0"))
+            about = file.metadata() or {}
+            imager.gain = float(about.get(GAIN, "1.0"))
+            if DIGEST in about and about[DIGEST] != _digest(tensors, about.get(GAIN, "")):
+                raise ValueError("its weights are not as they were written")
     except (SafetensorError, OSError, ValueError, AttributeError, MemoryError) as error:
         raise InputError(path, f"not readable as safetensors: {error}", "a whole weights file") from error
     if not math.isfinite(imager.gain):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,9 @@ def require_checkpoint(path: Path, state: Mapping[str, torch.Tensor]) -> None:
     :raises InputError: naming the file
     """
     try:
+        with zipfile.ZipFile(path) as archive:  # torch does not look at the checksums that it writes
+            if (piece := archive.testzip()) is not None:
+                raise ValueError(f"{piece} is damaged")
         content: Any = torch.load(path, map_location="cpu", weights_only=True)
     except Exception as error:  # torch raises whatever its zip reader and its unpickler come across
         raise not_restored(path, error) from error

@@ -102,11 +102,11 @@ def _fit(
         weights=tuple(weights) if weights else None,
         versions=versions(),
     )
+    online = config.model == "doa-cnn"
+    task = (DoaTask if online else ImagingTask)(config, run.radar, run.array, data.truth_window)
     if first:
         _prepare(out, run, resume)
     checkpoint = out / CHECKPOINT if resume and (out / CHECKPOINT).is_file() else None
-    online = config.model == "doa-cnn"
-    task = (DoaTask if online else ImagingTask)(config, run.radar, run.array, data.truth_window)
     if checkpoint is not None:
         require_checkpoint(checkpoint, task.state_dict())
     source: LightningDataModule = DoaData(config, run.radar) if online else data

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from trainer.evaluation.experiments.bench import Bench, FrameRef, Results, Task, mean_row, ratio_row
 from trainer.evaluation.experiments.contenders import Contender
-from trainer.evaluation.experiments.frames import CELLS, RESIDUAL, frame_tasks, gathered
+from trainer.evaluation.experiments.frames import CELLS, RESIDUAL, frame_tasks, gathered, too_small
 from trainer.evaluation.report.style import Look, counted, legend_below, new_figure, subplots
 from trainer.evaluation.rows import MetricRow, SummaryColumn
 from trainer.metrics.detection import D_MAX_BINS, PROMINENCES
@@ -57,7 +57,7 @@ class Detection:
     summary: tuple[SummaryColumn, ...] = SUMMARY
 
     def obstacle(self, bench: Bench) -> str | None:
-        return None if scene_frames(bench) else "the test split has no scene frames"
+        return too_small(bench) if scene_frames(bench) else "the test split has no scene frames"
 
     def tasks(self, bench: Bench) -> Sequence[Task]:
         return frame_tasks(bench)

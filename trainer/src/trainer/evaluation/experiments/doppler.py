@@ -61,7 +61,7 @@ class Doppler:
     summary: tuple[SummaryColumn, ...] = ()
 
     def obstacle(self, bench: Bench) -> str | None:
-        return None
+        return None if bench.radar.waveform.chirps > 1 else "the radar sends one chirp a frame"
 
     def tasks(self, bench: Bench) -> Sequence[Task]:
         frames, shown = moving_frames(bench), shown_contender(bench)

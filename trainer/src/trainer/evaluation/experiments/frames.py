@@ -29,7 +29,7 @@ from trainer.metrics.detection import (
     strict_counts,
 )
 from trainer.metrics.gospa import gospa
-from trainer.metrics.image import SPAN_DB, nmse, nmse_best_scaled, psnr, ssim
+from trainer.metrics.image import SPAN_DB, SSIM_WINDOW, nmse, nmse_best_scaled, psnr, ssim
 from trainer.metrics.residual import explain
 from trainer.run.targets import AMPLITUDE
 
@@ -68,6 +68,14 @@ def one_of_each_scene(refs: Sequence[FrameRef], count: int) -> tuple[FrameRef, .
         key=lambda entry: entry[:2],
     )
     return tuple(ref for _, _, ref in turns[:count])
+
+
+def too_small(bench: Bench) -> str | None:
+    """Why frames cannot be scored, None if they can."""
+    shape = bench.radar.waveform.range_bins, bench.radar.grid.bins
+    if min(shape) >= SSIM_WINDOW:
+        return None
+    return f"images have {shape[0]} x {shape[1]} bins, SSIM's window {SSIM_WINDOW} x {SSIM_WINDOW}"
 
 
 def frame_tasks(bench: Bench) -> list[Task]:

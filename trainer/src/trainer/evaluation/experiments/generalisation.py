@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from trainer.evaluation.experiments.bench import Bench, FrameRef, Results, Task
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.experiments.detection import F1, SSIM, strict_rows
-from trainer.evaluation.experiments.frames import CELLS, frame_tasks
+from trainer.evaluation.experiments.frames import CELLS, frame_tasks, too_small
 from trainer.evaluation.report.style import Look, counted, legend_below, new_figure, subplots
 from trainer.evaluation.rows import MetricRow, SummaryColumn
 from trainer.metrics.detection import D_MAX_BINS
@@ -32,7 +32,7 @@ class Generalisation:
     summary: tuple[SummaryColumn, ...] = ()
 
     def obstacle(self, bench: Bench) -> str | None:
-        return None
+        return too_small(bench)
 
     def tasks(self, bench: Bench) -> Sequence[Task]:
         return frame_tasks(bench)

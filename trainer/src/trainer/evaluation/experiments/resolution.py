@@ -18,7 +18,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from shared.radar import Radar
-from trainer.data.pairs import Condition, Trials, simulate
+from trainer.data.pairs import Condition, Trials, no_room, simulate
 from trainer.estimators.ml import MaximumLikelihood
 from trainer.evaluation.experiments.bench import (
     KEPT,
@@ -73,7 +73,7 @@ class Resolution:
     summary: tuple[SummaryColumn, ...] = SUMMARY
 
     def obstacle(self, bench: Bench) -> str | None:
-        return None
+        return no_room(bench.radar, max(SEPARATIONS))
 
     def tasks(self, bench: Bench) -> Sequence[Task]:
         config = bench.config

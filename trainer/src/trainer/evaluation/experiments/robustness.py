@@ -19,6 +19,7 @@ from trainer.data.arrays import ArrayChoice
 from trainer.data.pairs import (
     Condition,
     Trials,
+    no_room,
     resolution_cell,
     simulate,
     trial_rows,
@@ -122,7 +123,7 @@ class Robustness:
     summary: tuple[SummaryColumn, ...] = ()
 
     def obstacle(self, bench: Bench) -> str | None:
-        return None
+        return no_room(bench.radar, SEPARATION_CELLS)
 
     def tasks(self, bench: Bench) -> Sequence[Task]:
         config = bench.config

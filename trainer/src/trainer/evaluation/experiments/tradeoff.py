@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from trainer.evaluation.experiments.bench import Bench, Results, Task, single_row
 from trainer.evaluation.experiments.detection import F1, SSIM, scene_frames, strict_rows
-from trainer.evaluation.experiments.frames import CELLS, frame_tasks
+from trainer.evaluation.experiments.frames import CELLS, frame_tasks, too_small
 from trainer.evaluation.report.style import Look, legend_below, new_figure, subplots
 from trainer.evaluation.rows import MetricRow, SummaryColumn
 from trainer.metrics.detection import D_MAX_BINS
@@ -31,7 +31,7 @@ class Tradeoff:
     summary: tuple[SummaryColumn, ...] = ()
 
     def obstacle(self, bench: Bench) -> str | None:
-        return None if scene_frames(bench) else "the test split has no scene frames"
+        return too_small(bench) if scene_frames(bench) else "the test split has no scene frames"
 
     def tasks(self, bench: Bench) -> Sequence[Task]:
         return frame_tasks(bench)
