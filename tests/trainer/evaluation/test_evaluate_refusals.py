@@ -1,5 +1,8 @@
 """What ``trainer evaluate`` refuses, in one line, and what it leaves out."""
 
+import shutil
+from dataclasses import replace
+
 import pytest
 from small_evaluation import QUICK, RADAR, make_data, make_run, status
 from tiny_radar import RADAR as SHORT_RADAR
@@ -80,3 +83,23 @@ def test_a_radar_that_does_not_see_so_far_leaves_experiments_out_and_says_so(tmp
     assert names == EXPERIMENTS.keys() - {"point-spread", "two-reflectors", "measured"}
     with pytest.raises(InputError, match=f"point-spread: {reason}"):
         choose_experiments(["point-spread"], bench)
+
+
+@pytest.mark.slow
+def test_names_in_the_data_are_text_wherever_they_are_shown(inputs, tmp_path, capsys, monkeypatch):
+    """A scene named like markup, a formula, a command of the terminal; drawn in every figure that names a scene."""
+    name = "<!--<script>$x^{$ \x1b[31m\u202e \u65e5\u672c"
+    frames = [replace(frame(index, RADAR), kind="scene", scene=name) for index in range(4)]
+    data = write_dataset(tmp_path / "$data$", {"train": frames[:2], "test": frames[2:]}, RADAR)
+    array = tmp_path / "$a{$|.toml"
+    array.write_text("rx = [0, 1, 2, 5]\n")
+    out = tmp_path / "out"
+    measured = shutil.copy(inputs[3], tmp_path / "$m{$.npy")
+    arguments = [data, "--out", out, "--arrays", array, "--methods", "das", "--trials", "2", "--measured", measured]
+    assert status(capsys, monkeypatch, *arguments, "--workers", "1") == (None, "")
+    assert len(list((out / "figures").glob("*.png"))) == len(EXPERIMENTS)
+    page = (out / "report.html").read_text()
+    assert page.count("<script") == page.count("</script") == 2
+    assert "<!--" not in page
+    assert "\x1b" not in page
+    assert page.count("\n| ") == 0

@@ -33,6 +33,8 @@ from trainer.run.pictures import hold_peaks
 
 SHAPE = (RADAR.waveform.range_bins, RADAR.grid.bins)
 NODE = shutil.which("node")
+HOSTILE = "hall </script><!--<script><b>\u2028 & \\u003c, frame 1"
+"""The begin of a comment and of a second element, together, would keep the page's own element from ending."""
 
 
 def images():
@@ -55,7 +57,7 @@ def table():
 @pytest.fixture(scope="module")
 def page():
     figure = ReportFigure("A <title> & {{data}}", "caption </script>", b"\x89PNG not really")
-    frames = [ReportFrame("hall </script><b>, frame 1", 7, images()), ReportFrame("hall, frame 2", 3, images())]
+    frames = [ReportFrame(HOSTILE, 7, images()), ReportFrame("hall, frame 2", 3, images())]
     return report_page("Evaluation <of> {{data}}", "all & everything", RADAR, frames, [figure], table())
 
 
@@ -76,6 +78,9 @@ def test_the_page_loads_nothing(page):
 def test_no_text_of_the_data_is_taken_for_markup(page):
     # The page's own two script elements, and no mark of the template left or filled twice.
     assert page.count("</script>") == 2
+    assert page.count("<script") == 2
+    assert "<!--" not in page
+    assert "\u2028" not in page
     assert page.count("<h1>") == 1
     assert "Evaluation &lt;of&gt; {{data}}" in page
     assert "A &lt;title&gt; &amp; {{data}}" in page
@@ -84,7 +89,7 @@ def test_no_text_of_the_data_is_taken_for_markup(page):
 
 def test_the_embedded_images_are_those_put_in(page):
     data = embedded(page)
-    assert [frame["name"] for frame in data["frames"]] == ["hall </script><b>, frame 1", "hall, frame 2"]
+    assert [frame["name"] for frame in data["frames"]] == [HOSTILE, "hall, frame 2"]
     assert (data["axes"]["range_bins"], data["axes"]["u_bins"]) == SHAPE
     for name, levels in images().items():
         picture = imread(io.BytesIO(base64.b64decode(data["frames"][0]["images"][name])))

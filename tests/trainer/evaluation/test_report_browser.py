@@ -24,6 +24,7 @@ if BROWSER is None:
     pytest.skip("there is no Chromium or Chrome; make browser fetches one", allow_module_level=True)
 playwright = pytest.importorskip("playwright.sync_api", reason="there is no playwright; make browser installs it")
 
+HOSTILE = "hall </script><!--<script><b> & \\u003c, frame 1"
 ROWS, COLUMNS = RADAR.waveform.range_bins, RADAR.grid.bins
 LEFT, RIGHT, TOP, BOTTOM = 46, 8, 22, 34
 """The canvases' margins [pixels], as in viewer.html."""
@@ -92,7 +93,7 @@ def opened(chromium, tmp_path):
 
 @pytest.fixture
 def page(opened):
-    return opened(html([frame("hall </script><b>, frame 1", FIRST), frame("hall, frame 2", SECOND)]))
+    return opened(html([frame(HOSTILE, FIRST), frame("hall, frame 2", SECOND)]))
 
 
 def canvas(page, name):
@@ -141,7 +142,7 @@ def assert_shows(page, left, right, truth, spots):
 
 
 def test_the_page_opens_on_its_first_frame(page):
-    assert page.locator("#frame option").all_inner_texts() == ["hall </script><b>, frame 1", "hall, frame 2"]
+    assert page.locator("#frame option").all_inner_texts() == [HOSTILE, "hall, frame 2"]
     assert_shows(page, "das full", "iaa full", "truth", FIRST)
     assert page.locator("#row-text").inner_text() == f"7 ({7 * RADAR.waveform.range_step_m:.2f} m)"
 

@@ -63,3 +63,10 @@ def test_with_none_of_its_experiments_it_is_a_sentence():
         SUMMARY_COLUMNS,
     )
     assert text == "Nothing to sum up: none of detection, resolution, noise-only was run.\n"
+
+
+def test_a_name_is_no_markup() -> None:
+    hostile = [row("unet:<b>|x\x1b[31m", "a|<script>", "one-to-one F1", "d_max=2 bins", 0.75)]
+    text = summary(metrics_table(hostile, {("unet:<b>|x\x1b[31m", "a|<script>"): 1.0}, {}), SUMMARY_COLUMNS)
+    assert "| a\\|&lt;script&gt; |" in text
+    assert "| unet:&lt;b&gt;\\|x\\x1b[31m |" in text

@@ -11,6 +11,8 @@ from collections.abc import Iterable, Sequence
 from rich.console import Console
 from rich.table import Table
 
+from shared.physics.errors import printable
+
 
 def plain_console(stderr: bool = False, narrowest: int = 0) -> Console:
     """The console of a command.
@@ -34,5 +36,5 @@ def table(title: str, headings: Sequence[str], rows: Iterable[Sequence[str]]) ->
     for heading in headings:
         shown.add_column(heading, justify="right" if heading.endswith("]") else "left", overflow="fold")
     for row in rows:
-        shown.add_row(*row)
+        shown.add_row(*map(printable, row))
     return shown

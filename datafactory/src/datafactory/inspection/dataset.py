@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ from shared.dataset import Frame
 from shared.dataset.folder import MANIFEST, Dataset
 from shared.dataset.reading import radar_of, read_frame
 from shared.dataset.writing import atomic
-from shared.physics.errors import InputError
+from shared.physics.errors import InputError, figure_text
 from shared.physics.units import amplitude_to_db
 from shared.radar import Radar
 from shared.radar.arrays import AVR_QDM_110_THINNED_RX
@@ -99,7 +100,8 @@ def write_pictures(dataset: Dataset, count: int, folder: Path) -> list[Path]:
         frame = read_frame(shard, row, columns=("range_channel", "image", "targets"))
         path = folder / f"frame-{frame.frame_id:06d}.png"
         # No software version in the file: the same frame gives the same bytes.
-        with atomic(path) as partial:
+        with atomic(path) as partial, warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "Glyph .* missing from font")  # a scene's name may be of any script
             draw_frame(frame, radar, split).savefig(partial, format="png", dpi=150, metadata={"Software": None})
         pictures.append(path)
     return pictures
@@ -127,7 +129,7 @@ def draw_frame(frame: Frame, radar: Radar, split: str = "") -> Figure:
     figure.colorbar(points, ax=axes, label="|A| x r below the brightest cell [dB]", pad=0.01, extend="min")
     speed = float(np.linalg.norm(frame.sensor_velocity))
     figure.suptitle(
-        f"{frame.scene}, frame {frame.frame_id} ({', '.join(filter(None, (split, frame.kind)))}), "
+        f"{figure_text(frame.scene)}, frame {frame.frame_id} ({', '.join(filter(None, (split, frame.kind)))}), "
         f"sensor at {speed:.1f} m/s; levels weighted x r, 0 dB = {brightest:.1f} dB(sqrt(W) m)"
     )
     return figure

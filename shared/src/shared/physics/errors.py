@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+LONGEST_IN_FIGURE = 60
+"""Characters of a name: longer ones leave a figure no room."""
+
 
 class InputError(ValueError):
     """Bad input of the user: a file, an argument or a value in it.
@@ -19,12 +22,28 @@ class InputError(ValueError):
         text = f"{source}: {problem}"
         if expected:
             text += f"; expected {expected}"
-        super().__init__(" ".join(text.split()))
+        super().__init__(printable(" ".join(text.split())))
         self._arguments = str(source), problem, expected
 
     def __reduce__(self) -> tuple[type[InputError], tuple[str, str, str]]:
         """Made anew from its three parts, so that a process pool can hand it on."""
         return type(self), self._arguments
+
+
+def printable(text: str) -> str:
+    """Text from a file as a terminal may show it: what is no character to look at is escaped.
+
+    Otherwise a scene's name could clear the screen, or read from right to left.
+    """
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def figure_text(text: str) -> str:
+    """Text from a file as Matplotlib may draw it: no formula, and not longer than :data:`LONGEST_IN_FIGURE`."""
+    shown = printable(text)
+    if len(shown) > LONGEST_IN_FIGURE:
+        shown = f"{shown[: LONGEST_IN_FIGURE - 3]}..."
+    return shown.replace("$", r"\$")
 
 
 def require_utf8(path: object) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +16,7 @@ from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
 from shared.dataset.writing import atomic
+from shared.physics.errors import figure_text
 from shared.physics.units import amplitude_to_db
 from shared.radar import Radar
 
@@ -80,10 +83,10 @@ def save_comparison(path: Path, frames: Mapping[str, Mapping[str, NDArray[np.flo
         for axis, (name, image) in zip(line, images.items(), strict=True):
             drawn = _draw(axis, range_weighted_db(image, reference=reference), radar)
             if axis in axes[0]:
-                axis.set_title(name)
+                axis.set_title(figure_text(name))
             if axis in axes[-1]:
                 axis.set_xlabel("u = sin(azimuth)")
-        line[0].set_ylabel(f"{title}\nrange [m]")
+        line[0].set_ylabel(f"{figure_text(title)}\nrange [m]")
     figure.colorbar(drawn, ax=axes, label="amplitude x range [dB of the truth's maximum]", aspect=40)
     _save(figure, path)
 
@@ -95,14 +98,22 @@ def save_picture(path: Path, images: Mapping[str, NDArray[np.floating]], radar: 
     axes = figure.subplots(1, len(images), sharey=True, squeeze=False)[0]
     for axis, (name, image) in zip(axes, images.items(), strict=True):
         drawn = _draw(axis, range_weighted_db(image), radar)
-        axis.set(title=name, xlabel="u = sin(azimuth)")
+        axis.set(title=figure_text(name), xlabel="u = sin(azimuth)")
     axes[0].set_ylabel("range [m]")
     figure.colorbar(drawn, ax=axes, label="amplitude x range [dB below maximum]")
-    figure.suptitle(title)
+    figure.suptitle(figure_text(title))
     _save(figure, path)
 
 
+@contextmanager
+def any_name() -> Iterator[None]:
+    """Draw names of any script without a word: a box stands for what the font does not have."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from font")
+        yield
+
+
 def _save(figure: Figure, path: Path) -> None:
-    with atomic(path) as partial:
+    with atomic(path) as partial, any_name():
         # The file does not name the version of matplotlib, so that the bytes do not depend on it.
         figure.savefig(partial, format="png", dpi=100, metadata={"Software": None})

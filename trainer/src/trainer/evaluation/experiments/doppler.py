@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from shared.dataset import Frame, Target
 from shared.dataset.reading import read_frame
+from shared.physics.errors import figure_text
 from shared.radar import Radar
 from trainer.evaluation.experiments.bench import (
     Bench,
@@ -101,7 +102,7 @@ class Doppler:
         # Where a range bin has fewer peaks, the dataset repeats the strongest; the figure shows it once.
         shown[1:][frame.velocity[1:] == frame.velocity[0]] = 0.0
         reference = float(shown.max())
-        title = f"{self.title}: {ref.scene}, frame {ref.frame_id}, {contender.name}"
+        title = f"{self.title}: {figure_text(ref.scene)}, frame {ref.frame_id}, {figure_text(contender.name)}"
         found = results[contender.method, contender.array.name, ref.condition]["found"][1]
         if found[0]:
             title += f": of {found[0]:.0f} targets in a weaker peak "

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
+from shared.physics.errors import figure_text
 from trainer.evaluation.experiments.bench import Bench, FrameRef, Results, Task
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.experiments.detection import F1, SSIM, strict_rows
@@ -68,10 +69,11 @@ class Generalisation:
                         axis.plot([centre, centre], [row.low, row.high], color="black", lw=0.8)
             axis.set(ylabel=metric, ylim=(0.0, None))
             axis.grid(axis="y", alpha=0.25)
-        labels = [f"{scene}\n{counted(len(refs), 'frame')}" for scene, refs in scenes.items()]
+        labels = [f"{figure_text(scene)}\n{counted(len(refs), 'frame')}" for scene, refs in scenes.items()]
         axes[-1].set_xticks(range(len(scenes)), labels)
         axes[0].set_title(
-            f"arrays from left to right, paler and paler: {', '.join(look.arrays)}; d_max 2 bins", loc="left"
+            f"arrays from left to right, paler and paler: {figure_text(', '.join(look.arrays))}; d_max 2 bins",
+            loc="left",
         )
         legend_below(figure, look.method_handles())
         return {self.name: figure}

@@ -19,7 +19,7 @@ import scipy.io
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from shared.physics.errors import InputError
+from shared.physics.errors import InputError, figure_text
 from shared.physics.units import SPEED_OF_LIGHT
 from trainer.data.numpy_files import read_npy
 from trainer.estimators.base import ESTIMATORS, UNIFORM_ESTIMATORS, Estimator, LineArray
@@ -97,7 +97,7 @@ class Measured:
         look = Look([method for method, _, _ in results], [array for _, array, _ in results])
         columns = min(3, len(look.arrays))
         lines = -(-len(look.arrays) // columns)
-        figure = new_figure(4.6 * columns, 3.3 * lines + 0.9, f"{self.title}: {bench.measured.name}")
+        figure = new_figure(4.6 * columns, 3.3 * lines + 0.9, f"{self.title}: {figure_text(bench.measured.name)}")
         axes = subplots(figure, lines, columns, sharex=True, sharey=True)
         degrees = np.rad2deg(np.arcsin(AXIS))
         for axis, array in zip(axes.ravel(), look.arrays, strict=False):
@@ -110,7 +110,7 @@ class Measured:
             for angle in reference:
                 axis.axvline(angle, color="grey", lw=0.8, ls=":")
             axis.set(
-                title=f"{array}: {count} of {len(both)} find both within {FOUND_WITHIN_DEG:g} deg",
+                title=f"{figure_text(array)}: {count} of {len(both)} find both within {FOUND_WITHIN_DEG:g} deg",
                 xlabel="azimuth [deg]",
                 xlim=(SHOWN_DEG + 3.5, 3.5 - SHOWN_DEG),
                 ylim=(-SPAN_DB, 1.0),

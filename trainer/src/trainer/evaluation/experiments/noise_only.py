@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from shared.physics.errors import figure_text
 from shared.radar import Radar
 from shared.signal.windows import cell_noise_power
 from trainer.data.simulation import snapshot
@@ -77,7 +78,7 @@ class NoiseOnly:
             axis.bar(place, row.value, color=look.colour(row.method))
             if np.isfinite([row.low, row.high]).all():
                 axis.plot([place, place], [row.low, row.high], color="black", lw=1.0)
-        axis.set_xticks(range(len(contenders)), [c.name for c in contenders], rotation=60, ha="right")
+        axis.set_xticks(range(len(contenders)), [figure_text(c.name) for c in contenders], rotation=60, ha="right")
         axis.set_ylabel(METRIC)
         axis.grid(axis="y", alpha=0.25)
         return {self.name: figure}

@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
+from shared.physics.errors import figure_text
 from shared.radar import Radar
 from trainer.data.pairs import Condition, Trials, no_room, simulate
 from trainer.estimators.ml import MaximumLikelihood
@@ -146,8 +147,10 @@ class Resolution:
             ratios = [_error_over_bound(results, contender, single) for single in SINGLES]
             axes[1, column].plot(SINGLE_SNRS_DB, ratios, **style)
         for column, array in enumerate(look.arrays):
-            axes[0, column].set(title=f"{array}: two targets, 20 dB", xlabel="separation [RL]", ylim=(-0.03, 1.03))
-            axes[1, column].set(title=f"{array}: one target", xlabel="SNR of a channel [dB]", yscale="log")
+            axes[0, column].set(
+                title=f"{figure_text(array)}: two targets, 20 dB", xlabel="separation [RL]", ylim=(-0.03, 1.03)
+            )
+            axes[1, column].set(title=f"{figure_text(array)}: one target", xlabel="SNR of a channel [dB]", yscale="log")
             axes[1, column].axhline(1.0, color="grey", lw=0.8)
         axes[0, 0].set_ylabel("probability of resolution")
         axes[1, 0].set_ylabel("RMSE / root of the bound")

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from shared.physics.errors import figure_text
 from trainer.evaluation.experiments.bench import Bench, FrameRef, Results, Task, contender_task, radar_task
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.experiments.frames import load_frame, one_of_each_scene
@@ -59,7 +60,8 @@ class Street:
             for c in bench.contenders
         }
         truth = np.maximum(from_bytes(results["truth", "", ref.condition]["levels"]), -SPAN_DB)
-        figure = image_panels(levels, truth, bench.radar, 0, f"{self.title}: {ref.scene}, frame {ref.frame_id}")
+        title = f"{self.title}: {figure_text(ref.scene)}, frame {ref.frame_id}"
+        figure = image_panels(levels, truth, bench.radar, 0, title)
         return {self.name: figure}
 
 

@@ -86,8 +86,9 @@ def report_page(
             "rows": [list(values) for values in zip(*(column.to_pylist() for column in table.columns), strict=True)],
         },
     }  # fmt: skip
-    # "</" would end the script element; JSON allows the escape.
-    text = json.dumps(data, allow_nan=False).replace("</", "<\\/")
+    # "</script" would end the script element, and "<!--<script" would keep it from ending. JSON allows the escape; what
+    # is not ASCII, U+2028 among it, is escaped already.
+    text = json.dumps(data, allow_nan=False).replace("<", "\\u003c")
     page = files("trainer.evaluation.report").joinpath("viewer.html").read_text(encoding="utf-8")
     parts = {
         "title": html.escape(title),

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
+from shared.physics.errors import figure_text
 from shared.radar import Radar
 from trainer.evaluation.report.style import (
     SPAN_DB,
@@ -60,7 +61,8 @@ def image_panels(
         for axis, name in zip(axes[line], names, strict=False):
             image = truth if name == "truth" else levels.get((name, array))
             if image is None:
-                axis.text(0.5, 0.5, f"no {name}\nfor {array}", ha="center", va="center", transform=axis.transAxes)
+                missing = f"no {figure_text(name)}\nfor {figure_text(array)}"
+                axis.text(0.5, 0.5, missing, ha="center", va="center", transform=axis.transAxes)
                 axis.set_axis_off()
                 continue
             draw_image(axis, image, radar, "truth" if name == "truth" else f"{name}, {array}", first_row)
@@ -95,7 +97,7 @@ def _draw_cut(
     for (method, of_array), image in levels.items():
         if of_array == array:
             axis.plot(radar.grid.u, image[row], color=look.colour(method), lw=1.2)
-    axis.set(ylim=(-SPAN_DB, 2.0), title=f"cut, {array}", ylabel="level [dB]")
+    axis.set(ylim=(-SPAN_DB, 2.0), title=f"cut, {figure_text(array)}", ylabel="level [dB]")
     axis.grid(alpha=0.25)
     axis.yaxis.set_label_position("right")
     axis.yaxis.tick_right()

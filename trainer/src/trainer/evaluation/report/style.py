@@ -18,9 +18,10 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from shared.dataset.writing import write_bytes
+from shared.physics.errors import figure_text
 from shared.physics.units import amplitude_to_db
 from shared.radar import Radar
-from trainer.run.pictures import SPAN_DB, hold_peaks
+from trainer.run.pictures import SPAN_DB, any_name, hold_peaks
 
 COLOURS = (
     "#0072b2",
@@ -75,7 +76,7 @@ class Look:
         return MARKERS[self.arrays.index(array) % len(MARKERS)]
 
     def method_handles(self) -> list[Line2D]:
-        return [Line2D([], [], color=self.colour(name), lw=2.5, label=name) for name in self.methods]
+        return [Line2D([], [], color=self.colour(name), lw=2.5, label=figure_text(name)) for name in self.methods]
 
     def weight(self, method: str) -> float:
         """Line width; the first method, DaS, has a broad line that stays visible below others."""
@@ -85,7 +86,7 @@ class Look:
         handles = []
         for name in self.arrays:
             line, marker = self.line(name) if lines else "", self.marker(name) if markers else None
-            handles.append(Line2D([], [], color="grey", ls=line, marker=marker, ms=4, label=name))
+            handles.append(Line2D([], [], color="grey", ls=line, marker=marker, ms=4, label=figure_text(name)))
         return handles
 
 
@@ -93,11 +94,12 @@ def legend_below(figure: Figure, handles: Sequence[Line2D]) -> None:
     """Outside of all axes, so that it covers no data; in as many rows as its labels need."""
     canvas = figure.canvas
     assert isinstance(canvas, FigureCanvasAgg)
-    for columns in range(len(handles), 0, -1):
-        legend = figure.legend(handles=list(handles), loc="outside lower center", ncols=columns, frameon=False)
-        if columns == 1 or legend.get_window_extent(canvas.get_renderer()).width <= figure.bbox.width:
-            return
-        legend.remove()
+    with any_name():
+        for columns in range(len(handles), 0, -1):
+            legend = figure.legend(handles=list(handles), loc="outside lower center", ncols=columns, frameon=False)
+            if columns == 1 or legend.get_window_extent(canvas.get_renderer()).width <= figure.bbox.width:
+                return
+            legend.remove()
 
 
 def counted(count: int, noun: str) -> str:
@@ -137,7 +139,7 @@ def draw_image(axis: Axes, levels_db: NDArray[np.floating], radar: Radar, title:
         held[:, ::-1], origin="lower", aspect="auto", cmap="magma", vmin=-SPAN_DB, vmax=0.0,
         extent=(left, grid.u_start, near, far), interpolation="nearest",
     )  # fmt: skip
-    axis.set(title=title, xlim=(grid.u_stop, grid.u_start), ylim=(near, near + len(levels_db) * step))
+    axis.set(title=figure_text(title), xlim=(grid.u_stop, grid.u_start), ylim=(near, near + len(levels_db) * step))
 
 
 def colour_bar(figure: Figure, axes: NDArray[np.object_]) -> None:
@@ -159,7 +161,7 @@ def label_images(axes: NDArray[np.object_]) -> None:
 def save_figure(figure: Figure, directory: Path, name: str) -> bytes:
     """Write ``name.png`` and ``name.svg``, whole or not at all; returns the PNG. Same figure, same bytes."""
     content = {}
-    with matplotlib.rc_context(STYLE):
+    with matplotlib.rc_context(STYLE), any_name():
         # One layout serves both files: it takes longer than the drawing.
         figure.draw_without_rendering()
         figure.set_layout_engine("none")
