@@ -29,9 +29,7 @@ def draw(plan: EffectPlan, cost_seconds: Mapping[str, float], path: Path) -> Non
         if item.loss_db <= FLOOR_DB:
             loss.text(LOWEST_DB + 1.0, at, item.reason, va="center", fontsize=7, color="#606060")
     loss.axvline(plan.budget_db, color="#b02020", linewidth=1.0)
-    loss.text(
-        plan.budget_db, len(names) - 0.4, f"budget {plan.budget_db:g} dB", color="#b02020", fontsize=7, ha="center"
-    )
+    loss.text(plan.budget_db + 1.0, len(names) - 0.4, f"budget {plan.budget_db:g} dB", color="#b02020", fontsize=7)
     loss.set(xlim=(LOWEST_DB, 2.0), xlabel="change without it [dB of the peak]", yticks=place, yticklabels=names)
     power, cells = (100.0 * np.array([plan.shares.get(name, (0.0, 0.0))[which] for name in names]) for which in (0, 1))
     share.barh(place + 0.2, power, height=0.38, color=colours, label="of the power")
@@ -39,7 +37,7 @@ def draw(plan: EffectPlan, cost_seconds: Mapping[str, float], path: Path) -> Non
     share.set(xlim=(0.0, 100.0), xlabel="share that it changes [%]")
     share.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, 1.09), ncols=2, frameon=False)
     price.barh(place, [cost_seconds[name] for name in names], color=colours)
-    price.set(xlabel="cost [s a frame]")
+    price.set(xlabel="cost [s of one core a frame]")
     figure.suptitle(f"{plan.scene}: effects simulated (blue) and left out (grey)", fontsize=10)
     with atomic(path) as partial:
         figure.savefig(partial, format="png", dpi=130)
