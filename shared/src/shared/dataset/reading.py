@@ -18,6 +18,7 @@ from pydantic import ValidationError
 from shared.dataset import COMPLEX_ARRAYS, METADATA_KEY, SCALARS, VECTORS, Frame, Target, row_bytes
 from shared.dataset.locations import Location, file_size, open_parquet
 from shared.dataset.manifest import check_version, require_as_written
+from shared.dataset.schema import TARGET_FIELDS
 from shared.physics.errors import InputError
 from shared.radar import FrontEnd, Radar, first_validation_error
 from shared.radar.arrays import AntennaArray
@@ -31,6 +32,19 @@ BATCH_BYTES = 64 << 20
 
 # What pyarrow raises for a file that is missing, cut short or damaged (a damaged name is no UTF-8 any more).
 _READ_ERRORS = (pa.ArrowException, OSError, UnicodeDecodeError)
+
+
+_SMALL_COLUMNS = {
+    "frame_id": pa.int64(),
+    "kind": pa.string(),
+    "scene": pa.string(),
+    "seed": pa.int64(),
+    "image_peak": pa.float64(),
+    "noise_power": pa.float64(),
+    **{name: pa.list_(pa.float64(), size) for name, size in VECTORS.items()},
+    "targets": pa.list_(pa.struct([*((name, pa.float64()) for name in TARGET_FIELDS[:-1]), ("object", pa.string())])),
+}
+"""Columns whose types do not depend on the radar."""
 
 
 def open_shard(path: Location) -> pq.ParquetFile:
@@ -82,6 +96,7 @@ def read_frames(path: Location, columns: Sequence[str] | None = None) -> Iterato
         rows = max(1, BATCH_BYTES // max(1, row_bytes(shapes, wanted)))
         try:
             for batch in file.iter_batches(batch_size=rows, columns=wanted, use_threads=False):
+                require_values(path, batch)
                 for row in range(len(batch)):
                     yield frame_from_row(batch, row, shapes)
         except _READ_ERRORS as error:
@@ -103,7 +118,25 @@ def read_frame(path: Location, row: int, columns: Sequence[str] | None = None) -
             table = file.read_row_group(group, columns=wanted, use_threads=False)
         except _READ_ERRORS as error:
             raise InputError(path, f"damaged: {error}", "a shard as it was written") from error
-    return frame_from_row(table.slice(row - first, 1).combine_chunks().to_batches()[0], 0, shapes)
+    (batch,) = table.slice(row - first, 1).combine_chunks().to_batches()
+    require_values(path, batch)
+    return frame_from_row(batch, 0, shapes)
+
+
+def require_values(path: Location, batch: pa.RecordBatch) -> None:
+    """Refuse rows in which a value is missing; what we write has none.
+
+    :raises InputError: naming the shard and the column
+    """
+    for name, column in zip(batch.schema.names, batch.columns, strict=True):
+        values = [column]
+        while values:
+            part = values.pop()
+            if part.null_count:
+                raise InputError(path, f"column {name!r} has rows without a value", "a shard made by datafactory")
+            if isinstance(part, pa.StructArray | pa.ListArray | pa.FixedSizeListArray):
+                flat = part.flatten()
+                values += flat if isinstance(flat, list) else [flat]
 
 
 def radar_of(description: Mapping[str, Any], source: object = "description") -> Radar:
@@ -125,11 +158,31 @@ def radar_of(description: Mapping[str, Any], source: object = "description") -> 
         }
         for array in ("array", "virtual_sensor"):
             fields[array] = {name: description[array][name] for name in AntennaArray.model_fields}
-        return Radar.model_validate(fields)
+        radar = Radar.model_validate(fields)
     except ValidationError as error:
         raise InputError(source, *first_validation_error(error)) from error
     except (KeyError, TypeError) as error:
         raise InputError(source, f"no whole radar in the metadata: {error!r}", "the entries of version 1") from error
+    _check_shapes(description.get("shapes", {}), radar, source)
+    return radar
+
+
+def _check_shapes(shapes: Any, radar: Radar, source: object) -> None:
+    """The arrays are those of the radar beside them."""
+    waveform, channels, bins = radar.waveform, radar.array.channels, radar.grid.bins
+    expected = {
+        "range_channel": [waveform.range_bins, channels, 2],
+        "velocity": [waveform.range_bins],
+        "image": [waveform.range_bins, bins],
+        "range_doppler": [waveform.range_bins, waveform.chirps],
+        "cube": [waveform.chirps, waveform.samples, channels, 2],
+    }
+    for name, shape in expected.items():
+        found = shapes.get(name, shape) if isinstance(shapes, dict) else None
+        if name in ("range_channel", "velocity") and isinstance(found, list) and found is not shape:
+            found = found[1:]  # the first axis counts Doppler peaks
+        if found != shape:
+            raise InputError(source, f"shapes.{name} ends in {found}", f"{shape}, as its radar has it")
 
 
 @lru_cache(maxsize=16)
@@ -162,8 +215,25 @@ def _check_columns(path: Location, schema: pa.Schema, description: Mapping[str, 
     for column, shape in shapes.items():
         values = math.prod(shape)
         kind = schema.field(column).type if column in schema.names else pa.null()
-        if not pa.types.is_fixed_size_list(kind) or kind.list_size != values:
+        if not pa.types.is_fixed_size_list(kind) or kind.list_size != values or kind.value_type != pa.float32():
             raise InputError(path, f"{column} is {kind}", f"a fixed_size_list<float> of {values}, as its shape says")
+
+    for column, wanted in _SMALL_COLUMNS.items():
+        if column in schema.names and not _same_kind(schema.field(column).type, wanted):
+            raise InputError(path, f"{column} is {schema.field(column).type}", f"{wanted}")
+
+
+def _same_kind(kind: pa.DataType, wanted: pa.DataType) -> bool:
+    """Whether values are of one type, whatever Arrow calls an element and whether it may be missing."""
+    if pa.types.is_nested(wanted):
+        if kind.id != wanted.id or kind.num_fields != wanted.num_fields:
+            return False
+        if pa.types.is_fixed_size_list(wanted) and kind.list_size != wanted.list_size:
+            return False
+        if pa.types.is_struct(wanted) and [field.name for field in kind] != [field.name for field in wanted]:
+            return False
+        return all(_same_kind(kind.field(n).type, wanted.field(n).type) for n in range(wanted.num_fields))
+    return kind == wanted
 
 
 def _is_shape(value: object) -> bool:

@@ -13,7 +13,7 @@ from torch.utils.data import Dataset as TorchDataset
 from shared.dataset import COMPLEX_ARRAYS
 from shared.dataset.folder import open_dataset
 from shared.dataset.locations import Location
-from shared.dataset.reading import open_shard
+from shared.dataset.reading import open_shard, require_values
 from shared.physics.errors import InputError
 
 COLUMNS = ("range_channel", "velocity", "image", "range_doppler", "cube")
@@ -96,9 +96,11 @@ class ShardDataset(TorchDataset[dict[str, torch.Tensor]]):
     def _read(self, index: int) -> pa.RecordBatch:
         path, row = self._rows[index]
         try:
-            return _read_row(self._shard(path), row, [*SCALARS, *self.columns])
+            batch = _read_row(self._shard(path), row, [*SCALARS, *self.columns])
         except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
             raise InputError(path, f"damaged: {error}", "a shard as it was written") from error
+        require_values(path, batch)
+        return batch
 
     def _shard(self, path: Location) -> pq.ParquetFile:
         if path not in self._open:

@@ -12,15 +12,14 @@ import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import scipy.io
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from shared.physics.errors import InputError, figure_text
 from shared.physics.units import SPEED_OF_LIGHT
+from trainer.data.matlab_files import read_complex_arrays
 from trainer.data.numpy_files import read_npy
 from trainer.estimators.base import ESTIMATORS, UNIFORM_ESTIMATORS, Estimator, LineArray
 from trainer.estimators.ml import MaximumLikelihood
@@ -132,7 +131,7 @@ def read_snapshot(path: Path) -> NDArray[np.complex128]:
     """
     if not path.is_file() or path.suffix not in (".mat", ".npy"):
         raise InputError("--measured", f"{path}", "a .mat or .npy file with one complex vector")
-    found = {"array": read_npy(path)} if path.suffix == ".npy" else _read_matlab(path)
+    found = {"array": read_npy(path)} if path.suffix == ".npy" else read_complex_arrays(path)
     vectors = {
         k: np.asarray(v) for k, v in found.items() if np.iscomplexobj(v) and np.size(v) == max(np.shape(v), default=0)
     }
@@ -142,14 +141,6 @@ def read_snapshot(path: Path) -> NDArray[np.complex128]:
     if len(snapshot) <= 2 * TARGETS or not np.isfinite(snapshot).all():
         raise InputError(path, f"{len(snapshot)} elements", f"more than {2 * TARGETS} finite ones")
     return snapshot
-
-
-def _read_matlab(path: Path) -> dict[str, Any]:
-    try:
-        return {name: value for name, value in scipy.io.loadmat(path).items() if not name.startswith("__")}
-    except Exception as error:  # of a damaged file SciPy raises whatever its parser comes across
-        reason = str(error) or type(error).__name__
-        raise InputError(path, f"not readable: {reason}", "a MATLAB 5 or NumPy file") from error
 
 
 def element_sets(bench: Bench, count: int) -> dict[str, NDArray[np.intp]]:
