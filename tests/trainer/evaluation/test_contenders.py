@@ -8,6 +8,12 @@ from shared.physics.errors import InputError
 from trainer.evaluation.experiments.contenders import gather
 from trainer.run.folder import Fingerprint
 
+TWO_TX = RADAR.model_copy(
+    update={"array": RADAR.array.model_copy(update={"tx_m": ((0.0, 0.0, 0.0), (0.0, 0.024, 0.0))})}
+)
+"""Twelve channels: what the network of angles needs at least is nine."""
+DOA = {"model": "doa-cnn", "features": "covariance", "target": "doa"}
+
 
 def test_the_table_says_on_what_a_network_was_trained(inputs, evaluation, tmp_path):
     def words(table):
@@ -24,12 +30,9 @@ def test_the_table_says_on_what_a_network_was_trained(inputs, evaluation, tmp_pa
 
 
 def test_a_network_of_angles_takes_rows_alone_and_was_trained_on_no_scene(tmp_path):
-    array = RADAR.array.model_copy(update={"tx_m": ((0.0, 0.0, 0.0), (0.0, 0.024, 0.0))})
-    radar = RADAR.model_copy(update={"array": array})
-    changes = {"model": "doa-cnn", "features": "covariance", "target": "doa"}
     seen = (Fingerprint(name="data", sha256="0" * 64, frames={}),)
-    run = make_run(tmp_path / "run", FULL, radar, seen, **changes)
-    (cnn,) = gather(["cnn"], [run], [FULL], radar, tmp_path)
+    run = make_run(tmp_path / "run", FULL, TWO_TX, seen, **DOA)
+    (cnn,) = gather(["cnn"], [run], [FULL], TWO_TX, tmp_path)
     assert (cnn.name, cnn.unit, cnn.trained_on) == ("cnn full", "probability of a target", ())
     generator = np.random.default_rng(1)
     snapshots = (generator.standard_normal((48, 12, 2)) @ np.array([1.0, 1.0j])).astype(np.complex64)
@@ -41,9 +44,9 @@ def test_a_network_of_angles_takes_rows_alone_and_was_trained_on_no_scene(tmp_pa
 
 
 def test_contenders_stand_in_the_order_of_methods_and_arrays_whatever_that_of_the_runs(tmp_path):
-    doa = {"model": "doa-cnn", "features": "covariance", "target": "doa"}
-    runs = [make_run(tmp_path / "c", THIN), make_run(tmp_path / "b", FULL, **doa), make_run(tmp_path / "a", FULL)]
-    names = [contender.name for contender in gather(["cnn", "das", "unet"], runs, [FULL, THIN], RADAR, tmp_path)]
+    arrays = {"c": (THIN, {}), "b": (FULL, DOA), "a": (FULL, {})}
+    runs = [make_run(tmp_path / name, array, TWO_TX, **changes) for name, (array, changes) in arrays.items()]
+    names = [contender.name for contender in gather(["cnn", "das", "unet"], runs, [FULL, THIN], TWO_TX, tmp_path)]
     assert names == ["das full", "das thin", "cnn full", "unet full", "unet thin"]
 
 

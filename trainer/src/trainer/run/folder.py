@@ -39,8 +39,8 @@ WEIGHTS = "weights.safetensors"
 CHECKPOINT = "last.ckpt"
 METRICS = "metrics.csv"
 GAIN = "gain"
-DIGEST = "sha256"
-"""Entries of the weights' metadata: what images are multiplied by, and the checksum of both."""
+"""The one entry of the weights' metadata: what images are multiplied by, and the SHA-256 of that and of the weights. Of
+two entries safetensors writes now this one, now that one first, and equal weights would differ."""
 PACKAGES = ("sparseradar-trainer", "sparseradar-shared", "torch", "lightning", "numpy", "pyarrow")
 
 
@@ -113,7 +113,7 @@ def save_weights(directory: Path, imager: Imager, gain: float = 1.0) -> None:
     """Write ``weights.safetensors``, whole or not at all; the gain stands in its metadata."""
     tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in imager.network.state_dict().items()}
     written = repr(float(gain))
-    write_bytes(directory / WEIGHTS, save(tensors, metadata={GAIN: written, DIGEST: _digest(tensors, written)}))
+    write_bytes(directory / WEIGHTS, save(tensors, metadata={GAIN: f"{written} {_digest(tensors, written)}"}))
 
 
 def _digest(tensors: Mapping[str, torch.Tensor], gain: str) -> str:
@@ -137,9 +137,9 @@ def load_imager(directory: Path) -> tuple[Run, Imager]:
     try:
         with safe_open(path, framework="pt") as file:
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - it is no mapping
-            about = file.metadata() or {}
-            imager.gain = float(about.get(GAIN, "1.0"))
-            if DIGEST in about and about[DIGEST] != _digest(tensors, about.get(GAIN, "")):
+            gain, *digest = (file.metadata() or {}).get(GAIN, "1.0").split()  # earlier releases wrote no checksum
+            imager.gain = float(gain)
+            if digest and digest != [_digest(tensors, gain)]:
                 raise ValueError("its weights are not as they were written")
     except (SafetensorError, OSError, ValueError, AttributeError, MemoryError) as error:
         raise InputError(path, f"not readable as safetensors: {error}", "a whole weights file") from error
