@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import re
 import sys
+from pathlib import Path
 
 import pytest
 from typer.main import get_params_from_function
@@ -31,6 +33,53 @@ def test_an_interrupted_command_says_how_to_go_on(
     assert capsys.readouterr().err == (
         "datafactory: interrupted; what was finished is kept: the same command with --resume goes on\n"
     )
+
+
+SEED = "123456789012345678901234567890"
+SMALL = "[waveform]\nsamples = 4\nchirps = 2\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "radar", "message"),
+    [
+        (["points", "--seed", SEED], "", "Invalid value for '--seed': Input should be less than or equal to"),
+        (["trace", "--scene", "x.usda", "--seed", SEED], "", "Invalid value for '--seed': Input should be less than"),
+        (["points", "--radar", "RADAR"], "[grid]\nbins = 10000000", "RADAR: grid.bins = 10000000; expected"),
+        (
+            ["points", "--radar", "RADAR", "--workers", "1"], f"{SMALL}range_bins = 2",
+            "--radar: waveform.range_bins = 2 leaves no room for random close targets; expected at least 3",
+        ),
+    ],
+)  # fmt: skip
+def test_what_no_machine_or_radar_holds_is_one_line(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: list[str],
+    radar: str,
+    message: str,
+) -> None:
+    path = tmp_path / "radar.toml"
+    path.write_text(radar, encoding="utf-8")
+    given = [str(path) if word == "RADAR" else word for word in arguments]
+    monkeypatch.setattr(sys, "argv", ["datafactory", *given, "--out", str(tmp_path / "out")])
+    with pytest.raises(SystemExit) as caught:
+        main()
+    assert caught.value.code == 2
+    line = capsys.readouterr().err
+    assert line.count("\n") == 1
+    assert line.startswith(f"datafactory: {message.replace('RADAR', str(path))}")
+
+
+def test_a_virtual_sensor_of_one_element_has_no_lobe(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nor have elements that stand in one place: what is said of the truth's lobe is null."""
+    one = "[virtual_sensor]\ntx_m = [[0.0, 0.0, 0.0]]\nrx_m = [[0.0, 0.0, 0.0]"
+    for number, more in enumerate(("]\n", ", [0.0, 0.0, 0.0]]\n")):
+        (tmp_path / "radar.toml").write_text(f"{SMALL}range_bins = 4\n[grid]\nbins = 5\n{one}{more}", encoding="utf-8")
+        out = tmp_path / f"out{number}"
+        arguments = ["points", "--frames", "1", "--radar", str(tmp_path / "radar.toml"), "--out", str(out)]
+        assert CliRunner().invoke(app, [*arguments, "--workers", "1"], catch_exceptions=False).exit_code == 0
+        assert json.loads((out / "manifest.json").read_text(encoding="utf-8"))["truth"]["width_u"] is None
 
 
 def written_help(command: str) -> list[str]:

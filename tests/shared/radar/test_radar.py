@@ -176,6 +176,36 @@ def test_a_wrong_toml_file_is_one_line(tmp_path, text, parts):
         assert part in message
 
 
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[grid]\nbins = 10000000", "grid.bins = 10000000; expected input should be less than or equal to 65536"),
+        (
+            "[waveform]\nchirps = 65536\nsamples = 1048576",
+            "chirps = 65536 x samples = 1048576 x 48 channels make a cube of 2.64e+04 GB; expected at most 2 GB",
+        ),
+        (
+            "[waveform]\nchirps = 1\nsamples = 40000\nrange_bins = 40000\n[grid]\nbins = 20000",
+            "range_bins = 40000 x grid.bins = 20000 make an image of 3.2 GB; expected at most 2 GB",
+        ),
+        (
+            "[waveform]\nchirps = 1\nsamples = 20000\n[front_end]\nphase_noise = { level_dbc_per_hz = -100 }",
+            "samples = 20000, squared, of front_end.phase_noise make a range correlation of 3.2 GB; expected at most 2",
+        ),
+        (
+            f"[array]\ntx_m = {[[0.0, 0.0, 0.0]] * 200}\nrx_m = {[[0.0, 0.0, 0.0]] * 200}",
+            "200 TX and 200 RX make 40000 channels; expected at most 16384",
+        ),
+    ],
+)
+def test_a_radar_that_no_memory_holds_is_refused_with_the_figure(tmp_path, text, message):
+    path = tmp_path / "large.toml"
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        load_radar(str(path))
+    assert message in str(caught.value)
+
+
 def test_what_is_no_text_is_one_line(tmp_path):
     path = tmp_path / "radar.toml"
     path.write_bytes(b"\xff\xfe\x00\x81")

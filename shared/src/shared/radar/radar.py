@@ -86,20 +86,20 @@ class Radar(BaseModel):
         waveform, bins = self.waveform, self.grid.bins
         channels, elements = self.array.channels, self.virtual_sensor.channels
         sizes = [
-            (f"chirps = {waveform.chirps} x samples = {waveform.samples} x {channels} channels", "cube",
+            (f"chirps = {waveform.chirps} x samples = {waveform.samples} x {channels} channels", "a cube",
              8 * waveform.chirps * waveform.samples * channels),
-            (f"range_bins = {waveform.range_bins} x grid.bins = {bins}", "image", 4 * waveform.range_bins * bins),
-            (f"samples = {waveform.samples} x {elements} virtual elements", "chirp of the virtual sensor",
+            (f"range_bins = {waveform.range_bins} x grid.bins = {bins}", "an image", 4 * waveform.range_bins * bins),
+            (f"samples = {waveform.samples} x {elements} virtual elements", "a chirp of the virtual sensor",
              16 * waveform.samples * elements),
-            (f"grid.bins = {bins} x {max(channels, elements)} elements", "steering matrix",
+            (f"grid.bins = {bins} x {max(channels, elements)} elements", "a steering matrix",
              16 * bins * max(channels, elements)),
         ]  # fmt: skip
         if self.front_end.phase_noise is not None:
             correlation = f"samples = {waveform.samples}, squared, of front_end.phase_noise"
-            sizes.append((correlation, "range correlation", 8 * waveform.samples**2))
+            sizes.append((correlation, "a range correlation", 8 * waveform.samples**2))
         for factors, what, size in sizes:
             if size > LARGEST_ARRAY:
-                raise ValueError(f"{factors} make a {what} of {size / 1e9:.3g} GB; expected at most {LARGEST_GB} GB")
+                raise ValueError(f"{factors} make {what} of {size / 1e9:.3g} GB; expected at most {LARGEST_GB} GB")
         return self
 
     @property
