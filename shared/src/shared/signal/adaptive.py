@@ -1,31 +1,43 @@
-"""The iterative adaptive spectrum of every range bin: where echoes are, whatever array has seen them.
+"""Adaptive spectra of every range bin: where echoes are, whatever array has seen them, and what another sensor saw.
 
-IAA-APES (Yardibi, Li, Stoica, Xue and Baggeroer, IEEE Trans. Aerosp. Electron. Syst. 46(1), 2010) for one snapshot x of
-C virtual elements at p, from delay-and-sum on:
+The snapshot x of C virtual elements at p is modelled as a superposition of uncorrelated echoes from all angles at once,
 
-    R = sum_n |s(u_n)|^2 a_n a_n^H + sigma^2 I,    s(u) = a(u)^H R^-1 x / a(u)^H R^-1 a(u),    a(u) = exp(-j k u p)
+    x = sum_n s_n a_n + noise,    E|s_n|^2 = P_n,    a(u) = exp(-j k u p),    R = sum_n P_n a_n a_n^H + sigma^2 I
 
-The iteration knows the elements' positions and divides a snapshot's power among all angles at once. That removes a
-thinned array's ambiguities, and with them most of the difference between arrays. It assumes plane waves: right for the
-input array beyond some 5 m. Two targets closer than about half a cell merge after a few iterations.
+and each iteration, from delay-and-sum on, follows from q = a^H R^-1 x and s = a^H R^-1 a by one of two rules:
+
+    "iaa"     P <- |q / s|^2      IAA-APES: Yardibi, Li, Stoica, Xue and Baggeroer, IEEE Trans. Aerosp. Electron. Syst.
+                                  46(1), 2010. Smooth; two targets closer than about half a cell merge.
+    "likes"   P <- P |q|^2 / s    MacKay's update of the marginal likelihood x^H R^-1 x + ln det R (MacKay, Neural
+                                  Computation 4(3), 1992; Tipping, JMLR 1, 2001). Its fixed points are those of LIKES
+                                  (Stoica and Babu, Signal Process. 92, 2012), whose step P |q| / sqrt(s) is its square
+                                  root: 12 iterations do what takes LIKES 30. Sparse; resolves what the array can.
+
+The iteration knows the elements' positions and divides a snapshot's power among all angles. That removes a thinned
+array's ambiguities, and with them most of the difference between arrays. It assumes plane waves: right for the input
+array beyond some 5 m.
+
+Given P the echoes are Gaussian a posteriori, with mean P q and variance P (1 - P s): :func:`virtual_view` says what the
+virtual sensor would see of them.
 
 One implementation for NumPy and torch, in single precision and for all rows at once: a network's input.
-``trainer.estimators.iaa`` is the estimator, in double precision, on an axis as fine as its array asks for.
+``trainer.estimators`` has the estimators, in double precision, on an axis as fine as their array asks for.
 """
 
 from __future__ import annotations
 
-import importlib
-from typing import Any, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
-from jaxtyping import Complex64, Float32, Int, Int64
+from jaxtyping import Complex64, Float32, Float64, Int, Int64
 
 from shared.radar import Radar
+from shared.signal.imaging import steering_matrix
+from shared.signal.namespace import Array, array_namespace
 from shared.signal.steering import manifold
+from shared.signal.windows import angle_window
 
-Array = Any
-"""A NumPy array or a torch tensor; what goes in comes out."""
+Rule = Literal["iaa", "likes"]
 
 FLOOR = 1e-4
 """Least power of white noise, of the power in a row: the inverse then stays within single precision."""
@@ -33,10 +45,16 @@ DISTANCE_DIGITS = 8
 """Distances that agree to this many decimals of a wavelength count as equal."""
 
 
+LEAST_POWER, MOST_POWER = 1e-10, 1e6
+"""Of an angle, in units of the row's power: an angle that fell to nothing can be called back, and no square
+overflows."""
+
+
 class AdaptiveTables(NamedTuple):
     """What follows from array and grid alone, for N scanned angles and the L distances between C elements.
 
-    :param matched: [C, N] complex64 conjugate of the manifold, exp(j k u p)
+    :param matched: [C, N] complex64 exp(j k u (p - p_m)), p_m the mean of p: the phase of q then does not turn with
+        the place of the array
     :param phases: [2, L, N] float32 cosine and sine of k u l, l the distance
     :param pair: [C * C] int64 which distance p_c - p_d has, row by row
     :param sign: [C * C] float32 of p_c - p_d; 0 for elements at one place
@@ -48,27 +66,99 @@ class AdaptiveTables(NamedTuple):
     sign: Float32[Array, " pairs"]
 
 
-def adaptive_tables(radar: Radar, channels: Int[np.ndarray, " channels"]) -> AdaptiveTables:
-    """Tables of these channels of the radar's array, as NumPy arrays.
+def scanned_angles(radar: Radar) -> Float64[np.ndarray, " angles"]:
+    """[N] angles u: first the image's, then others in the same steps as far as |u| = 1.
 
-    The first scanned angles are the image's. Others in the same steps follow as far as |u| = 1: the iteration would
-    assign an echo from an angle that is not scanned to wrong angles.
+    The iteration would assign an echo from an angle that is not scanned to wrong angles.
     """
     grid = radar.grid
     below = np.arange(grid.u[0] - grid.step, -1.0, -grid.step)
     above = np.arange(grid.u[-1] + grid.step, 1.0, grid.step)
-    u = np.concatenate([grid.u, below, above])
+    return np.concatenate([grid.u, below, above])
+
+
+def adaptive_tables(radar: Radar, channels: Int[np.ndarray, " channels"]) -> AdaptiveTables:
+    """Tables of these channels of the radar's array on :func:`scanned_angles`, as NumPy arrays."""
+    u = scanned_angles(radar)
     positions_m, wavelength_m = radar.array.virtual[channels, 1], radar.waveform.wavelength_m
     positions = positions_m / wavelength_m
     difference = np.round(positions[:, None] - positions[None, :], DISTANCE_DIGITS).ravel()
     distance, pair = np.unique(np.abs(difference), return_inverse=True)
     phase = 2.0 * np.pi * np.outer(distance, u)
     return AdaptiveTables(
-        manifold(positions_m, wavelength_m, u).conj().astype(np.complex64),
+        manifold(positions_m - positions_m.mean(), wavelength_m, u).conj().astype(np.complex64),
         np.stack([np.cos(phase), np.sin(phase)]).astype(np.float32),
         pair.reshape(-1).astype(np.int64),
         np.sign(difference).astype(np.float32),
     )
+
+
+def view_table(
+    radar: Radar, channels: Int[np.ndarray, " channels"], window: str
+) -> Complex64[np.ndarray, "angles bins"]:
+    """[N, U] what the virtual sensor sees of an echo of amplitude 1 from each scanned angle, far away.
+
+    Its elements' ``window`` is the truth's. An echo's phase is that in the middle of these channels, as in
+    :class:`AdaptiveTables`.
+    """
+    sensor, u = radar.virtual_sensor, scanned_angles(radar)
+    weights = angle_window(window, sensor.channels)[:, None] / sensor.channels * steering_matrix(radar, sensor)
+    wavelength_m = radar.waveform.wavelength_m
+    seen = manifold(sensor.virtual[:, 1], wavelength_m, u).T @ weights
+    middle_m = float(radar.array.virtual[channels, 1].mean())
+    return (seen * np.exp(2j * np.pi / wavelength_m * middle_m * u)[:, None]).astype(np.complex64)
+
+
+def adaptive_forms(
+    power: Float32[Array, "rows angles"],
+    snapshot: Complex64[Array, "rows channels"],
+    loading: Float32[Array, " rows"],
+    tables: AdaptiveTables,
+) -> tuple[Complex64[Array, "rows angles"], Float32[Array, "rows angles"]]:
+    """(q = a^H R^-1 x, s = a^H R^-1 a) [B, N] of powers [B, N] and snapshots [B, C].
+
+    :param loading: [B] sigma^2
+    """
+    xp = array_namespace(snapshot)
+    channels, (cosine, sine) = snapshot.shape[-1], tables.phases
+    # The covariance depends on the distance alone: r(l) = sum_n P_n exp(-j k u_n l).
+    real, imaginary = power @ cosine.T, power @ sine.T
+    covariance = real[:, tables.pair] - 1j * (imaginary[:, tables.pair] * tables.sign)
+    total = power.sum(-1)
+    white = xp.maximum(loading, FLOOR * total + FLOOR)
+    identity = xp.eye(channels, dtype=cosine.dtype, device=snapshot.device)
+    inverse = xp.linalg.inv(covariance.reshape(-1, channels, channels) + white[:, None, None] * identity)
+    filtered = (inverse @ snapshot[:, :, None])[:, :, 0] @ tables.matched
+    # a^H M a = sum_l (Re m_l cos(k u l) - Im m_l sin(k u l)), m_l the sum of M_cd over p_c - p_d = +-l.
+    flat = inverse.reshape(-1, channels * channels)
+    # [C * C, L]: sums over the pairs of one distance as a matrix product.
+    sums = xp.asarray(tables.pair[:, None] == xp.arange(len(cosine), device=snapshot.device), dtype=cosine.dtype)
+    form = (flat.real @ sums) @ cosine - ((flat.imag * tables.sign) @ sums) @ sine
+    # It is at least C / trace(R). A smaller value comes from rounding.
+    return filtered, xp.maximum(form, (1.0 / (total + white))[:, None])
+
+
+def bounded_power(power: Array) -> Array:
+    """Powers within :data:`LEAST_POWER` and :data:`MOST_POWER`."""
+    return array_namespace(power).clip(power, LEAST_POWER, MOST_POWER)
+
+
+def adaptive_powers(
+    snapshot: Complex64[Array, "rows channels"],
+    loading: Float32[Array, " rows"],
+    tables: AdaptiveTables,
+    iterations: int,
+    rule: Rule,
+) -> Float32[Array, "rows angles"]:
+    """[B, N] powers P after ``iterations`` of a rule from delay-and-sum on, of rows of RMS 1 or 0.
+
+    :param loading: [B] sigma^2, noise power over the row's
+    """
+    power = _squared(snapshot @ tables.matched) / snapshot.shape[-1] ** 2
+    for _ in range(iterations):
+        filtered, form = adaptive_forms(power, snapshot, loading, tables)
+        power = _squared(filtered) / form**2 if rule == "iaa" else bounded_power(power * _squared(filtered) / form)
+    return power
 
 
 def adaptive_spectrum(
@@ -77,34 +167,51 @@ def adaptive_spectrum(
     tables: AdaptiveTables,
     bins: int,
     iterations: int,
+    rule: Rule = "iaa",
 ) -> Float32[Array, "*rows {bins}"]:
     """[..., bins] magnitude of the adaptive spectrum at the image's angles, in the rows' unit; zero rows give zeros.
+
+    The root of P by the "iaa" rule; the mean of the echo, |P q|, by the "likes" rule.
 
     :param rows: [..., C] complex64 snapshots of RMS 1 or 0
     :param noise: [...] float32 sigma^2, noise power over the row's
     :param tables: of :func:`adaptive_tables`, on the rows' device
     :param iterations: after delay-and-sum; at 0 it is delay-and-sum
     """
-    xp = np if isinstance(rows, np.ndarray) else importlib.import_module("torch")
-    channels, (cosine, sine) = rows.shape[-1], tables.phases
-    shape, snapshot = rows.shape[:-1], rows.reshape(-1, channels)
-    loading = noise.reshape(-1)
-    identity = xp.eye(channels, dtype=cosine.dtype, device=rows.device)
-    # [C * C, L]: sums over the pairs of one distance as a matrix product.
-    sums = xp.asarray(tables.pair[:, None] == xp.arange(len(cosine), device=rows.device), dtype=cosine.dtype)
-    magnitude = xp.abs(snapshot @ tables.matched) / channels
-    for _ in range(iterations):
-        power = magnitude * magnitude
-        # The covariance depends on the distance alone: r(l) = sum_n P_n exp(-j k u_n l).
-        real, imaginary = power @ cosine.T, power @ sine.T
-        covariance = real[:, tables.pair] - 1j * (imaginary[:, tables.pair] * tables.sign)
-        total = power.sum(-1)
-        white = xp.maximum(loading, FLOOR * total + FLOOR)
-        inverse = xp.linalg.inv(covariance.reshape(-1, channels, channels) + white[:, None, None] * identity)
-        numerator = xp.abs((inverse @ snapshot[:, :, None])[:, :, 0] @ tables.matched)
-        # a^H M a = sum_l (Re m_l cos(k u l) - Im m_l sin(k u l)), m_l the sum of M_cd over p_c - p_d = +-l.
-        flat = inverse.reshape(-1, channels * channels)
-        form = (flat.real @ sums) @ cosine - ((flat.imag * tables.sign) @ sums) @ sine
-        # It is at least C / trace(R). A smaller value comes from rounding.
-        magnitude = numerator / xp.maximum(form, (1.0 / (total + white))[:, None])
-    return magnitude[:, :bins].reshape(*shape, bins)
+    xp = array_namespace(rows)
+    snapshot, loading = rows.reshape(-1, rows.shape[-1]), noise.reshape(-1)
+    power = adaptive_powers(snapshot, loading, tables, iterations, rule)
+    if rule == "iaa" or not iterations:
+        magnitude = xp.sqrt(power)
+    else:
+        magnitude = power * xp.abs(adaptive_forms(power, snapshot, loading, tables)[0])
+    return magnitude[:, :bins].reshape(*rows.shape[:-1], bins)
+
+
+def virtual_view(
+    power: Float32[Array, "rows angles"],
+    filtered: Complex64[Array, "rows angles"],
+    form: Float32[Array, "rows angles"],
+    view: Complex64[Array, "angles bins"],
+) -> Float32[Array, "rows bins"]:
+    """[B, U] root of the expected power of the virtual sensor's image, given P, q and s of :func:`adaptive_forms`.
+
+    With h_n(u) the sensor's response to an echo from u_n,
+
+        E|t(u)|^2 = |sum_n h_n(u) P_n q_n|^2 + sum_n |h_n(u)|^2 P_n (1 - P_n s_n).
+
+    The second sum leaves the covariances between angles out: they are what the array cannot tell apart, and would lower
+    it there.
+
+    :param view: of :func:`view_table`, on the powers' device
+    """
+    xp = array_namespace(power)
+    spread = power * xp.clip(1.0 - power * form, 0.0, None)
+    expected = _squared((power * filtered) @ view) + spread @ _squared(view)
+    # The root has no slope at zero, which a gradient would divide by.
+    return xp.sqrt(expected + LEAST_POWER) - LEAST_POWER**0.5
+
+
+def _squared(values: Array) -> Array:
+    """|z|^2, whose slope is finite at zero too."""
+    return values.real**2 + values.imag**2

@@ -9,7 +9,6 @@ all zero gives zeros: no function divides by zero or takes its logarithm.
 
 from __future__ import annotations
 
-import importlib
 from typing import Any
 
 import numpy as np
@@ -18,9 +17,8 @@ from jaxtyping import Complex, Complex64, Float, Int
 from shared.radar import Radar
 from shared.signal.adaptive import AdaptiveTables, adaptive_spectrum
 from shared.signal.imaging import steering_matrix
+from shared.signal.namespace import Array, array_namespace
 
-Array = Any
-"""A NumPy array or a torch tensor; what goes in comes out."""
 Snapshots = Complex[Array, "*batch rows channels"]
 Weights = Complex[Array, "channels bins"]
 RowScale = Float[Array, "*batch rows"]
@@ -55,8 +53,8 @@ def paper_features(range_channel: Snapshots, weights: Weights) -> Float[Array, "
     :param range_channel: [..., R, C] complex
     :param weights: [C, U] complex
     """
-    xp = _namespace(range_channel)
-    unit, scale = _unit_rows(range_channel)
+    xp = array_namespace(range_channel)
+    unit, scale = unit_rows(range_channel)
     image = unit @ weights
     covariance = covariance_rows(range_channel, weights.shape[-1])
     channels = [
@@ -77,14 +75,14 @@ def covariance_rows(range_channel: Snapshots, bins: int) -> Complex[Array, "*bat
 
     :param range_channel: [..., R, C] complex
     """
-    xp = _namespace(range_channel)
+    xp = array_namespace(range_channel)
     channels = range_channel.shape[-1]
     kept = covariance_size(channels, bins)
     first, second = np.triu_indices(kept)
     padding = bins - len(first)
     weight = np.pad(np.full(len(first), 1.0 / channels, np.float32), (0, padding))
     first, second = (xp.asarray(np.pad(index, (0, padding)), device=range_channel.device) for index in (first, second))
-    unit, _ = _unit_rows(range_channel)
+    unit, _ = unit_rows(range_channel)
     return unit[..., first] * xp.conj(unit[..., second]) * xp.asarray(weight, device=range_channel.device)
 
 
@@ -93,8 +91,8 @@ def covariance_channels(range_channel: Snapshots) -> Float[Array, "*batch 3 rows
 
     Eq. (13) and (14): S S^H over its Frobenius norm, the input of a direction-of-arrival network.
     """
-    xp = _namespace(range_channel)
-    unit, _ = _unit_rows(range_channel)
+    xp = array_namespace(range_channel)
+    unit, _ = unit_rows(range_channel)
     channels = unit.shape[-1]
     matrix = unit[..., :, None] * xp.conj(unit[..., None, :]) / channels
     flat = matrix.reshape(*unit.shape[:-1], channels * channels)
@@ -123,8 +121,8 @@ def row_features(
     :returns: ([..., 4, R, U] real part, imaginary part and magnitude of the image, all within [-1, 1], and the row's
         power over noise, log10 mapped to [0, 1]; [..., R] RMS of the rows [sqrt(W)])
     """
-    xp = _namespace(range_channel)
-    unit, scale = _unit_rows(range_channel)
+    xp = array_namespace(range_channel)
+    unit, scale = unit_rows(range_channel)
     image = unit @ weights
     magnitude = xp.abs(image)
     strongest = xp.take_along_axis if xp is np else xp.take_along_dim
@@ -157,28 +155,46 @@ def adaptive_features(
     :param iterations: of the adaptive spectrum
     :returns: ([..., 5, R, U], [..., R] RMS of the rows [sqrt(W)])
     """
-    xp = _namespace(range_channel)
+    xp = array_namespace(range_channel)
     stacked, scale = row_features(range_channel, weights, noise_power)
-    unit, _ = _unit_rows(range_channel)
-    # A quotient of amplitudes: the square of 1e-30 would be zero.
-    noise = xp.sqrt(noise_power)[..., None] / xp.where(scale > 0, scale, 1.0)
-    noise = xp.asarray(xp.clip(noise, None, LARGEST_NOISE) ** 2, dtype=stacked.dtype)
+    unit, _ = unit_rows(range_channel)
+    noise = relative_noise(noise_power, scale)
     magnitude = adaptive_spectrum(unit, noise, tables, weights.shape[-1], iterations)
     return xp.concatenate([stacked, (magnitude**exponent)[..., None, :, :]], axis=-3), scale
 
 
-def _namespace(array: Array) -> Any:
-    """The library that an array belongs to; torch is never imported for a NumPy array."""
-    return np if isinstance(array, np.ndarray) else importlib.import_module(type(array).__module__.partition(".")[0])
+def snapshot_features(
+    range_channel: Snapshots, noise_power: Float[Array, "*batch"]
+) -> tuple[Float[Array, "*batch planes rows 1"], RowScale]:
+    """What a network is given that solves for the angles itself: ([..., 2 C + 1, R, 1], [..., R] RMS of the rows).
+
+    Real parts of the C channels of rows of unit RMS, their imaginary parts, and the noise power over the row's.
+
+    :param range_channel: [..., R, C] complex [sqrt(W)]
+    :param noise_power: [...] noise of one channel and cell [W], 0 if there is none
+    """
+    xp = array_namespace(range_channel)
+    unit, scale = unit_rows(range_channel)
+    noise = relative_noise(noise_power, scale[..., 0])
+    planes = xp.concatenate([unit.real, unit.imag, xp.asarray(noise, dtype=unit.real.dtype)[..., None]], axis=-1)
+    return xp.swapaxes(planes, -1, -2)[..., None], scale[..., 0]
 
 
-def _unit_rows(range_channel: Array) -> tuple[Array, Array]:
+def relative_noise(noise_power: Float[Array, "*batch"], scale: RowScale) -> Float[Array, "*batch rows"]:
+    """[..., R] float32 noise power over that of rows of this RMS [..., R], at most the square of LARGEST_NOISE."""
+    xp = array_namespace(scale)
+    # A quotient of amplitudes: the square of 1e-30 would be zero.
+    noise = xp.sqrt(noise_power)[..., None] / xp.where(scale > 0, scale, 1.0)
+    return xp.asarray(xp.clip(noise, None, LARGEST_NOISE) ** 2, dtype=xp.float32)
+
+
+def unit_rows(range_channel: Array) -> tuple[Array, Array]:
     """([..., R, C] rows of unit RMS, [..., R, 1] their RMS); zero rows stay zero.
 
     The maximum is divided out first, so that no square under- or overflows. Rows below :data:`SMALLEST_AMPLITUDE`
     count as zero: the reciprocal of a subnormal overflows.
     """
-    xp = _namespace(range_channel)
+    xp = array_namespace(range_channel)
     largest = xp.amax(xp.abs(range_channel), axis=-1, keepdims=True)
     has_signal = largest > SMALLEST_AMPLITUDE
     bounded = xp.where(has_signal, range_channel, 0.0) / xp.where(has_signal, largest, 1.0)

@@ -1,4 +1,4 @@
-"""The network we recommend: dense mixing along angle, one range bin at a time, before a light U-Net.
+"""Dense mixing along angle, one range bin at a time, before a light U-Net.
 
 The ambiguities of a thinned array are not local: an alias stands anywhere in the row, where no small convolution sees
 it together with its source. A dense layer along angle sees the whole row at once, costs a matrix product, and is the
@@ -8,17 +8,13 @@ already, an adaptive spectrum, both only correct it.
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import torch
 from jaxtyping import Float
 from torch import nn
 from torch.nn import functional
 
-from trainer.networks.blocks import BLOCKS
-from trainer.networks.padding import crop_like, pad_to_multiple
+from trainer.networks.light_unet import LightUNet
 
-LEVELS = 3
 MIXED = 3
 """Images that the mixing hands to the U-Net; the first is an estimate that the U-Net corrects."""
 
@@ -67,31 +63,12 @@ class SpectralUNet(nn.Module):
     ) -> None:
         super().__init__()
         self.inputs, self.bins, self.outputs, self.start = inputs, bins, outputs, start
-        block = BLOCKS[blocks]
         self.mixing = AngularMixing(inputs, bins, hidden, max(MIXED, outputs))
-        sizes = [width * 2**level for level in range(LEVELS)]
-        self.stem = nn.Conv2d(inputs + max(MIXED, outputs), width, 3, padding=1)
-        self.encoder = nn.ModuleList(block(size) for size in sizes)
-        # 2 x 2, not 1 x 1: the backward of a strided 1 x 1 convolution corrupts the heap (torch 2.13, channels_last).
-        self.down = nn.ModuleList(nn.Conv2d(fine, coarse, 2, stride=2) for fine, coarse in pairwise(sizes))
-        self.up = nn.ModuleList(
-            nn.ConvTranspose2d(coarse, fine, 2, stride=2)
-            for fine, coarse in zip(sizes[-2::-1], sizes[:0:-1], strict=True)
-        )
-        self.decoder = nn.ModuleList(block(size) for size in sizes[-2::-1])
-        self.head = nn.Conv2d(width, outputs, 1)
+        self.context = LightUNet(inputs + max(MIXED, outputs), outputs, width, blocks)
 
     def forward(
         self, features: Float[torch.Tensor, "batch {self.inputs} rows {self.bins}"]
     ) -> Float[torch.Tensor, "batch {self.outputs} rows {self.bins}"]:
         mixed = self.mixing(features)
-        image = self.stem(pad_to_multiple(torch.cat([features, mixed], dim=1), 2 ** (LEVELS - 1)))
-        skips: list[torch.Tensor] = []
-        for level, encode in enumerate(self.encoder):
-            image = encode(self.down[level - 1](skips[-1]) if level else image)
-            skips.append(image)
-        skips.pop()
-        for up, decode in zip(self.up, self.decoder, strict=True):
-            image = decode(up(image) + skips.pop())
-        answer = mixed[:, : self.outputs] + crop_like(self.head(image), features)
+        answer = mixed[:, : self.outputs] + self.context(torch.cat([features, mixed], dim=1))
         return answer if self.start is None else answer + features[:, self.start : self.start + 1]

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import nn
 
 from shared.physics.errors import InputError
+from shared.radar import Radar
 from shared.signal.features import ADAPTIVE_CHANNELS, COMPRESSED, COVARIANCE_CHANNELS, PAPER_CHANNELS, ROW_CHANNELS
 from trainer.networks.attention_unet import AttentionUNet
 from trainer.networks.doa_cnn import LEAST_CHANNELS, DoaCnn
 from trainer.networks.spectral_unet import SpectralUNet
+from trainer.networks.unrolled import UnrolledNetwork
 from trainer.run.configuration import FitConfig
 
 CHANNELS = {
@@ -27,27 +31,34 @@ MOST_PARAMETERS = 2**28
 """Weights of a network. In training each takes 16 bytes: itself, its gradient and two moments."""
 
 
-def build_network(config: FitConfig, bins: int, channels: int) -> nn.Module:
-    """The network of a configuration, for images of ``bins`` angle bins of an array of ``channels``.
+def build_network(config: FitConfig, radar: Radar, channels: NDArray[np.intp]) -> nn.Module:
+    """The network of a configuration, for the radar's images and these of its channels.
 
     :raises InputError: more than :data:`MOST_PARAMETERS`, or fewer channels than the "doa-cnn" needs
     """
-    if config.model == "doa-cnn" and channels < LEAST_CHANNELS:
-        raise InputError("--array", f"{channels} channels", f"at least {LEAST_CHANNELS} with model 'doa-cnn'")
+    bins = radar.grid.bins
+    if config.model == "doa-cnn" and len(channels) < LEAST_CHANNELS:
+        raise InputError("--array", f"{len(channels)} channels", f"at least {LEAST_CHANNELS} with model 'doa-cnn'")
     if config.model == "doa-cnn" and bins < LEAST_BINS:
         raise InputError("radar", f"grid.bins = {bins}", f"at least {LEAST_BINS} with model 'doa-cnn'")
     with torch.device("meta"):  # counted before they take memory
-        parameters = sum(parameter.numel() for parameter in _network(config, bins, channels).parameters())
+        parameters = sum(parameter.numel() for parameter in _network(config, radar, channels).parameters())
     if parameters > MOST_PARAMETERS:
         size = f"{parameters:.3g} weights, {16e-9 * parameters:.3g} GB in training"
-        asked = f"width = {config.width}, hidden = {config.hidden}, bins = {bins}, {channels} channels"
+        asked = f"width = {config.width}, hidden = {config.hidden}, bins = {bins}, {len(channels)} channels"
         raise InputError("network", f"{asked} make {size}", f"at most {MOST_PARAMETERS:.3g} weights")
-    return _network(config, bins, channels)
+    return _network(config, radar, channels)
 
 
-def _network(config: FitConfig, bins: int, channels: int) -> nn.Module:
+def _network(config: FitConfig, radar: Radar, channels: NDArray[np.intp]) -> nn.Module:
+    bins = radar.grid.bins
+    if config.model == "unrolled":
+        return UnrolledNetwork(
+            radar, channels, config.truth_window, config.exponent, config.iterations, config.learned, config.width,
+            detects=config.detection > 0,
+        )  # fmt: skip
     if config.model == "doa-cnn":
-        return DoaCnn(channels, bins, config.width)
+        return DoaCnn(len(channels), bins, config.width)
     inputs = len(CHANNELS[config.features])
     outputs = 2 if config.target == "class" else 1
     if config.model == "attention-unet":

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
 from shared.dataset import LARGEST_SEED
+from shared.signal.windows import ANGLE_WINDOWS
 
 Count = Annotated[int, Field(ge=1, le=10**9)]
 Few = Annotated[int, Field(ge=1, le=2**14)]
@@ -14,22 +15,28 @@ Few = Annotated[int, Field(ge=1, le=2**14)]
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 NotNegative = Annotated[FiniteFloat, Field(ge=0)]
 
-Model = Literal["spectral-unet", "attention-unet", "doa-cnn"]
-Features = Literal["adaptive", "row", "paper", "covariance"]
+Model = Literal["unrolled", "spectral-unet", "attention-unet", "doa-cnn"]
+Features = Literal["snapshots", "adaptive", "row", "paper", "covariance"]
 Target = Literal["row", "paper", "class", "doa"]
 Blocks = Literal["convolution", "convnext"]
 Precision = Literal["32", "bf16"]
+
+FEATURES: dict[str, Features] = {"unrolled": "snapshots", "doa-cnn": "covariance"}
+"""What a network sees where its configuration does not say; "adaptive" for the others."""
 
 
 class FitConfig(BaseModel):
     """Network, features, target, loss and schedule of one run.
 
     :param model: network, see :mod:`trainer.networks`
-    :param width: channels of its first level; of every convolution of the "doa-cnn"
+    :param width: channels of the first level of its U-Net; of every convolution of the "doa-cnn"
     :param hidden: units of the spectral network's angular mixing
     :param blocks: of the spectral network's U-Net, see :mod:`trainer.networks.blocks`
     :param features: input, see :mod:`shared.signal.features`
-    :param iterations: of the spectrum among the "adaptive" features
+    :param iterations: of the spectrum among the "adaptive" features; of the "unrolled" network those without weights
+    :param learned: iterations of the "unrolled" network with weights
+    :param truth_window: over the virtual sensor's elements in the truth; that of the datasets
+    :param detection: weight of the loss of the "unrolled" network's detection head; 0 for a network without one
     :param target: what the network is asked for, see :mod:`trainer.run.targets`
     :param exponent: compression of the "row" target's magnitudes
     :param beta: scale of the "paper" target (paper, section III-A)
@@ -53,12 +60,15 @@ class FitConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    model: Model = "spectral-unet"
+    model: Model = "unrolled"
     width: Few = 12
     hidden: Few = 384
     blocks: Blocks = "convolution"
-    features: Features = "adaptive"
+    features: Features = "snapshots"
     iterations: Few = 5
+    learned: Annotated[int, Field(ge=0, le=64)] = 3
+    truth_window: str = "taylor-30"
+    detection: NotNegative = 0.25
     target: Target = "row"
     exponent: Annotated[FiniteFloat, Field(gt=0, le=1)] = 0.5
     beta: Positive = 10.0
@@ -79,6 +89,14 @@ class FitConfig(BaseModel):
     validate_every: Count = 200
     patience: Annotated[int, Field(ge=0, le=10**9)] = 0
 
+    @model_validator(mode="before")
+    @classmethod
+    def _features_of_the_model(cls, given: object) -> object:
+        """Each network's own features, where none are stated."""
+        if isinstance(given, dict) and "features" not in given and isinstance(given.get("model", "unrolled"), str):
+            return {**given, "features": FEATURES.get(given.get("model", "unrolled"), "adaptive")}
+        return given
+
     @model_validator(mode="after")
     def _scales_match(self) -> FitConfig:
         of_doa = [self.model == "doa-cnn", self.features == "covariance", self.target == "doa"]
@@ -86,9 +104,17 @@ class FitConfig(BaseModel):
             raise ValueError("model 'doa-cnn', features 'covariance' and target 'doa' belong together")
         if all(of_doa) and self.points:
             raise ValueError(f"model 'doa-cnn' has samples of its own; got points = {self.points}, expected 0")
-        if self.target == "row" and self.features not in ("adaptive", "row"):
+        if (self.model == "unrolled") != (self.features == "snapshots"):
             raise ValueError(
-                f"target 'row' needs the scale that features 'adaptive' and 'row' take out; "
+                f"model 'unrolled' and features 'snapshots' belong together; got {self.model!r} and {self.features!r}"
+            )
+        if self.model == "unrolled" and self.target != "row":
+            raise ValueError(f"model 'unrolled' answers target 'row'; got {self.target!r}")
+        if self.truth_window not in ANGLE_WINDOWS:
+            raise ValueError(f"truth_window = {self.truth_window!r}, expected one of {list(ANGLE_WINDOWS)}")
+        if self.target == "row" and self.features not in ("snapshots", "adaptive", "row"):
+            raise ValueError(
+                f"target 'row' needs the scale that features 'snapshots', 'adaptive' and 'row' take out; "
                 f"got features {self.features!r}"
             )
         if self.target == "paper" and self.rows:

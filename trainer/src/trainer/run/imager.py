@@ -12,6 +12,7 @@ from shared.signal.features import (
     covariance_channels,
     paper_features,
     row_features,
+    snapshot_features,
     steering_weights,
 )
 from trainer.data.arrays import ArrayChoice
@@ -44,19 +45,23 @@ class Imager(nn.Module):
         if config.features == "adaptive":
             for name, table in adaptive_tables(radar, channels)._asdict().items():
                 self.register_buffer(name, torch.from_numpy(table), persistent=False)
-        self.network = build_network(config, radar.grid.bins, len(channels))
+        self.network = build_network(config, radar, channels)
         self.gain = 1.0
 
     def features(
         self, range_channel: torch.Tensor, noise_power: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor | None]:
-        """([B, F, R, U] float32 input of the network ([B, 3, R, C * C] covariances), [B, R] scale of the rows or None).
+        """([B, F, R, U] float32 input of the network, [B, R] scale of the rows or None).
+
+        Of the "doa-cnn" it is [B, 3, R, C * C] covariances, of the "unrolled" network [B, 2 C + 1, R, 1] snapshots.
 
         :param range_channel: [B, R, C] complex64, all channels of the radar [sqrt(W)]
         :param noise_power: [B] [W]
         """
         with torch.no_grad(), torch.autocast(range_channel.device.type, enabled=False):
             chosen = range_channel[..., self.channels]
+            if self.config.features == "snapshots":
+                return snapshot_features(chosen, noise_power)
             if self.config.features == "paper":
                 return paper_features(chosen, self.weights), None
             if self.config.features == "covariance":
@@ -76,7 +81,20 @@ class Imager(nn.Module):
         with torch.autocast(features.device.type, torch.bfloat16, enabled=self.config.precision == "bf16"):
             return self.network(features.contiguous(memory_format=torch.channels_last))
 
-    def forward(self, range_channel: torch.Tensor, noise_power: torch.Tensor) -> torch.Tensor:
-        """[B, R, U] image, see :data:`trainer.run.targets.UNITS`."""
+    @property
+    def detects(self) -> bool:
+        """Whether the network says where targets are."""
+        return self.config.model == "unrolled" and self.config.detection > 0
+
+    def detect(
+        self, range_channel: torch.Tensor, noise_power: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor | None]:
+        """([B, R, U] image, see :data:`trainer.run.targets.UNITS`; [B, R, U] probability of a target, if it says)."""
         features, scale = self.features(range_channel, noise_power)
-        return self.gain * decode(self.config, self.answer(features), scale)
+        answer = self.answer(features)
+        image = self.gain * decode(self.config, answer, scale)
+        return image, answer[:, 1].float().sigmoid() if self.detects else None
+
+    def forward(self, range_channel: torch.Tensor, noise_power: torch.Tensor) -> torch.Tensor:
+        """[B, R, U] image of :meth:`detect`."""
+        return self.detect(range_channel, noise_power)[0]

@@ -7,6 +7,7 @@ truth is shifted or mirrored with it; what a shift brings in from outside the im
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,10 +61,10 @@ class AngularAugmentation:
         self._mirror = grid.mirror
 
     def __call__(
-        self, range_channel: torch.Tensor, image: torch.Tensor, drawn: Draw
-    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """([B, R, C] snapshots, [B, R, U] truth, [B, 1, U] 1 where the truth is known)."""
-        device = image.device
+        self, range_channel: torch.Tensor, truths: Sequence[torch.Tensor], drawn: Draw
+    ) -> tuple[torch.Tensor, list[torch.Tensor], torch.Tensor]:
+        """([B, R, C] snapshots, the truths [B, R, U], [B, 1, U] 1 where they are known)."""
+        device = range_channel.device
         shift = drawn.shift.to(device)[:, None, None]
         mirror = drawn.mirror.to(device)[:, None, None]
         if self._mirror is None:
@@ -74,5 +75,6 @@ class AngularAugmentation:
         source = torch.arange(self.bins, device=device)[None, None, :] - shift
         source = torch.where(mirror, (self._mirror or 0) - source, source)  # (B, 1, U)
         known = (source >= 0) & (source < self.bins)
-        gathered = torch.take_along_dim(image, source.clamp(0, self.bins - 1), dim=-1)
-        return moved, gathered * known, known.to(image.dtype)
+        source = source.clamp(0, self.bins - 1)
+        gathered = [torch.take_along_dim(truth, source, dim=-1) * known for truth in truths]
+        return moved, gathered, known.to(torch.float32)

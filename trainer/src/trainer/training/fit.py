@@ -94,6 +94,7 @@ def _fit(
     :param first: of the processes; it writes
     """
     data = ImagingData(datasets, weights, config, workers, check)
+    config = config.model_copy(update={"truth_window": data.truth_window})
     run = Run(
         config=config,
         radar=data.radar,
@@ -103,7 +104,7 @@ def _fit(
         versions=versions(),
     )
     online = config.model == "doa-cnn"
-    task = (DoaTask if online else ImagingTask)(config, run.radar, run.array, data.truth_window)
+    task = (DoaTask if online else ImagingTask)(config, run.radar, run.array)
     if first:
         _prepare(out, run, resume)
     checkpoint = out / CHECKPOINT if resume and (out / CHECKPOINT).is_file() else None

@@ -37,13 +37,18 @@ RECIPES: dict[str, Changes] = {
 }  # fmt: skip
 """By the name that ``--recipe`` takes."""
 
-_ROW: Changes = {"features": "row"}
+_ROW: Changes = {"model": "spectral-unet", "features": "row"}
 """Without the adaptive spectrum. What stands below it was decided before there was one."""
 _ATTENTION: Changes = {"model": "attention-unet", "width": 8}
+_SPECTRAL: Changes = {"model": "spectral-unet"}
+"""With an adaptive spectrum in its input. What stands below it was decided before there was the unrolled network."""
 VARIANTS: dict[str, Changes] = {
     "recommended": {},
+    "plain-iterations": {"iterations": 8, "learned": 0},
+    "no-detection": {"detection": 0.0},
+    "spectral-unet": _SPECTRAL,
     "attention-unet": _ATTENTION,
-    "convnext": {"blocks": "convnext"},
+    "convnext": {**_SPECTRAL, "blocks": "convnext"},
     "row-features": _ROW,
     "attention-unet-row-features": {**_ROW, **_ATTENTION},
     "convnext-row-features": {**_ROW, "blocks": "convnext"},

@@ -19,6 +19,7 @@ from trainer.run.targets import decode, encode
 from trainer.training.augmentation import AngularAugmentation, draw
 from trainer.training.losses import frame_losses
 from trainer.training.online_points import OnlinePoints
+from trainer.training.spots import scene_spots
 
 WARM_UP = 0.05
 """Share of the steps in which the learning rate rises."""
@@ -32,18 +33,18 @@ class ImagingTask(LightningModule):
     """Trains an :class:`Imager`. All randomness follows from seed and batch index.
 
     See :mod:`trainer.training.augmentation`.
-
-    :param truth_window: of the datasets, for the truth of online point targets
     """
 
-    def __init__(self, config: FitConfig, radar: Radar, array: ArrayChoice, truth_window: str = "none") -> None:
+    def __init__(self, config: FitConfig, radar: Radar, array: ArrayChoice) -> None:
         super().__init__()
         self.config = config
         torch.manual_seed(config.seed)
         self.imager = Imager(config, radar, array)
         lay_out(self.imager.network, torch.channels_last)
         self._augment = AngularAugmentation(radar)
-        self._points = OnlinePoints(radar, truth_window) if config.points else None
+        self._radar = radar
+        self._channels = len(self.imager.channels)
+        self._points = OnlinePoints(radar, config.truth_window, self._channels) if config.points else None
         self.batches_seen = 0
         self._projections: list[float] = []
         self._energies: list[float] = []
@@ -52,7 +53,7 @@ class ImagingTask(LightningModule):
         batch = self._training_batch(batch)
         features, scale = self.imager.features(batch["range_channel"], batch["noise_power"])
         target = encode(self.config, batch["image"], batch["image_peak"], scale)
-        losses = frame_losses(self.config, self.imager.answer(features), target, batch["known"])
+        losses = frame_losses(self.config, self.imager.answer(features), target, batch["known"], batch.get("spots"))
         self._refuse_not_finite(losses, batch["frame_id"])
         self.batches_seen += 1
         loss = losses.mean()
@@ -65,7 +66,7 @@ class ImagingTask(LightningModule):
         features, scale = self.imager.features(range_channel, batch["noise_power"])
         answer = self.imager.answer(features)
         target = encode(self.config, image, batch["image_peak"], scale)
-        losses = frame_losses(self.config, answer, target)
+        losses = frame_losses(self.config, answer, target, spots=self._spots(batch))
         self._refuse_not_finite(losses, batch["frame_id"])
         self.log("validation_loss", losses.mean(), batch_size=len(image), prog_bar=True, sync_dist=True)
         shown = image.amax(dim=(-2, -1)) > 0  # an empty truth has no normalised error
@@ -131,18 +132,21 @@ class ImagingTask(LightningModule):
         world, rank = self.trainer.world_size, self.trainer.global_rank
         drawn = draw(config.seed, self.batches_seen, count * world, count * rank, count, largest)
         range_channel, image = batch["range_channel"][:, 0], batch["image"]
+        spots = self._spots(batch)
+        truths = [image] if spots is None else [image, spots]
         if 0 < config.rows < image.shape[1]:
             first = int(drawn.crop * (image.shape[1] - config.rows + 1))
             range_channel = range_channel[:, first : first + config.rows]
-            image = image[:, first : first + config.rows]
-        known = torch.ones_like(image[:, :1])
+            truths = [truth[:, first : first + config.rows] for truth in truths]
+        known = torch.ones_like(truths[0][:, :1])
         if config.augment:
-            range_channel, image, known = self._augment(range_channel, image, drawn)
-        parts = {**batch, "range_channel": range_channel, "image": image, "known": known}
+            range_channel, truths, known = self._augment(range_channel, truths, drawn)
+        parts = {**batch, "range_channel": range_channel, "known": known}
+        parts |= dict(zip(("image", "spots"), truths, strict=False))
         if self._points is None:
             return parts
         places = range(count * rank * config.points, count * (rank + 1) * config.points)
-        crops = self._points(config.seed, self.batches_seen, places, image.shape[1], image.device)
+        crops = self._points(config.seed, self.batches_seen, places, parts["image"].shape[1], image.device)
         extra = {
             "range_channel": crops.range_channel,
             "image": crops.image,
@@ -151,7 +155,15 @@ class ImagingTask(LightningModule):
             "known": known.new_ones(len(places), *known.shape[1:]),
             "frame_id": batch["frame_id"].new_full((len(places),), -1),
         }
+        if spots is not None:
+            extra["spots"] = crops.spots
         return {name: torch.cat([parts[name], extra[name]]) for name in extra}
+
+    def _spots(self, batch: Batch) -> torch.Tensor | None:
+        """[B, R, U] where the targets of whole frames are, for a network that says so."""
+        if not self.imager.detects:
+            return None
+        return scene_spots(batch["image"], batch["image_peak"], batch["noise_power"], self._channels, self._radar)
 
     def _refuse_not_finite(self, losses: torch.Tensor, frame_id: torch.Tensor) -> None:
         finite = torch.isfinite(losses.detach())

@@ -1,0 +1,51 @@
+"""A light U-Net over range and angle: what neighbouring range bins say of each other."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import torch
+from jaxtyping import Float
+from torch import nn
+
+from trainer.networks.blocks import BLOCKS
+from trainer.networks.padding import crop_like, pad_to_multiple
+
+LEVELS = 3
+
+
+class LightUNet(nn.Module):
+    """[B, inputs, R, U] to [B, outputs, R, U], any R and U.
+
+    :param width: channels of the first level, doubled at each of the two others
+    :param blocks: of each level, a name in :data:`trainer.networks.blocks.BLOCKS`
+    """
+
+    def __init__(self, inputs: int, outputs: int, width: int, blocks: str = "convolution") -> None:
+        super().__init__()
+        self.inputs, self.outputs = inputs, outputs
+        block = BLOCKS[blocks]
+        sizes = [width * 2**level for level in range(LEVELS)]
+        self.stem = nn.Conv2d(inputs, width, 3, padding=1)
+        self.encoder = nn.ModuleList(block(size) for size in sizes)
+        # 2 x 2, not 1 x 1: the backward of a strided 1 x 1 convolution corrupts the heap (torch 2.13, channels_last).
+        self.down = nn.ModuleList(nn.Conv2d(fine, coarse, 2, stride=2) for fine, coarse in pairwise(sizes))
+        self.up = nn.ModuleList(
+            nn.ConvTranspose2d(coarse, fine, 2, stride=2)
+            for fine, coarse in zip(sizes[-2::-1], sizes[:0:-1], strict=True)
+        )
+        self.decoder = nn.ModuleList(block(size) for size in sizes[-2::-1])
+        self.head = nn.Conv2d(width, outputs, 1)
+
+    def forward(
+        self, features: Float[torch.Tensor, "batch {self.inputs} rows bins"]
+    ) -> Float[torch.Tensor, "batch {self.outputs} rows bins"]:
+        image = self.stem(pad_to_multiple(features, 2 ** (LEVELS - 1)))
+        skips: list[torch.Tensor] = []
+        for level, encode in enumerate(self.encoder):
+            image = encode(self.down[level - 1](skips[-1]) if level else image)
+            skips.append(image)
+        skips.pop()
+        for up, decode in zip(self.up, self.decoder, strict=True):
+            image = decode(up(image) + skips.pop())
+        return crop_like(self.head(image), features)

@@ -1,0 +1,176 @@
+"""The network we recommend: an adaptive spectrum whose last iterations are learned, seen by the virtual sensor.
+
+Plain iterations of the "likes" rule (:mod:`shared.signal.adaptive`) begin, P <- P |q|^2 / s. A few more have a learned
+correction,
+
+    log P <- log P + (1 + beta) log(|q|^2 / s) + delta,
+
+with beta and delta from a small convolution along angle over what the iteration knows: log P, log(|q|^2 / s), P s, and
+the products z(u)* z(u + l) of z = q / sqrt(s), which no common phase changes. Where the convolution gives zero this is
+the plain iteration. :func:`shared.signal.adaptive.virtual_view` says what the virtual sensor would see of the echoes
+that result: the base of the image. A light U-Net over range and angle corrects it and says where targets are.
+
+No weight knows the array: it enters through the tables alone.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+from torch import nn
+from torch.nn import functional
+
+from shared.radar import Radar
+from shared.signal.adaptive import (
+    AdaptiveTables,
+    adaptive_forms,
+    adaptive_powers,
+    adaptive_tables,
+    bounded_power,
+    view_table,
+    virtual_view,
+)
+from trainer.networks.light_unet import LightUNet
+
+LAGS = (1, 2, 3, 5, 8)
+"""Distances of the products [angle bins]; a resolution cell of the full array has 10.75."""
+STATE = 4 + 2 * len(LAGS)
+"""Channels of :func:`state_features`."""
+KERNEL = 7
+"""Angle bins that a convolution of a learned step sees."""
+STEP_WIDTH = 16
+LARGEST_CORRECTION = 1.0
+"""Of one learned step [decades of power]: a step that is wrong leaves the next ones something to mend."""
+LEAST_RATIO = 1e-6
+"""Of |q|^2 / s, in a logarithm."""
+RARE = -4.0
+"""Logit that detection starts with: a target in one pixel of fifty."""
+
+
+class LearnedStep(nn.Module):
+    """(beta, delta) [B, 2, R, U] of the state [B, STATE, R, U], row by row; zero before training."""
+
+    def __init__(self, width: int = STEP_WIDTH) -> None:
+        super().__init__()
+        padding = (0, KERNEL // 2)
+        self.first = nn.Conv2d(STATE, width, (1, KERNEL), padding=padding)
+        self.second = nn.Conv2d(width, width, (1, KERNEL), padding=padding)
+        self.last = nn.Conv2d(width, 2, 1)
+        nn.init.zeros_(self.last.weight)
+        assert self.last.bias is not None
+        nn.init.zeros_(self.last.bias)
+
+    def forward(self, state: Float[torch.Tensor, "batch planes rows bins"]) -> Float[torch.Tensor, "batch 2 rows bins"]:
+        return self.last(functional.gelu(self.second(functional.gelu(self.first(state)))))
+
+
+class UnrolledNetwork(nn.Module):
+    """Snapshots [B, 2 C + 1, R, 1] of :func:`shared.signal.features.snapshot_features` to [B, 1 or 2, R, U]: the
+    compressed magnitude over the row's RMS, and the logit of a target.
+
+    :param radar: of the data
+    :param channels: [C] indices of the radar's channels that the network sees
+    :param window: of the truth's virtual sensor
+    :param exponent: compression of the magnitude
+    :param plain: iterations without weights
+    :param learned: iterations with weights
+    :param width: channels of the U-Net's first level
+    :param detects: whether the second output is there
+    """
+
+    def __init__(
+        self,
+        radar: Radar,
+        channels: Int[np.ndarray, " channels"],
+        window: str,
+        exponent: float,
+        plain: int,
+        learned: int,
+        width: int,
+        detects: bool = True,
+    ) -> None:
+        super().__init__()
+        self.bins, self.exponent, self.plain = radar.grid.bins, exponent, plain
+        self.outputs = 2 if detects else 1
+        # These buffers are neither trained nor stored: they follow from radar and array.
+        for name, table in adaptive_tables(radar, channels)._asdict().items():
+            self.register_buffer(name, torch.from_numpy(table), persistent=False)
+        self.register_buffer("view", torch.from_numpy(view_table(radar, channels, window)), persistent=False)
+        self.steps = nn.ModuleList(LearnedStep() for _ in range(learned))
+        self.context = LightUNet(STATE + 2, self.outputs, width)
+        with torch.no_grad():
+            # The image starts as the view, and detection with what is rare.
+            self.context.head.weight.mul_(0.1)
+            assert self.context.head.bias is not None
+            self.context.head.bias.copy_(torch.tensor([0.0, RARE][: self.outputs]))
+
+    def forward(
+        self, snapshots: Float[torch.Tensor, "batch planes rows 1"]
+    ) -> Float[torch.Tensor, "batch {self.outputs} rows {self.bins}"]:
+        batch, planes, rows, _ = snapshots.shape
+        with torch.autocast(snapshots.device.type, enabled=False):
+            row = snapshots.float()[..., 0].transpose(1, 2).reshape(batch * rows, planes)
+            snapshot, noise = torch.complex(row[:, : planes // 2], row[:, planes // 2 : -1]), row[:, -1]
+            tables = AdaptiveTables(*(self.get_buffer(name) for name in AdaptiveTables._fields))
+            with torch.no_grad():
+                power = adaptive_powers(snapshot, noise, tables, self.plain, "likes")
+        shape = (batch, rows, self.bins)
+        for step in self.steps:
+            filtered, form = self._forms(power, snapshot, noise, tables)
+            state, _ = self._state(power, filtered, form, noise, shape)
+            power = self._stepped(power, filtered, form, step(state))
+        filtered, form = self._forms(power, snapshot, noise, tables)
+        state, level = self._state(power, filtered, form, noise, shape)
+        with torch.autocast(snapshots.device.type, enabled=False):
+            seen = virtual_view(power, filtered, form, self.get_buffer("view"))
+            base = (seen + SMALLEST).pow(self.exponent).reshape(shape)
+        answer = self.context(torch.cat([state, base[:, None], level[:, None]], dim=1)).float()
+        return torch.cat([answer[:, :1] + base[:, None], answer[:, 1:]], dim=1)
+
+    def _forms(
+        self, power: torch.Tensor, snapshot: torch.Tensor, noise: torch.Tensor, tables: AdaptiveTables
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        with torch.autocast(power.device.type, enabled=False):
+            return adaptive_forms(power, snapshot, noise, tables)
+
+    def _stepped(
+        self, power: torch.Tensor, filtered: torch.Tensor, form: torch.Tensor, correction: torch.Tensor
+    ) -> torch.Tensor:
+        """The powers after a learned step; angles outside the image take the plain one."""
+        ratio = (filtered.real.square() + filtered.imag.square()) / form
+        inside = ratio[:, : self.bins].clamp_min(LEAST_RATIO)
+        beta, delta = correction.float().permute(1, 0, 2, 3).reshape(2, -1, self.bins)
+        change = (beta * inside.log10() + delta).clamp(-LARGEST_CORRECTION, LARGEST_CORRECTION)
+        change = functional.pad(change, (0, power.shape[1] - self.bins))
+        return bounded_power(power * ratio * torch.pow(10.0, change))
+
+    def _state(
+        self,
+        power: torch.Tensor,
+        filtered: torch.Tensor,
+        form: torch.Tensor,
+        noise: torch.Tensor,
+        shape: tuple[int, int, int],
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """([B, STATE, R, U] what the iteration knows at the image's angles, [B, R, U] compressed |P q|)."""
+        power, filtered, form = power[:, : self.bins], filtered[:, : self.bins], form[:, : self.bins]
+        real, imaginary = filtered.real * form.rsqrt(), filtered.imag * form.rsqrt()
+        ratio = real.square() + imaginary.square()
+        shrunk = (1.0 + ratio).rsqrt()
+        real, imaginary = real * shrunk, imaginary * shrunk
+        planes = [
+            0.25 * power.log10() + 0.5,
+            0.5 * ratio.clamp_min(LEAST_RATIO).log10(),
+            (power * form).clamp_max(1.0),
+            (0.25 * noise.clamp_min(SMALLEST).log10() + 0.5)[:, None].expand_as(power),
+        ]
+        for lag in LAGS:
+            far_real, far_imaginary = (functional.pad(part[:, lag:], (0, lag)) for part in (real, imaginary))
+            planes += [real * far_real + imaginary * far_imaginary, real * far_imaginary - imaginary * far_real]
+        mean = (power * ratio.clamp_min(SMALLEST).sqrt() * form.sqrt() + SMALLEST).pow(self.exponent)
+        return torch.stack([plane.reshape(shape) for plane in planes], dim=1), mean.reshape(shape)
+
+
+SMALLEST = 1e-8
+"""Far below any magnitude over its row's: the slope of a root stays finite."""
