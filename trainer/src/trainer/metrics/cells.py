@@ -1,0 +1,181 @@
+"""Detections in range and angle, each with a score and a level, held against the cells of the truth image.
+
+A truth cell is a 3 x 3 maximum of the truth image that the channels can see above the noise and beside the row's
+strongest echo. A detection is a 3 x 3 maximum of a method's score. Each truth cell serves one detection, of its row
+and within two bins. A detection that serves none is a false alarm where it reads more than 10 dB above all that the
+truth has around it; elsewhere it counts neither way. :mod:`trainer.metrics.ranking` makes curves of many frames of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import label, maximum_filter, mean
+
+from shared.physics.errors import InputError
+from shared.physics.units import db_to_power
+
+LEAST_SNR_DB = 13.0
+"""C |A|^2 / noise_power of a truth cell: with all channels summed a single target is found nearly always."""
+ROW_SPAN_DB = 25.0
+"""A truth cell stands at most this far below its row's maximum; the truth's own sidelobes lie at -30 dB."""
+LEAST_RANGE_M = 5.0
+"""Nearer echoes are curved over the input array, and no method is told so."""
+REACH_BINS = 2
+"""Largest distance in angle of a detection from its truth cell."""
+FALSE_ALARM_DB = 10.0
+"""Level of a false alarm above the truth's maximum around it, at least."""
+AROUND = (3, 5)
+"""Range bins by angle bins around a detection in which the truth's maximum is taken."""
+
+_OFFSETS = np.array(sorted(range(-REACH_BINS, REACH_BINS + 1), key=abs))
+
+
+@dataclass(frozen=True, eq=False)
+class CellScores:
+    """What became of the detections of one frame.
+
+    :param matched: [m] scores of the detections that found a truth cell, falling
+    :param false_alarms: [f] scores of the false alarms, falling
+    :param truths: number of truth cells
+    """
+
+    matched: NDArray[np.float64]
+    false_alarms: NDArray[np.float64]
+    truths: int
+
+
+def local_maxima(image: NDArray[np.floating]) -> NDArray[np.intp]:
+    """[n, 2] (range bin, angle bin) of the positive 3 x 3 maxima of an image [R, U], row by row.
+
+    A plateau is one maximum, at the bin next to its mean place. A bin at the image's border needs to exceed only the
+    neighbours that it has.
+
+    :raises InputError: no image, or one that is not finite
+    """
+    magnitude = _image("image", image)
+    if not magnitude.size:
+        return np.empty((0, 2), dtype=np.intp)
+    highest = magnitude.copy()
+    np.maximum(highest[1:], magnitude[:-1], out=highest[1:])
+    np.maximum(highest[:-1], magnitude[1:], out=highest[:-1])
+    of_rows = highest.copy()
+    np.maximum(highest[:, 1:], of_rows[:, :-1], out=highest[:, 1:])
+    np.maximum(highest[:, :-1], of_rows[:, 1:], out=highest[:, :-1])
+    top = (magnitude == highest) & (magnitude > 0.0)
+    return _one_of_each_plateau(top)
+
+
+def truth_cells(
+    image: NDArray[np.floating], noise_power: float, channels: int, range_step: float
+) -> NDArray[np.intp]:
+    """[n, 2] (range bin, angle bin) of the cells that a method of ``channels`` channels should find, row by row.
+
+    They are the 3 x 3 maxima A of the truth with C |A|^2 / noise_power above 13 dB, within 25 dB of their row's
+    maximum, beyond 5 m.
+
+    :param image: [R, U] truth, linear magnitude [sqrt(W)]
+    :param noise_power: of one channel in one range-Doppler cell [W]; 0 where there is no noise
+    :param channels: C, how many the method uses
+    :param range_step: of the rows, the first of which is at 0 [m]
+    :raises InputError: no image, one that is not finite, a negative noise power, no channels
+    """
+    if not noise_power >= 0.0 or channels < 1:
+        raise InputError(
+            "truth cells", f"noise_power = {noise_power!r}, channels = {channels!r}", "no negative power, one channel"
+        )
+    magnitude = _image("truth", image)
+    least = np.sqrt(db_to_power(LEAST_SNR_DB) * noise_power / channels)
+    places = local_maxima(magnitude)
+    level = magnitude[places[:, 0], places[:, 1]]
+    within = level >= db_to_power(-ROW_SPAN_DB / 2.0) * magnitude.max(axis=1, initial=0.0)[places[:, 0]]
+    return places[(level > least) & within & (places[:, 0] * range_step > LEAST_RANGE_M)]
+
+
+def score_cells(
+    truth: NDArray[np.floating],
+    level: NDArray[np.floating],
+    noise_power: float,
+    channels: int,
+    range_step: float,
+    score: NDArray[np.floating] | None = None,
+) -> CellScores:
+    """Hold a method's image against the truth of its frame.
+
+    At every threshold of the score the matched detections above it are as many as one-to-one matching allows: a
+    detection of lower score never takes a truth cell from one of higher score, but the latter moves to another cell
+    within its own reach if that makes room (augmenting paths, Kuhn 1955). So the outcome does not depend on which
+    cell a detection is tried with first. Detections of equal score are taken by place.
+
+    :param truth: [R, U] linear magnitude [sqrt(W)]
+    :param level: [R, U] the method's magnitude [sqrt(W)]. It alone says what is a false alarm, so that an image
+        without this unit cannot stand here
+    :param noise_power: see :func:`truth_cells`, as ``channels`` and ``range_step``
+    :param score: [R, U] by which detections are found and ranked, in any unit; the level by default
+    :raises InputError: images of different shapes or not finite, and what :func:`truth_cells` refuses
+    """
+    true, reading = _image("truth", truth), _image("level", level)
+    ranking = reading if score is None else _image("score", score)
+    if not true.shape == reading.shape == ranking.shape:
+        raise InputError("images", f"shapes {true.shape}, {reading.shape}, {ranking.shape}", "images of one shape")
+    cells = truth_cells(true, noise_power, channels, range_step)
+    found = local_maxima(ranking)
+    rank = ranking[found[:, 0], found[:, 1]]
+    order = np.lexsort((found[:, 1], found[:, 0], -rank))
+    found, rank = found[order], rank[order]
+    matched = match_cells(found, cells, true.shape)
+    ceiling = db_to_power(FALSE_ALARM_DB / 2.0) * maximum_filter(true, AROUND, mode="constant")
+    rows, bins = found.T
+    return CellScores(rank[matched], rank[~matched & (reading[rows, bins] > ceiling[rows, bins])], len(cells))
+
+
+def match_cells(
+    found: NDArray[np.intp], cells: NDArray[np.intp], shape: tuple[int, ...]
+) -> NDArray[np.bool_]:
+    """[n] which detections [n, 2], best first, have a truth cell [m, 2] of their own in their row, within two bins."""
+    rows, bins = shape
+    cell_at = np.full((rows, bins + 2 * REACH_BINS), -1)
+    cell_at[cells[:, 0], cells[:, 1] + REACH_BINS] = np.arange(len(cells))
+    near = cell_at[found[:, :1], found[:, 1:] + REACH_BINS + _OFFSETS]  # (n, 5), the nearest first
+    served: dict[int, int] = {}
+
+    def find_room(detection: int, tried: set[int]) -> bool:
+        for cell in near[detection].tolist():
+            if cell < 0 or cell in tried:
+                continue
+            tried.add(cell)
+            if cell not in served or find_room(served[cell], tried):
+                served[cell] = detection
+                return True
+        return False
+
+    matched = np.zeros(len(found), dtype=bool)
+    for detection in np.flatnonzero(near.max(axis=1, initial=-1) >= 0).tolist():
+        matched[detection] = find_room(detection, set())
+    return matched
+
+
+def _one_of_each_plateau(top: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """[n, 2] places of a mask [R, U], one for each group of adjacent bins."""
+    places = np.argwhere(top)
+    beside = (top[:, 1:] & top[:, :-1]).any() or (top[1:] & top[:-1]).any()
+    across = (top[1:, 1:] & top[:-1, :-1]).any() or (top[1:, :-1] & top[:-1, 1:]).any()
+    if not (beside or across):
+        return places
+    groups, count = label(top, np.ones((3, 3)))
+    of_place = groups[places[:, 0], places[:, 1]]
+    every = np.arange(1, count + 1)
+    middle = np.stack([mean(places[:, axis], of_place, every) for axis in (0, 1)], axis=1)
+    distance = np.sum((places - middle[of_place - 1]) ** 2, axis=1)
+    nearest = np.lexsort((distance, of_place))
+    chosen = nearest[np.searchsorted(of_place[nearest], every)]
+    return places[np.sort(chosen)]
+
+
+def _image(name: str, image: NDArray[np.floating]) -> NDArray[np.float64]:
+    magnitude = np.asarray(image, dtype=np.float64)
+    if magnitude.ndim != 2 or not np.isfinite(magnitude).all():
+        raise InputError(name, f"shape {magnitude.shape}, finite or not", "a finite image [R, U]")
+    return magnitude
