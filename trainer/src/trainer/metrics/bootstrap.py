@@ -62,24 +62,26 @@ def bootstrap_ratio(parts: NDArray[np.floating], wholes: NDArray[np.floating], s
 
 
 def bootstrap_frames(
-    statistic: Callable[[NDArray[np.int64]], NDArray[np.float64]], frames: int, seed: int = 0
-) -> list[Interval]:
-    """K statistics of a pool of frames, such as the average precision, and their intervals over the frames.
+    statistics: Callable[[NDArray[np.int64]], NDArray[np.float64]], frames: int, seed: int = 0
+) -> list[tuple[float, float]]:
+    """(lower, upper) ends of the intervals of K statistics of a pool of frames, such as the average precision.
 
-    :param statistic: weights [B, frames], how often each frame was drawn, to the statistics [K, B] of each draw
+    :param statistics: weights [B, frames], how often each frame was drawn, to the statistics [K, B] of each draw
     :raises InputError: no frames
     """
     if frames < 1:
         raise InputError("bootstrap", f"{frames} frames", "one or more")
 
     def of_draws(drawn: NDArray[np.int64], axis: int = -1) -> NDArray[np.float64]:
-        return statistic(np.sum(drawn[..., None] == np.arange(frames), axis=-2).reshape(-1, frames))
+        draws = drawn.reshape(-1, frames)
+        place = draws + frames * np.arange(len(draws))[:, None]
+        return statistics(np.bincount(place.ravel(), minlength=draws.size).reshape(draws.shape))
 
-    values = statistic(np.ones((1, frames), dtype=np.int64))[:, 0]
     if frames < 2:
-        return [Interval(float(value), float("nan"), float("nan")) for value in values]
-    ends = _percentiles((np.arange(frames),), of_draws, seed, batch=20)
-    return [Interval(float(value), float(low), float(high)) for value, low, high in zip(values, *ends, strict=True)]
+        count = len(statistics(np.ones((1, frames), dtype=np.int64)))
+        return [(float("nan"), float("nan"))] * count
+    low, high = _percentiles((np.arange(frames),), of_draws, seed)
+    return list(zip(low.tolist(), high.tolist(), strict=True))
 
 
 def wilson(successes: int, trials: int) -> Interval:
@@ -112,10 +114,10 @@ def _bootstrap(samples: tuple[NDArray[np.float64], ...], statistic: Callable[...
     return Interval(value, float(low), float(high))
 
 
-def _percentiles(samples: tuple[NDArray[Any], ...], statistic: Callable[..., Any], seed: int, batch: int = 100) -> Any:
+def _percentiles(samples: tuple[NDArray[Any], ...], statistic: Callable[..., Any], seed: int) -> Any:
     """(lower, upper) ends of the percentile interval of one or more statistics."""
     result = bootstrap(
-        samples, statistic, paired=True, vectorized=True, n_resamples=RESAMPLES, batch=batch,
+        samples, statistic, paired=True, vectorized=True, n_resamples=RESAMPLES, batch=100,
         confidence_level=CONFIDENCE, method="percentile", rng=np.random.default_rng(seed),
     )  # fmt: skip
     return result.confidence_interval.low, result.confidence_interval.high

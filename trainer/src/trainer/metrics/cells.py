@@ -1,9 +1,12 @@
 """Detections in range and angle, each with a score and a level, held against the cells of the truth image.
 
 A truth cell is a 3 x 3 maximum of the truth image that the channels can see above the noise and beside the row's
-strongest echo. A detection is a 3 x 3 maximum of a method's score. Each truth cell serves one detection, of its row
-and within two bins. A detection that serves none is a false alarm where it reads more than 10 dB above all that the
-truth has around it; elsewhere it counts neither way. :mod:`trainer.metrics.ranking` makes curves of many frames of it.
+strongest echo. A detection is a 3 x 3 maximum of a method's score. It is matched to a truth cell at most one range bin
+and two angle bins away, one to one. An unmatched detection beyond 5 m is a false alarm where it reads more than 10 dB
+above all that the truth has around it; elsewhere it counts neither way. :mod:`trainer.metrics.ranking` makes curves of
+many frames of it.
+
+The level must be right: an image that reads 60 dB too low has no false alarms.
 """
 
 from __future__ import annotations
@@ -11,6 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.ndimage import label, maximum_filter, mean
 
@@ -22,15 +26,13 @@ LEAST_SNR_DB = 13.0
 ROW_SPAN_DB = 25.0
 """A truth cell stands at most this far below its row's maximum; the truth's own sidelobes lie at -30 dB."""
 LEAST_RANGE_M = 5.0
-"""Nearer echoes are curved over the input array, and no method is told so."""
-REACH_BINS = 2
-"""Largest distance in angle of a detection from its truth cell."""
+"""Nearer waves are curved over the input array, and no method is told so: there nothing is missed and nothing false."""
+REACH = (1, 2)
+"""Largest distance of a detection from its truth cell [range bins, angle bins]."""
 FALSE_ALARM_DB = 10.0
-"""Level of a false alarm above the truth's maximum around it, at least."""
-AROUND = (3, 5)
-"""Range bins by angle bins around a detection in which the truth's maximum is taken."""
+"""Level of a false alarm above the truth's maximum within that reach, at least."""
 
-_OFFSETS = np.array(sorted(range(-REACH_BINS, REACH_BINS + 1), key=abs))
+_AROUND = (2 * REACH[0] + 1, 2 * REACH[1] + 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,9 +70,7 @@ def local_maxima(image: NDArray[np.floating]) -> NDArray[np.intp]:
     return _one_of_each_plateau(top)
 
 
-def truth_cells(
-    image: NDArray[np.floating], noise_power: float, channels: int, range_step: float
-) -> NDArray[np.intp]:
+def truth_cells(image: NDArray[np.floating], noise_power: float, channels: int, range_step: float) -> NDArray[np.intp]:
     """[n, 2] (range bin, angle bin) of the cells that a method of ``channels`` channels should find, row by row.
 
     They are the 3 x 3 maxima A of the truth with C |A|^2 / noise_power above 13 dB, within 25 dB of their row's
@@ -106,8 +106,9 @@ def score_cells(
 
     At every threshold of the score the matched detections above it are as many as one-to-one matching allows: a
     detection of lower score never takes a truth cell from one of higher score, but the latter moves to another cell
-    within its own reach if that makes room (augmenting paths, Kuhn 1955). So the outcome does not depend on which
-    cell a detection is tried with first. Detections of equal score are taken by place.
+    within its own reach if that makes room (augmenting paths, Kuhn 1955). Of detections of equal score those that
+    would else be false alarms are matched first. So neither the cell that a detection is tried with first nor the order
+    of equal scores changes anything.
 
     :param truth: [R, U] linear magnitude [sqrt(W)]
     :param level: [R, U] the method's magnitude [sqrt(W)]. It alone says what is a false alarm, so that an image
@@ -122,23 +123,22 @@ def score_cells(
         raise InputError("images", f"shapes {true.shape}, {reading.shape}, {ranking.shape}", "images of one shape")
     cells = truth_cells(true, noise_power, channels, range_step)
     found = local_maxima(ranking)
-    rank = ranking[found[:, 0], found[:, 1]]
-    order = np.lexsort((found[:, 1], found[:, 0], -rank))
-    found, rank = found[order], rank[order]
-    matched = match_cells(found, cells, true.shape)
-    ceiling = db_to_power(FALSE_ALARM_DB / 2.0) * maximum_filter(true, AROUND, mode="constant")
     rows, bins = found.T
-    return CellScores(rank[matched], rank[~matched & (reading[rows, bins] > ceiling[rows, bins])], len(cells))
+    rank = ranking[rows, bins]
+    ceiling = db_to_power(FALSE_ALARM_DB / 2.0) * maximum_filter(true, _AROUND, mode="constant")
+    alarm = (reading[rows, bins] > ceiling[rows, bins]) & (rows * range_step > LEAST_RANGE_M)
+    order = np.lexsort((~alarm, -rank))
+    found, rank, alarm = found[order], rank[order], alarm[order]
+    matched = match_cells(found, cells, true.shape)
+    return CellScores(rank[matched], rank[alarm & ~matched], len(cells))
 
 
-def match_cells(
-    found: NDArray[np.intp], cells: NDArray[np.intp], shape: tuple[int, ...]
-) -> NDArray[np.bool_]:
-    """[n] which detections [n, 2], best first, have a truth cell [m, 2] of their own in their row, within two bins."""
-    rows, bins = shape
-    cell_at = np.full((rows, bins + 2 * REACH_BINS), -1)
-    cell_at[cells[:, 0], cells[:, 1] + REACH_BINS] = np.arange(len(cells))
-    near = cell_at[found[:, :1], found[:, 1:] + REACH_BINS + _OFFSETS]  # (n, 5), the nearest first
+def match_cells(found: NDArray[np.intp], cells: NDArray[np.intp], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """[n] which detections [n, 2], best first, have a truth cell [m, 2] within :data:`REACH` to themselves."""
+    cell_at = np.full((shape[0] + 2 * REACH[0], shape[1] + 2 * REACH[1]), -1)
+    cell_at[cells[:, 0] + REACH[0], cells[:, 1] + REACH[1]] = np.arange(len(cells))
+    windows = sliding_window_view(cell_at, _AROUND)
+    near = windows[found[:, 0], found[:, 1]].reshape(len(found), _AROUND[0] * _AROUND[1])
     served: dict[int, int] = {}
 
     def find_room(detection: int, tried: set[int]) -> bool:
