@@ -95,13 +95,16 @@ def test_detections_are_found_and_ranked_by_the_score_where_a_method_has_one():
 def test_a_probability_is_read_by_delay_and_sum():
     """Sure of the truth's maxima, and of one bin more: it is a false alarm if the data are strong there."""
     made = strong_frame()
+    image = made.image.copy()
+    image[41:46] = 0.0
+    made = replace(made, image=image)
     truth = made.image.astype(np.float64) * made.image_peak
     probability = np.zeros_like(truth)
     cells = truth_cells(truth, made.noise_power, 6, RADAR.waveform.range_step_m)
     probability[tuple(cells.T)] = 0.5
     sure = replace(known(probability), unit="probability of a target")
     assert average_precision(sure, made) == 1.0
-    probability[42, 10] = 1.0  # between two rows of targets: noise, and no truth at all
+    probability[43, 10] = 1.0  # where the truth has nothing
     assert score_frame(RADAR, sure, lambda: made)["cells_false"].tolist() == [1.0]
     silent = replace(made, range_channel=np.zeros_like(made.range_channel))
     assert score_frame(RADAR, sure, lambda: silent)["cells_false"].tolist() == []
