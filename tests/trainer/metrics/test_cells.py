@@ -254,7 +254,8 @@ def test_shuffling_detections_of_equal_score_changes_nothing() -> None:
         score[row, column] = generator.integers(1, 4)
     turned = []
     for rows, columns in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
-        found = scores(*(far(image[::rows, ::columns]) for image in (truth, level, score)))
+        shown = [far(image[::rows, ::columns]) for image in (truth, level, score)]
+        found = scores(shown[0], shown[1], shown[2])
         turned.append((found.truths, found.matched.tolist(), found.false_alarms.tolist()))
     assert turned[1:] == [turned[0]] * 3
     assert len(turned[0][1]) > 10
