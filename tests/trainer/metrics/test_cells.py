@@ -183,6 +183,19 @@ def test_a_detection_makes_room_for_a_weaker_one() -> None:
     assert found.matched.tolist() == [2.0]
 
 
+def test_room_is_found_at_the_end_of_a_long_chain() -> None:
+    """Cells every four bins, detections between them and one beside the first or the last cell, the weakest of all."""
+    chain = 1200
+    cells = np.stack([np.zeros(chain + 1, dtype=int), 4 * np.arange(chain + 1)], axis=1)
+    between = cells[:-1] + np.array([0, 2])
+    shape = (1, 4 * chain + 1)
+    for last in (cells[:1], cells[-1:]):
+        assert match_cells(np.concatenate([between, last]), cells, shape).all()
+        assert match_cells(np.concatenate([between, last, last]), cells, shape).tolist() == [True] * (chain + 1) + [
+            False
+        ]
+
+
 @given(st.integers(0, 10**6))
 @settings(max_examples=40, deadline=None)
 def test_matching_is_the_best_at_every_threshold(seed: int) -> None:

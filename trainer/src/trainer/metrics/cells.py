@@ -6,7 +6,7 @@ and two angle bins away, one to one. An unmatched detection beyond 5 m is a fals
 above all that the truth has around it; elsewhere it counts neither way. :mod:`trainer.metrics.ranking` makes curves of
 many frames of it.
 
-The level must be right: an image that reads 60 dB too low has no false alarms.
+The level must be right: an image that reads far too low everywhere has no false alarms.
 """
 
 from __future__ import annotations
@@ -57,17 +57,7 @@ def local_maxima(image: NDArray[np.floating]) -> NDArray[np.intp]:
 
     :raises InputError: no image, or one that is not finite
     """
-    magnitude = _image("image", image)
-    if not magnitude.size:
-        return np.empty((0, 2), dtype=np.intp)
-    highest = magnitude.copy()
-    np.maximum(highest[1:], magnitude[:-1], out=highest[1:])
-    np.maximum(highest[:-1], magnitude[1:], out=highest[:-1])
-    of_rows = highest.copy()
-    np.maximum(highest[:, 1:], of_rows[:, :-1], out=highest[:, 1:])
-    np.maximum(highest[:, :-1], of_rows[:, 1:], out=highest[:, :-1])
-    top = (magnitude == highest) & (magnitude > 0.0)
-    return _one_of_each_plateau(top)
+    return _maxima(_image("image", image))
 
 
 def truth_cells(image: NDArray[np.floating], noise_power: float, channels: int, range_step: float) -> NDArray[np.intp]:
@@ -88,7 +78,7 @@ def truth_cells(image: NDArray[np.floating], noise_power: float, channels: int, 
         )
     magnitude = _image("truth", image)
     least = np.sqrt(db_to_power(LEAST_SNR_DB) * noise_power / channels)
-    places = local_maxima(magnitude)
+    places = _maxima(magnitude)
     level = magnitude[places[:, 0], places[:, 1]]
     within = level >= db_to_power(-ROW_SPAN_DB / 2.0) * magnitude.max(axis=1, initial=0.0)[places[:, 0]]
     return places[(level > least) & within & (places[:, 0] * range_step > LEAST_RANGE_M)]
@@ -122,7 +112,7 @@ def score_cells(
     if not true.shape == reading.shape == ranking.shape:
         raise InputError("images", f"shapes {true.shape}, {reading.shape}, {ranking.shape}", "images of one shape")
     cells = truth_cells(true, noise_power, channels, range_step)
-    found = local_maxima(ranking)
+    found = _maxima(ranking)
     rows, bins = found.T
     rank = ranking[rows, bins]
     ceiling = db_to_power(FALSE_ALARM_DB / 2.0) * maximum_filter(true, _AROUND, mode="constant")
@@ -139,30 +129,55 @@ def match_cells(found: NDArray[np.intp], cells: NDArray[np.intp], shape: tuple[i
     cell_at[cells[:, 0] + REACH[0], cells[:, 1] + REACH[1]] = np.arange(len(cells))
     windows = sliding_window_view(cell_at, _AROUND)
     near = windows[found[:, 0], found[:, 1]].reshape(len(found), _AROUND[0] * _AROUND[1])
-    served: dict[int, int] = {}
+    served: dict[int, int] = {}  # cell to detection
+    holds: dict[int, int] = {}  # detection to cell
+    full: set[int] = set()  # cells from which no way leads to a free one, now and later
 
-    def find_room(detection: int, tried: set[int]) -> bool:
-        for cell in near[detection].tolist():
-            if cell < 0 or cell in tried:
-                continue
-            tried.add(cell)
-            if cell not in served or find_room(served[cell], tried):
-                served[cell] = detection
+    def find_room(detection: int) -> bool:
+        reached: dict[int, int] = {}  # cell to the detection that could take it
+        queue = [detection]
+        for one in queue:
+            for cell in near[one].tolist():
+                if cell < 0 or cell in reached or cell in full:
+                    continue
+                reached[cell] = one
+                if cell in served:
+                    queue.append(served[cell])
+                    continue
+                free: int | None = cell
+                while free is not None:
+                    taker = reached[free]
+                    left = holds.get(taker)
+                    served[free], holds[taker] = taker, free
+                    free = left
                 return True
+        full.update(reached)
         return False
 
     matched = np.zeros(len(found), dtype=bool)
     for detection in np.flatnonzero(near.max(axis=1, initial=-1) >= 0).tolist():
-        matched[detection] = find_room(detection, set())
+        matched[detection] = find_room(detection)
     return matched
+
+
+def _maxima(magnitude: NDArray[np.float64]) -> NDArray[np.intp]:
+    """See :func:`local_maxima`."""
+    # The highest along a row first: what reaches that of the three rows around it is the highest of nine.
+    highest = magnitude.copy()
+    np.maximum(highest[:, 1:], magnitude[:, :-1], out=highest[:, 1:])
+    np.maximum(highest[:, :-1], magnitude[:, 1:], out=highest[:, :-1])
+    top = (magnitude == highest) & (magnitude > 0.0)
+    top[1:] &= magnitude[1:] >= highest[:-1]
+    top[:-1] &= magnitude[:-1] >= highest[1:]
+    return _one_of_each_plateau(top)
 
 
 def _one_of_each_plateau(top: NDArray[np.bool_]) -> NDArray[np.intp]:
     """[n, 2] places of a mask [R, U], one for each group of adjacent bins."""
     places = np.argwhere(top)
-    beside = (top[:, 1:] & top[:, :-1]).any() or (top[1:] & top[:-1]).any()
-    across = (top[1:, 1:] & top[:-1, :-1]).any() or (top[1:, :-1] & top[:-1, 1:]).any()
-    if not (beside or across):
+    around = np.pad(top, 1)
+    rows, bins = places.T + 1
+    if not any(around[rows + down, bins + aside].any() for down, aside in ((0, 1), (1, -1), (1, 0), (1, 1))):
         return places
     groups, count = label(top, np.ones((3, 3)))
     of_place = groups[places[:, 0], places[:, 1]]

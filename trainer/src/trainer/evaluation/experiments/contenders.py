@@ -79,8 +79,8 @@ class Contender:
         if self.scoring is None:
             image = self.image(range_channel, noise_power)
             return image, image
-        image, score = (np.asarray(map_, dtype=np.float64) for map_ in self.scoring(range_channel, noise_power))
-        return image, score
+        level, score = self.scoring(range_channel, noise_power)
+        return np.asarray(level, dtype=np.float64), np.asarray(score, dtype=np.float64)
 
     def image_rows(
         self, range_channel: NDArray[np.complex64], noise_power: float, rows: NDArray[np.intp]
