@@ -27,7 +27,7 @@ def test_every_experiment_leaves_numbers_and_figures(evaluation):
     lines = (out / "metrics.csv").read_text().splitlines()
     assert len(lines) == len(table) + 1
     assert lines[0].replace('"', "").startswith("experiment,method,array,metric,condition,value,low,high")
-    for name in EXPERIMENTS:
+    for name in (*EXPERIMENTS, "detection-probability"):
         assert (out / f"figures/{name}.png").read_bytes()[:4] == b"\x89PNG"
         assert (out / f"figures/{name}.svg").read_bytes().startswith(b"<?xml")
     assert not list(out.rglob("*.partial"))
@@ -41,6 +41,22 @@ def test_each_contender_has_its_runtime_beside_every_number(evaluation):
     assert {(row["method"], row["array"]) for row in of_images} == {
         ("das", "thin"), ("das", "full"), ("omp", "thin"), ("omp", "full"), ("unet", "thin"),
     }  # fmt: skip
+
+
+def test_the_truth_is_ranked_beside_the_methods_for_each_array(evaluation):
+    rows = [row for row in evaluation[0].to_pylist() if row["metric"] in ("average precision", "detection probability")]
+    detection = {(row["method"], row["array"], row["condition"]) for row in rows if row["experiment"] == "detection"}
+    contenders = [("das", "thin"), ("das", "full"), ("omp", "thin"), ("omp", "full"), ("unet", "thin")]
+    conditions = ["", *(f"false alarms={count} a frame" for count in (1, 10, 100))]
+    assert detection == {
+        (*one, condition) for one in [*contenders, ("truth", "thin"), ("truth", "full")] for condition in conditions
+    }
+    assert {row["condition"].split(",")[0] for row in rows if row["experiment"] == "generalisation"} == {
+        "scene=hall", "scene=none",
+    }  # fmt: skip
+    truth = [row["value"] for row in rows if row["method"] == "truth"]
+    assert truth
+    assert all(value is None or value == 1.0 for value in truth)
 
 
 def test_intervals_hold_their_values(evaluation):

@@ -12,8 +12,9 @@ from shared.dataset import Target
 from trainer.evaluation.experiments.bench import FrameRef
 from trainer.evaluation.experiments.contenders import estimator_contender
 from trainer.evaluation.experiments.doppler import score_peaks
-from trainer.evaluation.experiments.frames import one_of_each_scene, score_frame
+from trainer.evaluation.experiments.frames import one_of_each_scene, ranking, score_frame, score_truth
 from trainer.evaluation.report.levels import from_bytes, scene_levels, to_bytes
+from trainer.metrics.cells import truth_cells
 
 
 def known(image):
@@ -49,6 +50,64 @@ def test_an_empty_truth_has_no_image_errors_and_every_detection_is_false():
     assert np.isnan([scores[name] for name in ("nmse", "scaled_nmse", "psnr", "ssim")]).all()
     assert scores["strict"][0][0] == 0
     assert scores["strict"][0][1] > 0
+
+
+def strong_frame():
+    """A frame whose echoes beyond 5 m are 20 dB stronger: they stand above the noise."""
+    made = frame(3, RADAR)
+    return replace(made, range_channel=10.0 * made.range_channel, image_peak=10.0 * made.image_peak)
+
+
+def average_precision(contender, made):
+    values = score_frame(RADAR, contender, lambda: made)
+    refs = [FrameRef(Path("p"), 0, 0, "scene", "hall")]
+    results = {(contender.method, contender.array.name, refs[0].condition): values}
+    return ranking(results, contender.method, contender.array.name, refs).average_precision()
+
+
+def test_the_truth_has_all_the_precision_an_empty_image_none_and_delay_and_sum_some():
+    made = strong_frame()
+    truth = made.image.astype(np.float64) * made.image_peak
+    ceiling = score_truth(RADAR, FULL, lambda: made)
+    assert len(ceiling["cells_matched"]) == ceiling["cells_true"] > 3
+    assert not len(ceiling["cells_false"])
+    assert average_precision(known(truth), made) == 1.0
+    assert average_precision(known(np.zeros_like(truth)), made) == 0.0
+    assert 0.0 < average_precision(estimator_contender("das", FULL, RADAR), made) < 1.0
+
+
+def test_detections_are_found_and_ranked_by_the_score_where_a_method_has_one():
+    """The image has everything and no order; the score has the truth's maxima alone."""
+    made = strong_frame()
+    truth = made.image.astype(np.float64) * made.image_peak
+    loud = np.random.default_rng(0).rayleigh(truth.max(), truth.shape)
+    calls = []
+
+    def scoring(snapshot, noise):
+        calls.append((snapshot.shape, noise))
+        return loud.astype(np.float32), truth.astype(np.float32)
+
+    assert average_precision(known(loud), made) < 0.5
+    assert average_precision(replace(known(loud), scoring=scoring), made) == 1.0
+    assert calls == [((48, 6), made.noise_power)]  # one pass for image and score
+
+
+def test_a_probability_is_read_by_delay_and_sum():
+    """Sure of the truth's maxima, and of one bin more: it is a false alarm if the data are strong there."""
+    made = strong_frame()
+    image = made.image.copy()
+    image[41:46] = 0.0
+    made = replace(made, image=image)
+    truth = made.image.astype(np.float64) * made.image_peak
+    probability = np.zeros_like(truth)
+    cells = truth_cells(truth, made.noise_power, 6, RADAR.waveform.range_step_m)
+    probability[tuple(cells.T)] = 0.5
+    sure = replace(known(probability), unit="probability of a target")
+    assert average_precision(sure, made) == 1.0
+    probability[43, 10] = 1.0  # where the truth has nothing
+    assert score_frame(RADAR, sure, lambda: made)["cells_false"].tolist() == [1.0]
+    silent = replace(made, range_channel=np.zeros_like(made.range_channel))
+    assert score_frame(RADAR, sure, lambda: silent)["cells_false"].tolist() == []
 
 
 def test_what_moves_is_found_in_its_own_doppler_cell_only():

@@ -22,6 +22,10 @@ ROWS = [
     row("das", "sparse6", "one-to-one F1", "d_max=2 bins", 0.25),
     row("das", "sparse6", "one-to-one F1", "d_max=4 bins", 0.95),
     row("unet", "sparse6", "one-to-one F1", "d_max=2 bins", 0.75, math.nan),
+    row("unet", "sparse6", "average precision", "", 0.5, 0.125),
+    row("unet", "sparse6", "detection probability", "false alarms=1 a frame", 0.1),
+    row("unet", "sparse6", "detection probability", "false alarms=10 a frame", 0.2),
+    row("truth", "sparse6", "average precision", "", 1.0, 0.0),
     row("unet", "sparse4", "one-to-one F1", "d_max=2 bins", math.nan),
     row("das", "sparse6", "probability of resolution", CLOSE, 0.5),
     row("das", "sparse6", "probability of resolution", f"{CLOSE},phase=0-60 deg", 0.4),
@@ -42,12 +46,15 @@ def tables() -> dict[str, list[list[str]]]:
 
 
 def test_a_line_for_each_method_with_the_columns_that_ran():
-    head, _, das, unet, ml = tables()["sparse6"]
-    assert head == ["sparse6", "F1", "P(resolve) 1 RL", "0.5 RL", "s an image", "parameters"]
-    assert das == ["das", "0.25 (0.15 to 0.35)", "0.50 (0.40 to 0.60)", "", "0.0123", ""]
-    assert unet == ["unet", "0.75", "", "", "1.5", "1 612 123"]
-    # The ceiling is no method of the evaluation: it has no time.
-    assert ml == ["ml", "", "", "0.60 (0.50 to 0.70)", "", ""]
+    head, _, das, unet, truth, ml = tables()["sparse6"]
+    assert head == [
+        "sparse6", "AP", "P(detect) at 10 FA", "F1", "P(resolve) 1 RL", "0.5 RL", "s an image", "parameters",
+    ]  # fmt: skip
+    assert das == ["das", "", "", "0.25 (0.15 to 0.35)", "0.50 (0.40 to 0.60)", "", "0.0123", ""]
+    assert unet == ["unet", "0.50 (0.38 to 0.62)", "0.20 (0.10 to 0.30)", "0.75", "", "", "1.5", "1 612 123"]
+    # The ceilings are no methods of the evaluation: they have no time.
+    assert truth == ["truth", "1.00 (1.00 to 1.00)", "", "", "", "", "", ""]
+    assert ml == ["ml", "", "", "", "", "0.60 (0.50 to 0.70)", "", ""]
 
 
 def test_what_is_undefined_is_blank_and_other_numbers_make_no_line():

@@ -47,11 +47,11 @@ from trainer.evaluation.experiments.resolution import Resolution
 from trainer.evaluation.experiments.robustness import Robustness
 from trainer.evaluation.experiments.street import Street, shown_frames
 from trainer.evaluation.experiments.tradeoff import SECONDS, Tradeoff
-from trainer.evaluation.report.page import TRUTH, ReportFigure, ReportFrame, report_page
+from trainer.evaluation.report.page import ReportFigure, ReportFrame, report_page
 from trainer.evaluation.report.style import save_figure
 from trainer.evaluation.report.summary import summary
 from trainer.evaluation.report.tables import metrics_table, write_table
-from trainer.evaluation.rows import MetricRow
+from trainer.evaluation.rows import TRUTH, MetricRow
 from trainer.evaluation.store import Cell, CellStore, Values, code_fingerprint
 from trainer.evaluation.workers import Workers, alone
 from trainer.run.claim import JOB, output_folder

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+TRUTH = "truth"
+"""Stands for a method where the truth's own image is shown or scored."""
+
 
 @dataclass(frozen=True)
 class MetricRow:

@@ -61,6 +61,29 @@ def bootstrap_ratio(parts: NDArray[np.floating], wholes: NDArray[np.floating], s
     return _bootstrap((part, whole), ratio, seed)
 
 
+def bootstrap_frames(
+    statistics: Callable[[NDArray[np.int64]], NDArray[np.float64]], frames: int, seed: int = 0
+) -> list[tuple[float, float]]:
+    """(lower, upper) ends of the intervals of K statistics of a pool of frames, such as the average precision.
+
+    :param statistics: weights [B, frames], how often each frame was drawn, to the statistics [K, B] of each draw
+    :raises InputError: no frames
+    """
+    if frames < 1:
+        raise InputError("bootstrap", f"{frames} frames", "one or more")
+
+    def of_draws(drawn: NDArray[np.int64], axis: int = -1) -> NDArray[np.float64]:
+        draws = drawn.reshape(-1, frames)
+        place = draws + frames * np.arange(len(draws))[:, None]
+        return statistics(np.bincount(place.ravel(), minlength=draws.size).reshape(draws.shape))
+
+    if frames < 2:
+        count = len(statistics(np.ones((1, frames), dtype=np.int64)))
+        return [(float("nan"), float("nan"))] * count
+    low, high = _percentiles((np.arange(frames),), of_draws, seed)
+    return list(zip(low.tolist(), high.tolist(), strict=True))
+
+
 def wilson(successes: int, trials: int) -> Interval:
     """Share of successes and its Wilson score interval (Wilson 1927), which keeps within 0 and 1.
 
@@ -87,8 +110,14 @@ def _bootstrap(samples: tuple[NDArray[np.float64], ...], statistic: Callable[...
     value = float(statistic(*samples, axis=-1))
     if len(samples[0]) < 2:
         return Interval(value, float("nan"), float("nan"))
+    low, high = _percentiles(samples, statistic, seed)
+    return Interval(value, float(low), float(high))
+
+
+def _percentiles(samples: tuple[NDArray[Any], ...], statistic: Callable[..., Any], seed: int) -> Any:
+    """(lower, upper) ends of the percentile interval of one or more statistics."""
     result = bootstrap(
         samples, statistic, paired=True, vectorized=True, n_resamples=RESAMPLES, batch=100,
         confidence_level=CONFIDENCE, method="percentile", rng=np.random.default_rng(seed),
     )  # fmt: skip
-    return Interval(value, float(result.confidence_interval.low), float(result.confidence_interval.high))
+    return result.confidence_interval.low, result.confidence_interval.high

@@ -17,6 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from shared.dataset import LARGEST_SEED
 from shared.dataset.locations import Location
 from shared.radar import Radar
+from trainer.data.arrays import ArrayChoice
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.rows import MetricRow, SummaryColumn
 from trainer.evaluation.store import Values, digest
@@ -82,6 +83,11 @@ class Bench:
     seconds: Mapping[tuple[str, str], float] = field(default_factory=dict)
     measured: Path | None = None
 
+    @property
+    def arrays(self) -> tuple[ArrayChoice, ...]:
+        """The arrays of its contenders, each once."""
+        return tuple({contender.array.name: contender.array for contender in self.contenders}.values())
+
 
 @dataclass(frozen=True)
 class Task:
@@ -116,9 +122,11 @@ def contender_task(
     return Task(contender.method, contender.array.name, condition, fingerprint, compute, contender.device)
 
 
-def radar_task(bench: Bench, method: str, condition: str, inputs: object, compute: Callable[[], Values]) -> Task:
-    """A task that belongs to no array, such as the truth of a simulated scene."""
-    return Task(method, "", condition, digest([bench.radar.model_dump(mode="json"), inputs]), compute)
+def radar_task(
+    bench: Bench, method: str, condition: str, inputs: object, compute: Callable[[], Values], array: str = ""
+) -> Task:
+    """A task that belongs to no contender, and as a rule to no array, such as the truth of a simulated scene."""
+    return Task(method, array, condition, digest([bench.radar.model_dump(mode="json"), inputs]), compute)
 
 
 Results = Mapping[tuple[str, str, str], Values]

@@ -46,6 +46,8 @@ class Contender:
     :param imaging: range-channel matrix [R, C] of all the radar's channels and noise power [W] to image [R, U]; to be
         pickled, for worker processes
     :param device: that it images on, "cpu" or "cuda"
+    :param scoring: for a method that ranks its detections by something else than their level: the same arguments to
+        (image, score), both [R, U], in one pass; to be pickled too
     """
 
     method: str
@@ -59,6 +61,7 @@ class Contender:
     trained_on: tuple[Fingerprint, ...]
     imaging: Callable[[NDArray[np.complex64], float], NDArray[np.floating]]
     device: str = "cpu"
+    scoring: Callable[[NDArray[np.complex64], float], tuple[NDArray[np.floating], NDArray[np.floating]]] | None = None
 
     @property
     def name(self) -> str:
@@ -67,6 +70,17 @@ class Contender:
     def image(self, range_channel: NDArray[np.complex64], noise_power: float) -> NDArray[np.float64]:
         """[R, U] image, see :attr:`unit`, of the range-channel matrix [R, C] of all channels [sqrt(W)]."""
         return np.asarray(self.imaging(range_channel, noise_power), dtype=np.float64)
+
+    def image_and_score(
+        self, range_channel: NDArray[np.complex64], noise_power: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """([R, U] :meth:`image`, [R, U] score by which detections are found and ranked, in any unit): the image twice
+        where the method has no other."""
+        if self.scoring is None:
+            image = self.image(range_channel, noise_power)
+            return image, image
+        level, score = self.scoring(range_channel, noise_power)
+        return np.asarray(level, dtype=np.float64), np.asarray(score, dtype=np.float64)
 
     def image_rows(
         self, range_channel: NDArray[np.complex64], noise_power: float, rows: NDArray[np.intp]

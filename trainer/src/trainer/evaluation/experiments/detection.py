@@ -13,8 +13,15 @@ from numpy.typing import NDArray
 from trainer.evaluation.experiments.bench import Bench, FrameRef, Results, Task, mean_row, ratio_row
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.experiments.frames import CELLS, RESIDUAL, frame_tasks, gathered, too_small
+from trainer.evaluation.experiments.ranking import (
+    AVERAGE_PRECISION,
+    DETECTION_PROBABILITY,
+    at_false_alarms,
+    ranking_figure,
+    ranking_rows,
+)
 from trainer.evaluation.report.style import Look, counted, legend_below, new_figure, subplots
-from trainer.evaluation.rows import MetricRow, SummaryColumn
+from trainer.evaluation.rows import TRUTH, MetricRow, SummaryColumn
 from trainer.metrics.detection import D_MAX_BINS, PROMINENCES
 
 TP, FP, FN, TN = range(4)
@@ -29,10 +36,10 @@ IMAGE_METRICS = {"NMSE": "nmse", SCALED_NMSE: "scaled_nmse", "PSNR of levels [dB
 
 _MATCH = f"d_max={D_MAX_BINS[0]} bins"
 SUMMARY = (
+    SummaryColumn("AP", AVERAGE_PRECISION),
+    SummaryColumn("P(detect) at 10 FA", DETECTION_PROBABILITY, at_false_alarms(10)),
     SummaryColumn("NMSE, best scale", SCALED_NMSE),
     SummaryColumn("SSIM", SSIM),
-    SummaryColumn("recall", RECALL, _MATCH),
-    SummaryColumn("precision", PRECISION, _MATCH),
     SummaryColumn("F1", F1, _MATCH),
     SummaryColumn("unsupported peaks", UNSUPPORTED),
 )
@@ -49,7 +56,13 @@ class Detection:
     cells = CELLS
     title = "Detection rate, false-alarm rate and precision on unseen scene frames (paper, Fig. 11)"
     caption = (
-        "By the paper's rules: every range bin's spectrum normalised to its maximum, peaks of "
+        "Detection probability over false alarms: the share of the truth's 3 x 3 maxima (13 dB above the noise of all "
+        "channels together, within 25 dB of their row's maximum, beyond 5 m) that have a detection of their own within "
+        "one range bin and two angle bins, at one threshold for all frames. A false alarm is a detection without such "
+        "a maximum that reads more than 10 dB above all that the truth has around it; an image without absolute unit "
+        "is read by delay-and-sum. Dotted: the method has no more detections. The truth's own image is the ceiling. "
+        "Average precision is the mean over the truth's maxima of the precision at which each is found, 0 if it is "
+        "not. The other figure is by the paper's rules: every range bin's spectrum normalised to its maximum, peaks of "
         "scipy.signal.find_peaks above 0.5, against the peaks of the truth, over the prominence that a peak needs. "
         "Upper line: a detection counts within 2 bins of a truth, lower line: within 4. The table has the one-to-one "
         "scores, GOSPA and image errors beside them."
@@ -74,6 +87,8 @@ class Detection:
                 parts, wholes = counts[:, d, p, part], counts[:, d, p, list(whole)].sum(axis=-1)
                 found.append(ratio_row(bench, self.name, contender, metric, condition, parts, wholes))
             found += strict_rows(bench, self.name, results, contender, refs, "")
+        for array in bench.arrays:
+            found += ranking_rows(bench, self.name, results, TRUTH, array.name, refs, "")
         return found
 
     def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
@@ -101,16 +116,16 @@ class Detection:
         for axis in axes[-1]:
             axis.set_xlabel("prominence of a peak, of the maximum")
         legend_below(figure, [*look.method_handles(), *look.array_handles(markers=False)])
-        return {self.name: figure}
+        return {"detection-probability": ranking_figure(bench, results, refs), self.name: figure}
 
 
 def strict_rows(
     bench: Bench, experiment: str, results: Results, contender: Contender, refs: Sequence[FrameRef], condition: str
 ) -> list[MetricRow]:
-    """One-to-one scores, GOSPA and image errors over frames."""
+    """Average precision, one-to-one scores, GOSPA and image errors over frames."""
     prefix = f"{condition}," if condition else ""
+    found = ranking_rows(bench, experiment, results, contender.method, contender.array.name, refs, condition)
     strict = gathered(results, contender, refs, "strict")  # (frames, d_max, 3)
-    found = []
     for d, d_max in enumerate(D_MAX_BINS):
         tp, fp, fn = np.moveaxis(strict[:, d], -1, 0)
         of = f"{prefix}d_max={d_max} bins"

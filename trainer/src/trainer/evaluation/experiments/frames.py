@@ -15,10 +15,14 @@ from shared.dataset import Frame
 from shared.dataset.folder import Dataset
 from shared.dataset.reading import read_frame
 from shared.radar import Radar
-from trainer.evaluation.experiments.bench import KEPT, Bench, FrameRef, Results, Task, contender_task
+from trainer.data.arrays import ArrayChoice
+from trainer.estimators.das import DelayAndSum
+from trainer.evaluation.experiments.bench import KEPT, Bench, FrameRef, Results, Task, contender_task, radar_task
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.report.levels import scene_levels
+from trainer.evaluation.rows import TRUTH
 from trainer.evaluation.store import Values
+from trainer.metrics.cells import CellScores, score_cells
 from trainer.metrics.detection import (
     D_MAX_BINS,
     PROMINENCES,
@@ -30,6 +34,7 @@ from trainer.metrics.detection import (
 )
 from trainer.metrics.gospa import gospa
 from trainer.metrics.image import SPAN_DB, SSIM_WINDOW, nmse, nmse_best_scaled, psnr, ssim
+from trainer.metrics.ranking import Ranking, pooled
 from trainer.metrics.residual import explain
 from trainer.run.targets import AMPLITUDE
 
@@ -79,15 +84,22 @@ def too_small(bench: Bench) -> str | None:
 
 
 def frame_tasks(bench: Bench) -> list[Task]:
-    """The cells of all frames and contenders, frame by frame."""
-    return [
-        contender_task(
-            bench, contender, ref.condition, [bench.data_sha256, ref.frame_id],
-            partial(score_frame, bench.radar, contender, partial(load_frame, ref)),
-        )
-        for ref in bench.frames
-        for contender in bench.contenders
-    ]  # fmt: skip
+    """The cells of all frames and contenders, frame by frame, and of the truth itself for each array."""
+    tasks = []
+    for ref in bench.frames:
+        inputs, load = [bench.data_sha256, ref.frame_id], partial(load_frame, ref)
+        tasks += [
+            contender_task(bench, contender, ref.condition, inputs, partial(score_frame, bench.radar, contender, load))
+            for contender in bench.contenders
+        ]
+        tasks += [
+            radar_task(
+                bench, TRUTH, ref.condition, [*inputs, list(array.rx)], partial(score_truth, bench.radar, array, load),
+                array.name,
+            )
+            for array in bench.arrays
+        ]  # fmt: skip
+    return tasks
 
 
 @lru_cache(maxsize=KEPT)
@@ -102,19 +114,24 @@ def score_frame(radar: Radar, contender: Contender, load: Callable[[], Frame]) -
     paper [2 d_max, prominences, 4]: TP, FP, FN, TN by the paper's rules; strict [2 d_max, 3]: TP, FP, FN one to one;
     gospa [3]: localisation, missed, false [bins^2], summed over the range bins with a truth; rows []: how many those
     are; residual [7]: see :data:`RESIDUAL`; nmse (NaN unless in sqrt(W)), scaled_nmse, psnr [dB], ssim []: NaN where
-    the truth is empty.
+    the truth is empty; cells_matched [m], cells_false [f], cells_true []: see
+    :class:`trainer.metrics.cells.CellScores`.
     """
     frame = load()
     truth = np.asarray(frame.image, dtype=np.float64) * frame.image_peak
-    image = contender.image(frame.range_channel[0], frame.noise_power)
+    image, score = contender.image_and_score(frame.range_channel[0], frame.noise_power)
+    chosen = frame.range_channel[0][:, contender.channels]
+    # An image without absolute unit says where something is. The data say how strong it is, by delay and sum there.
+    absolute = contender.unit == AMPLITUDE
+    level = image if absolute else DelayAndSum().image(chosen, contender.line, radar.grid.u, frame.noise_power)
+    step = radar.waveform.range_step_m
+    cells = score_cells(truth, level, frame.noise_power, len(contender.channels), step, score)
     detected, true = find_image_peaks(image), find_image_peaks(truth).above(TRUTH_PROMINENCE)
     paper = [[astuple(counts) for counts in paper_sweep(detected, true, PROMINENCES, d_max)] for d_max in D_MAX_BINS]
     prominent = detected.above(STRICT_PROMINENCE)
     strict = [astuple(strict_counts(prominent, true, d_max))[:3] for d_max in D_MAX_BINS]
     parts, rows = _gospa_parts(prominent, true)
-    explanation = explain(
-        image, radar.grid.u, frame.range_channel[0][:, contender.channels], contender.line, frame.noise_power
-    )
+    explanation = explain(image, radar.grid.u, chosen, contender.line, frame.noise_power)
     residual = [getattr(explanation, name) for name in RESIDUAL]
     values = {"paper": paper, "strict": strict, "gospa": parts, "rows": rows, "residual": residual}
     quality = {"nmse": math.nan, "scaled_nmse": math.nan, "psnr": math.nan, "ssim": math.nan}
@@ -123,9 +140,28 @@ def score_frame(radar: Radar, contender: Contender, load: Callable[[], Frame]) -
         true_levels = scene_levels(truth, AMPLITUDE, truth, SPAN_DB) / SPAN_DB + 1.0
         quality["scaled_nmse"] = nmse_best_scaled(image, truth)
         quality["psnr"], quality["ssim"] = psnr(levels, true_levels), ssim(levels, true_levels)
-        if contender.unit == AMPLITUDE:
+        if absolute:
             quality["nmse"] = nmse(image, truth)
-    return {name: np.asarray(value, dtype=np.float64) for name, value in (values | quality).items()}
+    return {name: np.asarray(value, dtype=np.float64) for name, value in (values | quality | _stored(cells)).items()}
+
+
+def score_truth(radar: Radar, array: ArrayChoice, load: Callable[[], Frame]) -> Values:
+    """What the truth's own image scores against the truth cells that an array could find: the most that is possible."""
+    frame = load()
+    truth = np.asarray(frame.image, dtype=np.float64) * frame.image_peak
+    channels = len(array.channels(radar))
+    cells = score_cells(truth, truth, frame.noise_power, channels, radar.waveform.range_step_m)
+    return {name: np.asarray(value, dtype=np.float64) for name, value in _stored(cells).items()}
+
+
+def _stored(cells: CellScores) -> dict[str, NDArray[np.float64] | float]:
+    return {"cells_matched": cells.matched, "cells_false": cells.false_alarms, "cells_true": float(cells.truths)}
+
+
+def ranking(results: Results, method: str, array: str, refs: Sequence[FrameRef]) -> Ranking:
+    """Detections of a method, or of :data:`TRUTH`, over frames."""
+    found = [results[method, array, ref.condition] for ref in refs]
+    return pooled([CellScores(one["cells_matched"], one["cells_false"], int(one["cells_true"])) for one in found])
 
 
 def _gospa_parts(detected: ImagePeaks, true: ImagePeaks) -> tuple[NDArray[np.float64], int]:

@@ -10,13 +10,13 @@ from matplotlib.figure import Figure
 from shared.physics.errors import figure_text
 from trainer.evaluation.experiments.bench import Bench, FrameRef, Results, Task
 from trainer.evaluation.experiments.contenders import Contender
-from trainer.evaluation.experiments.detection import F1, SSIM, strict_rows
+from trainer.evaluation.experiments.detection import SSIM, strict_rows
 from trainer.evaluation.experiments.frames import CELLS, frame_tasks, too_small
+from trainer.evaluation.experiments.ranking import AVERAGE_PRECISION
 from trainer.evaluation.report.style import Look, counted, legend_below, new_figure, subplots
 from trainer.evaluation.rows import MetricRow, SummaryColumn
-from trainer.metrics.detection import D_MAX_BINS
 
-SHOWN = (F1, SSIM)
+SHOWN = (AVERAGE_PRECISION, SSIM)
 
 
 class Generalisation:
@@ -72,8 +72,7 @@ class Generalisation:
         labels = [f"{figure_text(scene)}\n{counted(len(refs), 'frame')}" for scene, refs in scenes.items()]
         axes[-1].set_xticks(range(len(scenes)), labels)
         axes[0].set_title(
-            f"arrays from left to right, paler and paler: {figure_text(', '.join(look.arrays))}; d_max 2 bins",
-            loc="left",
+            f"arrays from left to right, paler and paler: {figure_text(', '.join(look.arrays))}", loc="left"
         )
         legend_below(figure, look.method_handles())
         return {self.name: figure}
@@ -101,11 +100,9 @@ def trained_on(bench: Bench, contender: Contender, scene: str) -> str:
 
 
 def _row(rows: Sequence[MetricRow], contender: Contender, metric: str, scene: str) -> MetricRow:
-    suffix = f",d_max={D_MAX_BINS[0]} bins" if metric.startswith("one-to-one") else ""
     return next(
         row
         for row in rows
         if (row.method, row.array, row.metric) == (contender.method, contender.array.name, metric)
         and row.condition.startswith(f"scene={scene},")
-        and row.condition.endswith(suffix)
     )

@@ -164,9 +164,8 @@ class Resolution:
 
 def with_ceiling(bench: Bench) -> tuple[Contender, ...]:
     """The contenders, and maximum likelihood on each of their arrays."""
-    arrays = {contender.array.name: contender.array for contender in bench.contenders}
     others = tuple(contender for contender in bench.contenders if contender.method != CEILING)
-    return (*others, *(estimator_contender(CEILING, array, bench.radar) for array in arrays.values()))
+    return (*others, *(estimator_contender(CEILING, array, bench.radar) for array in bench.arrays))
 
 
 def locate_targets(radar: Radar, contender: Contender, load: Callable[[], Trials]) -> Values:

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from matplotlib.figure import Figure
 
 from trainer.evaluation.experiments.bench import Bench, Results, Task, single_row
-from trainer.evaluation.experiments.detection import F1, SSIM, scene_frames, strict_rows
+from trainer.evaluation.experiments.detection import SSIM, scene_frames, strict_rows
 from trainer.evaluation.experiments.frames import CELLS, frame_tasks, too_small
+from trainer.evaluation.experiments.ranking import AVERAGE_PRECISION
 from trainer.evaluation.report.style import Look, legend_below, new_figure, subplots
 from trainer.evaluation.rows import MetricRow, SummaryColumn
-from trainer.metrics.detection import D_MAX_BINS
 
-SHOWN = (F1, SSIM)
+SHOWN = (AVERAGE_PRECISION, SSIM)
 SECONDS, PARAMETERS = "seconds for an image", "trained parameters"
 
 
@@ -49,7 +49,7 @@ class Tradeoff:
         for contender in bench.contenders:
             rows = strict_rows(bench, self.name, results, contender, scene_frames(bench), "")
             for axis, metric in zip(axes, SHOWN, strict=True):
-                row = next(r for r in rows if r.metric == metric and r.condition in ("", f"d_max={D_MAX_BINS[0]} bins"))
+                row = next(r for r in rows if r.metric == metric)
                 seconds = bench.seconds[contender.method, contender.array.name]
                 style = {"color": look.colour(contender.method), "marker": look.marker(contender.array.name)}
                 axis.plot(seconds, row.value, ms=7, ls="", **style)
@@ -58,8 +58,7 @@ class Tradeoff:
                     text = f"{contender.parameters / 1e6:.2g} M"
                     axis.annotate(text, (seconds, row.value), xytext=(7, 4), textcoords="offset points", fontsize=7)
         for axis, metric in zip(axes, SHOWN, strict=True):
-            suffix = f", d_max {D_MAX_BINS[0]} bins" if metric.startswith("one-to-one") else ""
-            axis.set(xscale="log", xlabel="seconds for one image", ylabel=f"{metric}{suffix}")
+            axis.set(xscale="log", xlabel="seconds for one image", ylabel=metric)
             axis.grid(alpha=0.25, which="both")
             axis.margins(0.12)
         legend_below(figure, [*look.method_handles(), *look.array_handles(lines=False)])

@@ -25,7 +25,6 @@ SCALE = (
     "relative ones and probabilities under their own. Where a pixel holds several bins, it shows the highest. Click "
     "into an image to move the cut."
 )
-TRUTH = "truth"
 
 
 @dataclass(frozen=True, eq=False)

@@ -102,6 +102,27 @@ def legend_below(figure: Figure, handles: Sequence[Line2D]) -> None:
             legend.remove()
 
 
+def label_ends(axis: Axes, ends: Sequence[tuple[float, str, str]], gap: float = 0.052) -> None:
+    """Names at the right of an axis, each at its line's last value or as near as the other names leave room.
+
+    :param ends: (last value, name, colour) of each line
+    :param gap: from name to name at least, of the axis' height
+    """
+    low, high = axis.get_ylim()
+    ordered = sorted(ends)
+    places: list[float] = []
+    for value, _, _ in ordered:
+        lowest = places[-1] + gap if places else 0.0
+        places.append(max((value - low) / (high - low), lowest))
+    # What is pushed out at the top pushes down in turn.
+    for index in range(len(places) - 1, -1, -1):
+        places[index] = min(places[index], places[index + 1] - gap if index + 1 < len(places) else 1.0)
+    for place, (_, name, colour) in zip(places, ordered, strict=True):
+        axis.text(
+            1.015, place, figure_text(name), color=colour, fontsize=8, va="center", ha="left", transform=axis.transAxes
+        )
+
+
 def counted(count: int, noun: str) -> str:
     """ "1 frame", "2 frames"."""
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"

@@ -1,0 +1,69 @@
+"""Average precision, and detection probability over false alarms, of frames: rows of the table and a figure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from shared.physics.errors import figure_text
+from trainer.evaluation.experiments.bench import Bench, FrameRef, Results
+from trainer.evaluation.experiments.frames import ranking
+from trainer.evaluation.report.style import TRUTH_COLOUR, Look, counted, label_ends, new_figure, subplots
+from trainer.evaluation.rows import TRUTH, MetricRow
+
+AVERAGE_PRECISION, DETECTION_PROBABILITY = "average precision", "detection probability"
+FALSE_ALARMS = (1, 10, 100)
+"""A frame, at which the table has the detection probability."""
+SHOWN_FALSE_ALARMS = (0.1, 1000.0)
+"""A frame, from and to, in the figure."""
+TITLE = "Detection probability over false alarms"
+
+
+def at_false_alarms(count: int) -> str:
+    """The condition of a row of :data:`DETECTION_PROBABILITY`."""
+    return f"false alarms={count} a frame"
+
+
+def ranking_rows(
+    bench: Bench, experiment: str, results: Results, method: str, array: str, refs: Sequence[FrameRef], condition: str
+) -> list[MetricRow]:
+    """Average precision and detection probabilities of a method, or of the truth itself, over frames."""
+    metrics = [(AVERAGE_PRECISION, condition)]
+    prefix = f"{condition}," if condition else ""
+    metrics += [(DETECTION_PROBABILITY, f"{prefix}{at_false_alarms(count)}") for count in FALSE_ALARMS]
+    found = ranking(results, method, array, refs).intervals(FALSE_ALARMS, bench.config.seed)
+    return [
+        MetricRow(experiment, method, array, metric, of, one.value, one.low, one.high, len(refs))
+        for (metric, of), one in zip(metrics, found, strict=True)
+    ]
+
+
+def ranking_figure(bench: Bench, results: Results, refs: Sequence[FrameRef]) -> Figure:
+    """Detection probability over false alarms a frame, a panel for each array."""
+    look = Look([c.method for c in bench.contenders], [c.array.name for c in bench.contenders])
+    figure = new_figure(4.4 * len(look.arrays) + 0.6, 4.6, f"{TITLE}: {counted(len(refs), 'frame')}")
+    axes = subplots(figure, 1, len(look.arrays), sharey=True)[0]
+    least, most = SHOWN_FALSE_ALARMS
+    places = np.geomspace(least, most, 241)
+    for axis, array in zip(axes, look.arrays, strict=True):
+        methods = [contender.method for contender in bench.contenders if contender.array.name == array]
+        ends = []
+        for method in (*methods, TRUTH):
+            false, detected = ranking(results, method, array, refs).curve()
+            down_to = np.searchsorted(false, places, side="right")
+            shown = np.concatenate([[0.0], detected])[down_to]
+            colour = TRUTH_COLOUR if method == TRUTH else look.colour(method)
+            width = 1.3 if method == TRUTH else look.weight(method)
+            # Behind its last false alarm a method has nothing more to offer. The truth has none.
+            solid = (places <= false.max(initial=0.0)) | (method == TRUTH)
+            axis.plot(places[solid], shown[solid], color=colour, lw=width)
+            axis.plot(places[~solid], shown[~solid], color=colour, lw=1.0, ls=":")
+            ends.append((float(shown[-1]), method, colour))
+        axis.set(title=figure_text(array), xlabel="false alarms a frame", xscale="log", xlim=(least, most))
+        axis.set_ylim(0.0, 1.03)
+        axis.grid(alpha=0.25)
+        label_ends(axis, ends)
+    axes[0].set_ylabel("detection probability")
+    return figure
