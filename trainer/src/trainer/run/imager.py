@@ -17,7 +17,7 @@ from shared.signal.features import (
 from trainer.data.arrays import ArrayChoice
 from trainer.run.building import build_network
 from trainer.run.configuration import FitConfig
-from trainer.run.targets import decode
+from trainer.run.targets import PROBABILITY, UNITS, decode
 
 
 class Imager(nn.Module):
@@ -80,3 +80,13 @@ class Imager(nn.Module):
         """[B, R, U] image, see :data:`trainer.run.targets.UNITS`."""
         features, scale = self.features(range_channel, noise_power)
         return self.gain * decode(self.config, self.answer(features), scale)
+
+    def detect(
+        self, range_channel: torch.Tensor, noise_power: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor | None]:
+        """([B, R, U] image, [B, R, U] probability of a target, None for a network without a detection head).
+
+        A network whose image is a probability is its own head.
+        """
+        image = self(range_channel, noise_power)
+        return image, image if UNITS[self.config.target] == PROBABILITY else None
