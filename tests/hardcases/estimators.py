@@ -15,6 +15,7 @@ from shared.radar import Radar
 from shared.radar.arrays import AVR_QDM_110_THINNED_RX
 from trainer.estimators.array import LineArray
 from trainer.estimators.base import ESTIMATORS, UNIFORM_ESTIMATORS, Estimator, line_array
+from trainer.estimators.fitting import fit_lines
 
 U = np.linspace(-0.85, 0.85, 171)
 NOISE_W = 1e-4
@@ -125,6 +126,32 @@ def _strong_beside_weak() -> float:
     return _not_finite(snapshot[None], SPARSE, 0.0) + _not_finite(snapshot[None], SPARSE, 1e-20)
 
 
+def _false_lines() -> float:
+    """Lines that the fit finds in a frame of noise alone, 630 rows; the worse array, the mean of 10 frames."""
+    frames, rows = 10, 630
+    found = [
+        fit_lines(_noise(frames * rows, array.channels), array, NOISE_W, np.full((frames * rows, 0), np.nan))
+        for array in (SPARSE, FULL)
+    ]
+    return max(float(np.count_nonzero(lines.amplitude)) / frames for lines in found)
+
+
+def _fitted_at_extremes() -> float:
+    """Values of a line fit that are wrong: at zeros, without noise, without candidates, at extreme levels, at 80 dB."""
+    wrong = 0
+    lone = _targets(SPARSE, np.array([0.1]))
+    rows: NDArray[np.complex128] = np.stack([np.zeros(SPARSE.channels), lone, lone, 1e4 * lone])
+    rows[2:] += _noise(2, SPARSE.channels) / np.sqrt(NOISE_W) * np.array([[1e-1], [1.0]])
+    for scale in (1e-20, 1.0, 1e20):
+        for noise_power in (0.0, 0.01, 1.0):
+            for start in (np.full((4, 0), np.nan), np.full((4, 2), 0.1), np.full((4, 3), [0.1003, 0.11, np.nan])):
+                found = fit_lines(scale * rows, SPARSE, noise_power * scale**2, start)
+                lines = np.count_nonzero(found.amplitude, axis=1)
+                wrong += int(np.count_nonzero(~np.isfinite(found.amplitude))) + int(lines[0] != 0) + int(lines[3] != 1)
+                wrong += int(abs(found.u[3, 0] - 0.1) > 1e-5) + int(abs(found.amplitude[3, 0] / scale / 1e4) > 1.001)
+    return float(wrong)
+
+
 CASES = (
     HardCase("estimators, zero snapshot", "the inverse of a zero covariance", 0.0, "wrong values", _zero_snapshots),
     HardCase("estimators, rank one, no noise", "AIC's logarithm of zero eigenvalues", 1.0, "grid steps", _rank_one),
@@ -133,5 +160,7 @@ CASES = (
     HardCase("estimators at 1e-20", "loadings and stops in absolute numbers", 1e-6, "relative", lambda: _scaled(1e-20)),
     HardCase("estimators at 1e20", "as above", 1e-6, "relative", lambda: _scaled(1e20)),
     HardCase("elements at one place", "a singular manifold", 0.0, "not finite", _elements_at_one_place),
+    HardCase("line fit on noise alone", "noise is explained by lines", 1.0, "lines a frame", _false_lines),
+    HardCase("line fit at extremes", "absolute thresholds, singular systems", 0.0, "wrong values", _fitted_at_extremes),
     HardCase("200 dB between targets", "a covariance of condition 1e40", 0.0, "not finite", _strong_beside_weak),
 )

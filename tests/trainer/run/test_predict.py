@@ -7,32 +7,19 @@ import onnxruntime
 import pyarrow.parquet as pq
 import pytest
 import torch
-from tiny_radar import NOISE_POWER, RADAR, TINY, frame, small_dataset, write_dataset
+from tiny_radar import NOISE_POWER, RADAR, frame, small_dataset, write_dataset
+from tiny_run import make_run
 
 from shared.physics.errors import InputError
 from shared.signal import if_signal
 from shared.signal.adaptive import adaptive_tables
 from shared.signal.features import adaptive_features, row_features, steering_weights
-from trainer.data.arrays import ArrayChoice
 from trainer.data.measurements import Measurement, open_measurements
 from trainer.run.export import export
-from trainer.run.folder import Run, load_imager, save_weights, write_run
-from trainer.run.imager import Imager
-from trainer.run.predict import image_peaks, predict
+from trainer.run.folder import load_imager
+from trainer.run.predict import answer_peaks, merge_peaks, predict
 
 SHAPE = (RADAR.waveform.range_bins, RADAR.grid.bins)
-
-
-def make_run(directory, **changes):
-    """A run with random weights: what is tested here does not depend on what they learned."""
-    config = TINY.model_copy(update=changes)
-    array = ArrayChoice(name="mine", rx=(0, 1, 2, 5))
-    torch.manual_seed(0)
-    imager = Imager(config, RADAR, array)
-    directory.mkdir()
-    write_run(directory, Run(config=config, radar=RADAR, array=array, datasets=()))
-    save_weights(directory, imager)
-    return directory
 
 
 def read_images(path):
@@ -76,7 +63,9 @@ def test_doppler_peaks_are_merged_by_maximum_and_keep_their_velocity(tmp_path):
     snapshots = np.zeros((3, rows, 6), np.complex64)
     snapshots[:, 10] = np.stack([echoes[:, 4] * 2e-7, echoes[:, 16] * 1e-7, echoes[:, 4] * 2e-7])
     velocity = np.tile(np.array([[0.0], [9.0], [0.0]], np.float32), (1, rows))
-    image, speed = image_peaks(imager, Measurement("m", 0, snapshots, velocity, 0.0, None))
+    images, probability = answer_peaks(imager, Measurement("m", 0, snapshots, velocity, 0.0, None))
+    assert probability is None
+    image, speed = merge_peaks(images, velocity)
     assert speed[10, 4] == 0.0
     assert speed[10, 16] == 9.0
     assert image[10, 4] == pytest.approx(2e-7, rel=1e-4)

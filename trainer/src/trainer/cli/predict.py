@@ -20,8 +20,14 @@ def predict(
     radar: Annotated[str | None, typer.Option(help="Radar of a .npy cube: a preset or a TOML file.")] = None,
     split: Annotated[str, typer.Option(help="Of a dataset: train, validation, test or all.")] = "test",
     pictures: Annotated[bool, typer.Option("--pictures/--no-pictures", help="A PNG for each frame.")] = True,
+    points: Annotated[
+        bool, typer.Option("--points", help="Also the targets as a list: a column 'detections', the strongest first.")
+    ] = False,
+    points_format: Annotated[
+        str, typer.Option(help="Of the list: parquet, the column alone; csv or pcd, files for other tools as well.")
+    ] = "parquet",
 ) -> None:
     """Image frames with a trained network, every Doppler peak of a range bin included."""
     from trainer.run.predict import predict as run_predict
 
-    run_predict(run, source, out, radar, split, pictures)
+    run_predict(run, source, out, radar, split, pictures, points=points, points_format=points_format)

@@ -24,8 +24,8 @@ times the standard error of a lone line's. Two lines d apart have the eigenvalue
 RIDGE = 1e-12
 """On the diagonal of A^H A / C: two lines at one angle share its amplitude instead of failing."""
 STEPS = 12
-LARGEST_STEP = 0.25
-"""Of a resolution cell: farther than that the linear step is no guide."""
+LARGEST_STEP, SETTLED = 0.25, 1e-6
+"""Of a resolution cell: farther than the one the linear step is no guide, below the other it changes nothing."""
 FIRST_DAMPING, DAMPING_FACTOR, DAMPING_RANGE = 1e-3, 10.0, (1e-9, 1e9)
 """Levenberg's, relative to the diagonal: a rejected step raises it, an accepted one lowers it."""
 
@@ -56,37 +56,81 @@ def bounded_amplitudes(
     return amplitude, x - (atoms @ amplitude[..., None])[..., 0]
 
 
+def line_energy_left(x: NDArray[np.complex128], u: NDArray[np.float64], array: LineArray) -> NDArray[np.float64]:
+    """[B] energy that lines u [B, K] leave of snapshots x [B, C] by least squares."""
+    return _energy(line_amplitudes(x, u, array)[1])
+
+
+def bounded_energy_left(x: NDArray[np.complex128], u: NDArray[np.float64], array: LineArray) -> NDArray[np.float64]:
+    """[B] energy that they leave with bounded amplitudes: nothing is won by lines that cancel each other."""
+    return _energy(bounded_amplitudes(x, u, array)[1])
+
+
 def refine_lines(
     x: NDArray[np.complex128], u: NDArray[np.float64], array: LineArray, steps: int = STEPS
 ) -> NDArray[np.float64]:
     """[B, K] angles of a local optimum of ||P x|| near u [B, K], jointly in all lines; never a worse one."""
-    derivative = -2j * np.pi / array.wavelength_m * array.positions_m[:, None]
-    best, atoms = u.copy(), _atoms(u, array)
-    amplitude, left = _least_squares(x, atoms)
-    cost = _energy(left)
-    damping = np.full(len(x), FIRST_DAMPING)
-    diagonal = np.arange(u.shape[1])
+    best, damping = u.copy(), np.full(len(x), FIRST_DAMPING)
+    cost = _energy(_least_squares(x, _atoms(u, array))[1])
+    reach, settled = LARGEST_STEP * array.resolution_cell, SETTLED * array.resolution_cell
+    going = np.arange(len(x) if u.shape[1] else 0)
     for _ in range(steps):
-        moved = derivative * atoms
-        jacobian = (moved - atoms @ _normal_solve(atoms, moved)) * amplitude[:, None, :]
-        adjoint = np.swapaxes(jacobian, 1, 2).conj()
-        curvature = (adjoint @ jacobian).real
-        slope = (adjoint @ left[..., None])[..., 0].real
-        own = curvature[:, diagonal, diagonal]
-        # A line without amplitude has no curvature, and no step.
-        floor = np.maximum(RIDGE * own.max(axis=1, keepdims=True), np.finfo(np.float64).tiny)
-        curvature[:, diagonal, diagonal] = own * (1.0 + damping[:, None]) + floor
-        step = np.linalg.solve(curvature, slope[..., None])[..., 0]
-        reach = LARGEST_STEP * array.resolution_cell
-        trial = best + np.clip(step, -reach, reach)
-        trial_atoms = _atoms(trial, array)
-        trial_amplitude, trial_left = _least_squares(x, trial_atoms)
-        better = _energy(trial_left) < cost
-        best[better], atoms[better] = trial[better], trial_atoms[better]
-        amplitude[better], left[better] = trial_amplitude[better], trial_left[better]
-        cost = _energy(left)
-        damping = np.clip(np.where(better, damping / DAMPING_FACTOR, damping * DAMPING_FACTOR), *DAMPING_RANGE)
+        step = np.clip(_damped_step(x[going], best[going], array, damping[going]), -reach, reach)
+        trial = best[going] + step
+        trial_cost = _energy(_least_squares(x[going], _atoms(trial, array))[1])
+        better = trial_cost < cost[going]
+        best[going[better]], cost[going[better]] = trial[better], trial_cost[better]
+        factor = np.where(better, 1.0 / DAMPING_FACTOR, DAMPING_FACTOR)
+        damping[going] = np.clip(damping[going] * factor, *DAMPING_RANGE)
+        going = going[np.abs(step).max(axis=1) > settled]
+        if not len(going):
+            break
     return best
+
+
+def line_covariance(
+    x: NDArray[np.complex128], u: NDArray[np.float64], array: LineArray, noise: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """[B, K, K] Cramer-Rao bound of lines at u [B, K] with the amplitudes that snapshots x [B, C] give them.
+
+    sigma^2 / 2 Re[(P D diag(s))^H (P D diag(s))]^-1. Lines that cannot be placed have a large variance, not an error.
+
+    :param noise: [B] sigma^2 in each channel [W]
+    """
+    information = _jacobian_products(x, u, array)[0]
+    diagonal = np.arange(u.shape[1])
+    own = information[:, diagonal, diagonal]
+    # Elements at one place say nothing of an angle, but for rounding.
+    least = RIDGE * (2.0 * np.pi) ** 2 * _energy(x)[:, None]
+    scale = 1.0 / np.sqrt(np.maximum(own, np.maximum(least, np.finfo(np.float64).tiny)))
+    information = information * scale[:, :, None] * scale[:, None, :]
+    information[:, diagonal, diagonal] += RIDGE
+    return 0.5 * noise[:, None, None] * np.linalg.inv(information) * scale[:, :, None] * scale[:, None, :]
+
+
+def _damped_step(
+    x: NDArray[np.complex128], u: NDArray[np.float64], array: LineArray, damping: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """[B, K] Levenberg's step from the lines u."""
+    curvature, slope = _jacobian_products(x, u, array)
+    diagonal = np.arange(u.shape[1])
+    own = curvature[:, diagonal, diagonal]
+    # A line without amplitude has no curvature, and no step.
+    floor = np.maximum(RIDGE * own.max(axis=1, keepdims=True), np.finfo(np.float64).tiny)
+    curvature[:, diagonal, diagonal] = own * (1.0 + damping[:, None]) + floor
+    return np.asarray(np.linalg.solve(curvature, slope[..., None])[..., 0], dtype=np.float64)
+
+
+def _jacobian_products(
+    x: NDArray[np.complex128], u: NDArray[np.float64], array: LineArray
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(Re[J^H J] [B, K, K], Re[J^H x] [B, K]) with J = P D diag(s) of the lines u."""
+    atoms = _atoms(u, array)
+    amplitude, left = _least_squares(x, atoms)
+    moved = -2j * np.pi / array.wavelength_m * array.positions_m[:, None] * atoms
+    jacobian = (moved - atoms @ _normal_solve(atoms, moved)) * amplitude[:, None, :]
+    adjoint = np.swapaxes(jacobian, 1, 2).conj()
+    return (adjoint @ jacobian).real, (adjoint @ left[..., None])[..., 0].real
 
 
 def _least_squares(

@@ -18,7 +18,7 @@ from shared.signal.features import (
 from trainer.data.arrays import ArrayChoice
 from trainer.run.building import build_network
 from trainer.run.configuration import FitConfig
-from trainer.run.targets import decode
+from trainer.run.targets import PROBABILITY, UNITS, decode
 
 
 class Imager(nn.Module):
@@ -89,11 +89,16 @@ class Imager(nn.Module):
     def detect(
         self, range_channel: torch.Tensor, noise_power: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor | None]:
-        """([B, R, U] image, see :data:`trainer.run.targets.UNITS`; [B, R, U] probability of a target, if it says)."""
+        """([B, R, U] image, see :data:`trainer.run.targets.UNITS`; [B, R, U] probability of a target, or None).
+
+        A network without a detection head has no such probability, but where its image is one.
+        """
         features, scale = self.features(range_channel, noise_power)
         answer = self.answer(features)
         image = self.gain * decode(self.config, answer, scale)
-        return image, answer[:, 1].float().sigmoid() if self.detects else None
+        if self.detects:
+            return image, answer[:, 1].float().sigmoid()
+        return image, image if UNITS[self.config.target] == PROBABILITY else None
 
     def forward(self, range_channel: torch.Tensor, noise_power: torch.Tensor) -> torch.Tensor:
         """[B, R, U] image of :meth:`detect`."""

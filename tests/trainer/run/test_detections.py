@@ -1,0 +1,192 @@
+"""``trainer predict --points``: one detection for each target, and the files that hold them."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from numpy.typing import NDArray
+from paper_arrays import ARRAYS, RADAR, U
+from tiny_radar import small_dataset
+from tiny_run import make_run
+from typer.testing import CliRunner
+
+from shared.physics.errors import InputError
+from shared.signal.windows import cell_noise_power, hann
+from trainer.cli.app import app
+from trainer.data.arrays import choose_array
+from trainer.data.simulation import amplitude_of, in_plane, snapshot
+from trainer.estimators.base import ESTIMATORS
+from trainer.run.detection_files import UNITS, records, write_csv, write_pcd
+from trainer.run.detections import Detections, find_detections, hann_envelope_db
+from trainer.run.predict import predict
+
+ARRAY = ARRAYS["sparse6"]
+CHANNELS = choose_array("sparse6", RADAR).channels(RADAR)
+NOISE = cell_noise_power(RADAR)
+STEP = RADAR.waveform.range_step_m
+
+
+def detect(snapshots: NDArray[np.complexfloating], velocity: NDArray[np.floating], probability=None) -> Detections:
+    """From delay-and-sum images of snapshots [D, R, C]."""
+    chosen = snapshots[..., CHANNELS]
+    image = np.stack([ESTIMATORS["das"]().image(peak, ARRAY, U, NOISE) for peak in chosen])
+    return find_detections(image, probability, chosen, velocity, RADAR, ARRAY, NOISE)
+
+
+def at_rest(ranges: list[float], u: list[float], snr_db: list[float], seed: int = 0) -> NDArray[np.complex64]:
+    """[1, R, C] of resting targets at these ranges [bins], with noise."""
+    amplitudes = np.array([amplitude_of(level, RADAR) for level in snr_db]) * np.exp(1j * np.arange(len(u)))
+    positions = in_plane(STEP * np.array(ranges), np.array(u))
+    return snapshot(RADAR, positions, amplitudes, np.random.default_rng(seed))[None]
+
+
+def test_each_target_is_one_detection_where_it_stands() -> None:
+    """Among them a pair half a cell apart, and one 35 dB below the strongest, three range bins from it."""
+    cell = ARRAYS["full"].resolution_cell
+    ranges = [100.0, 200.3, 200.3, 300.45, 303.45, 400.7]
+    u = [-0.4, 0.1, 0.1 + 0.5 * cell, 0.3, -0.3, 0.7]
+    snr_db = [20.0, 30.0, 30.0, 50.0, 15.0, 25.0]
+    found = detect(at_rest(ranges, u, snr_db), np.zeros((1, 630)))
+    assert (np.diff(found.amplitude_db) <= 0.0).all()
+    for bins, angle, level in zip(ranges, u, snr_db, strict=True):
+        near = (np.abs(found.u - angle) < 0.2 * cell) & (np.abs(found.range_m / STEP - bins) < 0.6)
+        assert near.sum() == 1
+        (index,) = np.flatnonzero(near)
+        # A range bin shows a target up to 1.4 dB too low; noise adds to it.
+        expected = 20.0 * np.log10(amplitude_of(level, RADAR))
+        assert found.amplitude_db[index] == pytest.approx(expected, abs=2.5)
+        assert abs(found.u[index] - angle) < 5.0 * found.u_std[index] + 1e-3
+    # At most one false line in 630 rows of noise is stated; the front's curvature and range sidelobes may add one.
+    assert len(found) <= len(u) + 2
+    assert np.isnan(found.probability).all()
+    assert not found.velocity.any()
+
+
+def test_range_is_interpolated_where_both_neighbours_show_the_target() -> None:
+    for offset in (-0.4, 0.0, 0.25):
+        found = detect(at_rest([150.0 + offset], [0.2], [35.0]), np.zeros((1, 630)))
+        assert found.range_m[0] / STEP == pytest.approx(150.0 + offset, abs=0.06)
+    weak = detect(at_rest([150.3], [0.2], [3.0]), np.zeros((1, 630)))
+    near = np.abs(weak.u - 0.2) < 0.01
+    assert set(np.round(weak.range_m[near] / STEP, 9) % 1.0) <= {0.0}
+
+
+def test_sidelobes_over_range_and_doppler_are_no_targets() -> None:
+    quiet = detect(at_rest([150.3], [0.2], [60.0]), np.zeros((1, 630)))
+    assert np.count_nonzero(np.abs(quiet.u - 0.2) < 0.02) == 1
+    # The same row again at other Doppler cells: 40 dB below four cells off, and 20 dB below twenty cells off.
+    one = at_rest([150.0], [0.2], [45.0])
+    peaks = np.concatenate([one, 0.01 * one, 0.1 * one, one])
+    step = RADAR.waveform.velocity_step_mps
+    velocity = step * np.repeat([[0.0], [4.0], [20.0], [0.0]], 630, axis=1)
+    found = detect(peaks, velocity)
+    near = np.abs(found.u - 0.2) < 0.02
+    np.testing.assert_allclose(sorted(found.velocity[near]), [0.0, 20.0 * step])
+
+
+def test_the_envelope_is_above_the_window_everywhere() -> None:
+    spectrum = np.abs(np.fft.fft(hann(64), 64 * 32)) / 32.0
+    bins = np.arange(len(spectrum) // 4) / 32.0
+    assert (20.0 * np.log10(spectrum[: len(bins)] + 1e-20) <= hann_envelope_db(bins) + 0.05).all()
+    assert hann_envelope_db(np.array([2.36]))[0] == pytest.approx(-31.0, abs=1.0)
+
+
+def test_noise_alone_and_nothing_at_all() -> None:
+    assert len(detect(np.concatenate([at_rest([100.0], [0.0], [-300.0], seed) for seed in range(3)]),
+                      np.arange(3.0)[:, None] * np.ones((3, 630)))) <= 6  # fmt: skip
+    empty = detect(np.zeros((3, 630, 48), np.complex64), np.zeros((3, 630)))
+    assert len(empty) == 0
+    assert records(empty) == []
+
+
+def test_probability_orders_candidates_and_is_read_beside_the_line() -> None:
+    place = 300
+    probability = np.zeros((1, 630, 450), np.float32)
+    probability[0, 150, place] = 0.8
+    found = detect(at_rest([150.0], [U[place] + 0.001], [30.0]), np.zeros((1, 630)), probability)
+    assert found.probability[0] == pytest.approx(0.8)
+    assert ((found.probability >= 0.0) & (found.probability <= 1.0)).all()
+
+
+def test_shapes_that_do_not_fit_are_refused() -> None:
+    with pytest.raises(InputError, match="detections"):
+        find_detections(np.zeros((1, 5, 450)), None, np.zeros((1, 6, 18), complex), np.zeros((1, 6)), RADAR, ARRAY, NOISE)
+
+
+SOME = Detections(
+    np.array([10.0, 20.0]), np.array([0.6, -0.8]), np.array([1.5, 0.0]), np.array([-100.0, -120.5]),
+    np.array([1e-4, 2e-3]), np.array([0.75, math.nan]),
+)  # fmt: skip
+
+
+def test_csv_has_a_line_a_detection(tmp_path) -> None:
+    write_csv(tmp_path / "d.csv", [(3, SOME), (4, SOME)])
+    with (tmp_path / "d.csv").open(newline="") as handle:
+        rows = list(csv.DictReader(handle))
+    assert [row["frame_id"] for row in rows] == ["3", "3", "4", "4"]
+    assert list(rows[0]) == ["frame_id", *UNITS]
+    assert [float(rows[0][name]) for name in UNITS] == [10.0, 0.6, 1.5, -100.0, 1e-4, 0.75]
+    assert rows[1]["probability"] == ""
+
+
+def test_a_point_cloud_says_what_it_holds(tmp_path) -> None:
+    write_pcd(tmp_path / "d.pcd", SOME)
+    lines = (tmp_path / "d.pcd").read_text().splitlines()
+    header = dict(line.split(" ", 1) for line in lines[:11])
+    assert (header["VERSION"], header["FIELDS"]) == ("0.7", "x y z intensity velocity probability")
+    assert (header["WIDTH"], header["HEIGHT"], header["POINTS"], header["DATA"]) == ("2", "1", "2", "ascii")
+    for name in ("SIZE", "TYPE", "COUNT"):
+        assert len(header[name].split()) == 6
+    assert lines[11].split() == ["8", "6", "0", "-100", "1.5", "0.75"]
+    assert lines[12].split() == ["12", "-16", "0", "-120.5", "0", "nan"]
+    assert len(lines) == 13
+
+
+def test_predict_writes_the_list_beside_the_image(tmp_path) -> None:
+    data, run = small_dataset(tmp_path / "data", training=2), make_run(tmp_path / "run")
+    said: list[str] = []
+    predict(run, data, tmp_path / "out", split="test", pictures=False, announce=said.append, points=True)
+    table = pq.read_table(tmp_path / "out/images.parquet")
+    (found,) = table["detections"].to_pylist()
+    assert len(found) >= 6  # one or two targets in every third of 24 range bins, far above the noise
+    assert list(found[0]) == list(UNITS)
+    assert [row["amplitude_db"] for row in found] == sorted((row["amplitude_db"] for row in found), reverse=True)
+    assert {row["probability"] for row in found} == {None}
+    assert json.loads(table.schema.metadata[b"sparseradar"])["units"]["detections"] == UNITS
+    assert said[0].endswith("has no detection head: the detections' probability is null")
+    predict(run, data, tmp_path / "plain", split="test", pictures=False, announce=said.append)
+    assert pq.read_schema(tmp_path / "plain/images.parquet").names == ["frame_id", "image", "velocity"]
+
+
+def test_a_network_of_probabilities_is_its_own_head(tmp_path) -> None:
+    data, run = small_dataset(tmp_path / "data", training=2), make_run(tmp_path / "run", target="class")
+    predict(run, data, tmp_path / "out", split="test", pictures=False, announce=str, points=True)
+    (found,) = pq.read_table(tmp_path / "out/images.parquet")["detections"].to_pylist()
+    assert all(0.0 <= row["probability"] <= 1.0 for row in found)
+
+
+@pytest.mark.parametrize(("form", "files"), [("csv", ["detections.csv"]), ("pcd", ["frame-000200.pcd"])])
+def test_other_tools_get_files_from_the_command_line(tmp_path, form: str, files: list[str]) -> None:
+    data, run = small_dataset(tmp_path / "data", training=2), make_run(tmp_path / "run")
+    command = ["predict", str(run), str(data), "--out", str(tmp_path / "out"), "--no-pictures"]
+    result = CliRunner().invoke(app, [*command, "--points", "--points-format", form])
+    assert result.exit_code == 0, result.output
+    assert sorted(path.name for path in (tmp_path / "out").iterdir() if path.name != "images.parquet") == files
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"points": True, "points_format": "las"}, r"--points-format: 'las'; expected parquet or csv or pcd"),
+        ({"points_format": "csv"}, r"'csv' without --points"),
+    ],
+)
+def test_formats_are_checked_before_any_work(tmp_path, options: dict, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        predict(tmp_path / "none", tmp_path / "none", tmp_path / "out", **options)
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,164 @@
+"""Changes to a set of lines: take one away, split one, add one, put one elsewhere; and the refit that judges them.
+
+Every move turns lines u [B, K] into trials [B, T, L]. :func:`best_refit` refines all trials and keeps the one that
+leaves least of the snapshot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trainer.estimators.array import LineArray
+from trainer.estimators.lines import STEPS, line_energy_left, refine_lines
+
+CLOSEST = 1e-9
+"""Smallest part of a manifold vector outside the span of others that can still be told from rounding."""
+LEAST_APART = 1e-4
+"""Least 1 - |g|^2 of a pair that single precision tells."""
+NEAR_CELLS = 0.2
+"""Angles so near are refined to the same ones. With 0.5 four in a hundred pairs of 12 channels half a cell apart at
+20 dB end at a wrong optimum, with 0.2 none more than of an exhaustive search."""
+KEPT_ANGLES = 48
+"""Of a row, of which all pairs are tried."""
+
+EnergyLeft = Callable[[NDArray[np.complex128], NDArray[np.float64], LineArray], NDArray[np.float64]]
+"""What lines [B, K] leave of snapshots [B, C]: the energies [B]."""
+
+
+def removals(u: NDArray[np.float64]) -> NDArray[np.float64]:
+    """[B, K, K - 1] the lines u [B, K] without each of them."""
+    lines = u.shape[1]
+    kept = np.array([[other for other in range(lines) if other != line] for line in range(lines)], dtype=np.intp)
+    return u[:, kept.reshape(lines, max(lines - 1, 0))]
+
+
+def splits(u: NDArray[np.float64], distances: Sequence[float]) -> NDArray[np.float64]:
+    """[B, K * len(distances), K + 1] each of the lines u [B, K] in two, at each of these distances in u."""
+    halves = [
+        np.concatenate([np.delete(u, line, axis=1), u[:, [line]] - 0.5 * apart, u[:, [line]] + 0.5 * apart], axis=1)
+        for line in range(u.shape[1])
+        for apart in distances
+    ]
+    return np.stack(halves, axis=1)
+
+
+def additions(
+    x: NDArray[np.complex128], array: LineArray, axis: NDArray[np.float64], u: NDArray[np.float64], count: int = 1
+) -> NDArray[np.float64]:
+    """[B, count, K + 1] the lines u [B, K] with each of the ``count`` angles that explain most of what they leave.
+
+    The score is |a^H P x|^2 / a^H P a with P the projection off the span of the lines; an angle of ``axis`` inside that
+    span counts 0. Beside the best one only its local maxima are taken.
+    """
+    score = addition_score(x, array, axis, u)
+    if count > 1:
+        before, after = np.roll(score, 1, axis=1), np.roll(score, -1, axis=1)
+        score = np.where((score >= before) & (score > after), score, 0.0)
+        best = np.argsort(-score, axis=1, kind="stable")[:, :count]
+    else:
+        best = np.argmax(score, axis=1)[:, None]
+    kept = np.repeat(u[:, None, :], best.shape[1], axis=1)
+    return np.concatenate([kept, axis[best][..., None]], axis=2)
+
+
+def addition_score(
+    x: NDArray[np.complex128], array: LineArray, axis: NDArray[np.float64], u: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """[B, N] energy that a further line at each angle of ``axis`` [N] takes of what the lines u [B, K] leave of x."""
+    manifold = array.manifold(axis)
+    if not u.shape[1]:
+        return np.abs(x @ manifold.conj()) ** 2 / array.channels
+    basis, _ = np.linalg.qr(np.moveaxis(array.manifold(u), 0, 1))
+    adjoint = np.swapaxes(basis, 1, 2).conj()
+    left = x - (basis @ (adjoint @ x[..., None]))[..., 0]
+    inside = np.abs(adjoint @ manifold) ** 2
+    outside = np.maximum(array.channels - inside.sum(axis=1), 0.0)
+    explained = np.abs(left @ manifold.conj()) ** 2
+    tested = outside > CLOSEST * array.channels
+    return np.where(tested, explained / np.where(tested, outside, 1.0), 0.0)
+
+
+def pairs_elsewhere(
+    x: NDArray[np.complex128],
+    array: LineArray,
+    axis: NDArray[np.float64],
+    u: NDArray[np.float64],
+    count: int,
+    kept: int = KEPT_ANGLES,
+) -> NDArray[np.float64]:
+    """[B, count, 2] the pairs of angles that explain most of x, none of which is near two of the lines u [B, K].
+
+    Of the ``kept`` angles with the highest delay-and-sum all pairs are tried, see :func:`pair_energy`. A pair is near
+    where both its angles are within :data:`NEAR_CELLS` of lines; pairs near a better one are left out as well.
+    """
+    spacing = axis[1] - axis[0]
+    matched = x @ array.manifold(axis).conj() / np.sqrt(array.channels)
+    kept = min(kept, len(axis))
+    place = np.argpartition(-np.abs(matched), kept - 1, axis=1)[:, :kept]  # (B, M)
+    chosen = np.take_along_axis(matched, place, axis=1).astype(np.complex64)
+    steps = place[:, None, :] - place[:, :, None]  # (B, M, M)
+    overlap = np.mean(array.manifold(spacing * np.arange(1 - len(axis), len(axis))), axis=0).astype(np.complex64)
+    energy = pair_energy(chosen[:, :, None], chosen[:, None, :], overlap[steps + len(axis) - 1])
+    energy[steps <= 0] = 0.0
+    near = NEAR_CELLS * array.resolution_cell
+    angle = axis[place]
+    occupied = np.asarray((np.abs(angle[:, :, None] - u[:, None, :]) < near).any(axis=2))
+    energy[occupied[:, :, None] & occupied[:, None, :]] = 0.0
+    rows, found = np.arange(len(x)), np.empty((len(x), count, 2))
+    for index in range(count):
+        first, second = np.divmod(np.argmax(energy.reshape(len(x), -1), axis=1), kept)
+        found[:, index] = np.stack([angle[rows, first], angle[rows, second]], axis=1)
+        if index + 1 < count:
+            close = np.asarray(np.abs(angle[:, :, None] - found[:, index, None, :]) < near)  # (B, M, 2)
+            energy[close[:, :, None, 0] & close[:, None, :, 1]] = 0.0
+    return found
+
+
+def pair_energy(
+    first: NDArray[np.complexfloating], second: NDArray[np.complexfloating], overlap: NDArray[np.complexfloating]
+) -> NDArray[np.floating]:
+    """Energy of the projection on pairs of angles, (|b_i|^2 + |b_j|^2 - 2 Re(b_i* g b_j)) / (1 - |g|^2).
+
+    :param first, second: b = a^H x / sqrt(C)
+    :param overlap: g = a_i^H a_j / C; pairs that coincide count 0
+    """
+    apart = 1.0 - (overlap.real**2 + overlap.imag**2)
+    cross = first.conj() * second
+    power = first.real**2 + first.imag**2 + second.real**2 + second.imag**2
+    joint = power - 2.0 * (cross.real * overlap.real - cross.imag * overlap.imag)
+    told = apart > LEAST_APART
+    return np.where(told, joint / np.where(told, apart, 1.0), 0.0)
+
+
+def best_refit(
+    x: NDArray[np.complex128],
+    trials: NDArray[np.float64],
+    array: LineArray,
+    steps: int = STEPS,
+    measure: EnergyLeft = line_energy_left,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """([B, L] the refined trial that leaves least of x, [B] that energy) of trials [B, T, L], by ``measure``."""
+    rows, count, lines = trials.shape
+    repeated = np.repeat(x, count, axis=0)
+    refined, left = refit(repeated, trials.reshape(rows * count, lines), array, steps, measure)
+    best = np.argmin(left.reshape(rows, count), axis=1)
+    row = np.arange(rows)
+    return refined.reshape(rows, count, lines)[row, best], left.reshape(rows, count)[row, best]
+
+
+def refit(
+    x: NDArray[np.complex128],
+    u: NDArray[np.float64],
+    array: LineArray,
+    steps: int = STEPS,
+    measure: EnergyLeft = line_energy_left,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(lines u [B, K] refined, [B] energy they leave by ``measure``); a row that it would leave worse stays."""
+    refined, before = refine_lines(x, u, array, steps), measure(x, u, array)
+    after = measure(x, refined, array)
+    worse = after > before
+    refined[worse] = u[worse]
+    return refined, np.where(worse, before, after)

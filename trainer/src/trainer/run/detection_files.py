@@ -1,0 +1,80 @@
+"""Detections as an Arrow column, as CSV and as point clouds (PCD, ASCII, version 0.7)."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+
+from shared.dataset.writing import write_text
+from shared.physics.errors import InputError
+from trainer.run.detections import Detections
+
+FORMATS = ("parquet", "csv", "pcd")
+CSV_FILE = "detections.csv"
+UNITS = {
+    "range": "m", "u": "sin(azimuth)", "velocity": "m/s, receding", "amplitude_db": "dB re 1 sqrt(W)",
+    "u_std": "sin(azimuth), Cramer-Rao", "probability": "of a target; null without a detection head",
+}  # fmt: skip
+"""Of the fields of a detection, in their order."""
+DETECTION = pa.struct([pa.field(name, pa.float64(), nullable=name == "probability") for name in UNITS])
+COLUMN = pa.field("detections", pa.list_(pa.field("element", DETECTION, nullable=False)), nullable=False)
+"""list<struct<range, u, velocity, amplitude_db, u_std, probability>>, strongest first."""
+PCD_FIELDS = ("x", "y", "z", "intensity", "velocity", "probability")
+
+
+def check_format(name: str) -> None:
+    """:raises InputError: not one of :data:`FORMATS`"""
+    if name not in FORMATS:
+        raise InputError("--points-format", repr(name), " or ".join(FORMATS))
+
+
+def records(found: Detections) -> list[dict[str, float | None]]:
+    """One dictionary a detection, probability None where it is not known."""
+    columns = (found.range_m, found.u, found.velocity, found.amplitude_db, found.u_std, found.probability)
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    return [
+        {name: None if math.isnan(value) else value for name, value in zip(UNITS, row, strict=True)} for row in rows
+    ]
+
+
+def column(found: Detections) -> pa.Array:
+    """One frame's entry of the column ``detections``."""
+    return pa.array([records(found)], COLUMN.type)
+
+
+def write_csv(path: Path, frames: Sequence[tuple[int, Detections]]) -> None:
+    """One line a detection, after its frame's index; an empty field where the probability is not known."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["frame_id", *UNITS])
+    for frame_id, found in frames:
+        writer.writerows([frame_id, *row.values()] for row in records(found))
+    write_text(path, text.getvalue())
+
+
+def write_pcd(path: Path, found: Detections) -> None:
+    """A cloud of one frame in the radar frame: x forward, y left [m], z 0, intensity in dB re 1 sqrt(W).
+
+    The angle of a line of elements along y is that to the y axis: targets are drawn in the plane z = 0.
+    """
+    points = np.stack(
+        [
+            found.range_m * np.sqrt(np.maximum(1.0 - found.u**2, 0.0)), found.range_m * found.u, np.zeros(len(found)),
+            found.amplitude_db, found.velocity, found.probability,
+        ],
+        axis=1,
+    )  # fmt: skip
+    size = len(PCD_FIELDS)
+    header = [
+        "# .PCD v0.7 - Point Cloud Data file format", "VERSION 0.7", f"FIELDS {' '.join(PCD_FIELDS)}",
+        f"SIZE{' 4' * size}", f"TYPE{' F' * size}", f"COUNT{' 1' * size}", f"WIDTH {len(found)}", "HEIGHT 1",
+        "VIEWPOINT 0 0 0 1 0 0 0", f"POINTS {len(found)}", "DATA ascii",
+    ]  # fmt: skip
+    lines = [" ".join(f"{value:.7g}" for value in point) for point in points.tolist()]
+    write_text(path, "\n".join([*header, *lines]) + "\n")
