@@ -19,13 +19,17 @@ from shared.signal.windows import cell_noise_power
 from trainer.data.arrays import ArrayChoice
 from trainer.data.pairs import Trials
 from trainer.estimators.base import ESTIMATORS, Estimator, LineArray, line_array
+from trainer.estimators.fitting import fit_lines, score_peaks
 from trainer.evaluation.store import digest
+from trainer.run.detections import CANDIDATES
 from trainer.run.folder import RUN_FILE, WEIGHTS, Fingerprint, Run, load_imager, same_radar
 from trainer.run.imager import Imager
 from trainer.run.targets import AMPLITUDE, UNITS
 
 NETWORKS = ("cnn", "unet")
 """Names in ``--methods`` that stand for the runs: direction-of-arrival networks, and networks of whole images."""
+FITTED = ("likes",)
+"""Estimators whose peaks begin a fit of lines: what a network's detection head is worth beside a plain one."""
 DEFAULT_METHODS = ("das", "music", "iaa", "omp")
 """Beside the networks of all runs."""
 
@@ -48,6 +52,7 @@ class Contender:
     :param device: that it images on, "cpu" or "cuda"
     :param scoring: for a method that ranks its detections by something else than their level: the same arguments to
         (image, score), both [R, U], in one pass; to be pickled too
+    :param fits: whether its peaks begin a fit of lines, see :meth:`locate`
     """
 
     method: str
@@ -62,6 +67,7 @@ class Contender:
     imaging: Callable[[NDArray[np.complex64], float], NDArray[np.floating]]
     device: str = "cpu"
     scoring: Callable[[NDArray[np.complex64], float], tuple[NDArray[np.floating], NDArray[np.floating]]] | None = None
+    fits: bool = False
 
     @property
     def name(self) -> str:
@@ -82,6 +88,20 @@ class Contender:
         level, score = self.scoring(range_channel, noise_power)
         return np.asarray(level, dtype=np.float64), np.asarray(score, dtype=np.float64)
 
+    def locate(self, trials: Trials, radar: Radar) -> NDArray[np.float64]:
+        """[T, K] angles of the K strongest lines of each trial, rising, NaN where there are fewer.
+
+        The lines are fitted to the snapshots from the peaks of the score on; nobody tells their number.
+        """
+        noise, count = cell_noise_power(radar), trials.u.shape[1]
+        found = []
+        for image in trials.snapshots:
+            score = self.score_rows(image, noise, trials.rows)
+            candidates = score_peaks(score, radar.grid.u, CANDIDATES)
+            lines = fit_lines(image[trials.rows][:, self.channels], self.line, noise, candidates)
+            found.append(np.sort(lines.u[:, :count], axis=1))
+        return np.concatenate(found)
+
     def image_rows(
         self, range_channel: NDArray[np.complex64], noise_power: float, rows: NDArray[np.intp]
     ) -> NDArray[np.float64]:
@@ -89,6 +109,19 @@ class Contender:
         if self.row_wise:
             return self.image(range_channel[rows], noise_power)
         return self.image(range_channel, noise_power)[rows]
+
+    def score_rows(
+        self, range_channel: NDArray[np.complex64], noise_power: float, rows: NDArray[np.intp]
+    ) -> NDArray[np.float64]:
+        """[len(rows), U] rows of the score of :meth:`image_and_score`."""
+        if self.scoring is None:
+            return self.image_rows(range_channel, noise_power, rows)
+        return self.image_and_score(range_channel, noise_power)[1][rows]
+
+    def score_trials(self, trials: Trials, radar: Radar) -> NDArray[np.float64]:
+        """[T, U] the score's rows of all trials."""
+        noise = cell_noise_power(radar)
+        return np.concatenate([self.score_rows(image, noise, trials.rows) for image in trials.snapshots])
 
     def image_trials(self, trials: Trials, radar: Radar) -> NDArray[np.float64]:
         """[T, U] the image rows of all trials."""
@@ -175,7 +208,7 @@ def estimator_contender(name: str, array: ArrayChoice, radar: Radar) -> Contende
     inputs = digest(["estimator", name, list(array.rx)])
     return Contender(
         name, array, channels, line, 0, AMPLITUDE, True, inputs, (),
-        partial(_estimate, ESTIMATORS[name](), channels, line, radar.grid.u),
+        partial(_estimate, ESTIMATORS[name](), channels, line, radar.grid.u), fits=name in FITTED,
     )  # fmt: skip
 
 
@@ -202,7 +235,20 @@ def _network(label: str, array: ArrayChoice, path: Path, run: Run, imager: Image
         # A "cnn" images range bins one by one. It trains on its own samples and takes only the radar from its datasets.
         of_angles, digest(["run", content, device]), () if of_angles else run.datasets,
         partial(_network_image, imager, device), device,
+        partial(_network_score, imager, device) if imager.detects else None, imager.detects,
     )  # fmt: skip
+
+
+def _network_score(
+    imager: Imager, device: str, range_channel: NDArray[np.complex64], noise_power: float
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """(image, image times the root of the probability of a target), both [R, U]."""
+    with torch.inference_mode():
+        snapshots = torch.from_numpy(np.array(range_channel)).to(device)[None]
+        noise = torch.full((1,), noise_power, dtype=torch.float64, device=device)
+        image, probability = imager.detect(snapshots, noise)
+        score = image if probability is None else image * probability.sqrt()
+        return image[0].cpu().numpy(), score[0].cpu().numpy()
 
 
 def _network_image(

@@ -49,6 +49,8 @@ PHASE_GROUPS_DEG = ((0, 60), (60, 120), (120, 180))
 PAIRS = tuple(Condition(*values) for values in product(SEPARATIONS, SNRS_DB, RATIOS_DB))
 SINGLES = tuple(Condition(0.0, snr) for snr in SINGLE_SNRS_DB)
 CEILING = "ml"
+LINES = ", lines"
+"""After the name of a method whose peaks begin a fit of lines."""
 PROBABILITY_OF_RESOLUTION = "probability of resolution"
 SUMMARY = (
     SummaryColumn("P(resolve) 1 RL", PROBABILITY_OF_RESOLUTION, str(Condition(1.0, SHOWN_SNR_DB))),
@@ -66,7 +68,7 @@ class Resolution:
     caption = (
         "Upper line: share of pairs of equal targets of random phase of which both were found within half of their "
         "distance, over that distance in cells of the full array (RL), at 20 dB in each channel; ml knows that "
-        "there are two. Lower line: root-mean-square error of a single target over the root of the array's "
+        "there are two; where a method's name ends in lines, its peaks begin a joint fit that is told no number. Lower line: root-mean-square error of a single target over the root of the array's "
         "Cramer-Rao bound; 1 is efficient. Peaks are interpolated, but a line narrower than two bins is placed no "
         "better than its bin, one wild peak in a hundred costs far more than the bound, and at 40 dB the front's "
         "curvature at 12 m costs all as much as the noise."
@@ -89,12 +91,12 @@ class Resolution:
                 partial(locate_targets, bench.radar, contender, partial(trials, index)),
             )
             for index, condition in enumerate((*PAIRS, *SINGLES))
-            for contender in with_ceiling(bench)
+            for contender in entrants(bench)
         ]  # fmt: skip
 
     def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
         found = []
-        for contender in with_ceiling(bench):
+        for contender in entrants(bench):
             for condition in PAIRS:
                 values = results[contender.method, contender.array.name, str(condition)]
                 both = resolved(values["found"], values["u"])
@@ -128,7 +130,7 @@ class Resolution:
         return found
 
     def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
-        contenders = with_ceiling(bench)
+        contenders = entrants(bench)
         look = Look([c.method for c in contenders], [c.array.name for c in contenders])
         figure = new_figure(3.4 * len(look.arrays) + 0.6, 6.6, self.title)
         axes = subplots(figure, 2, len(look.arrays), sharey="row")
@@ -162,10 +164,11 @@ class Resolution:
         return {self.name: figure}
 
 
-def with_ceiling(bench: Bench) -> tuple[Contender, ...]:
-    """The contenders, and maximum likelihood on each of their arrays."""
+def entrants(bench: Bench) -> tuple[Contender, ...]:
+    """The contenders, those with a fit of lines once more with it, and maximum likelihood on each of the arrays."""
     others = tuple(contender for contender in bench.contenders if contender.method != CEILING)
-    return (*others, *(estimator_contender(CEILING, array, bench.radar) for array in bench.arrays))
+    fitted = tuple(replace(contender, method=contender.method + LINES) for contender in others if contender.fits)
+    return (*others, *fitted, *(estimator_contender(CEILING, array, bench.radar) for array in bench.arrays))
 
 
 def locate_targets(radar: Radar, contender: Contender, load: Callable[[], Trials]) -> Values:
@@ -177,13 +180,14 @@ def locate_targets(radar: Radar, contender: Contender, load: Callable[[], Trials
         snapshots = trials.snapshots[:, trials.rows][..., contender.channels]
         flat = snapshots.reshape(-1, snapshots.shape[-1])
         found = MaximumLikelihood(targets).locate(flat, contender.line)[0]
+    elif contender.method.endswith(LINES):
+        found = contender.locate(trials, radar)
     else:
-        images = contender.image_trials(trials, radar)
         if targets == 1:
-            spreads = [point_spread(image, radar.grid.u) for image in images]
+            spreads = [point_spread(image, radar.grid.u) for image in contender.image_trials(trials, radar)]
             found = np.array([[math.nan if spread is None else spread.u] for spread in spreads])
         else:
-            found = strongest_peaks(images, radar.grid.u, targets)
+            found = strongest_peaks(contender.score_trials(trials, radar), radar.grid.u, targets)
     return {"found": found, "u": trials.u, "phase_rad": trials.phase_rad}
 
 
