@@ -21,6 +21,9 @@ def evaluate(
     ],
     out: Annotated[Path, typer.Option("--out", help="Folder of the evaluation; new or empty.", show_default=False)],
     run: Annotated[list[Path] | None, typer.Option("--run", help="Run folder of trainer fit; repeatable.")] = None,
+    pretrained: Annotated[
+        list[str] | None, typer.Option(help="A network that comes with the package: sparse6 or sparse4; repeatable.")
+    ] = None,
     methods: Annotated[
         str | None,
         typer.Option(
@@ -52,11 +55,13 @@ def evaluate(
     # torch and matplotlib take seconds to import, and trainer --help should not.
     from trainer.evaluation.evaluate import evaluate as run_evaluate
     from trainer.evaluation.experiments.bench import EvaluationConfig
+    from trainer.run.pretrained import pretrained_run
 
     try:
         config = EvaluationConfig(frames=frames, shown=shown, trials=trials, seed=seed)
     except ValidationError as error:
         raise InputError("trainer evaluate", *first_validation_error(error)) from error
+    runs = [*(run or []), *(pretrained_run(name) for name in pretrained or [])]
     console = Console(soft_wrap=True, highlight=False)
     columns = TextColumn("{task.description:<15}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
     with Progress(*columns, console=console) as bars:
@@ -68,7 +73,7 @@ def evaluate(
             bars.update(shown_bars[name], completed=done, total=total)
 
         run_evaluate(
-            dataset, out, run or [], _names(methods), _names(arrays) or [], _names(experiments), config, measured,
+            dataset, out, runs, _names(methods), _names(arrays) or [], _names(experiments), config, measured,
             resume, workers, lambda line: bars.console.print(line, markup=False), advance,
         )  # fmt: skip
 

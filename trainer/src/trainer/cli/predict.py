@@ -7,16 +7,23 @@ from typing import Annotated
 
 import typer
 
+from shared.physics.errors import InputError
+
 
 def predict(
-    run: Annotated[Path, typer.Argument(help="Run folder of trainer fit.", show_default=False)],
-    source: Annotated[
-        str,
+    paths: Annotated[
+        list[str],
         typer.Argument(
-            metavar="INPUT", help="A dataset, also s3:// or gs://, or a cube as .npy or .npz.", show_default=False
+            metavar="[RUN] INPUT",
+            help="Run folder of trainer fit, unless --pretrained; then a dataset, also s3:// or gs://, or a cube as "
+            ".npy or .npz.",
+            show_default=False,
         ),
     ],
     out: Annotated[Path, typer.Option("--out", help="Folder of the images; new or empty.", show_default=False)],
+    pretrained: Annotated[
+        str | None, typer.Option(help="A network that comes with the package, in place of RUN: sparse6 or sparse4.")
+    ] = None,
     radar: Annotated[str | None, typer.Option(help="Radar of a .npy cube: a preset or a TOML file.")] = None,
     split: Annotated[str, typer.Option(help="Of a dataset: train, validation, test or all.")] = "test",
     pictures: Annotated[bool, typer.Option("--pictures/--no-pictures", help="A PNG for each frame.")] = True,
@@ -29,5 +36,10 @@ def predict(
 ) -> None:
     """Image frames with a trained network, every Doppler peak of a range bin included."""
     from trainer.run.predict import predict as run_predict
+    from trainer.run.pretrained import pretrained_run
 
-    run_predict(run, source, out, radar, split, pictures, points=points, points_format=points_format)
+    expected = 1 if pretrained else 2
+    if len(paths) != expected:
+        raise InputError("arguments", f"{len(paths)} paths", "INPUT alone with --pretrained, else RUN INPUT")
+    run = pretrained_run(pretrained) if pretrained else Path(paths[0])
+    run_predict(run, paths[-1], out, radar, split, pictures, points=points, points_format=points_format)

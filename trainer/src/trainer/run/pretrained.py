@@ -1,0 +1,32 @@
+"""Runs that come with the package, for those who have data and no training."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from pathlib import Path
+
+from shared.physics.errors import InputError
+from trainer.run.folder import RUN_FILE
+
+FOLDER = "pretrained"
+
+
+def pretrained_names() -> tuple[str, ...]:
+    """The arrays that there are trained networks for."""
+    folder = _folder()
+    return tuple(sorted(path.name for path in folder.iterdir() if (path / RUN_FILE).is_file()))
+
+
+def pretrained_run(name: str) -> Path:
+    """The run folder of a network that comes with the package; its model card stands beside it.
+
+    :raises InputError: no such network
+    """
+    known = pretrained_names()
+    if name not in known:
+        raise InputError("--pretrained", repr(name), f"one of {', '.join(known)}")
+    return _folder() / name
+
+
+def _folder() -> Path:
+    return Path(str(files("trainer.run"))) / FOLDER
