@@ -67,11 +67,12 @@ class Resolution:
     title = "Resolution against maximum likelihood, accuracy against the Cramer-Rao bound"
     caption = (
         "Upper line: share of pairs of equal targets of random phase of which both were found within half of their "
-        "distance, over that distance in cells of the full array (RL), at 20 dB in each channel; ml knows that "
-        "there are two; where a method's name ends in lines, its peaks begin a joint fit that is told no number. Lower "
-        "line: root-mean-square error of a single target over the root of the array's Cramer-Rao bound; 1 is efficient. Peaks are interpolated, but a line narrower than two bins is placed no "
-        "better than its bin, one wild peak in a hundred costs far more than the bound, and at 40 dB the front's "
-        "curvature at 12 m costs all as much as the noise."
+        "distance, over that distance in cells of the full array (RL), at 20 dB in each channel. ml knows that there "
+        "are two. Where a method's name ends in lines, its peaks begin a joint fit that is told no number. Lower line: "
+        "root-mean-square error of a single target over the root of the array's Cramer-Rao bound; 1 is efficient. "
+        "Peaks are interpolated, but a peak narrower than two bins is placed no better than its bin, one wild peak in "
+        "a hundred costs far more than the bound, and at 40 dB the front's curvature at 12 m costs all as much as the "
+        "noise."
     )
     summary: tuple[SummaryColumn, ...] = SUMMARY
 
