@@ -6,6 +6,7 @@ checksum.
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -25,11 +26,12 @@ from datafactory.accuracy.prices import Price, Prices
 from datafactory.run.cache import cached
 from datafactory.run.progress import FinishedShard, begin, claimed, completed, record_finished
 from datafactory.run.shards import ShardPlan
+from shared.dataset.documents import DIGEST
 from shared.dataset.locations import sha256_of
 from shared.dataset.manifest import ShardRecord
 from shared.physics.errors import InputError
 from trainer.evaluation.store import Cell, CellStore
-from trainer.run.folder import load_imager
+from trainer.run.folder import RUN_FILE, load_imager, read_run
 from trainer.training.checkpoint import require_checkpoint
 
 FLIPS = 200
@@ -145,3 +147,12 @@ def test_a_flipped_bit_is_noticed_or_changes_nothing(
             except (InputError, Noticed):
                 noticed += 1
         assert noticed > 0.5 * FLIPS
+
+
+def test_a_run_of_an_earlier_release_has_no_checksum_and_is_read(tmp_path: Path) -> None:
+    run = make_run(tmp_path / "run", FULL, RADAR)
+    whole = read_run(run)
+    document = json.loads((run / RUN_FILE).read_text())
+    assert document.pop(DIGEST)
+    (run / RUN_FILE).write_text(json.dumps(document))
+    assert read_run(run) == whole
