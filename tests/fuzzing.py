@@ -1,7 +1,9 @@
 """Damaged and odd input for the readers: how it is made, how long, and what a reader may do with it.
 
 ``FUZZ_SECONDS=3600 pytest tests/fuzz`` goes on for an hour with each fuzzer after its usual examples, with other
-examples in each round. ``FUZZ_SEED`` chooses where the rounds begin.
+examples in each round; ``FUZZ_INPUTS=100000`` goes on until all fuzzers together have tried as many inputs, each as
+large a share as it has of the usual examples. ``FUZZ_SEED`` chooses where the rounds begin. pytest's last lines say how
+many inputs were tried (``tests/conftest.py``).
 """
 
 from __future__ import annotations
@@ -15,13 +17,20 @@ from collections.abc import Callable
 from typing import Any
 
 import hypothesis
+import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from shared.physics.errors import InputError
 
 SECONDS = float(os.environ.get("FUZZ_SECONDS", "0"))
+INPUTS = int(os.environ.get("FUZZ_INPUTS", "0"))
 FIRST_SEED = int(os.environ.get("FUZZ_SEED", "1"))
+
+TRIED = "fuzzed inputs"
+"""Property of a fuzzer's report: how many inputs it has given to readers."""
+_tried = {TRIED: 0}
+"""Of this process."""
 
 TOKENS = (
     *(b"nan", b"inf", b"-1", b"0", b"1e400", b"1e-320", b"99999999999999999999", b"null", b"true", b"None"),
@@ -123,7 +132,7 @@ def altered(document: Any, edits: list[tuple[float, Any]]) -> Any:
 
 
 def fuzz(examples: int, **strategies: st.SearchStrategy[Any]) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a test these examples, the same in every run; with ``FUZZ_SECONDS`` then others until the time is up."""
+    """Give a test these examples, the same in every run; with ``FUZZ_SECONDS`` or ``FUZZ_INPUTS`` then others."""
 
     def decorate(body: Callable[..., None]) -> Callable[..., None]:
         fixtures = [p for name, p in inspect.signature(body).parameters.items() if name not in strategies]
@@ -136,14 +145,20 @@ def fuzz(examples: int, **strategies: st.SearchStrategy[Any]) -> Callable[[Calla
             )(test)  # fmt: skip
             return test if seed is None else hypothesis.seed(seed)(test)
 
-        def test(**given_fixtures: Any) -> None:
-            examples_of(None)(**given_fixtures)
-            end, seed = time.monotonic() + SECONDS, FIRST_SEED
-            while time.monotonic() < end:
-                examples_of(seed)(**given_fixtures)
-                seed += 1
+        def test(request: pytest.FixtureRequest, **given_fixtures: Any) -> None:
+            before, share = _tried[TRIED], INPUTS * examples / _examples_of_all(request.session)
+            try:
+                examples_of(None)(**given_fixtures)
+                end, seed = time.monotonic() + SECONDS, FIRST_SEED
+                while time.monotonic() < end or _tried[TRIED] - before < share:
+                    examples_of(seed)(**given_fixtures)
+                    seed += 1
+            finally:
+                request.node.user_properties.append((TRIED, _tried[TRIED] - before))
 
+        fixtures.insert(0, inspect.Parameter("request", inspect.Parameter.POSITIONAL_OR_KEYWORD))
         test.__name__, test.__doc__ = body.__name__, body.__doc__
+        test.examples = examples  # type: ignore[attr-defined]
         test.__signature__ = inspect.Signature(fixtures)  # type: ignore[attr-defined]
         test.pytestmark = getattr(body, "pytestmark", [])  # type: ignore[attr-defined]
         return test
@@ -151,7 +166,13 @@ def fuzz(examples: int, **strategies: st.SearchStrategy[Any]) -> Callable[[Calla
     return decorate
 
 
+def _examples_of_all(session: pytest.Session) -> int:
+    """Usual examples of all fuzzers that the session runs; under xdist, that all of its processes run."""
+    return sum(getattr(getattr(item, "function", None), "examples", 0) for item in session.items)
+
+
 def reads_or_says_one_line(read: Callable[[], object]) -> None:
+    _tried[TRIED] += 1
     try:
         read()
     except InputError as error:

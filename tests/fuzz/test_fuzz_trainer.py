@@ -27,8 +27,8 @@ from hypothesis import strategies as st
 from datafactory.run.order import Order
 from datafactory.run.stored import stored_paths
 from shared.dataset import METADATA_KEY
+from shared.dataset.documents import sealed
 from shared.dataset.folder import MANIFEST, open_dataset, verify
-from shared.dataset.manifest import sealed
 from shared.dataset.reading import radar_of, read_frames
 from shared.radar import Radar
 
@@ -149,7 +149,8 @@ def test_damaged_run(folder: Path, splices: list[Splice], alterations: list[tupl
     path = folder / "other" / "run.json"
     path.parent.mkdir(exist_ok=True)
     whole = (folder / "run" / "run.json").read_bytes()
-    for content in (damaged(whole, splices), json.dumps(altered(json.loads(whole), alterations)).encode()):
+    odd = _as_sealed(altered(json.loads(whole), alterations))
+    for content in (damaged(whole, splices), json.dumps(odd).encode()):
         write_and_read(path, content, lambda path: read_run(path.parent))
 
 
@@ -240,17 +241,16 @@ def test_a_manifest_of_odd_content(folder: Path, alterations: list[tuple[float, 
         if not (other / split).exists():
             os.symlink(folder / "data" / split, other / split)
     document = altered(whole, alterations)
-    (other / MANIFEST).write_text(json.dumps(sealed(document) if _is_json(document) else document), encoding="utf-8")
+    (other / MANIFEST).write_text(json.dumps(_as_sealed(document)), encoding="utf-8")
     reads_or_says_one_line(lambda: everything(other))
     document["shards"] = [{"path": "paths/part-00000.parquet", "rows": 1, "bytes": 1, "sha256": "0" * 64}]
     (other / MANIFEST).write_text(json.dumps(document), encoding="utf-8")
     reads_or_says_one_line(lambda: stored_paths(Order(radar=Radar()), other))
 
 
-def _is_json(document: Any) -> bool:
-    """Without NaN and infinity, which no manifest is written with."""
+def _as_sealed(document: Any) -> Any:
+    """With the checksum that belongs to it; with NaN or infinity, which no file of ours has, as it is."""
     try:
-        json.dumps(document, allow_nan=False)
+        return sealed(document)
     except ValueError:
-        return False
-    return True
+        return document

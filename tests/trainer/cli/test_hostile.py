@@ -17,6 +17,7 @@ import torch
 from small_evaluation import FULL, make_data, make_run
 from tiny_radar import RADAR, small_dataset
 
+from shared.dataset.documents import sealed
 from trainer.cli.app import main
 
 SIZE = ["--width", "4", "--hidden", "16", "--rows", "16", "--steps", "4", "--validate-every", "2", "--array", "full"]
@@ -159,7 +160,7 @@ def test_a_run_that_is_nested_deeply_or_asks_for_much_is_one_line(tmp_path, caps
     document = json.loads((run / "run.json").read_text())
     for text, message in (
         ("[" * 200_000, "not readable as JSON"),
-        (json.dumps(document | {"config": document["config"] | {"width": 10**9}}), "config.width = 1000000000"),
+        (json.dumps(sealed(document | {"config": document["config"] | {"width": 10**9}})), "config.width = 1000000000"),
     ):
         (run / "run.json").write_text(text)
         code, line = status(capsys, monkeypatch, "predict", run, data, "--out", tmp_path / "out")

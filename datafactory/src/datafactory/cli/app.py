@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from typing import Any
 
 import typer
@@ -19,8 +18,10 @@ from datafactory.cli.points import points
 from datafactory.cli.render import render
 from datafactory.cli.trace import trace
 from datafactory.run.workers import RunFailed
-from shared.physics.errors import InputError, require_utf8
+from shared.processes.command_line import Ending, run_app
 from shared.processes.interrupt import INTERRUPTED
+
+STOPPED = "interrupted; what was finished is kept: the same command with --resume goes on"
 
 
 class PlainCommand(TyperCommand):
@@ -45,29 +46,15 @@ for command in (render, points, plan, accuracy, trace, city, inspect, doctor):
 
 
 def main() -> None:
-    """Entry point: 0 done, 1 a run that failed, 2 bad arguments or bad input, each with one line."""
-    try:
-        for argument in sys.argv[1:]:
-            require_utf8(argument)
-        status = app(standalone_mode=False)
-        if status == INTERRUPTED:  # how typer hands on Ctrl-C
-            raise KeyboardInterrupt
-        sys.exit(status)
-    except InputError as error:
-        _fail(str(error), 2)
-    except OSError as error:
-        _fail(f"{error.filename or 'input/output'}: {error.strerror or error}", 1)
-    except RunFailed as error:
-        _fail(str(error), 1)
-    except MemoryError as error:
-        _fail(f"out of memory ({error}); expected fewer samples, chirps, channels, rays or workers", 1)
-    except TyperException as error:
-        _fail(" ".join(error.format_message().split()), 2)
-    except (KeyboardInterrupt, typer.Abort):
-        _fail("interrupted; what was finished is kept: the same command with --resume goes on", INTERRUPTED)
+    """Entry point."""
+    run_app("datafactory", lambda: app(standalone_mode=False), STOPPED, _ending_of)
 
 
-def _fail(line: str, status: int) -> None:
-    if line:  # without arguments the help has been printed already
-        print(f"datafactory: {line}", file=sys.stderr)
-    sys.exit(status)
+def _ending_of(error: Exception) -> Ending | None:
+    if isinstance(error, RunFailed):
+        return str(error), 1
+    if isinstance(error, MemoryError):
+        return f"out of memory ({error}); expected fewer samples, chirps, channels, rays or workers", 1
+    if isinstance(error, TyperException):  # an empty message: without arguments the help has been printed already
+        return " ".join(error.format_message().split()), 2
+    return (STOPPED, INTERRUPTED) if isinstance(error, typer.Abort) else None

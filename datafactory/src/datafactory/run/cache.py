@@ -13,7 +13,9 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
+from shared.dataset.documents import read_json, sealed, unsealed
 from shared.dataset.writing import write_json
+from shared.physics.errors import InputError
 
 Model = TypeVar("Model", bound=BaseModel)
 Announce = Callable[[str], None]
@@ -37,16 +39,15 @@ def cached(
     """
     document = json.dumps({**inputs, "kind": kind.__name__, "code": _code_hash()}, sort_keys=True, allow_nan=False)
     path = folder / f"{hashlib.sha256(document.encode()).hexdigest()}.json"
-    try:
-        return kind.model_validate_json(path.read_bytes())
-    except FileNotFoundError:
-        pass
-    except (OSError, ValidationError) as error:
-        announce(f"{path}: not usable ({type(error).__name__}), measured again")
+    if path.exists():
+        try:
+            return kind.model_validate(unsealed(path, read_json(path, "what was measured before")))
+        except (InputError, ValidationError):
+            announce(f"{path}: damaged, measured again")
     value = measure(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_json(path, value.model_dump(mode="json"))
+        write_json(path, sealed(value.model_dump(mode="json")))
     except OSError as error:
         announce(f"{path}: cannot be kept ({error.strerror}); it will be measured again next time")
     return value

@@ -18,6 +18,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from datafactory.run.shards import ShardPlan, write_manifest
+from shared.dataset.documents import read_json, sealed, unsealed
 from shared.dataset.folder import MANIFEST, ShardRecord, read_manifest
 from shared.dataset.writing import remove_partial, write_json
 from shared.physics.errors import InputError
@@ -92,7 +93,8 @@ def begin(directory: Path, arguments: Mapping[str, Any], resume: bool) -> bool:
         _same_arguments(directory / MANIFEST, directory, read_manifest(directory).get("arguments"), arguments)
         return True
     if (progress / ARGUMENTS).is_file():
-        _same_arguments(progress / ARGUMENTS, directory, _read_json(progress / ARGUMENTS), arguments)
+        before = read_json(progress / ARGUMENTS, "an unfinished run; start again in a new folder")
+        _same_arguments(progress / ARGUMENTS, directory, before, arguments)
     elif resume and _has_content(directory):
         raise InputError("--out", f"{directory} is not empty and holds no unfinished run", "an empty or new folder")
     remove_partial(directory)
@@ -112,7 +114,7 @@ def _has_content(directory: Path) -> bool:
 
 def record_finished(directory: Path, plan: ShardPlan, finished: FinishedShard) -> None:
     """Note a shard as finished, after it was written."""
-    write_json(_note(directory, plan), finished.model_dump())
+    write_json(_note(directory, plan), sealed(finished.model_dump()))
 
 
 def completed(directory: Path, plans: Iterable[ShardPlan], fingerprint: str) -> Progress:
@@ -124,8 +126,8 @@ def completed(directory: Path, plans: Iterable[ShardPlan], fingerprint: str) -> 
         if not note.is_file():
             continue
         try:
-            finished = FinishedShard.model_validate_json(note.read_bytes())
-        except ValidationError:
+            finished = FinishedShard.model_validate(unsealed(note, read_json(note, "the note of a finished shard")))
+        except (InputError, ValidationError):
             damaged.append(plan.path)
             continue
         if finished.fingerprint == fingerprint and _is_whole(directory / plan.path, plan, finished.record):
@@ -153,15 +155,6 @@ def _is_whole(path: Path, plan: ShardPlan, record: ShardRecord) -> bool:
         return False
     with path.open("rb") as handle:
         return hashlib.file_digest(handle, "sha256").hexdigest() == record.sha256
-
-
-def _read_json(path: Path) -> Any:
-    try:
-        return json.loads(path.read_bytes())
-    except ValueError as error:
-        raise InputError(
-            path, f"not readable as JSON: {error}", "an unfinished run; start again in a new folder"
-        ) from error
 
 
 def _same_arguments(source: Path, directory: Path, before: Any, now: Mapping[str, Any]) -> None:

@@ -15,9 +15,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from shared.dataset import Frame, to_record_batch
+from shared.dataset.documents import sealed
 from shared.dataset.folder import SPLITS
 from shared.dataset.locations import sha256_of
-from shared.dataset.manifest import MANIFEST, ShardRecord, sealed
+from shared.dataset.manifest import MANIFEST, ShardRecord
 from shared.dataset.writing import atomic, write_json
 
 FRAMES_PER_SHARD = 8

@@ -6,8 +6,6 @@ opened first in a process; a bit that flips later, in the checksums that Parquet
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
@@ -16,15 +14,12 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from shared.dataset import VERSION
+from shared.dataset.documents import read_json, unsealed
 from shared.dataset.locations import Location, RemotePath, file_size, sha256_of
 from shared.physics.errors import InputError
 from shared.radar import first_validation_error
 
 MANIFEST = "manifest.json"
-DIGEST = "sha256"
-"""Entry of a manifest with the SHA-256 of the others."""
-MADE = "made"
-"""Entry of a manifest that may differ between equal runs; no reader depends on it, and no checksum covers it."""
 
 
 class ShardRecord(BaseModel):
@@ -50,17 +45,6 @@ class _ManifestShards(BaseModel):
     shards: tuple[ShardRecord, ...]
 
 
-def sealed(manifest: Mapping[str, Any]) -> dict[str, Any]:
-    """The manifest as plain JSON values, with the checksum of its entries."""
-    plain = json.loads(json.dumps(manifest, allow_nan=False))
-    return {**plain, DIGEST: _digest(plain)}
-
-
-def _digest(manifest: Mapping[str, Any]) -> str:
-    entries = {name: value for name, value in manifest.items() if name not in (DIGEST, MADE)}
-    return hashlib.sha256(json.dumps(entries, sort_keys=True).encode()).hexdigest()
-
-
 def check_version(source: object, document: object) -> None:
     """Refuse what a newer version made, or what has no version.
 
@@ -81,15 +65,9 @@ def read_manifest(directory: Location) -> dict[str, Any]:
     path = directory / MANIFEST
     if file_size(path) is None:
         raise InputError(path, "no such file", "the folder of a finished dataset")
-    try:
-        manifest = json.loads(path.read_bytes())
-    except (ValueError, RecursionError, OSError) as error:  # no JSON, or nested too deeply
-        raise InputError(path, f"not readable as JSON: {error}", "a manifest made by datafactory") from error
+    manifest = read_json(path, "a manifest made by datafactory")
     check_version(path, manifest)
-    # A manifest of an earlier release has no checksum.
-    if DIGEST in manifest and manifest[DIGEST] != (digest := _digest(manifest)):
-        raise InputError(path, f"its entries have sha256 {digest}, it says {manifest[DIGEST]}", "one as it was written")
-    return manifest
+    return unsealed(path, manifest)
 
 
 def shard_records(path: Location, manifest: Mapping[str, Any]) -> tuple[ShardRecord, ...]:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import sys
-
 import typer
 from typer.exceptions import TyperException
 
-from shared.physics.errors import InputError, require_utf8
+from shared.processes.command_line import Ending, run_app
 from shared.processes.interrupt import INTERRUPTED
 from trainer.cli.evaluate import evaluate
 from trainer.cli.export import export
 from trainer.cli.fit import fit
 from trainer.cli.predict import predict
 from trainer.errors import TrainingStopped, out_of_memory
+
+STOPPED = "interrupted; the same command with --resume goes on from the last checkpoint"
 
 app = typer.Typer(
     help="Radar datasets to networks that image sharper than the array.",
@@ -26,32 +26,16 @@ for command in (fit, predict, evaluate, export):
 
 
 def main() -> None:
-    """Entry point: 0 done, 1 a run that failed, 2 bad arguments or bad input, each with one line."""
-    try:
-        for argument in sys.argv[1:]:
-            require_utf8(argument)
-        status = app(standalone_mode=False)
-        if status == INTERRUPTED:  # how typer hands on Ctrl-C
-            raise KeyboardInterrupt
-        sys.exit(status)
-    except InputError as error:
-        _fail(str(error), 2)
-    except TrainingStopped as error:
-        _fail(str(error), 1)
-    except (MemoryError, RuntimeError) as error:
-        if not out_of_memory(error):
-            raise
+    """Entry point."""
+    run_app("trainer", lambda: app(standalone_mode=False), STOPPED, _ending_of)
+
+
+def _ending_of(error: Exception) -> Ending | None:
+    if isinstance(error, TrainingStopped):
+        return str(error), 1
+    if isinstance(error, (MemoryError, RuntimeError)) and out_of_memory(error):
         reason = (str(error).strip().splitlines() or ["out of memory"])[0]
-        _fail(f"{reason}; expected a smaller --batch, --rows, --points or --width, or fewer --workers", 1)
-    except OSError as error:
-        _fail(f"{error.filename or 'input/output'}: {error.strerror or error}", 1)
-    except TyperException as error:
-        _fail(" ".join(error.format_message().split()), 2)
-    except (KeyboardInterrupt, typer.Abort):
-        _fail("interrupted; the same command with --resume goes on from the last checkpoint", INTERRUPTED)
-
-
-def _fail(line: str, status: int) -> None:
-    if line:  # without arguments the help has been printed already
-        print(f"trainer: {line}", file=sys.stderr)
-    sys.exit(status)
+        return f"{reason}; expected a smaller --batch, --rows, --points or --width, or fewer --workers", 1
+    if isinstance(error, TyperException):  # an empty message: without arguments the help has been printed already
+        return " ".join(error.format_message().split()), 2
+    return (STOPPED, INTERRUPTED) if isinstance(error, typer.Abort) else None

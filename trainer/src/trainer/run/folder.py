@@ -1,6 +1,6 @@
 """A run folder: what the run was made with and what came out, readable without executing anything that it holds.
 
-RUN/run.json             configuration, radar, array, fingerprints of the datasets, versions
+RUN/run.json             configuration, radar, array, fingerprints of the datasets, versions, and the checksum of all
 RUN/weights.safetensors  of the best validation, its metadata the gain and the checksum of both
 RUN/metrics.csv          one line for each validation
 RUN/last.ckpt            for --resume: plain tensors and numbers, loaded with weights_only
@@ -11,7 +11,6 @@ RUN/verdict.json         scores on the test split, beside RUN/pictures/test.png
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 import platform
 from collections.abc import Iterable, Mapping
@@ -23,6 +22,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 
+from shared.dataset.documents import read_json, sealed, unsealed
 from shared.dataset.folder import ShardRecord
 from shared.dataset.locations import Location, folder_name
 from shared.dataset.writing import write_bytes, write_json
@@ -85,26 +85,23 @@ def versions() -> dict[str, str]:
 
 def write_run(directory: Path, run: Run) -> None:
     """Write ``run.json`` into an existing folder."""
-    write_json(directory / RUN_FILE, run.model_dump(mode="json"), sort_keys=False)
+    write_json(directory / RUN_FILE, sealed(run.model_dump(mode="json")), sort_keys=False)
 
 
 def read_run(directory: Path) -> Run:
     """The run of a folder.
 
-    :raises InputError: no run folder, not JSON, a newer version, a value that no run has
+    :raises InputError: no run folder, not JSON, a newer version, entries that were changed, a value that no run has
     """
     path = directory / RUN_FILE
     if not path.is_file():
         raise InputError(directory, f"no {RUN_FILE}", "a run folder made by trainer fit")
-    try:
-        document = json.loads(path.read_bytes())
-    except (ValueError, RecursionError, OSError) as error:
-        raise InputError(path, f"not readable as JSON: {error}", "a run made by trainer fit") from error
+    document = read_json(path, "a run made by trainer fit")
     found = document.get("version") if isinstance(document, dict) else None
     if found != RUN_VERSION:
         raise InputError(path, f"version = {found!r}", f"run version {RUN_VERSION}")
     try:
-        return Run.model_validate(document)
+        return Run.model_validate(unsealed(path, document))
     except ValidationError as error:
         raise InputError(path, *first_validation_error(error)) from error
 

@@ -87,27 +87,40 @@ class Interrupts(Callback):
 
     In the middle of a batch it can strike while TensorBoard's writer is handed a number, and that waits two minutes for
     the next one before it ends. A context, within which it answers SIGINT and SIGTERM.
+
+    :param first: of the processes. Another one leaves Ctrl-C to the first, and a request to end ends it at once: if it
+        ended after its batch, the first one would wait for ever for its part of the next
     """
 
-    def __init__(self) -> None:
+    def __init__(self, first: bool = True) -> None:
         self.asked = False
         self._before: dict[signal.Signals, Any] = {}
+        answers = (self._ask, self._ask) if first else (signal.SIG_IGN, signal.SIG_DFL)
+        self._answers: dict[signal.Signals, Any] = dict(zip((signal.SIGINT, signal.SIGTERM), answers, strict=True))
 
     def __enter__(self) -> Interrupts:
-        if threading.current_thread() is threading.main_thread():  # no other may say what answers a signal
-            for number in (signal.SIGINT, signal.SIGTERM):
-                self._before[number] = signal.signal(number, self._ask)
+        self._before = self._answer()
         return self
 
     def __exit__(self, *_: object) -> None:
         for number, handler in self._before.items():
             signal.signal(number, handler)
 
+    def on_train_start(self, *_: Any) -> None:
+        """Lightning's answer stands in front by now; it sends a tensor to the others, who may be sending theirs."""
+        self._answer()
+
     def on_train_batch_end(self, *_: Any, **__: Any) -> None:
         self._end()
 
     def on_validation_batch_end(self, *_: Any, **__: Any) -> None:
         self._end()
+
+    def _answer(self) -> dict[signal.Signals, Any]:
+        """What answered before."""
+        if threading.current_thread() is not threading.main_thread():  # no other may say what answers a signal
+            return {}
+        return {number: signal.signal(number, answer) for number, answer in self._answers.items()}
 
     def _ask(self, _number: int, _frame: FrameType | None) -> None:
         if self.asked:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import os
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -19,9 +18,8 @@ from lightning.pytorch.trainer.states import TrainerStatus
 from shared.dataset.locations import Location
 from shared.dataset.writing import remove_partial
 from shared.physics.errors import InputError
-from shared.processes.pool import end_with_parent
 from trainer.data.arrays import choose_array
-from trainer.errors import out_of_memory
+from trainer.errors import TrainingStopped, out_of_memory
 from trainer.run.claim import output_folder
 from trainer.run.configuration import FitConfig
 from trainer.run.folder import CHECKPOINT, RUN_FILE, WEIGHTS, Run, read_run, versions, write_run
@@ -30,6 +28,7 @@ from trainer.training.callbacks import LOSS, NMSE, Interrupts, PictureLogger, Ru
 from trainer.training.checkpoint import not_restored, require_checkpoint
 from trainer.training.datamodule import ImagingData
 from trainer.training.doa import DoaData, DoaTask
+from trainer.training.processes import ended_process, follower, is_first
 from trainer.training.task import ImagingTask
 from trainer.training.verdict import judge
 
@@ -65,14 +64,11 @@ def fit(
     :param check: hash every shard before training
     :param devices: processes, one a device; or started by torchrun
     :raises InputError: bad data, or a folder that holds another run
-    :raises TrainingStopped: a loss that is not finite
+    :raises TrainingStopped: a loss that is not finite, a process that has ended
     :raises KeyboardInterrupt: Ctrl-C; what the last validation left is whole
     """
-    first = int(os.environ.get("RANK", os.environ.get("LOCAL_RANK", "0"))) == 0
-    if not first:
-        end_with_parent(os.getppid())
-        return _fit(datasets, out, config, array, weights, resume, workers, check, devices, announce, first)
-    with output_folder(out, resume, "an empty or new folder, or --resume"):
+    first = is_first()
+    with output_folder(out, resume, "an empty or new folder, or --resume") if first else follower():
         return _fit(datasets, out, config, array, weights, resume, workers, check, devices, announce, first)
 
 
@@ -115,7 +111,7 @@ def _fit(
     frames = ", ".join(f"{f.name}: {f.frames['train']} + {f.frames['validation']}" for f in run.datasets)
     if first:
         announce(f"{config.model}, {parameters} parameters; array {run.array.name}; train + validate frames: {frames}")
-    keeper, interrupts = RunKeeper(out, announce), Interrupts()
+    keeper, interrupts = RunKeeper(out, announce), Interrupts(first)
     callbacks: list[Callback] = [keeper, interrupts, *([] if online else [PictureLogger()])]
     if config.patience:
         watched = LOSS if UNITS[config.target] == PROBABILITY else NMSE
@@ -154,6 +150,8 @@ def _fit(
     except InputError:
         raise
     except Exception as error:
+        if ended := ended_process(trainer):
+            raise KeyboardInterrupt if interrupts.asked else TrainingStopped(ended) from error
         if checkpoint is None or keeper.started or out_of_memory(error):
             raise
         raise not_restored(checkpoint, error) from error

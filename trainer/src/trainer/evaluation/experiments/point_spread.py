@@ -1,8 +1,6 @@
 """Point-spread function of a cylinder at 5.7 m (the paper's Fig. 8), simulated.
 
-A vertical metal cylinder reflects from the point of its surface nearest to the radar. Its height, not published, is
-more than the first Fresnel zone, sqrt(2 lambda R) = 0.21 m, and then its radar cross section no longer grows with its
-height: here it is a point of 0 dBsm. The figure has it at u = 0.1; the numbers are means over :data:`ANGLES`.
+The figure has it at u = 0.1; the numbers are means over :data:`ANGLES`.
 """
 
 from __future__ import annotations
@@ -15,16 +13,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from shared.radar import Radar
-from shared.signal import target_amplitudes
-from shared.signal.windows import cell_noise_power
-from trainer.data.simulation import (
-    CLOSE_UP_BINS,
-    close_up,
-    in_plane,
-    out_of_sight,
-    snapshot,
-    truth_image,
-)
+from trainer.data.simulation import CLOSE_UP_BINS, close_up, out_of_sight
 from trainer.evaluation.experiments.bench import (
     KEPT,
     Bench,
@@ -34,18 +23,23 @@ from trainer.evaluation.experiments.bench import (
     mean_row,
     radar_task,
 )
-from trainer.evaluation.experiments.contenders import Contender
+from trainer.evaluation.experiments.cylinders import (
+    RANGE_M,
+    Echoes,
+    cylinders,
+    image_around,
+    noisy_snapshot,
+    truth_around,
+)
 from trainer.evaluation.report.levels import REPORT_SPAN_DB, own_levels
 from trainer.evaluation.report.panels import image_panels
 from trainer.evaluation.rows import MetricRow, SummaryColumn
 from trainer.evaluation.store import Values
 from trainer.metrics.width import point_spread
 
-RANGE_M = 5.7
 SHOWN_U = 0.1
 ANGLES = (-0.6, -0.45, -0.3, -0.15, 0.0, SHOWN_U, 0.25, 0.4, 0.55)
 """u = sin(azimuth) of the cylinder, one simulation each."""
-RCS_DBSM = 0.0
 WIDTH, SIDELOBE = "-3 dB width [bins]", "peak sidelobe [dB]"
 
 
@@ -70,14 +64,12 @@ class CylinderSpread:
 
         @lru_cache(maxsize=KEPT)
         def scene(index: int) -> NDArray[np.complex64]:
-            return snapshot(
-                bench.radar, *_cylinder(bench.radar, ANGLES[index]), np.random.default_rng([seed, 8, index])
-            )
+            return noisy_snapshot(bench.radar, _cylinder(bench.radar, ANGLES[index]), [seed, 8, index])
 
         tasks = [
             contender_task(
                 bench, contender, f"u={u:g}", [seed, index, CLOSE_UP_BINS],
-                partial(_image, bench.radar, contender, partial(scene, index)),
+                partial(image_around, bench.radar, contender, partial(scene, index)),
             )
             for index, u in enumerate(ANGLES)
             for contender in bench.contenders
@@ -122,17 +114,9 @@ class CylinderSpread:
         return {self.name: figure}
 
 
-def _cylinder(radar: Radar, u: float) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
-    """([1, 3] position [m], [1] amplitude [sqrt(W)])."""
-    position = in_plane(np.array([RANGE_M]), np.array([u]))
-    return position, target_amplitudes(radar, position, np.array([RCS_DBSM]), np.zeros(1))
-
-
-def _image(radar: Radar, contender: Contender, scene: partial[NDArray[np.complex64]]) -> Values:
-    rows, _ = close_up(radar, RANGE_M)
-    return {"image": contender.image_rows(scene(), cell_noise_power(radar), rows).astype(np.float32)}
+def _cylinder(radar: Radar, u: float) -> Echoes:
+    return cylinders(radar, np.array([u]), np.zeros(1))
 
 
 def _truth(radar: Radar) -> Values:
-    rows, _ = close_up(radar, RANGE_M)
-    return {"image": truth_image(radar, *_cylinder(radar, SHOWN_U))[rows]}
+    return truth_around(radar, _cylinder(radar, SHOWN_U))

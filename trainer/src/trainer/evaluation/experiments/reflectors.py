@@ -15,17 +15,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from shared.radar import Radar
-from shared.signal import target_amplitudes
-from shared.signal.windows import cell_noise_power
 from trainer.data.pairs import resolution_cell
-from trainer.data.simulation import (
-    CLOSE_UP_BINS,
-    close_up,
-    in_plane,
-    out_of_sight,
-    snapshot,
-    truth_image,
-)
+from trainer.data.simulation import CLOSE_UP_BINS, close_up, out_of_sight
 from trainer.evaluation.experiments.bench import (
     KEPT,
     Bench,
@@ -35,16 +26,21 @@ from trainer.evaluation.experiments.bench import (
     radar_task,
     share_row,
 )
-from trainer.evaluation.experiments.contenders import Contender
+from trainer.evaluation.experiments.cylinders import (
+    RANGE_M,
+    Echoes,
+    cylinders,
+    image_around,
+    noisy_snapshot,
+    truth_around,
+)
 from trainer.evaluation.report.levels import own_levels
 from trainer.evaluation.report.panels import image_panels
 from trainer.evaluation.rows import MetricRow, SummaryColumn
 from trainer.evaluation.store import Values
 from trainer.metrics.resolution import resolved, strongest_peaks
 
-RANGE_M = 5.7
 CENTRE_U = 0.05
-RCS_DBSM = 0.0
 MOST_REALISATIONS = 24
 """Each is a whole image for a network of whole images."""
 
@@ -70,13 +66,12 @@ class Reflectors:
 
         @lru_cache(maxsize=KEPT)
         def scene(index: int) -> NDArray[np.complex64]:
-            generator = np.random.default_rng([seed, 10, index])
-            return snapshot(bench.radar, *_pair(bench.radar, seed, index), generator)
+            return noisy_snapshot(bench.radar, _pair(bench.radar, seed, index), [seed, 10, index])
 
         tasks = [
             contender_task(
                 bench, contender, f"realisation={index}", [seed, index, CLOSE_UP_BINS],
-                partial(_image, bench.radar, contender, partial(scene, index)),
+                partial(image_around, bench.radar, contender, partial(scene, index)),
             )
             for index in range(count)
             for contender in bench.contenders
@@ -119,18 +114,11 @@ def _places(radar: Radar) -> NDArray[np.float64]:
     return CENTRE_U + resolution_cell(radar) * np.array([-0.5, 0.5])
 
 
-def _pair(radar: Radar, seed: int, index: int) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
-    """([2, 3] positions [m], [2] amplitudes [sqrt(W)]) of one realisation."""
+def _pair(radar: Radar, seed: int, index: int) -> Echoes:
+    """Of one realisation."""
     phase = np.random.default_rng([seed, 11, index]).uniform(-np.pi, np.pi, 2)
-    positions = in_plane(np.full(2, RANGE_M), _places(radar))
-    return positions, target_amplitudes(radar, positions, np.full(2, RCS_DBSM), phase)
-
-
-def _image(radar: Radar, contender: Contender, scene: partial[NDArray[np.complex64]]) -> Values:
-    rows, _ = close_up(radar, RANGE_M)
-    return {"image": contender.image_rows(scene(), cell_noise_power(radar), rows).astype(np.float32)}
+    return cylinders(radar, _places(radar), phase)
 
 
 def _truth(radar: Radar, seed: int) -> Values:
-    rows, _ = close_up(radar, RANGE_M)
-    return {"image": truth_image(radar, *_pair(radar, seed, 0))[rows]}
+    return truth_around(radar, _pair(radar, seed, 0))
