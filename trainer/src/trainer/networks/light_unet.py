@@ -19,14 +19,15 @@ class LightUNet(nn.Module):
 
     :param width: channels of the first level, doubled at each of the two others
     :param blocks: of each level, a name in :data:`trainer.networks.blocks.BLOCKS`
+    :param stride: angle bins of the input to one of the first level; the last layer answers for each of them
     """
 
-    def __init__(self, inputs: int, outputs: int, width: int, blocks: str = "convolution") -> None:
+    def __init__(self, inputs: int, outputs: int, width: int, blocks: str = "convolution", stride: int = 1) -> None:
         super().__init__()
-        self.inputs, self.outputs = inputs, outputs
+        self.inputs, self.outputs, self.stride = inputs, outputs, stride
         block = BLOCKS[blocks]
         sizes = [width * 2**level for level in range(LEVELS)]
-        self.stem = nn.Conv2d(inputs, width, 3, padding=1)
+        self.stem = nn.Conv2d(inputs, width, (3, stride + 2), stride=(1, stride), padding=1)
         self.encoder = nn.ModuleList(block(size) for size in sizes)
         # 2 x 2, not 1 x 1: the backward of a strided 1 x 1 convolution corrupts the heap (torch 2.13, channels_last).
         self.down = nn.ModuleList(nn.Conv2d(fine, coarse, 2, stride=2) for fine, coarse in pairwise(sizes))
@@ -35,12 +36,13 @@ class LightUNet(nn.Module):
             for fine, coarse in zip(sizes[-2::-1], sizes[:0:-1], strict=True)
         )
         self.decoder = nn.ModuleList(block(size) for size in sizes[-2::-1])
-        self.head = nn.Conv2d(width, outputs, 1)
+        self.head = nn.Conv2d(width, stride * outputs, 1)
 
     def forward(
         self, features: Float[torch.Tensor, "batch {self.inputs} rows bins"]
     ) -> Float[torch.Tensor, "batch {self.outputs} rows bins"]:
-        image = self.stem(pad_to_multiple(features, 2 ** (LEVELS - 1)))
+        coarsest = 2 ** (LEVELS - 1)
+        image = self.stem(pad_to_multiple(features, coarsest, self.stride * coarsest))
         skips: list[torch.Tensor] = []
         for level, encode in enumerate(self.encoder):
             image = encode(self.down[level - 1](skips[-1]) if level else image)
@@ -48,4 +50,8 @@ class LightUNet(nn.Module):
         skips.pop()
         for up, decode in zip(self.up, self.decoder, strict=True):
             image = decode(up(image) + skips.pop())
-        return crop_like(self.head(image), features)
+        answer = self.head(image)  # (B, stride * outputs, R, U / stride)
+        if self.stride > 1:
+            batch, _, rows, bins = answer.shape
+            answer = answer.reshape(batch, self.outputs, self.stride, rows, bins).permute(0, 1, 3, 4, 2).flatten(3)
+        return crop_like(answer, features)

@@ -8,11 +8,11 @@ from torch.nn import functional
 
 
 def pad_to_multiple(
-    image: Float[torch.Tensor, "batch channels rows bins"], multiple: int
+    image: Float[torch.Tensor, "batch channels rows bins"], rows: int, bins: int | None = None
 ) -> Float[torch.Tensor, "batch channels padded_rows padded_bins"]:
-    """Zero-padded at the end of range and angle to multiples; pixel (0, 0) stays where it is."""
-    rows, bins = image.shape[-2:]
-    return functional.pad(image, (0, -bins % multiple, 0, -rows % multiple))
+    """Zero-padded at the end of range and angle to multiples, the same for both by default; pixel (0, 0) stays."""
+    height, width = image.shape[-2:]
+    return functional.pad(image, (0, -width % (bins or rows), 0, -height % rows))
 
 
 def crop_like(

@@ -33,13 +33,15 @@ from shared.signal.adaptive import (
 )
 from trainer.networks.light_unet import LightUNet
 
-LAGS = (1, 2, 3, 5, 8)
+LAGS = (1, 2, 4, 8)
 """Distances of the products [angle bins]; a resolution cell of the full array has 10.75."""
 STATE = 4 + 2 * len(LAGS)
 """Channels of :func:`state_features`."""
 KERNEL = 7
 """Angle bins that a convolution of a learned step sees."""
 STEP_WIDTH = 16
+CONTEXT_STRIDE = 2
+"""Angle bins to one of the U-Net's; the truth's lines are nine bins wide."""
 LARGEST_CORRECTION = 1.0
 """Of one learned step [decades of power]: a step that is wrong leaves the next ones something to mend."""
 LEAST_RATIO = 1e-6
@@ -98,12 +100,17 @@ class UnrolledNetwork(nn.Module):
             self.register_buffer(name, torch.from_numpy(table), persistent=False)
         self.register_buffer("view", torch.from_numpy(view_table(radar, channels, window)), persistent=False)
         self.steps = nn.ModuleList(LearnedStep() for _ in range(learned))
-        self.context = LightUNet(STATE + 2, self.outputs, width)
+        # The U-Net sees every second angle bin's neighbourhood; what one row says at each bin goes past it.
+        self.context = LightUNet(STATE + 2, self.outputs, width, stride=CONTEXT_STRIDE)
+        self.row = nn.Conv2d(STATE + 2, self.outputs, (1, KERNEL), padding=(0, KERNEL // 2))
         with torch.no_grad():
             # The image starts as the view, and detection with what is rare.
-            self.context.head.weight.mul_(0.1)
-            assert self.context.head.bias is not None
-            self.context.head.bias.copy_(torch.tensor([0.0, RARE][: self.outputs]))
+            for head in (self.context.head, self.row):
+                head.weight.mul_(0.1)
+                assert head.bias is not None
+                head.bias.zero_()
+            assert self.row.bias is not None
+            self.row.bias.copy_(torch.tensor([0.0, RARE][: self.outputs]))
 
     def forward(
         self, snapshots: Float[torch.Tensor, "batch planes rows 1"]
@@ -125,7 +132,8 @@ class UnrolledNetwork(nn.Module):
         with torch.autocast(snapshots.device.type, enabled=False):
             seen = virtual_view(power, filtered, form, self.get_buffer("view"))
             base = (seen + SMALLEST).pow(self.exponent).reshape(shape)
-        answer = self.context(torch.cat([state, base[:, None], level[:, None]], dim=1)).float()
+        known = torch.cat([state, base[:, None], level[:, None]], dim=1)
+        answer = self.context(known).float() + self.row(known).float()
         return torch.cat([answer[:, :1] + base[:, None], answer[:, 1:]], dim=1)
 
     def _forms(

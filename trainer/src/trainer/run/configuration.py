@@ -66,7 +66,7 @@ class FitConfig(BaseModel):
     blocks: Blocks = "convolution"
     features: Features = "snapshots"
     iterations: Few = 5
-    learned: Annotated[int, Field(ge=0, le=64)] = 3
+    learned: Annotated[int, Field(ge=0, le=64)] = 2
     truth_window: str = "taylor-30"
     detection: NotNegative = 0.25
     target: Target = "row"
