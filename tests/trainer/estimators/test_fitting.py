@@ -234,8 +234,10 @@ def test_moves_have_the_lines_that_they_say() -> None:
     np.testing.assert_allclose(np.sort(best[0]), [-0.2, 0.1, 0.4, 0.7], atol=1e-6)
     assert left[0] < 1e-9
     two = echoes(array, np.array([[0.1, 0.5]]), np.array([[1.0, 1.0j]]))
-    pairs = pairs_elsewhere(two, array, axis, np.array([[0.1, -0.5]]), 2)
+    pairs = pairs_elsewhere(two, array, axis, np.empty((1, 0)), np.array([[0.1, -0.5]]), 2)
     np.testing.assert_allclose(pairs[0, 0], [0.1, 0.5], atol=0.5 * RL)
+    beside = pairs_elsewhere(rows, array, axis, np.array([[0.4, -0.2]]), np.empty((1, 0)), 1)
+    np.testing.assert_allclose(beside[0, 0], [0.4, -0.2, 0.1, 0.7], atol=0.5 * RL)
     assert np.abs(pairs[0, 1] - pairs[0, 0]).max() >= NEAR_CELLS * array.resolution_cell
 
 
