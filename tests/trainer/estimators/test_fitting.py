@@ -155,7 +155,7 @@ def test_levels_scale(factor: float) -> None:
 def test_hard_rows_end(name: str) -> None:
     array = ARRAYS[name]
     generator = np.random.default_rng(10)
-    crowd = echoes(array, generator.uniform(-0.8, 0.8, (3, 60)), np.ones((3, 60), dtype=complex))
+    crowd = echoes(array, generator.uniform(-0.8, 0.8, (1, 60)), np.ones((1, 60), dtype=complex))
     lone = echoes(array, np.array([[0.3]]), np.array([[1e4 + 0j]])) + noise(array, 1, 1.0, generator)  # 80 dB
     one_channel = np.eye(1, array.channels, 3, dtype=complex)
     rows = np.concatenate([np.zeros((1, array.channels)), crowd, lone, one_channel, np.ones((1, array.channels))])

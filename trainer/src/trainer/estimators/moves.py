@@ -81,33 +81,31 @@ def pairs_elsewhere(
     :param axis: uniform
     """
     kept = min(kept, len(axis))
-    alone, left, basis = beside_lines(x, array, axis, u)
-    place = np.argpartition(-alone, kept - 1, axis=1)[:, :kept]  # (B, M)
-    steps = np.arange(1 - len(axis), len(axis))
-    overlap = array.manifold((axis[1] - axis[0]) * steps).mean(axis=0).astype(np.complex64)
-    steps = place[:, None, :] - place[:, :, None]  # (B, M, M)
-    gram = overlap[steps + len(axis) - 1]
-    atoms = np.moveaxis(array.manifold(axis[place]), 0, 2) / np.sqrt(array.channels)  # (B, M, C)
-    matched = (atoms.conj() @ left[..., None])[..., 0].astype(np.complex64)
+    alone, matched, inside = beside_lines(x, array, axis, u)
+    place = np.sort(np.argpartition(-alone, kept - 1, axis=1)[:, :kept], axis=1)  # (B, M)
+    first, second = np.triu_indices(kept, 1)
+    overlap = array.manifold((axis[1] - axis[0]) * np.arange(len(axis))).mean(axis=0).astype(np.complex64)
+    gram = overlap[place[:, second] - place[:, first]]  # (B, P)
+    matched = np.take_along_axis(matched, place, axis=1).astype(np.complex64)
     if u.shape[1]:
-        inside = (atoms.conj() @ basis).astype(np.complex64)  # (B, M, K)
-        gram = gram - inside @ np.swapaxes(inside, 1, 2).conj()
-        norm = np.sqrt(np.maximum(1.0 - np.sum(np.abs(inside) ** 2, axis=2), LEAST_APART))
-        gram /= norm[:, :, None] * norm[:, None, :]
+        inside = np.take_along_axis(inside, place[:, None, :], axis=2).astype(np.complex64)  # (B, K, M)
+        gram = gram - np.sum(inside[:, :, first].conj() * inside[:, :, second], axis=1)
+        norm = np.sqrt(np.maximum(1.0 - np.sum(np.abs(inside) ** 2, axis=1), LEAST_APART))
+        gram /= norm[:, first] * norm[:, second]
         matched /= norm
-    energy = pair_energy(matched[:, :, None], matched[:, None, :], gram)
-    energy[steps <= 0] = 0.0
+    energy = pair_energy(matched[:, first], matched[:, second], gram)
     near = NEAR_CELLS * array.resolution_cell
     angle = axis[place]
-    occupied = np.asarray((np.abs(angle[:, :, None] - avoided[:, None, :]) < near).any(axis=2))
-    energy[occupied[:, :, None] & occupied[:, None, :]] = 0.0
+    if avoided.shape[1]:
+        occupied = np.asarray((np.abs(angle[:, :, None] - avoided[:, None, :]) < near).any(axis=2))
+        energy[occupied[:, first] & occupied[:, second]] = 0.0
     rows, found = np.arange(len(x)), np.empty((len(x), count, 2))
     for index in range(count):
-        first, second = np.divmod(np.argmax(energy.reshape(len(x), kept * kept), axis=1), kept)
-        found[:, index] = np.stack([angle[rows, first], angle[rows, second]], axis=1)
+        best = np.argmax(energy, axis=1)
+        found[:, index] = np.stack([angle[rows, first[best]], angle[rows, second[best]]], axis=1)
         if index + 1 < count:
-            close = np.asarray(np.abs(angle[:, :, None] - found[:, index, None, :]) < near)  # (B, M, 2)
-            energy[close[:, :, None, 0] & close[:, None, :, 1]] = 0.0
+            close = np.asarray(np.abs(angle[:, None, :] - found[:, index, :, None]) < near)  # (B, 2, M)
+            energy[close[:, 0, first] & close[:, 1, second]] = 0.0
     return np.concatenate([np.repeat(u[:, None, :], count, axis=1), found], axis=2)
 
 
@@ -130,20 +128,22 @@ def pair_energy(
 def beside_lines(
     x: NDArray[np.complex128], array: LineArray, axis: NDArray[np.float64], u: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.complex128], NDArray[np.complex128]]:
-    """(energy [B, N] that a further line at each angle of ``axis`` [N] takes of what the lines u [B, K] leave of x,
-    [B, C] what they leave, [B, C, K] an orthonormal basis of their span)."""
-    manifold = array.manifold(axis)
+    """What a further line at each angle of ``axis`` [N] meets beside the lines u [B, K]; P projects off their span.
+
+    :return: [B, N] energy that it takes, |a^H P x|^2 / a^H P a; [B, N] a^H P x / |a|; [B, K, N] Q^H a / |a|, Q an
+        orthonormal basis of the span
+    """
+    atoms = array.manifold(axis) / np.sqrt(array.channels)
     if not u.shape[1]:
-        basis = np.empty((len(x), array.channels, 0), dtype=np.complex128)
-        return np.abs(x @ manifold.conj()) ** 2 / array.channels, x, basis
+        matched = x @ atoms.conj()
+        return np.abs(matched) ** 2, matched, np.empty((len(x), 0, len(axis)), dtype=np.complex128)
     basis, _ = np.linalg.qr(np.moveaxis(array.manifold(u), 0, 1))
     adjoint = np.swapaxes(basis, 1, 2).conj()
-    left = x - (basis @ (adjoint @ x[..., None]))[..., 0]
-    inside = np.abs(adjoint @ manifold) ** 2
-    outside = np.maximum(array.channels - inside.sum(axis=1), 0.0)
-    explained = np.abs(left @ manifold.conj()) ** 2
-    tested = outside > CLOSEST * array.channels
-    return np.where(tested, explained / np.where(tested, outside, 1.0), 0.0), left, basis
+    matched = (x - (basis @ (adjoint @ x[..., None]))[..., 0]) @ atoms.conj()
+    inside = adjoint @ atoms
+    outside = np.maximum(1.0 - np.sum(np.abs(inside) ** 2, axis=1), 0.0)
+    tested = outside > CLOSEST
+    return np.where(tested, np.abs(matched) ** 2 / np.where(tested, outside, 1.0), 0.0), matched, inside
 
 
 def best_refit(
