@@ -155,7 +155,7 @@ def test_levels_scale(factor: float) -> None:
 def test_hard_rows_end(name: str) -> None:
     array = ARRAYS[name]
     generator = np.random.default_rng(10)
-    crowd = echoes(array, generator.uniform(-0.8, 0.8, (3, 60)), np.ones((3, 60), dtype=complex))
+    crowd = echoes(array, generator.uniform(-0.8, 0.8, (1, 60)), np.ones((1, 60), dtype=complex))
     lone = echoes(array, np.array([[0.3]]), np.array([[1e4 + 0j]])) + noise(array, 1, 1.0, generator)  # 80 dB
     one_channel = np.eye(1, array.channels, 3, dtype=complex)
     rows = np.concatenate([np.zeros((1, array.channels)), crowd, lone, one_channel, np.ones((1, array.channels))])
@@ -234,8 +234,10 @@ def test_moves_have_the_lines_that_they_say() -> None:
     np.testing.assert_allclose(np.sort(best[0]), [-0.2, 0.1, 0.4, 0.7], atol=1e-6)
     assert left[0] < 1e-9
     two = echoes(array, np.array([[0.1, 0.5]]), np.array([[1.0, 1.0j]]))
-    pairs = pairs_elsewhere(two, array, axis, np.array([[0.1, -0.5]]), 2)
+    pairs = pairs_elsewhere(two, array, axis, np.empty((1, 0)), np.array([[0.1, -0.5]]), 2)
     np.testing.assert_allclose(pairs[0, 0], [0.1, 0.5], atol=0.5 * RL)
+    beside = pairs_elsewhere(rows, array, axis, np.array([[0.4, -0.2]]), np.empty((1, 0)), 1)
+    np.testing.assert_allclose(beside[0, 0], [0.4, -0.2, 0.1, 0.7], atol=0.5 * RL)
     assert np.abs(pairs[0, 1] - pairs[0, 0]).max() >= NEAR_CELLS * array.resolution_cell
 
 

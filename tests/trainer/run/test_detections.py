@@ -115,7 +115,9 @@ def test_probability_orders_candidates_and_is_read_beside_the_line() -> None:
 
 def test_shapes_that_do_not_fit_are_refused() -> None:
     with pytest.raises(InputError, match="detections"):
-        find_detections(np.zeros((1, 5, 450)), None, np.zeros((1, 6, 18), complex), np.zeros((1, 6)), RADAR, ARRAY, NOISE)
+        find_detections(
+            np.zeros((1, 5, 450)), None, np.zeros((1, 6, 18), complex), np.zeros((1, 6)), RADAR, ARRAY, NOISE
+        )
 
 
 SOME = Detections(

@@ -9,6 +9,8 @@ probability (a generalised likelihood-ratio test with known noise):
 3. The line whose removal, the others refined again, costs least is removed while it costs less than the threshold.
 4. Where the energy left fails its chi-square test each line is split and one is added; the best is kept while it gains
    more than the threshold. Then step 3 again: an older line may have become needless.
+5. Of two lines and more the best pair elsewhere is tried in their place, of three to five also pairs beside each one:
+   the lobes of a sparse array make optima that no small step leaves.
 """
 
 from __future__ import annotations
@@ -25,7 +27,7 @@ from shared.physics.errors import InputError
 from shared.physics.units import db_to_power
 from trainer.estimators.array import LARGEST_RELATIVE_NOISE, LineArray, check_snapshots, uniform_axis
 from trainer.estimators.lines import STEPS, bounded_amplitudes, bounded_energy_left, line_covariance
-from trainer.estimators.moves import addition_score, additions, best_refit, pairs_elsewhere, refit, removals, splits
+from trainer.estimators.moves import additions, beside_lines, best_refit, pairs_elsewhere, refit, removals, splits
 
 MODEL_ERROR_DB = -30.0
 """Of a row's power: the curvature of a wave front from 12 m over 94 mm leaves that much of one plane wave."""
@@ -39,8 +41,10 @@ SEARCH_POINTS = 4
 """Angles in a resolution cell where lines are added."""
 SPLIT_CELLS = (0.5, 0.2)
 """Distances of the two halves of a split line before they are refined, in resolution cells."""
-ELSEWHERE = 2
+ELSEWHERE = 3
 """Pairs of angles far from a row's lines that are refined in their place."""
+MOST_SEARCHED = 5
+"""Lines of a row beside each of which pairs are tried."""
 PRUNING_STEPS = 4
 """Gauss-Newton steps of a trial; what is kept is refined to the end."""
 ROUNDING = 1e-20
@@ -173,7 +177,7 @@ class _Fit:
 
     def above_noise(self) -> NDArray[np.intp]:
         """Rows in which the best angle takes more than the threshold."""
-        explained = addition_score(self.x, self.array, self.axis, np.empty((len(self.x), 0)))
+        explained = beside_lines(self.x, self.array, self.axis, np.empty((len(self.x), 0)))[0]
         # Half a step off the grid a lone line loses 0.1 dB.
         return np.flatnonzero(explained.max(axis=1, initial=0.0) > self.threshold * self.noise)
 
@@ -214,7 +218,7 @@ class _Fit:
         self.prune(grown)
 
     def look_elsewhere(self, rows: NDArray[np.intp]) -> None:
-        """Two lines instead of a row's two or more, at the best angles far from them, where that costs less."""
+        """Other lines in the place of two or more, as many or fewer, where that costs less."""
         self._grouped(rows[self.count[rows] > 1], self._try_pair)
 
     def finish(self, rows: NDArray[np.intp]) -> tuple[NDArray[np.float64], NDArray[np.complex128], NDArray[np.float64]]:
@@ -295,13 +299,24 @@ class _Fit:
         return rows[gains]
 
     def _try_pair(self, rows: NDArray[np.intp], count: int) -> NDArray[np.intp]:
+        """Two lines in place of all, or one of a few kept and two beside it."""
+        lines = self.u[rows, :count]
         # Where a line fewer would do, the best pair may stand near the lines.
-        avoided = self.u[rows, : count if count == 2 else 0]
-        trials = pairs_elsewhere(self.x[rows], self.array, self.axis, avoided, ELSEWHERE)
-        pair, left = best_refit(self.x[rows], trials, self.array, PRUNING_STEPS, bounded_energy_left)
-        better = left < self.left[rows] + (count - 2) * self.threshold * self.noise[rows]
-        self._put(rows[better], pair[better], left[better])
-        return rows[better]
+        self._replace(rows, lines[:, :0], lines if count == 2 else lines[:, :0])
+        if 2 < count <= MOST_SEARCHED:
+            for line in range(count):
+                going = self.count[rows] == count
+                self._replace(rows[going], lines[going, line : line + 1], lines[going, :0])
+        return rows
+
+    def _replace(self, rows: NDArray[np.intp], kept: NDArray[np.float64], avoided: NDArray[np.float64]) -> None:
+        """Put the best pair beside the lines ``kept`` in the place of a row's others where it costs less."""
+        x = self.x[rows]
+        trials = pairs_elsewhere(x, self.array, self.axis, kept, avoided, ELSEWHERE)
+        best, left = best_refit(x, trials, self.array, PRUNING_STEPS, bounded_energy_left)
+        fewer = self.count[rows] - best.shape[1]
+        better = left < self.left[rows] + fewer * self.threshold * self.noise[rows]
+        self._put(rows[better], best[better], left[better])
 
     def _put(self, rows: NDArray[np.intp], lines: NDArray[np.float64], left: NDArray[np.float64]) -> None:
         self.u[rows] = np.nan

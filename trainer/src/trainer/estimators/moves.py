@@ -53,7 +53,7 @@ def additions(
     The score is |a^H P x|^2 / a^H P a with P the projection off the span of the lines; an angle of ``axis`` inside that
     span counts 0. Beside the best one only its local maxima are taken.
     """
-    score = addition_score(x, array, axis, u)
+    score = beside_lines(x, array, axis, u)[0]
     if count > 1:
         before, after = np.roll(score, 1, axis=1), np.roll(score, -1, axis=1)
         score = np.where((score >= before) & (score > after), score, 0.0)
@@ -64,57 +64,49 @@ def additions(
     return np.concatenate([kept, axis[best][..., None]], axis=2)
 
 
-def addition_score(
-    x: NDArray[np.complex128], array: LineArray, axis: NDArray[np.float64], u: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """[B, N] energy that a further line at each angle of ``axis`` [N] takes of what the lines u [B, K] leave of x."""
-    manifold = array.manifold(axis)
-    if not u.shape[1]:
-        return np.abs(x @ manifold.conj()) ** 2 / array.channels
-    basis, _ = np.linalg.qr(np.moveaxis(array.manifold(u), 0, 1))
-    adjoint = np.swapaxes(basis, 1, 2).conj()
-    left = x - (basis @ (adjoint @ x[..., None]))[..., 0]
-    inside = np.abs(adjoint @ manifold) ** 2
-    outside = np.maximum(array.channels - inside.sum(axis=1), 0.0)
-    explained = np.abs(left @ manifold.conj()) ** 2
-    tested = outside > CLOSEST * array.channels
-    return np.where(tested, explained / np.where(tested, outside, 1.0), 0.0)
-
-
 def pairs_elsewhere(
     x: NDArray[np.complex128],
     array: LineArray,
     axis: NDArray[np.float64],
     u: NDArray[np.float64],
+    avoided: NDArray[np.float64],
     count: int,
     kept: int = KEPT_ANGLES,
 ) -> NDArray[np.float64]:
-    """[B, count, 2] the pairs of angles that explain most of x, none of which is near two of the lines u [B, K].
+    """[B, count, K + 2] the lines u [B, K], K from 0, and the pairs of angles that explain most of what they leave.
 
-    Of the ``kept`` angles with the highest delay-and-sum all pairs are tried, see :func:`pair_energy`. A pair is near
-    where both its angles are within :data:`NEAR_CELLS` of lines; pairs near a better one are left out as well.
+    Of the ``kept`` angles that would explain most alone all pairs are tried, see :func:`pair_energy`. A pair is left
+    out where both its angles are within :data:`NEAR_CELLS` of lines ``avoided`` [B, A], or of a better pair.
+
+    :param axis: uniform
     """
-    spacing = axis[1] - axis[0]
-    matched = x @ array.manifold(axis).conj() / np.sqrt(array.channels)
     kept = min(kept, len(axis))
-    place = np.argpartition(-np.abs(matched), kept - 1, axis=1)[:, :kept]  # (B, M)
-    chosen = np.take_along_axis(matched, place, axis=1).astype(np.complex64)
-    steps = place[:, None, :] - place[:, :, None]  # (B, M, M)
-    overlap = np.mean(array.manifold(spacing * np.arange(1 - len(axis), len(axis))), axis=0).astype(np.complex64)
-    energy = pair_energy(chosen[:, :, None], chosen[:, None, :], overlap[steps + len(axis) - 1])
-    energy[steps <= 0] = 0.0
+    alone, matched, inside = beside_lines(x, array, axis, u)
+    place = np.sort(np.argpartition(-alone, kept - 1, axis=1)[:, :kept], axis=1)  # (B, M)
+    first, second = np.triu_indices(kept, 1)
+    overlap = array.manifold((axis[1] - axis[0]) * np.arange(len(axis))).mean(axis=0).astype(np.complex64)
+    gram = overlap[place[:, second] - place[:, first]]  # (B, P)
+    matched = np.take_along_axis(matched, place, axis=1).astype(np.complex64)
+    if u.shape[1]:
+        inside = np.take_along_axis(inside, place[:, None, :], axis=2).astype(np.complex64)  # (B, K, M)
+        gram = gram - np.sum(inside[:, :, first].conj() * inside[:, :, second], axis=1)
+        norm = np.sqrt(np.maximum(1.0 - np.sum(np.abs(inside) ** 2, axis=1), LEAST_APART))
+        gram /= norm[:, first] * norm[:, second]
+        matched /= norm
+    energy = pair_energy(matched[:, first], matched[:, second], gram)
     near = NEAR_CELLS * array.resolution_cell
     angle = axis[place]
-    occupied = np.asarray((np.abs(angle[:, :, None] - u[:, None, :]) < near).any(axis=2))
-    energy[occupied[:, :, None] & occupied[:, None, :]] = 0.0
+    if avoided.shape[1]:
+        occupied = np.asarray((np.abs(angle[:, :, None] - avoided[:, None, :]) < near).any(axis=2))
+        energy[occupied[:, first] & occupied[:, second]] = 0.0
     rows, found = np.arange(len(x)), np.empty((len(x), count, 2))
     for index in range(count):
-        first, second = np.divmod(np.argmax(energy.reshape(len(x), -1), axis=1), kept)
-        found[:, index] = np.stack([angle[rows, first], angle[rows, second]], axis=1)
+        best = np.argmax(energy, axis=1)
+        found[:, index] = np.stack([angle[rows, first[best]], angle[rows, second[best]]], axis=1)
         if index + 1 < count:
-            close = np.asarray(np.abs(angle[:, :, None] - found[:, index, None, :]) < near)  # (B, M, 2)
-            energy[close[:, :, None, 0] & close[:, None, :, 1]] = 0.0
-    return found
+            close = np.asarray(np.abs(angle[:, None, :] - found[:, index, :, None]) < near)  # (B, 2, M)
+            energy[close[:, 0, first] & close[:, 1, second]] = 0.0
+    return np.concatenate([np.repeat(u[:, None, :], count, axis=1), found], axis=2)
 
 
 def pair_energy(
@@ -122,8 +114,8 @@ def pair_energy(
 ) -> NDArray[np.floating]:
     """Energy of the projection on pairs of angles, (|b_i|^2 + |b_j|^2 - 2 Re(b_i* g b_j)) / (1 - |g|^2).
 
-    :param first, second: b = a^H x / sqrt(C)
-    :param overlap: g = a_i^H a_j / C; pairs that coincide count 0
+    :param first, second: b = a^H x / |a|, a the manifold vectors
+    :param overlap: g = a_i^H a_j / (|a_i| |a_j|); pairs that coincide count 0
     """
     apart = 1.0 - (overlap.real**2 + overlap.imag**2)
     cross = first.conj() * second
@@ -131,6 +123,27 @@ def pair_energy(
     joint = power - 2.0 * (cross.real * overlap.real - cross.imag * overlap.imag)
     told = apart > LEAST_APART
     return np.where(told, joint / np.where(told, apart, 1.0), 0.0)
+
+
+def beside_lines(
+    x: NDArray[np.complex128], array: LineArray, axis: NDArray[np.float64], u: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.complex128], NDArray[np.complex128]]:
+    """What a further line at each angle of ``axis`` [N] meets beside the lines u [B, K]; P projects off their span.
+
+    :return: [B, N] energy that it takes, |a^H P x|^2 / a^H P a; [B, N] a^H P x / |a|; [B, K, N] Q^H a / |a|, Q an
+        orthonormal basis of the span
+    """
+    atoms = array.manifold(axis) / np.sqrt(array.channels)
+    if not u.shape[1]:
+        matched = x @ atoms.conj()
+        return np.abs(matched) ** 2, matched, np.empty((len(x), 0, len(axis)), dtype=np.complex128)
+    basis, _ = np.linalg.qr(np.moveaxis(array.manifold(u), 0, 1))
+    adjoint = np.swapaxes(basis, 1, 2).conj()
+    matched = (x - (basis @ (adjoint @ x[..., None]))[..., 0]) @ atoms.conj()
+    inside = adjoint @ atoms
+    outside = np.maximum(1.0 - np.sum(np.abs(inside) ** 2, axis=1), 0.0)
+    tested = outside > CLOSEST
+    return np.where(tested, np.abs(matched) ** 2 / np.where(tested, outside, 1.0), 0.0), matched, inside
 
 
 def best_refit(
@@ -147,6 +160,28 @@ def best_refit(
     best = np.argmin(left.reshape(rows, count), axis=1)
     row = np.arange(rows)
     return refined.reshape(rows, count, lines)[row, best], left.reshape(rows, count)[row, best]
+
+
+def raced(
+    x: NDArray[np.complex128],
+    trials: NDArray[np.float64],
+    array: LineArray,
+    stages: Sequence[tuple[int, int]],
+    measure: EnergyLeft = line_energy_left,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """([B, T', L] the best of trials [B, T, L], best first, [B, T'] the energy they leave).
+
+    Each of the ``stages`` (steps, kept) refines all that are left by some steps and keeps the best: what a wrong
+    optimum leaves is seen before it is reached.
+    """
+    left = np.empty((len(x), 0))
+    for steps, kept in stages:
+        rows, count, lines = trials.shape
+        refined, energy = refit(np.repeat(x, count, axis=0), trials.reshape(rows * count, lines), array, steps, measure)
+        order = np.argsort(energy.reshape(rows, count), axis=1, kind="stable")[:, :kept]
+        trials = np.take_along_axis(refined.reshape(rows, count, lines), order[..., None], axis=1)
+        left = np.take_along_axis(energy.reshape(rows, count), order, axis=1)
+    return trials, left
 
 
 def refit(
