@@ -193,6 +193,7 @@ def virtual_view(
     filtered: Complex64[Array, "rows angles"],
     form: Float32[Array, "rows angles"],
     view: Complex64[Array, "angles bins"],
+    uncertain: Array | float = 1.0,
 ) -> Float32[Array, "rows bins"]:
     """[B, U] root of the expected power of the virtual sensor's image, given P, q and s of :func:`adaptive_forms`.
 
@@ -204,10 +205,11 @@ def virtual_view(
     it there.
 
     :param view: of :func:`view_table`, on the powers' device
+    :param uncertain: weight of the second sum; 0 for the image of the expected echoes
     """
     xp = array_namespace(power)
     spread = power * xp.clip(1.0 - power * form, 0.0, None)
-    expected = _squared((power * filtered) @ view) + spread @ _squared(view)
+    expected = _squared((power * filtered) @ view) + uncertain * (spread @ _squared(view))
     # The root has no slope at zero, which a gradient would divide by.
     return xp.sqrt(expected + LEAST_POWER) - LEAST_POWER**0.5
 

@@ -99,6 +99,8 @@ class UnrolledNetwork(nn.Module):
         for name, table in adaptive_tables(radar, channels)._asdict().items():
             self.register_buffer(name, torch.from_numpy(table), persistent=False)
         self.register_buffer("view", torch.from_numpy(view_table(radar, channels, window)), persistent=False)
+        # Weight of what is uncertain in the view, squared; 1 is the expected power.
+        self.uncertain = nn.Parameter(torch.ones(()))
         self.steps = nn.ModuleList(LearnedStep() for _ in range(learned))
         # The U-Net sees every second angle bin's neighbourhood; what one row says at each bin goes past it.
         self.context = LightUNet(STATE + 2, self.outputs, width, stride=CONTEXT_STRIDE)
@@ -130,7 +132,7 @@ class UnrolledNetwork(nn.Module):
         filtered, form = self._forms(power, snapshot, noise, tables)
         state, level = self._state(power, filtered, form, noise, shape)
         with torch.autocast(snapshots.device.type, enabled=False):
-            seen = virtual_view(power, filtered, form, self.get_buffer("view"))
+            seen = virtual_view(power, filtered, form, self.get_buffer("view"), self.uncertain.square())
             base = (seen + SMALLEST).pow(self.exponent).reshape(shape)
         known = torch.cat([state, base[:, None], level[:, None]], dim=1)
         answer = self.context(known).float() + self.row(known).float()

@@ -43,6 +43,7 @@ class FitConfig(BaseModel):
     :param threshold_db: a pixel of the "class" target is a target down to this level below the image's peak [dB]
     :param alpha: weight of the L1 norm of the estimate (paper, Table 2)
     :param foreground: additional weight of a pixel of target value 1, against the empty background
+    :param linear: weight of the normalised error of the linear image, for the "row" target
     :param batch: frames of one forward pass, on each device
     :param accumulate: batches of one optimiser step
     :param steps: optimiser steps of the whole run
@@ -75,6 +76,7 @@ class FitConfig(BaseModel):
     threshold_db: Positive = 30.0
     alpha: NotNegative = 0.0
     foreground: NotNegative = 1.0
+    linear: NotNegative = 0.02
     batch: Few = 2
     accumulate: Count = 1
     steps: Count = 1800

@@ -53,7 +53,9 @@ class ImagingTask(LightningModule):
         batch = self._training_batch(batch)
         features, scale = self.imager.features(batch["range_channel"], batch["noise_power"])
         target = encode(self.config, batch["image"], batch["image_peak"], scale)
-        losses = frame_losses(self.config, self.imager.answer(features), target, batch["known"], batch.get("spots"))
+        answer = self.imager.answer(features)
+        losses = frame_losses(self.config, answer, target, batch["known"], batch.get("spots"))
+        losses = losses + self._linear_losses(batch, answer, scale)
         self._refuse_not_finite(losses, batch["frame_id"])
         self.batches_seen += 1
         loss = losses.mean()
@@ -158,6 +160,20 @@ class ImagingTask(LightningModule):
         if spots is not None:
             extra["spots"] = crops.spots
         return {name: torch.cat([parts[name], extra[name]]) for name in extra}
+
+    def _linear_losses(self, batch: Batch, answer: torch.Tensor, scale: torch.Tensor | None) -> torch.Tensor:
+        """[B] weighted normalised error of the linear image, 0 where the truth is empty.
+
+        The compressed magnitudes weigh faint ground like a bright target; what the image is judged by does not.
+        """
+        known, image = batch["known"], batch["image"]
+        if self.config.target != "row" or not self.config.linear:
+            return answer.new_zeros(len(image))
+        estimate = decode(self.config, answer, scale) / batch["image_peak"].float()[:, None, None]
+        truth = image * known
+        empty = truth.amax(dim=(-2, -1)) == 0
+        error = normalised_error(estimate * known, torch.where(empty[:, None, None], 1.0, truth))
+        return self.config.linear * torch.where(empty, 0.0, error)
 
     def _spots(self, batch: Batch) -> torch.Tensor | None:
         """[B, R, U] where the targets of whole frames are, for a network that says so."""
