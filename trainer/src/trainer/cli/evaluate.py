@@ -27,7 +27,7 @@ def evaluate(
     methods: Annotated[
         str | None,
         typer.Option(
-            help="Comma-separated: das, das-hamming, das-hann, music, iaa, omp, omp-cfar, spice, likes, ml; cnn and "
+            help="Comma-separated: das, das-hamming, das-hann, music, iaa, iaa-view, omp, omp-cfar, spice, likes, ml; cnn and "
             "unet stand for the runs. By default das, music, iaa, omp and all runs."
         ),
     ] = None,

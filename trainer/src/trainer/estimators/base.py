@@ -15,6 +15,7 @@ from trainer.estimators.ml import MaximumLikelihood
 from trainer.estimators.music import Music
 from trainer.estimators.omp import OrthogonalMatchingPursuit
 from trainer.estimators.spice import SparseCovariance
+from trainer.estimators.view import VirtualView
 
 __all__ = ["ESTIMATORS", "UNIFORM_ESTIMATORS", "Estimator", "LineArray", "line_array"]
 
@@ -43,6 +44,7 @@ ESTIMATORS: dict[str, Callable[[], Estimator]] = {
     "das-hann": lambda: DelayAndSum("hann"),
     "music": Music,
     "iaa": IterativeAdaptive,
+    "iaa-view": VirtualView,
     "omp": OrthogonalMatchingPursuit,
     "omp-cfar": lambda: OrthogonalMatchingPursuit("cfar"),
     "spice": SparseCovariance,

@@ -38,15 +38,22 @@ class IterativeAdaptive:
         distances = Distances(array, scan)
 
         def solve(x: NDArray[np.complex128], _: NDArray[np.float64]) -> NDArray[np.float64]:
-            amplitude = np.abs(x @ conjugate) / array.channels
-            for _iteration in range(self.iterations):
-                covariance = distances.covariance(amplitude**2)
-                total = covariance[:, 0, 0].real
-                inverse = loaded_inverse(covariance, FLOOR * total)
-                numerator = np.abs(np.einsum("bcd,bd->bc", inverse, x) @ conjugate)
-                # a^H R^-1 a is at least C / trace(R): what is less is rounding.
-                least = 1.0 / ((1.0 + FLOOR) * total[:, None])
-                amplitude = numerator / np.maximum(distances.quadratic_form(inverse), least)
-            return amplitude[:, shown]
+            return adaptive_amplitudes(x, conjugate, distances, self.iterations)[:, shown]
 
         return image_rows(snapshots, array, len(u), noise_power, solve)
+
+
+def adaptive_amplitudes(
+    x: NDArray[np.complex128], conjugate: NDArray[np.complex128], distances: Distances, iterations: int
+) -> NDArray[np.float64]:
+    """[B, N] |s(u)| of snapshots x [B, C] at the angles of ``conjugate`` [C, N], the manifold's conjugate."""
+    amplitude = np.abs(x @ conjugate) / x.shape[1]
+    for _ in range(iterations):
+        covariance = distances.covariance(amplitude**2)
+        total = covariance[:, 0, 0].real
+        inverse = loaded_inverse(covariance, FLOOR * total)
+        numerator = np.abs(np.einsum("bcd,bd->bc", inverse, x) @ conjugate)
+        # a^H R^-1 a is at least C / trace(R): what is less is rounding.
+        least = 1.0 / ((1.0 + FLOOR) * total[:, None])
+        amplitude = numerator / np.maximum(distances.quadratic_form(inverse), least)
+    return amplitude
