@@ -20,7 +20,7 @@ def fit(
     recipe: Annotated[
         str, typer.Option(help="recommended, paper (its network, features, target), or doa.")
     ] = "recommended",
-    model: Annotated[str | None, typer.Option(help="spectral-unet, attention-unet or doa-cnn.")] = None,
+    model: Annotated[str | None, typer.Option(help="unrolled, spectral-unet, attention-unet or doa-cnn.")] = None,
     features: Annotated[str | None, typer.Option(help="adaptive, row, paper or covariance.")] = None,
     target: Annotated[str | None, typer.Option(help="row, paper, class or doa.")] = None,
     width: Annotated[int | None, typer.Option(help="Channels of the network's first level.")] = None,
