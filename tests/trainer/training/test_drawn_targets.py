@@ -57,10 +57,9 @@ def test_shares_are_those_stated(drawn):
     np.testing.assert_allclose(sizes / sizes.sum(), 1.0 / (MOST_POINTS - 1), atol=0.05)
     near_equal = np.mean([np.ptp(level) <= module.NEAR_SPAN_DB for _, level in groups if len(level) == MOST_POINTS])
     assert near_equal == pytest.approx(module.NEAR_EQUAL, abs=0.1)
-    six = [np.diff(u).min() for u, _ in groups if len(u) == MOST_POINTS]
-    # Half of the groups of six stand in one cluster, the widest gap within it three cells.
-    closest = np.array([gap for gap in six if gap > 0.0]) / CELL
-    assert 0.4 < np.mean(closest < 3.0)
+    # Points over the whole axis leave wider gaps than those of a cluster.
+    clustered = np.mean([np.diff(u).max() <= module.GAP_CELLS[1] * CELL for u, _ in groups if len(u) == MOST_POINTS])
+    assert clustered == pytest.approx(module.CLUSTERED, abs=0.1)
     total = extended + 2.0 * len(groups) * MOST_POINTS / (MOST_POINTS - 1)  # half of all groups are spread in range
     assert extended / total == pytest.approx(module.EXTENDED, abs=0.03)
     assert flashes > 0

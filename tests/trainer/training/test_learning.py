@@ -202,9 +202,13 @@ def test_configurations_that_contradict_themselves_are_refused():
         FitConfig(model="spectral-unet", features="paper", target="row")
     with pytest.raises(ValidationError, match="normalised per whole image"):
         FitConfig(model="spectral-unet", features="paper", target="paper", rows=160)
-    with pytest.raises(ValidationError, match="'unrolled' and features 'snapshots' belong together; got 'spectral-unet'"):
+    with pytest.raises(
+        ValidationError, match="'unrolled' and features 'snapshots' belong together; got 'spectral-unet'"
+    ):
         FitConfig(model="spectral-unet", features="snapshots")
-    with pytest.raises(ValidationError, match="'unrolled' and features 'snapshots' belong together; got 'unrolled' and"):
+    with pytest.raises(
+        ValidationError, match="'unrolled' and features 'snapshots' belong together; got 'unrolled' and"
+    ):
         FitConfig(features="adaptive")
     with pytest.raises(ValidationError, match="model 'unrolled' answers target 'row'; got 'class'"):
         FitConfig(target="class")
