@@ -71,6 +71,7 @@ def _batch(level: float, truth: float = 1.0) -> dict[str, Any]:
 
 def _variants() -> list[dict[str, object]]:
     return [
+        {"model": "unrolled"},
         {"model": "spectral-unet"},
         {"model": "attention-unet"},
         {"model": "attention-unet", "features": "paper", "target": "paper", "foreground": 0.0},
@@ -94,15 +95,68 @@ def _not_finite_gradients(batches: list[dict[str, Any]]) -> float:
     return float(count)
 
 
-def _half_precision() -> float:
+def _half_precision(model: str) -> float:
     """Largest difference of the image at the extreme scale from that at scale 1, both in bfloat16, relative to it."""
     import torch
 
-    task = _task()
+    task = _task(model=model)
     with torch.inference_mode():
         one, large = (task.imager(_batch(level)["range_channel"][:, 0], _batch(1.0)["noise_power"] * level**2)
                       for level in (1.0, HALF))  # fmt: skip
     return float((large.double() / HALF - one.double()).abs().max() / one.abs().max())
+
+
+def _one_strong_batch() -> dict[str, Any]:
+    """Frames whose rows hold one target each, noise 80 dB below it, its truth one pixel of the target's amplitude."""
+    import torch
+
+    from shared.signal.features import steering_weights
+
+    radar, batch = small_radar(), _batch(1.0)
+    channels = radar.array.channels
+    echo = np.conj(steering_weights(radar, np.arange(channels))[:, 7] * channels)
+    generator = np.random.default_rng(5)
+    shape = batch["range_channel"].shape
+    noise = 1e-4 * np.sqrt(0.5) * (generator.standard_normal((*shape, 2)) @ np.array([1.0, 1.0j]))
+    batch["range_channel"] = torch.from_numpy((echo + noise).astype(np.complex64))
+    batch["noise_power"] = torch.full((BATCH,), 1e-8, dtype=torch.float64)
+    return batch
+
+
+def _not_finite_of_one_strong_target() -> float:
+    return _not_finite_gradients([_one_strong_batch()])
+
+
+def _untouched(**changes: object) -> Any:
+    """A task of the unrolled network whose U-Net adds nothing to what the iteration finds."""
+    import torch
+
+    task = _task(precision="32", **changes)
+    torch.nn.init.zeros_(task.imager.network.context.head.weight)
+    return task
+
+
+def _one_strong_target() -> float:
+    """Largest error of the amplitude that the unrolled iteration reads of a target at 80 dB, relative to it."""
+    import torch
+
+    batch = _one_strong_batch()
+    with torch.inference_mode():
+        image = _untouched(truth_window="none").imager(batch["range_channel"][:, 0], batch["noise_power"])
+    return float((image.amax(dim=-1) - 1.0).abs().max())
+
+
+def _noise_alone() -> float:
+    """Largest amplitude that the unrolled iteration reads in rows of noise alone, over the noise's."""
+    import torch
+
+    batch = _one_strong_batch()
+    generator = np.random.default_rng(7)
+    noise = generator.standard_normal((*batch["range_channel"].shape, 2)) @ np.array([1.0, 1.0j]) * np.sqrt(0.5)
+    snapshots = torch.from_numpy(noise.astype(np.complex64))[:, 0]
+    with torch.inference_mode():
+        image = _untouched().imager(snapshots, torch.ones(BATCH, dtype=torch.float64))
+    return float(image.max())
 
 
 def _infinite_input() -> float:
@@ -126,11 +180,11 @@ def _infinite_input() -> float:
 
 
 @contextlib.contextmanager
-def _run_folder() -> Iterator[Path]:
+def _run_folder(**changes: object) -> Iterator[Path]:
     """A run with untrained weights."""
     from trainer.run.folder import Run, save_weights, write_run
 
-    task = _task(precision="32")
+    task = _task(precision="32", **changes)
     imager = task.imager
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "run"
@@ -239,7 +293,7 @@ def _full_disk() -> float:
     from trainer.run.folder import load_imager, read_run, save_weights, write_run
     from trainer.run.predict import predict
 
-    with _run_folder() as run:
+    with _run_folder() as run, _run_folder(model="spectral-unet") as exported:
         described, imager = load_imager(run)
         radar = described.radar
         shape = (radar.waveform.chirps, radar.waveform.samples, radar.array.channels)
@@ -251,7 +305,7 @@ def _full_disk() -> float:
             "weights": lambda: save_weights(out, imager),
             "run.json": lambda: write_run(out, read_run(run)),
             "images": lambda: predict(run, cube, run.parent / "images", announce=lambda line: None),
-            "export": lambda: export(run, out / "network.onnx"),
+            "export": lambda: export(exported, out / "network.onnx"),
             "text": lambda: write_bytes(out / "text", bytes(10_000)),
         }
         wrong = 0
@@ -268,7 +322,24 @@ def _full_disk() -> float:
 
 
 CASES = (
-    HardCase("half precision", "bfloat16 overflows on snapshots of 1e30", 1e-5, "relative", _half_precision),
+    HardCase(
+        "half precision", "bfloat16 overflows on snapshots of 1e30", 1e-5, "relative",
+        lambda: _half_precision("spectral-unet"),
+    ),
+    HardCase(
+        "half precision, unrolled", "the same where the network inverts covariances", 1e-5, "relative",
+        lambda: _half_precision("unrolled"),
+    ),
+    HardCase(
+        "one target at 80 dB", "a covariance that single precision cannot invert", 0.02, "relative", _one_strong_target
+    ),
+    HardCase(
+        "gradients of one target at 80 dB", "so are its gradients", 0, "values", _not_finite_of_one_strong_target,
+    ),
+    HardCase(
+        "an estimate of noise alone", "a converging spectrum makes targets of noise", 1.5, "of the noise's amplitude",
+        _noise_alone,
+    ),
     HardCase(
         "gradients at every level", "a square overflows or a logarithm meets zero", 0, "values",
         lambda: _not_finite_gradients([_batch(level) for level in LEVELS]),

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import torch
 from tiny_radar import RADAR as SHORT_RADAR
-from tiny_radar import TINY, frame, write_dataset
+from tiny_radar import frame, tiny, write_dataset
 
 from trainer.cli.app import main
 from trainer.data.arrays import ArrayChoice
@@ -34,7 +34,7 @@ def make_data(directory, radar=RADAR):
 
 def make_run(directory, array=THIN, radar=RADAR, datasets=(), **changes):
     """A run with random weights: what is tested here does not depend on what they learned."""
-    config = TINY.model_copy(update=changes)
+    config = tiny(**changes)
     torch.manual_seed(0)
     directory.mkdir()
     write_run(directory, Run(config=config, radar=radar, array=array, datasets=datasets))

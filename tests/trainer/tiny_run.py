@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import torch
-from tiny_radar import RADAR, TINY
+from tiny_radar import RADAR, tiny
 
 from trainer.data.arrays import ArrayChoice
 from trainer.run.folder import Run, save_weights, write_run
@@ -14,7 +14,7 @@ from trainer.run.imager import Imager
 
 def make_run(directory: Path, **changes: object) -> Path:
     """A run with random weights: what is tested here does not depend on what they learned."""
-    config = TINY.model_copy(update=changes)
+    config = tiny(**changes)
     array = ArrayChoice(name="mine", rx=(0, 1, 2, 5))
     torch.manual_seed(0)
     imager = Imager(config, RADAR, array)

@@ -6,9 +6,29 @@ import torch
 
 from shared.radar import Radar
 from shared.radar.arrays import AVR_QDM_110_THINNED_RX
-from shared.signal.adaptive import FLOOR, AdaptiveTables, adaptive_spectrum, adaptive_tables
-from shared.signal.features import ADAPTIVE_CHANNELS, ROW_CHANNELS, adaptive_features, row_features, steering_weights
+from shared.signal.adaptive import (
+    FLOOR,
+    LEAST_POWER,
+    MOST_POWER,
+    AdaptiveTables,
+    adaptive_forms,
+    adaptive_powers,
+    adaptive_spectrum,
+    adaptive_tables,
+    scanned_angles,
+    view_table,
+    virtual_view,
+)
+from shared.signal.features import (
+    ADAPTIVE_CHANNELS,
+    ROW_CHANNELS,
+    adaptive_features,
+    row_features,
+    snapshot_features,
+    steering_weights,
+)
 from shared.signal.imaging import steering_matrix
+from shared.signal.windows import angle_window
 
 RADAR = Radar()
 BINS = RADAR.grid.bins
@@ -140,3 +160,132 @@ def test_hard_rows_are_finite_in_both_libraries(value, noise):
     again, _ = adaptive_features(*arguments, tensors, 5, 0.5)
     assert torch.isfinite(again).all()
     np.testing.assert_allclose(again, found, atol=5e-3)
+
+
+def full_manifold(channels, u):
+    return np.exp(-1j * 2 * np.pi / RADAR.waveform.wavelength_m * np.outer(RADAR.array.virtual[channels, 1], u))
+
+
+def slow_forms(power, x, noise, a):
+    """(q, s) of one snapshot: the full covariance, float64."""
+    white = max(noise, FLOOR * power.sum() + FLOOR)
+    inverse = np.linalg.inv(a * power @ a.conj().T + white * np.eye(len(x)))
+    return a.conj().T @ inverse @ x, np.einsum("cn,cd,dn->n", a.conj(), inverse, a).real
+
+
+def slow_powers(x, noise, channels, iterations, root=False):
+    """P of one snapshot by the "likes" rule, or by the step of LIKES itself, which is its root."""
+    a = full_manifold(channels, scanned_angles(RADAR))
+    power = np.abs(a.conj().T @ x) ** 2 / len(x) ** 2
+    for _ in range(iterations):
+        q, s = slow_forms(power, x, noise, a)
+        power = power * (np.abs(q) / np.sqrt(s) if root else np.clip(np.abs(q) ** 2 / s, 0.0, None))
+        power = np.clip(power, LEAST_POWER, MOST_POWER)
+    return power
+
+
+@pytest.mark.parametrize("iterations", [1, 5])
+@pytest.mark.parametrize("name", ARRAYS)
+def test_the_likes_rule_equals_its_equation_written_out(generator, name, iterations):
+    channels = chosen(name)
+    x, noise, _ = echoes(generator, channels, rows=3)
+    tables = adaptive_tables(RADAR, channels)
+    a = full_manifold(channels, scanned_angles(RADAR))
+    found = adaptive_powers(x, noise, tables, iterations, "likes")
+    image = adaptive_spectrum(x, noise, tables, BINS, iterations, "likes")
+    assert found.dtype == image.dtype == np.float32
+    for row, n, power, magnitude in zip(x.astype(complex), noise.astype(float), found, image, strict=True):
+        expected = slow_powers(row, n, channels, iterations)
+        np.testing.assert_allclose(np.sqrt(power), np.sqrt(expected), atol=5e-3)
+        mean = expected * np.abs(slow_forms(expected, row, n, a)[0])
+        np.testing.assert_allclose(magnitude, mean[:BINS], atol=5e-3)
+    tensors = AdaptiveTables(*(torch.from_numpy(table) for table in tables))
+    again = adaptive_powers(torch.from_numpy(x), torch.from_numpy(noise), tensors, iterations, "likes")
+    assert again.dtype == torch.float32
+    np.testing.assert_allclose(again.sqrt(), np.sqrt(found), atol=5e-3)
+
+
+def test_the_likes_rule_ends_where_likes_does(generator):
+    """At a fixed point |q|^2 = s wherever there is power. Its own step gets there in twice as many iterations."""
+    channels = chosen("sparse4")
+    x, noise, _ = echoes(generator, channels, rows=1)
+    row, n = x[0].astype(complex), float(noise[0])
+    power = slow_powers(row, n, channels, 400)
+    q, s = slow_forms(power, row, n, full_manifold(channels, scanned_angles(RADAR)))
+    present = power > 1e-3 * power.max()
+    assert 1 < present.sum() < 30
+    np.testing.assert_allclose((np.abs(q) ** 2 / s)[present], 1.0, atol=0.01)
+    assert (np.abs(q) ** 2 <= 1.01 * s).all()
+    np.testing.assert_allclose(
+        np.sqrt(slow_powers(row, n, channels, 10)), np.sqrt(slow_powers(row, n, channels, 20, root=True)), atol=0.1
+    )
+
+
+def slow_view(power, q, s, channels):
+    """[U] of one row: the module's sum over angles, one image bin at a time."""
+    sensor, u = RADAR.virtual_sensor, scanned_angles(RADAR)
+    wavenumber = 2 * np.pi / RADAR.waveform.wavelength_m
+    y = sensor.virtual[:, 1]
+    weights = angle_window("taylor-30", sensor.channels) / sensor.channels
+    middle = RADAR.array.virtual[channels, 1].mean()
+    image = np.zeros(BINS)
+    for place, towards in enumerate(RADAR.grid.u):
+        h = np.array(
+            [np.sum(weights * np.exp(1j * wavenumber * ((towards - angle) * y + angle * middle))) for angle in u]
+        )
+        spread = power * np.clip(1.0 - power * s, 0.0, None)
+        image[place] = np.sqrt(np.abs(np.sum(h * power * q)) ** 2 + np.sum(np.abs(h) ** 2 * spread))
+    return image
+
+
+def test_the_virtual_view_equals_its_sum_written_out(generator):
+    channels = chosen("sparse4")
+    x, noise, _ = echoes(generator, channels, rows=1)
+    tables, view = adaptive_tables(RADAR, channels), view_table(RADAR, channels, "taylor-30")
+    power = adaptive_powers(x, noise, tables, 5, "likes")
+    q, s = adaptive_forms(power, x, noise, tables)
+    found = virtual_view(power, q, s, view)
+    assert found.dtype == np.float32
+    expected = slow_view(*(part[0].astype(complex if part is q else float) for part in (power, q, s)), channels)
+    np.testing.assert_allclose(found[0], expected, atol=1e-4)
+    again = virtual_view(*(torch.from_numpy(part) for part in (power, q, s, view)))
+    np.testing.assert_allclose(again, found, atol=1e-4)
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+@pytest.mark.parametrize("place", [60, 225, 371])
+def test_a_strong_echo_is_seen_as_the_virtual_sensor_sees_it(name, place):
+    """One plane wave at 40 dB, at a scanned angle: main lobe within 2 %, all else within 1 % of the peak."""
+    channels, sensor = chosen(name), RADAR.virtual_sensor
+    u = RADAR.grid.u[place]
+    wave = np.exp(-1j * 2 * np.pi / RADAR.waveform.wavelength_m * u * sensor.virtual[:, 1])
+    weights = angle_window("taylor-30", sensor.channels)[:, None] / sensor.channels * steering_matrix(RADAR, sensor)
+    truth = np.abs(wave @ weights)
+    x = full_manifold(channels, np.array([u])).T.astype(np.complex64)
+    noise = np.full(1, 1e-4, np.float32)
+    tables = adaptive_tables(RADAR, channels)
+    power = adaptive_powers(x, noise, tables, 12, "likes")
+    seen = virtual_view(power, *adaptive_forms(power, x, noise, tables), view_table(RADAR, channels, "taylor-30"))[0]
+    assert seen.argmax() == place
+    np.testing.assert_allclose(seen, truth, atol=0.02)
+    away = np.abs(np.arange(BINS) - place) > 20
+    np.testing.assert_allclose(seen[away], truth[away], atol=0.01)
+
+
+def test_snapshot_features_are_the_rows_and_their_noise(generator):
+    shape = (2, 3, 12)
+    frames = (generator.standard_normal((*shape, 2)) @ np.array([1.0, 1.0j])).astype(np.complex64)
+    frames *= np.geomspace(1e-9, 1.0, 3, dtype=np.float32)[None, :, None]
+    frames[1, 2] = 0
+    noise_power = np.array([1e-12, 0.0])
+    planes, scale = snapshot_features(frames, noise_power)
+    assert planes.shape == (2, 25, 3, 1)
+    assert planes.dtype == np.float32
+    back = (planes[:, :12, :, 0] + 1j * planes[:, 12:24, :, 0]).swapaxes(1, 2) * scale[..., None]
+    np.testing.assert_allclose(back, frames, rtol=1e-5)
+    assert scale[1, 2] == 0.0
+    np.testing.assert_allclose(planes[0, 24, :, 0], np.minimum(1e-12 / scale[0].astype(float) ** 2, 1e6), rtol=1e-4)
+    assert not planes[1, 24].any()
+    again, again_scale = snapshot_features(torch.from_numpy(frames), torch.from_numpy(noise_power))
+    np.testing.assert_allclose(again, planes, rtol=1e-5, atol=1e-7)
+    np.testing.assert_allclose(again_scale, scale, rtol=1e-6)

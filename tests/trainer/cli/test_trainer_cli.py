@@ -107,7 +107,7 @@ def test_fit_predict_and_export_work_one_after_the_other(tmp_path):
     data, run = small_dataset(tmp_path / "data"), tmp_path / "run"
     runner = CliRunner()
     for arguments in (
-        ["fit", data, "--out", run, *SIZE],
+        ["fit", data, "--out", run, "--model", "spectral-unet", *SIZE],
         ["predict", run, data, "--out", tmp_path / "images"],
         ["export", run, "--out", tmp_path / "network.onnx"],
     ):

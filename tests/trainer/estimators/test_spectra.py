@@ -49,7 +49,11 @@ def slow_covariance_methods(
             shown = filtered / form
             power = shown**2
         else:
-            weight = 1.0 / np.sqrt(form) if method == "likes" else np.linalg.norm(x) / np.sqrt(array.channels)
+            weight = {
+                "likes": filtered / form,
+                "likes of the paper": 1.0 / np.sqrt(form),
+                "spice": np.linalg.norm(x) / np.sqrt(array.channels),
+            }[method]
             shown, power = power * filtered, power * filtered * weight
     return shown
 
@@ -65,6 +69,22 @@ def test_covariance_methods_follow_their_papers(method: str) -> None:
     for row, snapshot in zip(image, rows, strict=True):
         expected = slow_covariance_methods(snapshot, array, scan, 1e-3, method, 4)[shown]
         np.testing.assert_allclose(row, expected, rtol=1e-5, atol=1e-7)
+
+
+def test_the_square_of_the_paper_s_step_ends_where_the_paper_s_does() -> None:
+    array = ARRAYS["sparse4"]
+    snapshot = echoes(array, np.array([[-0.3, 0.12]]), np.array([[1.0, 0.6j]])) + noise(
+        array, 1, 1e-2, np.random.default_rng(3)
+    )
+    estimator = SparseCovariance(reweighted=True)
+    estimator.iterations = 150
+    u = U[::9]
+    scan, shown = scan_axis(array, u)
+    expected = slow_covariance_methods(snapshot[0], array, scan, 1e-2, "likes of the paper", 600)[shown]
+    found = estimator.image(snapshot, array, u, 1e-2)[0]
+    np.testing.assert_allclose(found, expected, atol=0.01 * expected.max())
+    start = slow_covariance_methods(snapshot[0], array, scan, 1e-2, "likes of the paper", 2)[shown]
+    assert np.abs(start - expected).max() > 0.1 * expected.max()
 
 
 @pytest.mark.parametrize("method", ["iaa", "likes", "spice"])

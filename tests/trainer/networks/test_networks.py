@@ -1,18 +1,20 @@
 """Networks: every parameter is used and trains, images stay in place, half precision stays close."""
 
+import numpy as np
 import pytest
 import torch
 from jaxtyping import TypeCheckError
-from tiny_radar import RADAR, TINY
+from tiny_radar import RADAR, tiny
 
 from trainer.networks.attention_unet import AttentionUNet
 from trainer.networks.blocks import ConvNextBlock
 from trainer.networks.doa_cnn import DoaCnn
 from trainer.networks.padding import crop_like, pad_to_multiple
 from trainer.networks.spectral_unet import SpectralUNet
+from trainer.networks.unrolled import UnrolledNetwork
 from trainer.run.building import build_network
 
-BINS = RADAR.grid.bins
+BINS, CHANNELS = RADAR.grid.bins, np.arange(6)
 
 
 def networks():
@@ -156,16 +158,17 @@ def test_a_convnext_block_normalises_no_pixel_by_another():
     ],
 )
 def test_only_an_answer_of_the_same_kind_starts_from_the_adaptive_spectrum(changes, inputs, start):
-    network = build_network(TINY.model_copy(update=changes), BINS, 6)
+    network = build_network(tiny(model="spectral-unet", **changes), RADAR, CHANNELS)
     assert isinstance(network, SpectralUNet)
-    assert network.stem.in_channels == inputs + 3
+    assert network.context.inputs == inputs + 3
     assert network.start == start
 
 
 def test_a_configuration_chooses_network_inputs_and_outputs():
-    assert isinstance(build_network(TINY, BINS, 6), SpectralUNet)
-    changed = TINY.model_copy(update={"model": "attention-unet", "features": "paper", "target": "class"})
-    network = build_network(changed, BINS, 6)
+    assert isinstance(build_network(tiny(), RADAR, CHANNELS), UnrolledNetwork)
+    assert isinstance(build_network(tiny(model="spectral-unet"), RADAR, CHANNELS), SpectralUNet)
+    changed = tiny(model="attention-unet", features="paper", target="class")
+    network = build_network(changed, RADAR, CHANNELS)
     assert isinstance(network, AttentionUNet)
     assert network(torch.zeros(1, 5, 8, BINS)).shape == (1, 2, 8, BINS)
 

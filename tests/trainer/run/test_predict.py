@@ -19,6 +19,7 @@ from trainer.run.export import export
 from trainer.run.folder import load_imager
 from trainer.run.predict import answer_peaks, merge_peaks, predict
 
+SPECTRAL = {"model": "spectral-unet"}
 SHAPE = (RADAR.waveform.range_bins, RADAR.grid.bins)
 
 
@@ -49,7 +50,7 @@ def test_a_dataset_becomes_images_and_pictures(tmp_path):
 
 def test_doppler_peaks_are_merged_by_maximum_and_keep_their_velocity(tmp_path):
     """Two targets at one range and different velocities: each pixel has the velocity of the peak that shows it."""
-    imager = load_imager(make_run(tmp_path / "run"))[1]
+    imager = load_imager(make_run(tmp_path / "run", **SPECTRAL))[1]
     rows = SHAPE[0]
 
     class Echo(torch.nn.Module):
@@ -157,10 +158,10 @@ def test_a_split_without_frames_and_a_full_folder_are_refused(tmp_path):
         {"model": "attention-unet", "features": "paper", "target": "paper"},
         {"target": "class"},
     ],
-    ids=["recommended", "row", "convnext", "paper", "class"],
+    ids=["adaptive", "row", "convnext", "paper", "class"],
 )
 def test_onnx_gives_what_torch_gives(tmp_path, changes):
-    run = make_run(tmp_path / "run", **changes)
+    run = make_run(tmp_path / "run", **{**SPECTRAL, **changes})
     result = export(run, tmp_path / "network.onnx")
     assert result.difference <= 1e-4
     assert min(result.torch_seconds, result.onnx_seconds) > 0
@@ -190,8 +191,16 @@ def test_onnx_gives_what_torch_gives(tmp_path, changes):
     np.testing.assert_allclose(found, expected, atol=1e-4 * np.abs(expected).max())
 
 
-def test_an_export_that_cannot_be_written_is_refused(tmp_path):
+def test_a_network_that_inverts_matrices_is_not_exported(tmp_path):
     run = make_run(tmp_path / "run")
+    with pytest.raises(InputError, match="run: model 'unrolled'; expected one of 'spectral-unet'") as caught:
+        export(run, tmp_path / "network.onnx")
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "network.onnx").exists()
+
+
+def test_an_export_that_cannot_be_written_is_refused(tmp_path):
+    run = make_run(tmp_path / "run", **SPECTRAL)
     for name in ("network.pt", "none/network.onnx"):
         with pytest.raises(InputError, match=r"a file name ending in .onnx in an existing folder"):
             export(run, tmp_path / name)

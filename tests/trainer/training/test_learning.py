@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 from pydantic import ValidationError
-from tiny_radar import NOISE_POWER, RADAR, TINY, frame
+from tiny_radar import NOISE_POWER, RADAR, TINY, frame, tiny
 
 from shared.physics.errors import InputError
 from shared.signal.features import steering_weights
@@ -53,9 +53,10 @@ def test_a_shift_in_angle_is_that_of_a_target_seen_elsewhere():
     echoes = torch.from_numpy(np.conj(weights * 6).T.copy())  # (U, C)
     image = torch.eye(20)[None]  # row r holds one target at column r
     drawn = Draw(torch.tensor([3]), torch.tensor([False]), 0.0)
-    moved, truth, known = AngularAugmentation(RADAR)(echoes[None], image, drawn)
+    moved, (truth, again), known = AngularAugmentation(RADAR)(echoes[None], [image, 2.0 * image], drawn)
     torch.testing.assert_close(moved[0, :17], echoes[3:], rtol=0, atol=1e-5)
     assert torch.equal(truth[0, :17, 3:], torch.eye(17))
+    assert torch.equal(again, 2.0 * truth)
     assert known[0, 0].tolist() == [0.0] * 3 + [1.0] * 17
 
 
@@ -63,7 +64,7 @@ def test_a_mirrored_frame_is_that_of_targets_on_the_other_side():
     weights = steering_weights(RADAR, np.arange(6))
     echoes = torch.from_numpy(np.conj(weights * 6).T.copy())
     drawn = Draw(torch.tensor([0]), torch.tensor([True]), 0.0)
-    moved, truth, known = AngularAugmentation(RADAR)(echoes[None], torch.eye(20)[None], drawn)
+    moved, (truth,), known = AngularAugmentation(RADAR)(echoes[None], [torch.eye(20)[None]], drawn)
     # u_10 = 0 is its own mirror image; u_0 = -0.5 has no partner on the grid.
     for column in range(1, 20):
         torch.testing.assert_close(moved[0, column], echoes[20 - column], rtol=0, atol=1e-5)
@@ -100,7 +101,7 @@ def test_the_row_target_is_invertible_and_level_over_range():
 
 def test_the_paper_s_target_is_min_max_times_beta():
     image, peak, _ = truth_and_scale()
-    config = TINY.model_copy(update={"target": "paper"})
+    config = tiny(model="spectral-unet", features="paper", target="paper")
     target = encode(config, image + 0.25, peak, None)
     assert target.min() == 0
     assert target.max() == 10.0
@@ -110,7 +111,7 @@ def test_the_paper_s_target_is_min_max_times_beta():
 
 
 def test_the_class_target_holds_what_is_above_the_stated_level():
-    config = TINY.model_copy(update={"target": "class", "threshold_db": 20.0})
+    config = tiny(model="spectral-unet", target="class", threshold_db=20.0)
     image = torch.tensor([[[1.0, 0.11, 0.09, 0.0]]])
     assert encode(config, image, torch.ones(1), None).tolist() == [[[1.0, 1.0, 0.0, 0.0]]]
     probability = decode(config, torch.tensor([[[[0.0]], [[math.log(3.0)]]]]), None)
@@ -125,13 +126,13 @@ def test_a_row_without_signal_asks_for_nothing():
 def test_losses_are_those_of_table_2():
     target = torch.tensor([[[0.0, 1.0]]])
     answer = torch.tensor([[[[0.5, 0.0]]]])
-    config = TINY.model_copy(update={"foreground": 3.0, "alpha": 0.1})
+    config = tiny(model="spectral-unet", foreground=3.0, alpha=0.1)
     assert frame_losses(config, answer, target).item() == pytest.approx((0.25 + 4.0 + 0.05) / 2)
     known = torch.tensor([[[1.0, 0.0]]])
     assert frame_losses(config, answer, target, known).item() == pytest.approx(0.25 + 0.05)
     # Two classes, logits 0 and log 3: p(target) = 3/4; the loss is positive and falls as p(class) rises.
     logits = torch.tensor([[[[0.0, 0.0]], [[math.log(3.0), math.log(3.0)]]]])
-    config = config.model_copy(update={"target": "class", "foreground": 0.0})
+    config = tiny(model="spectral-unet", target="class", foreground=0.0, alpha=0.1)
     expected = -(math.log(0.25) + math.log(0.75)) / 2
     assert frame_losses(config, logits, target).item() == pytest.approx(expected)
 
@@ -151,9 +152,7 @@ def test_errors_are_those_of_the_baselines():
 @pytest.mark.parametrize("value", [0.0, 1e-30, 1e25])
 def test_hard_inputs_give_finite_images_and_gradients(model, features, value):
     target = "paper" if features == "paper" else "row"
-    config = TINY.model_copy(
-        update={"model": model, "features": features, "target": target, "precision": "bf16", "foreground": 0.0}
-    )
+    config = tiny(model=model, features=features, target=target, precision="bf16", foreground=0.0)
     imager = Imager(config, RADAR, ArrayChoice(name="full", rx=tuple(range(6))))
     data = torch.full((2, 24, 6), value, dtype=torch.complex64)
     data[0, :5] = 0
@@ -200,9 +199,29 @@ def test_an_array_that_does_not_exist_is_refused():
 
 def test_configurations_that_contradict_themselves_are_refused():
     with pytest.raises(ValidationError, match="target 'row' needs the scale"):
-        FitConfig(features="paper", target="row")
+        FitConfig(model="spectral-unet", features="paper", target="row")
     with pytest.raises(ValidationError, match="normalised per whole image"):
-        FitConfig(target="paper", rows=160)
+        FitConfig(model="spectral-unet", features="paper", target="paper", rows=160)
+    with pytest.raises(
+        ValidationError, match="'unrolled' and features 'snapshots' belong together; got 'spectral-unet'"
+    ):
+        FitConfig(model="spectral-unet", features="snapshots")
+    with pytest.raises(
+        ValidationError, match="'unrolled' and features 'snapshots' belong together; got 'unrolled' and"
+    ):
+        FitConfig(features="adaptive")
+    with pytest.raises(ValidationError, match="model 'unrolled' answers target 'row'; got 'class'"):
+        FitConfig(target="class")
+    with pytest.raises(ValidationError, match="truth_window = 'oval', expected one of"):
+        FitConfig(truth_window="oval")
+
+
+def test_a_network_has_features_of_its_own_where_none_are_stated():
+    models = {"unrolled": "snapshots", "spectral-unet": "adaptive", "attention-unet": "adaptive"}
+    for model, features in models.items():
+        assert FitConfig.model_validate({"model": model}).features == features
+    assert FitConfig().features == "snapshots"
+    assert FitConfig.model_validate({"model": "spectral-unet", "features": "row"}).features == "row"
 
 
 def test_delay_and_sum_of_the_imager_is_in_input_units():

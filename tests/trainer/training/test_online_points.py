@@ -8,17 +8,26 @@ from tiny_radar import RADAR
 from shared.radar import load_radar
 from shared.signal import if_signal_of_delays
 from shared.signal.windows import hann
+from trainer.training.drawn_targets import Targets
 from trainer.training.online_points import NEIGHBOURS, OnlinePoints, hann_response
 
 CPU = torch.device("cpu")
 QUIET = torch.zeros(1, 24, 6, dtype=torch.complex64)
 
 
-def see(row, u, amplitude, noise=QUIET):
-    points = OnlinePoints(RADAR, "none")
-    return points._snapshots_and_truth(
-        np.zeros(len(row), int), np.array(row), np.array(u), np.array(amplitude, complex), noise
-    )
+def targets(row, u, amplitude, first=1e6, extended=()):
+    """Points at rows of a crop whose first row is that range bin; far away by default."""
+    count = len(row)
+    return Targets(
+        np.array(row), np.array(u), np.array(amplitude, complex), np.ones(count, dtype=bool), np.full(count, first),
+        np.array(extended).reshape(-1, 3),
+    )  # fmt: skip
+
+
+def see(row, u, amplitude):
+    """([R, C] snapshots without noise, [R, U] truth) of one crop."""
+    snapshots = QUIET.clone()
+    return snapshots, OnlinePoints(RADAR, "none", 6)._echoes([targets(row, u, amplitude)], snapshots)
 
 
 def test_the_range_response_is_the_spectrum_of_the_window():
@@ -29,46 +38,83 @@ def test_the_range_response_is_the_spectrum_of_the_window():
     np.testing.assert_allclose(hann_response(offset), tone @ window / window.sum(), atol=2e-3)
 
 
-def test_an_echo_is_that_of_the_signal_model_up_to_its_phase():
-    """Eq. (1) and (2) at 60 m with the range FFT, against range bin and u alone: plane waves differ by little there."""
-    radar = load_radar("avr-qdm-110")
-    u, row = radar.grid.u[304], 400.3
+def signal_model(radar, row, u):
+    """[range bins, C] eq. (1) and (2) and the range FFT: a target at a range bin, not whole, and u."""
     position = row * radar.waveform.range_step_m * np.array([np.sqrt(1 - u**2), u, 0.0])
     legs = [np.linalg.norm(part - position, axis=1) for part in (radar.array.tx, radar.array.rx)]
     tau = (legs[0][radar.array.channel_tx] + legs[1][radar.array.channel_rx]) / 299_792_458.0
     samples = if_signal_of_delays(radar, tau[:, None])[0]  # (N, C)
     window = hann(radar.waveform.samples)[:, None]
-    spectrum = np.fft.fft(samples * window, axis=0)[398:404] / window.sum()
-    points = OnlinePoints(radar, "taylor-30")
-    noise = torch.zeros(1, 630, 48, dtype=torch.complex64)
-    found = points._snapshots_and_truth(np.array([0]), np.array([row]), np.array([u]), np.array([1.0 + 0j]), noise)
-    expected = found.range_channel[0, 398:404].numpy()
+    return np.fft.fft(samples * window, axis=0) / window.sum()
+
+
+def distance(spectrum, expected):
+    """(|p|, error over the norm) of the best p in spectrum = p expected."""
     projection = np.vdot(expected, spectrum) / np.vdot(expected, expected)
-    assert abs(projection) == pytest.approx(1.0, abs=0.01)
-    assert np.linalg.norm(spectrum - projection * expected) < 0.1 * np.linalg.norm(spectrum)
+    return abs(projection), np.linalg.norm(spectrum - projection * expected) / np.linalg.norm(spectrum)
+
+
+def test_an_echo_is_that_of_the_signal_model_up_to_its_phase():
+    """At 60 m: the range bin and u alone say nearly all."""
+    radar = load_radar("avr-qdm-110")
+    u, row = radar.grid.u[304], 400.3
+    snapshots = torch.zeros(1, 630, 48, dtype=torch.complex64)
+    truth = OnlinePoints(radar, "taylor-30", 48)._echoes([targets([row], [u], [1.0], first=0.0)], snapshots)[0]
+    level, error = distance(signal_model(radar, row, u)[398:404], snapshots[0, 398:404].numpy())
+    assert level == pytest.approx(1.0, abs=0.01)
+    assert error < 0.1
     # The truth reads the same amplitude at the same place.
-    assert found.image_peak.item() == pytest.approx(abs(hann_response(np.array([0.3])))[0], rel=0.01)
-    peak_row, peak_bin = np.unravel_index(int(found.image[0].argmax()), (630, 450))
+    assert truth.max().item() == pytest.approx(abs(hann_response(np.array([0.3])))[0], rel=0.01)
+    peak_row, peak_bin = np.unravel_index(int(truth.argmax()), (630, 450))
     assert peak_row == 400
     assert radar.grid.u[peak_bin] == u
 
 
+@pytest.mark.parametrize("place", [160, 225, 300])
+def test_a_close_echo_has_the_curvature_of_the_signal_model(place):
+    """At 4 m, in the strongest row, in front of the radar: what a plane wave misses is there."""
+    radar = load_radar("avr-qdm-110")
+    u = radar.grid.u[place]
+    row = float(round(4.0 / radar.waveform.range_step_m))
+    points = OnlinePoints(radar, "taylor-30", 48)
+    curved, plane = (torch.zeros(1, 8, 48, dtype=torch.complex64) for _ in range(2))
+    points._echoes([targets([4.0], [u], [1.0], first=row - 4.0)], curved)
+    points._echoes([targets([4.0], [u], [1.0])], plane)
+    spectrum = signal_model(radar, row, u)[int(row)]
+    level, error = distance(spectrum, curved[0, 4].numpy())
+    assert level == pytest.approx(1.0, abs=0.02)
+    assert error < 0.05
+    assert distance(spectrum, plane[0, 4].numpy())[1] > 0.1
+
+
 def test_echoes_add_and_a_row_outside_reaches_in():
-    one, other = see([4.2], [0.1], [1.0]), see([5.1], [-0.3], [2j])
-    both = see([4.2, 5.1], [0.1, -0.3], [1.0, 2j])
-    torch.testing.assert_close(both.range_channel, one.range_channel + other.range_channel)
-    outside = see([-0.5], [0.0], [1.0])
-    assert outside.range_channel[0, 0].abs().min() > 0.5
+    one, other = see([4.2], [0.1], [1.0])[0], see([5.1], [-0.3], [2j])[0]
+    both = see([4.2, 5.1], [0.1, -0.3], [1.0, 2j])[0]
+    torch.testing.assert_close(both, one + other)
+    outside = see([-0.5], [0.0], [1.0])[0]
+    assert outside[0, 0].abs().min() > 0.5
     beyond = abs(hann_response(np.arange(NEIGHBOURS[-1] + 0.5, 20.0)))
     assert 20 * np.log10(beyond.max()) < -48.0
 
 
+def test_spots_stand_on_points_that_can_be_seen_and_on_maxima_of_extended_targets():
+    points = OnlinePoints(RADAR, "none", 6)
+    grid = RADAR.grid
+    given = targets([4.0, 9.0], [grid.u[5], grid.u[12]], [10.0, 0.1], extended=[[0.0, grid.u[3], 2.0 * grid.step]])
+    image = np.zeros((24, 20), np.float32)
+    image[0, 3] = image[15, 3] = image[4, 6] = 10.0  # of the extended target, too far in range, too far in both
+    found = points._spots([given], image[None])[0].numpy()
+    assert np.argwhere(found == 1.0).tolist() == [[0, 3], [4, 5]]
+
+
 def test_a_crop_is_a_function_of_seed_step_and_place_alone():
-    points = OnlinePoints(RADAR, "none")
+    points = OnlinePoints(RADAR, "none", 6)
     whole = points(1, 7, range(4), 24, CPU)
     part = points(1, 7, range(2, 4), 24, CPU)
     assert torch.equal(whole.range_channel[2:], part.range_channel)
     assert torch.equal(whole.image[2:], part.image)
+    assert torch.equal(whole.spots[2:], part.spots)
+    assert whole.spots.shape == whole.image.shape
     for other in (points(2, 7, range(4), 24, CPU), points(1, 8, range(4), 24, CPU)):
         assert not torch.equal(whole.range_channel, other.range_channel)
     assert whole.image.shape == (4, 24, 20)
@@ -77,8 +123,9 @@ def test_a_crop_is_a_function_of_seed_step_and_place_alone():
 
 
 def test_noise_has_unit_power_and_the_truth_none(monkeypatch):
-    monkeypatch.setattr("trainer.training.online_points.TARGETS_PER_ROW", (1e-9, 2e-9))
-    crops = OnlinePoints(RADAR, "none")(0, 0, range(40), 24, CPU)
+    monkeypatch.setattr("trainer.training.drawn_targets.GROUPS_PER_ROW", (1e-9, 2e-9))
+    crops = OnlinePoints(RADAR, "none", 6)(0, 0, range(40), 24, CPU)
     assert crops.range_channel.abs().square().mean().item() == pytest.approx(1.0, abs=0.05)
     assert not crops.image.any()
+    assert not crops.spots.any()
     assert crops.image_peak.tolist() == [1.0] * 40

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 import torch
-from tiny_radar import RADAR, TINY, frame, small_dataset, write_dataset
+from tiny_radar import RADAR, TINY, frame, small_dataset, tiny, write_dataset
 
 from trainer.data.arrays import ArrayChoice
 from trainer.metrics.detection import Counts
@@ -19,7 +19,7 @@ FULL = ArrayChoice(name="full", rx=tuple(range(6)))
 
 
 def make_run(directory, network=None, gain=1.0, **changes):
-    config = TINY.model_copy(update=changes)
+    config = tiny(**{"model": "spectral-unet", **changes})
     imager = Imager(config, RADAR, FULL)
     directory.mkdir()
     write_run(directory, Run(config=config, radar=RADAR, array=FULL, datasets=()))

@@ -27,8 +27,8 @@ def evaluate(
     methods: Annotated[
         str | None,
         typer.Option(
-            help="Comma-separated: das, das-hamming, das-hann, music, iaa, iaa-view, omp, omp-cfar, spice, likes, ml; cnn and "
-            "unet stand for the runs. By default das, music, iaa, omp and all runs."
+            help="Comma-separated: das, das-hamming, das-hann, music, iaa, iaa-view, omp, omp-cfar, spice, likes, ml; "
+            "cnn and unet stand for the runs. By default das, music, iaa, omp and all runs."
         ),
     ] = None,
     arrays: Annotated[str, typer.Option(help="Comma-separated: names, or TOML files.")] = "sparse6,sparse4,full",

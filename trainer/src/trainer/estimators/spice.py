@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from trainer.estimators.array import LineArray, image_rows, scan_axis
 from trainer.estimators.covariance import FLOOR, Distances, loaded_inverse
 
-SPICE_ITERATIONS, LIKES_ITERATIONS = 60, 30
-"""LIKES changes P(resolve) of two targets by less than 0.03 from 20 to 60; SPICE, of first order, converges slowly."""
+SPICE_ITERATIONS, LIKES_ITERATIONS = 60, 12
+"""LIKES resolves as many pairs with these as with 30 steps of its paper; SPICE, of first order, converges slowly."""
 
 
 class SparseCovariance:
@@ -18,11 +18,12 @@ class SparseCovariance:
     Multiplicative updates from delay-and-sum on:
 
         SPICE   P_n <- P_n |a_n^H R^-1 x| |x| / sqrt(C)                   min x^H R^-1 x + sum_n P_n C / |x|^2
-        LIKES   P_n <- P_n |a_n^H R^-1 x| / sqrt(a_n^H R^-1 a_n)          min x^H R^-1 x + ln det R
+        LIKES   P_n <- P_n |a_n^H R^-1 x|^2 / (a_n^H R^-1 a_n)            min x^H R^-1 x + ln det R
 
     Stoica, Babu and Li, "SPICE: a sparse covariance-based estimation method for array processing", IEEE Trans. Signal
     Process. 59(2), 2011; Stoica and Babu, "SPICE and LIKES: two hyperparameter-free methods for sparse-parameter
-    estimation", Signal Process. 92, 2012. For one snapshot SPICE is a square-root LASSO (Rojas, Katselis and
+    estimation", Signal Process. 92, 2012. LIKES takes the square of its paper's step, with the same fixed points
+    (:mod:`shared.signal.adaptive`). For one snapshot SPICE is a square-root LASSO (Rojas, Katselis and
     Hjalmarsson 2013) and shrinks amplitudes; LIKES is the maximum likelihood of random amplitudes, and needs no
     number of targets. The noise power is the receiver's, known here; the angles cover the whole period of u. The
     image holds amplitudes expected from R: those of noise shrink to next to nothing.
@@ -56,7 +57,7 @@ class SparseCovariance:
                 if self.reweighted:
                     # a^H R^-1 a is at least C / trace(R): what is less is rounding.
                     least = 1.0 / (covariance[:, 0, 0].real + noise)
-                    weight = 1.0 / np.sqrt(np.maximum(distances.quadratic_form(inverse), least[:, None]))
+                    weight = filtered / np.maximum(distances.quadratic_form(inverse), least[:, None])
                 estimate, power = power * filtered, power * filtered * weight
             return estimate[:, shown]
 

@@ -20,9 +20,9 @@ ELEMENTS, WINDOW = 256, "taylor-30"
 class VirtualView:
     """|sum_n h(u - u_n) P_n a_n^H R^-1 x|,   R = sum_n P_n a_n a_n^H + sigma^2 I,   P_n = |s(u_n)|^2 of IAA.
 
-    P_n a_n^H R^-1 x is the mean of an echo from u_n of power P_n, given the snapshot: the echoes add with their phases as
-    they would on the line, whose windowed response is h. A spectrum's peak has the width of what the array resolves; a
-    truth image has that of the line, and its sum of several echoes. No training: how far the physics goes alone.
+    P_n a_n^H R^-1 x is the mean of an echo from u_n of power P_n, given the snapshot: the echoes add with their phases
+    as they would on the line, whose windowed response is h. A spectrum's peak is as wide as the array leaves it; a
+    truth image has the line's width, and its sum of several echoes. No training: how far the physics goes alone.
 
     The line has half a wavelength between its elements and stands in the middle of the radar frame.
     """

@@ -22,7 +22,7 @@ CHANNELS = {
     "paper": PAPER_CHANNELS,
     "covariance": COVARIANCE_CHANNELS,
 }
-"""What each kind of features consists of."""
+"""What each kind of features consists of, where that is images; snapshots are no image."""
 
 
 LEAST_BINS = 3

@@ -49,10 +49,13 @@ def export(run_directory: Path, out: Path) -> Export:
     :mod:`shared.signal.features`, NumPy alone, computes the features. The image follows from the answer by a power, the
     row's scale and the gain. The file's metadata hold array, axes, gain and both names under ``sparseradar``.
 
-    :raises InputError: no whole run, an output that cannot be written
+    :raises InputError: no whole run, a network that solves for the angles itself, an output that cannot be written
     :raises TrainingStopped: onnxruntime disagrees with torch by more than :data:`TOLERANCE`; nothing is written
     """
     run, imager = load_imager(run_directory)
+    if run.config.features not in CHANNELS:
+        expected = "one of 'spectral-unet', 'attention-unet', 'doa-cnn': ONNX has no inverse of a matrix"
+        raise InputError(run_directory, f"model {run.config.model!r}", expected)
     if out.suffix != ".onnx" or not out.parent.is_dir():
         raise InputError("--out", f"{out}", "a file name ending in .onnx in an existing folder")
     generator = np.random.default_rng(0)

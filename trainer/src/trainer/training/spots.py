@@ -23,18 +23,16 @@ REACH_ROWS, REACH_BINS = 1, 3
 """Beyond them a spot is below 0.14 and 0.001."""
 
 
-def spots(
-    crops: int, rows: int, bins: int, crop: NDArray[np.intp], row: NDArray[np.floating], place: NDArray[np.floating]
-) -> NDArray[np.float32]:
-    """[crops, rows, bins] the largest spot at each pixel, of targets at (crop, range bin, angle bin) [n] each."""
-    image = np.zeros((crops, rows, bins), dtype=np.float32)
+def spots(rows: int, bins: int, row: NDArray[np.floating], place: NDArray[np.floating]) -> NDArray[np.float32]:
+    """[rows, bins] the largest spot at each pixel, of targets at (range bin, angle bin) [n] each, whole or not."""
+    image = np.zeros((rows, bins), dtype=np.float32)
     nearest_row, nearest_bin = np.rint(row).astype(np.intp), np.rint(place).astype(np.intp)
     for dr in range(-REACH_ROWS, REACH_ROWS + 1):
         for db in range(-REACH_BINS, REACH_BINS + 1):
             r, b = nearest_row + dr, nearest_bin + db
             inside = (r >= 0) & (r < rows) & (b >= 0) & (b < bins)
             value = np.exp(-0.5 * ((r - row) / SIGMA_ROWS) ** 2 - 0.5 * ((b - place) / SIGMA_BINS) ** 2)
-            np.maximum.at(image, (crop[inside], r[inside], b[inside]), value[inside].astype(np.float32))
+            np.maximum.at(image, (r[inside], b[inside]), value[inside].astype(np.float32))
     return image
 
 
@@ -44,6 +42,6 @@ def scene_spots(
     """[B, R, U] spots of whole truths [B, R, U] relative to their peaks, of what ``channels`` can see."""
     made = []
     for truth, peak, noise in zip(image.cpu().numpy(), image_peak.tolist(), noise_power.tolist(), strict=True):
-        row, place = truth_cells(truth * peak, noise, channels, radar.waveform.range_step_m).T
-        made.append(spots(1, *truth.shape, np.zeros_like(row), row.astype(np.float64), place.astype(np.float64))[0])
+        row, place = truth_cells(truth * peak, noise, channels, radar.waveform.range_step_m).T.astype(np.float64)
+        made.append(spots(len(truth), radar.grid.bins, row, place))
     return torch.from_numpy(np.stack(made)).to(image.device)

@@ -1,0 +1,180 @@
+"""The unrolled network: plain iterations until it has learned, finite gradients wherever rows are hard, one set of
+weights for all arrays."""
+
+import numpy as np
+import pytest
+import torch
+
+from shared.radar import Radar
+from shared.radar.arrays import AVR_QDM_110_THINNED_RX
+from shared.signal.adaptive import adaptive_forms, adaptive_powers, adaptive_tables, view_table, virtual_view
+from shared.signal.features import snapshot_features
+from trainer.networks.unrolled import RARE, SMALLEST, UnrolledNetwork
+
+RADAR = Radar()
+BINS = RADAR.grid.bins
+EXPONENT, PLAIN, LEARNED = 0.5, 2, 2
+
+
+def chosen(name):
+    return RADAR.array.channel_indices(AVR_QDM_110_THINNED_RX[name])
+
+
+def network(name="sparse4", seed=0, trained=False, **changes):
+    """Fresh, or with weights as training may leave them."""
+    torch.manual_seed(seed)
+    given = {"exponent": EXPONENT, "plain": PLAIN, "learned": LEARNED, "width": 4, **changes}
+    made = UnrolledNetwork(RADAR, chosen(name), "taylor-30", **given)
+    if trained:
+        with torch.no_grad():
+            for parameter in made.parameters():
+                parameter.add_(0.05 * torch.randn_like(parameter))
+    return made
+
+
+def rows(count, name="sparse4", noise_power=1e-2, seed=0):
+    """([1, R, C] complex64 of two echoes and noise in each row, [1] noise power)."""
+    generator = np.random.default_rng(seed)
+    y = RADAR.array.virtual[chosen(name), 1]
+    u = generator.uniform(-0.8, 0.8, (count, 2))
+    amplitude = np.exp(2j * np.pi * generator.random((count, 2)))
+    x = np.einsum("rk,rkc->rc", amplitude, np.exp(-2j * np.pi / RADAR.waveform.wavelength_m * u[..., None] * y))
+    x = x + np.sqrt(noise_power / 2) * (generator.standard_normal((*x.shape, 2)) @ np.array([1.0, 1.0j]))
+    return torch.from_numpy(x.astype(np.complex64))[None], torch.tensor([noise_power])
+
+
+def features(range_channel, noise_power):
+    return snapshot_features(range_channel, noise_power)[0]
+
+
+def test_before_training_it_is_the_plain_iteration_seen_by_the_virtual_sensor():
+    made = network()
+    torch.nn.init.zeros_(made.context.head.weight)
+    snapshots, noise_power = rows(5)
+    given = features(snapshots, noise_power)
+    with torch.no_grad():
+        answer = made(given)
+    channels = chosen("sparse4")
+    count = len(channels)
+    row = given[0, :, :, 0].T.numpy()
+    snapshot, noise = row[:, :count] + 1j * row[:, count : 2 * count], row[:, -1]
+    tables = adaptive_tables(RADAR, channels)
+    power = adaptive_powers(snapshot, noise, tables, PLAIN + LEARNED, "likes")
+    seen = virtual_view(
+        power, *adaptive_forms(power, snapshot, noise, tables), view_table(RADAR, channels, "taylor-30")
+    )
+    # Four inverses in single precision, in two libraries.
+    np.testing.assert_allclose(answer[0, 0], (seen + SMALLEST) ** EXPONENT, atol=5e-3)
+    assert torch.equal(answer[:, 1], torch.full_like(answer[:, 1], RARE))
+
+
+def hard_rows(kind):
+    """([1, R, C], [1]) as an array measures them; zeros, and extremes of level and of noise."""
+    snapshots, noise_power = rows(6)
+    if kind == "zeros":
+        snapshots[:, ::2] = 0
+    elif kind == "nothing but zeros":
+        snapshots[:] = 0
+    elif kind == "1e-20":
+        snapshots, noise_power = snapshots * 1e-20, noise_power * 1e-38
+    elif kind == "1e20":
+        snapshots = snapshots * 1e18
+    elif kind == "noise alone":
+        snapshots, noise_power = rows(6, noise_power=1.0)[0] * 1e-9, torch.tensor([1.0])
+    elif kind == "one target at 80 dB":
+        y = torch.from_numpy(RADAR.array.virtual[chosen("sparse4"), 1])
+        echo = torch.polar(torch.ones_like(y), -2 * np.pi / RADAR.waveform.wavelength_m * 0.2345 * y)
+        noise = 1e-4 * torch.randn(1, 6, len(y), dtype=torch.complex64, generator=torch.Generator().manual_seed(0))
+        snapshots, noise_power = (echo.to(torch.complex64) + noise), torch.tensor([1e-8])
+    else:
+        noise_power = torch.zeros(1)
+    return snapshots, noise_power
+
+
+HARD = ("zeros", "nothing but zeros", "1e-20", "1e20", "noise alone", "one target at 80 dB", "no noise")
+
+
+@pytest.mark.parametrize("trained", [False, True])
+@pytest.mark.parametrize("kind", HARD)
+def test_images_and_gradients_of_hard_rows_are_finite(kind, trained):
+    made = network(trained=trained)
+    answer = made(features(*hard_rows(kind)))
+    assert torch.isfinite(answer).all()
+    if not trained and kind == "nothing but zeros":
+        assert answer[:, 0].detach().abs().max() < 2.0
+    answer.square().sum().backward()
+    gradients = {name: parameter.grad for name, parameter in made.named_parameters()}
+    assert [name for name, value in gradients.items() if value is None or not torch.isfinite(value).all()] == []
+
+
+def test_gradients_reach_every_parameter():
+    made = network(trained=True)
+    made(features(*rows(5))).square().sum().backward()
+    without = [name for name, value in made.named_parameters() if value.grad is None or not value.grad.any()]
+    assert without == []
+    # The last layer of a step starts at zero; it learns from the first step on.
+    fresh = network()
+    fresh(features(*rows(5)))[:, 0].square().sum().backward()
+    for step in fresh.steps:
+        assert step.last.weight.grad.any()
+
+
+def test_no_weight_knows_the_array():
+    one, other = network("sparse4", trained=True), network("sparse6", seed=1)
+    other.load_state_dict(one.state_dict())
+    again = network("sparse4", seed=2)
+    again.load_state_dict(other.state_dict())
+    given = features(*rows(3))
+    with torch.no_grad():
+        assert torch.equal(again(given), one(given))
+        assert other(features(*rows(3, "sparse6"))).shape == (1, 2, 3, BINS)
+
+
+@pytest.mark.parametrize(("count", "detects"), [(1, True), (3, False), (6, True)])
+def test_any_number_of_rows_and_one_or_two_outputs(count, detects):
+    made = network(detects=detects)
+    given = features(*rows(count))
+    with torch.no_grad():
+        assert made(torch.cat([given, given])).shape == (2, 2 if detects else 1, count, BINS)
+
+
+def test_a_network_without_learned_steps_or_with_one_plain_step_alone_runs():
+    given = features(*rows(2))
+    with torch.no_grad():
+        for plain, learned in ((1, 0), (0, 1)):
+            assert torch.isfinite(network(plain=plain, learned=learned)(given)).all()
+
+
+def test_bfloat16_stays_near_single_precision():
+    made = network(trained=True)
+    given = features(*rows(8))
+    with torch.no_grad():
+        exact = made(given)
+        with torch.autocast("cpu", torch.bfloat16):
+            half = made(given).float()
+    assert (half - exact).norm() < 0.02 * exact.norm()
+    assert not torch.equal(half, exact)
+
+
+def test_a_common_phase_changes_nothing():
+    """Neither does the scale, which the features take out."""
+    made = network(trained=True)
+    snapshots, noise_power = rows(4)
+    turned = snapshots * complex(np.exp(1.3j)) * 4.0
+    with torch.no_grad():
+        one, other = made(features(snapshots, noise_power)), made(features(turned, 16.0 * noise_power))
+    torch.testing.assert_close(one, other, rtol=0, atol=5e-3)
+
+
+def test_the_base_of_a_conjugated_snapshot_is_mirrored():
+    """Targets on the other side, from delay-and-sum to the virtual view; what is learned has no such symmetry."""
+    made = network()
+    torch.nn.init.zeros_(made.context.head.weight)
+    snapshots, noise_power = rows(4)
+    with torch.no_grad():
+        one, other = (made(features(x, noise_power))[0, 0] for x in (snapshots, snapshots.conj().resolve_conj()))
+    mirror = RADAR.grid.mirror
+    assert mirror is not None
+    bins = [place for place in range(BINS) if 0 <= mirror - place < BINS]
+    # The scanned axis ends one step apart on its two sides.
+    torch.testing.assert_close(other[:, bins], one[:, [mirror - place for place in bins]], rtol=0, atol=0.02)
