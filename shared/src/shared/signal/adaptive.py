@@ -193,7 +193,7 @@ def virtual_view(
     filtered: Complex64[Array, "rows angles"],
     form: Float32[Array, "rows angles"],
     view: Complex64[Array, "angles bins"],
-    uncertain: Array | float = 1.0,
+    uncertain: float = 1.0,
 ) -> Float32[Array, "rows bins"]:
     """[B, U] root of the expected power of the virtual sensor's image, given P, q and s of :func:`adaptive_forms`.
 

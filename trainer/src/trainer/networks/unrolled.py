@@ -1,14 +1,15 @@
-"""The network we recommend: an adaptive spectrum whose last iterations are learned, seen by the virtual sensor.
+"""The network we recommend: what the virtual sensor would see of an adaptive spectrum, corrected by learned iterations.
 
-Plain iterations of the "likes" rule (:mod:`shared.signal.adaptive`) begin, P <- P |q|^2 / s. A few more have a learned
-correction,
+Plain iterations of the "iaa" rule (:mod:`shared.signal.adaptive`) begin. :func:`shared.signal.adaptive.virtual_view`
+says what the virtual sensor would see of the mean echoes that they find: a smooth base, which the answer is added to.
+From there on a few iterations of the "likes" rule, P <- P |q|^2 / s, sharpen the spectrum, each with a learned correction,
 
     log P <- log P + (1 + beta) log(|q|^2 / s) + delta,
 
 with beta and delta from a small convolution along angle over what the iteration knows: log P, log(|q|^2 / s), P s, and
 the products z(u)* z(u + l) of z = q / sqrt(s), which no common phase changes. Where the convolution gives zero this is
-the plain iteration. :func:`shared.signal.adaptive.virtual_view` says what the virtual sensor would see of the echoes
-that result: the base of the image. A light U-Net over range and angle corrects it and says where targets are.
+the plain iteration. A light U-Net over range and angle corrects the base by what has been found, and says where targets
+are.
 
 No weight knows the array: it enters through the tables alone.
 """
@@ -23,6 +24,7 @@ from torch.nn import functional
 
 from shared.radar import Radar
 from shared.signal.adaptive import (
+    LEAST_POWER,
     AdaptiveTables,
     adaptive_forms,
     adaptive_powers,
@@ -75,8 +77,8 @@ class UnrolledNetwork(nn.Module):
     :param channels: [C] indices of the radar's channels that the network sees
     :param window: of the truth's virtual sensor
     :param exponent: compression of the magnitude
-    :param plain: iterations without weights
-    :param learned: iterations with weights
+    :param plain: iterations without weights, by the "iaa" rule
+    :param learned: iterations with weights, by the "likes" rule
     :param width: channels of the U-Net's first level
     :param detects: whether the second output is there
     """
@@ -99,8 +101,6 @@ class UnrolledNetwork(nn.Module):
         for name, table in adaptive_tables(radar, channels)._asdict().items():
             self.register_buffer(name, torch.from_numpy(table), persistent=False)
         self.register_buffer("view", torch.from_numpy(view_table(radar, channels, window)), persistent=False)
-        # Weight of what is uncertain in the view, squared; 1 is the expected power.
-        self.uncertain = nn.Parameter(torch.ones(()))
         self.steps = nn.ModuleList(LearnedStep() for _ in range(learned))
         # The U-Net sees every second angle bin's neighbourhood; what one row says at each bin goes past it.
         self.context = LightUNet(STATE + 2, self.outputs, width, stride=CONTEXT_STRIDE)
@@ -123,26 +123,20 @@ class UnrolledNetwork(nn.Module):
             snapshot, noise = torch.complex(row[:, : planes // 2], row[:, planes // 2 : -1]), row[:, -1]
             tables = AdaptiveTables(*(self.get_buffer(name) for name in AdaptiveTables._fields))
             with torch.no_grad():
-                power = adaptive_powers(snapshot, noise, tables, self.plain, "likes")
+                power = adaptive_powers(snapshot, noise, tables, self.plain, "iaa")
+                filtered, form = adaptive_forms(power, snapshot, noise, tables)
+                seen = virtual_view(power, filtered, form, self.get_buffer("view"), uncertain=0.0)
         shape = (batch, rows, self.bins)
+        base = (seen + SMALLEST).pow(self.exponent).reshape(shape)
         for step in self.steps:
-            filtered, form = self._forms(power, snapshot, noise, tables)
             state, _ = self._state(power, filtered, form, noise, shape)
             power = self._stepped(power, filtered, form, step(state))
-        filtered, form = self._forms(power, snapshot, noise, tables)
+            with torch.autocast(snapshots.device.type, enabled=False):
+                filtered, form = adaptive_forms(power, snapshot, noise, tables)
         state, level = self._state(power, filtered, form, noise, shape)
-        with torch.autocast(snapshots.device.type, enabled=False):
-            seen = virtual_view(power, filtered, form, self.get_buffer("view"), self.uncertain.square())
-            base = (seen + SMALLEST).pow(self.exponent).reshape(shape)
         known = torch.cat([state, base[:, None], level[:, None]], dim=1)
         answer = self.context(known).float() + self.row(known).float()
         return torch.cat([answer[:, :1] + base[:, None], answer[:, 1:]], dim=1)
-
-    def _forms(
-        self, power: torch.Tensor, snapshot: torch.Tensor, noise: torch.Tensor, tables: AdaptiveTables
-    ) -> tuple[torch.Tensor, torch.Tensor]:
-        with torch.autocast(power.device.type, enabled=False):
-            return adaptive_forms(power, snapshot, noise, tables)
 
     def _stepped(
         self, power: torch.Tensor, filtered: torch.Tensor, form: torch.Tensor, correction: torch.Tensor
@@ -170,7 +164,7 @@ class UnrolledNetwork(nn.Module):
         shrunk = (1.0 + ratio).rsqrt()
         real, imaginary = real * shrunk, imaginary * shrunk
         planes = [
-            0.25 * power.log10() + 0.5,
+            0.25 * power.clamp_min(LEAST_POWER).log10() + 0.5,
             0.5 * ratio.clamp_min(LEAST_RATIO).log10(),
             (power * form).clamp_max(1.0),
             (0.25 * noise.clamp_min(SMALLEST).log10() + 0.5)[:, None].expand_as(power),

@@ -162,18 +162,18 @@ class ImagingTask(LightningModule):
         return {name: torch.cat([parts[name], extra[name]]) for name in extra}
 
     def _linear_losses(self, batch: Batch, answer: torch.Tensor, scale: torch.Tensor | None) -> torch.Tensor:
-        """[B] weighted normalised error of the linear image, 0 where the truth is empty.
+        """[B] weighted squared error of the linear image over the energy of truth and noise.
 
         The compressed magnitudes weigh faint ground like a bright target; what the image is judged by does not.
         """
-        known, image = batch["known"], batch["image"]
+        known, image, peak = batch["known"], batch["image"], batch["image_peak"].float()[:, None, None]
         if self.config.target != "row" or not self.config.linear:
             return answer.new_zeros(len(image))
-        estimate = decode(self.config, answer, scale) / batch["image_peak"].float()[:, None, None]
-        truth = image * known
-        empty = truth.amax(dim=(-2, -1)) == 0
-        error = normalised_error(estimate * known, torch.where(empty[:, None, None], 1.0, truth))
-        return self.config.linear * torch.where(empty, 0.0, error)
+        error = (decode(self.config, answer, scale) / peak - image).square() * known
+        # The noise in the sum of the channels keeps a crop with next to nothing in it from outweighing all others.
+        noise = (batch["noise_power"].float() / self._channels)[:, None, None] / peak.square()
+        energy = (image.square() + noise) * known
+        return self.config.linear * error.sum(dim=(-2, -1)) / energy.sum(dim=(-2, -1))
 
     def _spots(self, batch: Batch) -> torch.Tensor | None:
         """[B, R, U] where the targets of whole frames are, for a network that says so."""
