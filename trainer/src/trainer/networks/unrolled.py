@@ -2,7 +2,8 @@
 
 Plain iterations of the "iaa" rule (:mod:`shared.signal.adaptive`) begin. :func:`shared.signal.adaptive.virtual_view`
 says what the virtual sensor would see of the mean echoes that they find: a smooth base, which the answer is added to.
-From there on a few iterations of the "likes" rule, P <- P |q|^2 / s, sharpen the spectrum, each with a learned correction,
+From there on a few iterations of the "likes" rule, P <- P |q|^2 / s, sharpen the spectrum, each with a learned
+correction,
 
     log P <- log P + (1 + beta) log(|q|^2 / s) + delta,
 
