@@ -60,9 +60,8 @@ def test_before_training_it_is_the_plain_iteration_seen_by_the_virtual_sensor():
     snapshot, noise = row[:, :count] + 1j * row[:, count : 2 * count], row[:, -1]
     tables = adaptive_tables(RADAR, channels)
     power = adaptive_powers(snapshot, noise, tables, PLAIN + LEARNED, "likes")
-    seen = virtual_view(
-        power, *adaptive_forms(power, snapshot, noise, tables), view_table(RADAR, channels, "taylor-30")
-    )
+    forms = adaptive_forms(power, snapshot, noise, tables)
+    seen = virtual_view(power, *forms, view_table(RADAR, channels, "taylor-30"))
     # Four inverses in single precision, in two libraries.
     np.testing.assert_allclose(answer[0, 0], (seen + SMALLEST) ** EXPONENT, atol=5e-3)
     assert torch.equal(answer[:, 1], torch.full_like(answer[:, 1], RARE))

@@ -181,11 +181,15 @@ def snapshot_features(
 
 
 def relative_noise(noise_power: Float[Array, "*batch"], scale: RowScale) -> Float[Array, "*batch rows"]:
-    """[..., R] float32 noise power over that of rows of this RMS [..., R], at most the square of LARGEST_NOISE."""
+    """[..., R] float32 noise power over that of rows of this RMS [..., R], at most the square of LARGEST_NOISE.
+
+    That of zero rows too, whatever the noise: a quotient by 1 would depend on the unit.
+    """
     xp = array_namespace(scale)
     # A quotient of amplitudes: the square of 1e-30 would be zero.
     noise = xp.sqrt(noise_power)[..., None] / xp.where(scale > 0, scale, 1.0)
-    return xp.asarray(xp.clip(noise, None, LARGEST_NOISE) ** 2, dtype=xp.float32)
+    noise = xp.where(scale > 0, xp.clip(noise, None, LARGEST_NOISE), LARGEST_NOISE)
+    return xp.asarray(noise**2, dtype=xp.float32)
 
 
 def unit_rows(range_channel: Array) -> tuple[Array, Array]:

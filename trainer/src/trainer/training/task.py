@@ -78,6 +78,8 @@ class ImagingTask(LightningModule):
         if self.config.target == "row":
             estimate = estimate / batch["image_peak"].float()[shown, None, None]
         truth = image[shown]
+        # Double precision: a small error is the difference of two numbers near 1.
+        estimate, truth = estimate.double(), truth.double()
         energy = truth.square().sum(dim=(-2, -1))
         self._projections += ((estimate * truth).sum(dim=(-2, -1)) / energy).tolist()
         self._energies += (estimate.square().sum(dim=(-2, -1)) / energy).tolist()
