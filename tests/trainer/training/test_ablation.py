@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 import torch
-from small_evaluation import FULL, RADAR, strong_dataset, strong_frame
-from tiny_radar import TINY
+from small_evaluation import FULL, RADAR, strong_dataset
+from tiny_radar import TINY, frame
 
 from shared.physics.errors import InputError
 from trainer.data.pairs import simulate
@@ -105,7 +105,7 @@ def test_weights_move_behind_another_array(tmp_path, small):
     table([small], tmp_path, ["one"], 2, "32", ["full"])
     (tmp_path / "half.toml").write_text("rx = [0, 1, 2, 5]\n")
     run = tmp_path / "one-full-0"
-    made = strong_frame(7)
+    made = frame(7, RADAR)
     snapshot, noise = torch.from_numpy(made.range_channel[:1]), torch.tensor([made.noise_power])
     with torch.no_grad():
         trained = load_imager(run)[1](snapshot, noise)
