@@ -62,7 +62,7 @@ def test_the_table_has_a_line_for_each_variant(tmp_path, monkeypatch, small):
         table([small], tmp_path, ["three"], 2, "32")
 
 
-def test_pairs_are_resolved_by_the_score_where_a_network_has_one(tmp_path, small):
+def test_pairs_are_resolved_by_the_score_where_a_network_has_one(tmp_path, monkeypatch, small):
     """The image shows one target in the middle, the probability has both."""
     table([small], tmp_path, ["one"], 2, "32", ["full"])
     run, imager = load_imager(tmp_path / "one-full-0")
@@ -79,9 +79,9 @@ def test_pairs_are_resolved_by_the_score_where_a_network_has_one(tmp_path, small
                     probability[0, row, [int(np.abs(RADAR.grid.u - u).argmin()) for u in angles]] = 1.0
         return image, probability
 
-    imager.detect = detect
+    monkeypatch.setattr(imager, "detect", detect)
     with_score = score_run(run, imager, [small]).resolved
-    imager.detect = lambda *given: (detect(*given)[0], None)
+    monkeypatch.setattr(imager, "detect", lambda *given: (detect(*given)[0], None))
     assert max(score_run(run, imager, [small]).resolved) == 0.0
     assert with_score[0] == 1.0
 

@@ -38,7 +38,7 @@ def loader(monkeypatch, network=None, detect=None):
     def load(directory):
         run, imager = load_imager(directory)
         imager.network = network or imager.network
-        imager.detect = detect or imager.detect
+        monkeypatch.setattr(imager, "detect", detect or imager.detect)
         return run, imager
 
     monkeypatch.setattr(module, "load_imager", load)
