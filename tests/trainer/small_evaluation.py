@@ -32,6 +32,19 @@ def make_data(directory, radar=RADAR):
     return write_dataset(directory, {"train": frames[:2], "test": frames[2:]}, radar)
 
 
+def strong_frame(index):
+    """A frame whose echoes are 20 dB stronger: those beyond 5 m stand above the noise."""
+    made = frame(index, RADAR)
+    return replace(made, range_channel=10.0 * made.range_channel, image_peak=10.0 * made.image_peak)
+
+
+def strong_dataset(directory, training=2):
+    """Strong frames, two to validate and one to test."""
+    places = {"train": range(training), "validation": (100, 101), "test": (200,)}
+    splits = {split: [strong_frame(index) for index in of_split] for split, of_split in places.items()}
+    return write_dataset(directory, splits, RADAR)
+
+
 def make_run(directory, array=THIN, radar=RADAR, datasets=(), **changes):
     """A run with random weights: what is tested here does not depend on what they learned."""
     config = tiny(**changes)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_evaluation import FULL, RADAR
+from small_evaluation import FULL, RADAR, strong_frame
 from tiny_radar import frame
 
 from shared.dataset import Target
@@ -52,12 +52,6 @@ def test_an_empty_truth_has_no_image_errors_and_every_detection_is_false():
     assert scores["strict"][0][1] > 0
 
 
-def strong_frame():
-    """A frame whose echoes beyond 5 m are 20 dB stronger: they stand above the noise."""
-    made = frame(3, RADAR)
-    return replace(made, range_channel=10.0 * made.range_channel, image_peak=10.0 * made.image_peak)
-
-
 def average_precision(contender, made):
     values = score_frame(RADAR, contender, lambda: made)
     refs = [FrameRef(Path("p"), 0, 0, "scene", "hall")]
@@ -66,7 +60,7 @@ def average_precision(contender, made):
 
 
 def test_the_truth_has_all_the_precision_an_empty_image_none_and_delay_and_sum_some():
-    made = strong_frame()
+    made = strong_frame(3)
     truth = made.image.astype(np.float64) * made.image_peak
     ceiling = score_truth(RADAR, FULL, lambda: made)
     assert len(ceiling["cells_matched"]) == ceiling["cells_true"] > 3
@@ -78,7 +72,7 @@ def test_the_truth_has_all_the_precision_an_empty_image_none_and_delay_and_sum_s
 
 def test_detections_are_found_and_ranked_by_the_score_where_a_method_has_one():
     """The image has everything and no order; the score has the truth's maxima alone."""
-    made = strong_frame()
+    made = strong_frame(3)
     truth = made.image.astype(np.float64) * made.image_peak
     loud = np.random.default_rng(0).rayleigh(truth.max(), truth.shape)
     calls = []
@@ -94,7 +88,7 @@ def test_detections_are_found_and_ranked_by_the_score_where_a_method_has_one():
 
 def test_a_probability_is_read_by_delay_and_sum():
     """Sure of the truth's maxima, and of one bin more: it is a false alarm if the data are strong there."""
-    made = strong_frame()
+    made = strong_frame(3)
     image = made.image.copy()
     image[41:46] = 0.0
     made = replace(made, image=image)

@@ -1,41 +1,62 @@
 """The verdict: a perfect image scores 0 and 1, an empty one 1 and 0, and the numbers are those of the definition."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
-from tiny_radar import RADAR, TINY, frame, small_dataset, tiny, write_dataset
+from small_evaluation import FULL, RADAR, strong_dataset, strong_frame
+from tiny_radar import RADAR as NEAR_RADAR
+from tiny_radar import TINY, small_dataset, write_dataset
 
-from trainer.data.arrays import ArrayChoice
-from trainer.metrics.detection import Counts
+from trainer.evaluation.experiments.contenders import estimator_contender
+from trainer.evaluation.experiments.frames import score_frame
+from trainer.metrics.cells import CellScores, truth_cells
+from trainer.metrics.ranking import pooled
 from trainer.run.folder import Run, load_imager, save_weights, write_run
 from trainer.run.imager import Imager
 from trainer.training import verdict as module
 from trainer.training.fit import fit
-from trainer.training.verdict import PICTURE, THRESHOLDS_DB, VERDICT, count_matches, judge, row_peaks
+from trainer.training.verdict import PICTURE, VERDICT, judge
 
-FULL = ArrayChoice(name="full", rx=tuple(range(6)))
+WHOLE = {"model": "spectral-unet", "features": "row"}
+"""A network without a detection head, whose input has delay-and-sum as its third channel."""
 
 
-def make_run(directory, network=None, gain=1.0, **changes):
-    config = tiny(**{"model": "spectral-unet", **changes})
-    imager = Imager(config, RADAR, FULL)
+def make_run(directory, gain=1.0, radar=RADAR, **changes):
+    config = TINY.model_copy(update=WHOLE | changes)
     directory.mkdir()
-    write_run(directory, Run(config=config, radar=RADAR, array=FULL, datasets=()))
-    save_weights(directory, imager, gain)
+    write_run(directory, Run(config=config, radar=radar, array=FULL, datasets=()))
+    save_weights(directory, Imager(config, radar, FULL), gain)
     return directory
 
 
-def loader(monkeypatch, network):
-    """load_imager, but with a network whose answer is known."""
+def loader(monkeypatch, network=None, detect=None):
+    """load_imager, but with a network or an imager whose answer is known."""
 
     def load(directory):
         run, imager = load_imager(directory)
-        imager.network = network
+        imager.network = network or imager.network
+        monkeypatch.setattr(imager, "detect", detect or imager.detect)
         return run, imager
 
     monkeypatch.setattr(module, "load_imager", load)
+
+
+def answers(*images):
+    """What an imager gives for one frame after the other: [R, U] images, or pairs of image and probability."""
+    left = iter([image if isinstance(image, tuple) else (image, None) for image in images])
+
+    def detect(_snapshot, _noise_power):
+        return tuple(one if one is None else torch.from_numpy(one.astype(np.float32))[None] for one in next(left))
+
+    return detect
+
+
+def level(made):
+    """[R, U] the truth of a frame [sqrt(W)]."""
+    return made.image.astype(np.float64) * made.image_peak
 
 
 class Das(torch.nn.Module):
@@ -50,100 +71,138 @@ class Nothing(torch.nn.Module):
         return torch.zeros_like(features[:, :1])
 
 
-def test_peaks_are_found_along_each_row_down_to_the_level():
-    image = np.zeros((8, 20), np.float32)
-    image[2, [4, 8]] = 1.0, 0.5
-    image[4, 0] = 0.5  # at the edge, and as strong as the first once weighted by range
-    image[6, 10] = 1e-3
-    peaks = row_peaks(image, -30.0)
-    assert peaks[:, :2].tolist() == [[2, 4], [2, 8], [4, 0]]
-    np.testing.assert_allclose(peaks[:, 2], [0.0, 20 * np.log10(0.5), 0.0], atol=1e-6)
-    assert len(row_peaks(image, -60.0)) == 4
-    assert len(row_peaks(np.zeros((8, 20), np.float32), -30.0)) == 0
-    flat = np.zeros((8, 20), np.float32)
-    flat[3, 5:8] = 1.0, 0.8, 0.98  # a dip of 2 dB parts nothing
-    assert len(row_peaks(flat, -30.0)) == 1
-
-
-def test_matching_is_one_to_one():
-    truth = np.array([[3, 10, 0.0], [3, 14, 0.0], [5, 4, 0.0]])
-    image = np.zeros((8, 20), np.float32)
-    image[3, 11], image[5, 9] = 1.0, 0.5
-    counts = count_matches(image, truth)
-    # One estimate cannot stand for two targets, and one five bins away for none.
-    assert counts[0] == counts[-1] == Counts(1, 1, 2)
-    assert counts[0].f1 == 0.4
-    image[5, 9] = 0.1
-    assert count_matches(image, truth)[-1] == Counts(1, 0, 2)
-
-
 def verdict_of(run, datasets):
     found = judge(run, datasets, announce=str)
     assert found is not None
     return found
 
 
-def test_the_truth_scores_one_and_an_empty_image_nothing():
-    truth = frame(3).image
-    peaks = row_peaks(truth, -30.0)
-    assert count_matches(truth, peaks)[THRESHOLDS_DB.index(-30.0)].f1 == 1.0
-    assert max(counts.f1 for counts in count_matches(np.zeros_like(truth), peaks)) == 0.0
+def test_a_perfect_imager_has_no_error_and_all_the_precision(tmp_path, monkeypatch):
+    data, run = strong_dataset(tmp_path / "data"), make_run(tmp_path / "run")
+    loader(monkeypatch, detect=answers(level(strong_frame(200))))
+    found = verdict_of(run, [data])
+    assert found.nmse["network"] < 1e-12
+    assert found.average_precision["network"] > 0.98
+    assert found.average_precision["truth"] > 0.98
+    assert found.average_precision["das"] < 0.9
+
+
+def test_an_empty_network_scores_as_the_zero_image(tmp_path, monkeypatch):
+    data, run = strong_dataset(tmp_path / "data"), make_run(tmp_path / "run")
+    loader(monkeypatch, Nothing())
+    found = verdict_of(run, [data])
+    assert found.nmse["network"] == found.nmse["zero"] == 1.0
+    assert found.average_precision["network"] == 0.0
+    assert found.average_precision["truth"] > 0.98
 
 
 def test_delay_and_sum_as_a_network_scores_as_delay_and_sum(tmp_path, monkeypatch):
-    data, run = small_dataset(tmp_path / "data", training=3), make_run(tmp_path / "run")
+    data, run = strong_dataset(tmp_path / "data", training=3), make_run(tmp_path / "run")
     loader(monkeypatch, Das())
     found = verdict_of(run, [data])
     assert found.frames == 1
-    assert found.f1["network"] == found.f1["das"] > 0
-    assert found.threshold_db["network"] == found.threshold_db["das"]
+    assert found.average_precision["network"] == pytest.approx(found.average_precision["das"], abs=1e-3)
+    assert found.average_precision["das"] > 0.0
     assert found.nmse["network"] >= found.nmse["das"] > 0
     assert found.nmse["zero"] == 1.0
     assert found.nmse["das"] < found.nmse["mean"] < 1.0
-    assert json.loads((run / VERDICT).read_text())["nmse"] == found.nmse
+    document = json.loads((run / VERDICT).read_text())
+    assert document["nmse"] == found.nmse
+    assert document["average_precision"] == found.average_precision
     assert (run / PICTURE).read_bytes()[:4] == b"\x89PNG"
 
 
+def test_the_average_precision_is_that_of_evaluate(tmp_path):
+    data, run = strong_dataset(tmp_path / "data"), make_run(tmp_path / "run")
+    values = score_frame(RADAR, estimator_contender("das", FULL, RADAR), lambda: strong_frame(200))
+    cells = CellScores(values["cells_matched"], values["cells_false"], int(values["cells_true"]))
+    expected = pooled([cells]).average_precision()
+    assert verdict_of(run, [data]).average_precision["das"] == pytest.approx(expected, abs=1e-3)
+
+
+def test_a_detection_head_ranks_the_detections(tmp_path, monkeypatch):
+    """The image has everything and no order; times the root of the probability it is the truth."""
+    data, run = strong_dataset(tmp_path / "data"), make_run(tmp_path / "run", model="unrolled", features="snapshots")
+    truth = level(strong_frame(200))
+    loud = truth.max() * np.random.default_rng(0).uniform(1.0, 3.0, truth.shape)
+    for image, least, most in (((loud, (truth / loud) ** 2), 0.98, 1.0), ((loud, None), 0.0, 0.5)):
+        loader(monkeypatch, detect=answers(image))
+        assert least <= verdict_of(run, [data]).average_precision["network"] <= most
+        monkeypatch.undo()
+
+
 def test_the_gain_of_the_run_multiplies_the_image(tmp_path, monkeypatch):
-    data = small_dataset(tmp_path / "data", training=2)
+    data = strong_dataset(tmp_path / "data")
     loader(monkeypatch, Das())
     errors = [verdict_of(make_run(tmp_path / str(g), gain=g), [data]).nmse["network"] for g in (1.0, 3.0)]
     assert errors[1] > errors[0] + 1.0
 
 
-def test_an_empty_network_scores_as_the_zero_image(tmp_path, monkeypatch):
-    data, run = small_dataset(tmp_path / "data", training=2), make_run(tmp_path / "run")
-    loader(monkeypatch, Nothing())
-    found = verdict_of(run, [data])
-    assert found.nmse["network"] == found.nmse["zero"] == 1.0
-    assert found.f1["network"] == 0.0
-
-
-def test_frames_without_a_truth_are_counted_and_do_not_count(tmp_path, monkeypatch):
-    empty = type(frame(0))(**{**vars(frame(0)), "image": np.zeros((24, 20), np.float32), "image_peak": 0.0})
-    splits = {"train": [frame(0)], "validation": [frame(1)], "test": [frame(2), empty]}
-    data, run = write_dataset(tmp_path / "data", splits), make_run(tmp_path / "run")
+def test_frames_without_a_truth_have_no_error_and_false_alarms_alone(tmp_path, monkeypatch):
+    made, empty = strong_frame(2), replace(strong_frame(3), image=np.zeros((48, 20), np.float32), image_peak=0.0)
+    splits = {"train": [strong_frame(0)], "validation": [strong_frame(1)], "test": [made, empty]}
+    data, run = write_dataset(tmp_path / "data", splits, RADAR), make_run(tmp_path / "run")
+    ghost = np.zeros((48, 20))
+    ghost[40, 10] = 1.0
+    loader(monkeypatch, detect=answers(level(made), ghost))
     found = verdict_of(run, [data])
     assert (found.frames, found.empty_frames) == (1, 1)
+    assert found.nmse["network"] < 1e-12
+    # The false alarm comes before all the truth cells.
+    cells = truth_cells(level(made), made.noise_power, 6, RADAR.waveform.range_step_m)
+    scores = level(made).astype(np.float32)[tuple(cells.T)].astype(np.float64)
+    expected = pooled([CellScores(np.sort(scores)[::-1], np.ones(1), len(cells))]).average_precision()
+    assert found.average_precision["network"] == pytest.approx(expected)
+    assert expected < 0.9
+
+
+def test_without_a_truth_to_test_there_is_no_verdict(tmp_path):
     lines: list[str] = []
-    nothing = write_dataset(tmp_path / "none", {"train": [frame(0)], "validation": [frame(1)]})
-    assert judge(run, [nothing], announce=lines.append) is None
+    nothing = write_dataset(tmp_path / "none", {"train": [strong_frame(0)], "validation": [strong_frame(1)]}, RADAR)
+    assert judge(make_run(tmp_path / "run"), [nothing], announce=lines.append) is None
     assert lines == ["no test frames with a truth: no verdict"]
 
 
-def test_a_class_probability_has_no_amplitude_to_judge(tmp_path):
-    data, run = small_dataset(tmp_path / "data", training=2), make_run(tmp_path / "run", target="class")
+def test_a_class_probability_has_no_amplitude_and_is_read_by_delay_and_sum(tmp_path, monkeypatch):
+    """Sure of the truth cells, and surer of one bin where the data are strong and the truth is not."""
+    made = strong_frame(200)
+    image = made.image.copy()
+    image[41:46] = 0.0
+    made = replace(made, image=image)
+    splits = {"train": [strong_frame(0)], "validation": [strong_frame(1)], "test": [made]}
+    data, run = write_dataset(tmp_path / "data", splits, RADAR), make_run(tmp_path / "run", target="class")
+    cells = truth_cells(level(made), made.noise_power, 6, RADAR.waveform.range_step_m)
+    sure = np.zeros(image.shape)
+    sure[tuple(cells.T)] = 0.5
+    wrong = sure.copy()
+    wrong[43, 10] = 1.0
+    for probability, expected in ((sure, 1.0), (wrong, len(cells) / (len(cells) + 1))):
+        loader(monkeypatch, detect=answers((probability, probability)))
+        found = verdict_of(run, [data])
+        assert found.nmse == {}
+        assert found.average_precision["network"] == pytest.approx(expected)
+        assert found.average_precision.keys() == {"network", "das", "truth"}
+        monkeypatch.undo()
+
+
+def test_a_radar_that_ends_before_the_first_truth_cell_has_no_average_precision(tmp_path):
+    data, run = small_dataset(tmp_path / "data", training=2), make_run(tmp_path / "run", radar=NEAR_RADAR)
     found = verdict_of(run, [data])
-    assert found.nmse == {}
-    assert set(found.f1) == {"network", "das"}
+    assert found.average_precision == {}
+    lines = found.table().splitlines()
+    assert lines[0].split("  ")[-1] == "average precision"
+    assert [line.split()[-1] for line in lines[1:]] == ["-"] * 5
+    assert len({len(line) for line in lines}) == 1
 
 
 def test_fit_ends_with_the_verdict_of_its_best_weights(tmp_path):
-    data = small_dataset(tmp_path / "data")
+    data = strong_dataset(tmp_path / "data", training=8)
     lines: list[str] = []
     fit([data], tmp_path / "run", TINY, array="full", announce=lines.append)
     assert lines[-1].startswith("test split, 1 frames")
     document = json.loads((tmp_path / "run" / VERDICT).read_text())
     assert document["gain"] == pytest.approx(load_imager(tmp_path / "run")[1].gain)
     assert document["gain"] != 1.0
-    assert verdict_of(tmp_path / "run", [data]).nmse == document["nmse"]
+    again = verdict_of(tmp_path / "run", [data])
+    assert again.nmse == document["nmse"]
+    assert again.average_precision == document["average_precision"]

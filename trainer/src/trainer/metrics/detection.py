@@ -60,11 +60,6 @@ class Counts:
         """TP / (TP + FP); 0 where nothing was detected."""
         return _ratio(self.tp, self.tp + self.fp)
 
-    @property
-    def f1(self) -> float:
-        """Harmonic mean of precision and recall, 2 TP / (2 TP + FP + FN)."""
-        return _ratio(2 * self.tp, 2 * self.tp + self.fp + self.fn)
-
 
 @dataclass(frozen=True, eq=False)
 class Peaks:

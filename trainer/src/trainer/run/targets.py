@@ -8,9 +8,13 @@ input's RMS turns the estimate back into sqrt(W).
 
 from __future__ import annotations
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from shared.physics.units import db_to_power
+from trainer.estimators.array import LineArray
+from trainer.estimators.das import DelayAndSum
 from trainer.run.configuration import FitConfig
 
 AMPLITUDE = "sqrt(W)"
@@ -52,3 +56,23 @@ def decode(config: FitConfig, answer: torch.Tensor, row_scale: torch.Tensor | No
         return positive / config.beta
     assert row_scale is not None
     return positive.pow(1.0 / config.exponent) * row_scale[..., None]
+
+
+def level_image(
+    image: NDArray[np.floating],
+    unit: str,
+    snapshots: NDArray[np.complexfloating],
+    array: LineArray,
+    u: NDArray[np.floating],
+    noise_power: float,
+) -> NDArray[np.floating]:
+    """[R, U] magnitude that a method reads [sqrt(W)].
+
+    An image without absolute unit says where something is. The data say how strong it is, by delay and sum there.
+
+    :param image: [R, U] in ``unit``, of :data:`UNITS`
+    :param snapshots: [R, C] that it was made from, the channels of ``array`` [sqrt(W)]
+    :param u: [U] angles of the image
+    :param noise_power: of one channel [W]
+    """
+    return image if unit == AMPLITUDE else DelayAndSum().image(snapshots, array, u, noise_power)

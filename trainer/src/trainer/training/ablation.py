@@ -20,7 +20,6 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch.utils.flop_counter import FlopCounterMode
 
 from shared.dataset.writing import write_text
@@ -29,20 +28,21 @@ from shared.signal.windows import cell_noise_power
 from trainer.data.arrays import choose_array
 from trainer.data.pairs import Condition, simulate
 from trainer.data.shards import ShardDataset
-from trainer.metrics.detection import Counts
+from trainer.metrics.ranking import pooled
 from trainer.metrics.resolution import resolved, strongest_peaks
 from trainer.run.configuration import FitConfig
 from trainer.run.folder import METRICS, RUN_FILE, Run, load_imager
 from trainer.run.imager import Imager
-from trainer.run.targets import AMPLITUDE, UNITS
 from trainer.training.fit import fit
+from trainer.training.frame_scores import image_and_score, score_network
 from trainer.training.recipes import VARIANTS
-from trainer.training.verdict import THRESHOLDS_DB, TRUTH_DB, VERDICT, count_matches, row_peaks
+from trainer.training.verdict import VERDICT
 
 STEPS = 600
-PAIR = (0.5, 20.0)
-"""Separation in resolution cells of the full array, and signal-to-noise ratio of a channel [dB], of the pairs."""
+PAIRS = (Condition(0.5, 20.0), Condition(0.25, 30.0))
+"""Half a resolution cell of the full array apart, and a quarter at a higher signal-to-noise ratio."""
 TRIALS = 300
+BASELINES = {"das": "delay and sum", "mean": "mean training image", "zero": "zero image", "truth": "truth"}
 
 
 @dataclass(frozen=True)
@@ -50,13 +50,13 @@ class Score:
     """Scores of an imager.
 
     :param nmse: of the linear image on the validation frames, with the one gain that errs least
-    :param f1: on the validation frames, at the best level (:mod:`trainer.training.verdict`)
-    :param resolved: share of the pairs of :data:`PAIR` of which both targets were found
+    :param average_precision: on the validation frames
+    :param resolved: for each of :data:`PAIRS` the share of pairs of which both targets were found
     """
 
     nmse: float
-    f1: float
-    resolved: float
+    average_precision: float
+    resolved: tuple[float, ...]
 
 
 def giga_flops(imager: Imager, rows: int) -> float:
@@ -106,9 +106,11 @@ def table(
     """
     if unknown := [name for name in variants if name not in VARIANTS]:
         raise InputError("--variants", repr(unknown[0]), f"some of {', '.join(VARIANTS)}")
-    head = ["variant", "array", "parameters", "GFLOP", "validation NMSE", "validation F1", "resolved", "test NMSE"]
-    lines, elsewhere = _head([*head, "test F1"]), _head(["variant", "trained on", "imaging with", *head[4:7]])
-    verdict: dict[str, dict[str, float]] = {}
+    pairs = [f"resolved {pair.separation_cells:g} RL at {pair.snr_db:g} dB" for pair in PAIRS]
+    scored = ["validation NMSE", "validation AP", *pairs]
+    lines = _head(["variant", "array", "parameters", "GFLOP", *scored, "test NMSE", "test AP"])
+    elsewhere = _head(["variant", "trained on", "imaging with", *scored])
+    verdicts: list[dict[str, dict[str, float]]] = []
     for array in arrays:
         for name in variants:
             folders = [out / f"{name}-{Path(array).stem}-{seed}" for seed in seeds]
@@ -118,21 +120,19 @@ def table(
                     config = FitConfig.model_validate(changes)
                     fit(datasets, folder, config, array, resume=(folder / RUN_FILE).is_file())
             verdicts = [json.loads((folder / VERDICT).read_text(encoding="utf-8")) for folder in folders]
-            verdict = verdicts[0]
             run, imager = load_imager(folders[0])
-            scores = [_score(*load_imager(folder), datasets) for folder in folders]
+            scores = [score_run(*load_imager(folder), datasets) for folder in folders]
             parameters = sum(parameter.numel() for parameter in imager.parameters())
             cells = [f"{parameters / 1e6:.2f} M", f"{giga_flops(imager, run.radar.waveform.range_bins):.1f}"]
             cells += [_middle_and_spread([best_validation(folder) for folder in folders]), *_cells(scores)[1:]]
-            cells += [_middle_and_spread([found[key]["network"] for found in verdicts]) for key in ("nmse", "f1")]
+            cells += _test_cells(verdicts, "network")
             lines.append(_line([name, Path(array).stem, *cells]))
             for other in (other for other in arrays if other != array):
-                moved = [_score(run, behind(folder, other), datasets) for folder in folders]
+                moved = [score_run(run, behind(folder, other), datasets) for folder in folders]
                 elsewhere.append(_line([name, Path(array).stem, Path(other).stem, *_cells(moved)]))
         # All variants have the same frames, and so the same baselines.
-        for key, name in (("das", "delay and sum"), ("mean", "mean training image"), ("zero", "zero image")):
-            cells = [f"{verdict[k][key]:.3f}" if key in verdict[k] else "" for k in ("nmse", "f1")]
-            lines.append(_line([name, Path(array).stem, "", "", "", "", "", *cells]))
+        for key, name in BASELINES.items():
+            lines.append(_line([name, Path(array).stem, *[""] * (2 + len(scored)), *_test_cells(verdicts[:1], key)]))
     text = "\n".join(lines) + "\n"
     if len(arrays) > 1:
         text += "\n" + "\n".join(elsewhere) + "\n"
@@ -156,45 +156,48 @@ def behind(run_directory: Path, array: str) -> Imager:
     return imager.eval()
 
 
-def _score(run: Run, imager: Imager, datasets: Sequence[Path]) -> Score:
-    counts = [Counts()] * len(THRESHOLDS_DB)
-    projections, energies = [], []
+def score_run(run: Run, imager: Imager, datasets: Sequence[Path]) -> Score:
+    """Scores of a run's imager, or of its network behind another array (:func:`behind`)."""
+    cells, projections, energies = [], [], []
     for dataset in datasets:
         frames = ShardDataset(dataset, "validation")
         for index in range(len(frames)):
             frame = frames[index]
-            truth, peak = frame["image"].numpy(), float(frame["image_peak"])
+            truth = frame["image"].numpy()
+            image, of_frame = score_network(imager, run.radar, frame)
+            cells.append(of_frame)
             if not truth.any():
                 continue
-            image = _image(imager, frame["range_channel"][0], frame["noise_power"])
-            if UNITS[run.config.target] == AMPLITUDE:
-                image = image / np.float32(peak)
-            found = count_matches(image, row_peaks(truth, TRUTH_DB))
-            counts = [one + other for one, other in zip(counts, found, strict=True)]
             energy = np.sum(truth * truth, dtype=np.float64)
             projections.append(np.sum(image * truth, dtype=np.float64) / energy)
             energies.append(np.sum(image * image, dtype=np.float64) / energy)
     # The error with the best single gain, as in trainer.training.task.
     error = 1.0 - np.mean(projections) ** 2 / np.mean(energies) if np.any(energies) else 1.0
-    return Score(float(error), max(count.f1 for count in counts), _resolved(run, imager))
+    return Score(
+        nmse=float(error),
+        average_precision=pooled(cells).average_precision(),
+        resolved=tuple(_resolved(run, imager, pair) for pair in PAIRS),
+    )
 
 
-def _resolved(run: Run, imager: Imager) -> float:
-    trials = simulate(run.radar, Condition(*PAIR), TRIALS, [1, 20])
+def _resolved(run: Run, imager: Imager, pair: Condition) -> float:
+    trials = simulate(run.radar, pair, TRIALS, [1, 20])
     noise = torch.tensor(cell_noise_power(run.radar), dtype=torch.float64)
-    images = [_image(imager, torch.from_numpy(snapshot), noise)[trials.rows] for snapshot in trials.snapshots]
-    found = strongest_peaks(np.concatenate(images), run.radar.grid.u, 2)
-    return float(resolved(found, trials.u).mean())
-
-
-def _image(imager: Imager, snapshot: torch.Tensor, noise_power: torch.Tensor) -> NDArray[np.float32]:
-    """[R, U] of one frame [R, C] of all channels."""
-    with torch.inference_mode():
-        return np.asarray(imager(snapshot[None], noise_power[None])[0].numpy())
+    scores = [image_and_score(imager, torch.from_numpy(snapshot), noise)[1] for snapshot in trials.snapshots]
+    rows = np.concatenate([score[trials.rows] for score in scores])
+    return float(resolved(strongest_peaks(rows, run.radar.grid.u, 2), trials.u).mean())
 
 
 def _cells(scores: Sequence[Score]) -> list[str]:
-    return [_middle_and_spread([getattr(score, name) for score in scores]) for name in ("nmse", "f1", "resolved")]
+    values = [(score.nmse, score.average_precision, *score.resolved) for score in scores]
+    return [_middle_and_spread(of_seeds) for of_seeds in zip(*values, strict=True)]
+
+
+def _test_cells(verdicts: Sequence[dict[str, dict[str, float]]], method: str) -> list[str]:
+    """NMSE and average precision on the test frames, empty where they are not defined."""
+    found = [[verdict[key].get(method) for verdict in verdicts] for key in ("nmse", "average_precision")]
+    known = [[value for value in of_seeds if value is not None] for of_seeds in found]
+    return [_middle_and_spread(of_seeds) if of_seeds else "" for of_seeds in known]
 
 
 def _middle_and_spread(values: Sequence[float]) -> str:

@@ -246,8 +246,7 @@ def _network_score(
     with torch.inference_mode():
         snapshots = torch.from_numpy(np.array(range_channel)).to(device)[None]
         noise = torch.full((1,), noise_power, dtype=torch.float64, device=device)
-        image, probability = imager.detect(snapshots, noise)
-        score = image if probability is None else image * probability.sqrt()
+        image, score = imager.image_and_score(snapshots, noise)
         return image[0].cpu().numpy(), score[0].cpu().numpy()
 
 

@@ -16,7 +16,6 @@ from shared.dataset.folder import Dataset
 from shared.dataset.reading import read_frame
 from shared.radar import Radar
 from trainer.data.arrays import ArrayChoice
-from trainer.estimators.das import DelayAndSum
 from trainer.evaluation.experiments.bench import KEPT, Bench, FrameRef, Results, Task, contender_task, radar_task
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.report.levels import scene_levels
@@ -36,7 +35,7 @@ from trainer.metrics.gospa import gospa
 from trainer.metrics.image import SPAN_DB, SSIM_WINDOW, nmse, nmse_best_scaled, psnr, ssim
 from trainer.metrics.ranking import Ranking, pooled
 from trainer.metrics.residual import explain
-from trainer.run.targets import AMPLITUDE
+from trainer.run.targets import AMPLITUDE, level_image
 
 CELLS = "frames"
 GOSPA_CUTOFF_BINS = 4.0
@@ -121,9 +120,7 @@ def score_frame(radar: Radar, contender: Contender, load: Callable[[], Frame]) -
     truth = np.asarray(frame.image, dtype=np.float64) * frame.image_peak
     image, score = contender.image_and_score(frame.range_channel[0], frame.noise_power)
     chosen = frame.range_channel[0][:, contender.channels]
-    # An image without absolute unit says where something is. The data say how strong it is, by delay and sum there.
-    absolute = contender.unit == AMPLITUDE
-    level = image if absolute else DelayAndSum().image(chosen, contender.line, radar.grid.u, frame.noise_power)
+    level = level_image(image, contender.unit, chosen, contender.line, radar.grid.u, frame.noise_power)
     step = radar.waveform.range_step_m
     cells = score_cells(truth, level, frame.noise_power, len(contender.channels), step, score)
     detected, true = find_image_peaks(image), find_image_peaks(truth).above(TRUTH_PROMINENCE)
@@ -140,7 +137,7 @@ def score_frame(radar: Radar, contender: Contender, load: Callable[[], Frame]) -
         true_levels = scene_levels(truth, AMPLITUDE, truth, SPAN_DB) / SPAN_DB + 1.0
         quality["scaled_nmse"] = nmse_best_scaled(image, truth)
         quality["psnr"], quality["ssim"] = psnr(levels, true_levels), ssim(levels, true_levels)
-        if absolute:
+        if contender.unit == AMPLITUDE:
             quality["nmse"] = nmse(image, truth)
     return {name: np.asarray(value, dtype=np.float64) for name, value in (values | quality | _stored(cells)).items()}
 
