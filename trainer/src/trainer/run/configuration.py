@@ -79,7 +79,7 @@ class FitConfig(BaseModel):
     linear: NotNegative = 0.02
     batch: Few = 2
     accumulate: Count = 1
-    steps: Count = 1800
+    steps: Count = 600
     learning_rate: Positive = 1e-3
     weight_decay: NotNegative = 1e-2
     clip: Positive = 1.0
