@@ -205,6 +205,18 @@ def test_the_likes_rule_equals_its_equation_written_out(generator, name, iterati
     np.testing.assert_allclose(again.sqrt(), np.sqrt(found), atol=5e-3)
 
 
+@pytest.mark.parametrize("rule", ["iaa", "likes"])
+def test_iterations_go_on_from_given_powers(generator, rule):
+    channels = chosen("sparse4")
+    x, noise, _ = echoes(generator, channels, rows=2)
+    tables = adaptive_tables(RADAR, channels)
+    first = adaptive_powers(x, noise, tables, 2, rule)
+    np.testing.assert_array_equal(
+        adaptive_powers(x, noise, tables, 3, rule, start=first), adaptive_powers(x, noise, tables, 5, rule)
+    )
+    np.testing.assert_array_equal(adaptive_powers(x, noise, tables, 0, rule, start=first), first)
+
+
 def test_the_likes_rule_ends_where_likes_does(generator):
     """At a fixed point |q|^2 = s wherever there is power. Its own step gets there in twice as many iterations."""
     channels = chosen("sparse4")
@@ -221,34 +233,42 @@ def test_the_likes_rule_ends_where_likes_does(generator):
     )
 
 
-def slow_view(power, q, s, channels):
-    """[U] of one row: the module's sum over angles, one image bin at a time."""
+def slow_view(power, q, s, channels, uncertain, bins):
+    """[len(bins)] of one row: the module's sum over angles, one image bin at a time."""
     sensor, u = RADAR.virtual_sensor, scanned_angles(RADAR)
     wavenumber = 2 * np.pi / RADAR.waveform.wavelength_m
     y = sensor.virtual[:, 1]
     weights = angle_window("taylor-30", sensor.channels) / sensor.channels
     middle = RADAR.array.virtual[channels, 1].mean()
-    image = np.zeros(BINS)
-    for place, towards in enumerate(RADAR.grid.u):
+    image = np.zeros(len(bins))
+    for place, towards in enumerate(RADAR.grid.u[bins]):
         phases = [wavenumber * ((towards - angle) * y + angle * middle) for angle in u]
         h = np.array([np.sum(weights * np.exp(1j * phase)) for phase in phases])
         spread = power * np.clip(1.0 - power * s, 0.0, None)
-        image[place] = np.sqrt(np.abs(np.sum(h * power * q)) ** 2 + np.sum(np.abs(h) ** 2 * spread))
+        image[place] = np.sqrt(np.abs(np.sum(h * power * q)) ** 2 + uncertain * np.sum(np.abs(h) ** 2 * spread))
     return image
 
 
-def test_the_virtual_view_equals_its_sum_written_out(generator):
+@pytest.mark.parametrize("uncertain", [0.0, 1.0])
+def test_the_virtual_view_equals_its_sum_written_out(generator, uncertain):
     channels = chosen("sparse4")
     x, noise, _ = echoes(generator, channels, rows=1)
     tables, view = adaptive_tables(RADAR, channels), view_table(RADAR, channels, "taylor-30")
     power = adaptive_powers(x, noise, tables, 5, "likes")
     q, s = adaptive_forms(power, x, noise, tables)
-    found = virtual_view(power, q, s, view)
+    found = virtual_view(power, q, s, view, uncertain)
     assert found.dtype == np.float32
-    expected = slow_view(power[0].astype(float), q[0].astype(complex), s[0].astype(float), channels)
-    np.testing.assert_allclose(found[0], expected, atol=1e-4)
-    again = virtual_view(*(torch.from_numpy(part) for part in (power, q, s, view)))
+    # The peaks and a tenth of the other bins: the slow sum takes 40 ms for each.
+    bins = np.union1d(np.arange(0, BINS, 10), np.argsort(found[0])[-10:])
+    expected = slow_view(power[0].astype(float), q[0].astype(complex), s[0].astype(float), channels, uncertain, bins)
+    np.testing.assert_allclose(found[0, bins], expected, atol=1e-4)
+    given = [torch.from_numpy(part) for part in (power, q, s, view)]
+    again = virtual_view(given[0], given[1], given[2], given[3], uncertain)
     np.testing.assert_allclose(again, found, atol=1e-4)
+    # What the array leaves open adds power everywhere.
+    both = [virtual_view(power, q, s, view, weight) for weight in (0.0, 1.0)]
+    assert (both[1] >= both[0]).all()
+    assert (both[1] - both[0]).max() > 1e-3
 
 
 @pytest.mark.parametrize("name", ARRAYS)

@@ -1,5 +1,5 @@
-"""The unrolled network: plain iterations until it has learned, finite gradients wherever rows are hard, one set of
-weights for all arrays."""
+"""The unrolled network: plain iterations and their view until it has learned, finite gradients wherever rows are hard,
+one set of weights for all arrays."""
 
 import numpy as np
 import pytest
@@ -7,9 +7,17 @@ import torch
 
 from shared.radar import Radar
 from shared.radar.arrays import AVR_QDM_110_THINNED_RX
-from shared.signal.adaptive import adaptive_forms, adaptive_powers, adaptive_tables, view_table, virtual_view
+from shared.signal.adaptive import (
+    AdaptiveTables,
+    adaptive_forms,
+    adaptive_powers,
+    adaptive_tables,
+    bounded_power,
+    view_table,
+    virtual_view,
+)
 from shared.signal.features import snapshot_features
-from trainer.networks.unrolled import RARE, SMALLEST, UnrolledNetwork
+from trainer.networks.unrolled import LARGEST_CORRECTION, LEAST_RATIO, RARE, SMALLEST, UnrolledNetwork
 
 RADAR = Radar()
 BINS = RADAR.grid.bins
@@ -47,24 +55,82 @@ def features(range_channel, noise_power):
     return snapshot_features(range_channel, noise_power)[0]
 
 
-def test_before_training_it_is_the_plain_iteration_seen_by_the_virtual_sensor():
-    made = network()
-    torch.nn.init.zeros_(made.context.head.weight)
-    snapshots, noise_power = rows(5)
-    given = features(snapshots, noise_power)
+def plain_powers(given, name="sparse4"):
+    """(snapshot [R, C], noise [R], tables, powers [R, N] of the iterations without weights) of features [1, 2 C + 1, R,
+    1]."""
+    channels = chosen(name)
+    row = given[0, :, :, 0].T
+    snapshot, noise = torch.complex(row[:, : len(channels)], row[:, len(channels) : -1]), row[:, -1]
+    tables = AdaptiveTables(*(torch.from_numpy(table) for table in adaptive_tables(RADAR, channels)))
+    return snapshot, noise, tables, adaptive_powers(snapshot, noise, tables, PLAIN, "iaa")
+
+
+def without_heads(made):
+    """The same network, its answer the base alone."""
+    for head in (made.context.head, made.row):
+        torch.nn.init.zeros_(head.weight)
+        torch.nn.init.zeros_(head.bias)
+    return made
+
+
+def known_powers(made, given):
+    """[B, R, U] powers after the last learned step, as the network's U-Net is told them."""
+    told = []
+    handle = made.context.register_forward_pre_hook(lambda _, arguments: told.append(arguments[0]))
     with torch.no_grad():
-        answer = made(given)
-    channels = chosen("sparse4")
-    count = len(channels)
-    row = given[0, :, :, 0].T.numpy()
-    snapshot, noise = row[:, :count] + 1j * row[:, count : 2 * count], row[:, -1]
-    tables = adaptive_tables(RADAR, channels)
-    power = adaptive_powers(snapshot, noise, tables, PLAIN + LEARNED, "likes")
+        made(given)
+    handle.remove()
+    return torch.pow(10.0, 4.0 * (told[0][:, 0] - 0.5))
+
+
+def test_the_base_is_what_the_virtual_sensor_sees_of_the_plain_iterations():
+    """With the heads at zero the answer is the base, whatever the learned steps do."""
+    given = features(*rows(5))
+    with torch.no_grad():
+        answer = without_heads(network(trained=True))(given)
+    snapshot, noise, tables, power = plain_powers(given)
     forms = adaptive_forms(power, snapshot, noise, tables)
-    seen = virtual_view(power, *forms, view_table(RADAR, channels, "taylor-30"))
-    # Four inverses in single precision, in two libraries.
-    np.testing.assert_allclose(answer[0, 0], (seen + SMALLEST) ** EXPONENT, atol=5e-3)
-    assert torch.equal(answer[:, 1], torch.full_like(answer[:, 1], RARE))
+    view = torch.from_numpy(view_table(RADAR, chosen("sparse4"), "taylor-30"))
+    seen = virtual_view(power, *forms, view, uncertain=0.0)
+    torch.testing.assert_close(answer[0, 0], (seen + SMALLEST) ** EXPONENT, rtol=0, atol=1e-5)
+    assert not answer[0, 1].any()
+    # The base is neither that of other iterations nor without the phases of the echoes.
+    for other in (PLAIN - 1, PLAIN + 1):
+        power = adaptive_powers(snapshot, noise, tables, other, "iaa")
+        different = virtual_view(power, *adaptive_forms(power, snapshot, noise, tables), view, uncertain=0.0)
+        assert (answer[0, 0] - (different + SMALLEST) ** EXPONENT).abs().max() > 0.01
+
+
+def test_before_training_the_answer_is_near_the_base_and_detection_rare():
+    given = features(*rows(5))
+    with torch.no_grad():
+        answer, base = network()(given), without_heads(network())(given)
+    assert (answer - base)[:, 0].abs().max() < 0.3
+    assert (answer[:, 1] - RARE).abs().max() < 0.3
+
+
+@pytest.mark.parametrize("learned", [0, 1, 3])
+def test_learned_steps_without_correction_are_plain_ones_from_the_plain_powers(learned):
+    given = features(*rows(5))
+    snapshot, noise, tables, start = plain_powers(given)
+    expected = adaptive_powers(snapshot, noise, tables, learned, "likes", start=start)[:, :BINS]
+    found = known_powers(network(learned=learned), given)
+    torch.testing.assert_close(found[0].sqrt(), expected.clamp_min(1e-10).sqrt(), rtol=1e-3, atol=1e-5)
+
+
+def test_a_correction_is_an_exponent_and_a_factor():
+    """A step with given (beta, delta): P <- P (|q|^2 / s)^(1 + beta) 10^delta inside the image."""
+    beta, delta = 0.25, -0.3
+    made = network(learned=1)
+    with torch.no_grad():
+        made.steps[0].last.bias.copy_(torch.tensor([beta, delta]))
+    given = features(*rows(5))
+    snapshot, noise, tables, power = plain_powers(given)
+    q, s = adaptive_forms(power, snapshot, noise, tables)
+    ratio = q.abs().square() / s
+    change = (beta * ratio.clamp_min(LEAST_RATIO).log10() + delta).clamp(-LARGEST_CORRECTION, LARGEST_CORRECTION)
+    expected = bounded_power(power * ratio * torch.pow(10.0, change))[:, :BINS]
+    torch.testing.assert_close(known_powers(made, given)[0].sqrt(), expected.sqrt(), rtol=1e-3, atol=1e-5)
 
 
 def hard_rows(kind):
@@ -167,8 +233,7 @@ def test_a_common_phase_changes_nothing():
 
 def test_the_base_of_a_conjugated_snapshot_is_mirrored():
     """Targets on the other side, from delay-and-sum to the virtual view; what is learned has no such symmetry."""
-    made = network()
-    torch.nn.init.zeros_(made.context.head.weight)
+    made = without_heads(network())
     snapshots, noise_power = rows(4)
     with torch.no_grad():
         one, other = (made(features(x, noise_power))[0, 0] for x in (snapshots, snapshots.conj().resolve_conj()))

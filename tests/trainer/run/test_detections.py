@@ -150,7 +150,7 @@ def test_a_point_cloud_says_what_it_holds(tmp_path) -> None:
 
 
 def test_predict_writes_the_list_beside_the_image(tmp_path) -> None:
-    data, run = small_dataset(tmp_path / "data", training=2), make_run(tmp_path / "run")
+    data, run = small_dataset(tmp_path / "data", training=2), make_run(tmp_path / "run", detection=0.0)
     said: list[str] = []
     predict(run, data, tmp_path / "out", split="test", pictures=False, announce=said.append, points=True)
     table = pq.read_table(tmp_path / "out/images.parquet")
@@ -165,11 +165,15 @@ def test_predict_writes_the_list_beside_the_image(tmp_path) -> None:
     assert pq.read_schema(tmp_path / "plain/images.parquet").names == ["frame_id", "image", "velocity"]
 
 
-def test_a_network_of_probabilities_is_its_own_head(tmp_path) -> None:
-    data, run = small_dataset(tmp_path / "data", training=2), make_run(tmp_path / "run", target="class")
-    predict(run, data, tmp_path / "out", split="test", pictures=False, announce=str, points=True)
+@pytest.mark.parametrize("changes", [{}, {"model": "spectral-unet", "target": "class"}])
+def test_a_detection_head_and_a_network_of_probabilities_give_the_probability(tmp_path, changes: dict) -> None:
+    data, run = small_dataset(tmp_path / "data", training=2), make_run(tmp_path / "run", **changes)
+    said: list[str] = []
+    predict(run, data, tmp_path / "out", split="test", pictures=False, announce=said.append, points=True)
     (found,) = pq.read_table(tmp_path / "out/images.parquet")["detections"].to_pylist()
-    assert all(0.0 <= row["probability"] <= 1.0 for row in found)
+    assert len(found) >= 6
+    assert all(0.0 < row["probability"] < 1.0 for row in found)
+    assert not any("detection head" in line for line in said)
 
 
 @pytest.mark.parametrize(("form", "files"), [("csv", ["detections.csv"]), ("pcd", ["frame-000200.pcd"])])

@@ -149,12 +149,14 @@ def adaptive_powers(
     tables: AdaptiveTables,
     iterations: int,
     rule: Rule,
+    start: Float32[Array, "rows angles"] | None = None,
 ) -> Float32[Array, "rows angles"]:
-    """[B, N] powers P after ``iterations`` of a rule from delay-and-sum on, of rows of RMS 1 or 0.
+    """[B, N] powers P after ``iterations`` of a rule, of rows of RMS 1 or 0.
 
     :param loading: [B] sigma^2, noise power over the row's
+    :param start: [B, N] powers to begin with; delay-and-sum's by default
     """
-    power = _squared(snapshot @ tables.matched) / snapshot.shape[-1] ** 2
+    power = _squared(snapshot @ tables.matched) / snapshot.shape[-1] ** 2 if start is None else start
     for _ in range(iterations):
         filtered, form = adaptive_forms(power, snapshot, loading, tables)
         power = _squared(filtered) / form**2 if rule == "iaa" else bounded_power(power * _squared(filtered) / form)

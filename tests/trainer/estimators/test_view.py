@@ -1,0 +1,94 @@
+"""The view of IAA: its sum written out, a lone target's lobe, echoes that add with their phases."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from paper_arrays import ARRAYS, IRREGULAR, U, echoes, noise, some_rows
+
+from shared.signal.windows import angle_window
+from trainer.estimators.array import scan_axis
+from trainer.estimators.base import LineArray
+from trainer.estimators.covariance import FLOOR
+from trainer.estimators.view import ELEMENTS, ITERATIONS, WINDOW, VirtualView
+
+
+def line_response(u: float, towards: NDArray[np.floating]) -> NDArray[np.complex128]:
+    """[U] what 256 elements half a wavelength apart, with their window, see of an echo from u, element by element."""
+    weights = angle_window(WINDOW, ELEMENTS) / ELEMENTS
+    offsets = np.arange(ELEMENTS) - 127.5
+    return np.asarray(
+        sum(w * np.exp(1j * np.pi * n * (towards - u)) for w, n in zip(weights, offsets, strict=True)),
+        dtype=np.complex128,
+    )
+
+
+def slow_view(
+    x: NDArray[np.complex128], array: LineArray, u: NDArray[np.float64], noise_power: float
+) -> NDArray[np.float64]:
+    """[U] of one snapshot [C]: the class's formula, one angle at a time, whole covariances."""
+    scan, _ = scan_axis(array, u)
+    columns = array.manifold(scan).T
+    identity = np.eye(array.channels)
+
+    def covariance(power: NDArray[np.float64]) -> NDArray[np.complex128]:
+        return np.asarray(sum(p * np.outer(a, a.conj()) for p, a in zip(power, columns, strict=True)))
+
+    power = np.array([abs(np.vdot(a, x)) ** 2 for a in columns]) / array.channels**2
+    for _ in range(ITERATIONS):
+        full = covariance(power)
+        inverse = np.linalg.inv(full + FLOOR * full[0, 0].real * identity)
+        power = np.array([abs(np.vdot(a, inverse @ x) / np.vdot(a, inverse @ a).real) ** 2 for a in columns])
+    full = covariance(power)
+    inverse = np.linalg.inv(full + max(noise_power, FLOOR * full[0, 0].real) * identity)
+    image = np.zeros(len(u), dtype=np.complex128)
+    for angle, p, a in zip(scan, power, columns, strict=True):
+        image += p * np.vdot(a, inverse @ x) * line_response(angle, u)
+    return np.abs(image)
+
+
+@pytest.mark.parametrize("array", [ARRAYS["sparse4"], ARRAYS["sparse6"], IRREGULAR], ids=["sparse4", "sparse6", "odd"])
+@pytest.mark.parametrize("noise_power", [0.0, 1.0])
+def test_it_equals_its_sum_written_out(array: LineArray, noise_power: float) -> None:
+    u = U[::45]
+    rows = some_rows(array, rows=1)
+    image = VirtualView().image(rows, array, u, noise_power)
+    np.testing.assert_allclose(image[0], slow_view(rows[0], array, u, noise_power), rtol=1e-5, atol=1e-7)
+
+
+@pytest.mark.parametrize(("array", "share"), [("full", 0.99), ("sparse6", 0.98), ("sparse4", 0.95)])
+def test_a_strong_target_is_as_the_line_sees_it(array: str, share: float) -> None:
+    """Amplitude and main lobe are the line's, an eighth as wide as this array's; nothing else reaches -30 dB.
+
+    IAA leaves some of the power in the bins beside the target, so that the lobe is a little lower and wider.
+    """
+    line, place, amplitude = ARRAYS[array], 322, 2.5 * np.exp(0.4j)
+    generator = np.random.default_rng(5)
+    x = echoes(line, U[None, place : place + 1], np.array([[amplitude]])) + noise(line, 1, 1e-6, generator)
+    image = VirtualView().image(x, line, U, 1e-6)[0] / abs(amplitude)
+    lobe = np.abs(line_response(U[place], U))
+    assert image.argmax() == place
+    assert share < image[place] < 1.0 + 2e-3
+    np.testing.assert_allclose(image, lobe, atol=0.05)
+    assert image[np.abs(U - U[place]) > 0.03].max() < 10.0 ** (-30.0 / 20.0)
+    assert (image > np.sqrt(0.5)).sum() == (lobe > np.sqrt(0.5)).sum()
+
+
+def test_echoes_add_with_their_phases() -> None:
+    """Two targets in one lobe of the line, of equal and of opposite sign; the array cannot separate them."""
+    array = ARRAYS["full"]
+    u = np.array([[0.1, 0.1 + 0.4 / ELEMENTS]])
+    same, opposite = (VirtualView().image(echoes(array, u, np.array([[1.0, s]])), array, U, 0.0)[0] for s in (1, -1))
+    assert 1.8 < same.max() < 2.0
+    assert opposite.max() < 0.2 * same.max()
+
+
+def test_zero_rows_among_others_stay_zero() -> None:
+    array = ARRAYS["sparse4"]
+    rows = some_rows(array, rows=4)
+    whole = VirtualView().image(rows, array, U, 1e-3)
+    rows[[0, 2]] = 0.0
+    image = VirtualView().image(rows, array, U, 1e-3)
+    assert not image[[0, 2]].any()
+    np.testing.assert_allclose(image[[1, 3]], whole[[1, 3]], rtol=1e-9)
