@@ -128,16 +128,17 @@ def _not_finite_of_one_strong_target() -> float:
 
 
 def _untouched(**changes: object) -> Any:
-    """A task of the unrolled network whose U-Net adds nothing to what the iteration finds."""
+    """A task of the unrolled network that adds nothing to its base, the view of the plain iterations."""
     import torch
 
     task = _task(precision="32", **changes)
-    torch.nn.init.zeros_(task.imager.network.context.head.weight)
+    for head in (task.imager.network.context.head, task.imager.network.row):
+        torch.nn.init.zeros_(head.weight)
     return task
 
 
 def _one_strong_target() -> float:
-    """Largest error of the amplitude that the unrolled iteration reads of a target at 80 dB, relative to it."""
+    """Largest error of the amplitude that the unrolled network's base reads of a target at 80 dB, relative to it."""
     import torch
 
     batch = _one_strong_batch()
@@ -147,7 +148,7 @@ def _one_strong_target() -> float:
 
 
 def _noise_alone() -> float:
-    """Largest amplitude that the unrolled iteration reads in rows of noise alone, over the noise's."""
+    """Largest amplitude that the unrolled network's base reads in rows of noise alone, over the noise's."""
     import torch
 
     batch = _one_strong_batch()

@@ -32,7 +32,14 @@ def status(capsys, monkeypatch, *arguments):
         (("fit", "none", "--out", "run"), "trainer: none/manifest.json: no such file; expected the folder"),
         (("fit", "none", "--out", "run", "--model", "u-net"), "trainer: trainer fit: model = 'u-net'; expected input"),
         (("fit", "none", "--out", "run", "--steps", "0"), "trainer: trainer fit: steps = 0; expected input should"),
-        (("fit", "none", "--out", "run", "--target", "paper"), "trainer: trainer fit: document: target 'paper'"),
+        (
+            ("fit", "none", "--out", "run", "--target", "paper"),
+            "trainer: trainer fit: document: model 'unrolled' answers",
+        ),
+        (
+            ("fit", "none", "--out", "run", "--model", "spectral-unet", "--target", "paper"),
+            "trainer: trainer fit: document: target 'paper' is normalised per whole image",
+        ),
         (("fit", "none", "--out", "run", "--recipe", "best"), "trainer: --recipe: 'best'; expected recommended"),
         (("fit", "ftp://host/set", "--out", "run"), "trainer: ftp://host/set: scheme 'ftp'; expected a local path, or"),
         (("fit", "s3://", "--out", "run"), "trainer: s3://: names no bucket; expected s3://BUCKET"),

@@ -168,14 +168,18 @@ class ImagingTask(LightningModule):
 
         The compressed magnitudes weigh faint ground like a bright target; what the image is judged by does not.
         """
-        known, image, peak = batch["known"], batch["image"], batch["image_peak"].float()[:, None, None]
+        known, image = batch["known"], batch["image"]
         if self.config.target != "row" or not self.config.linear:
             return answer.new_zeros(len(image))
-        error = (decode(self.config, answer, scale) / peak - image).square() * known
         # The noise in the sum of the channels keeps a crop with next to nothing in it from outweighing all others.
-        noise = (batch["noise_power"].float() / self._channels)[:, None, None] / peak.square()
-        energy = (image.square() + noise) * known
-        return self.config.linear * error.sum(dim=(-2, -1)) / energy.sum(dim=(-2, -1))
+        peak, noise = batch["image_peak"].double(), (batch["noise_power"].double() / self._channels).sqrt()
+        # The larger of the two is 1: the truth of a frame without any echo has no peak to divide by.
+        unit = torch.maximum(peak, noise)
+        unit = torch.where(unit.float() > 0, unit, 1.0)
+        truth = image * (peak / unit).float()[:, None, None]
+        error = (decode(self.config, answer, scale) / unit.float()[:, None, None] - truth).square() * known
+        energy = ((truth.square() + (noise / unit).float()[:, None, None].square()) * known).sum(dim=(-2, -1))
+        return self.config.linear * error.sum(dim=(-2, -1)) / torch.where(energy > 0, energy, torch.inf)
 
     def _spots(self, batch: Batch) -> torch.Tensor | None:
         """[B, R, U] where the targets of whole frames are, for a network that says so."""
