@@ -97,7 +97,8 @@ def test_names_in_the_data_are_text_wherever_they_are_shown(inputs, tmp_path, ca
     measured = shutil.copy(inputs[3], tmp_path / "$m{$.npy")
     arguments = [data, "--out", out, "--arrays", array, "--methods", "das", "--trials", "2", "--measured", measured]
     assert status(capsys, monkeypatch, *arguments, "--workers", "1") == (None, "")
-    assert len(list((out / "figures").glob("*.png"))) == len(EXPERIMENTS)
+    # One figure an experiment, and a second one of detection.
+    assert {path.stem for path in (out / "figures").glob("*.png")} == {*EXPERIMENTS, "detection-probability"}
     page = (out / "report.html").read_text()
     assert page.count("<script") == page.count("</script") == 2
     assert "<!--" not in page

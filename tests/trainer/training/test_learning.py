@@ -17,7 +17,7 @@ from trainer.run.imager import Imager
 from trainer.run.targets import decode, encode
 from trainer.training.augmentation import AngularAugmentation, Draw, draw
 from trainer.training.losses import frame_losses
-from trainer.training.task import best_scaled, normalised_error
+from trainer.training.task import ImagingTask, best_scaled, normalised_error
 
 
 def test_an_epoch_sees_every_frame_once_and_the_next_in_another_order():
@@ -135,6 +135,29 @@ def test_losses_are_those_of_table_2():
     config = tiny(model="spectral-unet", target="class", foreground=0.0, alpha=0.1)
     expected = -(math.log(0.25) + math.log(0.75)) / 2
     assert frame_losses(config, logits, target).item() == pytest.approx(expected)
+
+
+def test_the_linear_loss_is_the_error_over_the_energy_of_truth_and_noise():
+    """Of four frames: a usual one, one below its noise, one whose truth is empty, and one of nothing at all."""
+    config = tiny(linear=0.5)
+    task = ImagingTask(config, RADAR, ArrayChoice(name="full", rx=tuple(range(6))))
+    generator = torch.Generator().manual_seed(2)
+    image, answer = (torch.rand(4, *shape, generator=generator) for shape in ((24, 20), (2, 24, 20)))
+    peak, noise = (
+        torch.tensor(levels, dtype=torch.float64) for levels in ([2e-7, 3e-9, 0, 0], [1e-18, 1e-14, 1e-18, 0])
+    )
+    image[2:], answer[3] = 0.0, 0.0
+    scale = torch.full((4, 24), 1e-8)
+    known = torch.ones(4, 1, 20)
+    known[:, :, :3] = 0.0
+    batch = {"known": known, "image": image, "image_peak": peak, "noise_power": noise}
+    found = task._linear_losses(batch, answer, scale)
+    estimate, truth = decode(config, answer, scale).double()[..., 3:], (image * peak[:, None, None])[..., 3:]
+    energy = truth.square() + noise[:, None, None] / 6
+    expected = 0.5 * (estimate - truth).square().sum(dim=(1, 2)) / energy.sum(dim=(1, 2))
+    torch.testing.assert_close(found[:3], expected[:3].float(), rtol=1e-5, atol=0)
+    assert found[3] == 0.0
+    assert not task._linear_losses(batch, torch.zeros_like(answer), scale)[2:].any()
 
 
 def test_errors_are_those_of_the_baselines():
