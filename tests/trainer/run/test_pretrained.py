@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from shared.physics.errors import InputError
-from shared.radar import Radar
+from shared.radar import load_radar
 from shared.signal.windows import cell_noise_power
 from trainer.data.pairs import Condition, simulate
 from trainer.estimators.base import line_array
@@ -34,7 +34,7 @@ def test_an_unknown_one_is_refused():
 @pytest.mark.parametrize("name", NAMES)
 def test_it_is_of_the_default_radar_and_its_array(name):
     run, imager = load_imager(pretrained_run(name))
-    assert run.radar == Radar()
+    assert run.radar == load_radar("avr-qdm-110")
     assert run.array.name == name
     assert imager.detects
 
