@@ -28,11 +28,14 @@ ROOT = Path(__file__).resolve().parents[2]
 BIN = Path(sys.executable).parent
 KINDS = ("group", "parent", "worker")
 HANG_S = 300.0
-"""No command here takes a tenth of this."""
+"""No command here takes a tenth of this on a machine of its own. Where others take the processor it may: a command hangs
+that has not ended by then and whose processes all sleep."""
+LOOKS, LOOK_S = 20, 0.25
+"""How often, and how far apart, the processes of a command that takes long are looked at."""
 ORPHAN_S = 10.0
 """Within this a worker notices that its parent is gone; it looks every half second."""
-LONGEST_CHAIN = 3
-"""Kills of one run before it is left to finish."""
+LONGEST_CHAIN = 8
+"""Kills of one run before it is left to finish: what finishes takes as long as two that are killed."""
 
 RADAR = """
 [waveform]
@@ -212,13 +215,17 @@ class Soak:
     def _ended(self, process: subprocess.Popen[str], killed: bool) -> bool:
         """Wait for the end; whether the command succeeded."""
         started = time.monotonic()
-        try:
-            _, said = process.communicate(timeout=HANG_S)
-        except subprocess.TimeoutExpired:
-            self.tally.hangs += 1
-            os.killpg(process.pid, signal.SIGKILL)
-            process.communicate()
-            return False
+        while True:
+            try:
+                _, said = process.communicate(timeout=HANG_S)
+                break
+            except subprocess.TimeoutExpired:
+                if _wants_the_processor(process.pid):
+                    continue
+                self.tally.hangs += 1
+                os.killpg(process.pid, signal.SIGKILL)
+                process.communicate()
+                return False
         if killed:
             self.tally.waited_s = max(self.tally.waited_s, time.monotonic() - started)
         if "Traceback" in said:
@@ -254,6 +261,17 @@ def _family(pid: int) -> list[psutil.Process]:
         return [parent, *parent.children(recursive=True)]
     except psutil.NoSuchProcess:
         return []
+
+
+def _wants_the_processor(pid: int) -> bool:
+    """Whether any process of the command runs, or would if it were let."""
+    for _ in range(LOOKS):
+        for item in _family(pid):
+            with contextlib.suppress(psutil.NoSuchProcess):
+                if item.status() in (psutil.STATUS_RUNNING, psutil.STATUS_DISK_SLEEP):
+                    return True
+        time.sleep(LOOK_S)
+    return False
 
 
 def _works(process: psutil.Process) -> bool:
