@@ -28,8 +28,8 @@ ROOT = Path(__file__).resolve().parents[2]
 BIN = Path(sys.executable).parent
 KINDS = ("group", "parent", "worker")
 HANG_S = 300.0
-"""No command here takes a tenth of this on a machine of its own. Where others take the processor it may: a command hangs
-that has not ended by then and whose processes all sleep."""
+"""No command here takes a tenth of this on a machine of its own. Where others take the processor it may: a command
+hangs that has not ended by then and whose processes all sleep."""
 LOOKS, LOOK_S = 20, 0.25
 """How often, and how far apart, the processes of a command that takes long are looked at."""
 ORPHAN_S = 10.0
