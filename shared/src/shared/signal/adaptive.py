@@ -138,6 +138,11 @@ def adaptive_forms(
     return filtered, xp.maximum(form, (1.0 / (total + white))[:, None])
 
 
+def likes_ratio(filtered: Array, form: Array) -> Array:
+    """[B, N] |q|^2 / s, by which the "likes" rule multiplies P; 1 where the iteration stands still."""
+    return _squared(filtered) / form
+
+
 def bounded_power(power: Array) -> Array:
     """Powers within :data:`LEAST_POWER` and :data:`MOST_POWER`."""
     return array_namespace(power).clip(power, LEAST_POWER, MOST_POWER)
@@ -159,7 +164,7 @@ def adaptive_powers(
     power = _squared(snapshot @ tables.matched) / snapshot.shape[-1] ** 2 if start is None else start
     for _ in range(iterations):
         filtered, form = adaptive_forms(power, snapshot, loading, tables)
-        power = _squared(filtered) / form**2 if rule == "iaa" else bounded_power(power * _squared(filtered) / form)
+        power = _squared(filtered) / form**2 if rule == "iaa" else bounded_power(power * likes_ratio(filtered, form))
     return power
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from shared.physics.errors import InputError
 from trainer.estimators.array import ROWS_AT_ONCE, LineArray, check_snapshots, draw_lines, image_rows, uniform_axis
 from trainer.estimators.lines import STEPS, bounded_amplitudes, line_amplitudes, refine_lines
-from trainer.estimators.moves import CLOSEST, additions, beside_lines, pairs_elsewhere, raced, refit
+from trainer.estimators.moves import additions, beside_lines, pair_energy, pairs_elsewhere, raced, refit
 
 SEARCH_POINTS, CANDIDATES = 6, 8
 """Angles searched in a resolution cell, and pairs refined: of 6 400 random pairs (10 and 30 dB, 0.25 to 3.3 cells, 18
@@ -174,25 +174,16 @@ def _accept(
 def _best_pair(x: NDArray[np.complex128], array: LineArray, axis: NDArray[np.float64]) -> NDArray[np.float64]:
     """[B, 2] the pair that explains most of x: all pairs of grid angles are tried, the best few refined.
 
-    With b = A^H x / sqrt(C) and g = a_i^H a_j / C the energy of the projection on a pair is
-
-        (|b_i|^2 + |b_j|^2 - 2 Re(b_i* g b_j)) / (1 - |g|^2),
-
-    and g depends on the distance of the two angles alone, so that all pairs of one distance are done at once. The
-    best of one distance is one candidate; its neighbours, half a grid step away, are refined to the same optimum.
+    The overlap of :func:`trainer.estimators.moves.pair_energy` depends on the distance of the two angles alone, so that
+    all pairs of one distance are done at once. The best of one distance is one candidate; its neighbours, half a grid
+    step away, are refined to the same optimum.
     """
     matched = x @ array.manifold(axis).conj() / np.sqrt(array.channels)  # (B, N)
-    power = matched.real**2 + matched.imag**2
     overlap = np.mean(array.manifold(axis - axis[0]), axis=0)  # (N,)
     most = np.zeros((len(x), len(axis)))
     where = np.zeros((len(x), len(axis)), dtype=np.intp)
     for distance in range(1, len(axis)):
-        apart = 1.0 - abs(overlap[distance]) ** 2
-        if apart < CLOSEST:
-            continue
-        cross = matched[:, :-distance].conj() * matched[:, distance:]
-        both = 2.0 * (cross.real * overlap[distance].real - cross.imag * overlap[distance].imag)
-        explained = (power[:, :-distance] + power[:, distance:] - both) / apart
+        explained = pair_energy(matched[:, :-distance], matched[:, distance:], overlap[[distance]])
         where[:, distance] = np.argmax(explained, axis=1)
         most[:, distance] = explained.max(axis=1)
     rows = np.arange(len(x))

@@ -63,13 +63,23 @@ def local_maxima(image: NDArray[np.floating]) -> NDArray[np.intp]:
 def truth_cells(image: NDArray[np.floating], noise_power: float, channels: int, range_step: float) -> NDArray[np.intp]:
     """[n, 2] (range bin, angle bin) of the cells that a method of ``channels`` channels should find, row by row.
 
+    They are those of :func:`visible_cells` beyond 5 m.
+
+    :param range_step: of the rows, the first of which is at 0 [m]
+    """
+    places = visible_cells(image, noise_power, channels)
+    return places[places[:, 0] * range_step > LEAST_RANGE_M]
+
+
+def visible_cells(image: NDArray[np.floating], noise_power: float, channels: int) -> NDArray[np.intp]:
+    """[n, 2] (range bin, angle bin) of the maxima that ``channels`` channels can see, at any range, row by row.
+
     They are the 3 x 3 maxima A of the truth with C |A|^2 / noise_power above 13 dB, within 25 dB of their row's
-    maximum, beyond 5 m.
+    maximum.
 
     :param image: [R, U] truth, linear magnitude [sqrt(W)]
     :param noise_power: of one channel in one range-Doppler cell [W]; 0 where there is no noise
     :param channels: C, how many the method uses
-    :param range_step: of the rows, the first of which is at 0 [m]
     :raises InputError: no image, one that is not finite, a negative noise power, no channels
     """
     if not noise_power >= 0.0 or channels < 1:
@@ -81,7 +91,7 @@ def truth_cells(image: NDArray[np.floating], noise_power: float, channels: int, 
     places = _maxima(magnitude)
     level = magnitude[places[:, 0], places[:, 1]]
     within = level >= db_to_power(-ROW_SPAN_DB / 2.0) * magnitude.max(axis=1, initial=0.0)[places[:, 0]]
-    return places[(level > least) & within & (places[:, 0] * range_step > LEAST_RANGE_M)]
+    return places[(level > least) & within]
 
 
 def score_cells(

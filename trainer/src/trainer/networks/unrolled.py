@@ -31,6 +31,7 @@ from shared.signal.adaptive import (
     adaptive_powers,
     adaptive_tables,
     bounded_power,
+    likes_ratio,
     view_table,
     virtual_view,
 )
@@ -49,6 +50,10 @@ LARGEST_CORRECTION = 1.0
 """Of one learned step [decades of power]: a step that is wrong leaves the next ones something to mend."""
 LEAST_RATIO = 1e-6
 """Of |q|^2 / s, in a logarithm."""
+SMALLEST = 1e-8
+"""Far below any magnitude over its row's: the slope of a root stays finite."""
+QUIET = 0.1
+"""Scale of the heads' first weights: a correction as large as the base would first have to be unlearned."""
 RARE = -4.0
 """Logit that detection starts with: a target in one pixel of fifty."""
 
@@ -109,7 +114,7 @@ class UnrolledNetwork(nn.Module):
         with torch.no_grad():
             # The image starts as the view, and detection with what is rare.
             for head in (self.context.head, self.row):
-                head.weight.mul_(0.1)
+                head.weight.mul_(QUIET)
                 assert head.bias is not None
                 head.bias.zero_()
             assert self.row.bias is not None
@@ -143,7 +148,7 @@ class UnrolledNetwork(nn.Module):
         self, power: torch.Tensor, filtered: torch.Tensor, form: torch.Tensor, correction: torch.Tensor
     ) -> torch.Tensor:
         """The powers after a learned step; angles outside the image take the plain one."""
-        ratio = (filtered.real.square() + filtered.imag.square()) / form
+        ratio = likes_ratio(filtered, form)
         inside = ratio[:, : self.bins].clamp_min(LEAST_RATIO)
         beta, delta = correction.float().permute(1, 0, 2, 3).reshape(2, -1, self.bins)
         change = (beta * inside.log10() + delta).clamp(-LARGEST_CORRECTION, LARGEST_CORRECTION)
@@ -164,6 +169,7 @@ class UnrolledNetwork(nn.Module):
         ratio = real.square() + imaginary.square()
         shrunk = (1.0 + ratio).rsqrt()
         real, imaginary = real * shrunk, imaginary * shrunk
+        # Logarithms are scaled so that powers from 1e-10 to 1e2 and ratios from 1e-6 to 1e4 stay within a few units.
         planes = [
             0.25 * power.clamp_min(LEAST_POWER).log10() + 0.5,
             0.5 * ratio.clamp_min(LEAST_RATIO).log10(),
@@ -175,7 +181,3 @@ class UnrolledNetwork(nn.Module):
             planes += [real * far_real + imaginary * far_imaginary, real * far_imaginary - imaginary * far_real]
         mean = (power * ratio.clamp_min(SMALLEST).sqrt() * form.sqrt() + SMALLEST).pow(self.exponent)
         return torch.stack([plane.reshape(shape) for plane in planes], dim=1), mean.reshape(shape)
-
-
-SMALLEST = 1e-8
-"""Far below any magnitude over its row's: the slope of a root stays finite."""

@@ -25,7 +25,7 @@ from shared.physics.units import db_to_power
 from shared.radar import Radar
 from shared.signal.imaging import steering_matrix
 from shared.signal.windows import angle_window
-from trainer.metrics.cells import LEAST_RANGE_M, truth_cells
+from trainer.metrics.cells import visible_cells
 from trainer.training.drawn_targets import NEAREST_M, Targets, draw_targets
 from trainer.training.spots import spots
 
@@ -115,9 +115,7 @@ class OnlinePoints:
             points = targets.point & (np.abs(targets.amplitude) > self._least)
             row, place = targets.row[points], (targets.u[points] - grid.u[0]) / grid.step
             if len(targets.extended):
-                # In a crop every row counts, as if it were far away; the row before the first is the radar's own place.
-                cells = truth_cells(np.pad(image, ((1, 0), (0, 0))), 1.0, self._seen_by, 2.0 * LEAST_RANGE_M)
-                cells = cells - np.array([1, 0])
+                cells = visible_cells(image, 1.0, self._seen_by)
                 of_extended = targets.in_extended(cells[:, 0], grid.u[cells[:, 1]])
                 row = np.concatenate([row, cells[of_extended, 0]])
                 place = np.concatenate([place, cells[of_extended, 1]])
