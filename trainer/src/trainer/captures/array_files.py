@@ -20,7 +20,7 @@ from shared.radar import Radar
 from trainer.captures.hdf5_files import is_hdf5, read_hdf5
 from trainer.captures.matlab_files import read_arrays
 from trainer.captures.numpy_files import read_npy, read_npz
-from trainer.captures.samples import Order, analytic, as_cube, chosen_frames, ordered
+from trainer.captures.samples import Order, as_cube, chosen_frames, one_sided, ordered
 
 NAMES = ("frame", "chirp", "tx", "rx", "sample", "iq")
 GUESSES = (
@@ -131,8 +131,7 @@ def _complex(values: NDArray[Any], words: list[str], order: Order) -> tuple[NDAr
         return ordered((first + 1j * second).astype(np.complex64), order), rest
     if np.iscomplexobj(values):
         return ordered(values.astype(np.complex64), order), words
-    last = np.moveaxis(values, words.index("sample"), -1)
-    return analytic(last), [word for word in words if word != "sample"] + ["sample"]
+    return one_sided(values), words
 
 
 def _sizes(radar: Radar) -> dict[str, int]:

@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 from shared.radar import Radar
 from trainer.captures.samples import (
     Order,
-    analytic,
     as_cube,
     chosen_frames,
     frames_there,
+    one_sided,
     ordered,
     read_numbers,
     sizes_of,
@@ -60,20 +60,15 @@ def read_dca1000(
         used = [number - 1 for number in rx_numbers] or list(range(sizes.rx))
         axes = ("frame", "chirp", "tx", "sample", "rx")
         if real:
-            return as_cube(_along_last(numbers.reshape(*shape, sizes.samples, LANES)[..., used]), axes)
+            return as_cube(one_sided(numbers.reshape(*shape, sizes.samples, LANES)[..., used]), axes)
         parts = numbers.reshape(*shape, sizes.samples, 2, LANES)[..., used]
         return as_cube(ordered(_complex(parts[..., 0, :], parts[..., 1, :]), order), axes)
     axes = ("frame", "chirp", "tx", "rx", "sample")
     if real:
-        return as_cube(analytic(numbers.reshape(*shape, sizes.rx, sizes.samples)), axes)
+        return as_cube(one_sided(numbers.reshape(*shape, sizes.rx, sizes.samples)), axes)
     pairs = numbers.reshape(-1, 2, 2)
     samples = _complex(pairs[:, 0], pairs[:, 1]).reshape(*shape, sizes.rx, sizes.samples)
     return as_cube(ordered(samples, order), axes)
-
-
-def _along_last(numbers: NDArray[np.int16]) -> NDArray[np.complex64]:
-    """Analytic signals of real samples [..., sample, rx]."""
-    return analytic(numbers.swapaxes(-1, -2)).swapaxes(-1, -2)
 
 
 def _complex(in_phase: NDArray[np.int16], quadrature: NDArray[np.int16]) -> NDArray[np.complex64]:

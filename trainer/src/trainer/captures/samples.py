@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import scipy.signal
 from numpy.typing import NDArray
 
 from shared.physics.errors import InputError
@@ -149,14 +148,15 @@ def ordered(samples: NDArray[np.complex64], order: Order) -> NDArray[np.complex6
     return samples if order == "iq" else (1j * samples.conj()).astype(np.complex64)
 
 
-def analytic(samples: NDArray[np.number]) -> NDArray[np.complex64]:
-    """The analytic signal of real samples [..., sample]: positive frequencies doubled, negative ones left out.
+def one_sided(samples: NDArray[np.number]) -> NDArray[np.complex64]:
+    """Twice the real samples, so that A cos(phase) has A exp(j phase) in the positive half of its range spectrum.
 
-    A cos(phase) becomes A exp(j phase). A tone of f cycles a chirp is exact for a whole f; else what the ends of the
-    chirp leak over 0 is wrong, 1 / (2 pi f) of it at most in the middle of the chirp. The Hann window of range takes
-    the ends away (``tests/trainer/captures/test_readers.py`` has the error that is left).
+    The other half is its mirror image, which the range bins of a radar of real samples leave out.
+    After the Hann window of range the image leaks next to nothing into the half that is used: -58 dB of the strongest
+    echo in a chirp of 32 samples, less in a longer one. The analytic signal by Hilbert's transform does without the
+    image, but has no window where it cuts at 0 and the Nyquist frequency: it errs by -30 dB there, in bins 0, 1 and 15.
     """
-    return scipy.signal.hilbert(samples.astype(np.float32), axis=-1).astype(np.complex64)
+    return (2.0 * samples.astype(np.float32)).astype(np.complex64)
 
 
 def as_cube(samples: NDArray[np.complex64], axes: Sequence[str]) -> NDArray[np.complex64]:
