@@ -16,7 +16,7 @@ from shared.dataset.locations import Location, RemotePath, locate
 from shared.dataset.reading import radar_of
 from shared.physics.errors import InputError
 from shared.radar import Radar, first_validation_error, load_radar
-from shared.signal.spectrum import range_doppler, select_doppler
+from shared.signal.spectrum import range_doppler, select_doppler, unfold
 from shared.signal.windows import cell_noise_power
 from trainer.data.numpy_files import read_npy, read_npz
 
@@ -81,8 +81,8 @@ def open_measurements(source: Location | str, radar: str | None, split: str) -> 
     if (largest := np.abs(cube).max()) > LARGEST_SAMPLE:
         raise InputError(source, f"cube has samples of {largest:.3g}", f"at most {LARGEST_SAMPLE:g}")
     noise_power = cell_noise_power(found)
-    selection = select_doppler(range_doppler(cube.astype(np.complex64), found), noise_power)
-    velocity = found.waveform.velocities_mps[selection.cells].astype(np.float32)
+    selection = unfold(select_doppler(range_doppler(cube.astype(np.complex64), found), noise_power), found)
+    velocity = selection.velocities_mps(found.waveform).astype(np.float32)
     measurement = Measurement(source.stem, 0, selection.range_channel, velocity, noise_power, None)
     return found, iter((measurement,))
 
