@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any
 
 import numpy as np
@@ -104,6 +105,19 @@ class Radar(BaseModel):
         noise_factor = float(db_to_power(self.front_end.noise_figure_db))
         return BOLTZMANN * REFERENCE_TEMPERATURE * noise_factor * self.waveform.sample_rate_hz
 
+    @property
+    def velocity_intervals(self) -> int:
+        """How many widths of the Doppler axis this radar tells apart, K; 1 where all TX send at once.
+
+        Of N TX that take turns, channels of TX i and i' at one place know the interval h modulo N / gcd(N, i - i'); all
+        places together, modulo N over the common divisor. 1 where no two TX share a virtual element.
+        """
+        if self.waveform.multiplexing != "tdm":
+            return 1
+        tx, (_, element) = self.array.channel_tx, self.array.unique_elements(self.waveform.wavelength_m)
+        _, first, at = np.unique(element, return_index=True, return_inverse=True)
+        return len(self.array.tx_m) // math.gcd(len(self.array.tx_m), *np.unique(tx - tx[first[at]]).tolist())
+
     def metadata(self) -> dict[str, Any]:
         """Radar, array and axes as plain JSON values, for the Parquet schema and the manifest."""
         waveform, grid = self.waveform, self.grid
@@ -126,7 +140,7 @@ class Radar(BaseModel):
                 "u": {"start": grid.u_start, "step": grid.step, "bins": grid.bins},
                 "velocity_mps": {
                     "start": float(velocities[0]),
-                    "stop": float(velocities[0]) + waveform.velocity_step_mps * waveform.chirps,
+                    "stop": float(velocities[0]) + waveform.velocity_span_mps,
                     "step": waveform.velocity_step_mps,
                     "bins": waveform.chirps,
                 },

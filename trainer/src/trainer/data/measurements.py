@@ -13,7 +13,7 @@ from shared.dataset.locations import Location, RemotePath, locate
 from shared.dataset.reading import radar_of
 from shared.physics.errors import InputError
 from shared.radar import Radar
-from shared.signal.spectrum import range_doppler, select_doppler
+from shared.signal.spectrum import range_doppler, select_doppler, unfold
 from shared.signal.windows import cell_noise_power
 from trainer.captures.cube_file import CubeFile, read_cube
 
@@ -70,7 +70,7 @@ def _measurement(name: str, found: CubeFile, frame: int) -> Measurement:
     """A frame of a cube; of several the name says which."""
     radar, capture = found.radar, found.capture
     noise_power = cell_noise_power(radar) if capture is None else capture.noise_power
-    selection = select_doppler(range_doppler(found.cube[frame], radar), noise_power)
-    velocity = radar.waveform.velocities_mps[selection.cells].astype(np.float32)
+    selection = unfold(select_doppler(range_doppler(found.cube[frame], radar), noise_power), radar)
+    velocity = selection.velocities_mps(radar.waveform).astype(np.float32)
     name = name if len(found.cube) == 1 else f"{name}-{frame:06d}"
     return Measurement(name, frame, selection.range_channel, velocity, noise_power, None)
