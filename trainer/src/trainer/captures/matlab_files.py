@@ -107,7 +107,8 @@ def _array(data: bytes, order: str) -> dict[str, NDArray[Any]]:
         if min(lengths, default=0) < 0 or len(real) != math.prod(lengths):
             raise ValueError(f"an array of lengths {lengths} with {len(real)} numbers")
         return {name: real.reshape(lengths, order="F")}
-    real, imaginary = (_numbers(part, order).astype(np.float64) for part in parts[3:5])
+    with np.errstate(invalid="ignore"):  # of numbers that are none, NumPy warns as it makes them wider
+        real, imaginary = (_numbers(part, order).astype(np.float64) for part in parts[3:5])
     if min(lengths, default=0) < 0 or not len(real) == len(imaginary) == math.prod(lengths):
         raise ValueError(f"an array of lengths {lengths} with {len(real)} real and {len(imaginary)} imaginary parts")
     return {name: (real + 1j * imaginary).reshape(lengths, order="F")}
