@@ -104,7 +104,7 @@ def test_of_tx_in_turns_it_is_said_what_is_known_of_velocities(tmp_path):
     place = np.array([[2.0, 0.4, 0.0]])
     cube = if_signal(radar, place, velocity * place / np.linalg.norm(place), np.array([1e-6 + 0j]))
     np.savez(tmp_path / "cube.npz", cube=cube.astype(np.complex64), radar=radar.model_dump_json())
-    said = []
+    said: list[str] = []
     run = run_of(tmp_path / "run", radar, tiny())
     assert predict(run, tmp_path / "cube.npz", tmp_path / "out", announce=said.append, pictures=False) == 1
     assert "resolve 2 Doppler intervals of 12 m/s; velocities hold from -12 to 12 m/s" in said[0]
