@@ -10,7 +10,7 @@ from paper_arrays import ARRAYS, IRREGULAR, RADAR, U, echoes, noise, some_rows
 from shared.physics.errors import InputError
 from trainer.estimators import array as array_module
 from trainer.estimators.array import check_snapshots
-from trainer.estimators.base import ESTIMATORS, UNIFORM_ESTIMATORS, LineArray
+from trainer.estimators.base import ESTIMATORS, UNIFORM_ESTIMATORS, LineArray, NoisePower
 from trainer.estimators.das import DelayAndSum, aperture_window
 from trainer.estimators.ml import MaximumLikelihood
 from trainer.estimators.music import Music
@@ -96,6 +96,18 @@ def test_rows_do_not_know_each_other(name: str) -> None:
         np.testing.assert_allclose(image[row], alone[0], atol=1e-6 * image.max())
 
 
+def test_every_row_has_its_own_noise(name: str) -> None:
+    """One power for each row is that power for the row alone."""
+    array = ARRAYS["sparse6"]
+    rows, powers = some_rows(array), np.array([0.0, 1e-6, 1e-3, 0.1, 10.0])
+    image = ESTIMATORS[name]().image(rows, array, U[::5], powers)
+    for row, power in enumerate(powers):
+        alone = ESTIMATORS[name]().image(rows[row : row + 1], array, U[::5], float(power))
+        np.testing.assert_allclose(image[row], alone[0], atol=1e-6 * image.max())
+    equal = ESTIMATORS[name]().image(rows, array, U[::5], np.full(5, 1e-3))
+    assert (equal == ESTIMATORS[name]().image(rows, array, U[::5], 1e-3)).all()
+
+
 def test_no_rows_are_an_empty_image(name: str) -> None:
     array = ARRAYS["sparse4"]
     assert ESTIMATORS[name]().image(np.zeros((0, 12), dtype=complex), array, U, 1.0).shape == (0, len(U))
@@ -109,9 +121,11 @@ def test_no_rows_are_an_empty_image(name: str) -> None:
         (np.array([np.ones(12), np.full(12, np.nan)]), 0.0, "1 rows not finite, the first is row 1"),
         (np.ones((2, 12)), -1.0, "noise_power: -1.0"),
         (np.ones((2, 12)), np.nan, "noise_power: nan"),
+        (np.ones((2, 12)), np.array([1.0, -2.0]), "noise_power: -2.0"),
+        (np.ones((2, 12)), np.ones(3), r"noise_power: shape \(3,\); expected one power, or one for each of 2 rows"),
     ],
 )
-def test_bad_snapshots_are_refused_in_one_line(name: str, rows: NDArray, noise_power: float, text: str) -> None:
+def test_bad_snapshots_are_refused_in_one_line(name: str, rows: NDArray, noise_power: NoisePower, text: str) -> None:
     with pytest.raises(InputError, match=text):
         ESTIMATORS[name]().image(rows, ARRAYS["sparse4"], U, noise_power)
 

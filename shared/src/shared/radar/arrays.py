@@ -23,6 +23,9 @@ AVR_QDM_110_THINNED_RX = {"full": tuple(range(16)), "sparse6": (0, 1, 6, 10, 13,
 COINCIDENT_WAVELENGTHS = 0.01
 """Virtual elements nearer than that to each other are one place: at most 3.6 degrees of phase."""
 
+LEVEL_M = 1e-4
+"""Elements within that height of each other are at the same: 0.04 rad of phase at 77 GHz, 10 degrees up."""
+
 MOST_CHANNELS = 2**14
 """Some eight times the largest imaging radars."""
 
@@ -80,6 +83,16 @@ class AntennaArray(BaseModel):
     def virtual(self) -> Float64[np.ndarray, "channels 3"]:
         """[channels, 3] sums of TX and RX position [m]: in the far field the echo's path is 2 R - u . (tx + rx)."""
         return self.tx[self.channel_tx] + self.rx[self.channel_rx]
+
+    @property
+    def azimuth_channels(self) -> Int[np.ndarray, " kept"]:
+        """Indices of the channels whose TX and RX stand at the height of the RX, in channel order: the azimuth line.
+
+        A channel of an elevated TX sees the elevation of an echo too. All channels where none is on the line.
+        """
+        height = np.abs(self.virtual[:, 2] - 2.0 * self.rx[:, 2].mean())
+        on_line = np.flatnonzero(height < LEVEL_M)
+        return on_line if len(on_line) else np.arange(self.channels)
 
     def unique_elements(
         self, wavelength_m: float

@@ -17,11 +17,15 @@ from jaxtyping import Complex, Complex64, Float, Int
 from shared.radar import Radar
 from shared.signal.adaptive import AdaptiveTables, adaptive_spectrum
 from shared.signal.imaging import steering_matrix
+from shared.signal.model_error import with_model_error
 from shared.signal.namespace import Array, array_namespace
 
 Snapshots = Complex[Array, "*batch rows channels"]
 Weights = Complex[Array, "channels bins"]
 RowScale = Float[Array, "*batch rows"]
+ModelError = float | Float[Array, "*batch"]
+"""Share of a row's power that no plane wave explains, one for all or one for each frame; 0.0 for none. See
+:func:`shared.signal.model_error.model_error_ratio`."""
 
 MAGNITUDE_FLOOR_DB = -120.0
 """Floor of the logarithmic magnitude below the image's maximum [dB]."""
@@ -106,7 +110,7 @@ def covariance_size(channels: int, bins: int) -> int:
 
 
 def row_features(
-    range_channel: Snapshots, weights: Weights, noise_power: Float[Array, "*batch"]
+    range_channel: Snapshots, weights: Weights, noise_power: Float[Array, "*batch"], model_error: ModelError = 0.0
 ) -> tuple[Float[Array, "*batch 4 rows bins"], RowScale]:
     """Complex delay-and-sum rows of unit RMS, and the scale that was taken out of each.
 
@@ -118,6 +122,7 @@ def row_features(
     :param range_channel: [..., R, C] complex [sqrt(W)]
     :param weights: [C, U] complex
     :param noise_power: [...] noise of one channel and cell [W], 0 if there is none
+    :param model_error: see :data:`ModelError`; the fourth channel counts it as noise
     :returns: ([..., 4, R, U] real part, imaginary part and magnitude of the image, all within [-1, 1], and the row's
         power over noise, log10 mapped to [0, 1]; [..., R] RMS of the rows [sqrt(W)])
     """
@@ -132,6 +137,9 @@ def row_features(
     noise = xp.clip(xp.sqrt(noise_power), SMALLEST_AMPLITUDE, None)[..., None, None]
     low, high = SIGNAL_TO_NOISE_RANGE
     over_noise = 2.0 * (xp.log10(xp.clip(scale, SMALLEST_AMPLITUDE, None)) - xp.log10(noise))
+    over_noise = xp.clip(over_noise, low, high)
+    if not _none(model_error):
+        over_noise = -xp.log10(with_model_error(10.0**-over_noise, 1.0, _by_row(model_error, 2)))
     over_noise = (xp.clip(over_noise, low, high) - low) / (high - low)
     level = xp.broadcast_to(over_noise, magnitude.shape)
     stacked = xp.stack([image.real, image.imag, magnitude, xp.asarray(level, dtype=magnitude.dtype)], axis=-3)
@@ -145,6 +153,7 @@ def adaptive_features(
     tables: AdaptiveTables,
     iterations: int,
     exponent: float,
+    model_error: ModelError = 0.0,
 ) -> tuple[Float[Array, "*batch 5 rows bins"], RowScale]:
     """The channels of :func:`row_features`, and the magnitude of :func:`shared.signal.adaptive.adaptive_spectrum`.
 
@@ -153,18 +162,19 @@ def adaptive_features(
 
     :param tables: :func:`shared.signal.adaptive.adaptive_tables` of the same channels
     :param iterations: of the adaptive spectrum
+    :param model_error: see :data:`ModelError`; both count it as noise
     :returns: ([..., 5, R, U], [..., R] RMS of the rows [sqrt(W)])
     """
     xp = array_namespace(range_channel)
-    stacked, scale = row_features(range_channel, weights, noise_power)
+    stacked, scale = row_features(range_channel, weights, noise_power, model_error)
     unit, _ = unit_rows(range_channel)
-    noise = relative_noise(noise_power, scale)
+    noise = relative_noise(noise_power, scale, model_error)
     magnitude = adaptive_spectrum(unit, noise, tables, weights.shape[-1], iterations)
     return xp.concatenate([stacked, (magnitude**exponent)[..., None, :, :]], axis=-3), scale
 
 
 def snapshot_features(
-    range_channel: Snapshots, noise_power: Float[Array, "*batch"]
+    range_channel: Snapshots, noise_power: Float[Array, "*batch"], model_error: ModelError = 0.0
 ) -> tuple[Float[Array, "*batch planes rows 1"], RowScale]:
     """What a network is given that solves for the angles itself: ([..., 2 C + 1, R, 1], [..., R] RMS of the rows).
 
@@ -172,24 +182,30 @@ def snapshot_features(
 
     :param range_channel: [..., R, C] complex [sqrt(W)]
     :param noise_power: [...] noise of one channel and cell [W], 0 if there is none
+    :param model_error: see :data:`ModelError`; it is part of that noise power
     """
     xp = array_namespace(range_channel)
     unit, scale = unit_rows(range_channel)
-    noise = relative_noise(noise_power, scale[..., 0])
+    noise = relative_noise(noise_power, scale[..., 0], model_error)
     planes = xp.concatenate([unit.real, unit.imag, xp.asarray(noise, dtype=unit.real.dtype)[..., None]], axis=-1)
     return xp.swapaxes(planes, -1, -2)[..., None], scale[..., 0]
 
 
-def relative_noise(noise_power: Float[Array, "*batch"], scale: RowScale) -> Float[Array, "*batch rows"]:
-    """[..., R] float32 noise power over that of rows of this RMS [..., R], at most the square of LARGEST_NOISE.
+def relative_noise(
+    noise_power: Float[Array, "*batch"], scale: RowScale, model_error: ModelError = 0.0
+) -> Float[Array, "*batch rows"]:
+    """[..., R] float32 noise power over that of rows of this RMS [..., R], at most the square of LARGEST_NOISE and what
+    the model error adds.
 
     That of zero rows too, whatever the noise: a quotient by 1 would depend on the unit.
+
+    :param model_error: see :data:`ModelError`
     """
     xp = array_namespace(scale)
     # A quotient of amplitudes: the square of 1e-30 would be zero.
     noise = xp.sqrt(noise_power)[..., None] / xp.where(scale > 0, scale, 1.0)
     noise = xp.where(scale > 0, xp.clip(noise, None, LARGEST_NOISE), LARGEST_NOISE)
-    return xp.asarray(noise**2, dtype=xp.float32)
+    return xp.asarray(with_model_error(noise**2, 1.0, _by_row(model_error, 1)), dtype=xp.float32)
 
 
 def unit_rows(range_channel: Array) -> tuple[Array, Array]:
@@ -204,6 +220,15 @@ def unit_rows(range_channel: Array) -> tuple[Array, Array]:
     bounded = xp.where(has_signal, range_channel, 0.0) / xp.where(has_signal, largest, 1.0)
     rms = xp.sqrt(xp.mean(xp.abs(bounded) ** 2, axis=-1, keepdims=True))
     return bounded / xp.where(rms > 0, rms, 1.0), largest * rms
+
+
+def _none(model_error: ModelError) -> bool:
+    return isinstance(model_error, float) and model_error == 0.0
+
+
+def _by_row(model_error: ModelError, axes: int) -> Array:
+    """The model error of each frame [...] with one more axis for its rows, and one for their bins."""
+    return model_error if isinstance(model_error, float) else model_error[(..., *[None] * axes)]
 
 
 def _log_magnitude(xp: Any, magnitude: Array) -> Array:

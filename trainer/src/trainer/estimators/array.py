@@ -32,6 +32,11 @@ LARGEST_RELATIVE_NOISE = 1e6
 """Noise amplitude over a row's largest element; more is no different to any estimator and would overflow in some."""
 
 
+NoisePower = float | NDArray[np.float64]
+"""Of one channel [W]: one number for all range bins, or [R] one for each, :func:`shared.signal.model_error.row_noise`
+of measured ones."""
+
+
 @dataclass(frozen=True, eq=False)
 class LineArray:
     """Virtual elements along y.
@@ -134,19 +139,18 @@ Solver = Callable[[NDArray[np.complex128], NDArray[np.float64]], NDArray[np.floa
 
 
 def image_rows(
-    snapshots: NDArray[np.complexfloating], array: LineArray, bins: int, noise_power: float, solve: Solver
+    snapshots: NDArray[np.complexfloating], array: LineArray, bins: int, noise_power: NoisePower, solve: Solver
 ) -> NDArray[np.float64]:
     """[R, bins] magnitudes of ``solve`` in the snapshots' unit, zero where the snapshot is zero.
 
     Every row is solved at a largest element of 1, so that neither 1e-20 nor 1e20 sqrt(W) leaves the range of numbers.
 
     :param snapshots: [R, C] one for each range bin [sqrt(W)]
-    :param noise_power: of one channel [W]; 0 where there is none
+    :param noise_power: of one channel [W], of all rows or of each; 0 where there is none
     :raises InputError: of another shape, not finite, or negative noise power
     """
     check_snapshots(snapshots, array)
-    if not (np.isfinite(noise_power) and noise_power >= 0.0):
-        raise InputError("noise_power", repr(noise_power), "a finite power of at least 0 W")
+    noise = row_powers(noise_power, len(snapshots))
     image = np.zeros((len(snapshots), bins))
     rows = np.asarray(snapshots, dtype=np.complex128)
     scale = np.abs(rows).max(axis=1)
@@ -154,9 +158,23 @@ def image_rows(
     for start in range(0, len(present), ROWS_AT_ONCE):
         block = present[start : start + ROWS_AT_ONCE]
         # The quotient comes before the square: the square of 1e-200 would be zero.
-        relative = np.minimum(np.sqrt(noise_power) / scale[block], LARGEST_RELATIVE_NOISE) ** 2
+        relative = np.minimum(np.sqrt(noise[block]) / scale[block], LARGEST_RELATIVE_NOISE) ** 2
         image[block] = scale[block, None] * solve(rows[block] / scale[block, None], relative)
     return image
+
+
+def row_powers(noise_power: NoisePower, rows: int) -> NDArray[np.float64]:
+    """[R] noise power of each of so many rows [W].
+
+    :raises InputError: of another shape, not finite or negative
+    """
+    powers = np.asarray(noise_power, dtype=np.float64)
+    if powers.shape not in ((), (rows,)):
+        raise InputError("noise_power", f"shape {powers.shape}", f"one power, or one for each of {rows} rows")
+    wrong = powers[~(np.isfinite(powers) & (powers >= 0.0))]
+    if wrong.size:
+        raise InputError("noise_power", repr(float(wrong.flat[0])), "a finite power of at least 0 W")
+    return np.broadcast_to(powers, (rows,))
 
 
 def check_snapshots(snapshots: NDArray[np.complexfloating], array: LineArray) -> None:

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from trainer.estimators.array import LineArray, line_array
+from trainer.estimators.array import LineArray, NoisePower, line_array
 from trainer.estimators.das import DelayAndSum
 from trainer.estimators.iaa import IterativeAdaptive
 from trainer.estimators.ml import MaximumLikelihood
@@ -17,7 +17,7 @@ from trainer.estimators.omp import OrthogonalMatchingPursuit
 from trainer.estimators.spice import SparseCovariance
 from trainer.estimators.view import VirtualView
 
-__all__ = ["ESTIMATORS", "UNIFORM_ESTIMATORS", "Estimator", "LineArray", "line_array"]
+__all__ = ["ESTIMATORS", "UNIFORM_ESTIMATORS", "Estimator", "LineArray", "NoisePower", "line_array"]
 
 
 class Estimator(Protocol):
@@ -26,13 +26,15 @@ class Estimator(Protocol):
     name: str
 
     def image(
-        self, snapshots: NDArray[np.complexfloating], array: LineArray, u: NDArray[np.floating], noise_power: float
+        self, snapshots: NDArray[np.complexfloating], array: LineArray, u: NDArray[np.floating], noise_power: NoisePower
     ) -> NDArray[np.float64]:
         """[R, U] magnitudes [sqrt(W)], always finite; a row of zeros where the snapshot is zero.
 
         :param snapshots: [R, C] complex, the channels of ``array`` in its order [sqrt(W)]
         :param u: [U] angles sin(azimuth), rising
-        :param noise_power: of one channel in one range-Doppler cell [W]; 0 where there is none
+        :param noise_power: of one channel in one range-Doppler cell [W], of all range bins or [R] of each; 0 where
+            there is none. Of measured rows it includes what the model leaves out, see
+            :func:`shared.signal.model_error.row_noise`.
         :raises InputError: snapshots of another shape or not finite, a negative noise power
         """
         ...

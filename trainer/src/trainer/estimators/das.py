@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shared.physics.errors import InputError
-from trainer.estimators.array import LineArray, image_rows
+from trainer.estimators.array import LineArray, NoisePower, image_rows
 
 WINDOWS = {"none": 1.0, "hamming": 0.54, "hann": 0.5}
 """Constant part alpha of the raised cosine alpha + (1 - alpha) cos(2 pi p / L), Harris 1978."""
@@ -44,7 +44,7 @@ class DelayAndSum:
         self.name = "das" if window == "none" else f"das-{window}"
 
     def image(
-        self, snapshots: NDArray[np.complexfloating], array: LineArray, u: NDArray[np.floating], noise_power: float
+        self, snapshots: NDArray[np.complexfloating], array: LineArray, u: NDArray[np.floating], noise_power: NoisePower
     ) -> NDArray[np.float64]:
         """[R, U] magnitude [sqrt(W)] of snapshots [R, C] at the angles u [U]; the noise power is not used."""
         weights = aperture_window(self.window, array)[:, None] * array.manifold(u).conj()

@@ -24,13 +24,14 @@ from scipy.optimize import brentq
 from scipy.stats import chi2
 
 from shared.physics.errors import InputError
-from shared.physics.units import db_to_power
-from trainer.estimators.array import LARGEST_RELATIVE_NOISE, LineArray, check_snapshots, uniform_axis
+from shared.signal.model_error import model_error_ratio, with_model_error
+from trainer.estimators.array import LARGEST_RELATIVE_NOISE, LineArray, check_snapshots, row_powers, uniform_axis
 from trainer.estimators.lines import STEPS, bounded_amplitudes, bounded_energy_left, line_covariance
 from trainer.estimators.moves import additions, beside_lines, best_refit, pairs_elsewhere, refit, removals, splits
 
 MODEL_ERROR_DB = -30.0
-"""Of a row's power: the curvature of a wave front from 12 m over 94 mm leaves that much of one plane wave."""
+"""Of a row's power, of simulated data: the curvature of a wave front from 12 m over 94 mm leaves that much of one plane
+wave. Captures have their own, see :mod:`shared.signal.model_error`."""
 FALSE_ALARM = 1e-3
 """Probability that a row of noise alone gets a line: at most one in a frame of 630 rows."""
 RESIDUAL_TAIL = 0.02
@@ -86,10 +87,8 @@ def fit_lines(
         raise InputError("candidates", f"shape {np.shape(candidates)}", f"[{len(snapshots)} range bins, any number]")
     if np.isinf(candidates).any():
         raise InputError("candidates", "infinite angles", "finite angles, NaN for none")
-    if not (np.isfinite(noise_power) and noise_power >= 0.0):
-        raise InputError("noise_power", repr(noise_power), "a finite power of at least 0 W")
-    if not model_error_db <= 0.0:
-        raise InputError("model_error_db", repr(model_error_db), "at most 0 dB of the row's power, -inf for none")
+    thermal = row_powers(noise_power, len(snapshots))
+    model_error = max(model_error_ratio(model_error_db), ROUNDING)
     if not 0.0 < false_alarm < 1.0:
         raise InputError("false_alarm", repr(false_alarm), "a probability between 0 and 1")
     rows = np.asarray(snapshots, dtype=np.complex128)
@@ -97,9 +96,9 @@ def fit_lines(
     present = np.flatnonzero(scale > 0.0)
     x = rows[present] / scale[present, None]
     # The quotient comes before the square: the square of 1e-200 would be zero.
-    relative = np.minimum(np.sqrt(noise_power) / scale[present], LARGEST_RELATIVE_NOISE) ** 2
+    relative = np.minimum(np.sqrt(thermal[present]) / scale[present], LARGEST_RELATIVE_NOISE) ** 2
     power = np.mean(np.abs(x) ** 2, axis=1)
-    noise = relative + np.maximum(float(db_to_power(model_error_db)), ROUNDING) * power
+    noise = with_model_error(relative, power, model_error)
     fit = _Fit(x, array, noise, false_alarm)
     heard = fit.above_noise()
     fit.begin(heard, np.asarray(candidates, dtype=np.float64)[present])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from trainer.estimators.array import LineArray, image_rows, scan_axis
+from trainer.estimators.array import LineArray, NoisePower, image_rows, scan_axis
 from trainer.estimators.covariance import FLOOR, Distances, loaded_inverse
 
 ITERATIONS = 15
@@ -30,7 +30,7 @@ class IterativeAdaptive:
         self.iterations = iterations
 
     def image(
-        self, snapshots: NDArray[np.complexfloating], array: LineArray, u: NDArray[np.floating], noise_power: float
+        self, snapshots: NDArray[np.complexfloating], array: LineArray, u: NDArray[np.floating], noise_power: NoisePower
     ) -> NDArray[np.float64]:
         """[R, U] magnitude [sqrt(W)] of snapshots [R, C] at the angles u [U]; the noise power is not used."""
         scan, shown = scan_axis(array, u)

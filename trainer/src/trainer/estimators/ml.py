@@ -8,7 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shared.physics.errors import InputError
-from trainer.estimators.array import ROWS_AT_ONCE, LineArray, check_snapshots, draw_lines, image_rows, uniform_axis
+from trainer.estimators.array import (
+    ROWS_AT_ONCE,
+    LineArray,
+    NoisePower,
+    check_snapshots,
+    draw_lines,
+    image_rows,
+    uniform_axis,
+)
 from trainer.estimators.lines import STEPS, bounded_amplitudes, line_amplitudes, refine_lines
 from trainer.estimators.moves import additions, beside_lines, pair_energy, pairs_elsewhere, raced, refit
 
@@ -54,7 +62,7 @@ class MaximumLikelihood:
         self.targets = targets
 
     def image(
-        self, snapshots: NDArray[np.complexfloating], array: LineArray, u: NDArray[np.floating], noise_power: float
+        self, snapshots: NDArray[np.complexfloating], array: LineArray, u: NDArray[np.floating], noise_power: NoisePower
     ) -> NDArray[np.float64]:
         """[R, U] K lines a row with their magnitudes [sqrt(W)], each in its nearest bin of u [U]."""
         _check_count(self.targets, array)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shared.physics.errors import InputError
-from trainer.estimators.array import LineArray, image_rows
+from trainer.estimators.array import LineArray, NoisePower, image_rows
 
 EIGENVALUE_FLOOR = 1e-12
 """Relative to the largest: logarithms of eigenvalues that are zero but for rounding."""
@@ -42,7 +42,7 @@ class Music:
         self.name = "music" if smoothing == "none" else "music-fbss"
 
     def image(
-        self, snapshots: NDArray[np.complexfloating], array: LineArray, u: NDArray[np.floating], noise_power: float
+        self, snapshots: NDArray[np.complexfloating], array: LineArray, u: NDArray[np.floating], noise_power: NoisePower
     ) -> NDArray[np.float64]:
         """[R, U] square root of the pseudo-spectrum [sqrt(W)] of snapshots [R, C] at the angles u [U].
 

@@ -9,7 +9,7 @@ from scipy.special import gammaln
 from scipy.stats import chi2
 
 from shared.physics.errors import InputError
-from trainer.estimators.array import LineArray, draw_lines, image_rows, scan_axis, uniform_axis
+from trainer.estimators.array import LineArray, NoisePower, draw_lines, image_rows, scan_axis, uniform_axis
 from trainer.estimators.lines import bounded_amplitudes, line_amplitudes, refine_lines
 
 MOST_LINES = 16
@@ -46,7 +46,7 @@ class OrthogonalMatchingPursuit:
         self.name = "omp" if stop == "noise" else "omp-cfar"
 
     def image(
-        self, snapshots: NDArray[np.complexfloating], array: LineArray, u: NDArray[np.floating], noise_power: float
+        self, snapshots: NDArray[np.complexfloating], array: LineArray, u: NDArray[np.floating], noise_power: NoisePower
     ) -> NDArray[np.float64]:
         """[R, U] lines with their magnitudes [sqrt(W)], each in its nearest bin of u [U].
 

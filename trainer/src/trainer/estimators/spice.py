@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from trainer.estimators.array import LineArray, image_rows, scan_axis
+from trainer.estimators.array import LineArray, NoisePower, image_rows, scan_axis
 from trainer.estimators.covariance import FLOOR, Distances, loaded_inverse
 
 SPICE_ITERATIONS, LIKES_ITERATIONS = 60, 12
@@ -37,7 +37,7 @@ class SparseCovariance:
         self.iterations = LIKES_ITERATIONS if reweighted else SPICE_ITERATIONS
 
     def image(
-        self, snapshots: NDArray[np.complexfloating], array: LineArray, u: NDArray[np.floating], noise_power: float
+        self, snapshots: NDArray[np.complexfloating], array: LineArray, u: NDArray[np.floating], noise_power: NoisePower
     ) -> NDArray[np.float64]:
         """[R, U] magnitude [sqrt(W)] of snapshots [R, C] with noise of ``noise_power`` [W] at the angles u [U]."""
         scan, shown = scan_axis(array, u)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from shared.signal.steering import manifold
 from shared.signal.windows import angle_window
-from trainer.estimators.array import LineArray, image_rows, scan_axis
+from trainer.estimators.array import LineArray, NoisePower, image_rows, scan_axis
 from trainer.estimators.covariance import FLOOR, Distances, loaded_inverse
 from trainer.estimators.iaa import adaptive_amplitudes
 
@@ -30,7 +30,7 @@ class VirtualView:
     name = "iaa-view"
 
     def image(
-        self, snapshots: NDArray[np.complexfloating], array: LineArray, u: NDArray[np.floating], noise_power: float
+        self, snapshots: NDArray[np.complexfloating], array: LineArray, u: NDArray[np.floating], noise_power: NoisePower
     ) -> NDArray[np.float64]:
         """[R, U] magnitude [sqrt(W)] of snapshots [R, C] with noise of ``noise_power`` [W] at the angles u [U]."""
         scan, _ = scan_axis(array, u)
