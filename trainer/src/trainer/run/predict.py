@@ -16,6 +16,7 @@ from shared.dataset import METADATA_KEY
 from shared.dataset.locations import Location
 from shared.dataset.writing import atomic
 from shared.physics.errors import InputError
+from shared.signal.tdm import statement
 from trainer.data.measurements import Measurement, open_measurements
 from trainer.estimators.base import line_array
 from trainer.run.claim import output_folder
@@ -57,6 +58,8 @@ def predict(
         same_radar(run.radar, str(run_directory), found, str(source))
         imager.to("cuda" if torch.cuda.is_available() else "cpu")
         schema, count = _schema(run, points), 0
+        if said := statement(found):
+            announce(said)
         listed: list[tuple[int, Detections]] = []
         headless = False
         with atomic(out / IMAGES) as partial, pq.ParquetWriter(partial, schema, compression="lz4") as writer:
@@ -148,8 +151,10 @@ def _schema(run: Run, points: bool) -> pa.Schema:
     units: dict[str, object] = {"image": UNITS[run.config.target], "velocity": "m/s"}
     if points:
         units["detections"] = DETECTION_UNITS
+    said = statement(run.radar)
     text = json.dumps(
         {
+            **({"conventions": {"velocity": said}} if said else {}),
             "shapes": {"image": shape, "velocity": shape},
             "axes": run.radar.metadata()["axes"],
             "units": units,
