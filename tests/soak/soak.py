@@ -220,7 +220,7 @@ class Soak:
                 _, said = process.communicate(timeout=HANG_S)
                 break
             except subprocess.TimeoutExpired:
-                if _wants_the_processor(process.pid):
+                if wants_the_processor(process.pid):
                     continue
                 self.tally.hangs += 1
                 os.killpg(process.pid, signal.SIGKILL)
@@ -263,7 +263,7 @@ def _family(pid: int) -> list[psutil.Process]:
         return []
 
 
-def _wants_the_processor(pid: int) -> bool:
+def wants_the_processor(pid: int) -> bool:
     """Whether any process of the command runs, or would if it were let."""
     for _ in range(LOOKS):
         for item in _family(pid):

@@ -193,6 +193,16 @@ def test_what_a_resumed_run_must_not_change(dataset, tmp_path):
         run(dataset, tmp_path / "none", resume=True)
 
 
+def test_a_run_killed_while_it_noted_itself_goes_on(dataset, tmp_path):
+    out = tmp_path / "run"
+    out.mkdir()
+    (out / "run.json.partial").write_text('{"con')
+    result, _ = run(dataset, out, resume=True)
+    assert read_run(out) == result
+    assert (out / WEIGHTS).is_file()
+    assert not list(out.glob("*.partial"))
+
+
 def test_a_checkpoint_that_holds_code_is_not_executed(dataset, tmp_path):
     class Trap:
         def __reduce__(self):

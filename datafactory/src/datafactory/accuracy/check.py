@@ -76,8 +76,7 @@ def _achieved(scene: SweptScene, samples: Sequence[SampleFrame], budget: Budget,
     cube, image = list[float](), list[float]()
     for sample in () if budget.menu.paths_only else samples:
         stored = _stored_frame(directory, *budget.deal.place_of(sample.frame_id))
-        waveform = radar.waveform
-        rows = np.rint(stored.velocity[0] / waveform.velocity_step_mps).astype(np.int64) + waveform.chirps // 2
+        rows = radar.waveform.doppler_cells(stored.velocity[0])
         frames = [traced(sample, settings, radar)]
         reference = reference_of(frames, settings, radar, [rows])
         cube.append(relative_l2(run(frames, settings, radar, Clock(), [rows], batch=1).cubes[0], reference.cubes[0]))

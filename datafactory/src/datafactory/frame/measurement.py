@@ -24,7 +24,7 @@ from shared.physics.units import amplitude_to_db
 from shared.radar import Radar
 from shared.radar.receiver import received
 from shared.signal.imaging import DEFAULT_TERMS, near_field_images
-from shared.signal.spectrum import range_doppler, select_doppler
+from shared.signal.spectrum import range_doppler, select_doppler, unfold
 from shared.signal.windows import angle_window, cell_noise_power
 
 IMAGE_BATCH = 16
@@ -140,11 +140,12 @@ def measure(
     noise_power = cell_noise_power(radar) if processing.noise else 0.0
     spectra = at("range-Doppler", range_doppler, recorded, radar)
     selection = at("Doppler choice", select_doppler, spectra, noise_power, processing.peaks)
+    selection = at("velocity interval", unfold, selection, radar)
     moments = at("truth", truth_moments, paths, radar, selection.cells[0], processing.truth_terms, model)
     return Measurement(
         identity=identity,
         range_channel=selection.range_channel,
-        velocity=radar.waveform.velocities_mps[selection.cells].astype(np.float32),
+        velocity=selection.velocities_mps(radar.waveform).astype(np.float32),
         magnitude=selection.magnitude,
         noise_power=noise_power,
         moments=moments * angle_window(processing.truth_window, moments.shape[-1]).astype(np.float32),

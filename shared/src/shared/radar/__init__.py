@@ -1,13 +1,17 @@
-"""The radar as configured: waveform, array, front end, receiver; presets and TOML."""
+"""The radar as configured: waveform, array, front end, receiver; presets, boards and TOML."""
 
 from shared.radar.front_end import FrontEnd
-from shared.radar.radar import (
-    DEFAULT_RADAR,
-    PRESETS,
-    ImageGrid,
-    Radar,
-    first_validation_error,
-    load_radar,
-)
+from shared.radar.loading import DEFAULT_RADAR, PRESETS, board_radar, load_capture_radar, load_radar
+from shared.radar.radar import ImageGrid, Radar, first_validation_error
 
-__all__ = ["DEFAULT_RADAR", "PRESETS", "FrontEnd", "ImageGrid", "Radar", "first_validation_error", "load_radar"]
+__all__ = [
+    "DEFAULT_RADAR",
+    "PRESETS",
+    "FrontEnd",
+    "ImageGrid",
+    "Radar",
+    "board_radar",
+    "first_validation_error",
+    "load_capture_radar",
+    "load_radar",
+]

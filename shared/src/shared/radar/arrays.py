@@ -20,6 +20,11 @@ Position = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 AVR_QDM_110_THINNED_RX = {"full": tuple(range(16)), "sparse6": (0, 1, 6, 10, 13, 15), "sparse4": (0, 1, 10, 15)}
 """RX elements kept by the paper's arrays (its Fig. 4 and published code), by array name."""
 
+COINCIDENT_WAVELENGTHS = 0.01
+"""Virtual elements nearer than that to each other are one place: at most 3.6 degrees of phase."""
+
+LEVEL_M = 1e-4
+"""Elements within that height of each other are at the same: 0.04 rad of phase at 77 GHz, 10 degrees up."""
 
 MOST_CHANNELS = 2**14
 """Some eight times the largest imaging radars."""
@@ -78,6 +83,31 @@ class AntennaArray(BaseModel):
     def virtual(self) -> Float64[np.ndarray, "channels 3"]:
         """[channels, 3] sums of TX and RX position [m]: in the far field the echo's path is 2 R - u . (tx + rx)."""
         return self.tx[self.channel_tx] + self.rx[self.channel_rx]
+
+    @property
+    def azimuth_channels(self) -> Int[np.ndarray, " kept"]:
+        """Indices of the channels whose TX and RX stand at the height of the RX, in channel order: the azimuth line.
+
+        A channel of an elevated TX sees the elevation of an echo too. All channels where none is on the line.
+        """
+        height = np.abs(self.virtual[:, 2] - 2.0 * self.rx[:, 2].mean())
+        on_line = np.flatnonzero(height < LEVEL_M)
+        return on_line if len(on_line) else np.arange(self.channels)
+
+    def unique_elements(
+        self, wavelength_m: float
+    ) -> tuple[Float64[np.ndarray, "elements 3"], Int[np.ndarray, " channels"]]:
+        """(the places [E, 3] of the virtual elements [m], by rising y, then z, then x; at which each channel [C] is).
+
+        Channels are at one place whose coordinates differ by at most :data:`COINCIDENT_WAVELENGTHS`, along every axis.
+        """
+        coordinates = self.virtual[:, [1, 2, 0]]
+        rising = np.argsort(coordinates, axis=0, kind="stable")
+        apart = np.diff(np.take_along_axis(coordinates, rising, axis=0), axis=0) > COINCIDENT_WAVELENGTHS * wavelength_m
+        rank = np.empty(coordinates.shape, dtype=np.intp)
+        np.put_along_axis(rank, rising, np.cumsum(np.insert(apart, 0, False, axis=0), axis=0), axis=0)
+        _, first, element = np.unique(rank, axis=0, return_index=True, return_inverse=True)
+        return self.virtual[first], element.reshape(-1)
 
     def channel_indices(self, rx: tuple[int, ...]) -> Int[np.ndarray, " kept"]:
         """Indices of the virtual elements that use one of these RX elements, in this array's channel order."""

@@ -1,18 +1,15 @@
-"""A radar: waveform, array, front end and image grid; its presets, its TOML file and its metadata."""
+"""A radar: waveform, array, front end and image grid, and its metadata."""
 
 from __future__ import annotations
 
-import tomllib
-from pathlib import Path
+import math
 from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Float64
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
-from shared.physics.errors import InputError
 from shared.physics.units import BOLTZMANN, REFERENCE_TEMPERATURE, db_to_power
-from shared.radar.antenna import PatchPattern, read_table
 from shared.radar.arrays import AntennaArray, avr_qdm_110, virtual_sensor_256
 from shared.radar.front_end import FrontEnd
 from shared.radar.waveform import Waveform
@@ -108,6 +105,19 @@ class Radar(BaseModel):
         noise_factor = float(db_to_power(self.front_end.noise_figure_db))
         return BOLTZMANN * REFERENCE_TEMPERATURE * noise_factor * self.waveform.sample_rate_hz
 
+    @property
+    def velocity_intervals(self) -> int:
+        """How many widths of the Doppler axis this radar tells apart, K; 1 where all TX send at once.
+
+        Of N TX that take turns, channels of TX i and i' at one place know the interval h modulo N / gcd(N, i - i'); all
+        places together, modulo N over the common divisor. 1 where no two TX share a virtual element.
+        """
+        if self.waveform.multiplexing != "tdm":
+            return 1
+        tx, (_, element) = self.array.channel_tx, self.array.unique_elements(self.waveform.wavelength_m)
+        _, first, at = np.unique(element, return_index=True, return_inverse=True)
+        return len(self.array.tx_m) // math.gcd(len(self.array.tx_m), *np.unique(tx - tx[first[at]]).tolist())
+
     def metadata(self) -> dict[str, Any]:
         """Radar, array and axes as plain JSON values, for the Parquet schema and the manifest."""
         waveform, grid = self.waveform, self.grid
@@ -130,7 +140,7 @@ class Radar(BaseModel):
                 "u": {"start": grid.u_start, "step": grid.step, "bins": grid.bins},
                 "velocity_mps": {
                     "start": float(velocities[0]),
-                    "stop": float(velocities[0]) + waveform.velocity_step_mps * waveform.chirps,
+                    "stop": float(velocities[0]) + waveform.velocity_span_mps,
                     "step": waveform.velocity_step_mps,
                     "bins": waveform.chirps,
                 },
@@ -140,87 +150,6 @@ class Radar(BaseModel):
 
 def _positions(array: AntennaArray) -> dict[str, list[list[float]]]:
     return {"tx_m": [list(position) for position in array.tx_m], "rx_m": [list(position) for position in array.rx_m]}
-
-
-def _virtual_preset() -> Radar:
-    waveform = Waveform()
-    return Radar(name="avr-qdm-110-virtual", waveform=waveform, array=virtual_sensor_256(waveform.carrier_hz))
-
-
-PRESETS = {"avr-qdm-110": lambda: Radar(name="avr-qdm-110"), "avr-qdm-110-virtual": _virtual_preset}
-"""The paper's sensor and its enhanced virtual twin, by the name that ``--radar`` takes."""
-
-DEFAULT_RADAR = "avr-qdm-110"
-
-MAXIMUM_RESIDUAL_PHASE_RAD = 0.3
-"""The first order of exp(j x) that the phase noise's model keeps is then wrong by at most x^2 / 2, -27 dB."""
-
-
-def load_radar(name_or_path: str) -> Radar:
-    """A preset by name, or a TOML file with the tables ``waveform``, ``array``, ``front_end``, ``grid``.
-
-    The file states only what differs from the default radar. A pattern may be named by a file beside it:
-    ``tx_pattern = { kind = "table", file = "pattern.csv" }``, see :class:`shared.radar.antenna.TablePattern`.
-
-    :raises InputError: an unknown name, an unreadable file, a field or value that the radar does not allow, alone or
-        together with others
-    """
-    if name_or_path in PRESETS:
-        return PRESETS[name_or_path]()
-    path = Path(name_or_path)
-    if not path.is_file():
-        raise InputError("--radar", f"no preset and no file {name_or_path!r}", f"a TOML file or one of {list(PRESETS)}")
-    try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-        _read_pattern_tables(path, document)
-        radar = Radar.model_validate({"name": path.stem, **document})
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError, OSError) as error:
-        raise InputError(path, f"not readable as TOML: {error}", "a TOML file in UTF-8") from error
-    except ValidationError as error:
-        raise InputError(path, *first_validation_error(error)) from error
-    _check_together(path, radar)
-    return radar
-
-
-def _read_pattern_tables(path: Path, document: dict[str, Any]) -> None:
-    """Put the patterns themselves where the document names their files, relative to the folder of ``path``."""
-    front_end = document.get("front_end")
-    for name in ("tx_pattern", "rx_pattern"):
-        pattern = front_end.get(name) if isinstance(front_end, dict) else None
-        if not isinstance(front_end, dict) or not isinstance(pattern, dict) or "file" not in pattern:
-            continue
-        field, file, outside = f"front_end.{name}", pattern["file"], pattern.get("outside_gain_dbi")
-        if pattern.get("kind") != "table":
-            raise InputError(path, f"{field}.kind = {pattern.get('kind')!r} with a file", "kind = 'table'")
-        unknown = sorted(set(pattern) - {"kind", "file", "outside_gain_dbi"})
-        if unknown:
-            raise InputError(path, f"{field}.{unknown[0]} beside a file", "kind, file and outside_gain_dbi alone")
-        if not isinstance(file, str) or not file:
-            raise InputError(path, f"{field}.file = {file!r}", "the name of a CSV file")
-        if outside is not None and (isinstance(outside, bool) or not isinstance(outside, int | float)):
-            raise InputError(path, f"{field}.outside_gain_dbi = {outside!r}", "a number [dBi]")
-        front_end[name] = read_table(path.parent / file, outside)
-
-
-def _check_together(path: Path, radar: Radar) -> None:
-    """What waveform, array and front end allow only together."""
-    waveform, tx_count = radar.waveform, len(radar.array.tx_m)
-    turn = waveform.chirp_interval_s / tx_count
-    # A part in 1e9: intervals written as a rounded multiple of the duration are meant to be that multiple.
-    if waveform.multiplexing == "tdm" and turn < waveform.chirp_duration_s * (1.0 - 1e-9):
-        problem = f"waveform.chirp_interval_s = {waveform.chirp_interval_s!r} leaves each of {tx_count} TX {turn:g} s"
-        expected = f"at least {tx_count} x chirp_duration_s = {tx_count * waveform.chirp_duration_s:g} with tdm"
-        raise InputError(path, problem, expected)
-    for end in ("tx", "rx"):
-        pattern, polarization = (getattr(radar.front_end, f"{end}_{name}") for name in ("pattern", "polarization"))
-        axis = {"V": "z", "H": "y"}[polarization]
-        if isinstance(pattern, PatchPattern) and pattern.resonant_along != axis:
-            problem = f"front_end.{end}_pattern.resonant_along = {pattern.resonant_along!r}"
-            raise InputError(path, problem, f"{axis!r} with {end}_polarization = {polarization!r}")
-    noise = radar.front_end.phase_noise
-    if noise is not None and noise.residual_rad(waveform) > MAXIMUM_RESIDUAL_PHASE_RAD:
-        problem = f"front_end.phase_noise leaves {noise.residual_rad(waveform):.2g} rad on the farthest echo"
-        raise InputError(path, problem, f"at most {MAXIMUM_RESIDUAL_PHASE_RAD} rad, where its model holds")
 
 
 def first_validation_error(error: ValidationError) -> tuple[str, str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64, Real
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
 from shared.physics.units import SPEED_OF_LIGHT
@@ -90,6 +90,11 @@ class Waveform(BaseModel):
         return self.wavelength_m / (2.0 * self.chirps * self.chirp_interval_s)
 
     @property
+    def velocity_span_mps(self) -> float:
+        """Width of the Doppler axis lambda / (2 T) [m/s]: velocities that far apart fall into one Doppler cell."""
+        return self.velocity_step_mps * self.chirps
+
+    @property
     def mid_frame_s(self) -> float:
         """Centre of the Doppler window [s] after the start of chirp 0."""
         return 0.5 * self.chirps * self.chirp_interval_s
@@ -103,3 +108,8 @@ class Waveform(BaseModel):
     def velocities_mps(self) -> Float64[np.ndarray, " chirps"]:
         """[chirps] Doppler axis [m/s], rising; positive is receding; the lower edge is in, the upper is not."""
         return self.velocity_step_mps * (np.arange(self.chirps, dtype=np.float64) - self.chirps // 2)
+
+    def doppler_cells(self, velocities_mps: Real[np.ndarray, "*any"]) -> Int64[np.ndarray, "*any"]:
+        """The cells of the Doppler axis that velocities [m/s] fall into, folded at its ends."""
+        cells = np.rint(np.asarray(velocities_mps) / self.velocity_step_mps).astype(np.int64)
+        return (cells + self.chirps // 2) % self.chirps

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.fft
-from jaxtyping import Complex, Float, Float32, Int, Int64
+from jaxtyping import Complex, Float, Float32, Float64, Int, Int64
 
 from shared.radar import Radar
+from shared.radar.waveform import Waveform
+from shared.signal.tdm import compensated, unfolded
 from shared.signal.windows import hann
 
 RAYLEIGH_MEAN = 0.886
@@ -28,11 +30,17 @@ class DopplerSelection:
     :param cells: [D, R] Doppler indices on the rising velocity axis
     :param range_channel: [D, R, C] complex64 values there, all channels, [sqrt(W)]
     :param magnitude: [R, chirps] mean magnitude over channels, the map that the choice was made on [sqrt(W)]
+    :param interval: [D, R] widths of the Doppler axis to add to the velocities of the cells, see :func:`unfold`
     """
 
     cells: Int64[np.ndarray, "peaks rows"]
     range_channel: Complex[np.ndarray, "peaks rows channels"]
     magnitude: Float32[np.ndarray, "rows chirps"]
+    interval: Int64[np.ndarray, "peaks rows"]
+
+    def velocities_mps(self, waveform: Waveform) -> Float64[np.ndarray, "peaks rows"]:
+        """[D, R] velocity of each peak [m/s], positive is receding."""
+        return waveform.velocities_mps[self.cells] + waveform.velocity_span_mps * self.interval
 
 
 def range_doppler(
@@ -40,7 +48,8 @@ def range_doppler(
 ) -> Complex[np.ndarray, "rows chirps channels"]:
     """[R, chirps, C] range-Doppler spectra of a cube [chirps, samples, C], velocity rising.
 
-    Hann windows in range and Doppler; each FFT is divided by its window's sum, so that an on-grid target reads |A|.
+    Hann windows in range and Doppler; each FFT is divided by its window's sum, so that an on-grid target reads |A|. Of
+    TX that take turns the channels are turned back to TX 0 (:func:`shared.signal.tdm.compensated`).
     """
     waveform = radar.waveform
     expected = (waveform.chirps, waveform.samples)
@@ -52,7 +61,7 @@ def range_doppler(
     window = hann(waveform.chirps)
     spectrum *= (window / window.sum()).astype(np.float32)[:, None]
     spectrum = scipy.fft.fft(spectrum, axis=1, overwrite_x=True)
-    return scipy.fft.fftshift(spectrum, axes=1)
+    return compensated(scipy.fft.fftshift(spectrum, axes=1), radar)
 
 
 def select_doppler(
@@ -99,4 +108,14 @@ def selection_at(
         cells=cells,
         range_channel=np.ascontiguousarray(spectra[np.arange(len(spectra))[None, :], cells]),
         magnitude=magnitude.astype(np.float32),
+        interval=np.zeros_like(cells),
     )
+
+
+def unfold(selection: DopplerSelection, radar: Radar) -> DopplerSelection:
+    """The selection with the velocity interval of each peak, as far as a TDM radar's coinciding elements tell it.
+
+    See :func:`shared.signal.tdm.unfolded`; the same selection where all TX send at once.
+    """
+    range_channel, interval = unfolded(selection.range_channel, selection.cells, selection.magnitude, radar)
+    return replace(selection, range_channel=range_channel, interval=interval)

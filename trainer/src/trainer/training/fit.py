@@ -16,7 +16,7 @@ from lightning.pytorch.loggers import TensorBoardLogger
 from lightning.pytorch.trainer.states import TrainerStatus
 
 from shared.dataset.locations import Location
-from shared.dataset.writing import remove_partial
+from shared.dataset.writing import PARTIAL, remove_partial
 from shared.physics.errors import InputError
 from trainer.data.arrays import choose_array
 from trainer.errors import TrainingStopped, out_of_memory
@@ -162,7 +162,7 @@ def _fit(
 
 def _prepare(out: Path, run: Run, resume: bool) -> None:
     """Note the run, or check that the one in the folder is this one."""
-    if not resume:
+    if not resume or _killed_at_its_note(out):
         write_run(out, run)
         return
     if not (out / RUN_FILE).is_file():
@@ -171,6 +171,11 @@ def _prepare(out: Path, run: Run, resume: bool) -> None:
     for part in ("config", "radar", "array", "datasets", "weights"):
         _same(out, part, getattr(before, part), getattr(run, part))
     remove_partial(out)
+
+
+def _killed_at_its_note(out: Path) -> bool:
+    """Whether a run ended while it wrote the first of its files: there is nothing yet to go on with."""
+    return not (out / RUN_FILE).exists() and (out / (RUN_FILE + PARTIAL)).exists()
 
 
 def _same(out: Path, part: str, before: object, now: object) -> None:

@@ -155,7 +155,7 @@ def _place(target: Target, frame: Frame, radar: Radar) -> int | None:
 
 def _same_velocity(velocities: NDArray[np.floating], velocity_mps: float, radar: Radar) -> NDArray[np.bool_]:
     """Whether Doppler cells hold a velocity, which folds at the ends of the axis."""
-    step, span = radar.waveform.velocity_step_mps, radar.waveform.velocity_step_mps * radar.waveform.chirps
+    step, span = radar.waveform.velocity_step_mps, radar.waveform.velocity_span_mps
     difference = (np.asarray(velocities, dtype=np.float64) - velocity_mps + 0.5 * span) % span - 0.5 * span
     return np.abs(difference) <= REACH_CELLS * step
 

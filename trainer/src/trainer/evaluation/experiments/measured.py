@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from shared.physics.errors import InputError, figure_text
 from shared.physics.units import SPEED_OF_LIGHT
-from trainer.data.matlab_files import read_complex_arrays
-from trainer.data.numpy_files import read_npy
+from trainer.captures.matlab_files import read_complex_arrays
+from trainer.captures.numpy_files import read_npy
 from trainer.estimators.base import ESTIMATORS, UNIFORM_ESTIMATORS, Estimator, LineArray
 from trainer.estimators.ml import MaximumLikelihood
 from trainer.estimators.music import Music

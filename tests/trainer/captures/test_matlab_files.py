@@ -10,7 +10,7 @@ import pytest
 import scipy.io
 
 from shared.physics.errors import InputError
-from trainer.data.matlab_files import read_complex_arrays
+from trainer.captures.matlab_files import read_complex_arrays
 
 
 @pytest.mark.parametrize("packed", [False, True])

@@ -1,0 +1,175 @@
+"""Radars by name and from files: the presets, the boards, and the TOML file."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from shared.physics.errors import InputError
+from shared.radar.antenna import PatchPattern, read_table
+from shared.radar.arrays import virtual_sensor_256
+from shared.radar.boards import BOARDS, mirrored
+from shared.radar.profile import ChirpProfile, read_cfg
+from shared.radar.radar import Radar, first_validation_error
+from shared.radar.waveform import Waveform
+
+
+def _virtual_preset() -> Radar:
+    waveform = Waveform()
+    return Radar(name="avr-qdm-110-virtual", waveform=waveform, array=virtual_sensor_256(waveform.carrier_hz))
+
+
+def board_radar(name: str, mirror: bool = False) -> Radar:
+    """A board of :data:`shared.radar.boards.BOARDS` with chirps to simulate; mirrored if asked for.
+
+    :raises InputError: an unknown name
+    """
+    if name not in BOARDS:
+        raise InputError("board", f"{name!r}", f"one of {list(BOARDS)}")
+    board = BOARDS[name]()
+    array = mirrored(board.array) if mirror else board.array
+    return Radar(name=name, waveform=board.profile.waveform(len(array.tx_m)), array=array, front_end=board.front_end)
+
+
+PRESETS: dict[str, Callable[[], Radar]] = {
+    "avr-qdm-110": lambda: Radar(name="avr-qdm-110"),
+    "avr-qdm-110-virtual": _virtual_preset,
+    **{name: partial(board_radar, name) for name in BOARDS},
+}
+"""The paper's sensor, its enhanced virtual twin, and the boards, by the name that ``--radar`` takes."""
+
+DEFAULT_RADAR = "avr-qdm-110"
+
+MAXIMUM_RESIDUAL_PHASE_RAD = 0.3
+"""The first order of exp(j x) that the phase noise's model keeps is then wrong by at most x^2 / 2, -27 dB."""
+
+
+def load_radar(name_or_path: str) -> Radar:
+    """A preset by name, or a TOML file with the tables ``waveform``, ``array``, ``front_end``, ``grid``.
+
+    The file states only what differs from the default radar, or from ``board = "NAME"``. ``mirror = true`` exchanges
+    left and right of the board. The table ``capture`` states chirps as :class:`shared.radar.profile.ChirpProfile` does;
+    ``capture = "FILE.cfg"`` takes them from a configuration of the mmWave SDK beside the file. A pattern may be named
+    by a file beside it: ``tx_pattern = { kind = "table", file = "pattern.csv" }``, see
+    :class:`shared.radar.antenna.TablePattern`.
+
+    :raises InputError: an unknown name, an unreadable file, a field or value that the radar does not allow, alone or
+        together with others
+    """
+    if name_or_path in PRESETS:
+        return PRESETS[name_or_path]()
+    return load_capture_radar(name_or_path, None)[0]
+
+
+def load_capture_radar(path_of_radar: str, board: str | None, mirror: bool = False) -> tuple[Radar, bool]:
+    """(the radar of a TOML file, or of a ``.cfg`` of the mmWave SDK, whether its samples are real).
+
+    :param board: that the file describes the chirps of, in place of the file's own
+    :raises InputError: as :func:`load_radar`
+    """
+    path = Path(path_of_radar)
+    if not path.is_file():
+        problem = f"no preset and no file {path_of_radar!r}"
+        raise InputError("--radar", problem, f"a TOML file or one of {list(PRESETS)}")
+    try:
+        if path.suffix == ".cfg":
+            document: dict[str, Any] = {"capture": path.name}
+        else:
+            document = tomllib.loads(path.read_text(encoding="utf-8"))
+        if board is not None:
+            document["board"] = board
+        if mirror:
+            document["mirror"] = not document.get("mirror", False)
+        _read_pattern_tables(path, document)
+        real = _on_board(path, document)
+        radar = Radar.model_validate({"name": path.stem, **document})
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError, OSError) as error:
+        raise InputError(path, f"not readable as TOML: {error}", "a TOML file in UTF-8") from error
+    except ValidationError as error:
+        raise InputError(path, *first_validation_error(error)) from error
+    _check_together(path, radar)
+    return radar, real
+
+
+def _on_board(path: Path, document: dict[str, Any]) -> bool:
+    """Put what ``board``, ``mirror`` and ``capture`` say in place of them; whether the samples are real."""
+    name, mirror, capture = (document.pop(key, None) for key in ("board", "mirror", "capture"))
+    if name is None and mirror is None and capture is None:
+        return False
+    for key, value, kind, expected in (
+        ("board", name, str, f"one of {list(BOARDS)}"),
+        ("mirror", mirror, bool, "true or false"),
+        ("capture", capture, (dict, str), "a table of chirps, or the name of a .cfg file"),
+    ):
+        if value is not None and not isinstance(value, kind):
+            raise InputError(path, f"{key} = {value!r}", expected)
+    if name is not None and name not in BOARDS:
+        raise InputError(path, f"board = {name!r}", f"one of {list(BOARDS)}")
+    if mirror and name is None:
+        raise InputError(path, "mirror = true without a board", 'board = "NAME" beside it')
+    base = Radar() if name is None else board_radar(name, bool(mirror))
+    fields = {"waveform": base.waveform.model_dump(), "front_end": base.front_end.model_dump()}
+    array, real = base.array, name is not None and BOARDS[name]().profile.real
+    if capture is not None:
+        try:
+            of_file = isinstance(capture, str)
+            profile = read_cfg(path.parent / capture) if of_file else ChirpProfile.model_validate(capture)
+        except ValidationError as error:
+            problem, expected = first_validation_error(error)
+            raise InputError(path, f"capture: {problem}", expected) from error
+        try:
+            array = profile.array(array)
+        except ValueError as error:
+            raise InputError(path, f"capture: {error}") from error
+        fields["waveform"], real = profile.waveform(len(array.tx_m)).model_dump(), profile.real
+    document.setdefault("array", array.model_dump())
+    for table, values in fields.items():
+        given = document.get(table, {})
+        document[table] = {**values, **given} if isinstance(given, dict) else given
+    return real
+
+
+def _read_pattern_tables(path: Path, document: dict[str, Any]) -> None:
+    """Put the patterns themselves where the document names their files, relative to the folder of ``path``."""
+    front_end = document.get("front_end")
+    for name in ("tx_pattern", "rx_pattern"):
+        pattern = front_end.get(name) if isinstance(front_end, dict) else None
+        if not isinstance(front_end, dict) or not isinstance(pattern, dict) or "file" not in pattern:
+            continue
+        field, file, outside = f"front_end.{name}", pattern["file"], pattern.get("outside_gain_dbi")
+        if pattern.get("kind") != "table":
+            raise InputError(path, f"{field}.kind = {pattern.get('kind')!r} with a file", "kind = 'table'")
+        unknown = sorted(set(pattern) - {"kind", "file", "outside_gain_dbi"})
+        if unknown:
+            raise InputError(path, f"{field}.{unknown[0]} beside a file", "kind, file and outside_gain_dbi alone")
+        if not isinstance(file, str) or not file:
+            raise InputError(path, f"{field}.file = {file!r}", "the name of a CSV file")
+        if outside is not None and (isinstance(outside, bool) or not isinstance(outside, int | float)):
+            raise InputError(path, f"{field}.outside_gain_dbi = {outside!r}", "a number [dBi]")
+        front_end[name] = read_table(path.parent / file, outside)
+
+
+def _check_together(path: Path, radar: Radar) -> None:
+    """What waveform, array and front end allow only together."""
+    waveform, tx_count = radar.waveform, len(radar.array.tx_m)
+    turn = waveform.chirp_interval_s / tx_count
+    # A part in 1e9: intervals written as a rounded multiple of the duration are meant to be that multiple.
+    if waveform.multiplexing == "tdm" and turn < waveform.chirp_duration_s * (1.0 - 1e-9):
+        problem = f"waveform.chirp_interval_s = {waveform.chirp_interval_s!r} leaves each of {tx_count} TX {turn:g} s"
+        expected = f"at least {tx_count} x chirp_duration_s = {tx_count * waveform.chirp_duration_s:g} with tdm"
+        raise InputError(path, problem, expected)
+    for end in ("tx", "rx"):
+        pattern, polarization = (getattr(radar.front_end, f"{end}_{name}") for name in ("pattern", "polarization"))
+        axis = {"V": "z", "H": "y"}[polarization]
+        if isinstance(pattern, PatchPattern) and pattern.resonant_along != axis:
+            problem = f"front_end.{end}_pattern.resonant_along = {pattern.resonant_along!r}"
+            raise InputError(path, problem, f"{axis!r} with {end}_polarization = {polarization!r}")
+    noise = radar.front_end.phase_noise
+    if noise is not None and noise.residual_rad(waveform) > MAXIMUM_RESIDUAL_PHASE_RAD:
+        problem = f"front_end.phase_noise leaves {noise.residual_rad(waveform):.2g} rad on the farthest echo"
+        raise InputError(path, problem, f"at most {MAXIMUM_RESIDUAL_PHASE_RAD} rad, where its model holds")

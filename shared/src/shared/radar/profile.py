@@ -1,0 +1,183 @@
+"""The chirps of a TI radar as its tools state them, and the :class:`Waveform` that this is.
+
+A chirp takes its turn in ``idle_time + ramp_end_time``. Its frequency rises from ``start_frequency`` at the end of the
+idle time, and sampling begins ``adc_start_time`` later (mmWave SDK user guide, ``profileCfg``; mmWave Studio the same).
+What is sampled is therefore a sweep that begins at
+
+    f_c = start_frequency + slope * adc_start_time
+
+and covers B = slope * samples / sample_rate. TX send one after the other in the order of ``tx``, again from the first
+in the next loop. Not supported: chirps of several TX (BPM, DDM, beamforming), falling ramps.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
+
+from shared.physics.errors import InputError
+from shared.radar.arrays import AntennaArray
+from shared.radar.waveform import Duration, Frequency, Waveform
+
+Number = Annotated[int, Field(ge=1, le=64)]
+LARGEST_CFG = 2**20
+"""Bytes of a configuration; those of the SDK's demos have some 2000."""
+
+
+class ChirpProfile(BaseModel):
+    """Chirps of a frame.
+
+    :param start_frequency_hz: at the begin of the ramp
+    :param slope_hz_per_s: of the ramp
+    :param idle_time_s: before the ramp
+    :param adc_start_time_s: from the ramp's begin to the first sample
+    :param ramp_end_time_s: length of the ramp
+    :param samples: a chirp
+    :param sample_rate_hz: of the converter
+    :param chirps: of each TX in a frame ("loops")
+    :param tx: numbers of the TX as the board has them, from 1, in the order they send; all by default
+    :param rx: numbers of the RX that were recorded, rising; all by default
+    :param real: True where the converter records the in-phase signal alone
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    start_frequency_hz: Frequency
+    slope_hz_per_s: Annotated[FiniteFloat, Field(gt=0, le=1e16)]
+    idle_time_s: Annotated[FiniteFloat, Field(ge=0, le=1e3)] = 0.0
+    adc_start_time_s: Annotated[FiniteFloat, Field(ge=0, le=1e3)] = 0.0
+    ramp_end_time_s: Duration
+    samples: Annotated[int, Field(ge=1, le=2**20)]
+    sample_rate_hz: Frequency
+    chirps: Annotated[int, Field(ge=1, le=2**16)]
+    tx: tuple[Number, ...] = ()
+    rx: tuple[Number, ...] = ()
+    real: bool = False
+
+    @model_validator(mode="after")
+    def _within_the_ramp(self) -> ChirpProfile:
+        end = self.adc_start_time_s + self.samples / self.sample_rate_hz
+        if end > self.ramp_end_time_s * (1.0 + 1e-9):
+            raise ValueError(f"samples end {end:g} s after the ramp began; expected at most {self.ramp_end_time_s:g} s")
+        if len(set(self.tx)) != len(self.tx):
+            raise ValueError(f"tx = {list(self.tx)}; expected each TX once")
+        if list(self.rx) != sorted(set(self.rx)):
+            raise ValueError(f"rx = {list(self.rx)}; expected rising numbers without repetition")
+        return self
+
+    def array(self, board: AntennaArray) -> AntennaArray:
+        """The elements in use, TX in the order they send.
+
+        :raises ValueError: numbers that the board does not have
+        """
+        chosen = []
+        for name, numbers, positions in (("tx", self.tx, board.tx_m), ("rx", self.rx, board.rx_m)):
+            if beyond := [number for number in numbers if number > len(positions)]:
+                raise ValueError(f"{name} = {list(numbers)}: there is no {beyond[0]}; expected 1 to {len(positions)}")
+            chosen.append(tuple(positions[number - 1] for number in numbers) or positions)
+        return AntennaArray(tx_m=chosen[0], rx_m=chosen[1])
+
+    def waveform(self, tx_count: int) -> Waveform:
+        """The sweep that is sampled. Of real samples half the range bins are mirror images, and left out."""
+        duration = self.samples / self.sample_rate_hz
+        return Waveform(
+            carrier_hz=self.start_frequency_hz + self.slope_hz_per_s * self.adc_start_time_s,
+            bandwidth_hz=self.slope_hz_per_s * duration,
+            chirp_duration_s=duration,
+            chirp_interval_s=tx_count * (self.idle_time_s + self.ramp_end_time_s),
+            chirps=self.chirps,
+            samples=self.samples,
+            range_bins=max(self.samples // 2, 1) if self.real else self.samples,
+            multiplexing="tdm" if tx_count > 1 else "simultaneous",
+        )
+
+
+def read_cfg(path: Path) -> ChirpProfile:
+    """The chirps of a configuration of the mmWave SDK's demos: ``channelCfg``, ``adcCfg``, ``profileCfg``, ``chirpCfg``
+    and ``frameCfg`` (mmWave SDK user guide, "Configuration file format").
+
+    :raises InputError: a line that is missing, not understood, or that asks for what is not supported
+    """
+    lines = _lines(path)
+    profile, frame = _numbers(path, lines, "profileCfg", 11), _numbers(path, lines, "frameCfg", 3)
+    channel = _numbers(path, lines, "channelCfg", 2)
+    adc = _numbers(path, lines, "adcCfg", 2) if "adcCfg" in lines else [2.0, 1.0]
+    tx = _senders(path, lines, int(frame[0]), int(frame[1]))
+    try:
+        return ChirpProfile(
+            start_frequency_hz=profile[1] * 1e9,
+            idle_time_s=profile[2] * 1e-6,
+            adc_start_time_s=profile[3] * 1e-6,
+            ramp_end_time_s=profile[4] * 1e-6,
+            slope_hz_per_s=profile[7] * 1e12,
+            samples=int(profile[9]),
+            sample_rate_hz=profile[10] * 1e3,
+            chirps=int(frame[2]),
+            tx=tx,
+            rx=_set_bits(int(channel[0])),
+            real=adc[1] == 0,
+        )
+    except ValidationError as error:
+        fault = error.errors()[0]
+        raise InputError(path, f"{'.'.join(map(str, fault['loc'])) or 'profileCfg'}: {fault['msg']}") from error
+
+
+def _lines(path: Path) -> dict[str, list[list[str]]]:
+    """The words after each command, by command."""
+    expected = "a configuration of the mmWave SDK"
+    try:
+        if path.stat().st_size > LARGEST_CFG:
+            raise InputError(path, f"{path.stat().st_size} bytes", f"at most {LARGEST_CFG}")
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(path, f"not readable: {error}", expected) from error
+    found: dict[str, list[list[str]]] = {}
+    for line in text.splitlines():
+        command, *words = line.split("%")[0].split() or [""]
+        if command:
+            found.setdefault(command, []).append(words)
+    return found
+
+
+def _numbers(path: Path, lines: dict[str, list[list[str]]], command: str, count: int) -> list[float]:
+    """The numbers of a command that stands there once."""
+    given = lines.get(command, [])
+    if len(given) != 1:
+        raise InputError(path, f"{len(given)} lines {command}", "exactly one: one profile, one frame")
+    return _as_numbers(path, command, given[0], count)
+
+
+def _as_numbers(path: Path, command: str, words: list[str], count: int) -> list[float]:
+    try:
+        numbers = [float(word) for word in words]
+    except ValueError as error:
+        raise InputError(path, f"{command}: {error}", "numbers") from error
+    if len(numbers) < count or not all(abs(number) < 2**53 for number in numbers):  # NaN too
+        raise InputError(path, f"{command} {' '.join(words)}", f"at least {count} finite numbers")
+    return numbers
+
+
+def _senders(path: Path, lines: dict[str, list[list[str]]], first: int, last: int) -> tuple[int, ...]:
+    """The TX that chirps ``first`` to ``last`` are sent by, one after the other."""
+    masks: dict[int, int] = {}
+    for words in lines.get("chirpCfg", []):
+        numbers = _as_numbers(path, "chirpCfg", words, 8)
+        begin, end = int(numbers[0]), int(numbers[1])
+        if not 0 <= begin <= end < 512:
+            raise InputError(path, f"chirpCfg {begin} {end}", "chirps from 0 to 511, rising")
+        masks.update(dict.fromkeys(range(begin, end + 1), int(numbers[7])))
+    if not 0 <= first <= last < 512 or not set(range(first, last + 1)) <= masks.keys():
+        raise InputError(path, f"frameCfg {first} {last}", "chirps that a chirpCfg describes")
+    senders = [_set_bits(masks[chirp]) for chirp in range(first, last + 1)]
+    for chirp, numbers_of_tx in enumerate(senders, first):
+        if len(numbers_of_tx) != 1:
+            problem = f"chirp {chirp} is sent by TX {list(numbers_of_tx)}"
+            raise InputError(path, problem, "one TX a chirp; BPM, DDM and beamforming are not supported")
+    return tuple(numbers_of_tx[0] for numbers_of_tx in senders)
+
+
+def _set_bits(mask: int) -> tuple[int, ...]:
+    """Numbers from 1 of the bits that are set."""
+    return tuple(bit + 1 for bit in range(16) if mask >> bit & 1)

@@ -1,0 +1,169 @@
+"""Cubes in files: what ``trainer import`` writes, and what ``predict`` and ``evaluate`` read.
+
+A ``.npz`` holds three arrays:
+
+- ``cube``: complex64 [chirp, sample, C] or [frame, chirp, sample, C]; C rx-major, channel = TX count * rx + tx;
+- ``radar``: the fields of a radar's TOML file as JSON text;
+- ``capture``: a :class:`Capture` as JSON text, sealed (:mod:`shared.dataset.documents`). A cube that was simulated, or
+  written by hand, has none.
+
+The samples follow eq. (1) of the paper, exp(+j 2 pi (mu t tau + f_c tau)): a target on the left has u > 0, a receding
+one a positive velocity (:mod:`shared.signal.signal`). A ``.npy`` holds the cube alone; its radar is named beside it.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+
+from shared.dataset.documents import sealed, unsealed
+from shared.dataset.writing import atomic
+from shared.physics.errors import InputError
+from shared.radar import Radar, first_validation_error, load_radar
+from trainer.captures.numpy_files import read_npy, read_npz
+
+LARGEST_SAMPLE = 1e12
+"""Of a cube [sqrt(W), or counts of a converter]; powers of more, summed over a frame, leave single precision."""
+SHA256 = r"^[0-9a-f]{64}$"
+
+Sha256 = Annotated[str, Field(pattern=SHA256)]
+Channel = Annotated[int, Field(ge=0)]
+
+
+class Capture(BaseModel):
+    """Where an imported cube comes from, and what its numbers mean.
+
+    :param source: name of the file that was imported
+    :param source_sha256: of that file; of several files, of their digests one after the other
+    :param board: name of the board, see :mod:`shared.radar.boards`
+    :param frames: in the cube
+    :param scale: "sqrt(W)" where the converter's full scale is known, else "relative": the samples are in units of the
+        converter, and levels mean something only relative to each other
+    :param noise_power: of one channel in one range-Doppler cell, in the square of the cube's unit, as measured
+    :param calibration: SHA-256 of the calibration file that was applied; None without
+    :param model_error_db: what calibration left of a reflector, power relative to the reflector's [dB]; None if unknown
+    :param dead_channels: channels without an echo, which nothing should be concluded from
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    source: str
+    source_sha256: Sha256
+    board: str
+    frames: Annotated[int, Field(ge=1)]
+    scale: Literal["sqrt(W)", "relative"]
+    noise_power: Annotated[FiniteFloat, Field(ge=0)]
+    calibration: Sha256 | None = None
+    model_error_db: FiniteFloat | None = None
+    dead_channels: tuple[Channel, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class CubeFile:
+    """A cube that was read.
+
+    :param cube: [frame, chirp, sample, C] complex64
+    :param capture: None for a cube that was not imported
+    """
+
+    cube: NDArray[np.complex64]
+    radar: Radar
+    capture: Capture | None
+
+
+def write_cube(path: Path, cube: NDArray[np.complexfloating], radar: Radar, capture: Capture) -> None:
+    """Write ``path`` in one step; the same content makes the same bytes.
+
+    :param cube: [frame, chirp, sample, C]; of one frame that axis is left out in the file
+    :raises ValueError: a cube that does not fit radar or capture
+    """
+    if cube.shape != (capture.frames, *frame_shape(radar)):
+        raise ValueError(f"cube of shape {cube.shape}; expected {(capture.frames, *frame_shape(radar))}")
+    stored = cube.astype(np.complex64, copy=False)
+    text = json.dumps(sealed(capture.model_dump(mode="json")), sort_keys=True)
+    with atomic(path) as partial, partial.open("wb") as handle:
+        np.savez(
+            handle,
+            cube=stored[0] if capture.frames == 1 else stored,
+            radar=np.asarray(radar.model_dump_json()),
+            capture=np.asarray(text),
+        )
+
+
+def read_cube(path: Path, radar: str | None) -> CubeFile:
+    """A cube with its radar, checked.
+
+    :param radar: a preset or TOML file, which a ``.npy`` needs and which goes before the one in a ``.npz``
+    :raises InputError: a file that is missing, damaged or without what it needs, or that does not fit its radar
+    """
+    if not path.is_file() or path.suffix not in (".npy", ".npz"):
+        raise InputError("INPUT", f"{path}", "the folder of a dataset, or a cube as .npy or .npz")
+    capture = None
+    if path.suffix == ".npy":
+        if radar is None:
+            raise InputError("--radar", "not given", f"the radar that measured {path}")
+        cube, found = read_npy(path), load_radar(radar)
+    else:
+        content = read_npz(path)
+        if missing := {"cube", "radar"} - content.keys():
+            raise InputError(path, f"no array {min(missing)!r}", "the arrays 'cube' and 'radar'")
+        cube = content["cube"]
+        found = _radar(path, str(content["radar"])) if radar is None else load_radar(radar)
+        capture = _capture(path, str(content["capture"])) if "capture" in content else None
+    frames = _checked(path, cube, found)
+    if capture is not None:
+        _check_capture(path, capture, frames)
+    return CubeFile(frames, found, capture)
+
+
+def frame_shape(radar: Radar) -> tuple[int, int, int]:
+    """(chirps, samples, channels) of a frame's cube."""
+    return radar.waveform.chirps, radar.waveform.samples, radar.array.channels
+
+
+def _checked(path: Path, cube: NDArray[Any], radar: Radar) -> NDArray[np.complex64]:
+    expected = frame_shape(radar)
+    if cube.shape[-3:] != expected or cube.ndim not in (3, 4) or not cube.size or not np.iscomplexobj(cube):
+        raise InputError(
+            path, f"cube is {cube.dtype} {list(cube.shape)}",
+            f"complex64 [chirp, sample, channel] = {list(expected)} of radar {radar.name!r}, or several such frames",
+        )  # fmt: skip
+    if bad := int(np.count_nonzero(~np.isfinite(cube))):
+        raise InputError(path, f"cube has {bad} values that are not finite", "finite samples")
+    if (largest := np.abs(cube).max()) > LARGEST_SAMPLE:
+        raise InputError(path, f"cube has samples of {largest:.3g}", f"at most {LARGEST_SAMPLE:g}")
+    return cube.reshape(-1, *expected).astype(np.complex64)
+
+
+def _radar(path: Path, text: str) -> Radar:
+    try:
+        return Radar.model_validate({"name": path.stem, **json.loads(text)})
+    except ValidationError as error:
+        raise InputError(f"{path}: radar", *first_validation_error(error)) from error
+    except (ValueError, TypeError, RecursionError) as error:
+        raise InputError(path, f"radar is not JSON: {error}", "a radar's fields as JSON text") from error
+
+
+def _capture(path: Path, text: str) -> Capture:
+    try:
+        return Capture.model_validate(unsealed(path, json.loads(text)))
+    except InputError:
+        raise
+    except ValidationError as error:
+        raise InputError(f"{path}: capture", *first_validation_error(error)) from error
+    except (ValueError, TypeError, RecursionError) as error:
+        raise InputError(path, f"capture is not JSON: {error}", "a capture's fields as JSON text") from error
+
+
+def _check_capture(path: Path, capture: Capture, frames: NDArray[np.complex64]) -> None:
+    if capture.frames != len(frames):
+        raise InputError(path, f"capture says {capture.frames} frames, cube has {len(frames)}", "one as it was written")
+    if beyond := [channel for channel in capture.dead_channels if channel >= frames.shape[-1]]:
+        problem = f"capture names the dead channel {beyond[0]}"
+        raise InputError(path, problem, f"one of the {frames.shape[-1]} of the cube")
