@@ -2,7 +2,6 @@
 
 from shared.radar.front_end import FrontEnd
 from shared.radar.radar import (
-    DEFAULT_RADAR,
     PRESETS,
     ImageGrid,
     Radar,
@@ -10,4 +9,4 @@ from shared.radar.radar import (
     load_radar,
 )
 
-__all__ = ["DEFAULT_RADAR", "PRESETS", "FrontEnd", "ImageGrid", "Radar", "first_validation_error", "load_radar"]
+__all__ = ["PRESETS", "FrontEnd", "ImageGrid", "Radar", "first_validation_error", "load_radar"]

@@ -150,8 +150,6 @@ def _virtual_preset() -> Radar:
 PRESETS = {"avr-qdm-110": lambda: Radar(name="avr-qdm-110"), "avr-qdm-110-virtual": _virtual_preset}
 """The paper's sensor and its enhanced virtual twin, by the name that ``--radar`` takes."""
 
-DEFAULT_RADAR = "avr-qdm-110"
-
 MAXIMUM_RESIDUAL_PHASE_RAD = 0.3
 """The first order of exp(j x) that the phase noise's model keeps is then wrong by at most x^2 / 2, -27 dB."""
 
