@@ -259,9 +259,7 @@ def _turned_back(field: Complex, arrival: Real, departure: Real) -> Complex:
     return total
 
 
-def _echoes_behind_panes(
-    surfaces: _Surfaces, waves: _Waves, hits: _Hits, settings: TraceSettings, rays: int
-) -> Bundle:
+def _echoes_behind_panes(surfaces: _Surfaces, waves: _Waves, hits: _Hits, settings: TraceSettings, rays: int) -> Bundle:
     """What is scattered back through the first surface by what stands behind it."""
     field = surfaces.passed(waves, hits, waves.field)
     through = np.flatnonzero(np.linalg.norm(field, axis=1) > FAINTEST)
@@ -275,9 +273,7 @@ def _echoes_behind_panes(
     _, reflected = surfaces.reflected(behind, beyond)
     share = np.linalg.norm(reflected, axis=1) / np.linalg.norm(behind.field, axis=1)
     scattered = _turned_back(behind.field, behind.direction, home) * share[:, None]
-    return _bundle(
-        surfaces, behind, beyond, surfaces.passed(behind, panes, scattered), home, settings, rays, 2
-    )
+    return _bundle(surfaces, behind, beyond, surfaces.passed(behind, panes, scattered), home, settings, rays, 2)
 
 
 def _bundle(

@@ -205,9 +205,7 @@ def solver_paths(scene: Any, settings: TraceSettings, fan: RayFan, seed: int) ->
         )
 
 
-def solve(
-    scene: Any, merged_scene: MergedScene, pose: Pose, settings: TraceSettings, fan: RayFan, seed: int
-) -> Solved:
+def solve(scene: Any, merged_scene: MergedScene, pose: Pose, settings: TraceSettings, fan: RayFan, seed: int) -> Solved:
     """Trace one frame.
 
     :param scene: of :func:`radio_scene`
