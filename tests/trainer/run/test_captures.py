@@ -97,7 +97,8 @@ def test_a_stretched_array_is_taken_as_far_as_the_truth_s_cell_allows(tmp_path):
 
 
 def test_a_capture_of_another_band_is_imaged_by_the_run(tmp_path):
-    cube, said = write_capture(tmp_path / "cube.npz", other_radar(shift_m=0.003)), []
+    cube = write_capture(tmp_path / "cube.npz", other_radar(shift_m=0.003))
+    said: list[str] = []
     assert predict(make_run(tmp_path / "run"), cube, tmp_path / "out", announce=said.append) == 1
     assert len(said) == 3
     table = pq.read_table(tmp_path / "out/images.parquet")
