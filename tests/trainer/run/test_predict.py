@@ -7,17 +7,18 @@ import onnxruntime
 import pyarrow.parquet as pq
 import pytest
 import torch
-from tiny_radar import NOISE_POWER, RADAR, frame, small_dataset, write_dataset
-from tiny_run import make_run
+from tiny_radar import NOISE_POWER, RADAR, frame, small_dataset, tiny, write_dataset
+from tiny_run import make_run, run_of
 
 from shared.physics.errors import InputError
 from shared.signal import if_signal
 from shared.signal.adaptive import adaptive_tables
 from shared.signal.features import adaptive_features, row_features, steering_weights
 from trainer.data.measurements import Measurement, open_measurements
+from trainer.run.answers import answer_peaks
 from trainer.run.export import export
 from trainer.run.folder import load_imager
-from trainer.run.predict import answer_peaks, merge_peaks, predict
+from trainer.run.predict import merge_peaks, predict
 
 SPECTRAL = {"model": "spectral-unet"}
 SHAPE = (RADAR.waveform.range_bins, RADAR.grid.bins)
@@ -93,6 +94,26 @@ def test_a_cube_is_imaged_and_its_target_is_where_it_was_put(tmp_path):
     assert RADAR.grid.u[das[row].argmax()] == pytest.approx(0.4 / np.hypot(2.0, 0.4), abs=RADAR.grid.step)
     assert predict(run, tmp_path / "cube.npz", tmp_path / "out", announce=str) == 1
     assert (tmp_path / "out/cube.png").is_file()
+
+
+def test_of_tx_in_turns_it_is_said_what_is_known_of_velocities(tmp_path):
+    waveform = RADAR.waveform.model_copy(update={"multiplexing": "tdm", "chirp_interval_s": 161.2e-6})
+    pair = RADAR.array.model_copy(update={"tx_m": ((0.0, 0.0, 0.0), (0.0, 2e-3, 0.0))})
+    radar = RADAR.model_copy(update={"waveform": waveform, "array": pair})
+    assert radar.velocity_intervals == 2
+    velocity = -0.6 * waveform.velocity_span_mps  # of which a Doppler cell says 0.4
+    place = np.array([[2.0, 0.4, 0.0]])
+    cube = if_signal(radar, place, velocity * place / np.linalg.norm(place), np.array([1e-6 + 0j]))
+    np.savez(tmp_path / "cube.npz", cube=cube.astype(np.complex64), radar=radar.model_dump_json())
+    said: list[str] = []
+    run = run_of(tmp_path / "run", radar, tiny())
+    assert predict(run, tmp_path / "cube.npz", tmp_path / "out", announce=said.append, pictures=False) == 1
+    assert "resolve 2 Doppler intervals of 12 m/s; velocities hold from -12 to 12 m/s" in said[0]
+    table, images = read_images(tmp_path / "out/images.parquet")
+    assert json.loads(table.schema.metadata[b"sparseradar"])["conventions"]["velocity"] == said[0]
+    row = round(np.linalg.norm(place) / waveform.range_step_m)
+    step = waveform.velocity_step_mps
+    assert np.abs(images["velocity"][0, row] - velocity).min() < 0.6 * step
 
 
 @pytest.mark.parametrize(

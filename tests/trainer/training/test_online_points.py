@@ -6,7 +6,8 @@ import torch
 from tiny_radar import RADAR
 
 from shared.radar import load_radar
-from shared.signal import if_signal_of_delays
+from shared.signal import if_signal, if_signal_of_delays
+from shared.signal.spectrum import range_doppler
 from shared.signal.windows import hann
 from trainer.training.drawn_targets import Targets
 from trainer.training.online_points import NEIGHBOURS, OnlinePoints, hann_response
@@ -85,6 +86,30 @@ def test_a_close_echo_has_the_curvature_of_the_signal_model(place):
     assert level == pytest.approx(1.0, abs=0.02)
     assert error < 0.05
     assert distance(spectrum, plane[0, 4].numpy())[1] > 0.1
+
+
+def test_of_tx_in_turns_an_echo_has_the_phase_that_compensation_leaves():
+    """A target a third of a cell off the centre of its Doppler cell, through the whole chain of eq. (1)."""
+    turn = {"multiplexing": "tdm", "chirp_duration_s": 40e-6, "chirp_interval_s": 120e-6, "chirps": 8}
+    radar = load_radar("avr-qdm-110")
+    radar = radar.model_copy(update={"waveform": radar.waveform.model_copy(update={**turn, "samples": 512})})
+    waveform, row = radar.waveform, 400.0
+    rate = (2 + 1 / 3) * waveform.velocity_step_mps
+    start = row * waveform.range_step_m - rate * waveform.mid_frame_s
+    cube = if_signal(radar, np.array([[start, 0.0, 0.0]]), np.array([[rate, 0.0, 0.0]]), np.ones(1))
+    seen = range_doppler(cube.astype(np.complex64), radar)[400, 4 + 2]
+    points = OnlinePoints(radar, "taylor-30", 48)
+    drawn, still = (torch.zeros(1, 630, 48, dtype=torch.complex64) for _ in range(2))
+    points._echoes([targets([row], [0.0], [1.0], first=0.0)], drawn, np.array([1 / 3]))
+    points._echoes([targets([row], [0.0], [1.0], first=0.0)], still)
+    assert distance(seen, drawn[0, 400].numpy())[1] < 0.01
+    assert distance(seen, still[0, 400].numpy())[1] > 0.05
+    crops = points(1, 7, range(6), 24, CPU)
+    at_once = radar.model_copy(update={"waveform": waveform.model_copy(update={"multiplexing": "simultaneous"})})
+    ideal = OnlinePoints(at_once, "taylor-30", 48)(1, 7, range(6), 24, CPU)
+    assert torch.equal(crops.image, ideal.image)
+    assert not torch.equal(crops.range_channel, ideal.range_channel)
+    torch.testing.assert_close(crops.range_channel[..., ::3], ideal.range_channel[..., ::3], atol=1e-3, rtol=1e-4)
 
 
 def test_echoes_add_and_a_row_outside_reaches_in():

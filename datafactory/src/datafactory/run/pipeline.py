@@ -24,6 +24,7 @@ from datafactory.run.shards import PATHS, ShardPlan, plan_shards
 from datafactory.run.workers import RunFailed, ShardWork, failure_line, run_shards
 from datafactory.scenes.materials.table import MaterialTable
 from shared.dataset import VERSION, arrow_schema, description
+from shared.signal.tdm import statement
 from shared.signal.windows import angle_window, point_spread
 
 Announce = Callable[[str], None]
@@ -86,6 +87,8 @@ def _rendered(order: Order, table: MaterialTable, execution: Execution) -> Repor
     require_room(execution.directory, frames, about["shapes"])
     if order.scenes:
         require_memory(settings.trace.rays, execution.workers)
+    if said := statement(order.radar):
+        execution.announce(said)
     prepared = prepare(order, table, execution.announce)
     job = _job(order, prepared, arrow_schema(about).serialize().to_pybytes())
     arguments = {
@@ -181,7 +184,7 @@ def _conventions(order: Order) -> dict[str, Any]:
         "conventions": {
             "frame": "x forward, y left, z up, origin at the centroid of the full array's RX; u = y / range",
             "units": "range_channel and image_peak in sqrt(W), noise_power in W per channel and range-Doppler cell",
-            "velocity": "range rate, positive is receding",
+            "velocity": "; ".join(filter(None, ("range rate, positive is receding", statement(order.radar)))),
             "image": "truth magnitude relative to image_peak; row r in the first Doppler cell of range bin r",
         },
         "truth": {

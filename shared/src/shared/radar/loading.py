@@ -43,8 +43,6 @@ PRESETS: dict[str, Callable[[], Radar]] = {
 }
 """The paper's sensor, its enhanced virtual twin, and the boards, by the name that ``--radar`` takes."""
 
-DEFAULT_RADAR = "avr-qdm-110"
-
 MAXIMUM_RESIDUAL_PHASE_RAD = 0.3
 """The first order of exp(j x) that the phase noise's model keeps is then wrong by at most x^2 / 2, -27 dB."""
 

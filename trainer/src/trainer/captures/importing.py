@@ -174,7 +174,7 @@ def measured_noise(cube: NDArray[np.complex64], radar: Radar, dead: tuple[int, .
     an echo; where more do, it is too high.
     """
     alive = [channel for channel in range(cube.shape[3]) if channel not in dead] or list(range(cube.shape[3]))
-    spectra = range_doppler(cube[0][:, :, alive], radar)
+    spectra = range_doppler(cube[0], radar)[..., alive]
     return float(np.median(np.abs(spectra) ** 2) / np.log(2.0))
 
 

@@ -6,13 +6,11 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from pydantic import ValidationError
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
-from shared.dataset import LARGEST_SEED
 from shared.physics.errors import InputError
-from shared.radar import first_validation_error
+from shared.processes.defaults import LARGEST_SEED
 
 
 def evaluate(
@@ -53,6 +51,9 @@ def evaluate(
 ) -> None:
     """Hold runs and classical estimators against each other: metrics, figures, and a page to look at."""
     # torch and matplotlib take seconds to import, and trainer --help should not.
+    from pydantic import ValidationError
+
+    from shared.radar import first_validation_error
     from trainer.evaluation.evaluate import evaluate as run_evaluate
     from trainer.evaluation.experiments.bench import EvaluationConfig
     from trainer.run.pretrained import pretrained_run

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from shared.dataset import LARGEST_SEED
+from shared.processes.defaults import LARGEST_SEED
 
 
 def fit(

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
-from shared.dataset import LARGEST_SEED
+from shared.processes.defaults import LARGEST_SEED
 from shared.signal.windows import ANGLE_WINDOWS
 
 Count = Annotated[int, Field(ge=1, le=10**9)]

@@ -10,7 +10,9 @@ element that a TX at y_t and an RX at y_r make, with y = y_t + y_r,
 with H the spectrum of the Hann window over the range samples and d the target's range: the curvature of the wave front
 to second order, less than 0.01 rad of error from 3 m on for an array of 94 mm. One Doppler cell, no range walk. The
 truth is the windowed matched filter of the virtual sensor, which knows the curvature, and therefore of plane waves;
-noise free. White noise of unit power in every channel is the scale of the amplitudes.
+noise free. White noise of unit power in every channel is the scale of the amplitudes. Of TX that take turns the
+channels are compensated for motion, as in every frame (:mod:`shared.signal.tdm`): what is left is the phase of a
+velocity off the centre of its Doppler cell, for each scatterer its own.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from numpy.typing import NDArray
 from shared.physics.units import db_to_power
 from shared.radar import Radar
 from shared.signal.imaging import steering_matrix
+from shared.signal.tdm import turns
 from shared.signal.windows import angle_window
 from trainer.metrics.cells import visible_cells
 from trainer.training.drawn_targets import NEAREST_M, Targets, draw_targets
@@ -62,6 +65,7 @@ class OnlinePoints:
         sensor, array = radar.virtual_sensor, radar.array
         wavenumber = 2.0 * np.pi / radar.waveform.wavelength_m
         self._radar, self._channels = radar, array.channels
+        self._turns = turns(radar)
         self._phase = wavenumber * np.concatenate([array.virtual[:, 1], sensor.virtual[:, 1]])
         squares = array.rx[:, None, 1] ** 2 + array.tx[None, :, 1] ** 2  # channels are rx-major
         self._curvature = 0.5 * wavenumber * np.concatenate([squares.ravel(), np.zeros(sensor.channels)])
@@ -77,15 +81,24 @@ class OnlinePoints:
         shape = (rows, self._channels, 2)
         noise = [generator.standard_normal(shape, dtype=np.float32) * np.float32(0.5**0.5) for generator in generators]
         snapshots = torch.from_numpy(np.stack(noise).view(np.complex64)[..., 0]).to(device)
-        image = self._echoes(drawn, snapshots)
+        off_cell = None
+        if self._turns.any():
+            pairs = zip(generators, drawn, strict=True)
+            off_cell = np.concatenate([generator.uniform(-0.5, 0.5, len(targets.row)) for generator, targets in pairs])
+        image = self._echoes(drawn, snapshots, off_cell)
         peak = image.amax(dim=(-2, -1))
         peak = torch.where(peak > 0, peak, 1.0)
         return PointCrops(
             snapshots, image / peak[:, None, None], peak.double(), self._spots(drawn, image.cpu().numpy()).to(device)
         )
 
-    def _echoes(self, drawn: list[Targets], snapshots: torch.Tensor) -> torch.Tensor:
-        """[B, R, U] the virtual sensor's image; the input array's echoes are added to ``snapshots`` [B, R, C]."""
+    def _echoes(
+        self, drawn: list[Targets], snapshots: torch.Tensor, off_cell: NDArray[np.float64] | None = None
+    ) -> torch.Tensor:
+        """[B, R, U] the virtual sensor's image; the input array's echoes are added to ``snapshots`` [B, R, C].
+
+        :param off_cell: [n] velocities of all scatterers, in Doppler cells off the centres of theirs
+        """
         crops, rows, channels = snapshots.shape
         device = snapshots.device
         crop = np.repeat(np.arange(crops), [len(targets.row) for targets in drawn])
@@ -94,6 +107,8 @@ class OnlinePoints:
         )
         distance_m = np.maximum((first + row) * self._radar.waveform.range_step_m, NEAREST_M)
         turned = -u[:, None] * self._phase + ((1.0 - u**2) / distance_m)[:, None] * self._curvature
+        if off_cell is not None:
+            turned[:, :channels] += 2.0 * np.pi / self._radar.waveform.chirps * off_cell[:, None] * self._turns
         # float32 keeps phases below a thousand radians to 1e-4.
         phase = torch.from_numpy(turned).float().to(device)
         echo = torch.polar(torch.ones_like(phase), phase)  # (n, C + V)

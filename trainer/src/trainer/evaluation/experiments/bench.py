@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 from pydantic import BaseModel, ConfigDict, Field
 
-from shared.dataset import LARGEST_SEED
 from shared.dataset.locations import Location
+from shared.processes.defaults import LARGEST_SEED
 from shared.radar import Radar
 from trainer.data.arrays import ArrayChoice
 from trainer.evaluation.experiments.contenders import Contender
