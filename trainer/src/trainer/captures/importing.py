@@ -85,10 +85,11 @@ def import_capture(
     if out.suffix != ".npz" or not out.parent.is_dir():
         raise InputError("--out", f"{out}", "a .npz in a folder that is there")
     found = None if calibration is None else read_calibration(calibration)
+    if found is not None:
+        found.require_fits(str(calibration), reading.board, described(reading).radar)
     raw = read_capture(source, reading)
     cube, dead = raw.cube, raw.dead
     if found is not None:
-        found.require_fits(str(calibration), reading.board, raw.radar)
         cube, dead = found.applied(cube, raw.radar), tuple(sorted({*dead, *found.dead_channels}))
     capture = Capture(
         source=source.name, source_sha256=raw.sha256, board=reading.board, frames=len(cube),
@@ -149,8 +150,8 @@ def _of_binary(
     if reading.axes is not None or reading.variable is not None:
         raise InputError("--axes or --variable", f"beside {source}", f"a file of arrays: {', '.join(SUFFIXES)}")
     if layout == "cascade":
-        digests = [sha256_of(file) for file in cascade_files(source)]
         cube = read_cascade(source, radar, reading.order, reading.frames, rx)
+        digests = [sha256_of(file) for file in cascade_files(source)]
         return cube, hashlib.sha256("".join(digests).encode()).hexdigest()
     if not source.is_file():
         names = f"a .bin of a DCA1000, {', '.join(SUFFIXES)}, or the folder of {' and '.join(DEVICES)} of a cascade"
