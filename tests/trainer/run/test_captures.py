@@ -67,27 +67,34 @@ def test_the_same_places_in_wavelengths_give_the_same_image(tmp_path):
     np.testing.assert_allclose(other, one, rtol=2e-3, atol=1e-3 * float(one.max()))
 
 
-def test_elements_are_found_wherever_the_line_stands():
+@pytest.mark.parametrize("stretch", [1.0, 0.934, 1.0812])
+def test_elements_are_found_wherever_the_line_stands(stretch):
     generator = np.random.default_rng(0)
     there = generator.uniform(-5.0, 5.0, (30, 2))
     chosen = generator.permutation(30)[:7]
-    wanted = there[chosen] + np.array([3.0, -1.0])
-    found, misfit = matching_elements(wanted, there)
+    wanted = there[chosen] / stretch + np.array([3.0, -1.0])
+    found, misfit, seen = matching_elements(wanted, there)
     assert found.tolist() == chosen.tolist()
+    assert seen == pytest.approx(stretch)
     assert misfit < 1e-12
-    found, misfit = matching_elements(wanted + 0.01 * generator.standard_normal((7, 2)), there)
+    found, misfit, seen = matching_elements(wanted + 0.01 * generator.standard_normal((7, 2)), there)
     assert found.tolist() == chosen.tolist()
+    assert seen == pytest.approx(stretch, abs=0.01)
     assert 0.005 < misfit < 0.05
 
 
-def test_a_stretched_array_is_taken_as_far_as_the_truth_s_cell_allows(tmp_path):
+def test_an_array_is_taken_as_far_as_the_truth_s_cell_and_the_stretch_allow(tmp_path):
     run, imager = load_imager(make_run(tmp_path / "run"))
-    # Of 0, 1, 2 and 7 steps of 2 mm the last is farthest from the mean.
-    allowed = position_tolerance(run) / (4.5 * 2e-3 / RADAR.waveform.wavelength_m)
     places = np.array([0.0, 1.0, 2.0, 7.0])
-    fitted_imager(run, imager, "run", other_radar(places, 1.0 + 0.9 * allowed, shift_m=0.01), "cube.npz")
+    fitted_imager(run, imager, "run", other_radar(places, 1.09, shift_m=0.01), "cube.npz")
+    step = 2e-3 / RADAR.waveform.wavelength_m
+    # The third element alone, and the shift of least squares, a quarter of it.
+    moved = places + np.array([0.0, 0.0, 1.0, 0.0]) * position_tolerance(run) / step
+    fitted_imager(run, imager, "run", other_radar(moved), "cube.npz")
+    with pytest.raises(InputError, match="miss a place"):
+        fitted_imager(run, imager, "run", other_radar(places + 2.0 * (moved - places)), "cube.npz")
     with pytest.raises(InputError, match="miss a place of 'mine' by") as caught:
-        fitted_imager(run, imager, "run", other_radar(places, 1.0 + 1.5 * allowed), "cube.npz")
+        fitted_imager(run, imager, "run", other_radar(places, 1.4), "cube.npz")
     said = str(caught.value)
     assert "\n" not in said
     assert "differs from 'tiny' of run in array.rx_m, waveform.carrier_hz, waveform.bandwidth_hz" in said
