@@ -33,13 +33,23 @@ def predict(
     points_format: Annotated[
         str, typer.Option(help="Of the list: parquet, the column alone; csv or pcd, files for other tools as well.")
     ] = "parquet",
+    animation: Annotated[
+        bool,
+        typer.Option("--animation", help="Also animation.gif: images and detections, frame by frame; with --points."),
+    ] = False,
 ) -> None:
     """Image frames with a trained network, every Doppler peak of a range bin included."""
+    from trainer.run.animation import ANIMATION, save_animation
+    from trainer.run.predict import IMAGES
     from trainer.run.predict import predict as run_predict
     from trainer.run.pretrained import pretrained_run
 
     expected = 1 if pretrained else 2
     if len(paths) != expected:
         raise InputError("arguments", f"{len(paths)} paths", "INPUT alone with --pretrained, else RUN INPUT")
+    if animation and not points:
+        raise InputError("--animation", "without --points", "--points beside it")
     run = pretrained_run(pretrained) if pretrained else Path(paths[0])
     run_predict(run, paths[-1], out, radar, split, pictures, points=points, points_format=points_format)
+    if animation:
+        save_animation(out / IMAGES, out / ANIMATION)
