@@ -20,6 +20,7 @@ import machine
 import numba
 import peers
 import scipy.fft
+import starts
 import typer
 from record import NotInstalledError, Record
 from rich.console import Console
@@ -44,6 +45,9 @@ BENCHMARKS: dict[str, Callable[[Workload], Record]] = {
     "truth_synthesis_vs_cube": images.truth_synthesis_vs_cube,
     "cube_vs_sionna_cfr": peers.cube_vs_sionna_cfr,
     "points_vs_mmwrt": peers.points_vs_mmwrt,
+    "datafactory_help_vs_numpy": starts.help_of_datafactory,
+    "trainer_help_vs_numpy": starts.help_of_trainer,
+    "first_frame_vs_numpy": starts.first_frame,
 }
 
 

@@ -58,8 +58,12 @@ LARGEST_ERROR = {
     "truth_synthesis_vs_cube": -45.0,
     "cube_vs_sionna_cfr": 5e-3,  # Sionna's delays are float32
     "points_vs_mmwrt": 1e-6,
+    "datafactory_help_vs_numpy": 0.0,
+    "trainer_help_vs_numpy": 0.0,
+    "first_frame_vs_numpy": 0.0,
 }
-LOCAL = [name for name in bench.BENCHMARKS if name not in ("cube_vs_sionna_cfr", "points_vs_mmwrt")]
+APART = ("cube_vs_sionna_cfr", "points_vs_mmwrt", "first_frame_vs_numpy")
+LOCAL = [name for name in bench.BENCHMARKS if name not in APART]
 
 
 def run(names: list[str], folder: Path) -> list[dict]:
@@ -119,6 +123,13 @@ def test_sionna_agrees_on_its_own_paths(variant, tmp_path):
     (record,) = run(["cube_vs_sionna_cfr"], tmp_path)
     assert record["paths"] > 100
     assert record["error"] <= LARGEST_ERROR["cube_vs_sionna_cfr"]
+
+
+@pytest.mark.slow
+def test_a_first_frame_is_timed_beside_an_import(tmp_path):
+    (record,) = run(["first_frame_vs_numpy"], tmp_path)
+    assert record["ours_cpu_seconds"] > 0.0
+    assert record["error"] == LARGEST_ERROR["first_frame_vs_numpy"]
 
 
 def test_mmwrt_agrees_or_is_skipped_with_a_reason(tmp_path, monkeypatch):

@@ -20,9 +20,10 @@ from prepared_scenes import EFFECT_SCENES as EFFECTS
 from prepared_scenes import prepared_scene
 
 from datafactory.effects.catalogue import PATH_EFFECTS, EffectSet
-from datafactory.effects.plan import DEFAULT_BUDGET_DB, OCCUPIED_SHARE, EffectPlan
+from datafactory.effects.plan import OCCUPIED_SHARE, EffectPlan
 from datafactory.frame.chain import ChainSettings, SceneSource, illuminated
 from datafactory.frame.deal import Deal
+from datafactory.frame.defaults import DEFAULT_BUDGET_DB
 from datafactory.frame.measurement import FrameIdentity, Measurement, Processing, measure
 from datafactory.frame.prepared import PreparedScene
 from datafactory.paths.density import cell_power

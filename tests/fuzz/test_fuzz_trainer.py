@@ -39,7 +39,7 @@ from tiny_radar import RADAR, small_dataset
 from trainer.captures.numpy_files import read_npz
 from trainer.data.arrays import choose_array
 from trainer.data.measurements import open_measurements
-from trainer.evaluation.experiments.measured import read_snapshot
+from trainer.evaluation.experiments.measured_input import read_snapshot
 from trainer.run.folder import load_imager, read_run
 from trainer.training.checkpoint import require_checkpoint
 

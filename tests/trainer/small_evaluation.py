@@ -59,7 +59,7 @@ def run_all(inputs, out, **changes):
     data, run, thin, measured = inputs
     arguments = {
         "runs": [run], "methods": ["das", "omp", "unet"], "arrays": [str(thin), "full"], "config": QUICK,
-        "measured": measured, "announce": lambda _: None,
+        "measured": measured, "targets": 2, "announce": lambda _: None,
     }  # fmt: skip
     return evaluate(data, out, **(arguments | changes))
 

@@ -25,7 +25,7 @@ def test_an_interrupted_command_says_how_to_go_on(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As typer hands it on, which swallows Ctrl-C of its own accord."""
-    monkeypatch.setattr("datafactory.cli.doctor.examine", interrupted)
+    monkeypatch.setattr("datafactory.inspection.doctor.examine", interrupted)
     monkeypatch.setattr(sys, "argv", ["datafactory", "doctor"])
     with pytest.raises(SystemExit) as caught:
         main()

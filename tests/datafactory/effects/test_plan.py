@@ -9,9 +9,10 @@ from datafactory.effects import timing
 from datafactory.effects.catalogue import ALL, NAMES, EffectSet
 from datafactory.effects.evidence import FLOOR_DB, Evidence
 from datafactory.effects.picture import draw
-from datafactory.effects.plan import DEFAULT_BUDGET_DB, by_choice, decide
+from datafactory.effects.plan import by_choice, decide
 from datafactory.frame.chain import ChainSettings
 from datafactory.frame.deal import DealtFrame
+from datafactory.frame.defaults import DEFAULT_BUDGET_DB
 from datafactory.frame.prepared import PreparedScene
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.scenes.materials.table import load_materials

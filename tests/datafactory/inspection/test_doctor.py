@@ -97,7 +97,7 @@ def test_little_memory_and_disk_are_noted(quick, monkeypatch):
     ],
 )
 def test_exit_status_follows_what_is_required(monkeypatch, finding, status):
-    monkeypatch.setattr("datafactory.cli.doctor.examine", lambda: [finding])
+    monkeypatch.setattr("datafactory.inspection.doctor.examine", lambda: [finding])
     result = CliRunner().invoke(application, [])
     assert result.exit_code == status
     assert finding.remedy in result.output

@@ -96,7 +96,8 @@ def solved(*objects: SceneObject, fan: RayFan, rays: int, **settings):
     """The solver's own Paths of the same trace."""
     merged = merge_scene(Scene("test", objects), MATERIALS)
     chosen = TraceSettings(rays=rays, **settings)
-    return solver_module.solver_paths(merged, MATERIALS, RADAR_AT_ORIGIN, FREQUENCY_HZ, chosen, fan, 1)[1]
+    scene = solver_module.radio_scene(merged, MATERIALS, RADAR_AT_ORIGIN, FREQUENCY_HZ, chosen)
+    return solver_module.solver_paths(scene, chosen, fan, 1)
 
 
 class WholeSphere(RayFan):
@@ -261,7 +262,7 @@ def test_a_scene_far_from_its_origin_loses_nothing():
 @pytest.mark.parametrize(
     "settings",
     [
-        {"depth": 1},
+        {"depth": 1, "specular": False},
         {"depth": 2, "specular": True, "diffuse": False},
         {"depth": 3, "specular": False, "diffuse": True},
     ],

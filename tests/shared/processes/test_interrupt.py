@@ -33,6 +33,30 @@ def test_an_interrupt_is_one_line(name: str, what: str) -> None:
     assert (done.returncode, done.stderr) == (130, "program: interrupted\n")
 
 
+SWALLOWED = """
+import os, signal
+from shared.processes.interrupt import run_command, uninterrupted
+
+def swallowed():
+    with uninterrupted():
+        try:
+            os.kill(os.getpid(), signal.{name})
+            print("to its end")
+        except BaseException:
+            pass
+    print("beyond")
+
+run_command("program", lambda: swallowed)
+"""
+
+
+@pytest.mark.parametrize("name", [signal.SIGINT.name, signal.SIGTERM.name])
+def test_an_interrupt_waits_for_what_would_swallow_it(name: str) -> None:
+    script = SWALLOWED.format(name=name)
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "to its end\n", "program: interrupted\n")
+
+
 def test_an_error_of_its_own_stays_an_error() -> None:
     script = "from shared.processes.interrupt import run_command\nrun_command('program', lambda: 1 / 0)"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)

@@ -9,7 +9,8 @@ import pytest
 from pydantic import ValidationError
 
 from shared.physics.errors import InputError
-from shared.radar import DEFAULT_RADAR, PRESETS, FrontEnd, ImageGrid, Radar, load_radar
+from shared.processes.defaults import DEFAULT_RADAR
+from shared.radar import PRESETS, FrontEnd, ImageGrid, Radar, load_radar
 from shared.radar.antenna import IsotropicPattern
 from shared.radar.arrays import AVR_QDM_110_THINNED_RX, AntennaArray, avr_qdm_110, virtual_sensor_256
 from shared.radar.waveform import Waveform

@@ -32,9 +32,7 @@ def test_the_noise_of_a_row_is_the_receiver_s_and_a_share_of_its_power(generator
 
 @pytest.mark.parametrize("level", [0.1, np.nan, np.inf])
 def test_a_model_error_above_the_row_s_power_is_refused(level):
-    with pytest.raises(
-        InputError, match=r"^model_error_db: .*; expected at most 0 dB of the row"
-    ):
+    with pytest.raises(InputError, match=r"^model_error_db: .*; expected at most 0 dB of the row"):
         model_error_ratio(level)
 
 

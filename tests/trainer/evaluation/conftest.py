@@ -5,7 +5,7 @@ import pytest
 from small_evaluation import make_data, make_run, run_all
 
 from shared.dataset.folder import open_dataset
-from trainer.evaluation.experiments.measured import half_wavelength_line
+from trainer.evaluation.experiments.measured_input import half_wavelength_line
 from trainer.run.folder import Fingerprint
 
 

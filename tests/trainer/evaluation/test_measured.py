@@ -8,7 +8,8 @@ from small_evaluation import QUICK, REFERENCE
 from shared.physics.errors import InputError
 from trainer.estimators.das import DelayAndSum
 from trainer.evaluation.evaluate import EXPERIMENTS, open_bench
-from trainer.evaluation.experiments.measured import half_wavelength_line, read_snapshot, reference_degrees
+from trainer.evaluation.experiments.measured import reference_degrees
+from trainer.evaluation.experiments.measured_input import half_wavelength_line, read_measured, read_snapshot
 from trainer.metrics.resolution import strongest_peaks
 
 
@@ -29,7 +30,8 @@ def test_the_real_snapshot_shows_what_is_known_of_it():
     """Numbers of the README beside the file: two-source ML -0.006 and 6.985 degrees on all 86 elements."""
     measured = read_snapshot(REFERENCE / "realData_demo.mat")
     assert len(measured) == 86
-    np.testing.assert_allclose(reference_degrees(measured), [-0.006, 6.985], atol=2e-3)
+    known = read_measured(REFERENCE / "realData_demo.mat", targets=2)
+    np.testing.assert_allclose(reference_degrees(known), [-0.006, 6.985], atol=2e-3)
     axis = np.sin(np.deg2rad(np.arange(-20.0, 20.0, 0.02)))
     line = half_wavelength_line(np.arange(48))
     image = DelayAndSum().image(measured[None, :48], line, axis, 0.0)
@@ -39,7 +41,8 @@ def test_the_real_snapshot_shows_what_is_known_of_it():
 @pytest.mark.skipif(not REFERENCE.is_dir(), reason="the reference data's measured snapshot is not beside the checkout")
 def test_the_experiment_on_the_real_snapshot_has_the_stated_angles(inputs):
     """10 elements, smoothed MUSIC of two targets: -0.16 and 6.68 degrees; every method on all 86: the reference."""
-    bench, _ = open_bench(inputs[0], [], ["das"], ["full"], QUICK, REFERENCE / "realData_demo.mat")
+    known = read_measured(REFERENCE / "realData_demo.mat", targets=2)
+    bench, _ = open_bench(inputs[0], [], ["das"], ["full"], QUICK, known)
     tasks = EXPERIMENTS["measured"].tasks(bench)
     results = {task.key: task.compute() for task in tasks if task.array in ("first 10", "all 86")}
     angles = {

@@ -15,9 +15,10 @@ from shared.signal import if_signal
 from shared.signal.adaptive import adaptive_tables
 from shared.signal.features import adaptive_features, row_features, steering_weights
 from trainer.data.measurements import Measurement, open_measurements
+from trainer.run.answers import answer_peaks
 from trainer.run.export import export
 from trainer.run.folder import load_imager
-from trainer.run.predict import answer_peaks, merge_peaks, predict
+from trainer.run.predict import merge_peaks, predict
 
 SPECTRAL = {"model": "spectral-unet"}
 SHAPE = (RADAR.waveform.range_bins, RADAR.grid.bins)

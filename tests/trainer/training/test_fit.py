@@ -17,6 +17,7 @@ from shared.dataset.locations import RemotePath
 from shared.physics.errors import InputError
 from trainer.errors import TrainingStopped
 from trainer.run.folder import CHECKPOINT, METRICS, WEIGHTS, load_imager, read_run, save_weights
+from trainer.run.imperfections import CALIBRATED
 from trainer.run.predict import predict
 from trainer.training.fit import fit
 from trainer.training.task import ImagingTask
@@ -55,6 +56,16 @@ def test_eight_frames_are_learned_by_heart(dataset, tmp_path):
     assert float(last["train_loss"]) < 0.004
 
 
+@pytest.mark.parametrize(
+    ("steps", "validate_every", "validations"), [(4, 2, [2, 4]), (6, 4, [3, 6]), (3, 9, [3]), (7, 3, [2, 4, 6])]
+)
+def test_the_last_validation_is_at_the_end(dataset, tmp_path, steps, validate_every, validations):
+    """What is learned after it would be lost; but for the rest of a division."""
+    config = TINY.model_copy(update={"steps": steps, "validate_every": validate_every})
+    run(dataset, tmp_path / "run", config)
+    assert [int(row["step"]) for row in metrics(tmp_path / "run")] == validations
+
+
 def test_a_run_says_what_it_was_made_with(dataset, tmp_path):
     result, lines = run(dataset, tmp_path / "run")
     assert read_run(tmp_path / "run") == result
@@ -80,8 +91,10 @@ def test_the_same_seed_gives_the_same_weights_and_another_does_not(dataset, tmp_
     assert one != three
 
 
-def test_a_killed_run_resumed_ends_in_the_same_weights(dataset, tmp_path, monkeypatch):
-    config = TINY.model_copy(update={"steps": 6, "augment": True, "points": 1, "accumulate": 2})
+@pytest.mark.parametrize("imperfections", [None, CALIBRATED])
+def test_a_killed_run_resumed_ends_in_the_same_weights(dataset, tmp_path, monkeypatch, imperfections):
+    changes = {"steps": 6, "augment": True, "points": 1, "accumulate": 2, "imperfections": imperfections}
+    config = TINY.model_copy(update=changes)
     run(dataset, tmp_path / "whole", config)
     original = ImagingTask.training_step
 
@@ -133,6 +146,19 @@ def test_a_run_killed_while_it_validates_validates_again(dataset, tmp_path, monk
     run(dataset, tmp_path / "killed", resume=True)
     assert metrics(tmp_path / "killed") == metrics(tmp_path / "whole")
     assert (tmp_path / "killed" / WEIGHTS).read_bytes() == (tmp_path / "whole" / WEIGHTS).read_bytes()
+
+
+def test_imperfections_stand_in_the_run_and_change_what_it_learns(dataset, tmp_path):
+    run(dataset, tmp_path / "ideal")
+    config = TINY.model_copy(update={"imperfections": CALIBRATED})
+    run(dataset, tmp_path / "imperfect", config)
+    assert read_run(tmp_path / "imperfect").config.imperfections == CALIBRATED
+    document = json.loads((tmp_path / "imperfect/run.json").read_text())
+    assert document["config"]["imperfections"]["phase_deg"] == [2.0, 5.0]
+    one, other = ((tmp_path / name / WEIGHTS).read_bytes() for name in ("ideal", "imperfect"))
+    assert one != other
+    with pytest.raises(InputError, match=r"imperfections is None, but the run in .* had"):
+        run(dataset, tmp_path / "imperfect", resume=True)
 
 
 def test_weights_survive_the_run_folder_bit_for_bit(dataset, tmp_path):

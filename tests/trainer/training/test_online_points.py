@@ -20,7 +20,7 @@ def targets(row, u, amplitude, first=1e6, extended=()):
     """Points at rows of a crop whose first row is that range bin; far away by default."""
     count = len(row)
     return Targets(
-        np.array(row), np.array(u), np.array(amplitude, complex), np.ones(count, dtype=bool), np.full(count, first),
+        np.array(row), np.array(u), np.array(amplitude, complex), np.ones(count, dtype=bool), first,
         np.array(extended).reshape(-1, 3),
     )  # fmt: skip
 

@@ -20,7 +20,8 @@ from datafactory.accuracy import knobs, variants
 from datafactory.accuracy.clock import Clock
 from datafactory.accuracy.knobs import KnobSettings
 from datafactory.frame.chain import TracedSource, measured
-from datafactory.frame.measurement import IMAGE_BATCH, detected_cells, image
+from datafactory.frame.defaults import IMAGE_BATCH
+from datafactory.frame.measurement import detected_cells, image
 from datafactory.paths.storage import TracedFrame
 from datafactory.run.shards import write_shard
 from shared.dataset import Frame, arrow_schema, description

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from datafactory.accuracy.knobs import DEFAULT, KnobSettings
 from datafactory.accuracy.samples import SampleFrame, lit_paths
-from datafactory.frame.measurement import IMAGE_BATCH
+from datafactory.frame.defaults import IMAGE_BATCH
 from datafactory.paths.density import cell_power
 from shared.radar import Radar
 

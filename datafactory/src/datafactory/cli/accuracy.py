@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -13,22 +13,15 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from datafactory.accuracy import budget, knobs, lattices, report
-from datafactory.accuracy.check import check
-from datafactory.accuracy.power import Effort
-from datafactory.accuracy.prices import Menu
-from datafactory.accuracy.samples import SampleFrame, made_with, planned_scenes
-from datafactory.accuracy.sweep import Advance, sweep
 from datafactory.cli import options
-from datafactory.frame.measurement import IMAGE_BATCH
-from datafactory.paths.backend import select_variant, set_threads
-from datafactory.run.order import Order
-from datafactory.run.pipeline import render
-from datafactory.run.preparation import prepare
-from datafactory.scenes.materials.table import MaterialTable, load_materials
-from datafactory.scenes.poses import read_poses
+from datafactory.frame.defaults import IMAGE_BATCH
 from shared.physics.errors import InputError
-from shared.radar import load_radar
+
+if TYPE_CHECKING:
+    from datafactory.accuracy.prices import Menu
+    from datafactory.accuracy.sweep import Advance
+    from datafactory.run.order import Order
+    from datafactory.scenes.materials.table import MaterialTable
 
 TABLE_WIDTH = 165
 """Columns that the table needs; a narrower terminal wraps its lines rather than its cells."""
@@ -48,6 +41,17 @@ def accuracy(
     materials: Annotated[Path | None, typer.Option(help="TOML file that overrides the material table.")] = None,
 ) -> None:
     """Show what accuracy costs in time: every approximation as a knob with its price and its error."""
+    from datafactory.accuracy import knobs, lattices, report
+    from datafactory.accuracy.power import Effort
+    from datafactory.accuracy.samples import SampleFrame, made_with, planned_scenes
+    from datafactory.accuracy.sweep import sweep
+    from datafactory.paths.backend import select_variant, set_threads
+    from datafactory.run.order import Order
+    from datafactory.run.preparation import prepare
+    from datafactory.scenes.materials.table import load_materials
+    from datafactory.scenes.poses import read_poses
+    from shared.radar import load_radar
+
     console = Console(soft_wrap=True, highlight=False)
     model, table = load_radar(radar), load_materials(materials)
     given = read_poses(poses) if poses else ()
@@ -94,9 +98,12 @@ def make_within_budget(
     level_db: float,
     menu: Menu,
     running: options.Running,
-    make: options.Make = render,
+    make: options.Make | None = None,
 ) -> None:
     """``--error-budget``: settle the settings, render (or another ``make`` of the pipeline), check the promise."""
+    from datafactory.accuracy import budget
+    from datafactory.accuracy.check import check
+
     console = Console(soft_wrap=True, highlight=False)
 
     def announce(line: str) -> None:

@@ -1,4 +1,8 @@
-"""``datafactory``: the command line. Thin: parse, call the library, print."""
+"""``datafactory``: the command line. Thin: parse, call the library, print.
+
+The modules of this room import nothing that computes until a command runs: each command imports what it calls at its
+own top. Everything else would make ``--help`` wait for the ray tracer.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +21,6 @@ from datafactory.cli.plan import plan
 from datafactory.cli.points import points
 from datafactory.cli.render import render
 from datafactory.cli.trace import trace
-from datafactory.run.workers import RunFailed
 from shared.processes.command_line import Ending, run_app
 from shared.processes.interrupt import INTERRUPTED
 
@@ -51,6 +54,8 @@ def main() -> None:
 
 
 def _ending_of(error: Exception) -> Ending | None:
+    from datafactory.run.workers import RunFailed
+
     if isinstance(error, RunFailed):
         return str(error), 1
     if isinstance(error, MemoryError):

@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from datafactory.scenes.city.city import write_city
-from shared.dataset import LARGEST_SEED
+from shared.processes.defaults import LARGEST_SEED
 
 
 def city(
@@ -17,5 +16,7 @@ def city(
     blocks: Annotated[int, typer.Option(min=1, max=20, help="House blocks along the street.")] = 2,
 ) -> None:
     """Write a procedural city with traffic."""
+    from datafactory.scenes.city.city import write_city
+
     write_city(out, seed, blocks)
     typer.echo(f"wrote {out}")

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import typer
 
 from datafactory.cli.tables import plain_console, table
-from datafactory.inspection.doctor import Finding, examine
+
+if TYPE_CHECKING:
+    from datafactory.inspection.doctor import Finding
 
 
 def doctor() -> None:
     """Print what this machine has, what is missing, and the command that mends it."""
+    from datafactory.inspection.doctor import examine
+
     findings = examine()
     rows = [(_mark(finding), finding.item, finding.value, finding.remedy) for finding in findings]
     plain_console().print(table("datafactory doctor", ("", "item", "found", "remedy"), rows))

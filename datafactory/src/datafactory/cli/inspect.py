@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.table import Table
 
 from datafactory.cli.tables import plain_console, table
-from datafactory.inspection.dataset import Summary, summarise, write_pictures
-from shared.dataset.folder import SPLITS, Dataset, open_dataset
-from shared.dataset.folder import verify as verify_dataset
-from shared.dataset.locations import folder_name
+
+if TYPE_CHECKING:
+    from datafactory.inspection.dataset import Summary
+    from shared.dataset.folder import Dataset
 
 
 def inspect(
@@ -36,6 +36,10 @@ def inspect(
 
     Exit status 1: --verify found damaged files.
     """
+    from datafactory.inspection.dataset import summarise, write_pictures
+    from shared.dataset.folder import open_dataset
+    from shared.dataset.folder import verify as verify_dataset
+
     console = plain_console()
     dataset = open_dataset(directory, check_sizes=not verify)
     if verify:
@@ -59,12 +63,16 @@ def inspect(
 
 
 def _picture_folder(dataset: Dataset) -> Path:
+    from shared.dataset.locations import folder_name
+
     if isinstance(dataset.path, Path):
         return dataset.path / "pictures"
     return Path(f"{folder_name(dataset.path)}-pictures")
 
 
 def _tables(summary: Summary) -> list[Table]:
+    from shared.dataset.folder import SPLITS
+
     contents = [(name, " x ".join(map(str, shape))) for name, shape in summary.shapes.items()]
     contents.append(("shards", f"{summary.shards}, {summary.bytes / 1e6:.1f} MB"))
     contents += [(f"count: {name}", str(count)) for name, count in summary.counts.items()]

@@ -7,22 +7,19 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from datafactory.frame.chain import ChainSettings
-from datafactory.frame.deal import parse_split_pattern
-from datafactory.paths.solver import TraceSettings
-from datafactory.run.order import Order
-from datafactory.run.pipeline import Execution, Report, render
-from datafactory.scenes.materials.table import MaterialTable
-from datafactory.scenes.poses import read_poses
-from shared.dataset import LARGEST_SEED
 from shared.physics.errors import InputError
-from shared.radar import DEFAULT_RADAR, load_radar
+from shared.processes.defaults import DEFAULT_RADAR, LARGEST_SEED
+
+if TYPE_CHECKING:
+    from datafactory.run.order import Order
+    from datafactory.run.pipeline import Execution, Report
+    from datafactory.scenes.materials.table import MaterialTable
 
 Out = Annotated[Path, typer.Option("--out", help="Folder of the dataset; new or empty.", show_default=False)]
 RadarName = Annotated[str, typer.Option("--radar", help="A preset or a TOML file.")]
@@ -72,6 +69,13 @@ def order_of(
 
     :raises InputError: no scene, or whatever is wrong with split, poses or radar
     """
+    from datafactory.frame.chain import ChainSettings
+    from datafactory.frame.deal import parse_split_pattern
+    from datafactory.paths.solver import TraceSettings
+    from datafactory.run.order import Order
+    from datafactory.scenes.poses import read_poses
+    from shared.radar import load_radar
+
     parse_split_pattern(split)
     if not scene:
         raise InputError("--scene", "missing", "a scene file or sionna:NAME")
@@ -106,7 +110,7 @@ def stated(context: typer.Context, name: str) -> bool:
     return source is not None and source.name != "DEFAULT"
 
 
-Make = Callable[[Order, MaterialTable, Execution], Report]
+Make: TypeAlias = "Callable[[Order, MaterialTable, Execution], Report]"
 """What a command runs: :func:`datafactory.run.pipeline.render` or :func:`datafactory.run.pipeline.trace_paths`."""
 
 
@@ -123,8 +127,14 @@ class Running:
     keep_going: bool = False
 
 
-def run(order: Order, table: MaterialTable, running: Running, make: Make = render) -> Report:
-    """Make a dataset with a progress bar, and print what was made."""
+def run(order: Order, table: MaterialTable, running: Running, make: Make | None = None) -> Report:
+    """Make a dataset with a progress bar, and print what was made.
+
+    :param make: None renders
+    """
+    from datafactory.run.pipeline import Execution, render
+
+    make = make or render
     console = Console(soft_wrap=True, highlight=False)
     with _bar(console) as advance:
         execution = Execution(

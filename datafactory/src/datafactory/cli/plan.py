@@ -11,17 +11,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.table import Table
-from threadpoolctl import threadpool_limits
 
 from datafactory.cli import options
-from datafactory.effects.picture import draw
-from datafactory.effects.plan import DEFAULT_BUDGET_DB
-from datafactory.effects.price import price
-from datafactory.frame.deal import DEFAULT_PATTERN
-from datafactory.paths.backend import select_variant, set_threads
-from datafactory.run.preparation import prepare
-from datafactory.scenes.materials.table import load_materials
-from shared.dataset.writing import write_json
+from datafactory.frame.defaults import DEFAULT_BUDGET_DB, DEFAULT_PATTERN
 
 TABLE_WIDTH = 150
 
@@ -52,6 +44,15 @@ def plan(
 
     With the scenes, frames, split and seed of a `datafactory render` this is the plan of that run.
     """
+    from threadpoolctl import threadpool_limits
+
+    from datafactory.effects.picture import draw
+    from datafactory.effects.price import price
+    from datafactory.paths.backend import select_variant, set_threads
+    from datafactory.run.preparation import prepare
+    from datafactory.scenes.materials.table import load_materials
+    from shared.dataset.writing import write_json
+
     console = Console(soft_wrap=True, highlight=False, stderr=as_json)
     order = options.order_of(scene, poses, frames, split, seed, radar, rays=rays, depth=depth, budget_db=error_budget)
     select_variant()

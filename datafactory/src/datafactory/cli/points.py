@@ -8,15 +8,7 @@ from typing import Annotated
 import typer
 
 from datafactory.cli import options
-from datafactory.frame.chain import ChainSettings
-from datafactory.frame.deal import DEFAULT_PATTERN, parse_split_pattern
-from datafactory.frame.measurement import Processing
-from datafactory.frame.points import read_targets
-from datafactory.run.order import Order
-from datafactory.scenes.materials.table import load_materials
-from shared.dataset import STORES
-from shared.radar import load_radar
-from shared.signal.windows import ANGLE_WINDOWS
+from datafactory.frame.defaults import DEFAULT_PATTERN
 
 
 def points(
@@ -36,6 +28,16 @@ def points(
     keep_going: options.KeepGoing = False,
 ) -> None:
     """Render close-target frames, the paper's synthetic set, or exactly the targets of a file."""
+    from datafactory.frame.chain import ChainSettings
+    from datafactory.frame.deal import parse_split_pattern
+    from datafactory.frame.measurement import Processing
+    from datafactory.frame.points import read_targets
+    from datafactory.run.order import Order
+    from datafactory.scenes.materials.table import load_materials
+    from shared.dataset import STORES
+    from shared.radar import load_radar
+    from shared.signal.windows import ANGLE_WINDOWS
+
     parse_split_pattern(split)
     order = Order(
         radar=load_radar(radar),

@@ -7,23 +7,10 @@ from typing import Annotated
 
 import typer
 
-from datafactory.accuracy.budget import menu_for
 from datafactory.cli import options
 from datafactory.cli.accuracy import make_within_budget
-from datafactory.effects.catalogue import parse_effects
-from datafactory.effects.plan import DEFAULT_BUDGET_DB
-from datafactory.frame.chain import ChainSettings
-from datafactory.frame.deal import DEFAULT_PATTERN, parse_split_pattern
-from datafactory.frame.measurement import Processing
-from datafactory.paths.solver import TraceSettings
-from datafactory.run.order import Order
-from datafactory.run.stored import traced_split
-from datafactory.scenes.materials.table import load_materials
-from datafactory.scenes.poses import read_poses
-from shared.dataset import STORES
+from datafactory.frame.defaults import DEFAULT_BUDGET_DB, DEFAULT_PATTERN
 from shared.physics.errors import InputError
-from shared.radar import load_radar
-from shared.signal.windows import ANGLE_WINDOWS
 
 
 def render(
@@ -63,6 +50,19 @@ def render(
     keep_going: options.KeepGoing = False,
 ) -> None:
     """Render frames of scenes, and close-target frames beside them, into a dataset."""
+    from datafactory.effects.catalogue import parse_effects
+    from datafactory.frame.chain import ChainSettings
+    from datafactory.frame.deal import parse_split_pattern
+    from datafactory.frame.measurement import Processing
+    from datafactory.paths.solver import TraceSettings
+    from datafactory.run.order import Order
+    from datafactory.run.stored import traced_split
+    from datafactory.scenes.materials.table import load_materials
+    from datafactory.scenes.poses import read_poses
+    from shared.dataset import STORES
+    from shared.radar import load_radar
+    from shared.signal.windows import ANGLE_WINDOWS
+
     if bool(scene) == bool(paths):
         raise InputError("--scene", "given together with --paths" if paths else "missing", "either --scene or --paths")
     parse_split_pattern(split)
@@ -96,6 +96,8 @@ def render(
     if error_budget is None:
         options.run(order, table, running)
         return
+    from datafactory.accuracy.budget import menu_for
+
     menu = menu_for(
         rays if options.stated(context, "rays") else None, depth if options.stated(context, "depth") else None
     )

@@ -7,14 +7,9 @@ from typing import Annotated
 
 import typer
 
-from datafactory.accuracy.budget import menu_for
 from datafactory.cli import options
 from datafactory.cli.accuracy import make_within_budget
-from datafactory.effects.catalogue import parse_effects
-from datafactory.effects.plan import DEFAULT_BUDGET_DB
-from datafactory.frame.deal import DEFAULT_PATTERN
-from datafactory.run.pipeline import trace_paths
-from datafactory.scenes.materials.table import load_materials
+from datafactory.frame.defaults import DEFAULT_BUDGET_DB, DEFAULT_PATTERN
 
 
 def trace(
@@ -48,6 +43,10 @@ def trace(
 
     Of the radar, only its wavelength matters here, and with --error-budget its antennas and resolution.
     """
+    from datafactory.effects.catalogue import parse_effects
+    from datafactory.run.pipeline import trace_paths
+    from datafactory.scenes.materials.table import load_materials
+
     budget_db = DEFAULT_BUDGET_DB if error_budget is None else error_budget
     order = options.order_of(scene, poses, frames, split, seed, radar, rays, depth, budget_db)
     order = replace(order, effects=parse_effects(effects))
@@ -56,6 +55,8 @@ def trace(
     if error_budget is None:
         options.run(order, table, running, make=trace_paths)
     else:
+        from datafactory.accuracy.budget import menu_for
+
         menu = menu_for(
             rays if options.stated(context, "rays") else None, depth if options.stated(context, "depth") else None
         ).of_paths()

@@ -15,8 +15,8 @@ from typing import Any
 
 from datafactory.effects.catalogue import DESCRIPTIONS, NAMES, EffectSet
 from datafactory.effects.evidence import FLOOR_DB, Evidence
+from datafactory.frame.defaults import DEFAULT_BUDGET_DB
 
-DEFAULT_BUDGET_DB = -30.0
 OCCUPIED_SHARE = 0.1
 """Of the cells above the noise; those that change by more than half a decibel count."""
 

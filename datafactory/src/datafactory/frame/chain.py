@@ -17,8 +17,8 @@ from itertools import islice
 from pathlib import Path
 
 from datafactory.frame.deal import DealtFrame
+from datafactory.frame.defaults import IMAGE_BATCH
 from datafactory.frame.measurement import (
-    IMAGE_BATCH,
     FrameIdentity,
     Hook,
     Measurement,

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
+from datafactory.frame.defaults import DEFAULT_PATTERN
 from datafactory.frame.points import PointTargets
 from datafactory.frame.seeds import frame_seed, generator
 from datafactory.scenes.ground import Ground
@@ -21,7 +22,6 @@ from datafactory.scenes.poses import Pose, sample_pose
 from shared.dataset.folder import SPLITS, Split
 from shared.physics.errors import InputError
 
-DEFAULT_PATTERN = "6:1:1"
 SOLVER_SEEDS = 2**31
 """The solver takes seeds below 2**32; half of that fits every signed integer of its interface."""
 

@@ -27,8 +27,6 @@ from shared.signal.imaging import DEFAULT_TERMS, near_field_images
 from shared.signal.spectrum import range_doppler, select_doppler, unfold
 from shared.signal.windows import angle_window, cell_noise_power
 
-IMAGE_BATCH = 16
-"""Frames imaged together: twice as many would save a tenth of the time, for 200 MB more."""
 MAXIMUM_TARGETS = 256
 CELL_SPAN_DB = 60.0
 """Truth cells further below the image's peak than this are not listed where no noise sets the limit."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.scenes.materials.table import MaterialMapping
+from datafactory.scenes.materials.table import Material, MaterialMapping
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import PointTarget, Scene
 
@@ -76,3 +76,9 @@ def merge_scene(scene: Scene, materials: MaterialMapping) -> MergedScene:
         )
     names = tuple(item.name for item in scene.objects) + tuple(target.name for target in scene.targets)
     return MergedScene(meshes=tuple(meshes), objects=names, targets=scene.targets)
+
+
+def slabs_of(merged_scene: MergedScene, materials: MaterialMapping) -> tuple[Material, ...]:
+    """Material of each merged mesh."""
+    by_name = {material.name: material for material, _ in materials.entries.values()}
+    return tuple(by_name[mesh.material] for mesh in merged_scene.meshes)

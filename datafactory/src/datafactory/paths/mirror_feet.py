@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.facets import mirrors_of, reflected_share
-from datafactory.paths.merged_scene import MergedScene
+from datafactory.paths.merged_scene import MergedScene, slabs_of
 from datafactory.paths.panes import clear_between, panes_between, slab_reflection
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import REFRACTED, SPECULAR, SpecularPaths
-from datafactory.paths.targets import FAINTEST, slabs_of
+from datafactory.paths.targets import FAINTEST
 from datafactory.scenes.materials.table import MaterialMapping
 from datafactory.scenes.poses import Pose
 from shared.physics.units import SPEED_OF_LIGHT

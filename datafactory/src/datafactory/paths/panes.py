@@ -25,7 +25,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from datafactory.paths.merged_scene import MergedScene
+from datafactory.paths.merged_scene import MergedScene, slabs_of
 from datafactory.paths.unfold import unit
 from datafactory.scenes.materials.reflectivity import complex_permittivity
 from datafactory.scenes.materials.table import Material, MaterialMapping
@@ -145,7 +145,7 @@ def panes_between(
     axis = polarization_axis(direction, polarization)
     field = axis.astype(np.complex128)
     count = np.zeros(len(points), dtype=np.int64)
-    surfaces = _SurfaceWalker(mi_scene, direction, distance - _ray_margin_m(distance))
+    surfaces = _SurfaceWalker(mi_scene, direction, distance - ray_margin_m(distance))
     for _ in range(maximum_crossings):
         hit, mesh_id, normal = surfaces.next_surface()
         if not hit.any():
@@ -153,9 +153,7 @@ def panes_between(
         count[hit] += 1
         for shape in np.unique(mesh_id[hit]):
             here = hit & (mesh_id == shape)
-            field[here] = _field_behind_slab(
-                slabs[int(shape)], frequency_hz, direction[here], normal[here], field[here]
-            )
+            field[here] = field_behind_slab(slabs[int(shape)], frequency_hz, direction[here], normal[here], field[here])
     beyond = surfaces.next_surface()[0]
     factor = np.where(beyond, 0.0, np.einsum("ki,ki->k", field, axis).conj())
     return Crossings(factor=factor, count=count, given_up=int(beyond.sum()))
@@ -171,13 +169,13 @@ def clear_between(mi_scene: Any, start: Real, end: Real) -> NDArray[np.bool_]:
         return np.zeros(0, dtype=bool)
     distance = np.linalg.norm(end - start, axis=1)
     direction = unit(end - start)
-    ahead = _ray_margin_m(np.linalg.norm(start, axis=1))
-    reach = distance - ahead - _ray_margin_m(np.linalg.norm(end, axis=1))
+    ahead = ray_margin_m(np.linalg.norm(start, axis=1))
+    reach = distance - ahead - ray_margin_m(np.linalg.norm(end, axis=1))
     first = start + ahead[:, None] * direction
-    return ~mi_scene.ray_test(_rays(first, direction, np.maximum(reach, 0.0))).numpy()
+    return ~mi_scene.ray_test(rays_of(first, direction, np.maximum(reach, 0.0))).numpy()
 
 
-def _rays(start: Real, direction: Real, reach: Real) -> Any:
+def rays_of(start: Real, direction: Real, reach: Real) -> Any:
     """Mitsuba's rays from ``start`` [K, 3] along ``direction`` [K, 3], no longer than ``reach`` [K]."""
     import mitsuba as mi
 
@@ -186,7 +184,7 @@ def _rays(start: Real, direction: Real, reach: Real) -> Any:
     return ray
 
 
-def _ray_margin_m(distance_m: Real) -> Real:
+def ray_margin_m(distance_m: Real) -> Real:
     """Error of a ray's float32 distance [m]: 0.1 mm nearby, 2 mm at 100 m."""
     return 1e-4 + 2e-5 * distance_m
 
@@ -205,23 +203,34 @@ def polarization_axis(direction: Real, polarization: Polarization) -> Real:
     return np.stack([z * cosine, z * sine, -across], axis=1)
 
 
-def _slab_of_shape(mi_scene: Any, merged_scene: MergedScene, materials: MaterialMapping) -> dict[int, Material]:
-    """Material by the number with which a ray names the shape it met."""
+def mesh_of_shape(mi_scene: Any) -> dict[int, int]:
+    """Index into ``MergedScene.meshes`` by the number with which a ray names the shape it met."""
     import drjit as dr
     import mitsuba as mi
 
-    by_name = {material.name: material for material, _ in materials.entries.values()}
-    slabs = {}
-    for shape in mi_scene.shapes():
-        number = int(mi.UInt32(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))).numpy()[0])
-        slabs[number] = by_name[merged_scene.meshes[int(shape.id().removeprefix("part-"))].material]
-    return slabs
+    return {
+        int(mi.UInt32(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))).numpy()[0]): int(
+            shape.id().removeprefix("part-")
+        )
+        for shape in mi_scene.shapes()
+    }
 
 
-def _field_behind_slab(
+def _slab_of_shape(mi_scene: Any, merged_scene: MergedScene, materials: MaterialMapping) -> dict[int, Material]:
+    """Material by the number with which a ray names the shape it met."""
+    slabs = slabs_of(merged_scene, materials)
+    return {number: slabs[mesh] for number, mesh in mesh_of_shape(mi_scene).items()}
+
+
+def field_behind_slab(
     material: Material, frequency_hz: float, direction: Real, normal: Real, field: Complex
 ) -> Complex:
-    """The field [K, 3] behind one slab."""
+    """The field [K, 3] behind one slab.
+
+    :param direction: [K, 3] unit direction of the wave; either sense of it gives the same
+    :param normal: [K, 3] unit normal of the slab, on either side
+    :param field: [K, 3] in front, across ``direction``
+    """
     cosine = np.clip(np.abs(np.einsum("ki,ki->k", direction, normal)), 1e-6, 1.0)
     te, tm = slab_transmission(
         material.relative_permittivity,
@@ -265,7 +274,7 @@ class _SurfaceWalker:
             new = pending[here & ~again]
             found[new], shape[new], normal[new] = True, triangle[here & ~again, 0], n[here & ~again]
             self.last[pending[here]] = triangle[here]
-            self.travelled[pending[here]] += distance[here] + _ray_margin_m(
+            self.travelled[pending[here]] += distance[here] + ray_margin_m(
                 self.travelled[pending[here]] + distance[here]
             )
             self.travelled[pending[~here]] = np.inf
@@ -277,7 +286,7 @@ class _SurfaceWalker:
         import mitsuba as mi
 
         start = self.travelled[index, None] * self.direction[index]
-        surface = self.scene.ray_intersect(_rays(start, self.direction[index], (self.reach - self.travelled)[index]))
+        surface = self.scene.ray_intersect(rays_of(start, self.direction[index], (self.reach - self.travelled)[index]))
         shape = mi.UInt32(dr.reinterpret_array(mi.UInt32, surface.shape)).numpy().astype(np.int64)
         triangle = np.stack([shape, surface.prim_index.numpy().astype(np.int64)], axis=1)
         distance = np.where(surface.is_valid().numpy(), surface.t.numpy().astype(np.float64), np.inf)

@@ -55,6 +55,12 @@ class RayFan:
         z = self.beam * np.tan((2.0 * up - 1.0) * np.arctan(1.0 / self.beam))
         return np.stack([(azimuth / (2.0 * np.pi)) % 1.0, np.clip(0.5 * (1.0 - z), 0.0, 1.0)], axis=1)
 
+    def directions(self) -> NDArray[np.float64]:
+        """[count, 3] unit directions, in the lattice's order."""
+        across, up = self.unit_square().T
+        azimuth, z, level = 2.0 * np.pi * across, 1.0 - 2.0 * up, 2.0 * np.sqrt(up * (1.0 - up))
+        return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), z], axis=1)
+
     def solid_angle_ratio(self, directions: NDArray[np.float64]) -> NDArray[np.float64]:
         """[K] solid angle that a ray in these directions [K, 3] represents, over the full lattice's 4 pi / count."""
         z = directions[:, 2] / np.linalg.norm(directions, axis=1)

@@ -15,7 +15,7 @@ applied later. This module adapts Sionna RT 2.2 as follows, each with a test in
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from typing import Any
@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from datafactory.paths.backend import select_variant
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.rays import RayFan
+from datafactory.paths.scattering import LOBE_EXPONENT, MIRROR_SHARE
 from datafactory.paths.table import DIFFUSE, REFRACTED, SPECULAR
 from datafactory.scenes.materials.table import MaterialMapping
 from datafactory.scenes.poses import Pose
@@ -33,11 +34,14 @@ from shared.radar.front_end import Polarization
 
 PATTERNS: dict[str, dict[str, Any]] = {
     "lambertian": {"scattering_pattern": "lambertian"},
-    "backscattering": {"scattering_pattern": "backscattering", "alpha_r": 4, "alpha_i": 4, "lambda_": 0.5},
+    "backscattering": {
+        "scattering_pattern": "backscattering",
+        "alpha_r": LOBE_EXPONENT,
+        "alpha_i": LOBE_EXPONENT,
+        "lambda_": MIRROR_SHARE,
+    },
 }
-"""Diffuse patterns of the material table. With lambda = 1, or the directive pattern, there is hardly any backscatter
-off normal incidence.
-"""
+"""Diffuse patterns of the material table, as :mod:`datafactory.paths.scattering` has them."""
 CROSSINGS = 2
 """Largest number of panes on a whole path: one pane, on the way out and on the way back."""
 
@@ -94,6 +98,18 @@ class Bundle:
     def take(self, index: NDArray) -> Bundle:
         return Bundle(**{item.name: getattr(self, item.name)[index] for item in fields(self)})
 
+    @staticmethod
+    def none(depth: int) -> Bundle:
+        """No paths, of at most ``depth`` bounces."""
+        whole, vectors = np.zeros((0, depth), dtype=np.int64), np.zeros((0, depth, 3))
+        return Bundle(vectors, whole, whole, whole, vectors, whole[:, 0], np.zeros(0, dtype=np.complex128))
+
+    @staticmethod
+    def joined(parts: Sequence[Bundle]) -> Bundle:
+        """The paths of several bundles of one depth, one after another."""
+        return Bundle(**{item.name: np.concatenate([getattr(part, item.name) for part in parts])
+                         for item in fields(Bundle)})  # fmt: skip
+
     def cut(self, depth: int) -> Bundle:
         """The same paths without the columns beyond ``depth``."""
         whole = ("amplitude", "crossings")
@@ -110,48 +126,27 @@ class Bundle:
 class Solved:
     """What the solver returned.
 
-    :param geometry: Mitsuba's scene in the radar frame, for further rays
     :param invalid: padded entries
     :param truncated: 1 where the solver's capacity was reached
     """
 
     bundle: Bundle
-    geometry: Any
     invalid: int
     truncated: int
 
+    @staticmethod
+    def nothing() -> Solved:
+        """Of a frame without anything for the solver."""
+        return Solved(Bundle.none(1), 0, 0)
 
-def solve(
-    merged_scene: MergedScene,
-    materials: MaterialMapping,
-    pose: Pose,
-    frequency_hz: float,
-    settings: TraceSettings,
-    fan: RayFan,
-    seed: int,
-) -> Solved:
-    """Trace one frame.
+
+def radio_scene(
+    merged_scene: MergedScene, materials: MaterialMapping, pose: Pose, frequency_hz: float, settings: TraceSettings
+) -> Any:
+    """Sionna's own Scene of a frame, in the radar frame; its ``mi_scene`` is Mitsuba's.
 
     :param frequency_hz: mid-sweep; materials take their values at 77 GHz whatever it is
-    :param seed: of the solver's choices between kinds of bounce; 0 to 2**32 - 1
     """
-    scene, paths = solver_paths(merged_scene, materials, pose, frequency_hz, settings, fan, seed)
-    shapes = {scene.objects[f"part-{index}"].object_id: index for index in range(len(merged_scene.meshes))}
-    valid = paths.valid.numpy().reshape(-1)
-    bundle = _without_crossings(_bundle_of(paths, valid, shapes, merged_scene, pose), settings.depth)
-    return Solved(bundle, scene.mi_scene, int((~valid).sum()), int(valid.sum() >= settings.capacity))
-
-
-def solver_paths(
-    merged_scene: MergedScene,
-    materials: MaterialMapping,
-    pose: Pose,
-    frequency_hz: float,
-    settings: TraceSettings,
-    fan: RayFan,
-    seed: int,
-) -> tuple[Any, Any]:
-    """Sionna's own Scene and Paths of a frame, arguments as in :func:`solve`."""
     select_variant()
     from sionna import rt
 
@@ -185,11 +180,21 @@ def solver_paths(
     )  # fmt: skip
     scene.add(rt.Transmitter("radar-tx", position=[0.0, 0.0, 0.0]))
     scene.add(rt.Receiver("radar-rx", position=[0.0, 0.0, 0.0]))
+    return scene
+
+
+def solver_paths(scene: Any, settings: TraceSettings, fan: RayFan, seed: int) -> Any:
+    """Sionna's own Paths of a frame.
+
+    :param seed: of the solver's choices between kinds of bounce; 0 to 2**32 - 1
+    """
+    from sionna import rt
+
     with _rays_of_fan(fan):
-        paths = rt.PathSolver(deterministic=True)(
+        return rt.PathSolver(deterministic=True)(
             scene,
             max_depth=settings.steps,
-            samples_per_src=settings.rays,
+            samples_per_src=fan.count,
             max_num_paths_per_src=settings.capacity,
             synthetic_array=True,
             los=False,
@@ -198,7 +203,19 @@ def solver_paths(
             refraction=settings.refraction,
             seed=seed,
         )
-    return scene, paths
+
+
+def solve(scene: Any, merged_scene: MergedScene, pose: Pose, settings: TraceSettings, fan: RayFan, seed: int) -> Solved:
+    """Trace one frame.
+
+    :param scene: of :func:`radio_scene`
+    :param seed: of the solver's choices between kinds of bounce; 0 to 2**32 - 1
+    """
+    paths = solver_paths(scene, settings, fan, seed)
+    shapes = {scene.objects[f"part-{index}"].object_id: index for index in range(len(merged_scene.meshes))}
+    valid = paths.valid.numpy().reshape(-1)
+    bundle = _without_crossings(_bundle_of(paths, valid, shapes, merged_scene, pose), settings.depth)
+    return Solved(bundle, int((~valid).sum()), int(valid.sum() >= settings.capacity))
 
 
 def _mitsuba_mesh(name: str, vertices: NDArray[np.float32], triangles: NDArray[np.int32]):

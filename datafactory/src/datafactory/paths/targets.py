@@ -8,12 +8,12 @@ import numpy as np
 
 from datafactory.paths.echo_points import echo_points
 from datafactory.paths.edges import edges_of
-from datafactory.paths.merged_scene import MergedScene
+from datafactory.paths.merged_scene import MergedScene, slabs_of
 from datafactory.paths.panes import clear_between, panes_between
 from datafactory.paths.round_corners import echoes_round_corners
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import REFRACTED, TARGET, ScatteredPaths
-from datafactory.scenes.materials.table import Material, MaterialMapping
+from datafactory.scenes.materials.table import MaterialMapping
 from datafactory.scenes.poses import Pose
 from shared.physics.units import SPEED_OF_LIGHT
 
@@ -22,12 +22,6 @@ FAINTEST = 1e-4
 
 EDGES_WITHIN_M = 200.0
 """Farther edges are left out [m]: at -20 dBsm they are 25 dB below a car radar's noise."""
-
-
-def slabs_of(merged_scene: MergedScene, materials: MaterialMapping) -> tuple[Material, ...]:
-    """Material of each merged mesh."""
-    by_name = {material.name: material for material, _ in materials.entries.values()}
-    return tuple(by_name[mesh.material] for mesh in merged_scene.meshes)
 
 
 def target_echoes(

@@ -23,14 +23,15 @@ from numpy.typing import NDArray
 from datafactory.paths.diffraction import edge_echoes
 from datafactory.paths.edges import edges_of
 from datafactory.paths.facets import mirrors_of, reflected_share
-from datafactory.paths.merged_scene import MergedScene
+from datafactory.paths.merged_scene import MergedScene, slabs_of
 from datafactory.paths.mirror_feet import single_mirrors
 from datafactory.paths.panes import clear_between
 from datafactory.paths.rays import RayFan
 from datafactory.paths.roughness import surface_phase
-from datafactory.paths.solver import Bundle, TraceSettings, solve
+from datafactory.paths.scattered_once import scattered_once
+from datafactory.paths.solver import Bundle, Solved, TraceSettings, radio_scene, solve
 from datafactory.paths.table import DIFFUSE, REFRACTED, SPECULAR, PathTable, ScatteredPaths, SpecularPaths
-from datafactory.paths.targets import EDGES_WITHIN_M, slabs_of, target_echoes
+from datafactory.paths.targets import EDGES_WITHIN_M, target_echoes
 from datafactory.paths.unfold import image_seen_from_tx, segment_lengths, tx_image_seen_from_rx, unit, with_ends
 from datafactory.scenes.materials.table import MaterialMapping
 from datafactory.scenes.poses import Pose
@@ -51,31 +52,36 @@ def trace(
     :param frequency_hz: mid-sweep; materials take their values at 77 GHz whatever it is
     :param seed: of the solver's choices between kinds of bounce; 0 to 2**32 - 1
     """
-    solved = solve(merged, materials, pose, frequency_hz, settings, fan, seed)
-    bundle = solved.bundle
+    scene = radio_scene(merged, materials, pose, frequency_hz, settings)
+    geometry = scene.mi_scene
+    once = scattered_once(geometry, merged, materials, pose, frequency_hz, settings, fan)
+    solved = solve(scene, merged, pose, settings, fan, seed) if settings.depth > 1 else Solved.nothing()
+    bundle, twice_found = _without_scattered_once(solved.bundle)
     scattered: list[ScatteredPaths] = []
     specular: list[SpecularPaths] = []
     dropped, more = 0, dict[str, int]()
     if settings.point_targets:
-        echoes, counts = target_echoes(solved.geometry, merged, materials, pose, frequency_hz, settings)
+        echoes, counts = target_echoes(geometry, merged, materials, pose, frequency_hz, settings)
         scattered.append(echoes)
         more |= counts
     if settings.diffraction:
         across, along, counts = edge_echoes(
             edges_of(merged).seen_from(pose).within(EDGES_WITHIN_M), slabs_of(merged, materials), frequency_hz,
-            lambda start, end: clear_between(solved.geometry, start, end),
+            lambda start, end: clear_between(geometry, start, end),
             settings.polarization, settings.finite_mirrors and settings.specular,
         )  # fmt: skip
         scattered.append(across)
         specular.append(along)
         more |= counts
     if settings.specular:
-        singles, counts = single_mirrors(solved.geometry, merged, materials, pose, frequency_hz, settings)
+        singles, counts = single_mirrors(geometry, merged, materials, pose, frequency_hz, settings)
         specular.append(singles)
         more |= counts
     lengths = (bundle.interactions > 0).sum(axis=1)
     for depth in range(1, settings.depth + 1):
         part = bundle.take(lengths == depth).cut(depth).in_fixed_order()
+        if depth <= len(once):
+            part = Bundle.joined([once[depth - 1], part])
         ends_diffuse = part.interactions[:, -1] == DIFFUSE
         mirrors = (part.interactions == SPECULAR).all(axis=1)
         dropped += int((~mirrors & ~ends_diffuse).sum())
@@ -91,12 +97,26 @@ def trace(
         counts={
             "rays": settings.rays,
             "traced": len(bundle.amplitude),
+            "scattered_once": sum(len(part.amplitude) for part in once),
+            "scattered_once_by_the_solver": twice_found,
             "diffuse_then_specular_dropped": dropped,
             "truncated": solved.truncated,
             "invalid": solved.invalid,
             **more,
         },
     )
+
+
+def _without_scattered_once(bundle: Bundle) -> tuple[Bundle, int]:
+    """The solver's paths without those that :mod:`datafactory.paths.scattered_once` finds, and the number of these.
+
+    Left are mirrors alone, two and more diffuse bounces, and mirrors beyond panes.
+    """
+    bounces = (bundle.interactions > 0).sum(axis=1)
+    last = bundle.interactions[np.arange(len(bounces)), bounces - 1]
+    once = ((bundle.interactions == DIFFUSE).sum(axis=1) == 1) & (last == DIFFUSE)
+    once &= (bundle.crossings == 0) | (bounces == 1)
+    return bundle.take(~once), int(once.sum())
 
 
 def _with_surfaces(

@@ -6,9 +6,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from datafactory.effects.catalogue import EffectSet
-from datafactory.effects.plan import DEFAULT_BUDGET_DB
 from datafactory.frame.chain import ChainSettings
-from datafactory.frame.deal import DEFAULT_PATTERN
+from datafactory.frame.defaults import DEFAULT_BUDGET_DB, DEFAULT_PATTERN
 from datafactory.frame.points import PointTargets
 from datafactory.scenes.poses import Pose
 from shared.radar import Radar

@@ -2,7 +2,6 @@
 
 from shared.dataset.schema import (
     COMPLEX_ARRAYS,
-    LARGEST_SEED,
     METADATA_KEY,
     SCALARS,
     STORES,
@@ -18,7 +17,6 @@ from shared.dataset.schema import (
 
 __all__ = [
     "COMPLEX_ARRAYS",
-    "LARGEST_SEED",
     "METADATA_KEY",
     "SCALARS",
     "STORES",

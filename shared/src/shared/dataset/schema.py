@@ -27,9 +27,6 @@ from shared.radar import Radar
 VERSION = 1
 """Format version that this code writes, and the newest that it reads."""
 
-LARGEST_SEED = 2**63 - 1
-"""Seeds are stored as int64."""
-
 METADATA_KEY = b"sparseradar"
 """Key of the JSON description in the Parquet schema's metadata."""
 

@@ -4,11 +4,47 @@ from __future__ import annotations
 
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from types import FrameType
 
 INTERRUPTED = 130
 """Exit status after Ctrl-C or a request to end: 128 and the number of SIGINT."""
+
+
+class _Interrupts:
+    """Those that this process received.
+
+    :param held: how many blocks hold them back
+    """
+
+    held: int = 0
+    received: int = 0
+    waiting: bool = False
+
+
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Hold back an interrupt of :func:`run_command` until the end of the block, for code that would swallow it.
+
+    :raises KeyboardInterrupt: at the end of the block, if there was one
+    """
+    _Interrupts.held += 1
+    try:
+        yield
+    finally:
+        _Interrupts.held -= 1
+        if _Interrupts.waiting and not _Interrupts.held:
+            _Interrupts.waiting = False
+            raise KeyboardInterrupt
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    _Interrupts.received += 1
+    if _Interrupts.held:
+        _Interrupts.waiting = True
+    else:
+        raise KeyboardInterrupt
 
 
 def run_command(program: str, load: Callable[[], Callable[[], None]]) -> None:
@@ -20,18 +56,12 @@ def run_command(program: str, load: Callable[[], Callable[[], None]]) -> None:
     :param program: its name, for the line
     :param load: imports the command line and returns its main function, which exits by itself
     """
-    received: list[int] = []
-
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        received.append(number)
-        raise KeyboardInterrupt
-
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, interrupt)
+        signal.signal(number, _interrupt)
     try:
         load()()
     except Exception:
-        if not received:
+        if not _Interrupts.received:
             raise
         _say(program)
     except KeyboardInterrupt:

@@ -1,12 +1,12 @@
 """The radar as configured: waveform, array, front end, receiver; presets, boards and TOML."""
 
 from shared.radar.front_end import FrontEnd
-from shared.radar.loading import DEFAULT_RADAR, PRESETS, board_radar, load_capture_radar, load_radar
+from shared.radar.loading import PRESETS, CaptureRadar, board_radar, load_capture_radar, load_radar
 from shared.radar.radar import ImageGrid, Radar, first_validation_error
 
 __all__ = [
-    "DEFAULT_RADAR",
     "PRESETS",
+    "CaptureRadar",
     "FrontEnd",
     "ImageGrid",
     "Radar",

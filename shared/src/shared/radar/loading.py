@@ -6,7 +6,7 @@ import tomllib
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
@@ -43,8 +43,6 @@ PRESETS: dict[str, Callable[[], Radar]] = {
 }
 """The paper's sensor, its enhanced virtual twin, and the boards, by the name that ``--radar`` takes."""
 
-DEFAULT_RADAR = "avr-qdm-110"
-
 MAXIMUM_RESIDUAL_PHASE_RAD = 0.3
 """The first order of exp(j x) that the phase noise's model keeps is then wrong by at most x^2 / 2, -27 dB."""
 
@@ -63,11 +61,23 @@ def load_radar(name_or_path: str) -> Radar:
     """
     if name_or_path in PRESETS:
         return PRESETS[name_or_path]()
-    return load_capture_radar(name_or_path, None)[0]
+    return load_capture_radar(name_or_path, None).radar
 
 
-def load_capture_radar(path_of_radar: str, board: str | None, mirror: bool = False) -> tuple[Radar, bool]:
-    """(the radar of a TOML file, or of a ``.cfg`` of the mmWave SDK, whether its samples are real).
+class CaptureRadar(NamedTuple):
+    """A radar, and what its raw captures are.
+
+    :param real: whether the samples are real
+    :param rx: numbers of the radar's RX on its board, from 1; empty for all
+    """
+
+    radar: Radar
+    real: bool = False
+    rx: tuple[int, ...] = ()
+
+
+def load_capture_radar(path_of_radar: str, board: str | None, mirror: bool = False) -> CaptureRadar:
+    """The radar of a TOML file, or of a ``.cfg`` of the mmWave SDK, with what its captures are.
 
     :param board: that the file describes the chirps of, in place of the file's own
     :raises InputError: as :func:`load_radar`
@@ -86,21 +96,21 @@ def load_capture_radar(path_of_radar: str, board: str | None, mirror: bool = Fal
         if mirror:
             document["mirror"] = not document.get("mirror", False)
         _read_pattern_tables(path, document)
-        real = _on_board(path, document)
+        real, rx = _on_board(path, document)
         radar = Radar.model_validate({"name": path.stem, **document})
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError, OSError) as error:
         raise InputError(path, f"not readable as TOML: {error}", "a TOML file in UTF-8") from error
     except ValidationError as error:
         raise InputError(path, *first_validation_error(error)) from error
     _check_together(path, radar)
-    return radar, real
+    return CaptureRadar(radar, real, rx)
 
 
-def _on_board(path: Path, document: dict[str, Any]) -> bool:
-    """Put what ``board``, ``mirror`` and ``capture`` say in place of them; whether the samples are real."""
+def _on_board(path: Path, document: dict[str, Any]) -> tuple[bool, tuple[int, ...]]:
+    """Put what ``board``, ``mirror`` and ``capture`` say in place of them; (are samples real, numbers of RX)."""
     name, mirror, capture = (document.pop(key, None) for key in ("board", "mirror", "capture"))
     if name is None and mirror is None and capture is None:
-        return False
+        return False, ()
     for key, value, kind, expected in (
         ("board", name, str, f"one of {list(BOARDS)}"),
         ("mirror", mirror, bool, "true or false"),
@@ -114,6 +124,7 @@ def _on_board(path: Path, document: dict[str, Any]) -> bool:
         raise InputError(path, "mirror = true without a board", 'board = "NAME" beside it')
     base = Radar() if name is None else board_radar(name, bool(mirror))
     fields = {"waveform": base.waveform.model_dump(), "front_end": base.front_end.model_dump()}
+    rx: tuple[int, ...] = ()
     array, real = base.array, name is not None and BOARDS[name]().profile.real
     if capture is not None:
         try:
@@ -126,12 +137,13 @@ def _on_board(path: Path, document: dict[str, Any]) -> bool:
             array = profile.array(array)
         except ValueError as error:
             raise InputError(path, f"capture: {error}") from error
-        fields["waveform"], real = profile.waveform(len(array.tx_m)).model_dump(), profile.real
+        fields["waveform"] = profile.waveform(len(array.tx_m)).model_dump()
+        real, rx = profile.real, profile.rx
     document.setdefault("array", array.model_dump())
     for table, values in fields.items():
         given = document.get(table, {})
         document[table] = {**values, **given} if isinstance(given, dict) else given
-    return real
+    return real, rx
 
 
 def _read_pattern_tables(path: Path, document: dict[str, Any]) -> None:

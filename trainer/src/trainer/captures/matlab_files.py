@@ -1,4 +1,4 @@
-"""Complex arrays of MATLAB files, versions 5 to 7.
+"""Arrays of numbers in MATLAB files, versions 5 to 7.
 
 SciPy reads them too, but a damaged file ends its process (1.17, a segmentation fault within a thousand of them). The
 format: The MathWorks, "MAT-File Format", 2019. A header of 128 bytes, then elements: a tag with type and length, the
@@ -38,17 +38,25 @@ def read_complex_arrays(path: Path) -> dict[str, NDArray[np.complex128]]:
 
     :raises InputError: missing, damaged, cut short, or of another version
     """
+    return {name: values for name, values in read_arrays(path).items() if np.iscomplexobj(values)}
+
+
+def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
+    """The file's arrays of numbers by their names, complex128 or of the kind they are stored as; no cells, no text.
+
+    :raises InputError: missing, damaged, cut short, or of another version
+    """
     try:
         content = path.read_bytes()
         order = {b"IM": "<", b"MI": ">"}.get(content[126:128])
         if order is None or content[124:126] not in (b"\x00\x01", b"\x01\x00"):
             raise ValueError("no header of version 5 to 7")
-        arrays: dict[str, NDArray[np.complex128]] = {}
+        arrays: dict[str, NDArray[Any]] = {}
         for kind, data in _elements(content[HEADER:], order):
             if kind == COMPRESSED:
                 ((kind, data),) = _elements(_unpacked(data), order)
             if kind == ARRAY:
-                arrays.update(_complex_array(data, order))
+                arrays.update(_array(data, order))
     except (OSError, ValueError, struct.error, zlib.error, OverflowError, MemoryError) as error:
         reason = str(error) or type(error).__name__
         raise InputError(path, f"not readable: {reason}", "a whole MATLAB file of version 5 to 7") from error
@@ -82,19 +90,27 @@ def _elements(content: bytes, order: str) -> Iterator[tuple[int, bytes]]:
         place = end if kind == COMPRESSED else (end + 7) // 8 * 8
 
 
-def _complex_array(data: bytes, order: str) -> dict[str, NDArray[np.complex128]]:
-    """The array by its name; nothing where it is not of complex numbers."""
+def _array(data: bytes, order: str) -> dict[str, NDArray[Any]]:
+    """The array by its name; nothing where it is not of numbers."""
     parts = list(_elements(data, order))
-    if len(parts) < 5:
+    if len(parts) < 4:
         return {}
     flags = int(_numbers(parts[0], order)[0])
-    if not flags & COMPLEX or flags & 0xFF not in NUMERIC_CLASSES:
+    if flags & 0xFF not in NUMERIC_CLASSES or (flags & COMPLEX and len(parts) < 5):
         return {}
     lengths = [int(length) for length in _numbers(parts[1], order)]
-    real, imaginary = (_numbers(part, order).astype(np.float64) for part in parts[3:5])
+    name = parts[2][1].decode("ascii", errors="replace")
+    if not flags & COMPLEX:
+        if not parts[3][1] and 0 in lengths:
+            return {}
+        real = _numbers(parts[3], order)
+        if min(lengths, default=0) < 0 or len(real) != math.prod(lengths):
+            raise ValueError(f"an array of lengths {lengths} with {len(real)} numbers")
+        return {name: real.reshape(lengths, order="F")}
+    with np.errstate(invalid="ignore"):  # of numbers that are none, NumPy warns as it makes them wider
+        real, imaginary = (_numbers(part, order).astype(np.float64) for part in parts[3:5])
     if min(lengths, default=0) < 0 or not len(real) == len(imaginary) == math.prod(lengths):
         raise ValueError(f"an array of lengths {lengths} with {len(real)} real and {len(imaginary)} imaginary parts")
-    name = parts[2][1].decode("ascii", errors="replace")
     return {name: (real + 1j * imaginary).reshape(lengths, order="F")}
 
 

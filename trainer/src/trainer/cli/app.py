@@ -7,6 +7,7 @@ from typer.exceptions import TyperException
 
 from shared.processes.command_line import Ending, run_app
 from shared.processes.interrupt import INTERRUPTED
+from trainer.cli.captures import calibrate, import_
 from trainer.cli.evaluate import evaluate
 from trainer.cli.export import export
 from trainer.cli.fit import fit
@@ -21,8 +22,9 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for command in (fit, predict, evaluate, export):
+for command in (fit, predict, evaluate, export, calibrate):
     app.command()(command)
+app.command("import")(import_)
 
 
 def main() -> None:

@@ -6,20 +6,22 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from pydantic import ValidationError
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
-from shared.dataset import LARGEST_SEED
 from shared.physics.errors import InputError
-from shared.radar import first_validation_error
+from shared.processes.defaults import LARGEST_SEED
 
 
 def evaluate(
-    dataset: Annotated[
-        str, typer.Argument(help="Folder of a dataset with a test split, also s3:// or gs://.", show_default=False)
-    ],
     out: Annotated[Path, typer.Option("--out", help="Folder of the evaluation; new or empty.", show_default=False)],
+    dataset: Annotated[
+        str | None,
+        typer.Argument(
+            help="Folder of a dataset with a test split, also s3:// or gs://; none for --measured alone.",
+            show_default=False,
+        ),
+    ] = None,
     run: Annotated[list[Path] | None, typer.Option("--run", help="Run folder of trainer fit; repeatable.")] = None,
     pretrained: Annotated[
         list[str] | None, typer.Option(help="A network that comes with the package: sparse6 or sparse4; repeatable.")
@@ -28,7 +30,8 @@ def evaluate(
         str | None,
         typer.Option(
             help="Comma-separated: das, das-hamming, das-hann, music, iaa, iaa-view, omp, omp-cfar, spice, likes, ml; "
-            "cnn and unet stand for the runs. By default das, music, iaa, omp and all runs."
+            "of a measured row also music-fbss and line-fit; cnn and unet stand for the runs. By default das, music, "
+            "iaa, omp and all runs, of a measured row all."
         ),
     ] = None,
     arrays: Annotated[str, typer.Option(help="Comma-separated: names, or TOML files.")] = "sparse6,sparse4,full",
@@ -44,7 +47,22 @@ def evaluate(
     trials: Annotated[int, typer.Option(help="Simulated trials of each condition.")] = 120,
     seed: Annotated[int, typer.Option(min=0, max=LARGEST_SEED, help="Same seed, same numbers.")] = 0,
     measured: Annotated[
-        Path | None, typer.Option(help="A measured snapshot of a half-wavelength line: .mat or .npy.")
+        Path | None,
+        typer.Option(help="A measured snapshot of a half-wavelength line, .mat or .npy, or a cube of trainer import."),
+    ] = None,
+    targets: Annotated[
+        int | None, typer.Option(help="Targets in the measured row, where their number is known.", show_default=False)
+    ] = None,
+    range_m: Annotated[
+        float | None,
+        typer.Option("--range", help="Of the row of a measured cube [m]; the strongest one.", show_default=False),
+    ] = None,
+    model_error: Annotated[
+        float | None,
+        typer.Option(
+            help="Of the measured channels after calibration [dB of the row's power]; the cube's own, or -25.",
+            show_default=False,
+        ),
     ] = None,
     workers: Annotated[
         int, typer.Option(min=0, help="Processes that compute; 0: one a core. The numbers do not depend on it.")
@@ -53,6 +71,9 @@ def evaluate(
 ) -> None:
     """Hold runs and classical estimators against each other: metrics, figures, and a page to look at."""
     # torch and matplotlib take seconds to import, and trainer --help should not.
+    from pydantic import ValidationError
+
+    from shared.radar import first_validation_error
     from trainer.evaluation.evaluate import evaluate as run_evaluate
     from trainer.evaluation.experiments.bench import EvaluationConfig
     from trainer.run.pretrained import pretrained_run
@@ -74,7 +95,8 @@ def evaluate(
 
         run_evaluate(
             dataset, out, runs, _names(methods), _names(arrays) or [], _names(experiments), config, measured,
-            resume, workers, lambda line: bars.console.print(line, markup=False), advance,
+            resume, workers, lambda line: bars.console.print(line, markup=False), advance, targets, range_m,
+            model_error,
         )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from shared.dataset import LARGEST_SEED
+from shared.processes.defaults import LARGEST_SEED
 
 
 def fit(
@@ -29,6 +29,9 @@ def fit(
     batch: Annotated[int | None, typer.Option(help="Frames of one forward pass.")] = None,
     accumulate: Annotated[int | None, typer.Option(help="Batches of one optimiser step.")] = None,
     points: Annotated[int | None, typer.Option(help="Crops of online point targets beside each frame.")] = None,
+    imperfections: Annotated[
+        str | None, typer.Option(help="Of the boards that see the training data: none, calibrated or uncalibrated.")
+    ] = None,
     rows: Annotated[int | None, typer.Option(help="Range bins of a training crop; 0: whole images.")] = None,
     learning_rate: Annotated[float | None, typer.Option(help="Peak learning rate.")] = None,
     precision: Annotated[str | None, typer.Option(help="32 or bf16.")] = None,
@@ -51,6 +54,7 @@ def fit(
         "model": model, "features": features, "target": target, "width": width, "hidden": hidden, "steps": steps,
         "batch": batch, "accumulate": accumulate, "rows": rows, "learning_rate": learning_rate, "seed": seed,
         "precision": precision, "validate_every": validate_every, "patience": patience, "points": points,
+        "imperfections": imperfections,
     }  # fmt: skip
     console = Console(soft_wrap=True, highlight=False)
 

@@ -15,14 +15,21 @@ def predict(
         list[str],
         typer.Argument(
             metavar="[RUN] INPUT",
-            help="Run folder of trainer fit, unless --pretrained; then a dataset, also s3:// or gs://, or a cube as "
-            ".npy or .npz.",
+            help="Run folder of trainer fit, unless --pretrained or --method; then a dataset, also s3:// or gs://, or "
+            "a cube as .npy or .npz.",
             show_default=False,
         ),
     ],
     out: Annotated[Path, typer.Option("--out", help="Folder of the images; new or empty.", show_default=False)],
     pretrained: Annotated[
         str | None, typer.Option(help="A network that comes with the package, in place of RUN: sparse6 or sparse4.")
+    ] = None,
+    method: Annotated[
+        str | None,
+        typer.Option(
+            help="A classical estimator in place of a network, for any array: das, das-hamming, das-hann, music, iaa, "
+            "iaa-view, omp, omp-cfar, spice, likes or ml."
+        ),
     ] = None,
     radar: Annotated[str | None, typer.Option(help="Radar of a .npy cube: a preset or a TOML file.")] = None,
     split: Annotated[str, typer.Option(help="Of a dataset: train, validation, test or all.")] = "test",
@@ -38,18 +45,22 @@ def predict(
         typer.Option("--animation", help="Also animation.gif: images and detections, frame by frame; with --points."),
     ] = False,
 ) -> None:
-    """Image frames with a trained network, every Doppler peak of a range bin included."""
+    """Image frames with a trained network or a classical estimator, every Doppler peak of a range bin included."""
     from trainer.run.animation import ANIMATION, save_animation
     from trainer.run.predict import IMAGES
     from trainer.run.predict import predict as run_predict
     from trainer.run.pretrained import pretrained_run
 
-    expected = 1 if pretrained else 2
+    if pretrained and method:
+        raise InputError("--method", f"{method!r} beside --pretrained {pretrained}", "one of both")
+    expected = 1 if pretrained or method else 2
     if len(paths) != expected:
-        raise InputError("arguments", f"{len(paths)} paths", "INPUT alone with --pretrained, else RUN INPUT")
+        raise InputError(
+            "arguments", f"{len(paths)} paths", "INPUT alone with --pretrained or --method, else RUN INPUT"
+        )
     if animation and not points:
         raise InputError("--animation", "without --points", "--points beside it")
-    run = pretrained_run(pretrained) if pretrained else Path(paths[0])
-    run_predict(run, paths[-1], out, radar, split, pictures, points=points, points_format=points_format)
+    run = None if method else pretrained_run(pretrained) if pretrained else Path(paths[0])
+    run_predict(run, paths[-1], out, radar, split, pictures, points=points, points_format=points_format, method=method)
     if animation:
         save_animation(out / IMAGES, out / ANIMATION)

@@ -13,9 +13,10 @@ from shared.dataset.locations import Location, RemotePath, locate
 from shared.dataset.reading import radar_of
 from shared.physics.errors import InputError
 from shared.radar import Radar
+from shared.signal.model_error import NO_MODEL_ERROR_DB, UNCALIBRATED_DB
 from shared.signal.spectrum import range_doppler, select_doppler, unfold
 from shared.signal.windows import cell_noise_power
-from trainer.captures.cube_file import CubeFile, read_cube
+from trainer.captures.cube_file import Capture, CubeFile, read_cube
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +29,7 @@ class Measurement:
     :param velocity: [D, R] of those peaks [m/s]
     :param noise_power: of one channel and cell [W]
     :param truth: [R, U] relative to its peak, if known
+    :param model_error_db: power of a row that no plane wave explains, of the row's [dB]; -inf of simulated data
     """
 
     name: str
@@ -36,9 +38,31 @@ class Measurement:
     velocity: NDArray[np.float32]
     noise_power: float
     truth: NDArray[np.float32] | None
+    model_error_db: float = NO_MODEL_ERROR_DB
+
+    @property
+    def measured(self) -> bool:
+        """Whether its noise is that of hardware, see :func:`shared.signal.model_error.row_noise`."""
+        return self.model_error_db > NO_MODEL_ERROR_DB
 
 
-def open_measurements(source: Location | str, radar: str | None, split: str) -> tuple[Radar, Iterator[Measurement]]:
+@dataclass(frozen=True, eq=False)
+class Measurements:
+    """The frames of one source, to be gone through once.
+
+    :param dataset: of a dataset, whose truth is on its grid; of a cube otherwise
+    :param dead_channels: channels without an echo
+    """
+
+    frames: Iterator[Measurement]
+    dataset: bool
+    dead_channels: tuple[int, ...] = ()
+
+    def __iter__(self) -> Iterator[Measurement]:
+        return self.frames
+
+
+def open_measurements(source: Location | str, radar: str | None, split: str) -> tuple[Radar, Measurements]:
     """The radar and the frames of a dataset's split, local or remote, or of a cube.
 
     A cube is a ``.npy`` with its radar named by ``radar``, or a ``.npz``, see :mod:`trainer.captures.cube_file`.
@@ -61,9 +85,10 @@ def open_measurements(source: Location | str, radar: str | None, split: str) -> 
             for name in chosen if name in dataset.splits
             for f in dataset.frames(name, columns)
         )  # fmt: skip
-        return radar_of(dataset.description(), source / MANIFEST), frames
+        return radar_of(dataset.description(), source / MANIFEST), Measurements(frames, True)
     found = read_cube(source, radar)
-    return found.radar, (_measurement(source.stem, found, frame) for frame in range(len(found.cube)))
+    cubes = (_measurement(source.stem, found, frame) for frame in range(len(found.cube)))
+    return found.radar, Measurements(cubes, False, () if found.capture is None else found.capture.dead_channels)
 
 
 def _measurement(name: str, found: CubeFile, frame: int) -> Measurement:
@@ -73,4 +98,11 @@ def _measurement(name: str, found: CubeFile, frame: int) -> Measurement:
     selection = unfold(select_doppler(range_doppler(found.cube[frame], radar), noise_power), radar)
     velocity = selection.velocities_mps(radar.waveform).astype(np.float32)
     name = name if len(found.cube) == 1 else f"{name}-{frame:06d}"
-    return Measurement(name, frame, selection.range_channel, velocity, noise_power, None)
+    return Measurement(name, frame, selection.range_channel, velocity, noise_power, None, _model_error_db(capture))
+
+
+def _model_error_db(capture: Capture | None) -> float:
+    """None of a cube that was simulated or written by hand, a usual one where the calibration does not say."""
+    if capture is None:
+        return NO_MODEL_ERROR_DB
+    return UNCALIBRATED_DB if capture.model_error_db is None else capture.model_error_db

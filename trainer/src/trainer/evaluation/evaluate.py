@@ -39,7 +39,9 @@ from trainer.evaluation.experiments.detection import Detection
 from trainer.evaluation.experiments.doppler import Doppler
 from trainer.evaluation.experiments.frames import frame_refs, load_frame
 from trainer.evaluation.experiments.generalisation import Generalisation
-from trainer.evaluation.experiments.measured import Measured, read_snapshot
+from trainer.evaluation.experiments.measured import Measured, line_list
+from trainer.evaluation.experiments.measured_bench import measured_bench
+from trainer.evaluation.experiments.measured_input import MeasuredInput, read_measured, with_arrays
 from trainer.evaluation.experiments.noise_only import NoiseOnly
 from trainer.evaluation.experiments.point_spread import CylinderSpread
 from trainer.evaluation.experiments.reflectors import Reflectors
@@ -68,6 +70,7 @@ EXPERIMENTS: dict[str, Experiment] = {
 SUMMARY_COLUMNS = [(name, column) for name, experiment in EXPERIMENTS.items() for column in experiment.summary]
 DEFAULT_ARRAYS = ("sparse6", "sparse4", "full")
 CELLS, FIGURES, REPORT, SUMMARY = "cells", "figures", "report.html", "summary.md"
+LINES = "lines.md"
 RUNTIME = "runtime"
 RUNTIME_REPEATS = 3
 """Runs for one image after a first one, of which the shortest counts: what else a machine does only adds."""
@@ -77,7 +80,7 @@ Progress = Callable[[str, int, int], None]
 
 
 def evaluate(
-    dataset: Location | str,
+    dataset: Location | str | None,
     out: Path,
     runs: Sequence[Path] = (),
     methods: Sequence[str] | None = None,
@@ -89,16 +92,21 @@ def evaluate(
     workers: int = 1,
     announce: Callable[[str], object] = print,
     progress: Progress | None = None,
+    targets: int | None = None,
+    range_m: float | None = None,
+    model_error_db: float | None = None,
 ) -> pa.Table:
     """Run the experiments that apply and write everything into ``out``; returns the metrics table.
 
-    :param dataset: folder of a dataset with a test split, local or remote
+    :param dataset: folder of a dataset with a test split, local or remote; None with ``measured``, for that alone
     :param runs: run folders of trainer fit, each evaluated on its own array
     :param methods: names of estimators, "cnn" and "unet" for the runs; see
         :func:`trainer.evaluation.experiments.contenders.gather`
     :param arrays: see :func:`trainer.data.arrays.choose_array`
     :param experiments: names of :data:`EXPERIMENTS`; all that apply by default
-    :param measured: snapshot for the experiment "measured"
+    :param measured: snapshot or cube for the experiment "measured"
+    :param targets, range_m, model_error_db: of it, see
+        :func:`trainer.evaluation.experiments.measured_input.read_measured`
     :param resume: keep the cells that ``out`` already has
     :param workers: processes that compute cells, see :class:`trainer.evaluation.workers.Workers`; the numbers, but for
         the seconds, do not depend on it. Seconds are measured before the first cell, in this process alone.
@@ -113,42 +121,59 @@ def evaluate(
         if methods is not None:
             check_methods(methods)
         _check_experiments(experiments)
-        if measured is not None:
-            read_snapshot(measured)
-        bench, left_out = open_bench(dataset, runs, methods, arrays, config or EvaluationConfig(), measured)
-        chosen, obstacles = choose_experiments(experiments, bench)
+        row = None if measured is None else read_measured(measured, targets, range_m, model_error_db)
+        config = config or EvaluationConfig()
+        if dataset is None:
+            if row is None:
+                raise InputError("arguments", "neither a dataset nor --measured", "one of both, or both")
+            if experiments is not None and list(experiments) != [Measured.name]:
+                raise InputError("--experiments", ", ".join(experiments), f"{Measured.name} alone without a dataset")
+            bench, obstacles = measured_bench(row, runs, methods, arrays, config)
+            chosen, left_out = [EXPERIMENTS[Measured.name]], dict[str, int]()
+            title = f"Evaluation of {row.path.name}"
+        else:
+            bench, left_out = open_bench(dataset, runs, methods, arrays, config, row)
+            chosen, obstacles = choose_experiments(experiments, bench)
+            title = f"Evaluation on {folder_name(locate(dataset))}"
         remove_partial(out)
         store = CellStore(out / CELLS)
         for line in obstacles:
             announce(line)
         for kind, count in left_out.items():
             announce(f"{count} {kind} frames of the test split are left out: --frames {bench.config.frames}")
-        bench = replace(bench, seconds=_seconds(bench, store, advance))
+        if bench.frames:
+            bench = replace(bench, seconds=_seconds(bench, store, advance))
         rows: list[MetricRow] = []
         figures: list[ReportFigure] = []
         (out / FIGURES).mkdir(exist_ok=True)
         written = set()
         with Workers(bench, workers, folder) as pool:
-            shown = _compute(EXPERIMENTS[Street.name], bench, store, pool, partial(advance, "images"))
+            street = EXPERIMENTS[Street.name]
+            shown = _compute(street, bench, store, pool, partial(advance, "images")) if bench.frames else {}
             for experiment in chosen:
                 results = _compute(experiment, bench, store, pool, partial(advance, experiment.name))
                 rows += experiment.rows(bench, results)
+                if experiment.name == Measured.name:
+                    write_text(out / LINES, line_list(bench, results))
                 for name, figure in experiment.figures(bench, results).items():
                     png = save_figure(figure, out / FIGURES, name)
                     written |= {f"{name}.png", f"{name}.svg"}
                     figures.append(ReportFigure(experiment.title, experiment.caption, png))
-        rows += [
-            single_row(RUNTIME, contender, SECONDS, "", bench.seconds[contender.method, contender.array.name])
-            for contender in bench.contenders
-        ]
-        table = _write(out, bench, f"Evaluation on {folder_name(locate(dataset))}", chosen, rows, figures, shown)
+        rows += (
+            [
+                single_row(RUNTIME, contender, SECONDS, "", bench.seconds[contender.method, contender.array.name])
+                for contender in bench.contenders
+            ]
+            if bench.frames
+            else []
+        )
+        table = _write(out, bench, title, chosen, rows, figures, shown)
     if stale := sum(path.name not in written for path in (out / FIGURES).iterdir()):
         announce(f"{stale} files in {out / FIGURES} are of other arguments and not in this report")
     if store.unused:
         announce(f"{store.unused} cells in {store.directory} are of other arguments and not in this report")
-    announce(
-        f"{store.computed} cells computed, {store.kept} kept; {len(table)} numbers; look: {out / REPORT}, {SUMMARY}"
-    )
+    look = f"{out / REPORT}, {SUMMARY}" + (f", {LINES}" if row is not None else "")
+    announce(f"{store.computed} cells computed, {store.kept} kept; {len(table)} numbers; look: {look}")
     return table
 
 
@@ -178,7 +203,7 @@ def open_bench(
     methods: Sequence[str] | None,
     array_names: Sequence[str],
     config: EvaluationConfig,
-    measured: Path | None,
+    measured: MeasuredInput | None,
 ) -> tuple[Bench, dict[str, int]]:
     """(what the experiments work on, frames left out by kind); arguments and errors as :func:`evaluate`."""
     dataset = open_dataset(source)
@@ -195,7 +220,8 @@ def open_bench(
     scenes = (
         frozenset(frame.scene for frame in dataset.frames("train", ())) if "train" in dataset.splits else frozenset()
     )
-    return Bench(fingerprint.sha256, radar, refs, scenes, contenders, config, measured=measured), left_out
+    row = None if measured is None else with_arrays(measured, radar, [contender.array for contender in contenders])
+    return Bench(fingerprint.sha256, radar, refs, scenes, contenders, config, measured=row), left_out
 
 
 def choose_experiments(names: Sequence[str] | None, bench: Bench) -> tuple[list[Experiment], list[str]]:
@@ -212,7 +238,7 @@ def choose_experiments(names: Sequence[str] | None, bench: Bench) -> tuple[list[
             raise InputError("--experiments", f"{name}: {obstacle}", "an experiment that applies")
     if bench.measured is not None and Measured.name not in obstacles:
         raise InputError(
-            "--measured", f"{bench.measured} without the experiment", f"{Measured.name!r} in --experiments"
+            "--measured", f"{bench.measured.path} without the experiment", f"{Measured.name!r} in --experiments"
         )
     return (
         [experiment for experiment in wanted if not obstacles[experiment.name]],
@@ -286,7 +312,7 @@ def _time(contender: Contender, ref: FrameRef) -> Values:
 
 def _report_frames(bench: Bench, results: Results) -> list[ReportFrame]:
     frames = []
-    for ref in shown_frames(bench):
+    for ref in shown_frames(bench) if bench.frames else ():
         truth = results[TRUTH, "", ref.condition]["levels"]
         images = {c.name: results[c.method, c.array.name, ref.condition]["levels"] for c in bench.contenders}
         # The cut starts where the truth is strongest.
@@ -296,12 +322,14 @@ def _report_frames(bench: Bench, results: Results) -> list[ReportFrame]:
 
 
 def _introduction(bench: Bench, chosen: Sequence[Experiment]) -> str:
+    config, run = bench.config, ", ".join(experiment.name for experiment in chosen)
+    if not bench.frames:
+        return f"No dataset; experiments: {run}."
     kinds = [ref.kind for ref in bench.frames]
     counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
     methods = ", ".join(dict.fromkeys(contender.method for contender in bench.contenders))
     arrays = ", ".join(dict.fromkeys(contender.array.name for contender in bench.contenders))
-    config = bench.config
     return (
         f"Radar {bench.radar.name}; test frames: {counts}; methods: {methods}; arrays: {arrays}; {config.trials} "
-        f"simulated trials of a condition; seed {config.seed}; experiments: {', '.join(e.name for e in chosen)}."
+        f"simulated trials of a condition; seed {config.seed}; experiments: {run}."
     )

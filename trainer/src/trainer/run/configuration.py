@@ -6,8 +6,9 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
-from shared.dataset import LARGEST_SEED
+from shared.processes.defaults import LARGEST_SEED
 from shared.signal.windows import ANGLE_WINDOWS
+from trainer.run.imperfections import Given
 
 Count = Annotated[int, Field(ge=1, le=10**9)]
 Few = Annotated[int, Field(ge=1, le=2**14)]
@@ -53,9 +54,11 @@ class FitConfig(BaseModel):
     :param rows: range bins of a training crop, 0 for whole images; snapshots of one online sample of the "doa-cnn"
     :param augment: shift and mirror the training frames in angle
     :param points: crops of online point targets beside each training frame, see :mod:`trainer.training.online_points`
+    :param imperfections: of the boards that training frames and online points are seen by, or their name; None for
+        ideal ones, see :mod:`trainer.training.imperfections`
     :param seed: of initial weights, data order, crops and augmentation
     :param precision: "bf16" computes the network in bfloat16, weights stay float32
-    :param validate_every: optimiser steps from one validation to the next
+    :param validate_every: most optimiser steps from one validation to the next; the last is at the end
     :param patience: validations without improvement before an early stop, 0 for never
     """
 
@@ -86,6 +89,7 @@ class FitConfig(BaseModel):
     rows: Annotated[int, Field(ge=0, le=2**20)] = 160
     augment: bool = True
     points: Annotated[int, Field(ge=0, le=2**14)] = 1
+    imperfections: Given = None
     seed: Annotated[int, Field(ge=0, le=LARGEST_SEED)] = 0
     precision: Precision = "32"
     validate_every: Count = 200
@@ -106,6 +110,8 @@ class FitConfig(BaseModel):
             raise ValueError("model 'doa-cnn', features 'covariance' and target 'doa' belong together")
         if all(of_doa) and self.points:
             raise ValueError(f"model 'doa-cnn' has samples of its own; got points = {self.points}, expected 0")
+        if all(of_doa) and self.imperfections is not None:
+            raise ValueError("model 'doa-cnn' is trained on ideal boards alone; expected imperfections 'none'")
         if (self.model == "unrolled") != (self.features == "snapshots"):
             raise ValueError(
                 f"model 'unrolled' and features 'snapshots' belong together; got {self.model!r} and {self.features!r}"

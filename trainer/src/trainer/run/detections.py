@@ -73,8 +73,7 @@ def find_detections(
     expected = (*np.shape(snapshots)[:2], radar.grid.bins)
     if np.shape(image) != expected or np.shape(velocity) != expected[:2]:
         raise InputError("detections", f"an image {np.shape(image)}, velocities {np.shape(velocity)}", f"{expected}")
-    new = np.array([(velocity[:d] != velocity[d]).all(axis=0) for d in range(len(velocity))]).reshape(expected[:2])
-    peak, row = np.nonzero(new)
+    peak, row = np.nonzero(new_peaks(velocity))
     score = image[peak, row].astype(np.float64)
     if probability is not None:
         score *= np.sqrt(probability[peak, row])
@@ -105,6 +104,12 @@ def find_detections(
         u_std=found.u_std[snapshot, line][kept],
         probability=certain[kept],
     )
+
+
+def new_peaks(velocity: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """[D, R] which Doppler peaks of a range bin, by their velocities [D, R], do not repeat an earlier one."""
+    new = [(velocity[:d] != velocity[d]).all(axis=0) for d in range(len(velocity))]
+    return np.array(new, dtype=bool).reshape(velocity.shape)
 
 
 def hann_envelope_db(offset: NDArray[np.floating]) -> NDArray[np.float64]:

@@ -8,6 +8,7 @@ from torch import nn
 from shared.radar import Radar
 from shared.signal.adaptive import AdaptiveTables, adaptive_tables
 from shared.signal.features import (
+    ModelError,
     adaptive_features,
     covariance_channels,
     paper_features,
@@ -15,6 +16,7 @@ from shared.signal.features import (
     snapshot_features,
     steering_weights,
 )
+from shared.signal.model_error import NO_MODEL_ERROR_DB, model_error_ratio
 from trainer.data.arrays import ArrayChoice
 from trainer.run.building import build_network
 from trainer.run.configuration import FitConfig
@@ -49,7 +51,7 @@ class Imager(nn.Module):
         self.gain = 1.0
 
     def features(
-        self, range_channel: torch.Tensor, noise_power: torch.Tensor
+        self, range_channel: torch.Tensor, noise_power: torch.Tensor, model_error: ModelError = 0.0
     ) -> tuple[torch.Tensor, torch.Tensor | None]:
         """([B, F, R, U] float32 input of the network, [B, R] scale of the rows or None).
 
@@ -57,20 +59,21 @@ class Imager(nn.Module):
 
         :param range_channel: [B, R, C] complex64, all channels of the radar [sqrt(W)]
         :param noise_power: [B] [W]
+        :param model_error: see :data:`shared.signal.features.ModelError`; part of the noise wherever an input has it
         """
         with torch.no_grad(), torch.autocast(range_channel.device.type, enabled=False):
             chosen = range_channel[..., self.channels]
             if self.config.features == "snapshots":
-                return snapshot_features(chosen, noise_power)
+                return snapshot_features(chosen, noise_power, model_error)
             if self.config.features == "paper":
                 return paper_features(chosen, self.weights), None
             if self.config.features == "covariance":
                 return covariance_channels(chosen), None
             if self.config.features == "row":
-                return row_features(chosen, self.weights, noise_power)
+                return row_features(chosen, self.weights, noise_power, model_error)
             tables = AdaptiveTables(*(self.get_buffer(name) for name in AdaptiveTables._fields))
             iterations, exponent = self.config.iterations, self.config.exponent
-            return adaptive_features(chosen, self.weights, noise_power, tables, iterations, exponent)
+            return adaptive_features(chosen, self.weights, noise_power, tables, iterations, exponent, model_error)
 
     def das(self, range_channel: torch.Tensor) -> torch.Tensor:
         """[B, R, U] delay-and-sum magnitude of the same channels [sqrt(W)], the network's baseline."""
@@ -87,13 +90,16 @@ class Imager(nn.Module):
         return self.config.model == "unrolled" and self.config.detection > 0
 
     def detect(
-        self, range_channel: torch.Tensor, noise_power: torch.Tensor
+        self, range_channel: torch.Tensor, noise_power: torch.Tensor, model_error_db: float = NO_MODEL_ERROR_DB
     ) -> tuple[torch.Tensor, torch.Tensor | None]:
         """([B, R, U] image, see :data:`trainer.run.targets.UNITS`; [B, R, U] probability of a target, or None).
 
         A network without a detection head has no such probability, but where its image is one.
+
+        :param model_error_db: what calibration leaves of a plane wave, see :mod:`shared.signal.model_error`
+        :raises InputError: a model error above 0 dB
         """
-        features, scale = self.features(range_channel, noise_power)
+        features, scale = self.features(range_channel, noise_power, model_error_ratio(model_error_db))
         answer = self.answer(features)
         image = self.gain * decode(self.config, answer, scale)
         if self.detects:
@@ -101,17 +107,19 @@ class Imager(nn.Module):
         return image, image if UNITS[self.config.target] == PROBABILITY else None
 
     def image_and_score(
-        self, range_channel: torch.Tensor, noise_power: torch.Tensor
+        self, range_channel: torch.Tensor, noise_power: torch.Tensor, model_error_db: float = NO_MODEL_ERROR_DB
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """([B, R, U] image of :meth:`detect`, [B, R, U] score by which detections are found and ranked, in any unit).
 
         A detection head makes the score: image times the root of its probability. Without one it is the image.
         """
-        image, probability = self.detect(range_channel, noise_power)
+        image, probability = self.detect(range_channel, noise_power, model_error_db)
         if probability is None or not self.detects:
             return image, image
         return image, image * probability.sqrt()
 
-    def forward(self, range_channel: torch.Tensor, noise_power: torch.Tensor) -> torch.Tensor:
+    def forward(
+        self, range_channel: torch.Tensor, noise_power: torch.Tensor, model_error_db: float = NO_MODEL_ERROR_DB
+    ) -> torch.Tensor:
         """[B, R, U] image of :meth:`detect`."""
-        return self.detect(range_channel, noise_power)[0]
+        return self.detect(range_channel, noise_power, model_error_db)[0]

@@ -1,4 +1,4 @@
-"""``trainer predict``: images of frames that the network has never seen."""
+"""``trainer predict``: images of frames that the network has never seen, or by an estimator that has seen none."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from shared.dataset.locations import Location
 from shared.dataset.writing import atomic
 from shared.physics.errors import InputError
 from shared.signal.tdm import statement
-from trainer.data.measurements import Measurement, open_measurements
-from trainer.estimators.base import line_array
+from trainer.data.measurements import Measurement, Measurements, open_measurements
+from trainer.estimators.fitting import MODEL_ERROR_DB
+from trainer.run.answers import Answer, check_method, estimator_answer, network_answer
 from trainer.run.claim import output_folder
 from trainer.run.detection_files import COLUMN, CSV_FILE, check_format, column, write_csv, write_pcd
 from trainer.run.detection_files import UNITS as DETECTION_UNITS
 from trainer.run.detections import Detections, find_detections
-from trainer.run.folder import Run, load_imager, same_radar
-from trainer.run.imager import Imager
+from trainer.run.folder import load_imager, same_radar
+from trainer.run.other_radars import fitted_imager
 from trainer.run.pictures import save_picture
-from trainer.run.targets import UNITS
 
 IMAGES = "images.parquet"
 
 
 def predict(
-    run_directory: Path,
+    run_directory: Path | None,
     source: Location | str,
     out: Path,
     radar: str | None = None,
@@ -41,30 +41,34 @@ def predict(
     announce: Callable[[str], object] = print,
     points: bool = False,
     points_format: str = "parquet",
+    method: str | None = None,
 ) -> int:
     """Image every frame into ``out``: ``images.parquet``, and a PNG with DaS beside it; returns the frames imaged.
 
+    :param run_directory: of the network; None with ``method``
     :param split: of a dataset, or "all"
     :param points: a column ``detections`` as well
     :param points_format: with "csv" also ``detections.csv``, with "pcd" a cloud of each frame
+    :param method: a classical estimator in place of a network, see :data:`trainer.estimators.base.ESTIMATORS`
     :raises InputError: a run or input that cannot be read, an array or axes that the run was not trained for
     """
     check_format(points_format)
     if points_format != "parquet" and not points:
         raise InputError("--points-format", f"{points_format!r} without --points", "--points beside it")
+    if (run_directory is None) == (method is None):
+        raise InputError("arguments", "a run and --method" if method else "neither a run nor --method", "one of both")
+    if method is not None:
+        check_method(method)
     with output_folder(out, resume=False):
-        run, imager = load_imager(run_directory)
-        found, measurements = open_measurements(source, radar, split)
-        same_radar(run.radar, str(run_directory), found, str(source))
-        imager.to("cuda" if torch.cuda.is_available() else "cpu")
-        schema, count = _schema(run, points), 0
-        if said := statement(found):
+        answer, measurements = _open(run_directory, method, source, radar, split, announce)
+        schema, count = _schema(answer, points), 0
+        if said := statement(answer.radar):
             announce(said)
         listed: list[tuple[int, Detections]] = []
         headless = False
         with atomic(out / IMAGES) as partial, pq.ParquetWriter(partial, schema, compression="lz4") as writer:
             for measurement in measurements:
-                images, probability = answer_peaks(imager, measurement)
+                images, probability = answer.peaks(measurement)
                 image, velocity = merge_peaks(images, measurement.velocity)
                 row = {
                     "frame_id": pa.array([measurement.frame_id], pa.int64()),
@@ -72,16 +76,16 @@ def predict(
                     "velocity": _row(velocity, schema.field("velocity").type),
                 }
                 if points:
-                    targets = _detections(run, images, probability, measurement)
+                    targets = _detections(answer, images, probability, measurement)
                     row["detections"] = column(targets)
-                    headless = probability is None
+                    headless = probability is None and method is None
                     if points_format == "pcd":
                         write_pcd(out / f"{measurement.name}.pcd", targets)
                     elif points_format == "csv":
                         listed.append((measurement.frame_id, targets))
                 writer.write_table(pa.table(row, schema=schema))
                 if pictures:
-                    _picture(out, run, imager, measurement, image)
+                    _picture(out, answer, measurement, image)
                 count += 1
         if points_format == "csv":
             write_csv(out / CSV_FILE, listed)
@@ -91,18 +95,33 @@ def predict(
     return count
 
 
-def answer_peaks(imager: Imager, measurement: Measurement) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
-    """([D, R, U] image, [D, R, U] probability or None) of each Doppler peak of a frame (paper, section II-E).
-
-    The network images the strongest peaks of all range bins, then the second strongest and so on, the strongest again
-    where there is none.
-    """
-    device = imager.weights.device
-    with torch.inference_mode():
-        snapshots = torch.from_numpy(np.array(measurement.range_channel)).to(device)
-        noise = torch.full((len(snapshots),), measurement.noise_power, dtype=torch.float64, device=device)
-        images, probability = imager.detect(snapshots, noise)
-        return images.cpu().numpy(), None if probability is None else probability.float().cpu().numpy()
+def _open(
+    run_directory: Path | None,
+    method: str | None,
+    source: Location | str,
+    radar: str | None,
+    split: str,
+    announce: Callable[[str], object],
+) -> tuple[Answer, Measurements]:
+    """Who answers, and what is asked."""
+    run_and_imager = None if run_directory is None else load_imager(run_directory)
+    found, measurements = open_measurements(source, radar, split)
+    if run_and_imager is None:
+        assert method is not None
+        return estimator_answer(method, found, measurements.dead_channels), measurements
+    run, imager = run_and_imager
+    channels = run.array.channels(run.radar)
+    if measurements.dataset:
+        same_radar(run.radar, str(run_directory), found, str(source))
+    else:
+        fitted = fitted_imager(run, imager, str(run_directory), found, str(source))
+        imager, channels = fitted.imager, fitted.channels
+        for remark in fitted.remarks:
+            announce(remark)
+        if dead := sorted(set(channels.tolist()) & set(measurements.dead_channels)):
+            announce(f"the network looks at channels {dead} of {source}, which are dead")
+    imager.to("cuda" if torch.cuda.is_available() else "cpu")
+    return network_answer(run, imager, channels, found), measurements
 
 
 def merge_peaks(
@@ -113,53 +132,50 @@ def merge_peaks(
 
 
 def _detections(
-    run: Run, images: NDArray[np.float32], probability: NDArray[np.float32] | None, measurement: Measurement
+    answer: Answer, images: NDArray[np.float32], probability: NDArray[np.float32] | None, measurement: Measurement
 ) -> Detections:
-    channels = run.array.channels(run.radar)
     return find_detections(
         images,
         probability,
-        measurement.range_channel[..., channels],
+        measurement.range_channel[..., answer.channels],
         measurement.velocity,
-        run.radar,
-        line_array(run.radar, channels),
+        answer.radar,
+        answer.line,
         measurement.noise_power,
+        max(MODEL_ERROR_DB, measurement.model_error_db),
     )
 
 
-def _picture(out: Path, run: Run, imager: Imager, measurement: Measurement, image: NDArray[np.float32]) -> None:
-    with torch.inference_mode():
-        snapshots = torch.from_numpy(np.array(measurement.range_channel)).to(imager.weights.device)
-        das = imager.das(snapshots).amax(dim=0).cpu().numpy()
-    images = {f"delay and sum, {run.array.name}": das, run.config.model: image}
+def _picture(out: Path, answer: Answer, measurement: Measurement, image: NDArray[np.float32]) -> None:
+    images = {f"delay and sum, {answer.array.name}": answer.baseline(measurement), answer.name: image}
     if measurement.truth is not None:
         images["truth (strongest peaks)"] = measurement.truth
-    save_picture(out / f"{measurement.name}.png", images, run.radar, measurement.name)
+    save_picture(out / f"{measurement.name}.png", images, answer.radar, measurement.name)
 
 
 def _row(values: NDArray[np.float32], kind: pa.DataType) -> pa.Array:
     return pa.FixedSizeListArray.from_arrays(pa.array(np.ascontiguousarray(values).reshape(-1)), type=kind)
 
 
-def _schema(run: Run, points: bool) -> pa.Schema:
+def _schema(answer: Answer, points: bool) -> pa.Schema:
     """The dataset's own way to write arrays: plain fixed-size lists, their shapes and axes in the metadata."""
-    shape = [run.radar.waveform.range_bins, run.radar.grid.bins]
+    shape = [answer.radar.waveform.range_bins, answer.radar.grid.bins]
     values = pa.list_(pa.field("element", pa.float32(), nullable=False), shape[0] * shape[1])
     fields = [pa.field(name, kind, nullable=False) for name, kind in (("image", values), ("velocity", values))]
     if points:
         fields.append(COLUMN)
-    units: dict[str, object] = {"image": UNITS[run.config.target], "velocity": "m/s"}
+    units: dict[str, object] = {"image": answer.unit, "velocity": "m/s"}
     if points:
         units["detections"] = DETECTION_UNITS
-    said = statement(run.radar)
+    said = statement(answer.radar)
     text = json.dumps(
         {
             **({"conventions": {"velocity": said}} if said else {}),
             "shapes": {"image": shape, "velocity": shape},
-            "axes": run.radar.metadata()["axes"],
+            "axes": answer.radar.metadata()["axes"],
             "units": units,
-            "chosen_array": run.array.model_dump(mode="json"),
-            "model": run.config.model,
+            "chosen_array": answer.array.model_dump(mode="json"),
+            "model": answer.name,
         },
         sort_keys=True,
     )

@@ -41,7 +41,7 @@ class Targets:
     :param u: [n] within [-1, 1]
     :param amplitude: [n] complex, noise power 1
     :param point: [n] bool, whether it is a target of its own; else it is part of an extended one
-    :param first: [n] range bin of the crop's first row, the same for all
+    :param first_row: range bin of the crop's first row
     :param extended: [e, 3] row, u and half the width in u of the extended targets
     """
 
@@ -49,7 +49,7 @@ class Targets:
     u: NDArray[np.float64]
     amplitude: NDArray[np.complex128]
     point: NDArray[np.bool_]
-    first: NDArray[np.float64]
+    first_row: float
     extended: NDArray[np.float64]
 
     def in_extended(self, row: NDArray[np.integer], u: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -76,8 +76,7 @@ def draw_targets(generator: np.random.Generator, rows: int, radar: Radar) -> Tar
         else:
             parts.append(_points(generator, row, cell, level_db))
     row, u, amplitude, point = (np.concatenate(column) for column in zip(*parts, strict=True))
-    first = np.full(len(row), first_m / waveform.range_step_m)
-    return Targets(row, u, amplitude, point.astype(bool), first, extended)
+    return Targets(row, u, amplitude, point.astype(bool), first_m / waveform.range_step_m, extended)
 
 
 Scatterers = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.complex128], NDArray[np.bool_]]

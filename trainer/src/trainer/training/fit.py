@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -117,7 +118,6 @@ def _fit(
         watched = LOSS if UNITS[config.target] == PROBABILITY else NMSE
         # strict=False: without a truth in any validation frame there is no normalised error, and no early stop.
         callbacks.append(EarlyStopping(watched, patience=config.patience, strict=False))
-    batches = config.steps * config.accumulate
     with _quiet():
         trainer = Trainer(
             accelerator="auto",
@@ -126,7 +126,7 @@ def _fit(
             max_steps=config.steps,
             accumulate_grad_batches=config.accumulate,
             gradient_clip_val=config.clip,
-            val_check_interval=min(config.validate_every * config.accumulate, batches),
+            val_check_interval=_validation_interval(config) * config.accumulate,
             check_val_every_n_epoch=None,
             num_sanity_val_steps=0,
             log_every_n_steps=10,
@@ -158,6 +158,15 @@ def _fit(
     if first and not online and (out / WEIGHTS).is_file():
         judge(out, datasets, announce)
     return run
+
+
+def _validation_interval(config: FitConfig) -> int:
+    """Steps from one validation to the next: at most ``validate_every``, in equal parts that end with the run.
+
+    What is learned after the last validation is lost. Of a number of steps that does not divide, fewer are than there
+    are validations.
+    """
+    return config.steps // math.ceil(config.steps / config.validate_every)
 
 
 def _prepare(out: Path, run: Run, resume: bool) -> None:

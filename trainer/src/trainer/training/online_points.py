@@ -46,12 +46,14 @@ class PointCrops:
     :param image: [B, R, U] truth relative to its peak
     :param image_peak: [B] float64, that peak; 1 where a crop is empty
     :param spots: [B, R, U] where the targets are, see :mod:`trainer.training.spots`
+    :param first_row: [B] range bin of the first row
     """
 
     range_channel: torch.Tensor
     image: torch.Tensor
     image_peak: torch.Tensor
     spots: torch.Tensor
+    first_row: NDArray[np.float64]
 
 
 class OnlinePoints:
@@ -89,7 +91,11 @@ class OnlinePoints:
         peak = image.amax(dim=(-2, -1))
         peak = torch.where(peak > 0, peak, 1.0)
         return PointCrops(
-            snapshots, image / peak[:, None, None], peak.double(), self._spots(drawn, image.cpu().numpy()).to(device)
+            snapshots,
+            image / peak[:, None, None],
+            peak.double(),
+            self._spots(drawn, image.cpu().numpy()).to(device),
+            np.array([targets.first_row for targets in drawn]),
         )
 
     def _echoes(
@@ -102,9 +108,10 @@ class OnlinePoints:
         crops, rows, channels = snapshots.shape
         device = snapshots.device
         crop = np.repeat(np.arange(crops), [len(targets.row) for targets in drawn])
-        row, u, amplitude, first = (
-            np.concatenate([getattr(targets, name) for targets in drawn]) for name in ("row", "u", "amplitude", "first")
+        row, u, amplitude = (
+            np.concatenate([getattr(targets, name) for targets in drawn]) for name in ("row", "u", "amplitude")
         )
+        first = np.array([targets.first_row for targets in drawn])[crop]
         distance_m = np.maximum((first + row) * self._radar.waveform.range_step_m, NEAREST_M)
         turned = -u[:, None] * self._phase + ((1.0 - u**2) / distance_m)[:, None] * self._curvature
         if off_cell is not None:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 import torch
 from lightning.pytorch import LightningModule
 from lightning.pytorch.utilities.types import OptimizerLRScheduler
+from numpy.typing import NDArray
 
 from shared.radar import Radar
 from trainer.data.arrays import ArrayChoice
@@ -17,6 +20,7 @@ from trainer.run.configuration import FitConfig
 from trainer.run.imager import Imager
 from trainer.run.targets import decode, encode
 from trainer.training.augmentation import AngularAugmentation, draw
+from trainer.training.imperfections import BoardErrors
 from trainer.training.losses import frame_losses
 from trainer.training.online_points import OnlinePoints
 from trainer.training.spots import scene_spots
@@ -45,13 +49,15 @@ class ImagingTask(LightningModule):
         self._radar = radar
         self._channels = len(self.imager.channels)
         self._points = OnlinePoints(radar, config.truth_window, self._channels) if config.points else None
+        boards = config.imperfections
+        self._boards = None if boards is None else BoardErrors(boards, radar, self.imager.channels.numpy())
         self.batches_seen = 0
         self._projections: list[float] = []
         self._energies: list[float] = []
 
     def training_step(self, batch: Batch, batch_index: int) -> torch.Tensor:
         batch = self._training_batch(batch)
-        features, scale = self.imager.features(batch["range_channel"], batch["noise_power"])
+        features, scale = self.imager.features(batch["range_channel"], batch["noise_power"], batch["model_error"])
         target = encode(self.config, batch["image"], batch["image_peak"], scale)
         answer = self.imager.answer(features)
         losses = frame_losses(self.config, answer, target, batch["known"], batch.get("spots"))
@@ -127,9 +133,9 @@ class ImagingTask(LightningModule):
         self.batches_seen = checkpoint["batches_seen"]
 
     def _training_batch(self, batch: Batch) -> Batch:
-        """The strongest Doppler peak, cropped and augmented, and behind it the online point targets.
+        """The strongest Doppler peak, cropped and augmented, and behind it the online point targets, seen by boards.
 
-        ``known`` [B, 1, U] is 1 where the truth is known, ``frame_id`` -1 for online points.
+        ``known`` [B, 1, U] is 1 where the truth is known, ``frame_id`` -1 for online points; ``model_error`` [B].
         """
         config, count = self.config, len(batch["frame_id"])
         largest = self._augment.largest_shift if config.augment else 0
@@ -138,6 +144,7 @@ class ImagingTask(LightningModule):
         range_channel, image = batch["range_channel"][:, 0], batch["image"]
         spots = self._spots(batch)
         truths = [image] if spots is None else [image, spots]
+        first = 0
         if 0 < config.rows < image.shape[1]:
             first = int(drawn.crop * (image.shape[1] - config.rows + 1))
             range_channel = range_channel[:, first : first + config.rows]
@@ -147,8 +154,10 @@ class ImagingTask(LightningModule):
             range_channel, truths, known = self._augment(range_channel, truths, drawn)
         parts = {**batch, "range_channel": range_channel, "known": known}
         parts |= dict(zip(("image", "spots"), truths, strict=False))
+        rows = np.full(count, float(first))
+        boards = range(count * rank, count * (rank + 1))
         if self._points is None:
-            return parts
+            return self._by_boards(parts, boards, rows)
         places = range(count * rank * config.points, count * (rank + 1) * config.points)
         crops = self._points(config.seed, self.batches_seen, places, parts["image"].shape[1], image.device)
         extra = {
@@ -161,7 +170,20 @@ class ImagingTask(LightningModule):
         }
         if spots is not None:
             extra["spots"] = crops.spots
-        return {name: torch.cat([parts[name], extra[name]]) for name in extra}
+        joined = {name: torch.cat([parts[name], extra[name]]) for name in extra}
+        # The boards of the points come behind those of all processes' frames.
+        return self._by_boards(
+            joined, [*boards, *(count * world + place for place in places)], np.concatenate([rows, crops.first_row])
+        )
+
+    def _by_boards(self, batch: Batch, places: Sequence[int], first_row: NDArray[np.float64]) -> Batch:
+        """The batch as imperfect boards see it, and the model error of each."""
+        seen, error = batch["range_channel"], torch.zeros_like(batch["image_peak"], dtype=torch.float32)
+        if self._boards is not None:
+            seen, error = self._boards(
+                self.config.seed, self.batches_seen, places, seen, batch["noise_power"], first_row
+            )
+        return {**batch, "range_channel": seen, "model_error": error}
 
     def _linear_losses(self, batch: Batch, answer: torch.Tensor, scale: torch.Tensor | None) -> torch.Tensor:
         """[B] weighted squared error of the linear image over the energy of truth and noise.

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdShade
 
 from datafactory.scenes.city.shapes import Surface
+from datafactory.scenes.usd_library import Gf, Sdf, Tf, Usd, UsdGeom, UsdShade
 from shared.dataset.writing import atomic
 from shared.physics.errors import InputError
 

@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Tf, Usd, UsdGeom
 
 from datafactory.scenes.readers.local_mesh import LocalMesh
 from datafactory.scenes.readers.notes import Notes
@@ -32,6 +31,7 @@ from datafactory.scenes.readers.usd_motion import Frame, Transforms, instance_fr
 from datafactory.scenes.readers.usd_stage import check_sizes, open_usd_stage, usd_stage_to_world
 from datafactory.scenes.readers.usd_targets import model_axes, prim_model
 from datafactory.scenes.scene import WORLD_AXES, PointTarget, Scene, SceneObject, Vector
+from datafactory.scenes.usd_library import Tf, Usd, UsdGeom
 from shared.physics.errors import InputError
 from shared.physics.units import FARTHEST_M, FASTEST_MPS
 

@@ -10,9 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from pxr import Sdf, Tf
-
 from datafactory.scenes.readers.limits import MAXIMUM_NESTING, MAXIMUM_PRIMS, figure
+from datafactory.scenes.usd_library import Sdf, Tf
 from shared.physics.errors import InputError
 
 Place = tuple[str, str]

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from pxr import Sdf, Usd, UsdGeom
 
 from datafactory.scenes.readers.limits import MAXIMUM_NESTING, check_counts
 from datafactory.scenes.readers.usd_facts import FactsOfPrims, has_shape
 from datafactory.scenes.readers.usd_prims import solid_mesh, whole_numbers
+from datafactory.scenes.usd_library import Sdf, Usd, UsdGeom
 from shared.physics.errors import InputError
 
 SCENE_PRIMS = Usd.TraverseInstanceProxies()  # active, loaded, defined, not abstract

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Sdf, Usd, UsdGeom, UsdShade
 
 from datafactory.scenes.readers.local_mesh import LocalMesh
 from datafactory.scenes.readers.notes import Notes
 from datafactory.scenes.readers.usd_prims import PrimMesh, is_solid, polygon_mesh, solid_mesh, whole_numbers
 from datafactory.scenes.readers.usd_targets import names_are_targets, target_kind
+from datafactory.scenes.usd_library import Sdf, Usd, UsdGeom, UsdShade
 from shared.physics.errors import InputError
 
 

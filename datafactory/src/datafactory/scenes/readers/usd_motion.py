@@ -14,9 +14,9 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Usd, UsdGeom
 
 from datafactory.scenes.readers.usd_prims import whole_numbers
+from datafactory.scenes.usd_library import Usd, UsdGeom
 
 RESTING_SPEED = 1e-6  # USD stage units per second below which float64 transforms cannot tell motion from rounding
 

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Usd, UsdGeom, UsdSkel
 
 from datafactory.scenes.readers import primitives
 from datafactory.scenes.readers.notes import Notes
 from datafactory.scenes.readers.triangulation import triangulate
+from datafactory.scenes.usd_library import Usd, UsdGeom, UsdSkel
 from shared.physics.errors import InputError
 
 LARGEST = 1e60  # of a solid's size: squares of it, as in areas, are still finite

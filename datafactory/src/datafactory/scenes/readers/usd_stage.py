@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Pcp, Usd, UsdGeom
 
 from datafactory.scenes.readers.meshes import Y_UP_TO_Z_UP
 from datafactory.scenes.readers.notes import Notes
 from datafactory.scenes.readers.scale import size_remark
 from datafactory.scenes.scene import Scene
+from datafactory.scenes.usd_library import Pcp, Usd, UsdGeom
 from shared.physics.errors import InputError
 
 # Composition errors that leave out a part of the scene.

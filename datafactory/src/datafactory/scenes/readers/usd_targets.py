@@ -17,10 +17,10 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Usd, UsdGeom
 
 from datafactory.scenes.scene import Vector
 from datafactory.scenes.targets.models import MODELS, ROAD_USERS, SIZES, RcsModel, target_model
+from datafactory.scenes.usd_library import Usd, UsdGeom
 from shared.physics.errors import InputError
 
 EXEMPT = "none"

@@ -6,22 +6,23 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from shared.dataset import LARGEST_SEED
 from shared.dataset.locations import Location
+from shared.processes.defaults import LARGEST_SEED
 from shared.radar import Radar
 from trainer.data.arrays import ArrayChoice
 from trainer.evaluation.experiments.contenders import Contender
+from trainer.evaluation.experiments.measured_input import MeasuredInput
 from trainer.evaluation.rows import MetricRow, SummaryColumn
 from trainer.evaluation.store import Values, digest
 from trainer.metrics.bootstrap import Interval, bootstrap_mean, bootstrap_ratio, wilson
+from trainer.run.imager import Imager
 
 KEPT = 2
 """Frames or simulated scenes that an experiment holds while its contenders take turns."""
@@ -64,6 +65,26 @@ class FrameRef:
 
 
 @dataclass(frozen=True, eq=False)
+class MeasuredNetwork:
+    """A run that fits a measured row.
+
+    :param name: in tables and figures
+    :param array: name of the run's array
+    :param imager: of range-channel matrices with all channels of the measurement
+    :param elements: those of the measured row which it looks at
+    :param u: [U] of its images
+    :param inputs: fingerprint of its weights
+    """
+
+    name: str
+    array: str
+    imager: Imager
+    elements: NDArray[np.intp]
+    u: NDArray[np.float64]
+    inputs: str
+
+
+@dataclass(frozen=True, eq=False)
 class Bench:
     """What every experiment works on.
 
@@ -71,7 +92,9 @@ class Bench:
     :param frames: of the test split, that are scored
     :param training_scenes: scenes with frames in the dataset's training split
     :param seconds: for one image by (method, array), measured
-    :param measured: file of a measured snapshot, if any
+    :param measured: row of a measurement, if any
+    :param measured_methods: estimators that look at it; all where empty
+    :param measured_networks: runs that look at it
     """
 
     data_sha256: str
@@ -81,7 +104,9 @@ class Bench:
     contenders: tuple[Contender, ...]
     config: EvaluationConfig
     seconds: Mapping[tuple[str, str], float] = field(default_factory=dict)
-    measured: Path | None = None
+    measured: MeasuredInput | None = None
+    measured_methods: tuple[str, ...] = ()
+    measured_networks: tuple[MeasuredNetwork, ...] = ()
 
     @property
     def arrays(self) -> tuple[ArrayChoice, ...]:

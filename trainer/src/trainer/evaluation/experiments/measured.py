@@ -1,63 +1,63 @@
-"""A measured snapshot of a half-wavelength line of elements, e.g. two corner reflectors, by all estimators.
+"""A measured row of channels, by all estimators and the networks that fit it. Nothing in it is simulated.
 
-Nothing in it is simulated. The reference is maximum likelihood of two targets on all elements; the estimators are
-given all elements, the first 48, the first 10, and the first 48 thinned as the radar's arrays are. Networks are
-trained for their radar's elements and cannot take part.
+A snapshot of a half-wavelength line is looked at whole and in parts, a cube at one range bin and as a picture. Every
+method lists its lines; what they leave of the row's power says whether they explain it.
 """
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
-from pathlib import Path
 
 import numpy as np
+import torch
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from shared.physics.errors import InputError, figure_text
-from shared.physics.units import SPEED_OF_LIGHT
-from trainer.captures.matlab_files import read_complex_arrays
-from trainer.captures.numpy_files import read_npy
+from shared.physics.units import power_to_db
+from shared.signal.model_error import row_noise
+from trainer.estimators.array import draw_lines
 from trainer.estimators.base import ESTIMATORS, UNIFORM_ESTIMATORS, Estimator, LineArray
+from trainer.estimators.fitting import fit_lines, score_peaks
+from trainer.estimators.lines import line_amplitudes
 from trainer.estimators.ml import MaximumLikelihood
 from trainer.estimators.music import Music
-from trainer.evaluation.experiments.bench import Bench, Results, Task
-from trainer.evaluation.report.style import SPAN_DB, Look, legend_below, level_db, new_figure, subplots
+from trainer.evaluation.experiments.bench import Bench, MeasuredNetwork, Results, Task
+from trainer.evaluation.experiments.measured_figures import cartesian_figure, cut_figure
+from trainer.evaluation.experiments.measured_input import MeasuredInput
 from trainer.evaluation.rows import MetricRow, SummaryColumn
 from trainer.evaluation.store import Values, digest
-from trainer.metrics.resolution import strongest_peaks
+from trainer.run.detections import CANDIDATES
 
-WAVELENGTH_M = SPEED_OF_LIGHT / 77e9
-"""Of the carrier; u does not depend on it, since the elements stand half of it apart."""
-FIRST = (48, 10)
-AXIS = np.linspace(-0.6, 0.6, 2401)
-"""u scanned, in steps of 0.03 degrees."""
-TARGETS = 2
-METHODS: dict[str, Callable[[], Estimator]] = {
-    **ESTIMATORS,
-    "music-fbss": lambda: Music("forward-backward", targets=TARGETS),
-}
-"""AIC, which knows only white noise, would count errors of calibration as targets."""
+LINE_FIT = "line-fit"
+METHODS = (*ESTIMATORS, *UNIFORM_ESTIMATORS, LINE_FIT)
+PICTURED = ("das", "iaa", "likes", "omp-cfar")
+"""Estimators of which a cube's picture is drawn; the others are as slow as they are alike."""
+LEAST_DB = -15.0
+"""Lines below a spectrum's maximum that are listed where nobody tells the number of targets: errors of calibration
+leave -19 to -21 dB of a row's power."""
+MOST_LINES = 8
 FOUND_WITHIN_DEG = 1.0
-SHOWN_DEG = 15.0
+HANN = (0.0, -0.5, 1.0, -0.5, 0.0)
+"""What a point in the middle of a range bin is in its neighbours: a network that looks along range is shown a snapshot
+so."""
+PICTURE = "picture"
 
 
 class Measured:
-    """Does it hold on a real snapshot?"""
+    """Does it hold on real hardware?"""
 
     name = "measured"
     cells = name
-    title = "A measured snapshot of two reflectors"
+    title = "A measured row"
     caption = (
-        "One measured snapshot of a half-wavelength line of elements, and parts of it. Levels below each spectrum's "
-        "maximum; dotted: maximum likelihood of two targets on all elements. Lines reach down from their level where "
-        "a method finds lines instead of a spectrum. Maximum likelihood and MUSIC with forward-backward smoothing over "
-        "subarrays of half the length (music-fbss, which needs a uniform line) are told that there are two targets, "
-        "the others are not. Weaker lines beside the two are what these leave, errors of calibration or echoes, drawn "
-        "where they stand above what a method takes for noise."
+        "One row of measured channels, and parts of it. Levels below each spectrum's maximum; dotted, where the number "
+        "of targets is told: maximum likelihood of as many on all elements. Lines reach down from their level where a "
+        "method finds lines instead of a spectrum. Maximum likelihood and MUSIC with forward-backward smoothing over "
+        "subarrays of half the length (music-fbss, which needs a uniform line) are told the number of targets where it "
+        "is known, the others never are. Every method is told the noise with what the calibration leaves. Weaker lines "
+        "are errors of calibration or echoes, drawn where they stand above what a method takes for noise."
     )
     summary: tuple[SummaryColumn, ...] = ()
 
@@ -65,141 +65,244 @@ class Measured:
         return None if bench.measured else "no --measured file"
 
     def tasks(self, bench: Bench) -> Sequence[Task]:
-        assert bench.measured is not None
-        snapshot = read_snapshot(bench.measured)
-        content = hashlib.sha256(snapshot.tobytes()).hexdigest()
-        return [
-            Task(method, name, "", digest([content, elements.tolist()]), partial(_spectrum, snapshot, elements, method))
-            for name, elements in element_sets(bench, len(snapshot)).items()
-            for method in _methods(elements)
+        measured = _measured(bench)
+        tasks = [
+            Task(method, name, "", digest([measured.sha256, elements.tolist()]), partial(_cell, measured, name, method))
+            for name, elements in measured.elements.items()
+            for method in bench.measured_methods or METHODS
+            if _applies(method, measured, elements)
         ]
+        everything = next(iter(measured.elements))
+        if measured.frame is not None:
+            tasks += [
+                Task(method, everything, PICTURE, digest([measured.sha256]), partial(_picture, measured, method))
+                for method in bench.measured_methods or PICTURED
+                if method in PICTURED
+            ]
+        for network in bench.measured_networks:
+            inputs = digest([measured.sha256, network.inputs])
+            tasks.append(Task(network.name, network.array, "", inputs, partial(_network_cell, measured, network)))
+            if measured.frame is not None:
+                picture = partial(_network_picture, measured, network)
+                tasks.append(Task(network.name, network.array, PICTURE, inputs, picture))
+        return tasks
 
     def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
-        assert bench.measured is not None
-        reference = reference_degrees(read_snapshot(bench.measured))
+        measured = _measured(bench)
+        reference = reference_degrees(measured)
+
+        def row(method: str, array: str, metric: str, value: float, condition: str = "") -> MetricRow:
+            known = method == "ml" and array == "reference"
+            return MetricRow(
+                self.name, method, array, metric, condition, value, *((value, value) if known else (math.nan,) * 2), 1
+            )
+
         found = [
-            MetricRow(self.name, "ml", "reference", f"angle {n} [deg]", "elements=all", angle, angle, angle, 1)
-            for n, angle in enumerate(reference, 1)
+            row("ml", "reference", f"angle {n} [deg]", angle, "elements=all") for n, angle in enumerate(reference, 1)
         ]
-        for (method, array, _), values in results.items():
-            angles = _degrees(values["spectrum"])
-            for n, angle in enumerate(angles, 1):
-                found.append(MetricRow(self.name, method, array, f"angle {n} [deg]", "", angle, math.nan, math.nan, 1))
-            both = float(_found_both(values["spectrum"], reference))
-            metric = f"both within {FOUND_WITHIN_DEG:g} deg"
-            found.append(MetricRow(self.name, method, array, metric, "", both, math.nan, math.nan, 1))
+        for (method, array, condition), values in results.items():
+            if condition == PICTURE:
+                continue
+            angles = _degrees(values["lines"])
+            for n, (angle, level) in enumerate(zip(angles, values["levels_db"], strict=True), 1):
+                found.append(row(method, array, f"angle {n} [deg]", float(angle)))
+                found.append(row(method, array, f"level {n} [dB]", float(level)))
+            found.append(row(method, array, "power left [dB]", float(values["left_db"])))
+            if len(reference):
+                metric = f"{'both' if len(reference) == 2 else 'all'} within {FOUND_WITHIN_DEG:g} deg"
+                found.append(row(method, array, metric, float(_all_found(angles, reference))))
         return found
 
     def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
-        assert bench.measured is not None
-        reference = reference_degrees(read_snapshot(bench.measured))
-        look = Look([method for method, _, _ in results], [array for _, array, _ in results])
-        columns = min(3, len(look.arrays))
-        lines = -(-len(look.arrays) // columns)
-        figure = new_figure(4.6 * columns, 3.3 * lines + 0.9, f"{self.title}: {figure_text(bench.measured.name)}")
-        axes = subplots(figure, lines, columns, sharex=True, sharey=True)
-        degrees = np.rad2deg(np.arcsin(AXIS))
-        for axis, array in zip(axes.ravel(), look.arrays, strict=False):
-            for (method, of_array, _), values in results.items():
-                if of_array == array:
-                    spectrum = values["spectrum"].astype(np.float64)
-                    axis.plot(degrees, level_db(spectrum, float(spectrum.max())), color=look.colour(method), lw=1.1)
-            both = [values["spectrum"] for (_, of_array, _), values in results.items() if of_array == array]
-            count = sum(_found_both(spectrum, reference) for spectrum in both)
-            for angle in reference:
-                axis.axvline(angle, color="grey", lw=0.8, ls=":")
-            axis.set(
-                title=f"{figure_text(array)}: {count} of {len(both)} find both within {FOUND_WITHIN_DEG:g} deg",
-                xlabel="azimuth [deg]",
-                xlim=(SHOWN_DEG + 3.5, 3.5 - SHOWN_DEG),
-                ylim=(-SPAN_DB, 1.0),
-            )
-            axis.grid(alpha=0.25)
-            axis.tick_params(labelbottom=True)
-        for axis in axes.ravel()[len(look.arrays) :]:
-            axis.set_visible(False)
-        for axis in axes[:, 0]:
-            axis.set_ylabel("level [dB]")
-        legend_below(figure, look.method_handles())
-        return {self.name: figure}
+        measured = _measured(bench)
+        reference = reference_degrees(measured)
+        spectra = {(m, a): values for (m, a, condition), values in results.items() if condition != PICTURE}
+        counts: dict[str, tuple[int, int]] = {}
+        for (_, array), values in spectra.items():
+            found, of = counts.get(array, (0, 0))
+            counts[array] = found + _all_found(_degrees(values["lines"]), reference), of + 1
+        notes = {a: f"{n} of {of} find all within {FOUND_WITHIN_DEG:g} deg" for a, (n, of) in counts.items()}
+        figures = {self.name: cut_figure(measured, self.title, spectra, reference, notes if len(reference) else {})}
+        if measured.frame is not None:
+            images = {(m, a): v for (m, a, condition), v in results.items() if condition == PICTURE}
+            if images:
+                figures[f"{self.name}-picture"] = cartesian_figure(measured, images)
+        return figures
 
 
-def read_snapshot(path: Path) -> NDArray[np.complex128]:
-    """[C] the snapshot of a MATLAB file with one complex vector, or of a complex vector in a .npy file.
+def line_list(bench: Bench, results: Results) -> str:
+    """Markdown: the lines of all methods beside each other, a table for each array, and what they leave."""
+    measured = _measured(bench)
+    tables = []
+    arrays = list(dict.fromkeys(array for _, array, condition in results if condition != PICTURE))
+    for array in arrays:
+        lines = [f"| {array} | azimuth [deg] (level [dB]) | power left [dB] |", "|---|---|---|"]
+        for (method, of_array, condition), values in results.items():
+            if of_array == array and condition != PICTURE:
+                pairs = zip(_degrees(values["lines"]), values["levels_db"], strict=True)
+                listed = ", ".join(f"{angle:.2f} ({level:.1f})" for angle, level in pairs if np.isfinite(angle))
+                lines.append(f"| {method} | {listed} | {float(values['left_db']):.1f} |")
+        tables.append("\n".join(lines) + "\n")
+    told = ""
+    if measured.targets is not None:
+        angles = ", ".join(f"{angle:.3f}" for angle in reference_degrees(measured))
+        told = f", {measured.targets} told (maximum likelihood of as many on all elements: {angles} deg)"
+    where = ""
+    if measured.radar is not None:
+        where = f", range {measured.row * measured.radar.waveform.range_step_m:.2f} m"
+    error = "no model error" if math.isinf(measured.model_error_db) else f"model error {measured.model_error_db:g} dB"
+    return f"Measured row{where}{told}, {error}\n\n" + "\n".join(tables)
 
-    :raises InputError: no such file, not readable, no or several complex vectors, values that are not finite
+
+def reference_degrees(measured: MeasuredInput) -> NDArray[np.float64]:
+    """[K] azimuths by maximum likelihood on all elements [deg], rising; none where the number is not known."""
+    if measured.targets is None:
+        return np.empty(0)
+    line = measured.line(np.arange(len(measured.snapshot)))
+    return _degrees(MaximumLikelihood(measured.targets).locate(measured.snapshot[None], line)[0][0])
+
+
+def told_noise(measured: MeasuredInput, elements: NDArray[np.intp]) -> NDArray[np.float64]:
+    """[1] noise of the row that every method is told, with the model error.
+
+    Where the number of targets is known it is what as many lines by maximum likelihood on all elements leave, if that
+    is more.
     """
-    if not path.is_file() or path.suffix not in (".mat", ".npy"):
-        raise InputError("--measured", f"{path}", "a .mat or .npy file with one complex vector")
-    found = {"array": read_npy(path)} if path.suffix == ".npy" else read_complex_arrays(path)
-    vectors = {
-        k: np.asarray(v) for k, v in found.items() if np.iscomplexobj(v) and np.size(v) == max(np.shape(v), default=0)
-    }
-    if len(vectors) != 1:
-        raise InputError(path, f"complex vectors {sorted(vectors)}", "exactly one")
-    snapshot = next(iter(vectors.values())).ravel().astype(np.complex128)
-    if len(snapshot) <= 2 * TARGETS or not np.isfinite(snapshot).all():
-        raise InputError(path, f"{len(snapshot)} elements", f"more than {2 * TARGETS} finite ones")
-    return snapshot
+    stated = row_noise(measured.snapshot[None, elements], measured.noise_power, measured.model_error_db)
+    if measured.targets is None:
+        return np.asarray(stated)
+    count = len(measured.snapshot)
+    line = measured.line(np.arange(count))
+    u, amplitude = MaximumLikelihood(measured.targets).locate(measured.snapshot[None], line)
+    left = measured.snapshot - line.manifold(u[0]) @ amplitude[0]
+    return np.maximum(stated, float(np.sum(np.abs(left) ** 2)) / (count - measured.targets))
 
 
-def element_sets(bench: Bench, count: int) -> dict[str, NDArray[np.intp]]:
-    """Which elements of the measured line form which array, by its name."""
-    sets = {f"all {count}": np.arange(count)}
-    sets.update({f"first {first}": np.arange(first) for first in FIRST if first < count})
-    line = np.round((bench.radar.array.virtual[:, 1] - bench.radar.array.virtual[:, 1].min()) / _spacing(bench)).astype(
-        int
-    )
-    for contender in bench.contenders:
-        places = np.sort(line[contender.channels])
-        name = f"{contender.array.name} of {line.max() + 1}"
-        if len(places) < len(line) and places[-1] < count:
-            sets[name] = places.astype(np.intp)
-    return sets
+def _measured(bench: Bench) -> MeasuredInput:
+    assert bench.measured is not None
+    return bench.measured
 
 
-def _spacing(bench: Bench) -> float:
-    """Of the grid that the radar's virtual elements stand on [m]; half a wavelength where there is none."""
-    line = LineArray(bench.radar.array.virtual[:, 1], bench.radar.waveform.wavelength_m)
-    return line.spacing_m or 0.5 * line.wavelength_m
+def _applies(method: str, measured: MeasuredInput, elements: NDArray[np.intp]) -> bool:
+    """MUSIC with smoothing needs a uniform line, maximum likelihood a number of targets."""
+    if method in UNIFORM_ESTIMATORS:
+        gaps = np.diff(np.sort(measured.positions_m[elements])) / measured.wavelength_m
+        return len(gaps) > 0 and bool(np.ptp(gaps) < 1e-3 and gaps.min() > 1e-3)
+    return method != "ml" or measured.targets is not None
 
 
-def half_wavelength_line(elements: NDArray[np.intp]) -> LineArray:
-    """Elements of a line at half a wavelength; by the measurement's convention u rises with the phase exp(+j pi n
-    u)."""
-    return LineArray(-0.5 * WAVELENGTH_M * elements.astype(np.float64), WAVELENGTH_M)
+def _estimator(method: str, targets: int | None) -> Estimator:
+    if method == LINE_FIT:
+        return LineFit()
+    if method == "ml":
+        assert targets is not None
+        return MaximumLikelihood(targets)
+    # AIC knows white noise alone: it counts errors of calibration as targets where it is not told their number.
+    made: dict[str, Callable[[], Estimator]] = {**ESTIMATORS, "music-fbss": lambda: Music("forward-backward", targets)}
+    return made[method]()
 
 
-def reference_degrees(snapshot: NDArray[np.complex128]) -> NDArray[np.float64]:
-    """[2] azimuths by maximum likelihood on all elements [deg], rising."""
-    line = half_wavelength_line(np.arange(len(snapshot)))
-    return np.rad2deg(np.arcsin(MaximumLikelihood(TARGETS).locate(snapshot[None], line)[0][0]))
+class LineFit:
+    """The lines of :func:`trainer.estimators.fitting.fit_lines` from the peaks of LIKES on."""
+
+    name = LINE_FIT
+
+    def image(
+        self, snapshots: NDArray[np.complexfloating], array: LineArray, u: NDArray[np.floating], noise_power: object
+    ) -> NDArray[np.float64]:
+        """[R, U] lines; the noise of each row is all noise that the fit is told."""
+        noise = np.broadcast_to(np.asarray(noise_power, dtype=np.float64), len(snapshots))
+        score = ESTIMATORS["likes"]().image(snapshots, array, u, noise)
+        found = np.zeros((len(snapshots), len(u)))
+        for row, (x, power) in enumerate(zip(snapshots, noise, strict=True)):
+            candidates = score_peaks(score[row : row + 1], u, CANDIDATES)
+            lines = fit_lines(x[None], array, float(power), candidates, -np.inf)
+            angles = np.where(np.isfinite(lines.u), lines.u, 0.0)
+            found[row] = draw_lines(angles, np.abs(lines.amplitude), array, u)[0]
+        return found
 
 
-def noise_estimate(snapshot: NDArray[np.complex128]) -> float:
-    """Power in an element that two lines do not explain: noise and errors of calibration."""
-    line = half_wavelength_line(np.arange(len(snapshot)))
-    u, amplitude = MaximumLikelihood(TARGETS).locate(snapshot[None], line)
-    left = snapshot - line.manifold(u[0]) @ amplitude[0]
-    return float(np.sum(np.abs(left) ** 2)) / (len(snapshot) - TARGETS)
+def _cell(measured: MeasuredInput, name: str, method: str) -> Values:
+    elements = measured.elements[name]
+    x, line = measured.snapshot[None, elements], measured.line(elements)
+    estimator = _estimator(method, measured.targets)
+    spectrum = estimator.image(x, line, measured.u, told_noise(measured, elements))[0]
+    return _judged(spectrum, measured.u, x, line, measured.targets)
 
 
-def _methods(elements: NDArray[np.intp]) -> list[str]:
-    uniform = len(set(np.diff(elements).tolist())) == 1
-    return [name for name in METHODS if uniform or name not in UNIFORM_ESTIMATORS]
+def _network_cell(measured: MeasuredInput, network: MeasuredNetwork) -> Values:
+    line = measured.line(network.elements)
+    if measured.frame is None:
+        rows = np.array(HANN)[:, None] * measured.snapshot
+        image = _network_images(network, rows[None].astype(np.complex64), measured.noise_power, measured)[0]
+        spectrum = image[HANN.index(1.0)]
+    else:
+        strongest = measured.frame.range_channel[:1]
+        image = _network_images(network, strongest, measured.frame.noise_power, measured)[0]
+        spectrum = image[measured.row]
+    x = measured.snapshot[None, network.elements]
+    return _judged(spectrum.astype(np.float64), network.u, x, line, measured.targets)
 
 
-def _spectrum(snapshot: NDArray[np.complex128], elements: NDArray[np.intp], method: str) -> Values:
-    estimator = METHODS[method]()
-    line = half_wavelength_line(elements)
-    image = estimator.image(snapshot[elements][None], line, AXIS, noise_estimate(snapshot))
-    return {"spectrum": image[0].astype(np.float32)}
+def _judged(
+    spectrum: NDArray[np.float64],
+    u: NDArray[np.float64],
+    x: NDArray[np.complex128],
+    line: LineArray,
+    targets: int | None,
+) -> Values:
+    """Spectrum, its lines with their levels below its maximum [dB], and the power that lines there leave [dB]."""
+    lines = score_peaks(spectrum[None], u, targets or MOST_LINES)[0]
+    heights = np.interp(np.nan_to_num(lines), u, spectrum)
+    levels = power_to_db((heights / max(spectrum.max(), np.finfo(np.float64).tiny)) ** 2)
+    levels[np.isnan(lines)] = -np.inf
+    if targets is None:
+        lines, levels = lines[levels >= LEAST_DB], levels[levels >= LEAST_DB]
+    else:
+        order = np.argsort(lines)
+        lines, levels = lines[order], levels[order]
+    seen = lines[np.isfinite(lines)][None]
+    left = line_amplitudes(x, seen, line)[1] if seen.size else x
+    left_db = power_to_db(np.sum(np.abs(left) ** 2) / np.sum(np.abs(x) ** 2))
+    return {
+        "u": np.asarray(u), "spectrum": spectrum.astype(np.float32), "lines": lines,
+        "levels_db": np.where(np.isfinite(levels), levels, -400.0), "left_db": np.asarray(left_db),
+    }  # fmt: skip
 
 
-def _degrees(spectrum: NDArray[np.float32]) -> NDArray[np.float64]:
-    """[2] azimuths of the two highest peaks [deg], rising; NaN for those missing."""
-    return np.rad2deg(np.arcsin(strongest_peaks(spectrum[None].astype(np.float64), AXIS, TARGETS)[0]))
+def _picture(measured: MeasuredInput, method: str) -> Values:
+    """[R, U] image of the strongest Doppler peaks of a cube."""
+    assert measured.frame is not None
+    assert measured.radar is not None
+    rows = measured.frame.range_channel[0][:, measured.used].astype(np.complex128)
+    noise = np.asarray(row_noise(rows, measured.noise_power, measured.model_error_db))
+    line = measured.line(np.arange(len(measured.used)))
+    image = _estimator(method, measured.targets).image(rows, line, measured.radar.grid.u, noise)
+    return {"image": image.astype(np.float32), "u": measured.radar.grid.u}
 
 
-def _found_both(spectrum: NDArray[np.float32], reference: NDArray[np.float64]) -> bool:
-    return bool(np.all(np.abs(_degrees(spectrum) - reference) <= FOUND_WITHIN_DEG))
+def _network_picture(measured: MeasuredInput, network: MeasuredNetwork) -> Values:
+    assert measured.frame is not None
+    strongest = measured.frame.range_channel[:1]
+    return {"image": _network_images(network, strongest, measured.frame.noise_power, measured)[0], "u": network.u}
+
+
+def _network_images(
+    network: MeasuredNetwork, range_channel: NDArray[np.complex64], noise_power: float, measured: MeasuredInput
+) -> NDArray[np.float32]:
+    """[B, R, U] images of range-channel matrices [B, R, C]."""
+    with torch.inference_mode():
+        snapshots = torch.from_numpy(np.array(range_channel))
+        noise = torch.full((len(snapshots),), noise_power, dtype=torch.float64)
+        return np.asarray(network.imager(snapshots, noise).numpy(), dtype=np.float32)
+
+
+def _degrees(u: NDArray[np.floating]) -> NDArray[np.float64]:
+    return np.rad2deg(np.arcsin(np.clip(u, -1.0, 1.0)))
+
+
+def _all_found(angles: NDArray[np.float64], reference: NDArray[np.float64]) -> bool:
+    """Whether the lines, as many as the reference, are each near one."""
+    if len(angles) != len(reference):
+        return False
+    return bool(np.all(np.abs(np.sort(angles) - reference) <= FOUND_WITHIN_DEG))

@@ -36,6 +36,7 @@ COLOURS = (
     "#b8b042",
     "#88ccaa",
     "#aa4466",
+    "#cc2222",
 )
 """Told apart by most colour-blind readers (Okabe and Ito, 2008), and some more."""
 LINES = ("-", "--", ":", "-.")

@@ -1,0 +1,77 @@
+"""How long the command lines take to begin, beside a fresh interpreter that imports NumPy, in turn.
+
+Times are those of child processes; a start is mostly imports, so that the ratio says how many of NumPy's it is.
+"""
+
+from __future__ import annotations
+
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from record import Record, Timing
+from workloads import Workload
+
+TINY_SCENE = Path(__file__).resolve().parents[2] / "scenes" / "tiny.usda"
+NUMPY = ("import numpy",)
+EXIT_STATUS = "exit status"
+
+
+def help_of_datafactory(work: Workload) -> Record:
+    """``datafactory --help``."""
+    return _beside_numpy(work, "datafactory_help_vs_numpy", "datafactory --help", _program("datafactory", "--help"))
+
+
+def help_of_trainer(work: Workload) -> Record:
+    """``trainer --help``."""
+    return _beside_numpy(work, "trainer_help_vs_numpy", "trainer --help", _program("trainer", "--help"))
+
+
+def first_frame(work: Workload) -> Record:
+    """One frame of the tiny scene, planning included: evidence and kernels were made by the run before."""
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "out"
+        options = ("--scene", str(TINY_SCENE), "--frames", "1", "--rays", str(work.size.peer_rays), "--out", str(out))
+        clear = f"import shutil; shutil.rmtree({str(out)!r}, ignore_errors=True)"
+        render = _program("datafactory", "render", *options)
+        program = (f"{clear}; {render[0]}", *render[1:])
+        _run(program)
+        return _beside_numpy(work, "first_frame_vs_numpy", "datafactory render, one frame of tiny.usda", program)
+
+
+def _program(name: str, *arguments: str) -> tuple[str, ...]:
+    """What ``python -c`` is given to be this command."""
+    return (f"import sys; sys.argv[0] = {name!r}; from {name}.cli.entry import main; main()", *arguments)
+
+
+def _beside_numpy(work: Workload, name: str, what: str, program: tuple[str, ...]) -> Record:
+    """Medians over repeats, ours and the reference in turn."""
+    ours, reference = zip(*((_run(program), _run(NUMPY)) for _ in range(work.size.repeats)), strict=True)
+    return Record(
+        name=name,
+        ours_time=_median(ours),
+        reference='python -c "import numpy"',
+        reference_time=_median(reference),
+        error=0.0,  # of another status nothing is recorded
+        error_unit=EXIT_STATUS,
+        ours=what,
+    )
+
+
+def _run(program: tuple[str, ...]) -> Timing:
+    """Times of one child that ends with status 0."""
+    start, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run([sys.executable, "-c", *program], check=True, stdout=subprocess.DEVNULL)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    used = after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
+    return Timing(time.perf_counter() - start, used)
+
+
+def _median(times: tuple[Timing, ...]) -> Timing:
+    return Timing(
+        statistics.median(each.seconds for each in times), statistics.median(each.cpu_seconds for each in times)
+    )

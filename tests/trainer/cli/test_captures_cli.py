@@ -1,0 +1,129 @@
+"""``trainer import`` and ``calibrate``: from the samples of a board to an image, and what they refuse."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from oracles import reference_file
+from raw_files import radar_of, scene, write_two_lanes
+
+from shared.signal.imaging import steering_matrix
+from trainer.captures.cube_file import read_cube
+from trainer.cli.app import main
+from trainer.data.measurements import open_measurements
+
+
+def status(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *arguments: object) -> tuple[int, str]:
+    """(exit status, what was said)."""
+    monkeypatch.setattr(sys, "argv", ["trainer", *map(str, arguments)])
+    code: object = 0
+    try:
+        main()
+    except SystemExit as ended:
+        code = ended.code or 0
+    said = capsys.readouterr()
+    assert isinstance(code, int)
+    return code, said.out + said.err
+
+
+def test_from_samples_to_an_image(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The echo that stands is found where it was put, on the right (0.26 left of 0, i.e. u = -0.256), after TDM."""
+    radar = radar_of(tmp_path, "iwr1843", "tx = [1, 3]\n")
+    write_two_lanes(tmp_path / "adc.bin", scene(radar, 2), radar)
+    common = ("--board", "iwr1843", "--radar", tmp_path / "capture.toml")
+    code, said = status(capsys, monkeypatch, "import", tmp_path / "adc.bin", *common, "--out", tmp_path / "cube.npz")
+    assert (code, said.splitlines()[0]) == (
+        0, f"2 frames of 4 chirps x 32 samples x 8 channels (2 TX, 4 RX) in {tmp_path / 'cube.npz'}",
+    )  # fmt: skip
+    found, measurements = open_measurements(tmp_path / "cube.npz", None, "test")
+    first = next(measurements)
+    row = round(float(np.hypot(3.4, 0.9)) / found.waveform.range_step_m)
+    image = np.abs(steering_matrix(found, found.array).T @ first.range_channel[0, row])
+    assert found.grid.u[image.argmax()] == pytest.approx(-0.9 / np.hypot(3.4, 0.9), abs=0.06)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("import", "none.bin", "--board", "iwr1843", "--out", "cube.npz"), "trainer: CAPTURE: none.bin; expected a"),
+        (("import", "none.bin", "--board", "iwr9", "--out", "cube.npz"), "trainer: --board: 'iwr9'; expected one of"),
+        (("import", "a.bin", "--board", "iwr1843", "--out", "cube.npy"), "trainer: --out: cube.npy; expected a .npz"),
+        (
+            ("import", "none.bin", "--board", "iwr1843", "--out", "cube.npz", "--order", "q"),
+            "trainer: --order: 'q'; expected iq or qi",
+        ),
+        (
+            ("import", "none.bin", "--board", "iwr1843", "--out", "cube.npz", "--frames", "1"),
+            "trainer: --frames: '1'; expected BEGIN:END",
+        ),
+        (
+            ("calibrate", "a.bin", "--board", "iwr1843", "--range", "3", "--out", "c.toml"),
+            "trainer: Missing option '--angle'",
+        ),
+        (
+            ("calibrate", "a.bin", "b.bin", "--board", "iwr1843", "--range", "3", "--angle", "1", "--out", "c.toml"),
+            "trainer: arguments: 2 captures, 1 --range and 1 --angle; expected one --range",
+        ),
+        (
+            ("calibrate", "a.bin", "--board", "iwr1843", "--range", "-3", "--angle", "1", "--out", "c.toml"),
+            "trainer: --range: -3.0; expected metres",
+        ),
+        (
+            ("calibrate", "a.bin", "--board", "iwr1843", "--range", "3", "--angle", "1", "--check", "b", "--out", "c"),
+            "trainer: --check: without all of the three",
+        ),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch,
+    arguments: tuple[str, ...], message: str,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    code, said = status(capsys, monkeypatch, *arguments)
+    assert code == 2
+    assert said.startswith(message)
+    assert len(said.splitlines()) == 1
+    assert not list(tmp_path.iterdir())
+
+
+OPENRADAR = """
+[capture]
+start_frequency_hz = 77.4201e9
+slope_hz_per_s = 60e12
+idle_time_s = 30e-6
+ramp_end_time_s = 62e-6
+samples = 128
+sample_rate_hz = 2.5e6
+chirps = 128
+"""
+
+
+def test_a_public_capture_has_its_echoes_where_they_are_stated_to_be(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """OpenRadar's indoor capture: ranges to 0.1 m, velocities to 0.05 m/s, angles to 2 deg; not calibrated."""
+    source = reference_file("measured", "openradar", "doppler_example_1.npy")
+    (tmp_path / "capture.toml").write_text(OPENRADAR, encoding="utf-8")
+    options = ("--board", "iwr1642", "--radar", tmp_path / "capture.toml", "--out", tmp_path / "cube.npz")
+    code, said = status(capsys, monkeypatch, "import", source, *options)
+    assert code == 0
+    assert "axes of" in said
+    assert "chirp (tx rx) sample" in said
+    capture = read_cube(tmp_path / "cube.npz", None).capture
+    assert capture is not None
+    assert (capture.scale, capture.dead_channels) == ("relative", ())
+    found, measurements = open_measurements(tmp_path / "cube.npz", None, "test")
+    (frame,) = measurements
+    steering = steering_matrix(found, found.array)
+    for range_m, velocity, angle_deg in ((5.22, 0.0, 2.5), (2.95, 0.56, 7.0), (2.95, -0.48, -15.0)):
+        best: tuple[float, float] = (0.0, np.nan)
+        for row in np.flatnonzero(np.abs(found.waveform.ranges_m - range_m) < 0.1):
+            for peak in np.flatnonzero(np.abs(frame.velocity[:, row] - velocity) < 0.05):
+                image = np.abs(steering.T @ frame.range_channel[peak, row])
+                best = max(best, (float(image.max()), float(np.rad2deg(np.arcsin(found.grid.u[image.argmax()])))))
+        assert best[1] == pytest.approx(angle_deg, abs=2.0)

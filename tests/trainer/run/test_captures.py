@@ -1,0 +1,183 @@
+"""Cubes of other radars than the run's, and estimators in place of a run: what is exact, what is refused."""
+
+import json
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+import torch
+from tiny_radar import RADAR, frame
+from tiny_run import make_run
+
+from shared.physics.errors import InputError
+from shared.radar.arrays import AntennaArray, line
+from shared.signal import if_signal
+from shared.signal.model_error import NO_MODEL_ERROR_DB, UNCALIBRATED_DB
+from shared.signal.windows import cell_noise_power
+from trainer.captures.cube_file import Capture, write_cube
+from trainer.cli.app import main
+from trainer.data.measurements import open_measurements
+from trainer.run.answers import estimator_answer
+from trainer.run.folder import load_imager
+from trainer.run.other_radars import fitted_imager, matching_elements, position_tolerance
+from trainer.run.predict import predict
+
+OTHER = RADAR.waveform.model_copy(
+    update={"carrier_hz": 60e9, "bandwidth_hz": 2e9, "chirps": 8, "samples": 64, "range_bins": 40}
+)
+PLACES = np.array([7.0, 0.0, 4.5, 1.0, 2.0, 6.0, 3.0, 5.0])
+"""Of the RX, in units of 2 mm at the run's wavelength: those of the tiny radar, turned about, and two more."""
+
+
+def other_radar(places=PLACES, stretch=1.0, shift_m=0.0):
+    """A radar of another band whose elements stand at these places."""
+    scale = stretch * OTHER.wavelength_m / RADAR.waveform.wavelength_m
+    rx = line(2e-3 * scale * places + shift_m)
+    array = AntennaArray(tx_m=RADAR.array.tx_m, rx_m=rx)
+    return RADAR.model_copy(update={"name": "other", "waveform": OTHER, "array": array})
+
+
+def capture_of(**changes):
+    fields = {"source": "adc.bin", "source_sha256": "0" * 64, "board": "tiny", "frames": 1, "scale": "relative"}
+    return Capture.model_validate({**fields, "noise_power": 1e-20, **changes})
+
+
+def write_capture(path, radar, positions=((2.0, 0.4, 0.0),), **changes):
+    """A target of unit amplitude at each position [m], as an imported cube."""
+    points = np.array(positions)
+    cube = if_signal(radar, points, np.zeros_like(points), np.ones(len(points), complex)).astype(np.complex64)
+    write_cube(path, cube[None], radar, capture_of(**changes))
+    return path
+
+
+def test_the_same_places_in_wavelengths_give_the_same_image(tmp_path):
+    run, imager = load_imager(make_run(tmp_path / "run"))
+    fitted = fitted_imager(run, imager, "run", other_radar(), "cube.npz")
+    assert PLACES[fitted.channels].tolist() == [0.0, 1.0, 2.0, 7.0]
+    assert len(fitted.remarks) == 2
+    assert "range bins of 0.0749 m, the run was trained with 0.15 m" in fitted.remarks[0]
+    assert "4 of its 8 channels stand as those of 'mine' in the run, within 0.000 wavelengths" in fitted.remarks[1]
+    own = torch.from_numpy(frame(5).range_channel)
+    seen = torch.full((*own.shape[:2], 8), 9.0, dtype=own.dtype)
+    for channel, place in ((0, 0.0), (1, 1.0), (2, 2.0), (5, 7.0)):
+        seen[..., np.flatnonzero(place == PLACES)[0]] = own[..., channel]
+    noise = torch.full((3,), 1e-18, dtype=torch.float64)
+    with torch.no_grad():
+        one, other = imager(own, noise), fitted.imager(seen, noise)
+    np.testing.assert_allclose(other, one, rtol=2e-3, atol=1e-3 * float(one.max()))
+
+
+@pytest.mark.parametrize("stretch", [1.0, 0.934, 1.0812])
+def test_elements_are_found_wherever_the_line_stands(stretch):
+    generator = np.random.default_rng(0)
+    there = generator.uniform(-5.0, 5.0, (30, 2))
+    chosen = generator.permutation(30)[:7]
+    wanted = there[chosen] / stretch + np.array([3.0, -1.0])
+    found, misfit, seen = matching_elements(wanted, there)
+    assert found.tolist() == chosen.tolist()
+    assert seen == pytest.approx(stretch)
+    assert misfit < 1e-12
+    found, misfit, seen = matching_elements(wanted + 0.01 * generator.standard_normal((7, 2)), there)
+    assert found.tolist() == chosen.tolist()
+    assert seen == pytest.approx(stretch, abs=0.01)
+    assert 0.005 < misfit < 0.05
+
+
+def test_an_array_is_taken_as_far_as_the_truth_s_cell_and_the_stretch_allow(tmp_path):
+    run, imager = load_imager(make_run(tmp_path / "run"))
+    places = np.array([0.0, 1.0, 2.0, 7.0])
+    fitted_imager(run, imager, "run", other_radar(places, 1.09, shift_m=0.01), "cube.npz")
+    step = 2e-3 / RADAR.waveform.wavelength_m
+    # The third element alone, and the shift of least squares, a quarter of it.
+    moved = places + np.array([0.0, 0.0, 1.0, 0.0]) * position_tolerance(run) / step
+    fitted_imager(run, imager, "run", other_radar(moved), "cube.npz")
+    with pytest.raises(InputError, match="miss a place"):
+        fitted_imager(run, imager, "run", other_radar(places + 2.0 * (moved - places)), "cube.npz")
+    with pytest.raises(InputError, match="miss a place of 'mine' by") as caught:
+        fitted_imager(run, imager, "run", other_radar(places, 1.4), "cube.npz")
+    said = str(caught.value)
+    assert "\n" not in said
+    assert "differs from 'tiny' of run in array.rx_m, waveform.carrier_hz, waveform.bandwidth_hz" in said
+    assert "datafactory points --radar RADAR.toml --out build/points" in said
+    assert "trainer fit build/points --array full --out build/run" in said
+    assert "trainer predict --method likes" in said
+
+
+def test_a_capture_of_another_band_is_imaged_by_the_run(tmp_path):
+    cube = write_capture(tmp_path / "cube.npz", other_radar(shift_m=0.003))
+    said: list[str] = []
+    assert predict(make_run(tmp_path / "run"), cube, tmp_path / "out", announce=said.append) == 1
+    assert len(said) == 3
+    table = pq.read_table(tmp_path / "out/images.parquet")
+    description = json.loads(table.schema.metadata[b"sparseradar"])
+    assert description["shapes"]["image"] == [40, RADAR.grid.bins]
+    assert description["axes"]["range_m"]["step"] == pytest.approx(OTHER.range_step_m)
+    assert (tmp_path / "out/cube.png").is_file()
+
+
+@pytest.mark.parametrize("method", ["likes", "omp-cfar", "das"])
+def test_an_estimator_needs_no_run(tmp_path, method):
+    radar = other_radar()
+    position = (2.0, 0.4, 0.0)
+    cube = write_capture(tmp_path / "cube.npz", radar, [position], model_error_db=-20.0, dead_channels=(1,))
+    out = tmp_path / "out"
+    assert predict(None, cube, out, announce=str, points=True, points_format="csv", method=method) == 1
+    table = pq.read_table(out / "images.parquet")
+    description = json.loads(table.schema.metadata[b"sparseradar"])
+    assert description["model"] == method
+    assert description["chosen_array"]["rx"] == [0, 2, 3, 4, 5, 6, 7]
+    image = np.array(table["image"][0].values).reshape(description["shapes"]["image"])
+    row, column = np.unravel_index(image.argmax(), image.shape)
+    distance = np.hypot(2.0, 0.4)
+    assert row == round(distance / OTHER.range_step_m)
+    assert radar.grid.u[column] == pytest.approx(0.4 / distance, abs=radar.grid.step)
+    (target,) = [found for found in table["detections"][0].as_py() if found["amplitude_db"] > -15.0]
+    # Near the array: the wave is curved, and the origin is not the middle of these elements.
+    assert target["u"] == pytest.approx(0.4 / distance, abs=0.02)
+    assert target["probability"] is None
+    assert len((out / "detections.csv").read_text().splitlines()) == 1 + len(table["detections"][0])
+
+
+def test_the_model_error_of_a_cube_is_the_capture_s(tmp_path):
+    radar = other_radar()
+    for error, expected in ((-20.0, -20.0), (None, UNCALIBRATED_DB)):
+        path = write_capture(tmp_path / "cube.npz", radar, model_error_db=error)
+        (measurement,) = open_measurements(path, None, "test")[1]
+        assert measurement.model_error_db == expected
+        assert measurement.measured
+    cube = np.zeros((8, 64, 8), np.complex64)
+    np.savez(tmp_path / "plain.npz", cube=cube, radar=radar.model_dump_json())
+    (measurement,) = open_measurements(tmp_path / "plain.npz", None, "test")[1]
+    assert measurement.model_error_db == NO_MODEL_ERROR_DB
+    assert not measurement.measured
+    assert measurement.noise_power == cell_noise_power(radar)
+
+
+def test_an_estimator_looks_at_living_channels_on_the_line(tmp_path):
+    tx = ((0.0, 0.0, 0.0), (0.0, 0.0, 2e-3))
+    radar = RADAR.model_copy(update={"array": RADAR.array.model_copy(update={"tx_m": tx})})
+    assert estimator_answer("likes", radar, (4,)).channels.tolist() == [0, 2, 6, 8, 10]
+    with pytest.raises(InputError, match="channels: all 12 are dead; expected a channel with an echo"):
+        estimator_answer("likes", radar, tuple(range(12)))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["cube.npz", "--method", "capon"], "--method: 'capon'; expected one of das, "),
+        (["run", "cube.npz", "--method", "iaa"], "arguments: 2 paths; expected INPUT alone with --pretrained or "),
+        (["cube.npz", "--method", "iaa", "--pretrained", "sparse6"], "--method: 'iaa' beside --pretrained sparse6; "),
+        (["cube.npz", "--pretrained", "sparse6"], "radar 'other' differs from 'avr-qdm-110' of "),
+    ],
+)
+def test_what_does_not_go_together_is_one_line(tmp_path, monkeypatch, capsys, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    write_capture(tmp_path / "cube.npz", other_radar())
+    monkeypatch.setattr("sys.argv", ["trainer", "predict", *arguments, "--out", "out"])
+    with pytest.raises(SystemExit) as caught:
+        main()
+    assert caught.value.code == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert len(error.splitlines()) == 1
+    assert not (tmp_path / "out").exists()

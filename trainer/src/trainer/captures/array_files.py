@@ -1,0 +1,164 @@
+"""Captures in .npy, .npz, .mat and HDF5 files: arrays whose axes are stated, or guessed by their lengths.
+
+Axes are named as in ``"chirp (tx rx) sample"``: one word for each axis, and in brackets those that were joined to one,
+the slowest first. The words are frame, chirp, tx, rx, sample, and iq for an axis of real and imaginary part. "tx" is
+counted as the TX send. An axis of length 1 may be left out.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shared.physics.errors import InputError
+from shared.radar import Radar
+from trainer.captures.hdf5_files import is_hdf5, read_hdf5
+from trainer.captures.matlab_files import read_arrays
+from trainer.captures.numpy_files import read_npy, read_npz
+from trainer.captures.samples import Order, as_cube, chosen_frames, one_sided, ordered
+
+NAMES = ("frame", "chirp", "tx", "rx", "sample", "iq")
+GUESSES = (
+    "(chirp tx) rx sample",
+    "frame (chirp tx) rx sample",
+    "chirp (tx rx) sample",
+    "frame chirp (tx rx) sample",
+    "chirp tx rx sample",
+    "frame chirp tx rx sample",
+    "chirp sample (rx tx)",
+    "frame chirp sample (rx tx)",
+)
+"""Tried in this order: what OpenRadar's ``organize`` gives, the same after ``separate_tx``, and this project's own."""
+SUFFIXES = (".npy", ".npz", ".mat", ".h5", ".hdf5")
+
+Axes = tuple[tuple[str, ...], ...]
+
+
+def parse_axes(text: str) -> Axes:
+    """The words of each axis.
+
+    :raises InputError: other words than :data:`NAMES`, one twice, brackets that do not match
+    """
+    groups = re.findall(r"\(([^()]*)\)|([^\s()]+)", text)
+    axes = tuple(tuple((joined or single).split()) for joined, single in groups)
+    words = [word for axis in axes for word in axis]
+    rest = re.sub(r"\([^()]*\)|[^\s()]+", "", text)
+    if rest.strip() or not words or set(words) - set(NAMES) or len(set(words)) != len(words) or not all(axes):
+        problem = f"{text!r}"
+        raise InputError("--axes", problem, f"words of {', '.join(NAMES)}, each once, as in 'chirp (tx rx) sample'")
+    return axes
+
+
+def read_arrays_of(path: Path) -> dict[str, NDArray[Any]]:
+    """The arrays of numbers in a file by their names.
+
+    :raises InputError: missing, of another kind, or damaged
+    """
+    if not path.is_file() or path.suffix not in SUFFIXES:
+        raise InputError(path, "no such file of arrays", f"one of {', '.join(SUFFIXES)}")
+    if path.suffix == ".npy":
+        return {"array": read_npy(path)}
+    if path.suffix == ".npz":
+        return {name: values for name, values in read_npz(path).items() if values.dtype.kind in "iufc"}
+    return read_hdf5(path) if path.suffix != ".mat" or is_hdf5(path) else read_arrays(path)
+
+
+def read_array_capture(
+    path: Path,
+    radar: Radar,
+    axes: str | None = None,
+    variable: str | None = None,
+    order: Order = "iq",
+    frames: tuple[int, int] | None = None,
+) -> tuple[NDArray[np.complex64], str]:
+    """([frame, chirp, sample, C] in the file's unit, the axes that were taken).
+
+    Real arrays without an axis "iq" are real samples. Whole numbers from 0 to 65535 of which some are beyond 32767 are
+    16-bit numbers with a sign that was lost, as in a capture that was read as uint16.
+
+    :param variable: name of the array; by default the one that fits
+    :raises InputError: no array that fits the radar, several, or samples that are not finite
+    """
+    arrays = read_arrays_of(path)
+    if variable is not None and variable not in arrays:
+        raise InputError(path, f"no array {variable!r}", f"one of {sorted(arrays)}")
+    candidates = arrays if variable is None else {variable: arrays[variable]}
+    patterns = GUESSES if axes is None else (axes,)
+    fitting = {
+        name: (pattern, lengths)
+        for name, values in candidates.items()
+        for pattern in reversed(patterns)  # the first that fits remains
+        if (lengths := _lengths(values.shape, parse_axes(pattern), radar)) is not None
+    }
+    if len(fitting) != 1:
+        found = ", ".join(f"{name} {list(values.shape)}" for name, values in candidates.items()) or "no arrays"
+        raise InputError(path, f"{len(fitting)} arrays that fit, of {found}", _expected(radar, axes))
+    ((name, (pattern, lengths)),) = fitting.items()
+    words = [word for axis in parse_axes(pattern) for word in axis]
+    values = with_sign(candidates[name]).reshape([lengths[word] for word in words])
+    absent = [word for word in NAMES[:-1] if word not in words]
+    values, words = values.reshape(*values.shape, *([1] * len(absent))), words + absent
+    chosen = chosen_frames(path, values.shape[words.index("frame")], frames, radar)
+    values = values.take(np.array(chosen), axis=words.index("frame"))
+    if not np.isfinite(values).all():
+        raise InputError(path, f"{name} has values that are not finite", "finite samples")
+    return as_cube(*_complex(values, words, order)), pattern
+
+
+def with_sign(values: NDArray[Any]) -> NDArray[Any]:
+    """16-bit numbers that were read without their sign, with it; others as they are."""
+    if np.iscomplexobj(values):
+        parts = np.stack([values.real, values.imag])
+        signed = with_sign(parts)
+        return values if signed is parts else signed[0] + 1j * signed[1]
+    if values.dtype.kind == "i" or not values.size:
+        return values
+    lowest, highest = float(values.min()), float(values.max())
+    if not (lowest >= 0.0 and 2**15 <= highest < 2**16) or (values != np.floor(values)).any():
+        return values
+    return values.astype(np.uint16).view(np.int16).astype(np.float32)
+
+
+def _complex(values: NDArray[Any], words: list[str], order: Order) -> tuple[NDArray[np.complex64], list[str]]:
+    if "iq" in words:
+        first, second = np.moveaxis(values, words.index("iq"), 0)
+        rest = [word for word in words if word != "iq"]
+        return ordered((first + 1j * second).astype(np.complex64), order), rest
+    if np.iscomplexobj(values):
+        return ordered(values.astype(np.complex64), order), words
+    return one_sided(values), words
+
+
+def _sizes(radar: Radar) -> dict[str, int]:
+    array, waveform = radar.array, radar.waveform
+    return {
+        "chirp": waveform.chirps, "tx": len(array.tx_m), "rx": len(array.rx_m), "sample": waveform.samples, "iq": 2,
+    }  # fmt: skip
+
+
+def _lengths(shape: tuple[int, ...], axes: Axes, radar: Radar) -> dict[str, int] | None:
+    """The length of each word where an array of this shape has these axes; None where it has not."""
+    sizes = _sizes(radar)
+    words = {word for axis in axes for word in axis}
+    if len(shape) != len(axes) or any(sizes[word] != 1 for word in NAMES[1:-1] if word not in words):
+        return None
+    lengths = {word: sizes[word] for word in words if word != "frame"}
+    for length, axis in zip(shape, axes, strict=True):
+        known = math.prod(lengths[word] for word in axis if word != "frame")
+        if "frame" in axis and length and length % known == 0:
+            lengths["frame"] = length // known
+        elif length != known or "frame" in axis:
+            return None
+    return lengths
+
+
+def _expected(radar: Radar, axes: str | None) -> str:
+    sizes = _sizes(radar)
+    told = ", ".join(f"{word} {sizes[word]}" for word in NAMES[1:-1])
+    how = "--axes, e.g. 'chirp (tx rx) sample'" if axes is None else f"the axes {axes!r}"
+    return f"one array of radar {radar.name!r} ({told}) with {how}; --variable chooses among several"

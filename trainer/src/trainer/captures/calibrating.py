@@ -1,0 +1,299 @@
+"""``trainer calibrate``: the channels of a board from captures of a reflector whose place is known.
+
+The chirps of a capture are averaged, as the reflector stands still, and multiplied by the conjugate of its echo by
+eq. (1) and (2): exact round trips, so that the reflector may stand near. What is left is the response of each channel
+over the sweep (:mod:`trainer.captures.calibration`), times one amplitude and one delay for all, plus other echoes at
+other beat frequencies. Under a Hann window w over the sweep
+
+    F_c(nu) = sum_n w_n z_c(n) exp(-j 2 pi nu (n / N - 1/2)) / sum_n w_n
+
+is largest where nu is B times the delay, and its value there is gain and phase: least squares of one complex tone under
+these weights. Common to all channels is the delay by which the stated range is off. Of several captures the factors
+F_kc = a_k h_c are fitted together, the best matrix of rank one (Eckart and Young, Psychometrika 1, 1936).
+
+What is left of a capture after calibration is the power that one echo from its place does not explain,
+
+    1 - |mean_c F_c|^2 / mean_c |F_c|^2.
+
+Errors. Noise of power 1/S of the echo in a cell of both captures leaves (1 - 1/C) (1/S_1 + 1/S_2). An angle that is
+stated wrong by e when calibrating turns all later images by -e; stated wrong for the check it is model error there,
+which is why the best angle nearby is told too. One capture fits itself; it says nothing about what another leaves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from shared.physics.errors import InputError
+from shared.physics.units import amplitude_to_db, power_to_db
+from shared.radar import Radar
+from shared.signal.signal import if_signal_of_delays, round_trip_delays
+from shared.signal.windows import hann
+from trainer.captures.calibration import Calibration, Reflector, write_calibration
+from trainer.captures.importing import DEAD_DB, RawCapture, Reading, read_capture
+
+SEARCH_BINS = 3.0
+"""A reflector stands that near to its stated range: tapes err by centimetres, boards add some of their own."""
+CLEAR_DB = 15.0
+"""A reflector stands that much above the median of the range profile."""
+DELAY_BINS, FINE_BINS = 0.6, 0.02
+"""Channels differ by less than the first in delay; a parabola through points the second apart errs by 1e-5 bins."""
+FARTHEST_M = 1e5
+NEARBY_DEG, SCAN_DEG = 4.0, 0.05
+"""Angles around the stated one where a check's best is sought."""
+MIRRORED_DB = 6.0
+"""A check that fits that much better on the other side has its sign of angle, or the board, the other way round."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """A capture and where its reflector stands.
+
+    :param angle_deg: azimuth, positive to the left
+    :raises InputError: numbers that are no place ahead
+    """
+
+    source: Path
+    range_m: float
+    angle_deg: float
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.range_m <= FARTHEST_M:
+            raise InputError("--range", f"{self.range_m!r}", f"metres, more than 0 and at most {FARTHEST_M:g}")
+        if not -90.0 < self.angle_deg < 90.0:
+            raise InputError("--angle", f"{self.angle_deg!r}", "degrees between -90 and 90")
+
+    @property
+    def position(self) -> NDArray[np.float64]:
+        """[3] in the radar frame [m], at the radar's height."""
+        return _position(self.range_m, self.angle_deg)
+
+
+def _position(range_m: float, angle_deg: float) -> NDArray[np.float64]:
+    angle = np.deg2rad(angle_deg)
+    return range_m * np.array([np.cos(angle), np.sin(angle), 0.0])
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """Of the channels to a reflector.
+
+    :param factor: [C] F_c at its best nu
+    :param bins: [C] those nu, in range bins
+    """
+
+    factor: NDArray[np.complex128]
+    bins: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Left:
+    """Of a capture after calibration, relative to the reflector's power.
+
+    :param stated_db: with the stated place
+    :param best_db: at the angle nearby that leaves the least
+    :param best_deg: that angle
+    :param mirrored_db: at the angle with the other sign
+    """
+
+    stated_db: float
+    best_db: float
+    best_deg: float
+    mirrored_db: float
+
+
+def calibrate(
+    places: Sequence[Place],
+    out: Path,
+    reading: Reading,
+    check: Place | None = None,
+    announce: Callable[[str], object] = print,
+) -> Calibration:
+    """Measure a board's channels and write them to ``out``, a TOML file.
+
+    :param check: another capture, whose residual becomes the model error; without it that of each capture after
+        calibration with the others, where there are several
+    :raises InputError: a capture that cannot be read or without a reflector at the stated place
+    """
+    if out.suffix != ".toml" or not out.parent.is_dir():
+        raise InputError("--out", f"{out}", "a .toml in a folder that is there")
+    captures = [_average(read_capture(place.source, reading)) for place in places]
+    checked = None if check is None else _average(read_capture(check.source, reading))
+    for capture, place in zip(captures, places, strict=True):
+        if capture.radar != captures[0].radar:
+            raise InputError(place.source, "other chirps than the first capture", "the same")
+    calibration = _fit(captures, places, reading.board)
+    lines = [
+        f"{place.source}: leaves {_left(capture, place, calibration).stated_db:.1f} dB (it was fitted to it)"
+        for capture, place in zip(captures, places, strict=True)
+    ]
+    errors: list[float] = []
+    if checked is not None and check is not None:
+        left = _left(checked, check, calibration)
+        errors, told = [left.best_db], _told(check, left)
+        lines += told
+    elif len(places) > 1:
+        for index, place in enumerate(places):
+            others = [i for i in range(len(places)) if i != index]
+            fitted = _fit([captures[i] for i in others], [places[i] for i in others], reading.board)
+            left = _left(captures[index], place, fitted)
+            errors.append(left.best_db)
+            lines += _told(place, left)
+    if errors:
+        mean = float(power_to_db(np.mean(10.0 ** (np.array(errors) / 10.0))))
+        calibration = calibration.model_copy(update={"model_error_db": mean})
+    else:
+        lines.append("what another reflector leaves is not known: --check CAPTURE --check-range R --check-angle A")
+    write_calibration(out, calibration)
+    for line in (*_summary(out, calibration), *lines):
+        announce(line)
+    return calibration
+
+
+def residual(capture: RawCapture, place: Place, calibration: Calibration) -> Left:
+    """What a capture leaves after calibration.
+
+    :raises InputError: no reflector at the stated place
+    """
+    return _left(_average(capture), place, calibration)
+
+
+def _average(capture: RawCapture) -> RawCapture:
+    """With the mean over all frames and chirps in place of them: [1, 1, sample, C]."""
+    mean = capture.cube.mean(axis=(0, 1), dtype=np.complex128)[None, None]
+    return replace(capture, cube=mean.astype(np.complex64))
+
+
+def _fit(captures: Sequence[RawCapture], places: Sequence[Place], board: str) -> Calibration:
+    responses = [_response(capture, place) for capture, place in zip(captures, places, strict=True)]
+    radar = captures[0].radar
+    dead = _dead(captures, responses)
+    alive = np.setdiff1d(np.arange(radar.array.channels), dead)
+    if not len(alive):
+        raise InputError(places[0].source, "no channel with an echo of the reflector", "one at least")
+    factors = np.array([response.factor[alive] for response in responses])
+    channel = np.ones(radar.array.channels, np.complex128)
+    channel[alive] = np.linalg.svd(factors, full_matrices=False)[2][0]
+    phase = np.angle(np.vdot(channel[alive], factors[0]))  # of the singular vector it is arbitrary
+    channel[alive] *= np.exp(1j * phase) / np.exp(np.mean(np.log(np.abs(channel[alive]))))
+    bins = np.zeros(radar.array.channels)
+    bins[alive] = np.mean([r.bins[alive] - r.bins[alive].mean() for r in responses], axis=0)
+    waveform = radar.waveform
+    return Calibration(
+        board=board, array=radar.array, carrier_hz=waveform.carrier_hz, bandwidth_hz=waveform.bandwidth_hz,
+        gain_db=tuple(amplitude_to_db(channel).tolist()), phase_deg=tuple(np.rad2deg(np.angle(channel)).tolist()),
+        delay_s=tuple((bins / waveform.bandwidth_hz).tolist()), dead_channels=tuple(dead.tolist()),
+        captures=tuple(
+            Reflector(source=place.source.name, source_sha256=capture.sha256, range_m=place.range_m,
+                      angle_deg=place.angle_deg)
+            for capture, place in zip(captures, places, strict=True)
+        ),
+    )  # fmt: skip
+
+
+def _dead(captures: Sequence[RawCapture], responses: Sequence[Response]) -> NDArray[np.intp]:
+    """Channels that had no echo in a capture, of the reflector or at all."""
+    dead = {channel for capture in captures for channel in capture.dead}
+    for response in responses:
+        level = amplitude_to_db(response.factor)
+        dead |= set(np.flatnonzero(level < np.median(level) - DEAD_DB).tolist())
+    return np.array(sorted(dead), dtype=np.intp)
+
+
+def _demodulated(capture: RawCapture, place: Place) -> NDArray[np.complex128]:
+    """[sample, C] the averaged chirp times the conjugate of the reflector's echo."""
+    echo = if_signal_of_delays(_one_chirp(capture.radar), _delays(capture.radar, place.position))[0]
+    return np.asarray(capture.cube[0, 0] * echo.conj())
+
+
+def _one_chirp(radar: Radar) -> Radar:
+    return radar.model_copy(update={"waveform": radar.waveform.model_copy(update={"chirps": 1})})
+
+
+def _delays(radar: Radar, position: NDArray[np.float64]) -> NDArray[np.float64]:
+    """[C, 1] of an echo from a place that does not move [s]."""
+    return np.asarray(round_trip_delays(_one_chirp(radar), position, np.zeros(3)))
+
+
+def _spectrum(chirp: NDArray[np.complex128], bins: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """[nu, C] F_c at ``bins`` [nu]."""
+    samples = len(chirp)
+    window = hann(samples)
+    turn = np.exp(-2j * np.pi * bins[:, None] * (np.arange(samples) / samples - 0.5))
+    return np.asarray((turn * (window / window.sum())) @ chirp)
+
+
+def _response(capture: RawCapture, place: Place) -> Response:
+    chirp = _demodulated(capture, place)
+    coarse = np.arange(-SEARCH_BINS, SEARCH_BINS + 0.05, 0.1)
+    power = np.mean(np.abs(_spectrum(chirp, coarse)) ** 2, axis=1)
+    peak = int(power.argmax())
+    everywhere = np.arange(-(len(chirp) // 2), len(chirp) // 2, dtype=np.float64)
+    level = float(power_to_db(power[peak] / np.median(np.mean(np.abs(_spectrum(chirp, everywhere)) ** 2, axis=1))))
+    step = capture.radar.waveform.range_step_m
+    if peak in (0, len(coarse) - 1) or level < CLEAR_DB:
+        problem = f"no reflector within {SEARCH_BINS * step:.2g} m of {place.range_m:g} m ({level:.0f} dB there)"
+        raise InputError(place.source, problem, f"one {CLEAR_DB:g} dB above the median of the range profile")
+    fine = coarse[peak] + np.arange(-DELAY_BINS, DELAY_BINS + 0.5 * FINE_BINS, FINE_BINS)
+    values = np.abs(_spectrum(chirp, fine)) ** 2
+    at = np.clip(values.argmax(axis=0), 1, len(fine) - 2)
+    channels = np.arange(chirp.shape[1])
+    below, here, above = (values[at + shift, channels] for shift in (-1, 0, 1))
+    curvature = below - 2.0 * here + above
+    moved = np.divide(0.5 * (below - above), curvature, out=np.zeros_like(here), where=curvature < 0.0)
+    bins = fine[at] + FINE_BINS * np.clip(moved, -1.0, 1.0)
+    samples = len(chirp)
+    window = hann(samples)
+    turn = np.exp(-2j * np.pi * (np.arange(samples) / samples - 0.5)[:, None] * bins)
+    return Response(np.sum(window[:, None] * turn * chirp, axis=0) / window.sum(), bins)
+
+
+def _left(capture: RawCapture, place: Place, calibration: Calibration) -> Left:
+    calibrated = replace(capture, cube=calibration.applied(capture.cube, capture.radar))
+    dead = sorted({*capture.dead, *calibration.dead_channels})
+    alive = np.setdiff1d(np.arange(capture.radar.array.channels), dead)
+    chirp = _demodulated(calibrated, place)[:, alive]
+    coarse = np.arange(-SEARCH_BINS, SEARCH_BINS + 0.05, 0.1)
+    at = coarse[np.mean(np.abs(_spectrum(chirp, coarse)) ** 2, axis=1).argmax()]
+    factor = _spectrum(chirp, np.array([at]))[0]
+    middle = capture.radar.waveform.mid_sweep_hz
+    stated = _delays(capture.radar, place.position)[alive, 0]
+
+    def left_at(angle_deg: float) -> float:
+        delay = _delays(capture.radar, _position(place.range_m, angle_deg))[alive, 0]
+        seen = factor * np.exp(-2j * np.pi * middle * (delay - stated))
+        return float(power_to_db(max(1.0 - np.abs(seen.mean()) ** 2 / np.mean(np.abs(seen) ** 2), 1e-12)))
+
+    scan = place.angle_deg + np.arange(-NEARBY_DEG, NEARBY_DEG + SCAN_DEG, SCAN_DEG)
+    near = scan[np.argmin([left_at(angle) for angle in scan])]
+    best = minimize_scalar(left_at, bounds=(near - SCAN_DEG, near + SCAN_DEG), method="bounded")
+    return Left(left_at(place.angle_deg), float(best.fun), float(best.x), left_at(-place.angle_deg))
+
+
+def _told(place: Place, left: Left) -> list[str]:
+    lines = [
+        f"{place.source}: leaves {left.stated_db:.1f} dB at {place.angle_deg:g} deg; at {left.best_deg:.2f} deg, where "
+        f"it fits best, {left.best_db:.1f} dB"
+    ]
+    if left.mirrored_db < left.stated_db - MIRRORED_DB and left.mirrored_db < left.best_db - MIRRORED_DB:
+        lines.append(f"warning: it leaves {left.mirrored_db:.1f} dB at {-place.angle_deg:g} deg: see --mirror")
+    return lines
+
+
+def _summary(out: Path, calibration: Calibration) -> list[str]:
+    alive = np.setdiff1d(np.arange(calibration.array.channels), calibration.dead_channels)
+    gain, phase, delay = (np.array(v)[alive] for v in (calibration.gain_db, calibration.phase_deg, calibration.delay_s))
+    turned = np.angle(np.exp(1j * np.deg2rad(phase)) * np.conj(np.mean(np.exp(1j * np.deg2rad(phase)))))
+    lines = [
+        f"{len(alive)} channels in {out}: gain {gain.std():.2f} dB rms, phase {np.rad2deg(turned).std():.1f} deg rms, "
+        f"delay {1e12 * delay.std():.1f} ps rms"
+    ]
+    if calibration.dead_channels:
+        lines.append(f"dead channels: {', '.join(map(str, calibration.dead_channels))}")
+    return lines

@@ -1,0 +1,96 @@
+"""The four files of the MMWCAS cascade, as its capture card (TDA2) and mmWave Studio write them.
+
+``master_0000_data.bin``, ``slave1_0000_data.bin``, ``slave2_...``, ``slave3_...``, and an ``_idx.bin`` beside each. A
+data file holds frame after frame, loop after loop, TX after TX as they send, sample after sample, the four RX of its
+device, I then Q (``read_ADC_bin_TDA2_separateFiles.m`` of the mmWave Studio examples). RX 1 to 4 are the master's, then
+those of slaves 1, 2 and 3. An index begins with five little-endian fields: tag, version, flags and number of frames
+(32 bits each) and the bytes of the data (64 bits).
+"""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shared.physics.errors import InputError
+from shared.radar import Radar
+from trainer.captures.samples import Order, Sizes, as_cube, chosen_frames, frames_there, ordered, read_numbers
+
+DEVICES = ("master", "slave1", "slave2", "slave3")
+RX_OF_DEVICE = 4
+INDEX_HEADER = struct.Struct("<IIIIQ")
+
+
+def cascade_files(path: Path) -> list[Path]:
+    """The four data files, given their folder or the master's file.
+
+    :raises InputError: none, several recordings in the folder, or a device's file missing
+    """
+    if path.is_dir():
+        masters = sorted(path.glob("master_*_data.bin"))
+        if len(masters) != 1:
+            raise InputError(path, f"{len(masters)} files master_*_data.bin", "one, or the name of the one to import")
+        path = masters[0]
+    if not path.name.startswith("master_"):
+        raise InputError(path, "not the master's data", "a master_NNNN_data.bin, or its folder")
+    files = [path.with_name(path.name.replace("master", device, 1)) for device in DEVICES]
+    for file in files:
+        if not file.is_file():
+            raise InputError(file, "not there", f"the data of {' and '.join(DEVICES)} beside each other")
+    return files
+
+
+def read_cascade(
+    path: Path,
+    radar: Radar,
+    order: Order = "iq",
+    frames: tuple[int, int] | None = None,
+    rx_numbers: tuple[int, ...] = (),
+) -> NDArray[np.complex64]:
+    """[frame, chirp, sample, C] in counts of the converter.
+
+    :param path: folder, or the master's data file
+    :param rx_numbers: of the radar's RX on the board, from 1; all sixteen by default
+    :raises InputError: a file that is missing, or whose size does not fit its index, the radar or the other files
+    """
+    files, waveform = cascade_files(path), radar.waveform
+    sizes = Sizes(waveform.chirps, len(radar.array.tx_m), RX_OF_DEVICE, waveform.samples, real=False)
+    counts = [_frames_of(file, sizes) for file in files]
+    if len(set(counts)) != 1:
+        told = ", ".join(f"{device} {count}" for device, count in zip(DEVICES, counts, strict=True))
+        raise InputError(files[0], f"frames of {told}", "the same number of each device")
+    numbers = rx_numbers or tuple(range(1, len(DEVICES) * RX_OF_DEVICE + 1))
+    if len(numbers) != len(radar.array.rx_m):
+        raise InputError(path, f"RX {list(numbers)}", f"the {len(radar.array.rx_m)} RX of radar {radar.name!r}")
+    chosen = chosen_frames(files[0], counts[0], frames, radar)
+    shape = (len(chosen), sizes.chirps, sizes.tx, sizes.samples)
+    samples = np.empty((*shape, len(numbers)), np.complex64)
+    for device, file in enumerate(files):
+        wanted = [
+            (place, (n - 1) % RX_OF_DEVICE) for place, n in enumerate(numbers) if (n - 1) // RX_OF_DEVICE == device
+        ]
+        if not wanted:
+            continue
+        parts = read_numbers(file, sizes, chosen).reshape(*shape, RX_OF_DEVICE, 2)
+        for place, rx in wanted:
+            samples[..., place].real, samples[..., place].imag = parts[..., rx, 0], parts[..., rx, 1]
+    return as_cube(ordered(samples, order), ("frame", "chirp", "tx", "sample", "rx"))
+
+
+def _frames_of(file: Path, sizes: Sizes) -> int:
+    """Frames of a data file; an index beside it must say the same."""
+    count = frames_there(file, sizes)
+    index = file.with_name(file.name.replace("_data.bin", "_idx.bin"))
+    if index.is_file():
+        with index.open("rb") as handle:
+            header = handle.read(INDEX_HEADER.size)
+        if len(header) != INDEX_HEADER.size:
+            raise InputError(index, f"{len(header)} bytes", f"a header of {INDEX_HEADER.size}")
+        told, size = INDEX_HEADER.unpack(header)[3:]
+        if told != count or size != file.stat().st_size:
+            problem = f"{told} frames in {size} bytes; {file.name} has {count} in {file.stat().st_size}"
+            raise InputError(index, problem, "the index of this recording, and chirps as they were recorded")
+    return count

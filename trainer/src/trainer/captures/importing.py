@@ -1,0 +1,197 @@
+"""``trainer import``: the raw capture of a board to a cube with its radar."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shared.dataset.locations import sha256_of
+from shared.physics.errors import InputError
+from shared.physics.units import amplitude_to_db, dbm_to_watt, power_to_db
+from shared.radar import CaptureRadar, Radar, board_radar, load_capture_radar
+from shared.radar.boards import BOARDS
+from shared.signal.spectrum import range_doppler
+from trainer.captures.array_files import SUFFIXES, read_array_capture
+from trainer.captures.calibration import read_calibration
+from trainer.captures.cascade import DEVICES, cascade_files, read_cascade
+from trainer.captures.cube_file import Capture, write_cube
+from trainer.captures.dca1000 import Lanes, read_dca1000
+from trainer.captures.samples import FULL_SCALE, OTHER_SIDE_DB, Order, other_side_db
+
+DEAD_DB = 25.0
+"""A channel whose samples have that much less power than the median channel's has no echo: gains differ by a few dB."""
+LAYOUTS = ("2-lane", "4-lane", "cascade")
+LAYOUT_OF = {"iwr1443": "4-lane", "mmwcas": "cascade", "mmwcas-azimuth": "cascade"}
+"""Of a board's .bin files; of the others "2-lane"."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How a capture is read.
+
+    :param board: name of the board, see :mod:`shared.radar.boards`
+    :param radar: file of its chirps, TOML or .cfg; without it those of the board's preset
+    :param axes: of an array, see :mod:`trainer.captures.array_files`
+    :param variable: of several arrays in a file
+    :param layout: of a .bin, see :data:`LAYOUTS`; by default the board's
+    :param order: "iq", or "qi" where Q comes first
+    :param frames: from the first to before the second; all by default
+    :param mirror: exchange left and right of the board
+    """
+
+    board: str
+    radar: str | None = None
+    axes: str | None = None
+    variable: str | None = None
+    layout: str | None = None
+    order: Order = "iq"
+    frames: tuple[int, int] | None = None
+    mirror: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class RawCapture:
+    """A capture as it was read, before calibration.
+
+    :param cube: [frame, chirp, sample, C] complex64 [sqrt(W)], or counts
+    :param sha256: of the files
+    :param scale: unit of the cube, see :class:`trainer.captures.cube_file.Capture`
+    :param dead: channels without an echo
+    :param notes: what a user should know, a line each
+    """
+
+    cube: NDArray[np.complex64]
+    radar: Radar
+    sha256: str
+    scale: str
+    dead: tuple[int, ...]
+    notes: tuple[str, ...]
+
+
+def import_capture(
+    source: Path, out: Path, reading: Reading, calibration: Path | None, announce: Callable[[str], object] = print
+) -> Capture:
+    """Read a capture and write it to ``out``, in one step, as a cube (:mod:`trainer.captures.cube_file`).
+
+    :param calibration: file of ``trainer calibrate`` to apply
+    :raises InputError: a capture that does not fit board and chirps, a calibration of another board or waveform, a
+        name of ``out`` that is no .npz
+    """
+    if out.suffix != ".npz" or not out.parent.is_dir():
+        raise InputError("--out", f"{out}", "a .npz in a folder that is there")
+    found = None if calibration is None else read_calibration(calibration)
+    raw = read_capture(source, reading)
+    cube, dead = raw.cube, raw.dead
+    if found is not None:
+        found.require_fits(str(calibration), reading.board, raw.radar)
+        cube, dead = found.applied(cube, raw.radar), tuple(sorted({*dead, *found.dead_channels}))
+    capture = Capture(
+        source=source.name, source_sha256=raw.sha256, board=reading.board, frames=len(cube),
+        scale="sqrt(W)" if raw.scale == "sqrt(W)" else "relative",
+        noise_power=measured_noise(cube, raw.radar, dead),
+        calibration=None if calibration is None else sha256_of(calibration),
+        model_error_db=None if found is None else found.model_error_db, dead_channels=dead,
+    )  # fmt: skip
+    write_cube(out, cube, raw.radar, capture)
+    for line in (*raw.notes, *_summary(out, cube, raw.radar, capture)):
+        announce(line)
+    return capture
+
+
+def read_capture(source: Path, reading: Reading) -> RawCapture:
+    """The samples of a capture with the radar that they are of.
+
+    :raises InputError: see :func:`import_capture`
+    """
+    radar, real, rx = described(reading)
+    notes: list[str] = []
+    if source.suffix in SUFFIXES:
+        if reading.layout is not None:
+            raise InputError("--layout", f"{reading.layout!r} of {source}", "no --layout: it is of .bin files")
+        cube, axes = read_array_capture(source, radar, reading.axes, reading.variable, reading.order, reading.frames)
+        notes.append(f"axes of {source}: {axes}")
+        digest = sha256_of(source)
+    else:
+        cube, digest = _of_binary(source, reading, radar, real, rx)
+    if (excess := other_side_db(cube)) > OTHER_SIDE_DB:
+        notes.append(f"warning: the last range bins hold {excess:.0f} dB more than the first: see --order and --layout")
+    converter = radar.front_end.converter
+    if converter is not None:
+        cube *= np.float32(np.sqrt(dbm_to_watt(converter.full_scale_dbm)) / FULL_SCALE)
+    scale = "relative" if converter is None else "sqrt(W)"
+    return RawCapture(cube, radar, digest, scale, dead_channels(cube), tuple(notes))
+
+
+def described(reading: Reading) -> CaptureRadar:
+    """The radar of what is to be read.
+
+    :raises InputError: an unknown board, a radar file that is not right
+    """
+    if reading.board not in BOARDS:
+        raise InputError("--board", f"{reading.board!r}", f"one of {list(BOARDS)}")
+    if reading.radar is None:
+        return CaptureRadar(board_radar(reading.board, reading.mirror), BOARDS[reading.board]().profile.real)
+    return load_capture_radar(reading.radar, reading.board, reading.mirror)
+
+
+def _of_binary(
+    source: Path, reading: Reading, radar: Radar, real: bool, rx: tuple[int, ...]
+) -> tuple[NDArray[np.complex64], str]:
+    """([frame, chirp, sample, C] counts, SHA-256) of .bin files."""
+    layout = reading.layout or LAYOUT_OF.get(reading.board, "2-lane")
+    if layout not in LAYOUTS:
+        raise InputError("--layout", f"{layout!r}", f"one of {list(LAYOUTS)}")
+    if reading.axes is not None or reading.variable is not None:
+        raise InputError("--axes or --variable", f"beside {source}", f"a file of arrays: {', '.join(SUFFIXES)}")
+    if layout == "cascade":
+        digests = [sha256_of(file) for file in cascade_files(source)]
+        cube = read_cascade(source, radar, reading.order, reading.frames, rx)
+        return cube, hashlib.sha256("".join(digests).encode()).hexdigest()
+    if not source.is_file():
+        names = f"a .bin of a DCA1000, {', '.join(SUFFIXES)}, or the folder of {' and '.join(DEVICES)} of a cascade"
+        raise InputError("CAPTURE", f"{source}", names)
+    lanes: Lanes = "4-lane" if layout == "4-lane" else "2-lane"
+    return read_dca1000(source, radar, lanes, real, reading.order, reading.frames, rx), sha256_of(source)
+
+
+def dead_channels(cube: NDArray[np.complex64]) -> tuple[int, ...]:
+    """Channels of [frame, chirp, sample, C] whose samples, without their mean, have :data:`DEAD_DB` less power than the
+    median channel's."""
+    first = cube[0] - cube[0].mean(axis=1, keepdims=True)
+    level = power_to_db(np.mean(np.abs(first) ** 2, axis=(0, 1)))
+    return tuple(int(channel) for channel in np.flatnonzero(level < np.median(level) - DEAD_DB))
+
+
+def measured_noise(cube: NDArray[np.complex64], radar: Radar, dead: tuple[int, ...] = ()) -> float:
+    """Power of one channel in one range-Doppler cell that holds no echo: the median over the first frame's cells.
+
+    Of complex Gaussian noise the median power is ln 2 of the mean. It is right while less than half of the cells hold
+    an echo; where more do, it is too high.
+    """
+    alive = [channel for channel in range(cube.shape[3]) if channel not in dead] or list(range(cube.shape[3]))
+    spectra = range_doppler(cube[0], radar)[..., alive]
+    return float(np.median(np.abs(spectra) ** 2) / np.log(2.0))
+
+
+def _summary(out: Path, cube: NDArray[np.complex64], radar: Radar, capture: Capture) -> list[str]:
+    waveform, array = radar.waveform, radar.array
+    strongest = float(amplitude_to_db(np.abs(cube).max()))
+    lines = [
+        f"{capture.frames} frames of {waveform.chirps} chirps x {waveform.samples} samples x {array.channels} channels "
+        f"({len(array.tx_m)} TX, {len(array.rx_m)} RX) in {out}",
+        f"sampled sweep {waveform.carrier_hz / 1e9:.4f} to {(waveform.carrier_hz + waveform.bandwidth_hz) / 1e9:.4f} "
+        f"GHz, range bins of {waveform.range_step_m:.4f} m, velocities to {-waveform.velocities_mps[0]:.2f} m/s",
+        f"scale {capture.scale}: largest sample {strongest:.1f} dB, noise {power_to_db(capture.noise_power):.1f} dB",
+    ]
+    if capture.dead_channels:
+        lines.append(f"dead channels: {', '.join(map(str, capture.dead_channels))}")
+    if capture.model_error_db is None:
+        lines.append("not calibrated: trainer calibrate, then --calibration")
+    else:
+        lines.append(f"calibrated; it leaves {capture.model_error_db:.1f} dB of a reflector")
+    return lines

@@ -1,0 +1,176 @@
+"""What is common to all raw captures: 16-bit numbers of a file, its size, and the samples that they are.
+
+A reader gives the samples of some frames in the order of its format; :func:`as_cube` brings them into
+[frame, chirp, sample, C] with C rx-major, as everything here has them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shared.physics.errors import InputError
+from shared.radar import Radar
+from shared.radar.radar import LARGEST_ARRAY
+
+Order = Literal["iq", "qi"]
+LARGEST_CUBE = 3 * LARGEST_ARRAY
+"""Bytes of all frames together: what a .npz is read up to."""
+FULL_SCALE = 2**15
+"""Of 16-bit samples, in counts."""
+SWAPPED = 4.0
+"""Bytes are exchanged where this makes the RMS that much smaller. Exchanged bytes of a signal are all but uniform over
+the whole range (RMS 18 900 counts), whatever the signal was; a signal of more than 4 700 counts is not looked at."""
+LOOKED_AT = 2**20
+"""Samples of a file whose bytes are looked at."""
+NEAR_BINS, OTHER_SIDE_DB = 4, 10.0
+"""TX leak into RX at a range of almost 0, in the first bins after bin 0. Where the last bins, which are those of
+negative frequencies, hold that much more, I and Q are the other way round, or the bytes are something else."""
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Of a frame as it was recorded.
+
+    :param lanes: RX in the file, where that is not the radar's number
+    """
+
+    chirps: int
+    tx: int
+    rx: int
+    samples: int
+    real: bool
+    lanes: int | None = None
+
+    @property
+    def numbers(self) -> int:
+        """16-bit numbers of a frame."""
+        return self.chirps * self.tx * (self.lanes or self.rx) * self.samples * (1 if self.real else 2)
+
+    def __str__(self) -> str:
+        kind = "real" if self.real else "complex"
+        lanes = f"{self.lanes} lanes" if self.lanes else f"{self.rx} RX"
+        return f"{self.chirps} chirps x {self.tx} TX x {lanes} x {self.samples} {kind} samples"
+
+
+def sizes_of(radar: Radar, real: bool, lanes: int | None = None) -> Sizes:
+    """What a frame of the radar has."""
+    array, waveform = radar.array, radar.waveform
+    return Sizes(waveform.chirps, len(array.tx_m), len(array.rx_m), waveform.samples, real, lanes)
+
+
+def frames_there(path: Path, sizes: Sizes) -> int:
+    """Frames of a file of 16-bit numbers, which must be whole.
+
+    :raises InputError: no frame, or a part of one; with the sizes that would fit
+    """
+    try:
+        there = path.stat().st_size
+    except OSError as error:
+        raise InputError(path, f"not readable: {error.strerror}", "a capture") from error
+    frame = 2 * sizes.numbers
+    count, rest = divmod(there, frame)
+    if count and not rest:
+        return count
+    fitting = ", ".join(f"{n * frame}" for n in range(max(count, 1), max(count, 1) + 3))
+    others = _that_fit(there, sizes)
+    hint = f"; the file would fit {others}" if others and there else ""
+    raise InputError(path, f"{there} bytes", f"a multiple of {frame} ({sizes}): {fitting}, ...{hint}")
+
+
+def _that_fit(there: int, sizes: Sizes) -> str:
+    """Other numbers of TX, RX or kinds of samples that make whole frames of the file, as text."""
+    kinds = [(f"{tx} TX", Sizes(sizes.chirps, tx, sizes.rx, sizes.samples, sizes.real, sizes.lanes))
+             for tx in range(1, 5) if tx != sizes.tx]  # fmt: skip
+    kinds += [(f"{rx} RX", Sizes(sizes.chirps, sizes.tx, rx, sizes.samples, sizes.real))
+              for rx in range(1, 5) if rx != sizes.rx and not sizes.lanes]  # fmt: skip
+    other = Sizes(sizes.chirps, sizes.tx, sizes.rx, sizes.samples, not sizes.real, sizes.lanes)
+    kinds.append(("complex samples" if sizes.real else "real samples", other))
+    return " or ".join(name for name, kind in kinds if there >= 2 * kind.numbers and there % (2 * kind.numbers) == 0)
+
+
+def chosen_frames(path: Path, count: int, chosen: tuple[int, int] | None, radar: Radar) -> range:
+    """Frames ``chosen[0]`` to ``chosen[1] - 1`` of ``count``, all by default.
+
+    :raises InputError: none of them there, or more than a cube may hold
+    """
+    begin, end = chosen or (0, count)
+    if not 0 <= begin < min(end, count):
+        raise InputError("--frames", f"{begin}:{end} of {path}, which has {count}", f"a part of 0:{count}")
+    frames = range(begin, min(end, count))
+    size = 8 * len(frames) * radar.waveform.chirps * radar.waveform.samples * radar.array.channels
+    if size > LARGEST_CUBE:
+        problem = f"{len(frames)} frames make a cube of {size / 1e9:.3g} GB"
+        raise InputError(path, problem, f"at most {LARGEST_CUBE / 1e9:g} GB; choose some with --frames BEGIN:END")
+    return frames
+
+
+def read_numbers(path: Path, sizes: Sizes, frames: range) -> NDArray[np.int16]:
+    """[frame, numbers] of these frames, little-endian.
+
+    :raises InputError: cut short since, bytes exchanged, all zero, or packets with their headers
+    """
+    try:
+        start, size = 2 * frames.start * sizes.numbers, len(frames) * sizes.numbers
+        numbers = np.fromfile(path, dtype="<i2", count=size, offset=start)
+    except OSError as error:
+        raise InputError(path, f"not readable: {error.strerror or error}", "a capture") from error
+    if len(numbers) != size:
+        raise InputError(path, f"{2 * len(numbers)} bytes of frames {frames.start} to {frames.stop - 1}", f"{2 * size}")
+    require_samples(path, numbers)
+    return numbers.reshape(len(frames), sizes.numbers)
+
+
+def require_samples(path: Path, numbers: NDArray[np.int16]) -> None:
+    """Refuse what cannot be samples: zeros, exchanged bytes, headers of packets between them."""
+    if tuple(numbers[:7]) == (1, 0, 1456, 0, 0, 0, 0):
+        raise InputError(path, "holds the headers of its packets", "the adc_data.bin that mmWave Studio makes of it")
+    looked_at = numbers.reshape(-1)[:: max(numbers.size // LOOKED_AT, 1)]
+    as_stored, exchanged = (_rms(values) for values in (looked_at, looked_at.byteswap()))
+    if not as_stored:
+        raise InputError(path, "all samples are 0", "a capture")
+    if as_stored > SWAPPED * exchanged:
+        problem = f"RMS of {as_stored:.0f} counts, {exchanged:.0f} with the bytes of each sample exchanged"
+        raise InputError(path, problem, "little-endian 16-bit samples: exchange the bytes")
+
+
+def _rms(values: NDArray[np.int16]) -> float:
+    return float(np.sqrt(np.mean(np.square(values, dtype=np.float64))))
+
+
+def ordered(samples: NDArray[np.complex64], order: Order) -> NDArray[np.complex64]:
+    """I + j Q of samples whose first part is I ("iq") or Q ("qi")."""
+    return samples if order == "iq" else (1j * samples.conj()).astype(np.complex64)
+
+
+def one_sided(samples: NDArray[np.number]) -> NDArray[np.complex64]:
+    """Twice the real samples, so that A cos(phase) has A exp(j phase) in the positive half of its range spectrum.
+
+    The other half is its mirror image, which the range bins of a radar of real samples leave out.
+    After the Hann window of range the image leaks next to nothing into the half that is used: -58 dB of the strongest
+    echo in a chirp of 32 samples, less in a longer one. The analytic signal by Hilbert's transform does without the
+    image, but has no window where it cuts at 0 and the Nyquist frequency: it errs by -30 dB there, in bins 0, 1 and 15.
+    """
+    return (2.0 * samples.astype(np.float32)).astype(np.complex64)
+
+
+def as_cube(samples: NDArray[np.complex64], axes: Sequence[str]) -> NDArray[np.complex64]:
+    """[frame, chirp, sample, C] of samples whose axes are named "frame", "chirp", "tx", "rx" and "sample"."""
+    wanted = ("frame", "chirp", "sample", "rx", "tx")
+    turned = samples.transpose([list(axes).index(axis) for axis in wanted])
+    return np.ascontiguousarray(turned.reshape(*turned.shape[:3], -1))
+
+
+def other_side_db(cube: NDArray[np.complex64]) -> float:
+    """Power of the last range bins over that of the first ones, of the first frame [dB]: large where I and Q are the
+    other way round."""
+    spectrum: NDArray[Any] = np.fft.fft(cube[0] * np.hanning(cube.shape[2])[:, None], axis=1)
+    power = np.mean(np.abs(spectrum) ** 2, axis=(0, 2))
+    bins = min(NEAR_BINS, max((len(power) - 1) // 2, 1))
+    tiny = np.finfo(np.float64).tiny
+    return float(10.0 * np.log10((power[-bins:].sum() + tiny) / (power[1 : bins + 1].sum() + tiny)))

@@ -1,0 +1,110 @@
+"""Pictures of a measured row: cuts through it, and of a cube what stands around it, seen from above."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from shared.physics.errors import figure_text
+from trainer.evaluation.experiments.measured_input import MeasuredInput
+from trainer.evaluation.report.style import (
+    SPAN_DB,
+    Look,
+    colour_bar,
+    legend_below,
+    level_db,
+    new_figure,
+    subplots,
+)
+from trainer.evaluation.store import Values
+from trainer.run.pictures import range_weighted_db
+
+COLUMNS = 3
+SHOWN_DEG = 15.0
+"""On either side of the strongest line, in the cuts of a snapshot."""
+FARTHEST = 2.0
+"""Of the range of the row: as far as the picture reaches."""
+
+
+def cut_figure(
+    measured: MeasuredInput,
+    title: str,
+    spectra: Mapping[tuple[str, str], Values],
+    reference: NDArray[np.float64],
+    notes: Mapping[str, str],
+) -> Figure:
+    """Levels over azimuth of all methods, a panel for each array; left of the radar on the left.
+
+    :param spectra: "u" and "spectrum" by (method, array)
+    :param reference: angles to be drawn [deg]
+    :param notes: beside an array's name
+    """
+    look = Look([method for method, _ in spectra], [array for _, array in spectra])
+    columns = min(COLUMNS, len(look.arrays))
+    lines = -(-len(look.arrays) // columns)
+    where = "" if measured.radar is None else f", {measured.row * measured.radar.waveform.range_step_m:.2f} m"
+    figure = new_figure(
+        max(4.6 * columns, 7.0), 3.3 * lines + 1.1, f"{title}: {figure_text(measured.path.name)}{where}"
+    )
+    axes = subplots(figure, lines, columns, sharex=True, sharey=True)
+    for axis, array in zip(axes.ravel(), look.arrays, strict=False):
+        for (method, of_array), values in spectra.items():
+            if of_array == array:
+                spectrum = values["spectrum"].astype(np.float64)
+                degrees = np.rad2deg(np.arcsin(values["u"]))
+                axis.plot(degrees, level_db(spectrum, float(spectrum.max())), color=look.colour(method), lw=1.1)
+        for angle in reference:
+            axis.axvline(angle, color="grey", lw=0.8, ls=":")
+        name = figure_text(array)
+        axis.set(title=f"{name}: {notes[array]}" if array in notes else name, ylim=(-SPAN_DB, 1.0))
+        axis.set(xlabel="azimuth [deg]", xlim=_limits(measured, reference))
+        axis.grid(alpha=0.25)
+        axis.tick_params(labelbottom=True)
+    for axis in axes.ravel()[len(look.arrays) :]:
+        axis.set_visible(False)
+    for axis in axes[:, 0]:
+        axis.set_ylabel("level [dB]")
+    legend_below(figure, look.method_handles())
+    return figure
+
+
+def cartesian_figure(measured: MeasuredInput, images: Mapping[tuple[str, str], Values]) -> Figure:
+    """Range-angle images of a cube seen from above: y to the left, x ahead [m], levels of amplitude times range.
+
+    :param images: "image" [R, U] and "u" by (method, array)
+    """
+    assert measured.radar is not None
+    waveform = measured.radar.waveform
+    columns = min(COLUMNS, len(images))
+    lines = -(-len(images) // columns)
+    bins = min(max(int(FARTHEST * measured.row), 16), waveform.range_bins)
+    figure = new_figure(3.6 * columns + 0.8, 3.4 * lines + 0.7, f"Seen from above: {figure_text(measured.path.name)}")
+    axes = subplots(figure, lines, columns, sharex=True, sharey=True)
+    edges = (np.arange(bins + 1) - 0.5).clip(0.0) * waveform.range_step_m
+    for axis, ((method, array), values) in zip(axes.ravel(), images.items(), strict=False):
+        image, angles = values["image"], values["u"]
+        u = np.clip(angles[0] + (np.arange(len(angles) + 1) - 0.5) * (angles[1] - angles[0]), -1.0, 1.0)
+        x, y = np.outer(edges, np.sqrt(1.0 - u**2)), np.outer(edges, u)
+        levels = range_weighted_db(image)[:bins]
+        axis.pcolormesh(y, x, levels, cmap="magma", vmin=-SPAN_DB, vmax=0.0, rasterized=True)
+        axis.set(title=figure_text(f"{method}, {array}"), aspect="equal", facecolor="black")
+        axis.set(xlim=(y.max(), y.min()), ylim=(0.0, edges[-1]))
+    for axis in axes.ravel()[len(images) :]:
+        axis.set_visible(False)
+    for axis in axes[-1]:
+        axis.set_xlabel("y, to the left [m]")
+    for axis in axes[:, 0]:
+        axis.set_ylabel("x, ahead [m]")
+    colour_bar(figure, axes)
+    return figure
+
+
+def _limits(measured: MeasuredInput, reference: NDArray[np.float64]) -> tuple[float, float]:
+    """Azimuths from left to right [deg]: all of a cube's, those around the reference of a snapshot, or all."""
+    if measured.radar is None and len(reference):
+        middle = float(np.mean(reference))
+        return middle + SHOWN_DEG, middle - SHOWN_DEG
+    return float(np.rad2deg(np.arcsin(measured.u[-1]))), float(np.rad2deg(np.arcsin(measured.u[0])))

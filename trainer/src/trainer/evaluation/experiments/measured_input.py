@@ -1,0 +1,208 @@
+"""What was measured: a snapshot of a line of elements, or a range bin of a cube with all that stands around it."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shared.physics.errors import InputError
+from shared.physics.units import SPEED_OF_LIGHT
+from shared.radar import Radar
+from shared.radar.arrays import AntennaArray
+from shared.signal.model_error import UNCALIBRATED_DB, model_error_ratio
+from trainer.captures.matlab_files import read_complex_arrays
+from trainer.captures.numpy_files import read_npy
+from trainer.data.arrays import ArrayChoice
+from trainer.data.measurements import Measurement, open_measurements
+from trainer.estimators.base import LineArray, line_array
+from trainer.evaluation.store import digest
+
+CARRIER_HZ = 77e9
+"""Taken for a snapshot, of which no radar is known; u does not depend on it, since the elements stand half a wavelength
+apart."""
+WAVELENGTH_M = SPEED_OF_LIGHT / CARRIER_HZ
+FIRST = (48, 10)
+"""Elements of a snapshot that are looked at alone: the full array of the paper, and few."""
+LEAST_ELEMENTS = 5
+AXIS = np.linspace(-0.6, 0.6, 2401)
+"""u scanned of a snapshot, in steps of 0.03 degrees."""
+AXIS_STEP = 5e-4
+"""Of u, where a cube's radar says from where to where."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredInput:
+    """One row of channels, and how it is to be judged.
+
+    :param path: of its file
+    :param sha256: fingerprint of its numbers and of what follows
+    :param snapshot: [C] the channels
+    :param positions_m: [C] y_tx + y_rx
+    :param u: [U] angles scanned
+    :param elements: indices of the channels that form an array, by its name; the first has all
+    :param noise_power: thermal, of one channel; 0 where it is not known
+    :param model_error_db: of the row's power, see :mod:`shared.signal.model_error`
+    :param targets: in the row, where the number is known
+    :param frame, row: of a cube, and the range bin
+    :param radar: of the cube
+    :param used: [C] channels of the cube that are the snapshot's
+    """
+
+    path: Path
+    sha256: str
+    snapshot: NDArray[np.complex128]
+    positions_m: NDArray[np.float64]
+    wavelength_m: float
+    u: NDArray[np.float64]
+    elements: dict[str, NDArray[np.intp]]
+    noise_power: float
+    model_error_db: float
+    targets: int | None
+    radar: Radar | None = None
+    frame: Measurement | None = None
+    row: int = 0
+    used: NDArray[np.intp] = field(default_factory=lambda: np.empty(0, dtype=np.intp))
+
+    def line(self, elements: NDArray[np.intp]) -> LineArray:
+        """The places of some of its channels."""
+        return LineArray(self.positions_m[elements], self.wavelength_m)
+
+
+def read_measured(
+    path: Path,
+    targets: int | None = None,
+    range_m: float | None = None,
+    model_error_db: float | None = None,
+) -> MeasuredInput:
+    """The row of a file: a snapshot (.mat, .npy), or the range bin of a cube (.npz) that is asked for or the strongest.
+
+    :param targets: their number in the row, where it is known
+    :param range_m: of the row of a cube; the strongest where None
+    :param model_error_db: by default the cube's own, and :data:`shared.signal.model_error.UNCALIBRATED_DB` without
+    :raises InputError: a file that is none of these, a range beyond the cube's, a model error above 0 dB, no targets
+    """
+    if targets is not None and targets < 1:
+        raise InputError("--targets", repr(targets), "1 or more; none where their number is not known")
+    if model_error_db is not None:
+        model_error_ratio(model_error_db)
+    if path.suffix == ".npz" and path.is_file():
+        return _of_cube(path, targets, range_m, model_error_db)
+    if range_m is not None:
+        raise InputError("--range", f"{range_m:g} m of a snapshot", "no --range: a snapshot has none")
+    snapshot = read_snapshot(path)
+    everything = np.arange(len(snapshot))
+    sets = {f"all {len(snapshot)}": everything}
+    sets.update({f"first {first}": everything[:first] for first in FIRST if first < len(snapshot)})
+    error = UNCALIBRATED_DB if model_error_db is None else model_error_db
+    found = MeasuredInput(
+        path, "", snapshot, half_wavelength_line(everything).positions_m, WAVELENGTH_M, AXIS, sets, 0.0, error, targets
+    )
+    return _checked(found)
+
+
+def read_snapshot(path: Path) -> NDArray[np.complex128]:
+    """[C] the snapshot of a MATLAB file with one complex vector, or of a complex vector in a .npy file.
+
+    :raises InputError: no such file, not readable, no or several complex vectors, values that are not finite
+    """
+    if not path.is_file() or path.suffix not in (".mat", ".npy"):
+        raise InputError("--measured", f"{path}", "a .mat or .npy file with one complex vector, or a cube as .npz")
+    found = {"array": read_npy(path)} if path.suffix == ".npy" else read_complex_arrays(path)
+    vectors = {
+        k: np.asarray(v) for k, v in found.items() if np.iscomplexobj(v) and np.size(v) == max(np.shape(v), default=0)
+    }
+    if len(vectors) != 1:
+        raise InputError(path, f"complex vectors {sorted(vectors)}", "exactly one")
+    snapshot = next(iter(vectors.values())).ravel().astype(np.complex128)
+    if len(snapshot) < LEAST_ELEMENTS or not np.isfinite(snapshot).all():
+        raise InputError(path, f"{len(snapshot)} elements", f"more than {LEAST_ELEMENTS - 1} finite ones")
+    return snapshot
+
+
+def half_wavelength_line(elements: NDArray[np.intp]) -> LineArray:
+    """Elements of a line at half a wavelength; by the measurement's convention u rises with the phase exp(+j pi n
+    u)."""
+    return LineArray(-0.5 * WAVELENGTH_M * elements.astype(np.float64), WAVELENGTH_M)
+
+
+def with_arrays(found: MeasuredInput, radar: Radar, arrays: Sequence[ArrayChoice]) -> MeasuredInput:
+    """The input with these arrays among its element sets.
+
+    Of a cube they are channels of its radar. A snapshot is thinned as the arrays of ``radar`` are, element for element
+    of its grid, as far as they fit.
+    """
+    sets = dict(found.elements)
+    if found.radar is not None:
+        for array in arrays:
+            kept = np.intersect1d(found.used, array.channels(found.radar))
+            if len(kept) and array.name not in sets:
+                sets[array.name] = np.searchsorted(found.used, kept)
+    else:
+        places = radar.array.virtual[:, 1]
+        line = LineArray(places, radar.waveform.wavelength_m)
+        grid = np.round((places - places.min()) / (line.spacing_m or 0.5 * line.wavelength_m)).astype(int)
+        for array in arrays:
+            thinned = np.sort(grid[array.channels(radar)])
+            if len(thinned) < len(grid) and thinned[-1] < len(found.snapshot):
+                sets[f"{array.name} of {grid.max() + 1}"] = thinned.astype(np.intp)
+    return _checked(replace(found, elements=sets))
+
+
+def snapshot_radar(found: MeasuredInput, like: Radar) -> Radar:
+    """A radar with the snapshot's elements in its own wavelength, for networks; else as ``like``.
+
+    :raises InputError: elements farther than an antenna array may reach
+    """
+    wavelength = like.waveform.wavelength_m / found.wavelength_m
+    places = (found.positions_m - found.positions_m.mean()) * wavelength
+    try:
+        array = AntennaArray(tx_m=((0.0, 0.0, 0.0),), rx_m=tuple((0.0, float(y), 0.0) for y in places))
+    except ValueError as error:
+        raise InputError(found.path, f"{len(places)} elements", "a line within two metres") from error
+    return like.model_copy(update={"name": found.path.stem, "array": array})
+
+
+def _of_cube(path: Path, targets: int | None, range_m: float | None, model_error_db: float | None) -> MeasuredInput:
+    radar, measurements = open_measurements(path, None, "all")
+    frame = next(iter(measurements))
+    used = np.setdiff1d(radar.array.azimuth_channels, np.array(measurements.dead_channels, dtype=np.intp))
+    if not len(used):
+        raise InputError(path, f"all {radar.array.channels} channels are dead", "a channel with an echo")
+    step, bins = radar.waveform.range_step_m, radar.waveform.range_bins
+    rows = frame.range_channel[0][:, used]
+    if range_m is None:
+        # The receiver's offset and what leaks from TX to RX stand in the first bins.
+        row = int(np.argmax(np.linalg.norm(rows, axis=1) * np.arange(bins)))
+    else:
+        row = round(range_m / step)
+        if not 0 <= row < bins:
+            raise InputError("--range", f"{range_m:g} m", f"0 to {(bins - 1) * step:.4g} m, which {path} holds")
+    error = frame.model_error_db if model_error_db is None else model_error_db
+    line = line_array(radar, used)
+    u = np.arange(radar.grid.u_start, radar.grid.u_stop, AXIS_STEP)
+    found = MeasuredInput(
+        path, "", rows[row].astype(np.complex128), line.positions_m, line.wavelength_m, u,
+        {"full": np.arange(len(used))}, frame.noise_power, error, targets, radar, frame, row, used,
+    )  # fmt: skip
+    return _checked(found)
+
+
+def _checked(found: MeasuredInput) -> MeasuredInput:
+    """With its fingerprint.
+
+    :raises InputError: more targets than the elements of its smallest array can tell
+    """
+    fewest = min(len(elements) for elements in found.elements.values())
+    if found.targets is not None and found.targets > fewest // 2:
+        raise InputError("--targets", f"{found.targets} with {fewest} elements", f"at most {fewest // 2}")
+    numbers: list[NDArray[np.generic]] = [found.snapshot, found.positions_m, found.u]
+    if found.frame is not None:
+        numbers.append(found.frame.range_channel)
+    content = hashlib.sha256(b"".join(np.ascontiguousarray(values).tobytes() for values in numbers)).hexdigest()
+    told = [found.wavelength_m, found.noise_power, max(found.model_error_db, -1e3), found.targets]
+    return replace(found, sha256=digest([content, *told]))
