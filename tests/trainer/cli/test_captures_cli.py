@@ -41,7 +41,7 @@ def test_from_samples_to_an_image(
         0, f"2 frames of 4 chirps x 32 samples x 8 channels (2 TX, 4 RX) in {tmp_path / 'cube.npz'}",
     )  # fmt: skip
     found, measurements = open_measurements(tmp_path / "cube.npz", None, "test")
-    first = next(measurements)
+    first = next(iter(measurements))
     row = round(float(np.hypot(3.4, 0.9)) / found.waveform.range_step_m)
     image = np.abs(steering_matrix(found, found.array).T @ first.range_channel[0, row])
     assert found.grid.u[image.argmax()] == pytest.approx(-0.9 / np.hypot(3.4, 0.9), abs=0.06)
