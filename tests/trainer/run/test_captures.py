@@ -6,48 +6,19 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import torch
+from captured_cubes import OTHER, PLACES, other_radar, write_capture
 from tiny_radar import RADAR, frame
 from tiny_run import make_run
 
 from shared.physics.errors import InputError
-from shared.radar.arrays import AntennaArray, line
-from shared.signal import if_signal
 from shared.signal.model_error import NO_MODEL_ERROR_DB, UNCALIBRATED_DB
 from shared.signal.windows import cell_noise_power
-from trainer.captures.cube_file import Capture, write_cube
 from trainer.cli.app import main
 from trainer.data.measurements import open_measurements
 from trainer.run.answers import estimator_answer
 from trainer.run.folder import load_imager
 from trainer.run.other_radars import fitted_imager, matching_elements, position_tolerance
 from trainer.run.predict import predict
-
-OTHER = RADAR.waveform.model_copy(
-    update={"carrier_hz": 60e9, "bandwidth_hz": 2e9, "chirps": 8, "samples": 64, "range_bins": 40}
-)
-PLACES = np.array([7.0, 0.0, 4.5, 1.0, 2.0, 6.0, 3.0, 5.0])
-"""Of the RX, in units of 2 mm at the run's wavelength: those of the tiny radar, turned about, and two more."""
-
-
-def other_radar(places=PLACES, stretch=1.0, shift_m=0.0):
-    """A radar of another band whose elements stand at these places."""
-    scale = stretch * OTHER.wavelength_m / RADAR.waveform.wavelength_m
-    rx = line(2e-3 * scale * places + shift_m)
-    array = AntennaArray(tx_m=RADAR.array.tx_m, rx_m=rx)
-    return RADAR.model_copy(update={"name": "other", "waveform": OTHER, "array": array})
-
-
-def capture_of(**changes):
-    fields = {"source": "adc.bin", "source_sha256": "0" * 64, "board": "tiny", "frames": 1, "scale": "relative"}
-    return Capture.model_validate({**fields, "noise_power": 1e-20, **changes})
-
-
-def write_capture(path, radar, positions=((2.0, 0.4, 0.0),), **changes):
-    """A target of unit amplitude at each position [m], as an imported cube."""
-    points = np.array(positions)
-    cube = if_signal(radar, points, np.zeros_like(points), np.ones(len(points), complex)).astype(np.complex64)
-    write_cube(path, cube[None], radar, capture_of(**changes))
-    return path
 
 
 def test_the_same_places_in_wavelengths_give_the_same_image(tmp_path):

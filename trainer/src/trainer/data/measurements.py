@@ -47,7 +47,7 @@ class Measurement:
 
 
 @dataclass(frozen=True, eq=False)
-class Measurements:
+class Measurements(Iterator[Measurement]):
     """The frames of one source, to be gone through once.
 
     :param dataset: of a dataset, whose truth is on its grid; of a cube otherwise
@@ -58,8 +58,11 @@ class Measurements:
     dataset: bool
     dead_channels: tuple[int, ...] = ()
 
-    def __iter__(self) -> Iterator[Measurement]:
-        return self.frames
+    def __iter__(self) -> Measurements:
+        return self
+
+    def __next__(self) -> Measurement:
+        return next(self.frames)
 
 
 def open_measurements(source: Location | str, radar: str | None, split: str) -> tuple[Radar, Measurements]:

@@ -118,7 +118,7 @@ def evaluate(
     with output_folder(out, resume, remedy) as folder:
         if resume:
             _require_cells(out)
-        if methods is not None:
+        if methods is not None and dataset is not None:
             check_methods(methods)
         _check_experiments(experiments)
         row = None if measured is None else read_measured(measured, targets, range_m, model_error_db)
@@ -172,8 +172,11 @@ def evaluate(
         announce(f"{stale} files in {out / FIGURES} are of other arguments and not in this report")
     if store.unused:
         announce(f"{store.unused} cells in {store.directory} are of other arguments and not in this report")
-    look = f"{out / REPORT}, {SUMMARY}" + (f", {LINES}" if row is not None else "")
-    announce(f"{store.computed} cells computed, {store.kept} kept; {len(table)} numbers; look: {look}")
+    written_texts = [REPORT, *([SUMMARY] if bench.frames else []), *([LINES] if row is not None else [])]
+    announce(
+        f"{store.computed} cells computed, {store.kept} kept; {len(table)} numbers; look: "
+        f"{', '.join(str(out / name) if name == REPORT else name for name in written_texts)}"
+    )
     return table
 
 
@@ -190,7 +193,8 @@ def _write(
     parameters = {(contender.method, contender.array.name): contender.parameters for contender in bench.contenders}
     table = metrics_table(rows, bench.seconds, parameters)
     write_table(table, out)
-    write_text(out / SUMMARY, summary(table, SUMMARY_COLUMNS))
+    if bench.frames:
+        write_text(out / SUMMARY, summary(table, SUMMARY_COLUMNS))
     frames = _report_frames(bench, shown)
     page = report_page(title, _introduction(bench, chosen), bench.radar, frames, figures, table)
     write_text(out / REPORT, page)

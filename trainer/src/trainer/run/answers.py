@@ -143,5 +143,5 @@ def answer_peaks(imager: Imager, measurement: Measurement) -> tuple[NDArray[np.f
     with torch.inference_mode():
         snapshots = torch.from_numpy(np.array(measurement.range_channel)).to(device)
         noise = torch.full((len(snapshots),), measurement.noise_power, dtype=torch.float64, device=device)
-        images, probability = imager.detect(snapshots, noise)
+        images, probability = imager.detect(snapshots, noise, measurement.model_error_db)
         return images.cpu().numpy(), None if probability is None else probability.float().cpu().numpy()

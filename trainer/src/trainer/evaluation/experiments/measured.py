@@ -294,7 +294,7 @@ def _network_images(
     with torch.inference_mode():
         snapshots = torch.from_numpy(np.array(range_channel))
         noise = torch.full((len(snapshots),), noise_power, dtype=torch.float64)
-        return np.asarray(network.imager(snapshots, noise).numpy(), dtype=np.float32)
+        return np.asarray(network.imager(snapshots, noise, measured.model_error_db).numpy(), dtype=np.float32)
 
 
 def _degrees(u: NDArray[np.floating]) -> NDArray[np.float64]:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
 
 from shared.physics.errors import figure_text
 from trainer.evaluation.experiments.measured_input import MeasuredInput
@@ -27,6 +29,10 @@ SHOWN_DEG = 15.0
 """On either side of the strongest line, in the cuts of a snapshot."""
 FARTHEST = 2.0
 """Of the range of the row: as far as the picture reaches."""
+DRAWN_BINS = (3, 3)
+"""Range bins and angles over which every level is drawn: a line of one pixel could not be seen."""
+PANEL_INCHES = 3.4
+"""Width of a panel of the picture from above."""
 
 
 def cut_figure(
@@ -72,23 +78,28 @@ def cut_figure(
 
 
 def cartesian_figure(measured: MeasuredInput, images: Mapping[tuple[str, str], Values]) -> Figure:
-    """Range-angle images of a cube seen from above: y to the left, x ahead [m], levels of amplitude times range.
+    """Range-angle images of a cube's strongest Doppler peaks seen from above: y to the left, x ahead [m].
+
+    Levels of amplitude times range, below each image's maximum.
 
     :param images: "image" [R, U] and "u" by (method, array)
     """
     assert measured.radar is not None
     waveform = measured.radar.waveform
-    columns = min(COLUMNS, len(images))
+    columns = min(COLUMNS, math.ceil(math.sqrt(len(images))))
     lines = -(-len(images) // columns)
     bins = min(max(int(FARTHEST * measured.row), 16), waveform.range_bins)
-    figure = new_figure(3.6 * columns + 0.8, 3.4 * lines + 0.7, f"Seen from above: {figure_text(measured.path.name)}")
+    # A panel is as high as the range and as wide as twice the largest y.
+    widest = 2.0 * max(float(np.abs(values["u"]).max()) for values in images.values())
+    height = (PANEL_INCHES / widest + 0.5) * lines + 0.8
+    figure = new_figure(PANEL_INCHES * columns + 1.4, height, f"Seen from above: {figure_text(measured.path.name)}")
     axes = subplots(figure, lines, columns, sharex=True, sharey=True)
     edges = (np.arange(bins + 1) - 0.5).clip(0.0) * waveform.range_step_m
     for axis, ((method, array), values) in zip(axes.ravel(), images.items(), strict=False):
         image, angles = values["image"], values["u"]
         u = np.clip(angles[0] + (np.arange(len(angles) + 1) - 0.5) * (angles[1] - angles[0]), -1.0, 1.0)
         x, y = np.outer(edges, np.sqrt(1.0 - u**2)), np.outer(edges, u)
-        levels = range_weighted_db(image)[:bins]
+        levels = maximum_filter(range_weighted_db(image)[:bins], DRAWN_BINS)
         axis.pcolormesh(y, x, levels, cmap="magma", vmin=-SPAN_DB, vmax=0.0, rasterized=True)
         axis.set(title=figure_text(f"{method}, {array}"), aspect="equal", facecolor="black")
         axis.set(xlim=(y.max(), y.min()), ylim=(0.0, edges[-1]))
