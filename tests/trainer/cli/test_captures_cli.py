@@ -62,9 +62,9 @@ def test_calibrate_then_import(
     common = ("--board", "iwr1642", "--radar", "capture.toml")
     angle = np.rad2deg(np.arctan2(-0.8, 2.7))
     check = ("--check", "other.bin", "--check-range", np.hypot(2.7, 0.8), "--check-angle", angle)
-    place = ("--range", 2.5, "--angle", 0.0)
+    stands = ("--range", 2.5, "--angle", 0.0)
     code, said = status(
-        capsys, monkeypatch, "calibrate", "corner.bin", *common, *place, *check, "--out", "calibration.toml"
+        capsys, monkeypatch, "calibrate", "corner.bin", *common, *stands, *check, "--out", "calibration.toml"
     )
     assert code == 0, said
     assert said.startswith("8 channels in calibration.toml: gain 1.")
