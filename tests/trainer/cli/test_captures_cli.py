@@ -58,13 +58,13 @@ def test_calibrate_then_import(
     errors = 10.0 ** (generator.normal(0.0, 1.5, 8) / 20.0) * np.exp(1j * np.deg2rad(generator.normal(0.0, 12.0, 8)))
     for name, place in (("corner.bin", [[2.5, 0.0, 0.0]]), ("other.bin", [[2.7, -0.8, 0.0]])):
         cube = if_signal(radar, np.array(place), np.zeros((1, 3)), np.ones(1))
-        write_two_lanes(tmp_path / name, (cube * errors)[None], radar)
+        write_two_lanes(tmp_path / name, np.asarray(cube * errors, dtype=np.complex128)[None], radar)
     common = ("--board", "iwr1642", "--radar", "capture.toml")
     angle = np.rad2deg(np.arctan2(-0.8, 2.7))
     check = ("--check", "other.bin", "--check-range", np.hypot(2.7, 0.8), "--check-angle", angle)
-    place = ("--range", 2.5, "--angle", 0.0)
+    stands = ("--range", 2.5, "--angle", 0.0)
     code, said = status(
-        capsys, monkeypatch, "calibrate", "corner.bin", *common, *place, *check, "--out", "calibration.toml"
+        capsys, monkeypatch, "calibrate", "corner.bin", *common, *stands, *check, "--out", "calibration.toml"
     )
     assert code == 0, said
     assert said.startswith("8 channels in calibration.toml: gain 1.")
