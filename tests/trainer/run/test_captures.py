@@ -11,6 +11,7 @@ from tiny_radar import RADAR, frame
 from tiny_run import make_run
 
 from shared.physics.errors import InputError
+from shared.radar.arrays import AntennaArray, line
 from shared.signal.model_error import NO_MODEL_ERROR_DB, UNCALIBRATED_DB
 from shared.signal.windows import cell_noise_power
 from trainer.cli.app import main

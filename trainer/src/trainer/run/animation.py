@@ -72,10 +72,10 @@ def save_animation(images: Path, path: Path) -> int:
                 size = LARGEST_DOT * np.clip(1.0 + (weighted - strongest) / SPAN_DB, 0.0, 1.0) ** 2
                 dots = right.scatter(u, range_m, s=size, c=velocity, **colours)
                 if number == 0:
-                    left.set(title="image", xlabel="u = sin(azimuth)", ylabel="range [m]")
-                    right.set(title="detections", xlabel="u = sin(azimuth)")
-                    figure.colorbar(drawn, ax=left, label="amplitude x range [dB]")
-                    figure.colorbar(dots, ax=right, label="velocity [m/s], receding")
+                    left.set(title="image, amplitude x range [dB]", xlabel="u = sin(azimuth)", ylabel="range [m]")
+                    right.set(title="detections, range rate [m/s]", xlabel="u = sin(azimuth)")
+                    figure.colorbar(drawn, ax=left)
+                    figure.colorbar(dots, ax=right)
                 figure.suptitle(f"frame {row['frame_id']}")
                 writer.grab_frame()
         write_bytes(path, film.read_bytes())
