@@ -41,8 +41,13 @@ def test_a_snapshot_needs_no_dataset(inputs, tmp_path, capsys, monkeypatch):
     assert ("likes", "first 10", "angle 1 [deg]") in found
     assert ("das", "sparse4 of 48", "angle 1 [deg]") not in found  # the snapshot ends before
     lines = (out / "lines.md").read_text()
-    assert "| likes | -4.0" in lines
-    assert "2 told (maximum likelihood of as many on all elements: -4.0" in lines
+    angles = [found["ml", "reference", f"angle {n} [deg]"] for n in (1, 2)]
+    assert f"2 told (maximum likelihood of as many on all elements: {angles[0]:.3f}, {angles[1]:.3f} deg)" in lines
+    listed = ", ".join(
+        f"{found['likes', 'all 40', f'angle {n} [deg]']:.2f} ({found['likes', 'all 40', f'level {n} [dB]']:.1f})"
+        for n in (1, 2)
+    )
+    assert f"| likes | {listed} | {found['likes', 'all 40', 'power left [dB]']:.1f} |" in lines
     assert (out / "figures/measured.png").read_bytes()[:4] == b"\x89PNG"
     assert (out / "report.html").is_file()
     assert not (out / "summary.md").exists()
@@ -76,12 +81,8 @@ def test_a_cube_is_cut_at_a_range_and_seen_from_above(tmp_path):
     assert any("sparse6 uses RX 15" in line for line in said)
     found = values(out)
     assert {(method, array) for method, array, _ in found} == {
-        ("das", "full"),
-        ("likes", "full"),
-        ("das", "few"),
-        ("likes", "few"),
-        ("unet", "mine"),
-    }
+        ("das", "full"), ("likes", "full"), ("das", "few"), ("likes", "few"), ("unet", "mine"),
+    }  # fmt: skip
     # The farther one: amplitudes are weighted by range, as in the pictures. Near the array the wave is curved.
     strongest = np.rad2deg(np.arctan2(-0.6, 2.4))
     assert found["likes", "full", "angle 1 [deg]"] == pytest.approx(strongest, abs=1.5)

@@ -128,7 +128,9 @@ def evaluate(
                 raise InputError("arguments", "neither a dataset nor --measured", "one of both, or both")
             if experiments is not None and list(experiments) != [Measured.name]:
                 raise InputError("--experiments", ", ".join(experiments), f"{Measured.name} alone without a dataset")
-            bench, obstacles = measured_bench(row, runs, methods, arrays, config)
+            # The default names are of the default radar: of another cube nobody has asked for them.
+            asked = ("full",) if row.radar is not None and tuple(arrays) == DEFAULT_ARRAYS else arrays
+            bench, obstacles = measured_bench(row, runs, methods, asked, config)
             chosen, left_out = [EXPERIMENTS[Measured.name]], dict[str, int]()
             title = f"Evaluation of {row.path.name}"
         else:
