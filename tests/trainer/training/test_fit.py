@@ -65,7 +65,8 @@ def test_eight_frames_are_learned_by_heart(dataset, tmp_path):
 def validation_nmse(imager, dataset):
     """Error of the linear image with the one gain that errs least, as :class:`ImagingTask` has it."""
     projections, energies = [], []
-    for stored in ShardDataset(dataset, "validation"):
+    frames = ShardDataset(dataset, "validation")
+    for stored in (frames[index] for index in range(len(frames))):
         with torch.inference_mode():
             image = imager(stored["range_channel"][:1], stored["noise_power"][None])[0].double() / stored["image_peak"]
         truth = stored["image"].double()
