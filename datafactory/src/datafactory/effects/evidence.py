@@ -16,9 +16,9 @@ from datafactory.frame.deal import DealtFrame
 from datafactory.frame.prepared import PreparedScene, Sample
 from datafactory.paths.density import cell_power
 from datafactory.paths.edges import edges_of
+from datafactory.paths.merged_scene import slabs_of
 from datafactory.paths.panes import slab_transmission
 from datafactory.paths.table import DIFFRACTED, DIFFUSE, REFRACTED, SPECULAR, TARGET, PathTable
-from datafactory.paths.merged_scene import slabs_of
 from shared.physics.units import amplitude_to_db, power_to_db
 from shared.radar import Radar
 from shared.signal.windows import cell_noise_power

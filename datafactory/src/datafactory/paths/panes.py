@@ -153,9 +153,7 @@ def panes_between(
         count[hit] += 1
         for shape in np.unique(mesh_id[hit]):
             here = hit & (mesh_id == shape)
-            field[here] = field_behind_slab(
-                slabs[int(shape)], frequency_hz, direction[here], normal[here], field[here]
-            )
+            field[here] = field_behind_slab(slabs[int(shape)], frequency_hz, direction[here], normal[here], field[here])
     beyond = surfaces.next_surface()[0]
     factor = np.where(beyond, 0.0, np.einsum("ki,ki->k", field, axis).conj())
     return Crossings(factor=factor, count=count, given_up=int(beyond.sum()))
