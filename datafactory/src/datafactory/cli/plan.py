@@ -33,7 +33,7 @@ def plan(
     ] = DEFAULT_BUDGET_DB,
     seed: options.Seed = 0,
     materials: options.Materials = None,
-    rays: options.Rays = 200_000,
+    rays: options.Rays = 600_000,
     depth: options.Depth = 2,
     prove_it: Annotated[
         bool, typer.Option("--prove", help="Simulate one frame as planned and with every effect, and compare.")
