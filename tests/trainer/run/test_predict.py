@@ -212,6 +212,19 @@ def test_onnx_gives_what_torch_gives(tmp_path, changes):
     np.testing.assert_allclose(found, expected, atol=1e-4 * np.abs(expected).max())
 
 
+def test_a_network_is_told_the_model_error_of_a_capture(tmp_path):
+    """As noise: an image with it is that of more noise."""
+    imager = load_imager(make_run(tmp_path / "run"))[1]
+    snapshots, velocity = frame(5).range_channel[:1], np.zeros((1, 24), np.float32)
+    unit = snapshots / np.sqrt(np.mean(np.abs(snapshots[..., [0, 1, 2, 5]]) ** 2, axis=-1, keepdims=True))
+
+    def imaged(noise_power, **told):
+        return answer_peaks(imager, Measurement("m", 0, unit, velocity, noise_power, None, **told))[0]
+
+    np.testing.assert_allclose(imaged(0.0, model_error_db=-10.0), imaged(0.1), rtol=1e-5)
+    assert np.abs(imaged(0.1) - imaged(0.0)).max() > 1e-3
+
+
 def test_the_unrolled_network_is_exported_in_real_arithmetic(tmp_path):
     run = make_run(tmp_path / "run")
     result = export(run, tmp_path / "network.onnx")
