@@ -9,7 +9,7 @@ import pytest
 
 from shared.physics.errors import InputError
 from shared.physics.units import SPEED_OF_LIGHT
-from shared.radar import Radar, load_radar
+from shared.radar import Radar, load_capture_radar, load_radar
 from shared.radar.boards import BOARDS
 from shared.signal.signal import if_signal
 
@@ -73,6 +73,8 @@ def test_a_mirrored_board_sees_the_other_side(tmp_path: Path) -> None:
     plain, turned = load_radar("iwr1843"), load_radar(file(tmp_path, 'board = "iwr1843"\nmirror = true\n'))
     np.testing.assert_array_equal(turned.array.virtual, plain.array.virtual * [1.0, -1.0, 1.0])
     assert turned.front_end == plain.front_end
+    again = load_capture_radar(str(tmp_path / "radar.toml"), "iwr1843", mirror=True).radar
+    np.testing.assert_array_equal(again.array.virtual, plain.array.virtual)
 
 
 def test_sampling_that_begins_late_raises_the_carrier(tmp_path: Path) -> None:

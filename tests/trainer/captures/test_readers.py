@@ -204,6 +204,39 @@ def test_a_capture_of_another_board_does_not_fit(tmp_path: Path) -> None:
         read(tmp_path, "adc.bin", "iwr1642")
 
 
+@pytest.mark.parametrize(("board", "lanes"), [("iwr1443", "2-lane"), ("iwr1843", "4-lane")])
+def test_a_file_of_a_board_with_other_lanes_is_told_by_its_range_profile(
+    tmp_path: Path, board: str, lanes: str
+) -> None:
+    """Their files have the same size. Whoever says --layout is believed."""
+    radar = radar_of(tmp_path, board)
+    if lanes == "2-lane":
+        write_two_lanes(tmp_path / "adc.bin", scene(radar), radar)
+    else:
+        write_four_lanes(tmp_path / "adc.bin", scene(radar), radar, (0, 1, 2, 3))
+    with pytest.raises(InputError, match=rf"as {lanes} its range profile is .* dB narrower than as"):
+        read(tmp_path, "adc.bin", board)
+    np.testing.assert_array_equal(read(tmp_path, "adc.bin", board, layout=lanes).cube, quantised(scene(radar)))
+
+
+def test_the_makers_scripts_agree(tmp_path: Path) -> None:
+    """``readDCA1000.m`` of SWRA581 for four lanes; ``organize`` of OpenRadar, the same for two, by their formulas."""
+    radar_file(tmp_path, "iwr1642")
+    generator = np.random.default_rng(3)
+    raw = generator.integers(-900, 900, 2 * 4 * 2 * 4 * 32, dtype=np.int16)
+    raw.astype("<i2").tofile(tmp_path / "adc.bin")
+    organized = np.empty(len(raw) // 2, complex)
+    organized[0::2], organized[1::2] = raw[0::4] + 1j * raw[2::4], raw[1::4] + 1j * raw[3::4]
+    chirps = organized.reshape(8, 4, 32)  # chirp after chirp, TX in turns; RX; sample
+    columns = raw.reshape(-1, 8).T
+    lanes = (columns[0:4] + 1j * columns[4:8]).reshape(4, 8, 32)  # RX; chirp after chirp; sample
+    for layout, by_rx in (("2-lane", chirps.transpose(1, 0, 2)), ("4-lane", lanes)):
+        found = read(tmp_path, "adc.bin", "iwr1642", layout=layout).cube[0]
+        for rx in range(4):
+            for tx in range(2):
+                np.testing.assert_array_equal(found[:, :, 2 * rx + tx], by_rx[rx, tx::2])
+
+
 @pytest.mark.parametrize(
     ("fault", "message"),
     [

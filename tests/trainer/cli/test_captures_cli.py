@@ -11,6 +11,7 @@ from oracles import reference_file
 from raw_files import radar_of, scene, write_two_lanes
 
 from shared.signal.imaging import steering_matrix
+from shared.signal.signal import if_signal
 from trainer.captures.cube_file import read_cube
 from trainer.cli.app import main
 from trainer.data.measurements import open_measurements
@@ -41,10 +42,40 @@ def test_from_samples_to_an_image(
         0, f"2 frames of 4 chirps x 32 samples x 8 channels (2 TX, 4 RX) in {tmp_path / 'cube.npz'}",
     )  # fmt: skip
     found, measurements = open_measurements(tmp_path / "cube.npz", None, "test")
-    first = next(measurements)
+    first = next(iter(measurements))
     row = round(float(np.hypot(3.4, 0.9)) / found.waveform.range_step_m)
     image = np.abs(steering_matrix(found, found.array).T @ first.range_channel[0, row])
     assert found.grid.u[image.argmax()] == pytest.approx(-0.9 / np.hypot(3.4, 0.9), abs=0.06)
+
+
+def test_calibrate_then_import(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of 16-bit samples: what is left of another reflector is quantisation, and the cube has the model error."""
+    monkeypatch.chdir(tmp_path)
+    radar = radar_of(tmp_path, "iwr1642")
+    generator = np.random.default_rng(5)
+    errors = 10.0 ** (generator.normal(0.0, 1.5, 8) / 20.0) * np.exp(1j * np.deg2rad(generator.normal(0.0, 12.0, 8)))
+    for name, place in (("corner.bin", [[2.5, 0.0, 0.0]]), ("other.bin", [[2.7, -0.8, 0.0]])):
+        cube = if_signal(radar, np.array(place), np.zeros((1, 3)), np.ones(1))
+        write_two_lanes(tmp_path / name, np.asarray(cube * errors, dtype=np.complex128)[None], radar)
+    common = ("--board", "iwr1642", "--radar", "capture.toml")
+    angle = np.rad2deg(np.arctan2(-0.8, 2.7))
+    check = ("--check", "other.bin", "--check-range", np.hypot(2.7, 0.8), "--check-angle", angle)
+    stands = ("--range", 2.5, "--angle", 0.0)
+    code, said = status(
+        capsys, monkeypatch, "calibrate", "corner.bin", *common, *stands, *check, "--out", "calibration.toml"
+    )
+    assert code == 0, said
+    assert said.startswith("8 channels in calibration.toml: gain 1.")
+    arguments = ("--calibration", "calibration.toml", "--out", "cube.npz")
+    code, said = status(capsys, monkeypatch, "import", "other.bin", *common, *arguments)
+    assert code == 0, said
+    capture = read_cube(tmp_path / "cube.npz", None).capture
+    assert capture is not None
+    assert capture.model_error_db is not None
+    assert capture.model_error_db < -55.0
+    assert f"calibrated; it leaves {capture.model_error_db:.1f} dB of a reflector" in said
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from tiny_run import make_run
 
 from shared.physics.errors import InputError
 from shared.radar import load_radar
+from shared.radar.arrays import AntennaArray, line
 from shared.signal.model_error import NO_MODEL_ERROR_DB, UNCALIBRATED_DB
 from shared.signal.windows import cell_noise_power
 from trainer.cli.app import main
@@ -138,6 +139,25 @@ def test_an_estimator_looks_at_living_channels_on_the_line(tmp_path):
     assert estimator_answer("likes", radar, (4,)).channels.tolist() == [0, 2, 6, 8, 10]
     with pytest.raises(InputError, match="channels: all 12 are dead; expected a channel with an echo"):
         estimator_answer("likes", radar, tuple(range(12)))
+
+
+@pytest.mark.parametrize("dead", [(), (4,)])
+def test_an_estimator_sees_elements_that_coincide_once(tmp_path, dead):
+    half = 0.5 * RADAR.waveform.wavelength_m
+    places = AntennaArray(tx_m=line(half * np.array([0.0, 2.0, 4.0])), rx_m=line(half * np.arange(4.0)))
+    radar = RADAR.model_copy(update={"array": places})
+    one_tx = AntennaArray(tx_m=line(np.zeros(1)), rx_m=line(half * np.arange(8.0)))
+    images = []
+    for seen, path in (
+        (radar, tmp_path / "doubled.npz"),
+        (RADAR.model_copy(update={"array": one_tx}), tmp_path / "x.npz"),
+    ):
+        write_capture(path, seen, dead_channels=dead if seen is radar else ())
+        (measurement,) = open_measurements(path, None, "test")[1]
+        images.append(estimator_answer("das", seen, dead if seen is radar else ()).peaks(measurement)[0][0])
+    row = int(images[1].max(axis=1).argmax())
+    # Uniform over eight elements, as of eight RX; as twelve channels its sidelobes would be those of a tapered line.
+    np.testing.assert_allclose(images[0][row], images[1][row], atol=0.02 * images[1].max())
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from tiny_run import make_run, run_of
 from shared.physics.errors import InputError
 from shared.signal import if_signal
 from shared.signal.adaptive import adaptive_tables
-from shared.signal.features import adaptive_features, row_features, steering_weights
+from shared.signal.features import adaptive_features, row_features, snapshot_features, steering_weights
 from trainer.data.measurements import Measurement, open_measurements
 from trainer.run.answers import answer_peaks
 from trainer.run.export import export
@@ -212,12 +212,20 @@ def test_onnx_gives_what_torch_gives(tmp_path, changes):
     np.testing.assert_allclose(found, expected, atol=1e-4 * np.abs(expected).max())
 
 
-def test_a_network_that_inverts_matrices_is_not_exported(tmp_path):
+def test_the_unrolled_network_is_exported_in_real_arithmetic(tmp_path):
     run = make_run(tmp_path / "run")
-    with pytest.raises(InputError, match="run: model 'unrolled'; expected one of 'spectral-unet'") as caught:
-        export(run, tmp_path / "network.onnx")
-    assert "\n" not in str(caught.value)
-    assert not (tmp_path / "network.onnx").exists()
+    result = export(run, tmp_path / "network.onnx")
+    assert result.difference <= 1e-4
+    session = onnxruntime.InferenceSession(str(result.path), providers=["CPUExecutionProvider"])
+    imager = load_imager(run)[1]
+    assert imager.config.model == "unrolled"
+    snapshot = frame(5).range_channel[:1]
+    channels = np.array([0, 1, 2, 5])
+    features, _ = snapshot_features(snapshot[..., channels], np.array([NOISE_POWER]))  # NumPy alone
+    found = session.run(None, {"features": features})[0]
+    with torch.no_grad():
+        expected = imager.network(torch.from_numpy(features)).numpy()
+    np.testing.assert_allclose(found, expected, atol=1e-3 * np.abs(expected).max())
 
 
 def test_an_export_that_cannot_be_written_is_refused(tmp_path):

@@ -1,13 +1,17 @@
 """Evaluation boards of Texas Instruments as presets: where their antennas stand, and how they radiate.
 
-What is published. In the user's guides of the boards (IWR1443BOOST SWRU518, xWR1642BOOST SWRU521, xWR1843BOOST SPRUIM4,
-AWR2944EVM SPRUJ22, the cascade reference design TIDUEN5 and its Figures 5 to 7) the elements stand on a grid of half a
-wavelength. Of the cascade the wavelength is that of 76.8 GHz (`TI_Cascade_Antenna_DesignFreq` in the MATLAB examples of
-mmWave Studio, whose `TI_Cascade_TX_position_azi`, `..._ele` and `TI_Cascade_RX_position_azi` are the numbers below). Of
-the AWR2944EVM the grid is `antGeometryCfg` of its demo, 0.5 wavelengths across and 0.8 up. The element of the BOOST
-boards has a gain of 10.5 dBi and 3 dB widths of 56 degrees in azimuth and 28 in elevation.
+What was read. The cascade's elements (reference design TIDUEN5, Figures 5 to 7) stand on a grid of half a wavelength of
+76.8 GHz (`TI_Cascade_Antenna_DesignFreq` in the MATLAB examples of mmWave Studio, whose `TI_Cascade_TX_position_azi`,
+`..._ele` and `TI_Cascade_RX_position_azi` are the numbers below). The grid of the AWR2944EVM is `antGeometryCfg` of its
+demo, 0.5 wavelengths across and 0.8 up.
 
-What is not published, and taken here:
+What was not read, and is taken as the field knows it: the user's guides of the single-chip boards (IWR1443BOOST
+SWRU518, xWR1642BOOST SWRU521, xWR1843BOOST SPRUIM4, AWR2944EVM SPRUJ22) and the devices' data sheets. From common use
+are the elements of the BOOST boards, half a wavelength and two wavelengths apart, the gain of 10.5 dBi with 3 dB widths
+of 56 degrees in azimuth and 28 in elevation, transmit powers and noise figures. Levels depend on these. Angles depend
+on the elements alone; a public capture of 2 x 4 of them has its stated angles.
+
+What nothing says, and is taken here:
 
 - The wavelength of the single-chip boards' grid: that of :data:`DESIGN_HZ`. A wavelength 1 % off scales u by 1 %.
 - How the group of TX stands to the group of RX: both are centred on the radar's origin. In the far field only sums of
@@ -19,8 +23,6 @@ What is not published, and taken here:
 - Whether an elevated TX stands above or below: above. Channels of elevated TX are no part of the azimuth line
   (:attr:`shared.radar.arrays.AntennaArray.azimuth_channels`).
 - The patterns of the AWR2944EVM and of the cascade: those of the BOOST boards.
-
-Transmit powers and noise figures are those on the first page of the devices' data sheets, rounded.
 """
 
 from __future__ import annotations
@@ -56,7 +58,7 @@ class Board:
 
 
 def iwr1443() -> Board:
-    """IWR1443BOOST, AWR1443BOOST: 3 TX, 4 RX (SWRU518, "PCB Antennas").
+    """IWR1443BOOST, AWR1443BOOST: 3 TX, 4 RX.
 
     RX half a wavelength apart. TX1 and TX3 two wavelengths apart; TX2 midway between them, half a wavelength higher.
     Eight elements at half a wavelength along the azimuth line.
@@ -65,17 +67,17 @@ def iwr1443() -> Board:
 
 
 def iwr1642() -> Board:
-    """IWR1642BOOST, AWR1642BOOST: 2 TX two wavelengths apart, 4 RX half a wavelength apart (SWRU521): 8 elements."""
+    """IWR1642BOOST, AWR1642BOOST: 2 TX two wavelengths apart, 4 RX half a wavelength apart: 8 elements."""
     return _board(_array((0, 4), (0, 1, 2, 3)), transmit_power_dbm=12.5, noise_figure_db=15.0)
 
 
 def iwr1843() -> Board:
-    """IWR1843BOOST, AWR1843BOOST: the elements of :func:`iwr1443` (SPRUIM4, "Antenna")."""
+    """IWR1843BOOST, AWR1843BOOST: the elements of :func:`iwr1443`."""
     return _board(iwr1443().array, transmit_power_dbm=12.0, noise_figure_db=15.0)
 
 
 def awr2944() -> Board:
-    """AWR2944EVM: 4 TX, 4 RX (SPRUJ22; ``antGeometryCfg`` of the demo). Its converter samples real signals.
+    """AWR2944EVM: 4 TX, 4 RX (``antGeometryCfg`` of the demo). Its converter samples real signals.
 
     RX half a wavelength apart. TX1, TX3 and TX4 stand at 0, 2 and 4 wavelengths, TX2 at one, 0.8 wavelengths off the
     line. Twelve elements at half a wavelength along the azimuth line.

@@ -32,7 +32,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Complex, Float, Float64, Int64
+from jaxtyping import Complex, Float, Float64, Int, Int64
 
 from shared.radar import Radar
 from shared.signal.signal import chirp_times
@@ -111,7 +111,9 @@ def _phasors(cycles: Float64[np.ndarray, "*any"], like: Complex[np.ndarray, "*ot
 
 
 def averaged(
-    range_channel: Complex[np.ndarray, "*rows channels"], radar: Radar, missing: Sequence[int] = ()
+    range_channel: Complex[np.ndarray, "*rows channels"],
+    radar: Radar,
+    missing: Sequence[int] | Int[np.ndarray, " left_out"] = (),
 ) -> tuple[Complex[np.ndarray, "*rows elements"], Float64[np.ndarray, "elements 3"]]:
     """(means [..., E] of the channels that coincide, positions [E, 3] of those unique elements, rising in y) [m].
 

@@ -224,9 +224,14 @@ def _delays(radar: Radar, position: NDArray[np.float64]) -> NDArray[np.float64]:
 def _spectrum(chirp: NDArray[np.complex128], bins: NDArray[np.float64]) -> NDArray[np.complex128]:
     """[nu, C] F_c at ``bins`` [nu]."""
     samples = len(chirp)
-    window = hann(samples)
     turn = np.exp(-2j * np.pi * bins[:, None] * (np.arange(samples) / samples - 0.5))
-    return np.asarray((turn * (window / window.sum())) @ chirp)
+    return np.asarray((turn * _window(samples)) @ chirp)
+
+
+def _window(samples: int) -> NDArray[np.float64]:
+    """[samples] of sum 1."""
+    window = hann(samples)
+    return np.asarray(window / window.sum())
 
 
 def _response(capture: RawCapture, place: Place) -> Response:
@@ -234,8 +239,8 @@ def _response(capture: RawCapture, place: Place) -> Response:
     coarse = np.arange(-SEARCH_BINS, SEARCH_BINS + 0.05, 0.1)
     power = np.mean(np.abs(_spectrum(chirp, coarse)) ** 2, axis=1)
     peak = int(power.argmax())
-    everywhere = np.arange(-(len(chirp) // 2), len(chirp) // 2, dtype=np.float64)
-    level = float(power_to_db(power[peak] / np.median(np.mean(np.abs(_spectrum(chirp, everywhere)) ** 2, axis=1))))
+    profile = np.mean(np.abs(np.fft.fft(_window(len(chirp))[:, None] * chirp, axis=0)) ** 2, axis=1)
+    level = float(power_to_db(power[peak] / max(float(np.median(profile)), np.finfo(np.float64).tiny)))
     step = capture.radar.waveform.range_step_m
     if peak in (0, len(coarse) - 1) or level < CLEAR_DB:
         problem = f"no reflector within {SEARCH_BINS * step:.2g} m of {place.range_m:g} m ({level:.0f} dB there)"
@@ -249,9 +254,8 @@ def _response(capture: RawCapture, place: Place) -> Response:
     moved = np.divide(0.5 * (below - above), curvature, out=np.zeros_like(here), where=curvature < 0.0)
     bins = fine[at] + FINE_BINS * np.clip(moved, -1.0, 1.0)
     samples = len(chirp)
-    window = hann(samples)
     turn = np.exp(-2j * np.pi * (np.arange(samples) / samples - 0.5)[:, None] * bins)
-    return Response(np.sum(window[:, None] * turn * chirp, axis=0) / window.sum(), bins)
+    return Response(np.sum(_window(samples)[:, None] * turn * chirp, axis=0), bins)
 
 
 def _left(capture: RawCapture, place: Place, calibration: Calibration) -> Left:

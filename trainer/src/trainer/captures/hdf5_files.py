@@ -1,8 +1,8 @@
 """Arrays of HDF5 files, MATLAB's version 7.3 among them.
 
-The HDF5 library (tried: h5py 3.16) crashes or loops on some damaged files, among a few thousand of them. It therefore
-reads in a process of its own with bounds on memory and processor time (:mod:`trainer.captures.hdf5_process`), which
-writes what it finds as a .npz.
+The HDF5 library is C code that damaged files can crash: a process that read some with bytes exchanged (h5py 3.16) died.
+It therefore reads in a process of its own with bounds on memory and processor time
+(:mod:`trainer.captures.hdf5_process`), which writes what it finds as a .npz.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shared.dataset.locations import sha256_of
-from shared.physics.errors import InputError
+from shared.physics.errors import InputError, require_utf8
 from shared.physics.units import amplitude_to_db, dbm_to_watt, power_to_db
 from shared.radar import CaptureRadar, Radar, board_radar, load_capture_radar
 from shared.radar.boards import BOARDS
@@ -20,11 +20,13 @@ from trainer.captures.array_files import SUFFIXES, read_array_capture
 from trainer.captures.calibration import read_calibration
 from trainer.captures.cascade import DEVICES, cascade_files, read_cascade
 from trainer.captures.cube_file import Capture, write_cube
-from trainer.captures.dca1000 import Lanes, read_dca1000
-from trainer.captures.samples import FULL_SCALE, OTHER_SIDE_DB, Order, other_side_db
+from trainer.captures.dca1000 import LANES, Lanes, read_dca1000
+from trainer.captures.samples import FULL_SCALE, OTHER_SIDE_DB, Order, flatness_db, other_side_db
 
 DEAD_DB = 25.0
 """A channel whose samples have that much less power than the median channel's has no echo: gains differ by a few dB."""
+OTHER_LANES_DB = 3.0
+"""A file whose range profile is that much narrower as one of the other number of lanes is of another board."""
 LAYOUTS = ("2-lane", "4-lane", "cascade")
 LAYOUT_OF = {"iwr1443": "4-lane", "mmwcas": "cascade", "mmwcas-azimuth": "cascade"}
 """Of a board's .bin files; of the others "2-lane"."""
@@ -85,10 +87,11 @@ def import_capture(
     if out.suffix != ".npz" or not out.parent.is_dir():
         raise InputError("--out", f"{out}", "a .npz in a folder that is there")
     found = None if calibration is None else read_calibration(calibration)
+    if found is not None:
+        found.require_fits(str(calibration), reading.board, described(reading).radar)
     raw = read_capture(source, reading)
     cube, dead = raw.cube, raw.dead
     if found is not None:
-        found.require_fits(str(calibration), reading.board, raw.radar)
         cube, dead = found.applied(cube, raw.radar), tuple(sorted({*dead, *found.dead_channels}))
     capture = Capture(
         source=source.name, source_sha256=raw.sha256, board=reading.board, frames=len(cube),
@@ -108,6 +111,7 @@ def read_capture(source: Path, reading: Reading) -> RawCapture:
 
     :raises InputError: see :func:`import_capture`
     """
+    require_utf8(source)
     radar, real, rx = described(reading)
     notes: list[str] = []
     if source.suffix in SUFFIXES:
@@ -149,14 +153,22 @@ def _of_binary(
     if reading.axes is not None or reading.variable is not None:
         raise InputError("--axes or --variable", f"beside {source}", f"a file of arrays: {', '.join(SUFFIXES)}")
     if layout == "cascade":
-        digests = [sha256_of(file) for file in cascade_files(source)]
         cube = read_cascade(source, radar, reading.order, reading.frames, rx)
+        digests = [sha256_of(file) for file in cascade_files(source)]
         return cube, hashlib.sha256("".join(digests).encode()).hexdigest()
     if not source.is_file():
         names = f"a .bin of a DCA1000, {', '.join(SUFFIXES)}, or the folder of {' and '.join(DEVICES)} of a cascade"
         raise InputError("CAPTURE", f"{source}", names)
     lanes: Lanes = "4-lane" if layout == "4-lane" else "2-lane"
-    return read_dca1000(source, radar, lanes, real, reading.order, reading.frames, rx), sha256_of(source)
+    cube = read_dca1000(source, radar, lanes, real, reading.order, reading.frames, rx)
+    if reading.layout is None and len(radar.array.rx_m) == LANES and not real:
+        first = reading.frames[0] if reading.frames else 0
+        other: Lanes = "2-lane" if lanes == "4-lane" else "4-lane"
+        turned = read_dca1000(source, radar, other, real, reading.order, (first, first + 1), rx)
+        if (narrower := flatness_db(cube) - flatness_db(turned)) > OTHER_LANES_DB:
+            problem = f"as {other} its range profile is {narrower:.1f} dB narrower than as {lanes}"
+            raise InputError(source, problem, f"another board than {reading.board!r}, or --layout {lanes} if it is one")
+    return cube, sha256_of(source)
 
 
 def dead_channels(cube: NDArray[np.complex64]) -> tuple[int, ...]:

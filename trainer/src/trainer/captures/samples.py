@@ -166,6 +166,19 @@ def as_cube(samples: NDArray[np.complex64], axes: Sequence[str]) -> NDArray[np.c
     return np.ascontiguousarray(turned.reshape(*turned.shape[:3], -1))
 
 
+def flatness_db(cube: NDArray[np.complex64]) -> float:
+    """Geometric over arithmetic mean of the range profile's power, first frame, without the samples' mean [dB].
+
+    0 for noise alone, and the lower the fewer range bins hold the power: samples that are put together in a wrong order
+    spread every echo over more bins. In simulated scenes of 1 to 20 echoes at 10 to 40 dB SNR the wrong of "2-lane" and
+    "4-lane" was always the flatter, by 1.2 to 25 dB; in OpenRadar's capture by 6 dB.
+    """
+    first = cube[0] - cube[0].mean(axis=1, keepdims=True)
+    spectrum: NDArray[Any] = np.fft.fft(first * np.hanning(cube.shape[2])[:, None], axis=1)
+    power = np.mean(np.abs(spectrum) ** 2, axis=(0, 2)) + np.finfo(np.float64).tiny
+    return float(10.0 * np.log10(np.exp(np.mean(np.log(power))) / power.mean()))
+
+
 def other_side_db(cube: NDArray[np.complex64]) -> float:
     """Power of the last range bins over that of the first ones, of the first frame [dB]: large where I and Q are the
     other way round."""

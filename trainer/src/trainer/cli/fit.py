@@ -37,6 +37,9 @@ def fit(
     precision: Annotated[str | None, typer.Option(help="32 or bf16.")] = None,
     validate_every: Annotated[int | None, typer.Option(help="Steps from one validation to the next.")] = None,
     patience: Annotated[int | None, typer.Option(help="Validations without gain before stopping; 0: never.")] = None,
+    start: Annotated[
+        Path | None, typer.Option("--from", help="Begin with the weights of this run.", show_default=False)
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, max=LARGEST_SEED, help="Same seed, same weights on one device.")] = 0,
     weight: Annotated[list[float] | None, typer.Option(help="Share of each dataset, in their order.")] = None,
     workers: Annotated[int, typer.Option(min=0, help="Reading processes beside the training one.")] = 0,
@@ -61,7 +64,9 @@ def fit(
     def announce(line: str) -> None:
         console.print(line, markup=False)
 
-    run_fit(datasets, out, configuration(recipe, given), array, weight, resume, workers, check, devices, announce)
+    run_fit(
+        datasets, out, configuration(recipe, given), array, weight, resume, workers, check, devices, announce, start
+    )
     # The located name is shown: a URI as given may hold a key.
     first = locate(datasets[0])
     announce(f"run in {out}; curves: tensorboard --logdir {out}; next: trainer predict {out} {first} --out DIR")

@@ -40,8 +40,14 @@ def predict(
     points_format: Annotated[
         str, typer.Option(help="Of the list: parquet, the column alone; csv or pcd, files for other tools as well.")
     ] = "parquet",
+    animation: Annotated[
+        bool,
+        typer.Option("--animation", help="Also animation.gif: images and detections, frame by frame; with --points."),
+    ] = False,
 ) -> None:
     """Image frames with a trained network or a classical estimator, every Doppler peak of a range bin included."""
+    from trainer.run.animation import ANIMATION, save_animation
+    from trainer.run.predict import IMAGES
     from trainer.run.predict import predict as run_predict
     from trainer.run.pretrained import pretrained_run
 
@@ -52,5 +58,9 @@ def predict(
         raise InputError(
             "arguments", f"{len(paths)} paths", "INPUT alone with --pretrained or --method, else RUN INPUT"
         )
+    if animation and not points:
+        raise InputError("--animation", "without --points", "--points beside it")
     run = None if method else pretrained_run(pretrained) if pretrained else Path(paths[0])
     run_predict(run, paths[-1], out, radar, split, pictures, points=points, points_format=points_format, method=method)
+    if animation:
+        save_animation(out / IMAGES, out / ANIMATION)

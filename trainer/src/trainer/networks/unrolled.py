@@ -10,12 +10,14 @@ correction,
 with beta and delta from a small convolution along angle over what the iteration knows: log P, log(|q|^2 / s), P s, and
 the products z(u)* z(u + l) of z = q / sqrt(s), which no common phase changes. Where the convolution gives zero this is
 the plain iteration. A light U-Net over range and angle corrects the base by what has been found, and says where targets
-are.
+are. Before training its correction is zero, and the answer the base.
 
 No weight knows the array: it enters through the tables alone.
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 import torch
@@ -52,8 +54,6 @@ LEAST_RATIO = 1e-6
 """Of |q|^2 / s, in a logarithm."""
 SMALLEST = 1e-8
 """Far below any magnitude over its row's: the slope of a root stays finite."""
-QUIET = 0.1
-"""Scale of the heads' first weights: a correction as large as the base would first have to be unlearned."""
 RARE = -4.0
 """Logit that detection starts with: a target in one pixel of fifty."""
 
@@ -112,9 +112,9 @@ class UnrolledNetwork(nn.Module):
         self.context = LightUNet(STATE + 2, self.outputs, width, stride=CONTEXT_STRIDE)
         self.row = nn.Conv2d(STATE + 2, self.outputs, (1, KERNEL), padding=(0, KERNEL // 2))
         with torch.no_grad():
-            # The image starts as the view, and detection with what is rare.
+            # The image starts as the base, and detection with what is rare.
             for head in (self.context.head, self.row):
-                head.weight.mul_(QUIET)
+                head.weight.zero_()
                 assert head.bias is not None
                 head.bias.zero_()
             assert self.row.bias is not None
@@ -133,39 +133,57 @@ class UnrolledNetwork(nn.Module):
                 filtered, form = adaptive_forms(power, snapshot, noise, tables)
                 seen = virtual_view(power, filtered, form, self.get_buffer("view"), uncertain=0.0)
         shape = (batch, rows, self.bins)
-        base = (seen + SMALLEST).pow(self.exponent).reshape(shape)
         for step in self.steps:
-            state, _ = self._state(power, filtered, form, noise, shape)
-            power = self._stepped(power, filtered, form, step(state))
+            state, _ = self.state(power, filtered.real, filtered.imag, form, noise, shape)
+            power = self.stepped(power, filtered, form, step(state))
             with torch.autocast(snapshots.device.type, enabled=False):
                 filtered, form = adaptive_forms(power, snapshot, noise, tables)
-        state, level = self._state(power, filtered, form, noise, shape)
+        return self.corrected(seen, power, filtered.real, filtered.imag, form, noise, shape)
+
+    def corrected(
+        self,
+        seen: torch.Tensor,
+        power: torch.Tensor,
+        real: torch.Tensor,
+        imaginary: torch.Tensor,
+        form: torch.Tensor,
+        noise: torch.Tensor,
+        shape: tuple[int, int, int],
+    ) -> torch.Tensor:
+        """[B, 1 or 2, R, U] the answer, of what the iterations have found in B R rows.
+
+        :param seen: [B R, U] the virtual view
+        :param power, real, imaginary, form: [B R, N] P, the parts of q, and s
+        :param noise: [B R] over the row's power
+        :param shape: (B, R, U)
+        """
+        base = (seen + SMALLEST).pow(self.exponent).reshape(shape)
+        state, level = self.state(power, real, imaginary, form, noise, shape)
         known = torch.cat([state, base[:, None], level[:, None]], dim=1)
         answer = self.context(known).float() + self.row(known).float()
         return torch.cat([answer[:, :1] + base[:, None], answer[:, 1:]], dim=1)
 
-    def _stepped(
-        self, power: torch.Tensor, filtered: torch.Tensor, form: torch.Tensor, correction: torch.Tensor
-    ) -> torch.Tensor:
+    def stepped(self, power: torch.Tensor, filtered: Any, form: torch.Tensor, correction: torch.Tensor) -> torch.Tensor:
         """The powers after a learned step; angles outside the image take the plain one."""
         ratio = likes_ratio(filtered, form)
         inside = ratio[:, : self.bins].clamp_min(LEAST_RATIO)
-        beta, delta = correction.float().permute(1, 0, 2, 3).reshape(2, -1, self.bins)
+        beta, delta = (correction[:, part].float().reshape(-1, self.bins) for part in (0, 1))
         change = (beta * inside.log10() + delta).clamp(-LARGEST_CORRECTION, LARGEST_CORRECTION)
         change = functional.pad(change, (0, power.shape[1] - self.bins))
         return bounded_power(power * ratio * torch.pow(10.0, change))
 
-    def _state(
+    def state(
         self,
         power: torch.Tensor,
-        filtered: torch.Tensor,
+        real: torch.Tensor,
+        imaginary: torch.Tensor,
         form: torch.Tensor,
         noise: torch.Tensor,
         shape: tuple[int, int, int],
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """([B, STATE, R, U] what the iteration knows at the image's angles, [B, R, U] compressed |P q|)."""
-        power, filtered, form = power[:, : self.bins], filtered[:, : self.bins], form[:, : self.bins]
-        real, imaginary = filtered.real * form.rsqrt(), filtered.imag * form.rsqrt()
+        power, form = power[:, : self.bins], form[:, : self.bins]
+        real, imaginary = (part[:, : self.bins] * form.rsqrt() for part in (real, imaginary))
         ratio = real.square() + imaginary.square()
         shrunk = (1.0 + ratio).rsqrt()
         real, imaginary = real * shrunk, imaginary * shrunk

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from shared.physics.errors import InputError
 from shared.radar import Radar
 from shared.signal.model_error import row_noise
+from shared.signal.tdm import averaged
 from trainer.data.arrays import ArrayChoice
 from trainer.data.measurements import Measurement
 from trainer.estimators.base import ESTIMATORS, Estimator, LineArray, line_array
@@ -80,13 +81,27 @@ class EstimatorAnswer(Answer):
 
     def _images(self, estimator: Estimator, measurement: Measurement) -> NDArray[np.float64]:
         new = new_peaks(measurement.velocity)
-        rows = np.asarray(measurement.range_channel)[new][:, self.channels]
+        rows, line = self._elements(np.asarray(measurement.range_channel)[new])
         noise: float | NDArray[np.float64] = measurement.noise_power
         if measurement.measured:
             noise = np.asarray(row_noise(rows, measurement.noise_power, measurement.model_error_db))
         images = np.zeros((*new.shape, self.radar.grid.bins))
-        images[new] = estimator.image(rows, self.line, self.radar.grid.u, noise)
+        images[new] = estimator.image(rows, line, self.radar.grid.u, noise)
         return images
+
+    def _elements(self, rows: NDArray[np.complexfloating]) -> tuple[NDArray[np.complexfloating], LineArray]:
+        """(rows [n, E] of the channels in use, their places); where elements coincide, one mean for each place.
+
+        The channels of a frame are compensated for motion between TX. A mean has less noise than the others; estimators
+        are told that of one channel.
+        """
+        array, wavelength_m = self.radar.array, self.line.wavelength_m
+        _, element = array.unique_elements(wavelength_m)
+        if len(np.unique(element[self.channels])) == len(self.channels):
+            return rows[:, self.channels], self.line
+        others = np.setdiff1d(np.arange(array.channels), self.channels)
+        means, places = averaged(rows, self.radar, others)
+        return means, LineArray(places[:, 1], wavelength_m)
 
 
 def network_answer(run: Run, imager: Imager, channels: NDArray[np.intp], radar: Radar) -> NetworkAnswer:

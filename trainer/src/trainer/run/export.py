@@ -18,6 +18,8 @@ import torch
 from shared.dataset.writing import write_bytes
 from shared.physics.errors import InputError
 from trainer.errors import TrainingStopped
+from trainer.networks.real_unrolled import RealUnrolledNetwork
+from trainer.networks.unrolled import UnrolledNetwork
 from trainer.run.building import CHANNELS, lay_out
 from trainer.run.folder import load_imager
 from trainer.run.targets import UNITS
@@ -26,6 +28,8 @@ TOLERANCE = 1e-4
 """Largest difference from torch, relative to the largest value."""
 OPSET = 17
 REPETITIONS = 5
+SNAPSHOT_PLANES = ("real parts", "imaginary parts", "noise power over the row's")
+"""Of :func:`shared.signal.features.snapshot_features`, the first two of every channel."""
 
 
 @dataclass(frozen=True)
@@ -45,17 +49,16 @@ class Export:
 def export(run_directory: Path, out: Path) -> Export:
     """Write the run's network as ONNX, float32.
 
-    Input ``features`` [1, F, R, U], of the "doa-cnn" [1, 3, R, C * C]; output ``answer`` [1, 1 or 2, R, U].
+    Input ``features`` [1, F, R, U], of the "doa-cnn" [1, 3, R, C * C], of the "unrolled" network [1, 2 C + 1, R, 1]
+    snapshots; output ``answer`` [1, 1 or 2, R, U]. The "unrolled" network is exported in real arithmetic
+    (:mod:`trainer.networks.real_unrolled`).
     :mod:`shared.signal.features`, NumPy alone, computes the features. The image follows from the answer by a power, the
     row's scale and the gain. The file's metadata hold array, axes, gain and both names under ``sparseradar``.
 
-    :raises InputError: no whole run, a network that solves for the angles itself, an output that cannot be written
+    :raises InputError: no whole run, an output that cannot be written
     :raises TrainingStopped: onnxruntime disagrees with torch by more than :data:`TOLERANCE`; nothing is written
     """
     run, imager = load_imager(run_directory)
-    if run.config.features not in CHANNELS:
-        expected = "one of 'spectral-unet', 'attention-unet', 'doa-cnn': ONNX has no inverse of a matrix"
-        raise InputError(run_directory, f"model {run.config.model!r}", expected)
     if out.suffix != ".onnx" or not out.parent.is_dir():
         raise InputError("--out", f"{out}", "a file name ending in .onnx in an existing folder")
     generator = np.random.default_rng(0)
@@ -64,12 +67,18 @@ def export(run_directory: Path, out: Path) -> Export:
     features, _ = imager.features(range_channel, torch.ones(1))
     network = imager.network
     lay_out(network, torch.contiguous_format)
+    with torch.inference_mode():
+        expected = network(features).numpy()
+        torch_seconds = _latency(lambda: network(features))
+    exported = RealUnrolledNetwork(network) if isinstance(network, UnrolledNetwork) else network
     with warnings.catch_warnings():
         # The newer exporter needs another package and gives the same graph for these networks.
         warnings.simplefilter("ignore", DeprecationWarning)
+        # Paddings, which it writes with a step of -1, are left to onnxruntime.
+        warnings.filterwarnings("ignore", "Constant folding - Only steps=1", UserWarning)
         buffer = io.BytesIO()
         torch.onnx.export(
-            network,
+            exported,
             (features,),
             buffer,  # type: ignore[arg-type]  # declared for the newer exporter alone
             dynamo=False,
@@ -79,7 +88,7 @@ def export(run_directory: Path, out: Path) -> Export:
         )
     model = onnx.load_model_from_string(buffer.getvalue())
     description = {
-        "features": CHANNELS[run.config.features],
+        "features": CHANNELS.get(run.config.features, SNAPSHOT_PLANES),
         "unit": UNITS[run.config.target],
         "gain": imager.gain,
         "config": run.config.model_dump(mode="json"),
@@ -89,9 +98,6 @@ def export(run_directory: Path, out: Path) -> Export:
     onnx.helper.set_model_props(model, {"sparseradar": json.dumps(description)})
     content = model.SerializeToString()
     session = onnxruntime.InferenceSession(content, providers=["CPUExecutionProvider"])
-    with torch.inference_mode():
-        expected = network(features).numpy()
-        torch_seconds = _latency(lambda: network(features))
     feed = {"features": features.numpy()}
     found = session.run(None, feed)[0]
     difference = float(np.abs(found - expected).max() / max(float(np.abs(expected).max()), 1e-30))

@@ -64,6 +64,27 @@ class Fingerprint(BaseModel):
         return cls(name=folder_name(directory), sha256=hashlib.sha256(lines.encode()).hexdigest(), frames=dict(frames))
 
 
+class Start(BaseModel):
+    """Which weights a run began with, if not with random ones.
+
+    :param name: of the run's folder
+    :param sha256: of its weights' file
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: str
+    sha256: str
+
+    @classmethod
+    def of(cls, directory: Path) -> Start:
+        """:raises InputError: no weights there"""
+        path = directory / WEIGHTS
+        if not path.is_file():
+            raise InputError(path, "no such file", "the weights of a run that has validated at least once")
+        return cls(name=directory.resolve().name, sha256=hashlib.sha256(path.read_bytes()).hexdigest())
+
+
 class Run(BaseModel):
     """All that is needed to use a run's weights, and to say where they come from."""
 
@@ -76,6 +97,7 @@ class Run(BaseModel):
     datasets: tuple[Fingerprint, ...]
     weights: tuple[float, ...] | None = None
     versions: dict[str, str] = {}
+    start: Start | None = None
 
 
 def versions() -> dict[str, str]:

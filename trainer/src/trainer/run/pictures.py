@@ -54,15 +54,22 @@ def hold_peaks(levels_db: NDArray[np.floating], pixels: tuple[int, int]) -> tupl
 
 def _draw(axis: Axes, levels_db: NDArray[np.floating], radar: Radar) -> AxesImage:
     """Levels [R, U] with the radar's left on the left."""
+    return draw_levels(axis, levels_db, radar.waveform.range_step_m, radar.grid.u_start, radar.grid.step)
+
+
+def draw_levels(
+    axis: Axes, levels_db: NDArray[np.floating], range_step_m: float, u_start: float, u_step: float
+) -> AxesImage:
+    """Levels [R, U] over range bins from 0 [m] and angle bins from ``u_start``, u rising to the left."""
     held, rows, columns = hold_peaks(levels_db, PANEL_PIXELS)
-    left = radar.grid.u_start + columns * held.shape[1] * radar.grid.step
-    far = rows * held.shape[0] * radar.waveform.range_step_m
+    left = u_start + columns * held.shape[1] * u_step
+    far = rows * held.shape[0] * range_step_m
     drawn = axis.imshow(
         held[:, ::-1], origin="lower", aspect="auto", vmin=-SPAN_DB, vmax=0.0, cmap="magma",
-        extent=(left, radar.grid.u_start, 0.0, far), interpolation="nearest",
+        extent=(left, u_start, 0.0, far), interpolation="nearest",
     )  # fmt: skip
-    last = radar.waveform.range_bins * radar.waveform.range_step_m
-    axis.set(xlim=(radar.grid.u_stop, radar.grid.u_start), ylim=(0.0, last))
+    bins = levels_db.shape
+    axis.set(xlim=(u_start + bins[1] * u_step, u_start), ylim=(0.0, bins[0] * range_step_m))
     return drawn
 
 

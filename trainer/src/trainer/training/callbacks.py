@@ -26,6 +26,9 @@ COLUMNS = ("step", "train_loss", LOSS, NMSE, "validation_gain", "das_nmse")
 class RunKeeper(Callback):
     """Keeps the run folder up to date at every validation, each file whole or not at all.
 
+    The first is before the first step, Lightning's sanity check: an untrained network may be an estimator, and a run
+    keeps no worse one.
+
     The best weights are those of the least normalised error of the linear image, what a run is judged by; where an
     image has no amplitudes, of the least loss.
 
@@ -56,6 +59,8 @@ class RunKeeper(Callback):
         self.best = min(self.best, value)
         if trainer.is_global_zero:
             self._report(trainer, pl_module, values, improved)
+        if trainer.sanity_checking:
+            return  # there is nothing to resume yet
         # The checkpoint comes last: a run that is killed before it repeats this validation. All processes take part.
         if trainer.is_global_zero:
             with atomic(self.directory / CHECKPOINT) as partial:
@@ -65,6 +70,8 @@ class RunKeeper(Callback):
 
     def _report(self, trainer: Trainer, pl_module: LightningModule, values: dict[str, float], improved: bool) -> None:
         row: dict[str, Any] = {"step": trainer.global_step, **values}
+        if trainer.sanity_checking:
+            (self.directory / METRICS).unlink(missing_ok=True)  # of a run that was killed before its first checkpoint
         self._append({name: row.get(name, "") for name in COLUMNS})
         shown = "  ".join(f"{name} {row[name]:.4g}" for name in COLUMNS[1:] if name in row)
         self.announce(f"step {trainer.global_step}  {shown}{'  (best)' if improved else ''}")

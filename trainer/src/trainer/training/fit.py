@@ -23,7 +23,8 @@ from trainer.data.arrays import choose_array
 from trainer.errors import TrainingStopped, out_of_memory
 from trainer.run.claim import output_folder
 from trainer.run.configuration import FitConfig
-from trainer.run.folder import CHECKPOINT, RUN_FILE, WEIGHTS, Run, read_run, versions, write_run
+from trainer.run.folder import CHECKPOINT, RUN_FILE, WEIGHTS, Run, Start, load_imager, read_run, versions, write_run
+from trainer.run.imager import Imager
 from trainer.run.targets import PROBABILITY, UNITS
 from trainer.training.callbacks import LOSS, NMSE, Interrupts, PictureLogger, RunKeeper
 from trainer.training.checkpoint import not_restored, require_checkpoint
@@ -33,6 +34,10 @@ from trainer.training.processes import ended_process, follower, is_first
 from trainer.training.task import ImagingTask
 from trainer.training.verdict import judge
 
+NETWORK_FIELDS = (
+    "model", "width", "hidden", "blocks", "features", "iterations", "learned", "detection", "target", "exponent",
+)  # fmt: skip
+"""What the weights of a run mean depends on these."""
 DEVELOPER_ADVICE = (
     ".*does not have many workers.*",
     ".*smaller than the logging interval.*",
@@ -54,6 +59,7 @@ def fit(
     check: bool = True,
     devices: int = 1,
     announce: Callable[[str], object] = print,
+    start: Path | None = None,
 ) -> Run:
     """Train one network, keep it in ``out`` and score it on the test frames (:mod:`trainer.training.verdict`).
 
@@ -64,13 +70,14 @@ def fit(
     :param workers: reading processes
     :param check: hash every shard before training
     :param devices: processes, one a device; or started by torchrun
-    :raises InputError: bad data, or a folder that holds another run
+    :param start: a run of the same network whose weights training begins with
+    :raises InputError: bad data, a folder that holds another run, a start that is another network
     :raises TrainingStopped: a loss that is not finite, a process that has ended
     :raises KeyboardInterrupt: Ctrl-C; what the last validation left is whole
     """
     first = is_first()
     with output_folder(out, resume, "an empty or new folder, or --resume") if first else follower():
-        return _fit(datasets, out, config, array, weights, resume, workers, check, devices, announce, first)
+        return _fit(datasets, out, config, array, weights, resume, workers, check, devices, announce, first, start)
 
 
 def _fit(
@@ -85,6 +92,7 @@ def _fit(
     devices: int,
     announce: Callable[[str], object],
     first: bool,
+    start: Path | None,
 ) -> Run:
     """:func:`fit` in a folder that is held.
 
@@ -99,9 +107,12 @@ def _fit(
         datasets=data.fingerprints,
         weights=tuple(weights) if weights else None,
         versions=versions(),
+        start=None if start is None else Start.of(start),
     )
     online = config.model == "doa-cnn"
     task = (DoaTask if online else ImagingTask)(config, run.radar, run.array)
+    if start is not None:
+        _begin_with(task.imager, config, start)
     if first:
         _prepare(out, run, resume)
     checkpoint = out / CHECKPOINT if resume and (out / CHECKPOINT).is_file() else None
@@ -128,7 +139,7 @@ def _fit(
             gradient_clip_val=config.clip,
             val_check_interval=_validation_interval(config) * config.accumulate,
             check_val_every_n_epoch=None,
-            num_sanity_val_steps=0,
+            num_sanity_val_steps=-1,  # all frames before the first step; not of a run that is resumed
             log_every_n_steps=10,
             callbacks=callbacks,
             logger=TensorBoardLogger(out, name="", version="tensorboard"),
@@ -160,6 +171,23 @@ def _fit(
     return run
 
 
+def _begin_with(imager: Imager, config: FitConfig, start: Path) -> None:
+    """Give the imager the weights of another run.
+
+    :raises InputError: no whole run, or another network
+    """
+    run, trained = load_imager(start)
+    for name in NETWORK_FIELDS:
+        if getattr(run.config, name) != getattr(config, name):
+            raise InputError(
+                "--from", f"{start} has {name} = {getattr(run.config, name)!r}", f"{getattr(config, name)!r}"
+            )
+    try:
+        imager.network.load_state_dict(trained.network.state_dict())
+    except RuntimeError as error:  # of another array or grid, where a network knows them
+        raise InputError("--from", f"{start} has weights of other shapes", "a run of this array and grid") from error
+
+
 def _validation_interval(config: FitConfig) -> int:
     """Steps from one validation to the next: at most ``validate_every``, in equal parts that end with the run.
 
@@ -177,7 +205,7 @@ def _prepare(out: Path, run: Run, resume: bool) -> None:
     if not (out / RUN_FILE).is_file():
         raise InputError("--resume", f"{out} holds no run", "the folder of an earlier trainer fit")
     before = read_run(out)
-    for part in ("config", "radar", "array", "datasets", "weights"):
+    for part in ("config", "radar", "array", "datasets", "weights", "start"):
         _same(out, part, getattr(before, part), getattr(run, part))
     remove_partial(out)
 

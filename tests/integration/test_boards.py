@@ -1,0 +1,66 @@
+"""A board's twin: what datafactory simulates of it is what its capture would hold."""
+
+from __future__ import annotations
+
+import json
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from datafactory.cli.app import app
+from shared.dataset.folder import open_dataset
+from shared.radar import load_radar
+from shared.signal.imaging import delay_and_sum
+from shared.signal.signal import if_signal, target_amplitudes
+
+TWIN = """
+board = "iwr1843"
+[capture]
+start_frequency_hz = 77e9
+slope_hz_per_s = 30e12
+idle_time_s = 7e-6
+adc_start_time_s = 5e-6
+ramp_end_time_s = 40e-6
+samples = 64
+sample_rate_hz = 2e6
+chirps = 8
+tx = [3, 1, 2]
+[grid]
+bins = 60
+"""
+
+
+def test_the_twin_of_a_capture_has_its_chirps_and_order_of_tx(tmp_path: Path) -> None:
+    """The exact sum of eq. (1) and (2) over the board's elements, TX3 first; and the target on its side."""
+    (tmp_path / "twin.toml").write_text(TWIN, encoding="utf-8")
+    radar = load_radar(str(tmp_path / "twin.toml"))
+    target = {"x": 4.0, "y": 1.5, "z": 0.1, "vx": 2.0, "rcs_dbsm": 10.0, "phase": 0.4}
+    (tmp_path / "targets.json").write_text(json.dumps([[target]]), encoding="utf-8")
+    arguments = ["points", "--targets", "targets.json", "--radar", "twin.toml", "--no-noise", "--store", "cube"]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(tmp_path)
+        CliRunner().invoke(app, [*arguments, "--out", "data"], catch_exceptions=False)
+    (frame,) = open_dataset(tmp_path / "data").frames("train")
+    assert frame.cube is not None
+    position, velocity = np.array([[4.0, 1.5, 0.1]]), np.array([[2.0, 0.0, 0.0]])
+    amplitude = target_amplitudes(radar, position, np.array([10.0]), np.array([0.4]))
+    expected = if_signal(radar, position, velocity, amplitude)
+    np.testing.assert_allclose(frame.cube, expected, atol=1e-5 * np.abs(amplitude[0]))
+    row = round(float(np.linalg.norm(position)) / radar.waveform.range_step_m)
+    image = np.abs(delay_and_sum(frame.range_channel[0, row], radar, radar.array.azimuth_channels))
+    assert radar.grid.u[image.argmax()] == pytest.approx(1.5 / np.linalg.norm(position), abs=0.04)
+
+
+def test_the_picture_of_the_boards_is_drawn(tmp_path: Path) -> None:
+    example = runpy.run_path(str(Path(__file__).parents[2] / "examples" / "boards.py"))
+    figure = example["draw"]()
+    figure.savefig(tmp_path / "boards.png", dpi=20)
+    assert len(figure.axes) == 9
+    # Of every board the image peaks where the dashed line stands, on the left, which is drawn on the left.
+    for axis in figure.axes[6:]:
+        curve, dashed = axis.get_lines()
+        assert curve.get_xdata()[curve.get_ydata().argmax()] == pytest.approx(dashed.get_xdata()[0], abs=0.01)
+        assert axis.get_xlim()[0] > axis.get_xlim()[1]
