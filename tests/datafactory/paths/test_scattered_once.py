@@ -269,3 +269,12 @@ def test_thinned_paths_have_the_power_of_all():
     assert len(some) < 0.8 * len(every)
     ratio = np.sum(np.abs(some.amplitude) ** 2) / np.sum(np.abs(every.amplitude) ** 2)
     assert ratio == pytest.approx(1.0, rel=1e-12)
+
+
+def test_rays_that_meet_nothing_any_more_end():
+    # A single wall: nothing stands where its mirror sends the rays, nor behind it.
+    wall = plate("wall", (8.0, 0.0, 0.0), (0.0, 2.0, 0.0), (0.0, 0.0, 2.0), "concrete")
+    once = once_of(wall, rays=1_000, depth=3, refraction=True)
+    assert [len(part.amplitude) > 0 for part in once] == [True, False, False]
+    behind = plate("behind", (-8.0, 0.0, 0.0), (0.0, 2.0, 0.0), (0.0, 0.0, 2.0), "concrete")
+    assert [len(part.amplitude) for part in once_of(behind, rays=1_000, depth=2, refraction=True)] == [0, 0]

@@ -136,6 +136,9 @@ class _Surfaces:
         import drjit as dr
         import mitsuba as mi
 
+        if not len(waves.start):  # no array of the ray caster may be empty
+            none, nowhere = np.zeros(0, dtype=np.int64), np.zeros((0, 3))
+            return none, Hits(nowhere, nowhere, none, none, np.zeros(0))
         met = self.geometry.ray_intersect(rays_of(waves.lifted, waves.direction, np.full(len(waves.start), np.inf)))
         valid = np.flatnonzero(met.is_valid().numpy())
         shape = mi.UInt32(dr.reinterpret_array(mi.UInt32, met.shape)).numpy()[valid]
