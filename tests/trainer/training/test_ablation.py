@@ -69,7 +69,7 @@ def test_pairs_are_resolved_by_the_score_where_a_network_has_one(tmp_path, monke
     pairs = [simulate(RADAR, pair, 2, [1, 20]) for pair in PAIRS]
     given = [trials.snapshots[0] for trials in pairs]
 
-    def detect(snapshot, noise_power):
+    def detect(snapshot, noise_power, _model_error_db):
         image = torch.full((1, 48, 20), 1e-3)
         image[:, :, 10] = 1e-2
         probability = torch.full((1, 48, 20), 1e-6)
