@@ -37,6 +37,8 @@ BENCHMARKS: dict[str, Callable[[Workload], Record]] = {
     "cube_two_threads_vs_one": cubes.two_threads_vs_one,
     "cube_tolerance_1e-3_vs_1e-6": cubes.tolerance_1e_3,
     "cube_tolerance_1e-9_vs_1e-6": cubes.tolerance_1e_9,
+    "cube_vs_chirps_1e-6": cubes.vs_chirps_1e_6,
+    "cube_vs_chirps_1e-4": cubes.vs_chirps_1e_4,
     "cube_vs_gemm_limit": cubes.vs_gemm_limit,
     "cube_vs_copy_limit": cubes.vs_copy_limit,
     "truth_vs_exact": images.truth_vs_exact,

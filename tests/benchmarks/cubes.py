@@ -11,9 +11,13 @@ import numpy as np
 from machine import copy_bytes_per_second, gemm_flops_per_second
 from record import RELATIVE_L2, Record, Timing, relative_l2, timed
 from references import direct_sum, nufft_sum
-from workloads import SEED, Workload, by_range, street
+from workloads import EGO_SPEED_MPS, SEED, Workload, by_range, street
 
-from datafactory.synthesis.cube import BLOCK_REACH_BINS, OVERSAMPLING, cube_of_paths, terms_for
+from datafactory.synthesis.chirps import OVERSAMPLING, cube_by_chirps, terms_for
+from datafactory.synthesis.cube import cube_of_paths
+from datafactory.synthesis.parts import BLOCK_REACH_BINS
+from datafactory.synthesis.sorting import kernel_counts
+from datafactory.synthesis.wave_model import EQUATION_1
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
 
@@ -149,6 +153,37 @@ def _tolerance_record(work: Workload, tolerance: str) -> Record:
         reference_time=work.cube[0],
         error=work.error_against_direct(cube),
         error_unit=f"{RELATIVE_L2} against the float64 sum on {work.size.direct_samples} channel-chirps",
+    )
+
+
+def vs_chirps_1e_6(work: Workload) -> Record:
+    """All kernels, each path in the cheapest, beside the exact one for all."""
+    return _kernel_record(work, "1e-6")
+
+
+def vs_chirps_1e_4(work: Workload) -> Record:
+    """The same at a looser tolerance."""
+    return _kernel_record(work, "1e-4")
+
+
+def _kernel_record(work: Workload, tolerance: str) -> Record:
+    radar, chirps = work.radar, work.radar.waveform.chirps
+
+    def by_chirps(paths):
+        return cube_by_chirps(paths, radar, float(tolerance), radar.array, 1, EQUATION_1, chirps, np.complex64)
+
+    by_chirps(street(32, EGO_SPEED_MPS))
+    elapsed, cube = work.cube_at(float(tolerance))
+    reference_time, _ = timed(lambda: by_chirps(work.paths), work.size.repeats)
+    return Record(
+        name=f"cube_vs_chirps_{tolerance}",
+        ours=_ours(work, tolerance),
+        ours_time=elapsed,
+        reference="cube_by_chirps for every path, the same tolerance; 1 thread",
+        reference_time=reference_time,
+        error=work.error_against_direct(cube),
+        error_unit=f"{RELATIVE_L2} against the float64 sum on {work.size.direct_samples} channel-chirps",
+        details=kernel_counts(work.paths, radar, float(tolerance), EQUATION_1),
     )
 
 

@@ -50,6 +50,8 @@ LARGEST_ERROR = {
     "cube_two_threads_vs_one": 0.0,
     "cube_tolerance_1e-3_vs_1e-6": 1e-3,
     "cube_tolerance_1e-9_vs_1e-6": 1e-9,
+    "cube_vs_chirps_1e-6": 1e-6,
+    "cube_vs_chirps_1e-4": 1e-4,
     "cube_vs_gemm_limit": 1e-6,
     "cube_vs_copy_limit": 1e-6,
     "truth_vs_exact": -60.0,

@@ -9,7 +9,9 @@ from hypothesis import strategies as st
 from oracles import if_cube, relative_error
 
 from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
-from datafactory.synthesis.cube import FLOAT32_TOLERANCE, cube_of_paths, terms_for
+from datafactory.synthesis.chirps import terms_for
+from datafactory.synthesis.cube import cube_of_paths
+from datafactory.synthesis.sorting import FLOAT32_TOLERANCE
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray, line
 from shared.radar.waveform import Waveform

@@ -17,7 +17,7 @@ from datafactory.frame.chain import ChainSettings
 from datafactory.frame.measurement import Processing
 from datafactory.paths.prune import UNPRUNED_DB
 from datafactory.paths.solver import TraceSettings
-from datafactory.synthesis.cube import FLOAT32_TOLERANCE
+from datafactory.synthesis.sorting import FLOAT32_TOLERANCE
 
 _CHAIN = ChainSettings()
 _TRACE, _PROCESSING = _CHAIN.trace, _CHAIN.processing

@@ -11,7 +11,8 @@ import math
 from functools import lru_cache
 
 from datafactory.accuracy.knobs import KnobSettings
-from datafactory.synthesis.cube import FLOAT32_TOLERANCE, OVERSAMPLING, terms_for
+from datafactory.synthesis.chirps import OVERSAMPLING, terms_for
+from datafactory.synthesis.sorting import FLOAT32_TOLERANCE
 from shared.radar import Radar
 
 PHASE = 12.0

@@ -17,6 +17,7 @@ from scipy.ndimage import maximum_filter
 from datafactory.frame.points import target_list
 from datafactory.paths.table import PathTable
 from datafactory.synthesis.cube import cube_of_paths
+from datafactory.synthesis.sorting import kernel_counts
 from datafactory.synthesis.truth import truth_moments
 from datafactory.synthesis.wave_model import WaveModel
 from shared.dataset import Frame, Target
@@ -54,7 +55,7 @@ class Processing:
     :param noise: add receiver noise
     :param store: "range-channel", "range-doppler" or "cube"
     :param truth_window: over the virtual sensor's elements, see :func:`shared.signal.windows.angle_window`
-    :param tolerance: of the cube's synthesis, relative L2
+    :param tolerance: of the cube's synthesis, relative L2; 30 dB below the default error budget
     :param truth_terms: polynomial terms of the truth's range walk
     :param doppler, range_migration, intra_chirp_motion, near_field: effects, see
         :mod:`datafactory.effects.catalogue`; by default those of eq. (1) and (2)
@@ -64,7 +65,7 @@ class Processing:
     noise: bool = True
     store: str = "range-channel"
     truth_window: str = "taylor-30"
-    tolerance: float = 1e-6
+    tolerance: float = 1e-3
     truth_terms: int = DEFAULT_TERMS
     doppler: bool = True
     range_migration: bool = True
@@ -151,7 +152,7 @@ def measure(
         list_cells=identity.kind == "scene",
         cube=recorded if processing.store == "cube" else None,
         saturated=saturated,
-        counts=counts or {},
+        counts={**(counts or {}), **kernel_counts(paths, radar, processing.tolerance, model)},
     )
 
 

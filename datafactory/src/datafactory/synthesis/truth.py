@@ -17,11 +17,14 @@ in (f_c - f) + kappa nu. The factor of the range remainder is a polynomial in z 
 path and Doppler cell a few moments per element are added to a grid of range cells. The cells around each row then give
 the row.
 
-Limits: velocities are constant. The delay's third derivative within a frame is left out (2.4e-6 m at 3 m and 10 m/s). A
-path contributes to rows within ROW_REACH bins and Doppler cells within DOPPLER_REACH of it (beyond, Hann's skirts lie
-below -74 and -64 dB of the path). Ranges are cyclic, as in the cube: row 0 is next to the last range bin, and an echo
-from beyond the unambiguous range folds. ``tests/datafactory/synthesis/test_truth.py`` compares the image with the
-cube's own.
+A path enters only where it is seen. Of the paths within ROW_REACH bins of a row and DOPPLER_REACH of its Doppler cell
+(beyond, Hann's skirts lie below -74 and -64 dB), those that are weakest there and hold together less than NEGLECTED_DB
+of the row's power are left out of it. A path that no row of a Doppler cell wants is not evaluated for this cell. Each
+path has as many terms of the Doppler polynomial as its own place and speed call for.
+
+Limits: velocities are constant. The delay's third derivative within a frame is left out (2.4e-6 m at 3 m and 10 m/s).
+Ranges are cyclic, as in the cube: row 0 is next to the last range bin, and an echo from beyond the unambiguous range
+folds. ``tests/datafactory/synthesis/test_truth.py`` compares the image with the cube's own.
 """
 
 from __future__ import annotations
@@ -30,7 +33,7 @@ from dataclasses import dataclass
 from math import comb, factorial
 
 import numpy as np
-from jaxtyping import Complex64, Complex128, Float32, Float64, Int64
+from jaxtyping import Bool, Complex64, Complex128, Float32, Float64, Int64
 
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.wave_model import EQUATION_1, WaveModel
@@ -54,6 +57,11 @@ CURVATURE_STEP = 1.0 / 32.0
 DOPPLER_ERROR = 3e-3
 """Bound on the Doppler polynomial's error, relative to the path's own amplitude: -50 dB."""
 MAX_DOPPLER_TERMS = 10
+NEGLECTED_DB = -65.0
+"""Power of the paths that are left out of a row, over that of all, incoherently summed: 15 dB below the terms' errors.
+On munich at 2.5 m/s half of the pairs of path and Doppler cell remain; at -50 dB, a quarter fewer."""
+NEGLECTED, LEVELS = 10.0 ** (NEGLECTED_DB / 10.0), 140
+"""The same as a ratio; levels of 1 dB that are told apart."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +74,7 @@ class MidFrame:
     :param doppler: f [bins], unwrapped, seen from the array's centre
     :param range_bins: x = B tau seen from the array's centre, at the time of the beat frequency
     :param amplitude: [sqrt(W)]
+    :param departure: largest distance of an element's Doppler from the point of expansion, with migration [bins]
     """
 
     rx_point: Float64[np.ndarray, "paths 3"]
@@ -76,6 +85,11 @@ class MidFrame:
     doppler: Float64[np.ndarray, " paths"]
     range_bins: Float64[np.ndarray, " paths"]
     amplitude: Complex128[np.ndarray, " paths"]
+    departure: Float64[np.ndarray, " paths"]
+
+    def take(self, index: Int64[np.ndarray, " chosen"]) -> MidFrame:
+        """The paths at these indices."""
+        return MidFrame(**{name: getattr(self, name)[index] for name in self.__dataclass_fields__})
 
 
 def truth_moments(
@@ -97,10 +111,12 @@ def truth_moments(
         raise ValueError(f"the virtual sensor has {len(array.tx_m)} TX; expected 1")
     tx = array.tx[0]
     both = ScatteredPaths.concatenate([paths.scattered, paths.specular.as_scattered(tx)])
-    both = both.take(np.argsort(both.range_m(), kind="stable"))  # neighbours in range share cells, and the cache
     mid = _at_mid_frame(both, radar, tx, array.rx.mean(axis=0), model)
+    # Neighbours in range share cells, and the cache.
+    mid = mid.take(np.argsort(mid.range_bins % waveform.samples, kind="stable"))
     frame_s = waveform.chirps * waveform.chirp_interval_s
-    doppler_terms = _doppler_terms(mid, radar, frame_s)
+    path_terms = _doppler_terms(mid, waveform.chirps)
+    doppler_terms = int(path_terms.max(initial=1))
     table = _doppler_table(mid.curvature, waveform.chirps, doppler_terms)
     mixing = _mixing_matrix(radar, terms, doppler_terms)  # (2 terms, offsets * SHIFT_TERMS * doppler_terms)
     cells = waveform.samples * CELLS_PER_BIN
@@ -109,15 +125,13 @@ def truth_moments(
     blocks = [slice(first, min(first + BLOCK, channels)) for first in range(0, channels, BLOCK)]
     grids = [np.zeros((cells, SHIFT_TERMS * doppler_terms, 2, len(array.rx[block])), np.float32) for block in blocks]
     moments = np.zeros((terms, waveform.range_bins, channels), dtype=np.complex64)
-    centre_cell = np.rint(mid.range_bins * CELLS_PER_BIN).astype(np.int64) % cells
+    seen = _seen(mid, radar, doppler_cells)
     for cell in np.unique(doppler_cells):
         rows = np.flatnonzero(doppler_cells == cell)
         needed = np.zeros(cells, dtype=bool)
         needed[(rows[:, None] * CELLS_PER_BIN + around_row) % cells] = True
         frequency = float(cell - waveform.chirps // 2)
-        delta = mid.doppler - frequency
-        delta -= waveform.chirps * np.rint(delta / waveform.chirps)
-        chosen = np.flatnonzero((np.abs(delta) <= DOPPLER_REACH) & needed[centre_cell])
+        chosen = np.flatnonzero(seen[cell])
         if not len(chosen):
             continue
         turn = np.exp(-2j * np.pi * frequency * (waveform.chirps // 2) / waveform.chirps).astype(np.complex64)
@@ -125,7 +139,8 @@ def truth_moments(
             rx = array.rx[block]
             grid[needed] = 0.0
             _add_doppler_moments(
-                chosen, mid.rx_point, mid.rx_velocity, mid.tx_length, mid.tx_rate, mid.curvature, mid.amplitude,
+                chosen, path_terms, mid.rx_point, mid.rx_velocity, mid.tx_length, mid.tx_rate, mid.curvature,
+                mid.amplitude,
                 rx, 0.5 * (rx[0] + rx[-1]), frequency, float(waveform.chirps), frame_s,
                 reference_frequency_hz(radar), waveform.bandwidth_hz, model.lead_s(radar),
                 float(model.range_migration), needed, table, BINOMIAL, grid,
@@ -156,17 +171,19 @@ def _at_mid_frame(
     tx_length = tx_leg + paths.between_m + paths.between_rate_mps * time
     tx_rate = tx_rate + paths.between_rate_mps
     cycles_per_metre = reference_frequency_hz(radar) / SPEED_OF_LIGHT
+    doppler = cycles_per_metre * (tx_rate + rx_rate) * frame_s
     return MidFrame(
         rx_point=rx_point,
         rx_velocity=paths.rx_velocity,
         tx_length=tx_length,
         tx_rate=tx_rate,
         curvature=0.5 * cycles_per_metre * (tx_bend + rx_bend) * frame_s**2,
-        doppler=cycles_per_metre * (tx_rate + rx_rate) * frame_s,
+        doppler=doppler,
         range_bins=waveform.bandwidth_hz
         / SPEED_OF_LIGHT
         * (tx_length + rx_leg + model.lead_s(radar) * (tx_rate + rx_rate)),
         amplitude=paths.amplitude,
+        departure=_departure(rx_point, paths.rx_velocity, doppler, radar, frame_s),
     )
 
 
@@ -179,29 +196,111 @@ def _derivatives(
     return length, rate, (np.einsum("ki,ki->k", velocity, velocity) - rate**2) / length
 
 
-def _doppler_terms(mid: MidFrame, radar: Radar, frame_s: float) -> int:
-    """Terms of the Doppler polynomial so that its remainder stays below DOPPLER_ERROR for every path.
+def _departure(
+    rx_point: Float64[np.ndarray, "paths 3"],
+    rx_velocity: Float64[np.ndarray, "paths 3"],
+    doppler: Float64[np.ndarray, " paths"],
+    radar: Radar,
+    frame_s: float,
+) -> Float64[np.ndarray, " paths"]:
+    """Largest distance of an element's Doppler from its block's, and the Doppler that migration adds [bins]."""
+    distance = np.maximum(np.linalg.norm(rx_point, axis=1), 0.5)
+    speed = np.linalg.norm(rx_velocity, axis=1)
+    half_block = 0.5 * BLOCK * SPEED_OF_LIGHT / (2.0 * radar.waveform.carrier_hz)
+    spread = reference_frequency_hz(radar) / SPEED_OF_LIGHT * speed * half_block / distance * frame_s
+    # Hann gives the sweep's ends no weight: its standard deviation of nu is 0.18, and twice that holds 96 % of the
+    # weight.
+    return spread + 0.36 * np.abs(doppler) * radar.waveform.bandwidth_hz / reference_frequency_hz(radar)
+
+
+def _doppler_terms(mid: MidFrame, chirps: int) -> Int64[np.ndarray, " paths"]:
+    """Terms of the Doppler polynomial of every path so that its remainder stays below DOPPLER_ERROR.
 
     With s the largest departure from the expansion point, the remainder of E terms is at most
     (2 pi s)^E / E! sum w |eta|^E / sum w.
     """
-    if not len(mid.amplitude) or (not np.any(mid.doppler) and not np.any(mid.rx_velocity)):
-        return 1
+    if not np.any(mid.doppler) and not np.any(mid.rx_velocity):
+        return np.ones(len(mid.doppler), dtype=np.int64)
+    eta = np.abs(_frame_positions(chirps))
+    window = hann(chirps) / hann(chirps).sum()
+    departure = mid.departure + 0.5 * DELTA_STEP
+    result = np.full(len(departure), MAX_DOPPLER_TERMS)
+    for count in range(MAX_DOPPLER_TERMS - 1, 1, -1):
+        result[(2.0 * np.pi * departure) ** count / factorial(count) * (window @ eta**count) < DOPPLER_ERROR] = count
+    return result
+
+
+def _seen(mid: MidFrame, radar: Radar, doppler_cells: Int64[np.ndarray, " rows"]) -> Bool[np.ndarray, "chirps paths"]:
+    """For each Doppler cell the paths that are seen in one of its rows.
+
+    :param mid: paths in the order of their folded range
+    """
     waveform = radar.waveform
-    distance = np.maximum(np.linalg.norm(mid.rx_point, axis=1), 0.5)
-    speed = np.linalg.norm(mid.rx_velocity, axis=1)
-    half_block = 0.5 * BLOCK * SPEED_OF_LIGHT / (2.0 * waveform.carrier_hz)
-    spread = reference_frequency_hz(radar) / SPEED_OF_LIGHT * speed * half_block / distance * frame_s
-    # Hann gives the sweep's ends no weight: its standard deviation of nu is 0.18, and twice that holds 96 % of the
-    # weight.
-    migration = 0.36 * np.abs(mid.doppler) * waveform.bandwidth_hz / reference_frequency_hz(radar)
-    departure = float((spread + migration).max()) + 0.5 * DELTA_STEP
-    eta = np.abs(_frame_positions(waveform.chirps))
-    window = hann(waveform.chirps) / hann(waveform.chirps).sum()
-    for count in range(2, MAX_DOPPLER_TERMS):
-        if (2.0 * np.pi * departure) ** count / factorial(count) * (window @ eta**count) < DOPPLER_ERROR:
-            return count
-    return MAX_DOPPLER_TERMS
+    seen = np.zeros((waveform.chirps, len(mid.amplitude)), dtype=bool)
+    # An element may see a path nearer to the cell than the centre does, and curvature widens its line.
+    slack = mid.departure + np.abs(mid.curvature)
+    _mark_seen(
+        mid.range_bins % waveform.samples, mid.doppler, slack, np.abs(mid.amplitude) ** 2, doppler_cells,
+        min(float(ROW_REACH), 0.5 * waveform.samples), float(waveform.samples), seen,
+    )  # fmt: skip
+    return seen
+
+
+@compiled(cache=False, inline="always", error_model="numpy")
+def _hann_power(bins):
+    """Power of the Hann window's response this far from its peak, the envelope of the sidelobes beyond 1.5 bins.
+
+    Harris, Proc. IEEE 66, 51 (1978): sin(pi x) / (pi x (1 - x^2)), here its main lobe to 1.5 bins as the power of a
+    cosine, which is right at 0 and 1 and at most 1.4 dB off.
+    """
+    if bins < 1.5:
+        return np.cos(0.25 * np.pi * bins) ** 4
+    return 1.0 / (np.pi * bins * (bins * bins - 1.0)) ** 2
+
+
+@compiled(nogil=True, error_model="numpy")
+def _mark_seen(bins, doppler, slack, power, doppler_cells, reach, samples, seen):
+    """Mark in ``seen`` [chirps, paths] what each row sees in its Doppler cell.
+
+    A row's paths are counted in levels of 1 dB below the row's power. From the weakest on, levels are left out while
+    they hold together less than NEGLECTED_DB.
+    """
+    chirps, count = seen.shape
+    part, held = np.empty(count), np.empty(LEVELS)
+    for row in range(len(doppler_cells)):
+        cell = doppler_cells[row]
+        frequency = cell - chirps // 2
+        total = 0.0
+        # Cyclic: what lies beyond one end of the axis stands at the other.
+        first = np.searchsorted(bins, (row - reach) % samples)
+        size = 0
+        while size < count:
+            k = (first + size) % count
+            offset = bins[k] - row
+            offset = abs(offset - samples * np.floor(offset / samples + 0.5))
+            if offset > reach:
+                break
+            delta = doppler[k] - frequency
+            delta = abs(delta - chirps * np.floor(delta / chirps + 0.5))
+            part[size] = 0.0
+            if delta <= DOPPLER_REACH:
+                part[size] = power[k] * _hann_power(offset) * _hann_power(max(delta - slack[k], 0.0))
+            total += part[size]
+            size += 1
+        if total <= 0.0:
+            continue
+        held[:] = 0.0
+        for index in range(size):
+            if part[index] > 0.0:
+                level = min(int(10.0 * np.log10(total / part[index])), LEVELS - 1)
+                held[level] += part[index]
+        least, left_out = LEVELS, 0.0
+        while least > 1 and left_out + held[least - 1] <= NEGLECTED * total:
+            least -= 1
+            left_out += held[least]
+        for index in range(size):
+            if part[index] > 0.0 and min(int(10.0 * np.log10(total / part[index])), LEVELS - 1) < least:
+                seen[cell, (first + index) % count] = True
 
 
 def _frame_positions(chirps: int) -> Float64[np.ndarray, " {chirps}"]:
@@ -273,12 +372,13 @@ BINOMIAL = np.array(
 
 @compiled(nogil=True, error_model="numpy", fastmath={"contract", "nsz", "arcp", "reassoc"})
 def _add_doppler_moments(
-    chosen, rx_point, rx_velocity, tx_length, tx_rate, curvature, amplitude,
+    chosen, path_terms, rx_point, rx_velocity, tx_length, tx_rate, curvature, amplitude,
     rx, rx_centre, frequency, chirps, frame_s,
     reference_hz, bandwidth_hz, lead, migration, needed, table_parts, binomial, grid,
 ):  # fmt: skip
     """Add the chosen paths' moments in one Doppler cell to ``grid`` [cells, SHIFT_TERMS * doppler terms, 2, RX].
 
+    :param path_terms: [K] Doppler terms of each path
     :param lead: time by which ranges precede phases [s]; ``migration`` 1.0 for ranges that move within the frame
     """
     lowest_q, lowest_delta, table = table_parts
@@ -323,9 +423,9 @@ def _add_doppler_moments(
             shift[c] = bins_per_metre * (leg + lead * rate) - offset
             depart[c] = per_metre * frame_s * (tx_rate[k] + rate) - origin
         scale = np.float32(1.0)
-        for j in range(doppler_terms):
+        last = path_terms[k] - 1
+        for j in range(last + 1):
             # kappa^j sum_e C(e, j) G_e d^(e - j), by Horner's rule
-            last = doppler_terms - 1
             top_re = np.float32(binomial[last, j] * response[last].real)
             top_im = np.float32(binomial[last, j] * response[last].imag)
             for c in range(count):

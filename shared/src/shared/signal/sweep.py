@@ -63,7 +63,7 @@ def shift_error_rms(nu: Float[np.ndarray, " samples"], reach: float, terms: int)
 
 
 def shift_weights(
-    nu: Float[np.ndarray, " samples"], reach: float, terms: int, taps: int, oversampling: int
+    nu: Float[np.ndarray, " samples"], reach: float, terms: int, taps: int, oversampling: float
 ) -> tuple[Float64[np.ndarray, " samples"], Float64[np.ndarray, "{taps} {terms}"]]:
     """Polynomials of the shift as weights on a grid of ``oversampling`` cells a bin: gain [N], weights [taps, terms].
 
@@ -92,7 +92,7 @@ def shift_weights_error(
     reach: float,
     gain: Float[np.ndarray, " samples"],
     weights: Float[np.ndarray, "taps terms"],
-    oversampling: int,
+    oversampling: float,
 ) -> float:
     """Root mean square error over the sweep of :func:`shift_weights`, for the worst of 129 shifts within the reach."""
     z = np.linspace(-reach, reach, 129)

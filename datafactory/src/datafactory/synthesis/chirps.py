@@ -1,0 +1,204 @@
+"""The exact kernel: the IF signal chirp after chirp, every delay evaluated for every TX, RX and chirp."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from math import factorial
+
+import numpy as np
+import scipy.fft
+from jaxtyping import Complex, Float, Float64
+from numpy.typing import NDArray
+
+from datafactory.paths.table import PathTable, ScatteredPaths
+from datafactory.synthesis.parts import centre, parts_of, reach_bins, rx_blocks
+from datafactory.synthesis.sorting import range_cells
+from datafactory.synthesis.spread import add_moments, add_to_grid, columns, empty_moments, padded
+from datafactory.synthesis.wave_model import WaveModel
+from shared.radar import Radar
+from shared.radar.arrays import AntennaArray
+from shared.radar.waveform import Waveform
+from shared.signal import chirp_times
+from shared.signal.sweep import (
+    reference_frequency_hz,
+    shift_error_rms,
+    shift_weights,
+    shift_weights_error,
+    sweep_positions,
+)
+
+OVERSAMPLING = 2
+"""Range cells in a bin. With 2 the remainder is half as wide as with 1 and needs fewer moments, for twice the FFT."""
+APPROXIMATION = 0.8
+"""Share of the tolerance for the weights' error; rounding, independent of it, has 0.6: 0.8^2 + 0.6^2 = 1."""
+
+
+@dataclass(frozen=True)
+class _Contribution:
+    """Paths, sorted by range, with the TX they serve and the starts of that TX's chirps [s].
+
+    :param table: of :func:`datafactory.synthesis.spread.columns`
+    """
+
+    table: Float64[np.ndarray, "16 paths"]
+    tx: slice
+    start: Float64[np.ndarray, " chirps"]
+
+
+@dataclass(frozen=True)
+class _Block:
+    """RX elements worked on together, and the weights that their delays need.
+
+    :param rx: indices
+    :param gain: over the FFT's output
+    :param weights: complex where there is a residual video phase
+    """
+
+    rx: slice
+    gain: Float[np.ndarray, " samples"]
+    weights: Float[np.ndarray, "taps terms"] | Complex[np.ndarray, "taps terms"]
+
+
+def cube_by_chirps(
+    paths: PathTable,
+    radar: Radar,
+    tolerance: float,
+    array: AntennaArray,
+    threads: int,
+    model: WaveModel,
+    chirps: int,
+    dtype: type,
+) -> Complex[np.ndarray, "{chirps} samples rx tx"]:
+    """The first chirps of the IF signal.
+
+    :param threads: chirps worked on at once
+    :param dtype: np.complex64 or np.complex128
+    """
+    waveform = radar.waveform
+    cube: NDArray = np.zeros((chirps, waveform.samples, len(array.rx_m), len(array.tx_m)), dtype=dtype)
+    times = chirp_times(radar.model_copy(update={"array": array}))[:, :chirps]
+    contributions = [
+        _Contribution(_by_cell(part.paths, waveform), part.tx, part.start)
+        for part in parts_of(paths, array, times, plane=not model.near_field)
+    ]
+    if contributions:
+        blocks = _blocks(array, waveform, tolerance, dtype)
+        tasks = [(block, chirp) for block in blocks for chirp in range(chirps)]
+        work = partial(_add_chirps, cube, contributions, radar, array, model)
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(work, [tasks[first::threads] for first in range(threads)]))
+    return cube
+
+
+def most_paths_in_a_cell(paths: PathTable, waveform: Waveform) -> int:
+    """Paths in the fullest range cell."""
+    cells = OVERSAMPLING * waveform.samples
+    parts = [range_cells(part.range_m(), waveform, OVERSAMPLING, cells) for part in (paths.scattered, paths.specular)]
+    return int(np.bincount(np.concatenate(parts)).max(initial=0))
+
+
+def _by_cell(paths: ScatteredPaths, waveform: Waveform) -> Float64[np.ndarray, "16 paths"]:
+    """Table of the paths in the order of their range cells, seen from the origin at t = 0."""
+    cells = OVERSAMPLING * waveform.samples
+    cell = range_cells(paths.range_m(), waveform, OVERSAMPLING, cells)
+    # NumPy sorts integers of 16 bits by radix, in a twentieth of the time that sorting the ranges takes.
+    order = np.argsort(cell.astype(np.min_scalar_type(cells)), kind="stable")
+    return columns(paths, order)
+
+
+def _blocks(array: AntennaArray, waveform: Waveform, tolerance: float, dtype: type) -> list[_Block]:
+    """Blocks of RX with their weights."""
+    blocks = []
+    for elements in rx_blocks(array, waveform.bandwidth_hz):
+        reach = sum(reach_bins(part, waveform.bandwidth_hz) for part in (array.tx, array.rx[elements]))
+        # Rounded up: blocks of one width differ in the last digits alone, and then share their weights.
+        reach = float(np.ceil((0.5 / OVERSAMPLING + reach) * 1e6) * 1e-6)
+        gain, weights = _weights(waveform, reach, tolerance)
+        real = np.finfo(dtype).dtype
+        narrow = dtype if np.iscomplexobj(weights) else real
+        blocks.append(_Block(elements, gain.astype(real), weights.astype(narrow)))
+    return blocks
+
+
+def terms_for(reach_bins: float, tolerance: float, samples: int = 1024) -> int:
+    """Least even number of moments whose mean error over the sweep stays below its share of the tolerance.
+
+    Even numbers alone, because a kernel is compiled for every number. With few samples the sweep's ends weigh more, and
+    more moments may be needed.
+    """
+    nu, terms = sweep_positions(samples), 2
+    while shift_error_rms(nu, reach_bins, terms) > APPROXIMATION * tolerance:
+        terms += 2
+    return terms
+
+
+@lru_cache(maxsize=8)
+def _weights(
+    waveform: Waveform, reach: float, tolerance: float
+) -> tuple[Float64[np.ndarray, " samples"], Float64[np.ndarray, "taps terms"] | Complex[np.ndarray, "taps terms"]]:
+    """Gain and weights of the waveform: with the fewest moments for the tolerance, then with the fewest taps."""
+    nu, taps = sweep_positions(waveform.samples), 3
+    terms = terms_for(reach, tolerance, waveform.samples)
+    if waveform.residual_video_phase:
+        # The first power of z^2 that the weights would leave out, see _with_video_phase.
+        turn = np.pi * reach**2 / (waveform.bandwidth_hz * waveform.chirp_duration_s)
+        while turn ** (terms // 2) / factorial(terms // 2) > APPROXIMATION * tolerance:
+            terms += 2
+    gain, weights = shift_weights(nu, reach, terms, taps, OVERSAMPLING)
+    while shift_weights_error(nu, reach, gain, weights, OVERSAMPLING) > APPROXIMATION * tolerance:
+        taps += 2
+        gain, weights = shift_weights(nu, reach, terms, taps, OVERSAMPLING)
+    if waveform.residual_video_phase:
+        return gain, _with_video_phase(weights, waveform.bandwidth_hz * waveform.chirp_duration_s)
+    return gain, weights
+
+
+def _with_video_phase(
+    weights: Float64[np.ndarray, "taps terms"], time_bandwidth: float
+) -> Complex[np.ndarray, "taps terms"]:
+    """Weights of powers of z times exp(-j pi z^2 / (B T_c)): the remainder's residual video phase -mu (z / B)^2 / 2."""
+    result = weights.astype(np.complex128)
+    factor = 1.0 + 0.0j
+    for power in range(1, (weights.shape[1] + 1) // 2):
+        factor *= -1j * np.pi / (time_bandwidth * power)
+        result[:, 2 * power :] += factor * weights[:, : -2 * power]
+    return result
+
+
+def _add_chirps(
+    cube: Complex[np.ndarray, "chirps samples rx tx"],
+    contributions: list[_Contribution],
+    radar: Radar,
+    array: AntennaArray,
+    model: WaveModel,
+    tasks: list[tuple[_Block, int]],
+) -> None:
+    """Fill ``cube`` at these blocks of RX and chirps."""
+    waveform, tx, tx_centre = radar.waveform, array.tx, centre(array.tx)
+    cells, real = OVERSAMPLING * waveform.samples, cube.real.dtype
+    # Sample n belongs to nu = (n - N // 2) / N, i.e. to output n - N // 2 of the FFT over the range cells.
+    outputs = np.arange(waveform.samples) - waveform.samples // 2
+    workspaces: dict[tuple[int, ...], np.ndarray] = {}
+    for block, chirp in tasks:
+        rx, powers = array.rx[block.rx], (0,) * block.weights.shape[1]
+        shape = cells, len(tx), len(rx), len(powers)
+        if shape not in workspaces:
+            workspaces[shape] = empty_moments(*shape, real)
+        moments = workspaces[shape]
+        moments.fill(0.0)
+        for part in contributions:
+            start = float(part.start[chirp])
+            add_moments(
+                part.table, tx[part.tx], padded(rx), tx_centre, centre(rx),
+                model.phase_time_s(start, radar), model.beat_time_s(start, radar), not model.near_field,
+                reference_frequency_hz(radar), waveform.bandwidth_hz, waveform.slope_hz_per_s,
+                float(waveform.residual_video_phase), OVERSAMPLING, powers, part.tx.start, moments,
+            )  # fmt: skip
+        grid = np.zeros((cells, len(rx), len(tx)), dtype=cube.dtype)
+        add_to_grid(moments, np.ascontiguousarray(block.weights.real), powers, cube.dtype.type(1.0), grid)
+        if np.iscomplexobj(block.weights):
+            add_to_grid(moments, np.ascontiguousarray(block.weights.imag), powers, cube.dtype.type(1.0j), grid)
+        spectra = scipy.fft.ifft(grid, axis=0, norm="forward", overwrite_x=True)
+        np.multiply(spectra[outputs], block.gain[:, None, None], out=cube[chirp][:, block.rx])

@@ -1,0 +1,255 @@
+"""The cube of paths along Doppler lines: spread them, one FFT a line over range, then all chirps of a sample at once.
+
+After :func:`datafactory.synthesis.lines.add_lines` the grid holds a spectrum over range for each line. Its FFT gives
+F_l[n]. With eta_m the chirps' positions in the frame and eta' = (1 + nu_n kappa) eta_m, chirp m at sample n is
+
+    s[m, n] = gain(eta') sum_l F_l[n] exp(j 2 pi f_l eta'),
+
+a matrix product of chirps and lines for each sample, whose price does not depend on the number of paths. Chirps at eta
+and -eta have conjugate rows: two real products, of cosines and of sines, give both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import scipy.fft
+from jaxtyping import Complex64, Float32, Float64, Int64
+from threadpoolctl import threadpool_limits
+
+from datafactory.paths.table import PathTable
+from datafactory.synthesis.lines import RANGE_TERMS, add_lines, add_samples, fill_lines, line_spectrum
+from datafactory.synthesis.motion import Motion, coupling, motion_of
+from datafactory.synthesis.parts import Part, centre, parts_of, reach_bins, rx_blocks
+from datafactory.synthesis.slow_time import LINE_OVERSAMPLING, LineWeights, line_shape
+from datafactory.synthesis.sorting import RANGE_SHARE, RANGE_SLACK_BINS, range_cells
+from datafactory.synthesis.spread import columns, padded
+from datafactory.synthesis.wave_model import WaveModel
+from shared.radar import Radar
+from shared.radar.arrays import AntennaArray
+from shared.radar.waveform import Waveform
+from shared.signal import chirp_times
+from shared.signal.sweep import (
+    reference_frequency_hz,
+    shift_error_rms,
+    shift_weights,
+    shift_weights_error,
+    sweep_positions,
+)
+
+RANGE_OVERSAMPLING = 1.5
+"""Range cells in a bin, about: the FFT's length is the next that factors into small primes. With 2 a path takes two
+cells less, and the FFTs a third more."""
+GRID_BYTES = 96e6
+"""Of the grid that is held at a time; lines beyond it are done in turns."""
+SAMPLES_AT_ONCE = 32
+"""Whose matrix product is one call."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """Paths that are spread with one set of line weights.
+
+    :param first: the first line of each, in spacings
+    """
+
+    weights: LineWeights
+    part: Part
+    motion: Motion
+    anchor: Float64[np.ndarray, " paths"]
+    first: Int64[np.ndarray, " paths"]
+    cell: Int64[np.ndarray, " paths"]
+
+    @property
+    def last(self) -> Int64[np.ndarray, " paths"]:
+        """The last line of each, in spacings."""
+        return self.first + self.weights.taps - 1
+
+
+def add_along_lines(
+    cube: Complex64[np.ndarray, "chirps samples rx tx"],
+    groups: Sequence[tuple[LineWeights, PathTable]],
+    radar: Radar,
+    array: AntennaArray,
+    tolerance: float,
+    threads: int,
+    model: WaveModel,
+) -> None:
+    """Add to ``cube`` the paths of tables, each with its set of line weights; all sets have one gain.
+
+    :param threads: samples worked on at once
+    """
+    waveform = radar.waveform
+    cells = scipy.fft.next_fast_len(int(np.ceil(RANGE_OVERSAMPLING * waveform.samples)))
+    for block in rx_blocks(array, waveform.bandwidth_hz):
+        rx = array.rx[block]
+        jobs = _jobs(groups, radar, array, rx, model, cells)
+        reach = reach_bins(array.tx, waveform.bandwidth_hz) + reach_bins(rx, waveform.bandwidth_hz)
+        reach = float(np.ceil((0.5 * waveform.samples / cells + reach + RANGE_SLACK_BINS) * 1e6) * 1e-6)
+        gain, weights = _range_weights(waveform, cells, reach, RANGE_SHARE * tolerance)
+        columns_of = slice(block.start * len(array.tx), block.stop * len(array.tx))
+        row_bytes = (cells + len(weights) - 1) * len(array.tx) * padded(rx).shape[1] * 8
+        for lines, chosen in _turns(jobs, max(int(GRID_BYTES / row_bytes), 1)):
+            shape = len(lines), cells + len(weights) - 1, 2, len(array.tx) * padded(rx).shape[1]
+            grid = np.zeros(shape, dtype=np.float32)
+            for job, some in chosen:
+                _spread(grid, job, some, lines, cells, weights, radar, array, rx, model)
+            fast_time = _fast_time(grid, cells, len(weights), gain, (len(rx), len(array.tx)))
+            _add_chirps(
+                cube.reshape(*cube.shape[:2], -1)[:, :, columns_of],
+                fast_time,
+                lines / LINE_OVERSAMPLING,
+                groups[0][0].gain_taps,
+                radar,
+                coupling(radar, model),
+                threads,
+            )
+
+
+def _jobs(
+    groups: Sequence[tuple[LineWeights, PathTable]],
+    radar: Radar,
+    array: AntennaArray,
+    rx: Float64[np.ndarray, "rx 3"],
+    model: WaveModel,
+    cells: int,
+) -> list[Job]:
+    """The parts of all tables, each path with its lines."""
+    waveform, jobs = radar.waveform, []
+    times = chirp_times(radar.model_copy(update={"array": array}))
+    for weights, table in groups:
+        for part in parts_of(table, array, times, plane=not model.near_field):
+            start = float(part.start[waveform.chirps // 2])
+            motion = motion_of(part.paths, centre(array.tx), centre(rx), start, radar, model)
+            below = np.floor(motion.doppler * LINE_OVERSAMPLING).astype(np.int64)
+            cell = range_cells(part.paths.range_m(), waveform, cells / waveform.samples, cells)
+            first = below - weights.taps // 2 + 1
+            jobs.append(Job(weights, part, motion, (below + 0.5) / LINE_OVERSAMPLING, first, cell))
+    return jobs
+
+
+def _turns(
+    jobs: list[Job], most: int
+) -> Iterator[tuple[Int64[np.ndarray, " lines"], list[tuple[Job, Int64[np.ndarray, " chosen"]]]]]:
+    """Lines in use [spacings], rising, about ``most`` at a time, with the jobs' paths that lie within, in their order.
+
+    Paths are in the order of their lines, then of their range: what they write to stays in cache.
+    """
+    orders = [np.lexsort((job.cell, job.first)) for job in jobs]
+    ends = [0] * len(jobs)
+    while any(end < len(order) for end, order in zip(ends, orders, strict=True)):
+        start = min(
+            int(job.first[order[end]]) for job, order, end in zip(jobs, orders, ends, strict=True) if end < len(order)
+        )
+        stop = start + max(most, *(job.weights.taps for job in jobs))
+        used, chosen = np.zeros(stop - start, dtype=bool), []
+        for index, (job, order, end) in enumerate(zip(jobs, orders, ends, strict=True)):
+            to = end + int(np.searchsorted(job.first[order[end:]], stop - job.weights.taps, side="right"))
+            ends[index] = to
+            if to > end:
+                chosen.append((job, order[end:to]))
+                for line in np.unique(job.first[order[end:to]] - start):
+                    used[line : line + job.weights.taps] = True
+        yield start + np.flatnonzero(used), chosen
+
+
+@lru_cache(maxsize=8)
+def _range_weights(
+    waveform: Waveform, cells: int, reach: float, error: float
+) -> tuple[Float32[np.ndarray, " samples"], Float32[np.ndarray, "taps terms"]]:
+    """Gain and weights of the range's shift with the fewest moments, then with the fewest taps."""
+    nu, oversampling = sweep_positions(waveform.samples), cells / waveform.samples
+    terms, taps = 2, 3
+    while shift_error_rms(nu, reach, terms) > 0.8 * error:
+        terms += 1
+    gain, weights = shift_weights(nu, reach, terms, taps, oversampling)
+    while shift_weights_error(nu, reach, gain, weights, oversampling) > error:
+        taps += 2
+        gain, weights = shift_weights(nu, reach, terms, taps, oversampling)
+    padding = np.zeros((taps, RANGE_TERMS - terms))
+    return gain.astype(np.float32), np.concatenate([weights, padding], axis=1).astype(np.float32)
+
+
+def _spread(
+    grid: Float32[np.ndarray, "lines cells 2 padded"],
+    job: Job,
+    chosen: Int64[np.ndarray, " chosen"],
+    lines: Int64[np.ndarray, " lines"],
+    cells: int,
+    weights: Float32[np.ndarray, "taps terms"],
+    radar: Radar,
+    array: AntennaArray,
+    rx: Float64[np.ndarray, "rx 3"],
+    model: WaveModel,
+) -> None:
+    """Add some paths of a job to the grid."""
+    waveform, part, motion = radar.waveform, job.part, job.motion
+    start = float(part.start[waveform.chirps // 2])
+    frame_s = waveform.chirps * waveform.chirp_interval_s
+    node = job.weights.node
+    add_lines(
+        columns(part.paths, chosen), job.anchor[chosen], np.searchsorted(lines, job.first[chosen]),
+        np.take(motion.bend, chosen, axis=1),
+        array.tx[part.tx], padded(rx), centre(array.tx), centre(rx),
+        node, model.phase_time_s(start, radar) + node * frame_s, model.beat_time_s(start, radar), not model.near_field,
+        reference_frequency_hz(radar), waveform.bandwidth_hz, waveform.slope_hz_per_s,
+        float(waveform.residual_video_phase), cells / waveform.samples, cells,
+        job.weights.even, job.weights.odd, weights, part.tx.start, grid,
+    )  # fmt: skip
+
+
+def _fast_time(
+    grid: Float32[np.ndarray, "lines cells 2 padded"],
+    cells: int,
+    taps: int,
+    gain: Float32[np.ndarray, " samples"],
+    elements: tuple[int, int],
+) -> Complex64[np.ndarray, "samples lines channels"]:
+    """F_l[n] of every line, channels in their order."""
+    samples = len(gain)
+    # Sample n belongs to nu = (n - N // 2) / N, i.e. to output n - N // 2 of the FFT over the range cells.
+    half = samples // 2
+    result = np.empty((samples, len(grid), elements[0] * elements[1]), dtype=np.complex64)
+    spectrum = np.empty((cells, *elements), dtype=np.complex64)
+    for line, row in enumerate(grid):
+        line_spectrum(row, taps // 2, spectrum)
+        transformed = scipy.fft.ifft(spectrum.reshape(cells, -1), axis=0, norm="forward")
+        np.multiply(transformed[cells - half :], gain[:half, None], out=result[:half, line])
+        np.multiply(transformed[: samples - half], gain[half:, None], out=result[half:, line])
+    return result
+
+
+def _add_chirps(
+    cube: Complex64[np.ndarray, "chirps samples channels"],
+    fast_time: Complex64[np.ndarray, "samples lines channels"],
+    frequency: Float64[np.ndarray, " lines"],
+    gain_taps: int,
+    radar: Radar,
+    kappa: float,
+    threads: int,
+) -> None:
+    """Add all chirps of every sample to ``cube``."""
+    waveform = radar.waveform
+    nu, half = sweep_positions(waveform.samples), waveform.chirps // 2 + 1
+
+    def add(first: int) -> None:
+        some = slice(first, min(first + SAMPLES_AT_ONCE, waveform.samples))
+        rows = np.empty((some.stop - first, 2, half, len(frequency)), dtype=np.float32)
+        fill_lines(
+            frequency,
+            1.0 + kappa * nu[some],
+            waveform.chirps,
+            line_shape(gain_taps),
+            gain_taps,
+            LINE_OVERSAMPLING,
+            rows,
+        )
+        product = rows.reshape(len(rows), 2 * half, -1) @ fast_time[some].view(np.float32)
+        add_samples(product.reshape(len(rows), 2, half, -1), first, cube)
+
+    with threadpool_limits(limits=1, user_api="blas"), ThreadPoolExecutor(threads) as pool:
+        list(pool.map(add, range(0, waveform.samples, SAMPLES_AT_ONCE)))

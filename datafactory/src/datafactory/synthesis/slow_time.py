@@ -1,0 +1,129 @@
+"""The slow-time factor of a path as weights of Doppler lines, from its values at a few instants of the frame.
+
+The lines stand LINE_OVERSAMPLING to a Doppler bin. A path is anchored midway between two of them, at most half a
+spacing away. What the anchor leaves of its phase, s(eta) in cycles, turns slowly: |s'| is at most the *reach*. Its
+values V at a few Chebyshev points of the frame determine it, and give the weights of ``taps`` neighbouring lines,
+
+    exp(j 2 pi s(eta)) = gain(eta) sum_t b_t exp(j 2 pi o_t eta),      b = P V,      o_t = (t - (taps - 1) / 2) / h,
+
+with the gain of :func:`shared.signal.sweep.shift_weights`. P is the least squares fit over tones and chirps within the
+reach; small singular values are cut, so that P stays small and float32 serves. Nodes and lines are symmetric: P is one
+real matrix of V_i + V_-i and another of j (V_-i - V_i), which halves the products.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from jaxtyping import Complex128, Float32, Float64
+
+LINE_OVERSAMPLING = 1.5
+"""Lines in a Doppler bin, h. With 2 the lines are a third more, and so is the work that every frame has; with 1.25 a
+path takes 2 to 4 lines more."""
+POINTS = 97
+"""Of the frame at which the weights are fitted and their errors taken."""
+TONES = 17
+"""Within the reach, of each curvature, that the weights are fitted to."""
+CUTS = (1.0, 0.1, 0.01)
+"""Singular values below one of these shares of the error, relative to the largest, are cut: large cuts keep the weights
+small and with them the rounding, small cuts keep the fit."""
+ROUNDING = 1e-7
+"""Of a value at a node: float32 phasors and products."""
+MOST_TAPS = 48
+
+
+@dataclass(frozen=True, eq=False)
+class LineWeights:
+    """What turns values at the nodes into weights of lines.
+
+    :param node: positions in the frame, rising, symmetric
+    :param even: of the sums V_i + V_-i, for the first half of the lines; the second half has the same
+    :param odd: of j (V_-i - V_i), for the first half of the lines, subtracted; the second half has them added
+    :param error: root mean square over the frame for the worst tone or chirp within the reach, with rounding
+    :param gain_taps: width of the window that the gain undoes
+    """
+
+    node: Float64[np.ndarray, " nodes"]
+    even: Float32[np.ndarray, "pairs halves"]
+    odd: Float32[np.ndarray, "pairs halves"]
+    error: float
+    gain_taps: int
+
+    @property
+    def taps(self) -> int:
+        """Lines that a path is spread over."""
+        return 2 * self.even.shape[1]
+
+
+def line_shape(taps: int) -> float:
+    """Parameter of the Kaiser-Bessel window, ``taps`` lines wide, of :func:`shared.signal.sweep.shift_weights`."""
+    return float(np.pi * taps * (1.0 - 0.5 / LINE_OVERSAMPLING))
+
+
+def line_gain(eta: Float64[np.ndarray, " points"], taps: int) -> Float64[np.ndarray, " points"]:
+    """The gain over the frame that undoes the window of ``taps`` lines."""
+    shape = line_shape(taps)
+    root = np.sqrt(shape**2 - (np.pi * taps * eta / LINE_OVERSAMPLING) ** 2)
+    return np.sinh(shape) / shape * root / np.sinh(root)
+
+
+@lru_cache(maxsize=32)
+def line_weights(extra: float, error: float, half: float, gain_taps: int | None = None) -> LineWeights | None:
+    """The fewest lines, and as many nodes, whose error stays below ``error``; None where MOST_TAPS do not suffice.
+
+    :param extra: |s'| beyond half a spacing [cycles a frame], by curvature or an element's own Doppler
+    :param half: end of the frame: eta from -half to half
+    :param gain_taps: width of the window that the gain undoes; the number of lines by default
+    """
+    for taps in range(4, MOST_TAPS + 1, 2):
+        weights = min((_weights(extra, taps, half, gain_taps or taps, cut * error) for cut in CUTS), key=_error)
+        if weights.error <= error:
+            return weights
+    return None
+
+
+def _error(weights: LineWeights) -> float:
+    return weights.error
+
+
+def _weights(extra: float, taps: int, half: float, gain_taps: int, cut: float) -> LineWeights:
+    eta = np.linspace(-half, half, POINTS)
+    node = half * np.cos(np.pi * (np.arange(taps) + 0.5) / taps)[::-1]
+    offset = (np.arange(taps) - 0.5 * (taps - 1)) / LINE_OVERSAMPLING
+    lines = line_gain(eta, gain_taps)[:, None] * np.exp(2j * np.pi * eta[:, None] * offset)
+    wanted, values = _slow_signals(extra, eta), _slow_signals(extra, node)
+    matrix = np.linalg.pinv(lines, cut) @ wanted @ np.linalg.pinv(values, cut)
+    # Symmetric lines and nodes: the even part of the matrix is real, the odd part imaginary.
+    half_taps = taps // 2
+    even = 0.5 * (matrix + matrix[:, ::-1]).real[:half_taps, :half_taps].T
+    odd = 0.5 * (matrix - matrix[:, ::-1]).imag[:half_taps, :half_taps].T
+    weights = LineWeights(
+        node, np.ascontiguousarray(even, dtype=np.float32), np.ascontiguousarray(odd, dtype=np.float32), 0.0, gain_taps
+    )
+    fit = float(np.sqrt(np.mean(np.abs(lines @ applied(weights, values) - wanted) ** 2, axis=0)).max())
+    rounding = ROUNDING * float(np.sqrt(np.mean(np.sum(np.abs(lines @ matrix) ** 2, axis=1))))
+    return replace(weights, error=float(np.hypot(fit, rounding)))
+
+
+def _slow_signals(extra: float, eta: Float64[np.ndarray, " points"]) -> Complex128[np.ndarray, "points signals"]:
+    """Tones and chirps whose frequency stays within half a spacing and ``extra``."""
+    reach = 0.5 / LINE_OVERSAMPLING + extra
+    phases = [
+        np.linspace(-(reach - abs(curvature)), reach - abs(curvature), TONES) * eta[:, None]
+        + curvature * eta[:, None] ** 2
+        for curvature in (-extra, -0.5 * extra, 0.0, 0.5 * extra, extra)
+    ]
+    return np.exp(2j * np.pi * np.concatenate(phases, axis=1))
+
+
+def applied(
+    weights: LineWeights, values: Complex128[np.ndarray, "nodes signals"]
+) -> Complex128[np.ndarray, "taps signals"]:
+    """Weights of the lines for these values at the nodes, as the kernel applies them."""
+    pairs = len(weights.even)
+    first, last = values[:pairs], values[::-1][:pairs]
+    even = np.tensordot(weights.even.T.astype(np.float64), first + last, axes=1)
+    odd = np.tensordot(weights.odd.T.astype(np.float64), 1j * (last - first), axes=1)
+    return np.concatenate([even - odd, (even + odd)[::-1]])

@@ -1,0 +1,173 @@
+"""Which kernel a path gets: the cheapest that keeps the tolerance.
+
+* A *standing* path has one delay: one chirp of the exact kernel serves all (:mod:`datafactory.synthesis.chirps`).
+* A path that moves almost evenly goes *along lines* (:mod:`datafactory.synthesis.frame_lines`): over the fewest Doppler
+  lines that reach what curvature and the elements' different views add to its own Doppler.
+* Any other path goes *by chirps*: the exact kernel, chirp after chirp.
+
+A path may change its kernel between frames: each keeps the tolerance, so that no seam is larger than it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Int64
+
+from datafactory.paths.table import PathTable, ScatteredPaths
+from datafactory.synthesis.motion import coupling, left_out, motion_of, moving
+from datafactory.synthesis.parts import centre, reach_m, rx_blocks
+from datafactory.synthesis.slow_time import LINE_OVERSAMPLING, LineWeights, line_weights
+from datafactory.synthesis.wave_model import WaveModel
+from shared.physics.units import SPEED_OF_LIGHT
+from shared.radar import Radar
+from shared.radar.arrays import AntennaArray
+from shared.radar.waveform import Waveform
+
+FLOAT32_TOLERANCE = 5e-7
+"""Below this the cube is made in complex128: rounding alone is up to 2.7e-7 in complex64, measured with 1e2 to 1e5
+paths."""
+RANGE_SHARE, LINE_SHARE, BEND_SHARE = 0.5, 0.4, 0.4
+"""Of the tolerance, for the range's weights, the lines' weights and what a bent delay leaves. They are independent:
+their squares add to 0.57, and rounding has 0.36."""
+EXTRAS = (0.1, 0.3, 1.0, 3.0, 8.0)
+"""What sets of line weights reach beyond half a spacing [cycles a frame]. On munich at 2.5 m/s the first serves nine
+paths of ten."""
+LEAST_CHIRPS, LEAST_SAMPLES = 16, 16
+"""Shorter frames and sweeps are made chirp by chirp: a path is spread over eight lines and more."""
+RANGE_SLACK_BINS = 0.01
+"""Room for the mean of a bend in the reach of the range's weights."""
+CROWD = 256
+"""Largest number of paths in one cell whose sum in float32 keeps 1e-6: with more, the cube is summed in float64. The
+error of 1000 equal paths is 5e-6, of 1000 paths of random phase 2e-6."""
+CROWD_GROWTH = 100
+"""... and for larger tolerances this many for each 1e-6."""
+
+
+@dataclass(frozen=True)
+class SortedPaths:
+    """The paths of a table by the kernel they get.
+
+    :param standing: one chirp serves all
+    :param lines: sets of line weights with the paths they serve
+    :param chirps: the exact kernel for every chirp
+    """
+
+    standing: PathTable
+    lines: tuple[tuple[LineWeights, PathTable], ...]
+    chirps: PathTable
+
+
+def kernel_counts(paths: PathTable, radar: Radar, tolerance: float, model: WaveModel) -> dict[str, int]:
+    """Paths by the kernel that makes them of the radar's own cube, for a manifest."""
+    by_need = sorted_paths(paths, radar, tolerance, radar.array, model)
+    return {
+        "paths_standing": len(by_need.standing),
+        "paths_along_lines": sum(len(table) for _, table in by_need.lines),
+        "paths_by_chirps": len(by_need.chirps),
+    }
+
+
+def crowd_limit(tolerance: float) -> int:
+    """Most paths in a cell that are summed in float32."""
+    return max(CROWD, round(CROWD_GROWTH * tolerance / 1e-6))
+
+
+def frame_half(radar: Radar, model: WaveModel) -> float:
+    """End of the frame that line weights are fitted to: eta (1 + nu kappa) at nu = 1/2."""
+    return 0.5 * (1.0 + 0.5 * coupling(radar, model))
+
+
+def line_sets(radar: Radar, tolerance: float, model: WaveModel) -> list[tuple[float, LineWeights]]:
+    """The sets of line weights that there are for a tolerance, with what each reaches; narrow to wide."""
+    half, error = frame_half(radar, model), LINE_SHARE * tolerance
+    first = line_weights(EXTRAS[0], error, half)
+    if first is None:
+        return []
+    sets = [(extra, line_weights(extra, error, half, first.taps)) for extra in EXTRAS]
+    return [(extra, weights) for extra, weights in sets if weights is not None]
+
+
+def sorted_paths(
+    paths: PathTable, radar: Radar, tolerance: float, array: AntennaArray, model: WaveModel
+) -> SortedPaths:
+    """Sort a table's paths by what they need."""
+    waveform = radar.waveform
+    short = waveform.chirps < LEAST_CHIRPS or waveform.samples < LEAST_SAMPLES
+    sets = [] if short or tolerance < FLOAT32_TOLERANCE else line_sets(radar, tolerance, model)
+    # A specular path of one TX is a scattered path; the TX differ by less than the reach that is allowed for.
+    middle = paths.specular.as_scattered(centre(array.tx), not model.near_field)
+    scattered = _needs(paths.scattered, sets, radar, tolerance, array, model, specular=False)
+    specular = _needs(middle, sets, radar, tolerance, array, model, specular=True)
+
+    def chosen(need: int) -> PathTable:
+        return replace(
+            paths, scattered=paths.scattered.take(scattered == need), specular=paths.specular.take(specular == need)
+        )
+
+    lines = tuple((weights, chosen(index)) for index, (_, weights) in enumerate(sets))
+    return SortedPaths(chosen(STANDING), tuple(part for part in lines if len(part[1])), chosen(BY_CHIRPS))
+
+
+STANDING, BY_CHIRPS = -1, len(EXTRAS)
+"""Needs that are no index of a set of line weights."""
+
+
+def _needs(
+    paths: ScatteredPaths,
+    sets: list[tuple[float, LineWeights]],
+    radar: Radar,
+    tolerance: float,
+    array: AntennaArray,
+    model: WaveModel,
+    specular: bool,
+) -> Int64[np.ndarray, " paths"]:
+    """Of every path STANDING, the first set of line weights that serves it in every block of RX, or BY_CHIRPS."""
+    result = np.full(len(paths), BY_CHIRPS, dtype=np.int64)
+    if sets and len(paths):
+        start = radar.waveform.chirps // 2 * radar.waveform.chirp_interval_s
+        tx_reach, worst = reach_m(array.tx), np.zeros(len(paths), dtype=np.int64)
+        for block in rx_blocks(array, radar.waveform.bandwidth_hz):
+            rx = array.rx[block]
+            centres = centre(array.tx), centre(rx)
+            # The image of a specular path moves with the TX as far as the TX itself.
+            reaches = (0.0, tx_reach + reach_m(rx)) if specular else (tx_reach, reach_m(rx))
+            motion = motion_of(paths, *centres, start, radar, model)
+            extra, error = left_out(paths, motion, reaches, centres, start, radar, model)
+            error += _video_phase_error(motion.doppler, radar)
+            kept = (error <= BEND_SHARE * tolerance) & (np.abs(motion.bend[1]) <= 12.0 * RANGE_SLACK_BINS)
+            index = np.searchsorted([limit for limit, _ in sets], extra)
+            worst = np.maximum(worst, np.where(kept & (index < len(sets)), index, BY_CHIRPS))
+            worst[_crowded(motion.doppler, paths, radar.waveform, crowd_limit(tolerance))] = BY_CHIRPS
+        result = worst
+    result[~moving(paths)] = STANDING
+    return result
+
+
+def _video_phase_error(doppler: np.ndarray, radar: Radar) -> np.ndarray:
+    """Bound on the part of the residual video phase, pi z^2 / (B T_c), that is quadratic in the departure z from a
+    cell: half a cell, a block, and the range that the frame adds."""
+    waveform = radar.waveform
+    if not waveform.residual_video_phase:
+        return np.zeros(len(doppler))
+    departure = 1.0 + 0.5 * np.abs(doppler) * waveform.bandwidth_hz / waveform.carrier_hz
+    return np.pi * departure**2 / (waveform.bandwidth_hz * waveform.chirp_duration_s)
+
+
+def range_cells(range_m: np.ndarray, waveform: Waveform, oversampling: float, cells: int) -> np.ndarray:
+    """[K] range cells, cyclic, of paths of these half lengths [m]."""
+    cells_per_metre = oversampling * waveform.bandwidth_hz / SPEED_OF_LIGHT
+    return np.floor(2.0 * range_m * cells_per_metre).astype(np.int64) % cells
+
+
+def _crowded(doppler: np.ndarray, paths: ScatteredPaths, waveform: Waveform, limit: int) -> Bool[np.ndarray, " paths"]:
+    """Whether a path stands in a cell of range and Doppler with more paths than ``limit``."""
+    if len(paths) <= limit:
+        return np.zeros(len(paths), dtype=bool)
+    cell = range_cells(paths.range_m(), waveform, 2.0, 2 * waveform.samples)
+    line = np.floor(doppler * LINE_OVERSAMPLING).astype(np.int64)
+    _, index, count = np.unique(
+        (line - line.min()) * 2 * waveform.samples + cell, return_inverse=True, return_counts=True
+    )
+    return count[index] > limit

@@ -1,0 +1,199 @@
+"""The kernel along Doppler lines, and the sorting that chooses it, against the float64 sum of eq. (1)-(2)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from oracles import if_cube, relative_error
+
+from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
+from datafactory.synthesis.cube import cube_of_paths
+from datafactory.synthesis.slow_time import LINE_OVERSAMPLING, applied, line_gain, line_weights
+from datafactory.synthesis.sorting import EXTRAS, kernel_counts, sorted_paths
+from datafactory.synthesis.wave_model import EQUATION_1, WaveModel
+from shared.radar import Radar
+from shared.radar.arrays import AntennaArray, line, virtual_sensor_256
+from shared.radar.waveform import Waveform
+
+SMALL = AntennaArray(tx_m=line(np.array([-0.05, -0.046])), rx_m=line(np.array([-0.045, 0.003, 0.045])))
+
+
+def radar_of(samples: int = 128, chirps: int = 128, array: AntennaArray = SMALL, **waveform) -> Radar:
+    """Chirps of a frame of 10.3 ms, as the default's."""
+    interval = {"chirp_interval_s": 128 * 80.6e-6 / chirps} | waveform
+    return Radar(waveform=Waveform(samples=samples, range_bins=samples, chirps=chirps, **interval), array=array)
+
+
+def moving(count: int, speed: float, limits_m: tuple[float, float], seed: int = 1) -> PathTable:
+    """Single bounces around, and moving mirror images."""
+    generator = np.random.default_rng(seed)
+
+    def points(number: int) -> np.ndarray:
+        direction = generator.normal(size=(number, 3))
+        direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+        return direction * np.exp(generator.uniform(np.log(limits_m[0]), np.log(limits_m[1]), number))[:, None]
+
+    def phases(number: int) -> np.ndarray:
+        return np.exp(2j * np.pi * generator.uniform(size=number))
+
+    specular = max(1, count // 4)
+    return PathTable(
+        ScatteredPaths.of_points(points(count), speed * generator.uniform(-1.0, 1.0, (count, 3)), phases(count)),
+        replace(
+            SpecularPaths.none(),
+            image=2.0 * points(specular),
+            image_velocity=speed * generator.uniform(-1.0, 1.0, (specular, 3)),
+            axes=np.tile(np.diag([-1.0, 1.0, 1.0]), (specular, 1, 1)),
+            reference=np.array([0.0, 0.02, 0.0]),
+            amplitude=phases(specular),
+            depth=np.ones(specular, dtype=np.int8),
+            object_index=np.zeros(specular, dtype=np.int32),
+            kinds=np.ones(specular, dtype=np.uint8),
+        ),
+    )
+
+
+def along_lines(paths: PathTable, radar: Radar, tolerance: float, model: WaveModel = EQUATION_1) -> int:
+    return kernel_counts(paths, radar, tolerance, model)["paths_along_lines"]
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 1e-5, 1e-6])
+@pytest.mark.parametrize(
+    ("speed", "limits_m"),
+    [(0.5, (0.5, 3.0)), (3.0, (0.5, 20.0)), (10.0, (3.0, 40.0)), (40.0, (0.5, 60.0)), (40.0, (20.0, 150.0))],
+)
+@pytest.mark.parametrize(
+    "waveform", [{}, {"multiplexing": "tdm"}, {"residual_video_phase": True}], ids=["plain", "tdm", "video phase"]
+)
+def test_cube_keeps_its_tolerance_over_speeds_and_ranges(tolerance, speed, limits_m, waveform):
+    # 128 samples reach to 19 m: most of the farther echoes are folded.
+    radar = radar_of(samples=64, chirps=32, **waveform)
+    paths = moving(12, speed, limits_m)
+    assert relative_error(cube_of_paths(paths, radar, tolerance), if_cube(paths, radar)) <= tolerance
+
+
+def test_most_of_these_paths_go_along_lines():
+    # Otherwise the test above judges the exact kernel alone.
+    radar = radar_of(samples=64, chirps=32)
+    for speed, limits_m, least in ((0.5, (0.5, 3.0), 12), (10.0, (3.0, 40.0), 14), (40.0, (20.0, 150.0), 14)):
+        assert along_lines(moving(12, speed, limits_m), radar, 1e-3) >= least
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6])
+@pytest.mark.parametrize("multiplexing", ["simultaneous", "tdm"])
+@pytest.mark.parametrize("chirps", [16, 33, 128])
+def test_default_array_keeps_its_tolerance(tolerance, multiplexing, chirps):
+    radar = radar_of(samples=65, chirps=chirps, array=Radar().array, multiplexing=multiplexing)
+    # At 1e-6 what is fast and near goes by chirps.
+    paths = moving(6, 8.0 if tolerance > 1e-5 else 1.0, (2.0, 30.0), seed=2)
+    assert along_lines(paths, radar, tolerance) > 0
+    assert relative_error(cube_of_paths(paths, radar, tolerance), if_cube(paths, radar)) <= tolerance
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6])
+def test_virtual_sensor_keeps_its_tolerance(tolerance):
+    # Four blocks of RX, each with its own Doppler and range.
+    radar = radar_of(samples=32, chirps=16)
+    paths = moving(4, 5.0, (3.0, 30.0), seed=3)
+    sensor = virtual_sensor_256(radar.waveform.carrier_hz)
+    cube = cube_of_paths(paths, radar, tolerance, array=sensor)
+    assert sum(len(part) for _, part in sorted_paths(paths, radar, tolerance, sensor, EQUATION_1).lines) > 0
+    assert relative_error(cube, if_cube(paths, radar, sensor)) <= tolerance
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 1e-6])
+@pytest.mark.parametrize(
+    "model",
+    [
+        WaveModel(intra_chirp_motion=True),
+        WaveModel(range_migration=False),
+        WaveModel(near_field=False),
+        WaveModel(False, True, False),
+    ],
+    ids=["within the chirp", "no migration", "plane", "all"],
+)
+@pytest.mark.parametrize("speed", [2.0, 12.0])
+def test_every_model_of_motion_agrees_with_the_exact_kernel(tolerance, model, speed):
+    radar = radar_of(samples=64, chirps=64)
+    paths = moving(40, speed, (1.0, 30.0), seed=4)
+    # At 1e-6 a sensor's motion within the chirp sends all that is fast to the exact kernel.
+    assert along_lines(paths, radar, tolerance, model) > 0 or (tolerance < 1e-5 and speed > 10.0)
+    exact = cube_of_paths(paths, radar, 1e-9, model=model)
+    assert relative_error(cube_of_paths(paths, radar, tolerance, model=model), exact) <= tolerance
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-5])
+def test_the_switch_leaves_no_seam(tolerance):
+    # The range at which one path changes its kernel, to the last place.
+    radar = radar_of(samples=64, chirps=64)
+
+    def at(distance: float) -> PathTable:
+        point = distance * np.array([[0.8, 0.6, 0.0]])
+        return PathTable(ScatteredPaths.of_points(point, np.array([[-6.0, 9.0, 0.0]]), np.ones(1)))
+
+    near, far = 0.4, 300.0
+    assert along_lines(at(near), radar, tolerance) == 0
+    assert along_lines(at(far), radar, tolerance) == 1
+    while np.nextafter(near, far) < far:
+        middle = 0.5 * (near + far)
+        near, far = (near, middle) if along_lines(at(middle), radar, tolerance) else (middle, far)
+    exactly, spread = (cube_of_paths(at(distance), radar, tolerance) for distance in (near, far))
+    assert relative_error(spread, exactly) < tolerance
+
+
+def test_paths_of_every_need_are_counted_once():
+    radar = radar_of(samples=64, chirps=64)
+    paths = PathTable(
+        ScatteredPaths.of_points(
+            np.array([[10.0, 0.0, 0.0], [20.0, 1.0, 0.0], [0.3, 0.0, 0.0]]),
+            np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 30.0, 0.0]]),
+            np.ones(3),
+        )
+    )
+    counts = kernel_counts(paths, radar, 1e-4, EQUATION_1)
+    assert counts == {"paths_standing": 1, "paths_along_lines": 1, "paths_by_chirps": 1}
+    assert relative_error(cube_of_paths(paths, radar, 1e-4), if_cube(paths, radar)) <= 1e-4
+
+
+@pytest.mark.parametrize("alike", [True, False])
+def test_a_crowd_in_one_cell_keeps_the_tolerance(alike):
+    radar = radar_of(samples=16, chirps=16, array=AntennaArray(tx_m=line(np.zeros(1)), rx_m=line(np.zeros(1))))
+    generator = np.random.default_rng(5)
+    for tolerance, count in ((1e-3, 20_000), (1e-6, 600)):
+        spread = 0.0 if alike else 0.01
+        place = np.array([12.0, 2.0, 0.0]) + spread * generator.uniform(-1.0, 1.0, (count, 3))
+        paths = PathTable(ScatteredPaths.of_points(place, np.tile([1.0, 0.5, 0.0], (count, 1)), np.full(count, 0.1)))
+        assert relative_error(cube_of_paths(paths, radar, tolerance), if_cube(paths, radar)) <= tolerance
+
+
+def test_threads_and_turns_do_not_change_the_bytes(monkeypatch):
+    radar = radar_of(samples=64, chirps=32, multiplexing="tdm")
+    paths = moving(40, 12.0, (2.0, 30.0), seed=6)
+    assert along_lines(paths, radar, 1e-4) > 30
+    one, again, four = (cube_of_paths(paths, radar, 1e-4, threads=threads) for threads in (1, 1, 4))
+    assert one.tobytes() == again.tobytes() == four.tobytes()
+    # A grid that does not fit is done in turns: other sums, the same cube.
+    monkeypatch.setattr("datafactory.synthesis.frame_lines.GRID_BYTES", 1.0)
+    turns = cube_of_paths(paths, radar, 1e-4)
+    assert relative_error(turns, one) < 1e-6
+
+
+@pytest.mark.parametrize("error", [4e-4, 4e-5, 4e-7])
+def test_line_weights_reproduce_slow_signals(error):
+    half = 0.5032
+    eta = np.linspace(-half, half, 201)
+    first = line_weights(EXTRAS[0], error, half)
+    assert first is not None
+    for extra in EXTRAS:
+        weights = line_weights(extra, error, half, first.taps)
+        if weights is None:
+            assert extra > 1.0  # only the widest sets may be beyond float32
+            continue
+        offset = (np.arange(weights.taps) - 0.5 * (weights.taps - 1)) / LINE_OVERSAMPLING
+        lines = line_gain(eta, first.taps)[:, None] * np.exp(2j * np.pi * eta[:, None] * offset)
+        for tone, curvature in ((0.3 + extra, 0.0), (0.1, extra), (-0.3, 0.7 * extra), (0.0, 0.0)):
+            phases = [np.exp(2j * np.pi * (tone * x + curvature * x**2)) for x in (eta, weights.node)]
+            made = lines @ applied(weights, phases[1][:, None])[:, 0]
+            assert np.sqrt(np.mean(np.abs(made - phases[0]) ** 2)) <= 1.3 * error
