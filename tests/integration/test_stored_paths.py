@@ -57,7 +57,7 @@ def scenes(tmp_path: Path) -> list[Path]:
 def plans(monkeypatch: pytest.MonkeyPatch) -> None:
     """Scene n is planned without effect n; nothing is measured for it."""
 
-    def plan_of(order: Order, sample: Sample, announce: object) -> EffectPlan:
+    def plan_of(order: Order, sample: Sample, announce: object, looking: object) -> EffectPlan:
         number = int(sample.scene.name.removeprefix("scene"))
         return by_choice(sample.scene.name, ALL.without(LEFT_OUT[number]).without("diffraction"))
 
@@ -119,7 +119,7 @@ def test_the_planner_looks_at_frames_of_the_run(scenes: list[Path], radar_file: 
     dataset = open_dataset(tmp_path / "data")
     frames = {frame.frame_id: frame for split in dataset.splits for frame in dataset.frames(split)}
     for sample in samples:
-        assert len(sample.frames) == 3
+        assert len(sample.frames) == 1  # drawn poses lie far apart: each speaks for itself
         for dealt in sample.frames:
             frame = frames[dealt.frame_id]
             assert (frame.scene, frame.seed) == (sample.scene.name, dealt.seed)

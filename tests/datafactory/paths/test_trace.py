@@ -88,7 +88,7 @@ def traced(
     **settings,
 ) -> PathTable:
     merged = merge_scene(Scene("test", objects), MATERIALS)
-    chosen = TraceSettings(rays=rays, **{"depth": 1, **settings})
+    chosen = TraceSettings(rays=rays, **{"depth": 1, "paths_a_cell": 0, "solver_share": 1, **settings})
     return trace(merged, MATERIALS, pose, FREQUENCY_HZ, chosen, fan or RayFan(rays), seed)
 
 

@@ -57,6 +57,31 @@ def test_an_interrupt_waits_for_what_would_swallow_it(name: str) -> None:
     assert (done.returncode, done.stdout, done.stderr) == (130, "to its end\n", "program: interrupted\n")
 
 
+CALLBACK = """
+import ctypes, os, signal, time
+from shared.processes.interrupt import run_command
+
+@ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
+def compared(first, second):
+    os.kill(os.getpid(), signal.{name})
+    return 0
+
+def load():
+    ctypes.CDLL(None).qsort(ctypes.create_string_buffer(2), 2, 1, compared)
+    time.sleep(60)
+    print("went on")
+
+run_command("program", load)
+"""
+
+
+@pytest.mark.parametrize("name", [signal.SIGINT.name, signal.SIGTERM.name])
+def test_an_interrupt_within_a_callback_of_c_code_comes_again(name: str) -> None:
+    script = CALLBACK.format(name=name)
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "program: interrupted\n")
+
+
 def test_an_error_of_its_own_stays_an_error() -> None:
     script = "from shared.processes.interrupt import run_command\nrun_command('program', lambda: 1 / 0)"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)

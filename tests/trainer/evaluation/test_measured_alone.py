@@ -9,8 +9,10 @@ from captured_cubes import other_radar, write_capture
 from numpy.typing import NDArray
 from oracles import reference_file
 from small_evaluation import status
+from tiny_radar import RADAR
 from tiny_run import make_run
 
+from shared.radar.arrays import AntennaArray, line
 from trainer.estimators.das import DelayAndSum
 from trainer.estimators.ml import MaximumLikelihood
 from trainer.estimators.music import Music
@@ -116,10 +118,10 @@ def test_what_cannot_be_looked_at_is_one_line(inputs, tmp_path, capsys, monkeypa
     monkeypatch.chdir(tmp_path)
     cube = write_capture(tmp_path / "cube.npz", other_radar()) if "CUBE" in given else None
     places = {"PAIR": inputs[3], "CUBE": cube}
-    code, line = status(capsys, monkeypatch, *(places.get(word, word) for word in given), "--out", "out")
+    code, said = status(capsys, monkeypatch, *(places.get(word, word) for word in given), "--out", "out")
     assert code == 2
-    assert line.startswith(f"trainer: {message}"), line
-    assert line.count("\n") == 1
+    assert said.startswith(f"trainer: {message}"), said
+    assert said.count("\n") == 1
     assert not (tmp_path / "out").exists()
 
 
@@ -202,3 +204,22 @@ def test_a_twin_calibrated_better_would_not(reflectors):
     _, image = stated_numbers(reflectors.snapshot[None])
     _, images = stated_numbers(twins_of(reflectors, change_db=-10.0))
     assert np.abs((image[0] - images.mean(axis=0)) / images.std(axis=0)).max() > 3.9
+
+
+def test_channels_that_coincide_are_one_element(tmp_path):
+    """Three TX two steps apart and four RX one step apart: 12 channels at 8 places, on which smoothing is possible."""
+    half = 0.5 * RADAR.waveform.wavelength_m
+    array = AntennaArray(tx_m=line(half * np.array([0.0, 2.0, 4.0])), rx_m=line(half * np.arange(4.0)))
+    radar = RADAR.model_copy(update={"array": array})
+    place = (2.4, -0.6, 0.0)
+    cube = write_capture(tmp_path / "cube.npz", radar, [place], dead_channels=(0, 3))
+    found = read_measured(cube, targets=1)
+    # Channel = 3 rx + tx: 0 is alone at the first place and dead, 3 at the second.
+    assert found.element.tolist() == [-1, 0, 2, -1, 1, 3, 0, 2, 4, 1, 3, 5]
+    assert len(found.snapshot) == 6
+    assert found.frame is not None
+    expected = found.frame.range_channel[0][found.row][[1, 6]].mean()
+    assert found.snapshot[0] == pytest.approx(complex(expected), rel=1e-5)
+    evaluate(None, tmp_path / "out", measured=cube, targets=1, methods=["music-fbss"], announce=str)
+    angle = values(tmp_path / "out")["music-fbss", "full", "angle 1 [deg]"]
+    assert angle == pytest.approx(np.rad2deg(np.arctan2(-0.6, 2.4)), abs=1.5)

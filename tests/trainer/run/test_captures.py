@@ -11,6 +11,7 @@ from tiny_radar import RADAR, frame
 from tiny_run import make_run
 
 from shared.physics.errors import InputError
+from shared.radar import load_radar
 from shared.radar.arrays import AntennaArray, line
 from shared.signal.model_error import NO_MODEL_ERROR_DB, UNCALIBRATED_DB
 from shared.signal.windows import cell_noise_power
@@ -18,7 +19,7 @@ from trainer.cli.app import main
 from trainer.data.measurements import open_measurements
 from trainer.run.answers import estimator_answer
 from trainer.run.folder import load_imager
-from trainer.run.other_radars import fitted_imager, matching_elements, position_tolerance
+from trainer.run.other_radars import fitted_imager, matching_elements, position_tolerance, training_commands
 from trainer.run.predict import predict
 
 
@@ -73,6 +74,13 @@ def test_an_array_is_taken_as_far_as_the_truth_s_cell_and_the_stretch_allow(tmp_
     assert "datafactory points --radar RADAR.toml --out build/points" in said
     assert "trainer fit build/points --array full --out build/run" in said
     assert "trainer predict --method likes" in said
+
+
+def test_the_commands_name_a_preset_where_it_is_one():
+    preset = load_radar("iwr1843")
+    assert "datafactory points --radar iwr1843 --out build/points, then trainer fit" in training_commands(preset)
+    changed = preset.model_copy(update={"array": RADAR.array})
+    assert "--radar RADAR.toml --out build/points (the file and the board of trainer" in training_commands(changed)
 
 
 def test_a_capture_of_another_band_is_imaged_by_the_run(tmp_path):

@@ -30,7 +30,6 @@ from datafactory.run.order import Order
 from datafactory.run.preparation import prepare
 from datafactory.scenes.materials.table import MaterialTable
 from shared.physics.errors import InputError
-from shared.radar import Radar
 
 FRAMES = 2
 """Frames of each scene that are swept, spread over the run."""
@@ -141,10 +140,11 @@ def _with_choice(order: Order, chosen: KnobSettings) -> Order:
     )
 
 
-def as_run(chosen: KnobSettings, scene: SweptScene, order: Order) -> KnobSettings:
-    """What was chosen, with what the run makes its frames with."""
+def as_run(chosen: KnobSettings, scene: SweptScene, order: Order, sample: SampleFrame) -> KnobSettings:
+    """What was chosen, with what the run makes this frame with."""
     names = ("rays", "depth", "prune_db", "tolerance", "truth_terms")
-    return replace(made_with(order, scene.planned.effects), **{name: getattr(chosen, name) for name in names})
+    effects = scene.planned.effects_of(sample.frame)
+    return replace(made_with(order, effects), **{name: getattr(chosen, name) for name in names})
 
 
 def errors_together(scene: SweptScene, chosen: KnobSettings, menu: Menu, order: Order, kept: Kept) -> Errors:
@@ -152,23 +152,24 @@ def errors_together(scene: SweptScene, chosen: KnobSettings, menu: Menu, order: 
 
     :param kept: realisations traced before; the reference's are added
     """
-    settings, radar = as_run(chosen, scene, order), order.radar
+    radar = order.radar
     cube, image = list[float](), list[float]()
     for sample in () if menu.paths_only else scene.swept:
+        settings = as_run(chosen, scene, order, sample)
         frames = [traced(sample, settings, radar)]
         reference = reference_of(frames, settings, radar)
         outcome = run(frames, settings, radar, Clock(), reference.cells, batch=1)
         cube.append(relative_l2(outcome.cubes[0], reference.cubes[0]))
         image.append(peak_error(outcome.images[0], reference.images[0]))
-    return Errors.of(cube, image, power_errors(scene.swept, scene, settings, menu, radar, kept))
+    return Errors.of(cube, image, power_errors(scene.swept, scene, chosen, menu, order, kept))
 
 
 def power_errors(
     samples: Sequence[SampleFrame],
     scene: SweptScene,
-    settings: KnobSettings,
+    chosen: KnobSettings,
     menu: Menu,
-    radar: Radar,
+    order: Order,
     kept: Kept,
     draw: int = 0,
 ) -> list[float]:
@@ -176,8 +177,13 @@ def power_errors(
 
     :param draw: of the rays, see :func:`datafactory.accuracy.power.power_error`
     """
-    against = replace(settings, effects=scene.planned.complete, rays=menu.effort.reference_rays, depth=REFERENCE_DEPTH)
-    return [power_error(sample, settings, against, menu.effort, radar, kept, draw=draw).peak for sample in samples]
+    complete, rays = scene.planned.complete, menu.effort.reference_rays
+    errors = []
+    for sample in samples:
+        settings = as_run(chosen, scene, order, sample)
+        against = replace(settings, effects=complete, rays=rays, depth=REFERENCE_DEPTH)
+        errors.append(power_error(sample, settings, against, menu.effort, order.radar, kept, draw=draw).peak)
+    return errors
 
 
 def worst_of(scenes: Sequence[Errors]) -> Errors:
@@ -194,7 +200,10 @@ def worst_of(scenes: Sequence[Errors]) -> Errors:
 def _together(
     scene: SweptScene, chosen: KnobSettings, menu: Menu, order: Order, kept: Kept, folder: Path, announce: Announce
 ) -> Errors:
-    wanted = {"settings": asdict(chosen), "complete": scene.planned.complete.names, "menu": asdict(menu)}
+    made = [scene.planned.effects_of(sample.frame).names for sample in scene.swept]
+    wanted = {
+        "settings": asdict(chosen), "made_with": made, "complete": scene.planned.complete.names, "menu": asdict(menu),
+    }  # fmt: skip
 
     def measure(path: Path) -> Errors:
         return errors_together(scene, chosen, menu, order, kept)

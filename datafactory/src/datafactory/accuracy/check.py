@@ -72,16 +72,17 @@ def check(budget: Budget, directory: Path, announce: Announce) -> None:
 
 
 def _achieved(scene: SweptScene, samples: Sequence[SampleFrame], budget: Budget, directory: Path) -> Errors:
-    radar, settings = budget.order.radar, as_run(budget.choice.settings, scene, budget.order)
+    radar, chosen = budget.order.radar, budget.choice.settings
     cube, image = list[float](), list[float]()
     for sample in () if budget.menu.paths_only else samples:
         stored = _stored_frame(directory, *budget.deal.place_of(sample.frame_id))
+        settings = as_run(chosen, scene, budget.order, sample)
         rows = radar.waveform.doppler_cells(stored.velocity[0])
         frames = [traced(sample, settings, radar)]
         reference = reference_of(frames, settings, radar, [rows])
         cube.append(relative_l2(run(frames, settings, radar, Clock(), [rows], batch=1).cubes[0], reference.cubes[0]))
         image.append(peak_error(stored.image * np.float32(stored.image_peak), reference.images[0]))
-    return Errors.of(cube, image, power_errors(samples, scene, settings, budget.menu, radar, {}, CHECK_DRAW))
+    return Errors.of(cube, image, power_errors(samples, scene, chosen, budget.menu, budget.order, {}, CHECK_DRAW))
 
 
 def _stored_frame(directory: Path, split: Split, place: int) -> Frame:

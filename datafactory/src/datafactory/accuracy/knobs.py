@@ -176,7 +176,7 @@ SIGNAL_KNOBS = (
     Knob("truth_window", ("none", "taylor-25", "taylor-30", "hann")),
 )
 POWER_KNOBS = (
-    *_rays((25_000, 50_000, 100_000, 200_000, 400_000, 800_000), (200_000, 400_000, 800_000, 1_600_000)),
+    *_rays((25_000, 50_000, 100_000, 200_000, 400_000, 600_000, 800_000), (200_000, 400_000, 800_000, 1_600_000)),
     Knob("lattice", ("all around",), power=True, paired=False),
     Knob("depth", (1, 2), power=True),
     Knob("finite_mirrors", (False,), power=True),

@@ -8,8 +8,9 @@ from typing import Any
 
 from datafactory.accuracy.knobs import DEFAULT, POWER_EFFECTS, KnobSettings
 from datafactory.accuracy.variants import FAN, LATTICES, SPHERE, ahead_alone
-from datafactory.effects.catalogue import EffectSet
+from datafactory.effects.catalogue import NAMES, PATH_EFFECTS, EffectSet
 from datafactory.effects.evidence import FLOOR_DB
+from datafactory.effects.plan import EffectPlan
 from datafactory.frame.chain import SceneSource, illuminated
 from datafactory.frame.deal import DealtFrame
 from datafactory.frame.prepared import PreparedScene
@@ -38,14 +39,24 @@ class SampleFrame:
 class PlannedScene:
     """A scene of a run, with what the run simulates of it.
 
-    :param effects: that it is simulated with
+    :param plan: what is simulated of it
     :param absent: effects that the scene or the radar has nothing for
     """
 
     number: int
     scene: PreparedScene
-    effects: EffectSet
+    plan: EffectPlan
     absent: frozenset[str]
+
+    @property
+    def effects(self) -> EffectSet:
+        """What the frames that were looked at for the plan call for, all together."""
+        return self.plan.effects
+
+    def effects_of(self, frame: DealtFrame) -> EffectSet:
+        """What one of its frames is made with: its own effects on paths, on the signal those of the plan."""
+        at = self.plan.effects_at(frame.pose)
+        return EffectSet.of({name for name in NAMES if getattr(at if name in PATH_EFFECTS else self.effects, name)})
 
     @property
     def complete(self) -> EffectSet:
@@ -67,7 +78,7 @@ def planned_scenes(order: Order, prepared: Prepared) -> list[PlannedScene]:
         absent = {item.effect for item in plan.decisions if item.loss_db <= FLOOR_DB}
         if order.effects is not None:
             absent = {item.effect for item in plan.decisions if not item.on}
-        scenes.append(PlannedScene(number, scene, plan.effects, frozenset(absent)))
+        scenes.append(PlannedScene(number, scene, plan, frozenset(absent)))
     return scenes
 
 

@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeAlias
 
@@ -132,6 +133,7 @@ def run(order: Order, table: MaterialTable, running: Running, make: Make | None 
 
     :param make: None renders
     """
+    from datafactory.frame.chain import FRAMES_WITH
     from datafactory.run.pipeline import Execution, render
 
     make = make or render
@@ -143,14 +145,18 @@ def run(order: Order, table: MaterialTable, running: Running, make: Make | None 
             running.resume,
             running.keep_going,
             announce=lambda line: console.print(line, markup=False),
-            advance=advance,
+            looked=partial(advance, "planning"),
+            advance=partial(advance, "frames"),
         )
         report = make(order, table, execution)
     kept = f" ({report.shards_kept} shards kept from before)" if report.shards_kept else ""
     console.print(f"{report.frames} frames in {running.out}, {report.seconds:.0f} s{kept}", markup=False)
     for name, count in report.counts.items():
-        if name not in ("frames",) and count:
+        if name != "frames" and not name.startswith(FRAMES_WITH) and count:
             console.print(f"  {name.replace('_', ' ')}: {count:.0f}", markup=False)
+    made_with = {name.removeprefix(FRAMES_WITH): n for name, n in report.counts.items() if name.startswith(FRAMES_WITH)}
+    if made_with:
+        console.print(f"  frames with {', '.join(f'{name} {n:.0f}' for name, n in made_with.items())}", markup=False)
     if make is render:
         console.print(f"look:  datafactory inspect {running.out}", markup=False)
     return report
@@ -159,13 +165,15 @@ def run(order: Order, table: MaterialTable, running: Running, make: Make | None 
 @contextmanager
 def _bar(console: Console) -> Iterator:
     columns = (
-        TextColumn("frames"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[rate]}"),
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[rate]}"),
         TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(),
     )  # fmt: skip
     with Progress(*columns, console=console, speed_estimate_period=600.0) as progress:
-        task = progress.add_task("frames", total=None, rate="")
+        task = progress.add_task("opening", total=None, rate="")
 
-        def advance(done: int, total: int) -> None:
+        def advance(stage: str, done: int, total: int) -> None:
+            if progress.tasks[task].description != stage:
+                progress.reset(task, description=stage, total=total, completed=done)
             progress.update(task, completed=done, total=total)
             speed = progress.tasks[task].speed
             progress.update(task, rate=f"{speed:.2f} frames/s" if speed else "")

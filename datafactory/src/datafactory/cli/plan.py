@@ -33,7 +33,7 @@ def plan(
     ] = DEFAULT_BUDGET_DB,
     seed: options.Seed = 0,
     materials: options.Materials = None,
-    rays: options.Rays = 200_000,
+    rays: options.Rays = 600_000,
     depth: options.Depth = 2,
     prove_it: Annotated[
         bool, typer.Option("--prove", help="Simulate one frame as planned and with every effect, and compare.")
@@ -49,6 +49,7 @@ def plan(
     from datafactory.effects.picture import draw
     from datafactory.effects.price import price
     from datafactory.paths.backend import select_variant, set_threads
+    from datafactory.run.planning import how_applied
     from datafactory.run.preparation import prepare
     from datafactory.scenes.materials.table import load_materials
     from shared.dataset.writing import write_json
@@ -64,7 +65,12 @@ def plan(
         def advance(done: int, total: int, label: str) -> None:
             progress.update(task, completed=done, total=total, description=label)
 
-        prepared = prepare(order, load_materials(materials), lambda line: console.print(line, markup=False))
+        prepared = prepare(
+            order,
+            load_materials(materials),
+            lambda line: console.print(line, markup=False),
+            lambda done, total: advance(done, total, "looking"),
+        )
         priced = [
             price(sample, found, order.radar, order.settings, times, prove_it, advance)
             for sample, found in zip(prepared.samples, prepared.plans, strict=True)
@@ -80,8 +86,9 @@ def plan(
     if as_json:
         print(json.dumps(documents[0] if len(documents) == 1 else documents, indent=2))
         return
-    for item, document in zip(priced, documents, strict=True):
+    for number, (item, document) in enumerate(zip(priced, documents, strict=True)):
         _table(document, console)
+        console.print(how_applied(prepared.deal, number, item.plan), markup=False)
         if item.proof is not None:
             console.print(item.proof.sentence(), markup=False)
 

@@ -30,7 +30,7 @@ def render(
     split: options.Split = DEFAULT_PATTERN,
     materials: options.Materials = None,
     store: options.Store = "range-channel",
-    rays: options.Rays = 200_000,
+    rays: options.Rays = 600_000,
     depth: options.Depth = 2,
     effects: options.Effects = "auto",
     noise: options.Noise = True,

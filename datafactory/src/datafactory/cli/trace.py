@@ -22,7 +22,7 @@ def trace(
     poses: options.Poses = None,
     split: options.Split = DEFAULT_PATTERN,
     materials: options.Materials = None,
-    rays: options.Rays = 200_000,
+    rays: options.Rays = 600_000,
     depth: options.Depth = 2,
     effects: options.Effects = "auto",
     error_budget: Annotated[

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 
 from datafactory.frame.chain import ChainSettings
+from datafactory.frame.needs import FRAME_EFFECTS
 from shared.physics.errors import InputError
 
 AUTO = "auto"
@@ -23,8 +24,8 @@ DESCRIPTIONS = {
     "noise": "receiver noise",
 }
 """What each effect stands for, in words, in the order of the chain."""
-PATH_EFFECTS = ("specular", "diffuse", "multi_bounce", "refraction", "diffraction", "rcs_targets")
-"""Those that decide which paths are traced; the others work on the paths that there are."""
+PATH_EFFECTS = tuple(name for name in DESCRIPTIONS if name not in FRAME_EFFECTS)
+"""Those that decide which paths are traced; the others, ``FRAME_EFFECTS``, work on the paths that there are."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,11 @@ class EffectSet:
 
     def settings(self, settings: ChainSettings) -> ChainSettings:
         """Settings of the chain that simulate no more than these effects."""
-        trace, processing = settings.trace, settings.processing
+        trace = settings.trace
+        # Close-target frames stay with eq. (1); a scene's have every effect of the signal that is asked for.
+        every = replace(
+            settings.processing, doppler=True, range_migration=True, intra_chirp_motion=True, near_field=True
+        )
         return replace(
             settings,
             trace=replace(
@@ -73,16 +78,8 @@ class EffectSet:
                 diffraction=self.diffraction,
                 point_targets=self.rcs_targets,
             ),
-            processing=replace(
-                processing,
-                noise=processing.noise and self.noise,
-                doppler=self.doppler,
-                range_migration=self.range_migration,
-                intra_chirp_motion=self.intra_chirp_motion,
-                near_field=self.near_field,
-            ),
-            antenna_pattern=settings.antenna_pattern and self.antenna_pattern,
-        )
+            processing=every,
+        ).with_frame_effects(self.names)
 
 
 ALL = EffectSet()

@@ -1,27 +1,26 @@
-"""The evidence for a plan: a few frames traced with every effect, and what each effect contributes to them."""
+"""The evidence for a plan: a few frames traced with every effect, and what each effect contributes to each of them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
-from datafactory.effects import changes
 from datafactory.effects.catalogue import NAMES
+from datafactory.frame import changes
 from datafactory.frame.chain import ChainSettings, SceneSource, illuminated
 from datafactory.frame.deal import DealtFrame
+from datafactory.frame.needs import Cells, cells_of, noisy_share
 from datafactory.frame.prepared import PreparedScene, Sample
-from datafactory.paths.density import cell_power
 from datafactory.paths.edges import edges_of
 from datafactory.paths.merged_scene import slabs_of
 from datafactory.paths.panes import slab_transmission
 from datafactory.paths.table import DIFFRACTED, DIFFUSE, REFRACTED, SPECULAR, TARGET, PathTable
 from shared.physics.units import amplitude_to_db, power_to_db
 from shared.radar import Radar
-from shared.signal.windows import cell_noise_power
 
 EVIDENCE_RAYS = 400_000
 """With half of them a surface at 80 m has one to four in a resolution cell, and the plan of one scene of
@@ -34,18 +33,20 @@ FLOOR_DB = -200.0
 PATH_BLOCK = 20_000
 """Paths whose plane-wave errors are held in memory at a time."""
 
+NO_FRAME = "no frame of the run stands in this scene"
+
 Real = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """What one effect contributes.
+    """What one effect contributes to a frame, or to several.
 
-    :param change_db: largest over the poses: of the response in a resolution cell over the frame's peak; FLOOR_DB where
-        the scene or the radar lacks what the effect works on
+    :param change_db: of the response in a resolution cell over the frame's peak, the largest over the frames; FLOOR_DB
+        where the scene or the radar lacks what the effect works on
     :param text: where the figure comes from, in words
-    :param power_share: of all power in the frames that the effect changes, mean over the poses
-    :param cell_share: of the occupied cells that it changes by more than half a decibel, mean over the poses
+    :param power_share: of all power in the frames that the effect changes, mean over the frames
+    :param cell_share: of the occupied cells that it changes by more than half a decibel, mean over the frames
     """
 
     change_db: float
@@ -55,48 +56,74 @@ class Evidence:
 
 
 class Gathered(BaseModel):
-    """Evidence for every effect, by name: what is kept in the user's cache."""
+    """Evidence for every effect, by name, of every frame that was looked at: what is kept in the user's cache.
+
+    :param absent: effects that scene or radar have nothing for, wherever the radar stands, and why
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    evidence: dict[str, Evidence]
+    absent: dict[str, str]
+    frames: tuple[dict[str, Evidence], ...]
+
+    @property
+    def evidence(self) -> dict[str, Evidence]:
+        """Of all frames together."""
+        if not self.frames:
+            return dict.fromkeys(NAMES, Evidence(FLOOR_DB, NO_FRAME))
+        found = {name: _together([frame[name] for frame in self.frames]) for name in NAMES}
+        return {**found, "noise": _noise(found["noise"].cell_share)}
 
 
-def gather(sample: Sample, radar: Radar, settings: ChainSettings) -> Gathered:
+def gather(
+    sample: Sample, radar: Radar, settings: ChainSettings, advance: Callable[[], None] = lambda: None
+) -> Gathered:
     """Evidence for every effect; deterministic.
 
     :param sample: frames of the run, one trace each
     :param settings: of the run; number and depth of the rays are the evidence's own
+    :param advance: called after each frame
     """
-    if not sample.frames:
-        return Gathered(evidence=dict.fromkeys(NAMES, Evidence(FLOOR_DB, "no frame of the run stands in this scene")))
     panes = _has_panes(sample.scene, radar)
-    tables = [_lit_paths(sample.scene, frame, radar, settings, panes) for frame in sample.frames]
-    structural = _structural(sample.scene, tables, radar, panes)
-    rates = [changes.radial_mps(table) for table in tables]
-    waveform = radar.waveform
+    absent = _absent(sample.scene, radar, panes)
+    frames = []
+    for frame in sample.frames:
+        table = _lit_paths(sample.scene, frame, radar, settings, panes)
+        frames.append(_of_frame(table, radar, settings.processing.truth_window, absent))
+        advance()
+    return Gathered(absent=absent, frames=tuple(frames))
 
-    def of_kind(kind: int) -> Callable[[int, PathTable], Real]:
-        return lambda index, table: (_kinds(table) & kind > 0).astype(np.float64)
 
-    measures: dict[str, Callable[[int, PathTable], Real]] = {
+def _of_frame(table: PathTable, radar: Radar, truth_window: str, absent: Mapping[str, str]) -> dict[str, Evidence]:
+    """Evidence of one frame's illuminated paths."""
+    waveform, kinds = radar.waveform, _kinds(table)
+    cells, rates = cells_of(table, radar, truth_window), changes.range_rates_mps(table, waveform)
+
+    def of_kind(kind: int) -> Callable[[], Real]:
+        return lambda: (kinds & kind > 0).astype(np.float64)
+
+    shares: dict[str, Callable[[], Real]] = {
         "specular": of_kind(SPECULAR),
         "diffuse": of_kind(DIFFUSE),
-        "multi_bounce": lambda index, table: _bounces_more_than_once(table).astype(np.float64),
+        "multi_bounce": lambda: _bounces_more_than_once(table).astype(np.float64),
         "refraction": of_kind(REFRACTED),
         "diffraction": of_kind(DIFFRACTED),
-        "doppler": lambda index, table: changes.doppler_change(rates[index], waveform) ** 2,
-        "range_migration": lambda index, table: changes.migration_change(rates[index], waveform) ** 2,
-        "intra_chirp_motion": lambda index, table: changes.intra_chirp_change(rates[index], waveform) ** 2,
-        "near_field": lambda index, table: _plane_wave_change(table, radar) ** 2,
-        "antenna_pattern": lambda index, table: changes.pattern_change(table, radar) ** 2,
+        "doppler": lambda: changes.doppler_change(rates, waveform) ** 2,
+        "range_migration": lambda: changes.migration_change(rates, waveform) ** 2,
+        "intra_chirp_motion": lambda: changes.intra_chirp_change(rates, waveform) ** 2,
+        "near_field": lambda: _plane_wave_change(table, radar) ** 2,
+        "antenna_pattern": lambda: changes.pattern_change(table, radar) ** 2,
         "rcs_targets": of_kind(TARGET),
     }
-    window = settings.processing.truth_window
+    nothing = dict(absent)
+    if not table.moves():
+        still = "nothing moves, neither the radar nor anything that it sees"
+        nothing = {"doppler": still, "range_migration": still, "intra_chirp_motion": still, **nothing}
     evidence = {
-        name: structural.get(name) or _measured(tables, measure, radar, window) for name, measure in measures.items()
+        name: Evidence(FLOOR_DB, nothing[name]) if name in nothing else _measured(cells, cells.where.sums(share()))
+        for name, share in shares.items()
     }
-    return Gathered(evidence={**evidence, "noise": _noise(tables, radar, window)})
+    return {**evidence, "noise": _noise(noisy_share(cells, radar))}
 
 
 def _lit_paths(
@@ -111,27 +138,22 @@ def _lit_paths(
     return illuminated(SceneSource(frame, scene, settings).traced(radar), settings, radar)
 
 
-def _structural(scene: PreparedScene, tables: Sequence[PathTable], radar: Radar, panes: bool) -> dict[str, Evidence]:
-    """Effects that need no measuring: the scene or the radar lacks what they work on."""
-    found = {}
+def _absent(scene: PreparedScene, radar: Radar, panes: bool) -> dict[str, str]:
+    """Effects that need no measuring, and why: the scene or the radar lacks what they work on."""
+    found: dict[str, str] = {}
     if not scene.merged.meshes:
-        for name in ("specular", "diffuse", "multi_bounce"):
-            found[name] = Evidence(FLOOR_DB, "there is no surface")
+        found |= dict.fromkeys(("specular", "diffuse", "multi_bounce"), "there is no surface")
     if not panes:
-        found["refraction"] = Evidence(FLOOR_DB, "no material lets a wave through")
+        found["refraction"] = "no material lets a wave through"
     if not scene.merged.meshes or not len(edges_of(scene.merged)):
-        found["diffraction"] = Evidence(FLOOR_DB, "there is no edge")
-    if not any(table.moves() for table in tables):
-        for name in ("doppler", "range_migration", "intra_chirp_motion"):
-            found[name] = Evidence(FLOOR_DB, "nothing moves, neither the radar nor anything that it sees")
+        found["diffraction"] = "there is no edge"
     if radar.waveform.chirps == 1:
-        for name in ("doppler", "range_migration"):
-            found[name] = Evidence(FLOOR_DB, "the frame has one chirp")
+        found |= dict.fromkeys(("doppler", "range_migration"), "the frame has one chirp")
     if not scene.merged.targets:
-        found["rcs_targets"] = Evidence(FLOOR_DB, "the scene has no target with a radar cross section")
+        found["rcs_targets"] = "the scene has no target with a radar cross section"
     front_end = radar.front_end
     if front_end.tx_pattern.kind == front_end.rx_pattern.kind == "isotropic":
-        found["antenna_pattern"] = Evidence(FLOOR_DB, "the radar's elements are isotropic")
+        found["antenna_pattern"] = "the radar's elements are isotropic"
     return found
 
 
@@ -147,34 +169,39 @@ def _has_panes(scene: PreparedScene, radar: Radar) -> bool:
     return False
 
 
-def _measured(
-    tables: Sequence[PathTable], measure: Callable[[int, PathTable], Real], radar: Radar, truth_window: str
-) -> Evidence:
-    """From each path's share of its own power that the effect changes."""
-    floor = cell_noise_power(radar) / radar.array.channels
-    worst, powers, cells = 0.0, [], []
-    for index, table in enumerate(tables):
-        total = cell_power(table, radar, truth_window)
-        changed = cell_power(table, radar, truth_window, measure(index, table))
-        peak = float(total.max(initial=0.0))
-        if peak <= 0.0:
-            continue
-        worst = max(worst, float(changed.max()) / peak)
-        occupied = total > floor
-        powers.append(min(float(changed.sum() / total.sum()), 1.0))
-        cells.append(float(np.mean(changed[occupied] > 0.12 * total[occupied])) if occupied.any() else 0.0)
-    power, cell = (float(np.mean(values)) if values else 0.0 for values in (powers, cells))
-    text = f"changes {100.0 * power:.3g} % of the power and {100.0 * cell:.3g} % of the occupied cells"
-    return Evidence(float(power_to_db(min(worst, 1.0), FLOOR_DB)), text, power, cell)
+def _measured(cells: Cells, changed: Real) -> Evidence:
+    """Of one frame.
+
+    :param changed: [R, U'] power of the change in every cell [W]
+    """
+    if cells.peak <= 0.0:
+        return Evidence(FLOOR_DB, _in_words(0.0, 0.0))
+    level_db = float(power_to_db(min(float(changed.max()) / cells.peak, 1.0), FLOOR_DB))
+    power, cell = min(float(changed.sum() / cells.total.sum()), 1.0), cells.changed_share(changed)
+    return Evidence(level_db, _in_words(power, cell), power, cell)
 
 
-def _noise(tables: Sequence[PathTable], radar: Radar, truth_window: str) -> Evidence:
-    """Noise over the weakest range bin's echo: a bin without one holds nothing else."""
-    noise = cell_noise_power(radar)
-    shares = [float(np.mean(cell_power(table, radar, truth_window).max(axis=1) < 1e3 * noise)) for table in tables]
-    share = float(np.mean(shares))
+def _in_words(power_share: float, cell_share: float) -> str:
+    return f"changes {100.0 * power_share:.3g} % of the power and {100.0 * cell_share:.3g} % of the occupied cells"
+
+
+def _noise(share: float) -> Evidence:
+    """Noise over the weakest range bin's echo: a bin without one holds nothing else.
+
+    :param share: of the range bins without an echo 30 dB above the noise
+    """
     text = f"{100.0 * share:.0f} % of the range bins have no echo 30 dB above it"
     return Evidence(0.0 if share > 0.0 else -30.0, text, cell_share=share)
+
+
+def _together(frames: Sequence[Evidence]) -> Evidence:
+    """Of several frames: the largest change, mean shares."""
+    level_db = max(each.change_db for each in frames)
+    power, cell = (float(np.mean([getattr(each, name) for each in frames])) for name in ("power_share", "cell_share"))
+    texts = {each.text for each in frames}
+    if len(texts) == 1:
+        return Evidence(level_db, texts.pop(), power, cell)
+    return Evidence(level_db, _in_words(power, cell), power, cell)
 
 
 def _plane_wave_change(table: PathTable, radar: Radar) -> Real:

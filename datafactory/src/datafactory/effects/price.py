@@ -54,5 +54,6 @@ def price(
     if sample.frames and times:
         seconds = costs(sample.frames[0], sample.scene, radar, settings, plan, advance)
     if sample.frames and proven:
-        proof = prove(sample.frames[0], sample.scene, radar, settings, plan.effects)
+        frame = sample.frames[0]
+        proof = prove(frame, sample.scene, radar, settings, plan.settings(settings, frame.pose))
     return PricedPlan(plan, seconds, proof)

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.effects.catalogue import ALL, EffectSet
+from datafactory.effects.catalogue import ALL
 from datafactory.effects.evidence import FLOOR_DB
 from datafactory.effects.timing import frame_seconds
-from datafactory.frame.chain import ChainSettings, SceneSource, TracedSource, illuminated, measured
+from datafactory.frame.chain import ChainSettings, SceneSource, TracedSource, illuminated, measured, narrowed
 from datafactory.frame.deal import DealtFrame
 from datafactory.frame.measurement import image
 from datafactory.frame.prepared import PreparedScene
@@ -55,26 +55,27 @@ class Proof:
         )
 
 
-def prove(frame: DealtFrame, scene: PreparedScene, radar: Radar, settings: ChainSettings, effects: EffectSet) -> Proof:
+def prove(
+    frame: DealtFrame, scene: PreparedScene, radar: Radar, settings: ChainSettings, planned: ChainSettings
+) -> Proof:
     """Simulate one frame both ways, without noise: it is the same in both. Nothing is pruned but for the timing.
 
     Rows of both images lie in the Doppler cells that the frame of every effect chooses: where two peaks of a range bin
     are alike, the choice itself would hang on less than the budget.
 
-    :param settings: of the run, with every effect; :param effects: of the plan
+    :param settings: of the run, with every effect; :param planned: of this frame, by the plan
     """
-    silent = replace(settings.processing, noise=False, store="range-channel")
-    bare = replace(settings, processing=silent, prune_db=UNPRUNED_DB)
-    every, planned = ALL.settings(bare), effects.settings(bare)
+    every = _bare(ALL.settings(settings))
+    bare = _bare(planned)
     complete = SceneSource(frame, scene, every).traced(radar)
     expected = _images(TracedSource(complete, every), radar)
-    got = _images(TracedSource(complete, planned), radar, expected.cells)
-    paths = illuminated(SceneSource(frame, scene, planned).traced(radar), planned, radar)
-    window = silent.truth_window
+    got = _images(TracedSource(complete, bare), radar, expected.cells)
+    _, paths = narrowed(SceneSource(frame, scene, bare).traced(radar), bare, radar)
+    window = settings.processing.truth_window
     reference = cell_power(illuminated(complete, every, radar), radar, window)
     ratio = float(np.abs(cell_power(paths, radar, window) - reference).max() / max(reference.max(), 1e-300))
     pairs = [
-        [frame_seconds(frame, scene, radar, of.settings(settings)) for of in (effects, ALL)] for _ in range(REPEATS)
+        [frame_seconds(frame, scene, radar, of) for of in (planned, ALL.settings(settings))] for _ in range(REPEATS)
     ]
     planned_seconds, all_seconds = (min(times) for times in zip(*pairs, strict=True))
     return Proof(
@@ -84,6 +85,12 @@ def prove(frame: DealtFrame, scene: PreparedScene, radar: Radar, settings: Chain
         planned_seconds=planned_seconds,
         all_seconds=all_seconds,
     )
+
+
+def _bare(settings: ChainSettings) -> ChainSettings:
+    """Without noise, and with every path."""
+    silent = replace(settings.processing, noise=False, store="range-channel")
+    return replace(settings, processing=silent, prune_db=UNPRUNED_DB)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""One frame: trace, within reach, illuminate, prune, measure, image. The method, in its order.
+"""One frame: trace, within reach, illuminate, narrow, prune, measure, image. The method, in its order.
 
 Everything that makes a frame, or a part of one, comes here: the shards' worker, the evidence for a plan, its proof and
 its timing, the accuracy sweep. What wants to look in between hands in a hook. A hook is called at every step as
@@ -11,7 +11,7 @@ Frames are imaged in batches, which share the matrices of the image; a frame has
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
@@ -28,6 +28,7 @@ from datafactory.frame.measurement import (
     object_targets,
     plainly,
 )
+from datafactory.frame.needs import effects_called_for
 from datafactory.frame.points import CloseTargets, draw_close_targets
 from datafactory.frame.prepared import PreparedScene
 from datafactory.frame.seeds import generator
@@ -41,6 +42,9 @@ from datafactory.paths.trace import trace
 from shared.dataset import Frame
 from shared.radar import Radar
 
+FRAMES_WITH = "frames_with_"
+"""Before an effect's name, in the manifest's counts: how many frames were made with it."""
+
 
 @dataclass(frozen=True)
 class ChainSettings:
@@ -51,6 +55,8 @@ class ChainSettings:
     :param prune_db: see :func:`datafactory.paths.prune.pruned`
     :param antenna_pattern: an effect: the elements' gain by direction; off: the gain of boresight everywhere
     :param close_targets: distributions of the targets of a point frame
+    :param budget_db: what leaving an effect of the signal out of a frame may change [dB of the peak]: of those that
+        are on, each frame then has the ones that its own paths call for; None leaves them all
     """
 
     trace: TraceSettings = field(default_factory=TraceSettings)
@@ -58,6 +64,44 @@ class ChainSettings:
     prune_db: float = DEFAULT_LEVEL_DB
     antenna_pattern: bool = True
     close_targets: CloseTargets = field(default_factory=CloseTargets)
+    budget_db: float | None = None
+
+    def path_effects(self) -> dict[str, bool]:
+        """Effects that decide which paths are traced, by name, on or off."""
+        trace = self.trace
+        return {
+            "specular": trace.specular,
+            "diffuse": trace.diffuse,
+            "multi_bounce": trace.depth > 1,
+            "refraction": trace.refraction,
+            "diffraction": trace.diffraction,
+            "rcs_targets": trace.point_targets,
+        }
+
+    def frame_effects(self) -> dict[str, bool]:
+        """Effects that work on the paths that there are, by name, on or off."""
+        processing = self.processing
+        return {
+            "doppler": processing.doppler,
+            "range_migration": processing.range_migration,
+            "intra_chirp_motion": processing.intra_chirp_motion,
+            "near_field": processing.near_field,
+            "antenna_pattern": self.antenna_pattern,
+            "noise": processing.noise,
+        }
+
+    def with_frame_effects(self, wanted: Collection[str]) -> ChainSettings:
+        """These settings with no other effects of the signal than ``wanted``."""
+        kept = {name: on and name in wanted for name, on in self.frame_effects().items()}
+        processing = replace(
+            self.processing,
+            doppler=kept["doppler"],
+            range_migration=kept["range_migration"],
+            intra_chirp_motion=kept["intra_chirp_motion"],
+            near_field=kept["near_field"],
+            noise=kept["noise"],
+        )
+        return replace(self, processing=processing, antenna_pattern=kept["antenna_pattern"])
 
 
 @dataclass(frozen=True)
@@ -78,6 +122,7 @@ class SceneSource:
             "trace", trace, scene.merged, scene.materials, frame.where, radar.waveform.mid_sweep_hz, settings, fan,
             rays.solver_seed,
         )  # fmt: skip
+        table = replace(table, counts={**table.counts, **_counted(self.settings.path_effects())})
         return TracedFrame(
             frame_id=frame.frame_id,
             scene=scene.name,
@@ -135,7 +180,7 @@ def make_frames(sources: Iterable[Source], radar: Radar, at: Hook = plainly) -> 
 
 
 def measured(source: Source, radar: Radar, at: Hook = plainly) -> Measurement:
-    """A frame up to its image: trace, within reach, illuminate, prune, measure."""
+    """A frame up to its image: trace, within reach, illuminate, narrow, prune, measure."""
     settings = source.settings
     if isinstance(source, PointSource):
         frame = source.frame
@@ -143,17 +188,18 @@ def measured(source: Source, radar: Radar, at: Hook = plainly) -> Measurement:
         if targets is None:
             targets = draw_close_targets(radar, settings.close_targets, generator(frame.seed, "targets"))
         identity = FrameIdentity(frame.frame_id, "points", "points", frame.seed)
-        paths, known, lit = targets.path_table(radar), targets.truth(radar), dict[str, int]()
+        paths, known, counted = targets.path_table(radar), targets.truth(radar), dict[str, int]()
     else:
         traced = source.traced(radar, at)
         pose = traced.pose
         identity = FrameIdentity(
             traced.frame_id, "scene", traced.scene, traced.seed, pose.position, pose.velocity, pose.quaternion()
         )
-        paths = at("prune", pruned, illuminated(traced, settings, radar, at), radar, settings.prune_db)
+        settings, paths = narrowed(traced, settings, radar, at)
+        paths = at("prune", pruned, paths, radar, settings.prune_db)
         known = object_targets(paths, len(paths.objects) - traced.point_targets, radar)
-        lit = lit_cells(paths, radar)
-    counts = {**paths.counts, **lit, "frames": 1, "paths": len(paths)}
+        counted = {**lit_cells(paths, radar), **_counted(settings.frame_effects())}
+    counts = {**paths.counts, **counted, "frames": 1, "paths": len(paths)}
     noise = generator(identity.seed, "noise")
     return measure(identity, paths, known, radar, settings.processing, noise, at, counts)
 
@@ -164,6 +210,29 @@ def illuminated(traced: TracedFrame, settings: ChainSettings, radar: Radar, at: 
     within_reach = at("within reach", PathTable.within, table, radar)
     front_end = radar.front_end if settings.antenna_pattern else radar.front_end.with_boresight_gain()
     return at("illuminate", PathTable.illuminated, within_reach, front_end)
+
+
+def narrowed(
+    traced: TracedFrame, settings: ChainSettings, radar: Radar, at: Hook = plainly
+) -> tuple[ChainSettings, PathTable]:
+    """The settings with the effects of the signal that this frame calls for, and its illuminated paths by them.
+
+    Without a budget these are the settings as they are.
+    """
+    paths = illuminated(traced, settings, radar, at)
+    if settings.budget_db is None:
+        return settings, paths
+    window = settings.processing.truth_window
+    wanted = at("effects", effects_called_for, paths, radar, window, settings.budget_db)
+    narrow = settings.with_frame_effects(wanted)
+    if narrow.antenna_pattern != settings.antenna_pattern:
+        paths = illuminated(traced, narrow, radar, at)
+    return narrow, paths
+
+
+def _counted(effects: Mapping[str, bool]) -> dict[str, int]:
+    """A frame's entries in the manifest's counts: 1 for each effect that it is made with."""
+    return {f"{FRAMES_WITH}{name}": int(on) for name, on in effects.items()}
 
 
 def _row_of(shard: Path, row: int) -> TracedFrame:

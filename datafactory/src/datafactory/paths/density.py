@@ -7,6 +7,8 @@ counted, so that a dataset says how much of it they are.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -36,16 +38,42 @@ def lit_cells(paths: PathTable, radar: Radar) -> dict[str, int]:
     return {"cells_lit": len(lit), "cells_lit_by_fewer_than_5_paths": int((lit < FEW_PATHS).sum())}
 
 
-def cell_power(
-    paths: PathTable, radar: Radar, truth_window: str, weight: NDArray[np.float64] | float = 1.0
-) -> NDArray[np.float64]:
-    """[R, U'] power [W] of the paths in every resolution cell of the truth, summed without phase.
+@dataclass(frozen=True, eq=False)
+class CellMap:
+    """Which resolution cell of the truth each path lies in, scattered paths first.
 
-    That is the expectation of |sum A|^2 over random phases (Goodman, Speckle Phenomena in Optics, section 2.1), so
-    that no image of many realisations is needed. Cells are one range bin times the truth's -3 dB width in u.
+    Cells are one range bin times the truth's -3 dB width in u.
+
+    :param shape: R, U'
+    :param cell: [K] number of the path's cell, row by row; that of the first for paths beyond the last range bin
+    :param power: [K] of the path [W]; 0 for paths beyond the last range bin
+    """
+
+    shape: tuple[int, int]
+    cell: NDArray[np.int64]
+    power: NDArray[np.float64]
+
+    def sums(
+        self, weight: NDArray[np.float64] | float = 1.0, index: NDArray[np.int64] | slice = slice(None)
+    ) -> NDArray[np.float64]:
+        """[R, U'] power [W] of the paths in every cell, summed without phase.
+
+        That is the expectation of |sum A|^2 over random phases (Goodman, Speckle Phenomena in Optics, section 2.1), so
+        that no image of many realisations is needed.
+
+        :param weight: of each path's power, or of all
+        :param index: of the paths that are summed; the weights are theirs
+        """
+        power = self.power[index] * weight
+
+        sums = np.bincount(self.cell[index], power, self.shape[0] * self.shape[1])
+        return sums.astype(np.float64, copy=False).reshape(self.shape)
+
+
+def cell_map(paths: PathTable, radar: Radar, truth_window: str) -> CellMap:
+    """The cells of a table's paths.
 
     :param truth_window: over the virtual sensor's elements, see :func:`shared.signal.windows.angle_window`
-    :param weight: [K] or one number on the paths' powers, scattered paths first
     """
     elements, wavelength = radar.virtual_sensor.channels, radar.waveform.wavelength_m
     aperture = float(np.ptp(radar.virtual_sensor.rx[:, 1]))
@@ -54,11 +82,17 @@ def cell_power(
     columns = int(np.ceil(2.0 / width))
     range_m = np.concatenate([paths.scattered.range_m(), paths.specular.range_m()])
     arrival = np.concatenate([paths.scattered.rx_point, paths.specular.image])
-    power = np.abs(np.concatenate([paths.scattered.amplitude, paths.specular.amplitude])) ** 2 * weight
+    power = np.abs(np.concatenate([paths.scattered.amplitude, paths.specular.amplitude])) ** 2
     u = arrival[:, 1] / np.maximum(np.linalg.norm(arrival, axis=1), 1e-9)
     row = np.rint(range_m / radar.waveform.range_step_m).astype(np.int64)
     column = np.clip(((u + 1.0) / width).astype(np.int64), 0, columns - 1)
     inside = row < radar.waveform.range_bins
-    cells = np.zeros((radar.waveform.range_bins, columns))
-    np.add.at(cells, (row[inside], column[inside]), power[inside])
-    return cells
+    cell = np.where(inside, row * columns + column, 0)
+    return CellMap((radar.waveform.range_bins, columns), cell, np.where(inside, power, 0.0))
+
+
+def cell_power(
+    paths: PathTable, radar: Radar, truth_window: str, weight: NDArray[np.float64] | float = 1.0
+) -> NDArray[np.float64]:
+    """[R, U'] power [W] of the paths in every resolution cell of the truth, see :meth:`CellMap.sums`."""
+    return cell_map(paths, radar, truth_window).sums(weight)

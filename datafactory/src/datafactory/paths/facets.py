@@ -174,6 +174,12 @@ def _mirror_shares(edges, point, along, across):
             if size < CLOSEST:
                 continue
             start, stop = ax * tx + ay * ty, bx * tx + by * ty
+            nearest = size * size + (0.0 if start * stop < 0.0 else min(start * start, stop * stop))
+            if nearest > CUT:  # exp(-a rho^2) is 0 all along it, and the integral is the angle that the edge fills
+                angle = np.arctan2(ax * by - ay * bx, ax * bx + ay * by)
+                total += angle
+                turned += angle
+                continue
             side = 1.0 if height >= 0.0 else -1.0
             total += side * (_integral_from_foot(size, stop) - _integral_from_foot(size, start))
             turned += side * (np.arctan2(stop, size) - np.arctan2(start, size))

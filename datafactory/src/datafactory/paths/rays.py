@@ -21,10 +21,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-BEAM = 0.2
-"""z_0, chosen among 0.05 to 0.2 and other laws by the error of the power in the resolution cells of a city and of a
-street. That error is smaller with 50 000 of these rays than with 250 000 of the full sphere (``datafactory accuracy``,
-knob ``lattice``).
+BEAM = 0.07
+"""z_0. Among 0.0125 to 0.2, 0.05 reaches the most ground cells within 30 m with five rays (docs/speckle.md). It errs
+by 0.13 dB on a plane right below an isotropic antenna with 20 000 rays; this one by 0.09 dB, and by 0.003 dB with the
+rays of the default. What there is too much near the sensor costs no path (:mod:`datafactory.paths.thinning`).
 """
 UNIFORM_IN_U = 0.8
 GOLDEN_RATIO = (1.0 + np.sqrt(5.0)) / 2.0

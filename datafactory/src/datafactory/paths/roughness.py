@@ -17,6 +17,11 @@ SURFACE_CELL_M = 0.05
 section 4.3): a sensor that moves by it receives independent speckle.
 """
 
+OFF_THE_GRID = 1.0 / 3.0
+"""Shift of the cells: a plane at a whole number of them, as the ground at z = 0 is, would lie on their very border, and
+rounding would draw its phases anew in every frame.
+"""
+
 
 def surface_phase(position: NDArray[np.float64], object_index: NDArray[np.int64]) -> NDArray[np.float64]:
     """[n] phases in [0, 2 pi) of surface points.
@@ -24,7 +29,7 @@ def surface_phase(position: NDArray[np.float64], object_index: NDArray[np.int64]
     :param position: [n, 3] in the object's own coordinates, i.e. in the world at time 0 [m]
     :param object_index: [n] which object
     """
-    cell = np.floor(position / SURFACE_CELL_M).astype(np.int64).view(np.uint64)
+    cell = np.floor(position / SURFACE_CELL_M + OFF_THE_GRID).astype(np.int64).view(np.uint64)
     key = np.asarray(object_index, dtype=np.int64).view(np.uint64)
     for axis in range(3):
         key = _split_mix_64(key ^ cell[:, axis])

@@ -17,6 +17,9 @@ table).
 
 The first surface may be seen through one pane, out and back, with the pane's transmission both ways.
 
+What is dear is a path and not a ray, so that crowded resolution cells keep some of their paths, with the power of all
+(:mod:`datafactory.paths.thinning`).
+
 Rays meet triangles in float32. Each point is then moved along its ray, in float64, onto the plane of its triangle.
 The surface's phase is applied afterwards (:mod:`datafactory.paths.trace`), and so is the fan's solid angle: Omega is
 4 pi / N here.
@@ -24,6 +27,7 @@ The surface's phase is applied afterwards (:mod:`datafactory.paths.trace`), and 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -40,37 +44,37 @@ from datafactory.paths.panes import (
     ray_margin_m,
     rays_of,
     slab_reflection,
+    slab_transmission,
 )
 from datafactory.paths.rays import RayFan
 from datafactory.paths.scattering import scattered_share
 from datafactory.paths.solver import Bundle, TraceSettings
 from datafactory.paths.table import DIFFUSE, SPECULAR
 from datafactory.paths.targets import FAINTEST
-from datafactory.paths.unfold import unit
-from datafactory.scenes.materials.table import MaterialMapping
+from datafactory.paths.thinning import cells_of, thinned
+from datafactory.paths.wave_steps import onto_planes, reflected_fields
+from datafactory.scenes.materials.table import Material, MaterialMapping
 from datafactory.scenes.poses import Pose
 from shared.physics.units import SPEED_OF_LIGHT
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+Index = NDArray[np.int64]
 
 CLOSEST_M = 0.01
 """Nearer surfaces do not scatter: the antennas' own size matters there. Single mirrors have the same bound."""
-ON_ITS_PLANE = 1e-2
-"""A point may move by this share of its distance onto its triangle's plane; by more where the plane is seen edge on,
-and then the ray caster's own distance is kept.
-"""
 MISSED_POLARIZATION = 1e-9
 """Share of a field along the RX's polarisation below which it is rounding: the echo of a surface has no part across."""
 
 
 @dataclass(frozen=True)
-class _Waves:
+class Waves:
     """n waves on their way.
 
     :param start: [n, 3] [m]; :param lifted: [n, 3] the same clear of the surface that the wave left, for float32
     :param direction: [n, 3] unit
     :param field: [n, 3] over that of the TX, without spreading
+    :param length: [n] of the way so far [m]; :param rate: [n] its change [m/s]
     :param bounced: [n, b, 3] vertices so far; :param triangles: [n, b] theirs
     """
 
@@ -78,15 +82,17 @@ class _Waves:
     lifted: Real
     direction: Real
     field: Complex
+    length: Real
+    rate: Real
     bounced: Real
-    triangles: NDArray[np.int64]
+    triangles: Index
 
-    def take(self, index: NDArray) -> _Waves:
-        return _Waves(**{item.name: getattr(self, item.name)[index] for item in fields(self)})
+    def take(self, index: NDArray) -> Waves:
+        return Waves(**{item.name: getattr(self, item.name)[index] for item in fields(self)})
 
 
 @dataclass(frozen=True)
-class _Hits:
+class Hits:
     """Where n waves arrived.
 
     :param point: [n, 3] [m]; :param normal: [n, 3] unit, on the side of arrival
@@ -96,12 +102,12 @@ class _Hits:
 
     point: Real
     normal: Real
-    triangle: NDArray[np.int64]
-    mesh: NDArray[np.int64]
+    triangle: Index
+    mesh: Index
     cosine: Real
 
-    def take(self, index: NDArray) -> _Hits:
-        return _Hits(**{item.name: getattr(self, item.name)[index] for item in fields(self)})
+    def take(self, index: NDArray) -> Hits:
+        return Hits(**{item.name: getattr(self, item.name)[index] for item in fields(self)})
 
 
 class _Surfaces:
@@ -112,74 +118,113 @@ class _Surfaces:
     ) -> None:
         meshes = merged_scene.meshes
         counts = [len(mesh.triangles) for mesh in meshes]
+        rotation, mirrors = pose.rotation(), mirrors_of(merged_scene)
+        velocity = np.array([mesh.velocity for mesh in meshes])
+        moved = velocity * pose.time_s - np.asarray(pose.position)
         self.geometry, self.frequency_hz = geometry, frequency_hz
         self.slabs = slabs_of(merged_scene, materials)
-        self.mirrors, self.rotation = mirrors_of(merged_scene), pose.rotation()
         self.first = np.cumsum([0, *counts])
-        velocity = np.array([mesh.velocity for mesh in meshes]).reshape(-1, 3)
-        self.moved = velocity * pose.time_s - np.asarray(pose.position)
-        self.velocity = (velocity - np.asarray(pose.velocity)) @ self.rotation
-        self.object_of_triangle = np.concatenate([mesh.object_of_triangle for mesh in meshes]).astype(np.int64)
         self.mesh_of_triangle = np.repeat(np.arange(len(meshes)), counts)
+        self.object_of_triangle = np.concatenate([mesh.object_of_triangle for mesh in meshes]).astype(np.int64)
+        self.velocity = (velocity - np.asarray(pose.velocity)) @ rotation
+        self.normals = mirrors.normals @ rotation
+        self.heights = np.einsum("ki,ki->k", mirrors.normals, mirrors.corners[:, 0] + moved[self.mesh_of_triangle])
         self.mesh_number = mesh_of_shape(geometry)
 
-    def hit_by(self, waves: _Waves) -> tuple[_Waves, _Hits]:
-        """The waves that meet a surface, and where."""
+    def hit_by(self, waves: Waves) -> tuple[Index, Hits]:
+        """The indices of the waves that meet a surface, and where."""
         import drjit as dr
         import mitsuba as mi
 
-        endless = np.full(len(waves.start), np.inf)
-        met = self.geometry.ray_intersect(rays_of(waves.lifted, waves.direction, endless))
+        if not len(waves.start):  # no array of the ray caster may be empty
+            none, nowhere = np.zeros(0, dtype=np.int64), np.zeros((0, 3))
+            return none, Hits(nowhere, nowhere, none, none, np.zeros(0))
+        met = self.geometry.ray_intersect(rays_of(waves.lifted, waves.direction, np.full(len(waves.start), np.inf)))
         valid = np.flatnonzero(met.is_valid().numpy())
         shape = mi.UInt32(dr.reinterpret_array(mi.UInt32, met.shape)).numpy()[valid]
         mesh = np.zeros(len(valid), dtype=np.int64)
         for number, index in self.mesh_number.items():
             mesh[shape == number] = index
         triangle = self.first[mesh] + met.prim_index.numpy()[valid].astype(np.int64)
-        waves, distance = waves.take(valid), met.t.numpy()[valid].astype(np.float64)
-        normal = (self.mirrors.normals @ self.rotation)[triangle]
-        corner = (self.mirrors.corners[triangle, 0] + self.moved[mesh]) @ self.rotation
-        slope = np.einsum("ki,ki->k", normal, waves.direction)
-        height = np.einsum("ki,ki->k", normal, corner - waves.start)
-        exact = np.divide(height, slope, out=np.full_like(slope, np.inf), where=slope != 0.0)
-        distance = np.where(np.abs(exact - distance) <= ON_ITS_PLANE * distance, exact, distance)
-        facing = np.where(slope > 0.0, -1.0, 1.0)[:, None] * normal
-        point = waves.start + distance[:, None] * waves.direction
-        hits = _Hits(point, facing, triangle, mesh, np.clip(np.abs(slope), 1e-9, 1.0))
-        good = np.flatnonzero((distance > 0.0) & (np.linalg.norm(normal, axis=1) > 0.5))
-        return waves.take(good), hits.take(good)
+        point, normal, cosine = onto_planes(
+            waves.start[valid], waves.direction[valid], met.t.numpy()[valid].astype(np.float64), triangle,
+            self.normals, self.heights,
+        )  # fmt: skip
+        good = np.flatnonzero(cosine > 0.0)
+        return valid[good], Hits(point, normal, triangle, mesh, cosine).take(good)
 
-    def by_mesh(self, hits: _Hits):
+    def by_mesh(self, mesh: Index) -> Iterator[tuple[Material, Index]]:
         """(material, indices) of the hits on each mesh."""
-        for mesh in np.unique(hits.mesh):
-            yield self.slabs[mesh], np.flatnonzero(hits.mesh == mesh)
+        for number in np.unique(mesh):
+            yield self.slabs[number], np.flatnonzero(mesh == number)
 
-    def reflected(self, waves: _Waves, hits: _Hits) -> tuple[Real, Complex]:
-        """Directions [n, 3] and fields [n, 3] of the waves that a mirror of this material would send on."""
-        onward = waves.direction + 2.0 * hits.cosine[:, None] * hits.normal
-        across = np.cross(waves.direction, hits.normal)
-        steep = np.linalg.norm(across, axis=1) < 1e-6  # R_TE = -R_TM there: any axis will do
-        across[steep] = polarization_axis(waves.direction[steep], "H")
-        across = unit(across)
-        te = np.einsum("ki,ki->k", waves.field, across)
-        tm = np.einsum("ki,ki->k", waves.field, np.cross(waves.direction, across))
-        for slab, here in self.by_mesh(hits):
-            r_te, r_tm = slab_reflection(
+    def reflected(self, direction: Real, field: Complex, hits: Hits) -> tuple[Real, Complex]:
+        """Directions [n, 3] and fields [n, 3] of the waves that smooth surfaces would send on."""
+        te, tm = np.empty((2, len(direction)), dtype=np.complex128)
+        for slab, here in self.by_mesh(hits.mesh):
+            te[here], tm[here] = slab_reflection(
                 slab.relative_permittivity, slab.conductivity_s_per_m, slab.thickness_m, self.frequency_hz,
                 hits.cosine[here],
             )  # fmt: skip
-            te[here] *= r_te
-            tm[here] *= r_tm
-        return onward, te[:, None] * across + tm[:, None] * np.cross(onward, across)
+        return reflected_fields(direction, hits.normal, field, te, tm)
 
-    def passed(self, waves: _Waves, hits: _Hits, field: Complex) -> Complex:
+    def passed(self, direction: Real, hits: Hits, field: Complex) -> Complex:
         """[n, 3] ``field`` behind the surfaces."""
         behind = np.empty_like(field)
-        for slab, here in self.by_mesh(hits):
-            behind[here] = field_behind_slab(
-                slab, self.frequency_hz, waves.direction[here], hits.normal[here], field[here]
-            )
+        for slab, here in self.by_mesh(hits.mesh):
+            behind[here] = field_behind_slab(slab, self.frequency_hz, direction[here], hits.normal[here], field[here])
         return behind
+
+    def lets_through(self) -> NDArray[np.bool_]:
+        """[M] whether a wave can be heard through the meshes' slabs. Absorption is least at normal incidence."""
+        return np.array(
+            [
+                abs(slab_transmission(slab.relative_permittivity, slab.conductivity_s_per_m, slab.thickness_m,
+                                      self.frequency_hz, np.ones(1))[0][0]) > FAINTEST
+                for slab in self.slabs
+            ]
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """What all echoes of a frame need."""
+
+    surfaces: _Surfaces
+    settings: TraceSettings
+    rays: int
+
+
+@dataclass(frozen=True)
+class _Echoes:
+    """n echoes that the RX hears: waves, where they are scattered, and what arrives.
+
+    :param amplitude: [n] without the fan's solid angle; :param power: [n] with it
+    :param cell: [n] resolution cell; :param crossings: panes on the way
+    """
+
+    waves: Waves
+    hits: Hits
+    amplitude: Complex
+    power: Real
+    cell: Index
+    crossings: int
+
+    def bundle(self, surfaces: _Surfaces, index: Index, factor: Real) -> Bundle:
+        """Those at ``index`` as paths, their powers times ``factor``."""
+        waves, hits = self.waves, self.hits
+        triangles = np.concatenate([waves.triangles[index], hits.triangle[index, None]], axis=1)
+        kinds = np.full(triangles.shape, SPECULAR, dtype=np.int64)
+        kinds[:, -1] = DIFFUSE
+        return Bundle(
+            vertices=np.concatenate([waves.bounced[index], hits.point[index, None]], axis=1),
+            interactions=kinds,
+            objects=surfaces.object_of_triangle[triangles],
+            triangles=triangles,
+            velocities=surfaces.velocity[surfaces.mesh_of_triangle[triangles]],
+            crossings=np.full(len(index), self.crossings, dtype=np.int64),
+            amplitude=self.amplitude[index] * np.sqrt(factor),
+        )
 
 
 def scattered_once(
@@ -190,64 +235,92 @@ def scattered_once(
     frequency_hz: float,
     settings: TraceSettings,
     fan: RayFan,
+    seed: int,
 ) -> list[Bundle]:
     """The echoes of a frame that are scattered once, at their last bounce: for each number of bounces, by ray.
 
     :param geometry: Mitsuba's scene in the radar frame
     :param frequency_hz: mid-sweep; materials take their values at 77 GHz whatever it is
+    :param seed: of the choice of the paths that stay
     """
     if not settings.diffuse or not merged_scene.meshes:
         return []
     surfaces = _Surfaces(geometry, merged_scene, materials, pose, frequency_hz)
+    frame = _Frame(surfaces, settings, fan.count)
     direction = fan.directions()
-    count = len(direction)
+    here, none = np.zeros_like(direction), np.zeros((len(direction), 0), dtype=np.int64)
     transmitted = polarization_axis(direction, settings.polarization[0]).astype(np.complex128)
-    here, none = np.zeros((count, 3)), np.zeros((count, 0), dtype=np.int64)
-    waves = _Waves(here, here, direction, transmitted, np.zeros((count, 0, 3)), none)
-    bundles = []
+    waves = Waves(here, here, direction, transmitted, here[:, 0], here[:, 0], np.zeros((*none.shape, 3)), none)
+    ratio = fan.solid_angle_ratio(direction)
+    coefficient = np.array([slab.scattering_coefficient for slab in surfaces.slabs])
+    echoes = list[_Echoes]()
     for bounce in range(settings.depth):
-        waves, hits = surfaces.hit_by(waves)
-        onward, reflected = surfaces.reflected(waves, hits)
-        found = [_echoes(surfaces, waves, hits, reflected, settings, count)]
+        index, hits = surfaces.hit_by(waves)
+        waves, ratio = waves.take(index), ratio[index]
+        onward, reflected = surfaces.reflected(waves.direction, waves.field, hits)
+        echoes.append(_echoes(frame, waves, hits, reflected, ratio))
         if bounce == 0 and settings.refraction:
-            found.append(_echoes_behind_panes(surfaces, waves, hits, settings, count))
-        bundles.append(Bundle.joined(found))
+            echoes.append(_echoes_behind_panes(frame, waves, hits, ratio))
         if bounce + 1 == settings.depth or not settings.specular:
             break
-        coefficient = np.array([slab.scattering_coefficient for slab in surfaces.slabs])[hits.mesh]
-        waves = _Waves(
+        smooth = np.sqrt(1.0 - coefficient**2)[hits.mesh]
+        turned = np.einsum("ki,ki->k", surfaces.velocity[hits.mesh], waves.direction - onward)
+        waves = Waves(
             hits.point,
             _clear_of(hits, 1.0),
             onward,
-            reflected * np.sqrt(1.0 - coefficient**2)[:, None],
+            reflected * smooth[:, None],
+            waves.length + np.linalg.norm(hits.point - waves.start, axis=1),
+            waves.rate + turned,
             np.concatenate([waves.bounced, hits.point[:, None]], axis=1),
             np.concatenate([waves.triangles, hits.triangle[:, None]], axis=1),
-        ).take(np.flatnonzero(coefficient < 1.0))
-    return bundles
+        ).take(np.flatnonzero(smooth > 0.0))
+        ratio = ratio[smooth > 0.0]
+    return _thinned_bundles(frame, echoes, seed)
 
 
-def _clear_of(hits: _Hits, side: float) -> Real:
+def _thinned_bundles(frame: _Frame, echoes: list[_Echoes], seed: int) -> list[Bundle]:
+    """The paths of all echoes together, thinned, for each number of bounces."""
+    starts = np.cumsum([0, *(len(part.amplitude) for part in echoes)])
+    cell, power = (np.concatenate([getattr(part, name) for part in echoes]) for name in ("cell", "power"))
+    index, factor = thinned(cell, power, frame.settings.paths_a_cell, np.random.default_rng(seed))
+    bundles: dict[int, list[Bundle]] = {}
+    for part, start, stop in zip(echoes, starts, starts[1:], strict=False):
+        own = slice(*np.searchsorted(index, (start, stop)))
+        bundle = part.bundle(frame.surfaces, index[own] - start, factor[own])
+        bundles.setdefault(bundle.interactions.shape[1], []).append(bundle)
+    return [Bundle.joined(bundles[bounces]) for bounces in sorted(bundles)]
+
+
+def _clear_of(hits: Hits, side: float) -> Real:
     """[n, 3] the points off their surfaces by the ray caster's error: 1 on the side of arrival, -1 behind."""
     return hits.point + side * ray_margin_m(np.linalg.norm(hits.point, axis=1))[:, None] * hits.normal
 
 
-def _echoes(
-    surfaces: _Surfaces, waves: _Waves, hits: _Hits, reflected: Complex, settings: TraceSettings, rays: int
-) -> Bundle:
+def _echoes(frame: _Frame, waves: Waves, hits: Hits, reflected: Complex, ratio: Real) -> _Echoes:
     """What the surfaces scatter back to the RX, where it sees them."""
-    home = -unit(hits.point)
-    first = waves.bounced.shape[1] == 0
-    seen = np.linalg.norm(hits.point, axis=1) >= CLOSEST_M
-    if not first:
+    range_m = np.linalg.norm(hits.point, axis=1)
+    home = -hits.point / np.maximum(range_m, CLOSEST_M)[:, None]
+    seen = range_m >= CLOSEST_M
+    if waves.bounced.shape[1]:
         seen &= np.einsum("ki,ki->k", hits.normal, home) > 0.0
         index = np.flatnonzero(seen)
-        seen[index] = clear_between(surfaces.geometry, hits.point[index], np.zeros(3))
+        seen[index] = clear_between(frame.surfaces.geometry, hits.point[index], np.zeros(3))
     index = np.flatnonzero(seen)
-    waves, hits, home = waves.take(index), hits.take(index), home[index]
-    share = np.linalg.norm(reflected[index], axis=1)
-    share /= np.maximum(np.linalg.norm(waves.field, axis=1), np.finfo(float).tiny)
-    scattered = _turned_back(waves.field, waves.direction, home) * share[:, None]
-    return _bundle(surfaces, waves, hits, scattered, home, settings, rays, 0)
+    waves, hits, home, ratio = waves.take(index), hits.take(index), home[index], ratio[index]
+    # Home again, theta^ is where it was when the wave came, and phi^ is reversed: the RX looks against the wave.
+    polarization = frame.settings.polarization[1]
+    sign = 1.0 if polarization == "V" else -1.0
+    part = np.einsum("ki,ki->k", waves.field, polarization_axis(waves.direction, polarization))
+    before = np.sqrt(_power(waves.field))
+    share = np.sqrt(_power(reflected[index])) / np.maximum(before, np.finfo(float).tiny)
+    part[np.abs(part) <= MISSED_POLARIZATION * before] = 0.0
+    return _heard(frame, waves, hits, sign * share * part, home, ratio, 0)
+
+
+def _power(field: Complex) -> Real:
+    """[n] |e|^2."""
+    return np.einsum("ki,ki->k", field.real, field.real) + np.einsum("ki,ki->k", field.imag, field.imag)
 
 
 def _turned_back(field: Complex, arrival: Real, departure: Real) -> Complex:
@@ -259,48 +332,41 @@ def _turned_back(field: Complex, arrival: Real, departure: Real) -> Complex:
     return total
 
 
-def _echoes_behind_panes(surfaces: _Surfaces, waves: _Waves, hits: _Hits, settings: TraceSettings, rays: int) -> Bundle:
+def _echoes_behind_panes(frame: _Frame, waves: Waves, hits: Hits, ratio: Real) -> _Echoes:
     """What is scattered back through the first surface by what stands behind it."""
-    field = surfaces.passed(waves, hits, waves.field)
-    through = np.flatnonzero(np.linalg.norm(field, axis=1) > FAINTEST)
-    pane_waves, panes = waves.take(through), hits.take(through)
-    behind = replace(pane_waves, start=panes.point, lifted=_clear_of(panes, -1.0), field=field[through])
-    numbered = replace(behind, bounced=panes.point[:, None], triangles=np.arange(len(through))[:, None])
-    numbered, beyond = surfaces.hit_by(numbered)
-    which = numbered.triangles[:, 0]
-    panes, behind = panes.take(which), behind.take(which)
-    home = -behind.direction
-    _, reflected = surfaces.reflected(behind, beyond)
-    share = np.linalg.norm(reflected, axis=1) / np.linalg.norm(behind.field, axis=1)
-    scattered = _turned_back(behind.field, behind.direction, home) * share[:, None]
-    return _bundle(surfaces, behind, beyond, surfaces.passed(behind, panes, scattered), home, settings, rays, 2)
+    surfaces = frame.surfaces
+    clear = np.flatnonzero(surfaces.lets_through()[hits.mesh])
+    waves, panes, ratio = waves.take(clear), hits.take(clear), ratio[clear]
+    field = surfaces.passed(waves.direction, panes, waves.field)
+    waves = replace(waves, start=panes.point, lifted=_clear_of(panes, -1.0), field=field)
+    index, hits = surfaces.hit_by(waves)
+    waves, panes, ratio = waves.take(index), panes.take(index), ratio[index]
+    _, reflected = surfaces.reflected(waves.direction, waves.field, hits)
+    home = -waves.direction
+    share = np.sqrt(_power(reflected) / _power(waves.field))
+    scattered = _turned_back(waves.field, waves.direction, home) * share[:, None]
+    back = surfaces.passed(home, panes, scattered)
+    part = np.einsum("ki,ki->k", back, polarization_axis(waves.direction, frame.settings.polarization[1]))
+    part[np.abs(part) <= MISSED_POLARIZATION * np.sqrt(_power(back))] = 0.0
+    return _heard(frame, waves, hits, part, home, ratio, 2)
 
 
-def _bundle(
-    surfaces: _Surfaces, waves: _Waves, hits: _Hits, scattered: Complex, home: Real, settings: TraceSettings,
-    rays: int, crossings: int,
-) -> Bundle:  # fmt: skip
-    """The paths of the scattered fields [n, 3] that arrive along ``home``; those that the RX does not hear are left
-    out.
+def _heard(frame: _Frame, waves: Waves, hits: Hits, heard: Complex, home: Real, ratio: Real, crossings: int) -> _Echoes:
+    """The echoes of scattered fields.
+
+    :param heard: [n] part of the field along the RX's polarisation, |Gamma| e of the module
+    :param home: [n, 3] unit directions from the surfaces to the RX
+    :param ratio: [n] solid angle of the fan's rays over 4 pi / N
     """
+    surfaces = frame.surfaces
     wavelength = SPEED_OF_LIGHT / surfaces.frequency_hz
-    heard = np.einsum("ki,ki->k", scattered, polarization_axis(-home, settings.polarization[1]))
     factor = np.zeros(len(heard))
-    for slab, here in surfaces.by_mesh(hits):
+    for slab, here in surfaces.by_mesh(hits.mesh):
         f = scattered_share(slab.pattern, waves.direction[here], home[here], hits.normal[here])
-        factor[here] = slab.scattering_coefficient * np.sqrt(f * 4.0 * np.pi / rays)
-    amplitude = np.conj(heard) * factor * wavelength / (4.0 * np.pi * np.linalg.norm(hits.point, axis=1))
-    floor = MISSED_POLARIZATION * np.linalg.norm(scattered, axis=1)
-    kept = np.flatnonzero((factor > 0.0) & (np.abs(heard) > floor))
-    triangles = np.concatenate([waves.triangles, hits.triangle[:, None]], axis=1)[kept]
-    kinds = np.full(triangles.shape, SPECULAR, dtype=np.int64)
-    kinds[:, -1] = DIFFUSE
-    return Bundle(
-        vertices=np.concatenate([waves.bounced, hits.point[:, None]], axis=1)[kept],
-        interactions=kinds,
-        objects=surfaces.object_of_triangle[triangles],
-        triangles=triangles,
-        velocities=surfaces.velocity[surfaces.mesh_of_triangle[triangles]],
-        crossings=np.full(len(kept), crossings, dtype=np.int64),
-        amplitude=amplitude[kept],
-    )
+        factor[here] = slab.scattering_coefficient * np.sqrt(f * 4.0 * np.pi / frame.rays)
+    range_m = np.linalg.norm(hits.point, axis=1)
+    amplitude = np.conj(heard) * factor * wavelength / (4.0 * np.pi * range_m)
+    last = np.linalg.norm(hits.point - (waves.start if waves.bounced.shape[1] else 0.0), axis=1)
+    turned = np.einsum("ki,ki->k", surfaces.velocity[hits.mesh], waves.direction - home)
+    cell = cells_of(0.5 * (waves.length + last + range_m), -home[:, 1], 0.5 * (waves.rate + turned))
+    return _Echoes(waves, hits, amplitude, np.abs(amplitude) ** 2 * ratio, cell, crossings)

@@ -52,6 +52,10 @@ class TraceSettings:
 
     :param rays: directions sent from the TX
     :param depth: largest number of bounces, 1 to 3
+    :param paths_a_cell: most paths that are scattered once in a resolution cell, see
+        :mod:`datafactory.paths.thinning`; 0 keeps all
+    :param solver_share: of so many rays the solver follows one: what it finds, chains of mirrors and echoes that are
+        scattered twice, is few paths and little power, and costs as much as all the rest
     :param specular, diffuse: kinds of bounce to follow
     :param refraction: follow waves through panes, up to ``CROSSINGS`` of them
     :param diffraction: add echoes of edges, and of point targets hidden behind one
@@ -61,8 +65,10 @@ class TraceSettings:
     :param polarization: of TX and RX, "V" or "H" each
     """
 
-    rays: int = 200_000
+    rays: int = 600_000
     depth: int = 2
+    paths_a_cell: int = 6
+    solver_share: int = 4
     specular: bool = True
     diffuse: bool = True
     refraction: bool = False
@@ -77,10 +83,9 @@ class TraceSettings:
         """Largest number of interactions on a path of the solver."""
         return self.depth + (CROSSINGS if self.refraction else 0)
 
-    @property
-    def capacity(self) -> int:
+    def capacity(self, rays: int) -> int:
         """Paths that the solver may keep: one for every ray and step, so that none is ever left out."""
-        return self.rays * self.steps + 1_000_000
+        return rays * self.steps + 1_000_000
 
 
 @dataclass(frozen=True)
@@ -195,7 +200,7 @@ def solver_paths(scene: Any, settings: TraceSettings, fan: RayFan, seed: int) ->
             scene,
             max_depth=settings.steps,
             samples_per_src=fan.count,
-            max_num_paths_per_src=settings.capacity,
+            max_num_paths_per_src=settings.capacity(fan.count),
             synthetic_array=True,
             los=False,
             specular_reflection=settings.specular,
@@ -215,7 +220,7 @@ def solve(scene: Any, merged_scene: MergedScene, pose: Pose, settings: TraceSett
     shapes = {scene.objects[f"part-{index}"].object_id: index for index in range(len(merged_scene.meshes))}
     valid = paths.valid.numpy().reshape(-1)
     bundle = _without_crossings(_bundle_of(paths, valid, shapes, merged_scene, pose), settings.depth)
-    return Solved(bundle, int((~valid).sum()), int(valid.sum() >= settings.capacity))
+    return Solved(bundle, int((~valid).sum()), int(valid.sum() >= settings.capacity(fan.count)))
 
 
 def _mitsuba_mesh(name: str, vertices: NDArray[np.float32], triangles: NDArray[np.int32]):

@@ -15,7 +15,7 @@ that the solver leaves out:
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,8 +54,9 @@ def trace(
     """
     scene = radio_scene(merged, materials, pose, frequency_hz, settings)
     geometry = scene.mi_scene
-    once = scattered_once(geometry, merged, materials, pose, frequency_hz, settings, fan)
-    solved = solve(scene, merged, pose, settings, fan, seed) if settings.depth > 1 else Solved.nothing()
+    once = scattered_once(geometry, merged, materials, pose, frequency_hz, settings, fan, seed)
+    fewer = replace(fan, count=max(fan.count // settings.solver_share, 1))
+    solved = solve(scene, merged, pose, settings, fewer, seed) if settings.depth > 1 else Solved.nothing()
     bundle, twice_found = _without_scattered_once(solved.bundle)
     scattered: list[ScatteredPaths] = []
     specular: list[SpecularPaths] = []
@@ -80,12 +81,13 @@ def trace(
     lengths = (bundle.interactions > 0).sum(axis=1)
     for depth in range(1, settings.depth + 1):
         part = bundle.take(lengths == depth).cut(depth).in_fixed_order()
-        if depth <= len(once):
-            part = Bundle.joined([once[depth - 1], part])
         ends_diffuse = part.interactions[:, -1] == DIFFUSE
         mirrors = (part.interactions == SPECULAR).all(axis=1)
         dropped += int((~mirrors & ~ends_diffuse).sum())
-        part = _with_surfaces(part.take(mirrors | ends_diffuse), merged, pose, SPEED_OF_LIGHT / frequency_hz, settings)
+        part = part.take(mirrors | ends_diffuse)
+        if depth <= len(once):
+            part = Bundle.joined([once[depth - 1], part])
+        part = _with_surfaces(part, merged, pose, SPEED_OF_LIGHT / frequency_hz, settings)
         ends_diffuse = part.interactions[:, -1] == DIFFUSE
         scattered += _scattered(part.take(ends_diffuse), fan)
         if depth > 1:

@@ -12,6 +12,7 @@ from typing import TypeVar
 import pyarrow as pa
 from threadpoolctl import threadpool_limits
 
+from datafactory.effects.plan import EffectPlan
 from datafactory.frame.chain import ChainSettings, PointSource, SceneSource, Source, StoredSource, make_frames
 from datafactory.frame.deal import Deal
 from datafactory.frame.prepared import PreparedScene
@@ -31,8 +32,8 @@ class Job:
 
     :param deal: which frame is which
     :param scenes: those that are traced; none where paths were traced before
-    :param settings: of every scene, after its plan
-    :param point_settings: of point frames
+    :param plans: what is simulated of every scene
+    :param settings: of the run, with every effect; point frames are made with these
     :param stored: shard and row of every scene frame whose paths were traced before
     :param schema_message: Arrow's schema message; a pickled :class:`pyarrow.Schema` forgets that the elements of its
         lists are never null, which would cost every reader a quarter of its time
@@ -41,8 +42,8 @@ class Job:
     radar: Radar
     deal: Deal
     scenes: tuple[PreparedScene, ...]
-    settings: tuple[ChainSettings, ...]
-    point_settings: ChainSettings
+    plans: tuple[EffectPlan, ...]
+    settings: ChainSettings
     stored: tuple[tuple[Path, int], ...]
     schema_message: bytes
 
@@ -55,8 +56,8 @@ class Job:
         """Where a frame comes from."""
         frame = self.deal.frame(frame_id)
         if frame.kind == "points":
-            return PointSource(frame, self.point_settings)
-        settings = self.settings[frame.scene]
+            return PointSource(frame, self.settings)
+        settings = self.plans[frame.scene].settings(self.settings, frame.pose)
         if self.stored:
             return StoredSource(*self.stored[frame_id], settings)
         return SceneSource(frame, self.scenes[frame.scene], settings)

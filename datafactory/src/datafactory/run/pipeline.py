@@ -57,6 +57,7 @@ class Execution:
     :param resume: take up an unfinished run
     :param keep_going: finish the other shards where three worker processes died of one
     :param announce: takes lines for the user: material mappings, warnings
+    :param looked: takes frames looked at for the plan, and how many there are to look at
     :param advance: takes frames done and frames in all
     """
 
@@ -65,6 +66,7 @@ class Execution:
     resume: bool = False
     keep_going: bool = False
     announce: Announce = lambda line: None
+    looked: Advance = lambda done, total: None
     advance: Advance = lambda done, total: None
 
 
@@ -89,7 +91,7 @@ def _rendered(order: Order, table: MaterialTable, execution: Execution) -> Repor
         require_memory(settings.trace.rays, execution.workers)
     if said := statement(order.radar):
         execution.announce(said)
-    prepared = prepare(order, table, execution.announce)
+    prepared = prepare(order, table, execution.announce, execution.looked)
     job = _job(order, prepared, arrow_schema(about).serialize().to_pybytes())
     arguments = {
         **prepared.arguments,
@@ -111,7 +113,7 @@ def trace_paths(order: Order, table: MaterialTable, execution: Execution) -> Rep
 def _traced(order: Order, table: MaterialTable, execution: Execution) -> Report:
     started = time.perf_counter()
     require_memory(order.settings.trace.rays, execution.workers)
-    prepared = prepare(order, table, execution.announce)
+    prepared = prepare(order, table, execution.announce, execution.looked)
     job = _job(order, prepared, paths_schema().serialize().to_pybytes())
     manifest = {"arguments": prepared.arguments, "scenes": prepared.entries}
     return _produce(job, plan_shards((PATHS,) * len(job.deal)), trace_shard, manifest, execution, started)
@@ -122,8 +124,8 @@ def _job(order: Order, prepared: Prepared, schema_message: bytes) -> Job:
         radar=order.radar,
         deal=prepared.deal,
         scenes=prepared.scenes,
-        settings=prepared.settings,
-        point_settings=order.settings,
+        plans=prepared.plans,
+        settings=order.settings,
         stored=prepared.stored,
         schema_message=schema_message,
     )

@@ -12,13 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from datafactory.effects.plan import EffectPlan
-from datafactory.frame.chain import ChainSettings
 from datafactory.frame.deal import Deal
 from datafactory.frame.points import PointTargets
 from datafactory.frame.prepared import PreparedScene, Sample
 from datafactory.paths.merged_scene import merge_scene
 from datafactory.run.order import Order
-from datafactory.run.planning import plan_of, sample_of
+from datafactory.run.planning import Looking, plan_of, sample_of
 from datafactory.run.stored import StoredPaths, stored_paths
 from datafactory.scenes.ground import Ground, free_ground
 from datafactory.scenes.materials.table import MaterialMapping, MaterialTable
@@ -34,9 +33,8 @@ class Prepared:
 
     :param scenes: those that are traced; none where paths were traced before
     :param deal: which frame is which
-    :param samples: the frames of each scene that its plan was made from
-    :param plans: what is simulated of each scene, and why; of stored paths there is none
-    :param settings: of each scene, after its plan
+    :param samples: the frames of each scene that its plan was made from; none where paths were traced before
+    :param plans: what is simulated of each scene, and why
     :param stored: shard and row of every scene frame whose paths were traced before
     :param arguments: what of it determines the bytes, by the names that the user knows
     :param entries: the manifest's ``scenes``
@@ -46,15 +44,20 @@ class Prepared:
     deal: Deal
     samples: tuple[Sample, ...]
     plans: tuple[EffectPlan, ...]
-    settings: tuple[ChainSettings, ...]
     stored: tuple[tuple[Path, int], ...]
     arguments: dict[str, Any]
     entries: list[dict[str, Any]]
 
 
-def prepare(order: Order, table: MaterialTable, announce: Announce = lambda line: None) -> Prepared:
+def prepare(
+    order: Order,
+    table: MaterialTable,
+    announce: Announce = lambda line: None,
+    looked: Callable[[int, int], None] = lambda done, total: None,
+) -> Prepared:
     """Make an order's inputs ready.
 
+    :param looked: takes frames looked at for the plan, and how many there are to look at
     :raises InputError: whatever is wrong with a scene or with a folder of traced paths
     """
     if order.paths is not None:
@@ -63,7 +66,8 @@ def prepare(order: Order, table: MaterialTable, announce: Announce = lambda line
     scenes = tuple(_prepared(scene, table, announce) for scene in opened)
     deal = deal_of(order, opened)
     samples = tuple(sample_of(deal, number, scene) for number, scene in enumerate(scenes))
-    plans = tuple(plan_of(order, sample, announce) for sample in samples)
+    looking = Looking(sum(len(sample.frames) for sample in samples), looked)
+    plans = tuple(plan_of(order, sample, announce, looking) for sample in samples)
     arguments = {
         **_common_arguments(order),
         "scenes": [{"scene": scene.name, "content": scene.content} for scene in scenes],
@@ -71,14 +75,13 @@ def prepare(order: Order, table: MaterialTable, announce: Announce = lambda line
         "frames": order.frames,
         "poses": [asdict(pose) for pose in order.poses],
         "trace": asdict(order.settings.trace),
-        "effects": [plan.effects.names for plan in plans],
+        **_planned_arguments(plans),
     }
     entries = [
         {**_entry(source, scene.materials), "effect_plan": plan.to_json()}
         for source, scene, plan in zip(opened, scenes, plans, strict=True)
     ]
-    settings = tuple(plan.effects.settings(order.settings) for plan in plans)
-    return Prepared(scenes, deal, samples, plans, settings, (), arguments, entries)
+    return Prepared(scenes, deal, samples, plans, (), arguments, entries)
 
 
 def deal_of(order: Order, scenes: Sequence[Scene]) -> Deal:
@@ -108,10 +111,19 @@ def _from_stored(order: Order, stored: StoredPaths) -> Prepared:
     arguments = {
         **_common_arguments(order),
         "paths": list(stored.checksums),
-        "effects": [effects.names for effects in stored.effects],
+        **_planned_arguments(stored.plans),
     }
-    settings = tuple(effects.settings(order.settings) for effects in stored.effects)
-    return Prepared((), deal, (), (), settings, stored.places, arguments, stored.entries)
+    return Prepared((), deal, (), stored.plans, stored.places, arguments, stored.entries)
+
+
+def _planned_arguments(plans: Sequence[EffectPlan]) -> dict[str, Any]:
+    """What of the plans determines the bytes."""
+    return {
+        "effects": [plan.effects.names for plan in plans],
+        "effects_by_frame": [
+            None if plan.by_frame is None else {"budget_db": plan.budget_db, **asdict(plan.by_frame)} for plan in plans
+        ],
+    }
 
 
 def _common_arguments(order: Order) -> dict[str, Any]:

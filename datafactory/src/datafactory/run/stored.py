@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
 from datafactory.effects.catalogue import PATH_EFFECTS, EffectSet
-from datafactory.effects.plan import by_choice
+from datafactory.effects.plan import ByFrame, EffectPlan, by_choice
 from datafactory.paths.storage import read_places
 from datafactory.run.order import Order
 from datafactory.run.shards import PATHS
@@ -25,14 +25,14 @@ class StoredPaths:
 
     :param places: shard and row of every frame, by frame index
     :param scene_numbers: number of the scene of every frame, as its row says
-    :param effects: of every scene, what is simulated of it
+    :param plans: of every scene, what is simulated of it
     :param entries: the manifest's ``scenes``
     :param checksums: SHA-256 of the shards
     """
 
     places: tuple[tuple[Path, int], ...]
     scene_numbers: tuple[int, ...]
-    effects: tuple[EffectSet, ...]
+    plans: tuple[EffectPlan, ...]
     entries: list[dict[str, Any]]
     checksums: tuple[str, ...]
 
@@ -42,8 +42,31 @@ class _Effect(BaseModel):
     on: bool
 
 
+class _Look(BaseModel):
+    paths: tuple[str, ...]
+
+
+class _ByFrame(BaseModel):
+    looks: tuple[_Look, ...]
+    elsewhere: tuple[str, ...]
+
+
 class _Plan(BaseModel):
     effects: tuple[_Effect, ...]
+    by_frame: _ByFrame | None = None
+
+    def on(self) -> EffectSet:
+        """What the plan says of the frames that were looked at."""
+        return EffectSet.of({item.effect for item in self.effects if item.on})
+
+    def traced_with(self) -> list[EffectSet]:
+        """The effects on paths of its frames, each set that there is."""
+        if self.by_frame is None:
+            return [self.on()]
+        return [
+            EffectSet.of(set(names))
+            for names in (*(look.paths for look in self.by_frame.looks), self.by_frame.elsewhere)
+        ]
 
 
 class _Scene(BaseModel):
@@ -82,9 +105,6 @@ def stored_paths(order: Order, folder: Path) -> StoredPaths:
     except ValidationError as error:
         raise InputError(folder / MANIFEST, *first_validation_error(error)) from error
     traced, entries = understood.arguments.radar.front_end, manifest["scenes"]
-    effects = [
-        EffectSet.of({item.effect for item in scene.effect_plan.effects if item.on}) for scene in understood.scenes
-    ]
     _require_same_regions(folder, manifest["arguments"], order.split)
     for field in ("tx_polarization", "rx_polarization"):
         before, wanted = traced.get(field, "V"), getattr(order.radar.front_end, field)
@@ -92,12 +112,23 @@ def stored_paths(order: Order, folder: Path) -> StoredPaths:
             problem = f"paths were traced with {field} = {before!r}, the radar has {wanted!r}"
             raise InputError(folder, problem, "the same polarisation, or datafactory trace with this radar")
     if order.effects is not None:
-        for entry, traced_with in zip(entries, effects, strict=True):
-            _require_same_paths(folder, entry["name"], traced_with, order.effects)
-        effects = [order.effects] * len(effects)
-        entries = [{**entry, "effect_plan": by_choice(entry["name"], order.effects).to_json()} for entry in entries]
+        for scene in understood.scenes:
+            for traced_with in scene.effect_plan.traced_with():
+                _require_same_paths(folder, scene.name, traced_with, order.effects)
+        plans = tuple(by_choice(scene.name, order.effects) for scene in understood.scenes)
+        entries = [{**entry, "effect_plan": plan.to_json()} for entry, plan in zip(entries, plans, strict=True)]
+    else:
+        plans = tuple(_plan_of(scene, order.budget_db) for scene in understood.scenes)
     places, scene_numbers = _places(folder, records, len(entries))
-    return StoredPaths(places, scene_numbers, tuple(effects), entries, tuple(record.sha256 for record in records))
+    return StoredPaths(places, scene_numbers, plans, entries, tuple(record.sha256 for record in records))
+
+
+def _plan_of(scene: _Scene, budget_db: float) -> EffectPlan:
+    """The plan that a scene's paths were traced by; effects of the signal are decided by the budget of this run."""
+    plan = by_choice(scene.name, scene.effect_plan.on())
+    if scene.effect_plan.by_frame is None:
+        return plan
+    return replace(plan, budget_db=budget_db, by_frame=ByFrame((), scene.effect_plan.by_frame.elsewhere))
 
 
 def _places(

@@ -10,6 +10,8 @@ from types import FrameType
 
 INTERRUPTED = 130
 """Exit status after Ctrl-C or a request to end: 128 and the number of SIGINT."""
+AGAIN_S = 0.01
+"""After an interrupt that nobody could catch; callbacks of C code take less."""
 
 
 class _Interrupts:
@@ -47,6 +49,14 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
         raise KeyboardInterrupt
 
 
+def _not_raised(unraisable: sys.UnraisableHookArgs) -> None:
+    """What a callback of C code or a destructor raised: nobody catches it. An interrupt comes again once it is over."""
+    if isinstance(unraisable.exc_value, KeyboardInterrupt):
+        signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
+    else:
+        sys.__unraisablehook__(unraisable)
+
+
 def run_command(program: str, load: Callable[[], Callable[[], None]]) -> None:
     """Load a command line and run it.
 
@@ -56,8 +66,9 @@ def run_command(program: str, load: Callable[[], Callable[[], None]]) -> None:
     :param program: its name, for the line
     :param load: imports the command line and returns its main function, which exits by itself
     """
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM):
         signal.signal(number, _interrupt)
+    sys.unraisablehook = _not_raised
     try:
         load()()
     except Exception:
@@ -69,5 +80,6 @@ def run_command(program: str, load: Callable[[], Callable[[], None]]) -> None:
 
 
 def _say(program: str) -> None:
+    signal.setitimer(signal.ITIMER_REAL, 0.0)
     print(f"{program}: interrupted", file=sys.stderr)
     sys.exit(INTERRUPTED)

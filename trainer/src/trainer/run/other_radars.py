@@ -131,10 +131,10 @@ def position_tolerance(run: Run) -> float:
 def training_commands(radar: Radar) -> str:
     """What makes a run for a radar, and what needs none."""
     known = radar.name in PRESETS and PRESETS[radar.name]().array == radar.array
-    name = radar.name if known else "RADAR.toml"
+    name, told = (radar.name, "") if known else ("RADAR.toml", " (the file and the board of trainer import)")
     return (
-        f"a run trained for it: datafactory points --radar {name} --out build/points, then trainer fit build/points "
-        "--array full --out build/run; or no run: trainer predict --method likes"
+        f"a run trained for it: datafactory points --radar {name} --out build/points{told}, then trainer fit "
+        "build/points --array full --out build/run; or no run: trainer predict --method likes"
     )
 
 

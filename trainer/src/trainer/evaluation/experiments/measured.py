@@ -274,9 +274,9 @@ def _picture(measured: MeasuredInput, method: str) -> Values:
     """[R, U] image of the strongest Doppler peaks of a cube."""
     assert measured.frame is not None
     assert measured.radar is not None
-    rows = measured.frame.range_channel[0][:, measured.used].astype(np.complex128)
+    rows = measured.rows.astype(np.complex128)
     noise = np.asarray(row_noise(rows, measured.noise_power, measured.model_error_db))
-    line = measured.line(np.arange(len(measured.used)))
+    line = measured.line(np.arange(rows.shape[1]))
     image = _estimator(method, measured.targets).image(rows, line, measured.radar.grid.u, noise)
     return {"image": image.astype(np.float32), "u": measured.radar.grid.u}
 

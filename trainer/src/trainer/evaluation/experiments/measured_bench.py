@@ -6,8 +6,6 @@ import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from shared.physics.errors import InputError
 from shared.radar import Radar
 from trainer.data.arrays import ArrayChoice, choose_array
@@ -72,9 +70,8 @@ def _network(path: Path, measured: MeasuredInput, several: bool) -> MeasuredNetw
     run, imager = load_imager(path)
     radar = measured.radar or snapshot_radar(measured, run.radar)
     fitted = fitted_imager(run, imager, str(path), radar, str(measured.path))
-    used = measured.used if measured.frame is not None else np.arange(len(measured.snapshot))
-    elements = np.searchsorted(used, fitted.channels)
-    if not np.isin(fitted.channels, used).all():
+    elements = fitted.channels if measured.frame is None else measured.element[fitted.channels]
+    if (elements < 0).any():
         raise InputError(measured.path, f"a channel of {run.array.name!r} is dead or off the line", "all of them alive")
     kind = "cnn" if run.config.model == "doa-cnn" else "unet"
     content = hashlib.sha256((path / RUN_FILE).read_bytes() + (path / WEIGHTS).read_bytes()).hexdigest()

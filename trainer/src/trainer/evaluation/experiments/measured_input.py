@@ -15,11 +15,12 @@ from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
 from shared.signal.model_error import UNCALIBRATED_DB, model_error_ratio
+from shared.signal.tdm import averaged
 from trainer.captures.matlab_files import read_complex_arrays
 from trainer.captures.numpy_files import read_npy
 from trainer.data.arrays import ArrayChoice
 from trainer.data.measurements import Measurement, open_measurements
-from trainer.estimators.base import LineArray, line_array
+from trainer.estimators.base import LineArray
 from trainer.evaluation.store import digest
 
 CARRIER_HZ = 77e9
@@ -50,7 +51,9 @@ class MeasuredInput:
     :param targets: in the row, where the number is known
     :param frame, row: of a cube, and the range bin
     :param radar: of the cube
-    :param used: [C] channels of the cube that are the snapshot's
+    :param rows: [R, C] all range bins of the cube in the strongest Doppler peak
+    :param element: which element of the snapshot each of the cube's channels is, -1 for dead ones and those off the
+        azimuth line; channels that coincide are one element, their mean
     """
 
     path: Path
@@ -66,7 +69,8 @@ class MeasuredInput:
     radar: Radar | None = None
     frame: Measurement | None = None
     row: int = 0
-    used: NDArray[np.intp] = field(default_factory=lambda: np.empty(0, dtype=np.intp))
+    rows: NDArray[np.complexfloating] = field(default_factory=lambda: np.empty((0, 0), dtype=np.complex64))
+    element: NDArray[np.intp] = field(default_factory=lambda: np.empty(0, dtype=np.intp))
 
     def line(self, elements: NDArray[np.intp]) -> LineArray:
         """The places of some of its channels."""
@@ -139,9 +143,9 @@ def with_arrays(found: MeasuredInput, radar: Radar, arrays: Sequence[ArrayChoice
     sets = dict(found.elements)
     if found.radar is not None:
         for array in arrays:
-            kept = np.intersect1d(found.used, array.channels(found.radar))
-            if len(kept) and array.name not in sets:
-                sets[array.name] = np.searchsorted(found.used, kept)
+            kept = np.unique(found.element[array.channels(found.radar)])
+            if (kept >= 0).any() and array.name not in sets:
+                sets[array.name] = kept[kept >= 0]
     else:
         places = radar.array.virtual[:, 1]
         line = LineArray(places, radar.waveform.wavelength_m)
@@ -173,8 +177,11 @@ def _of_cube(path: Path, targets: int | None, range_m: float | None, model_error
     used = np.setdiff1d(radar.array.azimuth_channels, np.array(measurements.dead_channels, dtype=np.intp))
     if not len(used):
         raise InputError(path, f"all {radar.array.channels} channels are dead", "a channel with an echo")
+    unused = np.setdiff1d(np.arange(radar.array.channels), used)
+    rows, places = averaged(frame.range_channel[0], radar, unused)
+    element = np.full(radar.array.channels, -1, dtype=np.intp)
+    element[used] = np.unique(radar.array.unique_elements(radar.waveform.wavelength_m)[1][used], return_inverse=True)[1]
     step, bins = radar.waveform.range_step_m, radar.waveform.range_bins
-    rows = frame.range_channel[0][:, used]
     if range_m is None:
         # The receiver's offset and what leaks from TX to RX stand in the first bins.
         row = int(np.argmax(np.linalg.norm(rows, axis=1) * np.arange(bins)))
@@ -183,11 +190,11 @@ def _of_cube(path: Path, targets: int | None, range_m: float | None, model_error
         if not 0 <= row < bins:
             raise InputError("--range", f"{range_m:g} m", f"0 to {(bins - 1) * step:.4g} m, which {path} holds")
     error = frame.model_error_db if model_error_db is None else model_error_db
-    line = line_array(radar, used)
+    line = LineArray(places[:, 1], radar.waveform.wavelength_m)
     u = np.arange(radar.grid.u_start, radar.grid.u_stop, AXIS_STEP)
     found = MeasuredInput(
         path, "", rows[row].astype(np.complex128), line.positions_m, line.wavelength_m, u,
-        {"full": np.arange(len(used))}, frame.noise_power, error, targets, radar, frame, row, used,
+        {"full": np.arange(len(places))}, frame.noise_power, error, targets, radar, frame, row, rows, element,
     )  # fmt: skip
     return _checked(found)
 

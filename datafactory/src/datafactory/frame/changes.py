@@ -76,15 +76,72 @@ def _curvature(point: Real, elements: Real) -> Real:
     return spherical - (distance - np.sum(point[:, None] * elements, axis=2) / distance)
 
 
-def radial_mps(paths: PathTable) -> Real:
-    """[K] range rates at t = 0 seen from the origin, half the rate of the path's length."""
+def plane_wave_bound(paths: PathTable, array: AntennaArray, wavelength_m: float) -> Real:
+    """[K] what :func:`plane_wave_change` does not exceed, in closed form.
+
+    An element at distance a from the origin sees a point at R > a with sqrt(d^2 + h^2) - d <= h^2 / 2 d, where h <= a
+    is its distance from the line of sight and d >= R - a. The channels' phase errors so lie in an interval [0, D], and
+    |mean exp(j d_c)| >= cos(D / 2), so that the change is at most 2 sin(D / 4), and sqrt(2) where D exceeds pi.
+
+    Of scattered paths it is also at most the standard deviation of d_c, because |mean exp(j d_c)| >= 1 - var(d_c) / 2.
+    That of the quadratic part, k h^2 / 2 R, is a closed form of the direction; the rest is at most a / (R - a) of it.
+    """
+    tx, rx = (float(np.linalg.norm(places, axis=1).max()) for places in (array.tx, array.rx))
     scattered, specular = paths.scattered, paths.specular
+    error = _largest_curvature(scattered.tx_point, tx) + _largest_curvature(scattered.rx_point, rx)
+    spread = np.hypot(_spread(scattered.tx_point, array.tx), _spread(scattered.rx_point, array.rx))
+    spread += _remainder(scattered.tx_point, tx) + _remainder(scattered.rx_point, rx)
+    displaced = rx + tx + float(np.linalg.norm(specular.reference))
+    error = np.concatenate([error, _largest_curvature(specular.image, displaced)])
+    bound = 2.0 * np.sin(0.25 * np.minimum(2.0 * np.pi * error / wavelength_m, np.pi))
+    by_spread = np.full(len(bound), np.inf)
+    by_spread[: len(scattered)] = 2.0 * np.pi * spread / wavelength_m
+    return np.minimum(bound, by_spread)
 
-    def rate(point: Real, velocity: Real) -> Real:
-        return np.einsum("ki,ki->k", point, velocity) / np.maximum(np.linalg.norm(point, axis=1), 1e-9)
 
-    legs = rate(scattered.tx_point, scattered.tx_velocity) + rate(scattered.rx_point, scattered.rx_velocity)
-    return 0.5 * np.concatenate([legs + scattered.between_rate_mps, rate(specular.image, specular.image_velocity)])
+def _spread(point: Real, elements: Real) -> Real:
+    """[K] standard deviation over the elements of h^2 / 2 R [m], h their distance from the line of sight."""
+    distance = np.maximum(np.linalg.norm(point, axis=1), 1e-9)
+    n = point / distance[:, None]
+    # h^2 = |x|^2 - (n x)^2 is linear in 1 and the six products of n's components; so its variance is a quadratic form.
+    rows, columns = np.triu_indices(3)
+    products = elements[:, rows] * elements[:, columns] * np.where(rows == columns, 1.0, 2.0)
+    terms = np.column_stack([np.sum(elements**2, axis=1), -products])
+    direction = np.column_stack([np.ones(len(n)), n[:, rows] * n[:, columns]])
+    covariance = (terms - terms.mean(axis=0)).T @ (terms - terms.mean(axis=0)) / len(terms)
+    variance = np.sum(direction @ covariance * direction, axis=1)
+    return np.sqrt(np.maximum(variance, 0.0)) / (2.0 * distance)
+
+
+def _remainder(point: Real, reach_m: float) -> Real:
+    """[K] the most by which the curvature differs from its quadratic part [m]: e = h^2 / (d + sqrt(d^2 + h^2)), where
+    both terms lie within R - a and R + a."""
+    distance = np.linalg.norm(point, axis=1)
+    beyond = np.maximum(distance - reach_m, 1e-9)
+    return 0.5 * reach_m**2 / np.maximum(distance, 1e-9) * reach_m / beyond
+
+
+def _largest_curvature(point: Real, reach_m: float) -> Real:
+    """[K] the most that :func:`_curvature` can be for elements within ``reach_m`` of the origin [m]."""
+    beyond = np.linalg.norm(point, axis=1) - reach_m
+    return np.where(beyond > 0.0, 0.5 * reach_m**2 / np.where(beyond > 0.0, beyond, 1.0), np.inf)
+
+
+def range_rates_mps(paths: PathTable, waveform: Waveform) -> Real:
+    """[K] magnitude of the range rates seen from the origin: the larger of the means over both halves of the frame.
+
+    Twice its product with half a frame's time is the most that the round trip differs from that of mid-frame at the
+    frame's edges: an echo that passes abeam, whose rate is zero for a moment, is not at rest.
+    """
+    half_s = 0.5 * waveform.chirps * waveform.chirp_interval_s
+    ranges = np.stack([_range_at(paths, time_s) for time_s in (0.0, half_s, 2.0 * half_s)])
+    return np.abs(np.diff(ranges, axis=0)).max(axis=0, initial=0.0) / half_s
+
+
+def _range_at(paths: PathTable, time_s: float) -> Real:
+    """[K] half the paths' lengths at a time [m]."""
+    there = paths.at_rest(time_s)
+    return np.concatenate([there.scattered.range_m(), there.specular.range_m()])
 
 
 def pattern_change(paths: PathTable, radar: Radar) -> Real:

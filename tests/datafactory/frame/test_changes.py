@@ -7,7 +7,7 @@ import pytest
 from oracles import scattered_delays, specular_delays
 from path_tables import a_table
 
-from datafactory.effects import changes
+from datafactory.frame import changes
 from datafactory.paths.table import PathTable, ScatteredPaths
 from shared.radar import FrontEnd, Radar
 from shared.radar.antenna import IsotropicPattern
@@ -127,15 +127,39 @@ def test_the_change_by_plane_waves_falls_with_range() -> None:
 
 
 def test_range_rates_are_half_of_the_paths_rates(generator) -> None:
-    table, step_s, here = a_table(generator), 1e-6, np.zeros(3)
+    """The larger of the mean rates over both halves of the frame, seen from the origin."""
+    table, here = a_table(generator), np.zeros(3)
+    half_s = 0.5 * WAVEFORM.chirps * WAVEFORM.chirp_interval_s
     delays = [
         np.concatenate(
             [scattered_delays(table.scattered, here, here, t), specular_delays(table.specular, here, here, t)]
         )
-        for t in (-step_s, step_s)
+        for t in (0.0, half_s, 2.0 * half_s)
     ]
-    expected = 0.5 * LIGHT_MPS * (delays[1] - delays[0]) / (2.0 * step_s)
-    np.testing.assert_allclose(changes.radial_mps(table), expected, rtol=1e-4, atol=1e-4)
+    rates = 0.5 * LIGHT_MPS * np.abs(np.diff(delays, axis=0)) / half_s
+    np.testing.assert_allclose(changes.range_rates_mps(table, WAVEFORM), rates.max(axis=0), rtol=1e-6, atol=1e-6)
+
+
+def test_an_echo_that_passes_abeam_is_not_at_rest() -> None:
+    """Its range rate is zero at mid-frame; over half a frame it comes nearer by v^2 t^2 / 2 R."""
+    speed, range_m, mid_s = 20.0, 4.0, 0.5 * WAVEFORM.chirps * WAVEFORM.chirp_interval_s
+    point, velocity = np.array([[0.0, range_m, 0.0]]), np.array([[speed, 0.0, 0.0]])
+    paths = ScatteredPaths.of_points(point - velocity * mid_s, velocity, np.ones(1))
+    expected = speed**2 * mid_s / (2.0 * range_m)
+    np.testing.assert_allclose(changes.range_rates_mps(PathTable(paths), WAVEFORM), expected, rtol=1e-3)
+
+
+def test_the_change_by_plane_waves_is_below_its_closed_form(generator) -> None:
+    """For points from where the array is a dot to where the wave passes through it, and for mirrors."""
+    radar = Radar()
+    arguments = radar.array, radar.waveform.wavelength_m
+    table = a_table(generator)
+    near = np.geomspace(0.1, 300.0, 200)[:, None] * np.array([0.6, -0.64, 0.48])
+    for paths in (table, PathTable(ScatteredPaths.of_points(near, np.zeros((200, 3)), np.ones(200)))):
+        exact, bound = changes.plane_wave_change(paths, *arguments), changes.plane_wave_bound(paths, *arguments)
+        assert np.all(exact <= bound)
+        assert np.all(bound <= np.sqrt(2.0))
+    assert bound[-1] < 0.02  # and is of use far away
 
 
 def test_the_change_by_the_pattern_is_that_of_the_illuminated_amplitudes(generator) -> None:

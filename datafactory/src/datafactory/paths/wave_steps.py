@@ -1,0 +1,92 @@
+"""Two steps of a wave on its way, for hundreds of thousands at a time: onto a plane, and off it as from a mirror."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from shared.physics.compiled import compiled
+
+ON_ITS_PLANE = 1e-2
+"""A point may move by this share of its distance onto its triangle's plane; by more where the plane is seen edge on,
+and then the ray caster's own distance is kept.
+"""
+STEEP = 1e-6
+"""Sine of an angle of incidence below which there is no plane of incidence; R_TE = -R_TM there, and any will do."""
+
+
+@compiled()
+def onto_planes(start, direction, distance, triangle, normals, heights):
+    """Points [n, 3], normals [n, 3] on the side of arrival and cosines [n] of incidence of rays that meet triangles.
+
+    :param start: [n, 3] [m]; :param direction: [n, 3] unit
+    :param distance: [n] along the ray as the ray caster has it, to float32 [m]
+    :param triangle: [n] that was met
+    :param normals: [T, 3] unit, of all triangles; :param heights: [T] of their planes over the origin [m]
+    :return: the cosine is 0 where the triangle has no area
+    """
+    count = len(start)
+    point, normal, cosine = np.empty((count, 3)), np.empty((count, 3)), np.zeros(count)
+    for k in range(count):
+        which = triangle[k]
+        slope, height = 0.0, heights[which]
+        for i in range(3):
+            slope += normals[which, i] * direction[k, i]
+            height -= normals[which, i] * start[k, i]
+        along = distance[k]
+        if slope != 0.0 and abs(height / slope - along) <= ON_ITS_PLANE * along:
+            along = height / slope
+        side = -1.0 if slope > 0.0 else 1.0
+        square = 0.0
+        for i in range(3):
+            point[k, i] = start[k, i] + along * direction[k, i]
+            normal[k, i] = side * normals[which, i]
+            square += normals[which, i] ** 2
+        if square > 0.5:
+            cosine[k] = min(max(abs(slope), 1e-9), 1.0)
+    return point, normal, cosine
+
+
+@compiled()
+def reflected_fields(direction, normal, field, te, tm):
+    """Directions [n, 3] and fields [n, 3] of waves reflected by planes.
+
+    With n the normal, k and k' the directions before and after, the field across the plane of incidence, along
+    s = k x n, is multiplied with R_TE, and that along k x s comes back along k' x s, multiplied with R_TM.
+
+    :param direction: [n, 3] unit; :param normal: [n, 3] unit; :param field: [n, 3] complex, across ``direction``
+    :param te, tm: [n] reflection coefficients of the electric field across and in the plane of incidence
+    """
+    count = len(direction)
+    onward, reflected = np.empty((count, 3)), np.empty((count, 3), dtype=np.complex128)
+    s, p, q = np.empty(3), np.empty(3), np.empty(3)
+    for k in range(count):
+        d, n = direction[k], normal[k]
+        along = d[0] * n[0] + d[1] * n[1] + d[2] * n[2]
+        _cross(d, n, s)
+        length = np.sqrt(s[0] ** 2 + s[1] ** 2 + s[2] ** 2)
+        if length < STEEP:
+            axis = np.zeros(3)
+            axis[np.argmin(np.abs(d))] = 1.0
+            _cross(d, axis, s)
+            length = np.sqrt(s[0] ** 2 + s[1] ** 2 + s[2] ** 2)
+        for i in range(3):
+            s[i] /= length
+            onward[k, i] = d[i] - 2.0 * along * n[i]
+        _cross(d, s, p)
+        _cross(onward[k], s, q)
+        across, within = 0.0j, 0.0j
+        for i in range(3):
+            across += field[k, i] * s[i]
+            within += field[k, i] * p[i]
+        across *= te[k]
+        within *= tm[k]
+        for i in range(3):
+            reflected[k, i] = across * s[i] + within * q[i]
+    return onward, reflected
+
+
+@compiled(cache=False)
+def _cross(a, b, out):
+    out[0] = a[1] * b[2] - a[2] * b[1]
+    out[1] = a[2] * b[0] - a[0] * b[2]
+    out[2] = a[0] * b[1] - a[1] * b[0]

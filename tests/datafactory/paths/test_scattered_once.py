@@ -1,0 +1,280 @@
+"""Echoes scattered once: path by path against Sionna's own, by the closed form, by object, through panes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from datafactory.paths import solver as solver_module
+from datafactory.paths import trace as trace_module
+from datafactory.paths.merged_scene import MergedScene, merge_scene
+from datafactory.paths.panes import slab_transmission
+from datafactory.paths.rays import RayFan
+from datafactory.paths.scattered_once import scattered_once
+from datafactory.paths.solver import Bundle, TraceSettings
+from datafactory.paths.table import DIFFUSE, SPECULAR, PathTable
+from datafactory.scenes.materials.reflectivity import fresnel_reflectivity, lambertian_sigma0
+from datafactory.scenes.materials.table import Material, MaterialMapping
+from datafactory.scenes.poses import Pose
+from datafactory.scenes.scene import Scene, SceneObject
+
+pytestmark = pytest.mark.usefixtures("variant")
+
+FREQUENCY_HZ = 77.5e9
+WAVELENGTH_M = 299_792_458.0 / FREQUENCY_HZ
+HERE = Pose((0.0, 0.0, 0.0))
+ROUGHNESS = {"concrete": 0.6, "metal": 0.5, "lobed": 0.4, "glass": 0.0}
+
+
+def _material(
+    name: str, permittivity: float, conductivity: float, thickness_m: float, pattern="lambertian"
+) -> Material:
+    source = ("test", (77.0, 78.0), ())
+    return Material(name, permittivity, conductivity, thickness_m, ROUGHNESS[name], pattern, *source)
+
+
+MATERIALS = MaterialMapping(
+    entries={
+        item.name: (item, "test")
+        for item in (
+            _material("concrete", 5.24, 1.38, 0.1),
+            _material("metal", 1.0, 1e7, 0.1),
+            _material("lobed", 5.24, 1.38, 0.1, "backscattering"),
+            _material("glass", 6.31, 1.211, 0.006),
+        )
+    },
+    unknown=(),
+)
+
+
+def plate(name: str, centre, across, up, of: str, velocity=(0.0, 0.0, 0.0)) -> SceneObject:
+    """A flat rectangle, centre +- across +- up [m]."""
+    c, a, b = (np.array(v, dtype=float) for v in (centre, across, up))
+    corners = np.array([c - a - b, c + a - b, c + a + b, c - a + b])
+    return SceneObject(name, corners, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), of, velocity)
+
+
+CORNER = (
+    plate("ahead", (10.0, 0.0, 0.0), (1.0, 8.0, 0.0), (0.0, 0.0, 8.0), "concrete", velocity=(-3.0, 1.0, 0.0)),
+    plate("side", (10.0, 6.0, 0.0), (10.0, 0.0, 0.0), (0.0, 1.0, 10.0), "metal"),
+    plate("ground", (10.0, 0.0, -2.0), (12.0, 0.0, 0.3), (0.0, 12.0, 0.0), "lobed"),
+)
+
+
+def merged_of(*objects: SceneObject) -> MergedScene:
+    return merge_scene(Scene("test", objects), MATERIALS)
+
+
+def once_of(*objects: SceneObject, rays: int, pose: Pose = HERE, fan: RayFan | None = None, **settings) -> list[Bundle]:
+    merged = merged_of(*objects)
+    chosen = TraceSettings(rays=rays, **{"depth": 1, "paths_a_cell": 0, **settings})
+    scene = solver_module.radio_scene(merged, MATERIALS, pose, FREQUENCY_HZ, chosen)
+    return scattered_once(scene.mi_scene, merged, MATERIALS, pose, FREQUENCY_HZ, chosen, fan or RayFan(rays), 1)
+
+
+def solved(*objects: SceneObject, rays: int, pose: Pose = HERE, **settings) -> Bundle:
+    """The solver's own paths."""
+    merged = merged_of(*objects)
+    chosen = TraceSettings(rays=rays, **settings)
+    scene = solver_module.radio_scene(merged, MATERIALS, pose, FREQUENCY_HZ, chosen)
+    return solver_module.solve(scene, merged, pose, chosen, RayFan(rays), 1).bundle
+
+
+def chance_of(part: Bundle, merged: MergedScene, specular: bool = True) -> NDArray[np.float64]:
+    """[n] probability with which the solver follows these bounces: 1 - S^2 a mirror, S^2 the diffuse one, last."""
+    squared = np.concatenate([np.full(len(mesh.triangles), ROUGHNESS[mesh.material] ** 2) for mesh in merged.meshes])
+    share = squared[part.triangles]
+    return (
+        np.prod(np.where(part.interactions == DIFFUSE, share, 1.0 - share), axis=1) if specular else np.ones(len(share))
+    )
+
+
+def kind(bundle: Bundle, bounces: int) -> Bundle:
+    """The paths with mirrors and then, as the last of so many bounces, a diffuse one."""
+    part = bundle.take((bundle.interactions > 0).sum(axis=1) == bounces).cut(bounces)
+    wanted = np.array([SPECULAR] * (bounces - 1) + [DIFFUSE])
+    return part.take((part.interactions == wanted).all(axis=1))
+
+
+def nearest(ours: Bundle, theirs: Bundle) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """For each of theirs the index of ours whose vertices are nearest, and how far [m]."""
+    from scipy.spatial import cKDTree
+
+    distance, index = cKDTree(ours.vertices.reshape(len(ours.vertices), -1)).query(
+        theirs.vertices.reshape(len(theirs.vertices), -1)
+    )
+    return index, distance
+
+
+@pytest.mark.parametrize("polarization", [("V", "V"), ("H", "H")])
+def test_every_path_of_the_solver_is_found_with_its_amplitude(polarization):
+    # The solver's rays scatter with a known probability; its amplitudes have the root of the inverse.
+    settings = {"depth": 3, "polarization": polarization}
+    once = once_of(*CORNER, rays=20_000, **settings)
+    bundle = solved(*CORNER, rays=20_000, **settings)
+    assert [part.interactions.shape[1] for part in once] == [1, 2, 3]
+    for ours in once:
+        theirs = kind(bundle, ours.interactions.shape[1])
+        assert len(ours.amplitude) > 1.5 * len(theirs.amplitude) > 100
+        index, distance = nearest(ours, theirs)
+        # A ray within float32 of an edge may go either way. The solver's float32 vertices stray by centimetres after
+        # two mirrors seen at a small angle, and its amplitudes by 4e-4.
+        here = distance < 0.05
+        assert here.mean() > 0.99
+        index, theirs = index[here], theirs.take(here)
+        expected = theirs.amplitude * np.sqrt(chance_of(theirs, merged_of(*CORNER)))
+        bound = 1e-4 if ours.interactions.shape[1] == 1 else 1e-3
+        error = np.abs(ours.amplitude[index] - expected) / np.abs(expected)
+        assert np.percentile(error, 95) < bound
+        assert np.sqrt(np.sum((error * np.abs(expected)) ** 2) / np.sum(np.abs(expected) ** 2)) < 10.0 * bound
+        np.testing.assert_array_equal(ours.objects[index], theirs.objects)
+        np.testing.assert_array_equal(ours.triangles[index], theirs.triangles)
+        np.testing.assert_allclose(ours.velocities[index], theirs.velocities, atol=1e-12)
+
+
+def test_across_the_polarization_a_surface_scatters_nothing():
+    crossed = once_of(*CORNER, rays=2_000, depth=1, polarization=("V", "H"))
+    assert sum(len(part.amplitude) for part in crossed) == 0
+
+
+def rings_and_objects(bundle: Bundle) -> NDArray[np.int64]:
+    """[n] number of the path's range ring of 2 m and last object."""
+    length = np.linalg.norm(np.diff(np.pad(bundle.vertices, ((0, 0), (1, 1), (0, 0))), axis=1), axis=2).sum(axis=1)
+    return (0.5 * length / 2.0).astype(np.int64) * 8 + bundle.objects[:, -1]
+
+
+@pytest.mark.parametrize("bounces", [1, 2])
+def test_power_by_ring_and_object_is_the_solvers(bounces):
+    # Power of the solver's estimator: mean p, variance p^2 (1 / chance - 1) a ray, p that of the ray here.
+    rays = 60_000
+    ours = once_of(*CORNER, rays=rays, depth=bounces)[-1]
+    theirs = kind(solved(*CORNER, rays=rays, depth=bounces), bounces)
+    power, estimated = np.abs(ours.amplitude) ** 2, np.abs(theirs.amplitude) ** 2
+    variance = power**2 * (1.0 / chance_of(ours, merged_of(*CORNER)) - 1.0)
+    cells = rings_and_objects(ours)
+    here, there = (
+        np.bincount(rings_and_objects(part), values, 200) for part, values in ((ours, power), (theirs, estimated))
+    )
+    deviation = np.sqrt(np.bincount(cells, variance, 200))
+    rays_in = np.bincount(cells, minlength=200)
+    many = rays_in >= 200
+    assert many.sum() >= 10
+    assert (np.abs(here - there)[many] < 4.5 * deviation[many]).all()
+    assert abs(here.sum() - there.sum()) < 3.0 * np.sqrt(variance.sum())
+    assert np.sqrt(variance.sum()) < 0.03 * here.sum()
+
+
+def test_total_power_converges_to_the_solvers():
+    # Where nothing is left to chance the solver scatters every ray too: the same sum, to float32.
+    ours = once_of(*CORNER, rays=20_000, depth=1, specular=False)[0]
+    theirs = kind(solved(*CORNER, rays=20_000, depth=1, specular=False), 1)
+    ratio = np.sum(np.abs(ours.amplitude) ** 2) / np.sum(np.abs(theirs.amplitude) ** 2)
+    assert 10.0 * np.log10(ratio) == pytest.approx(0.0, abs=1e-3)
+
+
+def test_rings_on_a_plane_have_the_integrals_power():
+    # Height h, the half plane ahead: lambda^2 / (4 pi)^3 int sigma0 / R^4 pi R dR, sigma0 = 4 S^2 |Gamma|^2 (h / R)^2.
+    height, rays = 1.5, 200_000
+    road = plate("road", (0.0, 0.0, -height), (300.0, 0.0, 0.0), (0.0, 300.0, 0.0), "metal")
+    fan = RayFan(rays)
+    (bundle,) = once_of(road, rays=rays, fan=fan)
+    range_m = np.linalg.norm(bundle.vertices[:, 0], axis=1)
+    power = np.abs(bundle.amplitude) ** 2 * fan.solid_angle_ratio(bundle.vertices[:, 0])
+    edges = np.array([1.5, 2.0, 3.0, 5.0, 8.0, 13.0, 21.0, 34.0, 55.0])
+    rings = np.histogram(range_m, edges, weights=power)[0]
+    ranges = np.linspace(edges[:-1], edges[1:], 2_001)
+    gamma = fresnel_reflectivity(1.0, 1e7, FREQUENCY_HZ, np.arccos(height / ranges), "tm")
+    sigma0 = lambertian_sigma0(ROUGHNESS["metal"], gamma, np.arccos(height / ranges))
+    expected = WAVELENGTH_M**2 / (4.0 * np.pi) ** 3 * np.trapezoid(sigma0 / ranges**3 * np.pi, ranges, axis=0)
+    np.testing.assert_allclose(10.0 * np.log10(rings / expected), 0.0, atol=0.05)
+
+
+def test_points_lie_on_their_planes_to_float64_far_from_the_scenes_origin():
+    shift = np.array([5e5, -5e5, 100.0])
+    there = tuple(replace(item, vertices=item.vertices + shift) for item in CORNER)
+    pose = Pose((1.0, 0.5, 0.2), yaw_deg=20.0)
+    far = replace(pose, position=tuple(np.array(pose.position) + shift))
+    one, other = (once_of(*scene, pose=p, rays=3_000)[0] for scene, p in ((CORNER, pose), (there, far)))
+    assert len(one.amplitude) == len(other.amplitude) > 1000
+    np.testing.assert_allclose(one.vertices, other.vertices, atol=1e-7)  # the shifted vertices have 6e-11 m a digit
+    for bundle, scene, seen in ((one, CORNER, pose), (other, there, far)):
+        corners = np.concatenate([mesh.vertices[mesh.triangles] for mesh in merged_of(*scene).meshes])
+        first, second, third = np.moveaxis(corners[bundle.triangles[:, 0]] - np.asarray(seen.position), 1, 0)
+        normal = np.cross(second - first, third - first)
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        world = bundle.vertices[:, 0] @ seen.rotation().T
+        assert np.abs(np.einsum("ki,ki->k", normal, world - first)).max() < 1e-9
+
+
+def test_what_stands_behind_a_pane_is_heard_through_it_twice():
+    pane = plate("pane", (5.0, 0.0, 0.0), (0.0, 20.0, 0.0), (0.0, 0.0, 20.0), "glass")
+    wall = plate("wall", (8.0, 0.0, 0.0), (0.0, 2.0, 0.0), (0.0, 0.0, 2.0), "concrete")
+    open_air = once_of(wall, rays=5_000)[0]
+    behind = once_of(pane, wall, rays=5_000, refraction=True)[0]
+    np.testing.assert_allclose(behind.vertices, open_air.vertices, atol=1e-4)
+    assert set(behind.crossings) == {2}
+    assert once_of(pane, wall, rays=5_000)[0].amplitude.size == 0
+    # At the radar's height the plane of incidence is level, and theta^ stands across it: TE.
+    direction = behind.vertices[:, 0] / np.linalg.norm(behind.vertices[:, 0], axis=1)[:, None]
+    level = np.abs(direction[:, 2]) < 0.01
+    te, _ = slab_transmission(6.31, 1.211, 0.006, FREQUENCY_HZ, direction[level, 0])
+    ratio = behind.amplitude[level] / open_air.amplitude[level]
+    np.testing.assert_allclose(np.abs(ratio), np.abs(te) ** 2, rtol=0.02)
+    assert level.sum() > 50
+    few, many = (
+        np.sum(np.abs(once_of(pane, wall, rays=n, refraction=True)[0].amplitude) ** 2) for n in (4_000, 16_000)
+    )
+    assert 10.0 * np.log10(many / few) == pytest.approx(0.0, abs=0.3)
+
+
+def table_of(*objects: SceneObject, rays: int, **settings) -> PathTable:
+    chosen = TraceSettings(rays=rays, **settings)
+    return trace_module.trace(merged_of(*objects), MATERIALS, HERE, FREQUENCY_HZ, chosen, RayFan(rays), 1)
+
+
+def test_the_solver_gives_only_what_is_scattered_twice_and_chains_of_mirrors(monkeypatch):
+    kept = list[Bundle]()
+
+    def noted(bundle):
+        left, count = without(bundle)
+        kept.append(left)
+        return left, count
+
+    without = trace_module._without_scattered_once
+    monkeypatch.setattr(trace_module, "_without_scattered_once", noted)
+    table = table_of(*CORNER, rays=4_000, depth=2)
+    assert ((kept[0].interactions == DIFFUSE).sum(axis=1) != 1).sum() > 20
+    last = kept[0].interactions[:, -1] == DIFFUSE
+    assert ((kept[0].interactions[last] == DIFFUSE).sum(axis=1) == 2).all()
+    assert table.counts["scattered_once_by_the_solver"] > 0
+    assert table.counts["scattered_once"] > 3_000
+
+
+def test_single_bounces_need_no_solver_and_no_pass_without_diffuse(monkeypatch):
+    def never(*arguments):
+        raise AssertionError("called")
+
+    monkeypatch.setattr(trace_module, "solve", never)
+    assert len(table_of(*CORNER, rays=1_000, depth=1).scattered) > 500
+    table = table_of(*CORNER, rays=1_000, depth=1, diffuse=False)
+    assert len(table.scattered) == table.counts["scattered_once"] == 0
+
+
+def test_thinned_paths_have_the_power_of_all():
+    settings = {"rays": 20_000, "depth": 1, "finite_mirrors": False}
+    every, some = (table_of(*CORNER, paths_a_cell=most, **settings).scattered for most in (0, 4))
+    assert len(some) < 0.8 * len(every)
+    ratio = np.sum(np.abs(some.amplitude) ** 2) / np.sum(np.abs(every.amplitude) ** 2)
+    assert ratio == pytest.approx(1.0, rel=1e-12)
+
+
+def test_rays_that_meet_nothing_any_more_end():
+    # A single wall: nothing stands where its mirror sends the rays, nor behind it.
+    wall = plate("wall", (8.0, 0.0, 0.0), (0.0, 2.0, 0.0), (0.0, 0.0, 2.0), "concrete")
+    once = once_of(wall, rays=1_000, depth=3, refraction=True)
+    assert [len(part.amplitude) > 0 for part in once] == [True, False, False]
+    behind = plate("behind", (-8.0, 0.0, 0.0), (0.0, 2.0, 0.0), (0.0, 0.0, 2.0), "concrete")
+    assert [len(part.amplitude) for part in once_of(behind, rays=1_000, depth=2, refraction=True)] == [0, 0]

@@ -1,0 +1,130 @@
+"""One frame of twenty calls for an effect: it has it, the others do not, and the bytes hang on nothing else."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from prepared_scenes import EFFECT_SCENES
+from typer.testing import CliRunner
+
+from datafactory.cli.app import app
+from shared.dataset.folder import open_dataset
+from shared.dataset.schema import Frame
+from shared.radar import load_radar
+
+RADAR = """
+[waveform]
+chirps = 16
+samples = 512
+range_bins = 400
+[grid]
+bins = 40
+"""
+FRAMES, ODD = 20, 13
+SCENE = EFFECT_SCENES / "parked_car.usda"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("frames")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def own_cache_of_all(folder: Path) -> object:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
+        yield
+
+
+def run(*arguments: object) -> str:
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments], catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+def made(folder: Path, command: str, out: str, poses: list[dict], *more: object) -> Path:
+    """A run of these poses in ``folder``."""
+    (folder / "radar.toml").write_text(RADAR, encoding="utf-8")
+    (folder / f"{out}.json").write_text(json.dumps(poses), encoding="utf-8")
+    run(command, "--scene", SCENE, "--poses", folder / f"{out}.json", "--radar", folder / "radar.toml", "--rays", 2000,
+        "--split", "1:0:0", "--out", folder / out, *more)  # fmt: skip
+    return folder / out
+
+
+def shards(out: Path) -> dict[str, bytes]:
+    return {path.relative_to(out).as_posix(): path.read_bytes() for path in sorted(out.glob("*/*.parquet"))}
+
+
+def counts(out: Path) -> dict[str, int]:
+    return json.loads((out / "manifest.json").read_text(encoding="utf-8"))["counts"]
+
+
+def frames(out: Path) -> list[Frame]:
+    return sorted(open_dataset(out).frames("train"), key=lambda frame: frame.frame_id)
+
+
+def standing_but_one() -> list[dict]:
+    """Twenty frames at one place; in the odd one the radar drives at 5 m/s."""
+    poses = [{"position": [0.0, 0.0, 0.5]} for _ in range(FRAMES)]
+    poses[ODD] = {**poses[ODD], "velocity": [5.0, 0.0, 0.0]}
+    return poses
+
+
+@pytest.fixture(scope="module")
+def driving(folder: Path) -> Path:
+    return made(folder, "render", "driving", standing_but_one(), "--workers", 1, "--no-noise")
+
+
+def test_one_moving_frame_of_twenty_has_doppler_and_the_others_have_none(driving: Path) -> None:
+    found = counts(driving)
+    assert found["frames"] == FRAMES
+    assert found["frames_with_doppler"] == found["frames_with_intra_chirp_motion"] == 1
+    assert found["frames_with_diffraction"] == found["frames_with_diffuse"] == FRAMES
+    assert found["frames_with_specular"] == found["frames_with_refraction"] == found["frames_with_noise"] == 0
+    assert all(frame.image_peak > 0.0 for frame in frames(driving))
+    row = int(np.abs(frames(driving)[0].range_channel[0]).sum(axis=1).argmax())
+    velocity = [float(frame.velocity[0, row]) for frame in frames(driving)]
+    step = load_radar(str(driving.parent / "radar.toml")).waveform.velocity_step_mps
+    assert velocity[ODD] == pytest.approx(-5.0, abs=step)
+    assert velocity[:ODD] + velocity[ODD + 1 :] == [0.0] * (FRAMES - 1)
+
+
+def test_workers_do_not_change_what_frames_decide(driving: Path, folder: Path) -> None:
+    other = made(folder, "render", "workers", standing_but_one(), "--workers", 2, "--no-noise")
+    assert shards(other) == shards(driving)
+    assert counts(other) == counts(driving)
+
+
+def test_traced_now_and_decided_later_is_decided_at_once(driving: Path, folder: Path) -> None:
+    traced = made(folder, "trace", "traced", standing_but_one(), "--workers", 1)
+    run("render", "--paths", traced, "--radar", folder / "radar.toml", "--split", "1:0:0", "--workers", 1,
+        "--no-noise", "--out", folder / "later")  # fmt: skip
+    assert shards(folder / "later") == shards(driving)
+    assert counts(folder / "later") == counts(driving)
+
+
+def test_a_frame_decides_alone(driving: Path, folder: Path) -> None:
+    """The moving frame in a run in which all others move too, and faster, is the same frame."""
+    poses = [{**pose, "velocity": [11.0, 0.0, 0.0]} for pose in standing_but_one()]
+    poses[ODD] = standing_but_one()[ODD]
+    others = made(folder, "render", "others", poses, "--workers", 1, "--no-noise")
+    other, ours = frames(others)[ODD], frames(driving)[ODD]
+    np.testing.assert_array_equal(other.range_channel, ours.range_channel)
+    np.testing.assert_array_equal(other.image, ours.image)
+
+
+def test_one_frame_that_looks_elsewhere_has_all_that_the_scene_has_something_for(folder: Path) -> None:
+    """Nineteen frames look away from the car, with only its edges behind them; the evidence is theirs."""
+    poses = [{"position": [0.0, 0.0, 0.5], "yaw_deg": 180.0} for _ in range(FRAMES)]
+    poses[ODD] = {"position": [0.0, 0.0, 0.5]}
+    out = made(folder, "render", "away", poses, "--workers", 1)
+    found = counts(out)
+    for name in ("specular", "diffuse", "multi_bounce"):
+        assert found[f"frames_with_{name}"] == 1, name
+    assert found["frames_with_diffraction"] == FRAMES
+    assert found["frames_with_refraction"] == 0  # there is no pane
+    levels = [frame.image_peak for frame in frames(out)]
+    assert levels[ODD] > max(levels[:ODD] + levels[ODD + 1 :])
