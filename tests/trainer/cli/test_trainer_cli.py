@@ -6,7 +6,6 @@ import sys
 
 import pytest
 import torch
-from safetensors.torch import load_file
 from small_evaluation import FULL, make_run
 from tiny_radar import RADAR, small_dataset, traced_folder
 from typer.testing import CliRunner
@@ -141,8 +140,9 @@ def test_two_processes_train_what_one_trains(tmp_path):
             [str(part) for part in command], env=environment, capture_output=True, text=True, timeout=300, check=False
         )
         assert done.returncode == 0, done.stderr
-    one, two = (load_file(tmp_path / name / "weights.safetensors") for name in ("one", "two"))
+    # The best weights may be the first; the last have seen all steps.
+    one, two = (torch.load(tmp_path / name / "last.ckpt", weights_only=True)["state_dict"] for name in ("one", "two"))
     difference = torch.cat([(two[name] - one[name]).flatten() for name in one])
     assert difference.norm() <= 1e-3 * torch.cat([weight.flatten() for weight in one.values()]).norm()
-    assert (tmp_path / "one/metrics.csv").read_text().count("\n") == 2
-    assert (tmp_path / "two/metrics.csv").read_text().count("\n") == 2
+    assert (tmp_path / "one/metrics.csv").read_text().count("\n") == 3
+    assert (tmp_path / "two/metrics.csv").read_text().count("\n") == 3
