@@ -14,6 +14,7 @@ from rich.table import Table
 
 from datafactory.cli import options
 from datafactory.frame.defaults import DEFAULT_BUDGET_DB, DEFAULT_PATTERN
+from datafactory.paths.defaults import DEFAULT_RAYS
 
 TABLE_WIDTH = 150
 
@@ -33,7 +34,7 @@ def plan(
     ] = DEFAULT_BUDGET_DB,
     seed: options.Seed = 0,
     materials: options.Materials = None,
-    rays: options.Rays = 600_000,
+    rays: options.Rays = DEFAULT_RAYS,
     depth: options.Depth = 2,
     prove_it: Annotated[
         bool, typer.Option("--prove", help="Simulate one frame as planned and with every effect, and compare.")

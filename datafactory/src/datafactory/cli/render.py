@@ -10,6 +10,7 @@ import typer
 from datafactory.cli import options
 from datafactory.cli.accuracy import make_within_budget
 from datafactory.frame.defaults import DEFAULT_BUDGET_DB, DEFAULT_PATTERN
+from datafactory.paths.defaults import DEFAULT_RAYS
 from shared.physics.errors import InputError
 
 
@@ -30,7 +31,7 @@ def render(
     split: options.Split = DEFAULT_PATTERN,
     materials: options.Materials = None,
     store: options.Store = "range-channel",
-    rays: options.Rays = 600_000,
+    rays: options.Rays = DEFAULT_RAYS,
     depth: options.Depth = 2,
     effects: options.Effects = "auto",
     noise: options.Noise = True,

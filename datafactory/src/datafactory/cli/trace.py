@@ -10,6 +10,7 @@ import typer
 from datafactory.cli import options
 from datafactory.cli.accuracy import make_within_budget
 from datafactory.frame.defaults import DEFAULT_BUDGET_DB, DEFAULT_PATTERN
+from datafactory.paths.defaults import DEFAULT_RAYS
 
 
 def trace(
@@ -22,7 +23,7 @@ def trace(
     poses: options.Poses = None,
     split: options.Split = DEFAULT_PATTERN,
     materials: options.Materials = None,
-    rays: options.Rays = 600_000,
+    rays: options.Rays = DEFAULT_RAYS,
     depth: options.Depth = 2,
     effects: options.Effects = "auto",
     error_budget: Annotated[

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.backend import select_variant
+from datafactory.paths.defaults import DEFAULT_RAYS
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.rays import RayFan
 from datafactory.paths.scattering import LOBE_EXPONENT, MIRROR_SHARE
@@ -65,7 +66,7 @@ class TraceSettings:
     :param polarization: of TX and RX, "V" or "H" each
     """
 
-    rays: int = 600_000
+    rays: int = DEFAULT_RAYS
     depth: int = 2
     paths_a_cell: int = 6
     solver_share: int = 4
