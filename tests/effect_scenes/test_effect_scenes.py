@@ -57,7 +57,7 @@ CALLED_FOR = {
     "dihedral": "specular diffuse multi_bounce noise",
     "trihedral": "rcs_targets noise",
     "reflector_behind_pane": "specular diffuse refraction noise",
-    "target_behind_pane": "diffuse refraction diffraction rcs_targets noise",
+    "target_behind_pane": "diffuse refraction rcs_targets noise",
     "corner": "diffuse diffraction rcs_targets noise",
     "parked_car": "diffuse diffraction noise",
     "moving_car": "doppler range_migration intra_chirp_motion rcs_targets noise",

@@ -11,13 +11,15 @@ import errno
 import io
 import resource
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from hardcases.case import HardCase, unrefused
 from hardcases.tools import small_radar
+
+from shared.radar.arrays import AntennaArray, Position
 
 ROWS, BATCH = 16, 2
 LEVELS = (0.0, 1e-45, 1e-38, 1e-30, 1e-12, 1.0, 1e18, 1e30)
@@ -251,25 +253,26 @@ def _foreign_weights() -> float:
 
 
 def _another_radar() -> float:
-    """Cubes of radars that a run was not trained for and that are imaged all the same."""
+    """Cubes of arrays without the run's elements that are imaged all the same."""
     from trainer.run.predict import predict
 
     with _run_folder() as run:
 
-        def attempt(**changes: object) -> Callable[[], object]:
-            other = small_radar(**changes)
+        def attempt(name: str, tx_m: Sequence[Position], rx_m: Sequence[Position]) -> Callable[[], object]:
+            other = small_radar().model_copy(update={"array": AntennaArray(tx_m=tuple(tx_m), rx_m=tuple(rx_m))})
             shape = (other.waveform.chirps, other.waveform.samples, other.array.channels)
-            file = run.parent / f"{len(changes)}-{'-'.join(changes)}.npz"
+            file = run.parent / f"{name}.npz"
             np.savez(file, cube=np.ones(shape, np.complex64), radar=other.model_dump_json())
             return lambda: predict(run, file, run.parent / "images", announce=lambda line: None)
 
+        array = small_radar().array
+        stretched = [(x, 1.2 * y, z) for x, y, z in array.rx_m]
         return (
             unrefused(
                 {
-                    "bandwidth": attempt(bandwidth_hz=2e9),
-                    "samples": attempt(samples=64),
-                    "chirps": attempt(chirps=8),
-                    "carrier": attempt(carrier_hz=76e9),
+                    "an element less": attempt("less", array.tx_m, array.rx_m[:-1]),
+                    "another TX": attempt("tx", array.tx_m[:1], array.rx_m),
+                    "stretched by a fifth": attempt("stretched", array.tx_m, stretched),
                 }
             )
             + (run.parent / "images").exists()
@@ -356,6 +359,6 @@ CASES = (
     HardCase("infinite input", "one bad frame ruins the weights", 0, "wrong answers", _infinite_input),
     HardCase("truncated weights", "half a network is loaded", 0, "unrefused", _truncated_weights),
     HardCase("foreign weights", "other tensors, a pickle or NaN are loaded", 0, "unrefused", _foreign_weights),
-    HardCase("dataset of another radar", "a network images axes it has never seen", 0, "unrefused", _another_radar),
+    HardCase("cube of another array", "a network uses elements that are not there", 0, "unrefused", _another_radar),
     HardCase("full disk", "a traceback, or half a file that looks whole", 0, "wrong answers", _full_disk),
 )  # fmt: skip

@@ -196,7 +196,7 @@ def test_every_row_is_priced(rows):
         assert row.peak_mb >= 0.0
         assert row.reference
         assert (row.power_l1_db is None) == (row.kind == "signal")
-    assert [row.setting for row in rows if row.default and row.knob == "tolerance"] == ["1e-06"]
+    assert [row.setting for row in rows if row.default and row.knob == "tolerance"] == ["0.001"]
     assert [row.knob for row in rows if not row.approximation] == ["diffraction"]
 
 

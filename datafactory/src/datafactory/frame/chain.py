@@ -45,6 +45,9 @@ from shared.radar import Radar
 FRAMES_WITH = "frames_with_"
 """Before an effect's name, in the manifest's counts: how many frames were made with it."""
 
+POINTS_TOLERANCE = 1e-6
+"""Of the cube of point targets, whose places are given exactly: they are few, and the tolerance is cheap."""
+
 
 @dataclass(frozen=True)
 class ChainSettings:
@@ -189,6 +192,8 @@ def measured(source: Source, radar: Radar, at: Hook = plainly) -> Measurement:
             targets = draw_close_targets(radar, settings.close_targets, generator(frame.seed, "targets"))
         identity = FrameIdentity(frame.frame_id, "points", "points", frame.seed)
         paths, known, counted = targets.path_table(radar), targets.truth(radar), dict[str, int]()
+        tolerance = min(settings.processing.tolerance, POINTS_TOLERANCE)
+        settings = replace(settings, processing=replace(settings.processing, tolerance=tolerance))
     else:
         traced = source.traced(radar, at)
         pose = traced.pose
