@@ -28,6 +28,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from datafactory.synthesis.spread import rx_lengths
 from shared.physics.compiled import compiled
 from shared.physics.cycles import phasor, phasor_like
 from shared.physics.units import SPEED_OF_LIGHT
@@ -45,20 +46,6 @@ def _length(x, y, z, element, plane):
         return far - (x * element[0] + y * element[1] + z * element[2]) / max(far, 1e-9)
     dx, dy, dz = x - element[0], y - element[1], z - element[2]
     return np.sqrt(dx * dx + dy * dy + dz * dz)
-
-
-@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
-def _rx_lengths(px, py, pz, rx, plane, length):
-    x, y, z = rx[0], rx[1], rx[2]
-    if plane:
-        far = np.sqrt(px * px + py * py + pz * pz)
-        ux, uy, uz = px / max(far, 1e-9), py / max(far, 1e-9), pz / max(far, 1e-9)
-        for e in range(len(x)):
-            length[e] = far - (ux * x[e] + uy * y[e] + uz * z[e])
-    else:
-        for e in range(len(x)):
-            dx, dy, dz = px - x[e], py - y[e], pz - z[e]
-            length[e] = np.sqrt(dx * dx + dy * dy + dz * dz)
 
 
 @compiled(nogil=True, error_model="numpy", fastmath=_FAST)
@@ -203,7 +190,7 @@ def add_lines(
         for i in range(tx_count):
             leg = _length(px, py, pz, tx[i], plane) + link + rx_leg
             departure[i] = bins_per_metre * leg + mean - nearest / oversampling
-        _rx_lengths(qx, qy, qz, rx, plane, length)
+        rx_lengths(qx, qy, qz, rx[0], rx[1], rx[2], plane, length)
         for i in range(tx_count):
             for e in range(rx_count):
                 shift[i * rx_count + e] = departure[i] + bins_per_metre * (length[e] - rx_leg)
@@ -216,7 +203,7 @@ def add_lines(
                 cosine, sine = phasor(cycles)
                 tx_re[i, n] = cosine * table[14, k] - sine * table[15, k]
                 tx_im[i, n] = cosine * table[15, k] + sine * table[14, k]
-            _rx_lengths(qx, qy, qz, rx, plane, length)
+            rx_lengths(qx, qy, qz, rx[0], rx[1], rx[2], plane, length)
             _phasors(length, frequency, rx_re, rx_im, n * rx_count)
         for n in range(len(even)):
             last = nodes - 1 - n

@@ -115,7 +115,7 @@ def _plane_distances(count, x, y, z, point, distance):
 
 
 @compiled(nogil=True, error_model="numpy", fastmath=_FAST)
-def _rx_lengths(px, py, pz, x, y, z, plane, length):
+def rx_lengths(px, py, pz, x, y, z, plane, length):
     """Lengths [E] of the leg from a point to the elements x, y, z [E], spherical or plane waves."""
     if plane:
         far = np.sqrt(px * px + py * py + pz * pz)
@@ -254,8 +254,8 @@ def add_moments(
                     b * rx_count, rx_re, rx_im, rx_shift,
                 )  # fmt: skip
                 continue
-            _rx_lengths(qx[b], qy[b], qz[b], x, y, z, plane, leg)
-            _rx_lengths(cx[b], cy[b], cz[b], x, y, z, plane, beat_leg)
+            rx_lengths(qx[b], qy[b], qz[b], x, y, z, plane, leg)
+            rx_lengths(cx[b], cy[b], cz[b], x, y, z, plane, beat_leg)
             _rx_legs_from(
                 leg, beat_leg, frequency[b], bins_per_metre, rx_offset[b], b * rx_count, rx_re, rx_im, rx_shift
             )
