@@ -17,10 +17,8 @@ in (f_c - f) + kappa nu. The factor of the range remainder is a polynomial in z 
 path and Doppler cell a few moments per element are added to a grid of range cells. The cells around each row then give
 the row.
 
-A path enters only where it is seen. Of the paths within ROW_REACH bins of a row and DOPPLER_REACH of its Doppler cell
-(beyond, Hann's skirts lie below -74 and -64 dB), those that are weakest there and hold together less than NEGLECTED_DB
-of the row's power are left out of it. A path that no row of a Doppler cell wants is not evaluated for this cell. Each
-path has as many terms of the Doppler polynomial as its own place and speed call for.
+A path enters only where it is seen (:mod:`datafactory.synthesis.visibility`), with as many terms of the Doppler
+polynomial as its own place and speed call for.
 
 Limits: velocities are constant. The delay's third derivative within a frame is left out (2.4e-6 m at 3 m and 10 m/s).
 Ranges are cyclic, as in the cube: row 0 is next to the last range bin, and an echo from beyond the unambiguous range
@@ -29,13 +27,14 @@ folds. ``tests/datafactory/synthesis/test_truth.py`` compares the image with the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import comb, factorial
 
 import numpy as np
-from jaxtyping import Bool, Complex64, Complex128, Float32, Float64, Int64
+from jaxtyping import Complex64, Complex128, Float32, Float64, Int64
 
 from datafactory.paths.table import PathTable, ScatteredPaths
+from datafactory.synthesis.mid_frame import BLOCK, MidFrame, at_mid_frame
+from datafactory.synthesis.visibility import DOPPLER_REACH, ROW_REACH, seen_paths
 from datafactory.synthesis.wave_model import EQUATION_1, WaveModel
 from shared.physics.compiled import compiled
 from shared.physics.cycles import phasor
@@ -46,50 +45,16 @@ from shared.signal.sweep import reference_frequency_hz, shift_polynomials, sweep
 from shared.signal.windows import hann
 
 CELLS_PER_BIN = 2
-BLOCK = 32
-"""Elements that share a path's range cell and Doppler expansion."""
+"""Of the grid of range moments: a path is at most a quarter of a bin from its cell."""
 SHIFT_TERMS = 5
 """Powers of the range remainder: -77 dB at the ends of the sweep for |z| <= 0.36 bins."""
-ROW_REACH = 12
-DOPPLER_REACH = 8.0
 DELTA_STEP = 1.0 / 16.0
+"""Of the table's Doppler nodes [bins]; half of it is part of a path's departure, which sets its terms."""
 CURVATURE_STEP = 1.0 / 32.0
+"""Of the table's curvatures [cycles]: half of it turns the frame's edges, where Hann has no weight, by 0.025 rad."""
 DOPPLER_ERROR = 3e-3
 """Bound on the Doppler polynomial's error, relative to the path's own amplitude: -50 dB."""
 MAX_DOPPLER_TERMS = 10
-NEGLECTED_DB = -65.0
-"""Power of the paths that are left out of a row, over that of all, incoherently summed: 15 dB below the terms' errors.
-On munich at 2.5 m/s half of the pairs of path and Doppler cell remain; at -50 dB, a quarter fewer."""
-NEGLECTED, LEVELS = 10.0 ** (NEGLECTED_DB / 10.0), 140
-"""The same as a ratio; levels of 1 dB that are told apart."""
-
-
-@dataclass(frozen=True)
-class MidFrame:
-    """Paths at mid-frame, as seen by one TX: the input of the kernel.
-
-    :param rx_point: [m]; ``rx_velocity`` [m/s]
-    :param tx_length, tx_rate: length before the RX leg [m] and its rate [m/s]
-    :param curvature: q [cycles], seen from the array's centre
-    :param doppler: f [bins], unwrapped, seen from the array's centre
-    :param range_bins: x = B tau seen from the array's centre, at the time of the beat frequency
-    :param amplitude: [sqrt(W)]
-    :param departure: largest distance of an element's Doppler from the point of expansion, with migration [bins]
-    """
-
-    rx_point: Float64[np.ndarray, "paths 3"]
-    rx_velocity: Float64[np.ndarray, "paths 3"]
-    tx_length: Float64[np.ndarray, " paths"]
-    tx_rate: Float64[np.ndarray, " paths"]
-    curvature: Float64[np.ndarray, " paths"]
-    doppler: Float64[np.ndarray, " paths"]
-    range_bins: Float64[np.ndarray, " paths"]
-    amplitude: Complex128[np.ndarray, " paths"]
-    departure: Float64[np.ndarray, " paths"]
-
-    def take(self, index: Int64[np.ndarray, " chosen"]) -> MidFrame:
-        """The paths at these indices."""
-        return MidFrame(**{name: getattr(self, name)[index] for name in self.__dataclass_fields__})
 
 
 def truth_moments(
@@ -111,7 +76,7 @@ def truth_moments(
         raise ValueError(f"the virtual sensor has {len(array.tx_m)} TX; expected 1")
     tx = array.tx[0]
     both = ScatteredPaths.concatenate([paths.scattered, paths.specular.as_scattered(tx)])
-    mid = _at_mid_frame(both, radar, tx, array.rx.mean(axis=0), model)
+    mid = at_mid_frame(both, radar, tx, array.rx.mean(axis=0), model)
     # Neighbours in range share cells, and the cache.
     mid = mid.take(np.argsort(mid.range_bins % waveform.samples, kind="stable"))
     frame_s = waveform.chirps * waveform.chirp_interval_s
@@ -125,7 +90,7 @@ def truth_moments(
     blocks = [slice(first, min(first + BLOCK, channels)) for first in range(0, channels, BLOCK)]
     grids = [np.zeros((cells, SHIFT_TERMS * doppler_terms, 2, len(array.rx[block])), np.float32) for block in blocks]
     moments = np.zeros((terms, waveform.range_bins, channels), dtype=np.complex64)
-    seen = _seen(mid, radar, doppler_cells)
+    seen = seen_paths(mid, radar, doppler_cells)
     for cell in np.unique(doppler_cells):
         rows = np.flatnonzero(doppler_cells == cell)
         needed = np.zeros(cells, dtype=bool)
@@ -154,65 +119,6 @@ def truth_moments(
     return moments
 
 
-def _at_mid_frame(
-    paths: ScatteredPaths,
-    radar: Radar,
-    tx: Float64[np.ndarray, " 3"],
-    centre: Float64[np.ndarray, " 3"],
-    model: WaveModel,
-) -> MidFrame:
-    waveform = radar.waveform
-    time = model.phase_time_s(waveform.chirps // 2 * waveform.chirp_interval_s, radar)
-    frame_s = waveform.chirps * waveform.chirp_interval_s
-    tx_vector = paths.tx_point + paths.tx_velocity * time - tx
-    rx_point = paths.rx_point + paths.rx_velocity * time
-    tx_leg, tx_rate, tx_bend = _derivatives(tx_vector, paths.tx_velocity)
-    rx_leg, rx_rate, rx_bend = _derivatives(rx_point - centre, paths.rx_velocity)
-    tx_length = tx_leg + paths.between_m + paths.between_rate_mps * time
-    tx_rate = tx_rate + paths.between_rate_mps
-    cycles_per_metre = reference_frequency_hz(radar) / SPEED_OF_LIGHT
-    doppler = cycles_per_metre * (tx_rate + rx_rate) * frame_s
-    return MidFrame(
-        rx_point=rx_point,
-        rx_velocity=paths.rx_velocity,
-        tx_length=tx_length,
-        tx_rate=tx_rate,
-        curvature=0.5 * cycles_per_metre * (tx_bend + rx_bend) * frame_s**2,
-        doppler=doppler,
-        range_bins=waveform.bandwidth_hz
-        / SPEED_OF_LIGHT
-        * (tx_length + rx_leg + model.lead_s(radar) * (tx_rate + rx_rate)),
-        amplitude=paths.amplitude,
-        departure=_departure(rx_point, paths.rx_velocity, doppler, radar, frame_s),
-    )
-
-
-def _derivatives(
-    vector: Float64[np.ndarray, "paths 3"], velocity: Float64[np.ndarray, "paths 3"]
-) -> tuple[Float64[np.ndarray, " paths"], Float64[np.ndarray, " paths"], Float64[np.ndarray, " paths"]]:
-    """Length of a moving vector and its first two time derivatives."""
-    length = np.maximum(np.linalg.norm(vector, axis=1), 1e-9)
-    rate = np.einsum("ki,ki->k", vector, velocity) / length
-    return length, rate, (np.einsum("ki,ki->k", velocity, velocity) - rate**2) / length
-
-
-def _departure(
-    rx_point: Float64[np.ndarray, "paths 3"],
-    rx_velocity: Float64[np.ndarray, "paths 3"],
-    doppler: Float64[np.ndarray, " paths"],
-    radar: Radar,
-    frame_s: float,
-) -> Float64[np.ndarray, " paths"]:
-    """Largest distance of an element's Doppler from its block's, and the Doppler that migration adds [bins]."""
-    distance = np.maximum(np.linalg.norm(rx_point, axis=1), 0.5)
-    speed = np.linalg.norm(rx_velocity, axis=1)
-    half_block = 0.5 * BLOCK * SPEED_OF_LIGHT / (2.0 * radar.waveform.carrier_hz)
-    spread = reference_frequency_hz(radar) / SPEED_OF_LIGHT * speed * half_block / distance * frame_s
-    # Hann gives the sweep's ends no weight: its standard deviation of nu is 0.18, and twice that holds 96 % of the
-    # weight.
-    return spread + 0.36 * np.abs(doppler) * radar.waveform.bandwidth_hz / reference_frequency_hz(radar)
-
-
 def _doppler_terms(mid: MidFrame, chirps: int) -> Int64[np.ndarray, " paths"]:
     """Terms of the Doppler polynomial of every path so that its remainder stays below DOPPLER_ERROR.
 
@@ -228,79 +134,6 @@ def _doppler_terms(mid: MidFrame, chirps: int) -> Int64[np.ndarray, " paths"]:
     for count in range(MAX_DOPPLER_TERMS - 1, 1, -1):
         result[(2.0 * np.pi * departure) ** count / factorial(count) * (window @ eta**count) < DOPPLER_ERROR] = count
     return result
-
-
-def _seen(mid: MidFrame, radar: Radar, doppler_cells: Int64[np.ndarray, " rows"]) -> Bool[np.ndarray, "chirps paths"]:
-    """For each Doppler cell the paths that are seen in one of its rows.
-
-    :param mid: paths in the order of their folded range
-    """
-    waveform = radar.waveform
-    seen = np.zeros((waveform.chirps, len(mid.amplitude)), dtype=bool)
-    # An element may see a path nearer to the cell than the centre does, and curvature widens its line.
-    slack = mid.departure + np.abs(mid.curvature)
-    _mark_seen(
-        mid.range_bins % waveform.samples, mid.doppler, slack, np.abs(mid.amplitude) ** 2, doppler_cells,
-        min(float(ROW_REACH), 0.5 * waveform.samples), float(waveform.samples), seen,
-    )  # fmt: skip
-    return seen
-
-
-@compiled(cache=False, inline="always", error_model="numpy")
-def _hann_power(bins):
-    """Power of the Hann window's response this far from its peak, the envelope of the sidelobes beyond 1.5 bins.
-
-    Harris, Proc. IEEE 66, 51 (1978): sin(pi x) / (pi x (1 - x^2)), here its main lobe to 1.5 bins as the power of a
-    cosine, which is right at 0 and 1 and at most 1.4 dB off.
-    """
-    if bins < 1.5:
-        return np.cos(0.25 * np.pi * bins) ** 4
-    return 1.0 / (np.pi * bins * (bins * bins - 1.0)) ** 2
-
-
-@compiled(nogil=True, error_model="numpy")
-def _mark_seen(bins, doppler, slack, power, doppler_cells, reach, samples, seen):
-    """Mark in ``seen`` [chirps, paths] what each row sees in its Doppler cell.
-
-    A row's paths are counted in levels of 1 dB below the row's power. From the weakest on, levels are left out while
-    they hold together less than NEGLECTED_DB.
-    """
-    chirps, count = seen.shape
-    part, held = np.empty(count), np.empty(LEVELS)
-    for row in range(len(doppler_cells)):
-        cell = doppler_cells[row]
-        frequency = cell - chirps // 2
-        total = 0.0
-        # Cyclic: what lies beyond one end of the axis stands at the other.
-        first = np.searchsorted(bins, (row - reach) % samples)
-        size = 0
-        while size < count:
-            k = (first + size) % count
-            offset = bins[k] - row
-            offset = abs(offset - samples * np.floor(offset / samples + 0.5))
-            if offset > reach:
-                break
-            delta = doppler[k] - frequency
-            delta = abs(delta - chirps * np.floor(delta / chirps + 0.5))
-            part[size] = 0.0
-            if delta <= DOPPLER_REACH:
-                part[size] = power[k] * _hann_power(offset) * _hann_power(max(delta - slack[k], 0.0))
-            total += part[size]
-            size += 1
-        if total <= 0.0:
-            continue
-        held[:] = 0.0
-        for index in range(size):
-            if part[index] > 0.0:
-                level = min(int(10.0 * np.log10(total / part[index])), LEVELS - 1)
-                held[level] += part[index]
-        least, left_out = LEVELS, 0.0
-        while least > 1 and left_out + held[least - 1] <= NEGLECTED * total:
-            least -= 1
-            left_out += held[least]
-        for index in range(size):
-            if part[index] > 0.0 and min(int(10.0 * np.log10(total / part[index])), LEVELS - 1) < least:
-                seen[cell, (first + index) % count] = True
 
 
 def _frame_positions(chirps: int) -> Float64[np.ndarray, " {chirps}"]:
