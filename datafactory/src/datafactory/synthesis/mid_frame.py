@@ -1,8 +1,8 @@
 """Paths at mid-frame, as the virtual sensor sees them: where the truth develops the delay.
 
-Of the legs to a moving point, length l, rate l' = v . r / l and bend l'' = (v^2 - l'^2) / l. With f_0 the reference
-frequency and T the frame, the Doppler is f_0 T l' / c bins and the curvature f_0 T^2 l'' / (2 c) cycles. The third
-derivative is left out.
+Of a leg l and its derivatives (:func:`datafactory.synthesis.motion.leg_of`), with f_0 the reference frequency and T
+the frame, the Doppler is f_0 T l' / c bins and the curvature f_0 T^2 l'' / (2 c) cycles. The third derivative is left
+out.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Complex128, Float64, Int64
 
 from datafactory.paths.table import ScatteredPaths
+from datafactory.synthesis.motion import leg_of
 from datafactory.synthesis.wave_model import WaveModel
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
@@ -65,36 +66,26 @@ def at_mid_frame(
     waveform = radar.waveform
     time = model.phase_time_s(waveform.chirps // 2 * waveform.chirp_interval_s, radar)
     frame_s = waveform.chirps * waveform.chirp_interval_s
-    tx_vector = paths.tx_point + paths.tx_velocity * time - tx
     rx_point = paths.rx_point + paths.rx_velocity * time
-    tx_leg, tx_rate, tx_bend = _derivatives(tx_vector, paths.tx_velocity)
-    rx_leg, rx_rate, rx_bend = _derivatives(rx_point - centre, paths.rx_velocity)
-    tx_length = tx_leg + paths.between_m + paths.between_rate_mps * time
-    tx_rate = tx_rate + paths.between_rate_mps
+    tx_leg = leg_of(paths.tx_point, paths.tx_velocity, time, tx)
+    rx_leg = leg_of(paths.rx_point, paths.rx_velocity, time, centre)
+    tx_length = tx_leg.length + paths.between_m + paths.between_rate_mps * time
+    tx_rate = tx_leg.rate + paths.between_rate_mps
     cycles_per_metre = reference_frequency_hz(radar) / SPEED_OF_LIGHT
-    doppler = cycles_per_metre * (tx_rate + rx_rate) * frame_s
+    doppler = cycles_per_metre * (tx_rate + rx_leg.rate) * frame_s
     return MidFrame(
         rx_point=rx_point,
         rx_velocity=paths.rx_velocity,
         tx_length=tx_length,
         tx_rate=tx_rate,
-        curvature=0.5 * cycles_per_metre * (tx_bend + rx_bend) * frame_s**2,
+        curvature=0.5 * cycles_per_metre * (tx_leg.bend + rx_leg.bend) * frame_s**2,
         doppler=doppler,
         range_bins=waveform.bandwidth_hz
         / SPEED_OF_LIGHT
-        * (tx_length + rx_leg + model.lead_s(radar) * (tx_rate + rx_rate)),
+        * (tx_length + rx_leg.length + model.lead_s(radar) * (tx_rate + rx_leg.rate)),
         amplitude=paths.amplitude,
         departure=_departure(rx_point, paths.rx_velocity, doppler, radar, frame_s),
     )
-
-
-def _derivatives(
-    vector: Float64[np.ndarray, "paths 3"], velocity: Float64[np.ndarray, "paths 3"]
-) -> tuple[Float64[np.ndarray, " paths"], Float64[np.ndarray, " paths"], Float64[np.ndarray, " paths"]]:
-    """Length of a moving vector and its first two time derivatives."""
-    length = np.maximum(np.linalg.norm(vector, axis=1), 1e-9)
-    rate = np.einsum("ki,ki->k", vector, velocity) / length
-    return length, rate, (np.einsum("ki,ki->k", velocity, velocity) - rate**2) / length
 
 
 def _departure(
