@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from shared.dataset.writing import atomic
@@ -24,6 +25,8 @@ SPAN_DB = 40.0
 """Levels shown below the maximum [dB]."""
 PANEL_PIXELS = 320, 300
 """Height and width of a panel in the pictures."""
+U_INTERVALS = 4
+"""Between ticks of u, at most: their labels stay apart in the narrowest panel."""
 
 
 def range_weighted_db(
@@ -70,6 +73,7 @@ def draw_levels(
     )  # fmt: skip
     bins = levels_db.shape
     axis.set(xlim=(u_start + bins[1] * u_step, u_start), ylim=(0.0, bins[0] * range_step_m))
+    axis.xaxis.set_major_locator(MaxNLocator(U_INTERVALS))
     return drawn
 
 
