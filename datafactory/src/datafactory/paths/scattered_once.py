@@ -35,7 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.facets import mirrors_of
-from datafactory.paths.merged_scene import MergedScene, slabs_of
+from datafactory.paths.merged_scene import MergedScene, slabs_of, velocities_on
 from datafactory.paths.panes import (
     clear_between,
     field_behind_slab,
@@ -120,16 +120,21 @@ class _Surfaces:
         counts = [len(mesh.triangles) for mesh in meshes]
         rotation, mirrors = pose.rotation(), mirrors_of(merged_scene)
         velocity = np.array([mesh.velocity for mesh in meshes])
-        moved = velocity * pose.time_s - np.asarray(pose.position)
+        moved = np.array([mesh.shift for mesh in meshes]) - np.asarray(pose.position)
         self.geometry, self.frequency_hz = geometry, frequency_hz
         self.slabs = slabs_of(merged_scene, materials)
         self.first = np.cumsum([0, *counts])
-        self.mesh_of_triangle = np.repeat(np.arange(len(meshes)), counts)
+        self.mesh_of_triangle = merged_scene.mesh_of_triangle
         self.object_of_triangle = np.concatenate([mesh.object_of_triangle for mesh in meshes]).astype(np.int64)
-        self.velocity = (velocity - np.asarray(pose.velocity)) @ rotation
+        self._velocity = (velocity - np.asarray(pose.velocity)) @ rotation
+        self._merged_scene, self._pose = merged_scene, pose
         self.normals = mirrors.normals @ rotation
         self.heights = np.einsum("ki,ki->k", mirrors.normals, mirrors.corners[:, 0] + moved[self.mesh_of_triangle])
         self.mesh_number = mesh_of_shape(geometry)
+
+    def velocity(self, triangle: Index, point: Real) -> Real:
+        """[n, 3] velocities relative to the radar of points [n, 3] on triangles [n] [m/s]."""
+        return velocities_on(self._merged_scene, self._pose, self._velocity, triangle, point)
 
     def hit_by(self, waves: Waves) -> tuple[Index, Hits]:
         """The indices of the waves that meet a surface, and where."""
@@ -214,14 +219,15 @@ class _Echoes:
         """Those at ``index`` as paths, their powers times ``factor``."""
         waves, hits = self.waves, self.hits
         triangles = np.concatenate([waves.triangles[index], hits.triangle[index, None]], axis=1)
+        vertices = np.concatenate([waves.bounced[index], hits.point[index, None]], axis=1)
         kinds = np.full(triangles.shape, SPECULAR, dtype=np.int64)
         kinds[:, -1] = DIFFUSE
         return Bundle(
-            vertices=np.concatenate([waves.bounced[index], hits.point[index, None]], axis=1),
+            vertices=vertices,
             interactions=kinds,
             objects=surfaces.object_of_triangle[triangles],
             triangles=triangles,
-            velocities=surfaces.velocity[surfaces.mesh_of_triangle[triangles]],
+            velocities=surfaces.velocity(triangles.reshape(-1), vertices.reshape(-1, 3)).reshape(vertices.shape),
             crossings=np.full(len(index), self.crossings, dtype=np.int64),
             amplitude=self.amplitude[index] * np.sqrt(factor),
         )
@@ -264,7 +270,7 @@ def scattered_once(
         if bounce + 1 == settings.depth or not settings.specular:
             break
         smooth = np.sqrt(1.0 - coefficient**2)[hits.mesh]
-        turned = np.einsum("ki,ki->k", surfaces.velocity[hits.mesh], waves.direction - onward)
+        turned = np.einsum("ki,ki->k", surfaces.velocity(hits.triangle, hits.point), waves.direction - onward)
         waves = Waves(
             hits.point,
             _clear_of(hits, 1.0),
@@ -367,6 +373,6 @@ def _heard(frame: _Frame, waves: Waves, hits: Hits, heard: Complex, home: Real, 
     range_m = np.linalg.norm(hits.point, axis=1)
     amplitude = np.conj(heard) * factor * wavelength / (4.0 * np.pi * range_m)
     last = np.linalg.norm(hits.point - (waves.start if waves.bounced.shape[1] else 0.0), axis=1)
-    turned = np.einsum("ki,ki->k", surfaces.velocity[hits.mesh], waves.direction - home)
+    turned = np.einsum("ki,ki->k", surfaces.velocity(hits.triangle, hits.point), waves.direction - home)
     cell = cells_of(0.5 * (waves.length + last + range_m), -home[:, 1], 0.5 * (waves.rate + turned))
     return _Echoes(waves, hits, amplitude, np.abs(amplitude) ** 2 * ratio, cell, crossings)
