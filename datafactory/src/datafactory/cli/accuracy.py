@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -40,8 +39,6 @@ def accuracy(
     repeats: Annotated[int, typer.Option(min=1, max=20, help="Timed runs of each stage and frame.")] = 1,
     quick: Annotated[bool, typer.Option("--quick", help="One frame, fewer settings; for a small scene.")] = False,
     materials: Annotated[Path | None, typer.Option(help="TOML file that overrides the material table.")] = None,
-    variant: options.Variants = None,
-    allow_missing: options.AllowMissing = False,
 ) -> None:
     """Show what accuracy costs in time: every approximation as a knob with its price and its error."""
     from datafactory.accuracy import knobs, lattices, report
@@ -66,7 +63,6 @@ def accuracy(
     set_threads(1)
     count = min(1 if quick else frames, len(given) or IMAGE_BATCH)
     order = Order(radar=model, scenes=(scene,), frames=0 if given else options.DEFAULT_FRAMES, poses=given, seed=seed)
-    order = replace(order, reading=options.reading_of(variant, allow_missing))
     prepared = prepare(order, table, lambda line: console.print(line, markup=False))
     (planned,) = planned_scenes(order, prepared)
     effects = planned.effects

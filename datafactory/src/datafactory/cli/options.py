@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from datafactory.run.order import Order
     from datafactory.run.pipeline import Execution, Report
     from datafactory.scenes.materials.table import MaterialTable
-    from datafactory.scenes.readers.reading import Reading
 
 Out = Annotated[Path, typer.Option("--out", help="Folder of the dataset; new or empty.", show_default=False)]
 RadarName = Annotated[str, typer.Option("--radar", help="A preset or a TOML file.")]
@@ -33,11 +32,6 @@ Scenes = Annotated[
     list[str] | None,
     typer.Option("--scene", help="USD, Mitsuba XML or mesh file, or sionna:NAME; may be repeated.", show_default=False),
 ]
-Variants = Annotated[
-    list[str] | None,
-    typer.Option("--variant", help="set=name: a variant of the USD scenes; may be repeated.", show_default=False),
-]
-AllowMissing = Annotated[bool, typer.Option("--allow-missing", help="Go on without geometry that cannot be opened.")]
 Poses = Annotated[
     Path | None, typer.Option("--poses", help="JSON file of sensor poses: one frame a pose, instead of drawn ones.")
 ]
@@ -97,16 +91,6 @@ def order_of(
         settings=ChainSettings(trace=TraceSettings(rays=rays, depth=depth)),
         budget_db=budget_db,
     )
-
-
-def reading_of(variant: list[str] | None, allow_missing: bool) -> Reading:
-    """How the scenes are to be read.
-
-    :raises InputError: a ``--variant`` that is not set=name
-    """
-    from datafactory.scenes.readers.reading import Reading, parse_variants
-
-    return Reading(parse_variants(variant or ()), allow_missing)
 
 
 def cores() -> int:

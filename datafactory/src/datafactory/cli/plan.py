@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -40,8 +39,6 @@ def plan(
     prove_it: Annotated[
         bool, typer.Option("--prove", help="Simulate one frame as planned and with every effect, and compare.")
     ] = False,
-    variant: options.Variants = None,
-    allow_missing: options.AllowMissing = False,
     times: Annotated[bool, typer.Option("--times/--no-times", help="Measure what each effect costs in time.")] = True,
 ) -> None:
     """Say which effects will be simulated, why, what each costs and what leaving it out would cost.
@@ -60,7 +57,6 @@ def plan(
 
     console = Console(soft_wrap=True, highlight=False, stderr=as_json)
     order = options.order_of(scene, poses, frames, split, seed, radar, rays=rays, depth=depth, budget_db=error_budget)
-    order = replace(order, reading=options.reading_of(variant, allow_missing))
     select_variant()
     set_threads(1)
     columns = (TextColumn("{task.description:24s}"), BarColumn(), MofNCompleteColumn())

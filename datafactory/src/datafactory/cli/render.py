@@ -49,8 +49,6 @@ def render(
     workers: options.Workers = 0,
     resume: options.Resume = False,
     keep_going: options.KeepGoing = False,
-    variant: options.Variants = None,
-    allow_missing: options.AllowMissing = False,
 ) -> None:
     """Render frames of scenes, and close-target frames beside them, into a dataset."""
     from datafactory.effects.catalogue import parse_effects
@@ -92,7 +90,6 @@ def render(
             ),
         ),
         effects=parse_effects(effects),
-        reading=options.reading_of(variant, allow_missing),
         budget_db=DEFAULT_BUDGET_DB if error_budget is None else error_budget,
     )
     table = load_materials(materials)

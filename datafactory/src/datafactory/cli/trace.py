@@ -39,8 +39,6 @@ def trace(
     workers: options.Workers = 0,
     resume: options.Resume = False,
     keep_going: options.KeepGoing = False,
-    variant: options.Variants = None,
-    allow_missing: options.AllowMissing = False,
 ) -> None:
     """Trace multipath into DIR/paths; `datafactory render --paths DIR` renders any radar from it.
 
@@ -52,7 +50,7 @@ def trace(
 
     budget_db = DEFAULT_BUDGET_DB if error_budget is None else error_budget
     order = options.order_of(scene, poses, frames, split, seed, radar, rays, depth, budget_db)
-    order = replace(order, effects=parse_effects(effects), reading=options.reading_of(variant, allow_missing))
+    order = replace(order, effects=parse_effects(effects))
     table = load_materials(materials)
     running = options.Running(out, workers, resume, keep_going)
     if error_budget is None:
