@@ -22,9 +22,12 @@ from packaging.version import Version
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("shared", "datafactory", "trainer")
 RUN_FILES = ("run.json", "weights.safetensors")
+SHIPPED = ROOT / "datafactory/src/datafactory/scenes/shipped"
+SCENES = {path for pattern in ("*.*", "*/*.*") for path in SHIPPED.glob(pattern)}
 DATA = {
     "shared": {"shared/py.typed"},
-    "datafactory": {"datafactory/py.typed", "datafactory/scenes/materials/materials_77ghz.toml"},
+    "datafactory": {"datafactory/py.typed", "datafactory/scenes/materials/materials_77ghz.toml"}
+    | {path.relative_to(ROOT / "datafactory/src").as_posix() for path in SCENES},
     "trainer": {"trainer/py.typed", "trainer/evaluation/report/viewer.html", "trainer/run/pretrained/README.md"}
     | {f"trainer/run/pretrained/{name}/{file}" for name in ("sparse6", "sparse4") for file in RUN_FILES},
 }

@@ -10,7 +10,8 @@ import pytest
 import trimesh
 
 from datafactory.scenes.readers.meshes import clean_mesh, place_mesh
-from datafactory.scenes.readers.open import KNOWN_SUFFIXES, open_scene, sionna_scenes
+from datafactory.scenes.readers.named import shipped_scenes, sionna_scenes
+from datafactory.scenes.readers.open import KNOWN_SUFFIXES, open_scene
 from shared.physics.errors import InputError
 
 
@@ -104,6 +105,18 @@ def test_an_unknown_suffix_names_the_known_ones() -> None:
         InputError, match=r"scene\.blend: unknown scene format '\.blend'; expected one of \.usd .*sionna:"
     ):
         open_scene("scene.blend")
+
+
+def test_shipped_scenes_are_found_by_name_and_unknown_ones_listed() -> None:
+    scenes = shipped_scenes()
+    assert {"street", "street.xml", "test_range", "tiny", "effects/wall"} <= scenes.keys()
+    assert next(iter(scenes)) == "street"
+    tiny, file = open_scene("shipped:tiny"), open_scene(str(scenes["tiny"]))
+    assert (tiny.name, tiny.source) == ("tiny", "shipped:tiny")
+    assert tiny.content_hash() == file.content_hash()
+    assert open_scene("shipped:effects/wall").name == "wall"
+    with pytest.raises(InputError, match=r"shipped:atlantis: unknown shipped scene; expected street, .*tiny"):
+        open_scene("shipped:atlantis")
 
 
 def test_sionna_scenes_are_found_by_name_and_unknown_ones_listed() -> None:

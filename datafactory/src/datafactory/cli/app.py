@@ -14,12 +14,14 @@ from typer.core import TyperCommand
 from typer.exceptions import TyperException
 
 from datafactory.cli.accuracy import accuracy
+from datafactory.cli.check import check
 from datafactory.cli.city import city
 from datafactory.cli.doctor import doctor
 from datafactory.cli.inspect import inspect
 from datafactory.cli.plan import plan
 from datafactory.cli.points import points
 from datafactory.cli.render import render
+from datafactory.cli.scenes import scenes
 from datafactory.cli.trace import trace
 from shared.processes.command_line import Ending, run_app
 from shared.processes.interrupt import INTERRUPTED
@@ -44,7 +46,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for command in (render, points, plan, accuracy, trace, city, inspect, doctor):
+for command in (render, points, plan, accuracy, trace, scenes, check, city, inspect, doctor):
     app.command(cls=PlainCommand)(command)
 
 

@@ -1,0 +1,77 @@
+"""``datafactory check``: what a scene holds, what becomes of it, and what the radar will not see of it."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from datafactory.cli import options
+from datafactory.cli.tables import plain_console, table
+
+if TYPE_CHECKING:
+    from datafactory.inspection.scene import SceneReport
+
+TABLE_WIDTH = 120
+
+
+def check(
+    scene: Annotated[str, typer.Option("--scene", help="USD, Mitsuba XML or mesh file, shipped:NAME or sionna:NAME.")],
+    variant: Annotated[
+        list[str] | None, typer.Option("--variant", help="set=name: a variant of the USD scene; may be repeated.")
+    ] = None,
+    allow_missing: Annotated[
+        bool, typer.Option("--allow-missing", help="Go on without geometry that cannot be opened.")
+    ] = False,
+    materials: options.Materials = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON and nothing else.")] = False,
+) -> None:
+    """Say what a scene holds, what is dropped and why, and what the radar will not see; nothing is traced."""
+    from datafactory.inspection.scene import examine_scene
+    from datafactory.scenes.materials.table import load_materials
+    from datafactory.scenes.readers.open import open_scene
+    from datafactory.scenes.readers.reading import Reading, parse_variants
+
+    reading = Reading(parse_variants(variant or ()), allow_missing)
+    report = examine_scene(open_scene(scene, reading), load_materials(materials))
+    if as_json:
+        typer.echo(json.dumps(report.to_json(), indent=2))
+        return
+    _show(report)
+
+
+def _show(report: SceneReport) -> None:
+    console = plain_console(narrowest=TABLE_WIDTH)
+    x, y, z = report.size_m
+    console.print(
+        f"{report.source or report.name}: {report.objects} objects, {report.triangles} triangles, "
+        f"{report.point_targets} point targets; {x:.4g} x {y:.4g} x {z:.4g} m (x, y, z)"
+    )
+    rows = [
+        (
+            item.name or "(none)", item.material, item.rule if item.known else f"unknown: {item.rule}",
+            str(item.objects), str(item.triangles), f"{item.area_m2:.1f}",
+        )
+        for item in report.materials
+    ]  # fmt: skip
+    console.print(table("materials", ("in the file", "taken as", "why", "objects", "triangles", "area [m2]"), rows))
+    moving = [
+        (
+            item.kind,
+            str(item.parts),
+            f"{item.fastest_mps:.2f}",
+            "-" if item.rests_from_s is None else f"{item.rests_from_s:g}",
+        )
+        for item in report.motions
+    ]
+    if moving:
+        console.print(table("what moves", ("how", "parts", "fastest [m/s]", "rests from [s]"), moving))
+    else:
+        console.print("nothing moves")
+    areas = ", ".join(f"{split} {area:.0f}" for split, area in report.ground_m2.items())
+    console.print(f"free ground to draw a sensor on [m2]: {areas}")
+    for heading, lines in (("dropped or taken otherwise", report.dropped), ("what to know", report.remarks)):
+        console.print(f"{heading}: {'' if lines else 'nothing'}")
+        for line in lines:
+            console.print(f"  {line}")
