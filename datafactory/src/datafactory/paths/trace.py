@@ -20,6 +20,7 @@ from dataclasses import fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.paths.aim import aimed
 from datafactory.paths.diffraction import edge_echoes
 from datafactory.paths.edges import edges_of
 from datafactory.paths.facets import mirrors_of, reflected_share
@@ -30,6 +31,7 @@ from datafactory.paths.rays import RayFan
 from datafactory.paths.roughness import surface_phase
 from datafactory.paths.scattered_once import scattered_once
 from datafactory.paths.solver import Bundle, Solved, TraceSettings, radio_scene, solve
+from datafactory.paths.surfaces import Surfaces
 from datafactory.paths.table import DIFFUSE, REFRACTED, SPECULAR, PathTable, ScatteredPaths, SpecularPaths
 from datafactory.paths.targets import EDGES_WITHIN_M, target_echoes
 from datafactory.paths.unfold import image_seen_from_tx, segment_lengths, tx_image_seen_from_rx, unit, with_ends
@@ -54,7 +56,11 @@ def trace(
     """
     scene = radio_scene(merged, materials, pose, frequency_hz, settings)
     geometry = scene.mi_scene
-    once = scattered_once(geometry, merged, materials, pose, frequency_hz, settings, fan, seed)
+    once = list[Bundle]()
+    if settings.diffuse and merged.meshes:
+        surfaces = Surfaces(geometry, merged, materials, pose, frequency_hz)
+        fan = aimed(fan, surfaces)
+        once = scattered_once(surfaces, settings, fan, seed)
     fewer = replace(fan, count=max(fan.count // settings.solver_share, 1))
     solved = solve(scene, merged, pose, settings, fewer, seed) if settings.depth > 1 else Solved.nothing()
     bundle, twice_found = _without_scattered_once(solved.bundle)
