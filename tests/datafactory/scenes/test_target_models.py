@@ -143,7 +143,7 @@ def test_echo_points_stand_and_move_with_their_target():
     axes = ((0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
     car = PointTarget("car", (10.0, -4.0, 0.0), 11.25, (0.0, 2.0, 0.0), Car(), axes)
     post = PointTarget("post", (3.0, 1.0, 0.5), -7.0)
-    echoes = echo_points([post, car], (0.0, 0.0, 0.5), WAVELENGTH, time_s=2.0)
+    echoes = echo_points([post.at(2.0), car.at(2.0)], (0.0, 0.0, 0.5), WAVELENGTH)
     assert echoes.target.tolist() == [0, 1, 1, 1, 1, 1]
     assert echoes.rcs_m2[0] == pytest.approx(10.0**-0.7)
     np.testing.assert_allclose(echoes.position[0], [3.0, 1.0, 0.5])

@@ -18,7 +18,7 @@ Real = NDArray[np.float64]
 class EchoPoints:
     """K echo points of a scene's point targets.
 
-    :param position: [K, 3] world [m] at the pose's time; :param velocity: [K, 3] world [m/s]
+    :param position: [K, 3] world [m]; :param velocity: [K, 3] world [m/s]
     :param rcs_m2: [K] radar cross sections towards the radar [m^2], above 0
     :param target: [K] index of the target that each belongs to
     :param silent: echo points left out because they have no echo in this direction, e.g. a trihedral from behind
@@ -37,20 +37,19 @@ def echo_points(
     targets: Sequence[PointTarget],
     radar_position: Sequence[float],
     wavelength_m: float,
-    time_s: float = 0.0,
     cross_polarized: bool = False,
 ) -> EchoPoints:
     """Every target's echo points, seen from one place, in the targets' order.
 
+    :param targets: as they are at the frame's time
     :param radar_position: [3] world [m]
-    :param time_s: time since the scene's time 0 [s], for moving targets
     :param cross_polarized: the RX's polarisation is across the TX's; a cross section that the scene states as a number
         is used unchanged
     """
     position, velocity, sections, owner = [np.zeros((0, 3))], [np.zeros((0, 3))], [np.zeros(0)], [np.zeros(0, np.int32)]
     near = 0
     for index, target in enumerate(targets):
-        origin = np.array(target.position) + np.array(target.velocity) * time_s
+        origin = np.array(target.position)
         if target.model is None:
             points, values = origin[None, :], db_to_power([target.rcs_dbsm])
         else:
@@ -62,7 +61,10 @@ def echo_points(
             if cross_polarized:
                 values = values * float(db_to_power(-target.model.cross_polar_ratio_db))
         position.append(points)
-        velocity.append(np.tile(np.array(target.velocity, dtype=np.float64), (len(points), 1)))
+        velocities = np.tile(np.array(target.velocity, dtype=np.float64), (len(points), 1))
+        if any(target.spin):
+            velocities += np.cross(np.array(target.spin), points - origin)
+        velocity.append(velocities)
         sections.append(values)
         owner.append(np.full(len(points), index, dtype=np.int32))
     rcs_m2 = np.concatenate(sections)

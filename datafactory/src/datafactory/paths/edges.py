@@ -6,13 +6,14 @@ An observer on the other side sees an inner corner, which does not diffract; the
 :mod:`datafactory.paths.diffraction` leave it out. Flat folds, as of terrain and of tessellated curves, are counted and
 left out.
 
-Meshes of one velocity form one body, because a roof and its walls are often meshes of different materials. Their
+Meshes of one motion form one body, because a roof and its walls are often meshes of different materials. Their
 vertices are welded within ``WELD_M``. Collinear pieces that share a vertex, the faces' planes and the materials are one
-edge.
+edge. Of bodies that do not turn, the edges are found once and shifted; of the others, for each time.
 """
 
 from __future__ import annotations
 
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
 
@@ -45,7 +46,8 @@ STRAIGHT_M = 1e-3
 class WedgeEdges:
     """E wedges. Around an edge, angles run from the 0-face through the exterior to the n-face, at n pi.
 
-    In world coordinates at time 0 as :func:`edges_of` finds them, in the radar's after :meth:`seen_from`.
+    In world coordinates as :func:`edges_of` finds them; in the radar's after :meth:`seen_from`, where they are at the
+    scene's time.
 
     :param start, end: [E, 3] [m]
     :param direction: [E, 3] unit vector from start to end; (into the 0-face, normal_0, direction) are right-handed
@@ -54,7 +56,8 @@ class WedgeEdges:
     :param exterior_n: [E] n, above 1 and at most 2
     :param face_mesh: [E, 2] index into ``MergedScene.meshes`` of the two faces' materials; a half plane has the same
         twice
-    :param velocity: [E, 3] [m/s]
+    :param velocity: [E, 3] of the start [m/s]; :param turn: [E, 3] velocity of the end less that, over the length [1/s]
+    :param shift: [E, 3] what is to be added to the points [m]: the displacement of a body that does not turn
     :param object_index: [E] index into ``MergedScene.objects`` of the 0-face
     :param counts: what was found and left out: ``edges``, ``half_planes``, ``merged``, ``flat``, ``non_manifold``,
         ``doubled_triangles``, ``collapsed_triangles``
@@ -68,6 +71,8 @@ class WedgeEdges:
     exterior_n: Real
     face_mesh: Index
     velocity: Real
+    turn: Real
+    shift: Real
     object_index: NDArray[np.int32]
     counts: dict[str, int] = field(default_factory=dict)
 
@@ -80,9 +85,9 @@ class WedgeEdges:
         return WedgeEdges(**kept, counts=self.counts)
 
     def seen_from(self, pose: Pose) -> WedgeEdges:
-        """The same edges in the radar frame at the pose's time, velocities relative to the radar."""
+        """The same edges in the radar frame, velocities relative to the radar."""
         rotation = pose.rotation()
-        moved = self.velocity * pose.time_s - np.asarray(pose.position)
+        moved = self.shift - np.asarray(pose.position)
         return replace(
             self,
             start=(self.start + moved) @ rotation,
@@ -91,7 +96,16 @@ class WedgeEdges:
             normal_0=self.normal_0 @ rotation,
             normal_n=self.normal_n @ rotation,
             velocity=(self.velocity - np.asarray(pose.velocity)) @ rotation,
+            turn=self.turn @ rotation,
+            shift=np.zeros_like(self.shift),
         )
+
+    def velocity_at(self, index: Index, point: Real) -> Real:
+        """[K, 3] velocities [m/s] of the points [K, 3] of the edges ``index`` [K]."""
+        if not self.turn.any():
+            return self.velocity[index]
+        along = np.einsum("ki,ki->k", point - self.start[index], self.direction[index])
+        return self.velocity[index] + along[:, None] * self.turn[index]
 
     def within(self, distance_m: float) -> WedgeEdges:
         """The edges of which a part lies nearer than this to the origin [m]: in the radar frame, those in range."""
@@ -103,15 +117,56 @@ class WedgeEdges:
 
 @lru_cache(maxsize=8)
 def edges_of(merged_scene: MergedScene) -> WedgeEdges:
-    """All wedges of a merged scene, made once for each."""
-    bodies: dict[tuple[float, ...], list[int]] = {}
+    """All wedges of a merged scene at its time, made once for each."""
+    bodies: dict[Hashable, list[int]] = {}
     for index, mesh in enumerate(merged_scene.meshes):
-        bodies.setdefault(tuple(mesh.velocity), []).append(index)
-    parts = [_edges_of_body(merged_scene.meshes, members) for members in bodies.values()]
-    if not parts:
-        parts = [_edges_of_body((), [])]
+        bodies.setdefault(mesh.rigid_body, []).append(index)
+    if merged_scene.at_rest is not None:
+        found = _carried_edges(merged_scene, bodies)
+    else:
+        found = _joined([_edges_of_body(merged_scene.meshes, members) for members in bodies.values()])
+    first = found.face_mesh[:, 0]
+    velocities, shifts = (
+        np.array([getattr(mesh, name) for mesh in merged_scene.meshes]).reshape(-1, 3) for name in ("velocity", "shift")
+    )
+    return _with_turn(replace(found, velocity=velocities[first], shift=shifts[first]), merged_scene)
+
+
+def _carried_edges(merged_scene: MergedScene, bodies: Mapping[Hashable, list[int]]) -> WedgeEdges:
+    """The edges of a scene at another time than 0: of bodies that do not turn, those of time 0."""
+    assert merged_scene.at_rest is not None
+    known = edges_of(merged_scene.at_rest)
+    if not merged_scene.turns:
+        return known
+    turned = np.array([mesh.turned is not None for mesh in merged_scene.meshes], dtype=bool)
+    anew = [_edges_of_body(merged_scene.meshes, members) for members in bodies.values() if turned[members[0]]]
+    kept = replace(known.take(~turned[known.face_mesh[:, 0]]), counts={})
+    return replace(_joined([kept, *anew]), counts=known.counts)
+
+
+def _with_turn(edges: WedgeEdges, merged_scene: MergedScene) -> WedgeEdges:
+    """The edges with the velocities of those that turn: at the start, and their change along the edge."""
+    if not merged_scene.turns or not len(edges):
+        return edges
+    turned = np.array([mesh.turned is not None for mesh in merged_scene.meshes], dtype=bool)
+    velocity, turn = edges.velocity.copy(), edges.turn.copy()
+    for index in np.flatnonzero(turned):
+        mesh, here = merged_scene.meshes[index], np.flatnonzero(edges.face_mesh[:, 0] == index)
+        if not len(here):
+            continue
+        assert mesh.turned is not None
+        tree = cKDTree(mesh.vertices)  # an edge's ends are vertices of its 0-face's mesh, up to ``WELD_M``
+        at_start, at_end = (mesh.turned.velocities[tree.query(points[here])[1]] for points in (edges.start, edges.end))
+        length = np.linalg.norm(edges.end[here] - edges.start[here], axis=1, keepdims=True)
+        velocity[here], turn[here] = at_start, (at_end - at_start) / length
+    return replace(edges, velocity=velocity, turn=turn)
+
+
+def _joined(parts: list[WedgeEdges]) -> WedgeEdges:
+    parts = parts or [_edges_of_body((), [])]
     names = [item.name for item in fields(WedgeEdges) if item.name != "counts"]
-    counts = {key: sum(part.counts[key] for part in parts) for key in parts[0].counts}
+    keys = {key: None for part in parts for key in part.counts}
+    counts = {key: sum(part.counts.get(key, 0) for part in parts) for key in keys}
     return WedgeEdges(
         **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names}, counts=counts
     )
@@ -119,7 +174,7 @@ def edges_of(merged_scene: MergedScene) -> WedgeEdges:
 
 @dataclass(frozen=True)
 class _Body:
-    """Welded triangles of one velocity."""
+    """Welded triangles of one motion."""
 
     vertices: Real  # [V, 3]
     triangles: Index  # [T, 3]
@@ -134,7 +189,6 @@ def _edges_of_body(meshes: tuple[MergedMesh, ...], members: list[int]) -> WedgeE
     sharp = np.cos((edges.exterior_n - 1.0) * np.pi) < np.cos(np.radians(FLATTEST_FOLD_DEG))
     edges, pairs = edges.take(sharp), pairs[sharp]
     merged = _merged_collinear(edges, pairs)
-    velocity = meshes[members[0]].velocity if members else np.zeros(3)
     counts |= {
         "edges": len(merged),
         "half_planes": int((merged.exterior_n == 2.0).sum()),
@@ -142,7 +196,7 @@ def _edges_of_body(meshes: tuple[MergedMesh, ...], members: list[int]) -> WedgeE
         "flat": int((~sharp & ~half_plane).sum()),
         "non_manifold": non_manifold,
     }
-    return replace(merged, velocity=np.tile(velocity, (len(merged), 1)), counts=counts)
+    return replace(merged, counts=counts)
 
 
 def _welded(meshes: tuple[MergedMesh, ...], members: list[int]) -> tuple[_Body, dict[str, int]]:
@@ -218,6 +272,8 @@ def _wedges(body: _Body, pairs: Index, faces: Index) -> WedgeEdges:
         exterior_n=exterior_n,
         face_mesh=body.mesh[faces].reshape(-1, 2),
         velocity=np.zeros(start.shape),
+        turn=np.zeros(start.shape),
+        shift=np.zeros(start.shape),
         object_index=body.owner[faces[:, 0]],
     )
 

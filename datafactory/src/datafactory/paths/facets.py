@@ -24,7 +24,7 @@ for spheres and cylinders).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
@@ -61,21 +61,25 @@ TABLE = wofz(1j * np.sqrt(RATE) * TABLE_STEP * np.arange(int(np.sqrt(CUT) / TABL
 class Mirrors:
     """The triangles of a merged scene as mirrors; the boundary of a triangle's plane is found on first use.
 
-    :param corners: [T, 3, 3] all meshes' triangles one after another, world [m] at time 0
+    :param corners: [T, 3, 3] all meshes' triangles one after another, world [m], without their meshes' shifts
     :param normals: [T, 3] unit normals
-    :param body: [T] number of the velocity that the triangle moves with: planes join only within one
+    :param body: [T] number of the rigid body that the triangle belongs to: planes join only within one
+    :param known: the mirrors of time 0, whose boundaries hold for the triangles that do not turn; None at that time
+    :param turned: [T] whether the triangle turns
     """
 
     corners: Real
     normals: Real
     body: NDArray[np.int64]
+    known: Mirrors | None = None
+    turned: NDArray[np.bool_] | None = None
     _edges: dict[int, Real] = field(default_factory=dict, compare=False, repr=False)
 
     @staticmethod
     def of(meshes: Sequence[MergedMesh]) -> Mirrors:
         corners = [mesh.vertices[mesh.triangles] for mesh in meshes]
-        velocities = sorted({tuple(mesh.velocity) for mesh in meshes})
-        body = [np.full(len(m.triangles), velocities.index(tuple(m.velocity)), dtype=np.int64) for m in meshes]
+        numbers = {body: n for n, body in enumerate(dict.fromkeys(mesh.rigid_body for mesh in meshes))}
+        body = [np.full(len(mesh.triangles), numbers[mesh.rigid_body], dtype=np.int64) for mesh in meshes]
         every = np.concatenate([np.zeros((0, 3, 3)), *corners])
         normal = np.cross(every[:, 1] - every[:, 0], every[:, 2] - every[:, 0])
         length = np.linalg.norm(normal, axis=1, keepdims=True)
@@ -83,6 +87,8 @@ class Mirrors:
 
     def edges(self, triangle: int) -> Real:
         """[E, 2, 3] directed boundary edges [m] of all triangles in the plane of this one, inside on their left."""
+        if self.known is not None and self.turned is not None and not self.turned[triangle]:
+            return self.known.edges(triangle)
         if triangle not in self._edges:
             self._edges[triangle] = self._boundary(triangle)
         return self._edges[triangle]
@@ -100,8 +106,15 @@ class Mirrors:
 
 @lru_cache(maxsize=8)
 def mirrors_of(merged_scene: MergedScene) -> Mirrors:
-    """The mirrors of a merged scene, made once."""
-    return Mirrors.of(merged_scene.meshes)
+    """The mirrors of a merged scene at its time, made once; where nothing turns, they are those of time 0."""
+    if merged_scene.at_rest is None:
+        return Mirrors.of(merged_scene.meshes)
+    known = mirrors_of(merged_scene.at_rest)
+    if not merged_scene.turns:
+        return known
+    turned = np.array([mesh.turned is not None for mesh in merged_scene.meshes], dtype=bool)
+    now = Mirrors.of(merged_scene.meshes)
+    return replace(now, known=known, turned=turned[merged_scene.mesh_of_triangle])
 
 
 def _without_shared(edges: Real) -> Real:
@@ -127,7 +140,7 @@ def reflected_share(
     """[n] factor F on the amplitude of a reflection at a specular point.
 
     :param triangle: [n] that was hit, index into ``mirrors``
-    :param point: [n, 3] specular points, world [m] at time 0
+    :param point: [n, 3] specular points, world [m] where ``mirrors`` are: without their meshes' shifts
     :param arrival: [n, 3] direction in which the wave arrives (any length)
     :param before_m, after_m: [n] d1 and d2, unfolded distances to source and next spreading point [m]
     """

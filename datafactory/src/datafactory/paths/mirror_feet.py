@@ -53,9 +53,9 @@ def single_mirrors(
     if not merged_scene.meshes or settings.polarization[0] != settings.polarization[1]:
         return SpecularPaths.none(), {}
     mirrors, rotation, wavelength = mirrors_of(merged_scene), pose.rotation(), SPEED_OF_LIGHT / frequency_hz
-    mesh = np.repeat(np.arange(len(merged_scene.meshes)), [len(item.triangles) for item in merged_scene.meshes])
+    mesh = merged_scene.mesh_of_triangle
     velocity = np.array([item.velocity for item in merged_scene.meshes])[mesh]
-    moved = velocity * pose.time_s - np.asarray(pose.position)
+    moved = np.array([item.shift for item in merged_scene.meshes])[mesh] - np.asarray(pose.position)
     triangle, foot = _perpendicular_feet((mirrors.corners + moved[:, None]) @ rotation, mirrors.normals @ rotation)
     range_m = np.linalg.norm(foot, axis=1)
     clear = clear_between(geometry, np.zeros((len(foot), 3)), foot)
@@ -81,11 +81,18 @@ def single_mirrors(
         amplitude *= reflected_share(mirrors, triangle, world, foot @ rotation.T, range_m, range_m, wavelength)
     objects = np.concatenate([item.object_of_triangle for item in merged_scene.meshes])
     direction = foot / range_m[:, None]
-    relative = (velocity[triangle] - np.asarray(pose.velocity)) @ rotation
+    at_foot = velocity[triangle]
+    carried = merged_scene.carried(triangle, foot @ rotation.T - moved[triangle], mesh[triangle])
+    at_foot[carried.index] = carried.velocity
+    relative = (at_foot - np.asarray(pose.velocity)) @ rotation
     approach = np.einsum("ki,ki->k", direction, relative)
+    image_velocity = 2.0 * approach[:, None] * direction
+    turning = _rates_of_normals(merged_scene, triangle[carried.index], mesh[triangle[carried.index]]) @ rotation
+    side = np.sign(np.einsum("ki,ki->k", mirrors.normals[triangle[carried.index]] @ rotation, direction[carried.index]))
+    image_velocity[carried.index] += 2.0 * (side * range_m[carried.index])[:, None] * turning
     return SpecularPaths(
         image=2.0 * foot,
-        image_velocity=2.0 * approach[:, None] * direction,
+        image_velocity=image_velocity,
         axes=np.eye(3) - 2.0 * direction[:, :, None] * direction[:, None, :],
         reference=np.zeros(3),
         amplitude=amplitude,
@@ -109,6 +116,28 @@ def _perpendicular_feet(corners: Real, normals: Real) -> tuple[NDArray[np.int64]
     _, first = np.unique(np.rint(foot[found] / 1e-6), axis=0, return_index=True)
     chosen = found[np.sort(first)]
     return chosen, foot[chosen]
+
+
+def _rates_of_normals(merged_scene: MergedScene, triangle: NDArray[np.int64], mesh: NDArray[np.int64]) -> Real:
+    """[n, 3] rates [1/s] of the unit normals of triangles on meshes that turn, in the world.
+
+    With N = a x b of two sides, N' = a' x b + a x b', and n' = (N' - n (n . N')) / |N|.
+    """
+    rates = np.zeros((len(triangle), 3))
+    first = np.cumsum([0, *(len(item.triangles) for item in merged_scene.meshes)])
+    for number in np.unique(mesh):
+        item, here = merged_scene.meshes[number], np.flatnonzero(mesh == number)
+        corners = item.triangles[triangle[here] - first[number]]
+        assert item.turned is not None
+        sides, changes = (
+            values[corners][:, 1:] - values[corners][:, :1] for values in (item.vertices, item.turned.velocities)
+        )
+        area = np.cross(sides[:, 0], sides[:, 1])
+        change = np.cross(changes[:, 0], sides[:, 1]) + np.cross(sides[:, 0], changes[:, 1])
+        length = np.linalg.norm(area, axis=1, keepdims=True)
+        normal = area / length
+        rates[here] = (change - np.einsum("ki,ki->k", normal, change)[:, None] * normal) / length
+    return rates
 
 
 def _normal_reflection(material, frequency_hz: float) -> complex:

@@ -73,14 +73,15 @@ class _Echoes:
         """Those at ``index`` as paths, their powers times ``factor``."""
         waves, hits = self.waves, self.hits
         triangles = np.concatenate([waves.triangles[index], hits.triangle[index, None]], axis=1)
+        vertices = np.concatenate([waves.bounced[index], hits.point[index, None]], axis=1)
         kinds = np.full(triangles.shape, SPECULAR, dtype=np.int64)
         kinds[:, -1] = DIFFUSE
         return Bundle(
-            vertices=np.concatenate([waves.bounced[index], hits.point[index, None]], axis=1),
+            vertices=vertices,
             interactions=kinds,
             objects=surfaces.object_of_triangle[triangles],
             triangles=triangles,
-            velocities=surfaces.velocity[surfaces.mesh_of_triangle[triangles]],
+            velocities=surfaces.velocity(triangles.reshape(-1), vertices.reshape(-1, 3)).reshape(vertices.shape),
             crossings=np.full(len(index), self.crossings, dtype=np.int64),
             amplitude=self.amplitude[index] * np.sqrt(factor),
         )
@@ -115,7 +116,7 @@ def scattered_once(
         if bounce + 1 == settings.depth or not settings.specular:
             break
         smooth = np.sqrt(1.0 - coefficient**2)[hits.mesh]
-        turned = np.einsum("ki,ki->k", surfaces.velocity[hits.mesh], waves.direction - onward)
+        turned = np.einsum("ki,ki->k", surfaces.velocity(hits.triangle, hits.point), waves.direction - onward)
         waves = Waves(
             hits.point,
             _clear_of(hits, 1.0),
@@ -218,6 +219,6 @@ def _heard(frame: _Frame, waves: Waves, hits: Hits, heard: Complex, home: Real, 
     range_m = np.linalg.norm(hits.point, axis=1)
     amplitude = np.conj(heard) * factor * wavelength / (4.0 * np.pi * range_m)
     last = np.linalg.norm(hits.point - (waves.start if waves.bounced.shape[1] else 0.0), axis=1)
-    turned = np.einsum("ki,ki->k", surfaces.velocity[hits.mesh], waves.direction - home)
+    turned = np.einsum("ki,ki->k", surfaces.velocity(hits.triangle, hits.point), waves.direction - home)
     cell = cells_of(0.5 * (waves.length + last + range_m), -home[:, 1], 0.5 * (waves.rate + turned))
     return _Echoes(waves, hits, amplitude, np.abs(amplitude) ** 2 * ratio, cell, crossings)

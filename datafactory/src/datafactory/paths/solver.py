@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from datafactory.paths.backend import select_variant
 from datafactory.paths.defaults import DEFAULT_RAYS
-from datafactory.paths.merged_scene import MergedScene
+from datafactory.paths.merged_scene import MergedScene, velocities_on
 from datafactory.paths.rays import RayFan
 from datafactory.paths.scattering import LOBE_EXPONENT, MIRROR_SHARE
 from datafactory.paths.table import DIFFUSE, REFRACTED, SPECULAR
@@ -278,6 +278,9 @@ def _bundle_of(
         objects[here] = mesh.object_of_triangle[primitive[here]]
         triangles[here] = first[index] + primitive[here]
         velocities[here] = (mesh.velocity - np.asarray(pose.velocity)) @ rotation
+        if mesh.turned is not None:
+            of_mesh = np.zeros((len(merged_scene.meshes), 3))
+            velocities[here] = velocities_on(merged_scene, pose, of_mesh, triangles[here], vertices[here])
     crossings = np.zeros(len(real), dtype=np.int64)
     return Bundle(vertices, interactions, objects, triangles, velocities, crossings, real - 1j * imaginary)
 

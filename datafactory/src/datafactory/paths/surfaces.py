@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.facets import mirrors_of
-from datafactory.paths.merged_scene import MergedScene, slabs_of
+from datafactory.paths.merged_scene import MergedScene, slabs_of, velocities_on
 from datafactory.paths.panes import field_behind_slab, mesh_of_shape, rays_of, slab_reflection, slab_transmission
 from datafactory.paths.targets import FAINTEST
 from datafactory.paths.wave_steps import onto_planes, reflected_fields
@@ -88,16 +88,21 @@ class Surfaces:
         counts = [len(mesh.triangles) for mesh in meshes]
         rotation, mirrors = pose.rotation(), mirrors_of(merged_scene)
         velocity = np.array([mesh.velocity for mesh in meshes])
-        moved = velocity * pose.time_s - np.asarray(pose.position)
+        moved = np.array([mesh.shift for mesh in meshes]) - np.asarray(pose.position)
         self.geometry, self.frequency_hz = geometry, frequency_hz
         self.slabs = slabs_of(merged_scene, materials)
         self.first = np.cumsum([0, *counts])
-        self.mesh_of_triangle = np.repeat(np.arange(len(meshes)), counts)
+        self.mesh_of_triangle = merged_scene.mesh_of_triangle
         self.object_of_triangle = np.concatenate([mesh.object_of_triangle for mesh in meshes]).astype(np.int64)
-        self.velocity = (velocity - np.asarray(pose.velocity)) @ rotation
+        self._velocity = (velocity - np.asarray(pose.velocity)) @ rotation
+        self._merged_scene, self._pose = merged_scene, pose
         self.normals = mirrors.normals @ rotation
         self.heights = np.einsum("ki,ki->k", mirrors.normals, mirrors.corners[:, 0] + moved[self.mesh_of_triangle])
         self.mesh_number = mesh_of_shape(geometry)
+
+    def velocity(self, triangle: Index, point: Real) -> Real:
+        """[n, 3] velocities relative to the radar of points [n, 3] on triangles [n] [m/s]."""
+        return velocities_on(self._merged_scene, self._pose, self._velocity, triangle, point)
 
     def hit_by(self, waves: Waves) -> tuple[Index, Hits]:
         """The indices of the waves that meet a surface, and where."""

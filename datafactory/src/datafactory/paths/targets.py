@@ -41,7 +41,7 @@ def target_echoes(
     """
     wavelength = SPEED_OF_LIGHT / frequency_hz
     crossed = settings.polarization[0] != settings.polarization[1]
-    points = echo_points(merged_scene.targets, pose.position, wavelength, pose.time_s, crossed)
+    points = echo_points(merged_scene.targets, pose.position, wavelength, crossed)
     rotation = pose.rotation()
     position = (points.position - np.asarray(pose.position)) @ rotation
     velocity = (points.velocity - np.asarray(pose.velocity)) @ rotation

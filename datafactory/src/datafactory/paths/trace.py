@@ -51,9 +51,11 @@ def trace(
 ) -> PathTable:
     """All multipath of one frame, the point targets' echoes among it.
 
+    :param merged: at any time; the frame is traced at the pose's
     :param frequency_hz: mid-sweep; materials take their values at 77 GHz whatever it is
     :param seed: of the solver's choices between kinds of bounce; 0 to 2**32 - 1
     """
+    merged = merged.at(pose.time_s)
     scene = radio_scene(merged, materials, pose, frequency_hz, settings)
     geometry = scene.mi_scene
     once = list[Bundle]()
@@ -132,8 +134,16 @@ def _with_surfaces(
 ) -> Bundle:
     """The paths with what their surfaces do to the amplitude: share of a finite mirror, phase of a rough cell."""
     rotation = pose.rotation()
-    velocity = part.velocities @ rotation.T + np.asarray(pose.velocity)
-    at_rest = part.vertices @ rotation.T + np.asarray(pose.position) - velocity * pose.time_s
+    triangle = np.maximum(part.triangles, 0)  # -1 stands beyond a path's end, where nothing is looked at
+    mesh = merged.mesh_of_triangle[triangle] if len(merged.mesh_of_triangle) else triangle
+    shift = np.array([item.shift for item in merged.meshes]).reshape(-1, 3)
+    world = part.vertices @ rotation.T + np.asarray(pose.position)
+    unshifted = world - shift[mesh] if len(shift) else world
+    at_rest = unshifted
+    if merged.turns:
+        carried = merged.carried(triangle.reshape(-1), world.reshape(-1, 3), mesh.reshape(-1))
+        at_rest = unshifted.copy()
+        at_rest.reshape(-1, 3)[carried.index] = carried.at_rest
     lengths = segment_lengths(part.vertices)
     towards = np.diff(with_ends(part.vertices), axis=1) @ rotation.T
     factor = np.ones(len(part.amplitude), dtype=np.complex128)
@@ -146,7 +156,7 @@ def _with_surfaces(
             back = part.interactions.shape[1] - 1 - step
             after = _unfolded_before(lengths[:, ::-1], part.interactions[:, ::-1], back)
             factor[~rough] *= reflected_share(
-                mirrors_of(merged), part.triangles[~rough, step], at_rest[~rough, step], towards[~rough, step],
+                mirrors_of(merged), part.triangles[~rough, step], unshifted[~rough, step], towards[~rough, step],
                 before[~rough], after[~rough], wavelength_m,
             )  # fmt: skip
     return Bundle(**{**vars(part), "amplitude": part.amplitude * factor})

@@ -11,6 +11,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from datafactory.effects.plan import EffectPlan
 from datafactory.frame.deal import Deal
 from datafactory.frame.points import PointTargets
@@ -21,6 +23,7 @@ from datafactory.run.planning import Looking, plan_of, sample_of
 from datafactory.run.stored import StoredPaths, stored_paths
 from datafactory.scenes.ground import Ground, free_ground
 from datafactory.scenes.materials.table import MaterialMapping, MaterialTable
+from datafactory.scenes.poses import Pose
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene
 
@@ -64,6 +67,9 @@ def prepare(
         return _from_stored(order, stored_paths(order, order.paths))
     opened = [open_scene(source) for source in order.scenes]
     scenes = tuple(_prepared(scene, table, announce) for scene in opened)
+    for scene in opened:
+        if said := _late_poses(scene, order.poses):
+            announce(said)
     deal = deal_of(order, opened)
     samples = tuple(sample_of(deal, number, scene) for number, scene in enumerate(scenes))
     looking = Looking(sum(len(sample.frames) for sample in samples), looked)
@@ -151,6 +157,18 @@ def _prepared(scene: Scene, table: MaterialTable, announce: Announce) -> Prepare
     if unknown:
         announce(f"{scene.name}: unknown materials given the default: {unknown}")
     return PreparedScene(scene.name, scene.content_hash(), merge_scene(scene, materials), materials)
+
+
+def _late_poses(scene: Scene, poses: Sequence[Pose]) -> str:
+    """What to say of poses at which everything that had samples stands still; "" without such."""
+    motions = [item.motion for item in scene.objects] + [target.motion for target in scene.targets]
+    ends_s = max((motion.ends_s for motion in motions if motion is not None), default=np.inf)
+    late = sum(pose.time_s >= ends_s for pose in poses)
+    if not late:
+        return ""
+    return (
+        f"{scene.name}: {late} of {len(poses)} poses are not before {ends_s:g} s, from when on what has samples rests"
+    )
 
 
 def _entry(scene: Scene, materials: MaterialMapping) -> dict[str, Any]:

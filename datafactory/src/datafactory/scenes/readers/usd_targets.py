@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.scenes.scene import Vector
+from datafactory.scenes.motion import Vector, upright_axes
 from datafactory.scenes.targets.models import MODELS, ROAD_USERS, SIZES, RcsModel, target_model
 from datafactory.scenes.usd_library import Usd, UsdGeom
 from shared.physics.errors import InputError
@@ -86,15 +86,6 @@ def model_axes(local: NDArray[np.float64], turn: NDArray[np.float64]) -> tuple[V
     :param turn: [3, 3] rotation from the USD stage's axes to the world's
     """
     # The model's axes are the world's. ``turn.T`` brings them to the USD stage's, ``turn`` brings the result back.
-    with np.errstate(over="ignore", invalid="ignore"):  # a transform beyond all bounds counts as flat
+    with np.errstate(over="ignore", invalid="ignore"):
         matrix = turn @ local @ turn.T
-        forward, up = matrix[:, 0], matrix[:, 2]
-        x = forward / (np.linalg.norm(forward) or 1.0)
-        z = up - (up @ x) * x
-        length = float(np.linalg.norm(z))
-        if not (np.isfinite(matrix).all() and np.any(x) and length > 1e-6 * np.linalg.norm(up)):
-            return None
-    z = z / length
-    rows = np.stack([x, np.cross(z, x), z]) + 0.0
-    one, two, three = ((float(row[0]), float(row[1]), float(row[2])) for row in rows)
-    return one, two, three
+    return upright_axes(matrix[:, 0], matrix[:, 2]) if np.isfinite(matrix).all() else None
