@@ -4,6 +4,7 @@ The solver's paths (:mod:`datafactory.paths.solver`) are brought into the table'
 that the solver leaves out:
 
 * single mirrors are found without rays (:mod:`datafactory.paths.mirror_feet`), those of the solver are left out;
+* facets that sample a curved surface reflect as the surface does (:mod:`datafactory.paths.curved_mirrors`);
 * a mirror reflects with the share of its facet's size (:mod:`datafactory.paths.facets`);
 * a diffuse bounce takes on the phase of its surface cell (:mod:`datafactory.paths.roughness`);
 * a path that ends with a mirror after a diffuse bounce is found once per sequence of planes, whatever the number of
@@ -21,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.aim import aimed
+from datafactory.paths.curved_mirrors import curved_mirrors
 from datafactory.paths.diffraction import edge_echoes
 from datafactory.paths.edges import edges_of
 from datafactory.paths.facets import mirrors_of, reflected_share
@@ -85,6 +87,10 @@ def trace(
     if settings.specular:
         singles, counts = single_mirrors(geometry, merged, materials, pose, frequency_hz, settings)
         specular.append(singles)
+        points, images, round_ones = curved_mirrors(geometry, merged, materials, pose, frequency_hz, settings)
+        scattered.append(points)
+        specular.append(images)
+        counts |= round_ones
         more |= counts
     lengths = (bundle.interactions > 0).sum(axis=1)
     for depth in range(1, settings.depth + 1):
@@ -223,7 +229,7 @@ def _specular(part: Bundle) -> SpecularPaths:
 
 
 def _joined_scattered(parts: list[ScatteredPaths]) -> ScatteredPaths:
-    none = ScatteredPaths.of_points(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+    none = ScatteredPaths.none()
     return ScatteredPaths.concatenate([none, *parts])
 
 

@@ -17,6 +17,7 @@ from datafactory.effects.plan import EffectPlan
 from datafactory.frame.deal import Deal
 from datafactory.frame.points import PointTargets
 from datafactory.frame.prepared import PreparedScene, Sample
+from datafactory.paths.curved_surfaces import curved_surfaces_of
 from datafactory.paths.merged_scene import merge_scene
 from datafactory.run.order import Order
 from datafactory.run.planning import Looking, plan_of, sample_of
@@ -156,7 +157,10 @@ def _prepared(scene: Scene, table: MaterialTable, announce: Announce) -> Prepare
     unknown = ", ".join(name or "(none)" for name in materials.unknown)
     if unknown:
         announce(f"{scene.name}: unknown materials given the default: {unknown}")
-    return PreparedScene(scene.name, scene.content_hash(), merge_scene(scene, materials), materials)
+    merged = merge_scene(scene, materials)
+    for note in curved_surfaces_of(merged).notes():
+        announce(f"{scene.name}: {note}")
+    return PreparedScene(scene.name, scene.content_hash(), merged, materials)
 
 
 def _late_poses(scene: Scene, poses: Sequence[Pose]) -> str:
