@@ -180,6 +180,8 @@ class _Reader:
                 self._path, f"{prim.GetPath()} stands at ({x}, {y}, {z})", f"a position within {FARTHEST_M:g} m"
             )
         velocity = self._velocity(prim, inherited, np.zeros(3))
+        if model is not None and (problem := model.unfit(float(np.dot(axes[0], velocity)))):
+            raise InputError(self._path, f"{prim.GetPath()}: {problem}")
         self._targets.append(PointTarget(inherited.frame.name(prim), (x, y, z), rcs_dbsm, velocity, model, axes))
 
     def _velocity(self, prim: Usd.Prim, inherited: _Inherited, centre: NDArray[np.float64]) -> Vector:
