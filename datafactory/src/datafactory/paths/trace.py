@@ -10,8 +10,8 @@ that the solver leaves out:
 * a path that ends with a mirror after a diffuse bounce is found once per sequence of planes, whatever the number of
   rays, so that its power is wrong; such paths are dropped. Their reverses, mirror first, are right, and by reciprocity
   each of them stands for both: it enters the table twice, with the TX's and the RX's side exchanged;
-* targets given by a radar cross section are added (:mod:`datafactory.paths.targets`), and what edges send back
-  (:mod:`datafactory.paths.diffraction`).
+* targets given by a radar cross section are added, directly and over mirrors (:mod:`datafactory.paths.targets`), and
+  what edges send back (:mod:`datafactory.paths.diffraction`).
 """
 
 from __future__ import annotations
@@ -50,12 +50,14 @@ def trace(
     settings: TraceSettings,
     fan: RayFan,
     seed: int,
+    target_seed: int = 0,
 ) -> PathTable:
     """All multipath of one frame, the point targets' echoes among it.
 
     :param merged: at any time; the frame is traced at the pose's
     :param frequency_hz: mid-sweep; materials take their values at 77 GHz whatever it is
     :param seed: of the solver's choices between kinds of bounce; 0 to 2**32 - 1
+    :param target_seed: of where in their cycle the moving parts of targets are at time 0
     """
     merged = merged.at(pose.time_s)
     scene = radio_scene(merged, materials, pose, frequency_hz, settings)
@@ -72,7 +74,7 @@ def trace(
     specular: list[SpecularPaths] = []
     dropped, more = 0, dict[str, int]()
     if settings.point_targets:
-        echoes, counts = target_echoes(geometry, merged, materials, pose, frequency_hz, settings)
+        echoes, counts = target_echoes(geometry, merged, materials, pose, frequency_hz, settings, target_seed)
         scattered.append(echoes)
         more |= counts
     if settings.diffraction:

@@ -145,7 +145,8 @@ def _common_arguments(order: Order) -> dict[str, Any]:
 
 
 def _as_lists(targets: PointTargets) -> dict[str, Any]:
-    return {name: values.tolist() for name, values in vars(targets).items()}
+    arrays = {name: values.tolist() for name, values in vars(targets).items() if name != "models"}
+    return arrays | ({"models": [repr(target) for target in targets.models]} if targets.models else {})
 
 
 def _prepared(scene: Scene, table: MaterialTable, announce: Announce) -> PreparedScene:
