@@ -26,6 +26,7 @@ from datafactory.scenes.ground import Ground, free_ground
 from datafactory.scenes.materials.table import MaterialMapping, MaterialTable
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.readers.open import open_scene
+from datafactory.scenes.readers.reading import AS_WRITTEN
 from datafactory.scenes.scene import Scene
 
 Announce = Callable[[str], None]
@@ -66,7 +67,7 @@ def prepare(
     """
     if order.paths is not None:
         return _from_stored(order, stored_paths(order, order.paths))
-    opened = [open_scene(source) for source in order.scenes]
+    opened = [open_scene(source, order.reading) for source in order.scenes]
     scenes = tuple(_prepared(scene, table, announce) for scene in opened)
     for scene in opened:
         if said := _late_poses(scene, order.poses):
@@ -82,6 +83,7 @@ def prepare(
         "frames": order.frames,
         "poses": [asdict(pose) for pose in order.poses],
         "trace": asdict(order.settings.trace),
+        **({"reading": asdict(order.reading)} if order.reading != AS_WRITTEN else {}),
         **_planned_arguments(plans),
     }
     entries = [

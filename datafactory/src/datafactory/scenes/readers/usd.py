@@ -26,6 +26,7 @@ from datafactory.scenes.chain import Chain, Samples
 from datafactory.scenes.motion import Motion, Moving
 from datafactory.scenes.readers.local_mesh import LocalMesh
 from datafactory.scenes.readers.notes import Notes
+from datafactory.scenes.readers.reading import AS_WRITTEN, Reading
 from datafactory.scenes.readers.scale import note_coarse_vertices
 from datafactory.scenes.readers.usd_composition import check_composition
 from datafactory.scenes.readers.usd_counts import PROTOTYPE_PRIMS, SCENE_PRIMS, check_expansion
@@ -53,10 +54,11 @@ class _Inherited:
     targets_by_name: bool = False
 
 
-def read_usd(path: str | Path) -> Scene:
+def read_usd(path: str | Path, reading: Reading = AS_WRITTEN) -> Scene:
     """Read a .usd, .usda, .usdc or .usdz file.
 
     :param path: the root layer
+    :param reading: what the user decides of it
     :raises InputError: a layer that is missing or cannot be parsed, a reference or payload that leads nowhere, metadata
         or a ``radar:`` attribute without a usable value
     """
@@ -68,7 +70,7 @@ def read_usd(path: str | Path) -> Scene:
     with Tf.DiagnosticTrap() as trap:
         try:
             check_composition(path)
-            usd_stage = open_usd_stage(path, notes)
+            usd_stage = open_usd_stage(path, notes, reading)
             bake_skinning(usd_stage, notes)
             scene = _Reader(path, usd_stage, notes).read()
         except (Tf.ErrorException, UnicodeDecodeError) as error:
