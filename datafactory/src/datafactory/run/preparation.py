@@ -62,8 +62,8 @@ def prepare(
     """
     if order.paths is not None:
         return _from_stored(order, stored_paths(order, order.paths))
-    opened = [open_scene(source) for source in order.scenes]
-    scenes = tuple(_prepared(scene, table, announce) for scene in opened)
+    opened = [scene if isinstance(scene, Scene) else open_scene(scene) for scene in order.scenes]
+    scenes = tuple(prepared_scene(scene, table, announce) for scene in opened)
     deal = deal_of(order, opened)
     samples = tuple(sample_of(deal, number, scene) for number, scene in enumerate(scenes))
     looking = Looking(sum(len(sample.frames) for sample in samples), looked)
@@ -141,7 +141,8 @@ def _as_lists(targets: PointTargets) -> dict[str, Any]:
     return {name: values.tolist() for name, values in vars(targets).items()}
 
 
-def _prepared(scene: Scene, table: MaterialTable, announce: Announce) -> PreparedScene:
+def prepared_scene(scene: Scene, table: MaterialTable, announce: Announce) -> PreparedScene:
+    """A scene merged, its materials mapped; what was ignored or assumed is announced."""
     materials = table.map_materials([item.material for item in scene.objects])
     for warning in scene.warnings:
         announce(f"{scene.name}: {warning}")
