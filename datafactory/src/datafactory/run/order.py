@@ -11,6 +11,7 @@ from datafactory.frame.defaults import DEFAULT_BUDGET_DB, DEFAULT_PATTERN
 from datafactory.frame.points import PointTargets
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.readers.reading import AS_WRITTEN, Reading
+from datafactory.scenes.scene import Scene
 from shared.radar import Radar
 
 
@@ -18,7 +19,7 @@ from shared.radar import Radar
 class Order:
     """What the user asked for.
 
-    :param scenes: ``--scene`` arguments, dealt to the frames in turn
+    :param scenes: ``--scene`` arguments, or scenes that were read before, dealt to the frames in turn
     :param frames: scene frames in total
     :param points: close-target frames after them
     :param poses: one frame a pose, instead of ``frames`` drawn ones; empty to draw
@@ -31,7 +32,7 @@ class Order:
     """
 
     radar: Radar
-    scenes: tuple[str, ...] = ()
+    scenes: tuple[str | Scene, ...] = ()
     frames: int = 0
     points: int = 0
     seed: int = 0

@@ -67,8 +67,8 @@ def prepare(
     """
     if order.paths is not None:
         return _from_stored(order, stored_paths(order, order.paths))
-    opened = [open_scene(source, order.reading) for source in order.scenes]
-    scenes = tuple(_prepared(scene, table, announce) for scene in opened)
+    opened = [scene if isinstance(scene, Scene) else open_scene(scene, order.reading) for scene in order.scenes]
+    scenes = tuple(prepared_scene(scene, table, announce) for scene in opened)
     for scene in opened:
         if said := _late_poses(scene, order.poses):
             announce(said)
@@ -151,7 +151,8 @@ def _as_lists(targets: PointTargets) -> dict[str, Any]:
     return arrays | ({"models": [repr(target) for target in targets.models]} if targets.models else {})
 
 
-def _prepared(scene: Scene, table: MaterialTable, announce: Announce) -> PreparedScene:
+def prepared_scene(scene: Scene, table: MaterialTable, announce: Announce) -> PreparedScene:
+    """A scene merged, its materials mapped; what was ignored or assumed is announced."""
     materials = table.map_materials([item.material for item in scene.objects])
     for warning in scene.warnings:
         announce(f"{scene.name}: {warning}")
