@@ -26,7 +26,11 @@ SHIPPED = ROOT / "datafactory/src/datafactory/scenes/shipped"
 SCENES = {path for pattern in ("*.*", "*/*.*") for path in SHIPPED.glob(pattern)}
 DATA = {
     "shared": {"shared/py.typed"},
-    "datafactory": {"datafactory/py.typed", "datafactory/scenes/materials/materials_77ghz.toml"}
+    "datafactory": {
+        "datafactory/py.typed",
+        "datafactory/scenes/materials/materials_77ghz.toml",
+        "datafactory/view/overlay.html",
+    }
     | {path.relative_to(ROOT / "datafactory/src").as_posix() for path in SCENES},
     "trainer": {"trainer/py.typed", "trainer/evaluation/report/viewer.html", "trainer/run/pretrained/README.md"}
     | {f"trainer/run/pretrained/{name}/{file}" for name in ("sparse6", "sparse4") for file in RUN_FILES},

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from datafactory.frame.points import PointTargets
-from datafactory.paths.echo_points import echo_points
+from datafactory.paths.echo_points import EchoPoints, Seen, all_echo_points
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import PointTarget, Scene
@@ -32,6 +32,11 @@ from shared.radar import Radar
 from shared.signal.spectrum import range_doppler
 
 WAVELENGTH = 3.868e-3
+
+
+def echo_points(targets, radar_position, wavelength_m: float, cross_polarized: bool = False) -> EchoPoints:
+    """The echo points that are heard."""
+    return all_echo_points(targets, radar_position, Seen(wavelength_m, cross_polarized=cross_polarized)).heard()
 
 
 def direction(azimuth_deg: float, zenith_deg: float) -> np.ndarray:

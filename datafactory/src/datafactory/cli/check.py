@@ -18,23 +18,18 @@ TABLE_WIDTH = 120
 
 def check(
     scene: Annotated[str, typer.Option("--scene", help="USD, Mitsuba XML or mesh file, shipped:NAME or sionna:NAME.")],
-    variant: Annotated[
-        list[str] | None, typer.Option("--variant", help="set=name: a variant of the USD scene; may be repeated.")
-    ] = None,
-    allow_missing: Annotated[
-        bool, typer.Option("--allow-missing", help="Go on without geometry that cannot be opened.")
-    ] = False,
+    variant: options.Variants = None,
+    allow_missing: options.AllowMissing = False,
     materials: options.Materials = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON and nothing else.")] = False,
 ) -> None:
     """Say what a scene holds, what is dropped and why, and what the radar will not see; nothing is traced."""
+    from datafactory.api.asking import load_scene
     from datafactory.inspection.scene import examine_scene
     from datafactory.scenes.materials.table import load_materials
-    from datafactory.scenes.readers.open import open_scene
-    from datafactory.scenes.readers.reading import Reading, parse_variants
 
-    reading = Reading(parse_variants(variant or ()), allow_missing)
-    report = examine_scene(open_scene(scene, reading), load_materials(materials))
+    opened = load_scene(scene, variant=variant or (), allow_missing=allow_missing)
+    report = examine_scene(opened, load_materials(materials))
     if as_json:
         typer.echo(json.dumps(report.to_json(), indent=2))
         return

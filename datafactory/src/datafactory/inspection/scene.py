@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.paths.edges import FLATTEST_FOLD_DEG, edges_of
+from datafactory.paths.curved_surfaces import curved_surfaces_of
+from datafactory.paths.edges import edges_of
 from datafactory.paths.merged_scene import merge_scene, slabs_of
 from datafactory.paths.panes import slab_transmission
 from datafactory.scenes.ground import free_ground
@@ -153,7 +154,7 @@ def _ground(scene: Scene) -> tuple[dict[str, float], tuple[str, ...]]:
         ground = free_ground(scene)
     except InputError as error:
         return dict.fromkeys(SPLITS, 0.0), (f"no sensor can be drawn: {error}",)
-    areas = {split: ground.area_m2(split) for split in SPLITS}
+    areas: dict[str, float] = {split: ground.area_m2(split) for split in SPLITS}
     short = [split for split, area in areas.items() if not area]
     remark = f"no free ground for {', '.join(short)}: too small for three regions {ground.gap_m:.1f} m apart"
     return areas, (remark,) if short else ()
@@ -167,10 +168,10 @@ def _remarks(scene: Scene, mapping: MaterialMapping) -> Iterator[str]:
     panes = {slab.name for slab in slabs_of(merged, mapping) if _one_way_db(slab) > PANE_DB}
     if panes:
         yield f"{', '.join(sorted(panes))} let waves through; every surface is one slab: a pane drawn as a box is two"
+    yield from curved_surfaces_of(merged).notes()
     counts = edges_of(merged).counts
     for key, sentence in (
         ("half_planes", "rims of open sheets, each the edge of a half plane: a closed wall would have corners there"),
-        ("flat", f"folds below {FLATTEST_FOLD_DEG:g} deg, as of curved surfaces and terrain, send no edge wave"),
         ("non_manifold", "edges of more than two triangles send no edge wave"),
         ("doubled_triangles", "triangles lie twice in the same place: one of each pair is used for edges"),
     ):

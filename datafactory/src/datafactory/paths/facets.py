@@ -17,8 +17,8 @@ At an edge F = 1/2, at a right-angled corner 1/4; a plate far smaller than the z
 radar from another point, and is diffraction. The sign of the phase is that of the PathTable: it grows with the length.
 
 Limits: the facet is plane and lit as a whole; successive mirrors are treated one by one; coplanar pieces count as one
-mirror of one material (where they overlap, as their mean), pieces of a curved surface do not add up (use point targets
-for spheres and cylinders).
+mirror of one material (where they overlap, as their mean). Pieces of a curved surface are no mirrors of their own:
+:mod:`datafactory.paths.curved_mirrors`.
 """
 
 from __future__ import annotations
@@ -171,33 +171,54 @@ def _mirror_shares(edges, point, along, across):
     """[n] F of points [n, 3] in one plane with edges [E, 2, 3]; ``along``, ``across`` [n, 3] give xi and eta."""
     share = np.ones(len(point), dtype=np.complex128)
     for k in range(len(point)):
-        total, turned = 0.0j, 0.0
-        for e in range(len(edges)):
-            ax = ay = bx = by = 0.0
-            for i in range(3):
-                from_point, to_point = edges[e, 0, i] - point[k, i], edges[e, 1, i] - point[k, i]
-                ax += from_point * along[k, i]
-                ay += from_point * across[k, i]
-                bx += to_point * along[k, i]
-                by += to_point * across[k, i]
-            length = max(np.hypot(bx - ax, by - ay), CLOSEST)
-            tx, ty = (bx - ax) / length, (by - ay) / length
-            height = ax * ty - ay * tx  # distance of the line, positive with the point on its left
-            size = abs(height)
-            if size < CLOSEST:
-                continue
-            start, stop = ax * tx + ay * ty, bx * tx + by * ty
-            nearest = size * size + (0.0 if start * stop < 0.0 else min(start * start, stop * stop))
-            if nearest > CUT:  # exp(-a rho^2) is 0 all along it, and the integral is the angle that the edge fills
-                angle = np.arctan2(ax * by - ay * bx, ax * bx + ay * by)
-                total += angle
-                turned += angle
-                continue
-            side = 1.0 if height >= 0.0 else -1.0
-            total += side * (_integral_from_foot(size, stop) - _integral_from_foot(size, start))
-            turned += side * (np.arctan2(stop, size) - np.arctan2(start, size))
+        total, turned, _ = _along_edges(edges, point[k], along[k], across[k])
         share[k] = total / max(turned, 2.0 * np.pi)
     return share
+
+
+@compiled()
+def share_within_rims(rims, point, along, across):
+    """F of a specular point [3] inside an area of which only a part of the boundary is given, the rest being far away.
+
+    The integral of exp(-a rho^2) d(phi) along the ``rims`` [E, 2, 3] is what the plane beyond them is missed by.
+    """
+    total, turned, through = _along_edges(rims, point, along, across)
+    return 1.0 + (total - turned) / (2.0 * np.pi) - (0.5 if through else 0.0)
+
+
+@compiled(cache=False)
+def _along_edges(edges, point, along, across):
+    """Integrals of 1 - exp(-a rho^2) d(phi), and of d(phi), along edges [E, 2, 3] around a point [3].
+
+    Last, whether an edge passes through the point: it adds to neither.
+    """
+    total, turned, through = 0.0j, 0.0, False
+    for e in range(len(edges)):
+        ax = ay = bx = by = 0.0
+        for i in range(3):
+            from_point, to_point = edges[e, 0, i] - point[i], edges[e, 1, i] - point[i]
+            ax += from_point * along[i]
+            ay += from_point * across[i]
+            bx += to_point * along[i]
+            by += to_point * across[i]
+        length = max(np.hypot(bx - ax, by - ay), CLOSEST)
+        tx, ty = (bx - ax) / length, (by - ay) / length
+        height = ax * ty - ay * tx  # distance of the line, positive with the point on its left
+        size = abs(height)
+        start, stop = ax * tx + ay * ty, bx * tx + by * ty
+        if size < CLOSEST:
+            through = through or start * stop < 0.0
+            continue
+        nearest = size * size + (0.0 if start * stop < 0.0 else min(start * start, stop * stop))
+        if nearest > CUT:  # exp(-a rho^2) is 0 all along it, and the integral is the angle that the edge fills
+            angle = np.arctan2(ax * by - ay * bx, ax * bx + ay * by)
+            total += angle
+            turned += angle
+            continue
+        side = 1.0 if height >= 0.0 else -1.0
+        total += side * (_integral_from_foot(size, stop) - _integral_from_foot(size, start))
+        turned += side * (np.arctan2(stop, size) - np.arctan2(start, size))
+    return total, turned, through
 
 
 @compiled()

@@ -9,6 +9,8 @@ module computes the foot on every triangle in the front half space, into which t
 with Gamma the slab's reflection coefficient at normal incidence (ITU-R P.2040-3, eq. (37)), S the scattering
 coefficient, and F the factor of the facet's size (:mod:`datafactory.paths.facets`). The echo has no cross-polarised
 part.
+
+Triangles that sample a curved surface have no feet here; the surface has (:mod:`datafactory.paths.curved_mirrors`).
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.paths.curved_surfaces import curved_surfaces_of
 from datafactory.paths.facets import mirrors_of, reflected_share
 from datafactory.paths.merged_scene import MergedScene, slabs_of
 from datafactory.paths.panes import clear_between, panes_between, slab_reflection
@@ -56,23 +59,17 @@ def single_mirrors(
     mesh = merged_scene.mesh_of_triangle
     velocity = np.array([item.velocity for item in merged_scene.meshes])[mesh]
     moved = np.array([item.shift for item in merged_scene.meshes])[mesh] - np.asarray(pose.position)
-    triangle, foot = _perpendicular_feet((mirrors.corners + moved[:, None]) @ rotation, mirrors.normals @ rotation)
-    range_m = np.linalg.norm(foot, axis=1)
-    clear = clear_between(geometry, np.zeros((len(foot), 3)), foot)
-    passed = clear.astype(np.complex128)
-    kinds = np.full(len(foot), SPECULAR, dtype=np.uint8)
-    if settings.refraction and not clear.all():
-        behind = np.flatnonzero(~clear)
-        panes = panes_between(geometry, merged_scene, materials, frequency_hz, foot[behind], settings.polarization[0])
-        passed[behind] = np.where(np.abs(panes.factor) > FAINTEST, panes.factor, 0.0) ** 2
-        kinds[behind] |= REFRACTED
+    flat = np.setdiff1d(np.arange(len(mesh)), curved_surfaces_of(merged_scene).covered)
+    found, foot = _perpendicular_feet(
+        (mirrors.corners[flat] + moved[flat, None]) @ rotation, mirrors.normals[flat] @ rotation
+    )
+    triangle = flat[found]
+    passed, kinds = way_and_back(geometry, merged_scene, materials, frequency_hz, settings, foot)
     seen = np.flatnonzero(passed != 0.0)
     hidden = len(triangle) - len(seen)
-    triangle, foot, range_m = triangle[seen], foot[seen], range_m[seen]
-    passed, kinds = passed[seen], kinds[seen]
-    slabs = slabs_of(merged_scene, materials)
-    reflection = np.array([_normal_reflection(slabs[index], frequency_hz) for index in mesh[triangle]], dtype=complex)
-    amplitude = np.conj(reflection) * wavelength / (8.0 * np.pi * range_m) * passed
+    triangle, foot, passed, kinds = triangle[seen], foot[seen], passed[seen], kinds[seen]
+    range_m = np.linalg.norm(foot, axis=1)
+    amplitude = plane_amplitude(merged_scene, materials, frequency_hz, mesh[triangle], range_m) * passed
     if settings.finite_mirrors:
         at_rest = mirrors.corners[triangle, 0]
         normal = mirrors.normals[triangle]
@@ -100,6 +97,35 @@ def single_mirrors(
         object_index=objects[triangle].astype(np.int32),
         kinds=kinds,
     ), {"mirrors_hidden": hidden}
+
+
+def way_and_back(
+    geometry: Any,
+    merged_scene: MergedScene,
+    materials: MaterialMapping,
+    frequency_hz: float,
+    settings: TraceSettings,
+    point: Real,
+) -> tuple[NDArray[np.complex128], NDArray[np.uint8]]:
+    """What the way to points [n, 3] and back leaves of an amplitude, 0 where they are hidden, and the kinds of path."""
+    clear = clear_between(geometry, np.zeros((len(point), 3)), point)
+    passed = clear.astype(np.complex128)
+    kinds = np.full(len(point), SPECULAR, dtype=np.uint8)
+    if settings.refraction and not clear.all():
+        behind = np.flatnonzero(~clear)
+        panes = panes_between(geometry, merged_scene, materials, frequency_hz, point[behind], settings.polarization[0])
+        passed[behind] = np.where(np.abs(panes.factor) > FAINTEST, panes.factor, 0.0) ** 2
+        kinds[behind] |= REFRACTED
+    return passed, kinds
+
+
+def plane_amplitude(
+    merged_scene: MergedScene, materials: MaterialMapping, frequency_hz: float, mesh: NDArray[np.int64], range_m: Real
+) -> NDArray[np.complex128]:
+    """[n] amplitude of infinite planes of the meshes' materials, square to the sight at ``range_m`` [n]."""
+    slabs, wavelength = slabs_of(merged_scene, materials), SPEED_OF_LIGHT / frequency_hz
+    reflection = np.array([_normal_reflection(slabs[index], frequency_hz) for index in mesh], dtype=complex)
+    return np.conj(reflection) * wavelength / (8.0 * np.pi * range_m)
 
 
 def _perpendicular_feet(corners: Real, normals: Real) -> tuple[NDArray[np.int64], Real]:

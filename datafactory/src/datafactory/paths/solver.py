@@ -171,7 +171,7 @@ def radio_scene(
     }
     objects = [
         rt.SceneObject(
-            mi_mesh=_mitsuba_mesh(f"part-{index}", mesh.seen_from(pose), mesh.triangles),
+            mi_mesh=mitsuba_mesh(f"part-{index}", mesh.seen_from(pose), mesh.triangles),
             name=f"part-{index}",
             radio_material=radio[mesh.material],
         )
@@ -224,7 +224,8 @@ def solve(scene: Any, merged_scene: MergedScene, pose: Pose, settings: TraceSett
     return Solved(bundle, int((~valid).sum()), int(valid.sum() >= settings.capacity(fan.count)))
 
 
-def _mitsuba_mesh(name: str, vertices: NDArray[np.float32], triangles: NDArray[np.int32]):
+def mitsuba_mesh(name: str, vertices: NDArray[np.float32], triangles: NDArray[np.int32]) -> Any:
+    """Mitsuba's mesh of vertices [V, 3] [m] and triangles [T, 3]."""
     import mitsuba as mi
 
     mesh = mi.Mesh(name, vertex_count=len(vertices), face_count=len(triangles))

@@ -17,6 +17,7 @@ from datafactory.effects.plan import EffectPlan
 from datafactory.frame.deal import Deal
 from datafactory.frame.points import PointTargets
 from datafactory.frame.prepared import PreparedScene, Sample
+from datafactory.paths.curved_surfaces import curved_surfaces_of
 from datafactory.paths.merged_scene import merge_scene
 from datafactory.run.order import Order
 from datafactory.run.planning import Looking, plan_of, sample_of
@@ -25,7 +26,6 @@ from datafactory.scenes.ground import Ground, free_ground
 from datafactory.scenes.materials.table import MaterialMapping, MaterialTable
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.readers.open import open_scene
-from datafactory.scenes.readers.reading import AS_WRITTEN
 from datafactory.scenes.scene import Scene
 
 Announce = Callable[[str], None]
@@ -66,8 +66,8 @@ def prepare(
     """
     if order.paths is not None:
         return _from_stored(order, stored_paths(order, order.paths))
-    opened = [open_scene(source, order.reading) for source in order.scenes]
-    scenes = tuple(_prepared(scene, table, announce) for scene in opened)
+    opened = [scene if isinstance(scene, Scene) else open_scene(scene) for scene in order.scenes]
+    scenes = tuple(prepared_scene(scene, table, announce) for scene in opened)
     for scene in opened:
         if said := _late_poses(scene, order.poses):
             announce(said)
@@ -82,7 +82,6 @@ def prepare(
         "frames": order.frames,
         "poses": [asdict(pose) for pose in order.poses],
         "trace": asdict(order.settings.trace),
-        **({"reading": asdict(order.reading)} if order.reading != AS_WRITTEN else {}),
         **_planned_arguments(plans),
     }
     entries = [
@@ -146,10 +145,12 @@ def _common_arguments(order: Order) -> dict[str, Any]:
 
 
 def _as_lists(targets: PointTargets) -> dict[str, Any]:
-    return {name: values.tolist() for name, values in vars(targets).items()}
+    arrays = {name: values.tolist() for name, values in vars(targets).items() if name != "models"}
+    return arrays | ({"models": [repr(target) for target in targets.models]} if targets.models else {})
 
 
-def _prepared(scene: Scene, table: MaterialTable, announce: Announce) -> PreparedScene:
+def prepared_scene(scene: Scene, table: MaterialTable, announce: Announce) -> PreparedScene:
+    """A scene merged, its materials mapped; what was ignored or assumed is announced."""
     materials = table.map_materials([item.material for item in scene.objects])
     for warning in scene.warnings:
         announce(f"{scene.name}: {warning}")
@@ -158,7 +159,10 @@ def _prepared(scene: Scene, table: MaterialTable, announce: Announce) -> Prepare
     unknown = ", ".join(name or "(none)" for name in materials.unknown)
     if unknown:
         announce(f"{scene.name}: unknown materials given the default: {unknown}")
-    return PreparedScene(scene.name, scene.content_hash(), merge_scene(scene, materials), materials)
+    merged = merge_scene(scene, materials)
+    for note in curved_surfaces_of(merged).notes():
+        announce(f"{scene.name}: {note}")
+    return PreparedScene(scene.name, scene.content_hash(), merged, materials)
 
 
 def _late_poses(scene: Scene, poses: Sequence[Pose]) -> str:

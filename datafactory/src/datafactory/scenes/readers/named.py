@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib.util
 from pathlib import Path
 
-from shared.physics.errors import InputError
+from shared.physics.errors import InputError, meant
 
 SHIPPED_PREFIX = "shipped:"
 SIONNA_PREFIX = "sionna:"
@@ -48,6 +48,7 @@ def named_file(source: str) -> tuple[str, Path] | None:
         if source.startswith(prefix):
             known, name = scenes(), source.removeprefix(prefix)
             if name not in known:
-                raise InputError(source, f"unknown {owner} scene", ", ".join(known) or missing)
+                expected = f"{', '.join(known)}{meant(name, known)}" if known else missing
+                raise InputError(source, f"unknown {owner} scene", expected)
             return known[name].stem if prefix == SHIPPED_PREFIX else name, known[name]
     return None

@@ -9,7 +9,7 @@ from datafactory.scenes.readers.mitsuba import read_mitsuba
 from datafactory.scenes.readers.named import SHIPPED_PREFIX, SIONNA_PREFIX, named_file
 from datafactory.scenes.readers.reading import AS_WRITTEN, Reading
 from datafactory.scenes.scene import Scene
-from shared.physics.errors import InputError, require_utf8
+from shared.physics.errors import InputError, meant, require_utf8
 
 USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 MITSUBA_SUFFIXES = (".xml",)
@@ -38,7 +38,7 @@ def open_scene(source: str, reading: Reading = AS_WRITTEN) -> Scene:
             expected = f"one of {' '.join(KNOWN_SUFFIXES)}, or {SHIPPED_PREFIX}NAME or {SIONNA_PREFIX}NAME"
             raise InputError(source, f"unknown scene format {path.suffix!r}", expected)
         if not path.is_file():
-            raise InputError(source, "no such file", "an existing scene file")
+            raise InputError(source, "no such file", f"an existing scene file{_meant_file(path)}")
         try:
             with path.open("rb"):
                 pass
@@ -63,3 +63,12 @@ def _read(path: Path, name: str, reading: Reading) -> Scene:
     if suffix in MITSUBA_SUFFIXES:
         return read_mitsuba(path, name)
     return read_mesh_file(path)
+
+
+def _meant_file(path: Path) -> str:
+    """The scene in the same folder whose name is like a missing one's."""
+    try:
+        beside = sorted(path.parent.iterdir())
+    except OSError:
+        beside = []
+    return meant(path.name, (other.name for other in beside if other.suffix.lower() in KNOWN_SUFFIXES))

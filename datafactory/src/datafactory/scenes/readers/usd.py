@@ -195,6 +195,8 @@ class _Reader:
         if motion is not None:
             check_motion(self._path, name, motion)
             target = replace(target, velocity=target.at(0.0).velocity)
+        if model is not None and (problem := model.unfit(float(np.dot(axes[0], target.velocity)))):
+            raise InputError(self._path, f"{prim.GetPath()}: {problem}")
         self._targets.append(target)
 
     def _placing(

@@ -30,6 +30,8 @@ def open_usd_stage(path: Path, notes: Notes, reading: Reading = AS_WRITTEN) -> U
     """
     usd_stage = Usd.Stage.Open(str(path))
     select_variants(usd_stage, reading.variants)
+    for name, variant in reading.variants:
+        notes.say(f"variant {name} = {variant} selected, as asked for")
     errors = usd_stage.GetCompositionErrors()
     missing = note_missing(usd_stage, errors, notes)
     if missing and not reading.allow_missing:
