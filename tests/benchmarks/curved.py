@@ -121,9 +121,8 @@ def draw() -> plt.Figure:
         panel.plot(ASPECT_DEG, curved, color="tab:blue", linewidth=1, label="curved mirrors")
         panel.set(title=title, xlabel="aspect [deg]", xlim=(0.0, 90.0), ylim=(NOTHING_DBSM - 2.0, 40.0))
         panel.grid(alpha=0.3)
-        print(
-            f"{title}: largest difference {np.abs(curved - closed).max():.2f} dB, median {np.median(np.abs(curved - closed)):.2f} dB"
-        )
+        off = np.abs(curved - closed)
+        print(f"{title}: largest difference {off.max():.2f} dB, median {np.median(off):.2f} dB")
     panels[0].set_ylabel(f"radar cross section [dBsm]; {NOTHING_DBSM:g}: no echo")
     panels[0].legend(loc="upper right")
     return figure
