@@ -12,7 +12,7 @@ AUTO = "auto"
 DESCRIPTIONS = {
     "specular": "mirrors",
     "diffuse": "rough surfaces",
-    "multi_bounce": "more than one bounce; off: single bounces alone",
+    "multi_bounce": "more than one bounce, and targets over mirrors; off: single bounces alone",
     "refraction": "waves through panes; off: panes are opaque",
     "diffraction": "echoes of edges, and targets seen round them",
     "doppler": "motion; off: the scene stands still as it is at mid-frame, and one chirp is simulated",

@@ -52,7 +52,7 @@ class TraceSettings:
     """How a frame is traced.
 
     :param rays: directions sent from the TX
-    :param depth: largest number of bounces, 1 to 3
+    :param depth: largest number of bounces, 1 to 3; from 2 on targets are seen over mirrors, one on either way
     :param paths_a_cell: most paths that are scattered once in a resolution cell, see
         :mod:`datafactory.paths.thinning`; 0 keeps all
     :param solver_share: of so many rays the solver follows one: what it finds, chains of mirrors and echoes that are
