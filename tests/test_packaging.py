@@ -30,7 +30,11 @@ PACKAGES = ("shared", "datafactory", "trainer")
 RUN_FILES = ("run.json", "weights.safetensors")
 DATA = {
     "shared": {"shared/py.typed"},
-    "datafactory": {"datafactory/py.typed", "datafactory/scenes/materials/materials_77ghz.toml"},
+    "datafactory": {
+        "datafactory/py.typed",
+        "datafactory/scenes/materials/materials_77ghz.toml",
+        "datafactory/view/overlay.html",
+    },
     "trainer": {"trainer/py.typed", "trainer/evaluation/report/viewer.html", "trainer/run/pretrained/README.md"}
     | {f"trainer/run/pretrained/{name}/{file}" for name in ("sparse6", "sparse4") for file in RUN_FILES},
 }

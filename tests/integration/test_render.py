@@ -12,8 +12,10 @@ import pytest
 from typer.testing import CliRunner
 
 from datafactory.cli.app import app
+from datafactory.frame.chain import FRAMES_WITH
 from datafactory.frame.seeds import frame_seed
 from datafactory.run import workers as pool
+from datafactory.run.counts import MEANINGS
 from datafactory.run.progress import claimed
 from shared.dataset import arrow_schema
 from shared.dataset.folder import open_dataset, verify
@@ -287,3 +289,8 @@ def test_a_script_needs_no_guard_around_its_main_part(workers, radar_file, tmp_p
     script.write_text(SCRIPT.format(radar=str(radar_file), out=str(tmp_path / "data"), workers=workers))
     done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=False, timeout=300)
     assert (done.stdout.strip(), done.returncode) == ("20", 0), done.stderr[-800:]
+
+
+def test_every_count_of_a_run_has_a_meaning(dataset):
+    manifest = json.loads((dataset / "manifest.json").read_text(encoding="utf-8"))
+    assert {name for name in manifest["counts"] if not name.startswith(FRAMES_WITH)} <= set(MEANINGS)

@@ -1,0 +1,64 @@
+"""Scenes to multipath to 77 GHz FMCW radar data in Parquet shards.
+
+The functions here are those behind the commands of the same names. They are imported when they are first used, so that
+``import datafactory`` loads nothing that computes. What this module names is stable; other modules may change.
+"""
+
+from typing import TYPE_CHECKING
+
+from shared.processes.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from datafactory.api.asking import load_scene as load_scene
+    from datafactory.api.making import render as render
+    from datafactory.api.making import trace as trace
+    from datafactory.api.planning import ScenePlan as ScenePlan
+    from datafactory.api.planning import plan as plan
+    from datafactory.frame.points import read_targets as read_targets
+    from datafactory.run.pipeline import Report as Report
+    from datafactory.run.workers import RunFailed as RunFailed
+    from datafactory.scenes.poses import Pose as Pose
+    from datafactory.scenes.poses import read_poses as read_poses
+    from datafactory.scenes.scene import Scene as Scene
+    from shared.physics.errors import InputError as InputError
+    from shared.radar import Radar as Radar
+    from shared.radar import load_radar as load_radar
+
+__version__: str
+__all__ = [
+    "InputError",
+    "Pose",
+    "Radar",
+    "Report",
+    "RunFailed",
+    "Scene",
+    "ScenePlan",
+    "load_radar",
+    "load_scene",
+    "plan",
+    "read_poses",
+    "read_targets",
+    "render",
+    "trace",
+]
+
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    "sparseradar-datafactory",
+    {
+        "InputError": "shared.physics.errors",
+        "Pose": "datafactory.scenes.poses",
+        "Radar": "shared.radar",
+        "Report": "datafactory.run.pipeline",
+        "RunFailed": "datafactory.run.workers",
+        "Scene": "datafactory.scenes.scene",
+        "ScenePlan": "datafactory.api.planning",
+        "load_radar": "shared.radar",
+        "load_scene": "datafactory.api.asking",
+        "plan": "datafactory.api.planning",
+        "read_poses": "datafactory.scenes.poses",
+        "read_targets": "datafactory.frame.points",
+        "render": "datafactory.api.making",
+        "trace": "datafactory.api.making",
+    },
+)

@@ -5,15 +5,22 @@ from __future__ import annotations
 import json
 import re
 import sys
+from dataclasses import asdict
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 from typer.main import get_params_from_function
 from typer.testing import CliRunner
 
 from datafactory.cli.app import app, main
+from datafactory.cli.progress import shown
 from datafactory.cli.tables import plain_console, table
+from datafactory.inspection.doctor import Finding
+from datafactory.run.counts import MEANINGS, told
 
+SCENES = Path(__file__).parents[3] / "scenes"
 COMMANDS = sorted(info.callback.__name__ for info in app.registered_commands if info.callback)
 
 
@@ -122,3 +129,64 @@ def test_a_wide_table_keeps_its_width_in_a_narrow_terminal(monkeypatch: pytest.M
     monkeypatch.setenv("COLUMNS", "60")
     assert plain_console(narrowest=150).width == 150
     assert plain_console(narrowest=20).width == 60
+
+
+def test_the_version_is_that_of_the_distribution() -> None:
+    result = CliRunner().invoke(app, ["--version"])
+    assert (result.exit_code, result.output) == (0, f"datafactory {version('sparseradar-datafactory')}\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "meant"),
+    [
+        (["rendr"], "'render'"),
+        (["render", "--sceen", "x.usda"], "--scene"),
+        (["points", "--radar", "avr-qdm-111", "--out", "x"], "'avr-qdm-110'"),
+        (["plan", "sionna:munch"], "'munich'"),
+        (["plan", str(SCENES / "tine.usda")], "'tiny.usda'"),
+        (["points", "--store", "cub", "--out", "x"], "'cube'"),
+        (["render", str(SCENES / "tiny.usda"), "--effects", "difuse", "--out", "x"], "'diffuse'"),
+    ],
+)
+def test_a_slip_of_the_pen_is_answered_with_what_was_meant(
+    arguments: list[str], meant: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["datafactory", *arguments])
+    with pytest.raises(SystemExit) as caught:
+        main()
+    assert caught.value.code == 2
+    line = capsys.readouterr().err
+    assert line.count("\n") == 1
+    assert re.search(rf"([Dd]id you mean|Possible options:) {re.escape(meant)}", line), line
+
+
+def test_doctor_as_json_holds_the_findings(monkeypatch: pytest.MonkeyPatch) -> None:
+    finding = Finding("LLVM", "15 [old]", False, "pip install", required=True)
+    monkeypatch.setattr("datafactory.inspection.doctor.examine", lambda: [finding])
+    result = CliRunner().invoke(app, ["doctor", "--json"])
+    assert result.exit_code == 1
+    assert json.loads(result.stdout) == [asdict(finding)]
+
+
+def test_stages_have_rows_and_no_number_that_is_not_known() -> None:
+    console = Console(record=True, width=120, force_terminal=True)
+    with shown(console) as advance:
+        console.print("opened")
+        for stage, total in (("planning", 2), ("frames", 3)):
+            for done in range(total + 1):
+                advance(stage, done, total)
+    printed = console.export_text()
+    assert "?" not in printed
+    last = printed.splitlines()[-2:]
+    assert "planning" in last[0]
+    assert "2/2" in last[0]
+    assert "frames" in last[1]
+    assert "3/3" in last[1]
+
+
+def test_counts_are_told_in_words_where_they_are_asked_for() -> None:
+    counts = {"frames": 2, "rays": 100, "truncated": 1, "mirrors_hidden": 0, "frames_with_noise": 2, "new_count": 7}
+    assert told(counts, verbose=False) == [f"1 {MEANINGS['truncated']}"]
+    assert told(counts, verbose=True) == [
+        "100 rays sent", f"1 {MEANINGS['truncated']}", "7 new count", "frames with noise 2",
+    ]  # fmt: skip

@@ -201,7 +201,7 @@ def test_a_full_disk_names_the_file_and_nothing_partial_stays(tmp_path, command,
         "fit": [*SIZE, "--hidden", "64", "--width", "8"],
     }[command]
     done = subprocess.run(
-        [sys.executable, "-m", "trainer.cli", command, str(data), "--out", str(out), *arguments],
+        [sys.executable, "-m", "trainer", command, str(data), "--out", str(out), *arguments],
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (largest, largest)),
         env={**os.environ, "OMP_NUM_THREADS": "1"}, capture_output=True, text=True, timeout=300, check=False,
     )  # fmt: skip

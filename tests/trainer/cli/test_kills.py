@@ -41,7 +41,7 @@ def wait_for(condition: Callable[[], object], seconds: float = 120.0) -> None:
 @contextmanager
 def started(*arguments: object) -> Iterator[subprocess.Popen[str]]:
     """The command in a process of its own, ended at the end whatever happens."""
-    command = [sys.executable, "-m", "trainer.cli", *map(str, arguments)]
+    command = [sys.executable, "-m", "trainer", *map(str, arguments)]
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}
     with subprocess.Popen(
         command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True

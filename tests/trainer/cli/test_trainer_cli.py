@@ -133,7 +133,7 @@ def test_two_processes_train_what_one_trains(tmp_path):
     """
     data = small_dataset(tmp_path / "data")
     for name, devices, batch in (("one", "1", "4"), ("two", "2", "2")):
-        command = [sys.executable, "-m", "trainer.cli", "fit", data, "--out", tmp_path / name, *SIZE]
+        command = [sys.executable, "-m", "trainer", "fit", data, "--out", tmp_path / name, *SIZE]
         command += ["--devices", devices, "--batch", batch]
         environment = {**os.environ, "OMP_NUM_THREADS": "1"}
         done = subprocess.run(

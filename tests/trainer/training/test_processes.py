@@ -24,7 +24,7 @@ GONE = "trainer: --devices: a training process ended by {}; expected 2 that go o
 
 
 def fit(folder: Path, *more: str) -> subprocess.Popen[str]:
-    command = [sys.executable, "-m", "trainer.cli", "fit", str(folder / "data"), "--out", str(folder / "run"), *SIZE]
+    command = [sys.executable, "-m", "trainer", "fit", str(folder / "data"), "--out", str(folder / "run"), *SIZE]
     command += ["--steps", str(STEPS), "--validate-every", str(EVERY), *more]
     return subprocess.Popen(
         command, env={**os.environ, "OMP_NUM_THREADS": "1"}, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
+from pathlib import Path
+
 import pytest
 import torch
 
 from shared.physics.errors import InputError
 from trainer.run.configuration import FitConfig
+from trainer.training.loggers import check_logger, make_logger
 from trainer.training.recipes import GPU, RECIPES, VARIANTS, configuration
 
 
@@ -43,3 +47,39 @@ def test_what_is_no_recipe_or_no_value_is_refused() -> None:
         configuration("best")
     with pytest.raises(InputError, match="trainer fit: steps = 0"):
         configuration(given={"steps": 0})
+
+
+def test_a_file_states_fields_between_the_recipe_and_the_options(tmp_path: Path) -> None:
+    path = tmp_path / "run.toml"
+    path.write_text("steps = 50\nwidth = 6\n[imperfections]\nphase_deg = [2.0, 3.0]\n", encoding="utf-8")
+    found = configuration("recommended", {"width": 8, "batch": None}, path)
+    assert (found.steps, found.width) == (50, 8)
+    assert found.imperfections is not None
+    path.write_text('model = "doa-cnn"\n', encoding="utf-8")
+    assert configuration("doa", None, path).steps == 4000
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("step = 5", "unknown field 'step'; expected one of model, .*did you mean 'steps'"),
+        ("steps = 0", "trainer fit with .*run.toml: steps = 0"),
+        ("steps =", "not readable as TOML"),
+    ],
+)
+def test_a_wrong_file_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "run.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=message):
+        configuration(file=path)
+
+
+def test_loggers() -> None:
+    with pytest.raises(
+        InputError, match="--logger: 'tensorbord'; expected one of tensorboard, wandb, mlflow, none; did"
+    ):
+        check_logger("tensorbord")
+    assert make_logger("none", Path("out")) is False
+    if find_spec("wandb") is None:
+        with pytest.raises(InputError, match="the package wandb is not installed; expected pip install wandb"):
+            check_logger("wandb")

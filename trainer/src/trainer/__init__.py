@@ -1,1 +1,52 @@
-"""Radar datasets to networks that image sharper than the array."""
+"""Radar datasets to networks that image sharper than the array.
+
+The names here are imported when they are first used, so that ``import trainer`` loads neither PyTorch nor Lightning.
+What this module names is stable; other modules may change.
+"""
+
+from typing import TYPE_CHECKING
+
+from shared.processes.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from shared.physics.errors import InputError as InputError
+    from trainer import estimators as estimators
+    from trainer.data.arrays import choose_array as choose_array
+    from trainer.data.dataset import Example as Example
+    from trainer.data.dataset import RadarDataset as RadarDataset
+    from trainer.run.folder import Run as Run
+    from trainer.run.folder import load_imager as load_imager
+    from trainer.run.imager import Imager as Imager
+    from trainer.run.pretrained import pretrained_names as pretrained_names
+    from trainer.run.pretrained import pretrained_run as pretrained_run
+
+__version__: str
+__all__ = [
+    "Example",
+    "Imager",
+    "InputError",
+    "RadarDataset",
+    "Run",
+    "choose_array",
+    "estimators",
+    "load_imager",
+    "pretrained_names",
+    "pretrained_run",
+]
+
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    "sparseradar-trainer",
+    {
+        "Example": "trainer.data.dataset",
+        "Imager": "trainer.run.imager",
+        "InputError": "shared.physics.errors",
+        "RadarDataset": "trainer.data.dataset",
+        "Run": "trainer.run.folder",
+        "choose_array": "trainer.data.arrays",
+        "estimators": "trainer.estimators",
+        "load_imager": "trainer.run.folder",
+        "pretrained_names": "trainer.run.pretrained",
+        "pretrained_run": "trainer.run.pretrained",
+    },
+)

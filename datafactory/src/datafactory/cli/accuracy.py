@@ -2,26 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from datafactory.cli import options
-from datafactory.frame.defaults import IMAGE_BATCH
+from datafactory.cli.progress import shown as showing
+from datafactory.frame.defaults import DEFAULT_FRAMES, IMAGE_BATCH
 from shared.physics.errors import InputError
-
-if TYPE_CHECKING:
-    from datafactory.accuracy.prices import Menu
-    from datafactory.accuracy.sweep import Advance
-    from datafactory.run.order import Order
-    from datafactory.scenes.materials.table import MaterialTable
 
 TABLE_WIDTH = 165
 """Columns that the table needs; a narrower terminal wraps its lines rather than its cells."""
@@ -62,7 +54,7 @@ def accuracy(
     select_variant()
     set_threads(1)
     count = min(1 if quick else frames, len(given) or IMAGE_BATCH)
-    order = Order(radar=model, scenes=(scene,), frames=0 if given else options.DEFAULT_FRAMES, poses=given, seed=seed)
+    order = Order(radar=model, scenes=(scene,), frames=0 if given else DEFAULT_FRAMES, poses=given, seed=seed)
     prepared = prepare(order, table, lambda line: console.print(line, markup=False))
     (planned,) = planned_scenes(order, prepared)
     effects = planned.effects
@@ -78,8 +70,16 @@ def accuracy(
     toggled = knobs.effect_knobs(effects, planned.absent)
     signal += tuple(knob for knob in toggled if not knob.power)
     power += tuple(knob for knob in toggled if knob.power)
-    with _bar(console) as advance:
-        rows = sweep(samples, signal, power, effort, model, advance, made_with(order, effects))
+    with showing(console) as progress:
+        rows = sweep(
+            samples,
+            signal,
+            power,
+            effort,
+            model,
+            lambda done, total, label: progress(label, done, total),
+            made_with(order, effects),
+        )
     shown = Table(*map(escape, report.HEADINGS), title=escape(f"What accuracy costs: {scene}"), title_justify="left")
     for row in report.table_rows(rows):
         shown.add_row(*map(escape, row))
@@ -90,38 +90,3 @@ def accuracy(
     title = f"{scene}: {count} frame{'s' if count > 1 else ''}, seed {seed}, radar {model.name}, {batch}"
     for path in (*report.write_tables(rows, out), report.write_picture(rows, title, out)):
         console.print(f"wrote {path}", markup=False)
-
-
-def make_within_budget(
-    order: Order,
-    table: MaterialTable,
-    level_db: float,
-    menu: Menu,
-    running: options.Running,
-    make: options.Make | None = None,
-) -> None:
-    """``--error-budget``: settle the settings, render (or another ``make`` of the pipeline), check the promise."""
-    from datafactory.accuracy import budget
-    from datafactory.accuracy.check import check
-
-    console = Console(soft_wrap=True, highlight=False)
-
-    def announce(line: str) -> None:
-        console.print(line, markup=False)
-
-    with _bar(console) as advance:
-        settled = budget.settle(order, table, level_db, menu, announce, advance)
-    options.run(settled.order, table, running, make=make)
-    check(settled, running.out, announce)
-
-
-@contextmanager
-def _bar(console: Console) -> Iterator[Advance]:
-    columns = (TextColumn("{task.description:28s}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console) as progress:
-        task = progress.add_task("opening", total=None)
-
-        def advance(done: int, total: int, label: str) -> None:
-            progress.update(task, completed=done, total=total, description=label)
-
-        yield advance

@@ -6,7 +6,7 @@ own top. Everything else would make ``--help`` wait for the ray tracer.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
@@ -21,6 +21,7 @@ from datafactory.cli.plan import plan
 from datafactory.cli.points import points
 from datafactory.cli.render import render
 from datafactory.cli.trace import trace
+from datafactory.cli.view import view
 from shared.processes.command_line import Ending, run_app
 from shared.processes.interrupt import INTERRUPTED
 
@@ -39,13 +40,29 @@ class PlainCommand(TyperCommand):
 
 
 app = typer.Typer(
-    help="Scenes to multipath to 77 GHz FMCW radar data in Parquet shards.",
     no_args_is_help=True,
-    add_completion=False,
+    add_completion=True,
     pretty_exceptions_enable=False,
 )
-for command in (render, points, plan, accuracy, trace, city, inspect, doctor):
+for command in (render, points, plan, accuracy, trace, view, city, inspect, doctor):
     app.command(cls=PlainCommand)(command)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from datafactory import __version__
+
+        typer.echo(f"datafactory {__version__}")
+        raise typer.Exit()
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and leave.")
+    ] = False,
+) -> None:
+    """Scenes to multipath to 77 GHz FMCW radar data in Parquet shards."""
 
 
 def main() -> None:

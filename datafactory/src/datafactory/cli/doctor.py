@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import json
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,13 +14,21 @@ if TYPE_CHECKING:
     from datafactory.inspection.doctor import Finding
 
 
-def doctor() -> None:
-    """Print what this machine has, what is missing, and the command that mends it."""
+def doctor(
+    as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON and nothing else.")] = False,
+) -> None:
+    """Print what this machine has, what is missing, and the command that mends it.
+
+    Exit status 1: something is missing without which the data factory cannot work.
+    """
     from datafactory.inspection.doctor import examine
 
     findings = examine()
-    rows = [(_mark(finding), finding.item, finding.value, finding.remedy) for finding in findings]
-    plain_console().print(table("datafactory doctor", ("", "item", "found", "remedy"), rows))
+    if as_json:
+        print(json.dumps([asdict(finding) for finding in findings], indent=2))
+    else:
+        rows = [(_mark(finding), finding.item, finding.value, finding.remedy) for finding in findings]
+        plain_console().print(table("datafactory doctor", ("", "item", "found", "remedy"), rows))
     if any(finding.required and not finding.ok for finding in findings):
         raise typer.Exit(1)
 

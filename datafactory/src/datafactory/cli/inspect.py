@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -31,6 +32,7 @@ def inspect(
             show_default=False,
         ),
     ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON, and draw nothing.")] = False,
 ) -> None:
     """Summarise a dataset, check its files and draw some of its frames.
 
@@ -40,7 +42,7 @@ def inspect(
     from shared.dataset.folder import open_dataset
     from shared.dataset.folder import verify as verify_dataset
 
-    console = plain_console()
+    console = plain_console(stderr=as_json)
     dataset = open_dataset(directory, check_sizes=not verify)
     if verify:
         faults = verify_dataset(dataset)
@@ -50,7 +52,11 @@ def inspect(
             console.print(f"{len(faults)} of {len(dataset.records)} shards or files are not as they were written")
             raise typer.Exit(1)
         console.print(f"{len(dataset.records)} shards are as they were written")
-    for shown in _tables(summarise(dataset)):
+    summary = summarise(dataset)
+    if as_json:
+        print(json.dumps(summary.to_json(), indent=2))
+        return
+    for shown in _tables(summary):
         console.print(shown)
     if not dataset.splits:
         console.print(f"traced paths and no frames; next: datafactory render --paths {dataset.path} --out OTHER")
@@ -71,11 +77,12 @@ def _picture_folder(dataset: Dataset) -> Path:
 
 
 def _tables(summary: Summary) -> list[Table]:
+    from datafactory.run.counts import MEANINGS
     from shared.dataset.folder import SPLITS
 
     contents = [(name, " x ".join(map(str, shape))) for name, shape in summary.shapes.items()]
     contents.append(("shards", f"{summary.shards}, {summary.bytes / 1e6:.1f} MB"))
-    contents += [(f"count: {name}", str(count)) for name, count in summary.counts.items()]
+    contents += [(f"count: {MEANINGS.get(name, name)}", str(count)) for name, count in summary.counts.items()]
     if summary.traced:
         contents.insert(0, ("frames of traced paths", str(summary.traced)))
     if not summary.frames:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, replace
 
 from datafactory.frame.chain import ChainSettings
 from datafactory.frame.needs import FRAME_EFFECTS
-from shared.physics.errors import InputError
+from shared.physics.errors import InputError, meant
 
 AUTO = "auto"
 DESCRIPTIONS = {
@@ -98,7 +98,8 @@ def parse_effects(text: str) -> EffectSet | None:
     names = [name.strip() for name in text.split(",") if name.strip()]
     for name in names:
         if name not in NAMES:
-            raise InputError("--effects", repr(name), f"auto, all, or some of {','.join(NAMES)}")
+            expected = f"auto, all, or some of {','.join(NAMES)}{meant(name, (AUTO, 'all', *NAMES))}"
+            raise InputError("--effects", repr(name), expected)
     if not names:
         raise InputError("--effects", repr(text), f"auto, all, or some of {','.join(NAMES)}")
     return EffectSet.of(set(names))

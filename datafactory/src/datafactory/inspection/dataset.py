@@ -55,6 +55,13 @@ class Summary:
     bytes: int
     counts: Mapping[str, Any]
 
+    def to_json(self) -> dict[str, Any]:
+        """What ``datafactory inspect --json`` prints: ``frames`` by split, then by kind; the rest as it stands here."""
+        by_split: dict[str, dict[str, int]] = {}
+        for (split, kind), count in self.frames.items():
+            by_split.setdefault(split, {})[kind] = count
+        return {**vars(self), "frames": by_split, "counts": dict(self.counts)}
+
 
 def summarise(dataset: Dataset) -> Summary:
     """Count a dataset's frames; only the columns of a few bytes are read.

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from datafactory.paths.backend import select_variant
 from datafactory.paths.defaults import DEFAULT_RAYS
-from datafactory.paths.merged_scene import MergedScene
+from datafactory.paths.merged_scene import MergedScene, velocities_on
 from datafactory.paths.rays import RayFan
 from datafactory.paths.scattering import LOBE_EXPONENT, MIRROR_SHARE
 from datafactory.paths.table import DIFFUSE, REFRACTED, SPECULAR
@@ -171,7 +171,7 @@ def radio_scene(
     }
     objects = [
         rt.SceneObject(
-            mi_mesh=_mitsuba_mesh(f"part-{index}", mesh.seen_from(pose), mesh.triangles),
+            mi_mesh=mitsuba_mesh(f"part-{index}", mesh.seen_from(pose), mesh.triangles),
             name=f"part-{index}",
             radio_material=radio[mesh.material],
         )
@@ -224,7 +224,8 @@ def solve(scene: Any, merged_scene: MergedScene, pose: Pose, settings: TraceSett
     return Solved(bundle, int((~valid).sum()), int(valid.sum() >= settings.capacity(fan.count)))
 
 
-def _mitsuba_mesh(name: str, vertices: NDArray[np.float32], triangles: NDArray[np.int32]):
+def mitsuba_mesh(name: str, vertices: NDArray[np.float32], triangles: NDArray[np.int32]) -> Any:
+    """Mitsuba's mesh of vertices [V, 3] [m] and triangles [T, 3]."""
     import mitsuba as mi
 
     mesh = mi.Mesh(name, vertex_count=len(vertices), face_count=len(triangles))
@@ -278,6 +279,9 @@ def _bundle_of(
         objects[here] = mesh.object_of_triangle[primitive[here]]
         triangles[here] = first[index] + primitive[here]
         velocities[here] = (mesh.velocity - np.asarray(pose.velocity)) @ rotation
+        if mesh.turned is not None:
+            of_mesh = np.zeros((len(merged_scene.meshes), 3))
+            velocities[here] = velocities_on(merged_scene, pose, of_mesh, triangles[here], vertices[here])
     crossings = np.zeros(len(real), dtype=np.int64)
     return Bundle(vertices, interactions, objects, triangles, velocities, crossings, real - 1j * imaginary)
 

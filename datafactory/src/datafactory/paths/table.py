@@ -110,6 +110,10 @@ class ScatteredPaths:
         )
 
     @staticmethod
+    def none() -> ScatteredPaths:
+        return ScatteredPaths.of_points(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+
+    @staticmethod
     def concatenate(parts: list[ScatteredPaths]) -> ScatteredPaths:
         names = ScatteredPaths.__dataclass_fields__
         return ScatteredPaths(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})

@@ -10,6 +10,8 @@ from datafactory.frame.chain import ChainSettings
 from datafactory.frame.defaults import DEFAULT_BUDGET_DB, DEFAULT_PATTERN
 from datafactory.frame.points import PointTargets
 from datafactory.scenes.poses import Pose
+from datafactory.scenes.readers.reading import AS_WRITTEN, Reading
+from datafactory.scenes.scene import Scene
 from shared.radar import Radar
 
 
@@ -17,19 +19,20 @@ from shared.radar import Radar
 class Order:
     """What the user asked for.
 
-    :param scenes: ``--scene`` arguments, dealt to the frames in turn
+    :param scenes: ``--scene`` arguments, or scenes that were read before, dealt to the frames in turn
     :param frames: scene frames in total
     :param points: close-target frames after them
     :param poses: one frame a pose, instead of ``frames`` drawn ones; empty to draw
     :param targets: frames of exactly these targets, instead of drawn ones
     :param settings: how a frame is made, with every effect
     :param effects: what is simulated of the scenes; None for what a plan finds each to need
+    :param reading: how the scenes are read
     :param budget_db: what leaving an effect out may cost, for that plan
     :param paths: folder of :func:`datafactory.run.pipeline.trace_paths`, instead of scenes
     """
 
     radar: Radar
-    scenes: tuple[str, ...] = ()
+    scenes: tuple[str | Scene, ...] = ()
     frames: int = 0
     points: int = 0
     seed: int = 0
@@ -39,4 +42,5 @@ class Order:
     paths: Path | None = None
     settings: ChainSettings = field(default_factory=ChainSettings)
     effects: EffectSet | None = None
+    reading: Reading = AS_WRITTEN
     budget_db: float = DEFAULT_BUDGET_DB

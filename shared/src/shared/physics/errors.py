@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from difflib import get_close_matches
+
 LONGEST_IN_FIGURE = 60
 """Characters of a name: longer ones leave a figure no room."""
 
@@ -57,3 +60,9 @@ def require_utf8(path: object) -> None:
         str(path).encode()
     except UnicodeEncodeError:
         raise InputError(ascii(str(path)), "the path is not UTF-8", "a file or folder whose name is text") from None
+
+
+def meant(value: str, known: Iterable[str]) -> str:
+    """``"; did you mean 'NAME'?"`` with the known name that ``value`` is like, to end a message; "" where none is."""
+    near = get_close_matches(value, list(known), n=1)
+    return f"; did you mean {near[0]!r}?" if near else ""

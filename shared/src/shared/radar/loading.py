@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
-from shared.physics.errors import InputError
+from shared.physics.errors import InputError, meant
 from shared.radar.antenna import PatchPattern, read_table
 from shared.radar.arrays import virtual_sensor_256
 from shared.radar.boards import BOARDS, mirrored
@@ -85,7 +85,8 @@ def load_capture_radar(path_of_radar: str, board: str | None, mirror: bool = Fal
     path = Path(path_of_radar)
     if not path.is_file():
         problem = f"no preset and no file {path_of_radar!r}"
-        raise InputError("--radar", problem, f"a TOML file or one of {list(PRESETS)}")
+        expected = f"a TOML file or one of {list(PRESETS)}{meant(path_of_radar, PRESETS)}"
+        raise InputError("--radar", problem, expected)
     try:
         if path.suffix == ".cfg":
             document: dict[str, Any] = {"capture": path.name}

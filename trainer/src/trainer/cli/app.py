@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import typer
 from typer.exceptions import TyperException
 
@@ -17,14 +19,30 @@ from trainer.errors import TrainingStopped, out_of_memory
 STOPPED = "interrupted; the same command with --resume goes on from the last checkpoint"
 
 app = typer.Typer(
-    help="Radar datasets to networks that image sharper than the array.",
     no_args_is_help=True,
-    add_completion=False,
+    add_completion=True,
     pretty_exceptions_enable=False,
 )
 for command in (fit, predict, evaluate, export, calibrate):
     app.command()(command)
 app.command("import")(import_)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from trainer import __version__
+
+        typer.echo(f"trainer {__version__}")
+        raise typer.Exit()
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and leave.")
+    ] = False,
+) -> None:
+    """Radar datasets to networks that image sharper than the array."""
 
 
 def main() -> None:

@@ -10,6 +10,8 @@ from rich.console import Console
 
 from shared.processes.defaults import LARGEST_SEED
 
+BY_RECIPE = "by recipe and device"
+
 
 def fit(
     datasets: Annotated[
@@ -20,31 +22,62 @@ def fit(
     recipe: Annotated[
         str, typer.Option(help="recommended, paper (its network, features, target), or doa.")
     ] = "recommended",
-    model: Annotated[str | None, typer.Option(help="unrolled, spectral-unet, attention-unet or doa-cnn.")] = None,
-    features: Annotated[str | None, typer.Option(help="snapshots, adaptive, row, paper or covariance.")] = None,
-    target: Annotated[str | None, typer.Option(help="row, paper, class or doa.")] = None,
-    width: Annotated[int | None, typer.Option(help="Channels of the network's first level.")] = None,
-    hidden: Annotated[int | None, typer.Option(help="Units of the spectral network's angular mixing.")] = None,
-    steps: Annotated[int | None, typer.Option(help="Optimiser steps.")] = None,
-    batch: Annotated[int | None, typer.Option(help="Frames of one forward pass.")] = None,
-    accumulate: Annotated[int | None, typer.Option(help="Batches of one optimiser step.")] = None,
-    points: Annotated[int | None, typer.Option(help="Crops of online point targets beside each frame.")] = None,
-    imperfections: Annotated[
-        str | None, typer.Option(help="Of the boards that see the training data: none, calibrated or uncalibrated.")
+    config: Annotated[
+        Path | None,
+        typer.Option(
+            help="TOML file of a run's fields, e.g. steps = 600; options count before it.", show_default=False
+        ),
     ] = None,
-    rows: Annotated[int | None, typer.Option(help="Range bins of a training crop; 0: whole images.")] = None,
-    learning_rate: Annotated[float | None, typer.Option(help="Peak learning rate.")] = None,
-    precision: Annotated[str | None, typer.Option(help="32 or bf16.")] = None,
-    validate_every: Annotated[int | None, typer.Option(help="Steps from one validation to the next.")] = None,
-    patience: Annotated[int | None, typer.Option(help="Validations without gain before stopping; 0: never.")] = None,
+    model: Annotated[
+        str | None, typer.Option(help="unrolled, spectral-unet, attention-unet or doa-cnn.", show_default=BY_RECIPE)
+    ] = None,
+    features: Annotated[
+        str | None, typer.Option(help="snapshots, adaptive, row, paper or covariance.", show_default=BY_RECIPE)
+    ] = None,
+    target: Annotated[str | None, typer.Option(help="row, paper, class or doa.", show_default=BY_RECIPE)] = None,
+    width: Annotated[
+        int | None, typer.Option(help="Channels of the network's first level.", show_default=BY_RECIPE)
+    ] = None,
+    hidden: Annotated[
+        int | None, typer.Option(help="Units of the spectral network's angular mixing.", show_default=BY_RECIPE)
+    ] = None,
+    steps: Annotated[int | None, typer.Option(help="Optimiser steps.", show_default=BY_RECIPE)] = None,
+    batch: Annotated[int | None, typer.Option(help="Frames of one forward pass.", show_default=BY_RECIPE)] = None,
+    accumulate: Annotated[
+        int | None, typer.Option(help="Batches of one optimiser step.", show_default=BY_RECIPE)
+    ] = None,
+    points: Annotated[
+        int | None, typer.Option(help="Crops of online point targets beside each frame.", show_default=BY_RECIPE)
+    ] = None,
+    imperfections: Annotated[
+        str | None,
+        typer.Option(
+            help="Of the boards that see the training data: none, calibrated or uncalibrated.", show_default=BY_RECIPE
+        ),
+    ] = None,
+    rows: Annotated[
+        int | None, typer.Option(help="Range bins of a training crop; 0: whole images.", show_default=BY_RECIPE)
+    ] = None,
+    learning_rate: Annotated[float | None, typer.Option(help="Peak learning rate.", show_default=BY_RECIPE)] = None,
+    precision: Annotated[str | None, typer.Option(help="32 or bf16.", show_default=BY_RECIPE)] = None,
+    validate_every: Annotated[
+        int | None, typer.Option(help="Steps from one validation to the next.", show_default=BY_RECIPE)
+    ] = None,
+    patience: Annotated[
+        int | None, typer.Option(help="Validations without gain before stopping; 0: never.", show_default=BY_RECIPE)
+    ] = None,
     start: Annotated[
         Path | None, typer.Option("--from", help="Begin with the weights of this run.", show_default=False)
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, max=LARGEST_SEED, help="Same seed, same weights on one device.")] = 0,
+    seed: Annotated[
+        int | None,
+        typer.Option(min=0, max=LARGEST_SEED, help="Same seed, same weights on one device.", show_default="0"),
+    ] = None,
     weight: Annotated[list[float] | None, typer.Option(help="Share of each dataset, in their order.")] = None,
     workers: Annotated[int, typer.Option(min=0, help="Reading processes beside the training one.")] = 0,
     devices: Annotated[int, typer.Option(min=1, help="GPUs, or processes on a CPU.")] = 1,
     check: Annotated[bool, typer.Option("--check/--no-check", help="Hash every shard first.")] = True,
+    logger: Annotated[str, typer.Option(help="Of the curves: tensorboard, wandb, mlflow or none.")] = "tensorboard",
     resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in --out.")] = False,
 ) -> None:
     """Train a network on datasets of the factory."""
@@ -65,7 +98,18 @@ def fit(
         console.print(line, markup=False)
 
     run_fit(
-        datasets, out, configuration(recipe, given), array, weight, resume, workers, check, devices, announce, start
+        datasets,
+        out,
+        configuration(recipe, given, config),
+        array,
+        weight,
+        resume,
+        workers,
+        check,
+        devices,
+        announce,
+        start,
+        logger,
     )
     # The located name is shown: a URI as given may hold a key.
     first = locate(datasets[0])

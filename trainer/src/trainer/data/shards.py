@@ -22,6 +22,9 @@ COLUMNS = ("range_channel", "velocity", "image", "range_doppler", "cube")
 SCALARS = {"image_peak": torch.float64, "noise_power": torch.float64, "frame_id": torch.int64}
 """Scalar columns that every frame comes with, and their types."""
 
+FACTS = ("kind", "scene", "seed", "sensor_position", "sensor_velocity", "sensor_orientation")
+"""Columns that say where a frame comes from, as Python values."""
+
 CACHE_BYTES = 256 << 20
 """Decoded columns that one process keeps: 140 frames of the default radar, each then ten times as fast."""
 
@@ -41,6 +44,7 @@ class ShardDataset(TorchDataset[dict[str, torch.Tensor]]):
     :param split: "train", "validation" or "test"
     :param columns: array columns to read, of :data:`COLUMNS`
     :param cache_bytes: decoded columns that every process keeps
+    :param facts: columns of :data:`FACTS` to read as well, for :meth:`frame`
     :raises InputError: a dataset that is missing, damaged or newer, a split without frames, an unknown column
     """
 
@@ -50,11 +54,12 @@ class ShardDataset(TorchDataset[dict[str, torch.Tensor]]):
         split: str,
         columns: Sequence[str] = ("range_channel", "image"),
         cache_bytes: int = CACHE_BYTES,
+        facts: Sequence[str] = (),
     ) -> None:
         if unknown := [name for name in columns if name not in COLUMNS]:
             raise InputError("columns", f"{unknown[0]!r}", f"some of {list(COLUMNS)}")
         dataset = open_dataset(directory)
-        self.columns = tuple(columns)
+        self.columns, self.facts = tuple(columns), tuple(facts)
         self.description = dataset.description()
         if missing := [name for name in columns if name not in self.description["shapes"]]:
             raise InputError(directory, f"{missing[0]!r} is not stored", f"some of {list(self.description['shapes'])}")
@@ -74,6 +79,10 @@ class ShardDataset(TorchDataset[dict[str, torch.Tensor]]):
             ``frame_id``, int64
         :raises InputError: a shard that cannot be read, by its path
         """
+        return self.frame(index)[0]
+
+    def frame(self, index: int) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
+        """Frame ``index`` of the split: its tensors, and its ``facts`` by name."""
         batch = self._kept.get(index)
         if batch is None:
             batch = self._read(index)
@@ -86,7 +95,7 @@ class ShardDataset(TorchDataset[dict[str, torch.Tensor]]):
             item = {name: values.clone() for name, values in item.items()}
         for name, dtype in SCALARS.items():
             item[name] = torch.tensor(batch.column(name)[0].as_py(), dtype=dtype)
-        return item
+        return item, {name: batch.column(name)[0].as_py() for name in self.facts}
 
     def __getstate__(self) -> dict[str, Any]:
         """What a worker gets: paths and row numbers, no open file and no frames."""
@@ -96,7 +105,7 @@ class ShardDataset(TorchDataset[dict[str, torch.Tensor]]):
     def _read(self, index: int) -> pa.RecordBatch:
         path, row = self._rows[index]
         try:
-            batch = _read_row(self._shard(path), row, [*SCALARS, *self.columns])
+            batch = _read_row(self._shard(path), row, [*SCALARS, *self.facts, *self.columns])
         except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
             raise InputError(path, f"damaged: {error}", "a shard as it was written") from error
         require_values(path, batch)

@@ -1,1 +1,19 @@
-"""Classical estimators of angle: one snapshot, any line of virtual elements, all range bins at once."""
+"""Classical estimators of angle: one snapshot, any line of virtual elements, all range bins at once.
+
+``ESTIMATORS["iaa"]().image(snapshots, line_array(radar, channels), radar.grid.u, noise_power)`` is an image [R, U].
+"""
+
+from typing import TYPE_CHECKING
+
+from shared.processes.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from trainer.estimators.base import ESTIMATORS as ESTIMATORS
+    from trainer.estimators.base import UNIFORM_ESTIMATORS as UNIFORM_ESTIMATORS
+    from trainer.estimators.base import Estimator as Estimator
+    from trainer.estimators.base import LineArray as LineArray
+    from trainer.estimators.base import line_array as line_array
+
+__all__ = ["ESTIMATORS", "UNIFORM_ESTIMATORS", "Estimator", "LineArray", "line_array"]
+
+__getattr__, __dir__ = lazy_names(__name__, "sparseradar-trainer", dict.fromkeys(__all__, "trainer.estimators.base"))

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from shared.physics.errors import InputError
+from shared.physics.errors import InputError, meant
 from shared.radar import Radar
 from shared.signal.model_error import row_noise
 from shared.signal.tdm import averaged
@@ -130,7 +130,7 @@ def estimator_answer(name: str, radar: Radar, dead_channels: tuple[int, ...] = (
 def check_method(name: str) -> None:
     """:raises InputError: no estimator of this name"""
     if name not in ESTIMATORS:
-        raise InputError("--method", repr(name), f"one of {', '.join(ESTIMATORS)}")
+        raise InputError("--method", repr(name), f"one of {', '.join(ESTIMATORS)}{meant(name, ESTIMATORS)}")
 
 
 def answer_peaks(imager: Imager, measurement: Measurement) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:

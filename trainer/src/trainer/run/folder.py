@@ -144,11 +144,18 @@ def _digest(tensors: Mapping[str, torch.Tensor], gain: str) -> str:
     return digest.hexdigest()
 
 
-def load_imager(directory: Path) -> tuple[Run, Imager]:
-    """The run's imager in evaluation mode, on the CPU.
+def load_imager(directory: Path | str) -> tuple[Run, Imager]:
+    """The run of a folder of ``trainer fit``, and its imager in evaluation mode, on the CPU.
+
+    >>> run, imager = load_imager(pretrained_run("sparse6"))  # doctest: +SKIP
+    >>> imager(example.input, torch.tensor(example.metadata["noise_power"]).expand(3))  # doctest: +SKIP
+
+    An :class:`trainer.run.imager.Imager` takes all channels of its radar, [B, R, C] complex64 [sqrt(W)], and the noise
+    power [B] [W] of each image, and returns [B, R, U] magnitudes [sqrt(W)]: one image for each Doppler peak.
 
     :raises InputError: no run, weights that are missing, cut short, not finite or of another network
     """
+    directory = Path(directory)
     run, path = read_run(directory), directory / WEIGHTS
     if not path.is_file():
         raise InputError(path, "no such file", "the weights of a run that has validated at least once")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib.resources import files
 from pathlib import Path
 
-from shared.physics.errors import InputError
+from shared.physics.errors import InputError, meant
 from trainer.run.folder import RUN_FILE
 
 FOLDER = "pretrained"
@@ -24,7 +24,7 @@ def pretrained_run(name: str) -> Path:
     """
     known = pretrained_names()
     if name not in known:
-        raise InputError("--pretrained", repr(name), f"one of {', '.join(known)}")
+        raise InputError("--pretrained", repr(name), f"one of {', '.join(known)}{meant(name, known)}")
     return _folder() / name
 
 

@@ -13,7 +13,6 @@ from pathlib import Path
 import torch
 from lightning.pytorch import LightningDataModule, Trainer
 from lightning.pytorch.callbacks import Callback, EarlyStopping
-from lightning.pytorch.loggers import TensorBoardLogger
 from lightning.pytorch.trainer.states import TrainerStatus
 
 from shared.dataset.locations import Location
@@ -30,6 +29,7 @@ from trainer.training.callbacks import LOSS, NMSE, Interrupts, PictureLogger, Ru
 from trainer.training.checkpoint import not_restored, require_checkpoint
 from trainer.training.datamodule import ImagingData
 from trainer.training.doa import DoaData, DoaTask
+from trainer.training.loggers import TENSORBOARD, check_logger, make_logger
 from trainer.training.processes import ended_process, follower, is_first
 from trainer.training.task import ImagingTask
 from trainer.training.verdict import judge
@@ -60,6 +60,7 @@ def fit(
     devices: int = 1,
     announce: Callable[[str], object] = print,
     start: Path | None = None,
+    logger: str = TENSORBOARD,
 ) -> Run:
     """Train one network, keep it in ``out`` and score it on the test frames (:mod:`trainer.training.verdict`).
 
@@ -71,13 +72,17 @@ def fit(
     :param check: hash every shard before training
     :param devices: processes, one a device; or started by torchrun
     :param start: a run of the same network whose weights training begins with
+    :param logger: of the curves, see :mod:`trainer.training.loggers`
     :raises InputError: bad data, a folder that holds another run, a start that is another network
     :raises TrainingStopped: a loss that is not finite, a process that has ended
     :raises KeyboardInterrupt: Ctrl-C; what the last validation left is whole
     """
+    check_logger(logger)
     first = is_first()
     with output_folder(out, resume, "an empty or new folder, or --resume") if first else follower():
-        return _fit(datasets, out, config, array, weights, resume, workers, check, devices, announce, first, start)
+        return _fit(
+            datasets, out, config, array, weights, resume, workers, check, devices, announce, first, start, logger
+        )
 
 
 def _fit(
@@ -93,6 +98,7 @@ def _fit(
     announce: Callable[[str], object],
     first: bool,
     start: Path | None,
+    logger: str,
 ) -> Run:
     """:func:`fit` in a folder that is held.
 
@@ -130,6 +136,7 @@ def _fit(
         # strict=False: without a truth in any validation frame there is no normalised error, and no early stop.
         callbacks.append(EarlyStopping(watched, patience=config.patience, strict=False))
     with _quiet():
+        curves = make_logger(logger, out)
         trainer = Trainer(
             accelerator="auto",
             devices=devices,
@@ -142,7 +149,7 @@ def _fit(
             num_sanity_val_steps=-1,  # all frames before the first step; not of a run that is resumed
             log_every_n_steps=10,
             callbacks=callbacks,
-            logger=TensorBoardLogger(out, name="", version="tensorboard"),
+            logger=curves,
             enable_checkpointing=False,  # RunKeeper's own, written whole or not at all
             enable_model_summary=False,
             enable_progress_bar=sys.stderr.isatty(),

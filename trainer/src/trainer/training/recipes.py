@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping
+from pathlib import Path
 
 import torch
 from pydantic import ValidationError
 
-from shared.physics.errors import InputError
+from shared.physics.errors import InputError, meant
 from shared.radar import first_validation_error
 from trainer.run.configuration import FitConfig
 
@@ -64,21 +66,36 @@ VARIANTS: dict[str, Changes] = {
 """What each variant of :mod:`trainer.training.ablation` changes of the recommended configuration."""
 
 
-def configuration(recipe: str = "recommended", given: Changes | None = None) -> FitConfig:
+def configuration(recipe: str = "recommended", given: Changes | None = None, file: Path | None = None) -> FitConfig:
     """The configuration of a recipe on this machine's device.
 
-    :param given: fields stated by the user, which count before the recipe's; the recipe's count before the device's.
-        None stands for a field that is not stated.
-    :raises InputError: an unknown recipe, a field or value that no run has
+    :param given: fields stated by the user, which count before the file's; those count before the recipe's, and the
+        recipe's before the device's. None stands for a field that is not stated.
+    :param file: TOML file with fields of :class:`trainer.run.configuration.FitConfig`, by their names
+    :raises InputError: an unknown recipe, a file that is no TOML, a field or value that no run has
     """
     if recipe not in RECIPES:
         *names, last = RECIPES
-        raise InputError("--recipe", repr(recipe), f"{', '.join(names)} or {last}")
+        raise InputError("--recipe", repr(recipe), f"{', '.join(names)} or {last}{meant(recipe, RECIPES)}")
     stated = {name: value for name, value in (given or {}).items() if value is not None}
+    from_file = {} if file is None else _fields_of(file)
     try:
-        return FitConfig.model_validate({**_device(), **RECIPES[recipe], **stated})
+        return FitConfig.model_validate({**_device(), **RECIPES[recipe], **from_file, **stated})
     except ValidationError as error:
-        raise InputError("trainer fit", *first_validation_error(error)) from error
+        source = "trainer fit" if file is None else f"trainer fit with {file}"
+        raise InputError(source, *first_validation_error(error)) from error
+
+
+def _fields_of(path: Path) -> Changes:
+    """The entries of a TOML file, whose names are checked here: a slip of the pen is told with the field it is like."""
+    try:
+        fields = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise InputError(path, f"not readable as TOML: {error}", "a TOML file in UTF-8, e.g. steps = 600") from error
+    known = FitConfig.model_fields
+    if unknown := [name for name in fields if name not in known]:
+        raise InputError(path, f"unknown field {unknown[0]!r}", f"one of {', '.join(known)}{meant(unknown[0], known)}")
+    return fields
 
 
 def _device() -> Changes:

@@ -1,0 +1,205 @@
+"""What a caller says, as the values that a run takes: scenes, radar, poses, materials, an order.
+
+The commands and the functions of :mod:`datafactory` share it, so that both refuse the same things in the same words.
+An argument is named as its option is, ``--frames`` for ``frames``.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Collection, Sequence
+from pathlib import Path
+from typing import TypeAlias
+
+from datafactory.effects.catalogue import AUTO, EffectSet, parse_effects
+from datafactory.frame.chain import ChainSettings
+from datafactory.frame.deal import parse_split_pattern
+from datafactory.frame.defaults import (
+    DEFAULT_BUDGET_DB,
+    DEFAULT_PATTERN,
+    LARGEST_BUDGET_DB,
+    SMALLEST_BUDGET_DB,
+)
+from datafactory.frame.measurement import Processing
+from datafactory.frame.points import PointTargets
+from datafactory.paths.defaults import DEFAULT_DEPTH, DEFAULT_RAYS, LARGEST_DEPTH, MOST_RAYS
+from datafactory.paths.solver import TraceSettings
+from datafactory.run.order import Order
+from datafactory.run.stored import traced_split
+from datafactory.scenes.materials.table import MaterialTable, load_materials
+from datafactory.scenes.poses import Pose, read_poses
+from datafactory.scenes.readers.open import open_scene
+from datafactory.scenes.scene import Scene
+from shared.dataset import STORES
+from shared.physics.errors import InputError, meant
+from shared.processes.defaults import LARGEST_SEED
+from shared.radar import Radar, load_radar
+from shared.signal.windows import ANGLE_WINDOWS
+
+FileName: TypeAlias = str | Path
+SceneLike: TypeAlias = str | Path | Scene
+"""A file's path, ``"sionna:NAME"``, or a scene that was read or built before."""
+RadarLike: TypeAlias = str | Path | Radar
+"""A preset's name, the path of a TOML file, or a radar."""
+PosesLike: TypeAlias = str | Path | Sequence[Pose]
+"""The path of a JSON file, see :func:`datafactory.scenes.poses.read_poses`, or the poses themselves."""
+MaterialsLike: TypeAlias = str | Path | MaterialTable
+"""The path of a TOML file that overrides the built-in table, or a table."""
+Effects: TypeAlias = str | Collection[str]
+"""``"auto"``, ``"all"``, names separated by commas, or a collection of names."""
+
+Announce: TypeAlias = Callable[[str], None]
+"""Takes a line for the user: how materials were mapped, what was left out, a warning."""
+Progress: TypeAlias = Callable[[str, int, int], None]
+"""Takes what is being done, how much of it is done, and of how much: ``("planning", 1, 3)``, ``("frames", 5, 8)``; with
+an error budget also ``(what is measured, 7, 40)``."""
+
+
+def silent(*_: object) -> None:
+    """An :data:`Announce` and a :data:`Progress` that do nothing."""
+
+
+def load_scene(source: FileName) -> Scene:
+    """Read a scene: meshes in metres, z up, float64, each with the name of its material.
+
+    :param source: a ``.usd .usda .usdc .usdz``, Mitsuba ``.xml``, ``.glb .gltf .obj .ply .stl`` file, or
+        ``"sionna:NAME"`` for a scene that Sionna ships
+    :raises InputError: an unknown suffix or name, a file that is missing, damaged or empty
+    """
+    return open_scene(str(source))
+
+
+def radar_of(radar: RadarLike) -> Radar:
+    """:raises InputError: an unknown name, an unreadable file, a value that no radar has"""
+    return radar if isinstance(radar, Radar) else load_radar(str(radar))
+
+
+def poses_of(poses: PosesLike | None) -> tuple[Pose, ...]:
+    """:raises InputError: a file that is unreadable or wrong"""
+    if poses is None:
+        return ()
+    return read_poses(Path(poses)) if isinstance(poses, str | Path) else tuple(poses)
+
+
+def materials_of(materials: MaterialsLike | None) -> MaterialTable:
+    """:raises InputError: a file that is unreadable or wrong"""
+    if isinstance(materials, MaterialTable):
+        return materials
+    return load_materials(None if materials is None else Path(materials))
+
+
+def scenes_of(scenes: SceneLike | Sequence[SceneLike] | None) -> tuple[str | Scene, ...]:
+    """One scene or several, paths as text; none for None."""
+    if scenes is None:
+        return ()
+    several: Sequence[SceneLike] = (scenes,) if isinstance(scenes, str | Path | Scene) else scenes
+    return tuple(scene if isinstance(scene, Scene) else str(scene) for scene in several)
+
+
+def effects_of(effects: Effects) -> EffectSet | None:
+    """None for what the plan says; :raises InputError: an unknown name"""
+    return parse_effects(effects if isinstance(effects, str) else ",".join(effects))
+
+
+def cores(workers: int) -> int:
+    """``workers``, or for 0 the cores that this process may use."""
+    require("--workers", workers, 0)
+    if workers:
+        return workers
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def require(option: str, value: float, least: float, most: float = float("inf")) -> None:
+    """Refuse what is out of bounds.
+
+    :raises InputError: naming both
+    """
+    if not least <= value <= most:
+        expected = f"at least {least:g}" if most == float("inf") else f"{least:.12g} to {most:.12g}"
+        raise InputError(option, f"{value!r}", expected)
+
+
+def choice(option: str, value: str, allowed: Sequence[str]) -> str:
+    """``value``, if it is one of ``allowed``.
+
+    :raises InputError: naming them
+    """
+    if value not in allowed:
+        raise InputError(option, repr(value), f"one of {', '.join(allowed)}{meant(value, allowed)}")
+    return value
+
+
+def order_of(
+    scenes: SceneLike | Sequence[SceneLike] | None,
+    *,
+    paths: FileName | None = None,
+    radar: RadarLike,
+    frames: int = 0,
+    points: int = 0,
+    targets: Sequence[PointTargets] = (),
+    poses: PosesLike | None = None,
+    seed: int = 0,
+    split: str | None = None,
+    rays: int | None = None,
+    depth: int | None = None,
+    effects: Effects = AUTO,
+    error_budget: float | None = None,
+    noise: bool = True,
+    store: str = STORES[0],
+    truth_window: str = "taylor-30",
+) -> Order:
+    """The order of a run; the arguments are those of :func:`datafactory.render`.
+
+    :param split: None for that of ``paths``, or the usual one
+    :param rays, depth, error_budget: None for the usual ones
+    :raises InputError: a value out of its bounds, a file that cannot be read, nothing to render
+    """
+    folder, wanted = None if paths is None else Path(paths), scenes_of(scenes)
+    if wanted and folder is not None:
+        raise InputError("--scene", "given together with --paths", "either --scene or --paths")
+    if split is not None:
+        parse_split_pattern(split)
+    for option, value, least, most in (
+        ("--frames", frames, 0, float("inf")),
+        ("--points", points, 0, float("inf")),
+        ("--seed", seed, 0, LARGEST_SEED),
+        ("--rays", DEFAULT_RAYS if rays is None else rays, 1, MOST_RAYS),
+        ("--depth", DEFAULT_DEPTH if depth is None else depth, 1, LARGEST_DEPTH),
+        (
+            "--error-budget",
+            DEFAULT_BUDGET_DB if error_budget is None else error_budget,
+            SMALLEST_BUDGET_DB,
+            LARGEST_BUDGET_DB,
+        ),
+    ):
+        require(option, value, least, most)
+    given = poses_of(poses)
+    if (given or frames) and not wanted and folder is None:
+        raise InputError("--scene", "missing", "a scene file or sionna:NAME, or --paths")
+    if not (given or folder or frames or points or targets):
+        raise InputError("--frames", "0 and --points 0: nothing to render", "at least one frame")
+    if split is None and folder is not None:
+        split = traced_split(folder)
+    return Order(
+        radar=radar_of(radar),
+        scenes=wanted if given or frames else (),
+        paths=folder,
+        frames=0 if given else frames,
+        points=0 if targets else points,
+        seed=seed,
+        split=split or DEFAULT_PATTERN,
+        poses=given,
+        targets=tuple(targets),
+        settings=ChainSettings(
+            trace=TraceSettings(
+                rays=DEFAULT_RAYS if rays is None else rays, depth=DEFAULT_DEPTH if depth is None else depth
+            ),
+            processing=Processing(
+                noise=noise,
+                store=choice("--store", store, STORES),
+                truth_window=choice("--truth-window", truth_window, ANGLE_WINDOWS),
+            ),
+        ),
+        effects=effects_of(effects),
+        budget_db=DEFAULT_BUDGET_DB if error_budget is None else error_budget,
+    )

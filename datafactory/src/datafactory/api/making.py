@@ -1,0 +1,177 @@
+"""Datasets and traced paths: :func:`datafactory.render` and :func:`datafactory.trace`."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TypeAlias
+
+from datafactory.accuracy.budget import menu_for, settle
+from datafactory.accuracy.check import check
+from datafactory.accuracy.prices import Menu
+from datafactory.api.asking import (
+    Announce,
+    Effects,
+    FileName,
+    MaterialsLike,
+    PosesLike,
+    Progress,
+    RadarLike,
+    SceneLike,
+    cores,
+    materials_of,
+    order_of,
+    silent,
+)
+from datafactory.effects.catalogue import AUTO
+from datafactory.frame.defaults import DEFAULT_FRAMES
+from datafactory.frame.points import PointTargets
+from datafactory.run import pipeline
+from datafactory.run.order import Order
+from datafactory.run.pipeline import Execution, Report
+from datafactory.scenes.materials.table import MaterialTable
+from shared.dataset import STORES
+from shared.processes.defaults import DEFAULT_RADAR
+
+Make: TypeAlias = Callable[[Order, MaterialTable, Execution], Report]
+"""A job of :mod:`datafactory.run.pipeline`."""
+
+
+def render(
+    scenes: SceneLike | Sequence[SceneLike] | None,
+    out: FileName,
+    *,
+    paths: FileName | None = None,
+    radar: RadarLike = DEFAULT_RADAR,
+    frames: int = DEFAULT_FRAMES,
+    points: int = 0,
+    targets: Sequence[PointTargets] = (),
+    poses: PosesLike | None = None,
+    seed: int = 0,
+    split: str | None = None,
+    materials: MaterialsLike | None = None,
+    rays: int | None = None,
+    depth: int | None = None,
+    effects: Effects = AUTO,
+    error_budget: float | None = None,
+    noise: bool = True,
+    store: str = STORES[0],
+    truth_window: str = "taylor-30",
+    workers: int = 1,
+    resume: bool = False,
+    keep_going: bool = False,
+    announce: Announce = silent,
+    progress: Progress = silent,
+) -> Report:
+    """Render frames of scenes, and close-target frames beside them, into a dataset, as ``datafactory render`` does.
+
+    >>> report = render("scenes/tiny.usda", "build/two", frames=2)  # doctest: +SKIP
+
+    :param scenes: one scene or several, dealt to the frames in turn; None with ``paths`` or for close targets alone
+    :param out: folder of the dataset; new or empty, or with ``resume`` that of an unfinished run
+    :param paths: folder of :func:`datafactory.trace`, instead of ``scenes``: the same paths again
+    :param radar: a preset's name, a TOML file, or a :class:`shared.radar.Radar`
+    :param frames: scene frames in total, where no poses are given
+    :param points: close-target frames after them
+    :param targets: frames of exactly these point targets, instead of ``points`` drawn ones
+    :param poses: one frame a pose, in the world frame [m, deg, m/s]; else they are drawn on free ground
+    :param seed: of the dataset: same seed, same bytes
+    :param split: pattern train:validation:test over the frames; by default 6:1:1, or that of ``paths``
+    :param materials: overrides the material table
+    :param rays: of a frame, over the field of view; 200 000 by default
+    :param depth: largest number of bounces; 2 by default
+    :param effects: what is simulated: "auto" for what each scene calls for, "all", or names
+    :param error_budget: choose rays, depth, pruning, tolerance and truth terms for this error [dB] from a sweep made
+        once; ``rays`` and ``depth`` stay as given. None sweeps nothing.
+    :param noise: add receiver noise
+    :param store: "range-channel", "range-doppler" or "cube": what else to keep
+    :param truth_window: over the virtual sensor: "none", "taylor-25", "taylor-30" or "hann"
+    :param workers: processes; 1 works in this process, 0 takes one for each core. The bytes do not depend on it.
+    :param resume: go on with an unfinished run in the same folder
+    :param keep_going: finish the other shards where three worker processes died of one
+    :param announce: takes lines for the user
+    :param progress: takes what is being done, how much of it is done, and of how much
+    :returns: what was made; the frames are read by :class:`trainer.RadarDataset` or any Parquet reader
+    :raises InputError: anything wrong with the arguments or their files, before anything is written
+    :raises OSError: the disk fails; what was finished can be resumed
+    :raises RunFailed: worker processes died; what was finished can be resumed
+    """
+    order = order_of(
+        scenes, paths=paths, radar=radar, frames=frames, points=points, targets=targets, poses=poses, seed=seed,
+        split=split, rays=rays, depth=depth, effects=effects, error_budget=error_budget, noise=noise, store=store,
+        truth_window=truth_window,
+    )  # fmt: skip
+    execution = execution_of(out, workers, resume, keep_going, announce, progress)
+    menu = None if error_budget is None else menu_for(rays, depth)
+    return _made(order, materials_of(materials), execution, menu, progress, pipeline.render)
+
+
+def trace(
+    scenes: SceneLike | Sequence[SceneLike],
+    out: FileName,
+    *,
+    radar: RadarLike = DEFAULT_RADAR,
+    frames: int = DEFAULT_FRAMES,
+    poses: PosesLike | None = None,
+    seed: int = 0,
+    split: str | None = None,
+    materials: MaterialsLike | None = None,
+    rays: int | None = None,
+    depth: int | None = None,
+    effects: Effects = AUTO,
+    error_budget: float | None = None,
+    workers: int = 1,
+    resume: bool = False,
+    keep_going: bool = False,
+    announce: Announce = silent,
+    progress: Progress = silent,
+) -> Report:
+    """Trace multipath into ``out/paths``, for ``render(None, ..., paths=out)`` with any radar.
+
+    Of the radar only wavelength and polarisation matter, with ``error_budget`` also its antennas and resolution.
+    :func:`datafactory.paths.storage.read_paths` reads the paths themselves. Arguments and errors are those of
+    :func:`datafactory.render`.
+    """
+    order = order_of(
+        scenes, radar=radar, frames=frames, poses=poses, seed=seed, split=split, rays=rays, depth=depth,
+        effects=effects, error_budget=error_budget,
+    )  # fmt: skip
+    execution = execution_of(out, workers, resume, keep_going, announce, progress)
+    menu = None if error_budget is None else menu_for(rays, depth).of_paths()
+    return _made(order, materials_of(materials), execution, menu, progress, pipeline.trace_paths)
+
+
+def execution_of(
+    out: FileName, workers: int, resume: bool, keep_going: bool, announce: Announce, progress: Progress
+) -> Execution:
+    """How a run is carried out.
+
+    :param workers: 0 takes one for each core
+    """
+    return Execution(
+        Path(out),
+        cores(workers),
+        resume,
+        keep_going,
+        announce=announce,
+        looked=partial(progress, "planning"),
+        advance=partial(progress, "frames"),
+    )
+
+
+def _made(
+    order: Order, table: MaterialTable, execution: Execution, menu: Menu | None, progress: Progress, make: Make
+) -> Report:
+    """The job; with a menu its settings are chosen from it first, and what they achieved is measured afterwards."""
+    if menu is None:
+        return make(order, table, execution)
+    started, announce = time.perf_counter(), execution.announce
+    settled = settle(
+        order, table, order.budget_db, menu, announce, lambda done, total, label: progress(label, done, total)
+    )
+    report = make(settled.order, table, execution)
+    check(settled, execution.directory, announce)
+    return replace(report, seconds=time.perf_counter() - started)

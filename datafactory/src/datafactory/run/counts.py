@@ -1,0 +1,58 @@
+"""What the numbers mean that frames count: the manifest's ``counts``, and what a command prints of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from datafactory.frame.chain import FRAMES_WITH
+
+MEANINGS = {
+    "frames": "frames",
+    "rays": "rays sent",
+    "traced": "paths that the solver found: mirrors one after another, echoes scattered twice and more",
+    "scattered_once": "echoes that a rough surface scattered once, at their last bounce",
+    "scattered_once_by_the_solver": "of these, found by the solver as well and taken once",
+    "diffuse_then_specular_dropped": "paths that end with a mirror; their reverses stand for them",
+    "truncated": "frames in which the solver's room for paths was used up, so that paths may be missing",
+    "invalid": "empty places among the solver's paths",
+    "mirrors_hidden": "mirrors that something stands before",
+    "edge_rays": "ways over an edge to the sensor and back",
+    "edge_rays_hidden": "of these, those that something stands in",
+    "edges_round_corners_left_out": "weaker edges over which a hidden target is reached as well",
+    "point_targets_hidden": "point targets that the sensor does not see directly",
+    "targets_round_corners": "of these, those heard round an edge",
+    "targets_unreached": "of these, those not heard at all",
+    "target_echoes_silent": "echo points of targets that send nothing into this direction",
+    "targets_in_near_field": "targets nearer than their cross section holds",
+    "beyond_range": "paths beyond the unambiguous range, left out",
+    "folded_beyond_range": "targets of a list beyond the unambiguous range",
+    "pruned": "paths left out because they hold too little of their range bin's power",
+    "paths": "paths that the frames are made of",
+    "paths_standing": "of these, those that do not move in the frame",
+    "paths_along_lines": "of these, those whose phase is a straight line or nearly so",
+    "paths_by_chirps": "of these, those computed chirp by chirp",
+    "cells_lit": "resolution cells with an echo in them",
+    "cells_lit_by_fewer_than_5_paths": "of these, those whose echo is the sum of too few paths for natural speckle",
+    "targets_left_out": "of the truth's cells above the noise, those beyond the 256 strongest of a frame",
+    "converter_saturated": "samples that the converter cut off",
+}
+"""In words, by name; a name that is not here is told as it is."""
+
+ALARMING = ("truncated", "targets_in_near_field", "converter_saturated")
+"""Told without being asked for: something may be wrong with the frames."""
+
+
+def told(counts: Mapping[str, float], verbose: bool) -> list[str]:
+    """Lines that say what was counted.
+
+    :param counts: of a manifest
+    :param verbose: everything that is not zero; otherwise only what is :data:`ALARMING`
+    """
+    wanted = [name for name in MEANINGS if name != "frames"] if verbose else ALARMING
+    if verbose:
+        wanted = [*wanted, *(name for name in counts if name not in MEANINGS and not name.startswith(FRAMES_WITH))]
+    lines = [f"{counts[name]:.0f} {MEANINGS.get(name, name.replace('_', ' '))}" for name in wanted if counts.get(name)]
+    made_with = {name.removeprefix(FRAMES_WITH): n for name, n in counts.items() if name.startswith(FRAMES_WITH)}
+    if verbose and made_with:
+        lines.append(f"frames with {', '.join(f'{name} {count:.0f}' for name, count in made_with.items())}")
+    return lines

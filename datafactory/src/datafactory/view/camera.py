@@ -1,0 +1,195 @@
+"""What a camera at the sensor sees, and the scene from above: one ray a pixel, coloured by material.
+
+A ray's colour is that of the material it meets, dimmed by the angle at which it meets it and paled by distance. There
+is no light source and no shadow: the pictures say where things stand and what they are made of, as the radar's model
+has them.
+"""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from datafactory.view.casting import Met
+from datafactory.view.colours import KINDS, MOTION, SENSOR, TARGET, css, material_colour
+from datafactory.view.field import field_of_view
+from datafactory.view.strongest import shown_paths
+from datafactory.view.subject import Subject
+from shared.dataset.writing import atomic
+from shared.physics.errors import figure_text
+
+Real = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+
+WIDTH, HEIGHT = 960, 420
+"""Of the camera's picture [pixels]."""
+FIELD_DEG = 100.0
+"""Its horizontal field of view: what lies beyond is stretched on a flat picture. Images reach to 116 deg."""
+FINER = 2
+"""Rays a pixel, along each side: edges are smooth."""
+ABOVE_M = (-25.0, 65.0, 45.0)
+"""The view from above: from and to how far ahead, and how far to either side."""
+ABOVE_PIXELS_A_METRE = 10
+FROM_HEIGHT_M = 10_000.0
+"""Rays from above start so high over the sensor."""
+SKY, GROUND_HAZE = np.array([206.0, 224.0, 240.0]), np.array([236.0, 240.0, 244.0])
+HAZE_M = 120.0
+"""Colours pale to 1 / e at this distance."""
+DARKEST = 0.45
+"""Brightness of a surface met at a grazing angle; head on it is 1."""
+TURNED = 0.2
+"""Neighbouring pixels have an outline between them if their normals differ by more than this, or their materials."""
+OUTLINE = 0.72
+"""Brightness of an outline."""
+
+
+def camera_picture(subject: Subject, width: int = WIDTH, height: int = HEIGHT) -> Picture:
+    """[height, width, 3] what a pinhole camera at the sensor sees along its boresight; left of it is on the left."""
+    half = np.tan(np.radians(FIELD_DEG) / 2.0)
+    columns, rows = FINER * width, FINER * height
+    left = half * (1.0 - 2.0 * (np.arange(columns) + 0.5) / columns)
+    up = half * height / width * (1.0 - 2.0 * (np.arange(rows) + 0.5) / rows)
+    ahead = np.stack(
+        [np.ones((rows, columns)), np.broadcast_to(left, (rows, columns)), np.repeat(up[:, None], columns, axis=1)],
+        axis=-1,
+    ).reshape(-1, 3)
+    direction = ahead / np.linalg.norm(ahead, axis=1, keepdims=True)
+    met = subject.caster().cast(np.zeros_like(direction), direction)
+    colours = _coloured(subject, met, direction, np.where(np.isfinite(met.distance), met.distance, 0.0))
+    return _averaged(_outlined(colours.reshape(rows, columns, 3), met))
+
+
+def above_picture(subject: Subject) -> Picture:
+    """[rows, columns, 3] the scene from straight above the sensor, ahead upwards; ABOVE_M says how much of it.
+
+    Straight above is along the radar's own z: a pitched sensor tilts the view.
+    """
+    nearest, farthest, aside = ABOVE_M
+    step = 1.0 / (FINER * ABOVE_PIXELS_A_METRE)
+    x = np.arange(farthest, nearest, -step) - 0.5 * step
+    y = np.arange(aside, -aside, -step) - 0.5 * step
+    start = np.stack(
+        [np.repeat(x[:, None], len(y), axis=1), np.broadcast_to(y, (len(x), len(y))),
+         np.full((len(x), len(y)), FROM_HEIGHT_M)], axis=-1,
+    ).reshape(-1, 3)  # fmt: skip
+    direction = np.broadcast_to(np.array([0.0, 0.0, -1.0]), start.shape)
+    met = subject.caster().cast(start, direction)
+    colours = _coloured(subject, met, direction, np.zeros(len(start)))
+    return _averaged(_outlined(colours.reshape(len(x), len(y), 3), met))
+
+
+def _coloured(subject: Subject, met: Met, direction: Real, haze_m: Real) -> Real:
+    """[n, 3] colours of rays."""
+    palette = np.array([material_colour(mesh.material) for mesh in subject.scene.merged.meshes] or [(0, 0, 0)], float)
+    colours = np.broadcast_to(SKY, (len(direction), 3)).copy()
+    hit = met.mesh >= 0
+    cosine = np.abs(np.einsum("ni,ni->n", met.normal[hit], direction[hit]))
+    bright = palette[met.mesh[hit]] * (DARKEST + (1.0 - DARKEST) * cosine)[:, None]
+    clear = np.exp(-haze_m[hit] / HAZE_M)[:, None]
+    colours[hit] = clear * bright + (1.0 - clear) * GROUND_HAZE
+    return colours
+
+
+def _outlined(colours: Real, met: Met) -> Real:
+    """The same [rows, columns, 3], darker where a surface ends."""
+    rows, columns, _ = colours.shape
+    normal, mesh = met.normal.reshape(rows, columns, 3), met.mesh.reshape(rows, columns)
+    line = np.zeros((rows, columns), dtype=bool)
+    for axis in (0, 1):
+        turned = np.linalg.norm(np.diff(normal, axis=axis), axis=-1) > TURNED
+        edge = turned | (np.diff(mesh, axis=axis) != 0)
+        line[tuple(slice(size) for size in edge.shape)] |= edge
+    colours[line] *= OUTLINE
+    return colours
+
+
+def _averaged(colours: Real) -> Picture:
+    """[rows, columns, 3] bytes, FINER x FINER rays a pixel."""
+    rows, columns, _ = colours.shape
+    blocks = colours[: rows // FINER * FINER, : columns // FINER * FINER]
+    blocks = blocks.reshape(rows // FINER, FINER, columns // FINER, FINER, 3)
+    return np.rint(blocks.mean(axis=(1, 3))).clip(0, 255).astype(np.uint8)
+
+
+def write_pictures(subject: Subject, folder: Path, stem: str) -> tuple[Path, Path]:
+    """Write ``STEM-camera.png`` and ``STEM-above.png``, each with title and legend; returns their paths."""
+    written = []
+    for name, figure in (("camera", camera_figure(subject)), ("above", above_figure(subject))):
+        path = folder / f"{stem}-{name}.png"
+        with atomic(path) as partial, warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "Glyph .* missing from font")  # a scene's name may be of any script
+            figure.savefig(partial, format="png", dpi=110, metadata={"Software": None})
+        written.append(path)
+    return written[0], written[1]
+
+
+def camera_figure(subject: Subject) -> Figure:
+    """The camera's picture with title, point targets and the legend of materials."""
+    figure = Figure(figsize=(10.0, 5.0), layout="constrained")
+    axis = figure.subplots()
+    draw_camera(axis, camera_picture(subject))
+    x, y, z = subject.targets().T
+    ahead = x > 0.5
+    if ahead.any():
+        half = np.tan(np.radians(FIELD_DEG) / 2.0)
+        across = 0.5 * WIDTH * (1.0 - y[ahead] / x[ahead] / half)
+        down = 0.5 * HEIGHT - 0.5 * WIDTH * z[ahead] / x[ahead] / half
+        inside = (across > 0) & (across < WIDTH) & (down > 0) & (down < HEIGHT)
+        axis.plot(across[inside], down[inside], "s", markersize=7, markerfacecolor="none", color=css(TARGET))
+    axis.set_title(
+        f"{figure_text(subject.title)}: what a camera at the sensor sees, {FIELD_DEG:.0f} deg wide", fontsize=10
+    )
+    _legend(figure, subject, [])
+    return figure
+
+
+def draw_camera(axis: Axes, picture: Picture) -> None:
+    """A camera's picture into a figure."""
+    axis.imshow(picture, interpolation="antialiased")
+    axis.set_axis_off()
+
+
+def above_figure(subject: Subject) -> Figure:
+    """The scene from above with sensor, field of view, motion and the strongest paths."""
+    nearest, farthest, aside = ABOVE_M
+    figure = Figure(figsize=(8.6, 7.4), layout="constrained")
+    axis = figure.subplots()
+    axis.imshow(above_picture(subject), extent=(aside, -aside, nearest, farthest), interpolation="antialiased")
+    kinds = []
+    if subject.table is not None:
+        shown = shown_paths(subject.table, subject.caster(), subject.targets())
+        for path in reversed(shown.paths):
+            axis.plot(path.points[:, 1], path.points[:, 0], color=css(KINDS[path.kind]), linewidth=0.6, alpha=0.8)
+        kinds = [kind for kind in KINDS if any(path.kind == kind for path in shown.paths)]
+    for line in field_of_view(subject):
+        axis.plot(line[:, 1], line[:, 0], color=css(SENSOR), linewidth=0.8, linestyle="--")
+    for mover in subject.movers():
+        (x, y), (vx, vy) = mover.position[:2], mover.velocity[:2]
+        axis.annotate("", (y + vy, x + vx), (y, x), arrowprops={"arrowstyle": "->", "color": css(MOTION), "lw": 1.4})
+    targets = subject.targets()
+    axis.plot(targets[:, 1], targets[:, 0], "o", markersize=5, markerfacecolor="none", color=css(TARGET))
+    axis.plot(0.0, 0.0, "^", color=css(SENSOR), markersize=8)
+    axis.set(xlim=(aside, -aside), ylim=(nearest, farthest), xlabel="y [m], left > 0", ylabel="x [m], ahead")
+    axis.set_aspect("equal")
+    axis.set_title(f"{figure_text(subject.title)}: from above; arrows are one second of motion", fontsize=10)
+    _legend(figure, subject, kinds)
+    return figure
+
+
+def _legend(figure: Figure, subject: Subject, kinds: list[str]) -> None:
+    """Materials of the scene, then kinds of path, below the picture."""
+    materials = dict.fromkeys(mesh.material for mesh in subject.scene.merged.meshes)
+    entries: list[Artist] = [Patch(color=css(material_colour(name)), label=figure_text(name)) for name in materials]
+    entries += [Line2D([], [], color=css(KINDS[kind]), label=kind) for kind in kinds]
+    if entries:
+        figure.legend(
+            handles=entries, loc="outside lower center", ncols=min(7, len(entries)), fontsize=8, frameon=False
+        )

@@ -1,0 +1,72 @@
+"""Rays from any place into a merged scene: what they meet first. Mitsuba does it, in the radar frame of one pose."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from datafactory.paths.backend import select_variant
+from datafactory.paths.merged_scene import MergedScene
+from datafactory.paths.panes import mesh_of_shape, rays_of
+from datafactory.paths.solver import mitsuba_mesh
+from datafactory.scenes.poses import Pose
+
+Real = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Met:
+    """What n rays met.
+
+    :param distance: [n] [m]; infinite where nothing was met
+    :param mesh: [n] index into ``MergedScene.meshes``; -1 where nothing was met
+    :param normal: [n, 3] of the surface, unit, towards the ray's start
+    """
+
+    distance: Real
+    mesh: NDArray[np.int64]
+    normal: Real
+
+
+class RayCaster:
+    """A merged scene from one pose, at that pose's time.
+
+    Mitsuba traces in float32, in which a place 100 m away has an error of some 0.01 mm.
+
+    :param merged: the scene; without meshes every ray goes on for ever
+    """
+
+    def __init__(self, merged: MergedScene, pose: Pose) -> None:
+        self._scene = None
+        if merged.meshes:
+            select_variant()
+            import mitsuba as mi
+
+            parts = {
+                f"part-{index}": mitsuba_mesh(f"part-{index}", mesh.seen_from(pose), mesh.triangles)
+                for index, mesh in enumerate(merged.meshes)
+            }
+            self._scene = mi.load_dict({"type": "scene", **parts})
+            self._mesh_of_shape = mesh_of_shape(self._scene)
+
+    def cast(self, start: Real, direction: Real) -> Met:
+        """What rays from ``start`` [n, 3] [m] along the unit vectors ``direction`` [n, 3] meet first."""
+        count = len(start)
+        nothing = Met(np.full(count, np.inf), np.full(count, -1, dtype=np.int64), np.zeros((count, 3)))
+        if self._scene is None or not count:
+            return nothing
+        import drjit as dr
+        import mitsuba as mi
+
+        met = self._scene.ray_intersect(rays_of(start, direction, np.full(count, np.inf)))
+        valid = met.is_valid().numpy()
+        shape = mi.UInt32(dr.reinterpret_array(mi.UInt32, met.shape)).numpy()
+        for number, index in self._mesh_of_shape.items():
+            nothing.mesh[valid & (shape == number)] = index
+        normal = met.n.numpy().T.astype(np.float64)
+        towards = -np.sign(np.einsum("ni,ni->n", normal, direction))
+        nothing.normal[valid] = (normal * towards[:, None])[valid]
+        nothing.distance[valid] = met.t.numpy().astype(np.float64)[valid]
+        return nothing

@@ -1,0 +1,160 @@
+"""``datafactory view``: what the page is told, the pictures, the frames it looks at, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+from prepared_scenes import EFFECT_SCENES, SCENES, prepared_scene
+from typer.testing import CliRunner
+
+from datafactory.api.making import trace
+from datafactory.api.viewing import view
+from datafactory.cli.app import app
+from datafactory.frame.prepared import PreparedScene
+from datafactory.paths.merged_scene import MergedMesh, MergedScene
+from datafactory.scenes.materials.table import load_materials
+from datafactory.scenes.poses import Pose, read_poses
+from datafactory.view.camera import ABOVE_M, ABOVE_PIXELS_A_METRE, FIELD_DEG, above_picture, camera_picture
+from datafactory.view.colours import material_colour
+from datafactory.view.page import page_data, view_page
+from datafactory.view.subject import Subject
+from shared.physics.errors import InputError
+from shared.radar import load_radar
+
+TINY = SCENES / "tiny.usda"
+RAYS = 2000
+
+
+def told(page: Path) -> dict:
+    """The JSON that a page holds."""
+    (data,) = re.findall(r"const data = (\{.*\});\n", page.read_text(encoding="utf-8"))
+    return json.loads(data)
+
+
+def subject(scene: Path, pose: Pose) -> Subject:
+    return Subject("it", prepared_scene(scene), pose, load_radar("avr-qdm-110"))
+
+
+def test_the_page_is_whole_and_asks_for_nothing(tmp_path: Path) -> None:
+    poses = EFFECT_SCENES / "moving_car.poses.json"
+    arguments = ["view", "--scene", EFFECT_SCENES / "moving_car.usda", "--poses", poses, "--rays", RAYS]
+    result = CliRunner().invoke(app, [*map(str, arguments), "--out", str(tmp_path / "page.html")])
+    assert result.exit_code == 0, result.output
+    text = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "Three.js Authors" in text
+    assert not re.search(r'(?:src|href)\s*=\s*["\']?\s*(?:https?:)?//', text)
+    data = told(tmp_path / "page.html")
+    pose, *_ = read_poses(poses)
+    assert f"({', '.join(f'{value:.1f}' for value in pose.position)}) m" in data["pose"]
+    assert {kind["name"]: kind["found"] for kind in data["kinds"]}["direct scatter"] > 0
+    drawn = [path for kind in data["kinds"] for path in kind["paths"]]
+    assert 0 < len(drawn) <= 200
+    for path in drawn:
+        assert path["points"][0] == [0.0, 0.0, 0.0]
+        np.testing.assert_allclose(path["points"][-1], 0.0, atol=0.2)
+    assert data["movers"], "the car moves"
+    assert all(mover["speed"] > 0.0 for mover in data["movers"])
+
+
+def test_a_hostile_name_stays_a_name(tmp_path: Path) -> None:
+    looked_at = subject(TINY, Pose((0.0, 0.0, 0.5)))
+    name = "</script><script>alert(1)</script>"
+    page = tmp_path / "page.html"
+    page.write_text(view_page(Subject(name, looked_at.scene, looked_at.pose, looked_at.radar)), encoding="utf-8")
+    assert told(page)["title"] == name
+    assert name not in page.read_text(encoding="utf-8")
+
+
+def test_places_are_those_of_the_radar_frame_at_the_frames_time() -> None:
+    """A car of the moving scene, seen two seconds later by a sensor that looks the other way."""
+    now, later = (subject(EFFECT_SCENES / "moving_car.usda", Pose((0.0, 0.0, 0.5), time_s=t)) for t in (0.0, 2.0))
+    turned = subject(EFFECT_SCENES / "moving_car.usda", Pose((0.0, 0.0, 0.5), yaw_deg=180.0))
+    for one, other, back in zip(now.movers(), later.movers(), turned.movers(), strict=True):
+        np.testing.assert_allclose(other.position - one.position, 2.0 * one.velocity, atol=1e-9)
+        np.testing.assert_allclose(back.position, one.position * [-1, -1, 1], atol=1e-9)
+        np.testing.assert_allclose(back.velocity, one.velocity * [-1, -1, 1], atol=1e-9)
+    assert page_data(now, None)["kinds"] == []
+
+
+def test_traced_paths_are_looked_at_in_their_own_scene(tmp_path: Path) -> None:
+    trace(TINY, tmp_path / "paths", frames=2, rays=RAYS, effects="all")
+    written = view(None, tmp_path / "page.html", paths=tmp_path / "paths", frame=1)
+    assert written == (tmp_path / "page.html",)
+    assert told(written[0])["title"] == "tiny, frame 1"
+    assert sum(len(kind["paths"]) for kind in told(written[0])["kinds"]) > 0
+    with pytest.raises(InputError, match="is not the scene in which the paths of"):
+        view(SCENES / "street.usda", tmp_path / "other.html", paths=tmp_path / "paths")
+    with pytest.raises(InputError, match="--frame: 2; expected 0 to 1"):
+        view(None, tmp_path / "other.html", paths=tmp_path / "paths", frame=2)
+    assert not (tmp_path / "other.html").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--scene", TINY, "--out", "OUT/page.htm"], "expected a file that ends in .html"),
+        (["--scene", TINY, "--out", "OUT/none/page.html"], "expected an existing one"),
+        (["--out", "OUT/page.html"], "--scene: missing; expected a scene file or sionna:NAME, or --paths"),
+        (["--scene", "tinny.usda", "--out", "OUT/page.html"], "no such file"),
+        (["--scene", TINY, "--frame", 8, "--out", "OUT/page.html"], "--frame: 8; expected 0 to 7"),
+        (["--paths", "OUT", "--out", "OUT/page.html"], "manifest.json"),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_line(tmp_path: Path, arguments: list[object], message: str) -> None:
+    words = [str(word).replace("OUT", str(tmp_path)) for word in arguments]
+    result = CliRunner().invoke(app, ["view", "--rays", str(RAYS), *words])
+    assert isinstance(result.exception, InputError)
+    assert message in str(result.exception)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_camera_sees_the_wall_ahead_and_the_sky_above_it() -> None:
+    """The wall's face stands at x = 60 m; a sensor before it that looks up or away sees something else."""
+    concrete = np.array(material_colour("concrete"))
+    ahead = camera_picture(subject(EFFECT_SCENES / "wall.usda", Pose((50.0, 0.0, 0.5))), 64, 32)
+    away = camera_picture(subject(EFFECT_SCENES / "wall.usda", Pose((50.0, 0.0, 0.5), yaw_deg=180.0)), 64, 32)
+    assert ahead.shape == (32, 64, 3)
+    assert np.ptp(ahead[14:18, 30:34].astype(float), axis=(0, 1)).max() < 4.0
+    assert (np.abs(ahead[16, 32] - concrete.astype(float)) < 0.2 * concrete).all()
+    assert not np.array_equal(away[8, 32], ahead[16, 32])
+
+
+def test_pictures_show_things_where_they_are() -> None:
+    """A plate 10 m ahead, 2 to 4 m to the left, 0 to 2 m up: a pinhole's columns and rows, and a map's."""
+    corners = np.array([[10.0, 2.0, 0.0], [10.0, 4.0, 0.0], [10.0, 4.0, 2.0], [10.0, 2.0, 2.0],
+                        [10.5, 2.0, 2.0], [10.5, 4.0, 2.0]])  # fmt: skip
+    triangles = np.array([[0, 1, 2], [0, 2, 3], [3, 2, 5], [3, 5, 4]], dtype=np.int32)
+    plate = MergedMesh("metal", np.zeros(3), corners, triangles, np.zeros(4, dtype=np.int32))
+    materials = load_materials().map_materials(["metal"])
+    scene = PreparedScene("plate", "", MergedScene((plate,), ("plate",)), materials)
+    looked_at = Subject("plate", scene, Pose((0.0, 0.0, 0.0)), load_radar("avr-qdm-110"))
+    width, height = 400, 200
+    dark = (camera_picture(looked_at, width, height).astype(int).sum(axis=-1) < 450).nonzero()
+    half = np.tan(np.radians(FIELD_DEG) / 2.0)
+    # The edge at x = 10.5 m is seen past the plate, from below.
+    left, right = (0.5 * width * (1.0 - share / half) for share in (0.4, 2.0 / 10.5))
+    top, bottom = (0.5 * height - 0.5 * width * share / half for share in (0.2, 0.0))
+    for axis, first, last in ((0, top, bottom), (1, left, right)):
+        assert dark[axis].min() == pytest.approx(first, abs=1.5)
+        assert dark[axis].max() + 1 == pytest.approx(last, abs=1.5)
+    _, farthest, aside = ABOVE_M
+    rows, columns = (above_picture(looked_at).astype(int).sum(axis=-1) < 450).nonzero()
+    scale = ABOVE_PIXELS_A_METRE
+    assert rows.min() == pytest.approx((farthest - 10.5) * scale, abs=1.5)
+    assert rows.max() + 1 == pytest.approx((farthest - 10.0) * scale, abs=1.5)
+    assert columns.min() == pytest.approx((aside - 4.0) * scale, abs=1.5)
+    assert columns.max() + 1 == pytest.approx((aside - 2.0) * scale, abs=1.5)
+
+
+def test_the_pictures_are_written_beside_the_page(tmp_path: Path) -> None:
+    arguments = ["view", "--scene", TINY, "--rays", RAYS, "--png", "--out", tmp_path / "tiny.html"]
+    assert CliRunner().invoke(app, list(map(str, arguments)), catch_exceptions=False).exit_code == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["tiny-above.png", "tiny-camera.png", "tiny.html"]
+    for name in ("camera", "above"):
+        picture = imread(tmp_path / f"tiny-{name}.png")
+        assert np.ptp(picture[..., :3]) > 0.5

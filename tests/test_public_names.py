@@ -1,0 +1,190 @@
+"""What the three packages name at their tops, used as a stranger would: in a fresh interpreter, warnings are errors."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import subprocess
+import sys
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+import datafactory
+import shared
+import trainer
+from datafactory.cli.app import app
+
+TINY = Path(__file__).resolve().parents[1] / "scenes" / "tiny.usda"
+PACKAGES = (shared, datafactory, trainer)
+WAVEFORM = """
+[waveform]
+samples = 128
+chirps = 16
+range_bins = 64
+"""
+"""The paper's array and angles, a short frame of the nearest ten metres."""
+
+STRANGER = """
+import sys
+
+import numpy as np
+import torch
+from torch.utils.data import DataLoader
+
+from datafactory import Pose, load_radar, load_scene, render
+from trainer import RadarDataset, estimators, load_imager, pretrained_run
+
+scene_file, radar_file, out = sys.argv[1:]
+
+import datafactory.run.workers
+
+datafactory.run.workers.WorkerPool = None  # one worker works in this process: no pool is called
+
+steps, lines = [], []
+scene = load_scene(scene_file)
+report = render(
+    scene, out, radar=load_radar(radar_file), poses=[Pose((0.0, 0.0, 0.5)), Pose((0.5, 0.0, 0.5), yaw_deg=5.0)],
+    split="1:1:0", rays=4000, announce=lines.append, progress=lambda *step: steps.append(step),
+)
+assert report.frames == 2 and report.shards_made == 2, report
+assert [step for step in steps if step[0] == "frames"][-1] == ("frames", 2, 2), steps
+assert ("planning", 1, 1) in steps, steps
+assert any("materials" in line for line in lines), lines
+
+data = RadarDataset(out, "train", array="sparse6")
+whole = RadarDataset(out, "validation")
+assert len(data) == len(whole) == 1
+example = data[0]
+assert example.input.shape == (3, 64, 18) and example.input.dtype == torch.complex64
+assert example.image.shape == (64, 450) and float(example.image.max()) == 1.0
+assert example.metadata["scene"] == scene.name and example.metadata["frame_id"] == 0
+assert data.range_m.shape == (64,) and data.u.shape == (450,)
+batch = next(iter(DataLoader(data, batch_size=1)))
+assert batch.input.shape == (1, 3, 64, 18) and batch.metadata["scene"] == [scene.name]
+assert batch.metadata["sensor_position"].shape == (1, 3)
+
+run, imager = load_imager(pretrained_run("sparse6"))
+measured = whole[0]
+noise = torch.tensor(measured.metadata["noise_power"]).expand(3)
+with torch.inference_mode():
+    image = imager(measured.input, noise).amax(dim=0)
+assert image.shape == measured.image.shape and bool(torch.isfinite(image).all()) and float(image.max()) > 0.0
+
+iaa = estimators.ESTIMATORS["iaa"]()
+spectrum = iaa.image(
+    example.input[0].numpy(), estimators.line_array(data.radar, data.channels), data.u, example.metadata["noise_power"]
+)
+assert spectrum.shape == (64, 450) and np.isfinite(spectrum).all() and spectrum.max() > 0.0
+print("seen")
+"""
+
+
+@pytest.fixture(scope="module")
+def radar_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("radar") / "short.toml"
+    path.write_text(WAVEFORM, encoding="utf-8")
+    return path
+
+
+def told(*arguments: object, error: bool = True) -> str:
+    """What a fresh interpreter prints."""
+    command = [sys.executable, *(["-W", "error"] if error else []), *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, encoding="utf-8")
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_a_stranger_renders_reads_and_images(radar_file: Path, tmp_path: Path) -> None:
+    script = tmp_path / "stranger.py"
+    script.write_text(STRANGER, encoding="utf-8")
+    assert told(script, TINY, radar_file, tmp_path / "data") == "seen\n"
+
+
+def test_the_command_makes_the_bytes_that_the_function_makes(radar_file: Path, tmp_path: Path) -> None:
+    datafactory.render(TINY, tmp_path / "by-call", radar=radar_file, frames=1, points=1, rays=4000, effects="all")
+    arguments = ["render", "--scene", TINY, "--out", tmp_path / "by-command", "--radar", radar_file, "--frames", 1]
+    arguments += ["--points", 1, "--rays", 4000, "--effects", "all", "--workers", 1]
+    result = CliRunner().invoke(app, list(map(str, arguments)), catch_exceptions=False)
+    assert result.exit_code == 0
+    shards = [{path.relative_to(folder): path.read_bytes() for path in folder.glob("*/*.parquet")}
+              for folder in (tmp_path / "by-call", tmp_path / "by-command")]  # fmt: skip
+    assert shards[0] == shards[1]
+    assert len(shards[0]) == 1
+
+
+def test_paths_traced_by_call_are_rendered_by_call(radar_file: Path, tmp_path: Path) -> None:
+    folders = tmp_path / "paths", tmp_path / "again", tmp_path / "once"
+    reports = (
+        datafactory.trace(TINY, folders[0], radar=radar_file, seed=3, frames=1, rays=4000, effects="all"),
+        datafactory.render(None, folders[1], radar=radar_file, seed=3, paths=folders[0]),
+        datafactory.render(TINY, folders[2], radar=radar_file, seed=3, frames=1, rays=4000, effects="all"),
+    )
+    assert [report.frames for report in reports] == [1, 1, 1]
+    part = Path("train/part-00000.parquet")
+    assert (folders[1] / part).read_bytes() == (folders[2] / part).read_bytes()
+
+
+def test_a_plan_says_what_the_command_says(radar_file: Path) -> None:
+    (planned,) = datafactory.plan([str(TINY)], radar=str(radar_file), frames=1, rays=4000)
+    arguments = ["plan", "--scene", TINY, "--radar", radar_file, "--frames", 1, "--rays", 4000, "--no-times", "--json"]
+    result = CliRunner().invoke(app, list(map(str, arguments)), catch_exceptions=False)
+    assert json.loads(result.stdout) == json.loads(json.dumps(planned.to_json()))
+    assert "Effects of the signal are decided by each frame" in planned.applied
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"scenes": None}, "--scene: missing; expected a scene file or sionna:NAME, or --paths"),
+        ({"scenes": TINY, "paths": "x"}, "--scene: given together with --paths; expected either --scene or --paths"),
+        ({"scenes": TINY, "frames": -1}, "--frames: -1; expected at least 0"),
+        ({"scenes": TINY, "frames": 0}, "--frames: 0 and --points 0: nothing to render; expected at least one frame"),
+        ({"scenes": TINY, "rays": 0}, "--rays: 0; expected 1 to 20000000"),
+        ({"scenes": TINY, "depth": 4}, "--depth: 4; expected 1 to 3"),
+        ({"scenes": TINY, "error_budget": 0.0}, "--error-budget: 0.0; expected -120 to -1"),
+        ({"scenes": TINY, "seed": -1}, "--seed: -1; expected 0 to "),
+        ({"scenes": TINY, "workers": -1}, "--workers: -1; expected at least 0"),
+        ({"scenes": TINY, "store": "all"}, "--store: 'all'; expected one of range-channel, "),
+        ({"scenes": TINY, "effects": ["mirrors"]}, "--effects: 'mirrors'; expected auto, all, or some of"),
+        ({"scenes": TINY, "radar": "none.toml"}, "none.toml: "),
+        ({"scenes": "none.usda"}, "none.usda: no such file"),
+    ],
+)
+def test_bad_arguments_are_refused_in_one_line(tmp_path: Path, arguments: dict[str, object], message: str) -> None:
+    with pytest.raises(datafactory.InputError) as caught:
+        datafactory.render(out=tmp_path / "out", **arguments)  # type: ignore[arg-type]
+    assert str(caught.value).startswith(message)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=lambda package: package.__name__)
+def test_versions_come_from_the_distributions(package: object) -> None:
+    name = package.__name__  # type: ignore[attr-defined]
+    assert importlib.import_module(name).__version__ == version(f"sparseradar-{name}")
+
+
+@pytest.mark.parametrize("package", [datafactory, trainer, trainer.estimators], ids=lambda package: package.__name__)
+def test_every_public_name_is_there_and_documented(package: object) -> None:
+    names = package.__all__  # type: ignore[attr-defined]
+    assert names == sorted(names)
+    for name in names:
+        assert getattr(package, name).__doc__, name
+    assert set(names) < set(dir(package))
+    with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
+        _ = package.nothing  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=lambda package: package.__name__)
+def test_an_import_loads_nothing_that_computes(package: object) -> None:
+    name = package.__name__  # type: ignore[attr-defined]
+    script = f"import sys, {name}; print(*sorted({{part.partition('.')[0] for part in sys.modules}}))"
+    loaded = set(told("-c", script).split()) - sys.stdlib_module_names
+    assert {part for part in loaded if not part.startswith("_")} <= {"shared", name}
+
+
+@pytest.mark.parametrize("program", ["datafactory", "trainer"])
+def test_a_package_is_a_program(program: str) -> None:
+    assert f"Usage: python -m {program}" in told("-m", program, "--help")

@@ -1,5 +1,0 @@
-"""``python -m trainer.cli``, for a machine where the script is not on the path."""
-
-from trainer.cli.entry import main
-
-main()
