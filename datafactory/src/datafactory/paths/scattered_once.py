@@ -43,16 +43,16 @@ from datafactory.paths.panes import (
     polarization_axis,
     ray_margin_m,
     rays_of,
-    slab_reflection,
     slab_transmission,
 )
 from datafactory.paths.rays import RayFan
 from datafactory.paths.scattering import scattered_share
+from datafactory.paths.smooth_faces import reflected_by_slabs
 from datafactory.paths.solver import Bundle, TraceSettings
 from datafactory.paths.table import DIFFUSE, SPECULAR
 from datafactory.paths.targets import FAINTEST
 from datafactory.paths.thinning import cells_of, thinned
-from datafactory.paths.wave_steps import onto_planes, reflected_fields
+from datafactory.paths.wave_steps import onto_planes
 from datafactory.scenes.materials.table import Material, MaterialMapping
 from datafactory.scenes.poses import Pose
 from shared.physics.units import SPEED_OF_LIGHT
@@ -160,13 +160,7 @@ class _Surfaces:
 
     def reflected(self, direction: Real, field: Complex, hits: Hits) -> tuple[Real, Complex]:
         """Directions [n, 3] and fields [n, 3] of the waves that smooth surfaces would send on."""
-        te, tm = np.empty((2, len(direction)), dtype=np.complex128)
-        for slab, here in self.by_mesh(hits.mesh):
-            te[here], tm[here] = slab_reflection(
-                slab.relative_permittivity, slab.conductivity_s_per_m, slab.thickness_m, self.frequency_hz,
-                hits.cosine[here],
-            )  # fmt: skip
-        return reflected_fields(direction, hits.normal, field, te, tm)
+        return reflected_by_slabs(self.slabs, hits.mesh, self.frequency_hz, direction, hits.normal, hits.cosine, field)
 
     def passed(self, direction: Real, hits: Hits, field: Complex) -> Complex:
         """[n, 3] ``field`` behind the surfaces."""
