@@ -60,6 +60,7 @@ class TraceSettings:
     :param specular, diffuse: kinds of bounce to follow
     :param refraction: follow waves through panes, up to ``CROSSINGS`` of them
     :param diffraction: add echoes of edges, and of point targets hidden behind one
+    :param corners: add the echoes of right-angled corners, in place of the mirror paths along their edges
     :param point_targets: add the echoes of targets given by their cross section
     :param finite_mirrors: reduce a reflection by the facet's finite size, instead of an infinite plane's
     :param surface_phase: give every cell of a rough surface its own phase
@@ -74,6 +75,7 @@ class TraceSettings:
     diffuse: bool = True
     refraction: bool = False
     diffraction: bool = False
+    corners: bool = False
     point_targets: bool = True
     finite_mirrors: bool = True
     surface_phase: bool = True
