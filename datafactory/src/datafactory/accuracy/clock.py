@@ -24,6 +24,8 @@ STAGES = ("trace", "delays and spread", "range-Doppler", "truth", "image", "writ
 WAITING = ("trace", "write")
 SAMPLING_S = 0.005
 Value = TypeVar("Value")
+Advance = Callable[[int, int, str], None]
+"""Takes settings done, settings in all, and what is being measured."""
 
 
 @contextmanager
@@ -57,17 +59,20 @@ class Clock:
     """Seconds and peak memory by stage; a stage whose settings the kept run shares is not run again.
 
     :param repeats: runs of each call
-    :param kept: stages of an earlier run, by stage, settings and frame
+    :param kept: stages of an earlier run, by stage, part, settings and frame
     :param keep: whether this run's stages join them
     """
 
     def __init__(self, repeats: int = 1, kept: dict[Any, _Measured] | None = None, keep: bool = False) -> None:
         self.repeats, self.kept, self.keep = repeats, {} if kept is None else kept, keep
-        self.measured: dict[str, list[_Measured]] = defaultdict(list)
+        self.measured: dict[tuple[str, str], list[_Measured]] = defaultdict(list)
 
-    def __call__(self, stage: str, work: Callable[[], Value], share: int = 1, key: Any = None) -> Value:
-        """The work's value; its time is divided by ``share``."""
-        found = self.kept.get((stage, key)) if key is not None else None
+    def __call__(self, stage: str, work: Callable[[], Value], share: int = 1, key: Any = None, part: str = "") -> Value:
+        """The work's value; its time is divided by ``share``.
+
+        :param part: of a stage that is done in several steps, whose times are added
+        """
+        found = self.kept.get((stage, part, key)) if key is not None else None
         if found is None:
             seconds = []
             now = time.perf_counter if stage in WAITING else time.process_time
@@ -78,15 +83,16 @@ class Clock:
                     seconds.append((now() - started) / share)
                 found = _Measured(value, tuple(seconds), peak())
             if self.keep:
-                self.kept[stage, key] = found
-        self.measured[stage].append(found)
+                self.kept[stage, part, key] = found
+        self.measured[stage, part].append(found)
         return found.value
 
     def seconds(self) -> dict[str, float]:
-        """Medians over frames and repeats."""
-        return {
-            stage: float(np.median([s for m in every for s in m.seconds])) for stage, every in self.measured.items()
-        }
+        """Medians over frames and repeats, of a stage's parts together."""
+        result: dict[str, float] = defaultdict(float)
+        for (stage, _), every in self.measured.items():
+            result[stage] += float(np.median([s for m in every for s in m.seconds]))
+        return dict(result)
 
     def peak_mb(self) -> float:
         """The largest growth of any stage [MB]."""

@@ -35,7 +35,7 @@ def accuracy(
     allow_missing: options.AllowMissing = False,
 ) -> None:
     """Show what accuracy costs in time: every approximation as a knob with its price and its error."""
-    from datafactory.accuracy import knobs, lattices, report
+    from datafactory.accuracy import chart, knobs, lattices, report
     from datafactory.accuracy.power import Effort
     from datafactory.accuracy.samples import SampleFrame, made_with, planned_scenes
     from datafactory.accuracy.sweep import sweep
@@ -96,5 +96,5 @@ def accuracy(
         console.print(line, markup=False)
     batch = f"{effort.rays} rays, images in batches of {effort.batch}"
     title = f"{scene}: {count} frame{'s' if count > 1 else ''}, seed {seed}, radar {model.name}, {batch}"
-    for path in (*report.write_tables(rows, out), report.write_picture(rows, title, out)):
+    for path in (*report.write_tables(rows, out), chart.write_picture(rows, title, out)):
         console.print(f"wrote {path}", markup=False)
