@@ -57,12 +57,15 @@ class SmoothFacets:
     :param surface: [T] number of the curved surface that a triangle belongs to, -1 for flat ones
     :param turned: [T] whether the triangle's winding is against its surface's
     :param smooth: [E] whether the edge lies within a curved surface
+    :param goes_on: [E, 2] whether the surface of either triangle goes on beyond the edge: within itself, or without a
+        sharp fold into facets more than ``WIDTH_RATIO`` times as wide, which are flatter
     :param coarse: number of facets that turn by too much to be one
     """
 
     surface: Index
     turned: Mask
     smooth: Mask
+    goes_on: Mask
     coarse: int
 
 
@@ -71,14 +74,18 @@ def smooth_facets(body: Body) -> SmoothFacets:
     """The curved surfaces of a body, found once."""
     fold = np.degrees(fold_angles(body))
     facet = _components(len(body.triangles), body.faces[fold < FLAT_FOLD_DEG])
-    alike = ~body.rim & (_width_ratio(body, facet) <= WIDTH_RATIO)
+    width = _widths(body, facet)
+    alike = ~body.rim & (width.max(axis=1) <= WIDTH_RATIO * width.min(axis=1))
     joined = (fold < FLAT_FOLD_DEG) | (alike & (fold <= SMOOTH_FOLD_DEG))
     surface, turned = _oriented_components(body, np.flatnonzero(joined))
     surface = np.where(_is_curved(body, facet, surface, turned), surface, -1)
     numbers = np.unique(surface[surface >= 0])
     surface = np.where(surface >= 0, np.searchsorted(numbers, surface), -1)
     smooth = joined & (surface[body.faces] >= 0).all(axis=1) if len(joined) else joined
-    return SmoothFacets(surface, turned, smooth, _coarse(body, facet, surface, alike & (fold <= COARSE_FOLD_DEG), fold))
+    tangent = ~body.rim & (fold <= SMOOTH_FOLD_DEG)
+    goes_on = smooth[:, None] | (tangent[:, None] & (WIDTH_RATIO * width < width[:, ::-1]))
+    coarse = _coarse(body, facet, surface, alike & (fold <= COARSE_FOLD_DEG), fold)
+    return SmoothFacets(surface, turned, smooth, goes_on, coarse)
 
 
 def _components(count: int, links: Index) -> Index:
@@ -89,8 +96,8 @@ def _components(count: int, links: Index) -> Index:
     return connected_components(graph, directed=False)[1].astype(np.int64)
 
 
-def _width_ratio(body: Body, facet: Index) -> Real:
-    """[E] larger over smaller width, across the edge, of the facets at each edge.
+def _widths(body: Body, facet: Index) -> Real:
+    """[E, 2] widths [m], across each edge, of the facets of its two triangles.
 
     The width of a facet along the unit vector d is sqrt(12 d^T C d), C the covariance of its points: that of a
     rectangle is its side, that of a triangle 0.8 of its height.
@@ -111,7 +118,7 @@ def _width_ratio(body: Body, facet: Index) -> Real:
     for side, into in enumerate(into_faces(body)):
         square = np.einsum("ei,eij,ej->e", into, covariance[facet[body.faces[:, side]]], into)
         widths.append(np.sqrt(12.0 * np.maximum(square, 0.0)))
-    return np.maximum(*widths) / np.maximum(np.minimum(*widths), np.finfo(float).tiny)
+    return np.stack(widths, axis=1)
 
 
 def _oriented_components(body: Body, edges: Index) -> tuple[Index, Mask]:
