@@ -448,6 +448,16 @@ def test_coarse_bodies_stay_flat_and_the_scene_says_so(segments):
     assert "curved_mirrors" not in table.counts
 
 
+def test_a_ragged_body_and_one_that_is_coarse_in_places_are_flat_throughout():
+    generator = np.random.default_rng(7)
+    vertices, triangles = icosphere(1.0, 1)
+    ragged = vertices * (1.0 + generator.uniform(-0.2, 0.2, (len(vertices), 1)))
+    for of in ((ragged, triangles), ellipsoid((2.2, 0.9, 0.7), 24)):
+        surfaces = curved_surfaces_of(scene_of(body(of, (6.0, 0.0, 0.0))))
+        assert len(surfaces) == 0
+        assert surfaces.coarse > 0
+
+
 @pytest.mark.parametrize("beside", [-1e-6, 1e-6])
 def test_beside_the_limit_all_folds_of_a_body_are_of_one_kind(beside):
     fold = np.radians(SMOOTH_FOLD_DEG + beside)
@@ -460,6 +470,17 @@ def test_two_planes_with_a_low_ridge_and_a_crest_of_a_road_are_no_curved_surface
         x = np.arange(len(heights)) * 2.0
         rows = [[[a, b, h] for b in (-2.0, 2.0)] for a, h in zip(x, heights, strict=True)]
         assert len(curved_surfaces_of(scene_of(body(grid(np.array(rows)), (6.0, 0.0, 0.0))))) == 0
+
+
+def test_a_panel_with_chamfers_is_no_curved_surface():
+    """A car's tail: 1.7 x 0.6 m, with strips of 20 cm all round that lean by 20 deg."""
+    low, high, y, z = 0.0, 0.2 * np.tan(np.radians(20.0)), 0.85, 0.3
+    outer = [[high, a * (y + 0.2), b * (z + 0.2)] for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    inner = [[low, a * y, b * z] for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    sides = [[i, (i + 1) % 4, 4 + (i + 1) % 4] for i in range(4)] + [[i, 4 + (i + 1) % 4, 4 + i] for i in range(4)]
+    tail = mesh("tail", np.array(outer + inner) + np.array([6.0, 0.0, 0.0]), [*sides, [4, 5, 6], [4, 6, 7]], "metal")
+    assert len(curved_surfaces_of(scene_of(tail))) == 0
+    assert len(traced(tail).specular) == 1
 
 
 def test_noise_of_rounded_vertices_bends_no_wall():
