@@ -92,7 +92,7 @@ def test_a_walker_is_the_same_for_one_seed_and_another_for_the_next(
 
     def made(seed: int) -> tuple[Frame, dict[str, int]]:
         frame = Deal(seed=seed, scenes=1, poses=(POSE,)).frame(0)
-        return next(make_frames([SceneSource(frame, prepared, settings)], radar))  # type: ignore[return-value]
+        return next(make_frames([SceneSource(frame, prepared, settings)], radar))
 
     (first, counts), (again, _), (other, _) = made(1), made(1), made(2)
     assert counts["point_targets_hidden"] == 0
