@@ -78,6 +78,7 @@ class ChainSettings:
             "multi_bounce": trace.depth > 1,
             "refraction": trace.refraction,
             "diffraction": trace.diffraction,
+            "corners": trace.corners,
             "rcs_targets": trace.point_targets,
         }
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from datafactory.paths.curved_surfaces import CurvedSurfaces, turned_to
+from datafactory.paths.panes import ray_margin_m
 from datafactory.paths.unfold import unit
 
 Real = NDArray[np.float64]
@@ -29,6 +30,9 @@ SAME_FOOT = 1e-4
 """Feet nearer than this share of the triangle's size are one."""
 ROUNDS = 5
 """Of the search for the foot in a triangle; the first is exact on a plane, the second on spheres and cylinders."""
+BESIDE = 3.0
+"""The line of sight ends so many of the ray caster's errors beside the foot, in no direction of note: lines that run
+exactly through edges of a mesh, as in symmetric scenes, slip through it."""
 FLATTEST = 1e-9
 """Determinant of the search's equations over that of a plane, below which all points of a triangle are feet: it lies
 around its focus."""
@@ -40,8 +44,7 @@ class CurvedFeet:
 
     :param triangle: [n] index among all triangles of the merged scene; :param surface: [n]
     :param foot: [n, 3] on the surface [m]
-    :param seen_to: [n, 3] the nearer of the foot and of the facet's point in the same direction [m]: what hides it is
-        nearer still
+    :param seen_to: [n, 3] just beside the foot, or the facet's point before it [m]: what hides the foot is nearer still
     :param normal: [n, 3] unit, on the surface's side
     :param curvature: [n, 2] principal curvatures, positive where convex towards the radar [1/m]
     :param axes: [n, 2, 3] their directions, unit
@@ -88,12 +91,17 @@ def curved_feet(surfaces: CurvedSurfaces, moved: Real, rotation: Real, ahead_m: 
     foot = point + height[:, None] * normal
     nearer = np.linalg.norm(foot, axis=1) < np.linalg.norm(point, axis=1)
     curvature, axes = _principal(surfaces.tensors[kept], weight, at_corners, normal, rotation)
+    aside = (
+        BESIDE
+        * ray_margin_m(np.linalg.norm(foot, axis=1))[:, None]
+        * (np.cos(1.0) * axes[:, 0] + np.sin(1.0) * axes[:, 1])
+    )
     away = np.einsum("ni,ni->n", normal, foot) > 0.0
     return CurvedFeet(
         triangle=surfaces.triangle[kept],
         surface=surfaces.surface[kept],
         foot=foot,
-        seen_to=np.where(nearer[:, None], foot, point),
+        seen_to=np.where(nearer[:, None], foot, point) + aside,
         normal=normal,
         curvature=np.where(away[:, None], -curvature, curvature),
         axes=axes,

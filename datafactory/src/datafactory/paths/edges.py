@@ -23,7 +23,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from datafactory.paths.bodies import Body, bodies_of, into_faces
-from datafactory.paths.merged_scene import MergedScene
+from datafactory.paths.merged_scene import MergedScene, motions_of
 from datafactory.paths.smooth import smooth_facets
 from datafactory.paths.unfold import unit
 from datafactory.scenes.poses import Pose
@@ -118,11 +118,8 @@ class WedgeEdges:
 def edges_of(merged_scene: MergedScene) -> WedgeEdges:
     """All wedges of a merged scene at its time, made once for each."""
     found = _joined([_edges_of_body(body) for body in bodies_of(merged_scene)])
-    first = found.face_mesh[:, 0]
-    velocities, shifts = (
-        np.array([getattr(mesh, name) for mesh in merged_scene.meshes]).reshape(-1, 3) for name in ("velocity", "shift")
-    )
-    return _with_turn(replace(found, velocity=velocities[first], shift=shifts[first]), merged_scene)
+    velocity, shift = motions_of(merged_scene, found.face_mesh[:, 0])
+    return _with_turn(replace(found, velocity=velocity, shift=shift), merged_scene)
 
 
 def _with_turn(edges: WedgeEdges, merged_scene: MergedScene) -> WedgeEdges:

@@ -192,6 +192,14 @@ def barycentric(corners: Real, point: Real) -> Real:
     return weights
 
 
+def motions_of(merged_scene: MergedScene, mesh: NDArray[np.int64]) -> tuple[Real, Real]:
+    """Velocities [n, 3] [m/s] and shifts [n, 3] [m] of the meshes [n] of a merged scene."""
+    velocity, shift = (
+        np.array([getattr(item, name) for item in merged_scene.meshes]).reshape(-1, 3) for name in ("velocity", "shift")
+    )
+    return velocity[mesh], shift[mesh]
+
+
 def merge_scene(scene: Scene, materials: MaterialMapping) -> MergedScene:
     """Merge a scene's objects; the order depends on names, velocities and the objects' own order alone."""
     groups: dict[tuple[str, Vector, Hashable], list[int]] = defaultdict(list)

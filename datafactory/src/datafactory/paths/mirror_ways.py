@@ -169,9 +169,10 @@ def points_of_reflection(position: Real, corners: Real, normals: Real) -> tuple[
     :param position: [K, 3] [m]; :param corners: [T, 3, 3] [m]; :param normals: [T, 3] unit, 0 of a face without area
     """
     height = np.einsum("ti,ti->t", normals, corners[:, 0])
-    found = _reflecting(
-        np.ascontiguousarray(position), np.ascontiguousarray(corners), np.ascontiguousarray(normals), height
-    )
+    edges = np.roll(corners, -1, axis=1) - corners
+    inward = np.cross(normals[:, None], edges)
+    border = np.einsum("tci,tci->tc", inward, corners) - INSIDE * np.einsum("tci,tci->tc", edges, edges)
+    found = _reflecting(np.ascontiguousarray(position), np.ascontiguousarray(normals), height, inward, border)
     point, triangle = np.array(found, dtype=np.int64).reshape(-1, 2).T
     normal, height = normals[triangle], height[triangle]
     above = np.einsum("wi,wi->w", normal, position[point]) - height
@@ -182,36 +183,27 @@ def points_of_reflection(position: Real, corners: Real, normals: Real) -> tuple[
 
 
 @compiled()
-def _reflecting(position, corners, normals, height):
-    """Pairs of point and triangle whose point of reflection lies within the triangle."""
+def _reflecting(position, normals, height, inward, border):
+    """Pairs of point and triangle whose point of reflection lies within the triangle.
+
+    :param inward: [T, 3, 3] normals of the edges, in the plane; :param border: [T, 3] the least n . x within
+    """
     found = [(0, 0) for _ in range(0)]
-    foot, to_b, to_foot = np.empty(3), np.empty(3), np.empty(3)
     for k in range(len(position)):
+        px, py, pz = position[k]
         for t in range(len(normals)):
             radar = abs(height[t])
-            if radar < CLOSEST_M:
-                continue
-            above = -height[t]
-            for i in range(3):
-                above += normals[t, i] * position[k, i]
+            above = normals[t, 0] * px + normals[t, 1] * py + normals[t, 2] * pz - height[t]
             over = -above if height[t] > 0.0 else above  # positive on the radar's side
-            if over < -TOUCHING_M:
+            if radar < CLOSEST_M or over < -TOUCHING_M:
                 continue
             share = radar / (radar + max(over, 0.0))
-            for i in range(3):
-                foot[i] = share * (position[k, i] - 2.0 * above * normals[t, i])
+            x = share * (px - 2.0 * above * normals[t, 0])
+            y = share * (py - 2.0 * above * normals[t, 1])
+            z = share * (pz - 2.0 * above * normals[t, 2])
             inside = True
             for c in range(3):
-                square = 0.0
-                for i in range(3):
-                    to_b[i] = corners[t, (c + 1) % 3, i] - corners[t, c, i]
-                    to_foot[i] = foot[i] - corners[t, c, i]
-                    square += to_b[i] ** 2
-                turned = 0.0
-                for i in range(3):
-                    j, l = (i + 1) % 3, (i + 2) % 3
-                    turned += normals[t, i] * (to_b[j] * to_foot[l] - to_b[l] * to_foot[j])
-                if turned < -INSIDE * square:
+                if inward[t, c, 0] * x + inward[t, c, 1] * y + inward[t, c, 2] * z < border[t, c]:
                     inside = False
                     break
             if inside:
@@ -220,11 +212,16 @@ def _reflecting(position, corners, normals, height):
 
 
 def _without_doubles(ways: Ways, position: Real) -> Ways:
-    """One way for each mirror of a point: triangles that share an edge, and faces on top of each other, give one."""
+    """One way for each mirror of a point: triangles that share an edge, and faces on top of each other, give one.
+
+    :param ways: by rising number of the point
+    """
     image = ways.image(position[ways.point])
     kept: list[int] = []
+    first = 0  # of the point's own among those that are kept
     for number in range(len(ways)):
-        same = [other for other in kept if ways.point[other] == ways.point[number]]
-        if not (np.linalg.norm(image[same] - image[number], axis=1) < SAME_IMAGE_M).any():
+        if number and ways.point[number] != ways.point[number - 1]:
+            first = len(kept)
+        if not (np.linalg.norm(image[kept[first:]] - image[number], axis=1) < SAME_IMAGE_M).any():
             kept.append(number)
     return ways.take(np.array(kept, dtype=np.int64))

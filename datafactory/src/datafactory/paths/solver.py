@@ -52,7 +52,7 @@ class TraceSettings:
     """How a frame is traced.
 
     :param rays: directions sent from the TX
-    :param depth: largest number of bounces, 1 to 3
+    :param depth: largest number of bounces, 1 to 3; from 2 on targets are seen over mirrors, one on either way
     :param paths_a_cell: most paths that are scattered once in a resolution cell, see
         :mod:`datafactory.paths.thinning`; 0 keeps all
     :param solver_share: of so many rays the solver follows one: what it finds, chains of mirrors and echoes that are
@@ -60,6 +60,7 @@ class TraceSettings:
     :param specular, diffuse: kinds of bounce to follow
     :param refraction: follow waves through panes, up to ``CROSSINGS`` of them
     :param diffraction: add echoes of edges, and of point targets hidden behind one
+    :param corners: add the echoes of right-angled corners, in place of the mirror paths along their edges
     :param point_targets: add the echoes of targets given by their cross section
     :param finite_mirrors: reduce a reflection by the facet's finite size, instead of an infinite plane's
     :param surface_phase: give every cell of a rough surface its own phase
@@ -74,6 +75,7 @@ class TraceSettings:
     diffuse: bool = True
     refraction: bool = False
     diffraction: bool = False
+    corners: bool = False
     point_targets: bool = True
     finite_mirrors: bool = True
     surface_phase: bool = True

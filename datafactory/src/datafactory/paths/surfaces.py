@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from datafactory.paths.facets import mirrors_of
 from datafactory.paths.merged_scene import MergedScene, slabs_of, velocities_on
-from datafactory.paths.panes import field_behind_slab, mesh_of_shape, rays_of, slab_reflection, slab_transmission
+from datafactory.paths.panes import field_behind_slab, mesh_of_shape, rays_of, slab_transmission
+from datafactory.paths.smooth_faces import reflected_by_slabs
 from datafactory.paths.targets import FAINTEST
-from datafactory.paths.wave_steps import onto_planes, reflected_fields
+from datafactory.paths.wave_steps import onto_planes
 from datafactory.scenes.materials.table import Material, MaterialMapping
 from datafactory.scenes.poses import Pose
 
@@ -133,13 +134,7 @@ class Surfaces:
 
     def reflected(self, direction: Real, field: Complex, hits: Hits) -> tuple[Real, Complex]:
         """Directions [n, 3] and fields [n, 3] of the waves that smooth surfaces would send on."""
-        te, tm = np.empty((2, len(direction)), dtype=np.complex128)
-        for slab, here in self.by_mesh(hits.mesh):
-            te[here], tm[here] = slab_reflection(
-                slab.relative_permittivity, slab.conductivity_s_per_m, slab.thickness_m, self.frequency_hz,
-                hits.cosine[here],
-            )  # fmt: skip
-        return reflected_fields(direction, hits.normal, field, te, tm)
+        return reflected_by_slabs(self.slabs, hits.mesh, self.frequency_hz, direction, hits.normal, hits.cosine, field)
 
     def passed(self, direction: Real, hits: Hits, field: Complex) -> Complex:
         """[n, 3] ``field`` behind the surfaces."""

@@ -11,7 +11,8 @@ that the solver leaves out:
   rays, so that its power is wrong; such paths are dropped. Their reverses, mirror first, are right, and by reciprocity
   each of them stands for both: it enters the table twice, with the TX's and the RX's side exchanged;
 * targets given by a radar cross section are added, directly and over mirrors (:mod:`datafactory.paths.targets`), and
-  what edges send back (:mod:`datafactory.paths.diffraction`).
+  what edges send back (:mod:`datafactory.paths.diffraction`);
+* right-angled corners send back what runs into their edges (:mod:`datafactory.paths.corners`).
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.aim import aimed
+from datafactory.paths.corners import echoes_of_corners, without_corners
 from datafactory.paths.curved_mirrors import curved_mirrors
 from datafactory.paths.diffraction import edge_echoes
 from datafactory.paths.edges import edges_of
@@ -86,6 +88,12 @@ def trace(
         scattered.append(across)
         specular.append(along)
         more |= counts
+    if settings.corners:
+        bundle, by_the_solver = without_corners(bundle, merged)
+        small, wide, counts = echoes_of_corners(geometry, merged, materials, pose, frequency_hz, settings)
+        scattered += small
+        specular += wide
+        more |= counts | {"corners_by_the_solver": by_the_solver}
     if settings.specular:
         singles, counts = single_mirrors(geometry, merged, materials, pose, frequency_hz, settings)
         specular.append(singles)
