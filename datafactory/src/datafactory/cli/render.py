@@ -46,6 +46,9 @@ def render(
         ),
     ] = None,
     workers: options.Workers = 0,
+    camera: Annotated[
+        bool, typer.Option("--camera", help="Also what a camera at the sensor sees, DIR/camera/frame-NNNNNN.png.")
+    ] = False,
     resume: options.Resume = False,
     keep_going: options.KeepGoing = False,
     verbose: options.Verbose = False,
@@ -75,6 +78,7 @@ def render(
             workers=workers,
             resume=resume,
             keep_going=keep_going,
+            camera=camera,
             announce=announce,
             progress=progress,
         ),

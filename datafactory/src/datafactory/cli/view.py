@@ -16,6 +16,7 @@ from datafactory.paths.defaults import DEFAULT_DEPTH, DEFAULT_RAYS
 
 def view(
     out: Annotated[Path, typer.Option("--out", help="The page to write, .html; a browser opens it from disk.")],
+    scene_name: options.SceneName = None,
     scene: Annotated[
         str | None, typer.Option(help="USD, Mitsuba XML or mesh file, or sionna:NAME.", show_default=False)
     ] = None,
@@ -44,7 +45,8 @@ def view(
     console = plain_console()
     with shown(console, transient=True) as advance:
         written = viewing.view(
-            scene, out, paths=paths, frame=frame, poses=poses, radar=radar, frames=frames, seed=seed,
+            options.one_scene(scene_name, scene), out, paths=paths, frame=frame, poses=poses, radar=radar,
+            frames=frames, seed=seed,
             materials=materials, rays=rays, depth=depth, effects=effects, png=png, announce=console.print,
             progress=advance,
         )  # fmt: skip
