@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
-from matplotlib.figure import Figure, FigureBase
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from datafactory.view.camera import camera_picture, draw_camera
@@ -30,8 +30,8 @@ from shared.signal.imaging import delay_and_sum
 SPAN_DB = 60.0
 """Span of the colour bar, down from the brightest cell [dB]."""
 
-CAMERA_WIDTH = 8.0
-"""Of a camera picture beside the images [inches]."""
+CAMERA_ABOVE = (1.0, 1.7)
+"""Heights of a camera picture and of the top view below it."""
 
 NARROWEST_VIEW_M = 25.0
 """Half width of the top view where all targets are near the axis [m]."""
@@ -129,7 +129,7 @@ def write_pictures(dataset: Dataset, count: int, folder: Path, cameras: Cameras 
 def draw_frame(frame: Frame, radar: Radar, split: str = "", camera: NDArray[np.uint8] | None = None) -> Figure:
     """One frame side by side: delay-and-sum of the full and the thinned arrays, the truth, the targets from above.
 
-    :param camera: what a camera at the sensor sees, left of them
+    :param camera: what a camera at the sensor sees, above the last of them
 
     All levels are 20 log10(|A| r) below the brightest cell: amplitudes fall with r^2, and without the weight the first
     metres would outshine the rest. Left of the radar is on the left in every panel.
@@ -140,22 +140,24 @@ def draw_frame(frame: Frame, radar: Radar, split: str = "", camera: NDArray[np.u
     brightest = max(float(level.max()) for level in levels.values())
     norm = Normalize(-SPAN_DB, 0.0)
 
-    width = 3.3 * len(levels) + 6.0
-    figure = Figure(figsize=(width + (CAMERA_WIDTH if camera is not None else 0.0), 7.5), layout="constrained")
-    radar_part: FigureBase = figure
-    if camera is not None:
-        camera_part, radar_part = figure.subfigures(1, 2, width_ratios=[CAMERA_WIDTH, width])
-        draw_camera(camera_part.subplots(), camera)
-        camera_part.suptitle("camera at the sensor")
-    axes = radar_part.subplots(1, len(levels) + 1, width_ratios=[*[1.0] * len(levels), 1.7])
+    figure = Figure(figsize=(3.3 * len(levels) + (6.0 if camera is None else 7.5), 7.5), layout="constrained")
+    grid = figure.add_gridspec(2, len(levels) + 1, width_ratios=[*[1.0] * len(levels), 1.7 if camera is None else 2.2])
+    axes = [figure.add_subplot(grid[:, column]) for column in range(len(levels))]
+    if camera is None:
+        axes.append(figure.add_subplot(grid[:, -1]))
+    else:
+        grid.set_height_ratios(CAMERA_ABOVE)
+        draw_camera(seen := figure.add_subplot(grid[0, -1]), camera)
+        seen.set_title("camera at the sensor")
+        axes.append(figure.add_subplot(grid[1, -1]))
     for axis, (title, level) in zip(axes, levels.items(), strict=False):
         _draw_image(axis, level - brightest, radar, norm)
         axis.set_title(title)
     axes[0].set_ylabel("range r [m]")
     points = _draw_targets(axes[-1], frame, radar, brightest, norm)
-    radar_part.colorbar(points, ax=axes, label="|A| x r below the brightest cell [dB]", pad=0.01, extend="min")
+    figure.colorbar(points, ax=axes, label="|A| x r below the brightest cell [dB]", pad=0.01, extend="min")
     speed = float(np.linalg.norm(frame.sensor_velocity))
-    radar_part.suptitle(
+    figure.suptitle(
         f"{figure_text(frame.scene)}, frame {frame.frame_id} ({', '.join(filter(None, (split, frame.kind)))}), "
         f"sensor at {speed:.1f} m/s; levels weighted x r, 0 dB = {brightest:.1f} dB(sqrt(W) m)"
     )
