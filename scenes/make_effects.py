@@ -27,6 +27,8 @@ SENSOR: Vector = (0.0, 0.0, 0.5)
 STEPS_M = (0.0, -0.5, -1.0)
 YAWS_DEG = (0.0, 2.0, -2.0)
 """Where the poses of a scene stand along x, and how far they look aside: nothing may hang on one spot."""
+CORNER_AT: Vector = (60.165, 0.47, 0.0)
+"""Of small meshes that lie in one resolution cell: at the far end of a range bin, in the middle of a cell of u [m]."""
 EGO_VELOCITY: Vector = (11.0, 0.0, 0.0)
 """Below the 12 m/s from which the default radar's Doppler axis wraps."""
 ROAD = [(-20.0, -10.0), (0.0, -60.0), (150.0, -64.0), (150.0, 64.0), (0.0, 60.0), (-20.0, 10.0)]
@@ -80,6 +82,15 @@ def standing(times_s: Sequence[float] = (0.0, 0.0, 0.0)) -> list[dict[str, Any]]
         }
         for step, yaw, time in zip(STEPS_M, YAWS_DEG, times_s, strict=True)
     ]
+
+
+def level() -> list[dict[str, Any]]:
+    """Poses at rest in steps of three range bins: what fills one resolution cell does so from all of them."""
+    return [
+        {"position": [SENSOR[0] - 0.45 * n, SENSOR[1], SENSOR[2]], "yaw_deg": 0.0, "velocity": [0.0, 0.0, 0.0],
+         "time": 0.0}
+        for n in range(3)
+    ]  # fmt: skip
 
 
 def driving() -> list[dict[str, Any]]:
@@ -169,6 +180,14 @@ def scenes() -> tuple[EffectScene, ...]:
         EffectScene(
             "dihedral", "Two metal walls of 14 m that meet at 85 deg, 60 m away; seen only by bounces on both.",
             (Piece("Corner", dihedral(14.0, 85.0, -3.5, 4.5), (60.0, 0.0, 0.0)),),
+        ),
+        EffectScene(
+            "square_corner", "Two metal walls of 0.1 m that meet at a right angle, 60 m away.",
+            (Piece("Corner", dihedral(0.1, 90.0, 0.44, 0.56), CORNER_AT),), level(),
+        ),
+        EffectScene(
+            "three_faces", "A trihedral of 0.1 m, as a mesh of three metal triangles at 60 m.",
+            (Piece("Trihedral", corner_reflector(0.1), (*CORNER_AT[:2], SENSOR[2])),), level(),
         ),
         EffectScene(
             "trihedral", "A trihedral of 0.2 m, as a point target at 60 m.", (trihedral,),

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import ast
+import json
+import re
 import shutil
 import subprocess
 import sys
+import sysconfig
 import tomllib
+import venv
 import zipfile
 from email.message import Message
 from email.parser import BytesParser
 from importlib.metadata import PackageNotFoundError, packages_distributions, version
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +23,7 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 from packaging.version import Version
+from third_party import third_party
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("shared", "datafactory", "trainer")
@@ -39,8 +45,10 @@ def project_of(package: str) -> dict[str, Any]:
 
 
 def requirements_of(package: str) -> dict[str, Requirement]:
-    """By canonical name."""
-    requirements = map(Requirement, project_of(package)["dependencies"])
+    """By canonical name, those of the extras too."""
+    project = project_of(package)
+    extras = project.get("optional-dependencies", {}).values()
+    requirements = map(Requirement, chain(project["dependencies"], *extras))
     return {canonicalize_name(requirement.name): requirement for requirement in requirements}
 
 
@@ -77,6 +85,22 @@ def test_every_dependency_has_a_lower_bound_that_the_pins_satisfy(package: str) 
         assert requirement.specifier.contains(known, prereleases=True), f"{requirement}, constraints.txt has {known}"
 
 
+def test_the_lock_has_every_requirement_with_a_hash_at_the_pinned_version() -> None:
+    """``make lock`` writes it."""
+    text = (ROOT / "requirements.lock").read_text(encoding="utf-8")
+    entries = re.findall(r"^([\w.-]+)==(\S+)((?:.|\n)*?)(?=^[\w.-]+==|\Z)", text, re.M)
+    locked = {canonicalize_name(name): version for name, version, _ in entries}
+    assert all("--hash=sha256:" in hashes for _, _, hashes in entries)
+    for line in third_party():
+        requirement = Requirement(line)
+        assert requirement.specifier.contains(locked[canonicalize_name(requirement.name)]), line
+    pins = (ROOT / "constraints.txt").read_text(encoding="utf-8")
+    pinned = {canonicalize_name(name): version for name, version in re.findall(r"^([\w.-]+)==(\S+)$", pins, re.M)}
+    assert {name: locked[name] for name in pinned.keys() & locked.keys()} == {
+        name: pinned[name] for name in pinned.keys() & locked.keys()
+    }
+
+
 @pytest.mark.parametrize("package", PACKAGES)
 def test_each_package_has_the_licence_of_the_repository(package: str) -> None:
     assert (ROOT / package / "LICENSE").read_bytes() == (ROOT / "LICENSE").read_bytes()
@@ -95,22 +119,29 @@ def _metadata(wheel: zipfile.ZipFile) -> Message:
     return BytesParser().parsebytes(wheel.read(name))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("package", PACKAGES)
-def test_a_wheel_holds_all_sources_licence_and_readme(package: str, tmp_path: Path) -> None:
-    # A copy, so that no build folder is left in the checkout and no old one is taken up.
+@pytest.fixture(scope="module")
+def wheels(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """The wheel of each package, built from a copy: no build folder is left in the checkout, no old one taken up."""
+    folder = tmp_path_factory.mktemp("wheels")
     left_out = shutil.ignore_patterns("build", "*.egg-info", "__pycache__")
-    shutil.copytree(ROOT / package, tmp_path / package, ignore=left_out)
+    for package in PACKAGES:
+        shutil.copytree(ROOT / package, folder / package, ignore=left_out)
     command = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--quiet", "--disable-pip-version-check"]
     isolation = ["--no-build-isolation"] if _can_build_here() else []
+    sources = [str(folder / package) for package in PACKAGES]
     built = subprocess.run(
-        [*command, *isolation, "--wheel-dir", str(tmp_path), str(tmp_path / package)],
-        capture_output=True, text=True, check=False, timeout=300,
+        [*command, *isolation, "--wheel-dir", str(folder), *sources],
+        capture_output=True, text=True, check=False, timeout=600,
     )  # fmt: skip
     assert built.returncode == 0, built.stderr
-    (path,) = tmp_path.glob("*.whl")
+    return {package: next(folder.glob(f"sparseradar_{package}-*.whl")) for package in PACKAGES}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("package", PACKAGES)
+def test_a_wheel_holds_all_sources_licence_and_readme(package: str, wheels: dict[str, Path]) -> None:
     source = ROOT / package / "src"
-    with zipfile.ZipFile(path) as wheel:
+    with zipfile.ZipFile(wheels[package]) as wheel:
         names = {name for name in wheel.namelist() if ".dist-info/" not in name}
         metadata = _metadata(wheel)
         (licence,) = (name for name in wheel.namelist() if name.endswith("/licenses/LICENSE"))
@@ -119,8 +150,80 @@ def test_a_wheel_holds_all_sources_licence_and_readme(package: str, tmp_path: Pa
     assert metadata["Name"] == f"sparseradar-{package}"
     assert (metadata["License-Expression"], metadata["License-File"]) == ("Apache-2.0", "LICENSE")
     assert metadata["Requires-Python"] == ">=3.11"
+    assert "Typing :: Typed" in metadata.get_all("Classifier", [])
     text = metadata.get_payload()
     assert isinstance(text, str)
     assert text.startswith(f"# sparseradar-{package}\n")
-    declared = {str(requirement) for requirement in map(Requirement, metadata.get_all("Requires-Dist", []))}
-    assert declared == {str(requirement) for requirement in requirements_of(package).values()}
+    declared = [Requirement(line) for line in metadata.get_all("Requires-Dist", [])]
+    named = {canonicalize_name(requirement.name): requirement.specifier for requirement in declared}
+    assert named == {name: requirement.specifier for name, requirement in requirements_of(package).items()}
+    extras = project_of(package).get("optional-dependencies", {})
+    assert set(metadata.get_all("Provides-Extra", [])) == set(extras)
+    assert sum("extra ==" in str(requirement.marker) for requirement in declared) == sum(map(len, extras.values()))
+
+
+LOOK = """
+import json, sys
+from importlib.metadata import version
+import shared, datafactory, trainer
+from datafactory.scenes.materials.table import load_materials
+from shared.radar import load_radar
+from trainer.run.pretrained import pretrained_run
+from trainer.run.folder import load_imager
+print(json.dumps({
+    "places": [package.__file__ for package in (shared, datafactory, trainer)],
+    "versions": [version(f"sparseradar-{name}") for name in ("shared", "datafactory", "trainer")],
+    "materials": len(load_materials().materials),
+    "boards": load_radar("iwr1843").name,
+    "weights": [load_imager(pretrained_run(name))[0].array.name for name in ("sparse6", "sparse4")],
+}))
+"""
+
+
+@pytest.mark.slow
+def test_the_wheels_work_in_an_empty_environment(wheels: dict[str, Path], tmp_path: Path) -> None:
+    """Installed beside nothing but what they depend on, in an empty home: commands, package data, shipped networks.
+
+    The dependencies are not installed again: their folder is added to the environment's path by a line in a ``.pth``
+    file. The ``.pth`` files of that folder itself, which editable installs leave, are not obeyed then.
+    """
+    environment = tmp_path / "venv"
+    venv.create(environment, with_pip=False)
+    (site,) = environment.glob("lib/python*/site-packages")
+    (site / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n", encoding="utf-8")
+    python, home = environment / "bin" / "python", tmp_path / "home"
+    home.mkdir()
+    plain = {"PATH": "/usr/bin:/bin", "HOME": str(home), "OMP_NUM_THREADS": "1"}
+
+    def run(*command: object) -> str:
+        done = subprocess.run(
+            [*map(str, command)], capture_output=True, text=True, check=False, cwd=home, env=plain, timeout=600
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    run(
+        sys.executable, "-m", "pip", "--python", python, "install", "--no-deps", "--no-index", "--quiet",
+        "--disable-pip-version-check", *wheels.values(),
+    )  # fmt: skip
+    found = json.loads(run(python, "-W", "ignore", "-c", LOOK))
+    assert all(Path(place).is_relative_to(site) for place in found["places"])
+    assert found["versions"] == [project_of(package)["version"] for package in PACKAGES]
+    assert found["materials"] > 15
+    assert found["boards"] == "iwr1843"
+    assert found["weights"] == ["sparse6", "sparse4"]
+    for program, command in (("datafactory", "render"), ("trainer", "fit")):
+        assert command in run(environment / "bin" / program, "--help")
+    run(
+        environment / "bin/datafactory",
+        "points",
+        "--radar",
+        "iwr1642",
+        "--frames",
+        "2",
+        "--workers",
+        "1",
+        "--out",
+        "two",
+    )
+    assert "as they were written" in run(environment / "bin/datafactory", "inspect", "two", "--verify", "--frames", "0")

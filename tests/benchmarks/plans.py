@@ -25,7 +25,6 @@ from datafactory.frame.prepared import Sample
 from datafactory.paths.backend import select_variant, set_threads
 from datafactory.paths.solver import TraceSettings
 from datafactory.run.order import Order
-from datafactory.run.planning import fastest_mps
 from datafactory.run.preparation import prepare
 from datafactory.scenes.materials.table import load_materials
 from shared.radar import load_radar
@@ -78,7 +77,7 @@ def measured(scene: str, rays: int, repeats: int) -> tuple[Prices, str]:
         started = time.process_time()
         found = gather(Sample(there, (frames[1],)), order.radar, settings)
         looks.append(time.process_time() - started)
-    plan = plan_by_frame(there.name, found, (frames[1],), order.budget_db, fastest_mps(there))
+    plan = plan_by_frame(there.name, found, (frames[1],), order.budget_db, there.merged.fastest_mps)
     assert plan.by_frame is not None
     elsewhere = replace(plan, by_frame=replace(plan.by_frame, looks=()))
     kinds = [plan.settings(settings, drawn.pose), elsewhere.settings(settings, drawn.pose), ALL.settings(settings)]

@@ -140,6 +140,15 @@ def edge_end_db(height_m: float, range_m: float) -> float:
     return 20.0 * math.log10(math.hypot(0.5 - cosine, 0.5 - sine) / math.sqrt(2.0))
 
 
+def short_edge_db(length_m: float, range_m: float) -> float:
+    """Echo of an edge of this length about the foot of the perpendicular, over an endless edge's [dB].
+
+    The Fresnel integral from -v to v with v = length / sqrt(lambda R), as in :func:`edge_end_db`.
+    """
+    sine, cosine = fresnel(length_m / math.sqrt(WAVELENGTH_M * range_m))
+    return 20.0 * math.log10(2.0 * math.hypot(cosine, sine) / math.sqrt(2.0))
+
+
 def shadow_db(clearance_m: float, before_m: float, behind_m: float) -> float:
     """One-way loss behind a knife edge [dB, negative]: ITU-R P.526-15 section 4.1, exact integral.
 

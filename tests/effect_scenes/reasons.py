@@ -36,7 +36,7 @@ def point(range_m: float, rcs_dbsm: float, speed_mps: float = 0.0) -> Expectatio
     verdicts = {
         **ABSENT,
         **motion(speed_mps),
-        **dict.fromkeys(("specular", "diffuse", "multi_bounce", "diffraction"), alone),
+        **dict.fromkeys(("specular", "diffuse", "multi_bounce", "diffraction", "corners"), alone),
         "near_field": near_field(range_m),
         "antenna_pattern": boresight(),
         "rcs_targets": everything(f"the only echo is a point target of {rcs_dbsm:g} dBsm"),
@@ -128,6 +128,47 @@ def dihedral() -> Expectation:
     return Expectation(
         verdicts, (Echo("two bounces, each way round, at u = +-0.087", 60.0 * math.cos(math.radians(5.0)), power),)
     )
+
+
+def small_corner(
+    corner_dbsm: float, bounces: int, rough_dbsm: float, rim: tuple[float, float], what: str
+) -> Expectation:
+    """A corner of metal sheets at 60 m, all of it in one resolution cell.
+
+    :param rough_dbsm: of its faces, of which what the others mirror is as much again
+    :param rim: length [m] of an outer edge that is met at a right angle, and its angle from the face [deg]
+    """
+    smooth_dbsm = corner_dbsm + bounces * levels.mirror_db("metal")
+    twice = rough_dbsm + levels.mirror_db("metal") + 10.0 * math.log10(2.0)
+    rim_dbsm = levels.edge_rcs_dbsm(60.0, 2.0, rim[1], -1.0) + levels.short_edge_db(rim[0], 60.0)
+    power = levels.point_dbw(60.0, smooth_dbsm)
+    verdicts = {
+        **ABSENT,
+        **motion(0.0),
+        "specular": Verdict(twice - smooth_dbsm, f"what one face mirrors of another's roughness is {twice:.1f} dBsm"),
+        "diffuse": Verdict(twice - smooth_dbsm, f"the rough faces are {rough_dbsm:.1f} dBsm, in the corner's own cell"),
+        "multi_bounce": Verdict(twice - smooth_dbsm, "as for specular; the corner's own bounces count as corners"),
+        "diffraction": Verdict(rim_dbsm - smooth_dbsm, f"its rims are {rim_dbsm:.1f} dBsm at most (Keller, Fresnel)"),
+        "corners": everything(f"the only strong echo is the corner's, {smooth_dbsm:.1f} dBsm: {what}"),
+        "near_field": near_field(60.0),
+        "antenna_pattern": boresight(),
+        "noise": noise(power),
+    }
+    return Expectation(verdicts, (Echo(f"corner, {what}", 60.167, power),))
+
+
+def square_corner() -> Expectation:
+    """Faces of 0.1 x 0.12 m, met at 45 deg: beyond 2 D^2 / lambda = 18 m the closed form holds."""
+    corner_dbsm = 10.0 * math.log10(8.0 * math.pi * (0.1 * 0.12) ** 2 / levels.WAVELENGTH_M**2)
+    rough = levels.diffuse_rcs_dbsm("metal", 2.0 * 0.1 * 0.12, 45.0)
+    return small_corner(corner_dbsm, 2, rough, (0.12, 45.0), "8 pi a^2 b^2 / lambda^2")
+
+
+def three_faces() -> Expectation:
+    """Right-angled triangles with legs of 0.1 m, met 54.7 deg off their normals."""
+    corner_dbsm = 10.0 * math.log10(4.0 * math.pi * 0.1**4 / (3.0 * levels.WAVELENGTH_M**2))
+    rough = levels.diffuse_rcs_dbsm("metal", 3.0 * 0.5 * 0.1**2, 54.7)
+    return small_corner(corner_dbsm, 3, rough, (0.1 * math.sqrt(2.0), 35.3), "4 pi a^4 / (3 lambda^2)")
 
 
 def reflector_behind_pane() -> Expectation:
@@ -244,6 +285,9 @@ def moving_ego() -> Expectation:
             - peak,
             "the van's upright edge, which ends 0.1 m above the sensor (Keller, Fresnel)",
         ),
+        "corners": nothing(
+            "the corners of road and walls begin 4 m beside the perpendicular on their edge, and with no height there"
+        ),
         "near_field": near_field(0.5, mirror=True),
         "antenna_pattern": Verdict(
             levels.pattern_change_db(0.0, -90.0) - 2.0 * levels.pattern_db(0.0, -90.0) + nadir - peak,
@@ -293,6 +337,8 @@ def expectations(shows: Mapping[str, str]) -> dict[str, Any]:
         "wall": wall(),
         "plate": plate(),
         "dihedral": dihedral(),
+        "square_corner": square_corner(),
+        "three_faces": three_faces(),
         "trihedral": point(60.0, 26.51),
         "reflector_behind_pane": reflector_behind_pane(),
         "target_behind_pane": target_behind_pane(),

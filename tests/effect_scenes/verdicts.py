@@ -23,6 +23,7 @@ RULES = {
     "refraction": "power of the paths through panes, in a resolution cell likewise; off means that panes are opaque",
     "diffraction": "power of edges' echoes, and of point targets seen round an edge, in a resolution cell likewise; "
     "what a mirror's size does within the Fresnel zones around its specular point belongs to specular",
+    "corners": "power of right-angled corners' echoes, of a bounce on either face, in a resolution cell likewise",
     "doppler": "change of the range-Doppler spectrum over its peak, frozen frame against moving",
     "range_migration": "change of the range-Doppler spectrum over its peak, echo kept at its mid-frame range",
     "intra_chirp_motion": "change of the range spectrum over its peak, delay frozen within the chirp at its middle",
@@ -108,6 +109,7 @@ ABSENT = {
     "multi_bounce": nothing("there is no second surface within sight of the first"),
     "refraction": nothing("there is no pane: what stands here swallows the wave or is no surface"),
     "diffraction": nothing("no edge has a point in which the line of sight meets it at a right angle"),
+    "corners": nothing("no two faces that meet at a right angle both look at the radar"),
     "rcs_targets": nothing("no prim has radar:rcs_dbsm"),
 }
 

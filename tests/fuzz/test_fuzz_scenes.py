@@ -19,6 +19,9 @@ from hypothesis import strategies as st
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene
 
+TIMES_S = (-1.0, 0.0, 0.3, 1.0, 50.0)
+"""Times at which what moves is looked at: before, at, between, at and after its samples."""
+
 
 def finite_scene(path: Path) -> Scene:
     scene = open_scene(str(path))
@@ -29,8 +32,12 @@ def finite_scene(path: Path) -> Scene:
         assert np.isfinite(item.velocity).all()
         assert item.triangles.min() >= 0
         assert item.triangles.max() < len(item.vertices)
+        for time in TIMES_S if item.moves else ():
+            now = item.at(time)
+            assert np.isfinite([now.vertices, now.velocities]).all()
     for target in scene.targets:
-        assert np.isfinite([*target.position, *target.velocity, target.rcs_dbsm]).all()
+        for there in (target, *(target.at(time) for time in TIMES_S)):
+            assert np.isfinite([*there.position, *there.velocity, *there.spin, there.rcs_dbsm]).all()
     return scene
 
 
@@ -67,6 +74,46 @@ def Xform "car" (
   }
   def Xform "sign" {
     custom double radar:rcs_dbsm = 5
+  }
+}
+def Xform "crane" {
+  float3 xformOp:rotateXYZ.timeSamples = { 0: (10, 20, 30), 7.5: (90, 0, 0), 24: None, 48: (0, 0, 360) }
+  float3 xformOp:scale.timeSamples = { 0: (1, 1, 1), 24: (2, 1, 1) }
+  double xformOp:translateX.spline = {
+    0: 0; post linear,
+    24: 6; post held,
+    48: 10; post curve,
+  }
+  quatf xformOp:orient.timeSamples = { 0: (1, 0, 0, 0), 24: (0.5, 0.5, 0.5, 0.5) }
+  matrix4d xformOp:transform:own.timeSamples = {
+    0: ( (1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1) ),
+    24: ( (0, 1, 0, 0), (1, 0, 0, 0), (0, 0, 1, 0), (0, 0, 9, 1) ),
+  }
+  uniform token[] xformOpOrder = ["xformOp:translateX", "xformOp:rotateXYZ", "xformOp:scale", "xformOp:orient",
+    "!invert!xformOp:scale", "xformOp:transform:own"]
+  def Mesh "flag" {
+    point3f[] points.timeSamples = {
+      0: [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)],
+      12: [(0, 0, 0), (1, 0, 1), (1, 1, 2), (0, 1, 0)],
+    }
+    int[] faceVertexCounts = [4]
+    int[] faceVertexIndices = [0, 1, 2, 3]
+    token visibility.timeSamples = { 0: "inherited", 24: "invisible" }
+  }
+  def Xform "lamp" {
+    custom token radar:target = "sphere"
+    custom double radar:radius_m = 0.1
+  }
+}
+def PointInstancer "birds" {
+  rel prototypes = [</birds/bird>]
+  int[] protoIndices = [0, 0]
+  point3f[] positions.timeSamples = { 0: [(0, 0, 0), (200, 0, 0)], 24: [(0, 9, 0), (200, 0, 9)] }
+  quath[] orientations.timeSamples = { 0: [(1, 0, 0, 0), (1, 0, 0, 0)], 24: [(0, 1, 0, 0), (0, 0, 0, 1)] }
+  def Cube "bird" {
+    double size.timeSamples = { 0: 1, 24: 2 }
+    double xformOp:rotateZ.timeSamples = { 0: 0, 24: 90 }
+    uniform token[] xformOpOrder = ["xformOp:rotateZ"]
   }
 }
 def PointInstancer "poles" {

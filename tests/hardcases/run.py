@@ -30,6 +30,16 @@ HANG_SECONDS = 300.0
 PAGE_WIDTH = 160
 """Columns of the table where no terminal says how many it has."""
 
+HEAD = """# Hard cases
+
+What breaks radar simulators and estimators: {count} cases, each with its hazard, its bound and what was measured.
+Each is rendered within its bound, or refused with one line.
+
+    make hardcases
+
+prints this table:
+"""
+
 
 def figure(value: float) -> str:
     """A number as the table shows it."""
@@ -48,8 +58,8 @@ def table_of(verdicts: Sequence[Verdict]) -> Table:
 
 
 def markdown_of(verdicts: Sequence[Verdict]) -> str:
-    """The same as a Markdown table."""
-    lines = ["| case | hazard | bound | measured |", "|---|---|---|---|"]
+    """The same as a page of the manual."""
+    lines = [HEAD.format(count=len(verdicts)), "| case | hazard | bound | measured |", "|---|---|---|---|"]
     for verdict in verdicts:
         case = verdict.case
         measured = figure(verdict.measured) + ("" if verdict.kept else " **broken**")

@@ -16,8 +16,8 @@ from shared.physics.errors import InputError
 from shared.radar import FrontEnd
 
 CONTRACT = (
-    "specular", "diffuse", "multi_bounce", "refraction", "diffraction", "doppler", "range_migration",
-    "intra_chirp_motion", "near_field", "antenna_pattern", "rcs_targets", "noise",
+    "specular", "diffuse", "multi_bounce", "refraction", "diffraction", "corners", "doppler",
+    "range_migration", "intra_chirp_motion", "near_field", "antenna_pattern", "rcs_targets", "noise",
 )  # fmt: skip
 """Names and order as users' scripts know them."""
 
@@ -61,7 +61,7 @@ def test_one_effect_is_added_or_taken_away() -> None:
 def test_each_path_effect_sets_one_field_of_the_trace() -> None:
     settings = ChainSettings(trace=TraceSettings(rays=7, depth=3, polarization=("V", "H")))
     everything = ALL.settings(settings).trace
-    assert everything == replace(settings.trace, refraction=True, diffraction=True)
+    assert everything == replace(settings.trace, refraction=True, diffraction=True, corners=True)
     for name in NAMES:
         left = ALL.without(name).settings(settings).trace
         fields: dict[str, dict[str, Any]] = {"multi_bounce": {"depth": 1}, "rcs_targets": {"point_targets": False}}
@@ -71,7 +71,7 @@ def test_each_path_effect_sets_one_field_of_the_trace() -> None:
 
 def test_what_the_user_left_out_of_the_trace_stays_out() -> None:
     settings = ChainSettings(trace=TraceSettings(depth=1, specular=False, diffuse=False))
-    assert ALL.settings(settings).trace == replace(settings.trace, refraction=True, diffraction=True)
+    assert ALL.settings(settings).trace == replace(settings.trace, refraction=True, diffraction=True, corners=True)
 
 
 def test_each_signal_effect_sets_one_field_of_the_processing() -> None:

@@ -140,7 +140,7 @@ def test_bodies_that_move_apart_share_no_edge():
 def test_the_radar_frame_is_the_poses():
     pose = Pose((10.0, 2.0, 0.5), yaw_deg=90.0, velocity=(1.0, 0.0, 0.0), time_s=2.0)
     of = scene_of(box("car", (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), "metal", (0.0, 4.0, 0.0)))
-    edges, seen = edges_of(of), edges_of(of).seen_from(pose)
+    edges, seen = edges_of(of), edges_of(of.at(pose.time_s)).seen_from(pose)
     np.testing.assert_allclose(seen.start, (edges.start + np.array([0.0, 8.0, 0.0]) - pose.position) @ pose.rotation())
     np.testing.assert_allclose(seen.velocity, np.tile([4.0, 1.0, 0.0], (12, 1)), atol=1e-12)
     np.testing.assert_allclose(seen.end - seen.start, seen.direction, atol=1e-12)

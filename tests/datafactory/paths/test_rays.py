@@ -78,3 +78,34 @@ def test_offsets_move_the_lattice_and_nothing_else():
         assert square.shape == (1_000, 2)
         assert square.min() >= 0.0
         assert square.max() <= 1.0
+
+
+STRIPS = (0.5, 0.25, 2.25, 1.5, 1.0, 0.5)
+
+
+@pytest.mark.parametrize("offset", [(0.0, 0.0), (0.37, 0.81)])
+def test_strips_have_their_shares_of_the_rays(offset):
+    fan = RayFan(60_000, offset, strips=STRIPS)
+    z = directions_of(fan)[:, 2]
+    plain = 0.5 + np.arctan(z / fan.beam) / (2.0 * np.arctan(1.0 / fan.beam))
+    counts = np.bincount((plain * 6.0).astype(int), minlength=6)
+    np.testing.assert_allclose(counts / 60_000, np.array(STRIPS) / 6.0, atol=2.0 / 60_000)
+
+
+@pytest.mark.parametrize("strips", [(), STRIPS])
+def test_the_density_of_elevations_is_what_the_rays_show(strips):
+    fan = RayFan(200_000, strips=strips)
+    edges = np.linspace(-0.3, 0.3, 25)
+    counts, _ = np.histogram(directions_of(fan)[:, 2], edges)
+    fine = np.linspace(-0.3, 0.3, 24 * 20_000 + 1)
+    middles = 0.5 * (fine[1:] + fine[:-1])
+    expected = (fan.elevation_density(middles).reshape(24, 20_000)).mean(axis=1) * (edges[1] - edges[0])
+    np.testing.assert_allclose(counts / 200_000, expected, atol=2e-5)
+
+
+def test_solid_angles_of_strips_fill_the_front_half_space():
+    fan = RayFan(60_000, (0.37, 0.81), strips=STRIPS)
+    directions = directions_of(fan)
+    solid_angle = 4.0 * np.pi / fan.count * fan.solid_angle_ratio(directions)
+    assert solid_angle.sum() == pytest.approx(2.0 * np.pi, rel=5e-3)
+    assert solid_angle[directions[:, 0] > 0.5].sum() == pytest.approx(np.pi, rel=2e-2)

@@ -15,6 +15,7 @@ from datafactory.paths.panes import slab_transmission
 from datafactory.paths.rays import RayFan
 from datafactory.paths.scattered_once import scattered_once
 from datafactory.paths.solver import Bundle, TraceSettings
+from datafactory.paths.surfaces import Surfaces
 from datafactory.paths.table import DIFFUSE, SPECULAR, PathTable
 from datafactory.scenes.materials.reflectivity import fresnel_reflectivity, lambertian_sigma0
 from datafactory.scenes.materials.table import Material, MaterialMapping
@@ -72,7 +73,8 @@ def once_of(*objects: SceneObject, rays: int, pose: Pose = HERE, fan: RayFan | N
     merged = merged_of(*objects)
     chosen = TraceSettings(rays=rays, **{"depth": 1, "paths_a_cell": 0, **settings})
     scene = solver_module.radio_scene(merged, MATERIALS, pose, FREQUENCY_HZ, chosen)
-    return scattered_once(scene.mi_scene, merged, MATERIALS, pose, FREQUENCY_HZ, chosen, fan or RayFan(rays), 1)
+    surfaces = Surfaces(scene.mi_scene, merged, MATERIALS, pose, FREQUENCY_HZ)
+    return scattered_once(surfaces, chosen, fan or RayFan(rays), 1)
 
 
 def solved(*objects: SceneObject, rays: int, pose: Pose = HERE, **settings) -> Bundle:

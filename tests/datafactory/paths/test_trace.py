@@ -103,6 +103,8 @@ def solved(*objects: SceneObject, fan: RayFan, rays: int, **settings):
 class WholeSphere(RayFan):
     """Sionna's own lattice, each ray standing for 4 pi / N."""
 
+    aimable = False
+
     def unit_square(self) -> NDArray[np.float64]:
         from sionna.rt.utils import fibonacci_lattice
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from datafactory.frame.points import PointTargets
-from datafactory.paths.echo_points import echo_points
+from datafactory.paths.echo_points import EchoPoints, Seen, all_echo_points
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import PointTarget, Scene
@@ -32,6 +32,11 @@ from shared.radar import Radar
 from shared.signal.spectrum import range_doppler
 
 WAVELENGTH = 3.868e-3
+
+
+def echo_points(targets, radar_position, wavelength_m: float, cross_polarized: bool = False) -> EchoPoints:
+    """The echo points that are heard."""
+    return all_echo_points(targets, radar_position, Seen(wavelength_m, cross_polarized=cross_polarized)).heard()
 
 
 def direction(azimuth_deg: float, zenith_deg: float) -> np.ndarray:
@@ -143,7 +148,7 @@ def test_echo_points_stand_and_move_with_their_target():
     axes = ((0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
     car = PointTarget("car", (10.0, -4.0, 0.0), 11.25, (0.0, 2.0, 0.0), Car(), axes)
     post = PointTarget("post", (3.0, 1.0, 0.5), -7.0)
-    echoes = echo_points([post, car], (0.0, 0.0, 0.5), WAVELENGTH, time_s=2.0)
+    echoes = echo_points([post.at(2.0), car.at(2.0)], (0.0, 0.0, 0.5), WAVELENGTH)
     assert echoes.target.tolist() == [0, 1, 1, 1, 1, 1]
     assert echoes.rcs_m2[0] == pytest.approx(10.0**-0.7)
     np.testing.assert_allclose(echoes.position[0], [3.0, 1.0, 0.5])

@@ -6,9 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from usd_files import CUBE, METRES_Z_UP, read, write_usda
+from pxr import Usd, UsdGeom
+from usd_files import CUBE, CUBE_FACES, CUBE_POINTS, METRES_Z_UP, read, translated, write_usda
 
+from datafactory.scenes.motion import Moving
 from datafactory.scenes.readers.usd import read_usd
+from datafactory.scenes.scene import Scene
 from shared.physics.errors import InputError
 
 MOVING = """def Xform "car" {
@@ -39,15 +42,256 @@ def test_a_start_within_the_animation_takes_its_interval_and_place(tmp_path: Pat
     np.testing.assert_allclose(car.vertices.mean(axis=0), [0, 0, 300], atol=1e-9)
 
 
-def test_a_spinning_wheel_stands_still_and_is_counted(tmp_path: Path) -> None:
-    body = f"""def Mesh "wheel" {{
+def test_every_segment_of_a_track_counts(tmp_path: Path) -> None:
+    body = f"""def Mesh "m" {{
       {CUBE}
-      double xformOp:rotateX.timeSamples = {{ 0: 0, 10: 45 }}
-      uniform token[] xformOpOrder = ["xformOp:rotateX"]
+      double3 xformOp:translate.timeSamples = {{ 0: (10, 0, 0), 24: (14, 0, 0), 48: (14, 4, 0), 96: (6, 4, 0) }}
+      uniform token[] xformOpOrder = ["xformOp:translate"]
     }}"""
-    scene = read(tmp_path, body)
-    assert not scene.objects[0].moves
-    assert any(warning.startswith("1 objects turn") for warning in scene.warnings)
+    scene = read(tmp_path, body, f"{METRES_Z_UP}\n timeCodesPerSecond = 24")
+    item = scene.objects[0]
+    for time, place, velocity in (
+        (0.0, (10, 0, 0), (4, 0, 0)),
+        (0.5, (12, 0, 0), (4, 0, 0)),
+        (1.0, (14, 0, 0), (0, 4, 0)),
+        (1.5, (14, 2, 0), (0, 4, 0)),
+        (3.0, (10, 4, 0), (-4, 0, 0)),
+        (4.0, (6, 4, 0), (0, 0, 0)),
+        (9.0, (6, 4, 0), (0, 0, 0)),
+    ):
+        now = item.at(time)
+        np.testing.assert_allclose(now.vertices.mean(axis=0), place, atol=1e-9)
+        np.testing.assert_allclose(now.velocities, np.tile(velocity, (8, 1)), atol=1e-9)
+    assert item.velocity == pytest.approx((4, 0, 0))
+    np.testing.assert_allclose(scene.at(1.5).objects[0].vertices.mean(axis=0), (14, 2, 0), atol=1e-9)
+
+
+def test_objects_of_one_track_are_one_motion(tmp_path: Path) -> None:
+    objects = read(tmp_path, MOVING.replace('def Mesh "house"', 'def Sphere "far" {}\n def Mesh "house"')).objects
+    both = read(tmp_path, MOVING + "\n" + MOVING.replace('"car"', '"other"').replace('"house"', '"barn"')).objects
+    assert objects[0].motion is not None
+    assert objects[1].motion is None
+    assert both[0].motion == both[2].motion
+
+
+def test_a_spinning_wheel_has_the_velocity_of_each_point(tmp_path: Path) -> None:
+    """v + omega x r: a wheel about x, rolling along y, within a car that turns about z."""
+    body = f"""def Xform "car" {{
+      double xformOp:rotateZ.timeSamples = {{ 0: 0, 24: 30 }}
+      double3 xformOp:translate.timeSamples = {{ 0: (100, 0, 0), 24: (100, 12, 0) }}
+      uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateZ"]
+      def Mesh "wheel" {{
+        {CUBE}
+        double xformOp:rotateX.timeSamples = {{ 0: 0, 24: 720 }}
+        double3 xformOp:translate = (0, 2, 0)
+        uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateX"]
+      }}
+      def Mesh "body" {{
+      {CUBE}
+      }}
+    }}"""
+    wheel, shell = read(tmp_path, body, f"{METRES_Z_UP}\n timeCodesPerSecond = 24").objects
+    assert isinstance(wheel.motion, Moving)
+    assert isinstance(shell.motion, Moving)
+    assert (wheel.motion.body, shell.motion.body) == ("/car/wheel", "/car")
+    for time in (0.0, 0.31, 0.7):
+        now, yaw = wheel.at(time), np.radians(30.0 * time)
+        centre = np.array([100.0, 12.0 * time, 0.0]) + 2.0 * np.array([-np.sin(yaw), np.cos(yaw), 0.0])
+        np.testing.assert_allclose(now.vertices.mean(axis=0), centre, atol=1e-9)
+        axle = np.array([np.cos(yaw), np.sin(yaw), 0.0])
+        spin = np.radians(720.0) * axle + np.array([0.0, 0.0, np.radians(30.0)])
+        hub = np.array([0.0, 12.0, 0.0]) + np.cross([0.0, 0.0, np.radians(30.0)], centre - [100.0, 12.0 * time, 0.0])
+        np.testing.assert_allclose(now.velocities, hub + np.cross(spin, now.vertices - centre), atol=1e-9)
+    after = wheel.at(1.0)
+    np.testing.assert_allclose(after.velocities, 0.0, atol=1e-12)
+
+
+def moving_scenes(folder: Path) -> dict[str, Scene]:
+    """Scenes with every kind of motion, by name."""
+    turning = f"""def Xform "a" {{
+      float3 xformOp:rotateXYZ.timeSamples = {{ 0: (0, 0, 0), 7: (40, -20, 10), 24: (80, 0, 300) }}
+      float3 xformOp:scale.timeSamples = {{ 0: (1, 1, 1), 24: (2, 1, 1) }}
+      uniform token[] xformOpOrder = ["xformOp:rotateXYZ", "xformOp:scale"]
+      def Mesh "m" {{
+      {CUBE}
+      {translated(4, 0, 0)}
+      }}
+    }}"""
+    lifted = CUBE_POINTS.removeprefix("point3f[] points = ").replace("-1,1)", "-1,3)")
+    breathing = f"""def Mesh "m" {{
+      point3f[] points.timeSamples = {{ 0: {CUBE_POINTS.removeprefix("point3f[] points = ")}, 12: {lifted} }}
+      {CUBE_FACES}
+      double3 xformOp:translate.timeSamples = {{ 0: (0, 0, 0), 24: (9, 0, 0) }}
+      uniform token[] xformOpOrder = ["xformOp:translate"]
+    }}"""
+    birds = f"""def PointInstancer "birds" {{
+      point3f[] positions.timeSamples = {{ 0: [(0, 0, 0), (9, 0, 0)], 24: [(3, 0, 0), (9, 0, 4)] }}
+      quath[] orientations.timeSamples = {{ 0: [(1, 0, 0, 0), (1, 0, 0, 0)], 24: [(0.5, 0.5, 0.5, 0.5), (0, 0, 0, 1)] }}
+      int[] protoIndices = [0, 0]
+      rel prototypes = </birds/bird>
+      {translated(0, 50, 0)}
+      def Mesh "bird" {{
+      {CUBE}
+      double xformOp:rotateZ.timeSamples = {{ 0: 0, 24: 90 }}
+      uniform token[] xformOpOrder = ["xformOp:rotateZ"]
+      }}
+    }}"""
+    scenes = {}
+    for name, body in {"turning": turning, "breathing": breathing, "birds": birds, "along": MOVING}.items():
+        (folder / name).mkdir()
+        scenes[name] = read(folder / name, body, f"{METRES_Z_UP}\n timeCodesPerSecond = 24")
+    return scenes
+
+
+@pytest.mark.parametrize("name", ["turning", "breathing", "birds", "along"])
+def test_velocities_are_differences_of_positions_at_every_key_and_between(tmp_path: Path, name: str) -> None:
+    scene = moving_scenes(tmp_path)[name]
+    for item in scene.objects:
+        for time in (0.0, 0.1, 7 / 24, 0.4, 0.5, 0.9, 1.0, 2.0):
+            now, later = item.at(time), item.at(time + 1e-6)
+            np.testing.assert_allclose(now.velocities, (later.vertices - now.vertices) / 1e-6, atol=1e-3)
+
+
+def test_instances_that_move_stand_where_usd_has_them(tmp_path: Path) -> None:
+    scene = moving_scenes(tmp_path)["birds"]
+    stage = Usd.Stage.Open(str(tmp_path / "birds" / "stage.usda"))
+    instancer = UsdGeom.PointInstancer.Get(stage, "/birds")
+    for code in (0.0, 5.0, 24.0):
+        theirs = np.array(instancer.ComputeInstanceTransformsAtTime(Usd.TimeCode(code), Usd.TimeCode(code)))
+        for index, item in enumerate(scene.objects):
+            corner = np.array([1.0, 1.0, 1.0, 1.0]) @ theirs[index]  # vertex 7 of the cube
+            np.testing.assert_allclose(item.at(code / 24.0).vertices[7], corner[:3] + np.array([0, 50, 0]), atol=2e-3)
+
+
+def test_what_is_odd_about_an_animation_is_said(tmp_path: Path) -> None:
+    body = f"""def Mesh "m" {{
+      {CUBE}
+      token visibility.timeSamples = {{ 0: "inherited", 5: "invisible" }}
+      double3 xformOp:translate.timeSamples = {{ -24: (0, 0, 0), 0: (1, 0, 0), 24: None,
+        48: (9, 0, 0), 72: (10, 0, 0) }}
+      uniform token[] xformOpOrder = ["xformOp:translate"]
+    }}
+    def Sphere "s" {{
+      double radius.timeSamples = {{ 0: 1, 24: 2 }}
+    }}
+    def Mesh "driven" {{
+      {CUBE}
+      custom double3 radar:velocity = (1, 0, 0)
+      double xformOp:rotateZ.timeSamples = {{ 0: 0, 24: 90 }}
+      uniform token[] xformOpOrder = ["xformOp:rotateZ"]
+    }}"""
+    metadata = f"{METRES_Z_UP}\n timeCodesPerSecond = 24\n startTimeCode = 24\n endTimeCode = 0"
+    scene = read(tmp_path, body, metadata)
+    assert set(scene.warnings) == {
+        "startTimeCode 24 lies after endTimeCode 0: time 0 is that of 0",
+        "1 animations have samples before startTimeCode or after endTimeCode, which count too",
+        "1 gaps in animations (samples without a value) hold the value before them",
+        "1 prims appear or vanish: taken as at the start",
+        "1 solids change their size: taken as they are at the start",
+        "1 objects have radar:velocity and time samples: the attribute says how they move",
+    }
+    item = scene.objects[0]
+    places = [float(item.at(time).vertices[:, 0].mean()) for time in (-1.0, 0.0, 0.5, 1.0, 1.9, 2.0, 2.5, 3.0)]
+    assert places == pytest.approx([0.0, 1.0, 1.0, 1.0, 1.0, 9.0, 9.5, 10.0])
+    assert float(item.at(2.5).velocities[0, 0]) == pytest.approx(1.0)
+    driven = scene.objects[2].at(2.0)
+    np.testing.assert_allclose(driven.vertices.mean(axis=0), [2, 0, 0], atol=1e-9)
+
+
+def test_a_turning_target_points_where_its_prim_does(tmp_path: Path) -> None:
+    body = """def Xform "t" {
+      custom token radar:target = "car"
+      double3 xformOp:translate.timeSamples = { 0: (10, 0, 0), 24: (10, 6, 0) }
+      double xformOp:rotateZ.timeSamples = { 0: 0, 24: 90 }
+      uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateZ"]
+    }"""
+    (target,) = read(tmp_path, body, f"{METRES_Z_UP}\n timeCodesPerSecond = 24").targets
+    now = target.at(0.5)
+    assert now.position == pytest.approx((10, 3, 0))
+    assert now.velocity == pytest.approx((0, 6, 0))
+    np.testing.assert_allclose(now.axes[0], [np.sqrt(0.5), np.sqrt(0.5), 0], atol=1e-12)
+    assert now.spin == pytest.approx((0, 0, np.pi / 2))
+    assert target.velocity == pytest.approx((0, 6, 0))
+
+
+SKINNED = """def SkelRoot "man" {
+  double3 xformOp:translate = (0, 5, 0)
+  uniform token[] xformOpOrder = ["xformOp:translate"]
+  def Skeleton "bones" (prepend apiSchemas = ["SkelBindingAPI"]) {
+    uniform token[] joints = ["hip", "hip/knee"]
+    uniform matrix4d[] bindTransforms = [
+      ( (1,0,0,0), (0,1,0,0), (0,0,1,0), (0,0,0,1) ), ( (1,0,0,0), (0,1,0,0), (0,0,1,0), (0,0,1,1) )]
+    uniform matrix4d[] restTransforms = [
+      ( (1,0,0,0), (0,1,0,0), (0,0,1,0), (0,0,0,1) ), ( (1,0,0,0), (0,1,0,0), (0,0,1,0), (0,0,1,1) )]
+    rel skel:animationSource = </man/bones/walk>
+    def SkelAnimation "walk" {
+      uniform token[] joints = ["hip", "hip/knee"]
+      float3[] translations.timeSamples = { 0: [(0,0,0), (0,0,1)], 12: [(1,0,0), (0,0,1)], 24: [(4,0,0), (0,0,1)] }
+      quatf[] rotations.timeSamples = {
+        0: [(1,0,0,0), (1,0,0,0)], 12: [(1,0,0,0), (0.7071068,0,0.7071068,0)], 24: [(1,0,0,0), (1,0,0,0)] }
+      half3[] scales = [(1,1,1), (1,1,1)]
+    }
+  }
+  def Mesh "leg" (prepend apiSchemas = ["SkelBindingAPI"]) {
+    point3f[] points = [(0,0,0), (0,1,0), (0,0,1), (0,0,2)]
+    int[] faceVertexCounts = [3, 3]
+    int[] faceVertexIndices = [0, 1, 2, 1, 3, 2]
+    uniform token subdivisionScheme = "none"
+    rel skel:skeleton = </man/bones>
+    int[] primvars:skel:jointIndices = [0, 0, 1, 1] ( elementSize = 1
+      interpolation = "vertex" )
+    float[] primvars:skel:jointWeights = [1, 1, 1, 1] ( elementSize = 1
+      interpolation = "vertex" )
+    matrix4d primvars:skel:geomBindTransform = ( (1,0,0,0), (0,1,0,0), (0,0,1,0), (0,0,0,1) )
+  }
+}"""
+
+
+def test_a_skinned_mesh_is_posed_at_its_time(tmp_path: Path) -> None:
+    """The knee bends by 90 deg about y while the hip goes forward: the foot, 1 m above it here, ends beside it."""
+    scene = read(tmp_path, SKINNED, f"{METRES_Z_UP}\n timeCodesPerSecond = 24")
+    (item,) = scene.objects
+    assert not any("rest pose" in warning for warning in scene.warnings)
+    np.testing.assert_allclose(item.vertices[3], [0, 5, 2], atol=1e-6)
+    for time, foot in ((0.0, [0, 5, 2]), (0.5, [2, 5, 1]), (1.0, [4, 5, 2]), (3.0, [4, 5, 2])):
+        np.testing.assert_allclose(item.at(time).vertices[3], foot, atol=1e-6)
+    np.testing.assert_allclose(item.at(0.25).velocities[0], [2, 0, 0], atol=1e-6)
+    np.testing.assert_allclose(item.at(0.5).velocities[3], [4, 0, 2], atol=1e-5)
+
+
+def test_instances_of_a_skinned_mesh_are_posed_too(tmp_path: Path) -> None:
+    write_usda(tmp_path, SKINNED, f'{METRES_Z_UP}\n defaultPrim = "man"\n timeCodesPerSecond = 24', "man.usda")
+    walkers = [
+        f"""def "walker{n}" (instanceable = true
+    references = @man.usda@) {{
+    double3 xformOp:translate = (0, {n}, 0)
+    }}"""
+        for n in (7, 9)
+    ]
+    crowd = 'def Xform "crowd" {\n def "one" (instanceable = true\n references = @man.usda@) {\n }\n}'
+    write_usda(tmp_path, crowd, f'{METRES_Z_UP}\n defaultPrim = "crowd"', "crowd.usda")
+    group = 'def "group" (instanceable = true\n references = @crowd.usda@) {\n}'
+    scene = read(tmp_path, "\n".join([*walkers, group]), f"{METRES_Z_UP}\n timeCodesPerSecond = 24")
+    assert not any("rest pose" in warning for warning in scene.warnings)
+    feet = [item.at(0.5).vertices[3] for item in scene.objects]
+    np.testing.assert_allclose(feet, [[2, 7, 1], [2, 9, 1], [2, 5, 1]], atol=1e-6)
+
+
+def test_a_spline_is_followed(tmp_path: Path) -> None:
+    body = f"""def Mesh "m" {{
+      {CUBE}
+      double xformOp:translateX.spline = {{
+        0: 0; post linear,
+        24: 6; post held,
+        48: 10; post linear,
+      }}
+      uniform token[] xformOpOrder = ["xformOp:translateX"]
+    }}"""
+    item = read(tmp_path, body, f"{METRES_Z_UP}\n timeCodesPerSecond = 24").objects[0]
+    places = [float(item.at(time).vertices[:, 0].mean()) for time in (0.0, 0.5, 1.0, 1.9, 2.0, 3.0)]
+    assert places == pytest.approx([0, 3, 6, 6, 10, 10])
+    assert float(item.at(0.5).velocities[0, 0]) == pytest.approx(6.0)
+    assert float(item.at(1.5).velocities[0, 0]) == 0.0
 
 
 def test_point_instances_move(tmp_path: Path) -> None:

@@ -56,7 +56,7 @@ def test_a_missing_sublayer_is_named(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "metadata",
-    ["metersPerUnit = 0", "metersPerUnit = -1", 'upAxis = "X"', "timeCodesPerSecond = 0", "startTimeCode = nan"],
+    ["metersPerUnit = 0", "metersPerUnit = -1", 'upAxis = "W"', "timeCodesPerSecond = 0", "startTimeCode = nan"],
 )
 def test_impossible_metadata_is_named(tmp_path: Path, metadata: str) -> None:
     with pytest.raises(InputError, match=metadata.split()[0]):

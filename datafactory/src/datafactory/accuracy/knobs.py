@@ -104,7 +104,9 @@ class KnobSettings:
 
 SIGNAL_EFFECTS = ("doppler", "range_migration", "intra_chirp_motion", "near_field")
 """Effects on the way from paths to signal."""
-POWER_EFFECTS = ("specular", "diffuse", "multi_bounce", "refraction", "diffraction", "antenna_pattern", "rcs_targets")
+POWER_EFFECTS = (
+    "specular", "diffuse", "multi_bounce", "refraction", "diffraction", "corners", "antenna_pattern", "rcs_targets",
+)  # fmt: skip
 """Effects that add paths or change their power. What is left is the noise, which no frame here has."""
 DEFAULT = KnobSettings()
 CONVERGED = replace(DEFAULT, prune_db=UNPRUNED_DB, truth_terms=6)

@@ -33,6 +33,8 @@ Real = NDArray[np.float64]
 class SphereLattice(RayFan):
     """The solver's own first directions: a Fibonacci lattice over the whole sphere, shifted by the same offset."""
 
+    aimable = False
+
     def unit_square(self) -> Real:
         """[count, 2] points of the unit square, see :meth:`RayFan.unit_square`."""
         index = np.arange(self.count)

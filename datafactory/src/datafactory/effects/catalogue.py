@@ -12,9 +12,10 @@ AUTO = "auto"
 DESCRIPTIONS = {
     "specular": "mirrors",
     "diffuse": "rough surfaces",
-    "multi_bounce": "more than one bounce; off: single bounces alone",
+    "multi_bounce": "more than one bounce, and targets over mirrors; off: single bounces alone",
     "refraction": "waves through panes; off: panes are opaque",
     "diffraction": "echoes of edges, and targets seen round them",
+    "corners": "right-angled corners, seen by a bounce on either face",
     "doppler": "motion; off: the scene stands still as it is at mid-frame, and one chirp is simulated",
     "range_migration": "echoes that cross range bins within the frame; off: each keeps its range of mid-frame",
     "intra_chirp_motion": "motion within a chirp; off: every chirp sees the scene as it is at its start",
@@ -37,6 +38,7 @@ class EffectSet:
     multi_bounce: bool = True
     refraction: bool = True
     diffraction: bool = True
+    corners: bool = True
     doppler: bool = True
     range_migration: bool = True
     intra_chirp_motion: bool = True
@@ -76,6 +78,7 @@ class EffectSet:
                 diffuse=trace.diffuse and self.diffuse,
                 refraction=self.refraction,
                 diffraction=self.diffraction,
+                corners=self.corners,
                 point_targets=self.rcs_targets,
             ),
             processing=every,

@@ -15,10 +15,11 @@ from datafactory.frame.chain import ChainSettings, SceneSource, illuminated
 from datafactory.frame.deal import DealtFrame
 from datafactory.frame.needs import Cells, cells_of, noisy_share
 from datafactory.frame.prepared import PreparedScene, Sample
+from datafactory.paths.corner_edges import corners_of
 from datafactory.paths.edges import edges_of
 from datafactory.paths.merged_scene import slabs_of
 from datafactory.paths.panes import slab_transmission
-from datafactory.paths.table import DIFFRACTED, DIFFUSE, REFRACTED, SPECULAR, TARGET, PathTable
+from datafactory.paths.table import CORNER, DIFFRACTED, DIFFUSE, REFRACTED, SPECULAR, TARGET, PathTable
 from shared.physics.units import amplitude_to_db, power_to_db
 from shared.radar import Radar
 
@@ -108,6 +109,7 @@ def _of_frame(table: PathTable, radar: Radar, truth_window: str, absent: Mapping
         "multi_bounce": lambda: _bounces_more_than_once(table).astype(np.float64),
         "refraction": of_kind(REFRACTED),
         "diffraction": of_kind(DIFFRACTED),
+        "corners": of_kind(CORNER),
         "doppler": lambda: changes.doppler_change(rates, waveform) ** 2,
         "range_migration": lambda: changes.migration_change(rates, waveform) ** 2,
         "intra_chirp_motion": lambda: changes.intra_chirp_change(rates, waveform) ** 2,
@@ -132,7 +134,7 @@ def _lit_paths(
     """Illuminated paths of one frame with every effect that the scene has something for."""
     everything = replace(
         settings.trace, rays=EVIDENCE_RAYS, depth=EVIDENCE_DEPTH, specular=True, diffuse=True, refraction=panes,
-        diffraction=True, point_targets=True,
+        diffraction=True, corners=True, point_targets=True,
     )  # fmt: skip
     settings = replace(settings, trace=everything, antenna_pattern=True)
     return illuminated(SceneSource(frame, scene, settings).traced(radar), settings, radar)
@@ -147,6 +149,8 @@ def _absent(scene: PreparedScene, radar: Radar, panes: bool) -> dict[str, str]:
         found["refraction"] = "no material lets a wave through"
     if not scene.merged.meshes or not len(edges_of(scene.merged)):
         found["diffraction"] = "there is no edge"
+    if not scene.merged.meshes or not len(corners_of(scene.merged)):
+        found["corners"] = "no two faces meet at a right angle"
     if radar.waveform.chirps == 1:
         found |= dict.fromkeys(("doppler", "range_migration"), "the frame has one chirp")
     if not scene.merged.targets:
@@ -221,6 +225,8 @@ def _kinds(table: PathTable) -> NDArray[np.uint8]:
 
 
 def _bounces_more_than_once(table: PathTable) -> NDArray[np.bool_]:
-    """[K] whether a path has two or more bounces; diffraction at an edge does not count as one."""
+    """[K] whether a path has two or more bounces; diffraction at an edge does not count as one, and the bounces in a
+    right-angled corner are an effect of their own.
+    """
     depth = np.concatenate([table.scattered.depth, table.specular.depth])
-    return (depth > 1) & (_kinds(table) & DIFFRACTED == 0)
+    return (depth > 1) & (_kinds(table) & (DIFFRACTED | CORNER) == 0)

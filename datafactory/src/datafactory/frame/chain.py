@@ -78,6 +78,7 @@ class ChainSettings:
             "multi_bounce": trace.depth > 1,
             "refraction": trace.refraction,
             "diffraction": trace.diffraction,
+            "corners": trace.corners,
             "rcs_targets": trace.point_targets,
         }
 
@@ -123,7 +124,7 @@ class SceneSource:
         settings = replace(self.settings.trace, polarization=(front_end.tx_polarization, front_end.rx_polarization))
         table = at(
             "trace", trace, scene.merged, scene.materials, frame.where, radar.waveform.mid_sweep_hz, settings, fan,
-            rays.solver_seed,
+            rays.solver_seed, frame.target_seed(),
         )  # fmt: skip
         table = replace(table, counts={**table.counts, **_counted(self.settings.path_effects())})
         return TracedFrame(
@@ -190,6 +191,7 @@ def measured(source: Source, radar: Radar, at: Hook = plainly) -> Measurement:
         targets = frame.targets
         if targets is None:
             targets = draw_close_targets(radar, settings.close_targets, generator(frame.seed, "targets"))
+        targets = targets.echo_points(radar, frame.target_seed())
         identity = FrameIdentity(frame.frame_id, "points", "points", frame.seed)
         paths, known, counted = targets.path_table(radar), targets.truth(radar), dict[str, int]()
         tolerance = min(settings.processing.tolerance, POINTS_TOLERANCE)

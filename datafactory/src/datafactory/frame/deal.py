@@ -114,6 +114,10 @@ class DealtFrame:
         offset = (float(stream.random()), float(stream.random()))
         return Rays(offset, int(stream.integers(SOLVER_SEEDS)))
 
+    def target_seed(self) -> int:
+        """Of where in their cycle the moving parts of targets are: of the frame, whatever its rays."""
+        return int(generator(self.seed, "targets").integers(SOLVER_SEEDS))
+
     def with_rays(self, realisation: int) -> DealtFrame:
         """The same frame with other rays."""
         return replace(self, realisation=realisation)

@@ -9,13 +9,16 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, TypeAdapter, ValidationError, model_validator
 
+from datafactory.paths.echo_points import Seen, all_echo_points
 from datafactory.paths.table import PathTable, ScatteredPaths
+from datafactory.scenes.scene import PointTarget
+from datafactory.scenes.targets.models import OPTIONS, SIZES, RcsModel, target_model
 from shared.dataset import Target
 from shared.physics.errors import InputError
 from shared.physics.units import FARTHEST_M, FASTEST_MPS, amplitude_to_db, power_to_db
@@ -48,16 +51,35 @@ class CloseTargets:
 
 @dataclass(frozen=True)
 class PointTargets:
-    """K targets in the radar frame at t = 0.
+    """K targets in the radar frame at t = 0, and those that have a model.
 
     :param position: [K, 3] [m]; :param velocity: [K, 3] [m/s]
     :param rcs_dbsm: [K] [dBsm]; :param phase_rad: [K] [rad]
+    :param models: targets whose echo points follow from a model, in the radar frame
     """
 
     position: NDArray[np.float64]
     velocity: NDArray[np.float64]
     rcs_dbsm: NDArray[np.float64]
     phase_rad: NDArray[np.float64]
+    models: tuple[PointTarget, ...] = ()
+
+    def echo_points(self, radar: Radar, seed: int) -> PointTargets:
+        """The same targets, the echo points of those with a model in their place.
+
+        :param seed: of where in their cycle moving parts are at t = 0
+        """
+        if not self.models:
+            return self
+        crossed = radar.front_end.tx_polarization != radar.front_end.rx_polarization
+        seen = Seen(radar.waveform.wavelength_m, 0.0, crossed, seed)
+        points = all_echo_points(self.models, (0.0, 0.0, 0.0), seen).heard()
+        return PointTargets(
+            position=np.concatenate([self.position, points.position]),
+            velocity=np.concatenate([self.velocity, points.velocity]),
+            rcs_dbsm=np.concatenate([self.rcs_dbsm, power_to_db(points.rcs_m2)]),
+            phase_rad=np.concatenate([self.phase_rad, np.zeros(len(points.rcs_m2))]),
+        )
 
     def path_table(self, radar: Radar) -> PathTable:
         """Their echoes, illuminated: amplitudes in sqrt(W) by the radar equation."""
@@ -146,13 +168,56 @@ class _Entry(BaseModel):
     vx: Speed = 0.0
     vy: Speed = 0.0
     vz: Speed = 0.0
-    rcs_dbsm: Annotated[FiniteFloat, Field(ge=-200, le=200)]
+    rcs_dbsm: Annotated[FiniteFloat, Field(ge=-200, le=200)] | None = None
     phase: FiniteFloat = 0.0
+    model: str | None = None
+    heading_deg: FiniteFloat | None = None
+    sizes: dict[str, FiniteFloat] = {}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _sizes_apart(cls, entry: Any) -> Any:
+        """Sizes and options of models stand beside the other fields."""
+        if not isinstance(entry, dict) or "sizes" in entry:
+            return entry if not isinstance(entry, dict) else {**entry, "sizes": "no field of a target"}
+        sizes = {name: entry[name] for name in (*SIZES, *OPTIONS) if name in entry}
+        return {name: value for name, value in entry.items() if name not in sizes} | ({"sizes": sizes} if sizes else {})
+
+    @model_validator(mode="after")
+    def _one_level(self) -> Self:
+        if self.model is None:
+            if self.rcs_dbsm is None:
+                raise ValueError("no rcs_dbsm; expected one, or a model")
+            if self.sizes or self.heading_deg is not None:
+                stated = [*self.sizes, *(["heading_deg"] if self.heading_deg is not None else [])]
+                raise ValueError(f'{stated[0]} without a model; expected "model" beside it')
+            return self
+        if self.rcs_dbsm is not None or self.phase:
+            raise ValueError("a model beside rcs_dbsm or phase; expected one of the two: a model has its own level")
+        if problem := self.rcs_model().unfit(float(np.dot(self.axes()[0], self.velocity()))):
+            raise ValueError(problem)
+        return self
+
+    def rcs_model(self) -> RcsModel:
+        """:raises ValueError: no such model, or sizes that it does not have"""
+        return target_model(self.model or "", self.sizes)
+
+    def velocity(self) -> tuple[float, float, float]:
+        return self.vx, self.vy, self.vz
+
+    def axes(self) -> tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]:
+        """The model's x, y and z: level, x where it heads for, or else where it moves to, or else ahead."""
+        heading = np.arctan2(self.vy, self.vx) if self.heading_deg is None else np.radians(self.heading_deg)
+        cosine, sine = float(np.cos(heading)), float(np.sin(heading))
+        return (cosine, sine, 0.0), (-sine, cosine, 0.0), (0.0, 0.0, 1.0)
 
 
 def read_targets(path: Path) -> tuple[PointTargets, ...]:
     """Frames of ``--targets``: ``[[{"x": m, "y": m, "z": m, "vx": m/s, ..., "rcs_dbsm": dB, "phase": rad}, ...],
     ...]``.
+
+    In place of a level and a phase a target may have a model, with its sizes and options beside it and a heading:
+    ``{"x": 9, "y": 1, "z": -0.5, "vx": -1.4, "model": "pedestrian", "stature_m": 1.75, "heading_deg": 180}``.
 
     :raises InputError: an unreadable file, another shape, a field or value that does not belong, a target at the origin
     """
@@ -176,9 +241,18 @@ def read_targets(path: Path) -> tuple[PointTargets, ...]:
 
 
 def _as_arrays(frame: list[_Entry]) -> PointTargets:
+    models = tuple(_as_target(f"target {index}", entry) for index, entry in enumerate(frame) if entry.model is not None)
+    frame = [entry for entry in frame if entry.model is None]
     return PointTargets(
         position=np.array([[entry.x, entry.y, entry.z] for entry in frame]).reshape(-1, 3),
         velocity=np.array([[entry.vx, entry.vy, entry.vz] for entry in frame]).reshape(-1, 3),
         rcs_dbsm=np.array([entry.rcs_dbsm for entry in frame], dtype=float),
         phase_rad=np.array([entry.phase for entry in frame], dtype=float),
+        models=models,
     )
+
+
+def _as_target(name: str, entry: _Entry) -> PointTarget:
+    model = entry.rcs_model()
+    place = (entry.x, entry.y, entry.z)
+    return PointTarget(name, place, model.nominal_rcs_dbsm, entry.velocity(), model, entry.axes())

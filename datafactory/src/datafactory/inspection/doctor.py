@@ -17,6 +17,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 from datafactory.paths.backend import cuda_usable, find_llvm
 from shared.physics.errors import InputError
+from shared.processes.strangers import OURS, remedy, strangers
 
 MINIMUM_PYTHON = (3, 11)
 MINIMUM_MEMORY_GIB = 4.0
@@ -63,6 +64,7 @@ def examine() -> list[Finding]:
     """Look at everything the data factory needs; nothing is raised for anything that is missing."""
     return [
         _python(),
+        *examine_names(),
         _package("numba"),
         _package("usd-core"),
         _package("mitsuba"),
@@ -76,6 +78,19 @@ def examine() -> list[Finding]:
         _cores(),
         _memory(),
         _disk(),
+    ]
+
+
+def examine_names() -> list[Finding]:
+    """One line for each of our packages that somebody else's distribution is installed over; one line where none is."""
+    found = {package: names for package in OURS if (names := strangers(package))}
+    if not found:
+        return [Finding("package names", ", ".join(OURS), True)]
+    return [
+        Finding(
+            f"package {package}", f"{', '.join(names)} is installed over {OURS[package]}", False, remedy(package, names)
+        )
+        for package, names in found.items()
     ]
 
 

@@ -202,7 +202,7 @@ def edge_echoes(
     axes = [polarization_axis(rays.inward, which) for which in polarization]
     field = field_over_edges(edges, rays, slabs, frequency_hz, axes[0], axes[1], mirrors_end)
     amplitude = np.conj(wavelength / (4.0 * np.pi) * field)
-    velocity = diffracting_velocity(edges.velocity[rays.edge], edges.direction[rays.edge], rays.at_end)
+    velocity = diffracting_velocity(edges.velocity_at(rays.edge, rays.point), edges.direction[rays.edge], rays.at_end)
     level = along_array(edges.direction[rays.edge], rays.inward)
     across, along = np.flatnonzero(~level), np.flatnonzero(level)
     owner = edges.object_index[rays.edge]

@@ -3,12 +3,12 @@
 An edge is a fold between two triangles, or the rim of a sheet (a half plane, n = 2). The wedge's exterior is the side
 on which the faces make more than 180 deg. The winding of the triangles is not used, because files often have it wrong.
 An observer on the other side sees an inner corner, which does not diffract; the angles of
-:mod:`datafactory.paths.diffraction` leave it out. Flat folds, as of terrain and of tessellated curves, are counted and
-left out.
+:mod:`datafactory.paths.diffraction` leave it out. Flat folds, as of terrain, are counted and left out, and so are folds
+between facets of a curved surface, which has no edge there (:mod:`datafactory.paths.smooth`).
 
-Meshes of one velocity form one body, because a roof and its walls are often meshes of different materials. Their
-vertices are welded within ``WELD_M``. Collinear pieces that share a vertex, the faces' planes and the materials are one
-edge.
+Triangles meet within one body (:mod:`datafactory.paths.bodies`). Collinear pieces that share a vertex, the faces'
+planes and the materials are one edge. Of bodies that do not turn, the edges are found once and shifted; of the others,
+for each time.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from datafactory.paths.merged_scene import MergedMesh, MergedScene
+from datafactory.paths.bodies import Body, bodies_of, into_faces
+from datafactory.paths.merged_scene import MergedScene, motions_of
+from datafactory.paths.smooth import smooth_facets
 from datafactory.paths.unfold import unit
 from datafactory.scenes.poses import Pose
 
 Real = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-WELD_M = 1e-4
-"""Vertices nearer than this are one [m]."""
 FLATTEST_FOLD_DEG = 15.0
 """Smallest angle between the planes of two faces that makes an edge: a 30-sided column has none, a 16-sided one does.
 Straight back from metal, 15 deg is 10 (hard) to 14 dB (soft) below a right angle, in the median over directions.
@@ -45,7 +45,8 @@ STRAIGHT_M = 1e-3
 class WedgeEdges:
     """E wedges. Around an edge, angles run from the 0-face through the exterior to the n-face, at n pi.
 
-    In world coordinates at time 0 as :func:`edges_of` finds them, in the radar's after :meth:`seen_from`.
+    In world coordinates as :func:`edges_of` finds them; in the radar's after :meth:`seen_from`, where they are at the
+    scene's time.
 
     :param start, end: [E, 3] [m]
     :param direction: [E, 3] unit vector from start to end; (into the 0-face, normal_0, direction) are right-handed
@@ -54,7 +55,8 @@ class WedgeEdges:
     :param exterior_n: [E] n, above 1 and at most 2
     :param face_mesh: [E, 2] index into ``MergedScene.meshes`` of the two faces' materials; a half plane has the same
         twice
-    :param velocity: [E, 3] [m/s]
+    :param velocity: [E, 3] of the start [m/s]; :param turn: [E, 3] velocity of the end less that, over the length [1/s]
+    :param shift: [E, 3] what is to be added to the points [m]: the displacement of a body that does not turn
     :param object_index: [E] index into ``MergedScene.objects`` of the 0-face
     :param counts: what was found and left out: ``edges``, ``half_planes``, ``merged``, ``flat``, ``non_manifold``,
         ``doubled_triangles``, ``collapsed_triangles``
@@ -68,6 +70,8 @@ class WedgeEdges:
     exterior_n: Real
     face_mesh: Index
     velocity: Real
+    turn: Real
+    shift: Real
     object_index: NDArray[np.int32]
     counts: dict[str, int] = field(default_factory=dict)
 
@@ -80,9 +84,9 @@ class WedgeEdges:
         return WedgeEdges(**kept, counts=self.counts)
 
     def seen_from(self, pose: Pose) -> WedgeEdges:
-        """The same edges in the radar frame at the pose's time, velocities relative to the radar."""
+        """The same edges in the radar frame, velocities relative to the radar."""
         rotation = pose.rotation()
-        moved = self.velocity * pose.time_s - np.asarray(pose.position)
+        moved = self.shift - np.asarray(pose.position)
         return replace(
             self,
             start=(self.start + moved) @ rotation,
@@ -91,7 +95,16 @@ class WedgeEdges:
             normal_0=self.normal_0 @ rotation,
             normal_n=self.normal_n @ rotation,
             velocity=(self.velocity - np.asarray(pose.velocity)) @ rotation,
+            turn=self.turn @ rotation,
+            shift=np.zeros_like(self.shift),
         )
+
+    def velocity_at(self, index: Index, point: Real) -> Real:
+        """[K, 3] velocities [m/s] of the points [K, 3] of the edges ``index`` [K]."""
+        if not self.turn.any():
+            return self.velocity[index]
+        along = np.einsum("ki,ki->k", point - self.start[index], self.direction[index])
+        return self.velocity[index] + along[:, None] * self.turn[index]
 
     def within(self, distance_m: float) -> WedgeEdges:
         """The edges of which a part lies nearer than this to the origin [m]: in the radar frame, those in range."""
@@ -103,109 +116,67 @@ class WedgeEdges:
 
 @lru_cache(maxsize=8)
 def edges_of(merged_scene: MergedScene) -> WedgeEdges:
-    """All wedges of a merged scene, made once for each."""
-    bodies: dict[tuple[float, ...], list[int]] = {}
-    for index, mesh in enumerate(merged_scene.meshes):
-        bodies.setdefault(tuple(mesh.velocity), []).append(index)
-    parts = [_edges_of_body(merged_scene.meshes, members) for members in bodies.values()]
-    if not parts:
-        parts = [_edges_of_body((), [])]
+    """All wedges of a merged scene at its time, made once for each."""
+    found = _joined([_edges_of_body(body) for body in bodies_of(merged_scene)])
+    velocity, shift = motions_of(merged_scene, found.face_mesh[:, 0])
+    return _with_turn(replace(found, velocity=velocity, shift=shift), merged_scene)
+
+
+def _with_turn(edges: WedgeEdges, merged_scene: MergedScene) -> WedgeEdges:
+    """The edges with the velocities of those that turn: at the start, and their change along the edge."""
+    if not merged_scene.turns or not len(edges):
+        return edges
+    turned = np.array([mesh.turned is not None for mesh in merged_scene.meshes], dtype=bool)
+    velocity, turn = edges.velocity.copy(), edges.turn.copy()
+    for index in np.flatnonzero(turned):
+        mesh, here = merged_scene.meshes[index], np.flatnonzero(edges.face_mesh[:, 0] == index)
+        if not len(here):
+            continue
+        assert mesh.turned is not None
+        tree = cKDTree(mesh.vertices)  # an edge's ends are vertices of its 0-face's mesh, up to ``WELD_M``
+        at_start, at_end = (mesh.turned.velocities[tree.query(points[here])[1]] for points in (edges.start, edges.end))
+        length = np.linalg.norm(edges.end[here] - edges.start[here], axis=1, keepdims=True)
+        velocity[here], turn[here] = at_start, (at_end - at_start) / length
+    return replace(edges, velocity=velocity, turn=turn)
+
+
+def _joined(parts: list[WedgeEdges]) -> WedgeEdges:
     names = [item.name for item in fields(WedgeEdges) if item.name != "counts"]
-    counts = {key: sum(part.counts[key] for part in parts) for key in parts[0].counts}
+    keys = {key: None for part in parts for key in part.counts}
+    counts = {key: sum(part.counts.get(key, 0) for part in parts) for key in keys}
     return WedgeEdges(
         **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names}, counts=counts
     )
 
 
-@dataclass(frozen=True)
-class _Body:
-    """Welded triangles of one velocity."""
-
-    vertices: Real  # [V, 3]
-    triangles: Index  # [T, 3]
-    mesh: Index  # [T]
-    owner: NDArray[np.int32]  # [T] index into the merged scene's objects
-
-
-def _edges_of_body(meshes: tuple[MergedMesh, ...], members: list[int]) -> WedgeEdges:
-    body, counts = _welded(meshes, members)
-    pairs, faces, half_plane, non_manifold = _shared_edges(body.triangles)
-    edges = _wedges(body, pairs, faces)
+@lru_cache(maxsize=32)
+def _edges_of_body(body: Body) -> WedgeEdges:
+    """The wedges of a body, found once; those of one that turns are found for each time."""
+    edges = _wedges(body)
     sharp = np.cos((edges.exterior_n - 1.0) * np.pi) < np.cos(np.radians(FLATTEST_FOLD_DEG))
-    edges, pairs = edges.take(sharp), pairs[sharp]
+    sharp &= ~smooth_facets(body).smooth
+    edges, pairs = edges.take(sharp), body.pairs[sharp]
     merged = _merged_collinear(edges, pairs)
-    velocity = meshes[members[0]].velocity if members else np.zeros(3)
-    counts |= {
+    counts = {
         "edges": len(merged),
         "half_planes": int((merged.exterior_n == 2.0).sum()),
         "merged": len(edges) - len(merged),
-        "flat": int((~sharp & ~half_plane).sum()),
-        "non_manifold": non_manifold,
+        "flat": int((~sharp & ~body.rim).sum()),
+        "non_manifold": body.non_manifold,
+        "doubled_triangles": len(body.doubles),
+        "collapsed_triangles": body.collapsed,
     }
-    return replace(merged, velocity=np.tile(velocity, (len(merged), 1)), counts=counts)
+    return replace(merged, counts=counts)
 
 
-def _welded(meshes: tuple[MergedMesh, ...], members: list[int]) -> tuple[_Body, dict[str, int]]:
-    """All triangles of a body on common vertices, without those that collapse and without doubles."""
-    chosen = [meshes[index] for index in members]
-    starts = np.cumsum([0] + [len(mesh.vertices) for mesh in chosen])
-    every = np.concatenate([np.zeros((0, 3)), *(mesh.vertices for mesh in chosen)])
-    distinct, first = np.unique(every, axis=0, return_inverse=True)
-    near = cKDTree(distinct).query_pairs(WELD_M, output_type="ndarray") if len(distinct) else np.zeros((0, 2), int)
-    ties = coo_array((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=(len(distinct),) * 2)
-    count, point = connected_components(ties, directed=False) if len(distinct) else (0, np.zeros(0, dtype=int))
-    vertices = np.zeros((count, 3))
-    vertices[point[::-1]] = distinct[::-1]  # each point lies where its first vertex does
-    triangles = np.concatenate(
-        [np.zeros((0, 3), int), *(m.triangles + s for m, s in zip(chosen, starts, strict=False))]
-    )
-    triangles = point[first.reshape(-1)][triangles] if len(triangles) else triangles
-    mesh = np.repeat(np.array(members, dtype=np.int64), [len(m.triangles) for m in chosen])
-    owner = np.concatenate([np.zeros(0, np.int32), *(m.object_of_triangle for m in chosen)]).astype(np.int32)
-    ordered = np.sort(triangles, axis=1)
-    solid = (ordered[:, 0] != ordered[:, 1]) & (ordered[:, 1] != ordered[:, 2])
-    corner = vertices[triangles]
-    doubled_area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
-    solid &= doubled_area > 0.0
-    _, single = np.unique(ordered[solid], axis=0, return_index=True)
-    kept = np.flatnonzero(solid)[np.sort(single)]
-    counts = {
-        "doubled_triangles": int(solid.sum()) - len(kept),
-        "collapsed_triangles": int((~solid).sum()),
-    }
-    return _Body(vertices, triangles[kept], mesh[kept], owner[kept]), counts
-
-
-def _shared_edges(triangles: Index) -> tuple[Index, Index, NDArray[np.bool_], int]:
-    """Edges of one or two triangles: vertices [E, 2], triangles [E, 2] (twice the same on a rim), rims [E].
-
-    Last, the number of edges that more than two triangles share; none of those is used.
-    """
-    sides = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
-    face = np.tile(np.arange(len(triangles)), 3)
-    order = np.lexsort((face, sides[:, 1], sides[:, 0]))
-    sides, face = sides[order], face[order]
-    new = np.ones(len(sides), dtype=bool)
-    new[1:] = (sides[1:] != sides[:-1]).any(axis=1)
-    first = np.flatnonzero(new)
-    uses = np.diff(np.append(first, len(sides)))
-    kept = first[uses <= 2]
-    rim = uses[uses <= 2] == 1
-    faces = np.stack([face[kept], face[np.where(rim, kept, kept + 1)]], axis=1) if len(kept) else np.zeros((0, 2), int)
-    return sides[kept], faces, rim, int((uses > 2).sum())
-
-
-def _wedges(body: _Body, pairs: Index, faces: Index) -> WedgeEdges:
+def _wedges(body: Body) -> WedgeEdges:
     """The wedge at every edge; the interior is the side on which its faces make less than 180 deg."""
+    pairs, faces = body.pairs, body.faces
     start, end = body.vertices[pairs[:, 0]], body.vertices[pairs[:, 1]]
     along = unit(end - start)
-    into = []  # unit vectors [E, 3] from the edge into either face, across the edge
-    for side in (0, 1):
-        centre = body.vertices[body.triangles[faces[:, side]]].mean(axis=1) - start
-        into.append(unit(centre - np.einsum("ei,ei->e", centre, along)[:, None] * along))
-    rim = faces[:, 0] == faces[:, 1]
+    into = into_faces(body)
     cosine = np.clip(np.einsum("ei,ei->e", *into), -1.0, 1.0)
-    exterior_n = np.where(rim, 2.0, 2.0 - np.arccos(cosine) / np.pi)
+    exterior_n = np.where(body.rim, 2.0, 2.0 - np.arccos(cosine) / np.pi)
     # The edge's direction is chosen so that angles from the 0-face run through the exterior first.
     turn = np.where(np.einsum("ei,ei->e", np.cross(into[0], into[1]), along) > 0.0, -1.0, 1.0)
     direction = turn[:, None] * along
@@ -218,6 +189,8 @@ def _wedges(body: _Body, pairs: Index, faces: Index) -> WedgeEdges:
         exterior_n=exterior_n,
         face_mesh=body.mesh[faces].reshape(-1, 2),
         velocity=np.zeros(start.shape),
+        turn=np.zeros(start.shape),
+        shift=np.zeros(start.shape),
         object_index=body.owner[faces[:, 0]],
     )
 

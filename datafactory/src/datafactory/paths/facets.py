@@ -17,14 +17,14 @@ At an edge F = 1/2, at a right-angled corner 1/4; a plate far smaller than the z
 radar from another point, and is diffraction. The sign of the phase is that of the PathTable: it grows with the length.
 
 Limits: the facet is plane and lit as a whole; successive mirrors are treated one by one; coplanar pieces count as one
-mirror of one material (where they overlap, as their mean), pieces of a curved surface do not add up (use point targets
-for spheres and cylinders).
+mirror of one material (where they overlap, as their mean). Pieces of a curved surface are no mirrors of their own:
+:mod:`datafactory.paths.curved_mirrors`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
@@ -61,21 +61,25 @@ TABLE = wofz(1j * np.sqrt(RATE) * TABLE_STEP * np.arange(int(np.sqrt(CUT) / TABL
 class Mirrors:
     """The triangles of a merged scene as mirrors; the boundary of a triangle's plane is found on first use.
 
-    :param corners: [T, 3, 3] all meshes' triangles one after another, world [m] at time 0
+    :param corners: [T, 3, 3] all meshes' triangles one after another, world [m], without their meshes' shifts
     :param normals: [T, 3] unit normals
-    :param body: [T] number of the velocity that the triangle moves with: planes join only within one
+    :param body: [T] number of the rigid body that the triangle belongs to: planes join only within one
+    :param known: the mirrors of time 0, whose boundaries hold for the triangles that do not turn; None at that time
+    :param turned: [T] whether the triangle turns
     """
 
     corners: Real
     normals: Real
     body: NDArray[np.int64]
+    known: Mirrors | None = None
+    turned: NDArray[np.bool_] | None = None
     _edges: dict[int, Real] = field(default_factory=dict, compare=False, repr=False)
 
     @staticmethod
     def of(meshes: Sequence[MergedMesh]) -> Mirrors:
         corners = [mesh.vertices[mesh.triangles] for mesh in meshes]
-        velocities = sorted({tuple(mesh.velocity) for mesh in meshes})
-        body = [np.full(len(m.triangles), velocities.index(tuple(m.velocity)), dtype=np.int64) for m in meshes]
+        numbers = {body: n for n, body in enumerate(dict.fromkeys(mesh.rigid_body for mesh in meshes))}
+        body = [np.full(len(mesh.triangles), numbers[mesh.rigid_body], dtype=np.int64) for mesh in meshes]
         every = np.concatenate([np.zeros((0, 3, 3)), *corners])
         normal = np.cross(every[:, 1] - every[:, 0], every[:, 2] - every[:, 0])
         length = np.linalg.norm(normal, axis=1, keepdims=True)
@@ -83,6 +87,8 @@ class Mirrors:
 
     def edges(self, triangle: int) -> Real:
         """[E, 2, 3] directed boundary edges [m] of all triangles in the plane of this one, inside on their left."""
+        if self.known is not None and self.turned is not None and not self.turned[triangle]:
+            return self.known.edges(triangle)
         if triangle not in self._edges:
             self._edges[triangle] = self._boundary(triangle)
         return self._edges[triangle]
@@ -100,8 +106,15 @@ class Mirrors:
 
 @lru_cache(maxsize=8)
 def mirrors_of(merged_scene: MergedScene) -> Mirrors:
-    """The mirrors of a merged scene, made once."""
-    return Mirrors.of(merged_scene.meshes)
+    """The mirrors of a merged scene at its time, made once; where nothing turns, they are those of time 0."""
+    if merged_scene.at_rest is None:
+        return Mirrors.of(merged_scene.meshes)
+    known = mirrors_of(merged_scene.at_rest)
+    if not merged_scene.turns:
+        return known
+    turned = np.array([mesh.turned is not None for mesh in merged_scene.meshes], dtype=bool)
+    now = Mirrors.of(merged_scene.meshes)
+    return replace(now, known=known, turned=turned[merged_scene.mesh_of_triangle])
 
 
 def _without_shared(edges: Real) -> Real:
@@ -127,7 +140,7 @@ def reflected_share(
     """[n] factor F on the amplitude of a reflection at a specular point.
 
     :param triangle: [n] that was hit, index into ``mirrors``
-    :param point: [n, 3] specular points, world [m] at time 0
+    :param point: [n, 3] specular points, world [m] where ``mirrors`` are: without their meshes' shifts
     :param arrival: [n, 3] direction in which the wave arrives (any length)
     :param before_m, after_m: [n] d1 and d2, unfolded distances to source and next spreading point [m]
     """
@@ -158,33 +171,54 @@ def _mirror_shares(edges, point, along, across):
     """[n] F of points [n, 3] in one plane with edges [E, 2, 3]; ``along``, ``across`` [n, 3] give xi and eta."""
     share = np.ones(len(point), dtype=np.complex128)
     for k in range(len(point)):
-        total, turned = 0.0j, 0.0
-        for e in range(len(edges)):
-            ax = ay = bx = by = 0.0
-            for i in range(3):
-                from_point, to_point = edges[e, 0, i] - point[k, i], edges[e, 1, i] - point[k, i]
-                ax += from_point * along[k, i]
-                ay += from_point * across[k, i]
-                bx += to_point * along[k, i]
-                by += to_point * across[k, i]
-            length = max(np.hypot(bx - ax, by - ay), CLOSEST)
-            tx, ty = (bx - ax) / length, (by - ay) / length
-            height = ax * ty - ay * tx  # distance of the line, positive with the point on its left
-            size = abs(height)
-            if size < CLOSEST:
-                continue
-            start, stop = ax * tx + ay * ty, bx * tx + by * ty
-            nearest = size * size + (0.0 if start * stop < 0.0 else min(start * start, stop * stop))
-            if nearest > CUT:  # exp(-a rho^2) is 0 all along it, and the integral is the angle that the edge fills
-                angle = np.arctan2(ax * by - ay * bx, ax * bx + ay * by)
-                total += angle
-                turned += angle
-                continue
-            side = 1.0 if height >= 0.0 else -1.0
-            total += side * (_integral_from_foot(size, stop) - _integral_from_foot(size, start))
-            turned += side * (np.arctan2(stop, size) - np.arctan2(start, size))
+        total, turned, _ = _along_edges(edges, point[k], along[k], across[k])
         share[k] = total / max(turned, 2.0 * np.pi)
     return share
+
+
+@compiled()
+def share_within_rims(rims, point, along, across):
+    """F of a specular point [3] inside an area of which only a part of the boundary is given, the rest being far away.
+
+    The integral of exp(-a rho^2) d(phi) along the ``rims`` [E, 2, 3] is what the plane beyond them is missed by.
+    """
+    total, turned, through = _along_edges(rims, point, along, across)
+    return 1.0 + (total - turned) / (2.0 * np.pi) - (0.5 if through else 0.0)
+
+
+@compiled(cache=False)
+def _along_edges(edges, point, along, across):
+    """Integrals of 1 - exp(-a rho^2) d(phi), and of d(phi), along edges [E, 2, 3] around a point [3].
+
+    Last, whether an edge passes through the point: it adds to neither.
+    """
+    total, turned, through = 0.0j, 0.0, False
+    for e in range(len(edges)):
+        ax = ay = bx = by = 0.0
+        for i in range(3):
+            from_point, to_point = edges[e, 0, i] - point[i], edges[e, 1, i] - point[i]
+            ax += from_point * along[i]
+            ay += from_point * across[i]
+            bx += to_point * along[i]
+            by += to_point * across[i]
+        length = max(np.hypot(bx - ax, by - ay), CLOSEST)
+        tx, ty = (bx - ax) / length, (by - ay) / length
+        height = ax * ty - ay * tx  # distance of the line, positive with the point on its left
+        size = abs(height)
+        start, stop = ax * tx + ay * ty, bx * tx + by * ty
+        if size < CLOSEST:
+            through = through or start * stop < 0.0
+            continue
+        nearest = size * size + (0.0 if start * stop < 0.0 else min(start * start, stop * stop))
+        if nearest > CUT:  # exp(-a rho^2) is 0 all along it, and the integral is the angle that the edge fills
+            angle = np.arctan2(ax * by - ay * bx, ax * bx + ay * by)
+            total += angle
+            turned += angle
+            continue
+        side = 1.0 if height >= 0.0 else -1.0
+        total += side * (_integral_from_foot(size, stop) - _integral_from_foot(size, start))
+        turned += side * (np.arctan2(stop, size) - np.arctan2(start, size))
+    return total, turned, through
 
 
 @compiled()

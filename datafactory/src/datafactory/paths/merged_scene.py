@@ -1,84 +1,259 @@
-"""A scene as the ray tracer sees it from one pose: meshes merged by material and velocity, in the radar frame.
+"""A scene as the ray tracer sees it from one pose: meshes merged by material and motion, in the radar frame.
 
 The tracer works in float32. Vertices are brought to the radar's own origin and axes in float64 first, so that a scene
 far from its origin loses nothing, and merged: identity of the objects is kept by the first triangle of each in its
 mesh.
+
+A merged scene is that of one time: ``at`` gives another time's. Meshes that do not turn keep their vertices and are
+shifted, so that whatever was found of their shape stays valid; of the others, vertices are computed anew, each with its
+own velocity. A scene in which nothing moves is the same at all times, and nothing is computed.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass
+from collections.abc import Hashable
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.scenes.materials.table import Material, MaterialMapping
+from datafactory.scenes.motion import Moving, Track, drift
 from datafactory.scenes.poses import Pose
-from datafactory.scenes.scene import PointTarget, Scene
+from datafactory.scenes.scene import ZERO, PointTarget, Scene, SceneObject, Vector, triple
+
+Real = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Turned:
+    """What a merged mesh has that turns or changes its shape, at one time.
+
+    :param parts: its objects
+    :param at_rest: [V, 3] its vertices at time 0, world [m]
+    :param velocities: [V, 3] of its vertices [m/s]
+    """
+
+    parts: tuple[SceneObject, ...]
+    at_rest: Real
+    velocities: Real
 
 
 @dataclass(frozen=True, eq=False)
 class MergedMesh:
-    """Objects of one material and one velocity as one mesh.
+    """Objects of one material and one motion as one mesh, at one time.
 
     :param material: name in the material table
-    :param velocity: world velocity [3] m/s
-    :param vertices: [V, 3] world [m] at time 0, float64; :param triangles: [T, 3] int32
+    :param velocity: world velocity [3] m/s; of what turns, that of its vertices' mean
+    :param vertices: [V, 3] world [m], float64, without ``shift``; :param triangles: [T, 3] int32
     :param object_of_triangle: [T] index into ``MergedScene.objects``
+    :param track: how it is shifted; None: straight on with ``velocity``
+    :param body: the meshes of one rigid body have equal ones
+    :param shift: [3] what is to be added to the vertices [m]: the displacement from time 0
+    :param turned: None for what does not turn
     """
 
     material: str
-    velocity: NDArray[np.float64]
-    vertices: NDArray[np.float64]
+    velocity: Real
+    vertices: Real
     triangles: NDArray[np.int32]
     object_of_triangle: NDArray[np.int32]
+    track: Track | None = None
+    body: Hashable = None
+    shift: Real = field(default_factory=lambda: np.zeros(3))
+    turned: Turned | None = None
+
+    @property
+    def moves(self) -> bool:
+        """Whether it is elsewhere at another time."""
+        return self.turned is not None or self.track is not None or bool(np.any(self.velocity))
+
+    @property
+    def rigid_body(self) -> Hashable:
+        """Equal for meshes that keep their places to each other."""
+        return tuple(self.velocity) if self.body is None else self.body
+
+    def at(self, time_s: float) -> MergedMesh:
+        """The mesh at a time, of a mesh at time 0."""
+        if not self.moves:
+            return self
+        if self.turned is None:
+            shift, velocity = drift(triple(self.velocity), self.track, time_s)
+            return replace(self, shift=shift, velocity=velocity)
+        instants = [part.at(time_s) for part in self.turned.parts]
+        velocities = np.concatenate([item.velocities for item in instants])
+        return replace(
+            self,
+            vertices=np.concatenate([item.vertices for item in instants]),
+            velocity=velocities.mean(axis=0),
+            turned=replace(self.turned, velocities=velocities),
+        )
 
     def seen_from(self, pose: Pose) -> NDArray[np.float32]:
-        """[V, 3] vertices in the radar frame at the pose's time [m]."""
-        world = self.vertices + self.velocity * pose.time_s - np.asarray(pose.position)
+        """[V, 3] vertices in the radar frame [m]."""
+        world = self.vertices + self.shift - np.asarray(pose.position)
         return (world @ pose.rotation()).astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)
 class MergedScene:
-    """All merged meshes of a scene.
+    """All merged meshes of a scene, at one time.
 
     :param meshes: the merged meshes, in a fixed order
     :param objects: names of the scene's objects, then of its point targets
     :param targets: the point targets
+    :param fastest_mps: largest speed of a vertex or a target at any time [m/s]
+    :param at_rest: the scene at time 0, of which this is another time's; None for that itself
     """
 
     meshes: tuple[MergedMesh, ...]
     objects: tuple[str, ...]
     targets: tuple[PointTarget, ...] = ()
+    fastest_mps: float = 0.0
+    at_rest: MergedScene | None = None
+
+    def at(self, time_s: float) -> MergedScene:
+        """The scene at a time [s]."""
+        return _at(self.at_rest or self, float(time_s)) if self.moves else self
+
+    @property
+    def moves(self) -> bool:
+        """Whether anything is elsewhere at another time."""
+        targets = any(target.motion is not None or any(target.velocity) for target in self.targets)
+        return targets or any(mesh.moves for mesh in self.meshes)
+
+    @property
+    def turns(self) -> bool:
+        """Whether any mesh has other vertices at another time, and not only another place."""
+        return any(mesh.turned is not None for mesh in self.meshes)
+
+    @cached_property
+    def mesh_of_triangle(self) -> NDArray[np.int64]:
+        """[T] index of the mesh of every triangle, all meshes' triangles one after another."""
+        return np.repeat(np.arange(len(self.meshes)), [len(mesh.triangles) for mesh in self.meshes])
+
+    def carried(self, triangle: NDArray[np.int64], point: Real, mesh: NDArray[np.int64]) -> Carried:
+        """Of points on meshes that turn: which they are, where they are at time 0, and their velocities.
+
+        :param triangle: [n] all meshes' triangles one after another; :param mesh: [n] its mesh
+        :param point: [n, 3] in its plane, world [m]
+        """
+        turned = np.array([item.turned is not None for item in self.meshes], dtype=bool)
+        index = np.flatnonzero(turned[mesh])
+        found = Carried(index, point[index].copy(), np.zeros((len(index), 3)))
+        first = np.cumsum([0, *(len(item.triangles) for item in self.meshes)])
+        for number in np.unique(mesh[index]):
+            item, here = self.meshes[number], np.flatnonzero(mesh[index] == number)
+            corners = item.triangles[triangle[index[here]] - first[number]]
+            weights = barycentric(item.vertices[corners], point[index[here]])
+            assert item.turned is not None
+            found.at_rest[here] = np.einsum("nc,nci->ni", weights, item.turned.at_rest[corners])
+            found.velocity[here] = np.einsum("nc,nci->ni", weights, item.turned.velocities[corners])
+        return found
+
+
+@dataclass(frozen=True)
+class Carried:
+    """Points on meshes that turn.
+
+    :param index: [k] which of the points asked for; :param at_rest: [k, 3] their places at time 0, world [m]
+    :param velocity: [k, 3] world [m/s]
+    """
+
+    index: NDArray[np.int64]
+    at_rest: Real
+    velocity: Real
+
+
+@lru_cache(maxsize=8)
+def _at(scene: MergedScene, time_s: float) -> MergedScene:
+    return replace(
+        scene,
+        meshes=tuple(mesh.at(time_s) for mesh in scene.meshes),
+        targets=tuple(target.at(time_s) for target in scene.targets),
+        at_rest=scene,
+    )
+
+
+def barycentric(corners: Real, point: Real) -> Real:
+    """[n, 3] weights of triangles' corners [n, 3, 3] at points [n, 3] in their planes; 1/3 each without an area."""
+    one, other = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    towards = point - corners[:, 0]
+    normal = np.cross(one, other)
+    square = np.einsum("ni,ni->n", normal, normal)
+    flat = square == 0.0
+    square = np.where(flat, 1.0, square)
+    second = np.einsum("ni,ni->n", np.cross(towards, other), normal) / square
+    third = np.einsum("ni,ni->n", np.cross(one, towards), normal) / square
+    weights = np.stack([1.0 - second - third, second, third], axis=1)
+    weights[flat] = 1.0 / 3.0
+    return weights
+
+
+def motions_of(merged_scene: MergedScene, mesh: NDArray[np.int64]) -> tuple[Real, Real]:
+    """Velocities [n, 3] [m/s] and shifts [n, 3] [m] of the meshes [n] of a merged scene."""
+    velocity, shift = (
+        np.array([getattr(item, name) for item in merged_scene.meshes]).reshape(-1, 3) for name in ("velocity", "shift")
+    )
+    return velocity[mesh], shift[mesh]
 
 
 def merge_scene(scene: Scene, materials: MaterialMapping) -> MergedScene:
-    """Merge a scene's objects; the order depends on names and velocities alone."""
-    groups: dict[tuple[str, tuple[float, float, float]], list[int]] = defaultdict(list)
+    """Merge a scene's objects; the order depends on names, velocities and the objects' own order alone."""
+    groups: dict[tuple[str, Vector, Hashable], list[int]] = defaultdict(list)
     for index, item in enumerate(scene.objects):
-        groups[materials[item.material].name, item.velocity].append(index)
+        groups[materials[item.material].name, *_motion_of(item)].append(index)
     meshes = []
-    for (material, velocity), members in sorted(groups.items()):
+    for (material, velocity, body), members in sorted(groups.items(), key=lambda group: (group[0][:2], group[1])):
         parts = [scene.objects[index] for index in members]
-        starts = np.cumsum([0] + [len(part.vertices) for part in parts[:-1]])
-        meshes.append(
-            MergedMesh(
-                material=material,
-                velocity=np.array(velocity),
-                vertices=np.concatenate([part.vertices for part in parts]),
-                triangles=np.concatenate([p.triangles + s for p, s in zip(parts, starts, strict=True)]).astype(
-                    np.int32
-                ),
-                object_of_triangle=np.repeat(members, [len(part.triangles) for part in parts]).astype(np.int32),
-            )
+        vertices = [part.vertices for part in parts]
+        starts = np.cumsum([0] + [len(part) for part in vertices[:-1]])
+        track = body if isinstance(body, Track) else None
+        every = np.concatenate(vertices)
+        mesh = MergedMesh(
+            material=material,
+            velocity=np.array(velocity),
+            vertices=every,
+            triangles=np.concatenate([p.triangles + s for p, s in zip(parts, starts, strict=True)]).astype(np.int32),
+            object_of_triangle=np.repeat(members, [len(part.triangles) for part in parts]).astype(np.int32),
+            track=track,
+            body=body,
+            turned=Turned(tuple(parts), every, np.zeros_like(every)) if body is not None and track is None else None,
         )
+        meshes.append(mesh)
     names = tuple(item.name for item in scene.objects) + tuple(target.name for target in scene.targets)
-    return MergedScene(meshes=tuple(meshes), objects=names, targets=scene.targets)
+    speeds = [item.fastest_mps for item in scene.objects] + [target.fastest_mps for target in scene.targets]
+    return MergedScene(meshes=tuple(meshes), objects=names, targets=scene.targets, fastest_mps=max(speeds, default=0.0))
+
+
+def _motion_of(item: SceneObject) -> tuple[Vector, Hashable]:
+    """What objects of one rigid body have in common: the velocity at time 0, and the track or the body's name."""
+    if isinstance(item.motion, Moving):
+        return ZERO, ("turns", item.motion.body)
+    return item.velocity, item.motion
 
 
 def slabs_of(merged_scene: MergedScene, materials: MaterialMapping) -> tuple[Material, ...]:
     """Material of each merged mesh."""
     by_name = {material.name: material for material, _ in materials.entries.values()}
     return tuple(by_name[mesh.material] for mesh in merged_scene.meshes)
+
+
+def velocities_on(
+    merged_scene: MergedScene, pose: Pose, of_mesh: Real, triangle: NDArray[np.int64], point: Real
+) -> Real:
+    """[n, 3] velocities relative to the radar, in its frame, of points on triangles [m/s].
+
+    :param of_mesh: [M, 3] those of the meshes that do not turn, in the same frame
+    :param triangle: [n] all meshes' triangles one after another; :param point: [n, 3] in the radar frame [m]
+    """
+    mesh = merged_scene.mesh_of_triangle[triangle]
+    velocity = of_mesh[mesh]
+    if not merged_scene.turns:
+        return velocity
+    rotation = pose.rotation()
+    carried = merged_scene.carried(triangle, point @ rotation.T + np.asarray(pose.position), mesh)
+    velocity[carried.index] = (carried.velocity - np.asarray(pose.velocity)) @ rotation
+    return velocity

@@ -9,6 +9,8 @@ module computes the foot on every triangle in the front half space, into which t
 with Gamma the slab's reflection coefficient at normal incidence (ITU-R P.2040-3, eq. (37)), S the scattering
 coefficient, and F the factor of the facet's size (:mod:`datafactory.paths.facets`). The echo has no cross-polarised
 part.
+
+Triangles that sample a curved surface have no feet here; the surface has (:mod:`datafactory.paths.curved_mirrors`).
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.paths.curved_surfaces import curved_surfaces_of
 from datafactory.paths.facets import mirrors_of, reflected_share
 from datafactory.paths.merged_scene import MergedScene, slabs_of
 from datafactory.paths.panes import clear_between, panes_between, slab_reflection
@@ -53,26 +56,20 @@ def single_mirrors(
     if not merged_scene.meshes or settings.polarization[0] != settings.polarization[1]:
         return SpecularPaths.none(), {}
     mirrors, rotation, wavelength = mirrors_of(merged_scene), pose.rotation(), SPEED_OF_LIGHT / frequency_hz
-    mesh = np.repeat(np.arange(len(merged_scene.meshes)), [len(item.triangles) for item in merged_scene.meshes])
+    mesh = merged_scene.mesh_of_triangle
     velocity = np.array([item.velocity for item in merged_scene.meshes])[mesh]
-    moved = velocity * pose.time_s - np.asarray(pose.position)
-    triangle, foot = _perpendicular_feet((mirrors.corners + moved[:, None]) @ rotation, mirrors.normals @ rotation)
-    range_m = np.linalg.norm(foot, axis=1)
-    clear = clear_between(geometry, np.zeros((len(foot), 3)), foot)
-    passed = clear.astype(np.complex128)
-    kinds = np.full(len(foot), SPECULAR, dtype=np.uint8)
-    if settings.refraction and not clear.all():
-        behind = np.flatnonzero(~clear)
-        panes = panes_between(geometry, merged_scene, materials, frequency_hz, foot[behind], settings.polarization[0])
-        passed[behind] = np.where(np.abs(panes.factor) > FAINTEST, panes.factor, 0.0) ** 2
-        kinds[behind] |= REFRACTED
+    moved = np.array([item.shift for item in merged_scene.meshes])[mesh] - np.asarray(pose.position)
+    flat = np.setdiff1d(np.arange(len(mesh)), curved_surfaces_of(merged_scene).covered)
+    found, foot = _perpendicular_feet(
+        (mirrors.corners[flat] + moved[flat, None]) @ rotation, mirrors.normals[flat] @ rotation
+    )
+    triangle = flat[found]
+    passed, kinds = way_and_back(geometry, merged_scene, materials, frequency_hz, settings, foot)
     seen = np.flatnonzero(passed != 0.0)
     hidden = len(triangle) - len(seen)
-    triangle, foot, range_m = triangle[seen], foot[seen], range_m[seen]
-    passed, kinds = passed[seen], kinds[seen]
-    slabs = slabs_of(merged_scene, materials)
-    reflection = np.array([_normal_reflection(slabs[index], frequency_hz) for index in mesh[triangle]], dtype=complex)
-    amplitude = np.conj(reflection) * wavelength / (8.0 * np.pi * range_m) * passed
+    triangle, foot, passed, kinds = triangle[seen], foot[seen], passed[seen], kinds[seen]
+    range_m = np.linalg.norm(foot, axis=1)
+    amplitude = plane_amplitude(merged_scene, materials, frequency_hz, mesh[triangle], range_m) * passed
     if settings.finite_mirrors:
         at_rest = mirrors.corners[triangle, 0]
         normal = mirrors.normals[triangle]
@@ -81,11 +78,18 @@ def single_mirrors(
         amplitude *= reflected_share(mirrors, triangle, world, foot @ rotation.T, range_m, range_m, wavelength)
     objects = np.concatenate([item.object_of_triangle for item in merged_scene.meshes])
     direction = foot / range_m[:, None]
-    relative = (velocity[triangle] - np.asarray(pose.velocity)) @ rotation
+    at_foot = velocity[triangle]
+    carried = merged_scene.carried(triangle, foot @ rotation.T - moved[triangle], mesh[triangle])
+    at_foot[carried.index] = carried.velocity
+    relative = (at_foot - np.asarray(pose.velocity)) @ rotation
     approach = np.einsum("ki,ki->k", direction, relative)
+    image_velocity = 2.0 * approach[:, None] * direction
+    turning = _rates_of_normals(merged_scene, triangle[carried.index], mesh[triangle[carried.index]]) @ rotation
+    side = np.sign(np.einsum("ki,ki->k", mirrors.normals[triangle[carried.index]] @ rotation, direction[carried.index]))
+    image_velocity[carried.index] += 2.0 * (side * range_m[carried.index])[:, None] * turning
     return SpecularPaths(
         image=2.0 * foot,
-        image_velocity=2.0 * approach[:, None] * direction,
+        image_velocity=image_velocity,
         axes=np.eye(3) - 2.0 * direction[:, :, None] * direction[:, None, :],
         reference=np.zeros(3),
         amplitude=amplitude,
@@ -93,6 +97,35 @@ def single_mirrors(
         object_index=objects[triangle].astype(np.int32),
         kinds=kinds,
     ), {"mirrors_hidden": hidden}
+
+
+def way_and_back(
+    geometry: Any,
+    merged_scene: MergedScene,
+    materials: MaterialMapping,
+    frequency_hz: float,
+    settings: TraceSettings,
+    point: Real,
+) -> tuple[NDArray[np.complex128], NDArray[np.uint8]]:
+    """What the way to points [n, 3] and back leaves of an amplitude, 0 where they are hidden, and the kinds of path."""
+    clear = clear_between(geometry, np.zeros((len(point), 3)), point)
+    passed = clear.astype(np.complex128)
+    kinds = np.full(len(point), SPECULAR, dtype=np.uint8)
+    if settings.refraction and not clear.all():
+        behind = np.flatnonzero(~clear)
+        panes = panes_between(geometry, merged_scene, materials, frequency_hz, point[behind], settings.polarization[0])
+        passed[behind] = np.where(np.abs(panes.factor) > FAINTEST, panes.factor, 0.0) ** 2
+        kinds[behind] |= REFRACTED
+    return passed, kinds
+
+
+def plane_amplitude(
+    merged_scene: MergedScene, materials: MaterialMapping, frequency_hz: float, mesh: NDArray[np.int64], range_m: Real
+) -> NDArray[np.complex128]:
+    """[n] amplitude of infinite planes of the meshes' materials, square to the sight at ``range_m`` [n]."""
+    slabs, wavelength = slabs_of(merged_scene, materials), SPEED_OF_LIGHT / frequency_hz
+    reflection = np.array([_normal_reflection(slabs[index], frequency_hz) for index in mesh], dtype=complex)
+    return np.conj(reflection) * wavelength / (8.0 * np.pi * range_m)
 
 
 def _perpendicular_feet(corners: Real, normals: Real) -> tuple[NDArray[np.int64], Real]:
@@ -109,6 +142,28 @@ def _perpendicular_feet(corners: Real, normals: Real) -> tuple[NDArray[np.int64]
     _, first = np.unique(np.rint(foot[found] / 1e-6), axis=0, return_index=True)
     chosen = found[np.sort(first)]
     return chosen, foot[chosen]
+
+
+def _rates_of_normals(merged_scene: MergedScene, triangle: NDArray[np.int64], mesh: NDArray[np.int64]) -> Real:
+    """[n, 3] rates [1/s] of the unit normals of triangles on meshes that turn, in the world.
+
+    With N = a x b of two sides, N' = a' x b + a x b', and n' = (N' - n (n . N')) / |N|.
+    """
+    rates = np.zeros((len(triangle), 3))
+    first = np.cumsum([0, *(len(item.triangles) for item in merged_scene.meshes)])
+    for number in np.unique(mesh):
+        item, here = merged_scene.meshes[number], np.flatnonzero(mesh == number)
+        corners = item.triangles[triangle[here] - first[number]]
+        assert item.turned is not None
+        sides, changes = (
+            values[corners][:, 1:] - values[corners][:, :1] for values in (item.vertices, item.turned.velocities)
+        )
+        area = np.cross(sides[:, 0], sides[:, 1])
+        change = np.cross(changes[:, 0], sides[:, 1]) + np.cross(sides[:, 0], changes[:, 1])
+        length = np.linalg.norm(area, axis=1, keepdims=True)
+        normal = area / length
+        rates[here] = (change - np.einsum("ki,ki->k", normal, change)[:, None] * normal) / length
+    return rates
 
 
 def _normal_reflection(material, frequency_hz: float) -> complex:

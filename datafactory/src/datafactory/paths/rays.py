@@ -7,6 +7,9 @@ a Cauchy distribution cut at the poles, about as wide as a car radar's beam:
 
     p(azimuth) = 0.8 cos(azimuth) / 2 + 0.2 / pi,        p(z) = z_0 / (2 atan(1 / z_0) (z_0^2 + z^2)),   -1 <= z <= 1.
 
+A scene may ask for more rays at some elevations and fewer at others (:mod:`datafactory.paths.aim`): p(z) is then times
+a factor for each of B strips of z that hold the same share of the beam, of mean 1.
+
 Each direction then represents a solid angle of 1 / (N p(azimuth) p(z)) instead of the full lattice's 4 pi / N. Diffuse
 amplitudes are scaled by the square root of that ratio, so that their expected power is unchanged.
 
@@ -17,6 +20,7 @@ per frame rotates them (Cranley-Patterson), so that neighbouring frames have dif
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,11 +41,16 @@ class RayFan:
     :param count: number of rays
     :param offset: [2] shift of the lattice in its unit square, per frame
     :param beam: z_0 of the density
+    :param strips: factors on p(z) of B strips, from straight down to straight up, of mean 1; none: 1 everywhere
     """
+
+    aimable: ClassVar[bool] = True
+    """Whether the rays may be sent where the scene calls for them. Lattices that are held against this one may not."""
 
     count: int
     offset: tuple[float, float] = (0.0, 0.0)
     beam: float = BEAM
+    strips: tuple[float, ...] = ()
 
     def unit_square(self) -> NDArray[np.float64]:
         """[count, 2] the points that Mitsuba's ``square_to_uniform_sphere`` turns into these directions.
@@ -52,6 +61,9 @@ class RayFan:
         across = (index / GOLDEN_RATIO + self.offset[0]) % 1.0
         up = ((index + 0.5) / self.count + self.offset[1]) % 1.0
         azimuth = _azimuth_at(across)
+        if self.strips:
+            reached = np.concatenate([[0.0], np.cumsum(self.strips)])
+            up = np.interp(up, reached / reached[-1], np.arange(len(reached)) / len(self.strips))
         z = self.beam * np.tan((2.0 * up - 1.0) * np.arctan(1.0 / self.beam))
         return np.stack([(azimuth / (2.0 * np.pi)) % 1.0, np.clip(0.5 * (1.0 - z), 0.0, 1.0)], axis=1)
 
@@ -65,8 +77,17 @@ class RayFan:
         """[K] solid angle that a ray in these directions [K, 3] represents, over the full lattice's 4 pi / count."""
         z = directions[:, 2] / np.linalg.norm(directions, axis=1)
         cosine = np.maximum(directions[:, 0], 0.0) / np.maximum(np.hypot(directions[:, 0], directions[:, 1]), 1e-30)
-        elevation = self.beam / (2.0 * np.arctan(1.0 / self.beam) * (self.beam**2 + z**2))
-        return 1.0 / (4.0 * np.pi * _azimuth_density(cosine) * elevation)
+        return 1.0 / (4.0 * np.pi * _azimuth_density(cosine) * self.elevation_density(z))
+
+    def elevation_density(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
+        """[K] p(z) at sines of elevation [K]."""
+        half_angle = np.arctan(1.0 / self.beam)
+        density = self.beam / (2.0 * half_angle * (self.beam**2 + z**2))
+        if self.strips:
+            share = 0.5 + np.arctan(z / self.beam) / (2.0 * half_angle)
+            strip = np.clip((share * len(self.strips)).astype(np.int64), 0, len(self.strips) - 1)
+            density *= np.asarray(self.strips)[strip]
+        return density
 
 
 def _azimuth_density(cosine: NDArray[np.float64]) -> NDArray[np.float64]:

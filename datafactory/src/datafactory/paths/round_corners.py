@@ -136,10 +136,11 @@ def _legs_to_target(
     out_m, on_m = rays.geometry.source_distance_m[best], rays.geometry.observer_distance_m[best]
     level = along_array(edges.direction[chosen], inward)
     # The length's rate is u' . v_edge + u . (v_target - v_edge): the sliding of the point adds nothing (Fermat).
-    rate = np.einsum("ki,ki->k", outward, target_velocity - edges.velocity[chosen])
+    at_edge = edges.velocity_at(chosen, rays.point[best])
+    rate = np.einsum("ki,ki->k", outward, target_velocity - at_edge)
     legs = _Legs(
         point=np.where(level[:, None], inward * (out_m + on_m)[:, None], rays.point[best]),
-        velocity=edges.velocity[chosen] + np.where(level, rate, 0.0)[:, None] * inward,
+        velocity=at_edge + np.where(level, rate, 0.0)[:, None] * inward,
         rest_m=np.where(level, 0.0, on_m),
         rest_rate=np.where(level, 0.0, rate),
         sent=sent[best],

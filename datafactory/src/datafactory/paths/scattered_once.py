@@ -20,46 +20,24 @@ The first surface may be seen through one pane, out and back, with the pane's tr
 What is dear is a path and not a ray, so that crowded resolution cells keep some of their paths, with the power of all
 (:mod:`datafactory.paths.thinning`).
 
-Rays meet triangles in float32. Each point is then moved along its ray, in float64, onto the plane of its triangle.
 The surface's phase is applied afterwards (:mod:`datafactory.paths.trace`), and so is the fan's solid angle: Omega is
 4 pi / N here.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from datafactory.paths.facets import mirrors_of
-from datafactory.paths.merged_scene import MergedScene, slabs_of
-from datafactory.paths.panes import (
-    clear_between,
-    field_behind_slab,
-    mesh_of_shape,
-    polarization_axis,
-    ray_margin_m,
-    rays_of,
-    slab_reflection,
-    slab_transmission,
-)
+from datafactory.paths.panes import clear_between, polarization_axis, ray_margin_m
 from datafactory.paths.rays import RayFan
 from datafactory.paths.scattering import scattered_share
 from datafactory.paths.solver import Bundle, TraceSettings
+from datafactory.paths.surfaces import Complex, Hits, Index, Real, Surfaces, Waves
 from datafactory.paths.table import DIFFUSE, SPECULAR
-from datafactory.paths.targets import FAINTEST
 from datafactory.paths.thinning import cells_of, thinned
-from datafactory.paths.wave_steps import onto_planes, reflected_fields
-from datafactory.scenes.materials.table import Material, MaterialMapping
-from datafactory.scenes.poses import Pose
 from shared.physics.units import SPEED_OF_LIGHT
-
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Index = NDArray[np.int64]
 
 CLOSEST_M = 0.01
 """Nearer surfaces do not scatter: the antennas' own size matters there. Single mirrors have the same bound."""
@@ -68,129 +46,10 @@ MISSED_POLARIZATION = 1e-9
 
 
 @dataclass(frozen=True)
-class Waves:
-    """n waves on their way.
-
-    :param start: [n, 3] [m]; :param lifted: [n, 3] the same clear of the surface that the wave left, for float32
-    :param direction: [n, 3] unit
-    :param field: [n, 3] over that of the TX, without spreading
-    :param length: [n] of the way so far [m]; :param rate: [n] its change [m/s]
-    :param bounced: [n, b, 3] vertices so far; :param triangles: [n, b] theirs
-    """
-
-    start: Real
-    lifted: Real
-    direction: Real
-    field: Complex
-    length: Real
-    rate: Real
-    bounced: Real
-    triangles: Index
-
-    def take(self, index: NDArray) -> Waves:
-        return Waves(**{item.name: getattr(self, item.name)[index] for item in fields(self)})
-
-
-@dataclass(frozen=True)
-class Hits:
-    """Where n waves arrived.
-
-    :param point: [n, 3] [m]; :param normal: [n, 3] unit, on the side of arrival
-    :param triangle: [n] index into the merged scene's triangles; :param mesh: [n]
-    :param cosine: [n] of the angle of incidence
-    """
-
-    point: Real
-    normal: Real
-    triangle: Index
-    mesh: Index
-    cosine: Real
-
-    def take(self, index: NDArray) -> Hits:
-        return Hits(**{item.name: getattr(self, item.name)[index] for item in fields(self)})
-
-
-class _Surfaces:
-    """The surfaces of a scene from one pose, in the radar frame."""
-
-    def __init__(
-        self, geometry: Any, merged_scene: MergedScene, materials: MaterialMapping, pose: Pose, frequency_hz: float
-    ) -> None:
-        meshes = merged_scene.meshes
-        counts = [len(mesh.triangles) for mesh in meshes]
-        rotation, mirrors = pose.rotation(), mirrors_of(merged_scene)
-        velocity = np.array([mesh.velocity for mesh in meshes])
-        moved = velocity * pose.time_s - np.asarray(pose.position)
-        self.geometry, self.frequency_hz = geometry, frequency_hz
-        self.slabs = slabs_of(merged_scene, materials)
-        self.first = np.cumsum([0, *counts])
-        self.mesh_of_triangle = np.repeat(np.arange(len(meshes)), counts)
-        self.object_of_triangle = np.concatenate([mesh.object_of_triangle for mesh in meshes]).astype(np.int64)
-        self.velocity = (velocity - np.asarray(pose.velocity)) @ rotation
-        self.normals = mirrors.normals @ rotation
-        self.heights = np.einsum("ki,ki->k", mirrors.normals, mirrors.corners[:, 0] + moved[self.mesh_of_triangle])
-        self.mesh_number = mesh_of_shape(geometry)
-
-    def hit_by(self, waves: Waves) -> tuple[Index, Hits]:
-        """The indices of the waves that meet a surface, and where."""
-        import drjit as dr
-        import mitsuba as mi
-
-        if not len(waves.start):  # no array of the ray caster may be empty
-            none, nowhere = np.zeros(0, dtype=np.int64), np.zeros((0, 3))
-            return none, Hits(nowhere, nowhere, none, none, np.zeros(0))
-        met = self.geometry.ray_intersect(rays_of(waves.lifted, waves.direction, np.full(len(waves.start), np.inf)))
-        valid = np.flatnonzero(met.is_valid().numpy())
-        shape = mi.UInt32(dr.reinterpret_array(mi.UInt32, met.shape)).numpy()[valid]
-        mesh = np.zeros(len(valid), dtype=np.int64)
-        for number, index in self.mesh_number.items():
-            mesh[shape == number] = index
-        triangle = self.first[mesh] + met.prim_index.numpy()[valid].astype(np.int64)
-        point, normal, cosine = onto_planes(
-            waves.start[valid], waves.direction[valid], met.t.numpy()[valid].astype(np.float64), triangle,
-            self.normals, self.heights,
-        )  # fmt: skip
-        good = np.flatnonzero(cosine > 0.0)
-        return valid[good], Hits(point, normal, triangle, mesh, cosine).take(good)
-
-    def by_mesh(self, mesh: Index) -> Iterator[tuple[Material, Index]]:
-        """(material, indices) of the hits on each mesh."""
-        for number in np.unique(mesh):
-            yield self.slabs[number], np.flatnonzero(mesh == number)
-
-    def reflected(self, direction: Real, field: Complex, hits: Hits) -> tuple[Real, Complex]:
-        """Directions [n, 3] and fields [n, 3] of the waves that smooth surfaces would send on."""
-        te, tm = np.empty((2, len(direction)), dtype=np.complex128)
-        for slab, here in self.by_mesh(hits.mesh):
-            te[here], tm[here] = slab_reflection(
-                slab.relative_permittivity, slab.conductivity_s_per_m, slab.thickness_m, self.frequency_hz,
-                hits.cosine[here],
-            )  # fmt: skip
-        return reflected_fields(direction, hits.normal, field, te, tm)
-
-    def passed(self, direction: Real, hits: Hits, field: Complex) -> Complex:
-        """[n, 3] ``field`` behind the surfaces."""
-        behind = np.empty_like(field)
-        for slab, here in self.by_mesh(hits.mesh):
-            behind[here] = field_behind_slab(slab, self.frequency_hz, direction[here], hits.normal[here], field[here])
-        return behind
-
-    def lets_through(self) -> NDArray[np.bool_]:
-        """[M] whether a wave can be heard through the meshes' slabs. Absorption is least at normal incidence."""
-        return np.array(
-            [
-                abs(slab_transmission(slab.relative_permittivity, slab.conductivity_s_per_m, slab.thickness_m,
-                                      self.frequency_hz, np.ones(1))[0][0]) > FAINTEST
-                for slab in self.slabs
-            ]
-        )  # fmt: skip
-
-
-@dataclass(frozen=True)
 class _Frame:
     """What all echoes of a frame need."""
 
-    surfaces: _Surfaces
+    surfaces: Surfaces
     settings: TraceSettings
     rays: int
 
@@ -210,47 +69,40 @@ class _Echoes:
     cell: Index
     crossings: int
 
-    def bundle(self, surfaces: _Surfaces, index: Index, factor: Real) -> Bundle:
+    def bundle(self, surfaces: Surfaces, index: Index, factor: Real) -> Bundle:
         """Those at ``index`` as paths, their powers times ``factor``."""
         waves, hits = self.waves, self.hits
         triangles = np.concatenate([waves.triangles[index], hits.triangle[index, None]], axis=1)
+        vertices = np.concatenate([waves.bounced[index], hits.point[index, None]], axis=1)
         kinds = np.full(triangles.shape, SPECULAR, dtype=np.int64)
         kinds[:, -1] = DIFFUSE
         return Bundle(
-            vertices=np.concatenate([waves.bounced[index], hits.point[index, None]], axis=1),
+            vertices=vertices,
             interactions=kinds,
             objects=surfaces.object_of_triangle[triangles],
             triangles=triangles,
-            velocities=surfaces.velocity[surfaces.mesh_of_triangle[triangles]],
+            velocities=surfaces.velocity(triangles.reshape(-1), vertices.reshape(-1, 3)).reshape(vertices.shape),
             crossings=np.full(len(index), self.crossings, dtype=np.int64),
             amplitude=self.amplitude[index] * np.sqrt(factor),
         )
 
 
 def scattered_once(
-    geometry: Any,
-    merged_scene: MergedScene,
-    materials: MaterialMapping,
-    pose: Pose,
-    frequency_hz: float,
+    surfaces: Surfaces,
     settings: TraceSettings,
     fan: RayFan,
     seed: int,
 ) -> list[Bundle]:
     """The echoes of a frame that are scattered once, at their last bounce: for each number of bounces, by ray.
 
-    :param geometry: Mitsuba's scene in the radar frame
-    :param frequency_hz: mid-sweep; materials take their values at 77 GHz whatever it is
     :param seed: of the choice of the paths that stay
     """
-    if not settings.diffuse or not merged_scene.meshes:
+    if not settings.diffuse:
         return []
-    surfaces = _Surfaces(geometry, merged_scene, materials, pose, frequency_hz)
     frame = _Frame(surfaces, settings, fan.count)
     direction = fan.directions()
-    here, none = np.zeros_like(direction), np.zeros((len(direction), 0), dtype=np.int64)
     transmitted = polarization_axis(direction, settings.polarization[0]).astype(np.complex128)
-    waves = Waves(here, here, direction, transmitted, here[:, 0], here[:, 0], np.zeros((*none.shape, 3)), none)
+    waves = Waves.departing(direction, transmitted)
     ratio = fan.solid_angle_ratio(direction)
     coefficient = np.array([slab.scattering_coefficient for slab in surfaces.slabs])
     echoes = list[_Echoes]()
@@ -264,7 +116,7 @@ def scattered_once(
         if bounce + 1 == settings.depth or not settings.specular:
             break
         smooth = np.sqrt(1.0 - coefficient**2)[hits.mesh]
-        turned = np.einsum("ki,ki->k", surfaces.velocity[hits.mesh], waves.direction - onward)
+        turned = np.einsum("ki,ki->k", surfaces.velocity(hits.triangle, hits.point), waves.direction - onward)
         waves = Waves(
             hits.point,
             _clear_of(hits, 1.0),
@@ -367,6 +219,6 @@ def _heard(frame: _Frame, waves: Waves, hits: Hits, heard: Complex, home: Real, 
     range_m = np.linalg.norm(hits.point, axis=1)
     amplitude = np.conj(heard) * factor * wavelength / (4.0 * np.pi * range_m)
     last = np.linalg.norm(hits.point - (waves.start if waves.bounced.shape[1] else 0.0), axis=1)
-    turned = np.einsum("ki,ki->k", surfaces.velocity[hits.mesh], waves.direction - home)
+    turned = np.einsum("ki,ki->k", surfaces.velocity(hits.triangle, hits.point), waves.direction - home)
     cell = cells_of(0.5 * (waves.length + last + range_m), -home[:, 1], 0.5 * (waves.rate + turned))
     return _Echoes(waves, hits, amplitude, np.abs(amplitude) ** 2 * ratio, cell, crossings)

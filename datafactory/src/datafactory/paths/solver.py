@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from datafactory.paths.backend import select_variant
 from datafactory.paths.defaults import DEFAULT_RAYS
-from datafactory.paths.merged_scene import MergedScene
+from datafactory.paths.merged_scene import MergedScene, velocities_on
 from datafactory.paths.rays import RayFan
 from datafactory.paths.scattering import LOBE_EXPONENT, MIRROR_SHARE
 from datafactory.paths.table import DIFFUSE, REFRACTED, SPECULAR
@@ -52,7 +52,7 @@ class TraceSettings:
     """How a frame is traced.
 
     :param rays: directions sent from the TX
-    :param depth: largest number of bounces, 1 to 3
+    :param depth: largest number of bounces, 1 to 3; from 2 on targets are seen over mirrors, one on either way
     :param paths_a_cell: most paths that are scattered once in a resolution cell, see
         :mod:`datafactory.paths.thinning`; 0 keeps all
     :param solver_share: of so many rays the solver follows one: what it finds, chains of mirrors and echoes that are
@@ -60,6 +60,7 @@ class TraceSettings:
     :param specular, diffuse: kinds of bounce to follow
     :param refraction: follow waves through panes, up to ``CROSSINGS`` of them
     :param diffraction: add echoes of edges, and of point targets hidden behind one
+    :param corners: add the echoes of right-angled corners, in place of the mirror paths along their edges
     :param point_targets: add the echoes of targets given by their cross section
     :param finite_mirrors: reduce a reflection by the facet's finite size, instead of an infinite plane's
     :param surface_phase: give every cell of a rough surface its own phase
@@ -74,6 +75,7 @@ class TraceSettings:
     diffuse: bool = True
     refraction: bool = False
     diffraction: bool = False
+    corners: bool = False
     point_targets: bool = True
     finite_mirrors: bool = True
     surface_phase: bool = True
@@ -279,6 +281,9 @@ def _bundle_of(
         objects[here] = mesh.object_of_triangle[primitive[here]]
         triangles[here] = first[index] + primitive[here]
         velocities[here] = (mesh.velocity - np.asarray(pose.velocity)) @ rotation
+        if mesh.turned is not None:
+            of_mesh = np.zeros((len(merged_scene.meshes), 3))
+            velocities[here] = velocities_on(merged_scene, pose, of_mesh, triangles[here], vertices[here])
     crossings = np.zeros(len(real), dtype=np.int64)
     return Bundle(vertices, interactions, objects, triangles, velocities, crossings, real - 1j * imaginary)
 

@@ -38,6 +38,8 @@ Real = NDArray[np.float64]
 
 SPECULAR, DIFFUSE, REFRACTED, DIFFRACTED, TARGET = 1, 2, 4, 8, 16
 """Kinds of interaction on a path, Sionna's codes; a path carries the sum of those it has, each counted once."""
+CORNER = 32
+"""Of the echoes of right-angled corners, whose bounces count as no mirrors: a kind of its own, beside Sionna's."""
 
 
 @dataclass(frozen=True)
@@ -108,6 +110,10 @@ class ScatteredPaths:
             object_index=np.full(count, -1, dtype=np.int32) if object_index is None else object_index,
             kinds=np.full(count, TARGET, dtype=np.uint8),
         )
+
+    @staticmethod
+    def none() -> ScatteredPaths:
+        return ScatteredPaths.of_points(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
 
     @staticmethod
     def concatenate(parts: list[ScatteredPaths]) -> ScatteredPaths:

@@ -1,4 +1,4 @@
-"""Echoes of targets with a radar cross section: in sight, behind panes, round corners."""
+"""Echoes of targets with a radar cross section: in sight, behind panes, over mirrors, round corners."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from datafactory.paths.echo_points import echo_points
+from datafactory.paths.echo_points import Seen, all_echo_points
 from datafactory.paths.edges import edges_of
 from datafactory.paths.merged_scene import MergedScene, slabs_of
+from datafactory.paths.mirrored_targets import DirectWays, echoes_over_mirrors
 from datafactory.paths.panes import clear_between, panes_between
 from datafactory.paths.round_corners import echoes_round_corners
 from datafactory.paths.solver import TraceSettings
@@ -31,17 +32,22 @@ def target_echoes(
     pose: Pose,
     frequency_hz: float,
     settings: TraceSettings,
+    seed: int = 0,
 ) -> tuple[ScatteredPaths, dict[str, int]]:
     """Echoes of the point targets, and the numbers of those left out.
 
     Radar equation for isotropic antennas of unit power: lambda sqrt(sigma) / ((4 pi)^(3/2) R^2), times the panes'
-    transmission both ways.
+    transmission both ways. With second bounces and mirrors, those over mirrors too
+    (:mod:`datafactory.paths.mirrored_targets`).
 
     :param geometry: Mitsuba's scene in the radar frame
+    :param seed: of where in their cycle moving parts are at time 0
     """
     wavelength = SPEED_OF_LIGHT / frequency_hz
     crossed = settings.polarization[0] != settings.polarization[1]
-    points = echo_points(merged_scene.targets, pose.position, wavelength, pose.time_s, crossed)
+    circumstances = Seen(wavelength, pose.time_s, crossed, seed)
+    points = all_echo_points(merged_scene.targets, pose.position, circumstances)
+    heard = points.rcs_m2 > 0.0
     rotation = pose.rotation()
     position = (points.position - np.asarray(pose.position)) @ rotation
     velocity = (points.velocity - np.asarray(pose.velocity)) @ rotation
@@ -49,32 +55,40 @@ def target_echoes(
     range_m = np.linalg.norm(position, axis=1)
     apart = range_m > 0.0
     clear = apart & clear_between(geometry, np.zeros((len(position), 3)), position)
-    factor = clear.astype(np.complex128)
+    out, back = clear.astype(np.complex128), clear.astype(np.complex128)
     kinds = np.full(len(position), TARGET, dtype=np.uint8)
     if settings.refraction and len(position):
         behind = np.flatnonzero(apart & ~clear)
-        out, back = (
+        out[behind], back[behind] = (
             panes_between(geometry, merged_scene, materials, frequency_hz, position[behind], which).factor
             for which in settings.polarization
         )
-        factor[behind] = np.where(np.abs(out * back) > FAINTEST**2, out * back, 0.0)
         kinds[behind] |= REFRACTED
+    factor = np.where(np.abs(out * back) > FAINTEST**2, out * back, 0.0)
     amplitude = wavelength * np.sqrt(points.rcs_m2) / (4.0 * np.pi) ** 1.5 / np.where(apart, range_m, 1.0) ** 2
     direct = ScatteredPaths.of_points(position, velocity, amplitude * factor, index)
     direct = ScatteredPaths(**{**vars(direct), "kinds": kinds})
-    seen = factor != 0.0
+    seen, hidden = heard & (factor != 0.0), heard & (factor == 0.0)
     counts = {
-        "point_targets_hidden": int((~seen).sum()),
+        "point_targets_hidden": int(hidden.sum()),
         "target_echoes_silent": points.silent,
         "targets_in_near_field": points.near,
     }
     parts = [direct.take(seen)]
-    if settings.diffraction and not seen.all():
+    if settings.diffraction and hidden.any():
         round_corners, more = echoes_round_corners(
             edges_of(merged_scene).seen_from(pose).within(EDGES_WITHIN_M), slabs_of(merged_scene, materials),
             frequency_hz, lambda start, end: clear_between(geometry, start, end),
-            position[~seen], velocity[~seen], points.rcs_m2[~seen], index[~seen], settings.polarization,
+            position[hidden], velocity[hidden], points.rcs_m2[hidden], index[hidden], settings.polarization,
         )  # fmt: skip
         parts.append(round_corners)
+        counts |= more
+    if settings.specular and settings.depth > 1 and merged_scene.meshes and len(position):
+        in_sight = factor != 0.0
+        straight = DirectWays(points, circumstances, out * in_sight, back * in_sight, kinds)
+        over_mirrors, more = echoes_over_mirrors(
+            geometry, merged_scene, materials, pose, frequency_hz, settings, straight
+        )
+        parts.append(over_mirrors)
         counts |= more
     return ScatteredPaths.concatenate(parts), counts

@@ -4,13 +4,15 @@ The solver's paths (:mod:`datafactory.paths.solver`) are brought into the table'
 that the solver leaves out:
 
 * single mirrors are found without rays (:mod:`datafactory.paths.mirror_feet`), those of the solver are left out;
+* facets that sample a curved surface reflect as the surface does (:mod:`datafactory.paths.curved_mirrors`);
 * a mirror reflects with the share of its facet's size (:mod:`datafactory.paths.facets`);
 * a diffuse bounce takes on the phase of its surface cell (:mod:`datafactory.paths.roughness`);
 * a path that ends with a mirror after a diffuse bounce is found once per sequence of planes, whatever the number of
   rays, so that its power is wrong; such paths are dropped. Their reverses, mirror first, are right, and by reciprocity
   each of them stands for both: it enters the table twice, with the TX's and the RX's side exchanged;
-* targets given by a radar cross section are added (:mod:`datafactory.paths.targets`), and what edges send back
-  (:mod:`datafactory.paths.diffraction`).
+* targets given by a radar cross section are added, directly and over mirrors (:mod:`datafactory.paths.targets`), and
+  what edges send back (:mod:`datafactory.paths.diffraction`);
+* right-angled corners send back what runs into their edges (:mod:`datafactory.paths.corners`).
 """
 
 from __future__ import annotations
@@ -20,6 +22,9 @@ from dataclasses import fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.paths.aim import aimed
+from datafactory.paths.corners import echoes_of_corners, without_corners
+from datafactory.paths.curved_mirrors import curved_mirrors
 from datafactory.paths.diffraction import edge_echoes
 from datafactory.paths.edges import edges_of
 from datafactory.paths.facets import mirrors_of, reflected_share
@@ -30,6 +35,7 @@ from datafactory.paths.rays import RayFan
 from datafactory.paths.roughness import surface_phase
 from datafactory.paths.scattered_once import scattered_once
 from datafactory.paths.solver import Bundle, Solved, TraceSettings, radio_scene, solve
+from datafactory.paths.surfaces import Surfaces
 from datafactory.paths.table import DIFFUSE, REFRACTED, SPECULAR, PathTable, ScatteredPaths, SpecularPaths
 from datafactory.paths.targets import EDGES_WITHIN_M, target_echoes
 from datafactory.paths.unfold import image_seen_from_tx, segment_lengths, tx_image_seen_from_rx, unit, with_ends
@@ -46,15 +52,23 @@ def trace(
     settings: TraceSettings,
     fan: RayFan,
     seed: int,
+    target_seed: int = 0,
 ) -> PathTable:
     """All multipath of one frame, the point targets' echoes among it.
 
+    :param merged: at any time; the frame is traced at the pose's
     :param frequency_hz: mid-sweep; materials take their values at 77 GHz whatever it is
     :param seed: of the solver's choices between kinds of bounce; 0 to 2**32 - 1
+    :param target_seed: of where in their cycle the moving parts of targets are at time 0
     """
+    merged = merged.at(pose.time_s)
     scene = radio_scene(merged, materials, pose, frequency_hz, settings)
     geometry = scene.mi_scene
-    once = scattered_once(geometry, merged, materials, pose, frequency_hz, settings, fan, seed)
+    once = list[Bundle]()
+    if settings.diffuse and merged.meshes:
+        surfaces = Surfaces(geometry, merged, materials, pose, frequency_hz)
+        fan = aimed(fan, surfaces)
+        once = scattered_once(surfaces, settings, fan, seed)
     fewer = replace(fan, count=max(fan.count // settings.solver_share, 1))
     solved = solve(scene, merged, pose, settings, fewer, seed) if settings.depth > 1 else Solved.nothing()
     bundle, twice_found = _without_scattered_once(solved.bundle)
@@ -62,7 +76,7 @@ def trace(
     specular: list[SpecularPaths] = []
     dropped, more = 0, dict[str, int]()
     if settings.point_targets:
-        echoes, counts = target_echoes(geometry, merged, materials, pose, frequency_hz, settings)
+        echoes, counts = target_echoes(geometry, merged, materials, pose, frequency_hz, settings, target_seed)
         scattered.append(echoes)
         more |= counts
     if settings.diffraction:
@@ -74,9 +88,19 @@ def trace(
         scattered.append(across)
         specular.append(along)
         more |= counts
+    if settings.corners:
+        bundle, by_the_solver = without_corners(bundle, merged)
+        small, wide, counts = echoes_of_corners(geometry, merged, materials, pose, frequency_hz, settings)
+        scattered += small
+        specular += wide
+        more |= counts | {"corners_by_the_solver": by_the_solver}
     if settings.specular:
         singles, counts = single_mirrors(geometry, merged, materials, pose, frequency_hz, settings)
         specular.append(singles)
+        points, images, round_ones = curved_mirrors(geometry, merged, materials, pose, frequency_hz, settings)
+        scattered.append(points)
+        specular.append(images)
+        counts |= round_ones
         more |= counts
     lengths = (bundle.interactions > 0).sum(axis=1)
     for depth in range(1, settings.depth + 1):
@@ -126,8 +150,16 @@ def _with_surfaces(
 ) -> Bundle:
     """The paths with what their surfaces do to the amplitude: share of a finite mirror, phase of a rough cell."""
     rotation = pose.rotation()
-    velocity = part.velocities @ rotation.T + np.asarray(pose.velocity)
-    at_rest = part.vertices @ rotation.T + np.asarray(pose.position) - velocity * pose.time_s
+    triangle = np.maximum(part.triangles, 0)  # -1 stands beyond a path's end, where nothing is looked at
+    mesh = merged.mesh_of_triangle[triangle] if len(merged.mesh_of_triangle) else triangle
+    shift = np.array([item.shift for item in merged.meshes]).reshape(-1, 3)
+    world = part.vertices @ rotation.T + np.asarray(pose.position)
+    unshifted = world - shift[mesh] if len(shift) else world
+    at_rest = unshifted
+    if merged.turns:
+        carried = merged.carried(triangle.reshape(-1), world.reshape(-1, 3), mesh.reshape(-1))
+        at_rest = unshifted.copy()
+        at_rest.reshape(-1, 3)[carried.index] = carried.at_rest
     lengths = segment_lengths(part.vertices)
     towards = np.diff(with_ends(part.vertices), axis=1) @ rotation.T
     factor = np.ones(len(part.amplitude), dtype=np.complex128)
@@ -140,7 +172,7 @@ def _with_surfaces(
             back = part.interactions.shape[1] - 1 - step
             after = _unfolded_before(lengths[:, ::-1], part.interactions[:, ::-1], back)
             factor[~rough] *= reflected_share(
-                mirrors_of(merged), part.triangles[~rough, step], at_rest[~rough, step], towards[~rough, step],
+                mirrors_of(merged), part.triangles[~rough, step], unshifted[~rough, step], towards[~rough, step],
                 before[~rough], after[~rough], wavelength_m,
             )  # fmt: skip
     return Bundle(**{**vars(part), "amplitude": part.amplitude * factor})
@@ -207,7 +239,7 @@ def _specular(part: Bundle) -> SpecularPaths:
 
 
 def _joined_scattered(parts: list[ScatteredPaths]) -> ScatteredPaths:
-    none = ScatteredPaths.of_points(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+    none = ScatteredPaths.none()
     return ScatteredPaths.concatenate([none, *parts])
 
 

@@ -10,6 +10,7 @@ from datafactory.frame.chain import ChainSettings
 from datafactory.frame.defaults import DEFAULT_BUDGET_DB, DEFAULT_PATTERN
 from datafactory.frame.points import PointTargets
 from datafactory.scenes.poses import Pose
+from datafactory.scenes.readers.reading import AS_WRITTEN, Reading
 from datafactory.scenes.scene import Scene
 from shared.radar import Radar
 
@@ -25,6 +26,7 @@ class Order:
     :param targets: frames of exactly these targets, instead of drawn ones
     :param settings: how a frame is made, with every effect
     :param effects: what is simulated of the scenes; None for what a plan finds each to need
+    :param reading: how the scenes are read
     :param budget_db: what leaving an effect out may cost, for that plan
     :param paths: folder of :func:`datafactory.run.pipeline.trace_paths`, instead of scenes
     """
@@ -40,4 +42,5 @@ class Order:
     paths: Path | None = None
     settings: ChainSettings = field(default_factory=ChainSettings)
     effects: EffectSet | None = None
+    reading: Reading = AS_WRITTEN
     budget_db: float = DEFAULT_BUDGET_DB

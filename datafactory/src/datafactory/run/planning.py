@@ -54,7 +54,7 @@ def sample_of(deal: Deal, number: int, scene: PreparedScene) -> Sample:
     if not deal.poses:
         return Sample(scene, tuple(deal.frame(frame_id) for frame_id in frame_ids[:1]))
     poses = [deal.poses[frame_id] for frame_id in frame_ids]
-    chosen = sorted(worth_looking_at(poses, fastest_mps(scene)))
+    chosen = sorted(worth_looking_at(poses, scene.merged.fastest_mps))
     return Sample(scene, tuple(deal.frame(frame_ids[index]) for index in chosen))
 
 
@@ -93,13 +93,6 @@ def how_applied(deal: Deal, number: int, plan: EffectPlan) -> str:
     )
 
 
-def fastest_mps(scene: PreparedScene) -> float:
-    """Largest speed of a scene's meshes and targets [m/s]."""
-    velocities = [np.asarray(mesh.velocity) for mesh in scene.merged.meshes]
-    velocities += [np.asarray(target.velocity) for target in scene.merged.targets]
-    return max((float(np.linalg.norm(velocity)) for velocity in velocities), default=0.0)
-
-
 def evidence_on(sample: Sample, order: Order, announce: Announce, looking: Looking) -> Gathered:
     """The evidence on one scene, measured once."""
     inputs = {
@@ -126,7 +119,7 @@ def plan_of(order: Order, sample: Sample, announce: Announce, looking: Looking) 
     if order.effects is not None:
         return by_choice(name, order.effects)
     found = evidence_on(sample, order, announce, looking)
-    plan = plan_by_frame(name, found, sample.frames, order.budget_db, fastest_mps(sample.scene))
+    plan = plan_by_frame(name, found, sample.frames, order.budget_db, sample.scene.merged.fastest_mps)
     left_out = ", ".join(item.effect for item in plan.decisions if not item.on) or "nothing"
     simulated = ", ".join(plan.effects.names) or "none"
     where = f"{len(sample.frames)} frame{'s' if len(sample.frames) != 1 else ''} looked at"

@@ -11,17 +11,22 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from datafactory.effects.plan import EffectPlan
 from datafactory.frame.deal import Deal
 from datafactory.frame.points import PointTargets
 from datafactory.frame.prepared import PreparedScene, Sample
+from datafactory.paths.curved_surfaces import curved_surfaces_of
 from datafactory.paths.merged_scene import merge_scene
 from datafactory.run.order import Order
 from datafactory.run.planning import Looking, plan_of, sample_of
 from datafactory.run.stored import StoredPaths, stored_paths
 from datafactory.scenes.ground import Ground, free_ground
 from datafactory.scenes.materials.table import MaterialMapping, MaterialTable
+from datafactory.scenes.poses import Pose
 from datafactory.scenes.readers.open import open_scene
+from datafactory.scenes.readers.reading import AS_WRITTEN
 from datafactory.scenes.scene import Scene
 
 Announce = Callable[[str], None]
@@ -62,8 +67,11 @@ def prepare(
     """
     if order.paths is not None:
         return _from_stored(order, stored_paths(order, order.paths))
-    opened = [scene if isinstance(scene, Scene) else open_scene(scene) for scene in order.scenes]
+    opened = [scene if isinstance(scene, Scene) else open_scene(scene, order.reading) for scene in order.scenes]
     scenes = tuple(prepared_scene(scene, table, announce) for scene in opened)
+    for scene in opened:
+        if said := _late_poses(scene, order.poses):
+            announce(said)
     deal = deal_of(order, opened)
     samples = tuple(sample_of(deal, number, scene) for number, scene in enumerate(scenes))
     looking = Looking(sum(len(sample.frames) for sample in samples), looked)
@@ -75,6 +83,7 @@ def prepare(
         "frames": order.frames,
         "poses": [asdict(pose) for pose in order.poses],
         "trace": asdict(order.settings.trace),
+        **({"reading": asdict(order.reading)} if order.reading != AS_WRITTEN else {}),
         **_planned_arguments(plans),
     }
     entries = [
@@ -138,7 +147,8 @@ def _common_arguments(order: Order) -> dict[str, Any]:
 
 
 def _as_lists(targets: PointTargets) -> dict[str, Any]:
-    return {name: values.tolist() for name, values in vars(targets).items()}
+    arrays = {name: values.tolist() for name, values in vars(targets).items() if name != "models"}
+    return arrays | ({"models": [repr(target) for target in targets.models]} if targets.models else {})
 
 
 def prepared_scene(scene: Scene, table: MaterialTable, announce: Announce) -> PreparedScene:
@@ -151,7 +161,22 @@ def prepared_scene(scene: Scene, table: MaterialTable, announce: Announce) -> Pr
     unknown = ", ".join(name or "(none)" for name in materials.unknown)
     if unknown:
         announce(f"{scene.name}: unknown materials given the default: {unknown}")
-    return PreparedScene(scene.name, scene.content_hash(), merge_scene(scene, materials), materials)
+    merged = merge_scene(scene, materials)
+    for note in curved_surfaces_of(merged).notes():
+        announce(f"{scene.name}: {note}")
+    return PreparedScene(scene.name, scene.content_hash(), merged, materials)
+
+
+def _late_poses(scene: Scene, poses: Sequence[Pose]) -> str:
+    """What to say of poses at which everything that had samples stands still; "" without such."""
+    motions = [item.motion for item in scene.objects] + [target.motion for target in scene.targets]
+    ends_s = max((motion.ends_s for motion in motions if motion is not None), default=np.inf)
+    late = sum(pose.time_s >= ends_s for pose in poses)
+    if not late:
+        return ""
+    return (
+        f"{scene.name}: {late} of {len(poses)} poses are not before {ends_s:g} s, from when on what has samples rests"
+    )
 
 
 def _entry(scene: Scene, materials: MaterialMapping) -> dict[str, Any]:

@@ -1,22 +1,24 @@
 """The scene as plain float64 arrays: every reader returns one, and every later step takes one.
 
 This module depends on neither USD nor Mitsuba nor Sionna. Readers convert their input to metres, z up and one world
-frame. Objects stand where they are at time 0, one mesh each.
+frame. Objects are one mesh each, and stand where they are at time 0; :mod:`datafactory.scenes.motion` says where they
+are at other times, and ``at`` of an object, of a target and of a scene asks it.
 """
 
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.scenes.chain import Chain, placed
+from datafactory.scenes.motion import Instant, Motion, Moving, Track, Vector, drift, fastest_mps, upright_axes
 from datafactory.scenes.targets.models import RcsModel
 
-Vector = tuple[float, float, float]
 ZERO = (0.0, 0.0, 0.0)
 WORLD_AXES: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
@@ -37,13 +39,6 @@ class PlacedPoints:
     def world(self) -> NDArray[np.float64]:
         """[V, 3] world coordinates [m]."""
         return placed(self.points, self.matrix)[self.used]
-
-
-def placed(points: NDArray[np.floating], matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """[P, 3] points after an affine transform [4, 4], in float64; points that are not finite stay so."""
-    with np.errstate(invalid="ignore", over="ignore"):
-        world: NDArray[np.float64] = np.asarray(points, dtype=np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
-    return world
 
 
 class _WorldVertices:
@@ -67,7 +62,8 @@ class SceneObject:
     :param vertices: [V, 3] world coordinates [m], float64; of an instance they are computed at each access
     :param triangles: [T, 3] vertex indices, int32; every triangle has a positive area
     :param material: the name that the source gave its material, e.g. ``"mat-itu_concrete"``; "" where it gave none
-    :param velocity: world velocity [m/s] of the whole object (rigid translation)
+    :param velocity: world velocity [m/s] at time 0; of what turns or changes its shape, that of its vertices' mean
+    :param motion: how it moves; None: straight on with ``velocity``
     """
 
     name: str
@@ -75,10 +71,29 @@ class SceneObject:
     triangles: NDArray[np.int32]
     material: str = ""
     velocity: tuple[float, float, float] = ZERO
+    motion: Motion | None = None
 
     @property
     def moves(self) -> bool:
-        return any(component != 0.0 for component in self.velocity)
+        return self.motion is not None or any(component != 0.0 for component in self.velocity)
+
+    def at(self, time_s: float) -> Instant:
+        """Where the vertices are at a time [s], and each one's velocity."""
+        if isinstance(self.motion, Moving):
+            return self.motion.at(*self._own_points(), time_s)
+        shift, velocity = drift(self.velocity, self.motion, time_s)
+        vertices = self.vertices + shift
+        return Instant(vertices, np.broadcast_to(velocity, vertices.shape))
+
+    @property
+    def fastest_mps(self) -> float:
+        """Largest speed of a vertex at any time [m/s]."""
+        own = self._own_points() if isinstance(self.motion, Moving) else ()
+        return fastest_mps(self.velocity, self.motion, *own)
+
+    def _own_points(self) -> tuple[NDArray[np.floating], NDArray[np.integer]]:
+        stored: PlacedPoints = self.__dict__["vertices"]
+        return stored.points, stored.used
 
     @staticmethod
     def of(
@@ -87,9 +102,18 @@ class SceneObject:
         triangles: NDArray[np.int32],
         material: str = "",
         velocity: Vector = ZERO,
+        motion: Motion | None = None,
     ) -> SceneObject:
-        """An object with vertices of its own, or one that shares points and triangles with other instances."""
-        return SceneObject(name, cast(NDArray[np.float64], vertices), triangles, material, velocity)
+        """An object with vertices of its own, or one that shares points and triangles with other instances.
+
+        :param vertices: of what turns or changes its shape, the points in its own coordinates
+        :param velocity: of what has no motion; otherwise it follows from that
+        """
+        item = SceneObject(name, cast(NDArray[np.float64], vertices), triangles, material, velocity, motion)
+        if motion is None:
+            return item
+        velocity = triple(motion.at(0.0)[1] if isinstance(motion, Track) else item.at(0.0).velocities.mean(axis=0))
+        return SceneObject(name, cast(NDArray[np.float64], vertices), triangles, material, velocity, motion)
 
 
 setattr(SceneObject, "vertices", _WorldVertices())  # noqa: B010  after the dataclass, to which it would be a default
@@ -105,6 +129,8 @@ class PointTarget:
     :param velocity: world velocity [m/s]
     :param model: where and how strongly the target echoes, by aspect; None for ``rcs_dbsm`` from everywhere
     :param axes: x, y and z of the model's frame in the world, right-handed unit vectors
+    :param motion: how it moves; None: straight on with ``velocity``
+    :param spin: rate of turn in the world [rad/s]
     """
 
     name: str
@@ -113,6 +139,23 @@ class PointTarget:
     velocity: Vector = ZERO
     model: RcsModel | None = None
     axes: tuple[Vector, Vector, Vector] = WORLD_AXES
+    motion: Motion | None = field(default=None, repr=False)
+    spin: Vector = field(default=ZERO, repr=False)
+
+    def at(self, time_s: float) -> PointTarget:
+        """The target as it is at a time [s]."""
+        if not isinstance(self.motion, Moving):
+            shift, rate = drift(self.velocity, self.motion, time_s)
+            return replace(self, position=triple(np.array(self.position) + shift), velocity=triple(rate))
+        matrix, rate = self.motion.chain.at(time_s)
+        axes, spin = _turned_axes(self.axes, self.motion.chain, time_s)
+        position, velocity = triple(matrix[:3, 3]), triple(rate[:3, 3])
+        return replace(self, position=position, velocity=velocity, axes=axes, spin=spin)
+
+    @property
+    def fastest_mps(self) -> float:
+        """Largest speed of its origin at any time [m/s]."""
+        return fastest_mps(self.velocity, self.motion)
 
 
 @dataclass(frozen=True)
@@ -151,6 +194,16 @@ class Scene:
         every = np.stack(corners)
         return every[:, 0].min(axis=0), every[:, 1].max(axis=0)
 
+    def at(self, time_s: float) -> Scene:
+        """The scene as it is at a time [s], at rest there: for pictures, maps and lists."""
+        if time_s == 0.0 or (not any(item.moves for item in self.objects) and not self.targets):
+            return self
+        objects = tuple(
+            replace(item, vertices=item.at(time_s).vertices, velocity=ZERO, motion=None) if item.moves else item
+            for item in self.objects
+        )
+        return replace(self, objects=objects, targets=tuple(target.at(time_s) for target in self.targets))
+
     def content_hash(self) -> str:
         """SHA-256 over geometry, materials, velocities and targets, independent of the file they came from."""
         digest = hashlib.sha256()
@@ -160,4 +213,32 @@ class Scene:
             digest.update(np.ascontiguousarray(item.triangles, dtype="<i4").tobytes())
         for target in self.targets:
             digest.update(repr(target).encode())
+        named = [(item.name, item.motion) for item in self.objects] + [
+            (item.name, item.motion) for item in self.targets
+        ]
+        for name, motion in named:
+            if motion is not None:
+                digest.update(name.encode() + motion.fingerprint())
         return digest.hexdigest()
+
+
+def _turned_axes(
+    axes: tuple[Vector, Vector, Vector], chain: Chain, time_s: float
+) -> tuple[tuple[Vector, Vector, Vector], Vector]:
+    """A model's axes, which are ``axes`` at time 0, and its rate of turn [rad/s] at a time."""
+    home, _ = chain.at(0.0)
+    matrix, rate = chain.at(time_s)
+    try:
+        turn = matrix[:3, :3] @ np.linalg.inv(home[:3, :3])
+        whirl = rate[:3, :3] @ np.linalg.inv(matrix[:3, :3])
+    except np.linalg.LinAlgError:  # flat at one of the two times
+        return axes, ZERO
+    turned = upright_axes(turn @ np.array(axes[0]), turn @ np.array(axes[2]))
+    spin = 0.5 * np.array([whirl[2, 1] - whirl[1, 2], whirl[0, 2] - whirl[2, 0], whirl[1, 0] - whirl[0, 1]])
+    return turned or axes, triple(spin)
+
+
+def triple(values: NDArray[np.float64]) -> Vector:
+    """Three numbers of an array."""
+    x, y, z = (float(value) for value in values)
+    return x, y, z

@@ -66,6 +66,10 @@ class Radar(BaseModel):
     """Everything about the sensor; frozen, and written into what is made with it.
 
     :param name: preset name or the TOML file's own
+    :param waveform: the chirps
+    :param array: the elements of the input
+    :param front_end: powers, noise, patterns, polarisation, imperfections
+    :param grid: the angle axis of images
     :param virtual_sensor: the truth's array, at the same origin
     """
 

@@ -29,6 +29,7 @@ class Waveform(BaseModel):
     :param chirps: chirps a frame
     :param samples: complex samples a chirp
     :param range_bins: range bins kept, from range 0
+    :param multiplexing: how the TX share the time: "simultaneous" or "tdm"
     :param residual_video_phase: add the term -mu tau^2 / 2 that eq. (1) leaves out
     """
 

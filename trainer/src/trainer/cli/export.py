@@ -7,13 +7,22 @@ from typing import Annotated
 
 import typer
 
+from shared.physics.errors import InputError
+
+EXTRA = "pip install 'sparseradar-trainer[export]'"
+
 
 def export(
     run: Annotated[Path, typer.Argument(help="Run folder of trainer fit.", show_default=False)],
     out: Annotated[Path, typer.Option("--out", help="File to write, ending in .onnx.", show_default=False)],
 ) -> None:
     """Write a run's network as ONNX, checked against torch."""
-    from trainer.run.export import export as run_export
+    try:
+        from trainer.run.export import export as run_export
+    except ModuleNotFoundError as error:
+        if error.name not in ("onnx", "onnxruntime"):
+            raise
+        raise InputError("trainer export", f"the package {error.name} is not installed", EXTRA) from error
 
     result = run_export(run, out)
     print(

@@ -141,8 +141,22 @@ class MaterialTable:
 Fraction = Annotated[FiniteFloat, Field(ge=0, le=1)]
 
 
-class _MaterialEntry(BaseModel):
-    """One ``[material.NAME]`` table, after it was laid over the built-in one of the same name."""
+class MaterialEntry(BaseModel):
+    """One ``[material.NAME]`` table, after it was laid over the built-in one of the same name.
+
+    :param relative_permittivity: real part
+    :param conductivity: [S/m]
+    :param thickness: of the slab behind each facet [m]
+    :param scattering_coefficient: S of the effective-roughness model; or, in place of it, the next two
+    :param sigma0_db: the backscatter from which S follows, vertical polarisation [dB]
+    :param grazing_deg: the angle of that backscatter above the surface [deg]
+    :param pattern: shape of the diffuse reflection
+    :param valid_ghz: lower and upper end of the range of the source [GHz]
+    :param source: where the permittivity comes from
+    :param assumptions: what is not measured at 77 GHz
+    :param aliases: other names of the substance
+    :param uses: things usually made of it; they give way to a substance in the same name
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
@@ -161,7 +175,7 @@ class _MaterialEntry(BaseModel):
     uses: list[str] = []
 
     @model_validator(mode="after")
-    def _consistent(self) -> _MaterialEntry:
+    def _consistent(self) -> MaterialEntry:
         calibrated = (self.sigma0_db is not None, self.grazing_deg is not None)
         if self.scattering_coefficient is not None and any(calibrated):
             raise ValueError("scattering_coefficient and sigma0_db are both given; expected one of them")
@@ -195,8 +209,13 @@ class _MaterialEntry(BaseModel):
         )
 
 
-class _MaterialFile(BaseModel):
-    """A materials file: the outer form, its tables still raw."""
+class MaterialFile(BaseModel):
+    """A materials file: the outer form, its tables still raw.
+
+    :param material: a table ``[material.NAME]`` for each material that is changed or added
+    :param map: ``[map]``: names of the scene, as it gives them, to materials
+    :param default: the material of unknown names
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
@@ -236,9 +255,9 @@ def load_materials(path: Path | None = None) -> MaterialTable:
     )
 
 
-def _parsed(text: str, source: object) -> _MaterialFile:
+def _parsed(text: str, source: object) -> MaterialFile:
     try:
-        return _MaterialFile.model_validate(tomllib.loads(text))
+        return MaterialFile.model_validate(tomllib.loads(text))
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise InputError(source, f"malformed TOML: {error}", "[material.NAME] tables, [map] and default") from None
     except ValidationError as error:
@@ -263,10 +282,10 @@ def _checked_table(
     tables: Mapping[str, dict[str, Any]], exact: dict[str, str], default: str, source: object, first: Iterable[str] = ()
 ) -> MaterialTable:
     """Check every table; where two materials claim one alias, those named in ``first`` keep it."""
-    entries: dict[str, _MaterialEntry] = {}
+    entries: dict[str, MaterialEntry] = {}
     for name, table in tables.items():
         try:
-            entries[name] = _MaterialEntry.model_validate(table)
+            entries[name] = MaterialEntry.model_validate(table)
         except ValidationError as error:
             raise _first_fault(error, source, f"material.{name}") from None
     known = ", ".join(entries)
@@ -299,7 +318,7 @@ def _first_fault(error: ValidationError, source: object, prefix: str) -> InputEr
     where = ".".join(str(part) for part in ((prefix,) if prefix else ()) + first["loc"])
     more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
     if first["type"] == "extra_forbidden":
-        allowed = ", ".join((_MaterialEntry if prefix else _MaterialFile).model_fields)
+        allowed = ", ".join((MaterialEntry if prefix else MaterialFile).model_fields)
         return InputError(source, f"unknown key {where}{more}", f"one of {allowed}")
     if first["type"] == "value_error":
         return InputError(source, f"{where}: {first['ctx']['error']}{more}")

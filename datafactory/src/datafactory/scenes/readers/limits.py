@@ -14,6 +14,8 @@ MAXIMUM_TRIANGLES = 20_000_000
 """Merged and in the ray tracer they take about 8 GB."""
 MAXIMUM_PRIMS = 1_000_000
 """USD composes about 40 000 prims a second, and keeps 2 kB of each."""
+MAXIMUM_SAMPLED = 100_000_000
+"""Coordinates of all samples of one mesh's moving points: 400 MB."""
 MAXIMUM_NESTING = 64
 """Levels of instances within instances, and of prims, references and includes within one another."""
 LONGEST_VALUE = 100_000

@@ -12,9 +12,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.scenes.readers.meshes import Dropped, clean_mesh, mirrors, place_mesh, usable
+from datafactory.scenes.chain import placed
+from datafactory.scenes.readers.meshes import Dropped, clean_mesh, mirrors, place_mesh, usable, usable_triangles
 from datafactory.scenes.readers.scale import number_spacing, placed_spacing_m
-from datafactory.scenes.scene import PlacedPoints, placed
+from datafactory.scenes.scene import PlacedPoints
 
 Index = NDArray[np.int32]
 
@@ -32,28 +33,29 @@ class LocalMesh:
     triangles: NDArray[np.int64]
     shared: bool = False
 
-    def placed(self, matrix: NDArray[np.float64]) -> tuple[NDArray[np.float64] | PlacedPoints, Index, Dropped]:
+    def placed(
+        self, matrix: NDArray[np.float64], keep_points: bool = False
+    ) -> tuple[NDArray[np.float64] | PlacedPoints, Index, Dropped]:
         """The mesh in the world without triangles that no ray tracer can use: vertices, triangles, what was dropped.
 
         :param matrix: [4, 4] to the world, acting on column vectors; a mirror reverses the winding
+        :param keep_points: return the points in local coordinates, of what is to be placed elsewhere at another time
         :return: for :meth:`SceneObject.of`
         """
         if self.shared and self._all_in_range and usable(placed(self.points, matrix)[self.triangles]).all():
             used, outward, mirrored = self._compact
             triangles = mirrored if mirrors(matrix) else outward
             return PlacedPoints(self.points, used, matrix), triangles, Dropped()
-        return clean_mesh(*place_mesh(self.points, self.triangles, matrix))
+        placing = place_mesh(self.points, self.triangles, matrix)
+        if not keep_points:
+            return clean_mesh(*placing)
+        kept, dropped = usable_triangles(*placing)
+        used, compact = np.unique(kept, return_inverse=True)
+        return PlacedPoints(self.points, used, matrix), compact.reshape(-1, 3).astype(np.int32), dropped
 
     def spacing_m(self, matrix: NDArray[np.float64]) -> float:
         """Spacing [m] of the numbers that the farthest vertex is written in, 0 where it does no harm."""
         return placed_spacing_m(self._number_spacing, matrix)
-
-    @cached_property
-    def centre(self) -> NDArray[np.float64]:
-        """[3] mean of the finite points."""
-        finite = self.points[np.isfinite(self.points).all(axis=1)].astype(np.float64)
-        centre: NDArray[np.float64] = finite.mean(axis=0) if len(finite) else np.zeros(3)
-        return centre
 
     @cached_property
     def _number_spacing(self) -> float:

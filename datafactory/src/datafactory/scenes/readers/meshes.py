@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.scenes.chain import placed
 from datafactory.scenes.readers.notes import Notes
-from datafactory.scenes.scene import placed
 from shared.physics.units import FARTHEST_M
 
 Y_UP_TO_Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # (x, y, z) -> (x, -z, y)
@@ -41,6 +41,18 @@ def clean_mesh(
     :return: vertices [V', 3] float64, triangles [T', 3] int32 in the order given, and what was dropped
     """
     vertices = np.asarray(vertices, dtype=np.float64).reshape(-1, 3)
+    kept, dropped = usable_triangles(vertices, triangles)
+    used, compact = np.unique(kept, return_inverse=True)
+    return vertices[used], compact.reshape(-1, 3).astype(np.int32), dropped
+
+
+def usable_triangles(
+    vertices: NDArray[np.float64], triangles: NDArray[np.integer]
+) -> tuple[NDArray[np.int64], Dropped]:
+    """The triangles [T', 3] that a ray tracer can use, in the order given, and what was dropped.
+
+    :param vertices: [V, 3]; :param triangles: [T, 3] vertex indices
+    """
     triangles = np.asarray(triangles, dtype=np.int64).reshape(-1, 3)
     inside = np.all((triangles >= 0) & (triangles < len(vertices)), axis=1)
     kept = triangles[inside]
@@ -50,9 +62,7 @@ def clean_mesh(
     kept = kept[near]
     solid = _has_area(vertices[kept])
     kept = kept[solid]
-    used, compact = np.unique(kept, return_inverse=True)
-    dropped = Dropped(*(int((~mask).sum()) for mask in (inside, finite, near, solid)))
-    return vertices[used], compact.reshape(-1, 3).astype(np.int32), dropped
+    return kept, Dropped(*(int((~mask).sum()) for mask in (inside, finite, near, solid)))
 
 
 def usable(corners: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from datafactory.scenes.readers.mesh_files import MESH_SUFFIXES, read_mesh_file
 from datafactory.scenes.readers.mitsuba import read_mitsuba
+from datafactory.scenes.readers.reading import AS_WRITTEN, Reading
 from datafactory.scenes.scene import Scene
 from shared.physics.errors import InputError, meant, require_utf8
 
@@ -16,10 +17,11 @@ KNOWN_SUFFIXES = USD_SUFFIXES + MITSUBA_SUFFIXES + MESH_SUFFIXES
 SIONNA_PREFIX = "sionna:"
 
 
-def open_scene(source: str) -> Scene:
+def open_scene(source: str, reading: Reading = AS_WRITTEN) -> Scene:
     """Read a scene in metres and z up.
 
     :param source: a path with one of ``KNOWN_SUFFIXES``, or ``sionna:NAME`` for a scene that Sionna ships
+    :param reading: what the user decides of it
     :raises InputError: an unknown suffix or name, a file that is missing or unreadable, a path that is not UTF-8, a
         scene with nothing in it
     """
@@ -27,7 +29,7 @@ def open_scene(source: str) -> Scene:
     require_utf8(source)
     if source.startswith(SIONNA_PREFIX):
         name = source.removeprefix(SIONNA_PREFIX)
-        scene = _read(_sionna_file(name), name)
+        scene = _read(_sionna_file(name), name, reading)
         scene = Scene(name, scene.objects, scene.targets, source, scene.warnings)
     else:
         path = Path(source)
@@ -41,7 +43,7 @@ def open_scene(source: str) -> Scene:
                 pass
         except OSError as error:
             raise InputError(source, f"cannot be opened ({error.strerror})", "a readable file") from error
-        scene = _read(path, path.stem)
+        scene = _read(path, path.stem, reading)
     if not scene.objects and not scene.targets:
         found = f" ({'; '.join(scene.warnings)})" if scene.warnings else ""
         raise InputError(source, f"the scene is empty{found}", "at least one triangle mesh or point target")
@@ -64,13 +66,15 @@ def _sionna_file(name: str) -> Path:
     return known[name]
 
 
-def _read(path: Path, name: str) -> Scene:
+def _read(path: Path, name: str, reading: Reading) -> Scene:
     suffix = path.suffix.lower()
     if suffix in USD_SUFFIXES:
         # Imported where needed: the other formats do without USD's libraries.
         from datafactory.scenes.readers.usd import read_usd
 
-        return read_usd(path)
+        return read_usd(path, reading)
+    if reading.variants:
+        raise InputError("--variant", f"{path} has no variants", "a USD file")
     if suffix in MITSUBA_SUFFIXES:
         return read_mitsuba(path, name)
     return read_mesh_file(path)

@@ -2,8 +2,8 @@
 
 Round solids are solids of revolution with ``SEGMENTS`` chords to the full circle. Their corners lie on the true
 surface. The largest gap between chord and arc is r (1 - cos(pi / SEGMENTS)) = 0.0012 r around the axis. A facet of a
-sphere is curved in two directions, and its gap is at most twice that (``CHORD_ERROR``). At 77 GHz such a surface
-reflects as a set of flat mirrors: a small round target needs a radar cross section instead.
+sphere is curved in two directions, and its gap is at most twice that (``CHORD_ERROR``). The tracer finds the curved
+surface behind such facets again (:mod:`datafactory.paths.curved_surfaces`).
 """
 
 from __future__ import annotations

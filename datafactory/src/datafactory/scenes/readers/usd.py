@@ -1,13 +1,14 @@
 """Universal Scene Description: a composed USD stage to metres, z up and triangles.
 
-The reader takes the USD stage at its start (see ``usd_motion``), with the variants that the file selects. It expands
-instances and point instancers. It leaves out invisible prims and those of purpose guide or proxy. Custom attributes
-state what the radar needs:
+The reader takes the USD stage at its start, with the variants that the file selects, and how each prim moves from there
+on (see ``usd_motion``). It expands instances and point instancers. It leaves out invisible prims and those of purpose
+guide or proxy. Custom attributes state what the radar needs:
 
 - ``radar:rcs_dbsm`` (a number): the prim is a point target at its origin, and replaces all geometry below it;
 - ``radar:target`` (string or token) and ``radar:targets_by_name`` (bool): a point target with a model (see
   ``usd_targets``);
-- ``radar:velocity`` (three numbers, m/s in the USD stage's own world axes): velocity of the prim and all below it;
+- ``radar:velocity`` (three numbers, m/s in the USD stage's own world axes): velocity of the prim and all below it, from
+  where they are at the start; samples below it do not count;
 - ``radar:material`` (string or token): material name for the prim and all below it.
 """
 
@@ -21,19 +22,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.scenes.chain import Chain, Samples
+from datafactory.scenes.motion import Motion, Moving
 from datafactory.scenes.readers.local_mesh import LocalMesh
 from datafactory.scenes.readers.notes import Notes
+from datafactory.scenes.readers.reading import AS_WRITTEN, Reading
 from datafactory.scenes.readers.scale import note_coarse_vertices
 from datafactory.scenes.readers.usd_composition import check_composition
 from datafactory.scenes.readers.usd_counts import PROTOTYPE_PRIMS, SCENE_PRIMS, check_expansion
 from datafactory.scenes.readers.usd_facts import FactsOfPrims, has_shape
-from datafactory.scenes.readers.usd_motion import Frame, Transforms, instance_frames, product
+from datafactory.scenes.readers.usd_motion import Frame, Transforms, check_motion, instance_frames, product
+from datafactory.scenes.readers.usd_skinning import bake_skinning
 from datafactory.scenes.readers.usd_stage import check_sizes, open_usd_stage, usd_stage_to_world
 from datafactory.scenes.readers.usd_targets import model_axes, prim_model
-from datafactory.scenes.scene import WORLD_AXES, PointTarget, Scene, SceneObject, Vector
+from datafactory.scenes.readers.usd_times import Clock
+from datafactory.scenes.scene import WORLD_AXES, ZERO, PointTarget, Scene, SceneObject, Vector
 from datafactory.scenes.usd_library import Tf, Usd, UsdGeom
 from shared.physics.errors import InputError
-from shared.physics.units import FARTHEST_M, FASTEST_MPS
+from shared.physics.units import FARTHEST_M
 
 
 @dataclass(frozen=True)
@@ -48,10 +54,11 @@ class _Inherited:
     targets_by_name: bool = False
 
 
-def read_usd(path: str | Path) -> Scene:
+def read_usd(path: str | Path, reading: Reading = AS_WRITTEN) -> Scene:
     """Read a .usd, .usda, .usdc or .usdz file.
 
     :param path: the root layer
+    :param reading: what the user decides of it
     :raises InputError: a layer that is missing or cannot be parsed, a reference or payload that leads nowhere, metadata
         or a ``radar:`` attribute without a usable value
     """
@@ -63,7 +70,8 @@ def read_usd(path: str | Path) -> Scene:
     with Tf.DiagnosticTrap() as trap:
         try:
             check_composition(path)
-            usd_stage = open_usd_stage(path, notes)
+            usd_stage = open_usd_stage(path, notes, reading)
+            bake_skinning(usd_stage, notes)
             scene = _Reader(path, usd_stage, notes).read()
         except (Tf.ErrorException, UnicodeDecodeError) as error:
             raise InputError(path, f"USD cannot read it ({_reason(error)})", "an intact USD file") from error
@@ -105,9 +113,10 @@ class _Reader:
         self._usd_stage = usd_stage
         self._notes = notes
         self._to_world = usd_stage_to_world(path, usd_stage, notes)
-        self._transforms = Transforms(usd_stage)
-        self._start = Usd.TimeCode(self._transforms.start)
-        self._facts = FactsOfPrims(path, self._start)
+        self._clock = Clock.of(usd_stage, notes)
+        self._transforms = Transforms(self._clock, self._to_world, notes)
+        self._start = Usd.TimeCode(self._clock.start)
+        self._facts = FactsOfPrims(path, self._clock)
         self._turn = self._to_world[:3, :3] / np.cbrt(np.linalg.det(self._to_world[:3, :3]))
         self._objects: list[SceneObject] = []
         self._targets: list[PointTarget] = []
@@ -117,13 +126,14 @@ class _Reader:
     def read(self) -> Scene:
         root = self._usd_stage.GetPseudoRoot()
         check_expansion(self._path, root, self._facts, self._start)
-        top = _Inherited(Frame(root, "", lambda time: np.eye(4), (), SCENE_PRIMS))
+        top = _Inherited(Frame(root, "", np.eye(4), None, SCENE_PRIMS))
         waiting = [(prim, top) for prim in reversed(root.GetFilteredChildren(SCENE_PRIMS))]
         while waiting:
             prim, inherited = waiting.pop()
             below = self._visit(prim, inherited)
             waiting.extend(reversed(below))  # the last one is taken next: the order of the USD stage
         note_coarse_vertices(self._spacings, self._notes)
+        self._clock.note_outside(self._notes)
         return Scene(self._path.stem, tuple(self._objects), tuple(self._targets), str(self._path))
 
     def _visit(self, prim: Usd.Prim, inherited: _Inherited) -> list[tuple[Usd.Prim, _Inherited]]:
@@ -135,6 +145,7 @@ class _Reader:
         if facts.purpose is not None and facts.purpose != inherited.purpose:
             inherited = replace(inherited, purpose=facts.purpose)
         inherited = self._with_attributes(prim, inherited)
+        self._notes.count("# prims appear or vanish: taken as at the start", int(facts.blinks))
         if inherited.purpose not in (UsdGeom.Tokens.guide, UsdGeom.Tokens.proxy):
             kind = self._facts.kind(prim, inherited.targets_by_name)
             if kind is not None or facts.has_rcs:
@@ -160,7 +171,7 @@ class _Reader:
 
     def _add_target(self, prim: Usd.Prim, inherited: _Inherited, kind: str | None) -> None:
         model, axes = None, WORLD_AXES
-        matrix = self._transforms.matrix(prim, inherited.frame)
+        matrix, motion = self._placing(prim, inherited)
         if kind is None:
             rcs_dbsm = float(self._facts.numbers(prim, "radar:rcs_dbsm", 1, "a finite number [dBsm]")[0])
         else:
@@ -179,22 +190,34 @@ class _Reader:
             raise InputError(
                 self._path, f"{prim.GetPath()} stands at ({x}, {y}, {z})", f"a position within {FARTHEST_M:g} m"
             )
-        velocity = self._velocity(prim, inherited, np.zeros(3))
-        self._targets.append(PointTarget(inherited.frame.name(prim), (x, y, z), rcs_dbsm, velocity, model, axes))
+        name, velocity = inherited.frame.name(prim), inherited.velocity or ZERO
+        target = PointTarget(name, (x, y, z), rcs_dbsm, velocity, model, axes, motion)
+        if motion is not None:
+            check_motion(self._path, name, motion)
+            target = replace(target, velocity=target.at(0.0).velocity)
+        if model is not None and (problem := model.unfit(float(np.dot(axes[0], target.velocity)))):
+            raise InputError(self._path, f"{prim.GetPath()}: {problem}")
+        self._targets.append(target)
 
-    def _velocity(self, prim: Usd.Prim, inherited: _Inherited, centre: NDArray[np.float64]) -> Vector:
-        """World velocity [m/s]: that of an attribute, or else that of the animation."""
+    def _placing(
+        self, prim: Usd.Prim, inherited: _Inherited, track: Samples | None = None
+    ) -> tuple[NDArray[np.float64], Motion | None]:
+        """[4, 4] from the prim's coordinates to the USD stage's at time 0, and how the prim moves.
+
+        :param track: its points' samples
+        """
+        frame = inherited.frame
+        chain = self._transforms.chain(prim, frame)
+        matrix = self._transforms.rest(prim, frame) if chain is None else chain.at(0.0)[0]
+        motion = self._transforms.motion(prim, frame, chain)
         if inherited.velocity is not None:
-            return inherited.velocity
-        velocity, turns = self._transforms.velocity(prim, inherited.frame, centre)
-        if turns:
-            self._notes.count("# objects turn or change size: only the motion of their centre is used")
-        x, y, z = (float(value) for value in self._to_world[:3, :3] @ velocity)
-        if not (np.abs([x, y, z]) <= FASTEST_MPS).all():
-            raise InputError(
-                self._path, f"{prim.GetPath()} moves at ({x}, {y}, {z}) m/s", f"at most {FASTEST_MPS:g} m/s"
-            )
-        return x, y, z
+            both = motion is not None or track is not None
+            self._notes.count("# objects have radar:velocity and time samples: the attribute says how they move", both)
+            return matrix, None
+        if track is not None:
+            chain = Chain((self._to_world,)).then(*(chain.factors if chain is not None else (matrix,)))
+            motion = Moving(frame.name(prim), chain, track)
+        return matrix, motion
 
     def _instances(self, instancer: UsdGeom.PointInstancer, inherited: _Inherited) -> list[tuple[Usd.Prim, _Inherited]]:
         path = str(instancer.GetPath())
@@ -228,20 +251,22 @@ class _Reader:
         self._notes.repeat(shape.notes)
         if not shape.meshes:
             return
-        matrix = product(self._to_world, self._transforms.matrix(prim, inherited.frame))
+        matrix, motion = self._placing(prim, inherited, shape.track)
+        matrix = product(self._to_world, matrix)
         self._spacings.append(shape.meshes[0][1].spacing_m(matrix))
-        velocity = self._velocity(prim, inherited, shape.centre)
+        if motion is not None:
+            check_motion(self._path, inherited.frame.name(prim), motion, shape.probes)
         for name, mesh in shape.meshes:
             if name:
                 subset = prim.GetChild(name)
-                self._add_object(subset, mesh, matrix, velocity, self._with_attributes(subset, inherited))
+                self._add_object(subset, mesh, matrix, motion, self._with_attributes(subset, inherited))
             else:
-                self._add_object(prim, mesh, matrix, velocity, inherited)
+                self._add_object(prim, mesh, matrix, motion, inherited)
 
     def _add_object(
-        self, prim: Usd.Prim, mesh: LocalMesh, matrix: NDArray[np.float64], velocity: Vector, inherited: _Inherited
+        self, prim: Usd.Prim, mesh: LocalMesh, matrix: NDArray[np.float64], motion: Motion | None, inherited: _Inherited
     ) -> None:
-        vertices, triangles, dropped = mesh.placed(matrix)
+        vertices, triangles, dropped = mesh.placed(matrix, keep_points=isinstance(motion, Moving))
         dropped.add_to(self._notes)
         if not len(triangles):
             self._notes.count("# meshes or subsets without a usable triangle ignored")
@@ -250,4 +275,7 @@ class _Reader:
         if material is None:
             material, leads_nowhere = self._facts.bound_material(prim)
             self._notes.count("# material bindings lead to no material", int(leads_nowhere))
-        self._objects.append(SceneObject.of(inherited.frame.name(prim), vertices, triangles, material, velocity))
+        if inherited.velocity is not None:  # a subset's own
+            motion = None
+        name = inherited.frame.name(prim)
+        self._objects.append(SceneObject.of(name, vertices, triangles, material, inherited.velocity or ZERO, motion))

@@ -8,10 +8,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.scenes.chain import Samples
 from datafactory.scenes.readers.local_mesh import LocalMesh
 from datafactory.scenes.readers.notes import Notes
-from datafactory.scenes.readers.usd_prims import PrimMesh, is_solid, polygon_mesh, solid_mesh, whole_numbers
+from datafactory.scenes.readers.usd_prims import (
+    PrimMesh,
+    is_solid,
+    polygon_mesh,
+    size_changes,
+    solid_mesh,
+    whole_numbers,
+)
+from datafactory.scenes.readers.usd_samples import point_track
 from datafactory.scenes.readers.usd_targets import names_are_targets, target_kind
+from datafactory.scenes.readers.usd_times import Clock
 from datafactory.scenes.usd_library import Sdf, Usd, UsdGeom, UsdShade
 from shared.physics.errors import InputError
 
@@ -20,7 +30,7 @@ from shared.physics.errors import InputError
 class PrimFacts:
     """The values of one prim that reading depends on, without what it inherits.
 
-    :param visible: False hides the prim and everything below it
+    :param visible: False hides the prim and everything below it; :param blinks: that changes with time
     :param purpose: the authored purpose, None where there is none
     :param velocity: ``radar:velocity`` [m/s] in the USD stage's axes
     :param material: ``radar:material``
@@ -38,6 +48,7 @@ class PrimFacts:
     has_rcs: bool
     is_instancer: bool
     is_gprim: bool
+    blinks: bool = False
 
 
 @dataclass(frozen=True)
@@ -45,21 +56,24 @@ class PrimShape:
     """The meshes of one prim: one for each of its material subsets, and one for the rest.
 
     :param meshes: (name of the subset, "" for the prim itself; its mesh)
-    :param centre: [3] mean of the prim's points
+    :param probes: [P, 3] points between which all others lie
+    :param track: samples [K, P, 3] of all points; None where they stay as they are
     :param notes: what was left out of the geometry
     """
 
     meshes: tuple[tuple[str, LocalMesh], ...]
-    centre: NDArray[np.float64]
+    probes: NDArray[np.floating]
     notes: Notes
+    track: Samples | None = None
 
 
 class FactsOfPrims:
     """The facts of a USD stage's prims; those of an instance's prims are those of its prototype."""
 
-    def __init__(self, path: Path, start: Usd.TimeCode) -> None:
+    def __init__(self, path: Path, clock: Clock) -> None:
         self._path = path
-        self._start = start
+        self._clock = clock
+        self._start = Usd.TimeCode(clock.start)
         self._facts: dict[Sdf.Path, PrimFacts] = {}
         self._materials: dict[Sdf.Path, tuple[str, bool]] = {}
         self._kinds: dict[tuple[Sdf.Path, bool], str | None] = {}
@@ -115,9 +129,10 @@ class FactsOfPrims:
 
     def _read(self, prim: Usd.Prim) -> PrimFacts:
         imageable = UsdGeom.Imageable(prim)
-        visible, purpose = True, None
+        visible, purpose, blinks = True, None, False
         if imageable:
             visible = imageable.GetVisibilityAttr().Get(self._start) != UsdGeom.Tokens.invisible
+            blinks = imageable.GetVisibilityAttr().ValueMightBeTimeVarying()
             if imageable.GetPurposeAttr().HasAuthoredValue():
                 purpose = str(imageable.GetPurposeAttr().Get())
         if not visible:
@@ -140,17 +155,21 @@ class FactsOfPrims:
             has_rcs=prim.HasAttribute("radar:rcs_dbsm"),
             is_instancer=prim.IsA(UsdGeom.PointInstancer),
             is_gprim=prim.IsA(UsdGeom.Gprim),
+            blinks=blinks,
         )
 
     def _read_shape(self, prim: Usd.Prim, shared: bool) -> PrimShape:
         notes = Notes()
         mesh: PrimMesh | None
+        track = None
         if prim.IsA(UsdGeom.Mesh):
             mesh = polygon_mesh(UsdGeom.Mesh(prim), self._start, notes)
+            track = None if mesh is None else point_track(UsdGeom.Mesh(prim), len(mesh.points), self._clock, notes)
         else:
             mesh = solid_mesh(prim, self._start)
+            notes.count("# solids change their size: taken as they are at the start", int(size_changes(prim)))
         if mesh is None:
-            return PrimShape((), np.zeros(3), notes)
+            return PrimShape((), np.zeros((0, 3)), notes)
         meshes = []
         rest = np.ones(len(mesh.triangles), dtype=bool)
         for subset in UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets():
@@ -159,8 +178,16 @@ class FactsOfPrims:
             meshes.append((subset.GetPrim().GetName(), LocalMesh(mesh.points, mesh.triangles[chosen], shared)))
         if rest.any() or not len(rest):
             meshes.append(("", LocalMesh(mesh.points, mesh.triangles[rest], shared)))
-        centre = LocalMesh(mesh.points, mesh.triangles).centre
-        return PrimShape(tuple(meshes), centre, notes)
+        return PrimShape(tuple(meshes), mesh.points if track is not None else _corners(mesh.points), notes, track)
+
+
+def _corners(points: NDArray[np.floating]) -> NDArray[np.floating]:
+    """[8, 3] the corners of the box around the finite points."""
+    finite = points[np.isfinite(points).all(axis=1)]
+    if not len(finite):
+        return np.zeros((1, 3))
+    sides = np.stack([finite.min(axis=0), finite.max(axis=0)])
+    return np.array([[sides[i, 0], sides[j, 1], sides[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
 
 
 def source_path(prim: Usd.Prim) -> Sdf.Path:

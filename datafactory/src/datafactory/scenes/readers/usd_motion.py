@@ -1,41 +1,45 @@
-"""Positions and velocities of USD prims.
+"""How USD prims move: chains of transforms with the samples that the file holds.
 
-Positions are those at the USD stage's start. A velocity is the finite difference over the first time interval of the
-animation, v = (M(t1) c - M(t0) c) / (t1 - t0) * timeCodesPerSecond, with c the mean of the object's vertices and M its
-local-to-world transform. t0 and t1 are authored samples. USD interpolates linearly between them, so that v is exact for
-a translation. Of an object that also turns, v is the velocity of c.
+A prim without samples above it has one matrix, USD's own. Of any other, the operations of its ancestors' transforms are
+read with all their samples (:mod:`datafactory.scenes.chain`), instancers' positions, orientations and scales among
+them. Time 0 is the USD stage's start, and seconds are time codes over timeCodesPerSecond.
+
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.scenes.chain import Chain, Factor, Operation, Samples
+from datafactory.scenes.motion import Motion, Moving, Track, looked_at
+from datafactory.scenes.readers.notes import Notes
 from datafactory.scenes.readers.usd_prims import whole_numbers
+from datafactory.scenes.readers.usd_samples import attribute_samples, numbers_of
+from datafactory.scenes.readers.usd_times import Clock
 from datafactory.scenes.usd_library import Usd, UsdGeom
-
-RESTING_SPEED = 1e-6  # USD stage units per second below which float64 transforms cannot tell motion from rounding
+from shared.physics.errors import InputError
+from shared.physics.units import FARTHEST_M, FASTEST_MPS
 
 
 @dataclass(frozen=True)
 class Frame:
     """The coordinates that a prim's transform refers to: the USD stage, or one instance of a point instancer.
 
-    :param root: the prim whose subtree is placed; its own transform is within ``matrix_at``
+    :param root: the prim whose subtree is placed; its own transform is within ``matrix``
     :param label: what replaces the root's parent in the names of objects
-    :param matrix_at: time code to the [4, 4] matrix (column vectors) from the root's coordinates to the USD stage's
-    :param sample_times: time codes at which that matrix has samples
+    :param matrix: [4, 4] (column vectors) from the root's coordinates to the USD stage's, at time 0
+    :param chain: the same for all times; None where it does not move
     :param predicate: which prims below the root are visited
     """
 
     root: Usd.Prim
     label: str
-    matrix_at: Callable[[float], NDArray[np.float64]]
-    sample_times: tuple[float, ...]
+    matrix: NDArray[np.float64]
+    chain: Chain | None
     predicate: Usd._PrimFlagsPredicate
 
     def name(self, prim: Usd.Prim) -> str:
@@ -46,57 +50,142 @@ class Frame:
         return f"{self.label}/{self.root.GetName()}{below}"
 
 
+@dataclass
 class Transforms:
-    """World transforms and velocities of a USD stage's prims, in USD stage units and axes."""
+    """World transforms of a USD stage's prims, in USD stage units and axes.
 
-    def __init__(self, usd_stage: Usd.Stage) -> None:
-        self._codes_per_second = float(usd_stage.GetTimeCodesPerSecond())
-        self._caches: dict[float, UsdGeom.XformCache] = {}
-        self._times: dict[str, frozenset[float]] = {}
-        self.start = _start_time(usd_stage)
+    :param to_world: [4, 4] from there to metres and z up, for motions
+    """
 
-    def matrix(self, prim: Usd.Prim, frame: Frame, time: float | None = None) -> NDArray[np.float64]:
-        """[4, 4] acting on column vectors, from the prim's coordinates to the USD stage's."""
-        time = self.start if time is None else time
-        cache = self._cache(time)
+    clock: Clock
+    to_world: NDArray[np.float64]
+    notes: Notes
+    _flags: dict[str, tuple[bool, bool]] = field(default_factory=dict)
+    _factors: dict[str, tuple[Factor, ...]] = field(default_factory=dict)
+    _tracks: dict[str, Track | None] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._cache = UsdGeom.XformCache(Usd.TimeCode(self.clock.start))
+
+    def matrix(self, prim: Usd.Prim, frame: Frame) -> NDArray[np.float64]:
+        """[4, 4] acting on column vectors, from the prim's coordinates to the USD stage's, at time 0."""
+        chain = self.chain(prim, frame)
+        return self.rest(prim, frame) if chain is None else chain.at(0.0)[0]
+
+    def rest(self, prim: Usd.Prim, frame: Frame) -> NDArray[np.float64]:
+        """The same of a prim that does not move."""
         if frame.root.IsPseudoRoot():
-            return _columns(cache.GetLocalToWorldTransform(prim))
-        relative, _ = cache.ComputeRelativeTransform(prim, frame.root)
-        return product(frame.matrix_at(time), _columns(relative))
+            return columns(self._cache.GetLocalToWorldTransform(prim))
+        relative, _ = self._cache.ComputeRelativeTransform(prim, frame.root)
+        return product(frame.matrix, columns(relative))
 
-    def velocity(self, prim: Usd.Prim, frame: Frame, centre: NDArray[np.float64]) -> tuple[NDArray[np.float64], bool]:
-        """World velocity [units of the USD stage / s] of a point of the prim, and whether the prim turns.
-
-        :param centre: [3] the point in the prim's coordinates
-        """
-        interval = _first_interval(self.sample_times(prim, frame), self.start)
-        if interval is None:
-            return np.zeros(3), False
-        before, after = (self.matrix(prim, frame, time) for time in interval)
-        seconds = (interval[1] - interval[0]) / self._codes_per_second
-        with np.errstate(over="ignore", invalid="ignore"):
-            step = (after - before)[:3]
-            velocity = (step[:, :3] @ centre + step[:, 3]) / seconds
-            turns = not np.abs(step[:, :3]).max() <= 1e-9 * np.abs(before[:3, :3]).max()
-            rests = np.linalg.norm(velocity) <= RESTING_SPEED  # false for NaN, which the caller refuses
-        return np.where(rests, 0.0, velocity), turns
-
-    def sample_times(self, prim: Usd.Prim, frame: Frame) -> tuple[float, ...]:
-        """Time codes with a transform sample on the prim or above it, rising."""
-        times = set(frame.sample_times)
-        while prim != frame.root and not prim.IsPseudoRoot():
-            path = str(prim.GetPath())
-            if path not in self._times:
-                xformable = UsdGeom.Xformable(prim)
-                self._times[path] = frozenset(xformable.GetTimeSamples() if xformable else ())
-            times |= self._times[path]
+    def chain(self, prim: Usd.Prim, frame: Frame) -> Chain | None:
+        """From the prim's coordinates to the USD stage's, at all times; None where it does not move."""
+        way: list[Usd.Prim] = []
+        moves = resets = False
+        while prim != frame.root and not prim.IsPseudoRoot() and not resets:
+            way.append(prim)
+            its_own, resets = self._moves_and_resets(prim)
+            moves |= its_own
             prim = prim.GetParent()
-        return tuple(sorted(times))
+        outer = None if resets else frame.chain
+        if outer is None and not moves:
+            return None
+        start = outer or (Chain() if resets else Chain((frame.matrix,)))
+        return start.then(*(factor for item in reversed(way) for factor in self.factors(item)))
 
-    def _cache(self, time: float) -> UsdGeom.XformCache:
-        if time not in self._caches:
-            self._caches[time] = UsdGeom.XformCache(Usd.TimeCode(time))
-        return self._caches[time]
+    def motion(self, prim: Usd.Prim, frame: Frame, chain: Chain | None) -> Motion | None:
+        """How the prim moves in the world; None where it rests.
+
+        :param chain: the prim's own
+        """
+        if chain is None:
+            return None
+        world = Chain((self.to_world,)).then(*chain.factors)
+        # Prims that move alike are one body: what stands below the last operation does not change the motion.
+        last = max((n for n, factor in enumerate(world.factors) if isinstance(factor, Operation)), default=-1)
+        moving = Chain(world.factors[: last + 1])
+        if not moving.moves:
+            return None
+        body = self._body(prim, frame)
+        if moving.turns:
+            return Moving(body, world)
+        if body not in self._tracks:
+            self._tracks[body] = Track.of(moving)
+        return self._tracks[body]
+
+    def factors(self, prim: Usd.Prim) -> tuple[Factor, ...]:
+        """The prim's own transform, outermost first."""
+        path = str(prim.GetPath())
+        if path not in self._factors:
+            if self._moves_and_resets(prim)[0]:
+                operations = UsdGeom.Xformable(prim).GetOrderedXformOps()
+                self._factors[path] = tuple(self._operation(op) for op in operations)
+            elif UsdGeom.Xformable(prim):
+                self._factors[path] = (columns(self._cache.GetLocalTransformation(prim)[0]),)
+            else:
+                self._factors[path] = ()
+        return self._factors[path]
+
+    def _moves_and_resets(self, prim: Usd.Prim) -> tuple[bool, bool]:
+        """Whether the prim's own transform has samples, and whether it is not relative to the prim's parent."""
+        path = str(prim.GetPath())
+        if path not in self._flags:
+            xformable = UsdGeom.Xformable(prim)
+            moves = bool(xformable) and xformable.TransformMightBeTimeVarying()
+            self._flags[path] = moves, bool(xformable) and xformable.GetResetXformStack()
+        return self._flags[path]
+
+    def moves(self, prim: Usd.Prim) -> bool:
+        """Whether the prim's own transform has samples."""
+        return self._moves_and_resets(prim)[0]
+
+    def _body(self, prim: Usd.Prim, frame: Frame) -> str:
+        """Name of the innermost prim with samples above the prim, itself included."""
+        while prim != frame.root and not prim.IsPseudoRoot():
+            if self.moves(prim):
+                return frame.name(prim)
+            prim = prim.GetParent()
+        return f"{frame.label}/{frame.root.GetName()}"
+
+    def _operation(self, op: UsdGeom.XformOp) -> Factor:
+        """One operation of a transform: a matrix where it has no samples."""
+        samples = self.samples(op.GetAttr())
+        if samples is None or not samples.varies:
+            return columns(op.GetOpTransform(Usd.TimeCode(self.clock.start)))
+        kind = op.GetOpName().split("xformOp:", 1)[1].split(":")[0]
+        values = samples.values
+        if values[0].size != _numbers_in(kind):  # USD would not have it either
+            return columns(op.GetOpTransform(Usd.TimeCode(self.clock.start)))
+        if kind in _ALONG:  # one coordinate of a translation or a scale
+            whole, axis = _ALONG[kind]
+            rest = np.full((len(values), 3), 1.0 if whole == "scale" else 0.0)
+            rest[:, axis] = values.reshape(len(values))
+            return Operation(whole, Samples(samples.times, rest), inverse=op.IsInverseOp())
+        if kind == "transform":
+            turned = np.swapaxes(values.reshape(-1, 4, 4), 1, 2).copy()  # USD's matrices act on row vectors
+            turned[:, 3] = (0.0, 0.0, 0.0, 1.0)
+            return Operation("matrix", Samples(samples.times, turned.reshape(-1, 16)), inverse=op.IsInverseOp())
+        if kind.startswith("rotate"):
+            axes, angles = kind.removeprefix("rotate"), values.reshape(len(values), -1)
+            if len(axes) == 3:  # the value's components stand for x, y and z, whatever the order
+                angles = angles[:, ["XYZ".index(axis) for axis in axes]]
+            return Operation("rotate", Samples(samples.times, angles), axes, op.IsInverseOp())
+        return Operation(kind, samples, inverse=op.IsInverseOp())
+
+    def samples(self, attribute: Usd.Attribute) -> Samples | None:
+        """All samples of an attribute as float64 [K, n], at seconds; None without any."""
+        return attribute_samples(attribute, self.clock, self.notes)
+
+
+_ALONG = {f"{whole}{axis}": (whole, n) for whole in ("translate", "scale") for n, axis in enumerate("XYZ")}
+_SIZES = {"translate": 3, "scale": 3, "orient": 4, "transform": 16}
+
+
+def _numbers_in(kind: str) -> int:
+    """Numbers in a value of one of USD's kinds of operation."""
+    single = kind[:-1] in ("translate", "scale", "rotate") and kind not in _SIZES
+    return 1 if single else _SIZES.get(kind, 3)
 
 
 def instance_frames(
@@ -107,49 +196,79 @@ def instance_frames(
     :raises ValueError: the arrays contradict one another, or a prototype is missing
     """
     prim = instancer.GetPrim()
-    start = Usd.TimeCode(transforms.start)
+    start = Usd.TimeCode(transforms.clock.start)
     prototypes = [prim.GetStage().GetPrimAtPath(path) for path in instancer.GetPrototypesRel().GetForwardedTargets()]
     chosen = whole_numbers(instancer.GetProtoIndicesAttr(), start)
     if not all(prototypes):
         raise ValueError("a target of 'prototypes' does not exist")
-    if len(chosen) and not (chosen.min() >= 0 and chosen.max() < len(prototypes)):
+    if not len(chosen):
+        return []
+    if not (chosen.min() >= 0 and chosen.max() < len(prototypes)):
         raise ValueError(f"protoIndices run from {chosen.min()} to {chosen.max()} with {len(prototypes)} prototypes")
     mask = instancer.ComputeMaskAtTime(start) or [True] * len(chosen)
-    at_time: dict[float, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
-
-    def placed(time: float, index: int) -> NDArray[np.float64]:
-        if time not in at_time:
-            code = Usd.TimeCode(time)
-            matrices = instancer.ComputeInstanceTransformsAtTime(
-                code, code, UsdGeom.PointInstancer.IncludeProtoXform, UsdGeom.PointInstancer.IgnoreMask
-            )
-            at_time[time] = transforms.matrix(prim, frame, time), np.array(matrices, dtype=np.float64)
-        world, local = at_time[time]
-        if index >= len(local):
-            raise ValueError(f"{len(chosen)} protoIndices but {len(local)} instance transforms")
-        return product(world, _columns(local[index]))
-
-    if len(chosen):
-        placed(transforms.start, len(chosen) - 1)  # arrays of unequal length are refused before any prim is read
-    attributes = (instancer.GetPositionsAttr(), instancer.GetOrientationsAttr(), instancer.GetScalesAttr())
-    times = {time for attribute in attributes for time in attribute.GetTimeSamples()}
-    times.update(transforms.sample_times(prim, frame))
-    of_prototype = [tuple(sorted(times.union(UsdGeom.Xformable(item).GetTimeSamples()))) for item in prototypes]
+    local = np.array(
+        instancer.ComputeInstanceTransformsAtTime(
+            start, start, UsdGeom.PointInstancer.IncludeProtoXform, UsdGeom.PointInstancer.IgnoreMask
+        ),
+        dtype=np.float64,
+    )
+    if len(local) < len(chosen):
+        raise ValueError(f"{len(chosen)} protoIndices but {len(local)} instance transforms")
+    world = transforms.matrix(prim, frame)
+    chain_of = _instance_chains(instancer, frame, transforms, prototypes, len(chosen))
     name = frame.name(prim)
-    return [
-        Frame(
-            prototypes[prototype], f"{name}[{index}]", partial(placed, index=index), of_prototype[prototype], predicate
-        )
-        for index, prototype in enumerate(chosen.tolist())
-        if mask[index]
-    ]
+    frames = []
+    for index, prototype in enumerate(chosen.tolist()):
+        if mask[index]:
+            chain = chain_of(index, prototype)
+            matrix = product(world, columns(local[index])) if chain is None else chain.at(0.0)[0]
+            frames.append(Frame(prototypes[prototype], f"{name}[{index}]", matrix, chain, predicate))
+    return frames
 
 
-def _columns(matrix: object) -> NDArray[np.float64]:
+def _instance_chains(
+    instancer: UsdGeom.PointInstancer, frame: Frame, transforms: Transforms, prototypes: list[Usd.Prim], count: int
+) -> Callable[[int, int], Chain | None]:
+    """The chain of an instance, by its index and its prototype's; None where it does not move."""
+    prim = instancer.GetPrim()
+    outer = transforms.chain(prim, frame)
+    turning = [transforms.moves(item) for item in prototypes]
+    arrays: list[tuple[str, Samples]] = []
+    start = Usd.TimeCode(transforms.clock.start)
+    orientations = instancer.GetOrientationsfAttr() if hasattr(instancer, "GetOrientationsfAttr") else None
+    if orientations is None or not orientations.HasAuthoredValue():
+        orientations = instancer.GetOrientationsAttr()
+    moves = False
+    for kind, attribute in (
+        ("translate", instancer.GetPositionsAttr()), ("orient", orientations), ("scale", instancer.GetScalesAttr())
+    ):  # fmt: skip
+        samples = transforms.samples(attribute) if attribute.ValueMightBeTimeVarying() else None
+        if samples is None:
+            value = numbers_of(attribute.Get(start))
+            samples = None if value is None else Samples.constant(value)
+        else:
+            moves |= samples.varies
+        if samples is None or samples.values.ndim != 3 or samples.values.shape[1] < count:
+            continue
+        if kind == "orient":  # NumPy has USD's quaternions as x, y, z, w
+            samples = Samples(samples.times, samples.values[..., [3, 0, 1, 2]])
+        arrays.append((kind, samples))
+
+    def chain(index: int, prototype: int) -> Chain | None:
+        if outer is None and not moves and not turning[prototype]:
+            return None
+        start_at = outer or Chain((transforms.matrix(prim, frame),))
+        steps = [Operation(kind, Samples(samples.times, samples.values[:, index])) for kind, samples in arrays]
+        return start_at.then(*steps, *transforms.factors(prototypes[prototype]))
+
+    return chain
+
+
+def columns(matrix: object) -> NDArray[np.float64]:
     """[4, 4] acting on column vectors; USD's matrices act on row vectors. The projective part is dropped."""
-    columns = np.array(matrix, dtype=np.float64).T
-    columns[3] = (0.0, 0.0, 0.0, 1.0)
-    return columns
+    found = np.array(matrix, dtype=np.float64).T
+    found[3] = (0.0, 0.0, 0.0, 1.0)
+    return found
 
 
 def product(outer: NDArray[np.float64], inner: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -159,17 +278,23 @@ def product(outer: NDArray[np.float64], inner: NDArray[np.float64]) -> NDArray[n
     return product
 
 
-def _first_interval(times: tuple[float, ...], start: float) -> tuple[float, float] | None:
-    """The two samples around the start; the first two where the start lies before them."""
-    if len(times) < 2 or start >= times[-1]:
-        return None
-    after = min(max(1, int(np.searchsorted(times, start, side="right"))), len(times) - 1)  # NaN sorts last
-    return times[after - 1], times[after]
+def check_motion(source: object, name: str, motion: Motion, points: NDArray[np.floating] = np.zeros((1, 3))) -> None:
+    """Refuse a motion that leaves every map or is faster than anything.
 
-
-def _start_time(usd_stage: Usd.Stage) -> float:
-    """The authored start, or else the first sample in any layer, or 0."""
-    if usd_stage.HasAuthoredTimeCodeRange():
-        return float(usd_stage.GetStartTimeCode())
-    samples = [time for layer in usd_stage.GetUsedLayers() for time in layer.ListAllTimeSamples()]
-    return min(samples, default=0.0)
+    :param points: [P, 3] some of what moves, in its own coordinates
+    :raises InputError: naming what moves, where to or how fast
+    """
+    if isinstance(motion, Track):
+        places, velocities = np.array(motion.places), np.array(motion.velocities)
+    else:
+        instants = [motion.at(points, np.arange(len(points)), time) for time in looked_at(motion)]
+        places = np.concatenate([item.vertices for item in instants])
+        velocities = np.concatenate([item.velocities for item in instants])
+    for values, limit, verb, unit in (
+        (velocities, FASTEST_MPS, "moves at", "m/s"),
+        (places, FARTHEST_M, "gets to", "m"),
+    ):
+        bad = np.flatnonzero(~(np.abs(values) <= limit).all(axis=1))  # NaN is not within
+        if len(bad):
+            x, y, z = (float(value) for value in values[bad[0]])
+            raise InputError(source, f"{name} {verb} ({x}, {y}, {z}) {unit}", f"at most {limit:g} {unit}")

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from datafactory.scenes.readers import primitives
 from datafactory.scenes.readers.notes import Notes
 from datafactory.scenes.readers.triangulation import triangulate
+from datafactory.scenes.readers.usd_skinning import is_baked
 from datafactory.scenes.usd_library import Usd, UsdGeom, UsdSkel
 from shared.physics.errors import InputError
 
@@ -43,6 +44,12 @@ def is_solid(prim: Usd.Prim) -> bool:
     return prim.GetTypeName() in _SOLIDS
 
 
+def size_changes(prim: Usd.Prim) -> bool:
+    """Whether a solid's size has samples."""
+    sizes = ("size", "radius", "radiusBottom", "radiusTop", "height", "width", "length")
+    return any(prim.HasAttribute(name) and prim.GetAttribute(name).ValueMightBeTimeVarying() for name in sizes)
+
+
 def polygon_mesh(mesh: UsdGeom.Mesh, time: Usd.TimeCode, notes: Notes) -> PrimMesh | None:
     """A UsdGeomMesh as triangles: its control cage, without its holes; None (and counted) where it has no faces.
 
@@ -68,10 +75,8 @@ def polygon_mesh(mesh: UsdGeom.Mesh, time: Usd.TimeCode, notes: Notes) -> PrimMe
         return None
     if mesh.GetSubdivisionSchemeAttr().Get() != UsdGeom.Tokens.none:
         notes.count("# subdivision surfaces taken as their control cage")
-    if UsdSkel.BindingAPI(mesh).GetJointIndicesAttr().HasAuthoredValue():
+    if UsdSkel.BindingAPI(mesh).GetJointIndicesAttr().HasAuthoredValue() and not is_baked(mesh):
         notes.count("# skinned meshes taken in their rest pose")
-    if mesh.GetPointsAttr().ValueMightBeTimeVarying():
-        notes.count("# meshes with moving points taken as they are at the start")
     cut = triangulate(points, counts, indices)
     notes.count("# faces with fewer than three corners or an index out of range dropped", cut.bad_faces)
     notes.count("# faces whose outline crosses itself cut into a fan", cut.crossing_faces)

@@ -10,33 +10,38 @@ from numpy.typing import NDArray
 
 from datafactory.scenes.readers.meshes import Y_UP_TO_Z_UP
 from datafactory.scenes.readers.notes import Notes
+from datafactory.scenes.readers.reading import AS_WRITTEN, Reading
 from datafactory.scenes.readers.scale import size_remark
+from datafactory.scenes.readers.usd_missing import LEFT_OUT, note_missing
+from datafactory.scenes.readers.usd_variants import select_variants
 from datafactory.scenes.scene import Scene
-from datafactory.scenes.usd_library import Pcp, Usd, UsdGeom
+from datafactory.scenes.usd_library import Usd, UsdGeom
 from shared.physics.errors import InputError
 
-# Composition errors that leave out a part of the scene.
-MISSING = (
-    Pcp.ErrorInvalidAssetPath,
-    Pcp.ErrorInvalidSublayerPath,
-    Pcp.ErrorMutedAssetPath,
-    Pcp.ErrorUnresolvedPrimPath,
-)
+UP_TO_Z_UP = {"X": np.eye(3)[[1, 2, 0]], "Y": Y_UP_TO_Z_UP, "Z": np.eye(3)}
+"""Rotations to z up. X up is no value that USD defines, but older exporters wrote it: (x, y, z) becomes (y, z, x)."""
 
 
-def open_usd_stage(path: Path, notes: Notes) -> Usd.Stage:
+def open_usd_stage(path: Path, notes: Notes, reading: Reading = AS_WRITTEN) -> Usd.Stage:
     """Open a USD stage with everything loaded.
 
-    :raises InputError: a sublayer, reference or payload leads nowhere
+    :raises InputError: a sublayer, reference or payload of geometry leads nowhere; a variant that there is not
     :raises pxr.Tf.ErrorException: the root layer cannot be parsed
     """
     usd_stage = Usd.Stage.Open(str(path))
+    select_variants(usd_stage, reading.variants)
     errors = usd_stage.GetCompositionErrors()
-    missing = [error for error in errors if isinstance(error, MISSING)]
-    if missing:
+    missing = note_missing(usd_stage, errors, notes)
+    if missing and not reading.allow_missing:
         more = f" (and {len(missing) - 1} more)" if len(missing) > 1 else ""
-        raise InputError(path, f"{str(missing[0]).rstrip('.')}{more}", "every layer in its place")
+        raise InputError(path, f"{missing[0]}{more}", "every layer in its place, or --allow-missing to go on without")
+    if missing:
+        notes.count(
+            f"# references to geometry cannot be opened and are left out, the first: {missing[0]}", len(missing)
+        )
+    errors = [error for error in errors if not isinstance(error, LEFT_OUT)]
     # The name of an anonymous layer is its address in memory, which differs from run to run.
+    errors.sort(key=str)
     first = re.sub(r"@anon:[^@]*@,?|@,@anon:[^@]*(?=@)", "", " ".join(str(errors[0]).split())) if errors else ""
     notes.count(f"# composition errors, the first: {first}", len(errors))
     return usd_stage
@@ -58,13 +63,13 @@ def usd_stage_to_world(path: Path, usd_stage: Usd.Stage, notes: Notes) -> NDArra
     if not np.isfinite(usd_stage.GetStartTimeCode()):
         raise InputError(path, f"startTimeCode = {usd_stage.GetStartTimeCode()}", "a finite number")
     axis = str(UsdGeom.GetStageUpAxis(usd_stage))
-    if axis not in (UsdGeom.Tokens.y, UsdGeom.Tokens.z):
-        raise InputError(path, f"upAxis = {axis!r}", "Y or Z")
+    if axis not in UP_TO_Z_UP:
+        raise InputError(path, f"upAxis = {axis!r}", "X, Y or Z")
     if not usd_stage.HasAuthoredMetadata(UsdGeom.Tokens.upAxis):
         notes.say(f"no upAxis: USD's default {axis} is used")
     _note_other_units(usd_stage, metres, axis, notes)
     matrix = np.eye(4)
-    matrix[:3, :3] = metres * (Y_UP_TO_Z_UP if axis == UsdGeom.Tokens.y else np.eye(3))
+    matrix[:3, :3] = metres * UP_TO_Z_UP[axis]
     return matrix
 
 

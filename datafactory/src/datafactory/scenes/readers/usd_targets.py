@@ -1,7 +1,8 @@
 """The USD prims that are targets with a model of their radar cross section.
 
 - ``radar:target`` (string or token): the name of a model of ``target_models``, with ``radar:radius_m``,
-  ``radar:length_m`` and so on for its sizes [m]; ``"none"`` exempts a prim from the name rule;
+  ``radar:length_m`` and so on for its sizes [m], and options as ``radar:wheel_radius_m`` or ``radar:stature_m``
+  (:mod:`datafactory.scenes.targets.road_users`); ``"none"`` exempts a prim from the name rule;
 - ``radar:targets_by_name`` (bool): below this prim, placed prims named car, pedestrian or cyclist are those targets. A
   name may go on with anything but a letter: ``Car``, ``car_17`` and ``Pedestrian2``, but neither ``Cars`` nor
   ``Carport``.
@@ -18,8 +19,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.scenes.scene import Vector
-from datafactory.scenes.targets.models import MODELS, ROAD_USERS, SIZES, RcsModel, target_model
+from datafactory.scenes.motion import Vector, upright_axes
+from datafactory.scenes.targets.models import MODELS, OPTIONS, ROAD_USERS, SIZES, RcsModel, target_model
 from datafactory.scenes.usd_library import Usd, UsdGeom
 from shared.physics.errors import InputError
 
@@ -66,11 +67,11 @@ def prim_model(path: Path, prim: Usd.Prim, time: Usd.TimeCode, kind: str) -> Rcs
     :raises InputError: a size that is missing, not wanted, or no usable length
     """
     sizes = {}
-    for name in SIZES:
+    for name in (*SIZES, *OPTIONS):
         if prim.HasAttribute(f"radar:{name}"):
             value = prim.GetAttribute(f"radar:{name}").Get(time)
             if isinstance(value, bool) or not isinstance(value, int | float):
-                raise InputError(path, f"{prim.GetPath()}.radar:{name} = {value!r}", "a length [m]")
+                raise InputError(path, f"{prim.GetPath()}.radar:{name} = {value!r}", "a length [m], or a number")
             sizes[name] = float(value)
     try:
         return target_model(kind, sizes)
@@ -86,15 +87,6 @@ def model_axes(local: NDArray[np.float64], turn: NDArray[np.float64]) -> tuple[V
     :param turn: [3, 3] rotation from the USD stage's axes to the world's
     """
     # The model's axes are the world's. ``turn.T`` brings them to the USD stage's, ``turn`` brings the result back.
-    with np.errstate(over="ignore", invalid="ignore"):  # a transform beyond all bounds counts as flat
+    with np.errstate(over="ignore", invalid="ignore"):
         matrix = turn @ local @ turn.T
-        forward, up = matrix[:, 0], matrix[:, 2]
-        x = forward / (np.linalg.norm(forward) or 1.0)
-        z = up - (up @ x) * x
-        length = float(np.linalg.norm(z))
-        if not (np.isfinite(matrix).all() and np.any(x) and length > 1e-6 * np.linalg.norm(up)):
-            return None
-    z = z / length
-    rows = np.stack([x, np.cross(z, x), z]) + 0.0
-    one, two, three = ((float(row[0]), float(row[1]), float(row[2])) for row in rows)
-    return one, two, three
+    return upright_axes(matrix[:, 0], matrix[:, 2]) if np.isfinite(matrix).all() else None

@@ -1,0 +1,87 @@
+"""More rays where few would share a resolution cell: what the first look at a scene says of the elevations.
+
+On flat ground at depth h below the sensor a ray at the sine of elevation z < 0 meets r = -h / z, and a range cell dr is
+dz = h dr / r^2 wide: at 30 m a hundredth of what it is at 3 m. Walls are the other way round: a column of rays shares
+one cell. So a few rays are sent ahead, in the fan's own density. Each that arrives at r, on a surface with the normal
+n, says how many rays a unit of z has to have for its cell to hold K of them,
+
+    dr/dz = -r (n . d') / (n . d),     p(z) = K / (N P_u dz),     dz = dr_cell / |dr/dz|,
+
+with d' the change of the direction d by z at a fixed azimuth, and P_u the fan's share of rays in a cell of u. A strip
+of elevations asks for what is enough for three quarters of its rays: what is rarer would take rays for walls that have
+them. A cell costs K rays wherever it is, so the nearest come first: all strips are given what they ask for within the
+largest range for which the rays suffice. Every strip keeps a share of the fan's density, for what lies beyond, and for
+what is scattered twice.
+
+The look's lattice does not depend on the frame's offset. Given what it says, the expected power over offsets is
+therefore what it was; :meth:`datafactory.paths.rays.RayFan.solid_angle_ratio` has the density.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from datafactory.paths.rays import UNIFORM_IN_U, RayFan
+from datafactory.paths.surfaces import Surfaces, Waves
+from datafactory.paths.thinning import RANGE_CELL_M, U_CELL
+
+STRIPS, RAYS_A_STRIP = 256, 64
+"""Strips of equal shares of the beam; at the horizon 256 of them are 9e-4 wide, 1.4 m of ground at 30 m."""
+RAYS_A_CELL = 6.0
+"""K. One more than makes speckle (:data:`datafactory.paths.density.FEW_PATHS`), for a lattice does not fall evenly."""
+UNAIMED = 0.55
+"""Least factor on the fan's density. More lights more cells far away and fills fewer near by (docs/speckle.md)."""
+AGREEING = 0.75
+"""Share of a strip's rays that what it asks for is enough for."""
+SHARE_IN_U = UNIFORM_IN_U * U_CELL / 2.0
+"""P_u, without the part of the fan that is uniform in azimuth."""
+
+
+def aimed(fan: RayFan, surfaces: Surfaces) -> RayFan:
+    """The fan with more rays at the elevations that ask for them.
+
+    :param surfaces: of the scene, from the frame's pose
+    """
+    if not fan.aimable:
+        return fan
+    strips = _within_reach(*_asked(fan, surfaces))
+    return replace(fan, strips=tuple(strips / strips.mean()))
+
+
+def _asked(fan: RayFan, surfaces: Surfaces) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """What the rays of a look ask for, and where they arrive.
+
+    :return: [STRIPS, RAYS_A_STRIP] factors on the fan's density, and ranges [m], infinite where nothing is met
+    """
+    look = RayFan(STRIPS * RAYS_A_STRIP, beam=fan.beam)
+    direction = look.directions()
+    index, hits = surfaces.hit_by(Waves.departing(direction, np.zeros(direction.shape, dtype=np.complex128)))
+    asked, range_m = np.zeros(look.count), np.full(look.count, np.inf)
+    d = direction[index]
+    distance = np.linalg.norm(hits.point, axis=1)
+    level = np.maximum(np.hypot(d[:, 0], d[:, 1]), np.finfo(float).tiny)
+    turned = np.column_stack([-d[:, :2] * (d[:, 2] / level**2)[:, None], np.ones(len(d))])
+    slope = distance * np.abs(np.einsum("ki,ki->k", hits.normal, turned)) / hits.cosine
+    density = RAYS_A_CELL * slope / (fan.count * SHARE_IN_U * RANGE_CELL_M)
+    asked[index] = density / look.elevation_density(d[:, 2])
+    range_m[index] = distance
+    # The look's lattice rises in z, so that its rays stand in the order of the strips.
+    return asked.reshape(STRIPS, RAYS_A_STRIP), range_m.reshape(STRIPS, RAYS_A_STRIP)
+
+
+def _within_reach(asked: NDArray[np.float64], range_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """[STRIPS] the factors asked for within the largest range for which they do not take more rays than there are."""
+    ranges = np.unique(range_m[np.isfinite(range_m)])
+    granted = np.full(len(asked), UNAIMED)
+    low, high = 0, len(ranges)
+    while low < high:
+        middle = (low + high) // 2
+        within = np.quantile(np.where(range_m <= ranges[middle], asked, 0.0), AGREEING, axis=1)
+        if (strips := np.maximum(within, UNAIMED)).mean() <= 1.0:
+            granted, low = strips, middle + 1
+        else:
+            high = middle
+    return granted

@@ -1,0 +1,157 @@
+"""The bodies of a scene: triangles of one motion on common vertices, and the edges at which they meet.
+
+Meshes of one motion form one body, because a roof and its walls, or the panels of a car, are often meshes of
+different materials. Their vertices are welded within ``WELD_M``. A body that does not turn is the same at all times,
+but for its shift, so that what is found of its shape stays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from datafactory.paths.merged_scene import MergedMesh, MergedScene
+from datafactory.paths.unfold import unit
+
+Real = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+WELD_M = 1e-4
+"""Vertices nearer than this are one [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """T triangles of one motion on V common vertices, and the E edges that one or two of them have.
+
+    :param vertices: [V, 3] world [m], without the meshes' shift; :param triangles: [T, 3]
+    :param mesh: [T] index into ``MergedScene.meshes``
+    :param owner: [T] index into ``MergedScene.objects``
+    :param source: [T] index among all triangles of the merged scene
+    :param doubles: [D, 2] triangles that lie on another: index among all of the scene's, and of that other here
+    :param pairs: [E, 2] vertices of each edge; :param faces: [E, 2] its triangles, twice the same on a rim
+    :param rim: [E] whether only one triangle has the edge
+    :param non_manifold: edges that more than two triangles share; they are in no other field
+    :param collapsed: triangles without an area, left out
+    """
+
+    vertices: Real
+    triangles: Index
+    mesh: Index
+    owner: NDArray[np.int32]
+    source: Index
+    doubles: Index
+    pairs: Index
+    faces: Index
+    rim: NDArray[np.bool_]
+    non_manifold: int
+    collapsed: int
+
+
+@lru_cache(maxsize=8)
+def bodies_of(merged_scene: MergedScene) -> tuple[Body, ...]:
+    """The bodies of a merged scene at its time, in the order of their first meshes; an empty one if it has none.
+
+    Made once; of another time than 0 those that turn are made anew.
+    """
+    known = None if merged_scene.at_rest is None else bodies_of(merged_scene.at_rest)
+    if known is not None and not merged_scene.turns:
+        return known
+    members: dict[Hashable, list[int]] = {}
+    for index, mesh in enumerate(merged_scene.meshes):
+        members.setdefault(mesh.rigid_body, []).append(index)
+    bodies = []
+    for number, each in enumerate(members.values()):
+        stays = known is not None and merged_scene.meshes[each[0]].turned is None
+        bodies.append(known[number] if known is not None and stays else _body(merged_scene.meshes, each))
+    return tuple(bodies) or (_body((), []),)
+
+
+def fold_angles(body: Body) -> Real:
+    """[E] angle between the planes of the two triangles at each edge [rad]: 0 where they continue each other, pi on a
+    rim. The winding is not used.
+    """
+    one, other = into_faces(body)
+    return 2.0 * np.arcsin(np.clip(0.5 * np.linalg.norm(one + other, axis=1), 0.0, 1.0))
+
+
+def into_faces(body: Body) -> tuple[Real, Real]:
+    """Unit vectors [E, 3] from each edge into its two triangles, across the edge."""
+    start = body.vertices[body.pairs[:, 0]]
+    along = unit(body.vertices[body.pairs[:, 1]] - start)
+    found = []
+    for side in (0, 1):
+        centre = body.vertices[body.triangles[body.faces[:, side]]].mean(axis=1) - start
+        found.append(unit(centre - np.einsum("ei,ei->e", centre, along)[:, None] * along))
+    return found[0], found[1]
+
+
+def _body(meshes: Sequence[MergedMesh], members: list[int]) -> Body:
+    """All triangles of one body's meshes on common vertices, without those that collapse and without doubles."""
+    chosen = [meshes[index] for index in members]
+    starts = np.cumsum([0] + [len(mesh.vertices) for mesh in chosen])
+    every = np.concatenate([np.zeros((0, 3)), *(mesh.vertices for mesh in chosen)])
+    distinct, first = np.unique(every, axis=0, return_inverse=True)
+    near = cKDTree(distinct).query_pairs(WELD_M, output_type="ndarray") if len(distinct) else np.zeros((0, 2), int)
+    ties = coo_array((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=(len(distinct),) * 2)
+    count, point = connected_components(ties, directed=False) if len(distinct) else (0, np.zeros(0, dtype=int))
+    vertices = np.zeros((count, 3))
+    vertices[point[::-1]] = distinct[::-1]  # each point lies where its first vertex does
+    triangles = np.concatenate(
+        [np.zeros((0, 3), int), *(m.triangles + s for m, s in zip(chosen, starts, strict=False))]
+    )
+    triangles = point[first.reshape(-1)][triangles] if len(triangles) else triangles
+    mesh = np.repeat(np.array(members, dtype=np.int64), [len(m.triangles) for m in chosen])
+    owner = np.concatenate([np.zeros(0, np.int32), *(m.object_of_triangle for m in chosen)]).astype(np.int32)
+    begin = np.cumsum([0, *(len(m.triangles) for m in meshes)])
+    source = np.concatenate([np.zeros(0, np.int64), *(np.arange(begin[i], begin[i + 1]) for i in members)])
+    ordered = np.sort(triangles, axis=1)
+    solid = (ordered[:, 0] != ordered[:, 1]) & (ordered[:, 1] != ordered[:, 2])
+    corner = vertices[triangles]
+    doubled_area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
+    solid &= doubled_area > 0.0
+    _, single, which = np.unique(ordered[solid], axis=0, return_index=True, return_inverse=True)
+    rank = np.argsort(np.argsort(single))[which.reshape(-1)]  # of each solid triangle, its place among those kept
+    kept = np.flatnonzero(solid)[np.sort(single)]
+    double = np.ones(len(rank), dtype=bool)
+    double[single] = False
+    pairs, faces, rim, non_manifold = _shared_edges(triangles[kept])
+    return Body(
+        vertices=vertices,
+        triangles=triangles[kept],
+        mesh=mesh[kept],
+        owner=owner[kept],
+        source=source[kept],
+        doubles=np.stack([source[np.flatnonzero(solid)][double], rank[double]], axis=1),
+        pairs=pairs,
+        faces=faces,
+        rim=rim,
+        non_manifold=non_manifold,
+        collapsed=int((~solid).sum()),
+    )
+
+
+def _shared_edges(triangles: Index) -> tuple[Index, Index, NDArray[np.bool_], int]:
+    """Edges of one or two triangles: vertices [E, 2], triangles [E, 2] (twice the same on a rim), rims [E].
+
+    Last, the number of edges that more than two triangles share; none of those is used.
+    """
+    sides = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
+    face = np.tile(np.arange(len(triangles)), 3)
+    order = np.lexsort((face, sides[:, 1], sides[:, 0]))
+    sides, face = sides[order], face[order]
+    new = np.ones(len(sides), dtype=bool)
+    new[1:] = (sides[1:] != sides[:-1]).any(axis=1)
+    first = np.flatnonzero(new)
+    uses = np.diff(np.append(first, len(sides)))
+    kept = first[uses <= 2]
+    rim = uses[uses <= 2] == 1
+    faces = np.stack([face[kept], face[np.where(rim, kept, kept + 1)]], axis=1) if len(kept) else np.zeros((0, 2), int)
+    return sides[kept], faces, rim, int((uses > 2).sum())

@@ -1,0 +1,177 @@
+"""Echoes of trihedral corners: three bounces, in each of the six orders of the faces, by physical optics.
+
+Three mirrors at right angles invert every point in the one that they share, X: the image of the TX is 2 X - x, and all
+ways have the length 2 R, R = |X|. A ray that comes in at w from X, across the line of sight, goes out at -w. It does so
+if it meets a face at w and leaves one at -w; the aperture is the outline of the three faces, seen from the radar, and
+the same outline turned by 180 deg, as far as they overlap. Over that aperture, in polar coordinates around X,
+
+    F = (1 / 2 pi) int (1 - exp(j k Delta(theta))) d(theta),    A = Gamma_1 Gamma_2 Gamma_3 lambda / (8 pi R) F,
+
+with Delta how much longer the way by the outline is than 2 R, in either direction the shorter one. Small triangles of
+legs a have the aperture a^2 / sqrt(3) on axis, and 4 pi a^4 / (3 lambda^2). The face met first is that at theta, the
+last that at theta + pi: that gives the order of the slabs' coefficients and how they turn the polarisation.
+
+Delay: that of the image, the table's law of specular paths with s = 2 X, H = -1; of a corner within a Fresnel zone that
+of a point. Sight is tested in 24 directions around X.
+
+Limits: right angles. A corner whose edges are so far off that the phase would turn by more than 1/8 cycle across the
+aperture is left out and counted. The sensor's own parallax over the aperture is that of its distance to X.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from datafactory.paths.corner_echoes import BEAM_ZONES, FAINTEST_DBSM, GRAZING, SPREAD_M, WIDE
+from datafactory.paths.corner_points import DIRECTIONS, CornerPoints
+from datafactory.paths.diffraction import NEAREST_M, Sight
+from datafactory.paths.mirror_feet import AHEAD_M
+from datafactory.paths.panes import Polarization, polarization_axis, ray_margin_m
+from datafactory.paths.smooth_faces import mirrored_by_slabs
+from datafactory.paths.table import CORNER, ScatteredPaths, SpecularPaths
+from datafactory.paths.unfold import unit
+from datafactory.scenes.materials.table import Material
+from shared.physics.units import SPEED_OF_LIGHT, db_to_power
+
+Real = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Index = NDArray[np.int64]
+
+AROUND = 720
+"""Directions around the apex over which the aperture is summed."""
+LOOKS = 24
+"""Directions around the apex in which sight is tested; AROUND is a multiple of it."""
+OFF_CYCLES = 0.125
+"""Largest turn of the phase across the aperture [cycles] of a corner that counts as right-angled."""
+
+
+def corner_point_echoes(
+    points: CornerPoints,
+    slabs: Sequence[Material],
+    frequency_hz: float,
+    sight: Sight,
+    polarization: tuple[Polarization, Polarization] = ("V", "V"),
+) -> tuple[ScatteredPaths, SpecularPaths, dict[str, int]]:
+    """Echoes of trihedral corners to the radar, at the origin.
+
+    :param points: in the radar frame, ``points_of(merged_scene).seen_from(pose)``
+    :param slabs: material of each merged mesh; :param frequency_hz: mid-sweep
+    :param sight: whether nothing stands between points
+    :param polarization: of TX and RX
+    :return: small corners and wide ones, with the delay law that suits either, and counts
+    """
+    wavelength = SPEED_OF_LIGHT / frequency_hz
+    range_m = np.linalg.norm(points.apex, axis=1)
+    home = -unit(points.apex)
+    facing = (np.einsum("qij,qj->qi", points.axes, home) > GRAZING).all(axis=1)
+    facing &= (range_m > NEAREST_M) & (points.apex[:, 0] >= -AHEAD_M)
+    points, range_m, home = points.take(facing), range_m[facing], home[facing]
+    face, rim, width = _outline(points, home, range_m)
+    longer = _round_trip(points.apex, rim)
+    opposite = np.roll(np.arange(AROUND), AROUND // 2)
+    longer = np.minimum(longer, longer[:, opposite])
+    width = np.minimum(width, width[:, opposite])
+    used = np.minimum(width.max(axis=1, initial=0.0), BEAM_ZONES * np.sqrt(0.5 * wavelength * range_m))
+    square = 4.0 * used * points.off_square < OFF_CYCLES * wavelength
+    local = 1.0 - np.exp(2j * np.pi * longer / wavelength - (longer / SPREAD_M) ** 2)
+    heard = np.pi * range_m**2 * np.abs(local.mean(axis=1)) ** 2 > float(db_to_power(FAINTEST_DBSM))
+    counts = {"corner_points_off_square": int((~square).sum())}
+    chosen = np.flatnonzero(square & heard)
+    points, range_m, face, rim, local = points.take(chosen), range_m[chosen], face[chosen], rim[chosen], local[chosen]
+    seen = _in_sight(points, face, rim, wavelength, sight)
+    local = np.where(seen & seen[:, opposite], local, 0.0)
+    amplitude = np.zeros(len(points), dtype=np.complex128)
+    for first in range(3):
+        for last in {0, 1, 2} - {first}:
+            here = (face == first) & (face[:, opposite] == last)
+            gamma = _reflection(points, (first, 3 - first - last, last), slabs, frequency_hz, polarization)
+            amplitude += np.conj(gamma) * np.where(here, local, 0.0).sum(axis=1) / AROUND
+    amplitude *= wavelength / (8.0 * np.pi * range_m)
+    visible = amplitude != 0.0
+    counts["corner_points_hidden"] = int((~visible).sum())
+    wide = np.median(np.sqrt(4.0 * longer[chosen] / wavelength), axis=1) >= WIDE if len(chosen) else visible
+    small, large = np.flatnonzero(visible & ~wide), np.flatnonzero(visible & wide)
+    scattered = ScatteredPaths.of_points(
+        points.apex[small], points.velocity[small], amplitude[small], points.object_index[small]
+    )
+    return (
+        replace(scattered, depth=np.full(len(small), 3, np.int8), kinds=np.full(len(small), CORNER, np.uint8)),
+        SpecularPaths(
+            image=2.0 * points.apex[large],
+            image_velocity=2.0 * points.velocity[large],
+            axes=np.tile(-np.eye(3), (len(large), 1, 1)),
+            reference=np.zeros(3),
+            amplitude=amplitude[large],
+            depth=np.full(len(large), 3, dtype=np.int8),
+            object_index=points.object_index[large],
+            kinds=np.full(len(large), CORNER, dtype=np.uint8),
+        ),
+        counts,
+    )
+
+
+def _outline(points: CornerPoints, home: Real, range_m: Real) -> tuple[Index, Real, Real]:
+    """Around the apex as the radar sees it: the face's number [Q, M], its rim [Q, M, 3] and its width [Q, M] [m].
+
+    A direction w across the sight belongs to the face i whose vector d = w + t s, s towards the radar, has d . u_i = 0
+    and no negative component along the other two edges: the largest t = -(w . u_i) / (s . u_i).
+    """
+    theta = 2.0 * np.pi * (np.arange(AROUND) + 0.5) / AROUND
+    start = unit(np.cross(home, points.axes[:, 0]))
+    aside = np.cross(home, start)
+    across = np.cos(theta)[None, :, None] * start[:, None] + np.sin(theta)[None, :, None] * aside[:, None]
+    rise = -np.einsum("qmi,qki->qmk", across, points.axes) / np.einsum("qi,qki->qk", home, points.axes)[:, None]
+    face = np.argmax(rise, axis=2)
+    tilt = np.take_along_axis(rise, face[..., None], axis=2)
+    direction = across + tilt * home[:, None]
+    rows = np.arange(len(points))[:, None]
+    beside = [np.einsum("qmi,qmi->qm", direction, points.axes[rows, (face + k) % 3]) for k in (1, 2)]
+    place = np.clip(np.arctan2(beside[1], beside[0]) / (0.5 * np.pi) * DIRECTIONS - 0.5, 0.0, DIRECTIONS - 1.0)
+    below = np.minimum(place.astype(np.int64), DIRECTIONS - 2)
+    share = place - below
+    reach = (1.0 - share) * points.reach[rows, face, below] + share * points.reach[rows, face, below + 1]
+    width = reach / np.linalg.norm(direction, axis=2)
+    return face, points.apex[:, None] + width[..., None] * direction, width
+
+
+def _round_trip(apex: Real, point: Real) -> Real:
+    """[Q, M] how much longer the way from the radar by a point to the radar's image is than 2 R [m]."""
+    legs = np.linalg.norm(point, axis=2) + np.linalg.norm(2.0 * apex[:, None] - point, axis=2)
+    return np.maximum(legs - 2.0 * np.linalg.norm(apex, axis=1)[:, None], 0.0)
+
+
+def _in_sight(points: CornerPoints, face: Index, rim: Real, wavelength_m: float, sight: Sight) -> NDArray[np.bool_]:
+    """[Q, M] whether the faces are in sight in these directions: half-way to the rim, or within the first zones."""
+    step = AROUND // LOOKS
+    looks = np.arange(LOOKS) * step + step // 2
+    off = rim[:, looks] - points.apex[:, None]
+    length = np.maximum(np.linalg.norm(off, axis=2), 1e-12)
+    zone = np.sqrt(0.5 * wavelength_m * np.linalg.norm(points.apex, axis=1))[:, None]
+    place = points.apex[:, None] + (0.5 * np.minimum(length, BEAM_ZONES * zone) / length)[..., None] * off
+    normal = points.axes[np.arange(len(points))[:, None], face[:, looks]]
+    place = place + ray_margin_m(np.linalg.norm(place, axis=2))[..., None] * normal
+    flat = place.reshape(-1, 3)
+    seen = sight(np.zeros_like(flat), flat).reshape(len(points), LOOKS)
+    return np.repeat(seen, step, axis=1)
+
+
+def _reflection(
+    points: CornerPoints,
+    order: tuple[int, int, int],
+    slabs: Sequence[Material],
+    frequency_hz: float,
+    polarization: tuple[Polarization, Polarization],
+) -> Complex:
+    """[Q] what three faces leave of a field of the TX's polarisation, as the RX hears it."""
+    direction = unit(points.apex)
+    sent, received = (polarization_axis(direction, which) for which in polarization)
+    field = sent.astype(np.complex128)
+    for face in order:
+        direction, field = mirrored_by_slabs(
+            slabs, points.face_mesh[:, face], frequency_hz, direction, points.axes[:, face], field
+        )
+    return np.einsum("qi,qi->q", field, received)

@@ -1,0 +1,180 @@
+"""What a curved surface sends back from one of its feet: divergence, the share of a surface that ends, delay law.
+
+With R the distance and kappa_1, kappa_2 the principal curvatures at the foot (positive where convex towards the radar),
+the wave of a point source at R leaves with the radii of curvature rho_i, 1 / rho_i = 1 / R + 2 kappa_i, and arrives
+with (Kouyoumjian and Pathak, Proc. IEEE 62, 1974, p. 1448; Balanis, Advanced Engineering Electromagnetics, section
+13.2)
+
+    A = A_plane G F,   G = 2 sqrt(rho_1 rho_2 / ((rho_1 + R) (rho_2 + R))) = 1 / sqrt((1 + kappa_1 R) (1 + kappa_2 R)),
+
+A_plane the amplitude of an infinite plane at R. A metal sphere far away has pi r^2, a cylinder of length L k r L^2.
+F is the share of a surface that ends near the foot: the Fresnel integral of :mod:`datafactory.paths.facets`, along the
+principal directions, with 1 / R + kappa_i in place of 1 / R, over what lies within those rims that face the radar. A
+surface has no end where it turns away.
+
+A factor 1 + kappa_i R below 0 means a focus on the way (concave, R beyond the focus): its root is taken of the
+magnitude, and the phase is a quarter of a cycle less. Near a focus the magnitude is kept above lambda kappa_i^2 R / 2,
+at which a mirror as wide as its radius of curvature covers one Fresnel zone. Beyond one focus and not the other, F is
+that of the same rims without a focus.
+
+Delay law. To second order in the positions a, b of TX and RX across the sight u,
+
+    c tau = 2 R - u . (a + b) + |a - b|^2 / (4 R) + (a + b) . K (a + b) / 4,   K = W (1 + R W)^-1,
+
+W the curvature tensor. As the surface moves with V, u turns with K V. With k the value of K along the array's axis y,
+1 / k is the distance of the centre of curvature. Scattered paths with S = 2 R / (1 + R k), q = S u, p = (2 / k - S) u
+and b = 2 R - 2 / k are then exact to second order for a TX at the origin, in time too. They are off by
+
+    |a| |b| |1 / R - k| / 2 + |a|^2 |1 / S - 1 / |p|| / 2.
+
+Specular paths with image 2 R u, as of the tangent plane, are off by |a + b|^2 |k| / 4, which is less for surfaces that
+are nearly flat. The law with the smaller error for ``TX_OFFSET_M`` and ``RX_OFFSET_M`` is used.
+
+Limits: k r > 50 (no creeping waves, no tips); within some Fresnel zones the surface is of one material and its
+curvature is constant.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from datafactory.paths.curved_feet import CurvedFeet
+from datafactory.paths.curved_surfaces import CurvedSurfaces
+from datafactory.paths.facets import share_within_rims
+from datafactory.paths.table import ScatteredPaths, SpecularPaths
+
+Real = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+TX_OFFSET_M, RX_OFFSET_M = 0.05, 0.25
+"""Distances from the origin of the default radar's TX, and of the outermost RX of the truth's sensor [m]."""
+ALONG_AXIS = 1e-6
+"""Square of the sine of the angle between sight and array, below which the array has no length across the sight."""
+
+
+def focus_factors(feet: CurvedFeet, wavelength_m: float) -> Real:
+    """[n, 2] 1 + kappa_i R, kept off 0."""
+    range_m = feet.range_m()[:, None]
+    factor = 1.0 + feet.curvature * range_m
+    least = 0.5 * wavelength_m * feet.curvature**2 * range_m
+    return np.where(feet.curvature < 0.0, np.where(factor < 0.0, -1.0, 1.0) * np.maximum(np.abs(factor), least), factor)
+
+
+def curved_shares(
+    surfaces: CurvedSurfaces, feet: CurvedFeet, moved: Real, rotation: Real, wavelength_m: float, finite: bool
+) -> Complex:
+    """[n] G F: the amplitude over that of an infinite plane at the same distance.
+
+    :param moved: [n, 3] what brings each foot's triangle from its place at time 0 to the radar's origin, world [m]
+    :param rotation: [3, 3] of the radar in the world
+    :param finite: whether a surface that ends near the foot gives less (F)
+    """
+    factor = focus_factors(feet, wavelength_m)
+    divergence = np.prod(np.abs(factor), axis=1) ** -0.5 * (-1.0j) ** (factor < 0.0).sum(axis=1)
+    if not finite:
+        return divergence
+    range_m = feet.range_m()
+    scale = np.sqrt(2.0 * np.abs(factor) / (range_m[:, None] * wavelength_m))
+    share = np.ones(len(feet), dtype=np.complex128)
+    for index in range(len(feet)):
+        here = surfaces.rim_surface == feet.surface[index]
+        rims = (surfaces.rims[here] + moved[index]) @ rotation
+        side = np.einsum("bi,bi->b", (surfaces.rim_normals @ rotation)[here], rims.mean(axis=1))
+        rims = rims[side * (feet.normal[index] @ feet.foot[index]) > 0.0]
+        if len(rims):
+            along = feet.axes[index, 0]
+            across = np.cross(feet.normal[index], along)
+            share[index] = share_within_rims(
+                np.ascontiguousarray(rims), feet.foot[index], along * scale[index, 0], across * scale[index, 1]
+            )
+    return divergence * np.where((factor < 0.0).all(axis=1), np.conj(share), share)
+
+
+@dataclass(frozen=True)
+class EchoFields:
+    """What echoes have in common with those of flat mirrors: fields of the path table, [n] each."""
+
+    amplitude: Complex
+    object_index: NDArray[np.int32]
+    kinds: NDArray[np.uint8]
+
+
+def curved_paths(
+    feet: CurvedFeet, velocity: Real, echoes: EchoFields, wavelength_m: float
+) -> tuple[ScatteredPaths, SpecularPaths]:
+    """The echoes with the delay law that suits each.
+
+    :param velocity: [n, 3] of the surfaces relative to the radar, in its frame [m/s]
+    """
+    range_m = feet.range_m()
+    sight = feet.foot / range_m[:, None]
+    bend = feet.curvature / focus_factors(feet, wavelength_m)
+    rate = np.einsum("ni,ni->n", sight, velocity)
+    turning = np.einsum("nj,nj,nji->ni", bend, np.einsum("nji,ni->nj", feet.axes, velocity), feet.axes)
+    k = _along_array(sight, bend, feet.axes)
+    laws = _law_of_points(range_m, k)
+    with_point = np.flatnonzero(laws)
+    flat = np.flatnonzero(~laws)
+    return (
+        _scattered(sight, range_m, rate, turning, k, echoes, with_point),
+        _specular(sight, range_m, rate, turning, echoes, flat),
+    )
+
+
+def _along_array(sight: Real, bend: Real, axes: Real) -> Real:
+    """[n] k, the value along the array of K with principal values ``bend`` [n, 2]; their mean for an array end on."""
+    across = np.array([0.0, 1.0, 0.0]) - sight[:, 1:2] * sight
+    square = np.einsum("ni,ni->n", across, across)
+    part = np.einsum("nji,ni->nj", axes, across) ** 2
+    known = square > ALONG_AXIS
+    return np.where(known, np.einsum("nj,nj->n", bend, part) / np.where(known, square, 1.0), 0.5 * bend.sum(axis=1))
+
+
+def _law_of_points(range_m: Real, k: Real) -> NDArray[np.bool_]:
+    """[n] whether the law of scattered paths has the smaller error; that of specular ones holds for every k."""
+    positive = np.where(k > 0.0, k, 1.0)
+    sum_m = 2.0 * range_m / (1.0 + range_m * positive)
+    point = TX_OFFSET_M * RX_OFFSET_M * np.abs(1.0 / range_m - positive) / 2.0
+    point += TX_OFFSET_M**2 * np.abs(1.0 / sum_m - 1.0 / (2.0 / positive - sum_m)) / 2.0
+    image = (TX_OFFSET_M + RX_OFFSET_M) ** 2 * np.abs(k) / 4.0
+    return (k > 0.0) & (point < image)
+
+
+def _scattered(
+    sight: Real, range_m: Real, rate: Real, turning: Real, k: Real, echoes: EchoFields, index: NDArray
+) -> ScatteredPaths:
+    sight, range_m, rate, turning, k = (part[index] for part in (sight, range_m, rate, turning, k))
+    rx_m = 2.0 * range_m / (1.0 + range_m * k)
+    tx_m = 2.0 / k - rx_m
+    rx_rate = 0.5 * rx_m**2 * (1.0 / range_m**2 + k**2) * rate
+    return ScatteredPaths(
+        tx_point=tx_m[:, None] * sight,
+        rx_point=rx_m[:, None] * sight,
+        tx_velocity=(2.0 * rate - rx_rate)[:, None] * sight + tx_m[:, None] * turning,
+        rx_velocity=rx_rate[:, None] * sight + rx_m[:, None] * turning,
+        between_m=2.0 * range_m - 2.0 / k,
+        between_rate_mps=np.zeros(len(index)),
+        amplitude=echoes.amplitude[index],
+        depth=np.ones(len(index), dtype=np.int8),
+        object_index=echoes.object_index[index],
+        kinds=echoes.kinds[index],
+    )
+
+
+def _specular(
+    sight: Real, range_m: Real, rate: Real, turning: Real, echoes: EchoFields, index: NDArray
+) -> SpecularPaths:
+    sight, range_m, rate, turning = (part[index] for part in (sight, range_m, rate, turning))
+    return SpecularPaths(
+        image=2.0 * range_m[:, None] * sight,
+        image_velocity=2.0 * rate[:, None] * sight + 2.0 * range_m[:, None] * turning,
+        axes=np.eye(3) - 2.0 * sight[:, :, None] * sight[:, None, :],
+        reference=np.zeros(3),
+        amplitude=echoes.amplitude[index],
+        depth=np.ones(len(index), dtype=np.int8),
+        object_index=echoes.object_index[index],
+        kinds=echoes.kinds[index],
+    )

@@ -1,0 +1,147 @@
+"""How far a plane face reaches from a line or a point in its plane, whatever triangles it is cut into.
+
+A face is a list of triangles in coordinates of its plane. Along a ray each of them covers an interval. The reach is
+where the intervals that join each other from the ray's start end. It is a continuous, piecewise linear function along a
+line, except where the face has steps. Pieces are found from the triangles' corners, refined where triangles overlap
+crosswise, and joined again where the function goes on straight: the result does not depend on the cut.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from datafactory.paths.planar_faces import TOUCH_M
+from shared.physics.compiled import compiled
+
+Real = NDArray[np.float64]
+
+CRACK_M = 1e-3
+"""Gaps between triangles that count as closed [m]."""
+STRAIGHT_M = 1e-5
+"""Largest difference from a straight line that counts as straight [m]."""
+SHORTEST_M = 1e-5
+"""Pieces along the line that are shorter are left out [m]."""
+HALVINGS = 10
+"""Of a piece in which the reach bends, at most."""
+INSIDE = 1e-6
+"""Share of a piece by which its ends are moved inwards, off the triangles' corners."""
+
+
+def strips(faces: Sequence[Real], low: float, high: float, sides: tuple[float, float]) -> Real:
+    """[S, 6] pieces of the common edge of two faces, and how far both reach from it.
+
+    :param faces: of both the triangles, [n, 3, 2] (along the edge, away from it) [m]
+    :param low, high: where along the edge to look [m]
+    :param sides: 1 or -1 each, the side of the edge on which a face is wanted
+    :return: start and end along the edge, reach of the first face at both, reach of the second at both [m]; pieces
+        without reach are left out
+    """
+    near = [face[(face[:, :, 0].max(axis=1) > low) & (face[:, :, 0].min(axis=1) < high)] for face in faces]
+    if not len(near[0]) or not len(near[1]) or not high > low:
+        return np.zeros((0, 6))
+    corners = np.concatenate([near[0][:, :, 0].ravel(), near[1][:, :, 0].ravel(), [low, high]])
+    corners = np.unique(corners[(corners >= low) & (corners <= high)])
+    return _strips(np.ascontiguousarray(near[0]), np.ascontiguousarray(near[1]), corners, *sides)
+
+
+@compiled()
+def _strips(first, second, corners, side_first, side_second):
+    found = np.zeros((64, 6))
+    count = 0
+    for k in range(len(corners) - 1):
+        starts, stops, depths = [corners[k]], [corners[k + 1]], [0]
+        while len(starts) > 0:
+            low, high, depth = starts.pop(), stops.pop(), depths.pop()
+            if high - low < SHORTEST_M:
+                continue
+            inner = INSIDE * (high - low)
+            middle = 0.5 * (low + high)
+            one_low, one_high = reach(first, low + inner, side_first), reach(first, high - inner, side_first)
+            two_low, two_high = reach(second, low + inner, side_second), reach(second, high - inner, side_second)
+            bend = max(
+                abs(reach(first, middle, side_first) - 0.5 * (one_low + one_high)),
+                abs(reach(second, middle, side_second) - 0.5 * (two_low + two_high)),
+            )
+            if bend > STRAIGHT_M and depth < HALVINGS:
+                starts.append(middle)
+                stops.append(high)
+                depths.append(depth + 1)
+                starts.append(low)
+                stops.append(middle)
+                depths.append(depth + 1)
+                continue
+            if max(min(one_low, two_low), min(one_high, two_high)) <= 0.0:
+                continue
+            if count == len(found):
+                larger = np.zeros((2 * count, 6))
+                larger[:count] = found
+                found = larger
+            found[count, 0], found[count, 1] = low, high
+            found[count, 2], found[count, 3] = one_low, one_high
+            found[count, 4], found[count, 5] = two_low, two_high
+            if count > 0 and _goes_on(found[count - 1], found[count]):
+                found[count - 1, 1] = high
+                found[count - 1, 3], found[count - 1, 5] = one_high, two_high
+            else:
+                count += 1
+    return found[:count].copy()
+
+
+@compiled(cache=False)
+def _goes_on(before, after):
+    """Whether two pieces are one: they touch, and both faces' reach lies on one straight line."""
+    if after[0] - before[1] > SHORTEST_M:
+        return False
+    share = (before[1] - before[0]) / (after[1] - before[0])
+    for k in (2, 4):
+        straight = before[k] + share * (after[k + 1] - before[k])
+        if max(abs(before[k + 1] - straight), abs(after[k] - straight)) > 10.0 * STRAIGHT_M:
+            return False
+    return True
+
+
+@compiled()
+def reach(triangles, along, side):
+    """How far the triangles [n, 3, 2] reach from (along, 0) towards (along, side * inf) without a gap [m]."""
+    count = len(triangles)
+    low, high = np.empty(count), np.empty(count)
+    crossed = 0
+    for t in range(count):
+        near, far = np.inf, -np.inf
+        for c in range(3):
+            d = (c + 1) % 3
+            z, z_next = triangles[t, c, 0], triangles[t, d, 0]
+            if z == z_next or along < min(z, z_next) or along > max(z, z_next):
+                continue
+            share = (along - z) / (z_next - z)
+            away = side * (triangles[t, c, 1] + share * (triangles[t, d, 1] - triangles[t, c, 1]))
+            near, far = min(near, away), max(far, away)
+        if far > 0.0:
+            low[crossed], high[crossed] = near, far
+            crossed += 1
+    total, grown = 0.0, True
+    while grown:
+        grown = False
+        for t in range(crossed):
+            if high[t] > total and low[t] <= total + (CRACK_M if total > 0.0 else TOUCH_M):
+                total, grown = high[t], True
+    return total
+
+
+@compiled()
+def reach_around(triangles, angles):
+    """[N] how far the triangles [n, 3, 2] reach from (0, 0) in the directions (cos, sin) of angles [N] [m]."""
+    result = np.empty(len(angles))
+    turned = np.empty_like(triangles)
+    for k in range(len(angles)):
+        cosine, sine = np.cos(angles[k]), np.sin(angles[k])
+        for t in range(len(triangles)):
+            for c in range(3):
+                x, y = triangles[t, c, 0], triangles[t, c, 1]
+                turned[t, c, 0] = -sine * x + cosine * y
+                turned[t, c, 1] = cosine * x + sine * y
+        result[k] = reach(turned, 0.0, 1.0)
+    return result

@@ -1,0 +1,227 @@
+"""Ways over one mirror: from the radar by a smooth face to points, and back by reciprocity.
+
+A face reflects a wave from the radar to a point p where the line from the radar to the image of p in the face's plane
+meets the face. All such faces are found, whatever the number of rays. The field at p over that of free space at the
+same length is
+
+    g = conj(R e) sqrt(1 - S^2) F,
+
+with R e what the slab reflects of the radar's unit field (TE and TM of ITU-R P.2040,
+:func:`datafactory.paths.wave_steps.reflected_fields`), S the scattering coefficient and F the share of the face's size
+(:mod:`datafactory.paths.facets`).
+
+The loss of a rough surface is sqrt(1 - S^2), here as in every other path of the table; it does not depend on the angle.
+Heights with a normal distribution of rms h leave exp(-2 (k h sin psi)^2) at the grazing angle psi (Ament, Toward a
+theory of reflection by a rough surface, Proc. IRE 41, 1953). Of asphalt with h = 0.65 mm that is 0.0, -0.1, -0.6 and
+-2.3 dB at 1, 5, 10 and 20 deg, where S has -0.4 dB. So the loss is right to 0.4 dB up to 10 deg of grazing, where road
+users beyond 8 m stand for a radar at 0.5 m, and too small above.
+
+Left out: ways over two mirrors, mirrors seen through panes, the light that the rough face scatters on to the point.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from datafactory.paths.facets import COPLANAR_M, mirrors_of, reflected_share
+from datafactory.paths.merged_scene import MergedScene, slabs_of, velocities_on
+from datafactory.paths.panes import Polarization, clear_between, polarization_axis, ray_margin_m, slab_reflection
+from datafactory.paths.solver import TraceSettings
+from datafactory.paths.wave_steps import reflected_fields
+from datafactory.scenes.materials.table import MaterialMapping
+from datafactory.scenes.poses import Pose
+from shared.physics.compiled import compiled
+from shared.physics.units import SPEED_OF_LIGHT
+
+Real = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Index = NDArray[np.int64]
+
+CLOSEST_M = 0.01
+"""Mirrors nearer to the radar are left out, as single mirrors are: the antennas' own size matters there."""
+TOUCHING_M = 1e-4
+"""A point may lie this far behind a face and still stand on it: rounding of a scene's coordinates."""
+INSIDE = 1e-9
+"""Barycentric tolerance: a point of reflection on an edge belongs to both triangles, and counts once."""
+SAME_IMAGE_M = 2.0 * COPLANAR_M
+"""Images of one point nearer to each other belong to one mirror: faces that lie in one plane."""
+AXES: tuple[Polarization, Polarization] = ("V", "H")
+"""Components of a field across a direction: along theta^ and phi^."""
+
+
+@dataclass(frozen=True)
+class Ways:
+    """W ways from the radar over one mirror each to points, in the radar frame.
+
+    :param point: [W] number of the point
+    :param triangle: [W] that reflects, index into the merged scene's triangles
+    :param normal: [W, 3] unit, of its plane; :param height: [W] n . x of the plane [m]
+    :param velocity: [W, 3] of the mirror relative to the radar [m/s]
+    :param sent: [W, 2] field at the point over that of free space, along theta^ and phi^, in the table's convention
+    :param received: [W, 2] the same for the RX's polarisation, by reciprocity
+    """
+
+    point: Index
+    triangle: Index
+    normal: Real
+    height: Real
+    velocity: Real
+    sent: Complex
+    received: Complex
+
+    def __len__(self) -> int:
+        return len(self.point)
+
+    def take(self, index: NDArray) -> Ways:
+        """The ways at these indices, or where a mask is true."""
+        return Ways(**{name: getattr(self, name)[index] for name in self.__dataclass_fields__})
+
+    def image(self, place: Real) -> Real:
+        """[W, 3] mirror images of places [3] or [W, 3] [m]."""
+        above = np.einsum("wi,wi->w", self.normal, np.broadcast_to(place, self.normal.shape)) - self.height
+        return place - 2.0 * above[:, None] * self.normal
+
+
+def ways_over_mirrors(
+    geometry: Any,
+    merged_scene: MergedScene,
+    materials: MaterialMapping,
+    pose: Pose,
+    frequency_hz: float,
+    settings: TraceSettings,
+    position: Real,
+) -> Ways:
+    """All clear ways from the radar over one mirror to points, by point and triangle.
+
+    :param geometry: Mitsuba's scene in the radar frame
+    :param position: [K, 3] in the radar frame [m]
+    """
+    mirrors, rotation, meshes = mirrors_of(merged_scene), pose.rotation(), merged_scene.meshes
+    mesh = merged_scene.mesh_of_triangle
+    of_mesh = (np.array([item.velocity for item in meshes]).reshape(-1, 3) - np.asarray(pose.velocity)) @ rotation
+    moved = np.array([item.shift for item in meshes]).reshape(-1, 3)[mesh] - np.asarray(pose.position)
+    corners, normals = (mirrors.corners + moved[:, None]) @ rotation, mirrors.normals @ rotation
+    point, triangle, foot = points_of_reflection(position, corners, normals)
+    clear = _clear(geometry, foot, corners[triangle, 0], normals[triangle], position[point])
+    point, triangle, foot = point[clear], triangle[clear], foot[clear]
+    normal, before = normals[triangle], np.linalg.norm(foot, axis=1)
+    towards = foot / before[:, None]
+    te, tm = np.empty((2, len(point)), dtype=np.complex128)
+    share = np.ones(len(point), dtype=np.complex128)
+    if settings.finite_mirrors and len(point):
+        after = np.maximum(np.linalg.norm(position[point] - foot, axis=1), TOUCHING_M)
+        at_rest = foot @ rotation.T - moved[triangle]
+        wavelength = SPEED_OF_LIGHT / frequency_hz
+        share = reflected_share(mirrors, triangle, at_rest, foot @ rotation.T, before, after, wavelength)
+    cosine = np.clip(np.abs(np.einsum("wi,wi->w", towards, normal)), 1e-9, 1.0)
+    slabs = slabs_of(merged_scene, materials)
+    for number in np.unique(mesh[triangle]):
+        here, slab = mesh[triangle] == number, slabs[number]
+        te[here], tm[here] = slab_reflection(
+            slab.relative_permittivity, slab.conductivity_s_per_m, slab.thickness_m, frequency_hz, cosine[here]
+        )
+        share[here] *= np.sqrt(1.0 - slab.scattering_coefficient**2)
+    sent, received = (
+        np.conj(_field_at_point(towards, normal, te, tm, which)) * share[:, None] for which in settings.polarization
+    )
+    return _without_doubles(
+        Ways(
+            point=point,
+            triangle=triangle,
+            normal=normal,
+            height=np.einsum("wi,wi->w", normal, corners[triangle, 0]),
+            velocity=velocities_on(merged_scene, pose, of_mesh, triangle, foot),
+            sent=sent,
+            received=received,
+        ),
+        position,
+    )
+
+
+def _clear(geometry: Any, foot: Real, corner: Real, normal: Real, position: Real) -> NDArray[np.bool_]:
+    """[W] whether nothing stands on either leg.
+
+    The point of reflection is lifted off its face, to the radar's side, by the error of rays in float32.
+    """
+    side = -np.sign(np.einsum("wi,wi->w", normal, corner))
+    lifted = foot + (side * ray_margin_m(np.linalg.norm(foot, axis=1)))[:, None] * normal
+    clear = clear_between(geometry, np.zeros_like(lifted), lifted)
+    clear[clear] = clear_between(geometry, lifted[clear], position[clear])
+    return clear
+
+
+def _field_at_point(towards: Real, normal: Real, te: Complex, tm: Complex, polarization: Polarization) -> Complex:
+    """[W, 2] components along theta^ and phi^ of what mirrors make of the radar's unit field."""
+    field = polarization_axis(towards, polarization).astype(np.complex128)
+    onward, reflected = reflected_fields(towards, normal, field, te, tm)
+    return np.stack([np.einsum("wi,wi->w", reflected, polarization_axis(onward, axis)) for axis in AXES], axis=1)
+
+
+def points_of_reflection(position: Real, corners: Real, normals: Real) -> tuple[Index, Index, Real]:
+    """Where triangles reflect waves from the origin to points: numbers of point [W] and triangle [W], place [W, 3] [m].
+
+    A face reflects on either side: radar and point are on the same one.
+
+    :param position: [K, 3] [m]; :param corners: [T, 3, 3] [m]; :param normals: [T, 3] unit, 0 of a face without area
+    """
+    height = np.einsum("ti,ti->t", normals, corners[:, 0])
+    edges = np.roll(corners, -1, axis=1) - corners
+    inward = np.cross(normals[:, None], edges)
+    border = np.einsum("tci,tci->tc", inward, corners) - INSIDE * np.einsum("tci,tci->tc", edges, edges)
+    found = _reflecting(np.ascontiguousarray(position), np.ascontiguousarray(normals), height, inward, border)
+    point, triangle = np.array(found, dtype=np.int64).reshape(-1, 2).T
+    normal, height = normals[triangle], height[triangle]
+    above = np.einsum("wi,wi->w", normal, position[point]) - height
+    image = position[point] - 2.0 * above[:, None] * normal
+    radar = np.abs(height)
+    share = radar / (radar + np.maximum(-np.sign(height) * above, 0.0))
+    return point, triangle, share[:, None] * image
+
+
+@compiled()
+def _reflecting(position, normals, height, inward, border):
+    """Pairs of point and triangle whose point of reflection lies within the triangle.
+
+    :param inward: [T, 3, 3] normals of the edges, in the plane; :param border: [T, 3] the least n . x within
+    """
+    found = [(0, 0) for _ in range(0)]
+    for k in range(len(position)):
+        px, py, pz = position[k]
+        for t in range(len(normals)):
+            radar = abs(height[t])
+            above = normals[t, 0] * px + normals[t, 1] * py + normals[t, 2] * pz - height[t]
+            over = -above if height[t] > 0.0 else above  # positive on the radar's side
+            if radar < CLOSEST_M or over < -TOUCHING_M:
+                continue
+            share = radar / (radar + max(over, 0.0))
+            x = share * (px - 2.0 * above * normals[t, 0])
+            y = share * (py - 2.0 * above * normals[t, 1])
+            z = share * (pz - 2.0 * above * normals[t, 2])
+            inside = True
+            for c in range(3):
+                if inward[t, c, 0] * x + inward[t, c, 1] * y + inward[t, c, 2] * z < border[t, c]:
+                    inside = False
+                    break
+            if inside:
+                found.append((k, t))
+    return found
+
+
+def _without_doubles(ways: Ways, position: Real) -> Ways:
+    """One way for each mirror of a point: triangles that share an edge, and faces on top of each other, give one.
+
+    :param ways: by rising number of the point
+    """
+    image = ways.image(position[ways.point])
+    kept: list[int] = []
+    first = 0  # of the point's own among those that are kept
+    for number in range(len(ways)):
+        if number and ways.point[number] != ways.point[number - 1]:
+            first = len(kept)
+        if not (np.linalg.norm(image[kept[first:]] - image[number], axis=1) < SAME_IMAGE_M).any():
+            kept.append(number)
+    return ways.take(np.array(kept, dtype=np.int64))

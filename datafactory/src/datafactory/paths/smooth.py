@@ -1,0 +1,177 @@
+"""Which triangles sample a smooth surface: found by angle, as modelling tools do.
+
+Two triangles that share an edge belong to one smooth surface where the angle between their planes, the fold, is at most
+``SMOOTH_FOLD_DEG``. That alone would also smooth a roof with a low ridge, a road with a crest, and the flat panel
+beside a rounded edge, which are flat mirrors. A surface is therefore taken as curved only where
+
+* both facets at a fold are of like width across it (``WIDTH_RATIO``); a panel beside a narrow strip of a rounded edge
+  stays flat, as with the face-weighted normals of modelling tools;
+* it has at least ``LEAST_FACETS`` facets, a facet being triangles in one plane;
+* its facets turn by ``LEAST_TURN_DEG`` at least, so that the noise of a file's rounded vertices bends no wall;
+* it can be given one side (no Moebius strip).
+
+What remains is flat, as are facets that turn by more than the limit from one to the next. Where so many of the latter
+lie side by side that they look like a coarse curved surface, they are counted: ``coarse``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from datafactory.paths.bodies import Body, fold_angles, into_faces
+
+Real = NDArray[np.float64]
+Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+SMOOTH_FOLD_DEG = 25.0
+"""Largest angle between the planes of neighbouring facets of a smooth surface: a round body of 15 facets or more."""
+FLAT_FOLD_DEG = 0.02
+"""Smallest angle that is a fold at all: with less, two triangles are one facet. Float32 vertices 20 m from their origin
+bend triangles of 5 cm by 0.003 deg."""
+WIDTH_RATIO = 4.0
+"""Largest ratio of the widths of two facets of a curved surface. Rings of one body are nearly equal; a car's panel is
+ten times as wide as a strip of its rounded edge."""
+LEAST_FACETS = 4
+"""Of a curved surface: a quarter of a round edge has so many at the largest fold; two planes with a ridge are two."""
+LEAST_TURN_DEG = 5.0
+"""Smallest angle between a curved surface's mean normal and its farthest one. The noise of a wall's rounded vertices
+stays below: 0.5 mm bend triangles of 15 cm by 0.4 deg."""
+COARSE_FOLD_DEG = 60.0
+"""Facets that meet at angles between ``SMOOTH_FOLD_DEG`` and this one, as of a column of 6 to 14 sides, may stand for a
+curved surface; sharper ones are corners."""
+COARSE_FACETS = 6
+"""Number of such facets in a body that is counted as coarse: a pyramid's roof has 4."""
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothFacets:
+    """Which of a body's triangles sample curved surfaces.
+
+    :param surface: [T] number of the curved surface that a triangle belongs to, -1 for flat ones
+    :param turned: [T] whether the triangle's winding is against its surface's
+    :param smooth: [E] whether the edge lies within a curved surface
+    :param coarse: number of facets that turn by too much to be one
+    """
+
+    surface: Index
+    turned: Mask
+    smooth: Mask
+    coarse: int
+
+
+@lru_cache(maxsize=32)
+def smooth_facets(body: Body) -> SmoothFacets:
+    """The curved surfaces of a body, found once."""
+    fold = np.degrees(fold_angles(body))
+    facet = _components(len(body.triangles), body.faces[fold < FLAT_FOLD_DEG])
+    alike = ~body.rim & (_width_ratio(body, facet) <= WIDTH_RATIO)
+    joined = (fold < FLAT_FOLD_DEG) | (alike & (fold <= SMOOTH_FOLD_DEG))
+    surface, turned = _oriented_components(body, np.flatnonzero(joined))
+    surface = np.where(_is_curved(body, facet, surface, turned), surface, -1)
+    numbers = np.unique(surface[surface >= 0])
+    surface = np.where(surface >= 0, np.searchsorted(numbers, surface), -1)
+    smooth = joined & (surface[body.faces] >= 0).all(axis=1) if len(joined) else joined
+    return SmoothFacets(surface, turned, smooth, _coarse(body, facet, surface, alike & (fold <= COARSE_FOLD_DEG), fold))
+
+
+def _components(count: int, links: Index) -> Index:
+    """[count] number of the connected component of each item; links [L, 2]."""
+    if not count:
+        return np.zeros(0, dtype=np.int64)
+    graph = coo_array((np.ones(len(links)), (links[:, 0], links[:, 1])), shape=(count, count))
+    return connected_components(graph, directed=False)[1].astype(np.int64)
+
+
+def _width_ratio(body: Body, facet: Index) -> Real:
+    """[E] larger over smaller width, across the edge, of the facets at each edge.
+
+    The width of a facet along the unit vector d is sqrt(12 d^T C d), C the covariance of its points: that of a
+    rectangle is its side, that of a triangle 0.8 of its height.
+    """
+    corners = body.vertices[body.triangles]
+    corners = corners - corners.mean(axis=(0, 1)) if len(corners) else corners
+    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    centre = corners.mean(axis=1)
+    around = corners - centre[:, None]
+    count = int(facet.max(initial=-1)) + 1
+    whole = np.maximum(np.bincount(facet, area, count), np.finfo(float).tiny)
+    mean = np.stack([np.bincount(facet, area * centre[:, i], count) for i in range(3)], axis=1) / whole[:, None]
+    off = centre - mean[facet]
+    spread = off[:, :, None] * off[:, None, :] + np.einsum("tki,tkj->tij", around, around) / 12.0
+    covariance = np.zeros((count, 3, 3))
+    np.add.at(covariance, facet, (area / whole[facet])[:, None, None] * spread)
+    widths = []
+    for side, into in enumerate(into_faces(body)):
+        square = np.einsum("ei,eij,ej->e", into, covariance[facet[body.faces[:, side]]], into)
+        widths.append(np.sqrt(12.0 * np.maximum(square, 0.0)))
+    return np.maximum(*widths) / np.maximum(np.minimum(*widths), np.finfo(float).tiny)
+
+
+def _oriented_components(body: Body, edges: Index) -> tuple[Index, Mask]:
+    """Triangles joined over these edges: component of each [T], and whether its winding is against its component's.
+
+    Two triangles that are wound alike run along their common edge in opposite senses. Every triangle stands twice in
+    the graph, as it is wound and turned over; a component in which both are joined has no sides, and its number is -1.
+    """
+    count = len(body.triangles)
+    one, other = body.faces[edges].T
+    alike = _runs_along(body, edges, one) != _runs_along(body, edges, other)
+    links = np.concatenate(
+        [
+            np.stack([one, np.where(alike, other, other + count)], axis=1),
+            np.stack([one + count, np.where(alike, other + count, other)], axis=1),
+        ]
+    )
+    both = _components(2 * count, links)
+    as_is, turned_over = both[:count], both[count:]
+    # The two copies of a component carry two numbers; the smaller one names it, and the copies that have it its side.
+    return np.where(as_is == turned_over, -1, np.minimum(as_is, turned_over)), as_is > turned_over
+
+
+def _runs_along(body: Body, edges: Index, face: Index) -> Mask:
+    """[n] whether a triangle's winding runs along its edge from the first vertex to the second."""
+    first, second = body.pairs[edges].T
+    corners = body.triangles[face]
+    following = np.roll(corners, -1, axis=1)
+    return ((corners == first[:, None]) & (following == second[:, None])).any(axis=1)
+
+
+def _is_curved(body: Body, facet: Index, surface: Index, turned: Mask) -> Mask:
+    """[T] whether a triangle's component has facets enough, turns enough, and has sides."""
+    count = int(surface.max(initial=-1)) + 1
+    if not count:
+        return np.zeros(len(surface), dtype=bool)
+    known = surface >= 0
+    lead = np.unique(facet[known], return_index=True)[1]
+    facets = np.bincount(surface[known][lead], minlength=count)
+    corners = body.vertices[body.triangles]
+    area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.where(turned[:, None], -area, area)
+    total = np.stack([np.bincount(surface[known], area[known, i], count) for i in range(3)], axis=1)
+    closed = np.linalg.norm(total, axis=1)
+    size = np.linalg.norm(area, axis=1)
+    whole = np.bincount(surface[known], size[known], count)
+    # The area vectors of a closed surface add up to 0, but for rounding: it turns all round.
+    mean = total / np.maximum(closed, np.finfo(float).tiny)[:, None]
+    cosine = np.einsum("ti,ti->t", area, mean[surface]) / np.maximum(size, np.finfo(float).tiny)
+    least = np.ones(count)
+    np.minimum.at(least, surface[known], cosine[known])
+    turns = (least < np.cos(np.radians(LEAST_TURN_DEG))) | (closed < 1e-6 * whole)
+    return known & (turns & (facets >= LEAST_FACETS))[surface]
+
+
+def _coarse(body: Body, facet: Index, surface: Index, alike: Mask, fold: Real) -> int:
+    """Number of flat facets that look like a coarse curved surface."""
+    flat = (surface[body.faces] < 0).all(axis=1) if len(body.faces) else alike
+    links = body.faces[flat & alike & (fold > SMOOTH_FOLD_DEG)]
+    bent = np.unique(facet[links])
+    groups = _components(int(facet.max(initial=-1)) + 1, facet[links].reshape(-1, 2))
+    sizes = np.bincount(groups[bent])
+    return int(sizes[sizes >= COARSE_FACETS].sum())

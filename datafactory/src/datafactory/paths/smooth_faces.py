@@ -1,0 +1,57 @@
+"""Fields that plane faces of given materials reflect as mirrors do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from datafactory.paths.panes import slab_reflection
+from datafactory.paths.wave_steps import reflected_fields
+from datafactory.scenes.materials.table import Material
+
+Real = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+LEAST_COSINE = 1e-9
+"""Of an angle of incidence: a face seen edge on is seen almost so."""
+
+
+def reflected_by_slabs(
+    slabs: Sequence[Material],
+    mesh: NDArray[np.int64],
+    frequency_hz: float,
+    direction: Real,
+    normal: Real,
+    cosine: Real,
+    field: Complex,
+) -> tuple[Real, Complex]:
+    """Directions [n, 3] and fields [n, 3] of the waves that smooth slabs would send on.
+
+    :param slabs: material of each merged mesh; :param mesh: [n] index into ``slabs``
+    :param direction: [n, 3] unit; :param normal: [n, 3] unit, on either side
+    :param cosine: [n] of the angle of incidence, above 0; :param field: [n, 3] across ``direction``
+    """
+    te, tm = np.empty((2, len(mesh)), dtype=np.complex128)
+    for index in np.unique(mesh):
+        here, slab = np.flatnonzero(mesh == index), slabs[index]
+        te[here], tm[here] = slab_reflection(
+            slab.relative_permittivity, slab.conductivity_s_per_m, slab.thickness_m, frequency_hz, cosine[here]
+        )
+    return reflected_fields(direction, normal, field, te, tm)
+
+
+def mirrored_by_slabs(
+    slabs: Sequence[Material],
+    mesh: NDArray[np.int64],
+    frequency_hz: float,
+    direction: Real,
+    normal: Real,
+    field: Complex,
+) -> tuple[Real, Complex]:
+    """As :func:`reflected_by_slabs`, less what the surfaces scatter: sqrt(1 - S^2) of the fields."""
+    cosine = np.clip(np.abs(np.einsum("ki,ki->k", direction, normal)), LEAST_COSINE, 1.0)
+    onward, reflected = reflected_by_slabs(slabs, mesh, frequency_hz, direction, normal, cosine, field)
+    left = np.sqrt(1.0 - np.array([slab.scattering_coefficient for slab in slabs]) ** 2)
+    return onward, left[mesh][:, None] * reflected

@@ -1,0 +1,154 @@
+"""The surfaces of a scene from one pose, and the waves that meet them.
+
+Rays meet triangles in float32. Each point is then moved along its ray, in float64, onto the plane of its triangle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from datafactory.paths.facets import mirrors_of
+from datafactory.paths.merged_scene import MergedScene, slabs_of, velocities_on
+from datafactory.paths.panes import field_behind_slab, mesh_of_shape, rays_of, slab_transmission
+from datafactory.paths.smooth_faces import reflected_by_slabs
+from datafactory.paths.targets import FAINTEST
+from datafactory.paths.wave_steps import onto_planes
+from datafactory.scenes.materials.table import Material, MaterialMapping
+from datafactory.scenes.poses import Pose
+
+Real = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Index = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Waves:
+    """n waves on their way.
+
+    :param start: [n, 3] [m]; :param lifted: [n, 3] the same clear of the surface that the wave left, for float32
+    :param direction: [n, 3] unit
+    :param field: [n, 3] over that of the TX, without spreading
+    :param length: [n] of the way so far [m]; :param rate: [n] its change [m/s]
+    :param bounced: [n, b, 3] vertices so far; :param triangles: [n, b] theirs
+    """
+
+    start: Real
+    lifted: Real
+    direction: Real
+    field: Complex
+    length: Real
+    rate: Real
+    bounced: Real
+    triangles: Index
+
+    @staticmethod
+    def departing(direction: Real, field: Complex) -> Waves:
+        """Waves that leave the sensor, in ``direction`` [n, 3] with ``field`` [n, 3]."""
+        here, none = np.zeros_like(direction), np.zeros((len(direction), 0), dtype=np.int64)
+        return Waves(here, here, direction, field, here[:, 0], here[:, 0], np.zeros((*none.shape, 3)), none)
+
+    def take(self, index: NDArray) -> Waves:
+        return Waves(**{item.name: getattr(self, item.name)[index] for item in fields(self)})
+
+
+@dataclass(frozen=True)
+class Hits:
+    """Where n waves arrived.
+
+    :param point: [n, 3] [m]; :param normal: [n, 3] unit, on the side of arrival
+    :param triangle: [n] index into the merged scene's triangles; :param mesh: [n]
+    :param cosine: [n] of the angle of incidence
+    """
+
+    point: Real
+    normal: Real
+    triangle: Index
+    mesh: Index
+    cosine: Real
+
+    def take(self, index: NDArray) -> Hits:
+        return Hits(**{item.name: getattr(self, item.name)[index] for item in fields(self)})
+
+
+class Surfaces:
+    """The surfaces of a scene from one pose, in the radar frame.
+
+    :param geometry: Mitsuba's scene in the radar frame
+    :param frequency_hz: mid-sweep; materials take their values at 77 GHz whatever it is
+    """
+
+    def __init__(
+        self, geometry: Any, merged_scene: MergedScene, materials: MaterialMapping, pose: Pose, frequency_hz: float
+    ) -> None:
+        meshes = merged_scene.meshes
+        counts = [len(mesh.triangles) for mesh in meshes]
+        rotation, mirrors = pose.rotation(), mirrors_of(merged_scene)
+        velocity = np.array([mesh.velocity for mesh in meshes])
+        moved = np.array([mesh.shift for mesh in meshes]) - np.asarray(pose.position)
+        self.geometry, self.frequency_hz = geometry, frequency_hz
+        self.slabs = slabs_of(merged_scene, materials)
+        self.first = np.cumsum([0, *counts])
+        self.mesh_of_triangle = merged_scene.mesh_of_triangle
+        self.object_of_triangle = np.concatenate([mesh.object_of_triangle for mesh in meshes]).astype(np.int64)
+        self._velocity = (velocity - np.asarray(pose.velocity)) @ rotation
+        self._merged_scene, self._pose = merged_scene, pose
+        self.normals = mirrors.normals @ rotation
+        self.heights = np.einsum("ki,ki->k", mirrors.normals, mirrors.corners[:, 0] + moved[self.mesh_of_triangle])
+        self.mesh_number = mesh_of_shape(geometry)
+
+    def velocity(self, triangle: Index, point: Real) -> Real:
+        """[n, 3] velocities relative to the radar of points [n, 3] on triangles [n] [m/s]."""
+        return velocities_on(self._merged_scene, self._pose, self._velocity, triangle, point)
+
+    def hit_by(self, waves: Waves) -> tuple[Index, Hits]:
+        """The indices of the waves that meet a surface, and where."""
+        import drjit as dr
+        import mitsuba as mi
+
+        if not len(waves.start):  # no array of the ray caster may be empty
+            none, nowhere = np.zeros(0, dtype=np.int64), np.zeros((0, 3))
+            return none, Hits(nowhere, nowhere, none, none, np.zeros(0))
+        met = self.geometry.ray_intersect(rays_of(waves.lifted, waves.direction, np.full(len(waves.start), np.inf)))
+        valid = np.flatnonzero(met.is_valid().numpy())
+        shape = mi.UInt32(dr.reinterpret_array(mi.UInt32, met.shape)).numpy()[valid]
+        mesh = np.zeros(len(valid), dtype=np.int64)
+        for number, index in self.mesh_number.items():
+            mesh[shape == number] = index
+        triangle = self.first[mesh] + met.prim_index.numpy()[valid].astype(np.int64)
+        point, normal, cosine = onto_planes(
+            waves.start[valid], waves.direction[valid], met.t.numpy()[valid].astype(np.float64), triangle,
+            self.normals, self.heights,
+        )  # fmt: skip
+        good = np.flatnonzero(cosine > 0.0)
+        return valid[good], Hits(point, normal, triangle, mesh, cosine).take(good)
+
+    def by_mesh(self, mesh: Index) -> Iterator[tuple[Material, Index]]:
+        """(material, indices) of the hits on each mesh."""
+        for number in np.unique(mesh):
+            yield self.slabs[number], np.flatnonzero(mesh == number)
+
+    def reflected(self, direction: Real, field: Complex, hits: Hits) -> tuple[Real, Complex]:
+        """Directions [n, 3] and fields [n, 3] of the waves that smooth surfaces would send on."""
+        return reflected_by_slabs(self.slabs, hits.mesh, self.frequency_hz, direction, hits.normal, hits.cosine, field)
+
+    def passed(self, direction: Real, hits: Hits, field: Complex) -> Complex:
+        """[n, 3] ``field`` behind the surfaces."""
+        behind = np.empty_like(field)
+        for slab, here in self.by_mesh(hits.mesh):
+            behind[here] = field_behind_slab(slab, self.frequency_hz, direction[here], hits.normal[here], field[here])
+        return behind
+
+    def lets_through(self) -> NDArray[np.bool_]:
+        """[M] whether a wave can be heard through the meshes' slabs. Absorption is least at normal incidence."""
+        return np.array(
+            [
+                abs(slab_transmission(slab.relative_permittivity, slab.conductivity_s_per_m, slab.thickness_m,
+                                      self.frequency_hz, np.ones(1))[0][0]) > FAINTEST
+                for slab in self.slabs
+            ]
+        )  # fmt: skip

@@ -1,0 +1,113 @@
+"""The time samples of a USD attribute as arrays.
+
+A gap, USD's blocked sample, holds the value before it: USD itself has none there, and would put a prim at its parent.
+Splines are taken as straight lines, ``LINES_A_SPAN`` from knot to knot.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from datafactory.scenes.chain import Samples
+from datafactory.scenes.readers.limits import MAXIMUM_SAMPLED
+from datafactory.scenes.readers.notes import Notes
+from datafactory.scenes.readers.usd_times import Clock
+from datafactory.scenes.usd_library import Gf, Usd, UsdGeom
+
+LINES_A_SPAN = 32
+"""Lines that a curve between two knots of a spline is taken as: the rate's error is 1/64 of its change in between."""
+
+
+def attribute_samples(attribute: Usd.Attribute, clock: Clock, notes: Notes) -> Samples | None:
+    """All samples of an attribute as numbers, at seconds since the start; None without any that can be used.
+
+    :return: values [K, ...] of the attribute's own shape, quaternions as w, x, y, z
+    """
+    spline = attribute.GetSpline() if hasattr(attribute, "HasSpline") and attribute.HasSpline() else None
+    if spline is not None and not attribute.GetTimeSamples():
+        return _of_spline(spline, clock, notes)
+    codes = [code for code in attribute.GetTimeSamples() if np.isfinite(code)]
+    times: list[float] = []
+    values: list[NDArray[np.floating]] = []
+    gap = False
+    for code in codes:
+        value = numbers_of(attribute.Get(Usd.TimeCode(code)))
+        if value is None:
+            gap = True
+            notes.count("# gaps in animations (samples without a value) hold the value before them")
+            continue
+        if gap and values:  # held through the gap, then another value
+            times.append(clock.seconds(code))
+            values.append(values[-1])
+        gap = False
+        times.append(clock.seconds(code))
+        values.append(value)
+    if not values:
+        return None
+    if any(value.shape != values[0].shape for value in values):
+        notes.count("# animated attributes change their size: taken as they are at the start")
+        return None
+    clock.saw(times[0], times[-1])
+    return Samples(np.array(times), np.stack(values))
+
+
+def _of_spline(spline: Any, clock: Clock, notes: Notes) -> Samples | None:
+    """A spline's knots, and straight lines between them."""
+    knots = [float(time) for time in spline.GetKnots()]
+    if not knots:
+        return None
+    notes.count(f"# animation splines taken as {LINES_A_SPAN} lines from knot to knot, held outside of them")
+    codes, values = [knots[0]], [float(spline.Eval(knots[0]))]
+    for low, high in pairwise(knots):
+        for code in np.linspace(low, high, LINES_A_SPAN + 1)[1:-1]:
+            codes.append(float(code))
+            values.append(float(spline.Eval(float(code))))
+        codes += [high, high]
+        values += [float(spline.EvalPreValue(high)), float(spline.Eval(high))]
+    times = [clock.seconds(code) for code in codes]
+    clock.saw(times[0], times[-1])
+    return Samples(np.array(times), np.array(values)[:, None])
+
+
+def numbers_of(value: Any) -> NDArray[np.floating] | None:
+    """A value as an array [n] of float64, or [P, n] as it is; a quaternion as w, x, y, z; None without numbers."""
+    if value is None or isinstance(value, str | bool):
+        return None
+    if isinstance(value, Gf.Quatd | Gf.Quatf | Gf.Quath):
+        return np.array([value.GetReal(), *value.GetImaginary()], dtype=np.float64)
+    try:
+        found = np.array(value)
+    except (TypeError, ValueError):
+        return None
+    if found.dtype.kind not in "fiu":
+        return None
+    return found if found.ndim > 1 else found.reshape(-1).astype(np.float64)
+
+
+def point_track(mesh: UsdGeom.Mesh, count: int, clock: Clock, notes: Notes) -> Samples | None:
+    """The samples of a mesh's points [K, P, 3]; None where they do not move, or not in a way that can be used.
+
+    :param count: P, at the start
+    """
+    points = mesh.GetPointsAttr()
+    if not points.ValueMightBeTimeVarying():
+        return None
+    if any(
+        item.ValueMightBeTimeVarying() for item in (mesh.GetFaceVertexCountsAttr(), mesh.GetFaceVertexIndicesAttr())
+    ):
+        notes.count("# meshes change their faces: taken as they are at the start")
+        return None
+    if points.GetNumTimeSamples() * count * 3 > MAXIMUM_SAMPLED:
+        notes.count(f"# meshes with more than {MAXIMUM_SAMPLED} sampled coordinates taken as they are at the start")
+        return None
+    samples = attribute_samples(points, clock, notes)
+    if samples is None or samples.values.shape[1:] != (count, 3) or not samples.varies:
+        return None
+    if not np.isfinite(samples.values).all():
+        notes.count("# meshes with moving points that are not numbers taken as they are at the start")
+        return None
+    return samples

@@ -1,0 +1,38 @@
+"""What MkDocs calls: the menu, the generated reference, links out of the manual."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+from typing import Any
+
+from mkdocs.structure.files import File, Files
+from pages import navigation, without_links_out
+from reference import contents, reference_pages
+
+log = logging.getLogger("mkdocs.hooks.manual")
+"""A warning here fails a strict build."""
+
+
+def on_config(config: Any) -> Any:
+    config.nav = navigation(list(reference_pages()))
+    return config
+
+
+def on_files(files: Files, config: Any) -> Files:
+    for name, markdown in reference_pages().items():
+        files.append(File.generated(config, f"reference/{name}", content=markdown))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Any, config: Any, **_: Any) -> str:
+    uri = page.file.src_uri
+    if uri == "reference/index.md":
+        return markdown + contents()
+    if uri.startswith("reference/"):
+        return markdown
+    try:
+        return without_links_out(markdown, Path(config.docs_dir) / uri)
+    except FileNotFoundError as error:
+        log.warning("dead link: %s", error)
+        return markdown

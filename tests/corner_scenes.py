@@ -1,0 +1,119 @@
+"""Corners of metal faces as meshes and as rectangles of the slow reference, and the sum of their echoes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from corner_references import Rectangle, field_over_two_faces
+from numpy.typing import NDArray
+from oracles import scattered_delays, specular_delays
+from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, mesh, scene_of
+
+from datafactory.paths.corner_echoes import corner_echoes
+from datafactory.paths.corner_edges import CornerEdges, corners_of
+from datafactory.paths.merged_scene import MergedScene, slabs_of
+from datafactory.paths.table import ScatteredPaths, SpecularPaths
+from datafactory.scenes.poses import Pose
+from datafactory.scenes.scene import SceneObject
+from shared.radar.front_end import Polarization
+
+Real = NDArray[np.float64]
+Sight = Callable[[Real, Real], NDArray[np.bool_]]
+LIGHT_MPS = 299_792_458.0
+HERE = Pose((0.0, 0.0, 0.0))
+NOWHERE = np.zeros(3)
+
+
+def always(start: Real, end: Real) -> NDArray[np.bool_]:
+    """Nothing stands in the way."""
+    return np.ones(len(end), dtype=bool)
+
+
+def dihedral(
+    distance_m: float,
+    across: float | tuple[float, float],
+    along_m: float,
+    turned_deg: float = 0.0,
+    opening_deg: float = 90.0,
+    middle_m: float = 0.0,
+    tilt_deg: float = 0.0,
+) -> list[Rectangle]:
+    """Two faces that meet in an upright edge on the x axis and open towards the origin.
+
+    :param across: reach of the faces from the edge [m]; :param along_m: length of the edge
+    :param turned_deg: about the edge, away from symmetry to the x axis
+    :param middle_m: height of the edge's middle over the origin
+    :param tilt_deg: about the edge's middle, in the plane of edge and x axis
+    """  # fmt: skip
+    tilt = np.radians(tilt_deg)
+    up, out = np.array([np.sin(tilt), 0.0, np.cos(tilt)]), np.array([-np.cos(tilt), 0.0, np.sin(tilt)])
+    aside = np.array([0.0, 1.0, 0.0])
+    foot = np.array([distance_m, 0.0, middle_m]) - 0.5 * along_m * up
+    reach = (across, across) if isinstance(across, float) else across
+    faces = []
+    for side, length in zip((1.0, -1.0), reach, strict=True):
+        angle = np.radians(side * 0.5 * opening_deg + turned_deg)
+        faces.append(Rectangle(foot, along_m * up, length * (np.cos(angle) * out + np.sin(angle) * aside)))
+    return faces
+
+
+def meshes_of(faces: Sequence[Rectangle], cuts: int = 1, of: str = "metal", seed: int = 0) -> list[SceneObject]:
+    """Each face as a mesh of 2 ``cuts``^2 triangles with joints at uneven places."""
+    generator = np.random.default_rng(seed)
+    objects = []
+    for number, face in enumerate(faces):
+        s, t = (np.sort(np.concatenate([[0.0, 1.0], generator.uniform(0.05, 0.95, cuts - 1)])) for _ in range(2))
+        points = face.corner + s[:, None, None] * face.along + t[None, :, None] * face.into
+        index = np.arange((cuts + 1) ** 2).reshape(cuts + 1, cuts + 1)
+        a, b, c, d = (part.ravel() for part in (index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]))
+        triangles = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+        objects.append(mesh(f"face-{number}", points.reshape(-1, 3), triangles, of))
+    return objects
+
+
+def corners_seen(of: MergedScene, pose: Pose = HERE) -> CornerEdges:
+    return corners_of(of).seen_from(pose)
+
+
+def echoes(
+    of: MergedScene,
+    pose: Pose = HERE,
+    sight: Sight = always,
+    polarization: tuple[Polarization, Polarization] = ("V", "V"),
+) -> tuple[ScatteredPaths, SpecularPaths, dict[str, int]]:
+    """What the corners of a scene send back."""
+    return corner_echoes(corners_seen(of, pose), slabs_of(of, MATERIALS), FREQUENCY_HZ, sight, polarization)
+
+
+def received(paths: tuple[ScatteredPaths, SpecularPaths], tx: Real = NOWHERE, rx: Real = NOWHERE, time_s: float = 0.0):
+    """The sum of the echoes at mid-sweep, exp(+j 2 pi f tau) as the IF signal has it."""
+    scattered, specular = paths
+    cycles = [FREQUENCY_HZ * scattered_delays(scattered, tx, rx, time_s)]
+    if len(specular):
+        cycles.append(FREQUENCY_HZ * specular_delays(specular, tx, rx, time_s))
+    amplitude = np.concatenate([scattered.amplitude, specular.amplitude])
+    return complex(amplitude @ np.exp(2j * np.pi * np.concatenate([*cycles, np.zeros(0)])[: len(amplitude)]))
+
+
+def corner_echo(faces: Sequence[Rectangle], tx: Real = NOWHERE, rx: Real = NOWHERE) -> complex:
+    """What the effect makes of these faces."""
+    scattered, specular, _ = echoes(scene_of(*meshes_of(faces)))
+    return received((scattered, specular), tx, rx)
+
+
+def reference_echo(
+    faces: Sequence[Rectangle], tx: Real = NOWHERE, rx: Real = NOWHERE, spacing_m: float = WAVELENGTH_M / 8.0
+) -> complex:
+    """What the slow reference makes of them, vertical polarisation on an upright metal edge: (-1)^2."""
+    field = field_over_two_faces(faces, WAVELENGTH_M, tx, rx, spacing_m)
+    return complex(np.conj(field)) * WAVELENGTH_M / (4.0 * np.pi)
+
+
+def cross_section_dbsm(amplitude: complex, range_m: float) -> float:
+    """What the radar equation says of an echo [dBsm], isotropic antennas and 1 W."""
+    return float(10.0 * np.log10((4.0 * np.pi) ** 3 * range_m**4 * abs(amplitude) ** 2 / WAVELENGTH_M**2))
+
+
+def level_db(one: complex, other: complex) -> float:
+    return float(20.0 * np.log10(abs(one) / abs(other)))

@@ -1,0 +1,207 @@
+"""Echoes of right-angled corners against closed forms, and against physical optics on a fine grid."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from corner_references import Rectangle
+from corner_scenes import (
+    HERE,
+    NOWHERE,
+    corner_echo,
+    cross_section_dbsm,
+    dihedral,
+    echoes,
+    level_db,
+    meshes_of,
+    received,
+    reference_echo,
+)
+from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, mesh, scene_of
+
+from datafactory.paths.panes import slab_reflection
+from datafactory.paths.table import CORNER
+from datafactory.scenes.poses import Pose
+from datafactory.scenes.scene import SceneObject
+
+
+@pytest.mark.parametrize(("across_m", "along_m"), [(0.1, 0.1), (0.05, 0.15), (0.2, 0.1), (0.3, 0.3)])
+def test_a_dihedral_far_away_has_its_cross_section(across_m, along_m):
+    """8 pi a^2 b^2 / lambda^2 on axis, at 100 m: from 2 D^2 / lambda on for all of these."""
+    expected = 10.0 * np.log10(8.0 * np.pi * (across_m * along_m) ** 2 / WAVELENGTH_M**2)
+    assert abs(cross_section_dbsm(corner_echo(dihedral(100.0, across_m, along_m)), 100.0) - expected) < 0.3
+
+
+@pytest.mark.parametrize("turned_deg", [-15.0, -10.0, -5.0, 0.0, 5.0, 10.0, 15.0])
+def test_turned_about_its_edge_it_loses_what_its_aperture_loses(turned_deg):
+    """The aperture is 2 a sin(45 deg - |turn|) wide."""
+    narrower = np.sin(np.radians(45.0 - abs(turned_deg))) / np.sin(np.radians(45.0))
+    level = level_db(corner_echo(dihedral(60.0, 0.1, 0.1, turned_deg)), corner_echo(dihedral(60.0, 0.1, 0.1)))
+    assert abs(level - 20.0 * np.log10(narrower)) < 0.1
+    turned = dihedral(60.0, 0.1, 0.1, turned_deg)
+    assert abs(level_db(corner_echo(turned), reference_echo(turned))) < 0.3
+
+
+@pytest.mark.parametrize("distance_m", [0.2, 0.4, 1.0, 3.0, 10.0, 60.0])
+@pytest.mark.parametrize("turned_deg", [0.0, 7.0, 15.0])
+def test_level_and_phase_hold_from_twice_its_size_to_the_far_field(distance_m, turned_deg):
+    faces = dihedral(distance_m, 0.1, 0.1, turned_deg)
+    ours, theirs = corner_echo(faces), reference_echo(faces)
+    assert abs(level_db(ours, theirs)) < 1.0
+    assert abs(np.angle(ours / theirs)) < np.radians(10.0)
+
+
+def test_unequal_faces_end_where_the_shorter_one_does():
+    for distance_m in (1.0, 30.0):
+        faces = dihedral(distance_m, (0.08, 0.2), 0.1, 4.0)
+        assert abs(level_db(corner_echo(faces), reference_echo(faces))) < 0.5
+
+
+def test_the_lobes_along_the_edge_are_in_place_and_level():
+    """A tilt of lambda / (2 b) is the first null, 1.1 deg here; differences count relative to the main lobe."""
+    tilts = np.arange(0.0, 6.01, 0.2)
+    ours = np.array([abs(corner_echo(dihedral(60.0, 0.1, 0.1, tilt_deg=tilt))) for tilt in tilts])
+    theirs = np.array([abs(reference_echo(dihedral(60.0, 0.1, 0.1, tilt_deg=tilt))) for tilt in tilts])
+    assert np.abs(ours - theirs).max() < 0.01 * theirs[0]
+    lobes = [i for i in range(1, len(tilts) - 1) if theirs[i] > max(theirs[i - 1], theirs[i + 1])]
+    assert len(lobes) >= 4
+    assert np.abs(20.0 * np.log10(ours[lobes] / theirs[lobes])).max() < 1.0
+    assert tilts[np.argmin(ours[:10])] == tilts[np.argmin(theirs[:10])] == pytest.approx(1.2, abs=0.11)
+
+
+@pytest.mark.parametrize("opening_deg", [87.5, 89.0, 89.7, 90.3, 91.0, 92.5])
+def test_off_a_right_angle_it_loses_what_the_integral_says(opening_deg):
+    faces = dihedral(20.0, 0.1, 0.1, opening_deg=opening_deg)
+    ours, theirs, whole = (corner_echo(faces), reference_echo(faces), reference_echo(dihedral(20.0, 0.1, 0.1)))
+    assert abs(ours - theirs) < 0.05 * abs(whole)
+
+
+def wall_on_ground(distance_m: float, height_m: float, width_m: float, sensor_m: float) -> list[Rectangle]:
+    """A wall across the x axis, and the ground from it to beyond the sensor, ``sensor_m`` below the origin."""
+    foot, aside = np.array([distance_m, -0.5 * width_m, -sensor_m]), np.array([0.0, width_m, 0.0])
+    return [
+        Rectangle(foot, aside, np.array([-1.5 * distance_m, 0.0, 0.0])),
+        Rectangle(foot, aside, np.array([0.0, 0.0, height_m])),
+    ]
+
+
+@pytest.mark.parametrize("distance_m", [2.0, 6.0])
+def test_a_wall_on_the_ground_seen_from_half_a_metre(distance_m):
+    faces = wall_on_ground(distance_m, 1.5, 0.4, 0.5)
+    assert abs(level_db(corner_echo(faces), reference_echo(faces, spacing_m=WAVELENGTH_M / 4.0))) < 0.3
+
+
+def test_the_inner_corner_of_two_houses_is_an_image_of_the_radar():
+    """Faces of 10 m and edges of 12 m at 40 m are endless: lambda / (4 pi 2 h), half of it in either order."""
+    scattered, specular, _ = echoes(scene_of(*meshes_of(dihedral(40.0, 10.0, 12.0, 3.0, middle_m=4.0))))
+    assert len(scattered) == 0
+    assert len(specular) == 2
+    endless = WAVELENGTH_M / (4.0 * np.pi * 80.0)
+    assert abs(20.0 * np.log10(abs(specular.amplitude) / (0.5 * endless))).max() < 0.3
+    assert abs(level_db(received((scattered, specular)), endless)) < 0.3
+    np.testing.assert_allclose(specular.image, [[80.0, 0.0, 0.0]] * 2, atol=1e-9)
+    np.testing.assert_allclose(specular.axes, [np.diag([-1.0, -1.0, 1.0])] * 2, atol=1e-12)
+    np.testing.assert_allclose(specular.departure(), [[80.0, 0.0, 0.0]] * 2, atol=1e-9)
+    assert set(specular.kinds) == {CORNER}
+    assert set(specular.depth) == {2}
+
+
+def test_a_wide_corner_has_the_delays_of_the_turned_radar():
+    """For every TX and RX, in the near field too: against the length of TX - face - face - RX by images."""
+    scattered, specular, _ = echoes(scene_of(*meshes_of(dihedral(3.0, 2.0, 4.0, 5.0))))
+    assert len(scattered) == 0
+    generator = np.random.default_rng(1)
+    foot = np.array([3.0, 0.0, 0.0])
+    for tx, rx in generator.uniform(-0.1, 0.1, (5, 2, 3)):
+        turned = foot + (tx - foot) * np.array([-1.0, -1.0, 1.0])
+        image = specular.image + np.einsum("sij,j->si", specular.axes, tx)
+        np.testing.assert_allclose(np.linalg.norm(image - rx, axis=1), np.linalg.norm(turned - rx), rtol=1e-12)
+
+
+@pytest.mark.parametrize(("across_m", "law"), [(0.04, "scattered"), (2.0, "specular")])
+@pytest.mark.parametrize("distance_m", [8.0, 20.0])
+def test_the_law_of_the_delay_is_that_of_the_integral(across_m, law, distance_m):
+    """Phase of every RX of the virtual sensor against the reference of its own TX and RX, half an array off."""
+    faces = dihedral(distance_m, across_m, 0.1)
+    scattered, specular, _ = echoes(scene_of(*meshes_of(faces)))
+    assert (len(scattered) > 0) == (law == "scattered")
+    spacing = WAVELENGTH_M / (8.0 if across_m < 1.0 else 3.0)
+    for y in (0.05, 0.25):
+        rx = np.array([0.0, y, 0.0])
+        ratio = received((scattered, specular), rx=rx) / reference_echo(faces, rx=rx, spacing_m=spacing)
+        assert abs(np.angle(ratio)) < np.radians(20.0), (y, np.degrees(np.angle(ratio)))
+
+
+def test_polarisations_turn_as_two_mirrors_turn_them():
+    """Upright metal edge: V comes back as +V, H as -H; an edge at 45 deg turns V into H."""
+    upright = scene_of(*meshes_of(dihedral(20.0, 0.1, 0.1)))
+    vertical, level, crossed = (
+        received(echoes(upright, polarization=which)[:2]) for which in (("V", "V"), ("H", "H"), ("V", "H"))
+    )
+    assert level / vertical == pytest.approx(-1.0, abs=3e-3)
+    assert abs(crossed / vertical) < 1e-9
+    rolled = [received(echoes(upright, Pose((0.0, 0.0, 0.0), roll_deg=45.0), polarization=which)[:2])
+              for which in (("V", "V"), ("V", "H"))]  # fmt: skip
+    assert abs(rolled[0] / vertical) < 3e-3
+    assert abs(rolled[1] / vertical) == pytest.approx(1.0, abs=3e-3)
+
+
+def test_glass_reflects_with_both_of_its_coefficients():
+    faces = dihedral(20.0, 0.1, 0.1, 10.0)
+    metal, glass = (received(echoes(scene_of(*meshes_of(faces, of=of)))[:2]) for of in ("metal", "glass"))
+    slab = MATERIALS["glass"]
+    te, _ = slab_reflection(slab.relative_permittivity, slab.conductivity_s_per_m, slab.thickness_m, FREQUENCY_HZ,
+                            np.cos(np.radians([35.0, 55.0])))  # fmt: skip
+    assert abs(glass / metal) == pytest.approx(abs(te[0] * te[1]), rel=3e-3)
+
+
+def test_what_stands_in_the_way_takes_its_part_of_the_edge():
+    """A curtain before the lower half of a tall corner: half of the image; before all of it: nothing."""
+    tall = scene_of(*meshes_of(dihedral(20.0, 1.0, 8.0)))
+    whole = received(echoes(tall)[:2])
+    half = received(echoes(tall, sight=lambda start, end: end[:, 2] > 0.0)[:2])
+    assert abs(half / whole - 0.5) < 0.05
+    scattered, specular, counts = echoes(tall, sight=lambda start, end: np.zeros(len(end), dtype=bool))
+    assert len(scattered) == len(specular) == 0
+    assert counts["corners_hidden"] == 1
+
+
+def test_a_moving_corner_has_the_doppler_of_the_turned_radar():
+    """Image and point alike: the range changes by the velocity along the sight, the image's by twice that."""
+    velocity = (-3.0, 1.0, 0.5)
+    for size in (0.1, 3.0):
+        parts = [SceneObject(part.name, part.vertices, part.triangles, part.material, velocity)
+                 for part in meshes_of(dihedral(20.0, size, size))]  # fmt: skip
+        scattered, specular, _ = echoes(scene_of(*parts))
+        assert len(scattered) + len(specular) == 2
+        for time_s in (1e-3, 10e-3):
+            moved = [SceneObject(part.name, part.vertices + np.array(velocity) * time_s, part.triangles, "metal")
+                     for part in parts]  # fmt: skip
+            now, then = received((scattered, specular), time_s=time_s), received(echoes(scene_of(*moved))[:2])
+            assert abs(np.angle(now / then)) < 0.05
+
+
+@pytest.mark.parametrize("cuts", [3, 10])
+def test_a_corner_cut_otherwise_sends_the_same_echo(cuts):
+    for faces in (dihedral(20.0, 0.15, 0.2, 6.0), dihedral(5.0, 3.0, 2.0, 6.0, middle_m=0.4)):
+        whole = received(echoes(scene_of(*meshes_of(faces)))[:2])
+        pieces = received(echoes(scene_of(*meshes_of(faces, cuts)))[:2])
+        assert abs(level_db(pieces, whole)) < 0.01
+
+
+def test_moved_by_500_km_and_turned_it_sends_the_same_echo():
+    faces = meshes_of(dihedral(20.0, 0.15, 0.2, 6.0))
+    still = received(echoes(scene_of(*faces))[:2])
+    shift, pose = np.array([500_000.0, 5_480_000.0, 320.0]), Pose((500_000.0, 5_480_000.0, 320.0), yaw_deg=20.0)
+    turn = pose.rotation()
+    far = [mesh(item.name, item.vertices @ turn.T + shift, item.triangles, "metal") for item in faces]
+    scattered, specular, _ = echoes(scene_of(*far), pose)
+    assert abs(level_db(received((scattered, specular)), still)) < 0.01
+    assert abs(scattered.range_m()[0] - 20.0) < 1e-6
+
+
+def test_a_corner_behind_the_radar_is_left_out():
+    behind = scene_of(*meshes_of(dihedral(20.0, 0.1, 0.1)))
+    assert len(echoes(behind, Pose((0.0, 0.0, 0.0), yaw_deg=180.0))[0]) == 0
+    assert HERE.yaw_deg == 0.0
+    assert not NOWHERE.any()

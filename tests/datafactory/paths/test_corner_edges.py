@@ -1,0 +1,143 @@
+"""Right-angled corners of small meshes, counted and measured by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from corner_scenes import corners_seen, dihedral, meshes_of
+from sionna_scenes import box, mesh, plate, scene_of
+
+from datafactory.paths.corner_edges import corners_of
+from datafactory.paths.planar_faces import OFF_SQUARE_DEG, TOUCH_M
+from datafactory.scenes.poses import Pose
+
+GROUND = plate("ground", (0.0, 0.0, 0.0), (20.0, 0.0, 0.0), (0.0, 20.0, 0.0), "metal")
+
+
+def wall(low: float, high: float, x: float = 5.0, velocity=(0.0, 0.0, 0.0)):
+    return plate(
+        "wall", (x, 0.0, 0.5 * (low + high)), (0.0, 3.0, 0.0), (0.0, 0.0, 0.5 * (high - low)), "metal", velocity
+    )
+
+
+def lengths(of) -> list[float]:
+    low, high = corners_of(of).extent()
+    return sorted(np.round(high - low, 6).tolist())
+
+
+def test_two_faces_of_one_mesh_make_one_corner():
+    one, other = meshes_of(dihedral(10.0, (0.3, 0.2), 0.5))
+    corners = corners_of(scene_of(one, other))
+    assert len(corners) == 1
+    assert corners.opening[0] == pytest.approx(np.pi / 2, abs=1e-12)
+    np.testing.assert_allclose(corners.strips[0, 2:], [0.3, 0.3, 0.2, 0.2], atol=1e-4)
+    np.testing.assert_allclose(corners.strips[0, 1] - corners.strips[0, 0], 0.5, atol=1e-9)
+    np.testing.assert_allclose(np.abs(corners.direction), [[0.0, 0.0, 1.0]], atol=1e-12)
+    for face, normal in zip(corners.into[0], corners.normal[0, ::-1], strict=True):
+        np.testing.assert_allclose(face, normal, atol=1e-12)  # at a right angle each is the other's
+    assert corners.counts == {"right_angles": 1, "corner_edges": 1}
+
+
+@pytest.mark.parametrize("foot_m", [0.0, 0.9 * TOUCH_M, -0.5])
+def test_a_sheet_on_the_ground_or_in_it_makes_a_corner_on_either_side(foot_m):
+    corners = corners_of(scene_of(GROUND, wall(foot_m, 2.0)))
+    above = corners.take(corners.into[:, :, 2].max(axis=1) > 0.5)
+    assert len(above) == 2
+    assert len(corners) == (4 if foot_m < 0.0 else 2)
+    reach = above.strips[:, 2:]
+    np.testing.assert_allclose(np.sort(np.unique(np.round(reach, 6))), [2.0, 15.0, 25.0], atol=1e-5)
+
+
+def test_a_wall_that_hovers_makes_none():
+    assert len(corners_of(scene_of(GROUND, wall(1.5 * TOUCH_M, 2.0)))) == 0
+
+
+def test_a_house_on_the_ground_has_four_corners_outside_and_one_in_each_edge_inside():
+    """Twelve edges look inwards, and four of the ground outwards; the ground's inner four lie over the house's own."""
+    corners = corners_of(scene_of(GROUND, box("house", (2.0, 2.0, 0.0), (6.0, 5.0, 3.0), "metal")))
+    outwards = corners.take(np.array([
+        np.linalg.norm(o + i - [4.0, 3.5, 1.5]) > np.linalg.norm(o - [4.0, 3.5, 1.5])
+        for o, i in zip(corners.origin, corners.into.sum(axis=1), strict=True)
+    ]))  # fmt: skip
+    assert len(outwards) == 4
+    assert sorted(np.round(np.diff(np.stack(outwards.extent()), axis=0)[0], 6)) == [3.0, 3.0, 4.0, 4.0]
+
+
+@pytest.mark.parametrize("opening_deg", [60.0, 120.0, 45.0, 85.0, 95.0, 180.0])
+def test_other_angles_make_none(opening_deg):
+    corners = corners_of(scene_of(*meshes_of(dihedral(10.0, 0.3, 0.5, opening_deg=opening_deg))))
+    assert len(corners) == 0
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize("off", [1e-6, -1e-6])
+def test_angles_within_1e_6_of_the_limit_fall_on_their_side_of_it(side, off):
+    opening = 90.0 + side * (OFF_SQUARE_DEG + off)
+    corners = corners_of(scene_of(*meshes_of(dihedral(10.0, 0.3, 0.5, opening_deg=opening))))
+    assert len(corners) == (0 if off > 0.0 else 1)
+
+
+def test_faces_without_width_make_none():
+    needle = mesh("needle", [(5.0, -1.0, 0.0), (5.0, 1.0, 0.0), (5.0, 0.0, 0.0)], [[0, 1, 2]], "metal")
+    kerb = wall(0.0, 0.004)
+    assert len(corners_of(scene_of(GROUND, needle))) == 0
+    assert len(corners_of(scene_of(GROUND, kerb))) == 0
+    assert len(corners_of(scene_of(GROUND, wall(0.0, 0.1)))) == 2
+
+
+def test_three_faces_at_one_edge_make_a_corner_for_each_right_angle():
+    """A ridge from which three sheets go out: two right angles, the third pair lies in one plane."""
+    left = plate("left", (0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), "metal")
+    right = plate("right", (0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), "metal")
+    up = plate("up", (0.0, 0.0, 0.5), (1.0, 0.0, 0.0), (0.0, 0.0, 0.5), "metal")
+    assert lengths(scene_of(left, right, up)) == [2.0, 2.0]
+
+
+def test_overlapping_coplanar_meshes_count_once():
+    faces = meshes_of(dihedral(10.0, 0.3, 0.5))
+    again = [mesh(f"again-{item.name}", item.vertices, item.triangles[:, ::-1], "glass") for item in faces]
+    inner = [mesh(f"inner-{item.name}", item.vertices * [1.0, 1.0, 0.5], item.triangles, "metal") for item in faces]
+    corners = corners_of(scene_of(*faces, *again, *inner))
+    assert len(corners) == 1
+    np.testing.assert_allclose(corners.strips[:, 1] - corners.strips[:, 0], [0.5], atol=1e-9)
+    np.testing.assert_allclose(corners.strips[0, 2:], 0.3, atol=1e-4)
+
+
+def test_an_edge_with_a_gap_is_two_corners():
+    low, high = (plate("w", (5.0, y, 1.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), "metal") for y in (-2.0, 2.0))
+    corners = corners_of(scene_of(GROUND, low, high))
+    assert lengths(scene_of(GROUND, low, high)) == [2.0] * 4
+    assert len(corners) == 4
+
+
+def test_a_triangular_face_gives_a_strip_that_narrows():
+    gable = mesh("gable", [(5.0, -2.0, 0.0), (5.0, 2.0, 0.0), (5.0, 0.0, 3.0)], [[0, 1, 2]], "metal")
+    corners = corners_of(scene_of(GROUND, gable))
+    one = corners.take(np.array([0]))
+    assert len(one.strips) == 2
+    wall_face = int(np.abs(one.into[0, :, 2]).argmax())
+    reach = one.strips[:, [2 + 2 * wall_face, 3 + 2 * wall_face]]
+    np.testing.assert_allclose(reach, [[0.0, 3.0], [3.0, 0.0]], atol=1e-4)
+
+
+def test_bodies_that_move_apart_make_no_corner():
+    assert len(corners_of(scene_of(GROUND, wall(0.0, 2.0, velocity=(1.0, 0.0, 0.0))))) == 0
+    moving = [plate(name, centre, across, up, "metal", (1.0, 0.0, 0.0)) for name, centre, across, up in
+              (("a", (0.0, 1.0, 0.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)),
+               ("b", (0.0, 0.0, 1.0), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)))]  # fmt: skip
+    corners = corners_of(scene_of(*moving))
+    np.testing.assert_array_equal(corners.velocity, [[1.0, 0.0, 0.0]])
+
+
+def test_corners_of_a_body_are_seen_where_it_is_then():
+    of = scene_of(*meshes_of(dihedral(10.0, 0.3, 0.5)))
+    seen = corners_seen(of, Pose((1.0, 2.0, 0.5), yaw_deg=90.0, velocity=(2.0, 0.0, 0.0)))
+    foot = seen.origin + np.array([0.0, 0.0, 0.5]) @ Pose((0.0, 0.0, 0.0), yaw_deg=90.0).rotation()
+    np.testing.assert_allclose(foot[0, :2], [-2.0, -9.0], atol=1e-9)
+    np.testing.assert_allclose(seen.velocity, [[0.0, 2.0, 0.0]], atol=1e-9)
+
+
+def test_an_empty_stage_has_no_corners():
+    corners = corners_of(scene_of())
+    assert len(corners) == 0
+    assert corners.counts == {"right_angles": 0, "corner_edges": 0}

@@ -1,0 +1,413 @@
+"""Targets over mirrors against the two-ray model in closed form, mirror images, and finite differences.
+
+The closed form is written here from Fresnel's equations and lengths alone. It shares with what it judges
+the scene's classes alone.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from oracles import if_cube, mirrored, relative_error, scattered_delays
+
+from datafactory.frame.measurement import object_targets
+from datafactory.paths.merged_scene import merge_scene
+from datafactory.paths.mirror_ways import points_of_reflection
+from datafactory.paths.rays import RayFan
+from datafactory.paths.solver import TraceSettings
+from datafactory.paths.table import SPECULAR, TARGET, PathTable, ScatteredPaths
+from datafactory.paths.trace import trace
+from datafactory.scenes.materials.table import Material, MaterialMapping, load_materials
+from datafactory.scenes.poses import Pose
+from datafactory.scenes.scene import PointTarget, Scene, SceneObject
+from datafactory.scenes.targets.models import Car, Pedestrian, Sphere, Trihedral
+from datafactory.synthesis.cube import cube_of_paths
+from shared.radar import Radar
+from shared.radar.arrays import AntennaArray
+from shared.radar.waveform import Waveform
+
+pytestmark = pytest.mark.usefixtures("variant")
+
+FREQUENCY_HZ = 77.5e9
+WAVELENGTH_M = 299_792_458.0 / FREQUENCY_HZ
+ASPHALT = load_materials().materials["asphalt"]
+METAL = Material("mirror", 1.0, 1e7, 0.1, 0.0, "lambertian", "test", (77.0, 78.0), ())
+MATERIALS = MaterialMapping(
+    entries={"mirror": (METAL, "test"), "asphalt": (ASPHALT, "test")},
+    unknown=(),
+)
+
+
+def ground(
+    of: str = "mirror",
+    x: tuple[float, float] = (-400.0, 400.0),
+    y: tuple[float, float] = (-400.0, 400.0),
+    name: str = "ground",
+    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> SceneObject:
+    """A level rectangle at z = 0."""
+    vertices = np.array([(a, b, 0.0) for a, b in ((x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1]))])
+    return SceneObject(name, vertices, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), of, velocity)
+
+
+def point(position: Sequence[float], velocity: Sequence[float] = (0.0, 0.0, 0.0)) -> PointTarget:
+    x, y, z = position
+    a, b, c = velocity
+    return PointTarget("post", (x, y, z), 0.0, (a, b, c))
+
+
+def echoes(
+    objects: Sequence[SceneObject], targets: Sequence[PointTarget], pose: Pose, **settings: object
+) -> tuple[ScatteredPaths, PathTable]:
+    """The targets' paths, and the whole table."""
+    merged = merge_scene(Scene("test", tuple(objects), tuple(targets)), MATERIALS)
+    chosen = TraceSettings(**{"rays": 100, "depth": 2, "diffuse": False, **settings})  # type: ignore[arg-type]
+    table = trace(merged, MATERIALS, pose, FREQUENCY_HZ, chosen, RayFan(100), 1)
+    return table.scattered.take(table.scattered.kinds & TARGET > 0), table
+
+
+def level_db(paths: ScatteredPaths) -> float:
+    """Of the coherent sum at the carrier of the trace, at t = 0 [dB]."""
+    phase = 2.0 * np.pi * 2.0 * paths.range_m() / WAVELENGTH_M
+    return float(20.0 * np.log10(abs(np.sum(paths.amplitude * np.exp(1j * phase)))))
+
+
+def fresnel(material: Material, cosine: NDArray, polarization: str) -> NDArray:
+    """Reflection of a half space: what enters 0.1 m of metal or 0.2 m of asphalt does not come back."""
+    eta = material.relative_permittivity - 1j * material.conductivity_s_per_m / (
+        2.0 * np.pi * FREQUENCY_HZ * 8.8541878128e-12
+    )
+    root = np.sqrt(eta - (1.0 - cosine**2))
+    if polarization == "H":
+        return (cosine - root) / (cosine + root)
+    return (eta * cosine - root) / (eta * cosine + root)
+
+
+def two_rays_db(material: Material, range_m: NDArray, radar_m: float, target_m: float, polarization: str) -> NDArray:
+    """Level of a target of 0 dBsm over a smooth or rough plane by the two-ray model, one-way fields squared [dB]."""
+    direct = np.hypot(range_m, target_m - radar_m)
+    bounced = np.hypot(range_m, target_m + radar_m)
+    gamma = fresnel(material, (target_m + radar_m) / bounced, polarization)
+    gamma = gamma * np.sqrt(1.0 - material.scattering_coefficient**2)
+    wavenumber = 2.0 * np.pi / WAVELENGTH_M
+    field = np.exp(-1j * wavenumber * direct) / direct + gamma * np.exp(-1j * wavenumber * bounced) / bounced
+    return 20.0 * np.log10(WAVELENGTH_M / (4.0 * np.pi) ** 1.5 * np.abs(field) ** 2)
+
+
+def swept(of: str, range_m: NDArray, radar_m: float, target_m: float, polarization: str) -> NDArray:
+    """Level over range of what is traced [dB]; all targets stand in one scene, told by their number."""
+    targets = [replace(point((x, 0.0, target_m)), name=f"{k}") for k, x in enumerate(range_m)]
+    pair = (polarization, polarization)
+    paths, table = echoes([ground(of)], targets, Pose((0.0, 0.0, radar_m)), polarization=pair)
+    first = len(table.objects) - len(targets)
+    return np.array([level_db(paths.take(paths.object_index == first + k)) for k in range(len(targets))])
+
+
+@pytest.mark.parametrize("polarization", ["V", "H"])
+@pytest.mark.parametrize("of", ["mirror", "asphalt"])
+def test_the_lobes_over_range_are_those_of_the_two_ray_model(of: str, polarization: str) -> None:
+    # 24 places for each lobe at 15 m, where they are closest.
+    range_m = np.linspace(15.0, 60.0, 1000)
+    spread_db = 40.0 * np.log10(range_m)
+    found = swept(of, range_m, 0.5, 0.8, polarization) + spread_db
+    expected = two_rays_db(METAL if of == "mirror" else ASPHALT, range_m, 0.5, 0.8, polarization) + spread_db
+    # In a null the level is the difference of two nearly equal numbers: down to 40 dB below a peak it is compared.
+    compared = expected > expected.max() - 40.0
+    assert compared.mean() > 0.9
+    np.testing.assert_allclose(found[compared], expected[compared], atol=0.1 if of == "mirror" else 0.5)
+
+    def turns(levels: NDArray, sign: float) -> NDArray:
+        inner = sign * levels[1:-1]
+        return 1 + np.flatnonzero((inner > sign * levels[:-2]) & (inner > sign * levels[2:]))
+
+    for sign in (1.0, -1.0):  # peaks, nulls
+        ours, theirs = turns(found, sign), turns(expected, sign)
+        assert len(theirs) >= 8
+        assert len(ours) == len(theirs)
+        assert np.abs(ours - theirs).max() <= 1
+
+
+def test_nulls_and_peaks_stand_where_skolnik_has_them() -> None:
+    """Path difference 2 h_1 h_2 / R a whole number of wavelengths: peaks over metal in vertical polarisation."""
+    radar_m, target_m = 0.5, 0.8
+    for order in (6, 7, 8, 9):
+        peak_m, null_m = (2.0 * radar_m * target_m / (n * WAVELENGTH_M) for n in (order, order + 0.5))
+        free_db, peak_db, null_db = (
+            40.0 * np.log10(r) + level for r, level in (
+                (1.0, 20.0 * np.log10(WAVELENGTH_M / (4.0 * np.pi) ** 1.5)),
+                (peak_m, swept("mirror", np.array([peak_m]), radar_m, target_m, "V")[0]),
+                (null_m, swept("mirror", np.array([null_m]), radar_m, target_m, "V")[0]),
+            )
+        )  # fmt: skip
+        # F^4 = 16 less what metal of 1e7 S/m takes near its Brewster angle, 0.01 deg.
+        gamma = abs(fresnel(METAL, np.array(1.3 / peak_m), "V"))
+        assert peak_db - free_db == pytest.approx(40.0 * np.log10(1.0 + gamma), abs=0.05)
+        assert peak_db - free_db > 11.7
+        assert null_db - free_db < -20.0
+
+
+def test_four_paths_each_with_its_own_length_and_bounces() -> None:
+    paths, table = echoes([ground()], [point((12.0, 3.0, 0.7))], Pose((0.0, 0.0, 0.5)))
+    assert sorted(paths.depth.tolist()) == [1, 2, 2, 3]
+    assert all(kinds == (TARGET if depth == 1 else TARGET | SPECULAR)
+               for depth, kinds in zip(paths.depth, paths.kinds, strict=True))  # fmt: skip
+    direct, bounced = np.sqrt(144.0 + 9.0 + 0.04), np.sqrt(144.0 + 9.0 + 1.44)
+    expected = {1: direct, 2: 0.5 * (direct + bounced), 3: bounced}
+    for depth, length in zip(paths.depth, paths.range_m(), strict=True):
+        assert length == pytest.approx(expected[int(depth)], abs=1e-12)
+    assert [name for name in np.array(table.objects)[paths.object_index]] == ["post"] * 4
+    assert (table.counts["target_mirrors"], table.counts["target_mirrors_too_wide"]) == (1, 0)
+    # The list of targets names each once, where it really stands.
+    assert len(object_targets(table, len(table.objects) - 1, Radar())) == 1
+
+
+@pytest.mark.parametrize(
+    ("settings", "bounced"),
+    [({"depth": 1}, 0), ({"specular": False}, 0), ({"depth": 3}, 3), ({"point_targets": False}, -1)],
+)
+def test_the_bounce_needs_second_bounces_mirrors_and_targets(settings: dict[str, object], bounced: int) -> None:
+    paths, _ = echoes([ground()], [point((12.0, 3.0, 0.7))], Pose((0.0, 0.0, 0.5)), **settings)
+    assert len(paths) == 1 + bounced
+
+
+def test_no_mirror_below_changes_nothing() -> None:
+    """The same bytes with a ground that ends before the point of reflection, and with second bounces off."""
+    targets, pose = [point((20.0, 0.0, 0.5))], Pose((0.0, 0.0, 0.5))
+    short = ground(x=(-5.0, 9.99))  # the wave is reflected at 10 m
+    with_bounces, table = echoes([short], targets, pose)
+    without, _ = echoes([short], targets, pose, depth=1)
+    assert table.counts["target_mirrors"] == 0
+    for name in ScatteredPaths.__dataclass_fields__:
+        assert getattr(with_bounces, name).tobytes() == getattr(without, name).tobytes()
+
+
+@pytest.mark.parametrize(("end_m", "share"), [(10.0, 0.5), (400.0, 1.0)])
+def test_a_face_reflects_with_the_share_of_its_size(end_m: float, share: float) -> None:
+    paths, _ = echoes([ground(x=(-400.0, end_m))], [point((20.0, 0.0, 0.5))], Pose((0.0, 0.0, 0.5)))
+    gamma = abs(fresnel(METAL, np.array(1.0 / np.sqrt(401.0)), "V"))
+    whole = WAVELENGTH_M / (4.0 * np.pi) ** 1.5 / 401.0 * gamma**2
+    twice = abs(paths.amplitude[paths.depth == 3][0])
+    assert twice == pytest.approx(share**2 * whole, rel=0.03)
+
+
+def test_a_target_on_the_ground_is_doubled() -> None:
+    for height_m in (0.0, 1e-9, 1e-5):
+        paths, _ = echoes([ground()], [point((15.0, 0.0, height_m))], Pose((0.0, 0.0, 0.5)))
+        assert sorted(paths.depth.tolist()) == [1, 2, 2, 3]
+        free = 20.0 * np.log10(WAVELENGTH_M / (4.0 * np.pi) ** 1.5 / (225.25))
+        gamma = abs(fresnel(METAL, np.array(0.5 / np.sqrt(225.25)), "V"))
+        assert level_db(paths) - free == pytest.approx(40.0 * np.log10(1.0 + gamma), abs=0.02)
+
+
+@pytest.mark.parametrize("height_m", [-0.4, -0.004])
+def test_a_sensor_below_the_ground_sees_no_bounce(height_m: float) -> None:
+    paths, table = echoes([ground()], [point((15.0, 0.0, 0.7))], Pose((0.0, 0.0, height_m)))
+    assert len(paths) == 0
+    assert table.counts["point_targets_hidden"] == 1
+
+
+def test_a_sensor_in_a_hollow_sees_over_the_edge_without_a_bounce() -> None:
+    """The ground begins 3 m ahead, above the sensor: its lower side reflects, its upper side cannot."""
+    paths, _ = echoes([ground(x=(3.0, 50.0))], [point((15.0, 0.0, 1.5))], Pose((0.0, 0.0, -0.1)), diffraction=False)
+    assert set(paths.depth.tolist()) <= {1}
+
+
+def test_occlusion_of_either_leg_takes_its_paths() -> None:
+    """A screen that stands in the bounced way but not in the direct one, before and behind the point of reflection."""
+    for x, z in ((4.0, 0.15), (9.0, 0.4)):
+        low = np.array([(x, -9.0, 0.0), (x, 9.0, 0.0), (x, 9.0, z), (x, -9.0, z)])
+        screen = SceneObject("screen", low, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), "mirror")
+        target = [point((12.0, 0.0, 0.6))]
+        paths, _ = echoes([ground(), screen], target, Pose((0.0, 0.0, 0.5)))
+        free, _ = echoes([ground()], target, Pose((0.0, 0.0, 0.5)))
+        lengths = paths.range_m()
+        assert paths.depth.tolist().count(1) == 1
+        bounced = np.linalg.norm([12.0, 1.1])
+        over_ground = np.abs(lengths - bounced) < 1e-9
+        assert not over_ground.any()
+        assert (np.abs(free.range_m() - bounced) < 1e-9).sum() == 1
+
+
+def test_a_target_that_is_hidden_directly_is_seen_over_a_wall() -> None:
+    """Round a corner by a mirror: only the path that is reflected twice is there."""
+    screen = SceneObject(
+        "screen", np.array([(6.0, -9.0, -9.0), (6.0, 1.0, -9.0), (6.0, 1.0, 9.0), (6.0, -9.0, 9.0)]),
+        np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), "mirror",
+    )  # fmt: skip
+    side = SceneObject(
+        "side", np.array([(-9.0, 4.0, -9.0), (30.0, 4.0, -9.0), (30.0, 4.0, 9.0), (-9.0, 4.0, 9.0)]),
+        np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), "mirror",
+    )  # fmt: skip
+    paths, table = echoes([screen, side], [point((12.0, 0.0, 0.0))], Pose((0.0, 0.0, 0.0)))
+    assert table.counts["point_targets_hidden"] == 1
+    assert paths.depth.tolist() == [3]
+    np.testing.assert_allclose(paths.tx_point, [[12.0, 8.0, 0.0]], atol=1e-9)
+    np.testing.assert_allclose(paths.rx_point, [[12.0, 8.0, 0.0]], atol=1e-9)
+
+
+def turn(degrees: float, axis: int) -> NDArray:
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    i, j = [k for k in range(3) if k != axis]
+    found = np.eye(3)
+    found[i, i] = found[j, j] = c
+    found[i, j], found[j, i] = -s, s
+    return found
+
+
+TILTED = turn(4.0, 1) @ turn(-3.0, 0)
+MOVING = {
+    "target": ((-14.0, 2.0, 0.1), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+    "radar": ((0.0, 0.0, 0.0), (9.0, -1.0, 0.0), (0.0, 0.0, 0.0)),
+    "ground": ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, -0.6)),
+    "all": ((-14.0, 2.0, 0.1), (9.0, -1.0, 0.0), (0.5, 0.0, -0.6)),
+}
+
+
+@pytest.mark.parametrize("moves", MOVING)
+def test_delays_and_doppler_are_those_of_mirror_images_for_every_pair(moves: str) -> None:
+    """A tilted moving ground, a turned moving radar, a moving target: each path of each TX and RX, over the frame."""
+    target_velocity, radar_velocity, ground_velocity = (np.array(value) for value in MOVING[moves])
+    sheet = ground(velocity=tuple(ground_velocity))
+    sheet = replace(sheet, vertices=sheet.vertices @ TILTED.T)
+    pose = Pose((0.0, 0.0, 0.5), yaw_deg=7.0, pitch_deg=-2.0, roll_deg=5.0, velocity=tuple(radar_velocity), time_s=0.3)
+    start = np.array([14.0, 1.0, 2.5]) - 0.3 * target_velocity
+    paths, _ = echoes([sheet], [point(tuple(start), tuple(target_velocity))], pose)
+    assert sorted(paths.depth.tolist()) == [1, 2, 2, 3]
+    rotation = pose.rotation()
+    normal = TILTED @ np.array([0.0, 0.0, 1.0])
+    generator = np.random.default_rng(3)
+    for tx, rx in generator.uniform(-0.1, 0.1, (4, 2, 3)):
+
+        def lengths(time_s: float, tx: NDArray = tx, rx: NDArray = rx) -> NDArray:
+            """By images in the world: direct, over the mirror out, over it back, twice."""
+            ends = [np.array(pose.position) + radar_velocity * time_s + rotation @ place for place in (tx, rx)]
+            place = start + target_velocity * (0.3 + time_s)
+            image = mirrored(place, (ground_velocity * (0.3 + time_s), normal))
+            ways = [[np.linalg.norm(end - seen) for seen in (place, image)] for end in ends]
+            return np.sort([a + b for a in ways[0] for b in ways[1]])
+
+        for time_s in (0.0, 5e-3, 1e-2):
+            found = np.sort(scattered_delays(paths, tx, rx, time_s)) * 299_792_458.0
+            np.testing.assert_allclose(found, lengths(time_s), rtol=0.0, atol=1e-10)
+        step = 1e-3
+        slope = (lengths(step) - lengths(-step)) / (2.0 * step)
+        later, sooner = (np.sort(scattered_delays(paths, tx, rx, t)) * 299_792_458.0 for t in (step, -step))
+        np.testing.assert_allclose((later - sooner) / (2.0 * step), slope, rtol=0.0, atol=1e-6)
+
+
+def test_the_cube_has_all_four_paths_with_transmitters_in_turn() -> None:
+    """TDM: synthesised against the slow sum of eq. (1), every TX at its own time."""
+    waveform = Waveform(chirps=4, samples=128, range_bins=128, multiplexing="tdm", chirp_interval_s=300e-6)
+    full = Radar()
+    array = AntennaArray(tx_m=full.array.tx_m, rx_m=full.array.rx_m[::5])
+    radar = full.model_copy(update={"waveform": waveform, "array": array})
+    target = [point((7.0, 1.0, 0.7), (-9.0, 1.0, 0.0))]
+    paths, table = echoes([ground()], target, Pose((0.0, 0.0, 0.5), velocity=(3.0, 0.0, 0.0)))
+    table = PathTable(paths, objects=table.objects)
+    assert len(paths) == 4
+    assert relative_error(cube_of_paths(table, radar, 1e-6), if_cube(table, radar)) < 1e-6
+
+
+def test_a_wall_beside_and_a_ground_below_give_every_way_out_with_every_way_back() -> None:
+    side = SceneObject(
+        "side", np.array([(-9.0, 4.0, 0.0), (30.0, 4.0, 0.0), (30.0, 4.0, 9.0), (-9.0, 4.0, 9.0)]),
+        np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), "mirror",
+    )  # fmt: skip
+    paths, table = echoes([ground(), side], [point((12.0, 0.0, 1.0))], Pose((0.0, 0.0, 0.5)))
+    assert sorted(paths.depth.tolist()) == [1, 2, 2, 2, 2, 3, 3, 3, 3]
+    assert table.counts["target_mirrors"] == 2
+
+
+def test_a_wall_behind_the_target_gives_the_way_over_it_both_ways_and_counts_the_rest() -> None:
+    """The bistatic angle of a mixed path is 180 deg there, where the monostatic cross section says nothing."""
+    behind = SceneObject(
+        "behind", np.array([(20.0, -9.0, -9.0), (20.0, 9.0, -9.0), (20.0, 9.0, 9.0), (20.0, -9.0, 9.0)]),
+        np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), "mirror",
+    )  # fmt: skip
+    paths, table = echoes([behind], [point((12.0, 0.3, 0.1))], Pose((0.0, 0.0, 0.0)))
+    assert sorted(paths.depth.tolist()) == [1, 3]
+    assert table.counts["target_mirrors_too_wide"] == 2
+
+
+@pytest.mark.parametrize("pieces", [1, 2, 9])
+def test_the_same_ground_in_pieces_is_the_same_echo(pieces: int) -> None:
+    """Faces that share edges are one mirror, and a second sheet on top of it changes nothing."""
+    cuts = np.linspace(-400.0, 400.0, pieces + 1)
+    sheets = [ground(x=(a, b), name=f"g{k}") for k, (a, b) in enumerate(itertools.pairwise(cuts))]
+    paths, table = echoes(sheets, [point((12.0, 3.0, 0.7))], Pose((0.0, 0.0, 0.5)))
+    whole, _ = echoes([ground()], [point((12.0, 3.0, 0.7))], Pose((0.0, 0.0, 0.5)))
+    assert table.counts["target_mirrors"] == 1
+    np.testing.assert_allclose(np.sort(np.abs(paths.amplitude)), np.sort(np.abs(whole.amplitude)), rtol=1e-6)
+    doubled, table = echoes([ground(), ground(name="again")], [point((12.0, 3.0, 0.7))], Pose((0.0, 0.0, 0.5)))
+    assert table.counts["target_mirrors"] == 1
+    np.testing.assert_allclose(np.sort(np.abs(doubled.amplitude)), np.sort(np.abs(whole.amplitude)), rtol=1e-6)
+
+
+def test_a_models_aspect_is_that_towards_the_bisector() -> None:
+    """A trihedral is seen by the mixed paths as from between radar and image, a sphere from its nearest points."""
+    axes = ((-1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0))
+    corner = PointTarget("corner", (10.0, 0.0, 0.6), 0.0, model=Trihedral(0.1), axes=axes)
+    paths, _ = echoes([ground()], [corner], Pose((0.0, 0.0, 0.5)))
+
+    def section(direction: NDArray) -> float:
+        turned = direction * [-1.0, -1.0, 1.0]
+        return float(Trihedral(0.1).echoes(1e3 * turned, WAVELENGTH_M)[1][0])
+
+    radar, image = (np.array([-10.0, 0.0, z - 0.6]) for z in (0.5, -0.5))
+    radar, image = radar / np.linalg.norm(radar), image / np.linalg.norm(image)
+    for depth, towards in ((1, radar), (2, radar + image), (3, image)):
+        own = paths.take(paths.depth == depth)
+        spread = np.linalg.norm(own.tx_point, axis=1) * np.linalg.norm(own.rx_point, axis=1)
+        expected = WAVELENGTH_M * np.sqrt(section(towards / np.linalg.norm(towards))) / (4.0 * np.pi) ** 1.5
+        gamma = abs(fresnel(METAL, np.array(1.1 / np.hypot(10.0, 1.1)), "V")) ** (depth - 1)
+        np.testing.assert_allclose(np.abs(own.amplitude) * spread, gamma * expected, rtol=1e-3)
+    ball = PointTarget("ball", (10.0, 0.0, 0.6), 0.0, model=Sphere(0.2))
+    paths, _ = echoes([ground()], [ball], Pose((0.0, 0.0, 0.5)))
+    twice = paths.take(paths.depth == 3)
+    # Seen from the image of the radar, 0.5 m under the ground, the nearest point of the sphere.
+    np.testing.assert_allclose(np.linalg.norm(twice.tx_point), np.hypot(10.0, 1.1) - 0.2, atol=1e-9)
+
+
+def test_many_targets_and_their_points_keep_their_owners() -> None:
+    targets = [
+        PointTarget("car", (15.0, -3.0, 0.0), 11.25, model=Car()),
+        PointTarget("post", (12.0, 1.0, 0.4), 0.0),
+        PointTarget("human", (9.0, 2.0, 0.0), -1.4, model=Pedestrian()),
+    ]
+    paths, table = echoes([ground("asphalt")], targets, Pose((0.0, 0.0, 0.5)))
+    names = np.array(table.objects)[paths.object_index]
+    assert {name: int((names == name).sum()) for name in ("car", "post", "human")} == {"car": 20, "post": 4, "human": 4}
+
+
+def test_points_of_reflection_are_those_of_mirror_images(generator: np.random.Generator) -> None:
+    """Random triangles and points: the place lies on the plane, on the line to the image, and within."""
+    corners = generator.uniform(-10.0, 10.0, (300, 3, 3))
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    position = generator.uniform(-10.0, 10.0, (40, 3))
+    place, triangle, foot = points_of_reflection(position, corners, normals)
+    assert len(place) > 100
+    for k, t, found in zip(place, triangle, foot, strict=True):
+        image = mirrored(position[k], (corners[t, 0], normals[t]))
+        length = np.linalg.norm(found) + np.linalg.norm(position[k] - found)
+        assert length == pytest.approx(np.linalg.norm(image), rel=1e-9)
+        weights = np.linalg.lstsq(np.vstack([corners[t].T, np.ones(3)]), np.append(found, 1.0), rcond=None)[0]
+        assert (weights > -1e-6).all()
+    # And none is missed: the same by barycentric coordinates, one by one.
+    count = 0
+    for k in range(40):
+        for t in range(300):
+            height = normals[t] @ corners[t, 0]
+            above = normals[t] @ position[k] - height
+            if height * above >= 0.0 or abs(height) < 0.01:
+                continue
+            image = position[k] - 2.0 * above * normals[t]
+            hit = image * height / (normals[t] @ image)
+            weights = np.linalg.lstsq(np.vstack([corners[t].T, np.ones(3)]), np.append(hit, 1.0), rcond=None)[0]
+            count += bool((weights > 0.0).all())
+    assert abs(count - len(place)) <= 1

@@ -1,0 +1,140 @@
+"""The generated pages are produced from the models, the commands and the docstrings."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import pytest
+from manual import DOCS, ROOT
+from pydantic import BaseModel, Field
+from reference import commands_page, contents, descriptions, fields_table, fit_page, materials_page, radar_page
+from reference import reference_pages as pages
+from typer.main import get_command
+
+from datafactory.cli.app import app as datafactory
+from datafactory.scenes.materials.table import MaterialEntry, load_materials
+from shared.radar.front_end import FrontEnd
+from shared.radar.radar import Radar
+from shared.radar.waveform import Waveform
+from trainer.cli.app import app as trainer
+from trainer.run.configuration import FitConfig
+
+
+class Chirps(BaseModel):
+    """Some chirps.
+
+    :param count: how many, of which
+        some are short
+    :param kind: up or down
+    """
+
+    count: Annotated[int, Field(ge=1, le=8)] = 4
+    kind: str | None = None
+
+
+class Renamed(BaseModel):
+    """Some chirps.
+
+    :param count: how many
+    """
+
+    number: int = 4
+
+
+class Undocumented(BaseModel):
+    """Some chirps.
+
+    :param count: how many
+    """
+
+    count: int = 4
+    kind: str = "up"
+
+
+def test_a_field_is_described_by_its_line() -> None:
+    assert descriptions(Chirps) == {"count": "how many, of which some are short", "kind": "up or down"}
+    assert "| `count` | integer >= 1, <= 8 | `4` | how many, of which some are short |" in fields_table(Chirps)
+    assert "| `kind` | text | none | up or down |" in fields_table(Chirps)
+
+
+def test_a_renamed_field_fails() -> None:
+    with pytest.raises(ValueError, match="Renamed: no :param line for number"):
+        descriptions(Renamed)
+    with pytest.raises(ValueError, match="Undocumented: no :param line for kind"):
+        descriptions(Undocumented)
+
+
+def test_a_line_without_a_field_fails() -> None:
+    class Gone(BaseModel):
+        """:param count: how many"""
+
+    with pytest.raises(ValueError, match="Gone: :param count, which is no field"):
+        descriptions(Gone)
+
+
+def test_the_radar_page_has_every_field() -> None:
+    page = radar_page()
+    for model in (Radar, Waveform, FrontEnd):
+        for name in model.model_fields:
+            assert f"| `{name}` |" in page
+    assert '`"simultaneous"` or `"tdm"`' in page
+    assert "`iwr1843`" in page
+
+
+def test_the_materials_page_has_every_key_and_material() -> None:
+    page = materials_page()
+    for name in [*MaterialEntry.model_fields, *load_materials().materials]:
+        assert f"| `{name}` |" in page
+
+
+def test_the_fit_page_has_every_setting() -> None:
+    page = fit_page()
+    for name in FitConfig.model_fields:
+        assert f"| `{name}` |" in page
+
+
+@pytest.mark.parametrize(("program", "app"), [("datafactory", datafactory), ("trainer", trainer)])
+def test_the_pages_of_commands_have_every_option(program: str, app: object) -> None:
+    page = commands_page(program)
+    for name, command in get_command(app).commands.items():  # type: ignore[arg-type, attr-defined]
+        assert f"## {program} {name}\n" in page
+        section = page.partition(f"## {program} {name}\n")[2].partition("\n## ")[0]
+        for parameter in command.params:
+            if parameter.param_type_name == "option" and not getattr(parameter, "hidden", False):
+                assert parameter.opts[0] in section
+
+
+def test_no_description_is_empty_and_units_survive() -> None:
+    for program in ("datafactory", "trainer"):
+        rows = [line for line in commands_page(program).splitlines() if line.startswith("| `")]
+        assert [row for row in rows if row.endswith("|  |")] == []
+    assert "for this error [dB]" in commands_page("datafactory")
+
+
+def test_the_contents_list_every_page_with_a_title() -> None:
+    for name, text in pages().items():
+        assert text.startswith("# ")
+        assert f"({name})" in contents()
+
+
+@pytest.mark.slow
+def test_the_site_is_made_without_a_warning(tmp_path: Path) -> None:
+    """``make docs``: strict, so that a dead link or anchor, a page that is missing from the menu or a docstring that
+    cannot be read ends it."""
+    pytest.importorskip("material", reason="make docs installs the generator")
+    pytest.importorskip("mkdocstrings")
+    made = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--config-file", str(DOCS / "site/mkdocs.yml"),
+         "--site-dir", str(tmp_path / "site")],
+        capture_output=True, text=True, check=False, cwd=ROOT, env={**os.environ, "NO_MKDOCS_2_WARNING": "1"},
+    )  # fmt: skip
+    assert made.returncode == 0, made.stdout + made.stderr
+    assert made.stdout + made.stderr == ""
+    for page in ("index", "start", "reference/radar", "reference/trainer"):
+        assert (tmp_path / f"site/{page}.html").is_file()
+    text = (tmp_path / "site/start.html").read_text(encoding="utf-8")
+    assert "fonts.googleapis.com" not in text

@@ -1,0 +1,49 @@
+"""A stranger's distribution with one of our import names is named, with the commands that mend it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from datafactory.inspection.doctor import examine_names
+from shared.processes.strangers import OURS, namesake, refuse_namesake, strangers
+
+
+def install(folder: Path, name: str, package: str) -> None:
+    """A distribution as pip records it, without its files."""
+    info = folder / f"{name.replace('-', '_')}-0.0.36.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 0.0.36\n", encoding="utf-8")
+    (info / "RECORD").write_text(f"{package}/__init__.py,,\n{info.name}/METADATA,,\n", encoding="utf-8")
+
+
+def test_none_is_installed_here() -> None:
+    for package in OURS:
+        assert strangers(package) == []
+        assert namesake(package) is None
+        refuse_namesake(package)
+    assert all(finding.ok for finding in examine_names())
+
+
+@pytest.mark.parametrize("package", OURS)
+def test_a_namesake_is_refused_in_one_line(package: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    install(tmp_path, package, package)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    assert strangers(package) == [package]
+    with pytest.raises(ImportError) as caught:
+        refuse_namesake(package)
+    assert str(caught.value) == (
+        f"the distribution '{package}' is installed over '{OURS[package]}', both bring the package '{package}'; mend "
+        f"it: pip uninstall -y {package} && pip install --force-reinstall --no-deps {OURS[package]}"
+    )
+
+
+def test_the_doctor_finds_one_of_any_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    install(tmp_path, "somebodys-trainer", "trainer")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    (finding,) = [finding for finding in examine_names() if not finding.ok]
+    assert finding.item == "package trainer"
+    assert finding.value == "somebodys-trainer is installed over sparseradar-trainer"
+    assert finding.remedy.startswith("pip uninstall -y somebodys-trainer && pip install --force-reinstall")
+    assert finding.required
