@@ -20,8 +20,11 @@ TABLE_WIDTH = 165
 
 
 def accuracy(
-    scene: Annotated[str, typer.Option(help="USD, Mitsuba XML or mesh file, or sionna:NAME.", show_default=False)],
     out: Annotated[Path, typer.Option("--out", help="Folder for the tables and the picture.", show_default=False)],
+    scene_name: options.SceneName = None,
+    scene: Annotated[
+        str | None, typer.Option(help="USD, Mitsuba XML or mesh file, or sionna:NAME.", show_default=False)
+    ] = None,
     radar: options.RadarName = options.DEFAULT_RADAR_NAME,
     frames: Annotated[int, typer.Option(min=1, max=IMAGE_BATCH, help="Frames to measure on; --quick takes one.")] = 2,
     poses: Annotated[
@@ -46,6 +49,9 @@ def accuracy(
     from datafactory.scenes.poses import read_poses
     from shared.radar import load_radar
 
+    scene = options.one_scene(scene_name, scene)
+    if scene is None:
+        raise InputError("--scene", "missing", "a scene file or sionna:NAME")
     console = Console(soft_wrap=True, highlight=False)
     model, table = load_radar(radar), load_materials(materials)
     given = read_poses(poses) if poses else ()

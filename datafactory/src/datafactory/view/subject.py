@@ -63,17 +63,25 @@ class Subject:
         return self._seen(np.array(world).reshape(-1, 3))
 
     def movers(self) -> tuple[Mover, ...]:
-        """Objects and point targets that move, and the sensor itself, in the order of the scene."""
+        """What moves: the parts of one body as one, then point targets, then the sensor itself.
+
+        Parts are objects of one velocity below one prim, or of one name where there are no prims.
+        """
         merged, rotation = self.scene.merged, self.pose.rotation()
-        found = []
+        bodies: dict[tuple[str, tuple[float, ...]], list[Real]] = {}
         for number, mesh in enumerate(merged.meshes):
             if not mesh.velocity.any():
                 continue
             corners = self.vertices(number)[mesh.triangles]  # [T, 3, 3]
             for index in np.unique(mesh.object_of_triangle):
+                name = merged.objects[index]
+                body = name.rpartition("/")[0] or name
                 own = corners[mesh.object_of_triangle == index].reshape(-1, 3)
-                middle = 0.5 * (own.min(axis=0) + own.max(axis=0))
-                found.append(Mover(merged.objects[index], middle, mesh.velocity @ rotation))
+                bodies.setdefault((body, tuple(mesh.velocity)), []).append(np.stack([own.min(axis=0), own.max(axis=0)]))
+        found = []
+        for (name, velocity), boxes in bodies.items():
+            middle = 0.5 * (np.min(boxes, axis=(0, 1)) + np.max(boxes, axis=(0, 1)))
+            found.append(Mover(name, middle, np.array(velocity) @ rotation))
         for target, position in zip(merged.targets, self.targets(), strict=True):
             if any(target.velocity):
                 found.append(Mover(target.name, position, np.array(target.velocity) @ rotation))
