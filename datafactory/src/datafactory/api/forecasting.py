@@ -1,7 +1,7 @@
 """What a run will take, before it is begun: ``datafactory render --dry-run``.
 
-Time follows from counted work (:mod:`datafactory.accuracy.work`), so that the same run has the same forecast on every
-machine; only the one rate by which work becomes seconds is a measurement.
+Paths are not known before a frame is traced. So time follows from rates of one machine: seconds a ray, a path and a
+sample, by which the same run has the same forecast everywhere.
 """
 
 from __future__ import annotations
@@ -12,8 +12,6 @@ from pathlib import Path
 
 import psutil
 
-from datafactory.accuracy.knobs import KnobSettings
-from datafactory.accuracy.work import counted_work, trace_work
 from datafactory.frame.deal import split_of
 from datafactory.run.order import Order
 from datafactory.run.preparation import deal_of
@@ -24,13 +22,16 @@ from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene
 from shared.dataset import description, row_bytes
 
-RATE = 4e9
-"""Multiply-adds of counted work that a core does in a second: 2.7e9 and 4.1e9 in runs of 80 frames and of one on a
-shared two-core machine. A forecast is right within a factor of two or three."""
-PATHS_A_RAY = 0.4
-"""Paths of a frame for each ray, after thinning and pruning: 0.13 in open streets, 0.68 in a narrow one."""
-TARGETS = 10.0
-"""Paths of a close-target frame, hardly any work."""
+RAY_S = 7e-6
+"""Of a ray: 0.8 to 2.1 s for 2e5 of them in a canyon, munich and the shipped street (``step_seconds`` of a manifest)."""
+PATH_S = 1.3e-5
+"""Of a path's share in cube and truth of the default radar: 2.0 s for 1.5e5 paths."""
+SAMPLE_S = 7e-8
+"""Of a sample of the cube, in receiver, spectra and image: 0.45 s for 48 x 128 x 1024."""
+CHANNELS = 48 + 256
+"""Of the default radar and its truth, which ``PATH_S`` is for."""
+PATHS_A_RAY = 0.7
+"""Paths of a frame for each ray, after thinning and pruning: 0.60 to 0.78 in the same three scenes."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ class Forecast:
             f"about {_amount(self.bytes)} on the disk, where {_amount(self.free_bytes)} are free",
             f"about {_amount(self.memory_bytes)} of memory in {self.workers} {most}; this machine has "
             f"{_amount(self.machine_bytes)}",
-            f"about {_duration(self.seconds)}, by counted work; half or twice that would be no surprise",
+            f"about {_duration(self.seconds)}, by rates of another machine; half or twice that would be no surprise",
         ]
 
 
@@ -81,12 +82,12 @@ def forecast(order: Order, directory: Path, workers: int) -> Forecast:
         scene_frames = len(stored_paths(order, order.paths).places)
         point_frames = len(order.targets) or order.points
         splits = tuple(split_of(frame_id, order.split) for frame_id in range(scene_frames + point_frames))
-    settings = order.settings
-    knobs = KnobSettings(rays=settings.trace.rays, depth=settings.trace.depth)
-    paths = PATHS_A_RAY * settings.trace.rays
-    of_scene = counted_work(knobs, paths, order.radar) - (trace_work(knobs) if order.paths is not None else 0.0)
-    of_points = counted_work(knobs, TARGETS, order.radar) - trace_work(knobs)
-    planning = 0.0 if order.effects is not None or order.paths is not None else trace_work(knobs) * len(order.scenes)
+    settings, waveform, channels = order.settings, order.radar.waveform, order.radar.array.channels
+    rays = float(settings.trace.rays)
+    of_points = SAMPLE_S * channels * waveform.chirps * waveform.samples
+    synthesis = PATH_S * PATHS_A_RAY * rays * (channels + order.radar.virtual_sensor.channels) / CHANNELS
+    of_scene = of_points + synthesis + (RAY_S * rays if order.paths is None else 0.0)
+    planning = 0.0 if order.effects is not None or order.paths is not None else RAY_S * rays * len(order.scenes)
     shapes = description(order.radar, settings.processing.peaks, settings.processing.store)["shapes"]
     shards = len(plan_shards(splits))
     workers = min(workers, shards)
@@ -97,7 +98,7 @@ def forecast(order: Order, directory: Path, workers: int) -> Forecast:
         free_bytes=free_bytes(directory),
         memory_bytes=trace_memory(settings.trace.rays if scene_frames and order.paths is None else 0, workers),
         machine_bytes=float(psutil.virtual_memory().total),
-        seconds=(planning + (scene_frames * of_scene + point_frames * of_points) / workers) / RATE,
+        seconds=planning + (scene_frames * of_scene + point_frames * of_points) / workers,
         workers=workers,
     )
 
