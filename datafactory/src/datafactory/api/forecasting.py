@@ -23,7 +23,7 @@ from datafactory.scenes.scene import Scene
 from shared.dataset import description, row_bytes
 
 RAY_S = 7e-6
-"""Of a ray: 0.8 to 2.1 s for 2e5 of them in a canyon, munich and the shipped street (``step_seconds`` of a manifest)."""
+"""Of a ray: 0.8 to 2.1 s for 2e5 of them in a canyon, munich and the shipped street (a manifest's ``step_seconds``)."""
 PATH_S = 1.3e-5
 """Of a path's share in cube and truth of the default radar: 2.0 s for 1.5e5 paths."""
 SAMPLE_S = 7e-8
