@@ -49,6 +49,9 @@ FEW_FACETS = 12
 LEAST_TURN_DEG = 5.0
 """Smallest angle between a curved surface's mean normal and its farthest one. The noise of a wall's rounded vertices
 stays below: 0.5 mm bend triangles of 15 cm by 0.4 deg."""
+PIECE_SHARE, FEW_PIECE_SHARE = 0.5, 0.2
+"""Share of a surface's ends at sharper folds above which it is a piece of a coarse body; the latter of few facets. A
+cylinder with one chamfered rim has 0.5."""
 COARSE_FOLD_DEG = 60.0
 """Facets that meet at angles between ``SMOOTH_FOLD_DEG`` and this one, as of a column of 6 to 14 sides, may stand for a
 curved surface; sharper ones are corners."""
@@ -198,7 +201,7 @@ def _is_a_piece(body: Body, facet: Index, surface: Index, joined: Mask, sharper:
         counted = (of >= 0) & ~joined & ((side == 0) | ~body.rim)
         ends += np.bincount(of[counted], minlength=count)
         bad += np.bincount(of[counted & sharper], minlength=count)
-    return (surface >= 0) & np.append(bad > np.where(few, 0.2, 0.5) * ends, False)[surface]
+    return (surface >= 0) & np.append(bad > np.where(few, FEW_PIECE_SHARE, PIECE_SHARE) * ends, False)[surface]
 
 
 def _coarse(body: Body, facet: Index, surface: Index, sharper: Mask) -> int:
