@@ -68,6 +68,11 @@ def Xform "car" (
   def Xform "sign" {
     custom double radar:rcs_dbsm = 5
   }
+  def Xform "walker" {
+    custom string radar:target = "pedestrian"
+    custom float radar:stature_m = 1.75
+    custom double3 radar:velocity = (1.4, 0, 0)
+  }
 }
 def PointInstancer "poles" {
   rel prototypes = [</poles/pole>]
