@@ -17,11 +17,11 @@ COMPRESSED = 0.005
 close targets with noise 0.19, streets 0.82. A run that this refuses cannot fit."""
 
 
-WORKER_BYTES = 750e6
-RAY_BYTES = 600.0
-"""Peak memory of a worker: its libraries and a city, and so much for each ray. 0.87 / 1.31 / 3.12 GB were taken by
-``datafactory trace --scene sionna:munich --frames 1 --effects specular,diffuse,refraction,noise`` with 0.2 / 1 / 4
-million rays."""
+WORKER_BYTES = 550e6
+RAY_BYTES = 1_100.0
+"""Peak memory of a worker: its libraries and a city, and so much for each ray. 0.75 / 1.60 GB were taken by
+``datafactory trace --scene sionna:munich --frames 1 --effects specular,diffuse,refraction,noise`` with 0.2 / 1 million
+rays, every one of which scatters."""
 
 
 def require_room(directory: Path, frames: int, shapes: Mapping[str, Any]) -> None:
