@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from statistics import median
 from typing import Annotated
@@ -47,9 +48,7 @@ def signals(radar: Radar, paths: int) -> Iterator[Measured]:
                 yield (
                     f"cube, {count} paths, {speed:g} m/s, {tolerance:g}",
                     cube_work(groups, radar, tolerance, radar.array, EQUATION_1).total,
-                    lambda groups=groups, tolerance=tolerance: cube_of_sorted(
-                        groups, radar, tolerance, radar.array, 1, EQUATION_1
-                    ),
+                    partial(cube_of_sorted, groups, radar, tolerance, radar.array, 1, EQUATION_1),
                 )
             groups = sorted_paths(table, radar, 1e-3, radar.array, EQUATION_1)
             cube = cube_of_sorted(groups, radar, 1e-3, radar.array, 1, EQUATION_1)
@@ -57,7 +56,7 @@ def signals(radar: Radar, paths: int) -> Iterator[Measured]:
             yield (
                 f"truth, {count} paths, {speed:g} m/s",
                 truth_work(table, radar, cells, DEFAULT.truth_terms, EQUATION_1).total,
-                lambda table=table, cells=cells: truth_moments(table, radar, cells),
+                partial(truth_moments, table, radar, cells),
             )
     moments = np.tile(truth_moments(table, radar, cells), (IMAGE_BATCH, 1, 1, 1))
 

@@ -322,8 +322,8 @@ def test_work_counts_what_is_bought(table):
     terms = [truth_work(table, radar, cells, count, EQUATION_1) for count in (3, 6)]
     assert terms[0].fixed < terms[1].fixed
     assert terms[0].by_paths == terms[1].by_paths
-    for dearer in ({"rays": 400_000}, {"depth": 3}):
-        assert trace_work(replace(DEFAULT, **dearer)) > trace_work(DEFAULT)
+    for dearer in (replace(DEFAULT, rays=400_000), replace(DEFAULT, depth=3)):
+        assert trace_work(dearer) > trace_work(DEFAULT)
     assert frame_work(replace(DEFAULT, truth_terms=6), radar) > frame_work(DEFAULT, radar)
 
 

@@ -77,7 +77,7 @@ def draw(rows: Sequence[Row], title: str) -> Figure:
 def _front_panel(axis: Axes, rows: Sequence[Row]) -> None:
     """Seconds over error."""
     errors = default_error_db(rows)
-    for name, color, words, place, error in (
+    for name, color, words, place, default_db in (
         (EVERYTHING, BLUE, "everything, rays too", (6, 5), errors[0]),
         (SAME_PATHS, ORANGE, "the same rays: cube and truth alone", (6, -12), errors[1]),
     ):
@@ -100,19 +100,19 @@ def _front_panel(axis: Axes, rows: Sequence[Row]) -> None:
                 )  # fmt: skip
             rays = text
         usual = next(row for row in rows if row.knob == DEFAULTS)
-        if error is not None:
-            axis.plot([error], [usual.seconds], "*", color=RED, ms=16, zorder=4)
+        if default_db is not None:
+            axis.plot([default_db], [usual.seconds], "*", color=RED, ms=16, zorder=4)
             axis.annotate(
-                "the default", (error, usual.seconds), xytext=(8, -14), textcoords="offset points", color=RED,
+                "the default", (default_db, usual.seconds), xytext=(8, -14), textcoords="offset points", color=RED,
                 fontsize=10, weight="bold",
             )  # fmt: skip
     axis.set_yscale("log")
-    seconds = [row.seconds for row in rows if row.kind == "front"] or [row.seconds for row in rows]
+    times = [row.seconds for row in rows if row.kind == "front"] or [row.seconds for row in rows]
     ticks = [
         tick
         for decade in range(-2, 4)
         for tick in (10.0**decade, 2.0 * 10.0**decade, 5.0 * 10.0**decade)
-        if 0.6 * min(seconds) <= tick <= 1.7 * max(seconds)
+        if 0.6 * min(times) <= tick <= 1.7 * max(times)
     ]
     axis.yaxis.set_major_locator(FixedLocator(ticks))
     axis.yaxis.set_minor_locator(NullLocator())
@@ -163,11 +163,11 @@ def _difference_panel(axis: Axes, title: str, some: Sequence[Row], rows: Sequenc
         entries.append((row.seconds - base, name, "no error in power" if error <= FLOOR_DB else f"{error:+.0f} dB"))
     entries.sort()
     reach = max((abs(seconds) for seconds, _, _ in entries), default=1.0) or 1.0
-    for place, (seconds, _, error) in enumerate(entries):
+    for place, (seconds, _, change) in enumerate(entries):
         if abs(seconds) >= LEAST_S:
             axis.barh(place, seconds, 0.6, color=BLUE if seconds < 0.0 else ORANGE)
         at = max(seconds, 0.0) + 0.03 * reach
-        axis.text(at, place, f"{seconds:+.2f} s, {error}", va="center", fontsize=9, color=GREY)
+        axis.text(at, place, f"{seconds:+.2f} s, {change}", va="center", fontsize=9, color=GREY)
     axis.set_yticks(range(len(entries)), [name for _, name, _ in entries])
     axis.set_xlim(-1.15 * reach, 1.9 * reach)
     axis.axvline(0.0, color=GREY, lw=0.8)
