@@ -19,8 +19,8 @@ from datafactory import render
 from trainer import Example, RadarDataset
 
 OUT = Path(os.environ.get("EXAMPLES_OUT", "build/examples")) / "own_network"
-FRAMES = int(os.environ.get("EXAMPLES_FRAMES", "40"))
-EPOCHS = int(os.environ.get("EXAMPLES_EPOCHS", "10"))
+FRAMES = int(os.environ.get("EXAMPLES_FRAMES", "32"))
+EPOCHS = int(os.environ.get("EXAMPLES_EPOCHS", "8"))
 shutil.rmtree(OUT, ignore_errors=True)
 torch.manual_seed(0)
 torch.set_num_threads(1)
@@ -62,12 +62,12 @@ class Mask(nn.Module):
     The convolutions are wide along angle, because the sidelobes of a thinned array reach far.
     """
 
-    def __init__(self, width: int = 12) -> None:
+    def __init__(self, width: int = 8) -> None:
         super().__init__()
         self.layers = nn.Sequential(
-            nn.Conv2d(1, width, (1, 41), padding=(0, 20)), nn.ReLU(),
-            nn.Conv2d(width, width, (3, 21), padding=(1, 10)), nn.ReLU(),
-            nn.Conv2d(width, 1, (1, 21), padding=(0, 10)),
+            nn.Conv2d(1, width, (1, 31), padding=(0, 15)), nn.ReLU(),
+            nn.Conv2d(width, width, (3, 15), padding=(1, 7)), nn.ReLU(),
+            nn.Conv2d(width, 1, (1, 15), padding=(0, 7)),
         )  # fmt: skip
 
     def forward(self, image: torch.Tensor) -> torch.Tensor:
@@ -78,17 +78,17 @@ class Mask(nn.Module):
 # %% [markdown]
 # ## Training
 #
-# A crop of 96 range bins a step keeps it short. The loss is the squared error over the energy of the truth.
+# A crop of 64 range bins a step keeps it short. The loss is the squared error over the energy of the truth.
 
 # %%
 network = Mask()
-optimiser = torch.optim.Adam(network.parameters(), lr=2e-3)
+optimiser = torch.optim.Adam(network.parameters(), lr=4e-3)
 for epoch in range(EPOCHS):
     total, steps = 0.0, 0
     for batch in DataLoader(train, batch_size=2, shuffle=True):
         image, truth, _ = features(batch)
-        first = int(torch.randint(image.shape[2] - 96, ()))
-        rows = slice(first, first + 96)
+        first = int(torch.randint(image.shape[2] - 64, ()))
+        rows = slice(first, first + 64)
         error = (network(image[:, :, rows]) - truth[:, :, rows]).square().sum()
         loss = error / truth[:, :, rows].square().sum().clamp_min(1.0)
         optimiser.zero_grad()
