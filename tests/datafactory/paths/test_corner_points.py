@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from corner_scenes import HERE, always, cross_section_dbsm, level_db, received
+from numpy.typing import NDArray
 from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, box, mesh, plate, scene_of
 
 from datafactory.paths.corner_point_echoes import corner_point_echoes
@@ -34,8 +35,9 @@ def trihedral(distance_m: float, legs_m: float, square: bool = False, turn=None,
     apex, objects = np.array([distance_m, 0.0, 0.0]), []
     for i in range(3):
         one, other = legs_m * edges[(i + 1) % 3], legs_m * edges[(i + 2) % 3]
-        index = {}
-        points, triangles = [], []
+        index: dict[tuple[int, int], int] = {}
+        points: list[NDArray[np.float64]] = []
+        triangles = []
         for s in range(cuts + 1):
             for t in range(cuts + 1 if square else cuts + 1 - s):
                 index[s, t] = len(points)

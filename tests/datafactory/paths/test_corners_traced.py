@@ -27,7 +27,8 @@ def traced(*objects, pose: Pose = HERE, corners: bool = True, depth: int = 2) ->
 
 
 def of_corners(table: PathTable) -> PathTable:
-    scattered, specular = (part.take(part.kinds & CORNER > 0) for part in (table.scattered, table.specular))
+    scattered = table.scattered.take(table.scattered.kinds & CORNER > 0)
+    specular = table.specular.take(table.specular.kinds & CORNER > 0)
     return PathTable(scattered, specular, table.objects, table.counts)
 
 
