@@ -33,10 +33,10 @@ from shared.radar import Radar
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 SCENES = (
-    ("sionna:simple_street_canyon_with_cars", Pose((-45.0, 0.0, 0.6), yaw_deg=60.0), (8.0, 12.0)),
-    (str(REPOSITORY / "scenes" / "street.usda"), Pose((0.0, 0.0, 0.5), yaw_deg=20.0), (20.0, 36.0)),
+    ("sionna:simple_street_canyon_with_cars", "Sionna's canyon", Pose((-45.0, 0.0, 0.6), yaw_deg=60.0), (8.0, 12.0)),
+    (str(REPOSITORY / "scenes" / "street.usda"), "the shipped street", Pose((0.0, 0.0, 0.5), yaw_deg=20.0), (20.0, 36.0)),
 )
-"""Scene, pose, and the ranges that are drawn [m]."""
+"""Scene, what it is called, pose, and the ranges that are drawn [m]."""
 WINDOW = "taylor-30"
 SPAN_DB = 60.0
 
@@ -63,7 +63,7 @@ def main() -> None:
     given = parser.parse_args()
     radar = Radar()
     figure, axes = plt.subplots(len(SCENES), 3, figsize=(15.0, 9.0), layout="constrained")
-    for (name, pose, (near, far)), row in zip(SCENES, axes, strict=True):
+    for (name, called, pose, (near, far)), row in zip(SCENES, axes, strict=True):
         scene, frame = prepared(name), Deal(scenes=1, poses=(pose,)).frame(0)
         silent = ALL.without("noise")
         images, levels = [], []
@@ -84,13 +84,13 @@ def main() -> None:
             shown = axis.pcolormesh(
                 u, ranges[rows], amplitude_to_db(image[rows], -300.0), vmin=top - SPAN_DB, vmax=top, cmap="viridis"
             )
-            axis.set(title=f"{scene.name}: truth, {title}", xlabel="u", ylabel="range [m]")
+            axis.set(title=f"{called}, {title}: truth", xlabel="u", ylabel="range [m]")
             axis.invert_xaxis()
         figure.colorbar(shown, ax=row[1], label="dBW")
         for level, label in zip(levels, ("without", "with"), strict=True):
             row[2].plot(ranges, power_to_db(level, -300.0), label=label, linewidth=1.0)
         row[2].set(
-            title="strongest cell of each range", xlabel="range [m]", ylabel="dBW", xlim=(near - 5.0, far + 15.0)
+            title=f"{called}: strongest cell of each range", xlabel="range [m]", ylabel="dBW", xlim=(near - 5.0, far + 15.0)
         )
         shown_levels = power_to_db(np.concatenate([level[rows] for level in levels]), -300.0)
         row[2].set_ylim(float(np.median(shown_levels)) - 25.0, float(shown_levels.max()) + 5.0)
