@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from corner_scenes import HERE, always, cross_section_dbsm, level_db, received
-from numpy.typing import NDArray
 from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, box, mesh, plate, scene_of
 
 from datafactory.paths.corner_point_echoes import corner_point_echoes
@@ -36,8 +35,8 @@ def trihedral(distance_m: float, legs_m: float, square: bool = False, turn=None,
     for i in range(3):
         one, other = legs_m * edges[(i + 1) % 3], legs_m * edges[(i + 2) % 3]
         index: dict[tuple[int, int], int] = {}
-        points: list[NDArray[np.float64]] = []
-        triangles = []
+        points: list[np.ndarray] = []
+        triangles: list[list[int]] = []
         for s in range(cuts + 1):
             for t in range(cuts + 1 if square else cuts + 1 - s):
                 index[s, t] = len(points)
