@@ -1,10 +1,10 @@
 """Seconds and memory by stage of the chain.
 
-Seconds are per frame on one core, the median over frames and repeats. Tracing and writing may wait for a device and
-are timed on the wall clock; the rest in processor time, which neighbours on the machine hardly change. The image stage
-works on a batch, as a run does, and its time is shared by a full batch. Peak memory is the growth of the process's
-resident set while a stage runs, sampled every 5 ms, over what was resident before: the stage's own arrays, not the
-libraries.
+Seconds are per frame on one core, the median over frames and repeats. Writing waits for the disk, and tracing on a GPU
+for that: they are timed on the wall clock. The rest is timed in processor time, which neighbours on the machine hardly
+change. The image stage works on a batch, as a run does, and its time is shared by a full batch. Peak memory is the
+growth of the process's resident set while a stage runs, sampled every 5 ms, over what was resident before: the stage's
+own arrays, not the libraries.
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ from typing import Any, TypeVar
 import numpy as np
 import psutil
 
+from datafactory.paths.backend import select_variant
+
 STAGES = ("trace", "delays and spread", "range-Doppler", "truth", "image", "write")
-WAITING = ("trace", "write")
 SAMPLING_S = 0.005
 Value = TypeVar("Value")
 Advance = Callable[[int, int, str], None]
@@ -46,6 +47,11 @@ def peak_memory() -> Iterator[Callable[[], float]]:
     finally:
         done.set()
         watcher.join()
+
+
+def _waits(stage: str) -> bool:
+    """Whether a stage waits for something else than this process."""
+    return stage == "write" or (stage == "trace" and "llvm" not in select_variant())
 
 
 @dataclass(frozen=True)
@@ -75,7 +81,7 @@ class Clock:
         found = self.kept.get((stage, part, key)) if key is not None else None
         if found is None:
             seconds = []
-            now = time.perf_counter if stage in WAITING else time.process_time
+            now = time.perf_counter if _waits(stage) else time.process_time
             with peak_memory() as peak:
                 for _ in range(self.repeats):
                     started = now()

@@ -20,7 +20,7 @@ HEADINGS = (
     "bias dB", "detections %", "rows %", "peak MB", "paths", "work",
 )  # fmt: skip
 EXPLANATION = (
-    "A frame on one core, median seconds: trace and write on the wall clock, the rest in processor time. "
+    "A frame on one core, median seconds: write, and trace on a GPU, on the wall clock, the rest in processor time. "
     "* is the default. Errors are the largest over the frames.",
     "Signal knobs, on the same paths: cube is relative L2; image the largest difference over the peak, in the same "
     "Doppler cells. They are varied around an unpruned cube at 1e-6 and a truth of 6 terms.",
