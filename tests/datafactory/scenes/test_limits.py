@@ -14,8 +14,10 @@ import numpy as np
 import pytest
 from usd_files import CUBE, METRES_Z_UP, read, write_usda
 
+from datafactory.scenes.chain import placed
 from datafactory.scenes.readers.limits import MAXIMUM_OBJECTS, figure
 from datafactory.scenes.readers.local_mesh import LocalMesh
+from datafactory.scenes.readers.meshes import usable
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import SceneObject
 from shared.physics.errors import InputError
@@ -235,3 +237,23 @@ def test_a_count_is_written_in_digits_until_it_is_too_long() -> None:
     assert figure(MAXIMUM_OBJECTS) == "250000"
     assert figure(50**12) == "2.4e+20"
     assert figure(10**400) == "1.0e+300"
+
+
+def test_whether_all_triangles_are_usable_is_what_placing_them_says() -> None:
+    """Over random transforms, many of them nearly or wholly flat, huge, or no numbers."""
+    random = np.random.default_rng(7)
+    triangles = random.permuted(np.tile(np.arange(9), (20, 1)), axis=1)[:, :3]
+    mesh = LocalMesh(random.normal(size=(9, 3)).astype(np.float32), triangles, shared=True)
+    answers = set()
+    for scale in (1.0, 1e-3, 1e-6, 1e-7, 0.0, 1e8, 1e9, np.inf, np.nan):
+        for _ in range(20):
+            matrix = np.eye(4)
+            turn = np.linalg.qr(random.normal(size=(3, 3)))[0]
+            with np.errstate(invalid="ignore"):
+                matrix[:3, :3] = turn @ np.diag([1.0, 1.0, scale]) @ np.linalg.qr(random.normal(size=(3, 3)))[0]
+            matrix[:3, 3] = random.normal(size=3) * 10.0 ** random.uniform(-3.0, 10.0)
+            with np.errstate(invalid="ignore", over="ignore"):
+                slow = bool(usable(placed(mesh.points, matrix)[mesh.triangles]).all())
+            assert mesh._all_usable(matrix) == slow
+            answers.add(slow)
+    assert answers == {True, False}

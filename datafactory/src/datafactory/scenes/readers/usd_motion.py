@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 from datafactory.scenes.chain import Chain, Factor, Operation, Samples
 from datafactory.scenes.motion import Motion, Moving, Track, looked_at
 from datafactory.scenes.readers.notes import Notes
+from datafactory.scenes.readers.usd_facts import source_path
 from datafactory.scenes.readers.usd_prims import whole_numbers
 from datafactory.scenes.readers.usd_samples import attribute_samples, numbers_of
 from datafactory.scenes.readers.usd_times import Clock
-from datafactory.scenes.usd_library import Usd, UsdGeom
+from datafactory.scenes.usd_library import Sdf, Usd, UsdGeom
 from shared.physics.errors import InputError
 from shared.physics.units import FARTHEST_M, FASTEST_MPS
 
@@ -60,7 +61,7 @@ class Transforms:
     clock: Clock
     to_world: NDArray[np.float64]
     notes: Notes
-    _flags: dict[str, tuple[bool, bool]] = field(default_factory=dict)
+    _flags: dict[Sdf.Path, tuple[bool, bool]] = field(default_factory=dict)
     _factors: dict[str, tuple[Factor, ...]] = field(default_factory=dict)
     _tracks: dict[str, Track | None] = field(default_factory=dict)
 
@@ -129,7 +130,7 @@ class Transforms:
 
     def _moves_and_resets(self, prim: Usd.Prim) -> tuple[bool, bool]:
         """Whether the prim's own transform has samples, and whether it is not relative to the prim's parent."""
-        path = str(prim.GetPath())
+        path = source_path(prim)  # one for all instances of a prototype
         if path not in self._flags:
             xformable = UsdGeom.Xformable(prim)
             moves = bool(xformable) and xformable.TransformMightBeTimeVarying()
