@@ -63,11 +63,11 @@ def draw(rows: Sequence[Row], title: str) -> Figure:
         of_effects = [row for row in rows if row.knob in NAMES]
         others = [row for row in rows if (row.knob, row.setting) in SHORTCUTS]
         _difference_panel(
-            axes[1, 0], "What does each effect cost, and what is lost without it?", of_effects, rows,
+            axes[1, 0], "What does each effect cost?", of_effects, rows,
             [row.knob.replace("_", " ") + ("" if row.approximation else " (not in the plan)") for row in of_effects],
         )  # fmt: skip
         _difference_panel(
-            axes[1, 1], "What would other ways cost, and what do they change?", others, rows,
+            axes[1, 1], "What would other ways cost?", others, rows,
             [SHORTCUTS[row.knob, row.setting] for row in others],
         )  # fmt: skip
     figure.suptitle(title, fontsize=11, color=GREY)
@@ -77,9 +77,9 @@ def draw(rows: Sequence[Row], title: str) -> Figure:
 def _front_panel(axis: Axes, rows: Sequence[Row]) -> None:
     """Seconds over error."""
     errors = default_error_db(rows)
-    for name, color, words, place, default_db in (
-        (EVERYTHING, BLUE, "everything, rays too", (6, 5), errors[0]),
-        (SAME_PATHS, ORANGE, "the same rays: cube and truth alone", (6, -12), errors[1]),
+    for name, color, words, default_db in (
+        (EVERYTHING, BLUE, "everything, rays too", errors[0]),
+        (SAME_PATHS, ORANGE, "the same rays: cube and truth alone", errors[1]),
     ):
         points = [(front_error_db(row), row.seconds, row) for row in rows if row.knob == name]
         if not points:
@@ -87,7 +87,7 @@ def _front_panel(axis: Axes, rows: Sequence[Row]) -> None:
         axis.plot([point[0] for point in points], [point[1] for point in points], "o-", color=color, lw=2.0, ms=5)
         last = points[-1]
         axis.annotate(
-            words, last[:2], xytext=(0, 14), textcoords="offset points", color=color, fontsize=10, weight="bold",
+            words, last[:2], xytext=(0, 18), textcoords="offset points", color=color, fontsize=10, weight="bold",
             ha="right",
         )  # fmt: skip
         rays = None
@@ -95,8 +95,8 @@ def _front_panel(axis: Axes, rows: Sequence[Row]) -> None:
             text = row.setting.split(": ")[1].split(" rays")[0]
             if name == EVERYTHING and text != rays:
                 axis.annotate(
-                    f"{int(text):,} rays".replace(",", " "), (level, seconds), xytext=place, fontsize=8,
-                    textcoords="offset points", color=color, ha="left",
+                    f"{int(text):,} rays".replace(",", " "), (level, seconds), xytext=(-8, 2), fontsize=8,
+                    textcoords="offset points", color=color, ha="right",
                 )  # fmt: skip
             rays = text
         usual = next(row for row in rows if row.knob == DEFAULTS)
@@ -118,7 +118,7 @@ def _front_panel(axis: Axes, rows: Sequence[Row]) -> None:
     axis.yaxis.set_minor_locator(NullLocator())
     axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g} s"))
     axis.invert_xaxis()
-    axis.margins(x=0.12, y=0.15)
+    axis.margins(x=0.2, y=0.15)
     axis.set_xlabel("error [dB], the worst of input cube, truth image and power in a cell: better to the right")
     axis.set_ylabel("seconds a frame, one core")
     _titled(axis, "What does accuracy cost?")
@@ -171,7 +171,7 @@ def _difference_panel(axis: Axes, title: str, some: Sequence[Row], rows: Sequenc
     axis.set_yticks(range(len(entries)), [name for _, name, _ in entries])
     axis.set_xlim(-1.15 * reach, 1.9 * reach)
     axis.axvline(0.0, color=GREY, lw=0.8)
-    axis.set_xlabel("seconds a frame, less than with the default way (left) or more (right); beside them the change")
+    axis.set_xlabel("seconds a frame, less (left) or more (right); beside them the error")
     _titled(axis, title)
     _plain(axis)
 
