@@ -20,7 +20,9 @@ TABLE_WIDTH = 165
 
 
 def accuracy(
-    scene: Annotated[str, typer.Option(help="USD, Mitsuba XML or mesh file, or sionna:NAME.", show_default=False)],
+    scene: Annotated[
+        str, typer.Option(help="USD, Mitsuba XML or mesh file, or shipped:NAME or sionna:NAME.", show_default=False)
+    ],
     out: Annotated[Path, typer.Option("--out", help="Folder for the tables and the picture.", show_default=False)],
     radar: options.RadarName = options.DEFAULT_RADAR_NAME,
     frames: Annotated[int, typer.Option(min=1, max=IMAGE_BATCH, help="Frames to measure on; --quick takes one.")] = 2,
