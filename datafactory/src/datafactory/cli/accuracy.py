@@ -24,7 +24,8 @@ def accuracy(
     out: Annotated[Path, typer.Option("--out", help="Folder for the tables and the picture.", show_default=False)],
     scene_name: options.SceneName = None,
     scene: Annotated[
-        str | None, typer.Option(help="USD, Mitsuba XML or mesh file, or sionna:NAME.", show_default=False)
+        str | None,
+        typer.Option(help="USD, Mitsuba XML or mesh file, or shipped:NAME or sionna:NAME.", show_default=False),
     ] = None,
     radar: options.RadarName = options.DEFAULT_RADAR_NAME,
     frames: Annotated[int, typer.Option(min=1, max=IMAGE_BATCH, help="Frames to measure on; --quick takes one.")] = 2,

@@ -17,7 +17,9 @@ TABLE_WIDTH = 120
 
 
 def check(
-    scene: Annotated[str, typer.Option("--scene", help="USD, Mitsuba XML or mesh file, shipped:NAME or sionna:NAME.")],
+    scene: Annotated[
+        str, typer.Option("--scene", help="USD, Mitsuba XML or mesh file, or shipped:NAME or sionna:NAME.")
+    ],
     variant: options.Variants = None,
     allow_missing: options.AllowMissing = False,
     materials: options.Materials = None,

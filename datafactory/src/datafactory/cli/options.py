@@ -26,7 +26,11 @@ Frames = Annotated[int, typer.Option("--frames", min=1, help="Scene frames in to
 Store = Annotated[str, typer.Option("--store", help="range-channel, range-doppler or cube: what else to keep.")]
 Scenes = Annotated[
     list[str] | None,
-    typer.Option("--scene", help="USD, Mitsuba XML or mesh file, or sionna:NAME; may be repeated.", show_default=False),
+    typer.Option(
+        "--scene",
+        help="USD, Mitsuba XML or mesh file, or shipped:NAME or sionna:NAME; may be repeated.",
+        show_default=False,
+    ),
 ]
 SceneName = Annotated[
     str | None, typer.Argument(metavar="[SCENE]", help="The scene, in place of --scene.", show_default=False)

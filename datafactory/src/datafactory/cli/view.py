@@ -18,7 +18,8 @@ def view(
     out: Annotated[Path, typer.Option("--out", help="The page to write, .html; a browser opens it from disk.")],
     scene_name: options.SceneName = None,
     scene: Annotated[
-        str | None, typer.Option(help="USD, Mitsuba XML or mesh file, or sionna:NAME.", show_default=False)
+        str | None,
+        typer.Option(help="USD, Mitsuba XML or mesh file, or shipped:NAME or sionna:NAME.", show_default=False),
     ] = None,
     paths: Annotated[
         Path | None, typer.Option(help="Folder of `datafactory trace`: its paths instead of a new trace.")
