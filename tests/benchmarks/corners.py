@@ -34,12 +34,7 @@ from shared.radar import Radar
 REPOSITORY = Path(__file__).resolve().parents[2]
 SCENES = (
     ("sionna:simple_street_canyon_with_cars", "Sionna's canyon", Pose((-45.0, 0.0, 0.6), yaw_deg=60.0), (8.0, 12.0)),
-    (
-        str(REPOSITORY / "scenes" / "street.usda"),
-        "the shipped street",
-        Pose((0.0, 0.0, 0.5), yaw_deg=20.0),
-        (20.0, 36.0),
-    ),
+    (str(REPOSITORY / "scenes" / "street.usda"), "shipped street", Pose((0.0, 0.0, 0.5), yaw_deg=20.0), (20.0, 36.0)),
 )
 """Scene, what it is called, pose, and the ranges that are drawn [m]."""
 WINDOW = "taylor-30"
@@ -94,12 +89,7 @@ def main() -> None:
         figure.colorbar(shown, ax=row[1], label="dBW")
         for level, label in zip(levels, ("without", "with"), strict=True):
             row[2].plot(ranges, power_to_db(level, -300.0), label=label, linewidth=1.0)
-        row[2].set(
-            title=f"{called}: strongest cell of each range",
-            xlabel="range [m]",
-            ylabel="dBW",
-            xlim=(near - 5.0, far + 15.0),
-        )
+        row[2].set(title=f"{called}: strongest cells", xlabel="range [m]", ylabel="dBW", xlim=(near - 5.0, far + 15.0))
         shown_levels = power_to_db(np.concatenate([level[rows] for level in levels]), -300.0)
         row[2].set_ylim(float(np.median(shown_levels)) - 25.0, float(shown_levels.max()) + 5.0)
         row[2].legend()
