@@ -21,6 +21,8 @@ from shared.signal.spectrum import range_doppler, select_doppler
 from trainer import estimators
 from trainer.run.detections import find_detections
 
+CLEAR_DB = 20.0
+"""Over the noise, from which on a target is drawn: weaker ones beside a strong one are what its wave front leaves."""
 OUT = Path(os.environ.get("EXAMPLES_OUT", "build/examples")) / "cube_to_points"
 shutil.rmtree(OUT, ignore_errors=True)
 OUT.mkdir(parents=True)
@@ -106,9 +108,10 @@ left.set(title="range-Doppler", xlabel="velocity [m/s]", ylabel="range [m]")
 level = 20.0 * np.log10(np.maximum(image[:340] / image.max(), 1e-9))
 middle.pcolormesh(radar.grid.u, waveform.ranges_m[:340], level, vmin=-40.0, vmax=0.0, cmap="magma")
 middle.invert_xaxis()
-middle.set(title="delay-and-sum", xlabel="left  <-  u = sin(azimuth)  ->  right")
-x, y = found.range_m * np.sqrt(1.0 - found.u**2), found.range_m * found.u
-points = right.scatter(y, x, c=found.velocity, cmap="coolwarm", vmin=-8.0, vmax=8.0, s=40, edgecolors="black")
+middle.set(title="delay-and-sum", xlabel="left  <-  u = sin(azimuth)  ->  right", xticks=[0.5, 0.0, -0.5])
+clear = found.amplitude_db > 10.0 * np.log10(frame.noise_power) + CLEAR_DB
+x, y = (found.range_m * np.sqrt(1.0 - found.u**2))[clear], (found.range_m * found.u)[clear]
+points = right.scatter(y, x, c=found.velocity[clear], cmap="coolwarm", vmin=-8.0, vmax=8.0, s=40, edgecolors="black")
 right.set(title="point cloud", xlabel="y [m], left > 0", xlim=(16, -16), ylim=(0, 50))
 figure.colorbar(points, ax=right, label="velocity [m/s]")
 figure.savefig(OUT / "points.png", dpi=110)

@@ -41,6 +41,8 @@ def one_channel() -> Radar:
 def spectrum(target: PointTarget, time_s: float, radar: Radar) -> NDArray[np.float64]:
     """Power over Doppler of a frame that begins at a time [W]."""
     wavelength = radar.waveform.wavelength_m
+    x, y, z = np.array(target.position) + time_s * np.array(target.velocity)
+    target = replace(target, position=(float(x), float(y), float(z)))
     points = all_echo_points([target], (0.0, 0.0, 0.0), Seen(wavelength, time_s)).heard()
     range_m = np.linalg.norm(points.position, axis=1)
     amplitude = wavelength * np.sqrt(points.rcs_m2) / (4.0 * np.pi) ** 1.5 / range_m**2

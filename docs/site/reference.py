@@ -80,8 +80,14 @@ def kind(schema: Mapping[str, Any]) -> str:
     words = {"number": "number", "integer": "integer", "string": "text", "boolean": "true or false", "object": "table"}
     name = words.get(schema.get("type", ""), "value")
     signs = {"exclusiveMinimum": ">", "minimum": ">=", "exclusiveMaximum": "<", "maximum": "<="}
-    bounds = [f"{sign} {schema[key]:g}" for key, sign in signs.items() if key in schema]
+    bounds = [f"{sign} {number(schema[key])}" for key, sign in signs.items() if key in schema]
     return f"{name} {', '.join(bounds)}".strip()
+
+
+def number(value: float) -> str:
+    """Short, and exact: 7.7e+10, 65536."""
+    short = f"{value:g}"
+    return short if float(short) == value else str(value)
 
 
 def default(model: type[BaseModel], name: str) -> str:
@@ -95,6 +101,8 @@ def default(model: type[BaseModel], name: str) -> str:
         return "none"
     if isinstance(field.default, str):
         return f'`"{field.default}"`'
+    if isinstance(field.default, float):
+        return f"`{number(field.default)}`"
     text = str(field.default).lower() if isinstance(field.default, bool) else str(field.default)
     return f"`{text}`" if text not in ("()", "[]") else "none"
 
@@ -220,7 +228,7 @@ def _value(parameter: Any) -> str:
     inner = annotation.__args__[0] if several else annotation
     name = {str: "text", int: "whole number", float: "number", Path: "path"}.get(inner, "value")
     bounds = [
-        f"{sign} {limit:g}" for sign, limit in ((">=", parameter.min), ("<=", parameter.max)) if limit is not None
+        f"{sign} {number(limit)}" for sign, limit in ((">=", parameter.min), ("<=", parameter.max)) if limit is not None
     ]
     return f"{name} {', '.join(bounds)}".strip() + (", repeated" if several else "")
 

@@ -16,7 +16,7 @@ from workloads import EGO_SPEED_MPS, SEED, Workload, by_range, street
 from datafactory.synthesis.chirps import OVERSAMPLING, cube_by_chirps, terms_for
 from datafactory.synthesis.cube import cube_of_paths
 from datafactory.synthesis.parts import BLOCK_REACH_BINS
-from datafactory.synthesis.sorting import kernel_counts
+from datafactory.synthesis.sorting import sorted_paths
 from datafactory.synthesis.wave_model import EQUATION_1
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
@@ -183,7 +183,7 @@ def _kernel_record(work: Workload, tolerance: str) -> Record:
         reference_time=reference_time,
         error=work.error_against_direct(cube),
         error_unit=f"{RELATIVE_L2} against the float64 sum on {work.size.direct_samples} channel-chirps",
-        details=kernel_counts(work.paths, radar, float(tolerance), EQUATION_1),
+        details=sorted_paths(work.paths, radar, float(tolerance), radar.array, EQUATION_1).counts(),
     )
 
 

@@ -10,8 +10,6 @@ from pathlib import Path
 
 import pytest
 
-import datafactory
-
 ROOT = Path(__file__).resolve().parents[2]
 SMALL = {
     "own_scene": {"EXAMPLES_RAYS": "4000"},
@@ -20,8 +18,6 @@ SMALL = {
     "cube_to_points": {},
     "accuracy_and_time": {"EXAMPLES_RAYS": "1000,4000"},
 }
-
-pytestmark = pytest.mark.skipif(not hasattr(datafactory, "render"), reason="needs the public names of datafactory")
 
 
 @pytest.fixture

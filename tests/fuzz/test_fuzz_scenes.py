@@ -75,6 +75,11 @@ def Xform "car" (
   def Xform "sign" {
     custom double radar:rcs_dbsm = 5
   }
+  def Xform "walker" {
+    custom string radar:target = "pedestrian"
+    custom float radar:stature_m = 1.75
+    custom double3 radar:velocity = (1.4, 0, 0)
+  }
 }
 def Xform "crane" {
   float3 xformOp:rotateXYZ.timeSamples = { 0: (10, 20, 30), 7.5: (90, 0, 0), 24: None, 48: (0, 0, 360) }

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from datafactory.frame.points import read_targets
 from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.poses import read_poses
-from shared.radar import load_radar
+from shared.radar import Radar, load_radar
 
 RADAR = b"""name = "fuzz"
 [waveform]
@@ -56,7 +56,9 @@ POSES = b"""[{"position": [1, 2.5, 0.5], "yaw_deg": 30, "pitch_deg": -2e0, "velo
  {"position": [0, 0, 1]}]"""
 
 TARGETS = b"""[[{"x": 10, "y": -2.5, "z": 0.1, "vx": 3, "rcs_dbsm": 5.0, "phase": 1e-3}], [],
- [{"x": 4, "y": 0, "rcs_dbsm": -10}]]"""
+ [{"x": 4, "y": 0, "rcs_dbsm": -10}],
+ [{"x": 9, "y": 1, "z": -0.5, "vx": -1.4, "model": "pedestrian", "stature_m": 1.75, "gait_phase": 0.5},
+  {"x": 20, "y": 3, "vx": 9, "model": "car", "wheel_radius_m": 0.3, "heading_deg": 2e1}]]"""
 
 
 PATTERN = b"""azimuth_deg,elevation_deg,gain_dbi
@@ -79,7 +81,9 @@ def finite_poses(path: Path) -> None:
 
 def finite_targets(path: Path) -> None:
     for frame in read_targets(path):
-        assert all(np.isfinite(values).all() for values in vars(frame).values())
+        placed = frame.echo_points(Radar(), 1)
+        for values in (placed.position, placed.velocity, placed.rcs_dbsm, placed.phase_rad):
+            assert np.isfinite(values).all()
 
 
 def finite_materials(path: Path) -> None:
@@ -140,7 +144,11 @@ def test_altered_documents(folder: Path, name: str, edits: list[tuple[float, obj
 
 @pytest.mark.parametrize("name", ["poses.json", "targets.json"])
 @fuzz(
-    80, field=st.sampled_from(["position", "velocity", "yaw_deg", "time", "x", "vy", "rcs_dbsm", "phase"]), value=JSON
+    80,
+    field=st.sampled_from(
+        ["position", "velocity", "yaw_deg", "time", "x", "vy", "rcs_dbsm", "phase", "model", "stature_m", "heading_deg"]
+    ),
+    value=JSON,
 )
 def test_json_of_the_wrong_content(folder: Path, name: str, field: str, value: object) -> None:
     entry = {"position": [0, 0, 0]} if name == "poses.json" else {"x": 1, "y": 2, "rcs_dbsm": 0}

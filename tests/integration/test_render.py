@@ -5,18 +5,22 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from datafactory.api.asking import order_of
+from datafactory.api.forecasting import forecast
 from datafactory.cli.app import app
 from datafactory.frame.chain import FRAMES_WITH
 from datafactory.frame.seeds import frame_seed
 from datafactory.run import workers as pool
 from datafactory.run.counts import MEANINGS
 from datafactory.run.progress import claimed
+from datafactory.run.room import RAY_BYTES, WORKER_BYTES
 from shared.dataset import arrow_schema
 from shared.dataset.folder import open_dataset, verify
 from shared.dataset.reading import open_shard, read_description
@@ -294,3 +298,20 @@ def test_a_script_needs_no_guard_around_its_main_part(workers, radar_file, tmp_p
 def test_every_count_of_a_run_has_a_meaning(dataset):
     manifest = json.loads((dataset / "manifest.json").read_text(encoding="utf-8"))
     assert {name for name in manifest["counts"] if not name.startswith(FRAMES_WITH)} <= set(MEANINGS)
+
+
+def test_a_dry_run_says_what_the_run_will_take_and_writes_nothing(dataset, radar_file, tmp_path):
+    out = tmp_path / "new" / "data"
+    said = run("render", TINY, "--radar", radar_file, "--rays", 4000, "--out", out, *TWELVE, "--dry-run").splitlines()
+    assert said[0] == "12 frames (train 10, validation 1, test 1) in 4 shards"
+    assert len(list(dataset.glob("*/*.parquet"))) == 4
+    assert not out.parent.exists()
+    order = order_of(str(TINY), radar=radar_file, frames=9, points=3, rays=4000)
+    found = forecast(order, out, 8)
+    stored = sum(path.stat().st_size for path in dataset.glob("*/*.parquet"))
+    assert stored / 3 < found.bytes < 3 * stored
+    assert (found.workers, found.memory_bytes) == (4, 4 * (WORKER_BYTES + 4000 * RAY_BYTES))
+    more = forecast(replace(order, frames=18), out, 8)
+    assert more.seconds > found.seconds
+    with pytest.raises(InputError, match="no such file"):
+        run("render", "none.usda", "--out", out, "--dry-run")

@@ -12,24 +12,26 @@ import pytest
 from oracles import doppler_filtered, if_cube, peak_error_db, relative_error
 from sampled_frames import EFFECTS, POSE, order_of_two, samples_at
 
-from datafactory.accuracy import report
+from datafactory.accuracy import chart, report
 from datafactory.accuracy.clock import Clock
 from datafactory.accuracy.errors import FLOOR_DB, detections_changed, level_db, peak_error, relative_l2
+from datafactory.accuracy.front import EVERYTHING, SAME_PATHS, fronts
 from datafactory.accuracy.knobs import (
-    CONVERGED,
     DEFAULT,
     POWER_EFFECTS,
     SIGNAL_EFFECTS,
     Knob,
     KnobSettings,
+    converged,
     effect_knobs,
 )
 from datafactory.accuracy.looking import reference_of, run
+from datafactory.accuracy.power import Effort
 from datafactory.accuracy.prices import Menu, Price, Prices, choose
+from datafactory.accuracy.row import Row
 from datafactory.accuracy.samples import SampleFrame, lit_paths, made_with, traced
-from datafactory.accuracy.sweep import Row
 from datafactory.accuracy.variants import float32_geometry, linear_delays, reference_moments
-from datafactory.accuracy.work import counted_work
+from datafactory.accuracy.work import Work, cube_work, frame_work, trace_work, truth_work
 from datafactory.effects.catalogue import ALL, NAMES, EffectSet
 from datafactory.frame.chain import ChainSettings
 from datafactory.frame.measurement import Processing
@@ -39,7 +41,11 @@ from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
 from datafactory.run.pipeline import Execution, render
 from datafactory.run.preparation import prepare
 from datafactory.scenes.materials.table import load_materials
+from datafactory.synthesis.sorting import sorted_paths
+from datafactory.synthesis.wave_model import EQUATION_1
 from shared.dataset.folder import open_dataset
+from shared.radar import ImageGrid, Radar
+from shared.radar.waveform import Waveform
 from shared.signal.imaging import sweep_moments
 
 
@@ -174,7 +180,7 @@ def test_the_surface_turns_phases_alone(rows, samples, radar):
 def test_more_truth_terms_follow_the_range_walk(variant, radar):
     """From a radar at rest, where the Doppler filter adds no error of its own."""
     still = samples_at(radar, replace(POSE, velocity=(0.0, 0.0, 0.0)))
-    settings = replace(CONVERGED, rays=2000, effects=EFFECTS)
+    settings = replace(converged(DEFAULT), rays=2000, effects=EFFECTS)
     frames = [traced(still[0], settings, radar)]
     reference = reference_of(frames, settings, radar)
     errors = []
@@ -195,14 +201,14 @@ def test_every_row_is_priced(rows):
         assert row.work > 0.0
         assert row.peak_mb >= 0.0
         assert row.reference
-        assert (row.power_l1_db is None) == (row.kind == "signal")
+        assert (row.power_l1_db is None) == (row.kind != "power")
     assert [row.setting for row in rows if row.default and row.knob == "tolerance"] == ["0.001"]
     assert [row.knob for row in rows if not row.approximation] == ["diffraction"]
 
 
 def test_tables_and_picture(rows, tmp_path):
     parquet, text = report.write_tables(rows, tmp_path)
-    picture = report.write_picture(rows, "tiny", tmp_path)
+    picture = chart.write_picture(rows, "tiny", tmp_path)
     read = pq.read_table(parquet).to_pylist()
     columns = {
         "knob", "setting", "seconds", "stage_seconds", "cube_error_db", "image_error_db", "detections_changed",
@@ -218,14 +224,27 @@ def test_tables_and_picture(rows, tmp_path):
     assert len(report.table_rows(rows)[0]) == len(report.HEADINGS)
 
 
-def test_pareto_front_is_monotone_and_unbeaten():
-    points = [(float(a), float(b)) for a, b in np.random.default_rng(2).random((60, 2))]
-    front = report.pareto_front(points)
-    assert np.all(np.diff(np.array(front), axis=0) * [1.0, -1.0] > 0.0)
-    for seconds, error in points:
-        assert any(s <= seconds and e <= error for s, e in front)
-    for s, e in front:
-        assert not any(a <= s and b <= e and (a, b) != (s, e) for a, b in points)
+def test_the_front_buys_accuracy_with_work(radar):
+    prices = price_list(Menu()).prices
+    found = list(fronts(prices, DEFAULT, Effort(1000), radar))
+    for name in (EVERYTHING, SAME_PATHS):
+        levels, choices = zip(*((level, choice) for label, level, choice in found if label == name), strict=True)
+        assert list(levels) == sorted(levels, reverse=True)
+        assert [choice.work for choice in choices] == sorted(choice.work for choice in choices)
+        assert all(choice.predicted.worst_db <= level for level, choice in zip(levels, choices, strict=True))
+        assert len({choice.settings for choice in choices}) == len(choices)
+    assert {choice.settings.rays for label, _, choice in found if label == SAME_PATHS} == {DEFAULT.rays}
+    assert not list(fronts([price for price in prices if price.knob != "depth"], DEFAULT, Effort(1000), radar))
+
+
+def test_the_sweep_measures_its_front(rows):
+    front = [row for row in rows if row.kind == "front"]
+    assert {row.knob for row in front} == {EVERYTHING, SAME_PATHS}
+    for row in front:
+        assert (row.power_error_db is None) == (row.knob == SAME_PATHS)
+        # What was predicted from single knobs is what all of them have together, to a decibel or two.
+        assert chart.front_error_db(row) <= float(row.setting.split(" dB")[0]) + 2.0
+    assert "What does accuracy cost?" in {axis.get_title(loc="left") for axis in chart.draw(rows, "tiny").axes}
 
 
 def price_list(menu: Menu) -> Prices:
@@ -242,6 +261,8 @@ def price_list(menu: Menu) -> Prices:
                     image=(error if knob in ("truth_terms", "prune_db") else 0.0,),
                     power=(error if knob in ("rays", "depth") else 0.0,),
                     paths=0.9 if knob == "prune_db" else float(value) * 1000.0,
+                    fixed_work=1e8 * (place + 1),
+                    path_work=1e4 * (place + 1),
                 )
             )
     return Prices(frame_ids=(0,), prices=tuple(entries))
@@ -280,11 +301,30 @@ def test_the_cheapest_choice_that_keeps_the_budget(radar):
     assert choose([price_list(menu), worse], menu, -25.0, radar).settings.rays >= found[1].settings.rays
 
 
-def test_work_counts_what_is_bought(radar):
-    usual = counted_work(DEFAULT, 1000.0, radar)
-    for dearer in ({"rays": 400_000}, {"depth": 3}, {"tolerance": 1e-9}, {"truth_terms": 6}):
-        assert counted_work(replace(DEFAULT, **dearer), 1000.0, radar) > usual
-    assert counted_work(DEFAULT, 2000.0, radar) > usual
+def test_work_counts_what_is_bought(table):
+    radar = Radar(waveform=Waveform(samples=128, chirps=32, range_bins=96), grid=ImageGrid(bins=48))
+
+    def cube(paths: PathTable, tolerance: float) -> Work:
+        return cube_work(
+            sorted_paths(paths, radar, tolerance, radar.array, EQUATION_1), radar, tolerance, radar.array, EQUATION_1
+        )
+
+    standing = table.at_rest(0.0)
+    found = [cube(table, tolerance).by_paths for tolerance in (1e-2, 1e-3, 1e-6, 1e-9)]
+    assert found == sorted(found)
+    assert found[-1] > 5.0 * found[0]
+    # One chirp for all of 32.
+    assert cube(standing, 1e-9).by_paths == pytest.approx(found[-1] / 32)
+    doubled = replace(table, scattered=ScatteredPaths.concatenate([table.scattered, table.scattered]))
+    assert found[0] < cube(doubled, 1e-2).by_paths < 2.0 * found[0]
+    assert cube(doubled, 1e-2).fixed == cube(table, 1e-2).fixed
+    cells = np.full(96, 16)
+    terms = [truth_work(table, radar, cells, count, EQUATION_1) for count in (3, 6)]
+    assert terms[0].fixed < terms[1].fixed
+    assert terms[0].by_paths == terms[1].by_paths
+    for dearer in (replace(DEFAULT, rays=400_000), replace(DEFAULT, depth=3)):
+        assert trace_work(dearer) > trace_work(DEFAULT)
+    assert frame_work(replace(DEFAULT, truth_terms=6), radar) > frame_work(DEFAULT, radar)
 
 
 def test_default_settings_are_those_of_a_run() -> None:

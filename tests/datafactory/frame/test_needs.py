@@ -11,7 +11,7 @@ from path_tables import a_table
 from datafactory.effects.catalogue import ALL, NAMES, PATH_EFFECTS, EffectSet
 from datafactory.frame import changes
 from datafactory.frame.chain import ChainSettings
-from datafactory.frame.needs import FRAME_EFFECTS, effects_called_for
+from datafactory.frame.needs import FRAME_EFFECTS, cells_of, curved_share, effects_called_for
 from datafactory.paths.density import cell_power
 from datafactory.paths.table import PathTable, ScatteredPaths
 from shared.physics.units import db_to_power
@@ -64,6 +64,17 @@ def called_for_by_all_sums(paths: PathTable, budget_db: float) -> set[str]:
 def test_the_quick_decision_is_that_of_all_sums(speed_mps: float, nearest_m: float, budget_db: float) -> None:
     paths = a_street(np.random.default_rng([int(100 * speed_mps), int(nearest_m)]), speed_mps, nearest_m)
     assert effects_called_for(paths, RADAR, WINDOW, budget_db) == called_for_by_all_sums(paths, budget_db)
+
+
+@pytest.mark.parametrize("nearest_m", [0.7, 5.0, 40.0])
+def test_the_share_that_curves_is_that_of_all_exact_phases(nearest_m: float) -> None:
+    paths = a_street(np.random.default_rng(5), 0.0, nearest_m)
+    cells = cells_of(paths, RADAR, WINDOW)
+    exact = changes.plane_wave_change(paths, RADAR.array, RADAR.waveform.wavelength_m) ** 2
+    share = curved_share(paths, cells, RADAR)
+    assert (share >= exact * (1.0 - 1e-12)).all()
+    power = cells.where.power
+    assert power @ share == pytest.approx(power @ exact, rel=1e-3)
 
 
 def test_the_cases_above_decide_both_ways() -> None:

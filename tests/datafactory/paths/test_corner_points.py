@@ -34,8 +34,9 @@ def trihedral(distance_m: float, legs_m: float, square: bool = False, turn=None,
     apex, objects = np.array([distance_m, 0.0, 0.0]), []
     for i in range(3):
         one, other = legs_m * edges[(i + 1) % 3], legs_m * edges[(i + 2) % 3]
-        index = {}
-        points, triangles = [], []
+        index: dict[tuple[int, int], int] = {}
+        points: list[np.ndarray] = []
+        triangles: list[list[int]] = []
         for s in range(cuts + 1):
             for t in range(cuts + 1 if square else cuts + 1 - s):
                 index[s, t] = len(points)

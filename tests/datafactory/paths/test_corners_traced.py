@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pyarrow as pa
 import pytest
@@ -27,8 +29,11 @@ def traced(*objects, pose: Pose = HERE, corners: bool = True, depth: int = 2) ->
 
 
 def of_corners(table: PathTable) -> PathTable:
-    scattered, specular = (part.take(part.kinds & CORNER > 0) for part in (table.scattered, table.specular))
-    return PathTable(scattered, specular, table.objects, table.counts)
+    return replace(
+        table,
+        scattered=table.scattered.take(table.scattered.kinds & CORNER > 0),
+        specular=table.specular.take(table.specular.kinds & CORNER > 0),
+    )
 
 
 def test_a_corner_in_plain_sight_is_seen_whole():

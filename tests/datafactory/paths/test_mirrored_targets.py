@@ -195,6 +195,48 @@ def test_a_face_reflects_with_the_share_of_its_size(end_m: float, share: float) 
     assert twice == pytest.approx(share**2 * whole, rel=0.03)
 
 
+@pytest.mark.parametrize(
+    ("along", "across"), [((-0.5, 0.5), (-0.06, 0.06)), ((-2.0, 0.3), (-0.2, 0.05)), ((-0.3, 0.2), (-0.02, 0.05))]
+)
+def test_a_small_face_reflects_what_the_sum_over_its_surface_does(
+    along: tuple[float, float], across: tuple[float, float]
+) -> None:
+    """The slow reference: Kirchhoff's integral over the face, cell by cell, one way and both."""
+    radar, place, centre = np.array([0.0, 0.0, 2.0]), np.array([24.0, 0.0, 4.0]), np.array([8.0, 0.0, 0.0])
+    patch = ground(x=(8.0 + along[0], 8.0 + along[1]), y=across)
+    paths, _ = echoes([patch], [point(tuple(place))], Pose(tuple(radar)))
+    direct = abs(paths.amplitude[paths.depth == 1][0])
+    twice = paths.amplitude[paths.depth == 3][0]
+    x = centre[0] + np.linspace(*along, 3001)[:, None]
+    y = np.linspace(*across, 601)[None, :]
+    before, after = (np.sqrt((x - end[0]) ** 2 + y**2 + end[2] ** 2) for end in (radar, place))
+    straight = np.hypot(24.0, 6.0)
+    # (cos / lambda) int exp(-jk (r1 + r2)) / (r1 r2) dA over exp(-jk R) / R; an infinite plane has -j.
+    cosine = 6.0 / straight
+    waves = np.exp(-2j * np.pi * (before + after - straight) / WAVELENGTH_M) / (before * after)
+    field = 1j * cosine / WAVELENGTH_M * straight * np.trapezoid(np.trapezoid(waves, y[0], axis=1), x[:, 0])
+    gamma = fresnel(METAL, np.array(cosine), "V")
+    free = direct * (24.0**2 + 4.0) / straight**2
+    expected = np.conj((gamma * field) ** 2) * free
+    # F fades edges over four Fresnel radii and takes lengths to second order: 2 % one way.
+    assert abs(twice / expected - 1.0) < 0.05
+
+
+@pytest.mark.parametrize("polarization", ["V", "H"])
+def test_a_wall_beside_is_a_ground_in_the_other_polarisation(polarization: str) -> None:
+    """For a wall the field along z is across the plane of incidence: V has the lobes that H has above ground."""
+    wall = SceneObject(
+        "wall", np.array([(-400.0, -0.5, -400.0), (400.0, -0.5, -400.0), (400.0, -0.5, 400.0), (-400.0, -0.5, 400.0)]),
+        np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), "asphalt",
+    )  # fmt: skip
+    other = {"V": "H", "H": "V"}[polarization]
+    for range_m in (15.0, 15.3, 15.6, 40.0):
+        target = [point((range_m, 0.3, 0.0))]
+        paths, _ = echoes([wall], target, Pose((0.0, 0.0, 0.0)), polarization=(polarization, polarization))
+        expected = two_rays_db(ASPHALT, np.array([range_m]), 0.5, 0.8, other)[0]
+        assert level_db(paths) == pytest.approx(expected, abs=0.05)
+
+
 def test_a_target_on_the_ground_is_doubled() -> None:
     for height_m in (0.0, 1e-9, 1e-5):
         paths, _ = echoes([ground()], [point((15.0, 0.0, height_m))], Pose((0.0, 0.0, 0.5)))
@@ -411,3 +453,15 @@ def test_points_of_reflection_are_those_of_mirror_images(generator: np.random.Ge
             weights = np.linalg.lstsq(np.vstack([corners[t].T, np.ones(3)]), np.append(hit, 1.0), rcond=None)[0]
             count += bool((weights > 0.0).all())
     assert abs(count - len(place)) <= 1
+
+
+def test_facets_of_a_curved_body_are_no_mirrors_of_a_target() -> None:
+    """A smooth post beside the line of sight: whichever of its facets is square to the bisector reflects nothing."""
+    turns = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
+    ring = np.stack([5.0 + 0.5 * np.cos(turns), 1.0 + 0.5 * np.sin(turns)], axis=1)
+    vertices = np.concatenate([np.column_stack([ring, np.full(48, z)]) for z in (-2.0, 2.0)])
+    faces = [(k, (k + 1) % 48, 48 + k) for k in range(48)]
+    faces += [((k + 1) % 48, 48 + (k + 1) % 48, 48 + k) for k in range(48)]
+    post = SceneObject("post", vertices, np.array(faces, dtype=np.int32), "mirror")
+    _, table = echoes([post], [point((10.0, 0.0, 0.0))], Pose((0.0, 0.0, 0.0)))
+    assert table.counts["target_mirrors"] == 0

@@ -10,6 +10,7 @@ import pytest
 
 from datafactory.paths.merged_scene import MergedMesh, MergedScene
 from datafactory.paths.table import (
+    CORNER,
     DIFFRACTED,
     DIFFUSE,
     REFRACTED,
@@ -192,3 +193,16 @@ def test_scattered_paths_and_mirrors_stand_in_one_list():
     assert [round(path.level_db) for path in shown.paths] == [-100, -120, -160]
     assert [path.range_m for path in shown.paths] == [3.0, 10.0, 2.0]
     assert [path.object for path in shown.paths] == ["kerb", "road", "road"]
+
+
+def test_a_curved_mirror_and_a_corner_are_met_where_they_stand():
+    """A sphere, R = 8 m away, k = 0.1: S = 2 R / (1 + R k), p = (2 / k - S) u, b = 2 R - 2 / k."""
+    sight, range_m, k = np.array([0.8, 0.6, 0.0]), 8.0, 0.1
+    far = 2.0 * range_m / (1.0 + range_m * k)
+    curved = scattered((2.0 / k - far) * sight, far * sight, SPECULAR, 2.0 * range_m - 2.0 / k)
+    assert kinds_of(PathTable(curved)).tolist() == [MIRROR]
+    line = only_line(PathTable(curved, objects=("ball",)), (AHEAD,))
+    np.testing.assert_allclose(line, np.stack([ORIGIN, range_m * sight, ORIGIN]), atol=1e-9)
+    none = curved.take(np.zeros(0, int))
+    line = only_line(PathTable(none, specular([12.0, 6.0, 0.0], 2, CORNER), ("corner",)), (AHEAD,))
+    np.testing.assert_allclose(line, np.stack([ORIGIN, [6.0, 3.0, 0.0], ORIGIN]), atol=1e-9)

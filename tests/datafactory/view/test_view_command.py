@@ -158,3 +158,12 @@ def test_the_pictures_are_written_beside_the_page(tmp_path: Path) -> None:
     for name in ("camera", "above"):
         picture = imread(tmp_path / f"tiny-{name}.png")
         assert np.ptp(picture[..., :3]) > 0.5
+
+
+def test_the_parts_of_a_body_are_one_mover() -> None:
+    """Each car of the street is several prims; each body and target that moves has one arrow, and so has the sensor."""
+    movers = subject(SCENES / "street.usda", Pose((0.0, 0.0, 0.5), velocity=(3.0, 4.0, 0.0))).movers()
+    names = [mover.name for mover in movers]
+    assert len(names) == len(set(names)) < 25
+    assert movers[-1].name == "sensor"
+    assert movers[-1].speed_mps == pytest.approx(5.0)

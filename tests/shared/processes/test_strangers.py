@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from datafactory.inspection.doctor import examine_names
 from shared.processes.strangers import OURS, namesake, refuse_namesake, strangers
+from trainer.cli.entry import main
 
 
 def install(folder: Path, name: str, package: str) -> None:
@@ -37,6 +41,26 @@ def test_a_namesake_is_refused_in_one_line(package: str, tmp_path: Path, monkeyp
         f"the distribution '{package}' is installed over '{OURS[package]}', both bring the package '{package}'; mend "
         f"it: pip uninstall -y {package} && pip install --force-reinstall --no-deps {OURS[package]}"
     )
+
+
+def test_the_import_says_so_in_one_line(tmp_path: Path) -> None:
+    install(tmp_path, "trainer", "trainer")
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
+    done = subprocess.run(
+        [sys.executable, "-c", "import trainer"], capture_output=True, text=True, env=environment, check=False
+    )
+    assert done.returncode == 1
+    last = done.stderr.splitlines()[-1]
+    assert last.startswith("ImportError: the distribution 'trainer' is installed over 'sparseradar-trainer'")
+
+
+def test_the_command_says_so_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    install(tmp_path, "trainer", "trainer")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    with pytest.raises(SystemExit) as caught:
+        main()
+    assert str(caught.value.code).startswith("trainer: the distribution 'trainer' is installed over")
+    assert "\n" not in str(caught.value.code)
 
 
 def test_the_doctor_finds_one_of_any_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,14 +15,13 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from datafactory.accuracy.clock import Clock
+from datafactory.accuracy.clock import Advance, Clock
 from datafactory.accuracy.errors import peak_error, relative_l2
 from datafactory.accuracy.knobs import REFERENCE_DEPTH, KnobSettings
 from datafactory.accuracy.looking import reference_of, run
 from datafactory.accuracy.power import Kept, power_error
 from datafactory.accuracy.prices import Choice, Errors, Menu, Prices, choose, measure_prices
 from datafactory.accuracy.samples import PlannedScene, SampleFrame, made_with, planned_scenes, traced
-from datafactory.accuracy.sweep import Advance
 from datafactory.frame.deal import Deal, first_middle_last
 from datafactory.paths.backend import select_variant, set_threads
 from datafactory.run.cache import Announce, cached, user_cache

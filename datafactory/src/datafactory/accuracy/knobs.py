@@ -109,8 +109,12 @@ POWER_EFFECTS = (
 )  # fmt: skip
 """Effects that add paths or change their power. What is left is the noise, which no frame here has."""
 DEFAULT = KnobSettings()
-CONVERGED = replace(DEFAULT, prune_db=UNPRUNED_DB, truth_terms=6)
-"""What signal knobs are varied around: the pipeline's tracing, nothing pruned, cube at -120 dB, truth at its best."""
+
+
+def converged(settings: KnobSettings) -> KnobSettings:
+    """What signal knobs are varied around: these settings with nothing pruned, the cube at -120 dB, the truth at its
+    best."""
+    return replace(settings, prune_db=UNPRUNED_DB, tolerance=1e-6, truth_terms=6)
 
 
 @dataclass(frozen=True)
@@ -168,7 +172,7 @@ def _rays(fan: tuple[int, ...], sphere: tuple[int, ...]) -> tuple[Knob, ...]:
 SPHERE_RAYS = "sphere rays"
 """Label of the rows with rays of the solver's own lattice."""
 SIGNAL_KNOBS = (
-    Knob("tolerance", (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)),
+    Knob("tolerance", (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-9)),
     Knob("width", ("complex64", "complex128", "float32 geometry")),
     Knob("prune_db", (-20.0, -30.0, -40.0, -50.0, -60.0, UNPRUNED_DB)),
     Knob("delays", ("linear",)),
@@ -178,25 +182,28 @@ SIGNAL_KNOBS = (
     Knob("truth_window", ("none", "taylor-25", "taylor-30", "hann")),
 )
 POWER_KNOBS = (
-    *_rays((25_000, 50_000, 100_000, 200_000, 400_000, 600_000, 800_000), (200_000, 400_000, 800_000, 1_600_000)),
+    *_rays(
+        (6_250, 12_500, 25_000, 50_000, 100_000, 200_000, 400_000, 600_000, 800_000),
+        (200_000, 400_000, 800_000, 1_600_000),
+    ),
     Knob("lattice", ("all around",), power=True, paired=False),
     Knob("depth", (1, 2), power=True),
     Knob("finite_mirrors", (False,), power=True),
     Knob("surface_phase", (False,), power=True),
 )
 QUICK_SIGNAL_KNOBS = (
-    Knob("tolerance", (1e-3, 1e-6, 1e-9)),
+    Knob("tolerance", (1e-2, 1e-3, 1e-4, 1e-6)),
     Knob("width", ("float32 geometry",)),
-    Knob("prune_db", (-30.0, -50.0)),
+    Knob("prune_db", (-20.0, -30.0, -40.0, -50.0, -60.0)),
     Knob("delays", ("linear",)),
     Knob("video_phase", (True,)),
-    Knob("truth_terms", (3, 6)),
+    Knob("truth_terms", (3, 4, 5, 6)),
     Knob("truth_wave", ("plane",)),
     Knob("truth_window", ("hann",)),
 )
 QUICK_POWER_KNOBS = (
-    *_rays((12_500, 25_000, 50_000, 100_000, 200_000), (100_000, 200_000)),
-    Knob("depth", (1,), power=True),
+    *_rays((3_125, 6_250, 12_500, 25_000, 50_000, 100_000, 200_000), (100_000, 200_000)),
+    Knob("depth", (1, 2), power=True),
     Knob("finite_mirrors", (False,), power=True),
     Knob("surface_phase", (False,), power=True),
 )

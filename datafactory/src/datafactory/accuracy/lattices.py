@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from datafactory.accuracy.knobs import SPHERE_RAYS
-from datafactory.accuracy.sweep import Row
+from datafactory.accuracy.row import Row
 
 MEASURES = (
     ("power_l1_db", "power in a resolution cell, sum |P - P_ref| / sum P_ref"),

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from datafactory.accuracy import knobs, variants
 from datafactory.accuracy.clock import Clock
 from datafactory.accuracy.knobs import KnobSettings
+from datafactory.accuracy.work import Work, cube_work, truth_work
 from datafactory.frame.chain import TracedSource, measured
 from datafactory.frame.defaults import IMAGE_BATCH
 from datafactory.frame.measurement import detected_cells, image
@@ -49,6 +50,7 @@ class Look:
     ) -> None:
         self.settings, self.clock, self.index, self.rows, self.exact = settings, clock, index, rows, exact
         self.reached = self.paths = 0
+        self.cube_work = self.truth_work = Work()
         self.cube: NDArray = np.zeros(0)
         self.cells: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
 
@@ -58,6 +60,7 @@ class Look:
             "illuminate": self._illuminate,
             "prune": self._prune,
             "motion": self._motion,
+            "sorting": self._sorting,
             "cube": self._cube,
             "range-Doppler": self._spectra,
             "Doppler choice": self._choice,
@@ -81,12 +84,23 @@ class Look:
             paths = variants.linear_delays(paths, radar)
         return variants.float32_geometry(paths) if self.settings.width == "float32 geometry" else paths
 
-    def _cube(self, function: Callable[..., Any], paths: Any, radar: Radar, *arguments: Any) -> Any:
+    def _with_video_phase(self, radar: Radar) -> Radar:
+        """The radar with the residual video phase of these settings: it decides which kernel a path may have."""
         phase = self.settings.video_phase
-        if phase != radar.waveform.residual_video_phase:
-            waveform = radar.waveform.model_copy(update={"residual_video_phase": phase})
-            radar = radar.model_copy(update={"waveform": waveform})
+        if phase == radar.waveform.residual_video_phase:
+            return radar
+        waveform = radar.waveform.model_copy(update={"residual_video_phase": phase})
+        return radar.model_copy(update={"waveform": waveform})
+
+    def _sorting(self, function: Callable[..., Any], paths: Any, radar: Radar, *arguments: Any) -> Any:
+        radar = self._with_video_phase(radar)
         work = partial(function, paths, radar, *arguments)
+        found = self.clock("delays and spread", work, key=(self.index, self.settings.of_signal()), part="sorting")
+        self.cube_work = cube_work(found, radar, *arguments)
+        return found
+
+    def _cube(self, function: Callable[..., Any], paths: Any, radar: Radar, *arguments: Any) -> Any:
+        work = partial(function, paths, self._with_video_phase(radar), *arguments)
         self.cube = self.clock("delays and spread", work, key=(self.index, self.settings.of_signal()))
         return self.cube
 
@@ -101,7 +115,10 @@ class Look:
 
     def _truth(self, function: Callable[..., Any], paths: Any, radar: Radar, cells: Any, *arguments: Any) -> Any:
         rows = cells if self.rows is None else self.rows
-        function = variants.reference_moments if self.exact else function
+        if self.exact:
+            function = variants.reference_moments
+        else:
+            self.truth_work = truth_work(paths, radar, rows, *arguments)
         work = partial(function, paths, radar, rows, *arguments)
         return self.clock("truth", work, key=(self.index, self.exact, *self.settings.of_truth()))
 
@@ -115,6 +132,7 @@ class Outcome:
     :param cells: [R] first Doppler cell of each row and frame
     :param images: [B, R, U] magnitudes [sqrt(W)]
     :param frames: what a run would write
+    :param cube_work, truth_work: counted, of each frame; of an exact truth nothing
     """
 
     reached: tuple[int, ...]
@@ -123,6 +141,8 @@ class Outcome:
     cells: tuple[NDArray[np.int64], ...]
     images: NDArray[np.float32]
     frames: tuple[Frame, ...]
+    cube_work: tuple[Work, ...]
+    truth_work: tuple[Work, ...]
 
     def detections(self, radar: Radar) -> list[NDArray[np.bool_]]:
         """[R, U] maps of each frame's detected cells."""
@@ -173,6 +193,8 @@ def run(
         cells=tuple(look.cells for look in looks),
         images=images[0],
         frames=made,
+        cube_work=tuple(look.cube_work for look in looks),
+        truth_work=tuple(look.truth_work for look in looks),
     )
 
 

@@ -16,15 +16,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
-from datafactory.accuracy.clock import Clock
+from datafactory.accuracy.clock import Advance, Clock
 from datafactory.accuracy.errors import level_db, peak_error, relative_l2
-from datafactory.accuracy.knobs import BUDGET_REFERENCE_RAYS, CONVERGED, DEFAULT, REFERENCE_DEPTH, KnobSettings
+from datafactory.accuracy.knobs import BUDGET_REFERENCE_RAYS, DEFAULT, REFERENCE_DEPTH, KnobSettings, converged
 from datafactory.accuracy.looking import Outcome, reference_of, run
 from datafactory.accuracy.power import Effort, Kept, power_error, realisations
 from datafactory.accuracy.samples import SampleFrame, traced
-from datafactory.accuracy.sweep import Advance
-from datafactory.accuracy.work import counted_work, trace_work
-from datafactory.paths.storage import TracedFrame
+from datafactory.accuracy.work import frame_work, trace_work
 from shared.radar import Radar
 
 
@@ -38,7 +36,7 @@ class Menu:
     rays: tuple[int, ...] = (25_000, 50_000, 100_000, 200_000, 400_000, 800_000)
     depth: tuple[int, ...] = (1, 2, REFERENCE_DEPTH)
     prune_db: tuple[float, ...] = (-20.0, -30.0, -40.0, -50.0, -60.0)
-    tolerance: tuple[float, ...] = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
+    tolerance: tuple[float, ...] = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
     truth_terms: tuple[int, ...] = (3, 4, 5, 6)
     effort: Effort = field(default_factory=lambda: Effort(BUDGET_REFERENCE_RAYS))
 
@@ -59,6 +57,8 @@ class Price(BaseModel):
     """One setting of one knob: its errors in every frame as amplitude ratios, and the paths that it leaves.
 
     :param paths: mean number; for ``prune_db`` the share kept
+    :param fixed_work, path_work: counted multiply-adds a frame whatever the paths, and a path: of the cube for
+        ``tolerance``, of the truth for ``truth_terms``
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -69,6 +69,8 @@ class Price(BaseModel):
     image: tuple[float, ...]
     power: tuple[float, ...]
     paths: float
+    fixed_work: float = 0.0
+    path_work: float = 0.0
 
 
 PriceList = dict[tuple[str, float], Price]
@@ -146,7 +148,7 @@ def measure_prices(
     total, prices = menu.steps(), list[Price]()
     advance(0, total, "reference")
     if not menu.paths_only:
-        base = replace(usual, prune_db=CONVERGED.prune_db, truth_terms=CONVERGED.truth_terms)
+        base = converged(usual)
         frames = [traced(sample, usual, radar) for sample in samples]
         reference, kept = reference_of(frames, base, radar), Clock(keep=True)
         run(frames, base, radar, kept, reference.cells)
@@ -155,10 +157,10 @@ def measure_prices(
                 advance(len(prices), total, f"{knob} {value}")
                 clock = Clock(kept=kept.kept)
                 settings = replace(base, **{knob: value})
-                prices.append(_signal_price(knob, value, settings, frames, reference, clock, radar))
+                outcome = run(frames, settings, radar, clock, reference.cells)
+                prices.append(signal_price(knob, value, outcome, reference))
         del reference, kept
     traces: Kept = {}
-    none = (0.0,) * len(samples)
     for knob in ("rays", "depth"):
         for value in getattr(menu, knob):
             advance(len(prices), total, f"{knob} {value}")
@@ -171,30 +173,32 @@ def measure_prices(
             )
             count = menu.effort.realisations if deep else menu.effort.count(value)
             paths = [realisations(sample, settings, radar, 1, count, traces).paths for sample in samples]
-            prices.append(
-                Price(knob=knob, value=value, cube=none, image=none, power=errors, paths=float(np.mean(paths)))
-            )
+            prices.append(power_price(knob, value, errors, float(np.mean(paths))))
     return Prices(frame_ids=tuple(sample.frame_id for sample in samples), prices=tuple(prices))
 
 
-def _signal_price(
-    knob: str,
-    value: float,
-    settings: KnobSettings,
-    frames: Sequence[TracedFrame],
-    reference: Outcome,
-    clock: Clock,
-    radar: Radar,
-) -> Price:
-    outcome = run(frames, settings, radar, clock, reference.cells)
+def signal_price(knob: str, value: float, outcome: Outcome, reference: Outcome) -> Price:
+    """The price of one setting of a knob of the signal, from the frames made with it."""
+    works = {"tolerance": outcome.cube_work, "truth_terms": outcome.truth_work}.get(knob, ())
     return Price(
         knob=knob,
         value=value,
         cube=tuple(relative_l2(a, b) for a, b in zip(outcome.cubes, reference.cubes, strict=True)),
         image=tuple(peak_error(a, b) for a, b in zip(outcome.images, reference.images, strict=True)),
-        power=(0.0,) * len(frames),
+        power=(0.0,) * len(outcome.paths),
         paths=sum(outcome.paths) / max(sum(outcome.reached), 1),
+        fixed_work=sum(work.fixed for work in works) / max(len(works), 1),
+        path_work=sum(work.by_paths for work in works) / max(sum(outcome.paths), 1),
     )
+
+
+def power_price(knob: str, value: float, power: Sequence[float], paths: float) -> Price:
+    """The price of one setting of a knob of the paths.
+
+    :param power: errors of every frame; :param paths: mean number
+    """
+    none = (0.0,) * len(power)
+    return Price(knob=knob, value=value, cube=none, image=none, power=tuple(power), paths=paths)
 
 
 def choose(scenes: Sequence[Prices], menu: Menu, budget_db: float, radar: Radar) -> Choice:
@@ -213,7 +217,7 @@ def choose(scenes: Sequence[Prices], menu: Menu, budget_db: float, radar: Radar)
     ):
         settings = replace(DEFAULT, rays=rays, depth=depth, prune_db=prune, tolerance=tolerance, truth_terms=terms)
         predicted = _predicted(lists, settings, menu)
-        work = trace_work(settings) if menu.paths_only else counted_work(settings, _paths(lists, settings), radar)
+        work = trace_work(settings) if menu.paths_only else _work(lists, settings, radar)
         choices.append(Choice(settings, work, predicted, predicted.worst_db <= budget_db))
     good = [choice for choice in choices if choice.keeps_budget]
     if good:
@@ -233,12 +237,18 @@ def _predicted(lists: Sequence[PriceList], settings: KnobSettings, menu: Menu) -
     return Errors.of(cube, image, power)
 
 
-def _paths(lists: Sequence[PriceList], settings: KnobSettings) -> float:
-    """Mean paths after pruning: those of the rays, times what the depth changes, times what pruning keeps."""
-    counts = []
+def _work(lists: Sequence[PriceList], settings: KnobSettings, radar: Radar) -> float:
+    """Counted multiply-adds of one frame, mean over the scenes."""
+    total = 0.0
     for prices in lists:
-        depths = [value for knob, value in prices if knob == "depth"]
-        priced_at = DEFAULT.depth if DEFAULT.depth in depths else depths[-1]
-        deeper = prices["depth", settings.depth].paths / max(prices["depth", priced_at].paths, 1.0)
-        counts.append(prices["rays", settings.rays].paths * deeper * prices["prune_db", settings.prune_db].paths)
-    return sum(counts) / len(counts)
+        cube, truth = prices["tolerance", settings.tolerance], prices["truth_terms", settings.truth_terms]
+        total += cube.fixed_work + truth.fixed_work + _paths(prices, settings) * (cube.path_work + truth.path_work)
+    return total / len(lists) + trace_work(settings) + frame_work(settings, radar)
+
+
+def _paths(prices: PriceList, settings: KnobSettings) -> float:
+    """Paths after pruning: those of the rays, times what the depth changes, times what pruning keeps."""
+    depths = [value for knob, value in prices if knob == "depth"]
+    priced_at = DEFAULT.depth if DEFAULT.depth in depths else depths[-1]
+    deeper = prices["depth", settings.depth].paths / max(prices["depth", priced_at].paths, 1.0)
+    return prices["rays", settings.rays].paths * deeper * prices["prune_db", settings.prune_db].paths

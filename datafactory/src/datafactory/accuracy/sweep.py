@@ -8,70 +8,27 @@ the scene's plan calls for; an effect's row is the difference that it makes to t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from datafactory.accuracy.clock import STAGES, Clock
-from datafactory.accuracy.errors import detections_changed, level_db, peak_error, relative_l2
-from datafactory.accuracy.knobs import CONVERGED, DEFAULT, REFERENCE_DEPTH, Knob, KnobSettings
+from datafactory.accuracy.clock import STAGES, Advance, Clock
+from datafactory.accuracy.errors import peak_error, relative_l2
+from datafactory.accuracy.front import EVERYTHING, KNOBS, LEVELS_DB, described, fronts
+from datafactory.accuracy.knobs import DEFAULT, REFERENCE_DEPTH, Knob, KnobSettings, converged
 from datafactory.accuracy.looking import Outcome, reference_of, run, write_seconds
 from datafactory.accuracy.power import Effort, Kept, power_error
+from datafactory.accuracy.prices import Choice, Price, power_price, signal_price
+from datafactory.accuracy.row import DEFAULTS, SAME_PATHS, Row, changed, moved, widest, worst
 from datafactory.accuracy.samples import SampleFrame, traced
-from datafactory.accuracy.work import counted_work
+from datafactory.accuracy.work import Work, frame_work, trace_work
 from datafactory.effects.catalogue import NAMES
 from datafactory.paths.storage import TracedFrame
 from shared.radar import Radar
-
-SAME_PATHS = "same paths: cube at 1e-11 in complex128, truth by the virtual sensor's whole cube"
-DEFAULTS = "defaults"
-Advance = Callable[[int, int, str], None]
-
-
-@dataclass(frozen=True)
-class Row:
-    """One setting of one knob, measured; errors are the largest over the frames.
-
-    :param seconds: a frame on one core; :param stage_seconds: the same by stage
-    :param cube_error_db: relative L2; for power knobs of the amplitudes in cells, rms over realisations
-    :param image_error_db: largest difference over the peak; for power knobs of the amplitudes in cells, mean over
-        realisations
-    :param image_l2_db: relative L2 of the images; for power knobs as ``cube_error_db``
-    :param power_l1_db, power_l1_range_weighted_db: for power knobs sum |P - P_ref| / sum P_ref over cells [dB], mean
-        over realisations; the second with both weighted by range^4
-    :param power_bias_db: total power over the reference's [dB]
-    :param detections_changed: [%] of the truth's cells above noise; for power knobs the speckle's change is in it
-    :param doppler_rows_changed: [%] of the image rows with a detection whose strongest Doppler cell is another
-    :param peak_mb: growth of the resident set [MB], see :mod:`datafactory.accuracy.clock`
-    :param work: counted multiply-adds; :param paths: mean over the frames, after pruning
-    :param reference: what the errors are held against
-    :param approximation: whether the setting is one; False where it adds an effect that the plan leaves out
-    """
-
-    knob: str
-    setting: str
-    default: bool
-    kind: str
-    seconds: float
-    stage_seconds: dict[str, float]
-    cube_error_db: float
-    image_error_db: float
-    image_l2_db: float
-    power_l1_db: float | None
-    power_l1_range_weighted_db: float | None
-    power_bias_db: float
-    detections_changed: float
-    doppler_rows_changed: float
-    peak_mb: float
-    paths: float
-    work: float
-    reference: str
-    approximation: bool
 
 
 @dataclass(frozen=True)
@@ -107,30 +64,39 @@ def sweep(
     :param usual: how the run makes its frames
     """
     default = replace(usual, rays=effort.rays)
-    converged = replace(default, prune_db=CONVERGED.prune_db, truth_terms=CONVERGED.truth_terms)
-    steps = _steps(signal, default, converged, "all")
+    base = converged(default)
+    steps = _steps(signal, default, base, "all")
     powers = _steps(power, default, default, "all, power")
-    rows: list[Row] = []
-    total = len(steps) + len(powers)
+    rows, prices = list[Row](), list[Price]()
+    total = len(steps) + len(powers) + 2 * len(LEVELS_DB)
     with threadpool_limits(limits=1):
         advance(0, total, "reference")
-        _warm_up(samples[0], default, radar)
+        _warm_up(samples[0], steps, default, radar)
         clock = Clock(effort.repeats)
         frames = [clock("trace", partial(traced, sample, default, radar)) for sample in samples]
-        reference = reference_of(frames, converged, radar)
+        reference = reference_of(frames, base, radar)
         fixed = {"trace": clock.seconds()["trace"]}
         kept: dict[Any, Any] = {}
-        run(frames, converged, radar, Clock(effort.repeats, kept, keep=True), reference.cells, effort.batch)
+        run(frames, base, radar, Clock(effort.repeats, kept, keep=True), reference.cells, effort.batch)
         fixed["write"] = write_seconds(reference.frames[0], radar, max(3, effort.repeats))
         for step in steps:
             advance(len(rows), total, f"{step.label} {step.value}")
-            rows.append(_signal_row(step, frames, reference, fixed, effort, radar, kept))
-        del reference, kept
+            row, outcome = _signal_row(step, frames, reference, fixed, effort, radar, kept)
+            rows.append(row)
+            if step.knob is not None and step.knob.name in KNOBS:
+                prices.append(signal_price(step.knob.name, float(step.value), outcome, reference))
+        del kept
         realisations: Kept = {}
         as_made = run(frames[:1], default, radar, Clock(), batch=1)
         for step in powers:
             advance(len(rows), total, f"{step.label} {step.value}")
-            rows.append(_power_row(step, default, samples, as_made, fixed, effort, radar, realisations))
+            row, errors = _power_row(step, default, samples, as_made, fixed, effort, radar, realisations)
+            rows.append(row)
+            if step.knob is not None and step.label in KNOBS:
+                prices.append(power_price(step.label, float(step.value), errors, row.paths))
+        for name, level, choice in fronts(prices, default, effort, radar):
+            advance(len(rows), total, f"{name} {level:g} dB")
+            rows.append(_front_row(name, level, choice, default, samples, frames, reference, fixed, effort, radar))
     advance(total, total, "done")
     return rows
 
@@ -176,34 +142,36 @@ def _signal_row(
     effort: Effort,
     radar: Radar,
     kept: dict[Any, Any],
-) -> Row:
+) -> tuple[Row, Outcome]:
     clock = Clock(effort.repeats, kept)
     outcome = run(frames, step.settings, radar, clock, reference.cells, effort.batch)
     stages = {**fixed, **clock.seconds()}
     pairs = list(zip(outcome.images, reference.images, strict=True))
     expected = replace(outcome, images=reference.images).detections(radar)
     paths = float(np.mean(outcome.paths))
-    return Row(
+    row = Row(
         knob=step.label,
         setting=step.value,
         default=step.default,
         kind="signal",
         seconds=sum(stages.values()),
         stage_seconds={name: stages[name] for name in STAGES},
-        cube_error_db=_worst([relative_l2(a, b) for a, b in zip(outcome.cubes, reference.cubes, strict=True)]),
-        image_error_db=_worst([peak_error(a, b) for a, b in pairs]),
-        image_l2_db=_worst([relative_l2(a, b) for a, b in pairs]),
+        cube_error_db=worst([relative_l2(a, b) for a, b in zip(outcome.cubes, reference.cubes, strict=True)]),
+        image_error_db=worst([peak_error(a, b) for a, b in pairs]),
+        image_l2_db=worst([relative_l2(a, b) for a, b in pairs]),
+        power_error_db=None,
         power_l1_db=None,
         power_l1_range_weighted_db=None,
-        power_bias_db=_widest([float((a**2).sum() / (b**2).sum()) if b.any() else 1.0 for a, b in pairs]),
-        detections_changed=_changed(outcome.detections(radar), expected),
-        doppler_rows_changed=_moved(outcome.cells, reference.cells, expected),
+        power_bias_db=widest([float((a**2).sum() / (b**2).sum()) if b.any() else 1.0 for a, b in pairs]),
+        detections_changed=changed(outcome.detections(radar), expected),
+        doppler_rows_changed=moved(outcome.cells, reference.cells, expected),
         peak_mb=clock.peak_mb(),
         paths=paths,
-        work=counted_work(step.settings, paths, radar),
+        work=_work(step.settings, outcome, radar),
         reference=SAME_PATHS,
         approximation=step.approximation,
     )
+    return row, outcome
 
 
 def _power_row(
@@ -215,7 +183,7 @@ def _power_row(
     effort: Effort,
     radar: Radar,
     kept: Kept,
-) -> Row:
+) -> tuple[Row, list[float]]:
     settings = step.settings
     against = power_reference(step.knob, settings, default, effort)
     paired = step.knob is not None and step.knob.paired
@@ -225,27 +193,82 @@ def _power_row(
     outcome = run([frame], settings, radar, clock, batch=effort.batch)
     stages = {**fixed, **clock.seconds()}
     paths = float(outcome.paths[0])
-    return Row(
+    row = Row(
         knob=step.label,
         setting=step.value,
         default=step.default,
         kind="power",
         seconds=sum(stages.values()),
         stage_seconds={name: stages[name] for name in STAGES},
-        cube_error_db=_worst([error.l2 for error in errors]),
-        image_error_db=_worst([error.peak for error in errors]),
-        image_l2_db=_worst([error.l2 for error in errors]),
-        power_l1_db=0.5 * _worst([error.l1 for error in errors]),
-        power_l1_range_weighted_db=0.5 * _worst([error.l1_range_weighted for error in errors]),
-        power_bias_db=_widest([error.total for error in errors]),
-        detections_changed=_changed(outcome.detections(radar), usual.detections(radar)),
-        doppler_rows_changed=_moved(outcome.cells, usual.cells, usual.detections(radar)),
+        cube_error_db=worst([error.l2 for error in errors]),
+        image_error_db=worst([error.peak for error in errors]),
+        image_l2_db=worst([error.l2 for error in errors]),
+        power_error_db=worst([error.peak for error in errors]),
+        power_l1_db=0.5 * worst([error.l1 for error in errors]),
+        power_l1_range_weighted_db=0.5 * worst([error.l1_range_weighted for error in errors]),
+        power_bias_db=widest([error.total for error in errors]),
+        detections_changed=changed(outcome.detections(radar), usual.detections(radar)),
+        doppler_rows_changed=moved(outcome.cells, usual.cells, usual.detections(radar)),
         peak_mb=clock.peak_mb(),
         paths=paths,
-        work=counted_work(settings, paths, radar),
+        work=_work(settings, outcome, radar),
         reference=_reference_text(against, effort, paired),
         approximation=step.approximation,
     )
+    return row, [error.peak for error in errors]
+
+
+def _front_row(
+    name: str,
+    level_db: float,
+    choice: Choice,
+    default: KnobSettings,
+    samples: Sequence[SampleFrame],
+    frames: Sequence[TracedFrame],
+    reference: Outcome,
+    fixed: dict[str, float],
+    effort: Effort,
+    radar: Radar,
+) -> Row:
+    """A point of the front: its errors of cube and image on the frames traced as by default, all settings at once; that
+    of the power as its rays and depth have it alone; its time with its own rays."""
+    chosen = choice.settings
+    signal = replace(default, prune_db=chosen.prune_db, tolerance=chosen.tolerance, truth_terms=chosen.truth_terms)
+    settings, clock = replace(signal, rays=chosen.rays, depth=chosen.depth), Clock(effort.repeats)
+    frame = clock("trace", lambda: traced(samples[0], settings, radar))
+    timed = run([frame], settings, radar, clock, batch=effort.batch)
+    outcome = run(frames, signal, radar, Clock(), reference.cells, effort.batch)
+    stages = {**fixed, **clock.seconds()}
+    pairs = list(zip(outcome.images, reference.images, strict=True))
+    expected = replace(outcome, images=reference.images).detections(radar)
+    return Row(
+        knob=name,
+        setting=f"{level_db:g} dB: {described(settings)}",
+        default=settings == replace(default, rays=DEFAULT.rays),
+        kind="front",
+        seconds=sum(stages.values()),
+        stage_seconds={stage: stages[stage] for stage in STAGES},
+        cube_error_db=worst([relative_l2(a, b) for a, b in zip(outcome.cubes, reference.cubes, strict=True)]),
+        image_error_db=worst([peak_error(a, b) for a, b in pairs]),
+        image_l2_db=worst([relative_l2(a, b) for a, b in pairs]),
+        power_error_db=choice.predicted.power_db if name == EVERYTHING else None,
+        power_l1_db=None,
+        power_l1_range_weighted_db=None,
+        power_bias_db=0.0,
+        detections_changed=changed(outcome.detections(radar), expected),
+        doppler_rows_changed=moved(outcome.cells, reference.cells, expected),
+        peak_mb=clock.peak_mb(),
+        paths=float(timed.paths[0]),
+        work=_work(settings, timed, radar),
+        reference=f"{SAME_PATHS}; power as in the rows of rays and depth",
+        approximation=True,
+    )
+
+
+def _work(settings: KnobSettings, outcome: Outcome, radar: Radar) -> float:
+    """Counted multiply-adds of one frame, mean over those made."""
+    signal = sum((*outcome.cube_work, *outcome.truth_work), Work())
+    return trace_work(settings) + frame_work(settings, radar) + signal.total / len(outcome.paths)
 
 
 def _reference_text(against: KnobSettings, effort: Effort, paired: bool) -> str:
@@ -258,31 +281,9 @@ def _reference_text(against: KnobSettings, effort: Effort, paired: bool) -> str:
     )
 
 
-def _warm_up(sample: SampleFrame, settings: KnobSettings, radar: Radar) -> None:
+def _warm_up(sample: SampleFrame, steps: Sequence[_Step], settings: KnobSettings, radar: Radar) -> None:
     """Everything is compiled once before it is timed."""
     few = replace(settings, rays=1000, prune_db=0.0)
     frame = traced(sample, few, radar)
-    for tolerance in (1e-6, 1e-9):
+    for tolerance in sorted({step.settings.tolerance for step in steps}):
         run([frame], replace(few, tolerance=tolerance), radar, Clock(), batch=1)
-
-
-def _worst(ratios: Sequence[float]) -> float:
-    return level_db(max(ratios))
-
-
-def _widest(ratios: Sequence[float]) -> float:
-    """The power ratio furthest from 1, in dB."""
-    return max((0.5 * level_db(ratio) for ratio in ratios), key=abs)
-
-
-def _changed(values: Sequence[NDArray[np.bool_]], expected: Sequence[NDArray[np.bool_]]) -> float:
-    return max(detections_changed(a, b) for a, b in zip(values, expected, strict=True))
-
-
-def _moved(
-    cells: Sequence[NDArray[np.int64]], expected: Sequence[NDArray[np.int64]], detections: Sequence[NDArray[np.bool_]]
-) -> float:
-    """Rows with a detection whose Doppler cell is another, in percent of all rows with one."""
-    changed = [(a != b)[map_.any(axis=1)] for a, b, map_ in zip(cells, expected, detections, strict=True)]
-    every = np.concatenate(changed)
-    return 100.0 * float(every.mean()) if len(every) else 0.0

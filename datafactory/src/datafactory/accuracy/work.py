@@ -1,30 +1,66 @@
 """What a setting costs, counted and not timed: the same number on every machine and in every mood of it.
 
-The unit is one multiply-add of the cube's inner loop. Loops over paths are counted as they stand in the kernels; a
-ray's bounce, which the solver hides, was compared with them once (trace and cube of a street on one core). Only ratios
+The unit is one multiply-add of the exact kernel's inner loop. Loops are counted as they stand in the kernels, for the
+paths as they are sorted. Matrix products, FFTs and the passes over the cube run at other rates; these rates, and that
+of a ray's bounce, which the solver hides, were measured once on one core (``tests/benchmarks/counted.py``). Only ratios
 matter.
 """
 
 from __future__ import annotations
 
 import math
-from functools import lru_cache
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
 
 from datafactory.accuracy.knobs import KnobSettings
-from datafactory.synthesis.chirps import OVERSAMPLING, terms_for
-from datafactory.synthesis.sorting import FLOAT32_TOLERANCE
+from datafactory.paths.table import PathTable
+from datafactory.synthesis.chirps import OVERSAMPLING, exact_blocks
+from datafactory.synthesis.doppler_moments import SHIFT_TERMS
+from datafactory.synthesis.frame_lines import block_plans
+from datafactory.synthesis.sorting import FLOAT32_TOLERANCE, SortedPaths
+from datafactory.synthesis.spread import LANES
+from datafactory.synthesis.truth import truth_plan
+from datafactory.synthesis.wave_model import WaveModel
 from shared.radar import Radar
+from shared.radar.arrays import AntennaArray
 
 PHASE = 12.0
-"""Of one path, chirp and channel before its moments: phasors multiplied, remainder, amplitude."""
-RAY_BOUNCE = 2600.0
-"""A bounce of a ray took as long as this many multiply-adds of the cube (0.3 s for 2e5 rays of 2 bounces)."""
-TRUTH_PATH = 650.0
-"""Of one path and virtual element: a phasor and some twenty moments of range and Doppler."""
-TRUTH_ROW = 4_000.0
-"""Of one image row, virtual element and term: the cells around the row, real and imaginary parts."""
-CUBE_REACH_BINS = 0.6
-"""Typical range remainder [bins] of a block of channels, which sets the cube's number of moments."""
+"""Of one path, instant and element before anything is added up: a length, a phasor, a product."""
+VIEW = 30.0
+"""Of one path and virtual element of the truth: a length, its rate, a phasor."""
+SPREAD = 2.0
+"""A multiply-add of the loops along lines, which load and store more than the exact kernel's."""
+MOMENT = 1.5
+"""A multiply-add of the truth's loop over paths."""
+PRODUCT = 0.65
+"""A multiply-add of a matrix product."""
+TRANSFORM = 2.8
+"""A butterfly's share of one number of an FFT."""
+PASS = 12.0
+"""Reading and writing one complex number of the cube once."""
+RAY_BOUNCE = 12_000.0
+"""A bounce of a ray: 0.87 s for 2e5 rays of 4 steps, 1.1e10 multiply-adds a second."""
+
+
+@dataclass(frozen=True)
+class Work:
+    """Multiply-adds of one frame.
+
+    :param fixed: whatever the paths
+    :param by_paths: of all its paths together
+    """
+
+    fixed: float = 0.0
+    by_paths: float = 0.0
+
+    def __add__(self, other: Work) -> Work:
+        return Work(self.fixed + other.fixed, self.by_paths + other.by_paths)
+
+    @property
+    def total(self) -> float:
+        return self.fixed + self.by_paths
 
 
 def trace_work(settings: KnobSettings) -> float:
@@ -32,23 +68,71 @@ def trace_work(settings: KnobSettings) -> float:
     return RAY_BOUNCE * settings.rays * settings.chain().trace.steps
 
 
-def counted_work(settings: KnobSettings, paths: float, radar: Radar) -> float:
-    """Multiply-adds for one frame with this many paths after pruning."""
-    waveform, grid = radar.waveform, radar.grid
-    elements = radar.virtual_sensor.channels
-    terms = _terms(settings.tolerance)
-    width = 1.0 if settings.tolerance >= FLOAT32_TOLERANCE else 2.0
-    signals = float(radar.array.channels * waveform.chirps)
-    cells = OVERSAMPLING * waveform.samples
-    spread = width * signals * paths * (PHASE + 2.0 * terms)
-    transforms = width * signals * terms * (4.0 * cells * math.log2(cells) + 4.0 * waveform.samples)
-    doppler = 4.0 * signals * waveform.samples * math.log2(waveform.samples * waveform.chirps)
-    truth = elements * (TRUTH_PATH * paths + TRUTH_ROW * waveform.range_bins * settings.truth_terms)
-    image = 4.0 * waveform.range_bins * elements * grid.bins * settings.truth_terms
-    return trace_work(settings) + spread + transforms + doppler + truth + image
+def frame_work(settings: KnobSettings, radar: Radar) -> float:
+    """Multiply-adds of what a frame needs whatever its paths and its tolerance: range-Doppler spectra and the image."""
+    waveform = radar.waveform
+    elements, signals = radar.virtual_sensor.channels, float(radar.array.channels * waveform.chirps)
+    spectra = TRANSFORM * signals * waveform.samples * math.log2(max(waveform.samples * waveform.chirps, 2))
+    image = PRODUCT * 4.0 * waveform.range_bins * elements * radar.grid.bins * settings.truth_terms
+    return spectra + image + 3.0 * PASS * signals * waveform.samples
 
 
-@lru_cache(maxsize=64)
-def _terms(tolerance: float) -> int:
-    """Moments of the cube; thousands of combinations share a few tolerances."""
-    return terms_for(CUBE_REACH_BINS, tolerance)
+def cube_work(paths: SortedPaths, radar: Radar, tolerance: float, array: AntennaArray, model: WaveModel) -> Work:
+    """Of the cube of sorted paths."""
+    waveform = radar.waveform
+    work = Work(fixed=PASS * array.channels * waveform.chirps * waveform.samples)
+    if len(paths.chirps):
+        work += _exact_work(len(paths.chirps), radar, tolerance, array, waveform.chirps)
+    if len(paths.standing):
+        work += _exact_work(len(paths.standing), radar, tolerance, array, 1)
+    return work + _lines_work(paths, radar, tolerance, array, model) if paths.lines else work
+
+
+def _exact_work(paths: int, radar: Radar, tolerance: float, array: AntennaArray, chirps: int) -> Work:
+    """Of the exact kernel: moments of every path, weights of every cell, one FFT a channel."""
+    width = 1.0 if tolerance >= FLOAT32_TOLERANCE else 2.0
+    cells, work = OVERSAMPLING * radar.waveform.samples, Work()
+    for elements, _, weights in exact_blocks(array, radar.waveform, tolerance):
+        taps, terms = weights.shape
+        signals = width * len(array.tx_m) * _padded(elements.stop - elements.start) * chirps
+        grid = 2.0 * cells * taps * terms + TRANSFORM * cells * math.log2(cells)
+        work += Work(signals * grid, signals * paths * (PHASE + 2.0 * terms))
+    return work
+
+
+def _lines_work(paths: SortedPaths, radar: Radar, tolerance: float, array: AntennaArray, model: WaveModel) -> Work:
+    """Of the kernel along lines: weights of every path, FFTs of every line, a product of every sample."""
+    waveform, work = radar.waveform, Work()
+    for plan in block_plans(paths.lines, radar, array, tolerance, model):
+        (taps, terms), elements = plan.weights.shape, len(array.rx_m[plan.rx])
+        channels, by_paths = len(array.tx_m) * elements, 0.0
+        for job in plan.jobs:
+            orders, nodes = job.group.orders, job.group.weights.taps
+            lanes = _padded(elements) * (job.part.tx.stop - job.part.tx.start)
+            one = PHASE * nodes * _padded(elements) + lanes * orders * (
+                4.0 * nodes + nodes * nodes + taps * (terms - 1) + 2.0 * nodes * taps
+            )
+            by_paths += SPREAD * one * len(job.first)
+        lines, half = len(plan.lines()), waveform.chirps // 2 + 1
+        fixed = TRANSFORM * lines * channels * plan.cells * math.log2(plan.cells)
+        fixed += PRODUCT * waveform.samples * 2.0 * half * lines * 2.0 * channels
+        fixed += PHASE * waveform.samples * half * lines + PASS * channels * waveform.chirps * waveform.samples
+        work += Work(fixed, by_paths)
+    return work
+
+
+def truth_work(paths: PathTable, radar: Radar, cells: NDArray[np.int64], terms: int, model: WaveModel) -> Work:
+    """Of the truth's moments: what elements see of paths, their moments in the cells in which they are seen, rows."""
+    _, path_terms, seen = truth_plan(paths, radar, cells, terms, model)
+    elements, by_paths, fixed = radar.virtual_sensor.channels, 0.0, 0.0
+    # What an element sees, the Doppler polynomial by Horner's rule, its product with the echo, powers of the range.
+    of_terms = VIEW + path_terms * (path_terms + 1.0) + path_terms * (6.0 + 4.0 * SHIFT_TERMS)
+    for cell in seen:
+        by_paths += MOMENT * float(of_terms[cell.chosen].sum())
+        fixed += PRODUCT * len(cell.rows) * 2.0 * cell.mixing.size + 2.0 * SHIFT_TERMS * float(cell.needed.sum())
+    return Work(elements * fixed, elements * by_paths)
+
+
+def _padded(elements: int) -> int:
+    """Elements as the loops have them, a multiple of LANES."""
+    return -(-elements // LANES) * LANES

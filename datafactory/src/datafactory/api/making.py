@@ -33,7 +33,11 @@ from datafactory.run import pipeline
 from datafactory.run.order import Order
 from datafactory.run.pipeline import Execution, Report
 from datafactory.scenes.materials.table import MaterialTable
+from datafactory.scenes.scene import Scene
+from datafactory.view.cameras import Cameras, write_cameras
 from shared.dataset import STORES
+from shared.dataset.folder import open_dataset
+from shared.physics.errors import InputError
 from shared.processes.defaults import DEFAULT_RADAR
 
 Make: TypeAlias = Callable[[Order, MaterialTable, Execution], Report]
@@ -63,6 +67,7 @@ def render(
     workers: int = 1,
     resume: bool = False,
     keep_going: bool = False,
+    camera: bool = False,
     announce: Announce = silent,
     progress: Progress = silent,
 ) -> Report:
@@ -92,6 +97,8 @@ def render(
     :param workers: processes; 1 works in this process, 0 takes one for each core. The bytes do not depend on it.
     :param resume: go on with an unfinished run in the same folder
     :param keep_going: finish the other shards where three worker processes died of one
+    :param camera: also write what a camera at the sensor sees, ``out/camera/frame-NNNNNN.png`` for each scene frame;
+        ``datafactory inspect`` shows it beside the images. The shards stay the same.
     :param announce: takes lines for the user
     :param progress: takes what is being done, how much of it is done, and of how much
     :returns: what was made; the frames are read by :class:`trainer.RadarDataset` or any Parquet reader
@@ -105,8 +112,12 @@ def render(
         truth_window=truth_window,
     )  # fmt: skip
     execution = execution_of(out, workers, resume, keep_going, announce, progress)
+    if camera and order.paths is not None:
+        raise InputError("--camera", "beside --paths, whose frames do not say when they are", "--scene")
     menu = None if error_budget is None else menu_for(rays, depth)
-    return _made(order, materials_of(materials), execution, menu, progress, pipeline.render)
+    table = materials_of(materials)
+    report = _made(order, table, execution, menu, progress, pipeline.render)
+    return _with_cameras(order, table, report, progress) if camera else report
 
 
 def trace(
@@ -160,6 +171,18 @@ def execution_of(
         looked=partial(progress, "planning"),
         advance=partial(progress, "frames"),
     )
+
+
+def _with_cameras(order: Order, table: MaterialTable, report: Report, progress: Progress) -> Report:
+    """The pictures of a camera at the sensor beside a finished run; those that are there are kept."""
+    started = time.perf_counter()
+    dataset = open_dataset(report.directory)
+    cameras = Cameras(dataset, [scene for scene in order.scenes if isinstance(scene, Scene)], table)
+    scene_frames = len(order.poses) or order.frames
+    progress("camera pictures", 0, scene_frames)
+    for done, _ in enumerate(write_cameras(dataset, cameras), 1):
+        progress("camera pictures", done, scene_frames)
+    return replace(report, seconds=report.seconds + time.perf_counter() - started)
 
 
 def _made(

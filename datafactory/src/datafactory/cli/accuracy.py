@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -20,10 +21,12 @@ TABLE_WIDTH = 165
 
 
 def accuracy(
-    scene: Annotated[
-        str, typer.Option(help="USD, Mitsuba XML or mesh file, or shipped:NAME or sionna:NAME.", show_default=False)
-    ],
     out: Annotated[Path, typer.Option("--out", help="Folder for the tables and the picture.", show_default=False)],
+    scene_name: options.SceneName = None,
+    scene: Annotated[
+        str | None,
+        typer.Option(help="USD, Mitsuba XML or mesh file, or shipped:NAME or sionna:NAME.", show_default=False),
+    ] = None,
     radar: options.RadarName = options.DEFAULT_RADAR_NAME,
     frames: Annotated[int, typer.Option(min=1, max=IMAGE_BATCH, help="Frames to measure on; --quick takes one.")] = 2,
     poses: Annotated[
@@ -31,13 +34,17 @@ def accuracy(
     ] = None,
     seed: options.Seed = 0,
     repeats: Annotated[int, typer.Option(min=1, max=20, help="Timed runs of each stage and frame.")] = 1,
+    rays: Annotated[
+        int | None,
+        typer.Option(min=1, help="Rays a frame wherever they are not varied; 200000, or 50000 with --quick."),
+    ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="One frame, fewer settings; for a small scene.")] = False,
     materials: Annotated[Path | None, typer.Option(help="TOML file that overrides the material table.")] = None,
     variant: options.Variants = None,
     allow_missing: options.AllowMissing = False,
 ) -> None:
     """Show what accuracy costs in time: every approximation as a knob with its price and its error."""
-    from datafactory.accuracy import knobs, lattices, report
+    from datafactory.accuracy import chart, knobs, lattices, report
     from datafactory.accuracy.power import Effort
     from datafactory.accuracy.samples import SampleFrame, made_with, planned_scenes
     from datafactory.accuracy.sweep import sweep
@@ -48,6 +55,9 @@ def accuracy(
     from datafactory.scenes.poses import read_poses
     from shared.radar import load_radar
 
+    scene = options.one_scene(scene_name, scene)
+    if scene is None:
+        raise InputError("--scene", "missing", "a scene file or sionna:NAME")
     console = Console(soft_wrap=True, highlight=False)
     model, table = load_radar(radar), load_materials(materials)
     given = read_poses(poses) if poses else ()
@@ -77,6 +87,8 @@ def accuracy(
         effort = Effort(
             knobs.QUICK_REFERENCE_RAYS, realisations=2, reference_realisations=3, batch=1, rays=knobs.QUICK_RAYS
         )
+    if rays is not None:
+        effort = replace(effort, rays=rays, reference_rays=max(effort.reference_rays, 2 * rays))
     toggled = knobs.effect_knobs(effects, planned.absent)
     signal += tuple(knob for knob in toggled if not knob.power)
     power += tuple(knob for knob in toggled if knob.power)
@@ -98,5 +110,5 @@ def accuracy(
         console.print(line, markup=False)
     batch = f"{effort.rays} rays, images in batches of {effort.batch}"
     title = f"{scene}: {count} frame{'s' if count > 1 else ''}, seed {seed}, radar {model.name}, {batch}"
-    for path in (*report.write_tables(rows, out), report.write_picture(rows, title, out)):
+    for path in (*report.write_tables(rows, out), chart.write_picture(rows, title, out)):
         console.print(f"wrote {path}", markup=False)

@@ -32,6 +32,9 @@ def inspect(
             show_default=False,
         ),
     ] = None,
+    camera: Annotated[
+        bool, typer.Option("--camera", help="Beside them what a camera sees, from the scenes that the manifest names.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON, and draw nothing.")] = False,
 ) -> None:
     """Summarise a dataset, check its files and draw some of its frames.
@@ -39,6 +42,7 @@ def inspect(
     Exit status 1: --verify found damaged files.
     """
     from datafactory.inspection.dataset import summarise, write_pictures
+    from datafactory.view.cameras import Cameras
     from shared.dataset.folder import open_dataset
     from shared.dataset.folder import verify as verify_dataset
 
@@ -64,7 +68,7 @@ def inspect(
         folder = out or _picture_folder(dataset)
         if out is None and not isinstance(dataset.path, Path):
             console.print(f"the dataset is remote: its pictures go to {folder}, or to the folder that --out names")
-        for picture in write_pictures(dataset, frames, folder):
+        for picture in write_pictures(dataset, frames, folder, Cameras(dataset) if camera else None):
             console.print(f"wrote {picture}")
 
 

@@ -11,6 +11,7 @@ from rich.console import Console
 
 from datafactory.cli.progress import Advance, shown
 from datafactory.paths.defaults import LARGEST_DEPTH, MOST_RAYS
+from shared.physics.errors import InputError
 from shared.processes.defaults import DEFAULT_RADAR, LARGEST_SEED
 
 if TYPE_CHECKING:
@@ -30,6 +31,9 @@ Scenes = Annotated[
         help="USD, Mitsuba XML or mesh file, or shipped:NAME or sionna:NAME; may be repeated.",
         show_default=False,
     ),
+]
+SceneName = Annotated[
+    str | None, typer.Argument(metavar="[SCENE]", help="The scene, in place of --scene.", show_default=False)
 ]
 SceneNames = Annotated[
     list[str] | None,
@@ -100,3 +104,13 @@ def run(make: Make, out: Path, verbose: bool) -> Report:
     for line in told(report.counts, verbose):
         console.print(f"  {line}", markup=False)
     return report
+
+
+def one_scene(name: str | None, scene: str | None) -> str | None:
+    """The scene of a command that takes one, by its place or by ``--scene``.
+
+    :raises InputError: both are given
+    """
+    if name is not None and scene is not None:
+        raise InputError("--scene", f"{scene!r} beside {name!r}", "one scene")
+    return scene if name is None else name

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -48,35 +48,53 @@ def render(
         ),
     ] = None,
     workers: options.Workers = 0,
+    camera: Annotated[
+        bool, typer.Option("--camera", help="Also what a camera at the sensor sees, DIR/camera/frame-NNNNNN.png.")
+    ] = False,
+    dry_run: Annotated[
+        bool,
+        typer.Option("--dry-run", help="Only say what it will take: frames, disk, memory, time; nothing is written."),
+    ] = False,
     resume: options.Resume = False,
     keep_going: options.KeepGoing = False,
     verbose: options.Verbose = False,
 ) -> None:
     """Render frames of scenes, and close-target frames beside them, into a dataset."""
     from datafactory.api import making
+    from datafactory.api.asking import cores, order_of
+    from datafactory.api.forecasting import forecast
 
+    read = options.read_as_asked([*(scenes or ()), *(scene or ())], variant, allow_missing)
+    asked: dict[str, Any] = {
+        "paths": paths,
+        "radar": radar,
+        "frames": frames,
+        "points": points,
+        "seed": seed,
+        "poses": poses,
+        "split": split if options.stated(context, "split") else None,
+        "store": store,
+        "rays": rays if options.stated(context, "rays") else None,
+        "depth": depth if options.stated(context, "depth") else None,
+        "effects": effects,
+        "noise": noise,
+        "truth_window": truth_window,
+        "error_budget": error_budget,
+    }
+    if dry_run:
+        for line in forecast(order_of(read, **asked), out, cores(workers)).lines():
+            typer.echo(line)
+        return
     options.run(
         lambda announce, progress: making.render(
-            options.read_as_asked([*(scenes or ()), *(scene or ())], variant, allow_missing),
+            read,
             out,
-            paths=paths,
-            radar=radar,
-            frames=frames,
-            points=points,
-            seed=seed,
-            poses=poses,
-            split=split if options.stated(context, "split") else None,
+            **asked,
             materials=materials,
-            store=store,
-            rays=rays if options.stated(context, "rays") else None,
-            depth=depth if options.stated(context, "depth") else None,
-            effects=effects,
-            noise=noise,
-            truth_window=truth_window,
-            error_budget=error_budget,
             workers=workers,
             resume=resume,
             keep_going=keep_going,
+            camera=camera,
             announce=announce,
             progress=progress,
         ),

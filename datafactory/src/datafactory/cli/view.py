@@ -16,6 +16,7 @@ from datafactory.paths.defaults import DEFAULT_DEPTH, DEFAULT_RAYS
 
 def view(
     out: Annotated[Path, typer.Option("--out", help="The page to write, .html; a browser opens it from disk.")],
+    scene_name: options.SceneName = None,
     scene: Annotated[
         str | None,
         typer.Option(help="USD, Mitsuba XML or mesh file, or shipped:NAME or sionna:NAME.", show_default=False),
@@ -46,9 +47,11 @@ def view(
 
     console = plain_console()
     with shown(console, transient=True) as advance:
-        looked_at = None if scene is None else options.read_as_asked([scene], variant, allow_missing)[0]
+        named = options.one_scene(scene_name, scene)
+        looked_at = None if named is None else options.read_as_asked([named], variant, allow_missing)[0]
         written = viewing.view(
-            looked_at, out, paths=paths, frame=frame, poses=poses, radar=radar, frames=frames, seed=seed,
+            looked_at, out, paths=paths, frame=frame, poses=poses, radar=radar,
+            frames=frames, seed=seed,
             materials=materials, rays=rays, depth=depth, effects=effects, png=png, announce=console.print,
             progress=advance,
         )  # fmt: skip

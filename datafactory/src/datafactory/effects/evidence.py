@@ -13,7 +13,7 @@ from datafactory.effects.catalogue import NAMES
 from datafactory.frame import changes
 from datafactory.frame.chain import ChainSettings, SceneSource, illuminated
 from datafactory.frame.deal import DealtFrame
-from datafactory.frame.needs import Cells, cells_of, noisy_share
+from datafactory.frame.needs import Cells, cells_of, curved_share, noisy_share
 from datafactory.frame.prepared import PreparedScene, Sample
 from datafactory.paths.corner_edges import corners_of
 from datafactory.paths.edges import edges_of
@@ -31,8 +31,6 @@ PANE_DB = -60.0
 """Two-way transmission below which a surface counts as opaque: 30 dB under the default error budget."""
 FLOOR_DB = -200.0
 """Stands for "nothing" where a level is asked for."""
-PATH_BLOCK = 20_000
-"""Paths whose plane-wave errors are held in memory at a time."""
 
 NO_FRAME = "no frame of the run stands in this scene"
 
@@ -113,7 +111,7 @@ def _of_frame(table: PathTable, radar: Radar, truth_window: str, absent: Mapping
         "doppler": lambda: changes.doppler_change(rates, waveform) ** 2,
         "range_migration": lambda: changes.migration_change(rates, waveform) ** 2,
         "intra_chirp_motion": lambda: changes.intra_chirp_change(rates, waveform) ** 2,
-        "near_field": lambda: _plane_wave_change(table, radar) ** 2,
+        "near_field": lambda: curved_share(table, cells, radar),
         "antenna_pattern": lambda: changes.pattern_change(table, radar) ** 2,
         "rcs_targets": of_kind(TARGET),
     }
@@ -206,18 +204,6 @@ def _together(frames: Sequence[Evidence]) -> Evidence:
     if len(texts) == 1:
         return Evidence(level_db, texts.pop(), power, cell)
     return Evidence(level_db, _in_words(power, cell), power, cell)
-
-
-def _plane_wave_change(table: PathTable, radar: Radar) -> Real:
-    wavelength = radar.waveform.wavelength_m
-    everyone, nobody = np.arange(len(table.scattered)), np.zeros(0, dtype=np.int64)
-    parts = []
-    for first in range(0, len(everyone), PATH_BLOCK):
-        block = table.scattered.take(everyone[first : first + PATH_BLOCK])
-        part = replace(table, scattered=block, specular=table.specular.take(nobody))
-        parts.append(changes.plane_wave_change(part, radar.array, wavelength))
-    mirrors = replace(table, scattered=table.scattered.take(nobody))
-    return np.concatenate([*parts, changes.plane_wave_change(mirrors, radar.array, wavelength)])
 
 
 def _kinds(table: PathTable) -> NDArray[np.uint8]:

@@ -16,8 +16,8 @@ from scipy.ndimage import maximum_filter
 
 from datafactory.frame.points import target_list
 from datafactory.paths.table import PathTable
-from datafactory.synthesis.cube import cube_of_paths
-from datafactory.synthesis.sorting import kernel_counts
+from datafactory.synthesis.cube import cube_of_sorted
+from datafactory.synthesis.sorting import sorted_paths
 from datafactory.synthesis.truth import truth_moments
 from datafactory.synthesis.wave_model import WaveModel
 from shared.dataset import Frame, Target
@@ -132,7 +132,9 @@ def measure(
     """
     model = processing.wave_model
     paths = at("motion", _as_it_moves, paths, radar, processing)
-    cube = at("cube", ideal_cube, paths, radar, processing.tolerance, model)
+    tolerance, array = processing.tolerance, radar.array
+    by_kernel = at("sorting", sorted_paths, paths, radar, tolerance, array, model)
+    cube = at("cube", cube_of_sorted, by_kernel, radar, tolerance, array, 1, model)
     recorded, saturated = at(
         "receiver", received, cube.astype(np.complex64, copy=False), radar, generator if processing.noise else None
     )
@@ -152,20 +154,13 @@ def measure(
         list_cells=identity.kind == "scene",
         cube=recorded if processing.store == "cube" else None,
         saturated=saturated,
-        counts={**(counts or {}), **kernel_counts(paths, radar, processing.tolerance, model)},
+        counts={**(counts or {}), **by_kernel.counts()},
     )
 
 
 def _as_it_moves(paths: PathTable, radar: Radar, processing: Processing) -> PathTable:
     """The paths as they move, or as they stand at mid-frame where there is no Doppler."""
     return paths if processing.doppler else paths.at_rest(radar.waveform.mid_frame_s)
-
-
-def ideal_cube(
-    paths: PathTable, radar: Radar, tolerance: float, model: WaveModel
-) -> NDArray[np.complex64] | NDArray[np.complex128]:
-    """[chirps, samples, channels] IF signal without receiver, see :func:`datafactory.synthesis.cube.cube_of_paths`."""
-    return cube_of_paths(paths, radar, tolerance, model=model)
 
 
 def image(

@@ -34,6 +34,8 @@ HALF_A_DECIBEL = 0.12
 """As a share of a cell's power."""
 NOISE_MARGIN = 1e3
 """A range bin whose strongest echo is less than 30 dB above the noise shows it."""
+REST = 1e-3
+"""See :func:`curved_share`."""
 FIRST_BLOCK = 1_000
 """Paths whose plane-wave error is computed first, the most important ones; then twice as many, and so on."""
 
@@ -140,6 +142,23 @@ def _curved(paths: PathTable, cells: Cells, radar: Radar, budget_db: float) -> b
         if not cells.called_for(known + where.sums(bound[rest], rest), budget_db):
             return False
     return False
+
+
+def curved_share(paths: PathTable, cells: Cells, radar: Radar) -> Real:
+    """[K] share of each path's power that plane waves over the input array would change.
+
+    Exact for the paths that matter most; of the rest, which add no more than ``REST`` of the sum, the bound.
+    """
+    array, wavelength, power = radar.array, radar.waveform.wavelength_m, cells.where.power
+    share = changes.plane_wave_bound(paths, array, wavelength) ** 2
+    order = np.argsort(-power * share, kind="stable")
+    known = 0.0
+    for block, rest in _growing_blocks(order):
+        share[block] = changes.plane_wave_change(_taken(paths, block), array, wavelength) ** 2
+        known += float(power[block] @ share[block])
+        if float(power[rest] @ share[rest]) <= REST * known:
+            break
+    return share
 
 
 def _growing_blocks(order: NDArray[np.int64]) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:

@@ -15,6 +15,8 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from datafactory.view.camera import camera_picture, draw_camera
+from datafactory.view.cameras import Cameras, stored_picture
 from shared.dataset import Frame
 from shared.dataset.folder import MANIFEST, Dataset
 from shared.dataset.reading import radar_of, read_frame
@@ -27,6 +29,9 @@ from shared.signal.imaging import delay_and_sum
 
 SPAN_DB = 60.0
 """Span of the colour bar, down from the brightest cell [dB]."""
+
+CAMERA_ABOVE = (1.0, 1.7)
+"""Heights of a camera picture and of the top view below it."""
 
 NARROWEST_VIEW_M = 25.0
 """Half width of the top view where all targets are near the axis [m]."""
@@ -90,10 +95,14 @@ def summarise(dataset: Dataset) -> Summary:
     )
 
 
-def write_pictures(dataset: Dataset, count: int, folder: Path) -> list[Path]:
+def write_pictures(dataset: Dataset, count: int, folder: Path, cameras: Cameras | None = None) -> list[Path]:
     """Draw ``count`` frames spread evenly over the dataset, as ``frame-NNNNNN.png``.
 
-    :raises InputError: a folder that cannot be written, a shard that is damaged
+    The camera pictures that were written with the frames stand beside them.
+
+    :param cameras: make those that were not
+
+    :raises InputError: a folder that cannot be written, a shard that is damaged, a scene that is not what it was
     """
     rows = [(split, *place) for split in dataset.splits for place in dataset.rows(split)]
     chosen = sorted({round(place) for place in np.linspace(0, len(rows) - 1, min(count, len(rows)))})
@@ -106,16 +115,21 @@ def write_pictures(dataset: Dataset, count: int, folder: Path) -> list[Path]:
     for split, shard, row in (rows[index] for index in chosen):
         frame = read_frame(shard, row, columns=("range_channel", "image", "targets"))
         path = folder / f"frame-{frame.frame_id:06d}.png"
+        camera = stored_picture(dataset, frame.frame_id)
+        if camera is None and cameras is not None and (subject := cameras.subject(frame)) is not None:
+            camera = camera_picture(subject)
         # No software version in the file: the same frame gives the same bytes.
         with atomic(path) as partial, warnings.catch_warnings():
             warnings.filterwarnings("ignore", "Glyph .* missing from font")  # a scene's name may be of any script
-            draw_frame(frame, radar, split).savefig(partial, format="png", dpi=150, metadata={"Software": None})
+            draw_frame(frame, radar, split, camera).savefig(partial, format="png", dpi=150, metadata={"Software": None})
         pictures.append(path)
     return pictures
 
 
-def draw_frame(frame: Frame, radar: Radar, split: str = "") -> Figure:
+def draw_frame(frame: Frame, radar: Radar, split: str = "", camera: NDArray[np.uint8] | None = None) -> Figure:
     """One frame side by side: delay-and-sum of the full and the thinned arrays, the truth, the targets from above.
+
+    :param camera: what a camera at the sensor sees, above the last of them
 
     All levels are 20 log10(|A| r) below the brightest cell: amplitudes fall with r^2, and without the weight the first
     metres would outshine the rest. Left of the radar is on the left in every panel.
@@ -126,8 +140,16 @@ def draw_frame(frame: Frame, radar: Radar, split: str = "") -> Figure:
     brightest = max(float(level.max()) for level in levels.values())
     norm = Normalize(-SPAN_DB, 0.0)
 
-    figure = Figure(figsize=(3.3 * len(levels) + 6.0, 7.5), layout="constrained")
-    axes = figure.subplots(1, len(levels) + 1, width_ratios=[*[1.0] * len(levels), 1.7])
+    figure = Figure(figsize=(3.3 * len(levels) + (6.0 if camera is None else 7.5), 7.5), layout="constrained")
+    grid = figure.add_gridspec(2, len(levels) + 1, width_ratios=[*[1.0] * len(levels), 1.7 if camera is None else 2.2])
+    axes = [figure.add_subplot(grid[:, column]) for column in range(len(levels))]
+    if camera is None:
+        axes.append(figure.add_subplot(grid[:, -1]))
+    else:
+        grid.set_height_ratios(CAMERA_ABOVE)
+        draw_camera(seen := figure.add_subplot(grid[0, -1]), camera)
+        seen.set_title("camera at the sensor")
+        axes.append(figure.add_subplot(grid[1, -1]))
     for axis, (title, level) in zip(axes, levels.items(), strict=False):
         _draw_image(axis, level - brightest, radar, norm)
         axis.set_title(title)

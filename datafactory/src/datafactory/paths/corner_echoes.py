@@ -67,11 +67,11 @@ SPREAD_M = 0.15
 radar."""
 FADED = 3.0
 """Times ``SPREAD_M``, beyond which an end is left out: exp(-9)."""
-FAINTEST_DBSM = -50.0
+FAINTEST_DBSM = -45.0
 """Echoes of smaller cross sections are left out."""
 GRAZING = 1e-6
 """Angles from a face [rad] below which the sensor counts as within it."""
-CELLS = (12, 96)
+CELLS = (8, 48)
 """Cells along a strip: where the aperture has a constant width, and where it has not."""
 BEAM_ZONES = 2.0
 """Half width of the aperture in which sight is tested [Fresnel radii sqrt(lambda h / 2)]."""
@@ -144,7 +144,7 @@ def corner_echoes(
     :return: small corners and wide ones, with the delay law that suits either, and counts
     """
     wavelength = SPEED_OF_LIGHT / frequency_hz
-    facing, views = _facing(corners)
+    facing, views = _facing(corners, wavelength)
     corners = corners.take(facing)
     cells = _cells_along(corners, views, wavelength)
     open_sky = np.ones((2, len(cells.corner), ACROSS), dtype=bool)
@@ -167,8 +167,8 @@ def corner_echoes(
     return scattered, specular, {"corners_faint": faint, "corners_hidden": hidden}
 
 
-def _facing(corners: CornerEdges) -> tuple[Index, _Views]:
-    """The corners that the radar looks into, in front of it."""
+def _facing(corners: CornerEdges, wavelength_m: float) -> tuple[Index, _Views]:
+    """The corners that the radar looks into, in front of it, and that may be heard."""
     foot_z = -np.einsum("ci,ci->c", corners.origin, corners.direction)
     foot = corners.origin + foot_z[:, None] * corners.direction
     height = np.linalg.norm(foot, axis=1)
@@ -181,8 +181,27 @@ def _facing(corners: CornerEdges) -> tuple[Index, _Views]:
     inside = (angle > GRAZING) & (angle < opening - GRAZING) & (height > NEAREST_M)
     low, high = corners.extent()
     nearest = foot + (np.clip(foot_z, low, high) - foot_z)[:, None] * corners.direction
-    index = np.flatnonzero(inside & (nearest[:, 0] >= -AHEAD_M))
+    heard = _bound(corners, views, nearest, wavelength_m) > float(db_to_power(FAINTEST_DBSM))
+    index = np.flatnonzero(inside & heard & (nearest[:, 0] >= -AHEAD_M))
     return index, views.take(index)
+
+
+def _bound(corners: CornerEdges, views: _Views, nearest: Real, wavelength_m: float) -> Real:
+    """[C] cross section [m^2] that no echo of a corner exceeds.
+
+    |F| is at most the width in v over sqrt(2), and 2 beyond 3 zones. From an end at v on, it is at most 1 / (pi v) of
+    either end along the edge.
+    """
+    h = np.maximum(views.height, NEAREST_M)
+    narrow = np.minimum(corners.strips[:, 2:4].max(axis=1), corners.strips[:, 4:6].max(axis=1))
+    width, length = np.zeros((2, len(corners)))
+    np.maximum.at(width, corners.corner_of_strip, narrow)
+    np.add.at(length, corners.corner_of_strip, corners.strips[:, 1] - corners.strips[:, 0])
+    zone = np.sqrt(0.25 * wavelength_m * h)
+    across = np.minimum(2.0 * width / zone, 2.0)
+    beside = np.sqrt(4.0 * _along(np.linalg.norm(nearest - views.foot, axis=1), h) / wavelength_m)
+    along = np.minimum(np.minimum(length / zone, 2.0), 2.0 / (np.pi * np.maximum(beside, 1e-3)))
+    return np.pi * (h * across * along) ** 2
 
 
 def _kept(

@@ -21,11 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.facets import mirrors_of
-from datafactory.paths.free_extent import strips
+from datafactory.paths.free_extent import flattened, strips
 from datafactory.paths.merged_scene import MergedScene, motions_of
 from datafactory.paths.planar_faces import TOUCH_M, PlanarFaces, planar_faces_of
 from datafactory.paths.unfold import unit
 from datafactory.scenes.poses import Pose
+from shared.physics.compiled import compiled
 
 Real = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -136,13 +137,21 @@ def corners_of(merged_scene: MergedScene) -> CornerEdges:
 
 def _found(merged_scene: MergedScene) -> CornerEdges:
     faces, triangles = planar_faces_of(merged_scene), mirrors_of(merged_scene).corners
-    members = faces.members()
-    parts = [_corners_of_pair(faces, pair, triangles, members) for pair in range(len(faces.pairs))]
-    found = [(pair, *corner) for pair, corners in enumerate(parts) for corner in corners]
-    pair = np.array([item[0] for item in found], dtype=np.int64)
-    origin = np.array([item[1] for item in found]).reshape(-1, 3)
-    into = np.array([item[2] for item in found]).reshape(-1, 2, 3)
-    pieces = [item[3] for item in found]
+    origin, along, across = _lines(faces, triangles)
+    pieces, pair, sides = _all_strips(
+        triangles, *faces.members(), faces.pairs, origin, along, np.ascontiguousarray(across)
+    )
+    into = across[pair] * sides[:, :, None]
+    # The strips count along into_0 x into_1.
+    turned = np.einsum("si,si->s", np.cross(into[:, 0], into[:, 1]), along[pair]) < 0.0
+    pieces[turned] = np.stack([-pieces[turned, 1], -pieces[turned, 0], *pieces[turned][:, [3, 2, 5, 4]].T], axis=1)
+    corner_of_strip, lead = _runs(pair, sides, pieces, turned)
+    wide = np.zeros(len(lead), dtype=bool)
+    np.logical_or.at(wide, corner_of_strip, np.minimum(pieces[:, 2:4], pieces[:, 4:6]).max(axis=1, initial=0.0)
+                     >= LEAST_REACH_M)  # fmt: skip
+    stay = wide[corner_of_strip]
+    pieces, corner_of_strip, lead = pieces[stay], (np.cumsum(wide) - 1)[corner_of_strip[stay]], lead[wide]
+    pair, into, origin = pair[lead], into[lead], origin[pair[lead]]
     normal = unit(into[:, ::-1] - np.einsum("ci,ci->c", into[:, 0], into[:, 1])[:, None, None] * into)
     meshes = merged_scene.meshes
     mesh_of_triangle = merged_scene.mesh_of_triangle
@@ -156,60 +165,59 @@ def _found(merged_scene: MergedScene) -> CornerEdges:
         face=faces.pairs[pair],
         face_mesh=mesh_of_triangle[contact].astype(np.int64),
         object_index=owner[contact[:, 0]].astype(np.int32),
-        velocity=np.zeros((len(found), 3)),
-        shift=np.zeros((len(found), 3)),
-        strips=np.concatenate([np.zeros((0, 6)), *pieces]),
-        corner_of_strip=np.repeat(np.arange(len(pieces)), [len(piece) for piece in pieces]),
+        velocity=np.zeros((len(lead), 3)),
+        shift=np.zeros((len(lead), 3)),
+        strips=pieces,
+        corner_of_strip=corner_of_strip,
         face_of_triangle=faces.of_triangle,
-        counts={"right_angles": len(faces.pairs), "corner_edges": len(found)},
+        counts={"right_angles": len(faces.pairs), "corner_edges": len(lead)},
     )
 
 
-def _corners_of_pair(
-    faces: PlanarFaces, pair: int, corners: Real, members: list[Index]
-) -> list[tuple[Real, Real, Real]]:
-    """Origin [3], vectors into the faces [2, 3] and strips [s, 6] of all corners of one pair of faces."""
-    one, other = faces.pairs[pair]
-    normals = faces.normal[[one, other]]
-    along = unit(np.cross(*normals))
-    near = corners[faces.contact[pair, 0]].mean(axis=0)
-    # The point of the line nearest to the contact; heights of the planes over it are measured from there.
-    heights = np.einsum("fi,fi->f", normals, faces.centre[[one, other]] - near)
-    origin = near + np.linalg.solve(np.stack([*normals, along]), np.array([*heights, 0.0]))
-    across = np.cross(normals, along)  # [2, 3], each in its own face
-    flat = []
-    for face, away in zip((one, other), across, strict=True):
-        off = corners[members[face]] - origin
-        flat.append(np.stack([off @ along, off @ away], axis=2))
-    low, high = _common(flat)
-    found = []
-    for sides in ((1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)):
-        for run in _runs(strips(flat, low, high, sides)):
-            # The strips count along into_0 x into_1.
-            into = across * np.array(sides)[:, None]
-            turned = float(np.dot(np.cross(*into), along)) < 0.0
-            found.append((origin, into, _reversed(run) if turned else run))
-    return found
+def _lines(faces: PlanarFaces, triangles: Real) -> tuple[Real, Real, Real]:
+    """Of each pair of faces the line in which they meet: a point [P, 3], its direction [P, 3], and the unit vectors
+    across it in either face [P, 2, 3].
+
+    The point is the one nearest to where the faces touch. The planes' heights are measured from there.
+    """
+    normals, centres = faces.normal[faces.pairs], faces.centre[faces.pairs]
+    along = unit(np.cross(normals[:, 0], normals[:, 1]))
+    near = triangles[faces.contact[:, 0]].mean(axis=1)
+    heights = np.einsum("pfi,pfi->pf", normals, centres - near[:, None])
+    rows = np.concatenate([normals, along[:, None]], axis=1)
+    off = np.linalg.solve(rows, np.pad(heights, ((0, 0), (0, 1)))[..., None])[..., 0]
+    return near + off, along, np.cross(normals, along[:, None])
 
 
-def _common(flat: list[Real]) -> tuple[float, float]:
-    """From where to where along the line both faces have triangles at it."""
-    low, high = -np.inf, np.inf
-    for face in flat:
-        at = (face[:, :, 1].min(axis=1) <= TOUCH_M) & (face[:, :, 1].max(axis=1) >= -TOUCH_M)
-        low, high = max(low, face[at, :, 0].min(initial=np.inf)), min(high, face[at, :, 0].max(initial=-np.inf))
-    return float(low), float(high)
+def _runs(pair: Index, sides: Real, pieces: Real, turned: NDArray[np.bool_]) -> tuple[Index, Index]:
+    """Number of the corner of each strip [S], and the first strip of each corner: strips without gaps along the edge.
+
+    Strips come pair by pair and quarter by quarter, in order along the line; ``turned`` ones in the reverse order.
+    """
+    if not len(pair):
+        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+    gap = np.where(turned[1:], pieces[:-1, 0] - pieces[1:, 1], pieces[1:, 0] - pieces[:-1, 1])
+    begins = np.append(True, (np.diff(pair) != 0) | (np.diff(sides, axis=0) != 0.0).any(axis=1) | (gap > TOUCH_M))
+    return np.cumsum(begins) - 1, np.flatnonzero(begins)
 
 
-def _runs(pieces: Real) -> list[Real]:
-    """The strips in runs without gaps along the edge, without those in which a face is too narrow throughout."""
-    if not len(pieces):
-        return []
-    gaps = np.flatnonzero(pieces[1:, 0] - pieces[:-1, 1] > TOUCH_M) + 1
-    runs = np.split(pieces, gaps)
-    return [run for run in runs if np.minimum(run[:, 2:4], run[:, 4:6]).max() >= LEAST_REACH_M]
-
-
-def _reversed(run: Real) -> Real:
-    """The same strips counted from the other end."""
-    return np.stack([-run[:, 1], -run[:, 0], run[:, 3], run[:, 2], run[:, 5], run[:, 4]], axis=1)[::-1]
+@compiled()
+def _all_strips(triangles, order, starts, pairs, origin, along, across):
+    """The strips [S, 6] of all four quarters of every pair, with the pair [S] and the sides [S, 2] of each."""
+    found, owner, sides = np.zeros((1024, 6)), np.zeros(1024, dtype=np.int64), np.zeros((1024, 2))
+    count = 0
+    for p in range(len(pairs)):
+        one, other = pairs[p]
+        first = flattened(triangles, order[starts[one] : starts[one + 1]], origin[p], along[p], across[p, 0])
+        second = flattened(triangles, order[starts[other] : starts[other + 1]], origin[p], along[p], across[p, 1])
+        for quarter in range(4):
+            side_first, side_second = 1.0 - 2.0 * (quarter // 2), 1.0 - 2.0 * (quarter % 2)
+            pieces = strips(first, second, side_first, side_second)
+            while count + len(pieces) > len(found):
+                found, owner = np.concatenate((found, np.zeros_like(found))), np.concatenate((owner, owner))
+                sides = np.concatenate((sides, sides))
+            for s in range(len(pieces)):
+                found[count], owner[count] = pieces[s], p
+                sides[count, 0], sides[count, 1] = side_first, side_second
+                count += 1
+    return found[:count].copy(), owner[:count].copy(), sides[:count].copy()

@@ -114,6 +114,7 @@ def curved_surfaces_of(merged_scene: MergedScene) -> CurvedSurfaces:
     )
 
 
+@lru_cache(maxsize=32)
 def _of_body(body: Body, first: int) -> CurvedSurfaces:
     """The curved surfaces of one body, numbered from ``first``."""
     found = smooth_facets(body)
@@ -128,7 +129,7 @@ def _of_body(body: Body, first: int) -> CurvedSurfaces:
     normals = _normals(place, members)
     corners, at_corners = place[members], normals[members]
     tensors = _corner_tensors(corners, at_corners, normals, members)
-    rims, rim_of = _rims(body, found.smooth, triangles)
+    rims, rim_of = _rims(body, found.goes_on, chosen, triangles)
     rim_members = np.stack([members[rim_of, rims], members[rim_of, (rims + 1) % 3]], axis=1)
     lying = found.surface[body.doubles[:, 1]] >= 0
     return CurvedSurfaces(
@@ -239,11 +240,13 @@ def turned_to(tensor: Real, before: Real, after: Real) -> Real:
     return rotation @ tensor @ np.swapaxes(rotation, 1, 2)
 
 
-def _rims(body: Body, smooth: NDArray[np.bool_], triangles: Index) -> tuple[Index, Index]:
+def _rims(body: Body, goes_on: NDArray[np.bool_], chosen: Index, triangles: Index) -> tuple[Index, Index]:
     """Where surfaces end: first corner [B] of a side of a triangle, and that triangle [B] among ``triangles``."""
     corner, owner = np.tile(np.arange(3), len(triangles)), np.repeat(np.arange(len(triangles)), 3)
     ends = np.sort(np.stack([triangles[owner, corner], triangles[owner, (corner + 1) % 3]], axis=1), axis=1)
-    inner = np.sort(body.pairs[smooth], axis=1)
     count = len(body.vertices)
-    free = ~np.isin(ends[:, 0] * count + ends[:, 1], inner[:, 0] * count + inner[:, 1])
+    key, known = ends[:, 0] * count + ends[:, 1], body.pairs[:, 0] * count + body.pairs[:, 1]  # the latter rise
+    edge = np.minimum(np.searchsorted(known, key), max(len(known) - 1, 0))
+    side = (body.faces[edge, 0] != chosen[owner]).astype(np.int64)
+    free = ~((known[edge] == key) & goes_on[edge, side])  # edges of three triangles are not known
     return corner[free], owner[free]

@@ -8,15 +8,10 @@ crosswise, and joined again where the function goes on straight: the result does
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
-from numpy.typing import NDArray
 
 from datafactory.paths.planar_faces import TOUCH_M
 from shared.physics.compiled import compiled
-
-Real = NDArray[np.float64]
 
 CRACK_M = 1e-3
 """Gaps between triangles that count as closed [m]."""
@@ -30,24 +25,65 @@ INSIDE = 1e-6
 """Share of a piece by which its ends are moved inwards, off the triangles' corners."""
 
 
-def strips(faces: Sequence[Real], low: float, high: float, sides: tuple[float, float]) -> Real:
+@compiled(cache=False)
+def flattened(triangles, members, origin, along, away):
+    """[n, 3, 2] the triangles of a face in coordinates of its plane, from ``origin`` along two unit vectors [m]."""
+    flat = np.empty((len(members), 3, 2))
+    for t in range(len(members)):
+        for c in range(3):
+            z, a = 0.0, 0.0
+            for k in range(3):
+                off = triangles[members[t], c, k] - origin[k]
+                z += off * along[k]
+                a += off * away[k]
+            flat[t, c, 0], flat[t, c, 1] = z, a
+    return flat
+
+
+@compiled(cache=False)
+def strips(first, second, side_first, side_second):
     """[S, 6] pieces of the common edge of two faces, and how far both reach from it.
 
-    :param faces: of both the triangles, [n, 3, 2] (along the edge, away from it) [m]
-    :param low, high: where along the edge to look [m]
-    :param sides: 1 or -1 each, the side of the edge on which a face is wanted
+    :param first, second: [n, 3, 2] triangles (along the edge, away from it) [m]
+    :param side_first, side_second: 1 or -1, the side of the edge on which a face is wanted
     :return: start and end along the edge, reach of the first face at both, reach of the second at both [m]; pieces
         without reach are left out
     """
-    near = [face[(face[:, :, 0].max(axis=1) > low) & (face[:, :, 0].min(axis=1) < high)] for face in faces]
-    if not len(near[0]) or not len(near[1]) or not high > low:
+    low, high = -np.inf, np.inf
+    for face in (first, second):
+        start, stop = np.inf, -np.inf
+        for t in range(len(face)):
+            near = min(face[t, 0, 1], face[t, 1, 1], face[t, 2, 1])
+            far = max(face[t, 0, 1], face[t, 1, 1], face[t, 2, 1])
+            if near <= TOUCH_M and far >= -TOUCH_M:
+                start = min(start, face[t, 0, 0], face[t, 1, 0], face[t, 2, 0])
+                stop = max(stop, face[t, 0, 0], face[t, 1, 0], face[t, 2, 0])
+        low, high = max(low, start), min(high, stop)
+    if not high > low:
         return np.zeros((0, 6))
-    corners = np.concatenate([near[0][:, :, 0].ravel(), near[1][:, :, 0].ravel(), [low, high]])
-    corners = np.unique(corners[(corners >= low) & (corners <= high)])
-    return _strips(np.ascontiguousarray(near[0]), np.ascontiguousarray(near[1]), corners, *sides)
+    one, other = _over(first, low, high), _over(second, low, high)
+    corners = np.empty(3 * (len(one) + len(other)) + 2)
+    corners[0], corners[1], count = low, high, 2
+    for face in (one, other):
+        for t in range(len(face)):
+            for c in range(3):
+                if low < face[t, c, 0] < high:
+                    corners[count] = face[t, c, 0]
+                    count += 1
+    return _strips(one, other, np.sort(corners[:count]), side_first, side_second)
 
 
-@compiled()
+@compiled(cache=False)
+def _over(face, low, high):
+    """The triangles that lie over a piece of the edge."""
+    kept = np.empty(len(face), dtype=np.bool_)
+    for t in range(len(face)):
+        kept[t] = max(face[t, 0, 0], face[t, 1, 0], face[t, 2, 0]) > low
+        kept[t] &= min(face[t, 0, 0], face[t, 1, 0], face[t, 2, 0]) < high
+    return face[kept]
+
+
+@compiled(cache=False)
 def _strips(first, second, corners, side_first, side_second):
     found = np.zeros((64, 6))
     count = 0
@@ -103,7 +139,7 @@ def _goes_on(before, after):
     return True
 
 
-@compiled()
+@compiled(cache=False)
 def reach(triangles, along, side):
     """How far the triangles [n, 3, 2] reach from (along, 0) towards (along, side * inf) without a gap [m]."""
     count = len(triangles)
@@ -131,7 +167,7 @@ def reach(triangles, along, side):
     return total
 
 
-@compiled()
+@compiled(cache=False)
 def reach_around(triangles, angles):
     """[N] how far the triangles [n, 3, 2] reach from (0, 0) in the directions (cos, sin) of angles [N] [m]."""
     result = np.empty(len(angles))

@@ -16,7 +16,8 @@ theory of reflection by a rough surface, Proc. IRE 41, 1953). Of asphalt with h 
 -2.3 dB at 1, 5, 10 and 20 deg, where S has -0.4 dB. So the loss is right to 0.4 dB up to 10 deg of grazing, where road
 users beyond 8 m stand for a radar at 0.5 m, and too small above.
 
-Left out: ways over two mirrors, mirrors seen through panes, the light that the rough face scatters on to the point.
+Left out: ways over two mirrors, over curved ones and through panes; the light that the rough face scatters on to
+the point.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.paths.curved_surfaces import curved_surfaces_of
 from datafactory.paths.facets import COPLANAR_M, mirrors_of, reflected_share
 from datafactory.paths.merged_scene import MergedScene, slabs_of, velocities_on
 from datafactory.paths.panes import Polarization, clear_between, polarization_axis, ray_margin_m, slab_reflection
@@ -105,7 +107,9 @@ def ways_over_mirrors(
     of_mesh = (np.array([item.velocity for item in meshes]).reshape(-1, 3) - np.asarray(pose.velocity)) @ rotation
     moved = np.array([item.shift for item in meshes]).reshape(-1, 3)[mesh] - np.asarray(pose.position)
     corners, normals = (mirrors.corners + moved[:, None]) @ rotation, mirrors.normals @ rotation
-    point, triangle, foot = points_of_reflection(position, corners, normals)
+    flat = np.setdiff1d(np.arange(len(mesh)), curved_surfaces_of(merged_scene).covered)
+    point, found, foot = points_of_reflection(position, corners[flat], normals[flat])
+    triangle = flat[found]
     clear = _clear(geometry, foot, corners[triangle, 0], normals[triangle], position[point])
     point, triangle, foot = point[clear], triangle[clear], foot[clear]
     normal, before = normals[triangle], np.linalg.norm(foot, axis=1)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,11 +51,10 @@ class PlanarFaces:
     pairs: Index
     contact: Index
 
-    def members(self) -> list[Index]:
-        """The triangles of each face."""
+    def members(self) -> tuple[Index, Index]:
+        """The triangles, face by face, and where each face begins among them [F + 1]."""
         order = np.argsort(self.of_triangle, kind="stable")
-        starts = np.searchsorted(self.of_triangle[order], np.arange(len(self.normal) + 1))
-        return [order[a:b] for a, b in pairwise(starts)]
+        return order, np.searchsorted(self.of_triangle[order], np.arange(len(self.normal) + 1))
 
 
 @lru_cache(maxsize=8)

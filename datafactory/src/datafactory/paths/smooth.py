@@ -6,8 +6,12 @@ beside a rounded edge, which are flat mirrors. A surface is therefore taken as c
 
 * both facets at a fold are of like width across it (``WIDTH_RATIO``); a panel beside a narrow strip of a rounded edge
   stays flat, as with the face-weighted normals of modelling tools;
-* it has at least ``LEAST_FACETS`` facets, a facet being triangles in one plane;
+* it has at least ``LEAST_FACETS`` facets, a facet being triangles in one plane, and where it has fewer than
+  ``FEW_FACETS`` their areas are within ``WIDTH_RATIO`` too: a panel with four chamfers is no curved surface;
 * its facets turn by ``LEAST_TURN_DEG`` at least, so that the noise of a file's rounded vertices bends no wall;
+* it is not one of the smoother pieces of a ragged or coarse body, a tree's crown for one: where more than half of its
+  ends (of few facets, a fifth) are folds above the limit and up to ``COARSE_FOLD_DEG``, the body is too coarse as a
+  whole;
 * it can be given one side (no Moebius strip).
 
 What remains is flat, as are facets that turn by more than the limit from one to the next. Where so many of the latter
@@ -40,9 +44,14 @@ WIDTH_RATIO = 4.0
 ten times as wide as a strip of its rounded edge."""
 LEAST_FACETS = 4
 """Of a curved surface: a quarter of a round edge has so many at the largest fold; two planes with a ridge are two."""
+FEW_FACETS = 12
+"""Surfaces of fewer facets may be chance: a tessellator makes so few only of strips that are alike."""
 LEAST_TURN_DEG = 5.0
 """Smallest angle between a curved surface's mean normal and its farthest one. The noise of a wall's rounded vertices
 stays below: 0.5 mm bend triangles of 15 cm by 0.4 deg."""
+PIECE_SHARE, FEW_PIECE_SHARE = 0.5, 0.2
+"""Share of a surface's ends at sharper folds above which it is a piece of a coarse body; the latter of few facets. A
+cylinder with one chamfered rim has 0.5."""
 COARSE_FOLD_DEG = 60.0
 """Facets that meet at angles between ``SMOOTH_FOLD_DEG`` and this one, as of a column of 6 to 14 sides, may stand for a
 curved surface; sharper ones are corners."""
@@ -57,12 +66,15 @@ class SmoothFacets:
     :param surface: [T] number of the curved surface that a triangle belongs to, -1 for flat ones
     :param turned: [T] whether the triangle's winding is against its surface's
     :param smooth: [E] whether the edge lies within a curved surface
+    :param goes_on: [E, 2] whether the surface of either triangle goes on beyond the edge: within itself, or without a
+        sharp fold into facets more than ``WIDTH_RATIO`` times as wide, which are flatter
     :param coarse: number of facets that turn by too much to be one
     """
 
     surface: Index
     turned: Mask
     smooth: Mask
+    goes_on: Mask
     coarse: int
 
 
@@ -71,14 +83,20 @@ def smooth_facets(body: Body) -> SmoothFacets:
     """The curved surfaces of a body, found once."""
     fold = np.degrees(fold_angles(body))
     facet = _components(len(body.triangles), body.faces[fold < FLAT_FOLD_DEG])
-    alike = ~body.rim & (_width_ratio(body, facet) <= WIDTH_RATIO)
+    width = _widths(body, facet)
+    alike = ~body.rim & (width.max(axis=1) <= WIDTH_RATIO * width.min(axis=1))
     joined = (fold < FLAT_FOLD_DEG) | (alike & (fold <= SMOOTH_FOLD_DEG))
     surface, turned = _oriented_components(body, np.flatnonzero(joined))
     surface = np.where(_is_curved(body, facet, surface, turned), surface, -1)
+    sharper = alike & (fold > SMOOTH_FOLD_DEG) & (fold <= COARSE_FOLD_DEG)
+    surface = np.where(_is_a_piece(body, facet, surface, joined, sharper), -1, surface)
     numbers = np.unique(surface[surface >= 0])
     surface = np.where(surface >= 0, np.searchsorted(numbers, surface), -1)
     smooth = joined & (surface[body.faces] >= 0).all(axis=1) if len(joined) else joined
-    return SmoothFacets(surface, turned, smooth, _coarse(body, facet, surface, alike & (fold <= COARSE_FOLD_DEG), fold))
+    tangent = ~body.rim & (fold <= SMOOTH_FOLD_DEG)
+    goes_on = smooth[:, None] | (tangent[:, None] & (WIDTH_RATIO * width < width[:, ::-1]))
+    coarse = _coarse(body, facet, surface, sharper)
+    return SmoothFacets(surface, turned, smooth, goes_on, coarse)
 
 
 def _components(count: int, links: Index) -> Index:
@@ -89,8 +107,8 @@ def _components(count: int, links: Index) -> Index:
     return connected_components(graph, directed=False)[1].astype(np.int64)
 
 
-def _width_ratio(body: Body, facet: Index) -> Real:
-    """[E] larger over smaller width, across the edge, of the facets at each edge.
+def _widths(body: Body, facet: Index) -> Real:
+    """[E, 2] widths [m], across each edge, of the facets of its two triangles.
 
     The width of a facet along the unit vector d is sqrt(12 d^T C d), C the covariance of its points: that of a
     rectangle is its side, that of a triangle 0.8 of its height.
@@ -111,7 +129,7 @@ def _width_ratio(body: Body, facet: Index) -> Real:
     for side, into in enumerate(into_faces(body)):
         square = np.einsum("ei,eij,ej->e", into, covariance[facet[body.faces[:, side]]], into)
         widths.append(np.sqrt(12.0 * np.maximum(square, 0.0)))
-    return np.maximum(*widths) / np.maximum(np.minimum(*widths), np.finfo(float).tiny)
+    return np.stack(widths, axis=1)
 
 
 def _oriented_components(body: Body, edges: Index) -> tuple[Index, Mask]:
@@ -158,19 +176,38 @@ def _is_curved(body: Body, facet: Index, surface: Index, turned: Mask) -> Mask:
     closed = np.linalg.norm(total, axis=1)
     size = np.linalg.norm(area, axis=1)
     whole = np.bincount(surface[known], size[known], count)
+    of_facet = np.bincount(facet[known], size[known], int(facet.max()) + 1)[facet[known][lead]]
+    smallest, largest = np.full(count, np.inf), np.zeros(count)
+    np.minimum.at(smallest, surface[known][lead], of_facet)
+    np.maximum.at(largest, surface[known][lead], of_facet)
+    enough = (facets >= LEAST_FACETS) & ((facets >= FEW_FACETS) | (largest <= WIDTH_RATIO * smallest))
     # The area vectors of a closed surface add up to 0, but for rounding: it turns all round.
     mean = total / np.maximum(closed, np.finfo(float).tiny)[:, None]
     cosine = np.einsum("ti,ti->t", area, mean[surface]) / np.maximum(size, np.finfo(float).tiny)
     least = np.ones(count)
     np.minimum.at(least, surface[known], cosine[known])
     turns = (least < np.cos(np.radians(LEAST_TURN_DEG))) | (closed < 1e-6 * whole)
-    return known & (turns & (facets >= LEAST_FACETS))[surface]
+    return known & (turns & enough)[surface]
 
 
-def _coarse(body: Body, facet: Index, surface: Index, alike: Mask, fold: Real) -> int:
+def _is_a_piece(body: Body, facet: Index, surface: Index, joined: Mask, sharper: Mask) -> Mask:
+    """[T] whether a triangle's surface ends mostly at folds of the kind ``sharper``; ``joined`` ones are no ends."""
+    count = int(surface.max(initial=-1)) + 1
+    lead = np.unique(facet, return_index=True)[1]
+    few = np.bincount(surface[lead][surface[lead] >= 0], minlength=count) < FEW_FACETS
+    ends, bad = np.zeros(count), np.zeros(count)
+    for side in (0, 1):
+        of = surface[body.faces[:, side]]
+        counted = (of >= 0) & ~joined & ((side == 0) | ~body.rim)
+        ends += np.bincount(of[counted], minlength=count)
+        bad += np.bincount(of[counted & sharper], minlength=count)
+    return (surface >= 0) & np.append(bad > np.where(few, FEW_PIECE_SHARE, PIECE_SHARE) * ends, False)[surface]
+
+
+def _coarse(body: Body, facet: Index, surface: Index, sharper: Mask) -> int:
     """Number of flat facets that look like a coarse curved surface."""
-    flat = (surface[body.faces] < 0).all(axis=1) if len(body.faces) else alike
-    links = body.faces[flat & alike & (fold > SMOOTH_FOLD_DEG)]
+    flat = (surface[body.faces] < 0).all(axis=1) if len(body.faces) else sharper
+    links = body.faces[flat & sharper]
     bent = np.unique(facet[links])
     groups = _components(int(facet.max(initial=-1)) + 1, facet[links].reshape(-1, 2))
     sizes = np.bincount(groups[bent])

@@ -13,15 +13,28 @@ from shared.dataset import row_bytes
 from shared.physics.errors import InputError
 
 COMPRESSED = 0.005
-"""Share of its arrays' bytes that a frame needs on the disk at the very least: empty frames without noise take 0.007,
-close targets with noise 0.19, streets 0.82. A run that this refuses cannot fit."""
+"""Share of its arrays' bytes that a frame needs on the disk at the very least: empty frames without noise take 0.007.
+A run that this refuses cannot fit."""
+STREETS, CLOSE_TARGETS = 0.82, 0.19
+"""The same of frames with noise, in streets and of close targets."""
+
+WORKER_BYTES = 550e6
+RAY_BYTES = 1_100.0
+"""Peak memory of a worker: its libraries and a city, and so much for each ray. 0.75 / 1.60 GB were taken by
+``datafactory trace --scene sionna:munich --frames 1 --effects specular,diffuse,refraction,noise`` with 0.2 / 1 million
+rays, every one of which scatters."""
 
 
-WORKER_BYTES = 750e6
-RAY_BYTES = 600.0
-"""Peak memory of a worker: its libraries and a city, and so much for each ray. 0.87 / 1.31 / 3.12 GB were taken by
-``datafactory trace --scene sionna:munich --frames 1 --effects specular,diffuse,refraction,noise`` with 0.2 / 1 / 4
-million rays."""
+def free_bytes(directory: Path) -> int:
+    """Free on the disk of a folder, or of the nearest above it that exists."""
+    return shutil.disk_usage(
+        next(folder for folder in (directory, *directory.absolute().parents) if folder.is_dir())
+    ).free
+
+
+def trace_memory(rays: int, workers: int) -> float:
+    """Peak memory [bytes] of processes that trace at a time, so many rays a frame each."""
+    return workers * (WORKER_BYTES + RAY_BYTES * rays)
 
 
 def require_room(directory: Path, frames: int, shapes: Mapping[str, Any]) -> None:
@@ -31,8 +44,7 @@ def require_room(directory: Path, frames: int, shapes: Mapping[str, Any]) -> Non
     :param shapes: of the frames' arrays, by column
     :raises InputError: with both figures
     """
-    least = COMPRESSED * row_bytes(shapes)
-    free = shutil.disk_usage(directory).free
+    least, free = COMPRESSED * row_bytes(shapes), free_bytes(directory)
     if frames * least > free:
         fault = f"{frames} frames need at least {frames * least / 1e6:.0f} MB; {directory} has {free / 1e6:.0f} MB free"
         raise InputError("number of frames", fault, f"at most {int(free / least)}, or another disk")
@@ -44,7 +56,7 @@ def require_memory(rays: int, workers: int) -> None:
     :param rays: of a frame; :param workers: processes that trace at a time
     :raises InputError: with both figures
     """
-    needed, there = workers * (WORKER_BYTES + RAY_BYTES * rays), psutil.virtual_memory().total
+    needed, there = trace_memory(rays, workers), psutil.virtual_memory().total
     if needed > there:
         fault = (
             f"{rays} rays in {workers} processes need about {needed / 1e9:.0f} GB; this machine has {there / 1e9:.0f}"

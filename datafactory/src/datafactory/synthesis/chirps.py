@@ -108,15 +108,23 @@ def _by_cell(paths: ScatteredPaths, waveform: Waveform) -> Float64[np.ndarray, "
     return columns(paths, order)
 
 
-def _blocks(array: AntennaArray, waveform: Waveform, tolerance: float, dtype: type) -> list[_Block]:
-    """Blocks of RX with their weights."""
+def exact_blocks(
+    array: AntennaArray, waveform: Waveform, tolerance: float
+) -> list[tuple[slice, Float64[np.ndarray, " samples"], NDArray]]:
+    """Blocks of RX, each with its gain [samples] and its weights [taps, terms]."""
     blocks = []
     for elements in rx_blocks(array, waveform.bandwidth_hz):
         reach = sum(reach_bins(part, waveform.bandwidth_hz) for part in (array.tx, array.rx[elements]))
         # Rounded up: blocks of one width differ in the last digits alone, and then share their weights.
         reach = float(np.ceil((0.5 / OVERSAMPLING + reach) * 1e6) * 1e-6)
-        gain, weights = _weights(waveform, reach, tolerance)
-        real = np.finfo(dtype).dtype
+        blocks.append((elements, *_weights(waveform, reach, tolerance)))
+    return blocks
+
+
+def _blocks(array: AntennaArray, waveform: Waveform, tolerance: float, dtype: type) -> list[_Block]:
+    """The same in the sums' precision."""
+    real, blocks = np.finfo(dtype).dtype, []
+    for elements, gain, weights in exact_blocks(array, waveform, tolerance):
         narrow = dtype if np.iscomplexobj(weights) else real
         blocks.append(_Block(elements, gain.astype(real), weights.astype(narrow)))
     return blocks
@@ -186,19 +194,20 @@ def _add_chirps(
         shape = cells, len(tx), len(rx), len(powers)
         if shape not in workspaces:
             workspaces[shape] = empty_moments(*shape, real)
-        moments = workspaces[shape]
-        moments.fill(0.0)
+            workspaces[shape].fill(0.0)
+        moments, used = workspaces[shape], np.zeros(cells, dtype=np.bool_)
         for part in contributions:
             start = float(part.start[chirp])
             add_moments(
                 part.table, tx[part.tx], padded(rx), tx_centre, centre(rx),
                 model.phase_time_s(start, radar), model.beat_time_s(start, radar), not model.near_field,
                 reference_frequency_hz(radar), waveform.bandwidth_hz, waveform.slope_hz_per_s,
-                float(waveform.residual_video_phase), OVERSAMPLING, powers, part.tx.start, moments,
+                float(waveform.residual_video_phase), OVERSAMPLING, powers, part.tx.start, moments, used,
             )  # fmt: skip
         grid = np.zeros((cells, len(rx), len(tx)), dtype=cube.dtype)
-        add_to_grid(moments, np.ascontiguousarray(block.weights.real), powers, cube.dtype.type(1.0), grid)
+        add_to_grid(moments, used, np.ascontiguousarray(block.weights.real), powers, cube.dtype.type(1.0), grid)
         if np.iscomplexobj(block.weights):
-            add_to_grid(moments, np.ascontiguousarray(block.weights.imag), powers, cube.dtype.type(1.0j), grid)
+            add_to_grid(moments, used, np.ascontiguousarray(block.weights.imag), powers, cube.dtype.type(1.0j), grid)
+        moments[used] = 0.0
         spectra = scipy.fft.ifft(grid, axis=0, norm="forward", overwrite_x=True)
         np.multiply(spectra[outputs], block.gain[:, None, None], out=cube[chirp][:, block.rx])

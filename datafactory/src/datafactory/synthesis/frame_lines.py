@@ -21,14 +21,15 @@ import scipy.fft
 from jaxtyping import Complex64, Float32, Float64, Int64
 from threadpoolctl import threadpool_limits
 
-from datafactory.paths.table import PathTable
-from datafactory.synthesis.lines import RANGE_TERMS, add_lines, add_samples, fill_lines, line_spectrum
+from datafactory.synthesis.line_sums import add_samples, fill_lines, line_spectrum
+from datafactory.synthesis.lines import add_lines
 from datafactory.synthesis.motion import Motion, coupling, motion_of
 from datafactory.synthesis.parts import Part, centre, parts_of, reach_bins, rx_blocks
-from datafactory.synthesis.slow_time import LINE_OVERSAMPLING, LineWeights, line_shape
-from datafactory.synthesis.sorting import RANGE_SHARE, RANGE_SLACK_BINS, range_cells
+from datafactory.synthesis.slow_time import LINE_OVERSAMPLING, line_shape
+from datafactory.synthesis.sorting import RANGE_SHARE, RANGE_SLACK_BINS, PathsAlongLines, range_cells
 from datafactory.synthesis.spread import columns, padded
 from datafactory.synthesis.wave_model import WaveModel
+from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
 from shared.radar.waveform import Waveform
@@ -52,12 +53,12 @@ SAMPLES_AT_ONCE = 32
 
 @dataclass(frozen=True)
 class Job:
-    """Paths that are spread with one set of line weights.
+    """Paths of a group, as their TX see them.
 
     :param first: the first line of each, in spacings
     """
 
-    weights: LineWeights
+    group: PathsAlongLines
     part: Part
     motion: Motion
     anchor: Float64[np.ndarray, " paths"]
@@ -67,43 +68,72 @@ class Job:
     @property
     def last(self) -> Int64[np.ndarray, " paths"]:
         """The last line of each, in spacings."""
-        return self.first + self.weights.taps - 1
+        return self.first + self.group.weights.taps - 1
+
+
+@dataclass(frozen=True)
+class BlockPlan:
+    """How paths are spread for a block of RX elements.
+
+    :param rx: of the block
+    :param cells: of the range
+    :param gain, weights: of the range's shift
+    """
+
+    rx: slice
+    cells: int
+    jobs: list[Job]
+    gain: Float32[np.ndarray, " samples"]
+    weights: Float32[np.ndarray, "taps terms"]
+
+    def lines(self) -> Int64[np.ndarray, " lines"]:
+        """The lines that some path takes [spacings], rising."""
+        starts = [(np.unique(job.first), job.group.weights.taps) for job in self.jobs]
+        return np.unique(np.concatenate([(first[:, None] + np.arange(taps)).ravel() for first, taps in starts]))
+
+
+def block_plans(
+    groups: Sequence[PathsAlongLines], radar: Radar, array: AntennaArray, tolerance: float, model: WaveModel
+) -> Iterator[BlockPlan]:
+    """How groups of paths are spread, block by block; all their line weights have one gain."""
+    waveform = radar.waveform
+    cells = scipy.fft.next_fast_len(int(np.ceil(RANGE_OVERSAMPLING * waveform.samples)))
+    for block in rx_blocks(array, waveform.bandwidth_hz):
+        rx = array.rx[block]
+        reach = reach_bins(array.tx, waveform.bandwidth_hz) + reach_bins(rx, waveform.bandwidth_hz)
+        reach = float(np.ceil((0.5 * waveform.samples / cells + reach + RANGE_SLACK_BINS) * 1e6) * 1e-6)
+        gain, weights = _range_weights(waveform, cells, reach, RANGE_SHARE * tolerance)
+        yield BlockPlan(block, cells, _jobs(groups, radar, array, rx, model, cells), gain, weights)
 
 
 def add_along_lines(
     cube: Complex64[np.ndarray, "chirps samples rx tx"],
-    groups: Sequence[tuple[LineWeights, PathTable]],
+    groups: Sequence[PathsAlongLines],
     radar: Radar,
     array: AntennaArray,
     tolerance: float,
     threads: int,
     model: WaveModel,
 ) -> None:
-    """Add to ``cube`` the paths of tables, each with its set of line weights; all sets have one gain.
+    """Add to ``cube`` the paths of groups; all their line weights have one gain.
 
     :param threads: samples worked on at once
     """
-    waveform = radar.waveform
-    cells = scipy.fft.next_fast_len(int(np.ceil(RANGE_OVERSAMPLING * waveform.samples)))
-    for block in rx_blocks(array, waveform.bandwidth_hz):
-        rx = array.rx[block]
-        jobs = _jobs(groups, radar, array, rx, model, cells)
-        reach = reach_bins(array.tx, waveform.bandwidth_hz) + reach_bins(rx, waveform.bandwidth_hz)
-        reach = float(np.ceil((0.5 * waveform.samples / cells + reach + RANGE_SLACK_BINS) * 1e6) * 1e-6)
-        gain, weights = _range_weights(waveform, cells, reach, RANGE_SHARE * tolerance)
-        columns_of = slice(block.start * len(array.tx), block.stop * len(array.tx))
-        row_bytes = (cells + len(weights) - 1) * len(array.tx) * padded(rx).shape[1] * 8
-        for lines, chosen in _turns(jobs, max(int(GRID_BYTES / row_bytes), 1)):
-            shape = len(lines), cells + len(weights) - 1, 2, len(array.tx) * padded(rx).shape[1]
+    for plan in block_plans(groups, radar, array, tolerance, model):
+        rx, cells, taps = array.rx[plan.rx], plan.cells, len(plan.weights)
+        columns_of = slice(plan.rx.start * len(array.tx), plan.rx.stop * len(array.tx))
+        row_bytes = (cells + taps - 1) * len(array.tx) * padded(rx).shape[1] * 8
+        for lines, chosen in _turns(plan.jobs, max(int(GRID_BYTES / row_bytes), 1)):
+            shape = len(lines), cells + taps - 1, 2, len(array.tx) * padded(rx).shape[1]
             grid = np.zeros(shape, dtype=np.float32)
             for job, some in chosen:
-                _spread(grid, job, some, lines, cells, weights, radar, array, rx, model)
-            fast_time = _fast_time(grid, cells, len(weights), gain, (len(rx), len(array.tx)))
+                _spread(grid, job, some, lines, cells, plan.weights, radar, array, rx, model)
+            fast_time = _fast_time(grid, cells, taps, plan.gain, (len(rx), len(array.tx)))
             _add_chirps(
                 cube.reshape(*cube.shape[:2], -1)[:, :, columns_of],
                 fast_time,
                 lines / LINE_OVERSAMPLING,
-                groups[0][0].gain_taps,
+                groups[0].weights.gain_taps,
                 radar,
                 coupling(radar, model),
                 threads,
@@ -111,7 +141,7 @@ def add_along_lines(
 
 
 def _jobs(
-    groups: Sequence[tuple[LineWeights, PathTable]],
+    groups: Sequence[PathsAlongLines],
     radar: Radar,
     array: AntennaArray,
     rx: Float64[np.ndarray, "rx 3"],
@@ -121,14 +151,15 @@ def _jobs(
     """The parts of all tables, each path with its lines."""
     waveform, jobs = radar.waveform, []
     times = chirp_times(radar.model_copy(update={"array": array}))
-    for weights, table in groups:
-        for part in parts_of(table, array, times, plane=not model.near_field):
+    for group in groups:
+        weights = group.weights
+        for part in parts_of(group.paths, array, times, plane=not model.near_field):
             start = float(part.start[waveform.chirps // 2])
             motion = motion_of(part.paths, centre(array.tx), centre(rx), start, radar, model)
             below = np.floor(motion.doppler * LINE_OVERSAMPLING).astype(np.int64)
             cell = range_cells(part.paths.range_m(), waveform, cells / waveform.samples, cells)
             first = below - weights.taps // 2 + 1
-            jobs.append(Job(weights, part, motion, (below + 0.5) / LINE_OVERSAMPLING, first, cell))
+            jobs.append(Job(group, part, motion, (below + 0.5) / LINE_OVERSAMPLING, first, cell))
     return jobs
 
 
@@ -145,15 +176,15 @@ def _turns(
         start = min(
             int(job.first[order[end]]) for job, order, end in zip(jobs, orders, ends, strict=True) if end < len(order)
         )
-        stop = start + max(most, *(job.weights.taps for job in jobs))
+        stop = start + max(most, *(job.group.weights.taps for job in jobs))
         used, chosen = np.zeros(stop - start, dtype=bool), []
         for index, (job, order, end) in enumerate(zip(jobs, orders, ends, strict=True)):
-            to = end + int(np.searchsorted(job.first[order[end:]], stop - job.weights.taps, side="right"))
+            to = end + int(np.searchsorted(job.first[order[end:]], stop - job.group.weights.taps, side="right"))
             ends[index] = to
             if to > end:
                 chosen.append((job, order[end:to]))
                 for line in np.unique(job.first[order[end:to]] - start):
-                    used[line : line + job.weights.taps] = True
+                    used[line : line + job.group.weights.taps] = True
         yield start + np.flatnonzero(used), chosen
 
 
@@ -161,17 +192,19 @@ def _turns(
 def _range_weights(
     waveform: Waveform, cells: int, reach: float, error: float
 ) -> tuple[Float32[np.ndarray, " samples"], Float32[np.ndarray, "taps terms"]]:
-    """Gain and weights of the range's shift with the fewest moments, then with the fewest taps."""
+    """Gain and weights of the range's shift with the fewest moments, then with the fewest taps.
+
+    Even numbers of moments alone, because a kernel is compiled for every number.
+    """
     nu, oversampling = sweep_positions(waveform.samples), cells / waveform.samples
     terms, taps = 2, 3
     while shift_error_rms(nu, reach, terms) > 0.8 * error:
-        terms += 1
+        terms += 2
     gain, weights = shift_weights(nu, reach, terms, taps, oversampling)
     while shift_weights_error(nu, reach, gain, weights, oversampling) > error:
         taps += 2
         gain, weights = shift_weights(nu, reach, terms, taps, oversampling)
-    padding = np.zeros((taps, RANGE_TERMS - terms))
-    return gain.astype(np.float32), np.concatenate([weights, padding], axis=1).astype(np.float32)
+    return gain.astype(np.float32), weights.astype(np.float32)
 
 
 def _spread(
@@ -187,18 +220,21 @@ def _spread(
     model: WaveModel,
 ) -> None:
     """Add some paths of a job to the grid."""
-    waveform, part, motion = radar.waveform, job.part, job.motion
+    waveform, part, line = radar.waveform, job.part, job.group.weights
     start = float(part.start[waveform.chirps // 2])
     frame_s = waveform.chirps * waveform.chirp_interval_s
-    node = job.weights.node
+    mid_time = model.phase_time_s(start, radar)
+    beat_time = model.beat_time_s(start, radar)
+    per_rate = coupling(radar, model) * reference_frequency_hz(radar) / SPEED_OF_LIGHT * frame_s
     add_lines(
         columns(part.paths, chosen), job.anchor[chosen], np.searchsorted(lines, job.first[chosen]),
-        np.take(motion.bend, chosen, axis=1),
+        np.take(job.motion.bend, chosen, axis=1),
         array.tx[part.tx], padded(rx), centre(array.tx), centre(rx),
-        node, model.phase_time_s(start, radar) + node * frame_s, model.beat_time_s(start, radar), not model.near_field,
+        line.node, mid_time + line.node * frame_s, mid_time, beat_time, not model.near_field,
         reference_frequency_hz(radar), waveform.bandwidth_hz, waveform.slope_hz_per_s,
         float(waveform.residual_video_phase), cells / waveform.samples, cells,
-        job.weights.even, job.weights.odd, weights, part.tx.start, grid,
+        line.even, line.odd, weights, (per_rate, 0.5 * frame_s * per_rate),
+        (0,) * weights.shape[1], (0,) * job.group.orders, part.tx.start, grid,
     )  # fmt: skip
 
 

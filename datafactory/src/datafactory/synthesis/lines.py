@@ -15,13 +15,18 @@ and each factor is a sum of a few neighbouring atoms. The first is the polynomia
 exactly; :mod:`datafactory.synthesis.slow_time` turns its values there into weights of lines. Curvature, the different
 Doppler of every element and motion of whatever kind enter through the exact values.
 
-A delay that curves does not separate wholly. With X(eta) the range and s'(eta) the slope of s, what is left is a phase
+A delay that curves does not separate wholly. Let the phase be sum_p c_p eta^p and the range sum_p d_p eta^p / kappa,
+equal to each other but for motion within the chirp. With eta = eta' / (1 + nu kappa), what is left is a phase
 
-    2 pi nu e(eta),      e = X - x - kappa f_l eta - kappa eta s'(eta) = -kappa q eta^2 for s = q eta^2,
+    2 pi (nu e(eta') + nu^2 g(eta') + ...),
+    e = kappa sum_p (d_p - p c_p) eta'^p,             g = kappa^2 sum_p (p (p + 1) / 2 c_p - p d_p) eta'^p,
 
-whose first order exp(j 2 pi nu e) = 1 + j 2 pi nu e is a second separable term: j 2 pi nu exp(j 2 pi z nu) is the
-derivative by z of the range's factor. The second order is left out and is part of the path's error
-(:mod:`datafactory.synthesis.sorting`).
+that is -kappa q eta'^2 and kappa^2 q eta'^2 for a curvature q. Its exponential in powers of j 2 pi nu is
+
+    1 + (j 2 pi nu) e + (j 2 pi nu)^2 (e^2 - j g / pi) / 2 + ...,
+
+of which as many *orders* as a path calls for are separable terms: (j 2 pi nu)^n exp(j 2 pi z nu) is the n-th derivative
+by z of the range's factor. What is left out is part of the path's error (:mod:`datafactory.synthesis.motion`).
 """
 
 from __future__ import annotations
@@ -33,9 +38,6 @@ from shared.physics.compiled import compiled
 from shared.physics.cycles import phasor, phasor_like
 from shared.physics.units import SPEED_OF_LIGHT
 
-RANGE_TERMS = 10
-"""Powers of the range's shift that are evaluated, the last of them perhaps zero: a constant, so that the compiler
-unrolls the loop. 1e-6 needs 9."""
 _FAST = {"contract", "nsz", "arcp"}
 
 
@@ -49,6 +51,15 @@ def _length(x, y, z, element, plane):
 
 
 @compiled(nogil=True, error_model="numpy", fastmath=_FAST)
+def _rate_and_bend(x, y, z, vx, vy, vz, ex, ey, ez):
+    """First and second derivative of the length between a moving point and an element."""
+    dx, dy, dz = x - ex, y - ey, z - ez
+    length = max(np.sqrt(dx * dx + dy * dy + dz * dz), 1e-9)
+    rate = (dx * vx + dy * vy + dz * vz) / length
+    return rate, (vx * vx + vy * vy + vz * vz - rate * rate) / length
+
+
+@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
 def _phasors(length, cycles_per_metre, re, im, at):
     for e in range(len(length)):
         to = np.uint64(at) + np.uint64(e)
@@ -56,37 +67,57 @@ def _phasors(length, cycles_per_metre, re, im, at):
 
 
 @compiled(nogil=True, error_model="numpy", fastmath=_FAST)
-def _pair(one, other, rx_re, rx_im, rx_count, bends, at, sums):
-    """V_i + V_-i and j (V_-i - V_i) of one TX at two nodes, then the same times the bend, [8, channels] from ``at``.
+def _pair(one, other, rx_re, rx_im, rx_count, bends, tilt, dish, orders, at, sums):
+    """V_i + V_-i and j (V_-i - V_i) of one TX at two nodes, then the same for V e and V (e^2 - j g / pi).
 
     :param one, other: re and im of the TX leg, and the node's first RX leg
-    :param at: of the first channel; ``sums`` has ``bends[2]`` channels a row
+    :param bends: (e, g / pi) at one node, the same at the other, (eta, eta^2 - 1/12) at the other, and a row's length
+    :param tilt, dish: [channels] what an element has beyond e: its coefficients of eta and of eta^2 - 1/12
+    :param orders: a tuple of as many entries as there are terms; only its length is used, which the compiler knows
+    :param at: of the first channel; ``sums`` [4 * orders, channels]
     """
     a_re, a_im, first = one
     b_re, b_im, second = other
-    e, f, stride = bends
+    e, f, g, h, odd, square, row, channel = bends
+    stride = np.uint64(row)
     for lane in range(rx_count):
         c, d, to = np.uint64(first + lane), np.uint64(second + lane), np.uint64(at + lane)
         x_re, x_im = a_re * rx_re[c] - a_im * rx_im[c], a_re * rx_im[c] + a_im * rx_re[c]
         y_re, y_im = b_re * rx_re[d] - b_im * rx_im[d], b_re * rx_im[d] + b_im * rx_re[d]
         sums[to] = x_re + y_re
-        sums[to + np.uint64(stride)] = x_im + y_im
-        sums[to + np.uint64(2 * stride)] = x_im - y_im
-        sums[to + np.uint64(3 * stride)] = y_re - x_re
-        sums[to + np.uint64(4 * stride)] = e * x_re + f * y_re
-        sums[to + np.uint64(5 * stride)] = e * x_im + f * y_im
-        sums[to + np.uint64(6 * stride)] = e * x_im - f * y_im
-        sums[to + np.uint64(7 * stride)] = f * y_re - e * x_re
+        sums[to + stride] = x_im + y_im
+        sums[to + np.uint64(2) * stride] = x_im - y_im
+        sums[to + np.uint64(3) * stride] = y_re - x_re
+        if len(orders) == 2:
+            sums[to + np.uint64(4) * stride] = e * x_re + f * y_re
+            sums[to + np.uint64(5) * stride] = e * x_im + f * y_im
+            sums[to + np.uint64(6) * stride] = e * x_im - f * y_im
+            sums[to + np.uint64(7) * stride] = f * y_re - e * x_re
+        if len(orders) == 3:
+            own = np.uint64(channel + lane)
+            even_part, odd_part = square * dish[own], odd * tilt[own]
+            p, q = e + (even_part - odd_part), f + (even_part + odd_part)
+            sums[to + np.uint64(4) * stride] = p * x_re + q * y_re
+            sums[to + np.uint64(5) * stride] = p * x_im + q * y_im
+            sums[to + np.uint64(6) * stride] = p * x_im - q * y_im
+            sums[to + np.uint64(7) * stride] = q * y_re - p * x_re
+            u_re, u_im = p * p * x_re + g * x_im, p * p * x_im - g * x_re
+            v_re, v_im = q * q * y_re + h * y_im, q * q * y_im - h * y_re
+            sums[to + np.uint64(8) * stride] = u_re + v_re
+            sums[to + np.uint64(9) * stride] = u_im + v_im
+            sums[to + np.uint64(10) * stride] = u_im - v_im
+            sums[to + np.uint64(11) * stride] = v_re - u_re
 
 
 @compiled(nogil=True, error_model="numpy", fastmath=_FAST)
-def _line_taps(sums, stride, even, odd, taps):
-    """Weights of all lines, [lines, 4, channels]: re, im, and re, im of the bend's term."""
+def _line_taps(sums, stride, even, odd, orders, taps):
+    """Weights of all lines, [lines, orders, re and im, channels]."""
     pairs, half = even.shape
+    count = len(orders)
     for t in range(half):
-        for part in range(2):
-            low = np.uint64((4 * t + 2 * part) * stride)
-            high = np.uint64((4 * (2 * half - 1 - t) + 2 * part) * stride)
+        for part in range(count):
+            low = np.uint64((2 * count * t + 2 * part) * stride)
+            high = np.uint64((2 * count * (2 * half - 1 - t) + 2 * part) * stride)
             for lane in range(2 * stride):
                 taps[low + np.uint64(lane)] = np.float32(0.0)
                 taps[high + np.uint64(lane)] = np.float32(0.0)
@@ -95,8 +126,8 @@ def _line_taps(sums, stride, even, odd, taps):
                 j = min(i + 1, pairs - 1)
                 if j > i:
                     u, v = even[j, t], odd[j, t]
-                one = np.uint64((8 * i + 4 * part) * stride)
-                other = np.uint64((8 * j + 4 * part) * stride)
+                one = np.uint64((4 * count * i + 4 * part) * stride)
+                other = np.uint64((4 * count * j + 4 * part) * stride)
                 odd_one, odd_other = one + np.uint64(2 * stride), other + np.uint64(2 * stride)
                 for lane in range(2 * stride):
                     c = np.uint64(lane)
@@ -107,60 +138,114 @@ def _line_taps(sums, stride, even, odd, taps):
 
 
 @compiled(nogil=True, error_model="numpy", fastmath=_FAST)
-def _cell_taps(shift, stride, weights, taps):
-    """Weights of all cells and their derivatives by the shift, [cells, 2, channels]."""
+def _cell_taps(shift, stride, weights, powers, orders, taps):
+    """Weights of all cells, their derivatives by the shift and half of the second ones, [cells, orders, channels]."""
+    count = len(orders)
     for g in range(len(weights)):
-        to = np.uint64(g * 2 * stride)
+        to = np.uint64(g * count * stride)
         for lane in range(stride):
             c = to + np.uint64(lane)
-            z, value, slope = shift[lane], weights[g, RANGE_TERMS - 1], np.float32(0.0)
-            for p in range(RANGE_TERMS - 1):
-                slope = slope * z + value
-                value = value * z + weights[g, RANGE_TERMS - 2 - p]
+            z, value = shift[lane], weights[g, len(powers) - 1]
+            slope, bend = np.float32(0.0), np.float32(0.0)
+            for p in range(len(powers) - 1):
+                if count > 2:
+                    bend = bend * z + slope
+                if count > 1:
+                    slope = slope * z + value
+                value = value * z + weights[g, len(powers) - 2 - p]
             taps[c] = value
-            taps[c + np.uint64(stride)] = slope
+            if count > 1:
+                taps[c + np.uint64(stride)] = slope
+            if count > 2:
+                taps[c + np.uint64(2 * stride)] = bend
 
 
 @compiled(nogil=True, error_model="numpy", fastmath=_FAST)
-def _add_taps(line_taps, cell_taps, stride, first, strides, counts, grid):
+def _add_taps(line_taps, cell_taps, stride, first, strides, counts, orders, grid):
     """Add one path to the grid, from index ``first``: the product of its lines' and its cells' weights."""
     line_stride, cell_stride, half_stride = strides
+    count = len(orders)
     for t in range(counts[0]):
         for part in range(2):
-            b, db = np.uint64((4 * t + part) * stride), np.uint64((4 * t + 2 + part) * stride)
+            b = np.uint64((2 * count * t + part) * stride)
             to = np.uint64(first + t * line_stride + part * half_stride)
             for g in range(counts[1]):
-                a, da = np.uint64(2 * g * stride), np.uint64((2 * g + 1) * stride)
-                at = to + np.uint64(g * cell_stride)
+                a, at = np.uint64(count * g * stride), to + np.uint64(g * cell_stride)
                 for lane in range(stride):
                     c = np.uint64(lane)
-                    grid[at + c] += cell_taps[a + c] * line_taps[b + c] + cell_taps[da + c] * line_taps[db + c]
+                    total = cell_taps[a + c] * line_taps[b + c]
+                    if count > 1:
+                        total += cell_taps[a + np.uint64(stride) + c] * line_taps[b + np.uint64(2 * stride) + c]
+                    if count > 2:
+                        total += cell_taps[a + np.uint64(2 * stride) + c] * line_taps[b + np.uint64(4 * stride) + c]
+                    grid[at + c] += total
+
+
+@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
+def _elements_apart(table, k, time, lead, tx, rx, tx_centre, rx_centre, scales, tilt, dish):
+    """What every element's e has beyond that of the centres: coefficients of eta and of eta^2 - 1/12, [TX * RX].
+
+    :param time: mid-frame [s]; ``lead`` time by which ranges precede phases [s]
+    :param scales: kappa times the cycles a frame of 1 m/s, and of 1 m/s^2 of second derivative
+    """
+    per_rate, per_bend = scales
+    rx_count = rx.shape[1]
+    px, py, pz, qx, qy, qz, _ = _at(table, k, time)
+    ux, uy, uz = table[7, k], table[8, k], table[9, k]
+    vx, vy, vz = table[10, k], table[11, k], table[12, k]
+    for sign in range(2 if lead > 0.0 else 1):
+        # Once the phase's part; where ranges precede phases, then the range's part, at its own time.
+        later = sign * lead
+        of_rate = per_rate * (1.0 if sign else -1.0) if lead > 0.0 else 0.0
+        of_bend = per_bend * (1.0 if sign else -2.0) if lead > 0.0 else -per_bend
+        ax, ay, az = px + later * ux, py + later * uy, pz + later * uz
+        bx, by, bz = qx + later * vx, qy + later * vy, qz + later * vz
+        rate_0, bend_0 = _rate_and_bend(ax, ay, az, ux, uy, uz, tx_centre[0], tx_centre[1], tx_centre[2])
+        rate_1, bend_1 = _rate_and_bend(bx, by, bz, vx, vy, vz, rx_centre[0], rx_centre[1], rx_centre[2])
+        rate_0, bend_0 = rate_0 + rate_1, bend_0 + bend_1
+        for i in range(len(tx)):
+            tx_rate, tx_bend = _rate_and_bend(ax, ay, az, ux, uy, uz, tx[i, 0], tx[i, 1], tx[i, 2])
+            for e in range(rx_count):
+                to = i * rx_count + e
+                rate, bend = _rate_and_bend(bx, by, bz, vx, vy, vz, rx[0, e], rx[1, e], rx[2, e])
+                tilt_part, dish_part = of_rate * (tx_rate + rate - rate_0), of_bend * (tx_bend + bend - bend_0)
+                if sign:
+                    tilt[to] += tilt_part
+                    dish[to] += dish_part
+                else:
+                    tilt[to] = tilt_part
+                    dish[to] = dish_part
 
 
 @compiled(nogil=True, error_model="numpy", fastmath=_FAST)
 def add_lines(
-    table, anchor, row, bends, tx, rx, tx_centre, rx_centre, node, node_time, beat_time, plane,
-    reference_hz, bandwidth_hz, slope_hz_per_s, video_phase, oversampling, cells, even, odd, weights, first_tx, grid,
+    table, anchor, row, bends, tx, rx, tx_centre, rx_centre, node, node_time, mid_time, beat_time, plane,
+    reference_hz, bandwidth_hz, slope_hz_per_s, video_phase, oversampling, cells, even, odd, weights, scales, powers,
+    orders, first_tx, grid,
 ):  # fmt: skip
     """Add paths to the grid [lines, cells + margin, 2, TX * RX].
 
     :param table: [16, K] of :func:`datafactory.synthesis.spread.columns`
     :param anchor: [K] f_l between the two middle lines [cycles a frame]
     :param row: [K] the grid's row of the first line
-    :param bends: [3, K] e_1, e_2, e_3, see :class:`datafactory.synthesis.motion.Motion`
+    :param bends: [6, K] coefficients of e and g, see :class:`datafactory.synthesis.motion.Motion`
     :param tx: [TX, 3] elements [m]; ``rx`` [3, E] of :func:`datafactory.synthesis.spread.padded` [m]
     :param tx_centre, rx_centre: [3] the arrays' centres, which choose the cell
     :param node, node_time: [nodes] positions in the frame, and when phases there are those of the scene [s]
-    :param beat_time: when ranges are those of mid-frame [s]
+    :param mid_time, beat_time: when phases and ranges are those of mid-frame [s]
     :param plane: plane waves over both arrays
     :param video_phase: 1.0 adds the residual video phase as far as it is linear in the departure from a cell
     :param oversampling: ``cells`` in a bin
     :param even, odd: of :class:`datafactory.synthesis.slow_time.LineWeights`
-    :param weights: [taps, RANGE_TERMS] of the range's shift
+    :param weights: [taps, terms] of the range's shift
+    :param scales: of :func:`_elements_apart`
+    :param powers: a tuple of as many entries as ``weights`` has terms; only its length is used
+    :param orders: likewise of 1 to 3 entries, as many as there are separable terms; with 3
+        the elements have their own e
     :param first_tx: index among the grid's TX of the first of ``tx``
     """
     path_count, nodes, tx_count, rx_count = table.shape[1], len(node), len(tx), rx.shape[1]
-    stride = tx_count * rx_count
+    count, stride = len(orders), tx_count * rx_count
     flat = grid.reshape(grid.size)
     half_stride = grid.shape[3]
     strides = (grid.shape[1] * 2 * half_stride, 2 * half_stride, half_stride)
@@ -169,12 +254,13 @@ def add_lines(
     length = np.empty(rx_count)
     rx_re, rx_im = np.empty(nodes * rx_count, dtype=single), np.empty(nodes * rx_count, dtype=single)
     tx_re, tx_im = np.empty((tx_count, nodes), dtype=single), np.empty((tx_count, nodes), dtype=single)
-    bend = np.empty(nodes, dtype=single)
+    bend, scaling = np.zeros(nodes, dtype=single), np.zeros(nodes, dtype=single)
+    tilt, dish = np.zeros(stride, dtype=single), np.zeros(stride, dtype=single)
     shift, departure = np.empty(stride, dtype=single), np.empty(tx_count)
-    sums = np.empty(len(even) * 8 * stride, dtype=single)
+    sums = np.empty(len(even) * 4 * count * stride, dtype=single)
     line_taps, cell_taps = (
-        np.empty(counts[0] * 4 * stride, dtype=single),
-        np.empty(counts[1] * 2 * stride, dtype=single),
+        np.empty(counts[0] * 2 * count * stride, dtype=single),
+        np.empty(counts[1] * count * stride, dtype=single),
     )
     bins_per_metre = bandwidth_hz / SPEED_OF_LIGHT
     for k in range(path_count):
@@ -194,9 +280,16 @@ def add_lines(
         for i in range(tx_count):
             for e in range(rx_count):
                 shift[i * rx_count + e] = departure[i] + bins_per_metre * (length[e] - rx_leg)
+        if count > 2 and not plane:
+            _elements_apart(table, k, mid_time, beat_time - mid_time, tx, rx, tx_centre, rx_centre, scales, tilt, dish)
+            for e in range(stride):
+                shift[e] += dish[e] / single(12.0)
         for n in range(nodes):
             eta = node[n]
-            bend[n] = eta * (bends[0, k] + bends[2, k] * eta * eta) + bends[1, k] * (eta * eta - 1.0 / 12.0)
+            if count > 1:
+                bend[n] = eta * (bends[0, k] + bends[2, k] * eta * eta) + bends[1, k] * (eta * eta - 1.0 / 12.0)
+            if count > 2:
+                scaling[n] = eta * (bends[3, k] + eta * (bends[4, k] + eta * bends[5, k])) / np.pi
             px, py, pz, qx, qy, qz, link = _at(table, k, node_time[n])
             for i in range(tx_count):
                 cycles = frequency * (_length(px, py, pz, tx[i], plane) + link) + constant - anchor[k] * node[n]
@@ -207,15 +300,18 @@ def add_lines(
             _phasors(length, frequency, rx_re, rx_im, n * rx_count)
         for n in range(len(even)):
             last = nodes - 1 - n
+            square = single(node[last] * node[last] - 1.0 / 12.0)
             for i in range(tx_count):
                 _pair(
                     (tx_re[i, n], tx_im[i, n], n * rx_count), (tx_re[i, last], tx_im[i, last], last * rx_count),
-                    rx_re, rx_im, rx_count, (bend[n], bend[last], stride), 8 * n * stride + i * rx_count, sums,
+                    rx_re, rx_im, rx_count,
+                    (bend[n], bend[last], scaling[n], scaling[last], single(node[last]), square, stride, i * rx_count),
+                    tilt, dish, orders, 4 * count * n * stride + i * rx_count, sums,
                 )  # fmt: skip
-        _line_taps(sums, stride, even, odd, line_taps)
-        _cell_taps(shift, stride, weights, cell_taps)
+        _line_taps(sums, stride, even, odd, orders, line_taps)
+        _cell_taps(shift, stride, weights, powers, orders, cell_taps)
         first = row[k] * strides[0] + (int(nearest) % cells) * strides[1] + first_tx * rx_count
-        _add_taps(line_taps, cell_taps, stride, first, strides, counts, flat)
+        _add_taps(line_taps, cell_taps, stride, first, strides, counts, orders, flat)
 
 
 @compiled(nogil=True, error_model="numpy", fastmath=_FAST)
@@ -226,66 +322,3 @@ def _at(table, k, time):
         table[3, k] + table[10, k] * time, table[4, k] + table[11, k] * time, table[5, k] + table[12, k] * time,
         table[6, k] + table[13, k] * time,
     )  # fmt: skip
-
-
-@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
-def line_spectrum(row, margin, spectrum):
-    """One line's grid, folded to cyclic cells, as complex numbers in the channels' order.
-
-    :param row: [cells + 2 * margin, 2, TX * padded RX]; what the margins hold belongs to the other end
-    :param spectrum: [cells, RX, TX] complex64, overwritten
-    """
-    cells, rx_count, tx_count = spectrum.shape
-    padded_rx = row.shape[2] // tx_count
-    for cell in range(cells):
-        for i in range(tx_count):
-            for e in range(rx_count):
-                at = i * padded_rx + e
-                spectrum[cell, e, i] = complex(row[cell + margin, 0, at], row[cell + margin, 1, at])
-    for outside in range(margin):
-        for source in (outside, cells + margin + outside):
-            cell = (source - margin) % cells
-            for i in range(tx_count):
-                for e in range(rx_count):
-                    at = i * padded_rx + e
-                    spectrum[cell, e, i] += complex(row[source, 0, at], row[source, 1, at])
-
-
-@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
-def fill_lines(frequency, scale, chirps, shape, taps, oversampling, rows):
-    """cos and sin of 2 pi f eta', times the gain, for eta = p / chirps, p = 0, 1, ...
-
-    :param scale: [samples] eta' / eta; ``rows`` [samples, 2, p, lines], overwritten
-    """
-    for n in range(len(scale)):
-        for p in range(rows.shape[2]):
-            eta = p / chirps * scale[n]
-            width = np.pi * taps * eta / oversampling
-            root = np.sqrt(shape * shape - width * width)
-            gain = np.sinh(shape) / shape * root / np.sinh(root)
-            cosines, sines = rows[n, 0, p], rows[n, 1, p]
-            for line in range(len(frequency)):
-                cosine, sine = phasor_like(frequency[line] * eta, cosines[line])
-                cosines[line] = gain * cosine
-                sines[line] = gain * sine
-
-
-@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
-def add_samples(product, first, cube):
-    """Add samples from ``first`` on to ``cube`` [chirps, samples, channels].
-
-    :param product: [samples, 2, p, 2 * channels] of cosines and of sines, for eta = p / chirps
-    """
-    chirps, _, channels = cube.shape
-    middle = chirps // 2
-    for n in range(product.shape[0]):
-        for p in range(product.shape[2]):
-            even, odd = product[n, 0, p], product[n, 1, p]
-            if middle + p < chirps:
-                line = cube[middle + p, first + n]
-                for c in range(channels):
-                    line[c] += complex(even[2 * c] - odd[2 * c + 1], even[2 * c + 1] + odd[2 * c])
-            if 0 < p <= middle:
-                line = cube[middle - p, first + n]
-                for c in range(channels):
-                    line[c] += complex(even[2 * c] + odd[2 * c + 1], even[2 * c + 1] - odd[2 * c])

@@ -17,6 +17,10 @@ NU_RMS = 12.0**-0.5
 """Root mean square of nu over the sweep, of eta over the frame."""
 SQUARE_RMS = 80.0**-0.5
 """... of their squares,"""
+CENTRED_SQUARE_RMS = 180.0**-0.5
+"""... of eta^2 - 1/12,"""
+CUBE_RMS = 448.0**-0.5
+"""... of their cubes,"""
 FOURTH_RMS = 2304.0**-0.5
 """... of their fourth powers."""
 FOURTH_ROOT = 80.0**-0.25
@@ -44,17 +48,17 @@ class Leg:
 
 @dataclass(frozen=True)
 class Motion:
-    """Paths around mid-frame, in cycles: f eta + q eta^2 + ..., and the bend
-    e(eta) = e_1 eta + e_2 (eta^2 - 1/12) + e_3 eta^3.
+    """Paths around mid-frame, in cycles: f eta + q eta^2 + ..., and what separates range and Doppler,
+    e(eta) = e_1 eta + e_2 (eta^2 - 1/12) + e_3 eta^3 and g(eta) = g_1 eta + g_2 eta^2 + g_3 eta^3.
 
     :param doppler: f, at the frequency that the line kernel gives a path
     :param curvature: q
-    :param bend: [3, K] e_1, e_2, e_3 of :mod:`datafactory.synthesis.lines`
+    :param bend: [6, K] e_1, e_2, e_3, g_1, g_2, g_3 of :mod:`datafactory.synthesis.lines`
     """
 
     doppler: Float64[np.ndarray, " paths"]
     curvature: Float64[np.ndarray, " paths"]
-    bend: Float64[np.ndarray, "3 paths"]
+    bend: Float64[np.ndarray, "6 paths"]
 
 
 def leg_of(
@@ -63,9 +67,9 @@ def leg_of(
 ) -> Leg:  # fmt: skip
     """The leg between a centre and points [m] that move evenly [m/s]: r'' = (v^2 - r'^2) / r, r''' = -3 r' r'' / r."""
     vector = point + velocity * time_s - centre
-    length = np.maximum(np.linalg.norm(vector, axis=1), 1e-9)
+    length = np.maximum(np.sqrt(np.einsum("ki,ki->k", vector, vector)), 1e-9)
     rate = np.einsum("ki,ki->k", vector, velocity) / length
-    speed = np.linalg.norm(velocity, axis=1)
+    speed = np.sqrt(np.einsum("ki,ki->k", velocity, velocity))
     bend = np.maximum(speed**2 - rate**2, 0.0) / length
     return Leg(length, rate, bend, -3.0 * rate * bend / length, speed)
 
@@ -109,8 +113,10 @@ def motion_of(
         later = cycles * (tx.rate + rx.rate + paths.between_rate_mps)
         later_curvature = 0.5 * cycles * frame_s * (tx.bend + rx.bend)
         later_cubic = cycles * frame_s**2 / 6.0 * (tx.jerk + rx.jerk)
-    # e = X - x - kappa f_l eta - kappa eta s': of the term c_k eta^k in s and of d_k eta^k in X the part d_k - k c_k.
-    bend = kappa * np.stack([later - doppler, later_curvature - 2.0 * curvature, later_cubic - 3.0 * cubic])
+    # Of c_p eta^p in the phase and d_p eta^p in the range the parts d_p - p c_p and p (p + 1) / 2 c_p - p d_p.
+    first = [later - doppler, later_curvature - 2.0 * curvature, later_cubic - 3.0 * cubic]
+    second = [doppler - later, 3.0 * curvature - 2.0 * later_curvature, 6.0 * cubic - 3.0 * later_cubic]
+    bend = np.concatenate([kappa * np.stack(first), kappa**2 * np.stack(second)])
     return Motion(doppler, curvature * slower, bend)
 
 
@@ -127,20 +133,20 @@ def left_out(
     start_s: float,
     radar: Radar,
     model: WaveModel,
-) -> tuple[Float64[np.ndarray, " paths"], Float64[np.ndarray, " paths"]]:
+) -> tuple[Float64[np.ndarray, " paths"], Float64[np.ndarray, "3 paths"]]:
     """What the line kernel must reach and what it leaves out.
 
     :param reaches_m: of TX and RX about their centres [m]
     :returns: the frequency that a path has beyond its own, by curvature and the elements' different views [cycles a
-        frame], infinite where an element is reached within the frame; and a bound on the relative root mean square
-        error over sweep and frame
+        frame], infinite where an element is reached within the frame; and bounds on the relative root mean square error
+        over sweep and frame with 1, 2 and 3 orders
     """
     waveform, kappa = radar.waveform, coupling(radar, model)
     frame_s = waveform.chirps * waveform.chirp_interval_s
     lead = model.lead_s(radar)
     time = model.phase_time_s(start_s, radar)
     cycles = reference_frequency_hz(radar) / SPEED_OF_LIGHT * frame_s
-    view, bends, fourth = (np.zeros(len(paths)) for _ in range(3))
+    view, bends, jerks, fourth = (np.zeros(len(paths)) for _ in range(4))
     ends = (paths.tx_point, paths.tx_velocity), (paths.rx_point, paths.rx_velocity)
     for (point, velocity), reach, centre in zip(ends, reaches_m, centres, strict=True):
         leg = leg_of(point, velocity, time, centre)
@@ -149,24 +155,58 @@ def left_out(
         across = leg.bend * leg.length
         with np.errstate(divide="ignore", invalid="ignore"):
             part = np.where(nearest > 0.0, reach / nearest, np.inf)
-            # Between elements r' differs by v_across a / r, r'' by at most 2 / sqrt(3) v^2 a / r^2. The fourth
-            # derivative is at most 15 v^2 v_across^2 / r^3.
+            # Between elements r' differs by v_across a / r, r'' by at most 2 / sqrt(3) v^2 a / r^2, r''' by at most
+            # 3.8 v^3 a / r^3: 3 of it by direction and 2.3 by distance. The fourth derivative is at most
+            # 15 v^2 v_across^2 / r^3.
             terms = (
                 cycles * (np.sqrt(across) * part + 1.5 * leg.speed * part**2),
                 cycles * 0.5 * frame_s * 1.155 * leg.speed**2 * part / nearest,
+                cycles * frame_s**2 / 6.0 * 3.8 * leg.speed**3 * part / nearest**2,
                 cycles * frame_s**3 / 24.0 * 15.0 * leg.speed**2 * across / nearest**3,
             )
-        for total, term in zip((view, bends, fourth), terms, strict=True):
+        for total, term in zip((view, bends, jerks, fourth), terms, strict=True):
             total += np.where(leg.speed > 0.0, np.where(nearest > 0.0, term, np.inf), 0.0)
-    linear, square, cubic = np.abs(motion.bend)
-    curvature = np.abs(motion.curvature)
+    curvature, sizes = np.abs(motion.curvature), np.abs(motion.bend)
+    slope = 0.75 * sizes[2] / (2.0 * kappa) if kappa else np.zeros(len(paths))
+    errors = _orders_left_out(sizes, bends, jerks, fourth, kappa, lead / frame_s)
+    if not model.near_field:
+        # The elements' own bends are those of spherical waves.
+        errors[2] = errors[1]
+    return view + 1.02 * curvature + slope, errors
+
+
+def _orders_left_out(
+    sizes: Float64[np.ndarray, "6 paths"],
+    bends: Float64[np.ndarray, " paths"],
+    jerks: Float64[np.ndarray, " paths"],
+    fourth: Float64[np.ndarray, " paths"],
+    kappa: float,
+    lead: float,
+) -> Float64[np.ndarray, "3 paths"]:
+    """Bounds on the relative root mean square error with 1, 2 and 3 orders.
+
+    :param sizes: of e_1, e_2, e_3, g_1, g_2, g_3 [cycles]
+    :param bends, jerks: what the coefficients of eta^2 and eta^3 differ by between elements [cycles]
+    :param fourth: coefficient of eta^4 [cycles]
+    :param lead: time by which ranges precede phases [frames]
+    """
+    if not kappa:
+        return np.zeros((3, len(bends)))
+    linear, square, cubic = sizes[:3]
+    whole, turn = 2.0 * np.pi, 2.0 * np.pi * NU_RMS
+    # What e lacks whatever the orders: its fourth power, and what that adds where ranges precede phases.
+    never = turn * kappa * (3.0 * FOURTH_RMS * fourth + 4.0 * NU_RMS * fourth * lead**3)
+    # What only the elements' own e has.
+    elements = turn * kappa * (SQUARE_RMS + 2.0 * NU_RMS * lead) * bends
     # The second order of exp(j 2 pi nu e), e_3 at its largest, and that of s((1 + nu kappa) eta).
     size = FOURTH_ROOT * (linear + 0.25 * cubic) + CENTRED_FOURTH_ROOT * square
-    error = 2.0 * np.pi**2 * SQUARE_RMS * size**2 + 2.0 * np.pi * kappa**2 * SQUARE_RMS**2 * curvature
-    # What e lacks: its fourth power, and what other elements see.
-    lacking = 3.0 * FOURTH_RMS * fourth + SQUARE_RMS * bends
-    if lead:
-        lacking = lacking + NU_RMS * 2.0 * bends * lead / frame_s + 4.0 * NU_RMS * fourth * (lead / frame_s) ** 3
-    error += 2.0 * np.pi * NU_RMS * kappa * lacking
-    slope = 0.75 * cubic / (2.0 * kappa) if kappa else np.zeros(len(paths))
-    return view + 1.02 * curvature + slope, error
+    scalings = NU_RMS * sizes[3] + SQUARE_RMS * sizes[4] + CUBE_RMS * sizes[5]
+    second = 0.5 * whole**2 * SQUARE_RMS * size**2 + whole * SQUARE_RMS * scalings
+    first = turn * (NU_RMS * linear + CENTRED_SQUARE_RMS * square + CUBE_RMS * cubic)
+    # The third order, all at their largest: e^3, e g, and what follows g, at most 4/3 kappa g. What the elements' own e
+    # lacks of eta^3, and what g lacks of the elements.
+    most, scaling = 0.5 * linear + square / 6.0 + 0.125 * cubic, sizes[3:].T @ np.array([0.5, 0.25, 0.125])
+    third = CUBE_RMS * (whole**3 / 6.0 * most**3 + whole**2 * most * scaling + whole * 4.0 / 3.0 * kappa * scaling)
+    apart = turn * kappa * CUBE_RMS * (4.0 if lead else 2.0) * jerks
+    apart = apart + whole * kappa**2 * SQUARE_RMS * (SQUARE_RMS + 2.0 * NU_RMS * lead) * bends
+    return np.stack([first + second + elements + never, second + elements + never, third + apart + never])

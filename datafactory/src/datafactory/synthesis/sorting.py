@@ -2,7 +2,8 @@
 
 * A *standing* path has one delay: one chirp of the exact kernel serves all (:mod:`datafactory.synthesis.chirps`).
 * A path that moves almost evenly goes *along lines* (:mod:`datafactory.synthesis.frame_lines`): over the fewest Doppler
-  lines that reach what curvature and the elements' different views add to its own Doppler.
+  lines that reach what curvature and the elements' different views add to its own Doppler, with the fewest separable
+  terms that what couples its range and its Doppler calls for.
 * Any other path goes *by chirps*: the exact kernel, chirp after chirp.
 
 A path may change its kernel between frames: each keeps the tolerance, so that no seam is larger than it.
@@ -46,27 +47,37 @@ CROWD_GROWTH = 100
 
 
 @dataclass(frozen=True)
+class PathsAlongLines:
+    """Paths that are spread with one set of line weights and the same number of separable terms.
+
+    :param orders: 1 to 3, see :mod:`datafactory.synthesis.lines`
+    """
+
+    weights: LineWeights
+    orders: int
+    paths: PathTable
+
+
+@dataclass(frozen=True)
 class SortedPaths:
     """The paths of a table by the kernel they get.
 
     :param standing: one chirp serves all
-    :param lines: sets of line weights with the paths they serve
+    :param lines: in groups that are spread alike
     :param chirps: the exact kernel for every chirp
     """
 
     standing: PathTable
-    lines: tuple[tuple[LineWeights, PathTable], ...]
+    lines: tuple[PathsAlongLines, ...]
     chirps: PathTable
 
-
-def kernel_counts(paths: PathTable, radar: Radar, tolerance: float, model: WaveModel) -> dict[str, int]:
-    """Paths by the kernel that makes them of the radar's own cube, for a manifest."""
-    by_need = sorted_paths(paths, radar, tolerance, radar.array, model)
-    return {
-        "paths_standing": len(by_need.standing),
-        "paths_along_lines": sum(len(table) for _, table in by_need.lines),
-        "paths_by_chirps": len(by_need.chirps),
-    }
+    def counts(self) -> dict[str, int]:
+        """Paths by kernel, for a manifest."""
+        return {
+            "paths_standing": len(self.standing),
+            "paths_along_lines": sum(len(group.paths) for group in self.lines),
+            "paths_by_chirps": len(self.chirps),
+        }
 
 
 def crowd_limit(tolerance: float) -> int:
@@ -106,12 +117,18 @@ def sorted_paths(
             paths, scattered=paths.scattered.take(scattered == need), specular=paths.specular.take(specular == need)
         )
 
-    lines = tuple((weights, chosen(index)) for index, (_, weights) in enumerate(sets))
-    return SortedPaths(chosen(STANDING), tuple(part for part in lines if len(part[1])), chosen(BY_CHIRPS))
+    wanted = np.union1d(scattered, specular)
+    lines = tuple(
+        PathsAlongLines(sets[need // ORDERS][1], need % ORDERS + 1, chosen(need))
+        for need in wanted[(wanted >= 0) & (wanted < BY_CHIRPS)].tolist()
+    )
+    return SortedPaths(chosen(STANDING), lines, chosen(BY_CHIRPS))
 
 
-STANDING, BY_CHIRPS = -1, len(EXTRAS)
-"""Needs that are no index of a set of line weights."""
+ORDERS = 3
+"""Most separable terms."""
+STANDING, BY_CHIRPS = -1, ORDERS * len(EXTRAS)
+"""Needs that are not ORDERS times the index of a set of line weights, plus the orders less one."""
 
 
 def _needs(
@@ -123,24 +140,27 @@ def _needs(
     model: WaveModel,
     specular: bool,
 ) -> Int64[np.ndarray, " paths"]:
-    """Of every path STANDING, the first set of line weights that serves it in every block of RX, or BY_CHIRPS."""
+    """What every path needs: STANDING, BY_CHIRPS, or in every block of RX at most these line weights and orders."""
     result = np.full(len(paths), BY_CHIRPS, dtype=np.int64)
     if sets and len(paths):
         start = radar.waveform.chirps // 2 * radar.waveform.chirp_interval_s
-        tx_reach, worst = reach_m(array.tx), np.zeros(len(paths), dtype=np.int64)
+        tx_reach, limits = reach_m(array.tx), [limit for limit, _ in sets]
+        widest, orders = np.zeros(len(paths), dtype=np.int64), np.zeros(len(paths), dtype=np.int64)
+        crowded = np.zeros(len(paths), dtype=bool)
         for block in rx_blocks(array, radar.waveform.bandwidth_hz):
             rx = array.rx[block]
             centres = centre(array.tx), centre(rx)
             # The image of a specular path moves with the TX as far as the TX itself.
             reaches = (0.0, tx_reach + reach_m(rx)) if specular else (tx_reach, reach_m(rx))
             motion = motion_of(paths, *centres, start, radar, model)
-            extra, error = left_out(paths, motion, reaches, centres, start, radar, model)
-            error += _video_phase_error(motion.doppler, radar)
-            kept = (error <= BEND_SHARE * tolerance) & (np.abs(motion.bend[1]) <= 12.0 * RANGE_SLACK_BINS)
-            index = np.searchsorted([limit for limit, _ in sets], extra)
-            worst = np.maximum(worst, np.where(kept & (index < len(sets)), index, BY_CHIRPS))
-            worst[_crowded(motion.doppler, paths, radar.waveform, crowd_limit(tolerance))] = BY_CHIRPS
-        result = worst
+            extra, errors = left_out(paths, motion, reaches, centres, start, radar, model)
+            kept = errors + _video_phase_error(motion.doppler, radar) <= BEND_SHARE * tolerance
+            kept &= np.abs(motion.bend[1]) <= 12.0 * RANGE_SLACK_BINS
+            widest = np.maximum(widest, np.searchsorted(limits, extra))
+            orders = np.maximum(orders, np.where(kept.any(axis=0), kept.argmax(axis=0), ORDERS))
+            crowded |= _crowded(motion.doppler, paths, radar.waveform, crowd_limit(tolerance))
+        along = (widest < len(sets)) & (orders < ORDERS) & ~crowded
+        result[along] = (ORDERS * widest + orders)[along]
     result[~moving(paths)] = STANDING
     return result
 

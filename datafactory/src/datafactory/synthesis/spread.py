@@ -168,7 +168,7 @@ def _add_powers(one, other, rx_count, rx_re, rx_im, rx_shift, powers, to, moment
 @compiled(nogil=True, error_model="numpy", fastmath=_FAST)
 def add_moments(
     table, tx, rx, tx_centre, rx_centre, time, beat_time, plane,
-    reference_hz, bandwidth_hz, slope_hz_per_s, video_phase, oversampling, powers, first_tx, moments,
+    reference_hz, bandwidth_hz, slope_hz_per_s, video_phase, oversampling, powers, first_tx, moments, used,
 ):  # fmt: skip
     """Add all paths at one instant to ``moments`` of :func:`empty_moments`.
 
@@ -181,6 +181,7 @@ def add_moments(
     :param video_phase: 1.0 adds the residual video phase -mu tau^2 / 2 up to its part quadratic in the remainder z
     :param powers: a tuple of ``terms`` entries
     :param first_tx: index among the moments' TX of the first of ``tx``
+    :param used: [cells] set where a path stands
     """
     cells, moment_tx = moments.shape[0], moments.shape[1]
     tx_count, rx_count, path_count = len(tx), rx.shape[1], table.shape[1]
@@ -264,12 +265,14 @@ def add_moments(
             # A path without a neighbour in its cell is paired with itself at amplitude 0.
             paired = b + 1 < count and nearest[b] == nearest[b + 1]
             f, weight = (b + 1, 1.0) if paired else (b, 0.0)
+            cell = int(nearest[b]) % cells
+            used[cell] = True
             for i in range(tx_count):
                 _add_powers(
                     (real(tx_re[i, b]), real(tx_im[i, b]), real(tx_shift[i, b]), b * rx_count),
                     (real(weight * tx_re[i, f]), real(weight * tx_im[i, f]), real(tx_shift[i, f]), f * rx_count),
                     rx_count, rx_re, rx_im, rx_shift,
-                    powers, ((int(nearest[b]) % cells) * moment_tx + first_tx + i) * one_tx, flat,
+                    powers, (cell * moment_tx + first_tx + i) * one_tx, flat,
                 )  # fmt: skip
             b += 2 if paired else 1
 
@@ -286,9 +289,10 @@ def _add_tap(weights, powers, at, moments, total):
 
 
 @compiled(nogil=True, error_model="numpy", fastmath=_FAST)
-def add_to_grid(moments, weights, powers, phase, grid):
+def add_to_grid(moments, used, weights, powers, phase, grid):
     """Add sum_{j, p} W_jp M_p[g - j], times ``phase``, to ``grid`` [cells, RX, TX] complex, cyclic in g.
 
+    :param used: [cells] of :func:`add_moments`; the moments of others are zero
     :param weights: [taps, terms] of the moments' real type
     :param powers: a tuple of ``terms`` entries
     """
@@ -297,6 +301,11 @@ def add_to_grid(moments, weights, powers, phase, grid):
     rx_count, taps = grid.shape[1], len(weights)
     total = np.empty(2 * LANES, dtype=moments.dtype)
     for g in range(cells):
+        reached = False
+        for j in range(taps):
+            reached = reached or used[(g + taps // 2 - j) % cells]
+        if not reached:
+            continue
         for i in range(tx_count):
             for panel in range(panels):
                 total[:] = 0.0

@@ -27,34 +27,34 @@ folds. ``tests/datafactory/synthesis/test_truth.py`` compares the image with the
 
 from __future__ import annotations
 
-from math import comb, factorial
+from dataclasses import dataclass
+from math import factorial
 
 import numpy as np
-from jaxtyping import Complex64, Complex128, Float32, Float64, Int64
+from jaxtyping import Bool, Complex64, Complex128, Float32, Float64, Int64
 
 from datafactory.paths.table import PathTable, ScatteredPaths
+from datafactory.synthesis.doppler_moments import (
+    BINOMIAL,
+    CELLS_PER_BIN,
+    CURVATURE_STEP,
+    DELTA_STEP,
+    MAX_DOPPLER_TERMS,
+    SHIFT_TERMS,
+    add_doppler_moments,
+)
 from datafactory.synthesis.mid_frame import BLOCK, MidFrame, at_mid_frame
+from datafactory.synthesis.motion import coupling
 from datafactory.synthesis.visibility import DOPPLER_REACH, ROW_REACH, seen_paths
 from datafactory.synthesis.wave_model import EQUATION_1, WaveModel
-from shared.physics.compiled import compiled
-from shared.physics.cycles import phasor
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
 from shared.signal.imaging import DEFAULT_TERMS, WALK_REACH
 from shared.signal.sweep import reference_frequency_hz, shift_polynomials, sweep_positions
 from shared.signal.windows import hann
 
-CELLS_PER_BIN = 2
-"""Of the grid of range moments: a path is at most a quarter of a bin from its cell."""
-SHIFT_TERMS = 5
-"""Powers of the range remainder: -77 dB at the ends of the sweep for |z| <= 0.36 bins."""
-DELTA_STEP = 1.0 / 16.0
-"""Of the table's Doppler nodes [bins]; half of it is part of a path's departure, which sets its terms."""
-CURVATURE_STEP = 1.0 / 32.0
-"""Of the table's curvatures [cycles]: half of it turns the frame's edges, where Hann has no weight, by 0.025 rad."""
 DOPPLER_ERROR = 3e-3
 """Bound on the Doppler polynomial's error, relative to the path's own amplitude: -50 dB."""
-MAX_DOPPLER_TERMS = 10
 
 
 def truth_moments(
@@ -72,6 +72,44 @@ def truth_moments(
     :returns: what :func:`shared.signal.imaging.near_field_images` takes
     """
     array, waveform = radar.virtual_sensor, radar.waveform
+    mid, path_terms, cells = truth_plan(paths, radar, doppler_cells, terms, model)
+    table = _doppler_table(mid.curvature, waveform.chirps, int(path_terms.max(initial=1)))
+    moments = np.zeros((terms, waveform.range_bins, array.channels), dtype=np.complex64)
+    for first in range(0, array.channels, BLOCK):
+        _add_block(moments, slice(first, first + BLOCK), mid, path_terms, cells, table, radar, model)
+    return moments
+
+
+@dataclass(frozen=True)
+class DopplerCell:
+    """A Doppler cell in which rows stand.
+
+    :param frequency: [bins]
+    :param chosen: paths that are seen in it; ``needed`` range cells that its rows draw on
+    :param doppler_terms: as many as the paths chosen call for
+    :param mixing: from the moments around a row to the row
+    """
+
+    frequency: float
+    rows: Int64[np.ndarray, " rows"]
+    chosen: Int64[np.ndarray, " chosen"]
+    needed: Bool[np.ndarray, " cells"]
+    doppler_terms: int
+    mixing: Float32[np.ndarray, "outputs inputs"]
+
+
+def truth_plan(
+    paths: PathTable,
+    radar: Radar,
+    doppler_cells: Int64[np.ndarray, " rows"],
+    terms: int = DEFAULT_TERMS,
+    model: WaveModel = EQUATION_1,
+) -> tuple[MidFrame, Int64[np.ndarray, " paths"], list[DopplerCell]]:
+    """The paths that are seen somewhere, the Doppler terms of each, and the Doppler cells in which some are seen.
+
+    Arguments as in :func:`truth_moments`.
+    """
+    waveform, array = radar.waveform, radar.virtual_sensor
     if len(array.tx_m) != 1:
         raise ValueError(f"the virtual sensor has {len(array.tx_m)} TX; expected 1")
     tx = array.tx[0]
@@ -79,44 +117,60 @@ def truth_moments(
     mid = at_mid_frame(both, radar, tx, array.rx.mean(axis=0), model)
     # Neighbours in range share cells, and the cache.
     mid = mid.take(np.argsort(mid.range_bins % waveform.samples, kind="stable"))
-    frame_s = waveform.chirps * waveform.chirp_interval_s
-    path_terms = _doppler_terms(mid, waveform.chirps)
-    doppler_terms = int(path_terms.max(initial=1))
-    table = _doppler_table(mid.curvature, waveform.chirps, doppler_terms)
-    mixing = _mixing_matrix(radar, terms, doppler_terms)  # (2 terms, offsets * SHIFT_TERMS * doppler_terms)
-    cells = waveform.samples * CELLS_PER_BIN
-    around_row = _around_row(waveform.samples)
-    channels = array.channels
-    blocks = [slice(first, min(first + BLOCK, channels)) for first in range(0, channels, BLOCK)]
-    grids = [np.zeros((cells, SHIFT_TERMS * doppler_terms, 2, len(array.rx[block])), np.float32) for block in blocks]
-    moments = np.zeros((terms, waveform.range_bins, channels), dtype=np.complex64)
     seen = seen_paths(mid, radar, doppler_cells)
-    for cell in np.unique(doppler_cells):
-        rows = np.flatnonzero(doppler_cells == cell)
-        needed = np.zeros(cells, dtype=bool)
-        needed[(rows[:, None] * CELLS_PER_BIN + around_row) % cells] = True
-        frequency = float(cell - waveform.chirps // 2)
-        chosen = np.flatnonzero(seen[cell])
+    anywhere = seen.any(axis=0)
+    mid, seen = mid.take(np.flatnonzero(anywhere)), np.compress(anywhere, seen, axis=1)
+    path_terms = _doppler_terms(mid, waveform.chirps)
+    cells, around_row = waveform.samples * CELLS_PER_BIN, _around_row(waveform.samples)
+    result, mixing = list[DopplerCell](), dict[int, Float32[np.ndarray, "outputs inputs"]]()
+    for index in np.unique(doppler_cells):
+        chosen = np.flatnonzero(seen[index])
         if not len(chosen):
             continue
-        turn = np.exp(-2j * np.pi * frequency * (waveform.chirps // 2) / waveform.chirps).astype(np.complex64)
-        for block, grid in zip(blocks, grids, strict=True):
-            rx = array.rx[block]
-            grid[needed] = 0.0
-            _add_doppler_moments(
-                chosen, path_terms, mid.rx_point, mid.rx_velocity, mid.tx_length, mid.tx_rate, mid.curvature,
-                mid.amplitude,
-                rx, 0.5 * (rx[0] + rx[-1]), frequency, float(waveform.chirps), frame_s,
-                reference_frequency_hz(radar), waveform.bandwidth_hz, model.lead_s(radar),
-                float(model.range_migration), needed, table, BINOMIAL, grid,
-            )  # fmt: skip
-            for row in rows:
-                around = _cyclic_slice(grid, row * CELLS_PER_BIN + around_row).reshape(mixing.shape[1], -1)
-                re_re, re_im, im_re, im_im = (
-                    (mixing @ around).reshape(2, terms, 2, -1).transpose(0, 2, 1, 3).reshape(4, terms, -1)
-                )
-                moments[:, row, block] = turn * (re_re - im_im + 1j * (re_im + im_re))
-    return moments
+        rows = np.flatnonzero(doppler_cells == index)
+        needed = np.zeros(cells, dtype=bool)
+        needed[(rows[:, None] * CELLS_PER_BIN + around_row) % cells] = True
+        count = int(path_terms[chosen].max())
+        if count not in mixing:
+            mixing[count] = _mixing_matrix(radar, terms, count)
+        result.append(DopplerCell(float(index - waveform.chirps // 2), rows, chosen, needed, count, mixing[count]))
+    return mid, path_terms, result
+
+
+def _add_block(
+    moments: Complex64[np.ndarray, "terms rows channels"],
+    block: slice,
+    mid: MidFrame,
+    path_terms: Int64[np.ndarray, " paths"],
+    cells: list[DopplerCell],
+    table: tuple[int, float, Complex128[np.ndarray, "q delta doppler_terms"]],
+    radar: Radar,
+    model: WaveModel,
+) -> None:
+    """Fill ``moments`` at a block of elements."""
+    waveform, terms = radar.waveform, len(moments)
+    rx = radar.virtual_sensor.rx[block]
+    frame_s = waveform.chirps * waveform.chirp_interval_s
+    around_row = _around_row(waveform.samples)
+    workspace = np.empty(waveform.samples * CELLS_PER_BIN * SHIFT_TERMS * table[2].shape[2] * 2 * len(rx), np.float32)
+    for cell in cells:
+        shape = len(cell.needed), SHIFT_TERMS * cell.doppler_terms, 2, len(rx)
+        grid = workspace[: int(np.prod(shape))].reshape(shape)
+        grid[cell.needed] = 0.0
+        add_doppler_moments(
+            cell.chosen, path_terms, mid.rx_point, mid.rx_velocity, mid.tx_length, mid.tx_rate, mid.curvature,
+            mid.amplitude,
+            rx, 0.5 * (rx[0] + rx[-1]), cell.frequency, float(waveform.chirps), frame_s,
+            reference_frequency_hz(radar), waveform.bandwidth_hz, model.lead_s(radar),
+            coupling(radar, model), cell.needed, table, BINOMIAL, grid,
+        )  # fmt: skip
+        turn = np.exp(-2j * np.pi * cell.frequency * (waveform.chirps // 2) / waveform.chirps).astype(np.complex64)
+        for row in cell.rows:
+            around = _cyclic_slice(grid, row * CELLS_PER_BIN + around_row).reshape(cell.mixing.shape[1], -1)
+            re_re, re_im, im_re, im_im = (
+                (cell.mixing @ around).reshape(2, terms, 2, -1).transpose(0, 2, 1, 3).reshape(4, terms, -1)
+            )
+            moments[:, row, block] = turn * (re_re - im_im + 1j * (re_im + im_re))
 
 
 def _doppler_terms(mid: MidFrame, chirps: int) -> Int64[np.ndarray, " paths"]:
@@ -196,87 +250,3 @@ def _cyclic_slice(
 def _shift_reach(radar: Radar) -> float:
     half_block = 0.5 * (BLOCK - 1) * SPEED_OF_LIGHT / (2.0 * radar.waveform.carrier_hz)
     return 0.5 / CELLS_PER_BIN + half_block * radar.waveform.bandwidth_hz / SPEED_OF_LIGHT
-
-
-BINOMIAL = np.array(
-    [[comb(e, j) for j in range(MAX_DOPPLER_TERMS)] for e in range(MAX_DOPPLER_TERMS)], dtype=np.float64
-)
-
-
-@compiled(nogil=True, error_model="numpy", fastmath={"contract", "nsz", "arcp", "reassoc"})
-def _add_doppler_moments(
-    chosen, path_terms, rx_point, rx_velocity, tx_length, tx_rate, curvature, amplitude,
-    rx, rx_centre, frequency, chirps, frame_s,
-    reference_hz, bandwidth_hz, lead, migration, needed, table_parts, binomial, grid,
-):  # fmt: skip
-    """Add the chosen paths' moments in one Doppler cell to ``grid`` [cells, SHIFT_TERMS * doppler terms, 2, RX].
-
-    :param path_terms: [K] Doppler terms of each path
-    :param lead: time by which ranges precede phases [s]; ``migration`` 1.0 for ranges that move within the frame
-    """
-    lowest_q, lowest_delta, table = table_parts
-    doppler_terms = table.shape[2]
-    count = len(rx)
-    x, y, z = rx[:, 0].copy(), rx[:, 1].copy(), rx[:, 2].copy()
-    re, im = np.empty(count), np.empty(count)
-    depart = np.empty(count, dtype=np.float32)
-    shift = np.empty(count, dtype=np.float32)
-    b_re, b_im = np.empty(count, dtype=np.float32), np.empty(count, dtype=np.float32)
-    a_re, a_im = np.empty(count, dtype=np.float32), np.empty(count, dtype=np.float32)
-    per_metre = reference_hz / SPEED_OF_LIGHT
-    bins_per_metre = bandwidth_hz / SPEED_OF_LIGHT
-    for k in chosen:
-        qx, qy, qz = rx_point[k]
-        vx, vy, vz = rx_velocity[k]
-        cx, cy, cz = qx - rx_centre[0], qy - rx_centre[1], qz - rx_centre[2]
-        centre_leg = np.sqrt(cx * cx + cy * cy + cz * cz)
-        centre_rate = (cx * vx + cy * vy + cz * vz) / max(centre_leg, 1e-9)
-        total = per_metre * frame_s * (tx_rate[k] + centre_rate)
-        delta = total - frequency
-        delta -= chirps * np.floor(delta / chirps + 0.5)
-        ranged = tx_length[k] + lead * tx_rate[k]
-        cell = int(np.floor(bins_per_metre * (ranged + centre_leg + lead * centre_rate) * CELLS_PER_BIN + 0.5))
-        slot = cell % len(needed)
-        q = min(max(int(np.floor(curvature[k] / CURVATURE_STEP + 0.5)) - lowest_q, 0), table.shape[0] - 1)
-        node = int(np.floor((delta - lowest_delta) / DELTA_STEP + 0.5))
-        if not needed[slot] or node < 0 or node >= table.shape[1]:
-            continue
-        response = table[q, node]
-        origin = total - delta + lowest_delta + node * DELTA_STEP
-        kappa = np.float32(migration * total * bandwidth_hz / reference_hz)
-        offset = cell / CELLS_PER_BIN - bins_per_metre * ranged
-        k_re, k_im = amplitude[k].real, amplitude[k].imag
-        for c in range(count):
-            dx, dy, dz = qx - x[c], qy - y[c], qz - z[c]
-            leg = np.sqrt(dx * dx + dy * dy + dz * dz)
-            cosine, sine = phasor(per_metre * (tx_length[k] + leg))
-            re[c] = cosine * k_re - sine * k_im
-            im[c] = cosine * k_im + sine * k_re
-            rate = (dx * vx + dy * vy + dz * vz) / leg
-            shift[c] = bins_per_metre * (leg + lead * rate) - offset
-            depart[c] = per_metre * frame_s * (tx_rate[k] + rate) - origin
-        scale = np.float32(1.0)
-        last = path_terms[k] - 1
-        for j in range(last + 1):
-            # kappa^j sum_e C(e, j) G_e d^(e - j), by Horner's rule
-            top_re = np.float32(binomial[last, j] * response[last].real)
-            top_im = np.float32(binomial[last, j] * response[last].imag)
-            for c in range(count):
-                b_re[c], b_im[c] = top_re, top_im
-            for e in range(last - 1, j - 1, -1):
-                g_re = np.float32(binomial[e, j] * response[e].real)
-                g_im = np.float32(binomial[e, j] * response[e].imag)
-                for c in range(count):
-                    b_re[c] = b_re[c] * depart[c] + g_re
-                    b_im[c] = b_im[c] * depart[c] + g_im
-            for c in range(count):
-                a_re[c] = scale * (b_re[c] * np.float32(re[c]) - b_im[c] * np.float32(im[c]))
-                a_im[c] = scale * (b_re[c] * np.float32(im[c]) + b_im[c] * np.float32(re[c]))
-            for p in range(SHIFT_TERMS):
-                moment_re, moment_im = grid[slot, p * doppler_terms + j, 0], grid[slot, p * doppler_terms + j, 1]
-                for c in range(count):
-                    moment_re[c] += a_re[c]
-                    moment_im[c] += a_im[c]
-                    a_re[c] *= shift[c]
-                    a_im[c] *= shift[c]
-            scale *= kappa

@@ -133,7 +133,7 @@ def write_pictures(subject: Subject, folder: Path, stem: str) -> tuple[Path, Pat
 
 def camera_figure(subject: Subject) -> Figure:
     """The camera's picture with title, point targets and the legend of materials."""
-    figure = Figure(figsize=(10.0, 5.0), layout="constrained")
+    figure = Figure(figsize=(10.0, 5.7), layout="constrained")
     axis = figure.subplots()
     draw_camera(axis, camera_picture(subject))
     x, y, z = subject.targets().T
@@ -173,7 +173,13 @@ def above_figure(subject: Subject) -> Figure:
         axis.plot(line[:, 1], line[:, 0], color=css(SENSOR), linewidth=0.8, linestyle="--")
     for mover in subject.movers():
         (x, y), (vx, vy) = mover.position[:2], mover.velocity[:2]
-        axis.annotate("", (y + vy, x + vx), (y, x), arrowprops={"arrowstyle": "->", "color": css(MOTION), "lw": 1.4})
+        axis.annotate(
+            "",
+            (y + vy, x + vx),
+            (y, x),
+            annotation_clip=True,
+            arrowprops={"arrowstyle": "->", "color": css(MOTION), "lw": 1.4},
+        )
     targets = subject.targets()
     axis.plot(targets[:, 1], targets[:, 0], "o", markersize=5, markerfacecolor="none", color=css(TARGET))
     axis.plot(0.0, 0.0, "^", color=css(SENSOR), markersize=8)

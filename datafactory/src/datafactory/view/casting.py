@@ -39,7 +39,7 @@ class RayCaster:
     """
 
     def __init__(self, merged: MergedScene, pose: Pose) -> None:
-        self._scene = None
+        self._scene, merged = None, merged.at(pose.time_s)
         if merged.meshes:
             select_variant()
             import mitsuba as mi

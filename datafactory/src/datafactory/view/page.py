@@ -68,7 +68,7 @@ def meshes_of(subject: Subject) -> trimesh.Scene:
 
 def page_data(subject: Subject, shown: Shown | None) -> dict[str, Any]:
     """What the page shows beside the meshes, as JSON values; places in the radar frame [m]."""
-    merged, pose = subject.scene.merged, subject.pose
+    merged, pose = subject.merged, subject.pose
     by_material: dict[str, list[str]] = {}
     for index, mesh in enumerate(merged.meshes):
         by_material.setdefault(mesh.material, []).append(f"mesh-{index}")

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.paths.table import DIFFRACTED, REFRACTED, SPECULAR, TARGET, PathTable
+from datafactory.paths.table import CORNER, DIFFRACTED, REFRACTED, SPECULAR, TARGET, PathTable, ScatteredPaths
 from datafactory.view.casting import RayCaster
 from datafactory.view.colours import DIFFRACTION, DIRECT, KINDS, MIRROR, REFRACTION, SEVERAL
 from shared.physics.units import amplitude_to_db
@@ -69,7 +69,8 @@ def kinds_of(table: PathTable) -> NDArray[np.str_]:
     """[scattered, then specular] kind of every path: the rarest interaction that it has names it."""
     kinds = np.concatenate([table.scattered.kinds, table.specular.kinds])
     depth = np.concatenate([table.scattered.depth, table.specular.depth])
-    mirrors = np.arange(len(kinds)) >= len(table.scattered)
+    # A curved mirror spreads the wave: it stands among the scattered paths, without a scattering point.
+    mirrors = (np.arange(len(kinds)) >= len(table.scattered)) | ((kinds == SPECULAR) & (depth == 1))
     conditions = [(kinds & DIFFRACTED) > 0, (kinds & REFRACTED) > 0, depth > 1, mirrors]
     return np.select(conditions, [DIFFRACTION, REFRACTION, SEVERAL, MIRROR], DIRECT)
 
@@ -122,13 +123,17 @@ def shown_paths(table: PathTable, caster: RayCaster, targets: Real, count: int =
 def _scattered_lines(table: PathTable, chosen: NDArray[np.intp], caster: RayCaster, targets: Real) -> dict[int, Real]:
     """The lines of paths with a scattering point, by index; those that cannot be told are left out."""
     paths = table.scattered.take(chosen)
-    reflected = (paths.kinds & SPECULAR) > 0
+    curved = (paths.depth == 1) & ((paths.kinds & SPECULAR) > 0)
+    reflected = ((paths.kinds & SPECULAR) > 0) & ~curved
     first_target, range_m = len(table.objects) - len(targets), paths.range_m()
     out = _legs(caster, paths.tx_point, reflected)
     back = _legs(caster, paths.rx_point, reflected)
     lines = {}
     for row, index in enumerate(chosen.tolist()):
         if reflected[row] and paths.kinds[row] & REFRACTED:
+            continue
+        if curved[row]:
+            lines[index] = _at_a_curved_mirror(paths, row)
             continue
         between, owner = float(paths.between_m[row]), int(paths.object_index[row]) - first_target
         if paths.kinds[row] & DIFFRACTED and paths.kinds[row] & TARGET and 0 <= owner < len(targets):
@@ -143,7 +148,7 @@ def _scattered_lines(table: PathTable, chosen: NDArray[np.intp], caster: RayCast
 def _mirror_lines(table: PathTable, chosen: NDArray[np.intp], caster: RayCaster) -> dict[int, Real]:
     """The same of paths without a scattering point: they come back to the sensor."""
     paths = table.specular.take(chosen - len(table.scattered))
-    single = paths.depth == 1
+    single = (paths.depth == 1) | ((paths.kinds & CORNER) > 0)  # the echo of a corner comes from its edge or apex
     legs = _legs(caster, np.where(single[:, None], 0.5 * paths.image, paths.image), ~single)
     lines = {}
     for row, index in enumerate(chosen.tolist()):
@@ -190,6 +195,15 @@ def _joined(*parts: Real) -> Real:
 def _tolerance(length: float | Real) -> float | Real:
     """How far apart the ends of legs of this length may be [m]."""
     return APART_M + APART_SHARE * length
+
+
+def _at_a_curved_mirror(paths: ScatteredPaths, row: int) -> Real:
+    """[3, 3] to the foot on a curved surface and back: p, q and the foot lie on one line of sight, whose lengths add
+    to the whole way (:mod:`datafactory.paths.curved_echoes`).
+    """
+    sight = paths.rx_point[row] / np.linalg.norm(paths.rx_point[row])
+    range_m = 0.5 * (float(sight @ (paths.tx_point[row] + paths.rx_point[row])) + float(paths.between_m[row]))
+    return np.stack([np.zeros(3), range_m * sight, np.zeros(3)])
 
 
 def _round_corner(tx_point: Real, rx_point: Real, between_m: float, target: Real) -> Real:

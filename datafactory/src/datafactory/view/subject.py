@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.frame.prepared import PreparedScene
+from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.table import PathTable
 from datafactory.scenes.poses import Pose
 from datafactory.view.casting import RayCaster
@@ -51,29 +53,40 @@ class Subject:
         """Rays into the scene from this pose."""
         return RayCaster(self.scene.merged, self.pose)
 
+    @cached_property
+    def merged(self) -> MergedScene:
+        """The scene at the pose's time."""
+        return self.scene.merged.at(self.pose.time_s)
+
     def vertices(self, mesh: int) -> Real:
-        """[V, 3] of a merged mesh, at the pose's time [m]."""
-        item = self.scene.merged.meshes[mesh]
-        return self._seen(item.vertices + item.velocity * self.pose.time_s)
+        """[V, 3] of a merged mesh [m]."""
+        item = self.merged.meshes[mesh]
+        return self._seen(item.vertices + item.shift)
 
     def targets(self) -> Real:
-        """[T, 3] where the point targets stand at the pose's time [m]."""
-        targets = self.scene.merged.targets
-        world = [np.array(item.position) + np.array(item.velocity) * self.pose.time_s for item in targets]
-        return self._seen(np.array(world).reshape(-1, 3))
+        """[T, 3] where the point targets stand [m]."""
+        return self._seen(np.array([item.position for item in self.merged.targets], dtype=np.float64).reshape(-1, 3))
 
     def movers(self) -> tuple[Mover, ...]:
-        """Objects and point targets that move, and the sensor itself, in the order of the scene."""
-        merged, rotation = self.scene.merged, self.pose.rotation()
-        found = []
+        """What moves: the parts of one body as one, then point targets, then the sensor itself.
+
+        Parts are objects of one velocity below one prim, or of one name where there are no prims.
+        """
+        merged, rotation = self.merged, self.pose.rotation()
+        bodies: dict[tuple[str, tuple[float, ...]], list[Real]] = {}
         for number, mesh in enumerate(merged.meshes):
             if not mesh.velocity.any():
                 continue
             corners = self.vertices(number)[mesh.triangles]  # [T, 3, 3]
             for index in np.unique(mesh.object_of_triangle):
+                name = merged.objects[index]
+                body = name.rpartition("/")[0] or name
                 own = corners[mesh.object_of_triangle == index].reshape(-1, 3)
-                middle = 0.5 * (own.min(axis=0) + own.max(axis=0))
-                found.append(Mover(merged.objects[index], middle, mesh.velocity @ rotation))
+                bodies.setdefault((body, tuple(mesh.velocity)), []).append(np.stack([own.min(axis=0), own.max(axis=0)]))
+        found = []
+        for (name, velocity), boxes in bodies.items():
+            middle = 0.5 * (np.min(boxes, axis=(0, 1)) + np.max(boxes, axis=(0, 1)))
+            found.append(Mover(name, middle, np.array(velocity) @ rotation))
         for target, position in zip(merged.targets, self.targets(), strict=True):
             if any(target.velocity):
                 found.append(Mover(target.name, position, np.array(target.velocity) @ rotation))

@@ -10,6 +10,8 @@ from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any
 
+from shared.processes.strangers import OURS, refuse_namesake
+
 VERSION = "__version__"
 
 
@@ -22,7 +24,10 @@ def lazy_names(
 
     :param distribution: whose metadata hold the version
     :param modules: public name -> module that defines it under this name; a name that is a subpackage -> the package
+    :raises ImportError: somebody else's distribution of the package's name is installed over ours
     """
+    if package in OURS:
+        refuse_namesake(package)
 
     def find(name: str) -> Any:
         if name == VERSION:

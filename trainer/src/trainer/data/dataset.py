@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -78,6 +79,10 @@ class RadarDataset(Dataset[Example]):
 
     def __len__(self) -> int:
         return len(self._frames)
+
+    def __iter__(self) -> Iterator[Example]:
+        """All frames of the split, in the order of the dataset."""
+        return (self[index] for index in range(len(self)))
 
     def __getitem__(self, index: int) -> Example:
         """Frame ``index`` of the split, in the order of the dataset.

@@ -1,0 +1,113 @@
+"""What a run will take, before it is begun: ``datafactory render --dry-run``.
+
+Paths are not known before a frame is traced. So time follows from rates of one machine: seconds a ray, a path and a
+sample, by which the same run has the same forecast everywhere.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+import psutil
+
+from datafactory.frame.deal import split_of
+from datafactory.run.order import Order
+from datafactory.run.preparation import deal_of
+from datafactory.run.room import CLOSE_TARGETS, STREETS, free_bytes, trace_memory
+from datafactory.run.shards import plan_shards
+from datafactory.run.stored import stored_paths
+from datafactory.scenes.readers.open import open_scene
+from datafactory.scenes.scene import Scene
+from shared.dataset import description, row_bytes
+
+RAY_S = 7e-6
+"""Of a ray: 0.8 to 2.1 s for 2e5 of them in a canyon, munich and the shipped street (a manifest's ``step_seconds``)."""
+PATH_S = 1.3e-5
+"""Of a path's share in cube and truth of the default radar: 2.0 s for 1.5e5 paths."""
+SAMPLE_S = 7e-8
+"""Of a sample of the cube, in receiver, spectra and image: 0.45 s for 48 x 128 x 1024."""
+CHANNELS = 48 + 256
+"""Of the default radar and its truth, which ``PATH_S`` is for."""
+PATHS_A_RAY = 0.7
+"""Paths of a frame for each ray, after thinning and pruning: 0.60 to 0.78 in the same three scenes."""
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """What a run will take.
+
+    :param frames: by split; :param shards: their number
+    :param bytes: on the disk, of which ``free_bytes`` are free
+    :param memory_bytes: of all workers together, where the machine has ``machine_bytes``
+    :param seconds: wall-clock, planning included
+    :param workers: no more than there are shards
+    """
+
+    frames: dict[str, int]
+    shards: int
+    bytes: float
+    free_bytes: float
+    memory_bytes: float
+    machine_bytes: float
+    seconds: float
+    workers: int
+
+    def lines(self) -> list[str]:
+        """In words."""
+        split = ", ".join(f"{name} {count}" for name, count in self.frames.items())
+        most = "process" if self.workers == 1 else "processes"
+        return [
+            f"{sum(self.frames.values())} frames ({split}) in {self.shards} shards",
+            f"about {_amount(self.bytes)} on the disk, where {_amount(self.free_bytes)} are free",
+            f"about {_amount(self.memory_bytes)} of memory in {self.workers} {most}; this machine has "
+            f"{_amount(self.machine_bytes)}",
+            f"about {_duration(self.seconds)}, by rates of another machine; half or twice that would be no surprise",
+        ]
+
+
+def forecast(order: Order, directory: Path, workers: int) -> Forecast:
+    """What a run of this order will take; its scenes are opened and its frames dealt, nothing is traced or written.
+
+    :raises InputError: what a run would refuse of its scenes, poses and split
+    """
+    if order.paths is None:
+        scenes = [scene if isinstance(scene, Scene) else open_scene(scene) for scene in order.scenes]
+        deal = deal_of(order, scenes)
+        splits, scene_frames, point_frames = deal.splits(), deal.scene_frames, len(deal) - deal.scene_frames
+        for frame_id in {deal.frames_of(number)[0] for number in range(len(scenes)) if deal.frames_of(number)}:
+            deal.frame(frame_id)  # a scene without free ground is refused here
+    else:
+        scene_frames = len(stored_paths(order, order.paths).places)
+        point_frames = len(order.targets) or order.points
+        splits = tuple(split_of(frame_id, order.split) for frame_id in range(scene_frames + point_frames))
+    settings, waveform, channels = order.settings, order.radar.waveform, order.radar.array.channels
+    rays = float(settings.trace.rays)
+    of_points = SAMPLE_S * channels * waveform.chirps * waveform.samples
+    synthesis = PATH_S * PATHS_A_RAY * rays * (channels + order.radar.virtual_sensor.channels) / CHANNELS
+    of_scene = of_points + synthesis + (RAY_S * rays if order.paths is None else 0.0)
+    planning = 0.0 if order.effects is not None or order.paths is not None else RAY_S * rays * len(order.scenes)
+    shapes = description(order.radar, settings.processing.peaks, settings.processing.store)["shapes"]
+    shards = len(plan_shards(splits))
+    workers = min(workers, shards)
+    return Forecast(
+        frames=dict(Counter(splits)),
+        shards=shards,
+        bytes=row_bytes(shapes) * (STREETS * scene_frames + CLOSE_TARGETS * point_frames),
+        free_bytes=free_bytes(directory),
+        memory_bytes=trace_memory(settings.trace.rays if scene_frames and order.paths is None else 0, workers),
+        machine_bytes=float(psutil.virtual_memory().total),
+        seconds=planning + (scene_frames * of_scene + point_frames * of_points) / workers,
+        workers=workers,
+    )
+
+
+def _amount(size: float) -> str:
+    return f"{size / 1e9:.1f} GB" if size >= 1e9 else f"{size / 1e6:.0f} MB"
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 100.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 6000.0 else f"{seconds / 3600.0:.1f} h"

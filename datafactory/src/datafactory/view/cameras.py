@@ -1,0 +1,133 @@
+"""Camera pictures of a dataset's frames, from the scenes that its manifest names."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.image import imread, imsave
+from numpy.typing import NDArray
+from pydantic import BaseModel, ValidationError
+from scipy.spatial.transform import Rotation
+
+from datafactory.frame.prepared import PreparedScene
+from datafactory.run.preparation import prepared_scene
+from datafactory.scenes.materials.table import MaterialTable, load_materials
+from datafactory.scenes.poses import Pose
+from datafactory.scenes.readers.open import open_scene
+from datafactory.scenes.scene import Scene
+from datafactory.view.camera import camera_picture
+from datafactory.view.subject import Subject
+from shared.dataset import Frame
+from shared.dataset.folder import Dataset
+from shared.dataset.manifest import MANIFEST
+from shared.dataset.reading import radar_of
+from shared.dataset.writing import atomic
+from shared.physics.errors import InputError
+from shared.radar import first_validation_error
+
+FOLDER = "camera"
+"""Of a dataset: its frames as a camera at the sensor sees them, where they were asked for."""
+
+
+class _SceneEntry(BaseModel):
+    name: str
+    source: str
+    content_sha256: str
+
+
+class _PoseEntry(BaseModel):
+    time_s: float = 0.0
+
+
+class _Arguments(BaseModel):
+    poses: tuple[_PoseEntry, ...] = ()
+    paths: tuple[str, ...] | None = None
+
+
+class _Rendered(BaseModel):
+    """What a picture needs of a manifest."""
+
+    scenes: tuple[_SceneEntry, ...] = ()
+    arguments: _Arguments = _Arguments()
+
+
+class Cameras:
+    """The scenes of a dataset, each opened when a frame needs it.
+
+    :param scenes: those that were opened before, among them any that no file holds
+    :param materials: that decide the colours
+    :raises InputError: a manifest without what is needed; frames of traced paths, which do not say when they are
+    """
+
+    def __init__(self, dataset: Dataset, scenes: Sequence[Scene] = (), materials: MaterialTable | None = None) -> None:
+        self._source = dataset.path / MANIFEST
+        try:
+            self._rendered = _Rendered.model_validate(dataset.manifest)
+        except ValidationError as error:
+            raise InputError(self._source, *first_validation_error(error)) from error
+        if self._rendered.arguments.paths is not None:
+            raise InputError("--camera", f"the frames of {dataset.path} are of traced paths", "frames of --scene")
+        self._radar = radar_of(dataset.description(), self._source)
+        self._given = {scene.content_hash(): scene for scene in scenes}
+        self._materials = materials or load_materials()
+        self._opened: dict[str, PreparedScene] = {}
+
+    def subject(self, frame: Frame) -> Subject | None:
+        """Scene and pose of a frame; None of a frame of point targets.
+
+        :raises InputError: a scene that cannot be opened, or is not what it was
+        """
+        if frame.kind != "scene":
+            return None
+        w, x, y, z = frame.sensor_orientation
+        yaw, pitch, roll = Rotation.from_quat([w, x, y, z], scalar_first=True).as_euler("ZYX", degrees=True).tolist()
+        poses = self._rendered.arguments.poses
+        time_s = poses[frame.frame_id].time_s if frame.frame_id < len(poses) else 0.0
+        pose = Pose(frame.sensor_position, yaw, pitch, roll, frame.sensor_velocity, time_s)
+        return Subject(f"{frame.scene}, frame {frame.frame_id}", self._scene(frame.scene), pose, self._radar)
+
+    def _scene(self, name: str) -> PreparedScene:
+        if name not in self._opened:
+            entries = [entry for entry in self._rendered.scenes if entry.name == name]
+            if len(entries) != 1:
+                raise InputError(self._source, f"{len(entries)} scenes named {name!r}", "one")
+            (entry,) = entries
+            scene = self._given.get(entry.content_sha256) or open_scene(entry.source)
+            if scene.content_hash() != entry.content_sha256:
+                raise InputError(entry.source, "is not the scene that was rendered", "the file as it was then")
+            self._opened[name] = prepared_scene(scene, self._materials, lambda line: None)
+        return self._opened[name]
+
+
+def picture_path(folder: Path, frame_id: int) -> Path:
+    """Where a frame's camera picture stands in a dataset's folder."""
+    return folder / FOLDER / f"frame-{frame_id:06d}.png"
+
+
+def stored_picture(dataset: Dataset, frame_id: int) -> NDArray[np.uint8] | None:
+    """The camera picture of a frame that was written with it; None where there is none.
+
+    :raises InputError: a file that is no picture
+    """
+    if not isinstance(dataset.path, Path) or not (path := picture_path(dataset.path, frame_id)).is_file():
+        return None
+    try:
+        return np.rint(255.0 * imread(path)[..., :3]).astype(np.uint8)
+    except (OSError, ValueError, SyntaxError, IndexError) as error:
+        raise InputError(path, f"no picture: {error}", "the file as render --camera wrote it") from error
+
+
+def write_cameras(dataset: Dataset, cameras: Cameras) -> Iterator[Path]:
+    """Write the camera pictures of all scene frames that have none yet, one after the other."""
+    assert isinstance(dataset.path, Path)  # a run writes here
+    (dataset.path / FOLDER).mkdir(exist_ok=True)
+    for split in dataset.splits:
+        for frame in dataset.frames(split, columns=()):
+            path, subject = picture_path(dataset.path, frame.frame_id), cameras.subject(frame)
+            if subject is None or path.is_file():
+                continue
+            with atomic(path) as partial:
+                imsave(partial, camera_picture(subject), format="png", metadata={"Software": ""})
+            yield path
