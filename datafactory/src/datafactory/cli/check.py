@@ -9,6 +9,7 @@ import typer
 
 from datafactory.cli import options
 from datafactory.cli.tables import plain_console, table
+from shared.physics.errors import InputError
 
 if TYPE_CHECKING:
     from datafactory.inspection.scene import SceneReport
@@ -17,9 +18,11 @@ TABLE_WIDTH = 120
 
 
 def check(
+    scene_name: options.SceneName = None,
     scene: Annotated[
-        str, typer.Option("--scene", help="USD, Mitsuba XML or mesh file, or shipped:NAME or sionna:NAME.")
-    ],
+        str | None,
+        typer.Option(help="USD, Mitsuba XML or mesh file, or shipped:NAME or sionna:NAME.", show_default=False),
+    ] = None,
     variant: options.Variants = None,
     allow_missing: options.AllowMissing = False,
     materials: options.Materials = None,
@@ -30,7 +33,10 @@ def check(
     from datafactory.inspection.scene import examine_scene
     from datafactory.scenes.materials.table import load_materials
 
-    opened = load_scene(scene, variant=variant or (), allow_missing=allow_missing)
+    named = options.one_scene(scene_name, scene)
+    if named is None:
+        raise InputError("--scene", "missing", "a scene file, shipped:NAME or sionna:NAME")
+    opened = load_scene(named, variant=variant or (), allow_missing=allow_missing)
     report = examine_scene(opened, load_materials(materials))
     if as_json:
         typer.echo(json.dumps(report.to_json(), indent=2))
