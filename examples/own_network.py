@@ -78,19 +78,27 @@ class Mask(nn.Module):
 # %% [markdown]
 # ## Training
 #
-# A crop of 64 range bins a step keeps it short. The loss is the squared error over the energy of the truth.
+# NMSE is the squared error of the image over the energy of the truth, at the scale that fits best: 1.00 is an empty
+# image. It can be differentiated, and is the loss. A crop of 64 range bins that holds a target keeps a step short.
+
 
 # %%
+def nmse(image: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
+    """Of one image, at its best scale."""
+    overlap = (image * truth).sum().square()
+    return 1.0 - overlap / (image.square().sum() * truth.square().sum()).clamp_min(1e-30)
+
+
 network = Mask()
 optimiser = torch.optim.Adam(network.parameters(), lr=4e-3)
 for epoch in range(EPOCHS):
     total, steps = 0.0, 0
-    for batch in DataLoader(train, batch_size=2, shuffle=True):
+    for batch in DataLoader(train, batch_size=1, shuffle=True):
         image, truth, _ = features(batch)
-        first = int(torch.randint(image.shape[2] - 64, ()))
+        lit = int(truth.amax(dim=3).argmax())
+        first = min(max(lit - int(torch.randint(64, ())), 0), image.shape[2] - 64)
         rows = slice(first, first + 64)
-        error = (network(image[:, :, rows]) - truth[:, :, rows]).square().sum()
-        loss = error / truth[:, :, rows].square().sum().clamp_min(1.0)
+        loss = nmse(network(image[:, :, rows]), truth[:, :, rows])
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
@@ -99,23 +107,13 @@ for epoch in range(EPOCHS):
 
 # %% [markdown]
 # ## Against delay-and-sum
-#
-# NMSE: squared error of the image over the energy of the truth, each at the scale that fits it best. 1.00 is an
-# empty image.
-
 
 # %%
-def nmse(image: torch.Tensor, truth: torch.Tensor) -> float:
-    """Of one image, at its best scale."""
-    best = (image * truth).sum() / image.square().sum().clamp_min(1e-30)
-    return float((best * image - truth).square().sum() / truth.square().sum())
-
-
 scores: dict[str, list[float]] = {"network": [], "delay-and-sum": []}
 with torch.inference_mode():
     for batch in DataLoader(test, batch_size=1):
         image, truth, scale = features(batch)
-        scores["network"].append(nmse(network(image) * scale, truth * scale))
-        scores["delay-and-sum"].append(nmse(image * scale, truth * scale))
+        scores["network"].append(nmse(network(image) * scale, truth * scale).item())
+        scores["delay-and-sum"].append(nmse(image * scale, truth * scale).item())
 for name, values in scores.items():
     print(f"{name}: NMSE {sum(values) / len(values):.2f} of {len(values)} test frames")

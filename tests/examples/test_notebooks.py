@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[2]
 SMALL = {
     "own_scene": {"EXAMPLES_RAYS": "4000"},
     "own_radar": {},
-    "own_network": {"EXAMPLES_FRAMES": "8", "EXAMPLES_EPOCHS": "1"},
+    "own_network": {"EXAMPLES_FRAMES": "16", "EXAMPLES_EPOCHS": "4"},
     "cube_to_points": {},
     "accuracy_and_time": {"EXAMPLES_RAYS": "1000,4000"},
 }
@@ -58,11 +58,11 @@ def test_targets_stand_where_they_were_put(said: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("said", ["own_network"], indirect=True)
-def test_a_network_is_trained_and_judged(said: str) -> None:
+def test_a_network_learns(said: str) -> None:
     assert "18 channels" in said
     scores = dict(re.findall(r"(network|delay-and-sum): NMSE ([0-9.]+)", said))
     assert set(scores) == {"network", "delay-and-sum"}
-    assert all(0.0 < float(score) <= 1.0 for score in scores.values())
+    assert 0.0 < float(scores["network"]) < 0.8 * float(scores["delay-and-sum"])
 
 
 @pytest.mark.slow

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from oracles import if_cube, relative_error
 
 from datafactory.frame.measurement import FrameIdentity, Processing, image, measure
+from datafactory.paths.rays import RayFan
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.scenes.materials.table import Material, MaterialMapping
 from datafactory.scenes.poses import Pose
@@ -101,16 +102,19 @@ def wall_ahead(distance_m: float = 10.0, material: str = MIRROR, name: str = "wa
 
 
 def traced(
-    objects: Sequence[SceneObject], pose: Pose = Pose((0.0, 0.0, 0.0)), rays: int = 20_000, depth: int = 1
+    objects: Sequence[SceneObject],
+    pose: Pose = Pose((0.0, 0.0, 0.0)),
+    rays: int = 20_000,
+    depth: int = 1,
+    fan: RayFan | None = None,
 ) -> PathTable:
     """The multipath of objects of :data:`MATERIALS` seen from a pose, as traced: amplitudes not yet illuminated."""
     from datafactory.paths.merged_scene import merge_scene
-    from datafactory.paths.rays import RayFan
     from datafactory.paths.solver import TraceSettings
     from datafactory.paths.trace import trace
 
     merged = merge_scene(Scene("hard", tuple(objects)), MATERIALS)
-    return trace(merged, MATERIALS, pose, 77.5e9, TraceSettings(rays=rays, depth=depth), RayFan(rays), seed=1)
+    return trace(merged, MATERIALS, pose, 77.5e9, TraceSettings(rays=rays, depth=depth), fan or RayFan(rays), seed=1)
 
 
 def factory(*arguments: object) -> tuple[int, str, str]:

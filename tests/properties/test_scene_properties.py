@@ -10,6 +10,7 @@ from hardcases.tools import MATERIALS, MIRROR, not_finite_paths, rectangle, trac
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from datafactory.paths.rays import RayFan
 from datafactory.paths.table import PathTable
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import SceneObject
@@ -18,6 +19,13 @@ pytestmark = pytest.mark.usefixtures("variant")
 
 WAVELENGTH_M = 299_792_458.0 / 77.5e9
 FEW = settings(max_examples=5)
+
+
+class UnaimedFan(RayFan):
+    """The same rays whatever the scene."""
+
+    aimable = False
+
 
 offsets = st.tuples(*[st.floats(-5e5, 5e5)] * 3)
 angles = st.floats(-180.0, 180.0)
@@ -76,8 +84,10 @@ def test_scene_and_radar_moved_together_see_the_same(
 @given(rooms(), st.sampled_from([0.5, 2.0, 4.0]))
 def test_a_scene_of_another_size(room: tuple[SceneObject, ...], factor: float) -> None:
     """Lengths grow with the size; the power of plane walls, smooth or rough, falls with its square."""
-    plain = traced(room, rays=4000)
-    scaled = traced([replace(item, vertices=item.vertices * factor) for item in room], rays=4000)
+    # Rays are aimed by the size of range cells, which do not grow with the scene: here the same ones are sent.
+    fan = UnaimedFan(4000)
+    plain = traced(room, rays=4000, fan=fan)
+    scaled = traced([replace(item, vertices=item.vertices * factor) for item in room], rays=4000, fan=fan)
     np.testing.assert_allclose(lengths(scaled), factor * lengths(plain), rtol=1e-5)
     assert abs(10.0 * np.log10(power(scaled) / power(plain) * factor**2)) < 0.05
 

@@ -174,7 +174,8 @@ def _of_binary(
 def dead_channels(cube: NDArray[np.complex64]) -> tuple[int, ...]:
     """Channels of [frame, chirp, sample, C] whose samples, without their mean, have :data:`DEAD_DB` less power than the
     median channel's."""
-    first = cube[0] - cube[0].mean(axis=1, keepdims=True)
+    first = cube[0].astype(np.complex128)  # single precision squares no more than 1e19
+    first -= first.mean(axis=1, keepdims=True)
     level = power_to_db(np.mean(np.abs(first) ** 2, axis=(0, 1)))
     return tuple(int(channel) for channel in np.flatnonzero(level < np.median(level) - DEAD_DB))
 
