@@ -192,3 +192,15 @@ def test_sionna_keeps_the_chosen_variant():
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert done.stdout.strip() == "28", done.stderr[-500:]
+
+
+def test_threads_are_those_of_the_chosen_library():
+    """Dr.Jit loads an LLVM with its first thread; the system's may be one with which it aborts."""
+    script = (
+        "from datafactory.paths.backend import set_threads, VARIANTS\n"
+        "set_threads(1)\n"
+        "import mitsuba\n"
+        "print(mitsuba.variant() in VARIANTS)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert done.stdout.strip() == "True", done.stderr[-500:]

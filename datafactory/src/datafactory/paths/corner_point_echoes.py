@@ -26,7 +26,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.paths.corner_echoes import BEAM_ZONES, FAINTEST_DBSM, GRAZING, SPREAD_M, WIDE
+from datafactory.paths.corner_aperture import BEAM_ZONES, GRAZING, SPREAD_M
+from datafactory.paths.corner_echoes import FAINTEST_DBSM, WIDE
 from datafactory.paths.corner_points import DIRECTIONS, CornerPoints
 from datafactory.paths.diffraction import NEAREST_M, Sight
 from datafactory.paths.mirror_feet import AHEAD_M

@@ -114,7 +114,7 @@ def curved_surfaces_of(merged_scene: MergedScene) -> CurvedSurfaces:
     )
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=1024)
 def _of_body(body: Body, first: int) -> CurvedSurfaces:
     """The curved surfaces of one body, numbered from ``first``."""
     found = smooth_facets(body)

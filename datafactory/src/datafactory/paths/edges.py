@@ -149,7 +149,7 @@ def _joined(parts: list[WedgeEdges]) -> WedgeEdges:
     )
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=1024)
 def _edges_of_body(body: Body) -> WedgeEdges:
     """The wedges of a body, found once; those of one that turns are found for each time."""
     edges = _wedges(body)

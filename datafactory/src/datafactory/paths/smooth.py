@@ -78,7 +78,7 @@ class SmoothFacets:
     coarse: int
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=1024)
 def smooth_facets(body: Body) -> SmoothFacets:
     """The curved surfaces of a body, found once."""
     fold = np.degrees(fold_angles(body))

@@ -1,0 +1,222 @@
+"""The aperture of right-angled corners: pieces along the edge, what either order of the faces opens, Fresnel integrals.
+
+The equations stand in :mod:`datafactory.paths.corner_echoes`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import fresnel
+
+from datafactory.paths.corner_edges import CornerEdges
+
+Real = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Index = NDArray[np.int64]
+
+SPREAD_M = 0.15
+"""Difference in path length at which an end of the aperture has faded to 1/e [m]: half a range cell of the default
+radar."""
+FADED = 3.0
+"""Times ``SPREAD_M``, beyond which an end is left out: exp(-9)."""
+GRAZING = 1e-6
+"""Angles from a face [rad] below which the sensor counts as within it."""
+CELLS = (8, 48)
+"""Cells along a strip: where the aperture has a constant width, and where it has not."""
+BEAM_ZONES = 2.0
+"""Half width of the aperture in which sight is tested [Fresnel radii sqrt(lambda h / 2)]."""
+ACROSS = 3
+"""Points across the aperture in which sight is tested, for each order."""
+
+
+@dataclass(frozen=True)
+class Views:
+    """C corners as the radar at the origin sees them, in their own coordinates.
+
+    :param foot: [C, 3] of the perpendicular on the edge's line [m]; :param foot_z: [C] its place along the edge
+    :param height: [C] h [m]; :param angle: [C] of the radar from the first face; :param opening: [C] psi [rad]
+    """
+
+    foot: Real
+    foot_z: Real
+    height: Real
+    angle: Real
+    opening: Real
+
+    def take(self, index: NDArray) -> Views:
+        return Views(**{item.name: getattr(self, item.name)[index] for item in fields(self)})
+
+    @property
+    def shortest(self) -> Real:
+        """[C] L* [m]."""
+        return 2.0 * self.height * np.sin(self.opening)
+
+
+@dataclass(frozen=True)
+class Cells:
+    """K pieces of the corners along their edges.
+
+    :param corner: [K]; :param start, stop: [K] v along the edge
+    :param share: [K] of F_along
+    :param z: [K] its middle, from the foot [m]; :param reach: [K, 2] of the faces there [m]
+    :param beyond: [K] z over that of the corner's nearer end, less 1; infinite where the foot lies on the edge
+    """
+
+    corner: Index
+    start: Real
+    stop: Real
+    share: Complex
+    z: Real
+    reach: Real
+    beyond: Real
+
+    def take(self, index: NDArray) -> Cells:
+        return Cells(**{item.name: getattr(self, item.name)[index] for item in fields(self)})
+
+
+def longer_along(z: Real, height: Real) -> Real:
+    """E [m]: how much longer the way by a point z along the edge is than that by the foot."""
+    return 2.0 * z * z / (np.hypot(height, z) + height)
+
+
+def place_of(v: Real, height: Real, wavelength_m: float) -> Real:
+    """z [m] along the edge of a signed v."""
+    half = 0.125 * wavelength_m * v * v
+    return np.sign(v) * np.sqrt(half * (half + 2.0 * height))
+
+
+def cells_along(corners: CornerEdges, views: Views, wavelength_m: float) -> Cells:
+    """The strips in cells that are narrow near the foot of the perpendicular, and F_along of each."""
+    of = corners.corner_of_strip
+    height, foot_z = views.height[of], views.foot_z[of]
+    low, high = corners.extent()
+    nearest = np.clip(views.foot_z, low, high) - views.foot_z
+    least = longer_along(nearest, views.height)
+    farthest = place_of(np.sqrt(4.0 * (least + FADED * SPREAD_M) / wavelength_m), views.height, wavelength_m)[of]
+    from_foot = corners.strips[:, :2] - foot_z[:, None]
+    within = np.clip(from_foot, -farthest[:, None], farthest[:, None])
+    used = np.flatnonzero(within[:, 1] > within[:, 0])
+    within, of, height = within[used], of[used], height[used]
+    strip, place = corners.strips[used], views.foot_z[of]
+    bent = np.abs(strip[:, [3, 5]] - strip[:, [2, 4]]).max(axis=1, initial=0.0) > 1e-4
+    bent |= nearest[of] != 0.0
+    count = np.where(bent, CELLS[1], CELLS[0])
+    v = np.sign(within) * np.sqrt(4.0 * longer_along(within, height[:, None]) / wavelength_m)
+    stretched = np.arcsinh(v)
+    index = np.repeat(np.arange(len(used)), count)
+    step = np.arange(len(index)) - np.repeat(np.cumsum(count) - count, count)
+    width = (stretched[:, 1] - stretched[:, 0]) / count
+    edges = [np.sinh(stretched[index, 0] + (step + k) * width[index]) for k in (0.0, 0.5, 1.0)]
+    edges[0][step == 0] = v[index[step == 0], 0]
+    last = step == count[index] - 1
+    edges[2][last] = v[index[last], 1]
+    z = place_of(edges[1], height[index], wavelength_m)
+    share = np.clip((z + place[index] - strip[index, 0]) / (strip[index, 1] - strip[index, 0]), 0.0, 1.0)[:, None]
+    reach = (1.0 - share) * strip[index][:, [2, 4]] + share * strip[index][:, [3, 5]]
+    corner = of[index]
+    ends = [_from_foot(edge, 0.25 * wavelength_m * edge**2 - least[corner]) for edge in (edges[0], edges[2])]
+    beside = nearest[corner] != 0.0
+    beyond = np.where(beside, z / np.where(beside, nearest[corner], 1.0) - 1.0, np.inf)
+    return Cells(corner, edges[0], edges[2], ends[1] - ends[0], z, reach, beyond)
+
+
+def _from_foot(v: Real, longer_m: Real) -> Complex:
+    """F from 0 to v: half an endless line's less the rest beyond v, which fades as its way gets longer [m]."""
+    sine, cosine = fresnel(np.abs(v))
+    rest = 0.5 - (cosine + 1j * sine) / (1.0 + 1j)
+    return np.sign(v) * (0.5 - rest * np.exp(-((np.maximum(longer_m, 0.0) / SPREAD_M) ** 2)))
+
+
+@dataclass(frozen=True)
+class FaceOrder:
+    """One order of the faces, for K cells: the wave comes by the first face and goes back from the second.
+
+    :param angle: [K] phi from the first face; :param reach: [K, 2] of the first and the second face [m]
+    :param beyond: [K] as in :class:`Cells`
+    """
+
+    height: Real
+    angle: Real
+    opening: Real
+    reach: Real
+    beyond: Real
+
+    @staticmethod
+    def of(cells: Cells, views: Views, order: int) -> FaceOrder:
+        here = views.take(cells.corner)
+        angle = here.angle if order == 0 else here.opening - here.angle
+        reach = cells.reach if order == 0 else cells.reach[:, ::-1]
+        return FaceOrder(here.height, angle, here.opening, reach, cells.beyond)
+
+    def end(self) -> Real:
+        """[K] how far from the edge the second face is lit by the first [m]."""
+        first, second = self.reach.T
+        below = self.height * np.sin(self.angle)
+        rest = self.height * np.sin(self.angle + self.opening) - first * np.sin(self.opening)
+        ends = rest > first * below / np.maximum(second, 1e-12)
+        lit = np.sin(self.angle + self.opening) > GRAZING  # else the image stands behind the second face
+        end = np.where(lit, np.where(ends, first * below / np.where(ends, rest, 1.0), second), 0.0)
+        # Beside the foot the wave meets the first face nearer to the foot, by h sin(phi) over h sin(phi) + b sin(psi).
+        return np.minimum(end, below / np.sin(self.opening) * np.maximum(self.beyond, 0.0))
+
+    def longer(self, b: Real) -> Real:
+        """[...] L(b) - L* [m]; a trailing axis of b is one of points."""
+        h, phi, psi = (_like(value, b) for value in (self.height, self.angle, self.opening))
+        legs = [np.sqrt(h * h + b * b - 2.0 * h * b * np.cos(psi + turn * phi)) for turn in (1.0, -1.0)]
+        return np.maximum(legs[0] + legs[1] - 2.0 * h * np.sin(psi), 0.0)
+
+    def share_to(self, b: Real, wavelength_m: float) -> Complex:
+        """F across from b* to b."""
+        h, phi, psi = (_like(value, b) for value in (self.height, self.angle, self.opening))
+        longer = self.longer(b)
+        side = np.sign(b * np.cos(phi) - h * np.cos(psi))
+        return _from_foot(side * np.sqrt(4.0 * longer / wavelength_m), longer)
+
+    def beam(self, wavelength_m: float) -> Real:
+        """[K, ACROSS] b at the middles of the pieces of the aperture in which sight is tested [m]."""
+        zone = np.sqrt(0.5 * wavelength_m * self.height) / np.maximum(np.cos(self.angle), 0.01)
+        return np.minimum(self.end(), BEAM_ZONES * zone)[:, None] * (np.arange(ACROSS) + 0.5) / ACROSS
+
+
+def _like(value: Real, points: Real) -> Real:
+    return value if points.ndim == 1 else value[:, None]
+
+
+def integrals(cells: Cells, views: Views, wavelength_m: float, seen: NDArray[np.bool_]) -> Complex:
+    """[2, C] F of both orders.
+
+    :param seen: [2, K, ACROSS] whether a piece of the aperture is in sight
+    """
+    total = np.zeros((2, len(views.height)), dtype=np.complex128)
+    for order in (0, 1):
+        one = FaceOrder.of(cells, views, order)
+        middle = one.beam(wavelength_m)
+        ends = np.concatenate([np.zeros((len(middle), 1)), middle[:, :-1] + middle[:, :1], one.end()[:, None]], axis=1)
+        across = (np.diff(one.share_to(ends, wavelength_m), axis=1) * seen[order]).sum(axis=1)
+        np.add.at(total[order], cells.corner, cells.share * across)
+    return total
+
+
+def without_hidden(cells: Cells, seen: NDArray[np.bool_]) -> tuple[Cells, NDArray[np.bool_]]:
+    some = np.flatnonzero(seen.any(axis=(0, 2)))
+    return cells.take(some), seen[:, some]
+
+
+def ends_along(cells: Cells, count: int) -> tuple[Real, Real]:
+    """v [C] at either end of what is in sight of the corners."""
+    low, high = np.full(count, np.inf), np.full(count, -np.inf)
+    np.minimum.at(low, cells.corner, cells.start)
+    np.maximum.at(high, cells.corner, cells.stop)
+    return low, high
+
+
+def widths_across(cells: Cells, views: Views, wavelength_m: float, count: int) -> Real:
+    """v [C] from the edge to the aperture's narrower end, weighted with the cells' shares."""
+    ends = [one.longer(one.end()) for one in (FaceOrder.of(cells, views, order) for order in (0, 1))]
+    v = np.sqrt(4.0 * np.minimum(*ends) / wavelength_m)
+    weight = np.abs(cells.share)
+    total = np.bincount(cells.corner, weight, count)
+    return np.bincount(cells.corner, weight * v, count) / np.maximum(total, 1e-300)
