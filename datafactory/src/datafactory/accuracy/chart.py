@@ -7,7 +7,6 @@ from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from datafactory.accuracy.clock import STAGES
 from datafactory.accuracy.errors import FLOOR_DB
@@ -77,9 +76,9 @@ def draw(rows: Sequence[Row], title: str) -> Figure:
 def _front_panel(axis: Axes, rows: Sequence[Row]) -> None:
     """Seconds over error."""
     errors = default_error_db(rows)
-    for name, color, words, default_db in (
-        (EVERYTHING, BLUE, "everything, rays too", errors[0]),
-        (SAME_PATHS, ORANGE, "the same rays: cube and truth alone", errors[1]),
+    for name, color, words, default_db, away, align in (
+        (EVERYTHING, BLUE, "everything, rays too", errors[0], (10, -4), "left"),
+        (SAME_PATHS, ORANGE, "the same rays: cube and truth alone", errors[1], (0, -42), "right"),
     ):
         points = [(front_error_db(row), row.seconds, row) for row in rows if row.knob == name]
         if not points:
@@ -87,8 +86,8 @@ def _front_panel(axis: Axes, rows: Sequence[Row]) -> None:
         axis.plot([point[0] for point in points], [point[1] for point in points], "o-", color=color, lw=2.0, ms=5)
         last = points[-1]
         axis.annotate(
-            words, last[:2], xytext=(0, 18), textcoords="offset points", color=color, fontsize=10, weight="bold",
-            ha="right",
+            words, last[:2], xytext=away, textcoords="offset points", color=color, fontsize=10, weight="bold",
+            ha=align,
         )  # fmt: skip
         rays = None
         for level, seconds, row in points:
@@ -103,22 +102,12 @@ def _front_panel(axis: Axes, rows: Sequence[Row]) -> None:
         if default_db is not None:
             axis.plot([default_db], [usual.seconds], "*", color=RED, ms=16, zorder=4)
             axis.annotate(
-                "the default", (default_db, usual.seconds), xytext=(8, -14), textcoords="offset points", color=RED,
-                fontsize=10, weight="bold",
+                "the default", (default_db, usual.seconds), xytext=(0, 12), textcoords="offset points", color=RED,
+                fontsize=10, weight="bold", ha="center",
             )  # fmt: skip
-    axis.set_yscale("log")
-    times = [row.seconds for row in rows if row.kind == "front"] or [row.seconds for row in rows]
-    ticks = [
-        tick
-        for decade in range(-2, 4)
-        for tick in (10.0**decade, 2.0 * 10.0**decade, 5.0 * 10.0**decade)
-        if 0.6 * min(times) <= tick <= 1.7 * max(times)
-    ]
-    axis.yaxis.set_major_locator(FixedLocator(ticks))
-    axis.yaxis.set_minor_locator(NullLocator())
-    axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g} s"))
     axis.invert_xaxis()
     axis.margins(x=0.2, y=0.15)
+    axis.set_ylim(bottom=0.0)
     axis.set_xlabel("error [dB], the worst of input cube, truth image and power in a cell: better to the right")
     axis.set_ylabel("seconds a frame, one core")
     _titled(axis, "What does accuracy cost?")
