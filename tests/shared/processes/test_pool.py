@@ -93,7 +93,9 @@ def test_what_a_task_raises_is_raised_and_the_processes_end(tmp_path: Path) -> N
 
 
 SCRIPT = """
+import signal
 import sys
+signal.signal(signal.SIGINT, signal.default_int_handler)  # tests run in the background inherit that it is ignored
 from collections import deque
 from pathlib import Path
 sys.path.append({tests!r})
