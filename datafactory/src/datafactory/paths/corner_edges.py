@@ -126,15 +126,14 @@ class CornerEdges:
         return (faces[:, 0] >= 0) & np.isin(faces[:, 0] * count + faces[:, 1], pairs[:, 0] * count + pairs[:, 1])
 
 
-@lru_cache(maxsize=8)
 def corners_of(merged_scene: MergedScene) -> CornerEdges:
     """All corners of a merged scene at its time, found once; where something turns, for each time."""
-    at_rest = merged_scene.at_rest
-    found = corners_of(at_rest) if at_rest is not None and not merged_scene.turns else _found(merged_scene)
+    found = _found(merged_scene.shapes)
     velocity, shift = motions_of(merged_scene, found.face_mesh[:, 0])
     return replace(found, velocity=velocity, shift=shift)
 
 
+@lru_cache(maxsize=8)
 def _found(merged_scene: MergedScene) -> CornerEdges:
     faces, triangles = planar_faces_of(merged_scene), mirrors_of(merged_scene).corners
     origin, along, across = _lines(faces, triangles)

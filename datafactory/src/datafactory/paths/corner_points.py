@@ -83,15 +83,14 @@ class CornerPoints:
         return self.take(np.linalg.norm(self.apex, axis=1) < distance_m)
 
 
-@lru_cache(maxsize=8)
 def points_of(merged_scene: MergedScene) -> CornerPoints:
     """All trihedral corners of a merged scene at its time, found once; where something turns, for each time."""
-    at_rest = merged_scene.at_rest
-    found = points_of(at_rest) if at_rest is not None and not merged_scene.turns else _found(merged_scene)
+    found = _found(merged_scene.shapes)
     velocity, shift = motions_of(merged_scene, found.face_mesh[:, 0])
     return replace(found, velocity=velocity, shift=shift)
 
 
+@lru_cache(maxsize=8)
 def _found(merged_scene: MergedScene) -> CornerPoints:
     faces, corners = planar_faces_of(merged_scene), mirrors_of(merged_scene).corners
     triples = np.array(_triples(faces.pairs), dtype=np.int64).reshape(-1, 3)

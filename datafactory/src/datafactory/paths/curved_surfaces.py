@@ -96,11 +96,13 @@ class CurvedSurfaces:
         return tuple(said)
 
 
-@lru_cache(maxsize=8)
 def curved_surfaces_of(merged_scene: MergedScene) -> CurvedSurfaces:
-    """The curved surfaces of a merged scene at its time, made once where nothing turns."""
-    if merged_scene.at_rest is not None and not merged_scene.turns:
-        return curved_surfaces_of(merged_scene.at_rest)
+    """The curved surfaces of a merged scene at its time, without their meshes' shifts; found once for each shape."""
+    return _found(merged_scene.shapes)
+
+
+@lru_cache(maxsize=8)
+def _found(merged_scene: MergedScene) -> CurvedSurfaces:
     parts = []
     first = 0
     for body in bodies_of(merged_scene):

@@ -129,6 +129,11 @@ class MergedScene:
         """Whether any mesh has other vertices at another time, and not only another place."""
         return any(mesh.turned is not None for mesh in self.meshes)
 
+    @property
+    def shapes(self) -> MergedScene:
+        """The scene whose shapes are those of this one, but for shifts: that of time 0, unless something turns."""
+        return self if self.at_rest is None or self.turns else self.at_rest
+
     @cached_property
     def mesh_of_triangle(self) -> NDArray[np.int64]:
         """[T] index of the mesh of every triangle, all meshes' triangles one after another."""
