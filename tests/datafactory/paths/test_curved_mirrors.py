@@ -1,102 +1,43 @@
-"""Curved mirrors against closed forms: sphere, cylinder, ellipsoid, a box with rounded edges; tessellated in many ways.
+"""Levels of curved mirrors against closed forms and physical optics, tessellated in many ways.
 
 Levels are those of one metal body; the bound of 0.5 dB is for k r > 50.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from curved_bodies import (
-    Mesh,
     capsule,
     cylinder,
     ellipsoid,
-    grid,
     icosphere,
-    joined,
     rounded_box,
     sphere,
-    torus,
     tube,
 )
-from numpy.typing import NDArray
-from oracles import LIGHT_MPS, scattered_delays, specular_delays
-from scipy.optimize import minimize
+from curved_scenes import (
+    GLASS,
+    METAL,
+    WAVENUMBER,
+    Real,
+    amplitudes,
+    body,
+    cylinder_amplitude,
+    level_db,
+    rcs_dbsm,
+    sphere_amplitude,
+    traced,
+    turned,
+)
 from scipy.spatial.transform import Rotation
 from scipy.special import fresnel
-from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, mesh, plate, scene_of
+from sionna_scenes import WAVELENGTH_M, mesh, plate
 
-from datafactory.paths import curved_echoes
-from datafactory.paths.curved_feet import CurvedFeet
-from datafactory.paths.curved_surfaces import curved_surfaces_of
-from datafactory.paths.edges import edges_of
-from datafactory.paths.panes import slab_reflection
-from datafactory.paths.rays import RayFan
-from datafactory.paths.smooth import SMOOTH_FOLD_DEG
-from datafactory.paths.solver import TraceSettings
-from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
-from datafactory.paths.trace import trace
+from datafactory.paths.table import PathTable
 from datafactory.scenes.poses import Pose
-from datafactory.scenes.scene import SceneObject
 
 pytestmark = pytest.mark.usefixtures("variant")
-
-Real = NDArray[np.float64]
-HOME = Pose((0.0, 0.0, 0.0))
-WAVENUMBER = 2.0 * np.pi / WAVELENGTH_M
-METAL, GLASS = (
-    slab_reflection(*slab, FREQUENCY_HZ, np.ones(1))[0][0] for slab in ((1.0, 1e7, 0.1), (6.31, 1.211, 0.006))
-)
-"""Reflection coefficients at normal incidence."""
-
-
-def turned(seed: int) -> Rotation:
-    return Rotation.random(random_state=np.random.default_rng(seed))
-
-
-def body(
-    of: Mesh, centre, turn: Rotation | None = None, material: str = "metal", velocity=(0.0, 0.0, 0.0)
-) -> SceneObject:
-    vertices = of[0] if turn is None else turn.apply(of[0])
-    return mesh("body", vertices + np.asarray(centre, dtype=float), of[1], material, velocity)
-
-
-def traced(*objects: SceneObject, pose: Pose = HOME, **settings) -> PathTable:
-    chosen = TraceSettings(**{"rays": 2000, "depth": 1, "diffuse": False, **settings})
-    return trace(scene_of(*objects), MATERIALS, pose, FREQUENCY_HZ, chosen, RayFan(chosen.rays), 1)
-
-
-def amplitudes(table: PathTable) -> NDArray[np.complex128]:
-    return np.concatenate([table.scattered.amplitude, table.specular.amplitude])
-
-
-def level_db(table: PathTable, expected: float) -> float:
-    """The only echo's amplitude over the expected one [dB]."""
-    (amplitude,) = amplitudes(table)
-    return float(20.0 * np.log10(abs(amplitude / METAL) / expected))
-
-
-def sphere_amplitude(radius: float, distance: float) -> float:
-    """Of a metal sphere with its centre at this distance, in the near field too."""
-    return WAVELENGTH_M / (8.0 * np.pi * (distance - radius)) * radius / distance
-
-
-def cylinder_amplitude(radius: float, length: float, distance: float) -> float:
-    """Of a metal cylinder seen broadside at its middle, with its axis at this distance, in the near field too."""
-    range_m = distance - radius
-    sine, cosine = fresnel(np.sqrt(2.0) * 0.5 * length * np.sqrt(2.0 / (range_m * WAVELENGTH_M)))
-    share = np.sqrt(2.0) * abs(cosine + 1j * sine)
-    return WAVELENGTH_M / (8.0 * np.pi * range_m) * share / np.sqrt(1.0 + range_m / radius)
-
-
-def rcs_dbsm(table: PathTable) -> float:
-    """Radar cross section of the only echo at its range [dBsm]."""
-    (amplitude,) = amplitudes(table)
-    range_m = np.concatenate([table.scattered.range_m(), table.specular.range_m()])[0]
-    return float(10.0 * np.log10(abs(amplitude / METAL) ** 2 * (4.0 * np.pi) ** 3 * range_m**4 / WAVELENGTH_M**2))
 
 
 @pytest.mark.parametrize("radius", [0.05, 0.4, 5.0])
@@ -292,96 +233,6 @@ def test_winding_and_meshes_of_several_materials_change_nothing():
     assert abs(cut[0]) == pytest.approx(abs(GLASS / METAL * whole[0]), rel=1e-6)
 
 
-def law_length(path: ScatteredPaths | SpecularPaths, tx: Real, rx: Real, time_s: float = 0.0) -> float:
-    if isinstance(path, ScatteredPaths):
-        return float(scattered_delays(path, tx, rx, time_s)[0]) * LIGHT_MPS
-    return float(specular_delays(path, tx, rx, time_s)[0]) * LIGHT_MPS
-
-
-def shortest(surface, start: Real, tx: Real, rx: Real) -> float:
-    """Length of the shortest path over a surface, ``surface(parameters)`` [3]."""
-
-    def length(parameters: Real) -> float:
-        point = surface(parameters)
-        return float(np.linalg.norm(point - tx) + np.linalg.norm(point - rx))
-
-    found = minimize(length, start, method="Nelder-Mead", options={"xatol": 1e-9, "fatol": 1e-13, "maxiter": 4000})
-    return float(found.fun)
-
-
-def law_error_m(tx: Real, rx: Real, range_m: float, k: float, law: type) -> float:
-    """The bound of the module's docstring."""
-    a, b = float(np.linalg.norm(tx)), float(np.linalg.norm(rx))
-    if law is SpecularPaths:
-        return (a + b) ** 2 * k / 4.0
-    s = 2.0 * range_m / (1.0 + range_m * k)
-    return a * b * abs(1.0 / range_m - k) / 2.0 + a**2 * abs(1.0 / s - 1.0 / (2.0 / k - s)) / 2.0
-
-
-@pytest.mark.parametrize(("radius", "range_m"), [(0.3, 1.5), (1.0, 4.0), (5.0, 3.0), (40.0, 4.0)])
-def test_the_path_of_every_tx_and_rx_over_a_sphere(radius, range_m):
-    direction = np.array([0.9, 0.3, 0.1]) / np.linalg.norm([0.9, 0.3, 0.1])
-    centre = (range_m + radius) * direction
-    table = traced(body(sphere(radius, 48), centre, turned(2)))
-    path = table.scattered if len(table.scattered) else table.specular
-
-    def surface(parameters: Real) -> Real:
-        level, turn = parameters
-        away = np.array([np.cos(level) * np.cos(turn), np.cos(level) * np.sin(turn), np.sin(level)])
-        return centre - radius * away
-
-    start = np.array([np.arcsin(direction[2]), np.arctan2(direction[1], direction[0])])
-    for tx_y, rx_y in ((0.0, 0.25), (0.0, -0.25), (-0.05, 0.05), (-0.05, -0.25), (0.05, 0.05)):
-        tx, rx = np.array([0.0, tx_y, 0.0]), np.array([0.0, rx_y, 0.0])
-        true = shortest(surface, start, tx, rx)
-        bound = law_error_m(tx, rx, range_m, 1.0 / (range_m + radius), type(path))
-        cubic = (abs(tx_y) + abs(rx_y)) ** 3 / range_m**2
-        assert abs(law_length(path, tx, rx) - true) < bound + cubic
-        plain = 2.0 * range_m - direction[1] * (tx_y + rx_y)
-        assert abs(law_length(path, tx, rx) - true) < 0.5 * abs(plain - true) + cubic  # the law does help
-
-
-@pytest.mark.parametrize("upright", [True, False])
-def test_the_path_of_every_tx_and_rx_over_a_cylinder(upright):
-    radius, range_m = 0.5, 3.0
-    turn = Rotation.identity() if upright else Rotation.from_euler("x", 90.0, degrees=True)
-    table = traced(body(cylinder(radius, 6.0, 60), (range_m + radius, 0.0, 0.0), turn))
-    path = table.scattered if upright else table.specular
-    assert len(path) == 1
-
-    def surface(parameters: Real) -> Real:
-        turned_by, along = parameters
-        local = np.array([-radius * np.cos(turned_by), radius * np.sin(turned_by), along])
-        return np.array([range_m + radius, 0.0, 0.0]) + turn.apply(local)
-
-    for tx_y, rx_y in ((0.0, 0.25), (-0.05, 0.05), (-0.05, -0.25)):
-        tx, rx = np.array([0.0, tx_y, 0.0]), np.array([0.0, rx_y, 0.0])
-        true = shortest(surface, np.zeros(2), tx, rx)
-        bound = law_error_m(tx, rx, range_m, 1.0 / (range_m + radius), ScatteredPaths) if upright else 0.0
-        assert abs(law_length(path, tx, rx) - true) < bound + (abs(tx_y) + abs(rx_y)) ** 4 / range_m**3 + 1e-9
-
-
-@pytest.mark.parametrize("radius", [0.3, 1.5, 60.0])
-def test_a_moving_sphere_has_the_delay_of_its_own_geometry(radius):
-    centre, velocity = np.array([5.0 + radius, 1.0, 0.2]), np.array([-8.0, 14.0, 3.0])
-    table = traced(body(sphere(radius, 64), centre, turned(3), velocity=tuple(velocity)))
-    path = table.scattered if len(table.scattered) else table.specular
-    nowhere, distance = np.zeros(3), np.linalg.norm(centre)
-    across = np.linalg.norm(velocity - velocity @ centre / distance**2 * centre)
-    for time_s in (-0.01, 0.005, 0.01):
-        true = 2.0 * (np.linalg.norm(centre + velocity * time_s) - radius)
-        cubic = 4.0 * np.linalg.norm(velocity) ** 3 * abs(time_s) ** 3 / 25.0
-        bound = cubic if isinstance(path, ScatteredPaths) else across**2 * time_s**2 / distance
-        assert abs(law_length(path, nowhere, nowhere, time_s) - true) < bound + 1e-7
-
-
-def test_a_sensor_that_moves_sees_what_moves_towards_it():
-    ball = sphere(0.5, 32)
-    still = traced(body(ball, (6.0, 1.0, 0.0), velocity=(-7.0, 0.0, 0.0)))
-    moving = traced(body(ball, (6.0, 1.0, 0.0)), pose=Pose((0.0, 0.0, 0.0), velocity=(7.0, 0.0, 0.0)))
-    np.testing.assert_allclose(still.scattered.rx_velocity, moving.scattered.rx_velocity)
-
-
 def test_what_stands_before_a_sphere_hides_it():
     ball = body(sphere(0.5, 32), (6.0, 0.0, 0.0))
     screen = plate("screen", (3.0, 0.0, 0.5), (0.0, 1.0, 0.0), (0.2, 0.0, 1.0), "metal")  # tilted: no echo of its own
@@ -402,85 +253,6 @@ def test_the_material_reflects_at_normal_incidence():
     metal, glass = (traced(body(sphere(0.5, 32), (6.0, 0.0, 0.0), material=of)) for of in ("metal", "glass"))
     assert amplitudes(glass)[0] / amplitudes(metal)[0] == pytest.approx(np.conj(GLASS / METAL), rel=1e-9)
     assert len(traced(body(sphere(0.5, 32), (6.0, 0.0, 0.0)), polarization=("V", "H"))) == 0
-
-
-@pytest.mark.parametrize("of", [sphere(0.5, 16), icosphere(0.5, 2), capsule(0.3, 1.0, 16)])
-def test_folds_of_a_curved_surface_do_not_diffract(of):
-    """At 22.5 deg they would be edges, were they not of a smooth surface."""
-    assert len(edges_of(scene_of(body(of, (6.0, 0.0, 0.0))))) == 0
-
-
-def test_the_rim_of_a_cylinder_still_diffracts():
-    assert len(edges_of(scene_of(body(cylinder(0.5, 1.0, 16), (6.0, 0.0, 0.0))))) == 2 * 16
-
-
-def test_each_body_has_one_echo():
-    for of in (sphere(0.5, 16), icosphere(0.5, 3), cylinder(0.5, 1.0, 16), capsule(0.5, 1.0, 24)):
-        assert len(traced(body(of, (6.0, 0.0, 0.0)))) == 1
-
-
-def test_scenes_of_flat_faces_have_no_curved_surface_and_the_bytes_they_had(monkeypatch):
-    box = rounded_box((1.0, 0.5, 0.5), 0.1, 3)  # 30 deg from facet to facet: a coarse one
-    wall = plate("wall", (9.0, 0.0, 0.0), (0.0, 4.0, 0.0), (0.0, 0.0, 3.0), "metal")
-    roof = mesh("roof", [[4, -2, 2], [6, -2, 2.3], [8, -2, 2], [4, 2, 2], [6, 2, 2.3], [8, 2, 2]],
-                [[0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4]], "metal")  # fmt: skip
-    objects = (body(box, (5.0, 1.0, 0.0)), wall, roof)
-    assert len(curved_surfaces_of(scene_of(*objects))) == 0
-    with_them = traced(*objects, depth=2, diffraction=True, refraction=True)
-    nothing = replace(curved_surfaces_of(scene_of()), coarse=0)
-    monkeypatch.setattr("datafactory.paths.curved_mirrors.curved_surfaces_of", lambda merged: nothing)
-    monkeypatch.setattr("datafactory.paths.mirror_feet.curved_surfaces_of", lambda merged: nothing)
-    without = traced(*objects, depth=2, diffraction=True, refraction=True)
-    assert len(with_them.specular) > 1
-    for kind in ("scattered", "specular"):
-        for name, values in vars(getattr(with_them, kind)).items():
-            assert values.tobytes() == getattr(getattr(without, kind), name).tobytes()
-
-
-@pytest.mark.parametrize("segments", [8, 12, 14])
-def test_coarse_bodies_stay_flat_and_the_scene_says_so(segments):
-    merged = scene_of(body(cylinder(0.5, 1.0, segments), (6.0, 0.0, 0.0), Rotation.from_euler("z", 0.1)))
-    surfaces = curved_surfaces_of(merged)
-    assert (len(surfaces), surfaces.coarse) == (0, segments)
-    assert any(f"{segments} facets" in note and "flat" in note for note in surfaces.notes())
-    table = traced(body(cylinder(0.5, 1.0, segments), (6.0, 0.0, 0.0), Rotation.from_euler("z", 0.1)))
-    assert table.counts["facets_too_coarse"] == segments
-    assert "curved_mirrors" not in table.counts
-
-
-def test_a_ragged_body_and_one_that_is_coarse_in_places_are_flat_throughout():
-    generator = np.random.default_rng(7)
-    vertices, triangles = icosphere(1.0, 1)
-    ragged = vertices * (1.0 + generator.uniform(-0.2, 0.2, (len(vertices), 1)))
-    for of in ((ragged, triangles), ellipsoid((2.2, 0.9, 0.7), 24)):
-        surfaces = curved_surfaces_of(scene_of(body(of, (6.0, 0.0, 0.0))))
-        assert len(surfaces) == 0
-        assert surfaces.coarse > 0
-
-
-@pytest.mark.parametrize("beside", [-1e-6, 1e-6])
-def test_beside_the_limit_all_folds_of_a_body_are_of_one_kind(beside):
-    fold = np.radians(SMOOTH_FOLD_DEG + beside)
-    surfaces = curved_surfaces_of(scene_of(body(tube(1.0, 1.0, 6, turn=6.0 * fold), (6.0, 0.0, 0.0), turned(1))))
-    assert len(surfaces) == (12 if beside < 0.0 else 0)
-
-
-def test_two_planes_with_a_low_ridge_and_a_crest_of_a_road_are_no_curved_surface():
-    for heights in ((0.0, 0.3, 0.0), (0.0, 0.05, 0.06, 0.05)):
-        x = np.arange(len(heights)) * 2.0
-        rows = [[[a, b, h] for b in (-2.0, 2.0)] for a, h in zip(x, heights, strict=True)]
-        assert len(curved_surfaces_of(scene_of(body(grid(np.array(rows)), (6.0, 0.0, 0.0))))) == 0
-
-
-def test_a_panel_with_chamfers_is_no_curved_surface():
-    """A car's tail: 1.7 x 0.6 m, with strips of 20 cm all round that lean by 20 deg."""
-    low, high, y, z = 0.0, 0.2 * np.tan(np.radians(20.0)), 0.85, 0.3
-    outer = [[high, a * (y + 0.2), b * (z + 0.2)] for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
-    inner = [[low, a * y, b * z] for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
-    sides = [[i, (i + 1) % 4, 4 + (i + 1) % 4] for i in range(4)] + [[i, 4 + (i + 1) % 4, 4 + i] for i in range(4)]
-    tail = mesh("tail", np.array(outer + inner) + np.array([6.0, 0.0, 0.0]), [*sides, [4, 5, 6], [4, 6, 7]], "metal")
-    assert len(curved_surfaces_of(scene_of(tail))) == 0
-    assert len(traced(tail).specular) == 1
 
 
 def physical_optics(point: Real, area: Real, wanted: Real) -> complex:
@@ -531,114 +303,3 @@ def test_a_piece_of_a_cylinder_that_ends_near_the_foot_agrees_with_physical_opti
     nearest = np.exp(2j * WAVENUMBER * (np.linalg.norm(point, axis=-1).min() - (distance - radius)))
     whole = WAVELENGTH_M / (8.0 * np.pi * (distance - radius)) / np.sqrt(1.0 + (distance - radius) / radius)
     assert abs(fast - slow * nearest) < 0.06 * whole
-
-
-def test_a_run_counts_its_curved_mirrors_and_says_what_is_coarse(tmp_path):
-    """From a file to the manifest: a round sphere, and a column of eight sides."""
-    import json
-
-    from hardcases.geometry import SMALL_RADAR
-    from hardcases.tools import factory
-
-    of, corners = cylinder(0.3, 1.0, 8), []
-    corners = [f"({x!r}, {y!r}, {z!r})" for x, y, z in (of[0] + np.array([9.0, 4.0, 0.0])).tolist()]
-    column = f"""def Mesh "column" {{
-  point3f[] points = [{", ".join(corners)}]
-  int[] faceVertexCounts = [{", ".join(["3"] * len(of[1]))}]
-  int[] faceVertexIndices = [{", ".join(map(str, of[1].reshape(-1).tolist()))}]
-  uniform token subdivisionScheme = "none"
-}}
-"""
-    ball = 'def Sphere "ball" {\n  double radius = 0.5\n  double3 xformOp:translate = (6, 0, 0)\n'
-    ball += '  uniform token[] xformOpOrder = ["xformOp:translate"]\n}\n'
-    (tmp_path / "bodies.usda").write_text('#usda 1.0\n(\n  metersPerUnit = 1\n  upAxis = "Z"\n)\n' + ball + column)
-    (tmp_path / "radar.toml").write_text(SMALL_RADAR)
-    (tmp_path / "poses.json").write_text(json.dumps([{"position": [0, 0, 0.1]}, {"position": [0.5, 0.2, 0]}]))
-    status, said, warned = factory(
-        "render", "--scene", tmp_path / "bodies.usda", "--radar", tmp_path / "radar.toml", "--rays", 2000,
-        "--poses", tmp_path / "poses.json", "--effects", "all", "--workers", 1, "--out", tmp_path / "data",
-    )  # fmt: skip
-    assert status == 0, warned
-    counts = json.loads((tmp_path / "data" / "manifest.json").read_text())["counts"]
-    assert counts["curved_mirrors"] == 2
-    assert counts["facets_too_coarse"] == 2 * 8
-    words = " ".join(said.split())
-    assert "triangles sample 1 curved surfaces" in words
-    assert "8 facets meet others at more than 25 deg and stay flat mirrors" in words
-
-
-def test_noise_of_rounded_vertices_bends_no_wall():
-    generator = np.random.default_rng(4)
-    y, z = np.meshgrid(np.linspace(-3.0, 3.0, 40), np.linspace(-2.0, 2.0, 30), indexing="ij")
-    wall = np.stack([6.0 + generator.uniform(-5e-4, 5e-4, y.shape), y, z], axis=-1)
-    assert len(curved_surfaces_of(scene_of(body(grid(wall), (0.0, 0.0, 0.0))))) == 0
-
-
-def test_the_inside_of_a_cylinder_beyond_its_focus():
-    """A pipe's far wall, 1 + kappa R = 1 - R / r: the line focus takes a quarter of a cycle."""
-    pipe = tube(2.0, 0.2, 90, start=-0.5 * np.pi, turn=np.pi)
-    for range_m in (1.0, 1.7, 3.0, 9.0):
-        table = traced(body(pipe, (range_m - 2.0, 0.0, 0.0)))
-        sine, cosine = fresnel(np.sqrt(2.0) * 0.1 * np.sqrt(2.0 / (range_m * WAVELENGTH_M)))
-        along = np.sqrt(2.0) * (cosine + 1j * sine) * np.exp(-0.25j * np.pi)
-        gain = along / np.sqrt(abs(1.0 - range_m / 2.0)) * (1.0 if range_m < 2.0 else -1j)
-        infinite = -WAVELENGTH_M / (8.0 * np.pi * range_m)
-        echoes = amplitudes(table)
-        assert len(echoes) == 1
-        assert abs(20.0 * np.log10(abs(echoes[0] / (infinite * gain)))) < 0.6
-        assert abs(np.angle(echoes[0] / (infinite * gain))) < 0.15
-
-
-def finite(table: PathTable) -> bool:
-    return all(
-        np.isfinite(np.asarray(v)).all() for kind in (table.scattered, table.specular) for v in vars(kind).values()
-    )
-
-
-def test_at_a_focus_the_echo_is_finite_and_counted():
-    for of, centre in ((sphere(2.0, 32), (0.0, 0.0, 0.0)), (tube(2.0, 9.0, 40), (0.0, 0.0, 0.0)),
-                       (sphere(2.0, 32), (0.01, 0.0, 0.0)), (tube(2.0, 9.0, 40), (0.0, 0.02, 0.0))):  # fmt: skip
-        table = traced(body(of, centre))
-        assert finite(table)
-        assert np.abs(amplitudes(table)).max(initial=0.0) < 1.0
-        assert len(table) + table.counts["triangles_round_their_focus"] > 0
-
-
-def test_a_saddle_has_its_two_curvatures():
-    """The inner side of a torus, seen along its plane from within its hole, off its axis."""
-    ring, thick, eye = 3.0, 0.8, 1.5
-    table = traced(body(torus(ring, thick, 120, 48), (-eye, 0.0, 0.0)))
-    assert finite(table)
-    range_m = np.concatenate([table.scattered.range_m(), table.specular.range_m()])
-    here = np.argmin(np.abs(range_m - (ring - thick - eye)))
-    kappa = np.array([1.0 / thick, -1.0 / (ring - thick)])
-    gain = 1.0 / np.sqrt(np.prod(1.0 + kappa * range_m[here]))
-    expected = WAVELENGTH_M / (8.0 * np.pi * range_m[here]) * gain
-    assert abs(20.0 * np.log10(abs(amplitudes(table)[here]) / expected)) < 0.3
-
-
-def test_near_a_focus_the_magnitude_is_bounded():
-    feet = replace(_feet(), curvature=np.array([[-0.5, 3.0], [-0.5 * (1.0 + 1e-9), 0.0], [0.7, 0.7]]))
-    factor = curved_echoes.focus_factors(feet, WAVELENGTH_M)
-    assert (np.abs(factor) >= 0.5 * WAVELENGTH_M * 0.25 * 2.0 * 0.999).all()
-    np.testing.assert_allclose(factor[2], 2.4)
-
-
-def _feet():
-    count = 3
-    foot = np.tile([2.0, 0.0, 0.0], (count, 1))
-    return CurvedFeet(
-        triangle=np.arange(count), surface=np.zeros(count, dtype=int), foot=foot, seen_to=foot, normal=-0.5 * foot,
-        curvature=np.zeros((count, 2)), axes=np.tile(np.eye(3)[1:], (count, 1, 1)),
-    )  # fmt: skip
-
-
-def test_degenerate_triangles_and_doubled_ones_change_nothing():
-    vertices, triangles = sphere(0.5, 32)
-    extra = np.concatenate(
-        [triangles, triangles[:50, ::-1], np.stack([triangles[:9, 0]] * 2 + [triangles[:9, 1]], axis=1)]
-    )
-    alone, with_more = (traced(body((vertices, part), (5.0, 0.3, 0.2))) for part in (triangles, extra))
-    np.testing.assert_allclose(amplitudes(with_more), amplitudes(alone), rtol=1e-9)
-    two = joined(sphere(0.5, 32), (sphere(0.5, 32)[0] + [0.0, 3.0, 0.0], sphere(0.5, 32)[1]))
-    assert len(traced(body(two, (5.0, 0.3, 0.2)))) == 2
