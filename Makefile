@@ -34,7 +34,7 @@ $(INSTALLED): constraints.txt shared/pyproject.toml datafactory/pyproject.toml t
 	@test -n "$(PYTHON)" || { echo "make: no Python 3.11 or newer found; install one, or: make PYTHON=/path/to/python3"; exit 2; }
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt \
-		-e "shared[dev]" -e datafactory -e "trainer[export]"
+		-e "shared[dev,docs]" -e datafactory -e "trainer[export]"
 	$(BIN)/python -c pass
 	@touch $@
 
@@ -131,7 +131,6 @@ browser: $(INSTALLED)
 
 # Nothing is fetched while it builds, and nothing when it is read.
 docs: $(INSTALLED)
-	@$(BIN)/python -m pip install -qq --disable-pip-version-check -c constraints.txt -e "shared[docs]"
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet --config-file docs/site/mkdocs.yml
 	@echo "open build/site/index.html"
 
