@@ -11,9 +11,9 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from shared.physics.errors import figure_text
+from shared.pictures import SPAN_DB
 from shared.radar import Radar
 from trainer.evaluation.report.style import (
-    SPAN_DB,
     TRUTH_COLOUR,
     Look,
     colour_bar,
