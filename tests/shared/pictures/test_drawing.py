@@ -44,7 +44,7 @@ def test_from_above_a_bin_lies_ahead_and_to_its_side(axis, levels):
     mesh = draw_from_above(axis, levels, RADAR.waveform.range_step_m, RADAR.grid.u, pixels=(700, 500))
     held = mesh.get_array()
     ((row, column),) = np.argwhere(held == 0.0)
-    corners = mesh.get_coordinates()[row : row + 2, column : column + 2].reshape(4, 2)
+    corners = np.asarray(mesh.get_coordinates())[row : row + 2, column : column + 2].reshape(4, 2)
     y, x = corners.mean(axis=0)
     assert (x, y) == pytest.approx((RANGE_M * np.sqrt(1 - U**2), RANGE_M * U), abs=0.01)
     # Left of the radar is on the left.
@@ -54,7 +54,7 @@ def test_from_above_a_bin_lies_ahead_and_to_its_side(axis, levels):
 def test_from_above_no_echo_is_lost_between_the_pixels(axis, levels):
     mesh = draw_from_above(axis, levels, RADAR.waveform.range_step_m, RADAR.grid.u, pixels=(100, 90))
     ((row, column),) = np.argwhere(mesh.get_array() == 0.0)
-    corners = mesh.get_coordinates()[row : row + 2, column : column + 2].reshape(4, 2)
+    corners = np.asarray(mesh.get_coordinates())[row : row + 2, column : column + 2].reshape(4, 2)
     x, y = RANGE_M * np.sqrt(1 - U**2), RANGE_M * U
     assert corners[:, 0].min() <= y <= corners[:, 0].max()
     assert corners[:, 1].min() <= x <= corners[:, 1].max()

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 COLOUR_MAP = "magma"
 """Rises evenly in lightness, so that it also reads in grey."""
 LEVEL_LABEL = "amplitude x range [dB]"
+OUTSIDE = "#e1e1e1"
+"""What lies beyond the field of view."""
 PANEL_PIXELS = 320, 300
 """Height and width of a panel, unless the caller knows better."""
 
@@ -72,5 +74,5 @@ def draw_from_above(
     angle_edges = np.clip(angle_edges, -1.0, 1.0)
     x, y = np.outer(range_edges, np.sqrt(1.0 - angle_edges**2)), np.outer(range_edges, angle_edges)
     drawn = axis.pcolormesh(y, x, held, cmap=COLOUR_MAP, vmin=-SPAN_DB, vmax=0.0, rasterized=True)
-    axis.set(aspect="equal", facecolor="black", xlim=(float(y.max()), float(y.min())), ylim=(0.0, float(x.max())))
+    axis.set(aspect="equal", facecolor=OUTSIDE, xlim=(float(y.max()), float(y.min())), ylim=(0.0, float(x.max())))
     return drawn

@@ -19,7 +19,7 @@ from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.experiments.frames import load_frame, one_of_each_scene
 from trainer.evaluation.report.doppler_map import WHOLE, doppler_map
 from trainer.evaluation.report.levels import REPORT_SPAN_DB, from_bytes, scene_levels, to_bytes
-from trainer.evaluation.report.panels import image_panels
+from trainer.evaluation.report.panels import image_sheet
 from trainer.evaluation.rows import TRUTH, MetricRow, SummaryColumn
 from trainer.evaluation.store import Values
 from trainer.run.targets import AMPLITUDE
@@ -57,16 +57,19 @@ class Street:
 
     def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
         ref = next((ref for ref in shown_frames(bench) if ref.kind == "scene"), shown_frames(bench)[0])
-        levels = {
-            (c.method, c.array.name): np.maximum(
-                from_bytes(results[c.method, c.array.name, ref.condition]["levels"]), -SPAN_DB
-            )
-            for c in bench.contenders
-        }
         truth = np.maximum(from_bytes(results[TRUTH, "", ref.condition]["levels"]), -SPAN_DB)
-        title = f"{self.title}: {figure_text(ref.scene)}, frame {ref.frame_id}"
-        figure = image_panels(levels, truth, bench.radar, 0, title)
-        return {self.name: figure}
+        drawn = {}
+        for array in dict.fromkeys(contender.array.name for contender in bench.contenders):
+            levels = {
+                contender.method: np.maximum(
+                    from_bytes(results[contender.method, array, ref.condition]["levels"]), -SPAN_DB
+                )
+                for contender in bench.contenders
+                if contender.array.name == array
+            }
+            title = f"{self.title}: {figure_text(ref.scene)}, frame {ref.frame_id}, {figure_text(array)}"
+            drawn[f"{self.name}-{array}"] = image_sheet(levels, truth, bench.radar, title)
+        return drawn
 
 
 def shown_frames(bench: Bench) -> tuple[FrameRef, ...]:
