@@ -32,7 +32,7 @@ def test_more_jobs_than_shards_are_refused() -> None:
     "text", ["3/3", "/", "1", "-1/3", "0/0", "1 / 3", "a/b", "", "1/", "0/3/4", "0.5/3", "٣/٤", "0/9999999999"]
 )
 def test_what_is_no_job_is_one_line(text: str) -> None:
-    with pytest.raises(InputError, match="--shard: .*; expected i/n with i from 0 to n - 1") as caught:
+    with pytest.raises(InputError, match=r"--shard: .*; expected i/n with i from 0 to n - 1") as caught:
         parse_job(text)
     assert "\n" not in str(caught.value)
 

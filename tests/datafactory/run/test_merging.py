@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -211,7 +210,7 @@ def test_two_jobs_that_made_a_shard_differently_are_refused(jobs: Path, tmp_path
 
 
 @pytest.fixture
-def dying(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[int]]:
+def dying(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """The merge dies at the third shard, once it is at its place and not noted yet."""
     left, record = [2], merging.record_finished
 
@@ -222,7 +221,7 @@ def dying(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[int]]:
         record(*arguments)
 
     monkeypatch.setattr(merging, "record_finished", record_finished)
-    yield left
+    return left
 
 
 @pytest.mark.parametrize("links", [True, False])
@@ -254,7 +253,7 @@ def test_what_holds_no_jobs_is_refused(kind: str, whole: Path, tmp_path: Path) -
 
 def test_a_job_is_not_taken_for_the_whole_run(jobs: Path, radar: Path) -> None:
     """Nor the whole run, in its folder, for the job."""
-    with pytest.raises(InputError, match="--resume: shard is missing, but the run in .* had '0/3'"):
+    with pytest.raises(InputError, match=r"--resume: shard is missing, but the run in .* had '0/3'"):
         points(jobs / "job-0-of-3", radar, "--resume")
 
 
