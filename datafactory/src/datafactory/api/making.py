@@ -30,6 +30,7 @@ from datafactory.effects.catalogue import AUTO
 from datafactory.frame.defaults import DEFAULT_FRAMES
 from datafactory.frame.points import PointTargets
 from datafactory.run import pipeline
+from datafactory.run.array_job import OPTION, parse_job
 from datafactory.run.order import Order
 from datafactory.run.pipeline import Execution, Report
 from datafactory.scenes.materials.table import MaterialTable
@@ -67,6 +68,7 @@ def render(
     workers: int = 1,
     resume: bool = False,
     keep_going: bool = False,
+    shard: str | None = None,
     camera: bool = False,
     announce: Announce = silent,
     progress: Progress = silent,
@@ -97,6 +99,8 @@ def render(
     :param workers: processes; 1 works in this process, 0 takes one for each core. The bytes do not depend on it.
     :param resume: go on with an unfinished run in the same folder
     :param keep_going: finish the other shards where three worker processes died of one
+    :param shard: "i/n": make the shards of job i of n alone, i from 0, into ``out/job-i-of-n``;
+        :func:`datafactory.merge` joins the jobs to the dataset of the run in one piece
     :param camera: also write what a camera at the sensor sees, ``out/camera/frame-NNNNNN.png`` for each scene frame;
         ``datafactory inspect`` shows it beside the images. The shards stay the same.
     :param announce: takes lines for the user
@@ -111,7 +115,9 @@ def render(
         split=split, rays=rays, depth=depth, effects=effects, error_budget=error_budget, noise=noise, store=store,
         truth_window=truth_window,
     )  # fmt: skip
-    execution = execution_of(out, workers, resume, keep_going, announce, progress)
+    execution = execution_of(out, workers, resume, keep_going, shard, announce, progress)
+    if camera and shard is not None:
+        raise InputError("--camera", f"beside {OPTION}", "datafactory inspect --camera once the jobs are merged")
     if camera and order.paths is not None:
         raise InputError("--camera", "beside --paths, whose frames do not say when they are", "--scene")
     menu = None if error_budget is None else menu_for(rays, depth)
@@ -137,6 +143,7 @@ def trace(
     workers: int = 1,
     resume: bool = False,
     keep_going: bool = False,
+    shard: str | None = None,
     announce: Announce = silent,
     progress: Progress = silent,
 ) -> Report:
@@ -150,23 +157,32 @@ def trace(
         scenes, radar=radar, frames=frames, poses=poses, seed=seed, split=split, rays=rays, depth=depth,
         effects=effects, error_budget=error_budget,
     )  # fmt: skip
-    execution = execution_of(out, workers, resume, keep_going, announce, progress)
+    execution = execution_of(out, workers, resume, keep_going, shard, announce, progress)
     menu = None if error_budget is None else menu_for(rays, depth).of_paths()
     return _made(order, materials_of(materials), execution, menu, progress, pipeline.trace_paths)
 
 
 def execution_of(
-    out: FileName, workers: int, resume: bool, keep_going: bool, announce: Announce, progress: Progress
+    out: FileName,
+    workers: int,
+    resume: bool,
+    keep_going: bool,
+    shard: str | None,
+    announce: Announce,
+    progress: Progress,
 ) -> Execution:
     """How a run is carried out.
 
     :param workers: 0 takes one for each core
+    :param shard: of :func:`render`
     """
+    job = None if shard is None else parse_job(shard)
     return Execution(
-        Path(out),
+        Path(out) / job.folder if job else Path(out),
         cores(workers),
         resume,
         keep_going,
+        job,
         announce=announce,
         looked=partial(progress, "planning"),
         advance=partial(progress, "frames"),
@@ -196,5 +212,8 @@ def _made(
         order, table, order.budget_db, menu, announce, lambda done, total, label: progress(label, done, total)
     )
     report = make(settled.order, table, execution)
-    check(settled, execution.directory, announce)
+    if execution.job is None:
+        check(settled, execution.directory, announce)
+    else:  # the frames to be looked at are those of other jobs as well
+        announce("what the error budget achieves is measured of a run in one piece alone, not of its jobs")
     return replace(report, seconds=time.perf_counter() - started)

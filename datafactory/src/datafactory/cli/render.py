@@ -57,6 +57,7 @@ def render(
     ] = False,
     resume: options.Resume = False,
     keep_going: options.KeepGoing = False,
+    shard: options.Shard = None,
     verbose: options.Verbose = False,
 ) -> None:
     """Render frames of scenes, and close-target frames beside them, into a dataset."""
@@ -82,7 +83,7 @@ def render(
         "error_budget": error_budget,
     }
     if dry_run:
-        for line in forecast(order_of(read, **asked), out, cores(workers)).lines():
+        for line in forecast(order_of(read, **asked), out, cores(workers), shard).lines():
             typer.echo(line)
         return
     options.run(
@@ -94,11 +95,11 @@ def render(
             workers=workers,
             resume=resume,
             keep_going=keep_going,
+            shard=shard,
             camera=camera,
             announce=announce,
             progress=progress,
         ),
-        out,
         verbose,
     )
-    typer.echo(f"look:  datafactory inspect {out}")
+    options.next_step(out, shard, f"look:  datafactory inspect {out}")

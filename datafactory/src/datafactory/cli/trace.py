@@ -40,6 +40,7 @@ def trace(
     workers: options.Workers = 0,
     resume: options.Resume = False,
     keep_going: options.KeepGoing = False,
+    shard: options.Shard = None,
     verbose: options.Verbose = False,
 ) -> None:
     """Trace multipath into DIR/paths; `datafactory render --paths DIR` renders any radar from it.
@@ -65,10 +66,10 @@ def trace(
             workers=workers,
             resume=resume,
             keep_going=keep_going,
+            shard=shard,
             announce=announce,
             progress=progress,
         ),
-        out,
         verbose,
     )
-    typer.echo(f"next:  datafactory render --paths {out} --out ANOTHER_FOLDER")
+    options.next_step(out, shard, f"next:  datafactory render --paths {out} --out ANOTHER_FOLDER")

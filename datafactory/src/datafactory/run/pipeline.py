@@ -5,6 +5,7 @@ What makes one frame stands in :mod:`datafactory.frame.chain`.
 
 from __future__ import annotations
 
+import math
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -14,6 +15,7 @@ from typing import Any
 
 from datafactory.frame.points import rayleigh_length
 from datafactory.paths.storage import paths_schema
+from datafactory.run.array_job import ARGUMENT, ENTRY, ArrayJob, JobEntry
 from datafactory.run.job import Job, WriteShard, render_shard, trace_shard
 from datafactory.run.order import Order
 from datafactory.run.preparation import Prepared, prepare
@@ -56,6 +58,7 @@ class Execution:
     :param workers: processes; one works in this process
     :param resume: take up an unfinished run
     :param keep_going: finish the other shards where three worker processes died of one
+    :param job: make the shards of this job alone; ``directory`` is then the job's own
     :param announce: takes lines for the user: material mappings, warnings
     :param looked: takes frames looked at for the plan, and how many there are to look at
     :param advance: takes frames done and frames in all
@@ -65,6 +68,7 @@ class Execution:
     workers: int = 1
     resume: bool = False
     keep_going: bool = False
+    job: ArrayJob | None = None
     announce: Announce = lambda line: None
     looked: Advance = lambda done, total: None
     advance: Advance = lambda done, total: None
@@ -86,7 +90,7 @@ def _rendered(order: Order, table: MaterialTable, execution: Execution) -> Repor
     settings = order.settings
     about = description(order.radar, settings.processing.peaks, settings.processing.store, _conventions(order))
     frames = (len(order.poses) or order.frames) + (len(order.targets) or order.points)
-    require_room(execution.directory, frames, about["shapes"])
+    require_room(execution.directory, math.ceil(frames / (execution.job.of if execution.job else 1)), about["shapes"])
     if order.scenes:
         require_memory(settings.trace.rays, execution.workers)
     if said := statement(order.radar):
@@ -101,7 +105,7 @@ def _rendered(order: Order, table: MaterialTable, execution: Execution) -> Repor
     }
     stated = {key: about[key] for key in ("radar", "array", "virtual_sensor", "axes", "shapes", "conventions", "truth")}
     manifest = {"arguments": arguments, **stated, "scenes": prepared.entries}
-    return _produce(job, plan_shards(job.deal.splits()), render_shard, manifest, execution, started)
+    return _produce(job, order.split, plan_shards(job.deal.splits()), render_shard, manifest, execution, started)
 
 
 def trace_paths(order: Order, table: MaterialTable, execution: Execution) -> Report:
@@ -116,7 +120,7 @@ def _traced(order: Order, table: MaterialTable, execution: Execution) -> Report:
     prepared = prepare(order, table, execution.announce, execution.looked)
     job = _job(order, prepared, paths_schema().serialize().to_pybytes())
     manifest = {"arguments": prepared.arguments, "scenes": prepared.entries}
-    return _produce(job, plan_shards((PATHS,) * len(job.deal)), trace_shard, manifest, execution, started)
+    return _produce(job, None, plan_shards((PATHS,) * len(job.deal)), trace_shard, manifest, execution, started)
 
 
 def _job(order: Order, prepared: Prepared, schema_message: bytes) -> Job:
@@ -133,6 +137,7 @@ def _job(order: Order, prepared: Prepared, schema_message: bytes) -> Job:
 
 def _produce(
     job: Job,
+    split: str | None,
     plans: Sequence[ShardPlan],
     write: WriteShard,
     manifest: dict[str, Any],
@@ -141,10 +146,17 @@ def _produce(
 ) -> Report:
     """Write the planned shards that are not there yet, then the manifest.
 
+    :param split: pattern that the plans follow; None for traced paths
+    :param plans: of the whole dataset
     :param manifest: the entries that are the run's own, its ``arguments`` among them
     :param started: when the run began, by :func:`time.perf_counter`
     """
-    directory, arguments, frames = execution.directory, manifest["arguments"], len(job.deal)
+    directory, arguments = execution.directory, manifest["arguments"]
+    if execution.job is not None:
+        plans = execution.job.own(plans)
+        arguments = {**arguments, ARGUMENT: str(execution.job)}
+        manifest = {**manifest, "arguments": arguments}
+    frames = sum(len(plan.frame_ids) for plan in plans)
     if begin(directory, arguments, execution.resume):
         execution.announce(f"{directory} is already complete")
         return Report(directory, frames, 0, len(plans), {}, time.perf_counter() - started)
@@ -158,7 +170,10 @@ def _produce(
     if made.failed:
         raise RunFailed(failure_line(made.failed))
     finished = [(earlier.shards | made.shards)[plan] for plan in plans]
-    counts = _total(finished)
+    counts = total_counts(finished)
+    if execution.job is not None:
+        entry = JobEntry(frames=len(job.deal), split=split, counts=tuple(item.counts for item in finished))
+        manifest = {**manifest, ENTRY: entry.model_dump()}
     seconds = time.perf_counter() - started
     finish(
         directory,
@@ -199,7 +214,8 @@ def _conventions(order: Order) -> dict[str, Any]:
     }
 
 
-def _total(finished: Sequence[FinishedShard]) -> dict[str, float]:
+def total_counts(finished: Sequence[FinishedShard]) -> dict[str, float]:
+    """The manifest's ``counts``: those of the shards, in their order, added up."""
     counts: Counter[str] = Counter()
     for item in finished:
         counts.update(item.counts)
