@@ -83,17 +83,27 @@ def draw_lane(ground: Ground, length_m: float, rng: np.random.Generator, allowed
     :returns: None where the cells are too scattered for a lane of 2 m
     """
     allowed = ground.free if allowed is None else allowed & ground.free
+    # The middle of a street; where the allowed cells do not hold it, their own.
+    return _longest_lane(ground, length_m, rng, allowed, ground.free) or _longest_lane(
+        ground, length_m, rng, allowed, allowed
+    )
+
+
+def _longest_lane(ground: Ground, length_m: float, rng: np.random.Generator, allowed: Mask, free: Mask) -> Lane | None:
+    """The first lane that is long enough, or the longest.
+
+    :param free: [nx, ny] cells in whose middle it runs
+    """
     stride = max(1, round(GRID_M / ground.cell_m))
-    room = _room(allowed, ground.cell_m)
-    grid = room[::stride, ::stride]
-    side_m = stride * ground.cell_m
-    middle = np.argwhere(_middle(grid, side_m))
-    if not len(middle):
-        return None
+    room = _room(free, ground.cell_m)
+    used = allowed[::stride, ::stride]
+    grid, side_m = room[::stride, ::stride], stride * ground.cell_m
+    centre = used & _middle(grid, side_m)
+    middle, grid = np.argwhere(centre), np.where(used, grid, 0.0)
     longest: Lane | None = None
-    for _ in range(STARTS_TRIED):
+    for _ in range(STARTS_TRIED if len(middle) else 0):
         start = middle[rng.integers(len(middle))]
-        for way in _ways(grid, side_m, start, length_m, rng):
+        for way in _ways(grid, centre, side_m, start, length_m, rng):
             lane = _lane_along(way * stride, ground, allowed, room, length_m)
             if lane is not None and (longest is None or lane.length_m > longest.length_m):
                 longest = lane
@@ -102,9 +112,9 @@ def draw_lane(ground: Ground, length_m: float, rng: np.random.Generator, allowed
     return longest
 
 
-def _room(allowed: Mask, cell_m: float) -> Real:
-    """[nx, ny] distance from each allowed cell's centre to the nearest that is not [m]; beyond the grid is none."""
-    padded = np.pad(allowed, 1)
+def _room(free: Mask, cell_m: float) -> Real:
+    """[nx, ny] distance from each free cell's centre to the nearest that is not [m]; beyond the grid is none."""
+    padded = np.pad(free, 1)
     return np.asarray(ndimage.distance_transform_edt(padded)[1:-1, 1:-1] * cell_m)
 
 
@@ -114,14 +124,21 @@ def _middle(room: Real, side_m: float) -> Mask:
     return (room > 0.0) & (room >= MIDDLE_SHARE * ndimage.maximum_filter(room, size=reach))
 
 
-def _ways(room: Real, side_m: float, start: NDArray[np.int64], length_m: float, rng: np.random.Generator) -> list[Real]:
-    """Ways [n, 2] in cells from a start to drawn places in the middle of streets, those farthest off first drawn."""
+def _ways(
+    room: Real, centre: Mask, side_m: float, start: NDArray[np.int64], length_m: float, rng: np.random.Generator
+) -> list[Real]:
+    """Ways [n, 2] in cells from a start to drawn places in the middle of streets, at least as far as is wanted.
+
+    :param room: [nx, ny] of the cells that may be used, 0 for all others
+    :param centre: [nx, ny] those in the middle of a street
+    """
     reach = int(np.ceil(1.5 * length_m / side_m)) + 2
     corner = np.maximum(start - reach, 0)
-    window = room[tuple(slice(low, at + reach + 1) for low, at in zip(corner, start, strict=True))]
+    cut = tuple(slice(low, at + reach + 1) for low, at in zip(corner, start, strict=True))
+    window = room[cut]
     begin = int(np.ravel_multi_index(tuple(start - corner), window.shape))
     cost, before = dijkstra(_neighbours(window, side_m), indices=begin, return_predecessors=True)
-    ends = np.flatnonzero(_middle(window, side_m).ravel() & np.isfinite(cost))
+    ends = np.flatnonzero(centre[cut].ravel() & np.isfinite(cost))
     # A metre costs at least one: what costs less than the length is nearer than it.
     far = ends[cost[ends] >= length_m]
     if not len(far):
