@@ -12,10 +12,9 @@ from pathlib import Path
 
 import psutil
 
-from datafactory.frame.deal import split_of
 from datafactory.run.array_job import parse_job
 from datafactory.run.order import Order
-from datafactory.run.preparation import deal_of
+from datafactory.run.preparation import deal_of, deal_of_stored
 from datafactory.run.room import CLOSE_TARGETS, STREETS, free_bytes, trace_memory
 from datafactory.run.shards import plan_shards
 from datafactory.run.stored import stored_paths
@@ -81,9 +80,8 @@ def forecast(order: Order, directory: Path, workers: int, shard: str | None = No
         for frame_id in {deal.frames_of(number)[0] for number in range(len(scenes)) if deal.frames_of(number)}:
             deal.frame(frame_id)  # a scene without free ground is refused here
     else:
-        scene_frames = len(stored_paths(order, order.paths).places)
-        point_frames = len(order.targets) or order.points
-        splits = tuple(split_of(frame_id, order.split) for frame_id in range(scene_frames + point_frames))
+        deal = deal_of_stored(order, stored_paths(order, order.paths))
+        splits, scene_frames, point_frames = deal.splits(), deal.scene_frames, len(deal) - deal.scene_frames
     settings, waveform, channels = order.settings, order.radar.waveform, order.radar.array.channels
     rays = float(settings.trace.rays)
     of_points = SAMPLE_S * channels * waveform.chirps * waveform.samples

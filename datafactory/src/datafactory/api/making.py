@@ -21,6 +21,7 @@ from datafactory.api.asking import (
     Progress,
     RadarLike,
     SceneLike,
+    TrajectoryLike,
     cores,
     materials_of,
     order_of,
@@ -55,6 +56,8 @@ def render(
     points: int = 0,
     targets: Sequence[PointTargets] = (),
     poses: PosesLike | None = None,
+    trajectory: TrajectoryLike | None = None,
+    frame_rate: float | None = None,
     seed: int = 0,
     split: str | None = None,
     materials: MaterialsLike | None = None,
@@ -85,6 +88,9 @@ def render(
     :param points: close-target frames after them
     :param targets: frames of exactly these point targets, instead of ``points`` drawn ones
     :param poses: one frame a pose, in the world frame [m, deg, m/s]; else they are drawn on free ground
+    :param trajectory: sequences of frames along tracks: a file of poses with times, several, or ``"drive"`` to draw
+        drives along the scenes' streets, ``frames`` frames in all
+    :param frame_rate: frames a second along the tracks [Hz]; by default a frame for each row of a file, 10 of drives
     :param seed: of the dataset: same seed, same bytes
     :param split: pattern train:validation:test over the frames; by default 6:1:1, or that of ``paths``
     :param materials: overrides the material table
@@ -111,9 +117,9 @@ def render(
     :raises RunFailed: worker processes died; what was finished can be resumed
     """
     order = order_of(
-        scenes, paths=paths, radar=radar, frames=frames, points=points, targets=targets, poses=poses, seed=seed,
-        split=split, rays=rays, depth=depth, effects=effects, error_budget=error_budget, noise=noise, store=store,
-        truth_window=truth_window,
+        scenes, paths=paths, radar=radar, frames=frames, points=points, targets=targets, poses=poses,
+        trajectory=trajectory, frame_rate=frame_rate, seed=seed, split=split, rays=rays, depth=depth, effects=effects,
+        error_budget=error_budget, noise=noise, store=store, truth_window=truth_window,
     )  # fmt: skip
     execution = execution_of(out, workers, resume, keep_going, shard, announce, progress)
     if camera and shard is not None:
@@ -133,6 +139,8 @@ def trace(
     radar: RadarLike = DEFAULT_RADAR,
     frames: int = DEFAULT_FRAMES,
     poses: PosesLike | None = None,
+    trajectory: TrajectoryLike | None = None,
+    frame_rate: float | None = None,
     seed: int = 0,
     split: str | None = None,
     materials: MaterialsLike | None = None,
@@ -154,8 +162,8 @@ def trace(
     :func:`datafactory.render`.
     """
     order = order_of(
-        scenes, radar=radar, frames=frames, poses=poses, seed=seed, split=split, rays=rays, depth=depth,
-        effects=effects, error_budget=error_budget,
+        scenes, radar=radar, frames=frames, poses=poses, trajectory=trajectory, frame_rate=frame_rate, seed=seed,
+        split=split, rays=rays, depth=depth, effects=effects, error_budget=error_budget,
     )  # fmt: skip
     execution = execution_of(out, workers, resume, keep_going, shard, announce, progress)
     menu = None if error_budget is None else menu_for(rays, depth).of_paths()
@@ -194,7 +202,7 @@ def _with_cameras(order: Order, table: MaterialTable, report: Report, progress: 
     started = time.perf_counter()
     dataset = open_dataset(report.directory)
     cameras = Cameras(dataset, [scene for scene in order.scenes if isinstance(scene, Scene)], table)
-    scene_frames = len(order.poses) or order.frames
+    scene_frames = order.scene_frames
     progress("camera pictures", 0, scene_frames)
     for done, _ in enumerate(write_cameras(dataset, cameras), 1):
         progress("camera pictures", done, scene_frames)

@@ -47,6 +47,20 @@ AllowMissing = Annotated[bool, typer.Option("--allow-missing", help="Go on witho
 Poses = Annotated[
     Path | None, typer.Option("--poses", help="JSON file of sensor poses: one frame a pose, instead of drawn ones.")
 ]
+Trajectory = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--trajectory",
+        metavar="FILE|drive",
+        help="CSV or JSON file of poses with times, a sequence of frames; may be repeated. "
+        "Or drive[:speed=M/S][,seconds=S]: drives drawn along the streets, --frames in all.",
+        show_default=False,
+    ),
+]
+FrameRate = Annotated[
+    float | None,
+    typer.Option("--frame-rate", help="Frames a second along a trajectory; by default a frame a row, 10 of drives."),
+]
 Materials = Annotated[Path | None, typer.Option("--materials", help="TOML file that overrides the material table.")]
 Rays = Annotated[int, typer.Option("--rays", min=1, max=MOST_RAYS, help="Rays a frame, over the field of view.")]
 Depth = Annotated[int, typer.Option("--depth", min=1, max=LARGEST_DEPTH, help="Largest number of bounces.")]

@@ -89,7 +89,7 @@ def _rendered(order: Order, table: MaterialTable, execution: Execution) -> Repor
     started = time.perf_counter()
     settings = order.settings
     about = description(order.radar, settings.processing.peaks, settings.processing.store, _conventions(order))
-    frames = (len(order.poses) or order.frames) + (len(order.targets) or order.points)
+    frames = order.scene_frames + (len(order.targets) or order.points)
     require_room(execution.directory, math.ceil(frames / (execution.job.of if execution.job else 1)), about["shapes"])
     if order.scenes:
         require_memory(settings.trace.rays, execution.workers)

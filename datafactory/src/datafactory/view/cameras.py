@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from io import BytesIO
 from pathlib import Path
@@ -35,12 +36,7 @@ class _SceneEntry(BaseModel):
     content_sha256: str
 
 
-class _PoseEntry(BaseModel):
-    time_s: float = 0.0
-
-
 class _Arguments(BaseModel):
-    poses: tuple[_PoseEntry, ...] = ()
     paths: tuple[str, ...] | None = None
 
 
@@ -81,9 +77,9 @@ class Cameras:
             return None
         w, x, y, z = frame.sensor_orientation
         yaw, pitch, roll = Rotation.from_quat([w, x, y, z], scalar_first=True).as_euler("ZYX", degrees=True).tolist()
-        poses = self._rendered.arguments.poses
-        time_s = poses[frame.frame_id].time_s if frame.frame_id < len(poses) else 0.0
-        pose = Pose(frame.sensor_position, yaw, pitch, roll, frame.sensor_velocity, time_s)
+        if math.isnan(frame.time):
+            raise InputError(self._source, "its frames do not say when they are", "a dataset made anew")
+        pose = Pose(frame.sensor_position, yaw, pitch, roll, frame.sensor_velocity, frame.time)
         return Subject(f"{frame.scene}, frame {frame.frame_id}", self._scene(frame.scene), pose, self._radar)
 
     def _scene(self, name: str) -> PreparedScene:
