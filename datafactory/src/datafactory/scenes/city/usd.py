@@ -2,8 +2,8 @@
 
 The USD stage is in metres and z up. Each placement is an Xform with a mesh named Geometry below it. Surfaces that share
 a model are written once and referenced as instances. The attributes for the radar are those of the USD reader:
-``radar:velocity`` (double3, world frame, m/s) and ``radar:rcs_dbsm`` (float, dBsm: a point target in place of the
-meshes below it).
+``radar:velocity`` (double3, world frame, m/s), ``radar:rcs_dbsm`` (float, dBsm: a point target in place of the meshes
+below it) and ``radar:class`` (string: what it is).
 """
 
 from __future__ import annotations
@@ -49,6 +49,7 @@ class Placement:
     :param velocity: world velocity [m/s]
     :param rcs_dbsm: radar cross section [dBsm] of the point target that stands for it; None where the mesh counts
     :param model: name under which placements share one surface; "" where the surface is its own
+    :param label: what it is, for ``radar:class``, e.g. ``"car"``; "" to say nothing
     """
 
     path: str
@@ -58,6 +59,7 @@ class Placement:
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
     rcs_dbsm: float | None = None
     model: str = ""
+    label: str = ""
 
 
 def check_output(path: Path) -> Path:
@@ -108,6 +110,8 @@ def write_usd(path: Path, placements: Sequence[Placement], documentation: str) -
             prim.CreateAttribute("radar:velocity", Sdf.ValueTypeNames.Double3).Set(Gf.Vec3d(*item.velocity))
         if item.rcs_dbsm is not None:
             prim.CreateAttribute("radar:rcs_dbsm", Sdf.ValueTypeNames.Float).Set(item.rcs_dbsm)
+        if item.label:
+            prim.CreateAttribute("radar:class", Sdf.ValueTypeNames.String).Set(item.label)
         if item.surface is None:
             continue
         if not item.model:
