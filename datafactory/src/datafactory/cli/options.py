@@ -74,7 +74,21 @@ Noise = Annotated[bool, typer.Option("--noise/--no-noise", help="Add receiver no
 TruthWindow = Annotated[
     str, typer.Option("--truth-window", help="Over the virtual sensor: none, taylor-25, taylor-30 or hann.")
 ]
-Workers = Annotated[int, typer.Option("--workers", min=0, help="Worker processes; 0: one a core.")]
+Workers = Annotated[
+    int, typer.Option("--workers", min=0, help="Worker processes; 0: one a core, of all nodes with --engine ray.")
+]
+EngineName = Annotated[
+    str, typer.Option("--engine", help="local, or ray: a Ray cluster makes the shards. The same bytes.")
+]
+Address = Annotated[
+    str | None,
+    typer.Option(
+        "--address",
+        help="HOST:PORT of the Ray cluster, which this machine is a node of; by default the one that runs here, "
+        "else one of the run's own.",
+        show_default=False,
+    ),
+]
 Shard = Annotated[
     str | None,
     typer.Option(

@@ -9,13 +9,14 @@ import math
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from datafactory.frame.points import rayleigh_length
 from datafactory.paths.storage import paths_schema
 from datafactory.run.array_job import ARGUMENT, ENTRY, ArrayJob, JobEntry
+from datafactory.run.engines import Engine, Local
 from datafactory.run.job import Job, WriteShard, render_shard, trace_shard
 from datafactory.run.order import Order
 from datafactory.run.preparation import Prepared, prepare
@@ -55,10 +56,11 @@ class Report:
 class Execution:
     """How a run is carried out; nothing of it changes a byte of the shards.
 
-    :param workers: processes; one works in this process
+    :param workers: processes; one works in this process. On a cluster: of all its nodes, 0 for all that they have
     :param resume: take up an unfinished run
     :param keep_going: finish the other shards where three worker processes died of one
     :param job: make the shards of this job alone; ``directory`` is then the job's own
+    :param engine: where shards are made
     :param announce: takes lines for the user: material mappings, warnings
     :param looked: takes frames looked at for the plan, and how many there are to look at
     :param advance: takes frames done and frames in all
@@ -69,9 +71,15 @@ class Execution:
     resume: bool = False
     keep_going: bool = False
     job: ArrayJob | None = None
+    engine: Engine = field(default_factory=Local)
     announce: Announce = lambda line: None
     looked: Advance = lambda done, total: None
     advance: Advance = lambda done, total: None
+
+    @property
+    def processes_here(self) -> int:
+        """Processes of this machine that trace at a time."""
+        return self.engine.processes_here(self.workers)
 
 
 def render(order: Order, table: MaterialTable, execution: Execution) -> Report:
@@ -116,7 +124,7 @@ def trace_paths(order: Order, table: MaterialTable, execution: Execution) -> Rep
 
 def _traced(order: Order, table: MaterialTable, execution: Execution) -> Report:
     started = time.perf_counter()
-    require_memory(order.settings.trace.rays, execution.workers)
+    require_memory(order.settings.trace.rays, execution.processes_here)
     prepared = prepare(order, table, execution.announce, execution.looked)
     job = _job(order, prepared, paths_schema().serialize().to_pybytes())
     manifest = {"arguments": prepared.arguments, "scenes": prepared.entries}
@@ -166,7 +174,8 @@ def _produce(
         execution.announce(f"{path} is not as it was recorded and is made again")
     todo = [plan for plan in plans if plan not in earlier.shards]
     work = ShardWork(job, write, directory, mark)
-    made = run_shards(work, todo, execution.workers, execution.keep_going, frames, execution.advance)
+    processes = execution.engine.pool(work, len(todo), execution.workers)
+    made = run_shards(work, todo, processes, execution.keep_going, frames, execution.advance)
     if made.failed:
         raise RunFailed(failure_line(made.failed))
     finished = [(earlier.shards | made.shards)[plan] for plan in plans]
@@ -183,7 +192,7 @@ def _produce(
             "seeds": {"dataset": job.deal.seed, "frame": "SeedSequence(entropy=dataset, spawn_key=(frame_id,))"},
             "counts": counts,
             "shards": [item.record.model_dump() for item in finished],
-            "made": provenance(execution.workers, seconds, made.seconds),
+            "made": provenance(execution.engine.name, execution.workers, seconds, made.seconds),
         },
     )
     return Report(directory, frames, len(made.shards), len(earlier.shards), counts, seconds)
