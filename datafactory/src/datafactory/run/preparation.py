@@ -20,7 +20,6 @@ from datafactory.frame.deal import Deal, drawn_scene, split_of
 from datafactory.frame.points import PointTargets
 from datafactory.frame.prepared import PreparedScene, Sample
 from datafactory.frame.seeds import generator, sequence_seed
-from datafactory.paths.curved_surfaces import curved_surfaces_of
 from datafactory.paths.merged_scene import merge_scene
 from datafactory.run.order import Order
 from datafactory.run.planning import Looking, plan_of, sample_of
@@ -217,10 +216,7 @@ def prepared_scene(scene: Scene, table: MaterialTable, announce: Announce) -> Pr
     unknown = ", ".join(name or "(none)" for name in materials.unknown)
     if unknown:
         announce(f"{scene.name}: unknown materials given the default: {unknown}")
-    merged = merge_scene(scene, materials)
-    for note in curved_surfaces_of(merged).notes():
-        announce(f"{scene.name}: {note}")
-    return PreparedScene(scene.name, scene.content_hash(), merged, materials)
+    return PreparedScene(scene.name, scene.content_hash(), merge_scene(scene, materials), materials)
 
 
 def _late_poses(scene: Scene, poses: Sequence[Pose]) -> str:
