@@ -43,6 +43,7 @@ class Summary:
 
     :param frames: (split, kind) to number of frames; empty for a folder of traced paths alone
     :param scenes: scene name to number of frames
+    :param sequences: number of sequences of frames along a track
     :param traced: frames whose traced paths are stored
     :param radar: its name; "" where there are no frames
     :param shapes: array columns and their shapes
@@ -53,6 +54,7 @@ class Summary:
 
     frames: dict[tuple[str, str], int]
     scenes: dict[str, int]
+    sequences: int
     traced: int
     radar: str
     shapes: dict[str, list[int]]
@@ -75,10 +77,12 @@ def summarise(dataset: Dataset) -> Summary:
     """
     kinds: Counter[tuple[str, str]] = Counter()
     scenes: Counter[str] = Counter()
+    sequences: set[int] = set()
     for split in dataset.splits:
         for frame in dataset.frames(split, columns=()):
             kinds[split, frame.kind] += 1
             scenes[frame.scene] += 1
+            sequences.add(frame.sequence)
     counts = dataset.manifest.get("counts", {})
     if not isinstance(counts, dict):
         raise InputError(dataset.path / MANIFEST, f"counts = {counts!r}", "a number for each thing counted")
@@ -86,6 +90,7 @@ def summarise(dataset: Dataset) -> Summary:
     return Summary(
         frames=dict(kinds),
         scenes=dict(scenes),
+        sequences=len(sequences - {-1}),
         traced=sum(record.rows for record in dataset.records if record.path.startswith("paths/")),
         radar=description["radar"]["name"],
         shapes=description["shapes"],
@@ -151,7 +156,7 @@ def draw_frame(frame: Frame, radar: Radar, split: str = "", camera: NDArray[np.u
         seen.set_title("camera at the sensor")
         axes.append(figure.add_subplot(grid[1, -1]))
     for axis, (title, level) in zip(axes, levels.items(), strict=False):
-        _draw_image(axis, level - brightest, radar, norm)
+        draw_image(axis, level - brightest, radar, norm)
         axis.set_title(title)
     axes[0].set_ylabel("range r [m]")
     points = _draw_targets(axes[-1], frame, radar, brightest, norm)
@@ -178,7 +183,8 @@ def _images(frame: Frame, radar: Radar) -> dict[str, NDArray[np.floating]]:
     return images
 
 
-def _draw_image(axis: Axes, level_db: NDArray[np.float64], radar: Radar, norm: Normalize) -> None:
+def draw_image(axis: Axes, level_db: NDArray[np.float64], radar: Radar, norm: Normalize) -> None:
+    """An image [R, U] of levels [dB] with its axes; left of the radar is on the left."""
     u, range_m = radar.grid.u, radar.waveform.ranges_m
     du, dr = radar.grid.step / 2.0, radar.waveform.range_step_m / 2.0
     extent = (u[0] - du, u[-1] + du, range_m[0] - dr, range_m[-1] + dr)
