@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from prepared_scenes import SCENES
 from typer.testing import CliRunner
 
@@ -110,10 +112,10 @@ def test_what_stands_gives_the_same_image_again_and_a_small_step_a_nearly_equal_
     """
     here = Pose((40.0, 0.0, 0.5))
     track = [here, Pose((40.0002, 0.0, 0.5), time_s=0.1), Pose((40.0, 0.0, 0.5), time_s=7.0)]
-    asked = {"radar": files / "small.toml", "rays": 4000, "effects": "all", "noise": False, "split": "1:0:0"}
+    asked: dict[str, Any] = {"radar": files / "small.toml", "rays": 4000, "effects": "all", "noise": False}
     wall = str(SCENES / "effects" / "wall.usda")
     render(wall, tmp_path / "sequence", trajectory=[track], **asked)
-    render(wall, tmp_path / "alone", poses=track, **asked)
+    render(wall, tmp_path / "alone", poses=track, **asked, split="1:0:0")
     first, moved, again = (frame for _, frame in frames_of(tmp_path / "sequence").values())
     alone, alone_moved, _ = (frame for _, frame in frames_of(tmp_path / "alone").values())
 
@@ -121,10 +123,10 @@ def test_what_stands_gives_the_same_image_again_and_a_small_step_a_nearly_equal_
     np.testing.assert_array_equal(again.image, first.image)
     assert again.image_peak == first.image_peak
 
-    def apart(one: np.ndarray, other: np.ndarray) -> float:
+    def apart(one: NDArray[Any], other: NDArray[Any]) -> float:
         return float(np.linalg.norm(one - other) / np.linalg.norm(other))
 
-    def truth(frame: Frame) -> np.ndarray:
+    def truth(frame: Frame) -> NDArray[np.float32]:
         return frame.image * frame.image_peak
 
     assert apart(truth(moved), truth(first)) < 0.01

@@ -23,7 +23,6 @@ from datafactory.scenes.drives import (
 from datafactory.scenes.ground import CLEARANCE_M, Ground, free_ground
 from datafactory.scenes.lanes import Lane
 from datafactory.scenes.movers import Movers
-from datafactory.scenes.poses import Pose
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene
 from shared.dataset.folder import SPLITS, Split
@@ -208,6 +207,7 @@ def test_what_is_wrong_of_drives_is_said(text: str, message: str) -> None:
 def test_poses_along_a_lane_stand_where_it_is(street: Ground) -> None:
     lane = Lane(np.stack([np.arange(-50.0, -20.0, 0.5), np.zeros(60)], axis=1))
     (pose,) = poses_along(lane, street, np.array([7.0]), np.array([10.0]), np.array([3.0]))
-    assert pose == Pose(
-        pytest.approx((-40.0, 0.0, 0.5)), 0.0, pytest.approx(0.0), 0.0, pytest.approx((3.0, 0.0, 0.0)), 7.0
-    )
+    assert pose.position == pytest.approx((-40.0, 0.0, 0.5))
+    assert pose.velocity == pytest.approx((3.0, 0.0, 0.0))
+    assert (pose.yaw_deg, pose.pitch_deg, pose.roll_deg) == pytest.approx((0.0, 0.0, 0.0))
+    assert pose.time_s == 7.0

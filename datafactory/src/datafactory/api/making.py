@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -22,15 +23,19 @@ from datafactory.api.asking import (
     RadarLike,
     SceneLike,
     TrajectoryLike,
+    choice,
     cores,
     materials_of,
     order_of,
+    require,
     silent,
 )
 from datafactory.effects.catalogue import AUTO
 from datafactory.frame.defaults import DEFAULT_FRAMES
 from datafactory.frame.points import PointTargets
 from datafactory.run import pipeline
+from datafactory.run.array_job import OPTION, parse_job
+from datafactory.run.engines import ENGINES, LOCAL, Engine, opened
 from datafactory.run.order import Order
 from datafactory.run.pipeline import Execution, Report
 from datafactory.scenes.materials.table import MaterialTable
@@ -68,8 +73,11 @@ def render(
     store: str = STORES[0],
     truth_window: str = "taylor-30",
     workers: int = 1,
+    engine: str = LOCAL,
+    address: str | None = None,
     resume: bool = False,
     keep_going: bool = False,
+    shard: str | None = None,
     camera: bool = False,
     announce: Announce = silent,
     progress: Progress = silent,
@@ -101,8 +109,14 @@ def render(
     :param store: "range-channel", "range-doppler" or "cube": what else to keep
     :param truth_window: over the virtual sensor: "none", "taylor-25", "taylor-30" or "hann"
     :param workers: processes; 1 works in this process, 0 takes one for each core. The bytes do not depend on it.
-    :param resume: go on with an unfinished run in the same folder
+        On a cluster: shards at work at a time, 0 for as many as its nodes have cores and memory for.
+    :param engine: "local", or "ray" for a Ray cluster; the bytes do not depend on it
+    :param address: HOST:PORT of the cluster, which this machine is a node of; None for the one that runs here, or for
+        a Ray that is started on this machine and ends with the run
+    :param resume: go on with an unfinished run in the same folder, on either engine
     :param keep_going: finish the other shards where three worker processes died of one
+    :param shard: "i/n": make the shards of job i of n alone, i from 0, into ``out/job-i-of-n``;
+        :func:`datafactory.merge` joins the jobs to the dataset of the run in one piece
     :param camera: also write what a camera at the sensor sees, ``out/camera/frame-NNNNNN.png`` for each scene frame;
         ``datafactory inspect`` shows it beside the images. The shards stay the same.
     :param announce: takes lines for the user
@@ -117,12 +131,15 @@ def render(
         trajectory=trajectory, frame_rate=frame_rate, seed=seed, split=split, rays=rays, depth=depth, effects=effects,
         error_budget=error_budget, noise=noise, store=store, truth_window=truth_window,
     )  # fmt: skip
-    execution = execution_of(out, workers, resume, keep_going, announce, progress)
+    if camera and shard is not None:
+        raise InputError("--camera", f"beside {OPTION}", "datafactory inspect --camera once the jobs are merged")
     if camera and order.paths is not None:
         raise InputError("--camera", "beside --paths, whose frames do not say when they are", "--scene")
     menu = None if error_budget is None else menu_for(rays, depth)
     table = materials_of(materials)
-    report = _made(order, table, execution, menu, progress, pipeline.render)
+    with engine_of(engine, address, workers, announce) as made_by:
+        execution = execution_of(out, workers, resume, keep_going, shard, announce, progress, made_by)
+        report = _made(order, table, execution, menu, progress, pipeline.render)
     return _with_cameras(order, table, report, progress) if camera else report
 
 
@@ -143,8 +160,11 @@ def trace(
     effects: Effects = AUTO,
     error_budget: float | None = None,
     workers: int = 1,
+    engine: str = LOCAL,
+    address: str | None = None,
     resume: bool = False,
     keep_going: bool = False,
+    shard: str | None = None,
     announce: Announce = silent,
     progress: Progress = silent,
 ) -> Report:
@@ -158,23 +178,44 @@ def trace(
         scenes, radar=radar, frames=frames, poses=poses, trajectory=trajectory, frame_rate=frame_rate, seed=seed,
         split=split, rays=rays, depth=depth, effects=effects, error_budget=error_budget,
     )  # fmt: skip
-    execution = execution_of(out, workers, resume, keep_going, announce, progress)
-    menu = None if error_budget is None else menu_for(rays, depth).of_paths()
-    return _made(order, materials_of(materials), execution, menu, progress, pipeline.trace_paths)
+    menu, table = None if error_budget is None else menu_for(rays, depth).of_paths(), materials_of(materials)
+    with engine_of(engine, address, workers, announce) as made_by:
+        execution = execution_of(out, workers, resume, keep_going, shard, announce, progress, made_by)
+        return _made(order, table, execution, menu, progress, pipeline.trace_paths)
+
+
+def engine_of(engine: str, address: str | None, workers: int, announce: Announce) -> AbstractContextManager[Engine]:
+    """Where shards are made, from the beginning of the block to its end.
+
+    :raises InputError: an unknown name, a number of workers that cannot be; see :func:`datafactory.run.engines.opened`
+    """
+    require("--workers", workers, 0)
+    return opened(choice("--engine", engine, ENGINES), address, announce)
 
 
 def execution_of(
-    out: FileName, workers: int, resume: bool, keep_going: bool, announce: Announce, progress: Progress
+    out: FileName,
+    workers: int,
+    resume: bool,
+    keep_going: bool,
+    shard: str | None,
+    announce: Announce,
+    progress: Progress,
+    engine: Engine,
 ) -> Execution:
     """How a run is carried out.
 
     :param workers: 0 takes one for each core
+    :param shard: of :func:`render`
     """
+    job = None if shard is None else parse_job(shard)
     return Execution(
-        Path(out),
-        cores(workers),
+        Path(out) / job.folder if job else Path(out),
+        cores(workers) if engine.name == LOCAL else workers,
         resume,
         keep_going,
+        job,
+        engine,
         announce=announce,
         looked=partial(progress, "planning"),
         advance=partial(progress, "frames"),
@@ -204,5 +245,8 @@ def _made(
         order, table, order.budget_db, menu, announce, lambda done, total, label: progress(label, done, total)
     )
     report = make(settled.order, table, execution)
-    check(settled, execution.directory, announce)
+    if execution.job is None:
+        check(settled, execution.directory, announce)
+    else:  # the frames to be looked at are those of other jobs as well
+        announce("what the error budget achieves is measured of a run in one piece alone, not of its jobs")
     return replace(report, seconds=time.perf_counter() - started)

@@ -50,6 +50,8 @@ def render(
         ),
     ] = None,
     workers: options.Workers = 0,
+    engine: options.EngineName = "local",
+    address: options.Address = None,
     camera: Annotated[
         bool, typer.Option("--camera", help="Also what a camera at the sensor sees, DIR/camera/frame-NNNNNN.png.")
     ] = False,
@@ -59,6 +61,7 @@ def render(
     ] = False,
     resume: options.Resume = False,
     keep_going: options.KeepGoing = False,
+    shard: options.Shard = None,
     verbose: options.Verbose = False,
 ) -> None:
     """Render frames of scenes, and close-target frames beside them, into a dataset."""
@@ -86,7 +89,7 @@ def render(
         "error_budget": error_budget,
     }
     if dry_run:
-        for line in forecast(order_of(read, **asked), out, cores(workers)).lines():
+        for line in forecast(order_of(read, **asked), out, cores(workers), shard).lines():
             typer.echo(line)
         return
     options.run(
@@ -96,13 +99,15 @@ def render(
             **asked,
             materials=materials,
             workers=workers,
+            engine=engine,
+            address=address,
             resume=resume,
             keep_going=keep_going,
+            shard=shard,
             camera=camera,
             announce=announce,
             progress=progress,
         ),
-        out,
         verbose,
     )
-    typer.echo(f"look:  datafactory inspect {out}")
+    options.next_step(out, shard, f"look:  datafactory inspect {out}")

@@ -40,8 +40,11 @@ def trace(
         ),
     ] = None,
     workers: options.Workers = 0,
+    engine: options.EngineName = "local",
+    address: options.Address = None,
     resume: options.Resume = False,
     keep_going: options.KeepGoing = False,
+    shard: options.Shard = None,
     verbose: options.Verbose = False,
 ) -> None:
     """Trace multipath into DIR/paths; `datafactory render --paths DIR` renders any radar from it.
@@ -67,12 +70,14 @@ def trace(
             effects=effects,
             error_budget=error_budget,
             workers=workers,
+            engine=engine,
+            address=address,
             resume=resume,
             keep_going=keep_going,
+            shard=shard,
             announce=announce,
             progress=progress,
         ),
-        out,
         verbose,
     )
-    typer.echo(f"next:  datafactory render --paths {out} --out ANOTHER_FOLDER")
+    options.next_step(out, shard, f"next:  datafactory render --paths {out} --out ANOTHER_FOLDER")

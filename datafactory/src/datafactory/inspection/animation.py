@@ -11,11 +11,9 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from matplotlib.animation import PillowWriter
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from datafactory.inspection.dataset import SPAN_DB, draw_image
 from datafactory.view.camera import camera_picture, draw_camera
 from datafactory.view.cameras import Cameras, stored_picture
 from shared.dataset import Frame
@@ -24,7 +22,7 @@ from shared.dataset.locations import Location
 from shared.dataset.reading import radar_of, read_frame
 from shared.dataset.writing import write_bytes
 from shared.physics.errors import figure_text
-from shared.physics.units import amplitude_to_db
+from shared.pictures import LEVEL_LABEL, draw_levels, range_weighted_db
 from shared.radar import Radar
 from shared.signal.imaging import delay_and_sum
 
@@ -35,8 +33,7 @@ LARGEST_BYTES = 3_000_000
 DOTS_PER_INCH = 72
 FASTEST, SLOWEST = 20, 1
 """Pictures a second; in between as fast as it was."""
-NEAR_M = 60.0
-"""Range shown: beyond it a street has little, and the panels would be too low to see the rest."""
+TITLES = ("measured, delay-and-sum", "truth")
 
 
 @dataclass(frozen=True)
@@ -94,29 +91,31 @@ def _film(
     radar: Radar,
     cameras: Cameras | None,
 ) -> bytes:
-    """The GIF of some frames; every level is relative to the brightest cell of its panel in all of them."""
+    """The GIF of some frames; 0 dB is the maximum of the truth of all of them."""
     frames = [read_frame(shard, row, columns=("range_channel", "image")) for shard, row in rows]
-    panels = [_levels(frame, radar) for frame in frames]
-    brightest = [max(float(levels[number].max()) for levels in panels) for number in (0, 1)]
+    brightest = np.maximum.reduce([_truth(frame) for frame in frames])
     first = _seen(dataset, frames[0], cameras)
     figure = Figure(figsize=(7.0 if first is None else 11.5, 4.6), layout="constrained", dpi=DOTS_PER_INCH)
     FigureCanvasAgg(figure)
     axes = figure.subplots(1, 2 if first is None else 3, width_ratios=[1.0, 1.0] if first is None else [1.0, 1.0, 1.5])
-    norm = Normalize(-SPAN_DB, 0.0)
     # The writer tells the format by the file's name, and leaves half a file where it fails.
     with TemporaryDirectory() as scratch, warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from font")  # a scene's name may be of any script
         film = Path(scratch) / "film.gif"
         writer = PillowWriter(fps=_pictures_a_second(frames))
         with writer.saving(figure, str(film), DOTS_PER_INCH):
-            for frame, levels in zip(frames, panels, strict=True):
-                for axis, level, peak, title in zip(
-                    axes, levels, brightest, ("measured, delay-and-sum", "truth"), strict=False
-                ):
-                    axis.clear()
-                    draw_image(axis, level - peak, radar, norm)
-                    axis.set(title=title, ylim=(0.0, min(NEAR_M, float(radar.waveform.ranges_m[-1]))))
-                axes[0].set_ylabel("range r [m]")
+            for number, frame in enumerate(frames):
+                images = np.abs(delay_and_sum(frame.range_channel[0], radar)), _truth(frame)
+                for axis, image, title in zip(axes, images, TITLES, strict=False):
+                    for artist in list(axis.images):
+                        artist.remove()
+                    levels = range_weighted_db(image, reference=brightest)
+                    drawn = draw_levels(axis, levels, radar.waveform.range_step_m, radar.grid.u_start, radar.grid.step)
+                    axis.set(title=title, xlabel="u = sin(azimuth)")
+                    axis.label_outer()
+                if number == 0:
+                    axes[0].set_ylabel("range [m]")
+                    figure.colorbar(drawn, ax=axes[:2], label=f"{LEVEL_LABEL}, 0 dB: the truth's maximum")
                 if first is not None and (picture := _seen(dataset, frame, cameras)) is not None:
                     axes[2].clear()
                     draw_camera(axes[2], picture)
@@ -124,17 +123,15 @@ def _film(
                 speed = float(np.linalg.norm(frame.sensor_velocity))
                 figure.suptitle(
                     f"{figure_text(frame.scene)}, sequence {sequence.number} ({sequence.split}), frame "
-                    f"{frame.frame_id}: {frame.time:.2f} s, {speed:.1f} m/s; |A| x r, {SPAN_DB:.0f} dB"
+                    f"{frame.frame_id}: {frame.time:.2f} s, {speed:.1f} m/s"
                 )
                 writer.grab_frame()
         return film.read_bytes()
 
 
-def _levels(frame: Frame, radar: Radar) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """[R, U] each: delay-and-sum of the strongest Doppler cells, and the truth; 20 log10(|A| r)."""
-    weight = radar.waveform.ranges_m[:, None]
-    measured = np.abs(delay_and_sum(frame.range_channel[0], radar))
-    return amplitude_to_db(measured * weight), amplitude_to_db(frame.image * frame.image_peak * weight)
+def _truth(frame: Frame) -> NDArray[np.float32]:
+    """[R, U] magnitudes of a frame's truth [sqrt(W)]."""
+    return frame.image * np.float32(frame.image_peak)
 
 
 def _seen(dataset: Dataset, frame: Frame, cameras: Cameras | None) -> NDArray[np.uint8] | None:
