@@ -19,6 +19,7 @@ from datafactory.frame.points import PointTargets
 from datafactory.frame.seeds import frame_seed, generator
 from datafactory.scenes.ground import Ground
 from datafactory.scenes.poses import Pose, sample_pose
+from datafactory.scenes.things import Population
 from shared.dataset.folder import SPLITS, Split
 from shared.physics.errors import InputError
 
@@ -133,6 +134,7 @@ class Deal:
     :param frames: number of drawn scene frames; 0 where poses are given
     :param poses: given poses: one scene frame a pose, to the scenes in turn
     :param grounds: where poses are drawn, one a scene; empty where they are given
+    :param populations: of every scene, where poses are drawn: a frame among traffic has a time of its own
     :param traced: scene number of every scene frame, where their paths were traced before; a stored path row says which
         frame and scene it is, and is believed
     :param points: number of point frames
@@ -145,6 +147,7 @@ class Deal:
     frames: int = 0
     poses: tuple[Pose, ...] = ()
     grounds: tuple[Ground, ...] = field(default=(), repr=False)
+    populations: tuple[Population | None, ...] = field(default=(), repr=False)
     traced: tuple[int, ...] = ()
     points: int = 0
     targets: tuple[PointTargets, ...] = ()
@@ -194,6 +197,9 @@ class Deal:
             pose = self.poses[frame_id]
         elif not self.traced:
             pose = sample_pose(self.grounds[scene], split, generator(seed, "pose"))
+            population = self.populations[scene] if self.populations else None
+            if population is not None:
+                pose = replace(pose, time_s=population.clear_time_s(pose.position, generator(seed, "traffic")))
         return DealtFrame(frame_id, "scene", split, seed, scene=scene, pose=pose)
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-PURPOSES = ("pose", "rays", "targets", "noise")
+PURPOSES = ("pose", "rays", "targets", "noise", "traffic")
 
 
 def frame_seed(dataset_seed: int, frame_id: int) -> int:

@@ -22,11 +22,13 @@ from datafactory.paths.merged_scene import merge_scene
 from datafactory.run.order import Order
 from datafactory.run.planning import Looking, plan_of, sample_of
 from datafactory.run.stored import StoredPaths, stored_paths
-from datafactory.scenes.ground import Ground, free_ground
+from datafactory.scenes.ground import Ground
 from datafactory.scenes.materials.table import MaterialMapping, MaterialTable
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene
+from datafactory.scenes.things import CLEAR_M
+from datafactory.scenes.traffic.population import sensor_ground
 
 Announce = Callable[[str], None]
 
@@ -72,6 +74,8 @@ def prepare(
         if said := _late_poses(scene, order.poses):
             announce(said)
     deal = deal_of(order, opened)
+    if said := _poses_in_traffic(deal, opened):
+        announce(said)
     samples = tuple(sample_of(deal, number, scene) for number, scene in enumerate(scenes))
     looking = Looking(sum(len(sample.frames) for sample in samples), looked)
     plans = tuple(plan_of(order, sample, announce, looking) for sample in samples)
@@ -93,7 +97,7 @@ def prepare(
 
 def deal_of(order: Order, scenes: Sequence[Scene]) -> Deal:
     """How the frames of an order are dealt to its scenes."""
-    grounds: tuple[Ground, ...] = () if order.poses else tuple(free_ground(scene) for scene in scenes)
+    grounds: tuple[Ground, ...] = () if order.poses else tuple(sensor_ground(scene) for scene in scenes)
     return Deal(
         seed=order.seed,
         pattern=order.split,
@@ -101,6 +105,7 @@ def deal_of(order: Order, scenes: Sequence[Scene]) -> Deal:
         frames=order.frames,
         poses=order.poses,
         grounds=grounds,
+        populations=tuple(scene.population for scene in scenes),
         points=order.points,
         targets=order.targets,
     )
@@ -154,6 +159,8 @@ def prepared_scene(scene: Scene, table: MaterialTable, announce: Announce) -> Pr
     materials = table.map_materials([item.material for item in scene.objects])
     for warning in scene.warnings:
         announce(f"{scene.name}: {warning}")
+    for line in scene.population.lines() if scene.population is not None else ():
+        announce(f"{scene.name}: {line}")
     pairs = ", ".join(f"{name or '(none)'} -> {material.name}" for name, (material, _) in materials.entries.items())
     announce(f"{scene.name}: {len(scene.objects)} objects, {scene.triangle_count} triangles; materials {pairs}")
     unknown = ", ".join(name or "(none)" for name in materials.unknown)
@@ -177,6 +184,16 @@ def _late_poses(scene: Scene, poses: Sequence[Pose]) -> str:
     )
 
 
+def _poses_in_traffic(deal: Deal, scenes: Sequence[Scene]) -> str:
+    """What to say of given poses that something drives or walks through; "" without such."""
+    rooms = []
+    for frame_id, pose in enumerate(deal.poses):
+        population = scenes[deal.scene_of(frame_id)].population
+        rooms.append(np.inf if population is None else population.nearest_mover_m(pose.position, pose.time_s))
+    near = sum(room < CLEAR_M for room in rooms)
+    return f"{near} of {len(rooms)} poses are within {CLEAR_M:g} m of what drives or walks by" if near else ""
+
+
 def _entry(scene: Scene, materials: MaterialMapping) -> dict[str, Any]:
     return {
         "name": scene.name,
@@ -187,4 +204,5 @@ def _entry(scene: Scene, materials: MaterialMapping) -> dict[str, Any]:
         "point_targets": len(scene.targets),
         "warnings": list(scene.warnings),
         "materials": materials.to_json(),
+        **({} if scene.population is None else {"population": scene.population.to_json()}),
     }
