@@ -21,8 +21,9 @@ sys.path.append(str(Path(__file__).parent))
 
 from asset_shapes import TURN_BACK, bowed_outline, loft, placed, post, recess, round_outline, wheel
 
+from datafactory.scenes.city.placement import Placement
 from datafactory.scenes.city.shapes import X_TO_Z_CYCLE, Surface, box, joined
-from datafactory.scenes.city.usd import Placement, write_usd
+from datafactory.scenes.city.usd import write_usd
 
 PARTS = (3, 3, 9)
 CABIN_PARTS = (3, 2, 5)
@@ -239,7 +240,7 @@ def main(folder: Path) -> None:
         low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
         x, y, z = np.round(high - low, 2)
         about = f"{name}: {x:g} x {y:g} x {z:g} m. Metres, z up, x ahead."
-        write_usd(folder / f"{name}.usda", [Placement(name.capitalize(), surface, label=label)], about)
+        write_usd(folder / f"{name}.usda", [Placement(name.capitalize(), surface, radar_class=label)], about)
 
 
 if __name__ == "__main__":

@@ -74,8 +74,8 @@ def test_rounded_bodies_are_curved_mirrors(name: str, share: float) -> None:
 
 def test_the_script_writes_the_committed_files(tmp_path: Path) -> None:
     script = (
-        "import sys, pathlib; sys.path.insert(0, sys.argv[1]); "
-        "import make_assets; make_assets.main(pathlib.Path(sys.argv[2]))"
+        "import sys, pathlib; sys.path.insert(0, sys.argv[1]); from make_assets import main; "
+        "main(pathlib.Path(sys.argv[2]))"
     )
     subprocess.run([sys.executable, "-c", script, str(SCENES), str(tmp_path)], check=True)
     for file in sorted((SCENES / "assets").glob("*.usda")):

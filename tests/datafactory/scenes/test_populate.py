@@ -12,9 +12,10 @@ from datafactory.api.asking import load_scene
 from datafactory.frame.deal import Deal
 from datafactory.scenes.ground import free_ground
 from datafactory.scenes.height_map import height_map
+from datafactory.scenes.movers import CLEAR_M, Movers, Traffic
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene, SceneObject
-from datafactory.scenes.things import CLASSES, CLEAR_M, Population, Thing
+from datafactory.scenes.things import CLASSES, Population, Thing
 from datafactory.scenes.traffic.asked import Asked, parse_populate
 from datafactory.scenes.traffic.assets import REACH_M
 from datafactory.scenes.traffic.population import populated, sensor_ground
@@ -23,7 +24,7 @@ from shared.physics.errors import InputError
 
 STREET = Path(__file__).resolve().parents[3] / "scenes" / "street.usda"
 ASKED = parse_populate(
-    "cars=12,trucks=2,buses=1,cyclists=4,pedestrians=12,poles=12,signs=6,bins=3,benches=2,parked=0.6"
+    "cars=6,trucks=2,buses=1,cyclists=4,pedestrians=12,poles=12,signs=6,bins=3,benches=2,parked=0.6"
 )
 SLOPE = 0.04
 
@@ -42,7 +43,7 @@ def two_blocks(slope: float = SLOPE, half_width: float = 11.0) -> Scene:
     return Scene(
         "two_blocks",
         (
-            block("ground", (-70.0, -40.0, -1.0), (70.0, 40.0, 0.0), slope),
+            block("ground", (-70.0, -24.0, -1.0), (70.0, 24.0, 0.0), slope),
             block("north", (-70.0, half_width, -0.5), (70.0, half_width + 10.0, 12.0), slope),
             block("south", (-70.0, -half_width - 10.0, -0.5), (70.0, -half_width, 12.0), slope),
         ),
@@ -124,7 +125,7 @@ def test_nothing_is_inside_another_or_inside_the_scene(which: str, street: Scene
                 i, j = ground.cell_of(points[:, 0], points[:, 1])
                 assert not ground.obstacle[i, j].any(), (seed, time_s, name)
                 assert (heights.highest[i, j] - heights.surface[i, j] < 0.35).all(), (seed, time_s, name)
-    assert placed > (800 if which == "hill" else 100)
+    assert placed > (600 if which == "hill" else 100)
 
 
 def test_the_scenes_own_traffic_has_its_way(street: Scene) -> None:
@@ -218,13 +219,13 @@ def test_what_was_asked_for_is_placed_and_said(hill: Scene) -> None:
     population = population_of(hill)
     assert {thing.label for thing in population.things} <= set(CLASSES)
     assert population.asked == ASKED.counts
-    assert population.placed["cars"] == 12
+    assert population.placed["cars"] == 6
     assert population.placed["parked"] > 10
     labels = [thing.label for thing in population.things]
     assert labels.count("bicycle") == population.placed["cyclists"]
     assert labels.count("pedestrian") == population.placed["pedestrians"]
     assert len(population.things) == sum(population.placed.values())
-    assert "12 cars" in population.lines()[0]
+    assert "6 cars" in population.lines()[0]
     slots = 2 * sum(int((road.length_m - 13.0) / 6.2) for road in population.roads)
     assert population.placed["parked"] == pytest.approx(0.6 * slots, abs=2)
 
@@ -250,13 +251,14 @@ def test_same_seed_same_scene(hill: Scene) -> None:
 
 
 def test_frames_see_traffic_at_times_of_their_own(hill: Scene) -> None:
-    population = population_of(hill)
-    deal = Deal(seed=1, scenes=1, frames=16, grounds=(sensor_ground(hill),), populations=(population,))
+    traffic, grounds = Traffic.of(hill), (sensor_ground(hill),)
+    deal = Deal(seed=1, scenes=1, frames=16, grounds=grounds, traffic=(traffic,))
     poses = [deal.frame(n).where for n in range(16)]
     assert len({pose.time_s for pose in poses}) == 16
     assert all(0.0 <= pose.time_s < HORIZON_S for pose in poses)
-    assert min(population.nearest_mover_m(pose.position, pose.time_s) for pose in poses) >= CLEAR_M
-    assert deal.frame(7) == Deal(seed=1, scenes=1, frames=9, grounds=deal.grounds, populations=(population,)).frame(7)
+    assert Movers(hill).clear_of(poses, CLEAR_M)
+    assert deal.frame(7) == Deal(seed=1, scenes=1, frames=9, grounds=grounds, traffic=(traffic,)).frame(7)
+    assert Traffic.of(two_blocks()) is None
 
 
 def test_sensors_stand_on_the_populated_road_and_in_no_parked_car(hill: Scene) -> None:

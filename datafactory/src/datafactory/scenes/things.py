@@ -18,10 +18,6 @@ Real = NDArray[np.float64]
 
 CLASSES = ("car", "truck", "bus", "bicycle", "pedestrian", "pole", "sign", "other")
 """What a thing may be, as ``radar:class`` says it in a USD file; a bicycle has its rider."""
-CLEAR_M = 3.0
-"""A drawn sensor is so far from everything that drives or walks by: nothing passes through it."""
-TRIES = 64
-"""Times that are drawn for a frame until the sensor stands clear."""
 
 
 @dataclass(frozen=True)
@@ -54,11 +50,6 @@ class Thing:
             return np.array(self.position), np.zeros(3)
         shift, velocity = self.motion.at(time_s)
         return np.array(self.position) + shift, velocity
-
-    def distance_m(self, place: Real, time_s: float) -> float:
-        """From a place [3] to its outline seen from above [m]; 0 inside."""
-        off = np.array(self.axes)[:2] @ (place - self.at(time_s)[0])
-        return float(np.hypot(*np.maximum(np.abs(off) - 0.5 * np.array(self.size_m[:2]), 0.0)))
 
 
 @dataclass(frozen=True)
@@ -109,25 +100,6 @@ class Population:
     @property
     def movers(self) -> tuple[Thing, ...]:
         return tuple(thing for thing in self.things if thing.motion is not None)
-
-    def nearest_mover_m(self, position: Vector, time_s: float) -> float:
-        """Distance from a place to the nearest thing that moves, seen from above [m]; inf without any."""
-        place = np.array(position)
-        return min((thing.distance_m(place, time_s) for thing in self.movers), default=np.inf)
-
-    def clear_time_s(self, position: Vector, rng: np.random.Generator) -> float:
-        """A time [s] at which nothing that moves is within ``CLEAR_M`` of a sensor.
-
-        Where 64 draws find none, the one of them with the most room.
-        """
-        drawn = rng.uniform(0.0, self.horizon_s, TRIES)
-        best = (-1.0, 0.0)
-        for time_s in drawn.tolist():
-            room = self.nearest_mover_m(position, time_s)
-            if room >= CLEAR_M:
-                return float(time_s)
-            best = max(best, (room, float(time_s)))
-        return best[1]
 
     def lines(self) -> tuple[str, ...]:
         """What to tell the user."""

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from datafactory.scenes.ground import CLEARANCE_M, SHARES, Ground
+from datafactory.scenes.ground import CLEARANCE_M, Ground
+from datafactory.scenes.regions import SHARES
 from datafactory.scenes.things import Strip
 
 Real = NDArray[np.float64]
@@ -99,7 +100,7 @@ def find_stretches(ground: Ground, blocked: Mask, wanted_m: float, rng: np.rando
     :param wanted_m: total length; less is found where there is no more
     """
     width = clear_width(ground, blocked)
-    ridge = (width >= WIDTHS_M[-1]) & (width >= ndimage.maximum_filter(width, 3))
+    ridge = ground.street & (width >= WIDTHS_M[-1]) & (width >= ndimage.maximum_filter(width, 3))
     cells = np.argwhere(ridge)
     if not len(cells):
         return ()
