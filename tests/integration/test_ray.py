@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import suppress
@@ -159,6 +160,29 @@ def test_scene_frames_are_those_of_this_machine(cluster: Any, radar: Path, tmp_p
             effects="specular,diffuse,noise", engine=engine, **more,
         )  # fmt: skip
     assert shards(tmp_path / "ray") == shards(tmp_path / "local")
+
+
+def test_a_ray_of_the_runs_own_is_lost(radar: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without an address, and no cluster on this machine: it is started, and ends with the run."""
+    with tempfile.TemporaryDirectory(prefix="ray-", dir="/tmp") as folder:
+        monkeypatch.setenv("RAY_TMPDIR", folder)
+        monkeypatch.setenv("RAY_worker_niceness", "0")
+        own = list[psutil.Process]()
+
+        def progress(stage: str, done: int, total: int) -> None:
+            if done > 0 and not own:
+                (raylet,) = (
+                    item
+                    for item in psutil.Process().children(recursive=True)
+                    if folder in " ".join(item.cmdline()) and item.name() == "raylet"
+                )
+                own.extend([raylet, *raylet.children()])
+                raylet.kill()
+
+        with pytest.raises(RunFailed, match=r"^--engine ray: the connection to the cluster is lost: .*--resume"):
+            made(tmp_path / "data", radar, engine="ray", progress=progress)
+        assert len(own) > 2
+        assert not psutil.wait_procs(own, timeout=ENDS_S)[1]
 
 
 def test_a_node_of_another_version_is_refused(cluster: Any, radar: Path, tmp_path: Path) -> None:
