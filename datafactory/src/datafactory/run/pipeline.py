@@ -100,7 +100,7 @@ def _rendered(order: Order, table: MaterialTable, execution: Execution) -> Repor
     frames = order.scene_frames + (len(order.targets) or order.points)
     require_room(execution.directory, math.ceil(frames / (execution.job.of if execution.job else 1)), about["shapes"])
     if order.scenes:
-        require_memory(settings.trace.rays, execution.workers)
+        require_memory(settings.trace.rays, execution.processes_here)
     if said := statement(order.radar):
         execution.announce(said)
     prepared = prepare(order, table, execution.announce, execution.looked)
