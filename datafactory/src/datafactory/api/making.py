@@ -21,14 +21,15 @@ from datafactory.api.asking import (
     Progress,
     RadarLike,
     SceneLike,
-    cores,
     materials_of,
     order_of,
+    processes,
     silent,
 )
 from datafactory.effects.catalogue import AUTO
 from datafactory.frame.defaults import DEFAULT_FRAMES
 from datafactory.frame.points import PointTargets
+from datafactory.paths.defaults import AUTO_DEVICE, CPU, CUDA
 from datafactory.run import pipeline
 from datafactory.run.order import Order
 from datafactory.run.pipeline import Execution, Report
@@ -65,6 +66,7 @@ def render(
     store: str = STORES[0],
     truth_window: str = "taylor-30",
     workers: int = 1,
+    device: str = CPU,
     resume: bool = False,
     keep_going: bool = False,
     camera: bool = False,
@@ -94,7 +96,10 @@ def render(
     :param noise: add receiver noise
     :param store: "range-channel", "range-doppler" or "cube": what else to keep
     :param truth_window: over the virtual sensor: "none", "taylor-25", "taylor-30" or "hann"
-    :param workers: processes; 1 works in this process, 0 takes one for each core. The bytes do not depend on it.
+    :param workers: processes; 1 works in this process, 0 takes one for each core, with "cuda" one. The bytes do not
+        depend on it.
+    :param device: where rays are traced and signals made: "cpu", "cuda", or "auto" for CUDA where it can be used. The
+        bytes depend on it: it stands in the manifest, and a run is resumed on the same one alone.
     :param resume: go on with an unfinished run in the same folder
     :param keep_going: finish the other shards where three worker processes died of one
     :param camera: also write what a camera at the sensor sees, ``out/camera/frame-NNNNNN.png`` for each scene frame;
@@ -109,9 +114,10 @@ def render(
     order = order_of(
         scenes, paths=paths, radar=radar, frames=frames, points=points, targets=targets, poses=poses, seed=seed,
         split=split, rays=rays, depth=depth, effects=effects, error_budget=error_budget, noise=noise, store=store,
-        truth_window=truth_window,
+        truth_window=truth_window, device=device,
     )  # fmt: skip
-    execution = execution_of(out, workers, resume, keep_going, announce, progress)
+    execution = execution_of(out, workers, resume, keep_going, announce, progress, order.settings.device)
+    _say_device(device, execution, order)
     if camera and order.paths is not None:
         raise InputError("--camera", "beside --paths, whose frames do not say when they are", "--scene")
     menu = None if error_budget is None else menu_for(rays, depth)
@@ -135,6 +141,7 @@ def trace(
     effects: Effects = AUTO,
     error_budget: float | None = None,
     workers: int = 1,
+    device: str = CPU,
     resume: bool = False,
     keep_going: bool = False,
     announce: Announce = silent,
@@ -148,29 +155,45 @@ def trace(
     """
     order = order_of(
         scenes, radar=radar, frames=frames, poses=poses, seed=seed, split=split, rays=rays, depth=depth,
-        effects=effects, error_budget=error_budget,
+        effects=effects, error_budget=error_budget, device=device, synthesis=False,
     )  # fmt: skip
-    execution = execution_of(out, workers, resume, keep_going, announce, progress)
+    execution = execution_of(out, workers, resume, keep_going, announce, progress, order.settings.device)
+    _say_device(device, execution, order)
     menu = None if error_budget is None else menu_for(rays, depth).of_paths()
     return _made(order, materials_of(materials), execution, menu, progress, pipeline.trace_paths)
 
 
 def execution_of(
-    out: FileName, workers: int, resume: bool, keep_going: bool, announce: Announce, progress: Progress
+    out: FileName,
+    workers: int,
+    resume: bool,
+    keep_going: bool,
+    announce: Announce,
+    progress: Progress,
+    device: str = CPU,
 ) -> Execution:
     """How a run is carried out.
 
-    :param workers: 0 takes one for each core
+    :param workers: 0 takes one for each core of the CPU, or one for the GPU
     """
     return Execution(
         Path(out),
-        cores(workers),
+        processes(workers, device),
         resume,
         keep_going,
         announce=announce,
         looked=partial(progress, "planning"),
         advance=partial(progress, "frames"),
     )
+
+
+def _say_device(asked: str, execution: Execution, order: Order) -> None:
+    """What was found for ``auto``, and what processes share."""
+    device = order.settings.device
+    if asked == AUTO_DEVICE:
+        execution.announce(f"device: {device}")
+    if device == CUDA and execution.workers > 1:
+        execution.announce(f"{execution.workers} workers share one GPU, and its memory")
 
 
 def _with_cameras(order: Order, table: MaterialTable, report: Report, progress: Progress) -> Report:

@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 
 from datafactory.cli.progress import Advance, shown
-from datafactory.paths.defaults import LARGEST_DEPTH, MOST_RAYS
+from datafactory.paths.defaults import CPU, LARGEST_DEPTH, MOST_RAYS
 from shared.physics.errors import InputError
 from shared.processes.defaults import DEFAULT_RADAR, LARGEST_SEED
 
@@ -60,13 +60,20 @@ Noise = Annotated[bool, typer.Option("--noise/--no-noise", help="Add receiver no
 TruthWindow = Annotated[
     str, typer.Option("--truth-window", help="Over the virtual sensor: none, taylor-25, taylor-30 or hann.")
 ]
-Workers = Annotated[int, typer.Option("--workers", min=0, help="Worker processes; 0: one a core.")]
+Workers = Annotated[int, typer.Option("--workers", min=0, help="Worker processes; 0: one a core, one with cuda.")]
+Device = Annotated[
+    str,
+    typer.Option(
+        "--device", help="cpu, cuda (an NVIDIA GPU), or auto: cuda where it can be used. The bytes depend on it."
+    ),
+]
 Verbose = Annotated[
     bool, typer.Option("--verbose", "-v", help="Also say what was counted: rays, paths, what was left out and why.")
 ]
 Resume = Annotated[bool, typer.Option("--resume", help="Go on with an unfinished run in the same folder.")]
 
 DEFAULT_RADAR_NAME = DEFAULT_RADAR
+DEFAULT_DEVICE = CPU
 
 
 def read_as_asked(scenes: list[str], variant: list[str] | None, allow_missing: bool) -> Sequence[str | Scene]:

@@ -6,7 +6,11 @@ import platform
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from importlib.metadata import version
+from importlib.util import find_spec
 from typing import Any
+
+from datafactory.paths.backend import cuda_device
+from datafactory.paths.defaults import CPU
 
 PACKAGES = (
     "sparseradar-shared",
@@ -20,18 +24,24 @@ PACKAGES = (
 )
 
 
-def provenance(workers: int, seconds: float, step_seconds: Mapping[str, float]) -> dict[str, Any]:
+def provenance(workers: int, seconds: float, step_seconds: Mapping[str, float], device: str = CPU) -> dict[str, Any]:
     """The manifest's ``made``.
 
     :param seconds: wall-clock seconds of the run
     :param step_seconds: seconds of each step of the chain, added over the workers
+    :param device: of the run; a GPU is named
     """
+    packages, gpu = PACKAGES, dict[str, str]()
+    if device != CPU:
+        gpu = {"gpu": cuda_device().name}
+        packages += ("torch",) if find_spec("torch") else ()
     return {
+        **gpu,
         "finished": datetime.now(UTC).isoformat(timespec="seconds"),
         "host": platform.node(),
         "machine": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
-        "versions": {name: version(name) for name in PACKAGES},
+        "versions": {name: version(name) for name in packages},
         "workers": workers,
         "seconds": round(seconds, 1),
         "step_seconds": {name: round(value, 1) for name, value in sorted(step_seconds.items())},
