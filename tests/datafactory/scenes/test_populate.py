@@ -23,9 +23,7 @@ from datafactory.scenes.traffic.streams import HORIZON_S, Course, spaced
 from shared.physics.errors import InputError
 
 STREET = Path(__file__).resolve().parents[3] / "scenes" / "street.usda"
-ASKED = parse_populate(
-    "cars=6,trucks=2,buses=1,cyclists=4,pedestrians=12,poles=12,signs=6,bins=3,benches=2,parked=0.6"
-)
+ASKED = parse_populate("cars=6,trucks=2,buses=1,cyclists=4,pedestrians=12,poles=12,signs=6,bins=3,benches=2,parked=0.6")
 SLOPE = 0.04
 
 
