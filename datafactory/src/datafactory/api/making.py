@@ -220,7 +220,10 @@ def execution_of(
 
     :param workers: 0 takes one for each core of the CPU, or one for the GPU
     :param shard: of :func:`render`
+    :raises InputError: a GPU on a cluster: its nodes do not share one
     """
+    if device == CUDA and engine.name != LOCAL:
+        raise InputError("--device", f"{device} beside --engine {engine.name}", f"{CPU}, or --engine {LOCAL}")
     job = None if shard is None else parse_job(shard)
     return Execution(
         Path(out) / job.folder if job else Path(out),

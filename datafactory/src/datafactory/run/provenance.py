@@ -35,7 +35,8 @@ def provenance(
     :param step_seconds: seconds of each step of the chain, added over the workers
     :param device: of the run; a GPU is named
     """
-    packages, gpu = PACKAGES, dict[str, str]()
+    packages: tuple[str, ...] = PACKAGES
+    gpu = dict[str, str]()
     if device != CPU:
         gpu = {"gpu": cuda_device().name}
         packages += ("torch",) if find_spec("torch") else ()
