@@ -21,9 +21,10 @@ from datafactory.frame.defaults import (
     LARGEST_BUDGET_DB,
     SMALLEST_BUDGET_DB,
 )
+from datafactory.frame.device import device_of
 from datafactory.frame.measurement import Processing
 from datafactory.frame.points import PointTargets
-from datafactory.paths.defaults import DEFAULT_DEPTH, DEFAULT_RAYS, LARGEST_DEPTH, MOST_RAYS
+from datafactory.paths.defaults import CPU, CUDA, DEFAULT_DEPTH, DEFAULT_RAYS, LARGEST_DEPTH, MOST_RAYS
 from datafactory.paths.solver import TraceSettings
 from datafactory.run.order import Order
 from datafactory.run.stored import traced_split
@@ -34,6 +35,8 @@ from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.readers.reading import Reading, parse_variants
 from datafactory.scenes.scene import Scene
 from datafactory.scenes.track_files import read_track
+from datafactory.scenes.traffic.asked import Asked, parse_populate
+from datafactory.scenes.traffic.population import populated
 from shared.dataset import STORES
 from shared.physics.errors import InputError, meant
 from shared.processes.defaults import LARGEST_SEED
@@ -66,16 +69,28 @@ def silent(*_: object) -> None:
     """An :data:`Announce` and a :data:`Progress` that do nothing."""
 
 
-def load_scene(source: FileName, *, variant: Sequence[str] = (), allow_missing: bool = False) -> Scene:
+def load_scene(
+    source: FileName,
+    *,
+    variant: Sequence[str] = (),
+    allow_missing: bool = False,
+    populate: str | Asked | None = None,
+    seed: int = 0,
+) -> Scene:
     """Read a scene: meshes in metres, z up, float64, each with the name of its material.
 
     :param source: a ``.usd .usda .usdc .usdz``, Mitsuba ``.xml``, ``.glb .gltf .obj .ply .stl`` file, or
         ``"shipped:NAME"`` or ``"sionna:NAME"`` for a scene that this package or Sionna ships
     :param variant: ``"set=name"`` each: variants of a USD scene, over those that the file selects
     :param allow_missing: go on without geometry that cannot be opened
-    :raises InputError: an unknown suffix or name, a file that is missing, damaged or empty
+    :param populate: traffic and street furniture to put on its free ground, ``"cars=20,parked=0.6"``
+    :param seed: of the dataset; what is put where follows from it and from the scene
+    :raises InputError: an unknown suffix or name, a file that is missing, damaged or empty; with ``populate`` one that
+        has no free ground
     """
-    return open_scene(str(source), Reading(parse_variants(variant), allow_missing))
+    asked = parse_populate(populate) if isinstance(populate, str) else populate
+    scene = open_scene(str(source), Reading(parse_variants(variant), allow_missing))
+    return scene if asked is None else populated(scene, asked, seed)
 
 
 def radar_of(radar: RadarLike) -> Radar:
@@ -142,11 +157,11 @@ def effects_of(effects: Effects) -> EffectSet | None:
     return parse_effects(effects if isinstance(effects, str) else ",".join(effects))
 
 
-def cores(workers: int) -> int:
-    """``workers``, or for 0 the cores that this process may use."""
+def processes(workers: int, device: str = CPU) -> int:
+    """``workers``, or for 0 the cores that this process may use; with CUDA one, for a run has one GPU."""
     require("--workers", workers, 0)
-    if workers:
-        return workers
+    if workers or device == CUDA:
+        return workers or 1
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -190,11 +205,15 @@ def order_of(
     noise: bool = True,
     store: str = STORES[0],
     truth_window: str = "taylor-30",
+    device: str = CPU,
+    synthesis: bool = True,
 ) -> Order:
     """The order of a run; the arguments are those of :func:`datafactory.render`.
 
     :param split: None for that of ``paths``, or the usual one
     :param rays, depth, error_budget: None for the usual ones
+    :param device: "auto" is settled here
+    :param synthesis: whether signals will be made, and not paths alone
     :raises InputError: a value out of its bounds, a file that cannot be read, nothing to render
     """
     folder, wanted = None if paths is None else Path(paths), scenes_of(scenes)
@@ -247,6 +266,7 @@ def order_of(
                 store=choice("--store", store, STORES),
                 truth_window=choice("--truth-window", truth_window, ANGLE_WINDOWS),
             ),
+            device=device_of(device, bool(wanted), synthesis),
         ),
         effects=effects_of(effects),
         budget_db=DEFAULT_BUDGET_DB if error_budget is None else error_budget,

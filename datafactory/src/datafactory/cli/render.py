@@ -28,6 +28,7 @@ def render(
     seed: options.Seed = 0,
     variant: options.Variants = None,
     allow_missing: options.AllowMissing = False,
+    populate: options.Populate = None,
     poses: options.Poses = None,
     trajectory: options.Trajectory = None,
     frame_rate: options.FrameRate = None,
@@ -52,6 +53,7 @@ def render(
     workers: options.Workers = 0,
     engine: options.EngineName = "local",
     address: options.Address = None,
+    device: options.Device = options.DEFAULT_DEVICE,
     camera: Annotated[
         bool, typer.Option("--camera", help="Also what a camera at the sensor sees, DIR/camera/frame-NNNNNN.png.")
     ] = False,
@@ -66,10 +68,10 @@ def render(
 ) -> None:
     """Render frames of scenes, and close-target frames beside them, into a dataset."""
     from datafactory.api import making
-    from datafactory.api.asking import cores, order_of
+    from datafactory.api.asking import order_of, processes
     from datafactory.api.forecasting import forecast
 
-    read = options.read_as_asked([*(scenes or ()), *(scene or ())], variant, allow_missing)
+    read = options.read_as_asked([*(scenes or ()), *(scene or ())], variant, allow_missing, populate, seed)
     asked: dict[str, Any] = {
         "paths": paths,
         "radar": radar,
@@ -87,9 +89,11 @@ def render(
         "noise": noise,
         "truth_window": truth_window,
         "error_budget": error_budget,
+        "device": device,
     }
     if dry_run:
-        for line in forecast(order_of(read, **asked), out, cores(workers), shard).lines():
+        order = order_of(read, **asked)
+        for line in forecast(order, out, processes(workers, order.settings.device), shard).lines():
             typer.echo(line)
         return
     options.run(

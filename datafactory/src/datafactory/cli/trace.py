@@ -21,6 +21,7 @@ def trace(
     seed: options.Seed = 0,
     variant: options.Variants = None,
     allow_missing: options.AllowMissing = False,
+    populate: options.Populate = None,
     poses: options.Poses = None,
     trajectory: options.Trajectory = None,
     frame_rate: options.FrameRate = None,
@@ -42,6 +43,7 @@ def trace(
     workers: options.Workers = 0,
     engine: options.EngineName = "local",
     address: options.Address = None,
+    device: options.Device = options.DEFAULT_DEVICE,
     resume: options.Resume = False,
     keep_going: options.KeepGoing = False,
     shard: options.Shard = None,
@@ -55,7 +57,7 @@ def trace(
 
     options.run(
         lambda announce, progress: making.trace(
-            options.read_as_asked([*(scenes or ()), *(scene or ())], variant, allow_missing),
+            options.read_as_asked([*(scenes or ()), *(scene or ())], variant, allow_missing, populate, seed),
             out,
             radar=radar,
             frames=frames,
@@ -72,6 +74,7 @@ def trace(
             workers=workers,
             engine=engine,
             address=address,
+            device=device,
             resume=resume,
             keep_going=keep_going,
             shard=shard,

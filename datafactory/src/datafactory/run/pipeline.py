@@ -192,7 +192,7 @@ def _produce(
             "seeds": {"dataset": job.deal.seed, "frame": "SeedSequence(entropy=dataset, spawn_key=(frame_id,))"},
             "counts": counts,
             "shards": [item.record.model_dump() for item in finished],
-            "made": provenance(execution.engine.name, execution.workers, seconds, made.seconds),
+            "made": provenance(execution.engine.name, execution.workers, seconds, made.seconds, job.settings.device),
         },
     )
     return Report(directory, frames, len(made.shards), len(earlier.shards), counts, seconds)
