@@ -136,7 +136,7 @@ def _wall(side: str, us: list[float], zs: list[float], style: Building) -> list[
     cells = np.full((len(us) - 1, len(zs) - 1), "wall", dtype=object)
     if len(us) > 2:
         cells[1::2, 2::2] = "window"
-    if side == "front":
+    if side == "front" and side in style.glazed:
         for bay, what in enumerate(style.ground[: style.bays]):
             if what in ("door", "shop"):
                 cells[1 + 2 * bay, 1:3] = what

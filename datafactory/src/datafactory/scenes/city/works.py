@@ -130,11 +130,11 @@ def parking(site: Site, block: Block, rules: Rules) -> None:
         else:
             site.place("Lamps", "Lamp", "Lamp", (x, y, 2.0 * z), 180.0 * rng.integers(2))
     for middle in _double_rows(area):
-        taken = rng.uniform(0.35, 0.95)
+        taken = rng.uniform(0.2, 0.9)
         for aside in (-0.5 * BAY_DEPTH_M, 0.5 * BAY_DEPTH_M):
             for slot in range(int((area.width - 20.0) / BAY_M)):
                 x = area.x0 + 10.0 + (slot + 0.5) * BAY_M
-                if rng.random() >= taken * rules.parked / 0.72:
+                if rng.random() >= taken:
                     continue
                 model = drawn(rng, (("Saloon", 0.42), ("Hatchback", 0.46), ("Van", 0.12)))
                 skew = float(rng.integers(-2, 2, endpoint=True))
