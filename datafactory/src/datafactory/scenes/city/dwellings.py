@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from datafactory.scenes.city.buildings import Building, Opening, bays, building
 from datafactory.scenes.city.chance import drawn
 from datafactory.scenes.city.frontage import Frontage, frontage
@@ -50,7 +52,7 @@ def _row(site: Site, front: Frontage, depth: float, floors: int, on_street: bool
         glazed = {"front"}
         glazed |= {"left"} if gap_before else set()
         glazed |= {"right"} if ends_run or (last and corners) else set()
-        style = _town_house(site, width - SLACK_M, depth - setback, floors, frozenset(glazed if on_street else ()))
+        style = town_house(rng, width - SLACK_M, depth - setback, floors, frozenset(glazed if on_street else ()))
         site.place("Houses", "House", building(style), front.place(at, setback), front.yaw_deg)
         at += width
         gap_before = ends_run
@@ -59,9 +61,8 @@ def _row(site: Site, front: Frontage, depth: float, floors: int, on_street: bool
             setback = rng.uniform(0.0, 2.0)
 
 
-def _town_house(site: Site, width: float, depth: float, floors: int, glazed: frozenset[str]) -> Building:
-    """A house of its own style: storeys, openings, roof, shop, relief."""
-    rng = site.rng
+def town_house(rng: np.random.Generator, width: float, depth: float, floors: int, glazed: frozenset[str]) -> Building:
+    """A house of its own style: storeys about ``floors``, openings, roof, shop, relief."""
     floors = max(2, floors + int(rng.integers(-1, 1, endpoint=True)))
     opening = Opening(rng.uniform(1.0, 1.5), rng.uniform(0.8, 1.0), rng.uniform(2.3, 2.5), rng.uniform(2.5, 3.1))
     count = bays(width, opening)
@@ -103,15 +104,7 @@ def _plot(site: Site, front: Frontage, at: float, width: float, depth: float, ru
     setback, drive_left = rng.uniform(4.0, 7.5), rng.random() < 0.5
     drive = at + 2.2 if drive_left else at + width - 2.2
     start = at + 4.6 if drive_left else at + width - 4.6 - house_width
-    opening = Opening(rng.uniform(1.1, 1.9), rng.uniform(0.8, 1.0), 2.35, rng.uniform(2.8, 3.6))
-    count = bays(house_width, opening)
-    ground = ["window"] * count
-    ground[int(rng.integers(count))] = "door"
-    style = Building(
-        house_width, house_depth, int(rng.integers(1, 2, endpoint=True)), wall=drawn(rng, WALLS), roof="brick",
-        shape=drawn(rng, (("gable", 0.55), ("hip", 0.3), ("flat", 0.15))), opening=opening,
-        glazed=frozenset({"front", "left", "right"}), ground=tuple(ground), pitch=rng.uniform(0.6, 1.0),
-    )  # fmt: skip
+    style = garden_house(rng, house_width, house_depth)
     site.place("Houses", "House", building(style), front.place(start, setback), front.yaw_deg)
     if rng.random() < 0.6:
         garage = Building(
@@ -134,6 +127,19 @@ def _plot(site: Site, front: Frontage, at: float, width: float, depth: float, ru
             # A low wall of masonry.
             wall = box((0.0, 0.0, 0.0), (high - low, 0.24, 0.8), "brick")
             site.place("Fences", "Wall", wall, front.place(low, 0.2, z), front.yaw_deg)
+
+
+def garden_house(rng: np.random.Generator, house_width: float, house_depth: float) -> Building:
+    """A detached house of one or two storeys."""
+    opening = Opening(rng.uniform(1.1, 1.9), rng.uniform(0.8, 1.0), 2.35, rng.uniform(2.8, 3.6))
+    count = bays(house_width, opening)
+    ground = ["window"] * count
+    ground[int(rng.integers(count))] = "door"
+    return Building(
+        house_width, house_depth, int(rng.integers(1, 2, endpoint=True)), wall=drawn(rng, WALLS), roof="brick",
+        shape=drawn(rng, (("gable", 0.55), ("hip", 0.3), ("flat", 0.15))), opening=opening,
+        glazed=frozenset({"front", "left", "right"}), ground=tuple(ground), pitch=rng.uniform(0.6, 1.0),
+    )  # fmt: skip
 
 
 def square(site: Site, block: Block, rules: Rules) -> None:

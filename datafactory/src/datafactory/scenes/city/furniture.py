@@ -72,8 +72,8 @@ def conifer(rng: np.random.Generator) -> Surface:
     rings, bottom = [], 1.2
     for share in (1.0, 0.72, 0.42):
         top = bottom + (height - 1.2) / 3.0
-        reach = radius * share * rng.uniform(0.85, 1.0, 9)
-        rings.append(prism(np.column_stack([reach * np.cos(angle), reach * np.sin(angle)]), bottom, top, "vegetation"))
+        rx, ry = radius * share * rng.uniform(0.8, 1.0, 2)
+        rings.append(prism(np.column_stack([rx * np.cos(angle), ry * np.sin(angle)]), bottom, top, "vegetation"))
         bottom = top
     return joined([trunk, *rings])
 

@@ -83,7 +83,7 @@ def drive(vehicles: list[Vehicle], duration_s: float = DURATION_S) -> None:
         for vehicle in vehicles:
             _advance(vehicle)
     for vehicle in vehicles:
-        vehicle.keys = _thinned(vehicle.keys)
+        vehicle.keys = thinned(vehicle.keys)
 
 
 def _settle(vehicles: list[Vehicle]) -> None:
@@ -175,7 +175,7 @@ def _note(vehicle: Vehicle, time_s: float) -> None:
     vehicle.keys.append(Keyframe(round(time_s, 2), (round(x, 3), round(y, 3), 0.0), round(yaw, 2)))
 
 
-def _thinned(keys: list[Keyframe]) -> list[Keyframe]:
+def thinned(keys: list[Keyframe]) -> list[Keyframe]:
     """The keyframes without those that lie on the lines between the others."""
     kept, first = keys[:1], 0
     for last in range(2, len(keys)):
