@@ -75,7 +75,7 @@ RAYS = 20_000
 
 
 def frames(path: Path, count: int) -> Iterator[tuple[float, Pose, Real]]:
-    """Processor seconds, pose and truth image, of frames drawn on the free ground; the first has what is found once a scene."""
+    """Processor seconds, pose and truth image of drawn frames; the first has what is found once a scene."""
     radar = Radar()
     order = Order(
         radar=radar, scenes=(str(path),), frames=count, effects=ALL.without("noise"), split="1:0:0",
@@ -90,10 +90,10 @@ def frames(path: Path, count: int) -> Iterator[tuple[float, Pose, Real]]:
         yield time.process_time() - began, dealt.pose, frame.image
 
 
-def cost(folder: Path) -> None:
-    """What the default city of each style takes: the middle one of seeds 0 to 2 by triangles."""
+def cost(folder: Path, styles: Sequence[Style], count: int) -> None:
+    """What the default city of a style takes: the middle one of seeds 0 to 2 by triangles."""
     print("style, seed, triangles, MB, write [s], open [s], first frame [s], a further frame [s]")
-    for style in Style:
+    for style in styles:
         sizes = []
         for seed in range(3):
             placements = city(CityOptions(seed=seed, style=style))
@@ -105,7 +105,7 @@ def cost(folder: Path) -> None:
         wrote = time.process_time()
         open_scene(str(path))
         opened = time.process_time()
-        seconds = [taken for taken, _, _ in frames(path, 6)]
+        seconds = [taken for taken, _, _ in frames(path, count)]
         print(f"{style.value}, {seed}, {triangles}, {path.stat().st_size / 1e6:.1f}, {wrote - began:.1f}, "
               f"{opened - wrote:.1f}, {seconds[0]:.1f}, {np.mean(seconds[1:]):.1f}", flush=True)  # fmt: skip
 
@@ -174,25 +174,26 @@ def variety(folder: Path, seeds: int, styles: Sequence[Style], poses: int) -> No
             same = [correlation(a[number], b[number]) for a, b in combinations(views, 2) if a[0] == b[0]]
             other = [correlation(a[number], b[number]) for a, b in combinations(views, 2) if a[0] != b[0]]
             if same:
-                print(f"  {name}: other poses {np.mean(same):.2f} +- {np.std(same) / len(same) ** 0.5:.2f}, "
-                      f"other seeds {np.mean(other):.2f} +- {np.std(other) / len(other) ** 0.5:.2f}", flush=True)  # fmt: skip
+                spread = [float(np.std(values) / len(values) ** 0.5) for values in (same, other)]
+                print(f"  {name}: other poses {np.mean(same):.2f} +- {spread[0]:.2f}", end=", ")
+                print(f"other seeds {np.mean(other):.2f} +- {spread[1]:.2f}", flush=True)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("what", choices=("sheet", "cost", "variety"))
     parser.add_argument("--seeds", type=int, default=4)
-    parser.add_argument("--poses", type=int, default=3, help="frames a city, for variety; 0 for heights alone")
-    parser.add_argument("--style", choices=[style.value for style in Style], help="for variety; all otherwise")
+    parser.add_argument("--poses", type=int, default=3, help="frames a city; 0 for heights alone")
+    parser.add_argument("--style", choices=[style.value for style in Style], help="all without")
     parser.add_argument("--out", type=Path, default=REPOSITORY / "docs" / "cities.png")
     given = parser.parse_args()
+    styles = [Style(given.style)] if given.style else list(Style)
     with tempfile.TemporaryDirectory() as folder:
         if given.what == "sheet":
             sheet(Path(folder), given.seeds, given.out)
         elif given.what == "cost":
-            cost(Path(folder))
+            cost(Path(folder), styles, given.poses)
         else:
-            styles = [Style(given.style)] if given.style else list(Style)
             variety(Path(folder), given.seeds, styles, given.poses)
 
 

@@ -98,7 +98,8 @@ def bays(length: float, opening: Opening) -> int:
     return max(1, int(length / opening.bay))
 
 
-DEPTHS = {"wall": 0.0, "window": FRAME_RECESS, "door": 0.30, "shop": 0.35, "gate": 0.25}
+DEPTHS = {"wall": 0.0, "window": FRAME_RECESS, "door": 0.30, "shop": 0.35, "gate": FRAME_RECESS}
+"""Of openings behind the wall [m]; a gate lies under a window, and both meet in one edge."""
 KEYS = {"door": "wood", "shop": "glass", "gate": "metal"}
 
 

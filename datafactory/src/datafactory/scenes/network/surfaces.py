@@ -21,7 +21,7 @@ Real = NDArray[np.float64]
 
 OUTLINE_STEP_M = 6.0
 NEIGHBOURS = 4
-CLOSES_M = 0.3
+CLOSES_M = 0.6
 """Gaps between lanes and junctions up to twice this are closed: asphalt has none."""
 SIMPLER_M = 0.01
 PAVEMENT_M = 2.5
