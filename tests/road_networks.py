@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 
-LINE_M, RADIUS_M, ARC_M, GRADE, LANE_M = 60.0, 40.0, 40.0, 0.02, 3.5
-"""Road 1: a line along x from the origin, then an arc to the left, rising by GRADE; a lane to either side."""
+LINE_M, RADIUS_M, ARC_M, GRADE, LANE_M, OTHER_M = 60.0, 40.0, 40.0, 0.02, 3.5, 250.0
+"""Road 1: a line along x from the origin, then an arc to the left, rising by GRADE; a lane to either side. The
+other two roads are level lines of OTHER_M. The speed limit is 30 km/h."""
 
 
 def _geometry(s: float, x: float, y: float, heading: float, length: float, curvature: float = 0.0) -> str:
@@ -23,6 +24,7 @@ def _road(
 ) -> str:
     return (
         f'<road name="" length="{length}" id="{number}" junction="{junction}"><link>{link}</link>'
+        f'<type s="0" type="town"><speed max="30" unit="km/h"/></type>'
         f'<planView>{geometry}</planView><elevationProfile><elevation s="0" a="0" b="{grade}" c="0" d="0"/>'
         f'</elevationProfile><lanes><laneSection s="0">{lanes}</laneSection></lanes></road>'
     )
@@ -54,8 +56,8 @@ def opendrive() -> str:
     arc = _geometry(LINE_M, LINE_M, 0.0, 0.0, ARC_M, 1.0 / RADIUS_M)
     roads = [
         _road(1, LINE_M + ARC_M, _geometry(0, 0, 0, 0, LINE_M) + arc, JOINED, BOTH, grade=GRADE),
-        _road(2, 60.0, _geometry(0, -20, 0, math.pi, 60.0), JOINED, BOTH),
-        _road(3, 60.0, _geometry(0, -10, -10, -quarter, 60.0), JOINED, BOTH),
+        _road(2, OTHER_M, _geometry(0, -20, 0, math.pi, OTHER_M), JOINED, BOTH),
+        _road(3, OTHER_M, _geometry(0, -10, -10, -quarter, OTHER_M), JOINED, BOTH),
         _through(10, 2, 1, _geometry(0, -20, 0, 0, 20.0), 20.0),
         _through(11, 1, 2, _geometry(0, 0, 0, math.pi, 20.0), 20.0),
         _through(12, 2, 3, _geometry(0, -20, 0, 0, 10.0 * quarter, -0.1), 10.0 * quarter),

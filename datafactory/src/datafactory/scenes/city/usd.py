@@ -3,7 +3,7 @@
 The USD stage is in metres and z up. Each placement is an Xform with a mesh named Geometry below it. Surfaces that share
 a model are written once and referenced as instances. The attributes for the radar are those of the USD reader:
 ``radar:velocity`` (double3, world frame, m/s), ``radar:rcs_dbsm`` (float, dBsm: a point target in place of the meshes
-below it) and ``radar:target``. ``radar:class`` (string) names what a detector is to find.
+below it), ``radar:target``, and ``radar:class`` (string: what a detector is to find).
 """
 
 from __future__ import annotations
