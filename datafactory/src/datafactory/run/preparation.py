@@ -22,6 +22,7 @@ from datafactory.paths.merged_scene import merge_scene
 from datafactory.run.order import Order
 from datafactory.run.planning import Looking, plan_of, sample_of
 from datafactory.run.stored import StoredPaths, stored_paths
+from datafactory.scenes.boxes import things_of
 from datafactory.scenes.ground import Ground, free_ground
 from datafactory.scenes.materials.table import MaterialMapping, MaterialTable
 from datafactory.scenes.poses import Pose
@@ -162,7 +163,7 @@ def prepared_scene(scene: Scene, table: MaterialTable, announce: Announce) -> Pr
     merged = merge_scene(scene, materials)
     for note in curved_surfaces_of(merged).notes():
         announce(f"{scene.name}: {note}")
-    return PreparedScene(scene.name, scene.content_hash(), merged, materials)
+    return PreparedScene(scene.name, scene.content_hash(), merged, materials, things_of(scene))
 
 
 def _late_poses(scene: Scene, poses: Sequence[Pose]) -> str:

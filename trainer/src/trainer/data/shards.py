@@ -25,6 +25,9 @@ SCALARS = {"image_peak": torch.float64, "noise_power": torch.float64, "frame_id"
 FACTS = ("kind", "scene", "seed", "sensor_position", "sensor_velocity", "sensor_orientation")
 """Columns that say where a frame comes from, as Python values."""
 
+BOXES = "boxes"
+"""A fact that datasets made before there were boxes do not have: theirs are empty."""
+
 CACHE_BYTES = 256 << 20
 """Decoded columns that one process keeps: 140 frames of the default radar, each then ten times as fast."""
 
@@ -44,7 +47,7 @@ class ShardDataset(TorchDataset[dict[str, torch.Tensor]]):
     :param split: "train", "validation" or "test"
     :param columns: array columns to read, of :data:`COLUMNS`
     :param cache_bytes: decoded columns that every process keeps
-    :param facts: columns of :data:`FACTS` to read as well, for :meth:`frame`
+    :param facts: columns of :data:`FACTS`, and :data:`BOXES`, to read as well, for :meth:`frame`
     :raises InputError: a dataset that is missing, damaged or newer, a split without frames, an unknown column
     """
 
@@ -95,7 +98,8 @@ class ShardDataset(TorchDataset[dict[str, torch.Tensor]]):
             item = {name: values.clone() for name, values in item.items()}
         for name, dtype in SCALARS.items():
             item[name] = torch.tensor(batch.column(name)[0].as_py(), dtype=dtype)
-        return item, {name: batch.column(name)[0].as_py() for name in self.facts}
+        facts = {name: batch.column(name)[0].as_py() for name in self.facts if name in batch.schema.names}
+        return item, facts if len(facts) == len(self.facts) else {**facts, BOXES: []}
 
     def __getstate__(self) -> dict[str, Any]:
         """What a worker gets: paths and row numbers, no open file and no frames."""
