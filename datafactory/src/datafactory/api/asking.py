@@ -24,6 +24,7 @@ from datafactory.frame.measurement import Processing
 from datafactory.frame.points import PointTargets
 from datafactory.paths.defaults import DEFAULT_DEPTH, DEFAULT_RAYS, LARGEST_DEPTH, MOST_RAYS
 from datafactory.paths.solver import TraceSettings
+from datafactory.run.licences import stated_licence
 from datafactory.run.order import Order
 from datafactory.run.stored import traced_split
 from datafactory.scenes.materials.table import MaterialTable, load_materials
@@ -150,6 +151,7 @@ def order_of(
     noise: bool = True,
     store: str = STORES[0],
     truth_window: str = "taylor-30",
+    license: str | None = None,
 ) -> Order:
     """The order of a run; the arguments are those of :func:`datafactory.render`.
 
@@ -205,4 +207,5 @@ def order_of(
         ),
         effects=effects_of(effects),
         budget_db=DEFAULT_BUDGET_DB if error_budget is None else error_budget,
+        licence=stated_licence(license),
     )

@@ -64,6 +64,7 @@ def render(
     noise: bool = True,
     store: str = STORES[0],
     truth_window: str = "taylor-30",
+    license: str | None = None,
     workers: int = 1,
     resume: bool = False,
     keep_going: bool = False,
@@ -94,6 +95,8 @@ def render(
     :param noise: add receiver noise
     :param store: "range-channel", "range-doppler" or "cube": what else to keep
     :param truth_window: over the virtual sensor: "none", "taylor-25", "taylor-30" or "hann"
+    :param license: of the data, an SPDX identifier as "CC-BY-4.0", for the dataset's card and manifest; by default none
+        is stated: frames belong to whoever owns the scenes
     :param workers: processes; 1 works in this process, 0 takes one for each core. The bytes do not depend on it.
     :param resume: go on with an unfinished run in the same folder
     :param keep_going: finish the other shards where three worker processes died of one
@@ -109,7 +112,7 @@ def render(
     order = order_of(
         scenes, paths=paths, radar=radar, frames=frames, points=points, targets=targets, poses=poses, seed=seed,
         split=split, rays=rays, depth=depth, effects=effects, error_budget=error_budget, noise=noise, store=store,
-        truth_window=truth_window,
+        truth_window=truth_window, license=license,
     )  # fmt: skip
     execution = execution_of(out, workers, resume, keep_going, announce, progress)
     if camera and order.paths is not None:
