@@ -15,7 +15,7 @@ from datafactory.cli.inspect import inspect
 from datafactory.frame.deal import split_of
 from datafactory.inspection.dataset import draw_frame, summarise, write_pictures
 from datafactory.run.shards import plan_shards, write_manifest, write_shard, write_tables
-from shared.dataset import Frame, Target, arrow_schema, description
+from shared.dataset import Box, Frame, Target, arrow_schema, description
 from shared.dataset.folder import open_dataset
 from shared.physics.errors import InputError
 from shared.radar import ImageGrid, Radar, load_radar
@@ -120,6 +120,25 @@ def test_the_top_view_has_the_targets_at_x_and_y_in_the_colours_of_the_images():
     loss = 30.0 + 20.0 * np.log10(frame.targets[0].range_m / 2.0)
     np.testing.assert_allclose(np.asarray(points.get_array()), [-loss, 0.0], atol=1e-4)
     assert len(np.asarray(objects.get_offsets())) == 1
+
+
+def test_boxes_are_drawn_over_every_image_and_the_top_view():
+    """At the places of their corners; dashed where the radar does not see the object."""
+    range_m, u = float(RADAR.waveform.ranges_m[ROW]), 0.2
+    x, y = range_m * np.sqrt(1.0 - u**2), range_m * u
+    seen = Box((x, y, 0.0), (0.8, 0.4, 1.0), 0.0, (0.0, 0.0, 0.0), "car", "a", 1e-12)
+    hidden = dataclasses.replace(seen, center=(x, -y, 0.0), object="b", power=0.0)
+    figure = draw_frame(dataclasses.replace(make_frame(1), boxes=(seen, hidden)), RADAR)
+    corner = np.array([x + 0.4, y + 0.2])
+    for axis in (axis for axis in figure.axes if axis.images):
+        first, second = axis.lines
+        assert (first.get_linestyle(), second.get_linestyle()) == ("-", ":")
+        place = np.array([corner[1] / np.hypot(*corner), np.hypot(*corner)])
+        drawn = np.asarray(first.get_xydata(), dtype=float)
+        np.testing.assert_allclose(drawn[[0, -1]], [place, place], rtol=1e-12)
+    (above,) = (axis for axis in figure.axes if axis.get_title().endswith("from above"))
+    assert [patch.get_linestyle() for patch in above.patches] == ["-", ":"]
+    np.testing.assert_allclose(above.patches[0].get_path().vertices[0], corner[::-1])
 
 
 def test_the_title_names_the_frame_and_the_weight():

@@ -40,7 +40,7 @@ def a_frame(frame_id: int, scattered: int, specular: int) -> TracedFrame:
     )
     pose = Pose((1.0, 2.0, 3.0), 10.0, -2.0, 0.5, (4.0, 5.0, 6.0), 0.25)
     things = tuple(
-        SeenThing(f"car {n}", "car", *(tuple(row) for row in real(6, 3).tolist()), indices=tuple(range(n)))
+        SeenThing(f"car {n}", "car", *map(tuple, real(6, 3).tolist()), tuple(range(n)))  # type: ignore[arg-type]
         for n in range(frame_id)
     )
     return TracedFrame(frame_id, "scene", 1, 2**62, pose, 3.87e-3, 1, table, things)

@@ -105,7 +105,7 @@ def test_licences() -> None:
     assert hub_licence(stated_licence("LicenseRef-Ours")) == ("other", "licenseref-ours")
     assert hub_licence(stated_licence(None)) == ("unknown", None)
     assert scene_licence("sionna:munich").startswith("ODbL-1.0")
-    with pytest.raises(InputError, match="--license: 'free': .*; expected an SPDX identifier"):
+    with pytest.raises(InputError, match=r"--license: 'free': .*; expected an SPDX identifier"):
         stated_licence("free")
 
 

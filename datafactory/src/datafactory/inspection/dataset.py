@@ -13,11 +13,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
 from datafactory.view.camera import camera_picture, draw_camera
 from datafactory.view.cameras import Cameras, stored_picture
 from shared.dataset import Frame
+from shared.dataset.boxes import footprint, range_and_u
 from shared.dataset.folder import MANIFEST, Dataset
 from shared.dataset.reading import radar_of, read_frame
 from shared.dataset.writing import atomic
@@ -32,6 +34,9 @@ SPAN_DB = 60.0
 
 CAMERA_ABOVE = (1.0, 1.7)
 """Heights of a camera picture and of the top view below it."""
+
+BOX_COLOUR = "tab:red"
+"""Of boxes, in all panels."""
 
 NARROWEST_VIEW_M = 25.0
 """Half width of the top view where all targets are near the axis [m]."""
@@ -113,7 +118,7 @@ def write_pictures(dataset: Dataset, count: int, folder: Path, cameras: Cameras 
         raise InputError("--out", f"{folder}: {error.strerror}", "a folder that can be written") from error
     pictures = []
     for split, shard, row in (rows[index] for index in chosen):
-        frame = read_frame(shard, row, columns=("range_channel", "image", "targets"))
+        frame = read_frame(shard, row, columns=("range_channel", "image", "targets", "boxes"))
         path = folder / f"frame-{frame.frame_id:06d}.png"
         camera = stored_picture(dataset, frame.frame_id)
         if camera is None and cameras is not None and (subject := cameras.subject(frame)) is not None:
@@ -130,6 +135,8 @@ def draw_frame(frame: Frame, radar: Radar, split: str = "", camera: NDArray[np.u
     """One frame side by side: delay-and-sum of the full and the thinned arrays, the truth, the targets from above.
 
     :param camera: what a camera at the sensor sees, above the last of them
+
+    Boxes are drawn over the images and the top view, dashed where the radar does not see what is in them.
 
     All levels are 20 log10(|A| r) below the brightest cell: amplitudes fall with r^2, and without the weight the first
     metres would outshine the rest. Left of the radar is on the left in every panel.
@@ -153,6 +160,7 @@ def draw_frame(frame: Frame, radar: Radar, split: str = "", camera: NDArray[np.u
     for axis, (title, level) in zip(axes, levels.items(), strict=False):
         _draw_image(axis, level - brightest, radar, norm)
         axis.set_title(title)
+        _draw_boxes(axis, frame)
     axes[0].set_ylabel("range r [m]")
     points = _draw_targets(axes[-1], frame, radar, brightest, norm)
     figure.colorbar(points, ax=axes, label="|A| x r below the brightest cell [dB]", pad=0.01, extend="min")
@@ -187,6 +195,16 @@ def _draw_image(axis: Axes, level_db: NDArray[np.float64], radar: Radar, norm: N
     axis.set_xlabel("u = sin(azimuth) [1], left > 0")
 
 
+def _draw_boxes(axis: Axes, frame: Frame) -> None:
+    """The boxes' outlines over an image: their footprints at the height of their middles."""
+    limits = axis.get_xlim(), axis.get_ylim()
+    for box in frame.boxes:
+        range_m, u = range_and_u(box)
+        style = "-" if box.power > 0.0 else ":"
+        axis.plot(np.append(u, u[0]), np.append(range_m, range_m[0]), style, color=BOX_COLOUR, linewidth=0.8)
+    axis.set(xlim=limits[0], ylim=limits[1])
+
+
 def _draw_targets(axis: Axes, frame: Frame, radar: Radar, brightest: float, norm: Normalize) -> Any:
     """Top view: x = r sqrt(1 - u^2) and y = r u, as if every target were at the radar's height."""
     weakest_first = frame.targets[::-1]
@@ -197,6 +215,12 @@ def _draw_targets(axis: Axes, frame: Frame, radar: Radar, brightest: float, norm
     x, y = range_m * np.sqrt(np.maximum(1.0 - u**2, 0.0)), range_m * u
     points = axis.scatter(y, x, c=level, norm=norm, s=14.0, linewidths=0.0)
     axis.scatter(y[named], x[named], s=60.0, facecolors="none", edgecolors="tab:red", linewidths=0.8, label="objects")
+    for box in frame.boxes:
+        style = "-" if box.power > 0.0 else ":"
+        axis.add_patch(
+            Polygon(footprint(box)[:, ::-1], fill=False, edgecolor=BOX_COLOUR, linestyle=style, linewidth=1.0)
+        )
+        axis.annotate(figure_text(box.class_name), box.center[1::-1], color=BOX_COLOUR, fontsize=7, clip_on=True)
     axis.plot(0.0, 0.0, marker="^", color="black", markersize=8, linestyle="none", label="sensor")
     half = max(NARROWEST_VIEW_M, 1.05 * float(np.abs(y).max(initial=0.0)))
     axis.set(xlim=(half, -half), ylim=(-2.0, float(radar.waveform.ranges_m[-1])), facecolor="0.93")

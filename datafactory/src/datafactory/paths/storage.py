@@ -174,7 +174,8 @@ def from_row(batch: pa.RecordBatch) -> TracedFrame:
 
 
 def _thing(values: dict[str, Any]) -> SeenThing:
-    return SeenThing(**{name: tuple(value) if isinstance(value, list) else value for name, value in values.items()})
+    fields: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in values.items()}
+    return SeenThing(**fields)
 
 
 def read_paths(path: Path) -> Iterator[TracedFrame]:

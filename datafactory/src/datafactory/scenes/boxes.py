@@ -120,7 +120,8 @@ def _seen(thing: Thing, box: WorldBox, pose: Pose) -> SeenThing:
 
 def _thing(parts: Parts) -> Thing:
     start = _box_of(parts, 0.0)
-    motions = {(part.velocity, part.motion) for part in (*parts.objects, *parts.targets)}
+    motions = {(part.velocity, part.motion) for part in parts.objects}
+    motions |= {(target.velocity, target.motion) for target in parts.targets}
     one = len(motions) == 1 and not any(isinstance(motion, Moving) for _, motion in motions)
     if not one:
         return Thing(parts.name, parts.class_name, parts.indices, start, turning=parts)

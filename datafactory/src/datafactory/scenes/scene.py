@@ -236,9 +236,11 @@ class Scene:
         for name, motion in named:
             if motion is not None:
                 digest.update(name.encode() + motion.fingerprint())
-        for item in (*self.objects, *self.targets):
-            if item.label is not None:
-                digest.update(item.name.encode() + item.label.fingerprint())
+        for name, label in [(item.name, item.label) for item in self.objects] + [
+            (target.name, target.label) for target in self.targets
+        ]:
+            if label is not None:
+                digest.update(name.encode() + label.fingerprint())
         for target in self.targets:
             if target.occupied is not None:
                 digest.update(repr((target.name, target.occupied)).encode())

@@ -276,4 +276,5 @@ def box_of(values: Mapping[str, Any]) -> Box:
 
     :param values: by the fields' names
     """
-    return Box(*(tuple(values[name]) if isinstance(values[name], list) else values[name] for name in BOX_FIELDS))
+    fields: list[Any] = [tuple(values[name]) if isinstance(values[name], list) else values[name] for name in BOX_FIELDS]
+    return Box(*fields)
