@@ -121,6 +121,7 @@ hardcases: $(INSTALLED)
 scenes: $(INSTALLED)
 	$(BIN)/python scenes/make_scenes.py
 	$(BIN)/python scenes/make_effects.py
+	$(BIN)/python scenes/make_assets.py
 	$(BIN)/python tests/effect_scenes/write_expected.py
 
 # No test fails without it, so that it is no part of the set-up.

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from datafactory.api.converting import convert as convert
     from datafactory.api.making import render as render
     from datafactory.api.making import trace as trace
+    from datafactory.api.merging import merge as merge
     from datafactory.api.planning import ScenePlan as ScenePlan
     from datafactory.api.planning import plan as plan
     from datafactory.conversion.formats import Converted as Converted
@@ -39,6 +40,7 @@ __all__ = [
     "convert",
     "load_radar",
     "load_scene",
+    "merge",
     "plan",
     "read_poses",
     "read_targets",
@@ -61,6 +63,7 @@ __getattr__, __dir__ = lazy_names(
         "convert": "datafactory.api.converting",
         "load_radar": "shared.radar",
         "load_scene": "datafactory.api.asking",
+        "merge": "datafactory.api.merging",
         "plan": "datafactory.api.planning",
         "read_poses": "datafactory.scenes.poses",
         "read_targets": "datafactory.frame.points",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +52,17 @@ def test_every_topic_holds_every_frame_at_rising_times(source: Path, tmp_path: P
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["test.mcap", "train.mcap"]
     for rows in messages(tmp_path / "out" / "train.mcap").values():
         assert [time for time, _ in rows] == [0, 1_000_000_000]  # frames of drawn poses are all at time 0
-    assert "1 frames follow the one before after 1 s: their time does not rise" in converted.notes
+    assert "1 frames follow the one before after 1 s: no time rises to them" in converted.notes
+
+
+def test_the_times_are_those_of_the_frames(tmp_path: Path) -> None:
+    """Two drives, the second from the start of the scene again; a frame of its own at the end."""
+    known = [(0, 2.0), (0, 2.5), (1, 0.0), (1, 0.5), (-1, 0.0)]
+    frames = [replace(frame(i, [], "range-channel"), sequence=s, time=t) for i, (s, t) in enumerate(known)]
+    source = write(tmp_path / "data", frames, ["train"] * 5, "range-channel")
+    assert convert(source, tmp_path / "out", to="mcap").notes[0].startswith("2 frames follow")
+    times = [time for time, _ in messages(tmp_path / "out" / "train.mcap")["/tf"]]
+    assert times == [2_000_000_000, 2_500_000_000, 3_500_000_000, 4_000_000_000, 5_000_000_000]
 
 
 def test_the_radar_stands_where_the_frame_says(source: Path, tmp_path: Path) -> None:

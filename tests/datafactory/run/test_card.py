@@ -79,7 +79,7 @@ def test_a_killed_and_resumed_run_ends_with_the_same_card(
         render(None, out, frames=0, points=9, radar=RADAR, license="cc-by-4.0")
     monkeypatch.undo()
     assert not (out / "README.md").exists()
-    with pytest.raises(InputError, match="license is None, but the run"):
+    with pytest.raises(InputError, match="license is nothing, but the run"):
         render(None, out, frames=0, points=9, radar=RADAR, resume=True)
     render(None, out, frames=0, points=9, radar=RADAR, license="cc-by-4.0", resume=True)
     assert (out / "README.md").read_bytes() == (dataset / "README.md").read_bytes()

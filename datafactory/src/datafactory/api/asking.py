@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeAlias
 
@@ -27,11 +28,13 @@ from datafactory.paths.solver import TraceSettings
 from datafactory.run.licences import stated_licence
 from datafactory.run.order import Order
 from datafactory.run.stored import traced_split
+from datafactory.scenes.drives import WORD, Drives, parse_drives
 from datafactory.scenes.materials.table import MaterialTable, load_materials
 from datafactory.scenes.poses import Pose, read_poses
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.readers.reading import Reading, parse_variants
 from datafactory.scenes.scene import Scene
+from datafactory.scenes.track_files import read_track
 from shared.dataset import STORES
 from shared.physics.errors import InputError, meant
 from shared.processes.defaults import LARGEST_SEED
@@ -45,6 +48,9 @@ RadarLike: TypeAlias = str | Path | Radar
 """A preset's name, the path of a TOML file, or a radar."""
 PosesLike: TypeAlias = str | Path | Sequence[Pose]
 """The path of a JSON file, see :func:`datafactory.scenes.poses.read_poses`, or the poses themselves."""
+TrajectoryLike: TypeAlias = str | Path | Drives | Sequence[str | Path | Sequence[Pose]]
+"""The path of a CSV or JSON file, see :func:`datafactory.scenes.track_files.read_track`; several, or the poses of
+several tracks, a sequence each; or ``"drive"``, ``"drive:speed=10,seconds=4"`` or what that means, to draw them."""
 MaterialsLike: TypeAlias = str | Path | MaterialTable
 """The path of a TOML file that overrides the built-in table, or a table."""
 Effects: TypeAlias = str | Collection[str]
@@ -83,6 +89,38 @@ def poses_of(poses: PosesLike | None) -> tuple[Pose, ...]:
     if poses is None:
         return ()
     return read_poses(Path(poses)) if isinstance(poses, str | Path) else tuple(poses)
+
+
+def trajectory_of(
+    trajectory: TrajectoryLike | None, frame_rate: float | None
+) -> tuple[tuple[tuple[Pose, ...], ...], Drives | None]:
+    """The tracks that were given, and the drives that are to be drawn: one of them, or neither.
+
+    :param frame_rate: [Hz]; None for one frame a row of a file
+    :raises InputError: a file that is unreadable or wrong, a rate out of bounds, drives beside files
+    """
+    if trajectory is None:
+        if frame_rate is not None:
+            raise InputError("--frame-rate", "without --trajectory", "--trajectory FILE, or none of both")
+        return (), None
+    if isinstance(trajectory, Drives):
+        return (), trajectory if frame_rate is None else replace(trajectory, rate_hz=frame_rate)
+    several = (trajectory,) if isinstance(trajectory, str | Path) else tuple(trajectory)
+    drawn = [item for item in several if isinstance(item, str) and item.partition(":")[0] == WORD]
+    if drawn:
+        if len(several) > 1:
+            raise InputError("--trajectory", f"{drawn[0]!r} beside others", "drives, or files")
+        return (), parse_drives(drawn[0], frame_rate)
+    return tuple(_track_of(item, frame_rate) for item in several), None
+
+
+def _track_of(item: str | Path | Sequence[Pose], frame_rate: float | None) -> tuple[Pose, ...]:
+    if not isinstance(item, str | Path):
+        if frame_rate is not None:
+            raise InputError("--frame-rate", "beside poses", "a file, whose rows it lies between")
+        return tuple(item)
+    curve = read_track(Path(item))
+    return curve.rows() if frame_rate is None else curve.resampled(frame_rate)
 
 
 def materials_of(materials: MaterialsLike | None) -> MaterialTable:
@@ -142,6 +180,8 @@ def order_of(
     points: int = 0,
     targets: Sequence[PointTargets] = (),
     poses: PosesLike | None = None,
+    trajectory: TrajectoryLike | None = None,
+    frame_rate: float | None = None,
     seed: int = 0,
     split: str | None = None,
     rays: int | None = None,
@@ -179,21 +219,26 @@ def order_of(
     ):
         require(option, value, least, most)
     given = poses_of(poses)
-    if (given or frames) and not wanted and folder is None:
+    if trajectory is not None and (poses is not None or folder is not None):
+        raise InputError("--trajectory", f"beside --{'poses' if folder is None else 'paths'}", "one of them")
+    tracks, drives = trajectory_of(trajectory, frame_rate)
+    if (given or tracks or frames) and not wanted and folder is None:
         raise InputError("--scene", "missing", "a scene file or sionna:NAME, or --paths")
-    if not (given or folder or frames or points or targets):
+    if not (given or tracks or folder or frames or points or targets):
         raise InputError("--frames", "0 and --points 0: nothing to render", "at least one frame")
     if split is None and folder is not None:
         split = traced_split(folder)
     return Order(
         radar=radar_of(radar),
-        scenes=wanted if given or frames else (),
+        scenes=wanted if given or tracks or frames else (),
         paths=folder,
-        frames=0 if given else frames,
+        frames=0 if given or tracks else frames,
         points=0 if targets else points,
         seed=seed,
         split=split or DEFAULT_PATTERN,
         poses=given,
+        tracks=tracks,
+        drives=drives if frames else None,
         targets=tuple(targets),
         settings=ChainSettings(
             trace=TraceSettings(

@@ -41,7 +41,8 @@ def inspect(
 
     Exit status 1: --verify found damaged files.
     """
-    from datafactory.inspection.dataset import summarise, write_pictures
+    from datafactory.inspection.dataset import summarise
+    from datafactory.inspection.pictures import write_pictures
     from datafactory.view.cameras import Cameras
     from shared.dataset.folder import open_dataset
     from shared.dataset.folder import verify as verify_dataset

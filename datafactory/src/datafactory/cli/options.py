@@ -47,6 +47,20 @@ AllowMissing = Annotated[bool, typer.Option("--allow-missing", help="Go on witho
 Poses = Annotated[
     Path | None, typer.Option("--poses", help="JSON file of sensor poses: one frame a pose, instead of drawn ones.")
 ]
+Trajectory = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--trajectory",
+        metavar="FILE|drive",
+        help="CSV or JSON file of poses with times, a sequence of frames; may be repeated. "
+        "Or drive[:speed=M/S][,seconds=S]: drives drawn along the streets, --frames in all.",
+        show_default=False,
+    ),
+]
+FrameRate = Annotated[
+    float | None,
+    typer.Option("--frame-rate", help="Frames a second along a trajectory; by default a frame a row, 10 of drives."),
+]
 Materials = Annotated[Path | None, typer.Option("--materials", help="TOML file that overrides the material table.")]
 Rays = Annotated[int, typer.Option("--rays", min=1, max=MOST_RAYS, help="Rays a frame, over the field of view.")]
 Depth = Annotated[int, typer.Option("--depth", min=1, max=LARGEST_DEPTH, help="Largest number of bounces.")]
@@ -68,7 +82,31 @@ Licence = Annotated[
         show_default=False,
     ),
 ]
-Workers = Annotated[int, typer.Option("--workers", min=0, help="Worker processes; 0: one a core.")]
+Workers = Annotated[
+    int, typer.Option("--workers", min=0, help="Worker processes; 0: one a core, of all nodes with --engine ray.")
+]
+EngineName = Annotated[
+    str, typer.Option("--engine", help="local, or ray: a Ray cluster makes the shards. The same bytes.")
+]
+Address = Annotated[
+    str | None,
+    typer.Option(
+        "--address",
+        help="HOST:PORT of the Ray cluster, which this machine is a node of; by default the one that runs here, "
+        "else one of the run's own.",
+        show_default=False,
+    ),
+]
+Shard = Annotated[
+    str | None,
+    typer.Option(
+        "--shard",
+        metavar="I/N",
+        show_default=False,
+        help="Make the shards of job I of N alone, I from 0 to N - 1, into DIR/job-I-of-N; `datafactory merge` joins "
+        "the jobs.",
+    ),
+]
 Verbose = Annotated[
     bool, typer.Option("--verbose", "-v", help="Also say what was counted: rays, paths, what was left out and why.")
 ]
@@ -96,7 +134,7 @@ Make: TypeAlias = "Callable[[Callable[[str], None], Advance], Report]"
 """A function of :mod:`datafactory.api.making`, but for what takes its lines and its progress."""
 
 
-def run(make: Make, out: Path, verbose: bool) -> Report:
+def run(make: Make, verbose: bool) -> Report:
     """Make a dataset with its progress in view, and print what was made.
 
     :param verbose: also what was counted
@@ -108,10 +146,20 @@ def run(make: Make, out: Path, verbose: bool) -> Report:
         report = make(lambda line: console.print(line, markup=False), advance)
     kept = f" ({report.shards_kept} shards kept from before)" if report.shards_kept else ""
     took = f"{report.seconds:.0f} s, opening and planning included"
-    console.print(f"{report.frames} frames in {out}, {took}{kept}", markup=False)
+    console.print(f"{report.frames} frames in {report.directory}, {took}{kept}", markup=False)
     for line in told(report.counts, verbose):
         console.print(f"  {line}", markup=False)
     return report
+
+
+def next_step(out: Path, shard: str | None, step: str) -> None:
+    """Print the command that comes next: of a job it is the merge.
+
+    :param step: what comes next of a run in one piece
+    """
+    typer.echo(
+        step if shard is None else f"next:  datafactory merge {out} --out ANOTHER_FOLDER, once all jobs are done"
+    )
 
 
 def one_scene(name: str | None, scene: str | None) -> str | None:

@@ -25,8 +25,11 @@ def points(
     truth_window: options.TruthWindow = "taylor-30",
     licence: options.Licence = None,
     workers: options.Workers = 0,
+    engine: options.EngineName = "local",
+    address: options.Address = None,
     resume: options.Resume = False,
     keep_going: options.KeepGoing = False,
+    shard: options.Shard = None,
     verbose: options.Verbose = False,
 ) -> None:
     """Render close-target frames, the paper's synthetic set, or exactly the targets of a file."""
@@ -49,12 +52,14 @@ def points(
             truth_window=truth_window,
             license=licence,
             workers=workers,
+            engine=engine,
+            address=address,
             resume=resume,
             keep_going=keep_going,
+            shard=shard,
             announce=announce,
             progress=progress,
         ),
-        out,
         verbose,
     )
-    typer.echo(f"look:  datafactory inspect {out}")
+    options.next_step(out, shard, f"look:  datafactory inspect {out}")

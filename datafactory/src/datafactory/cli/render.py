@@ -29,6 +29,8 @@ def render(
     variant: options.Variants = None,
     allow_missing: options.AllowMissing = False,
     poses: options.Poses = None,
+    trajectory: options.Trajectory = None,
+    frame_rate: options.FrameRate = None,
     split: options.Split = DEFAULT_PATTERN,
     materials: options.Materials = None,
     store: options.Store = "range-channel",
@@ -49,6 +51,8 @@ def render(
         ),
     ] = None,
     workers: options.Workers = 0,
+    engine: options.EngineName = "local",
+    address: options.Address = None,
     camera: Annotated[
         bool, typer.Option("--camera", help="Also what a camera at the sensor sees, DIR/camera/frame-NNNNNN.png.")
     ] = False,
@@ -58,6 +62,7 @@ def render(
     ] = False,
     resume: options.Resume = False,
     keep_going: options.KeepGoing = False,
+    shard: options.Shard = None,
     verbose: options.Verbose = False,
 ) -> None:
     """Render frames of scenes, and close-target frames beside them, into a dataset."""
@@ -73,6 +78,8 @@ def render(
         "points": points,
         "seed": seed,
         "poses": poses,
+        "trajectory": trajectory or None,
+        "frame_rate": frame_rate,
         "split": split if options.stated(context, "split") else None,
         "store": store,
         "rays": rays if options.stated(context, "rays") else None,
@@ -84,7 +91,7 @@ def render(
         "error_budget": error_budget,
     }
     if dry_run:
-        for line in forecast(order_of(read, **asked), out, cores(workers)).lines():
+        for line in forecast(order_of(read, **asked), out, cores(workers), shard).lines():
             typer.echo(line)
         return
     options.run(
@@ -94,13 +101,15 @@ def render(
             **asked,
             materials=materials,
             workers=workers,
+            engine=engine,
+            address=address,
             resume=resume,
             keep_going=keep_going,
+            shard=shard,
             camera=camera,
             announce=announce,
             progress=progress,
         ),
-        out,
         verbose,
     )
-    typer.echo(f"look:  datafactory inspect {out}")
+    options.next_step(out, shard, f"look:  datafactory inspect {out}")

@@ -22,6 +22,8 @@ def trace(
     variant: options.Variants = None,
     allow_missing: options.AllowMissing = False,
     poses: options.Poses = None,
+    trajectory: options.Trajectory = None,
+    frame_rate: options.FrameRate = None,
     split: options.Split = DEFAULT_PATTERN,
     materials: options.Materials = None,
     rays: options.Rays = DEFAULT_RAYS,
@@ -38,8 +40,11 @@ def trace(
         ),
     ] = None,
     workers: options.Workers = 0,
+    engine: options.EngineName = "local",
+    address: options.Address = None,
     resume: options.Resume = False,
     keep_going: options.KeepGoing = False,
+    shard: options.Shard = None,
     verbose: options.Verbose = False,
 ) -> None:
     """Trace multipath into DIR/paths; `datafactory render --paths DIR` renders any radar from it.
@@ -56,6 +61,8 @@ def trace(
             frames=frames,
             seed=seed,
             poses=poses,
+            trajectory=trajectory or None,
+            frame_rate=frame_rate,
             split=split,
             materials=materials,
             rays=rays if options.stated(context, "rays") else None,
@@ -63,12 +70,14 @@ def trace(
             effects=effects,
             error_budget=error_budget,
             workers=workers,
+            engine=engine,
+            address=address,
             resume=resume,
             keep_going=keep_going,
+            shard=shard,
             announce=announce,
             progress=progress,
         ),
-        out,
         verbose,
     )
-    typer.echo(f"next:  datafactory render --paths {out} --out ANOTHER_FOLDER")
+    options.next_step(out, shard, f"next:  datafactory render --paths {out} --out ANOTHER_FOLDER")

@@ -48,15 +48,13 @@ from numpy.typing import NDArray
 from shared.dataset import Box, Frame
 from shared.dataset.folder import Dataset
 from shared.dataset.reading import radar_of
-from shared.physics.units import amplitude_to_db
+from shared.pictures import COLOUR_MAP, SPAN_DB, range_weighted_db
 from shared.radar import Radar
 from shared.signal.imaging import delay_and_sum
 
 WORLD, RADAR = "world", "radar"
-SPAN_DB = 60.0
-"""Span of the images' colours, down from the brightest cell of each [dB]."""
 GAP_S = 1.0
-"""Between two frames whose times do not rise: those of drawn poses are all at time 0."""
+"""Between two sequences, and two frames whose times do not rise: those of drawn poses are all at time 0."""
 COLOURS = {"car": (0.12, 0.47, 0.71), "pedestrian": (0.84, 0.15, 0.16), "cyclist": (1.0, 0.5, 0.05)}
 OTHER_COLOUR = (0.5, 0.5, 0.5)
 
@@ -79,29 +77,31 @@ def write_mcap(dataset: Dataset, out: Path, progress: Callable[[int, int], None]
         with foxglove.open_mcap(out / f"{split}.mcap", context=context, writer_options=options):
             clock = _Clock()
             for frame in dataset.frames(split, COLUMNS):
-                channels.log(frame, radar, clock.at(getattr(frame, "time", 0.0)))
+                channels.log(frame, radar, clock.at(frame))
                 done += 1
                 progress(done, total)
             stepped += clock.stepped
-    notes = [f"{stepped} frames follow the one before after {GAP_S:g} s: their time does not rise"] if stepped else []
+    notes = [f"{stepped} frames follow the one before after {GAP_S:g} s: no time rises to them"] if stepped else []
     return done, (*notes, "targets have no height: they stand at the radar's")
 
 
 class _Clock:
-    """Times that rise: where a frame's does not, it follows the one before after :data:`GAP_S`."""
+    """Times that rise: a new sequence, or a frame whose time does not, follows the one before after :data:`GAP_S`."""
 
     def __init__(self) -> None:
         self.stepped = 0
         self._offset, self._before = 0.0, -np.inf
+        self._sequence = -1
 
-    def at(self, time_s: float) -> int:
-        """The frame's time [ns] from the file's beginning on; no time is before it."""
+    def at(self, frame: Frame) -> int:
+        """The frame's time [ns] in the file; none is before 0."""
+        time_s = frame.time if np.isfinite(frame.time) else 0.0
         if self._before == -np.inf:
             self._offset = max(0.0, -time_s)
-        elif time_s + self._offset <= self._before:
+        elif time_s + self._offset <= self._before or frame.sequence != self._sequence:
             self._offset = self._before + GAP_S - time_s
             self.stepped += 1
-        self._before = time_s + self._offset
+        self._before, self._sequence = time_s + self._offset, frame.sequence
         return round(1e9 * self._before)
 
 
@@ -120,8 +120,8 @@ class _Channels:
         stamp = Timestamp(*divmod(time_ns, 1_000_000_000))
         measured = np.abs(delay_and_sum(frame.range_channel[0], radar))
         self._pose.log(sensor_pose(frame, stamp), log_time=time_ns)
-        self._truth.log(picture(frame.image * np.float32(frame.image_peak), radar, stamp), log_time=time_ns)
-        self._input.log(picture(measured, radar, stamp), log_time=time_ns)
+        self._truth.log(picture(frame.image * np.float32(frame.image_peak), stamp), log_time=time_ns)
+        self._input.log(picture(measured, stamp), log_time=time_ns)
         self._targets.log(points(frame, stamp), log_time=time_ns)
         self._boxes.log(scene(frame, stamp), log_time=time_ns)
 
@@ -136,12 +136,11 @@ def sensor_pose(frame: Frame, stamp: Timestamp) -> FrameTransform:
     )  # fmt: skip
 
 
-def picture(magnitude: NDArray[np.floating], radar: Radar, stamp: Timestamp) -> CompressedImage:
-    """An image [R, U] in the colours of the other pictures: 20 log10(|A| r), far up, left on the left."""
-    level = amplitude_to_db(magnitude * radar.waveform.ranges_m[:, None])
-    share = np.clip((level - float(level.max())) / SPAN_DB + 1.0, 0.0, 1.0)
+def picture(magnitude: NDArray[np.floating], stamp: Timestamp) -> CompressedImage:
+    """An image [R, U] in the colours and levels of the other pictures, 0 dB its maximum: far up, left on the left."""
+    share = 1.0 + range_weighted_db(magnitude) / SPAN_DB
     buffer = io.BytesIO()
-    colours = colormaps["viridis"](share[::-1, ::-1], bytes=True)
+    colours = colormaps[COLOUR_MAP](share[::-1, ::-1], bytes=True)
     imsave(buffer, np.ascontiguousarray(colours), format="png", metadata=NO_SOFTWARE)
     return CompressedImage(timestamp=stamp, frame_id=RADAR, data=buffer.getvalue(), format="png")
 

@@ -139,6 +139,7 @@ class SceneSource:
             point_targets=len(scene.merged.targets),
             table=table,
             things=seen_things(scene.things, frame.where),
+            sequence=frame.sequence,
         )
 
 
@@ -204,8 +205,9 @@ def measured(source: Source, radar: Radar, at: Hook = plainly) -> Measurement:
         traced = source.traced(radar, at)
         pose = traced.pose
         identity = FrameIdentity(
-            traced.frame_id, "scene", traced.scene, traced.seed, pose.position, pose.velocity, pose.quaternion()
-        )
+            traced.frame_id, "scene", traced.scene, traced.seed, pose.position, pose.velocity, pose.quaternion(),
+            pose.time_s, traced.sequence,
+        )  # fmt: skip
         settings, paths = narrowed(traced, settings, radar, at)
         boxes, boxed = boxes_of(traced.things, paths, radar)
         paths = at("prune", pruned, paths, radar, settings.prune_db)

@@ -8,6 +8,7 @@ from datafactory.frame.chain import FRAMES_WITH
 
 MEANINGS = {
     "frames": "frames",
+    "frames_empty": "frames whose truth is empty: nothing in them is above the noise",
     "rays": "rays sent",
     "traced": "paths that the solver found: mirrors one after another, echoes scattered twice and more",
     "scattered_once": "echoes that a rough surface scattered once, at their last bounce",
@@ -55,7 +56,7 @@ MEANINGS = {
 }
 """In words, by name; a name that is not here is told as it is."""
 
-ALARMING = ("truncated", "targets_in_near_field", "converter_saturated")
+ALARMING = ("frames_empty", "truncated", "targets_in_near_field", "converter_saturated")
 """Told without being asked for: something may be wrong with the frames."""
 
 
