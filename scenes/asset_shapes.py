@@ -144,20 +144,18 @@ def post(radius: float | tuple[float, float], bottom: float, top: float, materia
     return loft(levels, material, floor=material, lid=material)
 
 
-def wheel(radius: float, width: float, rim: float) -> Surface:
-    """A wheel that rolls along x about the origin, open on its inner side (y < 0): tyre of rubber, rim of metal."""
+def wheel(radius: float, width: float) -> Surface:
+    """A wheel that rolls along x about the origin, open on its inner side (y < 0): tread of rubber, face of metal."""
     # A quarter turn, so that a corner stands on the ground.
-    tread, face = (round_outline(size, 15)[:, ::-1] * [1.0, -1.0] for size in (radius, rim))
+    tread = round_outline(radius, 15)[:, ::-1] * [1.0, -1.0]
     inner, outer = -0.5 * width, 0.5 * width
     faces: list[tuple[ArrayLike, str]] = []
-    hub = (0.0, outer - 0.03, 0.0)  # a rim is a shallow bowl: a flat disc would be a mirror of 40 dBsm
+    hub = (0.0, outer - 0.03, 0.0)  # a shallow bowl: a flat disc would be a mirror of 40 dBsm
     for i in range(15):
         j = (i + 1) % 15
         a, b = ((x, z) for x, z in (tread[i], tread[j]))
-        c, d = ((x, z) for x, z in (face[i], face[j]))
         faces.append(([(a[0], inner, a[1]), (a[0], outer, a[1]), (b[0], outer, b[1]), (b[0], inner, b[1])], "rubber"))
-        faces.append(([(a[0], outer, a[1]), (c[0], outer, c[1]), (d[0], outer, d[1]), (b[0], outer, b[1])], "rubber"))
-        faces.append(([(c[0], outer, c[1]), hub, (d[0], outer, d[1])], "metal"))
+        faces.append(([(a[0], outer, a[1]), hub, (b[0], outer, b[1])], "metal"))
     return surface_of(faces)
 
 

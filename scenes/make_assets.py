@@ -63,8 +63,8 @@ CARS = {
 def car(body: CarBody) -> Surface:
     """Lower body with arches and wheels, windows and roof above it, plates in front and behind."""
     half, side = 0.5 * body.length, 0.5 * body.width
-    heights = (0.20, 0.44, 0.68, 0.5 * (0.68 + body.waist), body.waist)
-    insets = (0.05, 0.01, 0.0, 0.015, 0.07)
+    heights = (0.20, 0.44, 0.68, body.waist)
+    insets = (0.05, 0.005, 0.0, 0.06)
     levels = [
         (z, bowed_outline(half - inset, side - inset, 0.30 - inset, PARTS))
         for z, inset in zip(heights, insets, strict=True)
@@ -84,9 +84,7 @@ def car(body: CarBody) -> Surface:
         parts.append(recess(levels, here, np.array([0.0, -0.28 * sign, 0.0]), "metal"))
         for x in (-body.axle, body.axle):
             turn = np.eye(3) if sign > 0.0 else TURN_BACK
-            parts.append(
-                placed(wheel(body.wheel_radius, 0.2, 0.21), (x, sign * (side - 0.12), body.wheel_radius), turn)
-            )
+            parts.append(placed(wheel(body.wheel_radius, 0.2), (x, sign * (side - 0.12), body.wheel_radius), turn))
     parts.append(_cabin(body, side))
     for sign in (1.0, -1.0):
         plate = sign * (half + 0.008)
@@ -102,8 +100,7 @@ def _cabin(body: CarBody, side: float) -> Surface:
     shapes = (
         (body.waist, rear, front, side - 0.09, 0.16),
         (eaves, roof_rear - 0.05, roof_front + 0.05, side - 0.22, 0.16),
-        (body.height - 0.02, roof_rear + 0.06, roof_front - 0.06, side - 0.33, 0.16),
-        (body.height, roof_rear + 0.35, roof_front - 0.35, side - 0.55, 0.10),
+        (body.height, roof_rear + 0.12, roof_front - 0.12, side - 0.38, 0.16),
     )
     levels = []
     for z, back, ahead, half_width, corner in shapes:
@@ -148,7 +145,7 @@ def truck() -> Surface:
     for sign in (1.0, -1.0):
         for x in (-3.1, -1.9, 3.0):
             turn = np.eye(3) if sign > 0.0 else TURN_BACK
-            parts.append(placed(wheel(0.5, 0.3, 0.3), (x, sign * 1.08, 0.5), turn))
+            parts.append(placed(wheel(0.5, 0.3), (x, sign * 1.08, 0.5), turn))
     return joined(parts)
 
 
@@ -165,7 +162,7 @@ def bus() -> Surface:
     for sign in (1.0, -1.0):
         for x in (-3.1, 2.9):
             turn = np.eye(3) if sign > 0.0 else TURN_BACK
-            parts.append(placed(wheel(0.48, 0.28, 0.3), (x, sign * 1.15, 0.48), turn))
+            parts.append(placed(wheel(0.48, 0.28), (x, sign * 1.15, 0.48), turn))
     return joined(parts)
 
 

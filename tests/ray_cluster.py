@@ -7,6 +7,7 @@ import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 OBJECT_STORE = 80_000_000
@@ -17,6 +18,7 @@ SETTINGS = {
     "health_check_period_ms": 250,
     "health_check_timeout_ms": 2000,
     "health_check_failure_threshold": 3,
+    "worker_niceness": 0,  # Ray's 15 would let its processes wait for all others of a busy machine
 }
 ENVIRONMENT = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0"}
 
@@ -29,7 +31,8 @@ def ray_cluster(nodes: int, cores_of_head: int = 0, **of_node: Any) -> Iterator[
     """
     folder = tempfile.mkdtemp(prefix="ray-", dir="/tmp")  # short: the names of its sockets have at most 107 characters
     before = dict(os.environ)
-    os.environ.update({**ENVIRONMENT, "RAY_TMPDIR": folder})
+    path = os.pathsep.join(filter(None, (str(Path(__file__).parent), os.environ.get("PYTHONPATH"))))
+    os.environ.update({**ENVIRONMENT, "RAY_TMPDIR": folder, "PYTHONPATH": path})
     try:
         from ray.cluster_utils import Cluster
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from usd_files import CUBE, METRES_Z_UP, read
 
-from datafactory.scenes.boxes import Thing, seen_things, things_of
+from datafactory.scenes.boxes import BoxedThing, boxed_things, seen_things
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import PointTarget, Scene
 from datafactory.scenes.targets.models import target_model
@@ -34,12 +34,12 @@ def placed(x: float, y: float, yaw_deg: float) -> str:
 """
 
 
-def only(scene: Scene) -> Thing:
-    (thing,) = things_of(scene)
+def only(scene: Scene) -> BoxedThing:
+    (thing,) = boxed_things(scene)
     return thing
 
 
-def assert_velocity_is_the_centres_rate(thing: Thing, time_s: float, relative: float = 1e-5) -> None:
+def assert_velocity_is_the_centres_rate(thing: BoxedThing, time_s: float, relative: float = 1e-5) -> None:
     step = 1e-6
     rate = (thing.at(time_s + step).center - thing.at(time_s).center) / step
     np.testing.assert_allclose(thing.at(time_s).velocity, rate, rtol=relative, atol=1e-5)
@@ -55,7 +55,7 @@ def test_a_straight_car_seen_from_two_poses_at_two_times(tmp_path: Path) -> None
             Pose((0.0, 0.0, 0.5), time_s=time_s),
             Pose((12.0, -20.0, 0.5), yaw_deg=90.0, velocity=(0.0, 2.0, 0.0), time_s=time_s),
         ):
-            (seen,) = seen_things(things_of(scene), pose)
+            (seen,) = seen_things(boxed_things(scene), pose)
             world = np.array([12.0, 5.0, 0.75]) + 10.0 * time_s * heading - np.array(pose.position)
             turn = np.radians(pose.yaw_deg)
             forward, left = np.array([np.cos(turn), np.sin(turn), 0]), np.array([-np.sin(turn), np.cos(turn), 0])
@@ -129,7 +129,7 @@ def test_a_class_on_a_scope_is_that_of_each_thing_in_it(tmp_path: Path) -> None:
         )
     )
     scope = f'def Scope "Parked" {{ custom string radar:class = "car"\n {parked}\n}}'
-    things = things_of(read(tmp_path, f"{scope}\n{car(placed(50, 0, 0), 'House')}"))
+    things = boxed_things(read(tmp_path, f"{scope}\n{car(placed(50, 0, 0), 'House')}"))
     assert [(thing.name, thing.class_name) for thing in things] == [
         ("/Parked/First", "car"), ("/Parked/Second", "car"), ("/Parked/Lorry", "truck")
     ]  # fmt: skip
@@ -146,7 +146,7 @@ def test_each_instance_of_a_point_instancer_is_a_thing(tmp_path: Path) -> None:
  rel prototypes = </Crowd/Body>
  {BODY}
 }}"""
-    things = things_of(read(tmp_path, crowd))
+    things = boxed_things(read(tmp_path, crowd))
     assert [thing.class_name for thing in things] == ["pedestrian"] * 2
     np.testing.assert_allclose([thing.start.center for thing in things], [[5, 0, 0.75], [7, 1, 0.75]])
 
@@ -163,7 +163,7 @@ def Xform "Reflector" { custom token radar:target = "trihedral"
 }
 """
     stands = f"custom double radar:rcs_dbsm = 10\n custom double3 radar:velocity = (1, 0, 0)\n {placed(20, 0, 90)}"
-    things = things_of(read(tmp_path, f"{models}\n{car(stands)}"))
+    things = boxed_things(read(tmp_path, f"{models}\n{car(stands)}"))
     assert [(thing.name, thing.class_name) for thing in things] == [("/Walker", "pedestrian"), ("/Car", "other")]
     walker, car_box = (thing.at(2.0) for thing in things)
     np.testing.assert_allclose(walker.center, [8.0, 2.0, 0.8])
@@ -177,7 +177,7 @@ def test_what_moves_without_a_label_is_a_thing_by_itself() -> None:
     """As scenes that a program makes have it: a point where no size is known."""
     target = PointTarget("post", (4.0, 0.0, 1.0), 0.0, velocity=(0.0, 2.0, 0.0))
     sphere = PointTarget("ball", (9.0, 0.0, 1.0), 0.0, (1.0, 0.0, 0.0), target_model("sphere", {"radius_m": 0.5}))
-    post, ball = (thing.at(0.5) for thing in things_of(Scene("made", (), (target, sphere))))
+    post, ball = (thing.at(0.5) for thing in boxed_things(Scene("made", (), (target, sphere))))
     np.testing.assert_allclose(post.center, [4.0, 1.0, 1.0])
     assert not post.size.any()
     np.testing.assert_allclose(ball.size, [1.0, 1.0, 1.0])

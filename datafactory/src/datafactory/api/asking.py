@@ -35,6 +35,8 @@ from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.readers.reading import Reading, parse_variants
 from datafactory.scenes.scene import Scene
 from datafactory.scenes.track_files import read_track
+from datafactory.scenes.traffic.asked import Asked, parse_populate
+from datafactory.scenes.traffic.population import populated
 from shared.dataset import STORES
 from shared.physics.errors import InputError, meant
 from shared.processes.defaults import LARGEST_SEED
@@ -67,16 +69,28 @@ def silent(*_: object) -> None:
     """An :data:`Announce` and a :data:`Progress` that do nothing."""
 
 
-def load_scene(source: FileName, *, variant: Sequence[str] = (), allow_missing: bool = False) -> Scene:
+def load_scene(
+    source: FileName,
+    *,
+    variant: Sequence[str] = (),
+    allow_missing: bool = False,
+    populate: str | Asked | None = None,
+    seed: int = 0,
+) -> Scene:
     """Read a scene: meshes in metres, z up, float64, each with the name of its material.
 
     :param source: a ``.usd .usda .usdc .usdz``, Mitsuba ``.xml``, ``.glb .gltf .obj .ply .stl`` file, or
         ``"shipped:NAME"`` or ``"sionna:NAME"`` for a scene that this package or Sionna ships
     :param variant: ``"set=name"`` each: variants of a USD scene, over those that the file selects
     :param allow_missing: go on without geometry that cannot be opened
-    :raises InputError: an unknown suffix or name, a file that is missing, damaged or empty
+    :param populate: traffic and street furniture to put on its free ground, ``"cars=20,parked=0.6"``
+    :param seed: of the dataset; what is put where follows from it and from the scene
+    :raises InputError: an unknown suffix or name, a file that is missing, damaged or empty; with ``populate`` one that
+        has no free ground
     """
-    return open_scene(str(source), Reading(parse_variants(variant), allow_missing))
+    asked = parse_populate(populate) if isinstance(populate, str) else populate
+    scene = open_scene(str(source), Reading(parse_variants(variant), allow_missing))
+    return scene if asked is None else populated(scene, asked, seed)
 
 
 def radar_of(radar: RadarLike) -> Radar:

@@ -44,6 +44,15 @@ Variants = Annotated[
     typer.Option("--variant", help="set=name: a variant of the USD scenes; may be repeated.", show_default=False),
 ]
 AllowMissing = Annotated[bool, typer.Option("--allow-missing", help="Go on without geometry that cannot be opened.")]
+Populate = Annotated[
+    str | None,
+    typer.Option(
+        "--populate",
+        metavar="KIND=N,...",
+        help="Traffic and street furniture on the free ground, e.g. cars=20,pedestrians=10,poles=30,parked=0.6.",
+        show_default=False,
+    ),
+]
 Poses = Annotated[
     Path | None, typer.Option("--poses", help="JSON file of sensor poses: one frame a pose, instead of drawn ones.")
 ]
@@ -115,13 +124,20 @@ Resume = Annotated[bool, typer.Option("--resume", help="Go on with an unfinished
 DEFAULT_RADAR_NAME = DEFAULT_RADAR
 
 
-def read_as_asked(scenes: list[str], variant: list[str] | None, allow_missing: bool) -> Sequence[str | Scene]:
-    """The scenes' names, or the scenes themselves where the user says how they are to be read."""
-    if not (variant or allow_missing):
+def read_as_asked(
+    scenes: list[str], variant: list[str] | None, allow_missing: bool, populate: str | None = None, seed: int = 0
+) -> Sequence[str | Scene]:
+    """The scenes' names, or the scenes themselves where the user says how they are to be read, or to be populated."""
+    if populate is not None and not scenes:
+        raise InputError("--populate", "given without a scene", "--scene with it")
+    if not (variant or allow_missing or populate is not None):
         return scenes
     from datafactory.api.asking import load_scene
 
-    return [load_scene(name, variant=variant or (), allow_missing=allow_missing) for name in scenes]
+    return [
+        load_scene(name, variant=variant or (), allow_missing=allow_missing, populate=populate, seed=seed)
+        for name in scenes
+    ]
 
 
 def stated(context: typer.Context, name: str) -> bool:

@@ -28,6 +28,7 @@ def render(
     seed: options.Seed = 0,
     variant: options.Variants = None,
     allow_missing: options.AllowMissing = False,
+    populate: options.Populate = None,
     poses: options.Poses = None,
     trajectory: options.Trajectory = None,
     frame_rate: options.FrameRate = None,
@@ -70,7 +71,7 @@ def render(
     from datafactory.api.asking import cores, order_of
     from datafactory.api.forecasting import forecast
 
-    read = options.read_as_asked([*(scenes or ()), *(scene or ())], variant, allow_missing)
+    read = options.read_as_asked([*(scenes or ()), *(scene or ())], variant, allow_missing, populate, seed)
     asked: dict[str, Any] = {
         "paths": paths,
         "radar": radar,

@@ -21,6 +21,7 @@ def trace(
     seed: options.Seed = 0,
     variant: options.Variants = None,
     allow_missing: options.AllowMissing = False,
+    populate: options.Populate = None,
     poses: options.Poses = None,
     trajectory: options.Trajectory = None,
     frame_rate: options.FrameRate = None,
@@ -55,7 +56,7 @@ def trace(
 
     options.run(
         lambda announce, progress: making.trace(
-            options.read_as_asked([*(scenes or ()), *(scene or ())], variant, allow_missing),
+            options.read_as_asked([*(scenes or ()), *(scene or ())], variant, allow_missing, populate, seed),
             out,
             radar=radar,
             frames=frames,

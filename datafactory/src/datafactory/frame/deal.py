@@ -26,6 +26,7 @@ from datafactory.frame.defaults import DEFAULT_PATTERN
 from datafactory.frame.points import PointTargets
 from datafactory.frame.seeds import frame_seed, generator, sequence_seed
 from datafactory.scenes.ground import Ground
+from datafactory.scenes.movers import Traffic
 from datafactory.scenes.poses import Pose, sample_pose
 from shared.dataset.folder import SPLITS, Split
 from shared.physics.errors import InputError
@@ -151,6 +152,7 @@ class Deal:
     :param tracks: poses of every sequence, given or drawn
     :param track_scenes: number of the scene of every track
     :param grounds: where poses are drawn, one a scene; empty where they are given
+    :param traffic: of every populated scene, where poses are drawn: a frame has a time of its own
     :param traced: scene number of every scene frame, where their paths were traced before; a stored path row says which
         frame and scene it is, and is believed
     :param traced_sequences: number of the sequence of every such frame, -1 for none
@@ -166,6 +168,7 @@ class Deal:
     tracks: tuple[tuple[Pose, ...], ...] = ()
     track_scenes: tuple[int, ...] = ()
     grounds: tuple[Ground, ...] = field(default=(), repr=False)
+    traffic: tuple[Traffic | None, ...] = field(default=(), repr=False)
     traced: tuple[int, ...] = ()
     traced_sequences: tuple[int, ...] = ()
     points: int = 0
@@ -241,6 +244,9 @@ class Deal:
         scene, pose = self.scene_of(frame_id), self.pose_of(frame_id)
         if pose is None and not self.traced:
             pose = sample_pose(self.grounds[scene], split, generator(seed, "pose"))
+            traffic = self.traffic[scene] if self.traffic else None
+            if traffic is not None:
+                pose = traffic.at_a_clear_time(pose, generator(seed, "traffic"))
         sequence = self.sequence_of(frame_id)
         shared = None if sequence < 0 else sequence_seed(self.seed, sequence)
         return DealtFrame(frame_id, "scene", split, seed, scene=scene, pose=pose, sequence=sequence, shared_seed=shared)

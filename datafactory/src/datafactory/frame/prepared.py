@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from datafactory.frame.deal import DealtFrame
 from datafactory.paths.merged_scene import MergedScene
-from datafactory.scenes.boxes import Thing
+from datafactory.scenes.boxes import BoxedThing
 from datafactory.scenes.materials.table import MaterialMapping
 
 
@@ -24,7 +24,7 @@ class PreparedScene:
     content: str
     merged: MergedScene
     materials: MaterialMapping
-    things: tuple[Thing, ...] = ()
+    things: tuple[BoxedThing, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-PURPOSES = ("pose", "rays", "targets", "noise")
+PURPOSES = ("pose", "rays", "targets", "noise", "traffic")
 SEQUENCES = 1
 """First spawn key of sequences; those of frames have one number alone."""
 

@@ -35,6 +35,7 @@ MEANINGS = {
     "edge_rays": "ways over an edge to the sensor and back",
     "edge_rays_hidden": "of these, those that something stands in",
     "edges_round_corners_left_out": "weaker edges over which a hidden target is reached as well",
+    "targets_faint": "point targets too far away to be heard",
     "point_targets_hidden": "point targets that the sensor does not see directly",
     "targets_round_corners": "of these, those heard round an edge",
     "targets_unreached": "of these, those not heard at all",

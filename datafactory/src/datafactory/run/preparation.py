@@ -20,20 +20,20 @@ from datafactory.frame.deal import Deal, drawn_scene, split_of
 from datafactory.frame.points import PointTargets
 from datafactory.frame.prepared import PreparedScene, Sample
 from datafactory.frame.seeds import generator, sequence_seed
-from datafactory.paths.curved_surfaces import curved_surfaces_of
 from datafactory.paths.merged_scene import merge_scene
 from datafactory.run.order import Order
 from datafactory.run.planning import Looking, plan_of, sample_of
 from datafactory.run.stored import StoredPaths, stored_paths
-from datafactory.scenes.boxes import things_of
+from datafactory.scenes.boxes import boxed_things
 from datafactory.scenes.drives import draw_drive
-from datafactory.scenes.ground import Ground, free_ground
+from datafactory.scenes.ground import Ground
 from datafactory.scenes.materials.table import MaterialMapping, MaterialTable
-from datafactory.scenes.movers import Movers
+from datafactory.scenes.movers import CLEAR_M, Movers, Traffic
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene
 from datafactory.scenes.tracks import nearest_m
+from datafactory.scenes.traffic.population import sensor_ground
 
 Announce = Callable[[str], None]
 
@@ -82,7 +82,7 @@ def prepare(
     for scene in opened if order.drives is not None else ():
         if said := _late_poses(scene, [pose for track in deal.tracks for pose in track]):
             announce(said)
-    for said in close_tracks(deal):
+    for said in (*close_tracks(deal), *_poses_in_traffic(deal, opened)):
         announce(said)
     samples = tuple(sample_of(deal, number, scene) for number, scene in enumerate(scenes))
     looking = Looking(sum(len(sample.frames) for sample in samples), looked)
@@ -110,7 +110,7 @@ def deal_of(order: Order, scenes: Sequence[Scene]) -> Deal:
 
     :raises InputError: no free ground, or no lane for a drive
     """
-    grounds = () if order.given else tuple(free_ground(scene) for scene in scenes)
+    grounds = () if order.given else tuple(sensor_ground(scene) for scene in scenes)
     tracks = drawn_tracks(order, scenes, grounds) if order.drives is not None else order.tracks
     number_of = partial(drawn_scene, scenes=len(scenes), pattern=order.split)
     return Deal(
@@ -122,6 +122,7 @@ def deal_of(order: Order, scenes: Sequence[Scene]) -> Deal:
         tracks=tracks,
         track_scenes=tuple(number_of(k) if order.drives is not None else k % len(scenes) for k in range(len(tracks))),
         grounds=grounds,
+        traffic=tuple(Traffic.of(scene) for scene in scenes),
         points=order.points,
         targets=order.targets,
     )
@@ -213,15 +214,16 @@ def prepared_scene(scene: Scene, table: MaterialTable, announce: Announce) -> Pr
     materials = table.map_materials([item.material for item in scene.objects])
     for warning in scene.warnings:
         announce(f"{scene.name}: {warning}")
+    for line in scene.population.lines() if scene.population is not None else ():
+        announce(f"{scene.name}: {line}")
     pairs = ", ".join(f"{name or '(none)'} -> {material.name}" for name, (material, _) in materials.entries.items())
     announce(f"{scene.name}: {len(scene.objects)} objects, {scene.triangle_count} triangles; materials {pairs}")
     unknown = ", ".join(name or "(none)" for name in materials.unknown)
     if unknown:
         announce(f"{scene.name}: unknown materials given the default: {unknown}")
-    merged = merge_scene(scene, materials)
-    for note in curved_surfaces_of(merged).notes():
-        announce(f"{scene.name}: {note}")
-    return PreparedScene(scene.name, scene.content_hash(), merged, materials, things_of(scene))
+    return PreparedScene(
+        scene.name, scene.content_hash(), merge_scene(scene, materials), materials, boxed_things(scene)
+    )
 
 
 def _late_poses(scene: Scene, poses: Sequence[Pose]) -> str:
@@ -236,6 +238,14 @@ def _late_poses(scene: Scene, poses: Sequence[Pose]) -> str:
     )
 
 
+def _poses_in_traffic(deal: Deal, scenes: Sequence[Scene]) -> list[str]:
+    """What to say of given poses that something of a population drives or walks through."""
+    traffic = [Traffic.of(scene) for scene in scenes]
+    given = [(deal.scene_of(n), pose) for n, pose in enumerate(deal.poses)]
+    near = sum(item is not None and not item.clear_of(pose) for item, pose in ((traffic[k], pose) for k, pose in given))
+    return [f"{near} of {len(given)} poses are within {CLEAR_M:g} m of what drives or walks by"] if near else []
+
+
 def _entry(scene: Scene, materials: MaterialMapping) -> dict[str, Any]:
     return {
         "name": scene.name,
@@ -246,4 +256,5 @@ def _entry(scene: Scene, materials: MaterialMapping) -> dict[str, Any]:
         "point_targets": len(scene.targets),
         "warnings": list(scene.warnings),
         "materials": materials.to_json(),
+        **({} if scene.population is None else {"population": scene.population.to_json()}),
     }

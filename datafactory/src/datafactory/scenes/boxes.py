@@ -45,7 +45,7 @@ class WorldBox:
 
 
 @dataclass(frozen=True, eq=False)
-class Thing:
+class BoxedThing:
     """Something that moves or has a class, with its box at any time.
 
     :param name: of the thing; :param class_name: "other" where the source states none
@@ -70,7 +70,7 @@ class Thing:
         return replace(self.start, center=self.start.center + shift, velocity=velocity)
 
 
-def things_of(scene: Scene) -> tuple[Thing, ...]:
+def boxed_things(scene: Scene) -> tuple[BoxedThing, ...]:
     """The things of a scene that move or have a class (:mod:`datafactory.scenes.labels`)."""
     return tuple(_thing(parts) for parts in parts_of_things(scene))
 
@@ -97,12 +97,12 @@ class SeenThing:
     indices: tuple[int, ...]
 
 
-def seen_things(things: Sequence[Thing], pose: Pose) -> tuple[SeenThing, ...]:
+def seen_things(things: Sequence[BoxedThing], pose: Pose) -> tuple[SeenThing, ...]:
     """The things at a pose's time, in its frame."""
     return tuple(_seen(thing, thing.at(pose.time_s), pose) for thing in things)
 
 
-def _seen(thing: Thing, box: WorldBox, pose: Pose) -> SeenThing:
+def _seen(thing: BoxedThing, box: WorldBox, pose: Pose) -> SeenThing:
     rotation = pose.rotation()
     forward, left, up = map(triple, box.axes @ rotation)
     return SeenThing(
@@ -118,16 +118,16 @@ def _seen(thing: Thing, box: WorldBox, pose: Pose) -> SeenThing:
     )
 
 
-def _thing(parts: Parts) -> Thing:
+def _thing(parts: Parts) -> BoxedThing:
     start = _box_of(parts, 0.0)
     motions = {(part.velocity, part.motion) for part in parts.objects}
     motions |= {(target.velocity, target.motion) for target in parts.targets}
     one = len(motions) == 1 and not any(isinstance(motion, Moving) for _, motion in motions)
     if not one:
-        return Thing(parts.name, parts.class_name, parts.indices, start, turning=parts)
+        return BoxedThing(parts.name, parts.class_name, parts.indices, start, turning=parts)
     (_, motion), *_ = motions
     assert not isinstance(motion, Moving)
-    return Thing(parts.name, parts.class_name, parts.indices, start, track=motion)
+    return BoxedThing(parts.name, parts.class_name, parts.indices, start, track=motion)
 
 
 def _box_of(parts: Parts, time_s: float) -> WorldBox:

@@ -2,7 +2,7 @@
 
 A thing is one car, one pedestrian, one gate: whatever meshes and point targets it is made of. A reader labels each of
 them with its thing (:class:`Label`); what moves without a label is a thing by itself. The class is the one that the
-source states, of a target with the model of a road user that model's name, of everything else ``"other"``.
+source states, of a target with the model of a road user that of the road user, of everything else ``"other"``.
 """
 
 from __future__ import annotations
@@ -14,13 +14,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from datafactory.scenes.chain import Chain
-from datafactory.scenes.targets.models import MODELS, ROAD_USERS
+from datafactory.scenes.targets.models import MODELS
 
 if TYPE_CHECKING:
     from datafactory.scenes.scene import PointTarget, Scene, SceneObject
 
 OTHER = "other"
 """Class of what moves and states none."""
+OF_MODELS = {"car": "car", "pedestrian": "pedestrian", "cyclist": "bicycle"}
+"""Classes that the models of road users imply; a bicycle has its rider."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,4 +88,4 @@ def _class_of(item: SceneObject | PointTarget) -> str:
     if item.label is not None and item.label.class_name:
         return item.label.class_name
     model = getattr(item, "model", None)
-    return next((name for name in ROAD_USERS if isinstance(model, MODELS[name])), "")
+    return next((name for kind, name in OF_MODELS.items() if isinstance(model, MODELS[kind])), "")

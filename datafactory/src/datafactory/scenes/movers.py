@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,11 @@ from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import Scene
 
 Box = tuple[NDArray[np.float64], NDArray[np.float64]]
+
+CLEAR_M = 3.0
+"""A drawn sensor is so far from everything that drives or walks by: nothing passes through it."""
+TRIES = 64
+"""Times that are drawn for a frame until its sensor stands clear."""
 
 
 class Movers:
@@ -61,3 +67,32 @@ class Movers:
             if np.linalg.norm(outside, axis=1).min() < least_m:
                 return False
         return True
+
+
+@dataclass(frozen=True, eq=False)
+class Traffic:
+    """What moves in a populated scene, for frames that have no time yet.
+
+    :param until_s: it runs from time 0 to here [s]
+    """
+
+    movers: Movers
+    until_s: float
+
+    @staticmethod
+    def of(scene: Scene) -> Traffic | None:
+        """None of a scene that is not populated, or in which nothing moves."""
+        movers = Movers(scene)
+        return Traffic(movers, scene.population.horizon_s) if scene.population is not None and movers else None
+
+    def clear_of(self, pose: Pose) -> bool:
+        """Whether a sensor keeps ``CLEAR_M`` from everything at its pose's time."""
+        return self.movers.clear_of([pose], CLEAR_M)
+
+    def at_a_clear_time(self, pose: Pose, rng: np.random.Generator) -> Pose:
+        """The pose at a drawn time at which nothing is near; at the last of 64 drawn ones where something always is."""
+        for time_s in rng.uniform(0.0, self.until_s, TRIES).tolist():
+            pose = replace(pose, time_s=time_s)
+            if self.clear_of(pose):
+                break
+        return pose

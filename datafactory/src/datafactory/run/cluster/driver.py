@@ -45,15 +45,28 @@ def main() -> None:
     os.environ |= QUIET
     try:
         pipe.send(_connected(pipe.recv()))
-        Driver(pipe).serve()
+        _serve(pipe)
     except EOFError:
         pass
     except Exception as error:
         pipe.send(error)
     finally:
+        pipe.close()  # the command need not wait for what follows
         import ray
 
         ray.shutdown()
+
+
+def _serve(pipe: Connection) -> None:
+    """Until the pipe is closed, or the cluster is gone: the command notices that nobody holds the other end.
+
+    :raises EOFError: the pipe is closed
+    :raises OSError: a shard cannot be written
+    """
+    from ray.exceptions import RayError
+
+    with suppress(RayError, RuntimeError, ConnectionError):
+        Driver(pipe).serve()
 
 
 def _connected(asked: Connect) -> Connected:

@@ -163,18 +163,22 @@ class RayEngine:
 
     def pool(self, work: ShardWork, shards: int, workers: int) -> RayPool:
         """Processes of the cluster's nodes."""
-        return RayPool(work, workers, self._driver, self._announce)
+        memory = trace_memory(work.job.settings.trace.rays if work.job.scenes else 0, 1)
+        return RayPool(work, memory, workers, self._driver, self._announce)
 
 
 class RayPool:
     """A :class:`shared.processes.tasks.Pool` of the cluster's processes.
 
+    :param memory: that a process takes [bytes]
     :param workers: shards at work at a time; 0 for as many as the nodes have cores and memory for
     """
 
-    def __init__(self, work: ShardWork, workers: int, driver: _Driver, announce: Callable[[str], None]) -> None:
-        self._work, self._workers, self._driver, self._announce = work, workers, driver, announce
-        self._memory = int(trace_memory(work.job.settings.trace.rays if work.job.scenes else 0, 1))
+    def __init__(
+        self, work: ShardWork, memory: float, workers: int, driver: _Driver, announce: Callable[[str], None]
+    ) -> None:
+        self._work, self._memory, self._workers = work, int(memory), workers
+        self._driver, self._announce = driver, announce
         self._attempts = Attempts[ShardPlan, ShardResult]()
         self._running = 0
         self._steps = 0
