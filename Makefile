@@ -34,7 +34,7 @@ $(INSTALLED): constraints.txt shared/pyproject.toml datafactory/pyproject.toml t
 	@test -n "$(PYTHON)" || { echo "make: no Python 3.11 or newer found; install one, or: make PYTHON=/path/to/python3"; exit 2; }
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt \
-		-e "shared[dev,docs]" -e datafactory -e "trainer[export]"
+		-e "shared[dev,docs]" -e "datafactory[convert]" -e "trainer[export]"
 	$(BIN)/python -c pass
 	@touch $@
 

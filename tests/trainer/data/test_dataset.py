@@ -15,6 +15,7 @@ import torch
 from tiny_radar import RADAR, frame, small_dataset, write_dataset
 from torch.utils.data import DataLoader
 
+from shared.dataset import Box
 from shared.dataset.documents import sealed
 from shared.dataset.writing import write_json
 from shared.physics.errors import InputError
@@ -63,6 +64,17 @@ def test_an_array_chooses_the_channels(tmp_path: Path) -> None:
     whole, part = (RadarDataset(tmp_path / "data", array=array) for array in ("full", str(tmp_path / "mine.toml")))
     np.testing.assert_array_equal(part.channels, [0, 2, 5])
     torch.testing.assert_close(part[0].input, whole[0].input[..., [0, 2, 5]], rtol=0.0, atol=0.0)
+
+
+def test_boxes_are_there_for_who_asks(tmp_path: Path) -> None:
+    boxes = tuple(Box((9.0, k, 0.0), (4.5, 1.8, 1.5), 0.1 * k, (0.0, 1.0, 0.0), "car", f"{k}", 1e-12) for k in (1, 2))
+    write_dataset(tmp_path / "data", {"train": [replace(frame(0), boxes=boxes), frame(1)]})
+    data = RadarDataset(tmp_path / "data", boxes=True)
+    assert tuple(data[0].metadata["boxes"]) == boxes
+    assert data[1].metadata["boxes"] == []
+    (batch,) = DataLoader(data, batch_size=2, collate_fn=list)
+    assert [len(example.metadata["boxes"]) for example in batch] == [2, 0]
+    assert "boxes" not in RadarDataset(tmp_path / "data")[0].metadata
 
 
 def test_batches_by_pytorchs_own_collation_and_in_workers(tmp_path: Path) -> None:
