@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from datafactory.api.asking import load_scene as load_scene
     from datafactory.api.making import render as render
     from datafactory.api.making import trace as trace
+    from datafactory.api.merging import merge as merge
     from datafactory.api.planning import ScenePlan as ScenePlan
     from datafactory.api.planning import plan as plan
     from datafactory.frame.points import read_targets as read_targets
@@ -35,6 +36,7 @@ __all__ = [
     "ScenePlan",
     "load_radar",
     "load_scene",
+    "merge",
     "plan",
     "read_poses",
     "read_targets",
@@ -55,6 +57,7 @@ __getattr__, __dir__ = lazy_names(
         "ScenePlan": "datafactory.api.planning",
         "load_radar": "shared.radar",
         "load_scene": "datafactory.api.asking",
+        "merge": "datafactory.api.merging",
         "plan": "datafactory.api.planning",
         "read_poses": "datafactory.scenes.poses",
         "read_targets": "datafactory.frame.points",

@@ -30,6 +30,7 @@ def plan(
     scene: options.Scenes = None,
     variant: options.Variants = None,
     allow_missing: options.AllowMissing = False,
+    populate: options.Populate = None,
     poses: options.Poses = None,
     frames: options.Frames = DEFAULT_FRAMES,
     split: options.Split = DEFAULT_PATTERN,
@@ -63,7 +64,7 @@ def plan(
     console = Console(soft_wrap=True, highlight=False, stderr=as_json)
     with shown(console, transient=True) as advance:
         planned = plan_of(
-            options.read_as_asked([*(scenes or ()), *(scene or ())], variant, allow_missing),
+            options.read_as_asked([*(scenes or ()), *(scene or ())], variant, allow_missing, populate, seed),
             radar=radar,
             frames=frames,
             poses=poses,

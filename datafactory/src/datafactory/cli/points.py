@@ -24,9 +24,12 @@ def points(
     noise: options.Noise = True,
     truth_window: options.TruthWindow = "taylor-30",
     workers: options.Workers = 0,
+    engine: options.EngineName = "local",
+    address: options.Address = None,
     device: options.Device = options.DEFAULT_DEVICE,
     resume: options.Resume = False,
     keep_going: options.KeepGoing = False,
+    shard: options.Shard = None,
     verbose: options.Verbose = False,
 ) -> None:
     """Render close-target frames, the paper's synthetic set, or exactly the targets of a file."""
@@ -48,13 +51,15 @@ def points(
             noise=noise,
             truth_window=truth_window,
             workers=workers,
+            engine=engine,
+            address=address,
             device=device,
             resume=resume,
             keep_going=keep_going,
+            shard=shard,
             announce=announce,
             progress=progress,
         ),
-        out,
         verbose,
     )
-    typer.echo(f"look:  datafactory inspect {out}")
+    options.next_step(out, shard, f"look:  datafactory inspect {out}")

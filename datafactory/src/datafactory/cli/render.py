@@ -28,7 +28,10 @@ def render(
     seed: options.Seed = 0,
     variant: options.Variants = None,
     allow_missing: options.AllowMissing = False,
+    populate: options.Populate = None,
     poses: options.Poses = None,
+    trajectory: options.Trajectory = None,
+    frame_rate: options.FrameRate = None,
     split: options.Split = DEFAULT_PATTERN,
     materials: options.Materials = None,
     store: options.Store = "range-channel",
@@ -48,6 +51,8 @@ def render(
         ),
     ] = None,
     workers: options.Workers = 0,
+    engine: options.EngineName = "local",
+    address: options.Address = None,
     device: options.Device = options.DEFAULT_DEVICE,
     camera: Annotated[
         bool, typer.Option("--camera", help="Also what a camera at the sensor sees, DIR/camera/frame-NNNNNN.png.")
@@ -58,6 +63,7 @@ def render(
     ] = False,
     resume: options.Resume = False,
     keep_going: options.KeepGoing = False,
+    shard: options.Shard = None,
     verbose: options.Verbose = False,
 ) -> None:
     """Render frames of scenes, and close-target frames beside them, into a dataset."""
@@ -65,7 +71,7 @@ def render(
     from datafactory.api.asking import order_of, processes
     from datafactory.api.forecasting import forecast
 
-    read = options.read_as_asked([*(scenes or ()), *(scene or ())], variant, allow_missing)
+    read = options.read_as_asked([*(scenes or ()), *(scene or ())], variant, allow_missing, populate, seed)
     asked: dict[str, Any] = {
         "paths": paths,
         "radar": radar,
@@ -73,6 +79,8 @@ def render(
         "points": points,
         "seed": seed,
         "poses": poses,
+        "trajectory": trajectory or None,
+        "frame_rate": frame_rate,
         "split": split if options.stated(context, "split") else None,
         "store": store,
         "rays": rays if options.stated(context, "rays") else None,
@@ -85,7 +93,7 @@ def render(
     }
     if dry_run:
         order = order_of(read, **asked)
-        for line in forecast(order, out, processes(workers, order.settings.device)).lines():
+        for line in forecast(order, out, processes(workers, order.settings.device), shard).lines():
             typer.echo(line)
         return
     options.run(
@@ -95,13 +103,15 @@ def render(
             **asked,
             materials=materials,
             workers=workers,
+            engine=engine,
+            address=address,
             resume=resume,
             keep_going=keep_going,
+            shard=shard,
             camera=camera,
             announce=announce,
             progress=progress,
         ),
-        out,
         verbose,
     )
-    typer.echo(f"look:  datafactory inspect {out}")
+    options.next_step(out, shard, f"look:  datafactory inspect {out}")

@@ -142,6 +142,7 @@ class SceneSource:
             wavelength_m=radar.waveform.wavelength_m,
             point_targets=len(scene.merged.targets),
             table=table,
+            sequence=frame.sequence,
         )
 
 
@@ -206,8 +207,9 @@ def measured(source: Source, radar: Radar, at: Hook = plainly) -> Measurement:
         traced = source.traced(radar, at)
         pose = traced.pose
         identity = FrameIdentity(
-            traced.frame_id, "scene", traced.scene, traced.seed, pose.position, pose.velocity, pose.quaternion()
-        )
+            traced.frame_id, "scene", traced.scene, traced.seed, pose.position, pose.velocity, pose.quaternion(),
+            pose.time_s, traced.sequence,
+        )  # fmt: skip
         settings, paths = narrowed(traced, settings, radar, at)
         paths = at("prune", pruned, paths, radar, settings.prune_db)
         known = object_targets(paths, len(paths.objects) - traced.point_targets, radar)

@@ -88,6 +88,8 @@ class FrameIdentity:
     sensor_position: tuple[float, float, float] = (0.0, 0.0, 0.0)
     sensor_velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
     sensor_orientation: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    time: float = 0.0
+    sequence: int = -1
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,6 +191,7 @@ def image(
             cube=measurement.cube,
         )
         counts = Counter(measurement.counts)
+        counts["frames_empty"] += measurement.list_cells and not targets
         counts["targets_left_out"] += max(0, len(targets) - MAXIMUM_TARGETS)
         if radar.front_end.converter is not None:
             counts["converter_saturated"] += measurement.saturated

@@ -49,8 +49,8 @@ SHAPES = {
 
 INTEGERS = {"depth": np.int8, "object_index": np.int32, "kinds": np.uint8}
 
-VERSION = b"3"
-"""Of the paths' columns; 2 added ``kinds``, 3 ``scene_number``."""
+VERSION = b"4"
+"""Of the paths' columns; 2 added ``kinds``, 3 ``scene_number``, 4 ``sequence``."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +64,7 @@ class TracedFrame:
     :param pose: where the radar stood
     :param wavelength_m: at which it was traced
     :param point_targets: number of the scene's point targets, the last of ``table.objects``
+    :param sequence: number of the sequence it belongs to; -1 for none
     """
 
     frame_id: int
@@ -74,6 +75,7 @@ class TracedFrame:
     wavelength_m: float
     point_targets: int
     table: PathTable
+    sequence: int = -1
 
 
 def paths_schema() -> pa.Schema:
@@ -83,6 +85,7 @@ def paths_schema() -> pa.Schema:
         pa.field("frame_id", pa.int64()),
         pa.field("scene", pa.string()),
         pa.field("scene_number", pa.int64()),
+        pa.field("sequence", pa.int64()),
         pa.field("seed", pa.int64()),
         pa.field("position", triple),
         pa.field("velocity", triple),
@@ -108,6 +111,7 @@ def to_row(frame: TracedFrame) -> dict[str, Any]:
         "frame_id": frame.frame_id,
         "scene": frame.scene,
         "scene_number": frame.scene_number,
+        "sequence": frame.sequence,
         "seed": frame.seed,
         "position": list(pose.position),
         "velocity": list(pose.velocity),
@@ -144,6 +148,7 @@ def from_row(batch: pa.RecordBatch) -> TracedFrame:
         frame_id=row["frame_id"],
         scene=row["scene"],
         scene_number=row["scene_number"],
+        sequence=row["sequence"],
         seed=row["seed"],
         pose=Pose(tuple(row["position"]), yaw, pitch, roll, tuple(row["velocity"]), row["time_s"]),
         wavelength_m=row["wavelength_m"],
@@ -172,16 +177,17 @@ def read_paths(path: Path) -> Iterator[TracedFrame]:
                 yield frame
 
 
-def read_places(path: Path) -> list[tuple[int, int]]:
-    """(frame index, scene number) of every row of a paths shard.
+def read_places(path: Path) -> list[tuple[int, int, int]]:
+    """(frame index, scene number, sequence) of every row of a paths shard.
 
     :raises InputError: a file that is not a paths shard
     """
+    names = ["frame_id", "scene_number", "sequence"]
     with _opened(path) as file:
-        rows = file.read(["frame_id", "scene_number"])
+        rows = file.read(names)
         if any(column.null_count for column in rows.columns):
-            raise InputError(path, "rows without frame_id or scene_number", "an undamaged paths shard")
-        return list(zip(rows["frame_id"].to_pylist(), rows["scene_number"].to_pylist(), strict=True))
+            raise InputError(path, f"rows without {' or '.join(names)}", "an undamaged paths shard")
+        return list(zip(*(rows[name].to_pylist() for name in names), strict=True))
 
 
 @contextmanager

@@ -26,6 +26,8 @@ from shared.processes.lock import claimed as hold
 
 FOLDER = ".progress"
 ARGUMENTS = "arguments.json"
+LONGEST_VALUE = 200
+"""Characters of an argument that are shown."""
 
 
 class FinishedShard(BaseModel):
@@ -102,6 +104,11 @@ def begin(directory: Path, arguments: Mapping[str, Any], resume: bool) -> bool:
     return False
 
 
+def is_begun(directory: Path) -> bool:
+    """Whether a run was begun in a folder, and is not finished."""
+    return (directory / FOLDER / ARGUMENTS).is_file()
+
+
 def workers_folder(directory: Path) -> Path:
     """Where the worker processes of a run find their work."""
     return directory / FOLDER / "workers"
@@ -109,7 +116,7 @@ def workers_folder(directory: Path) -> Path:
 
 def _has_content(directory: Path) -> bool:
     """Whether a folder holds anything but a claim."""
-    return any(item.name != FOLDER for item in directory.iterdir()) or (directory / FOLDER / ARGUMENTS).is_file()
+    return any(item.name != FOLDER for item in directory.iterdir()) or is_begun(directory)
 
 
 def record_finished(directory: Path, plan: ShardPlan, finished: FinishedShard) -> None:
@@ -130,7 +137,7 @@ def completed(directory: Path, plans: Iterable[ShardPlan], fingerprint: str) -> 
         except (InputError, ValidationError):
             damaged.append(plan.path)
             continue
-        if finished.fingerprint == fingerprint and _is_whole(directory / plan.path, plan, finished.record):
+        if finished.fingerprint == fingerprint and is_whole(directory / plan.path, plan, finished.record):
             shards[plan] = finished
         else:
             damaged.append(plan.path)
@@ -148,7 +155,8 @@ def _note(directory: Path, plan: ShardPlan) -> Path:
     return directory / FOLDER / f"{plan.split}-part-{plan.index:05d}.json"
 
 
-def _is_whole(path: Path, plan: ShardPlan, record: ShardRecord) -> bool:
+def is_whole(path: Path, plan: ShardPlan, record: ShardRecord) -> bool:
+    """Whether a shard is the one planned, with the size and the SHA-256 of its record; it is read as a whole."""
     if record.path != plan.path or record.rows != len(plan.frame_ids) or not path.is_file():
         return False
     if path.stat().st_size != record.bytes:
@@ -162,7 +170,26 @@ def _same_arguments(source: Path, directory: Path, before: Any, now: Mapping[str
     if not isinstance(before, dict):
         raise InputError(source, f"arguments = {before!r}", "the arguments of the run to resume")
     now = json.loads(json.dumps(now, allow_nan=False))  # tuples read back as lists
+    if different := first_difference(before, now):
+        name, had, has = different
+        values = f"{name} is {has}, but the run in {directory} had {had}"
+        raise InputError("--resume", values, "the arguments that it was started with")
+
+
+def first_difference(
+    before: Mapping[str, Any], now: Mapping[str, Any], within: str = ""
+) -> tuple[str, str, str] | None:
+    """Name of the first entry that differs, ``radar.waveform.chirps`` for one in others, and both values in short."""
     for name in [*now, *(name for name in before if name not in now)]:
-        if before.get(name) != now.get(name):
-            values = f"{name} is {now.get(name)!r}, but the run in {directory} had {before.get(name)!r}"
-            raise InputError("--resume", values, "the arguments that it was started with")
+        had, has = before.get(name), now.get(name)
+        if isinstance(had, dict) and isinstance(has, dict):
+            if different := first_difference(had, has, f"{within}{name}."):
+                return different
+        elif had != has or (name in before) != (name in now):
+            return f"{within}{name}", _short(before, name), _short(now, name)
+    return None
+
+
+def _short(arguments: Mapping[str, Any], name: str) -> str:
+    text = repr(arguments[name]) if name in arguments else "nothing"
+    return text if len(text) <= LONGEST_VALUE else f"{text[: LONGEST_VALUE - 3]}..."

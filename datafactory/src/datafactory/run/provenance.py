@@ -24,14 +24,19 @@ PACKAGES = (
 )
 
 
-def provenance(workers: int, seconds: float, step_seconds: Mapping[str, float], device: str = CPU) -> dict[str, Any]:
+def provenance(
+    engine: str, workers: int, seconds: float, step_seconds: Mapping[str, float], device: str = CPU
+) -> dict[str, Any]:
     """The manifest's ``made``.
 
+    :param engine: that made the shards, see :mod:`datafactory.run.engines`
+    :param workers: its processes; 0 on a cluster for all that its nodes had
     :param seconds: wall-clock seconds of the run
     :param step_seconds: seconds of each step of the chain, added over the workers
     :param device: of the run; a GPU is named
     """
-    packages, gpu = PACKAGES, dict[str, str]()
+    packages: tuple[str, ...] = PACKAGES
+    gpu = dict[str, str]()
     if device != CPU:
         gpu = {"gpu": cuda_device().name}
         packages += ("torch",) if find_spec("torch") else ()
@@ -42,6 +47,7 @@ def provenance(workers: int, seconds: float, step_seconds: Mapping[str, float], 
         "machine": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
         "versions": {name: version(name) for name in packages},
+        "engine": engine,
         "workers": workers,
         "seconds": round(seconds, 1),
         "step_seconds": {name: round(value, 1) for name, value in sorted(step_seconds.items())},
