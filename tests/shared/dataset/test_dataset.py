@@ -131,7 +131,7 @@ def test_column_types_are_the_contract(tmp_path):
         kind = schema.field(name).type
         assert (kind.value_type, kind.list_size) == (pa.float64(), size)
     scalars = {"frame_id": pa.int64(), "seed": pa.int64(), "kind": pa.string(), "scene": pa.string()}
-    scalars |= {"image_peak": pa.float64(), "noise_power": pa.float64()}
+    scalars |= {"image_peak": pa.float64(), "noise_power": pa.float64(), "time": pa.float64(), "sequence": pa.int64()}
     assert {name: schema.field(name).type for name in scalars} == scalars
     assert [field.name for field in schema.field("targets").type.value_type] == [
         "range", "u", "velocity", "amplitude_db", "object",
@@ -142,6 +142,19 @@ def test_column_types_are_the_contract(tmp_path):
         assert (box[name].value_type, box[name].list_size) == (pa.float64(), 3)
     assert schema.names.index("boxes") == schema.names.index("targets") + 1
     assert "range_doppler" not in schema.names
+
+
+def test_frames_of_an_older_dataset_do_not_say_when_they_are(tmp_path):
+    frame = dataclasses.replace(make_frame(1), time=2.5, sequence=7)
+    write(tmp_path / "new.parquet", [frame])
+    (back,) = read_frames(tmp_path / "new.parquet")
+    assert (back.time, back.sequence) == (2.5, 7)
+    table = pq.read_table(tmp_path / "new.parquet")
+    pq.write_table(table.drop_columns(["time", "sequence"]), tmp_path / "old.parquet")
+    (old,) = read_frames(tmp_path / "old.parquet")
+    assert np.isnan(old.time)
+    assert old.sequence == -1
+    assert_same(dataclasses.replace(old, time=2.5, sequence=7), frame)
 
 
 def test_columns_left_out_are_empty_and_the_rest_is_whole(tmp_path):
@@ -245,6 +258,7 @@ def test_another_reader_can_draw_the_image_from_one_shard_alone(tmp_path, reader
         ({"sensor_orientation": (1.0, 0.0, 0.0)}, "frame 1: sensor_orientation = .*; expected 4 finite numbers"),
         ({"sensor_velocity": (1.0, 0.0, np.inf)}, "frame 1: sensor_velocity"),
         ({"noise_power": -1.0}, r"frame 1: noise_power = -1\.0"),
+        ({"time": np.nan}, "frame 1: time = nan; expected a finite number"),
         ({"targets": (Target(1.0, 0.0, 0.0, -np.inf),)}, "frame 1: Target"),
         ({"boxes": (Box((np.nan, 0.0, 0.0), (1.0, 1.0, 1.0), 0.0, (0.0, 0.0, 0.0), "car", "a"),)}, "frame 1: Box"),
         ({"boxes": (Box((9.0, 0.0, 0.0), (1.0, 1.0, -1.0), 0.0, (0.0, 0.0, 0.0), "car", "a"),)}, "frame 1: Box"),

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
+import math
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 import torch
 from tiny_radar import RADAR, frame, small_dataset, write_dataset
 from torch.utils.data import DataLoader
 
 from shared.dataset import Box
+from shared.dataset.documents import sealed
+from shared.dataset.writing import write_json
 from shared.physics.errors import InputError
 from trainer.data.dataset import RadarDataset
 
@@ -19,7 +25,7 @@ from trainer.data.dataset import RadarDataset
 def test_an_example_holds_the_frame(tmp_path: Path) -> None:
     stored = replace(
         frame(3), scene="hall", sensor_position=(1.0, -2.0, 0.5), sensor_velocity=(4.0, 0.0, 0.0),
-        sensor_orientation=(0.6, 0.0, 0.0, 0.8),
+        sensor_orientation=(0.6, 0.0, 0.0, 0.8), time=1.25, sequence=3,
     )  # fmt: skip
     write_dataset(tmp_path / "data", {"test": [frame(1), stored]})
     data = RadarDataset(tmp_path / "data", "test")
@@ -28,13 +34,28 @@ def test_an_example_holds_the_frame(tmp_path: Path) -> None:
     np.testing.assert_array_equal(signal.numpy(), stored.range_channel)
     np.testing.assert_array_equal(image.numpy(), stored.image)
     np.testing.assert_array_equal(metadata["velocity"].numpy(), stored.velocity)
-    for name in ("frame_id", "kind", "scene", "seed", "image_peak", "noise_power"):
+    for name in ("frame_id", "kind", "scene", "seed", "image_peak", "noise_power", "time", "sequence"):
         assert metadata[name] == getattr(stored, name), name
     for name in ("sensor_position", "sensor_velocity", "sensor_orientation"):
         assert metadata[name].dtype == torch.float64
         assert tuple(metadata[name].tolist()) == getattr(stored, name)
     np.testing.assert_array_equal(data.range_m, RADAR.waveform.ranges_m)
     np.testing.assert_array_equal(data.u, RADAR.grid.u)
+
+
+def test_an_older_dataset_has_no_time(tmp_path: Path) -> None:
+    write_dataset(tmp_path / "data", {"test": [frame(1)]})
+    (shard,) = (tmp_path / "data" / "test").iterdir()
+    older = pq.read_table(shard).drop_columns(["time", "sequence"])
+    pq.write_table(older, shard, row_group_size=1)
+    manifest = tmp_path / "data" / "manifest.json"
+    stated = json.loads(manifest.read_text())
+    content = shard.read_bytes()
+    stated["shards"][0] |= {"bytes": len(content), "sha256": hashlib.sha256(content).hexdigest()}
+    write_json(manifest, sealed(stated))
+    metadata = RadarDataset(tmp_path / "data", "test")[0].metadata
+    assert math.isnan(metadata["time"])
+    assert metadata["sequence"] == -1
 
 
 def test_an_array_chooses_the_channels(tmp_path: Path) -> None:

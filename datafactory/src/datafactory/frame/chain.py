@@ -33,6 +33,8 @@ from datafactory.frame.needs import effects_called_for
 from datafactory.frame.points import CloseTargets, draw_close_targets
 from datafactory.frame.prepared import PreparedScene
 from datafactory.frame.seeds import generator
+from datafactory.paths.backend import select_variant
+from datafactory.paths.defaults import CPU
 from datafactory.paths.density import lit_cells
 from datafactory.paths.prune import DEFAULT_LEVEL_DB, pruned
 from datafactory.paths.rays import RayFan
@@ -41,6 +43,7 @@ from datafactory.paths.storage import TracedFrame, read_paths
 from datafactory.paths.table import PathTable
 from datafactory.paths.trace import trace
 from datafactory.scenes.boxes import seen_things
+from datafactory.synthesis.kernels import kernels_on
 from shared.dataset import Box, Frame
 from shared.radar import Radar
 
@@ -62,6 +65,7 @@ class ChainSettings:
     :param close_targets: distributions of the targets of a point frame
     :param budget_db: what leaving an effect of the signal out of a frame may change [dB of the peak]: of those that
         are on, each frame then has the ones that its own paths call for; None leaves them all
+    :param device: where rays are traced and signals made: "cpu" or "cuda"
     """
 
     trace: TraceSettings = field(default_factory=TraceSettings)
@@ -70,6 +74,7 @@ class ChainSettings:
     antenna_pattern: bool = True
     close_targets: CloseTargets = field(default_factory=CloseTargets)
     budget_db: float | None = None
+    device: str = CPU
 
     def path_effects(self) -> dict[str, bool]:
         """Effects that decide which paths are traced, by name, on or off."""
@@ -120,6 +125,7 @@ class SceneSource:
 
     def traced(self, radar: Radar, at: Hook = plainly) -> TracedFrame:
         """Pose and multipath, independent of the radar but for its wavelength and polarisation."""
+        select_variant(self.settings.device)
         frame, scene, front_end = self.frame, self.scene, radar.front_end
         rays = frame.rays()
         fan = RayFan(self.settings.trace.rays, offset=rays.offset)
@@ -215,7 +221,9 @@ def measured(source: Source, radar: Radar, at: Hook = plainly) -> Measurement:
         counted = {**lit_cells(paths, radar), **boxed, **_counted(settings.frame_effects())}
     counts = {**paths.counts, **counted, "frames": 1, "paths": len(paths)}
     noise = generator(identity.seed, "noise")
-    return replace(measure(identity, paths, known, radar, settings.processing, noise, at, counts), boxes=boxes)
+    kernels = kernels_on(settings.device)
+    measurement = measure(identity, paths, known, radar, settings.processing, noise, at, counts, kernels)
+    return replace(measurement, boxes=boxes)
 
 
 def illuminated(traced: TracedFrame, settings: ChainSettings, radar: Radar, at: Hook = plainly) -> PathTable:

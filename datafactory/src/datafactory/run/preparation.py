@@ -200,6 +200,7 @@ def _common_arguments(order: Order) -> dict[str, Any]:
         "seed": order.seed,
         "split": order.split,
         "radar": order.radar.model_dump(mode="json"),
+        "device": order.settings.device,
         "versions": {name: version(name) for name in ("sparseradar-datafactory", "sionna-rt")},
     }
 
