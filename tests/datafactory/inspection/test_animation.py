@@ -58,7 +58,7 @@ def dataset(tmp_path: Path) -> Dataset:
 def pictures(path: Path) -> list[np.ndarray]:
     with Image.open(path) as film:
         found = []
-        for number in range(film.n_frames):
+        for number in range(getattr(film, "n_frames", 1)):
             film.seek(number)
             found.append(np.asarray(film.convert("RGB")))
         return found

@@ -206,9 +206,9 @@ def order_of(
     noise: bool = True,
     store: str = STORES[0],
     truth_window: str = "taylor-30",
-    license: str | None = None,
     device: str = CPU,
     synthesis: bool = True,
+    license: str | None = None,
 ) -> Order:
     """The order of a run; the arguments are those of :func:`datafactory.render`.
 

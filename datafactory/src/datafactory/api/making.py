@@ -136,8 +136,7 @@ def render(
     order = order_of(
         scenes, paths=paths, radar=radar, frames=frames, points=points, targets=targets, poses=poses,
         trajectory=trajectory, frame_rate=frame_rate, seed=seed, split=split, rays=rays, depth=depth, effects=effects,
-        error_budget=error_budget, noise=noise, store=store, truth_window=truth_window, license=license,
-        device=device,
+        error_budget=error_budget, noise=noise, store=store, truth_window=truth_window, device=device, license=license,
     )  # fmt: skip
     if camera and shard is not None:
         raise InputError("--camera", f"beside {OPTION}", "datafactory inspect --camera once the jobs are merged")
