@@ -142,7 +142,7 @@ def test_boxes_are_drawn_over_every_image_and_from_above():
     assert sum(len(axis.lines) == 2 for axis in figure.axes) == 4
     (above,) = (axis for axis in figure.axes if axis.get_title().endswith("from above"))
     assert [patch.get_linestyle() for patch in above.patches] == ["-", ":"]
-    np.testing.assert_allclose(np.asarray(above.patches[0].get_path().vertices)[0], corner[::-1])
+    np.testing.assert_allclose(np.asarray(above.patches[0].get_path().vertices, dtype=float)[0], corner[::-1])
 
 
 def test_the_title_names_the_frame():

@@ -39,8 +39,13 @@ def a_frame(frame_id: int, scattered: int, specular: int) -> TracedFrame:
         counts={"rays": 5, "pruned": 0},
     )
     pose = Pose((1.0, 2.0, 3.0), 10.0, -2.0, 0.5, (4.0, 5.0, 6.0), 0.25)
+
+    def triple() -> tuple[float, float, float]:
+        x, y, z = real(3).tolist()
+        return x, y, z
+
     things = tuple(
-        SeenThing(f"car {n}", "car", *map(tuple, real(6, 3).tolist()), tuple(range(n)))  # type: ignore[arg-type]
+        SeenThing(f"car {n}", "car", triple(), triple(), triple(), triple(), triple(), triple(), tuple(range(n)))
         for n in range(frame_id)
     )
     return TracedFrame(frame_id, "scene", 1, 2**62, pose, 3.87e-3, 1, table, things)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from datafactory.view.camera import camera_picture, draw_camera
 from datafactory.view.cameras import Cameras, stored_picture
-from shared.dataset import Frame
+from shared.dataset import Box, Frame
 from shared.dataset.boxes import footprint, range_and_u
 from shared.dataset.folder import Dataset
 from shared.dataset.reading import radar_of, read_frame
@@ -30,7 +30,11 @@ PANEL_INCHES, PLANE_INCHES, HEIGHT_INCHES = 1.75, 4.4, 5.2
 
 TRUTH_TITLE = "truth"
 MARK_COLOUR = "cyan"
-"""Of targets and boxes: a colour that the levels do not have."""
+"""Of targets: a colour that the levels do not have."""
+BOX_COLOURS = {"car": "cyan", "truck": "deepskyblue", "bus": "deepskyblue", "pedestrian": "lime", "bicycle": "white"}
+"""Of boxes by class; a street has too many for a name beside each."""
+OTHER_COLOUR = "0.6"
+"""Of the boxes of all other classes."""
 
 
 def write_pictures(dataset: Dataset, count: int, folder: Path, cameras: Cameras | None = None) -> list[Path]:
@@ -133,18 +137,26 @@ def _draw_boxes(axis: Axes, frame: Frame) -> None:
     for box in frame.boxes:
         range_m, u = range_and_u(box)
         style = "-" if box.power > 0.0 else ":"
-        axis.plot(np.append(u, u[0]), np.append(range_m, range_m[0]), style, color=MARK_COLOUR, linewidth=0.6)
+        axis.plot(np.append(u, u[0]), np.append(range_m, range_m[0]), style, color=_colour(box), linewidth=0.6)
     axis.set(xlim=limits[0], ylim=limits[1])
 
 
 def _outline_boxes(axis: Axes, frame: Frame) -> None:
-    """The boxes from above, with their classes."""
+    """The boxes from above, and what their colours mean."""
+    named = dict[str, str]()
     for box in frame.boxes:
         style = "-" if box.power > 0.0 else ":"
         outline = footprint(box)[:, ::-1]
-        axis.add_patch(Polygon(outline, fill=False, edgecolor=MARK_COLOUR, linestyle=style, linewidth=0.8))
-        place = (box.center[1], box.center[0])
-        axis.annotate(figure_text(box.class_name), place, color=MARK_COLOUR, fontsize=6, clip_on=True)
+        axis.add_patch(Polygon(outline, fill=False, edgecolor=_colour(box), linestyle=style, linewidth=0.8))
+        named[box.class_name if box.class_name in BOX_COLOURS else "other classes"] = _colour(box)
+    for name, colour in named.items():
+        axis.plot([], [], color=colour, linewidth=0.8, label=name)
+    if named:
+        axis.legend(loc="upper right", fontsize="small", facecolor="0.25", labelcolor="white")
+
+
+def _colour(box: Box) -> str:
+    return BOX_COLOURS.get(box.class_name, OTHER_COLOUR)
 
 
 def _mark_targets(axis: Axes, frame: Frame) -> None:
