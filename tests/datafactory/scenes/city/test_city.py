@@ -122,7 +122,7 @@ def test_sensors_stand_on_the_ground_outside_of_everything(tmp_path: Path, style
     rng = np.random.default_rng(0)
     for split in ("train", "validation", "test"):
         for _ in range(5):
-            x, y, z = sample_pose(ground, split, rng).position  # type: ignore[arg-type]
+            x, y, z = sample_pose(ground, split, rng).position
             assert 0.4 < z < 0.9
             sensor = Footprint(x, y, 0.1, 0.1, 0.0, z - 0.05, z + 0.05)
             assert not any(sensor.overlaps(body) for body in bodies)
