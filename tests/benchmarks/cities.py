@@ -1,8 +1,8 @@
-"""Cities of all styles: ``.venv/bin/python tests/benchmarks/cities.py sheet|cost|variety [--out FILE]``.
+"""Cities of all styles: ``.venv/bin/python tests/benchmarks/cities.py sheet|above|cost|variety [--out FILE]``.
 
-``sheet`` draws styles by seeds from above. ``cost`` prints what the default city of each style takes: triangles, bytes,
-processor seconds to open, to prepare (edges, corners, curved mirrors) and a frame. ``variety`` prints how different
-seeds are, to the eye and to the radar (docs/cities.md says what the numbers are).
+``sheet`` draws styles by seeds from above, ``above`` one scene. ``cost`` prints what the default city of each style
+takes: triangles, megabytes, processor seconds to write, to open, and of frames. ``variety`` prints how different seeds
+are, to the eye and to the radar (docs/cities.md says what the numbers are).
 """
 
 from __future__ import annotations
@@ -71,15 +71,12 @@ def sheet(folder: Path, seeds: int, out: Path) -> None:
     print(f"wrote {out}")
 
 
-RAYS = 20_000
-
-
-def frames(path: Path, count: int) -> Iterator[tuple[float, Pose, Real]]:
+def frames(path: Path, count: int, rays: int) -> Iterator[tuple[float, Pose, Real]]:
     """Processor seconds, pose and truth image of drawn frames; the first has what is found once a scene."""
     radar = Radar()
     order = Order(
         radar=radar, scenes=(str(path),), frames=count, effects=ALL.without("noise"), split="1:0:0",
-        settings=ChainSettings(trace=TraceSettings(rays=RAYS)),
+        settings=ChainSettings(trace=TraceSettings(rays=rays)),
     )  # fmt: skip
     made = prepare(order, load_materials())
     for index in range(count):
@@ -90,7 +87,7 @@ def frames(path: Path, count: int) -> Iterator[tuple[float, Pose, Real]]:
         yield time.process_time() - began, dealt.pose, frame.image
 
 
-def cost(folder: Path, styles: Sequence[Style], count: int) -> None:
+def cost(folder: Path, styles: Sequence[Style], count: int, rays: int) -> None:
     """What the default city of a style takes: the middle one of seeds 0 to 2 by triangles."""
     print("style, seed, triangles, MB, write [s], open [s], first frame [s], a further frame [s]")
     for style in styles:
@@ -105,7 +102,7 @@ def cost(folder: Path, styles: Sequence[Style], count: int) -> None:
         wrote = time.process_time()
         open_scene(str(path))
         opened = time.process_time()
-        seconds = [taken for taken, _, _ in frames(path, count)]
+        seconds = [taken for taken, _, _ in frames(path, count, rays)]
         print(f"{style.value}, {seed}, {triangles}, {path.stat().st_size / 1e6:.1f}, {wrote - began:.1f}, "
               f"{opened - wrote:.1f}, {seconds[0]:.1f}, {np.mean(seconds[1:]):.1f}", flush=True)  # fmt: skip
 
@@ -156,7 +153,7 @@ def looks(image: Real) -> Real:
     return np.clip(10.0 * np.log10(cells / cells.max() + 1e-9), -60.0, 0.0)
 
 
-def variety(folder: Path, seeds: int, styles: Sequence[Style], poses: int) -> None:
+def variety(folder: Path, seeds: int, styles: Sequence[Style], poses: int, rays: int) -> None:
     """How alike two cities of a style are: of other seeds, against other poses in the same city."""
     for style in styles:
         surfaces, views = [], []
@@ -164,7 +161,7 @@ def variety(folder: Path, seeds: int, styles: Sequence[Style], poses: int) -> No
             path = folder / f"{style.value}-{seed}.usda"
             write_city(path, seed=seed, style=style)
             surfaces.append(heights(path))
-            for _, pose, image in frames(path, poses) if poses else ():
+            for _, pose, image in frames(path, poses, rays) if poses else ():
                 views.append((seed, ahead(surfaces[-1], pose), profile(image), looks(image)))
         matches = [best_match(a, b) for a, b in combinations(surfaces, 2)]
         print(
@@ -181,9 +178,11 @@ def variety(folder: Path, seeds: int, styles: Sequence[Style], poses: int) -> No
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", choices=("sheet", "cost", "variety"))
+    parser.add_argument("what", choices=("sheet", "above", "cost", "variety"))
     parser.add_argument("--seeds", type=int, default=4)
     parser.add_argument("--poses", type=int, default=3, help="frames a city; 0 for heights alone")
+    parser.add_argument("--scene", type=Path, help="for above: 240 m around its origin")
+    parser.add_argument("--rays", type=int, default=20_000)
     parser.add_argument("--style", choices=[style.value for style in Style], help="all without")
     parser.add_argument("--out", type=Path, default=REPOSITORY / "docs" / "cities.png")
     given = parser.parse_args()
@@ -191,10 +190,13 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         if given.what == "sheet":
             sheet(Path(folder), given.seeds, given.out)
+        elif given.what == "above":
+            subject = Subject(given.scene.stem, prepared(given.scene), Pose((0.0, 0.0, 0.0)), Radar())
+            plt.imsave(given.out, above_picture(subject, (-120.0, 120.0, 120.0), pixels_a_metre=4.0))
         elif given.what == "cost":
-            cost(Path(folder), styles, given.poses)
+            cost(Path(folder), styles, given.poses, given.rays)
         else:
-            variety(Path(folder), given.seeds, styles, given.poses)
+            variety(Path(folder), given.seeds, styles, given.poses, given.rays)
 
 
 if __name__ == "__main__":

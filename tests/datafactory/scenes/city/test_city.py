@@ -29,9 +29,9 @@ CLASSES = {"car", "truck", "bus", "motorcycle", "bicycle", "pedestrian", "pole",
 WRITTEN = {
     "old-town": "376ffc4234642cf3e87d035ff9f14c223064128baf138ed09d9e105a5e86d35d",
     "suburb": "9b470dd3f76027503a5cc8f04b7f24475ceab361ef8a104414d6b52a58ddb670",
-    "motorway": "0b1f0fb36b56bb28b327fc58ff7174bee63a10a2d9b53cf0d43c6b090cedc377",
-    "industrial": "27e5a300ab8859872783ae9568061e90ae3ae637040600b81503ac76f0f2654c",
-    "car-park": "25580554ec2701d03bdd3dffbd93e52f64308657a7f6037883db8ab14aa1eff9",
+    "motorway": "7fb0cb49e23e96ea19ac69d21d1740e13daa20dcab06874642e671f78184c9e9",
+    "industrial": "60827d33f12538e56ff94b7867df4c122e182c87072c536b3834698bbbb5ae15",
+    "car-park": "d0a18f6444166f98a3be293319d70f73e831dea5d0d0251bdae5bbc52addd771",
 }
 """SHA-256 of seed 3 with one block, as text. A change of the generator changes these, and ``options.VERSION``."""
 
@@ -86,7 +86,7 @@ def overlaps(placements: Sequence[Placement], time_s: float) -> list[tuple[str, 
     return found
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("style", list(Style))
 def test_nothing_stands_in_or_drives_into_anything_else(style: Style, seed: int) -> None:
     placements = city(CityOptions(seed=seed, style=style))
@@ -107,10 +107,12 @@ def test_an_overlap_would_be_found() -> None:
 @pytest.mark.parametrize("style", list(Style))
 def test_sensors_stand_on_the_ground_outside_of_everything(tmp_path: Path, style: Style) -> None:
     path = tmp_path / "city.usda"
-    write_city(path, seed=1, style=style)
+    write_city(path, seed=1, blocks=1, style=style)
     scene = open_scene(str(path))
     ground = free_ground(scene)
-    placements = [item for item in city(CityOptions(seed=1, style=style)) if not item.path.startswith("Ground/")]
+    placements = [
+        item for item in city(CityOptions(seed=1, blocks=1, style=style)) if not item.path.startswith("Ground/")
+    ]
     bodies = [
         body
         for item in placements
@@ -120,7 +122,7 @@ def test_sensors_stand_on_the_ground_outside_of_everything(tmp_path: Path, style
     rng = np.random.default_rng(0)
     for split in ("train", "validation", "test"):
         for _ in range(5):
-            x, y, z = sample_pose(ground, split, rng).position  # type: ignore[arg-type]
+            x, y, z = sample_pose(ground, split, rng).position
             assert 0.4 < z < 0.9
             sensor = Footprint(x, y, 0.1, 0.1, 0.0, z - 0.05, z + 0.05)
             assert not any(sensor.overlaps(body) for body in bodies)

@@ -21,7 +21,7 @@ Real = NDArray[np.float64]
 
 OUTLINE_STEP_M = 6.0
 NEIGHBOURS = 4
-CLOSES_M = 0.6
+CLOSES_M = 1.0
 """Gaps between lanes and junctions up to twice this are closed: asphalt has none."""
 SIMPLER_M = 0.01
 PAVEMENT_M = 2.5
@@ -54,11 +54,12 @@ def road_area(network: Network, window: Any) -> Any:
     import shapely
 
     parts = [
-        shapely.LineString(lane.points[:, :2]).buffer(0.5 * lane.width + CLOSES_M, cap_style="flat", join_style="mitre")
+        shapely.LineString(lane.points[:, :2]).buffer(0.5 * lane.width, cap_style="flat", join_style="mitre")
         for lane in network.lanes
     ]
-    parts += [shapely.Polygon(outline).buffer(CLOSES_M, join_style="mitre") for outline in network.junctions]
-    whole = shapely.union_all(parts).buffer(-CLOSES_M, join_style="mitre").intersection(window)
+    parts += [shapely.Polygon(outline).buffer(0.0) for outline in network.junctions]
+    whole = shapely.union_all(parts).buffer(CLOSES_M, join_style="mitre").buffer(-CLOSES_M, join_style="mitre")
+    whole = whole.intersection(window)
     return shapely.set_precision(whole.simplify(SIMPLER_M), 0.001)
 
 

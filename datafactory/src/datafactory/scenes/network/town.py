@@ -59,7 +59,7 @@ def write_town(
         network = read_network(Path(source), form, Path(folder))
         middle = network.centre() if centre is None else centre
         placements, moving = town(network, options, middle, extent, Path(folder))
-    made = {"style": options.style.value, "seed": seed, "version": VERSION, form: Path(source).name}
+    made: dict[str, Any] = {"style": options.style.value, "seed": seed, "version": VERSION, form: Path(source).name}
     made |= {"centre_x_m": float(middle[0]), "centre_y_m": float(middle[1]), "extent_m": float(extent)}
     name = f"City on {Path(source).name}: {options.style.value}, seed {seed}. Metres, z up."
     write_usd(out, placements, name, made)
