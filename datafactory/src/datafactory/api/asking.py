@@ -6,7 +6,6 @@ An argument is named as its option is, ``--frames`` for ``frames``.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import TypeAlias
@@ -102,14 +101,6 @@ def scenes_of(scenes: SceneLike | Sequence[SceneLike] | None) -> tuple[str | Sce
 def effects_of(effects: Effects) -> EffectSet | None:
     """None for what the plan says; :raises InputError: an unknown name"""
     return parse_effects(effects if isinstance(effects, str) else ",".join(effects))
-
-
-def cores(workers: int) -> int:
-    """``workers``, or for 0 the cores that this process may use."""
-    require("--workers", workers, 0)
-    if workers:
-        return workers
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def require(option: str, value: float, least: float, most: float = float("inf")) -> None:

@@ -21,9 +21,9 @@ from datafactory.api.asking import (
     Progress,
     RadarLike,
     SceneLike,
-    cores,
     materials_of,
     order_of,
+    require,
     silent,
 )
 from datafactory.effects.catalogue import AUTO
@@ -96,7 +96,8 @@ def render(
     :param noise: add receiver noise
     :param store: "range-channel", "range-doppler" or "cube": what else to keep
     :param truth_window: over the virtual sensor: "none", "taylor-25", "taylor-30" or "hann"
-    :param workers: processes; 1 works in this process, 0 takes one for each core. The bytes do not depend on it.
+    :param workers: processes; 1 works in this process, 0 takes one for each core, where there
+        is memory for so many. The bytes do not depend on it.
     :param resume: go on with an unfinished run in the same folder
     :param keep_going: finish the other shards where three worker processes died of one
     :param shard: "i/n": make the shards of job i of n alone, i from 0, into ``out/job-i-of-n``;
@@ -173,13 +174,14 @@ def execution_of(
 ) -> Execution:
     """How a run is carried out.
 
-    :param workers: 0 takes one for each core
+    :raises InputError: a number of workers or a job that cannot be
     :param shard: of :func:`render`
     """
+    require("--workers", workers, 0)
     job = None if shard is None else parse_job(shard)
     return Execution(
         Path(out) / job.folder if job else Path(out),
-        cores(workers),
+        workers,
         resume,
         keep_going,
         job,

@@ -60,7 +60,7 @@ Noise = Annotated[bool, typer.Option("--noise/--no-noise", help="Add receiver no
 TruthWindow = Annotated[
     str, typer.Option("--truth-window", help="Over the virtual sensor: none, taylor-25, taylor-30 or hann.")
 ]
-Workers = Annotated[int, typer.Option("--workers", min=0, help="Worker processes; 0: one a core.")]
+Workers = Annotated[int, typer.Option("--workers", min=0, help="Worker processes; 0: one a core, if memory is there.")]
 Shard = Annotated[
     str | None,
     typer.Option(

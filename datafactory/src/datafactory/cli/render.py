@@ -62,7 +62,7 @@ def render(
 ) -> None:
     """Render frames of scenes, and close-target frames beside them, into a dataset."""
     from datafactory.api import making
-    from datafactory.api.asking import cores, order_of
+    from datafactory.api.asking import order_of
     from datafactory.api.forecasting import forecast
 
     read = options.read_as_asked([*(scenes or ()), *(scene or ())], variant, allow_missing)
@@ -83,7 +83,7 @@ def render(
         "error_budget": error_budget,
     }
     if dry_run:
-        for line in forecast(order_of(read, **asked), out, cores(workers), shard).lines():
+        for line in forecast(order_of(read, **asked), out, workers, shard).lines():
             typer.echo(line)
         return
     options.run(

@@ -9,7 +9,7 @@ import math
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +17,12 @@ from datafactory.frame.points import rayleigh_length
 from datafactory.paths.storage import paths_schema
 from datafactory.run.array_job import ARGUMENT, ENTRY, ArrayJob, JobEntry
 from datafactory.run.job import Job, WriteShard, render_shard, trace_shard
+from datafactory.run.memory import workers_for
 from datafactory.run.order import Order
-from datafactory.run.preparation import Prepared, prepare
+from datafactory.run.preparation import Prepared, load_of, opened_scenes, prepare
 from datafactory.run.progress import FinishedShard, begin, claimed, completed, fingerprint, finish
 from datafactory.run.provenance import provenance
-from datafactory.run.room import require_memory, require_room
+from datafactory.run.room import require_room
 from datafactory.run.shards import PATHS, ShardPlan, plan_shards
 from datafactory.run.workers import RunFailed, ShardWork, failure_line, run_shards
 from datafactory.scenes.materials.table import MaterialTable
@@ -55,7 +56,7 @@ class Report:
 class Execution:
     """How a run is carried out; nothing of it changes a byte of the shards.
 
-    :param workers: processes; one works in this process
+    :param workers: processes; one works in this process; 0 for as many as there are cores and memory for
     :param resume: take up an unfinished run
     :param keep_going: finish the other shards where three worker processes died of one
     :param job: make the shards of this job alone; ``directory`` is then the job's own
@@ -91,8 +92,7 @@ def _rendered(order: Order, table: MaterialTable, execution: Execution) -> Repor
     about = description(order.radar, settings.processing.peaks, settings.processing.store, _conventions(order))
     frames = (len(order.poses) or order.frames) + (len(order.targets) or order.points)
     require_room(execution.directory, math.ceil(frames / (execution.job.of if execution.job else 1)), about["shapes"])
-    if order.scenes:
-        require_memory(settings.trace.rays, execution.workers)
+    order, execution = _fitted(order, execution)
     if said := statement(order.radar):
         execution.announce(said)
     prepared = prepare(order, table, execution.announce, execution.looked)
@@ -116,11 +116,21 @@ def trace_paths(order: Order, table: MaterialTable, execution: Execution) -> Rep
 
 def _traced(order: Order, table: MaterialTable, execution: Execution) -> Report:
     started = time.perf_counter()
-    require_memory(order.settings.trace.rays, execution.workers)
+    order, execution = _fitted(order, execution, rendered=False)
     prepared = prepare(order, table, execution.announce, execution.looked)
     job = _job(order, prepared, paths_schema().serialize().to_pybytes())
     manifest = {"arguments": prepared.arguments, "scenes": prepared.entries}
     return _produce(job, None, plan_shards((PATHS,) * len(job.deal)), trace_shard, manifest, execution, started)
+
+
+def _fitted(order: Order, execution: Execution, rendered: bool = True) -> tuple[Order, Execution]:
+    """The order with its scenes opened, and the execution with as many workers as there is memory for.
+
+    :raises InputError: a scene that cannot be read, a run that cannot fit into memory
+    """
+    scenes = opened_scenes(order)
+    workers = workers_for(load_of(order, scenes, rendered), execution.workers, execution.announce)
+    return replace(order, scenes=tuple(scenes)), replace(execution, workers=workers)
 
 
 def _job(order: Order, prepared: Prepared, schema_message: bytes) -> Job:
