@@ -24,6 +24,10 @@ from pathlib import Path
 
 import psutil
 
+sys.path.append(str(Path(__file__).resolve().parents[1]))  # where this is run as a script
+
+from array_jobs import ArrayRun
+
 ROOT = Path(__file__).resolve().parents[2]
 BIN = Path(sys.executable).parent
 KINDS = ("group", "parent", "worker")
@@ -82,12 +86,14 @@ class Command:
     """A command that can be killed and resumed.
 
     :param arguments: for a folder
-    :param result: what of a finished folder has to be the same, by name
+    :param result: what of a finished folder has to be the same, by name; an OSError where that cannot be said
     """
 
     name: str
     arguments: Callable[[Path], list[str]]
     result: Callable[[Path], dict[str, str]]
+    fault: Callable[[Path], str] = lambda folder: ""
+    """What is wrong with a folder after a kill, "" for nothing."""
 
 
 def shards(folder: Path) -> dict[str, str]:
@@ -138,6 +144,9 @@ def commands(work: Path, names: list[str]) -> list[Command]:
         Command("fit", lambda out: [trainer, "fit", str(data), *fit, "--out", str(out)], weights),
         Command("evaluate", lambda out: [trainer, "evaluate", str(data), *evaluate, "--out", str(out)], cells),
     ]
+    if {"job", "merge"} & set(names):
+        array = ArrayRun(factory, scene, work, _run, shards)
+        every += [Command("job", array.job, array.merged, array.fault), Command("merge", array.merge, array.whole)]
     return [command for command in every if command.name in names]
 
 
@@ -210,6 +219,9 @@ class Soak:
             _kill(process.pid, self.chance.choice([signal.SIGKILL, signal.SIGTERM]))
         self._ended(process, killed=True)
         self._count_orphans(family)
+        if fault := self.command.fault(out):
+            self.tally.differing += 1
+            print(f"{out}: {fault}", file=sys.stderr)
         return False
 
     def _ended(self, process: subprocess.Popen[str], killed: bool) -> bool:
@@ -320,7 +332,7 @@ def main() -> None:
     """``python tests/soak/soak.py --kills 200``: prints the table; exit status 1 where anything went wrong."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--kills", type=int, default=200)
-    parser.add_argument("--commands", default="render,trace,fit,evaluate")
+    parser.add_argument("--commands", default="render,trace,job,merge,fit,evaluate")
     parser.add_argument(
         "--minutes", type=float, default=float("inf"), help="stop after this time, the kills done or not"
     )

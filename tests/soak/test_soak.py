@@ -20,6 +20,14 @@ def test_killed_runs_resume_to_the_same_shards(tmp_path: Path) -> None:
     assert tally.clean
 
 
+@pytest.mark.slow
+def test_killed_jobs_of_an_array_merge_to_the_run_in_one_piece(tmp_path: Path) -> None:
+    tallies = soak(5, ["job", "merge"], tmp_path, seed=3)
+    assert sum(sum(tally.kills.values()) for tally in tallies.values()) == 5
+    assert all(tally.clean for tally in tallies.values())
+    assert all(tally.finished for tally in tallies.values())
+
+
 @pytest.mark.parametrize(("worker", "works"), [("sleep 600", False), ("while :; do :; done", True)])
 def test_only_a_command_whose_processes_all_sleep_hangs(
     worker: str, works: bool, monkeypatch: pytest.MonkeyPatch

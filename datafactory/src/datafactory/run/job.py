@@ -16,7 +16,7 @@ from datafactory.effects.plan import EffectPlan
 from datafactory.frame.chain import ChainSettings, PointSource, SceneSource, Source, StoredSource, make_frames
 from datafactory.frame.deal import Deal
 from datafactory.frame.prepared import PreparedScene
-from datafactory.paths.storage import to_row
+from datafactory.paths.storage import to_row, writer_options
 from datafactory.run.progress import FinishedShard
 from datafactory.run.shards import ShardPlan, write_shard, write_tables
 from shared.dataset import Frame
@@ -123,7 +123,7 @@ def trace_shard(
             report(1)
 
     with threadpool_limits(limits=1):
-        record = write_tables(directory / plan.path, rows(), job.schema, compression="zstd")
+        record = write_tables(directory / plan.path, rows(), job.schema, **writer_options())
     seconds = {"trace and write": time.perf_counter() - started}
     return FinishedShard(record=record, counts=dict(counts), fingerprint=fingerprint), seconds
 

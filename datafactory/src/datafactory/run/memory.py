@@ -20,7 +20,7 @@ BASE_BYTES = 500e6
 """A process that makes frames, before the first: the interpreter, its libraries, compiled kernels."""
 TRACER_BYTES = 450e6
 """Mitsuba, Dr.Jit, Sionna and LLVM, with the programs that they compile for a scene."""
-TRIANGLE_BYTES = 1_600.0
+TRIANGLE_BYTES = 3_000.0
 """Of a triangle: the merged scene, the tracer's own, and neighbours, edges and curved surfaces that are found once."""
 RAY_BYTES = {1: 400.0, 2: 1_300.0, 3: 1_900.0}
 """Of a ray, by the largest number of bounces: the solver's room for paths, and the paths themselves."""
