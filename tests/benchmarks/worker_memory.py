@@ -13,12 +13,18 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
+from large_scenes import stage
+
 from datafactory.api.asking import order_of
 from datafactory.run.preparation import load_of, opened_scenes
 
 ROOT = Path(__file__).resolve().parents[2]
 SMALL = "[waveform]\nchirps = 8\nsamples = 128\nrange_bins = 100\nbandwidth_hz = 400e6\n[grid]\nbins = 32\n"
 BIG = "[waveform]\nchirps = 256\nsamples = 2048\nrange_bins = 1000\n"
+
+
+INSTANCES = "instances"
+"""5000 instances of 162 triangles, of ``large_scenes.py``."""
 
 
 @dataclass(frozen=True)
@@ -39,19 +45,22 @@ class Case:
     store: str = "range-channel"
 
 
+AVR = "avr-qdm-110"
 CASES = (
-    Case("points, default radar", None, "avr-qdm-110"),
-    Case("points, 8 frames with their cubes", None, "avr-qdm-110", frames=8, store="cube"),
-    Case("points, big radar", None, BIG),
-    Case("tiny, small radar", "tiny.usda"),
-    Case("street, default radar", "street.usda", "avr-qdm-110"),
-    Case("street, big radar", "street.usda", BIG),
-    Case("street, default radar, planned", "street.usda", "avr-qdm-110", rays=200_000, effects="auto"),
-    Case("munich, small radar, one bounce", "sionna:munich", rays=200_000, depth=1),
-    Case("munich, small radar, two bounces", "sionna:munich", rays=200_000),
-    Case("munich, small radar, three bounces", "sionna:munich", rays=200_000, depth=3),
-    Case("munich, default radar, 4 frames, planned", "sionna:munich", "avr-qdm-110", 200_000, frames=4, effects="auto"),
-    Case("munich, small radar, 600 000 rays", "sionna:munich", rays=600_000),
+    Case("points, default radar", None, AVR),
+    Case("points, default radar, 8 frames with their cubes", None, AVR, frames=8, store="cube"),
+    Case("points, 256 chirps of 2048 samples", None, BIG),
+    Case("tiny, small radar, 20 000 rays", "tiny.usda"),
+    Case("tiny, default radar, 200 000 rays", "tiny.usda", AVR, 200_000),
+    Case("street, default radar, 20 000 rays", "street.usda", AVR),
+    Case("street, default radar, 200 000 rays", "street.usda", AVR, 200_000),
+    Case("street, default radar, 200 000 rays, planned", "street.usda", AVR, 200_000, effects="auto"),
+    Case("munich, small radar, 200 000 rays, one bounce", "sionna:munich", rays=200_000, depth=1),
+    Case("munich, small radar, 200 000 rays, two bounces", "sionna:munich", rays=200_000),
+    Case("munich, small radar, 200 000 rays, three bounces", "sionna:munich", rays=200_000, depth=3),
+    Case("munich, default radar, 200 000 rays", "sionna:munich", AVR, 200_000),
+    Case("munich, default radar, 200 000 rays, 4 frames, planned", "sionna:munich", AVR, 200_000, 2, 4, "auto"),
+    Case("810 000 triangles, small radar, 20 000 rays", INSTANCES),
 )
 
 
@@ -62,6 +71,9 @@ def measured(case: Case, folder: Path) -> tuple[float, float]:
         radar = str(folder / "radar.toml")
         Path(radar).write_text(case.radar, encoding="utf-8")
     scene = case.scene if case.scene is None or ":" in case.scene else str(ROOT / "scenes" / case.scene)
+    if case.scene == INSTANCES:
+        scene = str(folder / "instances.usda")
+        Path(scene).write_text(stage(INSTANCES), encoding="utf-8")
     order = order_of(
         scene, radar=radar, frames=case.frames if scene else 0, points=0 if scene else case.frames, rays=case.rays,
         depth=case.depth, effects=case.effects, store=case.store,

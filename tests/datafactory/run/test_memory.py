@@ -31,7 +31,9 @@ GB = 1e9
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="peak memory of a child is read as Linux counts it")
-@pytest.mark.parametrize("name", ["points, default radar", "tiny, small radar", "street, default radar"])
+@pytest.mark.parametrize(
+    "name", ["points, default radar", "tiny, small radar, 20 000 rays", "street, default radar, 20 000 rays"]
+)
 def test_a_process_takes_no_more_than_was_said_and_no_less_than_a_third(name: str, tmp_path: Path) -> None:
     (case,) = (case for case in CASES if case.name == name)
     peak, predicted = measured(replace(case, rays=5_000), tmp_path)

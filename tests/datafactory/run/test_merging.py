@@ -253,7 +253,7 @@ def test_what_holds_no_jobs_is_refused(kind: str, whole: Path, tmp_path: Path) -
 
 def test_a_job_is_not_taken_for_the_whole_run(jobs: Path, radar: Path) -> None:
     """Nor the whole run, in its folder, for the job."""
-    with pytest.raises(InputError, match=r"--resume: shard is missing, but the run in .* had '0/3'"):
+    with pytest.raises(InputError, match=r"--resume: shard is nothing, but the run in .* had '0/3'"):
         points(jobs / "job-0-of-3", radar, "--resume")
 
 

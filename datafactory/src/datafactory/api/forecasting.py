@@ -10,17 +10,17 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
-from datafactory.frame.deal import split_of
+from datafactory.paths.defaults import CPU
 from datafactory.run.array_job import parse_job
-from datafactory.run.memory import amount, most_workers, statement
+from datafactory.run.memory import amount, most_workers, processes, statement
 from datafactory.run.order import Order
-from datafactory.run.preparation import deal_of, load_of, opened_scenes
+from datafactory.run.preparation import deal_of, deal_of_stored, load_of, opened_scenes
 from datafactory.run.room import CLOSE_TARGETS, STREETS, free_bytes
 from datafactory.run.shards import plan_shards
 from datafactory.run.stored import stored_paths
 from datafactory.scenes.scene import Scene
 from shared.dataset import description, row_bytes
-from shared.processes.machine import usable_cores, usable_memory
+from shared.processes.machine import usable_memory
 
 RAY_S = 7e-6
 """Of a ray: 0.8 to 2.1 s for 2e5 of them in a canyon, munich and the shipped street (a manifest's ``step_seconds``)."""
@@ -43,6 +43,7 @@ class Forecast:
     :param memory_bytes: of all processes together; ``memory``: in words, and how much may be used
     :param seconds: wall-clock, planning included
     :param workers: no more than there are shards, cores and memory for
+    :param device: that the run will use
     """
 
     frames: dict[str, int]
@@ -53,15 +54,17 @@ class Forecast:
     memory: str
     seconds: float
     workers: int
+    device: str = CPU
 
     def lines(self) -> list[str]:
         """In words."""
         split = ", ".join(f"{name} {count}" for name, count in self.frames.items())
+        rates = "rates of another machine" if self.device == CPU else "rates of a CPU, for none of a GPU were measured"
         return [
             f"{sum(self.frames.values())} frames ({split}) in {self.shards} shards",
             f"about {amount(self.bytes)} on the disk, where {amount(self.free_bytes)} are free",
             self.memory,
-            f"about {_duration(self.seconds)}, by rates of another machine; half or twice that would be no surprise",
+            f"about {_duration(self.seconds)}, by {rates}; half or twice that would be no surprise",
         ]
 
 
@@ -80,9 +83,8 @@ def forecast(order: Order, directory: Path, workers: int, shard: str | None = No
         for frame_id in {deal.frames_of(number)[0] for number in range(len(scenes)) if deal.frames_of(number)}:
             deal.frame(frame_id)  # a scene without free ground is refused here
     else:
-        scene_frames = len(stored_paths(order, order.paths).places)
-        point_frames = len(order.targets) or order.points
-        splits = tuple(split_of(frame_id, order.split) for frame_id in range(scene_frames + point_frames))
+        deal = deal_of_stored(order, stored_paths(order, order.paths))
+        splits, scene_frames, point_frames = deal.splits(), deal.scene_frames, len(deal) - deal.scene_frames
     settings, waveform, channels = order.settings, order.radar.waveform, order.radar.array.channels
     rays = float(settings.trace.rays)
     of_points = SAMPLE_S * channels * waveform.chirps * waveform.samples
@@ -100,7 +102,7 @@ def forecast(order: Order, directory: Path, workers: int, shard: str | None = No
     shards = len(plans)
     load = load_of(order, scenes)
     limit = usable_memory()
-    workers = min(workers or min(usable_cores(), max(1, most_workers(load, limit))), shards)
+    workers = min(workers or min(processes(0, settings.device), max(1, most_workers(load, limit))), shards)
     return Forecast(
         frames=dict(Counter(splits)),
         shards=shards,
@@ -110,6 +112,7 @@ def forecast(order: Order, directory: Path, workers: int, shard: str | None = No
         memory=statement(load, workers, limit),
         seconds=planning + (scene_frames * of_scene + point_frames * of_points) / workers,
         workers=workers,
+        device=settings.device,
     )
 
 

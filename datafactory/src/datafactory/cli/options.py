@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 
 from datafactory.cli.progress import Advance, shown
-from datafactory.paths.defaults import LARGEST_DEPTH, MOST_RAYS
+from datafactory.paths.defaults import CPU, LARGEST_DEPTH, MOST_RAYS
 from shared.physics.errors import InputError
 from shared.processes.defaults import DEFAULT_RADAR, LARGEST_SEED
 
@@ -44,8 +44,31 @@ Variants = Annotated[
     typer.Option("--variant", help="set=name: a variant of the USD scenes; may be repeated.", show_default=False),
 ]
 AllowMissing = Annotated[bool, typer.Option("--allow-missing", help="Go on without geometry that cannot be opened.")]
+Populate = Annotated[
+    str | None,
+    typer.Option(
+        "--populate",
+        metavar="KIND=N,...",
+        help="Traffic and street furniture on the free ground, e.g. cars=20,pedestrians=10,poles=30,parked=0.6.",
+        show_default=False,
+    ),
+]
 Poses = Annotated[
     Path | None, typer.Option("--poses", help="JSON file of sensor poses: one frame a pose, instead of drawn ones.")
+]
+Trajectory = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--trajectory",
+        metavar="FILE|drive",
+        help="CSV or JSON file of poses with times, a sequence of frames; may be repeated. "
+        "Or drive[:speed=M/S][,seconds=S]: drives drawn along the streets, --frames in all.",
+        show_default=False,
+    ),
+]
+FrameRate = Annotated[
+    float | None,
+    typer.Option("--frame-rate", help="Frames a second along a trajectory; by default a frame a row, 10 of drives."),
 ]
 Materials = Annotated[Path | None, typer.Option("--materials", help="TOML file that overrides the material table.")]
 Rays = Annotated[int, typer.Option("--rays", min=1, max=MOST_RAYS, help="Rays a frame, over the field of view.")]
@@ -60,7 +83,26 @@ Noise = Annotated[bool, typer.Option("--noise/--no-noise", help="Add receiver no
 TruthWindow = Annotated[
     str, typer.Option("--truth-window", help="Over the virtual sensor: none, taylor-25, taylor-30 or hann.")
 ]
-Workers = Annotated[int, typer.Option("--workers", min=0, help="Worker processes; 0: one a core, if memory is there.")]
+Workers = Annotated[
+    int,
+    typer.Option(
+        "--workers",
+        min=0,
+        help="Worker processes; 0: one a core if memory is there, one with cuda, of all nodes with --engine ray.",
+    ),
+]
+EngineName = Annotated[
+    str, typer.Option("--engine", help="local, or ray: a Ray cluster makes the shards. The same bytes.")
+]
+Address = Annotated[
+    str | None,
+    typer.Option(
+        "--address",
+        help="HOST:PORT of the Ray cluster, which this machine is a node of; by default the one that runs here, "
+        "else one of the run's own.",
+        show_default=False,
+    ),
+]
 Shard = Annotated[
     str | None,
     typer.Option(
@@ -71,21 +113,35 @@ Shard = Annotated[
         "the jobs.",
     ),
 ]
+Device = Annotated[
+    str,
+    typer.Option(
+        "--device", help="cpu, cuda (an NVIDIA GPU), or auto: cuda where it can be used. The bytes depend on it."
+    ),
+]
 Verbose = Annotated[
     bool, typer.Option("--verbose", "-v", help="Also say what was counted: rays, paths, what was left out and why.")
 ]
 Resume = Annotated[bool, typer.Option("--resume", help="Go on with an unfinished run in the same folder.")]
 
 DEFAULT_RADAR_NAME = DEFAULT_RADAR
+DEFAULT_DEVICE = CPU
 
 
-def read_as_asked(scenes: list[str], variant: list[str] | None, allow_missing: bool) -> Sequence[str | Scene]:
-    """The scenes' names, or the scenes themselves where the user says how they are to be read."""
-    if not (variant or allow_missing):
+def read_as_asked(
+    scenes: list[str], variant: list[str] | None, allow_missing: bool, populate: str | None = None, seed: int = 0
+) -> Sequence[str | Scene]:
+    """The scenes' names, or the scenes themselves where the user says how they are to be read, or to be populated."""
+    if populate is not None and not scenes:
+        raise InputError("--populate", "given without a scene", "--scene with it")
+    if not (variant or allow_missing or populate is not None):
         return scenes
     from datafactory.api.asking import load_scene
 
-    return [load_scene(name, variant=variant or (), allow_missing=allow_missing) for name in scenes]
+    return [
+        load_scene(name, variant=variant or (), allow_missing=allow_missing, populate=populate, seed=seed)
+        for name in scenes
+    ]
 
 
 def stated(context: typer.Context, name: str) -> bool:

@@ -28,7 +28,10 @@ def render(
     seed: options.Seed = 0,
     variant: options.Variants = None,
     allow_missing: options.AllowMissing = False,
+    populate: options.Populate = None,
     poses: options.Poses = None,
+    trajectory: options.Trajectory = None,
+    frame_rate: options.FrameRate = None,
     split: options.Split = DEFAULT_PATTERN,
     materials: options.Materials = None,
     store: options.Store = "range-channel",
@@ -48,6 +51,9 @@ def render(
         ),
     ] = None,
     workers: options.Workers = 0,
+    engine: options.EngineName = "local",
+    address: options.Address = None,
+    device: options.Device = options.DEFAULT_DEVICE,
     camera: Annotated[
         bool, typer.Option("--camera", help="Also what a camera at the sensor sees, DIR/camera/frame-NNNNNN.png.")
     ] = False,
@@ -65,7 +71,7 @@ def render(
     from datafactory.api.asking import order_of
     from datafactory.api.forecasting import forecast
 
-    read = options.read_as_asked([*(scenes or ()), *(scene or ())], variant, allow_missing)
+    read = options.read_as_asked([*(scenes or ()), *(scene or ())], variant, allow_missing, populate, seed)
     asked: dict[str, Any] = {
         "paths": paths,
         "radar": radar,
@@ -73,6 +79,8 @@ def render(
         "points": points,
         "seed": seed,
         "poses": poses,
+        "trajectory": trajectory or None,
+        "frame_rate": frame_rate,
         "split": split if options.stated(context, "split") else None,
         "store": store,
         "rays": rays if options.stated(context, "rays") else None,
@@ -81,6 +89,7 @@ def render(
         "noise": noise,
         "truth_window": truth_window,
         "error_budget": error_budget,
+        "device": device,
     }
     if dry_run:
         for line in forecast(order_of(read, **asked), out, workers, shard).lines():
@@ -93,6 +102,8 @@ def render(
             **asked,
             materials=materials,
             workers=workers,
+            engine=engine,
+            address=address,
             resume=resume,
             keep_going=keep_going,
             shard=shard,

@@ -32,6 +32,8 @@ from datafactory.frame.needs import effects_called_for
 from datafactory.frame.points import CloseTargets, draw_close_targets
 from datafactory.frame.prepared import PreparedScene
 from datafactory.frame.seeds import generator
+from datafactory.paths.backend import select_variant
+from datafactory.paths.defaults import CPU
 from datafactory.paths.density import lit_cells
 from datafactory.paths.prune import DEFAULT_LEVEL_DB, pruned
 from datafactory.paths.rays import RayFan
@@ -39,6 +41,7 @@ from datafactory.paths.solver import TraceSettings
 from datafactory.paths.storage import TracedFrame, read_frame_paths
 from datafactory.paths.table import PathTable
 from datafactory.paths.trace import trace
+from datafactory.synthesis.kernels import kernels_on
 from shared.dataset import Frame
 from shared.radar import Radar
 
@@ -60,6 +63,7 @@ class ChainSettings:
     :param close_targets: distributions of the targets of a point frame
     :param budget_db: what leaving an effect of the signal out of a frame may change [dB of the peak]: of those that
         are on, each frame then has the ones that its own paths call for; None leaves them all
+    :param device: where rays are traced and signals made: "cpu" or "cuda"
     """
 
     trace: TraceSettings = field(default_factory=TraceSettings)
@@ -68,6 +72,7 @@ class ChainSettings:
     antenna_pattern: bool = True
     close_targets: CloseTargets = field(default_factory=CloseTargets)
     budget_db: float | None = None
+    device: str = CPU
 
     def path_effects(self) -> dict[str, bool]:
         """Effects that decide which paths are traced, by name, on or off."""
@@ -118,6 +123,7 @@ class SceneSource:
 
     def traced(self, radar: Radar, at: Hook = plainly) -> TracedFrame:
         """Pose and multipath, independent of the radar but for its wavelength and polarisation."""
+        select_variant(self.settings.device)
         frame, scene, front_end = self.frame, self.scene, radar.front_end
         rays = frame.rays()
         fan = RayFan(self.settings.trace.rays, offset=rays.offset)
@@ -136,6 +142,7 @@ class SceneSource:
             wavelength_m=radar.waveform.wavelength_m,
             point_targets=len(scene.merged.targets),
             table=table,
+            sequence=frame.sequence,
         )
 
 
@@ -200,15 +207,17 @@ def measured(source: Source, radar: Radar, at: Hook = plainly) -> Measurement:
         traced = source.traced(radar, at)
         pose = traced.pose
         identity = FrameIdentity(
-            traced.frame_id, "scene", traced.scene, traced.seed, pose.position, pose.velocity, pose.quaternion()
-        )
+            traced.frame_id, "scene", traced.scene, traced.seed, pose.position, pose.velocity, pose.quaternion(),
+            pose.time_s, traced.sequence,
+        )  # fmt: skip
         settings, paths = narrowed(traced, settings, radar, at)
         paths = at("prune", pruned, paths, radar, settings.prune_db)
         known = object_targets(paths, len(paths.objects) - traced.point_targets, radar)
         counted = {**lit_cells(paths, radar), **_counted(settings.frame_effects())}
     counts = {**paths.counts, **counted, "frames": 1, "paths": len(paths)}
     noise = generator(identity.seed, "noise")
-    return measure(identity, paths, known, radar, settings.processing, noise, at, counts)
+    kernels = kernels_on(settings.device)
+    return measure(identity, paths, known, radar, settings.processing, noise, at, counts, kernels)
 
 
 def illuminated(traced: TracedFrame, settings: ChainSettings, radar: Radar, at: Hook = plainly) -> PathTable:

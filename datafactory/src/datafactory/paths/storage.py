@@ -55,8 +55,8 @@ CONSTANT = ("tx_velocity", "rx_velocity", "between_m", "between_rate_mps", "imag
 
 INTEGERS = {"depth": np.int8, "object_index": np.int32, "kinds": np.uint8}
 
-VERSION = b"4"
-"""Of the paths' columns; 2 added ``kinds``, 3 ``scene_number``, 4 ``scattered_two_points``."""
+VERSION = b"5"
+"""Of the paths' columns; 2 added ``kinds``, 3 ``scene_number``, 4 ``sequence``, 5 ``scattered_two_points``."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +70,7 @@ class TracedFrame:
     :param pose: where the radar stood
     :param wavelength_m: at which it was traced
     :param point_targets: number of the scene's point targets, the last of ``table.objects``
+    :param sequence: number of the sequence it belongs to; -1 for none
     """
 
     frame_id: int
@@ -80,6 +81,7 @@ class TracedFrame:
     wavelength_m: float
     point_targets: int
     table: PathTable
+    sequence: int = -1
 
 
 def paths_schema() -> pa.Schema:
@@ -89,6 +91,7 @@ def paths_schema() -> pa.Schema:
         pa.field("frame_id", pa.int64()),
         pa.field("scene", pa.string()),
         pa.field("scene_number", pa.int64()),
+        pa.field("sequence", pa.int64()),
         pa.field("seed", pa.int64()),
         pa.field("position", triple),
         pa.field("velocity", triple),
@@ -127,6 +130,7 @@ def to_row(frame: TracedFrame) -> dict[str, Any]:
         "frame_id": frame.frame_id,
         "scene": frame.scene,
         "scene_number": frame.scene_number,
+        "sequence": frame.sequence,
         "seed": frame.seed,
         "position": list(pose.position),
         "velocity": list(pose.velocity),
@@ -152,8 +156,8 @@ def to_row(frame: TracedFrame) -> dict[str, Any]:
 
 def _differ(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.bool_]:
     """[K] whether two vectors [K, 3] differ in any bit."""
-    bits = (np.ascontiguousarray(vectors, dtype=np.float64).view(np.int64) for vectors in (first, second))
-    return np.not_equal(*bits).any(axis=1)
+    ours, theirs = (np.ascontiguousarray(vectors, dtype=np.float64).view(np.int64) for vectors in (first, second))
+    return np.any(ours != theirs, axis=1, keepdims=True)[:, 0]
 
 
 def from_row(batch: pa.RecordBatch) -> TracedFrame:
@@ -177,6 +181,7 @@ def from_row(batch: pa.RecordBatch) -> TracedFrame:
         frame_id=row["frame_id"],
         scene=row["scene"],
         scene_number=row["scene_number"],
+        sequence=row["sequence"],
         seed=row["seed"],
         pose=Pose(tuple(row["position"]), yaw, pitch, roll, tuple(row["velocity"]), row["time_s"]),
         wavelength_m=row["wavelength_m"],
@@ -234,16 +239,17 @@ def _understood(path: Path, batch: pa.RecordBatch) -> TracedFrame:
         raise InputError(path, f"a row is not understood: {error}", "an undamaged paths shard") from error
 
 
-def read_places(path: Path) -> list[tuple[int, int]]:
-    """(frame index, scene number) of every row of a paths shard.
+def read_places(path: Path) -> list[tuple[int, int, int]]:
+    """(frame index, scene number, sequence) of every row of a paths shard.
 
     :raises InputError: a file that is not a paths shard
     """
+    names = ["frame_id", "scene_number", "sequence"]
     with _opened(path) as file:
-        rows = file.read(["frame_id", "scene_number"])
+        rows = file.read(names)
         if any(column.null_count for column in rows.columns):
-            raise InputError(path, "rows without frame_id or scene_number", "an undamaged paths shard")
-        return list(zip(rows["frame_id"].to_pylist(), rows["scene_number"].to_pylist(), strict=True))
+            raise InputError(path, f"rows without {' or '.join(names)}", "an undamaged paths shard")
+        return list(zip(*(rows[name].to_pylist() for name in names), strict=True))
 
 
 @contextmanager

@@ -8,6 +8,7 @@ from datafactory.frame.chain import FRAMES_WITH
 
 MEANINGS = {
     "frames": "frames",
+    "frames_empty": "frames whose truth is empty: nothing in them is above the noise",
     "rays": "rays sent",
     "traced": "paths that the solver found: mirrors one after another, echoes scattered twice and more",
     "scattered_once": "echoes that a rough surface scattered once, at their last bounce",
@@ -34,6 +35,7 @@ MEANINGS = {
     "edge_rays": "ways over an edge to the sensor and back",
     "edge_rays_hidden": "of these, those that something stands in",
     "edges_round_corners_left_out": "weaker edges over which a hidden target is reached as well",
+    "targets_faint": "point targets too far away to be heard",
     "point_targets_hidden": "point targets that the sensor does not see directly",
     "targets_round_corners": "of these, those heard round an edge",
     "targets_unreached": "of these, those not heard at all",
@@ -53,7 +55,7 @@ MEANINGS = {
 }
 """In words, by name; a name that is not here is told as it is."""
 
-ALARMING = ("truncated", "targets_in_near_field", "converter_saturated")
+ALARMING = ("frames_empty", "truncated", "targets_in_near_field", "converter_saturated")
 """Told without being asked for: something may be wrong with the frames."""
 
 

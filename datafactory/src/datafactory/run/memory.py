@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from datafactory.frame.chain import ChainSettings
+from datafactory.paths.defaults import CPU, CUDA
 from datafactory.run.shards import FRAMES_PER_SHARD
 from shared.physics.errors import InputError
 from shared.processes.machine import usable_cores, usable_memory
@@ -100,7 +101,7 @@ def workers_for(load: Load, asked: int, announce: Callable[[str], None] = lambda
     :raises InputError: what was asked for, or one process, does not fit; with both figures and what would fit
     """
     limit = usable_memory()
-    workers = asked or usable_cores()
+    workers = processes(asked, load.settings.device)
     fitting = most_workers(load, limit)
     if fitting < (asked or 1):
         raise _too_much(load, asked or 1, limit, fitting)
@@ -110,6 +111,11 @@ def workers_for(load: Load, asked: int, announce: Callable[[str], None] = lambda
     elif load.total_bytes(workers) > LARGE * limit:
         announce(statement(load, workers, limit))
     return workers
+
+
+def processes(workers: int, device: str = CPU) -> int:
+    """``workers``, or for 0 the cores that this process may use; with CUDA one, for a run has one GPU."""
+    return workers or (1 if device == CUDA else usable_cores())
 
 
 def most_workers(load: Load, limit: float) -> int:

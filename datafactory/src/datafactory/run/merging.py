@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from datafactory.run.array_job import ENTRY
+from datafactory.run.engines import LOCAL
 from datafactory.run.finished_jobs import FinishedJob, find_jobs, require_same_arguments, shards_of_all
 from datafactory.run.pipeline import Report, total_counts
 from datafactory.run.progress import (
@@ -171,5 +172,5 @@ def _manifest(
         "arguments": jobs[0].arguments,
         "counts": counts,
         "shards": [shard.record.model_dump() for _, shard in sources.values()],
-        MADE: {**provenance(1, seconds, step_seconds), **made},
+        MADE: {**provenance(LOCAL, 1, seconds, step_seconds), **made},
     }

@@ -9,13 +9,14 @@ import math
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from datafactory.frame.points import rayleigh_length
 from datafactory.paths.storage import paths_schema
 from datafactory.run.array_job import ARGUMENT, ENTRY, ArrayJob, JobEntry
+from datafactory.run.engines import LOCAL, Engine, Local
 from datafactory.run.job import Job, WriteShard, render_shard, trace_shard
 from datafactory.run.memory import workers_for
 from datafactory.run.order import Order
@@ -56,10 +57,12 @@ class Report:
 class Execution:
     """How a run is carried out; nothing of it changes a byte of the shards.
 
-    :param workers: processes; one works in this process; 0 for as many as there are cores and memory for
+    :param workers: processes; one works in this process; 0 for as many as there are cores and memory for. On a cluster:
+        of all its nodes, 0 for all that they have
     :param resume: take up an unfinished run
     :param keep_going: finish the other shards where three worker processes died of one
     :param job: make the shards of this job alone; ``directory`` is then the job's own
+    :param engine: where shards are made
     :param announce: takes lines for the user: material mappings, warnings
     :param looked: takes frames looked at for the plan, and how many there are to look at
     :param advance: takes frames done and frames in all
@@ -70,9 +73,15 @@ class Execution:
     resume: bool = False
     keep_going: bool = False
     job: ArrayJob | None = None
+    engine: Engine = field(default_factory=Local)
     announce: Announce = lambda line: None
     looked: Advance = lambda done, total: None
     advance: Advance = lambda done, total: None
+
+    @property
+    def processes_here(self) -> int:
+        """Processes of this machine that trace at a time."""
+        return self.engine.processes_here(self.workers)
 
 
 def render(order: Order, table: MaterialTable, execution: Execution) -> Report:
@@ -90,7 +99,7 @@ def _rendered(order: Order, table: MaterialTable, execution: Execution) -> Repor
     started = time.perf_counter()
     settings = order.settings
     about = description(order.radar, settings.processing.peaks, settings.processing.store, _conventions(order))
-    frames = (len(order.poses) or order.frames) + (len(order.targets) or order.points)
+    frames = order.scene_frames + (len(order.targets) or order.points)
     require_room(execution.directory, math.ceil(frames / (execution.job.of if execution.job else 1)), about["shapes"])
     order, execution = _fitted(order, execution)
     if said := statement(order.radar):
@@ -129,8 +138,10 @@ def _fitted(order: Order, execution: Execution, rendered: bool = True) -> tuple[
     :raises InputError: a scene that cannot be read, a run that cannot fit into memory
     """
     scenes = opened_scenes(order)
-    workers = workers_for(load_of(order, scenes, rendered), execution.workers, execution.announce)
-    return replace(order, scenes=tuple(scenes)), replace(execution, workers=workers)
+    workers = workers_for(load_of(order, scenes, rendered), execution.processes_here, execution.announce)
+    if execution.engine.name == LOCAL:
+        execution = replace(execution, workers=workers)
+    return replace(order, scenes=tuple(scenes)), execution
 
 
 def _job(order: Order, prepared: Prepared, schema_message: bytes) -> Job:
@@ -176,7 +187,8 @@ def _produce(
         execution.announce(f"{path} is not as it was recorded and is made again")
     todo = [plan for plan in plans if plan not in earlier.shards]
     work = ShardWork(job, write, directory, mark)
-    made = run_shards(work, todo, execution.workers, execution.keep_going, frames, execution.advance)
+    processes = execution.engine.pool(work, len(todo), execution.workers)
+    made = run_shards(work, todo, processes, execution.keep_going, frames, execution.advance)
     if made.failed:
         raise RunFailed(failure_line(made.failed))
     finished = [(earlier.shards | made.shards)[plan] for plan in plans]
@@ -193,7 +205,7 @@ def _produce(
             "seeds": {"dataset": job.deal.seed, "frame": "SeedSequence(entropy=dataset, spawn_key=(frame_id,))"},
             "counts": counts,
             "shards": [item.record.model_dump() for item in finished],
-            "made": provenance(execution.workers, seconds, made.seconds),
+            "made": provenance(execution.engine.name, execution.workers, seconds, made.seconds, job.settings.device),
         },
     )
     return Report(directory, frames, len(made.shards), len(earlier.shards), counts, seconds)

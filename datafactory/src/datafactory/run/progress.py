@@ -191,5 +191,5 @@ def first_difference(
 
 
 def _short(arguments: Mapping[str, Any], name: str) -> str:
-    text = repr(arguments[name]) if name in arguments else "missing"
+    text = repr(arguments[name]) if name in arguments else "nothing"
     return text if len(text) <= LONGEST_VALUE else f"{text[: LONGEST_VALUE - 3]}..."

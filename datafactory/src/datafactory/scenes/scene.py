@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from datafactory.scenes.chain import Chain, placed
 from datafactory.scenes.motion import Instant, Motion, Moving, Track, Vector, drift, fastest_mps, upright_axes
 from datafactory.scenes.targets.models import RcsModel
+from datafactory.scenes.things import Population
 
 ZERO = (0.0, 0.0, 0.0)
 WORLD_AXES: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -167,6 +168,8 @@ class Scene:
     :param targets: point targets with a radar cross section
     :param source: the path or ``sionna:NAME`` it was read from
     :param warnings: what the reader ignored, with counts, e.g. ``"3 prims of type Curves ignored"``
+    :param population: what was put into it besides, of which the objects and targets are among these; None of a scene
+        as it was read
     """
 
     name: str
@@ -174,6 +177,7 @@ class Scene:
     targets: tuple[PointTarget, ...] = ()
     source: str = ""
     warnings: tuple[str, ...] = field(default=())
+    population: Population | None = None
 
     @property
     def triangle_count(self) -> int:

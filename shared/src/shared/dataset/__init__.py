@@ -2,6 +2,7 @@
 
 from shared.dataset.schema import (
     COMPLEX_ARRAYS,
+    LATER,
     METADATA_KEY,
     SCALARS,
     STORES,
@@ -17,6 +18,7 @@ from shared.dataset.schema import (
 
 __all__ = [
     "COMPLEX_ARRAYS",
+    "LATER",
     "METADATA_KEY",
     "SCALARS",
     "STORES",

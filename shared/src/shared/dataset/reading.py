@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from shared.dataset import COMPLEX_ARRAYS, METADATA_KEY, SCALARS, VECTORS, Frame, Target, row_bytes
+from shared.dataset import COMPLEX_ARRAYS, LATER, METADATA_KEY, SCALARS, VECTORS, Frame, Target, row_bytes
 from shared.dataset.locations import Location, file_size, open_parquet
 from shared.dataset.manifest import check_version, require_as_written
 from shared.dataset.schema import TARGET_FIELDS
@@ -41,6 +41,8 @@ _SMALL_COLUMNS = {
     "seed": pa.int64(),
     "image_peak": pa.float64(),
     "noise_power": pa.float64(),
+    "time": pa.float64(),
+    "sequence": pa.int64(),
     **{name: pa.list_(pa.float64(), size) for name, size in VECTORS.items()},
     "targets": pa.list_(pa.struct([*((name, pa.float64()) for name in TARGET_FIELDS[:-1]), ("object", pa.string())])),
 }
@@ -76,8 +78,8 @@ def frame_from_row(batch: pa.RecordBatch, row: int, shapes: Mapping[str, Sequenc
     :param shapes: the description's shapes, by column
     """
     names = batch.schema.names
-    small = [name for name in names if name in SCALARS or name in VECTORS]
-    values: dict[str, Any] = {name: batch.column(name)[row].as_py() for name in small}
+    small = [name for name in names if name in SCALARS or name in LATER or name in VECTORS]
+    values: dict[str, Any] = LATER | {name: batch.column(name)[row].as_py() for name in small}
     values.update((name, tuple(values[name])) for name in VECTORS)
     values.update((name, _array(batch, name, row, shapes[name])) for name in shapes)
     return Frame(**values, targets=_targets(batch, row) if "targets" in names else ())
@@ -245,7 +247,7 @@ def _wanted_columns(path: Location, file: pq.ParquetFile, columns: Sequence[str]
     selectable = [name for name in present if name in SELECTABLE]
     if unknown := sorted(set(columns or ()) - set(selectable)):
         raise InputError(path, f"no column {unknown[0]!r}", f"some of {selectable}")
-    chosen = {*SCALARS, *VECTORS, *(selectable if columns is None else columns)}
+    chosen = {*SCALARS, *LATER, *VECTORS, *(selectable if columns is None else columns)}
     return [name for name in present if name in chosen]
 
 

@@ -37,6 +37,9 @@ COMPLEX_ARRAYS = ("range_channel", "cube")
 """Array columns of complex64, stored as float pairs; the other array columns are float32."""
 
 SCALARS = ("frame_id", "kind", "scene", "seed", "image_peak", "noise_power")
+LATER = {"time": math.nan, "sequence": -1}
+"""Scalar columns that came later, with what a frame of a dataset without them has: its time is not known."""
+
 VECTORS = {"sensor_position": 3, "sensor_velocity": 3, "sensor_orientation": 4}
 
 TARGET_FIELDS = ("range", "u", "velocity", "amplitude_db", "object")
@@ -71,6 +74,8 @@ class Frame:
     :param sensor_position: world frame [m]
     :param sensor_velocity: world frame [m/s]
     :param sensor_orientation: quaternion w, x, y, z from the radar frame to the world frame
+    :param time: of the scene, at the start of the frame [s]; NaN in a dataset made before there was this column
+    :param sequence: number of the sequence of frames along one track; -1 of a frame of its own
     :param range_channel: [D, R, C] complex64 at the D strongest Doppler peaks of each range bin, with noise [sqrt(W)]
     :param velocity: [D, R] float32 velocity of those Doppler cells [m/s]
     :param image: [R, U] float32 truth magnitude, noise free, linear, relative to ``image_peak``
@@ -96,6 +101,8 @@ class Frame:
     targets: tuple[Target, ...] = ()
     range_doppler: NDArray[np.float32] | None = None
     cube: NDArray[np.complex64] | None = None
+    time: float = 0.0
+    sequence: int = -1
 
 
 def description(radar: Radar, doppler_peaks: int, store: str, extra: Mapping[str, Any] | None = None) -> dict[str, Any]:
@@ -140,6 +147,8 @@ def arrow_schema(description: Mapping[str, Any]) -> pa.Schema:
         _required("scene", pa.string()),
         _required("seed", pa.int64()),
         *(_required(name, _fixed_list(pa.float64(), size)) for name, size in VECTORS.items()),
+        _required("time", pa.float64()),
+        _required("sequence", pa.int64()),
         array("range_channel"),
         array("velocity"),
         array("image"),
@@ -219,6 +228,8 @@ def _scalar(frame: Frame, name: str) -> int | float | str:
         raise InputError(f"frame {frame.frame_id}", f"kind = {value!r}", f"one of {list(KINDS)}")
     if name in ("image_peak", "noise_power") and not (math.isfinite(value) and value >= 0.0):
         raise InputError(f"frame {frame.frame_id}", f"{name} = {value!r}", "a finite number of at least 0")
+    if name == "time" and not math.isfinite(value):
+        raise InputError(f"frame {frame.frame_id}", f"{name} = {value!r}", "a finite number")
     return value
 
 

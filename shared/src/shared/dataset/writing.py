@@ -48,7 +48,7 @@ def remove_partial(folder: Path) -> None:
         stale.unlink(missing_ok=True)
 
 
-def write_bytes(path: Path, content: bytes) -> None:
+def write_bytes(path: Path, content: bytes | memoryview) -> None:
     """Write a file in one step, see :func:`atomic`."""
     with atomic(path) as partial:
         partial.write_bytes(content)

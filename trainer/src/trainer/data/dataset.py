@@ -30,7 +30,8 @@ class Example(NamedTuple):
     :param metadata: ``frame_id``; ``kind``, "scene" or "points"; ``scene``; ``seed``; ``image_peak`` [sqrt(W)];
         ``noise_power`` of one channel in one range-Doppler cell [W]; ``velocity``, [D, R] float32, of the Doppler
         peaks [m/s], positive is receding; ``sensor_position`` [3] [m], ``sensor_velocity`` [3] [m/s] and
-        ``sensor_orientation`` [4], the quaternion w x y z, float64 in the scene's world frame
+        ``sensor_orientation`` [4], the quaternion w x y z, float64 in the scene's world frame; ``time`` of the scene
+        [s], NaN where an older dataset does not say it; ``sequence``, the number of its track, -1 for none
     """
 
     input: torch.Tensor

@@ -1,0 +1,76 @@
+"""What the command and the driver say to each other, over a pipe."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from datafactory.run.progress import FinishedShard
+from datafactory.run.shards import ShardPlan
+from datafactory.run.workers import Seconds
+
+
+@dataclass(frozen=True)
+class Connect:
+    """The first thing said.
+
+    :param address: HOST:PORT of a cluster; None for the one that this machine is a node of, or a Ray of this run's own
+    """
+
+    address: str | None
+
+
+@dataclass(frozen=True)
+class Connected:
+    """The driver's answer; an exception in its place says why not.
+
+    :param nodes: alive, that have a processor for tasks
+    :param notes: lines for the user
+    """
+
+    nodes: int
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Begin:
+    """What all shards need.
+
+    :param given: a pickled :class:`datafactory.run.cluster.node.Given`
+    :param directory: that shards are written to
+    :param memory: of a process [bytes]
+    """
+
+    given: bytes
+    directory: str
+    memory: int
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a shard that was handed out: one of the four is set.
+
+    :param result: it is written
+    :param died: how the process that worked on it ended
+    :param lost: its machine is gone
+    :param error: what its task raised
+    """
+
+    plan: ShardPlan
+    result: tuple[FinishedShard, Seconds] | None = None
+    died: str = ""
+    lost: bool = False
+    error: Exception | None = None
+
+
+@dataclass(frozen=True)
+class Look:
+    """How the cluster stands.
+
+    :param outcomes: since the last look
+    :param steps: done of shards that are at work
+    :param places: shards that its nodes can work on at a time
+    """
+
+    outcomes: tuple[Outcome, ...]
+    steps: int
+    places: int
