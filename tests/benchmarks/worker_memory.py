@@ -89,7 +89,8 @@ def measured(case: Case, folder: Path) -> tuple[float, float]:
         [sys.executable, "-m", "datafactory", *command], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
     )
     assert process.stderr is not None
-    said = process.stderr.read()
+    with process.stderr as pipe:
+        said = pipe.read()
     _, status, usage = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)
     if status:
