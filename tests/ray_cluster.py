@@ -6,9 +6,11 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
+
+import psutil
 
 OBJECT_STORE = 80_000_000
 """Bytes of each node: the least that Ray takes."""
@@ -52,7 +54,7 @@ def ray_cluster(nodes: int, cores_of_head: int = 0, **of_node: Any) -> Iterator[
             yield cluster
         finally:
             for node in cluster.list_all_nodes()[::-1]:
-                cluster.remove_node(node, allow_graceful=False)
+                kill_node(cluster, node)
     finally:
         os.environ.clear()
         os.environ.update(before)
@@ -65,5 +67,13 @@ def add_node(cluster: Any, **of_node: Any) -> Any:
 
 
 def kill_node(cluster: Any, node: Any) -> None:
-    """As a machine that loses its power."""
+    """As a machine that loses its power: all its processes at once, Ray's agents among them, which may linger."""
+    family = list[psutil.Process]()
+    for service in node.all_processes.values():
+        for info in service:
+            with suppress(psutil.NoSuchProcess):
+                family += psutil.Process(info.process.pid).children(recursive=True)
     cluster.remove_node(node, allow_graceful=False)
+    for process in family:
+        with suppress(psutil.NoSuchProcess):
+            process.kill()

@@ -163,7 +163,8 @@ def commands(work: Path, names: list[str]) -> list[Command]:
     ]
     if {"job", "merge"} & set(names):
         array = ArrayRun(factory, scene, work, _run, shards)
-        every += [Command("job", array.job, array.merged, fault=array.fault), Command("merge", array.merge, array.whole)]
+        every.append(Command("job", array.job, array.merged, fault=array.fault))
+        every.append(Command("merge", array.merge, array.whole))
     return [command for command in every if command.name in names]
 
 

@@ -21,6 +21,7 @@ from datafactory.paths.storage import (
 )
 from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
 from datafactory.run.shards import write_tables
+from datafactory.scenes.boxes import SeenThing
 from datafactory.scenes.poses import Pose
 from shared.physics.errors import InputError
 
@@ -53,7 +54,11 @@ def a_frame(frame_id: int, scattered: int, specular: int) -> TracedFrame:
         counts={"rays": 5, "pruned": 0},
     )
     pose = Pose((1.0, 2.0, 3.0), 10.0, -2.0, 0.5, (4.0, 5.0, 6.0), 0.25)
-    return TracedFrame(frame_id, "scene", 1, 2**62, pose, 3.87e-3, 1, table)
+    things = tuple(
+        SeenThing(f"car {n}", "car", *map(tuple, real(6, 3).tolist()), tuple(range(n)))  # type: ignore[arg-type]
+        for n in range(frame_id)
+    )
+    return TracedFrame(frame_id, "scene", 1, 2**62, pose, 3.87e-3, 1, table, things)
 
 
 def written(folder: Path, frames: list[TracedFrame]) -> Path:
@@ -86,7 +91,7 @@ def test_round_trip(tmp_path):
     path = written(tmp_path, frames)
     alone = [read_frame_paths(path, row) for row in range(3)]
     for read, given in zip([*read_paths(path), *alone], frames * 2, strict=True):
-        for name in ("frame_id", "scene", "seed", "pose", "wavelength_m", "point_targets"):
+        for name in ("frame_id", "scene", "seed", "pose", "wavelength_m", "point_targets", "things"):
             assert getattr(read, name) == getattr(given, name)
         assert read.table.objects == given.table.objects
         assert read.table.counts == given.table.counts

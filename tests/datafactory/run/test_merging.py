@@ -83,9 +83,10 @@ def but_made(folder: Path) -> dict[str, Any]:
 
 
 def require_same(merged: Path, whole: Path) -> None:
-    """Shards and manifest, but for ``made``, byte for byte; nothing beside them."""
+    """Shards and manifest, but for ``made``, and card byte for byte; nothing beside them."""
     assert shards(merged) == shards(whole)
     assert json.dumps(but_made(merged)) == json.dumps(but_made(whole))
+    assert (merged / "README.md").read_bytes() == (whole / "README.md").read_bytes()
     assert verify(open_dataset(merged)) == []
     assert sorted(path.name for path in merged.iterdir()) == sorted(path.name for path in whole.iterdir())
 

@@ -25,6 +25,7 @@ from datafactory.frame.measurement import Processing
 from datafactory.frame.points import PointTargets
 from datafactory.paths.defaults import CPU, DEFAULT_DEPTH, DEFAULT_RAYS, LARGEST_DEPTH, MOST_RAYS
 from datafactory.paths.solver import TraceSettings
+from datafactory.run.licences import stated_licence
 from datafactory.run.order import Order
 from datafactory.run.stored import traced_split
 from datafactory.scenes.drives import WORD, Drives, parse_drives
@@ -198,6 +199,7 @@ def order_of(
     truth_window: str = "taylor-30",
     device: str = CPU,
     synthesis: bool = True,
+    license: str | None = None,
 ) -> Order:
     """The order of a run; the arguments are those of :func:`datafactory.render`.
 
@@ -261,4 +263,5 @@ def order_of(
         ),
         effects=effects_of(effects),
         budget_db=DEFAULT_BUDGET_DB if error_budget is None else error_budget,
+        licence=stated_licence(license),
     )

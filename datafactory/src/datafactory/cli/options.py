@@ -83,6 +83,14 @@ Noise = Annotated[bool, typer.Option("--noise/--no-noise", help="Add receiver no
 TruthWindow = Annotated[
     str, typer.Option("--truth-window", help="Over the virtual sensor: none, taylor-25, taylor-30 or hann.")
 ]
+Licence = Annotated[
+    str | None,
+    typer.Option(
+        "--license",
+        help="Of the data, an SPDX identifier as CC-BY-4.0, for README.md and the manifest; by default not stated.",
+        show_default=False,
+    ),
+]
 Workers = Annotated[
     int,
     typer.Option(

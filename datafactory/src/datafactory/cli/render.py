@@ -40,6 +40,7 @@ def render(
     effects: options.Effects = "auto",
     noise: options.Noise = True,
     truth_window: options.TruthWindow = "taylor-30",
+    licence: options.Licence = None,
     error_budget: Annotated[
         float | None,
         typer.Option(
@@ -88,6 +89,7 @@ def render(
         "effects": effects,
         "noise": noise,
         "truth_window": truth_window,
+        "license": licence,
         "error_budget": error_budget,
         "device": device,
     }

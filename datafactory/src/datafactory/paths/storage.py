@@ -21,6 +21,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
+from datafactory.scenes.boxes import SeenThing
 from datafactory.scenes.poses import Pose
 from shared.dataset.reading import open_shard
 from shared.physics.errors import InputError
@@ -55,8 +56,19 @@ CONSTANT = ("tx_velocity", "rx_velocity", "between_m", "between_rate_mps", "imag
 
 INTEGERS = {"depth": np.int8, "object_index": np.int32, "kinds": np.uint8}
 
-VERSION = b"5"
-"""Of the paths' columns; 2 added ``kinds``, 3 ``scene_number``, 4 ``sequence``, 5 ``scattered_two_points``."""
+VERSION = b"6"
+"""Of the paths' columns; 2 added ``kinds``, 3 ``scene_number``, 4 ``sequence``, 5 ``things``, 6
+``scattered_two_points``."""
+
+THING = pa.struct(
+    [
+        ("name", pa.string()),
+        ("class_name", pa.string()),
+        *((name, pa.list_(pa.float64(), 3)) for name in ("center", "size", "forward", "left", "up", "velocity")),
+        ("indices", pa.list_(pa.int32())),
+    ]
+)
+"""A :class:`datafactory.scenes.boxes.SeenThing`."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +82,7 @@ class TracedFrame:
     :param pose: where the radar stood
     :param wavelength_m: at which it was traced
     :param point_targets: number of the scene's point targets, the last of ``table.objects``
+    :param things: what gets a box
     :param sequence: number of the sequence it belongs to; -1 for none
     """
 
@@ -81,6 +94,7 @@ class TracedFrame:
     wavelength_m: float
     point_targets: int
     table: PathTable
+    things: tuple[SeenThing, ...] = ()
     sequence: int = -1
 
 
@@ -102,6 +116,7 @@ def paths_schema() -> pa.Schema:
         pa.field("objects", pa.list_(pa.string())),
         pa.field("counts", pa.map_(pa.string(), pa.int64())),
         pa.field("specular_reference", triple),
+        pa.field("things", pa.list_(THING)),
     ]
     for kind, columns in SHAPES.items():
         for name in columns:
@@ -141,6 +156,7 @@ def to_row(frame: TracedFrame) -> dict[str, Any]:
         "objects": list(table.objects),
         "counts": sorted(table.counts.items()),
         "specular_reference": table.specular.reference,
+        "things": [vars(thing) for thing in frame.things],
     }
     for kind, columns in SHAPES.items():
         for name in columns:
@@ -192,6 +208,7 @@ def from_row(batch: pa.RecordBatch) -> TracedFrame:
             objects=tuple(row["objects"]),
             counts=dict(row["counts"]),
         ),
+        things=tuple(_thing(values) for values in row["things"]),
     )
 
 
@@ -204,6 +221,11 @@ def _with_one_point(
     tx_point = rx_point.copy()
     tx_point[two_points] = stored
     return tx_point
+
+
+def _thing(values: dict[str, Any]) -> SeenThing:
+    fields: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in values.items()}
+    return SeenThing(**fields)
 
 
 def read_paths(path: Path) -> Iterator[TracedFrame]:

@@ -113,6 +113,8 @@ def _rendered(order: Order, table: MaterialTable, execution: Execution) -> Repor
         "close_targets": asdict(settings.close_targets),
     }
     stated = {key: about[key] for key in ("radar", "array", "virtual_sensor", "axes", "shapes", "conventions", "truth")}
+    if order.licence is not None:
+        arguments["license"] = stated["license"] = order.licence
     manifest = {"arguments": arguments, **stated, "scenes": prepared.entries}
     return _produce(job, order.split, plan_shards(job.deal.splits()), render_shard, manifest, execution, started)
 

@@ -25,6 +25,7 @@ from datafactory.run.memory import Load
 from datafactory.run.order import Order
 from datafactory.run.planning import Looking, plan_of, sample_of
 from datafactory.run.stored import StoredPaths, stored_paths, traced_rays
+from datafactory.scenes.boxes import boxed_things
 from datafactory.scenes.drives import draw_drive
 from datafactory.scenes.ground import Ground
 from datafactory.scenes.materials.table import MaterialMapping, MaterialTable
@@ -247,7 +248,9 @@ def prepared_scene(scene: Scene, table: MaterialTable, announce: Announce) -> Pr
     unknown = ", ".join(name or "(none)" for name in materials.unknown)
     if unknown:
         announce(f"{scene.name}: unknown materials given the default: {unknown}")
-    return PreparedScene(scene.name, scene.content_hash(), merge_scene(scene, materials), materials)
+    return PreparedScene(
+        scene.name, scene.content_hash(), merge_scene(scene, materials), materials, boxed_things(scene)
+    )
 
 
 def _late_poses(scene: Scene, poses: Sequence[Pose]) -> str:
