@@ -142,6 +142,7 @@ compatibility: $(INSTALLED)
 	$(BIN)/python -m pip install -qq --disable-pip-version-check -c constraints.txt uv
 	$(BIN)/uv venv --quiet --python $(PYTHON) build/compatibility/venv
 	$(BIN)/uv pip install --quiet --python build/compatibility/venv/bin/python --resolution $(RESOLUTION) ./shared ./datafactory ./trainer
+	rm -rf shared/build datafactory/build trainer/build # left by setuptools
 	PATH=$(CURDIR)/build/compatibility/venv/bin:$$PATH tests/compatibility.sh build/compatibility
 
 # No test fails without it, so that it is no part of the set-up.
