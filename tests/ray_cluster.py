@@ -6,8 +6,11 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any
+
+import psutil
 
 OBJECT_STORE = 80_000_000
 """Bytes of each node: the least that Ray takes."""
@@ -17,6 +20,7 @@ SETTINGS = {
     "health_check_period_ms": 250,
     "health_check_timeout_ms": 2000,
     "health_check_failure_threshold": 3,
+    "worker_niceness": 0,  # Ray's 15 would let its processes wait for all others of a busy machine
 }
 ENVIRONMENT = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0"}
 
@@ -29,7 +33,8 @@ def ray_cluster(nodes: int, cores_of_head: int = 0, **of_node: Any) -> Iterator[
     """
     folder = tempfile.mkdtemp(prefix="ray-", dir="/tmp")  # short: the names of its sockets have at most 107 characters
     before = dict(os.environ)
-    os.environ.update({**ENVIRONMENT, "RAY_TMPDIR": folder})
+    path = os.pathsep.join(filter(None, (str(Path(__file__).parent), os.environ.get("PYTHONPATH"))))
+    os.environ.update({**ENVIRONMENT, "RAY_TMPDIR": folder, "PYTHONPATH": path})
     try:
         from ray.cluster_utils import Cluster
 
@@ -49,7 +54,7 @@ def ray_cluster(nodes: int, cores_of_head: int = 0, **of_node: Any) -> Iterator[
             yield cluster
         finally:
             for node in cluster.list_all_nodes()[::-1]:
-                cluster.remove_node(node, allow_graceful=False)
+                kill_node(cluster, node)
     finally:
         os.environ.clear()
         os.environ.update(before)
@@ -62,5 +67,13 @@ def add_node(cluster: Any, **of_node: Any) -> Any:
 
 
 def kill_node(cluster: Any, node: Any) -> None:
-    """As a machine that loses its power."""
+    """As a machine that loses its power: all its processes at once, Ray's agents among them, which may linger."""
+    family = list[psutil.Process]()
+    for service in node.all_processes.values():
+        for info in service:
+            with suppress(psutil.NoSuchProcess):
+                family += psutil.Process(info.process.pid).children(recursive=True)
     cluster.remove_node(node, allow_graceful=False)
+    for process in family:
+        with suppress(psutil.NoSuchProcess):
+            process.kill()

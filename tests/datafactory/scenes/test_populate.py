@@ -15,6 +15,7 @@ from datafactory.cli.app import app
 from datafactory.cli.options import read_as_asked
 from datafactory.frame.deal import Deal
 from datafactory.run.preparation import prepare
+from datafactory.scenes.boxes import boxed_things
 from datafactory.scenes.ground import free_ground
 from datafactory.scenes.height_map import height_map
 from datafactory.scenes.materials.table import load_materials
@@ -233,6 +234,21 @@ def test_what_was_asked_for_is_placed_and_said(hill: Scene) -> None:
     assert "6 cars" in population.lines()[0]
     slots = 2 * sum(int((road.length_m - 13.0) / 6.2) for road in population.roads)
     assert population.placed["parked"] == pytest.approx(0.6 * slots, abs=2)
+
+
+def test_the_boxes_of_frames_are_those_of_the_things(hill: Scene) -> None:
+    """Name, class, size, place, heading and velocity, whatever the meshes that a thing is made of."""
+    boxes = {thing.name: thing for thing in boxed_things(hill)}
+    for thing in population_of(hill).things:
+        boxed = boxes.pop(thing.name)
+        assert boxed.class_name == thing.label
+        for time_s in (0.0, 7.3):
+            box, (foot, velocity) = boxed.at(time_s), thing.at(time_s)
+            np.testing.assert_allclose(box.size, thing.size_m, atol=1e-6)
+            np.testing.assert_allclose(box.center - 0.5 * thing.size_m[2] * box.axes[2], foot, atol=1e-6)
+            np.testing.assert_allclose(box.axes[0], thing.axes[0], atol=1e-9)
+            np.testing.assert_allclose(box.velocity, velocity, atol=1e-9)
+    assert not boxes
 
 
 def test_what_does_not_fit_is_said() -> None:

@@ -21,10 +21,12 @@ from datafactory.frame.defaults import (
     LARGEST_BUDGET_DB,
     SMALLEST_BUDGET_DB,
 )
+from datafactory.frame.device import device_of
 from datafactory.frame.measurement import Processing
 from datafactory.frame.points import PointTargets
-from datafactory.paths.defaults import DEFAULT_DEPTH, DEFAULT_RAYS, LARGEST_DEPTH, MOST_RAYS
+from datafactory.paths.defaults import CPU, CUDA, DEFAULT_DEPTH, DEFAULT_RAYS, LARGEST_DEPTH, MOST_RAYS
 from datafactory.paths.solver import TraceSettings
+from datafactory.run.licences import stated_licence
 from datafactory.run.order import Order
 from datafactory.run.stored import traced_split
 from datafactory.scenes.drives import WORD, Drives, parse_drives
@@ -156,11 +158,11 @@ def effects_of(effects: Effects) -> EffectSet | None:
     return parse_effects(effects if isinstance(effects, str) else ",".join(effects))
 
 
-def cores(workers: int) -> int:
-    """``workers``, or for 0 the cores that this process may use."""
+def processes(workers: int, device: str = CPU) -> int:
+    """``workers``, or for 0 the cores that this process may use; with CUDA one, for a run has one GPU."""
     require("--workers", workers, 0)
-    if workers:
-        return workers
+    if workers or device == CUDA:
+        return workers or 1
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -204,11 +206,16 @@ def order_of(
     noise: bool = True,
     store: str = STORES[0],
     truth_window: str = "taylor-30",
+    device: str = CPU,
+    synthesis: bool = True,
+    license: str | None = None,
 ) -> Order:
     """The order of a run; the arguments are those of :func:`datafactory.render`.
 
     :param split: None for that of ``paths``, or the usual one
     :param rays, depth, error_budget: None for the usual ones
+    :param device: "auto" is settled here
+    :param synthesis: whether signals will be made, and not paths alone
     :raises InputError: a value out of its bounds, a file that cannot be read, nothing to render
     """
     folder, wanted = None if paths is None else Path(paths), scenes_of(scenes)
@@ -261,7 +268,9 @@ def order_of(
                 store=choice("--store", store, STORES),
                 truth_window=choice("--truth-window", truth_window, ANGLE_WINDOWS),
             ),
+            device=device_of(device, bool(wanted), synthesis),
         ),
         effects=effects_of(effects),
         budget_db=DEFAULT_BUDGET_DB if error_budget is None else error_budget,
+        licence=stated_licence(license),
     )

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import psutil
 
+from datafactory.paths.defaults import CPU
 from datafactory.run.array_job import parse_job
 from datafactory.run.order import Order
 from datafactory.run.preparation import deal_of, deal_of_stored
@@ -43,6 +44,7 @@ class Forecast:
     :param memory_bytes: of all workers together, where the machine has ``machine_bytes``
     :param seconds: wall-clock, planning included
     :param workers: no more than there are shards
+    :param device: that the run will use
     """
 
     frames: dict[str, int]
@@ -53,17 +55,19 @@ class Forecast:
     machine_bytes: float
     seconds: float
     workers: int
+    device: str = CPU
 
     def lines(self) -> list[str]:
         """In words."""
         split = ", ".join(f"{name} {count}" for name, count in self.frames.items())
+        rates = "rates of another machine" if self.device == CPU else "rates of a CPU, for none of a GPU were measured"
         most = "process" if self.workers == 1 else "processes"
         return [
             f"{sum(self.frames.values())} frames ({split}) in {self.shards} shards",
             f"about {_amount(self.bytes)} on the disk, where {_amount(self.free_bytes)} are free",
             f"about {_amount(self.memory_bytes)} of memory in {self.workers} {most}; this machine has "
             f"{_amount(self.machine_bytes)}",
-            f"about {_duration(self.seconds)}, by rates of another machine; half or twice that would be no surprise",
+            f"about {_duration(self.seconds)}, by {rates}; half or twice that would be no surprise",
         ]
 
 
@@ -107,6 +111,7 @@ def forecast(order: Order, directory: Path, workers: int, shard: str | None = No
         machine_bytes=float(psutil.virtual_memory().total),
         seconds=planning + (scene_frames * of_scene + point_frames * of_points) / workers,
         workers=workers,
+        device=settings.device,
     )
 
 

@@ -24,15 +24,16 @@ from datafactory.api.asking import (
     SceneLike,
     TrajectoryLike,
     choice,
-    cores,
     materials_of,
     order_of,
+    processes,
     require,
     silent,
 )
 from datafactory.effects.catalogue import AUTO
 from datafactory.frame.defaults import DEFAULT_FRAMES
 from datafactory.frame.points import PointTargets
+from datafactory.paths.defaults import AUTO_DEVICE, CPU, CUDA
 from datafactory.run import pipeline
 from datafactory.run.array_job import OPTION, parse_job
 from datafactory.run.engines import ENGINES, LOCAL, Engine, opened
@@ -72,9 +73,11 @@ def render(
     noise: bool = True,
     store: str = STORES[0],
     truth_window: str = "taylor-30",
+    license: str | None = None,
     workers: int = 1,
     engine: str = LOCAL,
     address: str | None = None,
+    device: str = CPU,
     resume: bool = False,
     keep_going: bool = False,
     shard: str | None = None,
@@ -108,11 +111,15 @@ def render(
     :param noise: add receiver noise
     :param store: "range-channel", "range-doppler" or "cube": what else to keep
     :param truth_window: over the virtual sensor: "none", "taylor-25", "taylor-30" or "hann"
-    :param workers: processes; 1 works in this process, 0 takes one for each core. The bytes do not depend on it.
-        On a cluster: shards at work at a time, 0 for as many as its nodes have cores and memory for.
+    :param license: of the data, an SPDX identifier as "CC-BY-4.0", for the dataset's card and manifest; by default none
+        is stated: frames belong to whoever owns the scenes
+    :param workers: processes; 1 works in this process, 0 takes one for each core, with "cuda" one. The bytes do not
+        depend on it. On a cluster: shards at work at a time, 0 for as many as its nodes have cores and memory for.
     :param engine: "local", or "ray" for a Ray cluster; the bytes do not depend on it
     :param address: HOST:PORT of the cluster, which this machine is a node of; None for the one that runs here, or for
         a Ray that is started on this machine and ends with the run
+    :param device: where rays are traced and signals made: "cpu", "cuda", or "auto" for CUDA where it can be used. The
+        bytes depend on it: it stands in the manifest, and a run is resumed on the same one alone.
     :param resume: go on with an unfinished run in the same folder, on either engine
     :param keep_going: finish the other shards where three worker processes died of one
     :param shard: "i/n": make the shards of job i of n alone, i from 0, into ``out/job-i-of-n``;
@@ -129,7 +136,7 @@ def render(
     order = order_of(
         scenes, paths=paths, radar=radar, frames=frames, points=points, targets=targets, poses=poses,
         trajectory=trajectory, frame_rate=frame_rate, seed=seed, split=split, rays=rays, depth=depth, effects=effects,
-        error_budget=error_budget, noise=noise, store=store, truth_window=truth_window,
+        error_budget=error_budget, noise=noise, store=store, truth_window=truth_window, device=device, license=license,
     )  # fmt: skip
     if camera and shard is not None:
         raise InputError("--camera", f"beside {OPTION}", "datafactory inspect --camera once the jobs are merged")
@@ -138,7 +145,10 @@ def render(
     menu = None if error_budget is None else menu_for(rays, depth)
     table = materials_of(materials)
     with engine_of(engine, address, workers, announce) as made_by:
-        execution = execution_of(out, workers, resume, keep_going, shard, announce, progress, made_by)
+        execution = execution_of(
+            out, workers, resume, keep_going, shard, announce, progress, made_by, order.settings.device
+        )
+        _say_device(device, execution, order)
         report = _made(order, table, execution, menu, progress, pipeline.render)
     return _with_cameras(order, table, report, progress) if camera else report
 
@@ -162,6 +172,7 @@ def trace(
     workers: int = 1,
     engine: str = LOCAL,
     address: str | None = None,
+    device: str = CPU,
     resume: bool = False,
     keep_going: bool = False,
     shard: str | None = None,
@@ -176,11 +187,15 @@ def trace(
     """
     order = order_of(
         scenes, radar=radar, frames=frames, poses=poses, trajectory=trajectory, frame_rate=frame_rate, seed=seed,
-        split=split, rays=rays, depth=depth, effects=effects, error_budget=error_budget,
+        split=split, rays=rays, depth=depth, effects=effects, error_budget=error_budget, device=device,
+        synthesis=False,
     )  # fmt: skip
     menu, table = None if error_budget is None else menu_for(rays, depth).of_paths(), materials_of(materials)
     with engine_of(engine, address, workers, announce) as made_by:
-        execution = execution_of(out, workers, resume, keep_going, shard, announce, progress, made_by)
+        execution = execution_of(
+            out, workers, resume, keep_going, shard, announce, progress, made_by, order.settings.device
+        )
+        _say_device(device, execution, order)
         return _made(order, table, execution, menu, progress, pipeline.trace_paths)
 
 
@@ -202,16 +217,20 @@ def execution_of(
     announce: Announce,
     progress: Progress,
     engine: Engine,
+    device: str = CPU,
 ) -> Execution:
     """How a run is carried out.
 
-    :param workers: 0 takes one for each core
+    :param workers: 0 takes one for each core of the CPU, or one for the GPU
     :param shard: of :func:`render`
+    :raises InputError: a GPU on a cluster: its nodes do not share one
     """
+    if device == CUDA and engine.name != LOCAL:
+        raise InputError("--device", f"{device} beside --engine {engine.name}", f"{CPU}, or --engine {LOCAL}")
     job = None if shard is None else parse_job(shard)
     return Execution(
         Path(out) / job.folder if job else Path(out),
-        cores(workers) if engine.name == LOCAL else workers,
+        processes(workers, device) if engine.name == LOCAL else workers,
         resume,
         keep_going,
         job,
@@ -220,6 +239,15 @@ def execution_of(
         looked=partial(progress, "planning"),
         advance=partial(progress, "frames"),
     )
+
+
+def _say_device(asked: str, execution: Execution, order: Order) -> None:
+    """What was found for ``auto``, and what processes share."""
+    device = order.settings.device
+    if asked == AUTO_DEVICE:
+        execution.announce(f"device: {device}")
+    if device == CUDA and execution.workers > 1:
+        execution.announce(f"{execution.workers} workers share one GPU, and its memory")
 
 
 def _with_cameras(order: Order, table: MaterialTable, report: Report, progress: Progress) -> Report:

@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 
 from datafactory.cli.progress import Advance, shown
-from datafactory.paths.defaults import LARGEST_DEPTH, MOST_RAYS
+from datafactory.paths.defaults import CPU, LARGEST_DEPTH, MOST_RAYS
 from shared.physics.errors import InputError
 from shared.processes.defaults import DEFAULT_RADAR, LARGEST_SEED
 
@@ -83,8 +83,19 @@ Noise = Annotated[bool, typer.Option("--noise/--no-noise", help="Add receiver no
 TruthWindow = Annotated[
     str, typer.Option("--truth-window", help="Over the virtual sensor: none, taylor-25, taylor-30 or hann.")
 ]
+Licence = Annotated[
+    str | None,
+    typer.Option(
+        "--license",
+        help="Of the data, an SPDX identifier as CC-BY-4.0, for README.md and the manifest; by default not stated.",
+        show_default=False,
+    ),
+]
 Workers = Annotated[
-    int, typer.Option("--workers", min=0, help="Worker processes; 0: one a core, of all nodes with --engine ray.")
+    int,
+    typer.Option(
+        "--workers", min=0, help="Worker processes; 0: one a core, one with cuda, of all nodes with --engine ray."
+    ),
 ]
 EngineName = Annotated[
     str, typer.Option("--engine", help="local, or ray: a Ray cluster makes the shards. The same bytes.")
@@ -108,12 +119,19 @@ Shard = Annotated[
         "the jobs.",
     ),
 ]
+Device = Annotated[
+    str,
+    typer.Option(
+        "--device", help="cpu, cuda (an NVIDIA GPU), or auto: cuda where it can be used. The bytes depend on it."
+    ),
+]
 Verbose = Annotated[
     bool, typer.Option("--verbose", "-v", help="Also say what was counted: rays, paths, what was left out and why.")
 ]
 Resume = Annotated[bool, typer.Option("--resume", help="Go on with an unfinished run in the same folder.")]
 
 DEFAULT_RADAR_NAME = DEFAULT_RADAR
+DEFAULT_DEVICE = CPU
 
 
 def read_as_asked(

@@ -50,6 +50,7 @@ def plan(
     prove_it: Annotated[
         bool, typer.Option("--prove", help="Simulate one frame as planned and with every effect, and compare.")
     ] = False,
+    device: options.Device = options.DEFAULT_DEVICE,
     times: Annotated[bool, typer.Option("--times/--no-times", help="Measure what each effect costs in time.")] = True,
 ) -> None:
     """Say which effects will be simulated, why, what each costs and what leaving it out would cost.
@@ -75,6 +76,7 @@ def plan(
             error_budget=error_budget,
             times=times,
             prove=prove_it,
+            device=device,
             announce=lambda line: console.print(line, markup=False),
             progress=advance,
         )

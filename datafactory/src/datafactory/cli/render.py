@@ -40,6 +40,7 @@ def render(
     effects: options.Effects = "auto",
     noise: options.Noise = True,
     truth_window: options.TruthWindow = "taylor-30",
+    licence: options.Licence = None,
     error_budget: Annotated[
         float | None,
         typer.Option(
@@ -53,6 +54,7 @@ def render(
     workers: options.Workers = 0,
     engine: options.EngineName = "local",
     address: options.Address = None,
+    device: options.Device = options.DEFAULT_DEVICE,
     camera: Annotated[
         bool, typer.Option("--camera", help="Also what a camera at the sensor sees, DIR/camera/frame-NNNNNN.png.")
     ] = False,
@@ -67,7 +69,7 @@ def render(
 ) -> None:
     """Render frames of scenes, and close-target frames beside them, into a dataset."""
     from datafactory.api import making
-    from datafactory.api.asking import cores, order_of
+    from datafactory.api.asking import order_of, processes
     from datafactory.api.forecasting import forecast
 
     read = options.read_as_asked([*(scenes or ()), *(scene or ())], variant, allow_missing, populate, seed)
@@ -87,10 +89,13 @@ def render(
         "effects": effects,
         "noise": noise,
         "truth_window": truth_window,
+        "license": licence,
         "error_budget": error_budget,
+        "device": device,
     }
     if dry_run:
-        for line in forecast(order_of(read, **asked), out, cores(workers), shard).lines():
+        order = order_of(read, **asked)
+        for line in forecast(order, out, processes(workers, order.settings.device), shard).lines():
             typer.echo(line)
         return
     options.run(

@@ -17,6 +17,7 @@ class Summary:
 
     :param frames: (split, kind) to number of frames; empty for a folder of traced paths alone
     :param scenes: scene name to number of frames
+    :param sequences: number of sequences of frames along a track
     :param traced: frames whose traced paths are stored
     :param radar: its name; "" where there are no frames
     :param shapes: array columns and their shapes
@@ -27,6 +28,7 @@ class Summary:
 
     frames: dict[tuple[str, str], int]
     scenes: dict[str, int]
+    sequences: int
     traced: int
     radar: str
     shapes: dict[str, list[int]]
@@ -49,10 +51,12 @@ def summarise(dataset: Dataset) -> Summary:
     """
     kinds: Counter[tuple[str, str]] = Counter()
     scenes: Counter[str] = Counter()
+    sequences: set[int] = set()
     for split in dataset.splits:
         for frame in dataset.frames(split, columns=()):
             kinds[split, frame.kind] += 1
             scenes[frame.scene] += 1
+            sequences.add(frame.sequence)
     counts = dataset.manifest.get("counts", {})
     if not isinstance(counts, dict):
         raise InputError(dataset.path / MANIFEST, f"counts = {counts!r}", "a number for each thing counted")
@@ -60,6 +64,7 @@ def summarise(dataset: Dataset) -> Summary:
     return Summary(
         frames=dict(kinds),
         scenes=dict(scenes),
+        sequences=len(sequences - {-1}),
         traced=sum(record.rows for record in dataset.records if record.path.startswith("paths/")),
         radar=description["radar"]["name"],
         shapes=description["shapes"],

@@ -18,6 +18,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
+from datafactory.scenes.boxes import SeenThing
 from datafactory.scenes.poses import Pose
 from shared.dataset.reading import open_shard
 from shared.physics.errors import InputError
@@ -49,8 +50,18 @@ SHAPES = {
 
 INTEGERS = {"depth": np.int8, "object_index": np.int32, "kinds": np.uint8}
 
-VERSION = b"4"
-"""Of the paths' columns; 2 added ``kinds``, 3 ``scene_number``, 4 ``sequence``."""
+VERSION = b"5"
+"""Of the paths' columns; 2 added ``kinds``, 3 ``scene_number``, 4 ``sequence``, 5 ``things``."""
+
+THING = pa.struct(
+    [
+        ("name", pa.string()),
+        ("class_name", pa.string()),
+        *((name, pa.list_(pa.float64(), 3)) for name in ("center", "size", "forward", "left", "up", "velocity")),
+        ("indices", pa.list_(pa.int32())),
+    ]
+)
+"""A :class:`datafactory.scenes.boxes.SeenThing`."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +75,7 @@ class TracedFrame:
     :param pose: where the radar stood
     :param wavelength_m: at which it was traced
     :param point_targets: number of the scene's point targets, the last of ``table.objects``
+    :param things: what gets a box
     :param sequence: number of the sequence it belongs to; -1 for none
     """
 
@@ -75,6 +87,7 @@ class TracedFrame:
     wavelength_m: float
     point_targets: int
     table: PathTable
+    things: tuple[SeenThing, ...] = ()
     sequence: int = -1
 
 
@@ -96,6 +109,7 @@ def paths_schema() -> pa.Schema:
         pa.field("objects", pa.list_(pa.string())),
         pa.field("counts", pa.map_(pa.string(), pa.int64())),
         pa.field("specular_reference", triple),
+        pa.field("things", pa.list_(THING)),
     ]
     for kind, columns in SHAPES.items():
         for name in columns:
@@ -122,6 +136,7 @@ def to_row(frame: TracedFrame) -> dict[str, Any]:
         "objects": list(table.objects),
         "counts": sorted(table.counts.items()),
         "specular_reference": table.specular.reference,
+        "things": [vars(thing) for thing in frame.things],
     }
     for kind, columns in SHAPES.items():
         for name in columns:
@@ -159,7 +174,13 @@ def from_row(batch: pa.RecordBatch) -> TracedFrame:
             objects=tuple(row["objects"]),
             counts=dict(row["counts"]),
         ),
+        things=tuple(_thing(values) for values in row["things"]),
     )
+
+
+def _thing(values: dict[str, Any]) -> SeenThing:
+    fields: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in values.items()}
+    return SeenThing(**fields)
 
 
 def read_paths(path: Path) -> Iterator[TracedFrame]:

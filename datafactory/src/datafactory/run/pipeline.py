@@ -100,7 +100,7 @@ def _rendered(order: Order, table: MaterialTable, execution: Execution) -> Repor
     frames = order.scene_frames + (len(order.targets) or order.points)
     require_room(execution.directory, math.ceil(frames / (execution.job.of if execution.job else 1)), about["shapes"])
     if order.scenes:
-        require_memory(settings.trace.rays, execution.workers)
+        require_memory(settings.trace.rays, execution.processes_here)
     if said := statement(order.radar):
         execution.announce(said)
     prepared = prepare(order, table, execution.announce, execution.looked)
@@ -112,6 +112,8 @@ def _rendered(order: Order, table: MaterialTable, execution: Execution) -> Repor
         "close_targets": asdict(settings.close_targets),
     }
     stated = {key: about[key] for key in ("radar", "array", "virtual_sensor", "axes", "shapes", "conventions", "truth")}
+    if order.licence is not None:
+        arguments["license"] = stated["license"] = order.licence
     manifest = {"arguments": arguments, **stated, "scenes": prepared.entries}
     return _produce(job, order.split, plan_shards(job.deal.splits()), render_shard, manifest, execution, started)
 
@@ -192,7 +194,7 @@ def _produce(
             "seeds": {"dataset": job.deal.seed, "frame": "SeedSequence(entropy=dataset, spawn_key=(frame_id,))"},
             "counts": counts,
             "shards": [item.record.model_dump() for item in finished],
-            "made": provenance(execution.engine.name, execution.workers, seconds, made.seconds),
+            "made": provenance(execution.engine.name, execution.workers, seconds, made.seconds, job.settings.device),
         },
     )
     return Report(directory, frames, len(made.shards), len(earlier.shards), counts, seconds)

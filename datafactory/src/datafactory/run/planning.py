@@ -105,7 +105,7 @@ def evidence_on(sample: Sample, order: Order, announce: Announce, looking: Looki
 
     def measure(_: object) -> Gathered:
         looking.advance(0)
-        select_variant()
+        select_variant(order.settings.device)
         set_threads(1)
         with threadpool_limits(limits=1):
             return gather(sample, order.radar, order.settings, looking.advance)

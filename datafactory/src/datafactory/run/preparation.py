@@ -20,11 +20,11 @@ from datafactory.frame.deal import Deal, drawn_scene, split_of
 from datafactory.frame.points import PointTargets
 from datafactory.frame.prepared import PreparedScene, Sample
 from datafactory.frame.seeds import generator, sequence_seed
-from datafactory.paths.curved_surfaces import curved_surfaces_of
 from datafactory.paths.merged_scene import merge_scene
 from datafactory.run.order import Order
 from datafactory.run.planning import Looking, plan_of, sample_of
 from datafactory.run.stored import StoredPaths, stored_paths
+from datafactory.scenes.boxes import boxed_things
 from datafactory.scenes.drives import draw_drive
 from datafactory.scenes.ground import Ground
 from datafactory.scenes.materials.table import MaterialMapping, MaterialTable
@@ -200,6 +200,7 @@ def _common_arguments(order: Order) -> dict[str, Any]:
         "seed": order.seed,
         "split": order.split,
         "radar": order.radar.model_dump(mode="json"),
+        "device": order.settings.device,
         "versions": {name: version(name) for name in ("sparseradar-datafactory", "sionna-rt")},
     }
 
@@ -221,10 +222,9 @@ def prepared_scene(scene: Scene, table: MaterialTable, announce: Announce) -> Pr
     unknown = ", ".join(name or "(none)" for name in materials.unknown)
     if unknown:
         announce(f"{scene.name}: unknown materials given the default: {unknown}")
-    merged = merge_scene(scene, materials)
-    for note in curved_surfaces_of(merged).notes():
-        announce(f"{scene.name}: {note}")
-    return PreparedScene(scene.name, scene.content_hash(), merged, materials)
+    return PreparedScene(
+        scene.name, scene.content_hash(), merge_scene(scene, materials), materials, boxed_things(scene)
+    )
 
 
 def _late_poses(scene: Scene, poses: Sequence[Pose]) -> str:

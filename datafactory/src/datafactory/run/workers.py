@@ -42,7 +42,7 @@ class ShardWork:
     def begin(self) -> None:
         """Make this process ready."""
         if self.job.scenes:
-            select_variant()
+            select_variant(self.job.settings.device)
             set_threads(1)
 
     def __call__(self, plan: ShardPlan, report: StepsDone) -> ShardResult:

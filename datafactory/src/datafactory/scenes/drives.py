@@ -18,11 +18,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 from scipy.interpolate import CubicSpline
 
 from datafactory.scenes.ground import CLEARANCE_M, Ground
-from datafactory.scenes.lanes import STEP_M, Lane, draw_lane
+from datafactory.scenes.lanes import STEP_M, Lane, draw_lane, smoothed
 from datafactory.scenes.movers import Movers
 from datafactory.scenes.poses import SENSOR_HEIGHT_M, Pose
 from datafactory.scenes.tracks import MOST_FRAMES, pose_of, require_rate
@@ -161,8 +160,7 @@ def ride(lane: Lane, cruise_mps: float, stop: int | None = None, standing_s: flo
 def poses_along(lane: Lane, ground: Ground, time_s: Real, way_m: Real, speed_mps: Real) -> tuple[Pose, ...]:
     """The sensor's poses at times [k], way [k] down a lane: 0.5 m above the ground and looking along it."""
     height = np.array([ground.height_at(x, y) for x, y in lane.points]) + SENSOR_HEIGHT_M
-    height = ndimage.gaussian_filter1d(height, ROUGH_M / STEP_M, mode="nearest")
-    course = CubicSpline(lane.distance_m, np.column_stack([lane.points, height]))
+    course = CubicSpline(lane.distance_m, np.column_stack([lane.points, smoothed(height[:, None], ROUGH_M)]))
     along = course(way_m, 1)
     yaw = np.degrees(np.arctan2(along[:, 1], along[:, 0]))
     pitch = -np.degrees(np.arctan2(along[:, 2], np.hypot(along[:, 0], along[:, 1])))
@@ -191,7 +189,7 @@ def draw_drive(
         cruise = float(rng.uniform(SLOWEST_MPS, FASTEST_MPS)) if asked.speed_mps is None else asked.speed_mps
         lane = draw_lane(ground, cruise * asked.seconds + ACCELERATION_MPS2, rng, region)
         stops, place, stands = rng.random() < STOP_SHARE, rng.uniform(0.2, 0.8), rng.uniform(*STANDING_S)
-        begins_s = rng.uniform(0.0, latest_s)
+        begins_s = round(rng.uniform(0.0, latest_s), 3)
         if lane is None:
             continue
         lanes += 1

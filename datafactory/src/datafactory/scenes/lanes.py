@@ -177,7 +177,7 @@ def _lane_along(way: Real, ground: Ground, allowed: Mask, room: Real, length_m: 
     """The right lane of a way [n, 2] in cells, as far as it stays on allowed cells; None if that is less than 2 m."""
     if len(way) < 3:
         return None
-    middle = _smoothed(_even(np.asarray(ground.origin) + (way + 0.5) * ground.cell_m))
+    middle = smoothed(_even(np.asarray(ground.origin) + (way + 0.5) * ground.cell_m), SMOOTHING_M)
     if len(middle) < 5:
         return None
     along = np.gradient(middle, axis=0)
@@ -207,9 +207,12 @@ def _even(points: Real) -> Real:
     return np.stack([np.interp(at, far, points[:, axis]) for axis in (0, 1)], axis=1)
 
 
-def _smoothed(points: Real) -> Real:
-    """The line without the grid's corners; its ends go on straight, so that they stay where they are."""
-    pad = int(4.0 * SMOOTHING_M / STEP_M)
+def smoothed(points: Real, deviation_m: float) -> Real:
+    """Values [n, k] along a line with a point every ``STEP_M``, smoothed by a Gaussian of this standard deviation.
+
+    Beyond the ends they go on as straight as they came, so that the ends keep value and slope.
+    """
+    pad = int(4.0 * deviation_m / STEP_M)
     if len(points) < 2:
         return points
     # Point reflection at each end: value and direction are kept.
@@ -220,4 +223,4 @@ def _smoothed(points: Real) -> Real:
     extended = points[folded]
     extended[index < 0] = 2.0 * points[0] - extended[index < 0]
     extended[index > last] = 2.0 * points[last] - extended[index > last]
-    return np.asarray(ndimage.gaussian_filter1d(extended, SMOOTHING_M / STEP_M, axis=0)[pad : pad + len(points)])
+    return np.asarray(ndimage.gaussian_filter1d(extended, deviation_m / STEP_M, axis=0)[pad : pad + len(points)])

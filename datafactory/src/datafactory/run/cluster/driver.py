@@ -17,7 +17,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from datafactory.run.cluster.messages import Begin, Connect, Connected, Look, Outcome
+from datafactory.run.cluster.messages import PROBE_S, Begin, Connect, Connected, Look, Outcome, Reached
 from datafactory.run.cluster.node import Steps, make_shard
 from datafactory.run.cluster.surroundings import difference, look_around, processor, surroundings, unlike
 from datafactory.run.shards import ShardPlan
@@ -29,8 +29,6 @@ LOOK_S = 0.3
 """How often the cluster is looked at."""
 NODES_EVERY_S = 2.0
 """How often its nodes are counted."""
-PROBE_S = 60.0
-"""Within this a node has to say what is installed on it; the first process of a node takes some seconds to start."""
 QUIET = {
     "RAY_USAGE_STATS_ENABLED": "0",
     "RAY_DEDUP_LOGS": "0",
@@ -44,29 +42,46 @@ def main() -> None:
     pipe = Connection(int(sys.argv[-1]))
     os.environ |= QUIET
     try:
-        pipe.send(_connected(pipe.recv()))
-        Driver(pipe).serve()
+        _connect(pipe.recv())
+        pipe.send(Reached())
+        pipe.send(_connected())
+        _serve(pipe)
     except EOFError:
         pass
     except Exception as error:
         pipe.send(error)
     finally:
+        pipe.close()  # the command need not wait for what follows
         import ray
 
         ray.shutdown()
 
 
-def _connected(asked: Connect) -> Connected:
-    """Connect to a cluster, and look at its nodes.
+def _serve(pipe: Connection) -> None:
+    """Until the pipe is closed, or the cluster is gone: the command notices that nobody holds the other end.
 
-    :raises InputError: a cluster that cannot be worked with
+    :raises EOFError: the pipe is closed
+    :raises OSError: a shard cannot be written
     """
+    from ray.exceptions import RayError
+
+    with suppress(RayError, RuntimeError, ConnectionError):
+        Driver(pipe).serve()
+
+
+def _connect(asked: Connect) -> None:
+    """:raises InputError: Ray is of another version, or this machine is no node of the cluster"""
     import ray
 
     try:
         ray.init(address=asked.address, include_dashboard=False, log_to_driver=False, logging_level=logging.CRITICAL)
     except (RuntimeError, ConnectionError, ValueError) as error:
         raise InputError("--address", str(error), "HOST:PORT of a cluster that this machine is a node of") from error
+
+
+def _connected() -> Connected:
+    import ray
+
     nodes = [node for node in ray.nodes() if node["Alive"] and node["Resources"].get("CPU", 0.0) >= 1.0]
     return Connected(len(nodes), _looked_at(nodes))
 
@@ -93,12 +108,12 @@ def _looked_at(nodes: list[dict[str, Any]]) -> tuple[str, ...]:
     for answer in ready:
         try:
             there, kind = ray.get(answer)
-        except ray.exceptions.NodeDiedError:
-            continue  # as it may at any time
         except (ray.exceptions.RayTaskError, ray.exceptions.RaySystemError) as error:
             said = str(error).strip().splitlines()[-1]
             fault = f"node {answers[answer]} cannot load datafactory: {said}"
             raise InputError("--engine", fault, "pip install 'sparseradar-datafactory[ray]' on every node") from error
+        except ray.exceptions.RayError:
+            continue  # it is gone, as it may be at any time; every process is asked again before its first shard
         if found := difference(here, there):
             raise unlike(answers[answer], found)
         if kind != processor():

@@ -11,11 +11,11 @@ from dataclasses import replace
 from importlib.util import find_spec
 from multiprocessing.connection import Pipe
 from types import TracebackType
-from typing import Any
+from typing import Any, TypeVar
 
 import cloudpickle
 
-from datafactory.run.cluster.messages import Begin, Connect, Connected, Look
+from datafactory.run.cluster.messages import PROBE_S, Begin, Connect, Connected, Look, Reached
 from datafactory.run.cluster.node import Given, surroundings_of
 from datafactory.run.room import trace_memory
 from datafactory.run.shards import ShardPlan
@@ -26,12 +26,13 @@ from shared.processes.tasks import Attempts, Finished
 
 ANSWER_S = 5.0
 """Within this something at an address accepts a connection."""
-CONNECT_S = 45.0
+CONNECT_S = 60.0
 """Within this a cluster answers, or Ray is started on this machine: 3 to 10 s, more where the machine is busy. Ray
 itself waits for ever."""
 END_S = 15.0
 """Within this the driver lets go of its cluster; a Ray of the run's own takes 3 s to end."""
 EXPECTED = "HOST:PORT of a cluster that this machine is a node of"
+Answer = TypeVar("Answer")
 DRIVER = "from datafactory.run.cluster.driver import main; main()"
 GONE = (
     "--engine ray: the connection to the cluster is lost: its head, or the Ray of this machine, has ended; the same "
@@ -53,7 +54,8 @@ def connected(address: str | None, announce: Callable[[str], None]) -> Iterator[
     driver = _Driver()
     try:
         driver.send(Connect(address))
-        about: Connected = driver.receive(CONNECT_S, address)
+        driver.receive(Reached, CONNECT_S, address)
+        about = driver.receive(Connected, PROBE_S + CONNECT_S, address)
         for note in about.notes:
             announce(note)
         announce(f"Ray: {about.nodes} {'node' if about.nodes == 1 else 'nodes'} to work on")
@@ -84,8 +86,8 @@ class _Driver:
         except OSError as error:
             raise RunFailed(GONE) from error
 
-    def receive(self, timeout_s: float, address: str | None) -> Any:
-        """The first message.
+    def receive(self, kind: type[Answer], timeout_s: float, address: str | None) -> Answer:
+        """A message of this kind.
 
         :raises InputError: none within this time [s], or what was wrong
         """
@@ -94,9 +96,11 @@ class _Driver:
             problem = f"{where} does not answer within {timeout_s:.0f} s"
             raise InputError("--address", problem, EXPECTED)
         try:
-            return self._checked(self._pipe.recv())
+            message = self._checked(self._pipe.recv())
         except (EOFError, OSError):
             raise InputError("--address", f"{where} cannot be joined", EXPECTED) from None
+        assert isinstance(message, kind)
+        return message
 
     def looks(self, timeout_s: float) -> Iterator[Look]:
         """What came within this time [s].
@@ -163,18 +167,22 @@ class RayEngine:
 
     def pool(self, work: ShardWork, shards: int, workers: int) -> RayPool:
         """Processes of the cluster's nodes."""
-        return RayPool(work, workers, self._driver, self._announce)
+        memory = trace_memory(work.job.settings.trace.rays if work.job.scenes else 0, 1)
+        return RayPool(work, memory, workers, self._driver, self._announce)
 
 
 class RayPool:
     """A :class:`shared.processes.tasks.Pool` of the cluster's processes.
 
+    :param memory: that a process takes [bytes]
     :param workers: shards at work at a time; 0 for as many as the nodes have cores and memory for
     """
 
-    def __init__(self, work: ShardWork, workers: int, driver: _Driver, announce: Callable[[str], None]) -> None:
-        self._work, self._workers, self._driver, self._announce = work, workers, driver, announce
-        self._memory = int(trace_memory(work.job.settings.trace.rays if work.job.scenes else 0, 1))
+    def __init__(
+        self, work: ShardWork, memory: float, workers: int, driver: _Driver, announce: Callable[[str], None]
+    ) -> None:
+        self._work, self._memory, self._workers = work, int(memory), workers
+        self._driver, self._announce = driver, announce
         self._attempts = Attempts[ShardPlan, ShardResult]()
         self._running = 0
         self._steps = 0

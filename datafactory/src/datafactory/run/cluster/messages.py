@@ -8,6 +8,9 @@ from datafactory.run.progress import FinishedShard
 from datafactory.run.shards import ShardPlan
 from datafactory.run.workers import Seconds
 
+PROBE_S = 120.0
+"""Within this a node has to say what is installed on it; the first process of a node takes some seconds to start."""
+
 
 @dataclass(frozen=True)
 class Connect:
@@ -20,8 +23,13 @@ class Connect:
 
 
 @dataclass(frozen=True)
+class Reached:
+    """The driver's first answer: Ray is there. An exception in its place, or later, says why not."""
+
+
+@dataclass(frozen=True)
 class Connected:
-    """The driver's answer; an exception in its place says why not.
+    """The driver's second answer: the nodes have been asked what they are like.
 
     :param nodes: alive, that have a processor for tasks
     :param notes: lines for the user

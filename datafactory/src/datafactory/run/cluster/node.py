@@ -28,7 +28,7 @@ from datafactory.run.shards import ShardPlan
 from datafactory.run.workers import Seconds, ShardWork
 from shared.physics.errors import InputError
 
-SCRATCH = f"sparseradar-{platform.node()}-"
+SCRATCH = f"sparseradar-shard-{platform.node()}-"
 """Folders in the temporary folder, one a process, whose number follows; containers may have the folder in common."""
 
 

@@ -29,10 +29,10 @@ def tracer() -> dict[str, str]:
 
     :raises InputError: as :func:`datafactory.paths.backend.select_variant`
     """
-    from datafactory.paths.backend import LLVM, find_llvm, select_variant
+    from datafactory.paths.backend import LLVM_VARIANT, find_llvm, select_variant
 
     variant = select_variant()
-    return {"the ray tracer": f"{variant} with LLVM {find_llvm()[1]}" if variant == LLVM else variant}
+    return {"the ray tracer": f"{variant} with LLVM {find_llvm()[1]}" if variant == LLVM_VARIANT else variant}
 
 
 def processor() -> str:
