@@ -222,8 +222,8 @@ def measured(source: Source, radar: Radar, at: Hook = plainly) -> Measurement:
     counts = {**paths.counts, **counted, "frames": 1, "paths": len(paths)}
     noise = generator(identity.seed, "noise")
     kernels = kernels_on(settings.device)
-    frame = measure(identity, paths, known, radar, settings.processing, noise, at, counts, kernels)
-    return replace(frame, boxes=boxes)
+    measurement = measure(identity, paths, known, radar, settings.processing, noise, at, counts, kernels)
+    return replace(measurement, boxes=boxes)
 
 
 def illuminated(traced: TracedFrame, settings: ChainSettings, radar: Radar, at: Hook = plainly) -> PathTable:
