@@ -12,6 +12,7 @@ DATASET := build/dataset
 STUDY := build/study
 STUDY_STEPS := 1500
 STUDY_METHODS := das,das-hann,music,iaa,iaa-view,omp,omp-cfar,spice,likes,cnn,unet
+POPULATE := --populate cars=20,trucks=2,pedestrians=10,cyclists=4,poles=30,signs=10,parked=0.6
 CITIES := --scene scenes/street.usda --scene sionna:simple_street_canyon_with_cars --scene sionna:munich
 
 help:
@@ -48,7 +49,7 @@ dataset: $(DATASET)/manifest.json
 	@echo "  $(BIN)/datafactory render --scene YOUR_SCENE.usd --out build/mine --frames 16"
 
 $(DATASET)/manifest.json: | $(INSTALLED)
-	$(BIN)/datafactory render $(CITIES) --frames 64 --points 16 --out $(DATASET) --resume
+	$(BIN)/datafactory render $(CITIES) $(POPULATE) --frames 64 --points 16 --out $(DATASET) --resume
 
 # Killed, it goes on where it was: a dataset, a run or an evaluation that is begun is resumed, one that is finished stays.
 # Two runs at a time, each on one core.
@@ -64,10 +65,10 @@ $(STUDY)/city.usda: | $(INSTALLED)
 	$(BIN)/datafactory city --seed 1 --blocks 4 --out $@
 
 $(STUDY)/data/manifest.json: | $(STUDY)/city.usda
-	$(BIN)/datafactory render $(CITIES) --scene $(STUDY)/city.usda --frames 640 --points 64 --rays 100000 --out $(@D) --resume
+	$(BIN)/datafactory render $(CITIES) --scene $(STUDY)/city.usda $(POPULATE) --frames 640 --points 64 --rays 100000 --out $(@D) --resume
 
 $(STUDY)/unseen/manifest.json: | $(INSTALLED)
-	$(BIN)/datafactory render --scene sionna:san_francisco --frames 16 --split 0:0:1 --rays 100000 --out $(@D) --resume
+	$(BIN)/datafactory render --scene sionna:san_francisco $(POPULATE) --frames 16 --split 0:0:1 --rays 100000 --out $(@D) --resume
 
 # A run is done when its command has ended, not when its folder is there.
 $(STUDY)/unet-%.done: $(STUDY)/data/manifest.json
@@ -142,6 +143,7 @@ compatibility: $(INSTALLED)
 	$(BIN)/python -m pip install -qq --disable-pip-version-check -c constraints.txt uv
 	$(BIN)/uv venv --quiet --python $(PYTHON) build/compatibility/venv
 	$(BIN)/uv pip install --quiet --python build/compatibility/venv/bin/python --resolution $(RESOLUTION) ./shared ./datafactory ./trainer
+	rm -rf shared/build datafactory/build trainer/build # left by setuptools
 	PATH=$(CURDIR)/build/compatibility/venv/bin:$$PATH tests/compatibility.sh build/compatibility
 
 # No test fails without it, so that it is no part of the set-up.

@@ -16,13 +16,14 @@ from typer.testing import CliRunner
 
 from datafactory.accuracy.samples import made_with
 from datafactory.api import making
-from datafactory.api.asking import Announce, order_of, processes, silent
+from datafactory.api.asking import Announce, order_of, silent
 from datafactory.api.forecasting import forecast
 from datafactory.cli.app import app
 from datafactory.effects.catalogue import ALL
 from datafactory.frame import device
 from datafactory.paths.backend import CudaDevice
 from datafactory.run import pipeline, provenance
+from datafactory.run.memory import processes
 from datafactory.run.pipeline import Report
 from datafactory.synthesis import kernels
 from shared.physics.errors import InputError

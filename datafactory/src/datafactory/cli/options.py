@@ -94,7 +94,9 @@ Licence = Annotated[
 Workers = Annotated[
     int,
     typer.Option(
-        "--workers", min=0, help="Worker processes; 0: one a core, one with cuda, of all nodes with --engine ray."
+        "--workers",
+        min=0,
+        help="Worker processes; 0: one a core if memory is there, one with cuda, of all nodes with --engine ray.",
     ),
 ]
 EngineName = Annotated[

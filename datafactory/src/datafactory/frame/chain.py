@@ -39,7 +39,7 @@ from datafactory.paths.density import lit_cells
 from datafactory.paths.prune import DEFAULT_LEVEL_DB, pruned
 from datafactory.paths.rays import RayFan
 from datafactory.paths.solver import TraceSettings
-from datafactory.paths.storage import TracedFrame, read_paths
+from datafactory.paths.storage import TracedFrame, read_frame_paths
 from datafactory.paths.table import PathTable
 from datafactory.paths.trace import trace
 from datafactory.scenes.boxes import seen_things
@@ -159,7 +159,7 @@ class StoredSource:
 
     def traced(self, radar: Radar, at: Hook = plainly) -> TracedFrame:
         """The row."""
-        return at("read", _row_of, self.shard, self.row)
+        return at("read", read_frame_paths, self.shard, self.row)
 
 
 @dataclass(frozen=True)
@@ -255,7 +255,3 @@ def narrowed(
 def _counted(effects: Mapping[str, bool]) -> dict[str, int]:
     """A frame's entries in the manifest's counts: 1 for each effect that it is made with."""
     return {f"{FRAMES_WITH}{name}": int(on) for name, on in effects.items()}
-
-
-def _row_of(shard: Path, row: int) -> TracedFrame:
-    return next(islice(read_paths(shard), row, None))
