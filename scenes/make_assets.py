@@ -77,12 +77,16 @@ def car(body: CarBody) -> Surface:
 
     parts = [loft(levels, "metal", floor="metal", lid="metal", left_out=arch)]
     for sign in (1.0, -1.0):
-
-        def here(band: int, strip: int, sign: float = sign) -> bool:
-            return arch(band, strip) and bool(sign * middles[strip, 1] > 0.0)
-
-        parts.append(recess(levels, here, np.array([0.0, -0.28 * sign, 0.0]), "metal"))
         for x in (-body.axle, body.axle):
+
+            def here(band: int, strip: int, sign: float = sign, x: float = x) -> bool:
+                return arch(band, strip) and bool(sign * middles[strip, 1] > 0.0 and x * middles[strip, 0] > 0.0)
+
+            def inwards(points: np.ndarray, sign: float = sign, x: float = x) -> np.ndarray:
+                """To the arch's ground, which is smaller than its mouth: real ones have no right angles."""
+                return np.array([x, 0.0, 0.2]) + (points - [x, 0.0, 0.2]) * [0.75, 1.0, 0.8] - [0.0, 0.28 * sign, 0.0]
+
+            parts.append(recess(levels, here, inwards, "metal"))
             turn = np.eye(3) if sign > 0.0 else TURN_BACK
             parts.append(placed(wheel(body.wheel_radius, 0.2), (x, sign * (side - 0.12), body.wheel_radius), turn))
     parts.append(_cabin(body, side))

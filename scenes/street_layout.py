@@ -15,6 +15,7 @@ from street_houses import HouseStyle, house
 from datafactory.scenes.city import furniture, vehicles
 from datafactory.scenes.city.placement import Placement
 from datafactory.scenes.city.shapes import Surface, stepped_surface, welded
+from datafactory.scenes.city.site import CLASSES
 
 BLOCK_LENGTH = 76.0
 LANE = 3.5
@@ -93,8 +94,11 @@ class StreetLayout:
         x, y, z = (round(value, 3) + 0.0 for value in position)
         vx, vy = (round(value, 2) + 0.0 for value in velocity)
         self.placements.append(
-            Placement(self._name(group, kind), self.models[model], (x, y, z), yaw_deg, (vx, vy, 0.0), rcs_dbsm, model)
-        )
+            Placement(
+                self._name(group, kind), self.models[model], (x, y, z), yaw_deg, (vx, vy, 0.0), rcs_dbsm, model,
+                radar_class=CLASSES.get(kind, ""),
+            )
+        )  # fmt: skip
 
     def _ground(self) -> None:
         """Roads at z = 0, pavements and plots behind kerbs: one terrace, cut into a named surface for each use."""

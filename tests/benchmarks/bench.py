@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Annotated
 
 import cubes
+import devices
 import images
 import machine
 import numba
@@ -45,6 +46,10 @@ BENCHMARKS: dict[str, Callable[[Workload], Record]] = {
     "image_vs_gemm_limit": images.image_vs_gemm_limit,
     "image_vs_numpy_backprojection": images.image_vs_numpy_backprojection,
     "truth_synthesis_vs_cube": images.truth_synthesis_vs_cube,
+    "cube_on_torch_vs_compiled": devices.cube_on_torch,
+    "truth_on_torch_vs_compiled": devices.truth_on_torch,
+    "cube_on_cuda_vs_compiled": devices.cube_on_cuda,
+    "truth_on_cuda_vs_compiled": devices.truth_on_cuda,
     "cube_vs_sionna_cfr": peers.cube_vs_sionna_cfr,
     "points_vs_mmwrt": peers.points_vs_mmwrt,
     "datafactory_help_vs_numpy": starts.help_of_datafactory,

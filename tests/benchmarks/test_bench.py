@@ -58,13 +58,18 @@ LARGEST_ERROR = {
     "image_vs_gemm_limit": -60.0,
     "image_vs_numpy_backprojection": -60.0,
     "truth_synthesis_vs_cube": -45.0,
+    "cube_on_torch_vs_compiled": 1e-3,
+    "truth_on_torch_vs_compiled": 3e-3,  # a path may have more Doppler terms than the compiled kernel gives it
+    "cube_on_cuda_vs_compiled": 1e-3,
+    "truth_on_cuda_vs_compiled": 3e-3,
     "cube_vs_sionna_cfr": 5e-3,  # Sionna's delays are float32
     "points_vs_mmwrt": 1e-6,
     "datafactory_help_vs_numpy": 0.0,
     "trainer_help_vs_numpy": 0.0,
     "first_frame_vs_numpy": 0.0,
 }
-APART = ("cube_vs_sionna_cfr", "points_vs_mmwrt", "first_frame_vs_numpy")
+ON_GPU = ("cube_on_cuda_vs_compiled", "truth_on_cuda_vs_compiled")
+APART = ("cube_vs_sionna_cfr", "points_vs_mmwrt", "first_frame_vs_numpy", *ON_GPU)
 LOCAL = [name for name in bench.BENCHMARKS if name not in APART]
 
 
@@ -118,6 +123,16 @@ def test_the_machine_is_described_beside_the_records(records):
     assert machine["cores"] >= 1
     assert machine["versions"]["numpy"] == np.__version__
     assert len(machine["load_average_1_5_15_min"]) == 3
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("name", ON_GPU)
+def test_a_gpu_agrees(tmp_path, name):
+    found = run([name], tmp_path)
+    if not found:
+        machine = json.loads((tmp_path / "deeper" / "bench-machine.json").read_text())
+        pytest.skip(machine["skipped"][name])
+    assert found[0]["error"] <= LARGEST_ERROR[name]
 
 
 @pytest.mark.slow

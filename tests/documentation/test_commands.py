@@ -36,6 +36,7 @@ SMALLER = {
     "datafactory plan": ["--frames", "1", "--rays", "2000", "--no-times"],
     "datafactory points": ["--workers", "1"],
     "datafactory inspect": [],
+    "datafactory convert": [],
     "datafactory city": ["--blocks", "1"],
     "trainer fit": [
         "--steps", "2", "--rows", "16", "--points", "0", "--batch", "1", "--validate-every", "2", "--width", "4",

@@ -14,7 +14,7 @@ import pyarrow as pa
 import pytest
 from fuzzing import SPLICES, Splice, damaged, fuzz, reads_or_says_one_line
 
-from datafactory.paths.storage import TracedFrame, paths_schema, read_paths, to_row
+from datafactory.paths.storage import TracedFrame, paths_schema, read_paths, to_row, writer_options
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.run.shards import write_shard, write_tables
 from datafactory.scenes.poses import Pose
@@ -48,7 +48,7 @@ def dataset(tmp_path_factory) -> Path:
     points = ScatteredPaths.of_points(np.ones((2, 3)), np.zeros((2, 3)), np.ones(2))
     traced = TracedFrame(0, "scene", 0, 1, Pose((0.0, 0.0, 0.0)), 0.0039, 0, PathTable(points, objects=("a",)))
     rows = [pa.Table.from_pylist([to_row(traced)], schema=paths_schema())]
-    write_tables(made / "paths" / "part-00000.parquet", rows, paths_schema(), compression="zstd")
+    write_tables(made / "paths" / "part-00000.parquet", rows, paths_schema(), **writer_options())
     return made
 
 

@@ -27,6 +27,10 @@ from typing import TYPE_CHECKING
 
 import psutil
 
+sys.path.append(str(Path(__file__).resolve().parents[1]))  # where this is run as a script
+
+from array_jobs import ArrayRun
+
 if TYPE_CHECKING:
     from ray_nodes import Nodes
 
@@ -90,9 +94,10 @@ class Command:
     """A command that can be killed and resumed.
 
     :param arguments: for a folder
-    :param result: what of a finished folder has to be the same, by name
+    :param result: what of a finished folder has to be the same, by name; an OSError where that cannot be said
     :param reference: arguments of what it is compared with; by default its own
     :param nodes: of a cluster that works for it
+    :param fault: what is wrong with a folder after a kill, "" for nothing
     """
 
     name: str
@@ -100,6 +105,7 @@ class Command:
     result: Callable[[Path], dict[str, str]]
     reference: Callable[[Path], list[str]] | None = None
     nodes: Nodes | None = None
+    fault: Callable[[Path], str] = lambda folder: ""
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -155,6 +161,10 @@ def commands(work: Path, names: list[str]) -> list[Command]:
         Command("fit", lambda out: [trainer, "fit", str(data), *fit, "--out", str(out)], weights),
         Command("evaluate", lambda out: [trainer, "evaluate", str(data), *evaluate, "--out", str(out)], cells),
     ]
+    if {"job", "merge"} & set(names):
+        array = ArrayRun(factory, scene, work, _run, shards)
+        every.append(Command("job", array.job, array.merged, fault=array.fault))
+        every.append(Command("merge", array.merge, array.whole))
     return [command for command in every if command.name in names]
 
 
@@ -260,6 +270,9 @@ class Soak:
             _kill(process.pid, self.chance.choice([signal.SIGKILL, signal.SIGTERM]))
         self._ended(process, killed=True)
         self._count_orphans(family)
+        if fault := self.command.fault(out):
+            self.tally.differing += 1
+            print(f"{out}: {fault}", file=sys.stderr)
         return False
 
     def _ended(self, process: subprocess.Popen[str], killed: bool) -> bool:
@@ -372,7 +385,7 @@ def main() -> None:
     """``python tests/soak/soak.py --kills 200``: prints the table; exit status 1 where anything went wrong."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--kills", type=int, default=200)
-    parser.add_argument("--commands", default="render,trace,fit,evaluate", help="or ray")
+    parser.add_argument("--commands", default="render,trace,job,merge,fit,evaluate", help="or ray")
     parser.add_argument(
         "--minutes", type=float, default=float("inf"), help="stop after this time, the kills done or not"
     )

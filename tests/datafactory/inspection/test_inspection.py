@@ -17,7 +17,7 @@ from datafactory.frame.deal import split_of
 from datafactory.inspection.dataset import summarise
 from datafactory.inspection.pictures import draw_frame, write_pictures
 from datafactory.run.shards import plan_shards, write_manifest, write_shard, write_tables
-from shared.dataset import Frame, Target, arrow_schema, description
+from shared.dataset import Box, Frame, Target, arrow_schema, description
 from shared.dataset.folder import open_dataset
 from shared.physics.errors import InputError
 from shared.pictures import SPAN_DB
@@ -123,6 +123,26 @@ def test_the_view_from_above_has_the_truth_and_a_ring_round_the_object():
     ((row, column),) = np.argwhere(np.asarray(truth.get_array()) > -1.0)
     corners = np.asarray(truth.get_coordinates())[row : row + 2, column : column + 2].reshape(4, 2)
     np.testing.assert_allclose(corners.mean(axis=0), (y, x), atol=0.02)
+
+
+def test_boxes_are_drawn_over_every_image_and_from_above():
+    """At the places of their corners; dotted where the radar does not see the object."""
+    range_m, u = float(RADAR.waveform.ranges_m[ROW]), 0.2
+    x, y = range_m * np.sqrt(1.0 - u**2), range_m * u
+    seen = Box((x, y, 0.0), (0.8, 0.4, 1.0), 0.0, (0.0, 0.0, 0.0), "car", "a", 1e-12)
+    hidden = dataclasses.replace(seen, center=(x, -y, 0.0), object="b", power=0.0)
+    figure = draw_frame(dataclasses.replace(make_frame(1), boxes=(seen, hidden)), RADAR)
+    corner = np.array([x + 0.4, y + 0.2])
+    for axis in (axis for axis in figure.axes if axis.images and len(axis.lines)):
+        first, second = axis.lines
+        assert (first.get_linestyle(), second.get_linestyle()) == ("-", ":")
+        place = np.array([corner[1] / np.hypot(*corner), np.hypot(*corner)])
+        drawn = np.asarray(first.get_xydata(), dtype=float)
+        np.testing.assert_allclose(drawn[[0, -1]], [place, place], rtol=1e-12)
+    assert sum(len(axis.lines) == 2 for axis in figure.axes) == 4
+    (above,) = (axis for axis in figure.axes if axis.get_title().endswith("from above"))
+    assert [patch.get_linestyle() for patch in above.patches] == ["-", ":"]
+    np.testing.assert_allclose(np.asarray(above.patches[0].get_path().vertices, dtype=float)[0], corner[::-1])
 
 
 def test_the_title_names_the_frame():

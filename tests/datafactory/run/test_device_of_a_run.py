@@ -16,13 +16,14 @@ from typer.testing import CliRunner
 
 from datafactory.accuracy.samples import made_with
 from datafactory.api import making
-from datafactory.api.asking import order_of, processes
+from datafactory.api.asking import Announce, order_of, silent
 from datafactory.api.forecasting import forecast
 from datafactory.cli.app import app
 from datafactory.effects.catalogue import ALL
 from datafactory.frame import device
 from datafactory.paths.backend import CudaDevice
 from datafactory.run import pipeline, provenance
+from datafactory.run.memory import processes
 from datafactory.run.pipeline import Report
 from datafactory.synthesis import kernels
 from shared.physics.errors import InputError
@@ -39,10 +40,11 @@ def stand_in(monkeypatch):
     monkeypatch.setattr(kernels, "torch_kernels", lambda name: on_torch("cpu"))
 
 
-def points(out: Path, device: str, **more: object) -> Report:
-    said = more.pop("said", [])
-    assert isinstance(said, list)
-    return making.render(None, out, frames=0, points=2, device=device, announce=said.append, **more)
+def points(out: Path, device: str, resume: bool = False, workers: int = 1, announce: Announce = silent) -> Report:
+    """Two frames of point targets, which need no Mitsuba."""
+    return making.render(
+        None, out, frames=0, points=2, device=device, resume=resume, workers=workers, announce=announce
+    )
 
 
 def manifest_of(report: Report) -> dict:
@@ -83,7 +85,7 @@ def test_a_run_is_not_resumed_on_another_device(tmp_path, stand_in):
 
 def test_auto_is_settled_before_the_run_and_refused_where_it_changes(tmp_path, stand_in, monkeypatch):
     said: list[str] = []
-    assert manifest_of(points(tmp_path / "run", "auto", said=said))["arguments"]["device"] == "cuda"
+    assert manifest_of(points(tmp_path / "run", "auto", announce=said.append))["arguments"]["device"] == "cuda"
     assert "device: cuda" in said
     monkeypatch.setattr(device, "cuda_device", lambda: CudaDevice("", "there is no NVIDIA driver", "a driver"))
     with pytest.raises(InputError, match=r"--resume: device is 'cpu', but the run in .* had 'cuda'"):
@@ -109,7 +111,7 @@ def test_one_worker_has_the_gpu_unless_more_are_asked_for(tmp_path, stand_in):
     assert processes(3, "cuda") == 3
     assert processes(0, "cpu") >= 1
     said: list[str] = []
-    points(tmp_path / "run", "cuda", workers=2, said=said)  # one shard: made in this process
+    points(tmp_path / "run", "cuda", workers=2, announce=said.append)  # one shard: made in this process
     assert "2 workers share one GPU, and its memory" in said
 
 

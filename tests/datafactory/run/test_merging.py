@@ -83,9 +83,10 @@ def but_made(folder: Path) -> dict[str, Any]:
 
 
 def require_same(merged: Path, whole: Path) -> None:
-    """Shards and manifest, but for ``made``, byte for byte; nothing beside them."""
+    """Shards and manifest, but for ``made``, and card byte for byte; nothing beside them."""
     assert shards(merged) == shards(whole)
     assert json.dumps(but_made(merged)) == json.dumps(but_made(whole))
+    assert (merged / "README.md").read_bytes() == (whole / "README.md").read_bytes()
     assert verify(open_dataset(merged)) == []
     assert sorted(path.name for path in merged.iterdir()) == sorted(path.name for path in whole.iterdir())
 
@@ -253,7 +254,7 @@ def test_what_holds_no_jobs_is_refused(kind: str, whole: Path, tmp_path: Path) -
 
 def test_a_job_is_not_taken_for_the_whole_run(jobs: Path, radar: Path) -> None:
     """Nor the whole run, in its folder, for the job."""
-    with pytest.raises(InputError, match=r"--resume: shard is missing, but the run in .* had '0/3'"):
+    with pytest.raises(InputError, match=r"--resume: shard is nothing, but the run in .* had '0/3'"):
         points(jobs / "job-0-of-3", radar, "--resume")
 
 

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+import json
 from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
-from datafactory.api.asking import load_scene
+from datafactory.api.asking import load_scene, order_of
+from datafactory.cli.app import app
+from datafactory.cli.options import read_as_asked
 from datafactory.frame.deal import Deal
+from datafactory.run.preparation import prepare
+from datafactory.scenes.boxes import boxed_things
 from datafactory.scenes.ground import free_ground
 from datafactory.scenes.height_map import height_map
+from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.movers import CLEAR_M, Movers, Traffic
+from datafactory.scenes.poses import Pose
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene, SceneObject
 from datafactory.scenes.things import CLASSES, Population, Thing
@@ -228,6 +236,21 @@ def test_what_was_asked_for_is_placed_and_said(hill: Scene) -> None:
     assert population.placed["parked"] == pytest.approx(0.6 * slots, abs=2)
 
 
+def test_the_boxes_of_frames_are_those_of_the_things(hill: Scene) -> None:
+    """Name, class, size, place, heading and velocity, whatever the meshes that a thing is made of."""
+    boxes = {thing.name: thing for thing in boxed_things(hill)}
+    for thing in population_of(hill).things:
+        boxed = boxes.pop(thing.name)
+        assert boxed.class_name == thing.label
+        for time_s in (0.0, 7.3):
+            box, (foot, velocity) = boxed.at(time_s), thing.at(time_s)
+            np.testing.assert_allclose(box.size, thing.size_m, atol=1e-6)
+            np.testing.assert_allclose(box.center - 0.5 * thing.size_m[2] * box.axes[2], foot, atol=1e-6)
+            np.testing.assert_allclose(box.axes[0], thing.axes[0], atol=1e-9)
+            np.testing.assert_allclose(box.velocity, velocity, atol=1e-9)
+    assert not boxes
+
+
 def test_what_does_not_fit_is_said() -> None:
     yard = Scene("yard", (block("ground", (-9.0, -9.0, -1.0), (9.0, 9.0, 0.0), 0.0),))
     scene = populated(yard, Asked(cars=5, poles=2), 0)
@@ -299,3 +322,29 @@ def test_bad_request_is_one_line(text: str, line: str) -> None:
 def test_a_request_is_read_back_as_it_is_told() -> None:
     assert parse_populate(ASKED.text) == ASKED
     assert parse_populate(" cars = 3 , parked=0.25") == Asked(cars=3, parked=0.25)
+
+
+def test_check_tells_what_was_put_in(tmp_path: Path) -> None:
+    shown = CliRunner().invoke(app, ["check", str(STREET), "--populate", "signs=4", "--json"], catch_exceptions=False)
+    assert shown.exit_code == 0
+    assert any("populated with 4 signs" in line for line in json.loads(shown.stdout)["remarks"])
+    with pytest.raises(InputError, match="--populate: given without a scene"):
+        read_as_asked([], None, False, "cars=1")
+
+
+def test_the_manifest_counts_what_was_put_in(hill: Scene) -> None:
+    order = order_of(hill, radar="avr-qdm-110", frames=1, rays=100, effects="diffuse")
+    said: list[str] = []
+    prepared = prepare(order, load_materials(), said.append)
+    population = population_of(hill)
+    assert prepared.entries[0]["population"] == population.to_json()
+    assert prepared.entries[0]["population"]["placed"] == population.placed
+    assert any("populated with 6 cars" in line for line in said)
+    given = tuple(
+        Pose((float(x), float(y), 0.5), time_s=5.0) for x, y, _ in (thing.at(5.0)[0] for thing in population.movers[:2])
+    )
+    said.clear()
+    prepare(
+        order_of(hill, radar="avr-qdm-110", poses=given, rays=100, effects="diffuse"), load_materials(), said.append
+    )
+    assert "2 of 2 poses are within 3 m of what drives or walks by" in said

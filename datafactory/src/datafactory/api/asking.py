@@ -6,7 +6,6 @@ An argument is named as its option is, ``--frames`` for ``frames``.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -24,8 +23,9 @@ from datafactory.frame.defaults import (
 from datafactory.frame.device import device_of
 from datafactory.frame.measurement import Processing
 from datafactory.frame.points import PointTargets
-from datafactory.paths.defaults import CPU, CUDA, DEFAULT_DEPTH, DEFAULT_RAYS, LARGEST_DEPTH, MOST_RAYS
+from datafactory.paths.defaults import CPU, DEFAULT_DEPTH, DEFAULT_RAYS, LARGEST_DEPTH, MOST_RAYS
 from datafactory.paths.solver import TraceSettings
+from datafactory.run.licences import stated_licence
 from datafactory.run.order import Order
 from datafactory.run.stored import traced_split
 from datafactory.scenes.drives import WORD, Drives, parse_drives
@@ -157,14 +157,6 @@ def effects_of(effects: Effects) -> EffectSet | None:
     return parse_effects(effects if isinstance(effects, str) else ",".join(effects))
 
 
-def processes(workers: int, device: str = CPU) -> int:
-    """``workers``, or for 0 the cores that this process may use; with CUDA one, for a run has one GPU."""
-    require("--workers", workers, 0)
-    if workers or device == CUDA:
-        return workers or 1
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 def require(option: str, value: float, least: float, most: float = float("inf")) -> None:
     """Refuse what is out of bounds.
 
@@ -207,6 +199,7 @@ def order_of(
     truth_window: str = "taylor-30",
     device: str = CPU,
     synthesis: bool = True,
+    license: str | None = None,
 ) -> Order:
     """The order of a run; the arguments are those of :func:`datafactory.render`.
 
@@ -270,4 +263,5 @@ def order_of(
         ),
         effects=effects_of(effects),
         budget_db=DEFAULT_BUDGET_DB if error_budget is None else error_budget,
+        licence=stated_licence(license),
     )

@@ -10,18 +10,17 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
-import psutil
-
 from datafactory.paths.defaults import CPU
 from datafactory.run.array_job import parse_job
+from datafactory.run.memory import amount, most_workers, processes, statement
 from datafactory.run.order import Order
-from datafactory.run.preparation import deal_of, deal_of_stored
-from datafactory.run.room import CLOSE_TARGETS, STREETS, free_bytes, trace_memory
+from datafactory.run.preparation import deal_of, deal_of_stored, load_of, opened_scenes
+from datafactory.run.room import CLOSE_TARGETS, STREETS, free_bytes
 from datafactory.run.shards import plan_shards
 from datafactory.run.stored import stored_paths
-from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene
 from shared.dataset import description, row_bytes
+from shared.processes.machine import usable_memory
 
 RAY_S = 7e-6
 """Of a ray: 0.8 to 2.1 s for 2e5 of them in a canyon, munich and the shipped street (a manifest's ``step_seconds``)."""
@@ -41,9 +40,9 @@ class Forecast:
 
     :param frames: by split; :param shards: their number
     :param bytes: on the disk, of which ``free_bytes`` are free
-    :param memory_bytes: of all workers together, where the machine has ``machine_bytes``
+    :param memory_bytes: of all processes together; ``memory``: in words, and how much may be used
     :param seconds: wall-clock, planning included
-    :param workers: no more than there are shards
+    :param workers: no more than there are shards, cores and memory for
     :param device: that the run will use
     """
 
@@ -52,7 +51,7 @@ class Forecast:
     bytes: float
     free_bytes: float
     memory_bytes: float
-    machine_bytes: float
+    memory: str
     seconds: float
     workers: int
     device: str = CPU
@@ -61,12 +60,10 @@ class Forecast:
         """In words."""
         split = ", ".join(f"{name} {count}" for name, count in self.frames.items())
         rates = "rates of another machine" if self.device == CPU else "rates of a CPU, for none of a GPU were measured"
-        most = "process" if self.workers == 1 else "processes"
         return [
             f"{sum(self.frames.values())} frames ({split}) in {self.shards} shards",
-            f"about {_amount(self.bytes)} on the disk, where {_amount(self.free_bytes)} are free",
-            f"about {_amount(self.memory_bytes)} of memory in {self.workers} {most}; this machine has "
-            f"{_amount(self.machine_bytes)}",
+            f"about {amount(self.bytes)} on the disk, where {amount(self.free_bytes)} are free",
+            self.memory,
             f"about {_duration(self.seconds)}, by {rates}; half or twice that would be no surprise",
         ]
 
@@ -74,11 +71,13 @@ class Forecast:
 def forecast(order: Order, directory: Path, workers: int, shard: str | None = None) -> Forecast:
     """What a run of this order will take; its scenes are opened and its frames dealt, nothing is traced or written.
 
+    :param workers: 0 for as many as there are cores and memory for
     :param shard: of :func:`datafactory.render`: what this job will take
     :raises InputError: what a run would refuse of its scenes, poses and split
     """
+    scenes = list[Scene]()
     if order.paths is None:
-        scenes = [scene if isinstance(scene, Scene) else open_scene(scene) for scene in order.scenes]
+        scenes = opened_scenes(order)
         deal = deal_of(order, scenes)
         splits, scene_frames, point_frames = deal.splits(), deal.scene_frames, len(deal) - deal.scene_frames
         for frame_id in {deal.frames_of(number)[0] for number in range(len(scenes)) if deal.frames_of(number)}:
@@ -101,22 +100,20 @@ def forecast(order: Order, directory: Path, workers: int, shard: str | None = No
         scene_frames = sum(frame_id < scene_frames for frame_id in own)
         point_frames = len(own) - scene_frames
     shards = len(plans)
-    workers = min(workers, shards)
+    load = load_of(order, scenes)
+    limit = usable_memory()
+    workers = min(workers or min(processes(0, settings.device), max(1, most_workers(load, limit))), shards)
     return Forecast(
         frames=dict(Counter(splits)),
         shards=shards,
         bytes=row_bytes(shapes) * (STREETS * scene_frames + CLOSE_TARGETS * point_frames),
         free_bytes=free_bytes(directory),
-        memory_bytes=trace_memory(settings.trace.rays if scene_frames and order.paths is None else 0, workers),
-        machine_bytes=float(psutil.virtual_memory().total),
+        memory_bytes=load.total_bytes(workers),
+        memory=statement(load, workers, limit),
         seconds=planning + (scene_frames * of_scene + point_frames * of_points) / workers,
         workers=workers,
         device=settings.device,
     )
-
-
-def _amount(size: float) -> str:
-    return f"{size / 1e9:.1f} GB" if size >= 1e9 else f"{size / 1e6:.0f} MB"
 
 
 def _duration(seconds: float) -> str:

@@ -26,7 +26,6 @@ from datafactory.api.asking import (
     choice,
     materials_of,
     order_of,
-    processes,
     require,
     silent,
 )
@@ -73,6 +72,7 @@ def render(
     noise: bool = True,
     store: str = STORES[0],
     truth_window: str = "taylor-30",
+    license: str | None = None,
     workers: int = 1,
     engine: str = LOCAL,
     address: str | None = None,
@@ -110,8 +110,11 @@ def render(
     :param noise: add receiver noise
     :param store: "range-channel", "range-doppler" or "cube": what else to keep
     :param truth_window: over the virtual sensor: "none", "taylor-25", "taylor-30" or "hann"
-    :param workers: processes; 1 works in this process, 0 takes one for each core, with "cuda" one. The bytes do not
-        depend on it. On a cluster: shards at work at a time, 0 for as many as its nodes have cores and memory for.
+    :param license: of the data, an SPDX identifier as "CC-BY-4.0", for the dataset's card and manifest; by default none
+        is stated: frames belong to whoever owns the scenes
+    :param workers: processes; 1 works in this process, 0 takes one for each core where there is memory for so many,
+        with "cuda" one. The bytes do not depend on it. On a cluster: shards at work at a time, 0 for as many as its
+        nodes have cores and memory for.
     :param engine: "local", or "ray" for a Ray cluster; the bytes do not depend on it
     :param address: HOST:PORT of the cluster, which this machine is a node of; None for the one that runs here, or for
         a Ray that is started on this machine and ends with the run
@@ -133,7 +136,7 @@ def render(
     order = order_of(
         scenes, paths=paths, radar=radar, frames=frames, points=points, targets=targets, poses=poses,
         trajectory=trajectory, frame_rate=frame_rate, seed=seed, split=split, rays=rays, depth=depth, effects=effects,
-        error_budget=error_budget, noise=noise, store=store, truth_window=truth_window, device=device,
+        error_budget=error_budget, noise=noise, store=store, truth_window=truth_window, device=device, license=license,
     )  # fmt: skip
     if camera and shard is not None:
         raise InputError("--camera", f"beside {OPTION}", "datafactory inspect --camera once the jobs are merged")
@@ -218,16 +221,16 @@ def execution_of(
 ) -> Execution:
     """How a run is carried out.
 
-    :param workers: 0 takes one for each core of the CPU, or one for the GPU
     :param shard: of :func:`render`
-    :raises InputError: a GPU on a cluster: its nodes do not share one
+    :raises InputError: a number of workers or a job that cannot be; a GPU on a cluster: its nodes do not share one
     """
+    require("--workers", workers, 0)
     if device == CUDA and engine.name != LOCAL:
         raise InputError("--device", f"{device} beside --engine {engine.name}", f"{CPU}, or --engine {LOCAL}")
     job = None if shard is None else parse_job(shard)
     return Execution(
         Path(out) / job.folder if job else Path(out),
-        processes(workers, device) if engine.name == LOCAL else workers,
+        workers,
         resume,
         keep_going,
         job,

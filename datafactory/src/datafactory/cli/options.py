@@ -83,10 +83,20 @@ Noise = Annotated[bool, typer.Option("--noise/--no-noise", help="Add receiver no
 TruthWindow = Annotated[
     str, typer.Option("--truth-window", help="Over the virtual sensor: none, taylor-25, taylor-30 or hann.")
 ]
+Licence = Annotated[
+    str | None,
+    typer.Option(
+        "--license",
+        help="Of the data, an SPDX identifier as CC-BY-4.0, for README.md and the manifest; by default not stated.",
+        show_default=False,
+    ),
+]
 Workers = Annotated[
     int,
     typer.Option(
-        "--workers", min=0, help="Worker processes; 0: one a core, one with cuda, of all nodes with --engine ray."
+        "--workers",
+        min=0,
+        help="Worker processes; 0: one a core if memory is there, one with cuda, of all nodes with --engine ray.",
     ),
 ]
 EngineName = Annotated[

@@ -40,6 +40,7 @@ def render(
     effects: options.Effects = "auto",
     noise: options.Noise = True,
     truth_window: options.TruthWindow = "taylor-30",
+    licence: options.Licence = None,
     error_budget: Annotated[
         float | None,
         typer.Option(
@@ -68,7 +69,7 @@ def render(
 ) -> None:
     """Render frames of scenes, and close-target frames beside them, into a dataset."""
     from datafactory.api import making
-    from datafactory.api.asking import order_of, processes
+    from datafactory.api.asking import order_of
     from datafactory.api.forecasting import forecast
 
     read = options.read_as_asked([*(scenes or ()), *(scene or ())], variant, allow_missing, populate, seed)
@@ -88,12 +89,12 @@ def render(
         "effects": effects,
         "noise": noise,
         "truth_window": truth_window,
+        "license": licence,
         "error_budget": error_budget,
         "device": device,
     }
     if dry_run:
-        order = order_of(read, **asked)
-        for line in forecast(order, out, processes(workers, order.settings.device), shard).lines():
+        for line in forecast(order_of(read, **asked), out, workers, shard).lines():
             typer.echo(line)
         return
     options.run(

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 
+from datafactory.frame.boxes import boxes_of
 from datafactory.frame.deal import DealtFrame
 from datafactory.frame.defaults import IMAGE_BATCH
 from datafactory.frame.measurement import (
@@ -38,11 +39,12 @@ from datafactory.paths.density import lit_cells
 from datafactory.paths.prune import DEFAULT_LEVEL_DB, pruned
 from datafactory.paths.rays import RayFan
 from datafactory.paths.solver import TraceSettings
-from datafactory.paths.storage import TracedFrame, read_paths
+from datafactory.paths.storage import TracedFrame, read_frame_paths
 from datafactory.paths.table import PathTable
 from datafactory.paths.trace import trace
+from datafactory.scenes.boxes import seen_things
 from datafactory.synthesis.kernels import kernels_on
-from shared.dataset import Frame
+from shared.dataset import Box, Frame
 from shared.radar import Radar
 
 FRAMES_WITH = "frames_with_"
@@ -142,6 +144,7 @@ class SceneSource:
             wavelength_m=radar.waveform.wavelength_m,
             point_targets=len(scene.merged.targets),
             table=table,
+            things=seen_things(scene.things, frame.where),
             sequence=frame.sequence,
         )
 
@@ -156,7 +159,7 @@ class StoredSource:
 
     def traced(self, radar: Radar, at: Hook = plainly) -> TracedFrame:
         """The row."""
-        return at("read", _row_of, self.shard, self.row)
+        return at("read", read_frame_paths, self.shard, self.row)
 
 
 @dataclass(frozen=True)
@@ -193,6 +196,7 @@ def make_frames(sources: Iterable[Source], radar: Radar, at: Hook = plainly) -> 
 def measured(source: Source, radar: Radar, at: Hook = plainly) -> Measurement:
     """A frame up to its image: trace, within reach, illuminate, narrow, prune, measure."""
     settings = source.settings
+    boxes: tuple[Box, ...] = ()
     if isinstance(source, PointSource):
         frame = source.frame
         targets = frame.targets
@@ -211,13 +215,15 @@ def measured(source: Source, radar: Radar, at: Hook = plainly) -> Measurement:
             pose.time_s, traced.sequence,
         )  # fmt: skip
         settings, paths = narrowed(traced, settings, radar, at)
+        boxes, boxed = boxes_of(traced.things, paths, radar)
         paths = at("prune", pruned, paths, radar, settings.prune_db)
         known = object_targets(paths, len(paths.objects) - traced.point_targets, radar)
-        counted = {**lit_cells(paths, radar), **_counted(settings.frame_effects())}
+        counted = {**lit_cells(paths, radar), **boxed, **_counted(settings.frame_effects())}
     counts = {**paths.counts, **counted, "frames": 1, "paths": len(paths)}
     noise = generator(identity.seed, "noise")
     kernels = kernels_on(settings.device)
-    return measure(identity, paths, known, radar, settings.processing, noise, at, counts, kernels)
+    measurement = measure(identity, paths, known, radar, settings.processing, noise, at, counts, kernels)
+    return replace(measurement, boxes=boxes)
 
 
 def illuminated(traced: TracedFrame, settings: ChainSettings, radar: Radar, at: Hook = plainly) -> PathTable:
@@ -249,7 +255,3 @@ def narrowed(
 def _counted(effects: Mapping[str, bool]) -> dict[str, int]:
     """A frame's entries in the manifest's counts: 1 for each effect that it is made with."""
     return {f"{FRAMES_WITH}{name}": int(on) for name, on in effects.items()}
-
-
-def _row_of(shard: Path, row: int) -> TracedFrame:
-    return next(islice(read_paths(shard), row, None))

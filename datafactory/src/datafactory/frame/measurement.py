@@ -19,7 +19,7 @@ from datafactory.paths.table import PathTable
 from datafactory.synthesis.kernels import ON_CPU, Kernels
 from datafactory.synthesis.sorting import sorted_paths
 from datafactory.synthesis.wave_model import WaveModel
-from shared.dataset import Frame, Target
+from shared.dataset import Box, Frame, Target
 from shared.physics.units import amplitude_to_db
 from shared.radar import Radar
 from shared.radar.receiver import received
@@ -101,6 +101,7 @@ class Measurement:
     :param list_cells: whether the truth's cells join the list of targets
     :param saturated: samples (I or Q) that left the converter's range
     :param counts: what the frame adds to the manifest's counts
+    :param boxes: of the scene's things
     """
 
     identity: FrameIdentity
@@ -114,6 +115,7 @@ class Measurement:
     cube: NDArray[np.complex64] | None
     saturated: int = 0
     counts: Mapping[str, int] = field(default_factory=dict)
+    boxes: tuple[Box, ...] = ()
 
 
 def measure(
@@ -187,6 +189,7 @@ def image(
             image_peak=peak,
             noise_power=measurement.noise_power,
             targets=targets[:MAXIMUM_TARGETS],
+            boxes=measurement.boxes,
             range_doppler=measurement.magnitude if store == "range-doppler" else None,
             cube=measurement.cube,
         )

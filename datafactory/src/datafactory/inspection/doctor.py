@@ -18,6 +18,7 @@ from importlib.metadata import PackageNotFoundError, version
 from datafactory.paths.backend import CudaDevice, cuda_device, find_llvm
 from datafactory.paths.defaults import INSTALL_TORCH
 from shared.physics.errors import InputError
+from shared.processes.machine import usable_cores, usable_memory
 from shared.processes.strangers import OURS, remedy, strangers
 
 MINIMUM_PYTHON = (3, 11)
@@ -165,13 +166,7 @@ def _outcome(script: str, *arguments: str) -> tuple[str, str]:
 
 
 def _cores() -> Finding:
-    return Finding("CPU cores", f"{len(_usable_cores())} usable of {os.cpu_count()}", True, required=False)
-
-
-def _usable_cores() -> set[int]:
-    if hasattr(os, "sched_getaffinity"):
-        return set(os.sched_getaffinity(0))
-    return set(range(os.cpu_count() or 1))
+    return Finding("CPU cores", f"{usable_cores()} usable of {os.cpu_count()}", True, required=False)
 
 
 def _amount(item: str, measure: Callable[[], float], minimum_gib: float, remedy: str) -> Finding:
@@ -184,13 +179,8 @@ def _amount(item: str, measure: Callable[[], float], minimum_gib: float, remedy:
 
 
 def _memory() -> Finding:
-    def total() -> float:
-        import psutil
-
-        return float(psutil.virtual_memory().total) / _GIB
-
     remedy = f"at least {MINIMUM_MEMORY_GIB:g} GiB: fewer --workers, or a larger machine"
-    return _amount("memory", total, MINIMUM_MEMORY_GIB, remedy)
+    return _amount("memory", lambda: usable_memory() / _GIB, MINIMUM_MEMORY_GIB, remedy)
 
 
 def _disk() -> Finding:

@@ -16,7 +16,7 @@ DEFAULT_RAYS = 200_000
 do not bring the power of its cells nearer to the mean (docs/speckle.md)."""
 
 MOST_RAYS = 20_000_000
-"""13 GB of memory a worker, see :data:`datafactory.run.room.RAY_BYTES`."""
+"""See :data:`datafactory.run.memory.RAY_BYTES`."""
 
 DEFAULT_DEPTH = 2
 """Bounces."""

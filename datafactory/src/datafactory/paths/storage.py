@@ -1,7 +1,9 @@
 """PathTables on disk: one Parquet row a frame, so that another radar can be rendered from the same trace.
 
 Lists have the length of the frame's own paths; vectors are flattened in C order, complex numbers split into real and
-imaginary. Amplitudes are isotropic, as in the table; the wavelength they were traced at stands beside them, as they
+imaginary. A path that one point scattered has its first point where its last one is; ``scattered_tx_point`` holds the
+others alone, those that ``scattered_two_points`` marks: most paths have one point, and 24 bytes less. Amplitudes are
+isotropic, as in the table; the wavelength they were traced at stands beside them, as they
 are proportional to it.
 """
 
@@ -16,8 +18,10 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
 from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
+from datafactory.scenes.boxes import SeenThing
 from datafactory.scenes.poses import Pose
 from shared.dataset.reading import open_shard
 from shared.physics.errors import InputError
@@ -45,12 +49,26 @@ SHAPES = {
         "kinds": (),
     },
 }
-"""Trailing shape of each list column; ``amplitude`` holds (real, imaginary)."""
+"""Trailing shape of each list column; ``amplitude`` holds (real, imaginary), ``tx_point`` as many as are marked."""
+TWO_POINTS = "scattered_two_points"
+CONSTANT = ("tx_velocity", "rx_velocity", "between_m", "between_rate_mps", "image_velocity")
+"""Columns with few values, most of them that of the standing world."""
 
 INTEGERS = {"depth": np.int8, "object_index": np.int32, "kinds": np.uint8}
 
-VERSION = b"4"
-"""Of the paths' columns; 2 added ``kinds``, 3 ``scene_number``, 4 ``sequence``."""
+VERSION = b"6"
+"""Of the paths' columns; 2 added ``kinds``, 3 ``scene_number``, 4 ``sequence``, 5 ``things``, 6
+``scattered_two_points``."""
+
+THING = pa.struct(
+    [
+        ("name", pa.string()),
+        ("class_name", pa.string()),
+        *((name, pa.list_(pa.float64(), 3)) for name in ("center", "size", "forward", "left", "up", "velocity")),
+        ("indices", pa.list_(pa.int32())),
+    ]
+)
+"""A :class:`datafactory.scenes.boxes.SeenThing`."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +82,7 @@ class TracedFrame:
     :param pose: where the radar stood
     :param wavelength_m: at which it was traced
     :param point_targets: number of the scene's point targets, the last of ``table.objects``
+    :param things: what gets a box
     :param sequence: number of the sequence it belongs to; -1 for none
     """
 
@@ -75,6 +94,7 @@ class TracedFrame:
     wavelength_m: float
     point_targets: int
     table: PathTable
+    things: tuple[SeenThing, ...] = ()
     sequence: int = -1
 
 
@@ -96,17 +116,31 @@ def paths_schema() -> pa.Schema:
         pa.field("objects", pa.list_(pa.string())),
         pa.field("counts", pa.map_(pa.string(), pa.int64())),
         pa.field("specular_reference", triple),
+        pa.field("things", pa.list_(THING)),
     ]
     for kind, columns in SHAPES.items():
         for name in columns:
             number = pa.int32() if name in INTEGERS else pa.float64()
             fields.append(pa.field(f"{kind}_{name}", pa.list_(number)))
+    fields.append(pa.field(TWO_POINTS, pa.list_(pa.bool_())))
     return pa.schema(fields, metadata={b"sparseradar_paths": VERSION})
+
+
+def writer_options() -> dict[str, Any]:
+    """How a paths shard is written: bytes of equal weight side by side where values differ, else a dictionary.
+
+    What that saves: docs/trace-once.md.
+    """
+    columns = [(f"{kind}_{name}", name) for kind, names in SHAPES.items() for name in names]
+    few = [f"{column}.list.element" for column, name in columns if name in CONSTANT or name in INTEGERS]
+    many = [f"{column}.list.element" for column, name in columns if name not in CONSTANT and name not in INTEGERS]
+    return {"compression": "zstd", "use_dictionary": few, "use_byte_stream_split": many, "write_statistics": False}
 
 
 def to_row(frame: TracedFrame) -> dict[str, Any]:
     """The frame as a row of :func:`paths_schema`."""
     pose, table = frame.pose, frame.table
+    two_points = _differ(table.scattered.tx_point, table.scattered.rx_point)
     row: dict[str, Any] = {
         "frame_id": frame.frame_id,
         "scene": frame.scene,
@@ -122,14 +156,24 @@ def to_row(frame: TracedFrame) -> dict[str, Any]:
         "objects": list(table.objects),
         "counts": sorted(table.counts.items()),
         "specular_reference": table.specular.reference,
+        "things": [vars(thing) for thing in frame.things],
     }
     for kind, columns in SHAPES.items():
         for name in columns:
             values = getattr(getattr(table, kind), name)
             if name == "amplitude":
                 values = np.stack([values.real, values.imag], axis=-1)
+            elif name == "tx_point":
+                values = values[two_points]
             row[f"{kind}_{name}"] = np.ascontiguousarray(values).ravel()
+    row[TWO_POINTS] = two_points
     return row
+
+
+def _differ(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """[K] whether two vectors [K, 3] differ in any bit."""
+    ours, theirs = (np.ascontiguousarray(vectors, dtype=np.float64).view(np.int64) for vectors in (first, second))
+    return np.any(ours != theirs, axis=1, keepdims=True)[:, 0]
 
 
 def from_row(batch: pa.RecordBatch) -> TracedFrame:
@@ -141,7 +185,12 @@ def from_row(batch: pa.RecordBatch) -> TracedFrame:
             values = batch.column(f"{kind}_{name}").flatten().to_numpy(zero_copy_only=False)
             values = values.astype(INTEGERS.get(name, np.float64), copy=False).reshape(-1, *shape)
             parts[kind][name] = values[:, 0] + 1j * values[:, 1] if name == "amplitude" else values
-    arrays = [f"{kind}_{name}" for kind, columns in SHAPES.items() for name in columns]
+    parts["scattered"]["tx_point"] = _with_one_point(
+        parts["scattered"]["tx_point"],
+        parts["scattered"]["rx_point"],
+        batch.column(TWO_POINTS).flatten().to_numpy(zero_copy_only=False).astype(bool),
+    )
+    arrays = [TWO_POINTS] + [f"{kind}_{name}" for kind, columns in SHAPES.items() for name in columns]
     (row,) = batch.select([name for name in batch.schema.names if name not in arrays]).to_pylist()
     yaw, pitch, roll = row["yaw_pitch_roll_deg"]
     return TracedFrame(
@@ -159,7 +208,24 @@ def from_row(batch: pa.RecordBatch) -> TracedFrame:
             objects=tuple(row["objects"]),
             counts=dict(row["counts"]),
         ),
+        things=tuple(_thing(values) for values in row["things"]),
     )
+
+
+def _with_one_point(
+    stored: NDArray[np.float64], rx_point: NDArray[np.float64], two_points: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """[K, 3] first points: those stored where a path has two, else its last point."""
+    if len(two_points) != len(rx_point) or np.count_nonzero(two_points) != len(stored):
+        raise ValueError(f"{len(stored)} first points and {len(two_points)} marks for {len(rx_point)} paths")
+    tx_point = rx_point.copy()
+    tx_point[two_points] = stored
+    return tx_point
+
+
+def _thing(values: dict[str, Any]) -> SeenThing:
+    fields: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in values.items()}
+    return SeenThing(**fields)
 
 
 def read_paths(path: Path) -> Iterator[TracedFrame]:
@@ -170,11 +236,29 @@ def read_paths(path: Path) -> Iterator[TracedFrame]:
     with _opened(path) as file:
         for group in range(file.num_row_groups):
             for batch in file.read_row_group(group).to_batches(max_chunksize=1):
-                try:
-                    frame = from_row(batch)
-                except (ValueError, TypeError, ArithmeticError) as error:
-                    raise InputError(path, f"a row is not understood: {error}", "an undamaged paths shard") from error
-                yield frame
+                yield _understood(path, batch)
+
+
+def read_frame_paths(path: Path, row: int) -> TracedFrame:
+    """The frame in one row of a paths shard; of the others only the row group that it shares with them is read.
+
+    :raises InputError: a file that is not a paths shard, or that has fewer rows
+    """
+    with _opened(path) as file:
+        first = 0
+        for group in range(file.num_row_groups):
+            rows = file.metadata.row_group(group).num_rows
+            if first <= row < first + rows:
+                return _understood(path, *file.read_row_group(group).slice(row - first, 1).to_batches())
+            first += rows
+    raise InputError(path, f"{first} rows, row {row} was asked for", "an undamaged paths shard")
+
+
+def _understood(path: Path, batch: pa.RecordBatch) -> TracedFrame:
+    try:
+        return from_row(batch)
+    except (ValueError, TypeError, ArithmeticError) as error:
+        raise InputError(path, f"a row is not understood: {error}", "an undamaged paths shard") from error
 
 
 def read_places(path: Path) -> list[tuple[int, int, int]]:

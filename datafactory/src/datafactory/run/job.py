@@ -16,7 +16,8 @@ from datafactory.effects.plan import EffectPlan
 from datafactory.frame.chain import ChainSettings, PointSource, SceneSource, Source, StoredSource, make_frames
 from datafactory.frame.deal import Deal
 from datafactory.frame.prepared import PreparedScene
-from datafactory.paths.storage import to_row
+from datafactory.paths.storage import to_row, writer_options
+from datafactory.run.memory import Load
 from datafactory.run.progress import FinishedShard
 from datafactory.run.shards import ShardPlan, write_shard, write_tables
 from shared.dataset import Frame
@@ -51,6 +52,13 @@ class Job:
     def schema(self) -> pa.Schema:
         """Of the shards."""
         return pa.ipc.read_schema(pa.py_buffer(self.schema_message))
+
+    @property
+    def load(self) -> Load:
+        """What decides over the memory of a process that makes its frames."""
+        triangles = sum(len(mesh.triangles) for scene in self.scenes for mesh in scene.merged.meshes)
+        rays = self.settings.trace.rays if self.stored else 0
+        return Load(self.radar, self.settings, triangles, traced=bool(self.scenes), stored_rays=rays)
 
     def source(self, frame_id: int) -> Source:
         """Where a frame comes from."""
@@ -123,7 +131,7 @@ def trace_shard(
             report(1)
 
     with threadpool_limits(limits=1):
-        record = write_tables(directory / plan.path, rows(), job.schema, compression="zstd")
+        record = write_tables(directory / plan.path, rows(), job.schema, **writer_options())
     seconds = {"trace and write": time.perf_counter() - started}
     return FinishedShard(record=record, counts=dict(counts), fingerprint=fingerprint), seconds
 

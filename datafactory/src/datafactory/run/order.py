@@ -29,6 +29,7 @@ class Order:
     :param settings: how a frame is made, with every effect
     :param effects: what is simulated of the scenes; None for what a plan finds each to need
     :param budget_db: what leaving an effect out may cost, for that plan
+    :param licence: of the data, an SPDX expression; None where none is stated
     :param paths: folder of :func:`datafactory.run.pipeline.trace_paths`, instead of scenes
     """
 
@@ -46,6 +47,7 @@ class Order:
     settings: ChainSettings = field(default_factory=ChainSettings)
     effects: EffectSet | None = None
     budget_db: float = DEFAULT_BUDGET_DB
+    licence: str | None = None
 
     @property
     def given(self) -> tuple[Pose, ...]:

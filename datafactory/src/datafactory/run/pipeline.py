@@ -9,20 +9,21 @@ import math
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from datafactory.frame.points import rayleigh_length
 from datafactory.paths.storage import paths_schema
 from datafactory.run.array_job import ARGUMENT, ENTRY, ArrayJob, JobEntry
-from datafactory.run.engines import Engine, Local
+from datafactory.run.engines import LOCAL, Engine, Local
 from datafactory.run.job import Job, WriteShard, render_shard, trace_shard
+from datafactory.run.memory import workers_for
 from datafactory.run.order import Order
-from datafactory.run.preparation import Prepared, prepare
+from datafactory.run.preparation import Prepared, load_of, opened_scenes, prepare
 from datafactory.run.progress import FinishedShard, begin, claimed, completed, fingerprint, finish
 from datafactory.run.provenance import provenance
-from datafactory.run.room import require_memory, require_room
+from datafactory.run.room import require_room
 from datafactory.run.shards import PATHS, ShardPlan, plan_shards
 from datafactory.run.workers import RunFailed, ShardWork, failure_line, run_shards
 from datafactory.scenes.materials.table import MaterialTable
@@ -56,7 +57,8 @@ class Report:
 class Execution:
     """How a run is carried out; nothing of it changes a byte of the shards.
 
-    :param workers: processes; one works in this process. On a cluster: of all its nodes, 0 for all that they have
+    :param workers: processes; one works in this process; 0 for as many as there are cores and memory for. On a cluster:
+        of all its nodes, 0 for all that they have
     :param resume: take up an unfinished run
     :param keep_going: finish the other shards where three worker processes died of one
     :param job: make the shards of this job alone; ``directory`` is then the job's own
@@ -99,8 +101,7 @@ def _rendered(order: Order, table: MaterialTable, execution: Execution) -> Repor
     about = description(order.radar, settings.processing.peaks, settings.processing.store, _conventions(order))
     frames = order.scene_frames + (len(order.targets) or order.points)
     require_room(execution.directory, math.ceil(frames / (execution.job.of if execution.job else 1)), about["shapes"])
-    if order.scenes:
-        require_memory(settings.trace.rays, execution.processes_here)
+    order, execution = _fitted(order, execution)
     if said := statement(order.radar):
         execution.announce(said)
     prepared = prepare(order, table, execution.announce, execution.looked)
@@ -112,6 +113,8 @@ def _rendered(order: Order, table: MaterialTable, execution: Execution) -> Repor
         "close_targets": asdict(settings.close_targets),
     }
     stated = {key: about[key] for key in ("radar", "array", "virtual_sensor", "axes", "shapes", "conventions", "truth")}
+    if order.licence is not None:
+        arguments["license"] = stated["license"] = order.licence
     manifest = {"arguments": arguments, **stated, "scenes": prepared.entries}
     return _produce(job, order.split, plan_shards(job.deal.splits()), render_shard, manifest, execution, started)
 
@@ -124,11 +127,23 @@ def trace_paths(order: Order, table: MaterialTable, execution: Execution) -> Rep
 
 def _traced(order: Order, table: MaterialTable, execution: Execution) -> Report:
     started = time.perf_counter()
-    require_memory(order.settings.trace.rays, execution.processes_here)
+    order, execution = _fitted(order, execution, rendered=False)
     prepared = prepare(order, table, execution.announce, execution.looked)
     job = _job(order, prepared, paths_schema().serialize().to_pybytes())
     manifest = {"arguments": prepared.arguments, "scenes": prepared.entries}
     return _produce(job, None, plan_shards((PATHS,) * len(job.deal)), trace_shard, manifest, execution, started)
+
+
+def _fitted(order: Order, execution: Execution, rendered: bool = True) -> tuple[Order, Execution]:
+    """The order with its scenes opened, and the execution with as many workers as there is memory for.
+
+    :raises InputError: a scene that cannot be read, a run that cannot fit into memory
+    """
+    scenes = opened_scenes(order)
+    workers = workers_for(load_of(order, scenes, rendered), execution.processes_here, execution.announce)
+    if execution.engine.name == LOCAL:
+        execution = replace(execution, workers=workers)
+    return replace(order, scenes=tuple(scenes)), execution
 
 
 def _job(order: Order, prepared: Prepared, schema_message: bytes) -> Job:

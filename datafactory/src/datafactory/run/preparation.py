@@ -21,9 +21,11 @@ from datafactory.frame.points import PointTargets
 from datafactory.frame.prepared import PreparedScene, Sample
 from datafactory.frame.seeds import generator, sequence_seed
 from datafactory.paths.merged_scene import merge_scene
+from datafactory.run.memory import Load
 from datafactory.run.order import Order
 from datafactory.run.planning import Looking, plan_of, sample_of
-from datafactory.run.stored import StoredPaths, stored_paths
+from datafactory.run.stored import StoredPaths, stored_paths, traced_rays
+from datafactory.scenes.boxes import boxed_things
 from datafactory.scenes.drives import draw_drive
 from datafactory.scenes.ground import Ground
 from datafactory.scenes.materials.table import MaterialMapping, MaterialTable
@@ -72,7 +74,7 @@ def prepare(
     """
     if order.paths is not None:
         return _from_stored(order, stored_paths(order, order.paths))
-    opened = [scene if isinstance(scene, Scene) else open_scene(scene) for scene in order.scenes]
+    opened = opened_scenes(order)
     scenes = tuple(prepared_scene(scene, table, announce) for scene in opened)
     for scene in opened:
         if said := _late_poses(scene, order.given):
@@ -102,6 +104,31 @@ def prepare(
         for source, scene, plan in zip(opened, scenes, plans, strict=True)
     ]
     return Prepared(scenes, deal, samples, plans, (), arguments, entries)
+
+
+def opened_scenes(order: Order) -> list[Scene]:
+    """The scenes of an order, read where they are named.
+
+    :raises InputError: a scene that cannot be read
+    """
+    return [scene if isinstance(scene, Scene) else open_scene(scene) for scene in order.scenes]
+
+
+def load_of(order: Order, scenes: Sequence[Scene], rendered: bool = True) -> Load:
+    """What decides over the memory of a run.
+
+    :param scenes: of the order, see :func:`opened_scenes`
+    :param rendered: whether cubes are made
+    """
+    return Load(
+        order.radar,
+        order.settings,
+        triangles=sum(scene.triangle_count for scene in scenes),
+        traced=bool(scenes),
+        planned=bool(scenes) and order.effects is None,
+        rendered=rendered,
+        stored_rays=0 if order.paths is None else traced_rays(order.paths),
+    )
 
 
 def deal_of(order: Order, scenes: Sequence[Scene]) -> Deal:
@@ -221,7 +248,9 @@ def prepared_scene(scene: Scene, table: MaterialTable, announce: Announce) -> Pr
     unknown = ", ".join(name or "(none)" for name in materials.unknown)
     if unknown:
         announce(f"{scene.name}: unknown materials given the default: {unknown}")
-    return PreparedScene(scene.name, scene.content_hash(), merge_scene(scene, materials), materials)
+    return PreparedScene(
+        scene.name, scene.content_hash(), merge_scene(scene, materials), materials, boxed_things(scene)
+    )
 
 
 def _late_poses(scene: Scene, poses: Sequence[Pose]) -> str:

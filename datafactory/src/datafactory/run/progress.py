@@ -17,6 +17,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from datafactory.run.card import write_card
 from datafactory.run.shards import ShardPlan, write_manifest
 from shared.dataset.documents import read_json, sealed, unsealed
 from shared.dataset.folder import MANIFEST, ShardRecord, read_manifest
@@ -145,7 +146,12 @@ def completed(directory: Path, plans: Iterable[ShardPlan], fingerprint: str) -> 
 
 
 def finish(directory: Path, manifest: Mapping[str, Any]) -> Path:
-    """Write the manifest, which makes the dataset complete, and remove the notes; returns the manifest's path."""
+    """Write the card of a dataset that holds frames and the manifest, which makes it complete, and remove the notes.
+
+    :returns: the manifest's path
+    """
+    if "shapes" in manifest and manifest["shards"]:
+        write_card(directory, manifest)
     path = write_manifest(directory, manifest)
     shutil.rmtree(directory / FOLDER)
     return path

@@ -1,4 +1,4 @@
-"""Whether what was asked for fits on the disk and into memory, said before any work is done."""
+"""Whether what was asked for fits on the disk, said before any work is done."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
-
-import psutil
 
 from shared.dataset import row_bytes
 from shared.physics.errors import InputError
@@ -18,23 +16,12 @@ A run that this refuses cannot fit."""
 STREETS, CLOSE_TARGETS = 0.82, 0.19
 """The same of frames with noise, in streets and of close targets."""
 
-WORKER_BYTES = 550e6
-RAY_BYTES = 1_100.0
-"""Peak memory of a worker: its libraries and a city, and so much for each ray. 0.75 / 1.60 GB were taken by
-``datafactory trace --scene sionna:munich --frames 1 --effects specular,diffuse,refraction,noise`` with 0.2 / 1 million
-rays, every one of which scatters."""
-
 
 def free_bytes(directory: Path) -> int:
     """Free on the disk of a folder, or of the nearest above it that exists."""
     return shutil.disk_usage(
         next(folder for folder in (directory, *directory.absolute().parents) if folder.is_dir())
     ).free
-
-
-def trace_memory(rays: int, workers: int) -> float:
-    """Peak memory [bytes] of processes that trace at a time, so many rays a frame each."""
-    return workers * (WORKER_BYTES + RAY_BYTES * rays)
 
 
 def require_room(directory: Path, frames: int, shapes: Mapping[str, Any]) -> None:
@@ -48,17 +35,3 @@ def require_room(directory: Path, frames: int, shapes: Mapping[str, Any]) -> Non
     if frames * least > free:
         fault = f"{frames} frames need at least {frames * least / 1e6:.0f} MB; {directory} has {free / 1e6:.0f} MB free"
         raise InputError("number of frames", fault, f"at most {int(free / least)}, or another disk")
-
-
-def require_memory(rays: int, workers: int) -> None:
-    """Refuse a trace that cannot fit into the machine's memory.
-
-    :param rays: of a frame; :param workers: processes that trace at a time
-    :raises InputError: with both figures
-    """
-    needed, there = trace_memory(rays, workers), psutil.virtual_memory().total
-    if needed > there:
-        fault = (
-            f"{rays} rays in {workers} processes need about {needed / 1e9:.0f} GB; this machine has {there / 1e9:.0f}"
-        )
-        raise InputError("--rays", fault, "fewer rays, or fewer --workers")

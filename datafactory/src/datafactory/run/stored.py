@@ -11,6 +11,7 @@ from pydantic import BaseModel, ValidationError
 
 from datafactory.effects.catalogue import PATH_EFFECTS, EffectSet
 from datafactory.effects.plan import ByFrame, EffectPlan, by_choice
+from datafactory.paths.defaults import DEFAULT_RAYS
 from datafactory.paths.storage import read_places
 from datafactory.run.order import Order
 from datafactory.run.shards import PATHS
@@ -159,6 +160,14 @@ def traced_split(folder: Path) -> str | None:
     arguments = read_manifest(folder).get("arguments")
     split = arguments.get("split") if isinstance(arguments, dict) else None
     return split if isinstance(split, str) else None
+
+
+def traced_rays(folder: Path) -> int:
+    """Rays of a frame that a folder's paths were traced with, or the usual number where it says nothing of the kind."""
+    arguments = read_manifest(folder).get("arguments")
+    trace = arguments.get("trace") if isinstance(arguments, dict) else None
+    rays = trace.get("rays") if isinstance(trace, dict) else None
+    return rays if isinstance(rays, int) else DEFAULT_RAYS
 
 
 def _require_same_regions(folder: Path, arguments: dict[str, Any], split: str) -> None:

@@ -44,6 +44,19 @@ VECTORS = {"sensor_position": 3, "sensor_velocity": 3, "sensor_orientation": 4}
 
 TARGET_FIELDS = ("range", "u", "velocity", "amplitude_db", "object")
 
+BOX_FIELDS = {
+    "center": pa.list_(pa.float64(), 3),
+    "size": pa.list_(pa.float64(), 3),
+    "yaw": pa.float64(),
+    "velocity": pa.list_(pa.float64(), 3),
+    "class": pa.string(),
+    "object": pa.string(),
+    "power": pa.float64(),
+}
+"""Of the elements of ``boxes``, with their types. The column came later: a dataset without it has no boxes."""
+
+Vector = tuple[float, float, float]
+
 
 @dataclass(frozen=True)
 class Target:
@@ -61,6 +74,28 @@ class Target:
     velocity_mps: float
     amplitude_db: float
     object: str = ""
+
+
+@dataclass(frozen=True)
+class Box:
+    """An object that moves or has a class: the box around it, at mid-frame, in the radar frame.
+
+    :param center: x, y, z of its middle [m]
+    :param size: length along its own forward, width along its left, height along its up [m]
+    :param yaw: from the radar's x to its forward, towards y [rad], -pi to pi
+    :param velocity: x, y, z relative to the radar [m/s], so that its part along ``center`` is the range rate
+    :param class_name: e.g. "car"; "other" where the scene states none. The column's field is named ``class``.
+    :param object: its name in the scene
+    :param power: of the paths that it sends back [W], before the processing; 0 where the radar does not see it
+    """
+
+    center: Vector
+    size: Vector
+    yaw: float
+    velocity: Vector
+    class_name: str
+    object: str
+    power: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +117,7 @@ class Frame:
     :param image_peak: the magnitude that 1.0 in ``image`` stands for [sqrt(W)]
     :param noise_power: of one channel in one range-Doppler cell [W]
     :param targets: strongest first
+    :param boxes: objects within the range and the field of view, in the scene's order
     :param range_doppler: [R, chirps] float32 mean magnitude over channels [sqrt(W)], if stored
     :param cube: [chirp, sample, C] complex64 IF samples [sqrt(W)], if stored
     """
@@ -99,6 +135,7 @@ class Frame:
     image_peak: float
     noise_power: float
     targets: tuple[Target, ...] = ()
+    boxes: tuple[Box, ...] = ()
     range_doppler: NDArray[np.float32] | None = None
     cube: NDArray[np.complex64] | None = None
     time: float = 0.0
@@ -141,6 +178,7 @@ def arrow_schema(description: Mapping[str, Any]) -> pa.Schema:
     target = pa.struct(
         [_required(name, pa.float64()) for name in TARGET_FIELDS[:-1]] + [_required("object", pa.string())]
     )
+    box = pa.struct([_required(name, _never_null(kind)) for name, kind in BOX_FIELDS.items()])
     fields = [
         _required("frame_id", pa.int64()),
         _required("kind", pa.string()),
@@ -155,6 +193,7 @@ def arrow_schema(description: Mapping[str, Any]) -> pa.Schema:
         _required("image_peak", pa.float64()),
         _required("noise_power", pa.float64()),
         _required("targets", pa.list_(_required("element", target))),
+        _required("boxes", pa.list_(_required("element", box))),
         *(array(name) for name in ("range_doppler", "cube") if name in shapes),
     ]
     text = json.dumps(description, sort_keys=True, allow_nan=False)
@@ -181,6 +220,9 @@ def to_record_batch(frames: Sequence[Frame], schema: pa.Schema) -> pa.RecordBatc
         elif name == "targets":
             rows = [[_target_row(frame, target) for target in frame.targets] for frame in frames]
             columns.append(pa.array(rows, type=field.type))
+        elif name == "boxes":
+            rows = [[_box_row(frame, box) for box in frame.boxes] for frame in frames]
+            columns.append(pa.array(rows, type=field.type))
         else:
             columns.append(pa.array([_scalar(frame, name) for frame in frames], type=field.type))
     return pa.RecordBatch.from_arrays(columns, schema=schema)
@@ -192,6 +234,10 @@ def _required(name: str, kind: pa.DataType) -> pa.Field:
 
 def _fixed_list(kind: pa.DataType, size: int) -> pa.DataType:
     return pa.list_(_required("element", kind), size)
+
+
+def _never_null(kind: pa.DataType) -> pa.DataType:
+    return _fixed_list(kind.value_type, kind.list_size) if pa.types.is_fixed_size_list(kind) else kind
 
 
 def _flat_array(frame: Frame, name: str, shape: tuple[int, ...]) -> NDArray[np.float32]:
@@ -220,6 +266,16 @@ def _target_row(frame: Frame, target: Target) -> dict[str, Any]:
     if not all(map(math.isfinite, values)):
         raise InputError(f"frame {frame.frame_id}", f"{target}", "finite numbers")
     return dict(zip(TARGET_FIELDS, (*map(float, values), target.object), strict=True))
+
+
+def _box_row(frame: Frame, box: Box) -> dict[str, Any]:
+    center, size, velocity = (tuple(map(float, vector)) for vector in (box.center, box.size, box.velocity))
+    if not all(map(math.isfinite, (*center, *size, *velocity, box.yaw, box.power))):
+        raise InputError(f"frame {frame.frame_id}", f"{box}", "finite numbers")
+    if len(center) != 3 or len(size) != 3 or len(velocity) != 3 or min(*size, box.power) < 0.0:
+        raise InputError(f"frame {frame.frame_id}", f"{box}", "three numbers each; sizes and power of at least 0")
+    values = (center, size, float(box.yaw), velocity, box.class_name, box.object, float(box.power))
+    return dict(zip(BOX_FIELDS, values, strict=True))
 
 
 def _scalar(frame: Frame, name: str) -> int | float | str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -66,3 +67,23 @@ def write_json(path: Path, document: Mapping[str, Any], sort_keys: bool = True) 
     :raises ValueError: NaN or infinity, which JSON does not have
     """
     write_text(path, json.dumps(document, sort_keys=sort_keys, indent=1, allow_nan=False) + "\n")
+
+
+@contextmanager
+def atomic_folder(path: Path) -> Iterator[Path]:
+    """A new folder to fill, beside ``path``; at the end it is renamed to ``path``.
+
+    A body that raises leaves nothing behind.
+
+    :param path: of the finished folder, which does not exist yet; the folders above it are made
+    :raises OSError: the disk is full or fails
+    """
+    partial = path.with_name(path.name + PARTIAL)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    shutil.rmtree(partial, ignore_errors=True)
+    partial.mkdir()
+    try:
+        yield partial
+        partial.rename(path)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)

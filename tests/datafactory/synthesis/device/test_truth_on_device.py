@@ -48,7 +48,8 @@ def test_image_agrees_with_the_virtual_sensors_cube(device, limits_m, samples, r
     radar = radar_of(samples, rows[-1] + 3, 32 if speed else 4)
     u = generator.choice(radar.grid.u[1:], 6)
     direction = np.stack([np.sqrt(1.0 - u**2), u, np.zeros(6)], axis=1)
-    place = generator.uniform(*limits_m, 6)[:, None] * direction
+    nearest, farthest = limits_m
+    place = generator.uniform(nearest, farthest, 6)[:, None] * direction
     paths = ScatteredPaths.of_points(place, speed * direction, np.exp(2j * np.pi * generator.uniform(size=6)))
     # All recede at the speed; each row looks into its Doppler cell.
     cell = round(speed / radar.waveform.velocity_step_mps) + radar.waveform.chirps // 2

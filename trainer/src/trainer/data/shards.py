@@ -25,6 +25,11 @@ SCALARS = {"image_peak": torch.float64, "noise_power": torch.float64, "frame_id"
 FACTS = ("kind", "scene", "seed", "sensor_position", "sensor_velocity", "sensor_orientation", "time", "sequence")
 """Columns that say where a frame comes from, as Python values."""
 
+BOXES = "boxes"
+"""A fact of many numbers: the objects' boxes, as the column has them."""
+MISSING: dict[str, Any] = {**LATER, BOXES: []}
+"""What a frame of a dataset has that was made before there was the fact."""
+
 CACHE_BYTES = 256 << 20
 """Decoded columns that one process keeps: 140 frames of the default radar, each then ten times as fast."""
 
@@ -44,7 +49,7 @@ class ShardDataset(TorchDataset[dict[str, torch.Tensor]]):
     :param split: "train", "validation" or "test"
     :param columns: array columns to read, of :data:`COLUMNS`
     :param cache_bytes: decoded columns that every process keeps
-    :param facts: columns of :data:`FACTS` to read as well, for :meth:`frame`
+    :param facts: columns of :data:`FACTS`, and :data:`BOXES`, to read as well, for :meth:`frame`
     :raises InputError: a dataset that is missing, damaged or newer, a split without frames, an unknown column
     """
 
@@ -96,7 +101,7 @@ class ShardDataset(TorchDataset[dict[str, torch.Tensor]]):
         for name, dtype in SCALARS.items():
             item[name] = torch.tensor(batch.column(name)[0].as_py(), dtype=dtype)
         there = set(batch.schema.names)
-        return item, {name: batch.column(name)[0].as_py() if name in there else LATER[name] for name in self.facts}
+        return item, {name: batch.column(name)[0].as_py() if name in there else MISSING[name] for name in self.facts}
 
     def __getstate__(self) -> dict[str, Any]:
         """What a worker gets: paths and row numbers, no open file and no frames."""

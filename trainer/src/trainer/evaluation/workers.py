@@ -8,7 +8,6 @@ already made.
 
 from __future__ import annotations
 
-import os
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
@@ -21,6 +20,7 @@ import torch
 from threadpoolctl import threadpool_limits
 
 from shared.physics.errors import InputError
+from shared.processes.machine import usable_cores
 from shared.processes.pool import WorkerPool
 from shared.processes.tasks import StepsDone
 from trainer.errors import TrainingStopped
@@ -32,11 +32,6 @@ POLL_S = 1.0
 
 Item = tuple[Experiment, int]
 """An experiment, and the place of a task among those that it lists; it is pickled in a few bytes."""
-
-
-def cores() -> int:
-    """What this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 class CellWork:
@@ -74,7 +69,7 @@ class Workers:
     def __init__(self, bench: Bench, count: int, folder: Path) -> None:
         if count < 0:
             raise InputError("--workers", repr(count), "0 (one a core) or more")
-        self.count = count or cores()
+        self.count = count or usable_cores()
         self.bench = bench
         self._folder = folder
         self._pool: WorkerPool[Item, Values] | None = None

@@ -17,7 +17,6 @@ import cloudpickle
 
 from datafactory.run.cluster.messages import PROBE_S, Begin, Connect, Connected, Look, Reached
 from datafactory.run.cluster.node import Given, surroundings_of
-from datafactory.run.room import trace_memory
 from datafactory.run.shards import ShardPlan
 from datafactory.run.workers import RunFailed, ShardResult, ShardWork
 from shared.physics.errors import InputError
@@ -171,8 +170,7 @@ class RayEngine:
 
     def pool(self, work: ShardWork, shards: int, workers: int) -> RayPool:
         """Processes of the cluster's nodes."""
-        memory = trace_memory(work.job.settings.trace.rays if work.job.scenes else 0, 1)
-        return RayPool(work, memory, workers, self._driver, self._announce)
+        return RayPool(work, work.job.load.worker_bytes, workers, self._driver, self._announce)
 
 
 class RayPool:

@@ -98,7 +98,8 @@ def bays(length: float, opening: Opening) -> int:
     return max(1, int(length / opening.bay))
 
 
-DEPTHS = {"wall": 0.0, "window": FRAME_RECESS, "door": 0.30, "shop": 0.35, "gate": 0.25}
+DEPTHS = {"wall": 0.0, "window": FRAME_RECESS, "door": 0.30, "shop": 0.35, "gate": FRAME_RECESS}
+"""Of openings behind the wall [m]; a gate lies under a window, and both meet in one edge."""
 KEYS = {"door": "wood", "shop": "glass", "gate": "metal"}
 
 
@@ -136,7 +137,7 @@ def _wall(side: str, us: list[float], zs: list[float], style: Building) -> list[
     cells = np.full((len(us) - 1, len(zs) - 1), "wall", dtype=object)
     if len(us) > 2:
         cells[1::2, 2::2] = "window"
-    if side == "front":
+    if side == "front" and side in style.glazed:
         for bay, what in enumerate(style.ground[: style.bays]):
             if what in ("door", "shop"):
                 cells[1 + 2 * bay, 1:3] = what

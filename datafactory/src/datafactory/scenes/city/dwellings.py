@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from datafactory.scenes.city.buildings import Building, Opening, bays, building
 from datafactory.scenes.city.chance import drawn
 from datafactory.scenes.city.frontage import Frontage, frontage
@@ -16,33 +18,31 @@ SLACK_M = 0.02
 
 
 def houses(site: Site, block: Block, rules: Rules) -> None:
-    """Rows of town houses along the block's streets, around a court."""
+    """Rows of town houses on all sides of the block, around a court; those towards no street have no windows."""
     rng = site.rng
-    across = sorted(block.fronts & {"south", "north"})
-    depth = min(rng.uniform(9.5, 12.5), 0.5 * block.area.depth - 3.0 if len(across) > 1 else 14.0)
+    depth = min(rng.uniform(9.5, 12.5), 0.5 * block.area.depth - 3.0)
     floors = int(rng.integers(3, 5, endpoint=True))
-    for side in across:
-        _row(site, frontage(block.area, side), depth, floors, {"left": True, "right": True})
-    for side in sorted(block.fronts & {"east", "west"}):
-        # Between the rows of the two other sides, or to the end of the block where there is no street.
+    for side in ("north", "south"):
+        _row(site, frontage(block.area, side), depth, floors, side in block.fronts, corners=True)
+    for side in ("east", "west"):
+        # Between the rows of the two other sides.
         whole = frontage(block.area, side)
-        starts, ends = ("south", "north") if side == "east" else ("north", "south")
-        first = depth + 3.0 if starts in across else 0.0
-        last = whole.length - (depth + 3.0 if ends in across else 0.0)
-        if last - first >= 9.0:
-            part = Frontage(*whole.place(first, 0.0)[:2], last - first, whole.yaw_deg)
-            _row(site, part, min(depth, 0.5 * block.area.width - 4.0), floors, {"left": False, "right": False})
+        length = whole.length - 2.0 * (depth + 3.0)
+        if length >= 9.0:
+            part = Frontage(*whole.place(depth + 3.0, 0.0)[:2], length, whole.yaw_deg)
+            _row(site, part, min(depth, 0.5 * block.area.width - 4.0), floors, side in block.fronts, corners=False)
     court = block.area.inset(depth + 4.5)
     _trees(site, court, rules, count=int(court.width * max(court.depth, 0.0) / 150.0))
 
 
-def _row(site: Site, front: Frontage, depth: float, floors: int, corner: dict[str, bool]) -> None:
+def _row(site: Site, front: Frontage, depth: float, floors: int, on_street: bool, corners: bool) -> None:
     """A row of houses, in runs of one setback with gaps between the runs.
 
-    :param corner: whether the row's ends stand at a corner of two streets, and have windows there
+    :param on_street: whether its fronts have windows
+    :param corners: whether the ends of the row are corners of the block, and have windows like the fronts
     """
     rng = site.rng
-    at, setback, gap_before = 0.0, 0.0, corner["left"]
+    at, setback, gap_before = 0.0, 0.0, corners
     while front.length - at >= 8.0:
         width = min(rng.uniform(9.0, 16.5), front.length - at)
         if front.length - at - width < 8.0:
@@ -51,8 +51,8 @@ def _row(site: Site, front: Frontage, depth: float, floors: int, corner: dict[st
         ends_run = not last and rng.random() < 0.25
         glazed = {"front"}
         glazed |= {"left"} if gap_before else set()
-        glazed |= {"right"} if ends_run or (last and corner["right"]) else set()
-        style = _town_house(site, width - SLACK_M, depth - setback, floors, frozenset(glazed))
+        glazed |= {"right"} if ends_run or (last and corners) else set()
+        style = town_house(rng, width - SLACK_M, depth - setback, floors, frozenset(glazed if on_street else ()))
         site.place("Houses", "House", building(style), front.place(at, setback), front.yaw_deg)
         at += width
         gap_before = ends_run
@@ -61,9 +61,8 @@ def _row(site: Site, front: Frontage, depth: float, floors: int, corner: dict[st
             setback = rng.uniform(0.0, 2.0)
 
 
-def _town_house(site: Site, width: float, depth: float, floors: int, glazed: frozenset[str]) -> Building:
-    """A house of its own style: storeys, openings, roof, shop, relief."""
-    rng = site.rng
+def town_house(rng: np.random.Generator, width: float, depth: float, floors: int, glazed: frozenset[str]) -> Building:
+    """A house of its own style: storeys about ``floors``, openings, roof, shop, relief."""
     floors = max(2, floors + int(rng.integers(-1, 1, endpoint=True)))
     opening = Opening(rng.uniform(1.0, 1.5), rng.uniform(0.8, 1.0), rng.uniform(2.3, 2.5), rng.uniform(2.5, 3.1))
     count = bays(width, opening)
@@ -79,7 +78,7 @@ def _town_house(site: Site, width: float, depth: float, floors: int, glazed: fro
         wall=drawn(rng, WALLS), frame=drawn(rng, (("wood", 0.6), ("metal", 0.4))),
         roof="brick", shape=drawn(rng, (("gable", 0.5), ("hip", 0.15), ("flat", 0.35))),
         opening=opening, glazed=glazed, ground=tuple(ground),
-        bands=relief == "bands", cornice=rng.random() < 0.6, balconies=tuple(balconies),
+        bands=relief == "bands", cornice=rng.random() < 0.6, balconies=tuple(balconies) if "front" in glazed else (),
         railing=drawn(rng, (("metal", 0.6), ("glass", 0.2), ("concrete", 0.2))),
     )  # fmt: skip
 
@@ -105,15 +104,7 @@ def _plot(site: Site, front: Frontage, at: float, width: float, depth: float, ru
     setback, drive_left = rng.uniform(4.0, 7.5), rng.random() < 0.5
     drive = at + 2.2 if drive_left else at + width - 2.2
     start = at + 4.6 if drive_left else at + width - 4.6 - house_width
-    opening = Opening(rng.uniform(1.1, 1.9), rng.uniform(0.8, 1.0), 2.35, rng.uniform(2.8, 3.6))
-    count = bays(house_width, opening)
-    ground = ["window"] * count
-    ground[int(rng.integers(count))] = "door"
-    style = Building(
-        house_width, house_depth, int(rng.integers(1, 2, endpoint=True)), wall=drawn(rng, WALLS), roof="brick",
-        shape=drawn(rng, (("gable", 0.55), ("hip", 0.3), ("flat", 0.15))), opening=opening,
-        glazed=frozenset({"front", "left", "right"}), ground=tuple(ground), pitch=rng.uniform(0.6, 1.0),
-    )  # fmt: skip
+    style = garden_house(rng, house_width, house_depth)
     site.place("Houses", "House", building(style), front.place(start, setback), front.yaw_deg)
     if rng.random() < 0.6:
         garage = Building(
@@ -136,6 +127,19 @@ def _plot(site: Site, front: Frontage, at: float, width: float, depth: float, ru
             # A low wall of masonry.
             wall = box((0.0, 0.0, 0.0), (high - low, 0.24, 0.8), "brick")
             site.place("Fences", "Wall", wall, front.place(low, 0.2, z), front.yaw_deg)
+
+
+def garden_house(rng: np.random.Generator, house_width: float, house_depth: float) -> Building:
+    """A detached house of one or two storeys."""
+    opening = Opening(rng.uniform(1.1, 1.9), rng.uniform(0.8, 1.0), 2.35, rng.uniform(2.8, 3.6))
+    count = bays(house_width, opening)
+    ground = ["window"] * count
+    ground[int(rng.integers(count))] = "door"
+    return Building(
+        house_width, house_depth, int(rng.integers(1, 2, endpoint=True)), wall=drawn(rng, WALLS), roof="brick",
+        shape=drawn(rng, (("gable", 0.55), ("hip", 0.3), ("flat", 0.15))), opening=opening,
+        glazed=frozenset({"front", "left", "right"}), ground=tuple(ground), pitch=rng.uniform(0.6, 1.0),
+    )  # fmt: skip
 
 
 def square(site: Site, block: Block, rules: Rules) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from datafactory.scenes.city.plan import Plan, Street
-from datafactory.scenes.city.shapes import Surface, box, joined, prism
+from datafactory.scenes.city.shapes import X_TO_Z_CYCLE, Surface, box, joined, prism
 from datafactory.scenes.city.site import Site
 
 PIECE_M = 8.0
@@ -55,6 +55,5 @@ def _bridge(street: Street, main: Street) -> Surface:
         # The embankment behind: a ramp down to the ground.
         ramp = [(far, 0.0), (far + sign * 14.0, 0.0), (far, top)]
         ramp = ramp if sign > 0.0 else ramp[::-1]
-        cycle = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-        abutments.append(prism(ramp, -half, half, "vegetation").moved((0.0, 0.0, 0.0), cycle))
+        abutments.append(prism(ramp, -half, half, "vegetation").moved((0.0, 0.0, 0.0), X_TO_Z_CYCLE))
     return joined([deck, *girders, *parapets, *abutments])

@@ -13,10 +13,13 @@ from datafactory.scenes.city.rules import Rules
 from datafactory.scenes.city.site import Site
 from datafactory.scenes.city.traffic import CLEARING_S, DURATION_S, GREEN_S, Vehicle, drive
 
-LENGTHS = {"Saloon": 4.6, "Hatchback": 4.0, "Van": 5.0, "Lorry": 9.0, "Bus": 11.5}
-KINDS = {"Lorry": ("Lorries", "Lorry"), "Bus": ("Buses", "Bus")}
+LENGTHS = {"Saloon": 4.6, "Hatchback": 4.0, "Van": 5.0, "Lorry": 9.0, "Bus": 11.5, "Cyclist": 1.8}
+KINDS = {"Lorry": ("Lorries", "Lorry"), "Bus": ("Buses", "Bus"), "Cyclist": ("People", "Cyclist")}
 TURNING = 0.3
 """Share of the cars that turn right at the next crossing where they can."""
+TURN = ("Saloon", "Hatchback")
+CYCLISTS = 0.06
+"""Share of cyclists among the vehicles; cars stay behind them."""
 AISLE_MPS = 2.5
 
 
@@ -28,7 +31,6 @@ def populate(site: Site, plan: Plan, rules: Rules) -> None:
         for street in plan.streets:
             for first, last in plan.stretches(street):
                 _walkers(site, street, first, last, rules)
-                _cyclist(site, street, first, last, rules)
         _crossing_people(site, plan, rules)
 
 
@@ -38,21 +40,24 @@ def _vehicles(site: Site, plan: Plan, rules: Rules) -> None:
     for way in lanes_of(plan, turns=True):
         along, busy = rng.uniform(6.0, 30.0), not way.onto and way.stops and rng.random() < 0.3
         while along < way.length - 8.0 and not busy:
-            heavy = rng.random() < rules.heavy
-            model = "Lorry" if heavy and rng.random() < 0.7 else "Bus" if heavy else ""
+            heavy, cyclist = rng.random() < rules.heavy, rng.random() < CYCLISTS * bool(rules.walkers)
+            model = "Lorry" if heavy and rng.random() < 0.7 else "Bus" if heavy else "Cyclist" if cyclist else ""
             model = model or drawn(rng, (("Saloon", 0.42), ("Hatchback", 0.42), ("Van", 0.16)))
             length = LENGTHS[model]
             speed = rng.uniform(*rules.speed_mps) * (0.75 if heavy else 1.0)
+            speed = min(speed, 5.5) if model == "Cyclist" else speed
             if _clear_of_crossings(way, along, length):
                 turns = [index for index, (leaves, _, _) in enumerate(way.onto) if leaves > along + 18.0]
-                turns_at = turns[0] if turns and not heavy and model != "Van" and rng.random() < TURNING else None
-                vehicles.append(Vehicle(model, length, float(speed), way, float(along), turns_at))
+                turns_at = turns[0] if turns and model in TURN and rng.random() < TURNING else None
+                aside = 0.9 if model == "Cyclist" else 0.0
+                vehicles.append(Vehicle(model, length, float(speed), way, float(along), turns_at, aside))
             along += length + rng.uniform(*rules.gap_m)
     drive(vehicles)
     for vehicle in vehicles:
         group, kind = KINDS.get(vehicle.model, ("Cars", "Car"))
         first = vehicle.keys[0]
-        site.add(group, kind, vehicle.model, first.position, first.yaw_deg, vehicle.keys)
+        target, sizes = ("cyclist", (("wheel_radius_m", 0.34),)) if kind == "Cyclist" else ("", ())
+        site.add(group, kind, vehicle.model, first.position, first.yaw_deg, vehicle.keys, target, sizes)
 
 
 def _clear_of_crossings(way: Way, along: float, length: float) -> bool:
@@ -109,8 +114,10 @@ def _walkers(site: Site, street: Street, first: float, last: float, rules: Rules
     """People along both pavements, in a strip that street furniture and shelters leave free."""
     rng = site.rng
     for side in (1.0, -1.0):
-        aside = side * (street.kind.facade - 0.45)
-        for _ in range(int(rng.integers(rules.walkers, endpoint=True))):
+        for number in range(int(rng.integers(rules.walkers, endpoint=True))):
+            aside = side * (street.kind.facade - 0.4 - 0.6 * number)  # side by side, so that nobody runs into another
+            if number and street.kind.pavement_m < 2.9:
+                continue
             speed, forwards = rng.uniform(0.9, 1.7), rng.random() < 0.5
             reach = min(speed * DURATION_S, last - first - 2.0)
             start = rng.uniform(first + 1.0, last - 1.0 - reach)
@@ -124,23 +131,6 @@ def _person(site: Site, keys: list[Keyframe]) -> None:
     site.add(
         "People", "Pedestrian", "Pedestrian", keys[0].position, keys[0].yaw_deg, keys,
         target="pedestrian", target_options=(("stature_m", stature),),
-    )  # fmt: skip
-
-
-def _cyclist(site: Site, street: Street, first: float, last: float, rules: Rules) -> None:
-    """A cyclist at the right edge of a lane wide enough for a car to pass, as far as the next crossing."""
-    rng, kind = site.rng, street.kind
-    if kind.lane_m < 3.4 or rng.random() < 0.4:
-        return
-    direction = 1.0 if rng.random() < 0.5 else -1.0
-    aside = -direction * (kind.median_m + kind.lanes * kind.lane_m - 0.4)
-    speed = rng.uniform(3.5, 6.0)
-    start = rng.uniform(first, 0.5 * (first + last)) if direction > 0.0 else rng.uniform(0.5 * (first + last), last)
-    end = start + direction * min(speed * DURATION_S, abs((last if direction > 0.0 else first) - start))
-    keys = _straight(street.point(start, aside), street.point(end, aside), 0.0, speed)
-    site.add(
-        "People", "Cyclist", "Cyclist", keys[0].position, keys[0].yaw_deg, keys, target="cyclist",
-        target_options=(("wheel_radius_m", 0.34),),
     )  # fmt: skip
 
 

@@ -21,6 +21,8 @@ PLACE_M = 6.2
 SIDES = (1.0, -1.0)
 TREE_NEEDS_M = 3.4
 """Width of pavement from which on there are trees: a crown reaches 1.6 m, a balcony 1.1 m."""
+SHELTER_NEEDS_M = 3.9
+"""Width of pavement that leaves 1.5 m behind a shelter for those who walk past."""
 
 
 def furnish(site: Site, plan: Plan, rules: Rules) -> None:
@@ -75,24 +77,21 @@ def _kerb_line(site: Site, street: Street, first: float, last: float, side: floa
 def _bus_stop(
     site: Site, street: Street, first: float, last: float, side: float, rules: Rules
 ) -> tuple[float, float] | None:
-    """A shelter at the back of the pavement, a flag at the kerb, now and then a bus in the strip; what it takes up."""
+    """A flag at the kerb, a shelter on a wide pavement, now and then a bus in a wide strip; what it takes up."""
     rng, kind = site.rng, street.kind
-    if rules.walkers == 0 or last - first < 40.0 or kind.pavement_m < 2.9 or rng.random() < 0.55:
+    if rules.walkers == 0 or last - first < 40.0 or rng.random() < 0.45:
         return None
     middle = rng.uniform(first + 16.0, last - 16.0)
-    depth = min(kind.pavement_m - 1.45, 1.6)
-    shelter = _at(street, middle, side * (kind.kerb + depth), rules.kerb_m)
-    # The shelter opens along -y of its own, towards the road.
-    if not site.place("BusStops", "Shelter", "Shelter", shelter, street.yaw_deg + (0.0 if side > 0.0 else 180.0)):
-        return None
+    if kind.pavement_m >= SHELTER_NEEDS_M:
+        shelter = _at(street, middle, side * (kind.kerb + 0.9), rules.kerb_m)
+        # The shelter opens along -y of its own, towards the road.
+        site.place("BusStops", "Shelter", "Shelter", shelter, street.yaw_deg + (0.0 if side > 0.0 else 180.0))
     ahead = middle + (-4.0 if side > 0.0 else 4.0)
     flag = _at(street, ahead, side * (kind.kerb + 0.45), rules.kerb_m)
     site.place("BusStops", "Sign", "Sign_panel", flag, _heading(street, side))
-    if kind.parking_m >= 2.0 and rng.random() < 0.4:
-        # The bus stands half in the lane's edge: its outer flank 0.15 m from the kerb.
-        place = _at(street, middle, side * (kind.kerb - 0.2 - 1.3), 0.0)
-        if kind.parking_m >= 2.75:
-            site.place("Buses", "Bus", "Bus", place, _heading(street, side))
+    if kind.parking_m >= 2.5 and rng.random() < 0.5:
+        place = _at(street, middle, side * (kind.kerb - 1.4), 0.0)
+        site.place("Buses", "Bus", "Bus", place, _heading(street, side))
     return middle - 9.0, middle + 9.0
 
 

@@ -39,6 +39,7 @@ class Vehicle:
     :param wanted_mps: speed on a free road
     :param way, along: where it is
     :param turns_at: index into the way's ``onto`` that it takes; None for straight on
+    :param aside: to the right of the way [m]
     """
 
     model: str
@@ -47,6 +48,7 @@ class Vehicle:
     way: Way
     along: float
     turns_at: int | None = None
+    aside: float = 0.0
     speed: float = 0.0
     acceleration: float = 0.0
     keys: list[Keyframe] = field(default_factory=list)
@@ -81,7 +83,7 @@ def drive(vehicles: list[Vehicle], duration_s: float = DURATION_S) -> None:
         for vehicle in vehicles:
             _advance(vehicle)
     for vehicle in vehicles:
-        vehicle.keys = _thinned(vehicle.keys)
+        vehicle.keys = thinned(vehicle.keys)
 
 
 def _settle(vehicles: list[Vehicle]) -> None:
@@ -166,12 +168,14 @@ def _advance(vehicle: Vehicle) -> None:
 
 def _note(vehicle: Vehicle, time_s: float) -> None:
     x, y, yaw = vehicle.way.at(vehicle.along)
+    x += vehicle.aside * math.sin(math.radians(yaw))
+    y -= vehicle.aside * math.cos(math.radians(yaw))
     if vehicle.keys:
         yaw += 360.0 * round((vehicle.keys[-1].yaw_deg - yaw) / 360.0)
     vehicle.keys.append(Keyframe(round(time_s, 2), (round(x, 3), round(y, 3), 0.0), round(yaw, 2)))
 
 
-def _thinned(keys: list[Keyframe]) -> list[Keyframe]:
+def thinned(keys: list[Keyframe]) -> list[Keyframe]:
     """The keyframes without those that lie on the lines between the others."""
     kept, first = keys[:1], 0
     for last in range(2, len(keys)):

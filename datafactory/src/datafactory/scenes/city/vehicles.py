@@ -138,8 +138,8 @@ def _glazed_box(
 ) -> Surface:
     """A box of metal with panes in its sides.
 
-    :param glazed: by side (``front`` +x, ``rear`` -x, ``left`` +y, ``right`` -y): lower and upper edge of its panes [m]
-        and how many stand side by side
+    :param glazed: by side (``front`` +x, ``rear`` -x, ``left`` +y, ``right`` -y): lower and upper edge of its panes
+        [m], the same on all sides, and how many stand side by side
     """
     (x0, y0, z0), (x1, y1, z1) = lower, upper
     levels = sorted({z0, z1, *(z for low, high, _ in glazed.values() for z in (low, high))})
@@ -171,9 +171,8 @@ def _glazed_box(
 
 def lorry() -> Surface:
     """A rigid lorry of 9 m: cab, chassis, a box body of sheet metal, under-run bar, six wheels."""
-    cab = _glazed_box(
-        (2.55, -1.2, 0.55), (4.4, 1.2, 2.95), {"front": (1.6, 2.6, 1), "left": (1.6, 2.5, 1), "right": (1.6, 2.5, 1)}
-    )
+    panes = dict.fromkeys(("front", "left", "right"), (1.6, 2.55, 1))
+    cab = _glazed_box((2.55, -1.2, 0.55), (4.4, 1.2, 2.95), panes)
     body = box((-4.6, -1.27, 1.15), (2.35, 1.27, 3.6), "metal")
     frame = [box((-4.5, y - 0.05, 0.8), (2.5, y + 0.05, 1.05), "metal") for y in (-0.45, 0.45)]
     bar = box((-4.6, -1.1, 0.45), (-4.5, 1.1, 0.55), "metal")
@@ -182,7 +181,7 @@ def lorry() -> Surface:
 
 def bus() -> Surface:
     """A city bus of 11.5 m with panes all around, four wheels."""
-    panes = {"front": (1.2, 2.75, 1), "rear": (1.6, 2.6, 1), "left": (1.2, 2.6, 7), "right": (1.2, 2.6, 7)}
+    panes = {"front": (1.2, 2.65, 1), "rear": (1.2, 2.65, 1), "left": (1.2, 2.65, 7), "right": (1.2, 2.65, 7)}
     body = _glazed_box((-5.75, -1.25, 0.36), (5.75, 1.25, 3.05), panes)
     return joined([body, *_wheels((-2.7, 3.0), 1.3, 0.48)])
 

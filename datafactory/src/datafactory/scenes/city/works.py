@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from datafactory.scenes.city.buildings import Building, Opening, bays, building
 from datafactory.scenes.city.chance import drawn
 from datafactory.scenes.city.frontage import Frontage, frontage
@@ -24,7 +26,8 @@ def works(site: Site, block: Block, rules: Rules) -> None:
     width, depth = rng.uniform(0.45, 0.75) * front.length, rng.uniform(0.45, 0.75) * inner_depth
     setback = rng.uniform(14.0, 18.0)
     start = rng.uniform(4.0, front.length - width - 4.0)
-    hall(site, front, start, setback, width, depth)
+    hall = building(hall_style(rng, width, depth))
+    site.place("Halls", "Hall", hall, front.place(start, setback), front.yaw_deg)
     for slot in range(int(width / 9.0)):
         if rng.random() < 0.4:
             place = front.place(start + 4.5 + 9.0 * slot, setback - 5.6, rules.kerb_m)
@@ -33,18 +36,16 @@ def works(site: Site, block: Block, rules: Rules) -> None:
     _fences(site, block, rules)
 
 
-def hall(site: Site, front: Frontage, start: float, setback: float, width: float, depth: float) -> None:
+def hall_style(rng: np.random.Generator, width: float, depth: float) -> Building:
     """A hall of steel or concrete: gates, a ribbon of windows above them."""
-    rng = site.rng
     opening = Opening(rng.uniform(3.2, 4.2), 4.3, 5.3, rng.uniform(5.5, 7.5))
     count = bays(width, opening)
     ground = tuple("gate" if rng.random() < 0.6 else "window" for _ in range(count))
-    style = Building(
+    return Building(
         width, depth, 1, floor_m=rng.uniform(6.5, 10.5), wall=drawn(rng, (("metal", 0.5), ("concrete", 0.5))),
         frame="metal", roof="concrete", shape=drawn(rng, (("flat", 0.7), ("gable", 0.3))), opening=opening,
         glazed=frozenset({"front", "left", "right"}), ground=ground, base_m=0.14, cornice=True, pitch=0.25,
     )  # fmt: skip
-    site.place("Halls", "Hall", building(style), front.place(start, setback), front.yaw_deg)
 
 
 def depot(site: Site, block: Block, rules: Rules) -> None:
@@ -130,11 +131,11 @@ def parking(site: Site, block: Block, rules: Rules) -> None:
         else:
             site.place("Lamps", "Lamp", "Lamp", (x, y, 2.0 * z), 180.0 * rng.integers(2))
     for middle in _double_rows(area):
-        taken = rng.uniform(0.35, 0.95)
+        taken = rng.uniform(0.2, 0.9)
         for aside in (-0.5 * BAY_DEPTH_M, 0.5 * BAY_DEPTH_M):
             for slot in range(int((area.width - 20.0) / BAY_M)):
                 x = area.x0 + 10.0 + (slot + 0.5) * BAY_M
-                if rng.random() >= taken * rules.parked / 0.72:
+                if rng.random() >= taken:
                     continue
                 model = drawn(rng, (("Saloon", 0.42), ("Hatchback", 0.46), ("Van", 0.12)))
                 skew = float(rng.integers(-2, 2, endpoint=True))

@@ -8,7 +8,9 @@ from hashlib import sha256
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.scenes.chain import Chain
 from datafactory.scenes.ground import Ground, free_ground
+from datafactory.scenes.labels import Label
 from datafactory.scenes.motion import Track, Vector
 from datafactory.scenes.scene import PointTarget, Scene, SceneObject
 from datafactory.scenes.targets.models import RcsModel
@@ -33,8 +35,6 @@ METRES_OF_ROAD = {
 LEAST_ROAD_M = 240.0
 PASSING_S = (60.0, 0.25)
 """How long the scene's own traffic is followed, and in which steps."""
-CYCLIST_SIZE_M: Vector = (1.8, 0.6, 1.75)
-PEDESTRIAN_SIZE_M = (0.5, 0.6)
 
 
 def populated(scene: Scene, asked: Asked, seed: int) -> Scene:
@@ -83,8 +83,9 @@ def _meshes(name: str, placement: Placement) -> tuple[list[SceneObject], Thing]:
     """The meshes of an asset in their place."""
     what, motion = asset(placement.what), _motion(placement)
     axes, origin = placement.axes, np.array(placement.position)
+    label = _label(name, placement, what.label)
     parts = [
-        SceneObject.of(f"{name}/{part}", vertices @ axes + origin, triangles, material, motion=motion)
+        SceneObject.of(f"{name}/{part}", vertices @ axes + origin, triangles, material, motion=motion, label=label)
         for part, vertices, triangles, material in what.parts
     ]
     low, high = np.array(what.lower), np.array(what.upper)
@@ -98,13 +99,29 @@ def _road_user(name: str, placement: Placement) -> tuple[PointTarget, Thing]:
     assert motion is not None
     if placement.kind == "cyclists":
         model: RcsModel = Cyclist()
-        label, size = "bicycle", CYCLIST_SIZE_M
+        kind = "bicycle"
     else:
-        model = Pedestrian(placement.stature_m)
-        label, size = "pedestrian", (*PEDESTRIAN_SIZE_M, placement.stature_m)
+        model, kind = Pedestrian(placement.stature_m), "pedestrian"
+    low, high = np.array(model.extent_m)
     velocity = motion.velocities[0]
-    target = PointTarget(name, placement.position, model.nominal_rcs_dbsm, velocity, model, axes, motion)
-    return target, Thing(name, label, size, placement.position, axes, motion)
+    target = PointTarget(
+        name,
+        placement.position,
+        model.nominal_rcs_dbsm,
+        velocity,
+        model,
+        axes,
+        motion,
+        label=_label(name, placement, kind),
+    )
+    return target, Thing(name, kind, _vector(high - low), placement.position, axes, motion)
+
+
+def _label(name: str, placement: Placement, class_name: str) -> Label:
+    """What the boxes of a thing are called, and along which axes they lie."""
+    home = np.eye(4)
+    home[:3, :3], home[:3, 3] = placement.axes.T, placement.position
+    return Label(name, Chain((home,)), class_name)
 
 
 def _motion(placement: Placement) -> Track | None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 import torch
@@ -33,16 +34,17 @@ def repeatable() -> Iterator[None]:
     """
     os.environ.setdefault(CUBLAS_VARIABLE, CUBLAS_WORKSPACE)
     before, warned = torch.are_deterministic_algorithms_enabled(), torch.is_deterministic_algorithms_warn_only_enabled()
-    filled, precision = torch.utils.deterministic.fill_uninitialized_memory, torch.get_float32_matmul_precision()
+    mode: Any = torch.utils.deterministic
+    filled, precision = mode.fill_uninitialized_memory, torch.get_float32_matmul_precision()
     torch.use_deterministic_algorithms(True)
-    torch.utils.deterministic.fill_uninitialized_memory = False  # nothing here reads what it has not written
+    mode.fill_uninitialized_memory = False  # nothing here reads what it has not written
     torch.set_float32_matmul_precision("highest")
     try:
         with torch.inference_mode():
             yield
     finally:
         torch.set_float32_matmul_precision(precision)
-        torch.utils.deterministic.fill_uninitialized_memory = filled
+        mode.fill_uninitialized_memory = filled
         torch.use_deterministic_algorithms(before, warn_only=warned)
 
 

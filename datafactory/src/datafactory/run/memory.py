@@ -1,0 +1,157 @@
+"""How much memory a run takes, said before it is begun: of a worker for its scenes, rays and radar; of all together.
+
+What is counted is what was measured to matter (``tests/benchmarks/worker_memory.py``, docs/memory.md): libraries and
+the kernels that they compile, triangles, rays, the arrays of a cube, and what a batch of frames keeps until its images
+are made. Every figure is an upper one: what is measured lies between a third of the prediction and all of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from datafactory.frame.chain import ChainSettings
+from datafactory.paths.defaults import CPU, CUDA
+from datafactory.run.shards import FRAMES_PER_SHARD
+from shared.physics.errors import InputError
+from shared.processes.machine import usable_cores, usable_memory
+from shared.radar import Radar
+
+BASE_BYTES = 500e6
+"""A process that makes frames, before the first: the interpreter, its libraries, compiled kernels."""
+TRACER_BYTES = 450e6
+"""Mitsuba, Dr.Jit, Sionna and LLVM, with the programs that they compile for a scene."""
+TRIANGLE_BYTES = 3_000.0
+"""Of a triangle: the merged scene, the tracer's own, and neighbours, edges and curved surfaces that are found once."""
+RAY_BYTES = {1: 400.0, 2: 1_300.0, 3: 1_900.0}
+"""Of a ray, by the largest number of bounces: the solver's room for paths, and the paths themselves."""
+PLANNING_BYTES, PLANNING_RAY_BYTES = 100e6, 600.0
+"""What the evidence for a plan takes beside a frame, at all and of a ray."""
+CUBES = 5.5
+"""Arrays of a cube's size at a time: the cube, the noise on it, its spectra in two orders."""
+KEPT_CUBES = 2.0
+"""Of a frame that keeps its cube, until its shard is written."""
+LARGE = 0.5
+"""Share of the memory from which on a run says what it will take."""
+
+
+@dataclass(frozen=True)
+class Load:
+    """What decides over the memory of a run.
+
+    :param triangles: of all its scenes
+    :param traced: whether scenes are traced
+    :param planned: whether their effects are planned by evidence
+    :param rendered: whether cubes are made; paths alone otherwise
+    :param stored_rays: of the frames whose paths were traced before; 0 without such
+    """
+
+    radar: Radar
+    settings: ChainSettings
+    triangles: int = 0
+    traced: bool = False
+    planned: bool = False
+    rendered: bool = True
+    stored_rays: int = 0
+
+    @property
+    def worker_bytes(self) -> float:
+        """Peak of a process that makes frames."""
+        return BASE_BYTES + self._tracer_bytes + self._ray_bytes + (self._signal_bytes if self.rendered else 0.0)
+
+    @property
+    def parent_bytes(self) -> float:
+        """Peak of the process that plans and hands out shards to others."""
+        planning = PLANNING_BYTES + PLANNING_RAY_BYTES * self.settings.trace.rays + self._ray_bytes
+        return BASE_BYTES + self._tracer_bytes + (planning if self.planned else 0.0)
+
+    def total_bytes(self, workers: int) -> float:
+        """Of so many workers; one works in the process that plans."""
+        if workers > 1:
+            return workers * self.worker_bytes + self.parent_bytes
+        planning = PLANNING_BYTES + PLANNING_RAY_BYTES * self.settings.trace.rays
+        return self.worker_bytes + (planning if self.planned else 0.0)
+
+    @property
+    def _tracer_bytes(self) -> float:
+        return TRACER_BYTES + TRIANGLE_BYTES * self.triangles if self.traced else 0.0
+
+    @property
+    def _ray_bytes(self) -> float:
+        rays = self.settings.trace.rays if self.traced else self.stored_rays
+        return RAY_BYTES[self.settings.trace.depth] * rays
+
+    @property
+    def _signal_bytes(self) -> float:
+        waveform, grid, elements = self.radar.waveform, self.radar.grid, self.radar.virtual_sensor.channels
+        processing = self.settings.processing
+        cube = 8.0 * waveform.chirps * waveform.samples * self.radar.array.channels
+        moments = 8.0 * processing.truth_terms * waveform.range_bins * elements
+        image = 8.0 * waveform.range_bins * grid.bins
+        kept = moments + image + (KEPT_CUBES * cube if processing.store == "cube" else 0.0)
+        matrices = 8.0 * processing.truth_terms * grid.bins * elements
+        return CUBES * cube + FRAMES_PER_SHARD * kept + matrices
+
+
+def workers_for(load: Load, asked: int, announce: Callable[[str], None] = lambda line: None) -> int:
+    """Worker processes of a run: those asked for, or for 0 as many as there are cores and memory for.
+
+    What is large is announced.
+
+    :raises InputError: what was asked for, or one process, does not fit; with both figures and what would fit
+    """
+    limit = usable_memory()
+    workers = processes(asked, load.settings.device)
+    fitting = most_workers(load, limit)
+    if fitting < (asked or 1):
+        raise _too_much(load, asked or 1, limit, fitting)
+    if not asked and fitting < workers:
+        workers = fitting
+        announce(f"{_processes(workers)}, as there is memory for no more: {statement(load, workers, limit)}")
+    elif load.total_bytes(workers) > LARGE * limit:
+        announce(statement(load, workers, limit))
+    return workers
+
+
+def processes(workers: int, device: str = CPU) -> int:
+    """``workers``, or for 0 the cores that this process may use; with CUDA one, for a run has one GPU."""
+    return workers or (1 if device == CUDA else usable_cores())
+
+
+def most_workers(load: Load, limit: float) -> int:
+    """How many workers fit into so many bytes; 0 for none."""
+    if load.total_bytes(1) > limit:
+        return 0
+    return max(1, int((limit - load.parent_bytes) // load.worker_bytes))
+
+
+def statement(load: Load, workers: int, limit: float) -> str:
+    """In words: what so many workers take."""
+    of_each = "" if workers == 1 else f", {amount(load.worker_bytes)} each"
+    return (
+        f"about {amount(load.total_bytes(workers))} of memory in {_processes(workers)}{of_each}; "
+        f"{amount(limit)} may be used here"
+    )
+
+
+def amount(size: float) -> str:
+    """Bytes in words."""
+    return f"{size / 1e9:.1f} GB" if size >= 1e9 else f"{size / 1e6:.0f} MB"
+
+
+def _processes(count: int) -> str:
+    return "1 process" if count == 1 else f"{count} processes"
+
+
+def _too_much(load: Load, workers: int, limit: float, fitting: int) -> InputError:
+    needed = statement(load, workers, limit)
+    if fitting:
+        return InputError("--workers", f"{workers} take {needed}", f"at most {fitting}")
+    trace = load.settings.trace
+    without = replace(load, settings=replace(load.settings, trace=replace(trace, rays=0)), stored_rays=0)
+    of_ray = (load.total_bytes(1) - without.total_bytes(1)) / max(trace.rays, 1)
+    rays = int((limit - without.total_bytes(1)) / of_ray) if load.traced else 0
+    if rays > 0:
+        return InputError("--rays", f"{trace.rays} take {needed}", f"at most {rays}")
+    radar = "fewer samples, chirps or channels, " if load.rendered else ""
+    return InputError("memory", f"one frame takes {needed}", f"{radar}a smaller scene, or a larger machine")

@@ -1,0 +1,62 @@
+"""What of this machine a run may use: all of it, or less in a container or a batch job.
+
+Linux holds a process to the limits of its control group and of all groups above it (cgroups(7)): Docker, Kubernetes and
+Slurm set them. ``psutil`` shows the machine's memory also within a container.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path, PurePosixPath
+
+MOUNTED = Path("/sys/fs/cgroup")
+GROUPS_OF_THIS = Path("/proc/self/cgroup")
+
+
+def usable_cores() -> int:
+    """Cores that this process may run on."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def usable_memory() -> int:
+    """Bytes that all processes of a run together may take."""
+    import psutil  # not at the top: `datafactory doctor` says what is missing
+
+    return min([psutil.virtual_memory().total, *group_limits(_groups(GROUPS_OF_THIS), MOUNTED)])
+
+
+def group_limits(groups: str, mounted: Path) -> list[int]:
+    """Limits [bytes] of the control groups, and of those above them; empty where there are none.
+
+    :param groups: the text of ``/proc/self/cgroup``: a line ``ID:controllers:path`` for each hierarchy
+    :param mounted: where the hierarchies are seen. A container may see its own group in place of the root.
+    """
+    found = []
+    for line in groups.splitlines():
+        _, controllers, path = line.split(":", 2)
+        if controllers == "":  # version 2
+            root, name = mounted, "memory.max"
+        elif "memory" in controllers.split(","):  # version 1
+            root, name = mounted / "memory", "memory.limit_in_bytes"
+        else:
+            continue
+        group = PurePosixPath(path.lstrip("/"))
+        for folder in (group, *group.parents):
+            found.append(_limit(root / folder / name))
+    return [limit for limit in found if limit is not None]
+
+
+def _groups(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError:  # no Linux
+        return ""
+
+
+def _limit(path: Path) -> int | None:
+    """None for a group that is not seen from here, or that is not limited."""
+    try:
+        text = path.read_text(encoding="ascii").strip()
+    except OSError:
+        return None
+    return int(text) if text.isdigit() else None  # version 2 has the word "max"; version 1 a number near 2**63

@@ -1,0 +1,98 @@
+"""Cube and truth of torch's kernels beside the compiled ones: on the processor always, on a GPU where there is one."""
+
+from __future__ import annotations
+
+import torch
+from record import RELATIVE_L2, NotInstalledError, Record, relative_l2, timed
+from workloads import EGO_SPEED_MPS, Workload, street
+
+from datafactory.paths.backend import cuda_device
+from datafactory.synthesis.kernels import ON_CPU, Kernels, synthesis_problem, torch_kernels
+from datafactory.synthesis.sorting import sorted_paths
+from datafactory.synthesis.wave_model import EQUATION_1
+from shared.signal.imaging import DEFAULT_TERMS
+from shared.signal.spectrum import range_doppler, select_doppler
+
+TOLERANCE = 1e-3
+"""Of the frames of a run."""
+
+
+def cube_on_torch(work: Workload) -> Record:
+    """The moving cube of torch on one core."""
+    return _cube(work, "cpu")
+
+
+def truth_on_torch(work: Workload) -> Record:
+    """The moving truth of torch on one core."""
+    return _truth(work, "cpu")
+
+
+def cube_on_cuda(work: Workload) -> Record:
+    """The moving cube on a GPU, copied back."""
+    return _cube(work, "cuda")
+
+
+def truth_on_cuda(work: Workload) -> Record:
+    """The moving truth on a GPU, copied back."""
+    return _truth(work, "cuda")
+
+
+def _kernels(device: str) -> tuple[Kernels, str]:
+    """torch's kernels, and where they run, in words.
+
+    :raises NotInstalledError: there is no such device
+    """
+    if device == "cpu":
+        torch.set_num_threads(1)
+        return torch_kernels(device), f"torch {torch.__version__} on 1 thread"
+    if (problem := synthesis_problem()) is not None:
+        raise NotInstalledError(f"no CUDA device: {problem}")
+    return torch_kernels(device), f"torch {torch.__version__} on {cuda_device().name}"
+
+
+def _cube(work: Workload, device: str) -> Record:
+    radar, (kernels, where) = work.radar, _kernels(device)
+
+    def cube(made_by: Kernels, table):
+        by_kernel = sorted_paths(table, radar, TOLERANCE, radar.array, EQUATION_1)
+        return made_by.cube(by_kernel, radar, TOLERANCE, radar.array, 1, EQUATION_1)
+
+    for made_by in (kernels, ON_CPU):
+        cube(made_by, street(32, EGO_SPEED_MPS))
+    elapsed, made = timed(lambda: cube(kernels, work.paths), work.size.repeats)
+    reference_time, reference = timed(lambda: cube(ON_CPU, work.paths), work.size.repeats)
+    return Record(
+        name=f"cube_on_{_name(device)}_vs_compiled",
+        ours=f"{where}, {work.size.paths} paths, tolerance {TOLERANCE:g}, sorting included",
+        ours_time=elapsed,
+        reference="the compiled kernels, the same; 1 thread",
+        reference_time=reference_time,
+        error=relative_l2(made, reference),
+        error_unit=RELATIVE_L2,
+    )
+
+
+def _truth(work: Workload, device: str) -> Record:
+    radar, (kernels, where) = work.radar, _kernels(device)
+    cells = select_doppler(range_doppler(work.cube[1], radar), 0.0, 1).cells[0]
+
+    def truth(made_by: Kernels, table):
+        return made_by.truth(table, radar, cells, DEFAULT_TERMS, EQUATION_1)
+
+    for made_by in (kernels, ON_CPU):
+        truth(made_by, street(32, EGO_SPEED_MPS))
+    elapsed, made = timed(lambda: truth(kernels, work.paths), work.size.repeats)
+    reference_time, reference = timed(lambda: truth(ON_CPU, work.paths), work.size.repeats)
+    return Record(
+        name=f"truth_on_{_name(device)}_vs_compiled",
+        ours=f"{where}, {work.size.paths} paths x {work.sensor.channels} channels, a cell a row",
+        ours_time=elapsed,
+        reference="the compiled kernels, the same; 1 thread",
+        reference_time=reference_time,
+        error=relative_l2(made, reference),
+        error_unit=RELATIVE_L2,
+    )
+
+
+def _name(device: str) -> str:
+    return "torch" if device == "cpu" else device

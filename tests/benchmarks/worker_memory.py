@@ -1,0 +1,112 @@
+"""Peak memory of a process that makes frames, beside what :mod:`datafactory.run.memory` predicts, in Markdown.
+
+``python tests/benchmarks/worker_memory.py`` renders one frame of each case, all effects on, in a process of its own;
+``python tests/benchmarks/worker_memory.py tiny "points"`` those whose names begin so.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from large_scenes import stage
+
+from datafactory.api.asking import order_of
+from datafactory.run.preparation import load_of, opened_scenes
+
+ROOT = Path(__file__).resolve().parents[2]
+SMALL = "[waveform]\nchirps = 8\nsamples = 128\nrange_bins = 100\nbandwidth_hz = 400e6\n[grid]\nbins = 32\n"
+BIG = "[waveform]\nchirps = 256\nsamples = 2048\nrange_bins = 1000\n"
+
+
+INSTANCES = "instances"
+"""5000 instances of 162 triangles, of ``large_scenes.py``."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A run of one process.
+
+    :param scene: None for close targets alone
+    :param radar: a preset's name, or the text of a TOML file
+    """
+
+    name: str
+    scene: str | None
+    radar: str = SMALL
+    rays: int = 20_000
+    depth: int = 2
+    frames: int = 1
+    effects: str = "all"
+    store: str = "range-channel"
+
+
+AVR = "avr-qdm-110"
+CASES = (
+    Case("points, default radar", None, AVR),
+    Case("points, default radar, 8 frames with their cubes", None, AVR, frames=8, store="cube"),
+    Case("points, 256 chirps of 2048 samples", None, BIG),
+    Case("tiny, small radar, 20 000 rays", "tiny.usda"),
+    Case("tiny, default radar, 200 000 rays", "tiny.usda", AVR, 200_000),
+    Case("street, default radar, 20 000 rays", "street.usda", AVR),
+    Case("street, default radar, 200 000 rays", "street.usda", AVR, 200_000),
+    Case("street, default radar, 200 000 rays, planned", "street.usda", AVR, 200_000, effects="auto"),
+    Case("munich, small radar, 200 000 rays, one bounce", "sionna:munich", rays=200_000, depth=1),
+    Case("munich, small radar, 200 000 rays, two bounces", "sionna:munich", rays=200_000),
+    Case("munich, small radar, 200 000 rays, three bounces", "sionna:munich", rays=200_000, depth=3),
+    Case("munich, default radar, 200 000 rays", "sionna:munich", AVR, 200_000),
+    Case("munich, default radar, 200 000 rays, 4 frames, planned", "sionna:munich", AVR, 200_000, 2, 4, "auto"),
+    Case("810 000 triangles, small radar, 20 000 rays", INSTANCES),
+)
+
+
+def measured(case: Case, folder: Path) -> tuple[float, float]:
+    """Peak resident size of the process, and the prediction [bytes]; Linux."""
+    radar = case.radar
+    if "\n" in radar:
+        radar = str(folder / "radar.toml")
+        Path(radar).write_text(case.radar, encoding="utf-8")
+    scene = case.scene if case.scene is None or ":" in case.scene else str(ROOT / "scenes" / case.scene)
+    if case.scene == INSTANCES:
+        scene = str(folder / "instances.usda")
+        Path(scene).write_text(stage(INSTANCES), encoding="utf-8")
+    order = order_of(
+        scene, radar=radar, frames=case.frames if scene else 0, points=0 if scene else case.frames, rays=case.rays,
+        depth=case.depth, effects=case.effects, store=case.store,
+    )  # fmt: skip
+    predicted = load_of(order, opened_scenes(order)).total_bytes(1)
+    frames = ["--split", "1:0:0", "--workers", "1", "--store", case.store, "--radar", radar]
+    frames += ["--frames", str(case.frames), "--out", str(folder / "data")]
+    command = ["points", *frames]
+    if scene:
+        command = ["render", scene, *frames, "--rays", str(case.rays), "--depth", str(case.depth)]
+        command += ["--effects", case.effects]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "datafactory", *command], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stderr is not None
+    with process.stderr as pipe:
+        said = pipe.read()
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if status:
+        raise RuntimeError(said[-800:])
+    return usage.ru_maxrss * 1024.0, predicted
+
+
+def main(names: list[str]) -> None:
+    print("| case | measured [MB] | predicted [MB] | share |\n|---|---|---|---|")
+    for case in CASES:
+        if names and not case.name.startswith(tuple(names)):
+            continue
+        with tempfile.TemporaryDirectory() as folder:
+            peak, predicted = measured(case, Path(folder))
+        print(f"| {case.name} | {peak / 1e6:.0f} | {predicted / 1e6:.0f} | {peak / predicted:.2f} |", flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

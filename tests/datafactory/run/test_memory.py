@@ -1,0 +1,127 @@
+"""What a run takes of the memory: the prediction held against processes, and what is refused or announced by it."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from prepared_scenes import SCENES
+from typer.testing import CliRunner
+
+from datafactory.api.asking import order_of
+from datafactory.api.forecasting import forecast
+from datafactory.cli.app import app
+from datafactory.frame.chain import ChainSettings
+from datafactory.frame.measurement import Processing
+from datafactory.paths.solver import TraceSettings
+from datafactory.run import memory
+from datafactory.run.memory import Load, most_workers, workers_for
+from shared.physics.errors import InputError
+from shared.radar import Radar
+from shared.radar.waveform import Waveform
+
+sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
+
+from worker_memory import CASES, measured
+
+GB = 1e9
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="peak memory of a child is read as Linux counts it")
+@pytest.mark.parametrize(
+    "name", ["points, default radar", "tiny, small radar, 20 000 rays", "street, default radar, 20 000 rays"]
+)
+def test_a_process_takes_no_more_than_was_said_and_no_less_than_a_third(name: str, tmp_path: Path) -> None:
+    (case,) = (case for case in CASES if case.name == name)
+    peak, predicted = measured(replace(case, rays=5_000), tmp_path)
+    assert predicted / 3.0 <= peak <= predicted
+
+
+def load(rays: int = 200_000, store: str = "range-channel", **fields: object) -> Load:
+    """A traced scene of a thousand triangles, by fields of :class:`Load`."""
+    settings = ChainSettings(trace=TraceSettings(rays=rays), processing=Processing(store=store))
+    given: dict[str, object] = {"radar": Radar(), "settings": settings, "triangles": 1000, "traced": True, **fields}
+    return Load(**given)  # type: ignore[arg-type]
+
+
+def test_everything_that_makes_a_run_larger_is_counted() -> None:
+    usual = load()
+    big = Radar(waveform=Waveform(chirps=256, samples=2048))
+    deeper = replace(usual, settings=replace(usual.settings, trace=TraceSettings(depth=3)))
+    for larger in (
+        load(rays=400_000), load(store="cube"), load(radar=big), load(triangles=1_000_000), deeper,
+    ):  # fmt: skip
+        assert larger.worker_bytes > 1.05 * usual.worker_bytes
+    assert load(traced=False, triangles=0).worker_bytes < usual.worker_bytes
+    assert load(rendered=False).worker_bytes < usual.worker_bytes
+    assert load(planned=True).total_bytes(4) > usual.total_bytes(4)
+    assert usual.total_bytes(4) == 4 * usual.worker_bytes + usual.parent_bytes
+
+
+@pytest.fixture
+def machine(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
+    """Eight cores and ten gigabytes."""
+    monkeypatch.setattr(memory, "usable_memory", lambda: int(10 * GB))
+    monkeypatch.setattr(memory, "usable_cores", lambda: 8)
+    return monkeypatch
+
+
+def test_workers_by_themselves_count_memory_as_well_as_cores(machine: pytest.MonkeyPatch) -> None:
+    said: list[str] = []
+    small, large = load(rays=1000, traced=False), load(rays=1_000_000)
+    assert workers_for(small, 0, said.append) == 8
+    assert said == [] or "of memory in 8 processes" in said[0]
+    said.clear()
+    workers = workers_for(large, 0, said.append)
+    assert 1 < workers < 8
+    assert large.total_bytes(workers) <= 10 * GB < large.total_bytes(workers + 1)
+    assert said[0].startswith(f"{workers} processes, as there is memory for no more: about ")
+    assert said[0].endswith("; 10.0 GB may be used here")
+
+
+def test_what_was_asked_for_and_does_not_fit_is_refused_with_what_would(machine: pytest.MonkeyPatch) -> None:
+    large = load(rays=1_000_000)
+    fits = most_workers(large, 10 * GB)
+    with pytest.raises(InputError, match=rf"--workers: 8 take about \d+\.\d GB .* expected at most {fits}$"):
+        workers_for(large, 8)
+    assert workers_for(large, fits) == fits
+    with pytest.raises(InputError, match=r"--rays: 20000000 take about \d+\.\d GB of memory in 1 process") as caught:
+        workers_for(load(rays=20_000_000), 0)
+    rays = int(str(caught.value).rpartition("at most ")[2])
+    assert load(rays=rays).total_bytes(1) <= 10 * GB < load(rays=rays + 1000).total_bytes(1)
+    with pytest.raises(InputError, match=r"memory: one frame takes .* a smaller scene, or a larger machine"):
+        workers_for(load(rays=1, triangles=20_000_000), 0)
+
+
+def test_half_of_the_memory_is_large_enough_to_be_said(machine: pytest.MonkeyPatch) -> None:
+    said: list[str] = []
+    assert workers_for(load(), 1, said.append) == 1
+    assert said == []
+    assert workers_for(load(), 4, said.append) == 4
+    assert said[0].startswith("about ")
+    assert "in 4 processes" in said[0]
+
+
+def test_it_is_refused_before_any_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(memory, "usable_memory", lambda: int(0.8 * GB))
+    for command in ("render", "trace"):
+        with pytest.raises(InputError, match=r"memory: one frame takes|--rays: ") as caught:
+            CliRunner().invoke(
+                app,
+                [command, str(SCENES / "tiny.usda"), "--out", str(tmp_path / "out"), "--effects", "diffuse"],
+                catch_exceptions=False,
+            )
+        assert "800 MB may be used here" in str(caught.value)
+        assert not (tmp_path / "out").exists()
+
+
+def test_a_dry_run_says_it_of_the_scene_and_the_workers_that_fit(tmp_path: Path) -> None:
+    order = order_of(str(SCENES / "tiny.usda"), radar="avr-qdm-110", frames=80, rays=4000)
+    found = forecast(order, tmp_path, 3)
+    expected = memory.statement(load(settings=order.settings, triangles=104, planned=True), 3, memory.usable_memory())
+    assert found.memory == expected
+    assert expected in found.lines()
+    assert forecast(order, tmp_path, 0).workers >= 1
