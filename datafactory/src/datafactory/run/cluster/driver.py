@@ -18,7 +18,8 @@ from pathlib import Path
 from typing import Any
 
 from datafactory.run.cluster.messages import PROBE_S, Begin, Connect, Connected, Look, Outcome, Reached
-from datafactory.run.cluster.node import Steps, make_shard
+from datafactory.run.cluster.node import make_shard
+from datafactory.run.cluster.steps import Steps
 from datafactory.run.cluster.surroundings import difference, look_around, processor, surroundings, unlike
 from datafactory.run.shards import ShardPlan
 from shared.dataset.writing import write_bytes

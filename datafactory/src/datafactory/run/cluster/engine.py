@@ -95,7 +95,7 @@ class _Driver:
             problem = f"{where} does not answer within {timeout_s:.0f} s"
             raise InputError("--address", problem, EXPECTED)
         try:
-            message = self._checked(self._pipe.recv())
+            message = _checked(self._pipe.recv())
         except (EOFError, OSError):
             raise InputError("--address", f"{where} cannot be joined", EXPECTED) from None
         assert isinstance(message, kind)
@@ -105,18 +105,15 @@ class _Driver:
         """What came within this time [s].
 
         :raises RunFailed: it has ended
+        :raises OSError: it cannot write a shard
         """
         while self._pipe.poll(timeout_s):
             try:
-                yield self._checked(self._pipe.recv())
+                message = self._pipe.recv()
             except (EOFError, OSError) as error:
                 raise RunFailed(GONE) from error
+            yield _checked(message)
             timeout_s = 0.0
-
-    def _checked(self, message: Any) -> Any:
-        if isinstance(message, Exception):
-            raise message
-        return message
 
     def end(self) -> None:
         """Let it end what it had begun; it may have ended before."""
@@ -126,6 +123,13 @@ class _Driver:
             return
         self._process.kill()  # Ray ends the tasks of a driver that is gone
         self._process.wait()
+
+
+def _checked(message: Any) -> Any:
+    """What the driver says; what went wrong there is raised here."""
+    if isinstance(message, Exception):
+        raise message
+    return message
 
 
 def _require_answer(address: str) -> None:

@@ -11,7 +11,6 @@ import pickle
 import platform
 import shutil
 import tempfile
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -48,21 +47,6 @@ class Given:
     like: Mapping[str, str]
 
 
-class Steps:
-    """An actor that counts the steps of running tasks. Where its process is lost, so are counts, and nothing else."""
-
-    def __init__(self) -> None:
-        self._done: Counter[int] = Counter()
-
-    def add(self, ticket: int, count: int) -> None:
-        """:param ticket: of the task, a number that no other has"""
-        self._done[ticket] += count
-
-    def done(self) -> dict[int, int]:
-        """Steps by ticket."""
-        return dict(self._done)
-
-
 def make_shard(
     plan: ShardPlan, ticket: int, given: list[Any], steps: Any
 ) -> tuple[tuple[FinishedShard, Seconds], UInt8[np.ndarray, " size"]]:
@@ -70,7 +54,7 @@ def make_shard(
 
     :param ticket: of this attempt, a number that no other has
     :param given: the reference of a pickled :class:`Given`; in a list, because Ray would fetch it for every task
-    :param steps: the handle of :class:`Steps`
+    :param steps: the handle of :class:`datafactory.run.cluster.steps.Steps`
     :raises InputError: a node that is not like the user's machine
     """
     work = _ready_for(given[0])
