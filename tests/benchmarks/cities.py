@@ -84,7 +84,8 @@ def frames(path: Path, count: int, rays: int) -> Iterator[tuple[float, Pose, Rea
         dealt = made.deal.frame(index)
         settings = made.plans[0].settings(order.settings, dealt.pose)
         ((frame, _),) = make_frames([SceneSource(dealt, made.scenes[0], settings)], radar)
-        yield time.process_time() - began, dealt.pose, frame.image
+        assert dealt.pose is not None
+        yield time.process_time() - began, dealt.pose, np.asarray(frame.image, dtype=np.float64)
 
 
 def cost(folder: Path, styles: Sequence[Style], count: int, rays: int) -> None:
@@ -156,20 +157,21 @@ def looks(image: Real) -> Real:
 def variety(folder: Path, seeds: int, styles: Sequence[Style], poses: int, rays: int) -> None:
     """How alike two cities of a style are: of other seeds, against other poses in the same city."""
     for style in styles:
-        surfaces, views = [], []
+        surfaces: list[HeightMap] = []
+        views: list[tuple[int, tuple[NDArray[np.float64], ...]]] = []
         for seed in range(seeds):
             path = folder / f"{style.value}-{seed}.usda"
             write_city(path, seed=seed, style=style)
             surfaces.append(heights(path))
             for _, pose, image in frames(path, poses, rays) if poses else ():
-                views.append((seed, ahead(surfaces[-1], pose), profile(image), looks(image)))
+                views.append((seed, (ahead(surfaces[-1], pose), profile(image), looks(image))))
         matches = [best_match(a, b) for a, b in combinations(surfaces, 2)]
         print(
             f"{style.value}: heights of two cities, best shift: mean {np.mean(matches):.2f}, most {np.max(matches):.2f}"
         )
-        for number, name in ((1, "heights ahead"), (2, "range profile"), (3, "truth image")):
-            same = [correlation(a[number], b[number]) for a, b in combinations(views, 2) if a[0] == b[0]]
-            other = [correlation(a[number], b[number]) for a, b in combinations(views, 2) if a[0] != b[0]]
+        for number, name in enumerate(("heights ahead", "range profile", "truth image")):
+            same = [correlation(a[1][number], b[1][number]) for a, b in combinations(views, 2) if a[0] == b[0]]
+            other = [correlation(a[1][number], b[1][number]) for a, b in combinations(views, 2) if a[0] != b[0]]
             if same:
                 spread = [float(np.std(values) / len(values) ** 0.5) for values in (same, other)]
                 print(f"  {name}: other poses {np.mean(same):.2f} +- {spread[0]:.2f}", end=", ")

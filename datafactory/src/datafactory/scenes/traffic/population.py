@@ -135,7 +135,8 @@ def passed_by(scene: Scene, ground: Ground) -> Mask:
     """[nx, ny] cells that the scene's own traffic comes near to."""
     marked = np.zeros_like(ground.free)
     ends, step = PASSING_S
-    for item in (*scene.objects, *scene.targets):
+    everything: list[SceneObject | PointTarget] = [*scene.objects, *scene.targets]
+    for item in everything:
         if not _moves(item):
             continue
         for time_s in np.arange(0.0, ends, step):
@@ -171,7 +172,8 @@ def sensor_ground(scene: Scene) -> Ground:
     ground = free_ground(replace(scene, objects=objects, targets=targets))
     road = ground.road.copy()
     i, j = np.indices(road.shape)
-    x, y = (ground.origin[axis] + (index + 0.5) * ground.cell_m for axis, index in enumerate((i, j)))
+    x: NDArray[np.float64] = ground.origin[0] + (i + 0.5) * ground.cell_m
+    y: NDArray[np.float64] = ground.origin[1] + (j + 0.5) * ground.cell_m
     for strip in population.roads:
         lanes = Strip(strip.middle, strip.heading_rad, strip.length_m, min(LANE_M, strip.half_width_m))
         road |= ground.free & lanes.holds(x, y)
