@@ -171,9 +171,9 @@ def sensor_ground(scene: Scene) -> Ground:
     targets = tuple(target for target in scene.targets if target.name not in moving)
     ground = free_ground(replace(scene, objects=objects, targets=targets))
     road = ground.road.copy()
-    i, j = np.indices(road.shape)
-    x: NDArray[np.float64] = ground.origin[0] + (i + 0.5) * ground.cell_m
-    y: NDArray[np.float64] = ground.origin[1] + (j + 0.5) * ground.cell_m
+    i, j = np.indices(road.shape, dtype=np.float64)
+    x = np.asarray(ground.origin[0] + (i + 0.5) * ground.cell_m)
+    y = np.asarray(ground.origin[1] + (j + 0.5) * ground.cell_m)
     for strip in population.roads:
         lanes = Strip(strip.middle, strip.heading_rad, strip.length_m, min(LANE_M, strip.half_width_m))
         road |= ground.free & lanes.holds(x, y)
