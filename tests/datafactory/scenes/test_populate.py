@@ -136,8 +136,8 @@ def test_nothing_is_inside_another_or_inside_the_scene(which: str, street: Scene
 
 def test_the_scenes_own_traffic_has_its_way(street: Scene) -> None:
     scene = populated(street, ASKED, 0)
-    everything: list[SceneObject | PointTarget] = [*street.objects, *street.targets]
-    own = [item for item in everything if item.motion is not None or any(item.velocity)]
+    every: tuple[SceneObject | PointTarget, ...] = (*street.objects, *street.targets)
+    own = [item for item in every if item.motion is not None or any(item.velocity)]
     assert len(own) > 10
     for time_s in (0.0, 3.0, 8.0, 20.0):
         boxes = Boxes(scene, time_s).corners
@@ -166,8 +166,8 @@ def test_vehicles_and_posts_stand_on_the_hill(hill: Scene) -> None:
 
 def test_velocities_are_finite_differences_of_places(hill: Scene) -> None:
     step, rng = 1e-3, np.random.default_rng(5)
-    everything: list[SceneObject | PointTarget] = [*hill.objects, *hill.targets]
-    moving = [item for item in everything if item.motion is not None]
+    every: tuple[SceneObject | PointTarget, ...] = (*hill.objects, *hill.targets)
+    moving = [item for item in every if item.motion is not None]
     things = {thing.name: thing for thing in population_of(hill).movers}
     assert {item.name.rpartition("/")[0] if isinstance(item, SceneObject) else item.name for item in moving} == set(
         things
