@@ -1,6 +1,7 @@
 """Datasets on object storage: a small S3 server of the test's own, a filesystem of Arrow's, and what is refused."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -53,10 +54,12 @@ def folder(tmp_path):
 
 
 @pytest.fixture
-def s3(folder):
+def s3(folder, monkeypatch):
     """The URI of the dataset on a server of this test."""
+    monkeypatch.setenv("AWS_ACCESS_KEY_ID", "user")
+    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "secret")
     with serve(folder.parents[2]) as options:
-        yield f"s3://user:secret@bucket/radar/set?{options}"
+        yield f"s3://bucket/radar/set?{options}"
 
 
 def values(dataset):
@@ -107,11 +110,32 @@ def test_a_local_uri_is_the_local_folder(folder):
     [
         ("ftp://host/set", "ftp://host/set: scheme 'ftp'; expected a local path, or one of file, s3, gs, gcs"),
         ("s3://", "s3://: names no bucket; expected s3://BUCKET/FOLDER"),
-        ("s3://me:secret@b/set?endpoint_override=127.0.0.1:9&scheme=http", "s3://b/set/manifest.json: cannot be reach"),
+        ("s3://b/set?endpoint_override=127.0.0.1:9&scheme=http", "s3://b/set/manifest.json: cannot be reach"),
+        (
+            "s3://me:secret@b/set",
+            "s3://b/set: credentials in the URI; expected them in the environment: AWS_ACCESS_KEY",
+        ),
+        ("s3://b/set?endpoint_override=me:secret@host", "s3://b/set: credentials in the URI; expected"),
+        (
+            "s3://b/set?access_key=me&secret_key=secret",
+            "s3://b/set: parameter 'access_key' of the URI; expected one of",
+        ),
+        ("gs://b/set?access_token=secret", "gs://b/set: parameter 'access_token' of the URI; expected one of scheme"),
+        ("https://me:secret@host/set", r"https://host/set: credentials in the URI; .* ~/.netrc"),
+        ("https://host/set?token=secret", "https://host/set: parameter 'token' of the URI; expected none"),
+        (
+            "http://host/set",
+            "http://host/set: would be read in the clear; expected https://; http:// only of this machi",
+        ),
+        ("hf://OWNER/NAME", "hf://OWNER/NAME: names no dataset; expected hf://datasets/OWNER/NAME or a folder in it"),
+        ("hf://datasets/OWNER", "names no dataset"),
+        (Path("s3://b/set"), "s3:/b/set: a URI as a Path, which drops a slash of it; expected the URI as text"),
     ],
 )
 def test_a_store_that_is_not_there_is_one_line(uri, message, monkeypatch):
     monkeypatch.setenv("AWS_MAX_ATTEMPTS", "1")
+    monkeypatch.setenv("AWS_ACCESS_KEY_ID", "user")
+    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "secret")
     with pytest.raises(InputError, match=message) as caught:
         open_dataset(uri)
     assert "\n" not in str(caught.value)

@@ -32,6 +32,7 @@ from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.readers.reading import Reading, parse_variants
 from datafactory.scenes.scene import Scene
 from shared.dataset import STORES
+from shared.dataset.locations import locate
 from shared.physics.errors import InputError, meant
 from shared.processes.defaults import LARGEST_SEED
 from shared.radar import Radar, load_radar
@@ -157,7 +158,7 @@ def order_of(
     :param rays, depth, error_budget: None for the usual ones
     :raises InputError: a value out of its bounds, a file that cannot be read, nothing to render
     """
-    folder, wanted = None if paths is None else Path(paths), scenes_of(scenes)
+    folder, wanted = None if paths is None else locate(paths), scenes_of(scenes)
     if wanted and folder is not None:
         raise InputError("--scene", "given together with --paths", "either --scene or --paths")
     if split is not None:

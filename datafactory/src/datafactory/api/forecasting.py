@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
-from pathlib import Path
 
 import psutil
 
@@ -21,6 +20,7 @@ from datafactory.run.stored import stored_paths
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene
 from shared.dataset import description, row_bytes
+from shared.dataset.locations import Location, RemotePath
 
 RAY_S = 7e-6
 """Of a ray: 0.8 to 2.1 s for 2e5 of them in a canyon, munich and the shipped street (a manifest's ``step_seconds``)."""
@@ -39,7 +39,7 @@ class Forecast:
     """What a run will take.
 
     :param frames: by split; :param shards: their number
-    :param bytes: on the disk, of which ``free_bytes`` are free
+    :param bytes: on the disk, of which ``free_bytes`` are free; None in an object store
     :param memory_bytes: of all workers together, where the machine has ``machine_bytes``
     :param seconds: wall-clock, planning included
     :param workers: no more than there are shards
@@ -48,7 +48,7 @@ class Forecast:
     frames: dict[str, int]
     shards: int
     bytes: float
-    free_bytes: float
+    free_bytes: float | None
     memory_bytes: float
     machine_bytes: float
     seconds: float
@@ -58,16 +58,19 @@ class Forecast:
         """In words."""
         split = ", ".join(f"{name} {count}" for name, count in self.frames.items())
         most = "process" if self.workers == 1 else "processes"
+        where = "in the store"
+        if self.free_bytes is not None:
+            where = f"on the disk, where {_amount(self.free_bytes)} are free"
         return [
             f"{sum(self.frames.values())} frames ({split}) in {self.shards} shards",
-            f"about {_amount(self.bytes)} on the disk, where {_amount(self.free_bytes)} are free",
+            f"about {_amount(self.bytes)} {where}",
             f"about {_amount(self.memory_bytes)} of memory in {self.workers} {most}; this machine has "
             f"{_amount(self.machine_bytes)}",
             f"about {_duration(self.seconds)}, by rates of another machine; half or twice that would be no surprise",
         ]
 
 
-def forecast(order: Order, directory: Path, workers: int) -> Forecast:
+def forecast(order: Order, directory: Location, workers: int) -> Forecast:
     """What a run of this order will take; its scenes are opened and its frames dealt, nothing is traced or written.
 
     :raises InputError: what a run would refuse of its scenes, poses and split
@@ -95,7 +98,7 @@ def forecast(order: Order, directory: Path, workers: int) -> Forecast:
         frames=dict(Counter(splits)),
         shards=shards,
         bytes=row_bytes(shapes) * (STREETS * scene_frames + CLOSE_TARGETS * point_frames),
-        free_bytes=free_bytes(directory),
+        free_bytes=None if isinstance(directory, RemotePath) else free_bytes(directory),
         memory_bytes=trace_memory(settings.trace.rays if scene_frames and order.paths is None else 0, workers),
         machine_bytes=float(psutil.virtual_memory().total),
         seconds=planning + (scene_frames * of_scene + point_frames * of_points) / workers,

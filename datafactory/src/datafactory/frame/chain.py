@@ -14,7 +14,6 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import islice
-from pathlib import Path
 
 from datafactory.frame.deal import DealtFrame
 from datafactory.frame.defaults import IMAGE_BATCH
@@ -40,6 +39,7 @@ from datafactory.paths.storage import TracedFrame, read_paths
 from datafactory.paths.table import PathTable
 from datafactory.paths.trace import trace
 from shared.dataset import Frame
+from shared.dataset.locations import Location
 from shared.radar import Radar
 
 FRAMES_WITH = "frames_with_"
@@ -143,7 +143,7 @@ class SceneSource:
 class StoredSource:
     """A scene frame that was traced before: a row of a paths shard."""
 
-    shard: Path
+    shard: Location
     row: int
     settings: ChainSettings
 
@@ -242,5 +242,5 @@ def _counted(effects: Mapping[str, bool]) -> dict[str, int]:
     return {f"{FRAMES_WITH}{name}": int(on) for name, on in effects.items()}
 
 
-def _row_of(shard: Path, row: int) -> TracedFrame:
+def _row_of(shard: Location, row: int) -> TracedFrame:
     return next(islice(read_paths(shard), row, None))

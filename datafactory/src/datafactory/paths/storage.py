@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,6 +18,7 @@ import pyarrow.parquet as pq
 
 from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
 from datafactory.scenes.poses import Pose
+from shared.dataset.locations import Location
 from shared.dataset.reading import open_shard
 from shared.physics.errors import InputError
 
@@ -157,7 +157,7 @@ def from_row(batch: pa.RecordBatch) -> TracedFrame:
     )
 
 
-def read_paths(path: Path) -> Iterator[TracedFrame]:
+def read_paths(path: Location) -> Iterator[TracedFrame]:
     """The frames of a paths shard, one at a time.
 
     :raises InputError: a file that is not a paths shard
@@ -172,7 +172,7 @@ def read_paths(path: Path) -> Iterator[TracedFrame]:
                 yield frame
 
 
-def read_places(path: Path) -> list[tuple[int, int]]:
+def read_places(path: Location) -> list[tuple[int, int]]:
     """(frame index, scene number) of every row of a paths shard.
 
     :raises InputError: a file that is not a paths shard
@@ -185,7 +185,7 @@ def read_places(path: Path) -> list[tuple[int, int]]:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[pq.ParquetFile]:
+def _opened(path: Location) -> Iterator[pq.ParquetFile]:
     try:
         with open_shard(path) as file:
             found = (file.schema_arrow.metadata or {}).get(b"sparseradar_paths")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from pathlib import Path
 
 from datafactory.effects.catalogue import EffectSet
 from datafactory.frame.chain import ChainSettings
@@ -11,6 +10,7 @@ from datafactory.frame.defaults import DEFAULT_BUDGET_DB, DEFAULT_PATTERN
 from datafactory.frame.points import PointTargets
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import Scene
+from shared.dataset.locations import Location
 from shared.radar import Radar
 
 
@@ -37,7 +37,7 @@ class Order:
     split: str = DEFAULT_PATTERN
     poses: tuple[Pose, ...] = ()
     targets: tuple[PointTargets, ...] = ()
-    paths: Path | None = None
+    paths: Location | None = None
     settings: ChainSettings = field(default_factory=ChainSettings)
     effects: EffectSet | None = None
     budget_db: float = DEFAULT_BUDGET_DB

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,6 +26,7 @@ from datafactory.scenes.materials.table import MaterialMapping, MaterialTable
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene
+from shared.dataset.locations import Location
 
 Announce = Callable[[str], None]
 
@@ -48,7 +48,7 @@ class Prepared:
     deal: Deal
     samples: tuple[Sample, ...]
     plans: tuple[EffectPlan, ...]
-    stored: tuple[tuple[Path, int], ...]
+    stored: tuple[tuple[Location, int], ...]
     arguments: dict[str, Any]
     entries: list[dict[str, Any]]
 

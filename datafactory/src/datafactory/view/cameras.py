@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from pathlib import Path
+from io import BytesIO
 
 import numpy as np
 from matplotlib.image import imread, imsave
@@ -21,9 +21,10 @@ from datafactory.view.camera import camera_picture
 from datafactory.view.subject import Subject
 from shared.dataset import Frame
 from shared.dataset.folder import Dataset
+from shared.dataset.locations import Location, file_size
 from shared.dataset.manifest import MANIFEST
 from shared.dataset.reading import radar_of
-from shared.dataset.writing import atomic
+from shared.dataset.writing import atomic, make_folder
 from shared.physics.errors import InputError
 from shared.radar import first_validation_error
 
@@ -101,7 +102,7 @@ class Cameras:
         return self._opened[name]
 
 
-def picture_path(folder: Path, frame_id: int) -> Path:
+def picture_path(folder: Location, frame_id: int) -> Location:
     """Where a frame's camera picture stands in a dataset's folder."""
     return folder / FOLDER / f"frame-{frame_id:06d}.png"
 
@@ -111,22 +112,22 @@ def stored_picture(dataset: Dataset, frame_id: int) -> NDArray[np.uint8] | None:
 
     :raises InputError: a file that is no picture
     """
-    if not isinstance(dataset.path, Path) or not (path := picture_path(dataset.path, frame_id)).is_file():
+    path = picture_path(dataset.path, frame_id)
+    if file_size(path) is None:
         return None
     try:
-        return np.rint(255.0 * imread(path)[..., :3]).astype(np.uint8)
+        return np.rint(255.0 * imread(BytesIO(path.read_bytes()))[..., :3]).astype(np.uint8)
     except (OSError, ValueError, SyntaxError, IndexError) as error:
         raise InputError(path, f"no picture: {error}", "the file as render --camera wrote it") from error
 
 
-def write_cameras(dataset: Dataset, cameras: Cameras) -> Iterator[Path]:
+def write_cameras(dataset: Dataset, cameras: Cameras) -> Iterator[Location]:
     """Write the camera pictures of all scene frames that have none yet, one after the other."""
-    assert isinstance(dataset.path, Path)  # a run writes here
-    (dataset.path / FOLDER).mkdir(exist_ok=True)
+    make_folder(dataset.path / FOLDER)
     for split in dataset.splits:
         for frame in dataset.frames(split, columns=()):
             path, subject = picture_path(dataset.path, frame.frame_id), cameras.subject(frame)
-            if subject is None or path.is_file():
+            if subject is None or file_size(path) is not None:
                 continue
             with atomic(path) as partial:
                 imsave(partial, camera_picture(subject), format="png", metadata={"Software": ""})
