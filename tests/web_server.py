@@ -6,7 +6,7 @@ import http.server
 import json
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from http import HTTPStatus
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
@@ -81,7 +81,8 @@ class Web(http.server.BaseHTTPRequestHandler):
             self.send_header(name, value)
         self.end_headers()
         if with_body:
-            self.wfile.write(body)
+            with suppress(ConnectionError):  # who asked saw that no part was answered
+                self.wfile.write(body)
 
     def log_message(self, format: str, *arguments: object) -> None:
         """Nothing: pytest's output is not this server's log."""
