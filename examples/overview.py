@@ -20,6 +20,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from datafactory import Pose, Scene, load_scene, render
+from shared.pictures import LEVEL_LABEL, draw_from_above, range_weighted_db
 from shared.signal.imaging import delay_and_sum
 from trainer import RadarDataset, load_imager, pretrained_run
 
@@ -27,7 +28,6 @@ SCENE = Path(__file__).resolve().parents[1] / "scenes" / "street.usda"
 POSE = Pose((-40.0, -1.75, 0.5))
 """In the right lane, along the street."""
 AHEAD_M, ASIDE_M = 46.0, 15.0
-SPAN_DB = 40.0
 COLOURS = {
     "asphalt": "#5b5b60", "concrete": "#b9b4aa", "brick": "#a8573f", "glass": "#8fb7c9", "metal": "#33506e",
     "vegetation": "#6f9a55", "wood": "#7a5b3a", "marble": "#d8d4cc", "rubber": "#222222",
@@ -67,7 +67,7 @@ def main() -> None:
         axis.plot(0.0, 0.0, marker="^", markersize=9, color="#00c0a0", markeredgecolor="black", clip_on=False)
         axis.set(xlim=(ASIDE_M, -ASIDE_M), ylim=(0.0, AHEAD_M), xlabel="left  <-  y [m]  ->  right", aspect="equal")
     axes[0].set_ylabel("x, ahead of the radar [m]")
-    figure.colorbar(shown, ax=axes, label="amplitude x range [dB]", pad=0.01, shrink=0.85)
+    figure.colorbar(shown, ax=axes, label=LEVEL_LABEL, pad=0.01, shrink=0.85)
     figure.savefig(chosen.out, dpi=100, metadata={"Software": None})
 
 
@@ -101,16 +101,8 @@ def draw_scene(axis: Axes, scene: Scene) -> None:
 
 def draw_image(axis: Axes, image: NDArray[np.floating], frames: RadarDataset) -> QuadMesh:
     """Levels in the plane, dB below the brightest cell of the view."""
-    range_m, u = frames.range_m[:, None], frames.u[None, :]
-    inside = (range_m < np.hypot(AHEAD_M, ASIDE_M)) & np.ones_like(u, dtype=bool)
-    weighted = image * range_m
-    level = 20.0 * np.log10(np.maximum(weighted / weighted[inside].max(), 1e-9))
-    rows = int(inside[:, 0].sum())
-    x, y = range_m * np.sqrt(1.0 - u**2), range_m * u
-    axis.set_facecolor("black")
-    return axis.pcolormesh(
-        y[:rows], x[:rows], level[:rows], vmin=-SPAN_DB, vmax=0.0, cmap="magma", rasterized=True, shading="nearest"
-    )
+    rows = int((frames.range_m < np.hypot(AHEAD_M, ASIDE_M)).sum())
+    return draw_from_above(axis, range_weighted_db(image[:rows]), frames.radar.waveform.range_step_m, frames.u)
 
 
 if __name__ == "__main__":

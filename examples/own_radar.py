@@ -15,6 +15,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from datafactory import load_radar, read_targets, render
+from shared.pictures import draw_levels, level_db
 from trainer import RadarDataset, estimators
 
 OUT = Path(os.environ.get("EXAMPLES_OUT", "build/examples")) / "own_radar"
@@ -96,9 +97,8 @@ figure = Figure(figsize=(8.0, 4.5), layout="constrained")
 methods = {"delay-and-sum": "das", "LIKES": "likes"}
 for axis, (title, name) in zip(figure.subplots(1, 2), methods.items(), strict=True):
     shown = estimators.ESTIMATORS[name]().image(snapshots, line, frames.u, noise)
-    level = 20.0 * np.log10(np.maximum(shown / shown.max(), 1e-9))
-    mesh = axis.pcolormesh(frames.u, frames.range_m[:150], level[:150], vmin=-40.0, vmax=0.0, cmap="magma")
-    axis.invert_xaxis()
+    levels = level_db(shown, float(shown.max()))[:150]
+    mesh = draw_levels(axis, levels, frames.radar.waveform.range_step_m, frames.u[0], frames.u[1] - frames.u[0])
     axis.set(title=title, xlabel="left  <-  u = sin(azimuth)  ->  right", ylabel="range [m]")
 figure.colorbar(mesh, ax=figure.axes, label="level [dB]")
 figure.savefig(OUT / "targets.png", dpi=110)

@@ -15,6 +15,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from datafactory import Pose, load_scene, plan, render
+from shared.pictures import LEVEL_LABEL, draw_levels, range_weighted_db
 from shared.signal.imaging import delay_and_sum
 from trainer import RadarDataset
 
@@ -104,14 +105,11 @@ frames = RadarDataset(OUT / "frames", "test")
 example = frames[0]
 measured = np.abs(delay_and_sum(example.input[0].numpy(), frames.radar))
 truth = example.image.numpy() * example.metadata["image_peak"]
-weight = frames.range_m[:, None]
-brightest = float((truth * weight).max())
+grid, step_m = frames.radar.grid, frames.radar.waveform.range_step_m
 figure = Figure(figsize=(8.0, 4.5), layout="constrained")
 for axis, image, title in zip(figure.subplots(1, 2), (measured, truth), ("48 channels", "256 elements"), strict=True):
-    level = 20.0 * np.log10(np.maximum(image * weight / brightest, 1e-9))
-    shown = axis.pcolormesh(frames.u, frames.range_m[:280], level[:280], vmin=-40.0, vmax=0.0, cmap="magma")
-    axis.invert_xaxis()
+    shown = draw_levels(axis, range_weighted_db(image, reference=truth)[:280], step_m, grid.u_start, grid.step)
     axis.set(title=title, xlabel="left  <-  u = sin(azimuth)  ->  right", ylabel="range [m]")
-figure.colorbar(shown, ax=figure.axes, label="amplitude x range [dB]")
+figure.colorbar(shown, ax=figure.axes, label=LEVEL_LABEL)
 figure.savefig(OUT / "yard.png", dpi=110)
 print(f"look at {OUT / 'yard.png'}")

@@ -11,10 +11,11 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import trimesh
+from street_layout import StreetLayout
 
-from datafactory.scenes.city.city import City, write_city
+from datafactory.scenes.city.placement import Placement
 from datafactory.scenes.city.shapes import Surface, box, cylinder, yaw_rotation
-from datafactory.scenes.city.usd import Placement, write_usd
+from datafactory.scenes.city.usd import write_usd
 from shared.physics.units import power_to_db
 from shared.radar.waveform import Waveform
 
@@ -160,12 +161,13 @@ def write_mitsuba(folder: Path, name: str, placements: tuple[Placement, ...]) ->
 
 def write_scenes(folder: Path) -> None:
     """Write all shipped scenes into an existing folder."""
-    write_city(folder / "street.usda", seed=7, blocks=2)
+    street = StreetLayout(seed=7, blocks=2).build()
+    write_usd(folder / "street.usda", street, "Procedural city: seed 7, blocks 2. Metres, z up.")
     write_usd(
         folder / "test_range.usda", reflector_range(), "Test range; the radar stands at (0, 0, 0.6), looking along x."
     )
     write_usd(folder / "tiny.usda", tiny(), "A tiny scene for smoke tests.")
-    write_mitsuba(folder, "street", City(seed=7, blocks=1, largest_floors=3).build())
+    write_mitsuba(folder, "street", StreetLayout(seed=7, blocks=1, largest_floors=3).build())
 
 
 if __name__ == "__main__":

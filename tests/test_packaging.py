@@ -29,6 +29,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("shared", "datafactory", "trainer")
 RUN_FILES = ("run.json", "weights.safetensors")
 SHIPPED = ROOT / "datafactory/src/datafactory/scenes/shipped"
+VIEWER = ROOT / "trainer/src/trainer/evaluation/report/viewer"
 SCENES = {path for pattern in ("*.*", "*/*.*") for path in SHIPPED.glob(pattern)}
 DATA = {
     "shared": {"shared/py.typed"},
@@ -38,7 +39,8 @@ DATA = {
         "datafactory/view/overlay.html",
     }
     | {path.relative_to(ROOT / "datafactory/src").as_posix() for path in SCENES},
-    "trainer": {"trainer/py.typed", "trainer/evaluation/report/viewer.html", "trainer/run/pretrained/README.md"}
+    "trainer": {"trainer/py.typed", "trainer/run/pretrained/README.md"}
+    | {path.relative_to(ROOT / "trainer/src").as_posix() for path in VIEWER.iterdir()}
     | {f"trainer/run/pretrained/{name}/{file}" for name in ("sparse6", "sparse4") for file in RUN_FILES},
 }
 

@@ -16,6 +16,7 @@ GUIDES = (
     "captures.md",
     "measured.md",
     "dataset.md",
+    "convert.md",
     "view.md",
     "commands.md",
     "examples.md",

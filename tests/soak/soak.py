@@ -2,7 +2,8 @@
 
 Each round starts a command, kills its whole process group, the process alone or one of its workers after a random time,
 and goes on with ``--resume``. After a few kills the run is left to finish, and its files are compared with those of a
-run that was never killed. What is counted stands in :class:`Tally`.
+run that was never killed. What is counted stands in :class:`Tally`. The command ``ray`` makes its shards on a Ray
+cluster of this machine, whose nodes are killed as well.
 """
 
 from __future__ import annotations
@@ -18,15 +19,20 @@ import subprocess
 import sys
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import psutil
 
+if TYPE_CHECKING:
+    from ray_nodes import Nodes
+
 ROOT = Path(__file__).resolve().parents[2]
 BIN = Path(sys.executable).parent
-KINDS = ("group", "parent", "worker")
+KINDS = ("group", "parent", "worker", "node")
 HANG_S = 300.0
 """No command here takes a tenth of this on a machine of its own. Where others take the processor it may: a command
 hangs that has not ended by then and whose processes all sleep."""
@@ -34,6 +40,8 @@ LOOKS, LOOK_S = 20, 0.25
 """How often, and how far apart, the processes of a command that takes long are looked at."""
 ORPHAN_S = 10.0
 """Within this a worker notices that its parent is gone; it looks every half second."""
+ON_RAY = 0.8
+"""Share of the starts of ``ray`` that are on the cluster; the others go on on this machine."""
 LONGEST_CHAIN = 8
 """Kills of one run before it is left to finish: what finishes takes as long as two that are killed."""
 
@@ -83,11 +91,20 @@ class Command:
 
     :param arguments: for a folder
     :param result: what of a finished folder has to be the same, by name
+    :param reference: arguments of what it is compared with; by default its own
+    :param nodes: of a cluster that works for it
     """
 
     name: str
     arguments: Callable[[Path], list[str]]
     result: Callable[[Path], dict[str, str]]
+    reference: Callable[[Path], list[str]] | None = None
+    nodes: Nodes | None = None
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Of kills that there are of it."""
+        return tuple(kind for kind in KINDS if kind != "node" or self.nodes)
 
 
 def shards(folder: Path) -> dict[str, str]:
@@ -141,6 +158,33 @@ def commands(work: Path, names: list[str]) -> list[Command]:
     return [command for command in every if command.name in names]
 
 
+def on_ray(work: Path, nodes: Nodes, chance: random.Random) -> Command:
+    """Close targets, whose shards a cluster makes; what is left after the last kill, it or this machine."""
+    radar = work / "radar.toml"
+    radar.write_text(RADAR, encoding="utf-8")
+    points = [str(BIN / "datafactory"), "points", "--frames", "120", "--radar", str(radar)]
+    cluster = ["--engine", "ray", "--address", nodes.address]
+
+    def anywhere(out: Path) -> list[str]:
+        return [*points, *(cluster if chance.random() < ON_RAY else []), "--out", str(out)]
+
+    return Command("ray", anywhere, shards, lambda out: [*points, "--workers", "2", "--out", str(out)], nodes)
+
+
+@contextmanager
+def cluster_for(names: list[str], chance: random.Random) -> Iterator[Nodes | None]:
+    """Two nodes of a core each, if the command that needs them is among these."""
+    if "ray" not in names:
+        yield None
+        return
+    sys.path.append(str(ROOT / "tests"))
+    from ray_cluster import ray_cluster
+    from ray_nodes import Nodes
+
+    with ray_cluster(2) as cluster:
+        yield Nodes(cluster, chance)
+
+
 def _run(arguments: list[str]) -> float:
     """Seconds of a command that has to succeed."""
     started = time.monotonic()
@@ -160,7 +204,7 @@ class Soak:
     def __init__(self, command: Command, work: Path, chance: random.Random) -> None:
         self.command, self.work, self.chance, self.tally = command, work, chance, Tally()
         reference = work / f"{command.name}-reference"
-        self.seconds = _run(command.arguments(reference))
+        self.seconds = _run((command.reference or command.arguments)(reference))
         self.expected = command.result(reference)
         self.files = {path.relative_to(reference) for path in reference.rglob("*") if path.is_file()}
         self.runs = 0
@@ -189,20 +233,26 @@ class Soak:
 
     def _killed(self, out: Path) -> bool:
         """Whether the run finished all the same, after one kill."""
-        kind = self.chance.choice(KINDS)
+        kind = self.chance.choice(self.command.kinds)
         process = self._start(out)
         end = time.monotonic() + self.chance.uniform(0.05, 1.05) * self.seconds
         while time.monotonic() < end and process.poll() is None:
             time.sleep(0.02)
-        family = _family(process.pid)
+        nodes, family = self.command.nodes, _family(process.pid)
         if process.poll() is not None:
             return self._ended(process, killed=False)
         workers = [item for item in family if item.pid != process.pid and _works(item)]
+        if nodes:
+            workers = nodes.at_work()
+            family += workers
         if kind == "worker" and not workers:
             kind = "parent"
         self.tally.kills[kind] += 1
         if kind == "worker":
             _kill(self.chance.choice(workers).pid, signal.SIGKILL)
+            return self._ended(process, killed=False)
+        if nodes and kind == "node":
+            nodes.lose_one()
             return self._ended(process, killed=False)
         if kind == "group":
             os.killpg(process.pid, signal.SIGKILL)
@@ -290,12 +340,14 @@ def _kill(pid: int, how: signal.Signals) -> None:
 def soak(kills: int, names: list[str], work: Path, seed: int = 0, minutes: float = float("inf")) -> dict[str, Tally]:
     """Kill until this many kills were made or the time is over, the commands in turn; a tally by command."""
     chance, end = random.Random(seed), time.monotonic() + 60.0 * minutes
-    running = [Soak(command, work, chance) for command in commands(work, names)]
-    tallies = {item.command.name: item.tally for item in running}
-    while (done := sum(sum(tally.kills.values()) for tally in tallies.values())) < kills and time.monotonic() < end:
-        item = running[sum(tally.finished for tally in tallies.values()) % len(running)]
-        item.chain(min(chance.randint(1, LONGEST_CHAIN), kills - done))
-        print(f"{done} of {kills} kills", file=sys.stderr, flush=True)
+    with cluster_for(names, chance) as nodes:
+        wanted = commands(work, names) + ([on_ray(work, nodes, chance)] if nodes else [])
+        running = [Soak(command, work, chance) for command in wanted]
+        tallies = {item.command.name: item.tally for item in running}
+        while (done := sum(sum(tally.kills.values()) for tally in tallies.values())) < kills and time.monotonic() < end:
+            item = running[sum(tally.finished for tally in tallies.values()) % len(running)]
+            item.chain(min(chance.randint(1, LONGEST_CHAIN), kills - done))
+            print(f"{done} of {kills} kills", file=sys.stderr, flush=True)
     return tallies
 
 
@@ -320,7 +372,7 @@ def main() -> None:
     """``python tests/soak/soak.py --kills 200``: prints the table; exit status 1 where anything went wrong."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--kills", type=int, default=200)
-    parser.add_argument("--commands", default="render,trace,fit,evaluate")
+    parser.add_argument("--commands", default="render,trace,fit,evaluate", help="or ray")
     parser.add_argument(
         "--minutes", type=float, default=float("inf"), help="stop after this time, the kills done or not"
     )

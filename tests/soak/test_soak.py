@@ -20,6 +20,14 @@ def test_killed_runs_resume_to_the_same_shards(tmp_path: Path) -> None:
     assert tally.clean
 
 
+@pytest.mark.slow
+def test_a_run_on_a_cluster_survives_the_loss_of_a_node(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(driver, "ON_RAY", 1.0)
+    (tally,) = soak(1, ["ray"], tmp_path, seed=2).values()
+    assert tally.kills["node"] == 1
+    assert tally.clean
+
+
 @pytest.mark.parametrize(("worker", "works"), [("sleep 600", False), ("while :; do :; done", True)])
 def test_only_a_command_whose_processes_all_sleep_hangs(
     worker: str, works: bool, monkeypatch: pytest.MonkeyPatch

@@ -10,10 +10,13 @@ from shared.processes.lazy import lazy_names
 
 if TYPE_CHECKING:
     from datafactory.api.asking import load_scene as load_scene
+    from datafactory.api.converting import convert as convert
     from datafactory.api.making import render as render
     from datafactory.api.making import trace as trace
+    from datafactory.api.merging import merge as merge
     from datafactory.api.planning import ScenePlan as ScenePlan
     from datafactory.api.planning import plan as plan
+    from datafactory.conversion.formats import Converted as Converted
     from datafactory.frame.points import read_targets as read_targets
     from datafactory.run.pipeline import Report as Report
     from datafactory.run.workers import RunFailed as RunFailed
@@ -26,6 +29,7 @@ if TYPE_CHECKING:
 
 __version__: str
 __all__ = [
+    "Converted",
     "InputError",
     "Pose",
     "Radar",
@@ -33,8 +37,10 @@ __all__ = [
     "RunFailed",
     "Scene",
     "ScenePlan",
+    "convert",
     "load_radar",
     "load_scene",
+    "merge",
     "plan",
     "read_poses",
     "read_targets",
@@ -46,6 +52,7 @@ __getattr__, __dir__ = lazy_names(
     __name__,
     "sparseradar-datafactory",
     {
+        "Converted": "datafactory.conversion.formats",
         "InputError": "shared.physics.errors",
         "Pose": "datafactory.scenes.poses",
         "Radar": "shared.radar",
@@ -53,8 +60,10 @@ __getattr__, __dir__ = lazy_names(
         "RunFailed": "datafactory.run.workers",
         "Scene": "datafactory.scenes.scene",
         "ScenePlan": "datafactory.api.planning",
+        "convert": "datafactory.api.converting",
         "load_radar": "shared.radar",
         "load_scene": "datafactory.api.asking",
+        "merge": "datafactory.api.merging",
         "plan": "datafactory.api.planning",
         "read_poses": "datafactory.scenes.poses",
         "read_targets": "datafactory.frame.points",

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 from datafactory.cli.doctor import doctor as command
 from datafactory.inspection import doctor
 from datafactory.inspection.doctor import Finding
+from datafactory.paths.backend import CudaDevice
 from shared.physics.errors import InputError
 
 application = typer.Typer()
@@ -29,10 +30,10 @@ def quick(monkeypatch):
 
 def test_every_finding_that_is_not_ok_has_a_remedy():
     findings = doctor.examine()
-    assert {"Python", "torch", "Mitsuba variant", "LLVM", "GPU", "CPU cores", "memory", "free disk space"} <= {
-        finding.item for finding in findings
-    }
-    assert {"numba", "usd-core", "sionna-rt"} <= {finding.item for finding in findings}
+    items = {finding.item for finding in findings}
+    assert {"Python", "torch", "Mitsuba variant", "LLVM", "CPU cores", "memory", "free disk space"} <= items
+    assert items & {"GPU", "GPU, tracing"}
+    assert {"numba", "usd-core", "sionna-rt"} <= items
     for finding in findings:
         assert finding.ok == (finding.remedy == "") or (finding.ok and finding.remedy == ""), finding
 
@@ -47,19 +48,44 @@ def test_missing_packages_come_with_their_command(quick, monkeypatch):
     assert not found["torch"].required
 
 
-def test_old_llvm_is_required_on_a_machine_without_gpu(quick, monkeypatch):
+def test_old_llvm_is_required_whatever_gpu_there_is(quick, monkeypatch):
     def refuse():
         raise InputError("LLVM", "found 15.0.6 at libLLVM-15.so", "LLVM 17 or newer")
 
     monkeypatch.setattr(doctor, "find_llvm", refuse)
     monkeypatch.setattr(doctor.sys, "platform", "linux")
-    monkeypatch.setattr(doctor, "cuda_usable", lambda: False)
-    without = by_item(doctor.examine())["LLVM"]
-    assert not without.ok
-    assert without.required
-    assert without.remedy.startswith("pip install karellen-llvm-core")
-    monkeypatch.setattr(doctor, "cuda_usable", lambda: True)
-    assert not by_item(doctor.examine())["LLVM"].required
+    for device in (CudaDevice("", "no driver", "a driver"), CudaDevice("a GPU", "no OptiX", "all of the driver")):
+        monkeypatch.setattr(doctor, "cuda_device", lambda device=device: device)
+        found = by_item(doctor.examine())["LLVM"]
+        assert not found.ok
+        assert found.required
+        assert found.remedy.startswith("pip install karellen-llvm-core")
+
+
+def test_no_gpu_is_no_fault():
+    (found,) = doctor._gpu(CudaDevice("", "there is no NVIDIA driver", "a driver"))
+    assert found == Finding("GPU", "none: there is no NVIDIA driver; --device cpu", True, required=False)
+
+
+@pytest.mark.parametrize(
+    ("device", "trial", "torch_trial", "tracing", "signals"),
+    [
+        (CudaDevice("a GPU"), "print('cuda')", "print()", True, True),
+        (CudaDevice("a GPU", "no OptiX", "all of the driver"), "print('cuda')", "print()", False, True),
+        (CudaDevice("a GPU"), "raise SystemExit('the driver is too old')", "print()", False, True),
+        (CudaDevice("a GPU"), "print('cuda')", "print('torch is built without CUDA')", True, False),
+        (CudaDevice("a GPU"), "print('cuda')", "import os; os.abort()", True, False),
+    ],
+)
+def test_a_gpu_is_usable_or_it_is_said_why_not(monkeypatch, device, trial, torch_trial, tracing, signals):
+    monkeypatch.setattr(doctor, "_TRIAL", trial)
+    monkeypatch.setattr(doctor, "_TORCH_TRIAL", torch_trial)
+    found = by_item(doctor._gpu(device))
+    for item, usable in (("GPU, tracing", tracing), ("GPU, signals", signals)):
+        assert found[item].ok == usable
+        assert not found[item].required
+        assert (found[item].value == "a GPU: --device cuda") == usable
+        assert bool(found[item].remedy) != usable
 
 
 @pytest.mark.parametrize(

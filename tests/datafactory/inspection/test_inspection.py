@@ -7,17 +7,20 @@ import numpy as np
 import pyarrow as pa
 import pytest
 import typer
+from matplotlib.collections import QuadMesh
 from matplotlib.image import imread
 from object_store import serve
 from typer.testing import CliRunner
 
 from datafactory.cli.inspect import inspect
 from datafactory.frame.deal import split_of
-from datafactory.inspection.dataset import draw_frame, summarise, write_pictures
+from datafactory.inspection.dataset import summarise
+from datafactory.inspection.pictures import draw_frame, write_pictures
 from datafactory.run.shards import plan_shards, write_manifest, write_shard, write_tables
-from shared.dataset import Frame, Target, arrow_schema, description
+from shared.dataset import Box, Frame, Target, arrow_schema, description
 from shared.dataset.folder import open_dataset
 from shared.physics.errors import InputError
+from shared.pictures import SPAN_DB
 from shared.radar import ImageGrid, Radar, load_radar
 from shared.radar.arrays import avr_qdm_110
 from shared.radar.waveform import Waveform
@@ -86,22 +89,20 @@ def panels(figure):
 
 def test_every_array_and_the_truth_peak_at_the_target():
     images = panels(draw_frame(make_frame(1), RADAR))
-    assert list(images) == [
-        "DaS, 16 RX", "DaS, 6 RX (sparse6)", "DaS, 4 RX (sparse4)", "truth, 256 virtual elements",
-    ]  # fmt: skip
+    assert list(images) == ["16 RX", "6 RX (sparse6)", "4 RX (sparse4)", "truth"]
     for image in images.values():
-        level = image.get_array()
+        level = image.get_array()[:, ::-1]
         assert np.unravel_index(level.argmax(), level.shape) == (ROW, COLUMN)
         # One scale for all: the target reads the same, 0 dB, in each.
         assert level.max() == pytest.approx(0.0, abs=1e-4)
-        assert (image.norm.vmin, image.norm.vmax) == (-60.0, 0.0)
+        assert (image.norm.vmin, image.norm.vmax) == (-SPAN_DB, 0.0)
 
 
 def test_pixels_stand_at_their_range_and_u():
-    image = panels(draw_frame(make_frame(1), RADAR))["DaS, 16 RX"]
+    image = panels(draw_frame(make_frame(1), RADAR))["16 RX"]
     left, right, bottom, top = image.get_extent()
     rows, columns = image.get_array().shape
-    u = left + (COLUMN + 0.5) * (right - left) / columns
+    u = left + (columns - 1 - COLUMN + 0.5) * (right - left) / columns
     range_m = bottom + (ROW + 0.5) * (top - bottom) / rows
     assert u == pytest.approx(RADAR.grid.u[COLUMN])
     assert range_m == pytest.approx(RADAR.waveform.ranges_m[ROW])
@@ -110,21 +111,43 @@ def test_pixels_stand_at_their_range_and_u():
     assert low > high
 
 
-def test_the_top_view_has_the_targets_at_x_and_y_in_the_colours_of_the_images():
+def test_the_view_from_above_has_the_truth_and_a_ring_round_the_object():
     frame = make_frame(1)
     (axis,) = (axis for axis in draw_frame(frame, RADAR).axes if axis.get_title().endswith("from above"))
-    points, objects = axis.collections
-    positions = np.asarray(points.get_offsets(), dtype=float)  # (y, x), the strongest drawn last
-    np.testing.assert_allclose(np.hypot(*positions.T), [2.0, frame.targets[0].range_m])
-    np.testing.assert_allclose(positions[:, 0], [-1.0, frame.targets[0].range_m * frame.targets[0].u])
-    loss = 30.0 + 20.0 * np.log10(frame.targets[0].range_m / 2.0)
-    np.testing.assert_allclose(np.asarray(points.get_array()), [-loss, 0.0], atol=1e-4)
-    assert len(np.asarray(objects.get_offsets())) == 1
+    truth, objects = axis.collections
+    assert isinstance(truth, QuadMesh)
+    ((y, x),) = np.asarray(objects.get_offsets(), dtype=float)
+    assert (np.hypot(x, y), y) == pytest.approx(
+        (frame.targets[0].range_m, frame.targets[0].range_m * frame.targets[0].u)
+    )
+    ((row, column),) = np.argwhere(np.asarray(truth.get_array()) > -1.0)
+    corners = np.asarray(truth.get_coordinates())[row : row + 2, column : column + 2].reshape(4, 2)
+    np.testing.assert_allclose(corners.mean(axis=0), (y, x), atol=0.02)
 
 
-def test_the_title_names_the_frame_and_the_weight():
+def test_boxes_are_drawn_over_every_image_and_from_above():
+    """At the places of their corners; dotted where the radar does not see the object."""
+    range_m, u = float(RADAR.waveform.ranges_m[ROW]), 0.2
+    x, y = range_m * np.sqrt(1.0 - u**2), range_m * u
+    seen = Box((x, y, 0.0), (0.8, 0.4, 1.0), 0.0, (0.0, 0.0, 0.0), "car", "a", 1e-12)
+    hidden = dataclasses.replace(seen, center=(x, -y, 0.0), object="b", power=0.0)
+    figure = draw_frame(dataclasses.replace(make_frame(1), boxes=(seen, hidden)), RADAR)
+    corner = np.array([x + 0.4, y + 0.2])
+    for axis in (axis for axis in figure.axes if axis.images and len(axis.lines)):
+        first, second = axis.lines
+        assert (first.get_linestyle(), second.get_linestyle()) == ("-", ":")
+        place = np.array([corner[1] / np.hypot(*corner), np.hypot(*corner)])
+        drawn = np.asarray(first.get_xydata(), dtype=float)
+        np.testing.assert_allclose(drawn[[0, -1]], [place, place], rtol=1e-12)
+    assert sum(len(axis.lines) == 2 for axis in figure.axes) == 4
+    (above,) = (axis for axis in figure.axes if axis.get_title().endswith("from above"))
+    assert [patch.get_linestyle() for patch in above.patches] == ["-", ":"]
+    np.testing.assert_allclose(np.asarray(above.patches[0].get_path().vertices)[0], corner[::-1])
+
+
+def test_the_title_names_the_frame():
     title = draw_frame(make_frame(5), RADAR, "train").get_suptitle()
-    for part in ("street [2]", "frame 5", "train", "scene", "5.0 m/s", "x r"):
+    for part in ("street [2]", "frame 5", "train", "scene", "5.0 m/s"):
         assert part in title
 
 
@@ -133,7 +156,7 @@ def test_an_array_that_is_not_the_papers_is_drawn_without_thinned_ones():
         update={"waveform": RADAR.waveform, "grid": RADAR.grid},
     )
     frame = dataclasses.replace(make_frame(1), range_channel=np.ones((1, 24, 256), np.complex64))
-    assert list(panels(draw_frame(frame, radar))) == ["DaS, 256 RX", "truth, 256 virtual elements"]
+    assert list(panels(draw_frame(frame, radar))) == ["256 RX", "truth"]
 
 
 def test_an_empty_frame_can_be_drawn(tmp_path):

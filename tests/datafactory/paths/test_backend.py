@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 import subprocess
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -18,11 +20,6 @@ def unset_variable(monkeypatch):
     """No library given, and whatever a test sets is undone: deleting an absent variable alone would restore nothing."""
     monkeypatch.setenv(backend.LLVM_VARIABLE, "")
     monkeypatch.delenv(backend.LLVM_VARIABLE)
-
-
-@pytest.fixture
-def no_gpu(monkeypatch):
-    monkeypatch.setattr(backend, "cuda_usable", lambda: False)
 
 
 def fake_library(folder, name):
@@ -74,7 +71,7 @@ def test_a_library_without_a_version_in_its_name_is_asked(tmp_path, monkeypatch)
 
 
 @pytest.mark.parametrize("name", ["libLLVM-15.so.1", "libLLVM-16.so", "libLLVM-14.so"])
-def test_old_llvm_in_the_variable_is_refused(tmp_path, monkeypatch, no_gpu, name):
+def test_old_llvm_in_the_variable_is_refused(tmp_path, monkeypatch, name):
     monkeypatch.setenv(backend.LLVM_VARIABLE, str(fake_library(tmp_path, name)))
     monkeypatch.setitem(sys.modules, "mitsuba", None)
     with pytest.raises(InputError, match=r"DRJIT_LIBLLVM_PATH: found 1[456] at .*expected LLVM 17 or newer") as caught:
@@ -126,7 +123,7 @@ class FakeMitsuba(SimpleNamespace):
         self.current = name
 
 
-def test_llvm_is_chosen_and_its_path_set_before_mitsuba_is_asked(tmp_path, monkeypatch, no_gpu):
+def test_llvm_is_chosen_and_its_path_set_before_mitsuba_is_asked(tmp_path, monkeypatch):
     library = fake_library(tmp_path, "libLLVM.so.22.1")
     monkeypatch.setattr(backend, "_candidates", lambda: iter([library]))
     monkeypatch.setattr(sys, "platform", "linux")
@@ -138,26 +135,103 @@ def test_llvm_is_chosen_and_its_path_set_before_mitsuba_is_asked(tmp_path, monke
             super().set_variant(name)
 
     monkeypatch.setitem(sys.modules, "mitsuba", Watching())
-    assert backend.select_variant() == backend.LLVM
-    assert backend.select_variant() == backend.LLVM
-    assert seen == [(backend.LLVM, str(library))]
+    assert backend.select_variant() == backend.LLVM_VARIANT
+    assert backend.select_variant() == backend.LLVM_VARIANT
+    assert seen == [(backend.LLVM_VARIANT, str(library))]
 
 
-def test_cuda_is_preferred_and_needs_no_llvm(monkeypatch):
-    monkeypatch.setattr(backend, "cuda_usable", lambda: True)
-    monkeypatch.setattr(backend, "find_llvm", lambda: pytest.fail("LLVM is not needed with CUDA"))
+USABLE = backend.CudaDevice("a GPU")
+
+
+@pytest.fixture
+def with_gpu(monkeypatch):
+    monkeypatch.setattr(backend, "cuda_device", lambda: USABLE)
     monkeypatch.setitem(sys.modules, "mitsuba", FakeMitsuba())
-    assert backend.select_variant() == backend.CUDA
 
 
-def test_a_foreign_variant_is_replaced(tmp_path, monkeypatch, no_gpu):
+def test_cuda_is_chosen_where_it_is_asked_for_and_needs_no_llvm(monkeypatch, with_gpu):
+    monkeypatch.setattr(backend, "find_llvm", lambda: pytest.fail("LLVM is not needed with CUDA"))
+    assert backend.select_variant("cuda") == backend.CUDA_VARIANT
+    assert backend.select_variant() == backend.CUDA_VARIANT, "the process keeps its device"
+    assert not backend.traces_on_the_processor()
+
+
+def test_the_processor_is_chosen_where_nothing_is_asked_for(tmp_path, monkeypatch, with_gpu):
+    # The same command gives the same bytes on a machine with a GPU as on one without.
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setenv(backend.LLVM_VARIABLE, str(fake_library(tmp_path, "libLLVM-20.so")))
+    assert backend.select_variant() == backend.LLVM_VARIANT
+    assert backend.traces_on_the_processor()
+
+
+@pytest.mark.parametrize(("first", "then"), [("cpu", "cuda"), ("cuda", "cpu")])
+def test_a_process_does_not_change_its_device(tmp_path, monkeypatch, with_gpu, first, then):
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setenv(backend.LLVM_VARIABLE, str(fake_library(tmp_path, "libLLVM-20.so")))
+    variant = backend.select_variant(first)
+    assert backend.select_variant(first) == variant
+    with pytest.raises(InputError, match=f"--device: {then}, where this process traces with {variant}"):
+        backend.select_variant(then)
+
+
+def test_an_unknown_device_is_refused():
+    with pytest.raises(InputError, match="--device: 'gpu'; expected one of cpu, cuda"):
+        backend.select_variant("gpu")
+
+
+@pytest.mark.parametrize(
+    ("said", "name", "problem"),
+    [
+        ("driver", "", "there is no NVIDIA driver"),
+        ("device", "", "finds no device"),
+        ("optix\nNVIDIA H100", "NVIDIA H100", "without OptiX"),
+        ("usable\nNVIDIA H100", "NVIDIA H100", ""),
+        (None, "", "finds no device"),  # the driver ended the probe
+    ],
+)
+def test_what_the_driver_says_of_its_device(monkeypatch, said, name, problem):
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setattr(backend, "_script_output", lambda script: said)
+    backend.cuda_device.cache_clear()
+    try:
+        found = backend.cuda_device()
+    finally:
+        backend.cuda_device.cache_clear()
+    assert found.name == name
+    assert problem in found.problem
+    assert bool(problem) == bool(found.problem) == bool(found.remedy)
+    monkeypatch.setattr(backend, "cuda_device", lambda: found)
+    monkeypatch.setitem(sys.modules, "mitsuba", FakeMitsuba())
+    if problem:
+        with pytest.raises(InputError, match=f"--device: cuda: .*{problem}"):
+            backend.select_variant("cuda")
+    else:
+        assert backend.select_variant("cuda") == backend.CUDA_VARIANT
+
+
+def test_the_probe_itself_has_an_answer_on_this_machine():
+    said = backend._script_output(backend._CUDA_PROBE)
+    assert said is None or said.splitlines()[0] in (*backend._CUDA_PROBLEMS, "usable")
+
+
+def test_no_other_module_names_a_variant_or_a_type_of_one_back_end():
+    """What a module computes with follows the variant that is set: ``mi.Float`` of Mitsuba, no ``drjit.llvm``."""
+    root = Path(backend.__file__).parents[1]
+    named = re.compile(
+        r"(llvm|cuda|metal|scalar)_(ad_)?(mono|rgb|spectral)|drjit\.(llvm|cuda|scalar)|\bdr\.(llvm|cuda)\b"
+    )
+    guilty = [path for path in sorted(root.rglob("*.py")) if named.search(path.read_text())]
+    assert guilty == [Path(backend.__file__)]
+
+
+def test_a_foreign_variant_is_replaced(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.setenv(backend.LLVM_VARIABLE, str(fake_library(tmp_path, "libLLVM-20.so")))
     monkeypatch.setitem(sys.modules, "mitsuba", FakeMitsuba(current="scalar_rgb"))
-    assert backend.select_variant() == backend.LLVM
+    assert backend.select_variant() == backend.LLVM_VARIANT
 
 
-def test_missing_mitsuba_is_an_input_error(tmp_path, monkeypatch, no_gpu):
+def test_missing_mitsuba_is_an_input_error(tmp_path, monkeypatch):
     monkeypatch.setenv(backend.LLVM_VARIABLE, str(fake_library(tmp_path, "libLLVM-20.so")))
     monkeypatch.setitem(sys.modules, "mitsuba", None)
     with pytest.raises(InputError, match=r"mitsuba: .* cannot be loaded: .*expected pip install mitsuba"):

@@ -139,6 +139,8 @@ def test_a_run_counts_its_curved_mirrors_and_says_what_is_coarse(tmp_path):
     counts = json.loads((tmp_path / "data" / "manifest.json").read_text())["counts"]
     assert counts["curved_mirrors"] == 2
     assert counts["facets_too_coarse"] == 2 * 8
+    status, said, warned = factory("check", "--scene", tmp_path / "bodies.usda")
+    assert status == 0, warned
     words = " ".join(said.split())
     assert "triangles sample 1 curved surfaces" in words
     assert "8 facets meet others at more than 25 deg and stay flat mirrors" in words

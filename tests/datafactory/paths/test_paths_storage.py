@@ -9,6 +9,7 @@ import pytest
 
 from datafactory.paths.storage import TracedFrame, paths_schema, read_paths, to_row
 from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
+from datafactory.scenes.boxes import SeenThing
 from datafactory.scenes.poses import Pose
 from shared.physics.errors import InputError
 
@@ -38,7 +39,11 @@ def a_frame(frame_id: int, scattered: int, specular: int) -> TracedFrame:
         counts={"rays": 5, "pruned": 0},
     )
     pose = Pose((1.0, 2.0, 3.0), 10.0, -2.0, 0.5, (4.0, 5.0, 6.0), 0.25)
-    return TracedFrame(frame_id, "scene", 1, 2**62, pose, 3.87e-3, 1, table)
+    things = tuple(
+        SeenThing(f"car {n}", "car", *map(tuple, real(6, 3).tolist()), tuple(range(n)))  # type: ignore[arg-type]
+        for n in range(frame_id)
+    )
+    return TracedFrame(frame_id, "scene", 1, 2**62, pose, 3.87e-3, 1, table, things)
 
 
 def test_round_trip(tmp_path):
@@ -48,7 +53,7 @@ def test_round_trip(tmp_path):
         for frame in frames:
             writer.write_table(pa.Table.from_pylist([to_row(frame)], schema=paths_schema()))
     for read, written in zip(read_paths(path), frames, strict=True):
-        for name in ("frame_id", "scene", "seed", "pose", "wavelength_m", "point_targets"):
+        for name in ("frame_id", "scene", "seed", "pose", "wavelength_m", "point_targets", "things"):
             assert getattr(read, name) == getattr(written, name)
         assert read.table.objects == written.table.objects
         assert read.table.counts == written.table.counts

@@ -243,7 +243,7 @@ def test_a_finished_dataset_is_not_made_again(tmp_path):
     [
         ({"seed": 8}, "seed is 8, but the run in .* had 7"),
         ({"budget": -40.0}, r"budget is -40\.0, but .* had -30\.0"),
-        ({"radar": "x.toml"}, r"radar is 'x\.toml', but .* had None"),
+        ({"radar": "x.toml"}, r"radar is 'x\.toml', but .* had nothing"),
     ],
 )
 def test_a_resume_with_other_arguments_is_refused(tmp_path, changes, message):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from town_scenes import BUILDINGS, CAR, PLATE, POLE, TOWN, box, flat, sheet
 
 from datafactory.scenes.ground import CELL_M, CLEARANCE_M, SPLITS, free_ground
 from datafactory.scenes.height_map import height_map
@@ -107,38 +108,6 @@ def test_unreadable_files_are_refused(tmp_path):
 
 
 # --- free ground ----------------------------------------------------------------------------------------------------
-
-BOX_QUADS = [(0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)]
-BOX_TRIANGLES = np.array([t for a, b, c, d in BOX_QUADS for t in ((a, b, c), (a, c, d))], dtype=np.int32)
-
-
-def box(name, lower, upper, material="concrete", velocity=(0.0, 0.0, 0.0)):
-    (x0, y0, z0), (x1, y1, z1) = lower, upper
-    floor = [[x0, y0], [x1, y0], [x1, y1], [x0, y1]]
-    vertices = np.array([[x, y, z] for z in (z0, z1) for x, y in floor], dtype=np.float64)
-    return SceneObject(name, vertices, BOX_TRIANGLES, material, velocity)
-
-
-def sheet(name, x, y, height, material="concrete"):
-    """A rectangle over x = (low, high), y = (low, high) whose height is a function of x and y."""
-    corners = [(x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1])]
-    vertices = np.array([[a, b, height(a, b)] for a, b in corners], dtype=np.float64)
-    return SceneObject(name, vertices, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), material)
-
-
-def flat(x, y):
-    return 0.0
-
-
-BUILDINGS = [
-    box(f"house-{n}", (n * 40.0 - 95, side - 8, 0.0), (n * 40.0 - 70, side + 8, 12.0))
-    for n in range(5)
-    for side in (-20.0, 20.0)
-]
-CAR = box("car", (3.0, 2.0, 0.3), (7.0, 4.0, 1.5), "metal", (8.0, 0.0, 0.0))
-POLE = box("pole", (30.0, -3.05, 0.0), (30.1, -2.95, 4.0), "metal")
-PLATE = sheet("floor", (-110.0, 110.0), (-50.0, 50.0), flat)
-TOWN = Scene("town", (PLATE, *BUILDINGS, CAR, POLE))
 
 
 @pytest.fixture(scope="module")

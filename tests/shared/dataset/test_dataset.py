@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from shared.dataset import Frame, Target, arrow_schema, description, row_bytes, to_record_batch
+from shared.dataset import Box, Frame, Target, arrow_schema, description, row_bytes, to_record_batch
 from shared.dataset.folder import open_dataset, verify
 from shared.dataset.reading import radar_of, read_description, read_frame, read_frames
 from shared.physics.errors import InputError
@@ -55,6 +55,10 @@ def make_frame(frame_id: int, store: str = "range-channel") -> Frame:
         image_peak=1e-7 / 3,
         noise_power=1e-16 / 3,
         targets=tuple(Target(float(k), 0.1 * k, -1.0 / 3, -90.0 - k, "car" * (k % 2)) for k in range(frame_id % 4)),
+        boxes=tuple(
+            Box((9.0, k / 3, 0.1), (4.5, 1.8, 1.5), -k / 3, (-1.0, 0.0, k / 7), "car", f"Größe {k}", 1e-15 * k)
+            for k in range(frame_id % 3)
+        ),
         range_doppler=np.abs(real(ROWS, CHIRPS)) if store == "range-doppler" else None,
         cube=signal(CHIRPS, SAMPLES, CHANNELS) if store == "cube" else None,
     )
@@ -127,12 +131,30 @@ def test_column_types_are_the_contract(tmp_path):
         kind = schema.field(name).type
         assert (kind.value_type, kind.list_size) == (pa.float64(), size)
     scalars = {"frame_id": pa.int64(), "seed": pa.int64(), "kind": pa.string(), "scene": pa.string()}
-    scalars |= {"image_peak": pa.float64(), "noise_power": pa.float64()}
+    scalars |= {"image_peak": pa.float64(), "noise_power": pa.float64(), "time": pa.float64(), "sequence": pa.int64()}
     assert {name: schema.field(name).type for name in scalars} == scalars
     assert [field.name for field in schema.field("targets").type.value_type] == [
         "range", "u", "velocity", "amplitude_db", "object",
     ]  # fmt: skip
+    box = {field.name: field.type for field in schema.field("boxes").type.value_type}
+    assert list(box) == ["center", "size", "yaw", "velocity", "class", "object", "power"]
+    for name in ("center", "size", "velocity"):
+        assert (box[name].value_type, box[name].list_size) == (pa.float64(), 3)
+    assert schema.names.index("boxes") == schema.names.index("targets") + 1
     assert "range_doppler" not in schema.names
+
+
+def test_frames_of_an_older_dataset_do_not_say_when_they_are(tmp_path):
+    frame = dataclasses.replace(make_frame(1), time=2.5, sequence=7)
+    write(tmp_path / "new.parquet", [frame])
+    (back,) = read_frames(tmp_path / "new.parquet")
+    assert (back.time, back.sequence) == (2.5, 7)
+    table = pq.read_table(tmp_path / "new.parquet")
+    pq.write_table(table.drop_columns(["time", "sequence"]), tmp_path / "old.parquet")
+    (old,) = read_frames(tmp_path / "old.parquet")
+    assert np.isnan(old.time)
+    assert old.sequence == -1
+    assert_same(dataclasses.replace(old, time=2.5, sequence=7), frame)
 
 
 def test_columns_left_out_are_empty_and_the_rest_is_whole(tmp_path):
@@ -141,13 +163,23 @@ def test_columns_left_out_are_empty_and_the_rest_is_whole(tmp_path):
     (back,) = read_frames(tmp_path / "shard.parquet", columns=["image"])
     assert back.range_channel.shape == (0, ROWS, CHANNELS)
     assert back.cube is None
-    assert back.targets == ()
-    whole = dataclasses.replace(
-        back, range_channel=frame.range_channel, velocity=frame.velocity, cube=frame.cube, targets=frame.targets
-    )
+    assert back.targets == back.boxes == ()
+    left_out = ("range_channel", "velocity", "cube", "targets", "boxes")
+    whole = dataclasses.replace(back, **{name: getattr(frame, name) for name in left_out})
     assert_same(whole, frame)
     with pytest.raises(InputError, match=r"shard\.parquet: no column 'range_doppler'"):
         list(read_frames(tmp_path / "shard.parquet", columns=["range_doppler"]))
+
+
+def test_a_shard_made_before_there_were_boxes_has_none(tmp_path):
+    """The column came later, without a new version: everything else is read as it is."""
+    frames, path = [make_frame(index) for index in range(3)], tmp_path / "shard.parquet"
+    write(path, frames)
+    table = pq.read_table(path)
+    pq.write_table(table.drop_columns(["boxes"]), path, row_group_size=1)
+    for back, frame in zip(read_frames(path), frames, strict=True):
+        assert_same(back, dataclasses.replace(frame, boxes=()))
+    assert read_frame(path, 2, columns=["image", "boxes"]).boxes == ()
 
 
 def test_row_bytes_is_what_arrow_holds():
@@ -226,7 +258,10 @@ def test_another_reader_can_draw_the_image_from_one_shard_alone(tmp_path, reader
         ({"sensor_orientation": (1.0, 0.0, 0.0)}, "frame 1: sensor_orientation = .*; expected 4 finite numbers"),
         ({"sensor_velocity": (1.0, 0.0, np.inf)}, "frame 1: sensor_velocity"),
         ({"noise_power": -1.0}, r"frame 1: noise_power = -1\.0"),
+        ({"time": np.nan}, "frame 1: time = nan; expected a finite number"),
         ({"targets": (Target(1.0, 0.0, 0.0, -np.inf),)}, "frame 1: Target"),
+        ({"boxes": (Box((np.nan, 0.0, 0.0), (1.0, 1.0, 1.0), 0.0, (0.0, 0.0, 0.0), "car", "a"),)}, "frame 1: Box"),
+        ({"boxes": (Box((9.0, 0.0, 0.0), (1.0, 1.0, -1.0), 0.0, (0.0, 0.0, 0.0), "car", "a"),)}, "frame 1: Box"),
     ],
 )
 def test_a_frame_that_does_not_fit_is_refused_by_name(change, message):

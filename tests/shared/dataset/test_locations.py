@@ -8,7 +8,7 @@ from object_store import serve
 from small_dataset import make_dataset
 
 from shared.dataset.folder import open_dataset, verify
-from shared.dataset.locations import RemotePath, file_names, folder_name, locate, sha256_of
+from shared.dataset.locations import RemotePath, file_names, folder_name, local, locate, sha256_of
 from shared.physics.errors import InputError
 
 
@@ -62,6 +62,12 @@ def test_any_filesystem_of_arrow_will_do(folder):
     assert file_names(place / "none") == []
     assert folder_name(place) == "set"
     assert sha256_of(place / "manifest.json") == sha256_of(folder / "manifest.json")
+
+
+def test_what_has_to_be_here_is_refused_elsewhere(folder):
+    assert local(str(folder), "--out") == folder
+    with pytest.raises(InputError, match=r"--out: s3://b/set is not on this machine; expected a local folder"):
+        local("s3://b/set?region=us-east-1", "--out")
 
 
 def test_a_local_uri_is_the_local_folder(folder):

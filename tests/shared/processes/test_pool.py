@@ -16,7 +16,8 @@ from pool_work import Squares
 
 from shared.physics.errors import InputError
 from shared.processes.lock import one_job
-from shared.processes.pool import ATTEMPTS, Finished, WorkerPool
+from shared.processes.pool import WorkerPool
+from shared.processes.tasks import ATTEMPTS, Finished
 
 TESTS = Path(__file__).resolve().parents[2]
 

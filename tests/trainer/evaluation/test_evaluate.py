@@ -27,7 +27,9 @@ def test_every_experiment_leaves_numbers_and_figures(evaluation):
     lines = (out / "metrics.csv").read_text().splitlines()
     assert len(lines) == len(table) + 1
     assert lines[0].replace('"', "").startswith("experiment,method,array,metric,condition,value,low,high")
-    for name in (*EXPERIMENTS, "detection-probability"):
+    pictures = {path.stem for path in (out / "figures").glob("*.png")}
+    assert pictures >= {*EXPERIMENTS, "detection-probability", "street-thin", "street-full"} - {"street"}
+    for name in pictures:
         assert (out / f"figures/{name}.png").read_bytes()[:4] == b"\x89PNG"
         assert (out / f"figures/{name}.svg").read_bytes().startswith(b"<?xml")
     assert not list(out.rglob("*.partial"))

@@ -97,10 +97,11 @@ def test_names_in_the_data_are_text_wherever_they_are_shown(inputs, tmp_path, ca
     measured = shutil.copy(inputs[3], tmp_path / "$m{$.npy")
     arguments = [data, "--out", out, "--arrays", array, "--methods", "das", "--trials", "2", "--measured", measured]
     assert status(capsys, monkeypatch, *arguments, "--workers", "1") == (None, "")
-    # One figure an experiment, and a second one of detection.
-    assert {path.stem for path in (out / "figures").glob("*.png")} == {*EXPERIMENTS, "detection-probability"}
+    # One figure an experiment, and a second one of detection; of a street one an array.
+    expected = {*EXPERIMENTS, "detection-probability", "street-$a{$|"} - {"street"}
+    assert {path.stem for path in (out / "figures").glob("*.png")} == expected
     page = (out / "report.html").read_text()
-    assert page.count("<script") == page.count("</script") == 2
+    assert page.count("<script") == page.count("</script") == 4  # two shown frames
     assert "<!--" not in page
     assert "\x1b" not in page
     assert page.count("\n| ") == 0

@@ -12,6 +12,7 @@ import pytest
 from browser import installed_browser
 from matplotlib import colormaps
 from matplotlib.image import imread
+from PIL import Image
 from tiny_radar import RADAR
 
 from shared.radar import Radar
@@ -27,7 +28,7 @@ playwright = pytest.importorskip("playwright.sync_api", reason="there is no play
 HOSTILE = "hall </script><!--<script><b> & \\u003c, frame 1"
 ROWS, COLUMNS = RADAR.waveform.range_bins, RADAR.grid.bins
 LEFT, RIGHT, TOP, BOTTOM = 46, 8, 22, 34
-"""The canvases' margins [pixels], as in viewer.html."""
+"""The canvases' margins [pixels], as in drawing.js."""
 FULL_SCALE = np.rint(255 * np.array(colormaps["magma"](255)[:3]))
 """Colour of 0 dB."""
 CURVES = {"left": (0, 114, 178), "right": (213, 94, 0), "truth": (0, 0, 0)}
@@ -37,13 +38,27 @@ WAIT_MS = 30_000
 FIRST = {"das full": (7, 5), "iaa full": (7, 11), "truth": (7, 15)}
 SECOND = {"das full": (3, 2), "iaa full": (3, 8), "truth": (3, 17)}
 
+DOPPLER = (9, 3)
+"""Range bin and Doppler cell of 0 dB."""
+
+
+def camera():
+    buffer = io.BytesIO()
+    Image.new("RGB", (40, 20), (10, 200, 30)).save(buffer, format="jpeg")
+    return buffer.getvalue()
+
+
+CAMERA = camera()
+
 
 def frame(name, spots):
     images = {}
     for image, (row, column) in spots.items():
         images[image] = np.zeros((ROWS, COLUMNS), np.uint8)
         images[image][row, column] = 255
-    return ReportFrame(name, spots["truth"][0], images)
+    doppler = np.zeros((ROWS, RADAR.waveform.chirps), np.uint8)
+    doppler[DOPPLER] = 255
+    return ReportFrame(name, spots["truth"][0], images, ("range-Doppler map", doppler), CAMERA)
 
 
 def html(frames, radar=RADAR):
@@ -250,3 +265,88 @@ def test_a_page_without_frames_still_has_its_table(opened):
     page = opened(html([]))
     assert not page.locator("#look").is_visible()
     assert page.locator("#count").inner_text() == "2 rows"
+
+
+def test_the_pointer_reads_the_values_of_all_images(page):
+    pointer = page.locator("#pointer")
+    row, column = FIRST["iaa full"]
+    x, y = bin_at(row, column)
+    page.locator("#image-left").hover(position={"x": x, "y": y})
+    u, range_m = RADAR.grid.u[column], row * RADAR.waveform.range_step_m
+    expected = (
+        f"range {range_m:.2f} m, u {u:.3f} (azimuth {np.degrees(np.arcsin(u)):.1f}\N{DEGREE SIGN}, "
+        f"x {range_m * np.sqrt(1 - u * u):.2f} m, y {range_m * u:.2f} m): "
+        "das full -60.0 dB; iaa full 0.0 dB; truth -60.0 dB"
+    )
+    playwright.expect(pointer).to_have_text(expected)
+    # The same bin is marked in every image.
+    for side in ("left", "right", "truth"):
+        box = page.locator(f"#image-{side}").bounding_box()
+        mark = page.locator(f"#image-{side} + i").bounding_box()
+        assert mark["x"] + mark["width"] / 2 - box["x"] == pytest.approx(x, abs=1.0)
+        assert mark["y"] + mark["height"] / 2 - box["y"] == pytest.approx(y, abs=1.0)
+    page.locator("h1").hover()
+    playwright.expect(pointer).to_have_text("")
+    assert not page.locator("#image-left + i").is_visible()
+
+
+def test_from_above_an_echo_stands_where_it_is(page):
+    page.locator("#row").fill("1")  # the cut's arc elsewhere
+    page.select_option("#view", "above")
+    playwright.expect(page.locator("#row-text")).to_contain_text("1 (")
+    far = RADAR.waveform.range_bins * RADAR.waveform.range_step_m
+    left, right = np.clip(RADAR.grid.u_start + RADAR.grid.step * np.array([COLUMNS, 0]), -1.0, 1.0)
+    scale = min((400 - LEFT - RIGHT) / (far * (left - right)), (460 - TOP - BOTTOM) / far)
+    for side, name in (("left", "das full"), ("right", "iaa full"), ("truth", "truth")):
+        row, column = FIRST[name]
+        range_m, u = row * RADAR.waveform.range_step_m, RADAR.grid.u[column]
+        lit = np.argwhere((canvas(page, f"image-{side}") == FULL_SCALE).all(axis=-1)) + 0.5
+        expected = TOP + scale * (far - range_m * np.sqrt(1 - u * u)), LEFT + scale * (far * left - range_m * u)
+        # A bin covers many pixels, a piece of a ring: one of them is its middle.
+        assert np.abs(lit - expected).max(axis=1).min() <= 1.0
+        size = np.ptp(lit, axis=0) + 1
+        assert (
+            size <= scale * 1.5 * np.array([RADAR.waveform.range_step_m + 1.0, 1.0 + range_m * RADAR.grid.step])
+        ).all()
+    x = LEFT + scale * (far * left - 5 * RADAR.waveform.range_step_m * RADAR.grid.u[2])
+    y = TOP + scale * (far - 5 * RADAR.waveform.range_step_m * np.sqrt(1 - RADAR.grid.u[2] ** 2))
+    page.locator("#image-truth").click(position={"x": x, "y": y})
+    playwright.expect(page.locator("#row-text")).to_contain_text("5 (")
+
+
+def test_a_nearer_farthest_range_is_drawn_larger(page):
+    page.locator("#far").fill("8")
+    playwright.expect(page.locator("#far-text")).to_have_text(f"{8 * RADAR.waveform.range_step_m:.1f} m")
+    across, up = (FIRST["truth"][1] + 0.5) / COLUMNS, 7.5 / 8
+    expected = LEFT + (400 - LEFT - RIGHT) * (1 - across), TOP + (460 - TOP - BOTTOM) * (1 - up)
+    np.testing.assert_allclose(full_scale_at(page, "image-truth"), expected, atol=1.0)
+
+
+def test_the_range_doppler_map_stands_below_and_reads_its_velocity(page):
+    row, cell = DOPPLER
+    chirps, waveform = RADAR.waveform.chirps, RADAR.waveform
+    expected = (
+        LEFT + (400 - LEFT - RIGHT) * (cell + 0.5) / chirps,
+        TOP + (460 - TOP - BOTTOM) * (1 - (row + 0.5) / ROWS),
+    )
+    np.testing.assert_allclose(full_scale_at(page, "doppler"), expected, atol=1.0)
+    page.locator("#doppler").hover(position={"x": expected[0], "y": expected[1]})
+    text = f"range {row * waveform.range_step_m:.2f} m, velocity {waveform.velocities_mps[cell]:.2f} m/s: 0.0 dB"
+    playwright.expect(page.locator("#pointer")).to_have_text(text)
+    page.locator("#doppler").click(position={"x": expected[0], "y": expected[1]})
+    playwright.expect(page.locator("#row-text")).to_contain_text(f"{row} (")
+
+
+def test_the_camera_picture_is_shown_where_there_is_one(opened):
+    bare = frame("without", SECOND)
+    page = opened(html([frame("with", FIRST), ReportFrame(bare.name, bare.row, bare.images)]))
+    size = page.evaluate("async () => { const p = at('camera-picture'); await p.decode(); return p.naturalWidth; }")
+    assert size == 40
+    page.select_option("#frame", label="without")
+    playwright.expect(page.locator("#camera")).not_to_be_visible()
+    assert not page.locator("#doppler").is_visible()
+
+
+def test_of_many_frames_one_is_parsed_at_first(opened):
+    page = opened(html([frame(f"hall, frame {number}", FIRST) for number in range(50)]))
+    assert page.evaluate("() => [data.frames.length, parsed.size]") == [50, 1]

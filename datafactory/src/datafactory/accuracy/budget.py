@@ -87,7 +87,7 @@ def settle(
     """
     if not order.scenes:
         raise InputError("--error-budget", "there is no scene frame to trace", "--scene with --frames or --poses")
-    select_variant()
+    select_variant(order.settings.device)
     set_threads(1)
     radar, folder = order.radar, folder or user_cache()
     scenes, prices = [], []

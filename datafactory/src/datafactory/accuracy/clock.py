@@ -20,7 +20,7 @@ from typing import Any, TypeVar
 import numpy as np
 import psutil
 
-from datafactory.paths.backend import select_variant
+from datafactory.paths.backend import traces_on_the_processor
 
 STAGES = ("trace", "delays and spread", "range-Doppler", "truth", "image", "write")
 SAMPLING_S = 0.005
@@ -51,7 +51,7 @@ def peak_memory() -> Iterator[Callable[[], float]]:
 
 def _waits(stage: str) -> bool:
     """Whether a stage waits for something else than this process."""
-    return stage == "write" or (stage == "trace" and "llvm" not in select_variant())
+    return stage == "write" or (stage == "trace" and not traces_on_the_processor())
 
 
 @dataclass(frozen=True)

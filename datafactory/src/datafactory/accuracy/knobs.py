@@ -39,6 +39,7 @@ class KnobSettings:
     :param truth_terms: polynomial terms of the range walk
     :param truth_wave: "spherical", or "plane": range FFT and far-field steering of the virtual sensor
     :param truth_window: over the virtual sensor's elements
+    :param device: of the run, see :class:`datafactory.frame.chain.ChainSettings`
     """
 
     effects: EffectSet = ALL
@@ -55,6 +56,7 @@ class KnobSettings:
     truth_terms: int = _PROCESSING.truth_terms
     truth_wave: str = "spherical"
     truth_window: str = _PROCESSING.truth_window
+    device: str = _CHAIN.device
 
     def chain(self) -> ChainSettings:
         """Settings of the chain with these effects, without noise; the polarisation is the radar's."""
@@ -76,13 +78,14 @@ class KnobSettings:
                     truth_window=self.truth_window,
                 ),
                 prune_db=self.prune_db,
+                device=self.device,
             )
         )
 
     def tracing(self) -> KnobSettings:
         """These settings as far as they change the power in a cell; all others as they are by default."""
         own = {name: getattr(self.effects, name) for name in POWER_EFFECTS}
-        names = ("rays", "depth", "finite_mirrors", "surface_phase", "lattice", "truth_window")
+        names = ("rays", "depth", "finite_mirrors", "surface_phase", "lattice", "truth_window", "device")
         return KnobSettings(effects=replace(ALL, **own), **{name: getattr(self, name) for name in names})
 
     def of_geometry(self) -> tuple[Any, ...]:

@@ -89,6 +89,7 @@ def made_with(order: Order, effects: EffectSet) -> KnobSettings:
         effects=effects,
         truth_window=order.settings.processing.truth_window,
         video_phase=order.radar.waveform.residual_video_phase,
+        device=order.settings.device,
     )
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeAlias
 
@@ -20,19 +21,25 @@ from datafactory.frame.defaults import (
     LARGEST_BUDGET_DB,
     SMALLEST_BUDGET_DB,
 )
+from datafactory.frame.device import device_of
 from datafactory.frame.measurement import Processing
 from datafactory.frame.points import PointTargets
-from datafactory.paths.defaults import DEFAULT_DEPTH, DEFAULT_RAYS, LARGEST_DEPTH, MOST_RAYS
+from datafactory.paths.defaults import CPU, CUDA, DEFAULT_DEPTH, DEFAULT_RAYS, LARGEST_DEPTH, MOST_RAYS
 from datafactory.paths.solver import TraceSettings
+from datafactory.run.licences import stated_licence
 from datafactory.run.order import Order
 from datafactory.run.stored import traced_split
+from datafactory.scenes.drives import WORD, Drives, parse_drives
 from datafactory.scenes.materials.table import MaterialTable, load_materials
 from datafactory.scenes.poses import Pose, read_poses
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.readers.reading import Reading, parse_variants
 from datafactory.scenes.scene import Scene
+from datafactory.scenes.track_files import read_track
+from datafactory.scenes.traffic.asked import Asked, parse_populate
+from datafactory.scenes.traffic.population import populated
 from shared.dataset import STORES
-from shared.dataset.locations import locate
+from shared.dataset.locations import Location, locate
 from shared.physics.errors import InputError, meant
 from shared.processes.defaults import LARGEST_SEED
 from shared.radar import Radar, load_radar
@@ -45,6 +52,9 @@ RadarLike: TypeAlias = str | Path | Radar
 """A preset's name, the path of a TOML file, or a radar."""
 PosesLike: TypeAlias = str | Path | Sequence[Pose]
 """The path of a JSON file, see :func:`datafactory.scenes.poses.read_poses`, or the poses themselves."""
+TrajectoryLike: TypeAlias = str | Path | Drives | Sequence[str | Path | Sequence[Pose]]
+"""The path of a CSV or JSON file, see :func:`datafactory.scenes.track_files.read_track`; several, or the poses of
+several tracks, a sequence each; or ``"drive"``, ``"drive:speed=10,seconds=4"`` or what that means, to draw them."""
 MaterialsLike: TypeAlias = str | Path | MaterialTable
 """The path of a TOML file that overrides the built-in table, or a table."""
 Effects: TypeAlias = str | Collection[str]
@@ -61,16 +71,28 @@ def silent(*_: object) -> None:
     """An :data:`Announce` and a :data:`Progress` that do nothing."""
 
 
-def load_scene(source: FileName, *, variant: Sequence[str] = (), allow_missing: bool = False) -> Scene:
+def load_scene(
+    source: FileName,
+    *,
+    variant: Sequence[str] = (),
+    allow_missing: bool = False,
+    populate: str | Asked | None = None,
+    seed: int = 0,
+) -> Scene:
     """Read a scene: meshes in metres, z up, float64, each with the name of its material.
 
     :param source: a ``.usd .usda .usdc .usdz``, Mitsuba ``.xml``, ``.glb .gltf .obj .ply .stl`` file, or
         ``"shipped:NAME"`` or ``"sionna:NAME"`` for a scene that this package or Sionna ships
     :param variant: ``"set=name"`` each: variants of a USD scene, over those that the file selects
     :param allow_missing: go on without geometry that cannot be opened
-    :raises InputError: an unknown suffix or name, a file that is missing, damaged or empty
+    :param populate: traffic and street furniture to put on its free ground, ``"cars=20,parked=0.6"``
+    :param seed: of the dataset; what is put where follows from it and from the scene
+    :raises InputError: an unknown suffix or name, a file that is missing, damaged or empty; with ``populate`` one that
+        has no free ground
     """
-    return open_scene(str(source), Reading(parse_variants(variant), allow_missing))
+    asked = parse_populate(populate) if isinstance(populate, str) else populate
+    scene = open_scene(str(source), Reading(parse_variants(variant), allow_missing))
+    return scene if asked is None else populated(scene, asked, seed)
 
 
 def radar_of(radar: RadarLike) -> Radar:
@@ -83,6 +105,38 @@ def poses_of(poses: PosesLike | None) -> tuple[Pose, ...]:
     if poses is None:
         return ()
     return read_poses(Path(poses)) if isinstance(poses, str | Path) else tuple(poses)
+
+
+def trajectory_of(
+    trajectory: TrajectoryLike | None, frame_rate: float | None
+) -> tuple[tuple[tuple[Pose, ...], ...], Drives | None]:
+    """The tracks that were given, and the drives that are to be drawn: one of them, or neither.
+
+    :param frame_rate: [Hz]; None for one frame a row of a file
+    :raises InputError: a file that is unreadable or wrong, a rate out of bounds, drives beside files
+    """
+    if trajectory is None:
+        if frame_rate is not None:
+            raise InputError("--frame-rate", "without --trajectory", "--trajectory FILE, or none of both")
+        return (), None
+    if isinstance(trajectory, Drives):
+        return (), trajectory if frame_rate is None else replace(trajectory, rate_hz=frame_rate)
+    several = (trajectory,) if isinstance(trajectory, str | Path) else tuple(trajectory)
+    drawn = [item for item in several if isinstance(item, str) and item.partition(":")[0] == WORD]
+    if drawn:
+        if len(several) > 1:
+            raise InputError("--trajectory", f"{drawn[0]!r} beside others", "drives, or files")
+        return (), parse_drives(drawn[0], frame_rate)
+    return tuple(_track_of(item, frame_rate) for item in several), None
+
+
+def _track_of(item: str | Path | Sequence[Pose], frame_rate: float | None) -> tuple[Pose, ...]:
+    if not isinstance(item, str | Path):
+        if frame_rate is not None:
+            raise InputError("--frame-rate", "beside poses", "a file, whose rows it lies between")
+        return tuple(item)
+    curve = read_track(Path(item))
+    return curve.rows() if frame_rate is None else curve.resampled(frame_rate)
 
 
 def materials_of(materials: MaterialsLike | None) -> MaterialTable:
@@ -105,11 +159,11 @@ def effects_of(effects: Effects) -> EffectSet | None:
     return parse_effects(effects if isinstance(effects, str) else ",".join(effects))
 
 
-def cores(workers: int) -> int:
-    """``workers``, or for 0 the cores that this process may use."""
+def processes(workers: int, device: str = CPU) -> int:
+    """``workers``, or for 0 the cores that this process may use; with CUDA one, for a run has one GPU."""
     require("--workers", workers, 0)
-    if workers:
-        return workers
+    if workers or device == CUDA:
+        return workers or 1
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -136,12 +190,14 @@ def choice(option: str, value: str, allowed: Sequence[str]) -> str:
 def order_of(
     scenes: SceneLike | Sequence[SceneLike] | None,
     *,
-    paths: FileName | None = None,
+    paths: FileName | Location | None = None,
     radar: RadarLike,
     frames: int = 0,
     points: int = 0,
     targets: Sequence[PointTargets] = (),
     poses: PosesLike | None = None,
+    trajectory: TrajectoryLike | None = None,
+    frame_rate: float | None = None,
     seed: int = 0,
     split: str | None = None,
     rays: int | None = None,
@@ -151,11 +207,16 @@ def order_of(
     noise: bool = True,
     store: str = STORES[0],
     truth_window: str = "taylor-30",
+    device: str = CPU,
+    synthesis: bool = True,
+    license: str | None = None,
 ) -> Order:
     """The order of a run; the arguments are those of :func:`datafactory.render`.
 
     :param split: None for that of ``paths``, or the usual one
     :param rays, depth, error_budget: None for the usual ones
+    :param device: "auto" is settled here
+    :param synthesis: whether signals will be made, and not paths alone
     :raises InputError: a value out of its bounds, a file that cannot be read, nothing to render
     """
     folder, wanted = None if paths is None else locate(paths), scenes_of(scenes)
@@ -178,21 +239,26 @@ def order_of(
     ):
         require(option, value, least, most)
     given = poses_of(poses)
-    if (given or frames) and not wanted and folder is None:
+    if trajectory is not None and (poses is not None or folder is not None):
+        raise InputError("--trajectory", f"beside --{'poses' if folder is None else 'paths'}", "one of them")
+    tracks, drives = trajectory_of(trajectory, frame_rate)
+    if (given or tracks or frames) and not wanted and folder is None:
         raise InputError("--scene", "missing", "a scene file or sionna:NAME, or --paths")
-    if not (given or folder or frames or points or targets):
+    if not (given or tracks or folder or frames or points or targets):
         raise InputError("--frames", "0 and --points 0: nothing to render", "at least one frame")
     if split is None and folder is not None:
         split = traced_split(folder)
     return Order(
         radar=radar_of(radar),
-        scenes=wanted if given or frames else (),
+        scenes=wanted if given or tracks or frames else (),
         paths=folder,
-        frames=0 if given else frames,
+        frames=0 if given or tracks else frames,
         points=0 if targets else points,
         seed=seed,
         split=split or DEFAULT_PATTERN,
         poses=given,
+        tracks=tracks,
+        drives=drives if frames else None,
         targets=tuple(targets),
         settings=ChainSettings(
             trace=TraceSettings(
@@ -203,7 +269,9 @@ def order_of(
                 store=choice("--store", store, STORES),
                 truth_window=choice("--truth-window", truth_window, ANGLE_WINDOWS),
             ),
+            device=device_of(device, bool(wanted), synthesis),
         ),
         effects=effects_of(effects),
         budget_db=DEFAULT_BUDGET_DB if error_budget is None else error_budget,
+        licence=stated_licence(license),
     )

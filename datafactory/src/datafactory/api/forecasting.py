@@ -11,9 +11,10 @@ from dataclasses import dataclass
 
 import psutil
 
-from datafactory.frame.deal import split_of
+from datafactory.paths.defaults import CPU
+from datafactory.run.array_job import parse_job
 from datafactory.run.order import Order
-from datafactory.run.preparation import deal_of
+from datafactory.run.preparation import deal_of, deal_of_stored
 from datafactory.run.room import CLOSE_TARGETS, STREETS, free_bytes, trace_memory
 from datafactory.run.shards import plan_shards
 from datafactory.run.stored import stored_paths
@@ -43,6 +44,7 @@ class Forecast:
     :param memory_bytes: of all workers together, where the machine has ``machine_bytes``
     :param seconds: wall-clock, planning included
     :param workers: no more than there are shards
+    :param device: that the run will use
     """
 
     frames: dict[str, int]
@@ -53,10 +55,12 @@ class Forecast:
     machine_bytes: float
     seconds: float
     workers: int
+    device: str = CPU
 
     def lines(self) -> list[str]:
         """In words."""
         split = ", ".join(f"{name} {count}" for name, count in self.frames.items())
+        rates = "rates of another machine" if self.device == CPU else "rates of a CPU, for none of a GPU were measured"
         most = "process" if self.workers == 1 else "processes"
         where = "in the store"
         if self.free_bytes is not None:
@@ -66,13 +70,14 @@ class Forecast:
             f"about {_amount(self.bytes)} {where}",
             f"about {_amount(self.memory_bytes)} of memory in {self.workers} {most}; this machine has "
             f"{_amount(self.machine_bytes)}",
-            f"about {_duration(self.seconds)}, by rates of another machine; half or twice that would be no surprise",
+            f"about {_duration(self.seconds)}, by {rates}; half or twice that would be no surprise",
         ]
 
 
-def forecast(order: Order, directory: Location, workers: int) -> Forecast:
+def forecast(order: Order, directory: Location, workers: int, shard: str | None = None) -> Forecast:
     """What a run of this order will take; its scenes are opened and its frames dealt, nothing is traced or written.
 
+    :param shard: of :func:`datafactory.render`: what this job will take
     :raises InputError: what a run would refuse of its scenes, poses and split
     """
     if order.paths is None:
@@ -82,9 +87,8 @@ def forecast(order: Order, directory: Location, workers: int) -> Forecast:
         for frame_id in {deal.frames_of(number)[0] for number in range(len(scenes)) if deal.frames_of(number)}:
             deal.frame(frame_id)  # a scene without free ground is refused here
     else:
-        scene_frames = len(stored_paths(order, order.paths).places)
-        point_frames = len(order.targets) or order.points
-        splits = tuple(split_of(frame_id, order.split) for frame_id in range(scene_frames + point_frames))
+        deal = deal_of_stored(order, stored_paths(order, order.paths))
+        splits, scene_frames, point_frames = deal.splits(), deal.scene_frames, len(deal) - deal.scene_frames
     settings, waveform, channels = order.settings, order.radar.waveform, order.radar.array.channels
     rays = float(settings.trace.rays)
     of_points = SAMPLE_S * channels * waveform.chirps * waveform.samples
@@ -92,7 +96,14 @@ def forecast(order: Order, directory: Location, workers: int) -> Forecast:
     of_scene = of_points + synthesis + (RAY_S * rays if order.paths is None else 0.0)
     planning = 0.0 if order.effects is not None or order.paths is not None else RAY_S * rays * len(order.scenes)
     shapes = description(order.radar, settings.processing.peaks, settings.processing.store)["shapes"]
-    shards = len(plan_shards(splits))
+    plans = plan_shards(splits)
+    if shard is not None:
+        plans = parse_job(shard).own(plans)
+        own = {frame_id for plan in plans for frame_id in plan.frame_ids}
+        splits = tuple(split for frame_id, split in enumerate(splits) if frame_id in own)
+        scene_frames = sum(frame_id < scene_frames for frame_id in own)
+        point_frames = len(own) - scene_frames
+    shards = len(plans)
     workers = min(workers, shards)
     return Forecast(
         frames=dict(Counter(splits)),
@@ -103,6 +114,7 @@ def forecast(order: Order, directory: Location, workers: int) -> Forecast:
         machine_bytes=float(psutil.virtual_memory().total),
         seconds=planning + (scene_frames * of_scene + point_frames * of_points) / workers,
         workers=workers,
+        device=settings.device,
     )
 
 

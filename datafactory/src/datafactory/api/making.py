@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
 from typing import TypeAlias
@@ -20,15 +21,21 @@ from datafactory.api.asking import (
     Progress,
     RadarLike,
     SceneLike,
-    cores,
+    TrajectoryLike,
+    choice,
     materials_of,
     order_of,
+    processes,
+    require,
     silent,
 )
 from datafactory.effects.catalogue import AUTO
 from datafactory.frame.defaults import DEFAULT_FRAMES
 from datafactory.frame.points import PointTargets
+from datafactory.paths.defaults import AUTO_DEVICE, CPU, CUDA
 from datafactory.run import pipeline
+from datafactory.run.array_job import OPTION, parse_job
+from datafactory.run.engines import ENGINES, LOCAL, Engine, opened
 from datafactory.run.order import Order
 from datafactory.run.pipeline import Execution, Report
 from datafactory.scenes.materials.table import MaterialTable
@@ -54,6 +61,8 @@ def render(
     points: int = 0,
     targets: Sequence[PointTargets] = (),
     poses: PosesLike | None = None,
+    trajectory: TrajectoryLike | None = None,
+    frame_rate: float | None = None,
     seed: int = 0,
     split: str | None = None,
     materials: MaterialsLike | None = None,
@@ -64,9 +73,14 @@ def render(
     noise: bool = True,
     store: str = STORES[0],
     truth_window: str = "taylor-30",
+    license: str | None = None,
     workers: int = 1,
+    engine: str = LOCAL,
+    address: str | None = None,
+    device: str = CPU,
     resume: bool = False,
     keep_going: bool = False,
+    shard: str | None = None,
     camera: bool = False,
     announce: Announce = silent,
     progress: Progress = silent,
@@ -84,6 +98,9 @@ def render(
     :param points: close-target frames after them
     :param targets: frames of exactly these point targets, instead of ``points`` drawn ones
     :param poses: one frame a pose, in the world frame [m, deg, m/s]; else they are drawn on free ground
+    :param trajectory: sequences of frames along tracks: a file of poses with times, several, or ``"drive"`` to draw
+        drives along the scenes' streets, ``frames`` frames in all
+    :param frame_rate: frames a second along the tracks [Hz]; by default a frame for each row of a file, 10 of drives
     :param seed: of the dataset: same seed, same bytes
     :param split: pattern train:validation:test over the frames; by default 6:1:1, or that of ``paths``
     :param materials: overrides the material table
@@ -95,9 +112,19 @@ def render(
     :param noise: add receiver noise
     :param store: "range-channel", "range-doppler" or "cube": what else to keep
     :param truth_window: over the virtual sensor: "none", "taylor-25", "taylor-30" or "hann"
-    :param workers: processes; 1 works in this process, 0 takes one for each core. The bytes do not depend on it.
-    :param resume: go on with an unfinished run in the same folder
+    :param license: of the data, an SPDX identifier as "CC-BY-4.0", for the dataset's card and manifest; by default none
+        is stated: frames belong to whoever owns the scenes
+    :param workers: processes; 1 works in this process, 0 takes one for each core, with "cuda" one. The bytes do not
+        depend on it. On a cluster: shards at work at a time, 0 for as many as its nodes have cores and memory for.
+    :param engine: "local", or "ray" for a Ray cluster; the bytes do not depend on it
+    :param address: HOST:PORT of the cluster, which this machine is a node of; None for the one that runs here, or for
+        a Ray that is started on this machine and ends with the run
+    :param device: where rays are traced and signals made: "cpu", "cuda", or "auto" for CUDA where it can be used. The
+        bytes depend on it: it stands in the manifest, and a run is resumed on the same one alone.
+    :param resume: go on with an unfinished run in the same folder, on either engine
     :param keep_going: finish the other shards where three worker processes died of one
+    :param shard: "i/n": make the shards of job i of n alone, i from 0, into ``out/job-i-of-n``;
+        :func:`datafactory.merge` joins the jobs to the dataset of the run in one piece
     :param camera: also write what a camera at the sensor sees, ``out/camera/frame-NNNNNN.png`` for each scene frame;
         ``datafactory inspect`` shows it beside the images. The shards stay the same.
     :param announce: takes lines for the user
@@ -108,16 +135,22 @@ def render(
     :raises RunFailed: worker processes died; what was finished can be resumed
     """
     order = order_of(
-        scenes, paths=paths, radar=radar, frames=frames, points=points, targets=targets, poses=poses, seed=seed,
-        split=split, rays=rays, depth=depth, effects=effects, error_budget=error_budget, noise=noise, store=store,
-        truth_window=truth_window,
+        scenes, paths=paths, radar=radar, frames=frames, points=points, targets=targets, poses=poses,
+        trajectory=trajectory, frame_rate=frame_rate, seed=seed, split=split, rays=rays, depth=depth, effects=effects,
+        error_budget=error_budget, noise=noise, store=store, truth_window=truth_window, device=device, license=license,
     )  # fmt: skip
-    execution = execution_of(out, workers, resume, keep_going, announce, progress)
+    if camera and shard is not None:
+        raise InputError("--camera", f"beside {OPTION}", "datafactory inspect --camera once the jobs are merged")
     if camera and order.paths is not None:
         raise InputError("--camera", "beside --paths, whose frames do not say when they are", "--scene")
     menu = None if error_budget is None else menu_for(rays, depth)
     table = materials_of(materials)
-    report = _made(order, table, execution, menu, progress, pipeline.render)
+    with engine_of(engine, address, workers, announce) as made_by:
+        execution = execution_of(
+            out, workers, resume, keep_going, shard, announce, progress, made_by, order.settings.device
+        )
+        _say_device(device, execution, order)
+        report = _made(order, table, execution, menu, progress, pipeline.render)
     return _with_cameras(order, table, report, progress) if camera else report
 
 
@@ -128,6 +161,8 @@ def trace(
     radar: RadarLike = DEFAULT_RADAR,
     frames: int = DEFAULT_FRAMES,
     poses: PosesLike | None = None,
+    trajectory: TrajectoryLike | None = None,
+    frame_rate: float | None = None,
     seed: int = 0,
     split: str | None = None,
     materials: MaterialsLike | None = None,
@@ -136,8 +171,12 @@ def trace(
     effects: Effects = AUTO,
     error_budget: float | None = None,
     workers: int = 1,
+    engine: str = LOCAL,
+    address: str | None = None,
+    device: str = CPU,
     resume: bool = False,
     keep_going: bool = False,
+    shard: str | None = None,
     announce: Announce = silent,
     progress: Progress = silent,
 ) -> Report:
@@ -148,30 +187,68 @@ def trace(
     :func:`datafactory.render`.
     """
     order = order_of(
-        scenes, radar=radar, frames=frames, poses=poses, seed=seed, split=split, rays=rays, depth=depth,
-        effects=effects, error_budget=error_budget,
+        scenes, radar=radar, frames=frames, poses=poses, trajectory=trajectory, frame_rate=frame_rate, seed=seed,
+        split=split, rays=rays, depth=depth, effects=effects, error_budget=error_budget, device=device,
+        synthesis=False,
     )  # fmt: skip
-    execution = execution_of(out, workers, resume, keep_going, announce, progress)
-    menu = None if error_budget is None else menu_for(rays, depth).of_paths()
-    return _made(order, materials_of(materials), execution, menu, progress, pipeline.trace_paths)
+    menu, table = None if error_budget is None else menu_for(rays, depth).of_paths(), materials_of(materials)
+    with engine_of(engine, address, workers, announce) as made_by:
+        execution = execution_of(
+            out, workers, resume, keep_going, shard, announce, progress, made_by, order.settings.device
+        )
+        _say_device(device, execution, order)
+        return _made(order, table, execution, menu, progress, pipeline.trace_paths)
+
+
+def engine_of(engine: str, address: str | None, workers: int, announce: Announce) -> AbstractContextManager[Engine]:
+    """Where shards are made, from the beginning of the block to its end.
+
+    :raises InputError: an unknown name, a number of workers that cannot be; see :func:`datafactory.run.engines.opened`
+    """
+    require("--workers", workers, 0)
+    return opened(choice("--engine", engine, ENGINES), address, announce)
 
 
 def execution_of(
-    out: FileName, workers: int, resume: bool, keep_going: bool, announce: Announce, progress: Progress
+    out: FileName,
+    workers: int,
+    resume: bool,
+    keep_going: bool,
+    shard: str | None,
+    announce: Announce,
+    progress: Progress,
+    engine: Engine,
+    device: str = CPU,
 ) -> Execution:
     """How a run is carried out.
 
-    :param workers: 0 takes one for each core
+    :param workers: 0 takes one for each core of the CPU, or one for the GPU
+    :param shard: of :func:`render`
+    :raises InputError: a GPU on a cluster: its nodes do not share one
     """
+    if device == CUDA and engine.name != LOCAL:
+        raise InputError("--device", f"{device} beside --engine {engine.name}", f"{CPU}, or --engine {LOCAL}")
+    job = None if shard is None else parse_job(shard)
     return Execution(
-        locate(out),
-        cores(workers),
+        locate(out) / job.folder if job else locate(out),
+        processes(workers, device) if engine.name == LOCAL else workers,
         resume,
         keep_going,
+        job,
+        engine,
         announce=announce,
         looked=partial(progress, "planning"),
         advance=partial(progress, "frames"),
     )
+
+
+def _say_device(asked: str, execution: Execution, order: Order) -> None:
+    """What was found for ``auto``, and what processes share."""
+    device = order.settings.device
+    if asked == AUTO_DEVICE:
+        execution.announce(f"device: {device}")
+    if device == CUDA and execution.workers > 1:
+        execution.announce(f"{execution.workers} workers share one GPU, and its memory")
 
 
 def _with_cameras(order: Order, table: MaterialTable, report: Report, progress: Progress) -> Report:
@@ -179,7 +256,7 @@ def _with_cameras(order: Order, table: MaterialTable, report: Report, progress: 
     started = time.perf_counter()
     dataset = open_dataset(report.directory)
     cameras = Cameras(dataset, [scene for scene in order.scenes if isinstance(scene, Scene)], table)
-    scene_frames = len(order.poses) or order.frames
+    scene_frames = order.scene_frames
     progress("camera pictures", 0, scene_frames)
     for done, _ in enumerate(write_cameras(dataset, cameras), 1):
         progress("camera pictures", done, scene_frames)
@@ -197,5 +274,8 @@ def _made(
         order, table, order.budget_db, menu, announce, lambda done, total, label: progress(label, done, total)
     )
     report = make(settled.order, table, execution)
-    check(settled, execution.directory, announce)
+    if execution.job is None:
+        check(settled, execution.directory, announce)
+    else:  # the frames to be looked at are those of other jobs as well
+        announce("what the error budget achieves is measured of a run in one piece alone, not of its jobs")
     return replace(report, seconds=time.perf_counter() - started)

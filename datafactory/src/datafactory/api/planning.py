@@ -22,6 +22,7 @@ from datafactory.api.asking import (
 from datafactory.effects.price import PricedPlan, price
 from datafactory.frame.defaults import DEFAULT_FRAMES
 from datafactory.paths.backend import select_variant, set_threads
+from datafactory.paths.defaults import CPU
 from datafactory.run.planning import how_applied
 from datafactory.run.preparation import prepare
 from shared.processes.defaults import DEFAULT_RADAR
@@ -51,6 +52,7 @@ def plan(
     error_budget: float | None = None,
     times: bool = False,
     prove: bool = False,
+    device: str = CPU,
     announce: Announce = silent,
     progress: Progress = silent,
 ) -> tuple[ScenePlan, ...]:
@@ -61,15 +63,16 @@ def plan(
     :param error_budget: what leaving an effect out may change [dB of the peak]; -30 by default
     :param times: measure what each effect costs in processor time
     :param prove: simulate one frame as planned and with every effect, and compare
+    :param device: as of :func:`datafactory.render`; the plan of a run is made on the run's own
     :returns: one for each scene; ``to_json()`` is what ``datafactory plan --json`` prints
     :raises InputError: anything wrong with the arguments or their files
     """
     order = order_of(
         scenes, radar=radar, frames=frames, poses=poses, seed=seed, split=split, rays=rays, depth=depth,
-        error_budget=error_budget,
+        error_budget=error_budget, device=device, synthesis=times or prove,
     )  # fmt: skip
     table = materials_of(materials)
-    select_variant()
+    select_variant(order.settings.device)
     set_threads(1)
     with threadpool_limits(limits=1):
         prepared = prepare(order, table, announce, partial(progress, "planning"))

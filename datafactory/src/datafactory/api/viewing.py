@@ -14,6 +14,7 @@ from datafactory.api.asking import (
     Progress,
     RadarLike,
     SceneLike,
+    load_scene,
     materials_of,
     order_of,
     silent,
@@ -23,7 +24,6 @@ from datafactory.frame.defaults import DEFAULT_FRAMES
 from datafactory.paths.backend import select_variant, set_threads
 from datafactory.run.preparation import prepare, prepared_scene
 from datafactory.run.stored import stored_paths
-from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene
 from datafactory.view.subject import Subject
 from shared.dataset.locations import Location, locate
@@ -131,7 +131,10 @@ def _traced_before(
     traced = StoredSource(*stored.places[frame], order.settings).traced(order.radar)
     entry = stored.entries[traced.scene_number]
     source = entry.get("source", "") if scene is None else scene
-    opened = source if isinstance(source, Scene) else open_scene(str(source))
+    put_in = entry.get("population", {"populate": None, "seed": 0})
+    opened = (
+        source if isinstance(source, Scene) else load_scene(source, populate=put_in["populate"], seed=put_in["seed"])
+    )
     if opened.content_hash() != entry.get("content_sha256"):
         problem = f"is not the scene in which the paths of {folder} were traced"
         raise InputError(opened.source or opened.name, problem, "the file as it was then, by --scene if it was moved")

@@ -16,8 +16,10 @@ from typer.exceptions import TyperException
 from datafactory.cli.accuracy import accuracy
 from datafactory.cli.check import check
 from datafactory.cli.city import city
+from datafactory.cli.convert import convert
 from datafactory.cli.doctor import doctor
 from datafactory.cli.inspect import inspect
+from datafactory.cli.merge import merge
 from datafactory.cli.plan import plan
 from datafactory.cli.points import points
 from datafactory.cli.render import render
@@ -46,7 +48,7 @@ app = typer.Typer(
     add_completion=True,
     pretty_exceptions_enable=False,
 )
-for command in (render, points, plan, accuracy, trace, view, scenes, check, city, inspect, doctor):
+for command in (render, points, plan, accuracy, trace, merge, view, scenes, check, city, inspect, convert, doctor):
     app.command(cls=PlainCommand)(command)
 
 

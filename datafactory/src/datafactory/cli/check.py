@@ -25,6 +25,8 @@ def check(
     ] = None,
     variant: options.Variants = None,
     allow_missing: options.AllowMissing = False,
+    populate: options.Populate = None,
+    seed: options.Seed = 0,
     materials: options.Materials = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON and nothing else.")] = False,
 ) -> None:
@@ -36,7 +38,7 @@ def check(
     named = options.one_scene(scene_name, scene)
     if named is None:
         raise InputError("--scene", "missing", "a scene file, shipped:NAME or sionna:NAME")
-    opened = load_scene(named, variant=variant or (), allow_missing=allow_missing)
+    opened = load_scene(named, variant=variant or (), allow_missing=allow_missing, populate=populate, seed=seed)
     report = examine_scene(opened, load_materials(materials))
     if as_json:
         typer.echo(json.dumps(report.to_json(), indent=2))

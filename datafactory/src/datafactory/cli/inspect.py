@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from shared.dataset.folder import Dataset
 
 
+MOST_FILMS = 3
+"""Animations that are drawn: one a split, where each has a sequence."""
+
+
 def inspect(
     directory: Annotated[
         str,
@@ -28,7 +32,9 @@ def inspect(
     verify: Annotated[
         bool, typer.Option("--verify", help="Check every byte against the manifest's checksums.")
     ] = False,
-    frames: Annotated[int, typer.Option(min=0, help="Pictures to draw, of frames spread over the dataset.")] = 4,
+    frames: Annotated[
+        int, typer.Option(min=0, help="Pictures to draw, of frames spread over the dataset; of sequences at most 3.")
+    ] = 4,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -41,11 +47,13 @@ def inspect(
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON, and draw nothing.")] = False,
 ) -> None:
-    """Summarise a dataset, check its files and draw some of its frames.
+    """Summarise a dataset, check its files and draw some of its frames; a sequence as an animation.
 
     Exit status 1: --verify found damaged files.
     """
-    from datafactory.inspection.dataset import summarise, write_pictures
+    from datafactory.inspection.animation import write_animations
+    from datafactory.inspection.dataset import summarise
+    from datafactory.inspection.pictures import write_pictures
     from datafactory.view.cameras import Cameras
     from shared.dataset.folder import open_dataset
     from shared.dataset.folder import verify as verify_dataset
@@ -75,8 +83,11 @@ def inspect(
         folder = out or _picture_folder(dataset)
         if out is None and not isinstance(dataset.path, Path):
             console.print(f"the dataset is remote: its pictures go to {folder}, or to the folder that --out names")
-        for picture in write_pictures(dataset, frames, folder, Cameras(dataset) if camera else None):
+        cameras = Cameras(dataset) if camera else None
+        for picture in write_pictures(dataset, frames, folder, cameras):
             console.print(f"wrote {picture}")
+        for film in write_animations(dataset, min(frames, MOST_FILMS), folder, cameras) if summary.sequences else ():
+            console.print(f"wrote {film}")
 
 
 def _picture_folder(dataset: Dataset) -> Path:
@@ -94,6 +105,8 @@ def _tables(summary: Summary) -> list[Table]:
     contents = [(name, " x ".join(map(str, shape))) for name, shape in summary.shapes.items()]
     contents.append(("shards", f"{summary.shards}, {summary.bytes / 1e6:.1f} MB"))
     contents += [(f"count: {MEANINGS.get(name, name)}", str(count)) for name, count in summary.counts.items()]
+    if summary.sequences:
+        contents.insert(0, ("sequences", str(summary.sequences)))
     if summary.traced:
         contents.insert(0, ("frames of traced paths", str(summary.traced)))
     if not summary.frames:

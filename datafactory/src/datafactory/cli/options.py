@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 
 from datafactory.cli.progress import Advance, shown
-from datafactory.paths.defaults import LARGEST_DEPTH, MOST_RAYS
+from datafactory.paths.defaults import CPU, LARGEST_DEPTH, MOST_RAYS
 from shared.physics.errors import InputError
 from shared.processes.defaults import DEFAULT_RADAR, LARGEST_SEED
 
@@ -58,8 +58,31 @@ Variants = Annotated[
     typer.Option("--variant", help="set=name: a variant of the USD scenes; may be repeated.", show_default=False),
 ]
 AllowMissing = Annotated[bool, typer.Option("--allow-missing", help="Go on without geometry that cannot be opened.")]
+Populate = Annotated[
+    str | None,
+    typer.Option(
+        "--populate",
+        metavar="KIND=N,...",
+        help="Traffic and street furniture on the free ground, e.g. cars=20,pedestrians=10,poles=30,parked=0.6.",
+        show_default=False,
+    ),
+]
 Poses = Annotated[
     Path | None, typer.Option("--poses", help="JSON file of sensor poses: one frame a pose, instead of drawn ones.")
+]
+Trajectory = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--trajectory",
+        metavar="FILE|drive",
+        help="CSV or JSON file of poses with times, a sequence of frames; may be repeated. "
+        "Or drive[:speed=M/S][,seconds=S]: drives drawn along the streets, --frames in all.",
+        show_default=False,
+    ),
+]
+FrameRate = Annotated[
+    float | None,
+    typer.Option("--frame-rate", help="Frames a second along a trajectory; by default a frame a row, 10 of drives."),
 ]
 Materials = Annotated[Path | None, typer.Option("--materials", help="TOML file that overrides the material table.")]
 Rays = Annotated[int, typer.Option("--rays", min=1, max=MOST_RAYS, help="Rays a frame, over the field of view.")]
@@ -74,22 +97,71 @@ Noise = Annotated[bool, typer.Option("--noise/--no-noise", help="Add receiver no
 TruthWindow = Annotated[
     str, typer.Option("--truth-window", help="Over the virtual sensor: none, taylor-25, taylor-30 or hann.")
 ]
-Workers = Annotated[int, typer.Option("--workers", min=0, help="Worker processes; 0: one a core.")]
+Licence = Annotated[
+    str | None,
+    typer.Option(
+        "--license",
+        help="Of the data, an SPDX identifier as CC-BY-4.0, for README.md and the manifest; by default not stated.",
+        show_default=False,
+    ),
+]
+Workers = Annotated[
+    int,
+    typer.Option(
+        "--workers", min=0, help="Worker processes; 0: one a core, one with cuda, of all nodes with --engine ray."
+    ),
+]
+EngineName = Annotated[
+    str, typer.Option("--engine", help="local, or ray: a Ray cluster makes the shards. The same bytes.")
+]
+Address = Annotated[
+    str | None,
+    typer.Option(
+        "--address",
+        help="HOST:PORT of the Ray cluster, which this machine is a node of; by default the one that runs here, "
+        "else one of the run's own.",
+        show_default=False,
+    ),
+]
+Shard = Annotated[
+    str | None,
+    typer.Option(
+        "--shard",
+        metavar="I/N",
+        show_default=False,
+        help="Make the shards of job I of N alone, I from 0 to N - 1, into DIR/job-I-of-N; `datafactory merge` joins "
+        "the jobs.",
+    ),
+]
+Device = Annotated[
+    str,
+    typer.Option(
+        "--device", help="cpu, cuda (an NVIDIA GPU), or auto: cuda where it can be used. The bytes depend on it."
+    ),
+]
 Verbose = Annotated[
     bool, typer.Option("--verbose", "-v", help="Also say what was counted: rays, paths, what was left out and why.")
 ]
 Resume = Annotated[bool, typer.Option("--resume", help="Go on with an unfinished run in the same folder.")]
 
 DEFAULT_RADAR_NAME = DEFAULT_RADAR
+DEFAULT_DEVICE = CPU
 
 
-def read_as_asked(scenes: list[str], variant: list[str] | None, allow_missing: bool) -> Sequence[str | Scene]:
-    """The scenes' names, or the scenes themselves where the user says how they are to be read."""
-    if not (variant or allow_missing):
+def read_as_asked(
+    scenes: list[str], variant: list[str] | None, allow_missing: bool, populate: str | None = None, seed: int = 0
+) -> Sequence[str | Scene]:
+    """The scenes' names, or the scenes themselves where the user says how they are to be read, or to be populated."""
+    if populate is not None and not scenes:
+        raise InputError("--populate", "given without a scene", "--scene with it")
+    if not (variant or allow_missing or populate is not None):
         return scenes
     from datafactory.api.asking import load_scene
 
-    return [load_scene(name, variant=variant or (), allow_missing=allow_missing) for name in scenes]
+    return [
+        load_scene(name, variant=variant or (), allow_missing=allow_missing, populate=populate, seed=seed)
+        for name in scenes
+    ]
 
 
 def stated(context: typer.Context, name: str) -> bool:
@@ -102,7 +174,7 @@ Make: TypeAlias = "Callable[[Callable[[str], None], Advance], Report]"
 """A function of :mod:`datafactory.api.making`, but for what takes its lines and its progress."""
 
 
-def run(make: Make, out: str, verbose: bool) -> Report:
+def run(make: Make, verbose: bool) -> Report:
     """Make a dataset with its progress in view, and print what was made.
 
     :param verbose: also what was counted
@@ -114,10 +186,20 @@ def run(make: Make, out: str, verbose: bool) -> Report:
         report = make(lambda line: console.print(line, markup=False), advance)
     kept = f" ({report.shards_kept} shards kept from before)" if report.shards_kept else ""
     took = f"{report.seconds:.0f} s, opening and planning included"
-    console.print(f"{report.frames} frames in {out}, {took}{kept}", markup=False)
+    console.print(f"{report.frames} frames in {report.directory}, {took}{kept}", markup=False)
     for line in told(report.counts, verbose):
         console.print(f"  {line}", markup=False)
     return report
+
+
+def next_step(out: str, shard: str | None, step: str) -> None:
+    """Print the command that comes next: of a job it is the merge.
+
+    :param step: what comes next of a run in one piece
+    """
+    typer.echo(
+        step if shard is None else f"next:  datafactory merge {out} --out ANOTHER_FOLDER, once all jobs are done"
+    )
 
 
 def one_scene(name: str | None, scene: str | None) -> str | None:

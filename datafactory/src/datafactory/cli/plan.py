@@ -30,6 +30,7 @@ def plan(
     scene: options.Scenes = None,
     variant: options.Variants = None,
     allow_missing: options.AllowMissing = False,
+    populate: options.Populate = None,
     poses: options.Poses = None,
     frames: options.Frames = DEFAULT_FRAMES,
     split: options.Split = DEFAULT_PATTERN,
@@ -49,6 +50,7 @@ def plan(
     prove_it: Annotated[
         bool, typer.Option("--prove", help="Simulate one frame as planned and with every effect, and compare.")
     ] = False,
+    device: options.Device = options.DEFAULT_DEVICE,
     times: Annotated[bool, typer.Option("--times/--no-times", help="Measure what each effect costs in time.")] = True,
 ) -> None:
     """Say which effects will be simulated, why, what each costs and what leaving it out would cost.
@@ -62,7 +64,7 @@ def plan(
     console = Console(soft_wrap=True, highlight=False, stderr=as_json)
     with shown(console, transient=True) as advance:
         planned = plan_of(
-            options.read_as_asked([*(scenes or ()), *(scene or ())], variant, allow_missing),
+            options.read_as_asked([*(scenes or ()), *(scene or ())], variant, allow_missing, populate, seed),
             radar=radar,
             frames=frames,
             poses=poses,
@@ -74,6 +76,7 @@ def plan(
             error_budget=error_budget,
             times=times,
             prove=prove_it,
+            device=device,
             announce=lambda line: console.print(line, markup=False),
             progress=advance,
         )

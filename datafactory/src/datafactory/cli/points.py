@@ -23,9 +23,14 @@ def points(
     store: options.Store = "range-channel",
     noise: options.Noise = True,
     truth_window: options.TruthWindow = "taylor-30",
+    licence: options.Licence = None,
     workers: options.Workers = 0,
+    engine: options.EngineName = "local",
+    address: options.Address = None,
+    device: options.Device = options.DEFAULT_DEVICE,
     resume: options.Resume = False,
     keep_going: options.KeepGoing = False,
+    shard: options.Shard = None,
     verbose: options.Verbose = False,
 ) -> None:
     """Render close-target frames, the paper's synthetic set, or exactly the targets of a file."""
@@ -46,13 +51,17 @@ def points(
             store=store,
             noise=noise,
             truth_window=truth_window,
+            license=licence,
             workers=workers,
+            engine=engine,
+            address=address,
+            device=device,
             resume=resume,
             keep_going=keep_going,
+            shard=shard,
             announce=announce,
             progress=progress,
         ),
-        out,
         verbose,
     )
-    typer.echo(f"look:  datafactory inspect {out}")
+    options.next_step(out, shard, f"look:  datafactory inspect {out}")

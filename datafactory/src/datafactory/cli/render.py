@@ -25,7 +25,10 @@ def render(
     seed: options.Seed = 0,
     variant: options.Variants = None,
     allow_missing: options.AllowMissing = False,
+    populate: options.Populate = None,
     poses: options.Poses = None,
+    trajectory: options.Trajectory = None,
+    frame_rate: options.FrameRate = None,
     split: options.Split = DEFAULT_PATTERN,
     materials: options.Materials = None,
     store: options.Store = "range-channel",
@@ -34,6 +37,7 @@ def render(
     effects: options.Effects = "auto",
     noise: options.Noise = True,
     truth_window: options.TruthWindow = "taylor-30",
+    licence: options.Licence = None,
     error_budget: Annotated[
         float | None,
         typer.Option(
@@ -45,6 +49,9 @@ def render(
         ),
     ] = None,
     workers: options.Workers = 0,
+    engine: options.EngineName = "local",
+    address: options.Address = None,
+    device: options.Device = options.DEFAULT_DEVICE,
     camera: Annotated[
         bool, typer.Option("--camera", help="Also what a camera at the sensor sees, DIR/camera/frame-NNNNNN.png.")
     ] = False,
@@ -54,15 +61,16 @@ def render(
     ] = False,
     resume: options.Resume = False,
     keep_going: options.KeepGoing = False,
+    shard: options.Shard = None,
     verbose: options.Verbose = False,
 ) -> None:
     """Render frames of scenes, and close-target frames beside them, into a dataset."""
     from datafactory.api import making
-    from datafactory.api.asking import cores, order_of
+    from datafactory.api.asking import order_of, processes
     from datafactory.api.forecasting import forecast
     from shared.dataset.locations import locate
 
-    read = options.read_as_asked([*(scenes or ()), *(scene or ())], variant, allow_missing)
+    read = options.read_as_asked([*(scenes or ()), *(scene or ())], variant, allow_missing, populate, seed)
     asked: dict[str, Any] = {
         "paths": paths,
         "radar": radar,
@@ -70,6 +78,8 @@ def render(
         "points": points,
         "seed": seed,
         "poses": poses,
+        "trajectory": trajectory or None,
+        "frame_rate": frame_rate,
         "split": split if options.stated(context, "split") else None,
         "store": store,
         "rays": rays if options.stated(context, "rays") else None,
@@ -77,10 +87,13 @@ def render(
         "effects": effects,
         "noise": noise,
         "truth_window": truth_window,
+        "license": licence,
         "error_budget": error_budget,
+        "device": device,
     }
     if dry_run:
-        for line in forecast(order_of(read, **asked), locate(out), cores(workers)).lines():
+        order = order_of(read, **asked)
+        for line in forecast(order, locate(out), processes(workers, order.settings.device), shard).lines():
             typer.echo(line)
         return
     options.run(
@@ -90,13 +103,15 @@ def render(
             **asked,
             materials=materials,
             workers=workers,
+            engine=engine,
+            address=address,
             resume=resume,
             keep_going=keep_going,
+            shard=shard,
             camera=camera,
             announce=announce,
             progress=progress,
         ),
-        out,
         verbose,
     )
-    typer.echo(f"look:  datafactory inspect {out}")
+    options.next_step(out, shard, f"look:  datafactory inspect {out}")

@@ -21,7 +21,10 @@ def trace(
     seed: options.Seed = 0,
     variant: options.Variants = None,
     allow_missing: options.AllowMissing = False,
+    populate: options.Populate = None,
     poses: options.Poses = None,
+    trajectory: options.Trajectory = None,
+    frame_rate: options.FrameRate = None,
     split: options.Split = DEFAULT_PATTERN,
     materials: options.Materials = None,
     rays: options.Rays = DEFAULT_RAYS,
@@ -38,8 +41,12 @@ def trace(
         ),
     ] = None,
     workers: options.Workers = 0,
+    engine: options.EngineName = "local",
+    address: options.Address = None,
+    device: options.Device = options.DEFAULT_DEVICE,
     resume: options.Resume = False,
     keep_going: options.KeepGoing = False,
+    shard: options.Shard = None,
     verbose: options.Verbose = False,
 ) -> None:
     """Trace multipath into DIR/paths; `datafactory render --paths DIR` renders any radar from it.
@@ -50,12 +57,14 @@ def trace(
 
     options.run(
         lambda announce, progress: making.trace(
-            options.read_as_asked([*(scenes or ()), *(scene or ())], variant, allow_missing),
+            options.read_as_asked([*(scenes or ()), *(scene or ())], variant, allow_missing, populate, seed),
             out,
             radar=radar,
             frames=frames,
             seed=seed,
             poses=poses,
+            trajectory=trajectory or None,
+            frame_rate=frame_rate,
             split=split,
             materials=materials,
             rays=rays if options.stated(context, "rays") else None,
@@ -63,12 +72,15 @@ def trace(
             effects=effects,
             error_budget=error_budget,
             workers=workers,
+            engine=engine,
+            address=address,
+            device=device,
             resume=resume,
             keep_going=keep_going,
+            shard=shard,
             announce=announce,
             progress=progress,
         ),
-        out,
         verbose,
     )
-    typer.echo(f"next:  datafactory render --paths {out} --out ANOTHER_FOLDER")
+    options.next_step(out, shard, f"next:  datafactory render --paths {out} --out ANOTHER_FOLDER")

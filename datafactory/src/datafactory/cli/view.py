@@ -25,6 +25,7 @@ def view(
     frame: Annotated[int, typer.Option(min=0, help="Which frame: of --poses, of --paths, or of the drawn ones.")] = 0,
     variant: options.Variants = None,
     allow_missing: options.AllowMissing = False,
+    populate: options.Populate = None,
     poses: options.Poses = None,
     radar: options.RadarName = options.DEFAULT_RADAR_NAME,
     frames: options.Frames = DEFAULT_FRAMES,
@@ -46,7 +47,7 @@ def view(
     console = plain_console()
     with shown(console, transient=True) as advance:
         named = options.one_scene(scene_name, scene)
-        looked_at = None if named is None else options.read_as_asked([named], variant, allow_missing)[0]
+        looked_at = None if named is None else options.read_as_asked([named], variant, allow_missing, populate, seed)[0]
         written = viewing.view(
             looked_at, out, paths=paths, frame=frame, poses=poses, radar=radar,
             frames=frames, seed=seed,

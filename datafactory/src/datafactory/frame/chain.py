@@ -15,6 +15,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import islice
 
+from datafactory.frame.boxes import boxes_of
 from datafactory.frame.deal import DealtFrame
 from datafactory.frame.defaults import IMAGE_BATCH
 from datafactory.frame.measurement import (
@@ -31,6 +32,8 @@ from datafactory.frame.needs import effects_called_for
 from datafactory.frame.points import CloseTargets, draw_close_targets
 from datafactory.frame.prepared import PreparedScene
 from datafactory.frame.seeds import generator
+from datafactory.paths.backend import select_variant
+from datafactory.paths.defaults import CPU
 from datafactory.paths.density import lit_cells
 from datafactory.paths.prune import DEFAULT_LEVEL_DB, pruned
 from datafactory.paths.rays import RayFan
@@ -38,7 +41,9 @@ from datafactory.paths.solver import TraceSettings
 from datafactory.paths.storage import TracedFrame, read_paths
 from datafactory.paths.table import PathTable
 from datafactory.paths.trace import trace
-from shared.dataset import Frame
+from datafactory.scenes.boxes import seen_things
+from datafactory.synthesis.kernels import kernels_on
+from shared.dataset import Box, Frame
 from shared.dataset.locations import Location
 from shared.radar import Radar
 
@@ -60,6 +65,7 @@ class ChainSettings:
     :param close_targets: distributions of the targets of a point frame
     :param budget_db: what leaving an effect of the signal out of a frame may change [dB of the peak]: of those that
         are on, each frame then has the ones that its own paths call for; None leaves them all
+    :param device: where rays are traced and signals made: "cpu" or "cuda"
     """
 
     trace: TraceSettings = field(default_factory=TraceSettings)
@@ -68,6 +74,7 @@ class ChainSettings:
     antenna_pattern: bool = True
     close_targets: CloseTargets = field(default_factory=CloseTargets)
     budget_db: float | None = None
+    device: str = CPU
 
     def path_effects(self) -> dict[str, bool]:
         """Effects that decide which paths are traced, by name, on or off."""
@@ -118,6 +125,7 @@ class SceneSource:
 
     def traced(self, radar: Radar, at: Hook = plainly) -> TracedFrame:
         """Pose and multipath, independent of the radar but for its wavelength and polarisation."""
+        select_variant(self.settings.device)
         frame, scene, front_end = self.frame, self.scene, radar.front_end
         rays = frame.rays()
         fan = RayFan(self.settings.trace.rays, offset=rays.offset)
@@ -136,6 +144,8 @@ class SceneSource:
             wavelength_m=radar.waveform.wavelength_m,
             point_targets=len(scene.merged.targets),
             table=table,
+            things=seen_things(scene.things, frame.where),
+            sequence=frame.sequence,
         )
 
 
@@ -186,6 +196,7 @@ def make_frames(sources: Iterable[Source], radar: Radar, at: Hook = plainly) -> 
 def measured(source: Source, radar: Radar, at: Hook = plainly) -> Measurement:
     """A frame up to its image: trace, within reach, illuminate, narrow, prune, measure."""
     settings = source.settings
+    boxes: tuple[Box, ...] = ()
     if isinstance(source, PointSource):
         frame = source.frame
         targets = frame.targets
@@ -200,15 +211,19 @@ def measured(source: Source, radar: Radar, at: Hook = plainly) -> Measurement:
         traced = source.traced(radar, at)
         pose = traced.pose
         identity = FrameIdentity(
-            traced.frame_id, "scene", traced.scene, traced.seed, pose.position, pose.velocity, pose.quaternion()
-        )
+            traced.frame_id, "scene", traced.scene, traced.seed, pose.position, pose.velocity, pose.quaternion(),
+            pose.time_s, traced.sequence,
+        )  # fmt: skip
         settings, paths = narrowed(traced, settings, radar, at)
+        boxes, boxed = boxes_of(traced.things, paths, radar)
         paths = at("prune", pruned, paths, radar, settings.prune_db)
         known = object_targets(paths, len(paths.objects) - traced.point_targets, radar)
-        counted = {**lit_cells(paths, radar), **_counted(settings.frame_effects())}
+        counted = {**lit_cells(paths, radar), **boxed, **_counted(settings.frame_effects())}
     counts = {**paths.counts, **counted, "frames": 1, "paths": len(paths)}
     noise = generator(identity.seed, "noise")
-    return measure(identity, paths, known, radar, settings.processing, noise, at, counts)
+    kernels = kernels_on(settings.device)
+    frame = measure(identity, paths, known, radar, settings.processing, noise, at, counts, kernels)
+    return replace(frame, boxes=boxes)
 
 
 def illuminated(traced: TracedFrame, settings: ChainSettings, radar: Radar, at: Hook = plainly) -> PathTable:

@@ -5,19 +5,28 @@ check all ask a :class:`Deal`.
 
 Scene frames come first, close-target frames after them. A frame's streams depend on (dataset seed, frame index) alone,
 so that frame 17 is the same whether it is rendered alone, first, last, by one worker or by eight.
+
+Frames may come in sequences, each along one track. A whole sequence belongs to one split and one scene: where single
+frames are dealt by their index, sequences are dealt by theirs. Its frames share the ray lattice and the cycle of moving
+parts, so that what stands still gives the same echoes in each, and what walks goes on walking; noise is each frame's
+own.
 """
 
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import accumulate
 from typing import Literal
 
 from datafactory.frame.defaults import DEFAULT_PATTERN
 from datafactory.frame.points import PointTargets
-from datafactory.frame.seeds import frame_seed, generator
+from datafactory.frame.seeds import frame_seed, generator, sequence_seed
 from datafactory.scenes.ground import Ground
+from datafactory.scenes.movers import Traffic
 from datafactory.scenes.poses import Pose, sample_pose
 from shared.dataset.folder import SPLITS, Split
 from shared.physics.errors import InputError
@@ -86,6 +95,8 @@ class DealtFrame:
     :param pose: of the radar, of a scene frame; None where its paths were traced before, whose row has it
     :param targets: of a point frame: exactly these, or None to draw close targets
     :param realisation: of the rays; 0 is the run's own, others are for measuring how far the rays matter
+    :param sequence: number of the sequence it belongs to; -1 of a frame of its own
+    :param shared_seed: of what a sequence's frames have in common; None: the frame's own seed
     """
 
     frame_id: int
@@ -96,6 +107,8 @@ class DealtFrame:
     pose: Pose | None = None
     targets: PointTargets | None = None
     realisation: int = 0
+    sequence: int = -1
+    shared_seed: int | None = None
 
     @property
     def where(self) -> Pose:
@@ -107,16 +120,20 @@ class DealtFrame:
             raise ValueError(f"frame {self.frame_id} is a {self.kind} frame; expected a scene frame, which has a pose")
         return self.pose
 
+    @property
+    def _scene_seed(self) -> int:
+        return self.seed if self.shared_seed is None else self.shared_seed
+
     def rays(self) -> Rays:
         """What is random in the frame's trace."""
-        seed = self.seed if self.realisation == 0 else frame_seed(self.seed, self.realisation)
+        seed = self._scene_seed if self.realisation == 0 else frame_seed(self._scene_seed, self.realisation)
         stream = generator(seed, "rays")
         offset = (float(stream.random()), float(stream.random()))
         return Rays(offset, int(stream.integers(SOLVER_SEEDS)))
 
     def target_seed(self) -> int:
         """Of where in their cycle the moving parts of targets are: of the frame, whatever its rays."""
-        return int(generator(self.seed, "targets").integers(SOLVER_SEEDS))
+        return int(generator(self._scene_seed, "targets").integers(SOLVER_SEEDS))
 
     def with_rays(self, realisation: int) -> DealtFrame:
         """The same frame with other rays."""
@@ -132,9 +149,13 @@ class Deal:
     :param scenes: number of scenes
     :param frames: number of drawn scene frames; 0 where poses are given
     :param poses: given poses: one scene frame a pose, to the scenes in turn
+    :param tracks: poses of every sequence, given or drawn
+    :param track_scenes: number of the scene of every track
     :param grounds: where poses are drawn, one a scene; empty where they are given
+    :param traffic: of every populated scene, where poses are drawn: a frame has a time of its own
     :param traced: scene number of every scene frame, where their paths were traced before; a stored path row says which
         frame and scene it is, and is believed
+    :param traced_sequences: number of the sequence of every such frame, -1 for none
     :param points: number of point frames
     :param targets: of every point frame, where they are given
     """
@@ -144,27 +165,58 @@ class Deal:
     scenes: int = 0
     frames: int = 0
     poses: tuple[Pose, ...] = ()
+    tracks: tuple[tuple[Pose, ...], ...] = ()
+    track_scenes: tuple[int, ...] = ()
     grounds: tuple[Ground, ...] = field(default=(), repr=False)
+    traffic: tuple[Traffic | None, ...] = field(default=(), repr=False)
     traced: tuple[int, ...] = ()
+    traced_sequences: tuple[int, ...] = ()
     points: int = 0
     targets: tuple[PointTargets, ...] = ()
 
     @property
     def scene_frames(self) -> int:
         """Number of scene frames."""
-        return len(self.traced) or len(self.poses) or self.frames
+        return len(self.traced) or len(self.poses) or (self._ends[-1] if self._ends else self.frames)
+
+    @cached_property
+    def _ends(self) -> tuple[int, ...]:
+        """Frame index after the last of each track."""
+        return tuple(accumulate(map(len, self.tracks)))
 
     def __len__(self) -> int:
         return self.scene_frames + (len(self.targets) or self.points)
 
     def splits(self) -> tuple[Split, ...]:
         """Split of every frame."""
-        return tuple(split_of(frame_id, self.pattern) for frame_id in range(len(self)))
+        return tuple(self.split_of(frame_id) for frame_id in range(len(self)))
+
+    def sequence_of(self, frame_id: int) -> int:
+        """Number of the sequence that a frame belongs to; -1 for a frame of its own."""
+        if frame_id >= self.scene_frames:
+            return -1
+        if self.traced_sequences:
+            return self.traced_sequences[frame_id]
+        return bisect_right(self._ends, frame_id) if self.tracks else -1
+
+    def split_of(self, frame_id: int) -> Split:
+        """Split of a frame: by the index of its sequence, or its own."""
+        sequence = self.sequence_of(frame_id)
+        return split_of(frame_id if sequence < 0 else sequence, self.pattern)
+
+    def pose_of(self, frame_id: int) -> Pose | None:
+        """The pose of a scene frame that was given or belongs to a track; None for one to be drawn by itself."""
+        if self.tracks:
+            sequence = self.sequence_of(frame_id)
+            return self.tracks[sequence][frame_id - (self._ends[sequence - 1] if sequence else 0)]
+        return self.poses[frame_id] if self.poses else None
 
     def scene_of(self, frame_id: int) -> int:
         """Number of the scene that a scene frame stands in."""
         if self.traced:
             return self.traced[frame_id]
+        if self.tracks:
+            return self.track_scenes[self.sequence_of(frame_id)]
         if self.poses:
             return frame_id % self.scenes
         return drawn_scene(frame_id, self.scenes, self.pattern)
@@ -175,8 +227,8 @@ class Deal:
 
     def place_of(self, frame_id: int) -> tuple[Split, int]:
         """Split of a frame, and its row among the split's frames."""
-        split = split_of(frame_id, self.pattern)
-        return split, sum(split_of(other, self.pattern) == split for other in range(frame_id))
+        split = self.split_of(frame_id)
+        return split, sum(self.split_of(other) == split for other in range(frame_id))
 
     def frame(self, frame_id: int) -> DealtFrame:
         """Frame ``frame_id``.
@@ -185,16 +237,19 @@ class Deal:
         """
         if not 0 <= frame_id < len(self):
             raise IndexError(f"frame {frame_id}; expected 0 to {len(self) - 1}")
-        seed, split = frame_seed(self.seed, frame_id), split_of(frame_id, self.pattern)
+        seed, split = frame_seed(self.seed, frame_id), self.split_of(frame_id)
         if frame_id >= self.scene_frames:
             targets = self.targets[frame_id - self.scene_frames] if self.targets else None
             return DealtFrame(frame_id, "points", split, seed, targets=targets)
-        scene, pose = self.scene_of(frame_id), None
-        if self.poses:
-            pose = self.poses[frame_id]
-        elif not self.traced:
+        scene, pose = self.scene_of(frame_id), self.pose_of(frame_id)
+        if pose is None and not self.traced:
             pose = sample_pose(self.grounds[scene], split, generator(seed, "pose"))
-        return DealtFrame(frame_id, "scene", split, seed, scene=scene, pose=pose)
+            traffic = self.traffic[scene] if self.traffic else None
+            if traffic is not None:
+                pose = traffic.at_a_clear_time(pose, generator(seed, "traffic"))
+        sequence = self.sequence_of(frame_id)
+        shared = None if sequence < 0 else sequence_seed(self.seed, sequence)
+        return DealtFrame(frame_id, "scene", split, seed, scene=scene, pose=pose, sequence=sequence, shared_seed=shared)
 
 
 def spread(frame_ids: Sequence[int], most: int) -> tuple[int, ...]:

@@ -16,11 +16,10 @@ from scipy.ndimage import maximum_filter
 
 from datafactory.frame.points import target_list
 from datafactory.paths.table import PathTable
-from datafactory.synthesis.cube import cube_of_sorted
+from datafactory.synthesis.kernels import ON_CPU, Kernels
 from datafactory.synthesis.sorting import sorted_paths
-from datafactory.synthesis.truth import truth_moments
 from datafactory.synthesis.wave_model import WaveModel
-from shared.dataset import Frame, Target
+from shared.dataset import Box, Frame, Target
 from shared.physics.units import amplitude_to_db
 from shared.radar import Radar
 from shared.radar.receiver import received
@@ -89,6 +88,8 @@ class FrameIdentity:
     sensor_position: tuple[float, float, float] = (0.0, 0.0, 0.0)
     sensor_velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
     sensor_orientation: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    time: float = 0.0
+    sequence: int = -1
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +101,7 @@ class Measurement:
     :param list_cells: whether the truth's cells join the list of targets
     :param saturated: samples (I or Q) that left the converter's range
     :param counts: what the frame adds to the manifest's counts
+    :param boxes: of the scene's things
     """
 
     identity: FrameIdentity
@@ -113,6 +115,7 @@ class Measurement:
     cube: NDArray[np.complex64] | None
     saturated: int = 0
     counts: Mapping[str, int] = field(default_factory=dict)
+    boxes: tuple[Box, ...] = ()
 
 
 def measure(
@@ -124,17 +127,19 @@ def measure(
     generator: np.random.Generator,
     at: Hook = plainly,
     counts: Mapping[str, int] | None = None,
+    kernels: Kernels = ON_CPU,
 ) -> Measurement:
     """Input and sweep moments of one frame from its illuminated paths.
 
     :param generator: of the receiver's noise
     :param counts: handed on
+    :param kernels: of the device that makes the signals
     """
     model = processing.wave_model
     paths = at("motion", _as_it_moves, paths, radar, processing)
     tolerance, array = processing.tolerance, radar.array
     by_kernel = at("sorting", sorted_paths, paths, radar, tolerance, array, model)
-    cube = at("cube", cube_of_sorted, by_kernel, radar, tolerance, array, 1, model)
+    cube = at("cube", kernels.cube, by_kernel, radar, tolerance, array, 1, model)
     recorded, saturated = at(
         "receiver", received, cube.astype(np.complex64, copy=False), radar, generator if processing.noise else None
     )
@@ -142,7 +147,7 @@ def measure(
     spectra = at("range-Doppler", range_doppler, recorded, radar)
     selection = at("Doppler choice", select_doppler, spectra, noise_power, processing.peaks)
     selection = at("velocity interval", unfold, selection, radar)
-    moments = at("truth", truth_moments, paths, radar, selection.cells[0], processing.truth_terms, model)
+    moments = at("truth", kernels.truth, paths, radar, selection.cells[0], processing.truth_terms, model)
     return Measurement(
         identity=identity,
         range_channel=selection.range_channel,
@@ -184,10 +189,12 @@ def image(
             image_peak=peak,
             noise_power=measurement.noise_power,
             targets=targets[:MAXIMUM_TARGETS],
+            boxes=measurement.boxes,
             range_doppler=measurement.magnitude if store == "range-doppler" else None,
             cube=measurement.cube,
         )
         counts = Counter(measurement.counts)
+        counts["frames_empty"] += measurement.list_cells and not targets
         counts["targets_left_out"] += max(0, len(targets) - MAXIMUM_TARGETS)
         if radar.front_end.converter is not None:
             counts["converter_saturated"] += measurement.saturated

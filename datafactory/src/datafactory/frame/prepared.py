@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from datafactory.frame.deal import DealtFrame
 from datafactory.paths.merged_scene import MergedScene
+from datafactory.scenes.boxes import BoxedThing
 from datafactory.scenes.materials.table import MaterialMapping
 
 
@@ -16,12 +17,14 @@ class PreparedScene:
     :param name: as the ``scene`` column has it
     :param content: hash of the scene
     :param merged: its meshes and targets as the ray tracer takes them
+    :param things: what of it gets a box in each frame
     """
 
     name: str
     content: str
     merged: MergedScene
     materials: MaterialMapping
+    things: tuple[BoxedThing, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -1,40 +1,14 @@
-"""What is in a dataset: its numbers, and pictures of some of its frames."""
+"""What is in a dataset, in numbers."""
 
 from __future__ import annotations
 
-import warnings
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.colors import Normalize
-from matplotlib.figure import Figure
-from numpy.typing import NDArray
-
-from datafactory.view.camera import camera_picture, draw_camera
-from datafactory.view.cameras import Cameras, stored_picture
-from shared.dataset import Frame
 from shared.dataset.folder import MANIFEST, Dataset
-from shared.dataset.reading import radar_of, read_frame
-from shared.dataset.writing import atomic
-from shared.physics.errors import InputError, figure_text
-from shared.physics.units import amplitude_to_db
-from shared.radar import Radar
-from shared.radar.arrays import AVR_QDM_110_THINNED_RX
-from shared.signal.imaging import delay_and_sum
-
-SPAN_DB = 60.0
-"""Span of the colour bar, down from the brightest cell [dB]."""
-
-CAMERA_ABOVE = (1.0, 1.7)
-"""Heights of a camera picture and of the top view below it."""
-
-NARROWEST_VIEW_M = 25.0
-"""Half width of the top view where all targets are near the axis [m]."""
+from shared.physics.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -43,6 +17,7 @@ class Summary:
 
     :param frames: (split, kind) to number of frames; empty for a folder of traced paths alone
     :param scenes: scene name to number of frames
+    :param sequences: number of sequences of frames along a track
     :param traced: frames whose traced paths are stored
     :param radar: its name; "" where there are no frames
     :param shapes: array columns and their shapes
@@ -53,6 +28,7 @@ class Summary:
 
     frames: dict[tuple[str, str], int]
     scenes: dict[str, int]
+    sequences: int
     traced: int
     radar: str
     shapes: dict[str, list[int]]
@@ -75,10 +51,12 @@ def summarise(dataset: Dataset) -> Summary:
     """
     kinds: Counter[tuple[str, str]] = Counter()
     scenes: Counter[str] = Counter()
+    sequences: set[int] = set()
     for split in dataset.splits:
         for frame in dataset.frames(split, columns=()):
             kinds[split, frame.kind] += 1
             scenes[frame.scene] += 1
+            sequences.add(frame.sequence)
     counts = dataset.manifest.get("counts", {})
     if not isinstance(counts, dict):
         raise InputError(dataset.path / MANIFEST, f"counts = {counts!r}", "a number for each thing counted")
@@ -86,6 +64,7 @@ def summarise(dataset: Dataset) -> Summary:
     return Summary(
         frames=dict(kinds),
         scenes=dict(scenes),
+        sequences=len(sequences - {-1}),
         traced=sum(record.rows for record in dataset.records if record.path.startswith("paths/")),
         radar=description["radar"]["name"],
         shapes=description["shapes"],
@@ -93,114 +72,3 @@ def summarise(dataset: Dataset) -> Summary:
         bytes=sum(record.bytes for record in dataset.records),
         counts=counts,
     )
-
-
-def write_pictures(dataset: Dataset, count: int, folder: Path, cameras: Cameras | None = None) -> list[Path]:
-    """Draw ``count`` frames spread evenly over the dataset, as ``frame-NNNNNN.png``.
-
-    The camera pictures that were written with the frames stand beside them.
-
-    :param cameras: make those that were not
-
-    :raises InputError: a folder that cannot be written, a shard that is damaged, a scene that is not what it was
-    """
-    rows = [(split, *place) for split in dataset.splits for place in dataset.rows(split)]
-    chosen = sorted({round(place) for place in np.linspace(0, len(rows) - 1, min(count, len(rows)))})
-    radar = radar_of(dataset.description(), dataset.path)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError("--out", f"{folder}: {error.strerror}", "a folder that can be written") from error
-    pictures = []
-    for split, shard, row in (rows[index] for index in chosen):
-        frame = read_frame(shard, row, columns=("range_channel", "image", "targets"))
-        path = folder / f"frame-{frame.frame_id:06d}.png"
-        camera = stored_picture(dataset, frame.frame_id)
-        if camera is None and cameras is not None and (subject := cameras.subject(frame)) is not None:
-            camera = camera_picture(subject)
-        # No software version in the file: the same frame gives the same bytes.
-        with atomic(path) as partial, warnings.catch_warnings():
-            warnings.filterwarnings("ignore", "Glyph .* missing from font")  # a scene's name may be of any script
-            draw_frame(frame, radar, split, camera).savefig(partial, format="png", dpi=150, metadata={"Software": None})
-        pictures.append(path)
-    return pictures
-
-
-def draw_frame(frame: Frame, radar: Radar, split: str = "", camera: NDArray[np.uint8] | None = None) -> Figure:
-    """One frame side by side: delay-and-sum of the full and the thinned arrays, the truth, the targets from above.
-
-    :param camera: what a camera at the sensor sees, above the last of them
-
-    All levels are 20 log10(|A| r) below the brightest cell: amplitudes fall with r^2, and without the weight the first
-    metres would outshine the rest. Left of the radar is on the left in every panel.
-    """
-    range_m = radar.waveform.ranges_m
-    images = _images(frame, radar)
-    levels = {title: amplitude_to_db(image * range_m[:, None]) for title, image in images.items()}
-    brightest = max(float(level.max()) for level in levels.values())
-    norm = Normalize(-SPAN_DB, 0.0)
-
-    figure = Figure(figsize=(3.3 * len(levels) + (6.0 if camera is None else 7.5), 7.5), layout="constrained")
-    grid = figure.add_gridspec(2, len(levels) + 1, width_ratios=[*[1.0] * len(levels), 1.7 if camera is None else 2.2])
-    axes = [figure.add_subplot(grid[:, column]) for column in range(len(levels))]
-    if camera is None:
-        axes.append(figure.add_subplot(grid[:, -1]))
-    else:
-        grid.set_height_ratios(CAMERA_ABOVE)
-        draw_camera(seen := figure.add_subplot(grid[0, -1]), camera)
-        seen.set_title("camera at the sensor")
-        axes.append(figure.add_subplot(grid[1, -1]))
-    for axis, (title, level) in zip(axes, levels.items(), strict=False):
-        _draw_image(axis, level - brightest, radar, norm)
-        axis.set_title(title)
-    axes[0].set_ylabel("range r [m]")
-    points = _draw_targets(axes[-1], frame, radar, brightest, norm)
-    figure.colorbar(points, ax=axes, label="|A| x r below the brightest cell [dB]", pad=0.01, extend="min")
-    speed = float(np.linalg.norm(frame.sensor_velocity))
-    figure.suptitle(
-        f"{figure_text(frame.scene)}, frame {frame.frame_id} ({', '.join(filter(None, (split, frame.kind)))}), "
-        f"sensor at {speed:.1f} m/s; levels weighted x r, 0 dB = {brightest:.1f} dB(sqrt(W) m)"
-    )
-    return figure
-
-
-def _images(frame: Frame, radar: Radar) -> dict[str, NDArray[np.floating]]:
-    """Magnitudes [R, U] in sqrt(W) by panel title."""
-    strongest = frame.range_channel[0]
-    rx_count = len(radar.array.rx_m)
-    images = {f"DaS, {rx_count} RX": np.abs(delay_and_sum(strongest, radar))}
-    for name, rx in AVR_QDM_110_THINNED_RX.items():
-        # The thinned sets are those of the paper's array; another array has only itself.
-        if name != "full" and rx_count == len(AVR_QDM_110_THINNED_RX["full"]):
-            thinned = delay_and_sum(strongest, radar, radar.array.channel_indices(rx))
-            images[f"DaS, {len(rx)} RX ({name})"] = np.abs(thinned)
-    images[f"truth, {radar.virtual_sensor.channels} virtual elements"] = frame.image * np.float32(frame.image_peak)
-    return images
-
-
-def _draw_image(axis: Axes, level_db: NDArray[np.float64], radar: Radar, norm: Normalize) -> None:
-    u, range_m = radar.grid.u, radar.waveform.ranges_m
-    du, dr = radar.grid.step / 2.0, radar.waveform.range_step_m / 2.0
-    extent = (u[0] - du, u[-1] + du, range_m[0] - dr, range_m[-1] + dr)
-    axis.imshow(level_db, norm=norm, extent=extent, origin="lower", aspect="auto", interpolation="nearest")
-    axis.invert_xaxis()
-    axis.set_xlabel("u = sin(azimuth) [1], left > 0")
-
-
-def _draw_targets(axis: Axes, frame: Frame, radar: Radar, brightest: float, norm: Normalize) -> Any:
-    """Top view: x = r sqrt(1 - u^2) and y = r u, as if every target were at the radar's height."""
-    weakest_first = frame.targets[::-1]
-    range_m = np.array([target.range_m for target in weakest_first])
-    u = np.array([target.u for target in weakest_first])
-    level = np.array([target.amplitude_db for target in weakest_first]) + amplitude_to_db(range_m) - brightest
-    named = np.array([bool(target.object) for target in weakest_first], dtype=bool)
-    x, y = range_m * np.sqrt(np.maximum(1.0 - u**2, 0.0)), range_m * u
-    points = axis.scatter(y, x, c=level, norm=norm, s=14.0, linewidths=0.0)
-    axis.scatter(y[named], x[named], s=60.0, facecolors="none", edgecolors="tab:red", linewidths=0.8, label="objects")
-    axis.plot(0.0, 0.0, marker="^", color="black", markersize=8, linestyle="none", label="sensor")
-    half = max(NARROWEST_VIEW_M, 1.05 * float(np.abs(y).max(initial=0.0)))
-    axis.set(xlim=(half, -half), ylim=(-2.0, float(radar.waveform.ranges_m[-1])), facecolor="0.93")
-    axis.set_aspect("equal")
-    axis.set(title=f"{len(frame.targets)} targets from above", xlabel="y [m], left > 0", ylabel="x [m], ahead")
-    axis.legend(loc="upper right")
-    return points

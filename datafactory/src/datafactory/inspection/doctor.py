@@ -15,7 +15,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 
-from datafactory.paths.backend import cuda_usable, find_llvm
+from datafactory.paths.backend import CudaDevice, cuda_device, find_llvm
+from datafactory.paths.defaults import INSTALL_TORCH
 from shared.physics.errors import InputError
 from shared.processes.strangers import OURS, remedy, strangers
 
@@ -30,8 +31,9 @@ _TRIAL_SECONDS = 120.0
 
 # Compile a kernel and trace one ray: the two things that fail on a broken set-up.
 _TRIAL = """
+import sys
 from datafactory.paths.backend import select_variant
-variant = select_variant()
+variant = select_variant(*sys.argv[1:])
 import drjit as dr
 import mitsuba as mi
 assert int(dr.sum(dr.arange(mi.UInt32, 8))[0]) == 28
@@ -39,6 +41,13 @@ scene = mi.load_dict({"type": "scene", "ball": {"type": "sphere"}})
 hit = scene.ray_intersect(mi.Ray3f(mi.Point3f(-3, 0, 0), mi.Vector3f(1, 0, 0)))
 assert abs(float(hit.t[0]) - 2) < 1e-4
 print(variant)
+"""
+
+
+# Whether torch can use a CUDA device: in a process of its own, for a broken driver may end it.
+_TORCH_TRIAL = """
+from datafactory.synthesis.kernels import synthesis_problem
+print(synthesis_problem() or "")
 """
 
 
@@ -72,7 +81,7 @@ def examine() -> list[Finding]:
         _package("sionna-rt"),
         _package("pyarrow"),
         _package("torch", required=False),
-        _gpu(),
+        *_gpu(cuda_device()),
         _llvm(),
         _variant(),
         _cores(),
@@ -107,35 +116,52 @@ def _package(name: str, required: bool = True) -> Finding:
         return Finding(name, "missing", False, f"pip install {name}", required)
 
 
-def _gpu() -> Finding:
-    value = "NVIDIA device with OptiX" if cuda_usable() else "none usable; the CPU is used"
-    return Finding("GPU", value, True, required=False)
+def _gpu(device: CudaDevice) -> list[Finding]:
+    """What GPU there is; where there is one, whether it traces and makes signals. Nothing needs one."""
+    if not device.name:
+        return [Finding("GPU", f"none: {device.problem}; --device cpu", True, required=False)]
+    problem, remedy = device.problem, device.remedy
+    if not problem:
+        problem, _ = _outcome(_TRIAL, "cuda")
+        remedy = "a newer NVIDIA driver, then try again" if problem else ""
+    lacking, said = _outcome(_TORCH_TRIAL)
+    lacking = lacking or said
+    usable = f"{device.name}: --device cuda"
+    return [
+        Finding("GPU, tracing", problem or usable, not problem, remedy, required=False),
+        Finding("GPU, signals", lacking or usable, not lacking, INSTALL_TORCH if lacking else "", required=False),
+    ]
 
 
 def _llvm() -> Finding:
-    # With CUDA or Metal no LLVM is needed: whether anything works at all is the variant's line.
+    # On macOS Metal may do without: whether anything works at all is the variant's line.
     try:
         path, found = find_llvm()
     except InputError as error:
-        needed = sys.platform == "linux" and not cuda_usable()
+        needed = sys.platform == "linux"
         return Finding("LLVM", str(error), False, "pip install karellen-llvm-core wheel-axle-runtime", required=needed)
     return Finding("LLVM", f"{found} at {path}", True)
 
 
 def _variant() -> Finding:
+    problem, said = _outcome(_TRIAL)
+    if problem:
+        return Finding("Mitsuba variant", problem, False, "mend LLVM (lines above), then try again")
+    return Finding("Mitsuba variant", said, True)
+
+
+def _outcome(script: str, *arguments: str) -> tuple[str, str]:
+    """Why a script failed in an interpreter of its own, "" if it did not, and the last line that it printed."""
+    command = [sys.executable, "-c", script, *arguments]
     try:
-        done = subprocess.run(
-            [sys.executable, "-c", _TRIAL], capture_output=True, text=True, timeout=_TRIAL_SECONDS, check=False
-        )
+        done = subprocess.run(command, capture_output=True, text=True, timeout=_TRIAL_SECONDS, check=False)
     except subprocess.TimeoutExpired:
-        return Finding("Mitsuba variant", f"no answer within {_TRIAL_SECONDS:g} s", False, "see the lines above")
-    if done.returncode == 0:
-        return Finding("Mitsuba variant", done.stdout.split()[-1], True)
+        return f"no answer within {_TRIAL_SECONDS:g} s", ""
     if done.returncode < 0:
-        problem = f"the trial was ended by signal {-done.returncode}"
-    else:
-        problem = (done.stderr.strip().splitlines() or ["no message"])[-1]
-    return Finding("Mitsuba variant", problem, False, "mend LLVM or the GPU driver (lines above), then try again")
+        return f"the trial was ended by signal {-done.returncode}", ""
+    if done.returncode > 0:
+        return (done.stderr.strip().splitlines() or ["no message"])[-1], ""
+    return "", (done.stdout.strip().splitlines() or [""])[-1]
 
 
 def _cores() -> Finding:

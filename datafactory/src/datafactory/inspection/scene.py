@@ -14,10 +14,10 @@ from datafactory.paths.curved_surfaces import curved_surfaces_of
 from datafactory.paths.edges import edges_of
 from datafactory.paths.merged_scene import merge_scene, slabs_of
 from datafactory.paths.panes import slab_transmission
-from datafactory.scenes.ground import free_ground
 from datafactory.scenes.materials.table import MaterialMapping, MaterialTable
 from datafactory.scenes.motion import Moving, Track
 from datafactory.scenes.scene import Scene, SceneObject
+from datafactory.scenes.traffic.population import sensor_ground
 from shared.dataset.folder import SPLITS
 from shared.physics.errors import InputError
 from shared.physics.units import SPEED_OF_LIGHT, amplitude_to_db
@@ -151,7 +151,7 @@ def _motions(scene: Scene) -> Iterator[MotionUse]:
 
 def _ground(scene: Scene) -> tuple[dict[str, float], tuple[str, ...]]:
     try:
-        ground = free_ground(scene)
+        ground = sensor_ground(scene)
     except InputError as error:
         return dict.fromkeys(SPLITS, 0.0), (f"no sensor can be drawn: {error}",)
     areas: dict[str, float] = {split: ground.area_m2(split) for split in SPLITS}
@@ -162,6 +162,8 @@ def _ground(scene: Scene) -> tuple[dict[str, float], tuple[str, ...]]:
 
 def _remarks(scene: Scene, mapping: MaterialMapping) -> Iterator[str]:
     """Sentences, each with its figure."""
+    if scene.population is not None:
+        yield from scene.population.lines()
     if not scene.objects:
         return
     merged = merge_scene(scene, mapping)

@@ -1,4 +1,4 @@
-"""The one place that chooses the Mitsuba variant, and the libLLVM that it compiles with.
+"""The one place that chooses the Mitsuba variant by device, and the libLLVM that it compiles with.
 
 Call :func:`select_variant` before anything imports ``sionna.rt``. That package sets a variant of its own at import, and
 Dr.Jit then loads the first libLLVM of the system. With LLVM 15 or 16, Dr.Jit 1.5 aborts the process on AVX-512
@@ -12,14 +12,17 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
+from datafactory.paths.defaults import CPU, CUDA, DEVICES
 from shared.physics.errors import InputError
 
-CUDA = "cuda_ad_mono_polarized"
-METAL = "metal_ad_mono_polarized"
-LLVM = "llvm_ad_mono_polarized"
-VARIANTS = (CUDA, METAL, LLVM)
+CUDA_VARIANT = "cuda_ad_mono_polarized"
+METAL_VARIANT = "metal_ad_mono_polarized"
+LLVM_VARIANT = "llvm_ad_mono_polarized"
+VARIANTS = (CUDA_VARIANT, METAL_VARIANT, LLVM_VARIANT)
 
 MINIMUM_LLVM = 17
 """Measured: 17 to 23 work, 15 and 16 abort on AVX-512 machines."""
@@ -31,15 +34,40 @@ INSTALL_LLVM = "LLVM 17 or newer: pip install karellen-llvm-core wheel-axle-runt
 
 _PROBE_SECONDS = 20.0
 
-# cuInit and a device count through the driver's C interface; OptiX (libnvoptix), which Mitsuba needs to trace rays,
-# comes with the driver but not with every container.
+# The driver's C interface, then OptiX (libnvoptix), which Mitsuba needs to trace rays: it comes with the driver, but
+# not with every container. The first line says how far it came, the second which device is there.
 _CUDA_PROBE = """
 import ctypes, sys
 names = ("nvcuda.dll", "nvoptix.dll") if sys.platform == "win32" else ("libcuda.so.1", "libnvoptix.so.1")
-driver, _ = [ctypes.CDLL(name) for name in names]
-count = ctypes.c_int(0)
-assert driver.cuInit(0) == 0 and driver.cuDeviceGetCount(ctypes.byref(count)) == 0 and count.value > 0
+try:
+    driver = ctypes.CDLL(names[0])
+except OSError:
+    sys.exit(print("driver"))
+count, device, name = ctypes.c_int(0), ctypes.c_int(0), ctypes.create_string_buffer(256)
+if driver.cuInit(0) or driver.cuDeviceGetCount(ctypes.byref(count)) or count.value < 1:
+    sys.exit(print("device"))
+driver.cuDeviceGet(ctypes.byref(device), 0)
+driver.cuDeviceGetName(name, 256, device)
+try:
+    ctypes.CDLL(names[1])
+except OSError:
+    sys.exit(print("optix", name.value.decode(errors="replace"), sep="\\n"))
+print("usable", name.value.decode(errors="replace"), sep="\\n")
 """
+_CUDA_PROBLEMS = {
+    "driver": (
+        "there is no NVIDIA driver (libcuda cannot be loaded)",
+        "an NVIDIA GPU with its driver, in a container with --gpus all; or --device cpu",
+    ),
+    "device": (
+        "the NVIDIA driver finds no device",
+        "nvidia-smi without an error, in a container with --gpus all; or --device cpu",
+    ),
+    "optix": (
+        "the NVIDIA driver comes without OptiX (libnvoptix cannot be loaded), which traces rays",
+        "the driver's whole package, in a container NVIDIA_DRIVER_CAPABILITIES=all; or --device cpu",
+    ),
+}
 
 # LLVMGetVersion has been exported since LLVM 16; a library without it is older.
 _LLVM_PROBE = """
@@ -60,9 +88,26 @@ def _script_output(script: str, *arguments: str) -> str | None:
     return done.stdout.strip() if done.returncode == 0 else None
 
 
-def cuda_usable() -> bool:
-    """Whether the NVIDIA driver starts, finds a device and has OptiX; tested in a subprocess, without Dr.Jit."""
-    return sys.platform in ("linux", "win32") and _script_output(_CUDA_PROBE) is not None
+@dataclass(frozen=True)
+class CudaDevice:
+    """The GPU that CUDA would use, and whether rays can be traced on it.
+
+    :param name: of the first visible one; empty where there is none
+    :param problem: why rays cannot be traced on it; empty where they can
+    :param remedy: what would be right
+    """
+
+    name: str = ""
+    problem: str = ""
+    remedy: str = ""
+
+
+@lru_cache(maxsize=1)
+def cuda_device() -> CudaDevice:
+    """What the NVIDIA driver says, asked in a subprocess, without Dr.Jit, once a process."""
+    said = _script_output(_CUDA_PROBE) if sys.platform in ("linux", "win32") else "driver"
+    outcome, _, name = (said or "device").partition("\n")
+    return CudaDevice(name, *_CUDA_PROBLEMS.get(outcome, ("", "")))
 
 
 def llvm_version(path: Path) -> str | None:
@@ -134,26 +179,41 @@ def _too_old(path: Path, version: str | None) -> str:
     return f"found {version} at {path}; Dr.Jit aborts with LLVM 15 and 16 and knows none older"
 
 
-def select_variant() -> str:
-    """Choose and set the Mitsuba variant: CUDA where a device is usable, Metal on macOS, else LLVM.
+def select_variant(device: str | None = None) -> str:
+    """Choose and set the Mitsuba variant of a device: LLVM on the CPU (on macOS Metal, where Mitsuba has it), or CUDA.
 
-    Idempotent: a variant of ours that is already set stays. ``DRJIT_LIBLLVM_PATH`` is set for this process and its
-    children before Dr.Jit reads it, i.e. before the first array on the LLVM backend; code that used that backend
-    earlier has loaded its own library, and this function cannot change it any more.
+    Idempotent: a variant of ours that is already set stays, for Sionna registers its materials with the first one.
+    ``DRJIT_LIBLLVM_PATH`` is set for this process and its children before Dr.Jit reads it, i.e. before the first array
+    on the LLVM backend; code that used that backend earlier has loaded its own library, and this function cannot change
+    it any more.
 
+    :param device: ``"cpu"`` or ``"cuda"``; None for the one that this process has, ``"cpu"`` where it has none
     :return: the variant's name, now set
-    :raises InputError: if there is no usable device and no usable libLLVM, with the command that mends it
+    :raises InputError: if the device is not usable, or there is no usable libLLVM, with the command that mends it; if
+        this process already traces on another device
     """
+    if device not in (None, *DEVICES):
+        raise InputError("--device", repr(device), f"one of {', '.join(DEVICES)}")
     already = sys.modules.get("mitsuba")
     if already is not None and already.variant() in VARIANTS:
-        return str(already.variant())
-    if cuda_usable():
-        return _set_variant(CUDA)
-    if sys.platform == "darwin" and METAL in _compiled_variants():
-        return _set_variant(METAL)
+        variant = str(already.variant())
+        if device is not None and (variant == CUDA_VARIANT) != (device == CUDA):
+            raise InputError("--device", f"{device}, where this process traces with {variant}", "one device a process")
+        return variant
+    if (device or CPU) == CUDA:
+        if (found := cuda_device()).problem:
+            raise InputError("--device", f"{device}: {found.problem}", found.remedy)
+        return _set_variant(CUDA_VARIANT)
+    if sys.platform == "darwin" and METAL_VARIANT in _compiled_variants():
+        return _set_variant(METAL_VARIANT)
     path, _ = find_llvm()
     os.environ[LLVM_VARIABLE] = str(path)
-    return _set_variant(LLVM)
+    return _set_variant(LLVM_VARIANT)
+
+
+def traces_on_the_processor() -> bool:
+    """Whether the variant of this process computes on the processor, so that processor time is what tracing takes."""
+    return select_variant() == LLVM_VARIANT
 
 
 def _compiled_variants() -> list[str]:

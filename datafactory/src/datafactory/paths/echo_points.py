@@ -35,7 +35,10 @@ class EchoPoints:
 
     def heard(self) -> EchoPoints:
         """Those with an echo."""
-        chosen = self.rcs_m2 > 0.0
+        return self.take(self.rcs_m2 > 0.0)
+
+    def take(self, chosen: NDArray[np.bool_]) -> EchoPoints:
+        """Those of a mask [K]."""
         kept = {name: getattr(self, name)[chosen] for name in ("position", "velocity", "rcs_m2", "target")}
         return EchoPoints(**kept, silent=self.silent, near=self.near)
 

@@ -38,6 +38,8 @@ Complex = NDArray[np.complex128]
 Polarization = Literal["V", "H"]
 
 MAXIMUM_CROSSINGS = 8
+FADED = 1e-6
+"""One-way field behind surfaces that is not followed any further: a hundredth of what counts anywhere."""
 
 
 def slab_transmission(
@@ -154,6 +156,7 @@ def panes_between(
         for shape in np.unique(mesh_id[hit]):
             here = hit & (mesh_id == shape)
             field[here] = field_behind_slab(slabs[int(shape)], frequency_hz, direction[here], normal[here], field[here])
+        surfaces.leave(np.linalg.norm(field, axis=1) < FADED)
     beyond = surfaces.next_surface()[0]
     factor = np.where(beyond, 0.0, np.einsum("ki,ki->k", field, axis).conj())
     return Crossings(factor=factor, count=count, given_up=int(beyond.sum()))
@@ -280,6 +283,10 @@ class _SurfaceWalker:
             self.travelled[pending[~here]] = np.inf
             pending = pending[again & (self.travelled[pending] < self.reach[pending])]
         return found, shape, normal
+
+    def leave(self, rays: NDArray[np.bool_]) -> None:
+        """Follow these [K] no further."""
+        self.travelled[rays] = np.inf
 
     def _cast(self, index: NDArray[np.int64]) -> tuple[Real, NDArray[np.int64], Real]:
         import drjit as dr

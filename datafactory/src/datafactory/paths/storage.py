@@ -17,6 +17,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
+from datafactory.scenes.boxes import SeenThing
 from datafactory.scenes.poses import Pose
 from shared.dataset.locations import Location
 from shared.dataset.reading import open_shard
@@ -49,8 +50,18 @@ SHAPES = {
 
 INTEGERS = {"depth": np.int8, "object_index": np.int32, "kinds": np.uint8}
 
-VERSION = b"3"
-"""Of the paths' columns; 2 added ``kinds``, 3 ``scene_number``."""
+VERSION = b"5"
+"""Of the paths' columns; 2 added ``kinds``, 3 ``scene_number``, 4 ``sequence``, 5 ``things``."""
+
+THING = pa.struct(
+    [
+        ("name", pa.string()),
+        ("class_name", pa.string()),
+        *((name, pa.list_(pa.float64(), 3)) for name in ("center", "size", "forward", "left", "up", "velocity")),
+        ("indices", pa.list_(pa.int32())),
+    ]
+)
+"""A :class:`datafactory.scenes.boxes.SeenThing`."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +75,8 @@ class TracedFrame:
     :param pose: where the radar stood
     :param wavelength_m: at which it was traced
     :param point_targets: number of the scene's point targets, the last of ``table.objects``
+    :param things: what gets a box
+    :param sequence: number of the sequence it belongs to; -1 for none
     """
 
     frame_id: int
@@ -74,6 +87,8 @@ class TracedFrame:
     wavelength_m: float
     point_targets: int
     table: PathTable
+    things: tuple[SeenThing, ...] = ()
+    sequence: int = -1
 
 
 def paths_schema() -> pa.Schema:
@@ -83,6 +98,7 @@ def paths_schema() -> pa.Schema:
         pa.field("frame_id", pa.int64()),
         pa.field("scene", pa.string()),
         pa.field("scene_number", pa.int64()),
+        pa.field("sequence", pa.int64()),
         pa.field("seed", pa.int64()),
         pa.field("position", triple),
         pa.field("velocity", triple),
@@ -93,6 +109,7 @@ def paths_schema() -> pa.Schema:
         pa.field("objects", pa.list_(pa.string())),
         pa.field("counts", pa.map_(pa.string(), pa.int64())),
         pa.field("specular_reference", triple),
+        pa.field("things", pa.list_(THING)),
     ]
     for kind, columns in SHAPES.items():
         for name in columns:
@@ -108,6 +125,7 @@ def to_row(frame: TracedFrame) -> dict[str, Any]:
         "frame_id": frame.frame_id,
         "scene": frame.scene,
         "scene_number": frame.scene_number,
+        "sequence": frame.sequence,
         "seed": frame.seed,
         "position": list(pose.position),
         "velocity": list(pose.velocity),
@@ -118,6 +136,7 @@ def to_row(frame: TracedFrame) -> dict[str, Any]:
         "objects": list(table.objects),
         "counts": sorted(table.counts.items()),
         "specular_reference": table.specular.reference,
+        "things": [vars(thing) for thing in frame.things],
     }
     for kind, columns in SHAPES.items():
         for name in columns:
@@ -144,6 +163,7 @@ def from_row(batch: pa.RecordBatch) -> TracedFrame:
         frame_id=row["frame_id"],
         scene=row["scene"],
         scene_number=row["scene_number"],
+        sequence=row["sequence"],
         seed=row["seed"],
         pose=Pose(tuple(row["position"]), yaw, pitch, roll, tuple(row["velocity"]), row["time_s"]),
         wavelength_m=row["wavelength_m"],
@@ -154,7 +174,13 @@ def from_row(batch: pa.RecordBatch) -> TracedFrame:
             objects=tuple(row["objects"]),
             counts=dict(row["counts"]),
         ),
+        things=tuple(_thing(values) for values in row["things"]),
     )
+
+
+def _thing(values: dict[str, Any]) -> SeenThing:
+    fields: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in values.items()}
+    return SeenThing(**fields)
 
 
 def read_paths(path: Location) -> Iterator[TracedFrame]:
@@ -172,16 +198,17 @@ def read_paths(path: Location) -> Iterator[TracedFrame]:
                 yield frame
 
 
-def read_places(path: Location) -> list[tuple[int, int]]:
-    """(frame index, scene number) of every row of a paths shard.
+def read_places(path: Location) -> list[tuple[int, int, int]]:
+    """(frame index, scene number, sequence) of every row of a paths shard.
 
     :raises InputError: a file that is not a paths shard
     """
+    names = ["frame_id", "scene_number", "sequence"]
     with _opened(path) as file:
-        rows = file.read(["frame_id", "scene_number"])
+        rows = file.read(names)
         if any(column.null_count for column in rows.columns):
-            raise InputError(path, "rows without frame_id or scene_number", "an undamaged paths shard")
-        return list(zip(rows["frame_id"].to_pylist(), rows["scene_number"].to_pylist(), strict=True))
+            raise InputError(path, f"rows without {' or '.join(names)}", "an undamaged paths shard")
+        return list(zip(*(rows[name].to_pylist() for name in names), strict=True))
 
 
 @contextmanager

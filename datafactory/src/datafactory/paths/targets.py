@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from datafactory.paths.echo_points import Seen, all_echo_points
 from datafactory.paths.edges import edges_of
@@ -16,13 +17,19 @@ from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import REFRACTED, TARGET, ScatteredPaths
 from datafactory.scenes.materials.table import MaterialMapping
 from datafactory.scenes.poses import Pose
-from shared.physics.units import SPEED_OF_LIGHT
+from shared.physics.units import SPEED_OF_LIGHT, db_to_power
 
 FAINTEST = 1e-4
 """One-way amplitude behind surfaces below which a target counts as hidden: -160 dB both ways, as behind any wall."""
 
 EDGES_WITHIN_M = 200.0
 """Farther edges are left out [m]: at -20 dBsm they are 25 dB below a car radar's noise."""
+
+FAINTEST_ECHO = 1e-2 / EDGES_WITHIN_M**4
+"""Cross section over the fourth power of the distance [1/m^2] below which a target in plain sight is left out: as faint
+as such an edge. A pedestrian is so faint from 585 m on."""
+ROUND_CORNERS_DB = 12.0
+"""What a way round an edge loses at least, out and back: half of the field is there at the shadow's boundary."""
 
 
 def target_echoes(
@@ -46,7 +53,9 @@ def target_echoes(
     wavelength = SPEED_OF_LIGHT / frequency_hz
     crossed = settings.polarization[0] != settings.polarization[1]
     circumstances = Seen(wavelength, pose.time_s, crossed, seed)
+    loudness = _loudness(merged_scene, pose)
     points = all_echo_points(merged_scene.targets, pose.position, circumstances)
+    points = points.take((loudness >= FAINTEST_ECHO)[points.target])
     heard = points.rcs_m2 > 0.0
     rotation = pose.rotation()
     position = (points.position - np.asarray(pose.position)) @ rotation
@@ -59,10 +68,11 @@ def target_echoes(
     kinds = np.full(len(position), TARGET, dtype=np.uint8)
     if settings.refraction and len(position):
         behind = np.flatnonzero(apart & ~clear)
-        out[behind], back[behind] = (
-            panes_between(geometry, merged_scene, materials, frequency_hz, position[behind], which).factor
+        ways = {
+            which: panes_between(geometry, merged_scene, materials, frequency_hz, position[behind], which).factor
             for which in settings.polarization
-        )
+        }
+        out[behind], back[behind] = (ways[which] for which in settings.polarization)
         kinds[behind] |= REFRACTED
     factor = np.where(np.abs(out * back) > FAINTEST**2, out * back, 0.0)
     amplitude = wavelength * np.sqrt(points.rcs_m2) / (4.0 * np.pi) ** 1.5 / np.where(apart, range_m, 1.0) ** 2
@@ -70,11 +80,14 @@ def target_echoes(
     direct = ScatteredPaths(**{**vars(direct), "kinds": kinds})
     seen, hidden = heard & (factor != 0.0), heard & (factor == 0.0)
     counts = {
+        "targets_faint": int((loudness < FAINTEST_ECHO).sum()),
         "point_targets_hidden": int(hidden.sum()),
         "target_echoes_silent": points.silent,
         "targets_in_near_field": points.near,
     }
     parts = [direct.take(seen)]
+    loud = loudness[points.target] * float(db_to_power(-ROUND_CORNERS_DB)) >= FAINTEST_ECHO
+    hidden &= loud
     if settings.diffraction and hidden.any():
         round_corners, more = echoes_round_corners(
             edges_of(merged_scene).seen_from(pose).within(EDGES_WITHIN_M), slabs_of(merged_scene, materials),
@@ -92,3 +105,12 @@ def target_echoes(
         parts.append(over_mirrors)
         counts |= more
     return ScatteredPaths.concatenate(parts), counts
+
+
+def _loudness(merged_scene: MergedScene, pose: Pose) -> NDArray[np.float64]:
+    """[T] nominal cross section of every target over the fourth power of its distance [1/m^2]."""
+    targets = merged_scene.targets
+    away = np.array([target.position for target in targets]).reshape(-1, 3) - np.asarray(pose.position)
+    fourth = np.maximum(np.einsum("ti,ti->t", away, away) ** 2, np.finfo(float).tiny)
+    nominal: NDArray[np.float64] = db_to_power([target.rcs_dbsm for target in targets]) / fourth
+    return nominal

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import platform
 import sys
 from collections.abc import Callable, Mapping
 from importlib.util import find_spec
@@ -47,7 +48,10 @@ def cached(
     value = measure(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_json(path, sealed(value.model_dump(mode="json")))
+        # Jobs of an array may share the folder: each writes a file of its own, and the last renames over the others.
+        own = path.with_name(f"{path.stem}-{platform.node()}-{os.getpid()}.json")
+        write_json(own, sealed(value.model_dump(mode="json")))
+        own.replace(path)
     except OSError as error:
         announce(f"{path}: cannot be kept ({error.strerror}); it will be measured again next time")
     return value

@@ -8,6 +8,7 @@ from datafactory.frame.chain import FRAMES_WITH
 
 MEANINGS = {
     "frames": "frames",
+    "frames_empty": "frames whose truth is empty: nothing in them is above the noise",
     "rays": "rays sent",
     "traced": "paths that the solver found: mirrors one after another, echoes scattered twice and more",
     "scattered_once": "echoes that a rough surface scattered once, at their last bounce",
@@ -34,6 +35,7 @@ MEANINGS = {
     "edge_rays": "ways over an edge to the sensor and back",
     "edge_rays_hidden": "of these, those that something stands in",
     "edges_round_corners_left_out": "weaker edges over which a hidden target is reached as well",
+    "targets_faint": "point targets too far away to be heard",
     "point_targets_hidden": "point targets that the sensor does not see directly",
     "targets_round_corners": "of these, those heard round an edge",
     "targets_unreached": "of these, those not heard at all",
@@ -49,11 +51,13 @@ MEANINGS = {
     "cells_lit": "resolution cells with an echo in them",
     "cells_lit_by_fewer_than_5_paths": "of these, those whose echo is the sum of too few paths for natural speckle",
     "targets_left_out": "of the truth's cells above the noise, those beyond the 256 strongest of a frame",
+    "boxes": "boxes of objects that move or have a class",
+    "boxes_out_of_view": "boxes beyond the range or the field of view, left out",
     "converter_saturated": "samples that the converter cut off",
 }
 """In words, by name; a name that is not here is told as it is."""
 
-ALARMING = ("truncated", "targets_in_near_field", "converter_saturated")
+ALARMING = ("frames_empty", "truncated", "targets_in_near_field", "converter_saturated")
 """Told without being asked for: something may be wrong with the frames."""
 
 

@@ -20,7 +20,7 @@ from datafactory.run.progress import FinishedShard
 from datafactory.run.shards import ShardPlan, write_shard, write_tables
 from shared.dataset import Frame
 from shared.dataset.locations import Location
-from shared.processes.pool import StepsDone
+from shared.processes.tasks import StepsDone
 from shared.radar import Radar
 
 Value = TypeVar("Value")

@@ -8,6 +8,7 @@ from datafactory.effects.catalogue import EffectSet
 from datafactory.frame.chain import ChainSettings
 from datafactory.frame.defaults import DEFAULT_BUDGET_DB, DEFAULT_PATTERN
 from datafactory.frame.points import PointTargets
+from datafactory.scenes.drives import Drives
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import Scene
 from shared.dataset.locations import Location
@@ -22,10 +23,13 @@ class Order:
     :param frames: scene frames in total
     :param points: close-target frames after them
     :param poses: one frame a pose, instead of ``frames`` drawn ones; empty to draw
+    :param tracks: sequences of frames, each at these poses, instead of drawn ones
+    :param drives: draw sequences of ``frames`` frames in all
     :param targets: frames of exactly these targets, instead of drawn ones
     :param settings: how a frame is made, with every effect
     :param effects: what is simulated of the scenes; None for what a plan finds each to need
     :param budget_db: what leaving an effect out may cost, for that plan
+    :param licence: of the data, an SPDX expression; None where none is stated
     :param paths: folder of :func:`datafactory.run.pipeline.trace_paths`, instead of scenes
     """
 
@@ -36,8 +40,21 @@ class Order:
     seed: int = 0
     split: str = DEFAULT_PATTERN
     poses: tuple[Pose, ...] = ()
+    tracks: tuple[tuple[Pose, ...], ...] = ()
+    drives: Drives | None = None
     targets: tuple[PointTargets, ...] = ()
     paths: Location | None = None
     settings: ChainSettings = field(default_factory=ChainSettings)
     effects: EffectSet | None = None
     budget_db: float = DEFAULT_BUDGET_DB
+    licence: str | None = None
+
+    @property
+    def given(self) -> tuple[Pose, ...]:
+        """Every pose that was given, of tracks one after the other; empty where they are drawn."""
+        return self.poses or tuple(pose for track in self.tracks for pose in track)
+
+    @property
+    def scene_frames(self) -> int:
+        """Number of scene frames, of an order without ``paths``."""
+        return len(self.given) or self.frames

@@ -5,14 +5,17 @@ What makes one frame stands in :mod:`datafactory.frame.chain`.
 
 from __future__ import annotations
 
+import math
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from datafactory.frame.points import rayleigh_length
 from datafactory.paths.storage import paths_schema
+from datafactory.run.array_job import ARGUMENT, ENTRY, ArrayJob, JobEntry
+from datafactory.run.engines import Engine, Local
 from datafactory.run.job import Job, WriteShard, render_shard, trace_shard
 from datafactory.run.order import Order
 from datafactory.run.preparation import Prepared, prepare
@@ -53,9 +56,11 @@ class Report:
 class Execution:
     """How a run is carried out; nothing of it changes a byte of the shards.
 
-    :param workers: processes; one works in this process
+    :param workers: processes; one works in this process. On a cluster: of all its nodes, 0 for all that they have
     :param resume: take up an unfinished run
     :param keep_going: finish the other shards where three worker processes died of one
+    :param job: make the shards of this job alone; ``directory`` is then the job's own
+    :param engine: where shards are made
     :param announce: takes lines for the user: material mappings, warnings
     :param looked: takes frames looked at for the plan, and how many there are to look at
     :param advance: takes frames done and frames in all
@@ -65,9 +70,16 @@ class Execution:
     workers: int = 1
     resume: bool = False
     keep_going: bool = False
+    job: ArrayJob | None = None
+    engine: Engine = field(default_factory=Local)
     announce: Announce = lambda line: None
     looked: Advance = lambda done, total: None
     advance: Advance = lambda done, total: None
+
+    @property
+    def processes_here(self) -> int:
+        """Processes of this machine that trace at a time."""
+        return self.engine.processes_here(self.workers)
 
 
 def render(order: Order, table: MaterialTable, execution: Execution) -> Report:
@@ -85,10 +97,10 @@ def _rendered(order: Order, table: MaterialTable, execution: Execution) -> Repor
     started = time.perf_counter()
     settings = order.settings
     about = description(order.radar, settings.processing.peaks, settings.processing.store, _conventions(order))
-    frames = (len(order.poses) or order.frames) + (len(order.targets) or order.points)
-    require_room(execution.directory, frames, about["shapes"])
+    frames = order.scene_frames + (len(order.targets) or order.points)
+    require_room(execution.directory, math.ceil(frames / (execution.job.of if execution.job else 1)), about["shapes"])
     if order.scenes:
-        require_memory(settings.trace.rays, execution.workers)
+        require_memory(settings.trace.rays, execution.processes_here)
     if said := statement(order.radar):
         execution.announce(said)
     prepared = prepare(order, table, execution.announce, execution.looked)
@@ -100,8 +112,10 @@ def _rendered(order: Order, table: MaterialTable, execution: Execution) -> Repor
         "close_targets": asdict(settings.close_targets),
     }
     stated = {key: about[key] for key in ("radar", "array", "virtual_sensor", "axes", "shapes", "conventions", "truth")}
+    if order.licence is not None:
+        arguments["license"] = stated["license"] = order.licence
     manifest = {"arguments": arguments, **stated, "scenes": prepared.entries}
-    return _produce(job, plan_shards(job.deal.splits()), render_shard, manifest, execution, started)
+    return _produce(job, order.split, plan_shards(job.deal.splits()), render_shard, manifest, execution, started)
 
 
 def trace_paths(order: Order, table: MaterialTable, execution: Execution) -> Report:
@@ -112,11 +126,11 @@ def trace_paths(order: Order, table: MaterialTable, execution: Execution) -> Rep
 
 def _traced(order: Order, table: MaterialTable, execution: Execution) -> Report:
     started = time.perf_counter()
-    require_memory(order.settings.trace.rays, execution.workers)
+    require_memory(order.settings.trace.rays, execution.processes_here)
     prepared = prepare(order, table, execution.announce, execution.looked)
     job = _job(order, prepared, paths_schema().serialize().to_pybytes())
     manifest = {"arguments": prepared.arguments, "scenes": prepared.entries}
-    return _produce(job, plan_shards((PATHS,) * len(job.deal)), trace_shard, manifest, execution, started)
+    return _produce(job, None, plan_shards((PATHS,) * len(job.deal)), trace_shard, manifest, execution, started)
 
 
 def _job(order: Order, prepared: Prepared, schema_message: bytes) -> Job:
@@ -133,6 +147,7 @@ def _job(order: Order, prepared: Prepared, schema_message: bytes) -> Job:
 
 def _produce(
     job: Job,
+    split: str | None,
     plans: Sequence[ShardPlan],
     write: WriteShard,
     manifest: dict[str, Any],
@@ -141,10 +156,17 @@ def _produce(
 ) -> Report:
     """Write the planned shards that are not there yet, then the manifest.
 
+    :param split: pattern that the plans follow; None for traced paths
+    :param plans: of the whole dataset
     :param manifest: the entries that are the run's own, its ``arguments`` among them
     :param started: when the run began, by :func:`time.perf_counter`
     """
-    directory, arguments, frames = execution.directory, manifest["arguments"], len(job.deal)
+    directory, arguments = execution.directory, manifest["arguments"]
+    if execution.job is not None:
+        plans = execution.job.own(plans)
+        arguments = {**arguments, ARGUMENT: str(execution.job)}
+        manifest = {**manifest, "arguments": arguments}
+    frames = sum(len(plan.frame_ids) for plan in plans)
     if begin(directory, arguments, execution.resume):
         execution.announce(f"{directory} is already complete")
         return Report(directory, frames, 0, len(plans), {}, time.perf_counter() - started)
@@ -154,11 +176,15 @@ def _produce(
         execution.announce(f"{path} is not as it was recorded and is made again")
     todo = [plan for plan in plans if plan not in earlier.shards]
     work = ShardWork(job, write, directory, mark)
-    made = run_shards(work, todo, execution.workers, execution.keep_going, frames, execution.advance)
+    processes = execution.engine.pool(work, len(todo), execution.workers)
+    made = run_shards(work, todo, processes, execution.keep_going, frames, execution.advance)
     if made.failed:
         raise RunFailed(failure_line(made.failed))
     finished = [(earlier.shards | made.shards)[plan] for plan in plans]
-    counts = _total(finished)
+    counts = total_counts(finished)
+    if execution.job is not None:
+        entry = JobEntry(frames=len(job.deal), split=split, counts=tuple(item.counts for item in finished))
+        manifest = {**manifest, ENTRY: entry.model_dump()}
     seconds = time.perf_counter() - started
     finish(
         directory,
@@ -168,7 +194,7 @@ def _produce(
             "seeds": {"dataset": job.deal.seed, "frame": "SeedSequence(entropy=dataset, spawn_key=(frame_id,))"},
             "counts": counts,
             "shards": [item.record.model_dump() for item in finished],
-            "made": provenance(execution.workers, seconds, made.seconds),
+            "made": provenance(execution.engine.name, execution.workers, seconds, made.seconds, job.settings.device),
         },
     )
     return Report(directory, frames, len(made.shards), len(earlier.shards), counts, seconds)
@@ -199,7 +225,8 @@ def _conventions(order: Order) -> dict[str, Any]:
     }
 
 
-def _total(finished: Sequence[FinishedShard]) -> dict[str, float]:
+def total_counts(finished: Sequence[FinishedShard]) -> dict[str, float]:
+    """The manifest's ``counts``: those of the shards, in their order, added up."""
     counts: Counter[str] = Counter()
     for item in finished:
         counts.update(item.counts)

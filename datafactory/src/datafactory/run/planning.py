@@ -51,10 +51,10 @@ def sample_of(deal: Deal, number: int, scene: PreparedScene) -> Sample:
     :param number: of the scene among the run's
     """
     frame_ids = deal.frames_of(number)
-    if not deal.poses:
+    poses = [deal.pose_of(frame_id) for frame_id in frame_ids]
+    if None in poses:
         return Sample(scene, tuple(deal.frame(frame_id) for frame_id in frame_ids[:1]))
-    poses = [deal.poses[frame_id] for frame_id in frame_ids]
-    chosen = sorted(worth_looking_at(poses, scene.merged.fastest_mps))
+    chosen = sorted(worth_looking_at([pose for pose in poses if pose is not None], scene.merged.fastest_mps))
     return Sample(scene, tuple(deal.frame(frame_ids[index]) for index in chosen))
 
 
@@ -105,7 +105,7 @@ def evidence_on(sample: Sample, order: Order, announce: Announce, looking: Looki
 
     def measure(_: object) -> Gathered:
         looking.advance(0)
-        select_variant()
+        select_variant(order.settings.device)
         set_threads(1)
         with threadpool_limits(limits=1):
             return gather(sample, order.radar, order.settings, looking.advance)

@@ -7,25 +7,32 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from importlib.metadata import version
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 
 from datafactory.effects.plan import EffectPlan
-from datafactory.frame.deal import Deal
+from datafactory.frame.deal import Deal, drawn_scene, split_of
 from datafactory.frame.points import PointTargets
 from datafactory.frame.prepared import PreparedScene, Sample
-from datafactory.paths.curved_surfaces import curved_surfaces_of
+from datafactory.frame.seeds import generator, sequence_seed
 from datafactory.paths.merged_scene import merge_scene
 from datafactory.run.order import Order
 from datafactory.run.planning import Looking, plan_of, sample_of
 from datafactory.run.stored import StoredPaths, stored_paths
-from datafactory.scenes.ground import Ground, free_ground
+from datafactory.scenes.boxes import boxed_things
+from datafactory.scenes.drives import draw_drive
+from datafactory.scenes.ground import Ground
 from datafactory.scenes.materials.table import MaterialMapping, MaterialTable
+from datafactory.scenes.movers import CLEAR_M, Movers, Traffic
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene
+from datafactory.scenes.tracks import nearest_m
+from datafactory.scenes.traffic.population import sensor_ground
 from shared.dataset.locations import Location
 
 Announce = Callable[[str], None]
@@ -69,9 +76,14 @@ def prepare(
     opened = [scene if isinstance(scene, Scene) else open_scene(scene) for scene in order.scenes]
     scenes = tuple(prepared_scene(scene, table, announce) for scene in opened)
     for scene in opened:
-        if said := _late_poses(scene, order.poses):
+        if said := _late_poses(scene, order.given):
             announce(said)
     deal = deal_of(order, opened)
+    for scene in opened if order.drives is not None else ():
+        if said := _late_poses(scene, [pose for track in deal.tracks for pose in track]):
+            announce(said)
+    for said in (*close_tracks(deal), *_poses_in_traffic(deal, opened)):
+        announce(said)
     samples = tuple(sample_of(deal, number, scene) for number, scene in enumerate(scenes))
     looking = Looking(sum(len(sample.frames) for sample in samples), looked)
     plans = tuple(plan_of(order, sample, announce, looking) for sample in samples)
@@ -81,6 +93,8 @@ def prepare(
         "materials": [scene.materials.to_json() for scene in scenes],
         "frames": order.frames,
         "poses": [asdict(pose) for pose in order.poses],
+        "tracks": [[asdict(pose) for pose in track] for track in order.tracks],
+        "drives": None if order.drives is None else asdict(order.drives),
         "trace": asdict(order.settings.trace),
         **_planned_arguments(plans),
     }
@@ -92,29 +106,75 @@ def prepare(
 
 
 def deal_of(order: Order, scenes: Sequence[Scene]) -> Deal:
-    """How the frames of an order are dealt to its scenes."""
-    grounds: tuple[Ground, ...] = () if order.poses else tuple(free_ground(scene) for scene in scenes)
+    """How the frames of an order are dealt to its scenes.
+
+    :raises InputError: no free ground, or no lane for a drive
+    """
+    grounds = () if order.given else tuple(sensor_ground(scene) for scene in scenes)
+    tracks = drawn_tracks(order, scenes, grounds) if order.drives is not None else order.tracks
+    number_of = partial(drawn_scene, scenes=len(scenes), pattern=order.split)
     return Deal(
         seed=order.seed,
         pattern=order.split,
         scenes=len(scenes),
-        frames=order.frames,
+        frames=0 if tracks else order.frames,
         poses=order.poses,
+        tracks=tracks,
+        track_scenes=tuple(number_of(k) if order.drives is not None else k % len(scenes) for k in range(len(tracks))),
         grounds=grounds,
+        traffic=tuple(Traffic.of(scene) for scene in scenes),
+        points=order.points,
+        targets=order.targets,
+    )
+
+
+def drawn_tracks(order: Order, scenes: Sequence[Scene], grounds: Sequence[Ground]) -> tuple[tuple[Pose, ...], ...]:
+    """The drives of an order, the last cut where the frames end; each in its scene and in the region of its split."""
+    asked = order.drives
+    if asked is None or not order.frames:
+        return ()
+    tracks, movers = [], [Movers(scene) for scene in scenes]
+    for number in range(-(-order.frames // asked.frames)):
+        scene = drawn_scene(number, len(scenes), order.split)
+        stream = generator(sequence_seed(order.seed, number), "pose")
+        tracks.append(draw_drive(grounds[scene], movers[scene], split_of(number, order.split), asked, stream))
+    over = len(tracks) * asked.frames - order.frames
+    return (*tracks[:-1], tracks[-1][: asked.frames - over])
+
+
+NEIGHBOURS_M = 10.0
+"""Tracks of different splits in one scene that come nearer than this are told: a test would be of what was trained."""
+
+
+def close_tracks(deal: Deal) -> list[str]:
+    """What to say of tracks of different splits that come near each other."""
+    said = []
+    for one, other in combinations(range(len(deal.tracks)), 2):
+        splits = split_of(one, deal.pattern), split_of(other, deal.pattern)
+        if splits[0] == splits[1] or deal.track_scenes[one] != deal.track_scenes[other]:
+            continue
+        if (apart_m := nearest_m(deal.tracks[one], deal.tracks[other])) < NEIGHBOURS_M:
+            said.append(
+                f"sequences {one} ({splits[0]}) and {other} ({splits[1]}) come within {apart_m:.1f} m of each other"
+            )
+    return said
+
+
+def deal_of_stored(order: Order, stored: StoredPaths) -> Deal:
+    """How the frames of paths that were traced before are dealt: as their rows say."""
+    return Deal(
+        seed=order.seed,
+        pattern=order.split,
+        scenes=len(stored.entries),
+        traced=stored.scene_numbers,
+        traced_sequences=stored.sequences,
         points=order.points,
         targets=order.targets,
     )
 
 
 def _from_stored(order: Order, stored: StoredPaths) -> Prepared:
-    deal = Deal(
-        seed=order.seed,
-        pattern=order.split,
-        scenes=len(stored.entries),
-        traced=stored.scene_numbers,
-        points=order.points,
-        targets=order.targets,
-    )
+    deal = deal_of_stored(order, stored)
     arguments = {
         **_common_arguments(order),
         "paths": list(stored.checksums),
@@ -140,6 +200,7 @@ def _common_arguments(order: Order) -> dict[str, Any]:
         "seed": order.seed,
         "split": order.split,
         "radar": order.radar.model_dump(mode="json"),
+        "device": order.settings.device,
         "versions": {name: version(name) for name in ("sparseradar-datafactory", "sionna-rt")},
     }
 
@@ -154,15 +215,16 @@ def prepared_scene(scene: Scene, table: MaterialTable, announce: Announce) -> Pr
     materials = table.map_materials([item.material for item in scene.objects])
     for warning in scene.warnings:
         announce(f"{scene.name}: {warning}")
+    for line in scene.population.lines() if scene.population is not None else ():
+        announce(f"{scene.name}: {line}")
     pairs = ", ".join(f"{name or '(none)'} -> {material.name}" for name, (material, _) in materials.entries.items())
     announce(f"{scene.name}: {len(scene.objects)} objects, {scene.triangle_count} triangles; materials {pairs}")
     unknown = ", ".join(name or "(none)" for name in materials.unknown)
     if unknown:
         announce(f"{scene.name}: unknown materials given the default: {unknown}")
-    merged = merge_scene(scene, materials)
-    for note in curved_surfaces_of(merged).notes():
-        announce(f"{scene.name}: {note}")
-    return PreparedScene(scene.name, scene.content_hash(), merged, materials)
+    return PreparedScene(
+        scene.name, scene.content_hash(), merge_scene(scene, materials), materials, boxed_things(scene)
+    )
 
 
 def _late_poses(scene: Scene, poses: Sequence[Pose]) -> str:
@@ -177,6 +239,14 @@ def _late_poses(scene: Scene, poses: Sequence[Pose]) -> str:
     )
 
 
+def _poses_in_traffic(deal: Deal, scenes: Sequence[Scene]) -> list[str]:
+    """What to say of given poses that something of a population drives or walks through."""
+    traffic = [Traffic.of(scene) for scene in scenes]
+    given = [(deal.scene_of(n), pose) for n, pose in enumerate(deal.poses)]
+    near = sum(item is not None and not item.clear_of(pose) for item, pose in ((traffic[k], pose) for k, pose in given))
+    return [f"{near} of {len(given)} poses are within {CLEAR_M:g} m of what drives or walks by"] if near else []
+
+
 def _entry(scene: Scene, materials: MaterialMapping) -> dict[str, Any]:
     return {
         "name": scene.name,
@@ -187,4 +257,5 @@ def _entry(scene: Scene, materials: MaterialMapping) -> dict[str, Any]:
         "point_targets": len(scene.targets),
         "warnings": list(scene.warnings),
         "materials": materials.to_json(),
+        **({} if scene.population is None else {"population": scene.population.to_json()}),
     }

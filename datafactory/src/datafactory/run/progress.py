@@ -17,6 +17,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from datafactory.run.card import write_card
 from datafactory.run.shards import ShardPlan, write_manifest
 from shared.dataset.claims import claimed as hold
 from shared.dataset.documents import read_json, sealed, unsealed
@@ -30,6 +31,8 @@ FOLDER = ".progress"
 ARGUMENTS = "arguments.json"
 ASKED_AT_A_TIME = 16
 """Shards that a store is asked for at a time: an answer takes it tens of milliseconds."""
+LONGEST_VALUE = 200
+"""Characters of an argument that are shown."""
 
 
 class FinishedShard(BaseModel):
@@ -106,6 +109,11 @@ def begin(directory: Location, arguments: Mapping[str, Any], resume: bool) -> bo
     return False
 
 
+def is_begun(directory: Location) -> bool:
+    """Whether a run was begun in a folder, and is not finished."""
+    return file_size(directory / FOLDER / ARGUMENTS) is not None
+
+
 def workers_folder(directory: Location) -> Path:
     """Where the worker processes of a run find their work, on this machine."""
     return (directory / FOLDER if isinstance(directory, Path) else scratch(directory)) / "workers"
@@ -114,7 +122,7 @@ def workers_folder(directory: Location) -> Path:
 def _has_content(directory: Location) -> bool:
     """Whether a folder holds anything but a claim."""
     if isinstance(directory, Path):
-        return any(item.name != FOLDER for item in directory.iterdir()) or (directory / FOLDER / ARGUMENTS).is_file()
+        return any(item.name != FOLDER for item in directory.iterdir()) or is_begun(directory)
     begun = f"{FOLDER}/{ARGUMENTS}"
     return any(not name.startswith(f"{FOLDER}/") or name == begun for name in objects_under(directory))
 
@@ -142,13 +150,18 @@ def _finished(directory: Location, plan: ShardPlan, fingerprint: str) -> Finishe
     except (InputError, ValidationError):
         return None
     record = finished.record
-    if (finished.fingerprint, record.path, record.rows) != (fingerprint, plan.path, len(plan.frame_ids)):
+    if finished.fingerprint != fingerprint:
         return None
-    return finished if is_as_recorded(directory / plan.path, record.bytes, record.sha256) else None
+    return finished if is_whole(directory / plan.path, plan, record) else None
 
 
 def finish(directory: Location, manifest: Mapping[str, Any]) -> Location:
-    """Write the manifest, which makes the dataset complete, and remove the notes; returns the manifest's path."""
+    """Write the card of a dataset that holds frames and the manifest, which makes it complete, and remove the notes.
+
+    :returns: the manifest's path
+    """
+    if "shapes" in manifest and manifest["shards"]:
+        write_card(directory, manifest)
     path = write_manifest(directory, manifest)
     remove_folder(directory / FOLDER)
     remove_partial(directory)
@@ -159,12 +172,38 @@ def _note(directory: Location, plan: ShardPlan) -> Location:
     return directory / FOLDER / f"{plan.split}-part-{plan.index:05d}.json"
 
 
+def is_whole(path: Location, plan: ShardPlan, record: ShardRecord) -> bool:
+    """Whether a shard is the one planned, with the size and the SHA-256 of its record, see :func:`is_as_recorded`."""
+    if record.path != plan.path or record.rows != len(plan.frame_ids):
+        return False
+    return is_as_recorded(path, record.bytes, record.sha256)
+
+
 def _same_arguments(source: Location, directory: Location, before: Any, now: Mapping[str, Any]) -> None:
     """Refuse to mix runs: the first argument that differs, with both values."""
     if not isinstance(before, dict):
         raise InputError(source, f"arguments = {before!r}", "the arguments of the run to resume")
     now = json.loads(json.dumps(now, allow_nan=False))  # tuples read back as lists
+    if different := first_difference(before, now):
+        name, had, has = different
+        values = f"{name} is {has}, but the run in {directory} had {had}"
+        raise InputError("--resume", values, "the arguments that it was started with")
+
+
+def first_difference(
+    before: Mapping[str, Any], now: Mapping[str, Any], within: str = ""
+) -> tuple[str, str, str] | None:
+    """Name of the first entry that differs, ``radar.waveform.chirps`` for one in others, and both values in short."""
     for name in [*now, *(name for name in before if name not in now)]:
-        if before.get(name) != now.get(name):
-            values = f"{name} is {now.get(name)!r}, but the run in {directory} had {before.get(name)!r}"
-            raise InputError("--resume", values, "the arguments that it was started with")
+        had, has = before.get(name), now.get(name)
+        if isinstance(had, dict) and isinstance(has, dict):
+            if different := first_difference(had, has, f"{within}{name}."):
+                return different
+        elif had != has or (name in before) != (name in now):
+            return f"{within}{name}", _short(before, name), _short(now, name)
+    return None
+
+
+def _short(arguments: Mapping[str, Any], name: str) -> str:
+    text = repr(arguments[name]) if name in arguments else "nothing"
+    return text if len(text) <= LONGEST_VALUE else f"{text[: LONGEST_VALUE - 3]}..."

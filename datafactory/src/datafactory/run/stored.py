@@ -25,6 +25,7 @@ class StoredPaths:
 
     :param places: shard and row of every frame, by frame index
     :param scene_numbers: number of the scene of every frame, as its row says
+    :param sequences: number of the sequence of every frame, likewise; -1 for none
     :param plans: of every scene, what is simulated of it
     :param entries: the manifest's ``scenes``
     :param checksums: SHA-256 of the shards
@@ -32,6 +33,7 @@ class StoredPaths:
 
     places: tuple[tuple[Location, int], ...]
     scene_numbers: tuple[int, ...]
+    sequences: tuple[int, ...]
     plans: tuple[EffectPlan, ...]
     entries: list[dict[str, Any]]
     checksums: tuple[str, ...]
@@ -119,8 +121,8 @@ def stored_paths(order: Order, folder: Location) -> StoredPaths:
         entries = [{**entry, "effect_plan": plan.to_json()} for entry, plan in zip(entries, plans, strict=True)]
     else:
         plans = tuple(_plan_of(scene, order.budget_db) for scene in understood.scenes)
-    places, scene_numbers = _places(folder, records, len(entries))
-    return StoredPaths(places, scene_numbers, plans, entries, tuple(record.sha256 for record in records))
+    places, scene_numbers, sequences = _places(folder, records, len(entries))
+    return StoredPaths(places, scene_numbers, sequences, plans, entries, tuple(record.sha256 for record in records))
 
 
 def _plan_of(scene: _Scene, budget_db: float) -> EffectPlan:
@@ -133,22 +135,23 @@ def _plan_of(scene: _Scene, budget_db: float) -> EffectPlan:
 
 def _places(
     folder: Location, records: Sequence[ShardRecord], scenes: int
-) -> tuple[tuple[tuple[Location, int], ...], tuple[int, ...]]:
-    """Shard and row, and scene number, of every frame index: the rows say it."""
-    found: dict[int, tuple[tuple[Location, int], int]] = {}
+) -> tuple[tuple[tuple[Location, int], ...], tuple[int, ...], tuple[int, ...]]:
+    """Shard and row, scene number and sequence of every frame index: the rows say it."""
+    found: dict[int, tuple[tuple[Location, int], int, int]] = {}
     for record in records:
         shard = folder / record.path
-        for row, (frame_id, scene) in enumerate(read_places(shard)):
+        for row, (frame_id, scene, sequence) in enumerate(read_places(shard)):
             if not 0 <= scene < scenes:
                 raise InputError(shard, f"row {row} has scene_number = {scene}", f"one of the {scenes} of {MANIFEST}")
             if frame_id in found:
                 raise InputError(shard, f"row {row} has frame_id = {frame_id}, as another row", "each frame once")
-            found[frame_id] = ((shard, row), scene)
+            found[frame_id] = ((shard, row), scene, sequence)
     if sorted(found) != list(range(len(found))):
         missing = min(set(range(len(found))) - set(found))
         raise InputError(folder, f"frame {missing} of its {len(found)} is missing", "all frames of one trace")
     ordered = [found[frame_id] for frame_id in range(len(found))]
-    return tuple(place for place, _ in ordered), tuple(scene for _, scene in ordered)
+    places, scene_numbers, sequences = zip(*ordered, strict=True)
+    return places, scene_numbers, sequences
 
 
 def traced_split(folder: Location) -> str | None:
@@ -161,7 +164,7 @@ def traced_split(folder: Location) -> str | None:
 def _require_same_regions(folder: Location, arguments: dict[str, Any], split: str) -> None:
     """Drawn poses stand in the region of their frame's split: another split would test where was trained."""
     traced = arguments.get("split")
-    if not arguments.get("poses") and traced != split:
+    if not (arguments.get("poses") or arguments.get("tracks")) and traced != split:
         problem = f"{split!r}: the poses of {folder} were drawn in the regions of {traced!r}, and would change sides"
         raise InputError("--split", problem, f"--split {traced}, or datafactory trace with this split")
 

@@ -1,4 +1,4 @@
-"""Shards in worker processes, or in this one: hand out, watch, record."""
+"""Shards in processes, or in this one: hand out, watch, record."""
 
 from __future__ import annotations
 
@@ -8,14 +8,16 @@ from dataclasses import dataclass, field
 
 from datafactory.paths.backend import select_variant, set_threads
 from datafactory.run.job import Job, WriteShard
-from datafactory.run.progress import FinishedShard, record_finished, workers_folder
+from datafactory.run.progress import FinishedShard, record_finished
 from datafactory.run.shards import ShardPlan
 from shared.dataset.locations import Location
 from shared.dataset.writing import remove_partial
-from shared.processes.pool import StepsDone, WorkerPool
+from shared.processes.tasks import Pool, StepsDone
 
 Advance = Callable[[int, int], None]
 Seconds = dict[str, float]
+ShardResult = tuple[FinishedShard, Seconds]
+"""The record of a shard, and the seconds that each step took."""
 POLL_S = 0.3
 """How often the frames that the workers finished are counted."""
 
@@ -40,10 +42,10 @@ class ShardWork:
     def begin(self) -> None:
         """Make this process ready."""
         if self.job.scenes:
-            select_variant()
+            select_variant(self.job.settings.device)
             set_threads(1)
 
-    def __call__(self, plan: ShardPlan, report: StepsDone) -> tuple[FinishedShard, Seconds]:
+    def __call__(self, plan: ShardPlan, report: StepsDone) -> ShardResult:
         """Write one shard."""
         return self.write(self.job, plan, self.directory, self.mark, report)
 
@@ -58,24 +60,28 @@ class Made:
 
 
 def run_shards(
-    work: ShardWork, todo: Sequence[ShardPlan], workers: int, keep_going: bool, total: int, advance: Advance
+    work: ShardWork,
+    todo: Sequence[ShardPlan],
+    processes: Pool[ShardPlan, ShardResult] | None,
+    keep_going: bool,
+    total: int,
+    advance: Advance,
 ) -> Made:
     """Write the shards; each is recorded as soon as it is whole.
 
-    One worker, or one shard, is worked on in this process: a script needs no guard around its main part.
-
+    :param processes: that work on them, see :mod:`datafactory.run.engines`; None for this one
     :param keep_going: finish the others where three processes died of a shard
     :param total: frames of the run; :param advance: takes frames done and frames in all
     :raises RunFailed: three processes died of a shard
     """
-    made, workers = Made(), min(workers, len(todo))
+    made = Made()
     before = total - sum(len(plan.frame_ids) for plan in todo)
     done = before
 
     def tell(running: int) -> None:
         advance(done + running, total)
 
-    def keep(plan: ShardPlan, result: tuple[FinishedShard, Seconds]) -> None:
+    def keep(plan: ShardPlan, result: ShardResult) -> None:
         nonlocal done
         record_finished(work.directory, plan, result[0])
         made.shards[plan] = result[0]
@@ -83,7 +89,7 @@ def run_shards(
         done += len(plan.frame_ids)
 
     tell(0)
-    if workers <= 1:
+    if processes is None:
         work.begin()
         for plan in todo:
             running = 0
@@ -97,9 +103,7 @@ def run_shards(
         return made
     waiting = deque(todo)
     try:
-        with WorkerPool[ShardPlan, tuple[FinishedShard, Seconds]](
-            work, workers, workers_folder(work.directory)
-        ) as pool:
+        with processes as pool:
             while waiting or pool.busy:
                 while waiting and pool.has_room:
                     pool.submit(waiting.popleft())
@@ -118,10 +122,10 @@ def run_shards(
 
 
 def failure_line(failed: dict[ShardPlan, str]) -> str:
-    """What to say of shards that three processes died of."""
+    """What to say of shards whose processes died, see :class:`shared.processes.tasks.Attempts`."""
     (plan, how), *others = failed.items()
     more = f" (and {len(others)} other shards)" if others else ""
     return (
-        f"{plan.path}, frames {plan.frame_ids[0]} to {plan.frame_ids[-1]}: three worker processes died of it{more}, "
-        f"{how}, perhaps for lack of memory; the same command with --resume, and fewer --workers, goes on"
+        f"{plan.path}, frames {plan.frame_ids[0]} to {plan.frame_ids[-1]}: {how}{more}, "
+        "perhaps for lack of memory; the same command with --resume, and fewer --workers, goes on"
     )

@@ -1,8 +1,8 @@
-"""Free ground: where in a scene a car could stand, cut into separated regions for training, validation and test.
+"""Free ground: where in a scene a car could stand, and its streets, cut into separated regions for the splits.
 
-A cell is free ground where the topmost surface is ground (not a roof, bridge or car), where it slopes gently, and where
-no step of more than 0.3 m lies within 1.5 m. The height map shows the topmost surface alone: ground under a bridge or a
-tree is not used.
+A cell is free ground where the topmost surface is ground (not a roof, bridge or car), where it slopes gently, where no
+step of more than 0.3 m lies within 1.5 m, and from where a way leads to the largest free ground. The height map shows
+the topmost surface alone: ground under a bridge or a tree is not used.
 """
 
 from __future__ import annotations
@@ -15,12 +15,11 @@ from scipy import ndimage
 
 from datafactory.scenes.height_map import HeightMap, height_map
 from datafactory.scenes.materials.names import singular, words
+from datafactory.scenes.regions import cut_into_regions
 from datafactory.scenes.scene import PointTarget, Scene
+from datafactory.scenes.streets import ROUTE_CLEARANCE_M, reachable, streets
 from shared.dataset.folder import SPLITS, Split
 from shared.physics.errors import InputError
-
-SHARES = (6.0, 1.0, 1.0)
-"""Areas of the regions, in the proportion of their frames."""
 
 CELL_M = 0.5
 MAXIMUM_STEP_M = 0.3
@@ -32,6 +31,9 @@ LEVEL_M = 1.0
 """How far an isolated patch (a courtyard) may lie above or below the nearest main ground."""
 LOWER_RIM_SHARE = 0.1
 """A patch with more of its rim than this above lower ground is a roof or a deck."""
+
+HALF_LENGTH_M, HALF_WIDTH_M = 1.4, 0.8
+"""Of the rectangle of a car's wheels, by whose heights it pitches and rolls."""
 
 ROAD_WORDS = frozenset({"road", "street", "lane", "asphalt", "tarmac", "highway", "strasse", "fahrbahn"})
 
@@ -47,7 +49,9 @@ class Ground:
     :param obstacle: something stands more than 0.3 m above the ground here
     :param free: free ground, the gaps between the regions included
     :param road: free ground that belongs to an object named as a road
-    :param region: index into ``SPLITS`` of the region a free cell belongs to; -1 for all others
+    :param street: free ground where a car would drive: roads and kerbs, or what lies between facades, or all
+    :param region: index into ``SPLITS`` of the region that a cell of a street belongs to; -1 for all others
+    :param side: index into ``SPLITS`` of the split whose side of the gaps' middles a cell lies on
     :param gap_m: width of the strips between the regions [m]
     """
 
@@ -58,13 +62,15 @@ class Ground:
     obstacle: NDArray[np.bool_]
     free: NDArray[np.bool_]
     road: NDArray[np.bool_]
+    street: NDArray[np.bool_]
     region: NDArray[np.int8]
+    side: NDArray[np.int8]
     gap_m: float
 
-    def cells(self, split: Split, road: bool = False) -> NDArray[np.int64]:
-        """[n, 2] cells of a split's region, or of its roads alone."""
+    def cells(self, split: Split, road: bool | None = None) -> NDArray[np.int64]:
+        """[n, 2] cells of a split's region, or of its roads alone, or of the others alone."""
         chosen = self.region == SPLITS.index(split)
-        return np.argwhere(chosen & self.road if road else chosen)
+        return np.argwhere(chosen if road is None else chosen & (self.road == road))
 
     def area_m2(self, split: Split) -> float:
         return float(np.count_nonzero(self.region == SPLITS.index(split))) * self.cell_m**2
@@ -78,6 +84,18 @@ class Ground:
         """Height of the ground [m] at a point on free ground, bilinear between the cells' centres."""
         at = [(x - self.origin[0]) / self.cell_m - 0.5, (y - self.origin[1]) / self.cell_m - 0.5]
         return float(ndimage.map_coordinates(self.height_m, np.array(at)[:, None], order=1, mode="nearest")[0])
+
+    def tilt_deg(self, x: float, y: float, yaw_rad: float) -> tuple[float, float]:
+        """Pitch and roll [deg] of a car that stands on free ground and looks along a heading."""
+        ahead, left = np.array([np.cos(yaw_rad), np.sin(yaw_rad)]), np.array([-np.sin(yaw_rad), np.cos(yaw_rad)])
+        rises = [
+            self.height_at(x + reach * way[0], y + reach * way[1])
+            - self.height_at(x - reach * way[0], y - reach * way[1])
+            for way, reach in ((ahead, HALF_LENGTH_M), (left, HALF_WIDTH_M))
+        ]
+        pitch = np.arctan2(-rises[0], 2.0 * HALF_LENGTH_M)
+        roll = np.arctan2(rises[1] * np.cos(pitch), 2.0 * HALF_WIDTH_M)
+        return float(np.degrees(pitch)), float(np.degrees(roll))
 
     def free_path(self, x: float, y: float, headings_rad: NDArray[np.float64], reach_m: float) -> NDArray[np.float64]:
         """[n] distance [m] from a point to the first obstacle along each heading [n]; inf if none within ``reach_m``.
@@ -102,7 +120,7 @@ def _mark_footprint(obstacle: NDArray[np.bool_], target: PointTarget, heights: H
 
 
 def free_ground(scene: Scene) -> Ground:
-    """Find the scene's free ground and cut it into three separated regions.
+    """Find the scene's free ground, and cut its streets into three separated regions.
 
     :raises InputError: if the scene has no free ground; ``--poses`` does without
     """
@@ -118,8 +136,9 @@ def free_ground(scene: Scene) -> Ground:
     for target in scene.targets:
         _mark_footprint(obstacle, target, heights)
     # From any point of a cell to any point of an obstacle's cell: two half diagonals less than between centres.
-    clear = _distance_to_marked(edge | obstacle, cell) >= CLEARANCE_M + np.sqrt(2.0) * cell
-    free = ground & clear
+    step_m = _distance_to_marked(edge | obstacle, cell)
+    free = ground & (step_m >= CLEARANCE_M + np.sqrt(2.0) * cell)
+    free = reachable(free, free | (ground & (step_m >= ROUTE_CLEARANCE_M)))
     near = free & (_distance_to_marked(obstacle, cell) <= NEAR_OBSTACLE_M)
     if near.any():
         free = near
@@ -129,11 +148,14 @@ def free_ground(scene: Scene) -> Ground:
             f"no free ground: nowhere a gentle surface with {CLEARANCE_M} m around it free of steps",
             "a scene with open ground, or --poses FILE.json",
         )
-    region, gap = _cut_into_regions(free, cell)
     road = free & np.isin(
         heights.owner, [n for n, item in enumerate(scene.objects) if _is_road(item.name, item.material)]
     )
-    return Ground(scene.name, heights.origin, cell, heights.surface, obstacle, free, road, region, gap)
+    street = streets(free, road, obstacle, cell)
+    cut = cut_into_regions(street, cell)
+    return Ground(
+        scene.name, heights.origin, cell, heights.surface, obstacle, free, road, street, cut.region, cut.side, cut.gap_m
+    )
 
 
 def _is_road(name: str, material: str) -> bool:
@@ -214,36 +236,3 @@ def _raised(ground: NDArray[np.bool_], heights: HeightMap) -> NDArray[np.bool_]:
     away, (i, j) = ndimage.distance_transform_edt(~ground, return_indices=True)
     slope_gain = MAXIMUM_SLOPE * heights.cell_m * (away + np.sqrt(0.5))
     return heights.highest > heights.surface[i, j] + MAXIMUM_STEP_M + slope_gain
-
-
-def _cut_into_regions(free: NDArray[np.bool_], cell_m: float) -> tuple[NDArray[np.int8], float]:
-    """Cut free cells along their longer axis into train, gap, validation, gap, test, areas about 6 : 1 : 1.
-
-    The gap is at least 5 m and at least 5 % of the extent. Where the ground is too short for gaps and three regions,
-    train has it all and the others stay empty.
-    """
-    extents = [np.flatnonzero(free.any(axis=1 - axis)) for axis in (0, 1)]
-    spans = [int(used[-1] - used[0] + 1) for used in extents]
-    axis = int(np.argmax(spans))
-    gap = int(np.ceil(max(5.0, 0.05 * spans[axis] * cell_m) / cell_m))
-    lines = np.count_nonzero(free, axis=1 - axis)
-    total = np.concatenate([[0], np.cumsum(lines)])  # total[n]: free cells in lines 0 to n - 1
-    # The end of the training region determines the other two cuts. The best end gives the best size of the test region.
-    best = (np.inf, len(lines), len(lines))
-    for end in range(1, len(lines) - 2 * gap):
-        train = total[end]
-        start = end + gap
-        stop = int(np.searchsorted(total, total[start] + train * SHARES[1] / SHARES[0]))
-        if stop + gap >= len(lines):
-            break
-        validation, test = total[stop] - total[start], total[-1] - total[stop + gap]
-        if min(train, validation, test) > 0:
-            best = min(best, (abs(float(test) - train * SHARES[2] / SHARES[0]), end, stop))
-    _, end, stop = best
-    position = np.arange(len(lines))
-    along = np.full(len(lines), -1, dtype=np.int8)
-    along[position < end] = 0
-    along[(position >= end + gap) & (position < stop)] = 1
-    along[position >= stop + gap] = 2
-    shape = (-1, 1) if axis == 0 else (1, -1)
-    return np.where(free, along.reshape(shape), -1).astype(np.int8), gap * cell_m

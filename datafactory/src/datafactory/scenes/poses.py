@@ -6,7 +6,7 @@ import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, TypeAdapter, Val
 from scipy.spatial.transform import Rotation
 
 from datafactory.scenes.ground import Ground, Split
+from datafactory.scenes.views import BEST, view_from
 from shared.physics.errors import InputError
 from shared.physics.units import FARTHEST_M, FASTEST_MPS
 
@@ -22,13 +23,8 @@ MAXIMUM_SPEED_MPS = 6.0
 """Uniform from 0 in a random direction: the paper, section "Training data generation"."""
 
 ROAD_PREFERENCE = 0.8
-"""Share of the positions drawn on roads alone, where the split's region has any."""
-FREE_AHEAD_M = 8.0
-SIGHT_M = 90.0
-SECTOR_DEG = 50.0
-SECTOR_RAYS = 21
-"""One heading every 5 deg across the sector: one of them meets a facade 8 m wide at 90 m."""
-POSITION_TRIES = 16
+"""Share of the positions drawn on roads, where the split's region has any. The others are drawn on the kerbs."""
+POSITION_TRIES = 32
 YAW_TRIES = 8
 
 Vector = tuple[float, float, float]
@@ -70,14 +66,14 @@ class Pose:
         return float(w), float(x), float(y), float(z)
 
 
-_Coordinate = Annotated[FiniteFloat, Field(ge=-FARTHEST_M, le=FARTHEST_M)]
-_Speed = Annotated[FiniteFloat, Field(ge=-FASTEST_MPS, le=FASTEST_MPS)]
-_Position = Annotated[list[_Coordinate], Field(min_length=3, max_length=3)]
-_Velocity = Annotated[list[_Speed], Field(min_length=3, max_length=3)]
-_Time = Annotated[FiniteFloat, Field(ge=-1e6, le=1e6)]
+Coordinate = Annotated[FiniteFloat, Field(ge=-FARTHEST_M, le=FARTHEST_M)]
+Speed = Annotated[FiniteFloat, Field(ge=-FASTEST_MPS, le=FASTEST_MPS)]
+_Position = Annotated[list[Coordinate], Field(min_length=3, max_length=3)]
+Velocity = Annotated[list[Speed], Field(min_length=3, max_length=3)]
+Time = Annotated[FiniteFloat, Field(ge=-1e6, le=1e6)]
 
 
-class _PoseEntry(BaseModel):
+class PoseEntry(BaseModel):
     """One entry of a poses file."""
 
     model_config = ConfigDict(extra="forbid", strict=True)
@@ -86,8 +82,8 @@ class _PoseEntry(BaseModel):
     yaw_deg: FiniteFloat = 0.0
     pitch_deg: FiniteFloat = 0.0
     roll_deg: FiniteFloat = 0.0
-    velocity: _Velocity = [0.0, 0.0, 0.0]
-    time: _Time = 0.0
+    velocity: Velocity = [0.0, 0.0, 0.0]
+    time: Time = 0.0
 
     def pose(self) -> Pose:
         x, y, z = self.position
@@ -95,7 +91,7 @@ class _PoseEntry(BaseModel):
         return Pose((x, y, z), self.yaw_deg, self.pitch_deg, self.roll_deg, (vx, vy, vz), self.time)
 
 
-_ENTRIES = TypeAdapter(list[_PoseEntry])
+_ENTRIES = TypeAdapter(list[PoseEntry])
 _FORM = '[{"position": [x, y, z], "yaw_deg": 0, "pitch_deg": 0, "roll_deg": 0, "velocity": [x, y, z], "time": s}, ...]'
 
 
@@ -105,19 +101,32 @@ def read_poses(path: Path) -> tuple[Pose, ...]:
     :raises InputError: if the file cannot be read, is no such list, is empty, or an entry has an unknown, doubled,
         missing or wrong field; the message names the entry (from 0), the field and the value
     """
+    return tuple(entry.pose() for entry in read_entries(path, _ENTRIES, _FORM))
+
+
+Entry = TypeVar("Entry", bound="PoseEntry")
+
+
+def read_entries(path: Path, entries: TypeAdapter[list[Entry]], form: str) -> list[Entry]:
+    """Read a JSON list of poses.
+
+    :param entries: what each must be
+    :param form: the list, as an example
+    :raises InputError: see :func:`read_poses`
+    """
     try:
         raw = json.loads(path.read_text(encoding="utf-8"), object_pairs_hook=_without_repeated_keys)
     except OSError as error:
         raise InputError(path, f"cannot be read: {error.strerror}", "a JSON file of poses") from None
     except (ValueError, RecursionError) as error:  # malformed JSON, no UTF-8, a doubled key, nested too deeply
-        raise InputError(path, f"malformed JSON: {error}", _FORM) from None
+        raise InputError(path, f"malformed JSON: {error}", form) from None
     try:
-        entries = _ENTRIES.validate_python(raw)
+        found = entries.validate_python(raw)
     except ValidationError as error:
-        raise _first_fault(error, path) from None
-    if not entries:
+        raise _first_fault(error, path, form) from None
+    if not found:
         raise InputError(path, "the list is empty", "at least one pose")
-    return tuple(entry.pose() for entry in entries)
+    return found
 
 
 def _without_repeated_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -127,28 +136,31 @@ def _without_repeated_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return dict(pairs)
 
 
-def _first_fault(error: ValidationError, path: Path) -> InputError:
+def _first_fault(error: ValidationError, path: Path, form: str) -> InputError:
     """One line of pydantic's first complaint: entry, field, value, what is right."""
     first = error.errors(include_url=False)[0]
     more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
     if not first["loc"]:
-        return InputError(path, f"holds {type(first['input']).__name__}, not a list", _FORM)
+        return InputError(path, f"holds {type(first['input']).__name__}, not a list", form)
     entry, *field = first["loc"]
     where = f"entry {entry}" + "".join(f".{part}" for part in field)
     if first["type"] == "extra_forbidden":
-        return InputError(path, f"unknown key {where}{more}", f"one of {', '.join(_PoseEntry.model_fields)}")
+        return InputError(path, f"unknown key {where}{more}", f"one of {', '.join(PoseEntry.model_fields)}")
     value = "missing" if first["type"] == "missing" else f"= {first['input']!r}"
-    message = "[x, y, z] in metres" if first["type"] == "missing" else first["msg"][0].lower() + first["msg"][1:]
+    message = first["msg"][0].lower() + first["msg"][1:]
+    if first["type"] == "missing":
+        message = "[x, y, z] in metres" if field == ["position"] else form
     return InputError(path, f"{where} {value}{more}", message)
 
 
 def sample_pose(ground: Ground, split: Split, rng: np.random.Generator) -> Pose:
-    """Draw a pose on the free ground of a split's region, 0.5 m above it, pitch and roll 0.
+    """Draw a pose on the streets of a split's region, 0.5 m above the ground and tilted as it is.
 
-    A position is drawn uniformly, on roads alone with probability 0.8 where there are any, and a yaw uniformly; both
-    are taken if the boresight is free for 8 m and something stands within 90 m and +-50 deg of it. After 16 positions
-    with 8 yaws each the best of them is taken: first those with an object in the sector, then the longest free path.
-    The velocity is horizontal, its speed uniform from 0 to 6 m/s and its direction uniform.
+    A position is drawn uniformly, on roads with probability 0.8 and else on their kerbs where there are any, and a yaw
+    uniformly. Both are taken if the boresight is free for 8 m, some ray of the field of view for 15 m, something
+    stands within 95 m in the field of view, and nothing that is seen there lies on another split's side
+    (:mod:`datafactory.scenes.views`). After 32 positions with 8 yaws each the best of them is taken. The velocity lies
+    in the ground's plane, its horizontal speed uniform from 0 to 6 m/s and its direction uniform.
 
     :param ground: from :func:`datafactory.scenes.ground.free_ground`
     :param split: ``"train"``, ``"validation"`` or ``"test"``
@@ -163,30 +175,30 @@ def sample_pose(ground: Ground, split: Split, rng: np.random.Generator) -> Pose:
             "a larger scene, another --split, or --poses FILE.json",
         )
     roads = ground.cells(split, road=True)
-    best: tuple[tuple[bool, float], float, float, float] | None = None
+    kerbs = ground.cells(split, road=False)
+    best: tuple[tuple[bool, float, float], float, float, float] | None = None
     for _ in range(POSITION_TRIES):
-        pool = roads if len(roads) and rng.random() < ROAD_PREFERENCE else cells
+        on_road = len(roads) and (not len(kerbs) or rng.random() < ROAD_PREFERENCE)
+        pool = roads if on_road else kerbs
         corner = pool[rng.integers(len(pool))] + rng.random(2)
         x, y = (float(ground.origin[axis] + corner[axis] * ground.cell_m) for axis in (0, 1))
         for yaw in rng.uniform(-math.pi, math.pi, YAW_TRIES):
-            score = _view_score(ground, x, y, float(yaw))
-            if best is None or score > best[0]:
-                best = (score, x, y, float(yaw))
-        if best is not None and best[0] == (True, FREE_AHEAD_M):
+            worth = view_from(ground, x, y, float(yaw), split).worth
+            if best is None or worth > best[0]:
+                best = (worth, x, y, float(yaw))
+        if best is not None and best[0] == BEST:
             break
     assert best is not None  # at least one yaw was tried
     _, x, y, yaw = best
     speed = rng.uniform(0.0, MAXIMUM_SPEED_MPS)
     direction = rng.uniform(-math.pi, math.pi)
+    pitch_deg, roll_deg = ground.tilt_deg(x, y, yaw)
+    # Positive pitch points down: the ground's rise per metre towards the direction of travel.
+    rise, _ = ground.tilt_deg(x, y, direction)
     return Pose(
         position=(x, y, ground.height_at(x, y) + SENSOR_HEIGHT_M),
         yaw_deg=math.degrees(yaw),
-        velocity=(speed * math.cos(direction), speed * math.sin(direction), 0.0),
+        pitch_deg=pitch_deg,
+        roll_deg=roll_deg,
+        velocity=(speed * math.cos(direction), speed * math.sin(direction), -speed * math.tan(math.radians(rise))),
     )
-
-
-def _view_score(ground: Ground, x: float, y: float, yaw: float) -> tuple[bool, float]:
-    """Whether anything stands in the sector ahead, and the free path along the boresight, capped at 8 m."""
-    sector = yaw + np.radians(np.linspace(-SECTOR_DEG, SECTOR_DEG, SECTOR_RAYS))
-    free = ground.free_path(x, y, sector, SIGHT_M)
-    return bool(np.isfinite(free).any()), min(float(free[SECTOR_RAYS // 2]), FREE_AHEAD_M)

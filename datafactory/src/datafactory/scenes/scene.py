@@ -16,8 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.scenes.chain import Chain, placed
+from datafactory.scenes.labels import Label
 from datafactory.scenes.motion import Instant, Motion, Moving, Track, Vector, drift, fastest_mps, upright_axes
 from datafactory.scenes.targets.models import RcsModel
+from datafactory.scenes.things import Population
 
 ZERO = (0.0, 0.0, 0.0)
 WORLD_AXES: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -64,6 +66,7 @@ class SceneObject:
     :param material: the name that the source gave its material, e.g. ``"mat-itu_concrete"``; "" where it gave none
     :param velocity: world velocity [m/s] at time 0; of what turns or changes its shape, that of its vertices' mean
     :param motion: how it moves; None: straight on with ``velocity``
+    :param label: the thing that it is a part of, for boxes; None where the source does not say
     """
 
     name: str
@@ -72,6 +75,7 @@ class SceneObject:
     material: str = ""
     velocity: tuple[float, float, float] = ZERO
     motion: Motion | None = None
+    label: Label | None = field(default=None, repr=False)
 
     @property
     def moves(self) -> bool:
@@ -103,17 +107,18 @@ class SceneObject:
         material: str = "",
         velocity: Vector = ZERO,
         motion: Motion | None = None,
+        label: Label | None = None,
     ) -> SceneObject:
         """An object with vertices of its own, or one that shares points and triangles with other instances.
 
         :param vertices: of what turns or changes its shape, the points in its own coordinates
         :param velocity: of what has no motion; otherwise it follows from that
         """
-        item = SceneObject(name, cast(NDArray[np.float64], vertices), triangles, material, velocity, motion)
+        item = SceneObject(name, cast(NDArray[np.float64], vertices), triangles, material, velocity, motion, label)
         if motion is None:
             return item
         velocity = triple(motion.at(0.0)[1] if isinstance(motion, Track) else item.at(0.0).velocities.mean(axis=0))
-        return SceneObject(name, cast(NDArray[np.float64], vertices), triangles, material, velocity, motion)
+        return SceneObject(name, cast(NDArray[np.float64], vertices), triangles, material, velocity, motion, label)
 
 
 setattr(SceneObject, "vertices", _WorldVertices())  # noqa: B010  after the dataclass, to which it would be a default
@@ -131,6 +136,8 @@ class PointTarget:
     :param axes: x, y and z of the model's frame in the world, right-handed unit vectors
     :param motion: how it moves; None: straight on with ``velocity``
     :param spin: rate of turn in the world [rad/s]
+    :param occupied: lower and upper corner along ``axes`` [m] of what a target without a model stands for, where known
+    :param label: the thing that it is, for boxes; None where the source does not say
     """
 
     name: str
@@ -141,6 +148,17 @@ class PointTarget:
     axes: tuple[Vector, Vector, Vector] = WORLD_AXES
     motion: Motion | None = field(default=None, repr=False)
     spin: Vector = field(default=ZERO, repr=False)
+    occupied: tuple[Vector, Vector] | None = field(default=None, repr=False)
+    label: Label | None = field(default=None, repr=False)
+
+    @property
+    def moves(self) -> bool:
+        return self.motion is not None or any(self.velocity)
+
+    @property
+    def extent(self) -> tuple[Vector, Vector]:
+        """Lower and upper corner along ``axes`` of what it stands for [m]; twice its place where no size is known."""
+        return self.model.extent_m if self.model is not None else self.occupied or (ZERO, ZERO)
 
     def at(self, time_s: float) -> PointTarget:
         """The target as it is at a time [s]."""
@@ -167,6 +185,8 @@ class Scene:
     :param targets: point targets with a radar cross section
     :param source: the path or ``sionna:NAME`` it was read from
     :param warnings: what the reader ignored, with counts, e.g. ``"3 prims of type Curves ignored"``
+    :param population: what was put into it besides, of which the objects and targets are among these; None of a scene
+        as it was read
     """
 
     name: str
@@ -174,6 +194,7 @@ class Scene:
     targets: tuple[PointTarget, ...] = ()
     source: str = ""
     warnings: tuple[str, ...] = field(default=())
+    population: Population | None = None
 
     @property
     def triangle_count(self) -> int:
@@ -219,6 +240,14 @@ class Scene:
         for name, motion in named:
             if motion is not None:
                 digest.update(name.encode() + motion.fingerprint())
+        for name, label in [(item.name, item.label) for item in self.objects] + [
+            (target.name, target.label) for target in self.targets
+        ]:
+            if label is not None:
+                digest.update(name.encode() + label.fingerprint())
+        for target in self.targets:
+            if target.occupied is not None:
+                digest.update(repr((target.name, target.occupied)).encode())
         return digest.hexdigest()
 
 

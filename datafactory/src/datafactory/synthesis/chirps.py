@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.parts import centre, parts_of, reach_bins, rx_blocks
-from datafactory.synthesis.sorting import range_cells
+from datafactory.synthesis.sorting import FLOAT32_TOLERANCE, crowd_limit, range_cells
 from datafactory.synthesis.spread import add_moments, add_to_grid, columns, empty_moments, padded
 from datafactory.synthesis.wave_model import WaveModel
 from shared.radar import Radar
@@ -92,11 +92,12 @@ def cube_by_chirps(
     return cube
 
 
-def most_paths_in_a_cell(paths: PathTable, waveform: Waveform) -> int:
-    """Paths in the fullest range cell."""
+def precision(paths: PathTable, waveform: Waveform, tolerance: float) -> type:
+    """Of the sums: np.complex64, or np.complex128 for small tolerances and where the fullest range cell is crowded."""
     cells = OVERSAMPLING * waveform.samples
     parts = [range_cells(part.range_m(), waveform, OVERSAMPLING, cells) for part in (paths.scattered, paths.specular)]
-    return int(np.bincount(np.concatenate(parts)).max(initial=0))
+    crowded = int(np.bincount(np.concatenate(parts)).max(initial=0)) > crowd_limit(tolerance)
+    return np.complex128 if crowded or tolerance < FLOAT32_TOLERANCE else np.complex64
 
 
 def _by_cell(paths: ScatteredPaths, waveform: Waveform) -> Float64[np.ndarray, "16 paths"]:

@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Complex
 
 from datafactory.paths.table import PathTable
-from datafactory.synthesis.chirps import cube_by_chirps, most_paths_in_a_cell
+from datafactory.synthesis.chirps import cube_by_chirps, precision
 from datafactory.synthesis.frame_lines import add_along_lines
-from datafactory.synthesis.sorting import FLOAT32_TOLERANCE, SortedPaths, crowd_limit, sorted_paths
+from datafactory.synthesis.sorting import FLOAT32_TOLERANCE, SortedPaths, sorted_paths
 from datafactory.synthesis.wave_model import EQUATION_1, WaveModel
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
@@ -50,8 +50,7 @@ def cube_of_sorted(
     shape = waveform.chirps, waveform.samples, array.channels
 
     def exactly(table: PathTable, chirps: int) -> Complex[np.ndarray, "{chirps} samples channels"]:
-        crowded = most_paths_in_a_cell(table, waveform) > crowd_limit(tolerance)
-        dtype = np.complex128 if crowded or tolerance < FLOAT32_TOLERANCE else np.complex64
+        dtype = precision(table, waveform, tolerance)
         result = cube_by_chirps(table, radar, tolerance, array, threads, model, chirps, dtype).reshape(
             chirps, *shape[1:]
         )

@@ -123,7 +123,7 @@ def add_along_lines(
         rx, cells, taps = array.rx[plan.rx], plan.cells, len(plan.weights)
         columns_of = slice(plan.rx.start * len(array.tx), plan.rx.stop * len(array.tx))
         row_bytes = (cells + taps - 1) * len(array.tx) * padded(rx).shape[1] * 8
-        for lines, chosen in _turns(plan.jobs, max(int(GRID_BYTES / row_bytes), 1)):
+        for lines, chosen in turns(plan.jobs, max(int(GRID_BYTES / row_bytes), 1)):
             shape = len(lines), cells + taps - 1, 2, len(array.tx) * padded(rx).shape[1]
             grid = np.zeros(shape, dtype=np.float32)
             for job, some in chosen:
@@ -163,7 +163,7 @@ def _jobs(
     return jobs
 
 
-def _turns(
+def turns(
     jobs: list[Job], most: int
 ) -> Iterator[tuple[Int64[np.ndarray, " lines"], list[tuple[Job, Int64[np.ndarray, " chosen"]]]]]:
     """Lines in use [spacings], rising, about ``most`` at a time, with the jobs' paths that lie within, in their order.

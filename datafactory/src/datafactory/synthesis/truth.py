@@ -73,7 +73,7 @@ def truth_moments(
     """
     array, waveform = radar.virtual_sensor, radar.waveform
     mid, path_terms, cells = truth_plan(paths, radar, doppler_cells, terms, model)
-    table = _doppler_table(mid.curvature, waveform.chirps, int(path_terms.max(initial=1)))
+    table = doppler_table(mid.curvature, waveform.chirps, int(path_terms.max(initial=1)))
     moments = np.zeros((terms, waveform.range_bins, array.channels), dtype=np.complex64)
     for first in range(0, array.channels, BLOCK):
         _add_block(moments, slice(first, first + BLOCK), mid, path_terms, cells, table, radar, model)
@@ -121,7 +121,7 @@ def truth_plan(
     anywhere = seen.any(axis=0)
     mid, seen = mid.take(np.flatnonzero(anywhere)), np.compress(anywhere, seen, axis=1)
     path_terms = _doppler_terms(mid, waveform.chirps)
-    cells, around_row = waveform.samples * CELLS_PER_BIN, _around_row(waveform.samples)
+    cells, around = waveform.samples * CELLS_PER_BIN, around_row(waveform.samples)
     result, mixing = list[DopplerCell](), dict[int, Float32[np.ndarray, "outputs inputs"]]()
     for index in np.unique(doppler_cells):
         chosen = np.flatnonzero(seen[index])
@@ -129,7 +129,7 @@ def truth_plan(
             continue
         rows = np.flatnonzero(doppler_cells == index)
         needed = np.zeros(cells, dtype=bool)
-        needed[(rows[:, None] * CELLS_PER_BIN + around_row) % cells] = True
+        needed[(rows[:, None] * CELLS_PER_BIN + around) % cells] = True
         count = int(path_terms[chosen].max())
         if count not in mixing:
             mixing[count] = _mixing_matrix(radar, terms, count)
@@ -151,7 +151,7 @@ def _add_block(
     waveform, terms = radar.waveform, len(moments)
     rx = radar.virtual_sensor.rx[block]
     frame_s = waveform.chirps * waveform.chirp_interval_s
-    around_row = _around_row(waveform.samples)
+    offsets = around_row(waveform.samples)
     workspace = np.empty(waveform.samples * CELLS_PER_BIN * SHIFT_TERMS * table[2].shape[2] * 2 * len(rx), np.float32)
     for cell in cells:
         shape = len(cell.needed), SHIFT_TERMS * cell.doppler_terms, 2, len(rx)
@@ -166,7 +166,7 @@ def _add_block(
         )  # fmt: skip
         turn = np.exp(-2j * np.pi * cell.frequency * (waveform.chirps // 2) / waveform.chirps).astype(np.complex64)
         for row in cell.rows:
-            around = _cyclic_slice(grid, row * CELLS_PER_BIN + around_row).reshape(cell.mixing.shape[1], -1)
+            around = _cyclic_slice(grid, row * CELLS_PER_BIN + offsets).reshape(cell.mixing.shape[1], -1)
             re_re, re_im, im_re, im_im = (
                 (cell.mixing @ around).reshape(2, terms, 2, -1).transpose(0, 2, 1, 3).reshape(4, terms, -1)
             )
@@ -194,7 +194,7 @@ def _frame_positions(chirps: int) -> Float64[np.ndarray, " {chirps}"]:
     return (np.arange(chirps) - chirps // 2) / chirps
 
 
-def _doppler_table(
+def doppler_table(
     curvature: Float64[np.ndarray, " paths"], chirps: int, terms: int
 ) -> tuple[int, float, Complex128[np.ndarray, "q delta {terms}"]]:
     """First curvature index, first delta, and G with its derivatives over their factorials."""
@@ -223,7 +223,7 @@ def _mixing_matrix(radar: Radar, terms: int, doppler_terms: int) -> Float32[np.n
     samples = radar.waveform.samples
     nu = sweep_positions(samples)
     window = hann(samples) / hann(samples).sum()
-    offset = _around_row(samples) / CELLS_PER_BIN
+    offset = around_row(samples) / CELLS_PER_BIN
     walk = shift_polynomials(nu, WALK_REACH, terms) * window
     shift = shift_polynomials(nu, _shift_reach(radar), SHIFT_TERMS)
     powers = nu ** np.arange(doppler_terms)[:, None]
@@ -232,7 +232,7 @@ def _mixing_matrix(radar: Radar, terms: int, doppler_terms: int) -> Float32[np.n
     return np.concatenate([mixing.real, mixing.imag]).astype(np.float32)
 
 
-def _around_row(samples: int) -> Int64[np.ndarray, " offsets"]:
+def around_row(samples: int) -> Int64[np.ndarray, " offsets"]:
     """Offsets from a row's own cell to the cells that contribute to it; on a short range axis each cell once."""
     cells = samples * CELLS_PER_BIN
     reach = min(ROW_REACH * CELLS_PER_BIN, cells // 2)

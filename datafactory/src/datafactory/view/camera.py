@@ -67,13 +67,17 @@ def camera_picture(subject: Subject, width: int = WIDTH, height: int = HEIGHT) -
     return _averaged(_outlined(colours.reshape(rows, columns, 3), met))
 
 
-def above_picture(subject: Subject) -> Picture:
-    """[rows, columns, 3] the scene from straight above the sensor, ahead upwards; ABOVE_M says how much of it.
+def above_picture(
+    subject: Subject, area: tuple[float, float, float] = ABOVE_M, pixels_a_metre: float = ABOVE_PIXELS_A_METRE
+) -> Picture:
+    """[rows, columns, 3] the scene from straight above the sensor, ahead upwards.
 
     Straight above is along the radar's own z: a pitched sensor tilts the view.
+
+    :param area: from and to how far ahead, and how far to either side [m]
     """
-    nearest, farthest, aside = ABOVE_M
-    step = 1.0 / (FINER * ABOVE_PIXELS_A_METRE)
+    nearest, farthest, aside = area
+    step = 1.0 / (FINER * pixels_a_metre)
     x = np.arange(farthest, nearest, -step) - 0.5 * step
     y = np.arange(aside, -aside, -step) - 0.5 * step
     start = np.stack(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from io import BytesIO
 
@@ -20,16 +21,13 @@ from datafactory.scenes.scene import Scene
 from datafactory.view.camera import camera_picture
 from datafactory.view.subject import Subject
 from shared.dataset import Frame
-from shared.dataset.folder import Dataset
+from shared.dataset.folder import CAMERA, Dataset, camera_path
 from shared.dataset.locations import Location, file_size
 from shared.dataset.manifest import MANIFEST
 from shared.dataset.reading import radar_of
 from shared.dataset.writing import atomic, make_folder
 from shared.physics.errors import InputError
 from shared.radar import first_validation_error
-
-FOLDER = "camera"
-"""Of a dataset: its frames as a camera at the sensor sees them, where they were asked for."""
 
 
 class _SceneEntry(BaseModel):
@@ -38,12 +36,7 @@ class _SceneEntry(BaseModel):
     content_sha256: str
 
 
-class _PoseEntry(BaseModel):
-    time_s: float = 0.0
-
-
 class _Arguments(BaseModel):
-    poses: tuple[_PoseEntry, ...] = ()
     paths: tuple[str, ...] | None = None
 
 
@@ -84,9 +77,9 @@ class Cameras:
             return None
         w, x, y, z = frame.sensor_orientation
         yaw, pitch, roll = Rotation.from_quat([w, x, y, z], scalar_first=True).as_euler("ZYX", degrees=True).tolist()
-        poses = self._rendered.arguments.poses
-        time_s = poses[frame.frame_id].time_s if frame.frame_id < len(poses) else 0.0
-        pose = Pose(frame.sensor_position, yaw, pitch, roll, frame.sensor_velocity, time_s)
+        if math.isnan(frame.time):
+            raise InputError(self._source, "its frames do not say when they are", "a dataset made anew")
+        pose = Pose(frame.sensor_position, yaw, pitch, roll, frame.sensor_velocity, frame.time)
         return Subject(f"{frame.scene}, frame {frame.frame_id}", self._scene(frame.scene), pose, self._radar)
 
     def _scene(self, name: str) -> PreparedScene:
@@ -102,31 +95,27 @@ class Cameras:
         return self._opened[name]
 
 
-def picture_path(folder: Location, frame_id: int) -> Location:
-    """Where a frame's camera picture stands in a dataset's folder."""
-    return folder / FOLDER / f"frame-{frame_id:06d}.png"
-
-
 def stored_picture(dataset: Dataset, frame_id: int) -> NDArray[np.uint8] | None:
     """The camera picture of a frame that was written with it; None where there is none.
 
     :raises InputError: a file that is no picture
     """
-    path = picture_path(dataset.path, frame_id)
-    if file_size(path) is None:
+    if (picture := dataset.camera(frame_id)) is None:
         return None
     try:
-        return np.rint(255.0 * imread(BytesIO(path.read_bytes()))[..., :3]).astype(np.uint8)
+        return np.rint(255.0 * imread(BytesIO(picture))[..., :3]).astype(np.uint8)
     except (OSError, ValueError, SyntaxError, IndexError) as error:
-        raise InputError(path, f"no picture: {error}", "the file as render --camera wrote it") from error
+        raise InputError(
+            camera_path(dataset.path, frame_id), f"no picture: {error}", "the file as render --camera wrote it"
+        ) from error
 
 
 def write_cameras(dataset: Dataset, cameras: Cameras) -> Iterator[Location]:
     """Write the camera pictures of all scene frames that have none yet, one after the other."""
-    make_folder(dataset.path / FOLDER)
+    make_folder(dataset.path / CAMERA)
     for split in dataset.splits:
         for frame in dataset.frames(split, columns=()):
-            path, subject = picture_path(dataset.path, frame.frame_id), cameras.subject(frame)
+            path, subject = camera_path(dataset.path, frame.frame_id), cameras.subject(frame)
             if subject is None or file_size(path) is not None:
                 continue
             with atomic(path) as partial:

@@ -2,11 +2,13 @@
 
 from shared.dataset.schema import (
     COMPLEX_ARRAYS,
+    LATER,
     METADATA_KEY,
     SCALARS,
     STORES,
     VECTORS,
     VERSION,
+    Box,
     Frame,
     Target,
     arrow_schema,
@@ -17,11 +19,13 @@ from shared.dataset.schema import (
 
 __all__ = [
     "COMPLEX_ARRAYS",
+    "LATER",
     "METADATA_KEY",
     "SCALARS",
     "STORES",
     "VECTORS",
     "VERSION",
+    "Box",
     "Frame",
     "Target",
     "arrow_schema",

@@ -17,6 +17,13 @@ from shared.physics.errors import InputError
 
 Split = Literal["train", "validation", "test"]
 SPLITS: tuple[Split, ...] = ("train", "validation", "test")
+CAMERA = "camera"
+"""Folder of the frames as a camera at the sensor sees them, where they were asked for."""
+
+
+def camera_path(folder: Location, frame_id: int) -> Location:
+    """Where a frame's camera picture stands in a dataset's folder."""
+    return folder / CAMERA / f"frame-{frame_id:06d}.png"
 
 
 @dataclass(frozen=True)
@@ -53,6 +60,11 @@ class Dataset:
         """(shard, row) of every frame of a split, for :func:`read_frame`."""
         count = {self.path / record.path: record.rows for record in self.records}
         return tuple((shard, row) for shard in self.shards(split) for row in range(count[shard]))
+
+    def camera(self, frame_id: int) -> bytes | None:
+        """The PNG of a frame as a camera at the sensor sees it; None where there is none."""
+        path = camera_path(self.path, frame_id)
+        return None if file_size(path) is None else path.read_bytes()
 
     def description(self) -> dict[str, Any]:
         """The description of the first shard; all shards have the same (:func:`verify` checks it).

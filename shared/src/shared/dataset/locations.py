@@ -167,6 +167,22 @@ def _checked(uri: str) -> SplitResult:
     return parts
 
 
+def absolute(location: Location) -> Location:
+    """The place from wherever one stands."""
+    return location.absolute() if isinstance(location, Path) else location
+
+
+def local(path: Path | str, option: str) -> Path:
+    """The local folder that an option names.
+
+    :raises InputError: a place elsewhere
+    """
+    location = locate(path)
+    if not isinstance(location, Path):
+        raise InputError(option, f"{location} is not on this machine", "a local folder")
+    return location
+
+
 def file_size(location: Location) -> int | None:
     """Bytes of a file, None if there is none."""
     if isinstance(location, RemotePath):

@@ -15,16 +15,16 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from shared.dataset import COMPLEX_ARRAYS, METADATA_KEY, SCALARS, VECTORS, Frame, Target, row_bytes
+from shared.dataset import COMPLEX_ARRAYS, LATER, METADATA_KEY, SCALARS, VECTORS, Box, Frame, Target, row_bytes
 from shared.dataset.locations import Location, file_size, open_parquet
 from shared.dataset.manifest import check_version, require_as_written
-from shared.dataset.schema import TARGET_FIELDS
+from shared.dataset.schema import BOX_FIELDS, TARGET_FIELDS
 from shared.physics.errors import InputError
 from shared.radar import FrontEnd, Radar, first_validation_error
 from shared.radar.arrays import AntennaArray
 from shared.radar.waveform import Waveform
 
-SELECTABLE = ("range_channel", "velocity", "image", "targets", "range_doppler", "cube")
+SELECTABLE = ("range_channel", "velocity", "image", "targets", "boxes", "range_doppler", "cube")
 """Columns that a reader may leave out; the others are a few bytes a frame and always read."""
 
 BATCH_BYTES = 64 << 20
@@ -41,8 +41,11 @@ _SMALL_COLUMNS = {
     "seed": pa.int64(),
     "image_peak": pa.float64(),
     "noise_power": pa.float64(),
+    "time": pa.float64(),
+    "sequence": pa.int64(),
     **{name: pa.list_(pa.float64(), size) for name, size in VECTORS.items()},
     "targets": pa.list_(pa.struct([*((name, pa.float64()) for name in TARGET_FIELDS[:-1]), ("object", pa.string())])),
+    "boxes": pa.list_(pa.struct(list(BOX_FIELDS.items()))),
 }
 """Columns whose types do not depend on the radar."""
 
@@ -76,18 +79,20 @@ def frame_from_row(batch: pa.RecordBatch, row: int, shapes: Mapping[str, Sequenc
     :param shapes: the description's shapes, by column
     """
     names = batch.schema.names
-    small = [name for name in names if name in SCALARS or name in VECTORS]
-    values: dict[str, Any] = {name: batch.column(name)[row].as_py() for name in small}
+    small = [name for name in names if name in SCALARS or name in LATER or name in VECTORS]
+    values: dict[str, Any] = LATER | {name: batch.column(name)[row].as_py() for name in small}
     values.update((name, tuple(values[name])) for name in VECTORS)
     values.update((name, _array(batch, name, row, shapes[name])) for name in shapes)
-    return Frame(**values, targets=_targets(batch, row) if "targets" in names else ())
+    targets = _targets(batch, row) if "targets" in names else ()
+    return Frame(**values, targets=targets, boxes=_boxes(batch, row) if "boxes" in names else ())
 
 
 def read_frames(path: Location, columns: Sequence[str] | None = None) -> Iterator[Frame]:
     """The frames of one shard one after the other, in bounded memory.
 
     :param columns: which of :data:`SELECTABLE` to read, all by default; an array left out has length 0 along its first
-        axis (None for ``range_doppler`` and ``cube``), targets left out are ()
+        axis (None for ``range_doppler`` and ``cube``), targets and boxes left out are (). ``boxes`` may be asked of a
+        dataset that was made before there were any.
     :raises InputError: a file that is missing, damaged or of a newer version; a column that it does not have
     """
     with open_shard(path) as file:
@@ -243,9 +248,9 @@ def _is_shape(value: object) -> bool:
 def _wanted_columns(path: Location, file: pq.ParquetFile, columns: Sequence[str] | None) -> list[str]:
     present = file.schema_arrow.names
     selectable = [name for name in present if name in SELECTABLE]
-    if unknown := sorted(set(columns or ()) - set(selectable)):
+    if unknown := sorted(set(columns or ()) - {*selectable, "boxes"}):
         raise InputError(path, f"no column {unknown[0]!r}", f"some of {selectable}")
-    chosen = {*SCALARS, *VECTORS, *(selectable if columns is None else columns)}
+    chosen = {*SCALARS, *LATER, *VECTORS, *(selectable if columns is None else columns)}
     return [name for name in present if name in chosen]
 
 
@@ -262,3 +267,16 @@ def _array(batch: pa.RecordBatch, name: str, row: int, shape: Sequence[int]) -> 
 def _targets(batch: pa.RecordBatch, row: int) -> tuple[Target, ...]:
     structs = batch.column("targets").slice(row, 1).flatten()
     return tuple(Target(*values) for values in zip(*(field.to_pylist() for field in structs.flatten()), strict=True))
+
+
+def _boxes(batch: pa.RecordBatch, row: int) -> tuple[Box, ...]:
+    return tuple(map(box_of, batch.column("boxes")[row].as_py()))
+
+
+def box_of(values: Mapping[str, Any]) -> Box:
+    """An element of the column ``boxes`` as a value.
+
+    :param values: by the fields' names
+    """
+    fields: list[Any] = [tuple(values[name]) if isinstance(values[name], list) else values[name] for name in BOX_FIELDS]
+    return Box(*fields)

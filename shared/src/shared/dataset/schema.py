@@ -37,9 +37,25 @@ COMPLEX_ARRAYS = ("range_channel", "cube")
 """Array columns of complex64, stored as float pairs; the other array columns are float32."""
 
 SCALARS = ("frame_id", "kind", "scene", "seed", "image_peak", "noise_power")
+LATER = {"time": math.nan, "sequence": -1}
+"""Scalar columns that came later, with what a frame of a dataset without them has: its time is not known."""
+
 VECTORS = {"sensor_position": 3, "sensor_velocity": 3, "sensor_orientation": 4}
 
 TARGET_FIELDS = ("range", "u", "velocity", "amplitude_db", "object")
+
+BOX_FIELDS = {
+    "center": pa.list_(pa.float64(), 3),
+    "size": pa.list_(pa.float64(), 3),
+    "yaw": pa.float64(),
+    "velocity": pa.list_(pa.float64(), 3),
+    "class": pa.string(),
+    "object": pa.string(),
+    "power": pa.float64(),
+}
+"""Of the elements of ``boxes``, with their types. The column came later: a dataset without it has no boxes."""
+
+Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -60,6 +76,28 @@ class Target:
     object: str = ""
 
 
+@dataclass(frozen=True)
+class Box:
+    """An object that moves or has a class: the box around it, at mid-frame, in the radar frame.
+
+    :param center: x, y, z of its middle [m]
+    :param size: length along its own forward, width along its left, height along its up [m]
+    :param yaw: from the radar's x to its forward, towards y [rad], -pi to pi
+    :param velocity: x, y, z relative to the radar [m/s], so that its part along ``center`` is the range rate
+    :param class_name: e.g. "car"; "other" where the scene states none. The column's field is named ``class``.
+    :param object: its name in the scene
+    :param power: of the paths that it sends back [W], before the processing; 0 where the radar does not see it
+    """
+
+    center: Vector
+    size: Vector
+    yaw: float
+    velocity: Vector
+    class_name: str
+    object: str
+    power: float = 0.0
+
+
 @dataclass(frozen=True, eq=False)
 class Frame:
     """One frame of a dataset. An array column that was not read has length 0 along its first axis (or is None).
@@ -71,12 +109,15 @@ class Frame:
     :param sensor_position: world frame [m]
     :param sensor_velocity: world frame [m/s]
     :param sensor_orientation: quaternion w, x, y, z from the radar frame to the world frame
+    :param time: of the scene, at the start of the frame [s]; NaN in a dataset made before there was this column
+    :param sequence: number of the sequence of frames along one track; -1 of a frame of its own
     :param range_channel: [D, R, C] complex64 at the D strongest Doppler peaks of each range bin, with noise [sqrt(W)]
     :param velocity: [D, R] float32 velocity of those Doppler cells [m/s]
     :param image: [R, U] float32 truth magnitude, noise free, linear, relative to ``image_peak``
     :param image_peak: the magnitude that 1.0 in ``image`` stands for [sqrt(W)]
     :param noise_power: of one channel in one range-Doppler cell [W]
     :param targets: strongest first
+    :param boxes: objects within the range and the field of view, in the scene's order
     :param range_doppler: [R, chirps] float32 mean magnitude over channels [sqrt(W)], if stored
     :param cube: [chirp, sample, C] complex64 IF samples [sqrt(W)], if stored
     """
@@ -94,8 +135,11 @@ class Frame:
     image_peak: float
     noise_power: float
     targets: tuple[Target, ...] = ()
+    boxes: tuple[Box, ...] = ()
     range_doppler: NDArray[np.float32] | None = None
     cube: NDArray[np.complex64] | None = None
+    time: float = 0.0
+    sequence: int = -1
 
 
 def description(radar: Radar, doppler_peaks: int, store: str, extra: Mapping[str, Any] | None = None) -> dict[str, Any]:
@@ -134,18 +178,22 @@ def arrow_schema(description: Mapping[str, Any]) -> pa.Schema:
     target = pa.struct(
         [_required(name, pa.float64()) for name in TARGET_FIELDS[:-1]] + [_required("object", pa.string())]
     )
+    box = pa.struct([_required(name, _never_null(kind)) for name, kind in BOX_FIELDS.items()])
     fields = [
         _required("frame_id", pa.int64()),
         _required("kind", pa.string()),
         _required("scene", pa.string()),
         _required("seed", pa.int64()),
         *(_required(name, _fixed_list(pa.float64(), size)) for name, size in VECTORS.items()),
+        _required("time", pa.float64()),
+        _required("sequence", pa.int64()),
         array("range_channel"),
         array("velocity"),
         array("image"),
         _required("image_peak", pa.float64()),
         _required("noise_power", pa.float64()),
         _required("targets", pa.list_(_required("element", target))),
+        _required("boxes", pa.list_(_required("element", box))),
         *(array(name) for name in ("range_doppler", "cube") if name in shapes),
     ]
     text = json.dumps(description, sort_keys=True, allow_nan=False)
@@ -172,6 +220,9 @@ def to_record_batch(frames: Sequence[Frame], schema: pa.Schema) -> pa.RecordBatc
         elif name == "targets":
             rows = [[_target_row(frame, target) for target in frame.targets] for frame in frames]
             columns.append(pa.array(rows, type=field.type))
+        elif name == "boxes":
+            rows = [[_box_row(frame, box) for box in frame.boxes] for frame in frames]
+            columns.append(pa.array(rows, type=field.type))
         else:
             columns.append(pa.array([_scalar(frame, name) for frame in frames], type=field.type))
     return pa.RecordBatch.from_arrays(columns, schema=schema)
@@ -183,6 +234,10 @@ def _required(name: str, kind: pa.DataType) -> pa.Field:
 
 def _fixed_list(kind: pa.DataType, size: int) -> pa.DataType:
     return pa.list_(_required("element", kind), size)
+
+
+def _never_null(kind: pa.DataType) -> pa.DataType:
+    return _fixed_list(kind.value_type, kind.list_size) if pa.types.is_fixed_size_list(kind) else kind
 
 
 def _flat_array(frame: Frame, name: str, shape: tuple[int, ...]) -> NDArray[np.float32]:
@@ -213,12 +268,24 @@ def _target_row(frame: Frame, target: Target) -> dict[str, Any]:
     return dict(zip(TARGET_FIELDS, (*map(float, values), target.object), strict=True))
 
 
+def _box_row(frame: Frame, box: Box) -> dict[str, Any]:
+    center, size, velocity = (tuple(map(float, vector)) for vector in (box.center, box.size, box.velocity))
+    if not all(map(math.isfinite, (*center, *size, *velocity, box.yaw, box.power))):
+        raise InputError(f"frame {frame.frame_id}", f"{box}", "finite numbers")
+    if len(center) != 3 or len(size) != 3 or len(velocity) != 3 or min(*size, box.power) < 0.0:
+        raise InputError(f"frame {frame.frame_id}", f"{box}", "three numbers each; sizes and power of at least 0")
+    values = (center, size, float(box.yaw), velocity, box.class_name, box.object, float(box.power))
+    return dict(zip(BOX_FIELDS, values, strict=True))
+
+
 def _scalar(frame: Frame, name: str) -> int | float | str:
     value = getattr(frame, name)
     if name == "kind" and value not in KINDS:
         raise InputError(f"frame {frame.frame_id}", f"kind = {value!r}", f"one of {list(KINDS)}")
     if name in ("image_peak", "noise_power") and not (math.isfinite(value) and value >= 0.0):
         raise InputError(f"frame {frame.frame_id}", f"{name} = {value!r}", "a finite number of at least 0")
+    if name == "time" and not math.isfinite(value):
+        raise InputError(f"frame {frame.frame_id}", f"{name} = {value!r}", "a finite number")
     return value
 
 

@@ -123,7 +123,7 @@ def remove_partial(folder: Location) -> None:
         stale.unlink(missing_ok=True)
 
 
-def write_bytes(path: Location, content: bytes) -> None:
+def write_bytes(path: Location, content: bytes | memoryview) -> None:
     """Write a file in one step, see :func:`atomic`."""
     with atomic(path) as partial:
         partial.write_bytes(content)
@@ -141,3 +141,23 @@ def write_json(path: Location, document: Mapping[str, Any], sort_keys: bool = Tr
     :raises ValueError: NaN or infinity, which JSON does not have
     """
     write_text(path, json.dumps(document, sort_keys=sort_keys, indent=1, allow_nan=False) + "\n")
+
+
+@contextmanager
+def atomic_folder(path: Path) -> Iterator[Path]:
+    """A new folder to fill, beside ``path``; at the end it is renamed to ``path``.
+
+    A body that raises leaves nothing behind.
+
+    :param path: of the finished folder, which does not exist yet; the folders above it are made
+    :raises OSError: the disk is full or fails
+    """
+    partial = path.with_name(path.name + PARTIAL)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    shutil.rmtree(partial, ignore_errors=True)
+    partial.mkdir()
+    try:
+        yield partial
+        partial.rename(path)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)

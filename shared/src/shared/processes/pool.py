@@ -16,59 +16,27 @@ import shutil
 import signal
 import threading
 import time
-from collections import Counter, deque
-from collections.abc import Callable, Hashable, Iterator
+from collections import deque
+from collections.abc import Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from multiprocessing import resource_tracker
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic
 
 from loky import ProcessPoolExecutor, process_executor
 from loky.process_executor import BrokenProcessPool
 
-ATTEMPTS = 3
-"""Processes that may die of one task before it counts as failed."""
+from shared.processes.tasks import Attempts, Finished, Item, Result, Work
+
 AHEAD = 2
 """Tasks handed to each worker: one at work, one to go on with."""
 PARENT_CHECK_S = 0.5
 """How often a worker looks whether the process that started it is still there."""
 
 WORK = "work.pickle"
-
-Item = TypeVar("Item", bound=Hashable)
-Result = TypeVar("Result")
-Item_contra = TypeVar("Item_contra", contravariant=True)
-Result_co = TypeVar("Result_co", covariant=True)
-StepsDone = Callable[[int], None]
-
-
-class Work(Protocol[Item_contra, Result_co]):
-    """What every worker is given once; it can be pickled."""
-
-    def begin(self) -> None:
-        """Make the process ready; called once in each."""
-
-    def __call__(self, item: Item_contra, report: StepsDone, /) -> Result_co:
-        """Do one task.
-
-        :param report: called with the number of steps that were done since the last call
-        """
-
-
-@dataclass(frozen=True)
-class Finished(Generic[Item, Result]):
-    """A task that is done, or that three processes died of.
-
-    :param result: None where it failed
-    :param failure: how its last process ended; empty where it is done
-    """
-
-    item: Item
-    result: Result | None
-    failure: str = ""
 
 
 @dataclass
@@ -96,7 +64,7 @@ class WorkerPool(Generic[Item, Result]):
     def __init__(self, work: Work[Item, Result], count: int, folder: Path) -> None:
         self._work, self._count, self._folder = work, count, folder
         self._workers: list[_Worker[Item]] = []
-        self._deaths: Counter[Item] = Counter()
+        self._attempts = Attempts[Item, Result]()
         self._files = 0
 
     def __enter__(self) -> WorkerPool[Item, Result]:
@@ -139,8 +107,10 @@ class WorkerPool(Generic[Item, Result]):
                 error = future.exception()
                 if isinstance(error, BrokenProcessPool):
                     self._replace(place)
-                    if (failure := self._failure(item, error)) is not None:
+                    if (failure := self._attempts.died(item, _how(error))) is not None:
                         yield failure
+                    else:
+                        self.submit(item)
                     continue
                 future.result()
                 worker.counted = _size(worker.steps)
@@ -151,14 +121,6 @@ class WorkerPool(Generic[Item, Result]):
     def running_steps(self) -> int:
         """Steps that were done of tasks that are not finished."""
         return sum(_size(worker.steps) - worker.counted for worker in self._workers)
-
-    def _failure(self, item: Item, error: BaseException) -> Finished[Item, Result] | None:
-        """None while the task is tried again."""
-        self._deaths[item] += 1
-        if self._deaths[item] < ATTEMPTS:
-            self.submit(item)
-            return None
-        return Finished(item, None, _how(error))
 
     def _replace(self, place: int) -> None:
         """A fresh process in the place of one that died; what that had not begun goes on there."""
@@ -171,7 +133,7 @@ class WorkerPool(Generic[Item, Result]):
     def _hand(self, worker: _Worker[Item], item: Item) -> None:
         answer = self._new_file("result")
         try:
-            with _without_interrupts():
+            with without_interrupts():
                 future = worker.executor.submit(_do, item, answer)
         except BrokenProcessPool as error:  # it died while it had nothing to do
             future = Future()
@@ -180,7 +142,7 @@ class WorkerPool(Generic[Item, Result]):
 
     def _started(self) -> _Worker[Item]:
         steps = self._new_file("steps")
-        with _without_interrupts():
+        with without_interrupts():
             executor = ProcessPoolExecutor(1, initializer=_begin, initargs=(self._folder / WORK, steps, os.getpid()))
             executor.submit(int)  # starts the process now: all import side by side
         return _Worker(executor, steps)
@@ -204,7 +166,7 @@ def _how(error: BaseException) -> str:
 
 
 @contextmanager
-def _without_interrupts() -> Iterator[None]:
+def without_interrupts() -> Iterator[None]:
     """Processes started meanwhile never see Ctrl-C, which a terminal sends to all: this one ends them."""
     if not hasattr(signal, "pthread_sigmask"):
         yield

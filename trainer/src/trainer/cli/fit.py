@@ -78,7 +78,7 @@ def fit(
     ] = None,
     weight: Annotated[list[float] | None, typer.Option(help="Share of each dataset, in their order.")] = None,
     workers: Annotated[int, typer.Option(min=0, help="Reading processes beside the training one.")] = 0,
-    devices: Annotated[int, typer.Option(min=1, help="GPUs, or processes on a CPU.")] = 1,
+    devices: Annotated[int, typer.Option(min=1, help="GPUs, or processes on a CPU; torchrun says it by itself.")] = 1,
     check: Annotated[bool, typer.Option("--check/--no-check", help="Hash every shard first.")] = True,
     logger: Annotated[str, typer.Option(help="Of the curves: tensorboard, wandb, mlflow or none.")] = "tensorboard",
     resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in --out.")] = False,
@@ -87,6 +87,7 @@ def fit(
     # Lightning takes seconds to import, and trainer --help should not.
     from shared.dataset.locations import locate
     from trainer.training.fit import fit as run_fit
+    from trainer.training.processes import is_first
     from trainer.training.recipes import configuration
 
     given = {
@@ -114,6 +115,8 @@ def fit(
         start,
         logger,
     )
+    if not is_first():
+        return
     # The located name is shown: a URI as given may hold a key.
-    first = locate(datasets[0])
-    announce(f"run in {out}; curves: tensorboard --logdir {out}; next: trainer predict {out} {first} --out DIR")
+    data = locate(datasets[0])
+    announce(f"run in {out}; curves: tensorboard --logdir {out}; next: trainer predict {out} {data} --out DIR")

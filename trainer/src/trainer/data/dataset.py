@@ -12,9 +12,9 @@ from torch.utils.data import Dataset
 
 from shared.dataset.locations import Location, locate
 from shared.dataset.manifest import MANIFEST
-from shared.dataset.reading import radar_of
+from shared.dataset.reading import box_of, radar_of
 from trainer.data.arrays import choose_array
-from trainer.data.shards import FACTS, ShardDataset
+from trainer.data.shards import BOXES, FACTS, ShardDataset
 
 VECTORS = ("sensor_position", "sensor_velocity", "sensor_orientation")
 """Facts that are given as tensors, so that a batch of them is one."""
@@ -30,7 +30,9 @@ class Example(NamedTuple):
     :param metadata: ``frame_id``; ``kind``, "scene" or "points"; ``scene``; ``seed``; ``image_peak`` [sqrt(W)];
         ``noise_power`` of one channel in one range-Doppler cell [W]; ``velocity``, [D, R] float32, of the Doppler
         peaks [m/s], positive is receding; ``sensor_position`` [3] [m], ``sensor_velocity`` [3] [m/s] and
-        ``sensor_orientation`` [4], the quaternion w x y z, float64 in the scene's world frame
+        ``sensor_orientation`` [4], the quaternion w x y z, float64 in the scene's world frame; ``time`` of the scene
+        [s], NaN where an older dataset does not say it; ``sequence``, the number of its track, -1 for none;
+        where asked for ``boxes``, a list of :class:`shared.dataset.Box`
     """
 
     input: torch.Tensor
@@ -52,12 +54,17 @@ class RadarDataset(Dataset[Example]):
     :param directory: the dataset's folder; local, ``s3://`` or ``gs://``
     :param split: "train", "validation" or "test"
     :param array: "full", "sparse6", "sparse4" or a TOML file with ``rx = [...]``: the channels that ``input`` holds
+    :param boxes: give ``metadata["boxes"]`` as well. Frames have different numbers of them, which PyTorch's own
+        collation refuses: a loader then needs a ``collate_fn``.
     :raises InputError: a dataset that is missing, damaged or newer, a split without frames, an array that the radar
         does not have; on access a shard that cannot be read
     """
 
-    def __init__(self, directory: Location | str, split: str = "train", array: str = "full") -> None:
-        self._frames = ShardDataset(directory, split, ("range_channel", "image", "velocity"), facts=FACTS)
+    def __init__(
+        self, directory: Location | str, split: str = "train", array: str = "full", boxes: bool = False
+    ) -> None:
+        facts = (*FACTS, BOXES) if boxes else FACTS
+        self._frames = ShardDataset(directory, split, ("range_channel", "image", "velocity"), facts=facts)
         self.radar = radar_of(self._frames.description, locate(directory) / MANIFEST)
         """The radar that the frames are of: waveform, array, front end, grid."""
         self.array = choose_array(array, self.radar)
@@ -98,5 +105,7 @@ class RadarDataset(Dataset[Example]):
         for name in ("frame_id", "image_peak", "noise_power"):
             metadata[name] = tensors[name].item()
         metadata["velocity"] = tensors["velocity"]
+        if BOXES in metadata:
+            metadata[BOXES] = [box_of(values) for values in facts[BOXES]]
         measured = tensors["range_channel"]
         return Example(measured if self._all else measured[..., self._chosen], tensors["image"], metadata)

@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import torch
 from torch.utils.data import Dataset as TorchDataset
 
-from shared.dataset import COMPLEX_ARRAYS
+from shared.dataset import COMPLEX_ARRAYS, LATER
 from shared.dataset.folder import open_dataset
 from shared.dataset.locations import Location
 from shared.dataset.reading import open_shard, require_values
@@ -22,8 +22,13 @@ COLUMNS = ("range_channel", "velocity", "image", "range_doppler", "cube")
 SCALARS = {"image_peak": torch.float64, "noise_power": torch.float64, "frame_id": torch.int64}
 """Scalar columns that every frame comes with, and their types."""
 
-FACTS = ("kind", "scene", "seed", "sensor_position", "sensor_velocity", "sensor_orientation")
+FACTS = ("kind", "scene", "seed", "sensor_position", "sensor_velocity", "sensor_orientation", "time", "sequence")
 """Columns that say where a frame comes from, as Python values."""
+
+BOXES = "boxes"
+"""A fact of many numbers: the objects' boxes, as the column has them."""
+MISSING: dict[str, Any] = {**LATER, BOXES: []}
+"""What a frame of a dataset has that was made before there was the fact."""
 
 CACHE_BYTES = 256 << 20
 """Decoded columns that one process keeps: 140 frames of the default radar, each then ten times as fast."""
@@ -44,7 +49,7 @@ class ShardDataset(TorchDataset[dict[str, torch.Tensor]]):
     :param split: "train", "validation" or "test"
     :param columns: array columns to read, of :data:`COLUMNS`
     :param cache_bytes: decoded columns that every process keeps
-    :param facts: columns of :data:`FACTS` to read as well, for :meth:`frame`
+    :param facts: columns of :data:`FACTS`, and :data:`BOXES`, to read as well, for :meth:`frame`
     :raises InputError: a dataset that is missing, damaged or newer, a split without frames, an unknown column
     """
 
@@ -95,7 +100,8 @@ class ShardDataset(TorchDataset[dict[str, torch.Tensor]]):
             item = {name: values.clone() for name, values in item.items()}
         for name, dtype in SCALARS.items():
             item[name] = torch.tensor(batch.column(name)[0].as_py(), dtype=dtype)
-        return item, {name: batch.column(name)[0].as_py() for name in self.facts}
+        there = set(batch.schema.names)
+        return item, {name: batch.column(name)[0].as_py() if name in there else MISSING[name] for name in self.facts}
 
     def __getstate__(self) -> dict[str, Any]:
         """What a worker gets: paths and row numbers, no open file and no frames."""

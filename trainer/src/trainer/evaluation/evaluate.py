@@ -47,13 +47,12 @@ from trainer.evaluation.experiments.point_spread import CylinderSpread
 from trainer.evaluation.experiments.reflectors import Reflectors
 from trainer.evaluation.experiments.resolution import Resolution
 from trainer.evaluation.experiments.robustness import Robustness
-from trainer.evaluation.experiments.street import Street, shown_frames
+from trainer.evaluation.experiments.street import Street
 from trainer.evaluation.experiments.tradeoff import SECONDS, Tradeoff
-from trainer.evaluation.report.page import ReportFigure, ReportFrame, report_page
+from trainer.evaluation.outcome import REPORT, SUMMARY, write_outcome
+from trainer.evaluation.report.page import ReportFigure
 from trainer.evaluation.report.style import save_figure
-from trainer.evaluation.report.summary import summary
-from trainer.evaluation.report.tables import metrics_table, write_table
-from trainer.evaluation.rows import TRUTH, MetricRow
+from trainer.evaluation.rows import MetricRow
 from trainer.evaluation.store import Cell, CellStore, Values, code_fingerprint
 from trainer.evaluation.workers import Workers, alone
 from trainer.run.claim import JOB, output_folder
@@ -69,7 +68,7 @@ EXPERIMENTS: dict[str, Experiment] = {
 """By the name that ``--experiments`` takes, in the order of the report."""
 SUMMARY_COLUMNS = [(name, column) for name, experiment in EXPERIMENTS.items() for column in experiment.summary]
 DEFAULT_ARRAYS = ("sparse6", "sparse4", "full")
-CELLS, FIGURES, REPORT, SUMMARY = "cells", "figures", "report.html", "summary.md"
+CELLS, FIGURES = "cells", "figures"
 LINES = "lines.md"
 RUNTIME = "runtime"
 RUNTIME_REPEATS = 3
@@ -169,7 +168,8 @@ def evaluate(
             if bench.frames
             else []
         )
-        table = _write(out, bench, title, chosen, rows, figures, shown)
+        source = None if dataset is None else open_dataset(dataset)
+        table = write_outcome(out, bench, title, chosen, rows, figures, shown, source, SUMMARY_COLUMNS)
     if stale := sum(path.name not in written for path in (out / FIGURES).iterdir()):
         announce(f"{stale} files in {out / FIGURES} are of other arguments and not in this report")
     if store.unused:
@@ -179,27 +179,6 @@ def evaluate(
         f"{store.computed} cells computed, {store.kept} kept; {len(table)} numbers; look: "
         f"{', '.join(str(out / name) if name == REPORT else name for name in written_texts)}"
     )
-    return table
-
-
-def _write(
-    out: Path,
-    bench: Bench,
-    title: str,
-    chosen: Sequence[Experiment],
-    rows: Sequence[MetricRow],
-    figures: Sequence[ReportFigure],
-    shown: Results,
-) -> pa.Table:
-    """Tables and page."""
-    parameters = {(contender.method, contender.array.name): contender.parameters for contender in bench.contenders}
-    table = metrics_table(rows, bench.seconds, parameters)
-    write_table(table, out)
-    if bench.frames:
-        write_text(out / SUMMARY, summary(table, SUMMARY_COLUMNS))
-    frames = _report_frames(bench, shown)
-    page = report_page(title, _introduction(bench, chosen), bench.radar, frames, figures, table)
-    write_text(out / REPORT, page)
     return table
 
 
@@ -314,28 +293,3 @@ def _time(contender: Contender, ref: FrameRef) -> Values:
         contender.image(frame.range_channel[0], frame.noise_power)
         seconds.append(time.perf_counter() - start)
     return {"seconds": np.asarray(min(seconds))}
-
-
-def _report_frames(bench: Bench, results: Results) -> list[ReportFrame]:
-    frames = []
-    for ref in shown_frames(bench) if bench.frames else ():
-        truth = results[TRUTH, "", ref.condition]["levels"]
-        images = {c.name: results[c.method, c.array.name, ref.condition]["levels"] for c in bench.contenders}
-        # The cut starts where the truth is strongest.
-        row = int(truth.max(axis=1).argmax())
-        frames.append(ReportFrame(f"{ref.scene}, frame {ref.frame_id}", row, {**images, TRUTH: truth}))
-    return frames
-
-
-def _introduction(bench: Bench, chosen: Sequence[Experiment]) -> str:
-    config, run = bench.config, ", ".join(experiment.name for experiment in chosen)
-    if not bench.frames:
-        return f"No dataset; experiments: {run}."
-    kinds = [ref.kind for ref in bench.frames]
-    counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
-    methods = ", ".join(dict.fromkeys(contender.method for contender in bench.contenders))
-    arrays = ", ".join(dict.fromkeys(contender.array.name for contender in bench.contenders))
-    return (
-        f"Radar {bench.radar.name}; test frames: {counts}; methods: {methods}; arrays: {arrays}; {config.trials} "
-        f"simulated trials of a condition; seed {config.seed}; experiments: {run}."
-    )

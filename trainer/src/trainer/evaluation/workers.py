@@ -21,7 +21,8 @@ import torch
 from threadpoolctl import threadpool_limits
 
 from shared.physics.errors import InputError
-from shared.processes.pool import StepsDone, WorkerPool
+from shared.processes.pool import WorkerPool
+from shared.processes.tasks import StepsDone
 from trainer.errors import TrainingStopped
 from trainer.evaluation.experiments.bench import Bench, Experiment, Task
 from trainer.evaluation.store import Values
@@ -130,10 +131,7 @@ class Workers:
 
 def _failure_line(experiment: Experiment, task: Task, how: str) -> str:
     cell = " ".join(filter(None, (experiment.name, task.method, task.array, task.condition)))
-    return (
-        f"{cell}: three worker processes died of it, {how}, perhaps for lack of memory; the same command with "
-        "--resume, and fewer --workers, goes on"
-    )
+    return f"{cell}: {how}, perhaps for lack of memory; the same command with --resume, and fewer --workers, goes on"
 
 
 def _without_gpu(bench: Bench) -> Bench:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from shared.dataset import METADATA_KEY
 from shared.dataset.writing import write_bytes
 from shared.physics.errors import InputError
-from trainer.run.pictures import SPAN_DB, draw_levels, range_weighted_db
+from shared.pictures import LEVEL_LABEL, SPAN_DB, draw_levels, range_weighted_db
 
 ANIMATION = "animation.gif"
 FRAMES_PER_SECOND = 3
@@ -72,7 +72,7 @@ def save_animation(images: Path, path: Path) -> int:
                 size = LARGEST_DOT * np.clip(1.0 + (weighted - strongest) / SPAN_DB, 0.0, 1.0) ** 2
                 dots = right.scatter(u, range_m, s=size, c=velocity, **colours)
                 if number == 0:
-                    left.set(title="image, amplitude x range [dB]", xlabel="u = sin(azimuth)", ylabel="range [m]")
+                    left.set(title=f"image, {LEVEL_LABEL}", xlabel="u = sin(azimuth)", ylabel="range [m]")
                     right.set(title="detections, range rate [m/s]", xlabel="u = sin(azimuth)")
                     figure.colorbar(drawn, ax=left)
                     figure.colorbar(dots, ax=right)

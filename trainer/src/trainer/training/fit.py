@@ -30,7 +30,7 @@ from trainer.training.checkpoint import not_restored, require_checkpoint
 from trainer.training.datamodule import ImagingData
 from trainer.training.doa import DoaData, DoaTask
 from trainer.training.loggers import TENSORBOARD, check_logger, make_logger
-from trainer.training.processes import ended_process, follower, is_first
+from trainer.training.processes import ended_process, follower, is_first, launched
 from trainer.training.task import ImagingTask
 from trainer.training.verdict import judge
 
@@ -70,7 +70,7 @@ def fit(
     :param resume: go on with the run in ``out``, at the batch after its last checkpoint
     :param workers: reading processes
     :param check: hash every shard before training
-    :param devices: processes, one a device; or started by torchrun
+    :param devices: processes, one a device; torchrun has started as many as it was told to
     :param start: a run of the same network whose weights training begins with
     :param logger: of the curves, see :mod:`trainer.training.loggers`
     :raises InputError: bad data, a folder that holds another run, a start that is another network
@@ -78,10 +78,24 @@ def fit(
     :raises KeyboardInterrupt: Ctrl-C; what the last validation left is whole
     """
     check_logger(logger)
+    devices, machines = launched(devices)
     first = is_first()
     with output_folder(out, resume, "an empty or new folder, or --resume") if first else follower():
         return _fit(
-            datasets, out, config, array, weights, resume, workers, check, devices, announce, first, start, logger
+            datasets,
+            out,
+            config,
+            array,
+            weights,
+            resume,
+            workers,
+            check,
+            devices,
+            machines,
+            announce,
+            first,
+            start,
+            logger,
         )
 
 
@@ -95,6 +109,7 @@ def _fit(
     workers: int,
     check: bool,
     devices: int,
+    machines: int,
     announce: Callable[[str], object],
     first: bool,
     start: Path | None,
@@ -140,6 +155,7 @@ def _fit(
         trainer = Trainer(
             accelerator="auto",
             devices=devices,
+            num_nodes=machines,
             max_epochs=1,
             max_steps=config.steps,
             accumulate_grad_batches=config.accumulate,

@@ -10,7 +10,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 from lightning import Trainer
+from torch.distributed import is_torchelastic_launched
 
+from shared.physics.errors import InputError
 from shared.processes.pool import PARENT_CHECK_S, end_with_parent
 from trainer.training.callbacks import Interrupts
 
@@ -18,6 +20,20 @@ from trainer.training.callbacks import Interrupts
 def is_first() -> bool:
     """Whether this process is the first or the only one; launchers tell the others their number."""
     return int(os.environ.get("RANK", os.environ.get("LOCAL_RANK", "0"))) == 0
+
+
+def launched(devices: int) -> tuple[int, int]:
+    """(processes of this machine, machines) that train together; torchrun says both.
+
+    :param devices: that were asked for; 1 for what torchrun says
+    :raises InputError: torchrun has started another number
+    """
+    if not is_torchelastic_launched():
+        return devices, 1
+    here = int(os.environ["LOCAL_WORLD_SIZE"])
+    if devices not in (1, here):
+        raise InputError("--devices", f"{devices}, but torchrun has started {here} on this machine", f"{here}, or none")
+    return here, int(os.environ["WORLD_SIZE"]) // here
 
 
 @contextmanager

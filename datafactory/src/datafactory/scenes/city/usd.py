@@ -2,8 +2,8 @@
 
 The USD stage is in metres and z up. Each placement is an Xform with a mesh named Geometry below it. Surfaces that share
 a model are written once and referenced as instances. The attributes for the radar are those of the USD reader:
-``radar:velocity`` (double3, world frame, m/s) and ``radar:rcs_dbsm`` (float, dBsm: a point target in place of the
-meshes below it).
+``radar:velocity`` (double3, world frame, m/s), ``radar:rcs_dbsm`` (float, dBsm: a point target in place of the meshes
+below it), ``radar:target``, and ``radar:class`` (string: what a detector is to find).
 """
 
 from __future__ import annotations
@@ -11,17 +11,20 @@ from __future__ import annotations
 import errno
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from datafactory.scenes.city.placement import Placement
 from datafactory.scenes.city.shapes import Surface
 from datafactory.scenes.usd_library import Gf, Sdf, Tf, Usd, UsdGeom, UsdShade
 from shared.dataset.writing import atomic
 from shared.physics.errors import InputError
 
 SUFFIXES = (".usd", ".usda", ".usdc")
+
+CODES_PER_SECOND = 10.0
 
 MATERIAL_COLOURS = {
     "concrete": (0.62, 0.61, 0.58),
@@ -36,28 +39,6 @@ MATERIAL_COLOURS = {
     "rubber": (0.08, 0.08, 0.08),
 }
 """The material keys and the colours that viewers show; the radar does not use the colours."""
-
-
-@dataclass(frozen=True)
-class Placement:
-    """One thing in the scene.
-
-    :param path: below /World, e.g. ``"Cars/Car_3"``, unique
-    :param surface: its shape in its own frame; None for a bare point target
-    :param position: of its frame's origin [m], world
-    :param yaw_deg: right-handed rotation about z [degree]
-    :param velocity: world velocity [m/s]
-    :param rcs_dbsm: radar cross section [dBsm] of the point target that stands for it; None where the mesh counts
-    :param model: name under which placements share one surface; "" where the surface is its own
-    """
-
-    path: str
-    surface: Surface | None
-    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    yaw_deg: float = 0.0
-    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    rcs_dbsm: float | None = None
-    model: str = ""
 
 
 def check_output(path: Path) -> Path:
@@ -75,11 +56,14 @@ def check_output(path: Path) -> Path:
     return path
 
 
-def write_usd(path: Path, placements: Sequence[Placement], documentation: str) -> None:
+def write_usd(
+    path: Path, placements: Sequence[Placement], documentation: str, metadata: dict[str, Any] | None = None
+) -> None:
     """Write the placements as one USD file; the same placements give the same bytes.
 
     :param path: ``.usda`` is text, ``.usdc`` and ``.usd`` are binary
     :param documentation: stands in the layer's header
+    :param metadata: what made it, for the layer's ``customLayerData``, under the key ``sparseradar:city``
     :raises InputError: as :func:`check_output`, or where the file cannot be written
     """
     path = check_output(path)
@@ -87,6 +71,13 @@ def write_usd(path: Path, placements: Sequence[Placement], documentation: str) -
     layer = Sdf.Layer.CreateAnonymous(path.suffix.lower())
     usd_stage = Usd.Stage.Open(layer)
     layer.documentation = documentation
+    if metadata is not None:
+        layer.customLayerData = {"sparseradar:city": metadata}
+    ends_s = max((item.keyframes[-1].time_s for item in placements if item.keyframes), default=None)
+    if ends_s is not None:
+        usd_stage.SetTimeCodesPerSecond(CODES_PER_SECOND)
+        usd_stage.SetStartTimeCode(0.0)
+        usd_stage.SetEndTimeCode(_code(ends_s))
     UsdGeom.SetStageUpAxis(usd_stage, UsdGeom.Tokens.z)
     UsdGeom.SetStageMetersPerUnit(usd_stage, UsdGeom.LinearUnits.meters)
     usd_stage.SetDefaultPrim(UsdGeom.Xform.Define(usd_stage, "/World").GetPrim())
@@ -100,14 +91,17 @@ def write_usd(path: Path, placements: Sequence[Placement], documentation: str) -
         for scope in prim.GetPath().GetPrefixes()[1:-1]:
             if not usd_stage.GetPrimAtPath(scope).GetTypeName():
                 UsdGeom.Scope.Define(usd_stage, scope)
-        if any(item.position):
-            xform.AddTranslateOp().Set(Gf.Vec3d(*item.position))
-        if item.yaw_deg:
-            xform.AddRotateZOp().Set(item.yaw_deg)
+        _set_place(xform, item)
         if any(item.velocity):
             prim.CreateAttribute("radar:velocity", Sdf.ValueTypeNames.Double3).Set(Gf.Vec3d(*item.velocity))
         if item.rcs_dbsm is not None:
             prim.CreateAttribute("radar:rcs_dbsm", Sdf.ValueTypeNames.Float).Set(item.rcs_dbsm)
+        if item.radar_class:
+            prim.CreateAttribute("radar:class", Sdf.ValueTypeNames.String).Set(item.radar_class)
+        if item.target:
+            prim.CreateAttribute("radar:target", Sdf.ValueTypeNames.String).Set(item.target)
+        for name, number in item.target_options:
+            prim.CreateAttribute(f"radar:{name}", Sdf.ValueTypeNames.Float).Set(number)
         if item.surface is None:
             continue
         if not item.model:
@@ -129,6 +123,31 @@ def write_usd(path: Path, placements: Sequence[Placement], documentation: str) -
         raise InputError(path, f"cannot be written ({error.args[0].commentary})", "a writable place") from None
     except OSError as error:
         raise InputError(path, f"cannot be written ({error.strerror})", "a writable place") from None
+
+
+def _set_place(xform: UsdGeom.Xform, item: Placement) -> None:
+    """Translation and rotation, with samples where the thing moves; what does not turn has no samples of its yaw."""
+    if item.keyframes:
+        turns = any(key.yaw_deg != item.keyframes[0].yaw_deg for key in item.keyframes)
+        translation = xform.AddTranslateOp()
+        for key in item.keyframes:
+            translation.Set(Gf.Vec3d(*key.position), _code(key.time_s))
+        if turns:
+            rotation = xform.AddRotateZOp()
+            for key in item.keyframes:
+                rotation.Set(key.yaw_deg, _code(key.time_s))
+        elif item.keyframes[0].yaw_deg:
+            xform.AddRotateZOp().Set(item.keyframes[0].yaw_deg)
+        return
+    if any(item.position):
+        xform.AddTranslateOp().Set(Gf.Vec3d(*item.position))
+    if item.yaw_deg:
+        xform.AddRotateZOp().Set(item.yaw_deg)
+
+
+def _code(time_s: float) -> float:
+    """The time code of a time [s], in hundredths: a file does not depend on the last digits of a sum."""
+    return round(time_s * CODES_PER_SECOND, 2)
 
 
 def _define_material(usd_stage: Usd.Stage, key: str) -> None:

@@ -9,7 +9,8 @@ guide or proxy. Custom attributes state what the radar needs:
   ``usd_targets``);
 - ``radar:velocity`` (three numbers, m/s in the USD stage's own world axes): velocity of the prim and all below it, from
   where they are at the start; samples below it do not count;
-- ``radar:material`` (string or token): material name for the prim and all below it.
+- ``radar:material`` (string or token): material name for the prim and all below it;
+- ``radar:class`` (string or token): class of the prim and all below it, for boxes (see ``usd_labels``).
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.scenes.chain import Chain, Samples
+from datafactory.scenes.labels import Label
 from datafactory.scenes.motion import Motion, Moving
 from datafactory.scenes.readers.local_mesh import LocalMesh
 from datafactory.scenes.readers.notes import Notes
@@ -31,10 +33,11 @@ from datafactory.scenes.readers.scale import note_coarse_vertices
 from datafactory.scenes.readers.usd_composition import check_composition
 from datafactory.scenes.readers.usd_counts import PROTOTYPE_PRIMS, SCENE_PRIMS, check_expansion
 from datafactory.scenes.readers.usd_facts import FactsOfPrims, has_shape
+from datafactory.scenes.readers.usd_labels import UNLABELLED, Labelling
 from datafactory.scenes.readers.usd_motion import Frame, Transforms, check_motion, instance_frames, product
 from datafactory.scenes.readers.usd_skinning import bake_skinning
 from datafactory.scenes.readers.usd_stage import check_sizes, open_usd_stage, usd_stage_to_world
-from datafactory.scenes.readers.usd_targets import model_axes, prim_model
+from datafactory.scenes.readers.usd_targets import model_axes, occupied_below, prim_model
 from datafactory.scenes.readers.usd_times import Clock
 from datafactory.scenes.scene import WORLD_AXES, ZERO, PointTarget, Scene, SceneObject, Vector
 from datafactory.scenes.usd_library import Tf, Usd, UsdGeom
@@ -52,6 +55,7 @@ class _Inherited:
     purpose: str = "default"
     instancers: tuple[str, ...] = ()
     targets_by_name: bool = False
+    labelling: Labelling = UNLABELLED
 
 
 def read_usd(path: str | Path, reading: Reading = AS_WRITTEN) -> Scene:
@@ -145,6 +149,10 @@ class _Reader:
         if facts.purpose is not None and facts.purpose != inherited.purpose:
             inherited = replace(inherited, purpose=facts.purpose)
         inherited = self._with_attributes(prim, inherited)
+        straight = inherited.velocity is not None
+        labelling = inherited.labelling.below(prim, facts, inherited.frame, self._transforms, straight)
+        if labelling != inherited.labelling:
+            inherited = replace(inherited, labelling=labelling)
         self._notes.count("# prims appear or vanish: taken as at the start", int(facts.blinks))
         if inherited.purpose not in (UsdGeom.Tokens.guide, UsdGeom.Tokens.proxy):
             kind = self._facts.kind(prim, inherited.targets_by_name)
@@ -170,19 +178,21 @@ class _Reader:
         return inherited
 
     def _add_target(self, prim: Usd.Prim, inherited: _Inherited, kind: str | None) -> None:
-        model, axes = None, WORLD_AXES
+        model, occupied = None, None
         matrix, motion = self._placing(prim, inherited)
+        turned = model_axes(matrix[:3, :3], self._turn)
         if kind is None:
             rcs_dbsm = float(self._facts.numbers(prim, "radar:rcs_dbsm", 1, "a finite number [dBsm]")[0])
         else:
             model = prim_model(self._path, prim, self._start, kind)
             rcs_dbsm = model.nominal_rcs_dbsm
-            turned = model_axes(matrix[:3, :3], self._turn)
             if turned is None:
                 raise InputError(self._path, f"{prim.GetPath()}: its transform is flat", "one that keeps x and z apart")
-            axes = turned
+        axes = turned or WORLD_AXES
         below = Usd.PrimRange(prim, inherited.frame.predicate)
         replaced = sum(1 for item in below if item.IsA(UsdGeom.Gprim) or item.IsA(UsdGeom.PointInstancer))
+        if kind is None and replaced:
+            occupied = occupied_below(prim, self._start, product(self._to_world, matrix)[:3, :3], axes)
         reason = "a point target (radar:rcs_dbsm)" if kind is None else "the model of a target"
         self._notes.count(f"# geometry prims left out: {reason} stands for them", replaced)
         x, y, z = (float(value) for value in product(self._to_world, matrix)[:3, 3])
@@ -191,7 +201,8 @@ class _Reader:
                 self._path, f"{prim.GetPath()} stands at ({x}, {y}, {z})", f"a position within {FARTHEST_M:g} m"
             )
         name, velocity = inherited.frame.name(prim), inherited.velocity or ZERO
-        target = PointTarget(name, (x, y, z), rcs_dbsm, velocity, model, axes, motion)
+        label = inherited.labelling.label
+        target = PointTarget(name, (x, y, z), rcs_dbsm, velocity, model, axes, motion, occupied=occupied, label=label)
         if motion is not None:
             check_motion(self._path, name, motion)
             target = replace(target, velocity=target.at(0.0).velocity)
@@ -253,18 +264,25 @@ class _Reader:
             return
         matrix, motion = self._placing(prim, inherited, shape.track)
         matrix = product(self._to_world, matrix)
+        label = inherited.labelling.of_shape(prim, inherited.frame, self._transforms, shape.track is not None)
         self._spacings.append(shape.meshes[0][1].spacing_m(matrix))
         if motion is not None:
             check_motion(self._path, inherited.frame.name(prim), motion, shape.probes)
         for name, mesh in shape.meshes:
             if name:
                 subset = prim.GetChild(name)
-                self._add_object(subset, mesh, matrix, motion, self._with_attributes(subset, inherited))
+                self._add_object(subset, mesh, matrix, motion, label, self._with_attributes(subset, inherited))
             else:
-                self._add_object(prim, mesh, matrix, motion, inherited)
+                self._add_object(prim, mesh, matrix, motion, label, inherited)
 
     def _add_object(
-        self, prim: Usd.Prim, mesh: LocalMesh, matrix: NDArray[np.float64], motion: Motion | None, inherited: _Inherited
+        self,
+        prim: Usd.Prim,
+        mesh: LocalMesh,
+        matrix: NDArray[np.float64],
+        motion: Motion | None,
+        label: Label | None,
+        inherited: _Inherited,
     ) -> None:
         vertices, triangles, dropped = mesh.placed(matrix, keep_points=isinstance(motion, Moving))
         dropped.add_to(self._notes)
@@ -278,4 +296,5 @@ class _Reader:
         if inherited.velocity is not None:  # a subset's own
             motion = None
         name = inherited.frame.name(prim)
-        self._objects.append(SceneObject.of(name, vertices, triangles, material, inherited.velocity or ZERO, motion))
+        velocity = inherited.velocity or ZERO
+        self._objects.append(SceneObject.of(name, vertices, triangles, material, velocity, motion, label))

@@ -35,6 +35,7 @@ class PrimFacts:
     :param velocity: ``radar:velocity`` [m/s] in the USD stage's axes
     :param material: ``radar:material``
     :param targets_by_name: ``radar:targets_by_name``
+    :param class_name: ``radar:class``
     :param has_rcs: whether ``radar:rcs_dbsm`` is there
     :param is_instancer: a point instancer
     :param is_gprim: any geometry
@@ -49,6 +50,7 @@ class PrimFacts:
     is_instancer: bool
     is_gprim: bool
     blinks: bool = False
+    class_name: str | None = None
 
 
 @dataclass(frozen=True)
@@ -137,15 +139,15 @@ class FactsOfPrims:
                 purpose = str(imageable.GetPurposeAttr().Get())
         if not visible:
             return PrimFacts(False, purpose, None, None, None, False, False, False)
-        velocity = material = by_name = None
+        velocity = material = by_name = class_name = None
         if prim.HasAttribute("radar:velocity"):
             velocity = self.numbers(prim, "radar:velocity", 3, "three finite numbers [m/s]")
         if prim.HasAttribute("radar:material"):
-            material = prim.GetAttribute("radar:material").Get(self._start)
-            if not isinstance(material, str) or not material:
-                raise InputError(self._path, f"{prim.GetPath()}.radar:material = {material!r}", "a material name")
+            material = self._word(prim, "radar:material", "a material name")
         if prim.HasAttribute("radar:targets_by_name"):
             by_name = names_are_targets(self._path, prim, self._start)
+        if prim.HasAttribute("radar:class"):
+            class_name = self._word(prim, "radar:class", "the name of a class, e.g. car")
         return PrimFacts(
             visible=True,
             purpose=purpose,
@@ -156,7 +158,15 @@ class FactsOfPrims:
             is_instancer=prim.IsA(UsdGeom.PointInstancer),
             is_gprim=prim.IsA(UsdGeom.Gprim),
             blinks=blinks,
+            class_name=class_name,
         )
+
+    def _word(self, prim: Usd.Prim, name: str, expected: str) -> str:
+        """A custom attribute's value as text."""
+        value = prim.GetAttribute(name).Get(self._start)
+        if not isinstance(value, str) or not value:
+            raise InputError(self._path, f"{prim.GetPath()}.{name} = {value!r}", expected)
+        return value
 
     def _read_shape(self, prim: Usd.Prim, shared: bool) -> PrimShape:
         notes = Notes()

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.scenes.motion import Vector, upright_axes
+from datafactory.scenes.targets.interface import Extent
 from datafactory.scenes.targets.models import MODELS, OPTIONS, ROAD_USERS, SIZES, RcsModel, target_model
 from datafactory.scenes.usd_library import Usd, UsdGeom
 from shared.physics.errors import InputError
@@ -90,3 +91,23 @@ def model_axes(local: NDArray[np.float64], turn: NDArray[np.float64]) -> tuple[V
     with np.errstate(over="ignore", invalid="ignore"):
         matrix = turn @ local @ turn.T
     return upright_axes(matrix[:, 0], matrix[:, 2]) if np.isfinite(matrix).all() else None
+
+
+def occupied_below(
+    prim: Usd.Prim, time: Usd.TimeCode, linear: NDArray[np.float64], axes: tuple[Vector, Vector, Vector]
+) -> Extent | None:
+    """Lower and upper corner along ``axes`` [m] of the geometry that a point target stands for; None where it is empty.
+
+    :param linear: [3, 3] from the prim's axes to the world's, scale included
+    """
+    bound = UsdGeom.Imageable(prim).ComputeUntransformedBound(time, UsdGeom.Tokens.default_)
+    box = bound.ComputeAlignedRange()
+    if box.IsEmpty():
+        return None
+    corners = np.array([tuple(box.GetCorner(n)) for n in range(8)], dtype=np.float64)
+    with np.errstate(over="ignore", invalid="ignore"):
+        along = corners @ linear.T @ np.array(axes).T
+    if not np.isfinite(along).all():
+        return None
+    (a, b, c), (d, e, f) = along.min(axis=0).tolist(), along.max(axis=0).tolist()
+    return (a, b, c), (d, e, f)

@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.scenes.targets.interface import Rigid, unit
+from datafactory.scenes.targets.interface import Extent, Rigid, unit
 from shared.physics import rcs
 from shared.physics.units import SPEED_OF_LIGHT, power_to_db
 
@@ -33,6 +33,11 @@ class Sphere(Rigid):
     @property
     def nominal_rcs_dbsm(self) -> float:
         return float(power_to_db(rcs.sphere_rcs_m2(self.radius_m)))
+
+    @property
+    def extent_m(self) -> Extent:
+        r = self.radius_m
+        return (-r, -r, -r), (r, r, r)
 
     def far_field_m(self, wavelength_m: float) -> float:
         return 20.0 * self.radius_m  # 0.4 dB
@@ -56,6 +61,11 @@ class Cylinder(Rigid):
     @property
     def nominal_rcs_dbsm(self) -> float:
         return float(power_to_db(rcs.cylinder_rcs_m2(self.radius_m, self.length_m, NOMINAL_WAVELENGTH_M)))
+
+    @property
+    def extent_m(self) -> Extent:
+        r, half = self.radius_m, 0.5 * self.length_m
+        return (-r, -r, -half), (r, r, half)
 
     def far_field_m(self, wavelength_m: float) -> float:
         return max(20.0 * self.radius_m, rcs.far_field_m(self.length_m, wavelength_m))
@@ -82,6 +92,11 @@ class Plate(Rigid):
     def nominal_rcs_dbsm(self) -> float:
         return float(power_to_db(rcs.plate_rcs_m2(self.width_m, self.height_m, NOMINAL_WAVELENGTH_M)))
 
+    @property
+    def extent_m(self) -> Extent:
+        y, z = 0.5 * self.width_m, 0.5 * self.height_m
+        return (0.0, -y, -z), (0.0, y, z)
+
     def far_field_m(self, wavelength_m: float) -> float:
         return rcs.far_field_m(float(np.hypot(self.width_m, self.height_m)), wavelength_m)
 
@@ -107,6 +122,11 @@ class Dihedral(Rigid):
     @property
     def nominal_rcs_dbsm(self) -> float:
         return float(power_to_db(rcs.dihedral_rcs_m2(self.face_m, self.length_m, NOMINAL_WAVELENGTH_M)))
+
+    @property
+    def extent_m(self) -> Extent:
+        across, half = float(self.face_m * np.sqrt(0.5)), 0.5 * self.length_m
+        return (0.0, -across, -half), (across, across, half)
 
     def far_field_m(self, wavelength_m: float) -> float:
         return rcs.far_field_m(float(np.hypot(np.sqrt(2.0) * self.face_m, self.length_m)), wavelength_m)
@@ -137,6 +157,11 @@ class Trihedral(Rigid):
     @property
     def nominal_rcs_dbsm(self) -> float:
         return float(power_to_db(rcs.trihedral_rcs_m2(self.edge_m, NOMINAL_WAVELENGTH_M)))
+
+    @property
+    def extent_m(self) -> Extent:
+        x, y, z = (self.edge_m * values for values in np.array(self.EDGES).T)
+        return (0.0, float(y.min()), float(z.min())), (float(x.max()), float(y.max()), float(z.max()))
 
     def far_field_m(self, wavelength_m: float) -> float:
         return rcs.far_field_m(float(np.sqrt(2.0)) * self.edge_m, wavelength_m)

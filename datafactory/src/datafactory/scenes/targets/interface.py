@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from datafactory.scenes.targets.moving_parts import Motion, MovingParts
 
 Real = NDArray[np.float64]
+Extent = tuple[tuple[float, float, float], tuple[float, float, float]]
+"""Lower and upper corner of a box in the target's frame [m]."""
 
 
 class RcsModel(Protocol):
@@ -27,6 +29,10 @@ class RcsModel(Protocol):
     @property
     def footprint_m(self) -> float:
         """Radius [m] of the circle on the ground, around the target's origin, that holds it."""
+
+    @property
+    def extent_m(self) -> Extent:
+        """The box that the target fills."""
 
     def far_field_m(self, wavelength_m: float) -> float:
         """Distance [m] from which on the model holds."""

@@ -15,7 +15,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.scenes.targets.interface import Rigid, text_without_defaults, unit
+from datafactory.scenes.targets.interface import Extent, Rigid, text_without_defaults, unit
 from datafactory.scenes.targets.moving_parts import Motion, MovingParts
 from datafactory.scenes.targets.walking import FASTEST_RV, leg_m, parts_of_walker
 from datafactory.scenes.targets.wheels import rolling_wheels
@@ -81,6 +81,7 @@ class Car(Rigid):
     HUBS: ClassVar[tuple[tuple[float, float], ...]] = ((1.45, 0.85), (1.45, -0.85), (-1.45, 0.85), (-1.45, -0.85))
     WHEEL_DBSM: ClassVar[float] = -10.0
     HALF_WIDTH_M: ClassVar[float] = 1.0
+    extent_m: ClassVar[Extent] = (-2.5, -1.0, 0.0), (2.5, 1.0, 1.6)
     footprint_m: ClassVar[float] = 2.7
     cross_polar_ratio_db: ClassVar[float] = 21.12
     nominal_rcs_dbsm: ClassVar[float] = 11.25
@@ -123,6 +124,12 @@ class Pedestrian(Rigid):
     footprint_m: ClassVar[float] = 0.4
     cross_polar_ratio_db: ClassVar[float] = 19.81
     nominal_rcs_dbsm: ClassVar[float] = -1.37
+    STATURE_M: ClassVar[float] = 1.75
+
+    @property
+    def extent_m(self) -> Extent:
+        """0.5 m along and across, as TR 38.901 (Release 19) has an adult, and its stature."""
+        return (-0.25, -0.25, 0.0), (0.25, 0.25, self.stature_m or self.STATURE_M)
 
     def far_field_m(self, wavelength_m: float) -> float:
         return 0.0
@@ -169,6 +176,7 @@ class Cyclist(Rigid):
     END_DBSM: ClassVar[float] = -13.0
     POINTS: ClassVar[tuple[tuple[float, float, float], ...]] = ((0.0, 0.0, 1.1), (0.55, 0.0, 0.35), (-0.55, 0.0, 0.35))
     footprint_m: ClassVar[float] = 0.9
+    extent_m: ClassVar[Extent] = (-0.9, -0.3, 0.0), (0.9, 0.3, 1.75)  # an assumption: the wheels' rims, a handlebar
     cross_polar_ratio_db: ClassVar[float] = 19.81
     nominal_rcs_dbsm: ClassVar[float] = -9.8  # the mean over azimuth
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from shared.dataset import Frame, Target
 from shared.dataset.reading import read_frame
 from shared.physics.errors import figure_text
+from shared.pictures import COLOUR_MAP, SPAN_DB, hold_peaks, level_db, range_weighted, range_weighted_db
 from shared.radar import Radar
 from trainer.evaluation.experiments.bench import (
     Bench,
@@ -30,8 +31,8 @@ from trainer.evaluation.experiments.bench import (
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.experiments.frames import load_frame
 from trainer.evaluation.experiments.street import true_magnitude
-from trainer.evaluation.report.levels import range_weighted
-from trainer.evaluation.report.style import SPAN_DB, colour_bar, draw_image, level_db, new_figure, subplots
+from trainer.evaluation.report.doppler_map import doppler_map
+from trainer.evaluation.report.style import PANEL_PIXELS, colour_bar, draw_image, new_figure, subplots
 from trainer.evaluation.rows import MetricRow, SummaryColumn
 from trainer.evaluation.store import Values
 from trainer.metrics.detection import find_row_peaks
@@ -191,20 +192,13 @@ def _found(image: NDArray[np.floating], velocity: NDArray[np.floating], target: 
 
 def _draw_range_doppler(axis: Axes, frame: Frame, radar: Radar) -> None:
     waveform = radar.waveform
-    ranges, velocities = waveform.ranges_m, waveform.velocities_mps
-    if frame.range_doppler is not None:
-        levels = level_db(range_weighted(frame.range_doppler), float(range_weighted(frame.range_doppler).max()))
-        far = waveform.range_bins * waveform.range_step_m
-        extent = (float(velocities[0]), float(velocities[-1]) + waveform.velocity_step_mps, 0.0, far)
-        axis.imshow(levels, origin="lower", aspect="auto", cmap="magma", extent=extent, vmin=-SPAN_DB, vmax=0.0)
-        axis.set_title("range-Doppler map")
-    else:
-        magnitude = np.abs(frame.range_channel).mean(axis=2) * np.arange(waveform.range_bins)
-        levels = level_db(magnitude, float(magnitude.max()))
-        rising = np.argsort(levels, axis=None)
-        where = frame.velocity.ravel()[rising], np.broadcast_to(ranges, levels.shape).ravel()[rising]
-        axis.scatter(*where, c=levels.ravel()[rising], s=3, cmap="magma")
-        axis.set_facecolor("black")
-        axis.set_title("Doppler peaks")
-        axis.set_xlim(velocities[0], velocities[-1])
-    axis.set(xlabel="velocity [m/s], receding", ylabel="range [m]")
+    title, magnitude = doppler_map(frame, radar)
+    levels, rows, _ = hold_peaks(range_weighted_db(magnitude), (PANEL_PIXELS[0], waveform.chirps))
+    velocities, step = waveform.velocities_mps, waveform.velocity_step_mps
+    far = (rows * len(levels) - 0.5) * waveform.range_step_m
+    extent = (velocities[0] - 0.5 * step, velocities[-1] + 0.5 * step, -0.5 * waveform.range_step_m, far)
+    axis.imshow(
+        levels, origin="lower", aspect="auto", cmap=COLOUR_MAP, extent=extent, vmin=-SPAN_DB, vmax=0.0,
+        interpolation="nearest",
+    )  # fmt: skip
+    axis.set(title=title, xlabel="velocity [m/s], receding", ylabel="range [m]", ylim=(0.0, waveform.ranges_m[-1]))

@@ -11,18 +11,16 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
 from shared.physics.errors import figure_text
+from shared.pictures import SPAN_DB, draw_from_above, level_db, range_weighted_db
 from trainer.evaluation.experiments.measured_input import MeasuredInput
 from trainer.evaluation.report.style import (
-    SPAN_DB,
     Look,
     colour_bar,
     legend_below,
-    level_db,
     new_figure,
     subplots,
 )
 from trainer.evaluation.store import Values
-from trainer.run.pictures import range_weighted_db
 
 COLUMNS = 3
 SHOWN_DEG = 15.0
@@ -94,15 +92,10 @@ def cartesian_figure(measured: MeasuredInput, images: Mapping[tuple[str, str], V
     height = (PANEL_INCHES / widest + 0.5) * lines + 0.8
     figure = new_figure(PANEL_INCHES * columns + 1.4, height, f"Seen from above: {figure_text(measured.path.name)}")
     axes = subplots(figure, lines, columns, sharex=True, sharey=True)
-    edges = (np.arange(bins + 1) - 0.5).clip(0.0) * waveform.range_step_m
     for axis, ((method, array), values) in zip(axes.ravel(), images.items(), strict=False):
-        image, angles = values["image"], values["u"]
-        u = np.clip(angles[0] + (np.arange(len(angles) + 1) - 0.5) * (angles[1] - angles[0]), -1.0, 1.0)
-        x, y = np.outer(edges, np.sqrt(1.0 - u**2)), np.outer(edges, u)
-        levels = maximum_filter(range_weighted_db(image)[:bins], DRAWN_BINS)
-        axis.pcolormesh(y, x, levels, cmap="magma", vmin=-SPAN_DB, vmax=0.0, rasterized=True)
-        axis.set(title=figure_text(f"{method}, {array}"), aspect="equal", facecolor="black")
-        axis.set(xlim=(y.max(), y.min()), ylim=(0.0, edges[-1]))
+        levels = maximum_filter(range_weighted_db(values["image"])[:bins], DRAWN_BINS)
+        draw_from_above(axis, levels, waveform.range_step_m, values["u"])
+        axis.set_title(figure_text(f"{method}, {array}"))
     for axis in axes.ravel()[len(images) :]:
         axis.set_visible(False)
     for axis in axes[-1]:

@@ -9,14 +9,18 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from shared.dataset import Frame
+from shared.dataset.reading import open_shard, read_frame
 from shared.physics.errors import figure_text
+from shared.pictures import SPAN_DB, level_db, range_weighted
+from shared.radar import Radar
 from trainer.evaluation.experiments.bench import Bench, FrameRef, Results, Task, contender_task, radar_task
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.experiments.frames import load_frame, one_of_each_scene
-from trainer.evaluation.report.levels import from_bytes, scene_levels, to_bytes
-from trainer.evaluation.report.panels import image_panels
-from trainer.evaluation.report.style import SPAN_DB
-from trainer.evaluation.rows import MetricRow, SummaryColumn
+from trainer.evaluation.report.doppler_map import WHOLE, doppler_map
+from trainer.evaluation.report.levels import REPORT_SPAN_DB, from_bytes, scene_levels, to_bytes
+from trainer.evaluation.report.panels import image_sheet
+from trainer.evaluation.rows import TRUTH, MetricRow, SummaryColumn
 from trainer.evaluation.store import Values
 from trainer.run.targets import AMPLITUDE
 
@@ -45,7 +49,7 @@ class Street:
                 contender_task(bench, contender, ref.condition, inputs, partial(_levels, contender, ref))
                 for contender in bench.contenders
             ]
-            tasks.append(radar_task(bench, "truth", ref.condition, inputs, partial(_truth, ref)))
+            tasks.append(radar_task(bench, TRUTH, ref.condition, inputs, partial(_truth, bench.radar, ref)))
         return tasks
 
     def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
@@ -53,16 +57,19 @@ class Street:
 
     def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
         ref = next((ref for ref in shown_frames(bench) if ref.kind == "scene"), shown_frames(bench)[0])
-        levels = {
-            (c.method, c.array.name): np.maximum(
-                from_bytes(results[c.method, c.array.name, ref.condition]["levels"]), -SPAN_DB
-            )
-            for c in bench.contenders
-        }
-        truth = np.maximum(from_bytes(results["truth", "", ref.condition]["levels"]), -SPAN_DB)
-        title = f"{self.title}: {figure_text(ref.scene)}, frame {ref.frame_id}"
-        figure = image_panels(levels, truth, bench.radar, 0, title)
-        return {self.name: figure}
+        truth = np.maximum(from_bytes(results[TRUTH, "", ref.condition]["levels"]), -SPAN_DB)
+        drawn = {}
+        for array in dict.fromkeys(contender.array.name for contender in bench.contenders):
+            levels = {
+                contender.method: np.maximum(
+                    from_bytes(results[contender.method, array, ref.condition]["levels"]), -SPAN_DB
+                )
+                for contender in bench.contenders
+                if contender.array.name == array
+            }
+            title = f"{self.title}: {figure_text(ref.scene)}, frame {ref.frame_id}, {figure_text(array)}"
+            drawn[f"{self.name}-{array}"] = image_sheet(levels, truth, bench.radar, title)
+        return drawn
 
 
 def shown_frames(bench: Bench) -> tuple[FrameRef, ...]:
@@ -76,9 +83,23 @@ def _levels(contender: Contender, ref: FrameRef) -> Values:
     return {"levels": to_bytes(scene_levels(image, contender.unit, true_magnitude(ref)))}
 
 
-def _truth(ref: FrameRef) -> Values:
+def _truth(radar: Radar, ref: FrameRef) -> Values:
+    """levels [R, U] of the truth; doppler [R, chirps] levels of the range-Doppler map, and whether it is the whole."""
     truth = true_magnitude(ref)
-    return {"levels": to_bytes(scene_levels(truth, AMPLITUDE, truth))}
+    title, magnitude = doppler_map(_with_doppler(ref), radar)
+    weighted = range_weighted(magnitude)
+    return {
+        "levels": to_bytes(scene_levels(truth, AMPLITUDE, truth)),
+        "doppler": to_bytes(level_db(weighted, float(weighted.max()), REPORT_SPAN_DB)),
+        "doppler_whole": np.asarray(title == WHOLE),
+    }
+
+
+def _with_doppler(ref: FrameRef) -> Frame:
+    """The frame with what its shard has of Doppler."""
+    with open_shard(ref.path) as file:
+        stored = [name for name in ("range_doppler", "cube") if name in file.schema_arrow.names]
+    return read_frame(ref.path, ref.row, ("range_channel", "velocity", *stored))
 
 
 def true_magnitude(ref: FrameRef) -> NDArray[np.float64]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from trainer.evaluation.report.style import level_db
+from shared.pictures import level_db, range_weighted
 from trainer.run.targets import AMPLITUDE, PROBABILITY
 
 REPORT_SPAN_DB = 60.0
@@ -35,11 +35,6 @@ def scene_levels(
 def own_levels(image: NDArray[np.floating], span_db: float = REPORT_SPAN_DB) -> NDArray[np.float64]:
     """Levels [dB] below the image's own maximum, for point targets."""
     return level_db(image, float(image.max()), span_db)
-
-
-def range_weighted(image: NDArray[np.floating]) -> NDArray[np.float64]:
-    """[R, U] amplitudes times range bin."""
-    return np.asarray(image, dtype=np.float64) * np.arange(len(image))[:, None]
 
 
 def to_bytes(levels_db: NDArray[np.floating]) -> NDArray[np.uint8]:

@@ -11,9 +11,9 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from shared.physics.errors import figure_text
+from shared.pictures import SPAN_DB
 from shared.radar import Radar
 from trainer.evaluation.report.style import (
-    SPAN_DB,
     TRUTH_COLOUR,
     Look,
     colour_bar,
@@ -26,6 +26,8 @@ from trainer.evaluation.report.style import (
 
 MARK_ABOVE_BINS = 3.0
 """From a target to the tip that points at it."""
+
+SHEET_COLUMNS = 4
 
 Levels = Mapping[tuple[str, str], NDArray[np.floating]]
 """Levels [dB] of images by (method, array)."""
@@ -86,6 +88,27 @@ def image_panels(
         axes[-1, -1].set_xlabel("u = sin(azimuth)")
         reference = [Line2D([], [], color=TRUTH_COLOUR, lw=0.8, label="truth")] if truth is not None else []
         legend_below(figure, [*look.method_handles(), *reference])
+    return figure
+
+
+def image_sheet(
+    levels: Mapping[str, NDArray[np.floating]], truth: NDArray[np.floating], radar: Radar, title: str
+) -> Figure:
+    """Images of all methods for one array, :data:`SHEET_COLUMNS` a line, the truth last: legible at a page's width.
+
+    :param levels: [R, U] by method [dB], at most 0
+    :param truth: the same of the virtual sensor's image
+    """
+    panels = [*levels.items(), ("truth", truth)]
+    lines = -(-len(panels) // SHEET_COLUMNS)
+    figure = new_figure(2.2 * SHEET_COLUMNS + 0.8, 2.3 * lines + 0.6, title)
+    axes = subplots(figure, lines, SHEET_COLUMNS)
+    for axis, (name, image) in zip(axes.ravel(), panels, strict=False):
+        draw_image(axis, image, radar, name)
+    for axis in axes.ravel()[len(panels) :]:
+        axis.set_visible(False)
+    label_images(axes)
+    colour_bar(figure, axes)
     return figure
 
 

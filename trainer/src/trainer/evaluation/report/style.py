@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from shared.dataset.writing import write_bytes
 from shared.physics.errors import figure_text
-from shared.physics.units import amplitude_to_db
+from shared.pictures import COLOUR_MAP, SPAN_DB, draw_levels
 from shared.radar import Radar
-from trainer.run.pictures import SPAN_DB, any_name, hold_peaks
+from trainer.run.pictures import any_name
 
 COLOURS = (
     "#0072b2",
@@ -144,29 +144,17 @@ def subplots(figure: Figure, rows: int, columns: int, **arguments: Any) -> NDArr
         return np.asarray(figure.subplots(rows, columns, squeeze=False, **arguments))
 
 
-def level_db(image: NDArray[np.floating], reference: float, span_db: float = SPAN_DB) -> NDArray[np.float64]:
-    """Level of magnitudes over ``reference`` [dB], cut at -``span_db`` and 0; the floor where there is no reference."""
-    if not reference > 0.0:
-        return np.full(np.shape(image), -span_db)
-    return np.clip(amplitude_to_db(np.asarray(image, dtype=np.float64) / reference), -span_db, 0.0)
-
-
 def draw_image(axis: Axes, levels_db: NDArray[np.floating], radar: Radar, title: str, first_row: int = 0) -> None:
     """Levels [n, U] of the range bins from ``first_row`` on, the radar's left on the left."""
-    grid, step = radar.grid, radar.waveform.range_step_m
-    held, rows, columns = hold_peaks(levels_db, PANEL_PIXELS)
-    near, far = (first_row - 0.5) * step, (first_row - 0.5 + rows * held.shape[0]) * step
-    left = grid.u_start + columns * held.shape[1] * grid.step
-    axis.imshow(
-        held[:, ::-1], origin="lower", aspect="auto", cmap="magma", vmin=-SPAN_DB, vmax=0.0,
-        extent=(left, grid.u_start, near, far), interpolation="nearest",
-    )  # fmt: skip
-    axis.set(title=figure_text(title), xlim=(grid.u_stop, grid.u_start), ylim=(near, near + len(levels_db) * step))
+    draw_levels(
+        axis, levels_db, radar.waveform.range_step_m, radar.grid.u_start, radar.grid.step, first_row, PANEL_PIXELS
+    )
+    axis.set_title(figure_text(title))
 
 
 def colour_bar(figure: Figure, axes: NDArray[np.object_]) -> None:
     """The scale of all images of a figure, at the left of their axes."""
-    scale = ScalarMappable(Normalize(-SPAN_DB, 0.0), "magma")
+    scale = ScalarMappable(Normalize(-SPAN_DB, 0.0), COLOUR_MAP)
     figure.colorbar(scale, ax=axes.ravel().tolist(), label="level [dB]", location="left", aspect=40, pad=0.01)
 
 

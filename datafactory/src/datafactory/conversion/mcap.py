@@ -1,0 +1,207 @@
+"""MCAP files for Foxglove (https://mcap.dev, https://docs.foxglove.dev/docs/sdk/schemas): one file for each split.
+
+/tf        foxglove.FrameTransform    where the radar stands: from ``world`` to ``radar``
+/truth     foxglove.CompressedImage   the truth over range (up) and u (to the left), PNG
+/input     foxglove.CompressedImage   delay-and-sum of all channels, likewise
+/targets   foxglove.PointCloud        x, y, z [m], velocity [m/s], amplitude_db; z = 0, as targets have no height
+/boxes     foxglove.SceneUpdate       a box for each object that moves or has a class, with its name and class
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import foxglove
+import numpy as np
+from foxglove.channels import (
+    CompressedImageChannel,
+    FrameTransformChannel,
+    PointCloudChannel,
+    SceneUpdateChannel,
+)
+from foxglove.messages import (
+    Color,
+    CompressedImage,
+    CubePrimitive,
+    FrameTransform,
+    KeyValuePair,
+    PackedElementField,
+    PackedElementFieldNumericType,
+    PointCloud,
+    Pose,
+    Quaternion,
+    SceneEntity,
+    SceneEntityDeletion,
+    SceneEntityDeletionType,
+    SceneUpdate,
+    TextPrimitive,
+    Timestamp,
+    Vector3,
+)
+from matplotlib import colormaps
+from matplotlib.image import imsave
+from numpy.typing import NDArray
+
+from shared.dataset import Box, Frame
+from shared.dataset.folder import Dataset
+from shared.dataset.reading import radar_of
+from shared.pictures import COLOUR_MAP, SPAN_DB, range_weighted_db
+from shared.radar import Radar
+from shared.signal.imaging import delay_and_sum
+
+WORLD, RADAR = "world", "radar"
+GAP_S = 1.0
+"""Between two sequences, and two frames whose times do not rise: those of drawn poses are all at time 0."""
+COLOURS = {"car": (0.12, 0.47, 0.71), "pedestrian": (0.84, 0.15, 0.16), "cyclist": (1.0, 0.5, 0.05)}
+OTHER_COLOUR = (0.5, 0.5, 0.5)
+
+POINT = np.dtype([(name, "<f4") for name in ("x", "y", "z", "velocity", "amplitude_db")])
+NO_SOFTWARE: dict[str, Any] = {"Software": None}
+"""Of a picture: the same frame gives the same bytes."""
+COLUMNS = ("range_channel", "image", "targets", "boxes")
+
+
+def write_mcap(dataset: Dataset, out: Path, progress: Callable[[int, int], None]) -> tuple[int, tuple[str, ...]]:
+    """Write ``out/<split>.mcap`` for each split; returns the number of frames, and what is said of them."""
+    radar = radar_of(dataset.description(), dataset.path)
+    total, done = sum(len(dataset.rows(split)) for split in dataset.splits), 0
+    progress(done, total)
+    stepped = 0
+    for split in dataset.splits:
+        context = foxglove.Context()
+        channels = _Channels(context)
+        options = foxglove.mcap.MCAPWriteOptions(compression_threads=0)  # the same bytes on every machine
+        with foxglove.open_mcap(out / f"{split}.mcap", context=context, writer_options=options):
+            clock = _Clock()
+            for frame in dataset.frames(split, COLUMNS):
+                channels.log(frame, radar, clock.at(frame))
+                done += 1
+                progress(done, total)
+            stepped += clock.stepped
+    notes = [f"{stepped} frames follow the one before after {GAP_S:g} s: no time rises to them"] if stepped else []
+    return done, (*notes, "targets have no height: they stand at the radar's")
+
+
+class _Clock:
+    """Times that rise: a new sequence, or a frame whose time does not, follows the one before after :data:`GAP_S`."""
+
+    def __init__(self) -> None:
+        self.stepped = 0
+        self._offset, self._before = 0.0, -np.inf
+        self._sequence = -1
+
+    def at(self, frame: Frame) -> int:
+        """The frame's time [ns] in the file; none is before 0."""
+        time_s = frame.time if np.isfinite(frame.time) else 0.0
+        if self._before == -np.inf:
+            self._offset = max(0.0, -time_s)
+        elif time_s + self._offset <= self._before or frame.sequence != self._sequence:
+            self._offset = self._before + GAP_S - time_s
+            self.stepped += 1
+        self._before, self._sequence = time_s + self._offset, frame.sequence
+        return round(1e9 * self._before)
+
+
+class _Channels:
+    """The channels of one file."""
+
+    def __init__(self, context: foxglove.Context) -> None:
+        self._pose = FrameTransformChannel("/tf", context=context)
+        self._truth = CompressedImageChannel("/truth", context=context)
+        self._input = CompressedImageChannel("/input", context=context)
+        self._targets = PointCloudChannel("/targets", context=context)
+        self._boxes = SceneUpdateChannel("/boxes", context=context)
+
+    def log(self, frame: Frame, radar: Radar, time_ns: int) -> None:
+        """Everything of one frame, at one time."""
+        stamp = Timestamp(*divmod(time_ns, 1_000_000_000))
+        measured = np.abs(delay_and_sum(frame.range_channel[0], radar))
+        self._pose.log(sensor_pose(frame, stamp), log_time=time_ns)
+        self._truth.log(picture(frame.image * np.float32(frame.image_peak), stamp), log_time=time_ns)
+        self._input.log(picture(measured, stamp), log_time=time_ns)
+        self._targets.log(points(frame, stamp), log_time=time_ns)
+        self._boxes.log(scene(frame, stamp), log_time=time_ns)
+
+
+def sensor_pose(frame: Frame, stamp: Timestamp) -> FrameTransform:
+    """From the world to the radar."""
+    x, y, z = frame.sensor_position
+    qw, qx, qy, qz = frame.sensor_orientation
+    return FrameTransform(
+        timestamp=stamp, parent_frame_id=WORLD, child_frame_id=RADAR,
+        translation=Vector3(x=x, y=y, z=z), rotation=Quaternion(x=qx, y=qy, z=qz, w=qw),
+    )  # fmt: skip
+
+
+def picture(magnitude: NDArray[np.floating], stamp: Timestamp) -> CompressedImage:
+    """An image [R, U] in the colours and levels of the other pictures, 0 dB its maximum: far up, left on the left."""
+    share = 1.0 + range_weighted_db(magnitude) / SPAN_DB
+    buffer = io.BytesIO()
+    colours = colormaps[COLOUR_MAP](share[::-1, ::-1], bytes=True)
+    imsave(buffer, np.ascontiguousarray(colours), format="png", metadata=NO_SOFTWARE)
+    return CompressedImage(timestamp=stamp, frame_id=RADAR, data=buffer.getvalue(), format="png")
+
+
+def points(frame: Frame, stamp: Timestamp) -> PointCloud:
+    """The targets at the radar's height: x = r sqrt(1 - u^2), y = r u."""
+    values = np.zeros(len(frame.targets), POINT)
+    for row, target in zip(values, frame.targets, strict=True):
+        across = target.range_m * target.u
+        ahead = target.range_m * np.sqrt(max(0.0, 1.0 - target.u**2))
+        row["x"], row["y"] = ahead, across
+        row["velocity"], row["amplitude_db"] = target.velocity_mps, target.amplitude_db
+    fields = [
+        PackedElementField(name=name, offset=4 * place, type=PackedElementFieldNumericType.Float32)
+        for place, name in enumerate(POINT.names or ())
+    ]
+    return PointCloud(
+        timestamp=stamp, frame_id=RADAR, pose=_pose(), point_stride=POINT.itemsize, fields=fields, data=values.tobytes()
+    )
+
+
+def scene(frame: Frame, stamp: Timestamp) -> SceneUpdate:
+    """The boxes, in place of those of the frame before."""
+    gone = SceneEntityDeletion(timestamp=stamp, type=SceneEntityDeletionType.All)
+    return SceneUpdate(deletions=[gone], entities=[_entity(box, stamp) for box in frame.boxes])
+
+
+def _entity(box: Box, stamp: Timestamp) -> SceneEntity:
+    red, green, blue = COLOURS.get(box.class_name, OTHER_COLOUR)
+    length, width, height = box.size
+    top = (box.center[0], box.center[1], box.center[2] + 0.5 * height + 0.3)
+    return SceneEntity(
+        timestamp=stamp,
+        frame_id=RADAR,
+        id=box.object,
+        cubes=[
+            CubePrimitive(
+                pose=_pose(box.center, box.yaw),
+                size=Vector3(x=length, y=width, z=height),
+                color=Color(r=red, g=green, b=blue, a=0.4 if box.power > 0.0 else 0.1),
+            )
+        ],
+        texts=[
+            TextPrimitive(
+                pose=_pose(top), billboard=True, font_size=12.0, scale_invariant=True,
+                color=Color(r=red, g=green, b=blue, a=1.0), text=box.class_name,
+            )
+        ],
+        metadata=list(_facts(box)),
+    )  # fmt: skip
+
+
+def _facts(box: Box) -> Iterator[KeyValuePair]:
+    vx, vy, vz = box.velocity
+    yield KeyValuePair(key="class", value=box.class_name)
+    yield KeyValuePair(key="object", value=box.object)
+    yield KeyValuePair(key="velocity relative to the radar [m/s]", value=f"{vx:.3f} {vy:.3f} {vz:.3f}")
+    yield KeyValuePair(key="power [W]", value=f"{box.power:.3e}")
+
+
+def _pose(place: tuple[float, float, float] = (0.0, 0.0, 0.0), yaw: float = 0.0) -> Pose:
+    x, y, z = place
+    turn = Quaternion(x=0.0, y=0.0, z=float(np.sin(0.5 * yaw)), w=float(np.cos(0.5 * yaw)))
+    return Pose(position=Vector3(x=x, y=y, z=z), orientation=turn)

@@ -1,0 +1,234 @@
+"""The process that holds the connection to Ray: ``python -c``, started by :mod:`datafactory.run.cluster.engine`.
+
+It reads shards to be made from its pipe, and sends a :class:`~datafactory.run.cluster.messages.Look` several times a
+second. It ends with the process that started it, or as the pipe is closed; Ray then ends what it had begun.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import sys
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+from itertools import count
+from multiprocessing.connection import Connection
+from typing import Any
+
+from datafactory.run.cluster.messages import PROBE_S, Begin, Connect, Connected, Look, Outcome, Reached
+from datafactory.run.cluster.node import Steps, make_shard
+from datafactory.run.cluster.surroundings import difference, look_around, processor, surroundings, unlike
+from datafactory.run.shards import ShardPlan
+from shared.dataset.writing import make_folder, write_bytes
+from shared.physics.errors import InputError
+from shared.processes.pool import end_with_parent
+
+LOOK_S = 0.3
+"""How often the cluster is looked at."""
+NODES_EVERY_S = 2.0
+"""How often its nodes are counted."""
+QUIET = {
+    "RAY_USAGE_STATS_ENABLED": "0",
+    "RAY_DEDUP_LOGS": "0",
+    "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",  # silences a warning about the default that will change
+}
+
+
+def main() -> None:
+    """Serve the process that holds the other end of the pipe whose number is the last argument."""
+    end_with_parent(os.getppid())
+    pipe = Connection(int(sys.argv[-1]))
+    os.environ |= QUIET
+    try:
+        _connect(pipe.recv())
+        pipe.send(Reached())
+        pipe.send(_connected())
+        _serve(pipe)
+    except EOFError:
+        pass
+    except Exception as error:
+        pipe.send(error)
+    finally:
+        pipe.close()  # the command need not wait for what follows
+        import ray
+
+        ray.shutdown()
+
+
+def _serve(pipe: Connection) -> None:
+    """Until the pipe is closed, or the cluster is gone: the command notices that nobody holds the other end.
+
+    :raises EOFError: the pipe is closed
+    :raises OSError: a shard cannot be written
+    """
+    from ray.exceptions import RayError
+
+    with suppress(RayError, RuntimeError, ConnectionError):
+        Driver(pipe).serve()
+
+
+def _connect(asked: Connect) -> None:
+    """:raises InputError: Ray is of another version, or this machine is no node of the cluster"""
+    import ray
+
+    try:
+        ray.init(address=asked.address, include_dashboard=False, log_to_driver=False, logging_level=logging.CRITICAL)
+    except (RuntimeError, ConnectionError, ValueError) as error:
+        raise InputError("--address", str(error), "HOST:PORT of a cluster that this machine is a node of") from error
+
+
+def _connected() -> Connected:
+    import ray
+
+    nodes = [node for node in ray.nodes() if node["Alive"] and node["Resources"].get("CPU", 0.0) >= 1.0]
+    return Connected(len(nodes), _looked_at(nodes))
+
+
+def _looked_at(nodes: list[dict[str, Any]]) -> tuple[str, ...]:
+    """Ask every node what is installed on it; lines for the user.
+
+    :raises InputError: a node that would make other bytes, or that does not answer
+    """
+    import ray
+    from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
+
+    ask = ray.remote(look_around)
+    answers = {
+        ask.options(
+            num_cpus=0, max_retries=0, scheduling_strategy=NodeAffinitySchedulingStrategy(node["NodeID"], soft=False)
+        ).remote(): f"{node['NodeManagerHostname']} ({node['NodeManagerAddress']})"
+        for node in nodes
+    }
+    ready, late = ray.wait(list(answers), num_returns=len(answers), timeout=PROBE_S)
+    if late:
+        raise InputError("--engine", f"node {answers[late[0]]} starts no process in {PROBE_S:.0f} s", "one that does")
+    here, notes = surroundings(), []
+    for answer in ready:
+        try:
+            there, kind = ray.get(answer)
+        except (ray.exceptions.RayTaskError, ray.exceptions.RaySystemError) as error:
+            said = str(error).strip().splitlines()[-1]
+            fault = f"node {answers[answer]} cannot load datafactory: {said}"
+            raise InputError("--engine", fault, "pip install 'sparseradar-datafactory[ray]' on every node") from error
+        except ray.exceptions.RayError:
+            continue  # it is gone, as it may be at any time; every process is asked again before its first shard
+        if found := difference(here, there):
+            raise unlike(answers[answer], found)
+        if kind != processor():
+            notes.append(
+                f"node {answers[answer]} has another kind of processor, {kind} beside {processor()}: last digits may "
+                "differ there"
+            )
+    return tuple(notes)
+
+
+@dataclass
+class _Running:
+    """A shard that was handed to the cluster.
+
+    :param answer, content: references of what :func:`datafactory.run.cluster.node.make_shard` returns
+    :param ticket: of its steps
+    """
+
+    plan: ShardPlan
+    answer: Any
+    content: Any
+    ticket: int
+
+
+class Driver:
+    """Shards on a cluster that this process is connected to.
+
+    :param pipe: to the command
+    :raises EOFError: the pipe is closed
+    """
+
+    def __init__(self, pipe: Connection) -> None:
+        import ray
+        from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
+
+        self._pipe = pipe
+        begin: Begin = pipe.recv()
+        self._directory, self._memory = begin.directory, begin.memory
+        self._given = ray.put(begin.given)
+        # Ray itself tries nothing again: how often a shard was tried is counted in one place, by the command.
+        self._make: Any = ray.remote(make_shard).options(num_returns=2, num_cpus=1, memory=begin.memory, max_retries=0)
+        beside = NodeAffinitySchedulingStrategy(ray.get_runtime_context().get_node_id(), soft=True)
+        counter = ray.remote(Steps).options(num_cpus=0, max_restarts=-1, scheduling_strategy=beside)
+        self._steps: Any = counter.remote()
+        self._counting: Any = None
+        self._counted: dict[int, int] = {}
+        self._running: list[_Running] = []
+        self._tickets = count()
+        self._places = 0
+        self._places_at = float("-inf")
+
+    def serve(self) -> None:
+        """Until the pipe is closed.
+
+        :raises EOFError: it is closed
+        """
+        while True:
+            while self._pipe.poll(0.0 if self._running else LOOK_S):
+                self._submit(self._pipe.recv())
+            outcomes = self._finished()
+            self._pipe.send(Look(tuple(outcomes), self._steps_done(), self._places_now()))
+
+    def _submit(self, plan: ShardPlan) -> None:
+        ticket = next(self._tickets)
+        answer, content = self._make.remote(plan, ticket, [self._given], self._steps)
+        self._running.append(_Running(plan, answer, content, ticket))
+
+    def _finished(self) -> list[Outcome]:
+        import ray
+
+        if not self._running:
+            return []
+        by_content = {task.content: task for task in self._running}
+        ray.wait(list(by_content), timeout=LOOK_S)
+        ready, _ = ray.wait(list(by_content), num_returns=len(by_content), timeout=0.0)
+        done = [by_content[content] for content in ready]
+        self._running = [task for task in self._running if task not in done]
+        return [self._outcome(task) for task in done]
+
+    def _outcome(self, task: _Running) -> Outcome:
+        from ray import exceptions, get
+
+        try:
+            result, content = get(task.answer), get(task.content)
+        except exceptions.RayTaskError as error:
+            return Outcome(task.plan, error=error.cause)
+        except exceptions.OutOfMemoryError:
+            return Outcome(task.plan, died="Ray ended its process because its node was short of memory")
+        except exceptions.WorkerCrashedError:
+            return Outcome(task.plan, died="its process ended")
+        except (exceptions.NodeDiedError, exceptions.ObjectLostError):
+            return Outcome(task.plan, lost=True)
+        path = self._directory / task.plan.path
+        make_folder(path.parent)
+        write_bytes(path, memoryview(content))
+        return Outcome(task.plan, result=result)
+
+    def _steps_done(self) -> int:
+        """Of shards at work; as far as they are known, which takes a look or two."""
+        from ray import exceptions, get, wait
+
+        if self._counting is None:
+            self._counting = self._steps.done.remote()
+        if wait([self._counting], timeout=0.0)[0]:
+            with suppress(exceptions.RayError):  # it is being started again
+                self._counted = get(self._counting)
+            self._counting = None
+        return sum(self._counted.get(task.ticket, 0) for task in self._running)
+
+    def _places_now(self) -> int:
+        import ray
+
+        if time.monotonic() > self._places_at + NODES_EVERY_S:
+            self._places_at = time.monotonic()
+            resources = [node["Resources"] for node in ray.nodes() if node["Alive"]]
+            self._places = sum(
+                int(min(there.get("CPU", 0.0), there.get("memory", 0.0) // self._memory)) for there in resources
+            )
+        return self._places

@@ -1,0 +1,251 @@
+"""Shards on a Ray cluster, as the command sees it: a pool like that of worker processes on this machine."""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from importlib.util import find_spec
+from multiprocessing.connection import Pipe
+from types import TracebackType
+from typing import Any, TypeVar
+
+import cloudpickle
+
+from datafactory.run.cluster.messages import PROBE_S, Begin, Connect, Connected, Look, Reached
+from datafactory.run.cluster.node import Given, surroundings_of
+from datafactory.run.room import trace_memory
+from datafactory.run.shards import ShardPlan
+from datafactory.run.workers import RunFailed, ShardResult, ShardWork
+from shared.dataset.locations import absolute
+from shared.physics.errors import InputError
+from shared.processes.pool import AHEAD, without_interrupts
+from shared.processes.tasks import Attempts, Finished
+
+ANSWER_S = 5.0
+"""Within this something at an address accepts a connection."""
+CONNECT_S = 60.0
+"""Within this a cluster answers, or Ray is started on this machine: 3 to 10 s, more where the machine is busy. Ray
+itself waits for ever."""
+END_S = 15.0
+"""Within this the driver lets go of its cluster; a Ray of the run's own takes 3 s to end."""
+EXPECTED = "HOST:PORT of a cluster that this machine is a node of"
+Answer = TypeVar("Answer")
+DRIVER = "from datafactory.run.cluster.driver import main; main()"
+GONE = (
+    "--engine ray: the connection to the cluster is lost: its head, or the Ray of this machine, has ended; the same "
+    "command with --resume goes on"
+)
+
+
+@contextmanager
+def connected(address: str | None, announce: Callable[[str], None]) -> Iterator[RayEngine]:
+    """A cluster that is ready to work, until the end of the block.
+
+    :param address, announce: see :func:`datafactory.run.engines.opened`
+    :raises InputError: Ray is not installed; no cluster, or one that would make other bytes
+    """
+    if find_spec("ray") is None:
+        raise InputError("--engine", "ray is not installed", "pip install 'sparseradar-datafactory[ray]'")
+    if address is not None:
+        _require_answer(address)
+    driver = _Driver()
+    try:
+        driver.send(Connect(address))
+        driver.receive(Reached, CONNECT_S, address)
+        about = driver.receive(Connected, PROBE_S + CONNECT_S, address)
+        for note in about.notes:
+            announce(note)
+        announce(f"Ray: {about.nodes} {'node' if about.nodes == 1 else 'nodes'} to work on")
+        yield RayEngine(driver, announce)
+    finally:
+        driver.end()
+
+
+class _Driver:
+    """The process that holds the connection to Ray, see :mod:`datafactory.run.cluster.driver`."""
+
+    def __init__(self) -> None:
+        self._pipe, theirs = Pipe()
+        with without_interrupts(), theirs:
+            # What Ray prints is in its own logs, /tmp/ray/session_latest/logs.
+            self._process = subprocess.Popen(
+                [sys.executable, "-c", DRIVER, str(theirs.fileno())],
+                pass_fds=[theirs.fileno()],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+            )
+
+    def send(self, message: object) -> None:
+        """:raises RunFailed: it has ended"""
+        try:
+            self._pipe.send(message)
+        except OSError as error:
+            raise RunFailed(GONE) from error
+
+    def receive(self, kind: type[Answer], timeout_s: float, address: str | None) -> Answer:
+        """A message of this kind.
+
+        :raises InputError: none within this time [s], or what was wrong
+        """
+        where = "Ray on this machine" if address is None else repr(address)
+        if not self._pipe.poll(timeout_s):
+            problem = f"{where} does not answer within {timeout_s:.0f} s"
+            raise InputError("--address", problem, EXPECTED)
+        try:
+            message = self._checked(self._pipe.recv())
+        except (EOFError, OSError):
+            raise InputError("--address", f"{where} cannot be joined", EXPECTED) from None
+        assert isinstance(message, kind)
+        return message
+
+    def looks(self, timeout_s: float) -> Iterator[Look]:
+        """What came within this time [s].
+
+        :raises RunFailed: it has ended
+        """
+        while self._pipe.poll(timeout_s):
+            try:
+                yield self._checked(self._pipe.recv())
+            except (EOFError, OSError) as error:
+                raise RunFailed(GONE) from error
+            timeout_s = 0.0
+
+    def _checked(self, message: Any) -> Any:
+        if isinstance(message, Exception):
+            raise message
+        return message
+
+    def end(self) -> None:
+        """Let it end what it had begun; it may have ended before."""
+        self._pipe.close()
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(END_S)
+            return
+        self._process.kill()  # Ray ends the tasks of a driver that is gone
+        self._process.wait()
+
+
+def _require_answer(address: str) -> None:
+    """Refuse at once what Ray would try for ever.
+
+    :raises InputError: no address, or nothing there
+    """
+    host, _, port = address.rpartition(":")
+    if not host or not port.isdigit():
+        raise InputError("--address", repr(address), EXPECTED)
+    try:
+        socket.create_connection((host, int(port)), ANSWER_S).close()
+    except (OSError, OverflowError) as error:
+        raise InputError("--address", f"{address!r}: {getattr(error, 'strerror', None) or error}", EXPECTED) from error
+
+
+def _as_seen_from_anywhere(work: ShardWork) -> ShardWork:
+    """The folder that a command runs in is not that of a node's processes."""
+    stored = tuple((absolute(path), row) for path, row in work.job.stored)
+    return replace(work, job=replace(work.job, stored=stored))
+
+
+class RayEngine:
+    """A cluster that this process is connected to, for one run.
+
+    :param driver: the connection
+    :param announce: takes lines for the user
+    """
+
+    name = "ray"
+
+    def __init__(self, driver: _Driver, announce: Callable[[str], None]) -> None:
+        self._driver, self._announce = driver, announce
+
+    def processes_here(self, workers: int) -> int:
+        """This one, which makes the plan; what the nodes hold is counted by Ray."""
+        return 1
+
+    def pool(self, work: ShardWork, shards: int, workers: int) -> RayPool:
+        """Processes of the cluster's nodes."""
+        memory = trace_memory(work.job.settings.trace.rays if work.job.scenes else 0, 1)
+        return RayPool(work, memory, workers, self._driver, self._announce)
+
+
+class RayPool:
+    """A :class:`shared.processes.tasks.Pool` of the cluster's processes.
+
+    :param memory: that a process takes [bytes]
+    :param workers: shards at work at a time; 0 for as many as the nodes have cores and memory for
+    """
+
+    def __init__(
+        self, work: ShardWork, memory: float, workers: int, driver: _Driver, announce: Callable[[str], None]
+    ) -> None:
+        self._work, self._memory, self._workers = work, int(memory), workers
+        self._driver, self._announce = driver, announce
+        self._attempts = Attempts[ShardPlan, ShardResult]()
+        self._running = 0
+        self._steps = 0
+        self._places: int | None = None
+        self._waiting_told = False
+
+    def __enter__(self) -> RayPool:
+        given = cloudpickle.dumps(Given(_as_seen_from_anywhere(self._work), surroundings_of(self._work)))
+        self._driver.send(Begin(given, absolute(self._work.directory), self._memory))
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._driver.end()
+
+    @property
+    def busy(self) -> bool:
+        """Whether any shard is not finished."""
+        return self._running > 0
+
+    @property
+    def has_room(self) -> bool:
+        """Whether another shard may be handed out: some wait, so that Ray's autoscaler sees that nodes are wanted."""
+        return self._running < (self._workers or AHEAD * max(self._places or 0, 1))
+
+    def submit(self, item: ShardPlan) -> None:
+        """Hand a shard to the cluster."""
+        self._driver.send(item)
+        self._running += 1
+
+    def finished(self, timeout_s: float) -> Iterator[Finished[ShardPlan, ShardResult]]:
+        """What has finished within this time [s]; shards whose process or node was lost are handed out again.
+
+        :raises Exception: what the making of a shard raised
+        :raises RunFailed: the cluster is gone
+        """
+        for look in self._driver.looks(timeout_s):
+            self._steps, self._places = look.steps, look.places
+            for outcome in look.outcomes:
+                self._running -= 1
+                if outcome.error is not None:
+                    raise outcome.error
+                if outcome.result is not None:
+                    yield Finished(outcome.plan, outcome.result)
+                    continue
+                plan = outcome.plan
+                failure = self._attempts.lost(plan) if outcome.lost else self._attempts.died(plan, outcome.died)
+                if failure is None:
+                    self.submit(plan)
+                else:
+                    yield failure
+        self._tell_of_waiting()
+
+    def running_steps(self) -> int:
+        """Frames that were made of shards that are not finished."""
+        return self._steps
+
+    def _tell_of_waiting(self) -> None:
+        waiting = self._places == 0
+        if waiting and not self._waiting_told:
+            self._announce(
+                f"no node of the cluster has a core and {self._memory / 1e9:.1f} GB of memory for tasks: waiting"
+            )
+        self._waiting_told = waiting

@@ -1,0 +1,177 @@
+"""Where a scene's things are at a time: oriented boxes around them, and their velocities.
+
+A box stands in its thing's own axes, as the source has them. Up is the one of the thing's axes that points closest to
+the world's up at time 0, forward its x (its y where x is the one that points up). The axes turn with the thing; the box
+is the smallest in these axes that holds all vertices at the time. A thing whose axes are unknown has the world's.
+
+The velocity of a box's centre is that of the thing's own frame there, M'(t) M(t)^-1 c, and the mean over the vertices
+of what they move against that frame: 0 for a rigid body, 0 in the sum for wheels that turn, the body's way for what
+walks by its skeleton alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from datafactory.scenes.chain import Chain
+from datafactory.scenes.labels import Parts, parts_of_things
+from datafactory.scenes.motion import Moving, Track, Vector, drift, upright_axes
+from datafactory.scenes.poses import Pose
+from datafactory.scenes.scene import WORLD_AXES, PointTarget, Scene, triple
+
+Real = NDArray[np.float64]
+Axes = tuple[Vector, Vector, Vector]
+
+
+@dataclass(frozen=True, eq=False)
+class WorldBox:
+    """A box in the world.
+
+    :param center: [3] [m]
+    :param size: [3] length along forward, width along left, height along up [m]
+    :param axes: [3, 3] rows forward, left and up, unit vectors
+    :param velocity: [3] of the centre [m/s]
+    """
+
+    center: Real
+    size: Real
+    axes: Real
+    velocity: Real
+
+
+@dataclass(frozen=True, eq=False)
+class BoxedThing:
+    """Something that moves or has a class, with its box at any time.
+
+    :param name: of the thing; :param class_name: "other" where the source states none
+    :param indices: its parts' places among the scene's objects, the point targets after them
+    :param start: at time 0
+    :param track: of what is shifted and does not turn; None: straight on with the velocity of ``start``
+    :param turning: the parts of what turns or changes its shape; None for what does not
+    """
+
+    name: str
+    class_name: str
+    indices: tuple[int, ...]
+    start: WorldBox
+    track: Track | None = None
+    turning: Parts | None = None
+
+    def at(self, time_s: float) -> WorldBox:
+        """The box at a time [s]; its velocity is that of the interval that begins there."""
+        if self.turning is not None:
+            return _box_of(self.turning, time_s)
+        shift, velocity = drift(triple(self.start.velocity), self.track, time_s)
+        return replace(self.start, center=self.start.center + shift, velocity=velocity)
+
+
+def boxed_things(scene: Scene) -> tuple[BoxedThing, ...]:
+    """The things of a scene that move or have a class (:mod:`datafactory.scenes.labels`)."""
+    return tuple(_thing(parts) for parts in parts_of_things(scene))
+
+
+@dataclass(frozen=True)
+class SeenThing:
+    """A thing of a scene in the radar frame at the start of a frame, for any radar.
+
+    :param name: of the thing; :param class_name: never ""
+    :param center: [m]; :param velocity: of it, relative to the radar [m/s]
+    :param size: length, width, height [m]
+    :param forward, left, up: unit vectors of its axes
+    :param indices: its parts' places among the paths' ``objects``
+    """
+
+    name: str
+    class_name: str
+    center: Vector
+    size: Vector
+    forward: Vector
+    left: Vector
+    up: Vector
+    velocity: Vector
+    indices: tuple[int, ...]
+
+
+def seen_things(things: Sequence[BoxedThing], pose: Pose) -> tuple[SeenThing, ...]:
+    """The things at a pose's time, in its frame."""
+    return tuple(_seen(thing, thing.at(pose.time_s), pose) for thing in things)
+
+
+def _seen(thing: BoxedThing, box: WorldBox, pose: Pose) -> SeenThing:
+    rotation = pose.rotation()
+    forward, left, up = map(triple, box.axes @ rotation)
+    return SeenThing(
+        name=thing.name,
+        class_name=thing.class_name,
+        center=triple((box.center - np.asarray(pose.position)) @ rotation),
+        size=triple(box.size),
+        forward=forward,
+        left=left,
+        up=up,
+        velocity=triple((box.velocity - np.asarray(pose.velocity)) @ rotation),
+        indices=thing.indices,
+    )
+
+
+def _thing(parts: Parts) -> BoxedThing:
+    start = _box_of(parts, 0.0)
+    motions = {(part.velocity, part.motion) for part in parts.objects}
+    motions |= {(target.velocity, target.motion) for target in parts.targets}
+    one = len(motions) == 1 and not any(isinstance(motion, Moving) for _, motion in motions)
+    if not one:
+        return BoxedThing(parts.name, parts.class_name, parts.indices, start, turning=parts)
+    (_, motion), *_ = motions
+    assert not isinstance(motion, Moving)
+    return BoxedThing(parts.name, parts.class_name, parts.indices, start, track=motion)
+
+
+def _box_of(parts: Parts, time_s: float) -> WorldBox:
+    """The box around all parts at a time."""
+    instants = [(instant.vertices, instant.velocities) for instant in (item.at(time_s) for item in parts.objects)]
+    instants += [_corners(target.at(time_s)) for target in parts.targets]
+    points, velocities = (np.concatenate(values) for values in zip(*instants, strict=True))
+    axes = np.array(_axes_of(parts, time_s))
+    along = points @ axes.T
+    low, high = along.min(axis=0), along.max(axis=0)
+    center = 0.5 * (low + high) @ axes
+    field = np.zeros_like(points)
+    carried = np.zeros(3)
+    if parts.frame is not None:
+        rate = _rate_field(parts.frame, time_s)
+        field, carried = points @ rate[:3, :3].T + rate[:3, 3], rate[:3, :3] @ center + rate[:3, 3]
+    return WorldBox(center, high - low, axes, carried + (velocities - field).mean(axis=0))
+
+
+def _rate_field(frame: Chain, time_s: float) -> Real:
+    """[4, 4] that gives the velocity of a place which the frame carries, M'(t) M(t)^-1; 0 where the frame is flat."""
+    matrix, rate = frame.at(time_s)
+    try:
+        found: Real = rate @ np.linalg.inv(matrix)
+    except np.linalg.LinAlgError:
+        return np.zeros((4, 4))
+    return found if np.isfinite(found).all() else np.zeros((4, 4))
+
+
+def _axes_of(parts: Parts, time_s: float) -> Axes:
+    """Forward, left and up of a thing at a time."""
+    if parts.frame is None:
+        return parts.targets[0].at(time_s).axes if parts.targets else WORLD_AXES
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+        home = parts.frame.at(0.0)[0][:3, :3]
+        upward = np.nan_to_num(home[2] / np.linalg.norm(home, axis=0))
+    up = int(np.argmax(np.abs(upward)))
+    now = parts.frame.at(time_s)[0][:3, :3]
+    sign = 1.0 if upward[up] >= 0.0 else -1.0
+    return upright_axes(now[:, 1 if up == 0 else 0], sign * now[:, up]) or WORLD_AXES
+
+
+def _corners(target: PointTarget) -> tuple[Real, Real]:
+    """[8, 3] corners of the box that a point target fills, and their velocities; its place where no size is known."""
+    low, high = target.extent
+    offsets = np.array(list(product(*zip(low, high, strict=True)))) @ np.array(target.axes)
+    return np.array(target.position) + offsets, np.array(target.velocity) + np.cross(np.array(target.spin), offsets)

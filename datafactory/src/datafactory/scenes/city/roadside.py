@@ -1,0 +1,147 @@
+"""What stands along the kerbs of a city: lamps, trees, signs, signals, bus stops, parked vehicles, covers in the road.
+
+All of it lies on the stretches of a street that are clear of its crossings (:meth:`Plan.stretches`). Coordinates are
+those of a street: along it, and to the left of its axis.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from datafactory.scenes.city.chance import drawn
+from datafactory.scenes.city.plan import ZEBRA_M, Plan, Street
+from datafactory.scenes.city.rules import Rules
+from datafactory.scenes.city.site import Site
+
+SLOT_M = 8.5
+"""Between the places of trees, lamps and signs along a kerb."""
+FROM_KERB_M = 0.6
+PLACE_M = 6.2
+"""Length of a parking place along a kerb."""
+SIDES = (1.0, -1.0)
+TREE_NEEDS_M = 3.4
+"""Width of pavement from which on there are trees: a crown reaches 1.6 m, a balcony 1.1 m."""
+SHELTER_NEEDS_M = 3.9
+"""Width of pavement that leaves 1.5 m behind a shelter for those who walk past."""
+
+
+def furnish(site: Site, plan: Plan, rules: Rules) -> None:
+    """Everything along all streets, the main street first."""
+    for street in plan.streets:
+        for first, last in plan.stretches(street):
+            for side in SIDES:
+                stop = _bus_stop(site, street, first, last, side, rules) if street is plan.main else None
+                _kerb_line(site, street, first, last, side, rules)
+                _parked(site, street, first, last, side, rules, stop)
+        _covers(site, street, rules)
+    _corners(site, plan, rules)
+
+
+def _at(street: Street, along: float, aside: float, z: float) -> tuple[float, float, float]:
+    x, y = street.point(along, aside)
+    return x, y, z
+
+
+def _heading(street: Street, side: float) -> float:
+    """Of traffic on this side of the street: to the right of the axis it goes along the axis."""
+    return street.yaw_deg + (180.0 if side > 0.0 else 0.0)
+
+
+def _kerb_line(site: Site, street: Street, first: float, last: float, side: float, rules: Rules) -> None:
+    rng, kind = site.rng, street.kind
+    aside = side * (kind.kerb + FROM_KERB_M)
+    lamp = rng.uniform(2.0, 12.0) if rules.lamps_m else np.inf
+    for slot in range(int((last - first) / SLOT_M)):
+        along = first + 3.0 + SLOT_M * slot
+        place = _at(street, along, aside, rules.kerb_m)
+        if along - first >= lamp:
+            # The arm, along -y of the lamp, reaches over the road.
+            site.place("Lamps", "Lamp", "Lamp", place, street.yaw_deg + (0.0 if side > 0.0 else 180.0))
+            lamp += rules.lamps_m
+            continue
+        what = drawn(rng, (("tree", rules.trees), ("sign", 0.12), ("bin", 0.08), ("rail", 0.05), ("none", 0.25)))
+        if what == "tree" and kind.pavement_m >= TREE_NEEDS_M:
+            model = f"Tree_{rng.integers(3)}"
+            site.place("Trees", "Tree", model, place, float(rng.integers(0, 360)))
+        elif what == "sign":
+            model = f"Sign_{drawn(rng, (('round', 0.4), ('triangle', 0.3), ('panel', 0.3)))}"
+            # A sign faces -x of its own: against the traffic that passes it.
+            site.place("Signs", "Sign", model, place, _heading(street, side))
+        elif what == "bin":
+            site.place("Bins", "Bin", "Bin", place)
+        elif what == "rail" and kind.lanes * kind.lane_m + kind.median_m == kind.kerb:
+            rail = _at(street, along, side * (kind.kerb + 0.3), rules.kerb_m)
+            site.place("Rails", "Rail", "PedestrianRail", rail, street.yaw_deg, margin=0.1)
+
+
+def _bus_stop(
+    site: Site, street: Street, first: float, last: float, side: float, rules: Rules
+) -> tuple[float, float] | None:
+    """A flag at the kerb, a shelter on a wide pavement, now and then a bus in a wide strip; what it takes up."""
+    rng, kind = site.rng, street.kind
+    if rules.walkers == 0 or last - first < 40.0 or rng.random() < 0.45:
+        return None
+    middle = rng.uniform(first + 16.0, last - 16.0)
+    if kind.pavement_m >= SHELTER_NEEDS_M:
+        shelter = _at(street, middle, side * (kind.kerb + 0.9), rules.kerb_m)
+        # The shelter opens along -y of its own, towards the road.
+        site.place("BusStops", "Shelter", "Shelter", shelter, street.yaw_deg + (0.0 if side > 0.0 else 180.0))
+    ahead = middle + (-4.0 if side > 0.0 else 4.0)
+    flag = _at(street, ahead, side * (kind.kerb + 0.45), rules.kerb_m)
+    site.place("BusStops", "Sign", "Sign_panel", flag, _heading(street, side))
+    if kind.parking_m >= 2.5 and rng.random() < 0.5:
+        place = _at(street, middle, side * (kind.kerb - 1.4), 0.0)
+        site.place("Buses", "Bus", "Bus", place, _heading(street, side))
+    return middle - 9.0, middle + 9.0
+
+
+def _parked(
+    site: Site, street: Street, first: float, last: float, side: float, rules: Rules, stop: tuple[float, float] | None
+) -> None:
+    """A row of parked vehicles in the strip beside the kerb."""
+    rng, kind = site.rng, street.kind
+    if kind.parking_m < 1.9:
+        return
+    along = first + 3.5 + rng.uniform(0.0, 2.0)
+    share = rules.parked * rng.uniform(0.6, 1.4)
+    while along < last - 3.0:
+        lorry = kind.parking_m >= 2.5 and rng.random() < 0.4 * rules.heavy
+        length = 11.0 if lorry else PLACE_M
+        at, taken = along + 0.5 * length - 3.1, rng.random() < share
+        along += length
+        model = "Lorry" if lorry else drawn(rng, (("Saloon", 0.42), ("Hatchback", 0.42), ("Van", 0.16)))
+        aside = kind.kerb - (1.4 if lorry else 1.04) + rng.uniform(-0.07, 0.07)
+        skew = 0.0 if lorry else float(rng.integers(-2, 2, endpoint=True))
+        if not taken or along > last or (stop is not None and stop[0] < at < stop[1]):
+            continue
+        group, name = ("Lorries", "Lorry") if lorry else ("Cars", "Car")
+        site.place(group, name, model, _at(street, at, side * aside, 0.0), _heading(street, side) + skew)
+
+
+def _covers(site: Site, street: Street, rules: Rules) -> None:
+    """Manhole covers in the lanes."""
+    if rules.kerb_m == 0.0:
+        return
+    along = street.start + site.rng.uniform(8.0, 30.0)
+    while along < street.end - 3.0:
+        aside = site.rng.uniform(-0.8, 0.8) * (street.kind.kerb - street.kind.parking_m - 0.6)
+        site.add("Covers", "Manhole", "Manhole", _at(street, along, aside, 0.0))
+        along += site.rng.uniform(22.0, 48.0)
+
+
+def _corners(site: Site, plan: Plan, rules: Rules) -> None:
+    """Bollards beside the pedestrians' crossings, and the signals or signs of the traffic that comes there."""
+    for street, middle in plan.zebras():
+        crossings = plan.crossings_of(street)
+        at, _ = min(crossings, key=lambda pair: abs(pair[0] - middle))
+        outwards = 1.0 if middle > at else -1.0
+        for side in SIDES:
+            along = middle + outwards * (0.5 * ZEBRA_M + 0.4)
+            aside = side * (street.kind.kerb + 0.4)
+            # Traffic that comes towards the crossing keeps to its right: to the left of the way outwards.
+            if side == outwards:
+                model = "Signal" if rules.signals else "Sign_triangle"
+                kind = "Signal" if rules.signals else "Sign"
+                site.place("Signals", kind, model, _at(street, along, aside, rules.kerb_m), _heading(street, side))
+            elif site.rng.random() < 0.5:
+                site.place("Bollards", "Bollard", "Bollard", _at(street, along, aside, rules.kerb_m))

@@ -1,0 +1,108 @@
+"""What has been placed so far: builders add to it, and what would stand inside something else is left out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from datafactory.scenes.city.footprints import Occupied, body_boxes, footprints_of
+from datafactory.scenes.city.placement import Keyframe, Placement
+from datafactory.scenes.city.shapes import Surface
+
+CLASSES = {
+    "Car": "car",
+    "Lorry": "truck",
+    "Bus": "bus",
+    "Cyclist": "bicycle",
+    "Pedestrian": "pedestrian",
+    "Lamp": "pole",
+    "Bollard": "pole",
+    "Signal": "pole",
+    "Sign": "sign",
+    "Gantry": "sign",
+    "Tree": "tree",
+    "Conifer": "tree",
+    "Hedge": "tree",
+}
+"""``radar:class`` by kind; what is not listed has none, and is background."""
+
+
+class Site:
+    """Collects placements while builders draw from one generator, in a fixed order.
+
+    :param rng: of all draws
+    :param models: surfaces that placements share, by name
+    """
+
+    def __init__(self, rng: np.random.Generator, models: dict[str, Surface]) -> None:
+        self.rng = rng
+        self.models = models
+        self.placements: list[Placement] = []
+        self.occupied = Occupied()
+        self.left_out = 0
+        """Things that found no free place."""
+        self._counts: dict[str, int] = {}
+        self._boxes_of_models: dict[str, NDArray[np.float64]] = {}
+
+    def place(
+        self,
+        group: str,
+        kind: str,
+        what: str | Surface,
+        position: tuple[float, float, float],
+        yaw_deg: float = 0.0,
+        margin: float = 0.0,
+    ) -> bool:
+        """Place something that rests, unless it would stand inside something else; whether it was placed.
+
+        :param what: the name of a model, or a surface of its own
+        :param margin: free space around it [m]
+        """
+        boxes = self._boxes(what)
+        if not all(self.occupied.free(item) for item in footprints_of(boxes, position, yaw_deg, margin)):
+            self.left_out += 1
+            return False
+        for item in footprints_of(boxes, position, yaw_deg):
+            self.occupied.add(item)
+        self.add(group, kind, what, position, yaw_deg)
+        return True
+
+    def _boxes(self, what: str | Surface) -> NDArray[np.float64]:
+        if not isinstance(what, str):
+            return body_boxes(what)
+        if what not in self._boxes_of_models:
+            self._boxes_of_models[what] = body_boxes(self.models[what])
+        return self._boxes_of_models[what]
+
+    def add(
+        self,
+        group: str,
+        kind: str,
+        what: str | Surface,
+        position: tuple[float, float, float],
+        yaw_deg: float = 0.0,
+        keyframes: Sequence[Keyframe] = (),
+        target: str = "",
+        target_options: tuple[tuple[str, float], ...] = (),
+    ) -> None:
+        """Add something whose place is known to be free, such as what moves in a lane."""
+        model = what if isinstance(what, str) else ""
+        surface = self.models[what] if isinstance(what, str) else what
+        number = self._counts.get(kind, 0)
+        self._counts[kind] = number + 1
+        x, y, z = (round(value, 3) + 0.0 for value in position)
+        self.placements.append(
+            Placement(
+                f"{group}/{kind}_{number}",
+                surface,
+                (x, y, z),
+                round(yaw_deg, 2),
+                model=model,
+                keyframes=tuple(keyframes),
+                radar_class=CLASSES.get(kind, ""),
+                target=target,
+                target_options=target_options,
+            )
+        )

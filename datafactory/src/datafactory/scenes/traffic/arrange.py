@@ -1,0 +1,176 @@
+"""Who drives, parks, walks and stands where along the stretches of road.
+
+Everything has a place of its own across the road (:mod:`datafactory.scenes.traffic.layout`), and along it a distance
+from what shares that place; furniture is besides held clear of furniture. Numbers that are asked for are dealt to the
+stretches in turn. What stands is put on the ground under it, and left out where that is no plane.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from datafactory.scenes.ground import Ground
+from datafactory.scenes.traffic.asked import Asked
+from datafactory.scenes.traffic.assets import CAR_SHARES, CARS, POLE_SHARES, POLES, SIGNS, asset
+from datafactory.scenes.traffic.layout import FURNITURE_M, Layout, Line, layout_of
+from datafactory.scenes.traffic.streams import Course, spaced
+from datafactory.scenes.traffic.stretches import Stretch, heights_at, tilted
+
+HEADWAY_M = 18.0
+"""Of a lane for each vehicle, at least, from middle to middle: a bus, and 6 m."""
+CYCLING_M, WALKING_M = 8.0, 3.0
+"""The same of cyclists and walkers."""
+END_M = 6.5
+"""Vehicles' middles stay so far from a stretch's ends: half a bus."""
+SLOT_M = 6.2
+"""Of kerb for a parked car."""
+VEHICLE_MPS, CYCLING_MPS, WALKING_MPS = (8.0, 14.0), (3.5, 6.5), (0.8, 1.7)
+STATURE_M = (1.55, 1.92)
+UNEVEN_M = 0.08
+"""How far the ground may be off the plane that something stands on."""
+
+
+@dataclass(frozen=True)
+class Placement:
+    """One thing with its place.
+
+    :param kind: as it was asked for; :param what: an asset, ``"pedestrian"`` or ``"cyclist"``
+    :param position: of its origin at time 0 [m]; :param axes: [3, 3] rows ahead, left, up
+    :param course: the line that it moves along, and how far along it is at time 0; None where it stands
+    :param stature_m: of a pedestrian
+    """
+
+    kind: str
+    what: str
+    position: tuple[float, float, float]
+    axes: np.ndarray
+    course: tuple[Course, float] | None = None
+    stature_m: float = 0.0
+
+
+def arrange(stretches: Sequence[Stretch], ground: Ground, asked: Asked, rng: np.random.Generator) -> list[Placement]:
+    """Placements of what was asked for, as much of it as there is room for."""
+    layouts = [layout_of(stretch.strip.half_width_m, asked.parked > 0.0, rng) for stretch in stretches]
+    roads = list(zip(stretches, layouts, strict=True))
+    vehicles = ["cars"] * asked.cars + ["trucks"] * asked.trucks + ["buses"] * asked.buses
+    placements = list(_streams(roads, [vehicles[n] for n in rng.permutation(len(vehicles))], "lanes", rng))
+    placements += _streams(roads, ["cyclists"] * asked.cyclists, "cycling", rng)
+    placements += _streams(roads, ["pedestrians"] * asked.pedestrians, "walking", rng)
+    placements += _parked(roads, ground, asked.parked, rng)
+    placements += _furniture(roads, ground, asked, rng)
+    return placements
+
+
+def _streams(
+    roads: Sequence[tuple[Stretch, Layout]], kinds: Sequence[str], lines: str, rng: np.random.Generator
+) -> Iterator[Placement]:
+    """What moves, dealt to all lines of one use in turn."""
+    end_m, least_m, speeds = {
+        "lanes": (END_M, HEADWAY_M, VEHICLE_MPS),
+        "cycling": (1.5, CYCLING_M, CYCLING_MPS),
+        "walking": (1.0, WALKING_M, WALKING_MPS),
+    }[lines]
+    every: list[tuple[Stretch, Line]] = [
+        (stretch, line) for stretch, layout in roads for line in getattr(layout, lines)
+    ]
+    every = [every[n] for n in rng.permutation(len(every))]
+    room = [int((stretch.strip.length_m - 2.0 * end_m) / least_m) for stretch, _ in every]
+    dealt: list[list[str]] = [[] for _ in every]
+    waiting = list(kinds)
+    while waiting and any(len(own) < most for own, most in zip(dealt, room, strict=True)):
+        for own, most in zip(dealt, room, strict=True):
+            if waiting and len(own) < most:
+                own.append(waiting.pop())
+    for (stretch, line), own in zip(every, dealt, strict=True):
+        half = 0.5 * stretch.strip.length_m - end_m
+        axes = stretch.axes(0.0 if line.forward else np.pi)
+        first, last = (stretch.point(along if line.forward else -along, line.left_m) for along in (-half, half))
+        length = float(np.linalg.norm(last - first))
+        (x, y, z), (a, b, c) = first.tolist(), ((last - first) / length).tolist()
+        course = Course((x, y, z), (a, b, c), length, float(rng.uniform(*speeds)))
+        for kind, at_m in zip(own, spaced(len(own), length, least_m, rng).tolist(), strict=True):
+            stature = float(rng.uniform(*STATURE_M)) if kind == "pedestrians" else 0.0
+            yield Placement(kind, _model(kind, rng), course.place(at_m), axes, (course, at_m), stature)
+
+
+def _model(kind: str, rng: np.random.Generator) -> str:
+    if kind == "cars":
+        return str(rng.choice(CARS, p=CAR_SHARES))
+    return {"trucks": "truck", "buses": "bus", "cyclists": "cyclist", "pedestrians": "pedestrian"}[kind]
+
+
+def _parked(
+    roads: Sequence[tuple[Stretch, Layout]], ground: Ground, share: float, rng: np.random.Generator
+) -> Iterator[Placement]:
+    """Cars in that share of the slots along the kerbs, each a little off its line."""
+    for stretch, layout in roads:
+        slots = int((stretch.strip.length_m - 2.0 * END_M) / SLOT_M)
+        for line in layout.parking:
+            taken = rng.permutation(slots)[: round(share * slots)]
+            for slot in np.sort(taken).tolist():
+                along = (slot - 0.5 * (slots - 1)) * SLOT_M + rng.uniform(-0.3, 0.3)
+                turn = np.radians(rng.uniform(-1.5, 1.5)) + (0.0 if line.forward else np.pi)
+                what = _model("cars", rng)
+                left = line.left_m + rng.uniform(-0.06, 0.06)
+                placement = standing(stretch, ground, "parked", what, along, left, float(turn))
+                if placement is not None:
+                    yield placement
+
+
+def _furniture(
+    roads: Sequence[tuple[Stretch, Layout]], ground: Ground, asked: Asked, rng: np.random.Generator
+) -> Iterator[Placement]:
+    """Poles, signs, bins and benches behind the kerbs, at places drawn without putting one back."""
+    spots = [
+        (number, side, along)
+        for number, (stretch, _) in enumerate(roads)
+        for side in (-1.0, 1.0)
+        for along in np.arange(2.0 - 0.5 * stretch.strip.length_m, 0.5 * stretch.strip.length_m - 2.0, 2.5).tolist()
+    ]
+    free = [spots[n] for n in rng.permutation(len(spots))]
+    for kind in ("poles", "signs", "bins", "benches"):
+        found = 0
+        while found < getattr(asked, kind) and free:
+            number, side, along = free.pop()
+            stretch, layout = roads[number]
+            what, turn = _piece(kind, side, rng)
+            left = side * (layout.kerb_m + FURNITURE_M)
+            placement = standing(stretch, ground, kind, what, along, left, turn)
+            if placement is not None:
+                found += 1
+                yield placement
+
+
+def _piece(kind: str, side: float, rng: np.random.Generator) -> tuple[str, float]:
+    """An asset, and how far it is turned from the road's heading [rad]: arms over the road, signs to those who come."""
+    if kind == "poles":
+        what = str(rng.choice(POLES, p=POLE_SHARES))
+        over_the_road = 0.0 if side > 0.0 else np.pi  # an arm lies along -y
+        return what, over_the_road if what == "lamp" else (0.0 if side < 0.0 else np.pi)
+    if kind == "signs":
+        return str(rng.choice(SIGNS)), (0.0 if side < 0.0 else np.pi)
+    return {"bins": "bin", "benches": "bench"}[kind], (0.0 if side > 0.0 else np.pi)
+
+
+def standing(
+    stretch: Stretch, ground: Ground, kind: str, what: str, along: float, left: float, turn_rad: float
+) -> Placement | None:
+    """An asset on the ground under it; None where that is no plane, or no ground."""
+    x, y, _ = stretch.point(along, left).tolist()
+    heading = stretch.strip.heading_rad + turn_rad
+    foot = asset(what).foot
+    span = 0.5 * np.maximum(foot, ground.cell_m)
+    ahead, aside = (axis.ravel() for axis in np.meshgrid(*(np.linspace(-half, half, 3) for half in span)))
+    cosine, sine = np.cos(heading), np.sin(heading)
+    z = heights_at(ground, x + cosine * ahead - sine * aside, y + sine * ahead + cosine * aside)
+    if not np.isfinite(z).all():
+        return None
+    plane = np.linalg.lstsq(np.stack([np.ones_like(ahead), ahead, aside], axis=1), z, rcond=None)[0]
+    if np.abs(plane[0] + plane[1] * ahead + plane[2] * aside - z).max() > UNEVEN_M:
+        return None
+    upright = max(foot) < 1.0  # a post stands plumb on a slope
+    axes = tilted(heading, 0.0, 0.0) if upright else tilted(heading, float(plane[1]), float(plane[2]))
+    return Placement(kind, what, (x, y, float(plane[0])), axes)

@@ -1,0 +1,86 @@
+"""What every kernel on the device starts from: arrays moved there, phasors, and sums whose order is fixed.
+
+This package is the only one of ours that imports torch, which is an extra of its own. Nothing imports it before a
+device was asked for (:mod:`datafactory.synthesis.kernels`). All of it runs on torch's ``"cpu"`` as well, which is how
+the tests hold it to the same bounds as the compiled kernels where there is no GPU.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import torch
+from jaxtyping import Complex, Float64, Shaped
+from numpy.typing import NDArray
+from torch import Tensor
+
+VALUES_AT_ONCE = {"cpu": 2**17, "cuda": 2**25}
+"""Complex numbers that a step holds at a time: on the processor what its cache has room for, on a GPU enough to fill
+it (0.25 GB in complex64). Sums are taken in this order, so that it is a part of the bytes."""
+CUBLAS_VARIABLE, CUBLAS_WORKSPACE = "CUBLAS_WORKSPACE_CONFIG", ":4096:8"
+"""Without a fixed workspace cuBLAS chooses among sums of different order, and torch refuses to call it repeatable."""
+
+
+@contextmanager
+def repeatable() -> Iterator[None]:
+    """The same bytes from the same arrays, run after run, on a GPU too; float32 products in float32.
+
+    ``index_add_`` on CUDA adds with atomics, in whichever order threads arrive. torch's deterministic mode sorts the
+    targets first, and adds what falls to one of them in its order.
+    """
+    os.environ.setdefault(CUBLAS_VARIABLE, CUBLAS_WORKSPACE)
+    before, warned = torch.are_deterministic_algorithms_enabled(), torch.is_deterministic_algorithms_warn_only_enabled()
+    filled, precision = torch.utils.deterministic.fill_uninitialized_memory, torch.get_float32_matmul_precision()
+    torch.use_deterministic_algorithms(True)
+    torch.utils.deterministic.fill_uninitialized_memory = False  # nothing here reads what it has not written
+    torch.set_float32_matmul_precision("highest")
+    try:
+        with torch.inference_mode():
+            yield
+    finally:
+        torch.set_float32_matmul_precision(precision)
+        torch.utils.deterministic.fill_uninitialized_memory = filled
+        torch.use_deterministic_algorithms(before, warn_only=warned)
+
+
+def moved(array: Shaped[np.ndarray, "*shape"], device: str) -> Shaped[Tensor, "*shape"]:
+    """A NumPy array on the device, of the same type."""
+    return torch.tensor(np.ascontiguousarray(array), device=device)
+
+
+def back(values: Shaped[Tensor, "*shape"]) -> NDArray:
+    """The same as a NumPy array."""
+    return values.cpu().numpy()
+
+
+def real_of(dtype: torch.dtype) -> torch.dtype:
+    """The real type of a complex one."""
+    return torch.float32 if dtype == torch.complex64 else torch.float64
+
+
+def phasors(cycles: Float64[Tensor, "*shape"], dtype: torch.dtype) -> Complex[Tensor, "*shape"]:
+    """exp(j 2 pi ``cycles``), reduced modulo one cycle in float64 before it is rounded (:mod:`shared.physics.cycles`).
+
+    :param dtype: torch.complex64 or torch.complex128
+    """
+    angle = (2.0 * torch.pi * (cycles - torch.floor(cycles + 0.5))).to(real_of(dtype))
+    return torch.polar(torch.ones_like(angle), angle)
+
+
+def batches(count: int, values_each: int, device: str) -> Iterator[slice]:
+    """Slices of ``count`` items, each of so many complex numbers, that a step may hold at a time."""
+    size = max(VALUES_AT_ONCE[torch.device(device).type] // max(values_each, 1), 1)
+    for first in range(0, count, size):
+        yield slice(first, min(first + size, count))
+
+
+def cuda_problem() -> str | None:
+    """Why torch cannot use a CUDA device, in words; None if it can."""
+    if torch.version.cuda is None:
+        return f"torch {torch.__version__} is built without CUDA"
+    if not torch.cuda.is_available():
+        return f"torch {torch.__version__} for CUDA {torch.version.cuda} finds no usable device"
+    return None

@@ -1,0 +1,78 @@
+"""Levels of a range-angle image drawn into an axis of matplotlib, over u or from above.
+
+Matplotlib is not imported here: the axes are those of the caller.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shared.pictures.levels import SPAN_DB, hold_peaks
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.collections import QuadMesh
+    from matplotlib.image import AxesImage
+
+COLOUR_MAP = "magma"
+"""Rises evenly in lightness, so that it also reads in grey."""
+LEVEL_LABEL = "amplitude x range [dB]"
+OUTSIDE = "#e1e1e1"
+"""What lies beyond the field of view."""
+PANEL_PIXELS = 320, 300
+"""Height and width of a panel, unless the caller knows better."""
+
+
+def draw_levels(
+    axis: Axes,
+    levels_db: NDArray[np.floating],
+    range_step_m: float,
+    u_start: float,
+    u_step: float,
+    first_row: int = 0,
+    pixels: tuple[int, int] = PANEL_PIXELS,
+) -> AxesImage:
+    """Levels [n, U] of the range bins from ``first_row`` on over u, which rises to the left.
+
+    :param levels_db: from -:data:`SPAN_DB` to 0
+    :param pixels: height and width of the panel, at most so many blocks are drawn
+    """
+    held, rows, columns = hold_peaks(levels_db, pixels)
+    near, far = ((first_row - 0.5 + count) * range_step_m for count in (0, rows * held.shape[0]))
+    right, left = (u_start + (count - 0.5) * u_step for count in (0, columns * held.shape[1]))
+    drawn = axis.imshow(
+        held[:, ::-1], origin="lower", aspect="auto", cmap=COLOUR_MAP, vmin=-SPAN_DB, vmax=0.0,
+        extent=(left, right, near, far), interpolation="nearest",
+    )  # fmt: skip
+    bins = levels_db.shape
+    axis.set(xlim=(right + bins[1] * u_step, right), ylim=(max(near, 0.0), near + bins[0] * range_step_m))
+    axis.locator_params(axis="x", nbins=4)  # labels stay apart in the narrowest panel
+    return drawn
+
+
+def draw_from_above(
+    axis: Axes,
+    levels_db: NDArray[np.floating],
+    range_step_m: float,
+    u: NDArray[np.floating],
+    pixels: tuple[int, int] = PANEL_PIXELS,
+) -> QuadMesh:
+    """Levels [R, U] of the range bins from 0 on in the plane: x = r sqrt(1 - u^2) ahead, y = r u to the left [m].
+
+    As if every echo came from the radar's own height.
+
+    :param levels_db: from -:data:`SPAN_DB` to 0
+    :param u: [U] rising evenly
+    """
+    held, rows, columns = hold_peaks(levels_db, pixels)
+    step = u[1] - u[0] if len(u) > 1 else 2.0
+    range_edges = (np.minimum(rows * np.arange(held.shape[0] + 1), len(levels_db)) - 0.5).clip(0.0) * range_step_m
+    angle_edges = u[0] + (np.minimum(columns * np.arange(held.shape[1] + 1), len(u)) - 0.5) * step
+    angle_edges = np.clip(angle_edges, -1.0, 1.0)
+    x, y = np.outer(range_edges, np.sqrt(1.0 - angle_edges**2)), np.outer(range_edges, angle_edges)
+    drawn = axis.pcolormesh(y, x, held, cmap=COLOUR_MAP, vmin=-SPAN_DB, vmax=0.0, rasterized=True)
+    axis.set(aspect="equal", facecolor=OUTSIDE, xlim=(float(y.max()), float(y.min())), ylim=(0.0, float(x.max())))
+    return drawn

@@ -1,0 +1,131 @@
+"""MCAP files for Foxglove, read back by the mcap package: every topic, its values, and times that rise."""
+
+from __future__ import annotations
+
+import io
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from boxed_frames import RADAR, box, frame, write
+from matplotlib.image import imread
+
+from datafactory import InputError, convert
+from datafactory.conversion.formats import FORMATS
+
+pytest.importorskip("foxglove", reason="the package foxglove-sdk is not installed")
+reader = pytest.importorskip("mcap.reader", reason="the package mcap is not installed")
+decoder = pytest.importorskip("mcap_protobuf.decoder", reason="the package mcap-protobuf-support is not installed")
+
+TOPICS = {
+    "/tf": "foxglove.FrameTransform",
+    "/truth": "foxglove.CompressedImage",
+    "/input": "foxglove.CompressedImage",
+    "/targets": "foxglove.PointCloud",
+    "/boxes": "foxglove.SceneUpdate",
+}
+
+
+def messages(path: Path) -> dict[str, list[tuple[int, Any]]]:
+    """(time [ns], message) by topic, in the order of the file; the schema of each topic checked."""
+    found: dict[str, list[tuple[int, Any]]] = {topic: [] for topic in TOPICS}
+    with path.open("rb") as handle:
+        for item in reader.make_reader(handle, decoder_factories=[decoder.DecoderFactory()]).iter_decoded_messages():
+            assert item.schema.name == TOPICS[item.channel.topic]
+            found[item.channel.topic].append((item.message.log_time, item.decoded_message))
+    return found
+
+
+@pytest.fixture
+def source(tmp_path: Path) -> Path:
+    boxes = [box(10.0, 4.0, "pedestrian", speed=-2.0), box(18.0, -6.0, "car", yaw=0.5)]
+    frames = [frame(0, boxes, "range-channel"), frame(1, boxes[:1], "range-channel"), frame(2, [], "range-channel")]
+    return write(tmp_path / "data", frames, ["train", "train", "test"], "range-channel")
+
+
+def test_every_topic_holds_every_frame_at_rising_times(source: Path, tmp_path: Path) -> None:
+    converted = convert(source, tmp_path / "out", to="mcap")
+    assert converted.frames == 3
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["test.mcap", "train.mcap"]
+    for rows in messages(tmp_path / "out" / "train.mcap").values():
+        assert [time for time, _ in rows] == [0, 1_000_000_000]  # frames of drawn poses are all at time 0
+    assert "1 frames follow the one before after 1 s: no time rises to them" in converted.notes
+
+
+def test_the_times_are_those_of_the_frames(tmp_path: Path) -> None:
+    """Two drives, the second from the start of the scene again; a frame of its own at the end."""
+    known = [(0, 2.0), (0, 2.5), (1, 0.0), (1, 0.5), (-1, 0.0)]
+    frames = [replace(frame(i, [], "range-channel"), sequence=s, time=t) for i, (s, t) in enumerate(known)]
+    source = write(tmp_path / "data", frames, ["train"] * 5, "range-channel")
+    assert convert(source, tmp_path / "out", to="mcap").notes[0].startswith("2 frames follow")
+    times = [time for time, _ in messages(tmp_path / "out" / "train.mcap")["/tf"]]
+    assert times == [2_000_000_000, 2_500_000_000, 3_500_000_000, 4_000_000_000, 5_000_000_000]
+
+
+def test_the_radar_stands_where_the_frame_says(source: Path, tmp_path: Path) -> None:
+    convert(source, tmp_path / "out", to="mcap")
+    (_, first), (_, second) = messages(tmp_path / "out" / "train.mcap")["/tf"]
+    assert (first.parent_frame_id, first.child_frame_id) == ("world", "radar")
+    where, turn = second.translation, second.rotation
+    assert (where.x, where.y, where.z) == (10.0, 1.0, 0.5)
+    assert (turn.w, turn.x, turn.y, turn.z) == (0.0, 0.0, 0.0, 1.0)  # half a turn, from w first to w last
+
+
+def test_images_have_far_up_and_left_on_the_left(source: Path, tmp_path: Path) -> None:
+    """The truth's one bright cell, row 20 of 80 and column 10 of 40; the input's echo at the pedestrian."""
+    convert(source, tmp_path / "out", to="mcap")
+    found = messages(tmp_path / "out" / "train.mcap")
+    truth, measured = (imread(io.BytesIO(found[topic][1][1].data)) for topic in ("/truth", "/input"))
+    assert truth.shape == measured.shape == (80, 40, 4)
+    bright = truth[..., 0]  # the red of the colour map is largest at its top
+    assert np.unravel_index(bright.argmax(), bright.shape) == (79 - 20, 39 - 10)
+    row, column = np.unravel_index(measured[..., 0].argmax(), (80, 40))
+    range_m = float(np.hypot(10.0, 4.0))
+    assert RADAR.waveform.ranges_m[79 - row] == pytest.approx(range_m, abs=RADAR.waveform.range_step_m)
+    assert RADAR.grid.u[39 - column] == pytest.approx(4.0 / range_m, abs=2 * RADAR.grid.step)
+
+
+def test_points_are_the_targets(source: Path, tmp_path: Path) -> None:
+    convert(source, tmp_path / "out", to="mcap")
+    (_, cloud), _ = messages(tmp_path / "out" / "train.mcap")["/targets"]
+    names = [field.name for field in cloud.fields]
+    assert names == ["x", "y", "z", "velocity", "amplitude_db"]
+    values = np.frombuffer(cloud.data, np.float32).reshape(-1, cloud.point_stride // 4)
+    expected = frame(0, [box(10.0, 4.0, "pedestrian", speed=-2.0), box(18.0, -6.0, "car")]).targets
+    for row, target in zip(values, expected, strict=True):
+        assert np.hypot(row[0], row[1]) == pytest.approx(target.range_m, rel=1e-6)
+        assert row[1] == pytest.approx(target.range_m * target.u, rel=1e-5)
+        assert tuple(row[2:]) == pytest.approx((0.0, target.velocity_mps, target.amplitude_db), rel=1e-6)
+
+
+def test_boxes_replace_those_of_the_frame_before(source: Path, tmp_path: Path) -> None:
+    convert(source, tmp_path / "out", to="mcap")
+    (_, first), (_, second) = messages(tmp_path / "out" / "train.mcap")["/boxes"]
+    assert [entity.id for entity in first.entities] == ["/pedestrian at 10", "/car at 18"]
+    assert [entity.id for entity in second.entities] == ["/pedestrian at 10"]
+    assert [item.type for item in second.deletions] == [1]  # ALL
+    car = first.entities[1]
+    assert car.frame_id == "radar"
+    assert {pair.key: pair.value for pair in car.metadata}["class"] == "car"
+    (cube,) = car.cubes
+    assert (cube.pose.position.x, cube.pose.position.y, cube.size.x, cube.size.y) == (18.0, -6.0, 4.0, 2.0)
+    assert 2.0 * np.arctan2(cube.pose.orientation.z, cube.pose.orientation.w) == pytest.approx(0.5)
+
+
+def test_equal_datasets_give_equal_files(source: Path, tmp_path: Path) -> None:
+    contents = []
+    for name in ("one", "other"):
+        convert(source, tmp_path / name, to="mcap")
+        contents.append({path.name: path.read_bytes() for path in (tmp_path / name).iterdir()})
+    assert contents[0] == contents[1]
+
+
+def test_a_missing_package_is_one_line(source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "foxglove", None)
+    with pytest.raises(InputError, match=r"--to mcap: needs the package foxglove-sdk.*pip install .*\[convert\]"):
+        convert(source, tmp_path / "out", to="mcap")
+    assert not (tmp_path / "out").exists()
+    assert "mcap" in FORMATS

@@ -1,0 +1,145 @@
+"""A run on a device: what stands in the manifest, what is refused, what the bytes depend on.
+
+Where there is no GPU, torch's kernels on the processor stand in for it: all but the hardware is as it would be.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from typer.testing import CliRunner
+
+from datafactory.accuracy.samples import made_with
+from datafactory.api import making
+from datafactory.api.asking import order_of, processes
+from datafactory.api.forecasting import forecast
+from datafactory.cli.app import app
+from datafactory.effects.catalogue import ALL
+from datafactory.frame import device
+from datafactory.paths.backend import CudaDevice
+from datafactory.run import pipeline, provenance
+from datafactory.run.pipeline import Report
+from datafactory.synthesis import kernels
+from shared.physics.errors import InputError
+
+
+@pytest.fixture
+def stand_in(monkeypatch):
+    """A machine on which ``cuda`` is torch on the processor."""
+    on_torch = kernels.torch_kernels
+    for module in (device, provenance):
+        monkeypatch.setattr(module, "cuda_device", lambda: CudaDevice("a stand-in"))
+    for owner in (device, kernels):
+        monkeypatch.setattr(owner, "synthesis_problem", lambda: None)
+    monkeypatch.setattr(kernels, "torch_kernels", lambda name: on_torch("cpu"))
+
+
+def points(out: Path, device: str, **more: object) -> Report:
+    said = more.pop("said", [])
+    assert isinstance(said, list)
+    return making.render(None, out, frames=0, points=2, device=device, announce=said.append, **more)
+
+
+def manifest_of(report: Report) -> dict:
+    return json.loads((report.directory / "manifest.json").read_text())
+
+
+def columns_of(report: Report, name: str) -> np.ndarray:
+    shards = sorted(report.directory.glob("train/*.parquet"))
+    return np.array([row for shard in shards for row in pq.read_table(shard)[name].to_pylist()])
+
+
+def test_a_run_on_another_device_has_the_same_signals_within_the_bound(tmp_path, stand_in):
+    on_cpu, on_device = points(tmp_path / "cpu", "cpu"), points(tmp_path / "cuda", "cuda")
+    assert manifest_of(on_cpu)["arguments"]["device"] == "cpu"
+    assert "gpu" not in manifest_of(on_cpu)["made"]
+    made = manifest_of(on_device)
+    assert made["arguments"]["device"] == "cuda"
+    assert made["made"]["gpu"] == "a stand-in"
+    assert "torch" in made["made"]["versions"]
+    for column in ("range_channel", "image"):
+        one, other = (columns_of(report, column) for report in (on_cpu, on_device))
+        # The same noise, and signals that differ by the tolerance of point targets, 1e-6.
+        assert np.linalg.norm(other - one) < 1e-3 * np.linalg.norm(one), column
+
+
+def test_the_bytes_are_those_of_the_device_alone(tmp_path, stand_in):
+    hashes = [
+        [shard["sha256"] for shard in manifest_of(points(tmp_path / name, "cuda"))["shards"]] for name in ("a", "b")
+    ]
+    assert hashes[0] == hashes[1]
+
+
+def test_a_run_is_not_resumed_on_another_device(tmp_path, stand_in):
+    points(tmp_path / "run", "cuda")
+    with pytest.raises(InputError, match=r"--resume: device is 'cpu', but the run in .* had 'cuda'"):
+        points(tmp_path / "run", "cpu", resume=True)
+
+
+def test_auto_is_settled_before_the_run_and_refused_where_it_changes(tmp_path, stand_in, monkeypatch):
+    said: list[str] = []
+    assert manifest_of(points(tmp_path / "run", "auto", said=said))["arguments"]["device"] == "cuda"
+    assert "device: cuda" in said
+    monkeypatch.setattr(device, "cuda_device", lambda: CudaDevice("", "there is no NVIDIA driver", "a driver"))
+    with pytest.raises(InputError, match=r"--resume: device is 'cpu', but the run in .* had 'cuda'"):
+        points(tmp_path / "run", "auto", resume=True)
+
+
+def test_a_kill_is_survived_on_a_device_too(tmp_path, stand_in, monkeypatch):
+    whole = manifest_of(points(tmp_path / "whole", "cuda"))
+
+    def fails(*arguments: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as cut:
+        cut.setattr(pipeline, "finish", fails)
+        with pytest.raises(KeyboardInterrupt):
+            points(tmp_path / "cut", "cuda")
+    resumed = manifest_of(points(tmp_path / "cut", "cuda", resume=True))
+    assert {**resumed, "made": None} == {**whole, "made": None}
+
+
+def test_one_worker_has_the_gpu_unless_more_are_asked_for(tmp_path, stand_in):
+    assert processes(0, "cuda") == 1
+    assert processes(3, "cuda") == 3
+    assert processes(0, "cpu") >= 1
+    said: list[str] = []
+    points(tmp_path / "run", "cuda", workers=2, said=said)  # one shard: made in this process
+    assert "2 workers share one GPU, and its memory" in said
+
+
+def test_a_forecast_says_whose_rates_it_has(tmp_path, stand_in):
+    for name, whose in (("cpu", "rates of another machine"), ("cuda", "rates of a CPU, for none of a GPU")):
+        order = order_of(None, points=2, radar="avr-qdm-110", device=name)
+        assert any(whose in line for line in forecast(order, tmp_path, 1).lines())
+
+
+@pytest.mark.parametrize("command", [["points"], ["render", "shipped:tiny"], ["trace", "shipped:tiny"]])
+def test_a_device_that_is_not_there_is_refused_before_anything_is_written(tmp_path, monkeypatch, command):
+    monkeypatch.setattr(device, "cuda_device", lambda: CudaDevice("", "there is no NVIDIA driver", "a driver"))
+    out = tmp_path / "out"
+    result = CliRunner().invoke(app, [*command, "--frames", "1", "--out", str(out), "--device", "cuda"])
+    assert isinstance(result.exception, InputError)
+    assert str(result.exception) == "--device: cuda: there is no NVIDIA driver; expected a driver"
+    assert not out.exists()
+
+
+def test_the_command_line_names_the_device(tmp_path, stand_in):
+    result = CliRunner().invoke(app, ["points", "--frames", "1", "--out", str(tmp_path / "out"), "--device", "cuda"])
+    assert result.exit_code == 0, result.output
+    assert json.loads((tmp_path / "out" / "manifest.json").read_text())["arguments"]["device"] == "cuda"
+
+
+def test_evidence_and_prices_of_one_device_are_not_those_of_another():
+    # Both are cached by the settings, of which the device is one.
+    order = order_of("shipped:tiny", frames=1, radar="avr-qdm-110")
+    assert order.settings.device == "cpu"
+    on_gpu = replace(order, settings=replace(order.settings, device="cuda"))
+    assert made_with(order, ALL) != made_with(on_gpu, ALL)
+    assert made_with(on_gpu, ALL).chain().device == "cuda"
+    assert made_with(on_gpu, ALL).tracing().device == "cuda"

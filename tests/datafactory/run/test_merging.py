@@ -1,0 +1,262 @@
+"""Jobs of an array become the dataset of the run in one piece, or are refused with what is wrong."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from datafactory.cli.app import app
+from datafactory.run import merging
+from datafactory.run.finished_jobs import ranges
+from shared.dataset.documents import sealed
+from shared.dataset.folder import open_dataset, read_manifest, verify
+from shared.physics.errors import InputError
+
+RADAR = """
+[waveform]
+chirps = 4
+samples = 32
+range_bins = 20
+bandwidth_hz = 400e6
+[grid]
+bins = 16
+[array]
+tx_m = [[0.0, 0.0, 0.0]]
+rx_m = [[0.0, 0.0, 0.0], [0.0, 0.002, 0.0], [0.0, 0.004, 0.0]]
+[virtual_sensor]
+tx_m = [[0.0, 0.0, 0.0]]
+rx_m = [[0.0, 0.0, 0.0], [0.0, 0.002, 0.0], [0.0, 0.004, 0.0], [0.0, 0.006, 0.0]]
+"""
+JOBS = 3
+
+
+def run(*arguments: object) -> str:
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments], catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+@pytest.fixture(scope="module")
+def radar(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("radar") / "small.toml"
+    path.write_text(RADAR, encoding="utf-8")
+    return path
+
+
+def points(out: Path, radar: Path, *more: object) -> str:
+    return run("points", "--frames", 40, "--split", "2:1:1", "--radar", radar, "--out", out, "--workers", 1, *more)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory, radar: Path) -> Path:
+    out = tmp_path_factory.mktemp("whole") / "data"
+    points(out, radar)
+    return out
+
+
+@pytest.fixture(scope="module")
+def made_once(tmp_path_factory: pytest.TempPathFactory, radar: Path) -> Path:
+    out = tmp_path_factory.mktemp("jobs")
+    for number in range(JOBS):
+        points(out, radar, "--shard", f"{number}/{JOBS}")
+    return out
+
+
+@pytest.fixture
+def jobs(made_once: Path, tmp_path: Path) -> Path:
+    """A copy that a test may damage."""
+    return Path(shutil.copytree(made_once, tmp_path / "jobs"))
+
+
+def shards(folder: Path) -> dict[str, bytes]:
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in sorted(folder.glob("*/*.parquet"))}
+
+
+def but_made(folder: Path) -> dict[str, Any]:
+    return {name: value for name, value in read_manifest(folder).items() if name != "made"}
+
+
+def require_same(merged: Path, whole: Path) -> None:
+    """Shards and manifest, but for ``made``, byte for byte; nothing beside them."""
+    assert shards(merged) == shards(whole)
+    assert json.dumps(but_made(merged)) == json.dumps(but_made(whole))
+    assert verify(open_dataset(merged)) == []
+    assert sorted(path.name for path in merged.iterdir()) == sorted(path.name for path in whole.iterdir())
+
+
+def refused(jobs: Path, out: Path, *more: object) -> str:
+    """The line; nothing is written."""
+    with pytest.raises(InputError) as caught:
+        run("merge", jobs, "--out", out, *more)
+    assert not out.exists()
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def test_jobs_merge_to_the_run_in_one_piece(jobs: Path, whole: Path, tmp_path: Path) -> None:
+    said = run("merge", jobs, "--out", tmp_path / "merged")
+    require_same(tmp_path / "merged", whole)
+    assert "7 shards are links" in said
+    assert [item["job"] for item in read_manifest(tmp_path / "merged")["made"]["jobs"]] == ["0/3", "1/3", "2/3"]
+    assert "already complete" in run("merge", jobs, "--out", tmp_path / "merged", "--resume")
+    shutil.rmtree(jobs)
+    require_same(tmp_path / "merged", whole)
+
+
+def test_each_job_may_have_a_folder_of_its_own_named_anyhow(jobs: Path, whole: Path, tmp_path: Path) -> None:
+    folders = [path.rename(tmp_path / f"node{number}") for number, path in enumerate(sorted(jobs.iterdir()))]
+    run("merge", *reversed(folders), "--out", tmp_path / "merged")
+    require_same(tmp_path / "merged", whole)
+
+
+def test_a_job_by_itself_is_a_dataset_of_its_frames(jobs: Path) -> None:
+    opened = [open_dataset(folder) for folder in sorted(jobs.iterdir())]
+    assert [fault for dataset in opened for fault in verify(dataset)] == []
+    frames = [frame.frame_id for dataset in opened for split in dataset.splits for frame in dataset.frames(split)]
+    assert sorted(frames) == list(range(40))
+
+
+def test_where_no_link_can_be_made_shards_are_copied(
+    jobs: Path, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuses(source: Path, target: Path) -> None:
+        raise OSError(18, "Invalid cross-device link")
+
+    monkeypatch.setattr(os, "link", refuses)
+    said = run("merge", jobs, "--out", tmp_path / "merged")
+    require_same(tmp_path / "merged", whole)
+    assert "7 shards are copies" in said
+    assert all(path.stat().st_nlink == 1 for path in jobs.glob("*/*/*.parquet"))
+    monkeypatch.setattr(merging, "free_bytes", lambda directory: 1000)
+    assert "MB have to be copied there; expected another disk" in refused(jobs, tmp_path / "again")
+
+
+def test_missing_frames_are_named_with_the_jobs_that_owe_them(jobs: Path, radar: Path, tmp_path: Path) -> None:
+    first, second, _ = sorted(jobs.iterdir())
+    owed = sorted(frame.frame_id for split in ("train", "validation", "test") if split in open_dataset(second).splits
+                  for frame in open_dataset(second).frames(split))  # fmt: skip
+    shutil.rmtree(second)
+    line = refused(jobs, tmp_path / "merged")
+    assert f"frames {ranges(owed)} are missing ({len(owed)} of 40): job 1/3 is not there" in line
+    (second / ".progress").mkdir(parents=True)
+    (second / ".progress" / "arguments.json").write_text("{}", encoding="utf-8")
+    line = refused(jobs, tmp_path / "merged")
+    assert f"({len(owed)} of 40): {second} is not finished; expected all jobs finished" in line
+    shutil.rmtree(first)
+    shutil.rmtree(sorted(jobs.iterdir())[-1])
+    assert "no job in it is finished" in refused(jobs, tmp_path / "merged")
+
+
+def test_an_array_that_was_cut_anew_fills_the_gaps(jobs: Path, radar: Path, whole: Path, tmp_path: Path) -> None:
+    """Job 1 of 3 is lost; two of seven smaller ones have its frames, and one has frames that job 0 made as well."""
+    shutil.rmtree(jobs / "job-1-of-3")
+    for number in (0, 1, 4):
+        points(jobs, radar, "--shard", f"{number}/7")
+    run("merge", jobs, "--out", tmp_path / "merged")
+    require_same(tmp_path / "merged", whole)
+
+
+@pytest.mark.parametrize(
+    ("more", "names"),
+    [
+        (("--seed", 5), "seed is 5"),
+        (("--no-noise",), "processing.noise is False"),
+        (("--radar", "OTHER"), "radar.waveform.chirps is 6"),
+        (("--frames", 41), "points is 41"),
+    ],
+)
+def test_jobs_with_other_arguments_are_refused(
+    more: tuple[object, ...], names: str, jobs: Path, radar: Path, tmp_path: Path
+) -> None:
+    shutil.rmtree(jobs / "job-1-of-3")
+    (other := tmp_path / radar.name).write_text(RADAR.replace("chirps = 4", "chirps = 6"), encoding="utf-8")
+    points(jobs, radar, "--shard", "1/3", *(other if item == "OTHER" else item for item in more))
+    line = refused(jobs, tmp_path / "merged")
+    assert line.startswith(f"{jobs / 'job-1-of-3'}: {names}")
+    assert line.endswith("expected jobs with the same arguments but --shard")
+
+
+def flipped(path: Path) -> None:
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+
+
+def test_damaged_shards_are_named_and_nothing_is_merged(jobs: Path, whole: Path, radar: Path, tmp_path: Path) -> None:
+    flipped(damaged := jobs / "job-0-of-3" / "validation" / "part-00000.parquet")
+    (gone := jobs / "job-2-of-3" / "train" / "part-00002.parquet").unlink()
+    line = refused(jobs, tmp_path / "merged")
+    assert f"{gone}, {damaged}" in line
+    assert f"expected {jobs / 'job-0-of-3'} removed and job 0/3 run again" in line
+    for number in (0, 2):
+        shutil.rmtree(jobs / f"job-{number}-of-3")
+        points(jobs, radar, "--shard", f"{number}/3")
+    run("merge", jobs, "--out", tmp_path / "merged")
+    require_same(tmp_path / "merged", whole)
+
+
+def test_two_jobs_that_made_a_shard_differently_are_refused(jobs: Path, tmp_path: Path) -> None:
+    twin = Path(shutil.copytree(jobs / "job-0-of-3", jobs / "job-0-of-4"))
+    manifest = read_manifest(twin)
+    manifest["shards"][0]["sha256"] = "0" * 64
+    (twin / "manifest.json").write_text(json.dumps(sealed(manifest)), encoding="utf-8")
+    assert "is not the file of this name in" in refused(jobs, tmp_path / "merged")
+
+
+@pytest.fixture
+def dying(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """The merge dies at the third shard, once it is at its place and not noted yet."""
+    left, record = [2], merging.record_finished
+
+    def record_finished(*arguments: Any) -> None:
+        if not left[0]:
+            raise KeyboardInterrupt
+        left[0] -= 1
+        record(*arguments)
+
+    monkeypatch.setattr(merging, "record_finished", record_finished)
+    return left
+
+
+@pytest.mark.parametrize("links", [True, False])
+def test_a_merge_that_is_killed_goes_on(
+    links: bool, dying: list[int], jobs: Path, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not links:
+        monkeypatch.setattr(os, "link", lambda *_: (_ for _ in ()).throw(OSError(18, "Invalid cross-device link")))
+    out = tmp_path / "merged"
+    CliRunner().invoke(app, ["merge", str(jobs), "--out", str(out)])
+    assert not (out / "manifest.json").exists()
+    assert len(list(out.glob("*/*.parquet"))) == 3
+    (out / "train" / "part-00001.parquet.partial").write_bytes(b"of a copy that was killed")
+    with pytest.raises(InputError, match="is not empty"):
+        run("merge", jobs, "--out", out)
+    dying[0] = 99
+    assert "2 shards kept from before" in run("merge", jobs, "--out", out, "--resume")
+    require_same(out, whole)
+
+
+@pytest.mark.parametrize("kind", ["missing", "empty", "dataset"])
+def test_what_holds_no_jobs_is_refused(kind: str, whole: Path, tmp_path: Path) -> None:
+    folder = whole if kind == "dataset" else tmp_path / "jobs"
+    if kind == "empty":
+        folder.mkdir()
+    expected = {"missing": "no such folder", "empty": "holds no job", "dataset": "is not of a job of an array"}
+    assert expected[kind] in refused(folder, tmp_path / "merged")
+
+
+def test_a_job_is_not_taken_for_the_whole_run(jobs: Path, radar: Path) -> None:
+    """Nor the whole run, in its folder, for the job."""
+    with pytest.raises(InputError, match=r"--resume: shard is missing, but the run in .* had '0/3'"):
+        points(jobs / "job-0-of-3", radar, "--resume")
+
+
+def test_ranges() -> None:
+    assert ranges([0, 1, 2, 5, 8, 9]) == "0-2, 5, 8-9"
+    assert ranges(range(0, 60, 2)).endswith("20, 22, and 18 more")

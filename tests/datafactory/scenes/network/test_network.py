@@ -1,0 +1,202 @@
+"""Cities on road networks: lanes as the analytic reference line has them, roads over the land, traffic in lanes."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from road_networks import ARC_M, GRADE, LANE_M, LINE_M, OSM, OTHER_M, RADIUS_M, opendrive
+from typer.testing import CliRunner
+
+from datafactory.cli.app import app
+from datafactory.scenes.city.options import CityOptions
+from datafactory.scenes.city.placement import Placement
+from datafactory.scenes.city.style import Style
+from datafactory.scenes.network import conversion
+from datafactory.scenes.network.conversion import Network, read_network
+from datafactory.scenes.network.town import town, write_town
+from datafactory.scenes.readers.open import open_scene
+from shared.physics.errors import InputError
+
+pytest.importorskip("sumo", reason="SUMO is not installed: pip install 'sparseradar-datafactory[opendrive]'")
+
+TOWN = Path(__file__).resolve().parents[5] / "shared" / "data" / "opendrive" / "Town07.xodr"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("network")
+    (folder / "own.xodr").write_text(opendrive(), encoding="utf-8")
+    (folder / "own.osm").write_text(OSM, encoding="utf-8")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def own(folder: Path) -> Network:
+    return read_network(folder / "own.xodr", "opendrive", folder)
+
+
+@pytest.fixture(scope="module")
+def built(own: Network, folder: Path) -> tuple[list[Placement], int]:
+    return town(own, CityOptions(seed=1, style=Style.SUBURB), own.centre(), 600.0, folder)
+
+
+def from_reference_line(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(s, t) of road 1: along its reference line and to the left of it [m]."""
+    x, y = points[:, 0], points[:, 1]
+    angle = np.arctan2(x - LINE_M, RADIUS_M - y)
+    on_arc = x > LINE_M
+    s = np.where(on_arc, LINE_M + RADIUS_M * angle, x)
+    t = np.where(on_arc, RADIUS_M - np.hypot(x - LINE_M, y - RADIUS_M), y)
+    return s, t
+
+
+def test_lanes_lie_beside_the_analytic_reference_line(own: Network) -> None:
+    found = set()
+    for lane in own.lanes:
+        s, t = from_reference_line(lane.points)
+        if lane.junction or (lane.points[:, 0] < -1.0).any():
+            continue
+        rising = bool(s[-1] > s[0])
+        found.add(rising)
+        assert t == pytest.approx(np.full(len(t), -0.5 * LANE_M if rising else 0.5 * LANE_M), abs=0.02)
+        assert lane.points[:, 2] == pytest.approx(GRADE * s, abs=0.02)
+        assert lane.width == pytest.approx(LANE_M)
+        assert s.max() == pytest.approx(LINE_M + ARC_M, abs=0.05)
+        assert len(lane.points) > 20
+    assert found == {True, False}
+
+
+def test_roads_are_as_large_as_their_lanes_and_lie_above_the_land(built: tuple[list[Placement], int]) -> None:
+    ground = {item.path: item.surface for item in built[0] if item.path.startswith("Ground/")}
+    road, land = ground["Ground/Road_0"], ground["Ground/Land"]
+    assert road is not None
+    assert land is not None
+    corners = road.vertices[road.triangles()]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert (normal[:, 2] > 0.0).all()
+    # Road 1, 2 and 3 with both lanes, and a junction of 20 m by about 14.
+    area = 0.5 * normal[:, 2].sum()
+    lanes = 2.0 * LANE_M * (LINE_M + ARC_M + 2.0 * OTHER_M)
+    assert lanes + 100.0 < area < lanes + 350.0
+    assert lowest_clearance(corners.mean(axis=1), land.vertices[land.triangles()]) > 0.05
+
+
+def lowest_clearance(points: np.ndarray, triangles: np.ndarray) -> float:
+    """How far [m] the lowest of points [n, 3] lies above a surface of triangles [T, 3, 3], straight down."""
+    a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
+    least = math.inf
+    for x, y, z in points:
+        area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (c[:, 0] - a[:, 0]) * (b[:, 1] - a[:, 1])
+        u = ((x - a[:, 0]) * (c[:, 1] - a[:, 1]) - (c[:, 0] - a[:, 0]) * (y - a[:, 1])) / area
+        v = ((b[:, 0] - a[:, 0]) * (y - a[:, 1]) - (x - a[:, 0]) * (b[:, 1] - a[:, 1])) / area
+        inside = (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1.0 + 1e-9)
+        below = a[:, 2] + u * (b[:, 2] - a[:, 2]) + v * (c[:, 2] - a[:, 2])
+        least = min(least, float((z - below[inside]).min(initial=math.inf)))
+    return least
+
+
+def test_vehicles_drive_on_lanes_the_way_they_face(own: Network, built: tuple[list[Placement], int]) -> None:
+    placements, count = built
+    moving = [item for item in placements if item.keyframes]
+    assert len(moving) == count > 0
+    lanes = np.concatenate([conversion.along(lane.points, 0.25)[0] for lane in own.lanes])
+    middle = own.centre()
+    for item in moving:
+        assert item.radar_class in ("car", "truck", "bus")
+        for one, two in zip(item.keyframes[:-1], item.keyframes[1:], strict=True):
+            step = np.subtract(two.position[:2], one.position[:2])
+            yaw = math.radians(0.5 * (one.yaw_deg + two.yaw_deg))
+            if np.linalg.norm(step) > 1.0 and abs(one.yaw_deg - two.yaw_deg) < 5.0:
+                assert step @ (math.cos(yaw), math.sin(yaw)) > 0.95 * np.linalg.norm(step)
+            place = np.add(one.position[:2], middle)
+            nearest = np.argmin(np.linalg.norm(lanes[:, :2] - place, axis=1))
+            assert np.linalg.norm(lanes[nearest, :2] - place) < 1.5
+            assert one.position[2] == pytest.approx(lanes[nearest, 2], abs=0.1)
+
+
+@pytest.mark.parametrize("style", [Style.OLD_TOWN, Style.SUBURB, Style.INDUSTRIAL, Style.MOTORWAY])
+def test_nothing_stands_on_a_road(own: Network, folder: Path, style: Style) -> None:
+    import shapely
+
+    placements, _ = town(own, CityOptions(seed=2, style=style), own.centre(), 600.0, folder)
+    middle = np.array(own.centre())
+    asphalt = shapely.union_all(
+        [shapely.LineString(lane.points[:, :2]).buffer(0.45 * lane.width) for lane in own.lanes]
+    )
+    shapely.prepare(asphalt)
+    standing = [item for item in placements if not item.keyframes and not item.path.startswith("Ground/")]
+    assert len(standing) > 10
+    for item in standing:
+        assert item.surface is not None
+        yaw = math.radians(item.yaw_deg)
+        turn = np.array([(math.cos(yaw), -math.sin(yaw)), (math.sin(yaw), math.cos(yaw))])
+        low = item.surface.vertices[item.surface.vertices[:, 2] < 2.0, :2] @ turn.T + item.position[:2] + middle
+        assert not asphalt.contains(shapely.points(low)).any(), item.path
+
+
+def test_the_same_network_and_seed_give_the_same_file(folder: Path) -> None:
+    files = [folder / f"{name}.usda" for name in ("one", "two", "other")]
+    for path, seed in zip(files, (1, 1, 2), strict=True):
+        write_town(path, folder / "own.xodr", "opendrive", seed, Style.INDUSTRIAL, extent=250.0)
+    one, two, other = (path.read_bytes() for path in files)
+    assert one == two
+    assert one != other
+    scene = open_scene(str(files[0]))
+    assert scene.triangle_count > 1000
+    assert any(item.moves for item in scene.objects)
+
+
+def test_openstreetmap_goes_the_same_way(folder: Path) -> None:
+    out = folder / "osm.usda"
+    done = CliRunner().invoke(app, ["city", "--osm", str(folder / "own.osm"), "--extent", "260", "--out", str(out)])
+    assert done.exit_code == 0, done.output
+    lower, upper = open_scene(str(out)).bounds()
+    assert (upper - lower)[:2].max() > 250.0
+
+
+def test_a_window_of_a_town(tmp_path: Path) -> None:
+    if not TOWN.is_file():
+        pytest.skip("Town07.xodr is not here")
+    out = tmp_path / "town.usda"
+    write_town(out, TOWN, "opendrive", 0, Style.SUBURB, (-100.0, 60.0), 120.0)
+    scene = open_scene(str(out))
+    assert 5_000 < scene.triangle_count < 150_000
+    names = [item.name for item in scene.objects]
+    assert sum(name.startswith("/World/Houses") for name in names) > 5
+    assert sum(item.moves for item in scene.objects) > 3
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "words"),
+    [
+        ("no XML", [], ("netconvert: Error", "an OpenDRIVE file")),
+        ("<OpenDRIVE><header/></OpenDRIVE>", [], ("netconvert: Error", "with roads")),
+        (None, [], ("no such file",)),
+        (opendrive(), ["--centre", "5000,0"], ("no road within", "--centre")),
+        (opendrive(), ["--centre", "here"], ("'here'", "two numbers")),
+        (opendrive(), ["--extent", "1"], ("--extent: 1;", "40 to 2000 m")),
+        (opendrive(), ["--blocks", "2"], ("--blocks", "--extent")),
+        (opendrive(), ["--osm", "a.osm"], ("both given", "one of the two")),
+    ],
+)
+def test_what_is_wrong_is_one_line(
+    tmp_path: Path, text: str | None, options: list[str], words: tuple[str, ...]
+) -> None:
+    path, out = tmp_path / "network.xodr", tmp_path / "out.usda"
+    if text is not None:
+        path.write_text(text, encoding="utf-8")
+    done = CliRunner().invoke(app, ["city", "--opendrive", str(path), "--out", str(out), *options])
+    assert isinstance(done.exception, InputError)
+    message = str(done.exception)
+    assert "\n" not in message
+    assert all(word in message for word in words), message
+    assert not out.exists()
+
+
+def test_a_missing_package_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "sumo", None)
+    with pytest.raises(InputError, match=r"sumo is not installed.*\[opendrive\]"):
+        write_town(tmp_path / "out.usda", tmp_path / "a.xodr", "opendrive")

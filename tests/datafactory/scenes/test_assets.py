@@ -1,0 +1,82 @@
+"""The shipped vehicles and street furniture: stated sizes, classes and materials, round where they should be."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pxr import Usd
+
+from datafactory.paths.bodies import bodies_of
+from datafactory.paths.merged_scene import merge_scene
+from datafactory.paths.smooth import smooth_facets
+from datafactory.scenes.materials.table import load_materials
+from datafactory.scenes.readers.open import open_scene
+
+SCENES = Path(__file__).resolve().parents[3] / "scenes"
+VEHICLE = {"metal", "glass", "rubber"}
+
+# Length, width and height [m], class, materials. Plates stand 1 cm beyond the bumpers.
+STATED = {
+    "saloon": ((4.72, 1.82, 1.45), "car", VEHICLE),
+    "hatchback": ((4.07, 1.76, 1.48), "car", VEHICLE),
+    "suv": ((4.62, 1.90, 1.68), "car", VEHICLE),
+    "van": ((5.02, 1.94, 1.97), "car", VEHICLE),
+    "truck": ((8.41, 2.50, 3.50), "truck", VEHICLE),
+    "bus": ((12.02, 2.58, 3.10), "bus", VEHICLE),
+    "lamp": ((0.24, 1.99, 7.00), "pole", {"metal"}),
+    "traffic_light": ((0.31, 0.30, 3.40), "pole", {"metal", "glass"}),
+    "bollard": ((0.16, 0.16, 0.95), "pole", {"metal"}),
+    "sign_round": ((0.07, 0.60, 3.00), "sign", {"metal"}),
+    "sign_triangle": ((0.07, 0.90, 3.02), "sign", {"metal"}),
+    "sign_octagon": ((0.07, 0.84, 3.00), "sign", {"metal"}),
+    "sign_panel": ((0.07, 0.60, 3.00), "sign", {"metal"}),
+    "bin": ((0.44, 0.44, 0.90), "other", {"metal"}),
+    "bench": ((1.80, 0.49, 0.85), "other", {"metal", "wood"}),
+}
+
+
+def test_every_asset_is_stated_here() -> None:
+    assert {file.stem for file in (SCENES / "assets").glob("*.usda")} == STATED.keys()
+    assert sum(file.stat().st_size for file in (SCENES / "assets").glob("*.usda")) < 1_000_000
+
+
+@pytest.mark.parametrize("name", STATED)
+def test_asset_has_its_size_class_and_materials(name: str) -> None:
+    size, label, materials = STATED[name]
+    scene = open_scene(f"shipped:assets/{name}")
+    low, high = scene.bounds()
+    np.testing.assert_allclose(high - low, size, atol=0.006)
+    assert low[2] == pytest.approx(0.0, abs=1e-6)  # it stands on the ground
+    assert {item.material for item in scene.objects} == materials
+    assert not scene.warnings
+    stage = Usd.Stage.Open(str(SCENES / "assets" / f"{name}.usda"))
+    assert [
+        str(prim.GetAttribute("radar:class").Get()) for prim in stage.Traverse() if prim.HasAttribute("radar:class")
+    ] == [label]
+
+
+@pytest.mark.parametrize(
+    ("name", "share"), [("saloon", 0.55), ("suv", 0.55), ("van", 0.55), ("truck", 0.55), ("bus", 0.5), ("lamp", 0.4)]
+)
+def test_rounded_bodies_are_curved_mirrors(name: str, share: float) -> None:
+    """None of their facets is too coarse to be one (docs/curved.md)."""
+    scene = open_scene(f"shipped:assets/{name}")
+    (body,) = bodies_of(merge_scene(scene, load_materials().map_materials([item.material for item in scene.objects])))
+    found = smooth_facets(body)
+    assert np.mean(found.surface >= 0) >= share
+    assert found.coarse == 0
+    assert body.non_manifold == 0
+
+
+def test_the_script_writes_the_committed_files(tmp_path: Path) -> None:
+    script = (
+        "import sys, pathlib; sys.path.insert(0, sys.argv[1]); from make_assets import main; "
+        "main(pathlib.Path(sys.argv[2]))"
+    )
+    subprocess.run([sys.executable, "-c", script, str(SCENES), str(tmp_path)], check=True)
+    for file in sorted((SCENES / "assets").glob("*.usda")):
+        assert (tmp_path / file.name).read_bytes() == file.read_bytes(), file.name

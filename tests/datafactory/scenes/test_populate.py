@@ -1,0 +1,317 @@
+"""Populated scenes: what is asked for stands on the ground, clear of everything, and moves as it says."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from datafactory.api.asking import load_scene
+from datafactory.frame.deal import Deal
+from datafactory.scenes.boxes import boxed_things
+from datafactory.scenes.ground import free_ground
+from datafactory.scenes.height_map import height_map
+from datafactory.scenes.movers import CLEAR_M, Movers, Traffic
+from datafactory.scenes.readers.open import open_scene
+from datafactory.scenes.scene import Scene, SceneObject
+from datafactory.scenes.things import CLASSES, Population, Thing
+from datafactory.scenes.traffic.asked import Asked, parse_populate
+from datafactory.scenes.traffic.assets import REACH_M
+from datafactory.scenes.traffic.population import populated, sensor_ground
+from datafactory.scenes.traffic.streams import HORIZON_S, Course, spaced
+from shared.physics.errors import InputError
+
+STREET = Path(__file__).resolve().parents[3] / "scenes" / "street.usda"
+ASKED = parse_populate("cars=6,trucks=2,buses=1,cyclists=4,pedestrians=12,poles=12,signs=6,bins=3,benches=2,parked=0.6")
+SLOPE = 0.04
+
+
+def block(name: str, low: tuple[float, float, float], high: tuple[float, float, float], slope: float) -> SceneObject:
+    """A box whose floor and roof follow a slope along x."""
+    corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
+    corners[:, 2] += slope * corners[:, 0]
+    quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+    triangles = [part for a, b, c, d in quads for part in ((a, b, c), (a, c, d))]
+    return SceneObject(name, corners, np.array(triangles, dtype=np.int32), "concrete")
+
+
+def two_blocks(slope: float = SLOPE, half_width: float = 11.0) -> Scene:
+    """A street along x between two houses, on a hill."""
+    return Scene(
+        "two_blocks",
+        (
+            block("ground", (-70.0, -24.0, -1.0), (70.0, 24.0, 0.0), slope),
+            block("north", (-70.0, half_width, -0.5), (70.0, half_width + 10.0, 12.0), slope),
+            block("south", (-70.0, -half_width - 10.0, -0.5), (70.0, -half_width, 12.0), slope),
+        ),
+    )
+
+
+@pytest.fixture(scope="module")
+def street() -> Scene:
+    return open_scene(str(STREET))
+
+
+@pytest.fixture(scope="module")
+def hill() -> Scene:
+    return populated(two_blocks(), ASKED, 3)
+
+
+def population_of(scene: Scene) -> Population:
+    assert scene.population is not None
+    return scene.population
+
+
+def parts_of(scene: Scene, thing: Thing) -> list[SceneObject]:
+    return [item for item in scene.objects if item.name.startswith(f"{thing.name}/")]
+
+
+class Boxes:
+    """The boxes of things at a time, of a lamp without the arm that reaches over others."""
+
+    def __init__(self, scene: Scene, time_s: float) -> None:
+        self.corners, self.names = [], []
+        for thing in population_of(scene).things:
+            axes, place = np.array(thing.axes), thing.at(time_s)[0]
+            low, high = np.array([-0.5, -0.5, 0.0]) * thing.size_m, np.array([0.5, 0.5, 1.0]) * thing.size_m
+            parts = parts_of(scene, thing)
+            if parts:
+                points = np.concatenate([item.at(time_s).vertices for item in parts]) - place
+                points = points @ axes.T
+                # What the label says is what the mesh is.
+                np.testing.assert_allclose(points.min(axis=0), low, atol=0.02)
+                np.testing.assert_allclose(points.max(axis=0), high, atol=0.02)
+                below = points[points[:, 2] <= REACH_M]
+                low[:2], high[:2] = below[:, :2].min(axis=0), below[:, :2].max(axis=0)
+            grid = np.array([(x, y) for x in (low[0], high[0]) for y in (low[1], high[1])])
+            self.corners.append(place[:2] + grid @ axes[:2, :2])
+            self.names.append(thing.name)
+
+    def overlapping(self) -> list[tuple[str, str]]:
+        """Pairs that no axis separates, seen from above: everything here stands on one ground."""
+        found = []
+        centres = np.array([corners.mean(axis=0) for corners in self.corners])
+        for a, b in combinations(range(len(self.corners)), 2):
+            if np.linalg.norm(centres[a] - centres[b]) > 15.0:
+                continue
+            one, other = self.corners[a], self.corners[b]
+            sides = np.array([one[1] - one[0], one[2] - one[0], other[1] - other[0], other[2] - other[0]])
+            spans = [(one @ side, other @ side) for side in sides]
+            if all(p.max() > q.min() and q.max() > p.min() for p, q in spans):
+                found.append((self.names[a], self.names[b]))
+        return found
+
+
+@pytest.mark.parametrize("which", ["hill", "street"])
+def test_nothing_is_inside_another_or_inside_the_scene(which: str, street: Scene) -> None:
+    bare = two_blocks() if which == "hill" else street
+    ground, heights = free_ground(bare), height_map(bare, 0.5)
+    placed = 0
+    for seed in range(10):
+        scene = populated(bare, ASKED, seed)
+        population = population_of(scene)
+        placed += len(population.things)
+        for time_s in (0.0, 7.3, 211.0, 598.5):
+            boxes = Boxes(scene, time_s)
+            assert not boxes.overlapping(), (seed, time_s)
+            for name, corners in zip(boxes.names, boxes.corners, strict=True):
+                share = np.stack(np.meshgrid(np.linspace(0, 1, 5), np.linspace(0, 1, 5)), axis=-1).reshape(-1, 2)
+                points = (
+                    corners[0] + share[:, :1] * (corners[1] - corners[0]) + share[:, 1:] * (corners[2] - corners[0])
+                )
+                i, j = ground.cell_of(points[:, 0], points[:, 1])
+                assert not ground.obstacle[i, j].any(), (seed, time_s, name)
+                assert (heights.highest[i, j] - heights.surface[i, j] < 0.35).all(), (seed, time_s, name)
+    assert placed > (600 if which == "hill" else 100)
+
+
+def test_the_scenes_own_traffic_has_its_way(street: Scene) -> None:
+    scene = populated(street, ASKED, 0)
+    own = [item for item in (*street.objects, *street.targets) if item.motion is not None or any(item.velocity)]
+    assert len(own) > 10
+    for time_s in (0.0, 3.0, 8.0, 20.0):
+        boxes = Boxes(scene, time_s).corners
+        for item in own:
+            at = item.at(time_s)
+            points = at.vertices if isinstance(item, SceneObject) else np.array([at.position])  # type: ignore[union-attr]
+            low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
+            for corners in boxes:
+                assert (corners.max(axis=0) < low).any() or (corners.min(axis=0) > high).any(), (item.name, time_s)
+
+
+def test_vehicles_and_posts_stand_on_the_hill(hill: Scene) -> None:
+    for thing in population_of(hill).things:
+        for time_s in (0.0, 33.0):
+            points = [item.at(time_s).vertices for item in parts_of(hill, thing)]
+            if not points:
+                place = thing.at(time_s)[0]
+                assert place[2] == pytest.approx(SLOPE * place[0], abs=0.02), thing.name
+                continue
+            every = np.concatenate(points)
+            above = every[:, 2] - SLOPE * every[:, 0]
+            assert above.min() == pytest.approx(0.0, abs=0.03), thing.name
+            if max(thing.size_m[:2]) > 3.0:  # all wheels do, not only the lowest
+                lowest = above < 0.03
+                assert np.ptp(every[lowest] @ np.array(thing.axes[0])) > 0.4 * thing.size_m[0], thing.name
+
+
+def test_velocities_are_finite_differences_of_places(hill: Scene) -> None:
+    step, rng = 1e-3, np.random.default_rng(5)
+    moving = [item for item in (*hill.objects, *hill.targets) if item.motion is not None]
+    things = {thing.name: thing for thing in population_of(hill).movers}
+    assert {item.name.rpartition("/")[0] if isinstance(item, SceneObject) else item.name for item in moving} == set(
+        things
+    )
+    checked = 0
+    for item in moving:
+        for time_s in rng.uniform(0.0, HORIZON_S - 1.0, 4):
+            if isinstance(item, SceneObject):
+                now, then = item.at(time_s), item.at(time_s + step)
+                place, later, velocity = now.vertices[0], then.vertices[0], now.velocities[0]
+            else:
+                place, later = np.array(item.at(time_s).position), np.array(item.at(time_s + step).position)
+                velocity = np.array(item.at(time_s).velocity)
+            if np.linalg.norm(later - place) < 1.0:  # else it begins its way again
+                np.testing.assert_allclose((later - place) / step, velocity, atol=1e-6)
+                checked += 1
+    assert checked > 3 * len(moving)
+    for thing in things.values():
+        assert np.linalg.norm(thing.at(12.0)[1]) > 0.5
+        ahead, velocity = np.array(thing.axes[0]), thing.at(12.0)[1]
+        assert ahead @ velocity == pytest.approx(np.linalg.norm(velocity), rel=1e-6)  # it looks where it goes
+
+
+def test_traffic_keeps_to_the_right_and_its_distance(hill: Scene) -> None:
+    population = population_of(hill)
+    for thing in population.movers:
+        if thing.label not in ("car", "truck", "bus"):
+            continue
+        for time_s in (0.0, 100.0):
+            place, velocity = thing.at(time_s)
+            (road,) = [road for road in population.roads if road.holds(place[0], place[1])]
+            _, left = road.coordinates(place[0], place[1])
+            along = np.array([np.cos(road.heading_rad), np.sin(road.heading_rad)]) @ velocity[:2]
+            assert left * along < 0.0
+            assert 8.0 <= np.linalg.norm(velocity) <= 14.0
+            others = [other for other in population.movers if other is not thing and other.label in ("car", "truck")]
+            same = [other for other in others if np.allclose(other.at(time_s)[1], velocity)]
+            for other in same:
+                assert np.linalg.norm(other.at(time_s)[0] - place) > 17.0
+
+
+def test_a_course_is_gone_along_again_and_again() -> None:
+    course = Course((1.0, 2.0, 0.0), (0.6, 0.8, 0.0), 50.0, 10.0)
+    track = course.track(20.0)
+    for time_s in (0.0, 2.999, 3.001, 77.0, 599.9):
+        shift, velocity = track.at(time_s)
+        at = (20.0 + 10.0 * time_s) % 50.0
+        np.testing.assert_allclose(shift, (at - 20.0) * np.array(course.ahead), atol=1e-9)
+        np.testing.assert_allclose(velocity, [6.0, 8.0, 0.0])
+    assert not track.at(HORIZON_S)[1].any()
+    gaps = spaced(4, 60.0, 12.0, np.random.default_rng(0))
+    assert np.diff([*gaps, gaps[0] + 60.0]).min() >= 12.0 - 1e-9
+
+
+def test_what_was_asked_for_is_placed_and_said(hill: Scene) -> None:
+    population = population_of(hill)
+    assert {thing.label for thing in population.things} <= set(CLASSES)
+    assert population.asked == ASKED.counts
+    assert population.placed["cars"] == 6
+    assert population.placed["parked"] > 10
+    labels = [thing.label for thing in population.things]
+    assert labels.count("bicycle") == population.placed["cyclists"]
+    assert labels.count("pedestrian") == population.placed["pedestrians"]
+    assert len(population.things) == sum(population.placed.values())
+    assert "6 cars" in population.lines()[0]
+    slots = 2 * sum(int((road.length_m - 13.0) / 6.2) for road in population.roads)
+    assert population.placed["parked"] == pytest.approx(0.6 * slots, abs=2)
+
+
+def test_the_boxes_of_frames_are_those_of_the_things(hill: Scene) -> None:
+    """Name, class, size, place, heading and velocity, whatever the meshes that a thing is made of."""
+    boxes = {thing.name: thing for thing in boxed_things(hill)}
+    for thing in population_of(hill).things:
+        boxed = boxes.pop(thing.name)
+        assert boxed.class_name == thing.label
+        for time_s in (0.0, 7.3):
+            box, (foot, velocity) = boxed.at(time_s), thing.at(time_s)
+            np.testing.assert_allclose(box.size, thing.size_m, atol=1e-6)
+            np.testing.assert_allclose(box.center - 0.5 * thing.size_m[2] * box.axes[2], foot, atol=1e-6)
+            np.testing.assert_allclose(box.axes[0], thing.axes[0], atol=1e-9)
+            np.testing.assert_allclose(box.velocity, velocity, atol=1e-9)
+    assert not boxes
+
+
+def test_what_does_not_fit_is_said() -> None:
+    yard = Scene("yard", (block("ground", (-9.0, -9.0, -1.0), (9.0, 9.0, 0.0), 0.0),))
+    scene = populated(yard, Asked(cars=5, poles=2), 0)
+    assert scene.objects == yard.objects
+    assert "0 of 5 cars placed: there is no more room on its free ground" in scene.warnings
+    assert population_of(scene).placed == {"cars": 0, "poles": 0}
+    crowded = populated(two_blocks(), Asked(trucks=500), 0)
+    (line,) = crowded.warnings
+    assert line.startswith(f"{population_of(crowded).placed['trucks']} of 500 trucks placed")
+
+
+def test_same_seed_same_scene(hill: Scene) -> None:
+    again = populated(two_blocks(), ASKED, 3)
+    assert again.content_hash() == hill.content_hash()
+    assert again.population == hill.population
+    assert populated(two_blocks(), ASKED, 4).content_hash() != hill.content_hash()
+    elsewhere = populated(two_blocks(0.03), ASKED, 3)  # the arrangement is the scene's own
+    assert population_of(elsewhere).things[0].position != population_of(hill).things[0].position
+
+
+def test_frames_see_traffic_at_times_of_their_own(hill: Scene) -> None:
+    traffic, grounds = Traffic.of(hill), (sensor_ground(hill),)
+    deal = Deal(seed=1, scenes=1, frames=16, grounds=grounds, traffic=(traffic,))
+    poses = [deal.frame(n).where for n in range(16)]
+    assert len({pose.time_s for pose in poses}) == 16
+    assert all(0.0 <= pose.time_s < HORIZON_S for pose in poses)
+    assert Movers(hill).clear_of(poses, CLEAR_M)
+    assert deal.frame(7) == Deal(seed=1, scenes=1, frames=9, grounds=grounds, traffic=(traffic,)).frame(7)
+    assert Traffic.of(two_blocks()) is None
+
+
+def test_sensors_stand_on_the_populated_road_and_in_no_parked_car(hill: Scene) -> None:
+    ground, bare = sensor_ground(hill), free_ground(two_blocks())
+    assert ground.road.any()
+    assert not bare.road.any()
+    for thing in population_of(hill).things:
+        i, j = ground.cell_of(np.array([thing.position[0]]), np.array([thing.position[1]]))
+        if thing.motion is None and thing.size_m[2] > 0.4:
+            assert not ground.free[i, j].any(), thing.name
+    moving = [thing for thing in population_of(hill).movers if thing.label == "car"]
+    cells = [ground.cell_of(*np.array(thing.position[:2])[:, None]) for thing in moving]
+    assert any(ground.road[i, j].any() for i, j in cells)  # what drives is no obstacle of the map
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("cras=3", "unknown kind 'cras'; expected one of cars, trucks"),
+        ("cras=3", "did you mean 'cars'?"),
+        ("cars=-3", "cars=-3; expected a whole number from 0 to 2000"),
+        ("cars=2.5", "cars=2.5; expected a whole number"),
+        ("cars=many", "cars=many; expected a whole number"),
+        ("cars", "cars without a number"),
+        ("cars=", "cars=; expected a whole number"),
+        ("cars=1,cars=2", "cars is given twice"),
+        ("parked=1.5", "parked=1.5; expected a share of the kerb from 0 to 1"),
+        ("parked=nan", "parked=nan; expected a share"),
+        ("", "unknown kind ''"),
+    ],
+)
+def test_bad_request_is_one_line(text: str, line: str) -> None:
+    with pytest.raises(InputError) as caught:
+        load_scene(str(STREET), populate=text)
+    message = str(caught.value)
+    assert line in message
+    assert "\n" not in message
+
+
+def test_a_request_is_read_back_as_it_is_told() -> None:
+    assert parse_populate(ASKED.text) == ASKED
+    assert parse_populate(" cars = 3 , parked=0.25") == Asked(cars=3, parked=0.25)

@@ -1,0 +1,146 @@
+"""The cube of torch's kernels against the float64 sum of eq. (1)-(2), with the bounds of the compiled kernels."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from oracles import if_cube, relative_error
+from path_tables import a_table
+from torch_devices import EVERY_DEVICE, required
+
+from datafactory.paths.table import PathTable, ScatteredPaths
+from datafactory.synthesis.cube import cube_of_paths
+from datafactory.synthesis.device import arrays, cube
+from datafactory.synthesis.kernels import torch_kernels
+from datafactory.synthesis.sorting import FLOAT32_TOLERANCE, sorted_paths
+from datafactory.synthesis.wave_model import EQUATION_1, WaveModel
+from shared.radar import Radar
+from shared.radar.arrays import AntennaArray, line
+from shared.radar.waveform import Waveform
+
+SMALL = AntennaArray(tx_m=line(np.array([-0.05, -0.046])), rx_m=line(np.array([-0.045, 0.003, 0.045])))
+SPACE = AntennaArray(
+    tx_m=((0.0, -0.04, 0.01), (0.0, 0.03, -0.02)), rx_m=((0.01, 0.0, 0.0), (0.0, 0.03, -0.02), (0.0, 0.0, 0.04))
+)
+
+pytestmark = pytest.mark.parametrize("device", EVERY_DEVICE)
+
+
+def radar_of(samples: int = 64, chirps: int = 32, array: AntennaArray = SMALL, **waveform: object) -> Radar:
+    """Chirps of a frame of 10.3 ms, as the default's."""
+    interval = {"chirp_interval_s": 128 * 80.6e-6 / chirps} | waveform
+    fields = {"samples": samples, "range_bins": samples, "chirps": chirps, **interval}
+    return Radar(waveform=Waveform.model_validate(fields), array=array)
+
+
+def slowed(table: PathTable, factor: float) -> PathTable:
+    """A table's paths at this share of their speeds."""
+    scattered, specular = table.scattered, table.specular
+    return PathTable(
+        replace(
+            scattered,
+            tx_velocity=factor * scattered.tx_velocity,
+            rx_velocity=factor * scattered.rx_velocity,
+            between_rate_mps=factor * scattered.between_rate_mps,
+        ),
+        replace(specular, image_velocity=factor * specular.image_velocity),
+    )
+
+
+def cube_on(
+    device: str, table: PathTable, radar: Radar, tolerance: float, model: WaveModel = EQUATION_1
+) -> NDArray[np.complexfloating]:
+    by_kernel = sorted_paths(table, radar, tolerance, radar.array, model)
+    return torch_kernels(required(device)).cube(by_kernel, radar, tolerance, radar.array, 1, model)
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 1e-6, 1e-9])
+@pytest.mark.parametrize(
+    ("nearest_m", "farthest_m", "speed"), [(0.6, 30.0, 0.0), (0.6, 6.0, 0.1), (3.0, 40.0, 1.0), (20.0, 150.0, 4.0)]
+)
+@pytest.mark.parametrize(
+    "waveform", [{}, {"multiplexing": "tdm"}, {"residual_video_phase": True}], ids=["plain", "tdm", "video phase"]
+)
+def test_cube_keeps_its_tolerance(device, tolerance, nearest_m, farthest_m, speed, waveform):
+    # Standing, slow and near, moving, fast and far; 64 samples reach to 9.6 m, so that most echoes are folded.
+    radar = radar_of(**waveform)
+    table = slowed(a_table(np.random.default_rng(31), 10, nearest_m, farthest_m), speed)
+    made = cube_on(device, table, radar, tolerance)
+    assert made.dtype == (np.complex64 if tolerance >= FLOAT32_TOLERANCE else np.complex128)
+    assert relative_error(made, if_cube(table, radar)) <= tolerance
+
+
+def test_these_paths_go_by_every_kernel(device):
+    # Otherwise the test above judges one of them alone.
+    required(device)
+    radar, counts = radar_of(), set()
+    for speed in (0.0, 0.1, 1.0, 4.0):
+        for tolerance in (1e-3, 1e-6):
+            by_kernel = sorted_paths(
+                slowed(a_table(np.random.default_rng(31), 10, 3.0), speed), radar, tolerance, radar.array, EQUATION_1
+            )
+            counts |= {name for name, count in by_kernel.counts().items() if count}
+            counts |= {group.orders for group in by_kernel.lines}
+    assert counts == {"paths_standing", "paths_along_lines", "paths_by_chirps", 1, 2, 3}
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6])
+@pytest.mark.parametrize(
+    "model",
+    [WaveModel(intra_chirp_motion=True), WaveModel(range_migration=False), WaveModel(near_field=False)],
+    ids=["motion within the chirp", "no migration", "plane waves"],
+)
+def test_effects_are_those_of_the_exact_kernel(device, tolerance, model):
+    # The compiled exact kernel is held to these models by test_wave_model.py, at 1e-9.
+    radar, table = radar_of(array=SPACE), slowed(a_table(np.random.default_rng(32), 12, 3.0), 0.8)
+    exact = cube_of_paths(table, radar, 1e-9, model=model)
+    assert relative_error(cube_on(device, table, radar, tolerance, model), exact) <= tolerance
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6])
+@pytest.mark.parametrize("chirps", [16, 33])
+def test_default_array_and_odd_frames(device, tolerance, chirps):
+    radar, table = radar_of(65, chirps, Radar().array), a_table(np.random.default_rng(33), 4, 2.0)
+    assert relative_error(cube_on(device, table, radar, tolerance), if_cube(table, radar)) <= tolerance
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6])
+def test_a_wide_array_in_blocks_of_rx(device, tolerance):
+    sensor = AntennaArray(tx_m=((0.0, 0.0, 0.0),), rx_m=line(np.linspace(-0.25, 0.25, 24)))
+    radar, table = radar_of(array=sensor), a_table(np.random.default_rng(34), 6, 2.0)
+    assert relative_error(cube_on(device, table, radar, tolerance), if_cube(table, radar)) <= tolerance
+
+
+@pytest.mark.parametrize("speed", [0.0, 3.0])
+def test_a_crowd_in_one_cell_keeps_the_tolerance(device, speed):
+    # 2000 equal paths in one range cell: float32 alone would lose 1e-5, see CROWD.
+    generator = np.random.default_rng(35)
+    place = np.array([5.0, 1.0, 0.0]) + generator.uniform(-0.002, 0.002, (2000, 3))
+    paths = PathTable(ScatteredPaths.of_points(place, np.tile([speed, 0.0, 0.0], (2000, 1)), np.ones(2000)))
+    radar = radar_of(samples=32, chirps=16)
+    assert relative_error(cube_on(device, paths, radar, 1e-6), if_cube(paths, radar)) <= 1e-6
+
+
+def test_grids_in_turns_and_small_batches_are_the_same_sum(device, monkeypatch):
+    radar, table = radar_of(), a_table(np.random.default_rng(36), 30, 2.0)
+    at_once = cube_on(device, table, radar, 1e-4)
+    monkeypatch.setattr(cube, "GRID_BYTES", 1e4)
+    monkeypatch.setitem(arrays.VALUES_AT_ONCE, device, 2**9)
+    assert relative_error(cube_on(device, table, radar, 1e-4), at_once) < 1e-5
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-9])
+def test_the_same_bytes_from_run_to_run(device, tolerance):
+    radar, table = radar_of(), a_table(np.random.default_rng(37), 200, 2.0)
+    first, second = (cube_on(device, table, radar, tolerance) for _ in range(2))
+    assert first.tobytes() == second.tobytes()
+
+
+def test_an_empty_table_is_a_silent_cube(device):
+    radar = radar_of(chirps=16)
+    made = cube_on(device, PathTable(ScatteredPaths.none()), radar, 1e-3)
+    assert made.shape == (16, 64, 6)
+    assert not made.any()

@@ -1,0 +1,106 @@
+"""The truth of torch's kernels: near the compiled one, and from the virtual sensor's own cube as far as that one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from oracles import relative_error, truth_rows
+from path_tables import a_table
+from torch_devices import EVERY_DEVICE, required
+
+from datafactory.paths.table import PathTable, ScatteredPaths
+from datafactory.synthesis.kernels import torch_kernels
+from datafactory.synthesis.truth import truth_moments
+from datafactory.synthesis.wave_model import EQUATION_1, WaveModel
+from shared.radar import ImageGrid, Radar
+from shared.radar.arrays import AntennaArray, line
+from shared.radar.waveform import Waveform
+from shared.signal.imaging import DEFAULT_TERMS, near_field_images
+
+STATIC_DB, MOVING_DB = -60.0, -45.0
+"""The bounds of ``tests/datafactory/synthesis/test_truth.py``."""
+TERMS_LEFT_OUT = 2e-3
+"""Of compiled paths with fewer Doppler terms than the cell's most demanding one has: below DOPPLER_ERROR, 3e-3."""
+
+pytestmark = pytest.mark.parametrize("device", EVERY_DEVICE)
+
+
+def radar_of(samples: int, range_bins: int, chirps: int = 32) -> Radar:
+    waveform = Waveform(samples=samples, range_bins=range_bins, chirps=chirps, chirp_interval_s=128 * 80.6e-6 / chirps)
+    return Radar(waveform=waveform, grid=ImageGrid(bins=30))
+
+
+def some_cells(radar: Radar, seed: int) -> np.ndarray:
+    """[R] any Doppler cells."""
+    return np.random.default_rng(seed).integers(0, radar.waveform.chirps, radar.waveform.range_bins)
+
+
+def truth_on(device: str, table: PathTable, radar: Radar, cells: np.ndarray, model: WaveModel = EQUATION_1):
+    return torch_kernels(required(device)).truth(table, radar, cells, DEFAULT_TERMS, model)
+
+
+@pytest.mark.parametrize(("speed", "bound_db"), [(0.0, STATIC_DB), (6.0, MOVING_DB)])
+@pytest.mark.parametrize(
+    ("limits_m", "samples", "rows"), [((1.0, 3.0), 64, range(4, 26, 3)), ((3.0, 9.0), 128, range(18, 64, 7))]
+)
+def test_image_agrees_with_the_virtual_sensors_cube(device, limits_m, samples, rows, speed, bound_db):
+    generator = np.random.default_rng(41)
+    radar = radar_of(samples, rows[-1] + 3, 32 if speed else 4)
+    u = generator.choice(radar.grid.u[1:], 6)
+    direction = np.stack([np.sqrt(1.0 - u**2), u, np.zeros(6)], axis=1)
+    place = generator.uniform(*limits_m, 6)[:, None] * direction
+    paths = ScatteredPaths.of_points(place, speed * direction, np.exp(2j * np.pi * generator.uniform(size=6)))
+    # All recede at the speed; each row looks into its Doppler cell.
+    cell = round(speed / radar.waveform.velocity_step_mps) + radar.waveform.chirps // 2
+    cells = np.full(radar.waveform.range_bins, cell % radar.waveform.chirps)
+    table = PathTable(paths)
+    moments = truth_on(device, table, radar, cells)
+    made = near_field_images(moments[None], radar, radar.virtual_sensor)[0][list(rows)]
+    error = np.abs(made - truth_rows(table, radar, cells, rows)).max()
+    assert 20.0 * np.log10(error) < bound_db
+
+
+@pytest.mark.parametrize("seed", [42, 43])
+def test_moments_are_those_of_the_compiled_kernel(device, seed):
+    # Paths of every kind, each row in any Doppler cell.
+    radar = radar_of(64, 60)
+    table, cells = a_table(np.random.default_rng(seed), 30, 1.0), some_cells(radar, seed)
+    compiled = truth_moments(table, radar, cells)
+    made = truth_on(device, table, radar, cells)
+    assert made.dtype == compiled.dtype == np.complex64
+    assert relative_error(made, compiled) < TERMS_LEFT_OUT
+
+
+def test_standing_paths_have_one_term_and_agree_to_rounding(device):
+    radar = radar_of(64, 60, 4)
+    table = a_table(np.random.default_rng(44), 30, 1.0).at_rest(0.0)
+    cells = np.full(60, 2)
+    assert relative_error(truth_on(device, table, radar, cells), truth_moments(table, radar, cells)) < 1e-6
+
+
+@pytest.mark.parametrize("model", [WaveModel(intra_chirp_motion=True), WaveModel(range_migration=False)])
+def test_effects_are_those_of_the_compiled_kernel(device, model):
+    radar = radar_of(64, 60)
+    table, cells = a_table(np.random.default_rng(45), 30, 1.0), some_cells(radar, 45)
+    compiled = truth_moments(table, radar, cells, DEFAULT_TERMS, model)
+    assert relative_error(truth_on(device, table, radar, cells, model), compiled) < TERMS_LEFT_OUT
+
+
+def test_a_sensor_that_does_not_fill_its_last_block(device):
+    sensor = AntennaArray(tx_m=((0.0, 0.0, 0.0),), rx_m=line(np.linspace(-0.1, 0.1, 41)))
+    radar = radar_of(64, 60).model_copy(update={"virtual_sensor": sensor})
+    table, cells = a_table(np.random.default_rng(46), 20, 1.0), some_cells(radar, 46)
+    made = truth_on(device, table, radar, cells)
+    assert made.shape == (DEFAULT_TERMS, 60, 41)
+    assert relative_error(made, truth_moments(table, radar, cells)) < TERMS_LEFT_OUT
+
+
+def test_the_same_bytes_from_run_to_run(device):
+    radar = radar_of(64, 60)
+    table, cells = a_table(np.random.default_rng(47), 60, 1.0), some_cells(radar, 47)
+    assert truth_on(device, table, radar, cells).tobytes() == truth_on(device, table, radar, cells).tobytes()
+
+
+def test_an_empty_table_is_a_dark_image(device):
+    radar, empty = radar_of(64, 30), PathTable(ScatteredPaths.none())
+    assert not truth_on(device, empty, radar, np.zeros(30, dtype=np.int64)).any()

@@ -1,0 +1,199 @@
+"""Shards on a real Ray cluster of several nodes: the bytes of this machine, whatever dies meanwhile."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+import ray_work
+from ray_cluster import add_node, kill_node, ray_cluster
+
+from datafactory import RunFailed, render
+from datafactory.run import pipeline
+from shared.physics.errors import InputError
+
+ROOT = Path(__file__).resolve().parents[2]
+RADAR = """
+[waveform]
+chirps = 4
+samples = 64
+range_bins = 40
+bandwidth_hz = 400e6
+[grid]
+bins = 16
+"""
+FRAMES = 40
+ENDS_S = 60.0
+"""Within this what was killed has ended."""
+
+WAITING = "no node of the cluster has a core and 0.6 GB of memory for tasks: waiting"
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def radar(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("radar") / "small.toml"
+    path.write_text(RADAR, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[Any]:
+    with ray_cluster(2) as found:
+        yield found
+
+
+def made(out: Path, radar: Path, **more: Any) -> pipeline.Report:
+    """40 frames of close targets in seven shards."""
+    return render(None, out, radar=radar, frames=0, points=FRAMES, split="2:1:1", **more)
+
+
+def shards(folder: Path) -> dict[str, bytes]:
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in sorted(folder.glob("*/*.parquet"))}
+
+
+@pytest.fixture(scope="module")
+def reference(tmp_path_factory: pytest.TempPathFactory, radar: Path) -> dict[str, bytes]:
+    out = tmp_path_factory.mktemp("reference") / "data"
+    made(out, radar)
+    return shards(out)
+
+
+def tasks() -> list[psutil.Process]:
+    """Processes of this machine that make shards for a cluster."""
+    found = []
+    for process in psutil.process_iter():
+        with suppress(psutil.Error):
+            if "make_shard" in " ".join(process.cmdline()):
+                found.append(process)
+    return found
+
+
+def test_all_nodes_are_lost_and_replaced(
+    cluster: Any, radar: Path, reference: dict[str, bytes], tmp_path: Path
+) -> None:
+    done_frames, lines = list[int](), list[str]()
+
+    def progress(stage: str, done: int, total: int) -> None:
+        assert (stage, total) == ("frames", FRAMES)
+        done_frames.append(done)
+        if done > 0 and not killed:
+            for node in list(cluster.worker_nodes):
+                killed.append(node)
+                kill_node(cluster, node)
+
+    def announce(line: str) -> None:
+        lines.append(line)
+        if "waiting" in line:
+            add_node(cluster)
+            add_node(cluster)
+
+    killed = list[Any]()
+    out = tmp_path / "data"
+    report = made(out, radar, engine="ray", address=cluster.address, announce=announce, progress=progress)
+    assert len(killed) == 2
+    assert lines == ["Ray: 2 nodes to work on", WAITING]
+    assert shards(out) == reference
+    assert (report.shards_made, report.shards_kept) == (len(reference), 0)
+    assert done_frames[-1] == FRAMES
+
+
+def test_a_deadly_shard_is_named_and_the_rest_unharmed(
+    cluster: Any,
+    radar: Path,
+    reference: dict[str, bytes],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    """Begun on Ray, finished on this machine."""
+    out, lines = tmp_path / "data", list[str]()
+    with monkeypatch.context() as patch:
+        patch.setattr(pipeline, "render_shard", ray_work.shard_or_death)
+        died = rf"^{ray_work.DEADLY}, frames 3 to 31: three worker processes died of it, its process ended, .*--resume"
+        with pytest.raises(RunFailed, match=died):
+            made(out, radar, engine="ray", address=cluster.address, keep_going=True)
+    rest = {path: content for path, content in reference.items() if path != ray_work.DEADLY}
+    assert shards(out) == rest
+    report = made(out, radar, resume=True, announce=lines.append)
+    assert (report.shards_made, report.shards_kept) == (1, len(rest))
+    assert shards(out) == reference
+    assert lines == []
+    assert capfd.readouterr() == ("", "")  # Ray says at length that a process died
+
+
+def test_nothing_outlives_a_command_that_is_killed(
+    cluster: Any, radar: Path, reference: dict[str, bytes], tmp_path: Path
+) -> None:
+    """Begun in a command on Ray, killed, finished there."""
+    out = tmp_path / "data"
+    command = [sys.executable, "-m", "datafactory", "points", "--frames", str(FRAMES), "--split", "2:1:1"]
+    command += ["--radar", str(radar), "--out", str(out), "--engine", "ray", "--address", cluster.address]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    while not (at_work := tasks()):
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.05)
+    family = [*psutil.Process(process.pid).children(recursive=True), *at_work]
+    process.send_signal(signal.SIGKILL)
+    assert process.communicate()[1] == ""
+    assert not psutil.wait_procs(family, timeout=ENDS_S)[1]
+    assert not (out / "manifest.json").exists()
+    made(out, radar, engine="ray", address=cluster.address, workers=1, resume=True)
+    assert shards(out) == reference
+
+
+def test_scene_frames_are_those_of_this_machine(cluster: Any, radar: Path, tmp_path: Path) -> None:
+    for engine, more in (("local", {}), ("ray", {"address": cluster.address})):
+        render(
+            str(ROOT / "scenes" / "tiny.usda"), tmp_path / engine, radar=radar, frames=1, split="1:0:0", rays=500,
+            effects="specular,diffuse,noise", engine=engine, **more,
+        )  # fmt: skip
+    assert shards(tmp_path / "ray") == shards(tmp_path / "local")
+
+
+def test_a_ray_of_the_runs_own_is_lost(radar: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without an address, and no cluster on this machine: it is started, and ends with the run."""
+    with tempfile.TemporaryDirectory(prefix="ray-", dir="/tmp") as folder:
+        monkeypatch.setenv("RAY_TMPDIR", folder)
+        monkeypatch.setenv("RAY_worker_niceness", "0")
+        own = list[psutil.Process]()
+
+        def progress(stage: str, done: int, total: int) -> None:
+            if done > 0 and not own:
+                (raylet,) = (
+                    item
+                    for item in psutil.Process().children(recursive=True)
+                    if folder in " ".join(item.cmdline()) and item.name() == "raylet"
+                )
+                own.extend([raylet, *raylet.children()])
+                raylet.kill()
+
+        with pytest.raises(RunFailed, match=r"^--engine ray: the connection to the cluster is lost: .*--resume"):
+            made(tmp_path / "data", radar, engine="ray", progress=progress)
+        assert len(own) > 2
+        assert not psutil.wait_procs(own, timeout=ENDS_S)[1]
+
+
+def test_a_node_of_another_version_is_refused(cluster: Any, radar: Path, tmp_path: Path) -> None:
+    other = tmp_path / "numpy-1.0.dist-info"
+    other.mkdir()
+    (other / "METADATA").write_text("Metadata-Version: 2.1\nName: numpy\nVersion: 1.0\n", encoding="utf-8")
+    path = os.pathsep.join([str(tmp_path), os.environ["PYTHONPATH"]])
+    node = add_node(cluster, env_vars={"PYTHONPATH": path})
+    try:
+        with pytest.raises(InputError, match=r"^--engine: node .*: numpy is 1\.0 there, .* here; expected the same"):
+            made(tmp_path / "data", radar, engine="ray", address=cluster.address)
+    finally:
+        kill_node(cluster, node)
+    assert not (tmp_path / "data").exists()

@@ -1,0 +1,166 @@
+"""``render --trajectory``: sequences from files and drawn drives, the same by any number of workers and from paths."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from prepared_scenes import SCENES
+from typer.testing import CliRunner
+
+from datafactory import Pose, render
+from datafactory.cli.app import app
+from shared.dataset import Frame
+from shared.dataset.folder import open_dataset
+from shared.physics.errors import InputError
+
+RADAR = """
+[waveform]
+chirps = 8
+samples = 128
+range_bins = 100
+bandwidth_hz = 400e6
+[grid]
+bins = 24
+"""
+ROWS = "time,x,y,z,yaw_deg\n0,-10,0,0.5,0\n0.2,-9,0,0.5,0\n0.4,-8,0,0.5,5\n"
+TINY = str(SCENES / "tiny.usda")
+EFFECTS = "specular,diffuse,doppler,rcs_targets,noise"
+FEW = ("--rays", "500", "--effects", EFFECTS, "--workers", "1")
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("trajectories")
+    (folder / "small.toml").write_text(RADAR, encoding="utf-8")
+    (folder / "track.csv").write_text(ROWS, encoding="utf-8")
+    return folder
+
+
+def run(*arguments: object) -> str:
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments], catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+def shards(folder: Path) -> dict[str, bytes]:
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in sorted(folder.glob("*/*.parquet"))}
+
+
+def frames_of(folder: Path) -> dict[int, tuple[str, Frame]]:
+    dataset = open_dataset(folder)
+    return {frame.frame_id: (split, frame) for split in dataset.splits for frame in dataset.frames(split)}
+
+
+def test_a_file_is_a_sequence_at_the_rate_that_is_asked_for(files: Path, tmp_path: Path) -> None:
+    run("render", TINY, "--trajectory", files / "track.csv", "--frame-rate", 20, "--radar", files / "small.toml",
+        *FEW, "--out", tmp_path / "data")  # fmt: skip
+    frames = frames_of(tmp_path / "data")
+    assert len(frames) == 9
+    assert {split for split, _ in frames.values()} == {"train"}
+    assert {frame.sequence for _, frame in frames.values()} == {0}
+    np.testing.assert_allclose([frame.time for _, frame in frames.values()], np.arange(9) / 20.0)
+    for _, frame in frames.values():
+        assert frame.sensor_position[0] == pytest.approx(-10.0 + 5.0 * frame.time)
+        assert frame.sensor_velocity == pytest.approx((5.0, 0.0, 0.0))
+    manifest = json.loads((tmp_path / "data" / "manifest.json").read_text())
+    assert manifest["counts"]["frames_empty"] == 0
+    assert len(manifest["arguments"]["tracks"][0]) == 9
+
+
+def test_whole_tracks_are_dealt_to_splits(files: Path, tmp_path: Path) -> None:
+    two = ("--trajectory", files / "track.csv", "--trajectory", files / "track.csv")
+    said = run("render", TINY, *two, "--split", "1:0:1", "--radar", files / "small.toml", *FEW, "--points", 1,
+               "--out", tmp_path / "data")  # fmt: skip
+    assert "sequences 0 (train) and 1 (test) come within 0.0 m of each other" in said
+    found = [(split, frame.sequence, frame.kind) for split, frame in frames_of(tmp_path / "data").values()]
+    assert sorted(found) == sorted([("train", 0, "scene")] * 3 + [("test", 1, "scene")] * 3 + [("train", -1, "points")])
+
+
+def test_drives_have_the_same_bytes_by_any_number_of_workers_and_from_traced_paths(files: Path, tmp_path: Path) -> None:
+    drive = ("--trajectory", "drive:speed=5,seconds=0.3", "--frames", 8, "--split", "1:1:1", "--seed", 5)
+    common = ("--radar", files / "small.toml", "--rays", 500, "--effects", EFFECTS)
+    run("render", TINY, *drive, *common, "--workers", 1, "--out", tmp_path / "one")
+    run("render", TINY, *drive, *common, "--workers", 2, "--out", tmp_path / "two")
+    run("trace", TINY, *drive, *common, "--workers", 1, "--out", tmp_path / "traced")
+    run("render", "--paths", tmp_path / "traced", *common[:2], "--effects", EFFECTS, "--seed", 5, "--workers", 1,
+        "--out", tmp_path / "later")  # fmt: skip
+    once = shards(tmp_path / "one")
+    assert sorted({Path(name).parent.name for name in once}) == ["test", "train", "validation"]
+    assert shards(tmp_path / "two") == once
+    assert shards(tmp_path / "later") == once
+    frames = frames_of(tmp_path / "one")
+    assert [frames[n][1].sequence for n in range(8)] == [0] * 3 + [1] * 3 + [2] * 2
+    for number in range(3):
+        own = [frame for _, frame in frames.values() if frame.sequence == number]
+        assert len({split for split, frame in frames.values() if frame.sequence == number}) == 1
+        np.testing.assert_allclose(np.diff([frame.time for frame in own]), 0.1)
+
+
+def test_what_stands_gives_the_same_image_again_and_a_small_step_a_nearly_equal_one(
+    files: Path, tmp_path: Path
+) -> None:
+    """Speckle belongs to the place. 0.2 mm ahead, an echo at angle a turns by 4 pi 0.2 mm cos(a) / lambda = 37 deg.
+
+    Without noise and traffic: at the same pose at another time the signal is the same to the bit. After the step the
+    truth's magnitudes differ by less than 1 % (L2, relative), the signal by |exp(j 37 deg) - 1| = 0.64 of it or less.
+    Frames that are no sequence have rays of their own: their truths differ by more than four times as much.
+    """
+    here = Pose((40.0, 0.0, 0.5))
+    track = [here, Pose((40.0002, 0.0, 0.5), time_s=0.1), Pose((40.0, 0.0, 0.5), time_s=7.0)]
+    asked: dict[str, Any] = {"radar": files / "small.toml", "rays": 4000, "effects": "all", "noise": False}
+    wall = str(SCENES / "effects" / "wall.usda")
+    render(wall, tmp_path / "sequence", trajectory=[track], **asked)
+    render(wall, tmp_path / "alone", poses=track, **asked, split="1:0:0")
+    first, moved, again = (frame for _, frame in frames_of(tmp_path / "sequence").values())
+    alone, alone_moved, _ = (frame for _, frame in frames_of(tmp_path / "alone").values())
+
+    np.testing.assert_array_equal(again.range_channel, first.range_channel)
+    np.testing.assert_array_equal(again.image, first.image)
+    assert again.image_peak == first.image_peak
+
+    def apart(one: NDArray[Any], other: NDArray[Any]) -> float:
+        return float(np.linalg.norm(one - other) / np.linalg.norm(other))
+
+    def truth(frame: Frame) -> NDArray[np.float32]:
+        return frame.image * frame.image_peak
+
+    assert apart(truth(moved), truth(first)) < 0.01
+    turned = 4.0 * np.pi * 0.2e-3 / 3.87e-3
+    assert 0.8 * 2.0 * np.sin(turned / 2.0) < apart(moved.range_channel[0], first.range_channel[0]) < 1.02 * turned
+    assert apart(truth(alone_moved), truth(alone)) > 4.0 * apart(truth(moved), truth(first))
+
+
+def test_traffic_moves_on_from_frame_to_frame(files: Path, tmp_path: Path) -> None:
+    """A parked sensor: the car of the tiny scene comes or goes by what it drives in the time between."""
+    track = [Pose((-10.0, 0.0, 0.5), time_s=0.25 * n) for n in range(4)]
+    render(TINY, tmp_path / "data", trajectory=[track], radar=files / "small.toml", rays=500, effects=EFFECTS)
+    frames = [frame for _, frame in frames_of(tmp_path / "data").values()]
+    assert len({frame.sensor_position for frame in frames}) == 1
+    assert not np.array_equal(frames[0].image, frames[3].image)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--frame-rate", "5"), "--frame-rate: without --trajectory"),
+        (("--trajectory", "drive", "--poses", "poses.json"), "poses.json: cannot be read"),
+        (("--trajectory", "none.csv"), "none.csv: cannot be read: No such file"),
+        (("--trajectory", "drive", "--trajectory", "a.csv"), "--trajectory: 'drive' beside others"),
+        (("--trajectory", "drive:speed=20"), "--trajectory: speed = 20.0; expected 0 to 15 m/s"),
+        (("--trajectory", "drive", "--frame-rate", "0"), "--frame-rate: 0.0; expected 0.001 to 100000 Hz"),
+        (("--trajectory", "drive", "--frames", "0"), "--frames: 0 and --points 0: nothing to render"),
+    ],
+)
+def test_what_is_wrong_is_one_line_and_nothing_is_written(
+    arguments: tuple[str, ...], message: str, tmp_path: Path
+) -> None:
+    result = CliRunner().invoke(app, ["render", TINY, *arguments, "--out", str(tmp_path / "data")])
+    assert result.exit_code != 0
+    said = str(result.exception) if isinstance(result.exception, InputError) else result.output
+    assert message in said
+    assert not (tmp_path / "data").exists()
