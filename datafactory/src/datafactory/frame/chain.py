@@ -14,7 +14,6 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import islice
-from pathlib import Path
 
 from datafactory.frame.boxes import boxes_of
 from datafactory.frame.deal import DealtFrame
@@ -45,6 +44,7 @@ from datafactory.paths.trace import trace
 from datafactory.scenes.boxes import seen_things
 from datafactory.synthesis.kernels import kernels_on
 from shared.dataset import Box, Frame
+from shared.dataset.locations import Location
 from shared.radar import Radar
 
 FRAMES_WITH = "frames_with_"
@@ -153,7 +153,7 @@ class SceneSource:
 class StoredSource:
     """A scene frame that was traced before: a row of a paths shard."""
 
-    shard: Path
+    shard: Location
     row: int
     settings: ChainSettings
 

@@ -19,6 +19,7 @@ from datafactory.run.cluster.messages import PROBE_S, Begin, Connect, Connected,
 from datafactory.run.cluster.node import Given, surroundings_of
 from datafactory.run.shards import ShardPlan
 from datafactory.run.workers import RunFailed, ShardResult, ShardWork
+from shared.dataset.locations import absolute
 from shared.physics.errors import InputError
 from shared.processes.pool import AHEAD, without_interrupts
 from shared.processes.tasks import Attempts, Finished
@@ -148,7 +149,7 @@ def _require_answer(address: str) -> None:
 
 def _as_seen_from_anywhere(work: ShardWork) -> ShardWork:
     """The folder that a command runs in is not that of a node's processes."""
-    stored = tuple((path.absolute(), row) for path, row in work.job.stored)
+    stored = tuple((absolute(path), row) for path, row in work.job.stored)
     return replace(work, job=replace(work.job, stored=stored))
 
 
@@ -193,7 +194,7 @@ class RayPool:
 
     def __enter__(self) -> RayPool:
         given = cloudpickle.dumps(Given(_as_seen_from_anywhere(self._work), surroundings_of(self._work)))
-        self._driver.send(Begin(given, str(self._work.directory.absolute()), self._memory))
+        self._driver.send(Begin(given, absolute(self._work.directory), self._memory))
         return self
 
     def __exit__(

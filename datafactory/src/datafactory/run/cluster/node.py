@@ -25,6 +25,7 @@ from datafactory.run.cluster.surroundings import difference, surroundings, trace
 from datafactory.run.progress import FinishedShard
 from datafactory.run.shards import ShardPlan
 from datafactory.run.workers import Seconds, ShardWork
+from shared.dataset.locations import file_size
 from shared.physics.errors import InputError
 
 SCRATCH = f"sparseradar-shard-{platform.node()}-"
@@ -74,7 +75,7 @@ def _ready_for(given: Any) -> ShardWork:
     except (ImportError, AttributeError) as error:  # a class of the user's own, say a target's
         raise InputError("--engine", f"{where()} lacks what this run needs: {error}", "it on all nodes") from error
     for path in {path for path, _ in read.work.job.stored}:
-        if not path.is_file():
+        if file_size(path) is None:
             problem = f"node {where()} has no file {path}"
             raise InputError("--paths", problem, "a folder that every node sees under the same name")
     read.work.begin()
