@@ -34,6 +34,12 @@ def held(folder, check=lambda: None):
         yield folder / ".progress/lock"
 
 
+def tag_of(lock):
+    found = kept(lock)
+    assert found is not None
+    return found.tag
+
+
 def left_by(folder, **changed):
     """The claim of a process that is not this one."""
     signature = json.loads(claims._signature()) | changed
@@ -96,10 +102,10 @@ def test_a_claim_that_is_no_json_ends_with_its_lease_too(folder, monkeypatch):
 def test_a_job_that_lives_writes_its_claim_anew(folder, monkeypatch):
     monkeypatch.setattr(claims, "BEAT_S", 0.02)
     with held(folder) as lock:
-        tags = {kept(lock).tag}
+        tags = {tag_of(lock)}
         while len(tags) < 3:  # ends: each beat changes the tag
             time.sleep(0.01)
-            tags.add(kept(lock).tag)
+            tags.add(tag_of(lock))
 
 
 def test_a_claim_that_was_taken_over_is_not_removed(server, folder, monkeypatch):
@@ -115,8 +121,8 @@ def test_a_job_outlives_a_store_that_is_away_for_a_while(server, folder, monkeyp
     monkeypatch.setenv("AWS_MAX_ATTEMPTS", "1")
     with held(folder) as lock:
         server.fail(method="PUT", path="lock", status=500, times=3)
-        before = kept(lock).tag
-        while kept(lock).tag == before:
+        before = tag_of(lock)
+        while tag_of(lock) == before:
             time.sleep(0.01)
     assert kept(lock) is None
 

@@ -8,7 +8,7 @@ import pytest
 from s3_server import SECRET, s3_server, set_credentials
 
 from shared.dataset import stores
-from shared.dataset.locations import locate
+from shared.dataset.locations import RemotePath, locate
 from shared.dataset.writing import PARTIAL, atomic, is_as_recorded, remove_folder, remove_partial, scratch, write_bytes
 from shared.physics.errors import InputError
 
@@ -26,6 +26,13 @@ def folder(server, monkeypatch, tmp_path):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     yield locate(server.uri(f"{tmp_path.name}/set"))
     server.mend()
+
+
+def asked(path):
+    """What the store says of an object that is there."""
+    found = stores.kept(path)
+    assert found is not None
+    return found
 
 
 def sha256(content):
@@ -59,7 +66,7 @@ def test_a_large_object_goes_in_parts_or_not_at_all(server, folder, monkeypatch)
     content = np.random.default_rng(0).bytes(12 << 20)
     write_bytes(folder / "large", content)
     assert (folder / "large").read_bytes() == content
-    assert stores.kept(folder / "large").tag.endswith('-3"')
+    assert asked(folder / "large").tag.endswith('-3"')
     assert is_as_recorded(folder / "large", len(content), sha256(content))
     server.fail(method="PUT", path="other", after=1, status=500)  # the second part and all after it
     with pytest.raises(OSError, match="the store answers InternalError") as caught:
@@ -83,7 +90,7 @@ def test_a_finished_object_is_checked_without_being_sent(server, folder):
 def test_an_object_that_something_else_wrote_is_read(server, folder):
     content = b"of a shard"
     server.request("PUT", f"/{(folder / 'part').key}", content)
-    assert stores.kept(folder / "part").sha256 is None
+    assert asked(folder / "part").sha256 is None
     assert is_as_recorded(folder / "part", len(content), sha256(content))
     assert not is_as_recorded(folder / "part", len(content), sha256(b"of a shaft"))
 
@@ -131,6 +138,7 @@ def test_a_request_is_repeated(server, folder):
 
 def test_a_missing_bucket_is_another_thing_than_a_missing_object(server, folder):
     elsewhere = locate(server.uri("set", bucket="nowhere"))
+    assert isinstance(elsewhere, RemotePath)
     for write in (
         lambda: write_bytes(elsewhere / "a", b"x"),
         lambda: stores.put_if(elsewhere / "a", b"x", None),
