@@ -84,8 +84,8 @@ def frames(path: Path, count: int, rays: int) -> Iterator[tuple[float, Pose, Rea
         dealt = made.deal.frame(index)
         settings = made.plans[0].settings(order.settings, dealt.pose)
         ((frame, _),) = make_frames([SceneSource(dealt, made.scenes[0], settings)], radar)
-        assert dealt.pose is not None  # it is a frame of a scene
-        yield time.process_time() - began, dealt.pose, frame.image.astype(np.float64)
+        assert dealt.pose is not None
+        yield time.process_time() - began, dealt.pose, np.asarray(frame.image, dtype=np.float64)
 
 
 def cost(folder: Path, styles: Sequence[Style], count: int, rays: int) -> None:
@@ -157,7 +157,8 @@ def looks(image: Real) -> Real:
 def variety(folder: Path, seeds: int, styles: Sequence[Style], poses: int, rays: int) -> None:
     """How alike two cities of a style are: of other seeds, against other poses in the same city."""
     for style in styles:
-        surfaces, views = [], []
+        surfaces: list[HeightMap] = []
+        views: list[tuple[int, tuple[NDArray[np.float64], ...]]] = []
         for seed in range(seeds):
             path = folder / f"{style.value}-{seed}.usda"
             write_city(path, seed=seed, style=style)

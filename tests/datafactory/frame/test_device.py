@@ -70,5 +70,5 @@ def test_an_unknown_device_is_refused_with_what_was_meant():
 def test_kernels_that_cannot_be_had_are_refused(monkeypatch):
     monkeypatch.setattr(kernels, "synthesis_problem", lambda: NO_TORCH)
     assert kernels.kernels_on("cpu") is kernels.ON_CPU
-    with pytest.raises(InputError, match=f"--device: cuda: {NO_TORCH}; expected torch for CUDA: pip install torch"):
+    with pytest.raises(InputError, match=f"--device: cuda: {NO_TORCH}; expected torch for CUDA: pip install"):
         kernels.kernels_on("cuda")

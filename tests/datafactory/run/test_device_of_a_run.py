@@ -48,10 +48,11 @@ def points(out: Path, device: str, resume: bool = False, workers: int = 1, annou
 
 
 def manifest_of(report: Report) -> dict:
-    return json.loads((report.directory / "manifest.json").read_text())
+    return json.loads((report.directory / "manifest.json").read_bytes())
 
 
 def columns_of(report: Report, name: str) -> np.ndarray:
+    assert isinstance(report.directory, Path)
     shards = sorted(report.directory.glob("train/*.parquet"))
     return np.array([row for shard in shards for row in pq.read_table(shard)[name].to_pylist()])
 

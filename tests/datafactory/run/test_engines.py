@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import socket
 from collections.abc import Iterator
 from pathlib import Path
@@ -113,6 +114,18 @@ def test_as_many_shards_are_asked_for_as_keep_the_nodes_busy(places: int, worker
     assert pool._running == most
     waiting = "no node of the cluster has a core and 0.5 GB of memory for tasks: waiting"
     assert lines == ([waiting] if places == 0 else [])
+
+
+def test_a_full_disk_is_said_as_such() -> None:
+    """By the driver, which writes the shards."""
+    driver = cluster_engine._Driver.__new__(cluster_engine._Driver)
+    driver._pipe, theirs = cluster_engine.Pipe()
+    theirs.send(OSError(errno.ENOSPC, "No space left on device", "part-00000.parquet"))
+    with pytest.raises(OSError, match="No space left on device") as caught:
+        list(driver.looks(0.0))
+    assert caught.value.filename == "part-00000.parquet"
+    theirs.close()
+    driver._pipe.close()
 
 
 def test_a_lost_cluster_is_one_line() -> None:

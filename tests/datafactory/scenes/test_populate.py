@@ -22,7 +22,7 @@ from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.movers import CLEAR_M, Movers, Traffic
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.readers.open import open_scene
-from datafactory.scenes.scene import Scene, SceneObject
+from datafactory.scenes.scene import PointTarget, Scene, SceneObject
 from datafactory.scenes.things import CLASSES, Population, Thing
 from datafactory.scenes.traffic.asked import Asked, parse_populate
 from datafactory.scenes.traffic.assets import REACH_M
@@ -136,13 +136,13 @@ def test_nothing_is_inside_another_or_inside_the_scene(which: str, street: Scene
 
 def test_the_scenes_own_traffic_has_its_way(street: Scene) -> None:
     scene = populated(street, ASKED, 0)
-    own = [item for item in (*street.objects, *street.targets) if item.motion is not None or any(item.velocity)]
+    every: tuple[SceneObject | PointTarget, ...] = (*street.objects, *street.targets)
+    own = [item for item in every if item.motion is not None or any(item.velocity)]
     assert len(own) > 10
     for time_s in (0.0, 3.0, 8.0, 20.0):
         boxes = Boxes(scene, time_s).corners
         for item in own:
-            at = item.at(time_s)
-            points = at.vertices if isinstance(item, SceneObject) else np.array([at.position])  # type: ignore[union-attr]
+            points = item.at(time_s).vertices if isinstance(item, SceneObject) else np.array([item.at(time_s).position])
             low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
             for corners in boxes:
                 assert (corners.max(axis=0) < low).any() or (corners.min(axis=0) > high).any(), (item.name, time_s)
@@ -166,7 +166,8 @@ def test_vehicles_and_posts_stand_on_the_hill(hill: Scene) -> None:
 
 def test_velocities_are_finite_differences_of_places(hill: Scene) -> None:
     step, rng = 1e-3, np.random.default_rng(5)
-    moving = [item for item in (*hill.objects, *hill.targets) if item.motion is not None]
+    every: tuple[SceneObject | PointTarget, ...] = (*hill.objects, *hill.targets)
+    moving = [item for item in every if item.motion is not None]
     things = {thing.name: thing for thing in population_of(hill).movers}
     assert {item.name.rpartition("/")[0] if isinstance(item, SceneObject) else item.name for item in moving} == set(
         things

@@ -1,62 +1,30 @@
 """Datasets on object storage: a small S3 server of the test's own, a filesystem of Arrow's, and what is refused."""
 
-import json
+from pathlib import Path
 
-import numpy as np
-import pyarrow as pa
 import pyarrow.fs
-import pyarrow.parquet as pq
 import pytest
 from object_store import serve
+from small_dataset import make_dataset
 
-from shared.dataset import Frame, arrow_schema, description, to_record_batch
 from shared.dataset.folder import open_dataset, verify
-from shared.dataset.locations import RemotePath, file_names, folder_name, locate, sha256_of
+from shared.dataset.locations import RemotePath, file_names, folder_name, local, locate, sha256_of
 from shared.physics.errors import InputError
-from shared.radar import ImageGrid, Radar
-from shared.radar.arrays import AntennaArray, line
-from shared.radar.waveform import Waveform
-
-RADAR = Radar(
-    waveform=Waveform(chirps=2, samples=8, range_bins=6),
-    array=AntennaArray(tx_m=line(np.zeros(1)), rx_m=line(2e-3 * np.arange(4))),
-    grid=ImageGrid(bins=5),
-    virtual_sensor=AntennaArray(tx_m=line(np.zeros(1)), rx_m=line(2e-3 * np.arange(8))),
-)
-
-
-def make_frame(frame_id):
-    generator = np.random.default_rng(frame_id)
-    pairs = generator.standard_normal((3, 6, 4, 2)).astype(np.float32)
-    return Frame(
-        frame_id, "points", "none", frame_id, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0),
-        range_channel=pairs.view(np.complex64)[..., 0],
-        velocity=generator.random((3, 6), np.float32),
-        image=generator.random((6, 5), np.float32),
-        image_peak=1e-7,
-        noise_power=1e-16,
-    )  # fmt: skip
 
 
 @pytest.fixture
 def folder(tmp_path):
     """bucket/radar/set: a dataset of three frames, in a folder that stands for a bucket."""
-    directory = tmp_path / "bucket/radar/set"
-    shard = directory / "train/part-00000.parquet"
-    shard.parent.mkdir(parents=True)
-    schema = arrow_schema(description(RADAR, 3, "range-channel"))
-    rows = [make_frame(index) for index in range(3)]
-    pq.write_table(pa.Table.from_batches([to_record_batch(rows, schema)]), shard, row_group_size=1)
-    record = {"path": "train/part-00000.parquet", "rows": 3, "bytes": shard.stat().st_size, "sha256": sha256_of(shard)}
-    (directory / "manifest.json").write_text(json.dumps({"version": 1, "shards": [record]}))
-    return directory
+    return make_dataset(tmp_path / "bucket/radar/set")
 
 
 @pytest.fixture
-def s3(folder):
+def s3(folder, monkeypatch):
     """The URI of the dataset on a server of this test."""
+    monkeypatch.setenv("AWS_ACCESS_KEY_ID", "user")
+    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "secret")
     with serve(folder.parents[2]) as options:
-        yield f"s3://user:secret@bucket/radar/set?{options}"
+        yield f"s3://bucket/radar/set?{options}"
 
 
 def values(dataset):
@@ -96,6 +64,12 @@ def test_any_filesystem_of_arrow_will_do(folder):
     assert sha256_of(place / "manifest.json") == sha256_of(folder / "manifest.json")
 
 
+def test_what_has_to_be_here_is_refused_elsewhere(folder):
+    assert local(str(folder), "--out") == folder
+    with pytest.raises(InputError, match=r"--out: s3://b/set is not on this machine; expected a local folder"):
+        local("s3://b/set?region=us-east-1", "--out")
+
+
 def test_a_local_uri_is_the_local_folder(folder):
     assert locate(folder.as_uri()) == folder
     assert locate(str(folder)) == folder
@@ -107,11 +81,32 @@ def test_a_local_uri_is_the_local_folder(folder):
     [
         ("ftp://host/set", "ftp://host/set: scheme 'ftp'; expected a local path, or one of file, s3, gs, gcs"),
         ("s3://", "s3://: names no bucket; expected s3://BUCKET/FOLDER"),
-        ("s3://me:secret@b/set?endpoint_override=127.0.0.1:9&scheme=http", "s3://b/set/manifest.json: cannot be reach"),
+        ("s3://b/set?endpoint_override=127.0.0.1:9&scheme=http", "s3://b/set/manifest.json: cannot be reach"),
+        (
+            "s3://me:secret@b/set",
+            "s3://b/set: credentials in the URI; expected them in the environment: AWS_ACCESS_KEY",
+        ),
+        ("s3://b/set?endpoint_override=me:secret@host", "s3://b/set: credentials in the URI; expected"),
+        (
+            "s3://b/set?access_key=me&secret_key=secret",
+            "s3://b/set: parameter 'access_key' of the URI; expected one of",
+        ),
+        ("gs://b/set?access_token=secret", "gs://b/set: parameter 'access_token' of the URI; expected one of scheme"),
+        ("https://me:secret@host/set", r"https://host/set: credentials in the URI; .* ~/.netrc"),
+        ("https://host/set?token=secret", "https://host/set: parameter 'token' of the URI; expected none"),
+        (
+            "http://host/set",
+            "http://host/set: would be read in the clear; expected https://; http:// only of this machi",
+        ),
+        ("hf://OWNER/NAME", "hf://OWNER/NAME: names no dataset; expected hf://datasets/OWNER/NAME or a folder in it"),
+        ("hf://datasets/OWNER", "names no dataset"),
+        (Path("s3://b/set"), "s3:/b/set: a URI as a Path, which drops a slash of it; expected the URI as text"),
     ],
 )
 def test_a_store_that_is_not_there_is_one_line(uri, message, monkeypatch):
     monkeypatch.setenv("AWS_MAX_ATTEMPTS", "1")
+    monkeypatch.setenv("AWS_ACCESS_KEY_ID", "user")
+    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "secret")
     with pytest.raises(InputError, match=message) as caught:
         open_dataset(uri)
     assert "\n" not in str(caught.value)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +19,7 @@ from datafactory.run.cache import Announce
 from datafactory.run.shards import write_manifest
 from shared.dataset import Frame
 from shared.dataset.folder import Split, open_dataset, read_manifest
+from shared.dataset.locations import Location
 from shared.dataset.reading import read_frame
 
 HONEST_DB = 3.0
@@ -30,7 +30,7 @@ OF_PATHS = ("rays", "depth")
 CHOSEN = (*OF_PATHS, "prune_db", "tolerance", "truth_terms")
 
 
-def check(budget: Budget, directory: Path, announce: Announce) -> None:
+def check(budget: Budget, directory: Location, announce: Announce) -> None:
     """Measure the errors of the finished run on the frames swept and on one that was not; print and record them.
 
     The image is the dataset's own, read back, in the Doppler cells that its noise chose; of traced paths there is none.
@@ -71,7 +71,7 @@ def check(budget: Budget, directory: Path, announce: Announce) -> None:
         announce(f"warning: the error budget of {budget.level_db:g} dB is not kept")
 
 
-def _achieved(scene: SweptScene, samples: Sequence[SampleFrame], budget: Budget, directory: Path) -> Errors:
+def _achieved(scene: SweptScene, samples: Sequence[SampleFrame], budget: Budget, directory: Location) -> Errors:
     radar, chosen = budget.order.radar, budget.choice.settings
     cube, image = list[float](), list[float]()
     for sample in () if budget.menu.paths_only else samples:
@@ -85,7 +85,7 @@ def _achieved(scene: SweptScene, samples: Sequence[SampleFrame], budget: Budget,
     return Errors.of(cube, image, power_errors(samples, scene, chosen, budget.menu, budget.order, {}, CHECK_DRAW))
 
 
-def _stored_frame(directory: Path, split: Split, place: int) -> Frame:
+def _stored_frame(directory: Location, split: Split, place: int) -> Frame:
     """Velocity and image of the frame at a place of its split."""
     path, row = open_dataset(directory).rows(split)[place]
     return read_frame(path, row, ("velocity", "image"))

@@ -38,6 +38,7 @@ from datafactory.scenes.track_files import read_track
 from datafactory.scenes.traffic.asked import Asked, parse_populate
 from datafactory.scenes.traffic.population import populated
 from shared.dataset import STORES
+from shared.dataset.locations import Location, locate
 from shared.physics.errors import InputError, meant
 from shared.processes.defaults import LARGEST_SEED
 from shared.radar import Radar, load_radar
@@ -180,7 +181,7 @@ def choice(option: str, value: str, allowed: Sequence[str]) -> str:
 def order_of(
     scenes: SceneLike | Sequence[SceneLike] | None,
     *,
-    paths: FileName | None = None,
+    paths: FileName | Location | None = None,
     radar: RadarLike,
     frames: int = 0,
     points: int = 0,
@@ -209,7 +210,7 @@ def order_of(
     :param synthesis: whether signals will be made, and not paths alone
     :raises InputError: a value out of its bounds, a file that cannot be read, nothing to render
     """
-    folder, wanted = None if paths is None else Path(paths), scenes_of(scenes)
+    folder, wanted = None if paths is None else locate(paths), scenes_of(scenes)
     if wanted and folder is not None:
         raise InputError("--scene", "given together with --paths", "either --scene or --paths")
     if split is not None:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from functools import partial
-from pathlib import Path
 
 from datafactory.api.asking import FileName, Progress, silent
 from datafactory.conversion import formats
 from datafactory.conversion.formats import Converted
 from shared.dataset.folder import open_dataset
+from shared.dataset.locations import local
 
 
 def convert(directory: FileName, out: FileName, *, to: str, progress: Progress = silent) -> Converted:
@@ -25,4 +25,4 @@ def convert(directory: FileName, out: FileName, *, to: str, progress: Progress =
     :raises OSError: the disk fails; nothing is left behind
     """
     dataset = open_dataset(str(directory))
-    return formats.convert(dataset, to, Path(out), partial(progress, "frames"))
+    return formats.convert(dataset, to, local(out, "--out"), partial(progress, "frames"))

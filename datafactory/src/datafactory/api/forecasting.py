@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
-from pathlib import Path
 
 from datafactory.paths.defaults import CPU
 from datafactory.run.array_job import parse_job
@@ -20,6 +19,7 @@ from datafactory.run.shards import plan_shards
 from datafactory.run.stored import stored_paths
 from datafactory.scenes.scene import Scene
 from shared.dataset import description, row_bytes
+from shared.dataset.locations import Location, RemotePath
 from shared.processes.machine import usable_memory
 
 RAY_S = 7e-6
@@ -39,7 +39,7 @@ class Forecast:
     """What a run will take.
 
     :param frames: by split; :param shards: their number
-    :param bytes: on the disk, of which ``free_bytes`` are free
+    :param bytes: on the disk, of which ``free_bytes`` are free; None in an object store
     :param memory_bytes: of all processes together; ``memory``: in words, and how much may be used
     :param seconds: wall-clock, planning included
     :param workers: no more than there are shards, cores and memory for
@@ -49,7 +49,7 @@ class Forecast:
     frames: dict[str, int]
     shards: int
     bytes: float
-    free_bytes: float
+    free_bytes: float | None
     memory_bytes: float
     memory: str
     seconds: float
@@ -60,15 +60,18 @@ class Forecast:
         """In words."""
         split = ", ".join(f"{name} {count}" for name, count in self.frames.items())
         rates = "rates of another machine" if self.device == CPU else "rates of a CPU, for none of a GPU were measured"
+        where = "in the store"
+        if self.free_bytes is not None:
+            where = f"on the disk, where {amount(self.free_bytes)} are free"
         return [
             f"{sum(self.frames.values())} frames ({split}) in {self.shards} shards",
-            f"about {amount(self.bytes)} on the disk, where {amount(self.free_bytes)} are free",
+            f"about {amount(self.bytes)} {where}",
             self.memory,
             f"about {_duration(self.seconds)}, by {rates}; half or twice that would be no surprise",
         ]
 
 
-def forecast(order: Order, directory: Path, workers: int, shard: str | None = None) -> Forecast:
+def forecast(order: Order, directory: Location, workers: int, shard: str | None = None) -> Forecast:
     """What a run of this order will take; its scenes are opened and its frames dealt, nothing is traced or written.
 
     :param workers: 0 for as many as there are cores and memory for
@@ -107,7 +110,7 @@ def forecast(order: Order, directory: Path, workers: int, shard: str | None = No
         frames=dict(Counter(splits)),
         shards=shards,
         bytes=row_bytes(shapes) * (STREETS * scene_frames + CLOSE_TARGETS * point_frames),
-        free_bytes=free_bytes(directory),
+        free_bytes=None if isinstance(directory, RemotePath) else free_bytes(directory),
         memory_bytes=load.total_bytes(workers),
         memory=statement(load, workers, limit),
         seconds=planning + (scene_frames * of_scene + point_frames * of_points) / workers,

@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import TypeAlias
 
 from datafactory.accuracy.budget import menu_for, settle
@@ -43,6 +42,7 @@ from datafactory.scenes.scene import Scene
 from datafactory.view.cameras import Cameras, write_cameras
 from shared.dataset import STORES
 from shared.dataset.folder import open_dataset
+from shared.dataset.locations import locate
 from shared.physics.errors import InputError
 from shared.processes.defaults import DEFAULT_RADAR
 
@@ -89,8 +89,9 @@ def render(
     >>> report = render("scenes/tiny.usda", "build/two", frames=2)  # doctest: +SKIP
 
     :param scenes: one scene or several, dealt to the frames in turn; None with ``paths`` or for close targets alone
-    :param out: folder of the dataset; new or empty, or with ``resume`` that of an unfinished run
-    :param paths: folder of :func:`datafactory.trace`, instead of ``scenes``: the same paths again
+    :param out: folder of the dataset, local or ``s3://`` or ``gs://``; new or empty, or with ``resume`` that of an
+        unfinished run
+    :param paths: folder of :func:`datafactory.trace`, local or a URI, instead of ``scenes``: the same paths again
     :param radar: a preset's name, a TOML file, or a :class:`shared.radar.Radar`
     :param frames: scene frames in total, where no poses are given
     :param points: close-target frames after them
@@ -130,7 +131,7 @@ def render(
     :param progress: takes what is being done, how much of it is done, and of how much
     :returns: what was made; the frames are read by :class:`trainer.RadarDataset` or any Parquet reader
     :raises InputError: anything wrong with the arguments or their files, before anything is written
-    :raises OSError: the disk fails; what was finished can be resumed
+    :raises OSError: the disk or the store fails; what was finished can be resumed
     :raises RunFailed: worker processes died; what was finished can be resumed
     """
     order = order_of(
@@ -229,7 +230,7 @@ def execution_of(
         raise InputError("--device", f"{device} beside --engine {engine.name}", f"{CPU}, or --engine {LOCAL}")
     job = None if shard is None else parse_job(shard)
     return Execution(
-        Path(out) / job.folder if job else Path(out),
+        locate(out) / job.folder if job else locate(out),
         workers,
         resume,
         keep_going,

@@ -8,6 +8,7 @@ from pathlib import Path
 from datafactory.api.asking import Announce, FileName, Progress, silent
 from datafactory.run import merging
 from datafactory.run.pipeline import Report
+from shared.dataset.locations import local
 
 
 def merge(
@@ -34,4 +35,4 @@ def merge(
     :raises OSError: the disk fails; what was done can be resumed
     """
     several: Sequence[FileName] = (folders,) if isinstance(folders, str | Path) else folders
-    return merging.merge([Path(folder) for folder in several], Path(out), resume, announce, progress)
+    return merging.merge([local(folder, "DIR") for folder in several], local(out, "--out"), resume, announce, progress)

@@ -26,6 +26,7 @@ from datafactory.run.preparation import prepare, prepared_scene
 from datafactory.run.stored import stored_paths
 from datafactory.scenes.scene import Scene
 from datafactory.view.subject import Subject
+from shared.dataset.locations import Location, locate
 from shared.dataset.writing import write_bytes
 from shared.physics.errors import InputError
 from shared.processes.defaults import DEFAULT_RADAR
@@ -58,7 +59,7 @@ def view(
 
     :param scene: what is looked at; None with ``paths``, whose manifest names it
     :param out: the page, ``.html``
-    :param paths: folder of :func:`datafactory.trace`: its paths instead of a new trace
+    :param paths: folder of :func:`datafactory.trace`, local or a URI: its paths instead of a new trace
     :param frame: index of the frame, among the poses or in ``paths``
     :param png: write the view of a camera at the sensor and one from above beside the page as well
     :returns: the files written
@@ -76,7 +77,7 @@ def view(
             scene, frame, poses, radar, frames, seed, materials, rays, depth, effects, announce, progress
         )
     else:
-        subject = _traced_before(scene, Path(paths), frame, radar, materials, announce)
+        subject = _traced_before(scene, locate(paths), frame, radar, materials, announce)
     from datafactory.view.page import view_page
 
     write_bytes(page, view_page(subject).encode())
@@ -117,7 +118,7 @@ def _traced_now(
 
 def _traced_before(
     scene: SceneLike | None,
-    folder: Path,
+    folder: Location,
     frame: int,
     radar: RadarLike,
     materials: MaterialsLike | None,

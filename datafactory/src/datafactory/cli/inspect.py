@@ -23,7 +23,11 @@ MOST_FILMS = 3
 def inspect(
     directory: Annotated[
         str,
-        typer.Argument(metavar="DIR", help="Folder of a finished dataset, also s3:// or gs://.", show_default=False),
+        typer.Argument(
+            metavar="DIR",
+            help="Folder of a finished dataset, also s3://, gs://, hf:// or https://.",
+            show_default=False,
+        ),
     ],
     verify: Annotated[
         bool, typer.Option("--verify", help="Check every byte against the manifest's checksums.")
@@ -53,6 +57,7 @@ def inspect(
     from datafactory.view.cameras import Cameras
     from shared.dataset.folder import open_dataset
     from shared.dataset.folder import verify as verify_dataset
+    from shared.dataset.locations import RemotePath
 
     console = plain_console(stderr=as_json)
     dataset = open_dataset(directory, check_sizes=not verify)
@@ -64,6 +69,8 @@ def inspect(
             console.print(f"{len(faults)} of {len(dataset.records)} shards or files are not as they were written")
             raise typer.Exit(1)
         console.print(f"{len(dataset.records)} shards are as they were written")
+        if isinstance(dataset.path, RemotePath) and not dataset.path.lists:
+            console.print("a web server lists no folder: files that the manifest does not name were not looked for")
     summary = summarise(dataset)
     if as_json:
         print(json.dumps(summary.to_json(), indent=2))

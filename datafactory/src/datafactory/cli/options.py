@@ -18,7 +18,21 @@ if TYPE_CHECKING:
     from datafactory.run.pipeline import Report
     from datafactory.scenes.scene import Scene
 
-Out = Annotated[Path, typer.Option("--out", help="Folder of the dataset; new or empty.", show_default=False)]
+Out = Annotated[
+    str,
+    typer.Option(
+        "--out", metavar="DIR", help="Folder of the dataset, also s3:// or gs://; new or empty.", show_default=False
+    ),
+]
+Paths = Annotated[
+    str | None,
+    typer.Option(
+        "--paths",
+        metavar="DIR",
+        help="Folder of `datafactory trace`, also by URI, instead of --scene: the same paths again.",
+        show_default=False,
+    ),
+]
 RadarName = Annotated[str, typer.Option("--radar", help="A preset or a TOML file.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, max=LARGEST_SEED, help="Dataset seed: same seed, same bytes.")]
 Split = Annotated[str, typer.Option("--split", help="Pattern train:validation:test over the frames.")]
@@ -180,7 +194,7 @@ def run(make: Make, verbose: bool) -> Report:
     return report
 
 
-def next_step(out: Path, shard: str | None, step: str) -> None:
+def next_step(out: str, shard: str | None, step: str) -> None:
     """Print the command that comes next: of a job it is the merge.
 
     :param step: what comes next of a run in one piece

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -17,9 +16,7 @@ def render(
     out: options.Out,
     scenes: options.SceneNames = None,
     scene: options.Scenes = None,
-    paths: Annotated[
-        Path | None, typer.Option(help="Folder of `datafactory trace`, instead of --scene: the same paths again.")
-    ] = None,
+    paths: options.Paths = None,
     radar: options.RadarName = options.DEFAULT_RADAR_NAME,
     frames: Annotated[
         int, typer.Option(min=0, help="Scene frames in total, dealt to the scenes in turn.")
@@ -71,6 +68,7 @@ def render(
     from datafactory.api import making
     from datafactory.api.asking import order_of
     from datafactory.api.forecasting import forecast
+    from shared.dataset.locations import locate
 
     read = options.read_as_asked([*(scenes or ()), *(scene or ())], variant, allow_missing, populate, seed)
     asked: dict[str, Any] = {
@@ -94,7 +92,7 @@ def render(
         "device": device,
     }
     if dry_run:
-        for line in forecast(order_of(read, **asked), out, workers, shard).lines():
+        for line in forecast(order_of(read, **asked), locate(out), workers, shard).lines():
             typer.echo(line)
         return
     options.run(

@@ -21,9 +21,7 @@ def view(
         str | None,
         typer.Option(help="USD, Mitsuba XML or mesh file, or shipped:NAME or sionna:NAME.", show_default=False),
     ] = None,
-    paths: Annotated[
-        Path | None, typer.Option(help="Folder of `datafactory trace`: its paths instead of a new trace.")
-    ] = None,
+    paths: options.Paths = None,
     frame: Annotated[int, typer.Option(min=0, help="Which frame: of --poses, of --paths, or of the drawn ones.")] = 0,
     variant: options.Variants = None,
     allow_missing: options.AllowMissing = False,

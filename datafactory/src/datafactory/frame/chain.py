@@ -14,7 +14,6 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import islice
-from pathlib import Path
 
 from datafactory.frame.boxes import boxes_of
 from datafactory.frame.deal import DealtFrame
@@ -45,6 +44,7 @@ from datafactory.paths.trace import trace
 from datafactory.scenes.boxes import seen_things
 from datafactory.synthesis.kernels import kernels_on
 from shared.dataset import Box, Frame
+from shared.dataset.locations import Location
 from shared.radar import Radar
 
 FRAMES_WITH = "frames_with_"
@@ -153,7 +153,7 @@ class SceneSource:
 class StoredSource:
     """A scene frame that was traced before: a row of a paths shard."""
 
-    shard: Path
+    shard: Location
     row: int
     settings: ChainSettings
 
@@ -222,8 +222,8 @@ def measured(source: Source, radar: Radar, at: Hook = plainly) -> Measurement:
     counts = {**paths.counts, **counted, "frames": 1, "paths": len(paths)}
     noise = generator(identity.seed, "noise")
     kernels = kernels_on(settings.device)
-    frame = measure(identity, paths, known, radar, settings.processing, noise, at, counts, kernels)
-    return replace(frame, boxes=boxes)
+    measurement = measure(identity, paths, known, radar, settings.processing, noise, at, counts, kernels)
+    return replace(measurement, boxes=boxes)
 
 
 def illuminated(traced: TracedFrame, settings: ChainSettings, radar: Radar, at: Hook = plainly) -> PathTable:

@@ -8,8 +8,8 @@ DEVICES = (CPU, CUDA)
 ASKED_DEVICES = (AUTO_DEVICE, *DEVICES)
 """What can be asked for: ``auto`` takes the GPU where everything that a command needs of it is there."""
 
-INSTALL_TORCH = "torch for CUDA: pip install torch --index-url https://download.pytorch.org/whl/cu128"
-"""What signals on a GPU need; the index's name ends in the CUDA version that the driver serves."""
+INSTALL_TORCH = "torch for CUDA: pip install --force-reinstall torch (the public index has it for Linux)"
+"""What signals on a GPU need."""
 
 DEFAULT_RAYS = 200_000
 """Three times as many light nearly half of the cells within 30 m by five paths, take 1.6 times the time of a frame, and

@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,6 +22,7 @@ from numpy.typing import NDArray
 from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
 from datafactory.scenes.boxes import SeenThing
 from datafactory.scenes.poses import Pose
+from shared.dataset.locations import Location
 from shared.dataset.reading import open_shard
 from shared.physics.errors import InputError
 
@@ -228,7 +228,7 @@ def _thing(values: dict[str, Any]) -> SeenThing:
     return SeenThing(**fields)
 
 
-def read_paths(path: Path) -> Iterator[TracedFrame]:
+def read_paths(path: Location) -> Iterator[TracedFrame]:
     """The frames of a paths shard, one at a time.
 
     :raises InputError: a file that is not a paths shard
@@ -239,7 +239,7 @@ def read_paths(path: Path) -> Iterator[TracedFrame]:
                 yield _understood(path, batch)
 
 
-def read_frame_paths(path: Path, row: int) -> TracedFrame:
+def read_frame_paths(path: Location, row: int) -> TracedFrame:
     """The frame in one row of a paths shard; of the others only the row group that it shares with them is read.
 
     :raises InputError: a file that is not a paths shard, or that has fewer rows
@@ -254,14 +254,14 @@ def read_frame_paths(path: Path, row: int) -> TracedFrame:
     raise InputError(path, f"{first} rows, row {row} was asked for", "an undamaged paths shard")
 
 
-def _understood(path: Path, batch: pa.RecordBatch) -> TracedFrame:
+def _understood(path: Location, batch: pa.RecordBatch) -> TracedFrame:
     try:
         return from_row(batch)
     except (ValueError, TypeError, ArithmeticError) as error:
         raise InputError(path, f"a row is not understood: {error}", "an undamaged paths shard") from error
 
 
-def read_places(path: Path) -> list[tuple[int, int, int]]:
+def read_places(path: Location) -> list[tuple[int, int, int]]:
     """(frame index, scene number, sequence) of every row of a paths shard.
 
     :raises InputError: a file that is not a paths shard
@@ -275,7 +275,7 @@ def read_places(path: Path) -> list[tuple[int, int, int]]:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[pq.ParquetFile]:
+def _opened(path: Location) -> Iterator[pq.ParquetFile]:
     try:
         with open_shard(path) as file:
             found = (file.schema_arrow.metadata or {}).get(b"sparseradar_paths")

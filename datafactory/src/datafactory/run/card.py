@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
@@ -18,6 +17,7 @@ from datafactory.frame.chain import FRAMES_WITH
 from datafactory.run.licences import hub_licence, scene_licence
 from shared.dataset import arrow_schema
 from shared.dataset.folder import SPLITS
+from shared.dataset.locations import Location
 from shared.dataset.writing import write_text
 
 CARD = "README.md"
@@ -63,7 +63,7 @@ _SIZES = ((1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000
 _LARGEST = "1M<n<10M"
 
 
-def write_card(directory: Path, manifest: Mapping[str, Any]) -> Path:
+def write_card(directory: Location, manifest: Mapping[str, Any]) -> Location:
     """Write the card of a dataset in one step.
 
     :param manifest: as it is about to be written

@@ -6,7 +6,6 @@ import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TypeVar
 
 import pyarrow as pa
@@ -21,6 +20,7 @@ from datafactory.run.memory import Load
 from datafactory.run.progress import FinishedShard
 from datafactory.run.shards import ShardPlan, write_shard, write_tables
 from shared.dataset import Frame
+from shared.dataset.locations import Location
 from shared.processes.tasks import StepsDone
 from shared.radar import Radar
 
@@ -45,7 +45,7 @@ class Job:
     scenes: tuple[PreparedScene, ...]
     plans: tuple[EffectPlan, ...]
     settings: ChainSettings
-    stored: tuple[tuple[Path, int], ...]
+    stored: tuple[tuple[Location, int], ...]
     schema_message: bytes
 
     @property
@@ -91,7 +91,7 @@ class StepSeconds:
 
 
 def render_shard(
-    job: Job, plan: ShardPlan, directory: Path, fingerprint: str, report: StepsDone
+    job: Job, plan: ShardPlan, directory: Location, fingerprint: str, report: StepsDone
 ) -> tuple[FinishedShard, dict[str, float]]:
     """Write one shard; returns its record with the counts of its frames, and the seconds that each step took.
 
@@ -115,7 +115,7 @@ def render_shard(
 
 
 def trace_shard(
-    job: Job, plan: ShardPlan, directory: Path, fingerprint: str, report: StepsDone
+    job: Job, plan: ShardPlan, directory: Location, fingerprint: str, report: StepsDone
 ) -> tuple[FinishedShard, dict[str, float]]:
     """Write one shard of traced paths; returns what :func:`render_shard` does."""
     counts: Counter[str] = Counter()
@@ -136,5 +136,5 @@ def trace_shard(
     return FinishedShard(record=record, counts=dict(counts), fingerprint=fingerprint), seconds
 
 
-WriteShard = Callable[[Job, ShardPlan, Path, str, StepsDone], tuple[FinishedShard, dict[str, float]]]
+WriteShard = Callable[[Job, ShardPlan, Location, str, StepsDone], tuple[FinishedShard, dict[str, float]]]
 """What makes a shard: :func:`render_shard` or :func:`trace_shard`."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from pathlib import Path
 
 from datafactory.effects.catalogue import EffectSet
 from datafactory.frame.chain import ChainSettings
@@ -12,6 +11,7 @@ from datafactory.frame.points import PointTargets
 from datafactory.scenes.drives import Drives
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import Scene
+from shared.dataset.locations import Location
 from shared.radar import Radar
 
 
@@ -43,7 +43,7 @@ class Order:
     tracks: tuple[tuple[Pose, ...], ...] = ()
     drives: Drives | None = None
     targets: tuple[PointTargets, ...] = ()
-    paths: Path | None = None
+    paths: Location | None = None
     settings: ChainSettings = field(default_factory=ChainSettings)
     effects: EffectSet | None = None
     budget_db: float = DEFAULT_BUDGET_DB

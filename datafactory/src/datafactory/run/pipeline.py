@@ -10,7 +10,6 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 from datafactory.frame.points import rayleigh_length
@@ -28,6 +27,7 @@ from datafactory.run.shards import PATHS, ShardPlan, plan_shards
 from datafactory.run.workers import RunFailed, ShardWork, failure_line, run_shards
 from datafactory.scenes.materials.table import MaterialTable
 from shared.dataset import VERSION, arrow_schema, description
+from shared.dataset.locations import Location
 from shared.signal.tdm import statement
 from shared.signal.windows import angle_window, point_spread
 
@@ -45,7 +45,7 @@ class Report:
     :param seconds: wall-clock seconds of this run, opening and planning its scenes included
     """
 
-    directory: Path
+    directory: Location
     frames: int
     shards_made: int
     shards_kept: int
@@ -68,7 +68,7 @@ class Execution:
     :param advance: takes frames done and frames in all
     """
 
-    directory: Path
+    directory: Location
     workers: int = 1
     resume: bool = False
     keep_going: bool = False
@@ -88,7 +88,7 @@ def render(order: Order, table: MaterialTable, execution: Execution) -> Report:
     """Render a dataset.
 
     :raises InputError: anything wrong with the order or its inputs, before anything is written
-    :raises OSError: the disk fails; what was finished can be resumed
+    :raises OSError: the disk or the store fails; what was finished can be resumed
     :raises RunFailed: worker processes died; what was finished can be resumed
     """
     with claimed(execution.directory, execution.resume):

@@ -10,7 +10,6 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from importlib.metadata import version
 from itertools import combinations
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -35,6 +34,7 @@ from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene
 from datafactory.scenes.tracks import nearest_m
 from datafactory.scenes.traffic.population import sensor_ground
+from shared.dataset.locations import Location
 
 Announce = Callable[[str], None]
 
@@ -56,7 +56,7 @@ class Prepared:
     deal: Deal
     samples: tuple[Sample, ...]
     plans: tuple[EffectPlan, ...]
-    stored: tuple[tuple[Path, int], ...]
+    stored: tuple[tuple[Location, int], ...]
     arguments: dict[str, Any]
     entries: list[dict[str, Any]]
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-import shutil
 from collections.abc import Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,14 +19,18 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from datafactory.run.card import write_card
 from datafactory.run.shards import ShardPlan, write_manifest
+from shared.dataset.claims import claimed as hold
 from shared.dataset.documents import read_json, sealed, unsealed
 from shared.dataset.folder import MANIFEST, ShardRecord, read_manifest
-from shared.dataset.writing import remove_partial, write_json
+from shared.dataset.locations import Location, file_names, file_size
+from shared.dataset.stores import objects_under
+from shared.dataset.writing import is_as_recorded, remove_folder, remove_partial, scratch, write_json
 from shared.physics.errors import InputError
-from shared.processes.lock import claimed as hold
 
 FOLDER = ".progress"
 ARGUMENTS = "arguments.json"
+ASKED_AT_A_TIME = 16
+"""Shards that a store is asked for at a time: an answer takes it tens of milliseconds."""
 LONGEST_VALUE = 200
 """Characters of an argument that are shown."""
 
@@ -50,7 +54,7 @@ class FinishedShard(BaseModel):
 class Progress:
     """What a resumed run need not do again.
 
-    :param shards: finished shards whose size and SHA-256 are still right
+    :param shards: finished shards whose size and SHA-256 are still right, see :func:`is_as_recorded`
     :param damaged: paths of shards that were recorded but are missing or changed, and will be made again
     """
 
@@ -64,7 +68,7 @@ def fingerprint(arguments: Mapping[str, Any]) -> str:
 
 
 @contextmanager
-def claimed(directory: Path, resume: bool) -> Iterator[None]:
+def claimed(directory: Location, resume: bool) -> Iterator[None]:
     """Hold the dataset's folder for one run, from before any work is done until it is over.
 
     A folder that was made for this and that nothing came into is removed again.
@@ -82,7 +86,7 @@ def claimed(directory: Path, resume: bool) -> Iterator[None]:
         yield
 
 
-def begin(directory: Path, arguments: Mapping[str, Any], resume: bool) -> bool:
+def begin(directory: Location, arguments: Mapping[str, Any], resume: bool) -> bool:
     """Begin a run in a claimed folder, or take one up.
 
     :param arguments: those that determine the bytes, as JSON values by the names that the user knows; the manifest's
@@ -92,10 +96,10 @@ def begin(directory: Path, arguments: Mapping[str, Any], resume: bool) -> bool:
     :raises InputError: with ``resume`` a folder that holds something else, or a run with other arguments
     """
     progress = directory / FOLDER
-    if (directory / MANIFEST).is_file():
+    if file_size(directory / MANIFEST) is not None:
         _same_arguments(directory / MANIFEST, directory, read_manifest(directory).get("arguments"), arguments)
         return True
-    if (progress / ARGUMENTS).is_file():
+    if file_size(progress / ARGUMENTS) is not None:
         before = read_json(progress / ARGUMENTS, "an unfinished run; start again in a new folder")
         _same_arguments(progress / ARGUMENTS, directory, before, arguments)
     elif resume and _has_content(directory):
@@ -105,47 +109,53 @@ def begin(directory: Path, arguments: Mapping[str, Any], resume: bool) -> bool:
     return False
 
 
-def is_begun(directory: Path) -> bool:
+def is_begun(directory: Location) -> bool:
     """Whether a run was begun in a folder, and is not finished."""
-    return (directory / FOLDER / ARGUMENTS).is_file()
+    return file_size(directory / FOLDER / ARGUMENTS) is not None
 
 
-def workers_folder(directory: Path) -> Path:
-    """Where the worker processes of a run find their work."""
-    return directory / FOLDER / "workers"
+def workers_folder(directory: Location) -> Path:
+    """Where the worker processes of a run find their work, on this machine."""
+    return (directory / FOLDER if isinstance(directory, Path) else scratch(directory)) / "workers"
 
 
-def _has_content(directory: Path) -> bool:
+def _has_content(directory: Location) -> bool:
     """Whether a folder holds anything but a claim."""
-    return any(item.name != FOLDER for item in directory.iterdir()) or is_begun(directory)
+    if isinstance(directory, Path):
+        return any(item.name != FOLDER for item in directory.iterdir()) or is_begun(directory)
+    begun = f"{FOLDER}/{ARGUMENTS}"
+    return any(not name.startswith(f"{FOLDER}/") or name == begun for name in objects_under(directory))
 
 
-def record_finished(directory: Path, plan: ShardPlan, finished: FinishedShard) -> None:
+def record_finished(directory: Location, plan: ShardPlan, finished: FinishedShard) -> None:
     """Note a shard as finished, after it was written."""
     write_json(_note(directory, plan), sealed(finished.model_dump()))
 
 
-def completed(directory: Path, plans: Iterable[ShardPlan], fingerprint: str) -> Progress:
+def completed(directory: Location, plans: Iterable[ShardPlan], fingerprint: str) -> Progress:
     """The shards of ``plans`` that an earlier run finished, each checked by its size and SHA-256."""
-    shards: dict[ShardPlan, FinishedShard] = {}
-    damaged = []
-    for plan in plans:
-        note = _note(directory, plan)
-        if not note.is_file():
-            continue
-        try:
-            finished = FinishedShard.model_validate(unsealed(note, read_json(note, "the note of a finished shard")))
-        except (InputError, ValidationError):
-            damaged.append(plan.path)
-            continue
-        if finished.fingerprint == fingerprint and is_whole(directory / plan.path, plan, finished.record):
-            shards[plan] = finished
-        else:
-            damaged.append(plan.path)
-    return Progress(shards, tuple(damaged))
+    noted = set(file_names(directory / FOLDER))
+    there = [plan for plan in plans if _note(directory, plan).name in noted]
+    with ThreadPoolExecutor(1 if isinstance(directory, Path) else ASKED_AT_A_TIME) as pool:
+        found = list(pool.map(lambda plan: _finished(directory, plan, fingerprint), there))
+    shards = {plan: finished for plan, finished in zip(there, found, strict=True) if finished is not None}
+    return Progress(shards, tuple(plan.path for plan in there if plan not in shards))
 
 
-def finish(directory: Path, manifest: Mapping[str, Any]) -> Path:
+def _finished(directory: Location, plan: ShardPlan, fingerprint: str) -> FinishedShard | None:
+    """A shard that was noted as finished; None where note or shard are not as they were written."""
+    note = _note(directory, plan)
+    try:
+        finished = FinishedShard.model_validate(unsealed(note, read_json(note, "the note of a finished shard")))
+    except (InputError, ValidationError):
+        return None
+    record = finished.record
+    if finished.fingerprint != fingerprint:
+        return None
+    return finished if is_whole(directory / plan.path, plan, record) else None
+
+
+def finish(directory: Location, manifest: Mapping[str, Any]) -> Location:
     """Write the card of a dataset that holds frames and the manifest, which makes it complete, and remove the notes.
 
     :returns: the manifest's path
@@ -153,25 +163,23 @@ def finish(directory: Path, manifest: Mapping[str, Any]) -> Path:
     if "shapes" in manifest and manifest["shards"]:
         write_card(directory, manifest)
     path = write_manifest(directory, manifest)
-    shutil.rmtree(directory / FOLDER)
+    remove_folder(directory / FOLDER)
+    remove_partial(directory)
     return path
 
 
-def _note(directory: Path, plan: ShardPlan) -> Path:
+def _note(directory: Location, plan: ShardPlan) -> Location:
     return directory / FOLDER / f"{plan.split}-part-{plan.index:05d}.json"
 
 
-def is_whole(path: Path, plan: ShardPlan, record: ShardRecord) -> bool:
-    """Whether a shard is the one planned, with the size and the SHA-256 of its record; it is read as a whole."""
-    if record.path != plan.path or record.rows != len(plan.frame_ids) or not path.is_file():
+def is_whole(path: Location, plan: ShardPlan, record: ShardRecord) -> bool:
+    """Whether a shard is the one planned, with the size and the SHA-256 of its record, see :func:`is_as_recorded`."""
+    if record.path != plan.path or record.rows != len(plan.frame_ids):
         return False
-    if path.stat().st_size != record.bytes:
-        return False
-    with path.open("rb") as handle:
-        return hashlib.file_digest(handle, "sha256").hexdigest() == record.sha256
+    return is_as_recorded(path, record.bytes, record.sha256)
 
 
-def _same_arguments(source: Path, directory: Path, before: Any, now: Mapping[str, Any]) -> None:
+def _same_arguments(source: Location, directory: Location, before: Any, now: Mapping[str, Any]) -> None:
     """Refuse to mix runs: the first argument that differs, with both values."""
     if not isinstance(before, dict):
         raise InputError(source, f"arguments = {before!r}", "the arguments of the run to resume")

@@ -1,6 +1,6 @@
-"""Frames to Parquet shards on disk: which frame goes where, and how a shard becomes complete.
+"""Frames to Parquet shards: which frame goes where, and how a shard becomes complete.
 
-A shard is written beside its final name, flushed to the disk and renamed, so that a file with the final name is whole.
+A file with the final name is whole, see :mod:`shared.dataset.writing`.
 What a killed run had finished is taken up again by :mod:`datafactory.run.progress`.
 """
 
@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
@@ -17,9 +16,9 @@ import pyarrow.parquet as pq
 from shared.dataset import Frame, to_record_batch
 from shared.dataset.documents import sealed
 from shared.dataset.folder import SPLITS
-from shared.dataset.locations import sha256_of
+from shared.dataset.locations import Location, sha256_of
 from shared.dataset.manifest import MANIFEST, ShardRecord
-from shared.dataset.writing import atomic, write_json
+from shared.dataset.writing import atomic, make_folder, write_json
 
 FRAMES_PER_SHARD = 8
 """Frames in a full shard: 12 MB for the default radar, 400 MB with its cubes; a killed run loses at most this many."""
@@ -69,8 +68,8 @@ def plan_shards(frame_splits: Sequence[str], frames_per_shard: int = FRAMES_PER_
     return tuple(plans)
 
 
-def write_shard(path: Path, frames: Iterable[Frame], schema: pa.Schema) -> ShardRecord:
-    """Write one shard, frame by frame; its file has the final name only once it is whole and on the disk.
+def write_shard(path: Location, frames: Iterable[Frame], schema: pa.Schema) -> ShardRecord:
+    """Write one shard, frame by frame; its file has the final name only once it is whole.
 
     :param path: ``DIR/<split>/part-NNNNN.parquet``; the folder is made if need be
     :param frames: at least one; drawn one at a time, so that a shard may exceed the memory
@@ -82,12 +81,12 @@ def write_shard(path: Path, frames: Iterable[Frame], schema: pa.Schema) -> Shard
     return write_tables(path, tables, schema, **_writer_options(schema))
 
 
-def write_tables(path: Path, tables: Iterable[pa.Table], schema: pa.Schema, **options: Any) -> ShardRecord:
+def write_tables(path: Location, tables: Iterable[pa.Table], schema: pa.Schema, **options: Any) -> ShardRecord:
     """Write a Parquet file as :func:`write_shard` does, from tables that hold one frame each.
 
     :param options: of :class:`pyarrow.parquet.ParquetWriter`
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(path.parent)
     rows = 0
     with atomic(path) as partial:
         # A checksum of every page: a bit that flips later is found by whoever reads.
@@ -102,7 +101,7 @@ def write_tables(path: Path, tables: Iterable[pa.Table], schema: pa.Schema, **op
     return ShardRecord(path=f"{path.parent.name}/{path.name}", rows=rows, bytes=size, sha256=digest)
 
 
-def write_manifest(directory: Path, manifest: Mapping[str, Any]) -> Path:
+def write_manifest(directory: Location, manifest: Mapping[str, Any]) -> Location:
     """Write ``DIR/manifest.json`` in one step, keys sorted.
 
     The pipeline fills it: ``version``, ``shards`` (one :class:`ShardRecord` each, as a dict), ``arguments``, radar and

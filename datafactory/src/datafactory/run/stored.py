@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
@@ -15,6 +14,7 @@ from datafactory.paths.defaults import DEFAULT_RAYS
 from datafactory.paths.storage import read_places
 from datafactory.run.order import Order
 from datafactory.run.shards import PATHS
+from shared.dataset.locations import Location
 from shared.dataset.manifest import MANIFEST, ShardRecord, read_manifest, shard_records
 from shared.physics.errors import InputError
 from shared.radar import first_validation_error
@@ -32,7 +32,7 @@ class StoredPaths:
     :param checksums: SHA-256 of the shards
     """
 
-    places: tuple[tuple[Path, int], ...]
+    places: tuple[tuple[Location, int], ...]
     scene_numbers: tuple[int, ...]
     sequences: tuple[int, ...]
     plans: tuple[EffectPlan, ...]
@@ -92,7 +92,7 @@ class _Traced(BaseModel):
     scenes: tuple[_Scene, ...]
 
 
-def stored_paths(order: Order, folder: Path) -> StoredPaths:
+def stored_paths(order: Order, folder: Location) -> StoredPaths:
     """The paths of a folder, with the effects that they were traced with, or those asked for where they hold them.
 
     :raises InputError: a folder without traced paths, of another version or polarisation, or whose paths were traced
@@ -135,10 +135,10 @@ def _plan_of(scene: _Scene, budget_db: float) -> EffectPlan:
 
 
 def _places(
-    folder: Path, records: Sequence[ShardRecord], scenes: int
-) -> tuple[tuple[tuple[Path, int], ...], tuple[int, ...], tuple[int, ...]]:
+    folder: Location, records: Sequence[ShardRecord], scenes: int
+) -> tuple[tuple[tuple[Location, int], ...], tuple[int, ...], tuple[int, ...]]:
     """Shard and row, scene number and sequence of every frame index: the rows say it."""
-    found: dict[int, tuple[tuple[Path, int], int, int]] = {}
+    found: dict[int, tuple[tuple[Location, int], int, int]] = {}
     for record in records:
         shard = folder / record.path
         for row, (frame_id, scene, sequence) in enumerate(read_places(shard)):
@@ -155,14 +155,14 @@ def _places(
     return places, scene_numbers, sequences
 
 
-def traced_split(folder: Path) -> str | None:
+def traced_split(folder: Location) -> str | None:
     """The split pattern that a folder's paths were traced with; None where it says nothing of the kind."""
     arguments = read_manifest(folder).get("arguments")
     split = arguments.get("split") if isinstance(arguments, dict) else None
     return split if isinstance(split, str) else None
 
 
-def traced_rays(folder: Path) -> int:
+def traced_rays(folder: Location) -> int:
     """Rays of a frame that a folder's paths were traced with, or the usual number where it says nothing of the kind."""
     arguments = read_manifest(folder).get("arguments")
     trace = arguments.get("trace") if isinstance(arguments, dict) else None
@@ -170,7 +170,7 @@ def traced_rays(folder: Path) -> int:
     return rays if isinstance(rays, int) else DEFAULT_RAYS
 
 
-def _require_same_regions(folder: Path, arguments: dict[str, Any], split: str) -> None:
+def _require_same_regions(folder: Location, arguments: dict[str, Any], split: str) -> None:
     """Drawn poses stand in the region of their frame's split: another split would test where was trained."""
     traced = arguments.get("split")
     if not (arguments.get("poses") or arguments.get("tracks")) and traced != split:
@@ -178,7 +178,7 @@ def _require_same_regions(folder: Path, arguments: dict[str, Any], split: str) -
         raise InputError("--split", problem, f"--split {traced}, or datafactory trace with this split")
 
 
-def _require_same_paths(folder: Path, scene: str, traced: EffectSet, asked: EffectSet) -> None:
+def _require_same_paths(folder: Location, scene: str, traced: EffectSet, asked: EffectSet) -> None:
     """Which paths there are was settled when they were traced."""
     for name in PATH_EFFECTS:
         if getattr(traced, name) != getattr(asked, name):

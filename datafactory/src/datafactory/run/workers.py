@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 from datafactory.paths.backend import select_variant, set_threads
 from datafactory.run.job import Job, WriteShard
 from datafactory.run.progress import FinishedShard, record_finished
 from datafactory.run.shards import ShardPlan
+from shared.dataset.locations import Location
 from shared.dataset.writing import remove_partial
 from shared.processes.tasks import Pool, StepsDone
 
@@ -36,7 +36,7 @@ class ShardWork:
 
     job: Job
     write: WriteShard
-    directory: Path
+    directory: Location
     mark: str
 
     def begin(self) -> None:

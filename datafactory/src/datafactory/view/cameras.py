@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from io import BytesIO
-from pathlib import Path
 
 import numpy as np
 from matplotlib.image import imread, imsave
@@ -23,9 +22,10 @@ from datafactory.view.camera import camera_picture
 from datafactory.view.subject import Subject
 from shared.dataset import Frame
 from shared.dataset.folder import CAMERA, Dataset, camera_path
+from shared.dataset.locations import Location, file_size
 from shared.dataset.manifest import MANIFEST
 from shared.dataset.reading import radar_of
-from shared.dataset.writing import atomic
+from shared.dataset.writing import atomic, make_folder
 from shared.physics.errors import InputError
 from shared.radar import first_validation_error
 
@@ -110,15 +110,13 @@ def stored_picture(dataset: Dataset, frame_id: int) -> NDArray[np.uint8] | None:
         ) from error
 
 
-def write_cameras(dataset: Dataset, cameras: Cameras) -> Iterator[Path]:
+def write_cameras(dataset: Dataset, cameras: Cameras) -> Iterator[Location]:
     """Write the camera pictures of all scene frames that have none yet, one after the other."""
-    assert isinstance(dataset.path, Path)  # a run writes here
-    (dataset.path / CAMERA).mkdir(exist_ok=True)
+    make_folder(dataset.path / CAMERA)
     for split in dataset.splits:
         for frame in dataset.frames(split, columns=()):
             path, subject = camera_path(dataset.path, frame.frame_id), cameras.subject(frame)
-            assert isinstance(path, Path)
-            if subject is None or path.is_file():
+            if subject is None or file_size(path) is not None:
                 continue
             with atomic(path) as partial:
                 imsave(partial, camera_picture(subject), format="png", metadata={"Software": ""})

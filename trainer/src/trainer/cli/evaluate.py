@@ -18,7 +18,7 @@ def evaluate(
     dataset: Annotated[
         str | None,
         typer.Argument(
-            help="Folder of a dataset with a test split, also s3:// or gs://; none for --measured alone.",
+            help="Folder of a dataset with a test split, also s3://, hf:// or https://; none for --measured alone.",
             show_default=False,
         ),
     ] = None,

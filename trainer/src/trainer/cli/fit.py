@@ -15,7 +15,10 @@ BY_RECIPE = "by recipe and device"
 
 def fit(
     datasets: Annotated[
-        list[str], typer.Argument(help="Folders of datasets of one radar; also s3:// and gs://.", show_default=False)
+        list[str],
+        typer.Argument(
+            help="Folders of datasets of one radar; also s3://, gs://, hf:// and https://.", show_default=False
+        ),
     ],
     out: Annotated[Path, typer.Option("--out", help="Run folder; new or empty.", show_default=False)],
     array: Annotated[str, typer.Option(help="full, sparse6, sparse4 or a TOML file with rx = [...].")] = "sparse6",

@@ -15,8 +15,8 @@ def predict(
         list[str],
         typer.Argument(
             metavar="[RUN] INPUT",
-            help="Run folder of trainer fit, unless --pretrained or --method; then a dataset, also s3:// or gs://, or "
-            "a cube as .npy or .npz.",
+            help="Run folder of trainer fit, unless --pretrained or --method; then a dataset, also s3://, hf:// "
+            "or https://, or a cube as .npy or .npz.",
             show_default=False,
         ),
     ],

@@ -14,14 +14,14 @@ from contextlib import suppress
 from dataclasses import dataclass
 from itertools import count
 from multiprocessing.connection import Connection
-from pathlib import Path
 from typing import Any
 
 from datafactory.run.cluster.messages import PROBE_S, Begin, Connect, Connected, Look, Outcome, Reached
-from datafactory.run.cluster.node import Steps, make_shard
+from datafactory.run.cluster.node import make_shard
+from datafactory.run.cluster.steps import Steps
 from datafactory.run.cluster.surroundings import difference, look_around, processor, surroundings, unlike
 from datafactory.run.shards import ShardPlan
-from shared.dataset.writing import write_bytes
+from shared.dataset.writing import make_folder, write_bytes
 from shared.physics.errors import InputError
 from shared.processes.pool import end_with_parent
 
@@ -151,7 +151,7 @@ class Driver:
 
         self._pipe = pipe
         begin: Begin = pipe.recv()
-        self._directory, self._memory = Path(begin.directory), begin.memory
+        self._directory, self._memory = begin.directory, begin.memory
         self._given = ray.put(begin.given)
         # Ray itself tries nothing again: how often a shard was tried is counted in one place, by the command.
         self._make: Any = ray.remote(make_shard).options(num_returns=2, num_cpus=1, memory=begin.memory, max_retries=0)
@@ -207,7 +207,7 @@ class Driver:
         except (exceptions.NodeDiedError, exceptions.ObjectLostError):
             return Outcome(task.plan, lost=True)
         path = self._directory / task.plan.path
-        path.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(path.parent)
         write_bytes(path, memoryview(content))
         return Outcome(task.plan, result=result)
 

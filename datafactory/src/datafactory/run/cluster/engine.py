@@ -19,6 +19,7 @@ from datafactory.run.cluster.messages import PROBE_S, Begin, Connect, Connected,
 from datafactory.run.cluster.node import Given, surroundings_of
 from datafactory.run.shards import ShardPlan
 from datafactory.run.workers import RunFailed, ShardResult, ShardWork
+from shared.dataset.locations import absolute
 from shared.physics.errors import InputError
 from shared.processes.pool import AHEAD, without_interrupts
 from shared.processes.tasks import Attempts, Finished
@@ -95,7 +96,7 @@ class _Driver:
             problem = f"{where} does not answer within {timeout_s:.0f} s"
             raise InputError("--address", problem, EXPECTED)
         try:
-            message = self._checked(self._pipe.recv())
+            message = _checked(self._pipe.recv())
         except (EOFError, OSError):
             raise InputError("--address", f"{where} cannot be joined", EXPECTED) from None
         assert isinstance(message, kind)
@@ -105,18 +106,15 @@ class _Driver:
         """What came within this time [s].
 
         :raises RunFailed: it has ended
+        :raises OSError: it cannot write a shard
         """
         while self._pipe.poll(timeout_s):
             try:
-                yield self._checked(self._pipe.recv())
+                message = self._pipe.recv()
             except (EOFError, OSError) as error:
                 raise RunFailed(GONE) from error
+            yield _checked(message)
             timeout_s = 0.0
-
-    def _checked(self, message: Any) -> Any:
-        if isinstance(message, Exception):
-            raise message
-        return message
 
     def end(self) -> None:
         """Let it end what it had begun; it may have ended before."""
@@ -126,6 +124,13 @@ class _Driver:
             return
         self._process.kill()  # Ray ends the tasks of a driver that is gone
         self._process.wait()
+
+
+def _checked(message: Any) -> Any:
+    """What the driver says; what went wrong there is raised here."""
+    if isinstance(message, Exception):
+        raise message
+    return message
 
 
 def _require_answer(address: str) -> None:
@@ -144,7 +149,7 @@ def _require_answer(address: str) -> None:
 
 def _as_seen_from_anywhere(work: ShardWork) -> ShardWork:
     """The folder that a command runs in is not that of a node's processes."""
-    stored = tuple((path.absolute(), row) for path, row in work.job.stored)
+    stored = tuple((absolute(path), row) for path, row in work.job.stored)
     return replace(work, job=replace(work.job, stored=stored))
 
 
@@ -189,7 +194,7 @@ class RayPool:
 
     def __enter__(self) -> RayPool:
         given = cloudpickle.dumps(Given(_as_seen_from_anywhere(self._work), surroundings_of(self._work)))
-        self._driver.send(Begin(given, str(self._work.directory.absolute()), self._memory))
+        self._driver.send(Begin(given, absolute(self._work.directory), self._memory))
         return self
 
     def __exit__(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from datafactory.run.progress import FinishedShard
 from datafactory.run.shards import ShardPlan
 from datafactory.run.workers import Seconds
+from shared.dataset.locations import Location
 
 PROBE_S = 120.0
 """Within this a node has to say what is installed on it; the first process of a node takes some seconds to start."""
@@ -49,7 +50,7 @@ class Begin:
     """
 
     given: bytes
-    directory: str
+    directory: Location
     memory: int
 
 

@@ -11,7 +11,6 @@ import pickle
 import platform
 import shutil
 import tempfile
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -26,6 +25,7 @@ from datafactory.run.cluster.surroundings import difference, surroundings, trace
 from datafactory.run.progress import FinishedShard
 from datafactory.run.shards import ShardPlan
 from datafactory.run.workers import Seconds, ShardWork
+from shared.dataset.locations import file_size
 from shared.physics.errors import InputError
 
 SCRATCH = f"sparseradar-shard-{platform.node()}-"
@@ -48,21 +48,6 @@ class Given:
     like: Mapping[str, str]
 
 
-class Steps:
-    """An actor that counts the steps of running tasks. Where its process is lost, so are counts, and nothing else."""
-
-    def __init__(self) -> None:
-        self._done: Counter[int] = Counter()
-
-    def add(self, ticket: int, count: int) -> None:
-        """:param ticket: of the task, a number that no other has"""
-        self._done[ticket] += count
-
-    def done(self) -> dict[int, int]:
-        """Steps by ticket."""
-        return dict(self._done)
-
-
 def make_shard(
     plan: ShardPlan, ticket: int, given: list[Any], steps: Any
 ) -> tuple[tuple[FinishedShard, Seconds], UInt8[np.ndarray, " size"]]:
@@ -70,7 +55,7 @@ def make_shard(
 
     :param ticket: of this attempt, a number that no other has
     :param given: the reference of a pickled :class:`Given`; in a list, because Ray would fetch it for every task
-    :param steps: the handle of :class:`Steps`
+    :param steps: the handle of :class:`datafactory.run.cluster.steps.Steps`
     :raises InputError: a node that is not like the user's machine
     """
     work = _ready_for(given[0])
@@ -90,7 +75,7 @@ def _ready_for(given: Any) -> ShardWork:
     except (ImportError, AttributeError) as error:  # a class of the user's own, say a target's
         raise InputError("--engine", f"{where()} lacks what this run needs: {error}", "it on all nodes") from error
     for path in {path for path, _ in read.work.job.stored}:
-        if not path.is_file():
+        if file_size(path) is None:
             problem = f"node {where()} has no file {path}"
             raise InputError("--paths", problem, "a folder that every node sees under the same name")
     read.work.begin()

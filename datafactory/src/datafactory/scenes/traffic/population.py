@@ -135,7 +135,8 @@ def passed_by(scene: Scene, ground: Ground) -> Mask:
     """[nx, ny] cells that the scene's own traffic comes near to."""
     marked = np.zeros_like(ground.free)
     ends, step = PASSING_S
-    for item in (*scene.objects, *scene.targets):
+    items: tuple[SceneObject | PointTarget, ...] = (*scene.objects, *scene.targets)
+    for item in items:
         if not _moves(item):
             continue
         for time_s in np.arange(0.0, ends, step):
@@ -170,8 +171,7 @@ def sensor_ground(scene: Scene) -> Ground:
     targets = tuple(target for target in scene.targets if target.name not in moving)
     ground = free_ground(replace(scene, objects=objects, targets=targets))
     road = ground.road.copy()
-    i, j = np.indices(road.shape)
-    x, y = (ground.origin[axis] + (index + 0.5) * ground.cell_m for axis, index in enumerate((i, j)))
+    x, y = np.array(ground.origin)[:, None, None] + (np.indices(road.shape) + 0.5) * ground.cell_m
     for strip in population.roads:
         lanes = Strip(strip.middle, strip.heading_rad, strip.length_m, min(LANE_M, strip.half_width_m))
         road |= ground.free & lanes.holds(x, y)

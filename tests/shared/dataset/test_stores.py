@@ -1,0 +1,164 @@
+"""Objects that are whole or not there, against moto's S3 server: writing, checking, and a store that fails."""
+
+import hashlib
+import sys
+
+import numpy as np
+import pytest
+from s3_server import SECRET, s3_server, set_credentials
+
+from shared.dataset import stores
+from shared.dataset.locations import RemotePath, locate
+from shared.dataset.writing import PARTIAL, atomic, is_as_recorded, remove_folder, remove_partial, scratch, write_bytes
+from shared.physics.errors import InputError
+
+
+@pytest.fixture(scope="module")
+def server():
+    with s3_server() as running:
+        yield running
+
+
+@pytest.fixture
+def folder(server, monkeypatch, tmp_path):
+    """A folder of this test's own in the bucket; what is on its way there stands below ``tmp_path``."""
+    set_credentials(monkeypatch)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    yield locate(server.uri(f"{tmp_path.name}/set"))
+    server.mend()
+
+
+def asked(path):
+    """What the store says of an object that is there."""
+    found = stores.kept(path)
+    assert found is not None
+    return found
+
+
+def sha256(content):
+    return hashlib.sha256(content).hexdigest()
+
+
+def test_an_object_is_what_was_written_and_nothing_stays_here(server, folder, tmp_path):
+    with atomic(folder / "train/part.bin") as partial:
+        partial.write_bytes(b"first")
+        assert server.keys(folder.key.partition("/")[2]) == []
+    assert server.objects() == {f"{tmp_path.name}/set/train/part.bin": b"first"}
+    write_bytes(folder / "train/part.bin", b"second")
+    assert (folder / "train/part.bin").read_bytes() == b"second"
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
+
+
+def test_a_body_that_raises_sends_nothing(server, folder, tmp_path):
+    def interrupted(partial):
+        partial.write_bytes(b"new, half")
+        raise RuntimeError
+
+    write_bytes(folder / "a", b"old")
+    with pytest.raises(RuntimeError), atomic(folder / "a") as partial:
+        interrupted(partial)
+    assert (folder / "a").read_bytes() == b"old"
+    assert list(tmp_path.rglob(f"*{PARTIAL}")) == []
+
+
+def test_a_large_object_goes_in_parts_or_not_at_all(server, folder, monkeypatch):
+    monkeypatch.setattr(stores, "PART_BYTES", 5 << 20)
+    content = np.random.default_rng(0).bytes(12 << 20)
+    write_bytes(folder / "large", content)
+    assert (folder / "large").read_bytes() == content
+    assert asked(folder / "large").tag.endswith('-3"')
+    assert is_as_recorded(folder / "large", len(content), sha256(content))
+    server.fail(method="PUT", path="other", after=1, status=500)  # the second part and all after it
+    with pytest.raises(OSError, match="the store answers InternalError") as caught:
+        write_bytes(folder / "other", content)
+    assert caught.value.filename == str(folder / "other")
+    server.mend()
+    assert (folder / "other").size() is None
+    assert server.unfinished() == 0
+
+
+def test_a_finished_object_is_checked_without_being_sent(server, folder):
+    content = b"of a shard"
+    write_bytes(folder / "part", content)
+    server.fail(method="GET", path="part", status=500)
+    assert is_as_recorded(folder / "part", len(content), sha256(content))
+    assert not is_as_recorded(folder / "part", len(content) + 1, sha256(content))
+    assert not is_as_recorded(folder / "part", len(content), sha256(b"other"))
+    assert not is_as_recorded(folder / "none", len(content), sha256(content))
+
+
+def test_an_object_that_something_else_wrote_is_read(server, folder):
+    content = b"of a shard"
+    server.request("PUT", f"/{(folder / 'part').key}", content)
+    assert asked(folder / "part").sha256 is None
+    assert is_as_recorded(folder / "part", len(content), sha256(content))
+    assert not is_as_recorded(folder / "part", len(content), sha256(b"of a shaft"))
+
+
+def test_only_one_of_two_writes_that_depend_on_the_same_state_succeeds(folder):
+    first = stores.put_if(folder / "lock", b"one", None)
+    assert first
+    assert stores.put_if(folder / "lock", b"two", None) is None
+    assert stores.put_if(folder / "lock", b"two", first)
+    assert stores.put_if(folder / "lock", b"three", first) is None
+    stores.remove(folder / "lock", folder / "lock")
+    assert stores.put_if(folder / "lock", b"three", first) is None
+    assert (folder / "lock").size() is None
+
+
+def test_a_folder_is_listed_and_removed_with_all_that_is_in_it(folder):
+    for name in ("a", "b/c", "b/d/e"):
+        write_bytes(folder / name, b"x")
+    write_bytes(folder.parent / "settings", b"y")  # its name begins as the folder's does
+    assert sorted(stores.objects_under(folder)) == ["a", "b/c", "b/d/e"]
+    remove_folder(folder / "b")
+    assert list(stores.objects_under(folder)) == ["a"]
+    remove_folder(folder)
+    assert list(stores.objects_under(folder.parent)) == ["settings"]
+
+
+@pytest.mark.parametrize(
+    ("status", "words"),
+    [(403, "AccessDenied, made to fail .credentials are looked for in the environment"), (500, "InternalError, made")],
+)
+def test_a_store_that_fails_is_one_line_that_names_the_object(server, folder, status, words):
+    server.fail(method="PUT", path="", status=status)
+    with pytest.raises(OSError, match=words) as caught:
+        write_bytes(folder / "a", b"x")
+    assert "\n" not in str(caught.value)
+    assert SECRET not in str(caught.value)
+    assert caught.value.__cause__ is None
+
+
+def test_a_request_is_repeated(server, folder):
+    server.fail(method="PUT", path="", status=500, times=1)
+    write_bytes(folder / "a", b"x")
+    assert (folder / "a").read_bytes() == b"x"
+
+
+def test_a_missing_bucket_is_another_thing_than_a_missing_object(server, folder):
+    elsewhere = locate(server.uri("set", bucket="nowhere"))
+    assert isinstance(elsewhere, RemotePath)
+    for write in (
+        lambda: write_bytes(elsewhere / "a", b"x"),
+        lambda: stores.put_if(elsewhere / "a", b"x", None),
+        lambda: list(stores.objects_under(elsewhere)),
+    ):
+        with pytest.raises(OSError, match="NoSuchBucket"):
+            write()
+
+
+def test_what_a_killed_process_left_here_is_found_by_the_next(folder):
+    (scratch(folder / "train/part") / "1-part.partial").write_bytes(b"half")
+    assert scratch(folder) == scratch(folder / "train")
+    remove_partial(folder)
+    assert list(scratch(folder).iterdir()) == []
+
+
+def test_a_place_that_is_only_read_is_refused(folder, monkeypatch):
+    with pytest.raises(InputError, match=r"http://localhost/set/a: is only read; expected a local folder, s3:// or"):
+        write_bytes(locate("http://localhost/set") / "a", b"x")
+    stores._client.cache_clear()
+    monkeypatch.setitem(sys.modules, "obstore.store", None)
+    with pytest.raises(InputError, match=r"needs obstore; expected pip install 'sparseradar-shared\[s3\]'"):
+        write_bytes(folder / "a", b"x")
