@@ -195,13 +195,15 @@ def run(make: Make, verbose: bool) -> Report:
 
 
 def next_step(out: str, shard: str | None, step: str) -> None:
-    """Print the command that comes next: of a job it is the merge.
+    """Print the command that comes next: of a job it is the merge, which takes local folders.
 
     :param step: what comes next of a run in one piece
     """
-    typer.echo(
-        step if shard is None else f"next:  datafactory merge {out} --out ANOTHER_FOLDER, once all jobs are done"
-    )
+    if shard is not None:
+        step = f"next:  datafactory merge {out} --out ANOTHER_FOLDER, once all jobs are done"
+        if "://" in out:
+            step = f"next:  once all jobs are done, copy {out} to a local FOLDER; datafactory merge FOLDER --out DIR"
+    typer.echo(step)
 
 
 def one_scene(name: str | None, scene: str | None) -> str | None:
