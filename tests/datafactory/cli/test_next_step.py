@@ -14,7 +14,8 @@ from datafactory.cli.options import next_step
         (
             "s3://bucket/jobs",
             "0/4",
-            "next:  once all jobs are done, copy s3://bucket/jobs to a local FOLDER; datafactory merge FOLDER --out DIR",
+            "next:  once all jobs are done, copy s3://bucket/jobs to a local FOLDER; "
+            "datafactory merge FOLDER --out DIR",
         ),
     ],
 )
