@@ -101,10 +101,17 @@ def require_no_secret(server: Server, tmp_path: Path) -> None:
     assert not any(word.encode() in content for content in contents for word in (SECRET, KEY))
 
 
-@pytest.mark.parametrize("workers", [1, 2])
-def test_the_objects_are_the_files_of_a_local_run(workers, server, radar_file, reference, tmp_path):
-    name = f"whole{workers}"
-    done = command(*POINTS, "--workers", workers, "--radar", radar_file, "--out", server.uri(name))
+@pytest.mark.parametrize(
+    ("name", "how"),
+    [
+        ("one", ("--workers", 1)),
+        ("two", ("--workers", 2)),
+        # Only the command writes: the nodes need not reach the store.
+        pytest.param("cluster", ("--workers", 2, "--engine", "ray"), marks=pytest.mark.slow),
+    ],
+)
+def test_the_objects_are_the_files_of_a_local_run(name, how, server, radar_file, reference, tmp_path):
+    done = command(*POINTS, *how, "--radar", radar_file, "--out", server.uri(name))
     assert done.status == 0, done.err
     assert but_made(stored(server, name)) == reference
     assert [path for path in (tmp_path / "tmp").rglob("*") if path.is_file()] == []

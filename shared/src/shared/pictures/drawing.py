@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import Float
 
 from shared.pictures.levels import SPAN_DB, hold_peaks
 
@@ -28,7 +28,7 @@ PANEL_PIXELS = 320, 300
 
 def draw_levels(
     axis: Axes,
-    levels_db: NDArray[np.floating],
+    levels_db: Float[np.ndarray, "rows columns"],
     range_step_m: float,
     u_start: float,
     u_step: float,
@@ -55,9 +55,9 @@ def draw_levels(
 
 def draw_from_above(
     axis: Axes,
-    levels_db: NDArray[np.floating],
+    levels_db: Float[np.ndarray, "rows columns"],
     range_step_m: float,
-    u: NDArray[np.floating],
+    u: Float[np.ndarray, " columns"],
     pixels: tuple[int, int] = PANEL_PIXELS,
 ) -> QuadMesh:
     """Levels [R, U] of the range bins from 0 on in the plane: x = r sqrt(1 - u^2) ahead, y = r u to the left [m].

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import Float, Float64
 
 from shared.physics.units import amplitude_to_db
 
@@ -11,14 +11,16 @@ SPAN_DB = 40.0
 """Levels shown below 0 dB [dB]."""
 
 
-def level_db(image: NDArray[np.floating], reference: float, span_db: float = SPAN_DB) -> NDArray[np.float64]:
+def level_db(
+    image: Float[np.ndarray, "*shape"], reference: float, span_db: float = SPAN_DB
+) -> Float64[np.ndarray, "*shape"]:
     """Level of magnitudes over ``reference`` [dB], cut at -``span_db`` and 0; the floor where there is no reference."""
     if not reference > 0.0:
         return np.full(np.shape(image), -span_db)
     return np.clip(amplitude_to_db(np.asarray(image, dtype=np.float64) / reference), -span_db, 0.0)
 
 
-def range_weighted(image: NDArray[np.floating]) -> NDArray[np.float64]:
+def range_weighted(image: Float[np.ndarray, "rows columns"]) -> Float64[np.ndarray, "rows columns"]:
     """[R, U] amplitudes times range bin.
 
     An echo's amplitude falls with R^2 and a picture has 40 dB: without the weight only the nearest metres would show.
@@ -27,8 +29,10 @@ def range_weighted(image: NDArray[np.floating]) -> NDArray[np.float64]:
 
 
 def range_weighted_db(
-    image: NDArray[np.floating], span_db: float = SPAN_DB, reference: NDArray[np.floating] | None = None
-) -> NDArray[np.float64]:
+    image: Float[np.ndarray, "rows columns"],
+    span_db: float = SPAN_DB,
+    reference: Float[np.ndarray, "rows columns"] | None = None,
+) -> Float64[np.ndarray, "rows columns"]:
     """[R, U] level below the maximum of the image, or of a reference, weighted by range,
     from -``span_db`` to 0 [dB]."""
     weighted = range_weighted(image)
@@ -36,7 +40,9 @@ def range_weighted_db(
     return level_db(weighted, float(brightest), span_db)
 
 
-def hold_peaks(levels_db: NDArray[np.floating], pixels: tuple[int, int]) -> tuple[NDArray[np.floating], int, int]:
+def hold_peaks(
+    levels_db: Float[np.ndarray, "rows columns"], pixels: tuple[int, int]
+) -> tuple[Float[np.ndarray, "held_rows held_columns"], int, int]:
     """(the highest level of every block of bins, the rows and columns of a block), at most ``pixels`` blocks.
 
     A panel has fewer pixels than an image has bins, and a target is one bin: drawn by the nearest, two of three vanish.
