@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import os
 import sys
+import tempfile
 import time
 from contextlib import suppress
 from dataclasses import dataclass
@@ -34,6 +35,8 @@ QUIET = {
     "RAY_DEDUP_LOGS": "0",
     "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",  # silences a warning about the default that will change
 }
+LONGEST_TEMPORARY = 38
+"""Characters of a temporary folder below which Ray's sockets, 68 characters on, have paths that Linux takes."""
 
 
 def main() -> None:
@@ -41,6 +44,8 @@ def main() -> None:
     end_with_parent(os.getppid())
     pipe = Connection(int(sys.argv[-1]))
     os.environ |= QUIET
+    if len(tempfile.gettempdir()) > LONGEST_TEMPORARY:
+        os.environ.setdefault("RAY_TMPDIR", "/tmp")
     try:
         _connect(pipe.recv())
         pipe.send(Reached())
