@@ -19,7 +19,14 @@ if TYPE_CHECKING:
 # Behind everything else on the path: the folder tests/shared must not come before the package of that name.
 sys.path.append(str(Path(__file__).resolve().parent))
 
-CHECKED = ("shared.physics", "shared.pictures", "shared.radar", "shared.signal", "datafactory.synthesis", "trainer.networks")
+CHECKED = (
+    "shared.physics",
+    "shared.pictures",
+    "shared.radar",
+    "shared.signal",
+    "datafactory.synthesis",
+    "trainer.networks",
+)
 """Packages whose annotations, array shapes among them, are checked at every call under test."""
 # Before they are imported, so that this file imports none of them at its top.
 install_import_hook(CHECKED, "array_shapes.checked")

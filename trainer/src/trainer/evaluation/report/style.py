@@ -147,7 +147,7 @@ def subplots(figure: Figure, rows: int, columns: int, **arguments: Any) -> NDArr
 def draw_image(axis: Axes, levels_db: NDArray[np.floating], radar: Radar, title: str, first_row: int = 0) -> None:
     """Levels [n, U] of the range bins from ``first_row`` on, the radar's left on the left."""
     draw_levels(
-        axis, levels_db, radar.waveform.range_step_m, radar.grid.u_start, radar.grid.step, first_row, PANEL_PIXELS
+        axis, levels_db, radar.waveform.range_step_m, radar.grid.u_start, radar.grid.step, int(first_row), PANEL_PIXELS
     )
     axis.set_title(figure_text(title))
 
