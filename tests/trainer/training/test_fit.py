@@ -95,19 +95,19 @@ def flashed(index):
 
 
 @pytest.mark.parametrize("learned", [0, 2])
-def test_a_short_fit_of_the_unrolled_network_is_no_worse_than_the_view_that_it_begins_with(tmp_path, learned):
-    """Its thirty steps alone take the error from 0.00 to 0.13 here: what they have learned to add to common rows does
-    not suit one of 80 dB in which nothing stands. The run keeps the best weights, the first among them."""
+def test_the_weights_kept_are_no_worse_than_the_view_that_training_begins_with(tmp_path, learned):
+    """Beside rows of 80 dB in which nothing else stands, where thirty steps can make an image worse."""
     frames = {"train": [frame(i) for i in range(8)], "validation": [flashed(100), flashed(101)], "test": [frame(200)]}
     dataset = write_dataset(tmp_path / "data", frames)
     config = FitConfig(iterations=8, learned=learned, rows=0, points=1, steps=30, validate_every=30)
     result, _ = run(dataset, tmp_path / "run", config)
     view = Imager(result.config, result.radar, result.array)  # untrained
+    rows = {row["step"]: row for row in metrics(tmp_path / "run")}
+    best = min(rows.values(), key=lambda row: float(row["validation_loss"]))
     found, first = (validation_nmse(imager, dataset) for imager in (load_imager(tmp_path / "run")[1], view))
-    assert found <= 1.001 * first
-    rows = {row["step"]: float(row["validation_nmse"]) for row in metrics(tmp_path / "run")}
-    assert rows["0"] == pytest.approx(first, rel=1e-3)
-    assert min(rows.values()) == pytest.approx(found, rel=1e-3)
+    assert float(best["validation_loss"]) <= float(rows["0"]["validation_loss"])
+    assert float(rows["0"]["validation_nmse"]) == pytest.approx(first, rel=1e-3)
+    assert float(best["validation_nmse"]) == pytest.approx(found, rel=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -353,10 +353,10 @@ def test_a_run_that_no_longer_improves_stops_early(dataset, tmp_path):
     assert len(metrics(tmp_path / "run")) < 40
 
 
-def test_the_best_weights_are_those_of_the_least_normalised_error(dataset, tmp_path):
+def test_the_best_weights_are_those_of_the_least_loss(dataset, tmp_path):
     run(dataset, tmp_path / "run", TINY.model_copy(update={"steps": 8, "validate_every": 1}))
     rows = metrics(tmp_path / "run")
-    best = min(rows, key=lambda row: float(row["validation_nmse"]))
+    best = min(rows, key=lambda row: float(row["validation_loss"]))
     imager = load_imager(tmp_path / "run")[1]
     assert imager.gain == pytest.approx(float(best["validation_gain"]), rel=1e-6)
     # What the metrics say is what the weights and the gain give.

@@ -33,6 +33,7 @@ from trainer.metrics.resolution import resolved, strongest_peaks
 from trainer.run.configuration import FitConfig
 from trainer.run.folder import METRICS, RUN_FILE, Run, load_imager
 from trainer.run.imager import Imager
+from trainer.training.callbacks import LOSS
 from trainer.training.fit import fit
 from trainer.training.frame_scores import image_and_score, score_network
 from trainer.training.recipes import VARIANTS
@@ -141,10 +142,10 @@ def table(
 
 
 def best_validation(run_directory: Path) -> float:
-    """Normalised error on the validation frames of the weights that a run kept."""
+    """Normalised error on the validation frames of the weights that a run kept, those of the least loss."""
     with (run_directory / METRICS).open(encoding="utf-8", newline="") as handle:
         rows = list(csv.DictReader(handle))
-    return min(float(row["validation_nmse"]) for row in rows)
+    return float(min(rows, key=lambda row: float(row[LOSS]))["validation_nmse"])
 
 
 def behind(run_directory: Path, array: str) -> Imager:

@@ -24,8 +24,7 @@ from trainer.run.claim import output_folder
 from trainer.run.configuration import FitConfig
 from trainer.run.folder import CHECKPOINT, RUN_FILE, WEIGHTS, Run, Start, load_imager, read_run, versions, write_run
 from trainer.run.imager import Imager
-from trainer.run.targets import PROBABILITY, UNITS
-from trainer.training.callbacks import LOSS, NMSE, Interrupts, PictureLogger, RunKeeper
+from trainer.training.callbacks import LOSS, Interrupts, PictureLogger, RunKeeper
 from trainer.training.checkpoint import not_restored, require_checkpoint
 from trainer.training.datamodule import ImagingData
 from trainer.training.doa import DoaData, DoaTask
@@ -147,9 +146,7 @@ def _fit(
     keeper, interrupts = RunKeeper(out, announce), Interrupts(first)
     callbacks: list[Callback] = [keeper, interrupts, *([] if online else [PictureLogger()])]
     if config.patience:
-        watched = LOSS if UNITS[config.target] == PROBABILITY else NMSE
-        # strict=False: without a truth in any validation frame there is no normalised error, and no early stop.
-        callbacks.append(EarlyStopping(watched, patience=config.patience, strict=False))
+        callbacks.append(EarlyStopping(LOSS, patience=config.patience))
     with _quiet():
         curves = make_logger(logger, out)
         trainer = Trainer(

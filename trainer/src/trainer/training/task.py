@@ -58,24 +58,20 @@ class ImagingTask(LightningModule):
     def training_step(self, batch: Batch, batch_index: int) -> torch.Tensor:
         batch = self._training_batch(batch)
         features, scale = self.imager.features(batch["range_channel"], batch["noise_power"], batch["model_error"])
-        target = encode(self.config, batch["image"], batch["image_peak"], scale)
         answer = self.imager.answer(features)
-        losses = frame_losses(self.config, answer, target, batch["known"], batch.get("spots"))
-        losses = losses + self._linear_losses(batch, answer, scale)
-        self._refuse_not_finite(losses, batch["frame_id"])
+        losses = self._losses(batch, answer, scale, batch["known"], batch.get("spots"))
         self.batches_seen += 1
         loss = losses.mean()
         self.log("train_loss", loss, prog_bar=True)
         return loss
 
     def validation_step(self, batch: Batch, batch_index: int) -> None:
-        """Loss; what the gain and the normalised error of the linear image follow from; that of the best-scaled DaS."""
+        """The loss of training, of a whole frame; what the gain and the normalised error of the linear image follow
+        from; that of the best-scaled DaS."""
         range_channel, image = batch["range_channel"][:, 0], batch["image"]
         features, scale = self.imager.features(range_channel, batch["noise_power"])
         answer = self.imager.answer(features)
-        target = encode(self.config, image, batch["image_peak"], scale)
-        losses = frame_losses(self.config, answer, target, spots=self._spots(batch))
-        self._refuse_not_finite(losses, batch["frame_id"])
+        losses = self._losses(batch, answer, scale, torch.ones_like(image[:, :1]), self._spots(batch))
         self.log("validation_loss", losses.mean(), batch_size=len(image), prog_bar=True, sync_dist=True)
         shown = image.amax(dim=(-2, -1)) > 0  # an empty truth has no normalised error
         if self.config.target == "class" or not shown.any():
@@ -185,12 +181,32 @@ class ImagingTask(LightningModule):
             )
         return {**batch, "range_channel": seen, "model_error": error}
 
-    def _linear_losses(self, batch: Batch, answer: torch.Tensor, scale: torch.Tensor | None) -> torch.Tensor:
+    def _losses(
+        self,
+        batch: Batch,
+        answer: torch.Tensor,
+        scale: torch.Tensor | None,
+        known: torch.Tensor,
+        spots: torch.Tensor | None,
+    ) -> torch.Tensor:
+        """[B] what is minimised, and what the weights of a run are chosen by: of the answer and of its linear image.
+
+        :raises TrainingStopped: one is not finite
+        """
+        target = encode(self.config, batch["image"], batch["image_peak"], scale)
+        losses = frame_losses(self.config, answer, target, known, spots)
+        losses = losses + self._linear_losses(batch, answer, scale, known)
+        self._refuse_not_finite(losses, batch["frame_id"])
+        return losses
+
+    def _linear_losses(
+        self, batch: Batch, answer: torch.Tensor, scale: torch.Tensor | None, known: torch.Tensor
+    ) -> torch.Tensor:
         """[B] weighted squared error of the linear image over the energy of truth and noise.
 
         The compressed magnitudes weigh faint ground like a bright target; what the image is judged by does not.
         """
-        known, image = batch["known"], batch["image"]
+        image = batch["image"]
         if self.config.target != "row" or not self.config.linear:
             return answer.new_zeros(len(image))
         # The noise in the sum of the channels keeps a crop with next to nothing in it from outweighing all others.
