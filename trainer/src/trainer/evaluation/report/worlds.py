@@ -13,6 +13,7 @@ import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -202,7 +203,9 @@ def read_panels(evaluation: Path) -> list[Panel]:
     """
     path = evaluation / METRICS_FILE
     try:
-        records = pq.read_table(path).select([field.name for field in fields(MetricRow)]).to_pylist()
+        records: list[dict[str, Any]] = (
+            pq.read_table(path).select([field.name for field in fields(MetricRow)]).to_pylist()
+        )
         rows = [
             MetricRow(**{name: np.nan if value is None else value for name, value in record.items()})
             for record in records
