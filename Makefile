@@ -17,6 +17,7 @@ WORLDS := build/worlds
 WORLDS_COUNTS := 1 2 4 8
 WORLDS_CITIES := 1:suburb 2:industrial 3:motorway 4:old-town 5:suburb 6:industrial 7:motorway 8:old-town
 WORLDS_UNSEEN := 101:suburb 102:old-town 103:car-park
+WORLDS_OTHERS := sionna:munich
 WORLDS_SPLIT := 5:1:0
 WORLDS_FRAMES := 48
 WORLDS_TEST_FRAMES := 16
@@ -135,7 +136,7 @@ $(WORLDS)/$(1)-%/manifest.json: | $(WORLDS)/city-%.usda
 		--frames $$(call frames_of,$$(call fewest_with,$$*)) --split $(WORLDS_SPLIT)
 
 $(WORLDS)/unseen/$(1)/manifest.json: | $(WORLDS_TESTS)
-	$$(WORLDS_RENDER) $(WORLDS_TESTS:%=--scene %) --scene sionna:munich $(WORLDS_PUT_IN_$(1)) --seed 100 \
+	$$(WORLDS_RENDER) $(WORLDS_TESTS:%=--scene %) $(WORLDS_OTHERS:%=--scene %) $(WORLDS_PUT_IN_$(1)) --seed 100 \
 		--frames $(WORLDS_TEST_FRAMES) --split 0:0:1
 
 $(WORLDS)/report/$(1)/report.html: $(WORLDS)/unseen/$(1)/manifest.json $$(WORLDS_RUNS)
