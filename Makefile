@@ -17,6 +17,7 @@ WORLDS := build/worlds
 WORLDS_COUNTS := 1 2 4 8
 WORLDS_CITIES := 1:suburb 2:industrial 3:motorway 4:old-town 5:suburb 6:industrial 7:motorway 8:old-town
 WORLDS_UNSEEN := 101:suburb 102:old-town 103:car-park
+WORLDS_OTHERS := sionna:munich
 WORLDS_SPLIT := 5:1:0
 WORLDS_FRAMES := 48
 WORLDS_TEST_FRAMES := 16
@@ -102,9 +103,9 @@ $(STUDY)/report/report.html: $(STUDY_RUNS)
 $(STUDY)/unseen-report/report.html: $(STUDY)/unseen/manifest.json $(STUDY_RUNS)
 	$(call EVALUATE,unseen) --experiments street,detection,generalisation
 
-# What a further city to train on is worth. City K is in the datasets bare-K and populated-K, with as many frames as the
-# smallest number of cities asks of it; networks of more cities take its first ones alone. Every command has one core,
-# two run at a time. Killed, it goes on where it was, as the study does.
+# What a further city to train on is worth. City K, without traffic of its own, is in the datasets bare-K and populated-K,
+# with as many frames as the smallest number of cities asks of it; networks of more cities take its first ones alone. Every
+# command has one core, two run at a time. Killed, it goes on where it was, as the study does.
 worlds: | $(INSTALLED)
 	@OMP_NUM_THREADS=1 $(MAKE) --no-print-directory --jobs=2 $(WORLDS)/chart/worlds.md
 	@echo
@@ -127,7 +128,7 @@ WORLDS_TESTS := $(foreach city,$(WORLDS_UNSEEN),$(WORLDS)/city-$(call seed_of,$(
 .PRECIOUS: $(WORLDS)/city-%.usda
 $(WORLDS)/city-%.usda: | $(INSTALLED)
 	@mkdir -p $(@D)
-	$(BIN)/datafactory city --seed $* --style $(call style_of,$*) --out $@
+	$(BIN)/datafactory city --seed $* --style $(call style_of,$*) --no-traffic --out $@
 
 define WORLDS_OF_KIND
 $(WORLDS)/$(1)-%/manifest.json: | $(WORLDS)/city-%.usda
@@ -135,7 +136,7 @@ $(WORLDS)/$(1)-%/manifest.json: | $(WORLDS)/city-%.usda
 		--frames $$(call frames_of,$$(call fewest_with,$$*)) --split $(WORLDS_SPLIT)
 
 $(WORLDS)/unseen/$(1)/manifest.json: | $(WORLDS_TESTS)
-	$$(WORLDS_RENDER) $(WORLDS_TESTS:%=--scene %) --scene sionna:munich $(WORLDS_PUT_IN_$(1)) --seed 100 \
+	$$(WORLDS_RENDER) $(WORLDS_TESTS:%=--scene %) $(WORLDS_OTHERS:%=--scene %) $(WORLDS_PUT_IN_$(1)) --seed 100 \
 		--frames $(WORLDS_TEST_FRAMES) --split 0:0:1
 
 $(WORLDS)/report/$(1)/report.html: $(WORLDS)/unseen/$(1)/manifest.json $$(WORLDS_RUNS)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -53,13 +54,13 @@ def network(directory, datasets, seed=0, array=THIN):
     torch.manual_seed(seed)
     with torch.no_grad():
         for parameter in imager.parameters():
-            parameter += 0.05 * torch.randn_like(parameter)
+            parameter.add_(0.05 * torch.randn_like(parameter))
     save_weights(path, imager)
     return path
 
 
 def assess(data, out, runs, **changes):
-    arguments = {
+    arguments: dict[str, Any] = {
         "methods": ["das", "unet"], "arrays": [str(data.parent / "thin.toml")], "experiments": ["worlds", "detection"],
         "config": QUICK.model_copy(update={"frames": 4, "shown": 1}), "announce": lambda _: None,
     }  # fmt: skip
@@ -141,8 +142,10 @@ def test_the_chart_has_a_column_for_each_evaluation_and_a_line_for_each_kind(tes
         expected = panel.of(AVERAGE_PRECISION)
         for kind in ("bare", "populated"):
             line = next(line for line in axis.lines if line.get_color() == report.KIND_COLOURS[kind])
-            assert list(line.get_ydata()) == [row.value for of, row in expected.items() if of.kind == kind]
-            np.testing.assert_allclose(line.get_xdata(), [1, 4], rtol=0.05)
+            values = [row.value for of, row in expected.items() if of.kind == kind]
+            x, y = np.transpose(np.asarray(line.get_xydata()))
+            np.testing.assert_allclose(x, [1, 4], rtol=0.05)
+            np.testing.assert_array_equal(y, values)
         assert {text.get_text() for text in axis.texts} == {"trained on bare", "trained on populated", "das"}
     for axis in figure.axes[2:]:
         assert [label.get_text() for label in axis.get_xticklabels()] == ["1", "4"]

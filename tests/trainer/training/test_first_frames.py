@@ -1,5 +1,7 @@
 """``trainer fit --frames``: the first frames of each dataset, so that one world and eight give as many."""
 
+from typing import Any
+
 import pytest
 from tiny_radar import frame, tiny, write_dataset
 
@@ -9,7 +11,7 @@ from trainer.run.folder import read_run
 from trainer.training.datamodule import ImagingData
 from trainer.training.fit import fit
 
-BESIDES = {"workers": 0, "check": False, "announce": lambda _: None, "logger": "none"}
+BESIDES: dict[str, Any] = {"workers": 0, "check": False, "announce": lambda _: None, "logger": "none"}
 
 
 def city(directory, frames=16):

@@ -13,6 +13,7 @@ import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -203,10 +204,9 @@ def read_panels(evaluation: Path) -> list[Panel]:
     path = evaluation / METRICS_FILE
     try:
         records = pq.read_table(path).select([field.name for field in fields(MetricRow)]).to_pylist()
-        rows = [
-            MetricRow(**{name: np.nan if value is None else value for name, value in record.items()})
-            for record in records
-        ]
+        # What is not defined is null in the file.
+        nan: Any = float("nan")
+        rows = [MetricRow(**{name: nan if value is None else value for name, value in one.items()}) for one in records]
         found = panels(row for row in rows if row.experiment == NAME)
     except (OSError, pa.ArrowException, KeyError, ValueError) as error:
         raise InputError(path, f"not readable: {error}", "the folder of a finished trainer evaluate") from error
