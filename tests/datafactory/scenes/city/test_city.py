@@ -110,6 +110,19 @@ def test_an_overlap_would_be_found() -> None:
 
 
 @pytest.mark.parametrize("style", list(Style))
+def test_without_traffic_what_stands_is_the_same(style: Style) -> None:
+    whole, empty = (city(CityOptions(seed=1, blocks=1, style=style, traffic=traffic)) for traffic in (True, False))
+
+    def standing(item: Placement) -> tuple[object, ...]:
+        return item.path, item.position, item.yaw_deg, item.velocity, item.model, item.keyframes, item.target
+
+    assert [standing(item) for item in empty] == [standing(item) for item in whole[: len(empty)]]
+    assert len(whole) > len(empty)
+    assert not any(item.keyframes for item in empty)
+    assert any(item.keyframes for item in whole[len(empty) :])
+
+
+@pytest.mark.parametrize("style", list(Style))
 def test_sensors_stand_on_the_ground_outside_of_everything(tmp_path: Path, style: Style) -> None:
     path = tmp_path / "city.usda"
     write_city(path, seed=1, blocks=1, style=style)
@@ -138,6 +151,9 @@ def test_the_file_says_what_made_it_and_what_its_objects_are(tmp_path: Path) -> 
     write_city(path, seed=2, blocks=1, style=Style.SUBURB)
     made = Sdf.Layer.FindOrOpen(str(path)).customLayerData["sparseradar:city"]
     assert dict(made) == {"style": "suburb", "seed": 2, "blocks": 1, "version": VERSION}
+    write_city(tmp_path / "empty.usda", seed=2, blocks=1, style=Style.SUBURB, traffic=False)
+    of_empty = Sdf.Layer.FindOrOpen(str(tmp_path / "empty.usda")).customLayerData["sparseradar:city"]
+    assert dict(of_empty) == {**made, "traffic": False}
     stage = Usd.Stage.Open(str(path))
     for group, name in (("Cars", "car"), ("Trees", "tree"), ("Lamps", "pole")):
         prims = stage.GetPrimAtPath(f"/World/{group}").GetChildren()

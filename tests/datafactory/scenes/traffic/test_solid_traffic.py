@@ -64,8 +64,7 @@ def bare_scene(which: str, folder: Path) -> tuple[Scene, list[Standing]]:
         bare = two_blocks() if which == "hill" else open_scene(which)
         houses = [item for item in bare.objects if item.name not in ("ground", "mesh-floor")]
         return bare, [Standing(item.name, Shape.around([(item.vertices, item.triangles)])) for item in houses]
-    every = city(CityOptions(seed=0, blocks=2, style=Style(which)))
-    standing = [item for item in every if not item.keyframes]
+    standing = city(CityOptions(seed=0, blocks=2, style=Style(which), traffic=False))
     write_usd(folder / "city.usdc", standing, "what stands")
     return open_scene(str(folder / "city.usdc")), CitySolids(standing).at(0.0)
 
