@@ -84,3 +84,26 @@ def test_vehicles_keep_between_the_kerbs(style: Style) -> None:
             if not (holds(roads, places, INWARDS_M) | holds(parks, places) | ~holds([whole], places)).all()
         ]
         assert off == [], time_s
+
+
+@pytest.mark.parametrize("style", list(Style))
+def test_who_drives_straight_on_keeps_its_lane_to_the_right(style: Style) -> None:
+    """At every keyframe: on one line along a street, to the right of its middle, never backwards."""
+    plan = draw_plan(np.random.default_rng(SEED), RULES[style], 2)
+    followed = 0
+    for item in placements_of(style):
+        keys = item.keyframes
+        if not item.path.startswith(ON_WHEELS) or not keys or any(key.yaw_deg != keys[0].yaw_deg for key in keys):
+            continue
+        places = np.array([key.position[:2] for key in keys])
+        ahead = np.round([np.cos(np.radians(keys[0].yaw_deg)), np.sin(np.radians(keys[0].yaw_deg))])
+        right = np.array([ahead[1], -ahead[0]])
+        assert np.ptp(places @ right) < 0.002, item.path
+        assert (np.diff(places @ ahead) >= -0.001).all(), item.path
+        for street in plan.streets:
+            along = (street.axis == "x") == bool(ahead[0])
+            if along and street.strip(street.kind.kerb).holds(*places[0].tolist()):
+                followed += 1
+                middle = np.array([0.0, street.at] if street.axis == "x" else [street.at, 0.0])
+                assert (places[0] - middle) @ right > 0.5 * street.kind.lane_m - 0.01, item.path
+    assert followed > 3
