@@ -15,7 +15,8 @@ from datafactory.paths.diffraction import edge_echoes, field_over_edges, rays_ov
 from datafactory.paths.edges import WedgeEdges, edges_of
 from datafactory.paths.facets import TAPER, mirrors_of, reflected_share
 from datafactory.paths.merged_scene import MergedScene
-from datafactory.paths.panes import clear_between, polarization_axis
+from datafactory.paths.panes import polarization_axis
+from datafactory.paths.ray_hits import clear_between
 from datafactory.paths.round_corners import echoes_round_corners
 from datafactory.paths.table import DIFFRACTED, TARGET, ScatteredPaths, SpecularPaths
 from datafactory.scenes.poses import Pose
