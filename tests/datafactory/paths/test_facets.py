@@ -144,9 +144,14 @@ def test_the_boundary_of_a_plane_is_found_once_and_is_that_of_each_of_its_triang
     wall = mesh([(0, 0, 0), (6, 0, 0), (6, 0, 3), (0, 0, 3)], [[0, 1, 2], [0, 2, 3]])
     moving = mesh([(2, 2, 0), (3, 2, 0), (3, 3, 0), (2, 3, 0)], [[0, 1, 2], [0, 2, 3]], velocity=(1.0, 0.0, 0.0))
     mirrors = Mirrors.of([*floor, wall, moving])
-    found = []
+    found: list[int] = []
     slow = facets._without_shared
-    monkeypatch.setattr(facets, "_without_shared", lambda edges: found.append(len(edges)) or slow(edges))
+
+    def counted(edges: np.ndarray) -> np.ndarray:
+        found.append(len(edges))
+        return slow(edges)
+
+    monkeypatch.setattr(facets, "_without_shared", counted)
     for triangle in range(len(mirrors.normals)):
         expected, edges = boundary_of(mirrors, triangle), mirrors.edges(triangle)
 
