@@ -93,7 +93,7 @@ $(STUDY)/cnn-%.done: $(STUDY)/data/manifest.json
 	$(BIN)/trainer fit $(STUDY)/data --array $* --recipe doa --out $(@:.done=) $(if $(wildcard $(@:.done=)/run.json),--resume)
 	@touch $@
 
-STUDY_RUNS := $(foreach array,sparse6 sparse4,$(STUDY)/unet-$(array).done $(STUDY)/cnn-$(array).done)
+STUDY_RUNS := $(foreach network,unet cnn,$(foreach array,sparse6 sparse4,$(STUDY)/$(network)-$(array).done))
 EVALUATE = $(BIN)/trainer evaluate $(STUDY)/$(1) $(patsubst %.done,--run %,$(STUDY_RUNS)) \
 	--arrays sparse6,sparse4 --methods $(STUDY_METHODS) --out $(@D) --resume
 

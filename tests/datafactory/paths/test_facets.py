@@ -114,6 +114,60 @@ def test_a_moving_piece_is_no_part_of_a_mirror_at_rest():
     assert share(still, moving) == pytest.approx(share(still))
 
 
+def boundary_of(mirrors: Mirrors, triangle: int) -> np.ndarray:
+    """The slow way: every triangle is held against this one's plane, every edge against all others."""
+    normal, origin = mirrors.normals[triangle], mirrors.corners[triangle, 0]
+    edges = []
+    for corners, other, body in zip(mirrors.corners, mirrors.normals, mirrors.body, strict=True):
+        flat = np.abs((corners - origin) @ normal).max() < facets.COPLANAR_M
+        if body == mirrors.body[triangle] and flat and abs(other @ normal) > facets.COPLANAR_COSINE:
+            turned = corners[::-1] if other @ normal < 0.0 else corners
+            edges += [np.stack([turned[k], turned[(k + 1) % 3]]) for k in range(3)]
+    grid = [tuple(map(tuple, np.rint(edge / 1e-4).astype(int))) for edge in edges]
+    free = {grid[n]: edges[n] for n in range(len(edges)) if grid[n][::-1] not in grid}
+    return np.array(list(free.values()))
+
+
+def test_the_boundary_of_a_plane_is_found_once_and_is_that_of_each_of_its_triangles(generator, monkeypatch):
+    """Tiles of a floor wound either way, doubled ones, a hole, a step of 1.5 mm, a wall, and a tile that moves."""
+    tiles = [
+        (x, y, 0.0 if (x, y) != (4, 4) else 1.5e-3)
+        for x in range(6)
+        for y in range(5)
+        if (x, y) not in ((2, 2), (3, 1))
+    ]
+    floor = []
+    for x, y, z in [*tiles, tiles[3], tiles[8]]:
+        square = [(x, y, z), (x + 1, y, z), (x + 1, y + 1, z), (x, y + 1, z)]
+        turned = generator.random() < 0.5
+        floor.append(mesh(square, [[0, 2, 1], [0, 2, 3]] if turned else [[0, 1, 2], [0, 3, 2]]))
+    wall = mesh([(0, 0, 0), (6, 0, 0), (6, 0, 3), (0, 0, 3)], [[0, 1, 2], [0, 2, 3]])
+    moving = mesh([(2, 2, 0), (3, 2, 0), (3, 3, 0), (2, 3, 0)], [[0, 1, 2], [0, 2, 3]], velocity=(1.0, 0.0, 0.0))
+    mirrors = Mirrors.of([*floor, wall, moving])
+    found: list[int] = []
+    slow = facets._without_shared
+
+    def counted(edges: np.ndarray) -> np.ndarray:
+        found.append(len(edges))
+        return slow(edges)
+
+    monkeypatch.setattr(facets, "_without_shared", counted)
+    for triangle in range(len(mirrors.normals)):
+        expected, edges = boundary_of(mirrors, triangle), mirrors.edges(triangle)
+
+        def sorted_rows(of: np.ndarray) -> np.ndarray:
+            rows = np.rint(of.reshape(-1, 6) / 1e-6)
+            return rows[np.lexsort(rows.T)]
+
+        np.testing.assert_array_equal(sorted_rows(edges), sorted_rows(expected))
+    assert len(found) == 4  # floor, step, wall and the tile that moves
+
+
+def test_a_triangle_without_an_area_is_no_mirror():
+    line = mesh([(5.0, 0.0, 0.0), (5.0, 1.0, 0.0), (5.0, 2.0, 0.0)], [[0, 1, 2]])
+    assert len(Mirrors.of([line]).edges(0)) == 0
+
+
 def test_oblique_incidence_foreshortens_the_facet():
     angle = np.radians(60.0)
     # Along the plane of incidence a plate twice as long covers the same zones.

@@ -117,10 +117,13 @@ def cells_along(corners: CornerEdges, views: Views, wavelength_m: float) -> Cell
     share = np.clip((z + place[index] - strip[index, 0]) / (strip[index, 1] - strip[index, 0]), 0.0, 1.0)[:, None]
     reach = (1.0 - share) * strip[index][:, [2, 4]] + share * strip[index][:, [3, 5]]
     corner = of[index]
-    ends = [_from_foot(edge, 0.25 * wavelength_m * edge**2 - least[corner]) for edge in (edges[0], edges[2])]
+    # A cell ends where the next one of its strip starts.
+    begin = _from_foot(edges[0], 0.25 * wavelength_m * edges[0] ** 2 - least[corner])
+    end = np.roll(begin, -1)
+    end[last] = _from_foot(edges[2][last], 0.25 * wavelength_m * edges[2][last] ** 2 - least[corner[last]])
     beside = nearest[corner] != 0.0
     beyond = np.where(beside, z / np.where(beside, nearest[corner], 1.0) - 1.0, np.inf)
-    return Cells(corner, edges[0], edges[2], ends[1] - ends[0], z, reach, beyond)
+    return Cells(corner, edges[0], edges[2], end - begin, z, reach, beyond)
 
 
 def _from_foot(v: Real, longer_m: Real) -> Complex:
@@ -150,6 +153,13 @@ class FaceOrder:
         angle = here.angle if order == 0 else here.opening - here.angle
         reach = cells.reach if order == 0 else cells.reach[:, ::-1]
         return FaceOrder(here.height, angle, here.opening, reach, cells.beyond)
+
+    @staticmethod
+    def of_views(views: Views, order: int) -> FaceOrder:
+        """The same for C corners whose faces go on for ever."""
+        angle = views.angle if order == 0 else views.opening - views.angle
+        endless = np.full(len(angle), np.inf)
+        return FaceOrder(views.height, angle, views.opening, np.stack([endless, endless], axis=1), endless)
 
     def end(self) -> Real:
         """[K] how far from the edge the second face is lit by the first [m]."""
@@ -183,6 +193,17 @@ class FaceOrder:
 
 def _like(value: Real, points: Real) -> Real:
     return value if points.ndim == 1 else value[:, None]
+
+
+def integrals_of_all(cells: Cells, views: Views, wavelength_m: float) -> Complex:
+    """[2, C] F of both orders with all of the aperture in sight: :func:`integrals` without a look at its pieces."""
+    total = np.zeros((2, len(views.height)), dtype=np.complex128)
+    for order in (0, 1):
+        one = FaceOrder.of(cells, views, order)
+        at_edge = FaceOrder.of_views(views, order).share_to(np.zeros(len(views.height)), wavelength_m)
+        across = one.share_to(one.end(), wavelength_m) - at_edge[cells.corner]
+        np.add.at(total[order], cells.corner, cells.share * across)
+    return total
 
 
 def integrals(cells: Cells, views: Views, wavelength_m: float, seen: NDArray[np.bool_]) -> Complex:

@@ -57,6 +57,7 @@ from datafactory.paths.corner_aperture import (
     cells_along,
     ends_along,
     integrals,
+    integrals_of_all,
     longer_along,
     place_of,
     widths_across,
@@ -103,8 +104,7 @@ def corner_echoes(
     facing, views = _facing(corners, wavelength)
     corners = corners.take(facing)
     cells = cells_along(corners, views, wavelength)
-    open_sky = np.ones((2, len(cells.corner), ACROSS), dtype=bool)
-    possible = np.abs(integrals(cells, views, wavelength, open_sky)).sum(axis=0)
+    possible = np.abs(integrals_of_all(cells, views, wavelength)).sum(axis=0)
     heard = np.pi * views.height**2 * possible**2 > float(db_to_power(FAINTEST_DBSM))
     faint = len(corners) - int(heard.sum())
     corners, views, cells = _kept(heard, corners, views, cells)
@@ -171,22 +171,22 @@ def _kept(
 
 def _in_sight(corners: CornerEdges, cells: Cells, views: Views, wavelength_m: float, sight: Sight) -> NDArray[np.bool_]:
     """[2, K, ACROSS] whether both legs to the pieces of the aperture are free."""
-    seen = np.ones((2, len(cells.corner), ACROSS), dtype=bool)
-    foot, along = views.foot[cells.corner], corners.direction[cells.corner]
+    seen = np.ones((2, len(cells.corner) * ACROSS), dtype=bool)
+    corner = np.repeat(cells.corner, ACROSS)
     for order in (0, 1):
         one, faces = FaceOrder.of(cells, views, order), (order, 1 - order)
         b = one.beam(wavelength_m)
         below = (one.height * np.sin(one.angle))[:, None]
         share = below / (below + b * np.sin(one.opening)[:, None])  # of the way from the image to the second face
         a = (one.height * np.sin(one.angle + one.opening))[:, None] * b * share / below
-        for face, away, z in zip(faces, (a, b), (cells.z[:, None] * share, np.tile(cells.z[:, None], ACROSS)),
-                                 strict=True):  # fmt: skip
-            into, normal = corners.into[cells.corner, face], corners.normal[cells.corner, face]
-            point = foot[:, None] + z[..., None] * along[:, None] + away[..., None] * into[:, None]
-            point = point + ray_margin_m(np.linalg.norm(point, axis=2))[..., None] * normal[:, None]
-            flat = point.reshape(-1, 3)
-            seen[order] &= sight(np.zeros_like(flat), flat).reshape(-1, ACROSS)
-    return seen
+        legs = ((a, cells.z[:, None] * share), (b, np.tile(cells.z[:, None], ACROSS)))
+        for face, (away, z) in zip(faces, legs, strict=True):
+            here = np.flatnonzero(seen[order])  # what is hidden on the first face need not be looked at on the second
+            of, away, z = corner[here], away.reshape(-1)[here], z.reshape(-1)[here]
+            point = views.foot[of] + z[:, None] * corners.direction[of] + away[:, None] * corners.into[of, face]
+            point += ray_margin_m(np.linalg.norm(point, axis=1))[:, None] * corners.normal[of, face]
+            seen[order, here] = sight(np.zeros_like(point), point)
+    return seen.reshape(2, -1, ACROSS)
 
 
 def _paths(

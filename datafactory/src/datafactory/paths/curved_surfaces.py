@@ -82,6 +82,12 @@ class CurvedSurfaces:
     def __len__(self) -> int:
         return len(self.triangle)
 
+    def flat(self, count: int) -> Index:
+        """The other ones of the scene's ``count`` triangles, rising: those that may be flat mirrors."""
+        flat = np.ones(count, dtype=bool)
+        flat[self.covered] = False
+        return np.flatnonzero(flat)
+
     def notes(self) -> tuple[str, ...]:
         """What a user should know of the scene's curved surfaces, one line each; none where it has none."""
         said = []

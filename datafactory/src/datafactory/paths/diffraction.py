@@ -43,6 +43,7 @@ from datafactory.paths.panes import Polarization, polarization_axis, slab_reflec
 from datafactory.paths.table import DIFFRACTED, ScatteredPaths, SpecularPaths
 from datafactory.paths.unfold import unit
 from datafactory.scenes.materials.table import Material
+from shared.physics.compiled import compiled
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.physics.wedge import WedgeGeometry, diffraction_coefficient
 
@@ -53,6 +54,10 @@ Sight = Callable[[Real, Real], NDArray[np.bool_]]
 
 LEAST_SHARE = 0.05
 """Rays with a smaller share of the edge are dropped (-26 dB)."""
+MISSED = 5.0
+"""v beyond an edge's end from which no ray is looked at: its share is below ``LEAST_SHARE``."""
+LOOSE = 1.0 + 1e-6
+"""By how much a first look is more generous than the test, so that rounding never decides."""
 NEAREST_M = 0.05
 """Nearer edges are left out: the theory holds from several wavelengths on [m]."""
 BESIDE_M = 0.01
@@ -63,9 +68,9 @@ GRAZING = 1e-6
 
 @dataclass(frozen=True)
 class EdgeRays:
-    """K rays from a source over an edge to an observer, in the radar frame.
+    """K rays from a source over an edge to an observer, in the radar frame, by rising observer and edge.
 
-    :param edge: [K] index into the edges given
+    :param observer: [K] index into the observers given; :param edge: [K] index into the edges given
     :param point: [K, 3] on the edge [m]
     :param inward, outward: [K, 3] unit vectors along the ray before and after
     :param geometry: angles and distances in the wedges' own coordinates
@@ -73,6 +78,7 @@ class EdgeRays:
     :param at_end: [K] whether ``point`` is an end of the edge
     """
 
+    observer: NDArray[np.int64]
     edge: NDArray[np.int64]
     point: Real
     inward: Real
@@ -94,44 +100,84 @@ def rays_over_edges(edges: WedgeEdges, source: Real, observer: Real, wavelength_
     """The rays over edges, before obstacles are tested.
 
     :param edges: E edges in the radar frame
-    :param source, observer: [3] [m]
+    :param source: [3] [m]; :param observer: [3], or [N, 3] for the rays to each of them [m]
     """
+    observers = np.ascontiguousarray(np.atleast_2d(observer))
     length = np.linalg.norm(edges.end - edges.start, axis=1)
-    (z_source, rho_source), (z_observer, rho_observer) = (_cylindrical(edges, place) for place in (source, observer))
-    # Most edges are dropped first, cheaply: beyond v = 5 the share is below LEAST_SHARE.
-    far = np.flatnonzero((rho_source > NEAREST_M) & (rho_observer > NEAREST_M))
-    rho = (rho_source + rho_observer)[far]
-    stationary = (rho_observer[far] * z_source[far] + rho_source[far] * z_observer[far]) / rho
-    missed = np.maximum(-stationary, stationary - length[far])
-    straight = np.hypot(rho, (z_observer - z_source)[far])
-    scale = rho / straight * np.sqrt(2.0 * (1.0 / rho_source + 1.0 / rho_observer)[far] * rho / straight / wavelength_m)
-    near = missed * scale < 5.0
-    kept, stationary, sine, scale = far[near], stationary[near], (rho / straight)[near], scale[near]
-    share = _edge_share(-stationary * scale, (length[kept] - stationary) * scale)
+    z_source, rho_source = _cylindrical(edges.start, edges.direction, source)
+    # Most edges are dropped first, cheaply.
+    to, kept = _worth_a_look(
+        np.ascontiguousarray(edges.start), np.ascontiguousarray(edges.direction), length, z_source, rho_source,
+        observers, wavelength_m,
+    )  # fmt: skip
+    z_observer, rho_observer = _cylindrical(edges.start[kept], edges.direction[kept], observers[to])
+    z_source, rho_source, length = z_source[kept], rho_source[kept], length[kept]
+    rho = rho_source + rho_observer
+    stationary = (rho_observer * z_source + rho_source * z_observer) / rho
+    missed = np.maximum(-stationary, stationary - length)
+    straight = np.hypot(rho, z_observer - z_source)
+    scale = rho / straight * np.sqrt(2.0 * (1.0 / rho_source + 1.0 / rho_observer) * rho / straight / wavelength_m)
+    near = (rho_source > NEAREST_M) & (rho_observer > NEAREST_M) & (missed * scale < MISSED)
+    to, kept, length, stationary, sine, scale = (
+        values[near] for values in (to, kept, length, stationary, rho / straight, scale)
+    )
+    share = _edge_share(-stationary * scale, (length - stationary) * scale)
 
-    chosen = edges.take(kept)
-    point = chosen.start + np.clip(stationary, 0.0, length[kept])[:, None] * chosen.direction
-    angles = [_angle(chosen, place - point) for place in (source, observer)]
-    limit = chosen.exterior_n * np.pi - GRAZING
+    direction, normal_0, exterior_n = edges.direction[kept], edges.normal_0[kept], edges.exterior_n[kept]
+    point, there = edges.start[kept] + np.clip(stationary, 0.0, length)[:, None] * direction, observers[to]
+    angles = [_angle(normal_0, direction, place - point) for place in (source, there)]
+    limit = exterior_n * np.pi - GRAZING
     met = np.abs(share) > LEAST_SHARE
     for angle in angles:
         met &= (angle > GRAZING) & (angle < limit)
     return EdgeRays(
+        observer=to[met],
         edge=kept[met],
         point=point[met],
         inward=unit(point - source)[met],
-        outward=unit(observer - point)[met],
+        outward=unit(there - point)[met],
         geometry=WedgeGeometry(
-            exterior_n=chosen.exterior_n[met],
+            exterior_n=exterior_n[met],
             source_angle_rad=angles[0][met],
             observer_angle_rad=angles[1][met],
             source_distance_m=np.linalg.norm(point - source, axis=1)[met],
-            observer_distance_m=np.linalg.norm(observer - point, axis=1)[met],
+            observer_distance_m=np.linalg.norm(there - point, axis=1)[met],
             sin_beta=sine[met],
         ),
         share=share[met],
-        at_end=((stationary < 0.0) | (stationary > length[kept]))[met],
+        at_end=((stationary < 0.0) | (stationary > length))[met],
     )
+
+
+@compiled()
+def _worth_a_look(start, direction, length, z_source, rho_source, observers, wavelength_m):
+    """Pairs of observer [P] and edge [P] that may have a ray: a little more than those that are not missed.
+
+    :param start, direction: [E, 3]; :param length, z_source, rho_source: [E] as in :func:`rays_over_edges`
+    :param observers: [N, 3]
+    """
+    found, count = np.empty((1024, 2), dtype=np.int64), 0
+    for n in range(len(observers)):
+        for e in range(len(start)):
+            x, y, z = (observers[n, 0] - start[e, 0], observers[n, 1] - start[e, 1], observers[n, 2] - start[e, 2])
+            along = x * direction[e, 0] + y * direction[e, 1] + z * direction[e, 2]
+            x, y, z = x - along * direction[e, 0], y - along * direction[e, 1], z - along * direction[e, 2]
+            beside, ahead = np.sqrt(x * x + y * y + z * z), rho_source[e]
+            if beside < NEAREST_M / LOOSE or ahead < NEAREST_M / LOOSE:
+                continue
+            rho = ahead + beside
+            stationary = (beside * z_source[e] + ahead * along) / rho
+            missed = max(-stationary, stationary - length[e])
+            if missed > 0.0:
+                sine = rho / np.sqrt(rho * rho + (along - z_source[e]) ** 2)
+                square = 2.0 * (1.0 / ahead + 1.0 / beside) * sine**3 / wavelength_m
+                if missed * missed * square > (LOOSE * MISSED) ** 2:
+                    continue
+            if count == len(found):
+                found = np.concatenate((found, np.empty_like(found)))
+            found[count, 0], found[count, 1] = n, e
+            count += 1
+    return found[:count, 0].copy(), found[:count, 1].copy()
 
 
 def field_over_edges(
@@ -233,16 +279,16 @@ def _dot(one: Real, other: Real) -> Real:
     return np.einsum("ki,ki->k", one, other)
 
 
-def _cylindrical(edges: WedgeEdges, place: Real) -> tuple[Real, Real]:
+def _cylindrical(start: Real, direction: Real, place: Real) -> tuple[Real, Real]:
     """Coordinate along each edge, from its start, and distance from its line [E]."""
-    z = _dot(place - edges.start, edges.direction)
-    return z, np.linalg.norm(place - edges.start - z[:, None] * edges.direction, axis=1)
+    z = _dot(place - start, direction)
+    return z, np.linalg.norm(place - start - z[:, None] * direction, axis=1)
 
 
-def _angle(edges: WedgeEdges, towards: Real) -> Real:
-    """[E] angle of a direction from the 0-face, 0 to 2 pi."""
-    into_0 = np.cross(edges.normal_0, edges.direction)
-    return np.arctan2(_dot(towards, edges.normal_0), _dot(towards, into_0)) % (2.0 * np.pi)
+def _angle(normal_0: Real, direction: Real, towards: Real) -> Real:
+    """[K] angle of a direction [K, 3] from the 0-face of an edge, 0 to 2 pi."""
+    into_0 = np.cross(normal_0, direction)
+    return np.arctan2(_dot(towards, normal_0), _dot(towards, into_0)) % (2.0 * np.pi)
 
 
 def _edge_share(low: Real, high: Real) -> Complex:

@@ -25,7 +25,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from hashlib import sha256
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,7 @@ from datafactory.paths.merged_scene import MergedMesh, MergedScene
 from shared.physics.compiled import compiled
 
 Real = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 TAPER = 16.0
 """Fresnel zones (rho^2) after which an edge's ripple has fallen to 1/e: there it is 4 % of the reflection."""
@@ -59,7 +61,7 @@ TABLE = wofz(1j * np.sqrt(RATE) * TABLE_STEP * np.arange(int(np.sqrt(CUT) / TABL
 
 @dataclass(frozen=True)
 class Mirrors:
-    """The triangles of a merged scene as mirrors; the boundary of a triangle's plane is found on first use.
+    """The triangles of a merged scene as mirrors; the boundary of a plane is found once, on first use.
 
     :param corners: [T, 3, 3] all meshes' triangles one after another, world [m], without their meshes' shifts
     :param normals: [T, 3] unit normals
@@ -74,6 +76,7 @@ class Mirrors:
     known: Mirrors | None = None
     turned: NDArray[np.bool_] | None = None
     _edges: dict[int, Real] = field(default_factory=dict, compare=False, repr=False)
+    _boundaries: dict[bytes, Real] = field(default_factory=dict, compare=False, repr=False)
 
     @staticmethod
     def of(meshes: Sequence[MergedMesh]) -> Mirrors:
@@ -85,21 +88,41 @@ class Mirrors:
         length = np.linalg.norm(normal, axis=1, keepdims=True)
         return Mirrors(every, normal / np.where(length > 0.0, length, 1.0), np.concatenate([np.zeros(0, int), *body]))
 
+    @cached_property
+    def first(self) -> Real:
+        """[T, 3] the first corner of every triangle [m]."""
+        return np.ascontiguousarray(self.corners[:, 0])
+
     def edges(self, triangle: int) -> Real:
         """[E, 2, 3] directed boundary edges [m] of all triangles in the plane of this one, inside on their left."""
         if self.known is not None and self.turned is not None and not self.turned[triangle]:
             return self.known.edges(triangle)
         if triangle not in self._edges:
-            self._edges[triangle] = self._boundary(triangle)
+            members = self._coplanar(triangle)
+            plane = sha256(members.tobytes()).digest()
+            if plane not in self._boundaries:
+                self._boundaries[plane] = self._boundary(members)
+            found = self._boundaries[plane]
+            away = self.normals[members[:1]] @ self.normals[triangle] < 0.0
+            self._edges[triangle] = found[:, ::-1] if away.any() else found
         return self._edges[triangle]
 
-    def _boundary(self, triangle: int) -> Real:
+    def _coplanar(self, triangle: int) -> Index:
+        """The triangles of one body, rising, that lie in the plane of this one; none for one without an area."""
         normal, origin = self.normals[triangle], self.corners[triangle, 0]
-        cosine = self.normals @ normal
-        near = np.flatnonzero((np.abs(cosine) > COPLANAR_COSINE) & (self.body == self.body[triangle]))
-        height = np.abs((self.corners[near] - origin) @ normal).max(axis=1)
-        near = near[height < COPLANAR_M]
-        corners = np.where((cosine[near] < 0.0)[:, None, None], self.corners[near, ::-1], self.corners[near])
+        # Few triangles have their first corner near the plane; only they are looked at further.
+        near = np.flatnonzero(np.abs(self.first @ normal - origin @ normal) < 2.0 * COPLANAR_M)
+        kept = (np.abs(self.normals[near] @ normal) > COPLANAR_COSINE) & (self.body[near] == self.body[triangle])
+        kept &= np.abs((self.corners[near] - origin) @ normal).max(axis=1) < COPLANAR_M
+        return near[kept]
+
+    def _boundary(self, members: Index) -> Real:
+        """[E, 2, 3] directed boundary edges [m] of triangles in one plane, inside on the left of the first one's."""
+        if not len(members):
+            return np.zeros((0, 2, 3))
+        normal, origin = self.normals[members[0]], self.corners[members[0], 0]
+        away = self.normals[members] @ normal < 0.0
+        corners = np.where(away[:, None, None], self.corners[members, ::-1], self.corners[members])
         edges = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2, 3)
         return _without_shared(edges - origin) + origin
 
@@ -121,11 +144,11 @@ def _without_shared(edges: Real) -> Real:
     """The directed edges whose reverse is not in the list; doubled triangles count once."""
     grid = np.rint(edges / 1e-4).astype(np.int64)
     _, point = np.unique(grid.reshape(-1, 3), axis=0, return_inverse=True)
-    pair = point.reshape(-1, 2)
-    forward, index = np.unique(pair, axis=0, return_index=True)
-    known = {tuple(item) for item in forward.tolist()}
-    free = [place for place, (a, b) in zip(index, forward.tolist(), strict=True) if a != b and (b, a) not in known]
-    return edges[np.sort(np.array(free, dtype=np.int64))]
+    start, end = point.reshape(-1, 2).T
+    count = 2 * len(edges)
+    forward, index = np.unique(start * count + end, return_index=True)
+    free = (start[index] != end[index]) & ~np.isin(end[index] * count + start[index], forward)
+    return edges[np.sort(index[free])]
 
 
 def reflected_share(

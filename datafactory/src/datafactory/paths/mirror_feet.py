@@ -59,7 +59,7 @@ def single_mirrors(
     mesh = merged_scene.mesh_of_triangle
     velocity = np.array([item.velocity for item in merged_scene.meshes])[mesh]
     moved = np.array([item.shift for item in merged_scene.meshes])[mesh] - np.asarray(pose.position)
-    flat = np.setdiff1d(np.arange(len(mesh)), curved_surfaces_of(merged_scene).covered)
+    flat = curved_surfaces_of(merged_scene).flat(len(mesh))
     found, foot = _perpendicular_feet(
         (mirrors.corners[flat] + moved[flat, None]) @ rotation, mirrors.normals[flat] @ rotation
     )

@@ -107,7 +107,7 @@ def ways_over_mirrors(
     of_mesh = (np.array([item.velocity for item in meshes]).reshape(-1, 3) - np.asarray(pose.velocity)) @ rotation
     moved = np.array([item.shift for item in meshes]).reshape(-1, 3)[mesh] - np.asarray(pose.position)
     corners, normals = (mirrors.corners + moved[:, None]) @ rotation, mirrors.normals @ rotation
-    flat = np.setdiff1d(np.arange(len(mesh)), curved_surfaces_of(merged_scene).covered)
+    flat = curved_surfaces_of(merged_scene).flat(len(mesh))
     point, found, foot = points_of_reflection(position, corners[flat], normals[flat])
     triangle = flat[found]
     clear = _clear(geometry, foot, corners[triangle, 0], normals[triangle], position[point])

@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from datafactory.paths.merged_scene import MergedScene, slabs_of
+from datafactory.paths.ray_hits import first_hits, rays_of
 from datafactory.paths.unfold import unit
 from datafactory.scenes.materials.reflectivity import complex_permittivity
 from datafactory.scenes.materials.table import Material, MaterialMapping
@@ -178,15 +179,6 @@ def clear_between(mi_scene: Any, start: Real, end: Real) -> NDArray[np.bool_]:
     return ~mi_scene.ray_test(rays_of(first, direction, np.maximum(reach, 0.0))).numpy()
 
 
-def rays_of(start: Real, direction: Real, reach: Real) -> Any:
-    """Mitsuba's rays from ``start`` [K, 3] along ``direction`` [K, 3], no longer than ``reach`` [K]."""
-    import mitsuba as mi
-
-    ray: Any = mi.Ray3f(mi.Point3f(*start.T.astype(np.float32)), mi.Vector3f(*direction.T.astype(np.float32)))
-    ray.maxt = reach.astype(np.float32)
-    return ray
-
-
 def ray_margin_m(distance_m: Real) -> Real:
     """Error of a ray's float32 distance [m]: 0.1 mm nearby, 2 mm at 100 m."""
     return 1e-4 + 2e-5 * distance_m
@@ -289,12 +281,7 @@ class _SurfaceWalker:
         self.travelled[rays] = np.inf
 
     def _cast(self, index: NDArray[np.int64]) -> tuple[Real, NDArray[np.int64], Real]:
-        import drjit as dr
-        import mitsuba as mi
-
         start = self.travelled[index, None] * self.direction[index]
-        surface = self.scene.ray_intersect(rays_of(start, self.direction[index], (self.reach - self.travelled)[index]))
-        shape = mi.UInt32(dr.reinterpret_array(mi.UInt32, surface.shape)).numpy().astype(np.int64)
-        triangle = np.stack([shape, surface.prim_index.numpy().astype(np.int64)], axis=1)
-        distance = np.where(surface.is_valid().numpy(), surface.t.numpy().astype(np.float64), np.inf)
-        return distance, triangle, surface.n.numpy().T.astype(np.float64)
+        hits = first_hits(self.scene, start, self.direction[index], (self.reach - self.travelled)[index])
+        triangle = np.stack([hits.shape, hits.primitive], axis=1)
+        return np.where(hits.valid, hits.distance, np.inf), triangle, hits.normal

@@ -45,20 +45,25 @@ from shared.physics.units import SPEED_OF_LIGHT
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+Index = NDArray[np.int64]
 
 EDGES_PER_TARGET = 4
+TARGETS_AT_ONCE = 64
+"""Targets whose edges are looked at together: some hundred edges each, a few megabytes."""
 ORIGIN = np.zeros(3)
 
 
 @dataclass(frozen=True)
 class _Legs:
-    """The ways from the radar to a target over K edges.
+    """L ways from the radar to targets, each over one edge, target by target.
 
-    :param point: [K, 3] the wavefront's centre as the array sees it [m]; ``velocity`` [K, 3] [m/s]
-    :param rest_m: [K] length of the way beyond that point [m]; ``rest_rate`` [K] its rate [m/s]
-    :param sent, received: [K] the fields G for the polarisations of TX and RX
+    :param target: [L] rising
+    :param point: [L, 3] the wavefront's centre as the array sees it [m]; ``velocity`` [L, 3] [m/s]
+    :param rest_m: [L] length of the way beyond that point [m]; ``rest_rate`` [L] its rate [m/s]
+    :param sent, received: [L] the fields G for the polarisations of TX and RX
     """
 
+    target: Index
     point: Real
     velocity: Real
     rest_m: Real
@@ -92,13 +97,14 @@ def echoes_round_corners(
     parts = [ScatteredPaths.of_points(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))]
     reached = weaker = 0
     scale = SPEED_OF_LIGHT / frequency_hz * np.sqrt(rcs_m2) / (4.0 * np.pi) ** 1.5
-    for index in range(len(position)):
-        legs, left = _legs_to_target(
-            edges, slabs, frequency_hz, sight, position[index], velocity[index], polarization, edges_per_target
+    for first in range(0, len(position), TARGETS_AT_ONCE):
+        here = slice(first, first + TARGETS_AT_ONCE)
+        legs, left = _legs_to_targets(
+            edges, slabs, frequency_hz, sight, position[here], velocity[here], polarization, edges_per_target
         )
-        reached += int(len(legs.rest_m) > 0)
+        reached += len(np.unique(legs.target))
         weaker += left
-        parts.append(_round_trips(legs, scale[index], int(object_index[index])))
+        parts.append(_round_trips(legs, scale[here], object_index[here]))
     counts = {
         "targets_round_corners": reached,
         "targets_unreached": len(position) - reached,
@@ -107,21 +113,21 @@ def echoes_round_corners(
     return ScatteredPaths.concatenate(parts), counts
 
 
-def _legs_to_target(
+def _legs_to_targets(
     edges: WedgeEdges,
     slabs: Sequence[Material],
     frequency_hz: float,
     sight: Sight,
-    target: Real,
+    targets: Real,
     target_velocity: Real,
     polarization: tuple[Polarization, Polarization],
     limit: int,
 ) -> tuple[_Legs, int]:
-    """The strongest clear ways to one target, and the number of weaker ones."""
-    rays = rays_over_edges(edges, ORIGIN, target, SPEED_OF_LIGHT / frequency_hz)
-    rays = rays.take(_both_legs_clear(edges, rays, target, sight))
-    sent, received = (
-        field_over_edges(
+    """The strongest clear ways to each target [T, 3], the strongest first, and the number of weaker ones."""
+    rays = rays_over_edges(edges, ORIGIN, targets, SPEED_OF_LIGHT / frequency_hz)
+    rays = rays.take(_both_legs_clear(edges, rays, targets, sight))
+    fields = {
+        which: field_over_edges(
             edges,
             rays,
             slabs,
@@ -129,16 +135,19 @@ def _legs_to_target(
             polarization_axis(rays.inward, which),
             polarization_axis(rays.outward, which),
         )
-        for which in polarization
-    )
-    best = np.argsort(-np.abs(sent * received), kind="stable")[:limit]
-    chosen, inward, outward = rays.edge[best], rays.inward[best], rays.outward[best]
+        for which in dict.fromkeys(polarization)
+    }
+    sent, received = (fields[which] for which in polarization)
+    by_strength = np.lexsort((-np.abs(sent * received), rays.observer))
+    best = by_strength[_place_in_run(rays.observer) < limit]
+    to, chosen, inward, outward = rays.observer[best], rays.edge[best], rays.inward[best], rays.outward[best]
     out_m, on_m = rays.geometry.source_distance_m[best], rays.geometry.observer_distance_m[best]
     level = along_array(edges.direction[chosen], inward)
     # The length's rate is u' . v_edge + u . (v_target - v_edge): the sliding of the point adds nothing (Fermat).
     at_edge = edges.velocity_at(chosen, rays.point[best])
-    rate = np.einsum("ki,ki->k", outward, target_velocity - at_edge)
+    rate = np.einsum("ki,ki->k", outward, target_velocity[to] - at_edge)
     legs = _Legs(
+        target=to,
         point=np.where(level[:, None], inward * (out_m + on_m)[:, None], rays.point[best]),
         velocity=at_edge + np.where(level, rate, 0.0)[:, None] * inward,
         rest_m=np.where(level, 0.0, on_m),
@@ -149,26 +158,37 @@ def _legs_to_target(
     return legs, len(rays) - len(best)
 
 
-def _both_legs_clear(edges: WedgeEdges, rays: EdgeRays, target: Real, sight: Sight) -> NDArray[np.bool_]:
+def _both_legs_clear(edges: WedgeEdges, rays: EdgeRays, targets: Real, sight: Sight) -> NDArray[np.bool_]:
     """[K] whether both legs are free, up to a point beside the edge, between the legs and in the wedge's exterior.
 
     Each leg ends a little beyond the plane of the other. A wall in another mesh that continues the face, so that there
     is no edge, blocks one of them.
     """
     middle = 0.5 * (rays.geometry.source_angle_rad + rays.geometry.observer_angle_rad)
-    chosen = edges.take(rays.edge)
-    into_0 = np.cross(chosen.normal_0, chosen.direction)
-    aside = rays.point + BESIDE_M * (np.cos(middle)[:, None] * into_0 + np.sin(middle)[:, None] * chosen.normal_0)
+    normal_0 = edges.normal_0[rays.edge]
+    into_0 = np.cross(normal_0, edges.direction[rays.edge])
+    aside = rays.point + BESIDE_M * (np.cos(middle)[:, None] * into_0 + np.sin(middle)[:, None] * normal_0)
     clear = sight(np.zeros_like(aside), aside + 0.5 * BESIDE_M * rays.outward)
     towards = (aside - 0.5 * BESIDE_M * rays.inward)[clear]
-    clear[clear] = sight(np.broadcast_to(target, towards.shape), towards)
+    clear[clear] = sight(targets[rays.observer[clear]], towards)
     return clear
 
 
-def _round_trips(legs: _Legs, scale: float, owner: int) -> ScatteredPaths:
-    """Every way out with every way back."""
-    count = len(legs.rest_m)
-    out, back = (index.reshape(-1) for index in np.meshgrid(np.arange(count), np.arange(count), indexing="ij"))
+def _place_in_run(value: Index) -> Index:
+    """[n] how many equal values stand before each of rising values [n]."""
+    return np.arange(len(value)) - np.searchsorted(value, value, side="left")
+
+
+def _round_trips(legs: _Legs, scale: Real, owner: NDArray[np.int32]) -> ScatteredPaths:
+    """Every way out with every way back of each target.
+
+    :param scale: [T] of the amplitude; :param owner: [T] the targets' object indices
+    """
+    first = np.searchsorted(legs.target, legs.target, side="left")
+    partners = np.searchsorted(legs.target, legs.target, side="right") - first
+    out = np.repeat(np.arange(len(legs.target)), partners)
+    back = first[out] + _place_in_run(out)
+    count, target = len(out), legs.target[out]
     return ScatteredPaths(
         tx_point=legs.point[out],
         rx_point=legs.point[back],
@@ -176,8 +196,8 @@ def _round_trips(legs: _Legs, scale: float, owner: int) -> ScatteredPaths:
         rx_velocity=legs.velocity[back],
         between_m=legs.rest_m[out] + legs.rest_m[back],
         between_rate_mps=legs.rest_rate[out] + legs.rest_rate[back],
-        amplitude=np.conj(scale * legs.sent[out] * legs.received[back]),
-        depth=np.full(count**2, 3, dtype=np.int8),
-        object_index=np.full(count**2, owner, dtype=np.int32),
-        kinds=np.full(count**2, DIFFRACTED | TARGET, dtype=np.uint8),
+        amplitude=np.conj(scale[target] * legs.sent[out] * legs.received[back]),
+        depth=np.full(count, 3, dtype=np.int8),
+        object_index=owner[target],
+        kinds=np.full(count, DIFFRACTED | TARGET, dtype=np.uint8),
     )

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from datafactory.paths.facets import mirrors_of
 from datafactory.paths.merged_scene import MergedScene, slabs_of, velocities_on
-from datafactory.paths.panes import field_behind_slab, mesh_of_shape, rays_of, slab_transmission
+from datafactory.paths.panes import field_behind_slab, mesh_of_shape, slab_transmission
+from datafactory.paths.ray_hits import first_hits
 from datafactory.paths.smooth_faces import reflected_by_slabs
 from datafactory.paths.targets import FAINTEST
 from datafactory.paths.wave_steps import onto_planes
@@ -107,23 +108,19 @@ class Surfaces:
 
     def hit_by(self, waves: Waves) -> tuple[Index, Hits]:
         """The indices of the waves that meet a surface, and where."""
-        import drjit as dr
-        import mitsuba as mi
-
         if not len(waves.start):  # no array of the ray caster may be empty
             none, nowhere = np.zeros(0, dtype=np.int64), np.zeros((0, 3))
             return none, Hits(nowhere, nowhere, none, none, np.zeros(0))
-        met = self.geometry.ray_intersect(rays_of(waves.lifted, waves.direction, np.full(len(waves.start), np.inf)))
-        valid = np.flatnonzero(met.is_valid().numpy())
-        shape = mi.UInt32(dr.reinterpret_array(mi.UInt32, met.shape)).numpy()[valid]
+        met = first_hits(self.geometry, waves.lifted, waves.direction, np.full(len(waves.start), np.inf))
+        valid = np.flatnonzero(met.valid)
+        shape = met.shape[valid]
         mesh = np.zeros(len(valid), dtype=np.int64)
         for number, index in self.mesh_number.items():
             mesh[shape == number] = index
-        triangle = self.first[mesh] + met.prim_index.numpy()[valid].astype(np.int64)
+        triangle = self.first[mesh] + met.primitive[valid]
         point, normal, cosine = onto_planes(
-            waves.start[valid], waves.direction[valid], met.t.numpy()[valid].astype(np.float64), triangle,
-            self.normals, self.heights,
-        )  # fmt: skip
+            waves.start[valid], waves.direction[valid], met.distance[valid], triangle, self.normals, self.heights
+        )
         good = np.flatnonzero(cosine > 0.0)
         return valid[good], Hits(point, normal, triangle, mesh, cosine).take(good)
 

@@ -70,7 +70,7 @@ def target_echoes(
         behind = np.flatnonzero(apart & ~clear)
         ways = {
             which: panes_between(geometry, merged_scene, materials, frequency_hz, position[behind], which).factor
-            for which in settings.polarization
+            for which in dict.fromkeys(settings.polarization)
         }
         out[behind], back[behind] = (ways[which] for which in settings.polarization)
         kinds[behind] |= REFRACTED

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from datafactory.paths.backend import select_variant
 from datafactory.paths.merged_scene import MergedScene
-from datafactory.paths.panes import mesh_of_shape, rays_of
+from datafactory.paths.panes import mesh_of_shape
+from datafactory.paths.ray_hits import first_hits
 from datafactory.paths.solver import mitsuba_mesh
 from datafactory.scenes.poses import Pose
 
@@ -57,16 +58,10 @@ class RayCaster:
         nothing = Met(np.full(count, np.inf), np.full(count, -1, dtype=np.int64), np.zeros((count, 3)))
         if self._scene is None or not count:
             return nothing
-        import drjit as dr
-        import mitsuba as mi
-
-        met = self._scene.ray_intersect(rays_of(start, direction, np.full(count, np.inf)))
-        valid = met.is_valid().numpy()
-        shape = mi.UInt32(dr.reinterpret_array(mi.UInt32, met.shape)).numpy()
+        met = first_hits(self._scene, start, direction, np.full(count, np.inf))
         for number, index in self._mesh_of_shape.items():
-            nothing.mesh[valid & (shape == number)] = index
-        normal = met.n.numpy().T.astype(np.float64)
-        towards = -np.sign(np.einsum("ni,ni->n", normal, direction))
-        nothing.normal[valid] = (normal * towards[:, None])[valid]
-        nothing.distance[valid] = met.t.numpy().astype(np.float64)[valid]
+            nothing.mesh[met.valid & (met.shape == number)] = index
+        towards = -np.sign(np.einsum("ni,ni->n", met.normal, direction))
+        nothing.normal[met.valid] = (met.normal * towards[:, None])[met.valid]
+        nothing.distance[met.valid] = met.distance[met.valid]
         return nothing
