@@ -21,6 +21,18 @@ CUBE_FACES = """int[] faceVertexCounts = [4, 4, 4, 4, 4, 4]
 """
 CUBE = f"{CUBE_POINTS}\n    {CUBE_FACES}"
 
+MOVING = """def Xform "car" {
+      double3 xformOp:translate.timeSamples = { 0: (0, 0, 0), 12: (0, 0, 600), 24: (0, 0, 0) }
+      uniform token[] xformOpOrder = ["xformOp:translate"]
+      def Mesh "m" {
+      CUBE
+      }
+    }
+    def Mesh "house" {
+    CUBE
+    }""".replace("CUBE", CUBE)
+"""A cube that drives to and fro along the stage's z, and one that stands."""
+
 
 def write_usda(folder: Path, body: str, metadata: str = METRES_Z_UP, name: str = "stage.usda") -> Path:
     path = folder / name
