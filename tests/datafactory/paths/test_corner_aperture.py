@@ -21,6 +21,7 @@ from datafactory.paths.corner_aperture import (
     longer_along,
 )
 from datafactory.paths.corner_edges import CornerEdges
+from datafactory.paths.corner_sight import pieces_in_sight
 
 CORNERS = [
     dihedral(20.0, 0.15, 0.2, 6.0),
@@ -80,10 +81,10 @@ def test_a_leg_behind_a_hidden_one_is_not_looked_at_and_nothing_else_changes(see
     def open_sky(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.bool_]:
         return np.ones(len(end), dtype=bool)
 
-    everything = corner_echoes._in_sight(corners, cells, views, WAVELENGTH_M, recorded(open_sky))
+    everything = pieces_in_sight(corners, cells, views, WAVELENGTH_M, recorded(open_sky))
     assert everything.all()
     legs, looked = looked, []
-    fast = corner_echoes._in_sight(corners, cells, views, WAVELENGTH_M, recorded(blinds))
+    fast = pieces_in_sight(corners, cells, views, WAVELENGTH_M, recorded(blinds))
     slow = [blinds(one, one) & blinds(other, other) for one, other in (legs[:2], legs[2:])]
     np.testing.assert_array_equal(fast, np.reshape(slow, fast.shape))
     assert 0.1 < fast.mean() < 0.6

@@ -15,7 +15,8 @@ from datafactory.paths.diffraction import edge_echoes, field_over_edges, rays_ov
 from datafactory.paths.edges import edges_of
 from datafactory.paths.facets import TAPER, mirrors_of, reflected_share
 from datafactory.paths.merged_scene import MergedScene
-from datafactory.paths.panes import clear_between, polarization_axis
+from datafactory.paths.panes import polarization_axis
+from datafactory.paths.ray_hits import clear_between
 from datafactory.paths.table import DIFFRACTED, ScatteredPaths, SpecularPaths
 from datafactory.scenes.poses import Pose
 

@@ -8,7 +8,8 @@ import pytest
 from sionna_scenes import plate, scene_of, sionna_scene
 
 from datafactory.paths.panes import mesh_of_shape
-from datafactory.paths.ray_hits import first_hits
+from datafactory.paths.ray_hits import _lines, first_hits, ray_margin_m
+from datafactory.paths.unfold import unit
 
 pytestmark = pytest.mark.usefixtures("variant")
 
@@ -45,6 +46,21 @@ def test_the_first_of_two_walls_is_met_within_reach(generator):
         assert {material[of_shape[int(shape)]] for shape in hits.shape[here]} == {name}
     assert set(hits.primitive[hits.valid].tolist()) == {0, 1}
     np.testing.assert_allclose(np.abs(hits.normal[hits.valid, 0]), 1.0, atol=1e-6)
+
+
+def test_lines_leave_their_ends_by_the_ray_casters_error(generator):
+    """Float64, rounded to float32 last, byte for byte as the formula says; lines without a length among them."""
+    start, end = generator.uniform(-80.0, 80.0, (2, 300, 3))
+    start[:100], end[40] = 0.0, 0.0
+    end[200] = start[200]
+    first, direction, reach = _lines(start, end)
+    length = np.linalg.norm(end - start, axis=1)
+    towards = unit(end - start)
+    ahead = 1e-4 + 2e-5 * np.linalg.norm(start, axis=1)
+    left = length - ahead - ray_margin_m(np.linalg.norm(end, axis=1))
+    np.testing.assert_array_equal(first, (start + ahead[:, None] * towards).T.astype(np.float32))
+    np.testing.assert_array_equal(direction, towards.T.astype(np.float32))
+    np.testing.assert_array_equal(reach, np.maximum(left, 0.0).astype(np.float32))
 
 
 def test_all_that_is_read_of_a_cast_is_evaluated_in_one_kernel(generator):

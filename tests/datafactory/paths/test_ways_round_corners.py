@@ -12,7 +12,7 @@ from sionna_scenes import FREQUENCY_HZ, WAVELENGTH_M, box, plate, scene_of, sion
 
 from datafactory.paths.edges import edges_of
 from datafactory.paths.merged_scene import MergedScene
-from datafactory.paths.panes import clear_between
+from datafactory.paths.ray_hits import clear_between
 from datafactory.paths.round_corners import echoes_round_corners
 from datafactory.paths.table import DIFFRACTED, TARGET
 from datafactory.scenes.poses import Pose

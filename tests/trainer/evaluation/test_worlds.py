@@ -205,9 +205,10 @@ def test_what_is_not_defined_is_left_open():
     [
         ({"scenes": None}, "no two runs of one array say that they were trained on different numbers of scenes"),
         ({"scenes": (SceneRecord(name="city-1", content_sha256="m"),)}, "no two runs of one array"),
+        ({"frames": {"train": 8}}, "were trained on 8 and on 16 frames, .* trainer fit --frames makes them equal"),
     ],
 )
-def test_runs_that_do_not_say_how_many_scenes_make_no_chart(tmp_path, changes, message):
+def test_runs_that_differ_in_nothing_else_are_needed(tmp_path, changes, message):
     (tmp_path / "thin.toml").write_text("rx = [0, 1, 2, 5]\n")
     runs = [network(tmp_path / str(scenes), seen("bare", scenes, **changes)) for scenes in (1, 2)]
     with pytest.raises(InputError, match=message):
@@ -220,9 +221,8 @@ def test_runs_that_do_not_say_how_many_scenes_make_no_chart(tmp_path, changes, m
 def test_a_scene_that_a_network_may_have_seen_is_not_unseen(tmp_path, met):
     """The same content by another name; another content of the same name, which may be the same streets with cars."""
     (tmp_path / "thin.toml").write_text("rx = [0, 1, 2, 5]\n")
-    first, *others = seen("bare", 2)
-    both = (first, *others, *seen("bare", 1, scenes=(met,)))
-    runs = [network(tmp_path / "one", (first,)), network(tmp_path / "two", both)]
+    more = (*seen("bare", 2), *seen("bare", 1, scenes=(met,), frames={}))
+    runs = [network(tmp_path / "one", seen("bare", 1)), network(tmp_path / "two", more)]
     with pytest.raises(InputError, match="unet:two may have been trained on scene 'munich'"):
         assess(unseen(tmp_path / "data"), tmp_path / "out", runs)
 

@@ -7,7 +7,7 @@ realisations. What converges there is the power in a resolution cell (:mod:`data
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -210,6 +210,19 @@ QUICK_POWER_KNOBS = (
     Knob("finite_mirrors", (False,), power=True),
     Knob("surface_phase", (False,), power=True),
 )
+
+
+def with_more_rays(knobs: Sequence[Knob], most: int) -> tuple[Knob, ...]:
+    """The knobs, that of the fan's rays going on in doublings to ``most``, which is the last."""
+
+    def doubled(values: tuple[Any, ...]) -> tuple[Any, ...]:
+        more = list(values)
+        while 2 * more[-1] < most:
+            more.append(2 * more[-1])
+        return (*more, most) if most > more[-1] else tuple(more)
+
+    return tuple(replace(knob, values=doubled(knob.values)) if knob.label == "rays" else knob for knob in knobs)
+
 
 REFERENCE_DEPTH = 3
 REFERENCE_RAYS = 1_600_000

@@ -38,6 +38,12 @@ def accuracy(
         int | None,
         typer.Option(min=1, help="Rays a frame wherever they are not varied; 200000, or 50000 with --quick."),
     ] = None,
+    most_rays: Annotated[
+        int | None,
+        typer.Option(
+            min=1, help="Most rays that are tried, doubled from the usual most; the reference has twice them."
+        ),
+    ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="One frame, fewer settings; for a small scene.")] = False,
     materials: Annotated[Path | None, typer.Option(help="TOML file that overrides the material table.")] = None,
     variant: options.Variants = None,
@@ -48,16 +54,27 @@ def accuracy(
     from datafactory.accuracy.power import Effort
     from datafactory.accuracy.samples import SampleFrame, made_with, planned_scenes
     from datafactory.accuracy.sweep import sweep
+    from datafactory.frame.chain import ChainSettings
     from datafactory.paths.backend import select_variant, set_threads
+    from datafactory.paths.solver import TraceSettings
+    from datafactory.run.memory import Load, amount, rays_that_fit
     from datafactory.run.order import Order
     from datafactory.run.preparation import prepare
     from datafactory.scenes.materials.table import load_materials
     from datafactory.scenes.poses import read_poses
+    from shared.processes.machine import usable_memory
     from shared.radar import load_radar
 
     scene = options.one_scene(scene_name, scene)
     if scene is None:
         raise InputError("--scene", "missing", "a scene file or sionna:NAME")
+    if most_rays is not None:
+        of_reference = TraceSettings(rays=2 * most_rays, depth=knobs.REFERENCE_DEPTH)
+        load, limit = Load(load_radar(radar), ChainSettings(trace=of_reference), traced=True), usable_memory()
+        fitting = rays_that_fit(load, limit) // 2
+        if fitting < most_rays:
+            needed = f"a reference of {2 * most_rays} rays takes {amount(load.worker_bytes)} of memory"
+            raise InputError("--most-rays", f"{needed}, {amount(limit)} may be used", f"at most {fitting}")
     console = Console(soft_wrap=True, highlight=False)
     model, table = load_radar(radar), load_materials(materials)
     given = read_poses(poses) if poses else ()
@@ -89,6 +106,9 @@ def accuracy(
         )
     if rays is not None:
         effort = replace(effort, rays=rays, reference_rays=max(effort.reference_rays, 2 * rays))
+    if most_rays is not None:
+        power = knobs.with_more_rays(power, most_rays)
+        effort = replace(effort, reference_rays=max(effort.reference_rays, 2 * most_rays))
     toggled = knobs.effect_knobs(effects, planned.absent)
     signal += tuple(knob for knob in toggled if not knob.power)
     power += tuple(knob for knob in toggled if knob.power)

@@ -49,10 +49,8 @@ from numpy.typing import NDArray
 from scipy.special import fresnel
 
 from datafactory.paths.corner_aperture import (
-    ACROSS,
     GRAZING,
     Cells,
-    FaceOrder,
     Views,
     cells_along,
     ends_along,
@@ -64,9 +62,10 @@ from datafactory.paths.corner_aperture import (
     without_hidden,
 )
 from datafactory.paths.corner_edges import CornerEdges
+from datafactory.paths.corner_sight import pieces_in_sight
 from datafactory.paths.diffraction import NEAREST_M, Sight, along_array
 from datafactory.paths.mirror_feet import AHEAD_M
-from datafactory.paths.panes import Polarization, polarization_axis, ray_margin_m
+from datafactory.paths.panes import Polarization, polarization_axis
 from datafactory.paths.smooth_faces import mirrored_by_slabs
 from datafactory.paths.table import CORNER, ScatteredPaths, SpecularPaths
 from datafactory.paths.unfold import unit
@@ -108,7 +107,7 @@ def corner_echoes(
     heard = np.pi * views.height**2 * possible**2 > float(db_to_power(FAINTEST_DBSM))
     faint = len(corners) - int(heard.sum())
     corners, views, cells = _kept(heard, corners, views, cells)
-    seen = _in_sight(corners, cells, views, wavelength, sight)
+    seen = pieces_in_sight(corners, cells, views, wavelength, sight)
     in_sight = np.zeros(len(corners), dtype=bool)
     np.logical_or.at(in_sight, cells.corner, seen.any(axis=(0, 2)))
     cells, seen = without_hidden(cells, seen)
@@ -167,26 +166,6 @@ def _kept(
     place = np.cumsum(mask) - 1
     cells = cells.take(mask[cells.corner])
     return corners.take(mask), views.take(mask), replace(cells, corner=place[cells.corner])
-
-
-def _in_sight(corners: CornerEdges, cells: Cells, views: Views, wavelength_m: float, sight: Sight) -> NDArray[np.bool_]:
-    """[2, K, ACROSS] whether both legs to the pieces of the aperture are free."""
-    seen = np.ones((2, len(cells.corner) * ACROSS), dtype=bool)
-    corner = np.repeat(cells.corner, ACROSS)
-    for order in (0, 1):
-        one, faces = FaceOrder.of(cells, views, order), (order, 1 - order)
-        b = one.beam(wavelength_m)
-        below = (one.height * np.sin(one.angle))[:, None]
-        share = below / (below + b * np.sin(one.opening)[:, None])  # of the way from the image to the second face
-        a = (one.height * np.sin(one.angle + one.opening))[:, None] * b * share / below
-        legs = ((a, cells.z[:, None] * share), (b, np.tile(cells.z[:, None], ACROSS)))
-        for face, (away, z) in zip(faces, legs, strict=True):
-            here = np.flatnonzero(seen[order])  # what is hidden on the first face need not be looked at on the second
-            of, away, z = corner[here], away.reshape(-1)[here], z.reshape(-1)[here]
-            point = views.foot[of] + z[:, None] * corners.direction[of] + away[:, None] * corners.into[of, face]
-            point += ray_margin_m(np.linalg.norm(point, axis=1))[:, None] * corners.normal[of, face]
-            seen[order, here] = sight(np.zeros_like(point), point)
-    return seen.reshape(2, -1, ACROSS)
 
 
 def _paths(

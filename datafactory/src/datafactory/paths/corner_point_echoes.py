@@ -31,7 +31,8 @@ from datafactory.paths.corner_echoes import FAINTEST_DBSM, WIDE
 from datafactory.paths.corner_points import DIRECTIONS, CornerPoints
 from datafactory.paths.diffraction import NEAREST_M, Sight
 from datafactory.paths.mirror_feet import AHEAD_M
-from datafactory.paths.panes import Polarization, polarization_axis, ray_margin_m
+from datafactory.paths.panes import Polarization, polarization_axis
+from datafactory.paths.ray_hits import ray_margin_m
 from datafactory.paths.smooth_faces import mirrored_by_slabs
 from datafactory.paths.table import CORNER, ScatteredPaths, SpecularPaths
 from datafactory.paths.unfold import unit

@@ -18,7 +18,7 @@ from datafactory.paths.corner_edges import corners_of
 from datafactory.paths.corner_point_echoes import corner_point_echoes
 from datafactory.paths.corner_points import points_of
 from datafactory.paths.merged_scene import MergedScene, slabs_of
-from datafactory.paths.panes import clear_between
+from datafactory.paths.ray_hits import clear_between
 from datafactory.paths.solver import Bundle, TraceSettings
 from datafactory.paths.table import DIFFUSE, ScatteredPaths, SpecularPaths
 from datafactory.paths.targets import EDGES_WITHIN_M

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from datafactory.paths.curved_surfaces import CurvedSurfaces, turned_to
-from datafactory.paths.panes import ray_margin_m
+from datafactory.paths.ray_hits import ray_margin_m
 from datafactory.paths.unfold import unit
 
 Real = NDArray[np.float64]

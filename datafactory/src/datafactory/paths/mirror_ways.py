@@ -31,7 +31,8 @@ from numpy.typing import NDArray
 from datafactory.paths.curved_surfaces import curved_surfaces_of
 from datafactory.paths.facets import COPLANAR_M, mirrors_of, reflected_share
 from datafactory.paths.merged_scene import MergedScene, slabs_of, velocities_on
-from datafactory.paths.panes import Polarization, clear_between, polarization_axis, ray_margin_m, slab_reflection
+from datafactory.paths.panes import Polarization, polarization_axis, slab_reflection
+from datafactory.paths.ray_hits import clear_between, ray_margin_m
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.wave_steps import reflected_fields
 from datafactory.scenes.materials.table import MaterialMapping

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from datafactory.paths.merged_scene import MergedScene, slabs_of
-from datafactory.paths.ray_hits import first_hits, rays_of
+from datafactory.paths.ray_hits import first_hits, ray_margin_m
 from datafactory.paths.unfold import unit
 from datafactory.scenes.materials.reflectivity import complex_permittivity
 from datafactory.scenes.materials.table import Material, MaterialMapping
@@ -161,27 +161,6 @@ def panes_between(
     beyond = surfaces.next_surface()[0]
     factor = np.where(beyond, 0.0, np.einsum("ki,ki->k", field, axis).conj())
     return Crossings(factor=factor, count=count, given_up=int(beyond.sum()))
-
-
-def clear_between(mi_scene: Any, start: Real, end: Real) -> NDArray[np.bool_]:
-    """[K] whether nothing stands on the straight lines from ``start`` to ``end``, [K, 3] each, in the scene's frame.
-
-    Surfaces nearer to either end than the ray caster's own error do not count.
-    """
-    start, end = np.broadcast_arrays(np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64))
-    if not len(start):
-        return np.zeros(0, dtype=bool)
-    distance = np.linalg.norm(end - start, axis=1)
-    direction = unit(end - start)
-    ahead = ray_margin_m(np.linalg.norm(start, axis=1))
-    reach = distance - ahead - ray_margin_m(np.linalg.norm(end, axis=1))
-    first = start + ahead[:, None] * direction
-    return ~mi_scene.ray_test(rays_of(first, direction, np.maximum(reach, 0.0))).numpy()
-
-
-def ray_margin_m(distance_m: Real) -> Real:
-    """Error of a ray's float32 distance [m]: 0.1 mm nearby, 2 mm at 100 m."""
-    return 1e-4 + 2e-5 * distance_m
 
 
 def polarization_axis(direction: Real, polarization: Polarization) -> Real:

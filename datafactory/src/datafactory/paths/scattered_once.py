@@ -30,7 +30,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from datafactory.paths.panes import clear_between, polarization_axis, ray_margin_m
+from datafactory.paths.panes import polarization_axis
+from datafactory.paths.ray_hits import clear_between, ray_margin_m
 from datafactory.paths.rays import RayFan
 from datafactory.paths.scattering import scattered_share
 from datafactory.paths.solver import Bundle, TraceSettings

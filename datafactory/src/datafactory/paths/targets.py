@@ -11,7 +11,8 @@ from datafactory.paths.echo_points import Seen, all_echo_points
 from datafactory.paths.edges import edges_of
 from datafactory.paths.merged_scene import MergedScene, slabs_of
 from datafactory.paths.mirrored_targets import DirectWays, echoes_over_mirrors
-from datafactory.paths.panes import clear_between, panes_between
+from datafactory.paths.panes import panes_between
+from datafactory.paths.ray_hits import clear_between
 from datafactory.paths.round_corners import echoes_round_corners
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import REFRACTED, TARGET, ScatteredPaths

@@ -30,7 +30,7 @@ from datafactory.paths.edges import edges_of
 from datafactory.paths.facets import mirrors_of, reflected_share
 from datafactory.paths.merged_scene import MergedScene, slabs_of
 from datafactory.paths.mirror_feet import single_mirrors
-from datafactory.paths.panes import clear_between
+from datafactory.paths.ray_hits import clear_between
 from datafactory.paths.rays import RayFan
 from datafactory.paths.roughness import surface_phase
 from datafactory.paths.scattered_once import scattered_once

@@ -125,6 +125,14 @@ def most_workers(load: Load, limit: float) -> int:
     return max(1, int((limit - load.parent_bytes) // load.worker_bytes))
 
 
+def rays_that_fit(load: Load, limit: float) -> int:
+    """How many rays a frame may have for one worker to fit into so many bytes; 0 or less for none."""
+    trace = load.settings.trace
+    without = replace(load, settings=replace(load.settings, trace=replace(trace, rays=0)), stored_rays=0)
+    of_ray = (load.total_bytes(1) - without.total_bytes(1)) / max(trace.rays, 1)
+    return int((limit - without.total_bytes(1)) / of_ray)
+
+
 def statement(load: Load, workers: int, limit: float) -> str:
     """In words: what so many workers take."""
     of_each = "" if workers == 1 else f", {amount(load.worker_bytes)} each"
@@ -147,11 +155,8 @@ def _too_much(load: Load, workers: int, limit: float, fitting: int) -> InputErro
     needed = statement(load, workers, limit)
     if fitting:
         return InputError("--workers", f"{workers} take {needed}", f"at most {fitting}")
-    trace = load.settings.trace
-    without = replace(load, settings=replace(load.settings, trace=replace(trace, rays=0)), stored_rays=0)
-    of_ray = (load.total_bytes(1) - without.total_bytes(1)) / max(trace.rays, 1)
-    rays = int((limit - without.total_bytes(1)) / of_ray) if load.traced else 0
+    rays = rays_that_fit(load, limit) if load.traced else 0
     if rays > 0:
-        return InputError("--rays", f"{trace.rays} take {needed}", f"at most {rays}")
+        return InputError("--rays", f"{load.settings.trace.rays} take {needed}", f"at most {rays}")
     radar = "fewer samples, chirps or channels, " if load.rendered else ""
     return InputError("memory", f"one frame takes {needed}", f"{radar}a smaller scene, or a larger machine")

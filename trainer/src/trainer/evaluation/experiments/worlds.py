@@ -30,9 +30,9 @@ class Worlds:
     title = report.TITLE
     caption = (
         "Average precision on scene frames over the number of scenes that a network was trained on, as its run says "
-        "it; networks of other seeds are one point, their mean, and a small dot each. Bars: 95 % intervals over the "
-        "test frames. Below: what is gained over the network of the fewest scenes, on the same test frames. Dashed: "
-        "methods that are trained on nothing."
+        "it, all with as many frames; networks of other seeds are one point, their mean, and a small dot each. Bars: "
+        "95 % intervals over the test frames. Below: what is gained over the network of the fewest scenes, on the same "
+        "test frames. Dashed: methods that are trained on nothing."
     )
     summary: tuple[SummaryColumn, ...] = ()
 
@@ -42,6 +42,12 @@ class Worlds:
         arrays = [_points(bench, array.name) for array in bench.arrays]
         if not any(len({of.scenes for of in points}) > 1 for points in arrays):
             return "no two runs of one array say that they were trained on different numbers of scenes"
+        for points in arrays:
+            if len(frames := sorted({of.frames for of in points})) > 1:
+                return (
+                    f"runs of one array were trained on {frames[0]} and on {frames[-1]} frames, which is a difference "
+                    "of its own; trainer fit --frames makes them equal"
+                )
         networks = [contender for points in arrays for of_point in points.values() for contender in of_point]
         for contender in networks:
             for scene in _tested_scenes(bench):
