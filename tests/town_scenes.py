@@ -1,4 +1,4 @@
-"""Towns of boxes on a plate, for tests of free ground and of where a sensor goes."""
+"""Towns of boxes, for tests of free ground, of where a sensor goes, and of traffic."""
 
 from __future__ import annotations
 
@@ -37,3 +37,27 @@ CAR = box("car", (3.0, 2.0, 0.3), (7.0, 4.0, 1.5), "metal", (8.0, 0.0, 0.0))
 POLE = box("pole", (30.0, -3.05, 0.0), (30.1, -2.95, 4.0), "metal")
 PLATE = sheet("floor", (-110.0, 110.0), (-50.0, 50.0), flat)
 TOWN = Scene("town", (PLATE, *BUILDINGS, CAR, POLE))
+
+SLOPE = 0.04
+"""Of the hill on which the two blocks stand."""
+
+
+def block(name: str, low: tuple[float, float, float], high: tuple[float, float, float], slope: float) -> SceneObject:
+    """A box whose floor and roof follow a slope along x."""
+    corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
+    corners[:, 2] += slope * corners[:, 0]
+    quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+    triangles = [part for a, b, c, d in quads for part in ((a, b, c), (a, c, d))]
+    return SceneObject(name, corners, np.array(triangles, dtype=np.int32), "concrete")
+
+
+def two_blocks(slope: float = SLOPE, half_width: float = 11.0) -> Scene:
+    """A street along x between two houses, on a hill."""
+    return Scene(
+        "two_blocks",
+        (
+            block("ground", (-70.0, -24.0, -1.0), (70.0, 24.0, 0.0), slope),
+            block("north", (-70.0, half_width, -0.5), (70.0, half_width + 10.0, 12.0), slope),
+            block("south", (-70.0, -half_width - 10.0, -0.5), (70.0, -half_width, 12.0), slope),
+        ),
+    )

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene, SceneObject
@@ -17,6 +20,18 @@ CUBE_FACES = """int[] faceVertexCounts = [4, 4, 4, 4, 4, 4]
     uniform token subdivisionScheme = "none"
 """
 CUBE = f"{CUBE_POINTS}\n    {CUBE_FACES}"
+
+MOVING = """def Xform "car" {
+      double3 xformOp:translate.timeSamples = { 0: (0, 0, 0), 12: (0, 0, 600), 24: (0, 0, 0) }
+      uniform token[] xformOpOrder = ["xformOp:translate"]
+      def Mesh "m" {
+      CUBE
+      }
+    }
+    def Mesh "house" {
+    CUBE
+    }""".replace("CUBE", CUBE)
+"""A cube that drives to and fro along the stage's z, and one that stands."""
 
 
 def write_usda(folder: Path, body: str, metadata: str = METRES_Z_UP, name: str = "stage.usda") -> Path:
@@ -42,3 +57,37 @@ def area(item: SceneObject) -> float:
 
 def translated(x: float, y: float, z: float) -> str:
     return f'double3 xformOp:translate = ({x}, {y}, {z})\n uniform token[] xformOpOrder = ["xformOp:translate"]\n'
+
+
+UPWARD = {"Z": (0, 1, 2), "Y": (0, 2, 1), "X": (2, 0, 1)}
+"""Which of the world's axes a stage's x, y and z are; with Y up, z runs against the world's y."""
+
+
+@dataclass(frozen=True)
+class Twin:
+    """How one scene is written with another axis up and in another unit.
+
+    :param up: "X", "Y" or "Z"; :param metres: in one unit
+    """
+
+    up: str
+    metres: float
+
+    @property
+    def metadata(self) -> str:
+        return f'metersPerUnit = {self.metres}\n upAxis = "{self.up}"'
+
+    def turned(self, vector: ArrayLike) -> str:
+        """A world direction or velocity as the stage has it, whatever its unit."""
+        parts = np.asarray(vector, dtype=float)[list(UPWARD[self.up])] * (1.0, 1.0, -1.0 if self.up == "Y" else 1.0)
+        return f"({', '.join(repr(float(part) + 0.0) for part in parts)})"
+
+    def place(self, world_m: ArrayLike) -> str:
+        """A world place [m] as the stage has it."""
+        return self.turned(np.asarray(world_m, dtype=float) / self.metres)
+
+    def places(self, world_m: Iterable[ArrayLike]) -> str:
+        return f"[{', '.join(map(self.place, world_m))}]"
+
+
+TWINS = tuple(Twin(up, metres) for up in UPWARD for metres in (1.0, 0.01))

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from record import RELATIVE_L2, NotInstalledError, Record, relative_l2, timed
 from workloads import EGO_SPEED_MPS, Workload, street
 
 from datafactory.paths.backend import cuda_device
+from datafactory.paths.table import PathTable
 from datafactory.synthesis.kernels import ON_CPU, Kernels, synthesis_problem, torch_kernels
 from datafactory.synthesis.sorting import sorted_paths
 from datafactory.synthesis.wave_model import EQUATION_1
@@ -15,6 +20,7 @@ from shared.signal.spectrum import range_doppler, select_doppler
 
 TOLERANCE = 1e-3
 """Of the frames of a run."""
+Make = Callable[[Kernels, PathTable], NDArray[np.complexfloating]]
 
 
 def cube_on_torch(work: Workload) -> Record:
@@ -51,48 +57,36 @@ def _kernels(device: str) -> tuple[Kernels, str]:
 
 
 def _cube(work: Workload, device: str) -> Record:
-    radar, (kernels, where) = work.radar, _kernels(device)
+    def cube(made_by: Kernels, table: PathTable) -> NDArray[np.complexfloating]:
+        by_kernel = sorted_paths(table, work.radar, TOLERANCE, work.radar.array, EQUATION_1)
+        return made_by.cube(by_kernel, work.radar, TOLERANCE, work.radar.array, 1, EQUATION_1)
 
-    def cube(made_by: Kernels, table):
-        by_kernel = sorted_paths(table, radar, TOLERANCE, radar.array, EQUATION_1)
-        return made_by.cube(by_kernel, radar, TOLERANCE, radar.array, 1, EQUATION_1)
-
-    for made_by in (kernels, ON_CPU):
-        cube(made_by, street(32, EGO_SPEED_MPS))
-    elapsed, made = timed(lambda: cube(kernels, work.paths), work.size.repeats)
-    reference_time, reference = timed(lambda: cube(ON_CPU, work.paths), work.size.repeats)
-    return Record(
-        name=f"cube_on_{_name(device)}_vs_compiled",
-        ours=f"{where}, {work.size.paths} paths, tolerance {TOLERANCE:g}, sorting included",
-        ours_time=elapsed,
-        reference="the compiled kernels, the same; 1 thread",
-        reference_time=reference_time,
-        error=relative_l2(made, reference),
-        error_unit=RELATIVE_L2,
-    )
+    return _record("cube", f"{work.size.paths} paths, tolerance {TOLERANCE:g}, sorting included", cube, work, device)
 
 
 def _truth(work: Workload, device: str) -> Record:
-    radar, (kernels, where) = work.radar, _kernels(device)
-    cells = select_doppler(range_doppler(work.cube[1], radar), 0.0, 1).cells[0]
+    cells = select_doppler(range_doppler(work.cube[1], work.radar), 0.0, 1).cells[0]
 
-    def truth(made_by: Kernels, table):
-        return made_by.truth(table, radar, cells, DEFAULT_TERMS, EQUATION_1)
+    def truth(made_by: Kernels, table: PathTable) -> NDArray[np.complexfloating]:
+        return made_by.truth(table, work.radar, cells, DEFAULT_TERMS, EQUATION_1)
 
+    what = f"{work.size.paths} paths x {work.sensor.channels} channels, a cell a row"
+    return _record("truth", what, truth, work, device)
+
+
+def _record(name: str, what: str, make: Make, work: Workload, device: str) -> Record:
+    """torch's kernels on a device beside the compiled ones, each compiled before it is timed."""
+    kernels, where = _kernels(device)
     for made_by in (kernels, ON_CPU):
-        truth(made_by, street(32, EGO_SPEED_MPS))
-    elapsed, made = timed(lambda: truth(kernels, work.paths), work.size.repeats)
-    reference_time, reference = timed(lambda: truth(ON_CPU, work.paths), work.size.repeats)
+        make(made_by, street(32, EGO_SPEED_MPS))
+    elapsed, made = timed(lambda: make(kernels, work.paths), work.size.repeats)
+    reference_time, reference = timed(lambda: make(ON_CPU, work.paths), work.size.repeats)
     return Record(
-        name=f"truth_on_{_name(device)}_vs_compiled",
-        ours=f"{where}, {work.size.paths} paths x {work.sensor.channels} channels, a cell a row",
+        name=f"{name}_on_{'torch' if device == 'cpu' else device}_vs_compiled",
+        ours=f"{where}, {what}",
         ours_time=elapsed,
         reference="the compiled kernels, the same; 1 thread",
         reference_time=reference_time,
         error=relative_l2(made, reference),
         error_unit=RELATIVE_L2,
     )
-
-
-def _name(device: str) -> str:
-    return "torch" if device == "cpu" else device

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from prepared_scenes import SCENES
+from small_radar import write_small_radar
 from typer.testing import CliRunner
 
 import datafactory
@@ -20,23 +21,12 @@ from datafactory.run.shards import plan_shards
 from shared.dataset.folder import read_manifest
 from shared.physics.errors import InputError
 
-RADAR = """
-[waveform]
-chirps = 8
-samples = 128
-range_bins = 100
-bandwidth_hz = 400e6
-[grid]
-bins = 24
-"""
 TINY = SCENES / "tiny.usda"
 
 
 @pytest.fixture(scope="module")
 def radar(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("radar") / "small.toml"
-    path.write_text(RADAR, encoding="utf-8")
-    return path
+    return write_small_radar(tmp_path_factory.mktemp("radar"))
 
 
 def run(*arguments: object) -> str:

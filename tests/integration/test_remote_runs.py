@@ -17,19 +17,11 @@ from pathlib import Path
 
 import pytest
 from s3_server import KEY, SECRET, Server, s3_server, set_credentials
+from small_radar import write_small_radar
 
 from datafactory.cli.app import main
 
 SCENES = Path(__file__).parents[2] / "scenes"
-RADAR = """
-[waveform]
-chirps = 8
-samples = 128
-range_bins = 100
-bandwidth_hz = 400e6
-[grid]
-bins = 24
-"""
 POINTS = ("points", "--frames", 30, "--seed", 3, "--workers", 1)
 """Five shards."""
 
@@ -52,9 +44,7 @@ def surroundings(server: Server, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 
 @pytest.fixture(scope="module")
 def radar_file(tmp_path_factory) -> Path:
-    path = tmp_path_factory.mktemp("radar") / "small.toml"
-    path.write_text(RADAR, encoding="utf-8")
-    return path
+    return write_small_radar(tmp_path_factory.mktemp("radar"))
 
 
 @pytest.fixture(scope="module")

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from prepared_scenes import SCENES
+from small_radar import write_small_radar
 from typer.testing import CliRunner
 
 from datafactory.cli.app import app
@@ -23,24 +24,13 @@ from datafactory.scenes.materials.table import load_materials
 from shared.dataset.folder import open_dataset
 from shared.radar import Radar
 
-RADAR = """
-[waveform]
-chirps = 8
-samples = 128
-range_bins = 100
-bandwidth_hz = 400e6
-[grid]
-bins = 24
-"""
 LEFT_OUT = ("range_migration", "near_field", "antenna_pattern", "doppler", "intra_chirp_motion")
 """Of the plan of each scene, by its number: effects of the signal, which are decided when paths are rendered."""
 
 
 @pytest.fixture
 def radar_file(tmp_path: Path) -> Path:
-    path = tmp_path / "small.toml"
-    path.write_text(RADAR, encoding="utf-8")
-    return path
+    return write_small_radar(tmp_path)
 
 
 @pytest.fixture

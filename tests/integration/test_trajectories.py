@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from prepared_scenes import SCENES
+from small_radar import write_small_radar
 from typer.testing import CliRunner
 
 from datafactory import Pose, render
@@ -18,15 +19,6 @@ from shared.dataset import Frame
 from shared.dataset.folder import open_dataset
 from shared.physics.errors import InputError
 
-RADAR = """
-[waveform]
-chirps = 8
-samples = 128
-range_bins = 100
-bandwidth_hz = 400e6
-[grid]
-bins = 24
-"""
 ROWS = "time,x,y,z,yaw_deg\n0,-10,0,0.5,0\n0.2,-9,0,0.5,0\n0.4,-8,0,0.5,5\n"
 TINY = str(SCENES / "tiny.usda")
 EFFECTS = "specular,diffuse,doppler,rcs_targets,noise"
@@ -36,7 +28,7 @@ FEW = ("--rays", "500", "--effects", EFFECTS, "--workers", "1")
 @pytest.fixture(scope="module")
 def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("trajectories")
-    (folder / "small.toml").write_text(RADAR, encoding="utf-8")
+    write_small_radar(folder)
     (folder / "track.csv").write_text(ROWS, encoding="utf-8")
     return folder
 

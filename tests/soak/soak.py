@@ -2,15 +2,14 @@
 
 Each round starts a command, kills its whole process group, the process alone or one of its workers after a random time,
 and goes on with ``--resume``. After a few kills the run is left to finish, and its files are compared with those of a
-run that was never killed. What is counted stands in :class:`Tally`. The command ``ray`` makes its shards on a Ray
-cluster of this machine, whose nodes are killed as well.
+run that was never killed. What is counted stands in :class:`soak_tally.Tally`. The command ``ray`` makes its shards on
+a Ray cluster of this machine, whose nodes are killed as well.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
-import hashlib
 import os
 import random
 import shutil
@@ -18,190 +17,21 @@ import signal
 import subprocess
 import sys
 import time
-from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import psutil
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))  # where this is run as a script
 
-from array_jobs import ArrayRun
+from soak_commands import HANG_S, ROOT, Command, cluster_for, commands, on_ray, run
+from soak_tally import Tally, table
 
-if TYPE_CHECKING:
-    from ray_nodes import Nodes
-
-ROOT = Path(__file__).resolve().parents[2]
-BIN = Path(sys.executable).parent
-KINDS = ("group", "parent", "worker", "node")
-HANG_S = 300.0
-"""No command here takes a tenth of this on a machine of its own. Where others take the processor it may: a command
-hangs that has not ended by then and whose processes all sleep."""
 LOOKS, LOOK_S = 20, 0.25
 """How often, and how far apart, the processes of a command that takes long are looked at."""
 ORPHAN_S = 10.0
 """Within this a worker notices that its parent is gone; it looks every half second."""
-ON_RAY = 0.8
-"""Share of the starts of ``ray`` that are on the cluster; the others go on on this machine."""
 LONGEST_CHAIN = 8
 """Kills of one run before it is left to finish: what finishes takes as long as two that are killed."""
-
-RADAR = """
-[waveform]
-chirps = 8
-samples = 128
-range_bins = 100
-bandwidth_hz = 400e6
-[grid]
-bins = 32
-"""
-
-
-@dataclass
-class Tally:
-    """What happened to the runs of one command.
-
-    :param kills: by kind
-    :param finished: runs that were compared
-    :param differing: of them, those whose files were not the reference's: a frame lost, doubled or changed
-    :param hangs: commands that did not end in time
-    :param orphans: processes that outlived the one that started them
-    :param leftovers: files of a finished run that the reference does not have
-    :param tracebacks: runs that showed one
-    :param waited_s: longest time from a kill to the end of all processes
-    """
-
-    kills: dict[str, int] = field(default_factory=lambda: dict.fromkeys(KINDS, 0))
-    finished: int = 0
-    differing: int = 0
-    hangs: int = 0
-    orphans: int = 0
-    leftovers: int = 0
-    tracebacks: int = 0
-    waited_s: float = 0.0
-
-    @property
-    def clean(self) -> bool:
-        """Whether nothing went wrong."""
-        return not (self.differing or self.hangs or self.orphans or self.leftovers or self.tracebacks)
-
-
-@dataclass(frozen=True)
-class Command:
-    """A command that can be killed and resumed.
-
-    :param arguments: for a folder
-    :param result: what of a finished folder has to be the same, by name; an OSError where that cannot be said
-    :param reference: arguments of what it is compared with; by default its own
-    :param nodes: of a cluster that works for it
-    :param fault: what is wrong with a folder after a kill, "" for nothing
-    """
-
-    name: str
-    arguments: Callable[[Path], list[str]]
-    result: Callable[[Path], dict[str, str]]
-    reference: Callable[[Path], list[str]] | None = None
-    nodes: Nodes | None = None
-    fault: Callable[[Path], str] = lambda folder: ""
-
-    @property
-    def kinds(self) -> tuple[str, ...]:
-        """Of kills that there are of it."""
-        return tuple(kind for kind in KINDS if kind != "node" or self.nodes)
-
-
-def shards(folder: Path) -> dict[str, str]:
-    """Hashes of a dataset's shards."""
-    return _hashes(folder, folder.glob("*/*.parquet"))
-
-
-def weights(folder: Path) -> dict[str, str]:
-    """Hashes of a run's weights."""
-    return _hashes(folder, folder.glob("weights.safetensors"))
-
-
-def cells(folder: Path) -> dict[str, str]:
-    """The numbers of an evaluation; seconds differ from run to run."""
-    import pyarrow.parquet as pq
-
-    table = pq.read_table(folder / "metrics.parquet")
-    rows = [row for row in table.to_pylist() if "second" not in str(row)]
-    return {"metrics": hashlib.sha256(repr(sorted(map(str, rows))).encode()).hexdigest()}
-
-
-def _hashes(folder: Path, paths: Iterable[Path]) -> dict[str, str]:
-    return {
-        path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(paths)
-    }
-
-
-def commands(work: Path, names: list[str]) -> list[Command]:
-    """The commands of these names, on a tiny scene and a small radar; what they need is made first."""
-    radar = work / "radar.toml"
-    radar.write_text(RADAR, encoding="utf-8")
-    factory, trainer = str(BIN / "datafactory"), str(BIN / "trainer")
-    scene = ["--scene", str(ROOT / "scenes" / "tiny.usda"), "--radar", str(radar), "--rays", "2000"]
-    scene += ["--effects", "specular,diffuse,doppler,noise", "--workers", "2"]
-    data = work / "data"
-    if {"fit", "evaluate"} & set(names):
-        _run([factory, "render", *scene, "--frames", "24", "--out", str(data)])
-    fit = ["--steps", "40", "--validate-every", "10", "--width", "4", "--seed", "1"]
-    evaluate = ["--methods", "das,iaa,omp", "--experiments", "resolution,noise-only", "--arrays", "sparse6"]
-    evaluate += ["--workers", "2"]
-    every = [
-        Command(
-            "render",
-            lambda out: [factory, "render", *scene, "--frames", "44", "--points", "4", "--out", str(out)],
-            shards,
-        ),
-        Command("trace", lambda out: [factory, "trace", *scene, "--frames", "40", "--out", str(out)], shards),
-        Command("fit", lambda out: [trainer, "fit", str(data), *fit, "--out", str(out)], weights),
-        Command("evaluate", lambda out: [trainer, "evaluate", str(data), *evaluate, "--out", str(out)], cells),
-    ]
-    if {"job", "merge"} & set(names):
-        array = ArrayRun(factory, scene, work, _run, shards)
-        every.append(Command("job", array.job, array.merged, fault=array.fault))
-        every.append(Command("merge", array.merge, array.whole))
-    return [command for command in every if command.name in names]
-
-
-def on_ray(work: Path, nodes: Nodes, chance: random.Random) -> Command:
-    """Close targets, whose shards a cluster makes; what is left after the last kill, it or this machine."""
-    radar = work / "radar.toml"
-    radar.write_text(RADAR, encoding="utf-8")
-    points = [str(BIN / "datafactory"), "points", "--frames", "120", "--radar", str(radar)]
-    cluster = ["--engine", "ray", "--address", nodes.address]
-
-    def anywhere(out: Path) -> list[str]:
-        return [*points, *(cluster if chance.random() < ON_RAY else []), "--out", str(out)]
-
-    return Command("ray", anywhere, shards, lambda out: [*points, "--workers", "2", "--out", str(out)], nodes)
-
-
-@contextmanager
-def cluster_for(names: list[str], chance: random.Random) -> Iterator[Nodes | None]:
-    """Two nodes of a core each, if the command that needs them is among these."""
-    if "ray" not in names:
-        yield None
-        return
-    sys.path.append(str(ROOT / "tests"))
-    from ray_cluster import ray_cluster
-    from ray_nodes import Nodes
-
-    with ray_cluster(2) as cluster:
-        yield Nodes(cluster, chance)
-
-
-def _run(arguments: list[str]) -> float:
-    """Seconds of a command that has to succeed."""
-    started = time.monotonic()
-    done = subprocess.run(arguments, capture_output=True, text=True, check=False, timeout=HANG_S)
-    if done.returncode:
-        raise RuntimeError(f"{' '.join(arguments)}: {done.stderr[-800:]}")
-    return time.monotonic() - started
 
 
 class Soak:
@@ -214,7 +44,7 @@ class Soak:
     def __init__(self, command: Command, work: Path, chance: random.Random) -> None:
         self.command, self.work, self.chance, self.tally = command, work, chance, Tally()
         reference = work / f"{command.name}-reference"
-        self.seconds = _run((command.reference or command.arguments)(reference))
+        self.seconds = run((command.reference or command.arguments)(reference))
         self.expected = command.result(reference)
         self.files = {path.relative_to(reference) for path in reference.rglob("*") if path.is_file()}
         self.runs = 0
@@ -362,23 +192,6 @@ def soak(kills: int, names: list[str], work: Path, seed: int = 0, minutes: float
             item.chain(min(chance.randint(1, LONGEST_CHAIN), kills - done))
             print(f"{done} of {kills} kills", file=sys.stderr, flush=True)
     return tallies
-
-
-def table(tallies: dict[str, Tally]) -> str:
-    """The tallies in Markdown."""
-    heads = ["command", *(f"{kind} kills" for kind in KINDS), "runs compared", "differing", "hangs", "orphans",
-             "leftovers", "tracebacks", "longest wait [s]"]  # fmt: skip
-    lines = ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
-    totals: dict[str, float] = defaultdict(float)
-    for name, tally in tallies.items():
-        numbers = [*tally.kills.values(), tally.finished, tally.differing, tally.hangs, tally.orphans, tally.leftovers,
-                   tally.tracebacks]  # fmt: skip
-        for head, number in zip(heads[1:], numbers, strict=False):
-            totals[head] += number
-        lines.append("| " + " | ".join([name, *map(str, numbers), f"{tally.waited_s:.1f}"]) + " |")
-    longest = max(tally.waited_s for tally in tallies.values())
-    sums = [f"{totals[head]:.0f}" for head in heads[1:-1]]
-    return "\n".join([*lines, "| " + " | ".join(["all", *sums, f"{longest:.1f}"]) + " |"])
 
 
 def main() -> None:

@@ -9,6 +9,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+import soak_commands
 from soak import soak as driver
 from soak.soak import soak, wants_the_processor
 
@@ -30,8 +31,8 @@ def test_killed_jobs_of_an_array_merge_to_the_run_in_one_piece(tmp_path: Path) -
 
 @pytest.mark.slow
 def test_a_run_on_a_cluster_survives_the_loss_of_a_node(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(driver, "ON_RAY", 1.0)
-    monkeypatch.setattr(driver, "KINDS", ("node",))
+    monkeypatch.setattr(soak_commands, "ON_RAY", 1.0)
+    monkeypatch.setattr(soak_commands, "KINDS", ("node",))
     (tally,) = soak(1, ["ray"], tmp_path, seed=2).values()
     assert tally.kills["node"] == 1
     assert tally.clean

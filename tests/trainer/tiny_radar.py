@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from small_dataset import write_manifest
 
 from shared.dataset import Frame, arrow_schema, description, to_record_batch
 from shared.radar import ImageGrid, Radar
@@ -64,27 +63,11 @@ def frame(index: int, radar: Radar = RADAR) -> Frame:
 def write_dataset(directory: Path, frames: dict[str, list[Frame]], radar: Radar = RADAR) -> Path:
     """A dataset of these frames, one shard a split, one row a group."""
     schema = arrow_schema(description(radar, 3, "range-channel"))
-    shards = []
     for split, of_split in frames.items():
         path = directory / split / "part-00000.parquet"
         path.parent.mkdir(parents=True)
         pq.write_table(pa.Table.from_batches([to_record_batch(of_split, schema)]), path, row_group_size=1)
-        content = path.read_bytes()
-        digest = hashlib.sha256(content).hexdigest()
-        shards.append({"path": f"{split}/{path.name}", "rows": len(of_split), "bytes": len(content), "sha256": digest})
-    (directory / "manifest.json").write_text(json.dumps({"version": 1, "shards": shards}))
-    return directory
-
-
-def traced_folder(directory: Path) -> Path:
-    """What ``datafactory trace`` leaves: a manifest whose shards all lie under ``paths/``."""
-    path = directory / "paths" / "part-00000.parquet"
-    path.parent.mkdir(parents=True)
-    pq.write_table(pa.table({"frame_id": [0, 1, 2]}), path)
-    content = path.read_bytes()
-    digest = hashlib.sha256(content).hexdigest()
-    record = {"path": f"paths/{path.name}", "rows": 3, "bytes": len(content), "sha256": digest}
-    (directory / "manifest.json").write_text(json.dumps({"version": 1, "shards": [record]}))
+    write_manifest(directory, {f"{split}/part-00000.parquet": len(of_split) for split, of_split in frames.items()})
     return directory
 
 

@@ -7,31 +7,18 @@ from functools import partial
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize_scalar
+from edge_scenes import HOME, RADAR, WAVENUMBER, everything, only_edge_at, shortest_over, slabs, table_length
 from scipy.special import fresnel
 from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, box, channel, plate, scene_of, sionna_scene
 
 from datafactory.paths.diffraction import edge_echoes, field_over_edges, rays_over_edges
-from datafactory.paths.edges import WedgeEdges, edges_of
+from datafactory.paths.edges import edges_of
 from datafactory.paths.facets import TAPER, mirrors_of, reflected_share
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.panes import polarization_axis
 from datafactory.paths.ray_hits import clear_between
-from datafactory.paths.round_corners import echoes_round_corners
-from datafactory.paths.table import DIFFRACTED, TARGET, ScatteredPaths, SpecularPaths
+from datafactory.paths.table import DIFFRACTED, ScatteredPaths, SpecularPaths
 from datafactory.scenes.poses import Pose
-
-WAVENUMBER = 2.0 * np.pi / WAVELENGTH_M
-HOME = Pose((0.0, 0.0, 0.0))
-RADAR = np.zeros(3)
-
-
-def everything(start, end):
-    return np.ones(len(start), dtype=bool)
-
-
-def slabs(of: MergedScene):
-    return [MATERIALS[part.material] for part in of.meshes]
 
 
 def echoes(*objects, sight=everything, pose=HOME, **options):
@@ -43,11 +30,6 @@ def upright_edge(x=10.0, y=0.0, half=50.0, of="metal", length=30.0, turned=0.0):
     """A sheet whose rim at (x, y) stands upright; it lies to the left of it, away from the radar by ``turned``."""
     along = 0.5 * length * np.array([np.sin(turned), np.cos(turned), 0.0])
     return plate("sheet", np.array([x, y, 0.0]) + along, along, (0.0, 0.0, half), of)
-
-
-def only_edge_at(edges: WedgeEdges, point) -> WedgeEdges:
-    away = np.linalg.norm(np.cross(edges.direction, np.array(point) - edges.start), axis=1)
-    return edges.take(away < 1e-6)
 
 
 def keller(angle: float, sign: float) -> float:
@@ -103,24 +85,6 @@ def test_nothing_jumps_where_an_edge_ends():
         found, _, _ = edge_echoes(rim, [MATERIALS["metal"]], FREQUENCY_HZ, everything)
         amplitude.append(found.amplitude[0])
     assert amplitude[1] == pytest.approx(amplitude[0], rel=1e-4)
-
-
-def table_length(path: ScatteredPaths | SpecularPaths, tx: np.ndarray, rx: np.ndarray) -> float:
-    """The table's own laws, for the first path."""
-    if isinstance(path, ScatteredPaths):
-        legs = np.linalg.norm(tx - path.tx_point[0]) + np.linalg.norm(rx - path.rx_point[0])
-        return float(legs + path.between_m[0])
-    return float(np.linalg.norm(rx - path.image[0] - path.axes[0] @ (tx - path.reference)))
-
-
-def shortest_over(edge: WedgeEdges, tx: np.ndarray, rx: np.ndarray) -> float:
-    """Fermat, by search along the edge's line."""
-
-    def length(z: float) -> float:
-        point = edge.start[0] + z * edge.direction[0]
-        return float(np.linalg.norm(tx - point) + np.linalg.norm(rx - point))
-
-    return float(minimize_scalar(length, bracket=(0.0, 1.0), tol=1e-12).fun)
 
 
 @pytest.mark.parametrize(
@@ -286,123 +250,3 @@ def test_source_and_observer_may_change_places(of, polarization):
     here, there = np.array([0.0, 4.0, 0.0]), np.array([12.0, -2.0, 0.7])
     (_, _, one), (_, _, two) = (bistatic(house, a, b, polarization) for a, b in ((here, there), (there, here)))
     assert np.abs(one).max() == pytest.approx(np.abs(two).max(), rel=1e-10)
-
-
-# Targets round a corner.
-
-CORNER = box("house", (5.0, 0.5, -40.0), (30.0, 40.0, 40.0), "metal")
-HIDDEN = np.array([[9.0, -1.0, 0.4]])
-OFF_AXIS = Pose((0.0, 4.0, 0.0))
-
-
-def round_corner(
-    of: MergedScene, target=HIDDEN, pose=OFF_AXIS, velocity=(0.0, 0.0, 0.0), rcs_m2=10.0, sight=None, **options
-):
-    """Echoes of one target given in the world; metres and m/s."""
-    position = (np.atleast_2d(target) - np.array(pose.position)) @ pose.rotation()
-    relative = (np.array([velocity]) - np.array(pose.velocity)) @ pose.rotation()
-    return echoes_round_corners(
-        edges_of(of).seen_from(pose), slabs(of), FREQUENCY_HZ, sight or everything, position,
-        np.repeat(relative, len(position), axis=0), np.full(len(position), rcs_m2),
-        np.arange(7, 7 + len(position), dtype=np.int32), **options,
-    )  # fmt: skip
-
-
-def test_a_target_behind_a_screen_has_twice_the_knife_edge_loss():
-    """ITU-R P.526-15 eq. (31), within 0.5 dB for the way out and back; a metal half plane, 30 m and 20 m from it."""
-    for nu in (0.5, 1.0, 2.4):
-        height = nu / np.sqrt(2.0 / WAVELENGTH_M * (1.0 / 30.0 + 1.0 / 20.0))
-        screen = scene_of(plate("s", (30.0, -20.0 + height, 0.0), (0.0, 20.0, 0.0), (0.0, 0.0, 200.0), "metal"))
-        paths, counts = round_corner(screen, (50.0, 0.0, 0.0), HOME, edges_per_target=1)
-        direct = WAVELENGTH_M * np.sqrt(10.0) / ((4.0 * np.pi) ** 1.5 * 50.0**2)
-        loss_db = -20.0 * np.log10(np.abs(paths.amplitude) / direct)
-        formula_db = 6.9 + 20.0 * np.log10(np.sqrt((nu - 0.1) ** 2 + 1.0) + nu - 0.1)
-        assert loss_db[0] == pytest.approx(2.0 * formula_db, abs=0.5)
-        assert (len(paths), counts["targets_round_corners"], paths.object_index[0]) == (1, 1, 7)
-        assert paths.kinds[0] == DIFFRACTED | TARGET
-
-
-@pytest.mark.parametrize(
-    ("low", "on_edge", "target", "error_m"),
-    [
-        ((5.0, 0.5, -40.0), (5.0, 0.5, 0.0), (9.0, -1.0, 0.0), 1e-9),
-        ((5.0, 0.5, -40.0), (5.0, 0.5, 0.0), (9.0, -1.0, 0.6), 2e-6),
-        ((5.0, -40.0, 1.0), (5.0, 0.0, 1.0), (9.0, 1.5, -2.0), 1e-9),
-    ],
-    ids=["upright", "upright, the target higher", "level"],
-)
-def test_the_way_round_is_as_long_as_it_is_for_every_element(low, on_edge, target, error_m):
-    """Elements up to 0.25 m from the centre. A level edge is exact for all targets, an upright one for level rays."""
-    of = scene_of(box("house", low, (30.0, 40.0, 40.0), "metal"))
-    edge = only_edge_at(edges_of(of), on_edge)
-    position = np.array([target])
-    path, _ = echoes_round_corners(edge, slabs(of), FREQUENCY_HZ, everything, position, np.zeros((1, 3)), np.ones(1),
-                                   np.zeros(1, dtype=np.int32))  # fmt: skip
-    for y_tx, y_rx in ((0.0, 0.0), (0.0, 0.25), (-0.005, -0.25)):
-        tx, rx = np.array([0.0, y_tx, 0.0]), np.array([0.0, y_rx, 0.0])
-        exact = shortest_over(edge, tx, position[0]) + shortest_over(edge, rx, position[0])
-        assert table_length(path, tx, rx) == pytest.approx(exact, abs=error_m)
-
-
-def test_the_delay_changes_as_radar_and_target_move():
-    """The path table's rates against the shortest way a millisecond later; the edge point slides meanwhile."""
-    step = 1e-3
-    for radar, target in (((4.0, -2.0, 0.5), (1.0, -3.0, 0.0)), ((0.0, 0.0, 0.0), (0.0, 2.0, 5.0))):
-        paths, _ = round_corner(
-            scene_of(CORNER), pose=replace(OFF_AXIS, velocity=radar), velocity=target, edges_per_target=1
-        )
-        edge = only_edge_at(edges_of(scene_of(CORNER)), (5.0, 0.5, 0.0))
-        later, first = (
-            2.0
-            * shortest_over(edge, np.array(OFF_AXIS.position) + np.array(radar) * t, HIDDEN[0] + np.array(target) * t)
-            for t in (step, -step)
-        )
-        inward = paths.tx_point[0] / np.linalg.norm(paths.tx_point[0])
-        rate = inward @ (paths.tx_velocity[0] + paths.rx_velocity[0]) + paths.between_rate_mps[0]
-        assert rate == pytest.approx((later - first) / (2.0 * step), abs=1e-5)
-
-
-@pytest.mark.usefixtures("variant")
-def test_two_ways_round_make_four_paths_and_a_wall_leaves_one():
-    pillar = plate("pillar", (8.0, -0.025, 0.0), (0.0, 0.275, 0.0), (0.0, 0.0, 40.0), "metal")
-    wall = plate("wall", (12.0, 5.0, 0.0), (0.0, 4.9, 0.0), (0.0, 0.0, 40.0), "metal")
-    target = (16.0, 0.0, 0.0)
-
-    def found(*objects):
-        of = scene_of(*objects)
-        rims = edges_of(of)
-        rims = rims.take((rims.start[:, 0] < 10.0) & (np.abs(rims.direction[:, 2]) > 0.5))  # the pillar's upright ones
-        sight = partial(clear_between, sionna_scene(of).mi_scene)
-        return echoes_round_corners(rims, slabs(of), FREQUENCY_HZ, sight, np.array([target]), np.zeros((1, 3)),
-                                    np.ones(1), np.zeros(1, dtype=np.int32))  # fmt: skip
-
-    both, counts = found(pillar)
-    assert len(both) == 4
-    # Out by one and back by the other, and the reverse: of the same amplitude and length.
-    mixed = np.linalg.norm(both.tx_point - both.rx_point, axis=1) > 0.0
-    assert mixed.sum() == 2
-    np.testing.assert_allclose(both.amplitude[mixed][0], both.amplitude[mixed][1], rtol=1e-12)
-    assert counts == {"targets_round_corners": 1, "targets_unreached": 0, "edges_round_corners_left_out": 0}
-    one, _ = found(pillar, wall)
-    assert len(one) == 1
-    assert one.tx_point[0, 1] < 0.0
-
-
-@pytest.mark.usefixtures("variant")
-def test_a_target_in_a_closed_box_is_reached_by_nothing():
-    of = scene_of(box("safe", (8.0, -1.0, -1.0), (10.0, 1.0, 1.0), "metal"))
-    paths, counts = round_corner(of, (9.0, 0.0, 0.0), HOME, sight=partial(clear_between, sionna_scene(of).mi_scene))
-    assert len(paths) == 0
-    assert counts["targets_unreached"] == 1
-
-
-def test_the_strongest_edges_are_kept_and_the_rest_is_counted():
-    of = scene_of(CORNER, plate("post", (6.0, -4.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 40.0), "glass"))
-    everyone, all_counts = round_corner(of)
-    few, counts = round_corner(of, edges_per_target=1)
-    assert len(everyone) > 1
-    assert len(few) == 1
-    assert np.abs(few.amplitude[0]) == np.abs(everyone.amplitude).max()
-    assert counts["edges_round_corners_left_out"] == all_counts["edges_round_corners_left_out"] + (
-        int(np.sqrt(len(everyone))) - 1
-    )

@@ -41,9 +41,9 @@ def test_the_first_of_two_walls_is_met_within_reach(generator):
     np.testing.assert_allclose(hits.distance[hits.valid], expected[hits.valid], rtol=1e-6)
     material = [part.material for part in TWO_WALLS.meshes]
     of_shape = mesh_of_shape(geometry)
-    for number, of in enumerate(("metal", "glass")):
+    for number, name in enumerate(("metal", "glass")):
         here = hits.valid & (names == number)
-        assert {material[of_shape[int(shape)]] for shape in hits.shape[here]} == {of}
+        assert {material[of_shape[int(shape)]] for shape in hits.shape[here]} == {name}
     assert set(hits.primitive[hits.valid].tolist()) == {0, 1}
     np.testing.assert_allclose(np.abs(hits.normal[hits.valid, 0]), 1.0, atol=1e-6)
 

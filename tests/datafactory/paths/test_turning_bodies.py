@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from sionna_scenes import FREQUENCY_HZ, MATERIALS, box, mesh, plate
+from turning_scenes import TURN_DEG_PER_S, merged_of, turning
 
 from datafactory.paths.edges import edges_of
 from datafactory.paths.facets import mirrors_of
@@ -13,37 +14,17 @@ from datafactory.paths.rays import RayFan
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import PathTable
 from datafactory.paths.trace import trace
-from datafactory.scenes.chain import Chain, Operation, Samples
-from datafactory.scenes.motion import Moving, Track
+from datafactory.scenes.motion import Track
 from datafactory.scenes.poses import Pose
-from datafactory.scenes.scene import PlacedPoints, Scene, SceneObject
+from datafactory.scenes.scene import Scene, SceneObject
 
 STEP_S = 1e-5
-TURN_DEG_PER_S = 40.0
 POSE = Pose((0.0, 0.0, 0.0), velocity=(1.0, 0.5, 0.0), time_s=0.2)
-
-
-def turning(item: SceneObject, body: str = "body", yaw: float = TURN_DEG_PER_S, forward: float = 3.0) -> SceneObject:
-    """The object, turning about the world's z through (8, 0, 0) and moving along x, for 2 s."""
-    times = np.array([0.0, 2.0])
-    chain = Chain(
-        (
-            Operation("translate", Samples(times, np.array([[8.0, 0, 0], [8.0 + 2.0 * forward, 0, 0]]))),
-            Operation("rotate", Samples(times, np.array([[0.0], [2.0 * yaw]])), "Z"),
-        )
-    )
-    points = item.vertices - np.array([8.0, 0.0, 0.0])
-    stored = PlacedPoints(points, np.arange(len(points)), chain.at(0.0)[0])
-    return SceneObject.of(item.name, stored, item.triangles, item.material, motion=Moving(body, chain))
 
 
 PLATE = plate("plate", (8.0, 0.0, 0.0), (0.0, 4.0, 0.0), (0.0, 0.0, 3.0), "metal")
 HOUSE = box("house", (20.0, -9.0, -1.0), (25.0, 9.0, 8.0), "metal")
 CAR = box("car", (7.0, -2.0, -1.0), (9.0, 2.0, 1.0), "metal")
-
-
-def merged_of(*objects: SceneObject) -> MergedScene:
-    return merge_scene(Scene("test", objects), MATERIALS)
 
 
 def traced(merged: MergedScene, pose: Pose, **settings: object) -> PathTable:

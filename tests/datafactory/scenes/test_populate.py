@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from town_scenes import SLOPE, block, two_blocks
 from typer.testing import CliRunner
 
 from datafactory.api.asking import load_scene, order_of
@@ -32,28 +33,6 @@ from shared.physics.errors import InputError
 
 STREET = Path(__file__).resolve().parents[3] / "scenes" / "street.usda"
 ASKED = parse_populate("cars=6,trucks=2,buses=1,cyclists=4,pedestrians=12,poles=12,signs=6,bins=3,benches=2,parked=0.6")
-SLOPE = 0.04
-
-
-def block(name: str, low: tuple[float, float, float], high: tuple[float, float, float], slope: float) -> SceneObject:
-    """A box whose floor and roof follow a slope along x."""
-    corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
-    corners[:, 2] += slope * corners[:, 0]
-    quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
-    triangles = [part for a, b, c, d in quads for part in ((a, b, c), (a, c, d))]
-    return SceneObject(name, corners, np.array(triangles, dtype=np.int32), "concrete")
-
-
-def two_blocks(slope: float = SLOPE, half_width: float = 11.0) -> Scene:
-    """A street along x between two houses, on a hill."""
-    return Scene(
-        "two_blocks",
-        (
-            block("ground", (-70.0, -24.0, -1.0), (70.0, 24.0, 0.0), slope),
-            block("north", (-70.0, half_width, -0.5), (70.0, half_width + 10.0, 12.0), slope),
-            block("south", (-70.0, -half_width - 10.0, -0.5), (70.0, -half_width, 12.0), slope),
-        ),
-    )
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from usd_files import CUBE, METRES_Z_UP, read, translated, write_usda
+from usd_files import CUBE, METRES_Z_UP, TWINS, Twin, read, translated, write_usda
 
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.readers.reading import Reading, parse_variants
@@ -156,20 +156,15 @@ def test_x_up_is_turned_to_z_up(tmp_path: Path) -> None:
     np.testing.assert_allclose(item.vertices.mean(axis=0), [4, 5, 3])
 
 
-def test_twins_in_other_axes_and_units_are_the_same_scene(tmp_path: Path) -> None:
-    scenes = []
-    for axis, (x, y, z) in {"Z": (3, 4, 5), "Y": (3, 5, -4), "X": (5, 3, 4)}.items():
-        for metres in (1.0, 0.01):
-            folder = tmp_path / f"{axis}{metres}"
-            folder.mkdir()
-            size = 1.0 / metres
-            body = f"""def Sphere "m" {{
-              double radius = {size}
-              double3 xformOp:translate.timeSamples = {{
-                0: ({x * size}, {y * size}, {z * size}), 24: ({x * size}, {y * size}, {z * size + 9}) }}
-              uniform token[] xformOpOrder = ["xformOp:translate"]
-            }}"""
-            scenes.append(read(folder, body, f'metersPerUnit = {metres}\n upAxis = "{axis}"'))
-    for scene in scenes:
-        np.testing.assert_allclose(np.mean(scene.bounds(), axis=0), [3, 4, 5], atol=1e-9)
-        np.testing.assert_allclose(np.subtract(*scene.bounds()[::-1]), [2, 2, 2], atol=1e-2)
+@pytest.mark.parametrize("twin", TWINS, ids=str)
+def test_twins_in_other_axes_and_units_are_the_same_scene(tmp_path: Path, twin: Twin) -> None:
+    """Paths of such twins are compared in tests/integration/test_twins.py."""
+    body = f"""def Sphere "m" {{
+      double radius = {1.0 / twin.metres}
+      double3 xformOp:translate.timeSamples = {{ 0: {twin.place((3, 4, 5))}, 24: {twin.place((3, 4, 14))} }}
+      uniform token[] xformOpOrder = ["xformOp:translate"]
+    }}"""
+    scene = read(tmp_path, body, twin.metadata)
+    np.testing.assert_allclose(np.mean(scene.bounds(), axis=0), [3, 4, 5], atol=1e-9)
+    np.testing.assert_allclose(np.subtract(*scene.bounds()[::-1]), [2, 2, 2], atol=1e-2)
+    assert scene.objects[0].velocity == pytest.approx((0, 0, 9))

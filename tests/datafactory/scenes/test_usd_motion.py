@@ -6,24 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pxr import Usd, UsdGeom
-from usd_files import CUBE, CUBE_FACES, CUBE_POINTS, METRES_Z_UP, read, translated, write_usda
+from usd_files import CUBE, METRES_Z_UP, MOVING, read, write_usda
 
 from datafactory.scenes.motion import Moving
 from datafactory.scenes.readers.usd import read_usd
-from datafactory.scenes.scene import Scene
 from shared.physics.errors import InputError
-
-MOVING = """def Xform "car" {
-      double3 xformOp:translate.timeSamples = { 0: (0, 0, 0), 12: (0, 0, 600), 24: (0, 0, 0) }
-      uniform token[] xformOpOrder = ["xformOp:translate"]
-      def Mesh "m" {
-      CUBE
-      }
-    }
-    def Mesh "house" {
-    CUBE
-    }""".replace("CUBE", CUBE)
 
 
 def test_velocity_is_the_first_interval_in_world_metres_per_second(tmp_path: Path) -> None:
@@ -106,63 +93,6 @@ def test_a_spinning_wheel_has_the_velocity_of_each_point(tmp_path: Path) -> None
     np.testing.assert_allclose(after.velocities, 0.0, atol=1e-12)
 
 
-def moving_scenes(folder: Path) -> dict[str, Scene]:
-    """Scenes with every kind of motion, by name."""
-    turning = f"""def Xform "a" {{
-      float3 xformOp:rotateXYZ.timeSamples = {{ 0: (0, 0, 0), 7: (40, -20, 10), 24: (80, 0, 300) }}
-      float3 xformOp:scale.timeSamples = {{ 0: (1, 1, 1), 24: (2, 1, 1) }}
-      uniform token[] xformOpOrder = ["xformOp:rotateXYZ", "xformOp:scale"]
-      def Mesh "m" {{
-      {CUBE}
-      {translated(4, 0, 0)}
-      }}
-    }}"""
-    lifted = CUBE_POINTS.removeprefix("point3f[] points = ").replace("-1,1)", "-1,3)")
-    breathing = f"""def Mesh "m" {{
-      point3f[] points.timeSamples = {{ 0: {CUBE_POINTS.removeprefix("point3f[] points = ")}, 12: {lifted} }}
-      {CUBE_FACES}
-      double3 xformOp:translate.timeSamples = {{ 0: (0, 0, 0), 24: (9, 0, 0) }}
-      uniform token[] xformOpOrder = ["xformOp:translate"]
-    }}"""
-    birds = f"""def PointInstancer "birds" {{
-      point3f[] positions.timeSamples = {{ 0: [(0, 0, 0), (9, 0, 0)], 24: [(3, 0, 0), (9, 0, 4)] }}
-      quath[] orientations.timeSamples = {{ 0: [(1, 0, 0, 0), (1, 0, 0, 0)], 24: [(0.5, 0.5, 0.5, 0.5), (0, 0, 0, 1)] }}
-      int[] protoIndices = [0, 0]
-      rel prototypes = </birds/bird>
-      {translated(0, 50, 0)}
-      def Mesh "bird" {{
-      {CUBE}
-      double xformOp:rotateZ.timeSamples = {{ 0: 0, 24: 90 }}
-      uniform token[] xformOpOrder = ["xformOp:rotateZ"]
-      }}
-    }}"""
-    scenes = {}
-    for name, body in {"turning": turning, "breathing": breathing, "birds": birds, "along": MOVING}.items():
-        (folder / name).mkdir()
-        scenes[name] = read(folder / name, body, f"{METRES_Z_UP}\n timeCodesPerSecond = 24")
-    return scenes
-
-
-@pytest.mark.parametrize("name", ["turning", "breathing", "birds", "along"])
-def test_velocities_are_differences_of_positions_at_every_key_and_between(tmp_path: Path, name: str) -> None:
-    scene = moving_scenes(tmp_path)[name]
-    for item in scene.objects:
-        for time in (0.0, 0.1, 7 / 24, 0.4, 0.5, 0.9, 1.0, 2.0):
-            now, later = item.at(time), item.at(time + 1e-6)
-            np.testing.assert_allclose(now.velocities, (later.vertices - now.vertices) / 1e-6, atol=1e-3)
-
-
-def test_instances_that_move_stand_where_usd_has_them(tmp_path: Path) -> None:
-    scene = moving_scenes(tmp_path)["birds"]
-    stage = Usd.Stage.Open(str(tmp_path / "birds" / "stage.usda"))
-    instancer = UsdGeom.PointInstancer.Get(stage, "/birds")
-    for code in (0.0, 5.0, 24.0):
-        theirs = np.array(instancer.ComputeInstanceTransformsAtTime(Usd.TimeCode(code), Usd.TimeCode(code)))
-        for index, item in enumerate(scene.objects):
-            corner = np.array([1.0, 1.0, 1.0, 1.0]) @ theirs[index]  # vertex 7 of the cube
-            np.testing.assert_allclose(item.at(code / 24.0).vertices[7], corner[:3] + np.array([0, 50, 0]), atol=2e-3)
-
-
 def test_what_is_odd_about_an_animation_is_said(tmp_path: Path) -> None:
     body = f"""def Mesh "m" {{
       {CUBE}
@@ -212,69 +142,6 @@ def test_a_turning_target_points_where_its_prim_does(tmp_path: Path) -> None:
     np.testing.assert_allclose(now.axes[0], [np.sqrt(0.5), np.sqrt(0.5), 0], atol=1e-12)
     assert now.spin == pytest.approx((0, 0, np.pi / 2))
     assert target.velocity == pytest.approx((0, 6, 0))
-
-
-SKINNED = """def SkelRoot "man" {
-  double3 xformOp:translate = (0, 5, 0)
-  uniform token[] xformOpOrder = ["xformOp:translate"]
-  def Skeleton "bones" (prepend apiSchemas = ["SkelBindingAPI"]) {
-    uniform token[] joints = ["hip", "hip/knee"]
-    uniform matrix4d[] bindTransforms = [
-      ( (1,0,0,0), (0,1,0,0), (0,0,1,0), (0,0,0,1) ), ( (1,0,0,0), (0,1,0,0), (0,0,1,0), (0,0,1,1) )]
-    uniform matrix4d[] restTransforms = [
-      ( (1,0,0,0), (0,1,0,0), (0,0,1,0), (0,0,0,1) ), ( (1,0,0,0), (0,1,0,0), (0,0,1,0), (0,0,1,1) )]
-    rel skel:animationSource = </man/bones/walk>
-    def SkelAnimation "walk" {
-      uniform token[] joints = ["hip", "hip/knee"]
-      float3[] translations.timeSamples = { 0: [(0,0,0), (0,0,1)], 12: [(1,0,0), (0,0,1)], 24: [(4,0,0), (0,0,1)] }
-      quatf[] rotations.timeSamples = {
-        0: [(1,0,0,0), (1,0,0,0)], 12: [(1,0,0,0), (0.7071068,0,0.7071068,0)], 24: [(1,0,0,0), (1,0,0,0)] }
-      half3[] scales = [(1,1,1), (1,1,1)]
-    }
-  }
-  def Mesh "leg" (prepend apiSchemas = ["SkelBindingAPI"]) {
-    point3f[] points = [(0,0,0), (0,1,0), (0,0,1), (0,0,2)]
-    int[] faceVertexCounts = [3, 3]
-    int[] faceVertexIndices = [0, 1, 2, 1, 3, 2]
-    uniform token subdivisionScheme = "none"
-    rel skel:skeleton = </man/bones>
-    int[] primvars:skel:jointIndices = [0, 0, 1, 1] ( elementSize = 1
-      interpolation = "vertex" )
-    float[] primvars:skel:jointWeights = [1, 1, 1, 1] ( elementSize = 1
-      interpolation = "vertex" )
-    matrix4d primvars:skel:geomBindTransform = ( (1,0,0,0), (0,1,0,0), (0,0,1,0), (0,0,0,1) )
-  }
-}"""
-
-
-def test_a_skinned_mesh_is_posed_at_its_time(tmp_path: Path) -> None:
-    """The knee bends by 90 deg about y while the hip goes forward: the foot, 1 m above it here, ends beside it."""
-    scene = read(tmp_path, SKINNED, f"{METRES_Z_UP}\n timeCodesPerSecond = 24")
-    (item,) = scene.objects
-    assert not any("rest pose" in warning for warning in scene.warnings)
-    np.testing.assert_allclose(item.vertices[3], [0, 5, 2], atol=1e-6)
-    for time, foot in ((0.0, [0, 5, 2]), (0.5, [2, 5, 1]), (1.0, [4, 5, 2]), (3.0, [4, 5, 2])):
-        np.testing.assert_allclose(item.at(time).vertices[3], foot, atol=1e-6)
-    np.testing.assert_allclose(item.at(0.25).velocities[0], [2, 0, 0], atol=1e-6)
-    np.testing.assert_allclose(item.at(0.5).velocities[3], [4, 0, 2], atol=1e-5)
-
-
-def test_instances_of_a_skinned_mesh_are_posed_too(tmp_path: Path) -> None:
-    write_usda(tmp_path, SKINNED, f'{METRES_Z_UP}\n defaultPrim = "man"\n timeCodesPerSecond = 24', "man.usda")
-    walkers = [
-        f"""def "walker{n}" (instanceable = true
-    references = @man.usda@) {{
-    double3 xformOp:translate = (0, {n}, 0)
-    }}"""
-        for n in (7, 9)
-    ]
-    crowd = 'def Xform "crowd" {\n def "one" (instanceable = true\n references = @man.usda@) {\n }\n}'
-    write_usda(tmp_path, crowd, f'{METRES_Z_UP}\n defaultPrim = "crowd"', "crowd.usda")
-    group = 'def "group" (instanceable = true\n references = @crowd.usda@) {\n}'
-    scene = read(tmp_path, "\n".join([*walkers, group]), f"{METRES_Z_UP}\n timeCodesPerSecond = 24")
-    assert not any("rest pose" in warning for warning in scene.warnings)
-    feet = [item.at(0.5).vertices[3] for item in scene.objects]
-    np.testing.assert_allclose(feet, [[2, 7, 1], [2, 9, 1], [2, 5, 1]], atol=1e-6)
 
 
 def test_a_spline_is_followed(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from matplotlib.image import imread
 from prepared_scenes import SCENES
 from typer.testing import CliRunner
 
-from datafactory import Pose, render
+from datafactory import Pose, render, trace
 from datafactory.api.asking import load_scene
 from datafactory.cli.app import app
 from datafactory.view.camera import HEIGHT, WIDTH
@@ -91,7 +91,14 @@ def test_a_scene_that_has_changed_is_not_shown(folder: Path) -> None:
     (folder / "tiny.usda").write_text(before, encoding="utf-8")
 
 
-def test_frames_of_traced_paths_are_refused_before_any_work(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="--camera: beside --paths"):
-        render(None, tmp_path / "out", paths=tmp_path, split="1:0:0", camera=True)
-    assert not (tmp_path / "out").exists()
+def test_frames_of_traced_paths_have_the_pictures_of_frames_of_the_scene(folder: Path, tmp_path: Path) -> None:
+    radar = folder / "radar.toml"
+    trace(folder / "tiny.usda", tmp_path / "paths", radar=radar, poses=POSES, rays=2000, effects="all", split="1:0:0")
+    steps: list[tuple[str, int, int]] = []
+    render(
+        None, tmp_path / "data", paths=tmp_path / "paths", radar=radar, camera=True,
+        progress=lambda *step: steps.append(step),
+    )  # fmt: skip
+    assert steps[-3:] == [("camera pictures", done, 2) for done in range(3)]
+    for name in ("frame-000000.png", "frame-000001.png"):
+        assert (tmp_path / "data/camera" / name).read_bytes() == (folder / "with/camera" / name).read_bytes()

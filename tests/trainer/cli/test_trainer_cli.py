@@ -6,8 +6,9 @@ import sys
 
 import pytest
 import torch
+from small_dataset import make_traced
 from small_evaluation import FULL, make_run
-from tiny_radar import RADAR, small_dataset, traced_folder
+from tiny_radar import RADAR, small_dataset
 from typer.testing import CliRunner
 
 from trainer.cli import app as cli
@@ -67,7 +68,7 @@ def test_a_user_s_error_is_one_line_and_status_2(tmp_path, capsys, monkeypatch, 
     ],
 )
 def test_a_folder_of_traced_paths_is_refused_in_one_line(tmp_path, capsys, monkeypatch, command):
-    traced = traced_folder(tmp_path / "traced")
+    traced = make_traced(tmp_path / "traced")
     places = {"TRACED": traced, "RUN": make_run(tmp_path / "run", FULL, RADAR)}
     arguments = [places.get(word, word) for word in command]
     code, line = status(capsys, monkeypatch, *arguments, "--out", tmp_path / "out")

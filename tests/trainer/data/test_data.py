@@ -1,59 +1,24 @@
 """Shards to tensors: the values of the shard, its dtypes, and workers that start cleanly."""
 
-import hashlib
-import json
 import pickle
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 import torch
 from pyarrow.fs import LocalFileSystem, SubTreeFileSystem
+from small_dataset import CHANNELS, PEAKS, ROWS, make_dataset, make_frame
 from torch.utils.data import DataLoader
 
-from shared.dataset import Frame, arrow_schema, description, to_record_batch
 from shared.dataset.locations import RemotePath
 from shared.physics.errors import InputError
-from shared.radar import ImageGrid, Radar
-from shared.radar.arrays import AntennaArray, line
-from shared.radar.waveform import Waveform
 from trainer.data.shards import ShardDataset
-
-RADAR = Radar(
-    waveform=Waveform(chirps=2, samples=8, range_bins=6),
-    array=AntennaArray(tx_m=line(np.zeros(1)), rx_m=line(2e-3 * np.arange(4.0))),
-    grid=ImageGrid(bins=5),
-    virtual_sensor=AntennaArray(tx_m=line(np.zeros(1)), rx_m=line(2e-3 * np.arange(8.0))),
-)
-
-
-def make_frame(frame_id: int) -> Frame:
-    generator = np.random.default_rng(frame_id)
-    pairs = generator.standard_normal((3, 6, 4, 2)).astype(np.float32)
-    return Frame(
-        frame_id, "points", "none", frame_id, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0),
-        range_channel=pairs.view(np.complex64)[..., 0],
-        velocity=generator.random((3, 6), np.float32),
-        image=generator.random((6, 5), np.float32),
-        image_peak=1e-7 / (3 + frame_id),
-        noise_power=1e-16 / 3,
-    )  # fmt: skip
 
 
 @pytest.fixture
 def directory(tmp_path):
-    schema = arrow_schema(description(RADAR, 3, "range-channel"))
-    shards = []
-    for index, ids in enumerate([(0, 1, 2), (3, 4)]):
-        path = tmp_path / f"train/part-{index:05d}.parquet"
-        path.parent.mkdir(exist_ok=True)
-        pq.write_table(pa.Table.from_batches([to_record_batch([make_frame(i) for i in ids], schema)]), path)
-        content = path.read_bytes()
-        digest = hashlib.sha256(content).hexdigest()
-        shards.append({"path": f"train/{path.name}", "rows": len(ids), "bytes": len(content), "sha256": digest})
-    (tmp_path / "manifest.json").write_text(json.dumps({"version": 1, "shards": shards}))
-    return tmp_path
+    """Two shards, each one group of rows."""
+    shards = {"train/part-00000": (0, 1, 2), "train/part-00001": (3, 4)}
+    return make_dataset(tmp_path, shards, rows_per_group=3)
 
 
 def test_every_frame_comes_with_its_values_and_types(directory):
@@ -89,7 +54,7 @@ def test_workers_give_the_frames_of_one_process(directory):
     loader = DataLoader(data, batch_size=2, num_workers=1, multiprocessing_context="spawn")
     batches = list(loader)
     assert [batch["frame_id"].tolist() for batch in batches] == [[0, 1], [2, 3], [4]]
-    assert batches[0]["range_channel"].shape == (2, 3, 6, 4)
+    assert batches[0]["range_channel"].shape == (2, PEAKS, ROWS, CHANNELS)
     for one, other in zip(alone, batches, strict=True):
         assert all(torch.equal(one[name], other[name]) for name in one)
 

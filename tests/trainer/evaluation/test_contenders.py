@@ -1,11 +1,16 @@
 """Who is compared, in which order, and on what it was trained."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from small_evaluation import FULL, RADAR, THIN, make_run, run_all
 
 from shared.physics.errors import InputError
-from trainer.evaluation.experiments.contenders import gather
+from trainer.data.scene_records import SceneRecord
+from trainer.evaluation.experiments.bench import Bench, EvaluationConfig
+from trainer.evaluation.experiments.contenders import estimator_contender, gather
+from trainer.evaluation.experiments.generalisation import trained_on
 from trainer.run.folder import Fingerprint
 
 TWO_TX = RADAR.model_copy(
@@ -27,6 +32,31 @@ def test_the_table_says_on_what_a_network_was_trained(inputs, evaluation, tmp_pa
     other = make_run(tmp_path / "other", datasets=(Fingerprint(name="else", sha256="0" * 64, frames={}),))
     chosen = {"runs": [other], "methods": ["unet"], "experiments": ["generalisation"], "measured": None}
     assert ("unet", "scene=hall,trained on it=unknown") in words(run_all(inputs, tmp_path / "out", **chosen))
+
+
+@pytest.mark.parametrize(
+    ("met", "answer"),
+    [
+        ([], "no"),
+        ([("street", "s"), ("canyon", "c")], "no"),
+        ([("street", "s"), ("another name", "h")], "yes"),
+        ([("hall", "h with cars")], "unknown"),
+        (None, "unknown"),
+    ],
+)
+def test_scenes_of_other_datasets_are_known_by_what_is_in_them(met, answer):
+    scenes = None if met is None else tuple(SceneRecord(name=name, content_sha256=content) for name, content in met)
+    other = Fingerprint(name="else", sha256="0" * 64, frames={}, scenes=scenes)
+    network = replace(estimator_contender("das", FULL, RADAR), parameters=1, trained_on=(other,))
+    hall = (SceneRecord(name="hall", content_sha256="h"),)
+    bench = Bench("f" * 64, RADAR, (), frozenset(), (network,), EvaluationConfig(), scenes=hall)
+    assert trained_on(bench, network, "hall") == answer
+    assert trained_on(bench, network, "none") == "unknown"  # close targets are of no scene
+    # What one of its datasets may have held, the network may have seen; what one held, it has.
+    unknown = Fingerprint(name="older", sha256="1" * 64, frames={})
+    both = replace(network, trained_on=(other, unknown))
+    assert trained_on(bench, both, "hall") == ("yes" if answer == "yes" else "unknown")
+    assert trained_on(replace(bench, scenes=None), network, "hall") == "unknown"
 
 
 def test_a_network_of_angles_takes_rows_alone_and_was_trained_on_no_scene(tmp_path):

@@ -150,14 +150,14 @@ def test_the_linear_loss_is_the_error_over_the_energy_of_truth_and_noise():
     scale = torch.full((4, 24), 1e-8)
     known = torch.ones(4, 1, 20)
     known[:, :, :3] = 0.0
-    batch = {"known": known, "image": image, "image_peak": peak, "noise_power": noise}
-    found = task._linear_losses(batch, answer, scale)
+    batch = {"image": image, "image_peak": peak, "noise_power": noise}
+    found = task._linear_losses(batch, answer, scale, known)
     estimate, truth = decode(config, answer, scale).double()[..., 3:], (image * peak[:, None, None])[..., 3:]
     energy = truth.square() + noise[:, None, None] / 6
     expected = 0.5 * (estimate - truth).square().sum(dim=(1, 2)) / energy.sum(dim=(1, 2))
     torch.testing.assert_close(found[:3], expected[:3].float(), rtol=1e-5, atol=0)
     assert found[3] == 0.0
-    assert not task._linear_losses(batch, torch.zeros_like(answer), scale)[2:].any()
+    assert not task._linear_losses(batch, torch.zeros_like(answer), scale, known)[2:].any()
 
 
 def test_errors_are_those_of_the_baselines():

@@ -141,8 +141,6 @@ def render(
     )  # fmt: skip
     if camera and shard is not None:
         raise InputError("--camera", f"beside {OPTION}", "datafactory inspect --camera once the jobs are merged")
-    if camera and order.paths is not None:
-        raise InputError("--camera", "beside --paths, whose frames do not say when they are", "--scene")
     menu = None if error_budget is None else menu_for(rays, depth)
     table = materials_of(materials)
     with engine_of(engine, address, workers, announce) as made_by:
@@ -256,7 +254,7 @@ def _with_cameras(order: Order, table: MaterialTable, report: Report, progress: 
     started = time.perf_counter()
     dataset = open_dataset(report.directory)
     cameras = Cameras(dataset, [scene for scene in order.scenes if isinstance(scene, Scene)], table)
-    scene_frames = order.scene_frames
+    scene_frames = report.frames - order.points
     progress("camera pictures", 0, scene_frames)
     for done, _ in enumerate(write_cameras(dataset, cameras), 1):
         progress("camera pictures", done, scene_frames)

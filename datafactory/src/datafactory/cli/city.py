@@ -21,6 +21,9 @@ def city(
         typer.Option(min=1, max=MOST_BLOCKS, help="House blocks along the street; 2 without.", show_default=False),
     ] = None,
     style: Annotated[Style, typer.Option(help="What the city is like.")] = Style.OLD_TOWN,
+    traffic: Annotated[
+        bool, typer.Option(help="With what moves; without, the streets are free for --populate.")
+    ] = True,
     opendrive: Annotated[
         Path | None, typer.Option(help="Roads, lanes and traffic from an OpenDRIVE file (.xodr).", show_default=False)
     ] = None,
@@ -46,9 +49,13 @@ def city(
             )
         from datafactory.scenes.city.city import write_city
 
-        write_city(out, seed, 2 if blocks is None else blocks, style)
+        write_city(out, seed, 2 if blocks is None else blocks, style, traffic)
         typer.echo(f"wrote {out}")
         return
+    if not traffic:
+        raise InputError(
+            "city", "--no-traffic beside a network", "--no-traffic of a procedural city, or the network's traffic"
+        )
     if blocks is not None:
         raise InputError("city", "--blocks beside a network", "--extent, which says how much of it")
     from datafactory.scenes.network.town import write_town

@@ -14,6 +14,7 @@ Faces belong to bodies of one velocity. What stands on another body, such as a c
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
 
@@ -22,7 +23,7 @@ from numpy.typing import NDArray
 
 from datafactory.paths.facets import mirrors_of
 from datafactory.paths.free_extent import flattened, strips
-from datafactory.paths.merged_scene import MergedScene, motions_of
+from datafactory.paths.merged_scene import MergedScene, Part, motions_of
 from datafactory.paths.planar_faces import TOUCH_M, PlanarFaces, planar_faces_of
 from datafactory.paths.unfold import unit
 from datafactory.scenes.poses import Pose
@@ -127,10 +128,39 @@ class CornerEdges:
 
 
 def corners_of(merged_scene: MergedScene) -> CornerEdges:
-    """All corners of a merged scene at its time, found once; where something turns, for each time."""
-    found = _found(merged_scene.shapes)
+    """All corners of a merged scene at its time, found once; those of what turns for each time.
+
+    The two faces of a corner are of one rigid body, so that no corner is of both.
+    """
+    parts = merged_scene.parts
+    found = _joined([_found(part.scene) for part in parts], parts) if len(parts) > 1 else _found(parts[0].scene)
     velocity, shift = motions_of(merged_scene, found.face_mesh[:, 0])
     return replace(found, velocity=velocity, shift=shift)
+
+
+def _joined(found: Sequence[CornerEdges], parts: Sequence[Part]) -> CornerEdges:
+    """The corners of the parts of a scene as those of the whole."""
+    face_of_triangle = np.full(sum(len(part.triangles) for part in parts), -1, dtype=np.int64)
+    faces, before, placed = 0, 0, []
+    for own, part in zip(found, parts, strict=True):
+        known = own.face_of_triangle >= 0
+        face_of_triangle[part.triangles[known]] = own.face_of_triangle[known] + faces
+        placed.append(
+            replace(
+                own,
+                face=own.face + faces,
+                face_mesh=part.meshes[own.face_mesh],
+                corner_of_strip=own.corner_of_strip + before,
+            )
+        )
+        faces += int(own.face_of_triangle.max(initial=-1)) + 1
+        before += len(own)
+    names = [item.name for item in fields(CornerEdges) if item.name not in ("face_of_triangle", "counts")]
+    return CornerEdges(
+        **{name: np.concatenate([getattr(own, name) for own in placed]) for name in names},
+        face_of_triangle=face_of_triangle,
+        counts={name: sum(own.counts[name] for own in placed) for name in placed[0].counts},
+    )
 
 
 @lru_cache(maxsize=8)

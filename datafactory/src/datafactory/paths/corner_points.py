@@ -8,6 +8,7 @@ directions between its two edges, is sampled (:mod:`.free_extent`).
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
 from itertools import product
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from datafactory.paths.facets import mirrors_of
 from datafactory.paths.free_extent import flattened, reach_around
-from datafactory.paths.merged_scene import MergedScene, motions_of
+from datafactory.paths.merged_scene import MergedScene, Part, motions_of
 from datafactory.paths.planar_faces import PlanarFaces, planar_faces_of
 from datafactory.paths.unfold import unit
 from datafactory.scenes.poses import Pose
@@ -84,10 +85,21 @@ class CornerPoints:
 
 
 def points_of(merged_scene: MergedScene) -> CornerPoints:
-    """All trihedral corners of a merged scene at its time, found once; where something turns, for each time."""
-    found = _found(merged_scene.shapes)
+    """All trihedral corners of a merged scene at its time, found once; those of what turns for each time."""
+    parts = merged_scene.parts
+    found = _joined([_found(part.scene) for part in parts], parts) if len(parts) > 1 else _found(parts[0].scene)
     velocity, shift = motions_of(merged_scene, found.face_mesh[:, 0])
     return replace(found, velocity=velocity, shift=shift)
+
+
+def _joined(found: Sequence[CornerPoints], parts: Sequence[Part]) -> CornerPoints:
+    """The corners of the parts of a scene as those of the whole: their three faces are of one rigid body."""
+    placed = [replace(own, face_mesh=part.meshes[own.face_mesh]) for own, part in zip(found, parts, strict=True)]
+    names = [item.name for item in fields(CornerPoints) if item.name != "counts"]
+    return CornerPoints(
+        **{name: np.concatenate([getattr(own, name) for own in placed]) for name in names},
+        counts={name: sum(own.counts[name] for own in placed) for name in placed[0].counts},
+    )
 
 
 @lru_cache(maxsize=8)

@@ -98,6 +98,19 @@ class MergedMesh:
 
 
 @dataclass(frozen=True, eq=False)
+class Part:
+    """Some meshes of a merged scene as a scene of their own, without targets.
+
+    :param meshes: [M'] their indices in the whole, rising
+    :param triangles: [T'] indices of their triangles among all of the whole
+    """
+
+    scene: MergedScene
+    meshes: NDArray[np.int64]
+    triangles: NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
 class MergedScene:
     """All merged meshes of a scene, at one time.
 
@@ -133,6 +146,20 @@ class MergedScene:
     def shapes(self) -> MergedScene:
         """The scene whose shapes are those of this one, but for shifts: that of time 0, unless something turns."""
         return self if self.at_rest is None or self.turns else self.at_rest
+
+    @cached_property
+    def parts(self) -> tuple[Part, ...]:
+        """What does not turn, as it is at time 0, the same object at all times; then what does, if anything, as it is
+        now. No rigid body is in both."""
+        turned = np.array([mesh.turned is not None for mesh in self.meshes], dtype=bool)
+        still = self._part(~turned) if self.at_rest is None else self.at_rest.parts[0]
+        return (still, self._part(turned)) if turned.any() else (still,)
+
+    def _part(self, chosen: NDArray[np.bool_]) -> Part:
+        meshes = np.flatnonzero(chosen)
+        # What was found of the whole scene before is known of it as its only part too.
+        scene = self if chosen.all() else MergedScene(tuple(self.meshes[mesh] for mesh in meshes), self.objects)
+        return Part(scene, meshes, np.flatnonzero(chosen[self.mesh_of_triangle]))
 
     @cached_property
     def mesh_of_triangle(self) -> NDArray[np.int64]:

@@ -36,15 +36,10 @@ class _SceneEntry(BaseModel):
     content_sha256: str
 
 
-class _Arguments(BaseModel):
-    paths: tuple[str, ...] | None = None
-
-
 class _Rendered(BaseModel):
     """What a picture needs of a manifest."""
 
     scenes: tuple[_SceneEntry, ...] = ()
-    arguments: _Arguments = _Arguments()
 
 
 class Cameras:
@@ -52,7 +47,7 @@ class Cameras:
 
     :param scenes: those that were opened before, among them any that no file holds
     :param materials: that decide the colours
-    :raises InputError: a manifest without what is needed; frames of traced paths, which do not say when they are
+    :raises InputError: a manifest without what is needed
     """
 
     def __init__(self, dataset: Dataset, scenes: Sequence[Scene] = (), materials: MaterialTable | None = None) -> None:
@@ -61,8 +56,6 @@ class Cameras:
             self._rendered = _Rendered.model_validate(dataset.manifest)
         except ValidationError as error:
             raise InputError(self._source, *first_validation_error(error)) from error
-        if self._rendered.arguments.paths is not None:
-            raise InputError("--camera", f"the frames of {dataset.path} are of traced paths", "frames of --scene")
         self._radar = radar_of(dataset.description(), self._source)
         self._given = {scene.content_hash(): scene for scene in scenes}
         self._materials = materials or load_materials()

@@ -69,6 +69,10 @@ def fit(
     patience: Annotated[
         int | None, typer.Option(help="Validations without gain before stopping; 0: never.", show_default=BY_RECIPE)
     ] = None,
+    frames: Annotated[
+        int | None,
+        typer.Option(help="Train and validate with the first N frames of each dataset; 0: all.", show_default="0"),
+    ] = None,
     start: Annotated[
         Path | None, typer.Option("--from", help="Begin with the weights of this run.", show_default=False)
     ] = None,
@@ -94,7 +98,7 @@ def fit(
         "model": model, "features": features, "target": target, "width": width, "hidden": hidden, "steps": steps,
         "batch": batch, "accumulate": accumulate, "rows": rows, "learning_rate": learning_rate, "seed": seed,
         "precision": precision, "validate_every": validate_every, "patience": patience, "points": points,
-        "imperfections": imperfections,
+        "imperfections": imperfections, "frames": frames,
     }  # fmt: skip
     console = Console(soft_wrap=True, highlight=False)
 

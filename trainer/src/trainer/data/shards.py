@@ -11,7 +11,7 @@ import torch
 from torch.utils.data import Dataset as TorchDataset
 
 from shared.dataset import COMPLEX_ARRAYS, LATER
-from shared.dataset.folder import open_dataset
+from shared.dataset.folder import Dataset, open_dataset
 from shared.dataset.locations import Location
 from shared.dataset.reading import open_shard, require_values
 from shared.physics.errors import InputError
@@ -50,7 +50,9 @@ class ShardDataset(TorchDataset[dict[str, torch.Tensor]]):
     :param columns: array columns to read, of :data:`COLUMNS`
     :param cache_bytes: decoded columns that every process keeps
     :param facts: columns of :data:`FACTS`, and :data:`BOXES`, to read as well, for :meth:`frame`
-    :raises InputError: a dataset that is missing, damaged or newer, a split without frames, an unknown column
+    :param first: take the frames whose ``frame_id`` is below it; 0 for all
+    :raises InputError: a dataset that is missing, damaged or newer, a split without frames, none among the first, an
+        unknown column
     """
 
     def __init__(
@@ -60,6 +62,7 @@ class ShardDataset(TorchDataset[dict[str, torch.Tensor]]):
         columns: Sequence[str] = ("range_channel", "image"),
         cache_bytes: int = CACHE_BYTES,
         facts: Sequence[str] = (),
+        first: int = 0,
     ) -> None:
         if unknown := [name for name in columns if name not in COLUMNS]:
             raise InputError("columns", f"{unknown[0]!r}", f"some of {list(COLUMNS)}")
@@ -68,7 +71,7 @@ class ShardDataset(TorchDataset[dict[str, torch.Tensor]]):
         self.description = dataset.description()
         if missing := [name for name in columns if name not in self.description["shapes"]]:
             raise InputError(directory, f"{missing[0]!r} is not stored", f"some of {list(self.description['shapes'])}")
-        self._rows = dataset.rows(split)
+        self._rows = _first_rows(dataset, split, first) if first else dataset.rows(split)
         self._open: dict[Location, pq.ParquetFile] = {}
         self._kept: dict[int, pa.RecordBatch] = {}
         self._room = cache_bytes
@@ -128,6 +131,14 @@ class ShardDataset(TorchDataset[dict[str, torch.Tensor]]):
         # The tensor uses Arrow's memory: a copy would cost a twentieth of the reading.
         values = torch.from_dlpack(batch.column(name).flatten()).reshape(self.description["shapes"][name])
         return torch.view_as_complex(values) if name in COMPLEX_ARRAYS else values
+
+
+def _first_rows(dataset: Dataset, split: str, first: int) -> tuple[tuple[Location, int], ...]:
+    """(shard, row) of the split's frames whose index is below ``first``."""
+    frames = zip(dataset.rows(split), dataset.frames(split, ()), strict=True)
+    if rows := tuple(row for row, frame in frames if frame.frame_id < first):
+        return rows
+    raise InputError(dataset.path, f"no frame of split {split!r} among the first {first}", "a larger number of frames")
 
 
 def _read_row(file: pq.ParquetFile, row: int, columns: list[str]) -> pa.RecordBatch:

@@ -9,8 +9,8 @@ probability (a generalised likelihood-ratio test with known noise):
 3. The line whose removal, the others refined again, costs least is removed while it costs less than the threshold.
 4. Where the energy left fails its chi-square test each line is split and one is added; the best is kept while it gains
    more than the threshold. Then step 3 again: an older line may have become needless.
-5. Of two lines and more the best pair elsewhere is tried in their place, of three to five also pairs beside each one:
-   the lobes of a sparse array make optima that no small step leaves.
+5. In the place of one or two lines the best lone one is tried, of two and more the best pair elsewhere, of three to
+   five also pairs beside each one: the lobes of a sparse array make optima that no small step leaves.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ SEARCH_POINTS = 4
 SPLIT_CELLS = (0.5, 0.2)
 """Distances of the two halves of a split line before they are refined, in resolution cells."""
 ELSEWHERE = 3
-"""Pairs of angles far from a row's lines that are refined in their place."""
+"""Angles, and pairs of angles far from a row's lines, that are refined in their place."""
 MOST_SEARCHED = 5
 """Lines of a row beside each of which pairs are tried."""
 PRUNING_STEPS = 4
@@ -217,7 +217,8 @@ class _Fit:
         self.prune(grown)
 
     def look_elsewhere(self, rows: NDArray[np.intp]) -> None:
-        """Other lines in the place of two or more, as many or fewer, where that costs less."""
+        """Other lines in the place of those found, as many or fewer, where that costs less."""
+        self._grouped(rows[self.count[rows] <= 2], self._try_lone)
         self._grouped(rows[self.count[rows] > 1], self._try_pair)
 
     def finish(self, rows: NDArray[np.intp]) -> tuple[NDArray[np.float64], NDArray[np.complex128], NDArray[np.float64]]:
@@ -297,22 +298,29 @@ class _Fit:
         self._put(rows[gains], best[gains], left[gains])
         return rows[gains]
 
+    def _try_lone(self, rows: NDArray[np.intp], count: int) -> NDArray[np.intp]:
+        """The angle that explains most in place of all: a peak that the fit began with may be a sidelobe's."""
+        self._replace(rows, additions(self.x[rows], self.array, self.axis, np.empty((len(rows), 0)), ELSEWHERE))
+        return rows
+
     def _try_pair(self, rows: NDArray[np.intp], count: int) -> NDArray[np.intp]:
         """Two lines in place of all, or one of a few kept and two beside it."""
         lines = self.u[rows, :count]
         # Where a line fewer would do, the best pair may stand near the lines.
-        self._replace(rows, lines[:, :0], lines if count == 2 else lines[:, :0])
+        self._replace_by_pair(rows, lines[:, :0], lines if count == 2 else lines[:, :0])
         if 2 < count <= MOST_SEARCHED:
             for line in range(count):
                 going = self.count[rows] == count
-                self._replace(rows[going], lines[going, line : line + 1], lines[going, :0])
+                self._replace_by_pair(rows[going], lines[going, line : line + 1], lines[going, :0])
         return rows
 
-    def _replace(self, rows: NDArray[np.intp], kept: NDArray[np.float64], avoided: NDArray[np.float64]) -> None:
-        """Put the best pair beside the lines ``kept`` in the place of a row's others where it costs less."""
-        x = self.x[rows]
-        trials = pairs_elsewhere(x, self.array, self.axis, kept, avoided, ELSEWHERE)
-        best, left = best_refit(x, trials, self.array, PRUNING_STEPS, bounded_energy_left)
+    def _replace_by_pair(self, rows: NDArray[np.intp], kept: NDArray[np.float64], avoided: NDArray[np.float64]) -> None:
+        """Try the best pair beside the lines ``kept`` in the place of a row's others."""
+        self._replace(rows, pairs_elsewhere(self.x[rows], self.array, self.axis, kept, avoided, ELSEWHERE))
+
+    def _replace(self, rows: NDArray[np.intp], trials: NDArray[np.float64]) -> None:
+        """Put the best of ``trials`` [B, T, K] in the place of a row's lines where it costs less."""
+        best, left = best_refit(self.x[rows], trials, self.array, PRUNING_STEPS, bounded_energy_left)
         fewer = self.count[rows] - best.shape[1]
         better = left < self.left[rows] + fewer * self.threshold * self.noise[rows]
         self._put(rows[better], best[better], left[better])

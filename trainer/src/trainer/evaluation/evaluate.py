@@ -24,6 +24,7 @@ from shared.dataset.reading import radar_of
 from shared.dataset.writing import remove_partial, write_text
 from shared.physics.errors import InputError
 from trainer.data.arrays import choose_array
+from trainer.data.scene_records import scene_records
 from trainer.evaluation.experiments.bench import (
     Bench,
     EvaluationConfig,
@@ -49,6 +50,7 @@ from trainer.evaluation.experiments.resolution import Resolution
 from trainer.evaluation.experiments.robustness import Robustness
 from trainer.evaluation.experiments.street import Street
 from trainer.evaluation.experiments.tradeoff import SECONDS, Tradeoff
+from trainer.evaluation.experiments.worlds import Worlds
 from trainer.evaluation.outcome import REPORT, SUMMARY, write_outcome
 from trainer.evaluation.report.page import ReportFigure
 from trainer.evaluation.report.style import save_figure
@@ -62,7 +64,7 @@ EXPERIMENTS: dict[str, Experiment] = {
     experiment.name: experiment
     for experiment in (
         CylinderSpread(), Street(), Reflectors(), Detection(), Doppler(), Resolution(), Robustness(), Generalisation(),
-        NoiseOnly(), Tradeoff(), Measured(),
+        Worlds(), NoiseOnly(), Tradeoff(), Measured(),
     )
 }  # fmt: skip
 """By the name that ``--experiments`` takes, in the order of the report."""
@@ -206,7 +208,8 @@ def open_bench(
         frozenset(frame.scene for frame in dataset.frames("train", ())) if "train" in dataset.splits else frozenset()
     )
     row = None if measured is None else with_arrays(measured, radar, [contender.array for contender in contenders])
-    return Bench(fingerprint.sha256, radar, refs, scenes, contenders, config, measured=row), left_out
+    of_data = scene_records(dataset.manifest)
+    return Bench(fingerprint.sha256, radar, refs, scenes, contenders, config, scenes=of_data, measured=row), left_out
 
 
 def choose_experiments(names: Sequence[str] | None, bench: Bench) -> tuple[list[Experiment], list[str]]:

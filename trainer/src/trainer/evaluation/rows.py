@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 TRUTH = "truth"
 """Stands for a method where the truth's own image is shown or scored."""
+AVERAGE_PRECISION = "average precision"
+"""Name of the metric that methods are compared by first."""
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ at all, so that their order changes nothing.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,7 @@ from shared.physics.errors import InputError
 from trainer.metrics.bootstrap import Interval, bootstrap_frames
 from trainer.metrics.cells import CellScores
 
+UNDEFINED = Interval(*[float("nan")] * 3)
 LEVELS = 2000
 """Thresholds, of those at which a detection matched, that a drawn pool is evaluated at; its value has all of them."""
 
@@ -66,15 +67,22 @@ class Ranking:
         values = self._values(false_alarms)
         frames = len(self.truths)
         if not self.defined:
-            return [Interval(*[float("nan")] * 3) for _ in values]
+            return [UNDEFINED for _ in values]
+        ends = bootstrap_frames(self._of_draws(false_alarms), frames, seed)
+        return [Interval(float(value), *end) for value, end in zip(values, ends, strict=True)]
+
+    def _of_draws(self, false_alarms: Sequence[float]) -> Callable[[NDArray[np.int64]], NDArray[np.float64]]:
+        """What takes how often each frame was drawn, [B, frames], to the values of these draws, [1 + false_alarms, B].
+
+        Of a ranking with truth cells.
+        """
         matched, false = self._counts_of_frames()
 
-        def of_draws(weights: NDArray[np.int64]) -> NDArray[np.float64]:
+        def values(weights: NDArray[np.int64]) -> NDArray[np.float64]:
             drawn = weights.astype(np.float64)
-            return _scores(drawn @ matched, drawn @ false, drawn @ self.truths, frames, false_alarms)
+            return _scores(drawn @ matched, drawn @ false, drawn @ self.truths, len(self.truths), false_alarms)
 
-        ends = bootstrap_frames(of_draws, frames, seed)
-        return [Interval(float(value), *end) for value, end in zip(values, ends, strict=True)]
+        return values
 
     def _values(self, false_alarms: Sequence[float]) -> NDArray[np.float64]:
         if not self.defined:
@@ -118,6 +126,31 @@ def pooled(frames: Sequence[CellScores]) -> Ranking:
     last = np.flatnonzero(np.append(falling[1:] != falling[:-1], True)[: len(falling)])
     truths = np.array([one.truths for one in frames], dtype=np.float64)
     return Ranking(truths, frame[order], matched[order], last)
+
+
+def mean_average_precision(rankings: Sequence[Ranking], less: Sequence[Ranking] = (), seed: int = 0) -> Interval:
+    """Mean of the average precisions of several methods on the same frames, less that of others, with its interval.
+
+    The frames are drawn again for all of them together, so that what a hard frame costs all of them is not counted as
+    a difference: the interval of a difference is as a rule much narrower than those of the two numbers.
+
+    :param rankings: one or more, e.g. of networks of other seeds, of the frames in one order
+    :param less: of the same frames, whose mean is taken off; () for none
+    :raises InputError: no ranking, or rankings of other frames
+    """
+    every = [*rankings, *less]
+    if not rankings or any(not np.array_equal(one.truths, every[0].truths) for one in every):
+        raise InputError("ranking", f"{len(every)} of other frames", "one or more, all of the same frames")
+    if not every[0].defined:
+        return UNDEFINED
+    signs = np.repeat([1.0 / len(rankings), -1.0 / max(len(less), 1)], [len(rankings), len(less)])
+    statistics = [one._of_draws(()) for one in every]
+
+    def of_draws(weights: NDArray[np.int64]) -> NDArray[np.float64]:
+        return signs[None] @ np.concatenate([statistic(weights) for statistic in statistics])
+
+    (ends,) = bootstrap_frames(of_draws, len(every[0].truths), seed)
+    return Interval(float(signs @ [one.average_precision() for one in every]), *ends)
 
 
 def _scores(

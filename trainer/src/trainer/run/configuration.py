@@ -60,6 +60,7 @@ class FitConfig(BaseModel):
     :param precision: "bf16" computes the network in bfloat16, weights stay float32
     :param validate_every: most optimiser steps from one validation to the next; the last is at the end
     :param patience: validations without improvement before an early stop, 0 for never
+    :param frames: of each dataset, train and validate with the frames whose ``frame_id`` is below it; 0 for all
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -94,6 +95,7 @@ class FitConfig(BaseModel):
     precision: Precision = "32"
     validate_every: Count = 200
     patience: Annotated[int, Field(ge=0, le=10**9)] = 0
+    frames: Annotated[int, Field(ge=0, le=10**9)] = 0
 
     @model_validator(mode="before")
     @classmethod

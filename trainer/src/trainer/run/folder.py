@@ -29,6 +29,7 @@ from shared.dataset.writing import write_bytes, write_json
 from shared.physics.errors import InputError
 from shared.radar import Radar, first_validation_error
 from trainer.data.arrays import ArrayChoice
+from trainer.data.scene_records import SceneRecord
 from trainer.run.building import lay_out
 from trainer.run.configuration import FitConfig
 from trainer.run.imager import Imager
@@ -49,7 +50,8 @@ class Fingerprint(BaseModel):
 
     :param name: of its folder
     :param sha256: over the shards' own hashes
-    :param frames: by split
+    :param frames: by split, those that the run looked at
+    :param scenes: that these are of; None where the dataset, or an earlier release, did not say
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -57,11 +59,24 @@ class Fingerprint(BaseModel):
     name: str
     sha256: str
     frames: dict[str, int]
+    scenes: tuple[SceneRecord, ...] | None = None
 
     @classmethod
-    def of(cls, directory: Location, records: Iterable[ShardRecord], frames: Mapping[str, int]) -> Fingerprint:
+    def of(
+        cls,
+        directory: Location,
+        records: Iterable[ShardRecord],
+        frames: Mapping[str, int],
+        scenes: tuple[SceneRecord, ...] | None = None,
+    ) -> Fingerprint:
         lines = "\n".join(f"{record.path} {record.sha256}" for record in records)
-        return cls(name=folder_name(directory), sha256=hashlib.sha256(lines.encode()).hexdigest(), frames=dict(frames))
+        sha256 = hashlib.sha256(lines.encode()).hexdigest()
+        return cls(name=folder_name(directory), sha256=sha256, frames=dict(frames), scenes=scenes)
+
+    @property
+    def data(self) -> Fingerprint:
+        """Without what may be said of the same shards or not: two runs of these have seen the same frames."""
+        return self.model_copy(update={"scenes": None})
 
 
 class Start(BaseModel):

@@ -11,13 +11,14 @@ from typing import Any
 from lightning.pytorch import LightningDataModule
 from torch.utils.data import ConcatDataset, DataLoader
 
-from shared.dataset.folder import SPLITS, open_dataset, verify
+from shared.dataset.folder import Dataset, open_dataset, verify
 from shared.dataset.locations import Location, locate
 from shared.dataset.reading import radar_of
 from shared.physics.errors import InputError
 from shared.processes.pool import end_with_parent
 from shared.signal.windows import ANGLE_WINDOWS
 from trainer.data.order import BatchOrder
+from trainer.data.scene_records import scene_records
 from trainer.data.shards import ShardDataset
 from trainer.run.configuration import FitConfig
 from trainer.run.folder import Fingerprint, same_radar
@@ -33,7 +34,7 @@ class ImagingData(LightningDataModule):
 
     :param directories: of the datasets, local paths or URIs
     :param weights: share of each in the training batches; by default in proportion to their frames
-    :param config: batch size, steps and seed
+    :param config: batch size, steps, seed, and how many frames of each dataset are looked at
     :param workers: reading processes
     :param check: hash every shard first
     :raises InputError: a damaged shard by its path, datasets of different radars or truths, no training or
@@ -56,17 +57,22 @@ class ImagingData(LightningDataModule):
                 raise InputError("--weight", f"{weight}", f"numbers above 0, below {LARGEST_WEIGHT:g}")
         self.config, self.weights, self.workers = config, weights or None, workers
         folders = [locate(directory) for directory in directories]
-        self.fingerprints = tuple(_fingerprint(folder, check) for folder in folders)
-        self.training = [ShardDataset(folder, "train", COLUMNS) for folder in folders]
+        opened = [_checked(folder, check) for folder in folders]
+        self.training = [ShardDataset(folder, "train", COLUMNS, first=config.frames) for folder in folders]
         self.radar = radar_of(self.training[0].description, folders[0])
         for folder, dataset in zip(folders[1:], self.training[1:], strict=True):
             same_radar(self.radar, str(folders[0]), radar_of(dataset.description, folder), str(folder))
         self.truth_window = _truth_window(self.training, folders)
-        with_validation = [d for d in folders if "validation" in open_dataset(d, check_sizes=False).splits]
-        if not with_validation:
-            raise InputError(folders[0], "no frames in split 'validation'", "a dataset with all three splits")
-        self.validation: ConcatDataset[dict[str, Any]] = ConcatDataset(
-            ShardDataset(folder, "validation", COLUMNS) for folder in with_validation
+        validation = [_validation(dataset, config.frames) for dataset in opened]
+        if not any(validation):
+            among = f" among the first {config.frames} frames" if config.frames else ""
+            raise InputError(
+                folders[0], f"no frames in split 'validation'{among}", "a dataset with frames to train and to validate"
+            )
+        self.validation: ConcatDataset[dict[str, Any]] = ConcatDataset(frames for frames in validation if frames)
+        self.fingerprints = tuple(
+            _fingerprint(dataset, len(training), len(validating or ()), config.frames)
+            for dataset, training, validating in zip(opened, self.training, validation, strict=True)
         )
 
     def train_dataloader(self) -> DataLoader:
@@ -120,12 +126,38 @@ def _truth_window(datasets: Sequence[ShardDataset], folders: Sequence[Location])
     return windows[0]
 
 
-def _fingerprint(directory: Location, check: bool) -> Fingerprint:
+def _checked(directory: Location, check: bool) -> Dataset:
+    """The dataset, opened.
+
+    :param check: hash every shard
+    """
     dataset = open_dataset(directory)
     if check and (faults := verify(dataset)):
         more = f" (and {len(faults) - 1} more faults)" if len(faults) > 1 else ""
         raise InputError(directory, f"{faults[0]}{more}", "a dataset as it was written")
-    frames: dict[str, int] = {
-        split: sum(record.rows for record in dataset.records if record.path.startswith(f"{split}/")) for split in SPLITS
-    }
-    return Fingerprint.of(directory, dataset.records, frames)
+    return dataset
+
+
+def _validation(dataset: Dataset, first: int) -> ShardDataset | None:
+    """Its frames to validate with; None without any."""
+    if "validation" not in dataset.splits:
+        return None
+    if first and all(frame.frame_id >= first for frame in dataset.frames("validation", ())):
+        return None
+    return ShardDataset(dataset.path, "validation", COLUMNS, first=first)
+
+
+def _fingerprint(dataset: Dataset, training: int, validating: int, first: int) -> Fingerprint:
+    test = sum(record.rows for record in dataset.records if record.path.startswith("test/"))
+    scenes = scene_records(dataset.manifest)
+    if first and scenes:
+        seen = {
+            frame.scene
+            for split in ("train", "validation")
+            if split in dataset.splits
+            for frame in dataset.frames(split, ())
+            if frame.frame_id < first
+        }
+        scenes = tuple(scene for scene in scenes if scene.name in seen)
+    frames = {"train": training, "validation": validating, "test": test}
+    return Fingerprint.of(dataset.path, dataset.records, frames, scenes)

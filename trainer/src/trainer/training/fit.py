@@ -225,8 +225,10 @@ def _prepare(out: Path, run: Run, resume: bool) -> None:
     if not (out / RUN_FILE).is_file():
         raise InputError("--resume", f"{out} holds no run", "the folder of an earlier trainer fit")
     before = read_run(out)
-    for part in ("config", "radar", "array", "datasets", "weights", "start"):
+    for part in ("config", "radar", "array", "weights", "start"):
         _same(out, part, getattr(before, part), getattr(run, part))
+    # An earlier release did not write the scenes.
+    _same(out, "datasets", *(tuple(fingerprint.data for fingerprint in one.datasets) for one in (before, run)))
     remove_partial(out)
 
 

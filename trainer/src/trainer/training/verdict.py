@@ -104,7 +104,7 @@ def judge(
     errors: list[list[float]] = []
     cells: dict[str, list[CellScores]] = {name: [] for name in DETECTORS}
     shown: list[_Scored] = []
-    for frame in _test_frames(imager, run.radar, folders, _mean_image(folders)):
+    for frame in _test_frames(imager, run.radar, folders, _mean_image(folders, run.config.frames)):
         for name, so_far in cells.items():
             so_far.append(frame.cells[name])
         if frame.truth.any():
@@ -142,11 +142,14 @@ def _errors(frame: _Scored) -> list[float]:
     return [nmse(images["network"], truth), scaled[0], 1.0, scaled[1]]
 
 
-def _mean_image(folders: Sequence[Location]) -> Image:
-    """[R, U] mean of the training truths, each relative to its peak; at most :data:`MOST_FRAMES` of each dataset."""
+def _mean_image(folders: Sequence[Location], first: int) -> Image:
+    """[R, U] mean of the training truths, each relative to its peak; at most :data:`MOST_FRAMES` of each dataset.
+
+    :param first: the run trained with the frames whose index is below it; 0 for all
+    """
     images = []
     for folder in folders:
-        frames = ShardDataset(folder, "train", ("image",))
+        frames = ShardDataset(folder, "train", ("image",), first=first)
         images += [frames[index]["image"].numpy() for index in _evenly_spaced(len(frames))]
     return np.asarray(np.mean(images, axis=0), dtype=np.float32)
 

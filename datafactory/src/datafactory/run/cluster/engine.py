@@ -70,7 +70,7 @@ class _Driver:
     def __init__(self) -> None:
         self._pipe, theirs = Pipe()
         with without_interrupts(), theirs:
-            # What Ray prints is in its own logs, /tmp/ray/session_latest/logs.
+            # What Ray prints is in the logs of its session, in Ray's temporary folder.
             self._process = subprocess.Popen(
                 [sys.executable, "-c", DRIVER, str(theirs.fileno())],
                 pass_fds=[theirs.fileno()],

@@ -55,20 +55,22 @@ def city(options: CityOptions) -> tuple[Placement, ...]:
     for block in plan.blocks:
         blocks_of.fill(site, block, rules)
     roadside.furnish(site, plan, rules)
-    movers.populate(site, plan, rules)
+    if options.traffic:
+        movers.populate(site, plan, rules)
     return tuple(site.placements)
 
 
-def write_city(path: Path, seed: int = 0, blocks: int = 2, style: Style = Style.OLD_TOWN) -> None:
+def write_city(path: Path, seed: int = 0, blocks: int = 2, style: Style = Style.OLD_TOWN, traffic: bool = True) -> None:
     """Write a procedural city with traffic as USD: metres, z up; the same options give the same bytes.
 
     :param path: ``.usda``, ``.usdc`` or ``.usd``
     :param seed: 0 or more
     :param blocks: house blocks along the main street, at least 1, with a cross street between neighbours
     :param style: what the city is like
+    :param traffic: with what moves; without it the streets are free for ``--populate``
     :raises InputError: a bad argument, or a place that cannot be written
     """
     path = check_output(path)
-    options = CityOptions.checked(seed=seed, blocks=blocks, style=style)
+    options = CityOptions.checked(seed=seed, blocks=blocks, style=style, traffic=traffic)
     name = f"Procedural city: {options.style.value}, seed {seed}, blocks {blocks}. Metres, z up."
     write_usd(path, city(options), name, options.metadata())

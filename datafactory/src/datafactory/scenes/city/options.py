@@ -20,6 +20,7 @@ class CityOptions(BaseModel):
     :param seed: of the NumPy generator that all choices are drawn from
     :param style: which kinds of streets, buildings and traffic
     :param blocks: house blocks along the main street, with a cross street between neighbours
+    :param traffic: with what moves; without it streets, houses and what stands are the same
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
@@ -27,6 +28,7 @@ class CityOptions(BaseModel):
     seed: Annotated[int, Field(ge=0, le=LARGEST_SEED)] = 0
     style: Style = Style.OLD_TOWN
     blocks: Annotated[int, Field(ge=1, le=MOST_BLOCKS)] = 2
+    traffic: bool = True
 
     @staticmethod
     def checked(**values: Any) -> CityOptions:
@@ -44,4 +46,5 @@ class CityOptions(BaseModel):
 
     def metadata(self) -> dict[str, Any]:
         """For the file's metadata."""
-        return {"style": self.style.value, "seed": self.seed, "blocks": self.blocks, "version": VERSION}
+        found = {"style": self.style.value, "seed": self.seed, "blocks": self.blocks, "version": VERSION}
+        return found if self.traffic else {**found, "traffic": False}

@@ -17,6 +17,7 @@ from shared.dataset.locations import Location
 from shared.processes.defaults import LARGEST_SEED
 from shared.radar import Radar
 from trainer.data.arrays import ArrayChoice
+from trainer.data.scene_records import SceneRecord
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.experiments.measured_input import MeasuredInput
 from trainer.evaluation.rows import MetricRow, SummaryColumn
@@ -91,6 +92,7 @@ class Bench:
     :param data_sha256: fingerprint of its shards, as runs hold it
     :param frames: of the test split, that are scored
     :param training_scenes: scenes with frames in the dataset's training split
+    :param scenes: that the dataset is of; None where it does not say
     :param seconds: for one image by (method, array), measured
     :param measured: row of a measurement, if any
     :param measured_methods: estimators that look at it; all where empty
@@ -104,6 +106,7 @@ class Bench:
     contenders: tuple[Contender, ...]
     config: EvaluationConfig
     seconds: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    scenes: tuple[SceneRecord, ...] | None = None
     measured: MeasuredInput | None = None
     measured_methods: tuple[str, ...] = ()
     measured_networks: tuple[MeasuredNetwork, ...] = ()

@@ -14,14 +14,13 @@ from trainer.evaluation.experiments.bench import Bench, FrameRef, Results, Task,
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.experiments.frames import CELLS, RESIDUAL, frame_tasks, gathered, too_small
 from trainer.evaluation.experiments.ranking import (
-    AVERAGE_PRECISION,
     DETECTION_PROBABILITY,
     at_false_alarms,
     ranking_figure,
     ranking_rows,
 )
 from trainer.evaluation.report.style import Look, counted, legend_below, new_figure, subplots
-from trainer.evaluation.rows import TRUTH, MetricRow, SummaryColumn
+from trainer.evaluation.rows import AVERAGE_PRECISION, TRUTH, MetricRow, SummaryColumn
 from trainer.metrics.detection import D_MAX_BINS, PROMINENCES
 
 TP, FP, FN, TN = range(4)

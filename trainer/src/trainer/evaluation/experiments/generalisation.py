@@ -12,9 +12,9 @@ from trainer.evaluation.experiments.bench import Bench, FrameRef, Results, Task
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.experiments.detection import SSIM, strict_rows
 from trainer.evaluation.experiments.frames import CELLS, frame_tasks, too_small
-from trainer.evaluation.experiments.ranking import AVERAGE_PRECISION
 from trainer.evaluation.report.style import Look, counted, legend_below, new_figure, subplots
-from trainer.evaluation.rows import MetricRow, SummaryColumn
+from trainer.evaluation.rows import AVERAGE_PRECISION, MetricRow, SummaryColumn
+from trainer.run.folder import Fingerprint
 
 SHOWN = (AVERAGE_PRECISION, SSIM)
 
@@ -28,7 +28,7 @@ class Generalisation:
     caption = (
         "The test frames of each scene apart, and close point targets as a scene of their own. A filled bar belongs "
         "to a network that was trained on other frames of this scene or to an estimator, which is trained on "
-        "nothing; a hatched one to a network that never saw the scene or whose training data are not this dataset's."
+        "nothing; a hatched one to a network that never saw the scene, or of which it is not known."
     )
     summary: tuple[SummaryColumn, ...] = ()
 
@@ -89,14 +89,25 @@ def by_scene(bench: Bench) -> dict[str, tuple[FrameRef, ...]]:
 def trained_on(bench: Bench, contender: Contender, scene: str) -> str:
     """ "nothing" of an estimator and of what trains on synthetic samples; else "yes", "no", or "unknown".
 
-    A run knows its datasets by their fingerprints: this dataset's scenes are known, another's are not.
+    A run knows its datasets by their fingerprints. Of this dataset its training scenes are known. Another one's are
+    known if it says them: it has the same scene, or none of this name. One of the same name and another content may be
+    the same streets with other traffic, or something else.
     """
     if contender.parameters == 0 or not contender.trained_on:
         return "nothing"
-    known = [fingerprint.sha256 == bench.data_sha256 for fingerprint in contender.trained_on]
-    if any(known) and scene in bench.training_scenes:
+    answers = {_seen(bench, fingerprint, scene) for fingerprint in contender.trained_on}
+    return next(answer for answer in ("yes", "unknown", "no") if answer in answers)
+
+
+def _seen(bench: Bench, fingerprint: Fingerprint, scene: str) -> str:
+    if fingerprint.sha256 == bench.data_sha256:
+        return "yes" if scene in bench.training_scenes else "no"
+    contents = {record.content_sha256 for record in bench.scenes or () if record.name == scene}
+    if fingerprint.scenes is None or not contents:  # close targets are of no scene
+        return "unknown"
+    if any(record.content_sha256 in contents for record in fingerprint.scenes):
         return "yes"
-    return "no" if all(known) else "unknown"
+    return "unknown" if scene in {record.name for record in fingerprint.scenes} else "no"
 
 
 def _row(rows: Sequence[MetricRow], contender: Contender, metric: str, scene: str) -> MetricRow:

@@ -11,9 +11,9 @@ from shared.physics.errors import figure_text
 from trainer.evaluation.experiments.bench import Bench, FrameRef, Results
 from trainer.evaluation.experiments.frames import ranking
 from trainer.evaluation.report.style import TRUTH_COLOUR, Look, counted, label_ends, new_figure, subplots
-from trainer.evaluation.rows import TRUTH, MetricRow
+from trainer.evaluation.rows import AVERAGE_PRECISION, TRUTH, MetricRow
 
-AVERAGE_PRECISION, DETECTION_PROBABILITY = "average precision", "detection probability"
+DETECTION_PROBABILITY = "detection probability"
 FALSE_ALARMS = (1, 10, 100)
 """A frame, at which the table has the detection probability."""
 SHOWN_FALSE_ALARMS = (0.1, 1000.0)

@@ -9,9 +9,8 @@ from matplotlib.figure import Figure
 from trainer.evaluation.experiments.bench import Bench, Results, Task, single_row
 from trainer.evaluation.experiments.detection import SSIM, scene_frames, strict_rows
 from trainer.evaluation.experiments.frames import CELLS, frame_tasks, too_small
-from trainer.evaluation.experiments.ranking import AVERAGE_PRECISION
 from trainer.evaluation.report.style import Look, legend_below, new_figure, subplots
-from trainer.evaluation.rows import MetricRow, SummaryColumn
+from trainer.evaluation.rows import AVERAGE_PRECISION, MetricRow, SummaryColumn
 
 SHOWN = (AVERAGE_PRECISION, SSIM)
 SECONDS, PARAMETERS = "seconds for an image", "trained parameters"

@@ -44,10 +44,10 @@ def _array_table(array: str, rows: Sequence[Row], all_columns: Columns) -> str:
         seconds = f"{timed[SECONDS]:.3g}" if timed else ""
         parameters = f"{timed['parameters']:,}".replace(",", " ") if timed and timed["parameters"] else ""
         lines.append([str(method), *values, seconds, parameters])
-    return "".join(f"| {' | '.join(map(_cell, line))} |\n" for line in lines)
+    return "".join(f"| {' | '.join(map(markdown_cell, line))} |\n" for line in lines)
 
 
-def _cell(text: str) -> str:
+def markdown_cell(text: str) -> str:
     """A name may hold what Markdown takes for a cell's end or for an element of HTML."""
     return html.escape(printable(text), quote=False).replace("|", r"\|")
 

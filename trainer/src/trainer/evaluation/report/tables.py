@@ -15,6 +15,7 @@ from shared.dataset.writing import atomic
 from trainer.evaluation.rows import MetricRow
 
 SECONDS = "seconds_per_image"
+METRICS_FILE = "metrics.parquet"
 SCHEMA = pa.schema(
     [
         ("experiment", pa.string()),
@@ -55,7 +56,7 @@ def metrics_table(
 
 def write_table(table: pa.Table, directory: Path) -> None:
     """``metrics.parquet`` and ``metrics.csv``, whole or not at all."""
-    with atomic(directory / "metrics.parquet") as partial:
+    with atomic(directory / METRICS_FILE) as partial:
         pq.write_table(table, partial, compression="zstd")
     with atomic(directory / "metrics.csv") as partial:
         pyarrow.csv.write_csv(table, partial)

@@ -1,0 +1,144 @@
+"""Populated scenes by their meshes and over time: nothing in anything else, lanes kept, distances kept."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scene_solids import CitySolids, PopulationSolids
+from solids import Shape, Standing, containing, intersecting
+from town_scenes import two_blocks
+
+from datafactory.frame.deal import Deal
+from datafactory.scenes.city.city import city
+from datafactory.scenes.city.options import CityOptions
+from datafactory.scenes.city.style import Style
+from datafactory.scenes.city.usd import write_usd
+from datafactory.scenes.drives import Drives, draw_drive
+from datafactory.scenes.movers import Movers, Traffic
+from datafactory.scenes.readers.open import open_scene
+from datafactory.scenes.scene import Scene
+from datafactory.scenes.things import Population, Thing
+from datafactory.scenes.traffic.asked import parse_populate
+from datafactory.scenes.traffic.population import populated, sensor_ground
+from datafactory.scenes.traffic.streams import HORIZON_S
+
+ASKED = parse_populate("cars=8,trucks=2,buses=1,cyclists=4,pedestrians=12,poles=12,signs=6,bins=3,benches=2,parked=0.6")
+DRIVE_S = np.arange(0.0, 12.0, 0.5)
+"""Times of a long drive. Everything of one stream has one speed."""
+WHOLE_S = np.linspace(0.0, HORIZON_S - 0.01, 61)
+LATER_S = (60.0, 133.3, 377.7, 599.0)
+VEHICLES = ("car", "truck", "bus")
+CANYON = "sionna:simple_street_canyon"
+SEEDS = range(2)
+TWO_SECONDS = Drives(seconds=2.0, rate_hz=5.0)
+LANE_M = 3.5
+"""From the middle of a road of two lanes to the outer end of either."""
+NARROWEST_KERB_M = 2.4
+
+
+@dataclass(frozen=True, eq=False)
+class Populated:
+    """A populated scene, the solids of what was put into it, and those of what stood there before."""
+
+    scene: Scene
+    population: Population
+    solids: PopulationSolids
+    walls: list[Standing]
+
+    @staticmethod
+    def of(bare: Scene, walls: list[Standing], seed: int) -> Populated:
+        scene = populated(bare, ASKED, seed)
+        assert scene.population is not None
+        return Populated(scene, scene.population, PopulationSolids(scene), walls)
+
+    def standing(self, time_s: float) -> list[Standing]:
+        return [*self.walls, *self.solids.at(time_s)]
+
+
+def bare_scene(which: str, folder: Path) -> tuple[Scene, list[Standing]]:
+    """A scene without traffic, and the solids in it: of a city what stands, parked cars too."""
+    if which in ("hill", CANYON):
+        bare = two_blocks() if which == "hill" else open_scene(which)
+        houses = [item for item in bare.objects if item.name not in ("ground", "mesh-floor")]
+        return bare, [Standing(item.name, Shape.around([(item.vertices, item.triangles)])) for item in houses]
+    standing = city(CityOptions(seed=0, blocks=2, style=Style(which), traffic=False))
+    write_usd(folder / "city.usdc", standing, "what stands")
+    return open_scene(str(folder / "city.usdc")), CitySolids(standing).at(0.0)
+
+
+@pytest.mark.parametrize("which", ["hill", CANYON, *Style])
+def test_populated_scenes_are_sound_at_all_times(which: str, tmp_path: Path) -> None:
+    bare, walls = bare_scene(which, tmp_path)
+    for seed in SEEDS:
+        item = Populated.of(bare, walls, seed)
+        assert len(item.population.things) > 30
+        nothing_is_in_anything_else(item)
+        sensors_are_within_nothing(item)
+        lanes_are_kept(item.population)
+        assert nobody_catches_up_with_anybody(item.population) > 0
+
+
+def nothing_is_in_anything_else(item: Populated) -> None:
+    assert intersecting(item.standing(0.0)) == []
+    for time_s in (*DRIVE_S, *LATER_S):
+        assert intersecting(item.standing(time_s), moving_only=True) == [], (item.population.seed, time_s)
+
+
+def sensors_are_within_nothing(item: Populated) -> None:
+    """Poses drawn with a time each, and a drive of ten poses, against everything as it stands at that time."""
+    ground = sensor_ground(item.scene)
+    deal = Deal(seed=3, scenes=1, frames=16, grounds=(ground,), traffic=(Traffic.of(item.scene),))
+    drawn = [deal.frame(number).where for number in range(16)]
+    assert len({pose.time_s for pose in drawn}) == 16
+    drive = draw_drive(ground, Movers(item.scene), "train", TWO_SECONDS, np.random.default_rng(4))
+    assert len(drive) == 10
+    for pose in (*drawn, *drive):
+        assert containing(item.standing(pose.time_s), pose.position) == [], pose
+
+
+def of_its_road(population: Population, thing: Thing, time_s: float) -> tuple[float, float, float]:
+    """How far to the left of its road's middle a thing is [m], and its velocity along the road and to its left."""
+    place, velocity = thing.at(time_s)
+    (road,) = [road for road in population.roads if road.holds(place[0], place[1])]
+    _, left = road.coordinates(place[0], place[1])
+    cosine, sine = np.cos(road.heading_rad), np.sin(road.heading_rad)
+    return float(left), cosine * velocity[0] + sine * velocity[1], cosine * velocity[1] - sine * velocity[0]
+
+
+def lanes_are_kept(population: Population) -> None:
+    """Who moves stays on its own line across the road, all of it on its own side, with one speed, straight ahead."""
+    for thing in population.movers:
+        left, ahead, aside = np.transpose([of_its_road(population, thing, time_s) for time_s in WHOLE_S])
+        assert np.ptp(left) < 0.01, thing.name
+        assert np.ptp(ahead) < 1e-6, thing.name
+        assert np.abs(aside).max() < 1e-6, thing.name
+        near, far = abs(left[0]) - 0.5 * thing.size_m[1], abs(left[0]) + 0.5 * thing.size_m[1]
+        if thing.label == "pedestrian":
+            assert near > NARROWEST_KERB_M, thing.name
+            continue
+        if abs(left[0]) > 0.1:  # else the road has one lane, in its middle
+            assert near > 0.0, thing.name
+            assert left[0] * ahead[0] < 0.0 or thing.label == "bicycle", thing.name
+        if thing.label in VEHICLES:
+            assert far < LANE_M, thing.name
+
+
+def nobody_catches_up_with_anybody(population: Population) -> int:
+    """Who shares a line keeps its distance, round the line's end too; how many lines are shared."""
+    lines: dict[tuple[int, float], list[Thing]] = {}
+    for thing in population.movers:
+        x, y = np.array(thing.position)[:2, None]
+        (number,) = [n for n, road in enumerate(population.roads) if road.holds(x, y)]
+        left = float(population.roads[number].coordinates(x, y)[1][0])
+        lines.setdefault((number, round(left, 1)), []).append(thing)
+    shared = [line for line in lines.values() if len(line) > 1]
+    for line in shared:
+        longest = max(thing.size_m[0] for thing in line)
+        for time_s in WHOLE_S:
+            places = np.array([thing.at(time_s)[0] for thing in line])
+            apart = np.linalg.norm(places[:, None] - places[None], axis=-1)[np.triu_indices(len(line), 1)]
+            assert apart.min() > longest, (line[0].name, time_s)
+    return len(shared)

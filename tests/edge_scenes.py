@@ -1,0 +1,47 @@
+"""Edges of scenes, what hides nothing of them, and the lengths of ways over them, of a path table and exactly."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+from sionna_scenes import MATERIALS, WAVELENGTH_M
+
+from datafactory.paths.edges import WedgeEdges
+from datafactory.paths.merged_scene import MergedScene
+from datafactory.paths.table import ScatteredPaths, SpecularPaths
+from datafactory.scenes.poses import Pose
+
+WAVENUMBER = 2.0 * np.pi / WAVELENGTH_M
+HOME = Pose((0.0, 0.0, 0.0))
+RADAR = np.zeros(3)
+
+
+def everything(start, end):
+    return np.ones(len(start), dtype=bool)
+
+
+def slabs(of: MergedScene):
+    return [MATERIALS[part.material] for part in of.meshes]
+
+
+def only_edge_at(edges: WedgeEdges, point) -> WedgeEdges:
+    away = np.linalg.norm(np.cross(edges.direction, np.array(point) - edges.start), axis=1)
+    return edges.take(away < 1e-6)
+
+
+def table_length(path: ScatteredPaths | SpecularPaths, tx: np.ndarray, rx: np.ndarray) -> float:
+    """The table's own laws, for the first path."""
+    if isinstance(path, ScatteredPaths):
+        legs = np.linalg.norm(tx - path.tx_point[0]) + np.linalg.norm(rx - path.rx_point[0])
+        return float(legs + path.between_m[0])
+    return float(np.linalg.norm(rx - path.image[0] - path.axes[0] @ (tx - path.reference)))
+
+
+def shortest_over(edge: WedgeEdges, tx: np.ndarray, rx: np.ndarray) -> float:
+    """Fermat, by search along the edge's line."""
+
+    def length(z: float) -> float:
+        point = edge.start[0] + z * edge.direction[0]
+        return float(np.linalg.norm(tx - point) + np.linalg.norm(rx - point))
+
+    return float(minimize_scalar(length, bracket=(0.0, 1.0), tol=1e-12).fun)

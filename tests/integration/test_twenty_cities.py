@@ -1,0 +1,76 @@
+"""Twenty cities, four of each style: nothing is in anything else, no sensor is within anything, each renders."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scene_solids import CitySolids
+from solids import containing, intersecting
+
+import datafactory
+from datafactory.scenes.city.city import city
+from datafactory.scenes.city.options import CityOptions
+from datafactory.scenes.city.style import Style
+from datafactory.scenes.city.usd import write_usd
+from datafactory.scenes.drives import Drives, draw_drive
+from datafactory.scenes.ground import free_ground
+from datafactory.scenes.movers import Movers
+from datafactory.scenes.poses import Pose, sample_pose
+from datafactory.scenes.readers.open import open_scene
+from datafactory.scenes.scene import Scene
+from shared.dataset.folder import SPLITS, open_dataset
+
+SEEDS = range(4)
+RAYS = 2000
+CLEAR_M = 1.0
+"""So far the boresight is open: further than anything that would blind the radar."""
+RADAR = """
+[waveform]
+chirps = 8
+samples = 128
+range_bins = 100
+[grid]
+bins = 40
+"""
+
+
+def poses_in(scene: Scene) -> list[Pose]:
+    """Three drawn poses, and a drive of ten."""
+    ground, rng = free_ground(scene), np.random.default_rng(1)
+    drawn = [sample_pose(ground, split, rng) for split in SPLITS]
+    return [*drawn, *draw_drive(ground, Movers(scene), "train", Drives(seconds=2.0, rate_hz=5.0), rng)]
+
+
+def hold_outside_and_open(solids: CitySolids, pose: Pose) -> None:
+    """No point of the first metre ahead is within anything, as it stands at the pose's time."""
+    standing = solids.at(pose.time_s)
+    for point in np.asarray(pose.position) + np.linspace(0.0, CLEAR_M, 11)[:, None] * pose.rotation()[:, 0]:
+        assert containing(standing, point) == [], pose
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("style", list(Style))
+def test_cities_are_solid_and_render(style: Style, tmp_path: Path) -> None:
+    (tmp_path / "small.toml").write_text(RADAR, encoding="utf-8")
+    scenes, solids = [], {}
+    for seed in SEEDS:
+        placements = city(CityOptions(seed=seed, style=style, blocks=1))
+        write_usd(tmp_path / f"city{seed}.usdc", placements, "a city")
+        scenes.append(open_scene(str(tmp_path / f"city{seed}.usdc")))
+        solids[scenes[-1].name] = CitySolids(placements)
+        assert intersecting(solids[scenes[-1].name].at(0.0)) == []
+        for pose in poses_in(scenes[-1]):
+            hold_outside_and_open(solids[scenes[-1].name], pose)
+    datafactory.render(
+        scenes, tmp_path / "data", radar=tmp_path / "small.toml", frames=len(scenes), rays=RAYS,
+        effects="specular,diffuse,doppler",
+    )  # fmt: skip
+    dataset = open_dataset(tmp_path / "data")
+    frames = [frame for split in dataset.splits for frame in dataset.frames(split)]
+    assert sorted(frame.scene for frame in frames) == sorted(solids)
+    for frame in frames:
+        assert frame.image_peak > 0.0
+        assert frame.targets
+        assert containing(solids[frame.scene].at(frame.time), frame.sensor_position) == []

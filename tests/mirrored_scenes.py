@@ -1,0 +1,71 @@
+"""Targets over mirrors: the ground, what it reflects, a point, and one trace of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from datafactory.paths.merged_scene import merge_scene
+from datafactory.paths.rays import RayFan
+from datafactory.paths.solver import TraceSettings
+from datafactory.paths.table import TARGET, PathTable, ScatteredPaths
+from datafactory.paths.trace import trace
+from datafactory.scenes.materials.table import Material, MaterialMapping, load_materials
+from datafactory.scenes.poses import Pose
+from datafactory.scenes.scene import PointTarget, Scene, SceneObject
+
+FREQUENCY_HZ = 77.5e9
+WAVELENGTH_M = 299_792_458.0 / FREQUENCY_HZ
+ASPHALT = load_materials().materials["asphalt"]
+METAL = Material("mirror", 1.0, 1e7, 0.1, 0.0, "lambertian", "test", (77.0, 78.0), ())
+MATERIALS = MaterialMapping(
+    entries={"mirror": (METAL, "test"), "asphalt": (ASPHALT, "test")},
+    unknown=(),
+)
+
+
+def ground(
+    of: str = "mirror",
+    x: tuple[float, float] = (-400.0, 400.0),
+    y: tuple[float, float] = (-400.0, 400.0),
+    name: str = "ground",
+    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> SceneObject:
+    """A level rectangle at z = 0."""
+    vertices = np.array([(a, b, 0.0) for a, b in ((x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1]))])
+    return SceneObject(name, vertices, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), of, velocity)
+
+
+def point(position: Sequence[float], velocity: Sequence[float] = (0.0, 0.0, 0.0)) -> PointTarget:
+    x, y, z = position
+    a, b, c = velocity
+    return PointTarget("post", (x, y, z), 0.0, (a, b, c))
+
+
+def echoes(
+    objects: Sequence[SceneObject], targets: Sequence[PointTarget], pose: Pose, **settings: object
+) -> tuple[ScatteredPaths, PathTable]:
+    """The targets' paths, and the whole table."""
+    merged = merge_scene(Scene("test", tuple(objects), tuple(targets)), MATERIALS)
+    chosen = TraceSettings(**{"rays": 100, "depth": 2, "diffuse": False, **settings})  # type: ignore[arg-type]
+    table = trace(merged, MATERIALS, pose, FREQUENCY_HZ, chosen, RayFan(100), 1)
+    return table.scattered.take(table.scattered.kinds & TARGET > 0), table
+
+
+def level_db(paths: ScatteredPaths) -> float:
+    """Of the coherent sum at the carrier of the trace, at t = 0 [dB]."""
+    phase = 2.0 * np.pi * 2.0 * paths.range_m() / WAVELENGTH_M
+    return float(20.0 * np.log10(abs(np.sum(paths.amplitude * np.exp(1j * phase)))))
+
+
+def fresnel(material: Material, cosine: NDArray, polarization: str) -> NDArray:
+    """Reflection of a half space: what enters 0.1 m of metal or 0.2 m of asphalt does not come back."""
+    eta = material.relative_permittivity - 1j * material.conductivity_s_per_m / (
+        2.0 * np.pi * FREQUENCY_HZ * 8.8541878128e-12
+    )
+    root = np.sqrt(eta - (1.0 - cosine**2))
+    if polarization == "H":
+        return (cosine - root) / (cosine + root)
+    return (eta * cosine - root) / (eta * cosine + root)

@@ -1,0 +1,107 @@
+"""Walls, mirrors and roads of closed forms, and one trace of them: walls of metal reflect 1 at every angle."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from datafactory.paths import solver as solver_module
+from datafactory.paths.merged_scene import merge_scene
+from datafactory.paths.rays import RayFan
+from datafactory.paths.solver import TraceSettings
+from datafactory.paths.table import PathTable
+from datafactory.paths.trace import trace
+from datafactory.scenes.materials.table import Material, MaterialMapping
+from datafactory.scenes.poses import Pose
+from datafactory.scenes.scene import Scene, SceneObject
+
+FREQUENCY_HZ = 77.5e9
+WAVELENGTH_M = 299_792_458.0 / FREQUENCY_HZ
+RADAR_AT_ORIGIN = Pose((0.0, 0.0, 0.0))
+SCATTERING = 0.6
+
+
+def material(name: str, **changes: object) -> Material:
+    properties: dict[str, object] = {
+        "relative_permittivity": 1.0,
+        "conductivity_s_per_m": 1e7,
+        "thickness_m": 0.1,
+        "scattering_coefficient": 0.0,
+        "pattern": "lambertian",
+        "source": "test",
+        "valid_ghz": (77.0, 78.0),
+        "assumptions": (),
+    }
+    return Material(name=name, **{**properties, **changes})  # type: ignore[arg-type]
+
+
+MATERIALS = MaterialMapping(
+    entries={
+        "mirror": (material("mirror"), "test"),
+        "rough": (material("rough", scattering_coefficient=SCATTERING), "test"),
+        "concrete": (material("concrete", relative_permittivity=5.24, conductivity_s_per_m=1.38), "test"),
+    },
+    unknown=(),
+)
+
+
+def rectangle(
+    name: str, centre: tuple[float, float, float], across: tuple, up: tuple, of: str, velocity=(0.0, 0.0, 0.0)
+) -> SceneObject:
+    """A flat rectangle, centre +- across +- up [m]."""
+    middle, a, b = np.array(centre), np.array(across, dtype=float), np.array(up, dtype=float)
+    vertices = np.array([middle - a - b, middle + a - b, middle + a + b, middle - a + b])
+    return SceneObject(name, vertices, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), of, velocity)
+
+
+def wall(
+    of: str, distance_m: float = 10.0, half_m: float = 300.0, velocity=(0.0, 0.0, 0.0), name="wall"
+) -> SceneObject:
+    return rectangle(name, (distance_m, 0.0, 0.0), (0.0, half_m, 0.0), (0.0, 0.0, half_m), of, velocity)
+
+
+def side_wall(of: str, name="side") -> SceneObject:
+    return rectangle(name, (10.0, 6.0, 0.0), (10.0, 0.0, 0.0), (0.0, 0.0, 10.0), of)
+
+
+def traced(
+    *objects: SceneObject,
+    pose: Pose = RADAR_AT_ORIGIN,
+    fan: RayFan | None = None,
+    rays: int = 20_000,
+    seed: int = 1,
+    **settings,
+) -> PathTable:
+    merged = merge_scene(Scene("test", objects), MATERIALS)
+    chosen = TraceSettings(rays=rays, **{"depth": 1, "paths_a_cell": 0, "solver_share": 1, **settings})
+    return trace(merged, MATERIALS, pose, FREQUENCY_HZ, chosen, fan or RayFan(rays), seed)
+
+
+def solved(*objects: SceneObject, fan: RayFan, rays: int, **settings):
+    """The solver's own Paths of the same trace."""
+    merged = merge_scene(Scene("test", objects), MATERIALS)
+    chosen = TraceSettings(rays=rays, **settings)
+    scene = solver_module.radio_scene(merged, MATERIALS, RADAR_AT_ORIGIN, FREQUENCY_HZ, chosen)
+    return solver_module.solver_paths(scene, chosen, fan, 1)
+
+
+class WholeSphere(RayFan):
+    """Sionna's own lattice, each ray standing for 4 pi / N."""
+
+    aimable = False
+
+    def unit_square(self) -> NDArray[np.float64]:
+        from sionna.rt.utils import fibonacci_lattice
+
+        return fibonacci_lattice(self.count).numpy().T.astype(np.float64)
+
+    def solid_angle_ratio(self, directions: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.ones(len(directions))
+
+
+def power(paths) -> float:
+    return float(np.sum(np.abs(paths.amplitude) ** 2))
+
+
+def decibels(ratio: float) -> float:
+    return float(10.0 * np.log10(ratio))
