@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Callable
 from functools import wraps
 from typing import Any
@@ -39,7 +39,7 @@ PARTS: tuple[tuple[Any, str, str], ...] = (
 )
 
 
-def timed(spent: Counter[str], name: str, function: Callable[..., Any]) -> Callable[..., Any]:
+def timed(spent: dict[str, float], name: str, function: Callable[..., Any]) -> Callable[..., Any]:
     @wraps(function)
     def with_clock(*arguments: Any, **options: Any) -> Any:
         start = time.process_time()
@@ -64,8 +64,8 @@ def main() -> None:
     count = 2 * asked.frames + 2  # of every second frame, as in assets.py --city
     order = order_of(scene, radar="avr-qdm-110", frames=count, rays=asked.rays, effects="all")
     prepared = prepare(order, load_materials(), print)
-    spent: Counter[str] = Counter()
-    for module, name, label in (*PARTS,):
+    spent: dict[str, float] = defaultdict(float)
+    for module, name, label in PARTS:
         setattr(module, name, timed(spent, label, getattr(module, name)))
     frames = []
     for frame_id in range(0, count, 2):

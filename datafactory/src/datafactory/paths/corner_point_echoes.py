@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from datafactory.paths.corner_aperture import BEAM_ZONES, GRAZING, SPREAD_M
 from datafactory.paths.corner_echoes import FAINTEST_DBSM, WIDE
-from datafactory.paths.corner_points import DIRECTIONS, CornerPoints
+from datafactory.paths.corner_points import CornerPoints
 from datafactory.paths.diffraction import NEAREST_M, Sight
 from datafactory.paths.mirror_feet import AHEAD_M
 from datafactory.paths.panes import Polarization, polarization_axis
@@ -37,6 +37,7 @@ from datafactory.paths.smooth_faces import mirrored_by_slabs
 from datafactory.paths.table import CORNER, ScatteredPaths, SpecularPaths
 from datafactory.paths.unfold import unit
 from datafactory.scenes.materials.table import Material
+from shared.physics.compiled import compiled
 from shared.physics.units import SPEED_OF_LIGHT, db_to_power
 
 Real = NDArray[np.float64]
@@ -72,8 +73,7 @@ def corner_point_echoes(
     facing = (np.einsum("qij,qj->qi", points.axes, home) > GRAZING).all(axis=1)
     facing &= (range_m > NEAREST_M) & (points.apex[:, 0] >= -AHEAD_M)
     points, range_m, home = points.take(facing), range_m[facing], home[facing]
-    face, rim, width = _outline(points, home, range_m)
-    longer = _round_trip(points.apex, rim)
+    face, rim, width, longer = _outline(points, home)
     opposite = np.roll(np.arange(AROUND), AROUND // 2)
     longer = np.minimum(longer, longer[:, opposite])
     width = np.minimum(width, width[:, opposite])
@@ -116,34 +116,59 @@ def corner_point_echoes(
     )
 
 
-def _outline(points: CornerPoints, home: Real, range_m: Real) -> tuple[Index, Real, Real]:
-    """Around the apex as the radar sees it: the face's number [Q, M], its rim [Q, M, 3] and its width [Q, M] [m].
+def _outline(points: CornerPoints, home: Real) -> tuple[Index, Real, Real, Real]:
+    """Around the apex as the radar sees it: the face's number [Q, M], its rim [Q, M, 3], its width [Q, M], and how much
+    longer the way from the radar by the rim to the radar's image is than 2 R [Q, M] [m].
 
     A direction w across the sight belongs to the face i whose vector d = w + t s, s towards the radar, has d . u_i = 0
     and no negative component along the other two edges: the largest t = -(w . u_i) / (s . u_i).
     """
     theta = 2.0 * np.pi * (np.arange(AROUND) + 0.5) / AROUND
     start = unit(np.cross(home, points.axes[:, 0]))
-    aside = np.cross(home, start)
-    across = np.cos(theta)[None, :, None] * start[:, None] + np.sin(theta)[None, :, None] * aside[:, None]
-    rise = -np.einsum("qmi,qki->qmk", across, points.axes) / np.einsum("qi,qki->qk", home, points.axes)[:, None]
-    face = np.argmax(rise, axis=2)
-    tilt = np.take_along_axis(rise, face[..., None], axis=2)
-    direction = across + tilt * home[:, None]
-    rows = np.arange(len(points))[:, None]
-    beside = [np.einsum("qmi,qmi->qm", direction, points.axes[rows, (face + k) % 3]) for k in (1, 2)]
-    place = np.clip(np.arctan2(beside[1], beside[0]) / (0.5 * np.pi) * DIRECTIONS - 0.5, 0.0, DIRECTIONS - 1.0)
-    below = np.minimum(place.astype(np.int64), DIRECTIONS - 2)
-    share = place - below
-    reach = (1.0 - share) * points.reach[rows, face, below] + share * points.reach[rows, face, below + 1]
-    width = reach / np.linalg.norm(direction, axis=2)
-    return face, points.apex[:, None] + width[..., None] * direction, width
+    frames = (points.apex, points.axes, points.reach, home, start, np.cross(home, start))
+    return _around(*map(np.ascontiguousarray, frames), np.cos(theta), np.sin(theta))
 
 
-def _round_trip(apex: Real, point: Real) -> Real:
-    """[Q, M] how much longer the way from the radar by a point to the radar's image is than 2 R [m]."""
-    legs = np.linalg.norm(point, axis=2) + np.linalg.norm(2.0 * apex[:, None] - point, axis=2)
-    return np.maximum(legs - 2.0 * np.linalg.norm(apex, axis=1)[:, None], 0.0)
+@compiled()
+def _around(apex, axes, reach, home, start, aside, cosine, sine):
+    """:func:`_outline` of directions with ``cosine`` and ``sine`` [M] from ``start`` to ``aside`` [Q, 3]."""
+    count, directions = len(apex), len(cosine)
+    face = np.empty((count, directions), dtype=np.int64)
+    rim = np.empty((count, directions, 3))
+    width, longer = np.empty((count, directions)), np.empty((count, directions))
+    samples = reach.shape[2]
+    across, towards, toward_edge = np.empty(3), np.empty(3), np.empty(3)
+    for q in range(count):
+        for k in range(3):
+            toward_edge[k] = home[q, 0] * axes[q, k, 0] + home[q, 1] * axes[q, k, 1] + home[q, 2] * axes[q, k, 2]
+        range_m = np.sqrt(apex[q, 0] ** 2 + apex[q, 1] ** 2 + apex[q, 2] ** 2)
+        for m in range(directions):
+            for i in range(3):
+                across[i] = cosine[m] * start[q, i] + sine[m] * aside[q, i]
+            largest, best = -np.inf, 0
+            for k in range(3):
+                along = across[0] * axes[q, k, 0] + across[1] * axes[q, k, 1] + across[2] * axes[q, k, 2]
+                rise = -along / toward_edge[k]
+                if rise > largest:
+                    largest, best = rise, k
+            one = other = square = 0.0
+            for i in range(3):
+                towards[i] = across[i] + largest * home[q, i]
+                one += towards[i] * axes[q, (best + 1) % 3, i]
+                other += towards[i] * axes[q, (best + 2) % 3, i]
+                square += towards[i] * towards[i]
+            place = min(max(np.arctan2(other, one) / (0.5 * np.pi) * samples - 0.5, 0.0), samples - 1.0)
+            below = min(int(place), samples - 2)
+            share = place - below
+            reached = (1.0 - share) * reach[q, best, below] + share * reach[q, best, below + 1]
+            face[q, m], width[q, m] = best, reached / np.sqrt(square)
+            out = back = 0.0
+            for i in range(3):
+                rim[q, m, i] = apex[q, i] + width[q, m] * towards[i]
+                out += rim[q, m, i] ** 2
+                back += (2.0 * apex[q, i] - rim[q, m, i]) ** 2
+            longer[q, m] = max(np.sqrt(out) + np.sqrt(back) - 2.0 * range_m, 0.0)
+    return face, rim, width, longer
 
 
 def _in_sight(points: CornerPoints, face: Index, rim: Real, wavelength_m: float, sight: Sight) -> NDArray[np.bool_]:

@@ -49,7 +49,7 @@ Index = NDArray[np.int64]
 
 EDGES_PER_TARGET = 4
 TARGETS_AT_ONCE = 64
-"""Targets whose edges are looked at together: some hundred edges each, a few megabytes."""
+"""Targets whose edges are looked at together: two thousand edges each in a city, some ten megabytes."""
 ORIGIN = np.zeros(3)
 
 
