@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import drjit as dr
 import numpy as np
 import pytest
 from sionna_scenes import plate, scene_of, sionna_scene
@@ -64,6 +63,8 @@ def test_lines_leave_their_ends_by_the_ray_casters_error(generator):
 
 
 def test_all_that_is_read_of_a_cast_is_evaluated_in_one_kernel(generator):
+    import drjit as dr  # not before the variant is chosen, and with it the LLVM that Dr.Jit loads
+
     geometry = sionna_scene(TWO_WALLS).mi_scene
     cast = (*rays(64, generator), np.full(64, np.inf))
     first_hits(geometry, *cast)
