@@ -31,6 +31,16 @@ MOVING = """def Xform "car" {
     def Mesh "house" {
     CUBE
     }""".replace("CUBE", CUBE)
+SPLINE = """def Mesh "m" {
+      CUBE
+      double xformOp:translateX.spline = {
+        0: 0; post linear,
+        24: 6; post held,
+        48: 10; post linear,
+      }
+      uniform token[] xformOpOrder = ["xformOp:translateX"]
+    }""".replace("CUBE", CUBE)
+"""From 0 to 6 m in a second, held there for one, then at 10 m."""
 """A cube that drives to and fro along the stage's z, and one that stands."""
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pxr import Usd, UsdGeom
-from usd_files import CUBE, CUBE_FACES, CUBE_POINTS, METRES_Z_UP, MOVING, read, translated, write_usda
+from usd_files import CUBE, CUBE_FACES, CUBE_POINTS, METRES_Z_UP, MOVING, SPLINE, read, translated, write_usda
 
 from datafactory.scenes.city.city import write_city
 from datafactory.scenes.city.style import Style
@@ -97,18 +97,9 @@ def moving_scenes(folder: Path) -> dict[str, Scene]:
         uniform token[] xformOpOrder = ["xformOp:translate"]
       }}
     }}"""
-    spline = f"""def Mesh "m" {{
-      {CUBE}
-      double xformOp:translateX.spline = {{
-        0: 0; post linear,
-        24: 6; post held,
-        48: 10; post linear,
-      }}
-      uniform token[] xformOpOrder = ["xformOp:translateX"]
-    }}"""
     bodies = {
         "turning": turning, "breathing": breathing, "birds": birds, "along": MOVING, "rolling": rolling,
-        "skinned": SKINNED, "spline": spline,
+        "skinned": SKINNED, "spline": SPLINE,
     }  # fmt: skip
     scenes = {}
     for name, body in bodies.items():

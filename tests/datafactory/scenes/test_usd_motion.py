@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from usd_files import CUBE, METRES_Z_UP, MOVING, read, write_usda
+from usd_files import CUBE, METRES_Z_UP, MOVING, SPLINE, read, write_usda
 
 from datafactory.scenes.motion import Moving
 from datafactory.scenes.readers.usd import read_usd
@@ -145,16 +145,7 @@ def test_a_turning_target_points_where_its_prim_does(tmp_path: Path) -> None:
 
 
 def test_a_spline_is_followed(tmp_path: Path) -> None:
-    body = f"""def Mesh "m" {{
-      {CUBE}
-      double xformOp:translateX.spline = {{
-        0: 0; post linear,
-        24: 6; post held,
-        48: 10; post linear,
-      }}
-      uniform token[] xformOpOrder = ["xformOp:translateX"]
-    }}"""
-    item = read(tmp_path, body, f"{METRES_Z_UP}\n timeCodesPerSecond = 24").objects[0]
+    item = read(tmp_path, SPLINE, f"{METRES_Z_UP}\n timeCodesPerSecond = 24").objects[0]
     places = [float(item.at(time).vertices[:, 0].mean()) for time in (0.0, 0.5, 1.0, 1.9, 2.0, 3.0)]
     assert places == pytest.approx([0, 3, 6, 6, 10, 10])
     assert float(item.at(0.5).velocities[0, 0]) == pytest.approx(6.0)

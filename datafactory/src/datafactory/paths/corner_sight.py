@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from datafactory.paths.corner_aperture import ACROSS, Cells, FaceOrder, Views
 from datafactory.paths.corner_edges import CornerEdges
 from datafactory.paths.diffraction import Sight
-from datafactory.paths.ray_hits import MARGIN_M, MARGIN_SHARE
+from datafactory.paths.ray_hits import ray_margin_m
 from shared.physics.compiled import compiled
 
 
@@ -51,7 +51,7 @@ def _points_before_faces(corner, z, away, foot, direction, into, normal):
         for i in range(3):
             points[n, i] = foot[c, i] + z[n] * direction[c, i] + away[n] * into[c, i]
             square += points[n, i] * points[n, i]
-        margin = MARGIN_M + MARGIN_SHARE * np.sqrt(square)
+        margin = ray_margin_m(np.sqrt(square))
         for i in range(3):
             points[n, i] += margin * normal[c, i]
     return points

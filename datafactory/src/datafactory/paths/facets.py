@@ -99,7 +99,7 @@ class Mirrors:
             return self.known.edges(triangle)
         if triangle not in self._edges:
             members = self._coplanar(triangle)
-            plane = sha256(members.tobytes()).digest()
+            plane = sha256(members.tobytes()).digest()  # the members of a ground are a key of some hundred kilobytes
             if plane not in self._boundaries:
                 self._boundaries[plane] = self._boundary(members)
             found = self._boundaries[plane]

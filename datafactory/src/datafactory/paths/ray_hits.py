@@ -38,15 +38,6 @@ class RayHits:
     normal: Real
 
 
-def rays_of(start: Real, direction: Real, reach: Real) -> Any:
-    """Mitsuba's rays from ``start`` [K, 3] along ``direction`` [K, 3], no longer than ``reach`` [K]."""
-    import mitsuba as mi
-
-    ray: Any = mi.Ray3f(mi.Point3f(*start.T.astype(np.float32)), mi.Vector3f(*direction.T.astype(np.float32)))
-    ray.maxt = reach.astype(np.float32)
-    return ray
-
-
 def first_hits(mi_scene: Any, start: Real, direction: Real, reach: Real) -> RayHits:
     """What rays from ``start`` [K, 3] [m] along unit vectors [K, 3], no longer than ``reach`` [K] [m], meet first.
 
@@ -55,7 +46,7 @@ def first_hits(mi_scene: Any, start: Real, direction: Real, reach: Real) -> RayH
     import drjit as dr
     import mitsuba as mi
 
-    met = mi_scene.ray_intersect(rays_of(start, direction, reach))
+    met = mi_scene.ray_intersect(_rays(*(np.float32(values.T) for values in (start, direction, reach))))
     valid, shape = met.is_valid(), mi.UInt32(dr.reinterpret_array(mi.UInt32, met.shape))
     dr.eval(valid, shape, met.prim_index, met.t, met.n)
     return RayHits(
@@ -75,17 +66,22 @@ def clear_between(mi_scene: Any, start: Real, end: Real) -> NDArray[np.bool_]:
     start, end = np.broadcast_arrays(np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64))
     if not len(start):
         return np.zeros(0, dtype=bool)
+    return ~mi_scene.ray_test(_rays(*_lines(np.ascontiguousarray(start), np.ascontiguousarray(end)))).numpy()
+
+
+@compiled()
+def ray_margin_m(distance_m):
+    """Error of a ray's float32 distance [m], of a number or of an array: 0.1 mm nearby, 2 mm at 100 m."""
+    return MARGIN_M + MARGIN_SHARE * distance_m
+
+
+def _rays(start: NDArray[np.float32], direction: NDArray[np.float32], reach: NDArray[np.float32]) -> Any:
+    """Mitsuba's rays from ``start`` [3, K] along ``direction`` [3, K], no longer than ``reach`` [K]."""
     import mitsuba as mi
 
-    first, direction, reach = _lines(np.ascontiguousarray(start), np.ascontiguousarray(end))
-    ray: Any = mi.Ray3f(mi.Point3f(*first), mi.Vector3f(*direction))
+    ray: Any = mi.Ray3f(mi.Point3f(*start), mi.Vector3f(*direction))
     ray.maxt = reach
-    return ~mi_scene.ray_test(ray).numpy()
-
-
-def ray_margin_m(distance_m: Real) -> Real:
-    """Error of a ray's float32 distance [m]: 0.1 mm nearby, 2 mm at 100 m."""
-    return MARGIN_M + MARGIN_SHARE * distance_m
+    return ray
 
 
 @compiled()
@@ -102,8 +98,8 @@ def _lines(start, end):
         distance = np.sqrt(along_x * along_x + along_y * along_y + along_z * along_z)
         length = distance if distance > 0.0 else 1.0
         along_x, along_y, along_z = along_x / length, along_y / length, along_z / length
-        ahead = MARGIN_M + MARGIN_SHARE * np.sqrt(x * x + y * y + z * z)
-        behind = MARGIN_M + MARGIN_SHARE * np.sqrt(far_x * far_x + far_y * far_y + far_z * far_z)
+        ahead = ray_margin_m(np.sqrt(x * x + y * y + z * z))
+        behind = ray_margin_m(np.sqrt(far_x * far_x + far_y * far_y + far_z * far_z))
         first[0, k], first[1, k], first[2, k] = x + ahead * along_x, y + ahead * along_y, z + ahead * along_z
         direction[0, k], direction[1, k], direction[2, k] = along_x, along_y, along_z
         reach[k] = max(distance - ahead - behind, 0.0)
