@@ -46,7 +46,8 @@ def first_hits(mi_scene: Any, start: Real, direction: Real, reach: Real) -> RayH
     import drjit as dr
     import mitsuba as mi
 
-    met = mi_scene.ray_intersect(_rays(*(np.float32(values.T) for values in (start, direction, reach))))
+    ray = _rays(start.T.astype(np.float32), direction.T.astype(np.float32), reach.astype(np.float32))
+    met = mi_scene.ray_intersect(ray)
     valid, shape = met.is_valid(), mi.UInt32(dr.reinterpret_array(mi.UInt32, met.shape))
     dr.eval(valid, shape, met.prim_index, met.t, met.n)
     return RayHits(
