@@ -24,7 +24,7 @@ class Tradeoff:
     title = "Quality against runtime and parameters"
     caption = (
         "Means over the test split's scene frames with their 95 % intervals, over the least of some repeated runs "
-        "for one image on the machine that made this report, features included. The numbers beside the networks are "
+        "for one image on the machine that made this report, features included. On the left, beside the networks, "
         "their parameters."
     )
     summary: tuple[SummaryColumn, ...] = ()
@@ -53,7 +53,7 @@ class Tradeoff:
                 style = {"color": look.colour(contender.method), "marker": look.marker(contender.array.name)}
                 axis.plot(seconds, row.value, ms=7, ls="", **style)
                 axis.plot([seconds, seconds], [row.low, row.high], color=look.colour(contender.method), lw=1.0)
-                if contender.parameters:
+                if contender.parameters and axis is axes[0]:
                     text = f"{contender.parameters / 1e6:.2g} M"
                     axis.annotate(text, (seconds, row.value), xytext=(7, 4), textcoords="offset points", fontsize=7)
         for axis, metric in zip(axes, SHOWN, strict=True):
