@@ -63,7 +63,7 @@ def asked(program: str, *commands: str) -> str:
 @pytest.fixture(scope="module")
 def pages() -> dict[tuple[str, ...], str]:
     """Each case's page, the modules named at its end; one interpreter for a program."""
-    found = {}
+    found: dict[tuple[str, ...], str] = {}
     for program in ("datafactory", "trainer"):
         cases = [case for case in CASES if case[0] == program]
         lines = asked(program, *(" ".join(case[1:]) for case in cases)).splitlines()
