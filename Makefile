@@ -18,11 +18,11 @@ WORLDS_COUNTS := 1 2 4 8
 WORLDS_CITIES := 1:suburb 2:industrial 3:motorway 4:old-town 5:suburb 6:industrial 7:motorway 8:old-town
 WORLDS_UNSEEN := 101:suburb 102:old-town 103:car-park
 WORLDS_OTHERS := sionna:munich
-WORLDS_SPLIT := 5:1:0
-WORLDS_FRAMES := 48
-WORLDS_TEST_FRAMES := 16
+WORLDS_SPLIT := 7:1:0
+WORLDS_FRAMES := 64
+WORLDS_TEST_FRAMES := 24
 WORLDS_RAYS := 20000
-WORLDS_STEPS := 200
+WORLDS_STEPS := 300
 WORLDS_SEEDS := 0
 WORLDS_METHODS := das,iaa-view,unet
 POPULATE := --populate cars=20,trucks=2,pedestrians=10,cyclists=4,poles=30,signs=10,parked=0.6

@@ -57,13 +57,13 @@ def test_each_step_stands_once_and_every_network_has_as_many_frames(tmp_path):
     assert len(fits) == 8
     for fit in fits:
         datasets, frames = [Path(name).name for name in fit[""][2:]], int(fit["--frames"][0])
-        assert len(datasets) * frames == 48
+        assert len(datasets) * frames == 64
         assert [name.partition("-")[2] for name in datasets] == [str(city + 1) for city in range(len(datasets))]
         assert {name.partition("-")[0] for name in datasets} == {Path(fit["--out"][0]).name.partition("-")[0]}
         assert all(int(renders[name]["--frames"][0]) >= frames for name in datasets)
-        # One frame of six validates, in any of them.
-        assert all(renders[name]["--split"] == ["5:1:0"] for name in datasets)
-        assert frames % 6 == 0
+        # One frame of eight validates, in any of them.
+        assert all(renders[name]["--split"] == ["7:1:0"] for name in datasets)
+        assert frames % 8 == 0
     assert len({(fit["--steps"][0], fit["--seed"][0]) for fit in fits}) == 1
 
 

@@ -15,6 +15,7 @@ from tiny_radar import write_dataset
 from shared.physics.errors import InputError
 from trainer.data.scene_records import SceneRecord
 from trainer.evaluation.evaluate import evaluate
+from trainer.evaluation.experiments.ranking import OVER_NEXT
 from trainer.evaluation.report import worlds as report
 from trainer.evaluation.report.worlds import OVER_BARE, OVER_FEWEST, TrainedOn, read_panels
 from trainer.evaluation.rows import AVERAGE_PRECISION, MetricRow
@@ -86,6 +87,18 @@ def tested(tmp_path_factory):
 
 def of_worlds(table):
     return [row for row in table.to_pylist() if row["experiment"] == "worlds"]
+
+
+def test_the_gain_of_a_network_is_over_the_best_of_all_other_methods(tested):
+    rows = [row for row in tested[0][0].to_pylist() if row["experiment"] == "detection"]
+    precision = {row["method"]: row["value"] for row in rows if row["metric"] == AVERAGE_PRECISION}
+    gains = {row["method"]: row for row in rows if row["metric"] == OVER_NEXT}
+    assert set(gains) == {method for method in precision if method.startswith("unet")}
+    for method, gain in gains.items():
+        best = max((value, other) for other, value in precision.items() if other not in (method, "truth"))
+        assert gain["condition"] == f"over={best[1]}"
+        assert gain["value"] == pytest.approx(precision[method] - best[0])
+        assert gain["low"] <= gain["value"] <= gain["high"]
 
 
 def test_a_point_is_the_mean_of_its_runs_and_a_gain_the_difference_of_points(tested):

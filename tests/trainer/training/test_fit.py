@@ -370,6 +370,24 @@ def test_the_best_weights_are_those_of_the_least_loss(dataset, tmp_path):
     assert np.mean(errors) == pytest.approx(float(best["validation_nmse"]), rel=1e-4)
 
 
+def test_the_best_of_a_checkpoint_that_holds_an_image_error_is_not_taken_for_a_loss(dataset, tmp_path, monkeypatch):
+    def killed(self, batch, batch_index):
+        if self.global_step == 2:
+            raise MemoryError("killed")
+        return original(self, batch, batch_index)
+
+    original = ImagingTask.training_step
+    monkeypatch.setattr(ImagingTask, "training_step", killed)
+    with pytest.raises(MemoryError):
+        run(dataset, tmp_path / "run")
+    monkeypatch.undo()
+    content = torch.load(tmp_path / "run" / CHECKPOINT, weights_only=True)
+    content["callbacks"]["RunKeeper"] = {"best": 1e-6}
+    torch.save(content, tmp_path / "run" / CHECKPOINT)
+    _, lines = run(dataset, tmp_path / "run", resume=True)
+    assert any(line.startswith("step 4") and line.endswith("(best)") for line in lines)
+
+
 def test_a_dataset_in_another_place_trains_the_same_weights(dataset, tmp_path):
     """By URI, and through a filesystem of Arrow's as object storage is: same bytes, and the same name in the run."""
     place = RemotePath(SubTreeFileSystem(str(dataset.parent), LocalFileSystem()), "data", "memory://bucket/data")

@@ -47,10 +47,11 @@ class RunKeeper(Callback):
         self.started = True
 
     def state_dict(self) -> dict[str, Any]:
-        return {"best": self.best}
+        return {"least_loss": self.best}
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        self.best = state_dict["best"]
+        # A checkpoint of an earlier release holds the least error of the image, which no loss compares with.
+        self.best = state_dict.get("least_loss", float("inf"))
 
     def on_validation_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         values = {name: float(value) for name, value in trainer.callback_metrics.items()}

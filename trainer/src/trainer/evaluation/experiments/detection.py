@@ -15,7 +15,9 @@ from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.experiments.frames import CELLS, RESIDUAL, frame_tasks, gathered, too_small
 from trainer.evaluation.experiments.ranking import (
     DETECTION_PROBABILITY,
+    OVER_NEXT,
     at_false_alarms,
+    gain_rows,
     ranking_figure,
     ranking_rows,
 )
@@ -36,6 +38,7 @@ IMAGE_METRICS = {"NMSE": "nmse", SCALED_NMSE: "scaled_nmse", "PSNR of levels [dB
 _MATCH = f"d_max={D_MAX_BINS[0]} bins"
 SUMMARY = (
     SummaryColumn("AP", AVERAGE_PRECISION),
+    SummaryColumn("AP over the next best", OVER_NEXT),
     SummaryColumn("P(detect) at 10 FA", DETECTION_PROBABILITY, at_false_alarms(10)),
     SummaryColumn("NMSE, best scale", SCALED_NMSE),
     SummaryColumn("SSIM", SSIM),
@@ -61,10 +64,11 @@ class Detection:
         "a maximum that reads more than 10 dB above all that the truth has around it; an image without absolute unit "
         "is read by delay-and-sum. Dotted: the method has no more detections. The truth's own image is the ceiling. "
         "Average precision is the mean over the truth's maxima of the precision at which each is found, 0 if it is "
-        "not. The other figure is by the paper's rules: every range bin's spectrum normalised to its maximum, peaks of "
-        "scipy.signal.find_peaks above 0.5, against the peaks of the truth, over the prominence that a peak needs. "
-        "Upper line: a detection counts within 2 bins of a truth, lower line: within 4. The table has the one-to-one "
-        "scores, GOSPA and image errors beside them."
+        "not. Over the next best: of a network, its average precision less that of the best other method, with the "
+        "frames drawn for both at once. The other figure is by the paper's rules: every range bin's spectrum "
+        "normalised to its maximum, peaks of scipy.signal.find_peaks above 0.5, against the peaks of the truth, over "
+        "the prominence that a peak needs. Upper line: a detection counts within 2 bins of a truth, lower line: "
+        "within 4. The table has the one-to-one scores, GOSPA and image errors beside them."
     )
     summary: tuple[SummaryColumn, ...] = SUMMARY
 
@@ -88,7 +92,7 @@ class Detection:
             found += strict_rows(bench, self.name, results, contender, refs, "")
         for array in bench.arrays:
             found += ranking_rows(bench, self.name, results, TRUTH, array.name, refs, "")
-        return found
+        return found + gain_rows(bench, self.name, results, refs)
 
     def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
         refs = scene_frames(bench)

@@ -1,4 +1,4 @@
-"""Average precision, and detection probability over false alarms, of frames: rows of the table and a figure."""
+"""Average precision, its gain, and detection probability over false alarms: rows of the table and a figure."""
 
 from __future__ import annotations
 
@@ -12,8 +12,11 @@ from trainer.evaluation.experiments.bench import Bench, FrameRef, Results
 from trainer.evaluation.experiments.frames import ranking
 from trainer.evaluation.report.style import TRUTH_COLOUR, Look, counted, label_ends, new_figure, subplots
 from trainer.evaluation.rows import AVERAGE_PRECISION, TRUTH, MetricRow
+from trainer.metrics.ranking import mean_average_precision
 
 DETECTION_PROBABILITY = "detection probability"
+OVER_NEXT = "average precision less that of the best other method"
+"""Of a network, paired over the frames."""
 FALSE_ALARMS = (1, 10, 100)
 """A frame, at which the table has the detection probability."""
 SHOWN_FALSE_ALARMS = (0.1, 1000.0)
@@ -38,6 +41,31 @@ def ranking_rows(
         MetricRow(experiment, method, array, metric, of, one.value, one.low, one.high, len(refs))
         for (metric, of), one in zip(metrics, found, strict=True)
     ]
+
+
+def gain_rows(bench: Bench, experiment: str, results: Results, refs: Sequence[FrameRef]) -> list[MetricRow]:
+    """What each network's average precision has over the best of the other methods of its array, on the same frames.
+
+    Frames are drawn for both at once (:func:`trainer.metrics.ranking.mean_average_precision`). The condition names the
+    other method.
+    """
+    found = []
+    for array in bench.arrays:
+        contenders = [contender for contender in bench.contenders if contender.array.name == array.name]
+        rankings = {one.method: ranking(results, one.method, array.name, refs) for one in contenders}
+        for network in contenders:
+            others = [method for method in rankings if method != network.method]
+            if not network.parameters or not others:
+                continue
+            best = max(others, key=lambda method: rankings[method].average_precision())
+            gain = mean_average_precision([rankings[network.method]], [rankings[best]], bench.config.seed)
+            found.append(
+                MetricRow(
+                    experiment, network.method, array.name, OVER_NEXT, f"over={best}",
+                    gain.value, gain.low, gain.high, len(refs),
+                )
+            )  # fmt: skip
+    return found
 
 
 def ranking_figure(bench: Bench, results: Results, refs: Sequence[FrameRef]) -> Figure:
