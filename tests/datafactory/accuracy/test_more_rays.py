@@ -38,3 +38,13 @@ def test_what_does_not_fit_is_one_line_with_what_would(tmp_path: Path, monkeypat
     fitting = int(said.rsplit("at most ", 1)[1].split()[0].rstrip(".)"))
     assert fitting == pytest.approx(8e9 / (2 * memory.RAY_BYTES[3]), rel=0.25)
     assert not out.exists()
+
+
+@pytest.mark.parametrize(("more", "usual"), [([], 800_000), (["--quick"], 200_000)])
+def test_rays_that_are_tried_anyway_are_not_more(tmp_path: Path, more: list[str], usual: int) -> None:
+    out = tmp_path / "prices"
+    arguments = ["accuracy", "--scene", "scenes/tiny.usda", "--out", str(out), "--most-rays", str(usual), *more]
+    result = CliRunner().invoke(app, arguments, env={"COLUMNS": "400"})
+    assert result.exit_code != 0
+    assert f"{usual}, which are tried without it; expected more than {usual}" in f"{result.output} {result.exception}"
+    assert not out.exists()

@@ -11,7 +11,7 @@ from trainer.data.scene_records import SceneRecord
 from trainer.evaluation.experiments.bench import Bench, EvaluationConfig
 from trainer.evaluation.experiments.contenders import estimator_contender, gather
 from trainer.evaluation.experiments.generalisation import trained_on
-from trainer.run.folder import Fingerprint
+from trainer.run.folder import Fingerprint, Start, read_run, write_run
 
 TWO_TX = RADAR.model_copy(
     update={"array": RADAR.array.model_copy(update={"tx_m": ((0.0, 0.0, 0.0), (0.0, 0.024, 0.0))})}
@@ -57,6 +57,37 @@ def test_scenes_of_other_datasets_are_known_by_what_is_in_them(met, answer):
     both = replace(network, trained_on=(other, unknown))
     assert trained_on(bench, both, "hall") == ("yes" if answer == "yes" else "unknown")
     assert trained_on(replace(bench, scenes=None), network, "hall") == "unknown"
+
+
+@pytest.mark.parametrize(
+    ("scene", "answer"), [("hall", "yes"), ("canyon", "no"), ("tested alone", "no"), ("none", "yes")]
+)
+def test_of_the_first_frames_of_a_dataset_a_run_has_seen_some_scenes(scene, answer):
+    records = tuple(SceneRecord(name=name, content_sha256=name) for name in ("hall", "canyon", "tested alone"))
+    run = Fingerprint(name="data", sha256="f" * 64, frames={}, scenes=records[:1])
+    network = replace(estimator_contender("das", FULL, RADAR), parameters=1, trained_on=(run,))
+    training = frozenset({"hall", "canyon", "none"})
+    bench = Bench("f" * 64, RADAR, (), training, (network,), EvaluationConfig(), scenes=records)
+    assert trained_on(bench, network, scene) == answer
+
+
+def test_a_network_has_seen_what_the_run_that_it_began_with_has(tmp_path):
+    met = tuple(Fingerprint(name=name, sha256=64 * name[0], frames={"train": 4}) for name in ("a", "b", "c"))
+    first = make_run(tmp_path / "first", FULL, datasets=met[:1])
+    start = Start.of(first)
+    second = make_run(tmp_path / "second", FULL, datasets=met[1:2])
+    write_run(second, read_run(second).model_copy(update={"start": start}))
+    third = make_run(tmp_path / "third", FULL, datasets=met[2:])
+    write_run(third, read_run(third).model_copy(update={"start": Start.of(second)}))
+    (network,) = gather(["unet"], [third], [FULL], RADAR, tmp_path)
+    assert network.trained_on == met
+    # A run of a release that did not say it began with what may have seen anything.
+    write_run(third, read_run(third).model_copy(update={"start": start.weights}))
+    (network,) = gather(["unet"], [third], [FULL], RADAR, tmp_path)
+    assert [fingerprint.name for fingerprint in network.trained_on] == ["first", "c"]
+    hall = (SceneRecord(name="hall", content_sha256="h"),)
+    bench = Bench("c" * 64, RADAR, (), frozenset(), (network,), EvaluationConfig(), scenes=hall)
+    assert trained_on(bench, network, "hall") == "unknown"
 
 
 def test_a_network_of_angles_takes_rows_alone_and_was_trained_on_no_scene(tmp_path):

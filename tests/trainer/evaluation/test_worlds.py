@@ -48,9 +48,9 @@ def seen(kind, count, **changes):
     )  # fmt: skip
 
 
-def network(directory, datasets, seed=0, array=THIN):
+def network(directory, datasets, seed=0, array=THIN, **changes):
     """A run whose weights are all random, its last layers too."""
-    path = make_run(directory, array, datasets=datasets)
+    path = make_run(directory, array, datasets=datasets, **changes)
     imager = load_imager(path)[1]
     torch.manual_seed(seed)
     with torch.no_grad():
@@ -186,6 +186,20 @@ def test_chart_and_table_are_written_and_the_page_has_the_chart(tested, tmp_path
     assert (tested[0][1] / "figures" / "worlds.png").is_file()
 
 
+def test_panels_of_other_numbers_of_scenes_have_one_axis_with_all_of_them():
+    panels = [
+        panel
+        for array, counts in (("one", (1, 2, 8)), ("two", (1, 4)))
+        for panel in report.panels(
+            MetricRow("worlds", "unet", array, AVERAGE_PRECISION, condition, 0.5, 0.4, 0.6, 2)
+            for condition in (report.condition("1 bare scene", TrainedOn("bare", count, 8, 1)) for count in counts)
+        )
+    ]
+    for axis in report.figure(panels).axes[2:]:
+        assert [label.get_text() for label in axis.get_xticklabels()] == ["1", "2", "4", "8"]
+        assert axis.get_xlabel() == "scenes trained on"
+
+
 def test_the_same_evaluations_are_the_same_chart(tested, tmp_path):
     for name in ("a", "b"):
         report.main([str(tested[0][1]), "--out", str(tmp_path / name)])
@@ -225,6 +239,16 @@ def test_runs_that_differ_in_nothing_else_are_needed(tmp_path, changes, message)
     (tmp_path / "thin.toml").write_text("rx = [0, 1, 2, 5]\n")
     runs = [network(tmp_path / str(scenes), seen("bare", scenes, **changes)) for scenes in (1, 2)]
     with pytest.raises(InputError, match=message):
+        assess(unseen(tmp_path / "data"), tmp_path / "out", runs)
+
+
+def test_networks_of_another_kind_are_not_runs_of_other_seeds(tmp_path):
+    (tmp_path / "thin.toml").write_text("rx = [0, 1, 2, 5]\n")
+    runs = [
+        network(tmp_path / f"{scenes}-{steps}", seen("bare", scenes), seed=steps, steps=steps, frames=8 // scenes)
+        for scenes, steps in ((1, 4), (2, 4), (2, 8))
+    ]
+    with pytest.raises(InputError, match="unet:1-4 was trained with steps = 4 and unet:2-8 with 8"):
         assess(unseen(tmp_path / "data"), tmp_path / "out", runs)
 
 

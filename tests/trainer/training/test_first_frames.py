@@ -1,5 +1,7 @@
 """``trainer fit --frames``: the first frames of each dataset, so that one world and eight give as many."""
 
+import json
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -45,6 +47,19 @@ def test_one_world_and_four_give_as_many_frames(tmp_path):
     assert [len(part) for part in four.training] == [3, 3, 3, 3]
     assert len(one.validation) == len(four.validation) == 4
     assert [fingerprint.frames for fingerprint in four.fingerprints] == [{"train": 3, "validation": 1, "test": 0}] * 4
+
+
+@pytest.mark.parametrize(("first", "seen"), [(0, ["a", "b"]), (4, ["a"]), (8, ["a", "b"])])
+def test_the_scenes_of_a_run_are_those_of_frames_that_train_or_validate(tmp_path, first, seen):
+    frames = [replace(frame(index), kind="scene", scene="b" if index == 7 else "a") for index in range(8)]
+    tested = [replace(frame(8), kind="scene", scene="tested alone")]
+    folder = write_dataset(tmp_path / "data", {"train": frames[:3], "validation": frames[3:], "test": tested})
+    scenes = [{"name": name, "content_sha256": name} for name in ("a", "b", "tested alone")]
+    manifest = json.loads((folder / "manifest.json").read_text())
+    (folder / "manifest.json").write_text(json.dumps({**manifest, "scenes": scenes}))
+    (fingerprint,) = ImagingData([folder], None, tiny(frames=first)).fingerprints
+    assert fingerprint.scenes is not None
+    assert [scene.name for scene in fingerprint.scenes] == seen
 
 
 def test_too_few_frames_are_refused(tmp_path):

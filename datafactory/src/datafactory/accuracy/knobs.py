@@ -212,6 +212,11 @@ QUICK_POWER_KNOBS = (
 )
 
 
+def most_rays(knobs: Sequence[Knob]) -> int:
+    """The most rays of the fan that are tried."""
+    return max(value for knob in knobs if knob.label == "rays" for value in knob.values)
+
+
 def with_more_rays(knobs: Sequence[Knob], most: int) -> tuple[Knob, ...]:
     """The knobs, that of the fan's rays going on in doublings to ``most``, which is the last."""
 

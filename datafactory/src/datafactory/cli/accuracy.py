@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -15,6 +15,9 @@ from datafactory.cli import options
 from datafactory.cli.progress import shown as showing
 from datafactory.frame.defaults import DEFAULT_FRAMES, IMAGE_BATCH
 from shared.physics.errors import InputError
+
+if TYPE_CHECKING:
+    from shared.radar import Radar
 
 TABLE_WIDTH = 165
 """Columns that the table needs; a narrower terminal wraps its lines rather than its cells."""
@@ -41,7 +44,10 @@ def accuracy(
     most_rays: Annotated[
         int | None,
         typer.Option(
-            min=1, help="Most rays that are tried, doubled from the usual most; the reference has twice them."
+            min=1,
+            help="Try more rays too, in doublings up to these; the reference has twice as many. More than 800000, or "
+            "than 200000 with --quick.",
+            show_default=False,
         ),
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="One frame, fewer settings; for a small scene.")] = False,
@@ -54,29 +60,20 @@ def accuracy(
     from datafactory.accuracy.power import Effort
     from datafactory.accuracy.samples import SampleFrame, made_with, planned_scenes
     from datafactory.accuracy.sweep import sweep
-    from datafactory.frame.chain import ChainSettings
     from datafactory.paths.backend import select_variant, set_threads
-    from datafactory.paths.solver import TraceSettings
-    from datafactory.run.memory import Load, amount, rays_that_fit
     from datafactory.run.order import Order
     from datafactory.run.preparation import prepare
     from datafactory.scenes.materials.table import load_materials
     from datafactory.scenes.poses import read_poses
-    from shared.processes.machine import usable_memory
     from shared.radar import load_radar
 
     scene = options.one_scene(scene_name, scene)
     if scene is None:
         raise InputError("--scene", "missing", "a scene file or sionna:NAME")
-    if most_rays is not None:
-        of_reference = TraceSettings(rays=2 * most_rays, depth=knobs.REFERENCE_DEPTH)
-        load, limit = Load(load_radar(radar), ChainSettings(trace=of_reference), traced=True), usable_memory()
-        fitting = rays_that_fit(load, limit) // 2
-        if fitting < most_rays:
-            needed = f"a reference of {2 * most_rays} rays takes {amount(load.worker_bytes)} of memory"
-            raise InputError("--most-rays", f"{needed}, {amount(limit)} may be used", f"at most {fitting}")
     console = Console(soft_wrap=True, highlight=False)
     model, table = load_radar(radar), load_materials(materials)
+    if most_rays is not None:
+        _check_most_rays(most_rays, quick, model)
     given = read_poses(poses) if poses else ()
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -132,3 +129,22 @@ def accuracy(
     title = f"{scene}: {count} frame{'s' if count > 1 else ''}, seed {seed}, radar {model.name}, {batch}"
     for path in (*report.write_tables(rows, out), chart.write_picture(rows, title, out)):
         console.print(f"wrote {path}", markup=False)
+
+
+def _check_most_rays(most_rays: int, quick: bool, radar: Radar) -> None:
+    """Refuse rays that are tried anyway, and more than the reference, which has twice as many, has memory for."""
+    from datafactory.accuracy import knobs
+    from datafactory.frame.chain import ChainSettings
+    from datafactory.paths.solver import TraceSettings
+    from datafactory.run.memory import Load, amount, rays_that_fit
+    from shared.processes.machine import usable_memory
+
+    usual = knobs.most_rays(knobs.QUICK_POWER_KNOBS if quick else knobs.POWER_KNOBS)
+    if most_rays <= usual:
+        raise InputError("--most-rays", f"{most_rays}, which are tried without it", f"more than {usual}")
+    of_reference = TraceSettings(rays=2 * most_rays, depth=knobs.REFERENCE_DEPTH)
+    load, limit = Load(radar, ChainSettings(trace=of_reference), traced=True), usable_memory()
+    fitting = rays_that_fit(load, limit) // 2
+    if fitting < most_rays:
+        needed = f"a reference of {2 * most_rays} rays takes {amount(load.worker_bytes)} of memory"
+        raise InputError("--most-rays", f"{needed}, {amount(limit)} may be used", f"at most {max(fitting, 0)}")

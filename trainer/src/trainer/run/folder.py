@@ -50,8 +50,9 @@ class Fingerprint(BaseModel):
 
     :param name: of its folder
     :param sha256: over the shards' own hashes
-    :param frames: by split, those that the run looked at
-    :param scenes: that these are of; None where the dataset, or an earlier release, did not say
+    :param frames: by split, those that a run trains and validates with, and all of the test split
+    :param scenes: that the frames to train and to validate with are of; None where the dataset, or an earlier release,
+        did not say
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -84,20 +85,28 @@ class Start(BaseModel):
 
     :param name: of the run's folder
     :param sha256: of its weights' file
+    :param trained_on: datasets that these weights have seen; None where an earlier release did not say
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: str
     sha256: str
+    trained_on: tuple[Fingerprint, ...] | None = None
 
     @classmethod
     def of(cls, directory: Path) -> Start:
-        """:raises InputError: no weights there"""
+        """:raises InputError: no weights there, or no run"""
         path = directory / WEIGHTS
         if not path.is_file():
             raise InputError(path, "no such file", "the weights of a run that has validated at least once")
-        return cls(name=directory.resolve().name, sha256=hashlib.sha256(path.read_bytes()).hexdigest())
+        sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
+        return cls(name=directory.resolve().name, sha256=sha256, trained_on=read_run(directory).trained_on)
+
+    @property
+    def weights(self) -> Start:
+        """Without what may be said of the same weights or not."""
+        return self.model_copy(update={"trained_on": None})
 
 
 class Run(BaseModel):
@@ -113,6 +122,19 @@ class Run(BaseModel):
     weights: tuple[float, ...] | None = None
     versions: dict[str, str] = {}
     start: Start | None = None
+
+    @property
+    def trained_on(self) -> tuple[Fingerprint, ...]:
+        """The datasets that its weights have seen: its own, and before them those of the run that it began with.
+
+        Where that run does not say them, one stands for them of which nothing is known.
+        """
+        if self.start is None:
+            return self.datasets
+        before = self.start.trained_on
+        if before is None:
+            before = (Fingerprint(name=self.start.name, sha256="", frames={}),)
+        return (*before, *self.datasets)
 
 
 def versions() -> dict[str, str]:

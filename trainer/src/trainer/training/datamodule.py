@@ -148,15 +148,20 @@ def _validation(dataset: Dataset, first: int) -> ShardDataset | None:
 
 
 def _fingerprint(dataset: Dataset, training: int, validating: int, first: int) -> Fingerprint:
+    """What a run notes of a dataset: with the scenes of the frames that train and validate, which may be some of it.
+
+    :param training, validating: frames
+    :param first: those below this index are looked at; 0 for all
+    """
     test = sum(record.rows for record in dataset.records if record.path.startswith("test/"))
     scenes = scene_records(dataset.manifest)
-    if first and scenes:
+    if scenes:
         seen = {
             frame.scene
             for split in ("train", "validation")
             if split in dataset.splits
             for frame in dataset.frames(split, ())
-            if frame.frame_id < first
+            if not first or frame.frame_id < first
         }
         scenes = tuple(scene for scene in scenes if scene.name in seen)
     frames = {"train": training, "validation": validating, "test": test}

@@ -225,10 +225,11 @@ def _prepare(out: Path, run: Run, resume: bool) -> None:
     if not (out / RUN_FILE).is_file():
         raise InputError("--resume", f"{out} holds no run", "the folder of an earlier trainer fit")
     before = read_run(out)
-    for part in ("config", "radar", "array", "weights", "start"):
+    for part in ("config", "radar", "array", "weights"):
         _same(out, part, getattr(before, part), getattr(run, part))
-    # An earlier release did not write the scenes.
+    # An earlier release did not write the scenes, nor what the start was trained on.
     _same(out, "datasets", *(tuple(fingerprint.data for fingerprint in one.datasets) for one in (before, run)))
+    _same(out, "start", *(None if one.start is None else one.start.weights for one in (before, run)))
     remove_partial(out)
 
 

@@ -89,9 +89,9 @@ def by_scene(bench: Bench) -> dict[str, tuple[FrameRef, ...]]:
 def trained_on(bench: Bench, contender: Contender, scene: str) -> str:
     """ "nothing" of an estimator and of what trains on synthetic samples; else "yes", "no", or "unknown".
 
-    A run knows its datasets by their fingerprints. Of this dataset its training scenes are known. Another one's are
-    known if it says them: it has the same scene, or none of this name. One of the same name and another content may be
-    the same streets with other traffic, or something else.
+    A run knows its datasets by their fingerprints. Of this dataset its training scenes are known, of which a run of the
+    first frames may have seen some. Another one's are known if it says them: it has the same scene, or none of this
+    name. One of the same name and another content may be the same streets with other traffic, or something else.
     """
     if contender.parameters == 0 or not contender.trained_on:
         return "nothing"
@@ -100,9 +100,12 @@ def trained_on(bench: Bench, contender: Contender, scene: str) -> str:
 
 
 def _seen(bench: Bench, fingerprint: Fingerprint, scene: str) -> str:
-    if fingerprint.sha256 == bench.data_sha256:
-        return "yes" if scene in bench.training_scenes else "no"
     contents = {record.content_sha256 for record in bench.scenes or () if record.name == scene}
+    if fingerprint.sha256 == bench.data_sha256:
+        # Of the first frames of a dataset a run may have seen fewer scenes. Close targets are of none that is recorded.
+        of_run = fingerprint.scenes if contents else None
+        looked_at = of_run is None or scene in {record.name for record in of_run}
+        return "yes" if looked_at and scene in bench.training_scenes else "no"
     if fingerprint.scenes is None or not contents:  # close targets are of no scene
         return "unknown"
     if any(record.content_sha256 in contents for record in fingerprint.scenes):

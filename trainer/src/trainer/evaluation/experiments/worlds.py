@@ -17,7 +17,10 @@ from trainer.evaluation.report.style import counted
 from trainer.evaluation.report.worlds import BARE, MIXED, OVER_BARE, OVER_FEWEST, POPULATED, TrainedOn
 from trainer.evaluation.rows import AVERAGE_PRECISION, MetricRow, SummaryColumn
 from trainer.metrics.ranking import Ranking, mean_average_precision
+from trainer.run.configuration import FitConfig
 
+MAY_DIFFER = ("seed", "frames")
+"""Of the configurations of networks that are compared."""
 Points = dict[TrainedOn, list[Contender]]
 """The networks of each point of the chart."""
 
@@ -48,8 +51,9 @@ class Worlds:
                     f"runs of one array were trained on {frames[0]} and on {frames[-1]} frames, which is a difference "
                     "of its own; trainer fit --frames makes them equal"
                 )
-        networks = [contender for points in arrays for of_point in points.values() for contender in of_point]
-        for contender in networks:
+            if difference := _difference(_networks(points)):
+                return difference
+        for contender in [contender for points in arrays for contender in _networks(points)]:
             for scene in _tested_scenes(bench):
                 if trained_on(bench, contender, scene) != "no":
                     return f"{contender.method} may have been trained on scene {scene!r}, which is not unseen then"
@@ -65,6 +69,23 @@ class Worlds:
 
     def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
         return {self.name: report.figure(report.panels(self.rows(bench, results)))}
+
+
+def _networks(points: Points) -> list[Contender]:
+    return [contender for of_point in points.values() for contender in of_point]
+
+
+def _difference(contenders: Sequence[Contender]) -> str | None:
+    """Which networks were trained in another way than the first, beyond seed and frames; None where none was."""
+    for contender in contenders[1:]:
+        for name in (name for name in FitConfig.model_fields if name not in MAY_DIFFER):
+            one, other = (getattr(each.config, name, None) for each in (contenders[0], contender))
+            if one != other:
+                return (
+                    f"{contenders[0].method} was trained with {name} = {one} and {contender.method} with {other}, "
+                    "which is a difference of its own"
+                )
+    return None
 
 
 def _rows(bench: Bench, results: Results, array: str) -> list[MetricRow]:

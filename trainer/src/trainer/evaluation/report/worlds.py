@@ -127,7 +127,9 @@ def figure(drawn: Sequence[Panel]) -> Figure:
         above.set_ylim(bottom=0.0)
         below.axhline(0.0, color="black", lw=0.8)
         ends += [(above, lines), (below, _draw(below, panel, OVER_FEWEST))]
-        _count_scenes(below, {of.scenes for of in panel.of(AVERAGE_PRECISION)})
+        below.set_xlabel("scenes trained on")
+    # All panels have one axis of scenes.
+    _count_scenes(axes[1, 0], {of.scenes for panel in drawn for of in panel.of(AVERAGE_PRECISION)})
     # The panels of a row have their common scale only when all are drawn. An undefined value has no place.
     for axis, lines in ends:
         label_ends(axis, [line for line in lines if np.isfinite(line[0])], gap=0.06)
@@ -156,7 +158,6 @@ def _count_scenes(axis: Axes, counts: set[int]) -> None:
     axis.set_xscale("log", base=2)
     axis.set_xticks(sorted(counts), [str(count) for count in sorted(counts)])
     axis.set_xticks([], minor=True)
-    axis.set_xlabel("scenes trained on")
 
 
 def table(shown: Sequence[Panel]) -> str:
