@@ -24,12 +24,14 @@ class ArrayRun:
     """The run in one piece, and the jobs that are not killed.
 
     :param factory: the command; :param scene: what every job is given
+    :param killed: the same, for the job that is killed
     :param run: runs a command that has to succeed; :param hashes: of a dataset's shards
     """
 
-    def __init__(self, factory: str, scene: list[str], work: Path, run: Run, hashes: Hashes) -> None:
+    def __init__(self, factory: str, scene: list[str], killed: list[str], work: Path, run: Run, hashes: Hashes) -> None:
         self._factory, self._work, self._hashes = factory, work, hashes
-        self._render = [factory, "render", *scene, "--frames", "44", "--points", "4"]
+        frames = ["--frames", "44", "--points", "4"]
+        self._render, self._killed = [factory, "render", *scene, *frames], [factory, "render", *killed, *frames]
         self._others = work / "array-others"
         run([*self._render, "--out", str(work / "array-whole")])
         self.expected = hashes(work / "array-whole")
@@ -41,6 +43,10 @@ class ArrayRun:
 
     def job(self, out: Path) -> list[str]:
         """The command of the job that is killed."""
+        return [*self._killed, "--out", str(out), "--shard", KILLED]
+
+    def reference(self, out: Path) -> list[str]:
+        """The command of the same job where it is not killed."""
         return [*self._render, "--out", str(out), "--shard", KILLED]
 
     def merge(self, out: Path) -> list[str]:

@@ -10,6 +10,7 @@ from solids import Shape, Standing
 from datafactory.scenes.city.placement import Placement
 from datafactory.scenes.city.shapes import yaw_rotation
 from datafactory.scenes.scene import Scene, SceneObject
+from datafactory.scenes.things import Thing
 
 FLAT = ("Ground/", "Covers/")
 """Sheets that everything stands on: no bodies."""
@@ -31,14 +32,15 @@ class CitySolids:
         self.placements = [item for item in placements if item.surface is not None and not item.path.startswith(FLAT)]
         surfaces = {item.model or item.path: item.surface for item in self.placements}
         self.shapes = {key: Shape.of(of.vertices, of.triangles()) for key, of in surfaces.items() if of is not None}
+        self.still = {item.path: self._standing(item, 0.0) for item in self.placements if not item.keyframes}
 
     def at(self, time_s: float) -> list[Standing]:
-        standing = []
-        for item in self.placements:
-            position, yaw_deg = placed(item, time_s)
-            shape = self.shapes[item.model or item.path]
-            standing.append(Standing(item.path, shape, yaw_rotation(yaw_deg), np.array(position), bool(item.keyframes)))
-        return standing
+        return [self.still.get(item.path) or self._standing(item, time_s) for item in self.placements]
+
+    def _standing(self, item: Placement, time_s: float) -> Standing:
+        position, yaw_deg = placed(item, time_s)
+        shape = self.shapes[item.model or item.path]
+        return Standing(item.path, shape, yaw_rotation(yaw_deg), np.array(position), bool(item.keyframes))
 
 
 class PopulationSolids:
@@ -59,12 +61,11 @@ class PopulationSolids:
                 if thing.name in meshes
                 else Shape.box((-half[0], -half[1], 0.0), (half[0], half[1], 2.0 * half[2]))
             )
+        self.still = {thing.name: self._standing(thing, 0.0) for thing in self.things if thing.motion is None}
 
     def at(self, time_s: float) -> list[Standing]:
-        return [
-            Standing(
-                thing.name, self.shapes[thing.name], np.array(thing.axes).T, thing.at(time_s)[0],
-                thing.motion is not None,
-            )
-            for thing in self.things
-        ]  # fmt: skip
+        return [self.still.get(thing.name) or self._standing(thing, time_s) for thing in self.things]
+
+    def _standing(self, thing: Thing, time_s: float) -> Standing:
+        shape, axes = self.shapes[thing.name], np.array(thing.axes)
+        return Standing(thing.name, shape, axes.T, thing.at(time_s)[0], thing.motion is not None)

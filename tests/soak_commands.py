@@ -83,26 +83,31 @@ def commands(work: Path, names: list[str]) -> list[Command]:
     radar = write_small_radar(work)
     factory, trainer = str(BIN / "datafactory"), str(BIN / "trainer")
     scene = ["--scene", str(ROOT / "scenes" / "tiny.usda"), "--radar", str(radar), "--rays", "2000"]
-    scene += ["--effects", "specular,diffuse,doppler,noise", "--workers", "2"]
+    scene += ["--effects", "specular,diffuse,doppler,noise"]
+    # What is never killed is made without workers, whose starts take longer than their frames.
+    alone, killed = [*scene, "--workers", "1"], [*scene, "--workers", "2"]
     data = work / "data"
     if {"fit", "evaluate"} & set(names):
-        run([factory, "render", *scene, "--frames", "24", "--out", str(data)])
+        run([factory, "render", *alone, "--frames", "24", "--out", str(data)])
     fit = ["--steps", "40", "--validate-every", "10", "--width", "4", "--seed", "1"]
     evaluate = ["--methods", "das,iaa,omp", "--experiments", "resolution,noise-only", "--arrays", "sparse6"]
     evaluate += ["--workers", "2"]
+
+    def render(of: list[str]) -> Callable[[Path], list[str]]:
+        return lambda out: [factory, "render", *of, "--frames", "44", "--points", "4", "--out", str(out)]
+
+    def trace(of: list[str]) -> Callable[[Path], list[str]]:
+        return lambda out: [factory, "trace", *of, "--frames", "40", "--out", str(out)]
+
     every = [
-        Command(
-            "render",
-            lambda out: [factory, "render", *scene, "--frames", "44", "--points", "4", "--out", str(out)],
-            shards,
-        ),
-        Command("trace", lambda out: [factory, "trace", *scene, "--frames", "40", "--out", str(out)], shards),
+        Command("render", render(killed), shards, render(alone)),
+        Command("trace", trace(killed), shards, trace(alone)),
         Command("fit", lambda out: [trainer, "fit", str(data), *fit, "--out", str(out)], weights),
         Command("evaluate", lambda out: [trainer, "evaluate", str(data), *evaluate, "--out", str(out)], cells),
     ]
     if {"job", "merge"} & set(names):
-        array = ArrayRun(factory, scene, work, run, shards)
-        every.append(Command("job", array.job, array.merged, fault=array.fault))
+        array = ArrayRun(factory, alone, killed, work, run, shards)
+        every.append(Command("job", array.job, array.merged, array.reference, fault=array.fault))
         every.append(Command("merge", array.merge, array.whole))
     return [command for command in every if command.name in names]
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import trimesh
@@ -96,6 +97,11 @@ class Standing:
     place: Real = field(default_factory=lambda: np.zeros(3))
     moves: bool = False
 
+    @cached_property
+    def corners(self) -> Real:
+        """[B, 8, 3] of each body's box, in the world [m]; what stands still is asked at many times."""
+        return self.shape.corners @ self.turn.T + self.place
+
     def body(self, number: int, origin: Real) -> Manifold:
         """One of its bodies about an origin [3] near it: float32 is fine there."""
         return self.shape.parts[number].transform(np.hstack([self.turn, (self.place - origin)[:, None]]))
@@ -140,5 +146,5 @@ def _bodies(things: Sequence[Standing]) -> tuple[NDArray[np.int64], NDArray[np.i
     """Of all bodies whose they are, [N], which of its bodies, [N], and the corners of their boxes, [N, 8, 3]."""
     owner = np.repeat(np.arange(len(things)), [len(thing.shape.parts) for thing in things])
     number = np.concatenate([np.arange(len(thing.shape.parts)) for thing in things])
-    corners = np.concatenate([thing.shape.corners @ thing.turn.T + thing.place for thing in things])
+    corners = np.concatenate([thing.corners for thing in things])
     return owner, number, corners

@@ -190,6 +190,12 @@ def test_an_import_loads_nothing_that_computes(package: object) -> None:
     assert {part for part in loaded if not part.startswith("_")} <= {"shared", name}
 
 
+def test_a_rendering_process_starts_without_what_few_frames_need() -> None:
+    """Every worker starts so; together these take more than a second."""
+    dear = "'scipy.signal', 'scipy.stats', 'scipy.interpolate', 'trimesh', 'networkx', 'matplotlib'"
+    assert told("-c", f"import sys, datafactory.api.making; print(*{{{dear}}} & sys.modules.keys())").split() == []
+
+
 @pytest.mark.parametrize("program", ["datafactory", "trainer"])
 def test_a_package_is_a_program(program: str) -> None:
     assert f"Usage: python -m {program}" in told("-m", program, "--help")

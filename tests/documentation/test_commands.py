@@ -46,6 +46,12 @@ SMALLER = {
 """Options after those of the text, by command."""
 FEWER_FRAMES = {"datafactory render": "2", "datafactory trace": "2", "datafactory points": "8"}
 """In place of what the text gives ``--frames``."""
+SMALLER_PYTHON = {
+    "scenes/street.usda": "scenes/tiny.usda",
+    "plan(scene, radar=radar)": "plan(scene, radar=radar, frames=1, rays=2_000)",
+    "frames=8, rays=20_000": "frames=8, rays=2_000",
+}
+"""In place of what stands in a page's Python."""
 
 NOT_RUN = {
     "make setup": "minutes, and a package index; continuous integration begins with it",
@@ -131,6 +137,8 @@ def test_every_exception_is_still_there() -> None:
     written = {command.text for command in EVERY}
     assert set(NOT_RUN) <= written
     assert set(NOT_RUN_PAGES) <= {command.page for command in BLOCKS}
+    programs = "".join(block for page in FOLLOWED for block in blocks(page, "python"))
+    assert all(theirs in programs for theirs in SMALLER_PYTHON)
 
 
 @pytest.fixture(scope="module")
@@ -186,8 +194,9 @@ def test_a_reader_follows_the_page(page: Path, place: Path, monkeypatch: pytest.
             smaller += ["--frames", FEWER_FRAMES.get(kind, "2")]
         _run(monkeypatch, program, smaller)
     for block in blocks(page, "python"):
-        smaller_block = block.replace("scenes/street.usda", "scenes/tiny.usda")
-        exec(compile(smaller_block, name_of(page), "exec"), {"__name__": "__main__"})
+        for theirs, ours in SMALLER_PYTHON.items():
+            block = block.replace(theirs, ours)
+        exec(compile(block, name_of(page), "exec"), {"__name__": "__main__"})
 
 
 @pytest.mark.slow

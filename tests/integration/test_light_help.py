@@ -20,17 +20,23 @@ COMMAND_LINE = {
 
 ASK = """
 import sys
-before = {name.partition(".")[0] for name in sys.modules}
-sys.argv = [sys.argv[1], *sys.argv[2:]]
+def tops():
+    return {name.partition(".")[0] for name in sys.modules}
+before = tops()
+program, *commands = sys.argv[1:]
 from importlib import import_module
-main = import_module(sys.argv[0] + ".cli.entry").main
-try:
-    main()
-except SystemExit as left:
-    assert not left.code, left.code
-names = {name.partition(".")[0] for name in sys.modules} - before
-print("IMPORTED", *sorted(name for name in names - sys.stdlib_module_names if not name.startswith("_")))
+main = import_module(program + ".cli.entry").main
+for command in commands:
+    sys.argv = [program, *command.split()]
+    try:
+        main()
+    except SystemExit as left:
+        assert not left.code, left.code
+    names = tops() - before - sys.stdlib_module_names
+    print("IMPORTED", *sorted(name for name in names if not name.startswith("_")))
+    before = tops()
 """
+"""Asks for one page of help after the other; each names what no page before it imported."""
 
 
 def name_of(command: CommandInfo) -> str:
@@ -46,20 +52,40 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize("words", CASES, ids=" ".join)
-def test_help_imports_nothing_that_computes(words: tuple[str, ...]) -> None:
+def asked(program: str, *commands: str) -> str:
+    """What a fresh interpreter prints."""
     answer = subprocess.run(
-        [sys.executable, "-c", ASK, *words], capture_output=True, text=True, check=True, encoding="utf-8"
+        [sys.executable, "-c", ASK, program, *commands], capture_output=True, text=True, check=True, encoding="utf-8"
     )
-    assert "Usage:" in answer.stdout
-    (line,) = [line for line in answer.stdout.splitlines() if line.startswith("IMPORTED")]
-    assert set(line.split()[1:]) - OURS <= COMMAND_LINE
+    return answer.stdout
+
+
+@pytest.fixture(scope="module")
+def pages() -> dict[tuple[str, ...], str]:
+    """Each case's page, the modules named at its end; one interpreter for a program."""
+    found: dict[tuple[str, ...], str] = {}
+    for program in ("datafactory", "trainer"):
+        cases = [case for case in CASES if case[0] == program]
+        lines = asked(program, *(" ".join(case[1:]) for case in cases)).splitlines()
+        ends = [number for number, line in enumerate(lines) if line.startswith("IMPORTED")]
+        starts = [0, *(end + 1 for end in ends)]
+        found |= {
+            case: "\n".join(lines[start : end + 1]) for case, start, end in zip(cases, starts, ends, strict=False)
+        }
+    return found
+
+
+@pytest.mark.parametrize("words", CASES, ids=" ".join)
+def test_help_imports_nothing_that_computes(words: tuple[str, ...], pages: dict[tuple[str, ...], str]) -> None:
+    page, _, imported = pages[words].rpartition("IMPORTED")
+    assert "Usage:" in page
+    assert set(imported.split()) - OURS <= COMMAND_LINE
 
 
 def test_what_computes_would_be_noticed() -> None:
     """The question finds numpy where something imports it."""
     answer = subprocess.run(
-        [sys.executable, "-c", ASK.replace("main()", "import numpy"), "trainer"], capture_output=True, text=True,
-        check=True, encoding="utf-8",
+        [sys.executable, "-c", ASK.replace("main()", "import numpy"), "trainer", "--help"], capture_output=True,
+        text=True, check=True, encoding="utf-8",
     )  # fmt: skip
     assert "numpy" in answer.stdout.split()

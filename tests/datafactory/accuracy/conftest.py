@@ -15,18 +15,18 @@ from shared.radar import ImageGrid, Radar
 from shared.radar.waveform import Waveform
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def radar() -> Radar:
     """All 256 elements, because the range walk is over them, and no echo that folds; short in everything else."""
     return Radar(name="small", waveform=Waveform(samples=512, chirps=8, range_bins=96), grid=ImageGrid(bins=48))
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def samples(variant: str, radar: Radar) -> list[SampleFrame]:
     return samples_at(radar, POSE)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def rows(samples, radar) -> list[Row]:
     signal = (
         Knob("tolerance", (1e-3, 1e-6, 1e-9)),

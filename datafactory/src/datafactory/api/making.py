@@ -39,7 +39,6 @@ from datafactory.run.order import Order
 from datafactory.run.pipeline import Execution, Report
 from datafactory.scenes.materials.table import MaterialTable
 from datafactory.scenes.scene import Scene
-from datafactory.view.cameras import Cameras, write_cameras
 from shared.dataset import STORES
 from shared.dataset.folder import open_dataset
 from shared.dataset.locations import locate
@@ -251,6 +250,8 @@ def _say_device(asked: str, execution: Execution, order: Order) -> None:
 
 def _with_cameras(order: Order, table: MaterialTable, report: Report, progress: Progress) -> Report:
     """The pictures of a camera at the sensor beside a finished run; those that are there are kept."""
+    from datafactory.view.cameras import Cameras, write_cameras  # where needed: Matplotlib takes a quarter of a second
+
     started = time.perf_counter()
     dataset = open_dataset(report.directory)
     cameras = Cameras(dataset, [scene for scene in order.scenes if isinstance(scene, Scene)], table)

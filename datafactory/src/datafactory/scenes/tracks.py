@@ -12,14 +12,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import Akima1DInterpolator, CubicHermiteSpline
 from scipy.spatial.transform import Rotation, Slerp
 
 from datafactory.scenes.poses import Pose
 from shared.physics.errors import InputError
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicHermiteSpline
 
 Real = NDArray[np.float64]
 
@@ -44,6 +47,8 @@ class Curve:
     velocity: Real | None = None
 
     def _places(self) -> CubicHermiteSpline:
+        from scipy.interpolate import Akima1DInterpolator, CubicHermiteSpline
+
         slopes = self.velocity
         if slopes is None and len(self.time_s) > 2:
             slopes = Akima1DInterpolator(self.time_s, self.position, method="makima").derivative()(self.time_s)

@@ -27,7 +27,7 @@ INWARDS_M = 0.3
 ON_WHEELS = ("Cars/", "Lorries/", "Buses/")
 
 
-@lru_cache(maxsize=1)
+@lru_cache  # of every style: each test asks for all of them
 def placements_of(style: Style) -> tuple[Placement, ...]:
     return city(CityOptions(seed=SEED, style=style, blocks=2))
 

@@ -24,7 +24,6 @@ from datafactory.scenes.readers.scale import note_coarse_vertices, size_remark
 from datafactory.scenes.scene import Scene, SceneObject
 from shared.physics.errors import InputError
 
-MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl")
 # glTF extensions that change vertex positions and that trimesh does not decode.
 GLTF_GEOMETRY_EXTENSIONS = (
     "KHR_draco_mesh_compression",

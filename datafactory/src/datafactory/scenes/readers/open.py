@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from datafactory.scenes.readers.mesh_files import MESH_SUFFIXES, read_mesh_file
-from datafactory.scenes.readers.mitsuba import read_mitsuba
 from datafactory.scenes.readers.named import SHIPPED_PREFIX, SIONNA_PREFIX, named_file
 from datafactory.scenes.readers.reading import AS_WRITTEN, Reading
 from datafactory.scenes.scene import Scene
@@ -13,6 +11,7 @@ from shared.physics.errors import InputError, meant, require_utf8
 
 USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 MITSUBA_SUFFIXES = (".xml",)
+MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl")
 KNOWN_SUFFIXES = USD_SUFFIXES + MITSUBA_SUFFIXES + MESH_SUFFIXES
 
 
@@ -54,14 +53,18 @@ def open_scene(source: str, reading: Reading = AS_WRITTEN) -> Scene:
 def _read(path: Path, name: str, reading: Reading) -> Scene:
     suffix = path.suffix.lower()
     if suffix in USD_SUFFIXES:
-        # Imported where needed: the other formats do without USD's libraries.
+        # Imported where needed: each format does without the libraries of the others.
         from datafactory.scenes.readers.usd import read_usd
 
         return read_usd(path, reading)
     if reading.variants:
         raise InputError("--variant", f"{path} has no variants", "a USD file")
     if suffix in MITSUBA_SUFFIXES:
+        from datafactory.scenes.readers.mitsuba import read_mitsuba
+
         return read_mitsuba(path, name)
+    from datafactory.scenes.readers.mesh_files import read_mesh_file
+
     return read_mesh_file(path)
 
 

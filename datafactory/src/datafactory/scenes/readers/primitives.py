@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from trimesh import creation
 
 SEGMENTS = 64
 CHORD_ERROR = 2 * (1 - np.cos(np.pi / SEGMENTS))  # largest distance to the true surface, in radii
@@ -20,6 +19,8 @@ Mesh = tuple[NDArray[np.float64], NDArray[np.int64]]
 
 def _revolve(profile: NDArray[np.float64]) -> Mesh:
     """Revolve [n, 2] (radius, height), from bottom to top, about the z axis; normals point outwards."""
+    from trimesh import creation  # where needed, as in box: it takes half a second, and few files hold solids
+
     # trimesh merges vertices on a grid of 1e-8: far from a size of 1, the solid is made smaller or larger first.
     size = float(np.abs(profile).max(initial=0.0))
     scale = 2.0 ** np.ceil(np.log2(size)) if size > 0.0 and not 1e-3 <= size <= 1e6 else 1.0  # exact, a power of two
@@ -68,6 +69,8 @@ def _without_repeats(profile: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def box(size: float) -> Mesh:
     """A cube of this edge about the origin."""
+    from trimesh import creation
+
     solid = creation.box(extents=[size] * 3)
     return np.asarray(solid.vertices, dtype=np.float64), np.asarray(solid.faces, dtype=np.int64)
 

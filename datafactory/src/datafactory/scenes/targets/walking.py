@@ -39,12 +39,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import PchipInterpolator
 
 from datafactory.scenes.targets.moving_parts import Motion, MovingParts
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PchipInterpolator
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -259,6 +262,10 @@ def control_points(rv: float) -> dict[str, tuple[tuple[float, float], ...]]:
 @lru_cache(maxsize=64)
 def _curves(rv: float) -> dict[str, tuple[PchipInterpolator, PchipInterpolator]]:
     """Angle [rad] over the phase, and its derivative."""
+    from scipy.interpolate import (
+        PchipInterpolator,
+    )  # where needed: it takes a fifth of a second, as in tracks and drives
+
     curves = {}
     for name, points in control_points(rv).items():
         # A point at or before 0 and one at its period's end are one.

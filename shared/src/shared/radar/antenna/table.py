@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Callable
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -10,7 +11,6 @@ from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
-from scipy.interpolate import RegularGridInterpolator
 
 from shared.physics.errors import InputError
 from shared.physics.units import db_to_power
@@ -65,7 +65,10 @@ class TablePattern(BaseModel):
         return self
 
     @cached_property
-    def _level_db(self) -> RegularGridInterpolator:
+    def _level_db(self) -> Callable[[Real], Real]:
+        """[n, 2] azimuth and elevation [deg] to [n] gain [dBi]."""
+        from scipy.interpolate import RegularGridInterpolator  # where needed: few radars have a measured pattern
+
         return RegularGridInterpolator(
             (np.array(self.azimuth_deg), np.array(self.elevation_deg)),
             np.array(self.gain_dbi),
