@@ -13,14 +13,12 @@ import numpy as np
 from jaxtyping import Complex128, Float64, Int64
 
 from datafactory.paths.table import ScatteredPaths
+from datafactory.synthesis.doppler_moments import BLOCK
 from datafactory.synthesis.motion import leg_of
 from datafactory.synthesis.wave_model import WaveModel
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
 from shared.signal.sweep import reference_frequency_hz
-
-BLOCK = 32
-"""Elements that share a path's range cell and Doppler expansion."""
 
 
 @dataclass(frozen=True)
