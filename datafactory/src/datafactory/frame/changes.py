@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.table import PathTable
+from shared.physics.vectors import lengths
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
 from shared.radar.waveform import Waveform
@@ -71,8 +72,8 @@ def plane_wave_change(paths: PathTable, array: AntennaArray, wavelength_m: float
 
 def _curvature(point: Real, elements: Real) -> Real:
     """[K, C] spherical less plane wave's length [m] from points [K, 3] to elements [C, 3] or [K, C, 3]."""
-    distance = np.maximum(np.linalg.norm(point, axis=1), 1e-9)[:, None]
-    spherical = np.linalg.norm(point[:, None] - elements, axis=2)
+    distance = np.maximum(lengths(point), 1e-9)[:, None]
+    spherical = lengths(point[:, None] - elements)
     return spherical - (distance - np.sum(point[:, None] * elements, axis=2) / distance)
 
 
@@ -101,7 +102,7 @@ def plane_wave_bound(paths: PathTable, array: AntennaArray, wavelength_m: float)
 
 def _spread(point: Real, elements: Real) -> Real:
     """[K] standard deviation over the elements of h^2 / 2 R [m], h their distance from the line of sight."""
-    distance = np.maximum(np.linalg.norm(point, axis=1), 1e-9)
+    distance = np.maximum(lengths(point), 1e-9)
     n = point / distance[:, None]
     # h^2 = |x|^2 - (n x)^2 is linear in 1 and the six products of n's components; so its variance is a quadratic form.
     rows, columns = np.triu_indices(3)
@@ -116,14 +117,14 @@ def _spread(point: Real, elements: Real) -> Real:
 def _remainder(point: Real, reach_m: float) -> Real:
     """[K] the most by which the curvature differs from its quadratic part [m]: e = h^2 / (d + sqrt(d^2 + h^2)), where
     both terms lie within R - a and R + a."""
-    distance = np.linalg.norm(point, axis=1)
+    distance = lengths(point)
     beyond = np.maximum(distance - reach_m, 1e-9)
     return 0.5 * reach_m**2 / np.maximum(distance, 1e-9) * reach_m / beyond
 
 
 def _largest_curvature(point: Real, reach_m: float) -> Real:
     """[K] the most that :func:`_curvature` can be for elements within ``reach_m`` of the origin [m]."""
-    beyond = np.linalg.norm(point, axis=1) - reach_m
+    beyond = lengths(point) - reach_m
     return np.where(beyond > 0.0, 0.5 * reach_m**2 / np.where(beyond > 0.0, beyond, 1.0), np.inf)
 
 

@@ -35,14 +35,18 @@ def pruned(paths: PathTable, radar: Radar, level_db: float = DEFAULT_LEVEL_DB) -
 
 def _negligible(power: NDArray[np.float64], group: NDArray[np.int64], share: float) -> NDArray[np.bool_]:
     """[K] whether a member belongs to the weakest of its group that hold at most ``share`` of the group's power."""
-    _, group = np.unique(group, return_inverse=True)
+    if not len(group):
+        return np.zeros(0, dtype=bool)
+    group = group - group.min()
     total = np.bincount(group, power)
     total[total == 0.0] = 1.0  # paths without power are all negligible
     order = np.lexsort((power, group))
     # Relative to its own group's power: a running sum over all groups would lose the digits of a weak one.
-    part = power[order] / total[group[order]]
+    members = np.bincount(group)
+    sorted_group = np.repeat(np.arange(len(members)), members)
+    part = power[order] / total[sorted_group]
     running = np.cumsum(part)
-    first = np.searchsorted(group[order], group[order], side="left")
+    first = (np.cumsum(members) - members)[sorted_group]
     result = np.zeros(len(power), dtype=bool)
     result[order] = running - (running[first] - part[first]) <= share
     return result

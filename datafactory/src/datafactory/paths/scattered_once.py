@@ -39,6 +39,7 @@ from datafactory.paths.surfaces import Complex, Hits, Index, Real, Surfaces, Wav
 from datafactory.paths.table import DIFFUSE, SPECULAR
 from datafactory.paths.thinning import cells_of, thinned
 from shared.physics.units import SPEED_OF_LIGHT
+from shared.physics.vectors import dots, lengths, taken
 
 CLOSEST_M = 0.01
 """Nearer surfaces do not scatter: the antennas' own size matters there. Single mirrors have the same bound."""
@@ -73,8 +74,8 @@ class _Echoes:
     def bundle(self, surfaces: Surfaces, index: Index, factor: Real) -> Bundle:
         """Those at ``index`` as paths, their powers times ``factor``."""
         waves, hits = self.waves, self.hits
-        triangles = np.concatenate([waves.triangles[index], hits.triangle[index, None]], axis=1)
-        vertices = np.concatenate([waves.bounced[index], hits.point[index, None]], axis=1)
+        triangles = np.concatenate([taken(waves.triangles, index), taken(hits.triangle, index)[:, None]], axis=1)
+        vertices = np.concatenate([taken(waves.bounced, index), taken(hits.point, index)[:, None]], axis=1)
         kinds = np.full(triangles.shape, SPECULAR, dtype=np.int64)
         kinds[:, -1] = DIFFUSE
         return Bundle(
@@ -117,13 +118,13 @@ def scattered_once(
         if bounce + 1 == settings.depth or not settings.specular:
             break
         smooth = np.sqrt(1.0 - coefficient**2)[hits.mesh]
-        turned = np.einsum("ki,ki->k", surfaces.velocity(hits.triangle, hits.point), waves.direction - onward)
+        turned = dots(surfaces.velocity(hits.triangle, hits.point), waves.direction - onward)
         waves = Waves(
             hits.point,
             _clear_of(hits, 1.0),
             onward,
             reflected * smooth[:, None],
-            waves.length + np.linalg.norm(hits.point - waves.start, axis=1),
+            waves.length + lengths(hits.point - waves.start),
             waves.rate + turned,
             np.concatenate([waves.bounced, hits.point[:, None]], axis=1),
             np.concatenate([waves.triangles, hits.triangle[:, None]], axis=1),
@@ -147,16 +148,16 @@ def _thinned_bundles(frame: _Frame, echoes: list[_Echoes], seed: int) -> list[Bu
 
 def _clear_of(hits: Hits, side: float) -> Real:
     """[n, 3] the points off their surfaces by the ray caster's error: 1 on the side of arrival, -1 behind."""
-    return hits.point + side * ray_margin_m(np.linalg.norm(hits.point, axis=1))[:, None] * hits.normal
+    return hits.point + side * ray_margin_m(lengths(hits.point))[:, None] * hits.normal
 
 
 def _echoes(frame: _Frame, waves: Waves, hits: Hits, reflected: Complex, ratio: Real) -> _Echoes:
     """What the surfaces scatter back to the RX, where it sees them."""
-    range_m = np.linalg.norm(hits.point, axis=1)
+    range_m = lengths(hits.point)
     home = -hits.point / np.maximum(range_m, CLOSEST_M)[:, None]
     seen = range_m >= CLOSEST_M
     if waves.bounced.shape[1]:
-        seen &= np.einsum("ki,ki->k", hits.normal, home) > 0.0
+        seen &= dots(hits.normal, home) > 0.0
         index = np.flatnonzero(seen)
         seen[index] = clear_between(frame.surfaces.geometry, hits.point[index], np.zeros(3))
     index = np.flatnonzero(seen)
@@ -217,9 +218,9 @@ def _heard(frame: _Frame, waves: Waves, hits: Hits, heard: Complex, home: Real, 
     for slab, here in surfaces.by_mesh(hits.mesh):
         f = scattered_share(slab.pattern, waves.direction[here], home[here], hits.normal[here])
         factor[here] = slab.scattering_coefficient * np.sqrt(f * 4.0 * np.pi / frame.rays)
-    range_m = np.linalg.norm(hits.point, axis=1)
+    range_m = lengths(hits.point)
     amplitude = np.conj(heard) * factor * wavelength / (4.0 * np.pi * range_m)
-    last = np.linalg.norm(hits.point - (waves.start if waves.bounced.shape[1] else 0.0), axis=1)
-    turned = np.einsum("ki,ki->k", surfaces.velocity(hits.triangle, hits.point), waves.direction - home)
+    last = lengths(hits.point - (waves.start if waves.bounced.shape[1] else 0.0))
+    turned = dots(surfaces.velocity(hits.triangle, hits.point), waves.direction - home)
     cell = cells_of(0.5 * (waves.length + last + range_m), -home[:, 1], 0.5 * (waves.rate + turned))
     return _Echoes(waves, hits, amplitude, np.abs(amplitude) ** 2 * ratio, cell, crossings)

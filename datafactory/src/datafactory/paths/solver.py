@@ -31,6 +31,7 @@ from datafactory.paths.scattering import LOBE_EXPONENT, MIRROR_SHARE
 from datafactory.paths.table import DIFFUSE, REFRACTED, SPECULAR
 from datafactory.scenes.materials.table import MaterialMapping
 from datafactory.scenes.poses import Pose
+from shared.physics.vectors import taken
 from shared.radar.front_end import Polarization
 
 PATTERNS: dict[str, dict[str, Any]] = {
@@ -104,7 +105,7 @@ class Bundle:
     amplitude: NDArray[np.complex128]  # [n]
 
     def take(self, index: NDArray) -> Bundle:
-        return Bundle(**{item.name: getattr(self, item.name)[index] for item in fields(self)})
+        return Bundle(**{item.name: taken(getattr(self, item.name), index) for item in fields(self)})
 
     @staticmethod
     def none(depth: int) -> Bundle:

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float64
 from datafactory.paths.table import ScatteredPaths
 from datafactory.synthesis.wave_model import WaveModel
 from shared.physics.units import SPEED_OF_LIGHT
+from shared.physics.vectors import dots, lengths
 from shared.radar import Radar
 from shared.signal.sweep import reference_frequency_hz
 
@@ -67,9 +68,9 @@ def leg_of(
 ) -> Leg:  # fmt: skip
     """The leg between a centre and points [m] that move evenly [m/s]: r'' = (v^2 - r'^2) / r, r''' = -3 r' r'' / r."""
     vector = point + velocity * time_s - centre
-    length = np.maximum(np.sqrt(np.einsum("ki,ki->k", vector, vector)), 1e-9)
-    rate = np.einsum("ki,ki->k", vector, velocity) / length
-    speed = np.sqrt(np.einsum("ki,ki->k", velocity, velocity))
+    length = np.maximum(lengths(vector), 1e-9)
+    rate = dots(vector, velocity) / length
+    speed = lengths(velocity)
     bend = np.maximum(speed**2 - rate**2, 0.0) / length
     return Leg(length, rate, bend, -3.0 * rate * bend / length, speed)
 
