@@ -20,6 +20,7 @@ per frame rotates them (Cranley-Patterson), so that neighbouring frames have dif
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
@@ -97,10 +98,27 @@ def _azimuth_density(cosine: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _azimuth_at(share: NDArray[np.float64]) -> NDArray[np.float64]:
-    """[N] azimuth below which ``share`` [N] of the rays lie, by Newton's method: the law rises everywhere."""
-    azimuth = np.arcsin(2.0 * share - 1.0) * UNIFORM_IN_U + np.pi * (share - 0.5) * (1.0 - UNIFORM_IN_U)
-    for _ in range(8):
-        below = UNIFORM_IN_U * 0.5 * (np.sin(azimuth) + 1.0) + (1.0 - UNIFORM_IN_U) * (azimuth / np.pi + 0.5)
-        step = (below - share) / _azimuth_density(np.cos(azimuth))
-        azimuth = np.clip(azimuth - step, -0.5 * np.pi, 0.5 * np.pi)
+    """[N] azimuth below which ``share`` [N] of the rays lie, by Newton's method: the law rises everywhere.
+
+    From a table's straight lines, 2e-6 rad off at most, two steps end at rounding.
+    """
+    azimuth = np.interp(share, *_azimuth_table())
+    for _ in range(2):
+        azimuth = np.clip(azimuth - _azimuth_step(azimuth, share), -0.5 * np.pi, 0.5 * np.pi)
     return azimuth
+
+
+def _azimuth_step(azimuth: NDArray[np.float64], share: NDArray[np.float64]) -> NDArray[np.float64]:
+    """[N] Newton's step."""
+    return (_share_below(azimuth) - share) / _azimuth_density(np.cos(azimuth))
+
+
+def _share_below(azimuth: NDArray[np.float64]) -> NDArray[np.float64]:
+    return UNIFORM_IN_U * 0.5 * (np.sin(azimuth) + 1.0) + (1.0 - UNIFORM_IN_U) * (azimuth / np.pi + 0.5)
+
+
+@lru_cache(maxsize=1)
+def _azimuth_table() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Shares, rising, and their azimuths."""
+    azimuth = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 2048)
+    return _share_below(azimuth), azimuth

@@ -105,6 +105,8 @@ class Bundle:
     amplitude: NDArray[np.complex128]  # [n]
 
     def take(self, index: NDArray) -> Bundle:
+        if index.dtype == np.bool_ and index.all():
+            return self
         return Bundle(**{item.name: taken(getattr(self, item.name), index) for item in fields(self)})
 
     @staticmethod
@@ -246,8 +248,9 @@ def _rays_of_fan(fan: RayFan) -> Iterator[None]:
     from sionna.rt.path_solvers import sb_candidate_generator as generator
     from sionna.rt.path_solvers import sb_deterministic as deterministic
 
+    across, up = fan.unit_square().T
+
     def lattice(count: int):
-        across, up = fan.unit_square().T
         return mi.Point2f(across.astype(np.float32), up.astype(np.float32))
 
     replaced = [(module, module.fibonacci_lattice) for module in (generator, deterministic)]

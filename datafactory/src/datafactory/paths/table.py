@@ -75,6 +75,8 @@ class ScatteredPaths:
 
     def take(self, index: NDArray) -> ScatteredPaths:
         """The paths at these indices, or where a mask is true."""
+        if index.dtype == np.bool_ and index.all():
+            return self
         return ScatteredPaths(**{name: taken(getattr(self, name), index) for name in self.__dataclass_fields__})
 
     def reversed(self) -> ScatteredPaths:
