@@ -38,6 +38,7 @@ from datafactory.paths.solver import Bundle, TraceSettings
 from datafactory.paths.surfaces import Complex, Hits, Index, Real, Surfaces, Waves
 from datafactory.paths.table import DIFFUSE, SPECULAR
 from datafactory.paths.thinning import cells_of, thinned
+from shared.physics.compiled import compiled
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.physics.vectors import dots, lengths, taken
 
@@ -159,29 +160,45 @@ def _echoes(frame: _Frame, waves: Waves, hits: Hits, reflected: Complex, ratio: 
     if waves.bounced.shape[1]:
         seen &= dots(hits.normal, home) > 0.0
         index = np.flatnonzero(seen)
-        seen[index] = clear_between(frame.surfaces.geometry, hits.point[index], np.zeros(3))
+        seen[index] = clear_between(frame.surfaces.geometry, taken(hits.point, index), np.zeros(3))
     index = np.flatnonzero(seen)
-    waves, hits, home, ratio = waves.take(index), hits.take(index), home[index], ratio[index]
+    waves, hits, home, ratio = waves.take(index), hits.take(index), taken(home, index), ratio[index]
     # Home again, theta^ is where it was when the wave came, and phi^ is reversed: the RX looks against the wave.
     polarization = frame.settings.polarization[1]
     sign = 1.0 if polarization == "V" else -1.0
-    part = np.einsum("ki,ki->k", waves.field, polarization_axis(waves.direction, polarization))
+    part = _along(waves.field, polarization_axis(waves.direction, polarization))
     before = np.sqrt(_power(waves.field))
-    share = np.sqrt(_power(reflected[index])) / np.maximum(before, np.finfo(float).tiny)
+    share = np.sqrt(_power(taken(reflected, index))) / np.maximum(before, np.finfo(float).tiny)
     part[np.abs(part) <= MISSED_POLARIZATION * before] = 0.0
     return _heard(frame, waves, hits, sign * share * part, home, ratio, 0)
 
 
-def _power(field: Complex) -> Real:
-    """[n] |e|^2."""
-    return np.einsum("ki,ki->k", field.real, field.real) + np.einsum("ki,ki->k", field.imag, field.imag)
+@compiled()
+def _power(field):
+    """[n] |e|^2 of fields [n, 3]."""
+    result = np.empty(len(field))
+    for k in range(len(field)):
+        x, y, z = field[k, 0], field[k, 1], field[k, 2]
+        result[k] = (x.real * x.real + y.real * y.real + z.real * z.real) + (
+            x.imag * x.imag + y.imag * y.imag + z.imag * z.imag
+        )
+    return result
+
+
+@compiled()
+def _along(field, axis):
+    """[n] the components of fields [n, 3] along real axes [n, 3]."""
+    result = np.empty(len(field), dtype=np.complex128)
+    for k in range(len(field)):
+        result[k] = field[k, 0] * axis[k, 0] + field[k, 1] * axis[k, 1] + field[k, 2] * axis[k, 2]
+    return result
 
 
 def _turned_back(field: Complex, arrival: Real, departure: Real) -> Complex:
     """[n, 3] the field with its components along theta^ and phi^ of the arrival along those of the departure."""
     total = np.zeros_like(field)
     for which in ("V", "H"):
-        component = np.einsum("ki,ki->k", field, polarization_axis(arrival, which))
+        component = _along(field, polarization_axis(arrival, which))
         total += component[:, None] * polarization_axis(departure, which)
     return total
 
@@ -200,7 +217,7 @@ def _echoes_behind_panes(frame: _Frame, waves: Waves, hits: Hits, ratio: Real) -
     share = np.sqrt(_power(reflected) / _power(waves.field))
     scattered = _turned_back(waves.field, waves.direction, home) * share[:, None]
     back = surfaces.passed(home, panes, scattered)
-    part = np.einsum("ki,ki->k", back, polarization_axis(waves.direction, frame.settings.polarization[1]))
+    part = _along(back, polarization_axis(waves.direction, frame.settings.polarization[1]))
     part[np.abs(part) <= MISSED_POLARIZATION * np.sqrt(_power(back))] = 0.0
     return _heard(frame, waves, hits, part, home, ratio, 2)
 

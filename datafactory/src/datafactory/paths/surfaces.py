@@ -54,7 +54,10 @@ class Waves:
         here, none = np.zeros_like(direction), np.zeros((len(direction), 0), dtype=np.int64)
         return Waves(here, here, direction, field, here[:, 0], here[:, 0], np.zeros((*none.shape, 3)), none)
 
-    def take(self, index: NDArray) -> Waves:
+    def take(self, index: Index) -> Waves:
+        """Those at these indices, which rise."""
+        if len(index) == len(self.start):
+            return self
         return Waves(**{item.name: taken(getattr(self, item.name), index) for item in fields(self)})
 
 
@@ -73,7 +76,10 @@ class Hits:
     mesh: Index
     cosine: Real
 
-    def take(self, index: NDArray) -> Hits:
+    def take(self, index: Index) -> Hits:
+        """Those at these indices, which rise."""
+        if len(index) == len(self.point):
+            return self
         return Hits(**{item.name: taken(getattr(self, item.name), index) for item in fields(self)})
 
 

@@ -68,12 +68,13 @@ def _factors(order, starts, power, most, shift):
     factor = np.zeros(len(power))
     large = np.zeros(np.diff(starts).max(), dtype=np.bool_)
     for number in range(len(starts) - 1):
-        members = np.sort(order[starts[number] : starts[number + 1]])
-        count = len(members)
+        first, last = starts[number], starts[number + 1]
+        count = last - first
         if count <= most:
-            for k in members:
-                factor[k] = 1.0
+            for place in range(first, last):
+                factor[order[place]] = 1.0
             continue
+        members = np.sort(order[first:last])
         large[:count] = False
         wanted, more = most, True
         while more:
