@@ -153,7 +153,7 @@ def _with_surfaces(
     triangle = np.maximum(part.triangles, 0)  # -1 stands beyond a path's end, where nothing is looked at
     mesh = merged.mesh_of_triangle[triangle] if len(merged.mesh_of_triangle) else triangle
     shift = np.array([item.shift for item in merged.meshes]).reshape(-1, 3)
-    world = part.vertices @ rotation.T + np.asarray(pose.position)
+    world = (part.vertices.reshape(-1, 3) @ rotation.T + np.asarray(pose.position)).reshape(part.vertices.shape)
     unshifted = world - shift.take(mesh, axis=0) if shift.any() else world
     at_rest = unshifted
     if merged.turns:

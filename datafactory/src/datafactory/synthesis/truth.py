@@ -121,14 +121,15 @@ def truth_plan(
     mid = at_mid_frame(both, radar, tx, array.rx.mean(axis=0), model)
     # Neighbours in range share cells, and the cache.
     mid = mid.take(np.argsort(mid.range_bins % waveform.samples, kind="stable"))
-    seen = seen_paths(mid, radar, doppler_cells)
+    used = np.unique(doppler_cells)
+    seen = seen_paths(mid, radar, doppler_cells)[used]
     anywhere = seen.any(axis=0)
     mid, seen = mid.take(np.flatnonzero(anywhere)), np.compress(anywhere, seen, axis=1)
     path_terms = _doppler_terms(mid, waveform.chirps)
     cells, around = waveform.samples * CELLS_PER_BIN, around_row(waveform.samples)
     result, mixing = list[DopplerCell](), dict[int, Float32[np.ndarray, "outputs inputs"]]()
-    for index in np.unique(doppler_cells):
-        chosen = np.flatnonzero(seen[index])
+    for index, in_this_one in zip(used, seen, strict=True):
+        chosen = np.flatnonzero(in_this_one)
         if not len(chosen):
             continue
         rows = np.flatnonzero(doppler_cells == index)
