@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from datafactory.paths.density import lit_cells
-from datafactory.paths.prune import pruned
+from datafactory.paths.prune import _by_group_and_power, pruned
 from datafactory.paths.table import PathTable, ScatteredPaths
 from shared.radar import Radar
 
@@ -53,3 +53,13 @@ def test_pruning_drops_as_many_as_the_level_allows():
     assert len(pruned(table, Radar(), -40.0)) == 2
     assert len(pruned(table, Radar(), -20.0)) == 1
     assert len(pruned(table, Radar(), -60.0)) == 3
+
+
+def test_groups_are_sorted_as_by_lexsort():
+    """Equal powers, none at all, and such as differ in their last bit."""
+    random = np.random.default_rng(9)
+    for count in (0, 1, 7, 5000):
+        group, power = random.integers(0, 60, count), np.exp(6.0 * random.normal(size=count) - 40.0)
+        power[::5], power[1::7] = 0.0, 1e-18
+        power[2::7] = np.nextafter(1e-18, 1.0)
+        np.testing.assert_array_equal(_by_group_and_power(group, power), np.lexsort((power, group)))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from datafactory.paths.rays import RayFan
+from datafactory.paths.rays import UNIFORM_IN_U, RayFan, _azimuth_at
 
 
 def directions_of(fan: RayFan) -> NDArray[np.float64]:
@@ -25,6 +25,17 @@ def test_mitsuba_maps_the_square_as_claimed():
     a, b = fan.unit_square().T.astype(np.float32)
     mapped = mi.warp.square_to_uniform_sphere(mi.Point2f(a, b)).numpy().T
     np.testing.assert_allclose(mapped, directions_of(fan), atol=3e-6)
+
+
+def test_azimuths_are_where_the_law_has_their_share():
+    """By bisection of the law, 60 halvings of the half circle each."""
+    share = np.concatenate([[0.0, 1.0, 1e-12, 0.5], np.random.default_rng(6).random(2000)])
+    low, high = np.full(len(share), -0.5 * np.pi), np.full(len(share), 0.5 * np.pi)
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        below = UNIFORM_IN_U * 0.5 * (np.sin(middle) + 1.0) + (1.0 - UNIFORM_IN_U) * (middle / np.pi + 0.5) < share
+        low, high = np.where(below, middle, low), np.where(below, high, middle)
+    np.testing.assert_allclose(_azimuth_at(share), 0.5 * (low + high), atol=1e-14)
 
 
 @pytest.mark.parametrize("offset", [(0.0, 0.0), (0.37, 0.81)])

@@ -73,3 +73,34 @@ def test_cells_are_told_apart_by_range_side_and_rate():
     numbers = {here, one(10.2, 0.301, 0.0), one(10.01, 0.32, 0.0), one(10.01, 0.301, 0.3), one(10.01, 0.301, -0.3)}
     assert len(numbers) == 5
     assert one(99_999.0, 1.0, 9_999.0) != one(99_999.0, 1.0, -9_999.0)
+
+
+def by_numpy(cell, power, most, random):
+    """The same by whole arrays: cells in rising order, a draw each, shares of what its large paths leave."""
+    lit = np.flatnonzero(power > 0.0)
+    kept, factors = [], []
+    numbers = np.unique(cell[lit])
+    for number, shift in zip(numbers, random.random(len(numbers)), strict=True):
+        members = lit[cell[lit] == number]
+        own, large = power[members], np.full(len(members), len(members) <= most)
+        while (more := ~large & (own * (most - large.sum()) >= own[~large].sum())).any():
+            large |= more
+        wanted = most - large.sum()
+        share = np.where(large, 0.0, own) / max(own[~large].sum(), np.finfo(float).tiny)
+        until = wanted * np.cumsum(share)
+        until[-1] = wanted
+        drawn = ~large & (np.floor(until + shift) > np.floor(np.append(0.0, until[:-1]) + shift))
+        kept += members[large | drawn].tolist()
+        factors += np.where(large, 1.0, 1.0 / np.where(drawn, wanted * share, 1.0))[large | drawn].tolist()
+    order = np.argsort(kept)
+    return np.array(kept)[order], np.array(factors)[order]
+
+
+def test_the_same_paths_are_kept_as_by_whole_arrays():
+    cell, power = drawn_cells(4000, 150)
+    power[::11] = 0.0
+    for most in (1, 3, 6):
+        index, factor = thinned(cell, power, most, rng(5))
+        expected, of_expected = by_numpy(cell, power, most, rng(5))
+        np.testing.assert_array_equal(index, expected)
+        np.testing.assert_allclose(factor, of_expected, rtol=1e-12)

@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.table import PathTable
+from shared.physics.compiled import compiled
+from shared.physics.vectors import lengths
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
 from shared.radar.waveform import Waveform
@@ -71,8 +73,8 @@ def plane_wave_change(paths: PathTable, array: AntennaArray, wavelength_m: float
 
 def _curvature(point: Real, elements: Real) -> Real:
     """[K, C] spherical less plane wave's length [m] from points [K, 3] to elements [C, 3] or [K, C, 3]."""
-    distance = np.maximum(np.linalg.norm(point, axis=1), 1e-9)[:, None]
-    spherical = np.linalg.norm(point[:, None] - elements, axis=2)
+    distance = np.maximum(lengths(point), 1e-9)[:, None]
+    spherical = lengths(point[:, None] - elements)
     return spherical - (distance - np.sum(point[:, None] * elements, axis=2) / distance)
 
 
@@ -88,42 +90,58 @@ def plane_wave_bound(paths: PathTable, array: AntennaArray, wavelength_m: float)
     """
     tx, rx = (float(np.linalg.norm(places, axis=1).max()) for places in (array.tx, array.rx))
     scattered, specular = paths.scattered, paths.specular
-    error = _largest_curvature(scattered.tx_point, tx) + _largest_curvature(scattered.rx_point, rx)
-    spread = np.hypot(_spread(scattered.tx_point, array.tx), _spread(scattered.rx_point, array.rx))
-    spread += _remainder(scattered.tx_point, tx) + _remainder(scattered.rx_point, rx)
+    at_tx, at_rx = lengths(scattered.tx_point), lengths(scattered.rx_point)
+    error = _largest_curvature(at_tx, tx) + _largest_curvature(at_rx, rx)
+    spread = np.hypot(_spread(scattered.tx_point, at_tx, array.tx), _spread(scattered.rx_point, at_rx, array.rx))
+    spread += _remainder(at_tx, tx) + _remainder(at_rx, rx)
     displaced = rx + tx + float(np.linalg.norm(specular.reference))
-    error = np.concatenate([error, _largest_curvature(specular.image, displaced)])
+    error = np.concatenate([error, _largest_curvature(lengths(specular.image), displaced)])
     bound = 2.0 * np.sin(0.25 * np.minimum(2.0 * np.pi * error / wavelength_m, np.pi))
     by_spread = np.full(len(bound), np.inf)
     by_spread[: len(scattered)] = 2.0 * np.pi * spread / wavelength_m
     return np.minimum(bound, by_spread)
 
 
-def _spread(point: Real, elements: Real) -> Real:
-    """[K] standard deviation over the elements of h^2 / 2 R [m], h their distance from the line of sight."""
-    distance = np.maximum(np.linalg.norm(point, axis=1), 1e-9)
-    n = point / distance[:, None]
+def _spread(point: Real, distance: Real, elements: Real) -> Real:
+    """[K] standard deviation over the elements of h^2 / 2 R [m], h their distance from the line of sight.
+
+    :param distance: [K] of the points [K, 3]
+    """
     # h^2 = |x|^2 - (n x)^2 is linear in 1 and the six products of n's components; so its variance is a quadratic form.
     rows, columns = np.triu_indices(3)
     products = elements[:, rows] * elements[:, columns] * np.where(rows == columns, 1.0, 2.0)
     terms = np.column_stack([np.sum(elements**2, axis=1), -products])
-    direction = np.column_stack([np.ones(len(n)), n[:, rows] * n[:, columns]])
     covariance = (terms - terms.mean(axis=0)).T @ (terms - terms.mean(axis=0)) / len(terms)
-    variance = np.sum(direction @ covariance * direction, axis=1)
-    return np.sqrt(np.maximum(variance, 0.0)) / (2.0 * distance)
+    return _deviation(np.ascontiguousarray(point), np.maximum(distance, 1e-9), covariance)
 
 
-def _remainder(point: Real, reach_m: float) -> Real:
+@compiled()
+def _deviation(point, distance, covariance):
+    """[K] sqrt(d C d) / 2 R of the directions' terms d: 1, xx, xy, xz, yy, yz, zz."""
+    result, d = np.empty(len(point)), np.empty(7)
+    for k in range(len(point)):
+        x, y, z = point[k, 0] / distance[k], point[k, 1] / distance[k], point[k, 2] / distance[k]
+        d[0], d[1], d[2], d[3], d[4], d[5], d[6] = 1.0, x * x, x * y, x * z, y * y, y * z, z * z
+        variance = 0.0
+        for i in range(7):
+            inner = 0.0
+            for j in range(7):
+                inner += covariance[i, j] * d[j]
+            variance += d[i] * inner
+        result[k] = np.sqrt(max(variance, 0.0)) / (2.0 * distance[k])
+    return result
+
+
+def _remainder(distance: Real, reach_m: float) -> Real:
     """[K] the most by which the curvature differs from its quadratic part [m]: e = h^2 / (d + sqrt(d^2 + h^2)), where
     both terms lie within R - a and R + a."""
-    distance = np.linalg.norm(point, axis=1)
     beyond = np.maximum(distance - reach_m, 1e-9)
     return 0.5 * reach_m**2 / np.maximum(distance, 1e-9) * reach_m / beyond
 
 
-def _largest_curvature(point: Real, reach_m: float) -> Real:
+def _largest_curvature(distance: Real, reach_m: float) -> Real:
     """[K] the most that :func:`_curvature` can be for elements within ``reach_m`` of the origin [m]."""
-    beyond = np.linalg.norm(point, axis=1) - reach_m
+    beyond = distance - reach_m
     return np.where(beyond > 0.0, 0.5 * reach_m**2 / np.where(beyond > 0.0, beyond, 1.0), np.inf)
 
 
@@ -140,8 +158,22 @@ def range_rates_mps(paths: PathTable, waveform: Waveform) -> Real:
 
 def _range_at(paths: PathTable, time_s: float) -> Real:
     """[K] half the paths' lengths at a time [m]."""
-    there = paths.at_rest(time_s)
-    return np.concatenate([there.scattered.range_m(), there.specular.range_m()])
+    one, specular = paths.scattered, paths.specular
+    legs = _moved_lengths(one.tx_point, one.tx_velocity, time_s) + _moved_lengths(one.rx_point, one.rx_velocity, time_s)
+    between = one.between_m + one.between_rate_mps * time_s
+    return 0.5 * np.concatenate([legs + between, lengths(specular.image + specular.image_velocity * time_s)])
+
+
+@compiled()
+def _moved_lengths(point, velocity, time_s):
+    """[K] distances of moving points from the origin at a time [m]."""
+    result = np.empty(len(point))
+    for k in range(len(point)):
+        x = point[k, 0] + velocity[k, 0] * time_s
+        y = point[k, 1] + velocity[k, 1] * time_s
+        z = point[k, 2] + velocity[k, 2] * time_s
+        result[k] = np.sqrt(x * x + y * y + z * z)
+    return result
 
 
 def pattern_change(paths: PathTable, radar: Radar) -> Real:

@@ -132,7 +132,7 @@ def _curved(paths: PathTable, cells: Cells, radar: Radar, budget_db: float) -> b
     bound = changes.plane_wave_bound(paths, array, wavelength) ** 2
     if not cells.called_for(where.sums(bound), budget_db):
         return False
-    order = np.argsort(-where.power * bound, kind="stable")
+    order = np.argsort(-where.power * bound)
     known = np.zeros_like(cells.total)
     for block, rest in _growing_blocks(order):
         exact = changes.plane_wave_change(_taken(paths, block), array, wavelength) ** 2

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from datafactory.paths.rays import UNIFORM_IN_U, RayFan
 from datafactory.paths.surfaces import Surfaces, Waves
 from datafactory.paths.thinning import RANGE_CELL_M, U_CELL
+from shared.physics.vectors import dots, lengths
 
 STRIPS, RAYS_A_STRIP = 256, 64
 """Strips of equal shares of the beam; at the horizon 256 of them are 9e-4 wide, 1.4 m of ground at 30 m."""
@@ -61,10 +62,10 @@ def _asked(fan: RayFan, surfaces: Surfaces) -> tuple[NDArray[np.float64], NDArra
     index, hits = surfaces.hit_by(Waves.departing(direction, np.zeros(direction.shape, dtype=np.complex128)))
     asked, range_m = np.zeros(look.count), np.full(look.count, np.inf)
     d = direction[index]
-    distance = np.linalg.norm(hits.point, axis=1)
+    distance = lengths(hits.point)
     level = np.maximum(np.hypot(d[:, 0], d[:, 1]), np.finfo(float).tiny)
     turned = np.column_stack([-d[:, :2] * (d[:, 2] / level**2)[:, None], np.ones(len(d))])
-    slope = distance * np.abs(np.einsum("ki,ki->k", hits.normal, turned)) / hits.cosine
+    slope = distance * np.abs(dots(hits.normal, turned)) / hits.cosine
     density = RAYS_A_CELL * slope / (fan.count * SHARE_IN_U * RANGE_CELL_M)
     asked[index] = density / look.elevation_density(d[:, 2])
     range_m[index] = distance

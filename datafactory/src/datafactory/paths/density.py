@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.table import PathTable
+from shared.physics.vectors import lengths
 from shared.radar import Radar
 from shared.signal.windows import angle_window, point_spread
 
@@ -29,12 +30,13 @@ def lit_cells(paths: PathTable, radar: Radar) -> dict[str, int]:
     y = radar.virtual_sensor.rx[:, 1]
     aperture = float(np.ptp(y)) * len(y) / max(len(y) - 1, 1)
     width = radar.waveform.wavelength_m / aperture if aperture > 0.0 else 2.0
-    distance = np.linalg.norm(scattered.rx_point, axis=1)
+    distance = lengths(scattered.rx_point)
     u = scattered.rx_point[:, 1] / np.where(distance > 0.0, distance, 1.0)
     row = np.floor(scattered.range_m() / radar.waveform.range_step_m).astype(np.int64)
     inside = (row < radar.waveform.range_bins) & (u >= grid.u_start) & (u < grid.u_stop)
     column = np.floor((u[inside] - grid.u_start) / width).astype(np.int64)
-    _, lit = np.unique(np.stack([row[inside], column]), axis=1, return_counts=True)
+    paths_in = np.bincount(row[inside] * (int(2.0 / width) + 1) + column)
+    lit = paths_in[paths_in > 0]
     return {"cells_lit": len(lit), "cells_lit_by_fewer_than_5_paths": int((lit < FEW_PATHS).sum())}
 
 
@@ -83,7 +85,7 @@ def cell_map(paths: PathTable, radar: Radar, truth_window: str) -> CellMap:
     range_m = np.concatenate([paths.scattered.range_m(), paths.specular.range_m()])
     arrival = np.concatenate([paths.scattered.rx_point, paths.specular.image])
     power = np.abs(np.concatenate([paths.scattered.amplitude, paths.specular.amplitude])) ** 2
-    u = arrival[:, 1] / np.maximum(np.linalg.norm(arrival, axis=1), 1e-9)
+    u = arrival[:, 1] / np.maximum(lengths(arrival), 1e-9)
     row = np.rint(range_m / radar.waveform.range_step_m).astype(np.int64)
     column = np.clip(((u + 1.0) / width).astype(np.int64), 0, columns - 1)
     inside = row < radar.waveform.range_bins

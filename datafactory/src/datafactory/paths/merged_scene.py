@@ -23,6 +23,7 @@ from datafactory.scenes.materials.table import Material, MaterialMapping
 from datafactory.scenes.motion import Moving, Track, drift
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import ZERO, PointTarget, Scene, SceneObject, Vector, triple
+from shared.physics.vectors import taken
 
 Real = NDArray[np.float64]
 
@@ -282,7 +283,7 @@ def velocities_on(
     :param triangle: [n] all meshes' triangles one after another; :param point: [n, 3] in the radar frame [m]
     """
     mesh = merged_scene.mesh_of_triangle[triangle]
-    velocity = of_mesh[mesh]
+    velocity = taken(of_mesh, mesh)
     if not merged_scene.turns:
         return velocity
     rotation = pose.rotation()

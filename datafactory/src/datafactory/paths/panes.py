@@ -32,6 +32,7 @@ from datafactory.scenes.materials.reflectivity import complex_permittivity
 from datafactory.scenes.materials.table import Material, MaterialMapping
 from shared.physics.errors import InputError
 from shared.physics.units import SPEED_OF_LIGHT
+from shared.physics.vectors import dots, lengths
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -205,7 +206,7 @@ def field_behind_slab(
     :param normal: [K, 3] unit normal of the slab, on either side
     :param field: [K, 3] in front, across ``direction``
     """
-    cosine = np.clip(np.abs(np.einsum("ki,ki->k", direction, normal)), 1e-6, 1.0)
+    cosine = np.clip(np.abs(dots(direction, normal)), 1e-6, 1.0)
     te, tm = slab_transmission(
         material.relative_permittivity,
         material.conductivity_s_per_m,
@@ -216,9 +217,7 @@ def field_behind_slab(
     replaced_air = np.exp(2j * np.pi * frequency_hz / SPEED_OF_LIGHT * material.thickness_m * cosine)
     across = np.cross(direction, normal)
     # At normal incidence there is no plane of incidence, and T_TE = T_TM: any axis will do.
-    across = unit(
-        np.where(np.linalg.norm(across, axis=1, keepdims=True) > 1e-6, across, polarization_axis(direction, "V"))
-    )
+    across = unit(np.where(lengths(across)[:, None] > 1e-6, across, polarization_axis(direction, "V")))
     along = np.cross(across, direction)
     kept_te = (te * replaced_air * np.einsum("ki,ki->k", field, across))[:, None] * across
     return kept_te + (tm * replaced_air * np.einsum("ki,ki->k", field, along))[:, None] * along

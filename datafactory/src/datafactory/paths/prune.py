@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.table import PathTable
+from shared.physics.compiled import compiled
 from shared.physics.units import db_to_power
 from shared.radar import Radar
 
@@ -35,14 +36,45 @@ def pruned(paths: PathTable, radar: Radar, level_db: float = DEFAULT_LEVEL_DB) -
 
 def _negligible(power: NDArray[np.float64], group: NDArray[np.int64], share: float) -> NDArray[np.bool_]:
     """[K] whether a member belongs to the weakest of its group that hold at most ``share`` of the group's power."""
-    _, group = np.unique(group, return_inverse=True)
+    if not len(group):
+        return np.zeros(0, dtype=bool)
+    group = group - group.min()
     total = np.bincount(group, power)
     total[total == 0.0] = 1.0  # paths without power are all negligible
-    order = np.lexsort((power, group))
+    order = _by_group_and_power(group, power)
     # Relative to its own group's power: a running sum over all groups would lose the digits of a weak one.
-    part = power[order] / total[group[order]]
+    members = np.bincount(group)
+    sorted_group = np.repeat(np.arange(len(members)), members)
+    part = power[order] / total[sorted_group]
     running = np.cumsum(part)
-    first = np.searchsorted(group[order], group[order], side="left")
+    first = (np.cumsum(members) - members)[sorted_group]
     result = np.zeros(len(power), dtype=bool)
     result[order] = running - (running[first] - part[first]) <= share
     return result
+
+
+def _by_group_and_power(group: NDArray[np.int64], power: NDArray[np.float64]) -> NDArray[np.int64]:
+    """``np.lexsort((power, group))``, by one sort of whole numbers.
+
+    Floats above 0 rise with their bits; of these the lowest make room for the group. What that cannot tell apart is put
+    right afterwards.
+    """
+    bits = max(int(group.max(initial=0)).bit_length(), 1)
+    key = (group.astype(np.uint64) << np.uint64(63 - bits)) | (power.view(np.uint64) >> np.uint64(bits))
+    order = np.argsort(key)
+    _settle(order, key, power)
+    return order
+
+
+@compiled()
+def _settle(order, key, power):
+    """Sort by power, then by index, what has the same key."""
+    for place in range(1, len(order)):
+        k, at = order[place], place
+        while at > 0:
+            before = order[at - 1]
+            if key[before] != key[k] or power[before] < power[k] or (power[before] == power[k] and before < k):
+                break
+            order[at] = before
+            at -= 1
+        order[at] = k

@@ -20,10 +20,13 @@ per frame rotates them (Cranley-Patterson), so that neighbouring frames have dif
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+from shared.physics.vectors import lengths
 
 BEAM = 0.07
 """z_0. Among 0.0125 to 0.2, 0.05 reaches the most ground cells within 30 m with five rays (docs/speckle.md). It errs
@@ -75,7 +78,7 @@ class RayFan:
 
     def solid_angle_ratio(self, directions: NDArray[np.float64]) -> NDArray[np.float64]:
         """[K] solid angle that a ray in these directions [K, 3] represents, over the full lattice's 4 pi / count."""
-        z = directions[:, 2] / np.linalg.norm(directions, axis=1)
+        z = directions[:, 2] / lengths(directions)
         cosine = np.maximum(directions[:, 0], 0.0) / np.maximum(np.hypot(directions[:, 0], directions[:, 1]), 1e-30)
         return 1.0 / (4.0 * np.pi * _azimuth_density(cosine) * self.elevation_density(z))
 
@@ -95,10 +98,27 @@ def _azimuth_density(cosine: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _azimuth_at(share: NDArray[np.float64]) -> NDArray[np.float64]:
-    """[N] azimuth below which ``share`` [N] of the rays lie, by Newton's method: the law rises everywhere."""
-    azimuth = np.arcsin(2.0 * share - 1.0) * UNIFORM_IN_U + np.pi * (share - 0.5) * (1.0 - UNIFORM_IN_U)
-    for _ in range(8):
-        below = UNIFORM_IN_U * 0.5 * (np.sin(azimuth) + 1.0) + (1.0 - UNIFORM_IN_U) * (azimuth / np.pi + 0.5)
-        step = (below - share) / _azimuth_density(np.cos(azimuth))
-        azimuth = np.clip(azimuth - step, -0.5 * np.pi, 0.5 * np.pi)
+    """[N] azimuth below which ``share`` [N] of the rays lie, by Newton's method: the law rises everywhere.
+
+    From a table's straight lines, 2e-6 rad off at most, two steps end at rounding.
+    """
+    azimuth = np.interp(share, *_azimuth_table())
+    for _ in range(2):
+        azimuth = np.clip(azimuth - _azimuth_step(azimuth, share), -0.5 * np.pi, 0.5 * np.pi)
     return azimuth
+
+
+def _azimuth_step(azimuth: NDArray[np.float64], share: NDArray[np.float64]) -> NDArray[np.float64]:
+    """[N] Newton's step."""
+    return (_share_below(azimuth) - share) / _azimuth_density(np.cos(azimuth))
+
+
+def _share_below(azimuth: NDArray[np.float64]) -> NDArray[np.float64]:
+    return UNIFORM_IN_U * 0.5 * (np.sin(azimuth) + 1.0) + (1.0 - UNIFORM_IN_U) * (azimuth / np.pi + 0.5)
+
+
+@lru_cache(maxsize=1)
+def _azimuth_table() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Shares, rising, and their azimuths."""
+    azimuth = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 2048)
+    return _share_below(azimuth), azimuth

@@ -38,7 +38,9 @@ from datafactory.paths.solver import Bundle, TraceSettings
 from datafactory.paths.surfaces import Complex, Hits, Index, Real, Surfaces, Waves
 from datafactory.paths.table import DIFFUSE, SPECULAR
 from datafactory.paths.thinning import cells_of, thinned
+from shared.physics.compiled import compiled
 from shared.physics.units import SPEED_OF_LIGHT
+from shared.physics.vectors import dots, lengths, taken
 
 CLOSEST_M = 0.01
 """Nearer surfaces do not scatter: the antennas' own size matters there. Single mirrors have the same bound."""
@@ -73,8 +75,8 @@ class _Echoes:
     def bundle(self, surfaces: Surfaces, index: Index, factor: Real) -> Bundle:
         """Those at ``index`` as paths, their powers times ``factor``."""
         waves, hits = self.waves, self.hits
-        triangles = np.concatenate([waves.triangles[index], hits.triangle[index, None]], axis=1)
-        vertices = np.concatenate([waves.bounced[index], hits.point[index, None]], axis=1)
+        triangles = np.concatenate([taken(waves.triangles, index), taken(hits.triangle, index)[:, None]], axis=1)
+        vertices = np.concatenate([taken(waves.bounced, index), taken(hits.point, index)[:, None]], axis=1)
         kinds = np.full(triangles.shape, SPECULAR, dtype=np.int64)
         kinds[:, -1] = DIFFUSE
         return Bundle(
@@ -117,13 +119,13 @@ def scattered_once(
         if bounce + 1 == settings.depth or not settings.specular:
             break
         smooth = np.sqrt(1.0 - coefficient**2)[hits.mesh]
-        turned = np.einsum("ki,ki->k", surfaces.velocity(hits.triangle, hits.point), waves.direction - onward)
+        turned = dots(surfaces.velocity(hits.triangle, hits.point), waves.direction - onward)
         waves = Waves(
             hits.point,
             _clear_of(hits, 1.0),
             onward,
             reflected * smooth[:, None],
-            waves.length + np.linalg.norm(hits.point - waves.start, axis=1),
+            waves.length + lengths(hits.point - waves.start),
             waves.rate + turned,
             np.concatenate([waves.bounced, hits.point[:, None]], axis=1),
             np.concatenate([waves.triangles, hits.triangle[:, None]], axis=1),
@@ -147,40 +149,56 @@ def _thinned_bundles(frame: _Frame, echoes: list[_Echoes], seed: int) -> list[Bu
 
 def _clear_of(hits: Hits, side: float) -> Real:
     """[n, 3] the points off their surfaces by the ray caster's error: 1 on the side of arrival, -1 behind."""
-    return hits.point + side * ray_margin_m(np.linalg.norm(hits.point, axis=1))[:, None] * hits.normal
+    return hits.point + side * ray_margin_m(lengths(hits.point))[:, None] * hits.normal
 
 
 def _echoes(frame: _Frame, waves: Waves, hits: Hits, reflected: Complex, ratio: Real) -> _Echoes:
     """What the surfaces scatter back to the RX, where it sees them."""
-    range_m = np.linalg.norm(hits.point, axis=1)
+    range_m = lengths(hits.point)
     home = -hits.point / np.maximum(range_m, CLOSEST_M)[:, None]
     seen = range_m >= CLOSEST_M
     if waves.bounced.shape[1]:
-        seen &= np.einsum("ki,ki->k", hits.normal, home) > 0.0
+        seen &= dots(hits.normal, home) > 0.0
         index = np.flatnonzero(seen)
-        seen[index] = clear_between(frame.surfaces.geometry, hits.point[index], np.zeros(3))
+        seen[index] = clear_between(frame.surfaces.geometry, taken(hits.point, index), np.zeros(3))
     index = np.flatnonzero(seen)
-    waves, hits, home, ratio = waves.take(index), hits.take(index), home[index], ratio[index]
+    waves, hits, home, ratio = waves.take(index), hits.take(index), taken(home, index), ratio[index]
     # Home again, theta^ is where it was when the wave came, and phi^ is reversed: the RX looks against the wave.
     polarization = frame.settings.polarization[1]
     sign = 1.0 if polarization == "V" else -1.0
-    part = np.einsum("ki,ki->k", waves.field, polarization_axis(waves.direction, polarization))
+    part = _along(waves.field, polarization_axis(waves.direction, polarization))
     before = np.sqrt(_power(waves.field))
-    share = np.sqrt(_power(reflected[index])) / np.maximum(before, np.finfo(float).tiny)
+    share = np.sqrt(_power(taken(reflected, index))) / np.maximum(before, np.finfo(float).tiny)
     part[np.abs(part) <= MISSED_POLARIZATION * before] = 0.0
     return _heard(frame, waves, hits, sign * share * part, home, ratio, 0)
 
 
-def _power(field: Complex) -> Real:
-    """[n] |e|^2."""
-    return np.einsum("ki,ki->k", field.real, field.real) + np.einsum("ki,ki->k", field.imag, field.imag)
+@compiled()
+def _power(field):
+    """[n] |e|^2 of fields [n, 3]."""
+    result = np.empty(len(field))
+    for k in range(len(field)):
+        x, y, z = field[k, 0], field[k, 1], field[k, 2]
+        result[k] = (x.real * x.real + y.real * y.real + z.real * z.real) + (
+            x.imag * x.imag + y.imag * y.imag + z.imag * z.imag
+        )
+    return result
+
+
+@compiled()
+def _along(field, axis):
+    """[n] the components of fields [n, 3] along real axes [n, 3]."""
+    result = np.empty(len(field), dtype=np.complex128)
+    for k in range(len(field)):
+        result[k] = field[k, 0] * axis[k, 0] + field[k, 1] * axis[k, 1] + field[k, 2] * axis[k, 2]
+    return result
 
 
 def _turned_back(field: Complex, arrival: Real, departure: Real) -> Complex:
     """[n, 3] the field with its components along theta^ and phi^ of the arrival along those of the departure."""
     total = np.zeros_like(field)
     for which in ("V", "H"):
-        component = np.einsum("ki,ki->k", field, polarization_axis(arrival, which))
+        component = _along(field, polarization_axis(arrival, which))
         total += component[:, None] * polarization_axis(departure, which)
     return total
 
@@ -199,7 +217,7 @@ def _echoes_behind_panes(frame: _Frame, waves: Waves, hits: Hits, ratio: Real) -
     share = np.sqrt(_power(reflected) / _power(waves.field))
     scattered = _turned_back(waves.field, waves.direction, home) * share[:, None]
     back = surfaces.passed(home, panes, scattered)
-    part = np.einsum("ki,ki->k", back, polarization_axis(waves.direction, frame.settings.polarization[1]))
+    part = _along(back, polarization_axis(waves.direction, frame.settings.polarization[1]))
     part[np.abs(part) <= MISSED_POLARIZATION * np.sqrt(_power(back))] = 0.0
     return _heard(frame, waves, hits, part, home, ratio, 2)
 
@@ -217,9 +235,9 @@ def _heard(frame: _Frame, waves: Waves, hits: Hits, heard: Complex, home: Real, 
     for slab, here in surfaces.by_mesh(hits.mesh):
         f = scattered_share(slab.pattern, waves.direction[here], home[here], hits.normal[here])
         factor[here] = slab.scattering_coefficient * np.sqrt(f * 4.0 * np.pi / frame.rays)
-    range_m = np.linalg.norm(hits.point, axis=1)
+    range_m = lengths(hits.point)
     amplitude = np.conj(heard) * factor * wavelength / (4.0 * np.pi * range_m)
-    last = np.linalg.norm(hits.point - (waves.start if waves.bounced.shape[1] else 0.0), axis=1)
-    turned = np.einsum("ki,ki->k", surfaces.velocity(hits.triangle, hits.point), waves.direction - home)
+    last = lengths(hits.point - (waves.start if waves.bounced.shape[1] else 0.0))
+    turned = dots(surfaces.velocity(hits.triangle, hits.point), waves.direction - home)
     cell = cells_of(0.5 * (waves.length + last + range_m), -home[:, 1], 0.5 * (waves.rate + turned))
     return _Echoes(waves, hits, amplitude, np.abs(amplitude) ** 2 * ratio, cell, crossings)

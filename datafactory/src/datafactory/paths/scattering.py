@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from datafactory.scenes.materials.table import Pattern
 from shared.physics.errors import InputError
+from shared.physics.vectors import dots
 
 Real = NDArray[np.float64]
 
@@ -45,13 +46,13 @@ def scattered_share(pattern: Pattern, arrival: Real, departure: Real, normal: Re
     :param normal: [K, 3] unit normals on the side on which the wave arrives
     :raises InputError: a pattern that is not in the table of the module
     """
-    incidence = -np.einsum("ki,ki->k", arrival, normal)
+    incidence = -dots(arrival, normal)
     if pattern == "lambertian":
-        return np.abs(np.einsum("ki,ki->k", departure, normal)) / np.pi
+        return np.abs(dots(departure, normal)) / np.pi
     if pattern == "backscattering":
         mirrored = arrival + 2.0 * incidence[:, None] * normal
-        towards_mirror = np.einsum("ki,ki->k", mirrored, departure)
-        back = -np.einsum("ki,ki->k", arrival, departure)
+        towards_mirror = dots(mirrored, departure)
+        back = -dots(arrival, departure)
         lobes = MIRROR_SHARE * _lobe(towards_mirror) + (1.0 - MIRROR_SHARE) * _lobe(back)
         return lobes / _lobe_integral(np.abs(incidence))
     raise InputError("pattern", f"{pattern!r}", "lambertian or backscattering")

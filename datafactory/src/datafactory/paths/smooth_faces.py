@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from datafactory.paths.panes import slab_reflection
 from datafactory.paths.wave_steps import reflected_fields
 from datafactory.scenes.materials.table import Material
+from shared.physics.vectors import dots
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -34,7 +35,7 @@ def reflected_by_slabs(
     :param cosine: [n] of the angle of incidence, above 0; :param field: [n, 3] across ``direction``
     """
     te, tm = np.empty((2, len(mesh)), dtype=np.complex128)
-    for index in np.unique(mesh):
+    for index in np.flatnonzero(np.bincount(mesh)):
         here, slab = np.flatnonzero(mesh == index), slabs[index]
         te[here], tm[here] = slab_reflection(
             slab.relative_permittivity, slab.conductivity_s_per_m, slab.thickness_m, frequency_hz, cosine[here]
@@ -51,7 +52,7 @@ def mirrored_by_slabs(
     field: Complex,
 ) -> tuple[Real, Complex]:
     """As :func:`reflected_by_slabs`, less what the surfaces scatter: sqrt(1 - S^2) of the fields."""
-    cosine = np.clip(np.abs(np.einsum("ki,ki->k", direction, normal)), LEAST_COSINE, 1.0)
+    cosine = np.clip(np.abs(dots(direction, normal)), LEAST_COSINE, 1.0)
     onward, reflected = reflected_by_slabs(slabs, mesh, frequency_hz, direction, normal, cosine, field)
     left = np.sqrt(1.0 - np.array([slab.scattering_coefficient for slab in slabs]) ** 2)
     return onward, left[mesh][:, None] * reflected

@@ -31,6 +31,7 @@ from datafactory.paths.scattering import LOBE_EXPONENT, MIRROR_SHARE
 from datafactory.paths.table import DIFFUSE, REFRACTED, SPECULAR
 from datafactory.scenes.materials.table import MaterialMapping
 from datafactory.scenes.poses import Pose
+from shared.physics.vectors import taken
 from shared.radar.front_end import Polarization
 
 PATTERNS: dict[str, dict[str, Any]] = {
@@ -104,7 +105,9 @@ class Bundle:
     amplitude: NDArray[np.complex128]  # [n]
 
     def take(self, index: NDArray) -> Bundle:
-        return Bundle(**{item.name: getattr(self, item.name)[index] for item in fields(self)})
+        if index.dtype == np.bool_ and index.all():
+            return self
+        return Bundle(**{item.name: taken(getattr(self, item.name), index) for item in fields(self)})
 
     @staticmethod
     def none(depth: int) -> Bundle:
@@ -245,8 +248,9 @@ def _rays_of_fan(fan: RayFan) -> Iterator[None]:
     from sionna.rt.path_solvers import sb_candidate_generator as generator
     from sionna.rt.path_solvers import sb_deterministic as deterministic
 
+    across, up = fan.unit_square().T
+
     def lattice(count: int):
-        across, up = fan.unit_square().T
         return mi.Point2f(across.astype(np.float32), up.astype(np.float32))
 
     replaced = [(module, module.fibonacci_lattice) for module in (generator, deterministic)]

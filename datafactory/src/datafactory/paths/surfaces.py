@@ -21,6 +21,7 @@ from datafactory.paths.targets import FAINTEST
 from datafactory.paths.wave_steps import onto_planes
 from datafactory.scenes.materials.table import Material, MaterialMapping
 from datafactory.scenes.poses import Pose
+from shared.physics.vectors import dots, taken
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -53,8 +54,11 @@ class Waves:
         here, none = np.zeros_like(direction), np.zeros((len(direction), 0), dtype=np.int64)
         return Waves(here, here, direction, field, here[:, 0], here[:, 0], np.zeros((*none.shape, 3)), none)
 
-    def take(self, index: NDArray) -> Waves:
-        return Waves(**{item.name: getattr(self, item.name)[index] for item in fields(self)})
+    def take(self, index: Index) -> Waves:
+        """Those at these indices, which rise."""
+        if len(index) == len(self.start):
+            return self
+        return Waves(**{item.name: taken(getattr(self, item.name), index) for item in fields(self)})
 
 
 @dataclass(frozen=True)
@@ -72,8 +76,11 @@ class Hits:
     mesh: Index
     cosine: Real
 
-    def take(self, index: NDArray) -> Hits:
-        return Hits(**{item.name: getattr(self, item.name)[index] for item in fields(self)})
+    def take(self, index: Index) -> Hits:
+        """Those at these indices, which rise."""
+        if len(index) == len(self.point):
+            return self
+        return Hits(**{item.name: taken(getattr(self, item.name), index) for item in fields(self)})
 
 
 class Surfaces:
@@ -99,7 +106,7 @@ class Surfaces:
         self._velocity = (velocity - np.asarray(pose.velocity)) @ rotation
         self._merged_scene, self._pose = merged_scene, pose
         self.normals = mirrors.normals @ rotation
-        self.heights = np.einsum("ki,ki->k", mirrors.normals, mirrors.corners[:, 0] + moved[self.mesh_of_triangle])
+        self.heights = dots(mirrors.normals, mirrors.corners[:, 0] + taken(moved, self.mesh_of_triangle))
         self.mesh_number = mesh_of_shape(geometry)
 
     def velocity(self, triangle: Index, point: Real) -> Real:
@@ -119,14 +126,19 @@ class Surfaces:
             mesh[shape == number] = index
         triangle = self.first[mesh] + met.primitive[valid]
         point, normal, cosine = onto_planes(
-            waves.start[valid], waves.direction[valid], met.distance[valid], triangle, self.normals, self.heights
+            taken(waves.start, valid),
+            taken(waves.direction, valid),
+            met.distance[valid],
+            triangle,
+            self.normals,
+            self.heights,
         )
         good = np.flatnonzero(cosine > 0.0)
         return valid[good], Hits(point, normal, triangle, mesh, cosine).take(good)
 
     def by_mesh(self, mesh: Index) -> Iterator[tuple[Material, Index]]:
         """(material, indices) of the hits on each mesh."""
-        for number in np.unique(mesh):
+        for number in np.flatnonzero(np.bincount(mesh)):
             yield self.slabs[number], np.flatnonzero(mesh == number)
 
     def reflected(self, direction: Real, field: Complex, hits: Hits) -> tuple[Real, Complex]:

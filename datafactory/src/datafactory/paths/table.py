@@ -32,6 +32,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from shared.physics.vectors import dots, lengths, taken
 from shared.radar import FrontEnd, Radar
 
 Real = NDArray[np.float64]
@@ -74,7 +75,9 @@ class ScatteredPaths:
 
     def take(self, index: NDArray) -> ScatteredPaths:
         """The paths at these indices, or where a mask is true."""
-        return ScatteredPaths(**{name: getattr(self, name)[index] for name in self.__dataclass_fields__})
+        if index.dtype == np.bool_ and index.all():
+            return self
+        return ScatteredPaths(**{name: taken(getattr(self, name), index) for name in self.__dataclass_fields__})
 
     def reversed(self) -> ScatteredPaths:
         """The same paths run backwards: by reciprocity of the same amplitude."""
@@ -88,7 +91,7 @@ class ScatteredPaths:
 
     def range_m(self) -> Real:
         """[K] half of the path's length from and to the origin at t = 0 [m]."""
-        legs = np.linalg.norm(self.tx_point, axis=1) + np.linalg.norm(self.rx_point, axis=1)
+        legs = lengths(self.tx_point) + lengths(self.rx_point)
         return 0.5 * (legs + self.between_m)
 
     @staticmethod
@@ -149,7 +152,7 @@ class SpecularPaths:
 
     def take(self, index: NDArray) -> SpecularPaths:
         """The paths at these indices, or where a mask is true."""
-        kept = {name: getattr(self, name)[index] for name in self.__dataclass_fields__ if name != "reference"}
+        kept = {name: taken(getattr(self, name), index) for name in self.__dataclass_fields__ if name != "reference"}
         return SpecularPaths(reference=self.reference, **kept)
 
     @staticmethod
@@ -167,7 +170,7 @@ class SpecularPaths:
 
     def range_m(self) -> Real:
         """[S] half of the path's length between reference and origin at t = 0 [m]."""
-        return 0.5 * np.linalg.norm(self.image, axis=1)
+        return 0.5 * lengths(self.image)
 
     def departure(self) -> Real:
         """[S, 3] directions in which the reference TX sees the image of the origin: H^T (0 - s)."""
@@ -187,9 +190,9 @@ class SpecularPaths:
         moved = np.einsum("kij,j->ki", self.axes, tx - self.reference)
         image, ahead, between = self.image + moved, tx + np.array([1.0, 0.0, 0.0]), np.full(count, -1.0)
         if plane:
-            distance = np.maximum(np.linalg.norm(self.image, axis=1), 1e-9)
+            distance = np.maximum(lengths(self.image), 1e-9)
             image, ahead = self.image, np.array([1.0, 0.0, 0.0])
-            between = np.einsum("ki,ki->k", self.image, moved) / distance + tx[0] - 1.0
+            between = dots(self.image, moved) / distance + tx[0] - 1.0
         return ScatteredPaths(
             tx_point=np.tile(ahead, (count, 1)),
             rx_point=image,

@@ -15,6 +15,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from shared.physics.compiled import compiled
+
 Real = NDArray[np.float64]
 
 RANGE_CELL_M = 0.15
@@ -49,35 +51,51 @@ def thinned(
     lit = np.flatnonzero(power > 0.0)
     if most == 0 or not len(lit):
         return lit, np.ones(len(lit))
-    order = lit[np.argsort(cell[lit], kind="stable")]
-    starts = np.diff(cell[order], prepend=cell[order[0]] - 1) != 0
-    place, paths = np.cumsum(starts) - 1, power[order]
-    counts = np.bincount(place)
-    large = (counts <= most)[place]
-    wanted, rest = _for_the_others(place, paths, large, most)
-    while (more := ~large & (paths * wanted[place] >= rest[place])).any():
-        large |= more
-        wanted, rest = _for_the_others(place, paths, large, most)
-    # Shares of the own cell: a running sum over strong cells would lose the digits of weak ones.
-    share = np.divide(paths, rest[place], out=np.zeros_like(paths), where=~large)
-    running = np.cumsum(share)
-    first = np.flatnonzero(starts)
-    until = wanted[place] * (running - (running[first] - share[first])[place])
-    last = np.append(first[1:], len(order)) - 1
-    until[last] = wanted
-    before = np.concatenate([[0.0], until[:-1]])
-    before[first] = 0.0
-    shift = random.random(len(counts))[place]
-    drawn = ~large & (np.floor(until + shift) > np.floor(before + shift))
-    kept = large | drawn
-    factor = np.divide(1.0, wanted[place] * share, out=np.ones_like(share), where=drawn)
-    rising = np.argsort(order[kept])
-    return order[kept][rising], factor[kept][rising]
+    order = lit[np.argsort(cell[lit])]
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(cell[order])) + 1, [len(order)]])
+    factor = _factors(order, starts, power, most, random.random(len(starts) - 1))
+    kept = np.flatnonzero(factor)
+    return kept, factor[kept]
 
 
-def _for_the_others(
-    place: NDArray[np.int64], power: Real, large: NDArray[np.bool_], most: int
-) -> tuple[NDArray[np.int64], Real]:
-    """How many paths each cell may keep besides the large ones, and the power of these others."""
-    taken = np.bincount(place[large], minlength=int(place[-1]) + 1).astype(np.int64)
-    return most - taken, np.bincount(place, weights=np.where(large, 0.0, power)).astype(np.float64)
+@compiled()
+def _factors(order, starts, power, most, shift):
+    """[n] factor on the power of every path, 0 of those that are left out.
+
+    :param order: paths, cell by cell, in any order within a cell; :param starts: of the cells in ``order``, and its end
+    :param shift: of each cell's systematic sampling, 0 to 1
+    """
+    factor = np.zeros(len(power))
+    large = np.zeros(np.diff(starts).max(), dtype=np.bool_)
+    for number in range(len(starts) - 1):
+        first, last = starts[number], starts[number + 1]
+        count = last - first
+        if count <= most:
+            for place in range(first, last):
+                factor[order[place]] = 1.0
+            continue
+        members = np.sort(order[first:last])
+        large[:count] = False
+        wanted, more = most, True
+        while more:
+            rest, more = 0.0, False
+            for i in range(count):
+                if not large[i]:
+                    rest += power[members[i]]
+            left = wanted
+            for i in range(count):
+                if not large[i] and power[members[i]] * left >= rest:
+                    large[i], more, wanted = True, True, wanted - 1
+        running, before = 0.0, 0.0
+        for i in range(count):
+            k = members[i]
+            if large[i]:
+                factor[k] = 1.0
+                continue
+            share = power[k] / rest
+            running += share
+            until = wanted * running if i < count - 1 else float(wanted)
+            if np.floor(until + shift[number]) > np.floor(before + shift[number]):
+                factor[k] = 1.0 / (wanted * share)
+            before = until
+    return factor

@@ -153,27 +153,32 @@ def _with_surfaces(
     triangle = np.maximum(part.triangles, 0)  # -1 stands beyond a path's end, where nothing is looked at
     mesh = merged.mesh_of_triangle[triangle] if len(merged.mesh_of_triangle) else triangle
     shift = np.array([item.shift for item in merged.meshes]).reshape(-1, 3)
-    world = part.vertices @ rotation.T + np.asarray(pose.position)
-    unshifted = world - shift[mesh] if len(shift) else world
+    world = (part.vertices.reshape(-1, 3) @ rotation.T + np.asarray(pose.position)).reshape(part.vertices.shape)
+    unshifted = world - shift.take(mesh, axis=0) if shift.any() else world
     at_rest = unshifted
     if merged.turns:
         carried = merged.carried(triangle.reshape(-1), world.reshape(-1, 3), mesh.reshape(-1))
         at_rest = unshifted.copy()
         at_rest.reshape(-1, 3)[carried.index] = carried.at_rest
-    lengths = segment_lengths(part.vertices)
-    towards = np.diff(with_ends(part.vertices), axis=1) @ rotation.T
     factor = np.ones(len(part.amplitude), dtype=np.complex128)
     for step in range(part.interactions.shape[1]):
         rough = part.interactions[:, step] == DIFFUSE
         if settings.surface_phase:
-            factor[rough] *= np.exp(1j * surface_phase(at_rest[rough, step], part.objects[rough, step]))
-        if settings.finite_mirrors:
-            before = _unfolded_before(lengths, part.interactions, step)
+            here = np.flatnonzero(rough)
+            phase = surface_phase(at_rest[:, step].take(here, axis=0), part.objects[here, step])
+            factor[here] *= np.exp(1j * phase)
+        smooth = np.flatnonzero(~rough)
+        if settings.finite_mirrors and len(smooth):
+            of_smooth = part.interactions.take(smooth, axis=0)
+            vertices = part.vertices.take(smooth, axis=0)
+            lengths = segment_lengths(vertices)
+            before = _unfolded_before(lengths, of_smooth, step)
             back = part.interactions.shape[1] - 1 - step
-            after = _unfolded_before(lengths[:, ::-1], part.interactions[:, ::-1], back)
-            factor[~rough] *= reflected_share(
-                mirrors_of(merged), part.triangles[~rough, step], unshifted[~rough, step], towards[~rough, step],
-                before[~rough], after[~rough], wavelength_m,
+            after = _unfolded_before(lengths[:, ::-1], of_smooth[:, ::-1], back)
+            towards = np.diff(with_ends(vertices)[:, step : step + 2], axis=1)[:, 0] @ rotation.T
+            factor[smooth] *= reflected_share(
+                mirrors_of(merged), part.triangles[smooth, step], unshifted[smooth, step], towards, before, after,
+                wavelength_m,
             )  # fmt: skip
     return Bundle(**{**vars(part), "amplitude": part.amplitude * factor})
 
@@ -200,6 +205,8 @@ def _scattered(part: Bundle, fan: RayFan) -> list[ScatteredPaths]:
     count, depth = part.interactions.shape
     rows = np.arange(count)
     mirrors = np.argmax(part.interactions == DIFFUSE, axis=1)
+    if depth == 1:
+        return [_scattered_at_first(part, fan)]
     tx_point, tx_velocity = image_seen_from_tx(part.vertices, part.velocities, mirrors)
     first = part.vertices[rows, mirrors]
     # Between the first diffuse bounce and the last there may be others, or mirrors: their length is one number.
@@ -221,6 +228,23 @@ def _scattered(part: Bundle, fan: RayFan) -> list[ScatteredPaths]:
         kinds=_kinds(part),
     )
     return [paths, paths.take(mirrors > 0).reversed()]
+
+
+def _scattered_at_first(part: Bundle, fan: RayFan) -> ScatteredPaths:
+    """Paths of one bounce, which is diffuse: what :func:`_scattered` makes of them, of which nothing is mirrored."""
+    point, velocity, count = part.vertices[:, 0], part.velocities[:, 0], len(part.amplitude)
+    return ScatteredPaths(
+        tx_point=point,
+        rx_point=point,
+        tx_velocity=velocity,
+        rx_velocity=velocity,
+        between_m=np.zeros(count),
+        between_rate_mps=np.zeros(count),
+        amplitude=part.amplitude * np.sqrt(fan.solid_angle_ratio(point)),
+        depth=np.ones(count, dtype=np.int8),
+        object_index=part.objects[:, 0].astype(np.int32),
+        kinds=_kinds(part),
+    )
 
 
 def _specular(part: Bundle) -> SpecularPaths:

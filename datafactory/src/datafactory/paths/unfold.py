@@ -9,12 +9,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from shared.physics.vectors import lengths
+
 Real = NDArray[np.float64]
 
 
 def unit(vector: Real) -> Real:
     """[..., 3] vectors of length 1; a zero vector stays zero."""
-    length = np.linalg.norm(vector, axis=-1, keepdims=True)
+    length = lengths(vector)[..., None]
     return vector / np.where(length > 0.0, length, 1.0)
 
 
@@ -32,7 +34,7 @@ def mirror_normals(vertices: Real) -> Real:
 
 def segment_lengths(vertices: Real) -> Real:
     """[n, depth + 1] lengths [m] of the segments, TX leg first."""
-    return np.linalg.norm(np.diff(with_ends(vertices), axis=1), axis=2)
+    return lengths(np.diff(with_ends(vertices), axis=1))
 
 
 def mirrored_velocity(velocity: Real, normal: Real, mirror_velocity: Real) -> Real:
@@ -51,8 +53,8 @@ def image_seen_from_tx(vertices: Real, velocities: Real, mirrors: NDArray[np.int
     """
     count, depth = vertices.shape[:2]
     rows = np.arange(count)
-    lengths = np.cumsum(segment_lengths(vertices), axis=1)[rows, mirrors]
-    position = unit(vertices[:, 0]) * lengths[:, None]
+    reached = np.cumsum(segment_lengths(vertices), axis=1)[rows, mirrors]
+    position = unit(vertices[:, 0]) * reached[:, None]
     normals = mirror_normals(vertices)
     velocity = velocities[rows, mirrors].copy()
     for step in range(depth - 1, -1, -1):

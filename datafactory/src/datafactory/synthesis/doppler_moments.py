@@ -10,7 +10,7 @@ from math import comb
 import numpy as np
 
 from shared.physics.compiled import compiled
-from shared.physics.cycles import phasor_like
+from shared.physics.cycles import short_phasor
 from shared.physics.units import SPEED_OF_LIGHT
 
 CELLS_PER_BIN = 2
@@ -26,91 +26,160 @@ BINOMIAL = np.array(
     [[comb(e, j) for j in range(MAX_DOPPLER_TERMS)] for e in range(MAX_DOPPLER_TERMS)], dtype=np.float64
 )
 _FAST = {"contract", "nsz", "arcp", "reassoc"}
+BLOCK = 32
+"""Elements that share a path's range cell and Doppler expansion; a number that the compiler knows, so that a loop over
+them is a few vectors without a rest."""
+_PHASE, _LEG, _RATE, _RE, _IM, _DEPART, _SHIFT = (BLOCK * n for n in range(7))
+_PARTS = 7
+"""Where the values of a block's elements stand in one array: the compiler sees that they do not overlap."""
+_ONE, _TWO, _THREE, _FOUR, _FIVE = ((0,) * count for count in range(1, 6))
+_NEAREST = np.float32(1e-18)
+"""Square of the smallest distance of an element [m^2]."""
 
 
 @compiled(nogil=True, error_model="numpy", fastmath=_FAST)
 def add_doppler_moments(
-    chosen, path_terms, rx_point, rx_velocity, tx_length, tx_rate, curvature, amplitude,
-    rx, rx_centre, frequency, chirps, frame_s,
+    path_terms, rx_point, rx_velocity, tx_length, tx_rate, curvature, amplitude,
+    elements, rx_centre, frequency, chirps, frame_s,
     reference_hz, bandwidth_hz, lead, kappa, needed, table_parts, binomial, grid,
 ):  # fmt: skip
-    """Add the chosen paths' moments in one Doppler cell to ``grid`` [cells, SHIFT_TERMS * doppler terms, 2, RX].
+    """Add K paths' moments in one Doppler cell to ``grid`` [cells, doppler terms * SHIFT_TERMS * 2 * BLOCK].
+
+    With d from the block's centre to the path and t to an element, its leg is longer than the centre's, L, by
+    l = (t^2 - 2 d t) / (2 L + l), and its rate is larger by -(v t + rate l) / (L + l). The l of the divisor may be
+    float32, so that a float32 root serves: the phase is float64 until it is reduced. Range and Doppler beyond the
+    centre's are small, and float32.
 
     :param path_terms: [K] Doppler terms of each path
+    :param elements: [BLOCK, 3] from ``rx_centre`` [m]
     :param frequency: of the Doppler cell [bins]
     :param lead: time by which ranges precede phases [s]
     :param kappa: B / f_0, 0 for ranges that do not move within the frame
     :param needed: [cells] of the grid
     """
     lowest_q, lowest_delta, table = table_parts
-    doppler_terms = grid.shape[1] // SHIFT_TERMS
-    count, single = len(rx), np.float32
-    leg, rate = np.empty(count), np.empty(count)
-    x, y, z = rx[:, 0].copy(), rx[:, 1].copy(), rx[:, 2].copy()
-    re, im = np.empty(count, dtype=single), np.empty(count, dtype=single)
-    depart, shift = np.empty(count, dtype=single), np.empty(count, dtype=single)
-    b_re, b_im = np.empty(count, dtype=single), np.empty(count, dtype=single)
-    a_re, a_im = np.empty(count, dtype=single), np.empty(count, dtype=single)
+    single = np.float32
+    per_slot = grid.shape[1]
+    flat = grid.reshape(grid.size)
+    work, factors = np.zeros(_PARTS * BLOCK, dtype=single), np.zeros(2 * MAX_DOPPLER_TERMS**2, dtype=single)
+    place = np.zeros(4 * BLOCK)
+    for c in range(BLOCK):
+        x, y, z = elements[c]
+        place[c], place[BLOCK + c], place[2 * BLOCK + c] = x, y, z
+        place[3 * BLOCK + c] = x * x + y * y + z * z
     per_metre = reference_hz / SPEED_OF_LIGHT
     bins_per_metre = bandwidth_hz / SPEED_OF_LIGHT
-    for k in chosen:
-        qx, qy, qz = rx_point[k]
+    bins_of_leg, bins_of_rate = single(bins_per_metre), single(bins_per_metre * lead)
+    doppler_per_rate = single(per_metre * frame_s)
+    for k in range(len(path_terms)):
         vx, vy, vz = rx_velocity[k]
-        cx, cy, cz = qx - rx_centre[0], qy - rx_centre[1], qz - rx_centre[2]
+        cx, cy, cz = rx_point[k, 0] - rx_centre[0], rx_point[k, 1] - rx_centre[1], rx_point[k, 2] - rx_centre[2]
         centre_leg = np.sqrt(cx * cx + cy * cy + cz * cz)
         centre_rate = (cx * vx + cy * vy + cz * vz) / max(centre_leg, 1e-9)
         total = per_metre * frame_s * (tx_rate[k] + centre_rate)
         delta = total - frequency
         delta -= chirps * np.floor(delta / chirps + 0.5)
-        ranged = tx_length[k] + lead * tx_rate[k]
-        cell = int(np.floor(bins_per_metre * (ranged + centre_leg + lead * centre_rate) * CELLS_PER_BIN + 0.5))
+        ranged = bins_per_metre * (tx_length[k] + centre_leg + lead * (tx_rate[k] + centre_rate))
+        cell = int(np.floor(ranged * CELLS_PER_BIN + 0.5))
         slot = cell % len(needed)
         q = min(max(int(np.floor(curvature[k] / CURVATURE_STEP + 0.5)) - lowest_q, 0), table.shape[0] - 1)
         node = int(np.floor((delta - lowest_delta) / DELTA_STEP + 0.5))
         if not needed[slot] or node < 0 or node >= table.shape[1]:
             continue
         response = table[q, node]
-        origin = total - delta + lowest_delta + node * DELTA_STEP
+        # From the expansion's points to the centre: a part of a cell, and of a node.
+        off_cell = single(ranged - cell / CELLS_PER_BIN)
+        off_node = single(delta - lowest_delta - node * DELTA_STEP)
         migration = single(kappa * total)
-        offset = cell / CELLS_PER_BIN - bins_per_metre * ranged
+        turned = per_metre * (tx_length[k] + centre_leg)
+        turned -= np.floor(turned)
         k_re, k_im = single(amplitude[k].real), single(amplitude[k].imag)
-        # Each loop uses few arrays: the compiler tests at most about eight pairs of arrays for overlap.
-        for c in range(count):
-            dx, dy, dz = qx - x[c], qy - y[c], qz - z[c]
-            leg[c] = np.sqrt(dx * dx + dy * dy + dz * dz)
-        for c in range(count):
-            rate[c] = ((qx - x[c]) * vx + (qy - y[c]) * vy + (qz - z[c]) * vz) / leg[c]
-        for c in range(count):
-            cosine, sine = phasor_like(per_metre * (tx_length[k] + leg[c]), re[c])
-            re[c] = cosine * k_re - sine * k_im
-            im[c] = cosine * k_im + sine * k_re
-        for c in range(count):
-            shift[c] = bins_per_metre * (leg[c] + lead * rate[c]) - offset
-            depart[c] = per_metre * frame_s * (tx_rate[k] + rate[c]) - origin
-        scale = np.float32(1.0)
-        last = path_terms[k] - 1
-        for j in range(last + 1):
-            # migration^j sum_e C(e, j) G_e d^(e - j), by Horner's rule
-            top_re = np.float32(binomial[last, j] * response[last].real)
-            top_im = np.float32(binomial[last, j] * response[last].imag)
-            for c in range(count):
-                b_re[c], b_im[c] = top_re, top_im
-            for e in range(last - 1, j - 1, -1):
-                g_re = np.float32(binomial[e, j] * response[e].real)
-                g_im = np.float32(binomial[e, j] * response[e].imag)
-                for c in range(count):
-                    b_re[c] = b_re[c] * depart[c] + g_re
-                    b_im[c] = b_im[c] * depart[c] + g_im
-            for c in range(count):
-                a_re[c] = scale * (b_re[c] * re[c] - b_im[c] * im[c])
-            for c in range(count):
-                a_im[c] = scale * (b_re[c] * im[c] + b_im[c] * re[c])
-            for p in range(SHIFT_TERMS):
-                moment_re, moment_im = grid[slot, p * doppler_terms + j, 0], grid[slot, p * doppler_terms + j, 1]
-                for c in range(count):
-                    moment_re[c] += a_re[c]
-                    a_re[c] *= shift[c]
-                for c in range(count):
-                    moment_im[c] += a_im[c]
-                    a_im[c] *= shift[c]
+        leg, square, rate = single(centre_leg), single(centre_leg * centre_leg), single(centre_rate)
+        for c in range(BLOCK):
+            x, y, z = place[c], place[BLOCK + c], place[2 * BLOCK + c]
+            more = place[3 * BLOCK + c] - 2.0 * (cx * x + cy * y + cz * z)
+            own = np.sqrt(max(square + single(more), _NEAREST))
+            longer = more / (2.0 * centre_leg + single(more) / (own + leg))
+            cycles = turned + per_metre * longer
+            work[_PHASE + c] = cycles - np.floor(cycles + 0.5)
+            work[_LEG + c] = longer
+            work[_RATE + c] = -(single(vx * x + vy * y + vz * z) + rate * single(longer)) / own
+        for c in range(BLOCK):
+            longer, faster = work[_LEG + c], work[_RATE + c]
+            cosine, sine = short_phasor(work[_PHASE + c])
+            work[_RE + c] = cosine * k_re - sine * k_im
+            work[_IM + c] = cosine * k_im + sine * k_re
+            work[_SHIFT + c] = off_cell + bins_of_leg * longer + bins_of_rate * faster
+            work[_DEPART + c] = off_node + doppler_per_rate * faster
+        count = path_terms[k]
+        scale = single(1.0)
+        for j in range(count):
+            for e in range(j, count):
+                factors[2 * (j * count + e)] = scale * single(binomial[e, j] * response[e].real)
+                factors[2 * (j * count + e) + 1] = scale * single(binomial[e, j] * response[e].imag)
             scale *= migration
+        at = slot * per_slot
+        if count == 1:
+            _add_terms(work, factors, at, _ONE, flat)
+        elif count == 2:
+            _add_terms(work, factors, at, _TWO, flat)
+        elif count == 3:
+            _add_terms(work, factors, at, _THREE, flat)
+        elif count == 4:
+            _add_terms(work, factors, at, _FOUR, flat)
+        elif count == 5:
+            _add_terms(work, factors, at, _FIVE, flat)
+        else:
+            _add_many_terms(work, factors, at, count, flat)
+
+
+@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
+def _add_terms(work, factors, at, orders, flat):
+    """Add migration^j sum_e C(e, j) G_e d^(e - j), by Horner's rule, times the echo and the powers of the range shift.
+
+    :param factors: [2 * count * count] scale and G of j and e, real and imaginary
+    :param orders: a tuple of as many entries as there are terms; only its length is used, which the compiler knows
+    """
+    count = len(orders)
+    for c in range(BLOCK):
+        re, im, shift, depart = work[_RE + c], work[_IM + c], work[_SHIFT + c], work[_DEPART + c]
+        for j in range(count):
+            b_re, b_im = factors[2 * (j * count + count - 1)], factors[2 * (j * count + count - 1) + 1]
+            for e in range(count - 1):
+                # All of a known number of steps, those below j left out: the compiler unrolls them.
+                if count - 2 - e >= j:
+                    b_re = b_re * depart + factors[2 * (j * count + count - 2 - e)]
+                    b_im = b_im * depart + factors[2 * (j * count + count - 2 - e) + 1]
+            a_re, a_im = b_re * re - b_im * im, b_re * im + b_im * re
+            to = np.uint64(at + c)
+            for p in range(SHIFT_TERMS):
+                flat[to + np.uint64(2 * BLOCK * (j * SHIFT_TERMS + p))] += a_re
+                flat[to + np.uint64(2 * BLOCK * (j * SHIFT_TERMS + p) + BLOCK)] += a_im
+                a_re *= shift
+                a_im *= shift
+
+
+@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
+def _add_many_terms(work, factors, at, count, flat):
+    """As :func:`_add_terms`, of any number of terms."""
+    b_re, b_im = np.empty(BLOCK, dtype=np.float32), np.empty(BLOCK, dtype=np.float32)
+    lanes = len(work) // _PARTS  # BLOCK: short loops of a known length would be unrolled before they are vectorised
+    for j in range(count):
+        highest = 2 * (j * count + count - 1)
+        for c in range(lanes):
+            b_re[c], b_im[c] = factors[highest], factors[highest + 1]
+        for e in range(count - 2, j - 1, -1):
+            g_re, g_im = factors[2 * (j * count + e)], factors[2 * (j * count + e) + 1]
+            for c in range(lanes):
+                b_re[c] = b_re[c] * work[_DEPART + c] + g_re
+                b_im[c] = b_im[c] * work[_DEPART + c] + g_im
+        for c in range(lanes):
+            re, im, shift = work[_RE + c], work[_IM + c], work[_SHIFT + c]
+            a_re, a_im = b_re[c] * re - b_im[c] * im, b_re[c] * im + b_im[c] * re
+            to = np.uint64(at + c)
+            for p in range(SHIFT_TERMS):
+                flat[to + np.uint64(2 * BLOCK * p)] += a_re
+                flat[to + np.uint64(2 * BLOCK * p + BLOCK)] += a_im
+                a_re *= shift
+                a_im *= shift
+        at += 2 * BLOCK * SHIFT_TERMS

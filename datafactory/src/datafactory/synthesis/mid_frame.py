@@ -13,14 +13,13 @@ import numpy as np
 from jaxtyping import Complex128, Float64, Int64
 
 from datafactory.paths.table import ScatteredPaths
+from datafactory.synthesis.doppler_moments import BLOCK
 from datafactory.synthesis.motion import leg_of
 from datafactory.synthesis.wave_model import WaveModel
 from shared.physics.units import SPEED_OF_LIGHT
+from shared.physics.vectors import lengths, taken
 from shared.radar import Radar
 from shared.signal.sweep import reference_frequency_hz
-
-BLOCK = 32
-"""Elements that share a path's range cell and Doppler expansion."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +47,7 @@ class MidFrame:
 
     def take(self, index: Int64[np.ndarray, " chosen"]) -> MidFrame:
         """The paths at these indices."""
-        return MidFrame(**{name: getattr(self, name)[index] for name in self.__dataclass_fields__})
+        return MidFrame(**{name: taken(getattr(self, name), index) for name in self.__dataclass_fields__})
 
 
 def at_mid_frame(
@@ -96,8 +95,8 @@ def _departure(
     frame_s: float,
 ) -> Float64[np.ndarray, " paths"]:
     """Largest distance of an element's Doppler from its block's, and the Doppler that migration adds [bins]."""
-    distance = np.maximum(np.linalg.norm(rx_point, axis=1), 0.5)
-    speed = np.linalg.norm(rx_velocity, axis=1)
+    distance = np.maximum(lengths(rx_point), 0.5)
+    speed = lengths(rx_velocity)
     half_block = 0.5 * BLOCK * SPEED_OF_LIGHT / (2.0 * radar.waveform.carrier_hz)
     spread = reference_frequency_hz(radar) / SPEED_OF_LIGHT * speed * half_block / distance * frame_s
     # Hann gives the sweep's ends no weight: its standard deviation of nu is 0.18, and twice that holds 96 % of the

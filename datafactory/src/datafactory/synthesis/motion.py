@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float64
 
 from datafactory.paths.table import ScatteredPaths
 from datafactory.synthesis.wave_model import WaveModel
+from shared.physics.compiled import compiled
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
 from shared.signal.sweep import reference_frequency_hz
@@ -66,12 +67,25 @@ def leg_of(
     centre: Float64[np.ndarray, " 3"],
 ) -> Leg:  # fmt: skip
     """The leg between a centre and points [m] that move evenly [m/s]: r'' = (v^2 - r'^2) / r, r''' = -3 r' r'' / r."""
-    vector = point + velocity * time_s - centre
-    length = np.maximum(np.sqrt(np.einsum("ki,ki->k", vector, vector)), 1e-9)
-    rate = np.einsum("ki,ki->k", vector, velocity) / length
-    speed = np.sqrt(np.einsum("ki,ki->k", velocity, velocity))
-    bend = np.maximum(speed**2 - rate**2, 0.0) / length
-    return Leg(length, rate, bend, -3.0 * rate * bend / length, speed)
+    return Leg(*_legs(np.ascontiguousarray(point), np.ascontiguousarray(velocity), float(time_s), np.asarray(centre)))
+
+
+@compiled(error_model="numpy")
+def _legs(point, velocity, time_s, centre):
+    """[5, K] the fields of :class:`Leg`, in their order."""
+    result = np.empty((5, len(point)))
+    for k in range(len(point)):
+        vx, vy, vz = velocity[k, 0], velocity[k, 1], velocity[k, 2]
+        x = point[k, 0] + vx * time_s - centre[0]
+        y = point[k, 1] + vy * time_s - centre[1]
+        z = point[k, 2] + vz * time_s - centre[2]
+        length = max(np.sqrt(x * x + y * y + z * z), 1e-9)
+        rate = (x * vx + y * vy + z * vz) / length
+        speed = np.sqrt(vx * vx + vy * vy + vz * vz)
+        bend = max(speed * speed - rate * rate, 0.0) / length
+        result[0, k], result[1, k], result[2, k] = length, rate, bend
+        result[3, k], result[4, k] = -3.0 * rate * bend / length, speed
+    return result
 
 
 def coupling(radar: Radar, model: WaveModel) -> float:

@@ -187,7 +187,5 @@ def _crowded(doppler: np.ndarray, paths: ScatteredPaths, waveform: Waveform, lim
         return np.zeros(len(paths), dtype=bool)
     cell = range_cells(paths.range_m(), waveform, 2.0, 2 * waveform.samples)
     line = np.floor(doppler * LINE_OVERSAMPLING).astype(np.int64)
-    _, index, count = np.unique(
-        (line - line.min()) * 2 * waveform.samples + cell, return_inverse=True, return_counts=True
-    )
-    return count[index] > limit
+    index = (line - line.min()) * 2 * waveform.samples + cell
+    return np.bincount(index)[index] > limit

@@ -28,6 +28,7 @@ folds. ``tests/datafactory/synthesis/test_truth.py`` compares the image with the
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from math import factorial
 
 import numpy as np
@@ -36,6 +37,7 @@ from jaxtyping import Bool, Complex64, Complex128, Float32, Float64, Int64
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.doppler_moments import (
     BINOMIAL,
+    BLOCK,
     CELLS_PER_BIN,
     CURVATURE_STEP,
     DELTA_STEP,
@@ -43,12 +45,13 @@ from datafactory.synthesis.doppler_moments import (
     SHIFT_TERMS,
     add_doppler_moments,
 )
-from datafactory.synthesis.mid_frame import BLOCK, MidFrame, at_mid_frame
+from datafactory.synthesis.mid_frame import MidFrame, at_mid_frame
 from datafactory.synthesis.motion import coupling
 from datafactory.synthesis.visibility import DOPPLER_REACH, ROW_REACH, seen_paths
 from datafactory.synthesis.wave_model import EQUATION_1, WaveModel
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
+from shared.radar.waveform import Waveform
 from shared.signal.imaging import DEFAULT_TERMS, WALK_REACH
 from shared.signal.sweep import reference_frequency_hz, shift_polynomials, sweep_positions
 from shared.signal.windows import hann
@@ -75,8 +78,9 @@ def truth_moments(
     mid, path_terms, cells = truth_plan(paths, radar, doppler_cells, terms, model)
     table = doppler_table(mid.curvature, waveform.chirps, int(path_terms.max(initial=1)))
     moments = np.zeros((terms, waveform.range_bins, array.channels), dtype=np.complex64)
-    for first in range(0, array.channels, BLOCK):
-        _add_block(moments, slice(first, first + BLOCK), mid, path_terms, cells, table, radar, model)
+    workspace = np.empty(waveform.samples * CELLS_PER_BIN * SHIFT_TERMS * table[2].shape[2] * 2 * BLOCK, np.float32)
+    for cell in cells:
+        _fill_rows(moments, cell, mid.take(cell.chosen), path_terms[cell.chosen], table, radar, model, workspace)
     return moments
 
 
@@ -117,14 +121,15 @@ def truth_plan(
     mid = at_mid_frame(both, radar, tx, array.rx.mean(axis=0), model)
     # Neighbours in range share cells, and the cache.
     mid = mid.take(np.argsort(mid.range_bins % waveform.samples, kind="stable"))
-    seen = seen_paths(mid, radar, doppler_cells)
+    used = np.unique(doppler_cells)
+    seen = seen_paths(mid, radar, doppler_cells)[used]
     anywhere = seen.any(axis=0)
     mid, seen = mid.take(np.flatnonzero(anywhere)), np.compress(anywhere, seen, axis=1)
     path_terms = _doppler_terms(mid, waveform.chirps)
     cells, around = waveform.samples * CELLS_PER_BIN, around_row(waveform.samples)
     result, mixing = list[DopplerCell](), dict[int, Float32[np.ndarray, "outputs inputs"]]()
-    for index in np.unique(doppler_cells):
-        chosen = np.flatnonzero(seen[index])
+    for index, in_this_one in zip(used, seen, strict=True):
+        chosen = np.flatnonzero(in_this_one)
         if not len(chosen):
             continue
         rows = np.flatnonzero(doppler_cells == index)
@@ -132,45 +137,52 @@ def truth_plan(
         needed[(rows[:, None] * CELLS_PER_BIN + around) % cells] = True
         count = int(path_terms[chosen].max())
         if count not in mixing:
-            mixing[count] = _mixing_matrix(radar, terms, count)
+            mixing[count] = _mixing_matrix(waveform, terms, count)
         result.append(DopplerCell(float(index - waveform.chirps // 2), rows, chosen, needed, count, mixing[count]))
     return mid, path_terms, result
 
 
-def _add_block(
+def _fill_rows(
     moments: Complex64[np.ndarray, "terms rows channels"],
-    block: slice,
+    cell: DopplerCell,
     mid: MidFrame,
     path_terms: Int64[np.ndarray, " paths"],
-    cells: list[DopplerCell],
     table: tuple[int, float, Complex128[np.ndarray, "q delta doppler_terms"]],
     radar: Radar,
     model: WaveModel,
+    workspace: Float32[np.ndarray, " most"],
 ) -> None:
-    """Fill ``moments`` at a block of elements."""
-    waveform, terms = radar.waveform, len(moments)
-    rx = radar.virtual_sensor.rx[block]
+    """Fill ``moments`` in the rows of a Doppler cell, block by block.
+
+    :param mid, path_terms: of the paths that are seen in it, which stand together in memory for all blocks
+    :param workspace: for any cell's grid
+    """
+    waveform, terms, array = radar.waveform, len(moments), radar.virtual_sensor
     frame_s = waveform.chirps * waveform.chirp_interval_s
     offsets = around_row(waveform.samples)
-    workspace = np.empty(waveform.samples * CELLS_PER_BIN * SHIFT_TERMS * table[2].shape[2] * 2 * len(rx), np.float32)
-    for cell in cells:
-        shape = len(cell.needed), SHIFT_TERMS * cell.doppler_terms, 2, len(rx)
-        grid = workspace[: int(np.prod(shape))].reshape(shape)
+    shape = len(cell.needed), cell.doppler_terms * SHIFT_TERMS * 2 * BLOCK
+    grid = workspace[: int(np.prod(shape))].reshape(shape)
+    products = np.empty((len(cell.rows), 2 * terms, 2 * BLOCK), dtype=np.float32)
+    turn = np.exp(-2j * np.pi * cell.frequency * (waveform.chirps // 2) / waveform.chirps).astype(np.complex64)
+    for first in range(0, array.channels, BLOCK):
+        block = slice(first, min(first + BLOCK, array.channels))
+        rx = array.rx[block]
+        centre = 0.5 * (rx[0] + rx[-1])
+        elements = np.concatenate([rx, np.repeat(rx[-1:], BLOCK - len(rx), axis=0)]) - centre
         grid[cell.needed] = 0.0
         add_doppler_moments(
-            cell.chosen, path_terms, mid.rx_point, mid.rx_velocity, mid.tx_length, mid.tx_rate, mid.curvature,
-            mid.amplitude,
-            rx, 0.5 * (rx[0] + rx[-1]), cell.frequency, float(waveform.chirps), frame_s,
+            path_terms, mid.rx_point, mid.rx_velocity, mid.tx_length, mid.tx_rate, mid.curvature, mid.amplitude,
+            elements, centre, cell.frequency, float(waveform.chirps), frame_s,
             reference_frequency_hz(radar), waveform.bandwidth_hz, model.lead_s(radar),
             coupling(radar, model), cell.needed, table, BINOMIAL, grid,
         )  # fmt: skip
-        turn = np.exp(-2j * np.pi * cell.frequency * (waveform.chirps // 2) / waveform.chirps).astype(np.complex64)
-        for row in cell.rows:
+        for row, product in zip(cell.rows, products, strict=True):
             around = _cyclic_slice(grid, row * CELLS_PER_BIN + offsets).reshape(cell.mixing.shape[1], -1)
-            re_re, re_im, im_re, im_im = (
-                (cell.mixing @ around).reshape(2, terms, 2, -1).transpose(0, 2, 1, 3).reshape(4, terms, -1)
-            )
-            moments[:, row, block] = turn * (re_re - im_im + 1j * (re_im + im_re))
+            np.matmul(cell.mixing, around, out=product)
+        (re_re, re_im), (im_re, im_im) = products.reshape(-1, 2, terms, 2, BLOCK)[..., : len(rx)].transpose(
+            1, 3, 2, 0, 4
+        )
+        moments[:, cell.rows, block] = turn * (re_re - im_im + 1j * (re_im + im_re))
 
 
 def _doppler_terms(mid: MidFrame, chirps: int) -> Int64[np.ndarray, " paths"]:
@@ -214,22 +226,25 @@ def doppler_table(
     return lowest, float(delta[0]), table
 
 
-def _mixing_matrix(radar: Radar, terms: int, doppler_terms: int) -> Float32[np.ndarray, "2*{terms} inputs"]:
-    """The matrix from the moments of the cells around a row, [offset, shift term, Doppler term], to its sweep moments.
+@lru_cache(maxsize=2 * MAX_DOPPLER_TERMS)
+def _mixing_matrix(waveform: Waveform, terms: int, doppler_terms: int) -> Float32[np.ndarray, "2*{terms} inputs"]:
+    """The matrix from the moments of the cells around a row, [offset, Doppler term, shift term], to its sweep moments.
 
     sum_n w_n / sum(w) walk_t(nu) shift_p(nu) nu^j exp(j 2 pi nu (cell - row)); first the real, then the imaginary
     parts.
     """
-    samples = radar.waveform.samples
+    samples = waveform.samples
     nu = sweep_positions(samples)
     window = hann(samples) / hann(samples).sum()
     offset = around_row(samples) / CELLS_PER_BIN
     walk = shift_polynomials(nu, WALK_REACH, terms) * window
-    shift = shift_polynomials(nu, _shift_reach(radar), SHIFT_TERMS)
+    shift = shift_polynomials(nu, _shift_reach(waveform), SHIFT_TERMS)
     powers = nu ** np.arange(doppler_terms)[:, None]
     kernel = np.exp(2j * np.pi * offset[:, None] * nu)
-    mixing = np.einsum("tn,on,pn,jn->topj", walk, kernel, shift, powers, optimize=True).reshape(terms, -1)
-    return np.concatenate([mixing.real, mixing.imag]).astype(np.float32)
+    mixing = np.einsum("tn,on,pn,jn->tojp", walk, kernel, shift, powers, optimize=True).reshape(terms, -1)
+    matrix = np.concatenate([mixing.real, mixing.imag]).astype(np.float32)
+    matrix.setflags(write=False)
+    return matrix
 
 
 def around_row(samples: int) -> Int64[np.ndarray, " offsets"]:
@@ -240,13 +255,13 @@ def around_row(samples: int) -> Int64[np.ndarray, " offsets"]:
 
 
 def _cyclic_slice(
-    grid: Float32[np.ndarray, "cells moments 2 rx"], cells: Int64[np.ndarray, " chosen"]
-) -> Float32[np.ndarray, "chosen moments 2 rx"]:
+    grid: Float32[np.ndarray, "cells moments"], cells: Int64[np.ndarray, " chosen"]
+) -> Float32[np.ndarray, "chosen moments"]:
     """The grid at consecutive cells, a view where they do not cross its ends."""
     first, last = int(cells[0]), int(cells[-1])
     return grid[first : last + 1] if first >= 0 and last < len(grid) else grid[cells % len(grid)]
 
 
-def _shift_reach(radar: Radar) -> float:
-    half_block = 0.5 * (BLOCK - 1) * SPEED_OF_LIGHT / (2.0 * radar.waveform.carrier_hz)
-    return 0.5 / CELLS_PER_BIN + half_block * radar.waveform.bandwidth_hz / SPEED_OF_LIGHT
+def _shift_reach(waveform: Waveform) -> float:
+    half_block = 0.5 * (BLOCK - 1) * SPEED_OF_LIGHT / (2.0 * waveform.carrier_hz)
+    return 0.5 / CELLS_PER_BIN + half_block * waveform.bandwidth_hz / SPEED_OF_LIGHT

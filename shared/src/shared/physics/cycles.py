@@ -41,13 +41,24 @@ def phasor(cycles: float) -> tuple[float, float]:
 # The same series in float32; the first term left out is below 6e-8.
 _S3F, _S5F, _S7F, _S9F, _S11F = [np.float32((-1) ** k / factorial(2 * k + 1)) for k in range(1, 6)]
 _C2F, _C4F, _C6F, _C8F, _C10F, _C12F = [np.float32((-1) ** k / factorial(2 * k)) for k in range(1, 7)]
-_ONE, _TWO = np.float32(1.0), np.float32(2.0)
+_ONE, _TWO, _PIF = np.float32(1.0), np.float32(2.0), np.float32(pi)
 
 
 @compiled(cache=False, inline="always", error_model="numpy")
 def single_phasor(cycles: float) -> tuple[np.float32, np.float32]:
     """:func:`phasor` in float32 once the phase is reduced in float64: within 7e-7, at half the price."""
-    y = np.float32(pi * (cycles - np.floor(cycles + 0.5)))
+    return _single_series(np.float32(pi * (cycles - np.floor(cycles + 0.5))))
+
+
+@compiled(cache=False, inline="always", error_model="numpy")
+def short_phasor(cycles: np.float32) -> tuple[np.float32, np.float32]:
+    """:func:`single_phasor` of a phase that is reduced already: float32, at most half a cycle."""
+    return _single_series(_PIF * cycles)
+
+
+@compiled(cache=False, inline="always", error_model="numpy")
+def _single_series(y: np.float32) -> tuple[np.float32, np.float32]:
+    """(cos, sin) of 2 y for abs(y) up to pi / 2."""
     q = y * y
     s = y + y * q * (_S3F + q * (_S5F + q * (_S7F + q * (_S9F + q * _S11F))))
     c = _ONE + q * (_C2F + q * (_C4F + q * (_C6F + q * (_C8F + q * (_C10F + q * _C12F)))))

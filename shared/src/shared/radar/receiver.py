@@ -29,7 +29,7 @@ def received(cube: Cube, radar: Radar, generator: np.random.Generator | None) ->
     if generator is not None:
         if radar.front_end.phase_noise is not None:
             cube = with_phase_noise(cube, radar, radar.front_end.phase_noise, generator)
-        cube = cube + receiver_noise(radar, generator)
+        cube = with_receiver_noise(cube, radar, generator)
     if radar.front_end.converter is None:
         return cube, 0
     return digitised(cube, radar.front_end.converter)
@@ -97,6 +97,17 @@ def _range_correlation(waveform: Waveform) -> Complex64[np.ndarray, "bins bins"]
     factor = (1.0 - np.exp(-2j * np.pi * cycles)).astype(np.complex64)
     factor.setflags(write=False)
     return factor
+
+
+def with_receiver_noise(cube: Cube, radar: Radar, generator: np.random.Generator) -> Cube:
+    """The cube and :func:`receiver_noise`, drawn and added chirp by chirp, so that the noise stays in the cache."""
+    deviation = np.float32(np.sqrt(radar.sample_noise_power_w / 2.0))
+    result, noise = np.empty_like(cube), np.empty((*cube.shape[1:], 2), dtype=np.float32)
+    for ideal, recorded in zip(cube, result, strict=True):
+        generator.standard_normal(out=noise, dtype=np.float32)
+        np.multiply(noise, deviation, out=noise)
+        np.add(ideal, noise.view(np.complex64)[..., 0], out=recorded)
+    return result
 
 
 def receiver_noise(radar: Radar, generator: np.random.Generator) -> Cube:

@@ -55,13 +55,20 @@ def range_doppler(
     expected = (waveform.chirps, waveform.samples)
     if cube.ndim != 3 or cube.shape[:2] != expected:
         raise ValueError(f"cube of shape {cube.shape}; expected [chirp, sample, channel] = {expected} + (channels,)")
+    # Chirp by chirp, then range by range: what is worked on stays in the cache.
     window = hann(waveform.samples)
-    spectrum = scipy.fft.fft(cube * (window / window.sum()).astype(np.float32)[:, None], axis=1)
-    spectrum = np.ascontiguousarray(spectrum[:, : waveform.range_bins].transpose(1, 0, 2))  # (R, M, C)
-    window = hann(waveform.chirps)
-    spectrum *= (window / window.sum()).astype(np.float32)[:, None]
-    spectrum = scipy.fft.fft(spectrum, axis=1, overwrite_x=True)
-    return compensated(scipy.fft.fftshift(spectrum, axes=1), radar)
+    weights = (window / window.sum()).astype(np.float32)[:, None]
+    slow = hann(waveform.chirps)
+    slow_weights = (slow / slow.sum()).astype(np.float32)
+    spectrum = np.empty((waveform.range_bins, waveform.chirps, cube.shape[2]), dtype=np.result_type(cube, np.complex64))
+    for chirp, (samples, weight) in enumerate(zip(cube, slow_weights, strict=True)):
+        over_range = scipy.fft.fft(samples * weights, axis=0, overwrite_x=True)[: waveform.range_bins]
+        np.multiply(over_range, weight, out=spectrum[:, chirp])
+    half = (waveform.chirps + 1) // 2
+    for row in spectrum:
+        over_doppler = scipy.fft.fft(row, axis=0)
+        row[waveform.chirps - half :], row[: waveform.chirps - half] = over_doppler[:half], over_doppler[half:]
+    return compensated(spectrum, radar)
 
 
 def select_doppler(

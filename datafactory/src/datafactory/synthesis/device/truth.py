@@ -17,8 +17,15 @@ from torch import Tensor
 from datafactory.paths.table import PathTable
 from datafactory.synthesis.device.arrays import back, batches, moved, phasors, repeatable
 from datafactory.synthesis.device.echoes import distances
-from datafactory.synthesis.doppler_moments import BINOMIAL, CELLS_PER_BIN, CURVATURE_STEP, DELTA_STEP, SHIFT_TERMS
-from datafactory.synthesis.mid_frame import BLOCK, MidFrame
+from datafactory.synthesis.doppler_moments import (
+    BINOMIAL,
+    BLOCK,
+    CELLS_PER_BIN,
+    CURVATURE_STEP,
+    DELTA_STEP,
+    SHIFT_TERMS,
+)
+from datafactory.synthesis.mid_frame import MidFrame
 from datafactory.synthesis.motion import coupling
 from datafactory.synthesis.truth import DopplerCell, around_row, doppler_table, truth_plan
 from datafactory.synthesis.wave_model import WaveModel
@@ -142,7 +149,7 @@ def _moments(
     powers = [by_doppler * echo[:, :, None]]
     for _ in range(SHIFT_TERMS - 1):
         powers.append(powers[-1] * shift[:, :, None])
-    return slot, kept, torch.cat(powers, dim=2)
+    return slot, kept, torch.stack(powers, dim=3).flatten(2, 3)
 
 
 def _doppler_factors(

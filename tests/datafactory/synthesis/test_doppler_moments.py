@@ -1,0 +1,113 @@
+"""The truth's vectorised loop, path by path, against its equations in float64."""
+
+from __future__ import annotations
+
+from math import comb
+
+import numpy as np
+import pytest
+
+from datafactory.synthesis.doppler_moments import (
+    BINOMIAL,
+    BLOCK,
+    CELLS_PER_BIN,
+    CURVATURE_STEP,
+    DELTA_STEP,
+    SHIFT_TERMS,
+    add_doppler_moments,
+)
+from datafactory.synthesis.truth import doppler_table
+
+LIGHT_MPS = 299_792_458.0
+REFERENCE_HZ, BANDWIDTH_HZ, KAPPA, CHIRPS, FRAME_S = 77e9, 1e9, 1e9 / 77e9, 128.0, 128 * 80.6e-6
+CELLS, CENTRE, FREQUENCY = 512, np.array([0.01, 0.2, -0.03]), -11.0
+ROUNDING = 2e-6
+"""Of float32, relative to the largest moment: some tens of operations of 6e-8 each."""
+
+
+def elements() -> np.ndarray:
+    """[BLOCK, 3] from their centre [m], in no line."""
+    places = np.random.default_rng(1).uniform(-0.004, 0.004, (BLOCK, 3))
+    places[:, 1] += np.linspace(-0.03, 0.03, BLOCK)
+    return places
+
+
+def paths(count: int, nearest_m: float):
+    """Near the Doppler cell: points, velocities, TX legs, their rates, curvatures [cycles], amplitudes."""
+    generator = np.random.default_rng(2)
+    point = generator.normal(size=(count, 3))
+    point *= generator.uniform(nearest_m, 60.0, (count, 1)) / np.linalg.norm(point, axis=1, keepdims=True)
+    velocity = generator.uniform(-3.0, 3.0, (count, 3))
+    away = point - CENTRE
+    rate = (away * velocity).sum(axis=1) / np.linalg.norm(away, axis=1)
+    wanted = (FREQUENCY + generator.uniform(-7.0, 7.0, count)) * LIGHT_MPS / REFERENCE_HZ / FRAME_S
+    amplitude = generator.normal(size=(count, 2)) @ [1.0, 1j]
+    return (
+        point,
+        velocity,
+        generator.uniform(1.0, 60.0, count),
+        wanted - rate,
+        generator.uniform(-1, 1, count),
+        amplitude,
+    )
+
+
+def reference(table, terms, needed, lead, drawn) -> np.ndarray:
+    """[CELLS, terms, SHIFT_TERMS, BLOCK] by the equations of the module, every element by itself."""
+    lowest_q, lowest_delta, responses = table
+    grid = np.zeros((CELLS, responses.shape[2], SHIFT_TERMS, BLOCK), dtype=np.complex128)
+    per_metre, bins = REFERENCE_HZ / LIGHT_MPS, BANDWIDTH_HZ / LIGHT_MPS
+    places = np.concatenate([np.zeros((1, 3)), elements()]) + CENTRE
+    for count, point, velocity, tx_length, tx_rate, curvature, amplitude in zip(terms, *drawn, strict=True):
+        leg = np.linalg.norm(point - places, axis=1)
+        rate = ((point - places) * velocity).sum(axis=1) / leg
+        total = per_metre * FRAME_S * (tx_rate + rate)
+        ranged = bins * (tx_length + leg + lead * (tx_rate + rate))
+        cell = int(np.floor(ranged[0] * CELLS_PER_BIN + 0.5))
+        delta = total[0] - FREQUENCY
+        delta -= CHIRPS * np.floor(delta / CHIRPS + 0.5)
+        node = int(np.floor((delta - lowest_delta) / DELTA_STEP + 0.5))
+        if not needed[cell % CELLS]:
+            continue
+        response = responses[int(np.floor(curvature / CURVATURE_STEP + 0.5)) - lowest_q, node]
+        departure = total[1:] - (total[0] - delta + lowest_delta + node * DELTA_STEP)
+        shift = ranged[1:] - cell / CELLS_PER_BIN
+        echo = amplitude * np.exp(2j * np.pi * per_metre * (tx_length + leg[1:]))
+        for j in range(count):
+            polynomial = sum(comb(e, j) * response[e] * departure ** (e - j) for e in range(j, count))
+            for p in range(SHIFT_TERMS):
+                grid[cell % CELLS, j, p] += (KAPPA * total[0]) ** j * polynomial * echo * shift**p
+    return grid
+
+
+@pytest.mark.parametrize("lead", [0.0, 40e-6])
+@pytest.mark.parametrize("most", [1, 2, 3, 4, 5, 6, 9])
+@pytest.mark.parametrize("nearest_m", [0.3, 5.0])
+def test_moments_are_those_of_the_equations(most, lead, nearest_m):
+    drawn = paths(40, nearest_m)
+    terms = np.random.default_rng(3).integers(1, most + 1, 40)
+    terms[0] = most
+    table = doppler_table(drawn[4], int(CHIRPS), most)
+    needed = np.random.default_rng(4).random(CELLS) < 0.8
+    grid = np.zeros((CELLS, most * SHIFT_TERMS * 2 * BLOCK), dtype=np.float32)
+    point, velocity, tx_length, tx_rate, curvature, amplitude = drawn
+    add_doppler_moments(
+        terms, point, velocity, tx_length, tx_rate, curvature, amplitude, elements(), CENTRE, FREQUENCY, CHIRPS,
+        FRAME_S, REFERENCE_HZ, BANDWIDTH_HZ, lead, KAPPA, needed, table, BINOMIAL, grid,
+    )  # fmt: skip
+    made = grid.reshape(CELLS, most, SHIFT_TERMS, 2, BLOCK)
+    expected = reference(table, terms, needed, lead, drawn)
+    assert np.abs(made[..., 0, :] + 1j * made[..., 1, :] - expected).max() < ROUNDING * np.abs(expected).max()
+    assert np.abs(expected).max() > 0.0
+
+
+def test_paths_outside_the_table_and_the_cells_add_nothing():
+    point, velocity, tx_length, tx_rate, curvature, amplitude = paths(20, 5.0)
+    table = doppler_table(curvature, int(CHIRPS), 2)
+    grid = np.zeros((CELLS, 2 * SHIFT_TERMS * 2 * BLOCK), dtype=np.float32)
+    for frequency, needed in ((FREQUENCY + 64.0, np.ones(CELLS, bool)), (FREQUENCY, np.zeros(CELLS, bool))):
+        add_doppler_moments(
+            np.full(20, 2), point, velocity, tx_length, tx_rate, curvature, amplitude, elements(), CENTRE, frequency,
+            CHIRPS, FRAME_S, REFERENCE_HZ, BANDWIDTH_HZ, 0.0, KAPPA, needed, table, BINOMIAL, grid,
+        )  # fmt: skip
+    assert not grid.any()
