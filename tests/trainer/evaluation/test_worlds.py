@@ -252,6 +252,14 @@ def test_networks_of_another_kind_are_not_runs_of_other_seeds(tmp_path):
         assess(unseen(tmp_path / "data"), tmp_path / "out", runs)
 
 
+def test_a_run_that_does_not_say_its_scenes_is_named(tmp_path):
+    (tmp_path / "thin.toml").write_text("rx = [0, 1, 2, 5]\n")
+    runs = [network(tmp_path / str(scenes), seen("bare", scenes)) for scenes in (1, 2)]
+    runs.append(network(tmp_path / "old", seen("bare", 2, scenes=None)))
+    with pytest.raises(InputError, match="unet:old does not say on which scenes it was trained"):
+        assess(unseen(tmp_path / "data"), tmp_path / "out", runs)
+
+
 @pytest.mark.parametrize(
     "met", [SceneRecord(name="else", content_sha256="m"), SceneRecord(name="munich", content_sha256="with cars")]
 )
@@ -276,6 +284,15 @@ def test_networks_of_two_arrays_are_two_panels(tmp_path):
     panels = read_panels(tmp_path / "out")
     assert [panel.array for panel in panels] == ["thin", "full"]
     assert report.table(panels).count("| bare | 2 | 8 | 1 |") == 2
+
+
+def test_a_file_where_the_chart_shall_go_is_refused(tested, tmp_path, capsys):
+    (tmp_path / "out").write_text("mine")
+    with pytest.raises(SystemExit) as caught:
+        report.main([str(tested[0][1]), "--out", str(tmp_path / "out")])
+    assert caught.value.code == 2
+    assert "expected a folder" in capsys.readouterr().err
+    assert (tmp_path / "out").read_text() == "mine"
 
 
 def test_an_evaluation_without_the_experiment_is_refused(tmp_path, capsys):

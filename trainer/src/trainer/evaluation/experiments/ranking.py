@@ -53,11 +53,12 @@ def gain_rows(bench: Bench, experiment: str, results: Results, refs: Sequence[Fr
     for array in bench.arrays:
         contenders = [contender for contender in bench.contenders if contender.array.name == array.name]
         rankings = {one.method: ranking(results, one.method, array.name, refs) for one in contenders}
+        precision = {method: one.average_precision() for method, one in rankings.items()}
         for network in contenders:
-            others = [method for method in rankings if method != network.method]
+            others = [method for method in precision if method != network.method]
             if not network.parameters or not others:
                 continue
-            best = max(others, key=lambda method: rankings[method].average_precision())
+            best = max(others, key=precision.__getitem__)
             gain = mean_average_precision([rankings[network.method]], [rankings[best]], bench.config.seed)
             found.append(
                 MetricRow(

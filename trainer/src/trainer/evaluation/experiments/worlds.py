@@ -45,6 +45,8 @@ class Worlds:
         arrays = [_points(bench, array.name) for array in bench.arrays]
         if not any(len({of.scenes for of in points}) > 1 for points in arrays):
             return "no two runs of one array say that they were trained on different numbers of scenes"
+        if silent := [one.method for one in bench.contenders if one.parameters and _scenes(one) is None]:
+            return f"{silent[0]} does not say on which scenes it was trained; leave its run out to see the others"
         for points in arrays:
             if len(frames := sorted({of.frames for of in points})) > 1:
                 return (
@@ -127,14 +129,22 @@ def _points(bench: Bench, array: str) -> Points:
     """The networks of an array whose runs say on which scenes they were trained, by what these are, in its order."""
     found: dict[tuple[str, int, int], list[Contender]] = {}
     for contender in bench.contenders:
-        fingerprints = contender.trained_on
-        known = [fingerprint.scenes for fingerprint in fingerprints if fingerprint.scenes is not None]
-        if contender.array.name != array or not any(known) or len(known) < len(fingerprints):
+        scenes = _scenes(contender)
+        if contender.array.name != array or not scenes:
             continue
-        scenes = {scene.content_sha256: scene for of_dataset in known for scene in of_dataset}
-        frames = sum(fingerprint.frames.get("train", 0) for fingerprint in fingerprints)
-        found.setdefault((_kind(scenes.values()), len(scenes), frames), []).append(contender)
+        frames = sum(fingerprint.frames.get("train", 0) for fingerprint in contender.trained_on)
+        found.setdefault((_kind(scenes), len(scenes), frames), []).append(contender)
     return {TrainedOn(*of, len(networks)): networks for of, networks in sorted(found.items(), key=lambda one: one[0])}
+
+
+def _scenes(contender: Contender) -> tuple[SceneRecord, ...] | None:
+    """Those that a network was trained on; None where one of its datasets was not noted with its scenes."""
+    found = {}
+    for fingerprint in contender.trained_on:
+        if fingerprint.scenes is None:
+            return None
+        found.update({scene.content_sha256: scene for scene in fingerprint.scenes})
+    return tuple(found.values())
 
 
 def _kind(scenes: Iterable[SceneRecord]) -> str:

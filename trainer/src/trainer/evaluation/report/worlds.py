@@ -224,6 +224,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     given = parser.parse_args(arguments)
     try:
         shown = [panel for evaluation in given.evaluations for panel in read_panels(evaluation)]
+        if given.out.exists() and not given.out.is_dir():
+            raise InputError("--out", str(given.out), "a folder")
     except InputError as error:
         print(f"worlds: {error}", file=sys.stderr)
         sys.exit(2)
