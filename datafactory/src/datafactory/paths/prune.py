@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.table import PathTable
-from shared.physics.compiled import compiled
 from shared.physics.units import db_to_power
 from shared.radar import Radar
 
@@ -54,27 +53,12 @@ def _negligible(power: NDArray[np.float64], group: NDArray[np.int64], share: flo
 
 
 def _by_group_and_power(group: NDArray[np.int64], power: NDArray[np.float64]) -> NDArray[np.int64]:
-    """``np.lexsort((power, group))``, by one sort of whole numbers.
+    """``np.lexsort((power, group))``, by one sort of whole numbers, at a third of its time, where these differ.
 
-    Floats above 0 rise with their bits; of these the lowest make room for the group. What that cannot tell apart is put
-    right afterwards.
+    Floats from 0 on rise with their bits; the lowest of these make room for the group.
     """
     bits = max(int(group.max(initial=0)).bit_length(), 1)
     key = (group.astype(np.uint64) << np.uint64(63 - bits)) | (power.view(np.uint64) >> np.uint64(bits))
     order = np.argsort(key)
-    _settle(order, key, power)
-    return order
-
-
-@compiled()
-def _settle(order, key, power):
-    """Sort by power, then by index, what has the same key."""
-    for place in range(1, len(order)):
-        k, at = order[place], place
-        while at > 0:
-            before = order[at - 1]
-            if key[before] != key[k] or power[before] < power[k] or (power[before] == power[k] and before < k):
-                break
-            order[at] = before
-            at -= 1
-        order[at] = k
+    keys = key[order]
+    return np.lexsort((power, group)) if (keys[1:] == keys[:-1]).any() else order
