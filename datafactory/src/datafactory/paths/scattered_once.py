@@ -236,7 +236,7 @@ def _heard(frame: _Frame, waves: Waves, hits: Hits, heard: Complex, home: Real, 
         f = scattered_share(slab.pattern, waves.direction[here], home[here], hits.normal[here])
         factor[here] = slab.scattering_coefficient * np.sqrt(f * 4.0 * np.pi / frame.rays)
     range_m = lengths(hits.point)
-    amplitude = np.conj(heard) * factor * wavelength / (4.0 * np.pi * range_m)
+    amplitude: Complex = heard.conj() * (factor * wavelength / (4.0 * np.pi * range_m)).astype(np.complex128)
     last = lengths(hits.point - (waves.start if waves.bounced.shape[1] else 0.0))
     turned = dots(surfaces.velocity(hits.triangle, hits.point), waves.direction - home)
     cell = cells_of(0.5 * (waves.length + last + range_m), -home[:, 1], 0.5 * (waves.rate + turned))

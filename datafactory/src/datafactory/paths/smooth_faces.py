@@ -35,7 +35,7 @@ def reflected_by_slabs(
     :param cosine: [n] of the angle of incidence, above 0; :param field: [n, 3] across ``direction``
     """
     te, tm = np.empty((2, len(mesh)), dtype=np.complex128)
-    for index in np.flatnonzero(np.bincount(mesh)):
+    for index in np.flatnonzero(np.bincount(mesh)).tolist():
         here, slab = np.flatnonzero(mesh == index), slabs[index]
         te[here], tm[here] = slab_reflection(
             slab.relative_permittivity, slab.conductivity_s_per_m, slab.thickness_m, frequency_hz, cosine[here]

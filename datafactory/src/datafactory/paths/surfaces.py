@@ -138,7 +138,7 @@ class Surfaces:
 
     def by_mesh(self, mesh: Index) -> Iterator[tuple[Material, Index]]:
         """(material, indices) of the hits on each mesh."""
-        for number in np.flatnonzero(np.bincount(mesh)):
+        for number in np.flatnonzero(np.bincount(mesh)).tolist():
             yield self.slabs[number], np.flatnonzero(mesh == number)
 
     def reflected(self, direction: Real, field: Complex, hits: Hits) -> tuple[Real, Complex]:
