@@ -138,7 +138,7 @@ def _thinned_bundles(frame: _Frame, echoes: list[_Echoes], seed: int) -> list[Bu
     """The paths of all echoes together, thinned, for each number of bounces."""
     starts = np.cumsum([0, *(len(part.amplitude) for part in echoes)])
     cell, power = (np.concatenate([getattr(part, name) for part in echoes]) for name in ("cell", "power"))
-    index, factor = thinned(cell, power, frame.settings.paths_a_cell, np.random.default_rng(seed))
+    index, factor = thinned(cell, power, frame.settings.most_in_a_cell, np.random.default_rng(seed))
     bundles: dict[int, list[Bundle]] = {}
     for part, start, stop in zip(echoes, starts, starts[1:], strict=False):
         own = slice(*np.searchsorted(index, (start, stop)))

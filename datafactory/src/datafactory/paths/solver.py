@@ -54,8 +54,8 @@ class TraceSettings:
 
     :param rays: directions sent from the TX
     :param depth: largest number of bounces, 1 to 3; from 2 on targets are seen over mirrors, one on either way
-    :param paths_a_cell: most paths that are scattered once in a resolution cell, see
-        :mod:`datafactory.paths.thinning`; 0 keeps all
+    :param paths_a_cell: most paths that are scattered once in a resolution cell (:mod:`datafactory.paths.thinning`), of
+        the default's rays or fewer; see :attr:`most_in_a_cell`. 0 keeps all
     :param solver_share: of so many rays the solver follows one: what it finds, chains of mirrors and echoes that are
         scattered twice, is few paths and little power, and costs as much as all the rest
     :param specular, diffuse: kinds of bounce to follow
@@ -86,6 +86,15 @@ class TraceSettings:
     def steps(self) -> int:
         """Largest number of interactions on a path of the solver."""
         return self.depth + (CROSSINGS if self.refraction else 0)
+
+    @property
+    def most_in_a_cell(self) -> int:
+        """``paths_a_cell``, and of more rays than the default's as many times more.
+
+        Where the paths of a cell stand in it is drawn, and the truth's cells are not those that are thinned: with K
+        paths a cell's power scatters by up to 1 / sqrt(K) of it. With the same K more rays would buy nothing.
+        """
+        return max(self.paths_a_cell, round(self.paths_a_cell * self.rays / DEFAULT_RAYS))
 
     def capacity(self, rays: int) -> int:
         """Paths that the solver may keep: one for every ray and step, so that none is ever left out."""
