@@ -190,7 +190,7 @@ POWER_KNOBS = (
         (200_000, 400_000, 800_000, 1_600_000),
     ),
     Knob("lattice", ("all around",), power=True, paired=False),
-    Knob("depth", (1, 2), power=True),
+    Knob("depth", (1, 2, 3), power=True),
     Knob("finite_mirrors", (False,), power=True),
     Knob("surface_phase", (False,), power=True),
 )
@@ -206,7 +206,7 @@ QUICK_SIGNAL_KNOBS = (
 )
 QUICK_POWER_KNOBS = (
     *_rays((3_125, 6_250, 12_500, 25_000, 50_000, 100_000, 200_000), (100_000, 200_000)),
-    Knob("depth", (1, 2), power=True),
+    Knob("depth", (1, 2, 3), power=True),
     Knob("finite_mirrors", (False,), power=True),
     Knob("surface_phase", (False,), power=True),
 )
