@@ -7,6 +7,7 @@ from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from datafactory.accuracy.clock import STAGES
 from datafactory.accuracy.errors import FLOOR_DB
@@ -33,6 +34,8 @@ SHORTCUTS = {
 """Rows that are shortcuts, or the contrary, by knob and setting, with their words."""
 LEAST_S = 0.005
 """Shorter times have no mark."""
+WIDE = 8.0
+"""Dearest over cheapest of a front from which on its seconds stand on a logarithmic axis."""
 
 
 def front_error_db(row: Row) -> float:
@@ -77,7 +80,7 @@ def _front_panel(axis: Axes, rows: Sequence[Row]) -> None:
     """Seconds over error."""
     errors = default_error_db(rows)
     for name, color, words, default_db, away, align in (
-        (EVERYTHING, BLUE, "everything, rays too", errors[0], (10, -4), "left"),
+        (EVERYTHING, BLUE, "everything, rays too", errors[0], (-10, 4), "right"),
         (SAME_PATHS, ORANGE, "the same rays: cube and truth alone", errors[1], (0, -42), "right"),
     ):
         points = [(front_error_db(row), row.seconds, row) for row in rows if row.knob == name]
@@ -94,8 +97,8 @@ def _front_panel(axis: Axes, rows: Sequence[Row]) -> None:
             text = row.setting.split(": ")[1].split(" rays")[0]
             if name == EVERYTHING and text != rays:
                 axis.annotate(
-                    f"{int(text):,} rays".replace(",", " "), (level, seconds), xytext=(-8, 2), fontsize=8,
-                    textcoords="offset points", color=color, ha="right",
+                    f"{int(text):,} rays".replace(",", " "), (level, seconds), xytext=(8, -9), fontsize=8,
+                    textcoords="offset points", color=color, ha="left",
                 )  # fmt: skip
             rays = text
         usual = next(row for row in rows if row.knob == DEFAULTS)
@@ -107,7 +110,15 @@ def _front_panel(axis: Axes, rows: Sequence[Row]) -> None:
             )  # fmt: skip
     axis.invert_xaxis()
     axis.margins(x=0.2, y=0.15)
-    axis.set_ylim(bottom=0.0)
+    prices = [row.seconds for row in rows if row.knob in (EVERYTHING, SAME_PATHS)]
+    if prices and max(prices) > WIDE * min(prices):
+        axis.set_yscale("log")
+        axis.set_ylim(min(prices) / 2.0, max(prices) * 2.0)
+        axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.yaxis.set_major_formatter("{x:g}")
+        axis.yaxis.set_minor_formatter(NullFormatter())
+    else:
+        axis.set_ylim(bottom=0.0)
     axis.set_xlabel("error [dB], the worst of input cube, truth image and power in a cell: better to the right")
     axis.set_ylabel("seconds a frame, one core")
     _titled(axis, "What does accuracy cost?")

@@ -133,7 +133,9 @@ def add_doppler_moments(
             _add_many_terms(work, factors, at, count, flat)
 
 
-@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
+# Inlined by numba itself: called as a function of its own, it had another rounding in the process that compiled it than
+# in one that took the code from the disk.
+@compiled(cache=False, inline="always", nogil=True, error_model="numpy", fastmath=_FAST)
 def _add_terms(work, factors, at, orders, flat):
     """Add migration^j sum_e C(e, j) G_e d^(e - j), by Horner's rule, times the echo and the powers of the range shift.
 
@@ -159,7 +161,7 @@ def _add_terms(work, factors, at, orders, flat):
                 a_im *= shift
 
 
-@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
+@compiled(cache=False, inline="always", nogil=True, error_model="numpy", fastmath=_FAST)
 def _add_many_terms(work, factors, at, count, flat):
     """As :func:`_add_terms`, of any number of terms."""
     b_re, b_im = np.empty(BLOCK, dtype=np.float32), np.empty(BLOCK, dtype=np.float32)

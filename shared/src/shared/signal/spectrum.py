@@ -60,9 +60,10 @@ def range_doppler(
     weights = (window / window.sum()).astype(np.float32)[:, None]
     slow = hann(waveform.chirps)
     slow_weights = (slow / slow.sum()).astype(np.float32)
-    spectrum = np.empty((waveform.range_bins, waveform.chirps, cube.shape[2]), dtype=np.result_type(cube, np.complex64))
+    rows = min(waveform.range_bins, waveform.samples)
+    spectrum = np.empty((rows, waveform.chirps, cube.shape[2]), dtype=np.result_type(cube, np.complex64))
     for chirp, (samples, weight) in enumerate(zip(cube, slow_weights, strict=True)):
-        over_range = scipy.fft.fft(samples * weights, axis=0, overwrite_x=True)[: waveform.range_bins]
+        over_range = scipy.fft.fft(samples * weights, axis=0, overwrite_x=True)[:rows]
         np.multiply(over_range, weight, out=spectrum[:, chirp])
     half = (waveform.chirps + 1) // 2
     for row in spectrum:
