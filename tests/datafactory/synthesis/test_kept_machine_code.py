@@ -1,4 +1,4 @@
-"""The truth's loop gives the same bytes in the process that compiles it and in one that takes its code from the disk."""
+"""The truth's loop gives the same bytes just compiled, and in a process that takes its machine code from the disk."""
 
 from __future__ import annotations
 
