@@ -1,9 +1,6 @@
-"""``trainer fit``: it learns, it is repeatable, it resumes, and it says in one line what is wrong."""
+"""``trainer fit``: it learns, it is repeatable, it begins with other weights, it keeps the best."""
 
-import csv
 import json
-import shutil
-import signal
 from dataclasses import replace
 from importlib.metadata import version
 
@@ -12,41 +9,19 @@ import pytest
 import torch
 from pyarrow.fs import LocalFileSystem, SubTreeFileSystem
 from safetensors.torch import load_file
-from tiny_radar import RADAR, TINY, frame, small_dataset, write_dataset
+from small_fit import last_state, metrics, run
+from tiny_radar import RADAR, TINY, frame, write_dataset
 
 from shared.dataset.locations import RemotePath
 from shared.physics.errors import InputError
 from shared.signal.imaging import steering_matrix
 from shared.signal.steering import manifold
 from trainer.data.shards import ShardDataset
-from trainer.errors import TrainingStopped
 from trainer.run.configuration import FitConfig
-from trainer.run.folder import CHECKPOINT, METRICS, WEIGHTS, load_imager, read_run, save_weights, write_run
+from trainer.run.folder import METRICS, WEIGHTS, load_imager, read_run, save_weights, write_run
 from trainer.run.imager import Imager
 from trainer.run.imperfections import CALIBRATED
 from trainer.run.predict import predict
-from trainer.training.fit import fit
-from trainer.training.task import ImagingTask
-
-
-@pytest.fixture(scope="module")
-def dataset(tmp_path_factory):
-    return small_dataset(tmp_path_factory.mktemp("fit") / "data")
-
-
-def run(dataset, out, config=TINY, **arguments):
-    lines: list[str] = []
-    result = fit([dataset], out, config, array="full", announce=lines.append, **arguments)
-    return result, lines
-
-
-def last_state(out):
-    return torch.load(out / CHECKPOINT, weights_only=True)["state_dict"]
-
-
-def metrics(out):
-    with (out / METRICS).open() as handle:
-        return list(csv.DictReader(handle))
 
 
 def test_eight_frames_are_learned_by_heart(dataset, tmp_path):
@@ -150,63 +125,6 @@ def test_the_same_seed_gives_the_same_weights_and_another_does_not(dataset, tmp_
     assert all(torch.equal(tensor, second[name]) for name, tensor in first.items())
 
 
-@pytest.mark.parametrize("imperfections", [None, CALIBRATED])
-def test_a_killed_run_resumed_ends_in_the_same_weights(dataset, tmp_path, monkeypatch, imperfections):
-    changes = {"steps": 6, "augment": True, "points": 1, "accumulate": 2, "imperfections": imperfections}
-    config = TINY.model_copy(update=changes)
-    run(dataset, tmp_path / "whole", config)
-    original = ImagingTask.training_step
-
-    def killed(self, batch, batch_index):
-        if batch_index == 6:  # within an epoch of the data and between two validations
-            raise MemoryError("killed")
-        return original(self, batch, batch_index)
-
-    monkeypatch.setattr(ImagingTask, "training_step", killed)
-    with pytest.raises(MemoryError):
-        run(dataset, tmp_path / "killed", config)
-    monkeypatch.undo()
-    assert metrics(tmp_path / "killed")[-1]["step"] == "2"
-    run(dataset, tmp_path / "killed", config, resume=True)
-    assert metrics(tmp_path / "killed") == metrics(tmp_path / "whole")
-    assert (tmp_path / "killed" / WEIGHTS).read_bytes() == (tmp_path / "whole" / WEIGHTS).read_bytes()
-    states = [torch.load(tmp_path / name / CHECKPOINT, weights_only=True) for name in ("killed", "whole")]
-    for name, tensor in states[0]["state_dict"].items():
-        assert torch.equal(tensor, states[1]["state_dict"][name]), name
-
-
-def test_an_interrupted_run_says_so_and_can_be_taken_up(dataset, tmp_path, monkeypatch):
-    def interrupted(self, batch, batch_index):
-        raise KeyboardInterrupt
-
-    kept = signal.getsignal(signal.SIGINT)
-    with monkeypatch.context() as patched:
-        patched.setattr(ImagingTask, "training_step", interrupted)
-        with pytest.raises(KeyboardInterrupt):
-            run(dataset, tmp_path / "run")
-    signal.signal(signal.SIGINT, kept)
-    run(dataset, tmp_path / "run", resume=True)
-    assert [row["step"] for row in metrics(tmp_path / "run")] == ["0", "2", "4"]
-
-
-def test_a_run_killed_while_it_validates_validates_again(dataset, tmp_path, monkeypatch):
-    run(dataset, tmp_path / "whole")
-    original = ImagingTask.validation_step
-
-    def killed(self, batch, batch_index):
-        if self.trainer.global_step == 4 and batch_index == 1:
-            raise MemoryError("killed")
-        return original(self, batch, batch_index)
-
-    with monkeypatch.context() as patched:
-        patched.setattr(ImagingTask, "validation_step", killed)
-        with pytest.raises(MemoryError):
-            run(dataset, tmp_path / "killed")
-    run(dataset, tmp_path / "killed", resume=True)
-    assert metrics(tmp_path / "killed") == metrics(tmp_path / "whole")
-    assert (tmp_path / "killed" / WEIGHTS).read_bytes() == (tmp_path / "whole" / WEIGHTS).read_bytes()
-
-
 def test_imperfections_stand_in_the_run_and_change_what_it_learns(dataset, tmp_path):
     run(dataset, tmp_path / "ideal")
     config = TINY.model_copy(update={"imperfections": CALIBRATED})
@@ -238,15 +156,6 @@ def test_a_run_begins_with_the_weights_of_another(dataset, tmp_path):
     run(dataset, tmp_path / "second", still, start=tmp_path / "first", resume=True)
 
 
-def test_a_run_does_not_begin_with_another_network(dataset, tmp_path):
-    run(dataset, tmp_path / "first")
-    with pytest.raises(InputError, match=r"--from: .*first has width = 4; expected 8"):
-        run(dataset, tmp_path / "second", TINY.model_copy(update={"width": 8}), start=tmp_path / "first")
-    with pytest.raises(InputError, match=f"none/{WEIGHTS}: no such file"):
-        run(dataset, tmp_path / "third", start=tmp_path / "none")
-    assert not (tmp_path / "third").exists() or not any((tmp_path / "third").iterdir())
-
-
 def test_weights_survive_the_run_folder_bit_for_bit(dataset, tmp_path):
     run(dataset, tmp_path / "run")
     stored, imager = load_imager(tmp_path / "run")
@@ -257,98 +166,6 @@ def test_weights_survive_the_run_folder_bit_for_bit(dataset, tmp_path):
     assert all(torch.equal(before[name], again[name]) for name in before)
     assert not imager.training
     assert stored.array.rx == (0, 1, 2, 3, 4, 5)
-
-
-def test_an_infinite_input_stops_with_its_frame_and_keeps_the_weights(dataset, tmp_path, monkeypatch):
-    from trainer.training import datamodule
-
-    class Damaged(datamodule.ShardDataset):
-        def __getitem__(self, index):
-            item = super().__getitem__(index)
-            if item["frame_id"] == 5:
-                item["range_channel"][0, 3, 1] = np.inf
-            return item
-
-    monkeypatch.setattr(datamodule, "ShardDataset", Damaged)
-    with pytest.raises(TrainingStopped, match=r"loss is not finite for frame \[5\] at batch \d; the weights are"):
-        run(dataset, tmp_path / "run", TINY.model_copy(update={"steps": 8, "validate_every": 1}))
-    if (tmp_path / "run" / WEIGHTS).is_file():
-        assert all(torch.isfinite(tensor).all() for tensor in load_file(tmp_path / "run" / WEIGHTS).values())
-
-
-def test_a_damaged_shard_stops_before_training_by_its_path(dataset, tmp_path):
-    copy = shutil.copytree(dataset, tmp_path / "data")
-    shard = copy / "train/part-00000.parquet"
-    content = bytearray(shard.read_bytes())
-    content[len(content) // 2] ^= 1
-    shard.write_bytes(content)
-    with pytest.raises(InputError, match=r"train/part-00000.parquet: sha256 is"):
-        run(copy, tmp_path / "run")
-    assert not (tmp_path / "run").exists()
-
-
-def test_datasets_of_different_radars_are_not_mixed(dataset, tmp_path):
-    other = RADAR.model_copy(update={"waveform": RADAR.waveform.model_copy(update={"bandwidth_hz": 2e9})})
-    frames = {"train": [frame(0, other)], "validation": [frame(1, other)]}
-    second = write_dataset(tmp_path / "other", frames, other)
-    with pytest.raises(InputError, match=r"other: radar 'tiny', waveform.bandwidth_hz = 2000000000.0; expected 10000"):
-        fit([dataset, second], tmp_path / "run", TINY, array="full")
-
-
-def test_what_a_resumed_run_must_not_change(dataset, tmp_path):
-    run(dataset, tmp_path / "run")
-    with pytest.raises(InputError, match="is not empty; expected an empty or new folder, or --resume"):
-        run(dataset, tmp_path / "run")
-    with pytest.raises(InputError, match=r"--resume: learning_rate is 0.5, but the run in .* had 0.003"):
-        run(dataset, tmp_path / "run", TINY.model_copy(update={"learning_rate": 0.5}), resume=True)
-    with pytest.raises(InputError, match="holds no run"):
-        run(dataset, tmp_path / "none", resume=True)
-
-
-def test_a_run_killed_while_it_noted_itself_goes_on(dataset, tmp_path):
-    out = tmp_path / "run"
-    out.mkdir()
-    (out / "run.json.partial").write_text('{"con')
-    result, _ = run(dataset, out, resume=True)
-    assert read_run(out) == result
-    assert (out / WEIGHTS).is_file()
-    assert not list(out.glob("*.partial"))
-
-
-def test_a_checkpoint_that_holds_code_is_not_executed(dataset, tmp_path):
-    class Trap:
-        def __reduce__(self):
-            return (open, (str(tmp_path / "executed"), "w"))
-
-    run(dataset, tmp_path / "run")
-    torch.save({"state_dict": Trap()}, tmp_path / "run" / CHECKPOINT)
-    with pytest.raises(InputError, match=r"last.ckpt: not readable"):
-        run(dataset, tmp_path / "run", resume=True)
-    assert not (tmp_path / "executed").exists()
-
-
-def test_weights_that_are_cut_short_or_foreign_are_named(dataset, tmp_path):
-    run(dataset, tmp_path / "run")
-    path = tmp_path / "run" / WEIGHTS
-    whole = path.read_bytes()
-    path.write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(InputError, match=r"weights.safetensors: not readable as safetensors"):
-        load_imager(tmp_path / "run")
-    run(dataset, tmp_path / "wider", TINY.model_copy(update={"width": 8}))
-    path.write_bytes((tmp_path / "wider" / WEIGHTS).read_bytes())
-    with pytest.raises(InputError, match=r"decoder.0.first.bias is float32 \[16\]; expected float32 \[8\]"):
-        load_imager(tmp_path / "run")
-    path.unlink()
-    with pytest.raises(InputError, match="no such file"):
-        load_imager(tmp_path / "run")
-    with pytest.raises(InputError, match=r"no run.json"):
-        load_imager(tmp_path)
-
-
-@pytest.mark.parametrize(("weights", "message"), [((1.0, 2.0), "2 weights for 1 datasets"), ((0.0,), "above 0")])
-def test_bad_weights_are_refused(dataset, tmp_path, weights, message):
-    with pytest.raises(InputError, match=message):
-        run(dataset, tmp_path / "run", weights=weights)
 
 
 def test_a_run_that_no_longer_improves_stops_early(dataset, tmp_path):
@@ -372,24 +189,6 @@ def test_the_best_weights_are_those_of_the_least_loss(dataset, tmp_path):
             estimate = imager(snapshot, noise)[0].numpy() / made.image_peak
         errors.append(((estimate - made.image) ** 2).sum() / (made.image**2).sum())
     assert np.mean(errors) == pytest.approx(float(best["validation_nmse"]), rel=1e-4)
-
-
-def test_the_best_of_a_checkpoint_that_holds_an_image_error_is_not_taken_for_a_loss(dataset, tmp_path, monkeypatch):
-    def killed(self, batch, batch_index):
-        if self.global_step == 2:
-            raise MemoryError("killed")
-        return original(self, batch, batch_index)
-
-    original = ImagingTask.training_step
-    monkeypatch.setattr(ImagingTask, "training_step", killed)
-    with pytest.raises(MemoryError):
-        run(dataset, tmp_path / "run")
-    monkeypatch.undo()
-    content = torch.load(tmp_path / "run" / CHECKPOINT, weights_only=True)
-    content["callbacks"]["RunKeeper"] = {"best": 1e-6}
-    torch.save(content, tmp_path / "run" / CHECKPOINT)
-    _, lines = run(dataset, tmp_path / "run", resume=True)
-    assert any(line.startswith("step 4") and line.endswith("(best)") for line in lines)
 
 
 def test_a_dataset_in_another_place_trains_the_same_weights(dataset, tmp_path):
