@@ -231,7 +231,7 @@ def _scattered(part: Bundle, fan: RayFan) -> list[ScatteredPaths]:
 
 
 def _scattered_at_first(part: Bundle, fan: RayFan) -> ScatteredPaths:
-    """Paths of one bounce, which is diffuse: :func:`_scattered` makes the same of them, at several times the price."""
+    """Paths of one bounce, which is diffuse: what :func:`_scattered` would make of them too."""
     amplitude = part.amplitude * np.sqrt(fan.solid_angle_ratio(part.vertices[:, 0]))
     points = ScatteredPaths.of_points(
         part.vertices[:, 0], part.velocities[:, 0], amplitude, part.objects[:, 0].astype(np.int32)
