@@ -244,7 +244,7 @@ def _along_edges(edges, point, along, across):
     return total, turned, through
 
 
-@compiled()
+@compiled(cache=False)
 def _integral_from_foot(height, end):
     """Integral of 1 - exp(-a rho^2) d(phi) along a line at ``height`` from its foot to ``end``; odd in ``end``.
 

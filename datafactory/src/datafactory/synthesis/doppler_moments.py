@@ -9,7 +9,7 @@ from math import comb
 
 import numpy as np
 
-from shared.physics.compiled import compiled
+from shared.physics.compiled import compiled, inlined
 from shared.physics.cycles import short_phasor
 from shared.physics.units import SPEED_OF_LIGHT
 
@@ -133,9 +133,7 @@ def add_doppler_moments(
             _add_many_terms(work, factors, at, count, flat)
 
 
-# Inlined by numba itself: called as a function of its own, it had another rounding in the process that compiled it than
-# in one that took the code from the disk.
-@compiled(cache=False, inline="always", nogil=True, error_model="numpy", fastmath=_FAST)
+@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
 def _add_terms(work, factors, at, orders, flat):
     """Add migration^j sum_e C(e, j) G_e d^(e - j), by Horner's rule, times the echo and the powers of the range shift.
 
@@ -161,7 +159,7 @@ def _add_terms(work, factors, at, orders, flat):
                 a_im *= shift
 
 
-@compiled(cache=False, inline="always", nogil=True, error_model="numpy", fastmath=_FAST)
+@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
 def _add_many_terms(work, factors, at, count, flat):
     """As :func:`_add_terms`, of any number of terms."""
     b_re, b_im = np.empty(BLOCK, dtype=np.float32), np.empty(BLOCK, dtype=np.float32)

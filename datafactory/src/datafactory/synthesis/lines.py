@@ -34,14 +34,14 @@ from __future__ import annotations
 import numpy as np
 
 from datafactory.synthesis.spread import rx_lengths
-from shared.physics.compiled import compiled
+from shared.physics.compiled import compiled, inlined
 from shared.physics.cycles import phasor, phasor_like
 from shared.physics.units import SPEED_OF_LIGHT
 
 _FAST = {"contract", "nsz", "arcp"}
 
 
-@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
+@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
 def _length(x, y, z, element, plane):
     if plane:
         far = np.sqrt(x * x + y * y + z * z)
@@ -50,7 +50,7 @@ def _length(x, y, z, element, plane):
     return np.sqrt(dx * dx + dy * dy + dz * dz)
 
 
-@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
+@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
 def _rate_and_bend(x, y, z, vx, vy, vz, ex, ey, ez):
     """First and second derivative of the length between a moving point and an element."""
     dx, dy, dz = x - ex, y - ey, z - ez
@@ -59,14 +59,14 @@ def _rate_and_bend(x, y, z, vx, vy, vz, ex, ey, ez):
     return rate, (vx * vx + vy * vy + vz * vz - rate * rate) / length
 
 
-@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
+@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
 def _phasors(length, cycles_per_metre, re, im, at):
     for e in range(len(length)):
         to = np.uint64(at) + np.uint64(e)
         re[to], im[to] = phasor_like(cycles_per_metre * length[e], re[to])
 
 
-@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
+@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
 def _pair(one, other, rx_re, rx_im, rx_count, bends, tilt, dish, orders, at, sums):
     """V_i + V_-i and j (V_-i - V_i) of one TX at two nodes, then the same for V e and V (e^2 - j g / pi).
 
@@ -109,7 +109,7 @@ def _pair(one, other, rx_re, rx_im, rx_count, bends, tilt, dish, orders, at, sum
             sums[to + np.uint64(11) * stride] = v_re - u_re
 
 
-@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
+@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
 def _line_taps(sums, stride, even, odd, orders, taps):
     """Weights of all lines, [lines, orders, re and im, channels]."""
     pairs, half = even.shape
@@ -137,7 +137,7 @@ def _line_taps(sums, stride, even, odd, orders, taps):
                     taps[high + c] += plus + minus
 
 
-@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
+@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
 def _cell_taps(shift, stride, weights, powers, orders, taps):
     """Weights of all cells, their derivatives by the shift and half of the second ones, [cells, orders, channels]."""
     count = len(orders)
@@ -160,7 +160,7 @@ def _cell_taps(shift, stride, weights, powers, orders, taps):
                 taps[c + np.uint64(2 * stride)] = bend
 
 
-@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
+@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
 def _add_taps(line_taps, cell_taps, stride, first, strides, counts, orders, grid):
     """Add one path to the grid, from index ``first``: the product of its lines' and its cells' weights."""
     line_stride, cell_stride, half_stride = strides
@@ -181,7 +181,7 @@ def _add_taps(line_taps, cell_taps, stride, first, strides, counts, orders, grid
                     grid[at + c] += total
 
 
-@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
+@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
 def _elements_apart(table, k, time, lead, tx, rx, tx_centre, rx_centre, scales, tilt, dish):
     """What every element's e has beyond that of the centres: coefficients of eta and of eta^2 - 1/12, [TX * RX].
 
@@ -314,7 +314,7 @@ def add_lines(
         _add_taps(line_taps, cell_taps, stride, first, strides, counts, orders, flat)
 
 
-@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
+@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
 def _at(table, k, time):
     """TX point, RX point and length between of path k at a time."""
     return (

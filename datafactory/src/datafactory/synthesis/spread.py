@@ -29,7 +29,7 @@ from jaxtyping import Float, Float64, Integer
 from numpy.typing import DTypeLike
 
 from datafactory.paths.table import ScatteredPaths
-from shared.physics.compiled import compiled
+from shared.physics.compiled import compiled, inlined
 from shared.physics.cycles import phasor, phasor_like
 from shared.physics.units import SPEED_OF_LIGHT
 
@@ -75,7 +75,7 @@ def empty_moments(
     return raw[first : first + size].view(real).reshape(shape)
 
 
-@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
+@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
 def _distances(count, x, y, z, point, distance):
     """Distances of the first ``count`` points x, y, z [B] to one."""
     for k in range(count):
@@ -83,14 +83,14 @@ def _distances(count, x, y, z, point, distance):
         distance[k] = np.sqrt(dx * dx + dy * dy + dz * dz)
 
 
-@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
+@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
 def _phasors(count, length, link, cycles_per_metre, constant, re, im):
     """Phasors of the first ``count`` lengths [B] plus ``link`` [m]."""
     for k in range(count):
         re[k], im[k] = phasor(cycles_per_metre[k] * (length[k] + link[k]) + constant[k])
 
 
-@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
+@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
 def _rx_legs(px, py, pz, x, y, z, cycles_per_metre, bins_per_metre, offset, at, re, im, shift):
     """Phasor and range [bins] of the leg from a point to the elements x, y, z [E], from index ``at`` of re, im, shift.
 
@@ -106,7 +106,7 @@ def _rx_legs(px, py, pz, x, y, z, cycles_per_metre, bins_per_metre, offset, at, 
             shift[to] = bins_per_metre * leg - offset
 
 
-@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
+@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
 def _plane_distances(count, x, y, z, point, distance):
     """Distances of the first ``count`` points x, y, z [B] to one near the origin, as if waves were plane there."""
     for k in range(count):
@@ -114,7 +114,7 @@ def _plane_distances(count, x, y, z, point, distance):
         distance[k] = far - (x[k] * point[0] + y[k] * point[1] + z[k] * point[2]) / max(far, 1e-9)
 
 
-@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
+@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
 def rx_lengths(px, py, pz, x, y, z, plane, length):
     """Lengths [E] of the leg from a point to the elements x, y, z [E], spherical or plane waves."""
     if plane:
@@ -128,7 +128,7 @@ def rx_lengths(px, py, pz, x, y, z, plane, length):
             length[e] = np.sqrt(dx * dx + dy * dy + dz * dz)
 
 
-@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
+@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
 def _rx_legs_from(length, beat_length, cycles_per_metre, bins_per_metre, offset, at, re, im, shift):
     """As :func:`_rx_legs`, from lengths [E] for the phase and others for the range."""
     for first in range(0, len(length), LANES):
@@ -139,7 +139,7 @@ def _rx_legs_from(length, beat_length, cycles_per_metre, bins_per_metre, offset,
             shift[to] = bins_per_metre * beat_length[e] - offset
 
 
-@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
+@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
 def _add_powers(one, other, rx_count, rx_re, rx_im, rx_shift, powers, to, moments):
     """Add two paths of one TX to the moments of their common cell, from index ``to``, with one store for both.
 
@@ -277,7 +277,7 @@ def add_moments(
             b += 2 if paired else 1
 
 
-@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
+@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
 def _add_tap(weights, powers, at, moments, total):
     """Add the moments of one cell, from index ``at``, times ``weights`` [terms], to ``total`` [2 * LANES]."""
     first = np.uint64(at)

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Int64
 
 from datafactory.synthesis.mid_frame import MidFrame
-from shared.physics.compiled import compiled
+from shared.physics.compiled import compiled, inlined
 from shared.radar import Radar
 
 ROW_REACH = 12
@@ -52,7 +52,7 @@ LEAST_RATIO = 1e-290
 """Of powers that are told from none."""
 
 
-@compiled(cache=False, inline="always", error_model="numpy")
+@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
 def _hann_power(bins):
     """Power of the Hann window's response this far from its peak, the envelope of the sidelobes beyond 1.5 bins.
 
@@ -67,7 +67,7 @@ def _hann_power(bins):
     return cosine**4 if bins < 1.5 else 1.0 / (skirt * skirt)
 
 
-@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
+@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
 def _powers(bins, doppler, slack, power, row, frequency, chirps, part):
     """What paths [n] bring to a row in its Doppler cell goes to ``part`` [n]; returns their sum."""
     total = 0.0
@@ -81,7 +81,7 @@ def _powers(bins, doppler, slack, power, row, frequency, chirps, part):
     return total
 
 
-@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
+@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
 def _decibels_below(total, part, bits, below):
     """10 log10(total / part) goes to ``below``: 2 artanh((m - 1) / (m + 1)) of the mantissa m, within 1e-8 dB.
 

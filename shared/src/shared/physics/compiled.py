@@ -1,8 +1,26 @@
-"""The decorator of every numba kernel: compiled code is kept on disk where that is possible.
+"""The decorators of every numba kernel, kept so that a kernel gives the same bytes in every process.
 
-numba looks for a folder that it can write: ``NUMBA_CACHE_DIR``, then ``__pycache__`` beside the source, then the user's
-cache folder. Where there is none, as in a read-only installation, it refuses to make the function. Such a function is
-compiled in every process instead.
+:func:`compiled` is for functions that Python calls. Their machine code is kept on disk. numba looks for a folder that
+it can write: ``NUMBA_CACHE_DIR``, then ``__pycache__`` beside the source, then the user's cache folder. Where there is
+none, as in a read-only installation, it refuses to make the function. Such a function is compiled in every process
+instead.
+
+:func:`inlined` is for functions that are only compiled into others. The rule: **where the caller or the function has
+fast-math flags, the function is inlined.** For a call between two kernels finds one of two machine codes:
+
+* the function's own, optimised by itself, in the process that compiled it or loaded it earlier;
+* the copy in the caller's kept code, optimised once more among its callers, in any other process.
+
+Without fast-math flags both are the same to the last bit, because LLVM may change no rounding. With them the optimiser
+chooses which product is fused with which sum, and the two differ in the last digits: the first frame after an
+installation, which compiles, from all later ones. An inlined function has no call and no second copy.
+
+Functions without such flags may call each other. That is cheaper where they are long or called at many places:
+inlined, those of ``datafactory.paths.free_extent`` take two thirds longer to compile.
+
+numba lets a function without flags of its own take over those of the caller that is compiled first. Both decorators
+rule that out by giving all of them. ``tests/shared/physics/test_kernel_calls.py`` holds the sources to the rule,
+``tests/datafactory/synthesis/test_kept_machine_code.py`` the results.
 """
 
 from __future__ import annotations
@@ -13,11 +31,14 @@ from typing import Any
 
 import numba
 
+_OWN = {"error_model": "python", "fastmath": False, "forceinline": False}
+"""What numba would take over from the first caller: its own defaults."""
+
 
 def compiled(cache: bool = True, **options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Decorate a function to be compiled by numba without Python objects.
 
-    :param cache: keep the machine code on disk; False for functions that are only compiled into others
+    :param cache: keep the machine code on disk; False for functions without fast-math flags that only others call
     :param options: of :func:`numba.njit`
     """
 
@@ -25,10 +46,21 @@ def compiled(cache: bool = True, **options: Any) -> Callable[[Callable[..., Any]
         kernel = inspect.unwrap(function)  # numba cannot compile the wrapper of a type checker
         if cache:
             try:
-                return numba.njit(cache=True, **options)(kernel)
+                return numba.njit(cache=True, **{**_OWN, **options})(kernel)
             except RuntimeError as error:
                 if "cannot cache function" not in str(error):
                     raise
-        return numba.njit(**options)(kernel)
+        return numba.njit(**{**_OWN, **options})(kernel)
 
     return decorate
+
+
+def inlined(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Decorate a function to become a part of every kernel that calls it, optimised by itself beforehand.
+
+    It keeps its own fast-math flags. LLVM inlines it, not numba: numba would do so before the optimisation, with the
+    caller's flags; loops that vectorise by themselves then often do not.
+
+    :param options: of :func:`numba.njit`
+    """
+    return compiled(cache=False, **{**options, "forceinline": True})

@@ -13,14 +13,15 @@ import numba
 import numpy as np
 from numba.extending import overload
 
-from shared.physics.compiled import compiled
+from shared.physics.compiled import inlined
 
+_FAST = {"contract", "nsz", "arcp"}
 # Taylor series of sin and cos of half the angle y = pi r, |y| <= pi / 2; the first term left out is below 2e-17.
 _S3, _S5, _S7, _S9, _S11, _S13, _S15, _S17, _S19, _S21 = [(-1) ** k / factorial(2 * k + 1) for k in range(1, 11)]
 _C2, _C4, _C6, _C8, _C10, _C12, _C14, _C16, _C18, _C20, _C22 = [(-1) ** k / factorial(2 * k) for k in range(1, 12)]
 
 
-@compiled(cache=False, inline="always", error_model="numpy")
+@inlined(error_model="numpy", fastmath=_FAST)
 def phasor(cycles: float) -> tuple[float, float]:
     """(cos, sin) of 2 pi ``cycles``; any finite float64."""
     y = pi * (cycles - np.floor(cycles + 0.5))
@@ -44,19 +45,19 @@ _C2F, _C4F, _C6F, _C8F, _C10F, _C12F = [np.float32((-1) ** k / factorial(2 * k))
 _ONE, _TWO, _PIF = np.float32(1.0), np.float32(2.0), np.float32(pi)
 
 
-@compiled(cache=False, inline="always", error_model="numpy")
+@inlined(error_model="numpy", fastmath=_FAST)
 def single_phasor(cycles: float) -> tuple[np.float32, np.float32]:
     """:func:`phasor` in float32 once the phase is reduced in float64: within 7e-7, at half the price."""
     return _single_series(np.float32(pi * (cycles - np.floor(cycles + 0.5))))
 
 
-@compiled(cache=False, inline="always", error_model="numpy")
+@inlined(error_model="numpy", fastmath=_FAST)
 def short_phasor(cycles: np.float32) -> tuple[np.float32, np.float32]:
     """:func:`single_phasor` of a phase that is reduced already: float32, at most half a cycle."""
     return _single_series(_PIF * cycles)
 
 
-@compiled(cache=False, inline="always", error_model="numpy")
+@inlined(error_model="numpy", fastmath=_FAST)
 def _single_series(y: np.float32) -> tuple[np.float32, np.float32]:
     """(cos, sin) of 2 y for abs(y) up to pi / 2."""
     q = y * y

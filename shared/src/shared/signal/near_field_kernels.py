@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from shared.physics.compiled import compiled
+from shared.physics.compiled import compiled, inlined
 from shared.physics.cycles import single_phasor
 
 PRODUCT_FRAMES = 8
 """Frames of one matrix product; batches are filled up with zeros."""
 
 
-@compiled(error_model="numpy", fastmath={"contract", "nsz", "arcp"})
+@inlined(error_model="numpy", fastmath={"contract", "nsz", "arcp"})
 def _steer(tx_leg, x, y, element, cycles_per_metre, bins_per_metre, row, scale, re, im, walk):
     """Fill re, im, walk [U] for one element pair: phasor of the delay at mid-sweep times ``scale``, range walk [bins].
 
@@ -26,7 +26,7 @@ def _steer(tx_leg, x, y, element, cycles_per_metre, bins_per_metre, row, scale, 
         walk[j] = row - bins_per_metre * path
 
 
-@compiled(error_model="numpy", fastmath={"contract", "nsz", "arcp"})
+@inlined(error_model="numpy", fastmath={"contract", "nsz", "arcp"})
 def _store_power(value, walk, line):
     """``line`` = value; value *= walk; all [U]. A call of its own: one loop over more lines does not vectorise."""
     for j in range(len(line)):
@@ -34,7 +34,7 @@ def _store_power(value, walk, line):
         value[j] *= walk[j]
 
 
-@compiled(error_model="numpy", fastmath={"contract", "nsz", "arcp"})
+@inlined(error_model="numpy", fastmath={"contract", "nsz", "arcp"})
 def _store_folded_power(left, right, left_walk, right_walk, even, odd):
     """``even`` = left + right, ``odd`` = left - right; then left, right *= their walks; all [U]."""
     for j in range(len(even)):
@@ -44,7 +44,7 @@ def _store_folded_power(left, right, left_walk, right_walk, even, odd):
         right[j] *= right_walk[j]
 
 
-@compiled(error_model="numpy")
+@inlined(error_model="numpy")
 def _pixel_legs(elements, x, y):
     """[E, U] distances from elements [E, 3] to the pixels (x, y, 0) [m]."""
     legs = np.empty((len(elements), len(x)))
