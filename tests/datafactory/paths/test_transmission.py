@@ -8,6 +8,7 @@ import pytest
 from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, box, channel, plate, scene_of, sionna_scene
 
 from datafactory.paths.panes import (
+    lets_through,
     panes_between,
     polarization_axis,
     slab_reflection,
@@ -173,6 +174,14 @@ def test_crossings_multiply_and_points_before_a_pane_see_none():
 
 
 @pytest.mark.usefixtures("variant")
+@pytest.mark.parametrize(("name", "heard"), [("glass", True), ("wood", True), ("marble", False), ("concrete", False)])
+def test_surfaces_are_heard_through_what_takes_less_than_60_db_out_and_back(name, heard):
+    slab = load_materials().materials[name]
+    one_way, _ = transfer_matrix(slab.relative_permittivity, slab.conductivity_s_per_m, slab.thickness_m, 1.0, "te")
+    assert (40.0 * np.log10(abs(one_way)) > -60.0) == heard
+    assert lets_through(slab, FREQUENCY_HZ) == heard
+
+
 def test_metal_is_opaque_and_air_is_not_there():
     metal = crossed([far_pane("metal")], [(20.0, 0.0, 0.0)])
     assert abs(metal.factor[0]) < 1e-12

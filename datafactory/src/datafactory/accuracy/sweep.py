@@ -71,7 +71,9 @@ def sweep(
     total = len(steps) + len(powers) + 2 * len(LEVELS_DB)
     with threadpool_limits(limits=1):
         advance(0, total, "reference")
-        _warm_up(samples[0], steps, default, radar)
+        frame = _warm_up(samples[0], default, radar)
+        for tolerance in sorted({step.settings.tolerance for step in steps}):
+            run([frame], replace(default, tolerance=tolerance, prune_db=0.0), radar, Clock(), batch=1)
         clock = Clock(effort.repeats)
         frames = [clock("trace", partial(traced, sample, default, radar)) for sample in samples]
         reference = reference_of(frames, base, radar)
@@ -235,6 +237,7 @@ def _front_row(
     chosen = choice.settings
     signal = replace(default, prune_db=chosen.prune_db, tolerance=chosen.tolerance, truth_terms=chosen.truth_terms)
     settings, clock = replace(signal, rays=chosen.rays, depth=chosen.depth), Clock(effort.repeats)
+    _warm_up(samples[0], settings, radar)
     frame = clock("trace", lambda: traced(samples[0], settings, radar))
     timed = run([frame], settings, radar, clock, batch=effort.batch)
     outcome = run(frames, signal, radar, Clock(), reference.cells, effort.batch)
@@ -281,9 +284,6 @@ def _reference_text(against: KnobSettings, effort: Effort, paired: bool) -> str:
     )
 
 
-def _warm_up(sample: SampleFrame, steps: Sequence[_Step], settings: KnobSettings, radar: Radar) -> None:
-    """Everything is compiled once before it is timed."""
-    few = replace(settings, rays=1000, prune_db=0.0)
-    frame = traced(sample, few, radar)
-    for tolerance in sorted({step.settings.tolerance for step in steps}):
-        run([frame], replace(few, tolerance=tolerance), radar, Clock(), batch=1)
+def _warm_up(sample: SampleFrame, settings: KnobSettings, radar: Radar) -> TracedFrame:
+    """The frame, traced before it is timed: the solver compiles for every number of rays and of bounces, once a run."""
+    return traced(sample, settings, radar)

@@ -32,9 +32,9 @@ VIEW = 30.0
 """Of one path and virtual element of the truth: a length, its rate, a phasor."""
 SPREAD = 2.0
 """A multiply-add of the loops along lines, which load and store more than the exact kernel's."""
-MOMENT = 1.5
+MOMENT = 0.7
 """A multiply-add of the truth's loop over paths."""
-PRODUCT = 0.65
+PRODUCT = 0.5
 """A multiply-add of a matrix product."""
 TRANSFORM = 2.8
 """A butterfly's share of one number of an FFT."""

@@ -31,7 +31,7 @@ from datafactory.paths.unfold import unit
 from datafactory.scenes.materials.reflectivity import complex_permittivity
 from datafactory.scenes.materials.table import Material, MaterialMapping
 from shared.physics.errors import InputError
-from shared.physics.units import SPEED_OF_LIGHT
+from shared.physics.units import SPEED_OF_LIGHT, amplitude_to_db
 from shared.physics.vectors import dots, lengths
 
 Real = NDArray[np.float64]
@@ -42,6 +42,9 @@ Polarization = Literal["V", "H"]
 MAXIMUM_CROSSINGS = 8
 FADED = 1e-6
 """One-way field behind surfaces that is not followed any further: a hundredth of what counts anywhere."""
+OPAQUE_DB = -60.0
+"""Transmission out and back below which what surfaces scatter behind a slab is not asked for: 30 dB under the default
+error budget. A wall of 0.2 m of marble has -71 dB."""
 
 
 def slab_transmission(
@@ -62,6 +65,14 @@ def slab_transmission(
         relative_permittivity, conductivity_s_per_m, thickness_m, frequency_hz, incidence_cosine
     )
     return (1.0 - te**2) * through / (1.0 - (te * through) ** 2), (1.0 - tm**2) * through / (1.0 - (tm * through) ** 2)
+
+
+def lets_through(slab: Material, frequency_hz: float) -> bool:
+    """Whether surfaces behind a slab are heard. Absorption is least at normal incidence."""
+    te, _ = slab_transmission(
+        slab.relative_permittivity, slab.conductivity_s_per_m, slab.thickness_m, frequency_hz, np.ones(1)
+    )
+    return bool(amplitude_to_db(te[0] ** 2) > OPAQUE_DB)
 
 
 def slab_reflection(

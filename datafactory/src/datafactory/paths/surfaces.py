@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from datafactory.paths.facets import mirrors_of
 from datafactory.paths.merged_scene import MergedScene, slabs_of, velocities_on
-from datafactory.paths.panes import field_behind_slab, mesh_of_shape, slab_transmission
+from datafactory.paths.panes import field_behind_slab, lets_through, mesh_of_shape
 from datafactory.paths.ray_hits import first_hits
 from datafactory.paths.smooth_faces import reflected_by_slabs
-from datafactory.paths.targets import FAINTEST
 from datafactory.paths.wave_steps import onto_planes
 from datafactory.scenes.materials.table import Material, MaterialMapping
 from datafactory.scenes.poses import Pose
@@ -153,11 +152,5 @@ class Surfaces:
         return behind
 
     def lets_through(self) -> NDArray[np.bool_]:
-        """[M] whether a wave can be heard through the meshes' slabs. Absorption is least at normal incidence."""
-        return np.array(
-            [
-                abs(slab_transmission(slab.relative_permittivity, slab.conductivity_s_per_m, slab.thickness_m,
-                                      self.frequency_hz, np.ones(1))[0][0]) > FAINTEST
-                for slab in self.slabs
-            ]
-        )  # fmt: skip
+        """[M] whether surfaces behind the meshes' slabs are heard."""
+        return np.array([lets_through(slab, self.frequency_hz) for slab in self.slabs])

@@ -39,6 +39,8 @@ from shared.physics.cycles import phasor, phasor_like
 from shared.physics.units import SPEED_OF_LIGHT
 
 _FAST = {"contract", "nsz", "arcp"}
+DOUBLES = 8
+"""Float64 in the widest vectors. A loop's rest is worked on one by one: padded to a multiple, it has none."""
 
 
 @inlined(nogil=True, error_model="numpy", fastmath=_FAST)
@@ -218,6 +220,47 @@ def _elements_apart(table, k, time, lead, tx, rx, tx_centre, rx_centre, scales, 
 
 
 @compiled(nogil=True, error_model="numpy", fastmath=_FAST)
+def _tx_ways(tx, node, node_time, ways):
+    """Fill ``ways`` [5, ways] for every TX and node: the TX's place [m], the node's time [s] and position in the frame.
+
+    Ways beyond TX * nodes fill the last vector; nobody reads what comes of them.
+    """
+    for i in range(len(tx)):
+        for n in range(len(node)):
+            way = i * len(node) + n
+            ways[0, way], ways[1, way], ways[2, way] = tx[i, 0], tx[i, 1], tx[i, 2]
+            ways[3, way], ways[4, way] = node_time[n], node[n]
+
+
+@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
+def _tx_phasors(table, k, plane, frequency, constant, anchor, ways, cycles, re, im):
+    """Path k's amplitude, turned by its way from every TX at every node; one loop over both fills the vectors.
+
+    :param ways: of :func:`_tx_ways`; ``cycles``, ``re``, ``im`` have its length
+    """
+    px, py, pz, link = table[0, k], table[1, k], table[2, k], table[6, k]
+    vx, vy, vz, rate = table[7, k], table[8, k], table[9, k], table[13, k]
+    ex, ey, ez, time, eta = ways[0], ways[1], ways[2], ways[3], ways[4]
+    if plane:
+        for way in range(len(cycles)):
+            x, y, z = px + vx * time[way], py + vy * time[way], pz + vz * time[way]
+            far = np.sqrt(x * x + y * y + z * z)
+            cycles[way] = far - (x * ex[way] + y * ey[way] + z * ez[way]) / max(far, 1e-9)
+    else:
+        for way in range(len(cycles)):
+            x, y, z = px + vx * time[way] - ex[way], py + vy * time[way] - ey[way], pz + vz * time[way] - ez[way]
+            cycles[way] = np.sqrt(x * x + y * y + z * z)
+    for way in range(len(cycles)):
+        length = cycles[way] + (link + rate * time[way])
+        cycles[way] = frequency * length + constant - anchor * eta[way]
+    a_re, a_im = table[14, k], table[15, k]
+    for way in range(len(cycles)):
+        cosine, sine = phasor(cycles[way])
+        re[way] = cosine * a_re - sine * a_im
+        im[way] = cosine * a_im + sine * a_re
+
+
+@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
 def add_lines(
     table, anchor, row, bends, tx, rx, tx_centre, rx_centre, node, node_time, mid_time, beat_time, plane,
     reference_hz, bandwidth_hz, slope_hz_per_s, video_phase, oversampling, cells, even, odd, weights, scales, powers,
@@ -253,7 +296,9 @@ def add_lines(
     single = np.float32
     length = np.empty(rx_count)
     rx_re, rx_im = np.empty(nodes * rx_count, dtype=single), np.empty(nodes * rx_count, dtype=single)
-    tx_re, tx_im = np.empty((tx_count, nodes), dtype=single), np.empty((tx_count, nodes), dtype=single)
+    ways = np.zeros((5, -(-tx_count * nodes // DOUBLES) * DOUBLES))
+    _tx_ways(tx, node, node_time, ways)
+    cycles, tx_re, tx_im = np.empty(ways.shape[1]), np.empty(ways.shape[1], single), np.empty(ways.shape[1], single)
     bend, scaling = np.zeros(nodes, dtype=single), np.zeros(nodes, dtype=single)
     tilt, dish = np.zeros(stride, dtype=single), np.zeros(stride, dtype=single)
     shift, departure = np.empty(stride, dtype=single), np.empty(tx_count)
@@ -284,26 +329,23 @@ def add_lines(
             _elements_apart(table, k, mid_time, beat_time - mid_time, tx, rx, tx_centre, rx_centre, scales, tilt, dish)
             for e in range(stride):
                 shift[e] += dish[e] / single(12.0)
+        _tx_phasors(table, k, plane, frequency, constant, anchor[k], ways, cycles, tx_re, tx_im)
         for n in range(nodes):
             eta = node[n]
             if count > 1:
                 bend[n] = eta * (bends[0, k] + bends[2, k] * eta * eta) + bends[1, k] * (eta * eta - 1.0 / 12.0)
             if count > 2:
                 scaling[n] = eta * (bends[3, k] + eta * (bends[4, k] + eta * bends[5, k])) / np.pi
-            px, py, pz, qx, qy, qz, link = _at(table, k, node_time[n])
-            for i in range(tx_count):
-                cycles = frequency * (_length(px, py, pz, tx[i], plane) + link) + constant - anchor[k] * node[n]
-                cosine, sine = phasor(cycles)
-                tx_re[i, n] = cosine * table[14, k] - sine * table[15, k]
-                tx_im[i, n] = cosine * table[15, k] + sine * table[14, k]
+            _, _, _, qx, qy, qz, _ = _at(table, k, node_time[n])
             rx_lengths(qx, qy, qz, rx[0], rx[1], rx[2], plane, length)
             _phasors(length, frequency, rx_re, rx_im, n * rx_count)
         for n in range(len(even)):
             last = nodes - 1 - n
             square = single(node[last] * node[last] - 1.0 / 12.0)
             for i in range(tx_count):
+                here, there = i * nodes + n, i * nodes + last
                 _pair(
-                    (tx_re[i, n], tx_im[i, n], n * rx_count), (tx_re[i, last], tx_im[i, last], last * rx_count),
+                    (tx_re[here], tx_im[here], n * rx_count), (tx_re[there], tx_im[there], last * rx_count),
                     rx_re, rx_im, rx_count,
                     (bend[n], bend[last], scaling[n], scaling[last], single(node[last]), square, stride, i * rx_count),
                     tilt, dish, orders, 4 * count * n * stride + i * rx_count, sums,

@@ -56,8 +56,10 @@ from shared.signal.imaging import DEFAULT_TERMS, WALK_REACH
 from shared.signal.sweep import reference_frequency_hz, shift_polynomials, sweep_positions
 from shared.signal.windows import hann
 
-DOPPLER_ERROR = 3e-3
-"""Bound on the Doppler polynomial's error, relative to the path's own amplitude: -50 dB."""
+DOPPLER_ERROR = 1e-2
+"""Bound on the Doppler polynomial's error, relative to the path's own amplitude. It is reached by the element farthest
+from its block's centre and the path farthest from its node alone: with 3e-3 eight munich frames were not nearer to the
+reference, and a fifth dearer."""
 
 
 def truth_moments(
