@@ -219,7 +219,7 @@ def _elements_apart(table, k, time, lead, tx, rx, tx_centre, rx_centre, scales, 
                     dish[to] = dish_part
 
 
-@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
+@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
 def _tx_ways(tx, node, node_time, ways):
     """Fill ``ways`` [5, ways] for every TX and node: the TX's place [m], the node's time [s] and position in the frame.
 
@@ -232,7 +232,7 @@ def _tx_ways(tx, node, node_time, ways):
             ways[3, way], ways[4, way] = node_time[n], node[n]
 
 
-@compiled(nogil=True, error_model="numpy", fastmath=_FAST)
+@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
 def _tx_phasors(table, k, plane, frequency, constant, anchor, ways, cycles, re, im):
     """Path k's amplitude, turned by its way from every TX at every node; one loop over both fills the vectors.
 
