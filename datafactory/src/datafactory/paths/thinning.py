@@ -15,6 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.paths.rising import rising
 from shared.physics.compiled import compiled
 
 Real = NDArray[np.float64]
@@ -51,7 +52,7 @@ def thinned(
     lit = np.flatnonzero(power > 0.0)
     if most == 0 or not len(lit):
         return lit, np.ones(len(lit))
-    order = lit[np.argsort(cell[lit])]
+    order = lit[rising(cell[lit])]
     starts = np.concatenate([[0], np.flatnonzero(np.diff(cell[order])) + 1, [len(order)]])
     factor = _factors(order, starts, power, most, random.random(len(starts) - 1))
     kept = np.flatnonzero(factor)
@@ -62,7 +63,7 @@ def thinned(
 def _factors(order, starts, power, most, shift):
     """[n] factor on the power of every path, 0 of those that are left out.
 
-    :param order: paths, cell by cell, in any order within a cell; :param starts: of the cells in ``order``, and its end
+    :param order: paths, cell by cell, rising within a cell; :param starts: of the cells in ``order``, and its end
     :param shift: of each cell's systematic sampling, 0 to 1
     """
     factor = np.zeros(len(power))
@@ -74,7 +75,7 @@ def _factors(order, starts, power, most, shift):
             for place in range(first, last):
                 factor[order[place]] = 1.0
             continue
-        members = np.sort(order[first:last])
+        members = order[first:last]
         large[:count] = False
         wanted, more = most, True
         while more:
