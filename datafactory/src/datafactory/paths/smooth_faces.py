@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.paths.panes import slab_reflection
+from datafactory.paths.slabs import slab_reflection
 from datafactory.paths.wave_steps import reflected_fields
 from datafactory.scenes.materials.table import Material
 from shared.physics.vectors import dots

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from datafactory.paths.facets import mirrors_of
 from datafactory.paths.merged_scene import MergedScene, slabs_of, velocities_on
-from datafactory.paths.panes import field_behind_slab, mesh_of_shape, slab_transmission
+from datafactory.paths.panes import mesh_of_shape
 from datafactory.paths.ray_hits import first_hits
+from datafactory.paths.slabs import slab_transmission, transmission_over_air
 from datafactory.paths.smooth_faces import reflected_by_slabs
 from datafactory.paths.targets import FAINTEST
 from datafactory.paths.wave_steps import onto_planes
@@ -145,12 +146,12 @@ class Surfaces:
         """Directions [n, 3] and fields [n, 3] of the waves that smooth surfaces would send on."""
         return reflected_by_slabs(self.slabs, hits.mesh, self.frequency_hz, direction, hits.normal, hits.cosine, field)
 
-    def passed(self, direction: Real, hits: Hits, field: Complex) -> Complex:
-        """[n, 3] ``field`` behind the surfaces."""
-        behind = np.empty_like(field)
+    def transmission(self, hits: Hits) -> tuple[Complex, Complex]:
+        """T of the surfaces, TE [n] and TM [n], over that of the air in their place; the same in both senses."""
+        te, tm = np.empty((2, len(hits.mesh)), dtype=np.complex128)
         for slab, here in self.by_mesh(hits.mesh):
-            behind[here] = field_behind_slab(slab, self.frequency_hz, direction[here], hits.normal[here], field[here])
-        return behind
+            te[here], tm[here] = transmission_over_air(slab, self.frequency_hz, hits.cosine[here])
+        return te, tm
 
     def lets_through(self) -> NDArray[np.bool_]:
         """[M] whether a wave can be heard through the meshes' slabs. Absorption is least at normal incidence."""

@@ -28,16 +28,15 @@ fewer paths in its cells: their power is right, their speckle coarser.
 """
 
 
-def cells_of(range_m: Real, u: Real, range_rate_mps: Real) -> NDArray[np.int64]:
-    """[n] number of the cell of each path, in no order.
+@compiled(cache=False, inline="always")
+def cell_of(range_m, u, range_rate_mps):
+    """Number of the cell of a path, in no order.
 
-    :param range_m: [n] half of the path's length, below 1e5 m; :param u: [n] y / r of its arrival, -1 to 1
-    :param range_rate_mps: [n] its change, below 1e4 m/s
+    :param range_m: half of the path's length, below 1e5 m; :param u: y / r of its arrival, -1 to 1
+    :param range_rate_mps: its change, below 1e4 m/s
     """
-    row = np.floor(range_m / RANGE_CELL_M).astype(np.int64)
-    column = np.floor((u + 1.0) / U_CELL).astype(np.int64)
-    rate = np.rint(range_rate_mps / RATE_CELL_MPS).astype(np.int64) + 2**17
-    return ((row << 9) + column << 18) + rate
+    row, column = int(np.floor(range_m / RANGE_CELL_M)), int(np.floor((u + 1.0) / U_CELL))
+    return ((row << 9) + column << 18) + int(np.rint(range_rate_mps / RATE_CELL_MPS)) + 2**17
 
 
 def thinned(

@@ -1,4 +1,4 @@
-"""Two steps of a wave on its way, for hundreds of thousands at a time: onto a plane, and off it as from a mirror."""
+"""Steps of a wave, for hundreds of thousands at a time: onto a plane, off it as from a mirror, through it as a slab."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ ON_ITS_PLANE = 1e-2
 and then the ray caster's own distance is kept.
 """
 STEEP = 1e-6
-"""Sine of an angle of incidence below which there is no plane of incidence; R_TE = -R_TM there, and any will do."""
+"""Sine of an angle of incidence below which there is no plane of incidence; R_TE = -R_TM and T_TE = T_TM there, and any
+will do.
+"""
 
 
 @compiled()
@@ -62,15 +64,8 @@ def reflected_fields(direction, normal, field, te, tm):
     for k in range(count):
         d, n = direction[k], normal[k]
         along = d[0] * n[0] + d[1] * n[1] + d[2] * n[2]
-        _cross(d, n, s)
-        length = np.sqrt(s[0] ** 2 + s[1] ** 2 + s[2] ** 2)
-        if length < STEEP:
-            axis = np.zeros(3)
-            axis[np.argmin(np.abs(d))] = 1.0
-            _cross(d, axis, s)
-            length = np.sqrt(s[0] ** 2 + s[1] ** 2 + s[2] ** 2)
+        _across(d, n, s)
         for i in range(3):
-            s[i] /= length
             onward[k, i] = d[i] - 2.0 * along * n[i]
         _cross(d, s, p)
         _cross(onward[k], s, q)
@@ -85,7 +80,44 @@ def reflected_fields(direction, normal, field, te, tm):
     return onward, reflected
 
 
-@compiled(cache=False)
+@compiled()
+def passed_fields(direction, normal, field, te, tm):
+    """Fields [n, 3] of waves behind plane slabs, which keep their directions.
+
+    :param direction: [n, 3] unit, in either sense; :param normal: [n, 3] unit; :param field: [n, 3] complex
+    :param te, tm: [n] transmission of the electric field across and in the plane of incidence
+    """
+    passed = np.empty((len(direction), 3), dtype=np.complex128)
+    s, p = np.empty(3), np.empty(3)
+    for k in range(len(direction)):
+        _across(direction[k], normal[k], s)
+        _cross(s, direction[k], p)
+        across, within = 0.0j, 0.0j
+        for i in range(3):
+            across += field[k, i] * s[i]
+            within += field[k, i] * p[i]
+        across *= te[k]
+        within *= tm[k]
+        for i in range(3):
+            passed[k, i] = across * s[i] + within * p[i]
+    return passed
+
+
+@compiled(cache=False, inline="always")
+def _across(d, n, out):
+    """The unit vector d x n across the plane of incidence, of unit vectors."""
+    _cross(d, n, out)
+    length = np.sqrt(out[0] ** 2 + out[1] ** 2 + out[2] ** 2)
+    if length < STEEP:
+        axis = np.zeros(3)
+        axis[np.argmin(np.abs(d))] = 1.0
+        _cross(d, axis, out)
+        length = np.sqrt(out[0] ** 2 + out[1] ** 2 + out[2] ** 2)
+    for i in range(3):
+        out[i] /= length
+
+
+@compiled(cache=False, inline="always")
 def _cross(a, b, out):
     out[0] = a[1] * b[2] - a[2] * b[1]
     out[1] = a[2] * b[0] - a[0] * b[2]
