@@ -59,12 +59,6 @@ def _weakest(order, group, power, total, share):
 
 
 def _by_group_and_power(group: NDArray[np.int64], power: NDArray[np.float64]) -> NDArray[np.int64]:
-    """``np.lexsort((power, group))``, by one sort of whole numbers where these differ.
-
-    Floats from 0 on rise with their bits; the lowest of these make room for the group.
-    """
-    bits = max(int(group.max(initial=0)).bit_length(), 1)
-    key = (group.astype(np.uint64) << np.uint64(63 - bits)) | (power.view(np.uint64) >> np.uint64(bits))
-    order = rising(key.view(np.int64))
-    keys = key[order]
-    return np.lexsort((power, group)) if (keys[1:] == keys[:-1]).any() else order
+    """``np.lexsort((power, group))``: floats from 0 on rise with their bits."""
+    order = rising(power.view(np.int64))
+    return order[rising(group[order])]
