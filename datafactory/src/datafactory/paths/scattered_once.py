@@ -38,7 +38,7 @@ from datafactory.paths.solver import Bundle, TraceSettings
 from datafactory.paths.surfaces import Complex, Hits, Index, Real, Surfaces, Waves
 from datafactory.paths.table import DIFFUSE, SPECULAR
 from datafactory.paths.thinning import cell_of, thinned
-from datafactory.paths.wave_steps import passed_fields
+from datafactory.paths.wave_steps import passed_fields, reflected_fields, reflectivity
 from shared.physics.compiled import compiled
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.physics.vectors import dots, lengths, taken
@@ -114,13 +114,14 @@ def scattered_once(
     echoes = list[_Echoes]()
     for bounce in range(settings.depth):
         index, hits = surfaces.hit_by(waves)
-        waves, ratio = waves.take(index), ratio[index]
-        onward, reflected = surfaces.reflected(waves.direction, waves.field, hits)
-        echoes.append(_echoes(frame, waves, hits, reflected, ratio))
+        waves, ratio = waves.arrived(index, hits), ratio[index]
+        te, tm = surfaces.reflection(hits)
+        echoes.append(_echoes(frame, waves, hits, te, tm, ratio))
         if bounce == 0 and settings.refraction:
             echoes.append(_echoes_behind_panes(frame, waves, hits, ratio))
         if bounce + 1 == settings.depth or not settings.specular:
             break
+        onward, reflected = reflected_fields(waves.direction, hits.normal, waves.field, te, tm)
         smooth = np.sqrt(1.0 - coefficient**2)[hits.mesh]
         turned = dots(surfaces.velocity(hits.triangle, hits.point), waves.direction - onward)
         waves = Waves(
@@ -128,7 +129,7 @@ def scattered_once(
             _clear_of(hits, 1.0),
             onward,
             reflected * smooth[:, None],
-            waves.length + lengths(hits.point - waves.start),
+            waves.length,
             waves.rate + turned,
             np.concatenate([waves.bounced, hits.point[:, None]], axis=1),
             np.concatenate([waves.triangles, hits.triangle[:, None]], axis=1),
@@ -155,8 +156,11 @@ def _clear_of(hits: Hits, side: float) -> Real:
     return hits.point + side * ray_margin_m(lengths(hits.point))[:, None] * hits.normal
 
 
-def _echoes(frame: _Frame, waves: Waves, hits: Hits, reflected: Complex, ratio: Real) -> _Echoes:
-    """What the surfaces scatter back to the RX, where it sees them."""
+def _echoes(frame: _Frame, waves: Waves, hits: Hits, te: Complex, tm: Complex, ratio: Real) -> _Echoes:
+    """What the surfaces scatter back to the RX, where it sees them.
+
+    :param te, tm: [n] R of the surfaces
+    """
     seen = lengths(hits.point) >= CLOSEST_M
     if waves.bounced.shape[1]:
         index = np.flatnonzero(seen & (dots(hits.normal, hits.point) < 0.0))
@@ -164,7 +168,8 @@ def _echoes(frame: _Frame, waves: Waves, hits: Hits, reflected: Complex, ratio: 
         seen[index] = clear_between(frame.surfaces.geometry, taken(hits.point, index), np.zeros(3))
     # Home again, theta^ is where it was when the wave came, and phi^ is reversed: the RX looks against the wave.
     sign = 1.0 if frame.settings.polarization[1] == "V" else -1.0
-    return _heard(frame, waves, hits, np.flatnonzero(seen), waves.field, sign * _kept(waves.field, reflected), ratio, 0)
+    kept = sign * reflectivity(waves.direction, hits.normal, waves.field, te, tm)
+    return _heard(frame, waves, hits, np.flatnonzero(seen), waves.field, kept, ratio, 0)
 
 
 def _echoes_behind_panes(frame: _Frame, waves: Waves, hits: Hits, ratio: Real) -> _Echoes:
@@ -174,32 +179,24 @@ def _echoes_behind_panes(frame: _Frame, waves: Waves, hits: Hits, ratio: Real) -
     waves, panes, ratio = waves.take(clear), hits.take(clear), ratio[clear]
     te, tm = surfaces.transmission(panes)
     field = passed_fields(waves.direction, panes.normal, waves.field, te, tm)
-    waves = replace(waves, start=panes.point, lifted=_clear_of(panes, -1.0), field=field, length=lengths(panes.point))
+    waves = replace(waves, lifted=_clear_of(panes, -1.0), field=field)
     index, hits = surfaces.hit_by(waves)
-    waves, panes, ratio, te, tm = waves.take(index), panes.take(index), ratio[index], te[index], tm[index]
-    _, reflected = surfaces.reflected(waves.direction, waves.field, hits)
-    turned = _turned_back(waves.field, waves.direction) * _kept(waves.field, reflected)[:, None]
+    waves, panes, ratio, te, tm = waves.arrived(index, hits), panes.take(index), ratio[index], te[index], tm[index]
+    turned = _turned_back(waves.field, polarization_axis(waves.direction, "V"))
     back = passed_fields(waves.direction, panes.normal, turned, te, tm)
-    return _heard(frame, waves, hits, np.arange(len(back)), back, np.ones(len(back)), ratio, 2)
-
-
-def _turned_back(field: Complex, direction: Real) -> Complex:
-    """[n, 3] fields that go back the way they came, in ``direction`` [n, 3]: theta^ is the same, phi^ reversed."""
-    vertical = polarization_axis(direction, "V")
-    return 2.0 * np.einsum("ni,ni->n", field, vertical)[:, None] * vertical - field
+    kept = reflectivity(waves.direction, hits.normal, waves.field, *surfaces.reflection(hits))
+    return _heard(frame, waves, hits, np.arange(len(back)), back, kept, ratio, 2)
 
 
 @compiled()
-def _kept(field, reflected):
-    """[n] |Gamma| of the module: |R e| / |e| of fields e [n, 3] and R e [n, 3]."""
-    result = np.empty(len(field))
+def _turned_back(field, vertical):
+    """[n, 3] fields that go back the way they came: the same along theta^, ``vertical`` [n, 3], reversed along phi^."""
+    back = np.empty_like(field)
     for k in range(len(field)):
-        before, after = 0.0, 0.0
+        along = field[k, 0] * vertical[k, 0] + field[k, 1] * vertical[k, 1] + field[k, 2] * vertical[k, 2]
         for i in range(3):
-            before += field[k, i].real ** 2 + field[k, i].imag ** 2
-            after += reflected[k, i].real ** 2 + reflected[k, i].imag ** 2
-        result[k] = np.sqrt(after / before) if before > 0.0 else 0.0
-    return result
+            back[k, i] = 2.0 * along * vertical[k, i] - field[k, i]
+    return back
 
 
 def _heard(
@@ -214,7 +211,7 @@ def _heard(
     """
     surfaces = frame.surfaces
     amplitude, power, cell = _arriving(
-        index, waves.start, waves.direction, waves.length, waves.rate, hits.point, hits.normal, hits.mesh,
+        index, waves.direction, waves.length, waves.rate, hits.point, hits.normal, hits.mesh,
         surfaces.velocity(hits.triangle, hits.point), field,
         polarization_axis(waves.direction, frame.settings.polarization[1]), kept, ratio,
         np.array([slab.scattering_coefficient for slab in surfaces.slabs]),
@@ -226,7 +223,7 @@ def _heard(
 
 @compiled(error_model="numpy")
 def _arriving(
-    index, start, direction, length, rate, point, normal, mesh, velocity, field, axis, kept, ratio, coefficient, lobes,
+    index, direction, length, rate, point, normal, mesh, velocity, field, axis, kept, ratio, coefficient, lobes,
     scale,
 ):  # fmt: skip
     """Amplitudes [n], powers [n] and cells [n] of the echoes of the waves ``index`` [n]; their values are [m].
@@ -241,12 +238,11 @@ def _arriving(
     for i in range(count):
         k = index[i]
         heard, whole = 0.0j, 0.0
-        square, last, incidence, leaving, turned, departing, arriving = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        square, incidence, leaving, turned, departing, arriving = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for j in range(3):
             heard += field[k, j] * axis[k, j]
             whole += field[k, j].real ** 2 + field[k, j].imag ** 2
             square += point[k, j] ** 2
-            last += (point[k, j] - start[k, j]) ** 2
             incidence -= direction[k, j] * normal[k, j]
             leaving -= point[k, j] * normal[k, j]
             turned -= direction[k, j] * point[k, j]
@@ -259,6 +255,6 @@ def _arriving(
         factor = kept[k] * coefficient[mesh[k]] * np.sqrt(f) * scale / (4.0 * np.pi * distance)
         amplitude[i] = heard.conjugate() * factor
         power[i] = (amplitude[i].real ** 2 + amplitude[i].imag ** 2) * ratio[k]
-        way = 0.5 * (length[k] + np.sqrt(last) + distance)
+        way = 0.5 * (length[k] + distance)
         cell[i] = cell_of(way, point[k, 1] / distance, 0.5 * (rate[k] + arriving + departing / distance))
     return amplitude, power, cell

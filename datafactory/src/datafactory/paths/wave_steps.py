@@ -17,35 +17,38 @@ will do.
 
 
 @compiled()
-def onto_planes(start, direction, distance, triangle, normals, heights):
-    """Points [n, 3], normals [n, 3] on the side of arrival and cosines [n] of incidence of rays that meet triangles.
+def onto_planes(index, start, direction, distance, triangle, normals, heights):
+    """Where n of m rays meet triangles.
 
-    :param start: [n, 3] [m]; :param direction: [n, 3] unit
-    :param distance: [n] along the ray as the ray caster has it, to float32 [m]
+    :param index: [n] of the rays that do
+    :param start: [m, 3] [m]; :param direction: [m, 3] unit
+    :param distance: [m] along the ray as the ray caster has it, to float32 [m]
     :param triangle: [n] that was met
     :param normals: [T, 3] unit, of all triangles; :param heights: [T] of their planes over the origin [m]
-    :return: the cosine is 0 where the triangle has no area
+    :return: points [n, 3], normals [n, 3] on the side of arrival, cosines [n] of incidence, 0 where the triangle has no
+        area, and distances [n]
     """
-    count = len(start)
-    point, normal, cosine = np.empty((count, 3)), np.empty((count, 3)), np.zeros(count)
+    count = len(index)
+    point, normal, cosine, length = np.empty((count, 3)), np.empty((count, 3)), np.zeros(count), np.empty(count)
     for k in range(count):
-        which = triangle[k]
+        ray, which = index[k], triangle[k]
         slope, height = 0.0, heights[which]
         for i in range(3):
-            slope += normals[which, i] * direction[k, i]
-            height -= normals[which, i] * start[k, i]
-        along = distance[k]
+            slope += normals[which, i] * direction[ray, i]
+            height -= normals[which, i] * start[ray, i]
+        along = distance[ray]
         if slope != 0.0 and abs(height / slope - along) <= ON_ITS_PLANE * along:
             along = height / slope
         side = -1.0 if slope > 0.0 else 1.0
         square = 0.0
         for i in range(3):
-            point[k, i] = start[k, i] + along * direction[k, i]
+            point[k, i] = start[ray, i] + along * direction[ray, i]
             normal[k, i] = side * normals[which, i]
             square += normals[which, i] ** 2
         if square > 0.5:
             cosine[k] = min(max(abs(slope), 1e-9), 1.0)
-    return point, normal, cosine
+        length[k] = along
+    return point, normal, cosine, length
 
 
 @compiled()
@@ -78,6 +81,26 @@ def reflected_fields(direction, normal, field, te, tm):
         for i in range(3):
             reflected[k, i] = across * s[i] + within * q[i]
     return onward, reflected
+
+
+@compiled()
+def reflectivity(direction, normal, field, te, tm):
+    """[n] |R e| / |e| of waves reflected by planes; arguments as in :func:`reflected_fields`."""
+    share = np.empty(len(direction))
+    s, p = np.empty(3), np.empty(3)
+    for k in range(len(direction)):
+        _across(direction[k], normal[k], s)
+        _cross(s, direction[k], p)
+        across, within, square = 0.0j, 0.0j, 0.0
+        for i in range(3):
+            across += field[k, i] * s[i]
+            within += field[k, i] * p[i]
+            square += field[k, i].real ** 2 + field[k, i].imag ** 2
+        across *= te[k]
+        within *= tm[k]
+        reflected = across.real**2 + across.imag**2 + within.real**2 + within.imag**2
+        share[k] = np.sqrt(reflected / square) if square > 0.0 else 0.0
+    return share
 
 
 @compiled()
