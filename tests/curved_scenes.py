@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from scipy.special import fresnel
 from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, mesh, scene_of
 
-from datafactory.paths.panes import slab_reflection
 from datafactory.paths.rays import RayFan
+from datafactory.paths.slabs import slab_reflection
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import PathTable
 from datafactory.paths.trace import trace

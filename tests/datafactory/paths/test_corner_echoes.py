@@ -19,7 +19,7 @@ from corner_scenes import (
 )
 from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, mesh, scene_of
 
-from datafactory.paths.panes import slab_reflection
+from datafactory.paths.slabs import slab_reflection
 from datafactory.paths.table import CORNER
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import SceneObject

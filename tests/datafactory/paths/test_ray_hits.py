@@ -44,6 +44,9 @@ def test_the_first_of_two_walls_is_met_within_reach(generator):
         here = hits.valid & (names == number)
         assert {material[of_shape[int(shape)]] for shape in hits.shape[here]} == {name}
     assert set(hits.primitive[hits.valid].tolist()) == {0, 1}
+    without = first_hits(geometry, start, direction, reach, normals=False)
+    for name in ("valid", "distance", "shape", "primitive"):
+        np.testing.assert_array_equal(getattr(without, name)[hits.valid], getattr(hits, name)[hits.valid])
     np.testing.assert_allclose(np.abs(hits.normal[hits.valid, 0]), 1.0, atol=1e-6)
 
 
@@ -67,8 +70,9 @@ def test_all_that_is_read_of_a_cast_is_evaluated_in_one_kernel(generator):
 
     geometry = sionna_scene(TWO_WALLS).mi_scene
     cast = (*rays(64, generator), np.full(64, np.inf))
-    first_hits(geometry, *cast)
-    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-        dr.kernel_history_clear()
-        first_hits(geometry, *cast)
-        assert len(dr.kernel_history((dr.KernelType.JIT,))) == 1
+    for normals in (True, False):
+        first_hits(geometry, *cast, normals)
+        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+            dr.kernel_history_clear()
+            first_hits(geometry, *cast, normals)
+            assert len(dr.kernel_history((dr.KernelType.JIT,))) == 1

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from datafactory.paths import solver as solver_module
 from datafactory.paths import trace as trace_module
 from datafactory.paths.merged_scene import MergedScene, merge_scene
-from datafactory.paths.panes import slab_transmission
 from datafactory.paths.rays import RayFan
 from datafactory.paths.scattered_once import scattered_once
+from datafactory.paths.slabs import slab_transmission
 from datafactory.paths.solver import Bundle, TraceSettings
 from datafactory.paths.surfaces import Surfaces
 from datafactory.paths.table import DIFFUSE, SPECULAR, PathTable

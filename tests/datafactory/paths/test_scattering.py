@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from datafactory.paths.scattering import scattered_share
+from datafactory.paths.scattering import has_lobes, share_at
 from datafactory.scenes.materials.table import Pattern
 from shared.physics.errors import InputError
 
@@ -21,9 +21,11 @@ def arriving(angle_deg: float) -> np.ndarray:
 
 
 def share(pattern, arrival, departure):
-    departure = np.atleast_2d(departure)
-    return scattered_share(
-        pattern, np.broadcast_to(arrival, departure.shape), departure, np.broadcast_to(NORMAL, departure.shape)
+    arrival, departure = np.broadcast_arrays(np.atleast_2d(arrival), np.atleast_2d(departure))
+    turned = np.einsum("ki,ki->k", arrival, departure)
+    lobes = has_lobes(pattern)
+    return np.array(
+        [share_at(lobes, -a @ NORMAL, d @ NORMAL, c) for a, d, c in zip(arrival, departure, turned, strict=True)]
     )
 
 
@@ -63,8 +65,7 @@ def test_patterns_are_sionnas():
     theirs: dict[Pattern, Any] = {"lambertian": LambertianPattern(), "backscattering": BackscatteringPattern(4, 4, 0.5)}
     for pattern, own in theirs.items():
         expected = own(mi.Vector3f(*arrival.T.astype(np.float32)), mi.Vector3f(*departure.T.astype(np.float32))).numpy()
-        ours = scattered_share(pattern, arrival, departure, np.broadcast_to(NORMAL, arrival.shape))
-        np.testing.assert_allclose(ours, expected, rtol=2e-5)
+        np.testing.assert_allclose(share(pattern, arrival, departure), expected, rtol=2e-5)
 
 
 def test_an_unknown_pattern_is_refused():

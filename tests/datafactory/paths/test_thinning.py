@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from datafactory.paths.solver import TraceSettings
-from datafactory.paths.thinning import cells_of, thinned
+from datafactory.paths.thinning import cell_of, thinned
 
 
 def rng(seed: int = 0) -> np.random.Generator:
@@ -85,7 +85,7 @@ def test_cells_that_lie_across_those_that_are_thinned_scatter_by_the_root_of_wha
 
 def test_cells_are_told_apart_by_range_side_and_rate():
     def one(range_m: float, u: float, rate: float) -> int:
-        return int(cells_of(np.array([range_m]), np.array([u]), np.array([rate]))[0])
+        return int(cell_of(range_m, u, rate))
 
     here = one(10.01, 0.301, 0.0)
     assert one(10.02, 0.302, 0.01) == here

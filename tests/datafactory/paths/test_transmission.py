@@ -7,14 +7,9 @@ import numpy as np
 import pytest
 from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, box, channel, plate, scene_of, sionna_scene
 
-from datafactory.paths.panes import (
-    lets_through,
-    panes_between,
-    polarization_axis,
-    slab_reflection,
-    slab_transmission,
-)
+from datafactory.paths.panes import panes_between, polarization_axis
 from datafactory.paths.ray_hits import clear_between
+from datafactory.paths.slabs import lets_through, slab_reflection, slab_transmission
 from datafactory.scenes.materials.table import load_materials
 from shared.physics.errors import InputError
 

@@ -18,7 +18,7 @@ from datafactory.frame.prepared import PreparedScene, Sample
 from datafactory.paths.corner_edges import corners_of
 from datafactory.paths.edges import edges_of
 from datafactory.paths.merged_scene import slabs_of
-from datafactory.paths.panes import lets_through
+from datafactory.paths.slabs import lets_through
 from datafactory.paths.table import CORNER, DIFFRACTED, DIFFUSE, REFRACTED, SPECULAR, TARGET, PathTable
 from shared.physics.units import power_to_db
 from shared.radar import Radar

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from datafactory.frame import changes
 from datafactory.paths.density import CellMap, cell_map
+from datafactory.paths.rising import rising
 from datafactory.paths.table import PathTable
 from shared.physics.units import db_to_power
 from shared.radar import Radar
@@ -132,7 +133,7 @@ def _curved(paths: PathTable, cells: Cells, radar: Radar, budget_db: float) -> b
     bound = changes.plane_wave_bound(paths, array, wavelength) ** 2
     if not cells.called_for(where.sums(bound), budget_db):
         return False
-    order = np.argsort(-where.power * bound)
+    order = rising(-(where.power * bound).view(np.int64))  # floats from 0 on rise with their bits
     known = np.zeros_like(cells.total)
     for block, rest in _growing_blocks(order):
         exact = changes.plane_wave_change(_taken(paths, block), array, wavelength) ** 2

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from datafactory.paths.curved_surfaces import curved_surfaces_of
 from datafactory.paths.edges import edges_of
 from datafactory.paths.merged_scene import merge_scene, slabs_of
-from datafactory.paths.panes import slab_transmission
+from datafactory.paths.slabs import slab_transmission
 from datafactory.scenes.materials.table import MaterialMapping, MaterialTable
 from datafactory.scenes.motion import Moving, Track
 from datafactory.scenes.scene import Scene, SceneObject

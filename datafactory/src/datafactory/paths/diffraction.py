@@ -39,7 +39,8 @@ from scipy.special import fresnel
 
 from datafactory.paths.edges import WedgeEdges
 from datafactory.paths.facets import TAPER
-from datafactory.paths.panes import Polarization, polarization_axis, slab_reflection, slab_transmission
+from datafactory.paths.panes import Polarization, polarization_axis
+from datafactory.paths.slabs import slab_reflection, transmission_over_air
 from datafactory.paths.table import DIFFRACTED, ScatteredPaths, SpecularPaths
 from datafactory.paths.unfold import unit
 from datafactory.scenes.materials.table import Material
@@ -309,8 +310,7 @@ def _slab_coefficients(
         here, slab = mesh == index, slabs[index]
         values = (slab.relative_permittivity, slab.conductivity_s_per_m, slab.thickness_m, frequency_hz, cosine[here])
         reflected[:, here] = np.array(slab_reflection(*values)) * np.sqrt(1.0 - slab.scattering_coefficient**2)
-        air = np.exp(2j * np.pi * frequency_hz / SPEED_OF_LIGHT * slab.thickness_m * cosine[here])
-        passed[:, here] = np.array(slab_transmission(*values)) * air
+        passed[:, here] = transmission_over_air(slab, frequency_hz, cosine[here])
     return reflected, passed
 
 

@@ -76,7 +76,7 @@ class Mirrors:
     known: Mirrors | None = None
     turned: NDArray[np.bool_] | None = None
     _edges: dict[int, Real] = field(default_factory=dict, compare=False, repr=False)
-    _boundaries: dict[bytes, Real] = field(default_factory=dict, compare=False, repr=False)
+    _boundaries: dict[bytes, tuple[Real, Real]] = field(default_factory=dict, compare=False, repr=False)
 
     @staticmethod
     def of(meshes: Sequence[MergedMesh]) -> Mirrors:
@@ -101,10 +101,10 @@ class Mirrors:
             members = self._coplanar(triangle)
             plane = sha256(members.tobytes()).digest()  # the members of a ground are a key of some hundred kilobytes
             if plane not in self._boundaries:
-                self._boundaries[plane] = self._boundary(members)
-            found = self._boundaries[plane]
+                found = self._boundary(members)
+                self._boundaries[plane] = found, found[:, ::-1]
             away = self.normals[members[:1]] @ self.normals[triangle] < 0.0
-            self._edges[triangle] = found[:, ::-1] if away.any() else found
+            self._edges[triangle] = self._boundaries[plane][int(away.any())]
         return self._edges[triangle]
 
     def _coplanar(self, triangle: int) -> Index:
@@ -167,34 +167,56 @@ def reflected_share(
     :param arrival: [n, 3] direction in which the wave arrives (any length)
     :param before_m, after_m: [n] d1 and d2, unfolded distances to source and next spreading point [m]
     """
-    share = np.ones(len(triangle), dtype=np.complex128)
+    if not len(triangle):
+        return np.ones(0, dtype=np.complex128)
     scale = np.sqrt((1.0 / before_m + 1.0 / after_m) / wavelength_m)
-    order = np.argsort(triangle, kind="stable")
-    starts = np.flatnonzero(np.diff(triangle[order], prepend=-1))
-    for group in np.split(order, starts[1:]) if len(order) else []:
-        which = int(triangle[group[0]])
-        normal = mirrors.normals[which]
-        along = arrival[group] - (arrival[group] @ normal)[:, None] * normal
-        length = np.linalg.norm(arrival[group], axis=1)
-        cosine = np.abs(arrival[group] @ normal) / length
-        steep = np.linalg.norm(along, axis=1) < 1e-9 * length
-        along[steep] = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
-        along /= np.linalg.norm(along, axis=1, keepdims=True)
-        across = np.cross(normal, along)
-        edges = mirrors.edges(which)
-        share[group] = _mirror_shares(
-            np.ascontiguousarray(edges), point[group], along * (cosine * scale[group])[:, None],
-            across * scale[group][:, None],
-        )  # fmt: skip
-    return share
+    edges, first, last, place = _edges_of_each(mirrors, triangle)
+    return _mirror_shares(edges, first, last, place[triangle], point, arrival, mirrors.normals, triangle, scale)
+
+
+def _edges_of_each(mirrors: Mirrors, triangle: Index) -> tuple[Real, Index, Index, Index]:
+    """Edges [E, 2, 3] of the planes of M triangles that are met, where each triangle's begin [M] and end [M] among
+    them, and which of the M a triangle [T] is."""
+    met = np.flatnonzero(np.bincount(triangle, minlength=len(mirrors.normals)))
+    place = np.zeros(len(mirrors.normals), dtype=np.int64)
+    place[met] = np.arange(len(met))
+    # Triangles of one plane share the array of its edges.
+    planes = {id(edges): edges for edges in map(mirrors.edges, met.tolist())}
+    ends = dict(zip(planes, np.cumsum([len(edges) for edges in planes.values()]).tolist(), strict=True))
+    own = [mirrors.edges(which) for which in met.tolist()]
+    last = np.array([ends[id(edges)] for edges in own])
+    return np.concatenate(list(planes.values())), last - np.array([len(edges) for edges in own]), last, place
 
 
 @compiled()
-def _mirror_shares(edges, point, along, across):
-    """[n] F of points [n, 3] in one plane with edges [E, 2, 3]; ``along``, ``across`` [n, 3] give xi and eta."""
+def _mirror_shares(edges, first, last, mirror, point, arrival, normals, triangle, scale):
+    """[n] F of specular points [n, 3] on mirrors of edges ``edges[first:last]``.
+
+    :param mirror: [n] index into ``first`` and ``last``; :param triangle: [n] into ``normals``
+    :param scale: [n] of xi and eta to lengths across the wave
+    """
     share = np.ones(len(point), dtype=np.complex128)
+    along, across = np.empty(3), np.empty(3)
     for k in range(len(point)):
-        total, turned, _ = _along_edges(edges, point[k], along[k], across[k])
+        a, n = arrival[k], normals[triangle[k]]
+        length = np.sqrt(a[0] ** 2 + a[1] ** 2 + a[2] ** 2)
+        slope = a[0] * n[0] + a[1] * n[1] + a[2] * n[2]
+        for i in range(3):
+            along[i] = a[i] - slope * n[i]
+        size = np.sqrt(along[0] ** 2 + along[1] ** 2 + along[2] ** 2)
+        if size < 1e-9 * length:  # any direction in the plane will do
+            least = np.argmin(np.abs(n))
+            for i in range(3):
+                along[i] = (1.0 if i == least else 0.0) - n[least] * n[i]
+            size = np.sqrt(along[0] ** 2 + along[1] ** 2 + along[2] ** 2)
+        for i in range(3):
+            along[i] /= size
+        for i in range(3):
+            across[i] = (n[i - 2] * along[i - 1] - n[i - 1] * along[i - 2]) * scale[k]
+        for i in range(3):
+            along[i] *= abs(slope) / length * scale[k]
+        own = edges[first[mirror[k]] : last[mirror[k]]]
+        total, turned, _ = _along_edges(own, point[k], along, across)
         share[k] = total / max(turned, 2.0 * np.pi)
     return share
 

@@ -23,8 +23,9 @@ from numpy.typing import NDArray
 from datafactory.paths.curved_surfaces import curved_surfaces_of
 from datafactory.paths.facets import mirrors_of, reflected_share
 from datafactory.paths.merged_scene import MergedScene, slabs_of
-from datafactory.paths.panes import panes_between, slab_reflection
+from datafactory.paths.panes import panes_between
 from datafactory.paths.ray_hits import clear_between
+from datafactory.paths.slabs import slab_reflection
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import REFRACTED, SPECULAR, SpecularPaths
 from datafactory.paths.targets import FAINTEST

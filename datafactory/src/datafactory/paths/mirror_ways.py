@@ -31,8 +31,9 @@ from numpy.typing import NDArray
 from datafactory.paths.curved_surfaces import curved_surfaces_of
 from datafactory.paths.facets import COPLANAR_M, mirrors_of, reflected_share
 from datafactory.paths.merged_scene import MergedScene, slabs_of, velocities_on
-from datafactory.paths.panes import Polarization, polarization_axis, slab_reflection
+from datafactory.paths.panes import Polarization, polarization_axis
 from datafactory.paths.ray_hits import clear_between, ray_margin_m
+from datafactory.paths.slabs import slab_reflection
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.wave_steps import reflected_fields
 from datafactory.scenes.materials.table import MaterialMapping

@@ -1,17 +1,4 @@
-"""Panes: transmission and reflection of a slab, and the slabs on the straight line between radar and point.
-
-Slab of one layer in air, ITU-R P.2040-4 eq. (43), (44), multiple reflections inside included: with eta the complex
-relative permittivity, theta the angle of incidence, d the thickness, k = 2 pi / lambda,
-
-    q = k d sqrt(eta - sin^2 theta),   T = (1 - r^2) exp(-jq) / (1 - r^2 exp(-2jq)),
-    R = r (1 - exp(-2jq)) / (1 - r^2 exp(-2jq)),
-
-and r the Fresnel coefficients of its surface, eq. (37). T is the field behind the slab over the field in front of it,
-at points opposite each other: a pane of air has exp(-j k d cos theta). Valid for slabs wider than the beam's Fresnel
-zone and for a pulse longer than the echoes within (d |sqrt(eta)| well below the range resolution of 0.15 m; thicker
-walls absorb them).
-
-Time convention exp(+j omega t) for coefficients; amplitudes for the path table are their conjugates.
+"""Panes: the slabs on the straight line between radar and point.
 
 Lines of sight are rays of Mitsuba in float32. Every mesh surface is one slab, as in Sionna's own model: a pane modelled
 as a box is two panes.
@@ -23,16 +10,16 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from datafactory.paths.merged_scene import MergedScene, slabs_of
 from datafactory.paths.ray_hits import first_hits, ray_margin_m
+from datafactory.paths.slabs import transmission_over_air
 from datafactory.paths.unfold import unit
-from datafactory.scenes.materials.reflectivity import complex_permittivity
+from datafactory.paths.wave_steps import passed_fields
 from datafactory.scenes.materials.table import Material, MaterialMapping
-from shared.physics.errors import InputError
-from shared.physics.units import SPEED_OF_LIGHT, amplitude_to_db
-from shared.physics.vectors import dots, lengths
+from shared.physics.compiled import compiled
+from shared.physics.vectors import dots
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -42,78 +29,6 @@ Polarization = Literal["V", "H"]
 MAXIMUM_CROSSINGS = 8
 FADED = 1e-6
 """One-way field behind surfaces that is not followed any further: a hundredth of what counts anywhere."""
-OPAQUE_DB = -60.0
-"""Transmission out and back below which what surfaces scatter behind a slab is not asked for: 30 dB under the default
-error budget. A wall of 0.2 m of marble has -71 dB."""
-
-
-def slab_transmission(
-    relative_permittivity: float,
-    conductivity_s_per_m: float,
-    thickness_m: float,
-    frequency_hz: float,
-    incidence_cosine: ArrayLike,
-) -> tuple[Complex, Complex]:
-    """T of a slab for the electric field across (TE) and in (TM) the plane of incidence.
-
-    :param relative_permittivity: eps' > 0; :param conductivity_s_per_m: at least 0; :param thickness_m: at least 0
-    :param incidence_cosine: [K] cosine of the angle from the normal, above 0 and at most 1
-    :return: TE [K] and TM [K]; 0 where the slab absorbs everything
-    :raises InputError: a value outside these bounds
-    """
-    through, te, tm = _slab_terms(
-        relative_permittivity, conductivity_s_per_m, thickness_m, frequency_hz, incidence_cosine
-    )
-    return (1.0 - te**2) * through / (1.0 - (te * through) ** 2), (1.0 - tm**2) * through / (1.0 - (tm * through) ** 2)
-
-
-def lets_through(slab: Material, frequency_hz: float) -> bool:
-    """Whether surfaces behind a slab are heard. Absorption is least at normal incidence."""
-    te, _ = slab_transmission(
-        slab.relative_permittivity, slab.conductivity_s_per_m, slab.thickness_m, frequency_hz, np.ones(1)
-    )
-    return bool(amplitude_to_db(te[0] ** 2) > OPAQUE_DB)
-
-
-def slab_reflection(
-    relative_permittivity: float,
-    conductivity_s_per_m: float,
-    thickness_m: float,
-    frequency_hz: float,
-    incidence_cosine: ArrayLike,
-) -> tuple[Complex, Complex]:
-    """R of a slab, TE [K] and TM [K], at its front face; arguments as in :func:`slab_transmission`.
-
-    TE is the sign of the electric field, TM that of the magnetic one: a perfect conductor has -1 and +1.
-    """
-    through, te, tm = _slab_terms(
-        relative_permittivity, conductivity_s_per_m, thickness_m, frequency_hz, incidence_cosine
-    )
-    return te * (1.0 - through**2) / (1.0 - (te * through) ** 2), tm * (1.0 - through**2) / (1.0 - (tm * through) ** 2)
-
-
-def _slab_terms(
-    permittivity: float, conductivity: float, thickness_m: float, frequency_hz: float, incidence_cosine: ArrayLike
-) -> tuple[Complex, Complex, Complex]:
-    """exp(-jq) and the surface's Fresnel coefficients TE, TM."""
-    cosine = np.asarray(incidence_cosine, dtype=np.float64)
-    for name, bad, value, expected in (
-        ("relative_permittivity", not permittivity > 0.0, permittivity, "above 0"),
-        ("conductivity", not conductivity >= 0.0, conductivity, "at least 0 S/m"),
-        ("thickness", not thickness_m >= 0.0, thickness_m, "at least 0 m"),
-        ("frequency", not frequency_hz > 0.0, frequency_hz, "above 0 Hz"),
-        ("incidence_cosine", not np.all((cosine > 0.0) & (cosine <= 1.0)), incidence_cosine, "above 0 and at most 1"),
-    ):
-        if bad:
-            raise InputError(f"slab {name}", f"{value!r}", expected)
-    eta = complex_permittivity(permittivity, conductivity, frequency_hz)
-    # eta - 1 + cos^2 is eta - sin^2 without the cancellation that a slab of air has at grazing incidence.
-    root = np.sqrt(eta - 1.0 + cosine**2 + 0j)
-    root = np.where(root.imag > 0.0, -root, root)  # exp(-jq) decays, for eta < sin^2 too
-    te = (cosine - root) / (cosine + root)
-    tm = (eta * cosine - root) / (eta * cosine + root)
-    wavenumber = 2.0 * np.pi * frequency_hz / SPEED_OF_LIGHT
-    return np.exp(-1j * wavenumber * thickness_m * root), te, tm
 
 
 @dataclass(frozen=True)
@@ -180,13 +95,21 @@ def polarization_axis(direction: Real, polarization: Polarization) -> Real:
 
     Straight up and down it is undefined; the limit from +x is returned.
     """
-    x, y, z = direction.T
-    across = np.hypot(x, y)
-    level = np.where(across > 0.0, across, 1.0)
-    cosine, sine = np.where(across > 0.0, x / level, 1.0), y / level
-    if polarization == "H":
-        return np.stack([-sine, cosine, np.zeros_like(z)], axis=1)
-    return np.stack([z * cosine, z * sine, -across], axis=1)
+    return _axes(np.ascontiguousarray(direction), polarization == "H")
+
+
+@compiled()
+def _axes(direction, horizontal):
+    axis = np.empty((len(direction), 3))
+    for k in range(len(direction)):
+        x, y, z = direction[k, 0], direction[k, 1], direction[k, 2]
+        across = np.sqrt(x * x + y * y)
+        cosine, sine = (x / across, y / across) if across > 0.0 else (1.0, 0.0)
+        if horizontal:
+            axis[k, 0], axis[k, 1], axis[k, 2] = -sine, cosine, 0.0
+        else:
+            axis[k, 0], axis[k, 1], axis[k, 2] = z * cosine, z * sine, -across
+    return axis
 
 
 def mesh_of_shape(mi_scene: Any) -> dict[int, int]:
@@ -218,20 +141,7 @@ def field_behind_slab(
     :param field: [K, 3] in front, across ``direction``
     """
     cosine = np.clip(np.abs(dots(direction, normal)), 1e-6, 1.0)
-    te, tm = slab_transmission(
-        material.relative_permittivity,
-        material.conductivity_s_per_m,
-        material.thickness_m,
-        frequency_hz,
-        cosine,
-    )
-    replaced_air = np.exp(2j * np.pi * frequency_hz / SPEED_OF_LIGHT * material.thickness_m * cosine)
-    across = np.cross(direction, normal)
-    # At normal incidence there is no plane of incidence, and T_TE = T_TM: any axis will do.
-    across = unit(np.where(lengths(across)[:, None] > 1e-6, across, polarization_axis(direction, "V")))
-    along = np.cross(across, direction)
-    kept_te = (te * replaced_air * np.einsum("ki,ki->k", field, across))[:, None] * across
-    return kept_te + (tm * replaced_air * np.einsum("ki,ki->k", field, along))[:, None] * along
+    return passed_fields(direction, normal, field, *transmission_over_air(material, frequency_hz, cosine))
 
 
 class _SurfaceWalker:

@@ -11,7 +11,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.paths.rising import rising
 from datafactory.paths.table import PathTable
+from shared.physics.compiled import compiled
 from shared.physics.units import db_to_power
 from shared.radar import Radar
 
@@ -38,27 +40,25 @@ def _negligible(power: NDArray[np.float64], group: NDArray[np.int64], share: flo
     if not len(group):
         return np.zeros(0, dtype=bool)
     group = group - group.min()
-    total = np.bincount(group, power)
-    total[total == 0.0] = 1.0  # paths without power are all negligible
-    order = _by_group_and_power(group, power)
-    # Relative to its own group's power: a running sum over all groups would lose the digits of a weak one.
-    members = np.bincount(group)
-    sorted_group = np.repeat(np.arange(len(members)), members)
-    part = power[order] / total[sorted_group]
-    running = np.cumsum(part)
-    first = (np.cumsum(members) - members)[sorted_group]
-    result = np.zeros(len(power), dtype=bool)
-    result[order] = running - (running[first] - part[first]) <= share
+    return _weakest(_by_group_and_power(group, power), group, power, np.bincount(group, power), share)
+
+
+@compiled()
+def _weakest(order, group, power, total, share):
+    """[K] as :func:`_negligible`.
+
+    :param order: of the members, group by group, within a group the weakest first; :param total: power of each group
+    """
+    result = np.empty(len(order), dtype=np.bool_)
+    before, held = -1, 0.0
+    for k in order:
+        held = power[k] + (held if group[k] == before else 0.0)
+        before = group[k]
+        result[k] = held <= share * total[before]
     return result
 
 
 def _by_group_and_power(group: NDArray[np.int64], power: NDArray[np.float64]) -> NDArray[np.int64]:
-    """``np.lexsort((power, group))``, by one sort of whole numbers, at a third of its time, where these differ.
-
-    Floats from 0 on rise with their bits; the lowest of these make room for the group.
-    """
-    bits = max(int(group.max(initial=0)).bit_length(), 1)
-    key = (group.astype(np.uint64) << np.uint64(63 - bits)) | (power.view(np.uint64) >> np.uint64(bits))
-    order = np.argsort(key)
-    keys = key[order]
-    return np.lexsort((power, group)) if (keys[1:] == keys[:-1]).any() else order
+    """``np.lexsort((power, group))``: floats from 0 on rise with their bits."""
+    order = rising(power.view(np.int64))
+    return order[rising(group[order])]

@@ -28,7 +28,7 @@ class RayHits:
     :param valid: [K] whether there was anything; the other values mean nothing where there was not
     :param distance: [K] [m]
     :param shape: [K] number by which a ray names a shape; :param primitive: [K] triangle of the shape
-    :param normal: [K, 3] unit, on either side
+    :param normal: [K, 3] unit, on either side; [0, 3] where it was not asked for
     """
 
     valid: NDArray[np.bool_]
@@ -38,7 +38,7 @@ class RayHits:
     normal: Real
 
 
-def first_hits(mi_scene: Any, start: Real, direction: Real, reach: Real) -> RayHits:
+def first_hits(mi_scene: Any, start: Real, direction: Real, reach: Real, normals: bool = True) -> RayHits:
     """What rays from ``start`` [K, 3] [m] along unit vectors [K, 3], no longer than ``reach`` [K] [m], meet first.
 
     :param mi_scene: Mitsuba's scene in the frame of the rays; K is at least 1, for no array of Mitsuba may be empty
@@ -47,15 +47,16 @@ def first_hits(mi_scene: Any, start: Real, direction: Real, reach: Real) -> RayH
     import mitsuba as mi
 
     ray = _rays(start.T.astype(np.float32), direction.T.astype(np.float32), reach.astype(np.float32))
-    met = mi_scene.ray_intersect(ray)
+    met = mi_scene.ray_intersect(ray) if normals else mi_scene.ray_intersect_preliminary(ray)
     valid, shape = met.is_valid(), mi.UInt32(dr.reinterpret_array(mi.UInt32, met.shape))
-    dr.eval(valid, shape, met.prim_index, met.t, met.n)
+    dr.eval(valid, shape, met.prim_index, met.t, *(met.n if normals else ()))
+    normal = np.stack([axis.numpy() for axis in met.n], axis=1) if normals else np.zeros((0, 3))
     return RayHits(
         valid=valid.numpy(),
         distance=met.t.numpy().astype(np.float64),
         shape=shape.numpy().astype(np.int64),
         primitive=met.prim_index.numpy().astype(np.int64),
-        normal=np.stack([axis.numpy() for axis in met.n], axis=1).astype(np.float64),
+        normal=normal.astype(np.float64),
     )
 
 

@@ -33,11 +33,12 @@ import numpy as np
 from datafactory.paths.panes import polarization_axis
 from datafactory.paths.ray_hits import clear_between, ray_margin_m
 from datafactory.paths.rays import RayFan
-from datafactory.paths.scattering import scattered_share
+from datafactory.paths.scattering import has_lobes, share_at
 from datafactory.paths.solver import Bundle, TraceSettings
 from datafactory.paths.surfaces import Complex, Hits, Index, Real, Surfaces, Waves
 from datafactory.paths.table import DIFFUSE, SPECULAR
-from datafactory.paths.thinning import cells_of, thinned
+from datafactory.paths.thinning import cell_of, thinned
+from datafactory.paths.wave_steps import passed_fields, reflected_fields, reflectivity
 from shared.physics.compiled import compiled
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.physics.vectors import dots, lengths, taken
@@ -59,14 +60,16 @@ class _Frame:
 
 @dataclass(frozen=True)
 class _Echoes:
-    """n echoes that the RX hears: waves, where they are scattered, and what arrives.
+    """n echoes that the RX hears, of waves where they are scattered, and what arrives.
 
+    :param index: [n] of the waves that are heard, and of their hits
     :param amplitude: [n] without the fan's solid angle; :param power: [n] with it
     :param cell: [n] resolution cell; :param crossings: panes on the way
     """
 
     waves: Waves
     hits: Hits
+    index: Index
     amplitude: Complex
     power: Real
     cell: Index
@@ -74,9 +77,9 @@ class _Echoes:
 
     def bundle(self, surfaces: Surfaces, index: Index, factor: Real) -> Bundle:
         """Those at ``index`` as paths, their powers times ``factor``."""
-        waves, hits = self.waves, self.hits
-        triangles = np.concatenate([taken(waves.triangles, index), taken(hits.triangle, index)[:, None]], axis=1)
-        vertices = np.concatenate([taken(waves.bounced, index), taken(hits.point, index)[:, None]], axis=1)
+        waves, hits, of = self.waves, self.hits, self.index[index]
+        triangles = np.concatenate([taken(waves.triangles, of), taken(hits.triangle, of)[:, None]], axis=1)
+        vertices = np.concatenate([taken(waves.bounced, of), taken(hits.point, of)[:, None]], axis=1)
         kinds = np.full(triangles.shape, SPECULAR, dtype=np.int64)
         kinds[:, -1] = DIFFUSE
         return Bundle(
@@ -111,13 +114,14 @@ def scattered_once(
     echoes = list[_Echoes]()
     for bounce in range(settings.depth):
         index, hits = surfaces.hit_by(waves)
-        waves, ratio = waves.take(index), ratio[index]
-        onward, reflected = surfaces.reflected(waves.direction, waves.field, hits)
-        echoes.append(_echoes(frame, waves, hits, reflected, ratio))
+        waves, ratio = waves.arrived(index, hits), ratio[index]
+        te, tm = surfaces.reflection(hits)
+        echoes.append(_echoes(frame, waves, hits, te, tm, ratio))
         if bounce == 0 and settings.refraction:
             echoes.append(_echoes_behind_panes(frame, waves, hits, ratio))
         if bounce + 1 == settings.depth or not settings.specular:
             break
+        onward, reflected = reflected_fields(waves.direction, hits.normal, waves.field, te, tm)
         smooth = np.sqrt(1.0 - coefficient**2)[hits.mesh]
         turned = dots(surfaces.velocity(hits.triangle, hits.point), waves.direction - onward)
         waves = Waves(
@@ -125,7 +129,7 @@ def scattered_once(
             _clear_of(hits, 1.0),
             onward,
             reflected * smooth[:, None],
-            waves.length + lengths(hits.point - waves.start),
+            waves.length,
             waves.rate + turned,
             np.concatenate([waves.bounced, hits.point[:, None]], axis=1),
             np.concatenate([waves.triangles, hits.triangle[:, None]], axis=1),
@@ -152,55 +156,20 @@ def _clear_of(hits: Hits, side: float) -> Real:
     return hits.point + side * ray_margin_m(lengths(hits.point))[:, None] * hits.normal
 
 
-def _echoes(frame: _Frame, waves: Waves, hits: Hits, reflected: Complex, ratio: Real) -> _Echoes:
-    """What the surfaces scatter back to the RX, where it sees them."""
-    range_m = lengths(hits.point)
-    home = -hits.point / np.maximum(range_m, CLOSEST_M)[:, None]
-    seen = range_m >= CLOSEST_M
+def _echoes(frame: _Frame, waves: Waves, hits: Hits, te: Complex, tm: Complex, ratio: Real) -> _Echoes:
+    """What the surfaces scatter back to the RX, where it sees them.
+
+    :param te, tm: [n] R of the surfaces
+    """
+    seen = lengths(hits.point) >= CLOSEST_M
     if waves.bounced.shape[1]:
-        seen &= dots(hits.normal, home) > 0.0
-        index = np.flatnonzero(seen)
+        index = np.flatnonzero(seen & (dots(hits.normal, hits.point) < 0.0))
+        seen = np.zeros(len(seen), dtype=bool)
         seen[index] = clear_between(frame.surfaces.geometry, taken(hits.point, index), np.zeros(3))
-    index = np.flatnonzero(seen)
-    waves, hits, home, ratio = waves.take(index), hits.take(index), taken(home, index), ratio[index]
     # Home again, theta^ is where it was when the wave came, and phi^ is reversed: the RX looks against the wave.
-    polarization = frame.settings.polarization[1]
-    sign = 1.0 if polarization == "V" else -1.0
-    part = _along(waves.field, polarization_axis(waves.direction, polarization))
-    before = np.sqrt(_power(waves.field))
-    share = np.sqrt(_power(taken(reflected, index))) / np.maximum(before, np.finfo(float).tiny)
-    part[np.abs(part) <= MISSED_POLARIZATION * before] = 0.0
-    return _heard(frame, waves, hits, sign * share * part, home, ratio, 0)
-
-
-@compiled()
-def _power(field):
-    """[n] |e|^2 of fields [n, 3]."""
-    result = np.empty(len(field))
-    for k in range(len(field)):
-        x, y, z = field[k, 0], field[k, 1], field[k, 2]
-        result[k] = (x.real * x.real + y.real * y.real + z.real * z.real) + (
-            x.imag * x.imag + y.imag * y.imag + z.imag * z.imag
-        )
-    return result
-
-
-@compiled()
-def _along(field, axis):
-    """[n] the components of fields [n, 3] along real axes [n, 3]."""
-    result = np.empty(len(field), dtype=np.complex128)
-    for k in range(len(field)):
-        result[k] = field[k, 0] * axis[k, 0] + field[k, 1] * axis[k, 1] + field[k, 2] * axis[k, 2]
-    return result
-
-
-def _turned_back(field: Complex, arrival: Real, departure: Real) -> Complex:
-    """[n, 3] the field with its components along theta^ and phi^ of the arrival along those of the departure."""
-    total = np.zeros_like(field)
-    for which in ("V", "H"):
-        component = _along(field, polarization_axis(arrival, which))
-        total += component[:, None] * polarization_axis(departure, which)
-    return total
+    sign = 1.0 if frame.settings.polarization[1] == "V" else -1.0
+    kept = sign * reflectivity(waves.direction, hits.normal, waves.field, te, tm)
+    return _heard(frame, waves, hits, np.flatnonzero(seen), waves.field, kept, ratio, 0)
 
 
 def _echoes_behind_panes(frame: _Frame, waves: Waves, hits: Hits, ratio: Real) -> _Echoes:
@@ -208,36 +177,84 @@ def _echoes_behind_panes(frame: _Frame, waves: Waves, hits: Hits, ratio: Real) -
     surfaces = frame.surfaces
     clear = np.flatnonzero(surfaces.lets_through()[hits.mesh])
     waves, panes, ratio = waves.take(clear), hits.take(clear), ratio[clear]
-    field = surfaces.passed(waves.direction, panes, waves.field)
-    waves = replace(waves, start=panes.point, lifted=_clear_of(panes, -1.0), field=field)
+    te, tm = surfaces.transmission(panes)
+    field = passed_fields(waves.direction, panes.normal, waves.field, te, tm)
+    waves = replace(waves, lifted=_clear_of(panes, -1.0), field=field)
     index, hits = surfaces.hit_by(waves)
-    waves, panes, ratio = waves.take(index), panes.take(index), ratio[index]
-    _, reflected = surfaces.reflected(waves.direction, waves.field, hits)
-    home = -waves.direction
-    share = np.sqrt(_power(reflected) / _power(waves.field))
-    scattered = _turned_back(waves.field, waves.direction, home) * share[:, None]
-    back = surfaces.passed(home, panes, scattered)
-    part = _along(back, polarization_axis(waves.direction, frame.settings.polarization[1]))
-    part[np.abs(part) <= MISSED_POLARIZATION * np.sqrt(_power(back))] = 0.0
-    return _heard(frame, waves, hits, part, home, ratio, 2)
+    waves, panes, ratio, te, tm = waves.arrived(index, hits), panes.take(index), ratio[index], te[index], tm[index]
+    turned = _turned_back(waves.field, polarization_axis(waves.direction, "V"))
+    back = passed_fields(waves.direction, panes.normal, turned, te, tm)
+    kept = reflectivity(waves.direction, hits.normal, waves.field, *surfaces.reflection(hits))
+    return _heard(frame, waves, hits, np.arange(len(back)), back, kept, ratio, 2)
 
 
-def _heard(frame: _Frame, waves: Waves, hits: Hits, heard: Complex, home: Real, ratio: Real, crossings: int) -> _Echoes:
+@compiled()
+def _turned_back(field, vertical):
+    """[n, 3] fields that go back the way they came: the same along theta^, ``vertical`` [n, 3], reversed along phi^."""
+    back = np.empty_like(field)
+    for k in range(len(field)):
+        along = field[k, 0] * vertical[k, 0] + field[k, 1] * vertical[k, 1] + field[k, 2] * vertical[k, 2]
+        for i in range(3):
+            back[k, i] = 2.0 * along * vertical[k, i] - field[k, i]
+    return back
+
+
+def _heard(
+    frame: _Frame, waves: Waves, hits: Hits, index: Index, field: Complex, kept: Real, ratio: Real, crossings: int
+) -> _Echoes:
     """The echoes of scattered fields.
 
-    :param heard: [n] part of the field along the RX's polarisation, |Gamma| e of the module
-    :param home: [n, 3] unit directions from the surfaces to the RX
-    :param ratio: [n] solid angle of the fan's rays over 4 pi / N
+    :param index: [n] of those waves that are heard
+    :param field: [m, 3] of all waves, as it is before it is scattered, or behind all panes
+    :param kept: [m] the factor that scattering has on it besides S and f: |Gamma|, with its sign
+    :param ratio: [m] solid angle of the fan's rays over 4 pi / N
     """
     surfaces = frame.surfaces
-    wavelength = SPEED_OF_LIGHT / surfaces.frequency_hz
-    factor = np.zeros(len(heard))
-    for slab, here in surfaces.by_mesh(hits.mesh):
-        f = scattered_share(slab.pattern, waves.direction[here], home[here], hits.normal[here])
-        factor[here] = slab.scattering_coefficient * np.sqrt(f * 4.0 * np.pi / frame.rays)
-    range_m = lengths(hits.point)
-    amplitude: Complex = heard.conj() * (factor * wavelength / (4.0 * np.pi * range_m)).astype(np.complex128)
-    last = lengths(hits.point - (waves.start if waves.bounced.shape[1] else 0.0))
-    turned = dots(surfaces.velocity(hits.triangle, hits.point), waves.direction - home)
-    cell = cells_of(0.5 * (waves.length + last + range_m), -home[:, 1], 0.5 * (waves.rate + turned))
-    return _Echoes(waves, hits, amplitude, np.abs(amplitude) ** 2 * ratio, cell, crossings)
+    amplitude, power, cell = _arriving(
+        index, waves.direction, waves.length, waves.rate, hits.point, hits.normal, hits.mesh,
+        surfaces.velocity(hits.triangle, hits.point), field,
+        polarization_axis(waves.direction, frame.settings.polarization[1]), kept, ratio,
+        np.array([slab.scattering_coefficient for slab in surfaces.slabs]),
+        np.array([has_lobes(slab.pattern) for slab in surfaces.slabs]),
+        SPEED_OF_LIGHT / surfaces.frequency_hz * np.sqrt(4.0 * np.pi / frame.rays),
+    )  # fmt: skip
+    return _Echoes(waves, hits, index, amplitude, power, cell, crossings)
+
+
+@compiled(error_model="numpy")
+def _arriving(
+    index, direction, length, rate, point, normal, mesh, velocity, field, axis, kept, ratio, coefficient, lobes,
+    scale,
+):  # fmt: skip
+    """Amplitudes [n], powers [n] and cells [n] of the echoes of the waves ``index`` [n]; their values are [m].
+
+    :param axis: [m, 3] along which the RX hears the field
+    :param coefficient: S of every mesh; :param lobes: whether its pattern has lobes
+    :param scale: lambda sqrt(Omega) of the module
+    """
+    count = len(index)
+    amplitude, power = np.empty(count, dtype=np.complex128), np.empty(count)
+    cell = np.empty(count, dtype=np.int64)
+    for i in range(count):
+        k = index[i]
+        heard, whole = 0.0j, 0.0
+        square, incidence, leaving, turned, departing, arriving = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for j in range(3):
+            heard += field[k, j] * axis[k, j]
+            whole += field[k, j].real ** 2 + field[k, j].imag ** 2
+            square += point[k, j] ** 2
+            incidence -= direction[k, j] * normal[k, j]
+            leaving -= point[k, j] * normal[k, j]
+            turned -= direction[k, j] * point[k, j]
+            arriving += velocity[k, j] * direction[k, j]
+            departing += velocity[k, j] * point[k, j]
+        distance = np.sqrt(square)
+        if abs(heard) <= MISSED_POLARIZATION * np.sqrt(whole):
+            heard = 0.0j
+        f = share_at(lobes[mesh[k]], incidence, leaving / distance, turned / distance)
+        factor = kept[k] * coefficient[mesh[k]] * np.sqrt(f) * scale / (4.0 * np.pi * distance)
+        amplitude[i] = heard.conjugate() * factor
+        power[i] = (amplitude[i].real ** 2 + amplitude[i].imag ** 2) * ratio[k]
+        way = 0.5 * (length[k] + distance)
+        cell[i] = cell_of(way, point[k, 1] / distance, 0.5 * (rate[k] + arriving + departing / distance))
+    return amplitude, power, cell

@@ -19,16 +19,13 @@ it is the same for both lobes where they have the same exponent, as here.
 
 from __future__ import annotations
 
-from math import comb
+from math import comb, pi
 
 import numpy as np
-from numpy.typing import NDArray
 
 from datafactory.scenes.materials.table import Pattern
+from shared.physics.compiled import inlined
 from shared.physics.errors import InputError
-from shared.physics.vectors import dots
-
-Real = NDArray[np.float64]
 
 LOBE_EXPONENT = 4
 """a of the backscattering pattern: lobes about 40 deg to either side."""
@@ -38,40 +35,49 @@ normal incidence.
 """
 
 
-def scattered_share(pattern: Pattern, arrival: Real, departure: Real, normal: Real) -> Real:
-    """[K] f of the pattern [1/sr].
+def has_lobes(pattern: Pattern) -> bool:
+    """Whether it is the backscattering pattern and not the Lambertian one.
 
-    :param arrival: [K, 3] unit directions in which the wave arrives, towards the surface
-    :param departure: [K, 3] unit directions in which it leaves, on the side of ``normal``
-    :param normal: [K, 3] unit normals on the side on which the wave arrives
-    :raises InputError: a pattern that is not in the table of the module
+    :raises InputError: neither
     """
-    incidence = -dots(arrival, normal)
-    if pattern == "lambertian":
-        return np.abs(dots(departure, normal)) / np.pi
-    if pattern == "backscattering":
-        mirrored = arrival + 2.0 * incidence[:, None] * normal
-        towards_mirror = dots(mirrored, departure)
-        back = -dots(arrival, departure)
-        lobes = MIRROR_SHARE * _lobe(towards_mirror) + (1.0 - MIRROR_SHARE) * _lobe(back)
-        return lobes / _lobe_integral(np.abs(incidence))
-    raise InputError("pattern", f"{pattern!r}", "lambertian or backscattering")
+    if pattern not in ("lambertian", "backscattering"):
+        raise InputError("pattern", f"{pattern!r}", "lambertian or backscattering")
+    return pattern == "backscattering"
 
 
-def _lobe(cosine: Real) -> Real:
+@inlined()
+def share_at(lobes, incidence, leaving, turned):
+    """f of a pattern [1/sr], in kernels.
+
+    :param lobes: of :func:`has_lobes`
+    :param incidence, leaving: cosines to the normal of the way back along the arrival, and of the departure
+    :param turned: cosine between arrival and departure
+    """
+    if not lobes:
+        return abs(leaving) / np.pi
+    towards_mirror = turned + 2.0 * incidence * leaving
+    one, other = _lobe(towards_mirror), _lobe(-turned)
+    return (MIRROR_SHARE * one + (1.0 - MIRROR_SHARE) * other) / _lobe_integral(abs(incidence))
+
+
+@inlined()
+def _lobe(cosine):
     return (0.5 * (1.0 + cosine)) ** LOBE_EXPONENT
 
 
-def _lobe_integral(incidence_cosine: Real) -> Real:
-    """[K] integral of a lobe over the half space in front, F of the module."""
-    half_sine_squared = 0.25 * (1.0 - incidence_cosine**2)
-    total = np.zeros_like(incidence_cosine)
-    series = np.zeros_like(incidence_cosine)
-    for power in range(LOBE_EXPONENT + 1):
-        share: Real | float = 1.0
-        if power % 2:
-            w = (power - 1) // 2
-            series = series + comb(2 * w, w) * half_sine_squared**w
-            share = incidence_cosine * series
-        total += comb(LOBE_EXPONENT, power) * 2.0 * np.pi / (power + 1) * share
+_U = [comb(LOBE_EXPONENT, j) * 2.0 * pi / (j + 1) for j in range(LOBE_EXPONENT + 1)]
+"""binomial(a, j) 2 pi / (j + 1): the terms of F for even j, for odd j their factors."""
+_EVEN, _ODD = sum(_U[::2]), tuple(_U[1::2])
+_SERIES = tuple(float(comb(2 * w, w)) for w in range(len(_ODD)))
+
+
+@inlined()
+def _lobe_integral(incidence_cosine):
+    """Integral of a lobe over the half space in front, F of the module."""
+    half_sine_squared = 0.25 * (1.0 - incidence_cosine * incidence_cosine)
+    total, series, power = _EVEN, 0.0, 1.0
+    for w in range(len(_ODD)):
+        series += _SERIES[w] * power
+        total += _ODD[w] * incidence_cosine * series
+        power *= half_sine_squared
     return total / 2.0**LOBE_EXPONENT

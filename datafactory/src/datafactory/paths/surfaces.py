@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from datafactory.paths.facets import mirrors_of
 from datafactory.paths.merged_scene import MergedScene, slabs_of, velocities_on
-from datafactory.paths.panes import field_behind_slab, lets_through, mesh_of_shape
+from datafactory.paths.panes import mesh_of_shape
 from datafactory.paths.ray_hits import first_hits
-from datafactory.paths.smooth_faces import reflected_by_slabs
+from datafactory.paths.slabs import lets_through, transmission_over_air
+from datafactory.paths.smooth_faces import reflection_by_slabs
 from datafactory.paths.wave_steps import onto_planes
 from datafactory.scenes.materials.table import Material, MaterialMapping
 from datafactory.scenes.poses import Pose
@@ -59,6 +60,13 @@ class Waves:
             return self
         return Waves(**{item.name: taken(getattr(self, item.name), index) for item in fields(self)})
 
+    def arrived(self, index: Index, hits: Hits) -> Waves:
+        """Those at these indices, which rise, where they hit."""
+        own = {
+            name: taken(getattr(self, name), index) for name in ("direction", "field", "rate", "bounced", "triangles")
+        }
+        return Waves(start=hits.point, lifted=hits.point, length=self.length[index] + hits.distance, **own)
+
 
 @dataclass(frozen=True)
 class Hits:
@@ -66,7 +74,7 @@ class Hits:
 
     :param point: [n, 3] [m]; :param normal: [n, 3] unit, on the side of arrival
     :param triangle: [n] index into the merged scene's triangles; :param mesh: [n]
-    :param cosine: [n] of the angle of incidence
+    :param cosine: [n] of the angle of incidence; :param distance: [n] of the last leg [m]
     """
 
     point: Real
@@ -74,6 +82,7 @@ class Hits:
     triangle: Index
     mesh: Index
     cosine: Real
+    distance: Real
 
     def take(self, index: Index) -> Hits:
         """Those at these indices, which rise."""
@@ -106,7 +115,9 @@ class Surfaces:
         self._merged_scene, self._pose = merged_scene, pose
         self.normals = mirrors.normals @ rotation
         self.heights = dots(mirrors.normals, mirrors.corners[:, 0] + taken(moved, self.mesh_of_triangle))
-        self.mesh_number = mesh_of_shape(geometry)
+        numbers = mesh_of_shape(geometry)
+        self.mesh_of_number = np.zeros(max(numbers, default=0) + 1, dtype=np.int64)
+        self.mesh_of_number[list(numbers)] = list(numbers.values())
 
     def velocity(self, triangle: Index, point: Real) -> Real:
         """[n, 3] velocities relative to the radar of points [n, 3] on triangles [n] [m/s]."""
@@ -116,40 +127,33 @@ class Surfaces:
         """The indices of the waves that meet a surface, and where."""
         if not len(waves.start):  # no array of the ray caster may be empty
             none, nowhere = np.zeros(0, dtype=np.int64), np.zeros((0, 3))
-            return none, Hits(nowhere, nowhere, none, none, np.zeros(0))
-        met = first_hits(self.geometry, waves.lifted, waves.direction, np.full(len(waves.start), np.inf))
+            return none, Hits(nowhere, nowhere, none, none, np.zeros(0), np.zeros(0))
+        reach = np.full(len(waves.start), np.inf)
+        met = first_hits(self.geometry, waves.lifted, waves.direction, reach, normals=False)
         valid = np.flatnonzero(met.valid)
-        shape = met.shape[valid]
-        mesh = np.zeros(len(valid), dtype=np.int64)
-        for number, index in self.mesh_number.items():
-            mesh[shape == number] = index
+        mesh = self.mesh_of_number[met.shape[valid]]
         triangle = self.first[mesh] + met.primitive[valid]
-        point, normal, cosine = onto_planes(
-            taken(waves.start, valid),
-            taken(waves.direction, valid),
-            met.distance[valid],
-            triangle,
-            self.normals,
-            self.heights,
+        point, normal, cosine, distance = onto_planes(
+            valid, waves.start, waves.direction, met.distance, triangle, self.normals, self.heights
         )
         good = np.flatnonzero(cosine > 0.0)
-        return valid[good], Hits(point, normal, triangle, mesh, cosine).take(good)
+        return valid[good], Hits(point, normal, triangle, mesh, cosine, distance).take(good)
 
     def by_mesh(self, mesh: Index) -> Iterator[tuple[Material, Index]]:
         """(material, indices) of the hits on each mesh."""
         for number in np.flatnonzero(np.bincount(mesh)).tolist():
             yield self.slabs[number], np.flatnonzero(mesh == number)
 
-    def reflected(self, direction: Real, field: Complex, hits: Hits) -> tuple[Real, Complex]:
-        """Directions [n, 3] and fields [n, 3] of the waves that smooth surfaces would send on."""
-        return reflected_by_slabs(self.slabs, hits.mesh, self.frequency_hz, direction, hits.normal, hits.cosine, field)
+    def reflection(self, hits: Hits) -> tuple[Complex, Complex]:
+        """R of the surfaces, TE [n] and TM [n], were they smooth."""
+        return reflection_by_slabs(self.slabs, hits.mesh, self.frequency_hz, hits.cosine)
 
-    def passed(self, direction: Real, hits: Hits, field: Complex) -> Complex:
-        """[n, 3] ``field`` behind the surfaces."""
-        behind = np.empty_like(field)
+    def transmission(self, hits: Hits) -> tuple[Complex, Complex]:
+        """T of the surfaces, TE [n] and TM [n], over that of the air in their place; the same in both senses."""
+        te, tm = np.empty((2, len(hits.mesh)), dtype=np.complex128)
         for slab, here in self.by_mesh(hits.mesh):
-            behind[here] = field_behind_slab(slab, self.frequency_hz, direction[here], hits.normal[here], field[here])
-        return behind
+            te[here], tm[here] = transmission_over_air(slab, self.frequency_hz, hits.cosine[here])
+        return te, tm
 
     def lets_through(self) -> NDArray[np.bool_]:
         """[M] whether surfaces behind the meshes' slabs are heard."""

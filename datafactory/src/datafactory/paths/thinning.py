@@ -15,7 +15,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from shared.physics.compiled import compiled
+from datafactory.paths.rising import rising
+from shared.physics.compiled import compiled, inlined
 
 Real = NDArray[np.float64]
 
@@ -27,16 +28,15 @@ fewer paths in its cells: their power is right, their speckle coarser.
 """
 
 
-def cells_of(range_m: Real, u: Real, range_rate_mps: Real) -> NDArray[np.int64]:
-    """[n] number of the cell of each path, in no order.
+@inlined()
+def cell_of(range_m, u, range_rate_mps):
+    """Number of the cell of a path, in no order.
 
-    :param range_m: [n] half of the path's length, below 1e5 m; :param u: [n] y / r of its arrival, -1 to 1
-    :param range_rate_mps: [n] its change, below 1e4 m/s
+    :param range_m: half of the path's length, below 1e5 m; :param u: y / r of its arrival, -1 to 1
+    :param range_rate_mps: its change, below 1e4 m/s
     """
-    row = np.floor(range_m / RANGE_CELL_M).astype(np.int64)
-    column = np.floor((u + 1.0) / U_CELL).astype(np.int64)
-    rate = np.rint(range_rate_mps / RATE_CELL_MPS).astype(np.int64) + 2**17
-    return ((row << 9) + column << 18) + rate
+    row, column = int(np.floor(range_m / RANGE_CELL_M)), int(np.floor((u + 1.0) / U_CELL))
+    return ((row << 9) + column << 18) + int(np.rint(range_rate_mps / RATE_CELL_MPS)) + 2**17
 
 
 def thinned(
@@ -51,7 +51,7 @@ def thinned(
     lit = np.flatnonzero(power > 0.0)
     if most == 0 or not len(lit):
         return lit, np.ones(len(lit))
-    order = lit[np.argsort(cell[lit])]
+    order = lit[rising(cell[lit])]
     starts = np.concatenate([[0], np.flatnonzero(np.diff(cell[order])) + 1, [len(order)]])
     factor = _factors(order, starts, power, most, random.random(len(starts) - 1))
     kept = np.flatnonzero(factor)
@@ -62,7 +62,7 @@ def thinned(
 def _factors(order, starts, power, most, shift):
     """[n] factor on the power of every path, 0 of those that are left out.
 
-    :param order: paths, cell by cell, in any order within a cell; :param starts: of the cells in ``order``, and its end
+    :param order: paths, cell by cell, rising within a cell; :param starts: of the cells in ``order``, and its end
     :param shift: of each cell's systematic sampling, 0 to 1
     """
     factor = np.zeros(len(power))
@@ -74,7 +74,7 @@ def _factors(order, starts, power, most, shift):
             for place in range(first, last):
                 factor[order[place]] = 1.0
             continue
-        members = np.sort(order[first:last])
+        members = order[first:last]
         large[:count] = False
         wanted, more = most, True
         while more:

@@ -21,7 +21,7 @@ def angles_deg(directions: Directions) -> tuple[Real, Real]:
     A zero vector counts as boresight.
     """
     x, y, z = np.moveaxis(np.asarray(directions, dtype=np.float64), -1, 0)
-    return np.degrees(np.arctan2(y, x)), np.degrees(np.arctan2(z, np.hypot(x, y)))
+    return np.degrees(np.arctan2(y, x)), np.degrees(np.arctan2(z, np.sqrt(x * x + y * y)))
 
 
 class IsotropicPattern(BaseModel):
