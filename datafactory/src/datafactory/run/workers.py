@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from datafactory.paths.backend import select_variant, set_threads
+from datafactory.run.freed_memory import keep_freed_memory
 from datafactory.run.job import Job, WriteShard
 from datafactory.run.progress import FinishedShard, record_finished
 from datafactory.run.shards import ShardPlan
@@ -41,6 +42,7 @@ class ShardWork:
 
     def begin(self) -> None:
         """Make this process ready."""
+        keep_freed_memory()
         if self.job.scenes:
             select_variant(self.job.settings.device)
             set_threads(1)
