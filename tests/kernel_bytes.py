@@ -123,7 +123,11 @@ def plates() -> Arrays:
     """Shares of mirrors, free lines of sight, and thinning: without fast-math flags."""
     draw = numbers(8)
     points, along, across = draw.uniform(-3.0, 3.0, (3, 1000, 3))
-    yield facets._mirror_shares(draw.uniform(-3.0, 3.0, (40, 2, 3)), points, along, across)
+    of_one = np.zeros(1000, dtype=np.int64)
+    yield facets._mirror_shares(
+        draw.uniform(-3.0, 3.0, (40, 2, 3)), np.array([0]), np.array([40]), of_one, points, along,
+        np.array([[0.0, 0.0, 1.0]]), of_one, np.abs(across[:, 0]),
+    )  # fmt: skip
     yield from ray_hits._lines(points, 20.0 * across)
     corner, away = np.arange(1000) % 50, np.ascontiguousarray(along[:, 0])
     yield corner_sight._points_before_faces(corner, away, away, points[:50], along[:50], across[:50], points[50:100])
