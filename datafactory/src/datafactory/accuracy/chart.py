@@ -80,8 +80,8 @@ def _front_panel(axis: Axes, rows: Sequence[Row]) -> None:
     """Seconds over error."""
     errors = default_error_db(rows)
     for name, color, words, default_db, away, align in (
-        (EVERYTHING, BLUE, "everything, rays too", errors[0], (-10, 4), "right"),
-        (SAME_PATHS, ORANGE, "the same rays: cube and truth alone", errors[1], (0, -42), "right"),
+        (EVERYTHING, BLUE, "everything, rays too", errors[0], (-10, 4), "bottom"),
+        (SAME_PATHS, ORANGE, "the same rays:\ncube and truth alone", errors[1], (0, -24), "top"),
     ):
         points = [(front_error_db(row), row.seconds, row) for row in rows if row.knob == name]
         if not points:
@@ -90,7 +90,7 @@ def _front_panel(axis: Axes, rows: Sequence[Row]) -> None:
         last = points[-1]
         axis.annotate(
             words, last[:2], xytext=away, textcoords="offset points", color=color, fontsize=10, weight="bold",
-            ha=align,
+            ha="right", va=align,
         )  # fmt: skip
         rays = None
         for level, seconds, row in points:
