@@ -237,18 +237,18 @@ def table_of(*objects: SceneObject, rays: int, **settings) -> PathTable:
     return trace_module.trace(merged_of(*objects), MATERIALS, HERE, FREQUENCY_HZ, chosen, RayFan(rays), 1)
 
 
-def test_the_solver_gives_only_what_is_scattered_twice_and_chains_of_mirrors(monkeypatch):
+def test_the_solver_gives_only_what_is_scattered_twice(monkeypatch):
     kept = list[Bundle]()
 
     def noted(bundle):
-        left, count = without(bundle)
+        left, count = again(bundle)
         kept.append(left)
         return left, count
 
-    without = trace_module._without_scattered_once
-    monkeypatch.setattr(trace_module, "_without_scattered_once", noted)
-    table = table_of(*CORNER, rays=4_000, depth=2)
-    assert ((kept[0].interactions == DIFFUSE).sum(axis=1) != 1).sum() > 20
+    again = trace_module._scattered_again
+    monkeypatch.setattr(trace_module, "_scattered_again", noted)
+    table = table_of(*CORNER, rays=4_000, depth=2, solver_share=1)
+    assert len(kept[0].amplitude) > 20
     last = kept[0].interactions[:, -1] == DIFFUSE
     assert ((kept[0].interactions[last] == DIFFUSE).sum(axis=1) == 2).all()
     assert table.counts["scattered_once_by_the_solver"] > 0

@@ -86,7 +86,15 @@ FrameRate = Annotated[
 ]
 Materials = Annotated[Path | None, typer.Option("--materials", help="TOML file that overrides the material table.")]
 Rays = Annotated[int, typer.Option("--rays", min=1, max=MOST_RAYS, help="Rays a frame, over the field of view.")]
-Depth = Annotated[int, typer.Option("--depth", min=1, max=LARGEST_DEPTH, help="Largest number of bounces.")]
+Depth = Annotated[
+    int,
+    typer.Option(
+        "--depth",
+        min=1,
+        max=LARGEST_DEPTH,
+        help=f"Largest number of bounces. From 2 on, mirrors alone may be {LARGEST_DEPTH}.",
+    ),
+]
 Effects = Annotated[
     str, typer.Option("--effects", help="auto (what each scene calls for), all, or names separated by commas.")
 ]

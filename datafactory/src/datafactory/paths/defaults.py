@@ -19,7 +19,7 @@ MOST_RAYS = 20_000_000
 """See :data:`datafactory.run.memory.RAY_BYTES`."""
 
 DEFAULT_DEPTH = 2
-"""Bounces."""
+"""Bounces; chains of mirrors have up to :data:`LARGEST_DEPTH`."""
 
 LARGEST_DEPTH = 3
 """Bounces of the longest paths that are followed."""

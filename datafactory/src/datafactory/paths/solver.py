@@ -17,14 +17,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.backend import select_variant
-from datafactory.paths.defaults import DEFAULT_RAYS
+from datafactory.paths.defaults import DEFAULT_DEPTH, DEFAULT_RAYS, LARGEST_DEPTH
 from datafactory.paths.merged_scene import MergedScene, velocities_on
 from datafactory.paths.rays import RayFan
 from datafactory.paths.scattering import LOBE_EXPONENT, MIRROR_SHARE
@@ -44,6 +44,8 @@ PATTERNS: dict[str, dict[str, Any]] = {
     },
 }
 """Diffuse patterns of the material table, as :mod:`datafactory.paths.scattering` has them."""
+LEAST_SOLVER_RAYS = 12_500
+"""The solver follows as many, where there are: a chain of mirrors is one path however many rays find it, or none."""
 CROSSINGS = 2
 """Largest number of panes on a whole path: one pane, on the way out and on the way back."""
 
@@ -53,11 +55,12 @@ class TraceSettings:
     """How a frame is traced.
 
     :param rays: directions sent from the TX
-    :param depth: largest number of bounces, 1 to 3; from 2 on targets are seen over mirrors, one on either way
+    :param depth: largest number of bounces, 1 to 3; from 2 on targets are seen over mirrors, one on either way, and
+        chains of mirrors alone have up to 3: a handful of paths, and nearly all that a third bounce adds to a cell
     :param paths_a_cell: most paths that are scattered once in a resolution cell (:mod:`datafactory.paths.thinning`), of
         the default's rays or fewer; see :attr:`most_in_a_cell`. 0 keeps all
-    :param solver_share: of so many rays the solver follows one: what it finds, chains of mirrors and echoes that are
-        scattered twice, is few paths and little power, and costs as much as all the rest
+    :param solver_share: of so many rays the solver follows one, and of few rays more (:meth:`solver_rays`): what it
+        finds, chains of mirrors and echoes that are scattered twice, is few paths and little power
     :param specular, diffuse: kinds of bounce to follow
     :param refraction: follow waves through panes, up to ``CROSSINGS`` of them
     :param diffraction: add echoes of edges, and of point targets hidden behind one
@@ -69,9 +72,9 @@ class TraceSettings:
     """
 
     rays: int = DEFAULT_RAYS
-    depth: int = 2
+    depth: int = DEFAULT_DEPTH
     paths_a_cell: int = 6
-    solver_share: int = 4
+    solver_share: int = 16
     specular: bool = True
     diffuse: bool = True
     refraction: bool = False
@@ -88,6 +91,11 @@ class TraceSettings:
         return self.depth + (CROSSINGS if self.refraction else 0)
 
     @property
+    def of_mirrors(self) -> TraceSettings:
+        """How chains of mirrors are followed, without panes."""
+        return replace(self, depth=LARGEST_DEPTH, diffuse=False, refraction=False)
+
+    @property
     def most_in_a_cell(self) -> int:
         """``paths_a_cell``, and of more rays than the default's as many times more.
 
@@ -95,6 +103,10 @@ class TraceSettings:
         paths a cell's power scatters by up to 1 / sqrt(K) of it. With the same K more rays would buy nothing.
         """
         return max(self.paths_a_cell, round(self.paths_a_cell * self.rays / DEFAULT_RAYS))
+
+    def solver_rays(self, rays: int) -> int:
+        """How many of a fan's rays the solver follows."""
+        return max(rays // self.solver_share, min(rays, LEAST_SOLVER_RAYS))
 
     def capacity(self, rays: int) -> int:
         """Paths that the solver may keep: one for every ray and step, so that none is ever left out."""
@@ -123,6 +135,12 @@ class Bundle:
         """No paths, of at most ``depth`` bounces."""
         whole, vectors = np.zeros((0, depth), dtype=np.int64), np.zeros((0, depth, 3))
         return Bundle(vectors, whole, whole, whole, vectors, whole[:, 0], np.zeros(0, dtype=np.complex128))
+
+    def of_bounces(self, count: int) -> Bundle:
+        """Its paths of so many bounces."""
+        if count > self.interactions.shape[1]:
+            return Bundle.none(count)
+        return self.take((self.interactions > 0).sum(axis=1) == count).cut(count)
 
     @staticmethod
     def joined(parts: Sequence[Bundle]) -> Bundle:

@@ -1,7 +1,7 @@
 """One trace a frame: from a merged scene and a pose to a PathTable.
 
-The solver's paths (:mod:`datafactory.paths.solver`) are brought into the table's two delay laws, and into the physics
-that the solver leaves out:
+The solver (:mod:`datafactory.paths.solver`) is asked twice: for chains of mirrors, and for what is scattered more than
+once or passes panes. Its paths are brought into the table's two delay laws, and into the physics that it leaves out:
 
 * single mirrors are found without rays (:mod:`datafactory.paths.mirror_feet`), those of the solver are left out;
 * facets that sample a curved surface reflect as the surface does (:mod:`datafactory.paths.curved_mirrors`);
@@ -69,9 +69,14 @@ def trace(
         surfaces = Surfaces(geometry, merged, materials, pose, frequency_hz)
         fan = aimed(fan, surfaces)
         once = scattered_once(surfaces, settings, fan, seed)
-    fewer = replace(fan, count=max(fan.count // settings.solver_share, 1))
-    solved = solve(scene, merged, pose, settings, fewer, seed) if settings.depth > 1 else Solved.nothing()
-    bundle, twice_found = _without_scattered_once(solved.bundle)
+    fewer = replace(fan, count=settings.solver_rays(fan.count))
+    rough = smooth = Solved.nothing()
+    if settings.depth > 1 and (settings.diffuse or settings.refraction):
+        rough = solve(scene, merged, pose, settings, fewer, seed)
+    if settings.depth > 1 and settings.specular:
+        smooth = solve(scene, merged, pose, settings.of_mirrors, fewer, seed)
+    again, twice_found = _scattered_again(rough.bundle)
+    chains = smooth.bundle
     scattered: list[ScatteredPaths] = []
     specular: list[SpecularPaths] = []
     dropped, more = 0, dict[str, int]()
@@ -89,7 +94,7 @@ def trace(
         specular.append(along)
         more |= counts
     if settings.corners:
-        bundle, by_the_solver = without_corners(bundle, merged)
+        chains, by_the_solver = without_corners(chains, merged)
         small, wide, counts = echoes_of_corners(geometry, merged, materials, pose, frequency_hz, settings)
         scattered += small
         specular += wide
@@ -102,9 +107,8 @@ def trace(
         specular.append(images)
         counts |= round_ones
         more |= counts
-    lengths = (bundle.interactions > 0).sum(axis=1)
-    for depth in range(1, settings.depth + 1):
-        part = bundle.take(lengths == depth).cut(depth).in_fixed_order()
+    for depth in range(1, max(settings.depth, chains.interactions.shape[1]) + 1):
+        part = Bundle.joined([again.of_bounces(depth), chains.of_bounces(depth)]).in_fixed_order()
         ends_diffuse = part.interactions[:, -1] == DIFFUSE
         mirrors = (part.interactions == SPECULAR).all(axis=1)
         dropped += int((~mirrors & ~ends_diffuse).sum())
@@ -122,27 +126,28 @@ def trace(
         objects=merged.objects,
         counts={
             "rays": settings.rays,
-            "traced": len(bundle.amplitude),
+            "traced": len(again.amplitude) + len(chains.amplitude),
             "scattered_once": sum(len(part.amplitude) for part in once),
             "scattered_once_by_the_solver": twice_found,
             "diffuse_then_specular_dropped": dropped,
-            "truncated": solved.truncated,
-            "invalid": solved.invalid,
+            "truncated": max(rough.truncated, smooth.truncated),
+            "invalid": rough.invalid + smooth.invalid,
             **more,
         },
     )
 
 
-def _without_scattered_once(bundle: Bundle) -> tuple[Bundle, int]:
-    """The solver's paths without those that :mod:`datafactory.paths.scattered_once` finds, and the number of these.
+def _scattered_again(bundle: Bundle) -> tuple[Bundle, int]:
+    """Of the solver's paths those that neither its pass of mirrors alone nor :mod:`datafactory.paths.scattered_once`
+    finds, and the number of those that the latter does.
 
-    Left are mirrors alone, two and more diffuse bounces, and mirrors beyond panes.
+    Left are two and more diffuse bounces, and mirrors beyond panes.
     """
     bounces = (bundle.interactions > 0).sum(axis=1)
     last = bundle.interactions[np.arange(len(bounces)), bounces - 1]
-    once = ((bundle.interactions == DIFFUSE).sum(axis=1) == 1) & (last == DIFFUSE)
-    once &= (bundle.crossings == 0) | (bounces == 1)
-    return bundle.take(~once), int(once.sum())
+    diffuse = (bundle.interactions == DIFFUSE).sum(axis=1)
+    once = (diffuse == 1) & (last == DIFFUSE) & ((bundle.crossings == 0) | (bounces == 1))
+    return bundle.take(((diffuse > 0) | (bundle.crossings > 0)) & ~once), int(once.sum())
 
 
 def _with_surfaces(
