@@ -59,8 +59,8 @@ class TraceSettings:
         chains of mirrors alone have up to 3: a handful of paths, and nearly all that a third bounce adds to a cell
     :param paths_a_cell: most paths that are scattered once in a resolution cell (:mod:`datafactory.paths.thinning`), of
         the default's rays or fewer; see :attr:`most_in_a_cell`. 0 keeps all
-    :param solver_share: of so many rays the solver follows one, and of few rays more (:meth:`solver_rays`): what it
-        finds, chains of mirrors and echoes that are scattered twice, is few paths and little power
+    :param solver_share: of so many rays the solver follows one to what is scattered twice: few paths, and little power
+    :param mirror_share: the same for chains of mirrors, which are more of the power and cheaper to follow
     :param specular, diffuse: kinds of bounce to follow
     :param refraction: follow waves through panes, up to ``CROSSINGS`` of them
     :param diffraction: add echoes of edges, and of point targets hidden behind one
@@ -75,6 +75,7 @@ class TraceSettings:
     depth: int = DEFAULT_DEPTH
     paths_a_cell: int = 6
     solver_share: int = 16
+    mirror_share: int = 4
     specular: bool = True
     diffuse: bool = True
     refraction: bool = False
@@ -93,7 +94,7 @@ class TraceSettings:
     @property
     def of_mirrors(self) -> TraceSettings:
         """How chains of mirrors are followed, without panes."""
-        return replace(self, depth=LARGEST_DEPTH, diffuse=False, refraction=False)
+        return replace(self, depth=LARGEST_DEPTH, diffuse=False, refraction=False, solver_share=self.mirror_share)
 
     @property
     def most_in_a_cell(self) -> int:
@@ -247,8 +248,10 @@ def solve(scene: Any, merged_scene: MergedScene, pose: Pose, settings: TraceSett
     """Trace one frame.
 
     :param scene: of :func:`radio_scene`
+    :param fan: all rays of the frame, of which ``settings`` say how many are followed
     :param seed: of the solver's choices between kinds of bounce; 0 to 2**32 - 1
     """
+    fan = replace(fan, count=settings.solver_rays(fan.count))
     paths = solver_paths(scene, settings, fan, seed)
     shapes = {scene.objects[f"part-{index}"].object_id: index for index in range(len(merged_scene.meshes))}
     valid = paths.valid.numpy().reshape(-1)

@@ -69,12 +69,11 @@ def trace(
         surfaces = Surfaces(geometry, merged, materials, pose, frequency_hz)
         fan = aimed(fan, surfaces)
         once = scattered_once(surfaces, settings, fan, seed)
-    fewer = replace(fan, count=settings.solver_rays(fan.count))
     rough = smooth = Solved.nothing()
     if settings.depth > 1 and (settings.diffuse or settings.refraction):
-        rough = solve(scene, merged, pose, settings, fewer, seed)
+        rough = solve(scene, merged, pose, settings, fan, seed)
     if settings.depth > 1 and settings.specular:
-        smooth = solve(scene, merged, pose, settings.of_mirrors, fewer, seed)
+        smooth = solve(scene, merged, pose, settings.of_mirrors, fan, seed)
     again, twice_found = _scattered_again(rough.bundle)
     chains = smooth.bundle
     scattered: list[ScatteredPaths] = []
