@@ -80,7 +80,7 @@ def once_of(*objects: SceneObject, rays: int, pose: Pose = HERE, fan: RayFan | N
 def solved(*objects: SceneObject, rays: int, pose: Pose = HERE, **settings) -> Bundle:
     """The solver's own paths."""
     merged = merged_of(*objects)
-    chosen = TraceSettings(rays=rays, **settings)
+    chosen = TraceSettings(rays=rays, solver_share=1, **settings)
     scene = solver_module.radio_scene(merged, MATERIALS, pose, FREQUENCY_HZ, chosen)
     return solver_module.solve(scene, merged, pose, chosen, RayFan(rays), 1).bundle
 
