@@ -45,7 +45,7 @@ PATTERNS: dict[str, dict[str, Any]] = {
 }
 """Diffuse patterns of the material table, as :mod:`datafactory.paths.scattering` has them."""
 LEAST_SOLVER_RAYS = 12_500
-"""The solver follows as many, where there are: a chain of mirrors is one path however many rays find it, or none."""
+"""The solver follows no fewer, where there are as many: fewer miss chains of mirrors between small faces."""
 CROSSINGS = 2
 """Largest number of panes on a whole path: one pane, on the way out and on the way back."""
 
@@ -60,7 +60,7 @@ class TraceSettings:
     :param paths_a_cell: most paths that are scattered once in a resolution cell (:mod:`datafactory.paths.thinning`), of
         the default's rays or fewer; see :attr:`most_in_a_cell`. 0 keeps all
     :param solver_share: of so many rays the solver follows one to what is scattered twice: few paths, and little power
-    :param mirror_share: the same for chains of mirrors, which are more of the power and cheaper to follow
+    :param mirror_share: the same for chains of mirrors, which have their power however many rays find them
     :param specular, diffuse: kinds of bounce to follow
     :param refraction: follow waves through panes, up to ``CROSSINGS`` of them
     :param diffraction: add echoes of edges, and of point targets hidden behind one
@@ -74,8 +74,8 @@ class TraceSettings:
     rays: int = DEFAULT_RAYS
     depth: int = DEFAULT_DEPTH
     paths_a_cell: int = 6
-    solver_share: int = 16
-    mirror_share: int = 4
+    solver_share: int = 4
+    mirror_share: int = 16
     specular: bool = True
     diffuse: bool = True
     refraction: bool = False
