@@ -59,8 +59,8 @@ class TraceSettings:
         chains of mirrors alone have up to 3: a handful of paths, and nearly all that a third bounce adds to a cell
     :param paths_a_cell: most paths that are scattered once in a resolution cell (:mod:`datafactory.paths.thinning`), of
         the default's rays or fewer; see :attr:`most_in_a_cell`. 0 keeps all
-    :param solver_share: of so many rays the solver follows one to what is scattered twice: few paths, and little power
-    :param mirror_share: the same for chains of mirrors, which have their power however many rays find them
+    :param solver_share: of so many rays the solver follows one: to chains of mirrors, and to what is scattered twice.
+        Both are few paths
     :param specular, diffuse: kinds of bounce to follow
     :param refraction: follow waves through panes, up to ``CROSSINGS`` of them
     :param diffraction: add echoes of edges, and of point targets hidden behind one
@@ -75,7 +75,6 @@ class TraceSettings:
     depth: int = DEFAULT_DEPTH
     paths_a_cell: int = 6
     solver_share: int = 4
-    mirror_share: int = 16
     specular: bool = True
     diffuse: bool = True
     refraction: bool = False
@@ -94,7 +93,7 @@ class TraceSettings:
     @property
     def of_mirrors(self) -> TraceSettings:
         """How chains of mirrors are followed, without panes."""
-        return replace(self, depth=LARGEST_DEPTH, diffuse=False, refraction=False, solver_share=self.mirror_share)
+        return replace(self, depth=LARGEST_DEPTH, diffuse=False, refraction=False)
 
     @property
     def most_in_a_cell(self) -> int:
