@@ -324,6 +324,9 @@ def test_work_counts_what_is_bought(table):
     assert terms[0].by_paths == terms[1].by_paths
     for dearer in (replace(DEFAULT, rays=400_000), replace(DEFAULT, depth=3)):
         assert trace_work(dearer) > trace_work(DEFAULT)
+    # Few rays are not for nothing: every pass has its price, and a single bounce has one pass of three.
+    few = replace(DEFAULT, rays=1)
+    assert trace_work(few) == pytest.approx(3.0 * trace_work(replace(few, depth=1)), rel=1e-3)
     assert frame_work(replace(DEFAULT, truth_terms=6), radar) > frame_work(DEFAULT, radar)
 
 

@@ -41,7 +41,9 @@ TRANSFORM = 2.8
 PASS = 12.0
 """Reading and writing one complex number of the cube once."""
 RAY_BOUNCE = 12_000.0
-"""A bounce of a ray: 0.87 s for 2e5 rays of 4 steps, 1.1e10 multiply-adds a second."""
+"""A bounce of a ray: 0.9 s for 2e5 rays of 4 steps on the shipped street, at 1.0e10 multiply-adds a second."""
+RAY_PASS = 1.7e9
+"""Of a pass of rays, whatever their number: 0.1 to 0.2 s in which the scene is built and the solver's kernels start."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,9 @@ class Work:
 
 def trace_work(settings: KnobSettings) -> float:
     """Multiply-adds for tracing one frame."""
-    return RAY_BOUNCE * settings.rays * settings.chain().trace.steps
+    trace = settings.chain().trace
+    passes = 3 if trace.depth > 1 else 1  # beside what is scattered once, mirrors and what is scattered again
+    return RAY_PASS * passes + RAY_BOUNCE * settings.rays * trace.steps
 
 
 def frame_work(settings: KnobSettings, radar: Radar) -> float:
