@@ -5,17 +5,19 @@ from __future__ import annotations
 import csv
 import json
 from dataclasses import asdict, replace
+from itertools import combinations
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from oracles import doppler_filtered, if_cube, peak_error_db, relative_error
 from sampled_frames import EFFECTS, POSE, order_of_two, samples_at
 
 from datafactory.accuracy import chart, report
 from datafactory.accuracy.clock import Clock
 from datafactory.accuracy.errors import FLOOR_DB, detections_changed, level_db, peak_error, relative_l2
-from datafactory.accuracy.front import EVERYTHING, SAME_PATHS, fronts
+from datafactory.accuracy.front import EVERYTHING, KNOBS, SAME_PATHS, fronts
 from datafactory.accuracy.knobs import (
     DEFAULT,
     POWER_EFFECTS,
@@ -202,6 +204,7 @@ def test_every_row_is_priced(rows):
         assert row.peak_mb >= 0.0
         assert row.reference
         assert (row.power_l1_db is None) == (row.kind != "power")
+        assert (row.seconds_beside is None) == (row.knob in ("defaults", "sphere rays", *KNOBS) or row.kind == "front")
     assert [row.setting for row in rows if row.default and row.knob == "tolerance"] == ["0.001"]
     assert [row.knob for row in rows if not row.approximation] == ["diffraction"]
 
@@ -222,6 +225,32 @@ def test_tables_and_picture(rows, tmp_path):
     assert json.loads(lines[0]["stage_seconds"]) == rows[0].stage_seconds
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert len(report.table_rows(rows)[0]) == len(report.HEADINGS)
+
+
+def test_changes_are_shown_against_what_was_timed_beside_them(rows):
+    slow = next(row for row in rows if row.knob == "diffuse")
+    others = [row for row in rows if row is not slow]
+    figure = chart.draw([*others, replace(slow, seconds=7.25, seconds_beside=9.5)], "tiny")
+    texts = [text.get_text() for axis in figure.axes for text in axis.texts]
+    assert [text for text in texts if text.startswith("-2.25 s")]
+
+
+@pytest.mark.parametrize("step_db", [1.0, 3.0])
+def test_rays_of_points_close_together_stand_apart(rows, step_db):
+    point = next(row for row in rows if row.knob == EVERYTHING)
+    front = [
+        replace(point, setting=f"-9 dB: {rays} rays, depth 1", cube_error_db=-15.0 - step_db * place,
+                image_error_db=-80.0, power_error_db=-80.0, seconds=1.0 + 0.04 * place)
+        for place, rays in enumerate((3125, 6250, 12_500))
+    ]  # fmt: skip
+    dear = replace(front[0], setting="-9 dB: 800000 rays, depth 1", cube_error_db=-45.0, seconds=40.0)
+    figure = chart.draw([*front, dear], "tiny")
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    labels = [text for text in figure.axes[0].texts if text.get_text().endswith(" rays")]
+    boxes = [label.get_window_extent(canvas.get_renderer()) for label in labels]
+    assert [label.get_text() for label in labels] == ["3 125 rays", "6 250 rays", "800 000 rays"]
+    assert not any(a.overlaps(b) for a, b in combinations(boxes, 2))
 
 
 def test_the_front_buys_accuracy_with_work(radar):

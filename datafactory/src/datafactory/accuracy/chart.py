@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -34,6 +35,10 @@ SHORTCUTS = {
 """Rows that are shortcuts, or the contrary, by knob and setting, with their words."""
 LEAST_S = 0.005
 """Shorter times have no mark."""
+RAYS_SIDES = {"left": (8, -9), "right": (-8, 5)}
+"""Where the label of a point may begin, or end [points]."""
+CLOSE_DB, CLOSE_RATIO = 10.0, 1.25
+"""Labels on one side of points that lie no further apart would stand one over the other."""
 WIDE = 8.0
 """Dearest over cheapest of a front from which on its seconds stand on a logarithmic axis."""
 
@@ -54,22 +59,27 @@ def default_error_db(rows: Sequence[Row]) -> tuple[float | None, float | None]:
     return max(signal, found["power"].image_error_db), signal
 
 
+def default_row(rows: Sequence[Row]) -> Row | None:
+    """The default as it is timed: from its rays on, as a front's points are, where that was measured."""
+    found = {row.kind: row for row in rows if row.knob == DEFAULTS}
+    return found.get("power", found.get("signal"))
+
+
 def draw(rows: Sequence[Row], title: str) -> Figure:
     """What accuracy costs, where the seconds go, what effects cost, and what other ways would."""
     figure = Figure(figsize=(15.0, 11.0), layout="constrained")
     axes = figure.subplots(2, 2, height_ratios=(1.15, 1.0))
     _front_panel(axes[0, 0], rows)
     _stage_panel(axes[0, 1], rows)
-    usual = next((row for row in rows if row.knob == DEFAULTS), None)
-    if usual is not None:
+    if default_row(rows) is not None:
         of_effects = [row for row in rows if row.knob in NAMES]
         others = [row for row in rows if (row.knob, row.setting) in SHORTCUTS]
         _difference_panel(
-            axes[1, 0], "What does each effect cost?", of_effects, rows,
+            axes[1, 0], "What does each effect cost?", of_effects,
             [row.knob.replace("_", " ") + ("" if row.approximation else " (not in the plan)") for row in of_effects],
         )  # fmt: skip
         _difference_panel(
-            axes[1, 1], "What would other ways cost?", others, rows,
+            axes[1, 1], "What would other ways cost?", others,
             [SHORTCUTS[row.knob, row.setting] for row in others],
         )  # fmt: skip
     figure.suptitle(title, fontsize=11, color=GREY)
@@ -92,17 +102,10 @@ def _front_panel(axis: Axes, rows: Sequence[Row]) -> None:
             words, last[:2], xytext=away, textcoords="offset points", color=color, fontsize=10, weight="bold",
             ha="right", va=align,
         )  # fmt: skip
-        rays = None
-        for level, seconds, row in points:
-            text = row.setting.split(": ")[1].split(" rays")[0]
-            if name == EVERYTHING and text != rays:
-                axis.annotate(
-                    f"{int(text):,} rays".replace(",", " "), (level, seconds), xytext=(8, -9), fontsize=8,
-                    textcoords="offset points", color=color, ha="left",
-                )  # fmt: skip
-            rays = text
-        usual = next(row for row in rows if row.knob == DEFAULTS)
-        if default_db is not None:
+        if name == EVERYTHING:
+            _rays_beside(axis, points, color)
+        usual = default_row(rows)
+        if usual is not None and default_db is not None:
             axis.plot([default_db], [usual.seconds], "*", color=RED, ms=16, zorder=4)
             axis.annotate(
                 "the default", (default_db, usual.seconds), xytext=(0, 12), textcoords="offset points", color=RED,
@@ -125,10 +128,29 @@ def _front_panel(axis: Axes, rows: Sequence[Row]) -> None:
     axis.grid(True, alpha=0.25)
 
 
+def _rays_beside(axis: Axes, points: Sequence[tuple[float, float, Row]], color: str) -> None:
+    """The number of rays at each point where it changes: to the right, left where that has no room, or not at all."""
+    before, taken = 0, {side: (math.inf, 0.0) for side in RAYS_SIDES}
+    for level, seconds, row in points:
+        rays = int(row.setting.split(": ")[1].split(" rays")[0])
+        free = (
+            side for side, (near, price) in taken.items()
+            if abs(level - near) > CLOSE_DB or seconds > CLOSE_RATIO * price
+        )  # fmt: skip
+        side = next(free, None)
+        if side is not None and rays != before:
+            axis.annotate(
+                f"{rays:,} rays".replace(",", " "), (level, seconds), xytext=RAYS_SIDES[side], fontsize=8,
+                textcoords="offset points", color=color, ha=side,
+            )  # fmt: skip
+            taken[side] = level, seconds
+        before = rays
+
+
 def _stage_panel(axis: Axes, rows: Sequence[Row]) -> None:
     """Seconds of every stage: the default, and the ends of the front."""
     front = [row for row in rows if row.knob == EVERYTHING]
-    usual = next((row for row in rows if row.knob == DEFAULTS), None)
+    usual = default_row(rows)
     bars = [(f"{front_error_db(front[0]):.0f} dB", front[0])] if front else []
     if usual is not None:
         bars.append(("the default", usual))
@@ -151,14 +173,11 @@ def _stage_panel(axis: Axes, rows: Sequence[Row]) -> None:
     _plain(axis)
 
 
-def _difference_panel(axis: Axes, title: str, some: Sequence[Row], rows: Sequence[Row], names: Sequence[str]) -> None:
+def _difference_panel(axis: Axes, title: str, some: Sequence[Row], names: Sequence[str]) -> None:
     """Seconds that a frame has more or fewer, with the error beside them."""
-    usual = {row.kind: row.seconds for row in rows if row.knob == DEFAULTS}
-    around = {row.kind: row.seconds for row in rows if row.knob == "truth_terms" and row.setting == "6"}
     entries = []
     for row, name in zip(some, names, strict=True):
-        # Signal knobs are varied around the converged frame, of which the last truth term's row is one.
-        base = around.get(row.kind, usual.get(row.kind, row.seconds))
+        base = row.seconds if row.seconds_beside is None else row.seconds_beside
         error = max(row.cube_error_db, row.image_error_db)
         entries.append((row.seconds - base, name, "no error in power" if error <= FLOOR_DB else f"{error:+.0f} dB"))
     entries.sort()

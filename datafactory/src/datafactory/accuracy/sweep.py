@@ -48,6 +48,11 @@ class _Step:
     def approximation(self) -> bool:
         return self.knob is None or self.knob.name not in NAMES or self.value == _shown(False)
 
+    @property
+    def is_a_change(self) -> bool:
+        """Whether it does something else, instead of the same better or worse."""
+        return self.knob is not None and self.knob.name not in KNOBS
+
 
 def sweep(
     samples: Sequence[SampleFrame],
@@ -83,7 +88,7 @@ def sweep(
         fixed["write"] = write_seconds(reference.frames[0], radar, max(3, effort.repeats))
         for step in steps:
             advance(len(rows), total, f"{step.label} {step.value}")
-            row, outcome = _signal_row(step, frames, reference, fixed, effort, radar, kept)
+            row, outcome = _signal_row(step, base, frames, reference, fixed, effort, radar, kept)
             rows.append(row)
             if step.knob is not None and step.knob.name in KNOBS:
                 prices.append(signal_price(step.knob.name, float(step.value), outcome, reference))
@@ -138,6 +143,7 @@ def power_reference(knob: Knob | None, settings: KnobSettings, default: KnobSett
 
 def _signal_row(
     step: _Step,
+    base: KnobSettings,
     frames: Sequence[TracedFrame],
     reference: Outcome,
     fixed: dict[str, float],
@@ -145,9 +151,13 @@ def _signal_row(
     radar: Radar,
     kept: dict[Any, Any],
 ) -> tuple[Row, Outcome]:
-    clock = Clock(effort.repeats, kept)
+    clock = Clock(effort.repeats, None if step.is_a_change else kept)
     outcome = run(frames, step.settings, radar, clock, reference.cells, effort.batch)
-    stages = {**fixed, **clock.seconds()}
+    stages, beside = {**fixed, **clock.seconds()}, None
+    if step.is_a_change:
+        without = Clock(effort.repeats)
+        run(frames, base, radar, without, reference.cells, effort.batch)
+        beside = sum((fixed | without.seconds()).values())
     pairs = list(zip(outcome.images, reference.images, strict=True))
     expected = replace(outcome, images=reference.images).detections(radar)
     paths = float(np.mean(outcome.paths))
@@ -158,6 +168,7 @@ def _signal_row(
         kind="signal",
         seconds=sum(stages.values()),
         stage_seconds={name: stages[name] for name in STAGES},
+        seconds_beside=beside,
         cube_error_db=worst([relative_l2(a, b) for a, b in zip(outcome.cubes, reference.cubes, strict=True)]),
         image_error_db=worst([peak_error(a, b) for a, b in pairs]),
         image_l2_db=worst([relative_l2(a, b) for a, b in pairs]),
@@ -190,18 +201,17 @@ def _power_row(
     against = power_reference(step.knob, settings, default, effort)
     paired = step.knob is not None and step.knob.paired
     errors = [power_error(sample, settings, against, effort, radar, kept, paired) for sample in samples]
-    clock = Clock(effort.repeats)
-    frame = clock("trace", lambda: traced(samples[0], settings, radar))
-    outcome = run([frame], settings, radar, clock, batch=effort.batch)
-    stages = {**fixed, **clock.seconds()}
-    paths = float(outcome.paths[0])
+    made = _from_rays(samples[0], settings, fixed, effort, radar)
+    beside = _from_rays(samples[0], default, fixed, effort, radar).seconds if step.is_a_change else None
+    outcome = made.outcome
     row = Row(
         knob=step.label,
         setting=step.value,
         default=step.default,
         kind="power",
-        seconds=sum(stages.values()),
-        stage_seconds={name: stages[name] for name in STAGES},
+        seconds=made.seconds,
+        stage_seconds=made.stages,
+        seconds_beside=beside,
         cube_error_db=worst([error.l2 for error in errors]),
         image_error_db=worst([error.peak for error in errors]),
         image_l2_db=worst([error.l2 for error in errors]),
@@ -211,8 +221,8 @@ def _power_row(
         power_bias_db=widest([error.total for error in errors]),
         detections_changed=changed(outcome.detections(radar), usual.detections(radar)),
         doppler_rows_changed=moved(outcome.cells, usual.cells, usual.detections(radar)),
-        peak_mb=clock.peak_mb(),
-        paths=paths,
+        peak_mb=made.peak_mb,
+        paths=float(outcome.paths[0]),
         work=_work(settings, outcome, radar),
         reference=_reference_text(against, effort, paired),
         approximation=step.approximation,
@@ -236,12 +246,10 @@ def _front_row(
     of the power as its rays and depth have it alone; its time with its own rays."""
     chosen = choice.settings
     signal = replace(default, prune_db=chosen.prune_db, tolerance=chosen.tolerance, truth_terms=chosen.truth_terms)
-    settings, clock = replace(signal, rays=chosen.rays, depth=chosen.depth), Clock(effort.repeats)
+    settings = replace(signal, rays=chosen.rays, depth=chosen.depth)
     _warm_up(samples[0], settings, radar)
-    frame = clock("trace", lambda: traced(samples[0], settings, radar))
-    timed = run([frame], settings, radar, clock, batch=effort.batch)
+    made = _from_rays(samples[0], settings, fixed, effort, radar)
     outcome = run(frames, signal, radar, Clock(), reference.cells, effort.batch)
-    stages = {**fixed, **clock.seconds()}
     pairs = list(zip(outcome.images, reference.images, strict=True))
     expected = replace(outcome, images=reference.images).detections(radar)
     return Row(
@@ -249,8 +257,9 @@ def _front_row(
         setting=f"{level_db:g} dB: {described(settings)}",
         default=settings == replace(default, rays=DEFAULT.rays),
         kind="front",
-        seconds=sum(stages.values()),
-        stage_seconds={stage: stages[stage] for stage in STAGES},
+        seconds=made.seconds,
+        stage_seconds=made.stages,
+        seconds_beside=None,
         cube_error_db=worst([relative_l2(a, b) for a, b in zip(outcome.cubes, reference.cubes, strict=True)]),
         image_error_db=worst([peak_error(a, b) for a, b in pairs]),
         image_l2_db=worst([relative_l2(a, b) for a, b in pairs]),
@@ -260,12 +269,35 @@ def _front_row(
         power_bias_db=0.0,
         detections_changed=changed(outcome.detections(radar), expected),
         doppler_rows_changed=moved(outcome.cells, reference.cells, expected),
-        peak_mb=clock.peak_mb(),
-        paths=float(timed.paths[0]),
-        work=_work(settings, timed, radar),
+        peak_mb=made.peak_mb,
+        paths=float(made.outcome.paths[0]),
+        work=_work(settings, made.outcome, radar),
         reference=f"{SAME_PATHS}; power as in the rows of rays and depth",
         approximation=True,
     )
+
+
+@dataclass(frozen=True)
+class _Made:
+    """A frame from its rays on, with its seconds by stage."""
+
+    outcome: Outcome
+    stages: dict[str, float]
+    peak_mb: float
+
+    @property
+    def seconds(self) -> float:
+        return sum(self.stages.values())
+
+
+def _from_rays(
+    sample: SampleFrame, settings: KnobSettings, fixed: dict[str, float], effort: Effort, radar: Radar
+) -> _Made:
+    clock = Clock(effort.repeats)
+    frame = clock("trace", lambda: traced(sample, settings, radar))
+    outcome = run([frame], settings, radar, clock, batch=effort.batch)
+    stages = fixed | clock.seconds()
+    return _Made(outcome, {name: stages[name] for name in STAGES}, clock.peak_mb())
 
 
 def _work(settings: KnobSettings, outcome: Outcome, radar: Radar) -> float:
