@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from dataclasses import asdict, replace
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -15,7 +16,7 @@ from oracles import doppler_filtered, if_cube, peak_error_db, relative_error
 from sampled_frames import EFFECTS, POSE, order_of_two, samples_at
 
 from datafactory.accuracy import chart, report
-from datafactory.accuracy.clock import Clock
+from datafactory.accuracy.clock import Clock, in_turn
 from datafactory.accuracy.errors import FLOOR_DB, detections_changed, level_db, peak_error, relative_l2
 from datafactory.accuracy.front import EVERYTHING, KNOBS, SAME_PATHS, fronts
 from datafactory.accuracy.knobs import (
@@ -225,6 +226,20 @@ def test_tables_and_picture(rows, tmp_path):
     assert json.loads(lines[0]["stage_seconds"]) == rows[0].stage_seconds
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert len(report.table_rows(rows)[0]) == len(report.HEADINGS)
+
+
+def test_two_frames_are_timed_in_turn():
+    calls = []
+
+    def made(name, clock):
+        calls.append(name)
+        return clock("truth", lambda: name)
+
+    value, first, second = in_turn(3, partial(made, "with"), partial(made, "without"))
+    assert value == "with"
+    assert calls == ["with", "without"] * 3
+    assert [len(clock.measured["truth", ""]) for clock in (first, second)] == [3, 3]
+    assert [Effort(1, repeats=repeats).in_turn for repeats in (1, 5)] == [2, 5]
 
 
 def test_changes_are_shown_against_what_was_timed_beside_them(rows):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -35,8 +34,8 @@ SHORTCUTS = {
 """Rows that are shortcuts, or the contrary, by knob and setting, with their words."""
 LEAST_S = 0.005
 """Shorter times have no mark."""
-RAYS_SIDES = {"left": (8, -9), "right": (-8, 5)}
-"""Where the label of a point may begin, or end [points]."""
+RAYS_AT = {"left": (8, -9), "right": (-8, 5)}
+"""Where the label of a point has its left or its right end, from the point on [points]."""
 CLOSE_DB, CLOSE_RATIO = 10.0, 1.25
 """Labels on one side of points that lie no further apart would stand one over the other."""
 WIDE = 8.0
@@ -129,22 +128,30 @@ def _front_panel(axis: Axes, rows: Sequence[Row]) -> None:
 
 
 def _rays_beside(axis: Axes, points: Sequence[tuple[float, float, Row]], color: str) -> None:
-    """The number of rays at each point where it changes: to the right, left where that has no room, or not at all."""
-    before, taken = 0, {side: (math.inf, 0.0) for side in RAYS_SIDES}
-    for level, seconds, row in points:
-        rays = int(row.setting.split(": ")[1].split(" rays")[0])
-        free = (
-            side for side, (near, price) in taken.items()
-            if abs(level - near) > CLOSE_DB or seconds > CLOSE_RATIO * price
-        )  # fmt: skip
-        side = next(free, None)
-        if side is not None and rays != before:
-            axis.annotate(
-                f"{rays:,} rays".replace(",", " "), (level, seconds), xytext=RAYS_SIDES[side], fontsize=8,
-                textcoords="offset points", color=color, ha=side,
-            )  # fmt: skip
-            taken[side] = level, seconds
-        before = rays
+    """The number of rays at each point where it changes: to the right, of two points close together the first's to the
+    left; none where neither side has room."""
+    changes = [
+        point for index, point in enumerate(points) if not index or _rays(point[2]) != _rays(points[index - 1][2])
+    ]
+    taken: dict[str, tuple[float, float]] = {}
+    for place, (level, seconds, row) in enumerate(changes):
+        crowded = place + 1 < len(changes) and _close(changes[place + 1][:2], (level, seconds))
+        for align in ("right", "left") if crowded else ("left", "right"):
+            if align not in taken or not _close((level, seconds), taken[align]):
+                axis.annotate(
+                    f"{_rays(row):,} rays".replace(",", " "), (level, seconds), xytext=RAYS_AT[align], fontsize=8,
+                    textcoords="offset points", color=color, ha=align,
+                )  # fmt: skip
+                taken[align] = level, seconds
+                break
+
+
+def _rays(row: Row) -> int:
+    return int(row.setting.split(": ")[1].split(" rays")[0])
+
+
+def _close(point: tuple[float, float], before: tuple[float, float]) -> bool:
+    return abs(point[0] - before[0]) <= CLOSE_DB and point[1] <= CLOSE_RATIO * before[1]
 
 
 def _stage_panel(axis: Axes, rows: Sequence[Row]) -> None:

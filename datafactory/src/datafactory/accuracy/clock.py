@@ -103,3 +103,15 @@ class Clock:
     def peak_mb(self) -> float:
         """The largest growth of any stage [MB]."""
         return max(item.peak_mb for every in self.measured.values() for item in every)
+
+
+def in_turn(times: int, first: Callable[[Clock], Value], second: Callable[[Clock], Any]) -> tuple[Value, Clock, Clock]:
+    """What the first makes, and the clocks of both, made one after the other so often: what else the machine does, and
+    how warm it is, then meets both alike."""
+    of_first, of_second = Clock(), Clock()
+    value = first(of_first)
+    second(of_second)
+    for _ in range(times - 1):
+        first(of_first)
+        second(of_second)
+    return value, of_first, of_second

@@ -60,6 +60,11 @@ class Effort:
     batch: int = IMAGE_BATCH
     rays: int = DEFAULT.rays
 
+    @property
+    def in_turn(self) -> int:
+        """Repeats of two frames whose times are compared: two or more."""
+        return max(self.repeats, 2)
+
     def count(self, rays: int) -> int:
         """Realisations of this many rays: few rays scatter most, and more of them cost little."""
         return min(max(self.realisations, self.realisations * self.reference_rays // (4 * rays)), MOST_REALISATIONS)

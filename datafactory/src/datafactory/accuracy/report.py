@@ -21,7 +21,8 @@ HEADINGS = (
 )  # fmt: skip
 EXPLANATION = (
     "A frame on one core, median seconds: write, and trace on a GPU, on the wall clock, the rest in processor time. "
-    "* is the default. Errors are the largest over the frames.",
+    "* is the default. Errors are the largest over the frames. An effect or another way is timed in turn with a frame "
+    "without that change (seconds_beside in the files): times that lie minutes apart differ by more.",
     "Signal knobs, on the same paths: cube is relative L2; image the largest difference over the peak, in the same "
     "Doppler cells. They are varied around an unpruned cube at 1e-6 and a truth of 6 terms.",
     "Power knobs change the paths, and the ray count changes the speckle realisation. Measured is the power in a "

@@ -19,7 +19,7 @@ class Row:
     """One setting of one knob, measured; errors are the largest over the frames.
 
     :param seconds: a frame on one core; :param stage_seconds: the same by stage
-    :param seconds_beside: of an effect or another way the seconds of a frame without that change, timed right after;
+    :param seconds_beside: of an effect or another way the seconds of a frame without that change, timed in turn;
         times that lie minutes apart differ by more than most changes do. None for other rows
     :param cube_error_db: relative L2; for power knobs of the amplitudes in cells, rms over realisations
     :param image_error_db: largest difference over the peak; for power knobs of the amplitudes in cells, mean over

@@ -8,7 +8,7 @@ the scene's plan calls for; an effect's row is the difference that it makes to t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from datafactory.accuracy.clock import STAGES, Advance, Clock
+from datafactory.accuracy.clock import STAGES, Advance, Clock, in_turn
 from datafactory.accuracy.errors import peak_error, relative_l2
 from datafactory.accuracy.front import EVERYTHING, KNOBS, LEVELS_DB, described, fronts
 from datafactory.accuracy.knobs import DEFAULT, REFERENCE_DEPTH, Knob, KnobSettings, converged
@@ -151,35 +151,26 @@ def _signal_row(
     radar: Radar,
     kept: dict[Any, Any],
 ) -> tuple[Row, Outcome]:
-    clock = Clock(effort.repeats, None if step.is_a_change else kept)
-    outcome = run(frames, step.settings, radar, clock, reference.cells, effort.batch)
-    stages, beside = {**fixed, **clock.seconds()}, None
-    if step.is_a_change:
-        without = Clock(effort.repeats)
-        run(frames, base, radar, without, reference.cells, effort.batch)
-        beside = sum((fixed | without.seconds()).values())
-    pairs = list(zip(outcome.images, reference.images, strict=True))
-    expected = replace(outcome, images=reference.images).detections(radar)
-    paths = float(np.mean(outcome.paths))
+    def made(settings: KnobSettings, by: Clock) -> Outcome:
+        return run(frames, settings, radar, by, reference.cells, effort.batch)
+
+    outcome, stages, beside, peak_mb = _timed(step, base, made, fixed, effort, kept)
+    pairs = zip(outcome.images, reference.images, strict=True)
     row = Row(
         knob=step.label,
         setting=step.value,
         default=step.default,
         kind="signal",
         seconds=sum(stages.values()),
-        stage_seconds={name: stages[name] for name in STAGES},
+        stage_seconds=stages,
         seconds_beside=beside,
-        cube_error_db=worst([relative_l2(a, b) for a, b in zip(outcome.cubes, reference.cubes, strict=True)]),
-        image_error_db=worst([peak_error(a, b) for a, b in pairs]),
-        image_l2_db=worst([relative_l2(a, b) for a, b in pairs]),
+        **_against(outcome, reference, radar),
         power_error_db=None,
         power_l1_db=None,
         power_l1_range_weighted_db=None,
         power_bias_db=widest([float((a**2).sum() / (b**2).sum()) if b.any() else 1.0 for a, b in pairs]),
-        detections_changed=changed(outcome.detections(radar), expected),
-        doppler_rows_changed=moved(outcome.cells, reference.cells, expected),
-        peak_mb=clock.peak_mb(),
-        paths=paths,
+        peak_mb=peak_mb,
+        paths=float(np.mean(outcome.paths)),
         work=_work(step.settings, outcome, radar),
         reference=SAME_PATHS,
         approximation=step.approximation,
@@ -201,16 +192,15 @@ def _power_row(
     against = power_reference(step.knob, settings, default, effort)
     paired = step.knob is not None and step.knob.paired
     errors = [power_error(sample, settings, against, effort, radar, kept, paired) for sample in samples]
-    made = _from_rays(samples[0], settings, fixed, effort, radar)
-    beside = _from_rays(samples[0], default, fixed, effort, radar).seconds if step.is_a_change else None
-    outcome = made.outcome
+    made = partial(_from_rays, samples[0], radar, effort)
+    outcome, stages, beside, peak_mb = _timed(step, default, made, fixed, effort)
     row = Row(
         knob=step.label,
         setting=step.value,
         default=step.default,
         kind="power",
-        seconds=made.seconds,
-        stage_seconds=made.stages,
+        seconds=sum(stages.values()),
+        stage_seconds=stages,
         seconds_beside=beside,
         cube_error_db=worst([error.l2 for error in errors]),
         image_error_db=worst([error.peak for error in errors]),
@@ -221,7 +211,7 @@ def _power_row(
         power_bias_db=widest([error.total for error in errors]),
         detections_changed=changed(outcome.detections(radar), usual.detections(radar)),
         doppler_rows_changed=moved(outcome.cells, usual.cells, usual.detections(radar)),
-        peak_mb=made.peak_mb,
+        peak_mb=peak_mb,
         paths=float(outcome.paths[0]),
         work=_work(settings, outcome, radar),
         reference=_reference_text(against, effort, paired),
@@ -248,56 +238,73 @@ def _front_row(
     signal = replace(default, prune_db=chosen.prune_db, tolerance=chosen.tolerance, truth_terms=chosen.truth_terms)
     settings = replace(signal, rays=chosen.rays, depth=chosen.depth)
     _warm_up(samples[0], settings, radar)
-    made = _from_rays(samples[0], settings, fixed, effort, radar)
+    clock = Clock(effort.repeats)
+    timed = _from_rays(samples[0], radar, effort, settings, clock)
+    stages = _by_stage(fixed, clock)
     outcome = run(frames, signal, radar, Clock(), reference.cells, effort.batch)
-    pairs = list(zip(outcome.images, reference.images, strict=True))
-    expected = replace(outcome, images=reference.images).detections(radar)
     return Row(
         knob=name,
         setting=f"{level_db:g} dB: {described(settings)}",
         default=settings == replace(default, rays=DEFAULT.rays),
         kind="front",
-        seconds=made.seconds,
-        stage_seconds=made.stages,
+        seconds=sum(stages.values()),
+        stage_seconds=stages,
         seconds_beside=None,
-        cube_error_db=worst([relative_l2(a, b) for a, b in zip(outcome.cubes, reference.cubes, strict=True)]),
-        image_error_db=worst([peak_error(a, b) for a, b in pairs]),
-        image_l2_db=worst([relative_l2(a, b) for a, b in pairs]),
+        **_against(outcome, reference, radar),
         power_error_db=choice.predicted.power_db if name == EVERYTHING else None,
         power_l1_db=None,
         power_l1_range_weighted_db=None,
         power_bias_db=0.0,
-        detections_changed=changed(outcome.detections(radar), expected),
-        doppler_rows_changed=moved(outcome.cells, reference.cells, expected),
-        peak_mb=made.peak_mb,
-        paths=float(made.outcome.paths[0]),
-        work=_work(settings, made.outcome, radar),
+        peak_mb=clock.peak_mb(),
+        paths=float(timed.paths[0]),
+        work=_work(settings, timed, radar),
         reference=f"{SAME_PATHS}; power as in the rows of rays and depth",
         approximation=True,
     )
 
 
-@dataclass(frozen=True)
-class _Made:
-    """A frame from its rays on, with its seconds by stage."""
+def _against(outcome: Outcome, reference: Outcome, radar: Radar) -> dict[str, float]:
+    """The errors of cubes and images made from the reference's paths."""
+    cubes = list(zip(outcome.cubes, reference.cubes, strict=True))
+    images = list(zip(outcome.images, reference.images, strict=True))
+    expected = replace(outcome, images=reference.images).detections(radar)
+    return {
+        "cube_error_db": worst([relative_l2(a, b) for a, b in cubes]),
+        "image_error_db": worst([peak_error(a, b) for a, b in images]),
+        "image_l2_db": worst([relative_l2(a, b) for a, b in images]),
+        "detections_changed": changed(outcome.detections(radar), expected),
+        "doppler_rows_changed": moved(outcome.cells, reference.cells, expected),
+    }
 
-    outcome: Outcome
-    stages: dict[str, float]
-    peak_mb: float
 
-    @property
-    def seconds(self) -> float:
-        return sum(self.stages.values())
+def _from_rays(sample: SampleFrame, radar: Radar, effort: Effort, settings: KnobSettings, clock: Clock) -> Outcome:
+    """A frame, its trace included."""
+    return run([clock("trace", partial(traced, sample, settings, radar))], settings, radar, clock, batch=effort.batch)
 
 
-def _from_rays(
-    sample: SampleFrame, settings: KnobSettings, fixed: dict[str, float], effort: Effort, radar: Radar
-) -> _Made:
-    clock = Clock(effort.repeats)
-    frame = clock("trace", lambda: traced(sample, settings, radar))
-    outcome = run([frame], settings, radar, clock, batch=effort.batch)
-    stages = fixed | clock.seconds()
-    return _Made(outcome, {name: stages[name] for name in STAGES}, clock.peak_mb())
+def _timed(
+    step: _Step,
+    without: KnobSettings,
+    made: Callable[[KnobSettings, Clock], Outcome],
+    fixed: dict[str, float],
+    effort: Effort,
+    kept: dict[Any, Any] | None = None,
+) -> tuple[Outcome, dict[str, float], float | None, float]:
+    """What a step's settings make, its seconds by stage, those of the frame beside it, and its memory [MB].
+
+    :param without: settings of the frame that a change is timed in turn with
+    :param kept: stages that other steps share with the frame around which they are varied
+    """
+    if not step.is_a_change:
+        clock = Clock(effort.repeats, kept)
+        return made(step.settings, clock), _by_stage(fixed, clock), None, clock.peak_mb()
+    outcome, clock, beside = in_turn(effort.in_turn, partial(made, step.settings), partial(made, without))
+    return outcome, _by_stage(fixed, clock), sum(_by_stage(fixed, beside).values()), clock.peak_mb()
+
+
+def _by_stage(fixed: dict[str, float], clock: Clock) -> dict[str, float]:
+    seconds = fixed | clock.seconds()
+    return {name: seconds[name] for name in STAGES}
 
 
 def _work(settings: KnobSettings, outcome: Outcome, radar: Radar) -> float:
