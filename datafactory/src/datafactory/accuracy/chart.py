@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import groupby
 from pathlib import Path
 
 from matplotlib.axes import Axes
@@ -111,7 +112,7 @@ def _front_panel(axis: Axes, rows: Sequence[Row]) -> None:
                 fontsize=10, weight="bold", ha="center",
             )  # fmt: skip
     axis.invert_xaxis()
-    axis.margins(x=0.2, y=0.15)
+    axis.margins(x=0.25, y=0.15)
     prices = [row.seconds for row in rows if row.knob in (EVERYTHING, SAME_PATHS)]
     if prices and max(prices) > WIDE * min(prices):
         axis.set_yscale("log")
@@ -130,9 +131,7 @@ def _front_panel(axis: Axes, rows: Sequence[Row]) -> None:
 def _rays_beside(axis: Axes, points: Sequence[tuple[float, float, Row]], color: str) -> None:
     """The number of rays at each point where it changes: to the right, of two points close together the first's to the
     left; none where neither side has room."""
-    changes = [
-        point for index, point in enumerate(points) if not index or _rays(point[2]) != _rays(points[index - 1][2])
-    ]
+    changes = [next(same) for _, same in groupby(points, lambda point: _rays(point[2]))]
     taken: dict[str, tuple[float, float]] = {}
     for place, (level, seconds, row) in enumerate(changes):
         crowded = place + 1 < len(changes) and _close(changes[place + 1][:2], (level, seconds))
