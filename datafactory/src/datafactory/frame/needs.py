@@ -2,8 +2,9 @@
 
 An effect is called for where leaving it out would change a resolution cell by more than the error budget (of the
 strongest cell's power), or more than a tenth of the cells above the noise by half a decibel. What changes, path by
-path, are the formulas of :mod:`datafactory.frame.changes`. A closed-form bound that already keeps both limits spares
-the sum over cells: no cell changes by a greater share than its most changed path.
+path, are the formulas of :mod:`datafactory.frame.changes`. Most decisions need few of them. The strongest cell is
+looked at first: what changes it by more than the budget is called for. Where a closed-form bound keeps both limits, the
+sum over cells is spared: no cell changes by a greater share than its most changed path.
 
 The decision is a function of the frame's illuminated paths, the radar and the budget. It knows nothing of other frames,
 so that a frame is the same rendered alone, by any worker, or from stored paths.
@@ -11,8 +12,9 @@ so that a frame is the same rendered alone, by any worker, or from stored paths.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cache, cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +25,7 @@ from datafactory.paths.rising import rising
 from datafactory.paths.table import PathTable
 from shared.physics.units import db_to_power
 from shared.radar import Radar
+from shared.radar.waveform import Waveform
 from shared.signal.windows import cell_noise_power
 
 Real = NDArray[np.float64]
@@ -58,6 +61,14 @@ class Cells:
         """Of the strongest cell [W]."""
         return float(self.total.max(initial=0.0))
 
+    @cached_property
+    def strongest(self) -> NDArray[np.int64]:
+        """Paths of the strongest cell, the ``FIRST_BLOCK`` strongest of them, rising."""
+        there = np.flatnonzero(self.where.cell == self.total.argmax())
+        if len(there) > FIRST_BLOCK:
+            there = np.sort(there[np.argsort(-self.where.power[there], kind="stable")[:FIRST_BLOCK]])
+        return there
+
     def changed_share(self, changed: Real) -> float:
         """Share of the occupied cells that change by more than half a decibel.
 
@@ -92,26 +103,36 @@ def effects_called_for(paths: PathTable, radar: Radar, truth_window: str, budget
     waveform, front_end = radar.waveform, radar.front_end
     cells = cells_of(paths, radar, truth_window)
     least = min(float(db_to_power(budget_db)), HALF_A_DECIBEL)
+    strongest = cells.strongest
+    at_peak = _taken(paths, strongest)
 
-    def called_for(share: Real) -> bool:
-        """:param share: [K] of each path's power that the effect changes"""
+    def called_for(change: Callable[[PathTable], Real]) -> bool:
+        """:param change: of paths the amplitudes' change [K]; its square is the share of their power"""
+        if float(cells.where.power[strongest] @ change(at_peak) ** 2) > float(db_to_power(budget_db)) * cells.peak:
+            return True
+        share = change(paths) ** 2
         if not float(share.max(initial=0.0)) > least:
             return False
         return cells.called_for(cells.where.sums(share), budget_db)
 
+    rates_of_all = cache(partial(changes.range_rates_mps, paths, waveform))
+
+    def by_rate(change: Callable[[Real, Waveform], Real]) -> Callable[[PathTable], Real]:
+        return lambda some: change(
+            rates_of_all() if some is paths else changes.range_rates_mps(some, waveform), waveform
+        )
+
     found = set()
-    if paths.moves():
-        rates = changes.range_rates_mps(paths, waveform)
-        if waveform.chirps > 1 and called_for(changes.doppler_change(rates, waveform) ** 2):
-            found.add("doppler")
-            if called_for(changes.migration_change(rates, waveform) ** 2):
-                found.add("range_migration")
-            if called_for(changes.intra_chirp_change(rates, waveform) ** 2):
-                found.add("intra_chirp_motion")
+    if paths.moves() and waveform.chirps > 1 and called_for(by_rate(changes.doppler_change)):
+        found.add("doppler")
+        if called_for(by_rate(changes.migration_change)):
+            found.add("range_migration")
+        if called_for(by_rate(changes.intra_chirp_change)):
+            found.add("intra_chirp_motion")
     if _curved(paths, cells, radar, budget_db):
         found.add("near_field")
     isotropic = front_end.tx_pattern.kind == front_end.rx_pattern.kind == "isotropic"
-    if not isotropic and called_for(changes.pattern_change(paths, radar) ** 2):
+    if not isotropic and called_for(partial(changes.pattern_change, radar=radar)):
         found.add("antenna_pattern")
     if noisy_share(cells, radar) > 0.0:
         found.add("noise")
@@ -130,6 +151,10 @@ def _curved(paths: PathTable, cells: Cells, radar: Radar, budget_db: float) -> b
     finds most important, until what the rest can add at most no longer matters.
     """
     array, wavelength, where = radar.array, radar.waveform.wavelength_m, cells.where
+    strongest = cells.strongest
+    known = where.sums(changes.plane_wave_change(_taken(paths, strongest), array, wavelength) ** 2, strongest)
+    if cells.called_for(known, budget_db):
+        return True
     bound = changes.plane_wave_bound(paths, array, wavelength) ** 2
     if not cells.called_for(where.sums(bound), budget_db):
         return False
