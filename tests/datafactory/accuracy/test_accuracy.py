@@ -5,20 +5,17 @@ from __future__ import annotations
 import csv
 import json
 from dataclasses import asdict, replace
-from functools import partial
-from itertools import combinations
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from oracles import doppler_filtered, if_cube, peak_error_db, relative_error
 from sampled_frames import EFFECTS, POSE, order_of_two, samples_at
 
 from datafactory.accuracy import chart, report
-from datafactory.accuracy.clock import Clock, in_turn
+from datafactory.accuracy.clock import Clock
 from datafactory.accuracy.errors import FLOOR_DB, detections_changed, level_db, peak_error, relative_l2
-from datafactory.accuracy.front import EVERYTHING, KNOBS, SAME_PATHS, fronts
+from datafactory.accuracy.front import EVERYTHING, KNOBS, SAME_PATHS
 from datafactory.accuracy.knobs import (
     DEFAULT,
     POWER_EFFECTS,
@@ -29,8 +26,6 @@ from datafactory.accuracy.knobs import (
     effect_knobs,
 )
 from datafactory.accuracy.looking import reference_of, run
-from datafactory.accuracy.power import Effort
-from datafactory.accuracy.prices import Menu, Price, Prices, choose
 from datafactory.accuracy.row import Row
 from datafactory.accuracy.samples import SampleFrame, lit_paths, made_with, traced
 from datafactory.accuracy.variants import float32_geometry, linear_delays, reference_moments
@@ -228,59 +223,6 @@ def test_tables_and_picture(rows, tmp_path):
     assert len(report.table_rows(rows)[0]) == len(report.HEADINGS)
 
 
-def test_two_frames_are_timed_in_turn():
-    calls = []
-
-    def made(name, clock):
-        calls.append(name)
-        return clock("truth", lambda: name)
-
-    value, first, second = in_turn(3, partial(made, "with"), partial(made, "without"))
-    assert value == "with"
-    assert calls == ["with", "without"] * 3
-    assert [len(clock.measured["truth", ""]) for clock in (first, second)] == [3, 3]
-    assert [Effort(1, repeats=repeats).in_turn for repeats in (1, 5)] == [2, 5]
-
-
-def test_changes_are_shown_against_what_was_timed_beside_them(rows):
-    slow = next(row for row in rows if row.knob == "diffuse")
-    others = [row for row in rows if row is not slow]
-    figure = chart.draw([*others, replace(slow, seconds=7.25, seconds_beside=9.5)], "tiny")
-    texts = [text.get_text() for axis in figure.axes for text in axis.texts]
-    assert [text for text in texts if text.startswith("-2.25 s")]
-
-
-@pytest.mark.parametrize("step_db", [1.0, 3.0])
-def test_rays_of_points_close_together_stand_apart(rows, step_db):
-    point = next(row for row in rows if row.knob == EVERYTHING)
-    front = [
-        replace(point, setting=f"-9 dB: {rays} rays, depth 1", cube_error_db=-15.0 - step_db * place,
-                image_error_db=-80.0, power_error_db=-80.0, seconds=1.0 + 0.04 * place)
-        for place, rays in enumerate((3125, 6250, 12_500))
-    ]  # fmt: skip
-    dear = replace(front[0], setting="-9 dB: 800000 rays, depth 1", cube_error_db=-45.0, seconds=40.0)
-    figure = chart.draw([*front, dear], "tiny")
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    labels = [text for text in figure.axes[0].texts if text.get_text().endswith(" rays")]
-    boxes = [label.get_window_extent(canvas.get_renderer()) for label in labels]
-    assert [label.get_text() for label in labels] == ["3 125 rays", "6 250 rays", "800 000 rays"]
-    assert not any(a.overlaps(b) for a, b in combinations(boxes, 2))
-
-
-def test_the_front_buys_accuracy_with_work(radar):
-    prices = price_list(Menu()).prices
-    found = list(fronts(prices, DEFAULT, Effort(1000), radar))
-    for name in (EVERYTHING, SAME_PATHS):
-        levels, choices = zip(*((level, choice) for label, level, choice in found if label == name), strict=True)
-        assert list(levels) == sorted(levels, reverse=True)
-        assert [choice.work for choice in choices] == sorted(choice.work for choice in choices)
-        assert all(choice.predicted.worst_db <= level for level, choice in zip(levels, choices, strict=True))
-        assert len({choice.settings for choice in choices}) == len(choices)
-    assert {choice.settings.rays for label, _, choice in found if label == SAME_PATHS} == {DEFAULT.rays}
-    assert not list(fronts([price for price in prices if price.knob != "depth"], DEFAULT, Effort(1000), radar))
-
-
 def test_the_sweep_measures_its_front(rows):
     front = [row for row in rows if row.kind == "front"]
     assert {row.knob for row in front} == {EVERYTHING, SAME_PATHS}
@@ -289,60 +231,6 @@ def test_the_sweep_measures_its_front(rows):
         # What was predicted from single knobs is what all of them have together, to a decibel or two.
         assert chart.front_error_db(row) <= float(row.setting.split(" dB")[0]) + 2.0
     assert "What does accuracy cost?" in {axis.get_title(loc="left") for axis in chart.draw(rows, "tiny").axes}
-
-
-def price_list(menu: Menu) -> Prices:
-    """Errors that fall as the settings get dearer, as a sweep would find them."""
-    entries = []
-    for knob in ("tolerance", "prune_db", "truth_terms", "rays", "depth"):
-        for place, value in enumerate(getattr(menu, knob)):
-            error = 0.1 * 0.2**place
-            entries.append(
-                Price(
-                    knob=knob,
-                    value=value,
-                    cube=(error if knob in ("tolerance", "prune_db") else 0.0,),
-                    image=(error if knob in ("truth_terms", "prune_db") else 0.0,),
-                    power=(error if knob in ("rays", "depth") else 0.0,),
-                    paths=0.9 if knob == "prune_db" else float(value) * 1000.0,
-                    fixed_work=1e8 * (place + 1),
-                    path_work=1e4 * (place + 1),
-                )
-            )
-    return Prices(frame_ids=(0,), prices=tuple(entries))
-
-
-def test_the_cheapest_choice_that_keeps_the_budget(radar):
-    menu = Menu()
-    found = [choose([price_list(menu)], menu, level, radar) for level in (-18.0, -25.0, -32.0, -40.0)]
-    work = [choice.work for choice in found]
-    assert work == sorted(work)
-    assert work[0] < work[-1]
-    for level, choice in zip((-18.0, -25.0, -32.0, -40.0), found, strict=True):
-        assert choice.keeps_budget
-        assert choice.predicted.worst_db <= level
-    hopeless = choose([price_list(menu)], menu, -119.0, radar)
-    assert not hopeless.keeps_budget
-    assert hopeless.settings.depth == menu.depth[-1]
-    # What cannot be kept is as good as the menu has it, and the rest is kept and no better.
-    beyond = price_list(menu).model_copy(
-        update={"prices": tuple(p.model_copy(update={"power": (0.3,)}) for p in price_list(menu).prices)}
-    )
-    rest = choose([beyond], menu, -32.0, radar)
-    assert not rest.keeps_budget
-    kept = [level for name, level in rest.predicted.measured().items() if name != "power_db"]
-    assert rest.predicted.power_db > -32.0 >= max(kept)
-    assert len(kept) == 2
-    assert rest.settings.tolerance > menu.tolerance[-1]
-    # Two scenes: the choice answers for the worse one.
-    worse = price_list(menu).model_copy(
-        update={
-            "prices": tuple(
-                p.model_copy(update={"power": tuple(3 * e for e in p.power)}) for p in price_list(menu).prices
-            )
-        }
-    )
-    assert choose([price_list(menu), worse], menu, -25.0, radar).settings.rays >= found[1].settings.rays
 
 
 def test_work_counts_what_is_bought(table):

@@ -71,17 +71,15 @@ def draw(rows: Sequence[Row], title: str) -> Figure:
     axes = figure.subplots(2, 2, height_ratios=(1.15, 1.0))
     _front_panel(axes[0, 0], rows)
     _stage_panel(axes[0, 1], rows)
-    if default_row(rows) is not None:
-        of_effects = [row for row in rows if row.knob in NAMES]
-        others = [row for row in rows if (row.knob, row.setting) in SHORTCUTS]
-        _difference_panel(
-            axes[1, 0], "What does each effect cost?", of_effects,
-            [row.knob.replace("_", " ") + ("" if row.approximation else " (not in the plan)") for row in of_effects],
-        )  # fmt: skip
-        _difference_panel(
-            axes[1, 1], "What would other ways cost?", others,
-            [SHORTCUTS[row.knob, row.setting] for row in others],
-        )  # fmt: skip
+    of_effects = [row for row in rows if row.knob in NAMES]
+    others = [row for row in rows if (row.knob, row.setting) in SHORTCUTS]
+    _difference_panel(
+        axes[1, 0], "What does each effect cost?", of_effects,
+        [row.knob.replace("_", " ") + ("" if row.approximation else " (not in the plan)") for row in of_effects],
+    )  # fmt: skip
+    _difference_panel(
+        axes[1, 1], "What would other ways cost?", others, [SHORTCUTS[row.knob, row.setting] for row in others]
+    )
     figure.suptitle(title, fontsize=11, color=GREY)
     return figure
 
@@ -183,9 +181,12 @@ def _difference_panel(axis: Axes, title: str, some: Sequence[Row], names: Sequen
     """Seconds that a frame has more or fewer, with the error beside them."""
     entries = []
     for row, name in zip(some, names, strict=True):
-        base = row.seconds if row.seconds_beside is None else row.seconds_beside
+        if row.seconds_beside is None:
+            continue
         error = max(row.cube_error_db, row.image_error_db)
-        entries.append((row.seconds - base, name, "no error in power" if error <= FLOOR_DB else f"{error:+.0f} dB"))
+        entries.append(
+            (row.seconds - row.seconds_beside, name, "no error in power" if error <= FLOOR_DB else f"{error:+.0f} dB")
+        )
     entries.sort()
     reach = max((abs(seconds) for seconds, _, _ in entries), default=1.0) or 1.0
     for place, (seconds, _, change) in enumerate(entries):

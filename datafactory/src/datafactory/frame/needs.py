@@ -41,7 +41,7 @@ NOISE_MARGIN = 1e3
 REST = 1e-3
 """See :func:`curved_share`."""
 FIRST_BLOCK = 1_000
-"""Paths whose plane-wave error is computed first, the most important ones; then twice as many, and so on."""
+"""Paths whose exact change is computed first, the most important ones; of plane waves then twice as many, and so on."""
 
 
 @dataclass(frozen=True)
@@ -63,11 +63,18 @@ class Cells:
 
     @cached_property
     def strongest(self) -> NDArray[np.int64]:
-        """Paths of the strongest cell, the ``FIRST_BLOCK`` strongest of them, rising."""
+        """[<= ``FIRST_BLOCK``] the strongest paths of the strongest cell, rising."""
         there = np.flatnonzero(self.where.cell == self.total.argmax())
         if len(there) > FIRST_BLOCK:
             there = np.sort(there[np.argsort(-self.where.power[there], kind="stable")[:FIRST_BLOCK]])
         return there
+
+    def peak_changes(self, share: Real, budget_db: float) -> bool:
+        """Whether the strongest cell alone changes by too much to leave out.
+
+        :param share: [len(strongest)] of the power of ``strongest`` that changes
+        """
+        return float(self.where.power[self.strongest] @ share) > float(db_to_power(budget_db)) * self.peak
 
     def changed_share(self, changed: Real) -> float:
         """Share of the occupied cells that change by more than half a decibel.
@@ -103,12 +110,11 @@ def effects_called_for(paths: PathTable, radar: Radar, truth_window: str, budget
     waveform, front_end = radar.waveform, radar.front_end
     cells = cells_of(paths, radar, truth_window)
     least = min(float(db_to_power(budget_db)), HALF_A_DECIBEL)
-    strongest = cells.strongest
-    at_peak = _taken(paths, strongest)
+    at_peak = _taken(paths, cells.strongest)
 
     def called_for(change: Callable[[PathTable], Real]) -> bool:
         """:param change: of paths the amplitudes' change [K]; its square is the share of their power"""
-        if float(cells.where.power[strongest] @ change(at_peak) ** 2) > float(db_to_power(budget_db)) * cells.peak:
+        if cells.peak_changes(change(at_peak) ** 2, budget_db):
             return True
         share = change(paths) ** 2
         if not float(share.max(initial=0.0)) > least:
@@ -151,9 +157,8 @@ def _curved(paths: PathTable, cells: Cells, radar: Radar, budget_db: float) -> b
     finds most important, until what the rest can add at most no longer matters.
     """
     array, wavelength, where = radar.array, radar.waveform.wavelength_m, cells.where
-    strongest = cells.strongest
-    known = where.sums(changes.plane_wave_change(_taken(paths, strongest), array, wavelength) ** 2, strongest)
-    if cells.called_for(known, budget_db):
+    at_peak = _taken(paths, cells.strongest)
+    if cells.peak_changes(changes.plane_wave_change(at_peak, array, wavelength) ** 2, budget_db):
         return True
     bound = changes.plane_wave_bound(paths, array, wavelength) ** 2
     if not cells.called_for(where.sums(bound), budget_db):
