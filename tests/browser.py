@@ -16,11 +16,13 @@ import shutil
 import subprocess
 import sys
 import tarfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 PACKAGE = "@sparticuz/chromium"
 VERSION = "153.0.0"
@@ -37,6 +39,7 @@ WEBGL_ARGUMENTS = (
 """With which Chromium draws WebGL by that."""
 FETCH_SECONDS = 600.0
 START_SECONDS = 60.0
+STARTS = 3
 
 # The package's own configuration names folders of a cloud machine; without a font Chromium draws nothing and hangs.
 FONT_CONFIGURATION = """<?xml version="1.0"?>
@@ -59,6 +62,23 @@ class Browser:
 
     program: str
     environment: Mapping[str, str]
+
+    def launched(self, driver: Any, arguments: Sequence[str], timeout_ms: float = 30_000.0) -> Any:
+        """Playwright's browser; one that dies as it starts, as one did of SIGSEGV in some twenty runs, is started anew.
+
+        :param driver: of ``sync_playwright()``
+        """
+        start = partial(
+            driver.chromium.launch, executable_path=self.program, env={**os.environ, **self.environment},
+            args=list(arguments), timeout=timeout_ms,
+        )  # fmt: skip
+        for _ in range(STARTS - 1):
+            try:
+                return start()
+            except Exception as error:  # playwright's own class is private, and playwright an extra
+                if type(error).__name__ != "TargetClosedError":
+                    raise
+        return start()
 
 
 def installed_browser() -> Browser | None:

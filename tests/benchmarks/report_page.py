@@ -7,7 +7,6 @@ installs it, from the start of the navigation until the first frame is on the sc
 from __future__ import annotations
 
 import argparse
-import os
 import statistics
 import sys
 import time
@@ -64,9 +63,7 @@ if browser is None:
 with TemporaryDirectory() as folder, sync_playwright() as driver:
     path = Path(folder) / "report.html"
     path.write_text(page, encoding="utf-8")
-    chromium = driver.chromium.launch(
-        executable_path=browser.program, env={**os.environ, **browser.environment}, args=["--disable-gpu"]
-    )
+    chromium = browser.launched(driver, ["--disable-gpu"])
     seconds = []
     for _ in range(REPEATS):
         tab = chromium.new_page()

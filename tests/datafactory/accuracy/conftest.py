@@ -9,8 +9,9 @@ from sampled_frames import EFFECTS, POSE, samples_at
 
 from datafactory.accuracy.knobs import DEFAULT, Knob
 from datafactory.accuracy.power import Effort
+from datafactory.accuracy.row import Row
 from datafactory.accuracy.samples import SampleFrame
-from datafactory.accuracy.sweep import Row, sweep
+from datafactory.accuracy.sweep import sweep
 from shared.radar import ImageGrid, Radar
 from shared.radar.waveform import Waveform
 

@@ -9,7 +9,7 @@ from itertools import combinations
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from datafactory.accuracy import chart
+from datafactory.accuracy import chart, report
 from datafactory.accuracy.clock import STAGES, in_turn
 from datafactory.accuracy.front import EVERYTHING
 from datafactory.accuracy.power import Effort
@@ -44,6 +44,17 @@ def test_changes_are_shown_against_what_was_timed_beside_them():
     figure = chart.draw([ROW, slow], "tiny")
     texts = [text.get_text() for axis in figure.axes for text in axis.texts]
     assert "-2.25 s, -40 dB" in texts
+
+
+def test_an_effect_has_the_plans_figure_beside_it():
+    split = replace(ROW, knob="refraction", setting="on", approximation=False, seconds=7.25, seconds_beside=7.0)
+    changes_db = {"refraction": -46.2}
+    figure = chart.draw([ROW.planned(changes_db), split.planned(changes_db)], "tiny")
+    texts = [text.get_text() for axis in figure.axes for text in axis.texts]
+    assert "+0.25 s, -46 dB" in texts
+    assert [row[report.HEADINGS.index("plan dB")] for row in report.table_rows([ROW, split.planned(changes_db)])] == [
+        "", "-46.2",
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize("step_db", [1.0, 3.0])

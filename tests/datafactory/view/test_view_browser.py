@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -41,12 +40,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     complaints: list[str] = []
     requests: list[str] = []
     with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(
-            executable_path=BROWSER.program,
-            env={**os.environ, **BROWSER.environment},
-            args=["--host-resolver-rules=MAP * ~NOTFOUND", *WEBGL_ARGUMENTS],
-            timeout=WAIT_MS,
-        )
+        browser = BROWSER.launched(driver, ["--host-resolver-rules=MAP * ~NOTFOUND", *WEBGL_ARGUMENTS], WAIT_MS)
         tab = browser.new_page(viewport={"width": WIDTH, "height": HEIGHT})
         tab.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
         tab.on("pageerror", lambda error: complaints.append(str(error)))

@@ -5,7 +5,6 @@ Every test also fails where the page logs an error or a warning, or asks for any
 
 import base64
 import io
-import os
 
 import numpy as np
 import pytest
@@ -74,12 +73,7 @@ def chromium():
     assert BROWSER is not None
     playwright.expect.set_options(timeout=WAIT_MS)
     with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(
-            executable_path=BROWSER.program,
-            env={**os.environ, **BROWSER.environment},
-            args=["--disable-gpu", "--host-resolver-rules=MAP * ~NOTFOUND"],
-            timeout=WAIT_MS,
-        )
+        browser = BROWSER.launched(driver, ["--disable-gpu", "--host-resolver-rules=MAP * ~NOTFOUND"], WAIT_MS)
         yield browser
         browser.close()
 

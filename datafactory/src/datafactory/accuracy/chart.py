@@ -74,12 +74,13 @@ def draw(rows: Sequence[Row], title: str) -> Figure:
     of_effects = [row for row in rows if row.knob in NAMES]
     others = [row for row in rows if (row.knob, row.setting) in SHORTCUTS]
     _difference_panel(
-        axes[1, 0], "What does each effect cost?", of_effects,
+        axes[1, 0], "What does each effect cost?", "what it changes [dB of the peak]", of_effects,
         [row.knob.replace("_", " ") + ("" if row.approximation else " (not in the plan)") for row in of_effects],
     )  # fmt: skip
     _difference_panel(
-        axes[1, 1], "What would other ways cost?", others, [SHORTCUTS[row.knob, row.setting] for row in others]
-    )
+        axes[1, 1], "What would other ways cost?", "the error", others,
+        [SHORTCUTS[row.knob, row.setting] for row in others],
+    )  # fmt: skip
     figure.suptitle(title, fontsize=11, color=GREY)
     return figure
 
@@ -177,15 +178,18 @@ def _stage_panel(axis: Axes, rows: Sequence[Row]) -> None:
     _plain(axis)
 
 
-def _difference_panel(axis: Axes, title: str, some: Sequence[Row], names: Sequence[str]) -> None:
-    """Seconds that a frame has more or fewer, with the error beside them."""
+def _difference_panel(axis: Axes, title: str, beside: str, some: Sequence[Row], names: Sequence[str]) -> None:
+    """Seconds that a frame has more or fewer, with the error beside them, or what the plan knows of an effect.
+
+    :param beside: what the figures beside the bars are
+    """
     entries = []
     for row, name in zip(some, names, strict=True):
         if row.seconds_beside is None:
             continue
-        error = max(row.cube_error_db, row.image_error_db)
+        error = max(row.cube_error_db, row.image_error_db) if row.plan_db is None else row.plan_db
         entries.append(
-            (row.seconds - row.seconds_beside, name, "no error in power" if error <= FLOOR_DB else f"{error:+.0f} dB")
+            (row.seconds - row.seconds_beside, name, "no error in power" if error <= FLOOR_DB else f"{error:.0f} dB")
         )
     entries.sort()
     reach = max((abs(seconds) for seconds, _, _ in entries), default=1.0) or 1.0
@@ -197,7 +201,7 @@ def _difference_panel(axis: Axes, title: str, some: Sequence[Row], names: Sequen
     axis.set_yticks(range(len(entries)), [name for _, name, _ in entries])
     axis.set_xlim(-1.15 * reach, 1.9 * reach)
     axis.axvline(0.0, color=GREY, lw=0.8)
-    axis.set_xlabel("seconds a frame, less (left) or more (right); beside them the error")
+    axis.set_xlabel(f"seconds a frame, less (left) or more (right); beside them {beside}")
     _titled(axis, title)
     _plain(axis)
 

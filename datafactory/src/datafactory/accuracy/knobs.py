@@ -172,6 +172,8 @@ def _rays(fan: tuple[int, ...], sphere: tuple[int, ...]) -> tuple[Knob, ...]:
     )
 
 
+FAN_RAYS = (3_125, 6_250, 12_500, 25_000, 50_000, 100_000, 200_000, 400_000, 800_000)
+"""What is tried, and what an error budget chooses from. With fewer a pass costs what it costs without a ray."""
 SPHERE_RAYS = "sphere rays"
 """Label of the rows with rays of the solver's own lattice."""
 SIGNAL_KNOBS = (
@@ -185,10 +187,7 @@ SIGNAL_KNOBS = (
     Knob("truth_window", ("none", "taylor-25", "taylor-30", "hann")),
 )
 POWER_KNOBS = (
-    *_rays(
-        (6_250, 12_500, 25_000, 50_000, 100_000, 200_000, 400_000, 600_000, 800_000),
-        (200_000, 400_000, 800_000, 1_600_000),
-    ),
+    *_rays(FAN_RAYS, (200_000, 400_000, 800_000, 1_600_000)),
     Knob("lattice", ("all around",), power=True, paired=False),
     Knob("depth", (1, 2, 3), power=True),
     Knob("finite_mirrors", (False,), power=True),
@@ -205,7 +204,7 @@ QUICK_SIGNAL_KNOBS = (
     Knob("truth_window", ("hann",)),
 )
 QUICK_POWER_KNOBS = (
-    *_rays((3_125, 6_250, 12_500, 25_000, 50_000, 100_000, 200_000), (100_000, 200_000)),
+    *_rays(FAN_RAYS[:7], (100_000, 200_000)),
     Knob("depth", (1, 2, 3), power=True),
     Knob("finite_mirrors", (False,), power=True),
     Knob("surface_phase", (False,), power=True),

@@ -18,7 +18,14 @@ from pydantic import BaseModel, ConfigDict
 
 from datafactory.accuracy.clock import Advance, Clock
 from datafactory.accuracy.errors import level_db, peak_error, relative_l2
-from datafactory.accuracy.knobs import BUDGET_REFERENCE_RAYS, DEFAULT, REFERENCE_DEPTH, KnobSettings, converged
+from datafactory.accuracy.knobs import (
+    BUDGET_REFERENCE_RAYS,
+    DEFAULT,
+    FAN_RAYS,
+    REFERENCE_DEPTH,
+    KnobSettings,
+    converged,
+)
 from datafactory.accuracy.looking import Outcome, reference_of, run
 from datafactory.accuracy.power import Effort, Kept, power_error, realisations
 from datafactory.accuracy.samples import SampleFrame, traced
@@ -33,7 +40,7 @@ class Menu:
     :param effort: of measuring the power in cells
     """
 
-    rays: tuple[int, ...] = (25_000, 50_000, 100_000, 200_000, 400_000, 800_000)
+    rays: tuple[int, ...] = FAN_RAYS
     depth: tuple[int, ...] = (1, 2, REFERENCE_DEPTH)
     prune_db: tuple[float, ...] = (-20.0, -30.0, -40.0, -50.0, -60.0)
     tolerance: tuple[float, ...] = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
@@ -139,12 +146,13 @@ class Choice:
 def measure_prices(
     samples: Sequence[SampleFrame], menu: Menu, radar: Radar, made_with: KnobSettings, advance: Advance
 ) -> Prices:
-    """Sweep the knobs of the menu, the rays of the others being its middle ones; nothing is timed.
+    """Sweep the knobs of the menu, rays and depth of the others being the default's; nothing is timed.
 
     :param made_with: effects, truth window and video phase of the run
     """
     depth = DEFAULT.depth if DEFAULT.depth in menu.depth else menu.depth[-1]
-    usual = replace(made_with, rays=menu.rays[len(menu.rays) // 2], depth=depth)
+    rays = DEFAULT.rays if DEFAULT.rays in menu.rays else menu.rays[len(menu.rays) // 2]
+    usual = replace(made_with, rays=rays, depth=depth)
     total, prices = menu.steps(), list[Price]()
     advance(0, total, "reference")
     if not menu.paths_only:

@@ -17,7 +17,7 @@ from shared.dataset.writing import atomic
 
 HEADINGS = (
     "knob", "setting", "s/frame", "cube dB", "image dB", "power dB", "image L2 dB", "cell L1 dB", "L1 r^4 dB",
-    "bias dB", "detections %", "rows %", "peak MB", "paths", "work",
+    "bias dB", "plan dB", "detections %", "rows %", "peak MB", "paths", "work",
 )  # fmt: skip
 EXPLANATION = (
     "A frame on one core, median seconds: write, and trace on a GPU, on the wall clock, the rest in processor time. "
@@ -34,6 +34,8 @@ EXPLANATION = (
     "the fan; lattice all around is what the fan's half space leaves out. Depth, surfaces and effects are held against "
     "the default with the same rays (depth against the deepest). surface_phase turns phases alone: it has no error in "
     "power. The change in detections contains that of speckle.",
+    "plan: what the effect changes, by the evidence of the plan, which takes its paths out of one trace. The errors "
+    "beside it are between two traces; where an effect splits rays (refraction), they contain another draw of them.",
     "front: the cheapest settings, by counted work, whose three errors (power: that of the amplitude in a cell) stay "
     "below a level, all at once; with the same paths rays and depth stay the default's. Times are with its own rays.",
     "rows: Doppler cells chosen otherwise, among rows with a detection. Peak: growth of the resident set in any stage. "
@@ -55,6 +57,7 @@ def table_rows(rows: Sequence[Row]) -> list[tuple[str, ...]]:
             "" if row.power_l1_db is None else f"{row.power_l1_db:.1f}",
             "" if row.power_l1_range_weighted_db is None else f"{row.power_l1_range_weighted_db:.1f}",
             f"{row.power_bias_db:+.3f}",
+            "" if row.plan_db is None else f"{row.plan_db:.1f}",
             f"{row.detections_changed:.1f}",
             f"{row.doppler_rows_changed:.1f}",
             f"{row.peak_mb:.0f}",

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,7 @@ class Row:
     :param work: counted multiply-adds; :param paths: mean over the frames, after pruning
     :param reference: what the errors are held against
     :param approximation: whether the setting is one; False where it adds an effect that the plan leaves out
+    :param plan_db: of an effect what it changes, by the plan's evidence; None for other rows, and where there is none
     """
 
     knob: str
@@ -58,6 +59,17 @@ class Row:
     work: float
     reference: str
     approximation: bool
+    plan_db: float | None = None
+
+    def planned(self, changes_db: Mapping[str, float]) -> Row:
+        """This row with what its effect changes.
+
+        Two traces, with an effect and without, differ by more than the effect where rays are split by it: at a pane
+        what follows is another draw of the rays. The plan takes the effect's paths out of one trace.
+
+        :param changes_db: by effect, see :attr:`datafactory.accuracy.samples.PlannedScene.changes_db`
+        """
+        return replace(self, plan_db=changes_db.get(self.knob))
 
 
 def worst(ratios: Sequence[float]) -> float:

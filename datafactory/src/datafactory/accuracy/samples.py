@@ -59,6 +59,13 @@ class PlannedScene:
         return EffectSet.of({name for name in NAMES if getattr(at if name in PATH_EFFECTS else self.effects, name)})
 
     @property
+    def changes_db(self) -> dict[str, float]:
+        """What each effect changes in the frames that were looked at [dB of the peak]; none where nothing was."""
+        if self.plan.by_frame is None:
+            return {}
+        return {item.effect: item.loss_db for item in self.plan.decisions}
+
+    @property
     def complete(self) -> EffectSet:
         """The planned effects and whatever the plan leaves out of the paths although the scene has it."""
         effects = self.effects

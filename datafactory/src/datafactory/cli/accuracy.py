@@ -19,7 +19,7 @@ from shared.physics.errors import InputError
 if TYPE_CHECKING:
     from shared.radar import Radar
 
-TABLE_WIDTH = 165
+TABLE_WIDTH = 175
 """Columns that the table needs; a narrower terminal wraps its lines rather than its cells."""
 
 
@@ -119,6 +119,7 @@ def accuracy(
             lambda done, total, label: progress(label, done, total),
             made_with(order, effects),
         )
+    rows = [row.planned(planned.changes_db) for row in rows]
     shown = Table(*map(escape, report.HEADINGS), title=escape(f"What accuracy costs: {scene}"), title_justify="left")
     for row in report.table_rows(rows):
         shown.add_row(*map(escape, row))
