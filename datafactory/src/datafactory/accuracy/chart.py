@@ -189,7 +189,7 @@ def _difference_panel(axis: Axes, title: str, beside: str, some: Sequence[Row], 
             continue
         error = max(row.cube_error_db, row.image_error_db) if row.plan_db is None else row.plan_db
         entries.append(
-            (row.seconds - row.seconds_beside, name, "no error in power" if error <= FLOOR_DB else f"{error:.0f} dB")
+            (row.seconds - row.seconds_beside, name, "no error in power" if error <= FLOOR_DB else f"{round(error)} dB")
         )
     entries.sort()
     reach = max((abs(seconds) for seconds, _, _ in entries), default=1.0) or 1.0
