@@ -146,7 +146,9 @@ class Choice:
 def measure_prices(
     samples: Sequence[SampleFrame], menu: Menu, radar: Radar, made_with: KnobSettings, advance: Advance
 ) -> Prices:
-    """Sweep the knobs of the menu, rays and depth of the others being the default's; nothing is timed.
+    """Sweep the knobs of the menu; nothing is timed.
+
+    Where they are not varied, rays and depth are the default's if the menu has them, else its middle and its last ones.
 
     :param made_with: effects, truth window and video phase of the run
     """

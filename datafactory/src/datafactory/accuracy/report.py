@@ -34,8 +34,9 @@ EXPLANATION = (
     "the fan; lattice all around is what the fan's half space leaves out. Depth, surfaces and effects are held against "
     "the default with the same rays (depth against the deepest). surface_phase turns phases alone: it has no error in "
     "power. The change in detections contains that of speckle.",
-    "plan: what the effect changes, by the evidence of the plan, which takes its paths out of one trace. The errors "
-    "beside it are between two traces; where an effect splits rays (refraction), they contain another draw of them.",
+    "plan: what the effect changes by the plan's evidence, in the frames that the plan looked at: the power in a cell "
+    "over the strongest cell's, 0 dB at most. Of effects on the paths the errors beside it are between two traces; "
+    "where an effect splits rays (refraction), they contain another draw of them.",
     "front: the cheapest settings, by counted work, whose three errors (power: that of the amplitude in a cell) stay "
     "below a level, all at once; with the same paths rays and depth stay the default's. Times are with its own rays.",
     "rows: Doppler cells chosen otherwise, among rows with a detection. Peak: growth of the resident set in any stage. "

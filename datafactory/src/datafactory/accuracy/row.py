@@ -35,7 +35,8 @@ class Row:
     :param work: counted multiply-adds; :param paths: mean over the frames, after pruning
     :param reference: what the errors are held against
     :param approximation: whether the setting is one; False where it adds an effect that the plan leaves out
-    :param plan_db: of an effect what it changes, by the plan's evidence; None for other rows, and where there is none
+    :param plan_db: of an effect what it changes by the plan's evidence, in the frames that the plan looked at; None for
+        other rows, and where there is none
     """
 
     knob: str
@@ -64,8 +65,9 @@ class Row:
     def planned(self, changes_db: Mapping[str, float]) -> Row:
         """This row with what its effect changes.
 
-        Two traces, with an effect and without, differ by more than the effect where rays are split by it: at a pane
-        what follows is another draw of the rays. The plan takes the effect's paths out of one trace.
+        By the measure that the plan decides with (:mod:`datafactory.effects.evidence`). The row's errors are others: of
+        effects on the signal relative L2 of whole cubes; of effects on the paths the difference of two traces, which
+        have different rays behind whatever the effect splits them at.
 
         :param changes_db: by effect, see :attr:`datafactory.accuracy.samples.PlannedScene.changes_db`
         """

@@ -44,7 +44,7 @@ RAY_BOUNCE = 12_000.0
 """A bounce of a ray: 0.9 s for 2e5 rays of 4 steps on the shipped street, at 1.0e10 multiply-adds a second."""
 RAY_PASS = 1.7e9
 """Of a pass of rays, whatever their number, in which the scene is built and the solver's kernels start: 3125 rays take
-0.17 s in one pass in munich and 0.44 on the street, 12 500 there 0.66 in three (the fronts of docs/accuracy.md).
+0.17 s in one pass in munich and 0.44 on the street, 12 500 there 0.66 in three (of one run; docs/accuracy.md).
 """
 
 
