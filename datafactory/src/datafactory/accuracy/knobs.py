@@ -173,7 +173,7 @@ def _rays(fan: tuple[int, ...], sphere: tuple[int, ...]) -> tuple[Knob, ...]:
 
 
 FAN_RAYS = (3_125, 6_250, 12_500, 25_000, 50_000, 100_000, 200_000, 400_000, 800_000)
-"""What a full sweep tries, and what an error budget chooses from. With fewer a pass costs what it does without a ray."""
+"""What a full sweep tries, and what an error budget chooses from. With fewer a pass costs as much as with none."""
 SPHERE_RAYS = "sphere rays"
 """Label of the rows with rays of the solver's own lattice."""
 SIGNAL_KNOBS = (
