@@ -40,6 +40,9 @@ WEBGL_ARGUMENTS = (
 FETCH_SECONDS = 600.0
 START_SECONDS = 60.0
 STARTS = 3
+"""Chromium 153 sometimes dies of SIGSEGV as it starts, seen in two of three runs of the tests: by its core, in
+``getenv`` of a thread that reads the fonts' configuration, while another sets a variable. Started again, it ran.
+"""
 
 # The package's own configuration names folders of a cloud machine; without a font Chromium draws nothing and hangs.
 FONT_CONFIGURATION = """<?xml version="1.0"?>
@@ -64,9 +67,11 @@ class Browser:
     environment: Mapping[str, str]
 
     def launched(self, driver: Any, arguments: Sequence[str], timeout_ms: float = 30_000.0) -> Any:
-        """Playwright's browser; one that dies as it starts, as one did of SIGSEGV in some twenty runs, is started anew.
+        """Playwright's browser; one that dies as it starts is started again, see :data:`STARTS`.
 
         :param driver: of ``sync_playwright()``
+        :param arguments: of the program; :param timeout_ms: of one start [ms]
+        :raises playwright.sync_api.Error: it does not start
         """
         start = partial(
             driver.chromium.launch, executable_path=self.program, env={**os.environ, **self.environment},

@@ -12,7 +12,7 @@ import numpy as np
 from datafactory.accuracy.clock import STAGES, Clock, in_turn
 from datafactory.accuracy.errors import peak_error, relative_l2
 from datafactory.accuracy.front import EVERYTHING, KNOBS, described
-from datafactory.accuracy.knobs import DEFAULT, REFERENCE_DEPTH, Knob, KnobSettings, converged
+from datafactory.accuracy.knobs import DEFAULT, REFERENCE_DEPTH, Knob, KnobSettings
 from datafactory.accuracy.looking import Outcome, run
 from datafactory.accuracy.power import Effort, Kept, power_error
 from datafactory.accuracy.prices import Choice
@@ -41,6 +41,7 @@ class Step:
 
     @property
     def approximation(self) -> bool:
+        """Whether it leaves something out, instead of adding an effect that the plan leaves out."""
         return self.knob is None or self.knob.name not in NAMES or self.value == OFF
 
     @property
@@ -62,6 +63,7 @@ class Bench:
     :param reference: made of these, converged
     :param fixed: seconds of tracing them, and of writing
     :param default: how the run makes its frames, with the rays of the sweep
+    :param base: converged; what settings of the signal are varied around
     """
 
     samples: Sequence[SampleFrame]
@@ -69,6 +71,7 @@ class Bench:
     reference: Outcome
     fixed: dict[str, float]
     default: KnobSettings
+    base: KnobSettings
     effort: Effort
     radar: Radar
 
@@ -111,8 +114,7 @@ def signal_row(bench: Bench, step: Step, kept: dict[Any, Any]) -> tuple[Row, Out
 
     :param kept: stages that it may share with the frames around which it is varied
     """
-    base = converged(bench.default)
-    outcome, seconds = _timed(bench, step, base, bench.made, kept)
+    outcome, seconds = _timed(bench, step, bench.base, bench.made, kept)
     pairs = zip(outcome.images, bench.reference.images, strict=True)
     row = Row(
         knob=step.label,
@@ -175,7 +177,7 @@ def front_row(bench: Bench, name: str, level_db: float, choice: Choice) -> Row:
     default, chosen = bench.default, choice.settings
     signal = replace(default, prune_db=chosen.prune_db, tolerance=chosen.tolerance, truth_terms=chosen.truth_terms)
     settings = replace(signal, rays=chosen.rays, depth=chosen.depth)
-    warm_up(bench.samples[0], settings, bench.radar)
+    traced(bench.samples[0], settings, bench.radar)  # the solver compiles for every number of rays and of bounces
     clock = Clock(bench.effort.repeats)
     timed = bench.made_from_rays(settings, clock)
     outcome = bench.made(signal, Clock())
@@ -208,11 +210,6 @@ def power_reference(knob: Knob | None, settings: KnobSettings, default: KnobSett
     if not knob.paired:
         return replace(settings, rays=effort.reference_rays, lattice="fan")
     return replace(default, depth=REFERENCE_DEPTH) if knob.name == "depth" else default
-
-
-def warm_up(sample: SampleFrame, settings: KnobSettings, radar: Radar) -> TracedFrame:
-    """The frame, traced before it is timed: the solver compiles for every number of rays and of bounces."""
-    return traced(sample, settings, radar)
 
 
 def _timed(

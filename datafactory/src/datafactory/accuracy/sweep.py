@@ -19,7 +19,7 @@ from datafactory.accuracy.clock import Advance, Clock
 from datafactory.accuracy.front import KNOBS, LEVELS_DB, fronts
 from datafactory.accuracy.knobs import DEFAULT, Knob, KnobSettings, converged
 from datafactory.accuracy.looking import reference_of, run, write_seconds
-from datafactory.accuracy.measuring import Bench, Step, front_row, power_row, shown, signal_row, warm_up
+from datafactory.accuracy.measuring import Bench, Step, front_row, power_row, shown, signal_row
 from datafactory.accuracy.power import Effort, Kept
 from datafactory.accuracy.prices import Price, power_price, signal_price
 from datafactory.accuracy.row import DEFAULTS, Row
@@ -49,7 +49,7 @@ def sweep(
     total = len(steps) + len(powers) + 2 * len(LEVELS_DB)
     with threadpool_limits(limits=1):
         advance(0, total, "reference")
-        bench = _bench(samples, [step.settings for step in steps], default, effort, radar)
+        bench = _bench(samples, [step.settings for step in steps], default, base, effort, radar)
         kept: dict[Any, Any] = {}
         bench.made(base, Clock(effort.repeats, kept, keep=True))
         for step in steps:
@@ -94,6 +94,7 @@ def _bench(
     samples: Sequence[SampleFrame],
     signal: Sequence[KnobSettings],
     default: KnobSettings,
+    base: KnobSettings,
     effort: Effort,
     radar: Radar,
 ) -> Bench:
@@ -101,14 +102,14 @@ def _bench(
 
     :param signal: settings whose kernels are compiled before anything is timed
     """
-    frame = warm_up(samples[0], default, radar)
+    frame = traced(samples[0], default, radar)  # the solver compiles before it is timed
     for settings in dict.fromkeys(replace(each, prune_db=0.0) for each in signal):
         run([frame], settings, radar, Clock(), batch=1)
     clock = Clock(effort.repeats)
     frames = [clock("trace", partial(traced, sample, default, radar)) for sample in samples]
-    reference = reference_of(frames, converged(default), radar)
+    reference = reference_of(frames, base, radar)
     fixed = {
         "trace": clock.seconds()["trace"],
         "write": write_seconds(reference.frames[0], radar, max(3, effort.repeats)),
     }
-    return Bench(samples, frames, reference, fixed, default, effort, radar)
+    return Bench(samples, frames, reference, fixed, default, base, effort, radar)

@@ -135,7 +135,7 @@ def effects_called_for(paths: PathTable, radar: Radar, truth_window: str, budget
             found.add("range_migration")
         if called_for(by_rate(changes.intra_chirp_change)):
             found.add("intra_chirp_motion")
-    if _curved(paths, cells, radar, budget_db):
+    if _curved(paths, at_peak, cells, radar, budget_db):
         found.add("near_field")
     isotropic = front_end.tx_pattern.kind == front_end.rx_pattern.kind == "isotropic"
     if not isotropic and called_for(partial(changes.pattern_change, radar=radar)):
@@ -150,14 +150,15 @@ def noisy_share(cells: Cells, radar: Radar) -> float:
     return float(np.mean(cells.total.max(axis=1) < NOISE_MARGIN * cell_noise_power(radar)))
 
 
-def _curved(paths: PathTable, cells: Cells, radar: Radar, budget_db: float) -> bool:
+def _curved(paths: PathTable, at_peak: PathTable, cells: Cells, radar: Radar, budget_db: float) -> bool:
     """Whether spherical waves over the input array are called for.
 
     The exact change takes a wave's phase at every channel. It is computed for the paths that the closed-form bound
     finds most important, until what the rest can add at most no longer matters.
+
+    :param at_peak: the paths ``cells.strongest``
     """
     array, wavelength, where = radar.array, radar.waveform.wavelength_m, cells.where
-    at_peak = _taken(paths, cells.strongest)
     if cells.peak_changes(changes.plane_wave_change(at_peak, array, wavelength) ** 2, budget_db):
         return True
     bound = changes.plane_wave_bound(paths, array, wavelength) ** 2
