@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from datafactory.api.asking import FileName, Progress, silent
+from datafactory.api.options import FileName, Progress, silent
 from datafactory.conversion import formats
 from datafactory.conversion.formats import Converted
 from shared.dataset.folder import open_dataset

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from datafactory.api.asking import Announce, FileName, Progress, silent
+from datafactory.api.options import Announce, FileName, Progress, silent
 from datafactory.run import merging
 from datafactory.run.pipeline import Report
 from shared.dataset.locations import local

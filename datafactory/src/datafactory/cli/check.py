@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from datafactory.api.options import CheckOptions
 from datafactory.cli import options
 from datafactory.cli.tables import plain_console, table
 from shared.physics.errors import InputError
@@ -17,29 +18,19 @@ if TYPE_CHECKING:
 TABLE_WIDTH = 120
 
 
+@options.asking(CheckOptions)
 def check(
-    scene_name: options.SceneName = None,
-    scene: Annotated[
-        str | None,
-        typer.Option(help="USD, Mitsuba XML or mesh file, or shipped:NAME or sionna:NAME.", show_default=False),
-    ] = None,
-    variant: options.Variants = None,
-    allow_missing: options.AllowMissing = False,
-    populate: options.Populate = None,
-    seed: options.Seed = 0,
-    materials: options.Materials = None,
+    asked: CheckOptions,
     as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON and nothing else.")] = False,
 ) -> None:
     """Say what a scene holds, what is dropped and why, and what the radar will not see; nothing is traced."""
-    from datafactory.api.asking import load_scene
+    from datafactory.api.asking import load_scene, materials_of, scenes_of
     from datafactory.inspection.scene import examine_scene
-    from datafactory.scenes.materials.table import load_materials
 
-    named = options.one_scene(scene_name, scene)
-    if named is None:
+    if asked.scene is None:
         raise InputError("--scene", "missing", "a scene file, shipped:NAME or sionna:NAME")
-    opened = load_scene(named, variant=variant or (), allow_missing=allow_missing, populate=populate, seed=seed)
-    report = examine_scene(opened, load_materials(materials))
+    (scene,) = scenes_of(asked.scene, asked, asked.seed)
+    report = examine_scene(load_scene(scene), materials_of(asked.materials))
     if as_json:
         typer.echo(json.dumps(report.to_json(), indent=2))
         return

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -15,7 +16,7 @@ def merge(
         list[Path],
         typer.Argument(metavar="DIR...", help="The --out of jobs made with --shard, or single jobs' folders."),
     ],
-    out: options.Out,
+    out: Annotated[str, typer.Option("--out", metavar="DIR", help="Folder of the dataset; new or empty.")],
     resume: Annotated[bool, typer.Option("--resume", help="Go on with a merge that was killed.")] = False,
     verbose: options.Verbose = False,
 ) -> None:
@@ -25,8 +26,5 @@ def merge(
     """
     from datafactory.api import merging
 
-    options.run(
-        lambda announce, progress: merging.merge(folders, out, resume=resume, announce=announce, progress=progress),
-        verbose,
-    )
+    options.run(partial(merging.merge, folders, out, resume=resume), verbose)
     typer.echo(f"look:  datafactory inspect {out}")
