@@ -18,8 +18,8 @@ P = ParamSpec("P")
 R = TypeVar("R")
 A = TypeVar("A", bound="Options")
 
-HEADINGS = ("Scene", "Sensor", "Sampling", "Effects and accuracy", "Output", "Execution")
-"""Of groups, in the order in which help has them."""
+HEADINGS = ("", "Scene", "Sensor", "Sampling", "Effects and accuracy", "Output", "Execution")
+"""Of groups, in the order in which help has them; the first is for all others."""
 
 
 @dataclass(frozen=True)
@@ -31,9 +31,9 @@ class Option:
     :param least, most: bounds, which are allowed themselves
     :param choices: what a text may be
     :param typed: the type on the command line, where a function takes more than can be typed
-    :param flag: the option's name there, where it is not that of the field
+    :param flag: the option's name there, where it is not that of the field; None: it is given by its place alone
     :param metavar: what stands there for the value
-    :param place: what stands there for the value of an option that may also be given by its place alone
+    :param place: what stands there for the value of an option that may also be given by its place
     :param usual: the default that help shows, where the field's is None: what is not stated may follow from the rest
     :param there: the default on the command line, where it is another one
     :param shown: whether commands have it
@@ -46,7 +46,7 @@ class Option:
     most: float = float("inf")
     choices: tuple[str, ...] = ()
     typed: Any = None
-    flag: str = ""
+    flag: str | None = ""
     metavar: str | None = None
     place: str | None = None
     usual: Any = None
@@ -104,7 +104,7 @@ def declared(group: Callable[..., Options]) -> list[Declared]:
         owners = (one for one in reversed(group.__mro__) if name in inspect.get_annotations(one))
         kind, (option,) = parameter.annotation.__origin__, parameter.annotation.__metadata__
         kind = kind.__forward_arg__ if isinstance(kind, ForwardRef) else kind
-        flag = option.flag or f"--{name.replace('_', '-')}"
+        flag = option.place if option.flag is None else option.flag or f"--{name.replace('_', '-')}"
         found.append(Declared(name, flag, kind, parameter.default, vars(next(owners))["heading"], option))
     return found
 

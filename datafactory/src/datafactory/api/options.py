@@ -20,6 +20,7 @@ from datafactory.frame.defaults import (
 )
 from datafactory.paths.defaults import ASKED_DEVICES, CPU, DEFAULT_DEPTH, DEFAULT_RAYS, LARGEST_DEPTH, MOST_RAYS
 from datafactory.run.defaults import ENGINES, LOCAL
+from datafactory.scenes.city.style import MOST_BLOCKS, Style
 from shared.processes.defaults import ANGLE_WINDOWS, DEFAULT_RADAR, LARGEST_SEED, STORES
 
 if TYPE_CHECKING:
@@ -265,4 +266,47 @@ class AccuracyOptions(DealOptions, PosedOptions, SceneOptions):
 class CheckOptions(SceneOptions):
     scene: Annotated["SceneLike | None", SCENE] = None
     seed: Annotated[int, SEED] = 0
+    json: Annotated[bool, Option("Print the report as JSON and nothing else.", first=True)] = False
+
+
+class CityOptions(Options):
+    out: Annotated[Path, Option("File to write: .usda or .usdc.")]
+    seed: Annotated[int, replace(SEED, help="Same seed, same bytes.")] = 0
+    blocks: Annotated[int | None, Option(
+        "House blocks along the street; 2 without.", least=1, most=MOST_BLOCKS)] = None
+    style: Annotated[Style, Option("What the city is like.")] = Style.OLD_TOWN
+    traffic: Annotated[bool, Option("With what moves; without, the streets are free for --populate.")] = True
+    opendrive: Annotated[Path | None, Option("Roads, lanes and traffic from an OpenDRIVE file (.xodr).")] = None
+    osm: Annotated[Path | None, Option("The same from an OpenStreetMap extract (.osm).")] = None
+    centre: Annotated[str | None, Option("x,y of the window's middle in the network [m]; its own without.")] = None
+    extent: Annotated[float | None, Option("Side of the window [m]; 300 without.")] = None
+
+
+class InspectOptions(Options):
+    directory: Annotated[str, Option(
+        "Folder of a finished dataset, also s3://, gs://, hf:// or https://.", place="DIR", flag=None)]
+    verify: Annotated[bool, Option("Check every byte against the manifest's checksums.")] = False
+    frames: Annotated[int, Option(
+        "Pictures to draw, of frames spread over the dataset; of sequences at most 3.", least=0)] = 4
+    out: Annotated[Path | None, Option(
+        "Folder of the pictures; by default DIR/pictures, of a remote dataset NAME-pictures in this folder.")] = None
+    camera: Annotated[bool, Option(
+        "Beside them what a camera sees, from the scenes that the manifest names.")] = False
+    json: Annotated[bool, Option("Print the numbers as JSON, and draw nothing.")] = False
+
+
+class MergeOptions(TellingOptions):
+    folders: Annotated["FileName | Sequence[FileName]", Option(
+        "The --out of jobs made with --shard, or single jobs' folders.", typed=list[Path], place="DIR...",
+        flag=None)] = field(kw_only=False)
+    out: Annotated["FileName", Option(
+        "Folder of the dataset; new or empty.", typed=str, metavar="DIR")] = field(kw_only=False)
+    resume: Annotated[bool, Option("Go on with a merge that was killed.")] = False
+
+
+class ConvertOptions(TellingOptions):
+    directory: Annotated["FileName", Option(
+        "Folder of a finished dataset, also s3:// or gs://.", typed=str, place="DIR", flag=None)] = field(kw_only=False)
+    to: Annotated[str, Option("raddet: RADDet's folders, of a dataset with cubes; mcap: files for Foxglove.")]
+    out: Annotated["FileName", Option("Folder to write; it must not exist yet.", typed=Path)] = field(kw_only=False)
 # fmt: on

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -19,10 +19,7 @@ TABLE_WIDTH = 120
 
 
 @options.asking(CheckOptions)
-def check(
-    asked: CheckOptions,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON and nothing else.")] = False,
-) -> None:
+def check(asked: CheckOptions) -> None:
     """Say what a scene holds, what is dropped and why, and what the radar will not see; nothing is traced."""
     from datafactory.api.asking import load_scene, materials_of, scenes_of
     from datafactory.inspection.scene import examine_scene
@@ -31,7 +28,7 @@ def check(
         raise InputError("--scene", "missing", "a scene file, shipped:NAME or sionna:NAME")
     (scene,) = scenes_of(asked.scene, asked, asked.seed)
     report = examine_scene(load_scene(scene), materials_of(asked.materials))
-    if as_json:
+    if asked.json:
         typer.echo(json.dumps(report.to_json(), indent=2))
         return
     _show(report)

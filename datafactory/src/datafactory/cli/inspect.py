@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 from rich.table import Table
 
+from datafactory.api.options import InspectOptions
+from datafactory.cli.options import asking
 from datafactory.cli.tables import plain_console, table
 
 if TYPE_CHECKING:
@@ -20,33 +22,8 @@ MOST_FILMS = 3
 """Animations that are drawn: one a split, where each has a sequence."""
 
 
-def inspect(
-    directory: Annotated[
-        str,
-        typer.Argument(
-            metavar="DIR",
-            help="Folder of a finished dataset, also s3://, gs://, hf:// or https://.",
-            show_default=False,
-        ),
-    ],
-    verify: Annotated[
-        bool, typer.Option("--verify", help="Check every byte against the manifest's checksums.")
-    ] = False,
-    frames: Annotated[
-        int, typer.Option(min=0, help="Pictures to draw, of frames spread over the dataset; of sequences at most 3.")
-    ] = 4,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            help="Folder of the pictures; by default DIR/pictures, of a remote dataset NAME-pictures in this folder.",
-            show_default=False,
-        ),
-    ] = None,
-    camera: Annotated[
-        bool, typer.Option("--camera", help="Beside them what a camera sees, from the scenes that the manifest names.")
-    ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON, and draw nothing.")] = False,
-) -> None:
+@asking(InspectOptions)
+def inspect(asked: InspectOptions) -> None:
     """Summarise a dataset, check its files and draw some of its frames; a sequence as an animation.
 
     Exit status 1: --verify found damaged files.
@@ -59,9 +36,9 @@ def inspect(
     from shared.dataset.folder import verify as verify_dataset
     from shared.dataset.locations import RemotePath
 
-    console = plain_console(stderr=as_json)
-    dataset = open_dataset(directory, check_sizes=not verify)
-    if verify:
+    console = plain_console(stderr=asked.json)
+    dataset = open_dataset(asked.directory, check_sizes=not asked.verify)
+    if asked.verify:
         faults = verify_dataset(dataset)
         for fault in faults:
             console.print(f"{dataset.path}/{fault}")
@@ -72,21 +49,23 @@ def inspect(
         if isinstance(dataset.path, RemotePath) and not dataset.path.lists:
             console.print("a web server lists no folder: files that the manifest does not name were not looked for")
     summary = summarise(dataset)
-    if as_json:
+    if asked.json:
         print(json.dumps(summary.to_json(), indent=2))
         return
     for shown in _tables(summary):
         console.print(shown)
     if not dataset.splits:
         console.print(f"traced paths and no frames; next: datafactory render --paths {dataset.path} --out OTHER")
-    if frames and dataset.splits:
-        folder = out or _picture_folder(dataset)
-        if out is None and not isinstance(dataset.path, Path):
+    if asked.frames and dataset.splits:
+        folder = asked.out or _picture_folder(dataset)
+        if asked.out is None and not isinstance(dataset.path, Path):
             console.print(f"the dataset is remote: its pictures go to {folder}, or to the folder that --out names")
-        cameras = Cameras(dataset) if camera else None
-        for picture in write_pictures(dataset, frames, folder, cameras):
+        cameras = Cameras(dataset) if asked.camera else None
+        for picture in write_pictures(dataset, asked.frames, folder, cameras):
             console.print(f"wrote {picture}")
-        for film in write_animations(dataset, min(frames, MOST_FILMS), folder, cameras) if summary.sequences else ():
+        for film in (
+            write_animations(dataset, min(asked.frames, MOST_FILMS), folder, cameras) if summary.sequences else ()
+        ):
             console.print(f"wrote {film}")
 
 

@@ -57,6 +57,8 @@ def _parameters(item: Declared) -> list[Parameter]:
     kind, default, flag = option.typed or item.annotation, item.default, item.flag
     if (default is True or option.there is True) and kind is bool:
         flag += f"/--no-{flag[2:]}"
+    if option.flag is None:
+        return [_parameter(item.name, kind, default, typer.Argument(metavar=option.place, help=option.help))]
     if default in (None, ()) or option.place:
         kind, default = kind | None, None
     if option.place:
@@ -86,7 +88,7 @@ def _stated(options: list[Declared], context: typer.Context, given: dict[str, An
     said = {}
     for name, option in ((item.name, item.option) for item in options):
         source = context.get_parameter_source(name)
-        if option.place:
+        if option.place and option.flag:
             placed, named = given[name + BY_PLACE], given[name]
             if option.place.endswith("..."):
                 said[name] = [*(placed or ()), *(named or ())]
