@@ -18,7 +18,7 @@ from datafactory.paths.defaults import AUTO_DEVICE, CPU, CUDA
 from datafactory.run import pipeline
 from datafactory.run.array_job import OPTION, parse_job
 from datafactory.run.defaults import LOCAL
-from datafactory.run.engines import Engine, opened
+from datafactory.run.engines import opened
 from datafactory.run.order import Order
 from datafactory.run.pipeline import Execution, Report
 from datafactory.scenes.materials.table import MaterialTable
@@ -71,27 +71,17 @@ def _made(asked: RenderOptions | TraceOptions, order: Order, menu: Menu | None, 
     with opened(asked.engine, asked.address, asked.announce) as engine:
         if device == CUDA and engine.name != LOCAL:
             raise InputError("--device", f"{device} beside --engine {engine.name}", f"{CPU}, or --engine {LOCAL}")
-        execution = _execution_of(asked, engine)
+        job = None if asked.shard is None else parse_job(asked.shard)
+        execution = Execution(
+            locate(asked.out) / job.folder if job else locate(asked.out), asked.workers, asked.resume,
+            asked.keep_going, job, engine, asked.announce, partial(asked.progress, "planning"),
+            partial(asked.progress, "frames"),
+        )  # fmt: skip
         if asked.device == AUTO_DEVICE:
             asked.announce(f"device: {device}")
         if device == CUDA and asked.workers > 1:
             asked.announce(f"{asked.workers} workers share one GPU, and its memory")
         return _settled(order, table, execution, menu, asked.progress, make)
-
-
-def _execution_of(asked: RenderOptions | TraceOptions, engine: Engine) -> Execution:
-    job = None if asked.shard is None else parse_job(asked.shard)
-    return Execution(
-        locate(asked.out) / job.folder if job else locate(asked.out),
-        asked.workers,
-        asked.resume,
-        asked.keep_going,
-        job,
-        engine,
-        announce=asked.announce,
-        looked=partial(asked.progress, "planning"),
-        advance=partial(asked.progress, "frames"),
-    )
 
 
 def _with_cameras(order: Order, table: MaterialTable, report: Report, progress: Progress) -> Report:

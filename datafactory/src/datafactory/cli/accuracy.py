@@ -5,13 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
-
 from datafactory.api.options import AccuracyOptions, OrderOptions
 from datafactory.cli import options
-from datafactory.cli.progress import shown as showing
+from datafactory.cli.progress import shown
+from datafactory.cli.tables import plain_console, table
 from datafactory.frame.defaults import DEFAULT_FRAMES, IMAGE_BATCH
 from shared.physics.errors import InputError
 
@@ -37,8 +34,7 @@ def accuracy(asked: AccuracyOptions) -> None:
     scene, out, quick = asked.scene, asked.out, asked.quick
     if scene is None:
         raise InputError("--scene", "missing", "a scene file or sionna:NAME")
-    console = Console(soft_wrap=True, highlight=False)
-    table = materials_of(asked.materials)
+    console = plain_console()
     # As many frames are drawn as of a run, of which the first are measured; rays and depth are varied.
     order = order_of(common(OrderOptions, asked, scenes=scene, frames=DEFAULT_FRAMES, rays=None))
     model = order.radar
@@ -51,7 +47,7 @@ def accuracy(asked: AccuracyOptions) -> None:
     select_variant()
     set_threads(1)
     count = min(1 if quick else asked.frames, len(order.poses) or IMAGE_BATCH)
-    prepared = prepare(order, table, lambda line: console.print(line, markup=False))
+    prepared = prepare(order, materials_of(asked.materials), console.print)
     (planned,) = planned_scenes(order, prepared)
     effects = planned.effects
     samples = [SampleFrame(prepared.deal.frame(frame_id), planned.scene) for frame_id in range(count)]
@@ -71,27 +67,20 @@ def accuracy(asked: AccuracyOptions) -> None:
     toggled = knobs.effect_knobs(effects, planned.absent)
     signal += tuple(knob for knob in toggled if not knob.power)
     power += tuple(knob for knob in toggled if knob.power)
-    with showing(console) as progress:
+    with shown(console) as progress:
         rows = sweep(
-            samples,
-            signal,
-            power,
-            effort,
-            model,
-            lambda done, total, label: progress(label, done, total),
+            samples, signal, power, effort, model, lambda done, total, label: progress(label, done, total),
             made_with(order, effects),
-        )
+        )  # fmt: skip
     rows = [row.planned(planned.changes_db) for row in rows]
-    shown = Table(*map(escape, report.HEADINGS), title=escape(f"What accuracy costs: {scene}"), title_justify="left")
-    for row in report.table_rows(rows):
-        shown.add_row(*map(escape, row))
-    Console(width=max(console.width, TABLE_WIDTH), soft_wrap=True, highlight=False).print(shown)
+    wide = plain_console(narrowest=TABLE_WIDTH)
+    wide.print(table(f"What accuracy costs: {scene}", report.HEADINGS, report.table_rows(rows)))
     for line in (*report.EXPLANATION, report.effects_line(effects, planned.absent), *lattices.lines(rows)):
-        console.print(line, markup=False)
+        console.print(line)
     batch = f"{effort.rays} rays, images in batches of {effort.batch}"
     title = f"{scene}: {count} frame{'s' if count > 1 else ''}, seed {asked.seed}, radar {model.name}, {batch}"
     for path in (*report.write_tables(rows, out), chart.write_picture(rows, title, out)):
-        console.print(f"wrote {path}", markup=False)
+        console.print(f"wrote {path}")
 
 
 def _check_most_rays(most_rays: int, quick: bool, radar: Radar) -> None:
