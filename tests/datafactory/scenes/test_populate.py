@@ -312,6 +312,14 @@ def test_check_tells_what_was_put_in(tmp_path: Path) -> None:
         order_of(OrderOptions([], populate="cars=1"))
 
 
+def test_a_scene_that_was_read_is_populated_and_not_read_in_another_way() -> None:
+    (street,) = order_of(OrderOptions(load_scene(STREET), populate="signs=4")).scenes
+    assert isinstance(street, Scene)
+    assert street.content_hash() == load_scene(STREET, populate="signs=4").content_hash()
+    with pytest.raises(InputError, match="has been read; expected --variant and --allow-missing of a file"):
+        order_of(OrderOptions(street, variant=["lod=far"]))
+
+
 def test_the_manifest_counts_what_was_put_in(hill: Scene) -> None:
     order = order_of(OrderOptions(hill, radar="avr-qdm-110", frames=1, rays=100, effects="diffuse"))
     said: list[str] = []

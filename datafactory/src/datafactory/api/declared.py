@@ -1,8 +1,9 @@
 """How options are declared: each once, as a field of a value, which commands and functions are made to take.
 
-A field is ``name: Annotated[type, Option(help, ...)] = default``. A value checks itself when it is made, so that both
-refuse the same things in the same words. :func:`taking` makes a function's parameters of the fields, and
-:func:`datafactory.cli.options.asking` a command's. Nothing here computes: ``--help`` imports it.
+A field is ``name: Annotated[type, Option(help, ...)] = default``, in a module whose annotations are not postponed. A
+value checks itself when it is made, so that both refuse the same things in the same words. :func:`taking` makes a
+function's parameters of the fields, and :func:`datafactory.cli.options.asking` a command's. Nothing here computes:
+``--help`` imports it.
 """
 
 import inspect
@@ -134,7 +135,7 @@ def taking(group: Callable[P, A]) -> Callable[[Callable[[A], R]], Callable[P, R]
         vars(called)["__signature__"] = signature
         names = {item.flag: f"``{item.name}``" for item in options}
         lines = [f":param {item.name}: {meaning(item.option, names)}\n" for item in options]
-        said, *rest = re.split(r"^(?=:)", inspect.getdoc(function) or "", maxsplit=1, flags=re.MULTILINE)
+        said, *rest = re.split(r"^(?=:returns|:raises)", inspect.getdoc(function) or "", maxsplit=1, flags=re.MULTILINE)
         called.__doc__ = f"{said.rstrip()}\n\n{''.join(lines)}{''.join(rest)}"
         return called
 

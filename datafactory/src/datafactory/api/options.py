@@ -58,10 +58,10 @@ def silent(*_: object) -> None:
 
 
 # fmt: off
-SCENE = Option("USD, Mitsuba XML or mesh file, or shipped:NAME or sionna:NAME.", "Or a Scene; None with ``paths``.",
+SCENE = Option("USD, Mitsuba XML or mesh file, or shipped:NAME or sionna:NAME.", "Or a Scene.",
                typed=str, flag="--scene", place="[SCENE]", first=True)
 SCENES = replace(SCENE, help=f"{SCENE.help[:-1]}; may be repeated.", typed=list[str], place="[SCENE]...",
-                 python="One or several, or Scenes; None with ``paths`` or for close targets alone.")
+                 python="One or several, or Scenes.")
 FRAMES = Option("Scene frames in total, dealt to the scenes in turn.", least=1, first=True)
 SEED = Option("Dataset seed: same seed, same bytes.", least=0, most=LARGEST_SEED, first=True)
 TARGETS = Option("JSON file of exactly these targets: one frame for each inner list.",
@@ -77,7 +77,7 @@ BUDGET_OF_PATHS = replace(BUDGET, help="Choose rays and depth for this error [dB
 class SceneOptions(Options, heading="Scene"):
     """How scenes are read."""
 
-    variant: Annotated[Sequence[str], Option(
+    variant: Annotated["Sequence[str]", Option(
         "set=name: a variant of the USD scenes; may be repeated.", typed=list[str])] = ()
     allow_missing: Annotated[bool, Option("Go on without geometry that cannot be opened.")] = False
     populate: Annotated["str | Asked | None", Option(
@@ -98,7 +98,7 @@ class StoredOptions(Options, heading="Scene"):
 
     paths: Annotated["FileName | Location | None", Option(
         "Folder of `datafactory trace`, also by URI, instead of --scene: the same paths again.",
-        typed=str, metavar="DIR")] = None
+        "Scenes are None beside it.", typed=str, metavar="DIR")] = None
 
 
 class RadarOptions(Options, heading="Sensor"):
@@ -133,7 +133,8 @@ class DealOptions(Options, heading="Sampling"):
     frames: Annotated[int, FRAMES] = DEFAULT_FRAMES
     seed: Annotated[int, SEED] = 0
     split: Annotated[str | None, Option(
-        "Pattern train:validation:test over the frames.", "Of ``paths`` theirs.", usual=DEFAULT_PATTERN)] = None
+        "Pattern train:validation:test over the frames.", "With ``paths`` that of their trace.",
+        usual=DEFAULT_PATTERN)] = None
 
 
 class SamplingOptions(DealOptions):
@@ -215,7 +216,8 @@ class OrderOptions(DeviceOptions, OutputOptions, SignalOptions, EffectOptions, S
     """What an order is made of."""
 
     frames: Annotated[int, replace(FRAMES, least=0)] = DEFAULT_FRAMES
-    points: Annotated[int, Option("Close-target frames to add.", least=0)] = 0
+    points: Annotated[int, Option(
+        "Close-target frames to add.", "Without scenes these are None, and ``frames`` 0.", least=0)] = 0
     targets: Annotated["TargetsLike", replace(TARGETS, shown=False)] = ()
 
 

@@ -6,9 +6,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from datafactory.api.options import AccuracyOptions, OrderOptions
-from datafactory.cli import options
-from datafactory.cli.progress import shown
-from datafactory.cli.tables import plain_console, table
+from datafactory.cli.console import plain_console, shown, table
+from datafactory.cli.options import asking
 from datafactory.frame.defaults import DEFAULT_FRAMES, IMAGE_BATCH
 from shared.physics.errors import InputError
 
@@ -19,7 +18,7 @@ TABLE_WIDTH = 175
 """Columns that the table needs; a narrower terminal wraps its lines rather than its cells."""
 
 
-@options.asking(AccuracyOptions)
+@asking(AccuracyOptions)
 def accuracy(asked: AccuracyOptions) -> None:
     """Show what accuracy costs in time: every approximation as a knob with its price and its error."""
     from datafactory.accuracy import chart, knobs, lattices, report

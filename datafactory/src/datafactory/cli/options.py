@@ -1,26 +1,18 @@
-"""Commands take the options of :mod:`datafactory.api.options`; and how a run is shown."""
+"""How commands are made to take the options of :mod:`datafactory.api.options`."""
 
 from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
 from inspect import Parameter
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import typer
-from rich.console import Console
 
 from datafactory.api.declared import HEADINGS, Declared, Options, declared
-from datafactory.cli.progress import shown
 from shared.physics.errors import InputError
 
-if TYPE_CHECKING:
-    from datafactory.run.pipeline import Report
-
 A = TypeVar("A", bound=Options)
-Verbose = Annotated[
-    bool, typer.Option("--verbose", "-v", help="Also say what was counted: rays, paths, what was left out and why.")
-]
 BY_PLACE = "_by_place"
 """Behind an option's name: the parameter that takes what was given by its place."""
 
@@ -99,34 +91,3 @@ def _stated(options: list[Declared], context: typer.Context, given: dict[str, An
         elif option.there is not None or (source is not None and source.name != "DEFAULT"):
             said[name] = given[name]
     return said
-
-
-def run(make: Callable[..., Report], verbose: bool) -> Report:
-    """Make a dataset with its progress in view, and print what was made.
-
-    :param make: takes ``announce`` and ``progress``
-    :param verbose: also what was counted
-    """
-    from datafactory.run.counts import told
-
-    console = Console(soft_wrap=True, highlight=False)
-    with shown(console) as advance:
-        report = make(announce=lambda line: console.print(line, markup=False), progress=advance)
-    kept = f" ({report.shards_kept} shards kept from before)" if report.shards_kept else ""
-    took = f"{report.seconds:.0f} s, opening and planning included"
-    console.print(f"{report.frames} frames in {report.directory}, {took}{kept}", markup=False)
-    for line in told(report.counts, verbose):
-        console.print(f"  {line}", markup=False)
-    return report
-
-
-def next_step(out: str, shard: str | None, step: str) -> None:
-    """Print the command that comes next: of a job it is the merge, which takes local folders.
-
-    :param step: what comes next of a run in one piece
-    """
-    if shard is not None:
-        step = f"next:  datafactory merge {out} --out ANOTHER_FOLDER, once all jobs are done"
-        if "://" in out:
-            step = f"next:  once all jobs are done, copy {out} to a local FOLDER; datafactory merge FOLDER --out DIR"
-    typer.echo(step)

@@ -12,13 +12,13 @@ from rich.markup import escape
 from rich.table import Table
 
 from datafactory.api.options import PlanOptions
-from datafactory.cli import options
-from datafactory.cli.progress import shown
+from datafactory.cli.console import shown
+from datafactory.cli.options import asking
 
 TABLE_WIDTH = 150
 
 
-@options.asking(PlanOptions)
+@asking(PlanOptions)
 def plan(
     asked: PlanOptions,
     as_json: Annotated[bool, typer.Option("--json", help="Print the plan as JSON and nothing else.")] = False,
