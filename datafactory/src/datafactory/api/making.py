@@ -73,9 +73,9 @@ def _made(asked: RenderOptions | TraceOptions, order: Order, menu: Menu | None, 
             raise InputError("--device", f"{device} beside --engine {engine.name}", f"{CPU}, or --engine {LOCAL}")
         job = None if asked.shard is None else parse_job(asked.shard)
         execution = Execution(
-            locate(asked.out) / job.folder if job else locate(asked.out), asked.workers, asked.resume,
-            asked.keep_going, job, engine, asked.announce, partial(asked.progress, "planning"),
-            partial(asked.progress, "frames"),
+            directory=locate(asked.out) / job.folder if job else locate(asked.out), workers=asked.workers,
+            resume=asked.resume, keep_going=asked.keep_going, job=job, engine=engine, announce=asked.announce,
+            looked=partial(asked.progress, "planning"), advance=partial(asked.progress, "frames"),
         )  # fmt: skip
         if asked.device == AUTO_DEVICE:
             asked.announce(f"device: {device}")
