@@ -57,6 +57,7 @@ def silent(*_: object) -> None:
     """An :data:`Announce` and a :data:`Progress` that do nothing."""
 
 
+# Not formatted: an option is read as a whole, in two or three lines.
 # fmt: off
 SCENE = Option("USD, Mitsuba XML or mesh file, or shipped:NAME or sionna:NAME.", "Or a Scene.",
                typed=str, flag="--scene", place="[SCENE]", first=True)
