@@ -152,6 +152,7 @@ def test_a_plan_says_what_the_command_says(radar_file: Path) -> None:
         ({"scenes": TINY, "seed": -1}, "--seed: -1; expected 0 to "),
         ({"scenes": TINY, "workers": -1}, "--workers: -1; expected at least 0"),
         ({"scenes": TINY, "store": "all"}, "--store: 'all'; expected one of range-channel, "),
+        ({"scenes": TINY, "device": "cdua"}, "--device: 'cdua'; expected one of auto, cpu, cuda; did you mean 'cuda'"),
         ({"scenes": TINY, "effects": ["mirrors"]}, "--effects: 'mirrors'; expected auto, all, or some of"),
         ({"scenes": TINY, "radar": "none.toml"}, "--radar: no preset and no file 'none.toml'"),
         ({"scenes": "none.usda"}, "none.usda: no such file"),

@@ -130,7 +130,12 @@ def _cell(text: str) -> str:
 def first_paragraph(thing: object) -> str:
     """Of a docstring, with roles as plain code."""
     paragraph = (inspect.getdoc(thing) or "").partition("\n\n")[0]
-    return re.sub(r":\w+:`([^`]+)`", r"`\1`", " ".join(paragraph.split())).replace("``", "`")
+    return _plain(" ".join(paragraph.split()))
+
+
+def _plain(text: str) -> str:
+    """Roles and code of a docstring as code of Markdown."""
+    return re.sub(r":\w+:`([^`]+)`", r"`\1`", text).replace("``", "`")
 
 
 def radar_page() -> str:
@@ -251,9 +256,29 @@ def names_page(package: str) -> str:
         module = getattr(thing, "__module__", None)
         if module is None or inspect.ismodule(thing):
             text += f"## {package}.{name}\n\n{first_paragraph(thing)}\n\n"
+        elif inspect.isfunction(thing) and hasattr(thing, "__signature__"):
+            text += f"## {package}.{name}\n\n{function_of_options(thing)}"
         else:
             text += f"::: {module}.{name}\n\n"
     return text
+
+
+def function_of_options(function: Any) -> str:
+    """What a function's docstring says, with its parameters in a table: they are made of options."""
+    said, *fields = re.split(r"^:(?=param|returns|raises)", inspect.getdoc(function) or "", flags=re.MULTILINE)
+    meanings = dict(_plain(field).removeprefix("param ").split(": ", 1) for field in fields)
+    rows = []
+    for name, parameter in inspect.signature(function).parameters.items():
+        kind, default = parameter.annotation, f"`{parameter.default!r}`"
+        if parameter.default is parameter.empty:
+            default = "required"
+        elif parameter.default is None or inspect.isfunction(parameter.default):
+            default = ""
+        rows.append((f"`{name}`", f"`{getattr(kind, '__name__', kind)}`", default, meanings.pop(name)))
+    example = re.compile(r"^>>> (.*?)( +# doctest.*)?$", re.MULTILINE)
+    text = example.sub(r"~~~python\n\1\n~~~", _plain(said)).strip() + "\n\n"
+    text += table(("parameter", "value", "default", "meaning"), rows)
+    return text + "".join(f"- {name}: {' '.join(meaning.split())}\n" for name, meaning in meanings.items()) + "\n"
 
 
 def room_page(room: str) -> str:

@@ -12,6 +12,7 @@ import time
 import numpy as np
 
 from datafactory.api.asking import load_scene, order_of
+from datafactory.api.options import OrderOptions
 from datafactory.frame.chain import SceneSource, illuminated, make_frames
 from datafactory.paths.backend import select_variant, set_threads
 from datafactory.paths.merged_scene import merge_scene
@@ -59,7 +60,7 @@ def city() -> None:
     """Processor time of drawn frames, bare and populated, and the share of power of what was put in."""
     for asked in (None, ASKED):
         scene = load_scene("sionna:munich", populate=asked)
-        order = order_of(scene, radar="avr-qdm-110", frames=2 * FRAMES + 2, rays=20_000, effects="all")
+        order = order_of(OrderOptions(scene, radar="avr-qdm-110", frames=2 * FRAMES + 2, rays=20_000, effects="all"))
         prepared = prepare(order, load_materials(), print)
         seconds, shares, moving = [], [], []
         for frame_id in range(0, 2 * FRAMES + 2, 2):

@@ -19,6 +19,7 @@ from threadpoolctl import threadpool_limits
 
 from datafactory import trace
 from datafactory.api.asking import materials_of, order_of
+from datafactory.api.options import OrderOptions
 from datafactory.frame.chain import ChainSettings, SceneSource, Source, StoredSource, make_frames
 from datafactory.paths.backend import select_variant, set_threads
 from datafactory.paths.storage import read_paths
@@ -58,7 +59,9 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name, threadpool_limits(limits=1):
         folder = Path(name)
         trace(asked.scene, folder / "traced", frames=asked.frames, rays=asked.rays, effects="all")
-        order = order_of(asked.scene, radar="avr-qdm-110", frames=asked.frames, rays=asked.rays, effects="all")
+        order = order_of(
+            OrderOptions(asked.scene, radar="avr-qdm-110", frames=asked.frames, rays=asked.rays, effects="all")
+        )
         prepared = prepare(order, materials_of(None))
         settings: ChainSettings = order.settings
         frames = [prepared.deal.frame(number) for number in range(asked.frames)]

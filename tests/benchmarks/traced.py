@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from datafactory.api.asking import load_scene, order_of
+from datafactory.api.options import OrderOptions
 from datafactory.frame.chain import SceneSource
 from datafactory.paths import corners, targets, trace
 from datafactory.paths.backend import select_variant, set_threads
@@ -62,7 +63,7 @@ def main() -> None:
     set_threads(1)
     scene = load_scene(asked.scene, populate=asked.populate)
     count = 2 * asked.frames + 2  # of every second frame, as in assets.py --city
-    order = order_of(scene, radar="avr-qdm-110", frames=count, rays=asked.rays, effects="all")
+    order = order_of(OrderOptions(scene, radar="avr-qdm-110", frames=count, rays=asked.rays, effects="all"))
     prepared = prepare(order, load_materials(), print)
     spent: dict[str, float] = defaultdict(float)
     for module, name, label in PARTS:

@@ -15,6 +15,7 @@ from pathlib import Path
 from large_scenes import stage
 
 from datafactory.api.asking import order_of
+from datafactory.api.options import OrderOptions
 from datafactory.run.preparation import load_of, opened_scenes
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -81,10 +82,10 @@ def measured(case: Case, folder: Path) -> tuple[float, float]:
     if case.scene == INSTANCES:
         scene = str(folder / "instances.usda")
         Path(scene).write_text(stage(INSTANCES), encoding="utf-8")
-    order = order_of(
+    order = order_of(OrderOptions(
         scene, radar=radar, frames=case.frames if scene else 0, points=0 if scene else case.frames, rays=case.rays,
         depth=case.depth, effects=case.effects, store=case.store,
-    )  # fmt: skip
+    ))  # fmt: skip
     predicted = load_of(order, opened_scenes(order)).total_bytes(1)
     frames = ["--split", "1:0:0", "--workers", "1", "--store", case.store, "--radar", radar]
     frames += ["--frames", str(case.frames), "--out", str(folder / "data")]

@@ -5,16 +5,27 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from inspect import signature
 from pathlib import Path
 from typing import Annotated
 
 import pytest
 from manual import DOCS, ROOT
 from pydantic import BaseModel, Field
-from reference import commands_page, contents, descriptions, fields_table, fit_page, materials_page, radar_page
+from reference import (
+    commands_page,
+    contents,
+    descriptions,
+    fields_table,
+    fit_page,
+    materials_page,
+    names_page,
+    radar_page,
+)
 from reference import reference_pages as pages
 from typer.main import get_command
 
+from datafactory import convert, merge, plan, render, trace
 from datafactory.cli.app import app as datafactory
 from datafactory.scenes.materials.table import MaterialEntry, load_materials
 from shared.radar.front_end import FrontEnd
@@ -106,6 +117,15 @@ def test_the_pages_of_commands_have_every_option(program: str, app: object) -> N
         for parameter in command.params:
             if parameter.param_type_name == "option" and not getattr(parameter, "hidden", False):
                 assert parameter.opts[0] in section
+
+
+def test_functions_of_options_have_a_table_of_their_parameters() -> None:
+    page = names_page("datafactory")
+    for function in (render, trace, plan, merge, convert):
+        section = page.partition(f"## datafactory.{function.__name__}\n")[2].partition("\n## ")[0]
+        for name in signature(function).parameters:
+            assert f"| `{name}` |" in section
+    assert "- raises RunFailed: worker processes died" in page
 
 
 def test_no_description_is_empty_and_units_survive() -> None:

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 from datafactory.api.asking import order_of
 from datafactory.api.forecasting import forecast
+from datafactory.api.options import OrderOptions
 from datafactory.cli.app import app
 from datafactory.frame.chain import FRAMES_WITH
 from datafactory.frame.seeds import frame_seed
@@ -305,7 +306,7 @@ def test_a_dry_run_says_what_the_run_will_take_and_writes_nothing(dataset, radar
     assert said[0] == "12 frames (train 10, validation 1, test 1) in 4 shards"
     assert len(list(dataset.glob("*/*.parquet"))) == 4
     assert not out.parent.exists()
-    order = order_of(str(TINY), radar=radar_file, frames=9, points=3, rays=4000)
+    order = order_of(OrderOptions(str(TINY), radar=radar_file, frames=9, points=3, rays=4000))
     found = forecast(order, out, 8)
     stored = sum(path.stat().st_size for path in dataset.glob("*/*.parquet"))
     assert stored / 3 < found.bytes < 3 * stored

@@ -15,8 +15,7 @@ from typer.main import get_params_from_function
 from typer.testing import CliRunner
 
 from datafactory.cli.app import app, main
-from datafactory.cli.progress import shown
-from datafactory.cli.tables import plain_console, table
+from datafactory.cli.console import plain_console, shown, table
 from datafactory.inspection.doctor import Finding
 from datafactory.run.counts import MEANINGS, told
 

@@ -2,7 +2,8 @@
 
 import pytest
 
-from datafactory.cli.options import next_step
+from datafactory.api.options import PointsOptions
+from datafactory.cli.making import next_step
 
 
 @pytest.mark.parametrize(
@@ -20,5 +21,5 @@ from datafactory.cli.options import next_step
     ],
 )
 def test_of_a_job_the_merge_comes_next(out: str, shard: str | None, expected: str, capsys) -> None:
-    next_step(out, shard, "look:  somewhere")
+    next_step(PointsOptions(out, shard=shard), "look:  somewhere")
     assert capsys.readouterr().out == f"{expected}\n"

@@ -8,7 +8,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from datafactory.cli.doctor import doctor as command
+from datafactory.cli.inspection import doctor as command
 from datafactory.inspection import doctor
 from datafactory.inspection.doctor import Finding
 from datafactory.paths.backend import CudaDevice

@@ -12,7 +12,7 @@ from matplotlib.image import imread
 from object_store import serve
 from typer.testing import CliRunner
 
-from datafactory.cli.inspect import inspect
+from datafactory.cli.inspection import inspect
 from datafactory.frame.deal import split_of
 from datafactory.inspection.dataset import summarise
 from datafactory.inspection.pictures import draw_frame, write_pictures

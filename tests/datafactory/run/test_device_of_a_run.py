@@ -16,8 +16,9 @@ from typer.testing import CliRunner
 
 from datafactory.accuracy.samples import made_with
 from datafactory.api import making
-from datafactory.api.asking import Announce, order_of, silent
+from datafactory.api.asking import order_of
 from datafactory.api.forecasting import forecast
+from datafactory.api.options import Announce, OrderOptions, silent
 from datafactory.cli.app import app
 from datafactory.effects.catalogue import ALL
 from datafactory.frame import device
@@ -118,7 +119,7 @@ def test_one_worker_has_the_gpu_unless_more_are_asked_for(tmp_path, stand_in):
 
 def test_a_forecast_says_whose_rates_it_has(tmp_path, stand_in):
     for name, whose in (("cpu", "rates of another machine"), ("cuda", "rates of a CPU, for none of a GPU")):
-        order = order_of(None, points=2, radar="avr-qdm-110", device=name)
+        order = order_of(OrderOptions(None, frames=0, points=2, radar="avr-qdm-110", device=name))
         assert any(whose in line for line in forecast(order, tmp_path, 1).lines())
 
 
@@ -140,7 +141,7 @@ def test_the_command_line_names_the_device(tmp_path, stand_in):
 
 def test_evidence_and_prices_of_one_device_are_not_those_of_another():
     # Both are cached by the settings, of which the device is one.
-    order = order_of("shipped:tiny", frames=1, radar="avr-qdm-110")
+    order = order_of(OrderOptions("shipped:tiny", frames=1, radar="avr-qdm-110"))
     assert order.settings.device == "cpu"
     on_gpu = replace(order, settings=replace(order.settings, device="cuda"))
     assert made_with(order, ALL) != made_with(on_gpu, ALL)

@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from datafactory.api.asking import order_of
 from datafactory.api.forecasting import forecast
+from datafactory.api.options import OrderOptions
 from datafactory.cli.app import app
 from datafactory.frame.chain import ChainSettings
 from datafactory.frame.measurement import Processing
@@ -119,7 +120,7 @@ def test_it_is_refused_before_any_work(tmp_path: Path, monkeypatch: pytest.Monke
 
 
 def test_a_dry_run_says_it_of_the_scene_and_the_workers_that_fit(tmp_path: Path) -> None:
-    order = order_of(str(SCENES / "tiny.usda"), radar="avr-qdm-110", frames=80, rays=4000)
+    order = order_of(OrderOptions(str(SCENES / "tiny.usda"), radar="avr-qdm-110", frames=80, rays=4000))
     found = forecast(order, tmp_path, 3)
     expected = memory.statement(load(settings=order.settings, triangles=104, planned=True), 3, memory.usable_memory())
     assert found.memory == expected

@@ -12,8 +12,8 @@ from town_scenes import SLOPE, block, two_blocks
 from typer.testing import CliRunner
 
 from datafactory.api.asking import load_scene, order_of
+from datafactory.api.options import OrderOptions
 from datafactory.cli.app import app
-from datafactory.cli.options import read_as_asked
 from datafactory.frame.deal import Deal
 from datafactory.run.preparation import prepare
 from datafactory.scenes.boxes import boxed_things
@@ -309,11 +309,19 @@ def test_check_tells_what_was_put_in(tmp_path: Path) -> None:
     assert shown.exit_code == 0
     assert any("populated with 4 signs" in line for line in json.loads(shown.stdout)["remarks"])
     with pytest.raises(InputError, match="--populate: given without a scene"):
-        read_as_asked([], None, False, "cars=1")
+        order_of(OrderOptions([], populate="cars=1"))
+
+
+def test_a_scene_that_was_read_is_populated_and_not_read_in_another_way() -> None:
+    (street,) = order_of(OrderOptions(load_scene(STREET), populate="signs=4")).scenes
+    assert isinstance(street, Scene)
+    assert street.content_hash() == load_scene(STREET, populate="signs=4").content_hash()
+    with pytest.raises(InputError, match="has been read; expected --variant and --allow-missing of a file"):
+        order_of(OrderOptions(street, variant=["lod=far"]))
 
 
 def test_the_manifest_counts_what_was_put_in(hill: Scene) -> None:
-    order = order_of(hill, radar="avr-qdm-110", frames=1, rays=100, effects="diffuse")
+    order = order_of(OrderOptions(hill, radar="avr-qdm-110", frames=1, rays=100, effects="diffuse"))
     said: list[str] = []
     prepared = prepare(order, load_materials(), said.append)
     population = population_of(hill)
@@ -325,6 +333,8 @@ def test_the_manifest_counts_what_was_put_in(hill: Scene) -> None:
     )
     said.clear()
     prepare(
-        order_of(hill, radar="avr-qdm-110", poses=given, rays=100, effects="diffuse"), load_materials(), said.append
+        order_of(OrderOptions(hill, radar="avr-qdm-110", poses=given, rays=100, effects="diffuse")),
+        load_materials(),
+        said.append,
     )
     assert "2 of 2 poses are within 3 m of what drives or walks by" in said

@@ -94,6 +94,12 @@ def test_traced_paths_are_looked_at_in_their_own_scene(tmp_path: Path) -> None:
     assert not (tmp_path / "other.html").exists()
 
 
+def test_a_frame_of_a_track_is_looked_at(tmp_path: Path) -> None:
+    track = [Pose((0.0, 0.0, 0.5)), Pose((0.5, 0.0, 0.5), time_s=0.1)]
+    view(TINY, tmp_path / "page.html", trajectory=[track], frame=1, rays=RAYS)
+    assert "(0.5, 0.0, 0.5) m" in told(tmp_path / "page.html")["pose"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -1,29 +1,33 @@
 """What a caller says, as the values that a run takes: scenes, radar, poses, materials, an order.
 
 The commands and the functions of :mod:`datafactory` share it, so that both refuse the same things in the same words.
-An argument is named as its option is, ``--frames`` for ``frames``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TypeAlias
 
-from datafactory.effects.catalogue import AUTO, EffectSet, parse_effects
+from datafactory.api.declared import Options, common
+from datafactory.api.options import (
+    MaterialsLike,
+    OrderOptions,
+    PosesLike,
+    RadarLike,
+    SceneLike,
+    SceneOptions,
+    TargetsLike,
+    TrajectoryLike,
+)
+from datafactory.effects.catalogue import parse_effects
 from datafactory.frame.chain import ChainSettings
 from datafactory.frame.deal import parse_split_pattern
-from datafactory.frame.defaults import (
-    DEFAULT_BUDGET_DB,
-    DEFAULT_PATTERN,
-    LARGEST_BUDGET_DB,
-    SMALLEST_BUDGET_DB,
-)
+from datafactory.frame.defaults import DEFAULT_BUDGET_DB, DEFAULT_PATTERN
 from datafactory.frame.device import device_of
 from datafactory.frame.measurement import Processing
-from datafactory.frame.points import PointTargets
-from datafactory.paths.defaults import CPU, DEFAULT_DEPTH, DEFAULT_RAYS, LARGEST_DEPTH, MOST_RAYS
+from datafactory.frame.points import PointTargets, read_targets
+from datafactory.paths.defaults import DEFAULT_DEPTH, DEFAULT_RAYS
 from datafactory.paths.solver import TraceSettings
 from datafactory.run.licences import stated_licence
 from datafactory.run.order import Order
@@ -37,41 +41,13 @@ from datafactory.scenes.scene import Scene
 from datafactory.scenes.track_files import read_track
 from datafactory.scenes.traffic.asked import Asked, parse_populate
 from datafactory.scenes.traffic.population import populated
-from shared.dataset import STORES
-from shared.dataset.locations import Location, locate
-from shared.physics.errors import InputError, meant
-from shared.processes.defaults import LARGEST_SEED
+from shared.dataset.locations import locate
+from shared.physics.errors import InputError
 from shared.radar import Radar, load_radar
-from shared.signal.windows import ANGLE_WINDOWS
-
-FileName: TypeAlias = str | Path
-SceneLike: TypeAlias = str | Path | Scene
-"""A file's path, ``"shipped:NAME"``, ``"sionna:NAME"``, or a scene that was read or built before."""
-RadarLike: TypeAlias = str | Path | Radar
-"""A preset's name, the path of a TOML file, or a radar."""
-PosesLike: TypeAlias = str | Path | Sequence[Pose]
-"""The path of a JSON file, see :func:`datafactory.scenes.poses.read_poses`, or the poses themselves."""
-TrajectoryLike: TypeAlias = str | Path | Drives | Sequence[str | Path | Sequence[Pose]]
-"""The path of a CSV or JSON file, see :func:`datafactory.scenes.track_files.read_track`; several, or the poses of
-several tracks, a sequence each; or ``"drive"``, ``"drive:speed=10,seconds=4"`` or what that means, to draw them."""
-MaterialsLike: TypeAlias = str | Path | MaterialTable
-"""The path of a TOML file that overrides the built-in table, or a table."""
-Effects: TypeAlias = str | Collection[str]
-"""``"auto"``, ``"all"``, names separated by commas, or a collection of names."""
-
-Announce: TypeAlias = Callable[[str], None]
-"""Takes a line for the user: how materials were mapped, what was left out, a warning."""
-Progress: TypeAlias = Callable[[str, int, int], None]
-"""Takes what is being done, how much of it is done, and of how much: ``("planning", 1, 3)``, ``("frames", 5, 8)``; with
-an error budget also ``(what is measured, 7, 40)``."""
-
-
-def silent(*_: object) -> None:
-    """An :data:`Announce` and a :data:`Progress` that do nothing."""
 
 
 def load_scene(
-    source: FileName,
+    source: SceneLike,
     *,
     variant: Sequence[str] = (),
     allow_missing: bool = False,
@@ -81,7 +57,7 @@ def load_scene(
     """Read a scene: meshes in metres, z up, float64, each with the name of its material.
 
     :param source: a ``.usd .usda .usdc .usdz``, Mitsuba ``.xml``, ``.glb .gltf .obj .ply .stl`` file, or
-        ``"shipped:NAME"`` or ``"sionna:NAME"`` for a scene that this package or Sionna ships
+        ``"shipped:NAME"`` or ``"sionna:NAME"`` for a scene that this package or Sionna ships; or a scene, to populate
     :param variant: ``"set=name"`` each: variants of a USD scene, over those that the file selects
     :param allow_missing: go on without geometry that cannot be opened
     :param populate: traffic and street furniture to put on its free ground, ``"cars=20,parked=0.6"``
@@ -90,8 +66,12 @@ def load_scene(
         has no free ground
     """
     asked = parse_populate(populate) if isinstance(populate, str) else populate
-    scene = open_scene(str(source), Reading(parse_variants(variant), allow_missing))
-    return scene if asked is None else populated(scene, asked, seed)
+    reading = Reading(parse_variants(variant), allow_missing)
+    if not isinstance(source, Scene):
+        source = open_scene(str(source), reading)
+    elif reading != Reading():
+        raise InputError(source.name, "has been read", "--variant and --allow-missing of a file")
+    return source if asked is None else populated(source, asked, seed)
 
 
 def radar_of(radar: RadarLike) -> Radar:
@@ -145,124 +125,73 @@ def materials_of(materials: MaterialsLike | None) -> MaterialTable:
     return load_materials(None if materials is None else Path(materials))
 
 
-def scenes_of(scenes: SceneLike | Sequence[SceneLike] | None) -> tuple[str | Scene, ...]:
-    """One scene or several, paths as text; none for None."""
-    if scenes is None:
-        return ()
-    several: Sequence[SceneLike] = (scenes,) if isinstance(scenes, str | Path | Scene) else scenes
-    return tuple(scene if isinstance(scene, Scene) else str(scene) for scene in several)
+def scenes_of(
+    scenes: SceneLike | Sequence[SceneLike] | None, asked: SceneOptions, seed: int
+) -> tuple[str | Scene, ...]:
+    """One scene or several, paths as text; read already where they are to be read or populated in a way of their own.
 
-
-def effects_of(effects: Effects) -> EffectSet | None:
-    """None for what the plan says; :raises InputError: an unknown name"""
-    return parse_effects(effects if isinstance(effects, str) else ",".join(effects))
-
-
-def require(option: str, value: float, least: float, most: float = float("inf")) -> None:
-    """Refuse what is out of bounds.
-
-    :raises InputError: naming both
+    :raises InputError: nothing to populate, a scene that cannot be read so
     """
-    if not least <= value <= most:
-        expected = f"at least {least:g}" if most == float("inf") else f"{least:.12g} to {most:.12g}"
-        raise InputError(option, f"{value!r}", expected)
+    several: Sequence[SceneLike] = (scenes,) if isinstance(scenes, str | Path | Scene) else scenes or ()
+    if asked.populate is not None and not several:
+        raise InputError("--populate", "given without a scene", "--scene with it")
+    if not (asked.variant or asked.allow_missing or asked.populate is not None):
+        return tuple(scene if isinstance(scene, Scene) else str(scene) for scene in several)
+    variant, missing, populate = asked.variant, asked.allow_missing, asked.populate
+    return tuple(
+        load_scene(scene, variant=variant, allow_missing=missing, populate=populate, seed=seed) for scene in several
+    )
 
 
-def choice(option: str, value: str, allowed: Sequence[str]) -> str:
-    """``value``, if it is one of ``allowed``.
-
-    :raises InputError: naming them
-    """
-    if value not in allowed:
-        raise InputError(option, repr(value), f"one of {', '.join(allowed)}{meant(value, allowed)}")
-    return value
+def targets_of(targets: TargetsLike) -> tuple[PointTargets, ...]:
+    """:raises InputError: a file that is unreadable or wrong"""
+    return read_targets(Path(targets)) if isinstance(targets, str | Path) else tuple(targets)
 
 
-def order_of(
-    scenes: SceneLike | Sequence[SceneLike] | None,
-    *,
-    paths: FileName | Location | None = None,
-    radar: RadarLike,
-    frames: int = 0,
-    points: int = 0,
-    targets: Sequence[PointTargets] = (),
-    poses: PosesLike | None = None,
-    trajectory: TrajectoryLike | None = None,
-    frame_rate: float | None = None,
-    seed: int = 0,
-    split: str | None = None,
-    rays: int | None = None,
-    depth: int | None = None,
-    effects: Effects = AUTO,
-    error_budget: float | None = None,
-    noise: bool = True,
-    store: str = STORES[0],
-    truth_window: str = "taylor-30",
-    device: str = CPU,
-    synthesis: bool = True,
-    license: str | None = None,
-) -> Order:
-    """The order of a run; the arguments are those of :func:`datafactory.render`.
+def order_of(given: Options, synthesis: bool = True) -> Order:
+    """The order of a run.
 
-    :param split: None for that of ``paths``, or the usual one
-    :param rays, depth, error_budget: None for the usual ones
-    :param device: "auto" is settled here
+    :param given: of a function or a command; what it does not have of :class:`OrderOptions` is as usual
     :param synthesis: whether signals will be made, and not paths alone
-    :raises InputError: a value out of its bounds, a file that cannot be read, nothing to render
+    :raises InputError: a file that cannot be read, options that exclude each other, nothing to render
     """
-    folder, wanted = None if paths is None else locate(paths), scenes_of(scenes)
-    if wanted and folder is not None:
+    asked = common(OrderOptions, given)
+    folder = None if asked.paths is None else locate(asked.paths)
+    scenes = scenes_of(asked.scenes, asked, asked.seed)
+    if scenes and folder is not None:
         raise InputError("--scene", "given together with --paths", "either --scene or --paths")
-    if split is not None:
-        parse_split_pattern(split)
-    for option, value, least, most in (
-        ("--frames", frames, 0, float("inf")),
-        ("--points", points, 0, float("inf")),
-        ("--seed", seed, 0, LARGEST_SEED),
-        ("--rays", DEFAULT_RAYS if rays is None else rays, 1, MOST_RAYS),
-        ("--depth", DEFAULT_DEPTH if depth is None else depth, 1, LARGEST_DEPTH),
-        (
-            "--error-budget",
-            DEFAULT_BUDGET_DB if error_budget is None else error_budget,
-            SMALLEST_BUDGET_DB,
-            LARGEST_BUDGET_DB,
-        ),
-    ):
-        require(option, value, least, most)
-    given = poses_of(poses)
-    if trajectory is not None and (poses is not None or folder is not None):
+    if asked.split is not None:
+        parse_split_pattern(asked.split)
+    poses, targets = poses_of(asked.poses), targets_of(asked.targets)
+    if asked.trajectory is not None and (asked.poses is not None or folder is not None):
         raise InputError("--trajectory", f"beside --{'poses' if folder is None else 'paths'}", "one of them")
-    tracks, drives = trajectory_of(trajectory, frame_rate)
-    if (given or tracks or frames) and not wanted and folder is None:
+    tracks, drives = trajectory_of(asked.trajectory, asked.frame_rate)
+    frames = 0 if poses or tracks else asked.frames
+    of_scenes = bool(poses or tracks or frames)
+    if of_scenes and not scenes and folder is None:
         raise InputError("--scene", "missing", "a scene file or sionna:NAME, or --paths")
-    if not (given or tracks or folder or frames or points or targets):
+    if not (of_scenes or folder or asked.points or targets):
         raise InputError("--frames", "0 and --points 0: nothing to render", "at least one frame")
-    if split is None and folder is not None:
-        split = traced_split(folder)
+    split = asked.split if asked.split is not None or folder is None else traced_split(folder)
+    effects = asked.effects if isinstance(asked.effects, str) else ",".join(asked.effects)
     return Order(
-        radar=radar_of(radar),
-        scenes=wanted if given or tracks or frames else (),
+        radar=radar_of(asked.radar),
+        scenes=scenes if of_scenes else (),
         paths=folder,
-        frames=0 if given or tracks else frames,
-        points=0 if targets else points,
-        seed=seed,
+        frames=frames,
+        points=0 if targets else asked.points,
+        seed=asked.seed,
         split=split or DEFAULT_PATTERN,
-        poses=given,
+        poses=poses,
         tracks=tracks,
-        drives=drives if frames else None,
-        targets=tuple(targets),
+        drives=drives if asked.frames else None,
+        targets=targets,
         settings=ChainSettings(
-            trace=TraceSettings(
-                rays=DEFAULT_RAYS if rays is None else rays, depth=DEFAULT_DEPTH if depth is None else depth
-            ),
-            processing=Processing(
-                noise=noise,
-                store=choice("--store", store, STORES),
-                truth_window=choice("--truth-window", truth_window, ANGLE_WINDOWS),
-            ),
-            device=device_of(device, bool(wanted), synthesis),
+            trace=TraceSettings(rays=asked.rays or DEFAULT_RAYS, depth=asked.depth or DEFAULT_DEPTH),
+            processing=Processing(noise=asked.noise, store=asked.store, truth_window=asked.truth_window),
+            device=device_of(asked.device, bool(scenes), synthesis),
         ),
-        effects=effects_of(effects),
-        budget_db=DEFAULT_BUDGET_DB if error_budget is None else error_budget,
-        licence=stated_licence(license),
+        effects=parse_effects(effects),
+        budget_db=asked.error_budget or DEFAULT_BUDGET_DB,
+        licence=stated_licence(asked.license),
     )

@@ -17,7 +17,6 @@ from datafactory.run.preparation import deal_of, deal_of_stored, load_of, opened
 from datafactory.run.room import CLOSE_TARGETS, STREETS, free_bytes
 from datafactory.run.shards import plan_shards
 from datafactory.run.stored import stored_paths
-from datafactory.scenes.scene import Scene
 from shared.dataset import description, row_bytes
 from shared.dataset.locations import Location, RemotePath
 from shared.processes.machine import usable_memory
@@ -78,16 +77,14 @@ def forecast(order: Order, directory: Location, workers: int, shard: str | None 
     :param shard: of :func:`datafactory.render`: what this job will take
     :raises InputError: what a run would refuse of its scenes, poses and split
     """
-    scenes = list[Scene]()
+    scenes = opened_scenes(order) if order.paths is None else []
     if order.paths is None:
-        scenes = opened_scenes(order)
         deal = deal_of(order, scenes)
-        splits, scene_frames, point_frames = deal.splits(), deal.scene_frames, len(deal) - deal.scene_frames
         for frame_id in {deal.frames_of(number)[0] for number in range(len(scenes)) if deal.frames_of(number)}:
             deal.frame(frame_id)  # a scene without free ground is refused here
     else:
         deal = deal_of_stored(order, stored_paths(order, order.paths))
-        splits, scene_frames, point_frames = deal.splits(), deal.scene_frames, len(deal) - deal.scene_frames
+    splits, scene_frames = deal.splits(), deal.scene_frames
     settings, waveform, channels = order.settings, order.radar.waveform, order.radar.array.channels
     rays = float(settings.trace.rays)
     of_points = SAMPLE_S * channels * waveform.chirps * waveform.samples
@@ -101,10 +98,8 @@ def forecast(order: Order, directory: Location, workers: int, shard: str | None 
         own = {frame_id for plan in plans for frame_id in plan.frame_ids}
         splits = tuple(split for frame_id, split in enumerate(splits) if frame_id in own)
         scene_frames = sum(frame_id < scene_frames for frame_id in own)
-        point_frames = len(own) - scene_frames
-    shards = len(plans)
-    load = load_of(order, scenes)
-    limit = usable_memory()
+    shards, point_frames = len(plans), len(splits) - scene_frames
+    load, limit = load_of(order, scenes), usable_memory()
     workers = min(workers or min(processes(0, settings.device), max(1, most_workers(load, limit))), shards)
     return Forecast(
         frames=dict(Counter(splits)),

@@ -3,16 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
-
-from datafactory.cli import options
-from datafactory.cli.progress import shown as showing
+from datafactory.api.options import AccuracyOptions, OrderOptions
+from datafactory.cli.console import plain_console, shown, table
+from datafactory.cli.options import asking
 from datafactory.frame.defaults import DEFAULT_FRAMES, IMAGE_BATCH
 from shared.physics.errors import InputError
 
@@ -23,113 +18,68 @@ TABLE_WIDTH = 175
 """Columns that the table needs; a narrower terminal wraps its lines rather than its cells."""
 
 
-def accuracy(
-    out: Annotated[Path, typer.Option("--out", help="Folder for the tables and the picture.", show_default=False)],
-    scene_name: options.SceneName = None,
-    scene: Annotated[
-        str | None,
-        typer.Option(help="USD, Mitsuba XML or mesh file, or shipped:NAME or sionna:NAME.", show_default=False),
-    ] = None,
-    radar: options.RadarName = options.DEFAULT_RADAR_NAME,
-    frames: Annotated[int, typer.Option(min=1, max=IMAGE_BATCH, help="Frames to measure on; --quick takes one.")] = 2,
-    poses: Annotated[
-        Path | None, typer.Option(help="JSON file of sensor poses to measure at, instead of drawn ones.")
-    ] = None,
-    seed: options.Seed = 0,
-    repeats: Annotated[int, typer.Option(min=1, max=20, help="Timed runs of each stage and frame.")] = 1,
-    rays: Annotated[
-        int | None,
-        typer.Option(min=1, help="Rays a frame wherever they are not varied; 200000, or 50000 with --quick."),
-    ] = None,
-    most_rays: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            help="Try more rays too, in doublings up to these; the reference has twice as many. More than 800000, or "
-            "than 200000 with --quick.",
-            show_default=False,
-        ),
-    ] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="One frame, fewer settings; for a small scene.")] = False,
-    materials: Annotated[Path | None, typer.Option(help="TOML file that overrides the material table.")] = None,
-    variant: options.Variants = None,
-    allow_missing: options.AllowMissing = False,
-) -> None:
+@asking(AccuracyOptions)
+def accuracy(asked: AccuracyOptions) -> None:
     """Show what accuracy costs in time: every approximation as a knob with its price and its error."""
     from datafactory.accuracy import chart, knobs, lattices, report
     from datafactory.accuracy.power import Effort
     from datafactory.accuracy.samples import SampleFrame, made_with, planned_scenes
     from datafactory.accuracy.sweep import sweep
+    from datafactory.api.asking import materials_of, order_of
+    from datafactory.api.declared import common
     from datafactory.paths.backend import select_variant, set_threads
-    from datafactory.run.order import Order
     from datafactory.run.preparation import prepare
-    from datafactory.scenes.materials.table import load_materials
-    from datafactory.scenes.poses import read_poses
-    from shared.radar import load_radar
 
-    scene = options.one_scene(scene_name, scene)
+    scene, out, quick = asked.scene, asked.out, asked.quick
     if scene is None:
         raise InputError("--scene", "missing", "a scene file or sionna:NAME")
-    console = Console(soft_wrap=True, highlight=False)
-    model, table = load_radar(radar), load_materials(materials)
-    if most_rays is not None:
-        _check_most_rays(most_rays, quick, model)
-    given = read_poses(poses) if poses else ()
+    console = plain_console()
+    # As many frames are drawn as of a run, of which the first are measured; rays and depth are varied.
+    order = order_of(common(OrderOptions, asked, scenes=scene, frames=DEFAULT_FRAMES, rays=None))
+    model = order.radar
+    if asked.most_rays is not None:
+        _check_most_rays(asked.most_rays, quick, model)
     try:
         out.mkdir(parents=True, exist_ok=True)
     except FileExistsError:
         raise InputError("--out", f"{out} is a file", "a folder") from None
     select_variant()
     set_threads(1)
-    count = min(1 if quick else frames, len(given) or IMAGE_BATCH)
-    order = Order(
-        radar=model,
-        scenes=tuple(options.read_as_asked([scene], variant, allow_missing)),
-        frames=0 if given else DEFAULT_FRAMES,
-        poses=given,
-        seed=seed,
-    )
-    prepared = prepare(order, table, lambda line: console.print(line, markup=False))
+    count = min(1 if quick else asked.frames, len(order.poses) or IMAGE_BATCH)
+    prepared = prepare(order, materials_of(asked.materials), console.print)
     (planned,) = planned_scenes(order, prepared)
     effects = planned.effects
     samples = [SampleFrame(prepared.deal.frame(frame_id), planned.scene) for frame_id in range(count)]
     signal: tuple[knobs.Knob, ...] = knobs.SIGNAL_KNOBS
     power: tuple[knobs.Knob, ...] = knobs.POWER_KNOBS
-    effort = Effort(knobs.REFERENCE_RAYS, repeats=repeats)
+    effort = Effort(knobs.REFERENCE_RAYS, repeats=asked.repeats)
     if quick:
         signal, power = knobs.QUICK_SIGNAL_KNOBS, knobs.QUICK_POWER_KNOBS
         effort = Effort(
             knobs.QUICK_REFERENCE_RAYS, realisations=2, reference_realisations=3, batch=1, rays=knobs.QUICK_RAYS
         )
-    if rays is not None:
-        effort = replace(effort, rays=rays, reference_rays=max(effort.reference_rays, 2 * rays))
-    if most_rays is not None:
-        power = knobs.with_more_rays(power, most_rays)
-        effort = replace(effort, reference_rays=max(effort.reference_rays, 2 * most_rays))
+    if asked.rays is not None:
+        effort = replace(effort, rays=asked.rays, reference_rays=max(effort.reference_rays, 2 * asked.rays))
+    if asked.most_rays is not None:
+        power = knobs.with_more_rays(power, asked.most_rays)
+        effort = replace(effort, reference_rays=max(effort.reference_rays, 2 * asked.most_rays))
     toggled = knobs.effect_knobs(effects, planned.absent)
     signal += tuple(knob for knob in toggled if not knob.power)
     power += tuple(knob for knob in toggled if knob.power)
-    with showing(console) as progress:
+    with shown(console) as progress:
         rows = sweep(
-            samples,
-            signal,
-            power,
-            effort,
-            model,
-            lambda done, total, label: progress(label, done, total),
+            samples, signal, power, effort, model, lambda done, total, label: progress(label, done, total),
             made_with(order, effects),
-        )
+        )  # fmt: skip
     rows = [row.planned(planned.changes_db) for row in rows]
-    shown = Table(*map(escape, report.HEADINGS), title=escape(f"What accuracy costs: {scene}"), title_justify="left")
-    for row in report.table_rows(rows):
-        shown.add_row(*map(escape, row))
-    Console(width=max(console.width, TABLE_WIDTH), soft_wrap=True, highlight=False).print(shown)
+    wide = plain_console(narrowest=TABLE_WIDTH)
+    wide.print(table(f"What accuracy costs: {scene}", report.HEADINGS, report.table_rows(rows)))
     for line in (*report.EXPLANATION, report.effects_line(effects, planned.absent), *lattices.lines(rows)):
-        console.print(line, markup=False)
+        console.print(line)
     batch = f"{effort.rays} rays, images in batches of {effort.batch}"
-    title = f"{scene}: {count} frame{'s' if count > 1 else ''}, seed {seed}, radar {model.name}, {batch}"
+    title = f"{scene}: {count} frame{'s' if count > 1 else ''}, seed {asked.seed}, radar {model.name}, {batch}"
     for path in (*report.write_tables(rows, out), chart.write_picture(rows, title, out)):
-        console.print(f"wrote {path}", markup=False)
+        console.print(f"wrote {path}")
 
 
 def _check_most_rays(most_rays: int, quick: bool, radar: Radar) -> None:

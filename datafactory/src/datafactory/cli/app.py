@@ -14,18 +14,10 @@ from typer.core import TyperCommand
 from typer.exceptions import TyperException
 
 from datafactory.cli.accuracy import accuracy
-from datafactory.cli.check import check
 from datafactory.cli.city import city
-from datafactory.cli.convert import convert
-from datafactory.cli.doctor import doctor
-from datafactory.cli.inspect import inspect
-from datafactory.cli.merge import merge
+from datafactory.cli.inspection import check, doctor, inspect, scenes, view
+from datafactory.cli.making import convert, merge, points, render, trace
 from datafactory.cli.plan import plan
-from datafactory.cli.points import points
-from datafactory.cli.render import render
-from datafactory.cli.scenes import scenes
-from datafactory.cli.trace import trace
-from datafactory.cli.view import view
 from shared.processes.command_line import Ending, run_app
 from shared.processes.interrupt import INTERRUPTED
 

@@ -3,45 +3,21 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
-from typing import Annotated
 
 import typer
 
-from datafactory.scenes.city.style import MOST_BLOCKS, Style
+from datafactory.api.options import CityOptions
+from datafactory.cli.options import asking
 from shared.physics.errors import InputError
-from shared.processes.defaults import LARGEST_SEED
 
 
-def city(
-    out: Annotated[Path, typer.Option("--out", help="File to write: .usda or .usdc.", show_default=False)],
-    seed: Annotated[int, typer.Option(min=0, max=LARGEST_SEED, help="Same seed, same bytes.")] = 0,
-    blocks: Annotated[
-        int | None,
-        typer.Option(min=1, max=MOST_BLOCKS, help="House blocks along the street; 2 without.", show_default=False),
-    ] = None,
-    style: Annotated[Style, typer.Option(help="What the city is like.")] = Style.OLD_TOWN,
-    traffic: Annotated[
-        bool, typer.Option(help="With what moves; without, the streets are free for --populate.")
-    ] = True,
-    opendrive: Annotated[
-        Path | None, typer.Option(help="Roads, lanes and traffic from an OpenDRIVE file (.xodr).", show_default=False)
-    ] = None,
-    osm: Annotated[
-        Path | None, typer.Option(help="The same from an OpenStreetMap extract (.osm).", show_default=False)
-    ] = None,
-    centre: Annotated[
-        str | None,
-        typer.Option(help="x,y of the window's middle in the network [m]; its own without.", show_default=False),
-    ] = None,
-    extent: Annotated[
-        float | None, typer.Option(help="Side of the window [m]; 300 without.", show_default=False)
-    ] = None,
-) -> None:
+@asking(CityOptions)
+def city(asked: CityOptions) -> None:
     """Write a city with traffic: a procedural one, or one on the roads of a real network."""
-    if opendrive is not None and osm is not None:
+    blocks, centre, extent = asked.blocks, asked.centre, asked.extent
+    if asked.opendrive is not None and asked.osm is not None:
         raise InputError("city", "--opendrive and --osm are both given", "one of the two")
-    source = opendrive if opendrive is not None else osm
+    source = asked.osm if asked.opendrive is None else asked.opendrive
     if source is None:
         if centre is not None or extent is not None:
             raise InputError(
@@ -49,10 +25,10 @@ def city(
             )
         from datafactory.scenes.city.city import write_city
 
-        write_city(out, seed, 2 if blocks is None else blocks, style, traffic)
-        typer.echo(f"wrote {out}")
+        write_city(asked.out, asked.seed, 2 if blocks is None else blocks, asked.style, asked.traffic)
+        typer.echo(f"wrote {asked.out}")
         return
-    if not traffic:
+    if not asked.traffic:
         raise InputError(
             "city", "--no-traffic beside a network", "--no-traffic of a procedural city, or the network's traffic"
         )
@@ -60,9 +36,10 @@ def city(
         raise InputError("city", "--blocks beside a network", "--extent, which says how much of it")
     from datafactory.scenes.network.town import write_town
 
-    form, window = "opendrive" if opendrive is not None else "osm", {} if extent is None else {"extent": extent}
-    moving = write_town(out, source, form, seed, style, None if centre is None else _place(centre), **window)
-    typer.echo(f"wrote {out}: {moving} vehicles drive")
+    form, window = "osm" if asked.opendrive is None else "opendrive", {} if extent is None else {"extent": extent}
+    middle = None if centre is None else _place(centre)
+    moving = write_town(asked.out, source, form, asked.seed, asked.style, middle, **window)
+    typer.echo(f"wrote {asked.out}: {moving} vehicles drive")
 
 
 def _place(text: str) -> tuple[float, float]:

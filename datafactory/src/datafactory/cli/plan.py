@@ -11,47 +11,20 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from datafactory.cli import options
-from datafactory.cli.progress import shown
-from datafactory.frame.defaults import (
-    DEFAULT_BUDGET_DB,
-    DEFAULT_FRAMES,
-    DEFAULT_PATTERN,
-    LARGEST_BUDGET_DB,
-    SMALLEST_BUDGET_DB,
-)
-from datafactory.paths.defaults import DEFAULT_DEPTH, DEFAULT_RAYS
+from datafactory.api.options import PlanOptions
+from datafactory.cli.console import shown
+from datafactory.cli.options import asking
 
 TABLE_WIDTH = 150
 
 
+@asking(PlanOptions)
 def plan(
-    scenes: options.SceneNames = None,
-    scene: options.Scenes = None,
-    variant: options.Variants = None,
-    allow_missing: options.AllowMissing = False,
-    populate: options.Populate = None,
-    poses: options.Poses = None,
-    frames: options.Frames = DEFAULT_FRAMES,
-    split: options.Split = DEFAULT_PATTERN,
-    radar: options.RadarName = options.DEFAULT_RADAR_NAME,
+    asked: PlanOptions,
     as_json: Annotated[bool, typer.Option("--json", help="Print the plan as JSON and nothing else.")] = False,
     out: Annotated[
         Path | None, typer.Option("--out", help="Folder for plan.json and plan.png.", show_default=False)
     ] = None,
-    error_budget: Annotated[
-        float,
-        typer.Option(min=SMALLEST_BUDGET_DB, max=LARGEST_BUDGET_DB, help="What leaving an effect out may cost [dB]."),
-    ] = DEFAULT_BUDGET_DB,
-    seed: options.Seed = 0,
-    materials: options.Materials = None,
-    rays: options.Rays = DEFAULT_RAYS,
-    depth: options.Depth = DEFAULT_DEPTH,
-    prove_it: Annotated[
-        bool, typer.Option("--prove", help="Simulate one frame as planned and with every effect, and compare.")
-    ] = False,
-    device: options.Device = options.DEFAULT_DEVICE,
-    times: Annotated[bool, typer.Option("--times/--no-times", help="Measure what each effect costs in time.")] = True,
 ) -> None:
     """Say which effects will be simulated, why, what each costs and what leaving it out would cost.
 
@@ -63,23 +36,8 @@ def plan(
 
     console = Console(soft_wrap=True, highlight=False, stderr=as_json)
     with shown(console, transient=True) as advance:
-        planned = plan_of(
-            options.read_as_asked([*(scenes or ()), *(scene or ())], variant, allow_missing, populate, seed),
-            radar=radar,
-            frames=frames,
-            poses=poses,
-            seed=seed,
-            split=split,
-            materials=materials,
-            rays=rays,
-            depth=depth,
-            error_budget=error_budget,
-            times=times,
-            prove=prove_it,
-            device=device,
-            announce=lambda line: console.print(line, markup=False),
-            progress=advance,
-        )
+        told = {"announce": lambda line: console.print(line, markup=False), "progress": advance}
+        planned = plan_of(**{**vars(asked), **told})
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
         for number, item in enumerate(planned):

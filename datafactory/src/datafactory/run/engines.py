@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Protocol
 
+from datafactory.run.defaults import LOCAL, RAY
 from datafactory.run.progress import workers_folder
 from datafactory.run.shards import ShardPlan
 from datafactory.run.workers import ShardResult, ShardWork
@@ -14,16 +15,13 @@ from shared.physics.errors import InputError
 from shared.processes.pool import WorkerPool
 from shared.processes.tasks import Pool
 
-LOCAL, RAY = "local", "ray"
-ENGINES = (LOCAL, RAY)
-
 
 class Engine(Protocol):
     """Gives a run its pool."""
 
     @property
     def name(self) -> str:
-        """One of :data:`ENGINES`."""
+        """One of :data:`datafactory.run.defaults.ENGINES`."""
 
     def processes_here(self, workers: int) -> int:
         """Processes of this machine that make shards at a time; this one makes the plan, and counts as one.
@@ -57,7 +55,7 @@ class Local:
 def opened(name: str, address: str | None, announce: Callable[[str], None]) -> Iterator[Engine]:
     """An engine that is ready to work; its connection, where it has one, ends with the block.
 
-    :param name: one of :data:`ENGINES`
+    :param name: one of :data:`datafactory.run.defaults.ENGINES`
     :param address: HOST:PORT of a Ray cluster; None for the one that this machine is a node of, or one for this run
     :param announce: takes lines for the user
     :raises InputError: an address without Ray, Ray not installed, a cluster that cannot be reached or worked with

@@ -22,6 +22,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from shared.physics.errors import InputError
+from shared.processes.defaults import STORES
 from shared.radar import Radar
 
 VERSION = 1
@@ -31,7 +32,6 @@ METADATA_KEY = b"sparseradar"
 """Key of the JSON description in the Parquet schema's metadata."""
 
 KINDS = ("scene", "points")
-STORES = ("range-channel", "range-doppler", "cube")
 
 COMPLEX_ARRAYS = ("range_channel", "cube")
 """Array columns of complex64, stored as float pairs; the other array columns are float32."""

@@ -7,3 +7,9 @@ DEFAULT_RADAR = "avr-qdm-110"
 
 LARGEST_SEED = 2**63 - 1
 """Seeds are stored as int64."""
+
+STORES = ("range-channel", "range-doppler", "cube")
+"""What can be kept of a frame, see :func:`shared.dataset.description`."""
+
+ANGLE_WINDOWS = ("none", "taylor-25", "taylor-30", "hann")
+"""Windows over the virtual sensor's elements that the truth can be made with."""

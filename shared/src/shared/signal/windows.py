@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Float64
 
+from shared.processes.defaults import ANGLE_WINDOWS
 from shared.radar import Radar
 
 
@@ -33,10 +34,6 @@ def cell_noise_power(radar: Radar) -> float:
         window = hann(length)
         power *= float(np.sum(window**2) / np.sum(window) ** 2)
     return power
-
-
-ANGLE_WINDOWS = ("none", "taylor-25", "taylor-30", "hann")
-"""Windows over the virtual sensor's elements that the truth can be made with."""
 
 
 def angle_window(name: str, elements: int) -> Float64[np.ndarray, " {elements}"]:

@@ -59,7 +59,7 @@ class PointCrops:
 class OnlinePoints:
     """Crops of point targets for one radar.
 
-    :param truth_window: over the virtual sensor's elements, of :data:`shared.signal.windows.ANGLE_WINDOWS`
+    :param truth_window: over the virtual sensor's elements, of :data:`shared.processes.defaults.ANGLE_WINDOWS`
     :param channels: that the network sees; the more, the weaker a target may be that still is one
     """
 

@@ -1,0 +1,152 @@
+"""How options are declared: each once, as a field of a value, which commands and functions are made to take.
+
+A field is ``name: Annotated[type, Option(help, ...)] = default``, in a module whose annotations are not postponed. A
+value checks itself when it is made, so that both refuse the same things in the same words. :func:`taking` makes a
+function's parameters of the fields, and :func:`datafactory.cli.options.asking` a command's. Nothing here computes:
+``--help`` imports it.
+"""
+
+import inspect
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import update_wrapper
+from typing import Any, ClassVar, ForwardRef, NamedTuple, ParamSpec, TypeVar, dataclass_transform
+
+from shared.physics.errors import InputError, meant
+
+P = ParamSpec("P")
+R = TypeVar("R")
+A = TypeVar("A", bound="Options")
+
+HEADINGS = ("", "Scene", "Sensor", "Sampling", "Effects and accuracy", "Output", "Execution")
+"""Of groups, in the order in which help has them; the first is for all others."""
+
+
+@dataclass(frozen=True)
+class Option:
+    """What is to be known of an option beside its name, its type and its default.
+
+    :param help: for commands and functions alike
+    :param python: what a function's caller is told as well
+    :param least, most: bounds, which are allowed themselves
+    :param choices: what a text may be
+    :param typed: the type on the command line, where a function takes more than can be typed
+    :param flag: the option's name there, where it is not that of the field; None: it is given by its place alone
+    :param metavar: what stands there for the value
+    :param place: what stands there for the value of an option that may also be given by its place
+    :param usual: the default that help shows, where the field's is None: what is not stated may follow from the rest
+    :param there: the default on the command line, where it is another one
+    :param shown: whether commands have it
+    :param first: whether a newcomer needs it: help shows these before the others, which stand under headings
+    """
+
+    help: str
+    python: str = ""
+    least: float = float("-inf")
+    most: float = float("inf")
+    choices: tuple[str, ...] = ()
+    typed: Any = None
+    flag: str | None = ""
+    metavar: str | None = None
+    place: str | None = None
+    usual: Any = None
+    there: Any = None
+    shown: bool = True
+    first: bool = False
+
+    def check(self, flag: str, value: Any) -> None:
+        """:raises InputError: a value out of bounds, or none of the choices"""
+        if self.choices and value not in self.choices:
+            raise InputError(flag, repr(value), f"one of {', '.join(self.choices)}{meant(value, self.choices)}")
+        bounded = (self.least, self.most) != (Option.least, Option.most)
+        if bounded and value is not None and not self.least <= value <= self.most:
+            at_least = self.most == Option.most
+            raise InputError(
+                flag, f"{value!r}", f"at least {self.least:g}" if at_least else f"{self.least:.12g} to {self.most:.12g}"
+            )
+
+
+class Declared(NamedTuple):
+    """An option of a group: its type, as text where only a type checker imports it, and its heading in help."""
+
+    name: str
+    flag: str
+    annotation: Any
+    default: Any
+    heading: str
+    option: Option
+
+
+@dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(field,))
+class Options:
+    """A group of options, a frozen value: its fields can be told by their names alone, unless they say otherwise.
+
+    A group may be made of others.
+    """
+
+    heading: ClassVar[str] = ""
+
+    def __init_subclass__(cls, heading: str = "") -> None:
+        cls.heading = heading or cls.heading
+        dataclass(frozen=True, kw_only=True)(cls)
+
+    def __post_init__(self) -> None:
+        """:raises InputError: see :meth:`Option.check`"""
+        for item in declared(type(self)):
+            item.option.check(item.flag, getattr(self, item.name))
+
+
+def declared(group: Callable[..., Options]) -> list[Declared]:
+    """The options of a group; the heading of each is that of the group that has it first."""
+    assert isinstance(group, type)
+    found = []
+    for name, parameter in inspect.signature(group).parameters.items():
+        owners = (one for one in reversed(group.__mro__) if name in inspect.get_annotations(one))
+        kind, (option,) = parameter.annotation.__origin__, parameter.annotation.__metadata__
+        kind = kind.__forward_arg__ if isinstance(kind, ForwardRef) else kind
+        flag = option.place if option.flag is None else option.flag or f"--{name.replace('_', '-')}"
+        found.append(Declared(name, flag, kind, parameter.default, vars(next(owners))["heading"], option))
+    return found
+
+
+def common(group: type[A], given: Options, **others: Any) -> A:
+    """What a group has in common with a value of another one; the rest at its defaults, or as ``others`` says."""
+    names = {item.name for item in declared(group)} & vars(given).keys()
+    return group(**{name: vars(given)[name] for name in names} | others)
+
+
+def taking(group: Callable[P, A]) -> Callable[[Callable[[A], R]], Callable[P, R]]:
+    """Make a function of a value one that takes the value's options, with their signature and documentation."""
+
+    def made(function: Callable[[A], R]) -> Callable[P, R]:
+        options, signature = declared(group), inspect.signature(group)
+        parameters = zip(signature.parameters.values(), options, strict=True)
+        signature = inspect.Signature(
+            [parameter.replace(annotation=item.annotation) for parameter, item in parameters],
+            return_annotation=function.__annotations__["return"],
+        )
+
+        def called(*given: P.args, **named: P.kwargs) -> R:
+            signature.bind(*given, **named)  # what is not taken is an error of this function, not of its group
+            return function(group(*given, **named))
+
+        update_wrapper(called, function, ("__module__", "__name__", "__qualname__"), ())
+        vars(called)["__signature__"] = signature
+        names = {item.flag: f"``{item.name}``" for item in options}
+        lines = [f":param {item.name}: {meaning(item.option, names)}\n" for item in options]
+        said, *rest = re.split(r"^(?=:returns|:raises)", inspect.getdoc(function) or "", maxsplit=1, flags=re.MULTILINE)
+        called.__doc__ = f"{said.rstrip()}\n\n{''.join(lines)}{''.join(rest)}"
+        return called
+
+    return made
+
+
+def meaning(option: Option, names: Mapping[str, str]) -> str:
+    """What a function's caller is told of an option.
+
+    :param names: those of parameters, in place of what they are called on the command line
+    """
+    said = re.sub(r"--[a-z][a-z-]*", lambda flag: names.get(flag[0], flag[0]), option.help)
+    usual = "" if option.usual is None else f"{option.usual} by default."
+    return " ".join(filter(None, (said, usual, option.python)))

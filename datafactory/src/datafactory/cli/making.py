@@ -1,0 +1,122 @@
+"""``datafactory render``, ``points``, ``trace``, ``merge`` and ``convert``: what writes datasets."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING, Annotated, TypeAlias
+
+import typer
+
+from datafactory.api.options import ConvertOptions, MergeOptions, PointsOptions, RenderOptions, RunOptions, TraceOptions
+from datafactory.cli.console import plain_console, shown
+from datafactory.cli.options import asking
+
+if TYPE_CHECKING:
+    from datafactory.run.pipeline import Report
+
+Verbose: TypeAlias = Annotated[
+    bool, typer.Option("--verbose", "-v", help="Also say what was counted: rays, paths, what was left out and why.")
+]
+
+
+@asking(RenderOptions)
+def render(
+    asked: RenderOptions,
+    dry_run: Annotated[
+        bool,
+        typer.Option("--dry-run", help="Only say what it will take: frames, disk, memory, time; nothing is written."),
+    ] = False,
+    verbose: Verbose = False,
+) -> None:
+    """Render frames of scenes, and close-target frames beside them, into a dataset."""
+    from datafactory.api import making
+    from datafactory.api.asking import order_of
+    from datafactory.api.forecasting import forecast
+    from shared.dataset.locations import locate
+
+    if dry_run:
+        for line in forecast(order_of(asked), locate(asked.out), asked.workers, asked.shard).lines():
+            typer.echo(line)
+        return
+    _run(partial(making.render, **vars(asked)), verbose)
+    next_step(asked, f"look:  datafactory inspect {asked.out}")
+
+
+@asking(PointsOptions)
+def points(asked: PointsOptions, verbose: Verbose = False) -> None:
+    """Render close-target frames, the paper's synthetic set, or exactly the targets of a file."""
+    from datafactory.api import making
+
+    given = {**vars(asked), "scenes": None, "frames": 0, "points": asked.frames}
+    _run(partial(making.render, **given), verbose)
+    next_step(asked, f"look:  datafactory inspect {asked.out}")
+
+
+@asking(TraceOptions)
+def trace(asked: TraceOptions, verbose: Verbose = False) -> None:
+    """Trace multipath into DIR/paths; `datafactory render --paths DIR` renders any radar from it.
+
+    Of the radar, only its wavelength matters here, and with --error-budget its antennas and resolution.
+    """
+    from datafactory.api import making
+
+    _run(partial(making.trace, **vars(asked)), verbose)
+    next_step(asked, f"next:  datafactory render --paths {asked.out} --out ANOTHER_FOLDER")
+
+
+@asking(MergeOptions)
+def merge(asked: MergeOptions, verbose: Verbose = False) -> None:
+    """Join the jobs of an array into one dataset: the shards and the manifest of the run in one piece.
+
+    Shards are linked where the jobs lie on the same disk, and copied where not.
+    """
+    from datafactory.api import merging
+
+    _run(partial(merging.merge, **vars(asked)), verbose)
+    typer.echo(f"look:  datafactory inspect {asked.out}")
+
+
+@asking(ConvertOptions)
+def convert(asked: ConvertOptions) -> None:
+    """Write a dataset in another layout, and say what has no place in it."""
+    from datafactory.api.converting import convert as made
+
+    console = plain_console()
+    with shown(console, transient=True) as advance:
+        converted = made(**{**vars(asked), "progress": advance})
+    console.print(f"{converted.frames} frames in {converted.directory}")
+    for note in converted.notes:
+        console.print(f"  {note}")
+
+
+def _run(make: Callable[..., Report], verbose: bool) -> Report:
+    """Make a dataset with its progress in view, and print what was made.
+
+    :param make: takes ``announce`` and ``progress``
+    :param verbose: also what was counted
+    """
+    from datafactory.run.counts import told
+
+    console = plain_console()
+    with shown(console) as advance:
+        report = make(announce=console.print, progress=advance)
+    kept = f" ({report.shards_kept} shards kept from before)" if report.shards_kept else ""
+    took = f"{report.seconds:.0f} s, opening and planning included"
+    console.print(f"{report.frames} frames in {report.directory}, {took}{kept}")
+    for line in told(report.counts, verbose):
+        console.print(f"  {line}")
+    return report
+
+
+def next_step(asked: RunOptions, step: str) -> None:
+    """Print the command that comes next: of a job it is the merge, which takes local folders.
+
+    :param step: what comes next of a run in one piece
+    """
+    if asked.shard is not None:
+        step = f"next:  datafactory merge {asked.out} --out ANOTHER_FOLDER, once all jobs are done"
+    if asked.shard is not None and "://" in str(asked.out):
+        copy = f"copy {asked.out} to a local FOLDER; datafactory merge FOLDER --out DIR"
+        step = f"next:  once all jobs are done, {copy}"
+    typer.echo(step)

@@ -1,0 +1,106 @@
+"""Options are declared once: the command and the function that take a group have the same names, bounds and texts."""
+
+import inspect
+import re
+from typing import Annotated
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from datafactory.api.declared import HEADINGS, Option, Options, common, declared, taking
+from datafactory.api.making import render
+from datafactory.api.options import OrderOptions, RenderOptions, TraceOptions
+from datafactory.cli.app import app
+from datafactory.cli.options import asking
+from shared.physics.errors import InputError
+
+
+class Drawing(Options, heading="Sampling"):
+    count: Annotated[int, Option("How many.", least=1, most=8, there=2)] = 4
+    colour: Annotated[str, Option("Which, beside --count.", "Or both.", choices=("red", "blue"))] = "red"
+    grid: Annotated[bool, Option("Lines.")] = True
+    width: Annotated[float | None, Option("Of a line.", usual=0.5)] = None
+    told: Annotated[object, Option("Takes lines.", shown=False)] = None
+
+
+@taking(Drawing)
+def drawn(asked: Drawing) -> Drawing:
+    """Draw.
+
+    :returns: what was asked
+    """
+    return asked
+
+
+def command() -> tuple[typer.Typer, list[Drawing]]:
+    """A command of the group, and what it was called with."""
+    seen: list[Drawing] = []
+    program = typer.Typer()
+
+    @program.command()
+    @asking(Drawing)
+    def draw(asked: Drawing, fast: bool = False) -> None:
+        """Draw."""
+        seen.append(asked)
+        assert not fast
+
+    return program, seen
+
+
+def test_a_function_has_the_names_the_defaults_and_the_texts() -> None:
+    parameters = inspect.signature(drawn).parameters
+    assert {name: item.default for name, item in parameters.items()} == vars(Drawing())
+    assert ":param colour: Which, beside ``count``. Or both.\n" in (drawn.__doc__ or "")
+    assert ":param width: Of a line. 0.5 by default.\n" in (drawn.__doc__ or "")
+    assert (drawn.__doc__ or "").endswith(":returns: what was asked")
+    assert drawn(count=3, grid=False) == Drawing(count=3, grid=False)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"count": 9}, "--count: 9; expected 1 to 8"),
+        ({"colour": "blu"}, "--colour: 'blu'; expected one of red, blue; did you mean 'blue'?"),
+    ],
+)
+def test_a_value_is_refused_wherever_it_is_made(given: dict[str, object], message: str) -> None:
+    for make in (drawn, Drawing):
+        with pytest.raises(InputError) as caught:
+            make(**given)  # type: ignore[arg-type]
+        assert str(caught.value) == message
+
+
+def test_what_a_function_does_not_take_is_its_own_error() -> None:
+    with pytest.raises(TypeError, match=r"^got an unexpected keyword argument 'counts'"):
+        drawn(counts=3)  # type: ignore[call-arg]
+
+
+def test_a_command_hands_on_what_was_stated_and_its_own_defaults() -> None:
+    program, seen = command()
+    for arguments in ([], ["--count", "4", "--no-grid"], ["--width", "0.5"]):
+        assert CliRunner().invoke(program, arguments).exit_code == 0
+    assert seen == [Drawing(count=2), Drawing(count=4, grid=False), Drawing(count=2, width=0.5)]
+    assert CliRunner().invoke(program, ["--count", "9"]).exit_code == 2
+    assert CliRunner().invoke(program, ["--told", "x"]).exit_code == 2
+
+
+def test_groups_share_what_they_have_in_common() -> None:
+    traced = TraceOptions("tiny.usda", "out", rays=7, radar="iwr1843")
+    assert common(OrderOptions, traced) == OrderOptions("tiny.usda", rays=7, radar="iwr1843")
+
+
+def test_help_begins_with_what_a_newcomer_needs() -> None:
+    page = CliRunner().invoke(app, ["render", "--help"], env={"COLUMNS": "120", "TERM": "dumb"}).output
+    titles = ["Options", *HEADINGS[1:]]
+    places = [page.index(f"─ {title} ─") for title in titles]
+    assert places == sorted(places)
+    needed = {item.flag for item in declared(RenderOptions) if item.option.first}
+    shown = re.findall(r"^│[ *]+(--[a-z-]+) ", page[: places[1]], re.MULTILINE)
+    assert set(shown) == needed | {"--dry-run", "--verbose", "--help"}
+    assert len(needed) == 8
+
+
+def test_every_option_of_the_command_is_one_of_the_function() -> None:
+    taken = set(inspect.signature(render).parameters)
+    assert {item.name for item in declared(RenderOptions)} == taken
