@@ -1,4 +1,4 @@
-"""Where shards are made: in processes of this machine, or on a Ray cluster. The bytes do not depend on it."""
+"""Where frames are made: in processes of this machine, or on a Ray cluster. The bytes do not depend on it."""
 
 from __future__ import annotations
 
@@ -7,11 +7,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Protocol
 
-from datafactory.run.progress import workers_folder
-from datafactory.run.shards import ShardPlan
-from datafactory.run.workers import ShardResult, ShardWork
+from datafactory.run.portions import PortionWork, Rows
+from datafactory.run.shards import Portion
 from shared.physics.errors import InputError
-from shared.processes.pool import WorkerPool
+from shared.processes.pool import ThisProcess, WorkerPool
 from shared.processes.tasks import Pool
 
 LOCAL, RAY = "local", "ray"
@@ -26,13 +25,16 @@ class Engine(Protocol):
         """One of :data:`ENGINES`."""
 
     def processes_here(self, workers: int) -> int:
-        """Processes of this machine that make shards at a time; this one makes the plan, and counts as one.
+        """Processes of this machine that make frames at a time; this one makes the plan, and counts as one.
 
         :param workers: as :attr:`datafactory.run.pipeline.Execution.workers`
         """
 
-    def pool(self, work: ShardWork, shards: int, workers: int) -> Pool[ShardPlan, ShardResult] | None:
-        """A pool for so many shards; None where this process makes them: a script needs no guard then."""
+    def at_a_time(self, workers: int) -> int:
+        """Processes that make frames at a time, wherever they are."""
+
+    def pool(self, work: PortionWork, portions: int, workers: int) -> Pool[Portion, Rows]:
+        """A pool for so many portions."""
 
 
 @dataclass(frozen=True)
@@ -45,12 +47,16 @@ class Local:
         """All."""
         return workers
 
-    def pool(self, work: ShardWork, shards: int, workers: int) -> Pool[ShardPlan, ShardResult] | None:
-        """None for one worker, or one shard."""
-        count = min(workers, shards)
+    def at_a_time(self, workers: int) -> int:
+        """All."""
+        return workers
+
+    def pool(self, work: PortionWork, portions: int, workers: int) -> Pool[Portion, Rows]:
+        """This process for one worker, or one portion: a script needs no guard then."""
+        count = min(workers, portions)
         if count <= 1:
-            return None
-        return WorkerPool[ShardPlan, ShardResult](work, count, workers_folder(work.directory))
+            return ThisProcess[Portion, Rows](work)
+        return WorkerPool[Portion, Rows](work, count, work.folder / "pool")
 
 
 @contextmanager

@@ -16,15 +16,15 @@ from datafactory.frame.points import rayleigh_length
 from datafactory.paths.storage import paths_schema
 from datafactory.run.array_job import ARGUMENT, ENTRY, ArrayJob, JobEntry
 from datafactory.run.engines import LOCAL, Engine, Local
-from datafactory.run.job import Job, WriteShard, render_shard, trace_shard
+from datafactory.run.job import Job
 from datafactory.run.memory import workers_for
 from datafactory.run.order import Order
+from datafactory.run.portions import PortionWork, Writer, deal_out
 from datafactory.run.preparation import Prepared, load_of, opened_scenes, prepare
-from datafactory.run.progress import FinishedShard, begin, claimed, completed, fingerprint, finish
+from datafactory.run.progress import FinishedShard, begin, claimed, completed, fingerprint, finish, handed_over
 from datafactory.run.provenance import provenance
 from datafactory.run.room import require_room
-from datafactory.run.shards import PATHS, ShardPlan, plan_shards
-from datafactory.run.workers import RunFailed, ShardWork, failure_line, run_shards
+from datafactory.run.shards import PATHS, ShardPlan, plan_shards, portions_of
 from datafactory.scenes.materials.table import MaterialTable
 from shared.dataset import VERSION, arrow_schema, description
 from shared.dataset.locations import Location
@@ -60,7 +60,7 @@ class Execution:
     :param workers: processes; one works in this process; 0 for as many as there are cores and memory for. On a cluster:
         of all its nodes, 0 for all that they have
     :param resume: take up an unfinished run
-    :param keep_going: finish the other shards where three worker processes died of one
+    :param keep_going: finish the other shards where three worker processes died of a portion of one
     :param job: make the shards of this job alone; ``directory`` is then the job's own
     :param engine: where shards are made
     :param announce: takes lines for the user: material mappings, warnings
@@ -116,7 +116,7 @@ def _rendered(order: Order, table: MaterialTable, execution: Execution) -> Repor
     if order.licence is not None:
         arguments["license"] = stated["license"] = order.licence
     manifest = {"arguments": arguments, **stated, "scenes": prepared.entries}
-    return _produce(job, order.split, plan_shards(job.deal.splits()), render_shard, manifest, execution, started)
+    return _produce(job, order.split, plan_shards(job.deal.splits()), manifest, execution, started)
 
 
 def trace_paths(order: Order, table: MaterialTable, execution: Execution) -> Report:
@@ -129,9 +129,9 @@ def _traced(order: Order, table: MaterialTable, execution: Execution) -> Report:
     started = time.perf_counter()
     order, execution = _fitted(order, execution, rendered=False)
     prepared = prepare(order, table, execution.announce, execution.looked)
-    job = _job(order, prepared, paths_schema().serialize().to_pybytes())
+    job = replace(_job(order, prepared, paths_schema().serialize().to_pybytes()), paths_alone=True)
     manifest = {"arguments": prepared.arguments, "scenes": prepared.entries}
-    return _produce(job, None, plan_shards((PATHS,) * len(job.deal)), trace_shard, manifest, execution, started)
+    return _produce(job, None, plan_shards((PATHS,) * len(job.deal)), manifest, execution, started)
 
 
 def _fitted(order: Order, execution: Execution, rendered: bool = True) -> tuple[Order, Execution]:
@@ -162,7 +162,6 @@ def _produce(
     job: Job,
     split: str | None,
     plans: Sequence[ShardPlan],
-    write: WriteShard,
     manifest: dict[str, Any],
     execution: Execution,
     started: float,
@@ -188,11 +187,11 @@ def _produce(
     for path in earlier.damaged:
         execution.announce(f"{path} is not as it was recorded and is made again")
     todo = [plan for plan in plans if plan not in earlier.shards]
-    work = ShardWork(job, write, directory, mark)
-    processes = execution.engine.pool(work, len(todo), execution.workers)
-    made = run_shards(work, todo, processes, execution.keep_going, frames, execution.advance)
-    if made.failed:
-        raise RunFailed(failure_line(made.failed))
+    portions = portions_of(todo, execution.engine.at_a_time(execution.workers))
+    made = Writer(job, directory, mark)
+    with handed_over(directory) as folder:
+        pool = execution.engine.pool(PortionWork(job, folder), len(portions), execution.workers)
+        deal_out(portions, pool, made, execution.keep_going, lambda left: execution.advance(frames - left, frames))
     finished = [(earlier.shards | made.shards)[plan] for plan in plans]
     counts = total_counts(finished)
     if execution.job is not None:

@@ -2,8 +2,8 @@
 
 Each worker is a loky executor of one process. A death breaks that executor and no other: its task is tried again in a
 fresh process, and the task that a process died of is known. Workers share no lock and no pipe, which a process that is
-killed could leave locked or half written. What all tasks need is handed over by file, and so are results and the steps
-that were done: a pipe takes a long message in parts, and whoever waits for the rest of it waits for ever.
+killed could leave locked or half written. What all tasks need is handed over by file, and so are results: a pipe takes
+a long message in parts, and whoever waits for the rest of it waits for ever.
 
 A worker ends by itself when the process that started it is gone. Ctrl-C reaches that process alone.
 """
@@ -41,16 +41,51 @@ WORK = "work.pickle"
 
 @dataclass
 class _Worker(Generic[Item]):
-    """One process, and what was handed to it in order.
-
-    :param steps: file that grows by a byte a step
-    :param counted: its size as the last task finished
-    """
+    """One process, and what was handed to it in order."""
 
     executor: ProcessPoolExecutor
-    steps: Path
-    counted: int = 0
     running: deque[tuple[Item, Path, Future[None]]] = field(default_factory=deque)
+
+
+class ThisProcess(Generic[Item, Result]):
+    """A pool without processes: a task is done here when it is asked for.
+
+    :param work: that is done
+    """
+
+    def __init__(self, work: Work[Item, Result]) -> None:
+        self._work = work
+        self._waiting: list[Item] = []
+
+    def __enter__(self) -> ThisProcess[Item, Result]:
+        self._work.begin()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Nothing to end."""
+
+    @property
+    def busy(self) -> bool:
+        """Whether a task is not done."""
+        return bool(self._waiting)
+
+    @property
+    def has_room(self) -> bool:
+        """Whether another task may be handed over."""
+        return not self._waiting
+
+    def submit(self, item: Item) -> None:
+        """Hand over a task."""
+        self._waiting.append(item)
+
+    def finished(self, timeout_s: float) -> Iterator[Finished[Item, Result]]:
+        """Do what was handed over.
+
+        :raises Exception: what the task raised
+        """
+        while self._waiting:
+            item = self._waiting.pop()
+            yield Finished(item, self._work(item))
 
 
 class WorkerPool(Generic[Item, Result]):
@@ -113,14 +148,9 @@ class WorkerPool(Generic[Item, Result]):
                         self.submit(item)
                     continue
                 future.result()
-                worker.counted = _size(worker.steps)
                 result: Result = pickle.loads(answer.read_bytes())
                 answer.unlink()
                 yield Finished(item, result)
-
-    def running_steps(self) -> int:
-        """Steps that were done of tasks that are not finished."""
-        return sum(_size(worker.steps) - worker.counted for worker in self._workers)
 
     def _replace(self, place: int) -> None:
         """A fresh process in the place of one that died; what that had not begun goes on there."""
@@ -131,7 +161,8 @@ class WorkerPool(Generic[Item, Result]):
             self._hand(fresh, item)
 
     def _hand(self, worker: _Worker[Item], item: Item) -> None:
-        answer = self._new_file("result")
+        self._files += 1
+        answer = self._folder / f"result-{self._files}"
         try:
             with without_interrupts():
                 future = worker.executor.submit(_do, item, answer)
@@ -141,22 +172,10 @@ class WorkerPool(Generic[Item, Result]):
         worker.running.append((item, answer, future))
 
     def _started(self) -> _Worker[Item]:
-        steps = self._new_file("steps")
         with without_interrupts():
-            executor = ProcessPoolExecutor(1, initializer=_begin, initargs=(self._folder / WORK, steps, os.getpid()))
+            executor = ProcessPoolExecutor(1, initializer=_begin, initargs=(self._folder / WORK, os.getpid()))
             executor.submit(int)  # starts the process now: all import side by side
-        return _Worker(executor, steps)
-
-    def _new_file(self, kind: str) -> Path:
-        self._files += 1
-        return self._folder / f"{kind}-{self._files}"
-
-
-def _size(path: Path) -> int:
-    try:
-        return path.stat().st_size
-    except FileNotFoundError:
-        return 0
+        return _Worker(executor)
 
 
 def _how(error: BaseException) -> str:
@@ -183,14 +202,13 @@ _given: dict[str, Any] = {}
 """What a worker process was given at its start; an executor hands tasks nothing else."""
 
 
-def _begin(work_file: Path, steps: Path, parent: int) -> None:
+def _begin(work_file: Path, parent: int) -> None:
     end_with_parent(parent)
     # loky would end a worker that grew by 300 MB since its first task, which a larger scene does.
     process_executor._USE_PSUTIL = False
     work = pickle.loads(work_file.read_bytes())
     work.begin()
-    handle = os.open(steps, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
-    _given.update(work=work, report=lambda count: os.write(handle, b"." * count))
+    _given["work"] = work
 
 
 def end_with_parent(parent: int) -> None:
@@ -205,4 +223,4 @@ def _end_with(parent: int) -> None:
 
 
 def _do(item: Any, answer: Path) -> None:
-    answer.write_bytes(pickle.dumps(_given["work"](item, _given["report"])))
+    answer.write_bytes(pickle.dumps(_given["work"](item)))
