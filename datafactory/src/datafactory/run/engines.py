@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import AbstractContextManager, contextmanager
+from functools import partial
 from typing import Protocol
 
-from datafactory.run.portions import PortionWork, Rows
+from datafactory.run.portions import PortionWork, Rows, make_ready
 from datafactory.run.shards import Portion
 from shared.physics.errors import InputError
-from shared.processes.pool import ThisProcess, WorkerPool
+from shared.processes.pool import Processes, ThisProcess, WorkerPool
 from shared.processes.tasks import Pool
 
 LOCAL, RAY = "local", "ray"
@@ -30,6 +30,13 @@ class Engine(Protocol):
         :param workers: as :attr:`datafactory.run.pipeline.Execution.workers`
         """
 
+    def ahead(self, count: int, device: str | None) -> AbstractContextManager[None]:
+        """A block in which processes of this machine get ready while scenes are opened; those not needed end with it.
+
+        :param count: that may be wanted
+        :param device: that scenes are traced on; None where none are
+        """
+
     def at_a_time(self, workers: int) -> int:
         """Processes that make frames at a time, wherever they are."""
 
@@ -37,11 +44,20 @@ class Engine(Protocol):
         """A pool for so many portions."""
 
 
-@dataclass(frozen=True)
 class Local:
     """Processes of this machine."""
 
-    name: str = LOCAL
+    name = LOCAL
+
+    def __init__(self) -> None:
+        self._processes = Processes()
+
+    @contextmanager
+    def ahead(self, count: int, device: str | None) -> Iterator[None]:
+        """None for one: that is this process."""
+        with Processes(partial(make_ready, device)) as self._processes:
+            self._processes.start(count if count > 1 else 0)
+            yield
 
     def processes_here(self, workers: int) -> int:
         """All."""
@@ -56,7 +72,7 @@ class Local:
         count = min(workers, portions)
         if count <= 1:
             return ThisProcess[Portion, Rows](work)
-        return WorkerPool[Portion, Rows](work, count, work.folder / "pool")
+        return WorkerPool[Portion, Rows](work, count, work.folder / "pool", self._processes)
 
 
 @contextmanager

@@ -118,6 +118,11 @@ def processes(workers: int, device: str = CPU) -> int:
     return workers or (1 if device == CUDA else usable_cores())
 
 
+def processes_ahead(workers: int, device: str) -> int:
+    """As :func:`processes`, before it is known what a process takes: as many as there is memory for their libraries."""
+    return min(processes(workers, device), int(usable_memory() // BASE_BYTES))
+
+
 def most_workers(load: Load, limit: float) -> int:
     """How many workers fit into so many bytes; 0 for none."""
     if load.total_bytes(1) > limit:

@@ -9,6 +9,7 @@ import math
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -17,7 +18,7 @@ from datafactory.paths.storage import paths_schema
 from datafactory.run.array_job import ARGUMENT, ENTRY, ArrayJob, JobEntry
 from datafactory.run.engines import LOCAL, Engine, Local
 from datafactory.run.job import Job
-from datafactory.run.memory import workers_for
+from datafactory.run.memory import processes_ahead, workers_for
 from datafactory.run.order import Order
 from datafactory.run.portions import PortionWork, Writer, deal_out
 from datafactory.run.preparation import Prepared, load_of, opened_scenes, prepare
@@ -91,7 +92,7 @@ def render(order: Order, table: MaterialTable, execution: Execution) -> Report:
     :raises OSError: the disk or the store fails; what was finished can be resumed
     :raises RunFailed: worker processes died; what was finished can be resumed
     """
-    with claimed(execution.directory, execution.resume):
+    with claimed(execution.directory, execution.resume), _ahead(order, execution):
         return _rendered(order, table, execution)
 
 
@@ -121,7 +122,7 @@ def _rendered(order: Order, table: MaterialTable, execution: Execution) -> Repor
 
 def trace_paths(order: Order, table: MaterialTable, execution: Execution) -> Report:
     """Trace scene frames into ``paths/`` of the folder, for :func:`render` with ``Order.paths``; otherwise like it."""
-    with claimed(execution.directory, execution.resume):
+    with claimed(execution.directory, execution.resume), _ahead(order, execution):
         return _traced(order, table, execution)
 
 
@@ -132,6 +133,15 @@ def _traced(order: Order, table: MaterialTable, execution: Execution) -> Report:
     job = replace(_job(order, prepared, paths_schema().serialize().to_pybytes()), paths_alone=True)
     manifest = {"arguments": prepared.arguments, "scenes": prepared.entries}
     return _produce(job, None, plan_shards((PATHS,) * len(job.deal)), manifest, execution, started)
+
+
+def _ahead(order: Order, execution: Execution) -> AbstractContextManager[None]:
+    """Workers get ready while scenes are opened: libraries take as long."""
+    device, frames = order.settings.device, order.scene_frames + (len(order.targets) or order.points)
+    count = processes_ahead(execution.workers, device)
+    if order.paths is None:
+        return execution.engine.ahead(min(count, frames), device if order.scenes else None)
+    return execution.engine.ahead(count, None)
 
 
 def _fitted(order: Order, execution: Execution, rendered: bool = True) -> tuple[Order, Execution]:

@@ -18,6 +18,7 @@ import pyarrow as pa
 from threadpoolctl import threadpool_limits
 
 from datafactory.paths.backend import select_variant, set_threads
+from datafactory.paths.solver import load_solver
 from datafactory.run.freed_memory import keep_freed_memory
 from datafactory.run.job import Job, StepSeconds
 from datafactory.run.progress import FinishedShard, record_finished
@@ -59,10 +60,7 @@ class PortionWork:
 
     def begin(self) -> None:
         """Make this process ready."""
-        keep_freed_memory()
-        if self.job.scenes:
-            select_variant(self.job.settings.device)
-            set_threads(1)
+        make_ready(self.job.settings.device if self.job.scenes else None)
 
     def __call__(self, portion: Portion) -> Rows:
         """Make one portion."""
@@ -78,6 +76,18 @@ class PortionWork:
                 stream.write_batch(row)
         rest = time.perf_counter() - started - sum(hook.seconds.values())
         return dict(counts), {**hook.seconds, "between": rest}
+
+
+def make_ready(device: str | None) -> None:
+    """What a process needs whatever it will make: its libraries are loaded and take one core.
+
+    :param device: that scenes are traced on; None where none are
+    """
+    keep_freed_memory()
+    if device is not None:
+        select_variant(device)
+        set_threads(1)
+        load_solver()
 
 
 @contextmanager

@@ -6,7 +6,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import replace
 from importlib.util import find_spec
 from multiprocessing.connection import Pipe
@@ -169,6 +169,10 @@ class RayEngine:
     def processes_here(self, workers: int) -> int:
         """This one, which makes the plan; what the nodes hold is counted by Ray."""
         return 1
+
+    def ahead(self, count: int, device: str | None) -> AbstractContextManager[None]:
+        """No process of this machine is needed."""
+        return nullcontext()
 
     def at_a_time(self, workers: int) -> int:
         """As many as were asked for, or the nodes have cores now."""
