@@ -42,3 +42,8 @@ class Squares:
             (self.folder / f"died-{item}-{len(died)}").touch()
             os.kill(os.getpid(), signal.SIGKILL)
         return item * item, bytes(300_000)  # more than a pipe takes at a time
+
+
+def note_process(folder: Path) -> None:
+    """What a process does that does not know its work yet."""
+    (folder / f"ready-{os.getpid()}").touch()
