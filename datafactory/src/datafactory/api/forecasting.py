@@ -42,7 +42,7 @@ class Forecast:
     :param bytes: on the disk, of which ``free_bytes`` are free; None in an object store
     :param memory_bytes: of all processes together; ``memory``: in words, and how much may be used
     :param seconds: wall-clock, planning included
-    :param workers: no more than there are shards, cores and memory for
+    :param workers: no more than there are frames, cores and memory for
     :param device: that the run will use
     """
 
@@ -105,7 +105,7 @@ def forecast(order: Order, directory: Location, workers: int, shard: str | None 
     shards = len(plans)
     load = load_of(order, scenes)
     limit = usable_memory()
-    workers = min(workers or min(processes(0, settings.device), max(1, most_workers(load, limit))), shards)
+    workers = min(workers or min(processes(0, settings.device), max(1, most_workers(load, limit))), len(splits))
     return Forecast(
         frames=dict(Counter(splits)),
         shards=shards,
