@@ -65,7 +65,7 @@ FULL = Size(
     elements=256,
     angle_bins=450,
     repeats=5,
-    worker_frames=256,
+    worker_frames=96,
     gemm=2048,
     copy_mb=512,
 )
@@ -81,7 +81,7 @@ QUICK = Size(
     elements=256,
     angle_bins=90,
     repeats=2,
-    worker_frames=64,
+    worker_frames=16,
     gemm=1024,
     copy_mb=128,
 )
