@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import signal
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -34,8 +33,7 @@ class Squares:
         if begun < self.dies_at_the_start:
             os.kill(os.getpid(), signal.SIGKILL)
 
-    def __call__(self, item: int, report: Callable[[int], None]) -> tuple[int, bytes]:
-        report(1)
+    def __call__(self, item: int) -> tuple[int, bytes]:
         time.sleep(self.seconds)
         if item < 0:
             raise ValueError(f"{item} has no square here; expected a positive number")
@@ -43,5 +41,9 @@ class Squares:
         if len(died) < self.deaths.get(item, 0):
             (self.folder / f"died-{item}-{len(died)}").touch()
             os.kill(os.getpid(), signal.SIGKILL)
-        report(1)
         return item * item, bytes(300_000)  # more than a pipe takes at a time
+
+
+def note_process(folder: Path) -> None:
+    """What a process does that does not know its work yet."""
+    (folder / f"ready-{os.getpid()}").touch()

@@ -9,7 +9,7 @@ from typing import Any
 import psutil
 from ray_cluster import add_node, kill_node
 
-TASK = "ray::make_shard"
+TASK = "ray::make_portion"
 """How a process of Ray's calls itself while it makes a shard."""
 
 

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import os
 import signal
-from pathlib import Path
+from collections import Counter
+from collections.abc import Iterator, Sequence
 
-from datafactory.run.job import Job, render_shard
-from datafactory.run.shards import ShardPlan
-from datafactory.run.workers import ShardResult
-from shared.processes.tasks import StepsDone
+import pyarrow as pa
 
-DEADLY = "test/part-00000.parquet"
+from datafactory.frame.measurement import Hook
+from datafactory.run.job import Job
+
+DEADLY = 7
+"""A frame."""
 
 
-def shard_or_death(job: Job, plan: ShardPlan, directory: Path, fingerprint: str, report: StepsDone) -> ShardResult:
-    """As :func:`datafactory.run.job.render_shard`, but one shard is deadly."""
-    if plan.path == DEADLY:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return render_shard(job, plan, directory, fingerprint, report)
+class DeadlyJob(Job):
+    """One frame kills the process that makes it."""
+
+    def rows(self, frame_ids: Sequence[int], at: Hook) -> Iterator[tuple[pa.RecordBatch, Counter[str]]]:
+        """As it is, but for the deadly frame."""
+        if DEADLY in frame_ids:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().rows(frame_ids, at)

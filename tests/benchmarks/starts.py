@@ -6,6 +6,7 @@ Times are those of child processes; a start is mostly imports, so that the ratio
 from __future__ import annotations
 
 import resource
+import shutil
 import statistics
 import subprocess
 import sys
@@ -41,6 +42,30 @@ def first_frame(work: Workload) -> Record:
         program = (f"{clear}; {render[0]}", *render[1:])
         _run(program)
         return _beside_numpy(work, "first_frame_vs_numpy", "datafactory render, one frame of tiny.usda", program)
+
+
+def two_workers(work: Workload) -> Record:
+    """Close targets by two workers, and by one: whole commands, starts included."""
+    with tempfile.TemporaryDirectory() as folder:
+
+        def run(workers: int) -> Timing:
+            shutil.rmtree(Path(folder) / str(workers), ignore_errors=True)
+            options = ("--frames", str(work.size.worker_frames), "--workers", str(workers))
+            return _run(_program("datafactory", "points", *options, "--out", str(Path(folder) / str(workers))))
+
+        ours, reference = zip(*((run(2), run(1)) for _ in range(work.size.repeats)), strict=True)
+        shards = [[path.read_bytes() for path in sorted(Path(folder, name).glob("*/*.parquet"))] for name in "12"]
+    frames, time_of = work.size.worker_frames, _median(ours)
+    return Record(
+        name="two_workers_vs_one",
+        ours_time=time_of,
+        reference="the same, 1 worker",
+        reference_time=_median(reference),
+        error=float(shards[0] != shards[1]),
+        error_unit="shards differ",
+        ours=f"datafactory points --frames {frames}, 2 workers",
+        details={"frames_per_second": frames / time_of.seconds},
+    )
 
 
 def _program(name: str, *arguments: str) -> tuple[str, ...]:

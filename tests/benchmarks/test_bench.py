@@ -39,6 +39,7 @@ TINY = replace(
     elements=32,
     angle_bins=30,
     repeats=1,
+    worker_frames=2,
     gemm=64,
     copy_mb=1,
 )
@@ -67,6 +68,7 @@ LARGEST_ERROR = {
     "datafactory_help_vs_numpy": 0.0,
     "trainer_help_vs_numpy": 0.0,
     "first_frame_vs_numpy": 0.0,
+    "two_workers_vs_one": 0.0,
 }
 ON_GPU = ("cube_on_cuda_vs_compiled", "truth_on_cuda_vs_compiled")
 APART = ("cube_vs_sionna_cfr", "points_vs_mmwrt", "first_frame_vs_numpy", *ON_GPU)

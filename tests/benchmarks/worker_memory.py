@@ -56,7 +56,7 @@ class Case:
 AVR = "avr-qdm-110"
 CASES = (
     Case("points, default radar", None, AVR),
-    Case("points, default radar, 8 frames with their cubes", None, AVR, frames=8, store="cube"),
+    Case("points, default radar, 16 frames with their cubes", None, AVR, frames=16, store="cube"),
     Case("points, 256 chirps of 2048 samples", None, BIG),
     Case("tiny, small radar, 20 000 rays", "tiny.usda"),
     Case("tiny, default radar, 200 000 rays", "tiny.usda", AVR, 200_000),

@@ -33,6 +33,7 @@ class Size:
     :param elements: of the virtual sensor, half of a carrier wavelength apart
     :param angle_bins: of the images
     :param repeats: of which the median is taken
+    :param worker_frames: that two workers and one make
     :param gemm, copy_mb: sizes at which the machine's limits are measured
     """
 
@@ -47,6 +48,7 @@ class Size:
     elements: int
     angle_bins: int
     repeats: int
+    worker_frames: int
     gemm: int
     copy_mb: int
 
@@ -63,6 +65,7 @@ FULL = Size(
     elements=256,
     angle_bins=450,
     repeats=5,
+    worker_frames=96,
     gemm=2048,
     copy_mb=512,
 )
@@ -78,6 +81,7 @@ QUICK = Size(
     elements=256,
     angle_bins=90,
     repeats=2,
+    worker_frames=16,
     gemm=1024,
     copy_mb=128,
 )

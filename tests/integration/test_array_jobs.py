@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 import datafactory
 from datafactory.cli.app import app
 from datafactory.frame.deal import split_of
-from datafactory.run import workers as pool
+from datafactory.run import portions
 from datafactory.run.finished_jobs import ranges
 from datafactory.run.shards import plan_shards
 from shared.dataset.folder import read_manifest
@@ -68,7 +68,7 @@ def test_a_job_that_is_killed_owes_its_frames_until_it_is_resumed(
         return datafactory.render(None, out, radar=radar, frames=0, points=40, resume=True, shard=shard)
 
     make(None, tmp_path / "whole")
-    jobs, record, recorded = tmp_path / "jobs", pool.record_finished, list[str]()
+    jobs, record, recorded = tmp_path / "jobs", portions.record_finished, list[str]()
 
     def killed_at_its_second(directory: Path, plan: Any, finished: Any) -> None:
         if directory.name == "job-1-of-2" and len(recorded) == 1:
@@ -76,7 +76,7 @@ def test_a_job_that_is_killed_owes_its_frames_until_it_is_resumed(
         recorded.append(plan.path)
         record(directory, plan, finished)
 
-    monkeypatch.setattr(pool, "record_finished", killed_at_its_second)
+    monkeypatch.setattr(portions, "record_finished", killed_at_its_second)
     with pytest.raises(KeyboardInterrupt):
         make("1/2", jobs)
     monkeypatch.undo()

@@ -34,6 +34,8 @@ bandwidth_hz = 400e6
 bins = 16
 """
 FRAMES = 40
+DEADLY = "test/part-00000.parquet"
+"""Has the frame that :class:`ray_work.DeadlyJob` dies of."""
 ENDS_S = 60.0
 """Within this what was killed has ended."""
 
@@ -72,11 +74,11 @@ def reference(tmp_path_factory: pytest.TempPathFactory, radar: Path) -> dict[str
 
 
 def tasks() -> list[psutil.Process]:
-    """Processes of this machine that make shards for a cluster."""
+    """Processes of this machine that make frames for a cluster."""
     found = []
     for process in psutil.process_iter():
         with suppress(psutil.Error):
-            if "make_shard" in " ".join(process.cmdline()):
+            if "make_portion" in " ".join(process.cmdline()):
                 found.append(process)
     return found
 
@@ -112,7 +114,7 @@ def test_all_nodes_are_lost_and_replaced(
     assert done_frames[-1] == FRAMES
 
 
-def test_a_deadly_shard_is_named_and_the_rest_unharmed(
+def test_a_deadly_portion_is_named_and_the_rest_unharmed(
     cluster: Any,
     radar: Path,
     reference: dict[str, bytes],
@@ -123,11 +125,11 @@ def test_a_deadly_shard_is_named_and_the_rest_unharmed(
     """Begun on Ray, finished on this machine."""
     out, lines = tmp_path / "data", list[str]()
     with monkeypatch.context() as patch:
-        patch.setattr(pipeline, "render_shard", ray_work.shard_or_death)
-        died = rf"^{ray_work.DEADLY}, frames 3 to 31: three worker processes died of it, its process ended, .*--resume"
+        patch.setattr(pipeline, "Job", ray_work.DeadlyJob)
+        died = rf"^{DEADLY}, frames 3 to 31: three worker processes died of it, its process ended, .*--resume"
         with pytest.raises(RunFailed, match=died):
             made(out, radar, engine="ray", address=cluster.address, keep_going=True)
-    rest = {path: content for path, content in reference.items() if path != ray_work.DEADLY}
+    rest = {path: content for path, content in reference.items() if path != DEADLY}
     assert shards(out) == rest
     report = made(out, radar, resume=True, announce=lines.append)
     assert (report.shards_made, report.shards_kept) == (1, len(rest))

@@ -18,7 +18,7 @@ from datafactory.api.options import OrderOptions
 from datafactory.cli.app import app
 from datafactory.frame.chain import FRAMES_WITH
 from datafactory.frame.seeds import frame_seed
-from datafactory.run import workers as pool
+from datafactory.run import portions
 from datafactory.run.counts import MEANINGS
 from datafactory.run.progress import claimed
 from shared.dataset import arrow_schema
@@ -124,7 +124,7 @@ def test_a_frame_does_not_depend_on_how_many_are_rendered(dataset, radar_file, t
 
 def test_a_killed_run_resumes_to_the_same_bytes(dataset, radar_file, tmp_path, monkeypatch):
     """The run dies after its first shard was recorded: --resume ends where an undisturbed run ends."""
-    out, recorded, record = tmp_path / "data", list[object](), pool.record_finished
+    out, recorded, record = tmp_path / "data", list[object](), portions.record_finished
 
     def dies_at_the_second(directory, plan, finished):
         if recorded:
@@ -132,7 +132,7 @@ def test_a_killed_run_resumes_to_the_same_bytes(dataset, radar_file, tmp_path, m
         recorded.append(plan)
         record(directory, plan, finished)
 
-    monkeypatch.setattr(pool, "record_finished", dies_at_the_second)
+    monkeypatch.setattr(portions, "record_finished", dies_at_the_second)
     with pytest.raises(OSError, match="No space left"):
         rendered(out, radar_file, *TWELVE)
     monkeypatch.undo()

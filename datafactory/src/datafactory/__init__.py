@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from datafactory.conversion.formats import Converted as Converted
     from datafactory.frame.points import read_targets as read_targets
     from datafactory.run.pipeline import Report as Report
-    from datafactory.run.workers import RunFailed as RunFailed
+    from datafactory.run.portions import RunFailed as RunFailed
     from datafactory.scenes.poses import Pose as Pose
     from datafactory.scenes.poses import read_poses as read_poses
     from datafactory.scenes.scene import Scene as Scene
@@ -57,7 +57,7 @@ __getattr__, __dir__ = lazy_names(
         "Pose": "datafactory.scenes.poses",
         "Radar": "shared.radar",
         "Report": "datafactory.run.pipeline",
-        "RunFailed": "datafactory.run.workers",
+        "RunFailed": "datafactory.run.portions",
         "Scene": "datafactory.scenes.scene",
         "ScenePlan": "datafactory.api.planning",
         "convert": "datafactory.api.converting",

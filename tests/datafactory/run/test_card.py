@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from datafactory import render
-from datafactory.run import workers
+from datafactory.run import portions
 from datafactory.run.card import COLUMNS, card
 from datafactory.run.licences import hub_licence, scene_licence, stated_licence
 from shared.dataset import arrow_schema
@@ -66,7 +66,7 @@ def test_every_column_has_a_line_with_its_meaning(dataset: Path) -> None:
 def test_a_killed_and_resumed_run_ends_with_the_same_card(
     dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    out, record, recorded = tmp_path / "again", workers.record_finished, list[object]()
+    out, record, recorded = tmp_path / "again", portions.record_finished, list[object]()
 
     def dies_at_the_second(directory: Path, plan: object, finished: object) -> None:
         if recorded:
@@ -74,7 +74,7 @@ def test_a_killed_and_resumed_run_ends_with_the_same_card(
         recorded.append(plan)
         record(directory, plan, finished)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(workers, "record_finished", dies_at_the_second)
+    monkeypatch.setattr(portions, "record_finished", dies_at_the_second)
     with pytest.raises(OSError, match="No space left"):
         render(None, out, frames=0, points=9, radar=RADAR, license="cc-by-4.0")
     monkeypatch.undo()

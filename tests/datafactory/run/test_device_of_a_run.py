@@ -41,10 +41,12 @@ def stand_in(monkeypatch):
     monkeypatch.setattr(kernels, "torch_kernels", lambda name: on_torch("cpu"))
 
 
-def points(out: Path, device: str, resume: bool = False, workers: int = 1, announce: Announce = silent) -> Report:
-    """Two frames of point targets, which need no Mitsuba."""
+def points(
+    out: Path, device: str, resume: bool = False, workers: int = 1, announce: Announce = silent, frames: int = 2
+) -> Report:
+    """Frames of point targets, which need no Mitsuba."""
     return making.render(
-        None, out, frames=0, points=2, device=device, resume=resume, workers=workers, announce=announce
+        None, out, frames=0, points=frames, device=device, resume=resume, workers=workers, announce=announce
     )
 
 
@@ -113,7 +115,7 @@ def test_one_worker_has_the_gpu_unless_more_are_asked_for(tmp_path, stand_in):
     assert processes(3, "cuda") == 3
     assert processes(0, "cpu") >= 1
     said: list[str] = []
-    points(tmp_path / "run", "cuda", workers=2, announce=said.append)  # one shard: made in this process
+    points(tmp_path / "run", "cuda", workers=2, announce=said.append, frames=1)  # made in this process
     assert "2 workers share one GPU, and its memory" in said
 
 

@@ -1,4 +1,4 @@
-"""Which engine makes the shards, and what is refused of a cluster before any work; no Ray is started here."""
+"""Which engine makes the frames, and what is refused of a cluster before any work; no Ray is started here."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from datafactory.run.cluster import engine as cluster_engine
 from datafactory.run.cluster.engine import RayPool
 from datafactory.run.cluster.messages import Look, Outcome
 from datafactory.run.cluster.surroundings import difference, surroundings
-from datafactory.run.shards import ShardPlan
+from datafactory.run.shards import Portion, ShardPlan
 from shared.physics.errors import InputError
 from shared.processes.tasks import LOSSES
 
-PLAN = ShardPlan("train", 0, (0, 1))
+PORTION = Portion(ShardPlan("train", 0, (0, 1, 2)), (0, 1))
 
 
 def free_port() -> int:
@@ -77,20 +77,20 @@ class Cluster:
 
     def looks(self, timeout_s: float) -> Iterator[Look]:
         if self._looks:
-            yield Look(tuple(self._looks.pop(0)), steps=1, places=self._places)
+            yield Look(tuple(self._looks.pop(0)), places=self._places)
 
 
 def pool_on(driver: Cluster, lines: list[str], workers: int = 0) -> RayPool:
     return RayPool(None, 5e8, workers, driver, lines.append)  # type: ignore[arg-type]
 
 
-def test_a_shard_of_a_lost_node_is_asked_for_again() -> None:
-    driver = Cluster(*[[Outcome(PLAN, lost=True)]] * LOSSES)
+def test_a_portion_of_a_lost_node_is_asked_for_again() -> None:
+    driver = Cluster(*[[Outcome(PORTION, lost=True)]] * LOSSES)
     pool = pool_on(driver, [])
-    pool.submit(PLAN)
+    pool.submit(PORTION)
     for number in range(1, LOSSES):
         assert list(pool.finished(0.0)) == []
-        assert driver.asked == [PLAN] * (number + 1)
+        assert driver.asked == [PORTION] * (number + 1)
         assert pool.busy
     (failed,) = pool.finished(0.0)
     assert failed.result is None
@@ -98,26 +98,26 @@ def test_a_shard_of_a_lost_node_is_asked_for_again() -> None:
 
 
 def test_what_a_task_raised_is_raised() -> None:
-    pool = pool_on(Cluster([Outcome(PLAN, error=OSError(28, "No space left on device"))]), [])
-    pool.submit(PLAN)
+    pool = pool_on(Cluster([Outcome(PORTION, error=OSError(28, "No space left on device"))]), [])
+    pool.submit(PORTION)
     with pytest.raises(OSError, match="No space left"):
         list(pool.finished(0.0))
 
 
 @pytest.mark.parametrize(("places", "workers", "most"), [(3, 0, 6), (0, 0, 2), (3, 1, 1)])
-def test_as_many_shards_are_asked_for_as_keep_the_nodes_busy(places: int, workers: int, most: int) -> None:
+def test_as_many_portions_are_asked_for_as_keep_the_nodes_busy(places: int, workers: int, most: int) -> None:
     lines = list[str]()
     pool = pool_on(Cluster([], [], places=places), lines, workers)
     assert list(pool.finished(0.0)) == list(pool.finished(0.0)) == []
     while pool.has_room:
-        pool.submit(PLAN)
+        pool.submit(PORTION)
     assert pool._running == most
     waiting = "no node of the cluster has a core and 0.5 GB of memory for tasks: waiting"
     assert lines == ([waiting] if places == 0 else [])
 
 
 def test_a_full_disk_is_said_as_such() -> None:
-    """By the driver, which writes the shards."""
+    """By the driver, which writes the rows."""
     driver = cluster_engine._Driver.__new__(cluster_engine._Driver)
     driver._pipe, theirs = cluster_engine.Pipe()
     theirs.send(OSError(errno.ENOSPC, "No space left on device", "part-00000.parquet"))
@@ -135,7 +135,7 @@ def test_a_lost_cluster_is_one_line() -> None:
     with pytest.raises(RunFailed, match="the connection to the cluster is lost"):
         list(driver.looks(0.0))
     with pytest.raises(RunFailed, match="the connection to the cluster is lost"):
-        driver.send(PLAN)
+        driver.send(PORTION)
     driver._pipe.close()
 
 

@@ -8,15 +8,16 @@ import subprocess
 import sys
 import time
 from collections import deque
+from functools import partial
 from pathlib import Path
 
 import psutil
 import pytest
-from pool_work import Squares
+from pool_work import Squares, note_process
 
 from shared.physics.errors import InputError
 from shared.processes.lock import one_job
-from shared.processes.pool import WorkerPool
+from shared.processes.pool import Processes, ThisProcess, WorkerPool
 from shared.processes.tasks import ATTEMPTS, Finished
 
 TESTS = Path(__file__).resolve().parents[2]
@@ -40,10 +41,32 @@ def test_every_task_is_done_once(tmp_path: Path) -> None:
     folder = tmp_path / "workers"
     with WorkerPool[int, tuple[int, bytes]](Squares(tmp_path, {}), 2, folder) as pool:
         outcomes = finished(pool, list(range(7)))
-        assert pool.running_steps() == 0
     assert squares(outcomes) == {number: number**2 for number in range(7)}
     assert len(outcomes) == 7
     assert not folder.exists()
+
+
+def test_without_processes_tasks_are_done_here_one_by_one(tmp_path: Path) -> None:
+    with ThisProcess[int, tuple[int, bytes]](Squares(tmp_path, {})) as pool:
+        pool.submit(3)
+        assert pool.busy
+        assert not pool.has_room
+        assert squares(list(pool.finished(0.0))) == {3: 9}
+        assert not pool.busy
+    assert [path.name for path in tmp_path.glob("began-*")] == [f"began-{os.getpid()}"]
+
+
+def test_processes_that_were_started_before_their_work_take_it_and_the_others_end(tmp_path: Path) -> None:
+    with Processes(partial(note_process, tmp_path)) as processes:
+        processes.start(3)
+        wait_for(lambda: len(list(tmp_path.glob("ready-*"))) == 3)
+        folder = tmp_path / "workers"
+        with WorkerPool[int, tuple[int, bytes]](Squares(tmp_path, {}), 2, folder, processes) as pool:
+            assert squares(finished(pool, list(range(5)))) == {number: number**2 for number in range(5)}
+    ready, began = ({path.name[6:] for path in tmp_path.glob(f"{kind}-*")} for kind in ("ready", "began"))
+    assert began <= ready
+    assert len(ready) == 3
+    assert not any(psutil.pid_exists(int(process)) for process in ready)
 
 
 def test_a_worker_that_dies_is_replaced_and_its_task_tried_again(tmp_path: Path) -> None:

@@ -41,7 +41,7 @@ class Forecast:
     :param bytes: on the disk, of which ``free_bytes`` are free; None in an object store
     :param memory_bytes: of all processes together; ``memory``: in words, and how much may be used
     :param seconds: wall-clock, planning included
-    :param workers: no more than there are shards, cores and memory for
+    :param workers: no more than there are frames, cores and memory for
     :param device: that the run will use
     """
 
@@ -98,9 +98,11 @@ def forecast(order: Order, directory: Location, workers: int, shard: str | None 
         own = {frame_id for plan in plans for frame_id in plan.frame_ids}
         splits = tuple(split for frame_id, split in enumerate(splits) if frame_id in own)
         scene_frames = sum(frame_id < scene_frames for frame_id in own)
-    shards, point_frames = len(plans), len(splits) - scene_frames
-    load, limit = load_of(order, scenes), usable_memory()
-    workers = min(workers or min(processes(0, settings.device), max(1, most_workers(load, limit))), shards)
+        point_frames = len(own) - scene_frames
+    shards = len(plans)
+    load = load_of(order, scenes)
+    limit = usable_memory()
+    workers = min(workers or min(processes(0, settings.device), max(1, most_workers(load, limit))), len(splits))
     return Forecast(
         frames=dict(Counter(splits)),
         shards=shards,

@@ -67,7 +67,7 @@ def main() -> None:
 
 
 def _ending_of(error: Exception) -> Ending | None:
-    from datafactory.run.workers import RunFailed
+    from datafactory.run.portions import RunFailed
 
     if isinstance(error, RunFailed):
         return str(error), 1

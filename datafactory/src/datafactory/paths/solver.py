@@ -339,3 +339,9 @@ def _without_crossings(bundle: Bundle, depth: int) -> Bundle:
     kept = Bundle(**moved, crossings=crossed.sum(axis=1), amplitude=bundle.amplitude)
     count = bounces.sum(axis=1)
     return kept.take((count > 0) & (count <= depth)).cut(depth)
+
+
+def load_solver() -> None:
+    """Import Sionna now: a second of work, for a process that has nothing else to do yet."""
+    select_variant()
+    from sionna import rt  # noqa: F401

@@ -1,18 +1,17 @@
-"""Where shards are made: in processes of this machine, or on a Ray cluster. The bytes do not depend on it."""
+"""Where frames are made: in processes of this machine, or on a Ray cluster. The bytes do not depend on it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import AbstractContextManager, contextmanager
+from functools import partial
 from typing import Protocol
 
 from datafactory.run.defaults import LOCAL, RAY
-from datafactory.run.progress import workers_folder
-from datafactory.run.shards import ShardPlan
-from datafactory.run.workers import ShardResult, ShardWork
+from datafactory.run.portions import PortionWork, Rows, make_ready
+from datafactory.run.shards import Portion
 from shared.physics.errors import InputError
-from shared.processes.pool import WorkerPool
+from shared.processes.pool import Processes, ThisProcess, WorkerPool
 from shared.processes.tasks import Pool
 
 
@@ -24,31 +23,54 @@ class Engine(Protocol):
         """One of :data:`datafactory.run.defaults.ENGINES`."""
 
     def processes_here(self, workers: int) -> int:
-        """Processes of this machine that make shards at a time; this one makes the plan, and counts as one.
+        """Processes of this machine that make frames at a time; this one hands out, and counts as one.
 
         :param workers: as :attr:`datafactory.run.pipeline.Execution.workers`
         """
 
-    def pool(self, work: ShardWork, shards: int, workers: int) -> Pool[ShardPlan, ShardResult] | None:
-        """A pool for so many shards; None where this process makes them: a script needs no guard then."""
+    def ahead(self, count: int, device: str | None) -> AbstractContextManager[None]:
+        """A block in which processes of this machine get ready while scenes are opened; those not needed end with it.
+
+        :param count: that may be wanted
+        :param device: that scenes are traced on; None where none are
+        """
+
+    def at_a_time(self, workers: int) -> int:
+        """Processes that make frames at a time, wherever they are."""
+
+    def pool(self, work: PortionWork, portions: int, workers: int) -> Pool[Portion, Rows]:
+        """A pool for so many portions."""
 
 
-@dataclass(frozen=True)
 class Local:
     """Processes of this machine."""
 
-    name: str = LOCAL
+    name = LOCAL
+
+    def __init__(self) -> None:
+        self._processes = Processes()
+
+    @contextmanager
+    def ahead(self, count: int, device: str | None) -> Iterator[None]:
+        """None for one: that is this process."""
+        with Processes(partial(make_ready, device)) as self._processes:
+            self._processes.start(count if count > 1 else 0)
+            yield
 
     def processes_here(self, workers: int) -> int:
         """All."""
         return workers
 
-    def pool(self, work: ShardWork, shards: int, workers: int) -> Pool[ShardPlan, ShardResult] | None:
-        """None for one worker, or one shard."""
-        count = min(workers, shards)
+    def at_a_time(self, workers: int) -> int:
+        """All."""
+        return workers
+
+    def pool(self, work: PortionWork, portions: int, workers: int) -> Pool[Portion, Rows]:
+        """This process for one worker, or one portion: a script needs no guard then."""
+        count = min(workers, portions)
         if count <= 1:
-            return None
-        return WorkerPool[ShardPlan, ShardResult](work, count, workers_folder(work.directory))
+            return ThisProcess[Portion, Rows](work)
+        return WorkerPool[Portion, Rows](work, count, work.folder / "pool", self._processes)
 
 
 @contextmanager

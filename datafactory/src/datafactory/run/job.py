@@ -1,27 +1,25 @@
-"""What a worker process does: the frames of one shard, from the deal to a file."""
+"""What a worker process does: frames from the deal to the rows of a shard."""
 
 from __future__ import annotations
 
 import time
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import pyarrow as pa
-from threadpoolctl import threadpool_limits
 
 from datafactory.effects.plan import EffectPlan
 from datafactory.frame.chain import ChainSettings, PointSource, SceneSource, Source, StoredSource, make_frames
 from datafactory.frame.deal import Deal
+from datafactory.frame.measurement import Hook
 from datafactory.frame.prepared import PreparedScene
 from datafactory.paths.storage import to_row, writer_options
 from datafactory.run.memory import Load
-from datafactory.run.progress import FinishedShard
-from datafactory.run.shards import ShardPlan, write_shard, write_tables
-from shared.dataset import Frame
+from datafactory.run.shards import frame_options
+from shared.dataset import to_record_batch
 from shared.dataset.locations import Location
-from shared.processes.tasks import StepsDone
 from shared.radar import Radar
 
 Value = TypeVar("Value")
@@ -38,6 +36,7 @@ class Job:
     :param stored: shard and row of every scene frame whose paths were traced before
     :param schema_message: Arrow's schema message; a pickled :class:`pyarrow.Schema` forgets that the elements of its
         lists are never null, which would cost every reader a quarter of its time
+    :param paths_alone: the rows are traced paths; otherwise frames
     """
 
     radar: Radar
@@ -47,11 +46,17 @@ class Job:
     settings: ChainSettings
     stored: tuple[tuple[Location, int], ...]
     schema_message: bytes
+    paths_alone: bool = False
 
     @property
     def schema(self) -> pa.Schema:
         """Of the shards."""
         return pa.ipc.read_schema(pa.py_buffer(self.schema_message))
+
+    @property
+    def shard_options(self) -> dict[str, Any]:
+        """How its shards are written, see :func:`datafactory.run.shards.write_tables`."""
+        return writer_options() if self.paths_alone else frame_options(self.schema)
 
     @property
     def load(self) -> Load:
@@ -70,71 +75,31 @@ class Job:
             return StoredSource(*self.stored[frame_id], settings)
         return SceneSource(frame, self.scenes[frame.scene], settings)
 
+    def rows(self, frame_ids: Sequence[int], at: Hook) -> Iterator[tuple[pa.RecordBatch, Counter[str]]]:
+        """The frames' rows in their order, one a batch, each with what its frame counted.
+
+        :param at: called at every step, see :mod:`datafactory.frame.chain`
+        """
+        schema, sources = self.schema, map(self.source, frame_ids)
+        if not self.paths_alone:
+            for frame, counts in make_frames(sources, self.radar, at):
+                yield to_record_batch([frame], schema), counts
+            return
+        for source in sources:
+            assert isinstance(source, SceneSource)  # only scenes are traced
+            traced = source.traced(self.radar, at)
+            counts = Counter({**traced.table.counts, "frames": 1, "paths": len(traced.table)})
+            yield pa.RecordBatch.from_pylist([to_row(traced)], schema=schema), counts
+
 
 @dataclass
 class StepSeconds:
-    """A hook of the chain that adds up seconds by step and tells of every frame that needs only its image.
+    """A hook of the chain that adds up seconds by step."""
 
-    :param report: called with 1 for each
-    """
-
-    report: StepsDone
     seconds: dict[str, float] = field(default_factory=lambda: defaultdict(float))
 
     def __call__(self, step: str, function: Callable[..., Value], *arguments: object) -> Value:
         started = time.perf_counter()
         value = function(*arguments)
         self.seconds[step] += time.perf_counter() - started
-        if step == "truth":
-            self.report(1)
         return value
-
-
-def render_shard(
-    job: Job, plan: ShardPlan, directory: Location, fingerprint: str, report: StepsDone
-) -> tuple[FinishedShard, dict[str, float]]:
-    """Write one shard; returns its record with the counts of its frames, and the seconds that each step took.
-
-    :param report: called with 1 for every frame that is finished but for its image
-    """
-    counts: Counter[str] = Counter()
-    hook = StepSeconds(report)
-    started = time.perf_counter()
-
-    def frames() -> Iterator[Frame]:
-        sources = (job.source(frame_id) for frame_id in plan.frame_ids)
-        for frame, counted in make_frames(sources, job.radar, hook):
-            counts.update(counted)
-            yield frame
-
-    with threadpool_limits(limits=1):
-        record = write_shard(directory / plan.path, frames(), job.schema)
-    rest = time.perf_counter() - started - sum(hook.seconds.values())
-    finished = FinishedShard(record=record, counts=dict(counts), fingerprint=fingerprint)
-    return finished, {**hook.seconds, "write and between": rest}
-
-
-def trace_shard(
-    job: Job, plan: ShardPlan, directory: Location, fingerprint: str, report: StepsDone
-) -> tuple[FinishedShard, dict[str, float]]:
-    """Write one shard of traced paths; returns what :func:`render_shard` does."""
-    counts: Counter[str] = Counter()
-    started = time.perf_counter()
-
-    def rows() -> Iterator[pa.Table]:
-        for frame_id in plan.frame_ids:
-            source = job.source(frame_id)
-            assert isinstance(source, SceneSource)  # only scenes are traced
-            traced = source.traced(job.radar)
-            counts.update({**traced.table.counts, "frames": 1, "paths": len(traced.table)})
-            yield pa.Table.from_pylist([to_row(traced)], schema=job.schema)
-            report(1)
-
-    with threadpool_limits(limits=1):
-        record = write_tables(directory / plan.path, rows(), job.schema, **writer_options())
-    seconds = {"trace and write": time.perf_counter() - started}
-    return FinishedShard(record=record, counts=dict(counts), fingerprint=fingerprint), seconds
-
-
-WriteShard = Callable[[Job, ShardPlan, Location, str, StepsDone], tuple[FinishedShard, dict[str, float]]]
-"""What makes a shard: :func:`render_shard` or :func:`trace_shard`."""

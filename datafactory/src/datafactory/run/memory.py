@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 from datafactory.frame.chain import ChainSettings
 from datafactory.paths.defaults import CPU, CUDA
-from datafactory.run.shards import FRAMES_PER_SHARD
+from datafactory.run.shards import MOST_FRAMES
 from shared.physics.errors import InputError
 from shared.processes.machine import usable_cores, usable_memory
 from shared.radar import Radar
@@ -30,7 +30,9 @@ PLANNING_BYTES, PLANNING_RAY_BYTES = 100e6, 600.0
 CUBES = 5.5
 """Arrays of a cube's size at a time: the cube, the noise on it, its spectra in two orders."""
 KEPT_CUBES = 2.0
-"""Of a frame that keeps its cube, until its shard is written."""
+"""Of a frame that keeps its cube, until its portion is made."""
+WRITTEN_CUBES = 4.0
+"""Of the row that the command's process reads and writes."""
 LARGE = 0.5
 """Share of the memory from which on a run says what it will take."""
 
@@ -61,9 +63,10 @@ class Load:
 
     @property
     def parent_bytes(self) -> float:
-        """Peak of the process that plans and hands out shards to others."""
+        """Peak of the process that plans, hands out portions to others and writes shards."""
         planning = PLANNING_BYTES + PLANNING_RAY_BYTES * self.settings.trace.rays + self._ray_bytes
-        return BASE_BYTES + self._tracer_bytes + (planning if self.planned else 0.0)
+        written = WRITTEN_CUBES * self._cube_bytes if self._keeps_cubes else 0.0
+        return BASE_BYTES + self._tracer_bytes + written + (planning if self.planned else 0.0)
 
     def total_bytes(self, workers: int) -> float:
         """Of so many workers; one works in the process that plans."""
@@ -82,15 +85,24 @@ class Load:
         return RAY_BYTES[self.settings.trace.depth] * rays
 
     @property
+    def _keeps_cubes(self) -> bool:
+        return self.rendered and self.settings.processing.store == "cube"
+
+    @property
+    def _cube_bytes(self) -> float:
+        waveform = self.radar.waveform
+        return 8.0 * waveform.chirps * waveform.samples * self.radar.array.channels
+
+    @property
     def _signal_bytes(self) -> float:
         waveform, grid, elements = self.radar.waveform, self.radar.grid, self.radar.virtual_sensor.channels
         processing = self.settings.processing
-        cube = 8.0 * waveform.chirps * waveform.samples * self.radar.array.channels
+        cube = self._cube_bytes
         moments = 8.0 * processing.truth_terms * waveform.range_bins * elements
         image = 8.0 * waveform.range_bins * grid.bins
-        kept = moments + image + (KEPT_CUBES * cube if processing.store == "cube" else 0.0)
+        kept = moments + image + (KEPT_CUBES * cube if self._keeps_cubes else 0.0)
         matrices = 8.0 * processing.truth_terms * grid.bins * elements
-        return CUBES * cube + FRAMES_PER_SHARD * kept + matrices
+        return CUBES * cube + MOST_FRAMES * kept + matrices
 
 
 def workers_for(load: Load, asked: int, announce: Callable[[str], None] = lambda line: None) -> int:
@@ -116,6 +128,11 @@ def workers_for(load: Load, asked: int, announce: Callable[[str], None] = lambda
 def processes(workers: int, device: str = CPU) -> int:
     """``workers``, or for 0 the cores that this process may use; with CUDA one, for a run has one GPU."""
     return workers or (1 if device == CUDA else usable_cores())
+
+
+def processes_ahead(workers: int, device: str) -> int:
+    """As :func:`processes`, before it is known what a process takes: as many as there is memory for their libraries."""
+    return min(processes(workers, device), int(usable_memory() // BASE_BYTES))
 
 
 def most_workers(load: Load, limit: float) -> int:

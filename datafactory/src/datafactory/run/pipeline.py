@@ -9,6 +9,7 @@ import math
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -16,15 +17,15 @@ from datafactory.frame.points import rayleigh_length
 from datafactory.paths.storage import paths_schema
 from datafactory.run.array_job import ARGUMENT, ENTRY, ArrayJob, JobEntry
 from datafactory.run.engines import LOCAL, Engine, Local
-from datafactory.run.job import Job, WriteShard, render_shard, trace_shard
-from datafactory.run.memory import workers_for
+from datafactory.run.job import Job
+from datafactory.run.memory import processes_ahead, workers_for
 from datafactory.run.order import Order
+from datafactory.run.portions import PortionWork, Writer, deal_out
 from datafactory.run.preparation import Prepared, load_of, opened_scenes, prepare
-from datafactory.run.progress import FinishedShard, begin, claimed, completed, fingerprint, finish
+from datafactory.run.progress import FinishedShard, begin, claimed, completed, fingerprint, finish, handed_over
 from datafactory.run.provenance import provenance
 from datafactory.run.room import require_room
-from datafactory.run.shards import PATHS, ShardPlan, plan_shards
-from datafactory.run.workers import RunFailed, ShardWork, failure_line, run_shards
+from datafactory.run.shards import PATHS, ShardPlan, plan_shards, portions_of
 from datafactory.scenes.materials.table import MaterialTable
 from shared.dataset import VERSION, arrow_schema, description
 from shared.dataset.locations import Location
@@ -60,7 +61,7 @@ class Execution:
     :param workers: processes; one works in this process; 0 for as many as there are cores and memory for. On a cluster:
         of all its nodes, 0 for all that they have
     :param resume: take up an unfinished run
-    :param keep_going: finish the other shards where three worker processes died of one
+    :param keep_going: finish the other shards where three worker processes died of a portion of one
     :param job: make the shards of this job alone; ``directory`` is then the job's own
     :param engine: where shards are made
     :param announce: takes lines for the user: material mappings, warnings
@@ -91,7 +92,7 @@ def render(order: Order, table: MaterialTable, execution: Execution) -> Report:
     :raises OSError: the disk or the store fails; what was finished can be resumed
     :raises RunFailed: worker processes died; what was finished can be resumed
     """
-    with claimed(execution.directory, execution.resume):
+    with claimed(execution.directory, execution.resume), _ahead(order, execution):
         return _rendered(order, table, execution)
 
 
@@ -116,12 +117,12 @@ def _rendered(order: Order, table: MaterialTable, execution: Execution) -> Repor
     if order.licence is not None:
         arguments["license"] = stated["license"] = order.licence
     manifest = {"arguments": arguments, **stated, "scenes": prepared.entries}
-    return _produce(job, order.split, plan_shards(job.deal.splits()), render_shard, manifest, execution, started)
+    return _produce(job, order.split, plan_shards(job.deal.splits()), manifest, execution, started)
 
 
 def trace_paths(order: Order, table: MaterialTable, execution: Execution) -> Report:
     """Trace scene frames into ``paths/`` of the folder, for :func:`render` with ``Order.paths``; otherwise like it."""
-    with claimed(execution.directory, execution.resume):
+    with claimed(execution.directory, execution.resume), _ahead(order, execution):
         return _traced(order, table, execution)
 
 
@@ -129,9 +130,18 @@ def _traced(order: Order, table: MaterialTable, execution: Execution) -> Report:
     started = time.perf_counter()
     order, execution = _fitted(order, execution, rendered=False)
     prepared = prepare(order, table, execution.announce, execution.looked)
-    job = _job(order, prepared, paths_schema().serialize().to_pybytes())
+    job = replace(_job(order, prepared, paths_schema().serialize().to_pybytes()), paths_alone=True)
     manifest = {"arguments": prepared.arguments, "scenes": prepared.entries}
-    return _produce(job, None, plan_shards((PATHS,) * len(job.deal)), trace_shard, manifest, execution, started)
+    return _produce(job, None, plan_shards((PATHS,) * len(job.deal)), manifest, execution, started)
+
+
+def _ahead(order: Order, execution: Execution) -> AbstractContextManager[None]:
+    """Workers get ready while scenes are opened: libraries take as long."""
+    device, frames = order.settings.device, order.scene_frames + (len(order.targets) or order.points)
+    count = processes_ahead(execution.workers, device)
+    if order.paths is None:
+        return execution.engine.ahead(min(count, frames), device if order.scenes else None)
+    return execution.engine.ahead(count, None)
 
 
 def _fitted(order: Order, execution: Execution, rendered: bool = True) -> tuple[Order, Execution]:
@@ -162,7 +172,6 @@ def _produce(
     job: Job,
     split: str | None,
     plans: Sequence[ShardPlan],
-    write: WriteShard,
     manifest: dict[str, Any],
     execution: Execution,
     started: float,
@@ -188,11 +197,11 @@ def _produce(
     for path in earlier.damaged:
         execution.announce(f"{path} is not as it was recorded and is made again")
     todo = [plan for plan in plans if plan not in earlier.shards]
-    work = ShardWork(job, write, directory, mark)
-    processes = execution.engine.pool(work, len(todo), execution.workers)
-    made = run_shards(work, todo, processes, execution.keep_going, frames, execution.advance)
-    if made.failed:
-        raise RunFailed(failure_line(made.failed))
+    portions = portions_of(todo, execution.engine.at_a_time(execution.workers))
+    made = Writer(job, directory, mark)
+    with handed_over(directory) as folder:
+        pool = execution.engine.pool(PortionWork(job, folder), len(portions), execution.workers)
+        deal_out(portions, pool, made, execution.keep_going, lambda left: execution.advance(frames - left, frames))
     finished = [(earlier.shards | made.shards)[plan] for plan in plans]
     counts = total_counts(finished)
     if execution.job is not None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shutil
 from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -114,9 +115,16 @@ def is_begun(directory: Location) -> bool:
     return file_size(directory / FOLDER / ARGUMENTS) is not None
 
 
-def workers_folder(directory: Location) -> Path:
-    """Where the worker processes of a run find their work, on this machine."""
-    return (directory / FOLDER if isinstance(directory, Path) else scratch(directory)) / "workers"
+@contextmanager
+def handed_over(directory: Location) -> Iterator[Path]:
+    """A folder on this machine for what workers are given and hand over: empty, and removed at the end of the block."""
+    folder = (directory / FOLDER if isinstance(directory, Path) else scratch(directory)) / "workers"
+    shutil.rmtree(folder, ignore_errors=True)  # of a run that was killed
+    folder.mkdir(parents=True, mode=0o700)
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _has_content(directory: Location) -> bool:

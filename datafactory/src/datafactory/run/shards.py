@@ -1,4 +1,4 @@
-"""Frames to Parquet shards: which frame goes where, and how a shard becomes complete.
+"""Frames to Parquet shards: which frame goes where, what is made at a time, and how a shard becomes complete.
 
 A file with the final name is whole, see :mod:`shared.dataset.writing`.
 What a killed run had finished is taken up again by :mod:`datafactory.run.progress`.
@@ -21,7 +21,12 @@ from shared.dataset.manifest import MANIFEST, ShardRecord
 from shared.dataset.writing import atomic, make_folder, write_json
 
 FRAMES_PER_SHARD = 8
-"""Frames in a full shard: 12 MB for the default radar, 400 MB with its cubes; a killed run loses at most this many."""
+"""Frames in a full shard: 12 MB for the default radar, 400 MB with its cubes; what is not whole a killed run loses."""
+
+MOST_FRAMES = 8
+"""Of a portion: their images share matrices, which cost as much as eight images."""
+PORTIONS_A_WORKER = 2
+"""At least, where there are frames enough: so much less is waited for the last of them."""
 
 PATHS = "paths"
 """Folder of traced paths, beside the splits."""
@@ -68,6 +73,33 @@ def plan_shards(frame_splits: Sequence[str], frames_per_shard: int = FRAMES_PER_
     return tuple(plans)
 
 
+@dataclass(frozen=True)
+class Portion:
+    """What a worker makes at a time: neighbouring frames of one shard.
+
+    :param frame_ids: rising
+    """
+
+    plan: ShardPlan
+    frame_ids: tuple[int, ...]
+
+
+def portions_of(plans: Sequence[ShardPlan], workers: int) -> tuple[Portion, ...]:
+    """The frames of shards in portions, in their order; no byte depends on how they are cut.
+
+    :param workers: that share them
+    """
+    frames = sum(len(plan.frame_ids) for plan in plans)
+    most = min(max(frames // (PORTIONS_A_WORKER * workers), 1), MOST_FRAMES)
+    portions = []
+    for plan in plans:
+        pieces = -(-len(plan.frame_ids) // most)
+        size = -(-len(plan.frame_ids) // pieces)  # 4 and 4 of 8 frames rather than 7 and 1
+        firsts = range(0, len(plan.frame_ids), size)
+        portions += [Portion(plan, plan.frame_ids[first : first + size]) for first in firsts]
+    return tuple(portions)
+
+
 def write_shard(path: Location, frames: Iterable[Frame], schema: pa.Schema) -> ShardRecord:
     """Write one shard, frame by frame; its file has the final name only once it is whole.
 
@@ -78,7 +110,7 @@ def write_shard(path: Location, frames: Iterable[Frame], schema: pa.Schema) -> S
     :raises OSError: the disk is full or fails; nothing is left behind
     """
     tables = (pa.Table.from_batches([to_record_batch([frame], schema)]) for frame in frames)
-    return write_tables(path, tables, schema, **_writer_options(schema))
+    return write_tables(path, tables, schema, **frame_options(schema))
 
 
 def write_tables(path: Location, tables: Iterable[pa.Table], schema: pa.Schema, **options: Any) -> ShardRecord:
@@ -113,7 +145,8 @@ def write_manifest(directory: Location, manifest: Mapping[str, Any]) -> Location
     return path
 
 
-def _writer_options(schema: pa.Schema) -> dict[str, Any]:
+def frame_options(schema: pa.Schema) -> dict[str, Any]:
+    """How shards of frames are written: options of :func:`write_tables`."""
     arrays = [field.name for field in schema if pa.types.is_fixed_size_list(field.type)]
     floats = [name for name in arrays if pa.types.is_float32(schema.field(name).type.value_type)]
     plain = [field.name for field in schema if pa.types.is_integer(field.type) or pa.types.is_string(field.type)]

@@ -2,8 +2,8 @@
 
 Each worker is a loky executor of one process. A death breaks that executor and no other: its task is tried again in a
 fresh process, and the task that a process died of is known. Workers share no lock and no pipe, which a process that is
-killed could leave locked or half written. What all tasks need is handed over by file, and so are results and the steps
-that were done: a pipe takes a long message in parts, and whoever waits for the rest of it waits for ever.
+killed could leave locked or half written. What all tasks need is handed over by file, and so are results: a pipe takes
+a long message in parts, and whoever waits for the rest of it waits for ever.
 
 A worker ends by itself when the process that started it is gone. Ctrl-C reaches that process alone.
 """
@@ -17,10 +17,11 @@ import signal
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import lru_cache
 from multiprocessing import resource_tracker
 from pathlib import Path
 from types import TracebackType
@@ -41,16 +42,84 @@ WORK = "work.pickle"
 
 @dataclass
 class _Worker(Generic[Item]):
-    """One process, and what was handed to it in order.
-
-    :param steps: file that grows by a byte a step
-    :param counted: its size as the last task finished
-    """
+    """One process, and what was handed to it in order."""
 
     executor: ProcessPoolExecutor
-    steps: Path
-    counted: int = 0
     running: deque[tuple[Item, Path, Future[None]]] = field(default_factory=deque)
+
+
+class ThisProcess(Generic[Item, Result]):
+    """A pool without processes: a task is done here when it is asked for.
+
+    :param work: that is done
+    """
+
+    def __init__(self, work: Work[Item, Result]) -> None:
+        self._work = work
+        self._waiting: list[Item] = []
+
+    def __enter__(self) -> ThisProcess[Item, Result]:
+        self._work.begin()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Nothing to end."""
+
+    @property
+    def busy(self) -> bool:
+        """Whether a task is not done."""
+        return bool(self._waiting)
+
+    @property
+    def has_room(self) -> bool:
+        """Whether another task may be handed over."""
+        return not self._waiting
+
+    def submit(self, item: Item) -> None:
+        """Hand over a task."""
+        self._waiting.append(item)
+
+    def finished(self, timeout_s: float) -> Iterator[Finished[Item, Result]]:
+        """Do what was handed over.
+
+        :raises Exception: what the task raised
+        """
+        while self._waiting:
+            item = self._waiting.pop()
+            yield Finished(item, self._work(item))
+
+
+class Processes:
+    """Processes to be, which may be started before it is known what they will work on. A context that ends those that
+    no pool took.
+
+    :param ready: what each begins with, imports say; it can be pickled. Where it fails the work will say so
+    """
+
+    def __init__(self, ready: Callable[[], object] = int) -> None:
+        self._ready = ready
+        self._started: list[ProcessPoolExecutor] = []
+
+    def __enter__(self) -> Processes:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        for executor in self._started:
+            executor.shutdown(wait=True, kill_workers=True)
+
+    def start(self, count: int) -> None:
+        """Start so many; all get ready side by side."""
+        for _ in range(count):
+            with without_interrupts():
+                executor = ProcessPoolExecutor(1, initializer=_begin, initargs=(self._ready, os.getpid()))
+                executor.submit(int)  # starts the process now
+            self._started.append(executor)
+
+    def one(self) -> ProcessPoolExecutor:
+        """One for a pool, which ends it."""
+        if not self._started:
+            self.start(1)
+        return self._started.pop(0)
 
 
 class WorkerPool(Generic[Item, Result]):
@@ -59,10 +128,12 @@ class WorkerPool(Generic[Item, Result]):
     :param work: what the workers do; its tasks can be pickled and hashed
     :param count: workers
     :param folder: for the files that are handed over; it is the pool's own, made, and removed at the end
+    :param processes: where they come from
     """
 
-    def __init__(self, work: Work[Item, Result], count: int, folder: Path) -> None:
+    def __init__(self, work: Work[Item, Result], count: int, folder: Path, processes: Processes | None = None) -> None:
         self._work, self._count, self._folder = work, count, folder
+        self._processes = processes or Processes()
         self._workers: list[_Worker[Item]] = []
         self._attempts = Attempts[Item, Result]()
         self._files = 0
@@ -71,7 +142,7 @@ class WorkerPool(Generic[Item, Result]):
         shutil.rmtree(self._folder, ignore_errors=True)  # of a run that was killed
         self._folder.mkdir(parents=True, mode=0o700)
         (self._folder / WORK).write_bytes(pickle.dumps(self._work))
-        self._workers = [self._started() for _ in range(self._count)]
+        self._workers = [_Worker(self._processes.one()) for _ in range(self._count)]
         return self
 
     def __exit__(
@@ -113,50 +184,28 @@ class WorkerPool(Generic[Item, Result]):
                         self.submit(item)
                     continue
                 future.result()
-                worker.counted = _size(worker.steps)
                 result: Result = pickle.loads(answer.read_bytes())
                 answer.unlink()
                 yield Finished(item, result)
-
-    def running_steps(self) -> int:
-        """Steps that were done of tasks that are not finished."""
-        return sum(_size(worker.steps) - worker.counted for worker in self._workers)
 
     def _replace(self, place: int) -> None:
         """A fresh process in the place of one that died; what that had not begun goes on there."""
         dead = self._workers[place]
         dead.executor.shutdown(wait=True, kill_workers=True)
-        fresh = self._workers[place] = self._started()
+        fresh = self._workers[place] = _Worker(self._processes.one())
         for item, _, _ in dead.running:
             self._hand(fresh, item)
 
     def _hand(self, worker: _Worker[Item], item: Item) -> None:
-        answer = self._new_file("result")
+        self._files += 1
+        answer = self._folder / f"result-{self._files}"
         try:
             with without_interrupts():
-                future = worker.executor.submit(_do, item, answer)
+                future = worker.executor.submit(_do, self._folder / WORK, item, answer)
         except BrokenProcessPool as error:  # it died while it had nothing to do
             future = Future()
             future.set_exception(error)
         worker.running.append((item, answer, future))
-
-    def _started(self) -> _Worker[Item]:
-        steps = self._new_file("steps")
-        with without_interrupts():
-            executor = ProcessPoolExecutor(1, initializer=_begin, initargs=(self._folder / WORK, steps, os.getpid()))
-            executor.submit(int)  # starts the process now: all import side by side
-        return _Worker(executor, steps)
-
-    def _new_file(self, kind: str) -> Path:
-        self._files += 1
-        return self._folder / f"{kind}-{self._files}"
-
-
-def _size(path: Path) -> int:
-    try:
-        return path.stat().st_size
-    except FileNotFoundError:
-        return 0
 
 
 def _how(error: BaseException) -> str:
@@ -179,18 +228,12 @@ def without_interrupts() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-_given: dict[str, Any] = {}
-"""What a worker process was given at its start; an executor hands tasks nothing else."""
-
-
-def _begin(work_file: Path, steps: Path, parent: int) -> None:
+def _begin(ready: Callable[[], object], parent: int) -> None:
     end_with_parent(parent)
     # loky would end a worker that grew by 300 MB since its first task, which a larger scene does.
     process_executor._USE_PSUTIL = False
-    work = pickle.loads(work_file.read_bytes())
-    work.begin()
-    handle = os.open(steps, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
-    _given.update(work=work, report=lambda count: os.write(handle, b"." * count))
+    with suppress(Exception):
+        ready()
 
 
 def end_with_parent(parent: int) -> None:
@@ -204,5 +247,12 @@ def _end_with(parent: int) -> None:
     os._exit(1)
 
 
-def _do(item: Any, answer: Path) -> None:
-    answer.write_bytes(pickle.dumps(_given["work"](item, _given["report"])))
+def _do(work_file: Path, item: Any, answer: Path) -> None:
+    answer.write_bytes(pickle.dumps(_begun(work_file)(item)))
+
+
+@lru_cache(maxsize=1)  # a process works for one pool
+def _begun(work_file: Path) -> Work[Any, Any]:
+    work: Work[Any, Any] = pickle.loads(work_file.read_bytes())
+    work.begin()
+    return work

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Hashable, Iterator
 from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar
 
@@ -17,7 +17,6 @@ Item = TypeVar("Item", bound=Hashable)
 Result = TypeVar("Result")
 Item_contra = TypeVar("Item_contra", contravariant=True)
 Result_co = TypeVar("Result_co", covariant=True)
-StepsDone = Callable[[int], None]
 
 
 class Work(Protocol[Item_contra, Result_co]):
@@ -26,11 +25,8 @@ class Work(Protocol[Item_contra, Result_co]):
     def begin(self) -> None:
         """Make the process ready; called once in each."""
 
-    def __call__(self, item: Item_contra, report: StepsDone, /) -> Result_co:
-        """Do one task.
-
-        :param report: called with the number of steps that were done since the last call
-        """
+    def __call__(self, item: Item_contra, /) -> Result_co:
+        """Do one task."""
 
 
 @dataclass(frozen=True)
@@ -69,9 +65,6 @@ class Pool(Protocol[Item, Result]):
 
         :raises Exception: what a task raised
         """
-
-    def running_steps(self) -> int:
-        """Steps that were done of tasks that are not finished."""
 
 
 class Attempts(Generic[Item, Result]):

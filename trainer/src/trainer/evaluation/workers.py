@@ -22,7 +22,6 @@ from threadpoolctl import threadpool_limits
 from shared.physics.errors import InputError
 from shared.processes.machine import usable_cores
 from shared.processes.pool import WorkerPool
-from shared.processes.tasks import StepsDone
 from trainer.errors import TrainingStopped
 from trainer.evaluation.experiments.bench import Bench, Experiment, Task
 from trainer.evaluation.store import Values
@@ -49,7 +48,7 @@ class CellWork:
         torch.set_num_threads(1)
         self._limits = threadpool_limits(limits=1)  # they hold as long as the object does
 
-    def __call__(self, item: Item, report: StepsDone) -> Values:
+    def __call__(self, item: Item) -> Values:
         """Compute one cell."""
         experiment, place = item
         if self._listed[0] != experiment.name:

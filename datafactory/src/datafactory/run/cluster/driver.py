@@ -1,6 +1,6 @@
 """The process that holds the connection to Ray: ``python -c``, started by :mod:`datafactory.run.cluster.engine`.
 
-It reads shards to be made from its pipe, and sends a :class:`~datafactory.run.cluster.messages.Look` several times a
+It reads portions to be made from its pipe, and sends a :class:`~datafactory.run.cluster.messages.Look` several times a
 second. It ends with the process that started it, or as the pipe is closed; Ray then ends what it had begun.
 """
 
@@ -13,16 +13,14 @@ import tempfile
 import time
 from contextlib import suppress
 from dataclasses import dataclass
-from itertools import count
 from multiprocessing.connection import Connection
 from typing import Any
 
 from datafactory.run.cluster.messages import PROBE_S, Begin, Connect, Connected, Look, Outcome, Reached
-from datafactory.run.cluster.node import make_shard
-from datafactory.run.cluster.steps import Steps
+from datafactory.run.cluster.node import make_portion
 from datafactory.run.cluster.surroundings import difference, look_around, processor, surroundings, unlike
-from datafactory.run.shards import ShardPlan
-from shared.dataset.writing import make_folder, write_bytes
+from datafactory.run.portions import Rows, new_file
+from datafactory.run.shards import Portion
 from shared.physics.errors import InputError
 from shared.processes.pool import end_with_parent
 
@@ -66,7 +64,7 @@ def _serve(pipe: Connection) -> None:
     """Until the pipe is closed, or the cluster is gone: the command notices that nobody holds the other end.
 
     :raises EOFError: the pipe is closed
-    :raises OSError: a shard cannot be written
+    :raises OSError: rows cannot be written
     """
     from ray.exceptions import RayError
 
@@ -88,7 +86,7 @@ def _connected() -> Connected:
     import ray
 
     nodes = [node for node in ray.nodes() if node["Alive"] and node["Resources"].get("CPU", 0.0) >= 1.0]
-    return Connected(len(nodes), _looked_at(nodes))
+    return Connected(len(nodes), sum(int(node["Resources"]["CPU"]) for node in nodes), _looked_at(nodes))
 
 
 def _looked_at(nodes: list[dict[str, Any]]) -> tuple[str, ...]:
@@ -118,7 +116,7 @@ def _looked_at(nodes: list[dict[str, Any]]) -> tuple[str, ...]:
             fault = f"node {answers[answer]} cannot load datafactory: {said}"
             raise InputError("--engine", fault, "pip install 'sparseradar-datafactory[ray]' on every node") from error
         except ray.exceptions.RayError:
-            continue  # it is gone, as it may be at any time; every process is asked again before its first shard
+            continue  # it is gone, as it may be at any time; every process is asked again before its first portion
         if found := difference(here, there):
             raise unlike(answers[answer], found)
         if kind != processor():
@@ -131,20 +129,18 @@ def _looked_at(nodes: list[dict[str, Any]]) -> tuple[str, ...]:
 
 @dataclass
 class _Running:
-    """A shard that was handed to the cluster.
+    """A portion that was handed to the cluster.
 
-    :param answer, content: references of what :func:`datafactory.run.cluster.node.make_shard` returns
-    :param ticket: of its steps
+    :param counted, content: references of what :func:`datafactory.run.cluster.node.make_portion` returns
     """
 
-    plan: ShardPlan
-    answer: Any
+    portion: Portion
+    counted: Any
     content: Any
-    ticket: int
 
 
 class Driver:
-    """Shards on a cluster that this process is connected to.
+    """Portions on a cluster that this process is connected to.
 
     :param pipe: to the command
     :raises EOFError: the pipe is closed
@@ -152,21 +148,16 @@ class Driver:
 
     def __init__(self, pipe: Connection) -> None:
         import ray
-        from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
         self._pipe = pipe
         begin: Begin = pipe.recv()
-        self._directory, self._memory = begin.directory, begin.memory
+        self._folder, self._memory = begin.folder, begin.memory
         self._given = ray.put(begin.given)
-        # Ray itself tries nothing again: how often a shard was tried is counted in one place, by the command.
-        self._make: Any = ray.remote(make_shard).options(num_returns=2, num_cpus=1, memory=begin.memory, max_retries=0)
-        beside = NodeAffinitySchedulingStrategy(ray.get_runtime_context().get_node_id(), soft=True)
-        counter = ray.remote(Steps).options(num_cpus=0, max_restarts=-1, scheduling_strategy=beside)
-        self._steps: Any = counter.remote()
-        self._counting: Any = None
-        self._counted: dict[int, int] = {}
+        # Ray itself tries nothing again: how often a portion was tried is counted in one place, by the command.
+        self._make: Any = ray.remote(make_portion).options(
+            num_returns=2, num_cpus=1, memory=begin.memory, max_retries=0
+        )
         self._running: list[_Running] = []
-        self._tickets = count()
         self._places = 0
         self._places_at = float("-inf")
 
@@ -179,12 +170,10 @@ class Driver:
             while self._pipe.poll(0.0 if self._running else LOOK_S):
                 self._submit(self._pipe.recv())
             outcomes = self._finished()
-            self._pipe.send(Look(tuple(outcomes), self._steps_done(), self._places_now()))
+            self._pipe.send(Look(tuple(outcomes), self._places_now()))
 
-    def _submit(self, plan: ShardPlan) -> None:
-        ticket = next(self._tickets)
-        answer, content = self._make.remote(plan, ticket, [self._given], self._steps)
-        self._running.append(_Running(plan, answer, content, ticket))
+    def _submit(self, portion: Portion) -> None:
+        self._running.append(_Running(portion, *self._make.remote(portion, [self._given])))
 
     def _finished(self) -> list[Outcome]:
         import ray
@@ -202,31 +191,18 @@ class Driver:
         from ray import exceptions, get
 
         try:
-            result, content = get(task.answer), get(task.content)
+            counted, content = get(task.counted), get(task.content)
         except exceptions.RayTaskError as error:
-            return Outcome(task.plan, error=error.cause)
+            return Outcome(task.portion, error=error.cause)
         except exceptions.OutOfMemoryError:
-            return Outcome(task.plan, died="Ray ended its process because its node was short of memory")
+            return Outcome(task.portion, died="Ray ended its process because its node was short of memory")
         except exceptions.WorkerCrashedError:
-            return Outcome(task.plan, died="its process ended")
+            return Outcome(task.portion, died="its process ended")
         except (exceptions.NodeDiedError, exceptions.ObjectLostError):
-            return Outcome(task.plan, lost=True)
-        path = self._directory / task.plan.path
-        make_folder(path.parent)
-        write_bytes(path, memoryview(content))
-        return Outcome(task.plan, result=result)
-
-    def _steps_done(self) -> int:
-        """Of shards at work; as far as they are known, which takes a look or two."""
-        from ray import exceptions, get, wait
-
-        if self._counting is None:
-            self._counting = self._steps.done.remote()
-        if wait([self._counting], timeout=0.0)[0]:
-            with suppress(exceptions.RayError):  # it is being started again
-                self._counted = get(self._counting)
-            self._counting = None
-        return sum(self._counted.get(task.ticket, 0) for task in self._running)
+            return Outcome(task.portion, lost=True)
+        with new_file(self._folder, task.portion) as file:
+            file.write_bytes(memoryview(content))
+        return Outcome(task.portion, Rows(file, *counted))
 
     def _places_now(self) -> int:
         import ray

@@ -1,4 +1,4 @@
-"""Shards on a Ray cluster, as the command sees it: a pool like that of worker processes on this machine."""
+"""Frames on a Ray cluster, as the command sees it: a pool like that of worker processes on this machine."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import replace
 from importlib.util import find_spec
 from multiprocessing.connection import Pipe
@@ -17,8 +17,8 @@ import cloudpickle
 
 from datafactory.run.cluster.messages import PROBE_S, Begin, Connect, Connected, Look, Reached
 from datafactory.run.cluster.node import Given, surroundings_of
-from datafactory.run.shards import ShardPlan
-from datafactory.run.workers import RunFailed, ShardResult, ShardWork
+from datafactory.run.portions import PortionWork, Rows, RunFailed
+from datafactory.run.shards import Portion
 from shared.dataset.locations import absolute
 from shared.physics.errors import InputError
 from shared.processes.pool import AHEAD, without_interrupts
@@ -59,7 +59,7 @@ def connected(address: str | None, announce: Callable[[str], None]) -> Iterator[
         for note in about.notes:
             announce(note)
         announce(f"Ray: {about.nodes} {'node' if about.nodes == 1 else 'nodes'} to work on")
-        yield RayEngine(driver, announce)
+        yield RayEngine(driver, about.cores, announce)
     finally:
         driver.end()
 
@@ -106,7 +106,7 @@ class _Driver:
         """What came within this time [s].
 
         :raises RunFailed: it has ended
-        :raises OSError: it cannot write a shard
+        :raises OSError: it cannot write rows
         """
         while self._pipe.poll(timeout_s):
             try:
@@ -147,7 +147,7 @@ def _require_answer(address: str) -> None:
         raise InputError("--address", f"{address!r}: {getattr(error, 'strerror', None) or error}", EXPECTED) from error
 
 
-def _as_seen_from_anywhere(work: ShardWork) -> ShardWork:
+def _as_seen_from_anywhere(work: PortionWork) -> PortionWork:
     """The folder that a command runs in is not that of a node's processes."""
     stored = tuple((absolute(path), row) for path, row in work.job.stored)
     return replace(work, job=replace(work.job, stored=stored))
@@ -157,19 +157,28 @@ class RayEngine:
     """A cluster that this process is connected to, for one run.
 
     :param driver: the connection
+    :param cores: of its nodes
     :param announce: takes lines for the user
     """
 
     name = "ray"
 
-    def __init__(self, driver: _Driver, announce: Callable[[str], None]) -> None:
-        self._driver, self._announce = driver, announce
+    def __init__(self, driver: _Driver, cores: int, announce: Callable[[str], None]) -> None:
+        self._driver, self._cores, self._announce = driver, cores, announce
 
     def processes_here(self, workers: int) -> int:
         """This one, which makes the plan; what the nodes hold is counted by Ray."""
         return 1
 
-    def pool(self, work: ShardWork, shards: int, workers: int) -> RayPool:
+    def ahead(self, count: int, device: str | None) -> AbstractContextManager[None]:
+        """No process of this machine is needed."""
+        return nullcontext()
+
+    def at_a_time(self, workers: int) -> int:
+        """As many as were asked for, or the nodes have cores now."""
+        return workers or max(self._cores, 1)
+
+    def pool(self, work: PortionWork, portions: int, workers: int) -> RayPool:
         """Processes of the cluster's nodes."""
         return RayPool(work, work.job.load.worker_bytes, workers, self._driver, self._announce)
 
@@ -178,23 +187,22 @@ class RayPool:
     """A :class:`shared.processes.tasks.Pool` of the cluster's processes.
 
     :param memory: that a process takes [bytes]
-    :param workers: shards at work at a time; 0 for as many as the nodes have cores and memory for
+    :param workers: portions at work at a time; 0 for as many as the nodes have cores and memory for
     """
 
     def __init__(
-        self, work: ShardWork, memory: float, workers: int, driver: _Driver, announce: Callable[[str], None]
+        self, work: PortionWork, memory: float, workers: int, driver: _Driver, announce: Callable[[str], None]
     ) -> None:
         self._work, self._memory, self._workers = work, int(memory), workers
         self._driver, self._announce = driver, announce
-        self._attempts = Attempts[ShardPlan, ShardResult]()
+        self._attempts = Attempts[Portion, Rows]()
         self._running = 0
-        self._steps = 0
         self._places: int | None = None
         self._waiting_told = False
 
     def __enter__(self) -> RayPool:
         given = cloudpickle.dumps(Given(_as_seen_from_anywhere(self._work), surroundings_of(self._work)))
-        self._driver.send(Begin(given, absolute(self._work.directory), self._memory))
+        self._driver.send(Begin(given, self._work.folder.absolute(), self._memory))
         return self
 
     def __exit__(
@@ -204,45 +212,41 @@ class RayPool:
 
     @property
     def busy(self) -> bool:
-        """Whether any shard is not finished."""
+        """Whether any portion is not finished."""
         return self._running > 0
 
     @property
     def has_room(self) -> bool:
-        """Whether another shard may be handed out: some wait, so that Ray's autoscaler sees that nodes are wanted."""
+        """Whether another portion may be handed out: some wait, so that Ray's autoscaler sees that nodes are wanted."""
         return self._running < (self._workers or AHEAD * max(self._places or 0, 1))
 
-    def submit(self, item: ShardPlan) -> None:
-        """Hand a shard to the cluster."""
+    def submit(self, item: Portion) -> None:
+        """Hand a portion to the cluster."""
         self._driver.send(item)
         self._running += 1
 
-    def finished(self, timeout_s: float) -> Iterator[Finished[ShardPlan, ShardResult]]:
-        """What has finished within this time [s]; shards whose process or node was lost are handed out again.
+    def finished(self, timeout_s: float) -> Iterator[Finished[Portion, Rows]]:
+        """What has finished within this time [s]; portions whose process or node was lost are handed out again.
 
-        :raises Exception: what the making of a shard raised
+        :raises Exception: what the making of a portion raised
         :raises RunFailed: the cluster is gone
         """
         for look in self._driver.looks(timeout_s):
-            self._steps, self._places = look.steps, look.places
+            self._places = look.places
             for outcome in look.outcomes:
                 self._running -= 1
                 if outcome.error is not None:
                     raise outcome.error
-                if outcome.result is not None:
-                    yield Finished(outcome.plan, outcome.result)
+                portion = outcome.portion
+                if outcome.rows is not None:
+                    yield Finished(portion, outcome.rows)
                     continue
-                plan = outcome.plan
-                failure = self._attempts.lost(plan) if outcome.lost else self._attempts.died(plan, outcome.died)
+                failure = self._attempts.lost(portion) if outcome.lost else self._attempts.died(portion, outcome.died)
                 if failure is None:
-                    self.submit(plan)
+                    self.submit(portion)
                 else:
                     yield failure
         self._tell_of_waiting()
-
-    def running_steps(self) -> int:
-        """Frames that were made of shards that are not finished."""
-        return self._steps
 
     def _tell_of_waiting(self) -> None:
         waiting = self._places == 0

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
-from datafactory.run.progress import FinishedShard
-from datafactory.run.shards import ShardPlan
-from datafactory.run.workers import Seconds
-from shared.dataset.locations import Location
+from datafactory.run.portions import Rows
+from datafactory.run.shards import Portion
 
 PROBE_S = 120.0
 """Within this a node has to say what is installed on it; the first process of a node takes some seconds to start."""
@@ -33,39 +32,41 @@ class Connected:
     """The driver's second answer: the nodes have been asked what they are like.
 
     :param nodes: alive, that have a processor for tasks
+    :param cores: that they have together
     :param notes: lines for the user
     """
 
     nodes: int
+    cores: int
     notes: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class Begin:
-    """What all shards need.
+    """What all portions need.
 
     :param given: a pickled :class:`datafactory.run.cluster.node.Given`
-    :param directory: that shards are written to
+    :param folder: of this machine, for the files of rows
     :param memory: of a process [bytes]
     """
 
     given: bytes
-    directory: Location
+    folder: Path
     memory: int
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a shard that was handed out: one of the four is set.
+    """What became of a portion that was handed out: one of the four is set.
 
-    :param result: it is written
+    :param rows: it is made
     :param died: how the process that worked on it ended
     :param lost: its machine is gone
     :param error: what its task raised
     """
 
-    plan: ShardPlan
-    result: tuple[FinishedShard, Seconds] | None = None
+    portion: Portion
+    rows: Rows | None = None
     died: str = ""
     lost: bool = False
     error: Exception | None = None
@@ -76,10 +77,8 @@ class Look:
     """How the cluster stands.
 
     :param outcomes: since the last look
-    :param steps: done of shards that are at work
-    :param places: shards that its nodes can work on at a time
+    :param places: portions that its nodes can work on at a time
     """
 
     outcomes: tuple[Outcome, ...]
-    steps: int
     places: int

@@ -1,38 +1,29 @@
-"""What a node of the cluster does: make a shard, and hand over its bytes.
+"""What a node of the cluster does: make a portion, and hand over its rows.
 
-Nodes need no disk in common. A shard is made as a file in the node's own temporary folder and travels to the driver
-through Ray's object store; one process, on the user's machine, writes the dataset.
+Nodes need no disk in common. Rows travel to the driver through Ray's object store; one process, on the user's machine,
+writes the dataset.
 """
 
 from __future__ import annotations
 
-import os
 import pickle
-import platform
-import shutil
-import tempfile
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import psutil
+import pyarrow as pa
 from jaxtyping import UInt8
 
 from datafactory.run.cluster.surroundings import difference, surroundings, tracer, unlike, where
-from datafactory.run.progress import FinishedShard
-from datafactory.run.shards import ShardPlan
-from datafactory.run.workers import Seconds, ShardWork
+from datafactory.run.portions import PortionWork
+from datafactory.run.shards import Portion
 from shared.dataset.locations import file_size
 from shared.physics.errors import InputError
 
-SCRATCH = f"sparseradar-shard-{platform.node()}-"
-"""Folders in the temporary folder, one a process, whose number follows; containers may have the folder in common."""
 
-
-def surroundings_of(work: ShardWork) -> dict[str, str]:
+def surroundings_of(work: PortionWork) -> dict[str, str]:
     """What this process is like, as far as the work asks."""
     return surroundings() | (tracer() if work.job.scenes else {})
 
@@ -44,32 +35,28 @@ class Given:
     :param like: what the process has to be like, see :mod:`datafactory.run.cluster.surroundings`
     """
 
-    work: ShardWork
+    work: PortionWork
     like: Mapping[str, str]
 
 
-def make_shard(
-    plan: ShardPlan, ticket: int, given: list[Any], steps: Any
-) -> tuple[tuple[FinishedShard, Seconds], UInt8[np.ndarray, " size"]]:
-    """Make one shard; its record and seconds, and its bytes.
+def make_portion(
+    portion: Portion, given: list[Any]
+) -> tuple[tuple[dict[str, int], dict[str, float]], UInt8[np.ndarray, " size"]]:
+    """Make one portion; its counts and seconds, and the file of its rows.
 
-    :param ticket: of this attempt, a number that no other has
     :param given: the reference of a pickled :class:`Given`; in a list, because Ray would fetch it for every task
-    :param steps: the handle of :class:`datafactory.run.cluster.steps.Steps`
     :raises InputError: a node that is not like the user's machine
     """
-    work = _ready_for(given[0])
-    with tempfile.TemporaryDirectory(prefix=f"{SCRATCH}{os.getpid()}-") as scratch:
-        result = replace(work, directory=Path(scratch))(plan, lambda count: steps.add.remote(ticket, count))
-        return result, np.fromfile(Path(scratch) / plan.path, dtype=np.uint8)
+    sink = pa.BufferOutputStream()
+    counted = _ready_for(given[0]).write(portion, sink)
+    return counted, np.frombuffer(sink.getvalue(), dtype=np.uint8)
 
 
 @lru_cache(maxsize=1)  # a process of Ray's works for one run
-def _ready_for(given: Any) -> ShardWork:
+def _ready_for(given: Any) -> PortionWork:
     """The work, this process made ready for it."""
     import ray
 
-    _remove_scratch_of_the_dead()
     try:
         read: Given = pickle.loads(ray.get(given))
     except (ImportError, AttributeError) as error:  # a class of the user's own, say a target's
@@ -82,11 +69,3 @@ def _ready_for(given: Any) -> ShardWork:
     if found := difference(read.like, surroundings_of(read.work)):
         raise unlike(where(), found)
     return read.work
-
-
-def _remove_scratch_of_the_dead() -> None:
-    """Processes that were killed left their folders."""
-    for folder in Path(tempfile.gettempdir()).glob(f"{SCRATCH}*"):
-        number = folder.name.removeprefix(SCRATCH).split("-")[0]
-        if number.isdigit() and not psutil.pid_exists(int(number)):
-            shutil.rmtree(folder, ignore_errors=True)
