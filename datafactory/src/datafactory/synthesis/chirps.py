@@ -13,10 +13,10 @@ from jaxtyping import Complex, Float, Float64
 from numpy.typing import NDArray
 
 from datafactory.paths.table import PathTable, ScatteredPaths
+from datafactory.synthesis.motion import instants
 from datafactory.synthesis.parts import centre, parts_of, reach_bins, rx_blocks
 from datafactory.synthesis.sorting import FLOAT32_TOLERANCE, crowd_limit, range_cells
 from datafactory.synthesis.spread import add_moments, add_to_grid, columns, empty_moments, padded
-from datafactory.synthesis.wave_model import WaveModel
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
 from shared.radar.waveform import Waveform
@@ -67,7 +67,7 @@ def cube_by_chirps(
     tolerance: float,
     array: AntennaArray,
     threads: int,
-    model: WaveModel,
+    intra_chirp: bool,
     chirps: int,
     dtype: type,
 ) -> Complex[np.ndarray, "{chirps} samples rx tx"]:
@@ -80,13 +80,12 @@ def cube_by_chirps(
     cube: NDArray = np.zeros((chirps, waveform.samples, len(array.rx_m), len(array.tx_m)), dtype=dtype)
     times = chirp_times(radar.model_copy(update={"array": array}))[:, :chirps]
     contributions = [
-        _Contribution(_by_cell(part.paths, waveform), part.tx, part.start)
-        for part in parts_of(paths, array, times, plane=not model.near_field)
+        _Contribution(_by_cell(part.paths, waveform), part.tx, part.start) for part in parts_of(paths, array, times)
     ]
     if contributions:
         blocks = _blocks(array, waveform, tolerance, dtype)
         tasks = [(block, chirp) for block in blocks for chirp in range(chirps)]
-        work = partial(_add_chirps, cube, contributions, radar, array, model)
+        work = partial(_add_chirps, cube, contributions, radar, array, intra_chirp)
         with ThreadPoolExecutor(threads) as pool:
             list(pool.map(work, [tasks[first::threads] for first in range(threads)]))
     return cube
@@ -181,11 +180,12 @@ def _add_chirps(
     contributions: list[_Contribution],
     radar: Radar,
     array: AntennaArray,
-    model: WaveModel,
+    intra_chirp: bool,
     tasks: list[tuple[_Block, int]],
 ) -> None:
     """Fill ``cube`` at these blocks of RX and chirps."""
     waveform, tx, tx_centre = radar.waveform, array.tx, centre(array.tx)
+    after, lead = instants(radar, intra_chirp)
     cells, real = OVERSAMPLING * waveform.samples, cube.real.dtype
     # Sample n belongs to nu = (n - N // 2) / N, i.e. to output n - N // 2 of the FFT over the range cells.
     outputs = np.arange(waveform.samples) - waveform.samples // 2
@@ -198,10 +198,9 @@ def _add_chirps(
             workspaces[shape].fill(0.0)
         moments, used = workspaces[shape], np.zeros(cells, dtype=np.bool_)
         for part in contributions:
-            start = float(part.start[chirp])
+            time = float(part.start[chirp]) + after
             add_moments(
-                part.table, tx[part.tx], padded(rx), tx_centre, centre(rx),
-                model.phase_time_s(start, radar), model.beat_time_s(start, radar), not model.near_field,
+                part.table, tx[part.tx], padded(rx), tx_centre, centre(rx), time, time + lead,
                 reference_frequency_hz(radar), waveform.bandwidth_hz, waveform.slope_hz_per_s,
                 float(waveform.residual_video_phase), OVERSAMPLING, powers, part.tx.start, moments, used,
             )  # fmt: skip

@@ -18,7 +18,6 @@ from datafactory.paths.table import PathTable
 from datafactory.synthesis.cube import cube_of_sorted
 from datafactory.synthesis.sorting import SortedPaths
 from datafactory.synthesis.truth import truth_moments
-from datafactory.synthesis.wave_model import WaveModel
 from shared.physics.errors import InputError
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
@@ -58,14 +57,14 @@ def torch_kernels(device: str) -> Kernels:
     from datafactory.synthesis.device.truth import truth_on
 
     def cube(
-        paths: SortedPaths, radar: Radar, tolerance: float, array: AntennaArray, threads: int, model: WaveModel
+        paths: SortedPaths, radar: Radar, tolerance: float, array: AntennaArray, threads: int, intra_chirp: bool
     ) -> Complex[np.ndarray, "chirps samples channels"]:
-        return cube_on(device, paths, radar, tolerance, array, model)
+        return cube_on(device, paths, radar, tolerance, array, intra_chirp)
 
     def truth(
-        paths: PathTable, radar: Radar, doppler_cells: Int64[np.ndarray, " rows"], terms: int, model: WaveModel
+        paths: PathTable, radar: Radar, doppler_cells: Int64[np.ndarray, " rows"], terms: int, intra_chirp: bool
     ) -> Complex64[np.ndarray, "{terms} rows channels"]:
-        return truth_on(device, paths, radar, doppler_cells, terms, model)
+        return truth_on(device, paths, radar, doppler_cells, terms, intra_chirp)
 
     return Kernels(cube, truth)
 

@@ -107,25 +107,11 @@ def _rx_legs(px, py, pz, x, y, z, cycles_per_metre, bins_per_metre, offset, at, 
 
 
 @inlined(nogil=True, error_model="numpy", fastmath=_FAST)
-def _plane_distances(count, x, y, z, point, distance):
-    """Distances of the first ``count`` points x, y, z [B] to one near the origin, as if waves were plane there."""
-    for k in range(count):
-        far = np.sqrt(x[k] * x[k] + y[k] * y[k] + z[k] * z[k])
-        distance[k] = far - (x[k] * point[0] + y[k] * point[1] + z[k] * point[2]) / max(far, 1e-9)
-
-
-@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
-def rx_lengths(px, py, pz, x, y, z, plane, length):
-    """Lengths [E] of the leg from a point to the elements x, y, z [E], spherical or plane waves."""
-    if plane:
-        far = np.sqrt(px * px + py * py + pz * pz)
-        ux, uy, uz = px / max(far, 1e-9), py / max(far, 1e-9), pz / max(far, 1e-9)
-        for e in range(len(x)):
-            length[e] = far - (ux * x[e] + uy * y[e] + uz * z[e])
-    else:
-        for e in range(len(x)):
-            dx, dy, dz = px - x[e], py - y[e], pz - z[e]
-            length[e] = np.sqrt(dx * dx + dy * dy + dz * dz)
+def rx_lengths(px, py, pz, x, y, z, length):
+    """Lengths [E] of the leg from a point to the elements x, y, z [E]."""
+    for e in range(len(x)):
+        dx, dy, dz = px - x[e], py - y[e], pz - z[e]
+        length[e] = np.sqrt(dx * dx + dy * dy + dz * dz)
 
 
 @inlined(nogil=True, error_model="numpy", fastmath=_FAST)
@@ -167,7 +153,7 @@ def _add_powers(one, other, rx_count, rx_re, rx_im, rx_shift, powers, to, moment
 
 @compiled(nogil=True, error_model="numpy", fastmath=_FAST)
 def add_moments(
-    table, tx, rx, tx_centre, rx_centre, time, beat_time, plane,
+    table, tx, rx, tx_centre, rx_centre, time, beat_time,
     reference_hz, bandwidth_hz, slope_hz_per_s, video_phase, oversampling, powers, first_tx, moments, used,
 ):  # fmt: skip
     """Add all paths at one instant to ``moments`` of :func:`empty_moments`.
@@ -176,8 +162,7 @@ def add_moments(
     :param tx: [TX, 3] elements [m]; ``rx`` [3, E] of :func:`padded` [m]
     :param tx_centre, rx_centre: [3] the arrays' centres, which choose the cell
     :param time, beat_time: when phases and ranges are those of the scene [s], see
-        :mod:`datafactory.synthesis.wave_model`
-    :param plane: plane waves over both arrays
+        :func:`datafactory.synthesis.motion.instants`
     :param video_phase: 1.0 adds the residual video phase -mu tau^2 / 2 up to its part quadratic in the remainder z
     :param powers: a tuple of ``terms`` entries
     :param first_tx: index among the moments' TX of the first of ``tx``
@@ -191,7 +176,7 @@ def add_moments(
     x, y, z = rx[0], rx[1], rx[2]
     now, then = np.empty((7, CHUNK)), np.empty((7, CHUNK))
     px, py, pz, qx, qy, qz, link = now[0], now[1], now[2], now[3], now[4], now[5], now[6]
-    apart = plane or beat_time != time
+    apart = beat_time != time
     ranged = then if apart else now
     bx, by, bz, cx, cy, cz, beat_link = ranged[0], ranged[1], ranged[2], ranged[3], ranged[4], ranged[5], ranged[6]
     leg, beat_leg = np.empty(rx_count), np.empty(rx_count)
@@ -230,14 +215,9 @@ def add_moments(
             constant[b] = 0.5 * video_phase * slope_hz_per_s * delay * delay
         for i in range(tx_count):
             t_re, t_im, t_shift = tx_re[i], tx_im[i], tx_shift[i]
-            if plane:
-                _plane_distances(count, px, py, pz, tx[i], length)
-            else:
-                _distances(count, px, py, pz, tx[i], length)
+            _distances(count, px, py, pz, tx[i], length)
             _phasors(count, length, link, frequency, constant, t_re, t_im)
-            if plane:
-                _plane_distances(count, bx, by, bz, tx[i], length)
-            elif apart:
+            if apart:
                 _distances(count, bx, by, bz, tx[i], length)
             for b in range(count):
                 t_shift[b] = bins_per_metre * (length[b] + beat_link[b]) - tx_offset[b]
@@ -255,8 +235,8 @@ def add_moments(
                     b * rx_count, rx_re, rx_im, rx_shift,
                 )  # fmt: skip
                 continue
-            rx_lengths(qx[b], qy[b], qz[b], x, y, z, plane, leg)
-            rx_lengths(cx[b], cy[b], cz[b], x, y, z, plane, beat_leg)
+            rx_lengths(qx[b], qy[b], qz[b], x, y, z, leg)
+            rx_lengths(cx[b], cy[b], cz[b], x, y, z, beat_leg)
             _rx_legs_from(
                 leg, beat_leg, frequency[b], bins_per_metre, rx_offset[b], b * rx_count, rx_re, rx_im, rx_shift
             )
