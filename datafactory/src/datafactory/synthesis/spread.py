@@ -91,22 +91,6 @@ def _phasors(count, length, link, cycles_per_metre, constant, re, im):
 
 
 @inlined(nogil=True, error_model="numpy", fastmath=_FAST)
-def _rx_legs(px, py, pz, x, y, z, cycles_per_metre, bins_per_metre, offset, at, re, im, shift):
-    """Phasor and range [bins] of the leg from a point to the elements x, y, z [E], from index ``at`` of re, im, shift.
-
-    Indices are unsigned: numba's test for negative indices would prevent vectorisation.
-    """
-    for first in range(0, len(x), LANES):
-        for lane in range(LANES):
-            e = np.uint64(first) + np.uint64(lane)
-            dx, dy, dz = px - x[e], py - y[e], pz - z[e]
-            leg = np.sqrt(dx * dx + dy * dy + dz * dz)
-            to = np.uint64(at) + e
-            re[to], im[to] = phasor_like(cycles_per_metre * leg, re[to])
-            shift[to] = bins_per_metre * leg - offset
-
-
-@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
 def rx_lengths(px, py, pz, x, y, z, length):
     """Lengths [E] of the leg from a point to the elements x, y, z [E]."""
     for e in range(len(x)):
@@ -115,8 +99,11 @@ def rx_lengths(px, py, pz, x, y, z, length):
 
 
 @inlined(nogil=True, error_model="numpy", fastmath=_FAST)
-def _rx_legs_from(length, beat_length, cycles_per_metre, bins_per_metre, offset, at, re, im, shift):
-    """As :func:`_rx_legs`, from lengths [E] for the phase and others for the range."""
+def _rx_legs(length, beat_length, cycles_per_metre, bins_per_metre, offset, at, re, im, shift):
+    """Phasor of these lengths [E] and range [bins] of those, from index ``at`` of re, im, shift.
+
+    Indices are unsigned: numba's test for negative indices would prevent vectorisation.
+    """
     for first in range(0, len(length), LANES):
         for lane in range(LANES):
             e = np.uint64(first) + np.uint64(lane)
@@ -176,9 +163,7 @@ def add_moments(
     x, y, z = rx[0], rx[1], rx[2]
     now, then = np.empty((7, CHUNK)), np.empty((7, CHUNK))
     px, py, pz, qx, qy, qz, link = now[0], now[1], now[2], now[3], now[4], now[5], now[6]
-    apart = beat_time != time
-    ranged = then if apart else now
-    bx, by, bz, cx, cy, cz, beat_link = ranged[0], ranged[1], ranged[2], ranged[3], ranged[4], ranged[5], ranged[6]
+    bx, by, bz, cx, cy, cz, beat_link = then[0], then[1], then[2], then[3], then[4], then[5], then[6]
     leg, beat_leg = np.empty(rx_count), np.empty(rx_count)
     length, rx_length, nearest = np.empty(CHUNK), np.empty(CHUNK), np.empty(CHUNK)
     tx_offset, rx_offset = np.empty(CHUNK), np.empty(CHUNK)
@@ -192,13 +177,11 @@ def add_moments(
     for first in range(0, path_count, CHUNK):
         count = min(CHUNK, path_count - first)
         for row in range(7):
-            start, rate, line = table[row], table[7 + row], now[row]
+            start, rate, line, beat_line = table[row], table[7 + row], now[row], then[row]
             for b in range(count):
                 line[b] = start[first + b] + rate[first + b] * time
-            if apart:
-                line = then[row]
-                for b in range(count):
-                    line[b] = start[first + b] + rate[first + b] * beat_time
+            for b in range(count):
+                beat_line[b] = start[first + b] + rate[first + b] * beat_time
         # Each loop uses few arrays: the compiler tests at most about eight pairs of arrays for overlap.
         _distances(count, bx, by, bz, tx_centre, length)
         _distances(count, cx, cy, cz, rx_centre, rx_length)
@@ -217,8 +200,7 @@ def add_moments(
             t_re, t_im, t_shift = tx_re[i], tx_im[i], tx_shift[i]
             _distances(count, px, py, pz, tx[i], length)
             _phasors(count, length, link, frequency, constant, t_re, t_im)
-            if apart:
-                _distances(count, bx, by, bz, tx[i], length)
+            _distances(count, bx, by, bz, tx[i], length)
             for b in range(count):
                 t_shift[b] = bins_per_metre * (length[b] + beat_link[b]) - tx_offset[b]
         a_re, a_im = table[14], table[15]
@@ -229,17 +211,9 @@ def add_moments(
                 t_re[b] = re * a_re[first + b] - im * a_im[first + b]
                 t_im[b] = re * a_im[first + b] + im * a_re[first + b]
         for b in range(count):
-            if not apart:
-                _rx_legs(
-                    qx[b], qy[b], qz[b], x, y, z, frequency[b], bins_per_metre, rx_offset[b],
-                    b * rx_count, rx_re, rx_im, rx_shift,
-                )  # fmt: skip
-                continue
             rx_lengths(qx[b], qy[b], qz[b], x, y, z, leg)
             rx_lengths(cx[b], cy[b], cz[b], x, y, z, beat_leg)
-            _rx_legs_from(
-                leg, beat_leg, frequency[b], bins_per_metre, rx_offset[b], b * rx_count, rx_re, rx_im, rx_shift
-            )
+            _rx_legs(leg, beat_leg, frequency[b], bins_per_metre, rx_offset[b], b * rx_count, rx_re, rx_im, rx_shift)
         b = 0
         while b < count:
             # A path without a neighbour in its cell is paired with itself at amplitude 0.
