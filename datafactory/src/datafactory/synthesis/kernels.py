@@ -8,13 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
-from jaxtyping import Complex, Complex64, Int64
+from jaxtyping import Complex, Complex64
 
 from datafactory.paths.defaults import CPU, CUDA, INSTALL_TORCH
-from datafactory.paths.table import PathTable
 from datafactory.synthesis.cube import cube_of_sorted
 from datafactory.synthesis.sorting import SortedPaths
 from datafactory.synthesis.truth import truth_moments
@@ -61,12 +60,7 @@ def torch_kernels(device: str) -> Kernels:
     ) -> Complex[np.ndarray, "chirps samples channels"]:
         return cube_on(device, paths, radar, tolerance, array, intra_chirp)
 
-    def truth(
-        paths: PathTable, radar: Radar, doppler_cells: Int64[np.ndarray, " rows"], terms: int, intra_chirp: bool
-    ) -> Complex64[np.ndarray, "{terms} rows channels"]:
-        return truth_on(device, paths, radar, doppler_cells, terms, intra_chirp)
-
-    return Kernels(cube, truth)
+    return Kernels(cube, partial(truth_on, device))
 
 
 @lru_cache(maxsize=1)

@@ -84,14 +84,10 @@ def crowd_limit(tolerance: float) -> int:
     return max(CROWD, round(CROWD_GROWTH * tolerance / 1e-6))
 
 
-def frame_half(radar: Radar) -> float:
-    """End of the frame that line weights are fitted to: eta (1 + nu kappa) at nu = 1/2."""
-    return 0.5 * (1.0 + 0.5 * coupling(radar))
-
-
 def line_sets(radar: Radar, tolerance: float) -> list[tuple[float, LineWeights]]:
     """The sets of line weights that there are for a tolerance, with what each reaches; narrow to wide."""
-    half, error = frame_half(radar), LINE_SHARE * tolerance
+    # The frame ends at eta (1 + nu kappa) with eta = nu = 1/2.
+    half, error = 0.5 * (1.0 + 0.5 * coupling(radar)), LINE_SHARE * tolerance
     first = line_weights(EXTRAS[0], error, half)
     if first is None:
         return []
