@@ -64,11 +64,6 @@ class Job:
     first: Int64[np.ndarray, " paths"]
     cell: Int64[np.ndarray, " paths"]
 
-    @property
-    def last(self) -> Int64[np.ndarray, " paths"]:
-        """The last line of each, in spacings."""
-        return self.first + self.group.weights.taps - 1
-
 
 @dataclass(frozen=True)
 class BlockPlan:
@@ -118,6 +113,7 @@ def add_along_lines(
 
     :param threads: samples worked on at once
     """
+    gain_taps = groups[0].weights.gain_taps
     for plan in block_plans(groups, radar, array, tolerance, intra_chirp):
         rx, cells, taps = array.rx[plan.rx], plan.cells, len(plan.weights)
         columns_of = slice(plan.rx.start * len(array.tx), plan.rx.stop * len(array.tx))
@@ -128,15 +124,8 @@ def add_along_lines(
             for job, some in chosen:
                 _spread(grid, job, some, lines, cells, plan.weights, radar, array, rx, intra_chirp)
             fast_time = _fast_time(grid, cells, taps, plan.gain, (len(rx), len(array.tx)))
-            _add_chirps(
-                cube.reshape(*cube.shape[:2], -1)[:, :, columns_of],
-                fast_time,
-                lines / LINE_OVERSAMPLING,
-                groups[0].weights.gain_taps,
-                radar,
-                coupling(radar),
-                threads,
-            )
+            by_channel = cube.reshape(*cube.shape[:2], -1)[:, :, columns_of]
+            _add_chirps(by_channel, fast_time, lines / LINE_OVERSAMPLING, gain_taps, radar, threads)
 
 
 def _jobs(
@@ -263,25 +252,17 @@ def _add_chirps(
     frequency: Float64[np.ndarray, " lines"],
     gain_taps: int,
     radar: Radar,
-    kappa: float,
     threads: int,
 ) -> None:
     """Add all chirps of every sample to ``cube``."""
     waveform = radar.waveform
-    nu, half = sweep_positions(waveform.samples), waveform.chirps // 2 + 1
+    scale, half = 1.0 + coupling(radar) * sweep_positions(waveform.samples), waveform.chirps // 2 + 1
+    shape = line_shape(gain_taps)
 
     def add(first: int) -> None:
         some = slice(first, min(first + SAMPLES_AT_ONCE, waveform.samples))
         rows = np.empty((some.stop - first, 2, half, len(frequency)), dtype=np.float32)
-        fill_lines(
-            frequency,
-            1.0 + kappa * nu[some],
-            waveform.chirps,
-            line_shape(gain_taps),
-            gain_taps,
-            LINE_OVERSAMPLING,
-            rows,
-        )
+        fill_lines(frequency, scale[some], waveform.chirps, shape, gain_taps, LINE_OVERSAMPLING, rows)
         product = rows.reshape(len(rows), 2 * half, -1) @ fast_time[some].view(np.float32)
         add_samples(product.reshape(len(rows), 2, half, -1), first, cube)
 

@@ -66,7 +66,7 @@ def _add_along_lines(
             for job, some in chosen:
                 spread(grid, job, some, lines, plan.weights, radar, array, rx, intra_chirp)
             fast_time = _fast_time(grid, plan.gain)
-            _add_chirps(cube[:, :, plan.rx], fast_time, lines, gain_taps, radar, coupling(radar))
+            _add_chirps(cube[:, :, plan.rx], fast_time, lines, gain_taps, radar)
 
 
 def _fast_time(
@@ -86,12 +86,11 @@ def _add_chirps(
     lines: Int64[np.ndarray, " lines"],
     gain_taps: int,
     radar: Radar,
-    kappa: float,
 ) -> None:
     """Add all chirps of every sample: s[m, n] = gain(eta') sum_l F_l[n] exp(j 2 pi f_l eta')."""
     waveform, device = radar.waveform, str(cube.device)
     eta = (np.arange(waveform.chirps) - waveform.chirps // 2) / waveform.chirps
-    scale = 1.0 + kappa * sweep_positions(waveform.samples)
+    scale = 1.0 + coupling(radar) * sweep_positions(waveform.samples)
     frequency = moved(lines / LINE_OVERSAMPLING, device)
     channels = fast_time.shape[2] * fast_time.shape[3]
     for some in batches(waveform.samples, waveform.chirps * (len(lines) + channels), device):
