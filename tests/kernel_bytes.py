@@ -44,14 +44,13 @@ def elements() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 def chirp() -> Arrays:
-    """The exact kernel, near and far, phases and ranges at one time and at two."""
+    """The exact kernel, phases and ranges at one time and at two."""
     cells, terms, (tx, rx) = 256, 4, elements()
-    for plane, beat_s in ((False, 1e-3), (False, 2e-3), (True, 1e-3)):
+    for beat_s in (1e-3, 2e-3):
         moments = spread.empty_moments(cells, 3, 20, terms, np.float32)
         moments[:] = 0.0
         used, grid = np.zeros(cells, dtype=bool), np.zeros((cells, 20, 3), dtype=np.complex64)
-        times = 1e-3, beat_s, plane
-        spread.add_moments(table(), tx, rx, CENTRE, CENTRE, *times, *SWEEP, 2, (0,) * terms, 0, moments, used)
+        spread.add_moments(table(), tx, rx, CENTRE, CENTRE, 1e-3, beat_s, *SWEEP, 2, (0,) * terms, 0, moments, used)
         weights = numbers(4).standard_normal((5, terms)).astype(np.float32)
         spread.add_to_grid(moments, used, weights, (0,) * terms, np.complex64(1.0), grid)
         yield moments
@@ -67,7 +66,7 @@ def along_lines() -> Arrays:
     weights = draw.standard_normal((taps, terms)).astype(np.float32)
     lines.add_lines(
         table(), draw.uniform(-10.0, 10.0, PATHS), draw.integers(0, 40 - 2 * half, PATHS),
-        draw.uniform(-0.1, 0.1, (6, PATHS)), tx, rx, CENTRE, CENTRE, node, 5e-3 + 1e-2 * node, 5e-3, 6e-3, False,
+        draw.uniform(-0.1, 0.1, (6, PATHS)), tx, rx, CENTRE, CENTRE, node, 5e-3 + 1e-2 * node, 5e-3, 6e-3,
         *SWEEP, 1.5, cells, even, odd, weights, (0.1, 0.01), (0,) * terms, (0,) * 3, 0, grid,
     )  # fmt: skip
     yield grid

@@ -17,7 +17,7 @@ from shared.radar import Radar
 
 TINY = Path(__file__).resolve().parents[1] / "scenes" / "tiny.usda"
 POSE = Pose((-10.0, 0.0, 0.5), yaw_deg=5.0, velocity=(4.0, 1.0, 0.0))
-EFFECTS = ALL.without("diffraction").without("refraction").without("intra_chirp_motion")
+EFFECTS = ALL.without("diffraction").without("refraction")
 """What the scene calls for, near enough, and quick."""
 MENU = Menu(
     rays=(1000, 4000), depth=(1, 2), prune_db=(-20.0, -40.0), tolerance=(1e-3, 1e-6), truth_terms=(3, 5),

@@ -28,7 +28,6 @@ from datafactory.frame.defaults import IMAGE_BATCH
 from datafactory.synthesis.cube import cube_of_sorted
 from datafactory.synthesis.sorting import sorted_paths
 from datafactory.synthesis.truth import truth_moments
-from datafactory.synthesis.wave_model import EQUATION_1
 from shared.radar import Radar
 from shared.signal.imaging import near_field_images
 from shared.signal.spectrum import range_doppler, select_doppler
@@ -44,18 +43,18 @@ def signals(radar: Radar, paths: int) -> Iterator[Measured]:
             for tolerance in (1e-3, 1e-4, 1e-6, 1e-9):
                 if (speed == 2.5 and tolerance != 1e-3) or (tolerance == 1e-9 and count != paths // 10):
                     continue
-                groups = sorted_paths(table, radar, tolerance, radar.array, EQUATION_1)
+                groups = sorted_paths(table, radar, tolerance, radar.array, intra_chirp=False)
                 yield (
                     f"cube, {count} paths, {speed:g} m/s, {tolerance:g}",
-                    cube_work(groups, radar, tolerance, radar.array, EQUATION_1).total,
-                    partial(cube_of_sorted, groups, radar, tolerance, radar.array, 1, EQUATION_1),
+                    cube_work(groups, radar, tolerance, radar.array, intra_chirp=False).total,
+                    partial(cube_of_sorted, groups, radar, tolerance, radar.array, 1, intra_chirp=False),
                 )
-            groups = sorted_paths(table, radar, 1e-3, radar.array, EQUATION_1)
-            cube = cube_of_sorted(groups, radar, 1e-3, radar.array, 1, EQUATION_1)
+            groups = sorted_paths(table, radar, 1e-3, radar.array, intra_chirp=False)
+            cube = cube_of_sorted(groups, radar, 1e-3, radar.array, 1, intra_chirp=False)
             cells = select_doppler(range_doppler(cube, radar), 0.0).cells[0]
             yield (
                 f"truth, {count} paths, {speed:g} m/s",
-                truth_work(table, radar, cells, DEFAULT.truth_terms, EQUATION_1).total,
+                truth_work(table, radar, cells, DEFAULT.truth_terms, intra_chirp=False).total,
                 partial(truth_moments, table, radar, cells),
             )
     moments = np.tile(truth_moments(table, radar, cells), (IMAGE_BATCH, 1, 1, 1))

@@ -14,7 +14,6 @@ from datafactory.paths.backend import cuda_device
 from datafactory.paths.table import PathTable
 from datafactory.synthesis.kernels import ON_CPU, Kernels, synthesis_problem, torch_kernels
 from datafactory.synthesis.sorting import sorted_paths
-from datafactory.synthesis.wave_model import EQUATION_1
 from shared.signal.imaging import DEFAULT_TERMS
 from shared.signal.spectrum import range_doppler, select_doppler
 
@@ -58,8 +57,8 @@ def _kernels(device: str) -> tuple[Kernels, str]:
 
 def _cube(work: Workload, device: str) -> Record:
     def cube(made_by: Kernels, table: PathTable) -> NDArray[np.complexfloating]:
-        by_kernel = sorted_paths(table, work.radar, TOLERANCE, work.radar.array, EQUATION_1)
-        return made_by.cube(by_kernel, work.radar, TOLERANCE, work.radar.array, 1, EQUATION_1)
+        by_kernel = sorted_paths(table, work.radar, TOLERANCE, work.radar.array, intra_chirp=False)
+        return made_by.cube(by_kernel, work.radar, TOLERANCE, work.radar.array, 1, intra_chirp=False)
 
     return _record("cube", f"{work.size.paths} paths, tolerance {TOLERANCE:g}, sorting included", cube, work, device)
 
@@ -68,7 +67,7 @@ def _truth(work: Workload, device: str) -> Record:
     cells = select_doppler(range_doppler(work.cube[1], work.radar), 0.0, 1).cells[0]
 
     def truth(made_by: Kernels, table: PathTable) -> NDArray[np.complexfloating]:
-        return made_by.truth(table, work.radar, cells, DEFAULT_TERMS, EQUATION_1)
+        return made_by.truth(table, work.radar, cells, DEFAULT_TERMS, intra_chirp=False)
 
     what = f"{work.size.paths} paths x {work.sensor.channels} channels, a cell a row"
     return _record("truth", what, truth, work, device)

@@ -13,7 +13,6 @@ from oracles import if_chirp
 from datafactory.paths.table import PathTable
 from datafactory.synthesis.cube import cube_of_paths
 from datafactory.synthesis.sorting import sorted_paths
-from datafactory.synthesis.wave_model import EQUATION_1
 from shared.radar import Radar, load_radar
 from shared.radar.arrays import AntennaArray
 
@@ -25,7 +24,7 @@ CHECKED = 4
 def _sampled_error(paths: PathTable, radar: Radar, tolerance: float, array: AntennaArray | None = None) -> float:
     """Relative L2 error of the cube on CHECKED channels and chirps; infinite if no path goes along Doppler lines."""
     array = array or radar.array
-    if not sorted_paths(paths, radar, tolerance, array, EQUATION_1).counts()["paths_along_lines"]:
+    if not sorted_paths(paths, radar, tolerance, array, intra_chirp=False).counts()["paths_along_lines"]:
         return np.inf
     return _error(paths, radar, tolerance, array)
 

@@ -24,8 +24,8 @@ from datafactory.scenes.materials.table import load_materials
 from shared.dataset.folder import open_dataset
 from shared.radar import Radar
 
-LEFT_OUT = ("range_migration", "near_field", "antenna_pattern", "doppler", "intra_chirp_motion")
-"""Of the plan of each scene, by its number: effects of the signal, which are decided when paths are rendered."""
+LEFT_OUT = ("noise", "near_field", "antenna_pattern", "doppler", "specular")
+"""Of the plan of each scene, by its number: most of them effects of the signal, decided when paths are rendered."""
 
 
 @pytest.fixture

@@ -34,7 +34,6 @@ def rows(samples, radar) -> list[Row]:
         Knob("width", ("float32 geometry",)),
         Knob("prune_db", (-20.0, -40.0)),
         Knob("delays", ("linear",)),
-        Knob("near_field", (False,)),
         Knob("truth_terms", (3, 6)),
         Knob("truth_wave", ("plane",)),
     )

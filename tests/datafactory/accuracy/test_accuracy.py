@@ -40,7 +40,6 @@ from datafactory.run.pipeline import Execution, render
 from datafactory.run.preparation import prepare
 from datafactory.scenes.materials.table import load_materials
 from datafactory.synthesis.sorting import sorted_paths
-from datafactory.synthesis.wave_model import EQUATION_1
 from shared.dataset.folder import open_dataset
 from shared.radar import ImageGrid, Radar
 from shared.radar.waveform import Waveform
@@ -154,7 +153,7 @@ def test_tighter_settings_have_smaller_errors(rows):
     assert find(rows, "prune_db", -20.0).cube_error_db > find(rows, "prune_db", -40.0).cube_error_db
     assert find(rows, "truth_wave", "plane").image_error_db > find(rows, "truth_terms", 6).image_error_db + 10.0
     exact = find(rows, "tolerance", 1e-6).cube_error_db
-    for knob, value in (("delays", "linear"), ("near_field", "off"), ("width", "float32 geometry")):
+    for knob, value in (("delays", "linear"), ("width", "float32 geometry")):
         assert find(rows, knob, value).cube_error_db > exact
     assert find(rows, "rays", 500).image_error_db > find(rows, "rays", 4000).image_error_db
     few, many = find(rows, "rays", 500).power_l1_db, find(rows, "rays", 4000).power_l1_db
@@ -237,9 +236,8 @@ def test_work_counts_what_is_bought(table):
     radar = Radar(waveform=Waveform(samples=128, chirps=32, range_bins=96), grid=ImageGrid(bins=48))
 
     def cube(paths: PathTable, tolerance: float) -> Work:
-        return cube_work(
-            sorted_paths(paths, radar, tolerance, radar.array, EQUATION_1), radar, tolerance, radar.array, EQUATION_1
-        )
+        by_kernel = sorted_paths(paths, radar, tolerance, radar.array, intra_chirp=False)
+        return cube_work(by_kernel, radar, tolerance, radar.array, intra_chirp=False)
 
     standing = table.at_rest(0.0)
     found = [cube(table, tolerance).by_paths for tolerance in (1e-2, 1e-3, 1e-6, 1e-9)]
@@ -251,7 +249,7 @@ def test_work_counts_what_is_bought(table):
     assert found[0] < cube(doubled, 1e-2).by_paths < 2.0 * found[0]
     assert cube(doubled, 1e-2).fixed == cube(table, 1e-2).fixed
     cells = np.full(96, 16)
-    terms = [truth_work(table, radar, cells, count, EQUATION_1) for count in (3, 6)]
+    terms = [truth_work(table, radar, cells, count, intra_chirp=False) for count in (3, 6)]
     assert terms[0].fixed < terms[1].fixed
     assert terms[0].by_paths == terms[1].by_paths
     for dearer in (replace(DEFAULT, rays=400_000), replace(DEFAULT, depth=3)):
@@ -271,10 +269,12 @@ def test_default_settings_are_those_of_a_run() -> None:
         assert settings.chain() == effects.settings(silent)
         # What changes no path leaves the realisations kept for others valid.
         assert (settings.tracing() == DEFAULT.tracing()) == (name not in POWER_EFFECTS)
-    assert {*SIGNAL_EFFECTS, *POWER_EFFECTS, "noise"} == set(NAMES)
+    always = {effect for effect, on in EffectSet.of({"doppler"}).settings(silent).frame_effects().items() if on}
+    assert {*POWER_EFFECTS, *always, "noise"} == set(NAMES)
+    assert set(SIGNAL_EFFECTS) < always
 
 
-@pytest.mark.parametrize("left_out", [(), ("doppler",), ("near_field", "range_migration", "antenna_pattern")])
+@pytest.mark.parametrize("left_out", [(), ("doppler",), ("near_field", "antenna_pattern")])
 def test_a_frame_of_the_sweep_is_a_frame_of_the_run(left_out, radar, tmp_path, variant) -> None:
     """Rendered by the pipeline itself, without noise."""
     effects = EffectSet.of(set(NAMES) - {"noise", "diffraction", "refraction", *left_out})

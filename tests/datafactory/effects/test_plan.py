@@ -105,18 +105,16 @@ def test_costs_are_differences_of_frames(monkeypatch) -> None:
         return 1.0 + 0.5 * len(of_settings[settings].names)
 
     plan = decide("scene", evidence(specular=0.0, diffuse=-50.0, noise=0.0))
-    sets = [ALL, plan.effects]
-    sets += [
-        plan.effects.without(name) if getattr(plan.effects, name) else plan.effects.with_also(name) for name in NAMES
+    found, base = ("specular", "diffuse", "noise"), ChainSettings()
+    sets = [
+        plan.effects.without(name) if getattr(plan.effects, name) else plan.effects.with_also(name) for name in found
     ]
-    base = ChainSettings()
-    of_settings = {effects.settings(base): effects for effects in sets}
-    assert len(of_settings) == len(set(sets))
+    of_settings = {effects.settings(base): effects for effects in (ALL, plan.effects, *sets)}
     monkeypatch.setattr(timing, "frame_seconds", frame_seconds)
     steps: list[tuple[int, int, str]] = []
     frame, scene = a_frame()
     result = timing.costs(frame, scene, Radar(), base, plan, lambda *step: steps.append(step))
-    assert result == {name: 0.5 if name in ("specular", "diffuse", "noise") else 0.0 for name in NAMES}
+    assert result == {name: 0.5 if name in found else 0.0 for name in NAMES}
     assert [step[0] for step in steps] == list(range(steps[0][1]))
     assert ALL.settings(base) in asked
 

@@ -14,7 +14,6 @@ from datafactory.synthesis.motion import left_out, motion_of
 from datafactory.synthesis.parts import centre, reach_m
 from datafactory.synthesis.slow_time import LINE_OVERSAMPLING, applied, line_gain, line_weights
 from datafactory.synthesis.sorting import EXTRAS, ORDERS, PathsAlongLines, SortedPaths, line_sets, sorted_paths
-from datafactory.synthesis.wave_model import EQUATION_1, WaveModel
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray, line, virtual_sensor_256
 from shared.radar.waveform import Waveform
@@ -57,8 +56,8 @@ def moving(count: int, speed: float, limits_m: tuple[float, float], seed: int = 
     )
 
 
-def along_lines(paths: PathTable, radar: Radar, tolerance: float, model: WaveModel = EQUATION_1) -> int:
-    return sorted_paths(paths, radar, tolerance, radar.array, model).counts()["paths_along_lines"]
+def along_lines(paths: PathTable, radar: Radar, tolerance: float, intra_chirp: bool = False) -> int:
+    return sorted_paths(paths, radar, tolerance, radar.array, intra_chirp).counts()["paths_along_lines"]
 
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 1e-5, 1e-6])
@@ -101,29 +100,19 @@ def test_virtual_sensor_keeps_its_tolerance(tolerance):
     paths = moving(4, 5.0, (3.0, 30.0), seed=3)
     sensor = virtual_sensor_256(radar.waveform.carrier_hz)
     cube = cube_of_paths(paths, radar, tolerance, array=sensor)
-    assert sorted_paths(paths, radar, tolerance, sensor, EQUATION_1).counts()["paths_along_lines"] > 0
+    assert sorted_paths(paths, radar, tolerance, sensor, intra_chirp=False).counts()["paths_along_lines"] > 0
     assert relative_error(cube, if_cube(paths, radar, sensor)) <= tolerance
 
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 1e-6])
-@pytest.mark.parametrize(
-    "model",
-    [
-        WaveModel(intra_chirp_motion=True),
-        WaveModel(range_migration=False),
-        WaveModel(near_field=False),
-        WaveModel(False, True, False),
-    ],
-    ids=["within the chirp", "no migration", "plane", "all"],
-)
 @pytest.mark.parametrize("speed", [2.0, 12.0])
-def test_every_model_of_motion_agrees_with_the_exact_kernel(tolerance, model, speed):
+def test_motion_within_the_chirp_agrees_with_the_exact_kernel(tolerance, speed):
     radar = radar_of(samples=64, chirps=64)
     paths = moving(40, speed, (1.0, 30.0), seed=4)
     # At 1e-6 a sensor's motion within the chirp sends all that is fast to the exact kernel.
-    assert along_lines(paths, radar, tolerance, model) > 0 or (tolerance < 1e-5 and speed > 10.0)
-    exact = cube_of_paths(paths, radar, 1e-9, model=model)
-    assert relative_error(cube_of_paths(paths, radar, tolerance, model=model), exact) <= tolerance
+    assert along_lines(paths, radar, tolerance, intra_chirp=True) > 0 or (tolerance < 1e-5 and speed > 10.0)
+    exact = cube_of_paths(paths, radar, 1e-9, intra_chirp=True)
+    assert relative_error(cube_of_paths(paths, radar, tolerance, intra_chirp=True), exact) <= tolerance
 
 
 def one_path(distance: float, velocity: tuple[float, float, float] = (-6.0, 9.0, 0.0)) -> PathTable:
@@ -145,15 +134,15 @@ def test_the_switch_leaves_no_seam(tolerance):
     assert relative_error(spread, exactly) < tolerance
 
 
-def orders_of(paths: PathTable, radar: Radar, tolerance: float, model: WaveModel = EQUATION_1) -> int:
+def orders_of(paths: PathTable, radar: Radar, tolerance: float) -> int:
     """Separable terms of a single path; 0 where it does not go along lines."""
-    lines = sorted_paths(paths, radar, tolerance, radar.array, model).lines
+    lines = sorted_paths(paths, radar, tolerance, radar.array, intra_chirp=False).lines
     return lines[0].orders if lines else 0
 
 
-@pytest.mark.parametrize("model", [EQUATION_1, WaveModel(intra_chirp_motion=True)], ids=["frozen", "within the chirp"])
+@pytest.mark.parametrize("intra_chirp", [False, True], ids=["frozen", "within the chirp"])
 @pytest.mark.parametrize("multiplexing", ["simultaneous", "tdm"])
-def test_every_order_stays_within_its_bound(model, multiplexing):
+def test_every_order_stays_within_its_bound(intra_chirp, multiplexing):
     radar = radar_of(samples=64, chirps=64, array=Radar().array, multiplexing=multiplexing)
     start, tolerance = 32 * radar.waveform.chirp_interval_s, 1e-6
     centres, reaches = (
@@ -163,14 +152,14 @@ def test_every_order_stays_within_its_bound(model, multiplexing):
     nothing = one_path(9.0).scattered.take(np.zeros(0, dtype=np.int64))
     for distance, velocity in ((6.0, (-3.0, 4.0, 0.0)), (9.0, (-6.0, 9.0, 0.0)), (60.0, (10.0, -20.0, 5.0))):
         paths = one_path(distance, velocity)
-        motion = motion_of(paths.scattered, *centres, start, radar, model)
-        extra, bounds = left_out(paths.scattered, motion, reaches, centres, start, radar, model)
-        weights = next(weights for limit, weights in line_sets(radar, tolerance, model) if extra[0] <= limit)
-        exact = cube_of_paths(paths, radar, 1e-9, model=model)
+        motion = motion_of(paths.scattered, *centres, start, radar, intra_chirp)
+        extra, bounds = left_out(paths.scattered, motion, reaches, centres, start, radar, intra_chirp)
+        weights = next(weights for limit, weights in line_sets(radar, tolerance) if extra[0] <= limit)
+        exact = cube_of_paths(paths, radar, 1e-9, intra_chirp=intra_chirp)
         found = []
         for orders in range(1, ORDERS + 1):
             alone = SortedPaths(PathTable(nothing), (PathsAlongLines(weights, orders, paths),), PathTable(nothing))
-            found.append(relative_error(cube_of_sorted(alone, radar, tolerance, radar.array, 1, model), exact))
+            found.append(relative_error(cube_of_sorted(alone, radar, tolerance, radar.array, 1, intra_chirp), exact))
             assert found[-1] <= bounds[orders - 1, 0] + tolerance
         # The bound is no empty promise: what an order adds is seen.
         assert found[0] > 3.0 * found[1] > 3.0 * found[2]
@@ -202,7 +191,7 @@ def test_few_of_a_street_at_speed_go_by_chirps():
     points = place[:, None] * np.stack([np.sqrt(1.0 - u**2), u, np.zeros(400)], axis=1)
     paths = PathTable(ScatteredPaths.of_points(points, np.tile([-10.0, 0.0, 0.0], (400, 1)), np.ones(400)))
     radar = radar_of(samples=32, chirps=128, array=Radar().array)
-    sorted_ = sorted_paths(paths, radar, 1e-6, radar.array, EQUATION_1)
+    sorted_ = sorted_paths(paths, radar, 1e-6, radar.array, intra_chirp=False)
     assert sorted_.counts()["paths_by_chirps"] < 40
     assert {group.orders for group in sorted_.lines} == {1, 2, 3}
     some = PathTable(paths.scattered.take(np.arange(40)))
@@ -218,7 +207,7 @@ def test_paths_of_every_need_are_counted_once():
             np.ones(3),
         )
     )
-    counts = sorted_paths(paths, radar, 1e-4, radar.array, EQUATION_1).counts()
+    counts = sorted_paths(paths, radar, 1e-4, radar.array, intra_chirp=False).counts()
     assert counts == {"paths_standing": 1, "paths_along_lines": 1, "paths_by_chirps": 1}
     assert relative_error(cube_of_paths(paths, radar, 1e-4), if_cube(paths, radar)) <= 1e-4
 

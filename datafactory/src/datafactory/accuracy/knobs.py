@@ -105,8 +105,8 @@ class KnobSettings:
         return (*self.of_truth(), self.truth_wave, self.truth_window)
 
 
-SIGNAL_EFFECTS = ("doppler", "range_migration", "intra_chirp_motion", "near_field")
-"""Effects on the way from paths to signal."""
+SIGNAL_EFFECTS = ("doppler",)
+"""Effects on the way from paths to signal that can be left out of it."""
 POWER_EFFECTS = (
     "specular", "diffuse", "multi_bounce", "refraction", "diffraction", "corners", "antenna_pattern", "rcs_targets",
 )  # fmt: skip

@@ -18,7 +18,6 @@ from datafactory.paths.rays import RayFan
 from datafactory.paths.table import PathTable
 from datafactory.paths.unfold import unit
 from datafactory.synthesis.cube import cube_of_paths
-from datafactory.synthesis.wave_model import EQUATION_1, WaveModel
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
 from shared.signal.imaging import sweep_moments
@@ -114,7 +113,7 @@ def reference_moments(
     radar: Radar,
     doppler_cells: NDArray[np.int64],
     terms: int,
-    model: WaveModel = EQUATION_1,
+    intra_chirp: bool = False,
     tolerance: float = 1e-6,
 ) -> NDArray[np.complex64]:
     """[terms, R, C] what :func:`truth_moments` approximates: from its whole cube and Doppler filters."""
@@ -125,7 +124,7 @@ def reference_moments(
     for first in range(0, len(sensor.rx_m), REFERENCE_BLOCK):
         block = slice(first, first + REFERENCE_BLOCK)
         some = AntennaArray(tx_m=sensor.tx_m, rx_m=sensor.rx_m[block])
-        cube = cube_of_paths(paths, radar, tolerance, some, model=replace(model, near_field=True))
+        cube = cube_of_paths(paths, radar, tolerance, some, intra_chirp=intra_chirp)
         for cell in np.unique(doppler_cells):
             rows = np.flatnonzero(doppler_cells == cell)
             weight = window * np.exp(-2j * np.pi * (cell - waveform.chirps // 2) * turn)

@@ -22,7 +22,6 @@ from datafactory.synthesis.frame_lines import block_plans
 from datafactory.synthesis.sorting import FLOAT32_TOLERANCE, SortedPaths
 from datafactory.synthesis.spread import LANES
 from datafactory.synthesis.truth import truth_plan
-from datafactory.synthesis.wave_model import WaveModel
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
 
@@ -83,7 +82,7 @@ def frame_work(settings: KnobSettings, radar: Radar) -> float:
     return spectra + image + 3.0 * PASS * signals * waveform.samples
 
 
-def cube_work(paths: SortedPaths, radar: Radar, tolerance: float, array: AntennaArray, model: WaveModel) -> Work:
+def cube_work(paths: SortedPaths, radar: Radar, tolerance: float, array: AntennaArray, intra_chirp: bool) -> Work:
     """Of the cube of sorted paths."""
     waveform = radar.waveform
     work = Work(fixed=PASS * array.channels * waveform.chirps * waveform.samples)
@@ -91,7 +90,7 @@ def cube_work(paths: SortedPaths, radar: Radar, tolerance: float, array: Antenna
         work += _exact_work(len(paths.chirps), radar, tolerance, array, waveform.chirps)
     if len(paths.standing):
         work += _exact_work(len(paths.standing), radar, tolerance, array, 1)
-    return work + _lines_work(paths, radar, tolerance, array, model) if paths.lines else work
+    return work + _lines_work(paths, radar, tolerance, array, intra_chirp) if paths.lines else work
 
 
 def _exact_work(paths: int, radar: Radar, tolerance: float, array: AntennaArray, chirps: int) -> Work:
@@ -106,10 +105,10 @@ def _exact_work(paths: int, radar: Radar, tolerance: float, array: AntennaArray,
     return work
 
 
-def _lines_work(paths: SortedPaths, radar: Radar, tolerance: float, array: AntennaArray, model: WaveModel) -> Work:
+def _lines_work(paths: SortedPaths, radar: Radar, tolerance: float, array: AntennaArray, intra_chirp: bool) -> Work:
     """Of the kernel along lines: weights of every path, FFTs of every line, a product of every sample."""
     waveform, work = radar.waveform, Work()
-    for plan in block_plans(paths.lines, radar, array, tolerance, model):
+    for plan in block_plans(paths.lines, radar, array, tolerance, intra_chirp):
         (taps, terms), elements = plan.weights.shape, len(array.rx_m[plan.rx])
         channels, by_paths = len(array.tx_m) * elements, 0.0
         for job in plan.jobs:
@@ -127,9 +126,9 @@ def _lines_work(paths: SortedPaths, radar: Radar, tolerance: float, array: Anten
     return work
 
 
-def truth_work(paths: PathTable, radar: Radar, cells: NDArray[np.int64], terms: int, model: WaveModel) -> Work:
+def truth_work(paths: PathTable, radar: Radar, cells: NDArray[np.int64], terms: int, intra_chirp: bool) -> Work:
     """Of the truth's moments: what elements see of paths, their moments in the cells in which they are seen, rows."""
-    _, path_terms, seen = truth_plan(paths, radar, cells, terms, model)
+    _, path_terms, seen = truth_plan(paths, radar, cells, terms, intra_chirp)
     elements, by_paths, fixed = radar.virtual_sensor.channels, 0.0, 0.0
     # What an element sees, the Doppler polynomial by Horner's rule, its product with the echo, powers of the range.
     of_terms = VIEW + path_terms * (path_terms + 1.0) + path_terms * (6.0 + 4.0 * SHIFT_TERMS)

@@ -17,9 +17,9 @@ DESCRIPTIONS = {
     "diffraction": "echoes of edges, and targets seen round them",
     "corners": "right-angled corners, seen by a bounce on either face",
     "doppler": "motion; off: the scene stands still as it is at mid-frame, and one chirp is simulated",
-    "range_migration": "echoes that cross range bins within the frame; off: each keeps its range of mid-frame",
-    "intra_chirp_motion": "motion within a chirp; off: every chirp sees the scene as it is at its start",
-    "near_field": "spherical waves over the input array; off: plane waves. The truth's are always spherical",
+    "range_migration": "echoes that cross range bins within the frame; comes with Doppler",
+    "intra_chirp_motion": "motion within a chirp; comes with Doppler",
+    "near_field": "spherical waves over the input array; always there",
     "antenna_pattern": "gain by direction; off: the gain of boresight everywhere",
     "rcs_targets": "targets given by a radar cross section",
     "noise": "receiver noise",
@@ -66,9 +66,7 @@ class EffectSet:
         """Settings of the chain that simulate no more than these effects."""
         trace = settings.trace
         # Close-target frames stay with eq. (1); a scene's have every effect of the signal that is asked for.
-        every = replace(
-            settings.processing, doppler=True, range_migration=True, intra_chirp_motion=True, near_field=True
-        )
+        every = replace(settings.processing, doppler=True, intra_chirp_motion=True)
         return replace(
             settings,
             trace=replace(

@@ -94,9 +94,9 @@ class ChainSettings:
         processing = self.processing
         return {
             "doppler": processing.doppler,
-            "range_migration": processing.range_migration,
-            "intra_chirp_motion": processing.intra_chirp_motion,
-            "near_field": processing.near_field,
+            "range_migration": True,
+            "intra_chirp_motion": True,
+            "near_field": True,
             "antenna_pattern": self.antenna_pattern,
             "noise": processing.noise,
         }
@@ -104,14 +104,7 @@ class ChainSettings:
     def with_frame_effects(self, wanted: Collection[str]) -> ChainSettings:
         """These settings with no other effects of the signal than ``wanted``."""
         kept = {name: on and name in wanted for name, on in self.frame_effects().items()}
-        processing = replace(
-            self.processing,
-            doppler=kept["doppler"],
-            range_migration=kept["range_migration"],
-            intra_chirp_motion=kept["intra_chirp_motion"],
-            near_field=kept["near_field"],
-            noise=kept["noise"],
-        )
+        processing = replace(self.processing, doppler=kept["doppler"], noise=kept["noise"])
         return replace(self, processing=processing, antenna_pattern=kept["antenna_pattern"])
 
 

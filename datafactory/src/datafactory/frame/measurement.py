@@ -18,7 +18,6 @@ from datafactory.frame.points import target_list
 from datafactory.paths.table import PathTable
 from datafactory.synthesis.kernels import ON_CPU, Kernels
 from datafactory.synthesis.sorting import sorted_paths
-from datafactory.synthesis.wave_model import WaveModel
 from shared.dataset import Box, Frame, Target
 from shared.physics.units import amplitude_to_db
 from shared.radar import Radar
@@ -56,8 +55,8 @@ class Processing:
     :param truth_window: over the virtual sensor's elements, see :func:`shared.signal.windows.angle_window`
     :param tolerance: of the cube's synthesis, relative L2; 30 dB below the default error budget
     :param truth_terms: polynomial terms of the truth's range walk
-    :param doppler, range_migration, intra_chirp_motion, near_field: effects, see
-        :mod:`datafactory.effects.catalogue`; by default those of eq. (1) and (2)
+    :param doppler: an effect, see :mod:`datafactory.effects.catalogue`
+    :param intra_chirp_motion: motion within the chirp, which every scene has; close targets are those of eq. (1)
     """
 
     peaks: int = 3
@@ -67,14 +66,7 @@ class Processing:
     tolerance: float = 1e-3
     truth_terms: int = DEFAULT_TERMS
     doppler: bool = True
-    range_migration: bool = True
     intra_chirp_motion: bool = False
-    near_field: bool = True
-
-    @property
-    def wave_model(self) -> WaveModel:
-        """What becomes of motion and curvature."""
-        return WaveModel(self.range_migration, self.intra_chirp_motion, self.near_field)
 
 
 @dataclass(frozen=True)
@@ -135,11 +127,11 @@ def measure(
     :param counts: handed on
     :param kernels: of the device that makes the signals
     """
-    model = processing.wave_model
+    intra_chirp = processing.intra_chirp_motion
     paths = at("motion", _as_it_moves, paths, radar, processing)
     tolerance, array = processing.tolerance, radar.array
-    by_kernel = at("sorting", sorted_paths, paths, radar, tolerance, array, model)
-    cube = at("cube", kernels.cube, by_kernel, radar, tolerance, array, 1, model)
+    by_kernel = at("sorting", sorted_paths, paths, radar, tolerance, array, intra_chirp)
+    cube = at("cube", kernels.cube, by_kernel, radar, tolerance, array, 1, intra_chirp)
     recorded, saturated = at(
         "receiver", received, cube.astype(np.complex64, copy=False), radar, generator if processing.noise else None
     )
@@ -147,7 +139,7 @@ def measure(
     spectra = at("range-Doppler", range_doppler, recorded, radar)
     selection = at("Doppler choice", select_doppler, spectra, noise_power, processing.peaks)
     selection = at("velocity interval", unfold, selection, radar)
-    moments = at("truth", kernels.truth, paths, radar, selection.cells[0], processing.truth_terms, model)
+    moments = at("truth", kernels.truth, paths, radar, selection.cells[0], processing.truth_terms, intra_chirp)
     return Measurement(
         identity=identity,
         range_channel=selection.range_channel,

@@ -32,7 +32,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shared.physics.vectors import dots, lengths, taken
+from shared.physics.vectors import lengths, taken
 from shared.radar import FrontEnd, Radar
 
 Real = NDArray[np.float64]
@@ -176,29 +176,20 @@ class SpecularPaths:
         """[S, 3] directions in which the reference TX sees the image of the origin: H^T (0 - s)."""
         return np.einsum("kji,kj->ki", self.axes, -self.image)
 
-    def as_scattered(self, tx: Real, plane: bool = False) -> ScatteredPaths:
+    def as_scattered(self, tx: Real) -> ScatteredPaths:
         """The same paths for one TX at ``tx`` [3], in the form of scattered paths.
 
         The RX-side point is the image of this TX. The TX-side point stands 1 m ahead of the TX, which makes the TX leg
         a constant 1 m, and b = -1 m removes it. One kernel then serves both laws exactly.
-
-        :param plane: for a kernel that lays plane waves over both arrays: |x_j - s - H x_i| is |s| - n (x_j - H x_i),
-            n = s / |s|. The RX-side point is the reference's image, b has n H x_i, and the point 1 m ahead of the
-            origin gives the TX leg 1 m - x_i.
         """
         count = len(self)
         moved = np.einsum("kij,j->ki", self.axes, tx - self.reference)
-        image, ahead, between = self.image + moved, tx + np.array([1.0, 0.0, 0.0]), np.full(count, -1.0)
-        if plane:
-            distance = np.maximum(lengths(self.image), 1e-9)
-            image, ahead = self.image, np.array([1.0, 0.0, 0.0])
-            between = dots(self.image, moved) / distance + tx[0] - 1.0
         return ScatteredPaths(
-            tx_point=np.tile(ahead, (count, 1)),
-            rx_point=image,
+            tx_point=np.tile(tx + np.array([1.0, 0.0, 0.0]), (count, 1)),
+            rx_point=self.image + moved,
             tx_velocity=np.zeros((count, 3)),
             rx_velocity=self.image_velocity,
-            between_m=between,
+            between_m=np.full(count, -1.0),
             between_rate_mps=np.zeros(count),
             amplitude=self.amplitude,
             depth=self.depth,

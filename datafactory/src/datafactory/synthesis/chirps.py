@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from functools import lru_cache, partial
 from math import factorial
 
 import numpy as np
 import scipy.fft
-from jaxtyping import Complex, Float, Float64
+from jaxtyping import Complex, Float64
 from numpy.typing import NDArray
 
 from datafactory.paths.table import PathTable, ScatteredPaths
-from datafactory.synthesis.parts import centre, parts_of, reach_bins, rx_blocks
+from datafactory.synthesis.motion import instants
+from datafactory.synthesis.parts import Part, centre, parts_of, reach_bins, rx_blocks
 from datafactory.synthesis.sorting import FLOAT32_TOLERANCE, crowd_limit, range_cells
 from datafactory.synthesis.spread import add_moments, add_to_grid, columns, empty_moments, padded
-from datafactory.synthesis.wave_model import WaveModel
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
 from shared.radar.waveform import Waveform
@@ -35,39 +34,13 @@ APPROXIMATION = 0.8
 """Share of the tolerance for the weights' error; rounding, independent of it, has 0.6: 0.8^2 + 0.6^2 = 1."""
 
 
-@dataclass(frozen=True)
-class _Contribution:
-    """Paths, sorted by range, with the TX they serve and the starts of that TX's chirps [s].
-
-    :param table: of :func:`datafactory.synthesis.spread.columns`
-    """
-
-    table: Float64[np.ndarray, "16 paths"]
-    tx: slice
-    start: Float64[np.ndarray, " chirps"]
-
-
-@dataclass(frozen=True)
-class _Block:
-    """RX elements worked on together, and the weights that their delays need.
-
-    :param rx: indices
-    :param gain: over the FFT's output
-    :param weights: complex where there is a residual video phase
-    """
-
-    rx: slice
-    gain: Float[np.ndarray, " samples"]
-    weights: Float[np.ndarray, "taps terms"] | Complex[np.ndarray, "taps terms"]
-
-
 def cube_by_chirps(
     paths: PathTable,
     radar: Radar,
     tolerance: float,
     array: AntennaArray,
     threads: int,
-    model: WaveModel,
+    intra_chirp: bool,
     chirps: int,
     dtype: type,
 ) -> Complex[np.ndarray, "{chirps} samples rx tx"]:
@@ -79,14 +52,10 @@ def cube_by_chirps(
     waveform = radar.waveform
     cube: NDArray = np.zeros((chirps, waveform.samples, len(array.rx_m), len(array.tx_m)), dtype=dtype)
     times = chirp_times(radar.model_copy(update={"array": array}))[:, :chirps]
-    contributions = [
-        _Contribution(_by_cell(part.paths, waveform), part.tx, part.start)
-        for part in parts_of(paths, array, times, plane=not model.near_field)
-    ]
-    if contributions:
-        blocks = _blocks(array, waveform, tolerance, dtype)
-        tasks = [(block, chirp) for block in blocks for chirp in range(chirps)]
-        work = partial(_add_chirps, cube, contributions, radar, array, model)
+    parts = [(_by_cell(part.paths, waveform), part) for part in parts_of(paths, array, times)]
+    if parts:
+        tasks = [(block, chirp) for block in exact_blocks(array, waveform, tolerance) for chirp in range(chirps)]
+        work = partial(_add_chirps, cube, parts, radar, array, intra_chirp)
         with ThreadPoolExecutor(threads) as pool:
             list(pool.map(work, [tasks[first::threads] for first in range(threads)]))
     return cube
@@ -109,25 +78,19 @@ def _by_cell(paths: ScatteredPaths, waveform: Waveform) -> Float64[np.ndarray, "
     return columns(paths, order)
 
 
-def exact_blocks(
-    array: AntennaArray, waveform: Waveform, tolerance: float
-) -> list[tuple[slice, Float64[np.ndarray, " samples"], NDArray]]:
-    """Blocks of RX, each with its gain [samples] and its weights [taps, terms]."""
+Block = tuple[slice, Float64[np.ndarray, " samples"], NDArray]
+"""RX elements worked on together, the gain over the FFT's output [samples], and the weights that their delays need
+[taps, terms], complex where there is a residual video phase."""
+
+
+def exact_blocks(array: AntennaArray, waveform: Waveform, tolerance: float) -> list[Block]:
+    """The blocks of an array."""
     blocks = []
     for elements in rx_blocks(array, waveform.bandwidth_hz):
         reach = sum(reach_bins(part, waveform.bandwidth_hz) for part in (array.tx, array.rx[elements]))
         # Rounded up: blocks of one width differ in the last digits alone, and then share their weights.
         reach = float(np.ceil((0.5 / OVERSAMPLING + reach) * 1e6) * 1e-6)
         blocks.append((elements, *_weights(waveform, reach, tolerance)))
-    return blocks
-
-
-def _blocks(array: AntennaArray, waveform: Waveform, tolerance: float, dtype: type) -> list[_Block]:
-    """The same in the sums' precision."""
-    real, blocks = np.finfo(dtype).dtype, []
-    for elements, gain, weights in exact_blocks(array, waveform, tolerance):
-        narrow = dtype if np.iscomplexobj(weights) else real
-        blocks.append(_Block(elements, gain.astype(real), weights.astype(narrow)))
     return blocks
 
 
@@ -178,37 +141,40 @@ def _with_video_phase(
 
 def _add_chirps(
     cube: Complex[np.ndarray, "chirps samples rx tx"],
-    contributions: list[_Contribution],
+    parts: list[tuple[Float64[np.ndarray, "16 paths"], Part]],
     radar: Radar,
     array: AntennaArray,
-    model: WaveModel,
-    tasks: list[tuple[_Block, int]],
+    intra_chirp: bool,
+    tasks: list[tuple[Block, int]],
 ) -> None:
-    """Fill ``cube`` at these blocks of RX and chirps."""
+    """Fill ``cube`` at these blocks of RX and chirps.
+
+    :param parts: with their paths sorted by range, as the kernel reads them
+    """
     waveform, tx, tx_centre = radar.waveform, array.tx, centre(array.tx)
+    after, lead = instants(radar, intra_chirp)
     cells, real = OVERSAMPLING * waveform.samples, cube.real.dtype
     # Sample n belongs to nu = (n - N // 2) / N, i.e. to output n - N // 2 of the FFT over the range cells.
     outputs = np.arange(waveform.samples) - waveform.samples // 2
     workspaces: dict[tuple[int, ...], np.ndarray] = {}
-    for block, chirp in tasks:
-        rx, powers = array.rx[block.rx], (0,) * block.weights.shape[1]
+    for (elements, gain, weights), chirp in tasks:
+        rx, powers = array.rx[elements], (0,) * weights.shape[1]
         shape = cells, len(tx), len(rx), len(powers)
         if shape not in workspaces:
             workspaces[shape] = empty_moments(*shape, real)
             workspaces[shape].fill(0.0)
         moments, used = workspaces[shape], np.zeros(cells, dtype=np.bool_)
-        for part in contributions:
-            start = float(part.start[chirp])
+        for table, part in parts:
+            time = float(part.start[chirp]) + after
             add_moments(
-                part.table, tx[part.tx], padded(rx), tx_centre, centre(rx),
-                model.phase_time_s(start, radar), model.beat_time_s(start, radar), not model.near_field,
+                table, tx[part.tx], padded(rx), tx_centre, centre(rx), time, time + lead,
                 reference_frequency_hz(radar), waveform.bandwidth_hz, waveform.slope_hz_per_s,
                 float(waveform.residual_video_phase), OVERSAMPLING, powers, part.tx.start, moments, used,
             )  # fmt: skip
         grid = np.zeros((cells, len(rx), len(tx)), dtype=cube.dtype)
-        add_to_grid(moments, used, np.ascontiguousarray(block.weights.real), powers, cube.dtype.type(1.0), grid)
-        if np.iscomplexobj(block.weights):
-            add_to_grid(moments, used, np.ascontiguousarray(block.weights.imag), powers, cube.dtype.type(1.0j), grid)
+        add_to_grid(moments, used, weights.real.astype(real, order="C"), powers, cube.dtype.type(1.0), grid)
+        if np.iscomplexobj(weights):
+            add_to_grid(moments, used, weights.imag.astype(real, order="C"), powers, cube.dtype.type(1.0j), grid)
         moments[used] = 0.0
         spectra = scipy.fft.ifft(grid, axis=0, norm="forward", overwrite_x=True)
-        np.multiply(spectra[outputs], block.gain[:, None, None], out=cube[chirp][:, block.rx])
+        np.multiply(spectra[outputs], gain[:, None, None].astype(real), out=cube[chirp][:, elements])

@@ -12,7 +12,6 @@ from datafactory.paths.table import PathTable
 from datafactory.synthesis.chirps import cube_by_chirps, precision
 from datafactory.synthesis.frame_lines import add_along_lines
 from datafactory.synthesis.sorting import FLOAT32_TOLERANCE, SortedPaths, sorted_paths
-from datafactory.synthesis.wave_model import EQUATION_1, WaveModel
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
 
@@ -26,24 +25,26 @@ def cube_of_paths(
     tolerance: float = 1e-6,
     array: AntennaArray | None = None,
     threads: int = 1,
-    model: WaveModel = EQUATION_1,
+    intra_chirp: bool = False,
 ) -> Complex[np.ndarray, "chirps samples channels"]:
     """Noise-free IF signal of illuminated paths (amplitudes in sqrt(W)).
 
     :param tolerance: bound on the relative L2 error against the float64 sum; complex64 down to 5e-7, else complex128
     :param array: another array than the radar's own, e.g. its virtual sensor
     :param threads: chirps, or samples, worked on at once
-    :param model: what the bound is against; the default is eq. (1) and (2)
+    :param intra_chirp: motion within the chirp (:mod:`datafactory.synthesis.motion`); otherwise eq. (1) and (2)
     :raises ValueError: a tolerance below 1e-11
     """
     if not tolerance >= SMALLEST_TOLERANCE:
         raise ValueError(f"tolerance {tolerance:g}; expected at least {SMALLEST_TOLERANCE:g}")
     array = array or radar.array
-    return cube_of_sorted(sorted_paths(paths, radar, tolerance, array, model), radar, tolerance, array, threads, model)
+    return cube_of_sorted(
+        sorted_paths(paths, radar, tolerance, array, intra_chirp), radar, tolerance, array, threads, intra_chirp
+    )
 
 
 def cube_of_sorted(
-    paths: SortedPaths, radar: Radar, tolerance: float, array: AntennaArray, threads: int, model: WaveModel
+    paths: SortedPaths, radar: Radar, tolerance: float, array: AntennaArray, threads: int, intra_chirp: bool
 ) -> Complex[np.ndarray, "chirps samples channels"]:
     """The sum of all kernels; arguments as in :func:`cube_of_paths`."""
     waveform = radar.waveform
@@ -51,7 +52,7 @@ def cube_of_sorted(
 
     def exactly(table: PathTable, chirps: int) -> Complex[np.ndarray, "{chirps} samples channels"]:
         dtype = precision(table, waveform, tolerance)
-        result = cube_by_chirps(table, radar, tolerance, array, threads, model, chirps, dtype).reshape(
+        result = cube_by_chirps(table, radar, tolerance, array, threads, intra_chirp, chirps, dtype).reshape(
             chirps, *shape[1:]
         )
         return result if tolerance < FLOAT32_TOLERANCE else result.astype(np.complex64, copy=False)
@@ -64,5 +65,5 @@ def cube_of_sorted(
         cube = np.repeat(cube, waveform.chirps, axis=0)
     if paths.lines:
         by_channel = cube.reshape(*shape[:2], len(array.rx_m), len(array.tx_m))
-        add_along_lines(by_channel, paths.lines, radar, array, tolerance, threads, model)
+        add_along_lines(by_channel, paths.lines, radar, array, tolerance, threads, intra_chirp)
     return cube

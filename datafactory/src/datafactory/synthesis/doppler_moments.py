@@ -54,7 +54,7 @@ def add_doppler_moments(
     :param elements: [BLOCK, 3] from ``rx_centre`` [m]
     :param frequency: of the Doppler cell [bins]
     :param lead: time by which ranges precede phases [s]
-    :param kappa: B / f_0, 0 for ranges that do not move within the frame
+    :param kappa: B / f_0
     :param needed: [cells] of the grid
     """
     lowest_q, lowest_delta, table = table_parts

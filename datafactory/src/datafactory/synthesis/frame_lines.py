@@ -23,12 +23,11 @@ from threadpoolctl import threadpool_limits
 
 from datafactory.synthesis.line_sums import add_samples, fill_lines, line_spectrum
 from datafactory.synthesis.lines import add_lines
-from datafactory.synthesis.motion import Motion, coupling, motion_of
+from datafactory.synthesis.motion import Motion, coupling, instants, motion_of
 from datafactory.synthesis.parts import Part, centre, parts_of, reach_bins, rx_blocks
 from datafactory.synthesis.slow_time import LINE_OVERSAMPLING, line_shape
 from datafactory.synthesis.sorting import RANGE_SHARE, RANGE_SLACK_BINS, PathsAlongLines, range_cells
 from datafactory.synthesis.spread import columns, padded
-from datafactory.synthesis.wave_model import WaveModel
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
@@ -65,11 +64,6 @@ class Job:
     first: Int64[np.ndarray, " paths"]
     cell: Int64[np.ndarray, " paths"]
 
-    @property
-    def last(self) -> Int64[np.ndarray, " paths"]:
-        """The last line of each, in spacings."""
-        return self.first + self.group.weights.taps - 1
-
 
 @dataclass(frozen=True)
 class BlockPlan:
@@ -93,7 +87,7 @@ class BlockPlan:
 
 
 def block_plans(
-    groups: Sequence[PathsAlongLines], radar: Radar, array: AntennaArray, tolerance: float, model: WaveModel
+    groups: Sequence[PathsAlongLines], radar: Radar, array: AntennaArray, tolerance: float, intra_chirp: bool
 ) -> Iterator[BlockPlan]:
     """How groups of paths are spread, block by block; all their line weights have one gain."""
     waveform = radar.waveform
@@ -103,7 +97,7 @@ def block_plans(
         reach = reach_bins(array.tx, waveform.bandwidth_hz) + reach_bins(rx, waveform.bandwidth_hz)
         reach = float(np.ceil((0.5 * waveform.samples / cells + reach + RANGE_SLACK_BINS) * 1e6) * 1e-6)
         gain, weights = _range_weights(waveform, cells, reach, RANGE_SHARE * tolerance)
-        yield BlockPlan(block, cells, _jobs(groups, radar, array, rx, model, cells), gain, weights)
+        yield BlockPlan(block, cells, _jobs(groups, radar, array, rx, intra_chirp, cells), gain, weights)
 
 
 def add_along_lines(
@@ -113,13 +107,14 @@ def add_along_lines(
     array: AntennaArray,
     tolerance: float,
     threads: int,
-    model: WaveModel,
+    intra_chirp: bool,
 ) -> None:
     """Add to ``cube`` the paths of groups; all their line weights have one gain.
 
     :param threads: samples worked on at once
     """
-    for plan in block_plans(groups, radar, array, tolerance, model):
+    gain_taps = groups[0].weights.gain_taps
+    for plan in block_plans(groups, radar, array, tolerance, intra_chirp):
         rx, cells, taps = array.rx[plan.rx], plan.cells, len(plan.weights)
         columns_of = slice(plan.rx.start * len(array.tx), plan.rx.stop * len(array.tx))
         row_bytes = (cells + taps - 1) * len(array.tx) * padded(rx).shape[1] * 8
@@ -127,17 +122,10 @@ def add_along_lines(
             shape = len(lines), cells + taps - 1, 2, len(array.tx) * padded(rx).shape[1]
             grid = np.zeros(shape, dtype=np.float32)
             for job, some in chosen:
-                _spread(grid, job, some, lines, cells, plan.weights, radar, array, rx, model)
+                _spread(grid, job, some, lines, cells, plan.weights, radar, array, rx, intra_chirp)
             fast_time = _fast_time(grid, cells, taps, plan.gain, (len(rx), len(array.tx)))
-            _add_chirps(
-                cube.reshape(*cube.shape[:2], -1)[:, :, columns_of],
-                fast_time,
-                lines / LINE_OVERSAMPLING,
-                groups[0].weights.gain_taps,
-                radar,
-                coupling(radar, model),
-                threads,
-            )
+            by_channel = cube.reshape(*cube.shape[:2], -1)[:, :, columns_of]
+            _add_chirps(by_channel, fast_time, lines / LINE_OVERSAMPLING, gain_taps, radar, threads)
 
 
 def _jobs(
@@ -145,7 +133,7 @@ def _jobs(
     radar: Radar,
     array: AntennaArray,
     rx: Float64[np.ndarray, "rx 3"],
-    model: WaveModel,
+    intra_chirp: bool,
     cells: int,
 ) -> list[Job]:
     """The parts of all tables, each path with its lines."""
@@ -153,9 +141,9 @@ def _jobs(
     times = chirp_times(radar.model_copy(update={"array": array}))
     for group in groups:
         weights = group.weights
-        for part in parts_of(group.paths, array, times, plane=not model.near_field):
+        for part in parts_of(group.paths, array, times):
             start = float(part.start[waveform.chirps // 2])
-            motion = motion_of(part.paths, centre(array.tx), centre(rx), start, radar, model)
+            motion = motion_of(part.paths, centre(array.tx), centre(rx), start, radar, intra_chirp)
             below = np.floor(motion.doppler * LINE_OVERSAMPLING).astype(np.int64)
             cell = range_cells(part.paths.range_m(), waveform, cells / waveform.samples, cells)
             first = below - weights.taps // 2 + 1
@@ -217,20 +205,19 @@ def _spread(
     radar: Radar,
     array: AntennaArray,
     rx: Float64[np.ndarray, "rx 3"],
-    model: WaveModel,
+    intra_chirp: bool,
 ) -> None:
     """Add some paths of a job to the grid."""
     waveform, part, line = radar.waveform, job.part, job.group.weights
-    start = float(part.start[waveform.chirps // 2])
     frame_s = waveform.chirps * waveform.chirp_interval_s
-    mid_time = model.phase_time_s(start, radar)
-    beat_time = model.beat_time_s(start, radar)
-    per_rate = coupling(radar, model) * reference_frequency_hz(radar) / SPEED_OF_LIGHT * frame_s
+    after, lead = instants(radar, intra_chirp)
+    mid_time = float(part.start[waveform.chirps // 2]) + after
+    per_rate = coupling(radar) * reference_frequency_hz(radar) / SPEED_OF_LIGHT * frame_s
     add_lines(
         columns(part.paths, chosen), job.anchor[chosen], np.searchsorted(lines, job.first[chosen]),
         np.take(job.motion.bend, chosen, axis=1),
         array.tx[part.tx], padded(rx), centre(array.tx), centre(rx),
-        line.node, mid_time + line.node * frame_s, mid_time, beat_time, not model.near_field,
+        line.node, mid_time + line.node * frame_s, mid_time, mid_time + lead,
         reference_frequency_hz(radar), waveform.bandwidth_hz, waveform.slope_hz_per_s,
         float(waveform.residual_video_phase), cells / waveform.samples, cells,
         line.even, line.odd, weights, (per_rate, 0.5 * frame_s * per_rate),
@@ -265,25 +252,17 @@ def _add_chirps(
     frequency: Float64[np.ndarray, " lines"],
     gain_taps: int,
     radar: Radar,
-    kappa: float,
     threads: int,
 ) -> None:
     """Add all chirps of every sample to ``cube``."""
     waveform = radar.waveform
-    nu, half = sweep_positions(waveform.samples), waveform.chirps // 2 + 1
+    scale, half = 1.0 + coupling(radar) * sweep_positions(waveform.samples), waveform.chirps // 2 + 1
+    shape = line_shape(gain_taps)
 
     def add(first: int) -> None:
         some = slice(first, min(first + SAMPLES_AT_ONCE, waveform.samples))
         rows = np.empty((some.stop - first, 2, half, len(frequency)), dtype=np.float32)
-        fill_lines(
-            frequency,
-            1.0 + kappa * nu[some],
-            waveform.chirps,
-            line_shape(gain_taps),
-            gain_taps,
-            LINE_OVERSAMPLING,
-            rows,
-        )
+        fill_lines(frequency, scale[some], waveform.chirps, shape, gain_taps, LINE_OVERSAMPLING, rows)
         product = rows.reshape(len(rows), 2 * half, -1) @ fast_time[some].view(np.float32)
         add_samples(product.reshape(len(rows), 2, half, -1), first, cube)
 

@@ -8,17 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
-from jaxtyping import Complex, Complex64, Int64
+from jaxtyping import Complex, Complex64
 
 from datafactory.paths.defaults import CPU, CUDA, INSTALL_TORCH
-from datafactory.paths.table import PathTable
 from datafactory.synthesis.cube import cube_of_sorted
 from datafactory.synthesis.sorting import SortedPaths
 from datafactory.synthesis.truth import truth_moments
-from datafactory.synthesis.wave_model import WaveModel
 from shared.physics.errors import InputError
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
@@ -58,16 +56,11 @@ def torch_kernels(device: str) -> Kernels:
     from datafactory.synthesis.device.truth import truth_on
 
     def cube(
-        paths: SortedPaths, radar: Radar, tolerance: float, array: AntennaArray, threads: int, model: WaveModel
+        paths: SortedPaths, radar: Radar, tolerance: float, array: AntennaArray, threads: int, intra_chirp: bool
     ) -> Complex[np.ndarray, "chirps samples channels"]:
-        return cube_on(device, paths, radar, tolerance, array, model)
+        return cube_on(device, paths, radar, tolerance, array, intra_chirp)
 
-    def truth(
-        paths: PathTable, radar: Radar, doppler_cells: Int64[np.ndarray, " rows"], terms: int, model: WaveModel
-    ) -> Complex64[np.ndarray, "{terms} rows channels"]:
-        return truth_on(device, paths, radar, doppler_cells, terms, model)
-
-    return Kernels(cube, truth)
+    return Kernels(cube, partial(truth_on, device))
 
 
 @lru_cache(maxsize=1)

@@ -44,10 +44,7 @@ DOUBLES = 8
 
 
 @inlined(nogil=True, error_model="numpy", fastmath=_FAST)
-def _length(x, y, z, element, plane):
-    if plane:
-        far = np.sqrt(x * x + y * y + z * z)
-        return far - (x * element[0] + y * element[1] + z * element[2]) / max(far, 1e-9)
+def _length(x, y, z, element):
     dx, dy, dz = x - element[0], y - element[1], z - element[2]
     return np.sqrt(dx * dx + dy * dy + dz * dz)
 
@@ -233,7 +230,7 @@ def _tx_ways(tx, node, node_time, ways):
 
 
 @inlined(nogil=True, error_model="numpy", fastmath=_FAST)
-def _tx_phasors(table, k, plane, frequency, constant, anchor, ways, cycles, re, im):
+def _tx_phasors(table, k, frequency, constant, anchor, ways, cycles, re, im):
     """Path k's amplitude, turned by its way from every TX at every node; one loop over both fills the vectors.
 
     :param ways: of :func:`_tx_ways`; ``cycles``, ``re``, ``im`` have its length
@@ -241,15 +238,9 @@ def _tx_phasors(table, k, plane, frequency, constant, anchor, ways, cycles, re, 
     px, py, pz, link = table[0, k], table[1, k], table[2, k], table[6, k]
     vx, vy, vz, rate = table[7, k], table[8, k], table[9, k], table[13, k]
     ex, ey, ez, time, eta = ways[0], ways[1], ways[2], ways[3], ways[4]
-    if plane:
-        for way in range(len(cycles)):
-            x, y, z = px + vx * time[way], py + vy * time[way], pz + vz * time[way]
-            far = np.sqrt(x * x + y * y + z * z)
-            cycles[way] = far - (x * ex[way] + y * ey[way] + z * ez[way]) / max(far, 1e-9)
-    else:
-        for way in range(len(cycles)):
-            x, y, z = px + vx * time[way] - ex[way], py + vy * time[way] - ey[way], pz + vz * time[way] - ez[way]
-            cycles[way] = np.sqrt(x * x + y * y + z * z)
+    for way in range(len(cycles)):
+        x, y, z = px + vx * time[way] - ex[way], py + vy * time[way] - ey[way], pz + vz * time[way] - ez[way]
+        cycles[way] = np.sqrt(x * x + y * y + z * z)
     for way in range(len(cycles)):
         length = cycles[way] + (link + rate * time[way])
         cycles[way] = frequency * length + constant - anchor * eta[way]
@@ -262,7 +253,7 @@ def _tx_phasors(table, k, plane, frequency, constant, anchor, ways, cycles, re, 
 
 @compiled(nogil=True, error_model="numpy", fastmath=_FAST)
 def add_lines(
-    table, anchor, row, bends, tx, rx, tx_centre, rx_centre, node, node_time, mid_time, beat_time, plane,
+    table, anchor, row, bends, tx, rx, tx_centre, rx_centre, node, node_time, mid_time, beat_time,
     reference_hz, bandwidth_hz, slope_hz_per_s, video_phase, oversampling, cells, even, odd, weights, scales, powers,
     orders, first_tx, grid,
 ):  # fmt: skip
@@ -276,7 +267,6 @@ def add_lines(
     :param tx_centre, rx_centre: [3] the arrays' centres, which choose the cell
     :param node, node_time: [nodes] positions in the frame, and when phases there are those of the scene [s]
     :param mid_time, beat_time: when phases and ranges are those of mid-frame [s]
-    :param plane: plane waves over both arrays
     :param video_phase: 1.0 adds the residual video phase as far as it is linear in the departure from a cell
     :param oversampling: ``cells`` in a bin
     :param even, odd: of :class:`datafactory.synthesis.slow_time.LineWeights`
@@ -310,26 +300,26 @@ def add_lines(
     bins_per_metre = bandwidth_hz / SPEED_OF_LIGHT
     for k in range(path_count):
         px, py, pz, qx, qy, qz, link = _at(table, k, beat_time)
-        rx_leg = _length(qx, qy, qz, rx_centre, False)
+        rx_leg = _length(qx, qy, qz, rx_centre)
         # The bend's mean over the frame is a range like any other.
         mean = bends[1, k] / 12.0
-        middle = bins_per_metre * (_length(px, py, pz, tx_centre, False) + link + rx_leg) + mean
+        middle = bins_per_metre * (_length(px, py, pz, tx_centre) + link + rx_leg) + mean
         nearest = np.floor(middle * oversampling + 0.5)
         delay = nearest / (oversampling * bandwidth_hz)
         frequency = (reference_hz - video_phase * slope_hz_per_s * delay) / SPEED_OF_LIGHT
         constant = 0.5 * video_phase * slope_hz_per_s * delay * delay
         for i in range(tx_count):
-            leg = _length(px, py, pz, tx[i], plane) + link + rx_leg
+            leg = _length(px, py, pz, tx[i]) + link + rx_leg
             departure[i] = bins_per_metre * leg + mean - nearest / oversampling
-        rx_lengths(qx, qy, qz, rx[0], rx[1], rx[2], plane, length)
+        rx_lengths(qx, qy, qz, rx[0], rx[1], rx[2], length)
         for i in range(tx_count):
             for e in range(rx_count):
                 shift[i * rx_count + e] = departure[i] + bins_per_metre * (length[e] - rx_leg)
-        if count > 2 and not plane:
+        if count > 2:
             _elements_apart(table, k, mid_time, beat_time - mid_time, tx, rx, tx_centre, rx_centre, scales, tilt, dish)
             for e in range(stride):
                 shift[e] += dish[e] / single(12.0)
-        _tx_phasors(table, k, plane, frequency, constant, anchor[k], ways, cycles, tx_re, tx_im)
+        _tx_phasors(table, k, frequency, constant, anchor[k], ways, cycles, tx_re, tx_im)
         for n in range(nodes):
             eta = node[n]
             if count > 1:
@@ -337,7 +327,7 @@ def add_lines(
             if count > 2:
                 scaling[n] = eta * (bends[3, k] + eta * (bends[4, k] + eta * bends[5, k])) / np.pi
             _, _, _, qx, qy, qz, _ = _at(table, k, node_time[n])
-            rx_lengths(qx, qy, qz, rx[0], rx[1], rx[2], plane, length)
+            rx_lengths(qx, qy, qz, rx[0], rx[1], rx[2], length)
             _phasors(length, frequency, rx_re, rx_im, n * rx_count)
         for n in range(len(even)):
             last = nodes - 1 - n

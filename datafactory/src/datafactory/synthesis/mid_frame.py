@@ -14,8 +14,7 @@ from jaxtyping import Complex128, Float64, Int64
 
 from datafactory.paths.table import ScatteredPaths
 from datafactory.synthesis.doppler_moments import BLOCK
-from datafactory.synthesis.motion import leg_of
-from datafactory.synthesis.wave_model import WaveModel
+from datafactory.synthesis.motion import instants, leg_of
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.physics.vectors import lengths, taken
 from shared.radar import Radar
@@ -55,15 +54,16 @@ def at_mid_frame(
     radar: Radar,
     tx: Float64[np.ndarray, " 3"],
     centre: Float64[np.ndarray, " 3"],
-    model: WaveModel,
+    intra_chirp: bool,
 ) -> MidFrame:
     """Paths at mid-frame.
 
     :param tx: [3] the virtual sensor's only TX; :param centre: [3] of its RX [m]
-    :param model: of motion
+    :param intra_chirp: motion within the chirp
     """
     waveform = radar.waveform
-    time = model.phase_time_s(waveform.chirps // 2 * waveform.chirp_interval_s, radar)
+    after, lead = instants(radar, intra_chirp)
+    time = waveform.chirps // 2 * waveform.chirp_interval_s + after
     frame_s = waveform.chirps * waveform.chirp_interval_s
     rx_point = paths.rx_point + paths.rx_velocity * time
     tx_leg = leg_of(paths.tx_point, paths.tx_velocity, time, tx)
@@ -81,7 +81,7 @@ def at_mid_frame(
         doppler=doppler,
         range_bins=waveform.bandwidth_hz
         / SPEED_OF_LIGHT
-        * (tx_length + rx_leg.length + model.lead_s(radar) * (tx_rate + rx_leg.rate)),
+        * (tx_length + rx_leg.length + lead * (tx_rate + rx_leg.rate)),
         amplitude=paths.amplitude,
         departure=_departure(rx_point, paths.rx_velocity, doppler, radar, frame_s),
     )

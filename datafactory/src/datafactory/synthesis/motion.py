@@ -1,4 +1,15 @@
-"""How a path's delay moves within the frame, developed around mid-frame, and what the line kernel leaves out of it."""
+"""How a path's delay moves within chirp and frame, around mid-frame, and what the line kernel leaves out of it.
+
+A chirp that starts at t sees the echo's phase at mid-sweep and its beat frequency. Eq. (1) freezes the delay at the
+chirp's start, tau(t) for both. With motion within the chirp the phase (f_c + mu s) tau(t + s), developed around
+mid-sweep s = T_c / 2, is
+
+    f_0 tau(t + T_c / 2) + mu (s - T_c / 2) (tau + tau' f_0 / mu) + mu tau' (s - T_c / 2)^2,
+
+so that the phase is that at the time t + T_c / 2, and the beat frequency that at a time later by f_0 / mu: range and
+Doppler are coupled. Left out are the last term, mu tau' T_c^2 / 4 = 1.3e-3 cycles at the sweep's ends and 10 m/s, and
+the delay's curvature over f_0 / mu (6.2 ms).
+"""
 
 from __future__ import annotations
 
@@ -8,7 +19,6 @@ import numpy as np
 from jaxtyping import Bool, Float64
 
 from datafactory.paths.table import ScatteredPaths
-from datafactory.synthesis.wave_model import WaveModel
 from shared.physics.compiled import compiled
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
@@ -88,9 +98,20 @@ def _legs(point, velocity, time_s, centre):
     return result
 
 
-def coupling(radar: Radar, model: WaveModel) -> float:
-    """kappa = B / f_0 of the lines; 0 where ranges do not migrate."""
-    return radar.waveform.bandwidth_hz / reference_frequency_hz(radar) if model.range_migration else 0.0
+def instants(radar: Radar, intra_chirp: bool) -> tuple[float, float]:
+    """How long after its start a chirp has the phase of the scene, and how much later still its beat frequency [s].
+
+    :param intra_chirp: motion within the chirp; otherwise eq. (1), which has neither
+    """
+    waveform = radar.waveform
+    if not intra_chirp:
+        return 0.0, 0.0
+    return 0.5 * waveform.chirp_duration_s, reference_frequency_hz(radar) / waveform.slope_hz_per_s
+
+
+def coupling(radar: Radar) -> float:
+    """kappa = B / f_0 of the lines."""
+    return radar.waveform.bandwidth_hz / reference_frequency_hz(radar)
 
 
 def motion_of(
@@ -99,15 +120,16 @@ def motion_of(
     rx_centre: Float64[np.ndarray, " 3"],
     start_s: float,
     radar: Radar,
-    model: WaveModel,
+    intra_chirp: bool,
 ) -> Motion:
     """Motion of paths seen from two centres.
 
     :param start_s: start of the chirp at mid-frame [s]
     """
-    waveform, kappa = radar.waveform, coupling(radar, model)
+    waveform, kappa = radar.waveform, coupling(radar)
     frame_s = waveform.chirps * waveform.chirp_interval_s
-    time, lead = model.phase_time_s(start_s, radar), model.lead_s(radar)
+    after, lead = instants(radar, intra_chirp)
+    time = start_s + after
     tx = leg_of(paths.tx_point, paths.tx_velocity, time, tx_centre)
     rx = leg_of(paths.rx_point, paths.rx_velocity, time, rx_centre)
     cycles = reference_frequency_hz(radar) / SPEED_OF_LIGHT * frame_s
@@ -146,7 +168,7 @@ def left_out(
     centres: tuple[Float64[np.ndarray, " 3"], Float64[np.ndarray, " 3"]],
     start_s: float,
     radar: Radar,
-    model: WaveModel,
+    intra_chirp: bool,
 ) -> tuple[Float64[np.ndarray, " paths"], Float64[np.ndarray, "3 paths"]]:
     """What the line kernel must reach and what it leaves out.
 
@@ -155,10 +177,10 @@ def left_out(
         frame], infinite where an element is reached within the frame; and bounds on the relative root mean square error
         over sweep and frame with 1, 2 and 3 orders
     """
-    waveform, kappa = radar.waveform, coupling(radar, model)
+    waveform, kappa = radar.waveform, coupling(radar)
     frame_s = waveform.chirps * waveform.chirp_interval_s
-    lead = model.lead_s(radar)
-    time = model.phase_time_s(start_s, radar)
+    after, lead = instants(radar, intra_chirp)
+    time = start_s + after
     cycles = reference_frequency_hz(radar) / SPEED_OF_LIGHT * frame_s
     view, bends, jerks, fourth = (np.zeros(len(paths)) for _ in range(4))
     ends = (paths.tx_point, paths.tx_velocity), (paths.rx_point, paths.rx_velocity)
@@ -181,12 +203,8 @@ def left_out(
         for total, term in zip((view, bends, jerks, fourth), terms, strict=True):
             total += np.where(leg.speed > 0.0, np.where(nearest > 0.0, term, np.inf), 0.0)
     curvature, sizes = np.abs(motion.curvature), np.abs(motion.bend)
-    slope = 0.75 * sizes[2] / (2.0 * kappa) if kappa else np.zeros(len(paths))
-    errors = _orders_left_out(sizes, bends, jerks, fourth, kappa, lead / frame_s)
-    if not model.near_field:
-        # The elements' own bends are those of spherical waves.
-        errors[2] = errors[1]
-    return view + 1.02 * curvature + slope, errors
+    slope = 0.75 * sizes[2] / (2.0 * kappa)
+    return view + 1.02 * curvature + slope, _orders_left_out(sizes, bends, jerks, fourth, kappa, lead / frame_s)
 
 
 def _orders_left_out(
@@ -204,8 +222,6 @@ def _orders_left_out(
     :param fourth: coefficient of eta^4 [cycles]
     :param lead: time by which ranges precede phases [frames]
     """
-    if not kappa:
-        return np.zeros((3, len(bends)))
     linear, square, cubic = sizes[:3]
     whole, turn = 2.0 * np.pi, 2.0 * np.pi * NU_RMS
     # What e lacks whatever the orders: its fourth power, and what that adds where ranges precede phases.

@@ -25,8 +25,8 @@ class Part:
     start: Float64[np.ndarray, " chirps"]
 
 
-def parts_of(paths: PathTable, array: AntennaArray, times: Float64[np.ndarray, "tx chirps"], plane: bool) -> list[Part]:
-    """Parts of the table: all TX at once where delays factorise, else each TX alone; ``plane`` waves or spherical."""
+def parts_of(paths: PathTable, array: AntennaArray, times: Float64[np.ndarray, "tx chirps"]) -> list[Part]:
+    """Parts of the table: all TX at once where delays factorise, else each TX alone."""
     all_tx = range(len(array.tx_m))
     parts = []
     if len(paths.scattered):
@@ -35,7 +35,7 @@ def parts_of(paths: PathTable, array: AntennaArray, times: Float64[np.ndarray, "
         else:  # TDM: the targets have moved on when the next TX sends
             parts += [Part(paths.scattered, slice(i, i + 1), times[i]) for i in all_tx]
     if len(paths.specular):
-        parts += [Part(paths.specular.as_scattered(array.tx[i], plane), slice(i, i + 1), times[i]) for i in all_tx]
+        parts += [Part(paths.specular.as_scattered(array.tx[i]), slice(i, i + 1), times[i]) for i in all_tx]
     return parts
 
 

@@ -20,7 +20,6 @@ from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.motion import coupling, left_out, motion_of, moving
 from datafactory.synthesis.parts import centre, reach_m, rx_blocks
 from datafactory.synthesis.slow_time import LINE_OVERSAMPLING, LineWeights, line_weights
-from datafactory.synthesis.wave_model import WaveModel
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
@@ -85,14 +84,10 @@ def crowd_limit(tolerance: float) -> int:
     return max(CROWD, round(CROWD_GROWTH * tolerance / 1e-6))
 
 
-def frame_half(radar: Radar, model: WaveModel) -> float:
-    """End of the frame that line weights are fitted to: eta (1 + nu kappa) at nu = 1/2."""
-    return 0.5 * (1.0 + 0.5 * coupling(radar, model))
-
-
-def line_sets(radar: Radar, tolerance: float, model: WaveModel) -> list[tuple[float, LineWeights]]:
+def line_sets(radar: Radar, tolerance: float) -> list[tuple[float, LineWeights]]:
     """The sets of line weights that there are for a tolerance, with what each reaches; narrow to wide."""
-    half, error = frame_half(radar, model), LINE_SHARE * tolerance
+    # The frame ends at eta (1 + nu kappa) with eta = nu = 1/2.
+    half, error = 0.5 * (1.0 + 0.5 * coupling(radar)), LINE_SHARE * tolerance
     first = line_weights(EXTRAS[0], error, half)
     if first is None:
         return []
@@ -101,16 +96,16 @@ def line_sets(radar: Radar, tolerance: float, model: WaveModel) -> list[tuple[fl
 
 
 def sorted_paths(
-    paths: PathTable, radar: Radar, tolerance: float, array: AntennaArray, model: WaveModel
+    paths: PathTable, radar: Radar, tolerance: float, array: AntennaArray, intra_chirp: bool
 ) -> SortedPaths:
     """Sort a table's paths by what they need."""
     waveform = radar.waveform
     short = waveform.chirps < LEAST_CHIRPS or waveform.samples < LEAST_SAMPLES
-    sets = [] if short or tolerance < FLOAT32_TOLERANCE else line_sets(radar, tolerance, model)
+    sets = [] if short or tolerance < FLOAT32_TOLERANCE else line_sets(radar, tolerance)
     # A specular path of one TX is a scattered path; the TX differ by less than the reach that is allowed for.
-    middle = paths.specular.as_scattered(centre(array.tx), not model.near_field)
-    scattered = _needs(paths.scattered, sets, radar, tolerance, array, model, specular=False)
-    specular = _needs(middle, sets, radar, tolerance, array, model, specular=True)
+    middle = paths.specular.as_scattered(centre(array.tx))
+    scattered = _needs(paths.scattered, sets, radar, tolerance, array, intra_chirp, specular=False)
+    specular = _needs(middle, sets, radar, tolerance, array, intra_chirp, specular=True)
 
     def chosen(need: int) -> PathTable:
         return replace(
@@ -137,7 +132,7 @@ def _needs(
     radar: Radar,
     tolerance: float,
     array: AntennaArray,
-    model: WaveModel,
+    intra_chirp: bool,
     specular: bool,
 ) -> Int64[np.ndarray, " paths"]:
     """What every path needs: STANDING, BY_CHIRPS, or in every block of RX at most these line weights and orders."""
@@ -152,8 +147,8 @@ def _needs(
             centres = centre(array.tx), centre(rx)
             # The image of a specular path moves with the TX as far as the TX itself.
             reaches = (0.0, tx_reach + reach_m(rx)) if specular else (tx_reach, reach_m(rx))
-            motion = motion_of(paths, *centres, start, radar, model)
-            extra, errors = left_out(paths, motion, reaches, centres, start, radar, model)
+            motion = motion_of(paths, *centres, start, radar, intra_chirp)
+            extra, errors = left_out(paths, motion, reaches, centres, start, radar, intra_chirp)
             kept = errors + _video_phase_error(motion.doppler, radar) <= BEND_SHARE * tolerance
             kept &= np.abs(motion.bend[1]) <= 12.0 * RANGE_SLACK_BINS
             widest = np.maximum(widest, np.searchsorted(limits, extra))

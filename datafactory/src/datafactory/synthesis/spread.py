@@ -91,46 +91,19 @@ def _phasors(count, length, link, cycles_per_metre, constant, re, im):
 
 
 @inlined(nogil=True, error_model="numpy", fastmath=_FAST)
-def _rx_legs(px, py, pz, x, y, z, cycles_per_metre, bins_per_metre, offset, at, re, im, shift):
-    """Phasor and range [bins] of the leg from a point to the elements x, y, z [E], from index ``at`` of re, im, shift.
+def rx_lengths(px, py, pz, x, y, z, length):
+    """Lengths [E] of the leg from a point to the elements x, y, z [E]."""
+    for e in range(len(x)):
+        dx, dy, dz = px - x[e], py - y[e], pz - z[e]
+        length[e] = np.sqrt(dx * dx + dy * dy + dz * dz)
+
+
+@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
+def _rx_legs(length, beat_length, cycles_per_metre, bins_per_metre, offset, at, re, im, shift):
+    """Phasor of these lengths [E] and range [bins] of those, from index ``at`` of re, im, shift.
 
     Indices are unsigned: numba's test for negative indices would prevent vectorisation.
     """
-    for first in range(0, len(x), LANES):
-        for lane in range(LANES):
-            e = np.uint64(first) + np.uint64(lane)
-            dx, dy, dz = px - x[e], py - y[e], pz - z[e]
-            leg = np.sqrt(dx * dx + dy * dy + dz * dz)
-            to = np.uint64(at) + e
-            re[to], im[to] = phasor_like(cycles_per_metre * leg, re[to])
-            shift[to] = bins_per_metre * leg - offset
-
-
-@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
-def _plane_distances(count, x, y, z, point, distance):
-    """Distances of the first ``count`` points x, y, z [B] to one near the origin, as if waves were plane there."""
-    for k in range(count):
-        far = np.sqrt(x[k] * x[k] + y[k] * y[k] + z[k] * z[k])
-        distance[k] = far - (x[k] * point[0] + y[k] * point[1] + z[k] * point[2]) / max(far, 1e-9)
-
-
-@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
-def rx_lengths(px, py, pz, x, y, z, plane, length):
-    """Lengths [E] of the leg from a point to the elements x, y, z [E], spherical or plane waves."""
-    if plane:
-        far = np.sqrt(px * px + py * py + pz * pz)
-        ux, uy, uz = px / max(far, 1e-9), py / max(far, 1e-9), pz / max(far, 1e-9)
-        for e in range(len(x)):
-            length[e] = far - (ux * x[e] + uy * y[e] + uz * z[e])
-    else:
-        for e in range(len(x)):
-            dx, dy, dz = px - x[e], py - y[e], pz - z[e]
-            length[e] = np.sqrt(dx * dx + dy * dy + dz * dz)
-
-
-@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
-def _rx_legs_from(length, beat_length, cycles_per_metre, bins_per_metre, offset, at, re, im, shift):
-    """As :func:`_rx_legs`, from lengths [E] for the phase and others for the range."""
     for first in range(0, len(length), LANES):
         for lane in range(LANES):
             e = np.uint64(first) + np.uint64(lane)
@@ -167,7 +140,7 @@ def _add_powers(one, other, rx_count, rx_re, rx_im, rx_shift, powers, to, moment
 
 @compiled(nogil=True, error_model="numpy", fastmath=_FAST)
 def add_moments(
-    table, tx, rx, tx_centre, rx_centre, time, beat_time, plane,
+    table, tx, rx, tx_centre, rx_centre, time, beat_time,
     reference_hz, bandwidth_hz, slope_hz_per_s, video_phase, oversampling, powers, first_tx, moments, used,
 ):  # fmt: skip
     """Add all paths at one instant to ``moments`` of :func:`empty_moments`.
@@ -176,8 +149,7 @@ def add_moments(
     :param tx: [TX, 3] elements [m]; ``rx`` [3, E] of :func:`padded` [m]
     :param tx_centre, rx_centre: [3] the arrays' centres, which choose the cell
     :param time, beat_time: when phases and ranges are those of the scene [s], see
-        :mod:`datafactory.synthesis.wave_model`
-    :param plane: plane waves over both arrays
+        :func:`datafactory.synthesis.motion.instants`
     :param video_phase: 1.0 adds the residual video phase -mu tau^2 / 2 up to its part quadratic in the remainder z
     :param powers: a tuple of ``terms`` entries
     :param first_tx: index among the moments' TX of the first of ``tx``
@@ -191,9 +163,7 @@ def add_moments(
     x, y, z = rx[0], rx[1], rx[2]
     now, then = np.empty((7, CHUNK)), np.empty((7, CHUNK))
     px, py, pz, qx, qy, qz, link = now[0], now[1], now[2], now[3], now[4], now[5], now[6]
-    apart = plane or beat_time != time
-    ranged = then if apart else now
-    bx, by, bz, cx, cy, cz, beat_link = ranged[0], ranged[1], ranged[2], ranged[3], ranged[4], ranged[5], ranged[6]
+    bx, by, bz, cx, cy, cz, beat_link = then[0], then[1], then[2], then[3], then[4], then[5], then[6]
     leg, beat_leg = np.empty(rx_count), np.empty(rx_count)
     length, rx_length, nearest = np.empty(CHUNK), np.empty(CHUNK), np.empty(CHUNK)
     tx_offset, rx_offset = np.empty(CHUNK), np.empty(CHUNK)
@@ -207,13 +177,11 @@ def add_moments(
     for first in range(0, path_count, CHUNK):
         count = min(CHUNK, path_count - first)
         for row in range(7):
-            start, rate, line = table[row], table[7 + row], now[row]
+            start, rate, line, beat_line = table[row], table[7 + row], now[row], then[row]
             for b in range(count):
                 line[b] = start[first + b] + rate[first + b] * time
-            if apart:
-                line = then[row]
-                for b in range(count):
-                    line[b] = start[first + b] + rate[first + b] * beat_time
+            for b in range(count):
+                beat_line[b] = start[first + b] + rate[first + b] * beat_time
         # Each loop uses few arrays: the compiler tests at most about eight pairs of arrays for overlap.
         _distances(count, bx, by, bz, tx_centre, length)
         _distances(count, cx, cy, cz, rx_centre, rx_length)
@@ -230,15 +198,9 @@ def add_moments(
             constant[b] = 0.5 * video_phase * slope_hz_per_s * delay * delay
         for i in range(tx_count):
             t_re, t_im, t_shift = tx_re[i], tx_im[i], tx_shift[i]
-            if plane:
-                _plane_distances(count, px, py, pz, tx[i], length)
-            else:
-                _distances(count, px, py, pz, tx[i], length)
+            _distances(count, px, py, pz, tx[i], length)
             _phasors(count, length, link, frequency, constant, t_re, t_im)
-            if plane:
-                _plane_distances(count, bx, by, bz, tx[i], length)
-            elif apart:
-                _distances(count, bx, by, bz, tx[i], length)
+            _distances(count, bx, by, bz, tx[i], length)
             for b in range(count):
                 t_shift[b] = bins_per_metre * (length[b] + beat_link[b]) - tx_offset[b]
         a_re, a_im = table[14], table[15]
@@ -249,17 +211,9 @@ def add_moments(
                 t_re[b] = re * a_re[first + b] - im * a_im[first + b]
                 t_im[b] = re * a_im[first + b] + im * a_re[first + b]
         for b in range(count):
-            if not apart:
-                _rx_legs(
-                    qx[b], qy[b], qz[b], x, y, z, frequency[b], bins_per_metre, rx_offset[b],
-                    b * rx_count, rx_re, rx_im, rx_shift,
-                )  # fmt: skip
-                continue
-            rx_lengths(qx[b], qy[b], qz[b], x, y, z, plane, leg)
-            rx_lengths(cx[b], cy[b], cz[b], x, y, z, plane, beat_leg)
-            _rx_legs_from(
-                leg, beat_leg, frequency[b], bins_per_metre, rx_offset[b], b * rx_count, rx_re, rx_im, rx_shift
-            )
+            rx_lengths(qx[b], qy[b], qz[b], x, y, z, leg)
+            rx_lengths(cx[b], cy[b], cz[b], x, y, z, beat_leg)
+            _rx_legs(leg, beat_leg, frequency[b], bins_per_metre, rx_offset[b], b * rx_count, rx_re, rx_im, rx_shift)
         b = 0
         while b < count:
             # A path without a neighbour in its cell is paired with itself at amplitude 0.

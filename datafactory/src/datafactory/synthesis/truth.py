@@ -46,9 +46,8 @@ from datafactory.synthesis.doppler_moments import (
     add_doppler_moments,
 )
 from datafactory.synthesis.mid_frame import MidFrame, at_mid_frame
-from datafactory.synthesis.motion import coupling
+from datafactory.synthesis.motion import coupling, instants
 from datafactory.synthesis.visibility import DOPPLER_REACH, ROW_REACH, seen_paths
-from datafactory.synthesis.wave_model import EQUATION_1, WaveModel
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
 from shared.radar.waveform import Waveform
@@ -67,22 +66,22 @@ def truth_moments(
     radar: Radar,
     doppler_cells: Int64[np.ndarray, " rows"],
     terms: int = DEFAULT_TERMS,
-    model: WaveModel = EQUATION_1,
+    intra_chirp: bool = False,
 ) -> Complex64[np.ndarray, "{terms} rows channels"]:
     """Sweep moments of the virtual sensor, each row in its own Doppler cell.
 
     :param paths: illuminated paths, amplitudes in sqrt(W)
     :param doppler_cells: index on the radar's velocity axis for each image row
-    :param model: of motion; waves are spherical whatever it says of the input array
+    :param intra_chirp: motion within the chirp
     :returns: what :func:`shared.signal.imaging.near_field_images` takes
     """
     array, waveform = radar.virtual_sensor, radar.waveform
-    mid, path_terms, cells = truth_plan(paths, radar, doppler_cells, terms, model)
+    mid, path_terms, cells = truth_plan(paths, radar, doppler_cells, terms, intra_chirp)
     table = doppler_table(mid.curvature, waveform.chirps, int(path_terms.max(initial=1)))
     moments = np.zeros((terms, waveform.range_bins, array.channels), dtype=np.complex64)
     workspace = np.empty(waveform.samples * CELLS_PER_BIN * SHIFT_TERMS * table[2].shape[2] * 2 * BLOCK, np.float32)
     for cell in cells:
-        _fill_rows(moments, cell, mid.take(cell.chosen), path_terms[cell.chosen], table, radar, model, workspace)
+        _fill_rows(moments, cell, mid.take(cell.chosen), path_terms[cell.chosen], table, radar, intra_chirp, workspace)
     return moments
 
 
@@ -109,7 +108,7 @@ def truth_plan(
     radar: Radar,
     doppler_cells: Int64[np.ndarray, " rows"],
     terms: int = DEFAULT_TERMS,
-    model: WaveModel = EQUATION_1,
+    intra_chirp: bool = False,
 ) -> tuple[MidFrame, Int64[np.ndarray, " paths"], list[DopplerCell]]:
     """The paths that are seen somewhere, the Doppler terms of each, and the Doppler cells in which some are seen.
 
@@ -120,7 +119,7 @@ def truth_plan(
         raise ValueError(f"the virtual sensor has {len(array.tx_m)} TX; expected 1")
     tx = array.tx[0]
     both = ScatteredPaths.concatenate([paths.scattered, paths.specular.as_scattered(tx)])
-    mid = at_mid_frame(both, radar, tx, array.rx.mean(axis=0), model)
+    mid = at_mid_frame(both, radar, tx, array.rx.mean(axis=0), intra_chirp)
     # Neighbours in range share cells, and the cache.
     mid = mid.take(np.argsort(mid.range_bins % waveform.samples, kind="stable"))
     used = np.unique(doppler_cells)
@@ -151,7 +150,7 @@ def _fill_rows(
     path_terms: Int64[np.ndarray, " paths"],
     table: tuple[int, float, Complex128[np.ndarray, "q delta doppler_terms"]],
     radar: Radar,
-    model: WaveModel,
+    intra_chirp: bool,
     workspace: Float32[np.ndarray, " most"],
 ) -> None:
     """Fill ``moments`` in the rows of a Doppler cell, block by block.
@@ -161,6 +160,7 @@ def _fill_rows(
     """
     waveform, terms, array = radar.waveform, len(moments), radar.virtual_sensor
     frame_s = waveform.chirps * waveform.chirp_interval_s
+    _, lead = instants(radar, intra_chirp)
     offsets = around_row(waveform.samples)
     shape = len(cell.needed), cell.doppler_terms * SHIFT_TERMS * 2 * BLOCK
     grid = workspace[: int(np.prod(shape))].reshape(shape)
@@ -175,8 +175,8 @@ def _fill_rows(
         add_doppler_moments(
             path_terms, mid.rx_point, mid.rx_velocity, mid.tx_length, mid.tx_rate, mid.curvature, mid.amplitude,
             elements, centre, cell.frequency, float(waveform.chirps), frame_s,
-            reference_frequency_hz(radar), waveform.bandwidth_hz, model.lead_s(radar),
-            coupling(radar, model), cell.needed, table, BINOMIAL, grid,
+            reference_frequency_hz(radar), waveform.bandwidth_hz, lead, coupling(radar), cell.needed, table,
+            BINOMIAL, grid,
         )  # fmt: skip
         for row, product in zip(cell.rows, products, strict=True):
             around = _cyclic_slice(grid, row * CELLS_PER_BIN + offsets).reshape(cell.mixing.shape[1], -1)

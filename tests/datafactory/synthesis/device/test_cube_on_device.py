@@ -16,7 +16,6 @@ from datafactory.synthesis.cube import cube_of_paths
 from datafactory.synthesis.device import arrays, cube
 from datafactory.synthesis.kernels import torch_kernels
 from datafactory.synthesis.sorting import FLOAT32_TOLERANCE, sorted_paths
-from datafactory.synthesis.wave_model import EQUATION_1, WaveModel
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray, line
 from shared.radar.waveform import Waveform
@@ -51,10 +50,10 @@ def slowed(table: PathTable, factor: float) -> PathTable:
 
 
 def cube_on(
-    device: str, table: PathTable, radar: Radar, tolerance: float, model: WaveModel = EQUATION_1
+    device: str, table: PathTable, radar: Radar, tolerance: float, intra_chirp: bool = False
 ) -> NDArray[np.complexfloating]:
-    by_kernel = sorted_paths(table, radar, tolerance, radar.array, model)
-    return torch_kernels(required(device)).cube(by_kernel, radar, tolerance, radar.array, 1, model)
+    by_kernel = sorted_paths(table, radar, tolerance, radar.array, intra_chirp)
+    return torch_kernels(required(device)).cube(by_kernel, radar, tolerance, radar.array, 1, intra_chirp)
 
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 1e-6, 1e-9])
@@ -79,9 +78,8 @@ def test_these_paths_go_by_every_kernel(device):
     radar, kernels, orders = radar_of(), set[str](), set[int]()
     for speed in (0.0, 0.1, 1.0, 4.0):
         for tolerance in (1e-3, 1e-6):
-            by_kernel = sorted_paths(
-                slowed(a_table(np.random.default_rng(31), 10, 3.0), speed), radar, tolerance, radar.array, EQUATION_1
-            )
+            table = slowed(a_table(np.random.default_rng(31), 10, 3.0), speed)
+            by_kernel = sorted_paths(table, radar, tolerance, radar.array, intra_chirp=False)
             kernels |= {name for name, count in by_kernel.counts().items() if count}
             orders |= {group.orders for group in by_kernel.lines}
     assert kernels == {"paths_standing", "paths_along_lines", "paths_by_chirps"}
@@ -89,16 +87,11 @@ def test_these_paths_go_by_every_kernel(device):
 
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6])
-@pytest.mark.parametrize(
-    "model",
-    [WaveModel(intra_chirp_motion=True), WaveModel(range_migration=False), WaveModel(near_field=False)],
-    ids=["motion within the chirp", "no migration", "plane waves"],
-)
-def test_effects_are_those_of_the_exact_kernel(device, tolerance, model):
-    # The compiled exact kernel is held to these models by test_wave_model.py, at 1e-9.
+def test_motion_within_the_chirp_is_that_of_the_exact_kernel(device, tolerance):
+    # Which test_motion_within_the_chirp.py holds to the sum over all samples, at 1e-9.
     radar, table = radar_of(array=SPACE), slowed(a_table(np.random.default_rng(32), 12, 3.0), 0.8)
-    exact = cube_of_paths(table, radar, 1e-9, model=model)
-    assert relative_error(cube_on(device, table, radar, tolerance, model), exact) <= tolerance
+    exact = cube_of_paths(table, radar, 1e-9, intra_chirp=True)
+    assert relative_error(cube_on(device, table, radar, tolerance, intra_chirp=True), exact) <= tolerance
 
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6])

@@ -15,8 +15,8 @@ from datafactory.paths.table import PathTable
 from datafactory.synthesis.chirps import OVERSAMPLING, exact_blocks
 from datafactory.synthesis.device.arrays import batches, moved, phasors, real_of
 from datafactory.synthesis.device.echoes import Echoes, distances
+from datafactory.synthesis.motion import instants
 from datafactory.synthesis.parts import centre, parts_of
-from datafactory.synthesis.wave_model import WaveModel
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
@@ -30,7 +30,7 @@ def add_by_chirps(
     radar: Radar,
     tolerance: float,
     array: AntennaArray,
-    model: WaveModel,
+    intra_chirp: bool,
     chirps: int,
     dtype: torch.dtype,
 ) -> None:
@@ -40,7 +40,8 @@ def add_by_chirps(
     """
     waveform, device = radar.waveform, str(cube.device)
     times = chirp_times(radar.model_copy(update={"array": array}))[:, :chirps]
-    parts = parts_of(paths, array, times, plane=not model.near_field)
+    parts, tx_centre = parts_of(paths, array, times), centre(array.tx)
+    after, lead = instants(radar, intra_chirp)
     echoes = [Echoes.of(part.paths, device) for part in parts]
     cells = OVERSAMPLING * waveform.samples
     # Sample n belongs to nu = (n - N // 2) / N, i.e. to output n - N // 2 of the FFT over the range cells.
@@ -56,7 +57,7 @@ def add_by_chirps(
                 elements = array.tx[part.tx]
                 for few in batches(len(of_part), count * terms * len(rx) * len(elements), device):
                     values, cell = _moments(
-                        of_part.take(few), part.start[some], elements, rx, centre(array.tx), radar, model, terms, dtype
+                        of_part.take(few), part.start[some] + after, lead, elements, rx, tx_centre, radar, terms, dtype
                     )
                     chirp = torch.arange(count, device=device) * cells
                     moments[..., part.tx].index_add_(0, (cell % cells + chirp).reshape(-1), values)
@@ -71,23 +72,22 @@ def add_by_chirps(
 
 def _moments(
     echoes: Echoes,
-    start_s: Float64[np.ndarray, " chirps"],
+    time_s: Float64[np.ndarray, " chirps"],
+    lead_s: float,
     tx: Float64[np.ndarray, "tx 3"],
     rx: Float64[np.ndarray, "rx 3"],
     tx_centre: Float64[np.ndarray, " 3"],
     radar: Radar,
-    model: WaveModel,
     terms: int,
     dtype: torch.dtype,
 ) -> tuple[Complex[Tensor, "paths_chirps {terms} rx tx"], Int64[Tensor, "paths chirps"]]:
     """A z^p of every path and chirp, p = 0, 1, ..., and its range cell.
 
-    :param start_s: of the chirps [s]
+    :param time_s: when phases are those of the scene [s]; ranges are those of ``lead_s`` later
     :param tx_centre: with the middle of ``rx`` it chooses the cell
     """
-    waveform, plane, device = radar.waveform, not model.near_field, str(echoes.amplitude.device)
-    now = echoes.at(moved(np.array([model.phase_time_s(start, radar) for start in start_s]), device))
-    then = echoes.at(moved(np.array([model.beat_time_s(start, radar) for start in start_s]), device))
+    waveform, device = radar.waveform, str(echoes.amplitude.device)
+    now, then = echoes.at(moved(time_s, device)), echoes.at(moved(time_s + lead_s, device))
     bins_per_metre = waveform.bandwidth_hz / SPEED_OF_LIGHT
     rx_length = distances(then.rx_point, centre(rx)[None])
     middle = distances(then.tx_point, tx_centre[None])[..., 0] + then.between + rx_length[..., 0]
@@ -97,15 +97,15 @@ def _moments(
     delay = nearest / (OVERSAMPLING * waveform.bandwidth_hz)
     frequency = ((reference_frequency_hz(radar) - slope * delay) / SPEED_OF_LIGHT)[..., None]
     constant = (0.5 * slope * delay * delay)[..., None]
-    tx_leg = distances(now.tx_point, tx, plane) + now.between[..., None]
+    tx_leg = distances(now.tx_point, tx) + now.between[..., None]
     amplitude = echoes.amplitude[:, None, None].to(dtype)
     tx_phasor = amplitude * phasors(frequency * tx_leg + constant, dtype)
-    rx_phasor = phasors(frequency * distances(now.rx_point, rx, plane), dtype)
-    departure = bins_per_metre * (distances(then.tx_point, tx, plane) + then.between[..., None] + rx_length)
+    rx_phasor = phasors(frequency * distances(now.rx_point, rx), dtype)
+    departure = bins_per_metre * (distances(then.tx_point, tx) + then.between[..., None] + rx_length)
     departure -= nearest[..., None] / OVERSAMPLING
     # Each leg's part is small before it is rounded.
     real = real_of(dtype)
-    rx_shift = (bins_per_metre * (distances(then.rx_point, rx, plane) - rx_length)).to(real)
+    rx_shift = (bins_per_metre * (distances(then.rx_point, rx) - rx_length)).to(real)
     shift = departure.to(real)[:, :, None, :] + rx_shift[..., None]
     value = tx_phasor[:, :, None, :] * rx_phasor[..., None]
     powers = [value]

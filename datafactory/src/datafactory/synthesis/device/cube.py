@@ -17,7 +17,6 @@ from datafactory.synthesis.frame_lines import block_plans, turns
 from datafactory.synthesis.motion import coupling
 from datafactory.synthesis.slow_time import LINE_OVERSAMPLING, line_gain
 from datafactory.synthesis.sorting import FLOAT32_TOLERANCE, PathsAlongLines, SortedPaths
-from datafactory.synthesis.wave_model import WaveModel
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
 from shared.signal.sweep import sweep_positions
@@ -28,7 +27,7 @@ _TORCH = {np.complex64: torch.complex64, np.complex128: torch.complex128}
 
 
 def cube_on(
-    device: str, paths: SortedPaths, radar: Radar, tolerance: float, array: AntennaArray, model: WaveModel
+    device: str, paths: SortedPaths, radar: Radar, tolerance: float, array: AntennaArray, intra_chirp: bool
 ) -> Complex[np.ndarray, "chirps samples channels"]:
     """The sum of all kernels, as :func:`datafactory.synthesis.cube.cube_of_sorted` makes it.
 
@@ -42,9 +41,9 @@ def cube_on(
         for table, chirps in ((paths.standing, 1), (paths.chirps, waveform.chirps)):
             if len(table):
                 dtype = _TORCH[precision(table, waveform, tolerance)]
-                add_by_chirps(cube, table, radar, tolerance, array, model, chirps, dtype)
+                add_by_chirps(cube, table, radar, tolerance, array, intra_chirp, chirps, dtype)
         if paths.lines:
-            _add_along_lines(cube, paths.lines, radar, array, tolerance, model)
+            _add_along_lines(cube, paths.lines, radar, array, tolerance, intra_chirp)
         return back(cube.flatten(2))
 
 
@@ -54,20 +53,20 @@ def _add_along_lines(
     radar: Radar,
     array: AntennaArray,
     tolerance: float,
-    model: WaveModel,
+    intra_chirp: bool,
 ) -> None:
     """Add the paths of groups, as :func:`datafactory.synthesis.frame_lines.add_along_lines` does."""
     device, gain_taps = str(cube.device), groups[0].weights.gain_taps
-    for plan in block_plans(groups, radar, array, tolerance, model):
+    for plan in block_plans(groups, radar, array, tolerance, intra_chirp):
         rx = array.rx[plan.rx]
         line_bytes = plan.cells * len(rx) * len(array.tx_m) * 8
         for lines, chosen in turns(plan.jobs, max(int(GRID_BYTES / line_bytes), 1)):
             shape = len(lines), plan.cells, len(rx), len(array.tx_m)
             grid = torch.zeros(shape, dtype=torch.complex64, device=device)
             for job, some in chosen:
-                spread(grid, job, some, lines, plan.weights, radar, array, rx, model)
+                spread(grid, job, some, lines, plan.weights, radar, array, rx, intra_chirp)
             fast_time = _fast_time(grid, plan.gain)
-            _add_chirps(cube[:, :, plan.rx], fast_time, lines, gain_taps, radar, coupling(radar, model))
+            _add_chirps(cube[:, :, plan.rx], fast_time, lines, gain_taps, radar)
 
 
 def _fast_time(
@@ -87,12 +86,11 @@ def _add_chirps(
     lines: Int64[np.ndarray, " lines"],
     gain_taps: int,
     radar: Radar,
-    kappa: float,
 ) -> None:
     """Add all chirps of every sample: s[m, n] = gain(eta') sum_l F_l[n] exp(j 2 pi f_l eta')."""
     waveform, device = radar.waveform, str(cube.device)
     eta = (np.arange(waveform.chirps) - waveform.chirps // 2) / waveform.chirps
-    scale = 1.0 + kappa * sweep_positions(waveform.samples)
+    scale = 1.0 + coupling(radar) * sweep_positions(waveform.samples)
     frequency = moved(lines / LINE_OVERSAMPLING, device)
     channels = fast_time.shape[2] * fast_time.shape[3]
     for some in batches(waveform.samples, waveform.chirps * (len(lines) + channels), device):

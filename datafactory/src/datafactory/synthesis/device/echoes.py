@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from jaxtyping import Complex128, Float64
 from torch import Tensor
 
@@ -61,16 +60,10 @@ class Echoes:
 
 
 def distances(
-    points: Float64[Tensor, "paths times 3"], elements: Float64[np.ndarray, "elements 3"], plane: bool = False
+    points: Float64[Tensor, "paths times 3"], elements: Float64[np.ndarray, "elements 3"]
 ) -> Float64[Tensor, "paths times elements"]:
-    """Lengths of the legs between points and elements [m].
-
-    :param plane: of a plane wave, |p| - p x / |p|, instead of the spherical |p - x|
-    """
+    """Lengths of the legs between points and elements [m]."""
     place = moved(elements, str(points.device))
-    if plane:
-        far = torch.linalg.vector_norm(points, dim=-1, keepdim=True)
-        return far - (points / far.clamp_min(1e-9)) @ place.T
     squares = (points[..., 0, None] - place[:, 0]) ** 2
     for axis in (1, 2):
         squares += (points[..., axis, None] - place[:, axis]) ** 2

@@ -14,10 +14,9 @@ from torch import Tensor
 from datafactory.synthesis.device.arrays import batches, moved, phasors
 from datafactory.synthesis.device.echoes import Echoes, distances
 from datafactory.synthesis.frame_lines import Job
-from datafactory.synthesis.motion import coupling
+from datafactory.synthesis.motion import coupling, instants
 from datafactory.synthesis.parts import centre
 from datafactory.synthesis.slow_time import LineWeights, applied
-from datafactory.synthesis.wave_model import WaveModel
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
@@ -33,7 +32,7 @@ def spread(
     radar: Radar,
     array: AntennaArray,
     rx: Float64[np.ndarray, "rx 3"],
-    model: WaveModel,
+    intra_chirp: bool,
 ) -> None:
     """Add some paths of a job to the grid, which is cyclic in its cells.
 
@@ -50,7 +49,7 @@ def spread(
     start = float(job.part.start[radar.waveform.chirps // 2])
     for few in batches(len(chosen), len(line) * len(tap) * len(rx) * len(tx), device):
         nearest, shift, values = _seen(
-            echoes.take(few), anchor[few], bends[:, few], job, cells, start, radar, array, rx, model
+            echoes.take(few), anchor[few], bends[:, few], job, cells, start, radar, array, rx, intra_chirp
         )
         line_weights = torch.einsum("ln,koncd->klocd", of_lines, values)
         powers = shift[..., None] ** torch.arange(weights.shape[1], device=device)
@@ -91,7 +90,7 @@ def _seen(
     radar: Radar,
     array: AntennaArray,
     rx: Float64[np.ndarray, "rx 3"],
-    model: WaveModel,
+    intra_chirp: bool,
 ) -> tuple[
     Int64[Tensor, " paths"], Float32[Tensor, "paths rx tx"], Complex64[Tensor, "paths orders nodes rx tx"]
 ]:  # fmt: skip
@@ -99,10 +98,11 @@ def _seen(
 
     The values of the first order, then times e, then times e^2 - j g / pi.
     """
-    waveform, device, plane = radar.waveform, str(anchor.device), not model.near_field
+    waveform, device = radar.waveform, str(anchor.device)
     tx, tx_centre, rx_centre = array.tx[job.part.tx], centre(array.tx), centre(rx)
-    mid_time, beat_time = model.phase_time_s(start_s, radar), model.beat_time_s(start_s, radar)
-    then = echoes.at(torch.tensor([beat_time], dtype=torch.float64, device=device))
+    after, lead = instants(radar, intra_chirp)
+    mid_time = start_s + after
+    then = echoes.at(torch.tensor([mid_time + lead], dtype=torch.float64, device=device))
     bins_per_metre, oversampling = waveform.bandwidth_hz / SPEED_OF_LIGHT, cells / waveform.samples
     rx_leg = distances(then.rx_point, rx_centre[None])
     # The bend's mean over the frame is a range like any other.
@@ -110,8 +110,8 @@ def _seen(
     link = then.between[..., None]
     middle = bins_per_metre * (distances(then.tx_point, tx_centre[None]) + link + rx_leg) + mean
     nearest = torch.floor(middle * oversampling + 0.5)
-    departure = bins_per_metre * (distances(then.tx_point, tx, plane) + link + rx_leg) + mean - nearest / oversampling
-    shift = departure[:, 0, None, :] + bins_per_metre * (distances(then.rx_point, rx, plane) - rx_leg)[:, 0, :, None]
+    departure = bins_per_metre * (distances(then.tx_point, tx) + link + rx_leg) + mean - nearest / oversampling
+    shift = departure[:, 0, None, :] + bins_per_metre * (distances(then.rx_point, rx) - rx_leg)[:, 0, :, None]
 
     eta = moved(job.group.weights.node, device)
     frame_s = waveform.chirps * waveform.chirp_interval_s
@@ -120,9 +120,9 @@ def _seen(
     delay = nearest / (oversampling * waveform.bandwidth_hz)
     frequency = (reference_frequency_hz(radar) - slope * delay) / SPEED_OF_LIGHT
     constant = 0.5 * slope * delay * delay - (anchor[:, None] * eta)[..., None]
-    tx_cycles = frequency * (distances(now.tx_point, tx, plane) + now.between[..., None]) + constant
+    tx_cycles = frequency * (distances(now.tx_point, tx) + now.between[..., None]) + constant
     tx_value = echoes.amplitude[:, None, None] * phasors(tx_cycles, torch.complex128)
-    rx_value = phasors(frequency * distances(now.rx_point, rx, plane), torch.complex64)
+    rx_value = phasors(frequency * distances(now.rx_point, rx), torch.complex64)
     value = tx_value.to(torch.complex64)[:, :, None, :] * rx_value[..., None]
 
     orders, values, square = job.group.orders, [value], eta * eta - 1.0 / 12.0
@@ -131,11 +131,10 @@ def _seen(
         bend = (eta * (e_1 + e_3 * eta * eta) + e_2 * square).to(torch.float32)[..., None, None]
         if orders > 2:
             scaling = (eta * (g_1 + eta * (g_2 + eta * g_3)) / torch.pi).to(torch.float32)[..., None, None]
-            if not plane:
-                tilt, dish = _elements_apart(echoes, mid_time, beat_time - mid_time, tx, rx, array, radar, model)
-                shift = shift + dish / 12.0
-                own = tilt[:, None] * eta[:, None, None] + dish[:, None] * square[:, None, None]
-                bend = bend + own.to(torch.float32)
+            tilt, dish = _elements_apart(echoes, mid_time, lead, tx, rx, array, radar)
+            shift = shift + dish / 12.0
+            own = tilt[:, None] * eta[:, None, None] + dish[:, None] * square[:, None, None]
+            bend = bend + own.to(torch.float32)
         values.append(value * bend)
         if orders > 2:
             values.append(value * torch.complex(bend * bend, (-scaling).expand_as(bend)))
@@ -150,7 +149,6 @@ def _elements_apart(
     rx: Float64[np.ndarray, "rx 3"],
     array: AntennaArray,
     radar: Radar,
-    model: WaveModel,
 ) -> tuple[Float64[Tensor, "paths rx tx"], Float64[Tensor, "paths rx tx"]]:
     """What every element's e has beyond that of the centres: coefficients of eta and of eta^2 - 1/12.
 
@@ -158,7 +156,7 @@ def _elements_apart(
     """
     waveform = radar.waveform
     frame_s = waveform.chirps * waveform.chirp_interval_s
-    per_rate = coupling(radar, model) * reference_frequency_hz(radar) / SPEED_OF_LIGHT * frame_s
+    per_rate = coupling(radar) * reference_frequency_hz(radar) / SPEED_OF_LIGHT * frame_s
     per_bend = 0.5 * frame_s * per_rate
     # The phase's part; where ranges precede phases, then the range's part, at its own time.
     parts = [(0.0, 0.0, -per_bend)]

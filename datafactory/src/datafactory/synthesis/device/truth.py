@@ -26,9 +26,8 @@ from datafactory.synthesis.doppler_moments import (
     SHIFT_TERMS,
 )
 from datafactory.synthesis.mid_frame import MidFrame
-from datafactory.synthesis.motion import coupling
+from datafactory.synthesis.motion import coupling, instants
 from datafactory.synthesis.truth import DopplerCell, around_row, doppler_table, truth_plan
-from datafactory.synthesis.wave_model import WaveModel
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
 from shared.signal.sweep import reference_frequency_hz
@@ -68,21 +67,21 @@ def truth_on(
     radar: Radar,
     doppler_cells: Int64[np.ndarray, " rows"],
     terms: int,
-    model: WaveModel,
+    intra_chirp: bool,
 ) -> Complex64[np.ndarray, "{terms} rows channels"]:
     """Sweep moments of the virtual sensor, as :func:`datafactory.synthesis.truth.truth_moments` makes them.
 
     :param device: torch's name of it
     """
     waveform, rx = radar.waveform, radar.virtual_sensor.rx
-    mid, path_terms, cells = truth_plan(paths, radar, doppler_cells, terms, model)
+    mid, path_terms, cells = truth_plan(paths, radar, doppler_cells, terms, intra_chirp)
     lowest_q, lowest_delta, responses = doppler_table(mid.curvature, waveform.chirps, int(path_terms.max(initial=1)))
     elements = _Elements.of(rx)
     with repeatable():
         table = _Table(lowest_q, lowest_delta, moved(responses, device))
         moments = torch.zeros((terms, waveform.range_bins, len(elements.rx)), dtype=torch.complex64, device=device)
         for cell in cells:
-            grid = _grid_of(cell, mid.take(cell.chosen), elements, table, radar, model, device)
+            grid = _grid_of(cell, mid.take(cell.chosen), elements, table, radar, intra_chirp, device)
             _add_rows(moments, cell, grid, waveform.samples, waveform.chirps)
         return back(moments[:, :, : len(rx)])
 
@@ -93,7 +92,7 @@ def _grid_of(
     elements: _Elements,
     table: _Table,
     radar: Radar,
-    model: WaveModel,
+    intra_chirp: bool,
     device: str,
 ) -> Complex64[Tensor, "needed_cells blocks moments block"]:
     """Moments of a Doppler cell's paths, in the range cells that its rows draw on, in their order."""
@@ -103,7 +102,9 @@ def _grid_of(
     shape = int(cell.needed.sum()), blocks, SHIFT_TERMS * cell.doppler_terms, BLOCK
     grid = torch.zeros(shape, dtype=torch.complex64, device=device)
     for few in batches(len(mid.amplitude), blocks * shape[2] * BLOCK, device):
-        slot, kept, values = _moments(mid.take(np.arange(few.start, few.stop)), cell, elements, table, radar, model)
+        slot, kept, values = _moments(
+            mid.take(np.arange(few.start, few.stop)), cell, elements, table, radar, intra_chirp
+        )
         kept &= needed[slot]
         block = torch.arange(blocks, device=device).expand_as(slot)
         place = at[slot[kept]] * blocks + block[kept]
@@ -112,13 +113,14 @@ def _grid_of(
 
 
 def _moments(
-    mid: MidFrame, cell: DopplerCell, elements: _Elements, table: _Table, radar: Radar, model: WaveModel
+    mid: MidFrame, cell: DopplerCell, elements: _Elements, table: _Table, radar: Radar, intra_chirp: bool
 ) -> tuple[
     Int64[Tensor, "paths blocks"], Bool[Tensor, "paths blocks"], Complex64[Tensor, "paths blocks moments block"]
 ]:  # fmt: skip
     """Of every path and block the range cell, whether the table reaches it, and its moments."""
     waveform, device = radar.waveform, str(table.response.device)
-    frame_s, lead = waveform.chirps * waveform.chirp_interval_s, model.lead_s(radar)
+    frame_s = waveform.chirps * waveform.chirp_interval_s
+    _, lead = instants(radar, intra_chirp)
     cycles_per_metre = reference_frequency_hz(radar) / SPEED_OF_LIGHT
     bins_per_metre = waveform.bandwidth_hz / SPEED_OF_LIGHT
     point, velocity = moved(mid.rx_point, device), moved(mid.rx_velocity, device)
@@ -144,7 +146,7 @@ def _moments(
     offset = range_cell / CELLS_PER_BIN - bins_per_metre * ranged
     shift = (bins_per_metre * (leg + lead * rate) - offset[..., None]).to(torch.float32)
     depart = cycles_per_metre * frame_s * (tx_rate[..., None] + rate) - origin[..., None]
-    migration = (coupling(radar, model) * total).to(torch.float32)[..., None]
+    migration = (coupling(radar) * total).to(torch.float32)[..., None]
     by_doppler = _doppler_factors(response, depart.to(torch.float32), migration, cell.doppler_terms)
     powers = [by_doppler * echo[:, :, None]]
     for _ in range(SHIFT_TERMS - 1):
