@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths import solver as solver_module
-from datafactory.paths.merged_scene import merge_scene
+from datafactory.paths.geometry import placed
+from datafactory.paths.merged_scene import merge_scene, slabs_of
 from datafactory.paths.rays import RayFan
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import PathTable
@@ -73,7 +74,9 @@ def traced(
     **settings,
 ) -> PathTable:
     merged = merge_scene(Scene("test", objects), MATERIALS)
-    chosen = TraceSettings(rays=rays, **{"depth": 1, "paths_a_cell": 0, "solver_share": 1, **settings})
+    chosen = TraceSettings(
+        rays=rays, **{"depth": 1, "paths_a_cell": 0, "solver_share": 1, "twice_share": 1, **settings}
+    )
     return trace(merged, MATERIALS, pose, FREQUENCY_HZ, chosen, fan or RayFan(rays), seed)
 
 
@@ -81,7 +84,9 @@ def solved(*objects: SceneObject, fan: RayFan, rays: int, **settings):
     """The solver's own Paths of the same trace."""
     merged = merge_scene(Scene("test", objects), MATERIALS)
     chosen = TraceSettings(rays=rays, **settings)
-    scene = solver_module.radio_scene(merged, MATERIALS, RADAR_AT_ORIGIN, FREQUENCY_HZ, chosen)
+    scene = solver_module.radio_scene(
+        placed(merged, MATERIALS, RADAR_AT_ORIGIN), slabs_of(merged, MATERIALS), FREQUENCY_HZ, chosen
+    )
     return solver_module.solver_paths(scene, chosen, fan, 1)
 
 

@@ -24,8 +24,9 @@ from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, mesh, scene_of
 from datafactory.paths import smooth
 from datafactory.paths.backend import select_variant
 from datafactory.paths.curved_mirrors import curved_mirrors
+from datafactory.paths.geometry import Geometry
 from datafactory.paths.mirror_feet import single_mirrors
-from datafactory.paths.solver import TraceSettings, radio_scene
+from datafactory.paths.solver import TraceSettings
 from datafactory.scenes.poses import Pose
 
 Real = NDArray[np.float64]
@@ -47,7 +48,7 @@ def levels_dbsm(of: Mesh, folds_deg: float) -> Real:
             [[np.cos(aspect), -np.sin(aspect), 0.0], [np.sin(aspect), np.cos(aspect), 0.0], [0.0, 0.0, 1.0]]
         )
         merged = scene_of(mesh("body", of[0] @ turn.T + np.array([DISTANCE_M, 0.0, 0.0]), of[1], "metal"))
-        geometry = radio_scene(merged, MATERIALS, home, FREQUENCY_HZ, settings).mi_scene
+        geometry = Geometry(merged).place(merged, home).mi_scene
         arguments = (geometry, merged, MATERIALS, home, FREQUENCY_HZ, settings)
         flat, points, images = single_mirrors(*arguments)[0], *curved_mirrors(*arguments)[:2]
         parts = (points, images, flat)

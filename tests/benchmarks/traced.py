@@ -33,9 +33,12 @@ PARTS: tuple[tuple[Any, str, str], ...] = (
     (trace, "single_mirrors", "mirrors"),
     (trace, "curved_mirrors", "curved mirrors"),
     (trace, "edge_echoes", "edges"),
-    (trace, "scattered_once", "scattered once"),
+    (trace.Arrivals, "first", "first hits"),
+    (trace, "over_mirrors", "scattered after mirrors"),
+    (trace, "behind_panes", "scattered behind panes"),
+    (trace, "scattered_twice", "scattered twice"),
     (trace, "solve", "solver"),
-    (trace, "radio_scene", "geometry"),
+    (trace, "placed", "geometry"),
     (trace, "_with_surfaces", "shares of mirrors, phases"),
 )
 

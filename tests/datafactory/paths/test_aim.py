@@ -7,11 +7,11 @@ import pytest
 from numpy.typing import NDArray
 from sionna_scenes import FREQUENCY_HZ, plate
 
-from datafactory.paths import solver as solver_module
 from datafactory.paths.aim import STRIPS, UNAIMED, aimed
+from datafactory.paths.arrivals import Arrivals
+from datafactory.paths.geometry import Geometry
 from datafactory.paths.merged_scene import merge_scene
 from datafactory.paths.rays import RayFan
-from datafactory.paths.scattered_once import scattered_once
 from datafactory.paths.solver import Bundle, TraceSettings
 from datafactory.paths.surfaces import Surfaces
 from datafactory.paths.thinning import RANGE_CELL_M, U_CELL
@@ -31,12 +31,12 @@ POLE = plate("pole", (17.0, 2.0, 1.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.9), "concre
 
 def surfaces_of(*objects: SceneObject) -> Surfaces:
     merged = merge_scene(Scene("test", objects), MATERIALS)
-    scene = solver_module.radio_scene(merged, MATERIALS, POSE, FREQUENCY_HZ, TraceSettings())
-    return Surfaces(scene.mi_scene, merged, MATERIALS, POSE, FREQUENCY_HZ)
+    return Surfaces(Geometry(merged).place(merged, POSE).mi_scene, merged, MATERIALS, POSE, FREQUENCY_HZ)
 
 
 def echoes(surfaces: Surfaces, fan: RayFan) -> Bundle:
-    return scattered_once(surfaces, TraceSettings(rays=fan.count, depth=1, paths_a_cell=0), fan, 1)[0]
+    settings = TraceSettings(rays=fan.count, depth=1, paths_a_cell=0)
+    return Arrivals.first(surfaces, settings, fan).echoes().thinned(1)
 
 
 def powers(bundle: Bundle, fan: RayFan) -> NDArray[np.float64]:

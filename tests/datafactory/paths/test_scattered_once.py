@@ -7,81 +7,43 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from rough_plates import CORNER, FREQUENCY_HZ, HERE, MATERIALS, ROUGHNESS, WAVELENGTH_M, merged_of, plate
 
 from datafactory.paths import solver as solver_module
 from datafactory.paths import trace as trace_module
-from datafactory.paths.merged_scene import MergedScene, merge_scene
+from datafactory.paths.arrivals import Arrivals
+from datafactory.paths.geometry import placed
+from datafactory.paths.merged_scene import MergedScene, slabs_of
 from datafactory.paths.rays import RayFan
-from datafactory.paths.scattered_once import scattered_once
+from datafactory.paths.scattered_once import behind_panes, over_mirrors
 from datafactory.paths.slabs import slab_transmission
 from datafactory.paths.solver import Bundle, TraceSettings
 from datafactory.paths.surfaces import Surfaces
 from datafactory.paths.table import DIFFUSE, SPECULAR, PathTable
 from datafactory.scenes.materials.reflectivity import fresnel_reflectivity, lambertian_sigma0
-from datafactory.scenes.materials.table import Material, MaterialMapping
 from datafactory.scenes.poses import Pose
-from datafactory.scenes.scene import Scene, SceneObject
+from datafactory.scenes.scene import SceneObject
 
 pytestmark = pytest.mark.usefixtures("variant")
-
-FREQUENCY_HZ = 77.5e9
-WAVELENGTH_M = 299_792_458.0 / FREQUENCY_HZ
-HERE = Pose((0.0, 0.0, 0.0))
-ROUGHNESS = {"concrete": 0.6, "metal": 0.5, "lobed": 0.4, "glass": 0.0}
-
-
-def _material(
-    name: str, permittivity: float, conductivity: float, thickness_m: float, pattern="lambertian"
-) -> Material:
-    source = ("test", (77.0, 78.0), ())
-    return Material(name, permittivity, conductivity, thickness_m, ROUGHNESS[name], pattern, *source)
-
-
-MATERIALS = MaterialMapping(
-    entries={
-        item.name: (item, "test")
-        for item in (
-            _material("concrete", 5.24, 1.38, 0.1),
-            _material("metal", 1.0, 1e7, 0.1),
-            _material("lobed", 5.24, 1.38, 0.1, "backscattering"),
-            _material("glass", 6.31, 1.211, 0.006),
-        )
-    },
-    unknown=(),
-)
-
-
-def plate(name: str, centre, across, up, of: str, velocity=(0.0, 0.0, 0.0)) -> SceneObject:
-    """A flat rectangle, centre +- across +- up [m]."""
-    c, a, b = (np.array(v, dtype=float) for v in (centre, across, up))
-    corners = np.array([c - a - b, c + a - b, c + a + b, c - a + b])
-    return SceneObject(name, corners, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), of, velocity)
-
-
-CORNER = (
-    plate("ahead", (10.0, 0.0, 0.0), (1.0, 8.0, 0.0), (0.0, 0.0, 8.0), "concrete", velocity=(-3.0, 1.0, 0.0)),
-    plate("side", (10.0, 6.0, 0.0), (10.0, 0.0, 0.0), (0.0, 1.0, 10.0), "metal"),
-    plate("ground", (10.0, 0.0, -2.0), (12.0, 0.0, 0.3), (0.0, 12.0, 0.0), "lobed"),
-)
-
-
-def merged_of(*objects: SceneObject) -> MergedScene:
-    return merge_scene(Scene("test", objects), MATERIALS)
 
 
 def once_of(*objects: SceneObject, rays: int, pose: Pose = HERE, fan: RayFan | None = None, **settings) -> list[Bundle]:
     merged = merged_of(*objects)
     chosen = TraceSettings(rays=rays, **{"depth": 1, "paths_a_cell": 0, **settings})
-    scene = solver_module.radio_scene(merged, MATERIALS, pose, FREQUENCY_HZ, chosen)
-    surfaces = Surfaces(scene.mi_scene, merged, MATERIALS, pose, FREQUENCY_HZ)
-    return scattered_once(surfaces, chosen, fan or RayFan(rays), 1)
+    surfaces = Surfaces(placed(merged, MATERIALS, pose).mi_scene, merged, MATERIALS, pose, FREQUENCY_HZ)
+    first = Arrivals.first(surfaces, chosen, fan or RayFan(rays))
+    bundles = [group.thinned(1) for group in (first.echoes(), *over_mirrors(first))]
+    if chosen.refraction:
+        bundles[0] = Bundle.joined([bundles[0], behind_panes(first).thinned(1)])
+    return bundles
 
 
 def solved(*objects: SceneObject, rays: int, pose: Pose = HERE, **settings) -> Bundle:
     """The solver's own paths."""
     merged = merged_of(*objects)
     chosen = TraceSettings(rays=rays, solver_share=1, **settings)
-    scene = solver_module.radio_scene(merged, MATERIALS, pose, FREQUENCY_HZ, chosen)
+    geometry, slabs = placed(merged, MATERIALS, pose), slabs_of(merged, MATERIALS)
+    scene = solver_module.radio_scene(geometry, slabs, FREQUENCY_HZ, chosen)
     return solver_module.solve(scene, merged, pose, chosen, RayFan(rays), 1).bundle
 
 
@@ -235,24 +197,6 @@ def test_what_stands_behind_a_pane_is_heard_through_it_twice():
 def table_of(*objects: SceneObject, rays: int, **settings) -> PathTable:
     chosen = TraceSettings(rays=rays, **settings)
     return trace_module.trace(merged_of(*objects), MATERIALS, HERE, FREQUENCY_HZ, chosen, RayFan(rays), 1)
-
-
-def test_the_solver_gives_only_what_is_scattered_twice(monkeypatch):
-    kept = list[Bundle]()
-
-    def noted(bundle):
-        left, count = again(bundle)
-        kept.append(left)
-        return left, count
-
-    again = trace_module._scattered_again
-    monkeypatch.setattr(trace_module, "_scattered_again", noted)
-    table = table_of(*CORNER, rays=4_000, depth=2, solver_share=1)
-    assert len(kept[0].amplitude) > 20
-    last = kept[0].interactions[:, -1] == DIFFUSE
-    assert ((kept[0].interactions[last] == DIFFUSE).sum(axis=1) == 2).all()
-    assert table.counts["scattered_once_by_the_solver"] > 0
-    assert table.counts["scattered_once"] > 3_000
 
 
 def test_single_bounces_need_no_solver_and_no_pass_without_diffuse(monkeypatch):

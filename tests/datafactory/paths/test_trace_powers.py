@@ -125,11 +125,10 @@ def test_the_fan_leaves_sionna_as_it_was():
     [
         {"depth": 1, "specular": False},
         {"depth": 2, "specular": True, "diffuse": False},
-        {"depth": 3, "specular": False, "diffuse": True},
     ],
 )
 def test_the_channel_agrees_with_sionnas_impulse_response(settings):
-    # Without paths that we drop or add. One TX/RX pair, one chirp; at mid-sweep s[N/2] is the sum of conj(a_b).
+    # Without paths that we drop, add or draw. One TX/RX pair, one chirp; at mid-sweep s[N/2] is the sum of conj(a_b).
     rays = 3_000
     scene = (wall("rough", half_m=8.0), side_wall("rough"))
     fan = WholeSphere(rays)
@@ -166,7 +165,6 @@ def test_diffuse_then_specular_is_wrong_in_sionna_and_mended_here():
     assert decibels(many[specular_diffuse] / few[specular_diffuse]) == pytest.approx(0.0, abs=0.3)
     assert decibels(many[diffuse_specular] / few[diffuse_specular]) < -6.0
     table = traced(*scene, fan=WholeSphere(320_000), rays=320_000, depth=2)
-    assert table.counts["diffuse_then_specular_dropped"] > 0
     paths = table.scattered.take(table.scattered.depth == 2)
     first = paths.take(np.arange(len(paths)) < len(paths) // 2)
     second = paths.take(np.arange(len(paths)) >= len(paths) // 2)

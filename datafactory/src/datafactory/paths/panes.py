@@ -12,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.paths.geometry import mesh_of_shape
 from datafactory.paths.merged_scene import MergedScene, slabs_of
 from datafactory.paths.ray_hits import first_hits, ray_margin_m
 from datafactory.paths.slabs import transmission_over_air
@@ -110,19 +111,6 @@ def _axes(direction, horizontal):
         else:
             axis[k, 0], axis[k, 1], axis[k, 2] = z * cosine, z * sine, -across
     return axis
-
-
-def mesh_of_shape(mi_scene: Any) -> dict[int, int]:
-    """Index into ``MergedScene.meshes`` by the number with which a ray names the shape it met."""
-    import drjit as dr
-    import mitsuba as mi
-
-    return {
-        int(mi.UInt32(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))).numpy()[0]): int(
-            shape.id().removeprefix("part-")
-        )
-        for shape in mi_scene.shapes()
-    }
 
 
 def _slab_of_shape(mi_scene: Any, merged_scene: MergedScene, materials: MaterialMapping) -> dict[int, Material]:

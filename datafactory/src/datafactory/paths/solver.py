@@ -23,13 +23,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.paths.backend import select_variant
 from datafactory.paths.defaults import DEFAULT_DEPTH, DEFAULT_RAYS, LARGEST_DEPTH
+from datafactory.paths.geometry import Geometry, name_of
 from datafactory.paths.merged_scene import MergedScene, velocities_on
 from datafactory.paths.rays import RayFan
 from datafactory.paths.scattering import LOBE_EXPONENT, MIRROR_SHARE
 from datafactory.paths.table import DIFFUSE, REFRACTED, SPECULAR
-from datafactory.scenes.materials.table import MaterialMapping
+from datafactory.scenes.materials.table import Material
 from datafactory.scenes.poses import Pose
 from shared.physics.vectors import taken
 from shared.radar.front_end import Polarization
@@ -59,8 +59,8 @@ class TraceSettings:
         chains of mirrors alone have up to 3: a handful of paths, and nearly all that a third bounce adds to a cell
     :param paths_a_cell: most paths that are scattered once in a resolution cell (:mod:`datafactory.paths.thinning`), of
         the default's rays or fewer; see :attr:`most_in_a_cell`. 0 keeps all
-    :param solver_share: of so many rays the solver follows one: to chains of mirrors, and to what is scattered twice.
-        Both are few paths
+    :param solver_share: of so many rays the solver follows one to chains of mirrors, which are few
+    :param twice_share: of so many rays one is followed to what is scattered twice: weak echoes, spread over many cells
     :param specular, diffuse: kinds of bounce to follow
     :param refraction: follow waves through panes, up to ``CROSSINGS`` of them
     :param diffraction: add echoes of edges, and of point targets hidden behind one
@@ -75,6 +75,7 @@ class TraceSettings:
     depth: int = DEFAULT_DEPTH
     paths_a_cell: int = 6
     solver_share: int = 4
+    twice_share: int = 32
     specular: bool = True
     diffuse: bool = True
     refraction: bool = False
@@ -96,6 +97,11 @@ class TraceSettings:
         return replace(self, depth=LARGEST_DEPTH, diffuse=False, refraction=False)
 
     @property
+    def beyond_panes(self) -> TraceSettings:
+        """How mirrors are followed, and panes passed."""
+        return replace(self, diffuse=False, refraction=True)
+
+    @property
     def most_in_a_cell(self) -> int:
         """``paths_a_cell``, and of more rays than the default's as many times more.
 
@@ -110,7 +116,7 @@ class TraceSettings:
 
     def capacity(self, rays: int) -> int:
         """Paths that the solver may keep: one for every ray and step, so that none is ever left out."""
-        return rays * self.steps + 1_000_000
+        return rays * self.steps
 
 
 @dataclass(frozen=True)
@@ -135,6 +141,11 @@ class Bundle:
         """No paths, of at most ``depth`` bounces."""
         whole, vectors = np.zeros((0, depth), dtype=np.int64), np.zeros((0, depth, 3))
         return Bundle(vectors, whole, whole, whole, vectors, whole[:, 0], np.zeros(0, dtype=np.complex128))
+
+    @property
+    def scatterings(self) -> int:
+        """Diffuse bounces of its paths, which are of the same kinds; 0 where there are no paths."""
+        return int((self.interactions[:1] == DIFFUSE).sum())
 
     def of_bounces(self, count: int) -> Bundle:
         """Its paths of so many bounces."""
@@ -172,50 +183,57 @@ class Solved:
     invalid: int
     truncated: int
 
+    def beyond_panes(self) -> Solved:
+        """Those of its paths that pass panes."""
+        return replace(self, bundle=self.bundle.take(self.bundle.crossings > 0))
+
     @staticmethod
     def nothing() -> Solved:
         """Of a frame without anything for the solver."""
         return Solved(Bundle.none(1), 0, 0)
 
 
-def radio_scene(
-    merged_scene: MergedScene, materials: MaterialMapping, pose: Pose, frequency_hz: float, settings: TraceSettings
-) -> Any:
-    """Sionna's own Scene of a frame, in the radar frame; its ``mi_scene`` is Mitsuba's.
+def radio_scene(geometry: Geometry, slabs: Sequence[Material], frequency_hz: float, settings: TraceSettings) -> Any:
+    """Sionna's own Scene of a geometry, which is made once and shows what the geometry shows.
 
+    :param slabs: material of every mesh, always the same for one geometry
     :param frequency_hz: mid-sweep; materials take their values at 77 GHz whatever it is
     """
-    select_variant()
     from sionna import rt
 
-    scene = rt.load_scene()
-    by_name = {material.name: material for material, _ in materials.entries.values()}
-    radio = {
-        name: rt.RadioMaterial(
-            name=f"m-{name}",
-            relative_permittivity=material.relative_permittivity,
-            conductivity=material.conductivity_s_per_m,
-            thickness=material.thickness_m,
-            scattering_coefficient=material.scattering_coefficient,
-            **PATTERNS[material.pattern],
-        )
-        for name, material in by_name.items()
-    }
-    objects = [
-        rt.SceneObject(
-            mi_mesh=mitsuba_mesh(f"part-{index}", mesh.seen_from(pose), mesh.triangles),
-            name=f"part-{index}",
-            radio_material=radio[mesh.material],
-        )
-        for index, mesh in enumerate(merged_scene.meshes)
-    ]
-    scene.edit(add=objects)
+    if geometry.radio is None:
+        geometry.stand_on(_radio_scene(geometry, slabs))
+    scene = geometry.radio
     scene.frequency = frequency_hz
     scene.tx_array, scene.rx_array = (
         rt.PlanarArray(num_rows=1, num_cols=1, vertical_spacing=0.5, horizontal_spacing=0.5, pattern="iso",
                        polarization=polarization)
         for polarization in settings.polarization
     )  # fmt: skip
+    return scene
+
+
+def _radio_scene(geometry: Geometry, slabs: Sequence[Material]) -> Any:
+    from sionna import rt
+
+    scene = rt.load_scene()
+    radio = {
+        slab.name: rt.RadioMaterial(
+            name=f"m-{slab.name}",
+            relative_permittivity=slab.relative_permittivity,
+            conductivity=slab.conductivity_s_per_m,
+            thickness=slab.thickness_m,
+            scattering_coefficient=slab.scattering_coefficient,
+            **PATTERNS[slab.pattern],
+        )
+        for slab in slabs
+    }
+    scene.edit(
+        add=[
+            rt.SceneObject(mi_mesh=mesh, name=mesh.id(), radio_material=radio[slab.name])
+            for mesh, slab in zip(geometry.meshes, slabs, strict=True)
+        ]
+    )
     scene.add(rt.Transmitter("radar-tx", position=[0.0, 0.0, 0.0]))
     scene.add(rt.Receiver("radar-rx", position=[0.0, 0.0, 0.0]))
     return scene
@@ -252,22 +270,10 @@ def solve(scene: Any, merged_scene: MergedScene, pose: Pose, settings: TraceSett
     """
     fan = replace(fan, count=settings.solver_rays(fan.count))
     paths = solver_paths(scene, settings, fan, seed)
-    shapes = {scene.objects[f"part-{index}"].object_id: index for index in range(len(merged_scene.meshes))}
+    shapes = {scene.objects[name_of(index)].object_id: index for index in range(len(merged_scene.meshes))}
     valid = paths.valid.numpy().reshape(-1)
     bundle = _without_crossings(_bundle_of(paths, valid, shapes, merged_scene, pose), settings.depth)
     return Solved(bundle, int((~valid).sum()), int(valid.sum() >= settings.capacity(fan.count)))
-
-
-def mitsuba_mesh(name: str, vertices: NDArray[np.float32], triangles: NDArray[np.int32]) -> Any:
-    """Mitsuba's mesh of vertices [V, 3] [m] and triangles [T, 3]."""
-    import mitsuba as mi
-
-    mesh = mi.Mesh(name, vertex_count=len(vertices), face_count=len(triangles))
-    parameters = mi.traverse(mesh)
-    parameters["vertex_positions"] = vertices.ravel()
-    parameters["faces"] = triangles.astype(np.uint32).ravel()
-    parameters.update()
-    return mesh
 
 
 @contextmanager

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.facets import mirrors_of
+from datafactory.paths.geometry import mesh_of_shape
 from datafactory.paths.merged_scene import MergedScene, slabs_of, velocities_on
-from datafactory.paths.panes import mesh_of_shape
 from datafactory.paths.ray_hits import first_hits
+from datafactory.paths.scattering import has_lobes
 from datafactory.paths.slabs import lets_through, transmission_over_air
 from datafactory.paths.smooth_faces import reflection_by_slabs
 from datafactory.paths.wave_steps import onto_planes
@@ -108,6 +109,8 @@ class Surfaces:
         moved = np.array([mesh.shift for mesh in meshes]) - np.asarray(pose.position)
         self.geometry, self.frequency_hz = geometry, frequency_hz
         self.slabs = slabs_of(merged_scene, materials)
+        self.scattering = np.array([slab.scattering_coefficient for slab in self.slabs])
+        self.lobes = np.array([has_lobes(slab.pattern) for slab in self.slabs])
         self.first = np.cumsum([0, *counts])
         self.mesh_of_triangle = merged_scene.mesh_of_triangle
         self.object_of_triangle = np.concatenate([mesh.object_of_triangle for mesh in meshes]).astype(np.int64)

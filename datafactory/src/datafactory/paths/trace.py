@@ -1,15 +1,16 @@
 """One trace a frame: from a merged scene and a pose to a PathTable.
 
-The solver (:mod:`datafactory.paths.solver`) is asked twice: for chains of mirrors, and for what is scattered more than
-once or passes panes. Its paths are brought into the table's two delay laws, and into the physics that it leaves out:
+What rough surfaces scatter is found by the frame's own rays (:mod:`datafactory.paths.scattered_once` and
+:mod:`datafactory.paths.scattered_twice`). The solver (:mod:`datafactory.paths.solver`) finds chains of mirrors, and
+where panes let waves through, those beyond them. All paths are brought into the table's two delay laws, and into the
+physics that the solver leaves out:
 
 * single mirrors are found without rays (:mod:`datafactory.paths.mirror_feet`), those of the solver are left out;
 * facets that sample a curved surface reflect as the surface does (:mod:`datafactory.paths.curved_mirrors`);
 * a mirror reflects with the share of its facet's size (:mod:`datafactory.paths.facets`);
 * a diffuse bounce takes on the phase of its surface cell (:mod:`datafactory.paths.roughness`);
-* a path that ends with a mirror after a diffuse bounce is found once per sequence of planes, whatever the number of
-  rays, so that its power is wrong; such paths are dropped. Their reverses, mirror first, are right, and by reciprocity
-  each of them stands for both: it enters the table twice, with the TX's and the RX's side exchanged;
+* no ray ends with a mirror after a diffuse bounce. The reverses of such paths, mirror first, are found, and by
+  reciprocity each of them stands for both: it enters the table twice, with the TX's and the RX's side exchanged;
 * targets given by a radar cross section are added, directly and over mirrors (:mod:`datafactory.paths.targets`), and
   what edges send back (:mod:`datafactory.paths.diffraction`);
 * right-angled corners send back what runs into their edges (:mod:`datafactory.paths.corners`).
@@ -23,17 +24,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.aim import aimed
+from datafactory.paths.arrivals import Arrivals
 from datafactory.paths.corners import echoes_of_corners, without_corners
 from datafactory.paths.curved_mirrors import curved_mirrors
 from datafactory.paths.diffraction import edge_echoes
 from datafactory.paths.edges import edges_of
 from datafactory.paths.facets import mirrors_of, reflected_share
+from datafactory.paths.geometry import placed
 from datafactory.paths.merged_scene import MergedScene, slabs_of
 from datafactory.paths.mirror_feet import single_mirrors
 from datafactory.paths.ray_hits import clear_between
 from datafactory.paths.rays import RayFan
 from datafactory.paths.roughness import surface_phase
-from datafactory.paths.scattered_once import scattered_once
+from datafactory.paths.scattered_once import behind_panes, over_mirrors
+from datafactory.paths.scattered_twice import scattered_twice
 from datafactory.paths.solver import Bundle, Solved, TraceSettings, radio_scene, solve
 from datafactory.paths.surfaces import Surfaces
 from datafactory.paths.table import DIFFUSE, REFRACTED, SPECULAR, PathTable, ScatteredPaths, SpecularPaths
@@ -62,23 +66,27 @@ def trace(
     :param target_seed: of where in their cycle the moving parts of targets are at time 0
     """
     merged = merged.at(pose.time_s)
-    scene = radio_scene(merged, materials, pose, frequency_hz, settings)
-    geometry = scene.mi_scene
-    once = list[Bundle]()
+    kept = placed(merged, materials, pose)
+    geometry = kept.mi_scene
+    by_rays = list[Bundle]()
     if settings.diffuse and merged.meshes:
         surfaces = Surfaces(geometry, merged, materials, pose, frequency_hz)
         fan = aimed(fan, surfaces)
-        once = scattered_once(surfaces, settings, fan, seed)
-    rough = smooth = Solved.nothing()
-    if settings.depth > 1 and (settings.diffuse or settings.refraction):
-        rough = solve(scene, merged, pose, settings, fan, seed)
-    if settings.depth > 1 and settings.specular:
+        first = Arrivals.first(surfaces, settings, fan)
+        groups = [first.echoes(), *over_mirrors(first), *scattered_twice(first, seed)]
+        if settings.refraction:
+            groups.append(behind_panes(first))
+        by_rays = [group.thinned(seed) for group in groups]
+    smooth = beyond = Solved.nothing()
+    if settings.depth > 1 and settings.specular and merged.meshes:
+        scene = radio_scene(kept, slabs_of(merged, materials), frequency_hz, settings)
         smooth = solve(scene, merged, pose, settings.of_mirrors, fan, seed)
-    again, twice_found = _scattered_again(rough.bundle)
+        if settings.refraction:
+            beyond = solve(scene, merged, pose, settings.beyond_panes, fan, seed).beyond_panes()
     chains = smooth.bundle
     scattered: list[ScatteredPaths] = []
     specular: list[SpecularPaths] = []
-    dropped, more = 0, dict[str, int]()
+    more = dict[str, int]()
     if settings.point_targets:
         echoes, counts = target_echoes(geometry, merged, materials, pose, frequency_hz, settings, target_seed)
         scattered.append(echoes)
@@ -106,47 +114,26 @@ def trace(
         specular.append(images)
         counts |= round_ones
         more |= counts
-    for depth in range(1, max(settings.depth, chains.interactions.shape[1]) + 1):
-        part = Bundle.joined([again.of_bounces(depth), chains.of_bounces(depth)]).in_fixed_order()
-        ends_diffuse = part.interactions[:, -1] == DIFFUSE
-        mirrors = (part.interactions == SPECULAR).all(axis=1)
-        dropped += int((~mirrors & ~ends_diffuse).sum())
-        part = part.take(mirrors | ends_diffuse)
-        if depth <= len(once):
-            part = Bundle.joined([once[depth - 1], part])
-        part = _with_surfaces(part, merged, pose, SPEED_OF_LIGHT / frequency_hz, settings)
-        ends_diffuse = part.interactions[:, -1] == DIFFUSE
-        scattered += _scattered(part.take(ends_diffuse), fan)
-        if depth > 1:
-            specular.append(_specular(part.take(~ends_diffuse)))
+    for part in by_rays:
+        scattered += _scattered(_with_surfaces(part, merged, pose, SPEED_OF_LIGHT / frequency_hz, settings), fan)
+    for bundle in (chains, beyond.bundle):
+        for depth in range(2, bundle.interactions.shape[1] + 1):
+            part = bundle.of_bounces(depth).in_fixed_order()
+            specular.append(_specular(_with_surfaces(part, merged, pose, SPEED_OF_LIGHT / frequency_hz, settings)))
     return PathTable(
         scattered=_joined_scattered(scattered),
         specular=_joined(specular),
         objects=merged.objects,
         counts={
             "rays": settings.rays,
-            "traced": len(again.amplitude) + len(chains.amplitude),
-            "scattered_once": sum(len(part.amplitude) for part in once),
-            "scattered_once_by_the_solver": twice_found,
-            "diffuse_then_specular_dropped": dropped,
-            "truncated": max(rough.truncated, smooth.truncated),
-            "invalid": rough.invalid + smooth.invalid,
+            "traced": len(chains.amplitude) + len(beyond.bundle.amplitude),
+            "scattered_once": sum(len(part.amplitude) for part in by_rays if part.scatterings == 1),
+            "scattered_twice": sum(len(part.amplitude) for part in by_rays if part.scatterings > 1),
+            "truncated": max(smooth.truncated, beyond.truncated),
+            "invalid": smooth.invalid + beyond.invalid,
             **more,
         },
     )
-
-
-def _scattered_again(bundle: Bundle) -> tuple[Bundle, int]:
-    """Of the solver's paths those that neither its pass of mirrors alone nor :mod:`datafactory.paths.scattered_once`
-    finds, and the number of those that the latter does.
-
-    Left are two and more diffuse bounces, and mirrors beyond panes.
-    """
-    bounces = (bundle.interactions > 0).sum(axis=1)
-    last = bundle.interactions[np.arange(len(bounces)), bounces - 1]
-    diffuse = (bundle.interactions == DIFFUSE).sum(axis=1)
-    once = (diffuse == 1) & (last == DIFFUSE) & ((bundle.crossings == 0) | (bounces == 1))
-    return bundle.take(((diffuse > 0) | (bundle.crossings > 0)) & ~once), int(once.sum())
 
 
 def _with_surfaces(

@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.backend import select_variant
+from datafactory.paths.geometry import Geometry, mesh_of_shape
 from datafactory.paths.merged_scene import MergedScene
-from datafactory.paths.panes import mesh_of_shape
 from datafactory.paths.ray_hits import first_hits
-from datafactory.paths.solver import mitsuba_mesh
 from datafactory.scenes.poses import Pose
 
 Real = NDArray[np.float64]
@@ -43,13 +42,7 @@ class RayCaster:
         self._scene, merged = None, merged.at(pose.time_s)
         if merged.meshes:
             select_variant()
-            import mitsuba as mi
-
-            parts = {
-                f"part-{index}": mitsuba_mesh(f"part-{index}", mesh.seen_from(pose), mesh.triangles)
-                for index, mesh in enumerate(merged.meshes)
-            }
-            self._scene = mi.load_dict({"type": "scene", **parts})
+            self._scene = Geometry(merged).place(merged, pose).mi_scene
             self._mesh_of_shape = mesh_of_shape(self._scene)
 
     def cast(self, start: Real, direction: Real) -> Met:

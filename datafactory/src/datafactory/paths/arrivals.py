@@ -1,0 +1,262 @@
+"""Waves of a frame where they meet surfaces, and what the RX hears of their scattering there.
+
+A ray of N stands for the solid angle Omega = 4 pi / N of its tube, which plane mirrors keep. Of unit power on isotropic
+antennas the tube holds Omega / (4 pi). The surface takes S^2 |Gamma|^2 of it, spreads it with the pattern f
+(:mod:`datafactory.paths.scattering`), and the RX, r away, has the aperture lambda^2 / (4 pi):
+
+    A = lambda / (4 pi r) S |Gamma| sqrt(f Omega) e,    |Gamma| = |R e_i| / |e_i|,
+
+with R the slab's reflection of the arriving field e_i (:mod:`datafactory.paths.panes`), which has the factors of all
+that happened to it before, and e its part along the RX's polarisation. The scattered field keeps its components along
+theta^ and phi^: Sionna's model with K_x = 0.
+
+The surface's phase is applied afterwards (:mod:`datafactory.paths.trace`), and so is the fan's solid angle.
+
+Echoes are gathered by what happened on their way. Each such group is thinned by itself, with random numbers of its own:
+what else is simulated changes none of its paths.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from datafactory.paths.panes import polarization_axis
+from datafactory.paths.ray_hits import clear_between, ray_margin_m
+from datafactory.paths.rays import RayFan
+from datafactory.paths.scattering import share_at
+from datafactory.paths.solver import Bundle, TraceSettings
+from datafactory.paths.surfaces import Complex, Hits, Index, Real, Surfaces, Waves
+from datafactory.paths.table import DIFFUSE, SPECULAR
+from datafactory.paths.thinning import cell_of, thinned
+from datafactory.paths.wave_steps import reflected_fields, reflectivity
+from shared.physics.compiled import compiled
+from shared.physics.units import SPEED_OF_LIGHT
+from shared.physics.vectors import dots, lengths, taken
+
+CLOSEST_M = 0.01
+"""Nearer surfaces do not scatter: the antennas' own size matters there. Single mirrors have the same bound."""
+THINNING, DIRECTIONS = 1, 2
+"""What a frame's random numbers are drawn for, beside the kinds of bounce of a group."""
+MISSED_POLARIZATION = 1e-9
+"""Share of a field along the RX's polarisation below which it is rounding: the echo of a surface has no part across."""
+
+
+@dataclass(frozen=True)
+class Arrivals:
+    """n waves where they meet surfaces.
+
+    :param waves: as they arrive; :param hits: where
+    :param te, tm: [n] R of the surfaces
+    :param ratio: [n] solid angle of the fan's rays over 4 pi / N
+    :param ray: [n] of the fan, rising
+    :param kinds: of the bounces before
+    :param rays: N, as many as fill the fan
+    """
+
+    surfaces: Surfaces
+    settings: TraceSettings
+    waves: Waves
+    hits: Hits
+    te: Complex
+    tm: Complex
+    ratio: Real
+    ray: Index
+    kinds: tuple[int, ...]
+    rays: float
+
+    @staticmethod
+    def first(surfaces: Surfaces, settings: TraceSettings, fan: RayFan) -> Arrivals:
+        """Where the rays of a fan meet their first surfaces."""
+        direction = fan.directions()
+        field = polarization_axis(direction, settings.polarization[0]).astype(np.complex128)
+        index, hits = surfaces.hit_by(departing := Waves.departing(direction, field))
+        return Arrivals(
+            surfaces, settings, departing.arrived(index, hits), hits, *surfaces.reflection(hits),
+            fan.solid_angle_ratio(direction[index]), index, (), fan.count,
+        )  # fmt: skip
+
+    def take(self, index: Index) -> Arrivals:
+        """Those at these indices, which rise; each stands for as much as before."""
+        if len(index) == len(self.ray):
+            return self
+        return replace(
+            self, waves=self.waves.take(index), hits=self.hits.take(index), te=self.te[index], tm=self.tm[index],
+            ratio=self.ratio[index], ray=self.ray[index],
+        )  # fmt: skip
+
+    def share(self, each: int) -> tuple[Arrivals, Arrivals]:
+        """Every ``each``-th ray of the fan, and the others; what is found from both is what is found from all."""
+        chosen = self.ray % each == 0
+        return self.take(np.flatnonzero(chosen)), self.take(np.flatnonzero(~chosen))
+
+    def onward(self, direction: Real, field: Complex, kind: int) -> Arrivals:
+        """Where those waves arrive next that leave in ``direction`` [n, 3], unit, with ``field`` [n, 3], not zero."""
+        left = np.flatnonzero(field.any(axis=1))
+        hits, waves, ratio, ray = self.hits.take(left), self.waves.take(left), self.ratio[left], self.ray[left]
+        direction, field = taken(direction, left), taken(field, left)
+        turned = dots(self.surfaces.velocity(hits.triangle, hits.point), waves.direction - direction)
+        departing = Waves(
+            hits.point,
+            clear_of(hits, 1.0),
+            direction,
+            field,
+            waves.length,
+            waves.rate + turned,
+            np.concatenate([waves.bounced, hits.point[:, None]], axis=1),
+            np.concatenate([waves.triangles, hits.triangle[:, None]], axis=1),
+        )
+        index, met = self.surfaces.hit_by(departing)
+        te, tm = self.surfaces.reflection(met)
+        kinds = (*self.kinds, kind)
+        return replace(
+            self, waves=departing.arrived(index, met), hits=met, te=te, tm=tm, ratio=ratio[index], ray=ray[index],
+            kinds=kinds,
+        )  # fmt: skip
+
+    def reflected(self) -> Arrivals:
+        """Where those waves arrive next that the surfaces send on as mirrors: sqrt(1 - S^2) R of the field."""
+        direction, field = reflected_fields(self.waves.direction, self.hits.normal, self.waves.field, self.te, self.tm)
+        smooth = np.sqrt(1.0 - self.surfaces.scattering**2)[self.hits.mesh]
+        return self.onward(direction, field * smooth[:, None], SPECULAR)
+
+    def echoes(self) -> Echoes:
+        """What the surfaces scatter back to the RX, where it sees them."""
+        hits, waves = self.hits, self.waves
+        seen = np.flatnonzero(lengths(hits.point) >= CLOSEST_M)
+        if self.kinds:
+            seen = seen[dots(taken(hits.normal, seen), taken(hits.point, seen)) < 0.0]
+            seen = seen[clear_between(self.surfaces.geometry, taken(hits.point, seen), np.zeros(3))]
+        # Home again, theta^ is where it was when the wave came, and phi^ is reversed: the RX looks against the wave.
+        sign = 1.0 if self.settings.polarization[1] == "V" else -1.0
+        kept = sign * reflectivity(waves.direction, hits.normal, waves.field, self.te, self.tm)
+        return self.heard(seen, waves.field, kept, 0)
+
+    def heard(self, index: Index, field: Complex, kept: Real, crossings: int) -> Echoes:
+        """The echoes of scattered fields.
+
+        :param index: [m] of those waves that are heard
+        :param field: [n, 3] as it is before it is scattered, or behind all panes
+        :param kept: [n] the factor that scattering has on it besides S and f: |Gamma|, with its sign
+        """
+        waves, hits, surfaces = self.waves, self.hits, self.surfaces
+        amplitude, power, cell = _arriving(
+            index, waves.direction, waves.length, waves.rate, hits.point, hits.normal, hits.mesh,
+            surfaces.velocity(hits.triangle, hits.point), field,
+            polarization_axis(waves.direction, self.settings.polarization[1]), kept, self.ratio,
+            surfaces.scattering, surfaces.lobes,
+            SPEED_OF_LIGHT / surfaces.frequency_hz * np.sqrt(4.0 * np.pi / self.rays),
+        )  # fmt: skip
+        return Echoes(self.take(index), amplitude, power, cell, (*self.kinds, DIFFUSE), crossings)
+
+
+@dataclass(frozen=True)
+class Echoes:
+    """n echoes of one group that the RX hears.
+
+    :param arrivals: where they are scattered last
+    :param amplitude: [n] without the fan's solid angle; :param power: [n] with it
+    :param cell: [n] resolution cell
+    :param kinds: of all bounces; :param crossings: panes on the way
+    """
+
+    arrivals: Arrivals
+    amplitude: Complex
+    power: Real
+    cell: Index
+    kinds: tuple[int, ...]
+    crossings: int
+
+    @staticmethod
+    def joined(parts: Sequence[Echoes]) -> Echoes:
+        """The echoes of one group that were found from shares of a frame's rays, by ray."""
+        of = [part.arrivals for part in parts]
+        order = np.argsort(np.concatenate([arrivals.ray for arrivals in of]), kind="stable")
+
+        def every(values: Iterable[NDArray]) -> NDArray:
+            return np.concatenate(list(values))[order]
+
+        arrivals = replace(
+            of[0],
+            waves=Waves(**{f.name: every(getattr(one.waves, f.name) for one in of) for f in fields(Waves)}),
+            hits=Hits(**{f.name: every(getattr(one.hits, f.name) for one in of) for f in fields(Hits)}),
+            te=every(one.te for one in of),
+            tm=every(one.tm for one in of),
+            ratio=every(one.ratio for one in of),
+            ray=every(one.ray for one in of),
+        )
+        return replace(
+            parts[0],
+            arrivals=arrivals,
+            amplitude=every(part.amplitude for part in parts),
+            power=every(part.power for part in parts),
+            cell=every(part.cell for part in parts),
+        )
+
+    def thinned(self, seed: int) -> Bundle:
+        """Those that stay in their cells, as paths; the group's random numbers are its own."""
+        random = np.random.default_rng([seed, THINNING, self.crossings, *self.kinds])
+        most = self.arrivals.settings.most_in_a_cell
+        if self.kinds[0] == SPECULAR:  # each enters the table with its reverse
+            most = (most + 1) // 2
+        index, factor = thinned(self.cell, self.power, most, random)
+        left = self.arrivals.take(index)
+        waves, hits, surfaces = left.waves, left.hits, left.surfaces
+        triangles = np.concatenate([waves.triangles, hits.triangle[:, None]], axis=1)
+        vertices = np.concatenate([waves.bounced, hits.point[:, None]], axis=1)
+        return Bundle(
+            vertices=vertices,
+            interactions=np.tile(np.array(self.kinds, dtype=np.int64), (len(index), 1)),
+            objects=surfaces.object_of_triangle[triangles],
+            triangles=triangles,
+            velocities=surfaces.velocity(triangles.reshape(-1), vertices.reshape(-1, 3)).reshape(vertices.shape),
+            crossings=np.full(len(index), self.crossings, dtype=np.int64),
+            amplitude=self.amplitude[index] * np.sqrt(factor),
+        )
+
+
+def clear_of(hits: Hits, side: float) -> Real:
+    """[n, 3] the points off their surfaces by the ray caster's error: 1 on the side of arrival, -1 behind."""
+    return hits.point + side * ray_margin_m(lengths(hits.point))[:, None] * hits.normal
+
+
+@compiled(error_model="numpy")
+def _arriving(
+    index, direction, length, rate, point, normal, mesh, velocity, field, axis, kept, ratio, coefficient, lobes,
+    scale,
+):  # fmt: skip
+    """Amplitudes [n], powers [n] and cells [n] of the echoes of the waves ``index`` [n]; their values are [m].
+
+    :param axis: [m, 3] along which the RX hears the field
+    :param coefficient: S of every mesh; :param lobes: whether its pattern has lobes
+    :param scale: lambda sqrt(Omega) of the module
+    """
+    count = len(index)
+    amplitude, power = np.empty(count, dtype=np.complex128), np.empty(count)
+    cell = np.empty(count, dtype=np.int64)
+    for i in range(count):
+        k = index[i]
+        heard, whole = 0.0j, 0.0
+        square, incidence, leaving, turned, departing, arriving = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for j in range(3):
+            heard += field[k, j] * axis[k, j]
+            whole += field[k, j].real ** 2 + field[k, j].imag ** 2
+            square += point[k, j] ** 2
+            incidence -= direction[k, j] * normal[k, j]
+            leaving -= point[k, j] * normal[k, j]
+            turned -= direction[k, j] * point[k, j]
+            arriving += velocity[k, j] * direction[k, j]
+            departing += velocity[k, j] * point[k, j]
+        distance = np.sqrt(square)
+        if abs(heard) <= MISSED_POLARIZATION * np.sqrt(whole):
+            heard = 0.0j
+        f = share_at(lobes[mesh[k]], incidence, leaving / distance, turned / distance)
+        factor = kept[k] * coefficient[mesh[k]] * np.sqrt(f) * scale / (4.0 * np.pi * distance)
+        amplitude[i] = heard.conjugate() * factor
+        power[i] = (amplitude[i].real ** 2 + amplitude[i].imag ** 2) * ratio[k]
+        way = 0.5 * (length[k] + distance)
+        cell[i] = cell_of(way, point[k, 1] / distance, 0.5 * (rate[k] + arriving + departing / distance))
+    return amplitude, power, cell

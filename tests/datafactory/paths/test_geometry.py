@@ -1,0 +1,88 @@
+"""The geometry that a process keeps: a frame is the same whatever was traced before it."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from rough_plates import FREQUENCY_HZ, MATERIALS, merged_of, plate
+from sionna_scenes import box
+from turning_scenes import turning
+
+from datafactory.paths import geometry as geometry_module
+from datafactory.paths import trace as trace_module
+from datafactory.paths.geometry import Geometry, mesh_of_shape
+from datafactory.paths.merged_scene import MergedScene
+from datafactory.paths.rays import RayFan
+from datafactory.paths.solver import TraceSettings
+from datafactory.paths.table import PathTable
+from datafactory.scenes.poses import Pose
+
+pytestmark = pytest.mark.usefixtures("variant")
+
+POSES = tuple(
+    Pose((0.4 * n, 0.1 * n, 0.2), yaw_deg=5.0 * n, velocity=(2.0, 0.0, 0.0), time_s=0.1 * n) for n in range(10)
+)
+SETTINGS = TraceSettings(rays=3_000, depth=2, refraction=True, diffraction=True, corners=True)
+
+
+def scene() -> MergedScene:
+    """What stands, what drives and what turns."""
+    return merged_of(
+        turning(box("car", (7.0, -2.0, -1.0), (9.0, 2.0, 1.0), "metal")),
+        box("house", (20.0, -9.0, -1.0), (25.0, 9.0, 8.0), "concrete"),
+        plate("ground", (15.0, 0.0, -1.5), (15.0, 0.0, 0.0), (0.0, 12.0, 0.0), "concrete"),
+    )
+
+
+def traced(merged: MergedScene, pose: Pose) -> PathTable:
+    return trace_module.trace(merged, MATERIALS, pose, FREQUENCY_HZ, SETTINGS, RayFan(SETTINGS.rays), 1)
+
+
+def same(one: PathTable, other: PathTable) -> None:
+    for kind in ("scattered", "specular"):
+        ours, theirs = getattr(one, kind), getattr(other, kind)
+        assert len(ours) > 0
+        for field in fields(ours):
+            np.testing.assert_array_equal(getattr(ours, field.name), getattr(theirs, field.name))
+    assert one.counts == other.counts
+
+
+def test_a_frame_is_the_same_first_or_tenth():
+    merged = scene()
+    kept = [traced(merged, pose) for pose in POSES]
+    backwards = [traced(merged, pose) for pose in reversed(POSES)]
+    for pose, one, other in zip(POSES, kept, reversed(backwards), strict=True):
+        same(one, other)
+        geometry_module._kept.cache_clear()
+        same(one, traced(merged, pose))
+
+
+def test_one_scene_is_kept_and_other_materials_are_another():
+    geometry_module._kept.cache_clear()
+    merged = scene()
+    one, other = (geometry_module.placed(merged.at(pose.time_s), MATERIALS, pose) for pose in POSES[:2])
+    assert one is other
+    metal, source = MATERIALS.entries["metal"]
+    rough = type(metal)(**{**vars(metal), "scattering_coefficient": 0.3})
+    materials = type(MATERIALS)(entries={**MATERIALS.entries, "metal": (rough, source)}, unknown=())
+    assert geometry_module.placed(merged.at(0.0), materials, POSES[0]) is not one
+
+
+def test_a_frame_without_chains_makes_no_scene_of_sionnas(monkeypatch):
+    def never(*arguments):
+        raise AssertionError("called")
+
+    monkeypatch.setattr(trace_module, "radio_scene", never)
+    settings = TraceSettings(rays=1_000, depth=1, refraction=True, diffraction=True, corners=True)
+    table = trace_module.trace(scene(), MATERIALS, POSES[0], FREQUENCY_HZ, settings, RayFan(1_000), 1)
+    assert len(table.scattered) > 300
+
+
+def test_shapes_are_named_by_their_meshes():
+    merged = scene()
+    geometry = Geometry(merged).place(merged, POSES[0])
+    assert sorted(mesh_of_shape(geometry.mi_scene).values()) == list(range(len(merged.meshes)))
+    empty = Geometry(MergedScene((), ())).place(MergedScene((), ()), POSES[0])
+    assert mesh_of_shape(empty.mi_scene) == {}
