@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from oracles import scattered_delays, specular_delays
 from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, mesh, scene_of
 
-from datafactory.paths.corner_echoes import corner_echoes
+from datafactory.paths.corner_echoes import CornerEchoes
 from datafactory.paths.corner_edges import CornerEdges, corners_of
 from datafactory.paths.merged_scene import MergedScene, slabs_of
 from datafactory.paths.table import ScatteredPaths, SpecularPaths
@@ -83,7 +83,7 @@ def echoes(
     polarization: tuple[Polarization, Polarization] = ("V", "V"),
 ) -> tuple[ScatteredPaths, SpecularPaths, dict[str, int]]:
     """What the corners of a scene send back."""
-    return corner_echoes(corners_seen(of, pose), slabs_of(of, MATERIALS), FREQUENCY_HZ, sight, polarization)
+    return CornerEchoes(corners_seen(of, pose), slabs_of(of, MATERIALS), FREQUENCY_HZ, polarization).seen(sight)
 
 
 def received(paths: tuple[ScatteredPaths, SpecularPaths], tx: Real = NOWHERE, rx: Real = NOWHERE, time_s: float = 0.0):

@@ -65,7 +65,7 @@ def city() -> None:
         seconds, shares, moving = [], [], []
         for frame_id in range(0, 2 * FRAMES + 2, 2):
             dealt = prepared.deal.frame(frame_id)
-            settings = prepared.plans[0].settings(order.settings, dealt.where)
+            settings = order.of_scenes
             source = SceneSource(dealt, prepared.scenes[0], settings)
             start = time.process_time()
             list(make_frames([source], order.radar))

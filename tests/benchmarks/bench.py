@@ -55,6 +55,7 @@ BENCHMARKS: dict[str, Callable[[Workload], Record]] = {
     "datafactory_help_vs_numpy": starts.help_of_datafactory,
     "trainer_help_vs_numpy": starts.help_of_trainer,
     "first_frame_vs_numpy": starts.first_frame,
+    "effects_auto_vs_all": starts.decided_frames,
     "two_workers_vs_one": starts.two_workers,
 }
 

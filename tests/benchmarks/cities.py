@@ -82,8 +82,7 @@ def frames(path: Path, count: int, rays: int) -> Iterator[tuple[float, Pose, Rea
     for index in range(count):
         began = time.process_time()
         dealt = made.deal.frame(index)
-        settings = made.plans[0].settings(order.settings, dealt.pose)
-        ((frame, _),) = make_frames([SceneSource(dealt, made.scenes[0], settings)], radar)
+        ((frame, _),) = make_frames([SceneSource(dealt, made.scenes[0], order.of_scenes)], radar)
         assert dealt.pose is not None
         yield time.process_time() - began, dealt.pose, np.asarray(frame.image, dtype=np.float64)
 

@@ -33,7 +33,7 @@ def help_of_trainer(work: Workload) -> Record:
 
 
 def first_frame(work: Workload) -> Record:
-    """One frame of the tiny scene, planning included: evidence and kernels were made by the run before."""
+    """One frame of the tiny scene; kernels were compiled by the run before."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "out"
         options = ("--scene", str(TINY_SCENE), "--frames", "1", "--rays", str(work.size.peer_rays), "--out", str(out))
@@ -42,6 +42,29 @@ def first_frame(work: Workload) -> Record:
         program = (f"{clear}; {render[0]}", *render[1:])
         _run(program)
         return _beside_numpy(work, "first_frame_vs_numpy", "datafactory render, one frame of tiny.usda", program)
+
+
+def decided_frames(work: Workload) -> Record:
+    """Frames of the tiny scene as they decide, and with every effect: whole commands, in turn."""
+    with tempfile.TemporaryDirectory() as folder:
+
+        def run(effects: str) -> Timing:
+            out = str(Path(folder) / effects)
+            shutil.rmtree(out, ignore_errors=True)
+            options = ("--scene", str(TINY_SCENE), "--frames", str(work.size.decided_frames), "--workers", "1")
+            return _run(_program("datafactory", "render", *options, "--effects", effects, "--out", out))
+
+        run("auto")  # kernels are compiled
+        ours, reference = zip(*((run("auto"), run("all")) for _ in range(work.size.repeats)), strict=True)
+    return Record(
+        name="effects_auto_vs_all",
+        ours_time=_median(ours),
+        reference="the same, --effects all",
+        reference_time=_median(reference),
+        error=0.0,  # of another status nothing is recorded
+        error_unit=EXIT_STATUS,
+        ours=f"datafactory render, {work.size.decided_frames} frames of tiny.usda, 1 worker",
+    )
 
 
 def two_workers(work: Workload) -> Record:

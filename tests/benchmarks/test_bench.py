@@ -40,6 +40,7 @@ TINY = replace(
     angle_bins=30,
     repeats=1,
     worker_frames=2,
+    decided_frames=1,
     gemm=64,
     copy_mb=1,
 )
@@ -68,10 +69,11 @@ LARGEST_ERROR = {
     "datafactory_help_vs_numpy": 0.0,
     "trainer_help_vs_numpy": 0.0,
     "first_frame_vs_numpy": 0.0,
+    "effects_auto_vs_all": 0.0,
     "two_workers_vs_one": 0.0,
 }
 ON_GPU = ("cube_on_cuda_vs_compiled", "truth_on_cuda_vs_compiled")
-APART = ("cube_vs_sionna_cfr", "points_vs_mmwrt", "first_frame_vs_numpy", *ON_GPU)
+APART = ("cube_vs_sionna_cfr", "points_vs_mmwrt", "first_frame_vs_numpy", "effects_auto_vs_all", *ON_GPU)
 LOCAL = [name for name in bench.BENCHMARKS if name not in APART]
 
 
@@ -145,10 +147,10 @@ def test_sionna_agrees_on_its_own_paths(variant, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_first_frame_is_timed_beside_an_import(tmp_path):
-    (record,) = run(["first_frame_vs_numpy"], tmp_path)
-    assert record["ours_cpu_seconds"] > 0.0
-    assert record["error"] == LARGEST_ERROR["first_frame_vs_numpy"]
+def test_whole_commands_are_timed_beside_another(tmp_path):
+    for record in run(["first_frame_vs_numpy", "effects_auto_vs_all"], tmp_path):
+        assert record["ours_cpu_seconds"] > 0.0
+        assert record["error"] == LARGEST_ERROR[record["name"]]
 
 
 def test_mmwrt_agrees_or_is_skipped_with_a_reason(tmp_path, monkeypatch):

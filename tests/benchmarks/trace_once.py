@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_limits
 from datafactory import trace
 from datafactory.api.asking import materials_of, order_of
 from datafactory.api.options import OrderOptions
-from datafactory.frame.chain import ChainSettings, SceneSource, Source, StoredSource, make_frames
+from datafactory.frame.chain import SceneSource, Source, StoredSource, make_frames
 from datafactory.paths.backend import select_variant, set_threads
 from datafactory.paths.storage import read_paths
 from datafactory.run.preparation import prepare
@@ -63,11 +63,8 @@ def main() -> None:
             OrderOptions(asked.scene, radar="avr-qdm-110", frames=asked.frames, rays=asked.rays, effects="all")
         )
         prepared = prepare(order, materials_of(None))
-        settings: ChainSettings = order.settings
         frames = [prepared.deal.frame(number) for number in range(asked.frames)]
-        now = [
-            SceneSource(frame, prepared.scenes[0], prepared.plans[0].settings(settings, frame.pose)) for frame in frames
-        ]
+        now = [SceneSource(frame, prepared.scenes[0], order.of_scenes) for frame in frames]
         shards = sorted((folder / "traced" / "paths").iterdir())
         rows = [(shard, row) for shard in shards for row in range(len(list(read_paths(shard))))]
         later = [StoredSource(*place, source.settings) for place, source in zip(rows, now, strict=True)]

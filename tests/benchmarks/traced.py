@@ -74,7 +74,7 @@ def main() -> None:
     frames = []
     for frame_id in range(0, count, 2):
         dealt = prepared.deal.frame(frame_id)
-        source = SceneSource(dealt, prepared.scenes[0], prepared.plans[0].settings(order.settings, dealt.where))
+        source = SceneSource(dealt, prepared.scenes[0], order.of_scenes)
         spent.clear()
         start = time.process_time()
         source.traced(order.radar)

@@ -34,6 +34,7 @@ class Size:
     :param angle_bins: of the images
     :param repeats: of which the median is taken
     :param worker_frames: that two workers and one make
+    :param decided_frames: made as they decide, and with every effect
     :param gemm, copy_mb: sizes at which the machine's limits are measured
     """
 
@@ -49,6 +50,7 @@ class Size:
     angle_bins: int
     repeats: int
     worker_frames: int
+    decided_frames: int
     gemm: int
     copy_mb: int
 
@@ -66,6 +68,7 @@ FULL = Size(
     angle_bins=450,
     repeats=5,
     worker_frames=96,
+    decided_frames=20,
     gemm=2048,
     copy_mb=512,
 )
@@ -82,6 +85,7 @@ QUICK = Size(
     angle_bins=90,
     repeats=2,
     worker_frames=16,
+    decided_frames=4,
     gemm=1024,
     copy_mb=128,
 )

@@ -26,6 +26,8 @@ from effect_scenes.verdicts import (
     nothing,
 )
 
+from datafactory.paths.facets import TAPER
+
 CONVEX = nothing("one convex body has no second bounce")
 
 
@@ -45,25 +47,19 @@ def point(range_m: float, rcs_dbsm: float, speed_mps: float = 0.0) -> Expectatio
     return Expectation(verdicts, (Echo("point target, radar equation", range_m, power),))
 
 
-def rough_patch(range_m: float, rough_dbsm: float, change_db: float, wide: bool = True) -> Verdict:
-    """A rough surface beside a stronger echo; a wide one fills the range bins behind it."""
-    above = levels.point_dbw(range_m, rough_dbsm) - levels.cell_noise_dbw()
-    reason = f"the rough patch in one cell is {rough_dbsm:.1f} dBsm"
-    if wide and above > 6.0:
-        return Verdict(change_db, f"{reason}; it fills the cells beside the echo, {above:.0f} dB above the noise", True)
-    return Verdict(change_db, reason)
+def rough_patch(rough_dbsm: float, change_db: float) -> Verdict:
+    """A rough surface beside a stronger echo."""
+    return Verdict(change_db, f"the rough patch in one cell is {rough_dbsm:.1f} dBsm")
 
 
-def mirror(
-    range_m: float, mirror_dbsm: float, rough_dbsm: float, edge_dbsm: float, what: str, wide: bool = True
-) -> Expectation:
+def mirror(range_m: float, mirror_dbsm: float, rough_dbsm: float, edge_dbsm: float, what: str) -> Expectation:
     """A facet square to the radar whose specular echo is all that counts."""
     power = levels.point_dbw(range_m, mirror_dbsm)
     verdicts = {
         **ABSENT,
         **motion(0.0),
         "specular": everything(f"the mirror's echo is {mirror_dbsm:.1f} dBsm: {what}"),
-        "diffuse": rough_patch(range_m, rough_dbsm, rough_dbsm - mirror_dbsm, wide),
+        "diffuse": rough_patch(rough_dbsm, rough_dbsm - mirror_dbsm),
         "multi_bounce": CONVEX,
         "diffraction": Verdict(edge_dbsm - mirror_dbsm, f"the strongest edge is {edge_dbsm:.1f} dBsm (Keller)"),
         "near_field": near_field(range_m, mirror=True),
@@ -97,9 +93,12 @@ def plate() -> Expectation:
     rough = levels.diffuse_rcs_dbsm("metal", area, 0.0)
     excess = levels.plane_rcs_dbsm(50.0) - levels.plate_rcs_dbsm(area)
     what = f"4 pi A^2 / lambda^2; an infinite plane has {excess:.1f} dB more"
-    expected = mirror(50.0, plate_dbsm, rough, -math.inf, what, wide=False)
-    within = nothing("its edges lie within the Fresnel zone: physical optics of the facet counts them as specular")
-    return Expectation({**expected.verdicts, "diffraction": within}, expected.echoes)
+    # The rims lie within the Fresnel zone: physical optics of the facet holds all of their wave but this share.
+    angle = math.atan(0.1 / 50.0)
+    zones = 2.0 * 50.0 * math.sin(angle) ** 2 / levels.WAVELENGTH_M
+    left = 1.0 - math.exp(-zones / TAPER)
+    rim = levels.edge_rcs_dbsm(50.0, 2.0, 90.0 - math.degrees(angle), -left) + levels.short_edge_db(0.2, 50.0)
+    return mirror(50.0, plate_dbsm, rough, rim, what)
 
 
 def dihedral() -> Expectation:
@@ -116,11 +115,15 @@ def dihedral() -> Expectation:
         **ABSENT,
         **motion(0.0),
         "specular": everything("both bounces of the only strong echo are mirrors"),
-        "diffuse": rough_patch(60.0, rough, rough - one_way_round),
+        "diffuse": rough_patch(rough, rough - one_way_round),
         "multi_bounce": everything(
             f"no face looks at the radar; two bounces are {one_way_round:.1f} dBsm, once each way"
         ),
-        "diffraction": Verdict(edge - one_way_round, f"the outer edges are {edge:.1f} dBsm (Keller)"),
+        "diffraction": Verdict(
+            edge - one_way_round,
+            f"the outer edges are {edge:.1f} dBsm (Keller); level rims, seen askew, more",
+            True,
+        ),
         "near_field": near_field(60.0, mirror=True),
         "antenna_pattern": boresight("the echoes come from", 7.0),
         "noise": noise(power),
@@ -195,7 +198,7 @@ def target_behind_pane() -> Expectation:
     verdicts = {
         **ABSENT,
         **motion(0.0),
-        "diffuse": rough_patch(50.0, rough, levels.point_dbw(50.0, rough) - power),
+        "diffuse": rough_patch(rough, levels.point_dbw(50.0, rough) - power),
         "refraction": everything(f"the only strong echo crosses the pane twice: {through:.1f} dB"),
         "multi_bounce": nothing(
             "the pane, turned by 30 deg, mirrors the target nowhere that counts; to cross is no bounce"

@@ -12,7 +12,7 @@ from prepared_scenes import EFFECT_SCENES as EFFECTS
 from datafactory.cli import app as command_line
 from datafactory.effects.catalogue import NAMES
 
-pytestmark = pytest.mark.usefixtures("own_cache", "one_thread")
+pytestmark = pytest.mark.usefixtures("one_thread")
 
 EXPECTED = json.loads((Path(__file__).parent / "expected.json").read_text(encoding="utf-8"))["scenes"]
 
@@ -50,8 +50,8 @@ def test_plan_prints_a_table(scene_arguments, monkeypatch, capsys) -> None:
     rows = [line.split("│")[1:3] for line in capsys.readouterr().out.splitlines() if line.count("│") > 5]
     shown = {effect.strip(): state.strip() for effect, state in rows if effect.strip()}
     assert list(shown) == list(NAMES)
-    # At -5 dB the edges' echoes, 10 dB below the rough rear, are not needed any more.
-    assert [name for name, state in shown.items() if state == "on"] == ["diffuse", "noise"]
+    # At -5 dB the edges' echoes, 10 dB below the rough rear, still stand above the noise.
+    assert [name for name, state in shown.items() if state == "on"] == EXPECTED["parked_car"]["effects"]
 
 
 PATTERN_WITH_A_HOLE = "azimuth_deg,elevation_deg,gain_dbi\n-180,-90,0\n-180,90,0\n180,-90,0\n"
@@ -115,29 +115,44 @@ def manifest(folder: Path) -> dict:
     return json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
 
 
-def planned_in(folder: Path) -> list[str]:
-    (entry,) = manifest(folder)["scenes"]
-    return [item["effect"] for item in entry["effect_plan"]["effects"] if item["on"]]
+def made_with(folder: Path) -> list[str]:
+    counts = manifest(folder)["counts"]
+    return [effect for effect in NAMES if counts[f"frames_with_{effect}"]]
 
 
 def test_effects_asked_for_are_rendered_and_recorded(small, monkeypatch, capsys, tmp_path: Path) -> None:
     out = tmp_path / "data"
     assert run(monkeypatch, "render", *small, "--effects", "specular,diffuse,noise", "--out", out) == 0
-    assert planned_in(out) == ["specular", "diffuse", "noise"]
-    assert manifest(out)["arguments"]["effects"] == [["specular", "diffuse", "noise"]]
+    assert made_with(out) == ["diffuse", "near_field", "noise"]  # the car has no mirror
+    assert manifest(out)["arguments"]["effects"] == ["specular", "diffuse", "noise"]
+    assert manifest(out)["arguments"]["budget_db"] is None
     assert {"trace", "cube", "truth", "image"} <= set(manifest(out)["made"]["step_seconds"])
 
 
-def test_traced_paths_keep_their_plan(small, monkeypatch, capsys, tmp_path: Path) -> None:
-    """Rendered from its trace, a scene has the plan and the bytes of the scene rendered at once."""
+def test_effects_that_are_no_choice_are_told_so(small, monkeypatch, capsys, tmp_path: Path) -> None:
+    assert run(monkeypatch, "render", *small, "--effects", "diffuse,near_field,noise", "--out", tmp_path / "data") == 0
+    assert "near_field made no difference" in " ".join(capsys.readouterr().out.split())
+    assert run(monkeypatch, "render", *small, "--effects", "diffuse,noise", "--out", tmp_path / "other") == 0
+    assert "made no difference" not in capsys.readouterr().out
+    shards = [path.read_bytes() for path in sorted(tmp_path.glob("*/train/*.parquet"))]
+    assert len(shards) == 2
+    assert shards[0] == shards[1]
+
+
+def test_traced_paths_are_decided_on_when_they_are_rendered(small, monkeypatch, capsys, tmp_path: Path) -> None:
+    """Rendered from its trace, a scene has the effects and the bytes of the scene rendered at once."""
     traced, again, once = (tmp_path / name for name in ("traced", "again", "once"))
     radar = small[small.index("--radar") : small.index("--radar") + 2]
     assert run(monkeypatch, "trace", *small, "--out", traced) == 0
     assert run(monkeypatch, "render", "--paths", traced, *radar, "--workers", 1, "--out", again) == 0
     assert run(monkeypatch, "render", *small, "--out", once) == 0
-    assert "left out specular" in capsys.readouterr().out
-    assert planned_in(traced) == planned_in(again) == planned_in(once) == EXPECTED["parked_car"]["effects"]
-    assert manifest(again)["arguments"]["effects"] == manifest(once)["arguments"]["effects"] == [planned_in(once)]
+    said = " ".join(capsys.readouterr().out.split())
+    assert "diffraction 1" in said
+    assert "specular" in said.partition("; never ")[2]
+    assert made_with(again) == made_with(once)
+    assert manifest(again)["arguments"]["effects"] == manifest(once)["arguments"]["effects"] == list(NAMES)
+    assert manifest(once)["arguments"]["budget_db"] == manifest(again)["arguments"]["budget_db"] == -30.0
+    assert manifest(traced)["arguments"]["budget_db"] is None
     shards = [path.relative_to(once) for path in once.glob("*/*.parquet")]
     assert shards
     for shard in shards:
@@ -156,12 +171,12 @@ def test_traced_paths_cannot_get_other_paths_afterwards(small, monkeypatch, caps
     assert said.count("\n") == 1
     assert "traced without specular" in said
     assert run(monkeypatch, *from_paths, "--effects", "diffuse", "--out", silent) == 0
-    assert planned_in(silent) == ["diffuse"]
+    assert made_with(silent) == ["diffuse", "near_field"]
     document = manifest(traced)
-    del document["scenes"][0]["effect_plan"], document["sha256"]
+    del document["arguments"]["effects"], document["sha256"]
     (traced / "manifest.json").write_text(json.dumps(document), encoding="utf-8")
     capsys.readouterr()
     assert run(monkeypatch, *from_paths, "--out", tmp_path / "old") == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1
-    assert "effect_plan" in said
+    assert "effects" in said

@@ -1,13 +1,16 @@
 """What it takes to say that a scene calls for an effect: the rule of each, a verdict with its figure, its reason.
 
-An effect is on where its change of the result exceeds the error budget, where the scene would be empty without it, or
-where it alone fills more than a tenth of the cells above the noise.
+First hits and single mirrors are in every frame. Other echoes are on where they exceed the frame's limit: the smaller
+of the error budget below the strongest of these, and the noise of a channel's range-Doppler cell. So is Doppler, by
+what it changes. Range migration and motion within the chirp come with it; near field, patterns and noise are always
+there.
 Nothing here is measured with the tracer: figures are the formulas of ``levels``, and None where the scene lacks
 what the effect works on.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -34,7 +37,11 @@ RULES = {
     "noise": "receiver noise in one channel's range-Doppler cell over the weakest range bin's echo there: a range bin "
     "without an echo holds nothing else",
 }
-"""What "change" means for each effect; it is on where that is above the budget, in any pose."""
+"""What "change" means for each effect: what leaving it out would change."""
+FIRST = ("specular", "diffuse")
+"""In every frame, where the scene has them."""
+ALWAYS = ("near_field", "antenna_pattern", "noise")
+WITH_DOPPLER = ("doppler", "range_migration", "intra_chirp_motion")
 
 
 @dataclass(frozen=True)
@@ -43,21 +50,12 @@ class Verdict:
 
     :param change_db: predicted change [dB], see RULES; None where there is nothing that could change
     :param reason: in one line
-    :param fills_cells: more than a tenth of the cells above the noise hold little else
+    :param more: whether there are echoes of the kind beside, above the limit, whose level is not predicted here
     """
 
     change_db: float | None
     reason: str
-    fills_cells: bool = False
-
-    def to_json(self) -> dict[str, Any]:
-        on = self.change_db is not None and (self.change_db > BUDGET_DB or self.fills_cells)
-        return {
-            "on": on,
-            "change_db": None if self.change_db is None else round(self.change_db, 1) + 0.0,
-            "fills_cells": self.fills_cells,
-            "reason": self.reason,
-        }
+    more: bool = False
 
 
 @dataclass(frozen=True)
@@ -84,12 +82,35 @@ class Expectation:
     verdicts: Mapping[str, Verdict]
     echoes: tuple[Echo, ...]
 
+    @property
+    def limit_db(self) -> float:
+        """What may be left out of a cell, over the strongest echo [dB]."""
+        first = [change for name in FIRST if (change := self.verdicts[name].change_db) is not None]
+        return min(max(first) + BUDGET_DB, levels.noise_dbw() - self.echoes[0].power_dbw) if first else -math.inf
+
+    def on(self, effect: str) -> bool:
+        """Whether the frame is made with it."""
+        if effect in ALWAYS:
+            return True
+        verdict = self.verdicts["doppler" if effect in WITH_DOPPLER else effect]
+        if verdict.change_db is None:
+            return False
+        return verdict.more or effect in FIRST or verdict.change_db > self.limit_db
+
     def to_json(self, shows: str) -> dict[str, Any]:
-        reasons = {effect: self.verdicts[effect].to_json() for effect in RULES}
+        changes = {effect: self.verdicts[effect].change_db for effect in RULES}
         return {
             "shows": shows,
-            "effects": [effect for effect, reason in reasons.items() if reason["on"]],
-            "reasons": reasons,
+            "effects": [effect for effect in RULES if self.on(effect)],
+            "limit_db": None if math.isinf(self.limit_db) else round(self.limit_db, 1),
+            "reasons": {
+                effect: {
+                    "change_db": None if (change := changes[effect]) is None else round(change, 1) + 0.0,
+                    "more": self.verdicts[effect].more,
+                    "reason": self.verdicts[effect].reason,
+                }
+                for effect in RULES
+            },
             "echoes": [echo.to_json() for echo in self.echoes],
         }
 

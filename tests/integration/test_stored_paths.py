@@ -1,6 +1,7 @@
 """Traced now and rendered later is rendered at once, byte for byte: for any number of scenes, poses, splits, points.
 
-Each scene of a run has a plan of its own here, so that a frame that got another scene's plan would show.
+What a frame leaves out when it is rendered at once was never traced; later it is left out of what was. No two scenes of
+a run are alike, so that a frame that got another's would show.
 """
 
 from __future__ import annotations
@@ -14,18 +15,10 @@ from small_radar import write_small_radar
 from typer.testing import CliRunner
 
 from datafactory.cli.app import app
-from datafactory.effects.catalogue import ALL
-from datafactory.effects.plan import EffectPlan, by_choice
-from datafactory.frame.prepared import Sample
-from datafactory.run import preparation
-from datafactory.run.order import Order
-from datafactory.run.preparation import prepare
-from datafactory.scenes.materials.table import load_materials
 from shared.dataset.folder import open_dataset
-from shared.radar import Radar
 
-LEFT_OUT = ("noise", "near_field", "antenna_pattern", "doppler", "specular")
-"""Of the plan of each scene, by its number: most of them effects of the signal, decided when paths are rendered."""
+MADE_OF = ("brick", "glass", "wood", "plasterboard", "marble")
+"""What stands for the bricks of each scene, by its number; some let waves through."""
 
 
 @pytest.fixture
@@ -37,21 +30,10 @@ def radar_file(tmp_path: Path) -> Path:
 def scenes(tmp_path: Path) -> list[Path]:
     """Five scenes: a file each, all of one shape."""
     text = (SCENES / "tiny.usda").read_text(encoding="utf-8")
-    paths = [tmp_path / f"scene{number}.usda" for number in range(len(LEFT_OUT))]
-    for path in paths:
-        path.write_text(text, encoding="utf-8")
+    paths = [tmp_path / f"scene{number}.usda" for number in range(len(MADE_OF))]
+    for path, material in zip(paths, MADE_OF, strict=True):
+        path.write_text(text.replace("brick", material), encoding="utf-8")
     return paths
-
-
-@pytest.fixture(autouse=True)
-def plans(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Scene n is planned without effect n; nothing is measured for it."""
-
-    def plan_of(order: Order, sample: Sample, announce: object, looking: object) -> EffectPlan:
-        number = int(sample.scene.name.removeprefix("scene"))
-        return by_choice(sample.scene.name, ALL.without(LEFT_OUT[number]).without("diffraction"))
-
-    monkeypatch.setattr(preparation, "plan_of", plan_of)
 
 
 def run(*arguments: object) -> None:
@@ -97,20 +79,3 @@ def test_traced_now_and_rendered_later_is_rendered_at_once(
     frames = [frame for split in open_dataset(tmp_path / "once").splits for frame in
               open_dataset(tmp_path / "once").frames(split)]  # fmt: skip
     assert len({frame.scene for frame in frames if frame.kind == "scene"}) == count
-
-
-def test_the_planner_looks_at_frames_of_the_run(scenes: list[Path], radar_file: Path, tmp_path: Path) -> None:
-    """Four scenes under eight splits, where a fixed stride meets other scenes' frames from frame 8 on."""
-    order = Order(radar=Radar(), scenes=tuple(map(str, scenes[:4])), frames=12, seed=3)
-    samples = prepare(order, load_materials()).samples
-    given = [item for path in scenes[:4] for item in ("--scene", path)]
-    run("render", *given, "--radar", radar_file, "--rays", 500, "--frames", 12, "--seed", 3, "--workers", 1,
-        "--out", tmp_path / "data")  # fmt: skip
-    dataset = open_dataset(tmp_path / "data")
-    frames = {frame.frame_id: frame for split in dataset.splits for frame in dataset.frames(split)}
-    for sample in samples:
-        assert len(sample.frames) == 1  # drawn poses lie far apart: each speaks for itself
-        for dealt in sample.frames:
-            frame = frames[dealt.frame_id]
-            assert (frame.scene, frame.seed) == (sample.scene.name, dealt.seed)
-            assert frame.sensor_position == dealt.where.position

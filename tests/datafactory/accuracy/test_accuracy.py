@@ -19,7 +19,6 @@ from datafactory.accuracy.front import EVERYTHING, KNOBS, SAME_PATHS
 from datafactory.accuracy.knobs import (
     DEFAULT,
     POWER_EFFECTS,
-    SIGNAL_EFFECTS,
     Knob,
     KnobSettings,
     converged,
@@ -30,7 +29,7 @@ from datafactory.accuracy.row import Row
 from datafactory.accuracy.samples import SampleFrame, lit_paths, made_with, traced
 from datafactory.accuracy.variants import float32_geometry, linear_delays, reference_moments
 from datafactory.accuracy.work import Work, cube_work, frame_work, trace_work, truth_work
-from datafactory.effects.catalogue import ALL, NAMES, EffectSet
+from datafactory.effects.catalogue import ALL, NAMES, NO_CHOICE, EffectSet
 from datafactory.frame.chain import ChainSettings
 from datafactory.frame.measurement import Processing
 from datafactory.paths.density import cell_power
@@ -201,7 +200,6 @@ def test_every_row_is_priced(rows):
         assert (row.power_l1_db is None) == (row.kind != "power")
         assert (row.seconds_beside is None) == (row.knob in ("defaults", "sphere rays", *KNOBS) or row.kind == "front")
     assert [row.setting for row in rows if row.default and row.knob == "tolerance"] == ["0.001"]
-    assert [row.knob for row in rows if not row.approximation] == ["diffraction"]
 
 
 def test_tables_and_picture(rows, tmp_path):
@@ -269,9 +267,7 @@ def test_default_settings_are_those_of_a_run() -> None:
         assert settings.chain() == effects.settings(silent)
         # What changes no path leaves the realisations kept for others valid.
         assert (settings.tracing() == DEFAULT.tracing()) == (name not in POWER_EFFECTS)
-    always = {effect for effect, on in EffectSet.of({"doppler"}).settings(silent).frame_effects().items() if on}
-    assert {*POWER_EFFECTS, *always, "noise"} == set(NAMES)
-    assert set(SIGNAL_EFFECTS) < always
+    assert {*POWER_EFFECTS, *NO_CHOICE, "doppler", "noise"} == set(NAMES)
 
 
 @pytest.mark.parametrize("left_out", [(), ("doppler",), ("near_field", "antenna_pattern")])
@@ -285,20 +281,19 @@ def test_a_frame_of_the_sweep_is_a_frame_of_the_run(left_out, radar, tmp_path, v
 
     prepared = prepare(order, load_materials(None))
     sample = SampleFrame(prepared.deal.frame(0), prepared.scenes[0])
-    knobs = replace(made_with(order, effects), rays=1000)
+    knobs = replace(made_with(order), rays=1000)
     outcome = run([traced(sample, knobs, radar)], knobs, radar, Clock(), batch=1)
     assert expected.cube is not None
     assert relative_error(outcome.cubes[0], expected.cube) < 1e-6
     assert peak_error_db(outcome.images[0], expected.image * expected.image_peak) < -60.0
 
 
-def test_an_effect_has_the_value_that_the_plan_does_not():
-    knobs = effect_knobs(ALL.without("diffraction"), {"refraction"})
-    assert {knob.name: knob.values for knob in knobs if knob.name in ("diffraction", "diffuse", "refraction")} == {
-        "diffraction": (True,),
-        "diffuse": (False,),
+def test_what_a_frame_has_is_left_out_in_turn():
+    knobs = effect_knobs({"diffuse", "doppler", "near_field", "multi_bounce", "noise"})
+    assert {knob.name: (knob.values, knob.power) for knob in knobs} == {
+        "doppler": ((False,), False),
+        "diffuse": ((False,), True),
     }
-    assert {knob.name for knob in knobs if not knob.power} == set(SIGNAL_EFFECTS)
     off = Knob("diffuse", (False,), power=True).at(DEFAULT, False)
     assert off == replace(DEFAULT, effects=ALL.without("diffuse"))
     sphere = Knob("rays", (7,), beside=("lattice", "sphere")).at(DEFAULT, 7)

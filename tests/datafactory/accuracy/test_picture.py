@@ -20,7 +20,6 @@ ROW = Row(
     stage_seconds=dict.fromkeys(STAGES, 1.0), seconds_beside=None, cube_error_db=-45.0, image_error_db=-40.0,
     image_l2_db=-45.0, power_error_db=-40.0, power_l1_db=-20.0, power_l1_range_weighted_db=-20.0, power_bias_db=0.0,
     detections_changed=1.0, doppler_rows_changed=1.0, peak_mb=100.0, paths=1000.0, work=1e9, reference="many rays",
-    approximation=True,
 )  # fmt: skip
 """The default's row, after which others are shaped."""
 
@@ -47,7 +46,7 @@ def test_changes_are_shown_against_what_was_timed_beside_them():
 
 
 def test_an_effect_has_the_plans_figure_beside_it():
-    split = replace(ROW, knob="refraction", setting="on", approximation=False, seconds=7.25, seconds_beside=7.0)
+    split = replace(ROW, knob="refraction", setting="on", seconds=7.25, seconds_beside=7.0)
     changes_db = {"refraction": -46.2}
     figure = chart.draw([ROW.planned(changes_db), split.planned(changes_db)], "tiny")
     texts = [text.get_text() for axis in figure.axes for text in axis.texts]

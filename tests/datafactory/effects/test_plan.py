@@ -1,122 +1,112 @@
-"""From evidence to a plan, and the plan's contract."""
+"""What frames decide, said aloud, and the plan's contract."""
 
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
+import pytest
+from prepared_scenes import EFFECT_SCENES, prepared_scene
+
 from datafactory.effects import timing
-from datafactory.effects.catalogue import ALL, NAMES, EffectSet
-from datafactory.effects.evidence import FLOOR_DB, Evidence
+from datafactory.effects.catalogue import ALL, NAMES, NO_CHOICE, EffectSet
+from datafactory.effects.losses import FLOOR_DB, Loss
 from datafactory.effects.picture import draw
-from datafactory.effects.plan import by_choice, decide
+from datafactory.effects.plan import FramePlan, plan_of_frame, plan_of_scene
 from datafactory.frame.chain import ChainSettings
-from datafactory.frame.deal import DealtFrame
+from datafactory.frame.deal import Deal, DealtFrame
 from datafactory.frame.defaults import DEFAULT_BUDGET_DB
 from datafactory.frame.prepared import PreparedScene
 from datafactory.paths.merged_scene import MergedScene
+from datafactory.paths.solver import TraceSettings
 from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.poses import Pose
 from shared.radar import Radar
 
 
-def evidence(**change_db: float) -> dict[str, Evidence]:
-    """Evidence of a scene that has nothing but what is named here."""
-    return {name: Evidence(change_db.get(name, FLOOR_DB), f"figures of {name}", 0.25, 0.05) for name in NAMES}
+def a_frame_plan(**change_db: float) -> FramePlan:
+    """A frame made with what is named here at more than -60 dB, and with nothing else."""
+    losses = {name: Loss(change_db[name], 0.25, 0.05) if name in change_db else Loss() for name in NAMES}
+    bounds: dict[str, float] = {name: change_db[name] for name in ("diffraction", "corners") if name in change_db}
+    made = {name: change_db.get(name, FLOOR_DB) > -60.0 for name in NAMES}
+    return FramePlan(made, losses, bounds, frozenset(name for name in bounds if made[name]))
 
 
-def test_an_effect_is_on_where_it_changes_more_than_the_budget() -> None:
-    found = evidence(specular=0.0, diffuse=-29.9, multi_bounce=-30.0, diffraction=-30.1)
-    assert decide("scene", found).effects.names == ("specular", "diffuse")
-    assert decide("scene", found, -40.0).effects.names == ("specular", "diffuse", "multi_bounce", "diffraction")
-    assert DEFAULT_BUDGET_DB == -30.0
-
-
-def test_an_effect_is_on_where_it_fills_cells_however_far_below_the_peak() -> None:
-    found = evidence(specular=0.0, diffuse=-45.0, diffraction=-45.0)
-    found["diffuse"] = Evidence(-45.0, "", 0.01, 0.11)
-    found["diffraction"] = Evidence(-45.0, "", 0.01, 0.09)
-    plan = decide("scene", found)
-    assert plan.effects.names == ("specular", "diffuse")
-    assert "11 % of the cells" in plan.decisions[1].reason
-
-
-def test_motion_within_the_frame_means_nothing_without_doppler() -> None:
-    frozen = decide("scene", evidence(doppler=-50.0, range_migration=-10.0, intra_chirp_motion=-10.0))
-    assert frozen.effects.names == ()
-    reasons = {item.effect: item.reason for item in frozen.decisions}
-    assert "doppler" in reasons["range_migration"]
-    assert "doppler" in reasons["intra_chirp_motion"]
-    moving = decide("scene", evidence(doppler=-5.0, range_migration=-10.0, intra_chirp_motion=-40.0))
-    assert moving.effects.names == ("doppler", "range_migration")
-
-
-def test_a_plan_in_json_is_the_contract_s(tmp_path: Path) -> None:
-    plan = decide("street", evidence(diffuse=-3.14, near_field=-0.001, noise=0.0), -20.0)
+def test_a_plan_in_json_is_the_contract_s() -> None:
+    plan = plan_of_scene("street", [a_frame_plan(diffuse=-3.14, near_field=-0.001, noise=0.0)], -20.0)
     document = json.loads(json.dumps(plan.to_json()))
-    assert document["scene"] == "street"
-    assert document["budget_db"] == -20.0
+    assert set(document) == {"scene", "budget_db", "effects"}
+    assert (document["scene"], document["budget_db"]) == ("street", -20.0)
     assert [item["effect"] for item in document["effects"]] == list(NAMES)
     for item in document["effects"]:
         assert set(item) == {"effect", "on", "reason", "evidence", "loss_db"}  # cost_seconds joins them in the CLI
         assert isinstance(item["on"], bool)
         assert item["reason"]
         assert "\n" not in item["reason"] + item["evidence"]
-        assert item["evidence"] == f"figures of {item['effect']}"
     levels = {item["effect"]: item["loss_db"] for item in document["effects"]}
     assert levels["diffuse"] == -3.1
     assert str(levels["near_field"]) == "0.0"  # and not the minus nothing that rounding leaves
     assert plan.effects.names == ("diffuse", "near_field", "noise")
 
 
-def test_a_reason_states_the_figure_and_the_budget() -> None:
-    plan = decide("scene", evidence(diffuse=-12.34, diffraction=-44.4))
+def test_a_reason_says_by_what_and_in_how_many_frames() -> None:
+    some = [a_frame_plan(diffuse=-12.34, diffraction=-44.4), a_frame_plan(diffuse=-14.0, diffraction=-70.0)]
+    plan = plan_of_scene("scene", some, DEFAULT_BUDGET_DB)
     reasons = {item.effect: item.reason for item in plan.decisions}
-    assert "-12.3 dB" in reasons["diffuse"]
-    assert "above -30 dB" in reasons["diffuse"]
-    assert "-44.4 dB" in reasons["diffraction"]
-    assert "within -30 dB" in reasons["diffraction"]
-    assert reasons["refraction"] == "figures of refraction"
+    assert "-12.3 dB of the peak without it, in 2 of 2 frames" in reasons["diffuse"]
+    assert "-44.4 dB of the peak without it, in 1 of 2 frames" in reasons["diffraction"]
+    assert reasons["corners"] == "no two faces at a right angle look at the radar"
+    left_out = plan_of_scene("scene", [a_frame_plan(corners=-75.0)], DEFAULT_BUDGET_DB)
+    reason = next(item.reason for item in left_out.decisions if item.effect == "corners")
+    assert "each at most -75.0 dB of the peak" in reason
+    hidden = replace(a_frame_plan(corners=-20.0), effects=dict.fromkeys(NAMES, False))
+    reason = next(i.reason for i in plan_of_scene("scene", [hidden], -30.0).decisions if i.effect == "corners")
+    assert "nothing of it is in sight" in reason
 
 
-def test_a_user_s_own_choice_is_a_plan_too() -> None:
-    chosen = EffectSet.of({"diffuse", "noise"})
-    plan = by_choice("street", chosen)
-    assert plan.effects == chosen
-    assert [item.effect for item in plan.decisions] == list(NAMES)
-    assert {item.evidence for item in plan.decisions} == {"--effects"}
+def test_a_scene_without_a_frame_has_a_plan_too() -> None:
+    plan = plan_of_scene("elsewhere", [], DEFAULT_BUDGET_DB)
+    assert plan.effects.names == ()
+    assert {item.reason for item in plan.decisions} == {"no frame of the run stands in this scene"}
+
+
+@pytest.mark.usefixtures("variant")
+def test_a_plan_is_of_frames_with_a_budget() -> None:
+    scene, frame = prepared_scene(EFFECT_SCENES / "plate.usda"), Deal(scenes=1, poses=(Pose((0.0, 0.0, 0.5)),)).frame(0)
+    with pytest.raises(ValueError, match="budget_db"):
+        plan_of_frame(frame, scene, Radar(), ChainSettings(trace=TraceSettings(rays=100)))
 
 
 def test_the_picture_of_a_plan_is_a_png_of_its_figures(tmp_path: Path) -> None:
     seconds = dict.fromkeys(NAMES, 0.1)
-    draw(decide("one", evidence(diffuse=-3.0)), seconds, tmp_path / "one.png")
-    draw(decide("one", evidence(diffuse=-60.0)), seconds, tmp_path / "other.png")
+    for name, level_db in (("one", -3.0), ("other", -60.0)):
+        draw(plan_of_scene("scene", [a_frame_plan(diffuse=level_db)], -30.0), seconds, tmp_path / f"{name}.png")
     one, other = ((tmp_path / name).read_bytes() for name in ("one.png", "other.png"))
     assert one.startswith(b"\x89PNG")
     assert one != other
 
 
-def test_costs_are_differences_of_frames(monkeypatch) -> None:
-    """By a clock of 1 s a frame and 0.5 s an effect, each costs half a second, and absent ones nothing."""
-    asked: list[ChainSettings] = []
+def test_costs_are_differences_to_the_frame_of_every_effect(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By a clock of 1 s a frame and 0.5 s an effect; what the frame lacks and what is no choice costs nothing."""
+    of_settings = {effects.settings(ChainSettings()): effects for effects in (*(ALL.without(n) for n in NAMES), ALL)}
 
     def frame_seconds(frame: object, scene: object, radar: object, settings: ChainSettings) -> float:
-        asked.append(settings)
         return 1.0 + 0.5 * len(of_settings[settings].names)
 
-    plan = decide("scene", evidence(specular=0.0, diffuse=-50.0, noise=0.0))
-    found, base = ("specular", "diffuse", "noise"), ChainSettings()
-    sets = [
-        plan.effects.without(name) if getattr(plan.effects, name) else plan.effects.with_also(name) for name in found
-    ]
-    of_settings = {effects.settings(base): effects for effects in (ALL, plan.effects, *sets)}
+    plan = plan_of_scene("scene", [a_frame_plan(specular=0.0, diffuse=-50.0, noise=0.0, near_field=-9.0)], -30.0)
     monkeypatch.setattr(timing, "frame_seconds", frame_seconds)
     steps: list[tuple[int, int, str]] = []
     frame, scene = a_frame()
-    result = timing.costs(frame, scene, Radar(), base, plan, lambda *step: steps.append(step))
-    assert result == {name: 0.5 if name in found else 0.0 for name in NAMES}
+    budget = ChainSettings(budget_db=-30.0)
+    result = timing.costs(frame, scene, Radar(), budget, plan, lambda *step: steps.append(step))
+    assert result == {name: 0.5 if name in ("specular", "diffuse", "noise") else 0.0 for name in NAMES}
     assert [step[0] for step in steps] == list(range(steps[0][1]))
-    assert ALL.settings(base) in asked
+    assert set(NO_CHOICE) & {"near_field"}
+
+
+def test_effects_are_told_apart_by_their_settings() -> None:
+    assert EffectSet.of({"diffuse"}).settings(ChainSettings()) != ALL.settings(ChainSettings())
 
 
 def a_frame() -> tuple[DealtFrame, PreparedScene]:

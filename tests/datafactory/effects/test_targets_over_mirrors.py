@@ -11,11 +11,11 @@ import pytest
 from prepared_scenes import prepared_scene
 
 from datafactory.effects.catalogue import ALL, EffectSet
-from datafactory.effects.evidence import gather
-from datafactory.effects.plan import decide
+from datafactory.effects.plan import plan_of_frame
 from datafactory.frame.chain import ChainSettings, SceneSource, make_frames
 from datafactory.frame.deal import Deal
-from datafactory.frame.prepared import PreparedScene, Sample
+from datafactory.frame.defaults import DEFAULT_BUDGET_DB
+from datafactory.frame.prepared import PreparedScene
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import SPECULAR, TARGET
 from datafactory.scenes.poses import Pose
@@ -55,9 +55,9 @@ def scene(tmp_path: Path, *prims: str) -> PreparedScene:
 
 
 def planned(prepared: PreparedScene) -> set[str]:
-    deal = Deal(seed=0, scenes=1, poses=(POSE,))
-    found = gather(Sample(prepared, (deal.frame(0),)), Radar(), ChainSettings())
-    return set(decide("scene", found.evidence).effects.names)
+    frame = Deal(seed=0, scenes=1, poses=(POSE,)).frame(0)
+    settings = replace(ALL.settings(ChainSettings()), budget_db=DEFAULT_BUDGET_DB)
+    return {name for name, on in plan_of_frame(frame, prepared, Radar(), settings).effects.items() if on}
 
 
 def test_a_bounce_is_planned_where_there_is_one(tmp_path: Path) -> None:

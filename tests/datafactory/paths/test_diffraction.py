@@ -11,7 +11,7 @@ from edge_scenes import HOME, RADAR, WAVENUMBER, everything, only_edge_at, short
 from scipy.special import fresnel
 from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, box, channel, plate, scene_of, sionna_scene
 
-from datafactory.paths.diffraction import edge_echoes, field_over_edges, rays_over_edges
+from datafactory.paths.diffraction import EdgeEchoes, field_over_edges, rays_over_edges
 from datafactory.paths.edges import edges_of
 from datafactory.paths.facets import TAPER, mirrors_of, reflected_share
 from datafactory.paths.merged_scene import MergedScene
@@ -24,6 +24,10 @@ from datafactory.scenes.poses import Pose
 def echoes(*objects, sight=everything, pose=HOME, **options):
     of = scene_of(*objects)
     return edge_echoes(edges_of(of).seen_from(pose), slabs(of), FREQUENCY_HZ, sight, **options)
+
+
+def edge_echoes(edges, slabs, frequency_hz, sight, **options):
+    return EdgeEchoes(edges, slabs, frequency_hz, **options).seen(sight)
 
 
 def upright_edge(x=10.0, y=0.0, half=50.0, of="metal", length=30.0, turned=0.0):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 from sionna_scenes import FREQUENCY_HZ, MATERIALS, plate, sionna_scene
@@ -9,8 +11,10 @@ from sionna_scenes import FREQUENCY_HZ, MATERIALS, plate, sionna_scene
 from datafactory.paths.backend import select_variant
 from datafactory.paths.merged_scene import MergedScene, merge_scene
 from datafactory.paths.panes import FADED, panes_between
+from datafactory.paths.ray_hits import clear_between
 from datafactory.paths.solver import TraceSettings
-from datafactory.paths.targets import FAINTEST, target_echoes
+from datafactory.paths.table import ScatteredPaths
+from datafactory.paths.targets import FAINTEST, TargetEchoes
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import PointTarget, Scene, SceneObject
 from datafactory.scenes.targets.road_users import Pedestrian
@@ -28,6 +32,13 @@ def walker(name: str, x: float, y: float = 0.0) -> PointTarget:
     return PointTarget(name, (x, y, -1.0), model.nominal_rcs_dbsm, (0.0, 1.4, 0.0), model)
 
 
+def echoes_of(scene: MergedScene) -> tuple[ScatteredPaths, dict[str, int]]:
+    geometry = sionna_scene(scene, HOME).mi_scene
+    sources = TargetEchoes(geometry, scene, MATERIALS, HOME, FREQUENCY_HZ, DIRECT)
+    found, _, counts = sources.seen(partial(clear_between, geometry))
+    return found, counts
+
+
 def test_far_targets_are_left_out_and_counted() -> None:
     select_variant()
     behind = (plate("away", (-5.0, 0.0, 0.0), (0.0, 0.2, 0.0), (0.0, 0.0, 0.2), "metal"),)
@@ -35,8 +46,7 @@ def test_far_targets_are_left_out_and_counted() -> None:
     alone = merged(walker("near", 30.0), objects=behind)
     found = []
     for scene in (both, alone):
-        geometry = sionna_scene(scene, HOME).mi_scene
-        found.append(target_echoes(geometry, scene, MATERIALS, HOME, FREQUENCY_HZ, DIRECT))
+        found.append(echoes_of(scene))
     (echoes, counts), (reference, counts_alone) = found
     assert (counts["targets_faint"], counts_alone["targets_faint"]) == (1, 0)
     assert {both.objects[index] for index in echoes.object_index} == {"near"}
@@ -52,8 +62,7 @@ def test_what_hides_round_a_corner_is_not_looked_for_where_it_could_not_be_heard
     wall = (plate("wall", (10.0, 0.0, 0.0), (0.0, 4.0, 0.0), (0.0, 0.0, 4.0), "metal"),)
     for x, looked_for in ((40.0, True), (400.0, False)):  # in plain sight both would be heard
         scene = merged(walker("hidden", x), objects=wall)
-        geometry = sionna_scene(scene, HOME).mi_scene
-        _, counts = target_echoes(geometry, scene, MATERIALS, HOME, FREQUENCY_HZ, DIRECT)
+        _, counts = echoes_of(scene)
         assert counts["targets_faint"] == 0
         assert counts["point_targets_hidden"] == 16
         assert ("targets_round_corners" in counts) == looked_for

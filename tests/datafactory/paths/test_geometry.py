@@ -64,9 +64,9 @@ def test_one_scene_is_kept_and_other_materials_are_another():
     merged = scene()
     one, other = (geometry_module.placed(merged.at(pose.time_s), MATERIALS, pose) for pose in POSES[:2])
     assert one is other
-    metal, source = MATERIALS.entries["metal"]
-    rough = type(metal)(**{**vars(metal), "scattering_coefficient": 0.3})
-    materials = type(MATERIALS)(entries={**MATERIALS.entries, "metal": (rough, source)}, unknown=())
+    concrete, source = MATERIALS.entries["concrete"]
+    rough = type(concrete)(**{**vars(concrete), "scattering_coefficient": 0.5})
+    materials = type(MATERIALS)(entries={**MATERIALS.entries, "concrete": (rough, source)}, unknown=())
     assert geometry_module.placed(merged.at(0.0), materials, POSES[0]) is not one
 
 

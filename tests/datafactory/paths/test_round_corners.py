@@ -49,7 +49,7 @@ def echoes(
 
 def same_bytes(one: object, other: object) -> None:
     for item in fields(one):  # type: ignore[arg-type]
-        if item.name != "geometry":
+        if item.name not in ("geometry", "candidate"):  # a target's number is its place among those asked for
             np.testing.assert_array_equal(getattr(one, item.name), getattr(other, item.name), err_msg=item.name)
 
 

@@ -140,6 +140,8 @@ def test_panes_change_no_path_that_does_not_cross_them(depth):
     for kind in ("scattered", "specular"):
         ours, theirs = getattr(kept, kind), getattr(without, kind)
         for field in fields(ours):
+            if field.name == "candidate":  # a number in a list that is longer with panes
+                continue
             np.testing.assert_array_equal(getattr(ours, field.name), getattr(theirs, field.name))
 
 

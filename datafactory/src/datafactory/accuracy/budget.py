@@ -21,8 +21,9 @@ from datafactory.accuracy.knobs import REFERENCE_DEPTH, KnobSettings
 from datafactory.accuracy.looking import reference_of, run
 from datafactory.accuracy.power import Kept, power_error
 from datafactory.accuracy.prices import Choice, Errors, Menu, Prices, choose, measure_prices
-from datafactory.accuracy.samples import PlannedScene, SampleFrame, made_with, planned_scenes, traced
+from datafactory.accuracy.samples import SampleFrame, made_with, traced
 from datafactory.frame.deal import Deal, first_middle_last
+from datafactory.frame.prepared import PreparedScene
 from datafactory.paths.backend import select_variant, set_threads
 from datafactory.run.cache import Announce, cached, user_cache
 from datafactory.run.order import Order
@@ -40,7 +41,7 @@ ROUNDS = 4
 class SweptScene:
     """A scene of the order: the frames that were swept and, where the run has more, one that was not."""
 
-    planned: PlannedScene
+    scene: PreparedScene
     swept: tuple[SampleFrame, ...]
     elsewhere: tuple[SampleFrame, ...]
 
@@ -93,16 +94,15 @@ def settle(
     scenes, prices = [], []
     with threadpool_limits(limits=1):
         prepared = prepare(order, table)
-        for planned in planned_scenes(order, prepared):
-            scene = _swept(prepared.deal, planned)
+        for number, item in enumerate(prepared.scenes):
+            scene = _swept(prepared.deal, number, item)
             if not scene.swept:
                 continue
             scenes.append(scene)
 
             def sweep(path: Path, scene: SweptScene = scene) -> Prices:
-                name = scene.planned.scene.name
-                announce(f"{name}: measuring what accuracy costs, once; the result is kept as {path}")
-                return measure_prices(scene.swept, menu, radar, made_with(order, scene.planned.effects), advance)
+                announce(f"{scene.scene.name}: measuring what accuracy costs, once; the result is kept as {path}")
+                return measure_prices(scene.swept, menu, radar, made_with(order), advance)
 
             prices.append(cached(folder, _inputs(scene, order, asdict(menu)), Prices, sweep, announce))
         traces: list[Kept] = [{} for _ in scenes]
@@ -139,11 +139,10 @@ def _with_choice(order: Order, chosen: KnobSettings) -> Order:
     )
 
 
-def as_run(chosen: KnobSettings, scene: SweptScene, order: Order, sample: SampleFrame) -> KnobSettings:
-    """What was chosen, with what the run makes this frame with."""
+def as_run(chosen: KnobSettings, order: Order) -> KnobSettings:
+    """What was chosen, with what the run makes its frames with."""
     names = ("rays", "depth", "prune_db", "tolerance", "truth_terms")
-    effects = scene.planned.effects_of(sample.frame)
-    return replace(made_with(order, effects), **{name: getattr(chosen, name) for name in names})
+    return replace(made_with(order), **{name: getattr(chosen, name) for name in names})
 
 
 def errors_together(scene: SweptScene, chosen: KnobSettings, menu: Menu, order: Order, kept: Kept) -> Errors:
@@ -152,20 +151,18 @@ def errors_together(scene: SweptScene, chosen: KnobSettings, menu: Menu, order: 
     :param kept: realisations traced before; the reference's are added
     """
     radar = order.radar
-    cube, image = list[float](), list[float]()
+    cube, image, settings = list[float](), list[float](), as_run(chosen, order)
     for sample in () if menu.paths_only else scene.swept:
-        settings = as_run(chosen, scene, order, sample)
         frames = [traced(sample, settings, radar)]
         reference = reference_of(frames, settings, radar)
         outcome = run(frames, settings, radar, Clock(), reference.cells, batch=1)
         cube.append(relative_l2(outcome.cubes[0], reference.cubes[0]))
         image.append(peak_error(outcome.images[0], reference.images[0]))
-    return Errors.of(cube, image, power_errors(scene.swept, scene, chosen, menu, order, kept))
+    return Errors.of(cube, image, power_errors(scene.swept, chosen, menu, order, kept))
 
 
 def power_errors(
     samples: Sequence[SampleFrame],
-    scene: SweptScene,
     chosen: KnobSettings,
     menu: Menu,
     order: Order,
@@ -176,13 +173,11 @@ def power_errors(
 
     :param draw: of the rays, see :func:`datafactory.accuracy.power.power_error`
     """
-    complete, rays = scene.planned.complete, menu.effort.reference_rays
-    errors = []
-    for sample in samples:
-        settings = as_run(chosen, scene, order, sample)
-        against = replace(settings, effects=complete, rays=rays, depth=REFERENCE_DEPTH)
-        errors.append(power_error(sample, settings, against, menu.effort, order.radar, kept, draw=draw).peak)
-    return errors
+    settings = as_run(chosen, order)
+    against = replace(settings, budget_db=None, rays=menu.effort.reference_rays, depth=REFERENCE_DEPTH)
+    return [
+        power_error(sample, settings, against, menu.effort, order.radar, kept, draw=draw).peak for sample in samples
+    ]
 
 
 def worst_of(scenes: Sequence[Errors]) -> Errors:
@@ -199,10 +194,7 @@ def worst_of(scenes: Sequence[Errors]) -> Errors:
 def _together(
     scene: SweptScene, chosen: KnobSettings, menu: Menu, order: Order, kept: Kept, folder: Path, announce: Announce
 ) -> Errors:
-    made = [scene.planned.effects_of(sample.frame).names for sample in scene.swept]
-    wanted = {
-        "settings": asdict(chosen), "made_with": made, "complete": scene.planned.complete.names, "menu": asdict(menu),
-    }  # fmt: skip
+    wanted = {"settings": asdict(chosen), "menu": asdict(menu)}
 
     def measure(path: Path) -> Errors:
         return errors_together(scene, chosen, menu, order, kept)
@@ -210,21 +202,18 @@ def _together(
     return cached(folder, _inputs(scene, order, wanted), Errors, measure, announce)
 
 
-def _swept(deal: Deal, planned: PlannedScene) -> SweptScene:
+def _swept(deal: Deal, number: int, scene: PreparedScene) -> SweptScene:
     """The frames of one scene to look at; none where the run has no frame of it."""
-    samples = tuple(
-        SampleFrame(deal.frame(frame_id), planned.scene)
-        for frame_id in first_middle_last(deal.frames_of(planned.number))
-    )
-    return SweptScene(planned, samples[:FRAMES], samples[FRAMES:])
+    samples = tuple(SampleFrame(deal.frame(frame_id), scene) for frame_id in first_middle_last(deal.frames_of(number)))
+    return SweptScene(scene, samples[:FRAMES], samples[FRAMES:])
 
 
 def _inputs(scene: SweptScene, order: Order, wanted: dict[str, Any]) -> dict[str, Any]:
-    prepared = scene.planned.scene
+    prepared = scene.scene
     return {
         "scene": prepared.content,
         "materials": prepared.materials.to_json(),
-        "made_with": asdict(made_with(order, scene.planned.effects)),
+        "made_with": asdict(made_with(order)),
         "radar": order.radar.model_dump(mode="json"),
         "frames": [[item.frame_id, item.frame.seed, asdict(item.frame.where)] for item in scene.swept],
         "wanted": wanted,

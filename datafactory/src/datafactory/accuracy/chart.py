@@ -75,7 +75,7 @@ def draw(rows: Sequence[Row], title: str) -> Figure:
     others = [row for row in rows if (row.knob, row.setting) in SHORTCUTS]
     _difference_panel(
         axes[1, 0], "What does each effect cost?", "what it changes [dB of the peak]", of_effects,
-        [row.knob.replace("_", " ") + ("" if row.approximation else " (not in the plan)") for row in of_effects],
+        [row.knob.replace("_", " ") for row in of_effects],
     )  # fmt: skip
     _difference_panel(
         axes[1, 1], "What would other ways cost?", "the error", others,

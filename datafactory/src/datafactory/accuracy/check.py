@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from datafactory.accuracy.budget import Budget, SweptScene, as_run, power_errors, worst_of
+from datafactory.accuracy.budget import Budget, as_run, power_errors, worst_of
 from datafactory.accuracy.clock import Clock
 from datafactory.accuracy.errors import peak_error, relative_l2
 from datafactory.accuracy.looking import reference_of, run
@@ -39,8 +39,8 @@ def check(budget: Budget, directory: Location, announce: Announce) -> None:
     started = time.perf_counter()
     choice = budget.choice
     with threadpool_limits(limits=1):
-        achieved = worst_of([_achieved(scene, scene.swept, budget, directory) for scene in budget.scenes])
-        others = [_achieved(scene, scene.elsewhere, budget, directory) for scene in budget.scenes if scene.elsewhere]
+        achieved = worst_of([_achieved(scene.swept, budget, directory) for scene in budget.scenes])
+        others = [_achieved(scene.elsewhere, budget, directory) for scene in budget.scenes if scene.elsewhere]
     predicted = choice.predicted.measured()
     differences = {name: round(value - predicted[name], 1) for name, value in achieved.measured().items()}
     honest = max(map(abs, differences.values())) <= HONEST_DB
@@ -71,18 +71,17 @@ def check(budget: Budget, directory: Location, announce: Announce) -> None:
         announce(f"warning: the error budget of {budget.level_db:g} dB is not kept")
 
 
-def _achieved(scene: SweptScene, samples: Sequence[SampleFrame], budget: Budget, directory: Location) -> Errors:
+def _achieved(samples: Sequence[SampleFrame], budget: Budget, directory: Location) -> Errors:
     radar, chosen = budget.order.radar, budget.choice.settings
-    cube, image = list[float](), list[float]()
+    cube, image, settings = list[float](), list[float](), as_run(chosen, budget.order)
     for sample in () if budget.menu.paths_only else samples:
         stored = _stored_frame(directory, *budget.deal.place_of(sample.frame_id))
-        settings = as_run(chosen, scene, budget.order, sample)
         rows = radar.waveform.doppler_cells(stored.velocity[0])
         frames = [traced(sample, settings, radar)]
         reference = reference_of(frames, settings, radar, [rows])
         cube.append(relative_l2(run(frames, settings, radar, Clock(), [rows], batch=1).cubes[0], reference.cubes[0]))
         image.append(peak_error(stored.image * np.float32(stored.image_peak), reference.images[0]))
-    return Errors.of(cube, image, power_errors(samples, scene, chosen, budget.menu, budget.order, {}, CHECK_DRAW))
+    return Errors.of(cube, image, power_errors(samples, chosen, budget.menu, budget.order, {}, CHECK_DRAW))
 
 
 def _stored_frame(directory: Location, split: Split, place: int) -> Frame:

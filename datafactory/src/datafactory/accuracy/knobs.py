@@ -27,7 +27,8 @@ _TRACE, _PROCESSING = _CHAIN.trace, _CHAIN.processing
 class KnobSettings:
     """How one frame is made; the defaults are the pipeline's with every effect.
 
-    :param effects: what is simulated; a run has those of its scene's plan
+    :param effects: what may be simulated
+    :param budget_db: what each frame may leave out of it, see :class:`datafactory.frame.chain.ChainSettings`
     :param rays, depth, finite_mirrors, surface_phase: see :class:`datafactory.paths.solver.TraceSettings`
     :param lattice: "fan", the pipeline's; "sphere", the solver's own lattice, of which the front half is used, as the
         fan does; "all around", all of it
@@ -43,6 +44,7 @@ class KnobSettings:
     """
 
     effects: EffectSet = ALL
+    budget_db: float | None = None
     rays: int = _TRACE.rays
     depth: int = _TRACE.depth
     finite_mirrors: bool = True
@@ -63,7 +65,7 @@ class KnobSettings:
         tolerance = self.tolerance
         if self.width == "complex128":
             tolerance = min(tolerance, 0.99 * FLOAT32_TOLERANCE)
-        return self.effects.settings(
+        chosen = self.effects.settings(
             ChainSettings(
                 trace=TraceSettings(
                     rays=self.rays,
@@ -81,11 +83,12 @@ class KnobSettings:
                 device=self.device,
             )
         )
+        return replace(chosen, budget_db=self.budget_db)
 
     def tracing(self) -> KnobSettings:
         """These settings as far as they change the power in a cell; all others as they are by default."""
         own = {name: getattr(self.effects, name) for name in POWER_EFFECTS}
-        names = ("rays", "depth", "finite_mirrors", "surface_phase", "lattice", "truth_window", "device")
+        names = ("budget_db", "rays", "depth", "finite_mirrors", "surface_phase", "lattice", "truth_window", "device")
         return KnobSettings(effects=replace(ALL, **own), **{name: getattr(self, name) for name in names})
 
     def of_geometry(self) -> tuple[Any, ...]:
@@ -105,12 +108,10 @@ class KnobSettings:
         return (*self.of_truth(), self.truth_wave, self.truth_window)
 
 
-SIGNAL_EFFECTS = ("doppler",)
-"""Effects on the way from paths to signal that can be left out of it."""
 POWER_EFFECTS = (
     "specular", "diffuse", "multi_bounce", "refraction", "diffraction", "corners", "antenna_pattern", "rcs_targets",
 )  # fmt: skip
-"""Effects that add paths or change their power. What is left is the noise, which no frame here has."""
+"""Effects that add paths or change their power. What is left is motion, and the noise, which no frame here has."""
 DEFAULT = KnobSettings()
 
 
@@ -153,15 +154,12 @@ class Knob:
         return replace(base, **{self.name: value})
 
 
-def effect_knobs(effects: EffectSet, absent: Collection[str]) -> tuple[Knob, ...]:
-    """A knob for every effect, at the value that it does not have in the plan.
-
-    :param absent: effects that the scene has nothing for; multiple bounces are the knob ``depth``
-    """
+def effect_knobs(effects: Collection[str]) -> tuple[Knob, ...]:
+    """A knob that leaves out one effect, for each of these; multiple bounces are the knob ``depth``."""
     return tuple(
-        Knob(name, (not getattr(effects, name),), power=name in POWER_EFFECTS)
-        for name in (*SIGNAL_EFFECTS, *POWER_EFFECTS)
-        if name not in absent and name != "multi_bounce"
+        Knob(name, (False,), power=name in POWER_EFFECTS)
+        for name in ("doppler", *POWER_EFFECTS)
+        if name in effects and name != "multi_bounce"
     )
 
 

@@ -19,11 +19,8 @@ from datafactory.accuracy.prices import Choice
 from datafactory.accuracy.row import SAME_PATHS, Row, changed, moved, widest, worst
 from datafactory.accuracy.samples import SampleFrame, traced
 from datafactory.accuracy.work import Work, frame_work, trace_work
-from datafactory.effects.catalogue import NAMES
 from datafactory.paths.storage import TracedFrame
 from shared.radar import Radar
-
-OFF = "off"
 
 
 @dataclass(frozen=True)
@@ -40,11 +37,6 @@ class Step:
     knob: Knob | None = None
 
     @property
-    def approximation(self) -> bool:
-        """Whether it leaves something out, instead of adding an effect that the plan leaves out."""
-        return self.knob is None or self.knob.name not in NAMES or self.value == OFF
-
-    @property
     def is_a_change(self) -> bool:
         """Whether it does something else, instead of the same better or worse."""
         return self.knob is not None and self.knob.name not in KNOBS
@@ -52,7 +44,7 @@ class Step:
 
 def shown(value: Any) -> str:
     """A knob's value as text."""
-    return str(value) if not isinstance(value, bool) else "on" if value else OFF
+    return str(value) if not isinstance(value, bool) else "on" if value else "off"
 
 
 @dataclass(frozen=True)
@@ -130,7 +122,6 @@ def signal_row(bench: Bench, step: Step, kept: dict[Any, Any]) -> tuple[Row, Out
         paths=float(np.mean(outcome.paths)),
         work=bench.work(step.settings, outcome),
         reference=SAME_PATHS,
-        approximation=step.approximation,
     )
     return row, outcome
 
@@ -166,7 +157,6 @@ def power_row(bench: Bench, step: Step, usual: Outcome, realisations: Kept) -> t
         paths=float(outcome.paths[0]),
         work=bench.work(step.settings, outcome),
         reference=_reference_text(against, effort, paired),
-        approximation=step.approximation,
     )
     return row, [error.peak for error in errors]
 
@@ -195,7 +185,6 @@ def front_row(bench: Bench, name: str, level_db: float, choice: Choice) -> Row:
         paths=float(timed.paths[0]),
         work=bench.work(settings, timed),
         reference=f"{SAME_PATHS}; power as in the rows of rays and depth",
-        approximation=True,
     )
 
 
@@ -243,7 +232,9 @@ def _seconds(bench: Bench, clock: Clock, beside: Clock | None) -> dict[str, Any]
 def _reference_text(against: KnobSettings, effort: Effort, paired: bool) -> str:
     realisations = f"{effort.realisations} realisations" + ("" if paired else " or more")
     if paired:
-        return f"same {against.rays} rays, depth {against.depth}, effects as planned: cell power, {realisations}"
+        return (
+            f"same {against.rays} rays, depth {against.depth}, effects as the frames decide: cell power, {realisations}"
+        )
     return (
         f"fan of {against.rays} rays, depth {against.depth}, mean of {effort.reference_realisations}: cell power, "
         f"{realisations}"

@@ -12,7 +12,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from datafactory.accuracy.row import Row
-from datafactory.effects.catalogue import EffectSet
 from shared.dataset.writing import atomic
 
 HEADINGS = (
@@ -34,9 +33,8 @@ EXPLANATION = (
     "the fan; lattice all around is what the fan's half space leaves out. Depth, surfaces and effects are held against "
     "the default with the same rays (depth against the deepest). surface_phase turns phases alone: it has no error in "
     "power. The change in detections contains that of speckle.",
-    "plan: what the effect changes by the plan's evidence, in the frames that the plan looked at: the power in a cell "
-    "over the strongest cell's, 0 dB at most. Of effects on the paths the errors beside it are between two traces; "
-    "where an effect splits rays (refraction), they contain another draw of them.",
+    "plan: what leaving the effect out of the first frame changes, as datafactory plan says it: the power in a cell "
+    "over the strongest cell's, 0 dB at most. Of effects on the paths the errors beside it are between two traces.",
     "front: the cheapest settings, by counted work, whose three errors (power: that of the amplitude in a cell) stay "
     "below a level, all at once; with the same paths rays and depth stay the default's. Times are with its own rays.",
     "rows: Doppler cells chosen otherwise, among rows with a detection. Peak: growth of the resident set in any stage. "
@@ -84,7 +82,6 @@ def write_tables(rows: Sequence[Row], directory: Path) -> list[Path]:
     return [parquet, text]
 
 
-def effects_line(effects: EffectSet, absent: Collection[str]) -> str:
-    """What the frames are simulated with, and which effects have no row because the scene has nothing for them."""
-    text = f"Effects as planned: {', '.join(effects.names)}. An effect's row is the other way round."
-    return f"{text} Nothing in the scene for: {', '.join(sorted(absent))}." if absent else text
+def effects_line(effects: Collection[str]) -> str:
+    """What the first frame is made with; an effect's row is without it."""
+    return f"Effects of the first frame: {', '.join(effects)}. An effect's row is without it."

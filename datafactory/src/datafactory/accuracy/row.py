@@ -34,9 +34,8 @@ class Row:
     :param peak_mb: growth of the resident set [MB], see :mod:`datafactory.accuracy.clock`
     :param work: counted multiply-adds; :param paths: mean over the frames, after pruning
     :param reference: what the errors are held against
-    :param approximation: whether the setting is one; False where it adds an effect that the plan leaves out
-    :param plan_db: of an effect what it changes by the plan's evidence, in the frames that the plan looked at; None for
-        other rows, and where there is none
+    :param plan_db: of an effect what leaving it out of the first frame changes, as `datafactory plan` says it; None for
+        other rows
     """
 
     knob: str
@@ -59,17 +58,15 @@ class Row:
     paths: float
     work: float
     reference: str
-    approximation: bool
     plan_db: float | None = None
 
     def planned(self, changes_db: Mapping[str, float]) -> Row:
         """This row with what its effect changes.
 
-        By the measure that the plan decides with (:mod:`datafactory.effects.evidence`). The row's errors are others: of
-        effects on the signal relative L2 of whole cubes; of effects on the paths the difference of two traces, which
-        have different rays behind whatever the effect splits them at.
+        By the measure of :mod:`datafactory.effects.losses`. The row's errors are others: of effects on the signal
+        relative L2 of whole cubes; of effects on the paths the difference of two traces.
 
-        :param changes_db: by effect, see :attr:`datafactory.accuracy.samples.PlannedScene.changes_db`
+        :param changes_db: by effect
         """
         return replace(self, plan_db=changes_db.get(self.knob))
 

@@ -2,8 +2,8 @@
 
 Signal knobs share the paths of the pipeline's own tracing, unpruned, and are held against a cube of 1e-11 and a truth
 whose Doppler filter and range walk are exact. Power knobs change the paths and with them the speckle; their error is
-that of the power in resolution cells (:mod:`datafactory.accuracy.power`). Everything is varied around the effects that
-the scene's plan calls for; an effect's row is the difference that it makes to the frame as planned.
+that of the power in resolution cells (:mod:`datafactory.accuracy.power`). Everything is varied around what the frames
+decide by themselves; an effect's row is the difference that leaving it out makes.
 """
 
 from __future__ import annotations

@@ -40,7 +40,7 @@ class Forecast:
     :param frames: by split; :param shards: their number
     :param bytes: on the disk, of which ``free_bytes`` are free; None in an object store
     :param memory_bytes: of all processes together; ``memory``: in words, and how much may be used
-    :param seconds: wall-clock, planning included
+    :param seconds: wall-clock
     :param workers: no more than there are frames, cores and memory for
     :param device: that the run will use
     """
@@ -90,7 +90,6 @@ def forecast(order: Order, directory: Location, workers: int, shard: str | None 
     of_points = SAMPLE_S * channels * waveform.chirps * waveform.samples
     synthesis = PATH_S * PATHS_A_RAY * rays * (channels + order.radar.virtual_sensor.channels) / CHANNELS
     of_scene = of_points + synthesis + (RAY_S * rays if order.paths is None else 0.0)
-    planning = 0.0 if order.effects is not None or order.paths is not None else RAY_S * rays * len(order.scenes)
     shapes = description(order.radar, settings.processing.peaks, settings.processing.store)["shapes"]
     plans = plan_shards(splits)
     if shard is not None:
@@ -98,10 +97,8 @@ def forecast(order: Order, directory: Location, workers: int, shard: str | None 
         own = {frame_id for plan in plans for frame_id in plan.frame_ids}
         splits = tuple(split for frame_id, split in enumerate(splits) if frame_id in own)
         scene_frames = sum(frame_id < scene_frames for frame_id in own)
-        point_frames = len(own) - scene_frames
-    shards = len(plans)
-    load = load_of(order, scenes)
-    limit = usable_memory()
+    shards, point_frames = len(plans), len(splits) - scene_frames
+    load, limit = load_of(order, scenes), usable_memory()
     workers = min(workers or min(processes(0, settings.device), max(1, most_workers(load, limit))), len(splits))
     return Forecast(
         frames=dict(Counter(splits)),
@@ -110,7 +107,7 @@ def forecast(order: Order, directory: Location, workers: int, shard: str | None 
         free_bytes=None if isinstance(directory, RemotePath) else free_bytes(directory),
         memory_bytes=load.total_bytes(workers),
         memory=statement(load, workers, limit),
-        seconds=planning + (scene_frames * of_scene + point_frames * of_points) / workers,
+        seconds=(scene_frames * of_scene + point_frames * of_points) / workers,
         workers=workers,
         device=settings.device,
     )

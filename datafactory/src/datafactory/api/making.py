@@ -75,7 +75,7 @@ def _made(asked: RenderOptions | TraceOptions, order: Order, menu: Menu | None, 
         execution = Execution(
             directory=locate(asked.out) / job.folder if job else locate(asked.out), workers=asked.workers,
             resume=asked.resume, keep_going=asked.keep_going, job=job, engine=engine, announce=asked.announce,
-            looked=partial(asked.progress, "planning"), advance=partial(asked.progress, "frames"),
+            advance=partial(asked.progress, "frames"),
         )  # fmt: skip
         if asked.device == AUTO_DEVICE:
             asked.announce(f"device: {device}")

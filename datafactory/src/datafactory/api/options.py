@@ -49,8 +49,8 @@ Effects: TypeAlias = str | Collection[str]
 Announce: TypeAlias = Callable[[str], None]
 """Takes a line for the user: how materials were mapped, what was left out, a warning."""
 Progress: TypeAlias = Callable[[str, int, int], None]
-"""Takes what is being done, how much of it is done, and of how much: ``("planning", 1, 3)``, ``("frames", 5, 8)``; with
-an error budget also ``(what is measured, 7, 40)``."""
+"""Takes what is being done, how much of it is done, and of how much: ``("frames", 5, 8)``; with an
+error budget also ``(what is measured, 7, 40)``."""
 
 
 def silent(*_: object) -> None:
@@ -240,7 +240,7 @@ class PlanOptions(TellingOptions, DeviceOptions, SamplingOptions, PosedOptions, 
                   heading="Effects and accuracy"):
     error_budget: Annotated[float | None, replace(
         BUDGET, help="What leaving an effect out may cost [dB].", usual=DEFAULT_BUDGET_DB)] = None
-    prove: Annotated[bool, Option("Simulate one frame as planned and with every effect, and compare.")] = False
+    prove: Annotated[bool, Option("Simulate one frame as it decides and with every effect, and compare.")] = False
     times: Annotated[bool, Option("Measure what each effect costs in time.", there=True)] = False
 
 

@@ -1,34 +1,59 @@
-"""Which effects a scene calls for: :func:`datafactory.plan`."""
+"""Which effects the frames of a run call for: :func:`datafactory.plan`."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from typing import Any
 
 from threadpoolctl import threadpool_limits
 
 from datafactory.api.asking import materials_of, order_of
 from datafactory.api.declared import taking
 from datafactory.api.options import PlanOptions
-from datafactory.effects.price import PricedPlan, price
+from datafactory.effects.catalogue import NAMES
+from datafactory.effects.plan import EffectPlan, plan_of_frame, plan_of_scene
+from datafactory.effects.proof import Proof, prove
+from datafactory.effects.timing import costs
+from datafactory.frame.deal import DealtFrame
+from datafactory.frame.prepared import PreparedScene
 from datafactory.paths.backend import select_variant, set_threads
-from datafactory.run.planning import how_applied
+from datafactory.run.order import Order
 from datafactory.run.preparation import prepare
+
+MOST_FRAMES = 8
+"""Frames of a scene whose decisions are told, spread over the run; each costs about as much as one that is rendered."""
 
 
 @dataclass(frozen=True)
-class ScenePlan(PricedPlan):
-    """What is simulated of one scene, why, what each effect costs [s a frame] and contributes [dB].
+class ScenePlan:
+    """What is simulated of one scene, why, what each effect costs and contributes.
 
-    :param applied: in words, how the run's frames follow the plan
+    :param plan: of all frames that were looked at
+    :param frames: their number
+    :param seconds: effect -> processor seconds of a frame; zeros where they were not measured
+    :param proof: how far a frame as it decides is from that of every effect, where asked for
     """
 
-    applied: str = ""
+    plan: EffectPlan
+    frames: int
+    seconds: Mapping[str, float]
+    proof: Proof | None
+
+    def to_json(self) -> dict[str, Any]:
+        """What ``datafactory plan --json`` prints."""
+        document = self.plan.to_json()
+        for item in document["effects"]:
+            item["cost_seconds"] = round(self.seconds[item["effect"]], 3)
+        if self.proof is not None:
+            document["proof"] = {name: round(value, 3) for name, value in vars(self.proof).items()}
+        return document
 
 
 @taking(PlanOptions)
 def plan(asked: PlanOptions) -> tuple[ScenePlan, ...]:
-    """Say which effects will be simulated of each scene; the plan of ``render`` with the same arguments.
+    """Say which effects the frames of ``render`` with the same arguments decide for, and why.
 
     >>> plan("scenes/tiny.usda")[0].plan.effects.names  # doctest: +SKIP
 
@@ -40,15 +65,32 @@ def plan(asked: PlanOptions) -> tuple[ScenePlan, ...]:
     select_variant(order.settings.device)
     set_threads(1)
     with threadpool_limits(limits=1):
-        prepared = prepare(order, table, asked.announce, partial(asked.progress, "planning"))
-        priced = [
-            price(
-                sample, found, order.radar, order.settings, asked.times, asked.prove,
-                lambda done, total, label: asked.progress(label, done, total),
-            )
-            for sample, found in zip(prepared.samples, prepared.plans, strict=True)
-        ]  # fmt: skip
-    return tuple(
-        ScenePlan(item.plan, item.seconds, item.proof, how_applied(prepared.deal, number, item.plan))
-        for number, item in enumerate(priced)
-    )
+        prepared = prepare(order, table, asked.announce)
+        deal = prepared.deal
+        return tuple(
+            _planned(order, scene, [deal.frame(n) for n in spread(deal.frames_of(index))], asked)
+            for index, scene in enumerate(prepared.scenes)
+        )
+
+
+def spread(frame_ids: Sequence[int]) -> Sequence[int]:
+    """At most ``MOST_FRAMES`` of them, at even distances, the first among them."""
+    return frame_ids[:: max(1, math.ceil(len(frame_ids) / MOST_FRAMES))]
+
+
+def _planned(order: Order, scene: PreparedScene, frames: Sequence[DealtFrame], asked: PlanOptions) -> ScenePlan:
+    """What frames of one scene decide; a scene without a frame in the run costs nothing."""
+    radar, settings = order.radar, order.of_scenes
+    found = []
+    for number, frame in enumerate(frames):
+        asked.progress(f"frames of {scene.name}", number, len(frames))
+        found.append(plan_of_frame(frame, scene, radar, settings))
+    told = plan_of_scene(scene.name, found, order.budget_db)
+    seconds, proof = dict.fromkeys(NAMES, 0.0), None
+    if frames and asked.times:
+        seconds = costs(
+            frames[0], scene, radar, settings, told, lambda done, total, name: asked.progress(name, done, total)
+        )
+    if frames and asked.prove:
+        proof = prove(frames[0], scene, radar, settings)
+    return ScenePlan(told, len(frames), seconds, proof)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 
 from datafactory.api.asking import load_scene, materials_of, order_of, scenes_of
 from datafactory.api.declared import common, taking
 from datafactory.api.options import OrderOptions, ViewOptions
-from datafactory.frame.chain import SceneSource, StoredSource, illuminated
+from datafactory.frame.chain import SceneSource, StoredSource, narrowed
 from datafactory.paths.backend import select_variant, set_threads
 from datafactory.run.preparation import prepare, prepared_scene
 from datafactory.run.stored import stored_paths
@@ -49,18 +48,18 @@ def view(asked: ViewOptions) -> tuple[Path, ...]:
 
 def _traced_now(asked: ViewOptions) -> Subject:
     order = order_of(common(OrderOptions, asked, scenes=asked.scene))
-    prepared = prepare(order, materials_of(asked.materials), asked.announce, partial(asked.progress, "planning"))
+    prepared = prepare(order, materials_of(asked.materials), asked.announce)
     _require_frame(asked.frame, len(prepared.deal))
     dealt = prepared.deal.frame(asked.frame)
     here, pose = prepared.scenes[dealt.scene], dealt.where
-    settings = prepared.plans[dealt.scene].settings(order.settings, pose)
     select_variant()
     set_threads(1)
     asked.progress("tracing", 0, 1)
-    traced = SceneSource(dealt, here, settings).traced(order.radar)
+    traced = SceneSource(dealt, here, order.of_scenes).traced(order.radar)
     asked.progress("tracing", 1, 1)
     title = f"{here.name}, frame {asked.frame}"
-    return Subject(title, here, pose, order.radar, illuminated(traced, settings, order.radar))
+    _, paths = narrowed(traced, order.of_scenes, order.radar)
+    return Subject(title, here, pose, order.radar, paths)
 
 
 def _traced_before(asked: ViewOptions, folder: Location) -> Subject:
@@ -68,7 +67,8 @@ def _traced_before(asked: ViewOptions, folder: Location) -> Subject:
     order = order_of(OrderOptions(None, paths=folder, radar=asked.radar, frames=0))
     stored = stored_paths(order, folder)
     _require_frame(asked.frame, len(stored.places))
-    traced = StoredSource(*stored.places[asked.frame], order.settings).traced(order.radar)
+    traced = StoredSource(*stored.places[asked.frame], order.of_scenes).traced(order.radar)
+    _, paths = narrowed(traced, order.of_scenes, order.radar)
     entry = stored.entries[traced.scene_number]
     put_in = entry.get("population", {"populate": None, "seed": 0})
     (given,) = scenes_of(asked.scene, asked, asked.seed) or (entry.get("source", ""),)
@@ -81,7 +81,7 @@ def _traced_before(asked: ViewOptions, folder: Location) -> Subject:
         prepared_scene(opened, materials_of(asked.materials), asked.announce),
         traced.pose,
         order.radar,
-        illuminated(traced, order.settings, order.radar),
+        paths,
     )
 
 

@@ -23,10 +23,11 @@ def accuracy(asked: AccuracyOptions) -> None:
     """Show what accuracy costs in time: every approximation as a knob with its price and its error."""
     from datafactory.accuracy import chart, knobs, lattices, report
     from datafactory.accuracy.power import Effort
-    from datafactory.accuracy.samples import SampleFrame, made_with, planned_scenes
+    from datafactory.accuracy.samples import SampleFrame, made_with
     from datafactory.accuracy.sweep import sweep
     from datafactory.api.asking import materials_of, order_of
     from datafactory.api.declared import common
+    from datafactory.effects.plan import plan_of_frame
     from datafactory.paths.backend import select_variant, set_threads
     from datafactory.run.preparation import prepare
 
@@ -47,9 +48,9 @@ def accuracy(asked: AccuracyOptions) -> None:
     set_threads(1)
     count = min(1 if quick else asked.frames, len(order.poses) or IMAGE_BATCH)
     prepared = prepare(order, materials_of(asked.materials), console.print)
-    (planned,) = planned_scenes(order, prepared)
-    effects = planned.effects
-    samples = [SampleFrame(prepared.deal.frame(frame_id), planned.scene) for frame_id in range(count)]
+    samples = [SampleFrame(prepared.deal.frame(frame_id), prepared.scenes[0]) for frame_id in range(count)]
+    decided = plan_of_frame(samples[0].frame, samples[0].scene, model, order.of_scenes)
+    effects = [name for name, on in decided.effects.items() if on]
     signal: tuple[knobs.Knob, ...] = knobs.SIGNAL_KNOBS
     power: tuple[knobs.Knob, ...] = knobs.POWER_KNOBS
     effort = Effort(knobs.REFERENCE_RAYS, repeats=asked.repeats)
@@ -63,18 +64,18 @@ def accuracy(asked: AccuracyOptions) -> None:
     if asked.most_rays is not None:
         power = knobs.with_more_rays(power, asked.most_rays)
         effort = replace(effort, reference_rays=max(effort.reference_rays, 2 * asked.most_rays))
-    toggled = knobs.effect_knobs(effects, planned.absent)
+    toggled = knobs.effect_knobs(effects)
     signal += tuple(knob for knob in toggled if not knob.power)
     power += tuple(knob for knob in toggled if knob.power)
     with shown(console) as progress:
         rows = sweep(
             samples, signal, power, effort, model, lambda done, total, label: progress(label, done, total),
-            made_with(order, effects),
+            made_with(order),
         )  # fmt: skip
-    rows = [row.planned(planned.changes_db) for row in rows]
+    rows = [row.planned({name: loss.change_db for name, loss in decided.losses.items()}) for row in rows]
     wide = plain_console(narrowest=TABLE_WIDTH)
     wide.print(table(f"What accuracy costs: {scene}", report.HEADINGS, report.table_rows(rows)))
-    for line in (*report.EXPLANATION, report.effects_line(effects, planned.absent), *lattices.lines(rows)):
+    for line in (*report.EXPLANATION, report.effects_line(effects), *lattices.lines(rows)):
         console.print(line)
     batch = f"{effort.rays} rays, images in batches of {effort.batch}"
     title = f"{scene}: {count} frame{'s' if count > 1 else ''}, seed {asked.seed}, radar {model.name}, {batch}"

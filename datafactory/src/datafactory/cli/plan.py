@@ -28,7 +28,7 @@ def plan(
 ) -> None:
     """Say which effects will be simulated, why, what each costs and what leaving it out would cost.
 
-    With the scenes, frames, split and seed of a `datafactory render` this is the plan of that run.
+    With the scenes, frames, split and seed of a `datafactory render` these are frames of that run.
     """
     from datafactory.api.planning import plan as plan_of
     from datafactory.effects.picture import draw
@@ -51,7 +51,8 @@ def plan(
         return
     for item, document in zip(planned, documents, strict=True):
         _table(document, console)
-        console.print(item.applied, markup=False)
+        looked = f"{item.frames} frame{'' if item.frames == 1 else 's'} of {item.plan.scene} looked at"
+        console.print(f"{looked}; every frame of a run decides for itself", markup=False)
         if item.proof is not None:
             console.print(item.proof.sentence(), markup=False)
 

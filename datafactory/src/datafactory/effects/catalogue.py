@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 
 from datafactory.frame.chain import ChainSettings
-from datafactory.frame.needs import FRAME_EFFECTS
 from shared.physics.errors import InputError, meant
 
 AUTO = "auto"
@@ -25,8 +24,12 @@ DESCRIPTIONS = {
     "noise": "receiver noise",
 }
 """What each effect stands for, in words, in the order of the chain."""
-PATH_EFFECTS = tuple(name for name in DESCRIPTIONS if name not in FRAME_EFFECTS)
-"""Those that decide which paths are traced; the others, ``FRAME_EFFECTS``, work on the paths that there are."""
+SIGNAL_EFFECTS = ("doppler", "range_migration", "intra_chirp_motion", "near_field", "antenna_pattern", "noise")
+"""Those that work on the paths that there are."""
+PATH_EFFECTS = tuple(name for name in DESCRIPTIONS if name not in SIGNAL_EFFECTS)
+"""Those that decide which paths there are."""
+NO_CHOICE = ("range_migration", "intra_chirp_motion", "near_field")
+"""Simulated always, the first two wherever there is Doppler: leaving them out was measured to save nothing."""
 
 
 @dataclass(frozen=True)
@@ -65,8 +68,13 @@ class EffectSet:
     def settings(self, settings: ChainSettings) -> ChainSettings:
         """Settings of the chain that simulate no more than these effects."""
         trace = settings.trace
-        # Close-target frames stay with eq. (1); a scene's have every effect of the signal that is asked for.
-        every = replace(settings.processing, doppler=True, intra_chirp_motion=True)
+        # Close-target frames stay with eq. (1): motion within the chirp is a scene's.
+        processing = replace(
+            settings.processing,
+            doppler=self.doppler,
+            intra_chirp_motion=True,
+            noise=settings.processing.noise and self.noise,
+        )
         return replace(
             settings,
             trace=replace(
@@ -79,8 +87,9 @@ class EffectSet:
                 corners=self.corners,
                 point_targets=self.rcs_targets,
             ),
-            processing=every,
-        ).with_frame_effects(self.names)
+            processing=processing,
+            antenna_pattern=settings.antenna_pattern and self.antenna_pattern,
+        )
 
 
 ALL = EffectSet()

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from datafactory.effects.evidence import FLOOR_DB
+from datafactory.effects.losses import FLOOR_DB
 from datafactory.effects.plan import EffectPlan
 from shared.dataset.writing import atomic
 

@@ -1,49 +1,71 @@
-"""Which effects a scene calls for, and why; and which of them each of its frames is made with.
+"""What frames decide by themselves, said aloud: every effect, on or off, why, and what leaving it out changes.
 
-An effect is simulated where leaving it out would change the frame by more than the error budget: the power in a
-resolution cell over the peak's for added echoes, the response over its peak for how echoes are formed. It is also where
-more than a tenth of the cells above the noise would change, however far below the peak: one strong mirror does not
-empty the rest of the picture. The figures of each effect stand in :mod:`datafactory.frame.changes` and
-:mod:`datafactory.effects.evidence`.
-
-Effects of the signal are decided by every frame for itself, from its own paths (:mod:`datafactory.frame.needs`). Those
-that decide which paths are traced cannot be: the evidence on them was found at a few poses. A frame near one of these
-leaves out what was not called for there; every other frame has all that the scene has something for.
+A frame leaves out what its radar would not notice (:mod:`datafactory.paths.notice`). To say so, it is traced with all
+that the scene has, and then decides as it does in a run that renders stored paths, which is as if it were rendered at
+once. Nothing that is said here is used by a run.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from datafactory.effects.catalogue import DESCRIPTIONS, NAMES, PATH_EFFECTS, EffectSet
-from datafactory.effects.evidence import FLOOR_DB, Evidence, Gathered
-from datafactory.frame.chain import ChainSettings
+from datafactory.effects.catalogue import DESCRIPTIONS, NAMES, NO_CHOICE, EffectSet
+from datafactory.effects.losses import FLOOR_DB, Loss, losses
+from datafactory.frame.chain import ChainSettings, SceneSource, illuminated, narrowed
 from datafactory.frame.deal import DealtFrame
-from datafactory.frame.defaults import DEFAULT_BUDGET_DB
-from datafactory.frame.needs import FRAME_EFFECTS, OCCUPIED_SHARE
-from datafactory.scenes.poses import Pose
+from datafactory.frame.decision import Decided, path_effects
+from datafactory.frame.prepared import PreparedScene
+from datafactory.paths.candidates import (
+    CHAIN,
+    CORNER,
+    EDGE,
+    MIRRORED,
+    PANE,
+    TARGET_MIRRORED,
+    TARGET_SEEN,
+    TWICE,
+)  # fmt: skip
+from datafactory.paths.density import cell_power
+from datafactory.paths.notice import Notice
+from datafactory.paths.table import PathTable
+from shared.physics.units import power_to_db
+from shared.radar import Radar
 
-REACH_M = 2.0
-REACH_DEG = 10.0
-"""How far a pose may be from one that was looked at, and how far turned, for what was found there to hold. At 8 m and
-20 deg an edge called for diffraction, -12 dB of the peak, that a look had done without: see docs/planning.md."""
-
-NEEDS = {"range_migration": "doppler", "intra_chirp_motion": "doppler"}
-"""An effect that means nothing without another."""
+FAMILIES = {
+    "multi_bounce": (TWICE, MIRRORED, CHAIN, TARGET_MIRRORED),
+    "refraction": (PANE,),
+    "diffraction": (EDGE,),
+    "corners": (CORNER,),
+    "rcs_targets": (TARGET_SEEN,),
+}
+"""Effects of which a frame knows candidates, and of which kinds."""
+ABSENT = {
+    "specular": "no mirror leads back to the radar",
+    "diffuse": "no rough surface is in sight",
+    "multi_bounce": "nothing bounces a second time",
+    "refraction": "no material lets a wave through",
+    "diffraction": "no edge has a point that sends back",
+    "corners": "no two faces at a right angle look at the radar",
+    "doppler": "nothing moves, neither the radar nor anything that it sees",
+    "range_migration": "nothing moves, neither the radar nor anything that it sees",
+    "intra_chirp_motion": "nothing moves, neither the radar nor anything that it sees",
+    "antenna_pattern": "the radar's elements are isotropic",
+    "rcs_targets": "the scene has no target with a radar cross section",
+}
+"""Why an effect has nothing to work on."""
 
 
 @dataclass(frozen=True)
 class Decision:
     """One effect of a plan.
 
-    :param effect: its name
-    :param on: whether it is simulated
+    :param on: whether any of the frames is made with it
     :param reason: why, in words; :param evidence: the figures behind it
-    :param loss_db: what leaving it out costs
+    :param loss_db: what leaving it out changes [dB of the peak]
     """
 
     effect: str
@@ -54,140 +76,114 @@ class Decision:
 
 
 @dataclass(frozen=True)
-class Look:
-    """A frame that was looked at.
-
-    :param paths: the effects on paths that it calls for
-    """
-
-    frame_id: int
-    pose: Pose
-    paths: tuple[str, ...]
-
-    def reaches(self, pose: Pose, fastest_mps: float) -> bool:
-        """Whether what was found here holds at another pose: the scene looks nearly the same from there.
-
-        :param fastest_mps: of the scene's moving parts [m/s], which stand elsewhere at another time
-        """
-        moved_m = fastest_mps * abs(pose.time_s - self.pose.time_s)
-        distance_m = float(np.linalg.norm(np.subtract(pose.position, self.pose.position)))
-        # The trace of the rotation between both is 1 + 2 cos(angle).
-        cosine = 0.5 * (float(np.sum(pose.rotation() * self.pose.rotation())) - 1.0)
-        return distance_m + moved_m <= REACH_M and cosine >= np.cos(np.radians(REACH_DEG))
-
-
-@dataclass(frozen=True)
-class ByFrame:
-    """How a plan is applied to single frames.
-
-    :param looks: frames that were looked at
-    :param elsewhere: effects on paths of frames out of their reach: all that the scene has something for
-    :param fastest_mps: see :meth:`Look.reaches`
-    """
-
-    looks: tuple[Look, ...]
-    elsewhere: tuple[str, ...]
-    fastest_mps: float = 0.0
-
-    def paths_at(self, pose: Pose) -> frozenset[str]:
-        """The effects on paths of a frame at this pose: what any frame within reach was found to call for."""
-        near = [look.paths for look in self.looks if look.reaches(pose, self.fastest_mps)]
-        return frozenset().union(*near) if near else frozenset(self.elsewhere)
-
-
-@dataclass(frozen=True)
 class EffectPlan:
-    """What is simulated of one scene, and why.
+    """What is simulated in some frames of one scene, and why.
 
-    :param scene: its name; :param budget_db: what decided
-    :param decisions: one an effect, in the order of the chain: of the frames that were looked at, all together
+    :param scene: its name; :param budget_db: what may be left out
+    :param decisions: one an effect, in the order of the chain
     :param shares: effect -> (power share, share of the occupied cells), for the picture
-    :param by_frame: None where all frames have the effects that the user chose
     """
 
     scene: str
     budget_db: float
     decisions: tuple[Decision, ...]
     shares: Mapping[str, tuple[float, float]]
-    by_frame: ByFrame | None = None
 
     @property
     def effects(self) -> EffectSet:
+        """Those that any of the frames is made with."""
         return EffectSet.of({item.effect for item in self.decisions if item.on})
-
-    def effects_at(self, pose: Pose | None) -> EffectSet:
-        """The effects that a frame at this pose may have: of those on the signal its own paths then choose.
-
-        :param pose: None where the frame's paths were traced before, which settled what concerns them
-        """
-        if self.by_frame is None:
-            return self.effects
-        paths = self.by_frame.elsewhere if pose is None else self.by_frame.paths_at(pose)
-        return EffectSet.of({*paths, *FRAME_EFFECTS})
-
-    def settings(self, settings: ChainSettings, pose: Pose | None) -> ChainSettings:
-        """How a frame at this pose is made.
-
-        :param settings: of the run, with every effect; :param pose: see :meth:`effects_at`
-        """
-        chosen = self.effects_at(pose).settings(settings)
-        return chosen if self.by_frame is None else replace(chosen, budget_db=self.budget_db)
 
     def to_json(self) -> dict[str, Any]:
         return {
             "scene": self.scene,
             "budget_db": self.budget_db,
             "effects": [dict(vars(item)) for item in self.decisions],
-            "by_frame": None if self.by_frame is None else asdict(self.by_frame),
         }
 
 
-def decide(scene: str, evidence: Mapping[str, Evidence], budget_db: float = DEFAULT_BUDGET_DB) -> EffectPlan:
-    """The plan that the evidence calls for."""
-    on: dict[str, bool] = {}
-    decisions = []
-    for name in NAMES:
-        found = evidence[name]
-        wanted = found.change_db > budget_db or found.cell_share > OCCUPIED_SHARE
-        needed = NEEDS.get(name)
-        on[name] = wanted and (needed is None or on[needed])
-        decisions.append(Decision(name, on[name], _reason(name, found, on[name], budget_db), found.text,
-                                  round(found.change_db, 1) + 0.0))  # fmt: skip
-    shares = {name: (evidence[name].power_share, evidence[name].cell_share) for name in NAMES}
-    return EffectPlan(scene, budget_db, tuple(decisions), shares)
+@dataclass(frozen=True)
+class FramePlan:
+    """What one frame decides.
 
-
-def plan_by_frame(
-    scene: str, found: Gathered, looked_at: Sequence[DealtFrame], budget_db: float, fastest_mps: float
-) -> EffectPlan:
-    """The plan that the evidence calls for, with what each frame that was looked at calls for.
-
-    :param looked_at: the frames that the evidence is on
+    :param effects: by name, whether it is made with them
+    :param losses: by name, what it loses without
+    :param bounds_db: the strongest candidate of an effect [dB of the peak], of those that have any
+    :param followed: effects with a candidate that the radar would notice
     """
-    looks = []
-    for frame, evidence in zip(looked_at, found.frames, strict=True):
-        needed = decide(scene, evidence, budget_db).effects.names
-        looks.append(Look(frame.frame_id, frame.where, tuple(name for name in needed if name in PATH_EFFECTS)))
-    elsewhere = tuple(name for name in PATH_EFFECTS if name not in found.absent)
-    plan = decide(scene, found.evidence, budget_db)
-    return replace(plan, by_frame=ByFrame(tuple(looks), elsewhere, fastest_mps))
+
+    effects: Mapping[str, bool]
+    losses: Mapping[str, Loss]
+    bounds_db: Mapping[str, float]
+    followed: frozenset[str]
 
 
-def by_choice(scene: str, effects: EffectSet) -> EffectPlan:
-    """The plan of a user who said which."""
-    decisions = tuple(Decision(name, getattr(effects, name), "as asked for", "--effects", 0.0) for name in NAMES)
-    return EffectPlan(scene, DEFAULT_BUDGET_DB, decisions, {})
+def plan_of_frame(frame: DealtFrame, scene: PreparedScene, radar: Radar, settings: ChainSettings) -> FramePlan:
+    """What a frame decides: traced with all that the scene has.
+
+    :param settings: of the run, with every effect and a budget
+    """
+    notice, window = settings.notice(radar), settings.processing.truth_window
+    if notice is None:
+        raise ValueError("budget_db is None; expected a budget, by which frames decide")
+    complete = SceneSource(frame, scene, replace(settings, budget_db=None)).traced(radar)
+    narrow, kept = narrowed(complete, settings, radar)
+    every = illuminated(complete, settings, radar)
+    peak = float(cell_power(every, radar, window).max(initial=0.0))
+    table = complete.table.at_wavelength(complete.wavelength_m, radar.waveform.wavelength_m)
+    bounds, followed = _weighed(table, notice, peak)
+    return FramePlan(
+        {**path_effects(kept), **narrow.signal_effects(radar)}, losses(every, radar, window), bounds, followed
+    )
 
 
-def _reason(name: str, found: Evidence, on: bool, budget_db: float) -> str:
-    what = DESCRIPTIONS[name].split(";")[0]
-    if found.change_db <= FLOOR_DB:
-        return found.text
-    level = f"{found.change_db:.1f} dB of the peak"
-    if on and found.change_db <= budget_db:
-        return f"{what}: {level}, but {100.0 * found.cell_share:.0f} % of the cells above the noise"
-    if on:
-        return f"{what}: {level}, above {budget_db:g} dB"
-    if found.change_db > budget_db or found.cell_share > OCCUPIED_SHARE:
-        return f"{what}: means nothing without {NEEDS[name]}"
-    return f"{what}: no more than {level}, within {budget_db:g} dB"
+def _weighed(table: PathTable, notice: Notice, peak: float) -> tuple[dict[str, float], frozenset[str]]:
+    """The strongest candidate of every effect [dB of the peak], and the effects that are followed."""
+    power, worth = notice.power_w(table.candidates), Decided.of(table, notice).worth
+    bounds, followed = dict[str, float](), set[str]()
+    for name, families in FAMILIES.items():
+        own = np.isin(table.candidates.family, families) & (power > 0.0)
+        if own.any():
+            bounds[name] = float(power_to_db(float(power[own].max()) / peak, FLOOR_DB)) if peak > 0.0 else 0.0
+        if worth[own].any():
+            followed.add(name)
+    return bounds, frozenset(followed)
+
+
+def plan_of_scene(scene: str, frames: Sequence[FramePlan], budget_db: float) -> EffectPlan:
+    """What some frames of a scene decide, together."""
+    if not frames:
+        nothing = tuple(Decision(name, False, NO_FRAME, "", FLOOR_DB) for name in NAMES)
+        return EffectPlan(scene, budget_db, nothing, {})
+    worst = {name: Loss.worst([frame.losses[name] for frame in frames]) for name in NAMES}
+    decisions = tuple(
+        Decision(
+            name, any(frame.effects[name] for frame in frames), _reason(name, frames, worst[name]), str(worst[name]),
+            round(worst[name].change_db, 1) + 0.0,
+        )
+        for name in NAMES
+    )  # fmt: skip
+    return EffectPlan(
+        scene, budget_db, decisions, {name: (loss.power_share, loss.cell_share) for name, loss in worst.items()}
+    )
+
+
+NO_FRAME = "no frame of the run stands in this scene"
+
+
+def _reason(name: str, frames: Sequence[FramePlan], worst: Loss) -> str:
+    what, having = DESCRIPTIONS[name].split(";")[0], sum(frame.effects[name] for frame in frames)
+    in_frames = "" if len(frames) == 1 else f", in {having} of {len(frames)} frames"
+    bound_db = max((frame.bounds_db[name] for frame in frames if name in frame.bounds_db), default=FLOOR_DB)
+    if having and name in NO_CHOICE:
+        return f"{what}: leaving it out saves nothing{in_frames}"
+    if having and worst.change_db <= FLOOR_DB:
+        return f"{what}{in_frames}"
+    if having:
+        return f"{what}: {worst.change_db:.1f} dB of the peak without it{in_frames}"
+    if bound_db <= FLOOR_DB and worst.change_db <= FLOOR_DB:
+        return ABSENT.get(name, what)
+    if any(name in frame.followed for frame in frames):
+        return f"{what}: looked for, nothing of it is in sight"
+    level_db = bound_db if bound_db > FLOOR_DB else worst.change_db
+    return f"{what}: each at most {level_db:.1f} dB of the peak, all of it below the frame's limit"

@@ -1,4 +1,4 @@
-"""Whether a plan keeps its promise: a frame as planned beside the same frame with every effect."""
+"""Whether frames keep their promise: one as it decides by itself beside the same with every effect."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.effects.catalogue import ALL
-from datafactory.effects.evidence import FLOOR_DB
+from datafactory.effects.losses import FLOOR_DB
 from datafactory.effects.timing import frame_seconds
 from datafactory.frame.chain import ChainSettings, SceneSource, TracedSource, illuminated, measured, narrowed
 from datafactory.frame.deal import DealtFrame
+from datafactory.frame.decision import Decided
 from datafactory.frame.measurement import image
 from datafactory.frame.prepared import PreparedScene
 from datafactory.paths.density import cell_power
@@ -29,7 +29,7 @@ REPEATS = 2
 
 @dataclass(frozen=True)
 class Proof:
-    """Differences between a plan's frame and the frame of every effect, over the latter's peaks [dB].
+    """Differences between a frame as it decides and the frame of every effect, over the latter's peaks [dB].
 
     :param power_db: of the power in the truth's resolution cells, as paths (each set traced by itself)
     :param input_db, truth_db: of the input's beamformed image and of the truth image, on the paths of every effect
@@ -55,28 +55,26 @@ class Proof:
         )
 
 
-def prove(
-    frame: DealtFrame, scene: PreparedScene, radar: Radar, settings: ChainSettings, planned: ChainSettings
-) -> Proof:
+def prove(frame: DealtFrame, scene: PreparedScene, radar: Radar, settings: ChainSettings) -> Proof:
     """Simulate one frame both ways, without noise: it is the same in both. Nothing is pruned but for the timing.
 
     Rows of both images lie in the Doppler cells that the frame of every effect chooses: where two peaks of a range bin
     are alike, the choice itself would hang on less than the budget.
 
-    :param settings: of the run, with every effect; :param planned: of this frame, by the plan
+    :param settings: of the run, with every effect and a budget
     """
-    every = _bare(ALL.settings(settings))
-    bare = _bare(planned)
-    complete = SceneSource(frame, scene, every).traced(radar)
-    expected = _images(TracedSource(complete, every), radar)
-    got = _images(TracedSource(complete, bare), radar, expected.cells)
-    _, paths = narrowed(SceneSource(frame, scene, bare).traced(radar), bare, radar)
+    everything = replace(settings, budget_db=None)
+    complete = SceneSource(frame, scene, everything).traced(radar)
+    narrow, _ = narrowed(complete, settings, radar)
+    notice = settings.notice(radar)
+    kept = complete.table if notice is None else Decided.of(complete.table, notice).kept(complete.table)
+    expected = _images(TracedSource(complete, _bare(everything)), radar)
+    got = _images(TracedSource(replace(complete, table=kept), _bare(narrow)), radar, expected.cells)
+    _, paths = narrowed(SceneSource(frame, scene, settings).traced(radar), settings, radar)
     window = settings.processing.truth_window
-    reference = cell_power(illuminated(complete, every, radar), radar, window)
+    reference = cell_power(illuminated(complete, everything, radar), radar, window)
     ratio = float(np.abs(cell_power(paths, radar, window) - reference).max() / max(reference.max(), 1e-300))
-    pairs = [
-        [frame_seconds(frame, scene, radar, of) for of in (planned, ALL.settings(settings))] for _ in range(REPEATS)
-    ]
+    pairs = [[frame_seconds(frame, scene, radar, of) for of in (settings, everything)] for _ in range(REPEATS)]
     planned_seconds, all_seconds = (min(times) for times in zip(*pairs, strict=True))
     return Proof(
         power_db=float(power_to_db(ratio, FLOOR_DB)),
@@ -88,9 +86,9 @@ def prove(
 
 
 def _bare(settings: ChainSettings) -> ChainSettings:
-    """Without noise, and with every path."""
+    """Without noise, and with every path that there is."""
     silent = replace(settings.processing, noise=False, store="range-channel")
-    return replace(settings, processing=silent, prune_db=UNPRUNED_DB)
+    return replace(settings, processing=silent, prune_db=UNPRUNED_DB, budget_db=None)
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,8 +6,8 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 
-from datafactory.effects.catalogue import ALL, NAMES, EffectSet
-from datafactory.effects.evidence import FLOOR_DB
+from datafactory.effects.catalogue import ALL, NAMES, NO_CHOICE, EffectSet
+from datafactory.effects.losses import FLOOR_DB
 from datafactory.effects.plan import EffectPlan
 from datafactory.frame.chain import ChainSettings, SceneSource, make_frames
 from datafactory.frame.deal import DealtFrame
@@ -33,25 +33,22 @@ def costs(
     plan: EffectPlan,
     advance: Advance = lambda done, total, label: None,
 ) -> dict[str, float]:
-    """Seconds a frame that each effect takes, or would take, beside the others of the plan.
+    """Seconds that each effect takes of a frame with every effect.
 
-    An effect that the scene lacks costs nothing and is not timed.
+    What the scene lacks, and what is no choice, costs nothing and is not timed.
 
     :param settings: of the run, with every effect
     """
-    effects = plan.effects
 
     def seconds(of: EffectSet) -> float:
-        return frame_seconds(frame, scene, radar, of.settings(settings))
+        return frame_seconds(frame, scene, radar, of.settings(replace(settings, budget_db=None)))
 
-    asked = [item.effect for item in plan.decisions if item.loss_db > FLOOR_DB]
-    advance(0, len(asked) + 1, "the plan itself")
+    asked = [item.effect for item in plan.decisions if item.loss_db > FLOOR_DB and item.effect not in NO_CHOICE]
+    advance(0, len(asked) + 1, "every effect")
     seconds(ALL)  # compiles what is to be compiled
-    planned = seconds(effects)
+    every = seconds(ALL)
     result = dict.fromkeys(NAMES, 0.0)
     for index, name in enumerate(asked):
         advance(index + 1, len(asked) + 1, name)
-        on = getattr(effects, name)
-        other = seconds(replace(effects, **{name: not on}))
-        result[name] = max(planned - other if on else other - planned, 0.0)
+        result[name] = max(every - seconds(ALL.without(name)), 0.0)
     return result

@@ -11,12 +11,13 @@ Frames are imaged in batches, which share the matrices of the image; a frame has
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import islice
 
 from datafactory.frame.boxes import boxes_of
 from datafactory.frame.deal import DealtFrame
+from datafactory.frame.decision import Decided, doppler_called_for, path_effects
 from datafactory.frame.defaults import IMAGE_BATCH
 from datafactory.frame.measurement import (
     FrameIdentity,
@@ -28,13 +29,13 @@ from datafactory.frame.measurement import (
     object_targets,
     plainly,
 )
-from datafactory.frame.needs import effects_called_for
 from datafactory.frame.points import CloseTargets, draw_close_targets
 from datafactory.frame.prepared import PreparedScene
 from datafactory.frame.seeds import generator
 from datafactory.paths.backend import select_variant
 from datafactory.paths.defaults import CPU
 from datafactory.paths.density import lit_cells
+from datafactory.paths.notice import Notice
 from datafactory.paths.prune import DEFAULT_LEVEL_DB, pruned
 from datafactory.paths.rays import RayFan
 from datafactory.paths.solver import TraceSettings
@@ -63,8 +64,9 @@ class ChainSettings:
     :param prune_db: see :func:`datafactory.paths.prune.pruned`
     :param antenna_pattern: an effect: the elements' gain by direction; off: the gain of boresight everywhere
     :param close_targets: distributions of the targets of a point frame
-    :param budget_db: what leaving an effect of the signal out of a frame may change [dB of the peak]: of those that
-        are on, each frame then has the ones that its own paths call for; None leaves them all
+    :param budget_db: what leaving effects out of a frame may change [dB of the peak]: each frame then has what its own
+        paths call for, of the effects that are on; None for all of them
+    :param below_noise: whether what is left out by the budget has to be below the receiver's noise as well
     :param device: where rays are traced and signals made: "cpu" or "cuda"
     """
 
@@ -74,38 +76,31 @@ class ChainSettings:
     antenna_pattern: bool = True
     close_targets: CloseTargets = field(default_factory=CloseTargets)
     budget_db: float | None = None
+    below_noise: bool = True
     device: str = CPU
 
-    def path_effects(self) -> dict[str, bool]:
-        """Effects that decide which paths are traced, by name, on or off."""
-        trace = self.trace
-        return {
-            "specular": trace.specular,
-            "diffuse": trace.diffuse,
-            "multi_bounce": trace.depth > 1,
-            "refraction": trace.refraction,
-            "diffraction": trace.diffraction,
-            "corners": trace.corners,
-            "rcs_targets": trace.point_targets,
-        }
+    def notice(self, radar: Radar) -> Notice | None:
+        """What decides over what is left out of a frame; None where nothing is."""
+        if self.budget_db is None:
+            return None
+        window = self.processing.truth_window
+        return Notice(radar, self.budget_db, self.below_noise, self.antenna_pattern, window)
 
-    def frame_effects(self) -> dict[str, bool]:
-        """Effects that work on the paths that there are, by name, on or off."""
-        processing = self.processing
+    def signal_effects(self, radar: Radar) -> dict[str, bool]:
+        """Effects that work on the paths that there are, by name, on or off.
+
+        What comes with Doppler has no form of its own without it, and the near field is always there.
+        """
+        front_end, doppler = radar.front_end, self.processing.doppler
+        directive = not front_end.tx_pattern.kind == front_end.rx_pattern.kind == "isotropic"
         return {
-            "doppler": processing.doppler,
-            "range_migration": True,
-            "intra_chirp_motion": True,
+            "doppler": doppler,
+            "range_migration": doppler,
+            "intra_chirp_motion": doppler,
             "near_field": True,
-            "antenna_pattern": self.antenna_pattern,
-            "noise": processing.noise,
+            "antenna_pattern": self.antenna_pattern and directive,
+            "noise": self.processing.noise,
         }
-
-    def with_frame_effects(self, wanted: Collection[str]) -> ChainSettings:
-        """These settings with no other effects of the signal than ``wanted``."""
-        kept = {name: on and name in wanted for name, on in self.frame_effects().items()}
-        processing = replace(self.processing, doppler=kept["doppler"], noise=kept["noise"])
-        return replace(self, processing=processing, antenna_pattern=kept["antenna_pattern"])
 
 
 @dataclass(frozen=True)
@@ -117,7 +112,8 @@ class SceneSource:
     settings: ChainSettings
 
     def traced(self, radar: Radar, at: Hook = plainly) -> TracedFrame:
-        """Pose and multipath, independent of the radar but for its wavelength and polarisation."""
+        """Pose and multipath, independent of the radar but for its wavelength, its polarisation, and what it would not
+        notice where a budget leaves that out."""
         select_variant(self.settings.device)
         frame, scene, front_end = self.frame, self.scene, radar.front_end
         rays = frame.rays()
@@ -125,9 +121,8 @@ class SceneSource:
         settings = replace(self.settings.trace, polarization=(front_end.tx_polarization, front_end.rx_polarization))
         table = at(
             "trace", trace, scene.merged, scene.materials, frame.where, radar.waveform.mid_sweep_hz, settings, fan,
-            rays.solver_seed, frame.target_seed(),
+            rays.solver_seed, frame.target_seed(), self.settings.notice(radar),
         )  # fmt: skip
-        table = replace(table, counts={**table.counts, **_counted(self.settings.path_effects())})
         return TracedFrame(
             frame_id=frame.frame_id,
             scene=scene.name,
@@ -208,10 +203,15 @@ def measured(source: Source, radar: Radar, at: Hook = plainly) -> Measurement:
             pose.time_s, traced.sequence,
         )  # fmt: skip
         settings, paths = narrowed(traced, settings, radar, at)
+        effects = {**path_effects(paths), **settings.signal_effects(radar)}
         boxes, boxed = boxes_of(traced.things, paths, radar)
         paths = at("prune", pruned, paths, radar, settings.prune_db)
         known = object_targets(paths, len(paths.objects) - traced.point_targets, radar)
-        counted = {**lit_cells(paths, radar), **boxed, **_counted(settings.frame_effects())}
+        counted = {
+            **lit_cells(paths, radar),
+            **boxed,
+            **{f"{FRAMES_WITH}{name}": int(on) for name, on in effects.items()},
+        }
     counts = {**paths.counts, **counted, "frames": 1, "paths": len(paths)}
     noise = generator(identity.seed, "noise")
     kernels = kernels_on(settings.device)
@@ -230,21 +230,18 @@ def illuminated(traced: TracedFrame, settings: ChainSettings, radar: Radar, at: 
 def narrowed(
     traced: TracedFrame, settings: ChainSettings, radar: Radar, at: Hook = plainly
 ) -> tuple[ChainSettings, PathTable]:
-    """The settings with the effects of the signal that this frame calls for, and its illuminated paths by them.
+    """The settings with the effects of the signal that this frame calls for, and its illuminated paths, without those
+    that the radar would not notice.
 
-    Without a budget these are the settings as they are.
+    Without a budget nothing is left out but the motion of what stands still.
     """
+    notice, window = settings.notice(radar), settings.processing.truth_window
+    limit_w = 0.0
+    if notice is not None:
+        table = traced.table.at_wavelength(traced.wavelength_m, radar.waveform.wavelength_m)
+        decided = at("effects", Decided.of, table, notice)
+        limit_w = decided.limit_w
+        traced = replace(traced, table=decided.kept(traced.table))
     paths = illuminated(traced, settings, radar, at)
-    if settings.budget_db is None:
-        return settings, paths
-    window = settings.processing.truth_window
-    wanted = at("effects", effects_called_for, paths, radar, window, settings.budget_db)
-    narrow = settings.with_frame_effects(wanted)
-    if narrow.antenna_pattern != settings.antenna_pattern:
-        paths = illuminated(traced, narrow, radar, at)
-    return narrow, paths
-
-
-def _counted(effects: Mapping[str, bool]) -> dict[str, int]:
-    """A frame's entries in the manifest's counts: 1 for each effect that it is made with."""
-    return {f"{FRAMES_WITH}{name}": int(on) for name, on in effects.items()}
+    moving = settings.processing.doppler and doppler_called_for(paths, radar, window, limit_w)
+    return replace(settings, processing=replace(settings.processing, doppler=moving)), paths

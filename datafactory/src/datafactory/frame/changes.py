@@ -25,6 +25,8 @@ Real = NDArray[np.float64]
 POINTS = 64
 """Samples of the windows in these integrals; their spectra are a few bins wide."""
 PADDING = 16
+BLOCK = 8192
+"""Paths at a time whose phases at every channel are held in memory."""
 
 
 def doppler_change(radial_mps: Real, waveform: Waveform) -> Real:
@@ -62,13 +64,20 @@ def plane_wave_change(paths: PathTable, array: AntennaArray, wavelength_m: float
     which bounds the change of the beamformer's output (Cauchy and Schwarz).
     """
     tx, rx = array.tx[array.channel_tx], array.rx[array.channel_rx]
-    scattered, specular = paths.scattered, paths.specular
-    error = _curvature(scattered.tx_point, tx) + _curvature(scattered.rx_point, rx)
+    found, specular = [], paths.specular
+    for first in range(0, len(paths.scattered), BLOCK):
+        some = paths.scattered.take(np.arange(first, min(first + BLOCK, len(paths.scattered))))
+        found.append(_of_errors(_curvature(some.tx_point, tx) + _curvature(some.rx_point, rx), wavelength_m))
     # A mirror shows the TX's image; seen from it an RX stands displaced by both their places.
     displaced = rx - np.einsum("kij,cj->kci", specular.axes, tx - specular.reference)
-    error = np.concatenate([error, _curvature(specular.image, displaced)])
-    coherence = np.abs(np.mean(np.exp(2j * np.pi * error / wavelength_m), axis=1))
-    return np.sqrt(np.maximum(2.0 - 2.0 * coherence, 0.0))
+    return np.concatenate([*found, _of_errors(_curvature(specular.image, displaced), wavelength_m)])
+
+
+def _of_errors(error_m: Real, wavelength_m: float) -> Real:
+    """[K] of :func:`plane_wave_change`, of the channels' errors in length [K, C] [m]."""
+    coherence = np.abs(np.mean(np.exp(2j * np.pi * error_m / wavelength_m), axis=1))
+    change: Real = np.sqrt(np.maximum(2.0 - 2.0 * coherence, 0.0))
+    return change
 
 
 def _curvature(point: Real, elements: Real) -> Real:
@@ -76,73 +85,6 @@ def _curvature(point: Real, elements: Real) -> Real:
     distance = np.maximum(lengths(point), 1e-9)[:, None]
     spherical = lengths(point[:, None] - elements)
     return spherical - (distance - np.sum(point[:, None] * elements, axis=2) / distance)
-
-
-def plane_wave_bound(paths: PathTable, array: AntennaArray, wavelength_m: float) -> Real:
-    """[K] what :func:`plane_wave_change` does not exceed, in closed form.
-
-    An element at distance a from the origin sees a point at R > a with sqrt(d^2 + h^2) - d <= h^2 / 2 d, where h <= a
-    is its distance from the line of sight and d >= R - a. The channels' phase errors so lie in an interval [0, D], and
-    |mean exp(j d_c)| >= cos(D / 2), so that the change is at most 2 sin(D / 4), and sqrt(2) where D exceeds pi.
-
-    Of scattered paths it is also at most the standard deviation of d_c, because |mean exp(j d_c)| >= 1 - var(d_c) / 2.
-    That of the quadratic part, k h^2 / 2 R, is a closed form of the direction; the rest is at most a / (R - a) of it.
-    """
-    tx, rx = (float(np.linalg.norm(places, axis=1).max()) for places in (array.tx, array.rx))
-    scattered, specular = paths.scattered, paths.specular
-    at_tx, at_rx = lengths(scattered.tx_point), lengths(scattered.rx_point)
-    error = _largest_curvature(at_tx, tx) + _largest_curvature(at_rx, rx)
-    spread = np.hypot(_spread(scattered.tx_point, at_tx, array.tx), _spread(scattered.rx_point, at_rx, array.rx))
-    spread += _remainder(at_tx, tx) + _remainder(at_rx, rx)
-    displaced = rx + tx + float(np.linalg.norm(specular.reference))
-    error = np.concatenate([error, _largest_curvature(lengths(specular.image), displaced)])
-    bound = 2.0 * np.sin(0.25 * np.minimum(2.0 * np.pi * error / wavelength_m, np.pi))
-    by_spread = np.full(len(bound), np.inf)
-    by_spread[: len(scattered)] = 2.0 * np.pi * spread / wavelength_m
-    return np.minimum(bound, by_spread)
-
-
-def _spread(point: Real, distance: Real, elements: Real) -> Real:
-    """[K] standard deviation over the elements of h^2 / 2 R [m], h their distance from the line of sight.
-
-    :param distance: [K] of the points [K, 3]
-    """
-    # h^2 = |x|^2 - (n x)^2 is linear in 1 and the six products of n's components; so its variance is a quadratic form.
-    rows, columns = np.triu_indices(3)
-    products = elements[:, rows] * elements[:, columns] * np.where(rows == columns, 1.0, 2.0)
-    terms = np.column_stack([np.sum(elements**2, axis=1), -products])
-    covariance = (terms - terms.mean(axis=0)).T @ (terms - terms.mean(axis=0)) / len(terms)
-    return _deviation(np.ascontiguousarray(point), np.maximum(distance, 1e-9), covariance)
-
-
-@compiled()
-def _deviation(point, distance, covariance):
-    """[K] sqrt(d C d) / 2 R of the directions' terms d: 1, xx, xy, xz, yy, yz, zz."""
-    result, d = np.empty(len(point)), np.empty(7)
-    for k in range(len(point)):
-        x, y, z = point[k, 0] / distance[k], point[k, 1] / distance[k], point[k, 2] / distance[k]
-        d[0], d[1], d[2], d[3], d[4], d[5], d[6] = 1.0, x * x, x * y, x * z, y * y, y * z, z * z
-        variance = 0.0
-        for i in range(7):
-            inner = 0.0
-            for j in range(7):
-                inner += covariance[i, j] * d[j]
-            variance += d[i] * inner
-        result[k] = np.sqrt(max(variance, 0.0)) / (2.0 * distance[k])
-    return result
-
-
-def _remainder(distance: Real, reach_m: float) -> Real:
-    """[K] the most by which the curvature differs from its quadratic part [m]: e = h^2 / (d + sqrt(d^2 + h^2)), where
-    both terms lie within R - a and R + a."""
-    beyond = np.maximum(distance - reach_m, 1e-9)
-    return 0.5 * reach_m**2 / np.maximum(distance, 1e-9) * reach_m / beyond
-
-
-def _largest_curvature(distance: Real, reach_m: float) -> Real:
-    """[K] the most that :func:`_curvature` can be for elements within ``reach_m`` of the origin [m]."""
-    beyond = distance - reach_m
-    return np.where(beyond > 0.0, 0.5 * reach_m**2 / np.where(beyond > 0.0, beyond, 1.0), np.inf)
 
 
 def range_rates_mps(paths: PathTable, waveform: Waveform) -> Real:

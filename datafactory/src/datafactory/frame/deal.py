@@ -252,12 +252,6 @@ class Deal:
         return DealtFrame(frame_id, "scene", split, seed, scene=scene, pose=pose, sequence=sequence, shared_seed=shared)
 
 
-def spread(frame_ids: Sequence[int], most: int) -> tuple[int, ...]:
-    """At most ``most`` of these frames, at even distances, the first among them."""
-    step = max(1, math.ceil(len(frame_ids) / most))
-    return tuple(frame_ids[::step])
-
-
 def first_middle_last(frame_ids: Sequence[int]) -> tuple[int, ...]:
     """At most three of these frames, spread over the run: the first, the middle one, the last."""
     if not frame_ids:

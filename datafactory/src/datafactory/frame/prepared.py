@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from datafactory.frame.deal import DealtFrame
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.scenes.boxes import BoxedThing
 from datafactory.scenes.materials.table import MaterialMapping
@@ -25,14 +24,3 @@ class PreparedScene:
     merged: MergedScene
     materials: MaterialMapping
     things: tuple[BoxedThing, ...] = ()
-
-
-@dataclass(frozen=True)
-class Sample:
-    """Frames of a run that are looked at before or after it, all in one scene.
-
-    :param frames: in the order of the run
-    """
-
-    scene: PreparedScene
-    frames: tuple[DealtFrame, ...]

@@ -213,12 +213,25 @@ def integrals(cells: Cells, views: Views, wavelength_m: float, seen: NDArray[np.
     """
     total = np.zeros((2, len(views.height)), dtype=np.complex128)
     for order in (0, 1):
-        one = FaceOrder.of(cells, views, order)
-        middle = one.beam(wavelength_m)
-        ends = np.concatenate([np.zeros((len(middle), 1)), middle[:, :-1] + middle[:, :1], one.end()[:, None]], axis=1)
-        across = (np.diff(one.share_to(ends, wavelength_m), axis=1) * seen[order]).sum(axis=1)
+        across = (_pieces_across(FaceOrder.of(cells, views, order), wavelength_m) * seen[order]).sum(axis=1)
         np.add.at(total[order], cells.corner, cells.share * across)
     return total
+
+
+def integrals_at_most(cells: Cells, views: Views, wavelength_m: float) -> Real:
+    """[C] what the sum of |F| of both orders does not exceed, whatever pieces are in sight: all of them in phase."""
+    total = np.zeros(len(views.height))
+    for order in (0, 1):
+        across = np.abs(_pieces_across(FaceOrder.of(cells, views, order), wavelength_m)).sum(axis=1)
+        np.add.at(total, cells.corner, np.abs(cells.share) * across)
+    return total
+
+
+def _pieces_across(one: FaceOrder, wavelength_m: float) -> Complex:
+    """[K, ACROSS] F across of the pieces of the aperture."""
+    middle = one.beam(wavelength_m)
+    ends = np.concatenate([np.zeros((len(middle), 1)), middle[:, :-1] + middle[:, :1], one.end()[:, None]], axis=1)
+    return np.diff(one.share_to(ends, wavelength_m), axis=1)
 
 
 def without_hidden(cells: Cells, seen: NDArray[np.bool_]) -> tuple[Cells, NDArray[np.bool_]]:

@@ -48,6 +48,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fresnel
 
+from datafactory.paths.candidates import CORNER as CORNER_ECHO
+from datafactory.paths.candidates import Candidates
 from datafactory.paths.corner_aperture import (
     GRAZING,
     Cells,
@@ -55,6 +57,7 @@ from datafactory.paths.corner_aperture import (
     cells_along,
     ends_along,
     integrals,
+    integrals_at_most,
     integrals_of_all,
     longer_along,
     place_of,
@@ -84,42 +87,69 @@ SHORT = 1.0
 """v between phase centre and an end of the edge below which a corner ends there as a body would."""
 
 
-def corner_echoes(
-    corners: CornerEdges,
-    slabs: Sequence[Material],
-    frequency_hz: float,
-    sight: Sight,
-    polarization: tuple[Polarization, Polarization] = ("V", "V"),
-) -> tuple[ScatteredPaths, SpecularPaths, dict[str, int]]:
+class CornerEchoes:
     """Echoes of corners to the radar, at the origin: two paths a corner, one for each order of its faces.
 
     :param corners: in the radar frame, ``corners_of(merged_scene).seen_from(pose)``
     :param slabs: material of each merged mesh; :param frequency_hz: mid-sweep
-    :param sight: whether nothing stands between points
     :param polarization: of TX and RX
-    :return: small corners and wide ones, with the delay law that suits either, and counts
     """
-    wavelength = SPEED_OF_LIGHT / frequency_hz
-    facing, views = _facing(corners, wavelength)
-    corners = corners.take(facing)
-    cells = cells_along(corners, views, wavelength)
-    possible = np.abs(integrals_of_all(cells, views, wavelength)).sum(axis=0)
-    heard = np.pi * views.height**2 * possible**2 > float(db_to_power(FAINTEST_DBSM))
-    faint = len(corners) - int(heard.sum())
-    corners, views, cells = _kept(heard, corners, views, cells)
-    seen = pieces_in_sight(corners, cells, views, wavelength, sight)
-    in_sight = np.zeros(len(corners), dtype=bool)
-    np.logical_or.at(in_sight, cells.corner, seen.any(axis=(0, 2)))
-    cells, seen = without_hidden(cells, seen)
-    hidden = len(corners) - int(in_sight.sum())
-    shares = integrals(cells, views, wavelength, seen)[:, in_sight]
-    low, high = ends_along(cells, len(corners))
-    width = widths_across(cells, views, wavelength, len(corners))
-    corners, views = corners.take(in_sight), views.take(in_sight)
-    scattered, specular = _paths(
-        corners, views, shares, (low[in_sight], high[in_sight]), width[in_sight], slabs, frequency_hz, polarization
-    )
-    return scattered, specular, {"corners_faint": faint, "corners_hidden": hidden}
+
+    def __init__(
+        self,
+        corners: CornerEdges,
+        slabs: Sequence[Material],
+        frequency_hz: float,
+        polarization: tuple[Polarization, Polarization] = ("V", "V"),
+    ) -> None:
+        self._slabs, self._frequency_hz, self._polarization = slabs, frequency_hz, polarization
+        wavelength = SPEED_OF_LIGHT / frequency_hz
+        facing, views = _facing(corners, wavelength)
+        corners = corners.take(facing)
+        cells = cells_along(corners, views, wavelength)
+        possible = np.abs(integrals_of_all(cells, views, wavelength)).sum(axis=0)
+        heard = np.pi * views.height**2 * possible**2 > float(db_to_power(FAINTEST_DBSM))
+        self._faint = len(corners) - int(heard.sum())
+        self._corners, self._views, self._cells = _kept(heard, corners, views, cells)
+
+    @property
+    def candidates(self) -> Candidates:
+        """Of every corner: all pieces of its aperture in phase, or what none exceeds."""
+        corners, views = self._corners, self._views
+        wavelength = SPEED_OF_LIGHT / self._frequency_hz
+        in_phase = (
+            wavelength / (4.0 * np.pi * views.shortest) * integrals_at_most(self._cells, views, wavelength)
+        ) ** 2
+        nearest = _nearest(corners, views)
+        of_section = wavelength**2 * _bound(corners, views, nearest, wavelength) / (64.0 * np.pi**3 * views.height**4)
+        return Candidates.of(CORNER_ECHO, nearest, np.minimum(in_phase, of_section))
+
+    def seen(
+        self, sight: Sight, worth: NDArray[np.bool_] | None = None
+    ) -> tuple[ScatteredPaths, SpecularPaths, dict[str, int]]:
+        """Small corners and wide ones, with the delay law that suits either, and counts.
+
+        :param worth: which of the candidates are followed; None for all
+        """
+        wavelength = SPEED_OF_LIGHT / self._frequency_hz
+        corners, views, cells = self._corners, self._views, self._cells
+        number = np.arange(len(corners), dtype=np.int32)
+        if worth is not None:
+            (corners, views, cells), number = _kept(worth, corners, views, cells), number[worth]
+        seen = pieces_in_sight(corners, cells, views, wavelength, sight)
+        in_sight = np.zeros(len(corners), dtype=bool)
+        np.logical_or.at(in_sight, cells.corner, seen.any(axis=(0, 2)))
+        cells, seen = without_hidden(cells, seen)
+        hidden = len(corners) - int(in_sight.sum())
+        shares = integrals(cells, views, wavelength, seen)[:, in_sight]
+        low, high = ends_along(cells, len(corners))
+        width = widths_across(cells, views, wavelength, len(corners))
+        corners, views = corners.take(in_sight), views.take(in_sight)
+        scattered, specular = _paths(
+            corners, views, shares, (low[in_sight], high[in_sight]), width[in_sight], self._slabs, self._frequency_hz,
+            self._polarization, number[in_sight],
+        )  # fmt: skip
+        return scattered, specular, {"corners_faint": self._faint, "corners_hidden": hidden}
 
 
 def _facing(corners: CornerEdges, wavelength_m: float) -> tuple[Index, Views]:
@@ -134,11 +164,17 @@ def _facing(corners: CornerEdges, wavelength_m: float) -> tuple[Index, Views]:
     opening = corners.opening
     views = Views(foot, foot_z, height, angle, opening)
     inside = (angle > GRAZING) & (angle < opening - GRAZING) & (height > NEAREST_M)
-    low, high = corners.extent()
-    nearest = foot + (np.clip(foot_z, low, high) - foot_z)[:, None] * corners.direction
+    nearest = _nearest(corners, views)
     heard = _bound(corners, views, nearest, wavelength_m) > float(db_to_power(FAINTEST_DBSM))
     index = np.flatnonzero(inside & heard & (nearest[:, 0] >= -AHEAD_M))
     return index, views.take(index)
+
+
+def _nearest(corners: CornerEdges, views: Views) -> Real:
+    """[C, 3] the point of each edge that is nearest to the radar."""
+    low, high = corners.extent()
+    beside = np.clip(views.foot_z, low, high) - views.foot_z
+    return views.foot + beside[:, None] * corners.direction
 
 
 def _bound(corners: CornerEdges, views: Views, nearest: Real, wavelength_m: float) -> Real:
@@ -177,8 +213,12 @@ def _paths(
     slabs: Sequence[Material],
     frequency_hz: float,
     polarization: tuple[Polarization, Polarization],
+    number: NDArray[np.int32],
 ) -> tuple[ScatteredPaths, SpecularPaths]:
-    """The paths of both orders in the delay law that suits each corner."""
+    """The paths of both orders in the delay law that suits each corner.
+
+    :param number: [C] of the corners among the candidates
+    """
     wavelength = SPEED_OF_LIGHT / frequency_hz
     low, high = ends
     beside = (low >= 0.0) | (high <= 0.0)
@@ -206,6 +246,7 @@ def _paths(
         depth=np.full(len(wide), 2, dtype=np.int8),
         object_index=corners.object_index[both[wide]],
         kinds=np.full(len(wide), CORNER, dtype=np.uint8),
+        candidate=number[both[wide]],
     )
     # The integral's phase counts from L*, the table's from the way to the point and back.
     rest = views.shortest - 2.0 * np.linalg.norm(point, axis=1)
@@ -215,6 +256,7 @@ def _paths(
         ScatteredPaths.of_points(point[owner], velocity[owner], (amplitude * lag)[small], corners.object_index[owner]),
         depth=np.full(len(small), 2, dtype=np.int8),
         kinds=np.full(len(small), CORNER, dtype=np.uint8),
+        candidate=number[owner],
     )
     return scattered, specular
 

@@ -26,6 +26,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.paths.candidates import CORNER as CORNER_ECHO
+from datafactory.paths.candidates import Candidates
 from datafactory.paths.corner_aperture import BEAM_ZONES, GRAZING, SPREAD_M
 from datafactory.paths.corner_echoes import FAINTEST_DBSM, WIDE
 from datafactory.paths.corner_points import CornerPoints
@@ -52,68 +54,99 @@ OFF_CYCLES = 0.125
 """Largest turn of the phase across the aperture [cycles] of a corner that counts as right-angled."""
 
 
-def corner_point_echoes(
-    points: CornerPoints,
-    slabs: Sequence[Material],
-    frequency_hz: float,
-    sight: Sight,
-    polarization: tuple[Polarization, Polarization] = ("V", "V"),
-) -> tuple[ScatteredPaths, SpecularPaths, dict[str, int]]:
+class CornerPointEchoes:
     """Echoes of trihedral corners to the radar, at the origin.
 
     :param points: in the radar frame, ``points_of(merged_scene).seen_from(pose)``
     :param slabs: material of each merged mesh; :param frequency_hz: mid-sweep
-    :param sight: whether nothing stands between points
     :param polarization: of TX and RX
-    :return: small corners and wide ones, with the delay law that suits either, and counts
     """
-    wavelength = SPEED_OF_LIGHT / frequency_hz
-    range_m = np.linalg.norm(points.apex, axis=1)
-    home = -unit(points.apex)
-    facing = (np.einsum("qij,qj->qi", points.axes, home) > GRAZING).all(axis=1)
-    facing &= (range_m > NEAREST_M) & (points.apex[:, 0] >= -AHEAD_M)
-    points, range_m, home = points.take(facing), range_m[facing], home[facing]
-    face, rim, width, longer = _outline(points, home)
-    opposite = np.roll(np.arange(AROUND), AROUND // 2)
-    longer = np.minimum(longer, longer[:, opposite])
-    width = np.minimum(width, width[:, opposite])
-    used = np.minimum(width.max(axis=1, initial=0.0), BEAM_ZONES * np.sqrt(0.5 * wavelength * range_m))
-    square = 4.0 * used * points.off_square < OFF_CYCLES * wavelength
-    local = 1.0 - np.exp(2j * np.pi * longer / wavelength - (longer / SPREAD_M) ** 2)
-    heard = np.pi * range_m**2 * np.abs(local.mean(axis=1)) ** 2 > float(db_to_power(FAINTEST_DBSM))
-    counts = {"corner_points_off_square": int((~square).sum())}
-    chosen = np.flatnonzero(square & heard)
-    points, range_m, face, rim, local = points.take(chosen), range_m[chosen], face[chosen], rim[chosen], local[chosen]
-    seen = _in_sight(points, face, rim, wavelength, sight)
-    local = np.where(seen & seen[:, opposite], local, 0.0)
-    amplitude = np.zeros(len(points), dtype=np.complex128)
-    for first in range(3):
-        for last in {0, 1, 2} - {first}:
-            here = (face == first) & (face[:, opposite] == last)
-            gamma = _reflection(points, (first, 3 - first - last, last), slabs, frequency_hz, polarization)
-            amplitude += np.conj(gamma) * np.where(here, local, 0.0).sum(axis=1) / AROUND
-    amplitude *= wavelength / (8.0 * np.pi * range_m)
-    visible = amplitude != 0.0
-    counts["corner_points_hidden"] = int((~visible).sum())
-    wide = np.median(np.sqrt(4.0 * longer[chosen] / wavelength), axis=1) >= WIDE if len(chosen) else visible
-    small, large = np.flatnonzero(visible & ~wide), np.flatnonzero(visible & wide)
-    scattered = ScatteredPaths.of_points(
-        points.apex[small], points.velocity[small], amplitude[small], points.object_index[small]
-    )
-    return (
-        replace(scattered, depth=np.full(len(small), 3, np.int8), kinds=np.full(len(small), CORNER, np.uint8)),
-        SpecularPaths(
-            image=2.0 * points.apex[large],
-            image_velocity=2.0 * points.velocity[large],
-            axes=np.tile(-np.eye(3), (len(large), 1, 1)),
-            reference=np.zeros(3),
-            amplitude=amplitude[large],
-            depth=np.full(len(large), 3, dtype=np.int8),
-            object_index=points.object_index[large],
-            kinds=np.full(len(large), CORNER, dtype=np.uint8),
-        ),
-        counts,
-    )
+
+    def __init__(
+        self,
+        points: CornerPoints,
+        slabs: Sequence[Material],
+        frequency_hz: float,
+        polarization: tuple[Polarization, Polarization] = ("V", "V"),
+    ) -> None:
+        self._slabs, self._frequency_hz, self._polarization = slabs, frequency_hz, polarization
+        wavelength = SPEED_OF_LIGHT / frequency_hz
+        range_m = np.linalg.norm(points.apex, axis=1)
+        home = -unit(points.apex)
+        facing = (np.einsum("qij,qj->qi", points.axes, home) > GRAZING).all(axis=1)
+        facing &= (range_m > NEAREST_M) & (points.apex[:, 0] >= -AHEAD_M)
+        points, range_m, home = points.take(facing), range_m[facing], home[facing]
+        face, rim, width, longer = _outline(points, home)
+        opposite = np.roll(np.arange(AROUND), AROUND // 2)
+        longer = np.minimum(longer, longer[:, opposite])
+        width = np.minimum(width, width[:, opposite])
+        used = np.minimum(width.max(axis=1, initial=0.0), BEAM_ZONES * np.sqrt(0.5 * wavelength * range_m))
+        square = 4.0 * used * points.off_square < OFF_CYCLES * wavelength
+        local = 1.0 - np.exp(2j * np.pi * longer / wavelength - (longer / SPREAD_M) ** 2)
+        heard = np.pi * range_m**2 * np.abs(local.mean(axis=1)) ** 2 > float(db_to_power(FAINTEST_DBSM))
+        self._off_square = int((~square).sum())
+        chosen = np.flatnonzero(square & heard)
+        self._points, self._face, self._rim, self._local = points.take(chosen), face[chosen], rim[chosen], local[chosen]
+        zones = np.sqrt(4.0 * longer[chosen] / wavelength)
+        self._wide = np.median(zones, axis=1) >= WIDE if len(chosen) else np.zeros(0, dtype=bool)
+        self._scale = wavelength / (8.0 * np.pi * range_m[chosen])
+
+    @property
+    def candidates(self) -> Candidates:
+        """Of every corner: what it would send back if all directions of its aperture were in phase."""
+        return Candidates.of(CORNER_ECHO, self._points.apex, (self._scale * np.abs(self._local).mean(axis=1)) ** 2)
+
+    def seen(
+        self, sight: Sight, worth: NDArray[np.bool_] | None = None
+    ) -> tuple[ScatteredPaths, SpecularPaths, dict[str, int]]:
+        """Small corners and wide ones, with the delay law that suits either, and counts.
+
+        :param worth: which of the candidates are followed; None for all
+        """
+        number = np.arange(len(self._points), dtype=np.int32)
+        number = number if worth is None else number[worth]
+        points, face, local, wide = (
+            self._points.take(number),
+            self._face[number],
+            self._local[number],
+            self._wide[number],
+        )
+        opposite = np.roll(np.arange(AROUND), AROUND // 2)
+        seen = _in_sight(points, face, self._rim[number], SPEED_OF_LIGHT / self._frequency_hz, sight)
+        local = np.where(seen & seen[:, opposite], local, 0.0)
+        amplitude = np.zeros(len(points), dtype=np.complex128)
+        for first in range(3):
+            for last in {0, 1, 2} - {first}:
+                here = (face == first) & (face[:, opposite] == last)
+                order = (first, 3 - first - last, last)
+                gamma = _reflection(points, order, self._slabs, self._frequency_hz, self._polarization)
+                amplitude += np.conj(gamma) * np.where(here, local, 0.0).sum(axis=1) / AROUND
+        amplitude *= self._scale[number]
+        visible = amplitude != 0.0
+        small, large = np.flatnonzero(visible & ~wide), np.flatnonzero(visible & wide)
+        scattered = ScatteredPaths.of_points(
+            points.apex[small], points.velocity[small], amplitude[small], points.object_index[small]
+        )
+        return (
+            replace(
+                scattered,
+                depth=np.full(len(small), 3, np.int8),
+                kinds=np.full(len(small), CORNER, np.uint8),
+                candidate=number[small],
+            ),
+            SpecularPaths(
+                image=2.0 * points.apex[large],
+                image_velocity=2.0 * points.velocity[large],
+                axes=np.tile(-np.eye(3), (len(large), 1, 1)),
+                reference=np.zeros(3),
+                amplitude=amplitude[large],
+                depth=np.full(len(large), 3, dtype=np.int8),
+                object_index=points.object_index[large],
+                kinds=np.full(len(large), CORNER, dtype=np.uint8),
+                candidate=number[large],
+            ),
+            {"corner_points_off_square": self._off_square, "corner_points_hidden": int((~visible).sum())},
+        )
 
 
 def _outline(points: CornerPoints, home: Real) -> tuple[Index, Real, Real, Real]:

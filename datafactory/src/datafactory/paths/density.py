@@ -77,20 +77,31 @@ def cell_map(paths: PathTable, radar: Radar, truth_window: str) -> CellMap:
 
     :param truth_window: over the virtual sensor's elements, see :func:`shared.signal.windows.angle_window`
     """
+    range_m = np.concatenate([paths.scattered.range_m(), paths.specular.range_m()])
+    arrival = np.concatenate([paths.scattered.rx_point, paths.specular.image])
+    power = np.abs(np.concatenate([paths.scattered.amplitude, paths.specular.amplitude])) ** 2
+    row, column, columns = cell_numbers(range_m, arrival, radar, truth_window)
+    inside = row < radar.waveform.range_bins
+    cell = np.where(inside, row * columns + column, 0)
+    return CellMap((radar.waveform.range_bins, columns), cell, np.where(inside, power, 0.0))
+
+
+def cell_numbers(
+    range_m: NDArray[np.float64], arrival: NDArray[np.float64], radar: Radar, truth_window: str
+) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
+    """Range bin [K] and column in u [K] of echoes, and the number of columns: one range bin times the truth's -3 dB
+    width.
+
+    :param range_m: [K] [m]; :param arrival: [K, 3] points from which they come [m]
+    """
     elements, wavelength = radar.virtual_sensor.channels, radar.waveform.wavelength_m
     aperture = float(np.ptp(radar.virtual_sensor.rx[:, 1]))
     spacing = aperture / (elements - 1) / wavelength if elements > 1 else 0.5
     width, _ = point_spread(angle_window(truth_window, elements), spacing)
     columns = int(np.ceil(2.0 / width))
-    range_m = np.concatenate([paths.scattered.range_m(), paths.specular.range_m()])
-    arrival = np.concatenate([paths.scattered.rx_point, paths.specular.image])
-    power = np.abs(np.concatenate([paths.scattered.amplitude, paths.specular.amplitude])) ** 2
     u = arrival[:, 1] / np.maximum(lengths(arrival), 1e-9)
     row = np.rint(range_m / radar.waveform.range_step_m).astype(np.int64)
-    column = np.clip(((u + 1.0) / width).astype(np.int64), 0, columns - 1)
-    inside = row < radar.waveform.range_bins
-    cell = np.where(inside, row * columns + column, 0)
-    return CellMap((radar.waveform.range_bins, columns), cell, np.where(inside, power, 0.0))
+    return row, np.clip(((u + 1.0) / width).astype(np.int64), 0, columns - 1), columns
 
 
 def cell_power(

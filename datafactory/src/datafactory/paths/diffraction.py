@@ -37,6 +37,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fresnel
 
+from datafactory.paths.candidates import EDGE, Candidates
 from datafactory.paths.edges import WedgeEdges
 from datafactory.paths.facets import TAPER
 from datafactory.paths.panes import Polarization, polarization_axis
@@ -227,48 +228,72 @@ def field_over_edges(
     return -(along * soft + across * hard) * geometry.spreading() * rays.share
 
 
-def edge_echoes(
-    edges: WedgeEdges,
-    slabs: Sequence[Material],
-    frequency_hz: float,
-    sight: Sight,
-    polarization: tuple[Polarization, Polarization] = ("V", "V"),
-    mirrors_end: bool = True,
-) -> tuple[ScatteredPaths, SpecularPaths, dict[str, int]]:
+class EdgeEchoes:
     """Echoes of edges to the radar, at the origin.
 
     :param edges: in the radar frame, ``edges_of(merged_scene).seen_from(pose)``
     :param slabs: material of each merged mesh; :param frequency_hz: mid-sweep
     :param polarization: of TX and RX
     :param mirrors_end: as in :func:`field_over_edges`
-    :return: edges across the array axis and edges along it, with the delay law that suits either, and counts
     """
-    wavelength = SPEED_OF_LIGHT / frequency_hz
-    every = rays_over_edges(edges, np.zeros(3), np.zeros(3), wavelength)
-    rays = every.take(sight(np.zeros((len(every), 3)), _sight_points(edges, every)))
-    axes = [polarization_axis(rays.inward, which) for which in polarization]
-    field = field_over_edges(edges, rays, slabs, frequency_hz, axes[0], axes[1], mirrors_end)
-    amplitude = np.conj(wavelength / (4.0 * np.pi) * field)
-    velocity = diffracting_velocity(edges.velocity_at(rays.edge, rays.point), edges.direction[rays.edge], rays.at_end)
-    level = along_array(edges.direction[rays.edge], rays.inward)
-    across, along = np.flatnonzero(~level), np.flatnonzero(level)
-    owner = edges.object_index[rays.edge]
-    scattered = replace(
-        ScatteredPaths.of_points(rays.point[across], velocity[across], amplitude[across], owner[across]),
-        kinds=np.full(len(across), DIFFRACTED, dtype=np.uint8),
-    )
-    e = edges.direction[rays.edge[along]]
-    specular = SpecularPaths(
-        image=2.0 * rays.point[along],
-        image_velocity=2.0 * velocity[along],
-        axes=2.0 * e[:, :, None] * e[:, None, :] - np.eye(3),
-        reference=np.zeros(3),
-        amplitude=amplitude[along],
-        depth=np.ones(len(along), dtype=np.int8),
-        object_index=owner[along],
-        kinds=np.full(len(along), DIFFRACTED, dtype=np.uint8),
-    )
-    return scattered, specular, {"edge_rays": len(every), "edge_rays_hidden": len(every) - len(rays)}
+
+    def __init__(
+        self,
+        edges: WedgeEdges,
+        slabs: Sequence[Material],
+        frequency_hz: float,
+        polarization: tuple[Polarization, Polarization] = ("V", "V"),
+        mirrors_end: bool = True,
+    ) -> None:
+        wavelength = SPEED_OF_LIGHT / frequency_hz
+        self.edges, self.rays = edges, rays_over_edges(edges, np.zeros(3), np.zeros(3), wavelength)
+
+        axes = [polarization_axis(self.rays.inward, which) for which in polarization]
+        field = field_over_edges(edges, self.rays, slabs, frequency_hz, axes[0], axes[1], mirrors_end)
+        self.amplitude = np.conj(wavelength / (4.0 * np.pi) * field)
+
+    @property
+    def candidates(self) -> Candidates:
+        """Of every ray over an edge: what it sends back where it is in sight."""
+        return Candidates.of(EDGE, self.rays.point, np.abs(self.amplitude) ** 2)
+
+    def seen(
+        self, sight: Sight, worth: NDArray[np.bool_] | None = None
+    ) -> tuple[ScatteredPaths, SpecularPaths, dict[str, int]]:
+        """Edges across the array axis and edges along it, with the delay law that suits either, and counts.
+
+        :param worth: which of the candidates are followed; None for all
+        """
+        edges, every = self.edges, np.arange(len(self.rays), dtype=np.int32)
+        chosen = every if worth is None else every[worth]
+        tried = self.rays.take(chosen)
+        clear = sight(np.zeros((len(tried), 3)), _sight_points(edges, tried))
+        rays, candidate = tried.take(clear), chosen[clear]
+        amplitude = self.amplitude[candidate]
+        velocity = diffracting_velocity(
+            edges.velocity_at(rays.edge, rays.point), edges.direction[rays.edge], rays.at_end
+        )
+        level = along_array(edges.direction[rays.edge], rays.inward)
+        across, along = np.flatnonzero(~level), np.flatnonzero(level)
+        owner = edges.object_index[rays.edge]
+        scattered = replace(
+            ScatteredPaths.of_points(rays.point[across], velocity[across], amplitude[across], owner[across]),
+            kinds=np.full(len(across), DIFFRACTED, dtype=np.uint8),
+            candidate=candidate[across],
+        )
+        e = edges.direction[rays.edge[along]]
+        specular = SpecularPaths(
+            image=2.0 * rays.point[along],
+            image_velocity=2.0 * velocity[along],
+            axes=2.0 * e[:, :, None] * e[:, None, :] - np.eye(3),
+            reference=np.zeros(3),
+            amplitude=amplitude[along],
+            depth=np.ones(len(along), dtype=np.int8),
+            object_index=owner[along],
+            kinds=np.full(len(along), DIFFRACTED, dtype=np.uint8),
+            candidate=candidate[along],
+        )
+        return scattered, specular, {"edge_rays": len(tried), "edge_rays_hidden": len(tried) - len(rays)}
 
 
 def along_array(direction: Real, sight: Real) -> NDArray[np.bool_]:

@@ -76,15 +76,20 @@ def echoes_over_mirrors(
     frequency_hz: float,
     settings: TraceSettings,
     direct: DirectWays,
+    wanted: NDArray[np.bool_] | None = None,
 ) -> tuple[ScatteredPaths, dict[str, int]]:
     """The echoes of point targets that take a mirror out, back, or both ways.
 
     :param geometry: Mitsuba's scene in the radar frame
-    :return: the paths; the numbers of ways over mirrors, of weaker ways left out, and of pairs of ways too far apart
+    :param wanted: [K] which echo points are followed; None for all
+    :return: the paths, their candidates numbers of the echo points; the numbers of ways over mirrors, of weaker ways
+        left out, and of pairs of ways too far apart
     """
     rotation = pose.rotation()
     position = (direct.points.position - np.asarray(pose.position)) @ rotation
-    every = ways_over_mirrors(geometry, merged_scene, materials, pose, frequency_hz, settings, position)
+    chosen = np.arange(len(position)) if wanted is None else np.flatnonzero(wanted)
+    every = ways_over_mirrors(geometry, merged_scene, materials, pose, frequency_hz, settings, position[chosen])
+    every = replace(every, point=chosen[every.point])
     ways = _strongest(every)
     views = _Views(merged_scene, pose, direct.circumstances, ways)
     trips = [
@@ -121,6 +126,7 @@ class _Trip:
     depth: int
     target: int
     kinds: int
+    point: int
 
 
 def _strongest(ways: Ways) -> Ways:
@@ -201,7 +207,8 @@ def _round_trips(
             spread = np.linalg.norm(there.position) * np.linalg.norm(here.position)
             level = direct.circumstances.wavelength_m * np.sqrt(view.rcs_m2[place]) / (4.0 * np.pi) ** 1.5 / spread
             kinds = SPECULAR | (int(direct.kinds[number]) if DIRECT in (out, back) else TARGET)
-            yield _Trip(there, here, level * field, 1 + (out != DIRECT) + (back != DIRECT), target, kinds)
+            depth = 1 + (out != DIRECT) + (back != DIRECT)
+            yield _Trip(there, here, level * field, depth, target, kinds, number)
 
 
 def _end(way: int, position: Real, velocity: Real, ways: Ways) -> _End:
@@ -227,4 +234,5 @@ def _as_paths(trips: list[_Trip], first: int) -> ScatteredPaths:
         depth=np.array([trip.depth for trip in trips], dtype=np.int8),
         object_index=np.array([first + trip.target for trip in trips], dtype=np.int32),
         kinds=np.array([trip.kinds for trip in trips], dtype=np.uint8),
+        candidate=np.array([trip.point for trip in trips], dtype=np.int32),
     )

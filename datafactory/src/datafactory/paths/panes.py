@@ -7,20 +7,25 @@ as a box is two panes.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.paths.candidates import PANE, Candidates
 from datafactory.paths.geometry import mesh_of_shape
 from datafactory.paths.merged_scene import MergedScene, slabs_of
 from datafactory.paths.ray_hits import first_hits, ray_margin_m
-from datafactory.paths.slabs import transmission_over_air
+from datafactory.paths.slabs import lets_through, transmission_over_air
+from datafactory.paths.thinning import RANGE_CELL_M, U_CELL
 from datafactory.paths.unfold import unit
 from datafactory.paths.wave_steps import passed_fields
 from datafactory.scenes.materials.table import Material, MaterialMapping
+from datafactory.scenes.poses import Pose
 from shared.physics.compiled import compiled
-from shared.physics.vectors import dots
+from shared.physics.units import SPEED_OF_LIGHT
+from shared.physics.vectors import dots, lengths
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -30,6 +35,9 @@ Polarization = Literal["V", "H"]
 MAXIMUM_CROSSINGS = 8
 FADED = 1e-6
 """One-way field behind surfaces that is not followed any further: a hundredth of what counts anywhere."""
+
+NEAREST_M = 0.01
+"""No pane counts as nearer: the antennas' own size matters there."""
 
 
 @dataclass(frozen=True)
@@ -172,3 +180,41 @@ class _SurfaceWalker:
         hits = first_hits(self.scene, start, self.direction[index], (self.reach - self.travelled)[index])
         triangle = np.stack([hits.shape, hits.primitive], axis=1)
         return np.where(hits.valid, hits.distance, np.inf), triangle, hits.normal
+
+
+def pane_candidates(
+    merged_scene: MergedScene, materials: MaterialMapping, pose: Pose, frequency_hz: float
+) -> Candidates:
+    """Of the panes ahead: what stands behind one may be a mirror, so that no echo exceeds T^2 lambda / (8 pi R), T the
+    largest that the slab lets through at any angle.
+
+    A triangle's direction is that of the corner, middle of a side or centre that lies nearest to boresight; R is no
+    more than the distance of any of its points. Of those in one cell of range and u the strongest stands for all.
+    """
+    corners, largest = [np.zeros((0, 3, 3))], [np.zeros(0)]
+    for mesh, slab in zip(merged_scene.meshes, slabs_of(merged_scene, materials), strict=True):
+        if lets_through(slab, frequency_hz):
+            corners.append(mesh.seen_from(pose)[mesh.triangles].astype(np.float64))
+            largest.append(np.full(len(mesh.triangles), _most_passed(slab, frequency_hz)))
+    corner, passed = np.concatenate(corners), np.concatenate(largest)
+    ahead = np.flatnonzero((corner[:, :, 0] > 0.0).any(axis=1))
+    corner, passed = corner[ahead], passed[ahead]
+    middle, centre = 0.5 * (corner + np.roll(corner, 1, axis=1)), corner.mean(axis=1, keepdims=True)
+    places = np.concatenate([corner, middle, centre], axis=1)
+    distance = np.linalg.norm(places, axis=2)
+    best = np.argmax(places[:, :, 0] / np.maximum(distance, NEAREST_M), axis=1)
+    half = 0.5 * np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).max(axis=1, initial=0.0)
+    nearest = np.maximum(distance.min(axis=1) - half, NEAREST_M)
+    power = (passed**2 * SPEED_OF_LIGHT / frequency_hz / (8.0 * np.pi * nearest)) ** 2
+    place = places[np.arange(len(corner)), best]
+    u = place[:, 1] / np.maximum(lengths(place), NEAREST_M)
+    cell = 1024.0 * np.rint(nearest / RANGE_CELL_M) + np.rint(u / U_CELL)
+    order = np.lexsort((-power, cell))
+    kept = order[np.unique(cell[order], return_index=True)[1]]
+    return Candidates.of(PANE, place[kept], power[kept], nearest[kept])
+
+
+@lru_cache
+def _most_passed(slab: Material, frequency_hz: float) -> float:
+    """The largest |T| of a slab, over the angles of incidence."""
+    return float(np.abs(transmission_over_air(slab, frequency_hz, np.linspace(0.02, 1.0, 99))).max())

@@ -24,7 +24,7 @@ depolarisation.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,9 +92,10 @@ def echoes_round_corners(
     :param rcs_m2: [T] radar cross sections for the polarisation received; :param object_index: [T]
     :param polarization: of TX and RX; cross-polar, the target is reached by the one and heard by the other
     :param edges_per_target: number of edges used for each target, the strongest ones, out and back in every combination
-    :return: the paths, and the numbers of targets reached, of targets not reached, and of weaker edges left out
+    :return: the paths, their candidates numbers of the targets, and the numbers of targets reached, of targets not
+        reached, and of weaker edges left out
     """
-    parts = [ScatteredPaths.of_points(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))]
+    parts = [ScatteredPaths.none()]
     reached = weaker = 0
     scale = SPEED_OF_LIGHT / frequency_hz * np.sqrt(rcs_m2) / (4.0 * np.pi) ** 1.5
     for first in range(0, len(position), TARGETS_AT_ONCE):
@@ -104,7 +105,8 @@ def echoes_round_corners(
         )
         reached += len(np.unique(legs.target))
         weaker += left
-        parts.append(_round_trips(legs, scale[here], object_index[here]))
+        paths = _round_trips(legs, scale[here], object_index[here])
+        parts.append(replace(paths, candidate=paths.candidate + first))
     counts = {
         "targets_round_corners": reached,
         "targets_unreached": len(position) - reached,
@@ -200,4 +202,5 @@ def _round_trips(legs: _Legs, scale: Real, owner: NDArray[np.int32]) -> Scattere
         depth=np.full(count, 3, dtype=np.int8),
         object_index=owner[target],
         kinds=np.full(count, DIFFRACTED | TARGET, dtype=np.uint8),
+        candidate=target.astype(np.int32),
     )

@@ -19,6 +19,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from datafactory.paths.candidates import Candidates
 from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
 from datafactory.scenes.boxes import SeenThing
 from datafactory.scenes.poses import Pose
@@ -38,6 +39,7 @@ SHAPES = {
         "depth": (),
         "object_index": (),
         "kinds": (),
+        "candidate": (),
     },
     "specular": {
         "image": (3,),
@@ -47,6 +49,7 @@ SHAPES = {
         "depth": (),
         "object_index": (),
         "kinds": (),
+        "candidate": (),
     },
 }
 """Trailing shape of each list column; ``amplitude`` holds (real, imaginary), ``tx_point`` as many as are marked."""
@@ -54,11 +57,14 @@ TWO_POINTS = "scattered_two_points"
 CONSTANT = ("tx_velocity", "rx_velocity", "between_m", "between_rate_mps", "image_velocity")
 """Columns with few values, most of them that of the standing world."""
 
-INTEGERS = {"depth": np.int8, "object_index": np.int32, "kinds": np.uint8}
+INTEGERS = {"depth": np.int8, "object_index": np.int32, "kinds": np.uint8, "candidate": np.int32}
 
-VERSION = b"6"
+CANDIDATES = {"family": (), "departure": (3,), "arrival": (3,), "range_m": (), "power": ()}
+"""Trailing shape of each list column of the :class:`datafactory.paths.candidates.Candidates`."""
+
+VERSION = b"7"
 """Of the paths' columns; 2 added ``kinds``, 3 ``scene_number``, 4 ``sequence``, 5 ``things``, 6
-``scattered_two_points``."""
+``scattered_two_points``, 7 the candidates."""
 
 THING = pa.struct(
     [
@@ -123,6 +129,9 @@ def paths_schema() -> pa.Schema:
             number = pa.int32() if name in INTEGERS else pa.float64()
             fields.append(pa.field(f"{kind}_{name}", pa.list_(number)))
     fields.append(pa.field(TWO_POINTS, pa.list_(pa.bool_())))
+    for name in CANDIDATES:
+        number = pa.uint8() if name == "family" else pa.float32()
+        fields.append(pa.field(f"candidates_{name}", pa.list_(number)))
     return pa.schema(fields, metadata={b"sparseradar_paths": VERSION})
 
 
@@ -132,8 +141,10 @@ def writer_options() -> dict[str, Any]:
     What that saves: docs/trace-once.md.
     """
     columns = [(f"{kind}_{name}", name) for kind, names in SHAPES.items() for name in names]
-    few = [f"{column}.list.element" for column, name in columns if name in CONSTANT or name in INTEGERS]
-    many = [f"{column}.list.element" for column, name in columns if name not in CONSTANT and name not in INTEGERS]
+    columns += [(f"candidates_{name}", name) for name in CANDIDATES]
+    whole = {*CONSTANT, *INTEGERS, "family"}
+    few = [f"{column}.list.element" for column, name in columns if name in whole]
+    many = [f"{column}.list.element" for column, name in columns if name not in whole]
     return {"compression": "zstd", "use_dictionary": few, "use_byte_stream_split": many, "write_statistics": False}
 
 
@@ -167,6 +178,8 @@ def to_row(frame: TracedFrame) -> dict[str, Any]:
                 values = values[two_points]
             row[f"{kind}_{name}"] = np.ascontiguousarray(values).ravel()
     row[TWO_POINTS] = two_points
+    for name in CANDIDATES:
+        row[f"candidates_{name}"] = np.ascontiguousarray(getattr(table.candidates, name)).ravel()
     return row
 
 
@@ -190,7 +203,12 @@ def from_row(batch: pa.RecordBatch) -> TracedFrame:
         parts["scattered"]["rx_point"],
         batch.column(TWO_POINTS).flatten().to_numpy(zero_copy_only=False).astype(bool),
     )
+    candidates = {
+        name: batch.column(f"candidates_{name}").flatten().to_numpy(zero_copy_only=False).reshape(-1, *shape)
+        for name, shape in CANDIDATES.items()
+    }
     arrays = [TWO_POINTS] + [f"{kind}_{name}" for kind, columns in SHAPES.items() for name in columns]
+    arrays += [f"candidates_{name}" for name in CANDIDATES]
     (row,) = batch.select([name for name in batch.schema.names if name not in arrays]).to_pylist()
     yaw, pitch, roll = row["yaw_pitch_roll_deg"]
     return TracedFrame(
@@ -207,6 +225,7 @@ def from_row(batch: pa.RecordBatch) -> TracedFrame:
             specular=SpecularPaths(reference=np.array(row["specular_reference"]), **parts["specular"]),
             objects=tuple(row["objects"]),
             counts=dict(row["counts"]),
+            candidates=Candidates(**candidates),
         ),
         things=tuple(_thing(values) for values in row["things"]),
     )

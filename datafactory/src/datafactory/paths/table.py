@@ -32,6 +32,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from datafactory.paths.candidates import Candidates
 from shared.physics.vectors import lengths, taken
 from shared.radar import FrontEnd, Radar
 
@@ -41,6 +42,8 @@ SPECULAR, DIFFUSE, REFRACTED, DIFFRACTED, TARGET = 1, 2, 4, 8, 16
 """Kinds of interaction on a path, Sionna's codes; a path carries the sum of those it has, each counted once."""
 CORNER = 32
 """Of the echoes of right-angled corners, whose bounces count as no mirrors: a kind of its own, beside Sionna's."""
+ALWAYS = np.array([-1], dtype=np.int32)
+"""Stands for the candidates of paths of which none was one."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,8 @@ class ScatteredPaths:
     :param depth: [K] number of bounces
     :param object_index: [K] index into the table's ``objects`` of what scattered; -1 where unknown
     :param kinds: [K] kinds of interaction on the path, see ``SPECULAR`` and its neighbours
+    :param candidate: [K] index into the table's ``candidates`` of what it was before it was found; -1 of what is there
+        whatever a radar notices
     """
 
     tx_point: Real
@@ -69,6 +74,11 @@ class ScatteredPaths:
     depth: NDArray[np.int8]
     object_index: NDArray[np.int32]
     kinds: NDArray[np.uint8]
+    candidate: NDArray[np.int32] = field(default_factory=lambda: ALWAYS)
+
+    def __post_init__(self) -> None:
+        if self.candidate is ALWAYS:
+            object.__setattr__(self, "candidate", np.full(len(self.amplitude), -1, dtype=np.int32))
 
     def __len__(self) -> int:
         return len(self.amplitude)
@@ -136,6 +146,7 @@ class SpecularPaths:
     :param depth: [S] number of bounces
     :param object_index: [S] index of the last mirror's object; -1 where unknown
     :param kinds: [S] kinds of interaction on the path
+    :param candidate: [S] as of :class:`ScatteredPaths`
     """
 
     image: Real
@@ -146,6 +157,11 @@ class SpecularPaths:
     depth: NDArray[np.int8]
     object_index: NDArray[np.int32]
     kinds: NDArray[np.uint8]
+    candidate: NDArray[np.int32] = field(default_factory=lambda: ALWAYS)
+
+    def __post_init__(self) -> None:
+        if self.candidate is ALWAYS:
+            object.__setattr__(self, "candidate", np.full(len(self.amplitude), -1, dtype=np.int32))
 
     def __len__(self) -> int:
         return len(self.amplitude)
@@ -195,6 +211,7 @@ class SpecularPaths:
             depth=self.depth,
             object_index=self.object_index,
             kinds=self.kinds,
+            candidate=self.candidate,
         )
 
 
@@ -205,6 +222,7 @@ class PathTable:
     :param scattered: paths with a scattering point
     :param specular: paths without
     :param objects: names that ``object_index`` points to
+    :param candidates: what a radar decides by what it would not notice; none where nothing is left out
     :param counts: what was found, dropped and why, by name, e.g. ``{"rays": 500000, "beyond_range": 12}``
     """
 
@@ -212,6 +230,7 @@ class PathTable:
     specular: SpecularPaths = field(default_factory=SpecularPaths.none)
     objects: tuple[str, ...] = ()
     counts: dict[str, int] = field(default_factory=dict)
+    candidates: Candidates = field(default_factory=Candidates.none)
 
     def __len__(self) -> int:
         return len(self.scattered) + len(self.specular)
@@ -252,16 +271,20 @@ class PathTable:
         if traced_m == wanted_m:
             return self
         ratio = wanted_m / traced_m
-        return replace(self, scattered=_scaled(self.scattered, ratio), specular=_scaled(self.specular, ratio))
+        return replace(
+            self,
+            scattered=_scaled(self.scattered, ratio),
+            specular=_scaled(self.specular, ratio),
+            candidates=self.candidates.at_wavelength(traced_m, wanted_m),
+        )
 
     def illuminated(self, front_end: FrontEnd) -> PathTable:
         """The table with amplitudes in sqrt(W): transmit power and the element patterns towards both ends applied."""
         scattered, specular = self.scattered, self.specular
-        return PathTable(
-            scattered=_scaled(scattered, _gain(front_end, scattered.tx_point, scattered.rx_point)),
-            specular=_scaled(specular, _gain(front_end, specular.departure(), specular.image)),
-            objects=self.objects,
-            counts=self.counts,
+        return replace(
+            self,
+            scattered=_scaled(scattered, amplitude_gain(front_end, scattered.tx_point, scattered.rx_point)),
+            specular=_scaled(specular, amplitude_gain(front_end, specular.departure(), specular.image)),
         )
 
     def within(self, radar: Radar) -> PathTable:
@@ -271,15 +294,20 @@ class PathTable:
         limit = radar.waveform.unambiguous_range_m
         near, near_specular = self.scattered.range_m() < limit, self.specular.range_m() < limit
         beyond = int((~near).sum() + (~near_specular).sum())
-        return PathTable(
+        return replace(
+            self,
             scattered=self.scattered.take(near),
             specular=self.specular.take(near_specular),
-            objects=self.objects,
             counts={**self.counts, "beyond_range": self.counts.get("beyond_range", 0) + beyond},
         )
 
+    def take(self, scattered: NDArray, specular: NDArray) -> PathTable:
+        """The paths at these indices, or where masks are true."""
+        return replace(self, scattered=self.scattered.take(scattered), specular=self.specular.take(specular))
 
-def _gain(front_end: FrontEnd, departure: Real, arrival: Real) -> Real:
+
+def amplitude_gain(front_end: FrontEnd, departure: Real, arrival: Real) -> Real:
+    """[K] sqrt(P_t G_t G_r) towards points [K, 3] at which a wave departs and from which it arrives."""
     gains = front_end.tx_pattern.power_gain(departure) * front_end.rx_pattern.power_gain(arrival)
     return np.sqrt(front_end.transmit_power_w * gains)
 

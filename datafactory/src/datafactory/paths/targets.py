@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.paths.candidates import TARGET_MIRRORED, TARGET_SEEN, Candidates
+from datafactory.paths.diffraction import Sight
 from datafactory.paths.echo_points import Seen, all_echo_points
 from datafactory.paths.edges import edges_of
 from datafactory.paths.merged_scene import MergedScene, slabs_of
 from datafactory.paths.mirrored_targets import DirectWays, echoes_over_mirrors
 from datafactory.paths.panes import panes_between
-from datafactory.paths.ray_hits import clear_between
 from datafactory.paths.round_corners import echoes_round_corners
 from datafactory.paths.solver import TraceSettings
-from datafactory.paths.table import REFRACTED, TARGET, ScatteredPaths
+from datafactory.paths.table import REFRACTED, TARGET, ScatteredPaths, SpecularPaths
 from datafactory.scenes.materials.table import MaterialMapping
 from datafactory.scenes.poses import Pose
 from shared.physics.units import SPEED_OF_LIGHT, db_to_power
@@ -33,16 +35,14 @@ ROUND_CORNERS_DB = 12.0
 """What a way round an edge loses at least, out and back: half of the field is there at the shadow's boundary."""
 
 
-def target_echoes(
-    geometry: Any,
-    merged_scene: MergedScene,
-    materials: MaterialMapping,
-    pose: Pose,
-    frequency_hz: float,
-    settings: TraceSettings,
-    seed: int = 0,
-) -> tuple[ScatteredPaths, dict[str, int]]:
-    """Echoes of the point targets, and the numbers of those left out.
+MIRRORED_MORE = 24.0 * 4.0
+"""What all echoes of a target over mirrors have at most, over its own in plain sight: 24 paths
+(:data:`.mirrored_targets.MIRRORS_PER_POINT`), none nearer and no mirror amplifying, of a cross section that is at most
+four times as large from where the mirrors stand."""
+
+
+class TargetEchoes:
+    """Echoes of the point targets.
 
     Radar equation for isotropic antennas of unit power: lambda sqrt(sigma) / ((4 pi)^(3/2) R^2), times the panes'
     transmission both ways. With second bounces and mirrors, those over mirrors too
@@ -51,61 +51,115 @@ def target_echoes(
     :param geometry: Mitsuba's scene in the radar frame
     :param seed: of where in their cycle moving parts are at time 0
     """
-    wavelength = SPEED_OF_LIGHT / frequency_hz
-    crossed = settings.polarization[0] != settings.polarization[1]
-    circumstances = Seen(wavelength, pose.time_s, crossed, seed)
-    loudness = _loudness(merged_scene, pose)
-    points = all_echo_points(merged_scene.targets, pose.position, circumstances)
-    points = points.take((loudness >= FAINTEST_ECHO)[points.target])
-    heard = points.rcs_m2 > 0.0
-    rotation = pose.rotation()
-    position = (points.position - np.asarray(pose.position)) @ rotation
-    velocity = (points.velocity - np.asarray(pose.velocity)) @ rotation
-    index = (len(merged_scene.objects) - len(merged_scene.targets) + points.target).astype(np.int32)
-    range_m = np.linalg.norm(position, axis=1)
-    apart = range_m > 0.0
-    clear = apart & clear_between(geometry, np.zeros((len(position), 3)), position)
-    out, back = clear.astype(np.complex128), clear.astype(np.complex128)
-    kinds = np.full(len(position), TARGET, dtype=np.uint8)
-    if settings.refraction and len(position):
-        behind = np.flatnonzero(apart & ~clear)
-        ways = {
-            which: panes_between(geometry, merged_scene, materials, frequency_hz, position[behind], which).factor
-            for which in dict.fromkeys(settings.polarization)
-        }
-        out[behind], back[behind] = (ways[which] for which in settings.polarization)
-        kinds[behind] |= REFRACTED
-    factor = np.where(np.abs(out * back) > FAINTEST**2, out * back, 0.0)
-    amplitude = wavelength * np.sqrt(points.rcs_m2) / (4.0 * np.pi) ** 1.5 / np.where(apart, range_m, 1.0) ** 2
-    direct = ScatteredPaths.of_points(position, velocity, amplitude * factor, index)
-    direct = ScatteredPaths(**{**vars(direct), "kinds": kinds})
-    seen, hidden = heard & (factor != 0.0), heard & (factor == 0.0)
-    counts = {
-        "targets_faint": int((loudness < FAINTEST_ECHO).sum()),
-        "point_targets_hidden": int(hidden.sum()),
-        "target_echoes_silent": points.silent,
-        "targets_in_near_field": points.near,
-    }
-    parts = [direct.take(seen)]
-    loud = loudness[points.target] * float(db_to_power(-ROUND_CORNERS_DB)) >= FAINTEST_ECHO
-    hidden &= loud
-    if settings.diffraction and hidden.any():
-        round_corners, more = echoes_round_corners(
-            edges_of(merged_scene).seen_from(pose).within(EDGES_WITHIN_M), slabs_of(merged_scene, materials),
-            frequency_hz, lambda start, end: clear_between(geometry, start, end),
-            position[hidden], velocity[hidden], points.rcs_m2[hidden], index[hidden], settings.polarization,
-        )  # fmt: skip
-        parts.append(round_corners)
-        counts |= more
-    if settings.specular and settings.depth > 1 and merged_scene.meshes and len(position):
-        in_sight = factor != 0.0
-        straight = DirectWays(points, circumstances, out * in_sight, back * in_sight, kinds)
-        over_mirrors, more = echoes_over_mirrors(
-            geometry, merged_scene, materials, pose, frequency_hz, settings, straight
+
+    def __init__(
+        self,
+        geometry: Any,
+        merged_scene: MergedScene,
+        materials: MaterialMapping,
+        pose: Pose,
+        frequency_hz: float,
+        settings: TraceSettings,
+        seed: int = 0,
+    ) -> None:
+        self._scene = (geometry, merged_scene, materials, pose, frequency_hz)
+        self._settings = settings
+        crossed = settings.polarization[0] != settings.polarization[1]
+        self._circumstances = Seen(SPEED_OF_LIGHT / frequency_hz, pose.time_s, crossed, seed)
+        self._loudness = _loudness(merged_scene, pose)
+        points = all_echo_points(merged_scene.targets, pose.position, self._circumstances)
+        self._points = points = points.take((self._loudness >= FAINTEST_ECHO)[points.target])
+        rotation = pose.rotation()
+        self._position = (points.position - np.asarray(pose.position)) @ rotation
+        self._velocity = (points.velocity - np.asarray(pose.velocity)) @ rotation
+        self._range_m = np.linalg.norm(self._position, axis=1)
+        self._over_mirrors = bool(
+            settings.specular and settings.depth > 1 and merged_scene.meshes and len(self._position)
         )
-        parts.append(over_mirrors)
-        counts |= more
-    return ScatteredPaths.concatenate(parts), counts
+
+    @property
+    def _amplitude(self) -> NDArray[np.float64]:
+        """[K] of the echo points in plain sight."""
+        distance = np.where(self._range_m > 0.0, self._range_m, 1.0)
+        wavelength = self._circumstances.wavelength_m
+        amplitude: NDArray[np.float64] = wavelength * np.sqrt(self._points.rcs_m2) / (4.0 * np.pi) ** 1.5 / distance**2
+        return amplitude
+
+    @property
+    def candidates(self) -> Candidates:
+        """Of every echo point: itself, in plain sight or round an edge; of every target: all that mirrors add to it."""
+        itself = Candidates.of(TARGET_SEEN, self._position, self._amplitude**2)
+        if not self._over_mirrors:
+            return itself
+        merged_scene, pose = self._scene[1], self._scene[3]
+        targets = merged_scene.targets
+        whole = np.bincount(self._points.target, self._points.rcs_m2, len(targets))
+        nominal = np.array([float(db_to_power(target.rcs_dbsm)) for target in targets])
+        away = (np.array([target.position for target in targets]) - np.asarray(pose.position)) @ pose.rotation()
+        of_sight = self._circumstances.wavelength_m**2 * np.maximum(whole, nominal) / (4.0 * np.pi) ** 3
+        power = MIRRORED_MORE * of_sight / np.maximum(np.linalg.norm(away, axis=1), 1e-3) ** 4
+        heard = self._loudness >= FAINTEST_ECHO
+        return Candidates.joined([itself, Candidates.of(TARGET_MIRRORED, away, np.where(heard, power, 0.0))])
+
+    def seen(
+        self, sight: Sight, worth: NDArray[np.bool_] | None = None
+    ) -> tuple[ScatteredPaths, SpecularPaths, dict[str, int]]:
+        """The echoes, no paths without a scattering point, and the numbers of those left out.
+
+        :param worth: which of the candidates are followed; None for all
+        """
+        geometry, merged_scene, materials, pose, frequency_hz = self._scene
+        settings, points, position = self._settings, self._points, self._position
+        count = len(points.rcs_m2)
+        itself, mirrored = np.ones(count, dtype=bool), np.ones(len(merged_scene.targets), dtype=bool)
+        if worth is not None:
+            itself, mirrored = worth[:count], worth[count:] if self._over_mirrors else ~mirrored
+        over_mirrors = mirrored[points.target] if self._over_mirrors else np.zeros(count, dtype=bool)
+        tried = np.flatnonzero((self._range_m > 0.0) & (itself | over_mirrors))
+        clear = np.zeros(count, dtype=bool)
+        clear[tried] = sight(np.zeros((len(tried), 3)), position[tried])
+        out, back = clear.astype(np.complex128), clear.astype(np.complex128)
+        kinds = np.full(count, TARGET, dtype=np.uint8)
+        behind = tried[~clear[tried]]
+        if settings.refraction and len(behind):
+            ways = {
+                which: panes_between(geometry, merged_scene, materials, frequency_hz, position[behind], which).factor
+                for which in dict.fromkeys(settings.polarization)
+            }
+            out[behind], back[behind] = (ways[which] for which in settings.polarization)
+            kinds[behind] |= REFRACTED
+        in_sight = np.abs(out * back) > FAINTEST**2
+        heard = itself & (points.rcs_m2 > 0.0)
+        hidden = heard & ~in_sight
+        counts = {
+            "targets_faint": int((self._loudness < FAINTEST_ECHO).sum()),
+            "point_targets_hidden": int(hidden.sum()),
+            "target_echoes_silent": points.silent,
+            "targets_in_near_field": points.near,
+        }
+        number = np.arange(count, dtype=np.int32)
+        index = (len(merged_scene.objects) - len(merged_scene.targets) + points.target).astype(np.int32)
+        direct = ScatteredPaths.of_points(position, self._velocity, self._amplitude * out * back, index)
+        parts = [replace(direct, kinds=kinds, candidate=number).take(heard & in_sight)]
+        loud = self._loudness[points.target] * float(db_to_power(-ROUND_CORNERS_DB)) >= FAINTEST_ECHO
+        hidden &= loud
+        if settings.diffraction and hidden.any():
+            round_corners, more = echoes_round_corners(
+                edges_of(merged_scene).seen_from(pose).within(EDGES_WITHIN_M), slabs_of(merged_scene, materials),
+                frequency_hz, sight, position[hidden], self._velocity[hidden], points.rcs_m2[hidden], index[hidden],
+                settings.polarization,
+            )  # fmt: skip
+            parts.append(replace(round_corners, candidate=number[hidden][round_corners.candidate]))
+            counts |= more
+        if over_mirrors.any():
+            straight = DirectWays(points, self._circumstances, out * in_sight, back * in_sight, kinds)
+            echoes, more = echoes_over_mirrors(
+                geometry, merged_scene, materials, pose, frequency_hz, settings, straight, over_mirrors
+            )
+            of_target = (count + points.target[echoes.candidate]).astype(np.int32)
+            parts.append(replace(echoes, candidate=of_target))
+            counts |= more
+        return ScatteredPaths.concatenate(parts), SpecularPaths.none(), counts
 
 
 def _loudness(merged_scene: MergedScene, pose: Pose) -> NDArray[np.float64]:

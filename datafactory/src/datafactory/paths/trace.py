@@ -1,51 +1,128 @@
 """One trace a frame: from a merged scene and a pose to a PathTable.
 
-What rough surfaces scatter is found by the frame's own rays (:mod:`datafactory.paths.scattered_once` and
-:mod:`datafactory.paths.scattered_twice`). The solver (:mod:`datafactory.paths.solver`) finds chains of mirrors, and
-where panes let waves through, those beyond them. All paths are brought into the table's two delay laws, and into the
-physics that the solver leaves out:
+First hits and single mirrors are in every frame. All else has candidates first (:mod:`datafactory.paths.candidates`):
+what the frame's radar would not notice is not looked for (:mod:`datafactory.paths.notice`). Where every radar is to be
+served, or every effect is asked for, all candidates are followed.
 
-* single mirrors are found without rays (:mod:`datafactory.paths.mirror_feet`), those of the solver are left out;
-* facets that sample a curved surface reflect as the surface does (:mod:`datafactory.paths.curved_mirrors`);
-* a mirror reflects with the share of its facet's size (:mod:`datafactory.paths.facets`);
-* a diffuse bounce takes on the phase of its surface cell (:mod:`datafactory.paths.roughness`);
-* no ray ends with a mirror after a diffuse bounce. The reverses of such paths, mirror first, are found, and by
-  reciprocity each of them stands for both: it enters the table twice, with the TX's and the RX's side exchanged;
-* targets given by a radar cross section are added, directly and over mirrors (:mod:`datafactory.paths.targets`), and
-  what edges send back (:mod:`datafactory.paths.diffraction`);
-* right-angled corners send back what runs into their edges (:mod:`datafactory.paths.corners`).
+* What rough surfaces scatter is found by the frame's own rays, at their first surface and beyond it
+  (:mod:`datafactory.paths.second_bounces`). No ray ends with a mirror after a diffuse bounce. The reverses of such
+  paths, mirror first, are found, and by reciprocity each of them stands for both: it enters the table twice, with the
+  TX's and the RX's side exchanged. A diffuse bounce takes on the phase of its surface cell (:mod:`.roughness`).
+* Single mirrors are found without rays (:mod:`.mirror_feet`, :mod:`.curved_mirrors`), chains of them by the solver
+  (:mod:`.solver`), and where panes let waves through, those beyond them. A mirror reflects with the share of its
+  facet's size (:mod:`.facets`).
+* Targets given by a radar cross section (:mod:`.targets`), edges (:mod:`.diffraction`) and right-angled corners
+  (:mod:`.corner_echoes`, :mod:`.corner_point_echoes`) are listed. Corners take the place of the solver's mirrors there.
 """
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, replace
+from functools import partial
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.aim import aimed
 from datafactory.paths.arrivals import Arrivals
-from datafactory.paths.corners import echoes_of_corners, without_corners
+from datafactory.paths.candidates import CHAIN, MIRRORED, PANE, TWICE, Candidates
+from datafactory.paths.corner_echoes import CornerEchoes
+from datafactory.paths.corner_edges import corners_of
+from datafactory.paths.corner_point_echoes import CornerPointEchoes
+from datafactory.paths.corner_points import points_of
+from datafactory.paths.corners import without_corners
 from datafactory.paths.curved_mirrors import curved_mirrors
-from datafactory.paths.diffraction import edge_echoes
+from datafactory.paths.diffraction import EdgeEchoes, Sight
 from datafactory.paths.edges import edges_of
 from datafactory.paths.facets import mirrors_of, reflected_share
-from datafactory.paths.geometry import placed
+from datafactory.paths.geometry import Geometry, placed
 from datafactory.paths.merged_scene import MergedScene, slabs_of
 from datafactory.paths.mirror_feet import single_mirrors
+from datafactory.paths.notice import Notice, first_echoes
+from datafactory.paths.panes import pane_candidates
 from datafactory.paths.ray_hits import clear_between
 from datafactory.paths.rays import RayFan
 from datafactory.paths.roughness import surface_phase
-from datafactory.paths.scattered_once import behind_panes, over_mirrors
-from datafactory.paths.scattered_twice import scattered_twice
+from datafactory.paths.scattered_once import behind_panes
+from datafactory.paths.second_bounces import SecondBounces
 from datafactory.paths.solver import Bundle, Solved, TraceSettings, radio_scene, solve
 from datafactory.paths.surfaces import Surfaces
 from datafactory.paths.table import DIFFUSE, REFRACTED, SPECULAR, PathTable, ScatteredPaths, SpecularPaths
-from datafactory.paths.targets import EDGES_WITHIN_M, target_echoes
+from datafactory.paths.targets import EDGES_WITHIN_M, TargetEchoes
 from datafactory.paths.unfold import image_seen_from_tx, segment_lengths, tx_image_seen_from_rx, unit, with_ends
 from datafactory.scenes.materials.table import MaterialMapping
 from datafactory.scenes.poses import Pose
 from shared.physics.units import SPEED_OF_LIGHT
+
+
+class Listed(Protocol):
+    """Echoes of which a frame knows a list."""
+
+    @property
+    def candidates(self) -> Candidates:
+        """With their bounds, nothing tested for visibility."""
+
+    def seen(
+        self, sight: Sight, worth: NDArray[np.bool_] | None = None
+    ) -> tuple[ScatteredPaths, SpecularPaths, dict[str, int]]:
+        """Those that are in sight, their candidates numbers in the list, and counts.
+
+        :param worth: which of the candidates are followed; None for all
+        """
+
+
+@dataclass
+class _Found:
+    """Paths of a frame, in the order in which they were found."""
+
+    scattered: list[ScatteredPaths] = field(default_factory=lambda: [ScatteredPaths.none()])
+    specular: list[SpecularPaths] = field(default_factory=lambda: [SpecularPaths.none()])
+    counts: dict[str, int] = field(default_factory=dict)
+
+    def add(
+        self, scattered: Sequence[ScatteredPaths] = (), specular: Sequence[SpecularPaths] = (), first: int | None = None
+    ) -> None:
+        """More paths.
+
+        :param first: index of the first of their candidates among the frame's; None of those that have none
+        """
+        for part in scattered:
+            self.scattered.append(part if first is None else replace(part, candidate=part.candidate + np.int32(first)))
+        for mirrors in specular:
+            moved = mirrors if first is None else replace(mirrors, candidate=mirrors.candidate + np.int32(first))
+            self.specular.append(moved)
+
+    def table(self, **more: Any) -> PathTable:
+        """All of them."""
+        return PathTable(ScatteredPaths.concatenate(self.scattered), _joined(self.specular), **more)
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """What is traced: a scene from one pose."""
+
+    kept: Geometry
+    geometry: Any
+    merged: MergedScene
+    materials: MaterialMapping
+    pose: Pose
+    frequency_hz: float
+    settings: TraceSettings
+
+    @property
+    def wavelength_m(self) -> float:
+        return SPEED_OF_LIGHT / self.frequency_hz
+
+    @property
+    def seen(self) -> tuple[Any, MergedScene, MaterialMapping, Pose, float, TraceSettings]:
+        """As most sources of echoes take it."""
+        return self.geometry, self.merged, self.materials, self.pose, self.frequency_hz, self.settings
+
+    def with_surfaces(self, part: Bundle) -> Bundle:
+        """Paths with what their surfaces do to the amplitude."""
+        return _with_surfaces(part, self.merged, self.pose, self.wavelength_m, self.settings)
 
 
 def trace(
@@ -57,83 +134,124 @@ def trace(
     fan: RayFan,
     seed: int,
     target_seed: int = 0,
+    notice: Notice | None = None,
 ) -> PathTable:
-    """All multipath of one frame, the point targets' echoes among it.
+    """The multipath of one frame, the point targets' echoes among it.
 
     :param merged: at any time; the frame is traced at the pose's
     :param frequency_hz: mid-sweep; materials take their values at 77 GHz whatever it is
     :param seed: of the solver's choices between kinds of bounce; 0 to 2**32 - 1
     :param target_seed: of where in their cycle the moving parts of targets are at time 0
+    :param notice: of the radar that the frame is traced for: what it would not notice is not looked for; None: all is
     """
     merged = merged.at(pose.time_s)
     kept = placed(merged, materials, pose)
-    geometry = kept.mi_scene
-    by_rays = list[Bundle]()
+    panes = pane_candidates(merged, materials, pose, frequency_hz) if settings.refraction else Candidates.none()
+    heard = len(panes) > 0 if notice is None else bool(notice.power_w(panes).any())
+    settings = replace(settings, refraction=heard)
+    frame = _Frame(kept, kept.mi_scene, merged, materials, pose, frequency_hz, settings)
+    found, first, second = _Found(counts={"rays": settings.rays, "scattered_once": 0, "scattered_twice": 0}), None, None
     if settings.diffuse and merged.meshes:
-        surfaces = Surfaces(geometry, merged, materials, pose, frequency_hz)
+        surfaces = Surfaces(frame.geometry, merged, materials, pose, frequency_hz)
         fan = aimed(fan, surfaces)
         first = Arrivals.first(surfaces, settings, fan)
-        groups = [first.echoes(), *over_mirrors(first), *scattered_twice(first, seed)]
-        if settings.refraction:
-            groups.append(behind_panes(first))
-        by_rays = [group.thinned(seed) for group in groups]
-    smooth = beyond = Solved.nothing()
-    if settings.depth > 1 and settings.specular and merged.meshes:
-        scene = radio_scene(kept, slabs_of(merged, materials), frequency_hz, settings)
-        smooth = solve(scene, merged, pose, settings.of_mirrors, fan, seed)
-        if settings.refraction:
-            beyond = solve(scene, merged, pose, settings.beyond_panes, fan, seed).beyond_panes()
-    chains = smooth.bundle
-    scattered: list[ScatteredPaths] = []
-    specular: list[SpecularPaths] = []
-    more = dict[str, int]()
-    if settings.point_targets:
-        echoes, counts = target_echoes(geometry, merged, materials, pose, frequency_hz, settings, target_seed)
-        scattered.append(echoes)
-        more |= counts
-    if settings.diffraction:
-        across, along, counts = edge_echoes(
-            edges_of(merged).seen_from(pose).within(EDGES_WITHIN_M), slabs_of(merged, materials), frequency_hz,
-            lambda start, end: clear_between(geometry, start, end),
-            settings.polarization, settings.finite_mirrors and settings.specular,
-        )  # fmt: skip
-        scattered.append(across)
-        specular.append(along)
-        more |= counts
-    if settings.corners:
-        chains, by_the_solver = without_corners(chains, merged)
-        small, wide, counts = echoes_of_corners(geometry, merged, materials, pose, frequency_hz, settings)
-        scattered += small
-        specular += wide
-        more |= counts | {"corners_by_the_solver": by_the_solver}
+        second = SecondBounces(first, seed) if settings.depth > 1 else None
+        _add_scattered(found, frame, first.echoes().thinned(seed), fan)
     if settings.specular:
-        singles, counts = single_mirrors(geometry, merged, materials, pose, frequency_hz, settings)
-        specular.append(singles)
-        points, images, round_ones = curved_mirrors(geometry, merged, materials, pose, frequency_hz, settings)
-        scattered.append(points)
-        specular.append(images)
-        counts |= round_ones
-        more |= counts
-    for part in by_rays:
-        scattered += _scattered(_with_surfaces(part, merged, pose, SPEED_OF_LIGHT / frequency_hz, settings), fan)
-    for bundle in (chains, beyond.bundle):
-        for depth in range(2, bundle.interactions.shape[1] + 1):
-            part = bundle.of_bounces(depth).in_fixed_order()
-            specular.append(_specular(_with_surfaces(part, merged, pose, SPEED_OF_LIGHT / frequency_hz, settings)))
-    return PathTable(
-        scattered=_joined_scattered(scattered),
-        specular=_joined(specular),
-        objects=merged.objects,
-        counts={
-            "rays": settings.rays,
-            "traced": len(chains.amplitude) + len(beyond.bundle.amplitude),
-            "scattered_once": sum(len(part.amplitude) for part in by_rays if part.scatterings == 1),
-            "scattered_twice": sum(len(part.amplitude) for part in by_rays if part.scatterings > 1),
-            "truncated": max(smooth.truncated, beyond.truncated),
-            "invalid": smooth.invalid + beyond.invalid,
-            **more,
-        },
-    )
+        _add_single_mirrors(found, frame)
+    listed = _listed(frame, target_seed)
+    groups = {PANE: panes, **dict.fromkeys((MIRRORED, TWICE, CHAIN), Candidates.none())}
+    groups |= second.candidates(merged, pose) if second is not None else {}
+    parts = [*(source.candidates for source in listed), *(Candidates.group(*group) for group in groups.items())]
+    candidates = Candidates.joined(parts)
+    worth = np.ones(len(candidates), dtype=bool)
+    if notice is not None:
+        worth = notice.worth(candidates, notice.limit_w(first_echoes(found.table())))
+    places = np.cumsum([0, *map(len, parts)])
+    for source, start, stop in zip(listed, places, places[1:], strict=False):
+        scattered, specular, counts = source.seen(partial(clear_between, frame.geometry), worth[start:stop])
+        found.add([scattered], [specular], int(start))
+        found.counts |= counts
+    begins = dict(zip(groups, places[len(listed) :], strict=False))
+    followed = {group: int(start) for group, start in begins.items() if worth[start]}
+    if first is not None:
+        for group in (MIRRORED, TWICE):
+            for echoes in second.echoes(group) if second is not None and group in followed else ():
+                _add_scattered(found, frame, echoes.thinned(seed), fan, followed[group])
+        if settings.refraction and PANE in followed:
+            _add_scattered(found, frame, behind_panes(first).thinned(seed), fan, followed[PANE])
+    _add_chains(found, frame, fan, seed, followed)
+    return found.table(objects=merged.objects, candidates=candidates, counts=found.counts)
+
+
+def _listed(frame: _Frame, target_seed: int) -> list[Listed]:
+    """The sources of echoes that a frame knows a list of."""
+    settings, merged, pose = frame.settings, frame.merged, frame.pose
+    slabs, listed = slabs_of(merged, frame.materials), list[Listed]()
+    if settings.point_targets:
+        listed.append(TargetEchoes(*frame.seen, target_seed))
+    if settings.diffraction:
+        edges = edges_of(merged).seen_from(pose).within(EDGES_WITHIN_M)
+        rims = settings.finite_mirrors and settings.specular
+        listed.append(EdgeEchoes(edges, slabs, frame.frequency_hz, settings.polarization, rims))
+    if settings.corners:
+        corners = corners_of(merged).seen_from(pose).within(EDGES_WITHIN_M)
+        points = points_of(merged).seen_from(pose).within(EDGES_WITHIN_M)
+        listed.append(CornerEchoes(corners, slabs, frame.frequency_hz, settings.polarization))
+        listed.append(CornerPointEchoes(points, slabs, frame.frequency_hz, settings.polarization))
+    return listed
+
+
+def _add_single_mirrors(found: _Found, frame: _Frame) -> None:
+    """Flat mirrors and curved ones, those beyond panes among them: these go with what else is beyond panes."""
+    singles, counts = single_mirrors(*frame.seen)
+    points, images, of_curved = curved_mirrors(*frame.seen)
+    found.add([points], [singles, images])
+    found.counts |= counts | of_curved
+
+
+def _add_scattered(found: _Found, frame: _Frame, part: Bundle, fan: RayFan, group: int | None = None) -> None:
+    """Paths that end with a diffuse bounce.
+
+    :param group: index of their candidate; None of first hits, which have none
+    """
+    name = "scattered_twice" if part.scatterings > 1 else "scattered_once"
+    found.counts[name] += len(part.amplitude)
+    found.add([_of_group(rows, group) for rows in _scattered(frame.with_surfaces(part), fan)])
+
+
+def _add_chains(found: _Found, frame: _Frame, fan: RayFan, seed: int, followed: dict[int, int]) -> None:
+    """Chains of mirrors, and mirrors beyond panes, by the solver, of the groups that are followed."""
+    settings, merged = frame.settings, frame.merged
+    solved = dict[int, Solved]()
+    if settings.depth > 1 and settings.specular and merged.meshes:
+        wanted = [CHAIN] * (CHAIN in followed) + [PANE] * (PANE in followed and settings.refraction)
+        scene = (
+            radio_scene(frame.kept, slabs_of(merged, frame.materials), frame.frequency_hz, settings) if wanted else None
+        )
+        for group in wanted:
+            of = settings.of_mirrors if group == CHAIN else settings.beyond_panes
+            solved[group] = solve(scene, merged, frame.pose, of, fan, seed)
+    if PANE in solved:
+        solved[PANE] = solved[PANE].beyond_panes()
+    if CHAIN in solved and settings.corners:
+        bundle, by_the_solver = without_corners(solved[CHAIN].bundle, merged)
+        solved[CHAIN] = replace(solved[CHAIN], bundle=bundle)
+        found.counts["corners_by_the_solver"] = by_the_solver
+    for group, item in solved.items():
+        for depth in range(2, item.bundle.interactions.shape[1] + 1):
+            part = item.bundle.of_bounces(depth).in_fixed_order()
+            found.add([], [_of_group(_specular(frame.with_surfaces(part)), followed[group])])
+    found.counts |= {
+        "traced": sum(len(item.bundle.amplitude) for item in solved.values()),
+        "truncated": max((item.truncated for item in solved.values()), default=0),
+        "invalid": sum(item.invalid for item in solved.values()),
+    }
+
+
+def _of_group(rows: Any, group: int | None) -> Any:
+    """Paths whose candidate is the first of a group."""
+    return rows if group is None else replace(rows, candidate=np.full(len(rows), group, dtype=np.int32))
 
 
 def _with_surfaces(
@@ -243,11 +361,6 @@ def _specular(part: Bundle) -> SpecularPaths:
         object_index=part.objects[:, -1].astype(np.int32),
         kinds=_kinds(part),
     )
-
-
-def _joined_scattered(parts: list[ScatteredPaths]) -> ScatteredPaths:
-    none = ScatteredPaths.none()
-    return ScatteredPaths.concatenate([none, *parts])
 
 
 def _joined(parts: list[SpecularPaths]) -> SpecularPaths:

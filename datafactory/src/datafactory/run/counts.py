@@ -31,7 +31,7 @@ MEANINGS = {
     "target_mirrors": "ways to targets over a mirror",
     "target_mirrors_left_out": "weaker ways to targets over a mirror",
     "target_mirrors_too_wide": "ways out and back over mirrors too far apart for one echo point",
-    "edge_rays": "ways over an edge to the sensor and back",
+    "edge_rays": "ways over an edge to the sensor and back that were looked at",
     "edge_rays_hidden": "of these, those that something stands in",
     "edges_round_corners_left_out": "weaker edges over which a hidden target is reached as well",
     "targets_faint": "point targets too far away to be heard",
@@ -64,13 +64,16 @@ def told(counts: Mapping[str, float], verbose: bool) -> list[str]:
     """Lines that say what was counted.
 
     :param counts: of a manifest
-    :param verbose: everything that is not zero; otherwise only what is :data:`ALARMING`
+    :param verbose: everything that is not zero; otherwise what is :data:`ALARMING`, and the effects of the frames
     """
     wanted = [name for name in MEANINGS if name != "frames"] if verbose else ALARMING
     if verbose:
         wanted = [*wanted, *(name for name in counts if name not in MEANINGS and not name.startswith(FRAMES_WITH))]
     lines = [f"{counts[name]:.0f} {MEANINGS.get(name, name.replace('_', ' '))}" for name in wanted if counts.get(name)]
     made_with = {name.removeprefix(FRAMES_WITH): n for name, n in counts.items() if name.startswith(FRAMES_WITH)}
-    if verbose and made_with:
-        lines.append(f"frames with {', '.join(f'{name} {count:.0f}' for name, count in made_with.items())}")
+    if made_with:
+        simulated = ", ".join(f"{name} {count:.0f}" for name, count in made_with.items() if count)
+        never = ", ".join(name for name, count in made_with.items() if not count)
+        told_never = f"; never {never}" if never else ""
+        lines.append(f"effects, by the number of frames that have them: {simulated}{told_never}")
     return lines

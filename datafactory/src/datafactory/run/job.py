@@ -10,7 +10,6 @@ from typing import Any, TypeVar
 
 import pyarrow as pa
 
-from datafactory.effects.plan import EffectPlan
 from datafactory.frame.chain import ChainSettings, PointSource, SceneSource, Source, StoredSource, make_frames
 from datafactory.frame.deal import Deal
 from datafactory.frame.measurement import Hook
@@ -31,8 +30,7 @@ class Job:
 
     :param deal: which frame is which
     :param scenes: those that are traced; none where paths were traced before
-    :param plans: what is simulated of every scene
-    :param settings: of the run, with every effect; point frames are made with these
+    :param settings: of point frames; :param of_scenes: of scene frames
     :param stored: shard and row of every scene frame whose paths were traced before
     :param schema_message: Arrow's schema message; a pickled :class:`pyarrow.Schema` forgets that the elements of its
         lists are never null, which would cost every reader a quarter of its time
@@ -42,8 +40,8 @@ class Job:
     radar: Radar
     deal: Deal
     scenes: tuple[PreparedScene, ...]
-    plans: tuple[EffectPlan, ...]
     settings: ChainSettings
+    of_scenes: ChainSettings
     stored: tuple[tuple[Location, int], ...]
     schema_message: bytes
     paths_alone: bool = False
@@ -70,10 +68,9 @@ class Job:
         frame = self.deal.frame(frame_id)
         if frame.kind == "points":
             return PointSource(frame, self.settings)
-        settings = self.plans[frame.scene].settings(self.settings, frame.pose)
         if self.stored:
-            return StoredSource(*self.stored[frame_id], settings)
-        return SceneSource(frame, self.scenes[frame.scene], settings)
+            return StoredSource(*self.stored[frame_id], self.of_scenes)
+        return SceneSource(frame, self.scenes[frame.scene], self.of_scenes)
 
     def rows(self, frame_ids: Sequence[int], at: Hook) -> Iterator[tuple[pa.RecordBatch, Counter[str]]]:
         """The frames' rows in their order, one a batch, each with what its frame counted.

@@ -25,8 +25,6 @@ TRIANGLE_BYTES = 3_000.0
 """Of a triangle: the merged scene, the tracer's own, and neighbours, edges and curved surfaces that are found once."""
 RAY_BYTES = {1: 400.0, 2: 1_300.0, 3: 1_900.0}
 """Of a ray, by the largest number of bounces: the solver's room for paths, and the paths themselves."""
-PLANNING_BYTES, PLANNING_RAY_BYTES = 100e6, 600.0
-"""What the evidence for a plan takes beside a frame, at all and of a ray."""
 CUBES = 5.5
 """Arrays of a cube's size at a time: the cube, the noise on it, its spectra in two orders."""
 KEPT_CUBES = 2.0
@@ -43,7 +41,6 @@ class Load:
 
     :param triangles: of all its scenes
     :param traced: whether scenes are traced
-    :param planned: whether their effects are planned by evidence
     :param rendered: whether cubes are made; paths alone otherwise
     :param stored_rays: of the frames whose paths were traced before; 0 without such
     """
@@ -52,7 +49,6 @@ class Load:
     settings: ChainSettings
     triangles: int = 0
     traced: bool = False
-    planned: bool = False
     rendered: bool = True
     stored_rays: int = 0
 
@@ -63,17 +59,13 @@ class Load:
 
     @property
     def parent_bytes(self) -> float:
-        """Peak of the process that plans, hands out portions to others and writes shards."""
-        planning = PLANNING_BYTES + PLANNING_RAY_BYTES * self.settings.trace.rays + self._ray_bytes
+        """Peak of the process that hands out portions to others and writes shards."""
         written = WRITTEN_CUBES * self._cube_bytes if self._keeps_cubes else 0.0
-        return BASE_BYTES + self._tracer_bytes + written + (planning if self.planned else 0.0)
+        return BASE_BYTES + self._tracer_bytes + written
 
     def total_bytes(self, workers: int) -> float:
-        """Of so many workers; one works in the process that plans."""
-        if workers > 1:
-            return workers * self.worker_bytes + self.parent_bytes
-        planning = PLANNING_BYTES + PLANNING_RAY_BYTES * self.settings.trace.rays
-        return self.worker_bytes + (planning if self.planned else 0.0)
+        """Of so many workers; one works in the process that hands out."""
+        return self.worker_bytes if workers == 1 else workers * self.worker_bytes + self.parent_bytes
 
     @property
     def _tracer_bytes(self) -> float:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
-from datafactory.effects.catalogue import EffectSet
+from datafactory.effects.catalogue import ALL, EffectSet
 from datafactory.frame.chain import ChainSettings
 from datafactory.frame.defaults import DEFAULT_BUDGET_DB, DEFAULT_PATTERN
 from datafactory.frame.points import PointTargets
@@ -27,8 +27,8 @@ class Order:
     :param drives: draw sequences of ``frames`` frames in all
     :param targets: frames of exactly these targets, instead of drawn ones
     :param settings: how a frame is made, with every effect
-    :param effects: what is simulated of the scenes; None for what a plan finds each to need
-    :param budget_db: what leaving an effect out may cost, for that plan
+    :param effects: what is simulated of the scenes; None for what each frame calls for
+    :param budget_db: what leaving effects out of a frame may change then
     :param licence: of the data, an SPDX expression; None where none is stated
     :param paths: folder of :func:`datafactory.run.pipeline.trace_paths`, instead of scenes
     """
@@ -48,6 +48,14 @@ class Order:
     effects: EffectSet | None = None
     budget_db: float = DEFAULT_BUDGET_DB
     licence: str | None = None
+
+    @property
+    def of_scenes(self) -> ChainSettings:
+        """How scene frames are made: with what was chosen, or with what each calls for by the budget."""
+        if self.effects is not None:
+            return self.effects.settings(self.settings)
+        every = ALL.settings(self.settings)
+        return replace(every, budget_db=self.budget_db, below_noise=self.settings.processing.noise)
 
     @property
     def given(self) -> tuple[Pose, ...]:

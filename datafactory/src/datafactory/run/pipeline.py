@@ -1,4 +1,4 @@
-"""The dataset factory's method: scenes, their effect plans, then shards of frames or of paths, then the manifest.
+"""The dataset factory's method: scenes, then shards of frames or of paths, then the manifest.
 
 What makes one frame stands in :mod:`datafactory.frame.chain`.
 """
@@ -13,6 +13,7 @@ from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
+from datafactory.effects.catalogue import ALL
 from datafactory.frame.points import rayleigh_length
 from datafactory.paths.storage import paths_schema
 from datafactory.run.array_job import ARGUMENT, ENTRY, ArrayJob, JobEntry
@@ -43,7 +44,7 @@ class Report:
     :param frames: frames in the dataset
     :param shards_made, shards_kept: shards rendered now, and found whole from an earlier run
     :param counts: the manifest's counts
-    :param seconds: wall-clock seconds of this run, opening and planning its scenes included
+    :param seconds: wall-clock seconds of this run, opening its scenes included
     """
 
     directory: Location
@@ -65,7 +66,6 @@ class Execution:
     :param job: make the shards of this job alone; ``directory`` is then the job's own
     :param engine: where shards are made
     :param announce: takes lines for the user: material mappings, warnings
-    :param looked: takes frames looked at for the plan, and how many there are to look at
     :param advance: takes frames done and frames in all
     """
 
@@ -76,7 +76,6 @@ class Execution:
     job: ArrayJob | None = None
     engine: Engine = field(default_factory=Local)
     announce: Announce = lambda line: None
-    looked: Advance = lambda done, total: None
     advance: Advance = lambda done, total: None
 
     @property
@@ -105,7 +104,7 @@ def _rendered(order: Order, table: MaterialTable, execution: Execution) -> Repor
     order, execution = _fitted(order, execution)
     if said := statement(order.radar):
         execution.announce(said)
-    prepared = prepare(order, table, execution.announce, execution.looked)
+    prepared = prepare(order, table, execution.announce)
     job = _job(order, prepared, arrow_schema(about).serialize().to_pybytes())
     arguments = {
         **prepared.arguments,
@@ -129,7 +128,9 @@ def trace_paths(order: Order, table: MaterialTable, execution: Execution) -> Rep
 def _traced(order: Order, table: MaterialTable, execution: Execution) -> Report:
     started = time.perf_counter()
     order, execution = _fitted(order, execution, rendered=False)
-    prepared = prepare(order, table, execution.announce, execution.looked)
+    # One trace serves many radars: each leaves out for itself what it would not notice.
+    order = replace(order, effects=order.effects or ALL)
+    prepared = prepare(order, table, execution.announce)
     job = replace(_job(order, prepared, paths_schema().serialize().to_pybytes()), paths_alone=True)
     manifest = {"arguments": prepared.arguments, "scenes": prepared.entries}
     return _produce(job, None, plan_shards((PATHS,) * len(job.deal)), manifest, execution, started)
@@ -161,8 +162,8 @@ def _job(order: Order, prepared: Prepared, schema_message: bytes) -> Job:
         radar=order.radar,
         deal=prepared.deal,
         scenes=prepared.scenes,
-        plans=prepared.plans,
         settings=order.settings,
+        of_scenes=order.of_scenes,
         stored=prepared.stored,
         schema_message=schema_message,
     )

@@ -1,4 +1,4 @@
-"""An order's inputs made ready: scenes opened and merged, frames dealt, effects planned.
+"""An order's inputs made ready: scenes opened and merged, frames dealt.
 
 Rendering, tracing, ``plan``, the accuracy sweep and the error budget all start from here.
 """
@@ -14,15 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from datafactory.effects.plan import EffectPlan
+from datafactory.effects.catalogue import ALL, NO_CHOICE
 from datafactory.frame.deal import Deal, drawn_scene, split_of
 from datafactory.frame.points import PointTargets
-from datafactory.frame.prepared import PreparedScene, Sample
+from datafactory.frame.prepared import PreparedScene
 from datafactory.frame.seeds import generator, sequence_seed
 from datafactory.paths.merged_scene import merge_scene
 from datafactory.run.memory import Load
 from datafactory.run.order import Order
-from datafactory.run.planning import Looking, plan_of, sample_of
 from datafactory.run.stored import StoredPaths, stored_paths, traced_rays
 from datafactory.scenes.boxes import boxed_things
 from datafactory.scenes.drives import draw_drive
@@ -45,8 +44,6 @@ class Prepared:
 
     :param scenes: those that are traced; none where paths were traced before
     :param deal: which frame is which
-    :param samples: the frames of each scene that its plan was made from; none where paths were traced before
-    :param plans: what is simulated of each scene, and why
     :param stored: shard and row of every scene frame whose paths were traced before
     :param arguments: what of it determines the bytes, by the names that the user knows
     :param entries: the manifest's ``scenes``
@@ -54,8 +51,6 @@ class Prepared:
 
     scenes: tuple[PreparedScene, ...]
     deal: Deal
-    samples: tuple[Sample, ...]
-    plans: tuple[EffectPlan, ...]
     stored: tuple[tuple[Location, int], ...]
     arguments: dict[str, Any]
     entries: list[dict[str, Any]]
@@ -65,15 +60,15 @@ def prepare(
     order: Order,
     table: MaterialTable,
     announce: Announce = lambda line: None,
-    looked: Callable[[int, int], None] = lambda done, total: None,
 ) -> Prepared:
     """Make an order's inputs ready.
 
-    :param looked: takes frames looked at for the plan, and how many there are to look at
     :raises InputError: whatever is wrong with a scene or with a folder of traced paths
     """
     if order.paths is not None:
         return _from_stored(order, stored_paths(order, order.paths))
+    if said := _named_in_vain(order):
+        announce(said)
     opened = opened_scenes(order)
     scenes = tuple(prepared_scene(scene, table, announce) for scene in opened)
     for scene in opened:
@@ -85,9 +80,6 @@ def prepare(
             announce(said)
     for said in (*close_tracks(deal), *_poses_in_traffic(deal, opened)):
         announce(said)
-    samples = tuple(sample_of(deal, number, scene) for number, scene in enumerate(scenes))
-    looking = Looking(sum(len(sample.frames) for sample in samples), looked)
-    plans = tuple(plan_of(order, sample, announce, looking) for sample in samples)
     arguments = {
         **_common_arguments(order),
         "scenes": [{"scene": scene.name, "content": scene.content} for scene in scenes],
@@ -97,13 +89,9 @@ def prepare(
         "tracks": [[asdict(pose) for pose in track] for track in order.tracks],
         "drives": None if order.drives is None else asdict(order.drives),
         "trace": asdict(order.settings.trace),
-        **_planned_arguments(plans),
     }
-    entries = [
-        {**_entry(source, scene.materials), "effect_plan": plan.to_json()}
-        for source, scene, plan in zip(opened, scenes, plans, strict=True)
-    ]
-    return Prepared(scenes, deal, samples, plans, (), arguments, entries)
+    entries = [_entry(source, scene.materials) for source, scene in zip(opened, scenes, strict=True)]
+    return Prepared(scenes, deal, (), arguments, entries)
 
 
 def opened_scenes(order: Order) -> list[Scene]:
@@ -125,7 +113,6 @@ def load_of(order: Order, scenes: Sequence[Scene], rendered: bool = True) -> Loa
         order.settings,
         triangles=sum(scene.triangle_count for scene in scenes),
         traced=bool(scenes),
-        planned=bool(scenes) and order.effects is None,
         rendered=rendered,
         stored_rays=0 if order.paths is None else traced_rays(order.paths),
     )
@@ -204,23 +191,14 @@ def _from_stored(order: Order, stored: StoredPaths) -> Prepared:
     arguments = {
         **_common_arguments(order),
         "paths": list(stored.checksums),
-        **_planned_arguments(stored.plans),
     }
-    return Prepared((), deal, (), stored.plans, stored.places, arguments, stored.entries)
-
-
-def _planned_arguments(plans: Sequence[EffectPlan]) -> dict[str, Any]:
-    """What of the plans determines the bytes."""
-    return {
-        "effects": [plan.effects.names for plan in plans],
-        "effects_by_frame": [
-            None if plan.by_frame is None else {"budget_db": plan.budget_db, **asdict(plan.by_frame)} for plan in plans
-        ],
-    }
+    return Prepared((), deal, stored.places, arguments, stored.entries)
 
 
 def _common_arguments(order: Order) -> dict[str, Any]:
     return {
+        "effects": (ALL if order.effects is None else order.effects).names,
+        "budget_db": order.budget_db if order.effects is None else None,
         "points": order.points,
         "targets": [_as_lists(targets) for targets in order.targets],
         "seed": order.seed,
@@ -251,6 +229,14 @@ def prepared_scene(scene: Scene, table: MaterialTable, announce: Announce) -> Pr
     return PreparedScene(
         scene.name, scene.content_hash(), merge_scene(scene, materials), materials, boxed_things(scene)
     )
+
+
+def _named_in_vain(order: Order) -> str:
+    """What to say of effects that were chosen and are no choice; "" without such."""
+    if order.effects is None or order.effects == ALL:
+        return ""
+    named = ", ".join(name for name in NO_CHOICE if getattr(order.effects, name))
+    return f"--effects: {named} made no difference: simulated wherever something to work on is" if named else ""
 
 
 def _late_poses(scene: Scene, poses: Sequence[Pose]) -> str:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
 from datafactory.effects.catalogue import PATH_EFFECTS, EffectSet
-from datafactory.effects.plan import ByFrame, EffectPlan, by_choice
 from datafactory.paths.defaults import DEFAULT_RAYS
 from datafactory.paths.storage import read_places
 from datafactory.run.order import Order
@@ -27,7 +26,6 @@ class StoredPaths:
     :param places: shard and row of every frame, by frame index
     :param scene_numbers: number of the scene of every frame, as its row says
     :param sequences: number of the sequence of every frame, likewise; -1 for none
-    :param plans: of every scene, what is simulated of it
     :param entries: the manifest's ``scenes``
     :param checksums: SHA-256 of the shards
     """
@@ -35,46 +33,8 @@ class StoredPaths:
     places: tuple[tuple[Location, int], ...]
     scene_numbers: tuple[int, ...]
     sequences: tuple[int, ...]
-    plans: tuple[EffectPlan, ...]
     entries: list[dict[str, Any]]
     checksums: tuple[str, ...]
-
-
-class _Effect(BaseModel):
-    effect: str
-    on: bool
-
-
-class _Look(BaseModel):
-    paths: tuple[str, ...]
-
-
-class _ByFrame(BaseModel):
-    looks: tuple[_Look, ...]
-    elsewhere: tuple[str, ...]
-
-
-class _Plan(BaseModel):
-    effects: tuple[_Effect, ...]
-    by_frame: _ByFrame | None = None
-
-    def on(self) -> EffectSet:
-        """What the plan says of the frames that were looked at."""
-        return EffectSet.of({item.effect for item in self.effects if item.on})
-
-    def traced_with(self) -> list[EffectSet]:
-        """The effects on paths of its frames, each set that there is."""
-        if self.by_frame is None:
-            return [self.on()]
-        return [
-            EffectSet.of(set(names))
-            for names in (*(look.paths for look in self.by_frame.looks), self.by_frame.elsewhere)
-        ]
-
-
-class _Scene(BaseModel):
-    name: str
-    effect_plan: _Plan
 
 
 class _Radar(BaseModel):
@@ -83,13 +43,13 @@ class _Radar(BaseModel):
 
 class _Arguments(BaseModel):
     radar: _Radar
+    effects: tuple[str, ...]
 
 
 class _Traced(BaseModel):
     """What rendering needs to know of a manifest of traced paths."""
 
     arguments: _Arguments
-    scenes: tuple[_Scene, ...]
 
 
 def stored_paths(order: Order, folder: Location) -> StoredPaths:
@@ -115,23 +75,9 @@ def stored_paths(order: Order, folder: Location) -> StoredPaths:
             problem = f"paths were traced with {field} = {before!r}, the radar has {wanted!r}"
             raise InputError(folder, problem, "the same polarisation, or datafactory trace with this radar")
     if order.effects is not None:
-        for scene in understood.scenes:
-            for traced_with in scene.effect_plan.traced_with():
-                _require_same_paths(folder, scene.name, traced_with, order.effects)
-        plans = tuple(by_choice(scene.name, order.effects) for scene in understood.scenes)
-        entries = [{**entry, "effect_plan": plan.to_json()} for entry, plan in zip(entries, plans, strict=True)]
-    else:
-        plans = tuple(_plan_of(scene, order.budget_db) for scene in understood.scenes)
+        _require_same_paths(folder, EffectSet.of(set(understood.arguments.effects)), order.effects)
     places, scene_numbers, sequences = _places(folder, records, len(entries))
-    return StoredPaths(places, scene_numbers, sequences, plans, entries, tuple(record.sha256 for record in records))
-
-
-def _plan_of(scene: _Scene, budget_db: float) -> EffectPlan:
-    """The plan that a scene's paths were traced by; effects of the signal are decided by the budget of this run."""
-    plan = by_choice(scene.name, scene.effect_plan.on())
-    if scene.effect_plan.by_frame is None:
-        return plan
-    return replace(plan, budget_db=budget_db, by_frame=ByFrame((), scene.effect_plan.by_frame.elsewhere))
+    return StoredPaths(places, scene_numbers, sequences, entries, tuple(record.sha256 for record in records))
 
 
 def _places(
@@ -178,10 +124,10 @@ def _require_same_regions(folder: Location, arguments: dict[str, Any], split: st
         raise InputError("--split", problem, f"--split {traced}, or datafactory trace with this split")
 
 
-def _require_same_paths(folder: Location, scene: str, traced: EffectSet, asked: EffectSet) -> None:
+def _require_same_paths(folder: Location, traced: EffectSet, asked: EffectSet) -> None:
     """Which paths there are was settled when they were traced."""
     for name in PATH_EFFECTS:
         if getattr(traced, name) != getattr(asked, name):
             had, wants = ("with", "without") if getattr(traced, name) else ("without", "with")
-            problem = f"the paths of {scene} were traced {had} {name}, --effects asks for frames {wants} it"
+            problem = f"its paths were traced {had} {name}, --effects asks for frames {wants} it"
             raise InputError(folder, problem, "--effects auto, or datafactory trace with these effects")

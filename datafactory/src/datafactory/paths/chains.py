@@ -1,0 +1,82 @@
+"""Whether a frame has chains of mirrors: what a thin share of its rays tells before the solver is asked.
+
+A chain is a sequence of mirrors, each of which reflects the wave onto the next, and the last one home. Its rays are all
+rays that meet these faces one after another. So the sequences of triangles that some rays meet, as from mirrors, hold
+the chains between faces that these rays do not miss. Of each the image method says whether there is a way that closes:
+with I_0 = 0 and I_j the image of I_j-1 in the plane of mirror j, the wave comes home along the line from I_n to the
+radar, and meets the mirrors where that line, unfolded mirror by mirror, crosses their planes. A triangle counts as
+``LARGER`` times as large here: its neighbours in the same face are not looked for, and rays that miss a small face by
+a little stand for those that do not. The echo of a chain of length L is at most lambda / (4 pi L), that of perfect
+mirrors. Visibility and the true reflections are the solver's (:mod:`datafactory.paths.solver`).
+
+Mirrors that are the faces of one right-angled corner are left to :mod:`datafactory.paths.corners`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from datafactory.paths.candidates import CHAIN, Candidates
+from datafactory.paths.corner_edges import CornerEdges
+
+Real = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+LARGER = 2.0
+"""How much larger than it is, about its centre, a triangle counts in each direction."""
+
+
+def chain_candidates(
+    sequences: Sequence[Index], corner: Real, normal: Real, height: Real, corners: CornerEdges, wavelength_m: float
+) -> Candidates:
+    """Of every sequence of triangles over which a way closes.
+
+    :param sequences: triangles [n, mirrors] in the order in which rays met them
+    :param corner: [T, 3, 3] of all triangles in the radar frame [m]
+    :param normal: [T, 3] unit; :param height: [T] n . x of their planes [m]
+    :param corners: right-angled, whose own chains are left out
+    """
+    found = [Candidates.none()]
+    for sequence in sequences:
+        some = np.unique(sequence, axis=0)
+        own = np.ones(len(some), dtype=bool)
+        for one, other in combinations(some.T, 2):
+            own &= corners.joins(one, other)
+        some = some[~own]
+        image, departure = _closed(corner[some], normal[some], height[some])
+        length = np.linalg.norm(image, axis=1)
+        power = (wavelength_m / (4.0 * np.pi * np.maximum(length, wavelength_m))) ** 2
+        found.append(Candidates.of(CHAIN, image, power, 0.5 * length, departure))
+    return Candidates.joined(found)
+
+
+def _closed(corner: Real, normal: Real, height: Real) -> tuple[Real, Real]:
+    """Of the sequences [n, m] whose way closes: the image of the origin [k, 3] and the first mirror's point [k, 3]."""
+    count, mirrors = height.shape
+    images = [np.zeros((count, 3))]
+    for step in range(mirrors):
+        n = normal[:, step]
+        images.append(images[-1] - 2.0 * (np.einsum("ni,ni->n", n, images[-1]) - height[:, step])[:, None] * n)
+    place, closes = np.zeros((count, 3)), np.ones(count, dtype=bool)
+    for step in range(mirrors - 1, -1, -1):
+        n, along = normal[:, step], images[step + 1] - place
+        slope = np.einsum("ni,ni->n", n, along)
+        share = (height[:, step] - np.einsum("ni,ni->n", n, place)) / np.where(slope == 0.0, np.inf, slope)
+        place = place + share[:, None] * along
+        closes &= (share > 0.0) & (share < 1.0) & _within(corner[:, step], place)
+    return images[-1][closes], place[closes]
+
+
+def _within(corner: Real, place: Real) -> NDArray[np.bool_]:
+    """[n] whether points [n, 3] in the planes of triangles [n, 3, 3] lie within these, enlarged by ``LARGER``."""
+    one, other, here = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0], place - corner[:, 0]
+    a, b, c = (np.einsum("ni,ni->n", x, y) for x, y in ((one, one), (one, other), (other, other)))
+    d, e = np.einsum("ni,ni->n", one, here), np.einsum("ni,ni->n", other, here)
+    area = np.maximum(a * c - b * b, np.finfo(float).tiny)
+    second, third = (c * d - b * e) / area, (a * e - b * d) / area
+    shares: Real = np.stack([1.0 - second - third, second, third])
+    return shares.min(axis=0) >= (1.0 - LARGER) / 3.0

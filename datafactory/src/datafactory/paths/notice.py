@@ -1,0 +1,102 @@
+"""What a radar would not notice: the limit of a frame, and the candidates that stay below it.
+
+What is left out of a resolution cell of the truth has, all of it together, at most the power
+
+    P_limit = min(b P_peak, N):
+
+b is the error budget, P_peak the power in the frame's own strongest cell of first hits and single mirrors, which are
+traced first, and N the receiver's noise in a range-Doppler cell of a channel, the dataset's ``noise_power``. Without
+noise the budget counts alone. Powers are summed without phase, which is the expectation over random phases
+(:mod:`.density`).
+
+In every cell candidates are left out from the weakest on, as long as the sum of their bounds stays below the limit:
+edges, corners, targets and the estimates of second bounces alike. So a thousand edges, each just below, are not left
+out. A group (:data:`.candidates.GROUPS`) goes only where every part of it may.
+
+The decision is a function of the frame's paths and candidates, the radar and the budget. It is the same before anything
+is tested for visibility and afterwards, from stored paths.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from datafactory.paths.candidates import GROUPS, Candidates
+from datafactory.paths.density import cell_numbers, cell_power
+from datafactory.paths.table import DIFFUSE, SPECULAR, PathTable, amplitude_gain
+from shared.physics.units import db_to_power
+from shared.radar import FrontEnd, Radar
+from shared.signal.windows import cell_noise_power
+
+
+@dataclass(frozen=True)
+class Notice:
+    """What decides over a frame beside its paths.
+
+    :param budget_db: what leaving effects out may change [dB of the strongest cell's power]
+    :param below_noise: whether what is left out has to be below the receiver's noise as well; without noise it has not
+    :param antenna_pattern: whether the elements' gain depends on direction
+    :param truth_window: over the virtual sensor's elements, which sets the width of a cell
+    """
+
+    radar: Radar
+    budget_db: float
+    below_noise: bool = True
+    antenna_pattern: bool = True
+    truth_window: str = "taylor-30"
+
+    @property
+    def front_end(self) -> FrontEnd:
+        """As it lights the scene."""
+        front_end = self.radar.front_end
+        return front_end if self.antenna_pattern else front_end.with_boresight_gain()
+
+    def limit_w(self, first: PathTable) -> float:
+        """P_limit of the module [W].
+
+        :param first: the frame's :func:`first_echoes`, as traced at the radar's wavelength
+        """
+        lit = first.within(self.radar).illuminated(self.front_end)
+        peak = float(cell_power(lit, self.radar, self.truth_window).max(initial=0.0))
+        of_budget = float(db_to_power(self.budget_db)) * peak
+        return min(of_budget, cell_noise_power(self.radar)) if self.below_noise else of_budget
+
+    def power_w(self, candidates: Candidates) -> NDArray[np.float64]:
+        """[N] the candidates' bounds as the radar lights them [W]; 0 beyond its unambiguous range."""
+        departure, arrival = candidates.departure.astype(np.float64), candidates.arrival.astype(np.float64)
+        gain = amplitude_gain(self.front_end, departure, arrival) ** 2
+        heard = candidates.range_m < self.radar.waveform.unambiguous_range_m
+        return np.where(heard, candidates.power * gain, 0.0)
+
+    def worth(self, candidates: Candidates, limit_w: float) -> NDArray[np.bool_]:
+        """[N] whether each is followed."""
+        if not len(candidates):
+            return np.zeros(0, dtype=bool)
+        power = self.power_w(candidates)
+        row, column, columns = cell_numbers(
+            candidates.range_m.astype(np.float64), candidates.arrival.astype(np.float64), self.radar, self.truth_window
+        )
+        cell = row * columns + column
+        order = np.lexsort((power, cell))
+        total = np.cumsum(power[order])
+        begins = np.concatenate([[True], np.diff(cell[order]) != 0])
+        before = (total - power[order])[begins][np.cumsum(begins) - 1]
+        worth = np.ones(len(power), dtype=bool)
+        worth[order] = total - before > limit_w
+        worth &= power > 0.0
+        for group in GROUPS:
+            members = candidates.family == group
+            worth[members] = worth[members].any()
+        return worth
+
+
+def first_echoes(table: PathTable) -> PathTable:
+    """First hits and single mirrors among a table's paths: they are in every frame, and no decision."""
+    scattered, specular = table.scattered, table.specular
+    return PathTable(
+        scattered.take((scattered.depth == 1) & ((scattered.kinds == DIFFUSE) | (scattered.kinds == SPECULAR))),
+        specular.take((specular.depth == 1) & (specular.kinds == SPECULAR)),
+    )

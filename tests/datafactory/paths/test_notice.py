@@ -1,0 +1,113 @@
+"""What a radar would not notice: the limit, the sums in cells, groups; against slow sums."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from datafactory.paths.candidates import CORNER, EDGE, TARGET_SEEN, TWICE, Candidates
+from datafactory.paths.notice import Notice, first_echoes
+from datafactory.paths.table import DIFFRACTED, DIFFUSE, PathTable, ScatteredPaths, SpecularPaths
+from shared.radar import Radar
+from shared.signal.windows import angle_window, cell_noise_power, point_spread
+
+RADAR = Radar()
+NOTICE = Notice(RADAR, -30.0)
+BORESIGHT_GAIN = float(
+    RADAR.front_end.transmit_power_w
+    * RADAR.front_end.tx_pattern.power_gain(np.array([1.0, 0.0, 0.0]))
+    * RADAR.front_end.rx_pattern.power_gain(np.array([1.0, 0.0, 0.0]))
+)
+
+
+def ahead(range_m: float, power_w: NDArray[np.float64], family: int = EDGE) -> Candidates:
+    """Candidates in one cell on boresight, by their power as the radar receives it."""
+    place = np.tile([range_m, 0.0, 0.0], (len(power_w), 1))
+    return Candidates.of(family, place, power_w / BORESIGHT_GAIN)
+
+
+def hits(*level_w: float, range_m: float = 20.0) -> PathTable:
+    """First hits on boresight, by their power as the radar receives it, each in a cell of its own."""
+    place = np.array([[range_m + 3.0 * n, 0.0, 0.0] for n in range(len(level_w))])
+    amplitude = np.sqrt(np.array(level_w) / BORESIGHT_GAIN)
+    paths = ScatteredPaths.of_points(place, np.zeros_like(place), amplitude)
+    return PathTable(replace(paths, kinds=np.full(len(paths), DIFFUSE, dtype=np.uint8)))
+
+
+def test_the_limit_is_the_smaller_of_budget_and_noise() -> None:
+    noise = cell_noise_power(RADAR)
+    strong, weak = hits(1e6 * noise, 10.0 * noise), hits(100.0 * noise, noise)
+    assert NOTICE.limit_w(strong) == pytest.approx(noise)
+    assert NOTICE.limit_w(weak) == pytest.approx(0.1 * noise, rel=1e-6)
+    assert replace(NOTICE, below_noise=False).limit_w(strong) == pytest.approx(1e3 * noise, rel=1e-6)
+    assert NOTICE.limit_w(PathTable(ScatteredPaths.none())) == 0.0
+
+
+def test_the_peak_is_that_of_first_hits_and_single_mirrors() -> None:
+    """An edge a hundred times as strong as all of them does not raise what may be left out."""
+    table = hits(100.0, 1.0)
+    edge = replace(table.scattered, kinds=np.full(2, DIFFRACTED, np.uint8), amplitude=10.0 * table.scattered.amplitude)
+    both = PathTable(ScatteredPaths.concatenate([table.scattered, edge]), SpecularPaths.none())
+    assert len(first_echoes(both)) == 2
+    np.testing.assert_array_equal(first_echoes(both).scattered.amplitude, table.scattered.amplitude)
+
+
+def test_a_thousand_edges_each_one_decibel_below_are_not_left_out() -> None:
+    limit = 1e-12
+    each = limit * 10.0**-0.1
+    assert not NOTICE.worth(ahead(30.0, np.array([each])), limit).any()
+    worth = NOTICE.worth(ahead(30.0, np.full(1000, each)), limit)
+    assert worth.sum() == 999
+
+
+def test_families_share_a_cell_s_limit() -> None:
+    limit = 1e-12
+    parts = [ahead(30.0, np.array([0.6 * limit]), family) for family in (EDGE, CORNER, TARGET_SEEN)]
+    worth = NOTICE.worth(Candidates.joined(parts), limit)
+    assert worth.sum() == 2
+    apart = [ahead(30.0 + 3.0 * n, np.array([0.6 * limit]), EDGE) for n in range(3)]
+    assert not NOTICE.worth(Candidates.joined(apart), limit).any()
+
+
+def test_a_group_is_followed_as_a_whole() -> None:
+    limit = 1e-12
+    weak, strong = ahead(30.0, np.array([0.1 * limit]), TWICE), ahead(60.0, np.array([2.0 * limit]), TWICE)
+    assert not NOTICE.worth(weak, limit).any()
+    assert NOTICE.worth(Candidates.joined([weak, strong]), limit).all()
+
+
+def test_what_is_beyond_the_range_is_not_looked_for() -> None:
+    beyond = RADAR.waveform.unambiguous_range_m + 1.0
+    assert not NOTICE.worth(ahead(beyond, np.array([1.0])), 0.0).any()
+    assert NOTICE.worth(ahead(beyond - 2.0, np.array([1.0])), 0.0).all()
+
+
+def test_sums_in_cells_are_those_of_a_slow_search(generator: np.random.Generator) -> None:
+    """Cell by cell in Python: from the weakest on, as long as the sum stays below the limit."""
+    count, limit = 4000, 1e-12
+    azimuth, elevation = generator.uniform(-1.2, 1.2, count), generator.normal(0.0, 0.1, count)
+    range_m = generator.uniform(2.0, 40.0, count)
+    place = np.stack([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)], 1)
+    candidates = Candidates.of(EDGE, range_m[:, None] * place, 10.0 ** generator.uniform(-16.0, -11.0, count))
+    worth = NOTICE.worth(candidates, limit)
+    assert 0.1 < worth.mean() < 0.9
+
+    elements, wavelength = RADAR.virtual_sensor.channels, RADAR.waveform.wavelength_m
+    spacing = float(np.ptp(RADAR.virtual_sensor.rx[:, 1])) / (elements - 1) / wavelength
+    width, _ = point_spread(angle_window("taylor-30", elements), spacing)
+    front_end, cells = RADAR.front_end, dict[tuple[int, int], list[tuple[float, int]]]()
+    for n in range(count):
+        where = candidates.arrival[n].astype(float)
+        gain = front_end.tx_pattern.power_gain(where) * front_end.rx_pattern.power_gain(where)
+        power = float(candidates.power[n] * gain * front_end.transmit_power_w)
+        cell = (round(float(candidates.range_m[n]) / RADAR.waveform.range_step_m),
+                int((where[1] / np.linalg.norm(where) + 1.0) / width))  # fmt: skip
+        cells.setdefault(cell, []).append((power, n))
+    for members in cells.values():
+        total = 0.0
+        for power, n in sorted(members):
+            total += power
+            assert worth[n] == (total > limit) or total == pytest.approx(limit, rel=1e-9)
