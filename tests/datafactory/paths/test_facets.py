@@ -202,3 +202,36 @@ def test_a_surface_cell_keeps_its_phase_and_neighbours_have_their_own():
     assert abs(np.mean(np.exp(1j * phase))) < 4.0 / np.sqrt(4000)
     assert phase.min() >= 0.0
     assert phase.max() < 2.0 * np.pi
+
+
+def along_edges(edges: np.ndarray) -> tuple[complex, float]:
+    """The slow way, with the angle of every edge [E, 2, 2] by itself."""
+    total, turned = 0.0j, 0.0
+    for (ax, ay), (bx, by) in edges:
+        (tx, ty), cross, dot = (bx - ax, by - ay) / np.hypot(bx - ax, by - ay), ax * by - ay * bx, ax * bx + ay * by
+        start, stop, size = ax * tx + ay * ty, bx * tx + by * ty, abs(ax * ty - ay * tx)
+        angle = np.arctan2(cross, dot)
+        nearest = size**2 + (0.0 if start * stop < 0.0 else min(start**2, stop**2))
+        ends = [facets._integral_from_foot(size, end) for end in (stop, start)]
+        total += angle if nearest > facets.CUT else np.sign(cross) * (ends[0] - ends[1])
+        turned += angle
+    return total, turned
+
+
+@pytest.mark.parametrize("spread", [1.0, 10.0, 100.0])
+@pytest.mark.parametrize("winding", [-3, -1, 0, 1, 4])
+def test_the_angles_of_far_edges_add_up_whatever_the_turns_and_whether_they_close(generator, spread, winding):
+    """Up to 400 edges: a polygon of many turns around or beside the point, then edges that belong to none."""
+    steps = np.linspace(0.0, 2.0 * np.pi * (winding or 1), 301)
+    centre = np.array([0.0 if winding else 6.0, 1.0])
+    corners = spread * (
+        centre + np.stack([np.cos(steps), np.sin(steps)], axis=1) * generator.uniform(2.0, 4.0, (301, 1))
+    )
+    alone = generator.normal(scale=10.0 * spread, size=(99, 2, 2))
+    edges = np.concatenate([np.stack([corners[:-1], corners[1:]], axis=1), alone])
+    in_space = np.concatenate([edges, np.zeros((*edges.shape[:2], 1))], axis=2)
+    total, turned, through = facets._along_edges(in_space, np.zeros(3), np.eye(3)[0], np.eye(3)[1])
+    slow_total, slow_turned = along_edges(edges)
+    assert not through
+    assert abs(total - slow_total) < 1e-9
+    assert abs(turned - slow_turned) < 1e-9

@@ -79,10 +79,11 @@ def curved_shares(
     range_m = feet.range_m()
     scale = np.sqrt(2.0 * np.abs(factor) / (range_m[:, None] * wavelength_m))
     share = np.ones(len(feet), dtype=np.complex128)
+    normals = surfaces.rim_normals @ rotation
     for index in range(len(feet)):
         here = surfaces.rim_surface == feet.surface[index]
         rims = (surfaces.rims[here] + moved[index]) @ rotation
-        side = np.einsum("bi,bi->b", (surfaces.rim_normals @ rotation)[here], rims.mean(axis=1))
+        side = np.einsum("bi,bi->b", normals[here], rims.mean(axis=1))
         rims = rims[side * (feet.normal[index] @ feet.foot[index]) > 0.0]
         if len(rims):
             along = feet.axes[index, 0]

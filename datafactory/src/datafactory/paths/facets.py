@@ -235,9 +235,12 @@ def share_within_rims(rims, point, along, across):
 def _along_edges(edges, point, along, across):
     """Integrals of 1 - exp(-a rho^2) d(phi), and of d(phi), along edges [E, 2, 3] around a point [3].
 
-    Last, whether an edge passes through the point: it adds to neither.
+    Last, whether an edge passes through the point: it adds to neither. The ends a and b of a far edge, as complex
+    numbers, give conj(a) b, whose argument is the angle that the edge fills. The product of all of these has the sum of
+    the angles, but for the turns that are counted beside it.
     """
     total, turned, through = 0.0j, 0.0, False
+    real, imaginary, turns = 1.0, 0.0, 0
     for e in range(len(edges)):
         ax = ay = bx = by = 0.0
         for i in range(3):
@@ -246,24 +249,35 @@ def _along_edges(edges, point, along, across):
             ay += from_point * across[i]
             bx += to_point * along[i]
             by += to_point * across[i]
-        length = max(np.hypot(bx - ax, by - ay), CLOSEST)
-        tx, ty = (bx - ax) / length, (by - ay) / length
-        height = ax * ty - ay * tx  # distance of the line, positive with the point on its left
-        size = abs(height)
-        start, stop = ax * tx + ay * ty, bx * tx + by * ty
+        dx, dy, cross = bx - ax, by - ay, ax * by - ay * bx
+        if (ax * dx + ay * dy) * (bx * dx + by * dy) < 0.0:
+            far = cross * cross > CUT * (dx * dx + dy * dy)
+        else:
+            far = min(ax * ax + ay * ay, bx * bx + by * by) > CUT
+        length = 0.0 if far else max(np.hypot(dx, dy), CLOSEST)
+        size = CUT if far else abs(cross) / length
         if size < CLOSEST:
-            through = through or start * stop < 0.0
-            continue
-        nearest = size * size + (0.0 if start * stop < 0.0 else min(start * start, stop * stop))
-        if nearest > CUT:  # exp(-a rho^2) is 0 all along it, and the integral is the angle that the edge fills
-            angle = np.arctan2(ax * by - ay * bx, ax * bx + ay * by)
-            total += angle
-            turned += angle
-            continue
-        side = 1.0 if height >= 0.0 else -1.0
-        total += side * (_integral_from_foot(size, stop) - _integral_from_foot(size, start))
-        turned += side * (np.arctan2(stop, size) - np.arctan2(start, size))
-    return total, turned, through
+            tx, ty = dx / length, dy / length
+            through = through or (ax * tx + ay * ty) * (bx * tx + by * ty) < 0.0
+        elif far:  # exp(-a rho^2) is 0 all along it, and the integral is the angle that the edge fills
+            dot = ax * bx + ay * by
+            before = imaginary
+            real, imaginary = real * dot - imaginary * cross, real * cross + imaginary * dot + 0.0
+            if cross >= 0.0 and before >= 0.0 and imaginary < 0.0:
+                turns += 1
+            elif cross < 0.0 and before < 0.0 and imaginary >= 0.0:
+                turns -= 1
+            largest = max(abs(real), abs(imaginary))
+            if largest > 1e100:
+                real, imaginary = real / largest, imaginary / largest
+        else:
+            tx, ty = dx / length, dy / length
+            start, stop = ax * tx + ay * ty, bx * tx + by * ty
+            side = 1.0 if cross >= 0.0 else -1.0
+            total += side * (_integral_from_foot(size, stop) - _integral_from_foot(size, start))
+            turned += side * (np.arctan2(stop, size) - np.arctan2(start, size))
+    angle = np.arctan2(imaginary, real) + 2.0 * np.pi * turns
+    return total + angle, turned + angle, through
 
 
 @compiled(cache=False)

@@ -126,8 +126,9 @@ def plane_amplitude(
 ) -> NDArray[np.complex128]:
     """[n] amplitude of infinite planes of the meshes' materials, square to the sight at ``range_m`` [n]."""
     slabs, wavelength = slabs_of(merged_scene, materials), SPEED_OF_LIGHT / frequency_hz
-    reflection = np.array([_normal_reflection(slabs[index], frequency_hz) for index in mesh], dtype=complex)
-    return np.conj(reflection) * wavelength / (8.0 * np.pi * range_m)
+    met, place = np.unique(mesh, return_inverse=True)
+    reflection = np.array([_normal_reflection(slabs[index], frequency_hz) for index in met], dtype=complex)
+    return np.conj(reflection)[place] * wavelength / (8.0 * np.pi * range_m)
 
 
 def _perpendicular_feet(corners: Real, normals: Real) -> tuple[NDArray[np.int64], Real]:
