@@ -67,7 +67,7 @@ FRAMES = Option("Scene frames in total, dealt to the scenes in turn.", least=1, 
 SEED = Option("Dataset seed: same seed, same bytes.", least=0, most=LARGEST_SEED, first=True)
 TARGETS = Option("JSON file of exactly these targets: one frame for each inner list.",
                  "Or the targets of each frame; in place of ``points`` drawn ones.", typed=Path)
-EFFECTS = Option("auto (what each scene calls for), all, or names separated by commas.", "Or the names.", typed=str)
+EFFECTS = Option("auto (what each frame calls for), all, or names separated by commas.", "Or the names.", typed=str)
 BUDGET = Option("Choose rays, depth, pruning, tolerance and truth terms for this error [dB], e.g. -30, from a sweep "
                 "made once; --rays and --depth stay as given. Without it nothing is swept and the defaults hold.",
                 least=SMALLEST_BUDGET_DB, most=LARGEST_BUDGET_DB)

@@ -41,7 +41,7 @@ class _Speed(ProgressColumn):
 
 @contextmanager
 def shown(console: Console, transient: bool = False) -> Iterator[options.Progress]:
-    """Show the stages of a job, those that are over as well: what planning took is seen beside what the frames took.
+    """Show the stages of a job, those that are over as well: what a sweep took is seen beside what the frames took.
 
     A stage that has another number of steps than the one before it, or that begins again, gets a row of its own.
     Otherwise it is the next name for the same row.

@@ -102,7 +102,7 @@ def _run(make: Callable[..., Report], verbose: bool) -> Report:
     with shown(console) as advance:
         report = make(announce=console.print, progress=advance)
     kept = f" ({report.shards_kept} shards kept from before)" if report.shards_kept else ""
-    took = f"{report.seconds:.0f} s, opening and planning included"
+    took = f"{report.seconds:.0f} s, opening of the scenes included"
     console.print(f"{report.frames} frames in {report.directory}, {took}{kept}")
     for line in told(report.counts, verbose):
         console.print(f"  {line}")

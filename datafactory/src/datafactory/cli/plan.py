@@ -1,4 +1,4 @@
-"""``datafactory plan``: which effects a scene calls for, why, and what each costs."""
+"""``datafactory plan``: which effects frames of a scene decide for, why, and what each costs."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""One frame: trace, within reach, illuminate, narrow, prune, measure, image. The method, in its order.
+"""One frame: trace, narrow, within reach, illuminate, prune, measure, image. The method, in its order.
 
-Everything that makes a frame, or a part of one, comes here: the shards' worker, the evidence for a plan, its proof and
-its timing, the accuracy sweep. What wants to look in between hands in a hook. A hook is called at every step as
+Everything that makes a frame, or a part of one, comes here: the shards' worker, ``plan``, its proof and its timing,
+the accuracy sweep. What wants to look in between hands in a hook. A hook is called at every step as
 ``at(step, function, *arguments)`` and returns what the function returns. It may time the call, keep its value, or let
 something else take its place.
 
@@ -182,7 +182,7 @@ def make_frames(sources: Iterable[Source], radar: Radar, at: Hook = plainly) -> 
 
 
 def measured(source: Source, radar: Radar, at: Hook = plainly) -> Measurement:
-    """A frame up to its image: trace, within reach, illuminate, narrow, prune, measure."""
+    """A frame up to its image: trace, narrow, within reach, illuminate, prune, measure."""
     settings = source.settings
     boxes: tuple[Box, ...] = ()
     if isinstance(source, PointSource):

@@ -1,6 +1,6 @@
 """Which frame is frame i: its kind, scene, split, seed, pose and random streams.
 
-This is the only place that says so. Rendering, tracing, stored paths, evidence for the plan, the error budget and its
+This is the only place that says so. Rendering, tracing, stored paths, ``plan``, the error budget and its
 check all ask a :class:`Deal`.
 
 Scene frames come first, close-target frames after them. A frame's streams depend on (dataset seed, frame index) alone,

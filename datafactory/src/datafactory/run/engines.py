@@ -23,7 +23,7 @@ class Engine(Protocol):
         """One of :data:`datafactory.run.defaults.ENGINES`."""
 
     def processes_here(self, workers: int) -> int:
-        """Processes of this machine that make frames at a time; this one makes the plan, and counts as one.
+        """Processes of this machine that make frames at a time; this one hands out, and counts as one.
 
         :param workers: as :attr:`datafactory.run.pipeline.Execution.workers`
         """

@@ -148,7 +148,7 @@ def _how(links: int, copies: int) -> str:
 
 
 def _unlike(jobs: Sequence[FinishedJob]) -> list[str]:
-    """What the jobs state otherwise, under the same arguments: where files lay, the evidence behind a plan."""
+    """What the jobs state otherwise, under the same arguments: where files lay."""
     first, *others = jobs
     names = [name for name in first.manifest if name not in OF_JOBS]
     differing = {name: [job for job in others if job.manifest.get(name) != first.manifest[name]] for name in names}

@@ -167,7 +167,7 @@ class RayEngine:
         self._driver, self._cores, self._announce = driver, cores, announce
 
     def processes_here(self, workers: int) -> int:
-        """This one, which makes the plan; what the nodes hold is counted by Ray."""
+        """This one, which hands out; what the nodes hold is counted by Ray."""
         return 1
 
     def ahead(self, count: int, device: str | None) -> AbstractContextManager[None]:
