@@ -18,7 +18,7 @@ served, or every effect is asked for, all candidates are followed.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Protocol
 
@@ -36,7 +36,6 @@ from datafactory.paths.corners import without_corners
 from datafactory.paths.curved_mirrors import curved_mirrors
 from datafactory.paths.diffraction import EdgeEchoes, Sight
 from datafactory.paths.edges import edges_of
-from datafactory.paths.facets import mirrors_of, reflected_share
 from datafactory.paths.geometry import Geometry, placed
 from datafactory.paths.merged_scene import MergedScene, slabs_of
 from datafactory.paths.mirror_feet import single_mirrors
@@ -44,14 +43,13 @@ from datafactory.paths.notice import Notice, first_echoes
 from datafactory.paths.panes import pane_candidates
 from datafactory.paths.ray_hits import clear_between
 from datafactory.paths.rays import RayFan
-from datafactory.paths.roughness import surface_phase
+from datafactory.paths.rows import joined_specular, scattered_rows, specular_rows, with_surfaces
 from datafactory.paths.scattered_once import behind_panes
 from datafactory.paths.second_bounces import SecondBounces
 from datafactory.paths.solver import Bundle, Solved, TraceSettings, radio_scene, solve
 from datafactory.paths.surfaces import Surfaces
-from datafactory.paths.table import DIFFUSE, REFRACTED, SPECULAR, PathTable, ScatteredPaths, SpecularPaths
+from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
 from datafactory.paths.targets import EDGES_WITHIN_M, TargetEchoes
-from datafactory.paths.unfold import image_seen_from_tx, segment_lengths, tx_image_seen_from_rx, unit, with_ends
 from datafactory.scenes.materials.table import MaterialMapping
 from datafactory.scenes.poses import Pose
 from shared.physics.units import SPEED_OF_LIGHT
@@ -96,7 +94,7 @@ class _Found:
 
     def table(self, **more: Any) -> PathTable:
         """All of them."""
-        return PathTable(ScatteredPaths.concatenate(self.scattered), _joined(self.specular), **more)
+        return PathTable(ScatteredPaths.concatenate(self.scattered), joined_specular(self.specular), **more)
 
 
 @dataclass(frozen=True)
@@ -122,7 +120,7 @@ class _Frame:
 
     def with_surfaces(self, part: Bundle) -> Bundle:
         """Paths with what their surfaces do to the amplitude."""
-        return _with_surfaces(part, self.merged, self.pose, self.wavelength_m, self.settings)
+        return with_surfaces(part, self.merged, self.pose, self.wavelength_m, self.settings)
 
 
 def trace(
@@ -217,7 +215,7 @@ def _add_scattered(found: _Found, frame: _Frame, part: Bundle, fan: RayFan, grou
     """
     name = "scattered_twice" if part.scatterings > 1 else "scattered_once"
     found.counts[name] += len(part.amplitude)
-    found.add([_of_group(rows, group) for rows in _scattered(frame.with_surfaces(part), fan)])
+    found.add([_of_group(rows, group) for rows in scattered_rows(frame.with_surfaces(part), fan)])
 
 
 def _add_chains(found: _Found, frame: _Frame, fan: RayFan, seed: int, followed: dict[int, int]) -> None:
@@ -241,7 +239,7 @@ def _add_chains(found: _Found, frame: _Frame, fan: RayFan, seed: int, followed: 
     for group, item in solved.items():
         for depth in range(2, item.bundle.interactions.shape[1] + 1):
             part = item.bundle.of_bounces(depth).in_fixed_order()
-            found.add([], [_of_group(_specular(frame.with_surfaces(part)), followed[group])])
+            found.add([], [_of_group(specular_rows(frame.with_surfaces(part)), followed[group])])
     found.counts |= {
         "traced": sum(len(item.bundle.amplitude) for item in solved.values()),
         "truncated": max((item.truncated for item in solved.values()), default=0),
@@ -252,120 +250,3 @@ def _add_chains(found: _Found, frame: _Frame, fan: RayFan, seed: int, followed: 
 def _of_group(rows: Any, group: int | None) -> Any:
     """Paths whose candidate is the first of a group."""
     return rows if group is None else replace(rows, candidate=np.full(len(rows), group, dtype=np.int32))
-
-
-def _with_surfaces(
-    part: Bundle, merged: MergedScene, pose: Pose, wavelength_m: float, settings: TraceSettings
-) -> Bundle:
-    """The paths with what their surfaces do to the amplitude: share of a finite mirror, phase of a rough cell."""
-    rotation = pose.rotation()
-    triangle = np.maximum(part.triangles, 0)  # -1 stands beyond a path's end, where nothing is looked at
-    mesh = merged.mesh_of_triangle[triangle] if len(merged.mesh_of_triangle) else triangle
-    shift = np.array([item.shift for item in merged.meshes]).reshape(-1, 3)
-    world = (part.vertices.reshape(-1, 3) @ rotation.T + np.asarray(pose.position)).reshape(part.vertices.shape)
-    unshifted = world - shift.take(mesh, axis=0) if shift.any() else world
-    at_rest = unshifted
-    if merged.turns:
-        carried = merged.carried(triangle.reshape(-1), world.reshape(-1, 3), mesh.reshape(-1))
-        at_rest = unshifted.copy()
-        at_rest.reshape(-1, 3)[carried.index] = carried.at_rest
-    factor = np.ones(len(part.amplitude), dtype=np.complex128)
-    for step in range(part.interactions.shape[1]):
-        rough = part.interactions[:, step] == DIFFUSE
-        if settings.surface_phase:
-            here = np.flatnonzero(rough)
-            phase = surface_phase(at_rest[:, step].take(here, axis=0), part.objects[here, step])
-            factor[here] *= np.exp(1j * phase)
-        smooth = np.flatnonzero(~rough)
-        if settings.finite_mirrors and len(smooth):
-            of_smooth = part.interactions.take(smooth, axis=0)
-            vertices = part.vertices.take(smooth, axis=0)
-            lengths = segment_lengths(vertices)
-            before = _unfolded_before(lengths, of_smooth, step)
-            back = part.interactions.shape[1] - 1 - step
-            after = _unfolded_before(lengths[:, ::-1], of_smooth[:, ::-1], back)
-            towards = np.diff(with_ends(vertices)[:, step : step + 2], axis=1)[:, 0] @ rotation.T
-            factor[smooth] *= reflected_share(
-                mirrors_of(merged), part.triangles[smooth, step], unshifted[smooth, step], towards, before, after,
-                wavelength_m,
-            )  # fmt: skip
-    return Bundle(**{**vars(part), "amplitude": part.amplitude * factor})
-
-
-def _unfolded_before(lengths: NDArray[np.float64], interactions: NDArray[np.int64], step: int) -> NDArray[np.float64]:
-    """[n] length of the path [m] from the last point where the wave spread, antenna or diffuse bounce, to ``step``."""
-    total = lengths[:, step].copy()
-    unbroken = np.ones(len(total), dtype=bool)
-    for earlier in range(step - 1, -1, -1):
-        unbroken &= interactions[:, earlier] == SPECULAR
-        total += np.where(unbroken, lengths[:, earlier], 0.0)
-    return total
-
-
-def _kinds(part: Bundle) -> NDArray[np.uint8]:
-    kinds = np.bitwise_or.reduce(part.interactions, axis=1)
-    return (kinds | np.where(part.crossings > 0, REFRACTED, 0)).astype(np.uint8)
-
-
-def _scattered(part: Bundle, fan: RayFan) -> list[ScatteredPaths]:
-    """Paths whose last bounce is diffuse, and the reverses of those that begin with mirrors."""
-    if not len(part.amplitude):
-        return []
-    count, depth = part.interactions.shape
-    if depth == 1:
-        return [_scattered_at_first(part, fan)]
-    rows = np.arange(count)
-    mirrors = np.argmax(part.interactions == DIFFUSE, axis=1)
-    tx_point, tx_velocity = image_seen_from_tx(part.vertices, part.velocities, mirrors)
-    first = part.vertices[rows, mirrors]
-    # Between the first diffuse bounce and the last there may be others, or mirrors: their length is one number.
-    lengths = segment_lengths(part.vertices)
-    inner = np.arange(depth + 1)[None, :]
-    between = np.where((inner > mirrors[:, None]) & (inner < depth), lengths, 0.0).sum(axis=1)
-    direction = unit(part.vertices[:, -1] - first)
-    rate = np.einsum("ni,ni->n", direction, part.velocities[:, -1] - part.velocities[rows, mirrors])
-    paths = ScatteredPaths(
-        tx_point=tx_point,
-        rx_point=part.vertices[:, -1],
-        tx_velocity=tx_velocity,
-        rx_velocity=part.velocities[:, -1],
-        between_m=between,
-        between_rate_mps=rate,
-        amplitude=part.amplitude * np.sqrt(fan.solid_angle_ratio(part.vertices[:, 0])),
-        depth=np.full(count, depth, dtype=np.int8),
-        object_index=part.objects[:, -1].astype(np.int32),
-        kinds=_kinds(part),
-    )
-    return [paths, paths.take(mirrors > 0).reversed()]
-
-
-def _scattered_at_first(part: Bundle, fan: RayFan) -> ScatteredPaths:
-    """Paths of one bounce, which is diffuse: what :func:`_scattered` would make of them too."""
-    amplitude = part.amplitude * np.sqrt(fan.solid_angle_ratio(part.vertices[:, 0]))
-    points = ScatteredPaths.of_points(
-        part.vertices[:, 0], part.velocities[:, 0], amplitude, part.objects[:, 0].astype(np.int32)
-    )
-    return replace(points, kinds=_kinds(part))
-
-
-def _specular(part: Bundle) -> SpecularPaths:
-    count, depth = part.interactions.shape
-    image, velocity, axes = tx_image_seen_from_rx(part.vertices, part.velocities)
-    return SpecularPaths(
-        image=image,
-        image_velocity=velocity,
-        axes=axes,
-        reference=np.zeros(3),
-        amplitude=part.amplitude,
-        depth=np.full(count, depth, dtype=np.int8),
-        object_index=part.objects[:, -1].astype(np.int32),
-        kinds=_kinds(part),
-    )
-
-
-def _joined(parts: list[SpecularPaths]) -> SpecularPaths:
-    parts = [SpecularPaths.none(), *parts]
-    names = [item.name for item in fields(SpecularPaths) if item.name != "reference"]
-    return SpecularPaths(
-        reference=np.zeros(3), **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
-    )

@@ -209,7 +209,7 @@ def _origin(manifest: Mapping[str, Any]) -> str:
     versions = ", ".join(f"{name} {number}" for name, number in sorted(arguments["versions"].items()))
     lines = ["## How it was made", "", f"Seed {arguments['seed']}, split {arguments['split']}; {versions}."]
     lines.append(
-        "`manifest.json` holds all arguments, the radar, the numbers of frames with each effect and a checksum of every file."
+        "`manifest.json` holds all arguments, the radar, the counts of frames by effect and a checksum of every file."
     )
     if manifest["scenes"]:
         lines += ["", "| scene | content (SHA-256) | its licence |", "|---|---|---|"]

@@ -1,0 +1,134 @@
+"""Rows of the table from the vertices of paths: what their surfaces do to the amplitude, and the delay law of each."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from datafactory.paths.facets import mirrors_of, reflected_share
+from datafactory.paths.merged_scene import MergedScene
+from datafactory.paths.rays import RayFan
+from datafactory.paths.roughness import surface_phase
+from datafactory.paths.solver import Bundle, TraceSettings
+from datafactory.paths.table import DIFFUSE, REFRACTED, SPECULAR, ScatteredPaths, SpecularPaths
+from datafactory.paths.unfold import image_seen_from_tx, segment_lengths, tx_image_seen_from_rx, unit, with_ends
+from datafactory.scenes.poses import Pose
+
+
+def with_surfaces(
+    part: Bundle, merged: MergedScene, pose: Pose, wavelength_m: float, settings: TraceSettings
+) -> Bundle:
+    """The paths with what their surfaces do to the amplitude: share of a finite mirror, phase of a rough cell."""
+    rotation = pose.rotation()
+    triangle = np.maximum(part.triangles, 0)  # -1 stands beyond a path's end, where nothing is looked at
+    mesh = merged.mesh_of_triangle[triangle] if len(merged.mesh_of_triangle) else triangle
+    shift = np.array([item.shift for item in merged.meshes]).reshape(-1, 3)
+    world = (part.vertices.reshape(-1, 3) @ rotation.T + np.asarray(pose.position)).reshape(part.vertices.shape)
+    unshifted = world - shift.take(mesh, axis=0) if shift.any() else world
+    at_rest = unshifted
+    if merged.turns:
+        carried = merged.carried(triangle.reshape(-1), world.reshape(-1, 3), mesh.reshape(-1))
+        at_rest = unshifted.copy()
+        at_rest.reshape(-1, 3)[carried.index] = carried.at_rest
+    factor = np.ones(len(part.amplitude), dtype=np.complex128)
+    for step in range(part.interactions.shape[1]):
+        rough = part.interactions[:, step] == DIFFUSE
+        if settings.surface_phase:
+            here = np.flatnonzero(rough)
+            phase = surface_phase(at_rest[:, step].take(here, axis=0), part.objects[here, step])
+            factor[here] *= np.exp(1j * phase)
+        smooth = np.flatnonzero(~rough)
+        if settings.finite_mirrors and len(smooth):
+            of_smooth = part.interactions.take(smooth, axis=0)
+            vertices = part.vertices.take(smooth, axis=0)
+            lengths = segment_lengths(vertices)
+            before = _unfolded_before(lengths, of_smooth, step)
+            back = part.interactions.shape[1] - 1 - step
+            after = _unfolded_before(lengths[:, ::-1], of_smooth[:, ::-1], back)
+            towards = np.diff(with_ends(vertices)[:, step : step + 2], axis=1)[:, 0] @ rotation.T
+            factor[smooth] *= reflected_share(
+                mirrors_of(merged), part.triangles[smooth, step], unshifted[smooth, step], towards, before, after,
+                wavelength_m,
+            )  # fmt: skip
+    return Bundle(**{**vars(part), "amplitude": part.amplitude * factor})
+
+
+def _unfolded_before(lengths: NDArray[np.float64], interactions: NDArray[np.int64], step: int) -> NDArray[np.float64]:
+    """[n] length of the path [m] from the last point where the wave spread, antenna or diffuse bounce, to ``step``."""
+    total = lengths[:, step].copy()
+    unbroken = np.ones(len(total), dtype=bool)
+    for earlier in range(step - 1, -1, -1):
+        unbroken &= interactions[:, earlier] == SPECULAR
+        total += np.where(unbroken, lengths[:, earlier], 0.0)
+    return total
+
+
+def _kinds(part: Bundle) -> NDArray[np.uint8]:
+    kinds = np.bitwise_or.reduce(part.interactions, axis=1)
+    return (kinds | np.where(part.crossings > 0, REFRACTED, 0)).astype(np.uint8)
+
+
+def scattered_rows(part: Bundle, fan: RayFan) -> list[ScatteredPaths]:
+    """Paths whose last bounce is diffuse, and the reverses of those that begin with mirrors."""
+    if not len(part.amplitude):
+        return []
+    count, depth = part.interactions.shape
+    if depth == 1:
+        return [_scattered_at_first(part, fan)]
+    rows = np.arange(count)
+    mirrors = np.argmax(part.interactions == DIFFUSE, axis=1)
+    tx_point, tx_velocity = image_seen_from_tx(part.vertices, part.velocities, mirrors)
+    first = part.vertices[rows, mirrors]
+    # Between the first diffuse bounce and the last there may be others, or mirrors: their length is one number.
+    lengths = segment_lengths(part.vertices)
+    inner = np.arange(depth + 1)[None, :]
+    between = np.where((inner > mirrors[:, None]) & (inner < depth), lengths, 0.0).sum(axis=1)
+    direction = unit(part.vertices[:, -1] - first)
+    rate = np.einsum("ni,ni->n", direction, part.velocities[:, -1] - part.velocities[rows, mirrors])
+    paths = ScatteredPaths(
+        tx_point=tx_point,
+        rx_point=part.vertices[:, -1],
+        tx_velocity=tx_velocity,
+        rx_velocity=part.velocities[:, -1],
+        between_m=between,
+        between_rate_mps=rate,
+        amplitude=part.amplitude * np.sqrt(fan.solid_angle_ratio(part.vertices[:, 0])),
+        depth=np.full(count, depth, dtype=np.int8),
+        object_index=part.objects[:, -1].astype(np.int32),
+        kinds=_kinds(part),
+    )
+    return [paths, paths.take(mirrors > 0).reversed()]
+
+
+def _scattered_at_first(part: Bundle, fan: RayFan) -> ScatteredPaths:
+    """Paths of one bounce, which is diffuse: what :func:`scattered_rows` would make of them too."""
+    amplitude = part.amplitude * np.sqrt(fan.solid_angle_ratio(part.vertices[:, 0]))
+    points = ScatteredPaths.of_points(
+        part.vertices[:, 0], part.velocities[:, 0], amplitude, part.objects[:, 0].astype(np.int32)
+    )
+    return replace(points, kinds=_kinds(part))
+
+
+def specular_rows(part: Bundle) -> SpecularPaths:
+    count, depth = part.interactions.shape
+    image, velocity, axes = tx_image_seen_from_rx(part.vertices, part.velocities)
+    return SpecularPaths(
+        image=image,
+        image_velocity=velocity,
+        axes=axes,
+        reference=np.zeros(3),
+        amplitude=part.amplitude,
+        depth=np.full(count, depth, dtype=np.int8),
+        object_index=part.objects[:, -1].astype(np.int32),
+        kinds=_kinds(part),
+    )
+
+
+def joined_specular(parts: list[SpecularPaths]) -> SpecularPaths:
+    parts = [SpecularPaths.none(), *parts]
+    names = [item.name for item in fields(SpecularPaths) if item.name != "reference"]
+    return SpecularPaths(
+        reference=np.zeros(3), **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+    )
