@@ -28,8 +28,8 @@ def a_table(
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     reflection = np.eye(3) - 2.0 * normals[:, :, None] * normals[:, None, :]
     turned = np.where(np.arange(count)[:, None, None] % 2, reflection, reflection @ reflection[::-1])
-    specular = replace(
-        SpecularPaths.none(),
+    specular = SpecularPaths(
+        reference=np.zeros(3),
         image=2.0 * point,
         image_velocity=velocity,
         axes=turned,

@@ -59,8 +59,9 @@ LEAST = {
     ("frames", "fit --no-check"): 0.6, ("frames", "evaluate"): 0.6, ("paths", "inspect"): 0.1,
     ("paths", "inspect --verify"): 0.9, ("paths", "render --paths"): 0.9,
 }  # fmt: skip
-"""Share of the flips that a command must find, where that is not all: these do not open all shards, and a bit of what
-the manifest says of the machine that made it changes no value."""
+"""Share of the flips that a command must find, where that is not nearly all: these do not open all shards."""
+NEARLY_ALL = 0.98
+"""A bit of what the manifest says of the machine that made it changes no value, and is not found."""
 
 
 def run(*arguments: object) -> None:
@@ -184,4 +185,4 @@ def test_no_flipped_bit_is_read_silently(kind: str, made: Path, generator: np.ra
             noticed[name] += found == NOTICED
         shutil.rmtree(copy)
     for name in READS[kind]:
-        assert noticed[name] >= LEAST.get((kind, name), 1.0) * FLIPS[kind], noticed
+        assert noticed[name] >= LEAST.get((kind, name), NEARLY_ALL) * FLIPS[kind], noticed

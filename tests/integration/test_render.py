@@ -310,7 +310,7 @@ def test_a_dry_run_says_what_the_run_will_take_and_writes_nothing(dataset, radar
     found = forecast(order, out, 8)
     stored = sum(path.stat().st_size for path in dataset.glob("*/*.parquet"))
     assert stored / 3 < found.bytes < 3 * stored
-    assert found.workers == 4
+    assert found.workers == 8  # frames are dealt, not shards
     more = forecast(replace(order, frames=18), out, 8)
     assert more.seconds > found.seconds
     with pytest.raises(InputError, match="no such file"):

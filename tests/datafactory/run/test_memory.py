@@ -58,7 +58,6 @@ def test_everything_that_makes_a_run_larger_is_counted() -> None:
         assert larger.worker_bytes > 1.05 * usual.worker_bytes
     assert load(traced=False, triangles=0).worker_bytes < usual.worker_bytes
     assert load(rendered=False).worker_bytes < usual.worker_bytes
-    assert load(planned=True).total_bytes(4) > usual.total_bytes(4)
     assert usual.total_bytes(4) == 4 * usual.worker_bytes + usual.parent_bytes
 
 
@@ -122,7 +121,7 @@ def test_it_is_refused_before_any_work(tmp_path: Path, monkeypatch: pytest.Monke
 def test_a_dry_run_says_it_of_the_scene_and_the_workers_that_fit(tmp_path: Path) -> None:
     order = order_of(OrderOptions(str(SCENES / "tiny.usda"), radar="avr-qdm-110", frames=80, rays=4000))
     found = forecast(order, tmp_path, 3)
-    expected = memory.statement(load(settings=order.settings, triangles=104, planned=True), 3, memory.usable_memory())
+    expected = memory.statement(load(settings=order.settings, triangles=104), 3, memory.usable_memory())
     assert found.memory == expected
     assert expected in found.lines()
     assert forecast(order, tmp_path, 0).workers >= 1

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from oracles import if_cube, relative_error
@@ -42,8 +40,7 @@ def moving(count: int, speed: float, limits_m: tuple[float, float], seed: int = 
     specular = max(1, count // 4)
     return PathTable(
         ScatteredPaths.of_points(points(count), speed * generator.uniform(-1.0, 1.0, (count, 3)), phases(count)),
-        replace(
-            SpecularPaths.none(),
+        SpecularPaths(
             image=2.0 * points(specular),
             image_velocity=speed * generator.uniform(-1.0, 1.0, (specular, 3)),
             axes=np.tile(np.diag([-1.0, 1.0, 1.0]), (specular, 1, 1)),
