@@ -28,7 +28,7 @@ from datafactory.frame.defaults import DEFAULT_BUDGET_DB
 from datafactory.frame.measurement import FrameIdentity, Measurement, Processing, measure
 from datafactory.frame.prepared import PreparedScene
 from datafactory.paths.density import cell_power
-from datafactory.paths.notice import Notice, first_echoes
+from datafactory.paths.notice import Notice
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import DIFFUSE, SPECULAR, PathTable, ScatteredPaths
 from datafactory.scenes.poses import Pose, read_poses
@@ -100,7 +100,7 @@ def power_changed(now: Case, name: str) -> float:
 def limit_w(now: Case) -> float:
     """What the frame may leave out of a cell [W]."""
     complete = SceneSource(now.frame, now.scene, EVERYTHING).traced(Radar())
-    return Notice(Radar(), DEFAULT_BUDGET_DB).limit_w(first_echoes(complete.table))
+    return Notice(Radar(), DEFAULT_BUDGET_DB).limit_w(complete.table)
 
 
 @pytest.mark.parametrize("effect", ["multi_bounce", "refraction", "diffraction", "corners", "rcs_targets"])

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from datafactory.frame import changes
 from datafactory.paths.candidates import PANE
 from datafactory.paths.density import cell_map
-from datafactory.paths.notice import Notice, first_echoes
+from datafactory.paths.notice import Notice
 from datafactory.paths.table import CORNER, DIFFRACTED, DIFFUSE, REFRACTED, SPECULAR, TARGET, PathTable
 from shared.radar import Radar
 
@@ -39,7 +39,7 @@ class Decided:
     @staticmethod
     def of(table: PathTable, notice: Notice) -> Decided:
         """:param table: as traced, at the radar's wavelength"""
-        limit = notice.limit_w(first_echoes(table))
+        limit = notice.limit_w(table)
         return Decided(limit, notice.worth(table.candidates, limit))
 
     def kept(self, table: PathTable) -> PathTable:

@@ -26,10 +26,13 @@ from numpy.typing import NDArray
 
 from datafactory.paths.candidates import GROUPS, Candidates
 from datafactory.paths.density import cell_numbers, cell_power
-from datafactory.paths.table import DIFFUSE, SPECULAR, PathTable, amplitude_gain
+from datafactory.paths.table import DIFFUSE, SPECULAR, PathTable, ScatteredPaths, SpecularPaths, amplitude_gain
 from shared.physics.units import db_to_power
 from shared.radar import FrontEnd, Radar
 from shared.signal.windows import cell_noise_power
+
+FEW = 1000
+"""First echoes that are looked at before cells are summed."""
 
 
 @dataclass(frozen=True)
@@ -54,15 +57,23 @@ class Notice:
         front_end = self.radar.front_end
         return front_end if self.antenna_pattern else front_end.with_boresight_gain()
 
-    def limit_w(self, first: PathTable) -> float:
+    def limit_w(self, table: PathTable) -> float:
         """P_limit of the module [W].
 
-        :param first: the frame's :func:`first_echoes`, as traced at the radar's wavelength
+        A cell has at least the power of its strongest path. Where one path is enough for the noise to be the smaller of
+        both, no cell is summed.
+
+        :param table: as traced at the radar's wavelength, of which the :func:`first_echoes` count
         """
-        lit = first.within(self.radar).illuminated(self.front_end)
-        peak = float(cell_power(lit, self.radar, self.truth_window).max(initial=0.0))
-        of_budget = float(db_to_power(self.budget_db)) * peak
-        return min(of_budget, cell_noise_power(self.radar)) if self.below_noise else of_budget
+        budget, noise = float(db_to_power(self.budget_db)), cell_noise_power(self.radar)
+        if self.below_noise:
+            few = _strongest(table).within(self.radar).illuminated(self.front_end)
+            amplitude = np.concatenate([few.scattered.amplitude, few.specular.amplitude])
+            if budget * float(np.max(np.abs(amplitude) ** 2, initial=0.0)) >= noise:
+                return noise
+        lit = first_echoes(table).within(self.radar).illuminated(self.front_end)
+        of_budget = budget * float(cell_power(lit, self.radar, self.truth_window).max(initial=0.0))
+        return min(of_budget, noise) if self.below_noise else of_budget
 
     def power_w(self, candidates: Candidates) -> NDArray[np.float64]:
         """[N] the candidates' bounds as the radar lights them [W]; 0 beyond its unambiguous range."""
@@ -95,8 +106,18 @@ class Notice:
 
 def first_echoes(table: PathTable) -> PathTable:
     """First hits and single mirrors among a table's paths: they are in every frame, and no decision."""
-    scattered, specular = table.scattered, table.specular
-    return PathTable(
-        scattered.take((scattered.depth == 1) & ((scattered.kinds == DIFFUSE) | (scattered.kinds == SPECULAR))),
-        specular.take((specular.depth == 1) & (specular.kinds == SPECULAR)),
-    )
+    return PathTable(table.scattered.take(_is_first(table.scattered)), table.specular.take(_is_first(table.specular)))
+
+
+def _is_first(paths: ScatteredPaths | SpecularPaths) -> NDArray[np.bool_]:
+    return (paths.depth == 1) & ((paths.kinds == DIFFUSE) | (paths.kinds == SPECULAR))
+
+
+def _strongest(table: PathTable) -> PathTable:
+    """Of either kind the ``FEW`` first echoes that are strongest on isotropic antennas."""
+    chosen = []
+    for paths in (table.scattered, table.specular):
+        index = np.flatnonzero(_is_first(paths))
+        power = np.abs(paths.amplitude[index]) ** 2
+        chosen.append(index[np.argpartition(-power, FEW)[:FEW]] if len(index) > FEW else index)
+    return PathTable(table.scattered.take(chosen[0]), table.specular.take(chosen[1]))

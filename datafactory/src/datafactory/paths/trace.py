@@ -39,7 +39,7 @@ from datafactory.paths.edges import edges_of
 from datafactory.paths.geometry import Geometry, placed
 from datafactory.paths.merged_scene import MergedScene, slabs_of
 from datafactory.paths.mirror_feet import single_mirrors
-from datafactory.paths.notice import Notice, first_echoes
+from datafactory.paths.notice import Notice
 from datafactory.paths.panes import pane_candidates
 from datafactory.paths.ray_hits import clear_between
 from datafactory.paths.rays import RayFan
@@ -164,7 +164,7 @@ def trace(
     candidates = Candidates.joined(parts)
     worth = np.ones(len(candidates), dtype=bool)
     if notice is not None:
-        worth = notice.worth(candidates, notice.limit_w(first_echoes(found.table())))
+        worth = notice.worth(candidates, notice.limit_w(found.table()))
     places = np.cumsum([0, *map(len, parts)])
     for source, start, stop in zip(listed, places, places[1:], strict=False):
         scattered, specular, counts = source.seen(partial(clear_between, frame.geometry), worth[start:stop])
