@@ -3,33 +3,27 @@
 from __future__ import annotations
 
 import numpy as np
+from sionna_scenes import material
 
 from datafactory.paths.merged_scene import MergedScene, merge_scene
-from datafactory.scenes.materials.table import Material, MaterialMapping
+from datafactory.scenes.materials.table import MaterialMapping
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import Scene, SceneObject
 
 FREQUENCY_HZ = 77.5e9
 WAVELENGTH_M = 299_792_458.0 / FREQUENCY_HZ
 HERE = Pose((0.0, 0.0, 0.0))
+
 ROUGHNESS = {"concrete": 0.6, "metal": 0.5, "lobed": 0.4, "glass": 0.0}
-
-
-def _material(
-    name: str, permittivity: float, conductivity: float, thickness_m: float, pattern="lambertian"
-) -> Material:
-    source = ("test", (77.0, 78.0), ())
-    return Material(name, permittivity, conductivity, thickness_m, ROUGHNESS[name], pattern, *source)
-
 
 MATERIALS = MaterialMapping(
     entries={
         item.name: (item, "test")
         for item in (
-            _material("concrete", 5.24, 1.38, 0.1),
-            _material("metal", 1.0, 1e7, 0.1),
-            _material("lobed", 5.24, 1.38, 0.1, "backscattering"),
-            _material("glass", 6.31, 1.211, 0.006),
+            material("concrete", 5.24, 1.38, 0.1, ROUGHNESS["concrete"]),
+            material("metal", 1.0, 1e7, 0.1, ROUGHNESS["metal"]),
+            material("lobed", 5.24, 1.38, 0.1, ROUGHNESS["lobed"], "backscattering"),
+            material("glass", 6.31, 1.211, 0.006),
         )
     },
     unknown=(),

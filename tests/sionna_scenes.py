@@ -16,9 +16,11 @@ FREQUENCY_HZ = 77.5e9
 WAVELENGTH_M = 299_792_458.0 / FREQUENCY_HZ
 
 
-def material(name: str, permittivity: float, conductivity: float, thickness_m: float) -> Material:
-    """A smooth material."""
-    return Material(name, permittivity, conductivity, thickness_m, 0.0, "lambertian", "test", (77.0, 78.0), ())
+def material(
+    name: str, permittivity: float, conductivity: float, thickness_m: float, scattering=0.0, pattern="lambertian"
+) -> Material:
+    """Smooth, unless it scatters."""
+    return Material(name, permittivity, conductivity, thickness_m, scattering, pattern, "test", (77.0, 78.0), ())
 
 
 MATERIALS = MaterialMapping(

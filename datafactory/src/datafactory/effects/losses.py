@@ -37,7 +37,8 @@ class Loss:
 
     :param change_db: of the power in a resolution cell over the peak's, the largest; FLOOR_DB where nothing changes
     :param power_share: of the frame's power
-    :param cell_share: of the cells above the noise, those that change by more than half a decibel
+    :param cell_share: of the cells above the noise, those that change by more than half a decibel; of noise, the
+        share of range bins that show it
     """
 
     change_db: float = FLOOR_DB
@@ -65,7 +66,8 @@ def losses(paths: PathTable, radar: Radar, truth_window: str) -> dict[str, Loss]
     """
     where, waveform, kinds = cell_map(paths, radar, truth_window), radar.waveform, kinds_of(paths)
     total = where.sums()
-    occupied = total > cell_noise_power(radar) / radar.array.channels
+    noise, peak = cell_noise_power(radar), float(total.max())
+    occupied = total > noise / radar.array.channels
     rates = changes.range_rates_mps(paths, waveform)
     shares = {
         **{name: (kinds & kind > 0).astype(np.float64) for name, kind in KINDS.items()},
@@ -81,11 +83,12 @@ def losses(paths: PathTable, radar: Radar, truth_window: str) -> dict[str, Loss]
         changed = where.sums(share)
         if not changed.any():
             return Loss()
-        level_db = float(power_to_db(min(float(changed.max() / total.max()), 1.0), FLOOR_DB))
+        level_db = float(power_to_db(min(float(changed.max() / peak), 1.0), FLOOR_DB))
         cells = changed[occupied] > HALF_A_DECIBEL * total[occupied]
         return Loss(level_db, min(float(changed.sum() / total.sum()), 1.0), float(cells.mean()) if cells.size else 0.0)
 
     found = {name: loss(share) for name, share in shares.items()}
-    weak = float(np.mean(total.max(axis=1) < NOISE_MARGIN * cell_noise_power(radar)))
-    found["noise"] = Loss(0.0 if weak > 0.0 else -30.0, 0.0, weak)
+    over_peak = noise / radar.array.channels / peak if peak > 0.0 else 1.0
+    weak = float(np.mean(total.max(axis=1) < NOISE_MARGIN * noise))
+    found["noise"] = Loss(float(power_to_db(min(over_peak, 1.0), FLOOR_DB)), 0.0, weak)
     return {name: found[name] for name in NAMES}
