@@ -108,31 +108,28 @@ def _found(merged_scene: MergedScene) -> CornerPoints:
     triples = np.array(_triples(faces.pairs), dtype=np.int64).reshape(-1, 3)
     apex, edges = _apexes(faces, triples)
     quarters = _quarters(corners, *faces.members(), triples, apex, edges, faces.normal[triples])
-    found = [
-        (triple, apex[number], signs[:, None] * edges[number], reach)
-        for number, triple in enumerate(triples.tolist())
-        for signs, reach in _octants(quarters[number])
-    ]
+    number, signs, reach = _octants(quarters)
     contact = {tuple(pair): triangles for pair, triangles in zip(faces.pairs.tolist(), faces.contact, strict=True)}
     # Of each face the triangle at its edge with the next: (a, b) -> a, (b, c) -> b, (a, c) -> c.
     triangle = np.array(
-        [[contact[a, b][0], contact[b, c][0], contact[a, c][1]] for (a, b, c), *_ in found], dtype=np.int64
+        [[contact[a, b][0], contact[b, c][0], contact[a, c][1]] for a, b, c in triples[number].tolist()],
+        dtype=np.int64,
     ).reshape(-1, 3)
     meshes = merged_scene.meshes
     mesh_of_triangle = merged_scene.mesh_of_triangle
     owner = np.concatenate([np.zeros(0, np.int32), *(mesh.object_of_triangle for mesh in meshes)])
-    axes = np.array([item[2] for item in found]).reshape(-1, 3, 3)
+    axes = signs[:, :, None] * edges[number]
     between = np.abs(np.einsum("qij,qij->qi", axes, np.roll(axes, 1, axis=1))).max(axis=1, initial=0.0)
     return CornerPoints(
-        apex=np.array([item[1] for item in found]).reshape(-1, 3),
+        apex=apex[number],
         axes=axes,
-        reach=np.array([item[3] for item in found]).reshape(-1, 3, DIRECTIONS),
+        reach=reach,
         off_square=np.arcsin(np.minimum(between, 1.0)),
         face_mesh=mesh_of_triangle[triangle].astype(np.int64).reshape(-1, 3),
         object_index=owner[triangle[:, 0]].astype(np.int32),
-        velocity=np.zeros((len(found), 3)),
-        shift=np.zeros((len(found), 3)),
-        counts={"corner_points": len(found)},
+        velocity=np.zeros((len(number), 3)),
+        shift=np.zeros((len(number), 3)),
+        counts={"corner_points": len(number)},
     )
 
 
@@ -152,14 +149,18 @@ def _apexes(faces: PlanarFaces, triples: Index) -> tuple[Real, Real]:
     return centre[:, 0] + np.linalg.solve(normal, heights[..., None])[..., 0], unit(edges)
 
 
-def _octants(quarters: Real) -> list[tuple[Real, Real]]:
-    """Signs [3] of the edges and reach [3, N] of the faces, of the octants in which three faces meet."""
-    found = []
-    for signs in product((0, 1), repeat=3):
-        reach = np.stack([quarters[i, 2 * signs[(i + 1) % 3] + signs[(i + 2) % 3]] for i in range(3)])
-        if reach.max(axis=1).min() >= LEAST_REACH_M:
-            found.append((1.0 - 2.0 * np.array(signs), reach))
-    return found
+def _octants(quarters: Real) -> tuple[Index, Real, Real]:
+    """The octants in which three faces meet: number of the triple [Q], signs of its edges [Q, 3], reach of its faces
+    [Q, 3, N]. Triple by triple.
+
+    :param quarters: [M, 3, 4, N], see :func:`_quarters`
+    """
+    reversed_edges = np.array(list(product((0, 1), repeat=3)))  # [8, 3]
+    quarter = 2 * np.roll(reversed_edges, -1, axis=1) + np.roll(reversed_edges, -2, axis=1)
+    wide = quarters.max(axis=3) >= LEAST_REACH_M
+    number, octant = np.nonzero(wide[:, np.arange(3), quarter].all(axis=2))
+    reach = quarters[number[:, None], np.arange(3), quarter[octant]]
+    return number, 1.0 - 2.0 * reversed_edges[octant], reach
 
 
 @compiled()
@@ -176,22 +177,22 @@ def _quarters(triangles, order, starts, triples, apex, edges, normals):
                 after, last = (k + 1) % 3, (k + 2) % 3
                 across[k] = normals[m, i, after] * one[last] - normals[m, i, last] * one[after]
                 sense += across[k] * other[k]
-            flat = _near(flattened(triangles, members, apex[m], one, across))
+            flat = flattened(triangles, members, apex[m], one, across)
             turned = np.empty_like(flat)
             for quarter in range(4):
                 turned[:, :, 0] = flat[:, :, 0] * (1.0 - 2.0 * (quarter // 2))
                 turned[:, :, 1] = flat[:, :, 1] * (1.0 - 2.0 * (quarter % 2)) * np.sign(sense)
-                result[m, i, quarter] = reach_around(turned, angles)
+                result[m, i, quarter] = reach_around(_near(turned), angles)
     return result
 
 
 @compiled(cache=False)
 def _near(flat):
-    """The triangles of a face that begin near the origin."""
+    """The triangles of a face that begin near the origin and of which a part may lie in the first quarter."""
     kept = np.empty(len(flat), dtype=np.bool_)
     for t in range(len(flat)):
         kept[t] = True
         for k in range(2):
             kept[t] &= min(flat[t, 0, k], flat[t, 1, k], flat[t, 2, k]) <= FARTHEST_M
-            kept[t] &= max(flat[t, 0, k], flat[t, 1, k], flat[t, 2, k]) >= -FARTHEST_M
+            kept[t] &= max(flat[t, 0, k], flat[t, 1, k], flat[t, 2, k]) >= 0.0
     return flat[kept]

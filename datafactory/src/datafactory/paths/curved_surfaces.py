@@ -27,6 +27,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from datafactory.paths.bodies import Body, bodies_of
 from datafactory.paths.merged_scene import MergedScene
@@ -174,32 +175,30 @@ def _normals(place: Real, members: Index) -> Real:
     around = _angle_around(place, members)
     one_sided = around[ties[:, 0]] < LESS_AROUND * around[ties[:, 1]]
     normals = _max_normals(place, members)
-    for _ in range(MENDING_ROUNDS):
-        normals = _fitted(place, ties[one_sided], normals, normals, 1.0)
-    first = normals
-    for _ in range(FITTING_ROUNDS):
-        normals = _fitted(place, ties, normals, first, 0.5)
-    return normals
+    normals = _fitted(place, ties[one_sided], normals, MENDING_ROUNDS, 1.0, held=False)
+    return _fitted(place, ties, normals, FITTING_ROUNDS, 0.5, held=True)
 
 
-def _fitted(place: Real, ties: Index, normals: Real, first: Real, step: float) -> Real:
-    """[P, 3] the normals after a step towards (n_i + n_j) . (p_j - p_i) = 0 for ties [E, 2] from i to j.
+def _fitted(place: Real, ties: Index, normals: Real, rounds: int, step: float, held: bool) -> Real:
+    """[P, 3] the normals after steps towards (n_i + n_j) . (p_j - p_i) = 0 for ties [E, 2] from i to j.
 
-    Normals without a tie stay. What the chords leave open is held to ``first``.
+    Normals without a tie stay. What the chords leave open is held to the first normals, or else to those before each
+    step.
     """
     here, there = ties.T
     moved, number = np.unique(here, return_inverse=True)
-    chord, own = unit(place[there] - place[here]), normals[here]
-    across = chord - np.einsum("ei,ei->e", chord, own)[:, None] * own
-    off = np.einsum("ei,ei->e", chord, own + normals[there])
-    matrix = np.tile(HOLD * np.eye(3), (len(moved), 1, 1))
-    np.add.at(matrix, number, across[:, :, None] * across[:, None, :])
-    away = first[moved] - np.einsum("pi,pi->p", first[moved], normals[moved])[:, None] * normals[moved]
-    right = HOLD * away
-    np.subtract.at(right, number, off[:, None] * across)
-    result = normals.copy()
-    result[moved] = unit(normals[moved] + step * np.linalg.solve(matrix, right[:, :, None])[:, :, 0])
-    return result
+    total = csr_array((np.ones(len(number)), (number, np.arange(len(number)))), shape=(len(moved), len(number)))
+    chord, first = unit(place[there] - place[here]), normals[moved]
+    for _ in range(rounds):
+        own, before = normals[here], normals[moved]
+        across = chord - np.einsum("ei,ei->e", chord, own)[:, None] * own
+        off = np.einsum("ei,ei->e", chord, own + normals[there])
+        matrix = HOLD * np.eye(3) + (total @ (across[:, :, None] * across[:, None, :]).reshape(-1, 9)).reshape(-1, 3, 3)
+        away = first - np.einsum("pi,pi->p", first, before)[:, None] * before if held else np.zeros_like(before)
+        right = HOLD * away - total @ (off[:, None] * across)
+        normals = normals.copy()
+        normals[moved] = unit(before + step * np.linalg.solve(matrix, right[:, :, None])[:, :, 0])
+    return normals
 
 
 def _angle_around(place: Real, members: Index) -> Real:

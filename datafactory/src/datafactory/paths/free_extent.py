@@ -62,6 +62,9 @@ def strips(first, second, side_first, side_second):
     if not high > low:
         return np.zeros((0, 6))
     one, other = _over(first, low, high), _over(second, low, high)
+    one_side, other_side = _beside(one, side_first), _beside(other, side_second)
+    if len(one_side) == 0 or len(other_side) == 0:
+        return np.zeros((0, 6))
     corners = np.empty(3 * (len(one) + len(other)) + 2)
     corners[0], corners[1], count = low, high, 2
     for face in (one, other):
@@ -70,7 +73,7 @@ def strips(first, second, side_first, side_second):
                 if low < face[t, c, 0] < high:
                     corners[count] = face[t, c, 0]
                     count += 1
-    return _strips(one, other, np.sort(corners[:count]), side_first, side_second)
+    return _strips(one_side, other_side, np.sort(corners[:count]), side_first, side_second)
 
 
 @compiled(cache=False)
@@ -80,6 +83,15 @@ def _over(face, low, high):
     for t in range(len(face)):
         kept[t] = max(face[t, 0, 0], face[t, 1, 0], face[t, 2, 0]) > low
         kept[t] &= min(face[t, 0, 0], face[t, 1, 0], face[t, 2, 0]) < high
+    return face[kept]
+
+
+@compiled(cache=False)
+def _beside(face, side):
+    """The triangles of which a part lies on a side of the edge: no other reaches anywhere there."""
+    kept = np.empty(len(face), dtype=np.bool_)
+    for t in range(len(face)):
+        kept[t] = max(side * face[t, 0, 1], side * face[t, 1, 1], side * face[t, 2, 1]) > 0.0
     return face[kept]
 
 
