@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from dataclasses import replace
 
 import numpy as np
@@ -32,7 +33,7 @@ def sorted_rows(*columns: NDArray) -> NDArray[np.float64]:
 
 
 def edges_anew(scene: MergedScene) -> CornerEdges:
-    found = corner_edges._found.__wrapped__(replace(scene, at_rest=None))
+    found = inspect.unwrap(corner_edges._found)(replace(scene, at_rest=None))
     velocity, shift = motions_of(scene, found.face_mesh[:, 0])
     return replace(found, velocity=velocity, shift=shift)
 
@@ -61,7 +62,7 @@ def test_edges_of_the_parts_are_those_of_the_whole(of: str, time_s: float) -> No
 @pytest.mark.parametrize("of", SCENES)
 def test_points_of_the_parts_are_those_of_the_whole(of: str) -> None:
     scene = merged_of(*SCENES[of]).at(0.7)
-    found, whole = points_of(scene), corner_points._found.__wrapped__(replace(scene, at_rest=None))
+    found, whole = points_of(scene), inspect.unwrap(corner_points._found)(replace(scene, at_rest=None))
     velocity, shift = motions_of(scene, whole.face_mesh[:, 0])
     assert len(found) > 0
     assert found.counts == whole.counts

@@ -8,8 +8,8 @@ but for its shift, so that what is found of its shape stays.
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from datafactory.paths.found_once import found_once
 from datafactory.paths.merged_scene import MergedMesh, MergedScene
 from datafactory.paths.unfold import unit
 
@@ -40,6 +41,7 @@ class Body:
     :param rim: [E] whether only one triangle has the edge
     :param non_manifold: edges that more than two triangles share; they are in no other field
     :param collapsed: triangles without an area, left out
+    :param found: what was found of it once, see :mod:`datafactory.paths.found_once`
     """
 
     vertices: Real
@@ -53,9 +55,10 @@ class Body:
     rim: NDArray[np.bool_]
     non_manifold: int
     collapsed: int
+    found: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
 
 
-@lru_cache(maxsize=8)
+@found_once
 def bodies_of(merged_scene: MergedScene) -> tuple[Body, ...]:
     """The bodies of a merged scene at its time, in the order of their first meshes; an empty one if it has none.
 

@@ -16,12 +16,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.facets import mirrors_of
+from datafactory.paths.found_once import found_once
 from datafactory.paths.free_extent import flattened, strips
 from datafactory.paths.merged_scene import MergedScene, Part, motions_of
 from datafactory.paths.planar_faces import TOUCH_M, PlanarFaces, planar_faces_of
@@ -163,7 +163,7 @@ def _joined(found: Sequence[CornerEdges], parts: Sequence[Part]) -> CornerEdges:
     )
 
 
-@lru_cache(maxsize=8)
+@found_once
 def _found(merged_scene: MergedScene) -> CornerEdges:
     faces, triangles = planar_faces_of(merged_scene), mirrors_of(merged_scene).corners
     origin, along, across = _lines(faces, triangles)

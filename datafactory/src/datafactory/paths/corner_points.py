@@ -10,13 +10,13 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import lru_cache
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.facets import mirrors_of
+from datafactory.paths.found_once import found_once
 from datafactory.paths.free_extent import flattened, reach_around
 from datafactory.paths.merged_scene import MergedScene, Part, motions_of
 from datafactory.paths.planar_faces import PlanarFaces, planar_faces_of
@@ -102,7 +102,7 @@ def _joined(found: Sequence[CornerPoints], parts: Sequence[Part]) -> CornerPoint
     )
 
 
-@lru_cache(maxsize=8)
+@found_once
 def _found(merged_scene: MergedScene) -> CornerPoints:
     faces, corners = planar_faces_of(merged_scene), mirrors_of(merged_scene).corners
     triples = np.array(_triples(faces.pairs), dtype=np.int64).reshape(-1, 3)

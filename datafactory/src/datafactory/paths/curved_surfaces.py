@@ -22,14 +22,14 @@ a sphere of radius r whose normal points outwards.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from functools import lru_cache
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from datafactory.paths.bodies import Body, bodies_of
+from datafactory.paths.found_once import found_once
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.smooth import SMOOTH_FOLD_DEG, smooth_facets
 from datafactory.paths.unfold import unit
@@ -108,14 +108,14 @@ def curved_surfaces_of(merged_scene: MergedScene) -> CurvedSurfaces:
     return _found(merged_scene.shapes)
 
 
-@lru_cache(maxsize=8)
+@found_once
 def _found(merged_scene: MergedScene) -> CurvedSurfaces:
     parts = []
     first = 0
     for body in bodies_of(merged_scene):
-        part = _of_body(body, first)
-        first = int(part.surface.max(initial=first - 1)) + 1
-        parts.append(part)
+        part = _of_body(body)
+        parts.append(replace(part, surface=part.surface + first, rim_surface=part.rim_surface + first))
+        first += int(part.surface.max(initial=-1)) + 1
     names = [item.name for item in fields(CurvedSurfaces) if item.name != "coarse"]
     return CurvedSurfaces(
         **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names},
@@ -123,9 +123,9 @@ def _found(merged_scene: MergedScene) -> CurvedSurfaces:
     )
 
 
-@lru_cache(maxsize=1024)
-def _of_body(body: Body, first: int) -> CurvedSurfaces:
-    """The curved surfaces of one body, numbered from ``first``."""
+@found_once
+def _of_body(body: Body) -> CurvedSurfaces:
+    """The curved surfaces of one body, numbered from 0."""
     found = smooth_facets(body)
     chosen = np.flatnonzero(found.surface >= 0)
     triangles = np.where(found.turned[chosen, None], body.triangles[chosen][:, ::-1], body.triangles[chosen])
@@ -143,13 +143,13 @@ def _of_body(body: Body, first: int) -> CurvedSurfaces:
     lying = found.surface[body.doubles[:, 1]] >= 0
     return CurvedSurfaces(
         triangle=body.source[chosen],
-        surface=surface + first,
+        surface=surface,
         corners=corners,
         normals=at_corners,
         tensors=tensors,
         rims=place[rim_members],
         rim_normals=unit(normals[rim_members].sum(axis=1)),
-        rim_surface=surface[rim_of] + first,
+        rim_surface=surface[rim_of],
         covered=np.concatenate([body.source[chosen], body.doubles[lying, 0]]),
         coarse=found.coarse,
     )

@@ -14,7 +14,6 @@ for each time.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +22,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from datafactory.paths.bodies import Body, bodies_of, into_faces
+from datafactory.paths.found_once import found_once
 from datafactory.paths.merged_scene import MergedScene, motions_of
 from datafactory.paths.smooth import smooth_facets
 from datafactory.paths.unfold import unit
@@ -114,7 +114,7 @@ class WedgeEdges:
         return self.take(np.linalg.norm(nearest, axis=1) < distance_m)
 
 
-@lru_cache(maxsize=8)
+@found_once
 def edges_of(merged_scene: MergedScene) -> WedgeEdges:
     """All wedges of a merged scene at its time, made once for each."""
     found = _joined([_edges_of_body(body) for body in bodies_of(merged_scene)])
@@ -149,7 +149,7 @@ def _joined(parts: list[WedgeEdges]) -> WedgeEdges:
     )
 
 
-@lru_cache(maxsize=1024)
+@found_once
 def _edges_of_body(body: Body) -> WedgeEdges:
     """The wedges of a body, found once; those of one that turns are found for each time."""
     edges = _wedges(body)

@@ -25,13 +25,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from hashlib import sha256
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import wofz
 
+from datafactory.paths.found_once import found_once
 from datafactory.paths.merged_scene import MergedMesh, MergedScene
 from shared.physics.compiled import compiled
 
@@ -127,7 +128,7 @@ class Mirrors:
         return _without_shared(edges - origin) + origin
 
 
-@lru_cache(maxsize=8)
+@found_once
 def mirrors_of(merged_scene: MergedScene) -> Mirrors:
     """The mirrors of a merged scene at its time, made once; where nothing turns, they are those of time 0."""
     if merged_scene.at_rest is None:

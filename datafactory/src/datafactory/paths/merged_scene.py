@@ -15,6 +15,7 @@ from collections import defaultdict
 from collections.abc import Hashable
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,6 +121,7 @@ class MergedScene:
     :param targets: the point targets
     :param fastest_mps: largest speed of a vertex or a target at any time [m/s]
     :param at_rest: the scene at time 0, of which this is another time's; None for that itself
+    :param found: what was found of it once, see :mod:`datafactory.paths.found_once`
     """
 
     meshes: tuple[MergedMesh, ...]
@@ -127,6 +129,7 @@ class MergedScene:
     targets: tuple[PointTarget, ...] = ()
     fastest_mps: float = 0.0
     at_rest: MergedScene | None = None
+    found: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
 
     def at(self, time_s: float) -> MergedScene:
         """The scene at a time [s]."""

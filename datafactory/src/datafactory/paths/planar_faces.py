@@ -9,7 +9,6 @@ on each other or cross. All tests compare neighbouring triangles alone, so that 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +16,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from datafactory.paths.facets import COPLANAR_COSINE, COPLANAR_M, mirrors_of
+from datafactory.paths.found_once import found_once
 from datafactory.paths.merged_scene import MergedScene
 from shared.physics.compiled import compiled
 
@@ -57,7 +57,7 @@ class PlanarFaces:
         return order, np.searchsorted(self.of_triangle[order], np.arange(len(self.normal) + 1))
 
 
-@lru_cache(maxsize=8)
+@found_once
 def planar_faces_of(merged_scene: MergedScene) -> PlanarFaces:
     """The faces of a merged scene, found once for each."""
     mirrors = mirrors_of(merged_scene)

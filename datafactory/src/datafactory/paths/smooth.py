@@ -21,7 +21,6 @@ lie side by side that they look like a coarse curved surface, they are counted: 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +28,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from datafactory.paths.bodies import Body, fold_angles, into_faces
+from datafactory.paths.found_once import found_once
 
 Real = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -78,7 +78,7 @@ class SmoothFacets:
     coarse: int
 
 
-@lru_cache(maxsize=1024)
+@found_once
 def smooth_facets(body: Body) -> SmoothFacets:
     """The curved surfaces of a body, found once."""
     fold = np.degrees(fold_angles(body))

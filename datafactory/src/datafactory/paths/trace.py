@@ -34,6 +34,7 @@ from datafactory.paths.corner_point_echoes import CornerPointEchoes
 from datafactory.paths.corner_points import points_of
 from datafactory.paths.corners import without_corners
 from datafactory.paths.curved_mirrors import curved_mirrors
+from datafactory.paths.curved_surfaces import curved_surfaces_of
 from datafactory.paths.diffraction import EdgeEchoes, Sight
 from datafactory.paths.edges import edges_of
 from datafactory.paths.geometry import Geometry, placed
@@ -180,6 +181,17 @@ def trace(
             _add_scattered(found, frame, behind_panes(first).thinned(seed), fan, followed[PANE])
     _add_chains(found, frame, fan, seed, followed)
     return found.table(objects=merged.objects, candidates=candidates, counts=found.counts)
+
+
+def find_shapes(merged: MergedScene, settings: TraceSettings) -> None:
+    """Find now what frames with these settings need of a scene's shape: it goes with the scene to other processes."""
+    if settings.specular:
+        curved_surfaces_of(merged)
+    if settings.diffraction:
+        edges_of(merged)
+    if settings.corners:
+        corners_of(merged)
+        points_of(merged)
 
 
 def _listed(frame: _Frame, target_seed: int) -> list[Listed]:

@@ -15,6 +15,7 @@ from datafactory.frame.deal import Deal
 from datafactory.frame.measurement import Hook
 from datafactory.frame.prepared import PreparedScene
 from datafactory.paths.storage import to_row, writer_options
+from datafactory.paths.trace import find_shapes
 from datafactory.run.memory import Load
 from datafactory.run.shards import frame_options
 from shared.dataset import to_record_batch
@@ -62,6 +63,11 @@ class Job:
         triangles = sum(len(mesh.triangles) for scene in self.scenes for mesh in scene.merged.meshes)
         rays = self.settings.trace.rays if self.stored else 0
         return Load(self.radar, self.settings, triangles, traced=bool(self.scenes), stored_rays=rays)
+
+    def find_shapes(self) -> None:
+        """Find what the frames need of the scenes' shapes, once for all workers."""
+        for scene in self.scenes:
+            find_shapes(scene.merged, self.of_scenes.trace)
 
     def source(self, frame_id: int) -> Source:
         """Where a frame comes from."""

@@ -200,6 +200,8 @@ def _produce(
     todo = [plan for plan in plans if plan not in earlier.shards]
     portions = portions_of(todo, execution.engine.at_a_time(execution.workers))
     made = Writer(job, directory, mark)
+    if portions:
+        job.find_shapes()
     with handed_over(directory) as folder:
         pool = execution.engine.pool(PortionWork(job, folder), len(portions), execution.workers)
         deal_out(portions, pool, made, execution.keep_going, lambda left: execution.advance(frames - left, frames))
