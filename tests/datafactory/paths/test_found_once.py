@@ -22,7 +22,7 @@ def test_what_was_found_goes_along_and_is_the_same():
     found = set(copy.found)
     pairs = [(find(copy), find(scene)) for find in (edges_of, corners_of, points_of, curved_surfaces_of)]
     assert set(copy.found) == found, "something was found again"
-    assert len(points_of(scene)) and len(corners_of(scene)) and len(edges_of(scene))
+    assert min(len(points_of(scene)), len(corners_of(scene)), len(edges_of(scene))) > 0
     for own, other in pairs:
         for name, values in vars(other).items():
             assert np.array_equal(getattr(own, name), values), name
