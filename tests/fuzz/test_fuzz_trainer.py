@@ -24,7 +24,7 @@ from fuzzing import EDITS, JSON, SPLICES, Edit, Splice, altered, damaged, edited
 from hypothesis import strategies as st
 from numpy_bytes import npz, of_array
 
-from datafactory.run.order import Order
+from datafactory.run.order import Order, TracedFolder
 from datafactory.run.stored import stored_paths
 from shared.dataset import METADATA_KEY
 from shared.dataset.documents import sealed
@@ -231,7 +231,7 @@ def test_a_manifest_of_odd_content(folder: Path, alterations: list[tuple[float, 
     reads_or_says_one_line(lambda: everything(other))
     document["shards"] = [{"path": "paths/part-00000.parquet", "rows": 1, "bytes": 1, "sha256": "0" * 64}]
     (other / MANIFEST).write_text(json.dumps(document), encoding="utf-8")
-    reads_or_says_one_line(lambda: stored_paths(Order(radar=Radar()), other))
+    reads_or_says_one_line(lambda: stored_paths(Order(radar=Radar()), TracedFolder.opened(other)))
 
 
 def _as_sealed(document: Any) -> Any:

@@ -28,7 +28,7 @@ from typer.testing import CliRunner
 from datafactory.cli.app import app
 from datafactory.inspection.dataset import summarise
 from datafactory.paths.storage import read_paths
-from datafactory.run.order import Order
+from datafactory.run.order import Order, TracedFolder
 from datafactory.run.stored import stored_paths
 from shared.dataset.documents import MADE
 from shared.dataset.folder import open_dataset, verify
@@ -114,7 +114,7 @@ def evaluated(folder: Path) -> Any:
 
 
 def rendered(folder: Path) -> Any:
-    stored = stored_paths(Order(radar=load_radar(str(folder.parent / "radar.toml"))), folder)
+    stored = stored_paths(Order(radar=load_radar(str(folder.parent / "radar.toml"))), TracedFolder.opened(folder))
     shards = list(dict.fromkeys(shard for shard, _ in stored.places))
     return stored, [frame for shard in shards for frame in read_paths(shard)]
 

@@ -20,7 +20,7 @@ import ray_work
 from ray_cluster import add_node, kill_node, ray_cluster
 
 from datafactory import RunFailed, render
-from datafactory.run import pipeline
+from datafactory.run import pipeline, recipe
 from shared.physics.errors import InputError
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -125,7 +125,7 @@ def test_a_deadly_portion_is_named_and_the_rest_unharmed(
     """Begun on Ray, finished on this machine."""
     out, lines = tmp_path / "data", list[str]()
     with monkeypatch.context() as patch:
-        patch.setattr(pipeline, "Job", ray_work.DeadlyJob)
+        patch.setattr(recipe, "Job", ray_work.DeadlyJob)
         died = rf"^{DEADLY}, frames 3 to 31: three worker processes died of it, its process ended, .*--resume"
         with pytest.raises(RunFailed, match=died):
             made(out, radar, engine="ray", address=cluster.address, keep_going=True)

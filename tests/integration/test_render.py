@@ -277,7 +277,8 @@ def test_one_job_works_in_a_folder(radar_file, tmp_path):
 SCRIPT = """
 from pathlib import Path
 from datafactory.run.order import Order
-from datafactory.run.pipeline import Execution, render
+from datafactory.run.making import render
+from datafactory.run.pipeline import Execution
 from datafactory.scenes.materials.table import load_materials
 from shared.radar import load_radar
 

@@ -35,7 +35,8 @@ from datafactory.frame.measurement import Processing
 from datafactory.paths.density import cell_power
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
-from datafactory.run.pipeline import Execution, render
+from datafactory.run.making import render
+from datafactory.run.pipeline import Execution
 from datafactory.run.preparation import prepare
 from datafactory.scenes.materials.table import load_materials
 from datafactory.synthesis.sorting import sorted_paths

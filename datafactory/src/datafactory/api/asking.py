@@ -30,8 +30,7 @@ from datafactory.frame.points import PointTargets, read_targets
 from datafactory.paths.defaults import DEFAULT_DEPTH, DEFAULT_RAYS
 from datafactory.paths.solver import TraceSettings
 from datafactory.run.licences import stated_licence
-from datafactory.run.order import Order
-from datafactory.run.stored import traced_split
+from datafactory.run.order import Order, TracedFolder
 from datafactory.scenes.drives import WORD, Drives, parse_drives
 from datafactory.scenes.materials.table import MaterialTable, load_materials
 from datafactory.scenes.poses import Pose, read_poses
@@ -156,28 +155,29 @@ def order_of(given: Options, synthesis: bool = True) -> Order:
     :raises InputError: a file that cannot be read, options that exclude each other, nothing to render
     """
     asked = common(OrderOptions, given)
-    folder = None if asked.paths is None else locate(asked.paths)
+    traced = asked.paths is not None
     scenes = scenes_of(asked.scenes, asked, asked.seed)
-    if scenes and folder is not None:
+    if scenes and traced:
         raise InputError("--scene", "given together with --paths", "either --scene or --paths")
     if asked.split is not None:
         parse_split_pattern(asked.split)
     poses, targets = poses_of(asked.poses), targets_of(asked.targets)
-    if asked.trajectory is not None and (asked.poses is not None or folder is not None):
-        raise InputError("--trajectory", f"beside --{'poses' if folder is None else 'paths'}", "one of them")
+    if asked.trajectory is not None and (asked.poses is not None or traced):
+        raise InputError("--trajectory", f"beside --{'paths' if traced else 'poses'}", "one of them")
     tracks, drives = trajectory_of(asked.trajectory, asked.frame_rate)
     frames = 0 if poses or tracks else asked.frames
     of_scenes = bool(poses or tracks or frames)
-    if of_scenes and not scenes and folder is None:
+    if of_scenes and not scenes and not traced:
         raise InputError("--scene", "missing", "a scene file or sionna:NAME, or --paths")
-    if not (of_scenes or folder or asked.points or targets):
+    if not (of_scenes or traced or asked.points or targets):
         raise InputError("--frames", "0 and --points 0: nothing to render", "at least one frame")
-    split = asked.split if asked.split is not None or folder is None else traced_split(folder)
+    folder = None if asked.paths is None else TracedFolder.opened(locate(asked.paths))
+    split = asked.split if asked.split is not None or folder is None else folder.split
     effects = asked.effects if isinstance(asked.effects, str) else ",".join(asked.effects)
     return Order(
         radar=radar_of(asked.radar),
         scenes=scenes if of_scenes else (),
-        paths=folder,
+        traced=folder,
         frames=frames,
         points=0 if targets else asked.points,
         seed=asked.seed,

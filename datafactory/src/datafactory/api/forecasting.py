@@ -77,19 +77,19 @@ def forecast(order: Order, directory: Location, workers: int, shard: str | None 
     :param shard: of :func:`datafactory.render`: what this job will take
     :raises InputError: what a run would refuse of its scenes, poses and split
     """
-    scenes = opened_scenes(order) if order.paths is None else []
-    if order.paths is None:
+    scenes = opened_scenes(order) if order.traced is None else []
+    if order.traced is None:
         deal = deal_of(order, scenes)
         for frame_id in {deal.frames_of(number)[0] for number in range(len(scenes)) if deal.frames_of(number)}:
             deal.frame(frame_id)  # a scene without free ground is refused here
     else:
-        deal = deal_of_stored(order, stored_paths(order, order.paths))
+        deal = deal_of_stored(order, stored_paths(order, order.traced))
     splits, scene_frames = deal.splits(), deal.scene_frames
     settings, waveform, channels = order.settings, order.radar.waveform, order.radar.array.channels
     rays = float(settings.trace.rays)
     of_points = SAMPLE_S * channels * waveform.chirps * waveform.samples
     synthesis = PATH_S * PATHS_A_RAY * rays * (channels + order.radar.virtual_sensor.channels) / CHANNELS
-    of_scene = of_points + synthesis + (RAY_S * rays if order.paths is None else 0.0)
+    of_scene = of_points + synthesis + (RAY_S * rays if order.traced is None else 0.0)
     shapes = description(order.radar, settings.processing.peaks, settings.processing.store)["shapes"]
     plans = plan_shards(splits)
     if shard is not None:

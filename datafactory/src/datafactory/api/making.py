@@ -15,7 +15,7 @@ from datafactory.api.asking import materials_of, order_of
 from datafactory.api.declared import taking
 from datafactory.api.options import Progress, RenderOptions, TraceOptions
 from datafactory.paths.defaults import AUTO_DEVICE, CPU, CUDA
-from datafactory.run import pipeline
+from datafactory.run import making
 from datafactory.run.array_job import OPTION, parse_job
 from datafactory.run.defaults import LOCAL
 from datafactory.run.engines import opened
@@ -28,7 +28,7 @@ from shared.dataset.locations import locate
 from shared.physics.errors import InputError
 
 Make: TypeAlias = Callable[[Order, MaterialTable, Execution], Report]
-"""A job of :mod:`datafactory.run.pipeline`."""
+"""A run of :mod:`datafactory.run.making`."""
 
 
 @taking(RenderOptions)
@@ -46,7 +46,7 @@ def render(asked: RenderOptions) -> Report:
     if asked.camera and asked.shard is not None:
         raise InputError("--camera", f"beside {OPTION}", "datafactory inspect --camera once the jobs are merged")
     menu = None if asked.error_budget is None else menu_for(asked.rays, asked.depth)
-    report = _made(asked, order, menu, pipeline.render)
+    report = _made(asked, order, menu, making.render)
     return _with_cameras(order, materials_of(asked.materials), report, asked.progress) if asked.camera else report
 
 
@@ -59,7 +59,7 @@ def trace(asked: TraceOptions) -> Report:
     :func:`datafactory.render`.
     """
     menu = None if asked.error_budget is None else menu_for(asked.rays, asked.depth).of_paths()
-    return _made(asked, order_of(asked, synthesis=False), menu, pipeline.trace_paths)
+    return _made(asked, order_of(asked, synthesis=False), menu, making.trace_paths)
 
 
 def _made(asked: RenderOptions | TraceOptions, order: Order, menu: Menu | None, make: Make) -> Report:

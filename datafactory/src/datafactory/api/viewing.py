@@ -65,7 +65,8 @@ def _traced_now(asked: ViewOptions) -> Subject:
 def _traced_before(asked: ViewOptions, folder: Location) -> Subject:
     """The frame of a row of stored paths, in the scene that the manifest names, or in that one from elsewhere."""
     order = order_of(OrderOptions(None, paths=folder, radar=asked.radar, frames=0))
-    stored = stored_paths(order, folder)
+    assert order.traced is not None  # by its paths
+    stored = stored_paths(order, order.traced)
     _require_frame(asked.frame, len(stored.places))
     traced = StoredSource(*stored.places[asked.frame], order.of_scenes).traced(order.radar)
     _, paths = narrowed(traced, order.of_scenes, order.radar)

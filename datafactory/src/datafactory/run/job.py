@@ -15,9 +15,8 @@ from datafactory.frame.deal import Deal
 from datafactory.frame.measurement import Hook
 from datafactory.frame.prepared import PreparedScene
 from datafactory.paths.storage import to_row, writer_options
-from datafactory.paths.trace import find_shapes
 from datafactory.run.memory import Load
-from datafactory.run.shards import frame_options
+from datafactory.run.shards import PATHS, ShardPlan, frame_options, plan_shards
 from shared.dataset import to_record_batch
 from shared.dataset.locations import Location
 from shared.radar import Radar
@@ -35,7 +34,7 @@ class Job:
     :param stored: shard and row of every scene frame whose paths were traced before
     :param schema_message: Arrow's schema message; a pickled :class:`pyarrow.Schema` forgets that the elements of its
         lists are never null, which would cost every reader a quarter of its time
-    :param paths_alone: the rows are traced paths; otherwise frames
+    :param split: pattern by which frames are split; None where the rows are traced paths
     """
 
     radar: Radar
@@ -45,7 +44,17 @@ class Job:
     of_scenes: ChainSettings
     stored: tuple[tuple[Location, int], ...]
     schema_message: bytes
-    paths_alone: bool = False
+    split: str | None
+
+    @property
+    def paths_alone(self) -> bool:
+        """Whether the rows are traced paths; otherwise frames."""
+        return self.split is None
+
+    @property
+    def plans(self) -> tuple[ShardPlan, ...]:
+        """The shards of the whole dataset."""
+        return plan_shards((PATHS,) * len(self.deal) if self.paths_alone else self.deal.splits())
 
     @property
     def schema(self) -> pa.Schema:
@@ -63,11 +72,6 @@ class Job:
         triangles = sum(len(mesh.triangles) for scene in self.scenes for mesh in scene.merged.meshes)
         rays = self.settings.trace.rays if self.stored else 0
         return Load(self.radar, self.settings, triangles, traced=bool(self.scenes), stored_rays=rays)
-
-    def find_shapes(self) -> None:
-        """Find what the frames need of the scenes' shapes, once for all workers."""
-        for scene in self.scenes:
-            find_shapes(scene.merged, self.of_scenes.trace)
 
     def source(self, frame_id: int) -> Source:
         """Where a frame comes from."""

@@ -3,16 +3,51 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from datafactory.effects.catalogue import ALL, EffectSet
 from datafactory.frame.chain import ChainSettings
 from datafactory.frame.defaults import DEFAULT_BUDGET_DB, DEFAULT_PATTERN
 from datafactory.frame.points import PointTargets
+from datafactory.paths.defaults import DEFAULT_RAYS
 from datafactory.scenes.drives import Drives
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import Scene
 from shared.dataset.locations import Location
+from shared.dataset.manifest import read_manifest
 from shared.radar import Radar
+
+
+@dataclass(frozen=True)
+class TracedFolder:
+    """A folder that ``datafactory trace`` wrote, its manifest read.
+
+    :param split: pattern that its paths were traced with; None where the manifest says nothing of the kind
+    :param rays: of a frame that they were traced with, or the usual number where it says nothing of the kind
+    """
+
+    folder: Location
+    manifest: dict[str, Any]
+
+    @staticmethod
+    def opened(folder: Location) -> TracedFolder:
+        """:raises InputError: no manifest there, or a damaged one"""
+        return TracedFolder(folder, read_manifest(folder))
+
+    @property
+    def split(self) -> str | None:
+        split = self._argument("split")
+        return split if isinstance(split, str) else None
+
+    @property
+    def rays(self) -> int:
+        trace = self._argument("trace")
+        rays = trace.get("rays") if isinstance(trace, dict) else None
+        return rays if isinstance(rays, int) else DEFAULT_RAYS
+
+    def _argument(self, name: str) -> Any:
+        arguments = self.manifest.get("arguments")
+        return arguments.get(name) if isinstance(arguments, dict) else None
 
 
 @dataclass(frozen=True)
@@ -30,7 +65,7 @@ class Order:
     :param effects: what is simulated of the scenes; None for what each frame calls for
     :param budget_db: what leaving effects out of a frame may change then
     :param licence: of the data, an SPDX expression; None where none is stated
-    :param paths: folder of :func:`datafactory.run.pipeline.trace_paths`, instead of scenes
+    :param traced: folder of :func:`datafactory.run.making.trace_paths`, instead of scenes
     """
 
     radar: Radar
@@ -43,7 +78,7 @@ class Order:
     tracks: tuple[tuple[Pose, ...], ...] = ()
     drives: Drives | None = None
     targets: tuple[PointTargets, ...] = ()
-    paths: Location | None = None
+    traced: TracedFolder | None = None
     settings: ChainSettings = field(default_factory=ChainSettings)
     effects: EffectSet | None = None
     budget_db: float = DEFAULT_BUDGET_DB
@@ -64,5 +99,5 @@ class Order:
 
     @property
     def scene_frames(self) -> int:
-        """Number of scene frames, of an order without ``paths``."""
+        """Number of scene frames, of an order without ``traced``."""
         return len(self.given) or self.frames

@@ -22,7 +22,7 @@ from datafactory.frame.seeds import generator, sequence_seed
 from datafactory.paths.merged_scene import merge_scene
 from datafactory.run.memory import Load
 from datafactory.run.order import Order
-from datafactory.run.stored import StoredPaths, stored_paths, traced_rays
+from datafactory.run.stored import StoredPaths, stored_paths
 from datafactory.scenes.boxes import boxed_things
 from datafactory.scenes.drives import draw_drive
 from datafactory.scenes.ground import Ground
@@ -65,8 +65,8 @@ def prepare(
 
     :raises InputError: whatever is wrong with a scene or with a folder of traced paths
     """
-    if order.paths is not None:
-        return _from_stored(order, stored_paths(order, order.paths))
+    if order.traced is not None:
+        return _from_stored(order, stored_paths(order, order.traced))
     if said := _named_in_vain(order):
         announce(said)
     opened = opened_scenes(order)
@@ -114,7 +114,7 @@ def load_of(order: Order, scenes: Sequence[Scene], rendered: bool = True) -> Loa
         triangles=sum(scene.triangle_count for scene in scenes),
         traced=bool(scenes),
         rendered=rendered,
-        stored_rays=0 if order.paths is None else traced_rays(order.paths),
+        stored_rays=0 if order.traced is None else order.traced.rays,
     )
 
 

@@ -9,12 +9,11 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from datafactory.effects.catalogue import PATH_EFFECTS, EffectSet
-from datafactory.paths.defaults import DEFAULT_RAYS
 from datafactory.paths.storage import read_places
-from datafactory.run.order import Order
+from datafactory.run.order import Order, TracedFolder
 from datafactory.run.shards import PATHS
 from shared.dataset.locations import Location
-from shared.dataset.manifest import MANIFEST, ShardRecord, read_manifest, shard_records
+from shared.dataset.manifest import MANIFEST, ShardRecord, shard_records
 from shared.physics.errors import InputError
 from shared.radar import first_validation_error
 
@@ -52,13 +51,13 @@ class _Traced(BaseModel):
     arguments: _Arguments
 
 
-def stored_paths(order: Order, folder: Location) -> StoredPaths:
+def stored_paths(order: Order, traced_folder: TracedFolder) -> StoredPaths:
     """The paths of a folder, with the effects that they were traced with, or those asked for where they hold them.
 
     :raises InputError: a folder without traced paths, of another version or polarisation, or whose paths were traced
         without what ``order.effects`` asks for
     """
-    manifest = read_manifest(folder)
+    folder, manifest = traced_folder.folder, traced_folder.manifest
     all_records = shard_records(folder / MANIFEST, manifest)
     records = [record for record in all_records if record.path.startswith(f"{PATHS}/")]
     if not records:
@@ -99,21 +98,6 @@ def _places(
     ordered = [found[frame_id] for frame_id in range(len(found))]
     places, scene_numbers, sequences = zip(*ordered, strict=True)
     return places, scene_numbers, sequences
-
-
-def traced_split(folder: Location) -> str | None:
-    """The split pattern that a folder's paths were traced with; None where it says nothing of the kind."""
-    arguments = read_manifest(folder).get("arguments")
-    split = arguments.get("split") if isinstance(arguments, dict) else None
-    return split if isinstance(split, str) else None
-
-
-def traced_rays(folder: Location) -> int:
-    """Rays of a frame that a folder's paths were traced with, or the usual number where it says nothing of the kind."""
-    arguments = read_manifest(folder).get("arguments")
-    trace = arguments.get("trace") if isinstance(arguments, dict) else None
-    rays = trace.get("rays") if isinstance(trace, dict) else None
-    return rays if isinstance(rays, int) else DEFAULT_RAYS
 
 
 def _require_same_regions(folder: Location, arguments: dict[str, Any], split: str) -> None:
