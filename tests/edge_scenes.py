@@ -34,7 +34,7 @@ def table_length(path: ScatteredPaths | SpecularPaths, tx: np.ndarray, rx: np.nd
     if isinstance(path, ScatteredPaths):
         legs = np.linalg.norm(tx - path.tx_point[0]) + np.linalg.norm(rx - path.rx_point[0])
         return float(legs + path.between_m[0])
-    return float(np.linalg.norm(rx - path.image[0] - path.axes[0] @ (tx - path.reference)))
+    return float(np.linalg.norm(rx - path.image[0] - path.axes[0] @ tx))
 
 
 def shortest_over(edge: WedgeEdges, tx: np.ndarray, rx: np.ndarray) -> float:

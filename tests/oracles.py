@@ -43,8 +43,8 @@ def scattered_delays(paths: ScatteredPaths, tx: Real, rx: Real, time_s: float) -
 
 
 def specular_delays(paths: SpecularPaths, tx: Real, rx: Real, time_s: float) -> Real:
-    """[S] c tau = |x_j - (s + v_s t + H (x_i - x_0))|, divided by c [s]."""
-    image = paths.image + paths.image_velocity * time_s + paths.axes @ (tx - paths.reference)
+    """[S] c tau = |x_j - (s + v_s t + H x_i)|, divided by c [s]."""
+    image = paths.image + paths.image_velocity * time_s + paths.axes @ tx
     return np.linalg.norm(image - rx, axis=1) / LIGHT_MPS
 
 
@@ -67,7 +67,7 @@ def plane_delays(paths: PathTable, tx: Real, rx: Real) -> Real:
 
     scattered, specular = paths.scattered, paths.specular
     length = leg(scattered.tx_point, tx) + scattered.between_m + leg(scattered.rx_point, rx)
-    mirrored = leg(specular.image, rx - specular.axes @ (tx - specular.reference))
+    mirrored = leg(specular.image, rx - specular.axes @ tx)
     return np.concatenate([length, mirrored]) / LIGHT_MPS
 
 

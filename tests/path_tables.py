@@ -29,7 +29,6 @@ def a_table(
     reflection = np.eye(3) - 2.0 * normals[:, :, None] * normals[:, None, :]
     turned = np.where(np.arange(count)[:, None, None] % 2, reflection, reflection @ reflection[::-1])
     specular = SpecularPaths(
-        reference=np.zeros(3),
         image=2.0 * point,
         image_velocity=velocity,
         axes=turned,

@@ -62,7 +62,6 @@ def table(generator) -> PathTable:
         image=np.array([[20.0, -5.0, -2.0]]),
         image_velocity=np.array([[-6.0, 3.0, 0.0]]),
         axes=(np.eye(3) - 2.0 * np.outer(normal, normal))[None],
-        reference=np.array([0.0, -0.04, 0.0]),
         amplitude=np.array([2.0 + 0.5j]),
         depth=np.ones(1, np.int8),
         object_index=np.zeros(1, np.int32),
@@ -244,7 +243,7 @@ def test_work_counts_what_is_bought(table):
     assert found[-1] > 5.0 * found[0]
     # One chirp for all of 32.
     assert cube(standing, 1e-9).by_paths == pytest.approx(found[-1] / 32)
-    doubled = replace(table, scattered=ScatteredPaths.concatenate([table.scattered, table.scattered]))
+    doubled = replace(table, scattered=ScatteredPaths.joined([table.scattered, table.scattered]))
     assert found[0] < cube(doubled, 1e-2).by_paths < 2.0 * found[0]
     assert cube(doubled, 1e-2).fixed == cube(table, 1e-2).fixed
     cells = np.full(96, 16)

@@ -75,7 +75,7 @@ def test_points_of_the_parts_are_those_of_the_whole(of: str) -> None:
 def test_what_does_not_turn_is_searched_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """A walker in a city does not have all its corners found anew in every frame."""
     searched: list[MergedScene] = []
-    found = corner_edges._found.__wrapped__
+    found = inspect.unwrap(corner_edges._found)
 
     def counted(scene: MergedScene) -> CornerEdges:
         searched.append(scene)

@@ -50,7 +50,7 @@ def test_the_peak_is_that_of_first_hits_and_single_mirrors() -> None:
     """An edge a hundred times as strong as all of them does not raise what may be left out."""
     table = hits(100.0, 1.0)
     edge = replace(table.scattered, kinds=np.full(2, DIFFRACTED, np.uint8), amplitude=10.0 * table.scattered.amplitude)
-    both = PathTable(ScatteredPaths.concatenate([table.scattered, edge]), SpecularPaths.none())
+    both = PathTable(ScatteredPaths.joined([table.scattered, edge]), SpecularPaths.none())
     assert len(first_echoes(both)) == 2
     np.testing.assert_array_equal(first_echoes(both).scattered.amplitude, table.scattered.amplitude)
 

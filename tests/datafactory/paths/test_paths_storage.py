@@ -49,7 +49,7 @@ def a_frame(frame_id: int, scattered: int, specular: int) -> TracedFrame:
     image = {"image": real(specular, 3), "image_velocity": real(specular, 3), "axes": real(specular, 3, 3)}
     table = PathTable(
         ScatteredPaths(**vectors, **between, **whole(scattered)),
-        SpecularPaths(reference=real(3), **image, **whole(specular)),
+        SpecularPaths(**image, **whole(specular)),
         objects=("wall", "Größe"),
         counts={"rays": 5, "pruned": 0},
     )

@@ -59,7 +59,7 @@ def test_all_targets_together_have_the_echoes_that_each_has_alone(generator, pol
     together, counts = echoes(position, owner, polarization)
     alone = [echoes(position[n : n + 1], owner[n : n + 1], polarization) for n in range(COUNT)]
     assert len(together) > COUNT
-    same_bytes(together, ScatteredPaths.concatenate([paths for paths, _ in alone]))
+    same_bytes(together, ScatteredPaths.joined([paths for paths, _ in alone]))
     assert counts == {name: sum(one[name] for _, one in alone) for name in counts}
     assert 0 < counts["targets_unreached"] < COUNT
 

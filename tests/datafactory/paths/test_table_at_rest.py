@@ -34,7 +34,6 @@ def test_a_moving_mirror_at_rest_shows_the_image_of_its_moment() -> None:
     """A mirror at x = 10 m that recedes with 4 m/s stands at 12 m after half a second."""
     normal = np.array([1.0, 0.0, 0.0])
     specular = SpecularPaths(
-        reference=np.zeros(3),
         image=mirrored(np.zeros(3), (10.0 * normal, normal))[None],
         image_velocity=np.array([[8.0, 0.0, 0.0]]),
         axes=(np.eye(3) - 2.0 * np.outer(normal, normal))[None],

@@ -71,7 +71,6 @@ def random_table(
             image=2.0 * points(specular),
             image_velocity=velocities(specular),
             axes=np.array([random_reflection(generator) for _ in range(specular)]).reshape(specular, 3, 3),
-            reference=generator.uniform(-0.1, 0.1, 3),
             amplitude=amplitudes(specular),
             depth=np.ones(specular, dtype=np.int8),
             object_index=np.full(specular, -1, dtype=np.int32),
@@ -159,7 +158,7 @@ def test_one_path_does_not_hide_another_120_db_below(small_radar):
     radar = small_radar(chirps=2)
     strong = ScatteredPaths.of_points(np.array([[2.0, 0.5, 0.0]]), np.zeros((1, 3)), np.ones(1))
     weak = ScatteredPaths.of_points(np.array([[8.0, -1.0, 0.0]]), np.zeros((1, 3)), np.array([1e-6]))
-    both = cube_of_paths(PathTable(ScatteredPaths.concatenate([strong, weak])), radar, 1e-9)
+    both = cube_of_paths(PathTable(ScatteredPaths.joined([strong, weak])), radar, 1e-9)
     alone = both - if_cube(PathTable(strong), radar)
     assert relative_error(alone, if_cube(PathTable(weak), radar)) < 1e-3
 

@@ -44,7 +44,6 @@ def moving(count: int, speed: float, limits_m: tuple[float, float], seed: int = 
             image=2.0 * points(specular),
             image_velocity=speed * generator.uniform(-1.0, 1.0, (specular, 3)),
             axes=np.tile(np.diag([-1.0, 1.0, 1.0]), (specular, 1, 1)),
-            reference=np.array([0.0, 0.02, 0.0]),
             amplitude=phases(specular),
             depth=np.ones(specular, dtype=np.int8),
             object_index=np.zeros(specular, dtype=np.int32),

@@ -130,7 +130,6 @@ def test_specular_paths(speed, bound_db):
         image=image,
         image_velocity=speed * generator.uniform(-1.0, 1.0, (COUNT, 3)),
         axes=np.eye(3) - 2.0 * normal[:, :, None] * normal[:, None, :],
-        reference=np.array([0.0, 0.02, 0.0]),
         amplitude=phasors(generator, COUNT),
         depth=np.ones(COUNT, dtype=np.int8),
         object_index=np.zeros(COUNT, dtype=np.int32),

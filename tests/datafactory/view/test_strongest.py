@@ -147,7 +147,7 @@ def test_every_path_has_the_kind_of_its_rarest_interaction():
         scattered([1, 0, 0], [1, 0, 0], DIFFUSE | REFRACTED, depth=2), scattered([1, 0, 0], [1, 0, 0], DIFFRACTED),
         scattered([1, 0, 0], [1, 0, 0], DIFFRACTED | TARGET | REFRACTED, depth=3),
     ]  # fmt: skip
-    table = PathTable(ScatteredPaths.concatenate(parts), specular([2.0, 0.0, 0.0], 1))
+    table = PathTable(ScatteredPaths.joined(parts), specular([2.0, 0.0, 0.0], 1))
     assert kinds_of(table).tolist() == [DIRECT, DIRECT, SEVERAL, REFRACTION, DIFFRACTION, DIFFRACTION, MIRROR]
 
 
@@ -183,7 +183,7 @@ def test_without_meshes_and_without_paths_there_is_nothing():
 
 def test_scattered_paths_and_mirrors_stand_in_one_list():
     """The second of two scattered paths is the strongest, then the mirror, then the first."""
-    paths = ScatteredPaths.concatenate(
+    paths = ScatteredPaths.joined(
         [scattered([2.0 + index, 0.0, 0.0], [2.0 + index, 0.0, 0.0], DIFFUSE, owner=index) for index in (0, 1)]
     )
     paths = replace(paths, amplitude=np.array([1e-8, 1e-5], dtype=complex))

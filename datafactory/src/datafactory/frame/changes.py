@@ -69,7 +69,7 @@ def plane_wave_change(paths: PathTable, array: AntennaArray, wavelength_m: float
         some = paths.scattered.take(np.arange(first, min(first + BLOCK, len(paths.scattered))))
         found.append(_of_errors(_curvature(some.tx_point, tx) + _curvature(some.rx_point, rx), wavelength_m))
     # A mirror shows the TX's image; seen from it an RX stands displaced by both their places.
-    displaced = rx - np.einsum("kij,cj->kci", specular.axes, tx - specular.reference)
+    displaced = rx - np.einsum("kij,cj->kci", specular.axes, tx)
     return np.concatenate([*found, _of_errors(_curvature(specular.image, displaced), wavelength_m)])
 
 

@@ -19,11 +19,12 @@ what else is simulated changes none of its paths.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.paths.columns import Columns
 from datafactory.paths.panes import polarization_axis
 from datafactory.paths.ray_hits import clear_between, ray_margin_m
 from datafactory.paths.rays import RayFan
@@ -181,8 +182,8 @@ class Echoes:
 
         arrivals = replace(
             of[0],
-            waves=Waves(**{f.name: every(getattr(one.waves, f.name) for one in of) for f in fields(Waves)}),
-            hits=Hits(**{f.name: every(getattr(one.hits, f.name) for one in of) for f in fields(Hits)}),
+            waves=Columns.take(Waves.joined([one.waves for one in of]), order),
+            hits=Columns.take(Hits.joined([one.hits for one in of]), order),
             te=every(one.te for one in of),
             tm=every(one.tm for one in of),
             ratio=every(one.ratio for one in of),

@@ -9,11 +9,12 @@ trace that serves many radars stores them beside its paths; each radar then deci
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+
+from datafactory.paths.columns import Columns
 
 EDGE, CORNER, TARGET_SEEN, TARGET_MIRRORED, PANE, TWICE, MIRRORED, CHAIN = range(8)
 """What a candidate may become: an edge's echo, a right-angled corner's, a target's own or round an edge, a target's
@@ -26,7 +27,7 @@ Float = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
-class Candidates:
+class Candidates(Columns):
     """N of them, in the radar frame.
 
     :param family: [N] ``EDGE`` to ``CHAIN``
@@ -41,9 +42,6 @@ class Candidates:
     arrival: Float
     range_m: Float
     power: Float
-
-    def __len__(self) -> int:
-        return len(self.family)
 
     @staticmethod
     def of(
@@ -68,14 +66,6 @@ class Candidates:
     def none() -> Candidates:
         """None at all."""
         return Candidates.of(EDGE, np.zeros((0, 3)), np.zeros(0))
-
-    @staticmethod
-    def joined(parts: Sequence[Candidates]) -> Candidates:
-        """Those of several, one after another."""
-        every = [Candidates.none(), *parts]
-        return Candidates(
-            *(np.concatenate([getattr(part, item.name) for part in every]) for item in fields(Candidates))
-        )
 
     def at_wavelength(self, traced_m: float, wanted_m: float) -> Candidates:
         """For another wavelength [m] than they were traced at: amplitudes are proportional to it."""

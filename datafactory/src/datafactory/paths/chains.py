@@ -51,7 +51,7 @@ def chain_candidates(
         length = np.linalg.norm(image, axis=1)
         power = (wavelength_m / (4.0 * np.pi * np.maximum(length, wavelength_m))) ** 2
         found.append(Candidates.of(CHAIN, image, power, 0.5 * length, departure))
-    return Candidates.joined(found)
+    return Candidates.joined([Candidates.none(), *found])
 
 
 def _closed(corner: Real, normal: Real, height: Real) -> tuple[Real, Real]:

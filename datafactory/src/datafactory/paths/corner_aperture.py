@@ -5,12 +5,13 @@ The equations stand in :mod:`datafactory.paths.corner_echoes`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fresnel
 
+from datafactory.paths.columns import Columns
 from datafactory.paths.corner_edges import CornerEdges
 
 Real = NDArray[np.float64]
@@ -33,7 +34,7 @@ ACROSS = 3
 
 
 @dataclass(frozen=True)
-class Views:
+class Views(Columns):
     """C corners as the radar at the origin sees them, in their own coordinates.
 
     :param foot: [C, 3] of the perpendicular on the edge's line [m]; :param foot_z: [C] its place along the edge
@@ -46,9 +47,6 @@ class Views:
     angle: Real
     opening: Real
 
-    def take(self, index: NDArray) -> Views:
-        return Views(**{item.name: getattr(self, item.name)[index] for item in fields(self)})
-
     @property
     def shortest(self) -> Real:
         """[C] L* [m]."""
@@ -56,7 +54,7 @@ class Views:
 
 
 @dataclass(frozen=True)
-class Cells:
+class Cells(Columns):
     """K pieces of the corners along their edges.
 
     :param corner: [K]; :param start, stop: [K] v along the edge
@@ -72,9 +70,6 @@ class Cells:
     z: Real
     reach: Real
     beyond: Real
-
-    def take(self, index: NDArray) -> Cells:
-        return Cells(**{item.name: getattr(self, item.name)[index] for item in fields(self)})
 
 
 def longer_along(z: Real, height: Real) -> Real:

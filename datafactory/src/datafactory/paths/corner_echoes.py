@@ -237,26 +237,17 @@ def _paths(
     both = np.tile(np.arange(len(corners)), 2)
     amplitude = np.conj(gamma) * (wavelength / (4.0 * np.pi * views.shortest))[both] * shares.reshape(-1)
     wide, small = np.flatnonzero(image[both]), np.flatnonzero(~image[both])
-    specular = SpecularPaths(
-        image=_moved_by(turned[wide], views.foot[both[wide]]),
-        image_velocity=_moved_by(turned[wide], corners.velocity[both[wide]]),
-        axes=turned[wide],
-        reference=np.zeros(3),
-        amplitude=amplitude[wide],
-        depth=np.full(len(wide), 2, dtype=np.int8),
-        object_index=corners.object_index[both[wide]],
-        kinds=np.full(len(wide), CORNER, dtype=np.uint8),
-        candidate=number[both[wide]],
-    )
+    owner, axes = both[wide], turned[wide]
+    specular = SpecularPaths.of(
+        _moved_by(axes, views.foot[owner]), _moved_by(axes, corners.velocity[owner]), axes, amplitude[wide],
+        corners.object_index[owner], CORNER, 2, number[owner],
+    )  # fmt: skip
     # The integral's phase counts from L*, the table's from the way to the point and back.
     rest = views.shortest - 2.0 * np.linalg.norm(point, axis=1)
     lag = np.exp(2j * np.pi * (rest / wavelength % 1.0))[both]
     owner = both[small]
-    scattered = replace(
-        ScatteredPaths.of_points(point[owner], velocity[owner], (amplitude * lag)[small], corners.object_index[owner]),
-        depth=np.full(len(small), 2, dtype=np.int8),
-        kinds=np.full(len(small), CORNER, dtype=np.uint8),
-        candidate=number[owner],
+    scattered = ScatteredPaths.of_points(
+        point[owner], velocity[owner], (amplitude * lag)[small], corners.object_index[owner], CORNER, 2, number[owner]
     )
     return scattered, specular
 

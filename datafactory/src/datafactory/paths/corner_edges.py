@@ -15,18 +15,18 @@ Faces belong to bodies of one velocity. What stands on another body, such as a c
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.paths.columns import DIRECTION, POINT, WHOLE, Placed, counts_of
 from datafactory.paths.facets import mirrors_of
 from datafactory.paths.found_once import found_once
 from datafactory.paths.free_extent import flattened, strips
 from datafactory.paths.merged_scene import MergedScene, Part, motions_of
 from datafactory.paths.planar_faces import TOUCH_M, PlanarFaces, planar_faces_of
 from datafactory.paths.unfold import unit
-from datafactory.scenes.poses import Pose
 from shared.physics.compiled import compiled
 
 Real = NDArray[np.float64]
@@ -37,9 +37,8 @@ LEAST_REACH_M = 0.005
 
 
 @dataclass(frozen=True)
-class CornerEdges:
-    """C corners. In world coordinates at time 0 as :func:`corners_of` finds them, in the radar's after
-    :meth:`seen_from`.
+class CornerEdges(Placed):
+    """C corners.
 
     :param origin: [C, 3] the point of the edge from which strips count [m]
     :param direction: [C, 3] unit vector along the edge
@@ -47,30 +46,23 @@ class CornerEdges:
     :param normal: [C, 2, 3] unit normals of the faces, into the quarter between them
     :param face: [C, 2] numbers of the faces; :param face_mesh: [C, 2] index into ``MergedScene.meshes``
     :param object_index: [C] index into ``MergedScene.objects`` of the first face
-    :param velocity: [C, 3] [m/s]
-    :param shift: [C, 3] what is to be added to the points [m]: the displacement of a body that does not turn
     :param strips: [S, 6] start and end along the edge, the reach of the first face there, and that of the second [m]
     :param corner_of_strip: [S] rising
     :param face_of_triangle: [T] of the merged scene's triangles; -1 where a triangle has none
     :param counts: ``right_angles`` (pairs of faces), ``corner_edges``
     """
 
-    origin: Real
-    direction: Real
-    into: Real
-    normal: Real
+    origin: Real = field(metadata=POINT)
+    direction: Real = field(metadata=DIRECTION)
+    into: Real = field(metadata=DIRECTION)
+    normal: Real = field(metadata=DIRECTION)
     face: Index
     face_mesh: Index
     object_index: NDArray[np.int32]
-    velocity: Real
-    shift: Real
-    strips: Real
-    corner_of_strip: Index
-    face_of_triangle: Index
-    counts: dict[str, int] = field(default_factory=dict)
-
-    def __len__(self) -> int:
-        return len(self.origin)
+    strips: Real = field(metadata=WHOLE)
+    corner_of_strip: Index = field(metadata=WHOLE)
+    face_of_triangle: Index = field(metadata=WHOLE)
+    counts: dict[str, int] = field(metadata=WHOLE, default_factory=dict)
 
     @property
     def opening(self) -> Real:
@@ -78,33 +70,13 @@ class CornerEdges:
         return np.arccos(np.clip(np.einsum("ci,ci->c", self.into[:, 0], self.into[:, 1]), -1.0, 1.0))
 
     def take(self, index: NDArray) -> CornerEdges:
-        """The corners at these rising indices, or where a mask is true."""
+        """The corners at these rising indices, or where a mask is true, with their strips."""
         chosen = np.arange(len(self))[index]
         place = np.full(len(self), -1, dtype=np.int64)
         place[chosen] = np.arange(len(chosen))
-        whole = ("strips", "corner_of_strip", "face_of_triangle", "counts")
-        kept = {item.name: getattr(self, item.name)[chosen] for item in fields(self) if item.name not in whole}
         stay = place[self.corner_of_strip] >= 0
-        return CornerEdges(
-            **kept,
-            strips=self.strips[stay],
-            corner_of_strip=place[self.corner_of_strip[stay]],
-            face_of_triangle=self.face_of_triangle,
-            counts=self.counts,
-        )
-
-    def seen_from(self, pose: Pose) -> CornerEdges:
-        """The same corners in the radar frame at the pose's time, velocities relative to the radar."""
-        rotation = pose.rotation()
-        return replace(
-            self,
-            origin=(self.origin + self.shift - np.asarray(pose.position)) @ rotation,
-            shift=np.zeros_like(self.shift),
-            direction=self.direction @ rotation,
-            into=self.into @ rotation,
-            normal=self.normal @ rotation,
-            velocity=(self.velocity - np.asarray(pose.velocity)) @ rotation,
-        )
+        strips, corner_of_strip = self.strips[stay], place[self.corner_of_strip[stay]]
+        return replace(super().take(chosen), strips=strips, corner_of_strip=corner_of_strip)
 
     def extent(self) -> tuple[Real, Real]:
         """Start [C] and end [C] of each corner along its edge [m]."""
@@ -155,11 +127,12 @@ def _joined(found: Sequence[CornerEdges], parts: Sequence[Part]) -> CornerEdges:
         )
         faces += int(own.face_of_triangle.max(initial=-1)) + 1
         before += len(own)
-    names = [item.name for item in fields(CornerEdges) if item.name not in ("face_of_triangle", "counts")]
-    return CornerEdges(
-        **{name: np.concatenate([getattr(own, name) for own in placed]) for name in names},
+    return CornerEdges.joined(
+        placed,
+        strips=np.concatenate([own.strips for own in placed]),
+        corner_of_strip=np.concatenate([own.corner_of_strip for own in placed]),
         face_of_triangle=face_of_triangle,
-        counts={name: sum(own.counts[name] for own in placed) for name in placed[0].counts},
+        counts=counts_of([own.counts for own in placed]),
     )
 
 

@@ -21,7 +21,6 @@ aperture is left out and counted. The sensor's own parallax over the aperture is
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,28 +124,15 @@ class CornerPointEchoes:
         visible = amplitude != 0.0
         small, large = np.flatnonzero(visible & ~wide), np.flatnonzero(visible & wide)
         scattered = ScatteredPaths.of_points(
-            points.apex[small], points.velocity[small], amplitude[small], points.object_index[small]
-        )
-        return (
-            replace(
-                scattered,
-                depth=np.full(len(small), 3, np.int8),
-                kinds=np.full(len(small), CORNER, np.uint8),
-                candidate=number[small],
-            ),
-            SpecularPaths(
-                image=2.0 * points.apex[large],
-                image_velocity=2.0 * points.velocity[large],
-                axes=np.tile(-np.eye(3), (len(large), 1, 1)),
-                reference=np.zeros(3),
-                amplitude=amplitude[large],
-                depth=np.full(len(large), 3, dtype=np.int8),
-                object_index=points.object_index[large],
-                kinds=np.full(len(large), CORNER, dtype=np.uint8),
-                candidate=number[large],
-            ),
-            {"corner_points_off_square": self._off_square, "corner_points_hidden": int((~visible).sum())},
-        )
+            points.apex[small], points.velocity[small], amplitude[small], points.object_index[small], CORNER, 3,
+            number[small],
+        )  # fmt: skip
+        specular = SpecularPaths.of(
+            2.0 * points.apex[large], 2.0 * points.velocity[large], np.tile(-np.eye(3), (len(large), 1, 1)),
+            amplitude[large], points.object_index[large], CORNER, 3, number[large],
+        )  # fmt: skip
+        counts = {"corner_points_off_square": self._off_square, "corner_points_hidden": int((~visible).sum())}
+        return scattered, specular, counts
 
 
 def _outline(points: CornerPoints, home: Real) -> tuple[Index, Real, Real, Real]:

@@ -9,19 +9,19 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.paths.columns import DIRECTION, POINT, WHOLE, Placed, counts_of
 from datafactory.paths.facets import mirrors_of
 from datafactory.paths.found_once import found_once
 from datafactory.paths.free_extent import flattened, reach_around
 from datafactory.paths.merged_scene import MergedScene, Part, motions_of
 from datafactory.paths.planar_faces import PlanarFaces, planar_faces_of
 from datafactory.paths.unfold import unit
-from datafactory.scenes.poses import Pose
 from shared.physics.compiled import compiled
 
 Real = NDArray[np.float64]
@@ -36,8 +36,8 @@ FARTHEST_M = 50.0
 
 
 @dataclass(frozen=True)
-class CornerPoints:
-    """Q points. In world coordinates at time 0 as :func:`points_of` finds them, in the radar's after :meth:`seen_from`.
+class CornerPoints(Placed):
+    """Q points.
 
     :param apex: [Q, 3] [m]
     :param axes: [Q, 3, 3] rows: unit vectors along the three edges, away from the apex; face i lies between the others
@@ -45,39 +45,16 @@ class CornerPoints:
     :param off_square: [Q] largest difference of two edges from a right angle [rad]
     :param face_mesh: [Q, 3] index into ``MergedScene.meshes``
     :param object_index: [Q] index into ``MergedScene.objects`` of the first face
-    :param velocity: [Q, 3] [m/s]
-    :param shift: [Q, 3] what is to be added to the points [m]: the displacement of a body that does not turn
     :param counts: ``corner_points``
     """
 
-    apex: Real
-    axes: Real
+    apex: Real = field(metadata=POINT)
+    axes: Real = field(metadata=DIRECTION)
     reach: Real
     off_square: Real
     face_mesh: Index
     object_index: NDArray[np.int32]
-    velocity: Real
-    shift: Real
-    counts: dict[str, int] = field(default_factory=dict)
-
-    def __len__(self) -> int:
-        return len(self.apex)
-
-    def take(self, index: NDArray) -> CornerPoints:
-        """The points at these indices, or where a mask is true."""
-        kept = {item.name: getattr(self, item.name)[index] for item in fields(self) if item.name != "counts"}
-        return CornerPoints(**kept, counts=self.counts)
-
-    def seen_from(self, pose: Pose) -> CornerPoints:
-        """The same points in the radar frame at the pose's time, velocities relative to the radar."""
-        rotation = pose.rotation()
-        return replace(
-            self,
-            apex=(self.apex + self.shift - np.asarray(pose.position)) @ rotation,
-            shift=np.zeros_like(self.shift),
-            axes=self.axes @ rotation,
-            velocity=(self.velocity - np.asarray(pose.velocity)) @ rotation,
-        )
+    counts: dict[str, int] = field(metadata=WHOLE, default_factory=dict)
 
     def within(self, distance_m: float) -> CornerPoints:
         """The points nearer than this to the origin [m]: in the radar frame, those in range."""
@@ -95,11 +72,7 @@ def points_of(merged_scene: MergedScene) -> CornerPoints:
 def _joined(found: Sequence[CornerPoints], parts: Sequence[Part]) -> CornerPoints:
     """The corners of the parts of a scene as those of the whole: their three faces are of one rigid body."""
     placed = [replace(own, face_mesh=part.meshes[own.face_mesh]) for own, part in zip(found, parts, strict=True)]
-    names = [item.name for item in fields(CornerPoints) if item.name != "counts"]
-    return CornerPoints(
-        **{name: np.concatenate([getattr(own, name) for own in placed]) for name in names},
-        counts={name: sum(own.counts[name] for own in placed) for name in placed[0].counts},
-    )
+    return CornerPoints.joined(placed, counts=counts_of([own.counts for own in placed]))
 
 
 @found_once

@@ -169,13 +169,7 @@ def _specular(
     sight: Real, range_m: Real, rate: Real, turning: Real, echoes: EchoFields, index: NDArray
 ) -> SpecularPaths:
     sight, range_m, rate, turning = (part[index] for part in (sight, range_m, rate, turning))
-    return SpecularPaths(
-        image=2.0 * range_m[:, None] * sight,
-        image_velocity=2.0 * rate[:, None] * sight + 2.0 * range_m[:, None] * turning,
-        axes=np.eye(3) - 2.0 * sight[:, :, None] * sight[:, None, :],
-        reference=np.zeros(3),
-        amplitude=echoes.amplitude[index],
-        depth=np.ones(len(index), dtype=np.int8),
-        object_index=echoes.object_index[index],
-        kinds=echoes.kinds[index],
-    )
+    image, velocity = 2.0 * range_m[:, None] * sight, 2.0 * rate[:, None] * sight + 2.0 * range_m[:, None] * turning
+    axes = np.eye(3) - 2.0 * sight[:, :, None] * sight[:, None, :]
+    amplitude, owner, kinds = (part[index] for part in (echoes.amplitude, echoes.object_index, echoes.kinds))
+    return SpecularPaths.of(image, velocity, axes, amplitude, owner, kinds)

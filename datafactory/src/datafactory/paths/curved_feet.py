@@ -11,12 +11,13 @@ exact on spheres and cylinders. What is sent back from there: :mod:`datafactory.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from datafactory.paths.columns import Columns
 from datafactory.paths.curved_surfaces import CurvedSurfaces, turned_to
 from datafactory.paths.ray_hits import ray_margin_m
 from datafactory.paths.unfold import unit
@@ -39,7 +40,7 @@ around its focus."""
 
 
 @dataclass(frozen=True)
-class CurvedFeet:
+class CurvedFeet(Columns):
     """n points of curved surfaces whose normals go through the radar, in the radar frame.
 
     :param triangle: [n] index among all triangles of the merged scene; :param surface: [n]
@@ -57,13 +58,6 @@ class CurvedFeet:
     normal: Real
     curvature: Real
     axes: Real
-
-    def __len__(self) -> int:
-        return len(self.triangle)
-
-    def take(self, index: NDArray) -> CurvedFeet:
-        """The feet at these indices, or where a mask is true."""
-        return CurvedFeet(**{item.name: getattr(self, item.name)[index] for item in fields(self)})
 
     def range_m(self) -> Real:
         """[n] distances from the radar [m]."""

@@ -31,13 +31,14 @@ of their materials; at a rim the sheet also transmits. Amplitudes are conjugates
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fresnel
 
 from datafactory.paths.candidates import EDGE, Candidates
+from datafactory.paths.columns import Columns
 from datafactory.paths.edges import WedgeEdges
 from datafactory.paths.facets import TAPER
 from datafactory.paths.panes import Polarization, polarization_axis
@@ -69,7 +70,7 @@ GRAZING = 1e-6
 
 
 @dataclass(frozen=True)
-class EdgeRays:
+class EdgeRays(Columns):
     """K rays from a source over an edge to an observer, in the radar frame, by rising observer and edge.
 
     :param observer: [K] index into the observers given; :param edge: [K] index into the edges given
@@ -88,14 +89,6 @@ class EdgeRays:
     geometry: WedgeGeometry
     share: Complex
     at_end: NDArray[np.bool_]
-
-    def __len__(self) -> int:
-        return len(self.edge)
-
-    def take(self, index: NDArray) -> EdgeRays:
-        """The rays at these indices, or where a mask is true."""
-        kept = {item.name: getattr(self, item.name)[index] for item in fields(self) if item.name != "geometry"}
-        return EdgeRays(geometry=self.geometry.take(index), **kept)
 
 
 def rays_over_edges(edges: WedgeEdges, source: Real, observer: Real, wavelength_m: float) -> EdgeRays:
@@ -276,23 +269,16 @@ class EdgeEchoes:
         level = along_array(edges.direction[rays.edge], rays.inward)
         across, along = np.flatnonzero(~level), np.flatnonzero(level)
         owner = edges.object_index[rays.edge]
-        scattered = replace(
-            ScatteredPaths.of_points(rays.point[across], velocity[across], amplitude[across], owner[across]),
-            kinds=np.full(len(across), DIFFRACTED, dtype=np.uint8),
+        scattered = ScatteredPaths.of_points(
+            rays.point[across], velocity[across], amplitude[across], owner[across], DIFFRACTED,
             candidate=candidate[across],
-        )
+        )  # fmt: skip
         e = edges.direction[rays.edge[along]]
-        specular = SpecularPaths(
-            image=2.0 * rays.point[along],
-            image_velocity=2.0 * velocity[along],
-            axes=2.0 * e[:, :, None] * e[:, None, :] - np.eye(3),
-            reference=np.zeros(3),
-            amplitude=amplitude[along],
-            depth=np.ones(len(along), dtype=np.int8),
-            object_index=owner[along],
-            kinds=np.full(len(along), DIFFRACTED, dtype=np.uint8),
+        axes = 2.0 * e[:, :, None] * e[:, None, :] - np.eye(3)
+        specular = SpecularPaths.of(
+            2.0 * rays.point[along], 2.0 * velocity[along], axes, amplitude[along], owner[along], DIFFRACTED,
             candidate=candidate[along],
-        )
+        )  # fmt: skip
         return scattered, specular, {"edge_rays": len(tried), "edge_rays_hidden": len(tried) - len(rays)}
 
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.paths.columns import WHOLE, Columns
 from datafactory.scenes.scene import PointTarget
 from datafactory.scenes.targets.moving_parts import Motion
 from shared.physics.units import db_to_power
@@ -16,7 +17,7 @@ Real = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class EchoPoints:
+class EchoPoints(Columns):
     """K echo points of a scene's point targets.
 
     :param position: [K, 3] world [m]; :param velocity: [K, 3] world [m/s]
@@ -30,17 +31,12 @@ class EchoPoints:
     velocity: Real
     rcs_m2: Real
     target: NDArray[np.int32]
-    silent: int
-    near: int
+    silent: int = field(metadata=WHOLE)
+    near: int = field(metadata=WHOLE)
 
     def heard(self) -> EchoPoints:
         """Those with an echo."""
         return self.take(self.rcs_m2 > 0.0)
-
-    def take(self, chosen: NDArray[np.bool_]) -> EchoPoints:
-        """Those of a mask [K]."""
-        kept = {name: getattr(self, name)[chosen] for name in ("position", "velocity", "rcs_m2", "target")}
-        return EchoPoints(**kept, silent=self.silent, near=self.near)
 
 
 @dataclass(frozen=True)
@@ -102,11 +98,4 @@ def all_echo_points(targets: Sequence[PointTarget], radar_position: Sequence[flo
     """
     none = EchoPoints(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.int32), 0, 0)
     parts = [none, *(seen_from(target, index, radar_position, seen) for index, target in enumerate(targets))]
-    return EchoPoints(
-        **{
-            name: np.concatenate([getattr(part, name) for part in parts])
-            for name in ("position", "velocity", "rcs_m2", "target")
-        },
-        silent=sum(part.silent for part in parts),
-        near=sum(part.near for part in parts),
-    )
+    return EchoPoints.joined(parts, silent=sum(part.silent for part in parts), near=sum(part.near for part in parts))

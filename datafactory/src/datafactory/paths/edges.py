@@ -13,7 +13,7 @@ for each time.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +22,11 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from datafactory.paths.bodies import Body, bodies_of, into_faces
+from datafactory.paths.columns import DIRECTION, POINT, WHOLE, Placed, counts_of
 from datafactory.paths.found_once import found_once
 from datafactory.paths.merged_scene import MergedScene, motions_of
 from datafactory.paths.smooth import smooth_facets
 from datafactory.paths.unfold import unit
-from datafactory.scenes.poses import Pose
 
 Real = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -42,11 +42,8 @@ STRAIGHT_M = 1e-3
 
 
 @dataclass(frozen=True)
-class WedgeEdges:
+class WedgeEdges(Placed):
     """E wedges. Around an edge, angles run from the 0-face through the exterior to the n-face, at n pi.
-
-    In world coordinates as :func:`edges_of` finds them; in the radar's after :meth:`seen_from`, where they are at the
-    scene's time.
 
     :param start, end: [E, 3] [m]
     :param direction: [E, 3] unit vector from start to end; (into the 0-face, normal_0, direction) are right-handed
@@ -55,49 +52,22 @@ class WedgeEdges:
     :param exterior_n: [E] n, above 1 and at most 2
     :param face_mesh: [E, 2] index into ``MergedScene.meshes`` of the two faces' materials; a half plane has the same
         twice
-    :param velocity: [E, 3] of the start [m/s]; :param turn: [E, 3] velocity of the end less that, over the length [1/s]
-    :param shift: [E, 3] what is to be added to the points [m]: the displacement of a body that does not turn
+    :param turn: [E, 3] velocity of the end less ``velocity``, that of the start, over the length [1/s]
     :param object_index: [E] index into ``MergedScene.objects`` of the 0-face
     :param counts: what was found and left out: ``edges``, ``half_planes``, ``merged``, ``flat``, ``non_manifold``,
         ``doubled_triangles``, ``collapsed_triangles``
     """
 
-    start: Real
-    end: Real
-    direction: Real
-    normal_0: Real
-    normal_n: Real
+    start: Real = field(metadata=POINT)
+    end: Real = field(metadata=POINT)
+    direction: Real = field(metadata=DIRECTION)
+    normal_0: Real = field(metadata=DIRECTION)
+    normal_n: Real = field(metadata=DIRECTION)
     exterior_n: Real
     face_mesh: Index
-    velocity: Real
-    turn: Real
-    shift: Real
+    turn: Real = field(metadata=DIRECTION)
     object_index: NDArray[np.int32]
-    counts: dict[str, int] = field(default_factory=dict)
-
-    def __len__(self) -> int:
-        return len(self.start)
-
-    def take(self, index: NDArray) -> WedgeEdges:
-        """The edges at these indices, or where a mask is true."""
-        kept = {item.name: getattr(self, item.name)[index] for item in fields(self) if item.name != "counts"}
-        return WedgeEdges(**kept, counts=self.counts)
-
-    def seen_from(self, pose: Pose) -> WedgeEdges:
-        """The same edges in the radar frame, velocities relative to the radar."""
-        rotation = pose.rotation()
-        moved = self.shift - np.asarray(pose.position)
-        return replace(
-            self,
-            start=(self.start + moved) @ rotation,
-            end=(self.end + moved) @ rotation,
-            direction=self.direction @ rotation,
-            normal_0=self.normal_0 @ rotation,
-            normal_n=self.normal_n @ rotation,
-            velocity=(self.velocity - np.asarray(pose.velocity)) @ rotation,
-            turn=self.turn @ rotation,
-            shift=np.zeros_like(self.shift),
-        )
+    counts: dict[str, int] = field(metadata=WHOLE, default_factory=dict)
 
     def velocity_at(self, index: Index, point: Real) -> Real:
         """[K, 3] velocities [m/s] of the points [K, 3] of the edges ``index`` [K]."""
@@ -117,7 +87,8 @@ class WedgeEdges:
 @found_once
 def edges_of(merged_scene: MergedScene) -> WedgeEdges:
     """All wedges of a merged scene at its time, made once for each."""
-    found = _joined([_edges_of_body(body) for body in bodies_of(merged_scene)])
+    parts = [_edges_of_body(body) for body in bodies_of(merged_scene)]
+    found = WedgeEdges.joined(parts, counts=counts_of([part.counts for part in parts]))
     velocity, shift = motions_of(merged_scene, found.face_mesh[:, 0])
     return _with_turn(replace(found, velocity=velocity, shift=shift), merged_scene)
 
@@ -138,15 +109,6 @@ def _with_turn(edges: WedgeEdges, merged_scene: MergedScene) -> WedgeEdges:
         length = np.linalg.norm(edges.end[here] - edges.start[here], axis=1, keepdims=True)
         velocity[here], turn[here] = at_start, (at_end - at_start) / length
     return replace(edges, velocity=velocity, turn=turn)
-
-
-def _joined(parts: list[WedgeEdges]) -> WedgeEdges:
-    names = [item.name for item in fields(WedgeEdges) if item.name != "counts"]
-    keys = {key: None for part in parts for key in part.counts}
-    counts = {key: sum(part.counts.get(key, 0) for part in parts) for key in keys}
-    return WedgeEdges(
-        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names}, counts=counts
-    )
 
 
 @found_once

@@ -89,16 +89,9 @@ def single_mirrors(
     turning = _rates_of_normals(merged_scene, triangle[carried.index], mesh[triangle[carried.index]]) @ rotation
     side = np.sign(np.einsum("ki,ki->k", mirrors.normals[triangle[carried.index]] @ rotation, direction[carried.index]))
     image_velocity[carried.index] += 2.0 * (side * range_m[carried.index])[:, None] * turning
-    return SpecularPaths(
-        image=2.0 * foot,
-        image_velocity=image_velocity,
-        axes=np.eye(3) - 2.0 * direction[:, :, None] * direction[:, None, :],
-        reference=np.zeros(3),
-        amplitude=amplitude,
-        depth=np.ones(len(foot), dtype=np.int8),
-        object_index=objects[triangle].astype(np.int32),
-        kinds=kinds,
-    ), {"mirrors_hidden": hidden}
+    axes = np.eye(3) - 2.0 * direction[:, :, None] * direction[:, None, :]
+    owner = objects[triangle].astype(np.int32)
+    return SpecularPaths.of(2.0 * foot, image_velocity, axes, amplitude, owner, kinds), {"mirrors_hidden": hidden}
 
 
 def way_and_back(

@@ -28,6 +28,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.paths.columns import Columns
 from datafactory.paths.curved_surfaces import curved_surfaces_of
 from datafactory.paths.facets import COPLANAR_M, mirrors_of, reflected_share
 from datafactory.paths.merged_scene import MergedScene, slabs_of, velocities_on
@@ -58,7 +59,7 @@ AXES: tuple[Polarization, Polarization] = ("V", "H")
 
 
 @dataclass(frozen=True)
-class Ways:
+class Ways(Columns):
     """W ways from the radar over one mirror each to points, in the radar frame.
 
     :param point: [W] number of the point
@@ -76,13 +77,6 @@ class Ways:
     velocity: Real
     sent: Complex
     received: Complex
-
-    def __len__(self) -> int:
-        return len(self.point)
-
-    def take(self, index: NDArray) -> Ways:
-        """The ways at these indices, or where a mask is true."""
-        return Ways(**{name: getattr(self, name)[index] for name in self.__dataclass_fields__})
 
     def image(self, place: Real) -> Real:
         """[W, 3] mirror images of places [3] or [W, 3] [m]."""

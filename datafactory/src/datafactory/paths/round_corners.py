@@ -112,7 +112,7 @@ def echoes_round_corners(
         "targets_unreached": len(position) - reached,
         "edges_round_corners_left_out": weaker,
     }
-    return ScatteredPaths.concatenate(parts), counts
+    return ScatteredPaths.joined(parts), counts
 
 
 def _legs_to_targets(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -105,30 +103,14 @@ def scattered_rows(part: Bundle, fan: RayFan) -> list[ScatteredPaths]:
 def _scattered_at_first(part: Bundle, fan: RayFan) -> ScatteredPaths:
     """Paths of one bounce, which is diffuse: what :func:`scattered_rows` would make of them too."""
     amplitude = part.amplitude * np.sqrt(fan.solid_angle_ratio(part.vertices[:, 0]))
-    points = ScatteredPaths.of_points(
-        part.vertices[:, 0], part.velocities[:, 0], amplitude, part.objects[:, 0].astype(np.int32)
+    return ScatteredPaths.of_points(
+        part.vertices[:, 0], part.velocities[:, 0], amplitude, part.objects[:, 0].astype(np.int32), _kinds(part)
     )
-    return replace(points, kinds=_kinds(part))
 
 
 def specular_rows(part: Bundle) -> SpecularPaths:
-    count, depth = part.interactions.shape
+    depth = part.interactions.shape[1]
     image, velocity, axes = tx_image_seen_from_rx(part.vertices, part.velocities)
-    return SpecularPaths(
-        image=image,
-        image_velocity=velocity,
-        axes=axes,
-        reference=np.zeros(3),
-        amplitude=part.amplitude,
-        depth=np.full(count, depth, dtype=np.int8),
-        object_index=part.objects[:, -1].astype(np.int32),
-        kinds=_kinds(part),
-    )
-
-
-def joined_specular(parts: list[SpecularPaths]) -> SpecularPaths:
-    parts = [SpecularPaths.none(), *parts]
-    names = [item.name for item in fields(SpecularPaths) if item.name != "reference"]
-    return SpecularPaths(
-        reference=np.zeros(3), **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+    return SpecularPaths.of(
+        image, velocity, axes, part.amplitude, part.objects[:, -1].astype(np.int32), _kinds(part), depth
     )

@@ -47,9 +47,11 @@ class SecondBounces:
 
     def candidates(self, merged: MergedScene, pose: Pose) -> dict[int, Candidates]:
         """Of each group."""
+        mirrored = [_estimates(MIRRORED, echoes, self._each) for echoes in self._mirrored]
+        twice = [_estimates(TWICE, echoes, 1) for echoes in self._twice]
         return {
-            MIRRORED: Candidates.joined([_estimates(MIRRORED, echoes, self._each) for echoes in self._mirrored]),
-            TWICE: Candidates.joined([_estimates(TWICE, echoes, 1) for echoes in self._twice]),
+            MIRRORED: Candidates.joined([Candidates.none(), *mirrored]),
+            TWICE: Candidates.joined([Candidates.none(), *twice]),
             CHAIN: self._chains(merged, pose),
         }
 

@@ -17,13 +17,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.backend import select_variant
+from datafactory.paths.columns import Columns
 from datafactory.paths.defaults import DEFAULT_DEPTH, DEFAULT_RAYS, LARGEST_DEPTH
 from datafactory.paths.geometry import Geometry, name_of
 from datafactory.paths.merged_scene import MergedScene, velocities_on
@@ -32,7 +33,6 @@ from datafactory.paths.scattering import LOBE_EXPONENT, MIRROR_SHARE
 from datafactory.paths.table import DIFFUSE, REFRACTED, SPECULAR
 from datafactory.scenes.materials.table import Material
 from datafactory.scenes.poses import Pose
-from shared.physics.vectors import taken
 from shared.radar.front_end import Polarization
 
 PATTERNS: dict[str, dict[str, Any]] = {
@@ -121,7 +121,7 @@ class TraceSettings:
 
 
 @dataclass(frozen=True)
-class Bundle:
+class Bundle(Columns):
     """Traced paths: n of them, vertices from TX to RX, crossings of panes taken out."""
 
     vertices: NDArray[np.float64]  # [n, depth, 3]
@@ -131,11 +131,6 @@ class Bundle:
     velocities: NDArray[np.float64]  # [n, depth, 3] relative to the radar
     crossings: NDArray[np.int64]  # [n] panes passed
     amplitude: NDArray[np.complex128]  # [n]
-
-    def take(self, index: NDArray) -> Bundle:
-        if index.dtype == np.bool_ and index.all():
-            return self
-        return Bundle(**{item.name: taken(getattr(self, item.name), index) for item in fields(self)})
 
     @staticmethod
     def none(depth: int) -> Bundle:
@@ -153,12 +148,6 @@ class Bundle:
         if count > self.interactions.shape[1]:
             return Bundle.none(count)
         return self.take((self.interactions > 0).sum(axis=1) == count).cut(count)
-
-    @staticmethod
-    def joined(parts: Sequence[Bundle]) -> Bundle:
-        """The paths of several bundles of one depth, one after another."""
-        return Bundle(**{item.name: np.concatenate([getattr(part, item.name) for part in parts])
-                         for item in fields(Bundle)})  # fmt: skip
 
     def cut(self, depth: int) -> Bundle:
         """The same paths without the columns beyond ``depth``."""

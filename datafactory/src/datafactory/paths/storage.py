@@ -62,7 +62,7 @@ INTEGERS = {"depth": np.int8, "object_index": np.int32, "kinds": np.uint8, "cand
 CANDIDATES = {"family": (), "departure": (3,), "arrival": (3,), "range_m": (), "power": ()}
 """Trailing shape of each list column of the :class:`datafactory.paths.candidates.Candidates`."""
 
-VERSION = b"7"
+VERSION = b"8"
 """Of the paths' columns; 2 added ``kinds``, 3 ``scene_number``, 4 ``sequence``, 5 ``things``, 6
 ``scattered_two_points``, 7 the candidates."""
 
@@ -121,7 +121,6 @@ def paths_schema() -> pa.Schema:
         pa.field("point_targets", pa.int64()),
         pa.field("objects", pa.list_(pa.string())),
         pa.field("counts", pa.map_(pa.string(), pa.int64())),
-        pa.field("specular_reference", triple),
         pa.field("things", pa.list_(THING)),
     ]
     for kind, columns in SHAPES.items():
@@ -166,7 +165,6 @@ def to_row(frame: TracedFrame) -> dict[str, Any]:
         "point_targets": frame.point_targets,
         "objects": list(table.objects),
         "counts": sorted(table.counts.items()),
-        "specular_reference": table.specular.reference,
         "things": [vars(thing) for thing in frame.things],
     }
     for kind, columns in SHAPES.items():
@@ -222,7 +220,7 @@ def from_row(batch: pa.RecordBatch) -> TracedFrame:
         point_targets=row["point_targets"],
         table=PathTable(
             scattered=ScatteredPaths(**parts["scattered"]),
-            specular=SpecularPaths(reference=np.array(row["specular_reference"]), **parts["specular"]),
+            specular=SpecularPaths(**parts["specular"]),
             objects=tuple(row["objects"]),
             counts=dict(row["counts"]),
             candidates=Candidates(**candidates),

@@ -6,12 +6,13 @@ Rays meet triangles in float32. Each point is then moved along its ray, in float
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.paths.columns import Columns
 from datafactory.paths.facets import mirrors_of
 from datafactory.paths.geometry import mesh_of_shape
 from datafactory.paths.merged_scene import MergedScene, slabs_of, velocities_on
@@ -29,8 +30,16 @@ Complex = NDArray[np.complex128]
 Index = NDArray[np.int64]
 
 
+class Rising(Columns):
+    """Taken by rising indices alone: as many as there are, are all of them."""
+
+    def take(self, index: Index) -> Self:
+        """Those at these indices, which rise."""
+        return self if len(index) == len(self) else super().take(index)
+
+
 @dataclass(frozen=True)
-class Waves:
+class Waves(Rising):
     """n waves on their way.
 
     :param start: [n, 3] [m]; :param lifted: [n, 3] the same clear of the surface that the wave left, for float32
@@ -55,12 +64,6 @@ class Waves:
         here, none = np.zeros_like(direction), np.zeros((len(direction), 0), dtype=np.int64)
         return Waves(here, here, direction, field, here[:, 0], here[:, 0], np.zeros((*none.shape, 3)), none)
 
-    def take(self, index: Index) -> Waves:
-        """Those at these indices, which rise."""
-        if len(index) == len(self.start):
-            return self
-        return Waves(**{item.name: taken(getattr(self, item.name), index) for item in fields(self)})
-
     def arrived(self, index: Index, hits: Hits) -> Waves:
         """Those at these indices, which rise, where they hit."""
         own = {
@@ -70,7 +73,7 @@ class Waves:
 
 
 @dataclass(frozen=True)
-class Hits:
+class Hits(Rising):
     """Where n waves arrived.
 
     :param point: [n, 3] [m]; :param normal: [n, 3] unit, on the side of arrival
@@ -84,12 +87,6 @@ class Hits:
     mesh: Index
     cosine: Real
     distance: Real
-
-    def take(self, index: Index) -> Hits:
-        """Those at these indices, which rise."""
-        if len(index) == len(self.point):
-            return self
-        return Hits(**{item.name: taken(getattr(self, item.name), index) for item in fields(self)})
 
 
 class Surfaces:

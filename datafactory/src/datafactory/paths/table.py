@@ -15,9 +15,9 @@ mirrors before or after the point, p or q is its mirror image. b is the length b
 Specular paths have no such point: the RX sees the mirror image of the TX, and the wavefront's curvature is that of the
 whole path:
 
-    c tau = |x_j - (s + v_s t + H (x_i - x_0))|
+    c tau = |x_j - (s + v_s t + H x_i)|
 
-with s the image of the reference x_0 and H the product of the mirrors' reflections, an orthogonal matrix. Both laws are
+with s the image of the origin and H the product of the mirrors' reflections, an orthogonal matrix. Both laws are
 exact for plane mirrors and constant velocities, in the near field too.
 
 Amplitudes are those of isotropic antennas of 0 dBi and of unit transmit power, with the sign convention of the IF
@@ -33,7 +33,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from datafactory.paths.candidates import Candidates
-from shared.physics.vectors import lengths, taken
+from datafactory.paths.columns import Columns
+from shared.physics.vectors import lengths
 from shared.radar import FrontEnd, Radar
 
 Real = NDArray[np.float64]
@@ -47,7 +48,7 @@ ALWAYS = np.array([-1], dtype=np.int32)
 
 
 @dataclass(frozen=True)
-class ScatteredPaths:
+class ScatteredPaths(Columns):
     """K paths with a scattering point.
 
     :param tx_point: [K, 3] p, the point as the TX sees it at t = 0 [m]
@@ -80,15 +81,6 @@ class ScatteredPaths:
         if self.candidate is ALWAYS:
             object.__setattr__(self, "candidate", np.full(len(self.amplitude), -1, dtype=np.int32))
 
-    def __len__(self) -> int:
-        return len(self.amplitude)
-
-    def take(self, index: NDArray) -> ScatteredPaths:
-        """The paths at these indices, or where a mask is true."""
-        if index.dtype == np.bool_ and index.all():
-            return self
-        return ScatteredPaths(**{name: taken(getattr(self, name), index) for name in self.__dataclass_fields__})
-
     def reversed(self) -> ScatteredPaths:
         """The same paths run backwards: by reciprocity of the same amplitude."""
         return replace(
@@ -106,9 +98,15 @@ class ScatteredPaths:
 
     @staticmethod
     def of_points(
-        position: Real, velocity: Real, amplitude: ArrayLike, object_index: NDArray[np.int32] | None = None
+        position: Real,
+        velocity: Real,
+        amplitude: ArrayLike,
+        object_index: NDArray[np.int32] | None = None,
+        kinds: NDArray[np.uint8] | int = TARGET,
+        depth: int = 1,
+        candidate: NDArray[np.int32] = ALWAYS,
     ) -> ScatteredPaths:
-        """Single bounces at points [K, 3] m moving with [K, 3] m/s."""
+        """Points [K, 3] m moving with [K, 3] m/s that send waves back; of one kind where ``kinds`` is a number."""
         count = len(position)
         position, velocity = position.reshape(count, 3).astype(float), velocity.reshape(count, 3).astype(float)
         return ScatteredPaths(
@@ -119,29 +117,24 @@ class ScatteredPaths:
             between_m=np.zeros(count),
             between_rate_mps=np.zeros(count),
             amplitude=np.asarray(amplitude, dtype=np.complex128).reshape(count),
-            depth=np.ones(count, dtype=np.int8),
+            depth=np.full(count, depth, dtype=np.int8),
             object_index=np.full(count, -1, dtype=np.int32) if object_index is None else object_index,
-            kinds=np.full(count, TARGET, dtype=np.uint8),
+            kinds=np.full(count, kinds, dtype=np.uint8) if isinstance(kinds, int) else kinds,
+            candidate=candidate,
         )
 
     @staticmethod
     def none() -> ScatteredPaths:
         return ScatteredPaths.of_points(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
 
-    @staticmethod
-    def concatenate(parts: list[ScatteredPaths]) -> ScatteredPaths:
-        names = ScatteredPaths.__dataclass_fields__
-        return ScatteredPaths(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
-
 
 @dataclass(frozen=True)
-class SpecularPaths:
+class SpecularPaths(Columns):
     """S purely specular paths.
 
-    :param image: [S, 3] s, image of the reference point at t = 0 [m]
+    :param image: [S, 3] s, image of the origin at t = 0 [m]
     :param image_velocity: [S, 3] v_s relative to the radar [m/s]
     :param axes: [S, 3, 3] H, orthogonal
-    :param reference: [3] x_0, where the traced TX stood [m]
     :param amplitude: [S] complex, see the module
     :param depth: [S] number of bounces
     :param object_index: [S] index of the last mirror's object; -1 where unknown
@@ -152,7 +145,6 @@ class SpecularPaths:
     image: Real
     image_velocity: Real
     axes: Real
-    reference: Real
     amplitude: NDArray[np.complex128]
     depth: NDArray[np.int8]
     object_index: NDArray[np.int32]
@@ -163,33 +155,34 @@ class SpecularPaths:
         if self.candidate is ALWAYS:
             object.__setattr__(self, "candidate", np.full(len(self.amplitude), -1, dtype=np.int32))
 
-    def __len__(self) -> int:
-        return len(self.amplitude)
-
-    def take(self, index: NDArray) -> SpecularPaths:
-        """The paths at these indices, or where a mask is true."""
-        kept = {name: taken(getattr(self, name), index) for name in self.__dataclass_fields__ if name != "reference"}
-        return SpecularPaths(reference=self.reference, **kept)
+    @staticmethod
+    def of(
+        image: Real,
+        image_velocity: Real,
+        axes: Real,
+        amplitude: NDArray[np.complex128],
+        object_index: NDArray[np.int32],
+        kinds: NDArray[np.uint8] | int,
+        depth: int = 1,
+        candidate: NDArray[np.int32] = ALWAYS,
+    ) -> SpecularPaths:
+        """Paths of one depth; of one kind where ``kinds`` is a number."""
+        count = len(amplitude)
+        kinds = np.full(count, kinds, dtype=np.uint8) if isinstance(kinds, int) else kinds
+        whole = np.full(count, depth, dtype=np.int8)
+        return SpecularPaths(image, image_velocity, axes, amplitude, whole, object_index, kinds, candidate)
 
     @staticmethod
     def none() -> SpecularPaths:
-        return SpecularPaths(
-            image=np.zeros((0, 3)),
-            image_velocity=np.zeros((0, 3)),
-            axes=np.zeros((0, 3, 3)),
-            reference=np.zeros(3),
-            amplitude=np.zeros(0, dtype=np.complex128),
-            depth=np.zeros(0, dtype=np.int8),
-            object_index=np.zeros(0, dtype=np.int32),
-            kinds=np.zeros(0, dtype=np.uint8),
-        )
+        nowhere, axes, no_object = np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0, dtype=np.int32)
+        return SpecularPaths.of(nowhere, nowhere, axes, np.zeros(0, dtype=np.complex128), no_object, SPECULAR)
 
     def range_m(self) -> Real:
-        """[S] half of the path's length between reference and origin at t = 0 [m]."""
+        """[S] half of the path's length from and to the origin at t = 0 [m]."""
         return 0.5 * lengths(self.image)
 
     def departure(self) -> Real:
-        """[S, 3] directions in which the reference TX sees the image of the origin: H^T (0 - s)."""
+        """[S, 3] directions in which a TX at the origin sees the image of the origin: H^T (0 - s)."""
         return np.einsum("kji,kj->ki", self.axes, -self.image)
 
     def as_scattered(self, tx: Real) -> ScatteredPaths:
@@ -199,7 +192,7 @@ class SpecularPaths:
         a constant 1 m, and b = -1 m removes it. One kernel then serves both laws exactly.
         """
         count = len(self)
-        moved = np.einsum("kij,j->ki", self.axes, tx - self.reference)
+        moved = np.einsum("kij,j->ki", self.axes, tx)
         return ScatteredPaths(
             tx_point=np.tile(tx + np.array([1.0, 0.0, 0.0]), (count, 1)),
             rx_point=self.image + moved,

@@ -139,8 +139,9 @@ class TargetEchoes:
         }
         number = np.arange(count, dtype=np.int32)
         index = (len(merged_scene.objects) - len(merged_scene.targets) + points.target).astype(np.int32)
-        direct = ScatteredPaths.of_points(position, self._velocity, self._amplitude * out * back, index)
-        parts = [replace(direct, kinds=kinds, candidate=number).take(heard & in_sight)]
+        amplitude = self._amplitude * out * back
+        direct = ScatteredPaths.of_points(position, self._velocity, amplitude, index, kinds, candidate=number)
+        parts = [direct.take(heard & in_sight)]
         loud = self._loudness[points.target] * float(db_to_power(-ROUND_CORNERS_DB)) >= FAINTEST_ECHO
         hidden &= loud
         if settings.diffraction and hidden.any():
@@ -159,7 +160,7 @@ class TargetEchoes:
             of_target = (count + points.target[echoes.candidate]).astype(np.int32)
             parts.append(replace(echoes, candidate=of_target))
             counts |= more
-        return ScatteredPaths.concatenate(parts), SpecularPaths.none(), counts
+        return ScatteredPaths.joined(parts), SpecularPaths.none(), counts
 
 
 def _loudness(merged_scene: MergedScene, pose: Pose) -> NDArray[np.float64]:

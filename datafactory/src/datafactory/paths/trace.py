@@ -44,7 +44,7 @@ from datafactory.paths.notice import Notice
 from datafactory.paths.panes import pane_candidates
 from datafactory.paths.ray_hits import clear_between
 from datafactory.paths.rays import RayFan
-from datafactory.paths.rows import joined_specular, scattered_rows, specular_rows, with_surfaces
+from datafactory.paths.rows import scattered_rows, specular_rows, with_surfaces
 from datafactory.paths.scattered_once import behind_panes
 from datafactory.paths.second_bounces import SecondBounces
 from datafactory.paths.solver import Bundle, Solved, TraceSettings, radio_scene, solve
@@ -95,7 +95,7 @@ class _Found:
 
     def table(self, **more: Any) -> PathTable:
         """All of them."""
-        return PathTable(ScatteredPaths.concatenate(self.scattered), joined_specular(self.specular), **more)
+        return PathTable(ScatteredPaths.joined(self.scattered), SpecularPaths.joined(self.specular), **more)
 
 
 @dataclass(frozen=True)

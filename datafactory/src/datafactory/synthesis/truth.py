@@ -118,7 +118,7 @@ def truth_plan(
     if len(array.tx_m) != 1:
         raise ValueError(f"the virtual sensor has {len(array.tx_m)} TX; expected 1")
     tx = array.tx[0]
-    both = ScatteredPaths.concatenate([paths.scattered, paths.specular.as_scattered(tx)])
+    both = ScatteredPaths.joined([paths.scattered, paths.specular.as_scattered(tx)])
     mid = at_mid_frame(both, radar, tx, array.rx.mean(axis=0), intra_chirp)
     # Neighbours in range share cells, and the cache.
     mid = mid.take(np.argsort(mid.range_bins % waveform.samples, kind="stable"))

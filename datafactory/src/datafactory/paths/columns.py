@@ -1,0 +1,79 @@
+"""Values of many things at once: in every array one row a thing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, replace
+from functools import cache
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from datafactory.scenes.poses import Pose
+from shared.physics.vectors import taken
+
+Real = NDArray[np.float64]
+
+WHOLE = {"kind": "whole"}
+"""Metadata of a field that is about all things."""
+POINT, DIRECTION, VELOCITY = {"kind": "point"}, {"kind": "direction"}, {"kind": "velocity"}
+"""Of fields that turn with the frame of reference: places, vectors, velocities."""
+
+
+@dataclass(frozen=True)
+class Columns:
+    """A base of dataclasses whose fields have a row for each thing; but for :data:`WHOLE`, which are about all."""
+
+    def __len__(self) -> int:
+        return len(getattr(self, _names(type(self))[0]))
+
+    def take(self, index: NDArray) -> Self:
+        """The things at these indices, or where a mask is true."""
+        if index.dtype == np.bool_ and index.all():
+            return self
+        return replace(self, **{name: _rows(getattr(self, name), index) for name in _names(type(self))})
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self], **whole: Any) -> Self:
+        """The things of several, one after another; what is about all is that of the first, or as said here."""
+        rows = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _names(cls)}
+        return replace(parts[0], **rows, **whole)
+
+
+@dataclass(frozen=True)
+class Placed(Columns):
+    """Things of a scene: in world coordinates at time 0 as they are found, in the radar's after :meth:`seen_from`.
+
+    :param velocity: [n, 3] [m/s]
+    :param shift: [n, 3] what is to be added to the points [m]: the displacement of a body that does not turn
+    """
+
+    velocity: Real = field(metadata=VELOCITY, kw_only=True)
+    shift: Real = field(kw_only=True)
+
+    def seen_from(self, pose: Pose) -> Self:
+        """The same things in the radar frame at the pose's time, velocities relative to the radar."""
+        rotation, moved = pose.rotation(), self.shift - np.asarray(pose.position)
+        away = {"point": moved, "direction": 0.0, "velocity": -np.asarray(pose.velocity)}
+        turned = {
+            item.name: (getattr(self, item.name) + away[item.metadata["kind"]]) @ rotation
+            for item in fields(self)
+            if item.metadata.get("kind") in away
+        }
+        return replace(self, **turned, shift=np.zeros_like(self.shift))
+
+
+def counts_of(parts: Sequence[dict[str, int]]) -> dict[str, int]:
+    """Counts of several, added up by name."""
+    return {name: sum(part.get(name, 0) for part in parts) for name in {name: None for part in parts for name in part}}
+
+
+@cache
+def _names(kind: Any) -> tuple[str, ...]:
+    """The fields that have a row for each thing."""
+    return tuple(item.name for item in fields(kind) if item.metadata != WHOLE)
+
+
+def _rows(values: Any, index: NDArray) -> Any:
+    return taken(values, index) if isinstance(values, np.ndarray) else values.take(index)
