@@ -8,11 +8,11 @@ import numpy as np
 from corner_references import Rectangle, field_over_two_faces
 from numpy.typing import NDArray
 from oracles import scattered_delays, specular_delays
-from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, mesh, scene_of
+from sionna_scenes import FREQUENCY_HZ, WAVELENGTH_M, mesh, scene_of, slabs
 
 from datafactory.paths.corner_echoes import CornerEchoes
 from datafactory.paths.corner_edges import CornerEdges, corners_of
-from datafactory.paths.merged_scene import MergedScene, slabs_of
+from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.table import ScatteredPaths, SpecularPaths
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import SceneObject
@@ -83,7 +83,7 @@ def echoes(
     polarization: tuple[Polarization, Polarization] = ("V", "V"),
 ) -> tuple[ScatteredPaths, SpecularPaths, dict[str, int]]:
     """What the corners of a scene send back."""
-    return CornerEchoes(corners_seen(of, pose), slabs_of(of, MATERIALS), FREQUENCY_HZ, polarization).seen(sight)
+    return CornerEchoes(corners_seen(of, pose), slabs(of), polarization).seen(sight)
 
 
 def received(paths: tuple[ScatteredPaths, SpecularPaths], tx: Real = NOWHERE, rx: Real = NOWHERE, time_s: float = 0.0):

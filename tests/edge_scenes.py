@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.optimize import minimize_scalar
-from sionna_scenes import MATERIALS, WAVELENGTH_M
+from sionna_scenes import WAVELENGTH_M
 
 from datafactory.paths.edges import WedgeEdges
-from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.table import ScatteredPaths, SpecularPaths
 from datafactory.scenes.poses import Pose
 
@@ -18,10 +17,6 @@ RADAR = np.zeros(3)
 
 def everything(start, end):
     return np.ones(len(start), dtype=bool)
-
-
-def slabs(of: MergedScene):
-    return [MATERIALS[part.material] for part in of.meshes]
 
 
 def only_edge_at(edges: WedgeEdges, point) -> WedgeEdges:

@@ -7,13 +7,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.paths.merged_scene import MergedScene, merge_scene
+from datafactory.paths.geometry import placed
+from datafactory.paths.merged_scene import MergedScene, merge_scene, slabs_of
+from datafactory.paths.slabs import Slabs
+from datafactory.paths.solver import TraceSettings
+from datafactory.paths.view import View
 from datafactory.scenes.materials.table import Material, MaterialMapping
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import Scene, SceneObject
 
 FREQUENCY_HZ = 77.5e9
 WAVELENGTH_M = 299_792_458.0 / FREQUENCY_HZ
+AT_ORIGIN = Pose((0.0, 0.0, 0.0))
 
 
 def material(
@@ -52,6 +57,22 @@ def box(name: str, low: Any, high: Any, of: str, velocity=(0.0, 0.0, 0.0)) -> Sc
     quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
     triangles = [part for a, b, c, d in quads for part in ((a, b, c), (a, c, d))]
     return mesh(name, np.array(low) + corners * (np.array(high) - np.array(low)), triangles, of, velocity)
+
+
+def slabs(of: MergedScene, materials: MaterialMapping = MATERIALS) -> Slabs:
+    """Of the meshes of a scene."""
+    return Slabs(slabs_of(of, materials), FREQUENCY_HZ)
+
+
+def view_of(
+    of: MergedScene,
+    pose: Pose = AT_ORIGIN,
+    settings: TraceSettings | None = None,
+    materials: MaterialMapping = MATERIALS,
+) -> View:
+    """A scene from one pose at its time."""
+    geometry = placed(of, materials, pose).mi_scene
+    return View(geometry, of, slabs(of, materials), pose, settings or TraceSettings())
 
 
 def scene_of(*objects: SceneObject) -> MergedScene:

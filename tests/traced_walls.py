@@ -9,6 +9,7 @@ from datafactory.paths import solver as solver_module
 from datafactory.paths.geometry import placed
 from datafactory.paths.merged_scene import merge_scene, slabs_of
 from datafactory.paths.rays import RayFan
+from datafactory.paths.slabs import Slabs
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import PathTable
 from datafactory.paths.trace import trace
@@ -84,9 +85,8 @@ def solved(*objects: SceneObject, fan: RayFan, rays: int, **settings):
     """The solver's own Paths of the same trace."""
     merged = merge_scene(Scene("test", objects), MATERIALS)
     chosen = TraceSettings(rays=rays, **settings)
-    scene = solver_module.radio_scene(
-        placed(merged, MATERIALS, RADAR_AT_ORIGIN), slabs_of(merged, MATERIALS), FREQUENCY_HZ, chosen
-    )
+    slabs = Slabs(slabs_of(merged, MATERIALS), FREQUENCY_HZ)
+    scene = solver_module.radio_scene(placed(merged, MATERIALS, RADAR_AT_ORIGIN), slabs, chosen)
     return solver_module.solver_paths(scene, chosen, fan, 1)
 
 

@@ -19,12 +19,11 @@ from scipy.special import fresnel
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 
 from curved_bodies import Mesh, cylinder, rounded_box, sphere
-from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, mesh, scene_of
+from sionna_scenes import WAVELENGTH_M, mesh, scene_of, view_of
 
 from datafactory.paths import smooth
 from datafactory.paths.backend import select_variant
 from datafactory.paths.curved_mirrors import curved_mirrors
-from datafactory.paths.geometry import Geometry
 from datafactory.paths.mirror_feet import single_mirrors
 from datafactory.paths.solver import TraceSettings
 from datafactory.scenes.poses import Pose
@@ -48,9 +47,8 @@ def levels_dbsm(of: Mesh, folds_deg: float) -> Real:
             [[np.cos(aspect), -np.sin(aspect), 0.0], [np.sin(aspect), np.cos(aspect), 0.0], [0.0, 0.0, 1.0]]
         )
         merged = scene_of(mesh("body", of[0] @ turn.T + np.array([DISTANCE_M, 0.0, 0.0]), of[1], "metal"))
-        geometry = Geometry(merged).place(merged, home).mi_scene
-        arguments = (geometry, merged, MATERIALS, home, FREQUENCY_HZ, settings)
-        flat, points, images = single_mirrors(*arguments)[0], *curved_mirrors(*arguments)[:2]
+        view = view_of(merged, home, settings)
+        flat, points, images = single_mirrors(view)[0], *curved_mirrors(view)[:2]
         parts = (points, images, flat)
         delay = np.exp(4j * np.pi / WAVELENGTH_M * np.concatenate([part.range_m() for part in parts]))
         echo = np.sum(np.concatenate([part.amplitude for part in parts]) * delay)

@@ -43,7 +43,7 @@ def test_power_is_that_of_the_paths_off_its_own_parts() -> None:
     )
     one = np.ones(1)
     specular = SpecularPaths(
-        np.ones((1, 3)), np.zeros((1, 3)), np.eye(3)[None], np.zeros(3), 4.0 * one.astype(np.complex128),
+        np.ones((1, 3)), np.zeros((1, 3)), np.eye(3)[None], 4.0 * one.astype(np.complex128),
         one.astype(np.int8), np.array([2], dtype=np.int32), one.astype(np.uint8),
     )  # fmt: skip
     ((box,), _) = boxes_of([CAR], replace(NOTHING, scattered=scattered, specular=specular), RADAR)

@@ -5,16 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from sionna_scenes import FREQUENCY_HZ, plate
+from sionna_scenes import FREQUENCY_HZ, plate, slabs_of
 
 from datafactory.paths.aim import STRIPS, UNAIMED, aimed
 from datafactory.paths.arrivals import Arrivals
 from datafactory.paths.geometry import Geometry
 from datafactory.paths.merged_scene import merge_scene
 from datafactory.paths.rays import RayFan
+from datafactory.paths.slabs import Slabs
 from datafactory.paths.solver import Bundle, TraceSettings
-from datafactory.paths.surfaces import Surfaces
 from datafactory.paths.thinning import RANGE_CELL_M, U_CELL
+from datafactory.paths.view import View
 from datafactory.scenes.materials.table import Material, MaterialMapping
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import Scene, SceneObject
@@ -29,14 +30,15 @@ WALL = plate("wall", (20.0, 0.0, 0.0), (0.0, 60.0, 0.0), (0.0, 0.0, 60.0), "conc
 POLE = plate("pole", (17.0, 2.0, 1.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.9), "concrete")
 
 
-def surfaces_of(*objects: SceneObject) -> Surfaces:
+def seen(*objects: SceneObject) -> View:
     merged = merge_scene(Scene("test", objects), MATERIALS)
-    return Surfaces(Geometry(merged).place(merged, POSE).mi_scene, merged, MATERIALS, POSE, FREQUENCY_HZ)
+    slabs = Slabs(slabs_of(merged, MATERIALS), FREQUENCY_HZ)
+    settings = TraceSettings(depth=1, paths_a_cell=0)
+    return View(Geometry(merged).place(merged, POSE).mi_scene, merged, slabs, POSE, settings)
 
 
-def echoes(surfaces: Surfaces, fan: RayFan) -> Bundle:
-    settings = TraceSettings(rays=fan.count, depth=1, paths_a_cell=0)
-    return Arrivals.first(surfaces, settings, fan).echoes().thinned(1)
+def echoes(view: View, fan: RayFan) -> Bundle:
+    return Arrivals.first(view, fan).echoes().thinned(1)
 
 
 def powers(bundle: Bundle, fan: RayFan) -> NDArray[np.float64]:
@@ -53,53 +55,53 @@ def rays_a_cell(bundle: Bundle) -> tuple[NDArray[np.float64], NDArray[np.int64]]
 
 
 def test_more_cells_of_the_ground_hold_enough_rays():
-    surfaces, fan = surfaces_of(GROUND), RayFan(100_000, (0.3, 0.6))
-    plain, sent = rays_a_cell(echoes(surfaces, fan)), rays_a_cell(echoes(surfaces, aimed(fan, surfaces)))
+    view, fan = seen(GROUND), RayFan(100_000, (0.3, 0.6))
+    plain, sent = rays_a_cell(echoes(view, fan)), rays_a_cell(echoes(view, aimed(fan, view)))
     enough = [int(((counts >= 5) & (middles < 30.0)).sum()) for middles, counts in (plain, sent)]
     assert enough[1] > 2.0 * enough[0], enough
 
 
 def test_within_its_range_nearly_every_cell_of_the_ground_holds_enough():
-    surfaces, fan = surfaces_of(GROUND), RayFan(100_000, (0.3, 0.6))
-    middles, counts = rays_a_cell(echoes(surfaces, aimed(fan, surfaces)))
+    view, fan = seen(GROUND), RayFan(100_000, (0.3, 0.6))
+    middles, counts = rays_a_cell(echoes(view, aimed(fan, view)))
     near = (middles > 1.0) & (middles < 5.0)
     assert (counts[near] >= 5).mean() > 0.9
 
 
 def test_a_wall_asks_for_no_rays():
-    surfaces = surfaces_of(WALL)
-    strips = np.array(aimed(RayFan(100_000), surfaces).strips)
+    view = seen(WALL)
+    strips = np.array(aimed(RayFan(100_000), view).strips)
     horizon = strips[STRIPS // 2 - 20 : STRIPS // 2 + 20]
     assert strips.mean() == pytest.approx(1.0)
     assert horizon.max() < 1.2
 
 
 def test_some_rays_stay_everywhere_and_factors_have_a_mean_of_one():
-    strips = np.array(aimed(RayFan(50_000), surfaces_of(GROUND, WALL)).strips)
+    strips = np.array(aimed(RayFan(50_000), seen(GROUND, WALL)).strips)
     assert strips.mean() == pytest.approx(1.0)
     assert strips.min() >= UNAIMED
 
 
 def test_nothing_in_sight_keeps_the_fan():
     behind = plate("behind", (-20.0, 0.0, 0.0), (0.0, 5.0, 0.0), (0.0, 0.0, 5.0), "concrete")
-    np.testing.assert_allclose(aimed(RayFan(1_000), surfaces_of(behind)).strips, 1.0, rtol=1e-12)
+    np.testing.assert_allclose(aimed(RayFan(1_000), seen(behind)).strips, 1.0, rtol=1e-12)
 
 
 def test_the_same_fan_for_the_same_scene_whatever_the_offset():
-    surfaces = surfaces_of(GROUND, POLE)
-    first, second = aimed(RayFan(30_000), surfaces), aimed(RayFan(30_000, (0.4, 0.2)), surfaces)
+    view = seen(GROUND, POLE)
+    first, second = aimed(RayFan(30_000), view), aimed(RayFan(30_000, (0.4, 0.2)), view)
     assert first.strips == second.strips
     assert second.offset == (0.4, 0.2)
 
 
 def test_the_expected_power_of_ground_and_of_a_thin_pole_stays():
     """A sampling whose density followed what its own rays met would lose what is thin."""
-    surfaces, generator = surfaces_of(GROUND, POLE), np.random.default_rng(3)
+    view, generator = seen(GROUND, POLE), np.random.default_rng(3)
     fans = [RayFan(4_000, tuple(generator.random(2))) for _ in range(60)]
     totals = np.zeros((2, len(fans), 2))
     for column, fan in enumerate(fans):
-        for row, sent in enumerate((fan, aimed(fan, surfaces))):
-            bundle = echoes(surfaces, sent)
+        for row, sent in enumerate((fan, aimed(fan, view))):
+            bundle = echoes(view, sent)
             pole = bundle.objects[:, 0] == 1
             power = powers(bundle, sent)
             totals[row, column] = power[~pole].sum(), power[pole].sum()

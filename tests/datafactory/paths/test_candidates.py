@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from prepared_scenes import EFFECT_SCENES, SCENES, prepared_scene
-from sionna_scenes import MATERIALS
+from sionna_scenes import MATERIALS, mesh
 
 from datafactory.effects.catalogue import ALL
 from datafactory.frame.chain import ChainSettings, SceneSource
@@ -15,11 +15,14 @@ from datafactory.frame.deal import Deal
 from datafactory.paths.candidates import CHAIN, CORNER, EDGE, PANE, TARGET_MIRRORED, TARGET_SEEN, Candidates
 from datafactory.paths.chains import chain_candidates
 from datafactory.paths.corner_edges import corners_of
-from datafactory.paths.merged_scene import merge_scene
+from datafactory.paths.merged_scene import merge_scene, slabs_of
+from datafactory.paths.slabs import Slabs
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import REFRACTED, PathTable
+from datafactory.paths.view import View
 from datafactory.scenes.poses import Pose, read_poses
 from datafactory.scenes.scene import Scene
+from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
 
 EVERYTHING = ALL.settings(ChainSettings(trace=TraceSettings(rays=20_000)))
@@ -67,15 +70,16 @@ def test_no_echo_exceeds_the_bound_of_its_candidate() -> None:
 
 def two_walls(first: tuple[np.ndarray, np.ndarray], second: tuple[np.ndarray, np.ndarray]) -> Candidates:
     """The chains over two large triangles, each (a point of it, its normal)."""
-    corner, normal = [], []
-    for point, n in (first, second):
+    walls = []
+    for name, (point, n) in zip("ab", (first, second), strict=True):
         one = np.cross(n, [0.0, 0.0, 1.0])
-        corner.append(point + 20.0 * np.array([one, -0.5 * one + [0, 0, 1.0], -0.5 * one - [0, 0, 1.0]]))
-        normal.append(n)
-    corners, normals = np.array(corner), np.array(normal)
-    heights = np.einsum("ti,ti->t", normals, corners[:, 0])
+        corners = point + 20.0 * np.array([one, -0.5 * one + [0, 0, 1.0], -0.5 * one - [0, 0, 1.0]])
+        walls.append(mesh(name, corners, [[0, 1, 2]], "metal"))
+    of = merge_scene(Scene("two walls", tuple(walls)), MATERIALS)
     bare = replace(corners_of(merge_scene(Scene("none", ()), MATERIALS)), face_of_triangle=np.full(2, -1))
-    return chain_candidates([np.array([[0, 1], [0, 1]])], corners, normals, heights, bare, 0.004)
+    slabs = Slabs(slabs_of(of, MATERIALS), SPEED_OF_LIGHT / 0.004)
+    view = View(None, of, slabs, Pose((0.0, 0.0, 0.0)), TraceSettings())
+    return chain_candidates([np.array([[0, 1], [0, 1]])], view, bare)
 
 
 X, Y = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])

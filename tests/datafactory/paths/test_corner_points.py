@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from corner_scenes import HERE, always, cross_section_dbsm, level_db, received
-from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, box, mesh, plate, scene_of
+from sionna_scenes import WAVELENGTH_M, box, mesh, plate, scene_of, slabs
 
 from datafactory.paths.corner_point_echoes import AROUND, CornerPointEchoes, _outline
 from datafactory.paths.corner_points import DIRECTIONS, CornerPoints, points_of
-from datafactory.paths.merged_scene import MergedScene, slabs_of
+from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.table import CORNER
 from datafactory.paths.unfold import unit
 from datafactory.scenes.poses import Pose
@@ -53,7 +53,7 @@ def trihedral(distance_m: float, legs_m: float, square: bool = False, turn=None,
 
 def echoes(of: MergedScene, pose: Pose = HERE, sight=always, polarization=("V", "V")):
     points = points_of(of).seen_from(pose)
-    return CornerPointEchoes(points, slabs_of(of, MATERIALS), FREQUENCY_HZ, polarization).seen(sight)
+    return CornerPointEchoes(points, slabs(of), polarization).seen(sight)
 
 
 def outline_by_arrays(points: CornerPoints, home: np.ndarray) -> tuple[np.ndarray, ...]:

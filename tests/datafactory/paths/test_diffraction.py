@@ -7,9 +7,9 @@ from functools import partial
 
 import numpy as np
 import pytest
-from edge_scenes import HOME, RADAR, WAVENUMBER, everything, only_edge_at, shortest_over, slabs, table_length
+from edge_scenes import HOME, RADAR, WAVENUMBER, everything, only_edge_at, shortest_over, table_length
 from scipy.special import fresnel
-from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, box, channel, plate, scene_of, sionna_scene
+from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, box, channel, plate, scene_of, sionna_scene, slabs
 
 from datafactory.paths.diffraction import EdgeEchoes, field_over_edges, rays_over_edges
 from datafactory.paths.edges import edges_of
@@ -17,17 +17,18 @@ from datafactory.paths.facets import TAPER, mirrors_of, reflected_share
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.panes import polarization_axis
 from datafactory.paths.ray_hits import clear_between
+from datafactory.paths.slabs import Slabs
 from datafactory.paths.table import DIFFRACTED, ScatteredPaths, SpecularPaths
 from datafactory.scenes.poses import Pose
 
 
 def echoes(*objects, sight=everything, pose=HOME, **options):
     of = scene_of(*objects)
-    return edge_echoes(edges_of(of).seen_from(pose), slabs(of), FREQUENCY_HZ, sight, **options)
+    return edge_echoes(edges_of(of).seen_from(pose), slabs(of), sight, **options)
 
 
-def edge_echoes(edges, slabs, frequency_hz, sight, **options):
-    return EdgeEchoes(edges, slabs, frequency_hz, **options).seen(sight)
+def edge_echoes(edges, slabs, sight, **options):
+    return EdgeEchoes(edges, slabs, **options).seen(sight)
 
 
 def upright_edge(x=10.0, y=0.0, half=50.0, of="metal", length=30.0, turned=0.0):
@@ -86,7 +87,7 @@ def test_nothing_jumps_where_an_edge_ends():
     for beyond in (-1e-7, 1e-7):
         sheet = plate("s", (10.0, 5.0, 3.0 + beyond), (0.0, 5.0, 0.0), (0.0, 0.0, 3.0), "metal")
         rim = only_edge_at(edges_of(scene_of(sheet)), (10.0, 0.0, 0.0))
-        found, _, _ = edge_echoes(rim, [MATERIALS["metal"]], FREQUENCY_HZ, everything)
+        found, _, _ = edge_echoes(rim, Slabs([MATERIALS["metal"]], FREQUENCY_HZ), everything)
         amplitude.append(found.amplitude[0])
     assert amplitude[1] == pytest.approx(amplitude[0], rel=1e-4)
 
@@ -106,7 +107,7 @@ def test_the_delay_law_is_that_of_the_edge(objects, kind, error_m):
     edges = edges_of(of).seen_from(HOME)
     nearest = rays_over_edges(edges, RADAR, RADAR, WAVELENGTH_M)
     edge = edges.take(nearest.edge[np.argmin(nearest.geometry.source_distance_m)][None])
-    scattered, specular, _ = edge_echoes(edge, slabs(of), FREQUENCY_HZ, everything)
+    scattered, specular, _ = edge_echoes(edge, slabs(of), everything)
     path = scattered if len(scattered) else specular
     if kind:
         assert isinstance(path, kind)
@@ -145,8 +146,7 @@ def test_mirror_and_edge_together_are_as_before_inside_the_mirror():
         rim = only_edge_at(edges_of(of), (distance, -inside, 0.0))
         delay = np.exp(2j * WAVENUMBER * (np.hypot(distance, inside) - distance))
         whole, rest = (
-            edge_echoes(rim, slabs(of), FREQUENCY_HZ, everything, mirrors_end=ends)[0].amplitude[0]
-            for ends in (False, True)
+            edge_echoes(rim, slabs(of), everything, mirrors_end=ends)[0].amplitude[0] for ends in (False, True)
         )
         # Metal reflects with -1 (V on an upright wall: TE).
         assert -share * mirror + rest * delay == pytest.approx(-mirror + whole * delay, abs=0.02 * mirror)
@@ -174,7 +174,7 @@ def test_hidden_edges_and_walls_that_go_on_in_another_mesh_are_silent():
     for of in (free, hidden, goes_on):
         sight = partial(clear_between, sionna_scene(of).mi_scene)
         rim = only_edge_at(edges_of(of), (10.0, 0.0, 0.0))
-        paths, _, counts = edge_echoes(rim, slabs(of), FREQUENCY_HZ, sight)
+        paths, _, counts = edge_echoes(rim, slabs(of), sight)
         found.append((len(paths), counts["edge_rays_hidden"] > 0))
     assert found == [(1, False), (0, True), (0, True)]
 
@@ -205,8 +205,10 @@ def test_a_rough_face_reflects_less_at_its_rim_too():
     """Straight before the rim the reflected wave is nearly all of it: sqrt(1 - S^2) of the smooth one's."""
     edges = only_edge_at(edges_of(scene_of(upright_edge())), (10.0, 0.0, 0.0))
     smooth, rough = (
-        edge_echoes(edges, [replace(MATERIALS["metal"], scattering_coefficient=s)], FREQUENCY_HZ, everything,
-                    mirrors_end=False)[0].amplitude[0]
+        edge_echoes(
+            edges, Slabs([replace(MATERIALS["metal"], scattering_coefficient=s)], FREQUENCY_HZ), everything,
+            mirrors_end=False,
+        )[0].amplitude[0]
         for s in (0.0, 0.6)
     )  # fmt: skip
     assert abs(rough) / abs(smooth) == pytest.approx(0.8, abs=0.005)
@@ -221,7 +223,7 @@ def bistatic(of: MergedScene, tx, rx, polarization="V"):
     observer = np.array(rx, dtype=float) - np.array(tx)
     rays = rays_over_edges(edges, RADAR, observer, WAVELENGTH_M)
     field = field_over_edges(
-        edges, rays, slabs(of), FREQUENCY_HZ,
+        edges, rays, slabs(of),
         polarization_axis(rays.inward, polarization), polarization_axis(rays.outward, polarization),
     )  # fmt: skip
     return edges, rays, field

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 import pytest
-from sionna_scenes import FREQUENCY_HZ, MATERIALS, plate, sionna_scene
+from sionna_scenes import MATERIALS, plate, view_of
 
 from datafactory.paths.backend import select_variant
 from datafactory.paths.merged_scene import MergedScene, merge_scene
 from datafactory.paths.panes import FADED, panes_between
-from datafactory.paths.ray_hits import clear_between
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import ScatteredPaths
 from datafactory.paths.targets import FAINTEST, TargetEchoes
@@ -33,9 +30,8 @@ def walker(name: str, x: float, y: float = 0.0) -> PointTarget:
 
 
 def echoes_of(scene: MergedScene) -> tuple[ScatteredPaths, dict[str, int]]:
-    geometry = sionna_scene(scene, HOME).mi_scene
-    sources = TargetEchoes(geometry, scene, MATERIALS, HOME, FREQUENCY_HZ, DIRECT)
-    found, _, counts = sources.seen(partial(clear_between, geometry))
+    view = view_of(scene, HOME, DIRECT)
+    found, _, counts = TargetEchoes(view).seen(view.sight)
     return found, counts
 
 
@@ -75,13 +71,7 @@ def test_a_ray_ends_where_nothing_is_left_of_its_field() -> None:
         for n in range(4)
     )
     scene = merged(objects=walls)
-    crossings = panes_between(
-        sionna_scene(scene, HOME).mi_scene,
-        scene,
-        MATERIALS,
-        FREQUENCY_HZ,
-        np.array([[5.5, 0.3, 0.0], [20.0, 0.3, 0.0]]),
-    )
+    crossings = panes_between(view_of(scene, HOME), np.array([[5.5, 0.3, 0.0], [20.0, 0.3, 0.0]]))
     assert crossings.count.tolist() == [1, 2]  # the second ends at the metal
     assert abs(crossings.factor[0]) > 0.3
     assert abs(crossings.factor[1]) < FADED < FAINTEST

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from sionna_scenes import plate, scene_of, sionna_scene
 
-from datafactory.paths.panes import mesh_of_shape
+from datafactory.paths.geometry import mesh_of_shape
 from datafactory.paths.ray_hits import _lines, first_hits, ray_margin_m
 from datafactory.paths.unfold import unit
 

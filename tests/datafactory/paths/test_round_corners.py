@@ -7,12 +7,12 @@ from dataclasses import fields
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, box, plate, scene_of
+from sionna_scenes import WAVELENGTH_M, box, plate, scene_of, slabs
 
 from datafactory.paths import diffraction
 from datafactory.paths.diffraction import EdgeRays, rays_over_edges
 from datafactory.paths.edges import edges_of
-from datafactory.paths.round_corners import TARGETS_AT_ONCE, echoes_round_corners
+from datafactory.paths.round_corners import TARGETS_AT_ONCE, Hidden, echoes_round_corners
 from datafactory.paths.table import ScatteredPaths
 from datafactory.scenes.poses import Pose
 
@@ -41,10 +41,8 @@ def echoes(
     position: NDArray[np.float64], owner: NDArray[np.int32], polarization=("V", "V")
 ) -> tuple[ScatteredPaths, dict[str, int]]:
     velocity = np.stack([position[:, 1], 0.1 * position[:, 0], 0.0 * position[:, 0]], axis=1)
-    return echoes_round_corners(
-        EDGES, [MATERIALS[part.material] for part in STREET.meshes], FREQUENCY_HZ, half_of_all, position, velocity,
-        0.1 + position[:, 0], owner, polarization,
-    )  # fmt: skip
+    hidden = Hidden(position, velocity, 0.1 + position[:, 0], owner)
+    return echoes_round_corners(EDGES, slabs(STREET), half_of_all, hidden, polarization)
 
 
 def same_bytes(one: object, other: object) -> None:

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from rough_plates import CORNER, FREQUENCY_HZ, HERE, MATERIALS, ROUGHNESS, WAVELENGTH_M, merged_of, plate
+from sionna_scenes import slabs, view_of
 
 from datafactory.paths import solver as solver_module
 from datafactory.paths import trace as trace_module
 from datafactory.paths.arrivals import Arrivals
 from datafactory.paths.geometry import placed
-from datafactory.paths.merged_scene import MergedScene, slabs_of
+from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.rays import RayFan
 from datafactory.paths.scattered_once import behind_panes, over_mirrors
 from datafactory.paths.slabs import slab_transmission
 from datafactory.paths.solver import Bundle, TraceSettings
-from datafactory.paths.surfaces import Surfaces
 from datafactory.paths.table import DIFFUSE, SPECULAR, PathTable
 from datafactory.scenes.materials.reflectivity import fresnel_reflectivity, lambertian_sigma0
 from datafactory.scenes.poses import Pose
@@ -30,8 +30,7 @@ pytestmark = pytest.mark.usefixtures("variant")
 def once_of(*objects: SceneObject, rays: int, pose: Pose = HERE, fan: RayFan | None = None, **settings) -> list[Bundle]:
     merged = merged_of(*objects)
     chosen = TraceSettings(rays=rays, **{"depth": 1, "paths_a_cell": 0, **settings})
-    surfaces = Surfaces(placed(merged, MATERIALS, pose).mi_scene, merged, MATERIALS, pose, FREQUENCY_HZ)
-    first = Arrivals.first(surfaces, chosen, fan or RayFan(rays))
+    first = Arrivals.first(view_of(merged, pose, chosen, MATERIALS), fan or RayFan(rays))
     bundles = [group.thinned(1) for group in (first.echoes(), *over_mirrors(first))]
     if chosen.refraction:
         bundles[0] = Bundle.joined([bundles[0], behind_panes(first).thinned(1)])
@@ -42,8 +41,8 @@ def solved(*objects: SceneObject, rays: int, pose: Pose = HERE, **settings) -> B
     """The solver's own paths."""
     merged = merged_of(*objects)
     chosen = TraceSettings(rays=rays, solver_share=1, **settings)
-    geometry, slabs = placed(merged, MATERIALS, pose), slabs_of(merged, MATERIALS)
-    scene = solver_module.radio_scene(geometry, slabs, FREQUENCY_HZ, chosen)
+    geometry = placed(merged, MATERIALS, pose)
+    scene = solver_module.radio_scene(geometry, slabs(merged, MATERIALS), chosen)
     return solver_module.solve(scene, merged, pose, chosen, RayFan(rays), 1).bundle
 
 

@@ -8,15 +8,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from rough_plates import CORNER, FREQUENCY_HZ, HERE, MATERIALS, decibels_of, merged_of, plate
+from sionna_scenes import slabs, view_of
 
 from datafactory.paths import solver as solver_module
 from datafactory.paths.arrivals import Arrivals, Echoes
 from datafactory.paths.geometry import placed
-from datafactory.paths.merged_scene import slabs_of
 from datafactory.paths.rays import RayFan
 from datafactory.paths.scattered_twice import scattered_twice
 from datafactory.paths.solver import Bundle, TraceSettings
-from datafactory.paths.surfaces import Surfaces
 from datafactory.paths.table import DIFFUSE, REFRACTED, SPECULAR, PathTable
 from datafactory.paths.trace import trace
 from datafactory.scenes.scene import SceneObject
@@ -44,8 +43,7 @@ EVERY = TraceSettings(solver_share=1, twice_share=1, paths_a_cell=0, depth=2)
 
 def first_hits(objects: tuple[SceneObject, ...], settings: TraceSettings, fan: RayFan) -> Arrivals:
     merged = merged_of(*objects)
-    surfaces = Surfaces(placed(merged, MATERIALS, HERE).mi_scene, merged, MATERIALS, HERE, FREQUENCY_HZ)
-    return Arrivals.first(surfaces, settings, fan)
+    return Arrivals.first(view_of(merged, HERE, settings, MATERIALS), fan)
 
 
 def of_kinds(bundle: Bundle, *kinds: int) -> Bundle:
@@ -67,7 +65,7 @@ def test_power_is_sionnas_own(objects, polarization):
     rays, merged = 2_000_000, merged_of(*objects)
     settings = replace(EVERY, rays=rays, polarization=polarization)
     geometry = placed(merged, MATERIALS, HERE)
-    scene = solver_module.radio_scene(geometry, slabs_of(merged, MATERIALS), FREQUENCY_HZ, settings)
+    scene = solver_module.radio_scene(geometry, slabs(merged, MATERIALS), settings)
     ours, theirs = 0.0, 0.0
     for seed in (1, 2):
         fan = RayFan(rays, (0.37 * seed, 0.11 * seed))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import mpmath
 import numpy as np
 import pytest
-from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, box, channel, plate, scene_of, sionna_scene
+from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, box, channel, plate, scene_of, sionna_scene, view_of
 
 from datafactory.paths.panes import panes_between, polarization_axis
 from datafactory.paths.ray_hits import clear_between
@@ -114,9 +114,7 @@ def far_pane(of: str, name: str = "pane", x: float = 5.0):
 
 
 def crossed(objects, points, polarization="V", **options):
-    of = scene_of(*objects)
-    scene = sionna_scene(of).mi_scene
-    return panes_between(scene, of, MATERIALS, FREQUENCY_HZ, np.array(points, dtype=float), polarization, **options)
+    return panes_between(view_of(scene_of(*objects)), np.array(points, dtype=float), polarization, **options)
 
 
 def replaced(cosine: float) -> complex:

@@ -7,13 +7,13 @@ from functools import partial
 
 import numpy as np
 import pytest
-from edge_scenes import HOME, everything, only_edge_at, shortest_over, slabs, table_length
-from sionna_scenes import FREQUENCY_HZ, WAVELENGTH_M, box, plate, scene_of, sionna_scene
+from edge_scenes import HOME, everything, only_edge_at, shortest_over, table_length
+from sionna_scenes import WAVELENGTH_M, box, plate, scene_of, sionna_scene, slabs
 
 from datafactory.paths.edges import edges_of
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.ray_hits import clear_between
-from datafactory.paths.round_corners import echoes_round_corners
+from datafactory.paths.round_corners import Hidden, echoes_round_corners
 from datafactory.paths.table import DIFFRACTED, TARGET
 from datafactory.scenes.poses import Pose
 
@@ -28,11 +28,11 @@ def round_corner(
     """Echoes of one target given in the world; metres and m/s."""
     position = (np.atleast_2d(target) - np.array(pose.position)) @ pose.rotation()
     relative = (np.array([velocity]) - np.array(pose.velocity)) @ pose.rotation()
-    return echoes_round_corners(
-        edges_of(of).seen_from(pose), slabs(of), FREQUENCY_HZ, sight or everything, position,
-        np.repeat(relative, len(position), axis=0), np.full(len(position), rcs_m2),
-        np.arange(7, 7 + len(position), dtype=np.int32), **options,
-    )  # fmt: skip
+    count = len(position)
+    hidden = Hidden(
+        position, np.repeat(relative, count, axis=0), np.full(count, rcs_m2), np.arange(7, 7 + count, dtype=np.int32)
+    )
+    return echoes_round_corners(edges_of(of).seen_from(pose), slabs(of), sight or everything, hidden, **options)
 
 
 def test_a_target_behind_a_screen_has_twice_the_knife_edge_loss():
@@ -63,8 +63,8 @@ def test_the_way_round_is_as_long_as_it_is_for_every_element(low, on_edge, targe
     of = scene_of(box("house", low, (30.0, 40.0, 40.0), "metal"))
     edge = only_edge_at(edges_of(of), on_edge)
     position = np.array([target])
-    path, _ = echoes_round_corners(edge, slabs(of), FREQUENCY_HZ, everything, position, np.zeros((1, 3)), np.ones(1),
-                                   np.zeros(1, dtype=np.int32))  # fmt: skip
+    hidden = Hidden(position, np.zeros((1, 3)), np.ones(1), np.zeros(1, dtype=np.int32))
+    path, _ = echoes_round_corners(edge, slabs(of), everything, hidden)
     for y_tx, y_rx in ((0.0, 0.0), (0.0, 0.25), (-0.005, -0.25)):
         tx, rx = np.array([0.0, y_tx, 0.0]), np.array([0.0, y_rx, 0.0])
         exact = shortest_over(edge, tx, position[0]) + shortest_over(edge, rx, position[0])
@@ -100,8 +100,8 @@ def test_two_ways_round_make_four_paths_and_a_wall_leaves_one():
         rims = edges_of(of)
         rims = rims.take((rims.start[:, 0] < 10.0) & (np.abs(rims.direction[:, 2]) > 0.5))  # the pillar's upright ones
         sight = partial(clear_between, sionna_scene(of).mi_scene)
-        return echoes_round_corners(rims, slabs(of), FREQUENCY_HZ, sight, np.array([target]), np.zeros((1, 3)),
-                                    np.ones(1), np.zeros(1, dtype=np.int32))  # fmt: skip
+        hidden = Hidden(np.array([target]), np.zeros((1, 3)), np.ones(1), np.zeros(1, dtype=np.int32))
+        return echoes_round_corners(rims, slabs(of), sight, hidden)
 
     both, counts = found(pillar)
     assert len(both) == 4

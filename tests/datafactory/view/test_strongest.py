@@ -63,7 +63,7 @@ def scattered(
 
 def specular(image: Place, depth: int, kinds: int = SPECULAR) -> SpecularPaths:
     return SpecularPaths(
-        np.array([image], float), np.zeros((1, 3)), np.eye(3)[None], ORIGIN, np.array([1e-6 + 0j]),
+        np.array([image], float), np.zeros((1, 3)), np.eye(3)[None], np.array([1e-6 + 0j]),
         np.full(1, depth, np.int8), np.zeros(1, np.int32), np.full(1, kinds, np.uint8),
     )  # fmt: skip
 

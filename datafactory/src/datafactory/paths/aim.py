@@ -25,8 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.rays import UNIFORM_IN_U, RayFan
-from datafactory.paths.surfaces import Surfaces, Waves
 from datafactory.paths.thinning import RANGE_CELL_M, U_CELL
+from datafactory.paths.view import View, Waves
 from shared.physics.vectors import dots, lengths
 
 STRIPS, RAYS_A_STRIP = 256, 64
@@ -41,25 +41,22 @@ SHARE_IN_U = UNIFORM_IN_U * U_CELL / 2.0
 """P_u, without the part of the fan that is uniform in azimuth."""
 
 
-def aimed(fan: RayFan, surfaces: Surfaces) -> RayFan:
-    """The fan with more rays at the elevations that ask for them.
-
-    :param surfaces: of the scene, from the frame's pose
-    """
+def aimed(fan: RayFan, view: View) -> RayFan:
+    """The fan with more rays at the elevations that ask for them."""
     if not fan.aimable:
         return fan
-    strips = _within_reach(*_asked(fan, surfaces))
+    strips = _within_reach(*_asked(fan, view))
     return replace(fan, strips=tuple(strips / strips.mean()))
 
 
-def _asked(fan: RayFan, surfaces: Surfaces) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _asked(fan: RayFan, view: View) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """What the rays of a look ask for, and where they arrive.
 
     :return: [STRIPS, RAYS_A_STRIP] factors on the fan's density, and ranges [m], infinite where nothing is met
     """
     look = RayFan(STRIPS * RAYS_A_STRIP, beam=fan.beam)
     direction = look.directions()
-    index, hits = surfaces.hit_by(Waves.departing(direction, np.zeros(direction.shape, dtype=np.complex128)))
+    index, hits = view.hit_by(Waves.departing(direction, np.zeros(direction.shape, dtype=np.complex128)))
     asked, range_m = np.zeros(look.count), np.full(look.count, np.inf)
     d = direction[index]
     distance = lengths(hits.point)

@@ -30,12 +30,11 @@ from datafactory.paths.ray_hits import clear_between, ray_margin_m
 from datafactory.paths.rays import RayFan
 from datafactory.paths.scattering import share_at
 from datafactory.paths.solver import Bundle, TraceSettings
-from datafactory.paths.surfaces import Complex, Hits, Index, Real, Surfaces, Waves
 from datafactory.paths.table import DIFFUSE, SPECULAR
 from datafactory.paths.thinning import cell_of, thinned
+from datafactory.paths.view import Complex, Hits, Index, Real, View, Waves
 from datafactory.paths.wave_steps import reflected_fields, reflectivity
 from shared.physics.compiled import compiled
-from shared.physics.units import SPEED_OF_LIGHT
 from shared.physics.vectors import dots, lengths, taken
 
 CLOSEST_M = 0.01
@@ -58,8 +57,7 @@ class Arrivals:
     :param rays: N, as many as fill the fan
     """
 
-    surfaces: Surfaces
-    settings: TraceSettings
+    view: View
     waves: Waves
     hits: Hits
     te: Complex
@@ -70,15 +68,20 @@ class Arrivals:
     rays: float
 
     @staticmethod
-    def first(surfaces: Surfaces, settings: TraceSettings, fan: RayFan) -> Arrivals:
+    def first(view: View, fan: RayFan) -> Arrivals:
         """Where the rays of a fan meet their first surfaces."""
         direction = fan.directions()
-        field = polarization_axis(direction, settings.polarization[0]).astype(np.complex128)
-        index, hits = surfaces.hit_by(departing := Waves.departing(direction, field))
+        field = polarization_axis(direction, view.settings.polarization[0]).astype(np.complex128)
+        index, hits = view.hit_by(departing := Waves.departing(direction, field))
         return Arrivals(
-            surfaces, settings, departing.arrived(index, hits), hits, *surfaces.reflection(hits),
+            view, departing.arrived(index, hits), hits, *view.reflection(hits),
             fan.solid_angle_ratio(direction[index]), index, (), fan.count,
         )  # fmt: skip
+
+    @property
+    def settings(self) -> TraceSettings:
+        """Of the frame."""
+        return self.view.settings
 
     def take(self, index: Index) -> Arrivals:
         """Those at these indices, which rise; each stands for as much as before."""
@@ -99,7 +102,7 @@ class Arrivals:
         left = np.flatnonzero(field.any(axis=1))
         hits, waves, ratio, ray = self.hits.take(left), self.waves.take(left), self.ratio[left], self.ray[left]
         direction, field = taken(direction, left), taken(field, left)
-        turned = dots(self.surfaces.velocity(hits.triangle, hits.point), waves.direction - direction)
+        turned = dots(self.view.velocity(hits.triangle, hits.point), waves.direction - direction)
         departing = Waves(
             hits.point,
             clear_of(hits, 1.0),
@@ -110,8 +113,8 @@ class Arrivals:
             np.concatenate([waves.bounced, hits.point[:, None]], axis=1),
             np.concatenate([waves.triangles, hits.triangle[:, None]], axis=1),
         )
-        index, met = self.surfaces.hit_by(departing)
-        te, tm = self.surfaces.reflection(met)
+        index, met = self.view.hit_by(departing)
+        te, tm = self.view.reflection(met)
         kinds = (*self.kinds, kind)
         return replace(
             self, waves=departing.arrived(index, met), hits=met, te=te, tm=tm, ratio=ratio[index], ray=ray[index],
@@ -121,7 +124,7 @@ class Arrivals:
     def reflected(self) -> Arrivals:
         """Where those waves arrive next that the surfaces send on as mirrors: sqrt(1 - S^2) R of the field."""
         direction, field = reflected_fields(self.waves.direction, self.hits.normal, self.waves.field, self.te, self.tm)
-        smooth = np.sqrt(1.0 - self.surfaces.scattering**2)[self.hits.mesh]
+        smooth = self.view.slabs.unscattered(self.hits.mesh)
         return self.onward(direction, field * smooth[:, None], SPECULAR)
 
     def echoes(self) -> Echoes:
@@ -130,7 +133,7 @@ class Arrivals:
         seen = np.flatnonzero(lengths(hits.point) >= CLOSEST_M)
         if self.kinds:
             seen = seen[dots(taken(hits.normal, seen), taken(hits.point, seen)) < 0.0]
-            seen = seen[clear_between(self.surfaces.geometry, taken(hits.point, seen), np.zeros(3))]
+            seen = seen[clear_between(self.view.geometry, taken(hits.point, seen), np.zeros(3))]
         # Home again, theta^ is where it was when the wave came, and phi^ is reversed: the RX looks against the wave.
         sign = 1.0 if self.settings.polarization[1] == "V" else -1.0
         kept = sign * reflectivity(waves.direction, hits.normal, waves.field, self.te, self.tm)
@@ -143,13 +146,12 @@ class Arrivals:
         :param field: [n, 3] as it is before it is scattered, or behind all panes
         :param kept: [n] the factor that scattering has on it besides S and f: |Gamma|, with its sign
         """
-        waves, hits, surfaces = self.waves, self.hits, self.surfaces
+        waves, hits, view = self.waves, self.hits, self.view
         amplitude, power, cell = _arriving(
             index, waves.direction, waves.length, waves.rate, hits.point, hits.normal, hits.mesh,
-            surfaces.velocity(hits.triangle, hits.point), field,
+            view.velocity(hits.triangle, hits.point), field,
             polarization_axis(waves.direction, self.settings.polarization[1]), kept, self.ratio,
-            surfaces.scattering, surfaces.lobes,
-            SPEED_OF_LIGHT / surfaces.frequency_hz * np.sqrt(4.0 * np.pi / self.rays),
+            view.slabs.scattering, view.lobes, view.wavelength_m * np.sqrt(4.0 * np.pi / self.rays),
         )  # fmt: skip
         return Echoes(self.take(index), amplitude, power, cell, (*self.kinds, DIFFUSE), crossings)
 
@@ -205,15 +207,15 @@ class Echoes:
             most = (most + 1) // 2
         index, factor = thinned(self.cell, self.power, most, random)
         left = self.arrivals.take(index)
-        waves, hits, surfaces = left.waves, left.hits, left.surfaces
+        waves, hits, view = left.waves, left.hits, left.view
         triangles = np.concatenate([waves.triangles, hits.triangle[:, None]], axis=1)
         vertices = np.concatenate([waves.bounced, hits.point[:, None]], axis=1)
         return Bundle(
             vertices=vertices,
             interactions=np.tile(np.array(self.kinds, dtype=np.int64), (len(index), 1)),
-            objects=surfaces.object_of_triangle[triangles],
+            objects=view.owner[triangles].astype(np.int64),
             triangles=triangles,
-            velocities=surfaces.velocity(triangles.reshape(-1), vertices.reshape(-1, 3)).reshape(vertices.shape),
+            velocities=view.velocity(triangles.reshape(-1), vertices.reshape(-1, 3)).reshape(vertices.shape),
             crossings=np.full(len(index), self.crossings, dtype=np.int64),
             amplitude=self.amplitude[index] * np.sqrt(factor),
         )

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from datafactory.paths.candidates import CHAIN, Candidates
 from datafactory.paths.corner_edges import CornerEdges
+from datafactory.paths.view import View
 
 Real = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -30,28 +31,24 @@ LARGER = 2.0
 """How much larger than it is, about its centre, a triangle counts in each direction."""
 
 
-def chain_candidates(
-    sequences: Sequence[Index], corner: Real, normal: Real, height: Real, corners: CornerEdges, wavelength_m: float
-) -> Candidates:
+def chain_candidates(sequences: Sequence[Index], view: View, corners: CornerEdges) -> Candidates:
     """Of every sequence of triangles over which a way closes.
 
     :param sequences: triangles [n, mirrors] in the order in which rays met them
-    :param corner: [T, 3, 3] of all triangles in the radar frame [m]
-    :param normal: [T, 3] unit; :param height: [T] n . x of their planes [m]
     :param corners: right-angled, whose own chains are left out
     """
-    found = [Candidates.none()]
+    found, wavelength_m = [Candidates.none()], view.wavelength_m
     for sequence in sequences:
         some = np.unique(sequence, axis=0)
         own = np.ones(len(some), dtype=bool)
         for one, other in combinations(some.T, 2):
             own &= corners.joins(one, other)
         some = some[~own]
-        image, departure = _closed(corner[some], normal[some], height[some])
+        image, departure = _closed(view.corners[some], view.normals[some], view.heights[some])
         length = np.linalg.norm(image, axis=1)
         power = (wavelength_m / (4.0 * np.pi * np.maximum(length, wavelength_m))) ** 2
         found.append(Candidates.of(CHAIN, image, power, 0.5 * length, departure))
-    return Candidates.joined([Candidates.none(), *found])
+    return Candidates.joined(found)
 
 
 def _closed(corner: Real, normal: Real, height: Real) -> tuple[Real, Real]:

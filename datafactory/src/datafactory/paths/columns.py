@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import cache
 from typing import Any, Self
 
 import numpy as np
@@ -69,7 +68,6 @@ def counts_of(parts: Sequence[dict[str, int]]) -> dict[str, int]:
     return {name: sum(part.get(name, 0) for part in parts) for name in {name: None for part in parts for name in part}}
 
 
-@cache
 def _names(kind: Any) -> tuple[str, ...]:
     """The fields that have a row for each thing."""
     return tuple(item.name for item in fields(kind) if item.metadata != WHOLE)

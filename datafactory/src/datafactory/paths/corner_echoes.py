@@ -41,7 +41,6 @@ wavelengths or more. Left out: diffraction at the far end of the first face, and
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -69,11 +68,10 @@ from datafactory.paths.corner_sight import pieces_in_sight
 from datafactory.paths.diffraction import NEAREST_M, Sight, along_array
 from datafactory.paths.mirror_feet import AHEAD_M
 from datafactory.paths.panes import Polarization, polarization_axis
-from datafactory.paths.smooth_faces import mirrored_by_slabs
+from datafactory.paths.slabs import Slabs
 from datafactory.paths.table import CORNER, ScatteredPaths, SpecularPaths
 from datafactory.paths.unfold import unit
-from datafactory.scenes.materials.table import Material
-from shared.physics.units import SPEED_OF_LIGHT, db_to_power
+from shared.physics.units import db_to_power
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -91,19 +89,17 @@ class CornerEchoes:
     """Echoes of corners to the radar, at the origin: two paths a corner, one for each order of its faces.
 
     :param corners: in the radar frame, ``corners_of(merged_scene).seen_from(pose)``
-    :param slabs: material of each merged mesh; :param frequency_hz: mid-sweep
     :param polarization: of TX and RX
     """
 
     def __init__(
         self,
         corners: CornerEdges,
-        slabs: Sequence[Material],
-        frequency_hz: float,
+        slabs: Slabs,
         polarization: tuple[Polarization, Polarization] = ("V", "V"),
     ) -> None:
-        self._slabs, self._frequency_hz, self._polarization = slabs, frequency_hz, polarization
-        wavelength = SPEED_OF_LIGHT / frequency_hz
+        self._slabs, self._polarization = slabs, polarization
+        wavelength = slabs.wavelength_m
         facing, views = _facing(corners, wavelength)
         corners = corners.take(facing)
         cells = cells_along(corners, views, wavelength)
@@ -116,7 +112,7 @@ class CornerEchoes:
     def candidates(self) -> Candidates:
         """Of every corner: all pieces of its aperture in phase, or what none exceeds."""
         corners, views = self._corners, self._views
-        wavelength = SPEED_OF_LIGHT / self._frequency_hz
+        wavelength = self._slabs.wavelength_m
         in_phase = (
             wavelength / (4.0 * np.pi * views.shortest) * integrals_at_most(self._cells, views, wavelength)
         ) ** 2
@@ -131,7 +127,7 @@ class CornerEchoes:
 
         :param worth: which of the candidates are followed; None for all
         """
-        wavelength = SPEED_OF_LIGHT / self._frequency_hz
+        wavelength = self._slabs.wavelength_m
         corners, views, cells = self._corners, self._views, self._cells
         number = np.arange(len(corners), dtype=np.int32)
         if worth is not None:
@@ -146,7 +142,7 @@ class CornerEchoes:
         width = widths_across(cells, views, wavelength, len(corners))
         corners, views = corners.take(in_sight), views.take(in_sight)
         scattered, specular = _paths(
-            corners, views, shares, (low[in_sight], high[in_sight]), width[in_sight], self._slabs, self._frequency_hz,
+            corners, views, shares, (low[in_sight], high[in_sight]), width[in_sight], self._slabs,
             self._polarization, number[in_sight],
         )  # fmt: skip
         return scattered, specular, {"corners_faint": self._faint, "corners_hidden": hidden}
@@ -210,8 +206,7 @@ def _paths(
     shares: Complex,
     ends: tuple[Real, Real],
     width: Real,
-    slabs: Sequence[Material],
-    frequency_hz: float,
+    slabs: Slabs,
     polarization: tuple[Polarization, Polarization],
     number: NDArray[np.int32],
 ) -> tuple[ScatteredPaths, SpecularPaths]:
@@ -219,7 +214,7 @@ def _paths(
 
     :param number: [C] of the corners among the candidates
     """
-    wavelength = SPEED_OF_LIGHT / frequency_hz
+    wavelength = slabs.wavelength_m
     low, high = ends
     beside = (low >= 0.0) | (high <= 0.0)
     centre = np.where(beside | (high - low < 2.0 * WIDE), _phase_centre(low, high), 0.0)
@@ -230,9 +225,7 @@ def _paths(
     body = np.minimum(centre - low, high - centre) < SHORT
     slides = np.einsum("ci,ci->c", corners.velocity, corners.direction)[:, None] * corners.direction
     velocity = corners.velocity - np.where(body[:, None], 0.0, slides)
-    gamma = np.concatenate(
-        [_reflection(corners, order, unit(point), slabs, frequency_hz, polarization) for order in (0, 1)]
-    )
+    gamma = np.concatenate([_reflection(corners, order, unit(point), slabs, polarization) for order in (0, 1)])
     turned = np.concatenate([_turn(corners, order) for order in (0, 1)])
     both = np.tile(np.arange(len(corners)), 2)
     amplitude = np.conj(gamma) * (wavelength / (4.0 * np.pi * views.shortest))[both] * shares.reshape(-1)
@@ -280,8 +273,7 @@ def _reflection(
     corners: CornerEdges,
     order: int,
     direction: Real,
-    slabs: Sequence[Material],
-    frequency_hz: float,
+    slabs: Slabs,
     polarization: tuple[Polarization, Polarization],
 ) -> Complex:
     """[C] what both faces leave of a field of the TX's polarisation, as the RX hears it."""
@@ -289,7 +281,5 @@ def _reflection(
     field = sent.astype(np.complex128)
     onward = direction
     for face in (order, 1 - order):
-        onward, field = mirrored_by_slabs(
-            slabs, corners.face_mesh[:, face], frequency_hz, onward, corners.normal[:, face], field
-        )
+        onward, field = slabs.mirrored(corners.face_mesh[:, face], onward, corners.normal[:, face], field)
     return np.einsum("ci,ci->c", field, received)

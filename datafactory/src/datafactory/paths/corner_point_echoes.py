@@ -20,8 +20,6 @@ aperture is left out and counted. The sensor's own parallax over the aperture is
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -34,12 +32,11 @@ from datafactory.paths.diffraction import NEAREST_M, Sight
 from datafactory.paths.mirror_feet import AHEAD_M
 from datafactory.paths.panes import Polarization, polarization_axis
 from datafactory.paths.ray_hits import ray_margin_m
-from datafactory.paths.smooth_faces import mirrored_by_slabs
+from datafactory.paths.slabs import Slabs
 from datafactory.paths.table import CORNER, ScatteredPaths, SpecularPaths
 from datafactory.paths.unfold import unit
-from datafactory.scenes.materials.table import Material
 from shared.physics.compiled import compiled
-from shared.physics.units import SPEED_OF_LIGHT, db_to_power
+from shared.physics.units import db_to_power
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -57,19 +54,17 @@ class CornerPointEchoes:
     """Echoes of trihedral corners to the radar, at the origin.
 
     :param points: in the radar frame, ``points_of(merged_scene).seen_from(pose)``
-    :param slabs: material of each merged mesh; :param frequency_hz: mid-sweep
     :param polarization: of TX and RX
     """
 
     def __init__(
         self,
         points: CornerPoints,
-        slabs: Sequence[Material],
-        frequency_hz: float,
+        slabs: Slabs,
         polarization: tuple[Polarization, Polarization] = ("V", "V"),
     ) -> None:
-        self._slabs, self._frequency_hz, self._polarization = slabs, frequency_hz, polarization
-        wavelength = SPEED_OF_LIGHT / frequency_hz
+        self._slabs, self._polarization = slabs, polarization
+        wavelength = slabs.wavelength_m
         range_m = np.linalg.norm(points.apex, axis=1)
         home = -unit(points.apex)
         facing = (np.einsum("qij,qj->qi", points.axes, home) > GRAZING).all(axis=1)
@@ -111,14 +106,14 @@ class CornerPointEchoes:
             self._wide[number],
         )
         opposite = np.roll(np.arange(AROUND), AROUND // 2)
-        seen = _in_sight(points, face, self._rim[number], SPEED_OF_LIGHT / self._frequency_hz, sight)
+        seen = _in_sight(points, face, self._rim[number], self._slabs.wavelength_m, sight)
         local = np.where(seen & seen[:, opposite], local, 0.0)
         amplitude = np.zeros(len(points), dtype=np.complex128)
         for first in range(3):
             for last in {0, 1, 2} - {first}:
                 here = (face == first) & (face[:, opposite] == last)
                 order = (first, 3 - first - last, last)
-                gamma = _reflection(points, order, self._slabs, self._frequency_hz, self._polarization)
+                gamma = _reflection(points, order, self._slabs, self._polarization)
                 amplitude += np.conj(gamma) * np.where(here, local, 0.0).sum(axis=1) / AROUND
         amplitude *= self._scale[number]
         visible = amplitude != 0.0
@@ -208,8 +203,7 @@ def _in_sight(points: CornerPoints, face: Index, rim: Real, wavelength_m: float,
 def _reflection(
     points: CornerPoints,
     order: tuple[int, int, int],
-    slabs: Sequence[Material],
-    frequency_hz: float,
+    slabs: Slabs,
     polarization: tuple[Polarization, Polarization],
 ) -> Complex:
     """[Q] what three faces leave of a field of the TX's polarisation, as the RX hears it."""
@@ -217,7 +211,5 @@ def _reflection(
     sent, received = (polarization_axis(direction, which) for which in polarization)
     field = sent.astype(np.complex128)
     for face in order:
-        direction, field = mirrored_by_slabs(
-            slabs, points.face_mesh[:, face], frequency_hz, direction, points.axes[:, face], field
-        )
+        direction, field = slabs.mirrored(points.face_mesh[:, face], direction, points.axes[:, face], field)
     return np.einsum("qi,qi->q", field, received)

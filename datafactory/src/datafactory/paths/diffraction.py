@@ -30,7 +30,7 @@ of their materials; at a rim the sheet also transmits. Amplitudes are conjugates
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,12 +42,10 @@ from datafactory.paths.columns import Columns
 from datafactory.paths.edges import WedgeEdges
 from datafactory.paths.facets import TAPER
 from datafactory.paths.panes import Polarization, polarization_axis
-from datafactory.paths.slabs import slab_reflection, transmission_over_air
+from datafactory.paths.slabs import Slabs
 from datafactory.paths.table import DIFFRACTED, ScatteredPaths, SpecularPaths
 from datafactory.paths.unfold import unit
-from datafactory.scenes.materials.table import Material
 from shared.physics.compiled import compiled
-from shared.physics.units import SPEED_OF_LIGHT
 from shared.physics.wedge import WedgeGeometry, diffraction_coefficient
 
 Real = NDArray[np.float64]
@@ -178,21 +176,19 @@ def _worth_a_look(start, direction, length, z_source, rho_source, observers, wav
 def field_over_edges(
     edges: WedgeEdges,
     rays: EdgeRays,
-    slabs: Sequence[Material],
-    frequency_hz: float,
+    slabs: Slabs,
     source_axis: Real,
     observer_axis: Real,
     mirrors_end: bool = False,
 ) -> Complex:
     """G [K] [1/m] of the rays, exp(+j omega t), without the phase of the path's length.
 
-    :param slabs: material of each merged mesh
     :param source_axis, observer_axis: [K, 3] unit vectors of the polarisations sent and received
     :param mirrors_end: whether the specular paths contain the mirrors' finite size (:mod:`.facets`), and with it a part
         of a rim's wave; that part is then left out here
     """
     geometry, chosen = rays.geometry, edges.take(rays.edge)
-    wavelength = SPEED_OF_LIGHT / frequency_hz
+    wavelength = slabs.wavelength_m
     # Luebbers' 0-face is the source's. Each face takes the end nearer to it, so that the field is the same both ways.
     phi = (
         np.minimum(geometry.source_angle_rad, geometry.observer_angle_rad),
@@ -201,7 +197,9 @@ def field_over_edges(
     reflection, passed = [], []
     for face, angle in enumerate(phi):
         cosine = np.clip(geometry.sin_beta * np.abs(np.sin(angle)), GRAZING, 1.0)
-        mirror, through = _slab_coefficients(slabs, chosen.face_mesh[:, face], frequency_hz, cosine)
+        mesh = chosen.face_mesh[:, face]
+        mirror = np.array(slabs.reflection(mesh, cosine)) * slabs.unscattered(mesh)
+        through = np.array(slabs.transmission(mesh, cosine))
         if mirrors_end:
             mirror = mirror * _rim_share(angle, geometry.source_distance_m, wavelength)
         reflection.append(mirror)
@@ -225,7 +223,6 @@ class EdgeEchoes:
     """Echoes of edges to the radar, at the origin.
 
     :param edges: in the radar frame, ``edges_of(merged_scene).seen_from(pose)``
-    :param slabs: material of each merged mesh; :param frequency_hz: mid-sweep
     :param polarization: of TX and RX
     :param mirrors_end: as in :func:`field_over_edges`
     """
@@ -233,16 +230,15 @@ class EdgeEchoes:
     def __init__(
         self,
         edges: WedgeEdges,
-        slabs: Sequence[Material],
-        frequency_hz: float,
+        slabs: Slabs,
         polarization: tuple[Polarization, Polarization] = ("V", "V"),
         mirrors_end: bool = True,
     ) -> None:
-        wavelength = SPEED_OF_LIGHT / frequency_hz
+        wavelength = slabs.wavelength_m
         self.edges, self.rays = edges, rays_over_edges(edges, np.zeros(3), np.zeros(3), wavelength)
 
         axes = [polarization_axis(self.rays.inward, which) for which in polarization]
-        field = field_over_edges(edges, self.rays, slabs, frequency_hz, axes[0], axes[1], mirrors_end)
+        field = field_over_edges(edges, self.rays, slabs, axes[0], axes[1], mirrors_end)
         self.amplitude = np.conj(wavelength / (4.0 * np.pi) * field)
 
     @property
@@ -310,19 +306,6 @@ def _edge_share(low: Real, high: Real) -> Complex:
     share = ((cosine_high - cosine_low) - 1j * (sine_high - sine_low)) / (1.0 - 1j)
     missed = np.where(low > 0.0, low, np.where(high < 0.0, high, 0.0))
     return share * np.exp(0.5j * np.pi * missed**2)
-
-
-def _slab_coefficients(
-    slabs: Sequence[Material], mesh: NDArray[np.int64], frequency_hz: float, cosine: Real
-) -> tuple[Complex, Complex]:
-    """R [2, K] and T [2, K], TE and TM: R less what the face scatters, T relative to the air in the sheet's place."""
-    reflected, passed = np.zeros((2, 2, len(mesh)), dtype=np.complex128)
-    for index in np.unique(mesh):
-        here, slab = mesh == index, slabs[index]
-        values = (slab.relative_permittivity, slab.conductivity_s_per_m, slab.thickness_m, frequency_hz, cosine[here])
-        reflected[:, here] = np.array(slab_reflection(*values)) * np.sqrt(1.0 - slab.scattering_coefficient**2)
-        passed[:, here] = transmission_over_air(slab, frequency_hz, cosine[here])
-    return reflected, passed
 
 
 def _rim_share(angle: Real, distance_m: Real, wavelength_m: float) -> Real:

@@ -15,23 +15,13 @@ Triangles that sample a curved surface have no feet here; the surface has (:mod:
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.paths.curved_surfaces import curved_surfaces_of
-from datafactory.paths.facets import mirrors_of, reflected_share
-from datafactory.paths.merged_scene import MergedScene, slabs_of
-from datafactory.paths.panes import panes_between
-from datafactory.paths.ray_hits import clear_between
-from datafactory.paths.slabs import slab_reflection
-from datafactory.paths.solver import TraceSettings
+from datafactory.paths.merged_scene import MergedScene
+from datafactory.paths.panes import FAINTEST, panes_between
 from datafactory.paths.table import REFRACTED, SPECULAR, SpecularPaths
-from datafactory.paths.targets import FAINTEST
-from datafactory.scenes.materials.table import MaterialMapping
-from datafactory.scenes.poses import Pose
-from shared.physics.units import SPEED_OF_LIGHT
+from datafactory.paths.view import View
 
 Real = NDArray[np.float64]
 
@@ -43,85 +33,52 @@ AHEAD_M = 1e-6
 """A foot straight below the radar lies at x = 0, apart from rounding, and counts as ahead."""
 
 
-def single_mirrors(
-    geometry: Any,
-    merged_scene: MergedScene,
-    materials: MaterialMapping,
-    pose: Pose,
-    frequency_hz: float,
-    settings: TraceSettings,
-) -> tuple[SpecularPaths, dict[str, int]]:
-    """All single specular echoes of a frame, and how many are hidden.
-
-    :param geometry: Mitsuba's scene in the radar frame
-    """
-    if not merged_scene.meshes or settings.polarization[0] != settings.polarization[1]:
+def single_mirrors(view: View) -> tuple[SpecularPaths, dict[str, int]]:
+    """All single specular echoes of a frame, and how many are hidden."""
+    merged, polarization = view.merged, view.settings.polarization
+    if not merged.meshes or polarization[0] != polarization[1]:
         return SpecularPaths.none(), {}
-    mirrors, rotation, wavelength = mirrors_of(merged_scene), pose.rotation(), SPEED_OF_LIGHT / frequency_hz
-    mesh = merged_scene.mesh_of_triangle
-    velocity = np.array([item.velocity for item in merged_scene.meshes])[mesh]
-    moved = np.array([item.shift for item in merged_scene.meshes])[mesh] - np.asarray(pose.position)
-    flat = curved_surfaces_of(merged_scene).flat(len(mesh))
-    found, foot = _perpendicular_feet(
-        (mirrors.corners[flat] + moved[flat, None]) @ rotation, mirrors.normals[flat] @ rotation
-    )
-    triangle = flat[found]
-    passed, kinds = way_and_back(geometry, merged_scene, materials, frequency_hz, settings, foot)
+    found, foot = _perpendicular_feet(view.corners[view.flat], view.normals[view.flat])
+    triangle = view.flat[found]
+    passed, kinds = way_and_back(view, foot)
     seen = np.flatnonzero(passed != 0.0)
     hidden = len(triangle) - len(seen)
     triangle, foot, passed, kinds = triangle[seen], foot[seen], passed[seen], kinds[seen]
-    range_m = np.linalg.norm(foot, axis=1)
-    amplitude = plane_amplitude(merged_scene, materials, frequency_hz, mesh[triangle], range_m) * passed
-    if settings.finite_mirrors:
-        at_rest = mirrors.corners[triangle, 0]
-        normal = mirrors.normals[triangle]
-        world = foot @ rotation.T - moved[triangle]
-        world -= np.einsum("ki,ki->k", world - at_rest, normal)[:, None] * normal
-        amplitude *= reflected_share(mirrors, triangle, world, foot @ rotation.T, range_m, range_m, wavelength)
-    objects = np.concatenate([item.object_of_triangle for item in merged_scene.meshes])
-    direction = foot / range_m[:, None]
-    at_foot = velocity[triangle]
-    carried = merged_scene.carried(triangle, foot @ rotation.T - moved[triangle], mesh[triangle])
-    at_foot[carried.index] = carried.velocity
-    relative = (at_foot - np.asarray(pose.velocity)) @ rotation
-    approach = np.einsum("ki,ki->k", direction, relative)
+    range_m, mesh = np.linalg.norm(foot, axis=1), merged.mesh_of_triangle[triangle]
+    direction, normal = foot / range_m[:, None], view.normals[triangle]
+    amplitude = plane_amplitude(view, mesh, range_m) * passed
+    if view.settings.finite_mirrors:
+        off = np.einsum("ki,ki->k", foot, normal) - view.heights[triangle]
+        amplitude *= view.reflected_share(triangle, foot - off[:, None] * normal, foot, range_m, range_m)
+    approach = np.einsum("ki,ki->k", direction, view.velocity(triangle, foot))
     image_velocity = 2.0 * approach[:, None] * direction
-    turning = _rates_of_normals(merged_scene, triangle[carried.index], mesh[triangle[carried.index]]) @ rotation
-    side = np.sign(np.einsum("ki,ki->k", mirrors.normals[triangle[carried.index]] @ rotation, direction[carried.index]))
-    image_velocity[carried.index] += 2.0 * (side * range_m[carried.index])[:, None] * turning
+    turned = np.flatnonzero(np.array([item.turned is not None for item in merged.meshes])[mesh])
+    turning = _rates_of_normals(merged, triangle[turned], mesh[turned]) @ view.rotation
+    side = np.sign(np.einsum("ki,ki->k", normal[turned], direction[turned]))
+    image_velocity[turned] += 2.0 * (side * range_m[turned])[:, None] * turning
     axes = np.eye(3) - 2.0 * direction[:, :, None] * direction[:, None, :]
-    owner = objects[triangle].astype(np.int32)
-    return SpecularPaths.of(2.0 * foot, image_velocity, axes, amplitude, owner, kinds), {"mirrors_hidden": hidden}
+    paths = SpecularPaths.of(2.0 * foot, image_velocity, axes, amplitude, view.owner[triangle], kinds)
+    return paths, {"mirrors_hidden": hidden}
 
 
-def way_and_back(
-    geometry: Any,
-    merged_scene: MergedScene,
-    materials: MaterialMapping,
-    frequency_hz: float,
-    settings: TraceSettings,
-    point: Real,
-) -> tuple[NDArray[np.complex128], NDArray[np.uint8]]:
+def way_and_back(view: View, point: Real) -> tuple[NDArray[np.complex128], NDArray[np.uint8]]:
     """What the way to points [n, 3] and back leaves of an amplitude, 0 where they are hidden, and the kinds of path."""
-    clear = clear_between(geometry, np.zeros((len(point), 3)), point)
+    clear = view.sight(np.zeros((len(point), 3)), point)
     passed = clear.astype(np.complex128)
     kinds = np.full(len(point), SPECULAR, dtype=np.uint8)
-    if settings.refraction and not clear.all():
+    if view.settings.refraction and not clear.all():
         behind = np.flatnonzero(~clear)
-        panes = panes_between(geometry, merged_scene, materials, frequency_hz, point[behind], settings.polarization[0])
+        panes = panes_between(view, point[behind], view.settings.polarization[0])
         passed[behind] = np.where(np.abs(panes.factor) > FAINTEST, panes.factor, 0.0) ** 2
         kinds[behind] |= REFRACTED
     return passed, kinds
 
 
-def plane_amplitude(
-    merged_scene: MergedScene, materials: MaterialMapping, frequency_hz: float, mesh: NDArray[np.int64], range_m: Real
-) -> NDArray[np.complex128]:
+def plane_amplitude(view: View, mesh: NDArray[np.int64], range_m: Real) -> NDArray[np.complex128]:
     """[n] amplitude of infinite planes of the meshes' materials, square to the sight at ``range_m`` [n]."""
-    slabs, wavelength = slabs_of(merged_scene, materials), SPEED_OF_LIGHT / frequency_hz
-    met, place = np.unique(mesh, return_inverse=True)
-    reflection = np.array([_normal_reflection(slabs[index], frequency_hz) for index in met], dtype=complex)
-    return np.conj(reflection)[place] * wavelength / (8.0 * np.pi * range_m)
+    te, _ = view.slabs.reflection(mesh, np.ones(len(mesh)))
+    scale = view.wavelength_m / (8.0 * np.pi * range_m)
+    return np.asarray(np.conj(te) * (view.slabs.unscattered(mesh) * scale), dtype=np.complex128)
 
 
 def _perpendicular_feet(corners: Real, normals: Real) -> tuple[NDArray[np.int64], Real]:
@@ -160,11 +117,3 @@ def _rates_of_normals(merged_scene: MergedScene, triangle: NDArray[np.int64], me
         normal = area / length
         rates[here] = (change - np.einsum("ki,ki->k", normal, change)[:, None] * normal) / length
     return rates
-
-
-def _normal_reflection(material, frequency_hz: float) -> complex:
-    one = np.ones(1)
-    te, _ = slab_reflection(
-        material.relative_permittivity, material.conductivity_s_per_m, material.thickness_m, frequency_hz, one
-    )
-    return complex(te[0]) * np.sqrt(1.0 - material.scattering_coefficient**2)

@@ -23,24 +23,18 @@ the point.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.columns import Columns
-from datafactory.paths.curved_surfaces import curved_surfaces_of
-from datafactory.paths.facets import COPLANAR_M, mirrors_of, reflected_share
-from datafactory.paths.merged_scene import MergedScene, slabs_of, velocities_on
+from datafactory.paths.facets import COPLANAR_M
 from datafactory.paths.panes import Polarization, polarization_axis
-from datafactory.paths.ray_hits import clear_between, ray_margin_m
-from datafactory.paths.slabs import slab_reflection
-from datafactory.paths.solver import TraceSettings
+from datafactory.paths.ray_hits import ray_margin_m
+from datafactory.paths.slabs import LEAST_COSINE
+from datafactory.paths.view import View
 from datafactory.paths.wave_steps import reflected_fields
-from datafactory.scenes.materials.table import MaterialMapping
-from datafactory.scenes.poses import Pose
 from shared.physics.compiled import compiled
-from shared.physics.units import SPEED_OF_LIGHT
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -84,57 +78,34 @@ class Ways(Columns):
         return place - 2.0 * above[:, None] * self.normal
 
 
-def ways_over_mirrors(
-    geometry: Any,
-    merged_scene: MergedScene,
-    materials: MaterialMapping,
-    pose: Pose,
-    frequency_hz: float,
-    settings: TraceSettings,
-    position: Real,
-) -> Ways:
+def ways_over_mirrors(view: View, position: Real) -> Ways:
     """All clear ways from the radar over one mirror to points, by point and triangle.
 
-    :param geometry: Mitsuba's scene in the radar frame
     :param position: [K, 3] in the radar frame [m]
     """
-    mirrors, rotation, meshes = mirrors_of(merged_scene), pose.rotation(), merged_scene.meshes
-    mesh = merged_scene.mesh_of_triangle
-    of_mesh = (np.array([item.velocity for item in meshes]).reshape(-1, 3) - np.asarray(pose.velocity)) @ rotation
-    moved = np.array([item.shift for item in meshes]).reshape(-1, 3)[mesh] - np.asarray(pose.position)
-    corners, normals = (mirrors.corners + moved[:, None]) @ rotation, mirrors.normals @ rotation
-    flat = curved_surfaces_of(merged_scene).flat(len(mesh))
-    point, found, foot = points_of_reflection(position, corners[flat], normals[flat])
-    triangle = flat[found]
-    clear = _clear(geometry, foot, corners[triangle, 0], normals[triangle], position[point])
+    point, found, foot = points_of_reflection(position, view.corners[view.flat], view.normals[view.flat])
+    triangle = view.flat[found]
+    clear = _clear(view, foot, triangle, position[point])
     point, triangle, foot = point[clear], triangle[clear], foot[clear]
-    normal, before = normals[triangle], np.linalg.norm(foot, axis=1)
+    normal, before, mesh = view.normals[triangle], np.linalg.norm(foot, axis=1), view.merged.mesh_of_triangle[triangle]
     towards = foot / before[:, None]
-    te, tm = np.empty((2, len(point)), dtype=np.complex128)
-    share = np.ones(len(point), dtype=np.complex128)
-    if settings.finite_mirrors and len(point):
+    share = view.slabs.unscattered(mesh).astype(np.complex128)
+    if view.settings.finite_mirrors and len(point):
         after = np.maximum(np.linalg.norm(position[point] - foot, axis=1), TOUCHING_M)
-        at_rest = foot @ rotation.T - moved[triangle]
-        wavelength = SPEED_OF_LIGHT / frequency_hz
-        share = reflected_share(mirrors, triangle, at_rest, foot @ rotation.T, before, after, wavelength)
-    cosine = np.clip(np.abs(np.einsum("wi,wi->w", towards, normal)), 1e-9, 1.0)
-    slabs = slabs_of(merged_scene, materials)
-    for number in np.unique(mesh[triangle]):
-        here, slab = mesh[triangle] == number, slabs[number]
-        te[here], tm[here] = slab_reflection(
-            slab.relative_permittivity, slab.conductivity_s_per_m, slab.thickness_m, frequency_hz, cosine[here]
-        )
-        share[here] *= np.sqrt(1.0 - slab.scattering_coefficient**2)
+        share *= view.reflected_share(triangle, foot, foot, before, after)
+    cosine = np.clip(np.abs(np.einsum("wi,wi->w", towards, normal)), LEAST_COSINE, 1.0)
+    te, tm = view.slabs.reflection(mesh, cosine)
     sent, received = (
-        np.conj(_field_at_point(towards, normal, te, tm, which)) * share[:, None] for which in settings.polarization
+        np.conj(_field_at_point(towards, normal, te, tm, which)) * share[:, None]
+        for which in view.settings.polarization
     )
     return _without_doubles(
         Ways(
             point=point,
             triangle=triangle,
             normal=normal,
-            height=np.einsum("wi,wi->w", normal, corners[triangle, 0]),
-            velocity=velocities_on(merged_scene, pose, of_mesh, triangle, foot),
+            height=np.einsum("wi,wi->w", normal, view.corners[triangle, 0]),
+            velocity=view.velocity(triangle, foot),
             sent=sent,
             received=received,
         ),
@@ -142,15 +113,16 @@ def ways_over_mirrors(
     )
 
 
-def _clear(geometry: Any, foot: Real, corner: Real, normal: Real, position: Real) -> NDArray[np.bool_]:
+def _clear(view: View, foot: Real, triangle: Index, position: Real) -> NDArray[np.bool_]:
     """[W] whether nothing stands on either leg.
 
     The point of reflection is lifted off its face, to the radar's side, by the error of rays in float32.
     """
-    side = -np.sign(np.einsum("wi,wi->w", normal, corner))
+    normal = view.normals[triangle]
+    side = -np.sign(np.einsum("wi,wi->w", normal, view.corners[triangle, 0]))
     lifted = foot + (side * ray_margin_m(np.linalg.norm(foot, axis=1)))[:, None] * normal
-    clear = clear_between(geometry, np.zeros_like(lifted), lifted)
-    clear[clear] = clear_between(geometry, lifted[clear], position[clear])
+    clear = view.sight(np.zeros_like(lifted), lifted)
+    clear[clear] = view.sight(lifted[clear], position[clear])
     return clear
 
 

@@ -25,19 +25,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.echo_points import EchoPoints, Seen, seen_from
-from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.mirror_ways import AXES, Ways, ways_over_mirrors
-from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import SPECULAR, TARGET, ScatteredPaths
 from datafactory.paths.unfold import mirrored_velocity, unit
-from datafactory.scenes.materials.table import MaterialMapping
-from datafactory.scenes.poses import Pose
+from datafactory.paths.view import View
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -69,33 +65,24 @@ class DirectWays:
 
 
 def echoes_over_mirrors(
-    geometry: Any,
-    merged_scene: MergedScene,
-    materials: MaterialMapping,
-    pose: Pose,
-    frequency_hz: float,
-    settings: TraceSettings,
-    direct: DirectWays,
-    wanted: NDArray[np.bool_] | None = None,
+    view: View, direct: DirectWays, wanted: NDArray[np.bool_] | None = None
 ) -> tuple[ScatteredPaths, dict[str, int]]:
     """The echoes of point targets that take a mirror out, back, or both ways.
 
-    :param geometry: Mitsuba's scene in the radar frame
     :param wanted: [K] which echo points are followed; None for all
     :return: the paths, their candidates numbers of the echo points; the numbers of ways over mirrors, of weaker ways
         left out, and of pairs of ways too far apart
     """
-    rotation = pose.rotation()
-    position = (direct.points.position - np.asarray(pose.position)) @ rotation
+    position = (direct.points.position - np.asarray(view.pose.position)) @ view.rotation
     chosen = np.arange(len(position)) if wanted is None else np.flatnonzero(wanted)
-    every = ways_over_mirrors(geometry, merged_scene, materials, pose, frequency_hz, settings, position[chosen])
+    every = ways_over_mirrors(view, position[chosen])
     every = replace(every, point=chosen[every.point])
     ways = _strongest(every)
-    views = _Views(merged_scene, pose, direct.circumstances, ways)
+    views = _Views(view, direct.circumstances, ways)
     trips = [
         trip
         for number in np.unique(ways.point)
-        for trip in _round_trips(int(number), np.flatnonzero(ways.point == number), direct, ways, views, settings)
+        for trip in _round_trips(int(number), np.flatnonzero(ways.point == number), direct, ways, views)
     ]
     apart = [trip for trip in trips if trip is None]
     heard = [trip for trip in trips if trip is not None and trip.amplitude != 0.0]
@@ -104,7 +91,7 @@ def echoes_over_mirrors(
         "target_mirrors_left_out": len(every) - len(ways),
         "target_mirrors_too_wide": len(apart),
     }
-    first = len(merged_scene.objects) - len(merged_scene.targets)
+    first = len(view.merged.objects) - len(view.merged.targets)
     return _as_paths(heard, first), counts
 
 
@@ -142,9 +129,9 @@ def _strongest(ways: Ways) -> Ways:
 class _Views:
     """The targets as a way out and a way back see them together, each made once."""
 
-    def __init__(self, merged_scene: MergedScene, pose: Pose, circumstances: Seen, ways: Ways) -> None:
-        self._targets, self._circumstances = merged_scene.targets, circumstances
-        self._rotation = pose.rotation()
+    def __init__(self, view: View, circumstances: Seen, ways: Ways) -> None:
+        self._targets, self._circumstances, pose = view.merged.targets, circumstances, view.pose
+        self._rotation, self.polarization = view.rotation, view.settings.polarization
         self._here, self._velocity = np.asarray(pose.position, dtype=np.float64), np.asarray(pose.velocity)
         images = self._here + ways.image(np.zeros(3)) @ self._rotation.T
         self._radar = dict(zip(ways.triangle.tolist(), images, strict=True))
@@ -180,7 +167,7 @@ class _Views:
 
 
 def _round_trips(
-    number: int, own: NDArray[np.int64], direct: DirectWays, ways: Ways, views: _Views, settings: TraceSettings
+    number: int, own: NDArray[np.int64], direct: DirectWays, ways: Ways, views: _Views
 ) -> Iterator[_Trip | None]:
     """Every way out with every way back of one echo point, but the direct one both ways; None for a pair too wide.
 
@@ -188,7 +175,7 @@ def _round_trips(
     """
     target = int(direct.points.target[number])
     place = number - int(np.searchsorted(direct.points.target, target))  # which of the target's points
-    tx, rx = (AXES.index(which) for which in settings.polarization)
+    tx, rx = (AXES.index(which) for which in views.polarization)
     straight = np.zeros((2, 2), dtype=np.complex128)
     straight[0, tx], straight[1, rx] = direct.sent[number], direct.received[number]
     choices = [DIRECT] * bool(np.any(straight)) + own.tolist()

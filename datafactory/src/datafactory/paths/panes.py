@@ -7,25 +7,18 @@ as a box is two panes.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.candidates import PANE, Candidates
-from datafactory.paths.geometry import mesh_of_shape
-from datafactory.paths.merged_scene import MergedScene, slabs_of
 from datafactory.paths.ray_hits import first_hits, ray_margin_m
-from datafactory.paths.slabs import lets_through, transmission_over_air
 from datafactory.paths.thinning import RANGE_CELL_M, U_CELL
 from datafactory.paths.unfold import unit
-from datafactory.paths.wave_steps import passed_fields
-from datafactory.scenes.materials.table import Material, MaterialMapping
-from datafactory.scenes.poses import Pose
+from datafactory.paths.view import View
 from shared.physics.compiled import compiled
-from shared.physics.units import SPEED_OF_LIGHT
-from shared.physics.vectors import dots, lengths
+from shared.physics.vectors import lengths
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -36,6 +29,9 @@ MAXIMUM_CROSSINGS = 8
 FADED = 1e-6
 """One-way field behind surfaces that is not followed any further: a hundredth of what counts anywhere."""
 
+FAINTEST = 1e-4
+"""One-way amplitude behind surfaces below which a target or a mirror counts as hidden: -160 dB both ways, as behind any
+wall."""
 NEAREST_M = 0.01
 """No pane counts as nearer: the antennas' own size matters there."""
 
@@ -55,13 +51,7 @@ class Crossings:
 
 
 def panes_between(
-    mi_scene: Any,
-    merged_scene: MergedScene,
-    materials: MaterialMapping,
-    frequency_hz: float,
-    points: Real,
-    polarization: Polarization = "V",
-    maximum_crossings: int = MAXIMUM_CROSSINGS,
+    view: View, points: Real, polarization: Polarization = "V", maximum_crossings: int = MAXIMUM_CROSSINGS
 ) -> Crossings:
     """One-way transmission along the straight lines from the radar to points.
 
@@ -72,27 +62,21 @@ def panes_between(
     path's length is that of free space. Bending of the ray (its shift of d tan theta at most) is left out. Out and back
     is the square, by reciprocity, for a target that keeps the polarisation.
 
-    :param mi_scene: Mitsuba scene in the radar frame, radar at the origin; its shape ``part-N`` is
-        ``merged_scene.meshes[N]``
-    :param materials: those that ``merged_scene`` was made with
     :param points: [K, 3] in the radar frame [m]; surfaces nearer than the ray caster's own error count as behind it
     """
     points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
-    slabs = _slab_of_shape(mi_scene, merged_scene, materials)
     distance = np.linalg.norm(points, axis=1)
     direction = unit(points)
     axis = polarization_axis(direction, polarization)
     field = axis.astype(np.complex128)
     count = np.zeros(len(points), dtype=np.int64)
-    surfaces = _SurfaceWalker(mi_scene, direction, distance - ray_margin_m(distance))
+    surfaces = _SurfaceWalker(view.geometry, direction, distance - ray_margin_m(distance))
     for _ in range(maximum_crossings):
-        hit, mesh_id, normal = surfaces.next_surface()
+        hit, shape, normal = surfaces.next_surface()
         if not hit.any():
             break
         count[hit] += 1
-        for shape in np.unique(mesh_id[hit]):
-            here = hit & (mesh_id == shape)
-            field[here] = field_behind_slab(slabs[int(shape)], frequency_hz, direction[here], normal[here], field[here])
+        field[hit] = view.slabs.passed(view.mesh_of_number[shape[hit]], direction[hit], normal[hit], field[hit])
         surfaces.leave(np.linalg.norm(field, axis=1) < FADED)
     beyond = surfaces.next_surface()[0]
     factor = np.where(beyond, 0.0, np.einsum("ki,ki->k", field, axis).conj())
@@ -119,25 +103,6 @@ def _axes(direction, horizontal):
         else:
             axis[k, 0], axis[k, 1], axis[k, 2] = z * cosine, z * sine, -across
     return axis
-
-
-def _slab_of_shape(mi_scene: Any, merged_scene: MergedScene, materials: MaterialMapping) -> dict[int, Material]:
-    """Material by the number with which a ray names the shape it met."""
-    slabs = slabs_of(merged_scene, materials)
-    return {number: slabs[mesh] for number, mesh in mesh_of_shape(mi_scene).items()}
-
-
-def field_behind_slab(
-    material: Material, frequency_hz: float, direction: Real, normal: Real, field: Complex
-) -> Complex:
-    """The field [K, 3] behind one slab.
-
-    :param direction: [K, 3] unit direction of the wave; either sense of it gives the same
-    :param normal: [K, 3] unit normal of the slab, on either side
-    :param field: [K, 3] in front, across ``direction``
-    """
-    cosine = np.clip(np.abs(dots(direction, normal)), 1e-6, 1.0)
-    return passed_fields(direction, normal, field, *transmission_over_air(material, frequency_hz, cosine))
 
 
 class _SurfaceWalker:
@@ -182,9 +147,7 @@ class _SurfaceWalker:
         return np.where(hits.valid, hits.distance, np.inf), triangle, hits.normal
 
 
-def pane_candidates(
-    merged_scene: MergedScene, materials: MaterialMapping, pose: Pose, frequency_hz: float
-) -> Candidates:
+def pane_candidates(view: View) -> Candidates:
     """Of the panes ahead: what stands behind one may be a mirror, so that no echo exceeds T^2 lambda / (8 pi R), T the
     largest that the slab lets through at any angle.
 
@@ -192,10 +155,10 @@ def pane_candidates(
     more than the distance of any of its points. Of those in one cell of range and u the strongest stands for all.
     """
     corners, largest = [np.zeros((0, 3, 3))], [np.zeros(0)]
-    for mesh, slab in zip(merged_scene.meshes, slabs_of(merged_scene, materials), strict=True):
-        if lets_through(slab, frequency_hz):
-            corners.append(mesh.seen_from(pose)[mesh.triangles].astype(np.float64))
-            largest.append(np.full(len(mesh.triangles), _most_passed(slab, frequency_hz)))
+    for number in np.flatnonzero(view.slabs.lets_through):
+        mesh = view.merged.meshes[number]
+        corners.append(mesh.seen_from(view.pose)[mesh.triangles].astype(np.float64))
+        largest.append(np.full(len(mesh.triangles), view.slabs.most_passed[number]))
     corner, passed = np.concatenate(corners), np.concatenate(largest)
     ahead = np.flatnonzero((corner[:, :, 0] > 0.0).any(axis=1))
     corner, passed = corner[ahead], passed[ahead]
@@ -205,16 +168,10 @@ def pane_candidates(
     best = np.argmax(places[:, :, 0] / np.maximum(distance, NEAREST_M), axis=1)
     half = 0.5 * np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).max(axis=1, initial=0.0)
     nearest = np.maximum(distance.min(axis=1) - half, NEAREST_M)
-    power = (passed**2 * SPEED_OF_LIGHT / frequency_hz / (8.0 * np.pi * nearest)) ** 2
+    power = (passed**2 * view.wavelength_m / (8.0 * np.pi * nearest)) ** 2
     place = places[np.arange(len(corner)), best]
     u = place[:, 1] / np.maximum(lengths(place), NEAREST_M)
     cell = 1024.0 * np.rint(nearest / RANGE_CELL_M) + np.rint(u / U_CELL)
     order = np.lexsort((-power, cell))
     kept = order[np.unique(cell[order], return_index=True)[1]]
     return Candidates.of(PANE, place[kept], power[kept], nearest[kept])
-
-
-@lru_cache
-def _most_passed(slab: Material, frequency_hz: float) -> float:
-    """The largest |T| of a slab, over the angles of incidence."""
-    return float(np.abs(transmission_over_air(slab, frequency_hz, np.linspace(0.02, 1.0, 99))).max())

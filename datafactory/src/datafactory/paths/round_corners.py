@@ -23,7 +23,6 @@ depolarisation.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -39,9 +38,8 @@ from datafactory.paths.diffraction import (
 )
 from datafactory.paths.edges import WedgeEdges
 from datafactory.paths.panes import Polarization, polarization_axis
+from datafactory.paths.slabs import Slabs
 from datafactory.paths.table import DIFFRACTED, TARGET, ScatteredPaths
-from datafactory.scenes.materials.table import Material
-from shared.physics.units import SPEED_OF_LIGHT
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -72,24 +70,31 @@ class _Legs:
     received: Complex
 
 
+@dataclass(frozen=True)
+class Hidden:
+    """T point targets that the radar, at the origin, does not see directly.
+
+    :param position: [T, 3] [m]; :param velocity: [T, 3] relative to the radar [m/s]
+    :param rcs_m2: [T] radar cross sections for the polarisation received; :param object_index: [T]
+    """
+
+    position: Real
+    velocity: Real
+    rcs_m2: Real
+    object_index: NDArray[np.int32]
+
+
 def echoes_round_corners(
     edges: WedgeEdges,
-    slabs: Sequence[Material],
-    frequency_hz: float,
+    slabs: Slabs,
     sight: Sight,
-    position: Real,
-    velocity: Real,
-    rcs_m2: Real,
-    object_index: NDArray[np.int32],
+    hidden: Hidden,
     polarization: tuple[Polarization, Polarization] = ("V", "V"),
     edges_per_target: int = EDGES_PER_TARGET,
 ) -> tuple[ScatteredPaths, dict[str, int]]:
-    """Echoes of T point targets that the radar, at the origin, does not see directly.
+    """Echoes of hidden targets.
 
     :param edges: in the radar frame, ``edges_of(merged_scene).seen_from(pose)``
-    :param slabs: material of each merged mesh; :param frequency_hz: mid-sweep
-    :param position: [T, 3] [m]; :param velocity: [T, 3] relative to the radar [m/s]
-    :param rcs_m2: [T] radar cross sections for the polarisation received; :param object_index: [T]
     :param polarization: of TX and RX; cross-polar, the target is reached by the one and heard by the other
     :param edges_per_target: number of edges used for each target, the strongest ones, out and back in every combination
     :return: the paths, their candidates numbers of the targets, and the numbers of targets reached, of targets not
@@ -97,45 +102,37 @@ def echoes_round_corners(
     """
     parts = [ScatteredPaths.none()]
     reached = weaker = 0
-    scale = SPEED_OF_LIGHT / frequency_hz * np.sqrt(rcs_m2) / (4.0 * np.pi) ** 1.5
-    for first in range(0, len(position), TARGETS_AT_ONCE):
+    scale = slabs.wavelength_m * np.sqrt(hidden.rcs_m2) / (4.0 * np.pi) ** 1.5
+    count = len(hidden.position)
+    for first in range(0, count, TARGETS_AT_ONCE):
         here = slice(first, first + TARGETS_AT_ONCE)
-        legs, left = _legs_to_targets(
-            edges, slabs, frequency_hz, sight, position[here], velocity[here], polarization, edges_per_target
-        )
+        rays = rays_over_edges(edges, ORIGIN, hidden.position[here], slabs.wavelength_m)
+        rays = rays.take(_both_legs_clear(edges, rays, hidden.position[here], sight))
+        legs, left = _legs_over(edges, rays, slabs, hidden.velocity[here], polarization, edges_per_target)
         reached += len(np.unique(legs.target))
         weaker += left
-        paths = _round_trips(legs, scale[here], object_index[here])
+        paths = _round_trips(legs, scale[here], hidden.object_index[here])
         parts.append(replace(paths, candidate=paths.candidate + first))
     counts = {
         "targets_round_corners": reached,
-        "targets_unreached": len(position) - reached,
+        "targets_unreached": count - reached,
         "edges_round_corners_left_out": weaker,
     }
     return ScatteredPaths.joined(parts), counts
 
 
-def _legs_to_targets(
+def _legs_over(
     edges: WedgeEdges,
-    slabs: Sequence[Material],
-    frequency_hz: float,
-    sight: Sight,
-    targets: Real,
+    rays: EdgeRays,
+    slabs: Slabs,
     target_velocity: Real,
     polarization: tuple[Polarization, Polarization],
     limit: int,
 ) -> tuple[_Legs, int]:
-    """The strongest clear ways to each target [T, 3], the strongest first, and the number of weaker ones."""
-    rays = rays_over_edges(edges, ORIGIN, targets, SPEED_OF_LIGHT / frequency_hz)
-    rays = rays.take(_both_legs_clear(edges, rays, targets, sight))
+    """The strongest of the clear ways to each target, the strongest first, and the number of weaker ones."""
     fields = {
         which: field_over_edges(
-            edges,
-            rays,
-            slabs,
-            frequency_hz,
-            polarization_axis(rays.inward, which),
-            polarization_axis(rays.outward, which),
+            edges, rays, slabs, polarization_axis(rays.inward, which), polarization_axis(rays.outward, which)
         )
         for which in dict.fromkeys(polarization)
     }

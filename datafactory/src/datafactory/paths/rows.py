@@ -5,25 +5,22 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.paths.facets import mirrors_of, reflected_share
-from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.rays import RayFan
 from datafactory.paths.roughness import surface_phase
-from datafactory.paths.solver import Bundle, TraceSettings
+from datafactory.paths.solver import Bundle
 from datafactory.paths.table import DIFFUSE, REFRACTED, SPECULAR, ScatteredPaths, SpecularPaths
 from datafactory.paths.unfold import image_seen_from_tx, segment_lengths, tx_image_seen_from_rx, unit, with_ends
-from datafactory.scenes.poses import Pose
+from datafactory.paths.view import View
 
 
-def with_surfaces(
-    part: Bundle, merged: MergedScene, pose: Pose, wavelength_m: float, settings: TraceSettings
-) -> Bundle:
+def with_surfaces(part: Bundle, view: View) -> Bundle:
     """The paths with what their surfaces do to the amplitude: share of a finite mirror, phase of a rough cell."""
-    rotation = pose.rotation()
+    merged, settings = view.merged, view.settings
     triangle = np.maximum(part.triangles, 0)  # -1 stands beyond a path's end, where nothing is looked at
     mesh = merged.mesh_of_triangle[triangle] if len(merged.mesh_of_triangle) else triangle
     shift = np.array([item.shift for item in merged.meshes]).reshape(-1, 3)
-    world = (part.vertices.reshape(-1, 3) @ rotation.T + np.asarray(pose.position)).reshape(part.vertices.shape)
+    world = part.vertices.reshape(-1, 3) @ view.rotation.T + np.asarray(view.pose.position)
+    world = world.reshape(part.vertices.shape)
     unshifted = world - shift.take(mesh, axis=0) if shift.any() else world
     at_rest = unshifted
     if merged.turns:
@@ -45,11 +42,10 @@ def with_surfaces(
             before = _unfolded_before(lengths, of_smooth, step)
             back = part.interactions.shape[1] - 1 - step
             after = _unfolded_before(lengths[:, ::-1], of_smooth[:, ::-1], back)
-            towards = np.diff(with_ends(vertices)[:, step : step + 2], axis=1)[:, 0] @ rotation.T
-            factor[smooth] *= reflected_share(
-                mirrors_of(merged), part.triangles[smooth, step], unshifted[smooth, step], towards, before, after,
-                wavelength_m,
-            )  # fmt: skip
+            towards = np.diff(with_ends(vertices)[:, step : step + 2], axis=1)[:, 0]
+            factor[smooth] *= view.reflected_share(
+                part.triangles[smooth, step], vertices[:, step], towards, before, after
+            )
     return Bundle(**{**vars(part), "amplitude": part.amplitude * factor})
 
 

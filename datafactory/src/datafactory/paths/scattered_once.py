@@ -40,17 +40,17 @@ def over_mirrors(first: Arrivals) -> list[Echoes]:
 
 def behind_panes(first: Arrivals) -> Echoes:
     """What is scattered back through the first surface by what stands behind it."""
-    surfaces = first.surfaces
-    first = first.take(np.flatnonzero(surfaces.lets_through()[first.hits.mesh]))
+    view = first.view
+    first = first.take(np.flatnonzero(view.slabs.lets_through[first.hits.mesh]))
     waves, panes = first.waves, first.hits
-    te, tm = surfaces.transmission(panes)
+    te, tm = view.transmission(panes)
     field = passed_fields(waves.direction, panes.normal, waves.field, te, tm)
     waves = replace(waves, lifted=clear_of(panes, -1.0), field=field)
-    index, hits = surfaces.hit_by(waves)
+    index, hits = view.hit_by(waves)
     waves, panes, te, tm = waves.arrived(index, hits), panes.take(index), te[index], tm[index]
     turned = _turned_back(waves.field, polarization_axis(waves.direction, "V"))
     back = passed_fields(waves.direction, panes.normal, turned, te, tm)
-    te, tm = surfaces.reflection(hits)
+    te, tm = view.reflection(hits)
     kept = reflectivity(waves.direction, hits.normal, waves.field, te, tm)
     behind = replace(first, waves=waves, hits=hits, te=te, tm=tm, ratio=first.ratio[index], ray=first.ray[index])
     return behind.heard(np.arange(len(back)), back, kept, 2)

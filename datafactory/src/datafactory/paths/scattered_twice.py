@@ -30,8 +30,8 @@ import numpy as np
 from datafactory.paths.arrivals import DIRECTIONS, Arrivals, Echoes
 from datafactory.paths.panes import Polarization, polarization_axis
 from datafactory.paths.scattering import share_at
-from datafactory.paths.surfaces import Real
 from datafactory.paths.table import DIFFUSE
+from datafactory.paths.view import Real
 from datafactory.paths.wave_steps import reflectivity
 from shared.physics.compiled import compiled
 
@@ -69,10 +69,10 @@ def _scattered(arrivals: Arrivals, random: Real) -> Arrivals:
 
     :param random: [n, 2] 0 to 1
     """
-    surfaces, waves, hits = arrivals.surfaces, arrivals.waves, arrivals.hits
-    direction, weight = _drawn(waves.direction, hits.normal, surfaces.lobes[hits.mesh], random)
+    view, waves, hits = arrivals.view, arrivals.waves, arrivals.hits
+    direction, weight = _drawn(waves.direction, hits.normal, view.lobes[hits.mesh], random)
     kept = reflectivity(waves.direction, hits.normal, waves.field, arrivals.te, arrivals.tm)
-    kept *= surfaces.scattering[hits.mesh] * np.sqrt(weight)
+    kept *= view.slabs.scattering[hits.mesh] * np.sqrt(weight)
     field = np.zeros(waves.field.shape, dtype=np.complex128)
     for which in AXES:
         part = np.einsum("ni,ni->n", waves.field, polarization_axis(waves.direction, which)) * kept

@@ -19,13 +19,9 @@ from datafactory.paths.candidates import CHAIN, MIRRORED, TWICE, Candidates
 from datafactory.paths.chains import chain_candidates
 from datafactory.paths.corner_edges import corners_of
 from datafactory.paths.defaults import LARGEST_DEPTH
-from datafactory.paths.facets import mirrors_of
-from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.scattered_once import over_mirrors
 from datafactory.paths.scattered_twice import scattered_twice
 from datafactory.paths.table import SPECULAR
-from datafactory.scenes.poses import Pose
-from shared.physics.units import SPEED_OF_LIGHT
 from shared.physics.vectors import lengths
 
 THIN_RAYS, THINNEST = 12_500, 16
@@ -45,28 +41,24 @@ class SecondBounces:
         self._thin, self._rest = first.share(self._each)
         self._mirrored, self._twice = over_mirrors(self._thin), scattered_twice(first, seed)
 
-    def candidates(self, merged: MergedScene, pose: Pose) -> dict[int, Candidates]:
+    def candidates(self) -> dict[int, Candidates]:
         """Of each group."""
         mirrored = [_estimates(MIRRORED, echoes, self._each) for echoes in self._mirrored]
         twice = [_estimates(TWICE, echoes, 1) for echoes in self._twice]
         return {
             MIRRORED: Candidates.joined([Candidates.none(), *mirrored]),
             TWICE: Candidates.joined([Candidates.none(), *twice]),
-            CHAIN: self._chains(merged, pose),
+            CHAIN: self._chains(),
         }
 
-    def _chains(self, merged: MergedScene, pose: Pose) -> Candidates:
+    def _chains(self) -> Candidates:
         arrivals, sequences = self._thin, list[NDArray[np.int64]]()
         if not arrivals.settings.specular:
             return Candidates.none()
         for _ in range(LARGEST_DEPTH - 1):
             arrivals = arrivals.reflected()
             sequences.append(np.concatenate([arrivals.waves.triangles, arrivals.hits.triangle[:, None]], axis=1))
-        surfaces, mesh = arrivals.surfaces, merged.mesh_of_triangle
-        moved = np.array([item.shift for item in merged.meshes]) - np.asarray(pose.position)
-        corner = (mirrors_of(merged).corners + moved[mesh][:, None]) @ pose.rotation()
-        wavelength = SPEED_OF_LIGHT / surfaces.frequency_hz
-        return chain_candidates(sequences, corner, surfaces.normals, surfaces.heights, corners_of(merged), wavelength)
+        return chain_candidates(sequences, arrivals.view, corners_of(arrivals.view.merged))
 
     def echoes(self, group: int) -> list[Echoes]:
         """All echoes of a group, by the kinds of bounce."""

@@ -19,22 +19,30 @@ for the complex ones, at six times the price.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from datafactory.paths.wave_steps import passed_fields, reflected_fields
 from datafactory.scenes.materials.reflectivity import complex_permittivity
 from datafactory.scenes.materials.table import Material
 from shared.physics.compiled import compiled, inlined
 from shared.physics.cycles import phasor
 from shared.physics.errors import InputError
 from shared.physics.units import SPEED_OF_LIGHT, amplitude_to_db
+from shared.physics.vectors import dots
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+Index = NDArray[np.int64]
 
 OPAQUE_DB = -60.0
 """Transmission out and back below which what surfaces scatter behind a slab is not asked for: 30 dB under the default
 error budget. A wall of 0.2 m of marble has -71 dB."""
+LEAST_COSINE = 1e-9
+"""Of an angle of incidence: a face seen edge on is seen almost so."""
 
 
 def slab_transmission(
@@ -71,23 +79,71 @@ def slab_reflection(
 
 
 def lets_through(slab: Material, frequency_hz: float) -> bool:
-    """Whether surfaces behind a slab are heard. Absorption is least at normal incidence."""
-    te, _ = slab_transmission(
-        slab.relative_permittivity, slab.conductivity_s_per_m, slab.thickness_m, frequency_hz, np.ones(1)
-    )
-    return bool(amplitude_to_db(te[0] ** 2) > OPAQUE_DB)
+    """Whether surfaces behind a slab are heard, see :attr:`Slabs.lets_through`."""
+    return bool(Slabs([slab], frequency_hz).lets_through[0])
 
 
-def transmission_over_air(material: Material, frequency_hz: float, cosine: Real) -> tuple[Complex, Complex]:
-    """T [K], TE and TM, over that of the air in the slab's place: times exp(+j k d cos theta).
+class Slabs:
+    """The slabs of a scene's meshes at one frequency: what n waves meet at the meshes of the numbers ``mesh`` [n].
 
-    :param cosine: [K] of the angle from the normal, above 0 and at most 1
+    :param materials: of each mesh, M of them; :param frequency_hz: [Hz]
     """
-    te, tm = slab_transmission(
-        material.relative_permittivity, material.conductivity_s_per_m, material.thickness_m, frequency_hz, cosine
-    )
-    air = np.exp(2j * np.pi * frequency_hz / SPEED_OF_LIGHT * material.thickness_m * cosine)
-    return te * air, tm * air
+
+    def __init__(self, materials: Sequence[Material], frequency_hz: float) -> None:
+        self.materials, self.frequency_hz = tuple(materials), frequency_hz
+        self.wavelength_m = SPEED_OF_LIGHT / frequency_hz
+        values = [(slab.relative_permittivity, slab.conductivity_s_per_m) for slab in materials]
+        self._eta = np.array([complex_permittivity(*value, frequency_hz) for value in values], dtype=np.complex128)
+        self._thickness_m = np.array([slab.thickness_m for slab in materials], dtype=np.float64)
+        self._wavelengths = self._thickness_m * frequency_hz / SPEED_OF_LIGHT
+        self.scattering = np.array([slab.scattering_coefficient for slab in materials], dtype=np.float64)
+        """[M] S."""
+
+    def reflection(self, mesh: Index, cosine: Real) -> tuple[Complex, Complex]:
+        """R [n], TE and TM, at the front faces.
+
+        :param cosine: [n] of the angle of incidence, above 0
+        """
+        return _reflection(self._eta, self._wavelengths, mesh, np.ascontiguousarray(cosine))
+
+    def transmission(self, mesh: Index, cosine: Real) -> tuple[Complex, Complex]:
+        """T [n], TE and TM, over that of the air in the slabs' place: times exp(+j k d cos theta)."""
+        te, tm = _transmission(self._eta, self._wavelengths, mesh, np.ascontiguousarray(cosine))
+        air = np.exp((2j * np.pi * self.frequency_hz / SPEED_OF_LIGHT * self._thickness_m)[mesh] * cosine)
+        return te * air, tm * air
+
+    def unscattered(self, mesh: Index) -> Real:
+        """[n] sqrt(1 - S^2), what scattering leaves of a mirror."""
+        return np.sqrt(1.0 - self.scattering**2)[mesh]
+
+    def mirrored(self, mesh: Index, direction: Real, normal: Real, field: Complex) -> tuple[Real, Complex]:
+        """Directions [n, 3] and fields [n, 3] of the waves that slabs send on: sqrt(1 - S^2) R e.
+
+        :param direction: [n, 3] unit; :param normal: [n, 3] unit, on either side; :param field: [n, 3] across
+            ``direction``
+        """
+        cosine = np.clip(np.abs(dots(direction, normal)), LEAST_COSINE, 1.0)
+        onward, reflected = reflected_fields(direction, normal, field, *self.reflection(mesh, cosine))
+        return onward, self.unscattered(mesh)[:, None] * reflected
+
+    def passed(self, mesh: Index, direction: Real, normal: Real, field: Complex) -> Complex:
+        """The fields [n, 3] behind slabs; arguments as in :meth:`mirrored`, either sense of a direction."""
+        cosine = np.clip(np.abs(dots(direction, normal)), 1e-6, 1.0)
+        return passed_fields(direction, normal, field, *self.transmission(mesh, cosine))
+
+    @cached_property
+    def lets_through(self) -> NDArray[np.bool_]:
+        """[M] whether surfaces behind the slabs are heard. Absorption is least at normal incidence."""
+        count = len(self.materials)
+        te, _ = _transmission(self._eta, self._wavelengths, np.arange(count), np.ones(count))
+        return np.asarray(amplitude_to_db(te**2) > OPAQUE_DB)
+
+    @cached_property
+    def most_passed(self) -> Real:
+        """[M] the largest |T|, over the angles of incidence."""
+        cosine = np.linspace(0.02, 1.0, 99)
+        every = [np.abs(self.transmission(np.full(99, m), cosine)).max() for m in range(len(self.materials))]
+        return np.array(every, dtype=np.float64)
 
 
 def _checked(
@@ -103,27 +159,29 @@ def _checked(
     ):
         if bad:
             raise InputError(f"slab {name}", f"{value!r}", expected)
-    eta = complex_permittivity(permittivity, conductivity, frequency_hz)
-    thickness = float(thickness_m * frequency_hz / SPEED_OF_LIGHT)
-    te, tm = kernel(eta, thickness, np.ascontiguousarray(cosine).reshape(-1))
+    eta = np.array([complex_permittivity(permittivity, conductivity, frequency_hz)], dtype=np.complex128)
+    thickness = np.array([thickness_m * frequency_hz / SPEED_OF_LIGHT])
+    te, tm = kernel(eta, thickness, np.zeros(cosine.size, np.int64), np.ascontiguousarray(cosine).reshape(-1))
     return te.reshape(cosine.shape), tm.reshape(cosine.shape)
 
 
 @compiled(error_model="numpy")
-def _transmission(eta, wavelengths, cosine):
+def _transmission(eta, wavelengths, mesh, cosine):
+    """T [n], TE and TM, of slabs of permittivities ``eta`` [M] and thicknesses ``wavelengths`` [M]."""
     te, tm = np.empty(len(cosine), dtype=np.complex128), np.empty(len(cosine), dtype=np.complex128)
     for k in range(len(cosine)):
-        through, of_te, of_tm = _terms(eta, wavelengths, cosine[k])
+        through, of_te, of_tm = _terms(eta[mesh[k]], wavelengths[mesh[k]], cosine[k])
         te[k] = _over((1.0 - of_te * of_te) * through, 1.0 - of_te * through * of_te * through)
         tm[k] = _over((1.0 - of_tm * of_tm) * through, 1.0 - of_tm * through * of_tm * through)
     return te, tm
 
 
 @compiled(error_model="numpy")
-def _reflection(eta, wavelengths, cosine):
+def _reflection(eta, wavelengths, mesh, cosine):
+    """R [n], TE and TM; arguments as in :func:`_transmission`."""
     te, tm = np.empty(len(cosine), dtype=np.complex128), np.empty(len(cosine), dtype=np.complex128)
     for k in range(len(cosine)):
-        through, of_te, of_tm = _terms(eta, wavelengths, cosine[k])
+        through, of_te, of_tm = _terms(eta[mesh[k]], wavelengths[mesh[k]], cosine[k])
         twice = through * through
         te[k] = _over(of_te * (1.0 - twice), 1.0 - of_te * of_te * twice)
         tm[k] = _over(of_tm * (1.0 - twice), 1.0 - of_tm * of_tm * twice)

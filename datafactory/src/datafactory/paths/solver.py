@@ -30,6 +30,7 @@ from datafactory.paths.geometry import Geometry, name_of
 from datafactory.paths.merged_scene import MergedScene, velocities_on
 from datafactory.paths.rays import RayFan
 from datafactory.paths.scattering import LOBE_EXPONENT, MIRROR_SHARE
+from datafactory.paths.slabs import Slabs
 from datafactory.paths.table import DIFFUSE, REFRACTED, SPECULAR
 from datafactory.scenes.materials.table import Material
 from datafactory.scenes.poses import Pose
@@ -183,18 +184,17 @@ class Solved:
         return Solved(Bundle.none(1), 0, 0)
 
 
-def radio_scene(geometry: Geometry, slabs: Sequence[Material], frequency_hz: float, settings: TraceSettings) -> Any:
+def radio_scene(geometry: Geometry, slabs: Slabs, settings: TraceSettings) -> Any:
     """Sionna's own Scene of a geometry, which is made once and shows what the geometry shows.
 
-    :param slabs: material of every mesh, always the same for one geometry
-    :param frequency_hz: mid-sweep; materials take their values at 77 GHz whatever it is
+    :param slabs: of every mesh, always the same for one geometry
     """
     from sionna import rt
 
     if geometry.radio is None:
-        geometry.stand_on(_radio_scene(geometry, slabs))
+        geometry.stand_on(_radio_scene(geometry, slabs.materials))
     scene = geometry.radio
-    scene.frequency = frequency_hz
+    scene.frequency = slabs.frequency_hz
     scene.tx_array, scene.rx_array = (
         rt.PlanarArray(num_rows=1, num_cols=1, vertical_spacing=0.5, horizontal_spacing=0.5, pattern="iso",
                        polarization=polarization)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,22 +10,12 @@ from numpy.typing import NDArray
 from datafactory.paths.candidates import TARGET_MIRRORED, TARGET_SEEN, Candidates
 from datafactory.paths.diffraction import Sight
 from datafactory.paths.echo_points import Seen, all_echo_points
-from datafactory.paths.edges import edges_of
-from datafactory.paths.merged_scene import MergedScene, slabs_of
 from datafactory.paths.mirrored_targets import DirectWays, echoes_over_mirrors
-from datafactory.paths.panes import panes_between
-from datafactory.paths.round_corners import echoes_round_corners
-from datafactory.paths.solver import TraceSettings
+from datafactory.paths.panes import FAINTEST, panes_between
+from datafactory.paths.round_corners import Hidden, echoes_round_corners
 from datafactory.paths.table import REFRACTED, TARGET, ScatteredPaths, SpecularPaths
-from datafactory.scenes.materials.table import MaterialMapping
-from datafactory.scenes.poses import Pose
-from shared.physics.units import SPEED_OF_LIGHT, db_to_power
-
-FAINTEST = 1e-4
-"""One-way amplitude behind surfaces below which a target counts as hidden: -160 dB both ways, as behind any wall."""
-
-EDGES_WITHIN_M = 200.0
-"""Farther edges are left out [m]: at -20 dBsm they are 25 dB below a car radar's noise."""
+from datafactory.paths.view import EDGES_WITHIN_M, View
+from shared.physics.units import db_to_power
 
 FAINTEST_ECHO = 1e-2 / EDGES_WITHIN_M**4
 """Cross section over the fourth power of the distance [1/m^2] below which a target in plain sight is left out: as faint
@@ -48,33 +37,21 @@ class TargetEchoes:
     transmission both ways. With second bounces and mirrors, those over mirrors too
     (:mod:`datafactory.paths.mirrored_targets`).
 
-    :param geometry: Mitsuba's scene in the radar frame
     :param seed: of where in their cycle moving parts are at time 0
     """
 
-    def __init__(
-        self,
-        geometry: Any,
-        merged_scene: MergedScene,
-        materials: MaterialMapping,
-        pose: Pose,
-        frequency_hz: float,
-        settings: TraceSettings,
-        seed: int = 0,
-    ) -> None:
-        self._scene = (geometry, merged_scene, materials, pose, frequency_hz)
-        self._settings = settings
+    def __init__(self, view: View, seed: int = 0) -> None:
+        self._view, settings, pose = view, view.settings, view.pose
         crossed = settings.polarization[0] != settings.polarization[1]
-        self._circumstances = Seen(SPEED_OF_LIGHT / frequency_hz, pose.time_s, crossed, seed)
-        self._loudness = _loudness(merged_scene, pose)
-        points = all_echo_points(merged_scene.targets, pose.position, self._circumstances)
+        self._circumstances = Seen(view.wavelength_m, pose.time_s, crossed, seed)
+        self._loudness = _loudness(view)
+        points = all_echo_points(view.merged.targets, pose.position, self._circumstances)
         self._points = points = points.take((self._loudness >= FAINTEST_ECHO)[points.target])
-        rotation = pose.rotation()
-        self._position = (points.position - np.asarray(pose.position)) @ rotation
-        self._velocity = (points.velocity - np.asarray(pose.velocity)) @ rotation
+        self._position = (points.position - np.asarray(pose.position)) @ view.rotation
+        self._velocity = (points.velocity - np.asarray(pose.velocity)) @ view.rotation
         self._range_m = np.linalg.norm(self._position, axis=1)
         self._over_mirrors = bool(
-            settings.specular and settings.depth > 1 and merged_scene.meshes and len(self._position)
+            settings.specular and settings.depth > 1 and view.merged.meshes and len(self._position)
         )
 
     @property
@@ -91,11 +68,10 @@ class TargetEchoes:
         itself = Candidates.of(TARGET_SEEN, self._position, self._amplitude**2)
         if not self._over_mirrors:
             return itself
-        merged_scene, pose = self._scene[1], self._scene[3]
-        targets = merged_scene.targets
+        view, targets = self._view, self._view.merged.targets
         whole = np.bincount(self._points.target, self._points.rcs_m2, len(targets))
         nominal = np.array([float(db_to_power(target.rcs_dbsm)) for target in targets])
-        away = (np.array([target.position for target in targets]) - np.asarray(pose.position)) @ pose.rotation()
+        away = (np.array([target.position for target in targets]) - np.asarray(view.pose.position)) @ view.rotation
         of_sight = self._circumstances.wavelength_m**2 * np.maximum(whole, nominal) / (4.0 * np.pi) ** 3
         power = MIRRORED_MORE * of_sight / np.maximum(np.linalg.norm(away, axis=1), 1e-3) ** 4
         heard = self._loudness >= FAINTEST_ECHO
@@ -108,10 +84,10 @@ class TargetEchoes:
 
         :param worth: which of the candidates are followed; None for all
         """
-        geometry, merged_scene, materials, pose, frequency_hz = self._scene
-        settings, points, position = self._settings, self._points, self._position
+        view, points, position = self._view, self._points, self._position
+        settings, merged = view.settings, view.merged
         count = len(points.rcs_m2)
-        itself, mirrored = np.ones(count, dtype=bool), np.ones(len(merged_scene.targets), dtype=bool)
+        itself, mirrored = np.ones(count, dtype=bool), np.ones(len(merged.targets), dtype=bool)
         if worth is not None:
             itself, mirrored = worth[:count], worth[count:] if self._over_mirrors else ~mirrored
         over_mirrors = mirrored[points.target] if self._over_mirrors else np.zeros(count, dtype=bool)
@@ -123,7 +99,7 @@ class TargetEchoes:
         behind = tried[~clear[tried]]
         if settings.refraction and len(behind):
             ways = {
-                which: panes_between(geometry, merged_scene, materials, frequency_hz, position[behind], which).factor
+                which: panes_between(view, position[behind], which).factor
                 for which in dict.fromkeys(settings.polarization)
             }
             out[behind], back[behind] = (ways[which] for which in settings.polarization)
@@ -138,35 +114,32 @@ class TargetEchoes:
             "targets_in_near_field": points.near,
         }
         number = np.arange(count, dtype=np.int32)
-        index = (len(merged_scene.objects) - len(merged_scene.targets) + points.target).astype(np.int32)
+        index = (len(merged.objects) - len(merged.targets) + points.target).astype(np.int32)
         amplitude = self._amplitude * out * back
         direct = ScatteredPaths.of_points(position, self._velocity, amplitude, index, kinds, candidate=number)
         parts = [direct.take(heard & in_sight)]
         loud = self._loudness[points.target] * float(db_to_power(-ROUND_CORNERS_DB)) >= FAINTEST_ECHO
         hidden &= loud
         if settings.diffraction and hidden.any():
+            behind_edges = Hidden(position[hidden], self._velocity[hidden], points.rcs_m2[hidden], index[hidden])
             round_corners, more = echoes_round_corners(
-                edges_of(merged_scene).seen_from(pose).within(EDGES_WITHIN_M), slabs_of(merged_scene, materials),
-                frequency_hz, sight, position[hidden], self._velocity[hidden], points.rcs_m2[hidden], index[hidden],
-                settings.polarization,
-            )  # fmt: skip
+                view.edges, view.slabs, sight, behind_edges, settings.polarization
+            )
             parts.append(replace(round_corners, candidate=number[hidden][round_corners.candidate]))
             counts |= more
         if over_mirrors.any():
             straight = DirectWays(points, self._circumstances, out * in_sight, back * in_sight, kinds)
-            echoes, more = echoes_over_mirrors(
-                geometry, merged_scene, materials, pose, frequency_hz, settings, straight, over_mirrors
-            )
+            echoes, more = echoes_over_mirrors(view, straight, over_mirrors)
             of_target = (count + points.target[echoes.candidate]).astype(np.int32)
             parts.append(replace(echoes, candidate=of_target))
             counts |= more
         return ScatteredPaths.joined(parts), SpecularPaths.none(), counts
 
 
-def _loudness(merged_scene: MergedScene, pose: Pose) -> NDArray[np.float64]:
+def _loudness(view: View) -> NDArray[np.float64]:
     """[T] nominal cross section of every target over the fourth power of its distance [1/m^2]."""
-    targets = merged_scene.targets
-    away = np.array([target.position for target in targets]).reshape(-1, 3) - np.asarray(pose.position)
+    targets = view.merged.targets
+    away = np.array([target.position for target in targets]).reshape(-1, 3) - np.asarray(view.pose.position)
     fourth = np.maximum(np.einsum("ti,ti->t", away, away) ** 2, np.finfo(float).tiny)
     nominal: NDArray[np.float64] = db_to_power([target.rcs_dbsm for target in targets]) / fourth
     return nominal

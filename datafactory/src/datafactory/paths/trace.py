@@ -19,7 +19,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -42,18 +41,17 @@ from datafactory.paths.merged_scene import MergedScene, slabs_of
 from datafactory.paths.mirror_feet import single_mirrors
 from datafactory.paths.notice import Notice
 from datafactory.paths.panes import pane_candidates
-from datafactory.paths.ray_hits import clear_between
 from datafactory.paths.rays import RayFan
 from datafactory.paths.rows import scattered_rows, specular_rows, with_surfaces
 from datafactory.paths.scattered_once import behind_panes
 from datafactory.paths.second_bounces import SecondBounces
+from datafactory.paths.slabs import Slabs
 from datafactory.paths.solver import Bundle, Solved, TraceSettings, radio_scene, solve
-from datafactory.paths.surfaces import Surfaces
 from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
-from datafactory.paths.targets import EDGES_WITHIN_M, TargetEchoes
+from datafactory.paths.targets import TargetEchoes
+from datafactory.paths.view import View
 from datafactory.scenes.materials.table import MaterialMapping
 from datafactory.scenes.poses import Pose
-from shared.physics.units import SPEED_OF_LIGHT
 
 
 class Listed(Protocol):
@@ -98,32 +96,6 @@ class _Found:
         return PathTable(ScatteredPaths.joined(self.scattered), SpecularPaths.joined(self.specular), **more)
 
 
-@dataclass(frozen=True)
-class _Frame:
-    """What is traced: a scene from one pose."""
-
-    kept: Geometry
-    geometry: Any
-    merged: MergedScene
-    materials: MaterialMapping
-    pose: Pose
-    frequency_hz: float
-    settings: TraceSettings
-
-    @property
-    def wavelength_m(self) -> float:
-        return SPEED_OF_LIGHT / self.frequency_hz
-
-    @property
-    def seen(self) -> tuple[Any, MergedScene, MaterialMapping, Pose, float, TraceSettings]:
-        """As most sources of echoes take it."""
-        return self.geometry, self.merged, self.materials, self.pose, self.frequency_hz, self.settings
-
-    def with_surfaces(self, part: Bundle) -> Bundle:
-        """Paths with what their surfaces do to the amplitude."""
-        return with_surfaces(part, self.merged, self.pose, self.wavelength_m, self.settings)
-
-
 def trace(
     merged: MergedScene,
     materials: MaterialMapping,
@@ -144,23 +116,23 @@ def trace(
     :param notice: of the radar that the frame is traced for: what it would not notice is not looked for; None: all is
     """
     merged = merged.at(pose.time_s)
-    kept = placed(merged, materials, pose)
-    panes = pane_candidates(merged, materials, pose, frequency_hz) if settings.refraction else Candidates.none()
+    kept, slabs = placed(merged, materials, pose), Slabs(slabs_of(merged, materials), frequency_hz)
+    view = View(kept.mi_scene, merged, slabs, pose, settings)
+    panes = pane_candidates(view) if settings.refraction else Candidates.none()
     heard = len(panes) > 0 if notice is None else bool(notice.power_w(panes).any())
     settings = replace(settings, refraction=heard)
-    frame = _Frame(kept, kept.mi_scene, merged, materials, pose, frequency_hz, settings)
+    view = replace(view, settings=settings)
     found, first, second = _Found(counts={"rays": settings.rays, "scattered_once": 0, "scattered_twice": 0}), None, None
     if settings.diffuse and merged.meshes:
-        surfaces = Surfaces(frame.geometry, merged, materials, pose, frequency_hz)
-        fan = aimed(fan, surfaces)
-        first = Arrivals.first(surfaces, settings, fan)
+        fan = aimed(fan, view)
+        first = Arrivals.first(view, fan)
         second = SecondBounces(first, seed) if settings.depth > 1 else None
-        _add_scattered(found, frame, first.echoes().thinned(seed), fan)
+        _add_scattered(found, first.echoes().thinned(seed), view, fan)
     if settings.specular:
-        _add_single_mirrors(found, frame)
-    listed = _listed(frame, target_seed)
+        _add_single_mirrors(found, view)
+    listed = _listed(view, target_seed)
     groups = {PANE: panes, **dict.fromkeys((MIRRORED, TWICE, CHAIN), Candidates.none())}
-    groups |= second.candidates(merged, pose) if second is not None else {}
+    groups |= second.candidates() if second is not None else {}
     parts = [*(source.candidates for source in listed), *(Candidates.group(*group) for group in groups.items())]
     candidates = Candidates.joined(parts)
     worth = np.ones(len(candidates), dtype=bool)
@@ -168,7 +140,7 @@ def trace(
         worth = notice.worth(candidates, notice.limit_w(found.table()))
     places = np.cumsum([0, *map(len, parts)])
     for source, start, stop in zip(listed, places, places[1:], strict=False):
-        scattered, specular, counts = source.seen(partial(clear_between, frame.geometry), worth[start:stop])
+        scattered, specular, counts = source.seen(view.sight, worth[start:stop])
         found.add([scattered], [specular], int(start))
         found.counts |= counts
     begins = dict(zip(groups, places[len(listed) :], strict=False))
@@ -176,10 +148,10 @@ def trace(
     if first is not None:
         for group in (MIRRORED, TWICE):
             for echoes in second.echoes(group) if second is not None and group in followed else ():
-                _add_scattered(found, frame, echoes.thinned(seed), fan, followed[group])
+                _add_scattered(found, echoes.thinned(seed), view, fan, followed[group])
         if settings.refraction and PANE in followed:
-            _add_scattered(found, frame, behind_panes(first).thinned(seed), fan, followed[PANE])
-    _add_chains(found, frame, fan, seed, followed)
+            _add_scattered(found, behind_panes(first).thinned(seed), view, fan, followed[PANE])
+    _add_chains(found, _chains(view, kept, fan, seed, followed), view, followed)
     return found.table(objects=merged.objects, candidates=candidates, counts=found.counts)
 
 
@@ -194,64 +166,63 @@ def find_shapes(merged: MergedScene, settings: TraceSettings) -> None:
         points_of(merged)
 
 
-def _listed(frame: _Frame, target_seed: int) -> list[Listed]:
+def _listed(view: View, target_seed: int) -> list[Listed]:
     """The sources of echoes that a frame knows a list of."""
-    settings, merged, pose = frame.settings, frame.merged, frame.pose
-    slabs, listed = slabs_of(merged, frame.materials), list[Listed]()
+    settings, listed = view.settings, list[Listed]()
     if settings.point_targets:
-        listed.append(TargetEchoes(*frame.seen, target_seed))
+        listed.append(TargetEchoes(view, target_seed))
     if settings.diffraction:
-        edges = edges_of(merged).seen_from(pose).within(EDGES_WITHIN_M)
         rims = settings.finite_mirrors and settings.specular
-        listed.append(EdgeEchoes(edges, slabs, frame.frequency_hz, settings.polarization, rims))
+        listed.append(EdgeEchoes(view.edges, view.slabs, settings.polarization, rims))
     if settings.corners:
-        corners = corners_of(merged).seen_from(pose).within(EDGES_WITHIN_M)
-        points = points_of(merged).seen_from(pose).within(EDGES_WITHIN_M)
-        listed.append(CornerEchoes(corners, slabs, frame.frequency_hz, settings.polarization))
-        listed.append(CornerPointEchoes(points, slabs, frame.frequency_hz, settings.polarization))
+        listed.append(CornerEchoes(view.corner_edges, view.slabs, settings.polarization))
+        listed.append(CornerPointEchoes(view.corner_points, view.slabs, settings.polarization))
     return listed
 
 
-def _add_single_mirrors(found: _Found, frame: _Frame) -> None:
+def _add_single_mirrors(found: _Found, view: View) -> None:
     """Flat mirrors and curved ones, those beyond panes among them: these go with what else is beyond panes."""
-    singles, counts = single_mirrors(*frame.seen)
-    points, images, of_curved = curved_mirrors(*frame.seen)
+    singles, counts = single_mirrors(view)
+    points, images, of_curved = curved_mirrors(view)
     found.add([points], [singles, images])
     found.counts |= counts | of_curved
 
 
-def _add_scattered(found: _Found, frame: _Frame, part: Bundle, fan: RayFan, group: int | None = None) -> None:
+def _add_scattered(found: _Found, part: Bundle, view: View, fan: RayFan, group: int | None = None) -> None:
     """Paths that end with a diffuse bounce.
 
     :param group: index of their candidate; None of first hits, which have none
     """
     name = "scattered_twice" if part.scatterings > 1 else "scattered_once"
     found.counts[name] += len(part.amplitude)
-    found.add([_of_group(rows, group) for rows in scattered_rows(frame.with_surfaces(part), fan)])
+    found.add([_of_group(rows, group) for rows in scattered_rows(with_surfaces(part, view), fan)])
 
 
-def _add_chains(found: _Found, frame: _Frame, fan: RayFan, seed: int, followed: dict[int, int]) -> None:
+def _chains(view: View, kept: Geometry, fan: RayFan, seed: int, followed: dict[int, int]) -> dict[int, Solved]:
     """Chains of mirrors, and mirrors beyond panes, by the solver, of the groups that are followed."""
-    settings, merged = frame.settings, frame.merged
+    settings = view.settings
+    wanted = [CHAIN] * (CHAIN in followed) + [PANE] * (PANE in followed and settings.refraction)
+    if not (wanted and settings.depth > 1 and settings.specular and view.merged.meshes):
+        return {}
+    scene = radio_scene(kept, view.slabs, settings)
     solved = dict[int, Solved]()
-    if settings.depth > 1 and settings.specular and merged.meshes:
-        wanted = [CHAIN] * (CHAIN in followed) + [PANE] * (PANE in followed and settings.refraction)
-        scene = (
-            radio_scene(frame.kept, slabs_of(merged, frame.materials), frame.frequency_hz, settings) if wanted else None
-        )
-        for group in wanted:
-            of = settings.of_mirrors if group == CHAIN else settings.beyond_panes
-            solved[group] = solve(scene, merged, frame.pose, of, fan, seed)
+    for group in wanted:
+        of = settings.of_mirrors if group == CHAIN else settings.beyond_panes
+        solved[group] = solve(scene, view.merged, view.pose, of, fan, seed)
     if PANE in solved:
         solved[PANE] = solved[PANE].beyond_panes()
-    if CHAIN in solved and settings.corners:
-        bundle, by_the_solver = without_corners(solved[CHAIN].bundle, merged)
+    return solved
+
+
+def _add_chains(found: _Found, solved: dict[int, Solved], view: View, followed: dict[int, int]) -> None:
+    if CHAIN in solved and view.settings.corners:
+        bundle, by_the_solver = without_corners(solved[CHAIN].bundle, view.merged)
         solved[CHAIN] = replace(solved[CHAIN], bundle=bundle)
         found.counts["corners_by_the_solver"] = by_the_solver
     for group, item in solved.items():
         for depth in range(2, item.bundle.interactions.shape[1] + 1):
             part = item.bundle.of_bounces(depth).in_fixed_order()
-            found.add([], [_of_group(specular_rows(frame.with_surfaces(part)), followed[group])])
+            found.add([], [_of_group(specular_rows(with_surfaces(part, view)), followed[group])])
     found.counts |= {
         "traced": sum(len(item.bundle.amplitude) for item in solved.values()),
         "truncated": max((item.truncated for item in solved.values()), default=0),

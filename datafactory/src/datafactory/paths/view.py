@@ -1,0 +1,235 @@
+"""A scene from one pose, which every source of echoes is given, and the waves that meet its surfaces.
+
+Rays meet triangles in float32. Each point is then moved along its ray, in float64, onto the plane of its triangle.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from datafactory.paths.columns import Columns
+from datafactory.paths.corner_edges import CornerEdges, corners_of
+from datafactory.paths.corner_points import CornerPoints, points_of
+from datafactory.paths.curved_surfaces import curved_surfaces_of
+from datafactory.paths.edges import WedgeEdges, edges_of
+from datafactory.paths.facets import mirrors_of, reflected_share
+from datafactory.paths.geometry import mesh_of_shape
+from datafactory.paths.merged_scene import MergedScene
+from datafactory.paths.ray_hits import clear_between, first_hits
+from datafactory.paths.scattering import has_lobes
+from datafactory.paths.slabs import Slabs
+from datafactory.paths.solver import TraceSettings
+from datafactory.paths.wave_steps import onto_planes
+from datafactory.scenes.poses import Pose
+from shared.physics.vectors import dots, taken
+
+Real = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Index = NDArray[np.int64]
+EDGES_WITHIN_M = 200.0
+"""Farther edges and corners are left out [m]: at -20 dBsm they are 25 dB below a car radar's noise."""
+
+
+class Rising(Columns):
+    """Taken by rising indices alone: as many as there are, are all of them."""
+
+    def take(self, index: Index) -> Self:
+        """Those at these indices, which rise."""
+        return self if len(index) == len(self) else super().take(index)
+
+
+@dataclass(frozen=True)
+class Waves(Rising):
+    """n waves on their way.
+
+    :param start: [n, 3] [m]; :param lifted: [n, 3] the same clear of the surface that the wave left, for float32
+    :param direction: [n, 3] unit
+    :param field: [n, 3] over that of the TX, without spreading
+    :param length: [n] of the way so far [m]; :param rate: [n] its change [m/s]
+    :param bounced: [n, b, 3] vertices so far; :param triangles: [n, b] theirs
+    """
+
+    start: Real
+    lifted: Real
+    direction: Real
+    field: Complex
+    length: Real
+    rate: Real
+    bounced: Real
+    triangles: Index
+
+    @staticmethod
+    def departing(direction: Real, field: Complex) -> Waves:
+        """Waves that leave the sensor, in ``direction`` [n, 3] with ``field`` [n, 3]."""
+        here, none = np.zeros_like(direction), np.zeros((len(direction), 0), dtype=np.int64)
+        return Waves(here, here, direction, field, here[:, 0], here[:, 0], np.zeros((*none.shape, 3)), none)
+
+    def arrived(self, index: Index, hits: Hits) -> Waves:
+        """Those at these indices, which rise, where they hit."""
+        own = {
+            name: taken(getattr(self, name), index) for name in ("direction", "field", "rate", "bounced", "triangles")
+        }
+        return Waves(start=hits.point, lifted=hits.point, length=self.length[index] + hits.distance, **own)
+
+
+@dataclass(frozen=True)
+class Hits(Rising):
+    """Where n waves arrived.
+
+    :param point: [n, 3] [m]; :param normal: [n, 3] unit, on the side of arrival
+    :param triangle: [n] index into the merged scene's triangles; :param mesh: [n]
+    :param cosine: [n] of the angle of incidence; :param distance: [n] of the last leg [m]
+    """
+
+    point: Real
+    normal: Real
+    triangle: Index
+    mesh: Index
+    cosine: Real
+    distance: Real
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A scene from one pose, at its time, in the radar frame.
+
+    :param geometry: Mitsuba's scene in that frame; its shape ``part-N`` is ``merged.meshes[N]``
+    :param merged: at the pose's time
+    :param slabs: of the meshes, mid-sweep; materials take their values at 77 GHz whatever the frequency
+    """
+
+    geometry: Any
+    merged: MergedScene
+    slabs: Slabs
+    pose: Pose
+    settings: TraceSettings
+
+    @property
+    def wavelength_m(self) -> float:
+        """Mid-sweep."""
+        return self.slabs.wavelength_m
+
+    @cached_property
+    def rotation(self) -> Real:
+        """[3, 3] of the radar in the world."""
+        return self.pose.rotation()
+
+    @cached_property
+    def moved(self) -> Real:
+        """[M, 3] what brings each mesh from its place at time 0 to the radar's origin, world [m]."""
+        return np.array([mesh.shift for mesh in self.merged.meshes]).reshape(-1, 3) - np.asarray(self.pose.position)
+
+    @cached_property
+    def corners(self) -> Real:
+        """[T, 3, 3] of all triangles [m]."""
+        return (mirrors_of(self.merged).corners + self.moved[self.merged.mesh_of_triangle][:, None]) @ self.rotation
+
+    @cached_property
+    def normals(self) -> Real:
+        """[T, 3] unit, of all triangles."""
+        return mirrors_of(self.merged).normals @ self.rotation
+
+    @cached_property
+    def heights(self) -> Real:
+        """[T] of their planes over the radar, along the normals [m]."""
+        mirrors = mirrors_of(self.merged)
+        return dots(mirrors.normals, mirrors.corners[:, 0] + taken(self.moved, self.merged.mesh_of_triangle))
+
+    @cached_property
+    def flat(self) -> Index:
+        """The triangles that may be flat mirrors: those that sample no curved surface."""
+        return curved_surfaces_of(self.merged).flat(len(self.merged.mesh_of_triangle))
+
+    @cached_property
+    def owner(self) -> NDArray[np.int32]:
+        """[T] index into ``MergedScene.objects`` of every triangle."""
+        every = [mesh.object_of_triangle for mesh in self.merged.meshes]
+        return np.concatenate([np.zeros(0, np.int32), *every]).astype(np.int32)
+
+    @cached_property
+    def edges(self) -> WedgeEdges:
+        """In range."""
+        return edges_of(self.merged).seen_from(self.pose).within(EDGES_WITHIN_M)
+
+    @cached_property
+    def corner_edges(self) -> CornerEdges:
+        """In range."""
+        return corners_of(self.merged).seen_from(self.pose).within(EDGES_WITHIN_M)
+
+    @cached_property
+    def corner_points(self) -> CornerPoints:
+        """In range."""
+        return points_of(self.merged).seen_from(self.pose).within(EDGES_WITHIN_M)
+
+    @cached_property
+    def mesh_of_number(self) -> Index:
+        """The mesh by the number with which a ray names the shape it met."""
+        numbers = mesh_of_shape(self.geometry)
+        meshes = np.zeros(max(numbers, default=0) + 1, dtype=np.int64)
+        meshes[list(numbers)] = list(numbers.values())
+        return meshes
+
+    @cached_property
+    def first(self) -> Index:
+        """[M + 1] where each mesh's triangles begin."""
+        return np.cumsum([0, *(len(mesh.triangles) for mesh in self.merged.meshes)])
+
+    @cached_property
+    def lobes(self) -> NDArray[np.bool_]:
+        """[M] whether what a mesh scatters has lobes."""
+        return np.array([has_lobes(slab.pattern) for slab in self.slabs.materials], dtype=bool)
+
+    @cached_property
+    def _velocity(self) -> Real:
+        """[M, 3] of the meshes that do not turn, relative to the radar [m/s]."""
+        velocity = np.array([mesh.velocity for mesh in self.merged.meshes]).reshape(-1, 3)
+        return (velocity - np.asarray(self.pose.velocity)) @ self.rotation
+
+    def velocity(self, triangle: Index, point: Real) -> Real:
+        """[n, 3] velocities relative to the radar of points [n, 3] on triangles [n] [m/s]."""
+        mesh = self.merged.mesh_of_triangle[triangle]
+        velocity = taken(self._velocity, mesh)
+        if self.merged.turns:
+            world = point @ self.rotation.T + np.asarray(self.pose.position)
+            carried = self.merged.carried(triangle, world, mesh)
+            velocity[carried.index] = (carried.velocity - np.asarray(self.pose.velocity)) @ self.rotation
+        return velocity
+
+    def reflected_share(self, triangle: Index, point: Real, arrival: Real, before_m: Real, after_m: Real) -> Complex:
+        """[n] factor of the mirrors' finite size at points [n, 3]; see :func:`.facets.reflected_share`."""
+        at_rest = point @ self.rotation.T - self.moved[self.merged.mesh_of_triangle[triangle]]
+        mirrors, towards = mirrors_of(self.merged), arrival @ self.rotation.T
+        return reflected_share(mirrors, triangle, at_rest, towards, before_m, after_m, self.wavelength_m)
+
+    def sight(self, start: Real, end: Real) -> NDArray[np.bool_]:
+        """[K] whether nothing stands between points [K, 3] and [K, 3]."""
+        return clear_between(self.geometry, start, end)
+
+    def hit_by(self, waves: Waves) -> tuple[Index, Hits]:
+        """The indices of the waves that meet a surface, and where."""
+        if not len(waves):  # no array of the ray caster may be empty
+            none, nowhere = np.zeros(0, dtype=np.int64), np.zeros((0, 3))
+            return none, Hits(nowhere, nowhere, none, none, np.zeros(0), np.zeros(0))
+        reach = np.full(len(waves), np.inf)
+        met = first_hits(self.geometry, waves.lifted, waves.direction, reach, normals=False)
+        valid = np.flatnonzero(met.valid)
+        mesh = self.mesh_of_number[met.shape[valid]]
+        triangle = self.first[mesh] + met.primitive[valid]
+        point, normal, cosine, distance = onto_planes(
+            valid, waves.start, waves.direction, met.distance, triangle, self.normals, self.heights
+        )
+        good = np.flatnonzero(cosine > 0.0)
+        return valid[good], Hits(point, normal, triangle, mesh, cosine, distance).take(good)
+
+    def reflection(self, hits: Hits) -> tuple[Complex, Complex]:
+        """R of the surfaces, TE [n] and TM [n], were they smooth."""
+        return self.slabs.reflection(hits.mesh, hits.cosine)
+
+    def transmission(self, hits: Hits) -> tuple[Complex, Complex]:
+        """T of the surfaces, TE [n] and TM [n], over that of the air in their place; the same in both senses."""
+        return self.slabs.transmission(hits.mesh, hits.cosine)
