@@ -162,6 +162,28 @@ def test_the_same_ground_in_pieces_is_the_same_echo(pieces: int) -> None:
     np.testing.assert_allclose(np.sort(np.abs(doubled.amplitude)), np.sort(np.abs(whole.amplitude)), rtol=1e-6)
 
 
+def test_faces_on_top_of_each_other_are_one_mirror_to_the_radar_and_to_targets() -> None:
+    """A poster half a millimetre before a wall, each of a body of its own; a board at 3 mm is a mirror of its own."""
+    pose, target = Pose((0.0, 0.0, 0.0)), [point((6.0, 4.0, 0.3))]
+
+    def upright(x: float, name: str, velocity: float) -> SceneObject:
+        corners = np.array([(x, -9.0, -9.0), (x, 9.0, -9.0), (x, 9.0, 9.0), (x, -9.0, 9.0)])
+        triangles = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
+        return SceneObject(name, corners, triangles, "mirror", (velocity, 0.0, 0.0))
+
+    wall, poster, board = upright(12.0, "wall", 0.0), upright(11.9995, "poster", -1.0), upright(11.997, "board", -1.0)
+    paths, alone = echoes([wall], target, pose)
+    doubled, both = echoes([wall, poster], target, pose)
+    assert len(alone.specular) == len(both.specular) == 1
+    assert both.objects[both.specular.object_index[0]] == "poster"  # it stands before the wall
+    assert both.counts["target_mirrors"] == alone.counts["target_mirrors"] == 1
+    np.testing.assert_allclose(np.abs(both.specular.amplitude), np.abs(alone.specular.amplitude), rtol=1e-3)
+    np.testing.assert_allclose(np.sort(np.abs(doubled.amplitude)), np.sort(np.abs(paths.amplitude)), rtol=1e-3)
+    _, before = echoes([wall, board], target, pose)
+    assert before.counts["mirrors_hidden"] == 1
+    assert [before.objects[index] for index in before.specular.object_index] == ["board"]
+
+
 def test_a_models_aspect_is_that_towards_the_bisector() -> None:
     """A trihedral is seen by the mixed paths as from between radar and image, a sphere from its nearest points."""
     axes = ((-1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0))

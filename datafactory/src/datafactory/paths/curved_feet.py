@@ -15,12 +15,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from datafactory.paths.columns import Columns
 from datafactory.paths.curved_surfaces import CurvedSurfaces, turned_to
 from datafactory.paths.ray_hits import ray_margin_m
-from datafactory.paths.unfold import unit
+from datafactory.paths.unfold import apart, unit
 
 Real = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -76,7 +75,7 @@ def curved_feet(surfaces: CurvedSurfaces, moved: Real, rotation: Real, ahead_m: 
     size = np.sqrt(np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1))
     point, mean = (np.einsum("ci,cij->cj", weight, part) for part in (corners, normals))
     kept = np.flatnonzero((weight >= -INSIDE).all(axis=1) & (point[:, 0] >= ahead_m))
-    kept = kept[_apart(point[kept], SAME_FOOT * size[kept])]
+    kept = kept[apart(point[kept], SAME_FOOT * size[kept])]
     weight, point, corners, at_corners = weight[kept], point[kept], corners[kept], normals[kept]
     length = np.linalg.norm(mean[kept], axis=1)
     normal = mean[kept] / length[:, None]
@@ -138,16 +137,6 @@ def _barycentric_feet(corners: Real, normals: Real) -> tuple[Real, int]:
         b = np.clip(b, -1.0, 2.0)  # far outside, the mean normal means nothing
         b[focused] = -1.0
     return np.concatenate([1.0 - b.sum(axis=1, keepdims=True), b], axis=1), int(focused.sum())
-
-
-def _apart(point: Real, radius: Real) -> Index:
-    """Indices of points [n, 3] that are not within ``radius`` [n] of an earlier one."""
-    if len(point) < 2:
-        return np.arange(len(point))
-    pairs = cKDTree(point).query_pairs(float(radius.max()), output_type="ndarray")
-    one, other = np.sort(pairs, axis=1).T
-    close = np.linalg.norm(point[one] - point[other], axis=1) <= np.maximum(radius[one], radius[other])
-    return np.setdiff1d(np.arange(len(point)), other[close])
 
 
 def _principal(tensors: Real, weight: Real, at_corners: Real, normal: Real, rotation: Real) -> tuple[Real, Real]:

@@ -18,9 +18,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.paths.facets import COPLANAR_M
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.panes import FAINTEST, panes_between
 from datafactory.paths.table import REFRACTED, SPECULAR, SpecularPaths
+from datafactory.paths.unfold import apart
 from datafactory.paths.view import View
 
 Real = NDArray[np.float64]
@@ -29,6 +31,8 @@ INSIDE = 1e-9
 """Barycentric coordinates may fall below zero by this: a foot on an edge belongs to both triangles, and counts once."""
 CLOSEST_M = 0.01
 """Nearer mirrors are left out, as the solver does: the antennas' own size matters there."""
+SAME_IMAGE_M = 2.0 * COPLANAR_M
+"""Images nearer to each other belong to one mirror: faces that lie in one plane, or on top of each other."""
 AHEAD_M = 1e-6
 """A foot straight below the radar lies at x = 0, apart from rounding, and counts as ahead."""
 
@@ -42,7 +46,8 @@ def single_mirrors(view: View) -> tuple[SpecularPaths, dict[str, int]]:
     triangle = view.flat[found]
     passed, kinds = way_and_back(view, foot)
     seen = np.flatnonzero(passed != 0.0)
-    hidden = len(triangle) - len(seen)
+    every, seen = _without_doubles(foot, np.arange(len(foot))), _without_doubles(foot, seen)
+    hidden = len(every) - len(seen)
     triangle, foot, passed, kinds = triangle[seen], foot[seen], passed[seen], kinds[seen]
     range_m, mesh = np.linalg.norm(foot, axis=1), merged.mesh_of_triangle[triangle]
     direction, normal = foot / range_m[:, None], view.normals[triangle]
@@ -59,6 +64,15 @@ def single_mirrors(view: View) -> tuple[SpecularPaths, dict[str, int]]:
     axes = np.eye(3) - 2.0 * direction[:, :, None] * direction[:, None, :]
     paths = SpecularPaths.of(2.0 * foot, image_velocity, axes, amplitude, view.owner[triangle], kinds)
     return paths, {"mirrors_hidden": hidden}
+
+
+def _without_doubles(foot: Real, index: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Those of the feet ``index`` that belong to different mirrors, rising; of faces on top of each other the nearest.
+
+    Triangles that share an edge may both hold a foot on it.
+    """
+    nearest = index[np.argsort(np.rint(np.linalg.norm(foot[index], axis=1) / 1e-6), kind="stable")]
+    return np.sort(nearest[apart(2.0 * foot[nearest], SAME_IMAGE_M)])
 
 
 def way_and_back(view: View, point: Real) -> tuple[NDArray[np.complex128], NDArray[np.uint8]]:
@@ -91,10 +105,7 @@ def _perpendicular_feet(corners: Real, normals: Real) -> tuple[NDArray[np.int64]
         a, b = corners[near, corner], corners[near, (corner + 1) % 3]
         turned = np.einsum("ki,ki->k", normals[near], np.cross(b - a, foot[near] - a))
         inside &= turned >= -INSIDE * np.einsum("ki,ki->k", b - a, b - a)
-    found = near[inside]
-    _, first = np.unique(np.rint(foot[found] / 1e-6), axis=0, return_index=True)
-    chosen = found[np.sort(first)]
-    return chosen, foot[chosen]
+    return near[inside], foot[near[inside]]
 
 
 def _rates_of_normals(merged_scene: MergedScene, triangle: NDArray[np.int64], mesh: NDArray[np.int64]) -> Real:

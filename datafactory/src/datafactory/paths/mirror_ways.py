@@ -28,10 +28,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.columns import Columns
-from datafactory.paths.facets import COPLANAR_M
+from datafactory.paths.mirror_feet import CLOSEST_M, INSIDE, SAME_IMAGE_M
 from datafactory.paths.panes import Polarization, polarization_axis
 from datafactory.paths.ray_hits import ray_margin_m
 from datafactory.paths.slabs import LEAST_COSINE
+from datafactory.paths.unfold import apart
 from datafactory.paths.view import View
 from datafactory.paths.wave_steps import reflected_fields
 from shared.physics.compiled import compiled
@@ -40,14 +41,8 @@ Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Index = NDArray[np.int64]
 
-CLOSEST_M = 0.01
-"""Mirrors nearer to the radar are left out, as single mirrors are: the antennas' own size matters there."""
 TOUCHING_M = 1e-4
 """A point may lie this far behind a face and still stand on it: rounding of a scene's coordinates."""
-INSIDE = 1e-9
-"""Barycentric tolerance: a point of reflection on an edge belongs to both triangles, and counts once."""
-SAME_IMAGE_M = 2.0 * COPLANAR_M
-"""Images of one point nearer to each other belong to one mirror: faces that lie in one plane."""
 AXES: tuple[Polarization, Polarization] = ("V", "H")
 """Components of a field across a direction: along theta^ and phi^."""
 
@@ -184,16 +179,7 @@ def _reflecting(position, normals, height, inward, border):
 
 
 def _without_doubles(ways: Ways, position: Real) -> Ways:
-    """One way for each mirror of a point: triangles that share an edge, and faces on top of each other, give one.
-
-    :param ways: by rising number of the point
-    """
+    """One way for each mirror of a point: triangles that share an edge, and faces on top of each other, give one."""
     image = ways.image(position[ways.point])
-    kept: list[int] = []
-    first = 0  # of the point's own among those that are kept
-    for number in range(len(ways)):
-        if number and ways.point[number] != ways.point[number - 1]:
-            first = len(kept)
-        if not (np.linalg.norm(image[kept[first:]] - image[number], axis=1) < SAME_IMAGE_M).any():
-            kept.append(number)
-    return ways.take(np.array(kept, dtype=np.int64))
+    # Images of different points are as far apart as their numbers say.
+    return ways.take(apart(np.column_stack([image, ways.point.astype(np.float64)]), SAME_IMAGE_M))

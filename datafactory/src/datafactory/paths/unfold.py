@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from shared.physics.vectors import lengths
 
@@ -18,6 +19,17 @@ def unit(vector: Real) -> Real:
     """[..., 3] vectors of length 1; a zero vector stays zero."""
     length = lengths(vector)[..., None]
     return vector / np.where(length > 0.0, length, 1.0)
+
+
+def apart(points: Real, distance: Real | float) -> NDArray[np.int64]:
+    """Indices of points [n, d] that are not within ``distance``, [n] or one for all, of an earlier one."""
+    if len(points) < 2:
+        return np.arange(len(points))
+    radius = np.broadcast_to(distance, len(points))
+    pairs = cKDTree(points).query_pairs(float(radius.max()), output_type="ndarray")
+    one, other = np.sort(pairs, axis=1).T
+    close = np.linalg.norm(points[one] - points[other], axis=1) <= np.maximum(radius[one], radius[other])
+    return np.setdiff1d(np.arange(len(points)), other[close])
 
 
 def with_ends(vertices: Real) -> Real:
