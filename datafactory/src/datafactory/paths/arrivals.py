@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -147,12 +148,13 @@ class Arrivals:
         :param kept: [n] the factor that scattering has on it besides S and f: |Gamma|, with its sign
         """
         waves, hits, view = self.waves, self.hits, self.view
-        amplitude, power, cell = _arriving(
-            index, waves.direction, waves.length, waves.rate, hits.point, hits.normal, hits.mesh,
-            view.velocity(hits.triangle, hits.point), field,
-            polarization_axis(waves.direction, self.settings.polarization[1]), kept, self.ratio,
-            view.slabs.scattering, view.lobes, view.wavelength_m * np.sqrt(4.0 * np.pi / self.rays),
+        axis = polarization_axis(waves.direction, self.settings.polarization[1])
+        arriving = _Arriving(
+            waves.direction, waves.length, waves.rate, hits.point, hits.normal, hits.mesh,
+            view.velocity(hits.triangle, hits.point), field, axis, kept, self.ratio,
         )  # fmt: skip
+        scale = view.wavelength_m * np.sqrt(4.0 * np.pi / self.rays)
+        amplitude, power, cell = _scattered_home(index, arriving, view.slabs.scattering, view.lobes, scale)
         return Echoes(self.take(index), amplitude, power, cell, (*self.kinds, DIFFUSE), crossings)
 
 
@@ -226,14 +228,29 @@ def clear_of(hits: Hits, side: float) -> Real:
     return hits.point + side * ray_margin_m(lengths(hits.point))[:, None] * hits.normal
 
 
-@compiled(error_model="numpy")
-def _arriving(
-    index, direction, length, rate, point, normal, mesh, velocity, field, axis, kept, ratio, coefficient, lobes,
-    scale,
-):  # fmt: skip
-    """Amplitudes [n], powers [n] and cells [n] of the echoes of the waves ``index`` [n]; their values are [m].
+class _Arriving(NamedTuple):
+    """m waves where they are scattered.
 
-    :param axis: [m, 3] along which the RX hears the field
+    :param velocity: [m, 3] of the surface; :param axis: [m, 3] along which the RX hears the field
+    """
+
+    direction: Real
+    length: Real
+    rate: Real
+    point: Real
+    normal: Real
+    mesh: Index
+    velocity: Real
+    field: Complex
+    axis: Real
+    kept: Real
+    ratio: Real
+
+
+@compiled(error_model="numpy")
+def _scattered_home(index, waves, coefficient, lobes, scale):
+    """Amplitudes [n], powers [n] and cells [n] of the echoes of the waves ``index`` [n].
+
     :param coefficient: S of every mesh; :param lobes: whether its pattern has lobes
     :param scale: lambda sqrt(Omega) of the module
     """
@@ -245,21 +262,21 @@ def _arriving(
         heard, whole = 0.0j, 0.0
         square, incidence, leaving, turned, departing, arriving = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for j in range(3):
-            heard += field[k, j] * axis[k, j]
-            whole += field[k, j].real ** 2 + field[k, j].imag ** 2
-            square += point[k, j] ** 2
-            incidence -= direction[k, j] * normal[k, j]
-            leaving -= point[k, j] * normal[k, j]
-            turned -= direction[k, j] * point[k, j]
-            arriving += velocity[k, j] * direction[k, j]
-            departing += velocity[k, j] * point[k, j]
+            heard += waves.field[k, j] * waves.axis[k, j]
+            whole += waves.field[k, j].real ** 2 + waves.field[k, j].imag ** 2
+            square += waves.point[k, j] ** 2
+            incidence -= waves.direction[k, j] * waves.normal[k, j]
+            leaving -= waves.point[k, j] * waves.normal[k, j]
+            turned -= waves.direction[k, j] * waves.point[k, j]
+            arriving += waves.velocity[k, j] * waves.direction[k, j]
+            departing += waves.velocity[k, j] * waves.point[k, j]
         distance = np.sqrt(square)
         if abs(heard) <= MISSED_POLARIZATION * np.sqrt(whole):
             heard = 0.0j
-        f = share_at(lobes[mesh[k]], incidence, leaving / distance, turned / distance)
-        factor = kept[k] * coefficient[mesh[k]] * np.sqrt(f) * scale / (4.0 * np.pi * distance)
+        f = share_at(lobes[waves.mesh[k]], incidence, leaving / distance, turned / distance)
+        factor = waves.kept[k] * coefficient[waves.mesh[k]] * np.sqrt(f) * scale / (4.0 * np.pi * distance)
         amplitude[i] = heard.conjugate() * factor
-        power[i] = (amplitude[i].real ** 2 + amplitude[i].imag ** 2) * ratio[k]
-        way = 0.5 * (length[k] + distance)
-        cell[i] = cell_of(way, point[k, 1] / distance, 0.5 * (rate[k] + arriving + departing / distance))
+        power[i] = (amplitude[i].real ** 2 + amplitude[i].imag ** 2) * waves.ratio[k]
+        way = 0.5 * (waves.length[k] + distance)
+        cell[i] = cell_of(way, waves.point[k, 1] / distance, 0.5 * (waves.rate[k] + arriving + departing / distance))
     return amplitude, power, cell

@@ -171,12 +171,12 @@ def reflected_share(
     if not len(triangle):
         return np.ones(0, dtype=np.complex128)
     scale = np.sqrt((1.0 / before_m + 1.0 / after_m) / wavelength_m)
-    edges, first, last, place = _edges_of_each(mirrors, triangle)
-    return _mirror_shares(edges, first, last, place[triangle], point, arrival, mirrors.normals, triangle, scale)
+    edges, ends, place = _edges_of_each(mirrors, triangle)
+    return _mirror_shares(edges, ends[place[triangle]], point, arrival, mirrors.normals, triangle, scale)
 
 
-def _edges_of_each(mirrors: Mirrors, triangle: Index) -> tuple[Real, Index, Index, Index]:
-    """Edges [E, 2, 3] of the planes of M triangles that are met, where each triangle's begin [M] and end [M] among
+def _edges_of_each(mirrors: Mirrors, triangle: Index) -> tuple[Real, Index, Index]:
+    """Edges [E, 2, 3] of the planes of M triangles that are met, where each triangle's begin and end [M, 2] among
     them, and which of the M a triangle [T] is."""
     met = np.flatnonzero(np.bincount(triangle, minlength=len(mirrors.normals)))
     place = np.zeros(len(mirrors.normals), dtype=np.int64)
@@ -186,14 +186,15 @@ def _edges_of_each(mirrors: Mirrors, triangle: Index) -> tuple[Real, Index, Inde
     ends = dict(zip(planes, np.cumsum([len(edges) for edges in planes.values()]).tolist(), strict=True))
     own = [mirrors.edges(which) for which in met.tolist()]
     last = np.array([ends[id(edges)] for edges in own])
-    return np.concatenate(list(planes.values())), last - np.array([len(edges) for edges in own]), last, place
+    first = last - np.array([len(edges) for edges in own])
+    return np.concatenate(list(planes.values())), np.stack([first, last], axis=1), place
 
 
 @compiled()
-def _mirror_shares(edges, first, last, mirror, point, arrival, normals, triangle, scale):
-    """[n] F of specular points [n, 3] on mirrors of edges ``edges[first:last]``.
+def _mirror_shares(edges, ends, point, arrival, normals, triangle, scale):
+    """[n] F of specular points [n, 3] on mirrors, whose edges are a piece of ``edges``.
 
-    :param mirror: [n] index into ``first`` and ``last``; :param triangle: [n] into ``normals``
+    :param ends: [n, 2] first of its edges, and the one after the last; :param triangle: [n] into ``normals``
     :param scale: [n] of xi and eta to lengths across the wave
     """
     share = np.ones(len(point), dtype=np.complex128)
@@ -216,7 +217,7 @@ def _mirror_shares(edges, first, last, mirror, point, arrival, normals, triangle
             across[i] = (n[i - 2] * along[i - 1] - n[i - 1] * along[i - 2]) * scale[k]
         for i in range(3):
             along[i] *= abs(slope) / length * scale[k]
-        own = edges[first[mirror[k]] : last[mirror[k]]]
+        own = edges[ends[k, 0] : ends[k, 1]]
         total, turned, _ = _along_edges(own, point[k], along, across)
         share[k] = total / max(turned, 2.0 * np.pi)
     return share

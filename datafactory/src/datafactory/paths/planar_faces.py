@@ -78,12 +78,10 @@ def _neighbours(corners: Real, normals: Real, area: Real, body: Index) -> tuple[
     """Pairs of triangles in one plane [A, 2], pairs that meet at a right angle [B, 2], and their contact [B] [m]."""
     if not len(corners):
         return np.zeros((0, 2), np.int64), np.zeros((0, 2), np.int64), np.zeros(0)
-    low, high = corners.min(axis=1) - 0.5 * TOUCH_M, corners.max(axis=1) + 0.5 * TOUCH_M
-    axis = int(np.argmax(np.std(low, axis=0)))
-    order = np.argsort(low[:, axis], kind="stable")
-    first, second, contact = _sweep(
-        corners, normals, area, body, low, high, order, axis, np.sin(np.radians(OFF_SQUARE_DEG))
-    )
+    box = np.stack([corners.min(axis=1) - 0.5 * TOUCH_M, corners.max(axis=1) + 0.5 * TOUCH_M], axis=1)
+    axis = int(np.argmax(np.std(box[:, 0], axis=0)))
+    order = np.argsort(box[:, 0, axis], kind="stable")
+    first, second, contact = _sweep(corners, normals, area, body, box, order, axis, np.sin(np.radians(OFF_SQUARE_DEG)))
     pairs = np.stack([first, second], axis=1)
     square = contact > 0.0
     return pairs[~square], pairs[square], contact[square]
@@ -123,20 +121,23 @@ def _face_pairs(label: Index, square: Index, length: Real) -> tuple[Index, Index
 
 
 @compiled()
-def _sweep(corners, normals, area, body, low, high, order, axis, off_square):
-    """Neighbours among triangles whose boxes overlap: [N] first, [N] second, [N] contact, 0 for those of one plane."""
+def _sweep(corners, normals, area, body, box, order, axis, off_square):
+    """Neighbours among triangles whose boxes overlap: [N] first, [N] second, [N] contact, 0 for those of one plane.
+
+    :param box: [T, 2, 3] least and largest coordinates; :param order: [T] by the least along ``axis``
+    """
     first, second, contact = [0], [0], [0.0]
     for p in range(len(order)):
         i = order[p]
         for q in range(p + 1, len(order)):
             j = order[q]
-            if low[j, axis] > high[i, axis]:
+            if box[j, 0, axis] > box[i, 1, axis]:
                 break
             if body[i] != body[j]:
                 continue
             apart = False
             for k in range(3):
-                apart |= low[j, k] > high[i, k] or low[i, k] > high[j, k]
+                apart |= box[j, 0, k] > box[i, 1, k] or box[i, 0, k] > box[j, 1, k]
             if apart:
                 continue
             cosine = normals[i, 0] * normals[j, 0] + normals[i, 1] * normals[j, 1] + normals[i, 2] * normals[j, 2]
