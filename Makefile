@@ -1,7 +1,7 @@
 # Every target sets itself up: `make dataset` and `make test` work in a fresh clone with Python 3.11 or newer and a C compiler.
 
 .DEFAULT_GOAL := help
-.PHONY: help setup dataset study worlds test compatibility lint lock smoke bench accuracy hardcases soak fuzz gpu scenes browser docs clean
+.PHONY: help setup dataset study worlds test test-all size compatibility lint lock smoke bench accuracy hardcases soak fuzz gpu scenes browser docs clean
 
 PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do \
 	$$p -c 'import sys; raise SystemExit(sys.version_info < (3, 11))' 2>/dev/null && { echo $$p; break; }; done)
@@ -31,7 +31,8 @@ CITIES := --scene scenes/street.usda --scene sionna:simple_street_canyon_with_ca
 help:
 	@echo "make dataset   render the example dataset into $(DATASET)"
 	@echo "make study     704 frames, networks for two arrays, all methods against each other; hours"
-	@echo "make test      lint, types, import directions and all tests"
+	@echo "make test      lint, types, import directions and the tests of every change"
+	@echo "make test-all  the same with what takes long: grids, kills, fuzz, clusters, notebooks, every command of the manual"
 	@echo "make worlds    networks of one to eight cities, bare and populated, in cities that none saw; an hour"
 	@echo "make smoke     tiny scenes, end to end"
 	@echo "make setup     only the set-up that the others do by themselves"
@@ -42,7 +43,7 @@ help:
 	@echo "make compatibility  RESOLUTION=lowest-direct|highest PYTHON=python3.13: other versions of what we build on"
 	@echo "make docs      the manual as a site, in build/site/index.html; fails at the first dead link"
 	@echo "make gpu       on a machine with an NVIDIA GPU: its tests, and its figures beside the processor's, in build/gpu"
-	@echo "make lint | lock | bench | accuracy | scenes | clean"
+	@echo "make lint | lock | size | bench | accuracy | scenes | clean"
 
 setup: $(INSTALLED)
 
@@ -161,7 +162,11 @@ $(WORLDS)/chart/worlds.md: $(WORLDS_REPORTS:%=%/report.html)
 	$(BIN)/python -m trainer.evaluation.report.worlds $(WORLDS_REPORTS) --out $(@D)
 
 test: lint
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow"
+
+# With what takes long and seldom breaks: grids, kills, fuzz, clusters, notebooks, every command of the manual.
+test-all: lint
+	$(BIN)/python -m pytest -n 2 --dist worksteal
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .
@@ -174,6 +179,9 @@ smoke: $(INSTALLED)
 	$(BIN)/datafactory doctor
 	$(BIN)/datafactory render --scene scenes/tiny.usda --scene scenes/street.xml --frames 3 --points 1 --rays 20000 --out build/smoke
 	$(BIN)/datafactory inspect build/smoke --verify --frames 2
+
+size: $(INSTALLED)
+	$(BIN)/python tests/benchmarks/size.py
 
 bench: $(INSTALLED)
 	$(BIN)/python tests/benchmarks/bench.py --out build/bench.json

@@ -35,6 +35,20 @@ install_import_hook(CHECKED, "array_shapes.checked")
 settings.register_profile("repeatable", derandomize=True, deadline=None, database=None)
 settings.load_profile("repeatable")
 
+LONG = (
+    "fuzz",
+    "examples",
+    "documentation/test_commands.py",
+    "documentation/test_reference.py",
+    "integration/test_flipped_bits.py",
+    "integration/test_flipped_files.py",
+    "integration/test_ray.py",
+    "integration/test_remote_runs.py",
+    "integration/test_twenty_cities.py",
+    "test_browser.py",
+)
+"""Folders and files whose tests are all marked slow: what they hold takes long, and seldom breaks."""
+
 RadarMaker = Callable[..., "Radar"]
 
 
@@ -81,3 +95,11 @@ def variant() -> str:
 @pytest.fixture
 def generator() -> np.random.Generator:
     return np.random.default_rng(20_240)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark what :data:`LONG` names."""
+    here = Path(__file__).resolve().parent
+    for item in items:
+        if any(item.path.is_relative_to(here / name) for name in LONG):
+            item.add_marker(pytest.mark.slow)

@@ -148,7 +148,6 @@ def wheels(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return {package: next(folder.glob(f"sparseradar_{package}-*.whl")) for package in PACKAGES}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("package", PACKAGES)
 def test_a_wheel_holds_all_sources_licence_and_readme(package: str, wheels: dict[str, Path]) -> None:
     source = ROOT / package / "src"

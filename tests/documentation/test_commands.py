@@ -60,6 +60,7 @@ NOT_RUN = {
     "make accuracy": "minutes; tests/datafactory/accuracy runs the sweep on a small scene",
     "make docs": "tests/documentation/test_reference.py builds the site",
     "make test": "it is what runs this",
+    "make test-all": "it is what runs this",
     "make study": "hours",
     "make worlds": "an hour; tests/integration/test_worlds_make.py looks at its steps",
     "python3 -m venv .venv": "makes the environment that this runs in",

@@ -14,6 +14,12 @@ from soak import soak as driver
 from soak.soak import soak, wants_the_processor
 
 
+def test_a_killed_run_resumes_to_the_same_shards(tmp_path: Path) -> None:
+    (tally,) = soak(1, ["render"], tmp_path, seed=5).values()
+    assert sum(tally.kills.values()) == 1
+    assert tally.clean
+
+
 @pytest.mark.slow
 def test_killed_runs_resume_to_the_same_shards(tmp_path: Path) -> None:
     (tally,) = soak(3, ["render"], tmp_path, seed=7).values()

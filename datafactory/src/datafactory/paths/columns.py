@@ -29,8 +29,10 @@ class Columns:
 
     def take(self, index: NDArray) -> Self:
         """The things at these indices, or where a mask is true."""
-        if index.dtype == np.bool_ and index.all():
-            return self
+        if index.dtype == np.bool_:
+            if index.all():
+                return self
+            index = np.flatnonzero(index)
         return replace(self, **{name: _rows(getattr(self, name), index) for name in _names(type(self))})
 
     @classmethod
