@@ -37,7 +37,7 @@ def traced_db(material: str, polarization: str) -> NDArray[np.float64]:
     materials = load_materials().map_materials([material])
     merged = merge_scene(Scene("ground", (ground,), targets), materials)
     settings = TraceSettings(rays=100, diffuse=False, polarization=(polarization, polarization))  # type: ignore[arg-type]
-    table = trace(merged, materials, Pose((0.0, 0.0, RADAR_M)), FREQUENCY_HZ, settings, RayFan(100), 1)
+    table = trace(merged, Pose((0.0, 0.0, RADAR_M)), FREQUENCY_HZ, settings, RayFan(100), 1)
     paths = table.scattered
     echo = paths.amplitude * np.exp(4j * np.pi * paths.range_m() / WAVELENGTH_M)
     field = np.bincount(paths.object_index - 1, echo.real) + 1j * np.bincount(paths.object_index - 1, echo.imag)

@@ -9,7 +9,7 @@ from curved_bodies import (
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.special import fresnel
-from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, mesh, scene_of
+from sionna_scenes import FREQUENCY_HZ, WAVELENGTH_M, mesh, scene_of
 
 from datafactory.paths.rays import RayFan
 from datafactory.paths.slabs import slab_reflection
@@ -41,7 +41,7 @@ def body(
 
 def traced(*objects: SceneObject, pose: Pose = HOME, **settings) -> PathTable:
     chosen = TraceSettings(**{"rays": 2000, "depth": 1, "diffuse": False, **settings})
-    return trace(scene_of(*objects), MATERIALS, pose, FREQUENCY_HZ, chosen, RayFan(chosen.rays), 1)
+    return trace(scene_of(*objects), pose, FREQUENCY_HZ, chosen, RayFan(chosen.rays), 1)
 
 
 def amplitudes(table: PathTable) -> NDArray[np.complex128]:

@@ -50,7 +50,7 @@ def echoes(
     """The targets' paths, and the whole table."""
     merged = merge_scene(Scene("test", tuple(objects), tuple(targets)), MATERIALS)
     chosen = TraceSettings(**{"rays": 100, "depth": 2, "diffuse": False, **settings})  # type: ignore[arg-type]
-    table = trace(merged, MATERIALS, pose, FREQUENCY_HZ, chosen, RayFan(100), 1)
+    table = trace(merged, pose, FREQUENCY_HZ, chosen, RayFan(100), 1)
     return table.scattered.take(table.scattered.kinds & TARGET > 0), table
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.geometry import placed
-from datafactory.paths.merged_scene import MergedScene, merge_scene, slabs_of
+from datafactory.paths.merged_scene import MergedScene, merge_scene
 from datafactory.paths.slabs import Slabs
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.view import View
@@ -59,20 +59,15 @@ def box(name: str, low: Any, high: Any, of: str, velocity=(0.0, 0.0, 0.0)) -> Sc
     return mesh(name, np.array(low) + corners * (np.array(high) - np.array(low)), triangles, of, velocity)
 
 
-def slabs(of: MergedScene, materials: MaterialMapping = MATERIALS) -> Slabs:
+def slabs(of: MergedScene) -> Slabs:
     """Of the meshes of a scene."""
-    return Slabs(slabs_of(of, materials), FREQUENCY_HZ)
+    return Slabs(of.slabs, FREQUENCY_HZ)
 
 
-def view_of(
-    of: MergedScene,
-    pose: Pose = AT_ORIGIN,
-    settings: TraceSettings | None = None,
-    materials: MaterialMapping = MATERIALS,
-) -> View:
+def view_of(of: MergedScene, pose: Pose = AT_ORIGIN, settings: TraceSettings | None = None) -> View:
     """A scene from one pose at its time."""
-    geometry = placed(of, materials, pose).mi_scene
-    return View(geometry, of, slabs(of, materials), pose, settings or TraceSettings())
+    geometry = placed(of, pose).mi_scene
+    return View(geometry, of, slabs(of), pose, settings or TraceSettings())
 
 
 def scene_of(*objects: SceneObject) -> MergedScene:

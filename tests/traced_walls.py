@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from datafactory.paths import solver as solver_module
 from datafactory.paths.geometry import placed
-from datafactory.paths.merged_scene import merge_scene, slabs_of
+from datafactory.paths.merged_scene import merge_scene
 from datafactory.paths.rays import RayFan
 from datafactory.paths.slabs import Slabs
 from datafactory.paths.solver import TraceSettings
@@ -78,15 +78,15 @@ def traced(
     chosen = TraceSettings(
         rays=rays, **{"depth": 1, "paths_a_cell": 0, "solver_share": 1, "twice_share": 1, **settings}
     )
-    return trace(merged, MATERIALS, pose, FREQUENCY_HZ, chosen, fan or RayFan(rays), seed)
+    return trace(merged, pose, FREQUENCY_HZ, chosen, fan or RayFan(rays), seed)
 
 
 def solved(*objects: SceneObject, fan: RayFan, rays: int, **settings):
     """The solver's own Paths of the same trace."""
     merged = merge_scene(Scene("test", objects), MATERIALS)
     chosen = TraceSettings(rays=rays, **settings)
-    slabs = Slabs(slabs_of(merged, MATERIALS), FREQUENCY_HZ)
-    scene = solver_module.radio_scene(placed(merged, MATERIALS, RADAR_AT_ORIGIN), slabs, chosen)
+    slabs = Slabs(merged.slabs, FREQUENCY_HZ)
+    scene = solver_module.radio_scene(placed(merged, RADAR_AT_ORIGIN), slabs, chosen)
     return solver_module.solver_paths(scene, chosen, fan, 1)
 
 

@@ -43,7 +43,7 @@ def cross_sections_dbsm(name: str) -> np.ndarray:
     for aspect in ASPECTS_DEG:
         angle = np.radians(aspect)
         pose = Pose((DISTANCE_M * np.cos(angle), DISTANCE_M * np.sin(angle), 0.5), yaw_deg=aspect + 180.0)
-        table = trace(merged, materials, pose, waveform.mid_sweep_hz, TraceSettings(rays=RAYS), RayFan(RAYS), 1)
+        table = trace(merged, pose, waveform.mid_sweep_hz, TraceSettings(rays=RAYS), RayFan(RAYS), 1)
         power = sum(float((np.abs(part.amplitude) ** 2).sum()) for part in (table.scattered, table.specular))
         section = (4.0 * np.pi) ** 3 * DISTANCE_M**4 * power / waveform.wavelength_m**2
         found.append(10.0 * np.log10(max(section, 1e-9)))

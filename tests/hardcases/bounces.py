@@ -38,7 +38,7 @@ def _traced(objects: Sequence[SceneObject], targets: Sequence[PointTarget], pose
 
     merged = merge_scene(Scene("hard", tuple(objects), tuple(targets)), MATERIALS)
     settings = TraceSettings(rays=100, depth=2, diffuse=False)
-    return trace(merged, MATERIALS, pose, 77.5e9, settings, RayFan(100), 1)
+    return trace(merged, pose, 77.5e9, settings, RayFan(100), 1)
 
 
 def _post(x: float, z: float) -> PointTarget:

@@ -26,6 +26,7 @@ from scipy.signal.windows import chebwin
 
 from datafactory.paths.merged_scene import MergedMesh
 from datafactory.paths.table import PathTable
+from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.poses import Pose
 from datafactory.synthesis.cube import cube_of_paths
 from shared.physics.units import SPEED_OF_LIGHT
@@ -113,7 +114,9 @@ def _point(pose: Pose, world: NDArray[np.float64], in_mesh: bool) -> PathTable:
     """A point seen from a pose: as point targets are, in float64, or as the tracer is given vertices, in float32."""
     if in_mesh:
         none = np.zeros((0, 3), dtype=np.int32)
-        mesh = MergedMesh("rough", np.zeros(3), world[None], none, np.zeros(0, dtype=np.int32))
+        mesh = MergedMesh(
+            load_materials().materials["concrete"], np.zeros(3), world[None], none, np.zeros(0, dtype=np.int32)
+        )
         seen = mesh.seen_from(pose).astype(np.float64)
     else:
         seen = (world[None] - np.asarray(pose.position)) @ pose.rotation()

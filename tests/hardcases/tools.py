@@ -114,7 +114,7 @@ def traced(
     from datafactory.paths.trace import trace
 
     merged = merge_scene(Scene("hard", tuple(objects)), MATERIALS)
-    return trace(merged, MATERIALS, pose, 77.5e9, TraceSettings(rays=rays, depth=depth), fan or RayFan(rays), seed=1)
+    return trace(merged, pose, 77.5e9, TraceSettings(rays=rays, depth=depth), fan or RayFan(rays), seed=1)
 
 
 def factory(*arguments: object) -> tuple[int, str, str]:

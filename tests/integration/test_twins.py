@@ -109,7 +109,7 @@ def traced(scene: Scene) -> PathTable:
     materials = load_materials().map_materials([item.material for item in scene.objects])
     settings = TraceSettings(rays=RAYS, depth=2, refraction=True, diffraction=True, corners=True)
     return trace(
-        merge_scene(scene, materials), materials, POSE, 77.5e9, settings, RayFan(RAYS), seed=1, target_seed=2
+        merge_scene(scene, materials), POSE, 77.5e9, settings, RayFan(RAYS), seed=1, target_seed=2
     )  # fmt: skip
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from sionna_scenes import FREQUENCY_HZ, plate, slabs_of
+from sionna_scenes import FREQUENCY_HZ, plate
 
 from datafactory.paths.aim import STRIPS, UNAIMED, aimed
 from datafactory.paths.arrivals import Arrivals
@@ -32,7 +32,7 @@ POLE = plate("pole", (17.0, 2.0, 1.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.9), "concre
 
 def seen(*objects: SceneObject) -> View:
     merged = merge_scene(Scene("test", objects), MATERIALS)
-    slabs = Slabs(slabs_of(merged, MATERIALS), FREQUENCY_HZ)
+    slabs = Slabs(merged.slabs, FREQUENCY_HZ)
     settings = TraceSettings(depth=1, paths_a_cell=0)
     return View(Geometry(merged).place(merged, POSE).mi_scene, merged, slabs, POSE, settings)
 

@@ -15,7 +15,7 @@ from datafactory.frame.deal import Deal
 from datafactory.paths.candidates import CHAIN, CORNER, EDGE, PANE, TARGET_MIRRORED, TARGET_SEEN, Candidates
 from datafactory.paths.chains import chain_candidates
 from datafactory.paths.corner_edges import corners_of
-from datafactory.paths.merged_scene import merge_scene, slabs_of
+from datafactory.paths.merged_scene import merge_scene
 from datafactory.paths.slabs import Slabs
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import REFRACTED, PathTable
@@ -77,7 +77,7 @@ def two_walls(first: tuple[np.ndarray, np.ndarray], second: tuple[np.ndarray, np
         walls.append(mesh(name, corners, [[0, 1, 2]], "metal"))
     of = merge_scene(Scene("two walls", tuple(walls)), MATERIALS)
     bare = replace(corners_of(merge_scene(Scene("none", ()), MATERIALS)), face_of_triangle=np.full(2, -1))
-    slabs = Slabs(slabs_of(of, MATERIALS), SPEED_OF_LIGHT / 0.004)
+    slabs = Slabs(of.slabs, SPEED_OF_LIGHT / 0.004)
     view = View(None, of, slabs, Pose((0.0, 0.0, 0.0)), TraceSettings())
     return chain_candidates([np.array([[0, 1], [0, 1]])], view, bare)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from corner_scenes import corner_echo, dihedral, level_db, meshes_of, received
-from sionna_scenes import FREQUENCY_HZ, MATERIALS, box, plate, scene_of
+from sionna_scenes import FREQUENCY_HZ, box, plate, scene_of
 
 from datafactory.paths.rays import RayFan
 from datafactory.paths.solver import TraceSettings
@@ -25,7 +25,7 @@ RAYS = 20_000
 
 def traced(*objects, pose: Pose = HERE, corners: bool = True, depth: int = 2) -> PathTable:
     settings = TraceSettings(rays=RAYS, depth=depth, diffuse=False, corners=corners)
-    return trace(scene_of(*objects), MATERIALS, pose, FREQUENCY_HZ, settings, RayFan(RAYS), seed=1)
+    return trace(scene_of(*objects), pose, FREQUENCY_HZ, settings, RayFan(RAYS), seed=1)
 
 
 def of_corners(table: PathTable) -> PathTable:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 from scipy.special import fresnel
+from sionna_scenes import MATERIALS
 
 from datafactory.paths import facets
 from datafactory.paths.facets import Mirrors, reflected_share
@@ -19,10 +20,13 @@ DISTANCE_M = 10.0
 SCALE = np.sqrt(2.0 / DISTANCE_M / WAVELENGTH_M)
 
 
+METAL = MATERIALS["metal"]
+
+
 def mesh(vertices, triangles, velocity=(0.0, 0.0, 0.0)) -> MergedMesh:
     triangles = np.array(triangles, dtype=np.int32)
     return MergedMesh(
-        "metal", np.array(velocity), np.array(vertices, float), triangles, np.zeros(len(triangles), np.int32)
+        METAL, np.array(velocity), np.array(vertices, float), triangles, np.zeros(len(triangles), np.int32)
     )
 
 
@@ -103,7 +107,7 @@ def test_pieces_with_shifted_joints_are_one_mirror():
 
 def test_triangles_wound_either_way_are_one_mirror():
     flipped = plate((-0.2, 0.1), (-0.05, 0.3))
-    flipped = MergedMesh("metal", flipped.velocity, flipped.vertices, np.array([[0, 2, 1], [0, 2, 3]], np.int32),
+    flipped = MergedMesh(METAL, flipped.velocity, flipped.vertices, np.array([[0, 2, 1], [0, 2, 3]], np.int32),
                          flipped.object_of_triangle)  # fmt: skip
     assert share(flipped) == pytest.approx(share(plate((-0.2, 0.1), (-0.05, 0.3))), abs=1e-9)
 

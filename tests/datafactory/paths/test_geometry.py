@@ -6,7 +6,7 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-from rough_plates import FREQUENCY_HZ, MATERIALS, merged_of, plate
+from rough_plates import FREQUENCY_HZ, merged_of, plate
 from sionna_scenes import box
 from turning_scenes import turning
 
@@ -37,7 +37,7 @@ def scene() -> MergedScene:
 
 
 def traced(merged: MergedScene, pose: Pose) -> PathTable:
-    return trace_module.trace(merged, MATERIALS, pose, FREQUENCY_HZ, SETTINGS, RayFan(SETTINGS.rays), 1)
+    return trace_module.trace(merged, pose, FREQUENCY_HZ, SETTINGS, RayFan(SETTINGS.rays), 1)
 
 
 def same(one: PathTable, other: PathTable) -> None:
@@ -59,15 +59,12 @@ def test_a_frame_is_the_same_first_or_tenth():
         same(one, traced(merged, pose))
 
 
-def test_one_scene_is_kept_and_other_materials_are_another():
+def test_one_scene_is_kept_and_another_is_another():
     geometry_module._kept.cache_clear()
     merged = scene()
-    one, other = (geometry_module.placed(merged.at(pose.time_s), MATERIALS, pose) for pose in POSES[:2])
+    one, other = (geometry_module.placed(merged.at(pose.time_s), pose) for pose in POSES[:2])
     assert one is other
-    concrete, source = MATERIALS.entries["concrete"]
-    rough = type(concrete)(**{**vars(concrete), "scattering_coefficient": 0.5})
-    materials = type(MATERIALS)(entries={**MATERIALS.entries, "concrete": (rough, source)}, unknown=())
-    assert geometry_module.placed(merged.at(0.0), materials, POSES[0]) is not one
+    assert geometry_module.placed(scene().at(0.0), POSES[0]) is not one
 
 
 def test_a_frame_without_chains_makes_no_scene_of_sionnas(monkeypatch):
@@ -76,7 +73,7 @@ def test_a_frame_without_chains_makes_no_scene_of_sionnas(monkeypatch):
 
     monkeypatch.setattr(trace_module, "radio_scene", never)
     settings = TraceSettings(rays=1_000, depth=1, refraction=True, diffraction=True, corners=True)
-    table = trace_module.trace(scene(), MATERIALS, POSES[0], FREQUENCY_HZ, settings, RayFan(1_000), 1)
+    table = trace_module.trace(scene(), POSES[0], FREQUENCY_HZ, settings, RayFan(1_000), 1)
     assert len(table.scattered) > 300
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from rough_plates import CORNER, FREQUENCY_HZ, HERE, MATERIALS, ROUGHNESS, WAVELENGTH_M, merged_of, plate
+from rough_plates import CORNER, FREQUENCY_HZ, HERE, ROUGHNESS, WAVELENGTH_M, merged_of, plate
 from sionna_scenes import slabs, view_of
 
 from datafactory.paths import solver as solver_module
@@ -30,7 +30,7 @@ pytestmark = pytest.mark.usefixtures("variant")
 def once_of(*objects: SceneObject, rays: int, pose: Pose = HERE, fan: RayFan | None = None, **settings) -> list[Bundle]:
     merged = merged_of(*objects)
     chosen = TraceSettings(rays=rays, **{"depth": 1, "paths_a_cell": 0, **settings})
-    first = Arrivals.first(view_of(merged, pose, chosen, MATERIALS), fan or RayFan(rays))
+    first = Arrivals.first(view_of(merged, pose, chosen), fan or RayFan(rays))
     bundles = [group.thinned(1) for group in (first.echoes(), *over_mirrors(first))]
     if chosen.refraction:
         bundles[0] = Bundle.joined([bundles[0], behind_panes(first).thinned(1)])
@@ -41,8 +41,8 @@ def solved(*objects: SceneObject, rays: int, pose: Pose = HERE, **settings) -> B
     """The solver's own paths."""
     merged = merged_of(*objects)
     chosen = TraceSettings(rays=rays, solver_share=1, **settings)
-    geometry = placed(merged, MATERIALS, pose)
-    scene = solver_module.radio_scene(geometry, slabs(merged, MATERIALS), chosen)
+    geometry = placed(merged, pose)
+    scene = solver_module.radio_scene(geometry, slabs(merged), chosen)
     return solver_module.solve(scene, merged, pose, chosen, RayFan(rays), 1).bundle
 
 
@@ -195,7 +195,7 @@ def test_what_stands_behind_a_pane_is_heard_through_it_twice():
 
 def table_of(*objects: SceneObject, rays: int, **settings) -> PathTable:
     chosen = TraceSettings(rays=rays, **settings)
-    return trace_module.trace(merged_of(*objects), MATERIALS, HERE, FREQUENCY_HZ, chosen, RayFan(rays), 1)
+    return trace_module.trace(merged_of(*objects), HERE, FREQUENCY_HZ, chosen, RayFan(rays), 1)
 
 
 def test_single_bounces_need_no_solver_and_no_pass_without_diffuse(monkeypatch):

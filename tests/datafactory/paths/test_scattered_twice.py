@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from rough_plates import CORNER, FREQUENCY_HZ, HERE, MATERIALS, decibels_of, merged_of, plate
+from rough_plates import CORNER, FREQUENCY_HZ, HERE, decibels_of, merged_of, plate
 from sionna_scenes import slabs, view_of
 
 from datafactory.paths import solver as solver_module
@@ -43,7 +43,7 @@ EVERY = TraceSettings(solver_share=1, twice_share=1, paths_a_cell=0, depth=2)
 
 def first_hits(objects: tuple[SceneObject, ...], settings: TraceSettings, fan: RayFan) -> Arrivals:
     merged = merged_of(*objects)
-    return Arrivals.first(view_of(merged, HERE, settings, MATERIALS), fan)
+    return Arrivals.first(view_of(merged, HERE, settings), fan)
 
 
 def of_kinds(bundle: Bundle, *kinds: int) -> Bundle:
@@ -64,8 +64,8 @@ def powers(bundle: Bundle, fan: RayFan) -> float:
 def test_power_is_sionnas_own(objects, polarization):
     rays, merged = 2_000_000, merged_of(*objects)
     settings = replace(EVERY, rays=rays, polarization=polarization)
-    geometry = placed(merged, MATERIALS, HERE)
-    scene = solver_module.radio_scene(geometry, slabs(merged, MATERIALS), settings)
+    geometry = placed(merged, HERE)
+    scene = solver_module.radio_scene(geometry, slabs(merged), settings)
     ours, theirs = 0.0, 0.0
     for seed in (1, 2):
         fan = RayFan(rays, (0.37 * seed, 0.11 * seed))
@@ -129,7 +129,7 @@ def uncrossed(table: PathTable) -> tuple[PathTable, int]:
 def test_panes_change_no_path_that_does_not_cross_them(depth):
     settings = TraceSettings(rays=20_000, depth=depth, diffraction=True, corners=True)
     without, through = (
-        trace(merged_of(*SHOP), MATERIALS, HERE, FREQUENCY_HZ, replace(settings, refraction=on), RayFan(20_000), 1)
+        trace(merged_of(*SHOP), HERE, FREQUENCY_HZ, replace(settings, refraction=on), RayFan(20_000), 1)
         for on in (False, True)
     )
     kept, crossing = uncrossed(through)
@@ -145,7 +145,7 @@ def test_panes_change_no_path_that_does_not_cross_them(depth):
 
 def test_each_number_of_bounces_is_left_alone_by_more_of_them():
     tables = [
-        trace(merged_of(*CORNER), MATERIALS, HERE, FREQUENCY_HZ, TraceSettings(rays=20_000, depth=d), RayFan(20_000), 1)
+        trace(merged_of(*CORNER), HERE, FREQUENCY_HZ, TraceSettings(rays=20_000, depth=d), RayFan(20_000), 1)
         for d in (1, 2, 3)
     ]
     for fewer, more in pairwise(tables):

@@ -29,7 +29,7 @@ CAR = box("car", (7.0, -2.0, -1.0), (9.0, 2.0, 1.0), "metal")
 
 def traced(merged: MergedScene, pose: Pose, **settings: object) -> PathTable:
     chosen = TraceSettings(rays=4_000, **{"depth": 1, "paths_a_cell": 0, "solver_share": 1, **settings})  # type: ignore[arg-type]
-    return trace(merged, MATERIALS, pose, FREQUENCY_HZ, chosen, RayFan(4_000), 1)
+    return trace(merged, pose, FREQUENCY_HZ, chosen, RayFan(4_000), 1)
 
 
 def later(pose: Pose, seconds: float = STEP_S) -> Pose:
@@ -70,7 +70,7 @@ def test_what_scatters_on_a_turning_body_moves_with_its_point() -> None:
     materials = type(MATERIALS)(entries=rough, unknown=())
     merged = merge_scene(Scene("test", (turning(CAR),)), materials)
     chosen = TraceSettings(rays=4_000, depth=1, paths_a_cell=0, solver_share=1, specular=False)
-    paths = trace(merged, materials, POSE, FREQUENCY_HZ, chosen, RayFan(4_000), 1).scattered
+    paths = trace(merged, POSE, FREQUENCY_HZ, chosen, RayFan(4_000), 1).scattered
     assert len(paths) > 100
     hub = np.array([8.0 + 3.0 * POSE.time_s, 0.0, 0.0])
     spin = np.array([0.0, 0.0, np.radians(TURN_DEG_PER_S)])

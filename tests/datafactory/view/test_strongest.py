@@ -20,6 +20,7 @@ from datafactory.paths.table import (
     ScatteredPaths,
     SpecularPaths,
 )
+from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.poses import Pose
 from datafactory.view.casting import RayCaster
 from datafactory.view.colours import DIFFRACTION, DIRECT, KINDS, MIRROR, REFRACTION, SEVERAL
@@ -36,7 +37,9 @@ def wall(corner: tuple[float, float], along: tuple[float, float], length: float)
     foot, end = np.array(corner), np.array(corner) + length * np.array(along)
     corners = np.array([[*foot, -10.0], [*end, -10.0], [*end, 10.0], [*foot, 10.0]])
     triangles = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
-    return MergedMesh("concrete", np.zeros(3), corners, triangles, np.zeros(2, dtype=np.int32))
+    return MergedMesh(
+        load_materials().materials["concrete"], np.zeros(3), corners, triangles, np.zeros(2, dtype=np.int32)
+    )
 
 
 AHEAD = wall((10.0, -30.0), (0.0, 1.0), 60.0)

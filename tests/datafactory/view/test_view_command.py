@@ -135,8 +135,8 @@ def test_pictures_show_things_where_they_are() -> None:
     corners = np.array([[10.0, 2.0, 0.0], [10.0, 4.0, 0.0], [10.0, 4.0, 2.0], [10.0, 2.0, 2.0],
                         [10.5, 2.0, 2.0], [10.5, 4.0, 2.0]])  # fmt: skip
     triangles = np.array([[0, 1, 2], [0, 2, 3], [3, 2, 5], [3, 5, 4]], dtype=np.int32)
-    plate = MergedMesh("metal", np.zeros(3), corners, triangles, np.zeros(4, dtype=np.int32))
     materials = load_materials().map_materials(["metal"])
+    plate = MergedMesh(materials["metal"], np.zeros(3), corners, triangles, np.zeros(4, dtype=np.int32))
     scene = PreparedScene("plate", "", MergedScene((plate,), ("plate",)), materials)
     looked_at = Subject("plate", scene, Pose((0.0, 0.0, 0.0)), load_radar("avr-qdm-110"))
     width, height = 400, 200

@@ -120,7 +120,7 @@ class SceneSource:
         fan = RayFan(self.settings.trace.rays, offset=rays.offset)
         settings = replace(self.settings.trace, polarization=(front_end.tx_polarization, front_end.rx_polarization))
         table = at(
-            "trace", trace, scene.merged, scene.materials, frame.where, radar.waveform.mid_sweep_hz, settings, fan,
+            "trace", trace, scene.merged, frame.where, radar.waveform.mid_sweep_hz, settings, fan,
             rays.solver_seed, frame.target_seed(), self.settings.notice(radar),
         )  # fmt: skip
         return TracedFrame(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from datafactory.paths.curved_surfaces import curved_surfaces_of
 from datafactory.paths.edges import edges_of
-from datafactory.paths.merged_scene import merge_scene, slabs_of
+from datafactory.paths.merged_scene import merge_scene
 from datafactory.paths.slabs import slab_transmission
 from datafactory.scenes.materials.table import MaterialMapping, MaterialTable
 from datafactory.scenes.motion import Moving, Track
@@ -167,7 +167,7 @@ def _remarks(scene: Scene, mapping: MaterialMapping) -> Iterator[str]:
     if not scene.objects:
         return
     merged = merge_scene(scene, mapping)
-    panes = {slab.name for slab in slabs_of(merged, mapping) if _one_way_db(slab) > PANE_DB}
+    panes = {slab.name for slab in merged.slabs if _one_way_db(slab) > PANE_DB}
     if panes:
         yield f"{', '.join(sorted(panes))} let waves through; every surface is one slab: a pane drawn as a box is two"
     yield from curved_surfaces_of(merged).notes()

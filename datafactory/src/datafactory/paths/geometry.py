@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.backend import select_variant
-from datafactory.paths.merged_scene import MergedScene, slabs_of
-from datafactory.scenes.materials.table import Material, MaterialMapping
+from datafactory.paths.merged_scene import MergedScene
 from datafactory.scenes.poses import Pose
 
 KEPT = 4
@@ -68,17 +67,17 @@ class Geometry:
         return self
 
 
-def placed(merged: MergedScene, materials: MaterialMapping, pose: Pose) -> Geometry:
+def placed(merged: MergedScene, pose: Pose) -> Geometry:
     """The kept geometry of a scene, seen from a pose at its time.
 
     :param merged: at the pose's time
     """
     rest = merged.at_rest or merged
-    return _kept(rest, slabs_of(rest, materials), select_variant()).place(merged, pose)
+    return _kept(rest, select_variant()).place(merged, pose)
 
 
 @lru_cache(maxsize=KEPT)
-def _kept(rest: MergedScene, slabs: tuple[Material, ...], variant: str) -> Geometry:
+def _kept(rest: MergedScene, variant: str) -> Geometry:
     return Geometry(rest)
 
 

@@ -47,7 +47,7 @@ class Turned:
 class MergedMesh:
     """Objects of one material and one motion as one mesh, at one time.
 
-    :param material: name in the material table
+    :param slab: what it is made of
     :param velocity: world velocity [3] m/s; of what turns, that of its vertices' mean
     :param vertices: [V, 3] world [m], float64, without ``shift``; :param triangles: [T, 3] int32
     :param object_of_triangle: [T] index into ``MergedScene.objects``
@@ -57,7 +57,7 @@ class MergedMesh:
     :param turned: None for what does not turn
     """
 
-    material: str
+    slab: Material
     velocity: Real
     vertices: Real
     triangles: NDArray[np.int32]
@@ -66,6 +66,11 @@ class MergedMesh:
     body: Hashable = None
     shift: Real = field(default_factory=lambda: np.zeros(3))
     turned: Turned | None = None
+
+    @property
+    def material(self) -> str:
+        """Name in the material table."""
+        return self.slab.name
 
     @property
     def moves(self) -> bool:
@@ -130,6 +135,11 @@ class MergedScene:
     fastest_mps: float = 0.0
     at_rest: MergedScene | None = None
     found: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
+
+    @cached_property
+    def slabs(self) -> tuple[Material, ...]:
+        """What each mesh is made of."""
+        return tuple(mesh.slab for mesh in self.meshes)
 
     def at(self, time_s: float) -> MergedScene:
         """The scene at a time [s]."""
@@ -242,14 +252,14 @@ def merge_scene(scene: Scene, materials: MaterialMapping) -> MergedScene:
     for index, item in enumerate(scene.objects):
         groups[materials[item.material].name, *_motion_of(item)].append(index)
     meshes = []
-    for (material, velocity, body), members in sorted(groups.items(), key=lambda group: (group[0][:2], group[1])):
+    for (_, velocity, body), members in sorted(groups.items(), key=lambda group: (group[0][:2], group[1])):
         parts = [scene.objects[index] for index in members]
         vertices = [part.vertices for part in parts]
         starts = np.cumsum([0] + [len(part) for part in vertices[:-1]])
         track = body if isinstance(body, Track) else None
         every = np.concatenate(vertices)
         mesh = MergedMesh(
-            material=material,
+            slab=materials[scene.objects[members[0]].material],
             velocity=np.array(velocity),
             vertices=every,
             triangles=np.concatenate([p.triangles + s for p, s in zip(parts, starts, strict=True)]).astype(np.int32),
@@ -269,12 +279,6 @@ def _motion_of(item: SceneObject) -> tuple[Vector, Hashable]:
     if isinstance(item.motion, Moving):
         return ZERO, ("turns", item.motion.body)
     return item.velocity, item.motion
-
-
-def slabs_of(merged_scene: MergedScene, materials: MaterialMapping) -> tuple[Material, ...]:
-    """Material of each merged mesh."""
-    by_name = {material.name: material for material, _ in materials.entries.values()}
-    return tuple(by_name[mesh.material] for mesh in merged_scene.meshes)
 
 
 def velocities_on(

@@ -37,7 +37,7 @@ from datafactory.paths.curved_surfaces import curved_surfaces_of
 from datafactory.paths.diffraction import EdgeEchoes, Sight
 from datafactory.paths.edges import edges_of
 from datafactory.paths.geometry import Geometry, placed
-from datafactory.paths.merged_scene import MergedScene, slabs_of
+from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.mirror_feet import single_mirrors
 from datafactory.paths.notice import Notice
 from datafactory.paths.panes import pane_candidates
@@ -50,7 +50,6 @@ from datafactory.paths.solver import Bundle, Solved, TraceSettings, radio_scene,
 from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
 from datafactory.paths.targets import TargetEchoes
 from datafactory.paths.view import View
-from datafactory.scenes.materials.table import MaterialMapping
 from datafactory.scenes.poses import Pose
 
 
@@ -98,7 +97,6 @@ class _Found:
 
 def trace(
     merged: MergedScene,
-    materials: MaterialMapping,
     pose: Pose,
     frequency_hz: float,
     settings: TraceSettings,
@@ -116,7 +114,7 @@ def trace(
     :param notice: of the radar that the frame is traced for: what it would not notice is not looked for; None: all is
     """
     merged = merged.at(pose.time_s)
-    kept, slabs = placed(merged, materials, pose), Slabs(slabs_of(merged, materials), frequency_hz)
+    kept, slabs = placed(merged, pose), Slabs(merged.slabs, frequency_hz)
     view = View(kept.mi_scene, merged, slabs, pose, settings)
     panes = pane_candidates(view) if settings.refraction else Candidates.none()
     heard = len(panes) > 0 if notice is None else bool(notice.power_w(panes).any())
