@@ -1,4 +1,4 @@
-"""A procedural city without traffic of its own has room for what ``--populate`` puts in, whatever its style."""
+"""A procedural city has room for what ``--populate`` puts in, whatever its style."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ ASKED = "cars=20,trucks=2,pedestrians=10,cyclists=4,poles=30,signs=10,parked=0.6
 
 
 @pytest.mark.parametrize("style", list(Style))
-def test_an_empty_city_is_populated(tmp_path: Path, style: Style) -> None:
+def test_a_city_is_populated(tmp_path: Path, style: Style) -> None:
     path = tmp_path / "city.usda"
-    done = CliRunner().invoke(app, ["city", "--no-traffic", "--seed", "1", "--style", style.value, "--out", str(path)])
+    done = CliRunner().invoke(app, ["city", "--seed", "1", "--style", style.value, "--out", str(path)])
     assert done.exit_code == 0, done.output
     population = load_scene(str(path), populate=ASKED, seed=1).population
     assert population is not None

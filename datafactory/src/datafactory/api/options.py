@@ -278,7 +278,6 @@ class CityOptions(Options):
     blocks: Annotated[int | None, Option(
         "House blocks along the street; 2 without.", least=1, most=MOST_BLOCKS)] = None
     style: Annotated[Style, Option("What the city is like.")] = Style.OLD_TOWN
-    traffic: Annotated[bool, Option("With what moves; without, the streets are free for --populate.")] = True
     opendrive: Annotated[Path | None, Option("Roads, lanes and traffic from an OpenDRIVE file (.xodr).")] = None
     osm: Annotated[Path | None, Option("The same from an OpenStreetMap extract (.osm).")] = None
     centre: Annotated[str | None, Option("x,y of the window's middle in the network [m]; its own without.")] = None

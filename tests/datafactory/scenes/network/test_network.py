@@ -179,7 +179,6 @@ def test_a_window_of_a_town(tmp_path: Path) -> None:
         (opendrive(), ["--centre", "here"], ("'here'", "two numbers")),
         (opendrive(), ["--extent", "1"], ("--extent: 1;", "40 to 2000 m")),
         (opendrive(), ["--blocks", "2"], ("--blocks", "--extent")),
-        (opendrive(), ["--no-traffic"], ("--no-traffic beside a network", "procedural city")),
         (opendrive(), ["--osm", "a.osm"], ("both given", "one of the two")),
     ],
 )

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scene_solids import CitySolids, PopulationSolids
+from scene_solids import PopulationSolids, city_solids
 from solids import Shape, Standing, containing, intersecting
 from town_scenes import two_blocks
 
@@ -59,14 +59,14 @@ class Populated:
 
 
 def bare_scene(which: str, folder: Path) -> tuple[Scene, list[Standing]]:
-    """A scene without traffic, and the solids in it: of a city what stands, parked cars too."""
+    """A scene without traffic, and the solids in it: of a city the parked cars too."""
     if which in ("hill", CANYON):
         bare = two_blocks() if which == "hill" else open_scene(which)
         houses = [item for item in bare.objects if item.name not in ("ground", "mesh-floor")]
         return bare, [Standing(item.name, Shape.around([(item.vertices, item.triangles)])) for item in houses]
-    standing = city(CityOptions(seed=0, blocks=2, style=Style(which), traffic=False))
+    standing = city(CityOptions(seed=0, blocks=2, style=Style(which)))
     write_usd(folder / "city.usdc", standing, "what stands")
-    return open_scene(str(folder / "city.usdc")), CitySolids(standing).at(0.0)
+    return open_scene(str(folder / "city.usdc")), city_solids(standing)
 
 
 @pytest.mark.parametrize("which", ["hill", CANYON, *Style])

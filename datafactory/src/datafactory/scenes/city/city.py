@@ -1,4 +1,4 @@
-"""A procedural city with traffic, as USD: plan, ground, blocks, roadside, movers, in this order, from one generator.
+"""A procedural city as USD: plan, ground, blocks, roadside, in this order, from one generator. Nothing in it moves.
 
 The same options give the same file on every machine: all draws come from one NumPy generator, all coordinates are
 rounded to the millimetre before they are written, and nothing depends on a library's last digit.
@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from datafactory.scenes.city import blocks as blocks_of
-from datafactory.scenes.city import furniture, motorway, movers, paving, roadside, vehicles, works
+from datafactory.scenes.city import furniture, motorway, paving, roadside, vehicles, works
 from datafactory.scenes.city.options import CityOptions
 from datafactory.scenes.city.placement import Placement
 from datafactory.scenes.city.plan import Plan, draw_plan
@@ -26,8 +26,6 @@ def models(rng: np.random.Generator, rules: Rules, plan: Plan) -> dict[str, Surf
     """The shapes that a city's things share, by name; of trees there are several, drawn."""
     shared = {name: vehicles.car(shape) for name, shape in vehicles.CAR_SHAPES.items()}
     shared |= {"Lorry": vehicles.lorry(), "Bus": vehicles.bus()}
-    shared |= {"Pedestrian": vehicles.pedestrian().moved((0.0, 0.0, vehicles.TORSO_HEIGHT))}
-    shared |= {"Cyclist": vehicles.cyclist().moved((0.0, 0.0, vehicles.RIDER_HEIGHT))}
     shared |= {f"Tree_{i}": furniture.street_tree(rng, rng.uniform(1.0, 1.4)) for i in range(3)}
     shared |= {f"Conifer_{i}": furniture.conifer(rng) for i in range(2)}
     shared |= {f"Sign_{kind}": furniture.sign(kind) for kind in ("round", "triangle", "panel")}
@@ -55,22 +53,19 @@ def city(options: CityOptions) -> tuple[Placement, ...]:
     for block in plan.blocks:
         blocks_of.fill(site, block, rules)
     roadside.furnish(site, plan, rules)
-    if options.traffic:
-        movers.populate(site, plan, rules)
     return tuple(site.placements)
 
 
-def write_city(path: Path, seed: int = 0, blocks: int = 2, style: Style = Style.OLD_TOWN, traffic: bool = True) -> None:
-    """Write a procedural city with traffic as USD: metres, z up; the same options give the same bytes.
+def write_city(path: Path, seed: int = 0, blocks: int = 2, style: Style = Style.OLD_TOWN) -> None:
+    """Write a procedural city as USD: metres, z up; the same options give the same bytes.
 
     :param path: ``.usda``, ``.usdc`` or ``.usd``
     :param seed: 0 or more
     :param blocks: house blocks along the main street, at least 1, with a cross street between neighbours
     :param style: what the city is like
-    :param traffic: with what moves; without it the streets are free for ``--populate``
     :raises InputError: a bad argument, or a place that cannot be written
     """
     path = check_output(path)
-    options = CityOptions.checked(seed=seed, blocks=blocks, style=style, traffic=traffic)
+    options = CityOptions.checked(seed=seed, blocks=blocks, style=style)
     name = f"Procedural city: {options.style.value}, seed {seed}, blocks {blocks}. Metres, z up."
     write_usd(path, city(options), name, options.metadata())

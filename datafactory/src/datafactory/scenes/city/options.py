@@ -10,7 +10,7 @@ from datafactory.scenes.city.style import MOST_BLOCKS, Style
 from shared.physics.errors import InputError
 from shared.processes.defaults import LARGEST_SEED
 
-VERSION = 2
+VERSION = 3
 """Of the generator: the same options, version and kind of file give the same bytes."""
 
 
@@ -18,9 +18,8 @@ class CityOptions(BaseModel):
     """The options of a procedural city.
 
     :param seed: of the NumPy generator that all choices are drawn from
-    :param style: which kinds of streets, buildings and traffic
+    :param style: which kinds of streets and buildings
     :param blocks: house blocks along the main street, with a cross street between neighbours
-    :param traffic: with what moves; without it streets, houses and what stands are the same
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
@@ -28,7 +27,6 @@ class CityOptions(BaseModel):
     seed: Annotated[int, Field(ge=0, le=LARGEST_SEED)] = 0
     style: Style = Style.OLD_TOWN
     blocks: Annotated[int, Field(ge=1, le=MOST_BLOCKS)] = 2
-    traffic: bool = True
 
     @staticmethod
     def checked(**values: Any) -> CityOptions:
@@ -46,5 +44,4 @@ class CityOptions(BaseModel):
 
     def metadata(self) -> dict[str, Any]:
         """For the file's metadata."""
-        found = {"style": self.style.value, "seed": self.seed, "blocks": self.blocks, "version": VERSION}
-        return found if self.traffic else {**found, "traffic": False}
+        return {"style": self.style.value, "seed": self.seed, "blocks": self.blocks, "version": VERSION}

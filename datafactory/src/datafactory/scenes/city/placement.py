@@ -36,8 +36,6 @@ class Placement:
     :param model: name under which placements share one surface; "" where the surface is its own
     :param keyframes: how it moves, rising in time; empty where it rests or goes straight on for ever
     :param radar_class: what a detector is to call it (``radar:class``), e.g. ``"car"``; "" for what is no object
-    :param target: model of its radar cross section (``radar:target``); "" where the mesh counts
-    :param target_options: numbers of that model, as ``("stature_m", 1.75)``
     """
 
     path: str
@@ -49,5 +47,3 @@ class Placement:
     model: str = ""
     keyframes: tuple[Keyframe, ...] = ()
     radar_class: str = ""
-    target: str = ""
-    target_options: tuple[tuple[str, float], ...] = ()

@@ -1,8 +1,8 @@
 """The plan of a city: streets, crossings and blocks, as rectangles along the axes.
 
 The main street lies along x at y = 0. Rows of blocks lie on both of its sides; parallel side streets between further
-rows, cross streets along y between neighbouring columns. A cross street may end at the main street: a T. Traffic keeps
-to the right (:mod:`datafactory.scenes.city.lanes`).
+rows, cross streets along y between neighbouring columns. A cross street may end at the main street: a T. Signs and
+parked cars face as traffic does that keeps to the right.
 """
 
 from __future__ import annotations

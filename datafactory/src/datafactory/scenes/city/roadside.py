@@ -79,7 +79,7 @@ def _bus_stop(
 ) -> tuple[float, float] | None:
     """A flag at the kerb, a shelter on a wide pavement, now and then a bus in a wide strip; what it takes up."""
     rng, kind = site.rng, street.kind
-    if rules.walkers == 0 or last - first < 40.0 or rng.random() < 0.45:
+    if not rules.walked or last - first < 40.0 or rng.random() < 0.45:
         return None
     middle = rng.uniform(first + 16.0, last - 16.0)
     if kind.pavement_m >= SHELTER_NEEDS_M:

@@ -1,4 +1,4 @@
-"""What each style is made of: widths, chances and speeds. Numbers alone; the builders beside this module use them.
+"""What each style is made of: widths and chances. Numbers alone; the builders beside this module use them.
 
 Widths of streets follow the German guidelines RASt 06 (urban roads) and RAA (motorways), rounded to 0.25 m.
 """
@@ -51,12 +51,10 @@ class Rules:
     :param tee: chance that a cross street ends at the main street
     :param uses: what blocks are used for, with weights
     :param kerb_m: height of the kerbs
-    :param speed_mps: wanted speeds of cars
-    :param gap_m: between moving vehicles of a lane, at the start
-    :param heavy: share of lorries and buses among them
+    :param heavy: share of lorries and buses among vehicles
     :param parked: share of the parking strip's places that are taken
     :param trees, lamps_m, lamp_height_m: chance of a tree at a slot of the kerb, spacing and height of lamps
-    :param walkers: on each pavement of a block
+    :param walked: whether people walk here: bus stops and litter bins
     :param signals: whether crossings have traffic lights
     :param bridges: whether cross streets lead over the main street
     """
@@ -69,14 +67,12 @@ class Rules:
     tee: float
     uses: tuple[tuple[str, float], ...]
     kerb_m: float = 0.12
-    speed_mps: Span = (7.0, 13.0)
-    gap_m: Span = (16.0, 45.0)
     heavy: float = 0.08
     parked: float = 0.6
     trees: float = 0.5
     lamps_m: float = 30.0
     lamp_height_m: float = 7.0
-    walkers: int = 2
+    walked: bool = True
     signals: bool = True
     bridges: bool = False
 
@@ -103,14 +99,11 @@ RULES = {
         row_m=(46.0, 60.0),
         tee=0.4,
         uses=(("gardens", 0.85), ("park", 0.15)),
-        speed_mps=(6.0, 11.0),
-        gap_m=(30.0, 80.0),
         heavy=0.05,
         parked=0.3,
         trees=0.6,
         lamps_m=34.0,
         lamp_height_m=5.0,
-        walkers=1,
         signals=False,
     ),
     Style.MOTORWAY: Rules(
@@ -126,13 +119,11 @@ RULES = {
         tee=0.0,
         uses=(("verge", 1.0),),
         kerb_m=0.0,
-        speed_mps=(22.0, 36.0),
-        gap_m=(28.0, 75.0),
         heavy=0.25,
         parked=0.0,
         trees=0.0,
         lamps_m=0.0,
-        walkers=0,
+        walked=False,
         signals=False,
         bridges=True,
     ),
@@ -148,13 +139,11 @@ RULES = {
         row_m=(58.0, 76.0),
         tee=0.4,
         uses=(("works", 0.55), ("depot", 0.35), ("park", 0.1)),
-        gap_m=(28.0, 80.0),
         heavy=0.45,
         parked=0.35,
         trees=0.1,
         lamps_m=40.0,
         lamp_height_m=9.0,
-        walkers=1,
     ),
     Style.CAR_PARK: Rules(
         mains=(StreetKind(1, 3.5, 0.0, 0.0, 3.0), StreetKind(2, 3.25, 0.0, 0.0, 3.0)),
@@ -164,11 +153,9 @@ RULES = {
         row_m=(50.0, 74.0),
         tee=0.5,
         uses=(("parking", 0.8), ("works", 0.2)),
-        gap_m=(25.0, 60.0),
         heavy=0.06,
         parked=0.0,
         trees=0.4,
         lamp_height_m=6.0,
-        walkers=2,
     ),
 }

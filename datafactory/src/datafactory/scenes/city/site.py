@@ -84,8 +84,6 @@ class Site:
         position: tuple[float, float, float],
         yaw_deg: float = 0.0,
         keyframes: Sequence[Keyframe] = (),
-        target: str = "",
-        target_options: tuple[tuple[str, float], ...] = (),
     ) -> None:
         """Add something whose place is known to be free, such as what moves in a lane."""
         model = what if isinstance(what, str) else ""
@@ -102,7 +100,5 @@ class Site:
                 model=model,
                 keyframes=tuple(keyframes),
                 radar_class=CLASSES.get(kind, ""),
-                target=target,
-                target_options=target_options,
             )
         )

@@ -3,7 +3,7 @@
 The USD stage is in metres and z up. Each placement is an Xform with a mesh named Geometry below it. Surfaces that share
 a model are written once and referenced as instances. The attributes for the radar are those of the USD reader:
 ``radar:velocity`` (double3, world frame, m/s), ``radar:rcs_dbsm`` (float, dBsm: a point target in place of the meshes
-below it), ``radar:target``, and ``radar:class`` (string: what a detector is to find).
+below it), and ``radar:class`` (string: what a detector is to find).
 """
 
 from __future__ import annotations
@@ -98,10 +98,6 @@ def write_usd(
             prim.CreateAttribute("radar:rcs_dbsm", Sdf.ValueTypeNames.Float).Set(item.rcs_dbsm)
         if item.radar_class:
             prim.CreateAttribute("radar:class", Sdf.ValueTypeNames.String).Set(item.radar_class)
-        if item.target:
-            prim.CreateAttribute("radar:target", Sdf.ValueTypeNames.String).Set(item.target)
-        for name, number in item.target_options:
-            prim.CreateAttribute(f"radar:{name}", Sdf.ValueTypeNames.Float).Set(number)
         if item.surface is None:
             continue
         if not item.model:

@@ -112,13 +112,6 @@ def _double_rows(area: Rectangle) -> list[float]:
     return [first + MODULE_M * index for index in range(count)]
 
 
-def aisles(block: Block) -> list[tuple[float, float, float]]:
-    """(y, from x, to x) of the middle of each aisle of a car park."""
-    rows = _double_rows(block.area)
-    ys = [row + 0.5 * MODULE_M for row in rows[:-1]]
-    return [(y, block.area.x0 + 9.0, block.area.x1 - 9.0) for y in ys]
-
-
 def parking(site: Site, block: Block, rules: Rules) -> None:
     """Rows of cars on both sides of aisles, lamps and trees on islands, shelters for trolleys."""
     rng, area, z = site.rng, block.area, rules.kerb_m

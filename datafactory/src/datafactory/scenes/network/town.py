@@ -15,7 +15,6 @@ from datafactory.scenes.city.buildings import building
 from datafactory.scenes.city.chance import drawn
 from datafactory.scenes.city.dwellings import garden_house, town_house
 from datafactory.scenes.city.footprints import Footprint
-from datafactory.scenes.city.movers import KINDS
 from datafactory.scenes.city.options import VERSION, CityOptions
 from datafactory.scenes.city.placement import Placement
 from datafactory.scenes.city.rules import RULES, Rules
@@ -36,6 +35,8 @@ HOUSE_SLOT_M = 3.0
 EXTENTS_M = (40.0, 2000.0)
 LAND = {Style.INDUSTRIAL: "asphalt", Style.CAR_PARK: "asphalt"}
 RAIL_M = 8.0
+KINDS = {"Lorry": ("Lorries", "Lorry"), "Bus": ("Buses", "Bus")}
+"""Group and kind of the vehicles that are no cars."""
 
 
 def write_town(
@@ -208,5 +209,5 @@ class _Beside:
             elif what == "sign":
                 model = drawn(rng, (("Sign_round", 0.4), ("Sign_triangle", 0.3), ("Sign_panel", 0.3)))
                 self._stand("Signs", "Sign", model, at, z, heading, self._road, round_post)
-            elif what == "bin" and rules.walkers:
+            elif what == "bin" and rules.walked:
                 self._stand("Bins", "Bin", "Bin", at, z, 0.0, self._road, round_post)
