@@ -309,6 +309,6 @@ class MergeOptions(TellingOptions):
 class ConvertOptions(TellingOptions):
     directory: Annotated["FileName", Option(
         "Folder of a finished dataset, also s3:// or gs://.", typed=str, place="DIR", flag=None)] = field(kw_only=False)
-    to: Annotated[str, Option("raddet: RADDet's folders, of a dataset with cubes; mcap: files for Foxglove.")]
+    to: Annotated[str, Option("mcap: files for Foxglove.")]
     out: Annotated["FileName", Option("Folder to write; it must not exist yet.", typed=Path)] = field(kw_only=False)
 # fmt: on
