@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from solids import Shape, Standing
 
-from datafactory.scenes.city.placement import Placement
 from datafactory.scenes.city.shapes import yaw_rotation
+from datafactory.scenes.city.site import Placement
 from datafactory.scenes.scene import Scene, SceneObject
 from datafactory.scenes.things import Thing
 

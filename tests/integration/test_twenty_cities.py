@@ -10,9 +10,8 @@ from scene_solids import city_solids
 from solids import Standing, containing, intersecting
 
 import datafactory
-from datafactory.scenes.city.city import city
-from datafactory.scenes.city.options import CityOptions
-from datafactory.scenes.city.style import Style
+from datafactory.scenes.city.city import CityOptions, city
+from datafactory.scenes.city.rules import Style
 from datafactory.scenes.city.usd import write_usd
 from datafactory.scenes.drives import Drives, draw_drive
 from datafactory.scenes.ground import free_ground

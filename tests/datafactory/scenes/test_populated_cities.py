@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from datafactory.api.asking import load_scene
 from datafactory.cli.app import app
-from datafactory.scenes.city.style import Style
+from datafactory.scenes.city.rules import Style
 
 ASKED = "cars=20,trucks=2,pedestrians=10,cyclists=4,poles=30,signs=10,parked=0.6"
 

@@ -18,7 +18,7 @@ from shared.physics.units import SPEED_OF_LIGHT
 SCENES = Path(__file__).resolve().parents[3] / "scenes"
 sys.path.append(str(SCENES))
 import make_scenes  # noqa: E402
-import street_houses  # noqa: E402
+import street_parts  # noqa: E402
 from street_layout import StreetLayout  # noqa: E402
 
 USD_SCENES = ("street.usda", "test_range.usda", "tiny.usda")
@@ -28,8 +28,8 @@ def as_mesh(surface: Surface) -> trimesh.Trimesh:
     return trimesh.Trimesh(surface.vertices, surface.triangles(), process=False)
 
 
-def house_style(gabled: bool = False) -> street_houses.HouseStyle:
-    return street_houses.HouseStyle(11.0, 10.0, 3, "brick", "wood", gabled, door_bay=1)
+def house_style(gabled: bool = False) -> street_parts.HouseStyle:
+    return street_parts.HouseStyle(11.0, 10.0, 3, "brick", "wood", gabled, door_bay=1)
 
 
 def test_house_volume_is_the_box_less_its_recesses() -> None:
@@ -40,24 +40,24 @@ def test_house_volume_is_the_box_less_its_recesses() -> None:
     pane = (2 * half - 2 * border) * (1.35 - 2 * border)
     windows = style.bays * style.floors - 1
     recess = windows * (
-        window * street_houses.FRAME_RECESS + pane * (street_houses.WINDOW_RECESS - street_houses.FRAME_RECESS)
+        window * street_parts.FRAME_RECESS + pane * (street_parts.WINDOW_RECESS - street_parts.FRAME_RECESS)
     )
-    door = 2 * half * (2.5 - street_houses.PLINTH) * street_houses.DOOR_RECESS
-    eaves = style.floors * street_houses.FLOOR_HEIGHT + 0.4
+    door = 2 * half * (2.5 - street_parts.PLINTH) * street_parts.DOOR_RECESS
+    eaves = style.floors * street_parts.FLOOR_HEIGHT + 0.4
     expected = style.width * style.depth * eaves - recess - door
     # 1 mm of rounding over 20 m2 of openings
-    assert as_mesh(street_houses.house(style)).volume == pytest.approx(expected, abs=0.03)
+    assert as_mesh(street_parts.house(style)).volume == pytest.approx(expected, abs=0.03)
 
 
 def test_gable_adds_a_triangular_prism() -> None:
-    flat, gabled = (as_mesh(street_houses.house(house_style(gabled))).volume for gabled in (False, True))
-    attic = 0.5 * 10.0 * (0.5 * 10.0 * math.tan(street_houses.ROOF_PITCH)) * 11.0
+    flat, gabled = (as_mesh(street_parts.house(house_style(gabled))).volume for gabled in (False, True))
+    attic = 0.5 * 10.0 * (0.5 * 10.0 * math.tan(street_parts.ROOF_PITCH)) * 11.0
     assert gabled - flat == pytest.approx(attic, rel=1e-3)
 
 
 @pytest.mark.parametrize("gabled", [False, True])
 def test_houses_are_closed_and_face_outwards(gabled: bool) -> None:
-    mesh = as_mesh(street_houses.house(house_style(gabled)))
+    mesh = as_mesh(street_parts.house(house_style(gabled)))
     assert mesh.is_watertight
     assert mesh.is_winding_consistent
     assert mesh.volume > 0.0

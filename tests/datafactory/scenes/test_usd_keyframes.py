@@ -9,8 +9,8 @@ import pytest
 from pxr import Usd, UsdGeom
 from usd_files import CUBE, CUBE_FACES, CUBE_POINTS, METRES_Z_UP, MOVING, SPLINE, read, translated, write_usda
 
-from datafactory.scenes.city.placement import Keyframe, Placement
 from datafactory.scenes.city.shapes import box, yaw_rotation
+from datafactory.scenes.city.site import Keyframe, Placement
 from datafactory.scenes.city.usd import write_usd
 from datafactory.scenes.motion import Motion, Moving
 from datafactory.scenes.network.driving import thinned

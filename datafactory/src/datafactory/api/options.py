@@ -20,7 +20,7 @@ from datafactory.frame.defaults import (
 )
 from datafactory.paths.defaults import ASKED_DEVICES, CPU, DEFAULT_DEPTH, DEFAULT_RAYS, LARGEST_DEPTH, MOST_RAYS
 from datafactory.run.defaults import ENGINES, LOCAL
-from datafactory.scenes.city.style import MOST_BLOCKS, Style
+from datafactory.scenes.city.rules import MOST_BLOCKS, Style
 from shared.processes.defaults import ANGLE_WINDOWS, DEFAULT_RADAR, LARGEST_SEED, STORES
 
 if TYPE_CHECKING:

@@ -17,10 +17,9 @@ from pxr import Sdf, Usd
 from scene_solids import city_solids
 from solids import containing, intersecting
 
-from datafactory.scenes.city.city import city, write_city
-from datafactory.scenes.city.options import VERSION, CityOptions
-from datafactory.scenes.city.placement import Placement
-from datafactory.scenes.city.style import Style
+from datafactory.scenes.city.city import VERSION, CityOptions, city, write_city
+from datafactory.scenes.city.rules import Style
+from datafactory.scenes.city.site import Placement
 from datafactory.scenes.ground import free_ground
 from datafactory.scenes.poses import sample_pose
 from datafactory.scenes.readers.open import open_scene

@@ -11,9 +11,9 @@ from road_networks import ARC_M, GRADE, LANE_M, LINE_M, OSM, OTHER_M, RADIUS_M, 
 from typer.testing import CliRunner
 
 from datafactory.cli.app import app
-from datafactory.scenes.city.options import CityOptions
-from datafactory.scenes.city.placement import Placement
-from datafactory.scenes.city.style import Style
+from datafactory.scenes.city.city import CityOptions
+from datafactory.scenes.city.rules import Style
+from datafactory.scenes.city.site import Placement
 from datafactory.scenes.network import conversion
 from datafactory.scenes.network.conversion import Network, read_network
 from datafactory.scenes.network.town import town, write_town

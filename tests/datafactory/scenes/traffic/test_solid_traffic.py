@@ -12,9 +12,8 @@ from solids import Shape, Standing, containing, intersecting
 from town_scenes import two_blocks
 
 from datafactory.frame.deal import Deal
-from datafactory.scenes.city.city import city
-from datafactory.scenes.city.options import CityOptions
-from datafactory.scenes.city.style import Style
+from datafactory.scenes.city.city import CityOptions, city
+from datafactory.scenes.city.rules import Style
 from datafactory.scenes.city.usd import write_usd
 from datafactory.scenes.drives import Drives, draw_drive
 from datafactory.scenes.movers import Movers, Traffic

@@ -6,20 +6,70 @@ rounded to the millimetre before they are written, and nothing depends on a libr
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from datafactory.scenes.city import blocks as blocks_of
-from datafactory.scenes.city import furniture, motorway, paving, roadside, vehicles, works
-from datafactory.scenes.city.options import CityOptions
-from datafactory.scenes.city.placement import Placement
-from datafactory.scenes.city.plan import Plan, draw_plan
-from datafactory.scenes.city.rules import RULES, Rules
+from datafactory.scenes.city import dwellings, furniture, motorway, paving, roadside, vehicles, works
+from datafactory.scenes.city.plan import Block, Plan, draw_plan
+from datafactory.scenes.city.rules import MOST_BLOCKS, RULES, Rules, Style
 from datafactory.scenes.city.shapes import Surface
-from datafactory.scenes.city.site import Site
-from datafactory.scenes.city.style import Style
+from datafactory.scenes.city.site import Placement, Site
 from datafactory.scenes.city.usd import check_output, write_usd
+from shared.physics.errors import InputError
+from shared.processes.defaults import LARGEST_SEED
+
+VERSION = 3
+"""Of the generator: the same options, version and kind of file give the same bytes."""
+
+
+class CityOptions(BaseModel):
+    """The options of a procedural city.
+
+    :param seed: of the NumPy generator that all choices are drawn from
+    :param style: which kinds of streets and buildings
+    :param blocks: house blocks along the main street, with a cross street between neighbours
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+    seed: Annotated[int, Field(ge=0, le=LARGEST_SEED)] = 0
+    style: Style = Style.OLD_TOWN
+    blocks: Annotated[int, Field(ge=1, le=MOST_BLOCKS)] = 2
+
+    @staticmethod
+    def checked(**values: Any) -> CityOptions:
+        """The options, if they are valid.
+
+        :raises InputError: the first that is not, with its value and what would be right
+        """
+        try:
+            return CityOptions(**values)
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            name = str(first["loc"][0])
+            right = first["msg"][0].lower() + first["msg"][1:]
+            raise InputError(f"city {name}", f"{name} = {first['input']!r}", right) from None
+
+    def metadata(self) -> dict[str, Any]:
+        """For the file's metadata."""
+        return {"style": self.style.value, "seed": self.seed, "blocks": self.blocks, "version": VERSION}
+
+
+FILLERS: dict[str, Callable[[Site, Block, Rules], None]] = {
+    "houses": dwellings.houses,
+    "gardens": dwellings.gardens,
+    "square": dwellings.square,
+    "park": dwellings.park,
+    "works": works.works,
+    "depot": works.depot,
+    "parking": works.parking,
+    "verge": works.verge,
+}
+"""What builds on a block, by its use."""
 
 
 def models(rng: np.random.Generator, rules: Rules, plan: Plan) -> dict[str, Surface]:
@@ -51,7 +101,7 @@ def city(options: CityOptions) -> tuple[Placement, ...]:
     if rules.bridges:
         motorway.equip(site, plan)
     for block in plan.blocks:
-        blocks_of.fill(site, block, rules)
+        FILLERS[block.use](site, block, rules)
     roadside.furnish(site, plan, rules)
     return tuple(site.placements)
 

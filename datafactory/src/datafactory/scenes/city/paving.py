@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from datafactory.scenes.city.placement import Placement
 from datafactory.scenes.city.plan import ZEBRA_M, Plan, Rectangle
 from datafactory.scenes.city.shapes import Surface, stepped_surface, welded
+from datafactory.scenes.city.site import Placement
 
 LOWERED_KERB_M = 0.03
 MATERIALS = {

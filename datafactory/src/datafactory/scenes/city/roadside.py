@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from datafactory.scenes.city.chance import drawn
 from datafactory.scenes.city.plan import ZEBRA_M, Plan, Street
-from datafactory.scenes.city.rules import Rules
+from datafactory.scenes.city.rules import Rules, drawn
 from datafactory.scenes.city.site import Site
 
 SLOT_M = 8.5

@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from datafactory.scenes.city.placement import Placement
 from datafactory.scenes.city.shapes import Surface
+from datafactory.scenes.city.site import Placement
 from datafactory.scenes.usd_library import Gf, Sdf, Tf, Usd, UsdGeom, UsdShade
 from shared.dataset.writing import atomic
 from shared.physics.errors import InputError

@@ -9,8 +9,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from datafactory.scenes.city.placement import Keyframe
 from datafactory.scenes.city.rules import Rules
+from datafactory.scenes.city.site import Keyframe
 from datafactory.scenes.network.conversion import Network, sumo_tools
 from shared.physics.errors import InputError
 

@@ -12,15 +12,12 @@ from numpy.typing import NDArray
 
 from datafactory.scenes.city import furniture, vehicles
 from datafactory.scenes.city.buildings import building
-from datafactory.scenes.city.chance import drawn
+from datafactory.scenes.city.city import VERSION, CityOptions
 from datafactory.scenes.city.dwellings import garden_house, town_house
 from datafactory.scenes.city.footprints import Footprint
-from datafactory.scenes.city.options import VERSION, CityOptions
-from datafactory.scenes.city.placement import Placement
-from datafactory.scenes.city.rules import RULES, Rules
+from datafactory.scenes.city.rules import RULES, Rules, Style, drawn
 from datafactory.scenes.city.shapes import Surface
-from datafactory.scenes.city.site import Site
-from datafactory.scenes.city.style import Style
+from datafactory.scenes.city.site import Placement, Site
 from datafactory.scenes.city.usd import check_output, write_usd
 from datafactory.scenes.city.works import hall_style
 from datafactory.scenes.network.conversion import Lane, Network, along, read_network
