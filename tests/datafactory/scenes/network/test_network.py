@@ -129,6 +129,7 @@ def test_nothing_stands_on_a_road(own: Network, folder: Path, style: Style) -> N
     shapely.prepare(asphalt)
     standing = [item for item in placements if not item.keyframes and not item.path.startswith("Ground/")]
     assert len(standing) > 10
+    assert any(item.path.startswith("Houses/") for item in standing) == (style is not Style.MOTORWAY)
     for item in standing:
         assert item.surface is not None
         yaw = math.radians(item.yaw_deg)

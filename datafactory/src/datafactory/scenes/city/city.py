@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from datafactory.scenes.city import dwellings, furniture, motorway, paving, roadside, vehicles, works
-from datafactory.scenes.city.plan import Block, Plan, draw_plan
+from datafactory.scenes.city.plan import Block, draw_plan
 from datafactory.scenes.city.rules import MOST_BLOCKS, RULES, Rules, Style
 from datafactory.scenes.city.shapes import Surface
 from datafactory.scenes.city.site import Placement, Site
@@ -72,8 +72,11 @@ FILLERS: dict[str, Callable[[Site, Block, Rules], None]] = {
 """What builds on a block, by its use."""
 
 
-def models(rng: np.random.Generator, rules: Rules, plan: Plan) -> dict[str, Surface]:
-    """The shapes that a city's things share, by name; of trees there are several, drawn."""
+def models(rng: np.random.Generator, rules: Rules, gantry_m: float = 10.0) -> dict[str, Surface]:
+    """The shapes that a city's things share, by name; of trees there are several, drawn.
+
+    :param gantry_m: from the middle of the main street to the posts of a gantry
+    """
     shared = {name: vehicles.car(shape) for name, shape in vehicles.CAR_SHAPES.items()}
     shared |= {"Lorry": vehicles.lorry(), "Bus": vehicles.bus()}
     shared |= {f"Tree_{i}": furniture.street_tree(rng, rng.uniform(1.0, 1.4)) for i in range(3)}
@@ -85,7 +88,7 @@ def models(rng: np.random.Generator, rules: Rules, plan: Plan) -> dict[str, Surf
     shared |= {"PedestrianRail": furniture.pedestrian_rail(3.0), "Fence": furniture.fence(works.FENCE_M)}
     shared |= {"Container": furniture.container(), "Barrier": furniture.barrier(motorway.PIECE_M)}
     shared |= {"GuardRail": furniture.guard_rail(motorway.PIECE_M, 4.0)}
-    shared |= {"Gantry": furniture.gantry(plan.main.kind.kerb + 1.4)}
+    shared |= {"Gantry": furniture.gantry(gantry_m)}
     height = round(rng.uniform(3.0, 5.0), 1)
     shared |= {f"NoiseWall_{i}": furniture.noise_wall(4.0, height, key) for i, key in enumerate(("concrete", "wood"))}
     return shared
@@ -95,7 +98,7 @@ def city(options: CityOptions) -> tuple[Placement, ...]:
     """Everything in a city, ground first."""
     rng, rules = np.random.default_rng(options.seed), RULES[options.style]
     plan = draw_plan(rng, rules, options.blocks)
-    site = Site(rng, models(rng, rules, plan))
+    site = Site(rng, models(rng, rules, plan.main.kind.kerb + 1.4))
     islands = [island for block in plan.blocks if block.use == "parking" for island in works.islands(block)]
     site.placements += paving.ground(plan, rules.kerb_m, islands)
     if rules.bridges:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.scenes.city.footprints import Occupied, body_boxes, footprints_of
+from datafactory.scenes.city.footprints import Footprint, Occupied, body_boxes, footprints_of
 from datafactory.scenes.city.shapes import Surface
 
 Vector = tuple[float, float, float]
@@ -85,7 +85,7 @@ class Site:
         group: str,
         kind: str,
         what: str | Surface,
-        position: tuple[float, float, float],
+        position: Vector,
         yaw_deg: float = 0.0,
         margin: float = 0.0,
     ) -> bool:
@@ -94,27 +94,27 @@ class Site:
         :param what: the name of a model, or a surface of its own
         :param margin: free space around it [m]
         """
-        boxes = self._boxes(what)
-        if not all(self.occupied.free(item) for item in footprints_of(boxes, position, yaw_deg, margin)):
+        if not all(self.occupied.free(item) for item in self.footprints(what, position, yaw_deg, margin)):
             return False
-        for item in footprints_of(boxes, position, yaw_deg):
+        for item in self.footprints(what, position, yaw_deg):
             self.occupied.add(item)
         self.add(group, kind, what, position, yaw_deg)
         return True
 
-    def _boxes(self, what: str | Surface) -> NDArray[np.float64]:
+    def footprints(self, what: str | Surface, position: Vector, yaw_deg: float, margin: float = 0.0) -> list[Footprint]:
+        """What the bodies of something take up where it is placed, ``margin`` [m] larger to every side."""
         if not isinstance(what, str):
-            return body_boxes(what)
+            return footprints_of(body_boxes(what), position, yaw_deg, margin)
         if what not in self._boxes_of_models:
             self._boxes_of_models[what] = body_boxes(self.models[what])
-        return self._boxes_of_models[what]
+        return footprints_of(self._boxes_of_models[what], position, yaw_deg, margin)
 
     def add(
         self,
         group: str,
         kind: str,
         what: str | Surface,
-        position: tuple[float, float, float],
+        position: Vector,
         yaw_deg: float = 0.0,
         keyframes: Sequence[Keyframe] = (),
     ) -> None:
