@@ -24,7 +24,7 @@ from datafactory.scenes.movers import CLEAR_M, Movers, Traffic
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import PointTarget, Scene, SceneObject
-from datafactory.scenes.things import CLASSES, Population, Thing
+from datafactory.scenes.things import CLASSES, Population, Strip, Thing
 from datafactory.scenes.traffic.asked import Asked, parse_populate
 from datafactory.scenes.traffic.assets import REACH_M
 from datafactory.scenes.traffic.population import populated, sensor_ground
@@ -338,3 +338,18 @@ def test_the_manifest_counts_what_was_put_in(hill: Scene) -> None:
         said.append,
     )
     assert "2 of 2 poses are within 3 m of what drives or walks by" in said
+
+
+def test_rectangles_meet_where_no_side_of_either_separates_them() -> None:
+    """Squares of side 2: side by side, corner to corner, and with one turned by 45 deg, whose corner reaches 1.41 m."""
+    square = Strip((0.0, 0.0), 0.0, 2.0, 1.0)
+    for other, apart_m in (
+        (Strip((2.0, 0.0), 0.0, 2.0, 1.0), 0.0),
+        (Strip((2.0, 2.0), 0.0, 2.0, 1.0), 0.0),
+        (Strip((2.5, 0.0), np.pi / 4.0, 2.0, 1.0), 2.5 - 1.0 - np.sqrt(2.0)),
+        (Strip((2.0, 2.0), np.pi / 4.0, 2.0, 1.0), 2.0 * np.sqrt(2.0) - 1.0 - np.sqrt(2.0)),
+    ):
+        assert square.overlaps(other, apart_m + 1e-9)
+        assert other.overlaps(square, apart_m + 1e-9)
+        assert not square.overlaps(other, apart_m - 1e-9)
+        assert not other.overlaps(square, apart_m - 1e-9)

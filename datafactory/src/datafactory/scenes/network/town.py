@@ -126,7 +126,7 @@ class _Beside:
 
         what = item.model if surface is None else surface
         bodies = self._site.footprints(what, (float(at[0]), float(at[1]), 0.0), item.yaw_deg)
-        outlines = [body.corners() for body in bodies if body.low < HEADROOM_M]
+        outlines = [body.ground.corners() for body in bodies if body.low < HEADROOM_M]
         for outline in map(shapely.Polygon, outlines):
             if not self._window.contains(outline) or off.intersects(outline):
                 return False

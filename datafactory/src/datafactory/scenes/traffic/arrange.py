@@ -17,7 +17,7 @@ from datafactory.scenes.traffic.asked import Asked
 from datafactory.scenes.traffic.assets import CAR_SHARES, CARS, POLE_SHARES, POLES, SIGNS, asset
 from datafactory.scenes.traffic.layout import FURNITURE_M, Layout, Line, layout_of
 from datafactory.scenes.traffic.streams import Course, spaced
-from datafactory.scenes.traffic.stretches import Stretch, heights_at, tilted
+from datafactory.scenes.traffic.stretches import Stretch, tilted
 
 HEADWAY_M = 18.0
 """Of a lane for each vehicle, at least, from middle to middle: a bus, and 6 m."""
@@ -165,7 +165,7 @@ def standing(
     span = 0.5 * np.maximum(foot, ground.cell_m)
     ahead, aside = (axis.ravel() for axis in np.meshgrid(*(np.linspace(-half, half, 3) for half in span)))
     cosine, sine = np.cos(heading), np.sin(heading)
-    z = heights_at(ground, x + cosine * ahead - sine * aside, y + sine * ahead + cosine * aside)
+    z = ground.heights_at(x + cosine * ahead - sine * aside, y + sine * ahead + cosine * aside)
     if not np.isfinite(z).all():
         return None
     plane = np.linalg.lstsq(np.stack([np.ones_like(ahead), ahead, aside], axis=1), z, rcond=None)[0]
