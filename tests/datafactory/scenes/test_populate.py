@@ -25,10 +25,10 @@ from datafactory.scenes.poses import Pose
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import PointTarget, Scene, SceneObject
 from datafactory.scenes.things import CLASSES, Population, Strip, Thing
+from datafactory.scenes.traffic.arrange import REACH_M
 from datafactory.scenes.traffic.asked import Asked, parse_populate
-from datafactory.scenes.traffic.assets import REACH_M
+from datafactory.scenes.traffic.layout import HORIZON_S, Course, spaced
 from datafactory.scenes.traffic.population import populated, sensor_ground
-from datafactory.scenes.traffic.streams import HORIZON_S, Course, spaced
 from shared.physics.errors import InputError
 
 STREET = Path(__file__).resolve().parents[3] / "scenes" / "street.usda"

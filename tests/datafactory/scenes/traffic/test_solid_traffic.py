@@ -21,8 +21,8 @@ from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene
 from datafactory.scenes.things import Population, Thing
 from datafactory.scenes.traffic.asked import parse_populate
+from datafactory.scenes.traffic.layout import HORIZON_S
 from datafactory.scenes.traffic.population import populated, sensor_ground
-from datafactory.scenes.traffic.streams import HORIZON_S
 
 ASKED = parse_populate("cars=8,trucks=2,buses=1,cyclists=4,pedestrians=12,poles=12,signs=6,bins=3,benches=2,parked=0.6")
 DRIVE_S = np.arange(0.0, 12.0, 0.5)
