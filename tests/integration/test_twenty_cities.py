@@ -61,6 +61,7 @@ def test_cities_are_solid_and_render(style: Style, tmp_path: Path) -> None:
         solids[scenes[-1].name] = city_solids(placements)
         assert intersecting(solids[scenes[-1].name]) == []
         for pose in poses_of(scenes[-1]):
+            assert 0.4 < pose.position[2] < 0.9  # on the ground, on pavements and islands too
             hold_outside_and_open(solids[scenes[-1].name], pose)
     datafactory.render(
         scenes, tmp_path / "data", radar=tmp_path / "small.toml", frames=len(scenes), rays=RAYS,

@@ -170,24 +170,6 @@ def test_velocities_are_finite_differences_of_places(hill: Scene) -> None:
         assert ahead @ velocity == pytest.approx(np.linalg.norm(velocity), rel=1e-6)  # it looks where it goes
 
 
-def test_traffic_keeps_to_the_right_and_its_distance(hill: Scene) -> None:
-    population = population_of(hill)
-    for thing in population.movers:
-        if thing.label not in ("car", "truck", "bus"):
-            continue
-        for time_s in (0.0, 100.0):
-            place, velocity = thing.at(time_s)
-            (road,) = [road for road in population.roads if road.holds(place[0], place[1])]
-            _, left = road.coordinates(place[0], place[1])
-            along = np.array([np.cos(road.heading_rad), np.sin(road.heading_rad)]) @ velocity[:2]
-            assert left * along < 0.0
-            assert 8.0 <= np.linalg.norm(velocity) <= 14.0
-            others = [other for other in population.movers if other is not thing and other.label in ("car", "truck")]
-            same = [other for other in others if np.allclose(other.at(time_s)[1], velocity)]
-            for other in same:
-                assert np.linalg.norm(other.at(time_s)[0] - place) > 17.0
-
-
 def test_a_course_is_gone_along_again_and_again() -> None:
     course = Course((1.0, 2.0, 0.0), (0.6, 0.8, 0.0), 50.0, 10.0)
     track = course.track(20.0)

@@ -15,14 +15,13 @@ import numpy as np
 import pytest
 from pxr import Sdf, Usd
 from scene_solids import city_solids
-from solids import containing, intersecting
+from solids import intersecting
+from typer.testing import CliRunner
 
+from datafactory.cli.app import app
 from datafactory.scenes.city.city import VERSION, CityOptions, city, write_city
 from datafactory.scenes.city.rules import Style
 from datafactory.scenes.city.site import Placement
-from datafactory.scenes.ground import free_ground
-from datafactory.scenes.poses import sample_pose
-from datafactory.scenes.readers.open import open_scene
 from shared.physics.errors import InputError
 
 LARGEST = 150_000
@@ -91,19 +90,6 @@ def test_a_body_in_another_would_be_found() -> None:
     assert pair[2] > 0.1
 
 
-@pytest.mark.parametrize("style", list(Style))
-def test_sensors_stand_on_the_ground_outside_of_everything(tmp_path: Path, style: Style) -> None:
-    path = tmp_path / "city.usda"
-    write_city(path, seed=1, style=style)
-    ground, standing = free_ground(open_scene(str(path))), city_solids(placements_of(style, 1))
-    rng = np.random.default_rng(0)
-    for split in ("train", "validation", "test"):
-        for _ in range(5):
-            position = sample_pose(ground, split, rng).position
-            assert 0.4 < position[2] < 0.9
-            assert containing(standing, position) == []
-
-
 def test_the_file_says_what_made_it_and_what_its_objects_are(tmp_path: Path) -> None:
     path = tmp_path / "city.usda"
     write_city(path, seed=2, blocks=1, style=Style.SUBURB)
@@ -145,6 +131,34 @@ def test_bad_arguments_are_one_clear_line(
     with pytest.raises(InputError) as caught:
         write_city(tmp_path / name, **arguments)
     message = str(caught.value)
+    assert "\n" not in message
+    assert all(word in message for word in words), message
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_command_writes_what_the_function_does_and_says_how_traffic_comes(tmp_path: Path) -> None:
+    options = ["--seed", "3", "--blocks", "1", "--style", "suburb"]
+    done = CliRunner().invoke(app, ["city", *options, "--out", str(tmp_path / "city.usda")], catch_exceptions=False)
+    assert (done.exit_code, "--populate" in done.output) == (0, True)
+    assert hashlib.sha256((tmp_path / "city.usda").read_bytes()).hexdigest() == WRITTEN["suburb", 3]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--centre", "1,2"], ("--centre and --extent without a network", "--opendrive FILE or --osm FILE")),
+        (["--opendrive", "a.xodr", "--osm", "a.osm"], ("both given", "one of the two")),
+        (["--opendrive", "a.xodr", "--blocks", "2"], ("--blocks", "--extent")),
+        (["--opendrive", "a.xodr", "--centre", "here"], ("'here'", "two numbers")),
+        (["--opendrive", "a.xodr", "--extent", "1"], ("--extent: 1;", "40 to 2000 m")),
+    ],
+)
+def test_options_that_do_not_go_together_are_one_line(
+    tmp_path: Path, options: list[str], words: tuple[str, ...]
+) -> None:
+    done = CliRunner().invoke(app, ["city", *options, "--out", str(tmp_path / "city.usda")])
+    assert isinstance(done.exception, InputError)
+    message = str(done.exception)
     assert "\n" not in message
     assert all(word in message for word in words), message
     assert not list(tmp_path.iterdir())

@@ -177,10 +177,6 @@ def test_a_window_of_a_town(tmp_path: Path) -> None:
         ("<OpenDRIVE><header/></OpenDRIVE>", [], ("netconvert: Error", "with roads")),
         (None, [], ("no such file",)),
         (opendrive(), ["--centre", "5000,0"], ("no road within", "--centre")),
-        (opendrive(), ["--centre", "here"], ("'here'", "two numbers")),
-        (opendrive(), ["--extent", "1"], ("--extent: 1;", "40 to 2000 m")),
-        (opendrive(), ["--blocks", "2"], ("--blocks", "--extent")),
-        (opendrive(), ["--osm", "a.osm"], ("both given", "one of the two")),
     ],
 )
 def test_what_is_wrong_is_one_line(

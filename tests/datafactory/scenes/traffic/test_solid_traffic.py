@@ -25,6 +25,8 @@ from datafactory.scenes.traffic.layout import HORIZON_S
 from datafactory.scenes.traffic.population import populated, sensor_ground
 
 ASKED = parse_populate("cars=8,trucks=2,buses=1,cyclists=4,pedestrians=12,poles=12,signs=6,bins=3,benches=2,parked=0.6")
+EVERYWHERE = {"poles": 12, "pedestrians": 12, "cyclists": 4}
+"""Of these, what a city of any style has room for: all."""
 DRIVE_S = np.arange(0.0, 12.0, 0.5)
 """Times of a long drive. Everything of one stream has one speed."""
 WHOLE_S = np.linspace(0.0, HORIZON_S - 0.01, 61)
@@ -74,6 +76,10 @@ def test_populated_scenes_are_sound_at_all_times(which: str, tmp_path: Path) -> 
     for seed in SEEDS:
         item = Populated.of(bare, walls, seed)
         assert len(item.population.things) > 30
+        if which in list(Style):  # every style has room
+            placed = item.population.placed
+            assert placed["cars"] + placed["trucks"] >= 2
+            assert {kind: placed[kind] for kind in EVERYWHERE} == EVERYWHERE
         nothing_is_in_anything_else(item)
         sensors_are_within_nothing(item)
         lanes_are_kept(item.population)
@@ -123,6 +129,7 @@ def lanes_are_kept(population: Population) -> None:
             assert left[0] * ahead[0] < 0.0 or thing.label == "bicycle", thing.name
         if thing.label in VEHICLES:
             assert far < LANE_M, thing.name
+            assert 8.0 <= abs(ahead[0]) <= 14.0, thing.name
 
 
 def nobody_catches_up_with_anybody(population: Population) -> int:
