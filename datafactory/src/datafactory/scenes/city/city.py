@@ -60,15 +60,9 @@ class CityOptions(BaseModel):
 
 
 FILLERS: dict[str, Callable[[Site, Block, Rules], None]] = {
-    "houses": dwellings.houses,
-    "gardens": dwellings.gardens,
-    "square": dwellings.square,
-    "park": dwellings.park,
-    "works": works.works,
-    "depot": works.depot,
-    "parking": works.parking,
-    "verge": works.verge,
-}
+    "houses": dwellings.houses, "gardens": dwellings.gardens, "square": dwellings.square, "park": dwellings.park,
+    "works": works.works, "depot": works.depot, "parking": works.parking, "verge": works.verge,
+}  # fmt: skip
 """What builds on a block, by its use."""
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,11 @@ class Footprint:
     low: float
     high: float
 
+    def grown(self, margin: float) -> Footprint:
+        """Larger to every side [m]."""
+        length, half_width = self.ground.length_m + 2.0 * margin, self.ground.half_width_m + margin
+        return replace(self, ground=replace(self.ground, length_m=length, half_width_m=half_width))
+
     def overlaps(self, other: Footprint) -> bool:
         """Whether the two have more in common than a touch."""
         apart = self.low >= other.high - TOUCH_M or other.low >= self.high - TOUCH_M
@@ -48,14 +53,12 @@ def body_boxes(surface: Surface) -> NDArray[np.float64]:
     return np.stack([lower, upper], axis=1)
 
 
-def footprints_of(
-    boxes: NDArray[np.float64], position: tuple[float, float, float], yaw_deg: float, margin: float = 0.0
-) -> list[Footprint]:
-    """The boxes [B, 2, 3] of a surface's bodies where it is placed, ``margin`` [m] larger to every side."""
+def footprints_of(boxes: NDArray[np.float64], position: tuple[float, float, float], yaw_deg: float) -> list[Footprint]:
+    """The boxes [B, 2, 3] of a surface's bodies where it is placed."""
     yaw = math.radians(yaw_deg)
     found = []
     for lower, upper in boxes:
-        (mx, my, _), (length, width, _) = 0.5 * (lower + upper), upper - lower + 2.0 * margin
+        (mx, my, _), (length, width, _) = 0.5 * (lower + upper), upper - lower
         middle = (
             position[0] + math.cos(yaw) * mx - math.sin(yaw) * my,
             position[1] + math.sin(yaw) * mx + math.cos(yaw) * my,

@@ -94,20 +94,21 @@ class Site:
         :param what: the name of a model, or a surface of its own
         :param margin: free space around it [m]
         """
-        if not all(self.occupied.free(item) for item in self.footprints(what, position, yaw_deg, margin)):
+        bodies = self.footprints(what, position, yaw_deg)
+        if not all(self.occupied.free(body.grown(margin)) for body in bodies):
             return False
-        for item in self.footprints(what, position, yaw_deg):
-            self.occupied.add(item)
+        for body in bodies:
+            self.occupied.add(body)
         self.add(group, kind, what, position, yaw_deg)
         return True
 
-    def footprints(self, what: str | Surface, position: Vector, yaw_deg: float, margin: float = 0.0) -> list[Footprint]:
-        """What the bodies of something take up where it is placed, ``margin`` [m] larger to every side."""
+    def footprints(self, what: str | Surface, position: Vector, yaw_deg: float) -> list[Footprint]:
+        """What the bodies of something take up where it is placed."""
         if not isinstance(what, str):
-            return footprints_of(body_boxes(what), position, yaw_deg, margin)
+            return footprints_of(body_boxes(what), position, yaw_deg)
         if what not in self._boxes_of_models:
             self._boxes_of_models[what] = body_boxes(self.models[what])
-        return footprints_of(self._boxes_of_models[what], position, yaw_deg, margin)
+        return footprints_of(self._boxes_of_models[what], position, yaw_deg)
 
     def add(
         self,
