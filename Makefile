@@ -104,7 +104,7 @@ $(STUDY)/report/report.html: $(STUDY_RUNS)
 $(STUDY)/unseen-report/report.html: $(STUDY)/unseen/manifest.json $(STUDY_RUNS)
 	$(call EVALUATE,unseen) --experiments street,detection,generalisation
 
-# What a further city to train on is worth. City K, without traffic of its own, is in the datasets bare-K and populated-K,
+# What a further city to train on is worth. City K is in the datasets bare-K and populated-K,
 # with as many frames as the smallest number of cities asks of it; networks of more cities take its first ones alone. Every
 # command has one core, two run at a time. Killed, it goes on where it was, as the study does.
 worlds: | $(INSTALLED)
@@ -129,7 +129,7 @@ WORLDS_TESTS := $(foreach city,$(WORLDS_UNSEEN),$(WORLDS)/city-$(call seed_of,$(
 .PRECIOUS: $(WORLDS)/city-%.usda
 $(WORLDS)/city-%.usda: | $(INSTALLED)
 	@mkdir -p $(@D)
-	$(BIN)/datafactory city --seed $* --style $(call style_of,$*) --no-traffic --out $@
+	$(BIN)/datafactory city --seed $* --style $(call style_of,$*) --out $@
 
 define WORLDS_OF_KIND
 $(WORLDS)/$(1)-%/manifest.json: | $(WORLDS)/city-%.usda

@@ -21,8 +21,8 @@ sys.path.append(str(Path(__file__).parent))
 
 from asset_shapes import TURN_BACK, bowed_outline, loft, placed, post, recess, round_outline, wheel
 
-from datafactory.scenes.city.placement import Placement
 from datafactory.scenes.city.shapes import X_TO_Z_CYCLE, Surface, box, joined
+from datafactory.scenes.city.site import Placement
 from datafactory.scenes.city.usd import write_usd
 
 PARTS = (3, 3, 9)

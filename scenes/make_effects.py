@@ -20,6 +20,7 @@ import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom
 
 from datafactory.scenes.city.shapes import Polygon, Surface, box, prism, welded
+from datafactory.scenes.city.site import Placement
 
 Vector = tuple[float, float, float]
 
@@ -38,36 +39,17 @@ at a right angle, so that none sends an edge's echo back; the field begins 1 m a
 
 
 @dataclass(frozen=True)
-class Piece:
-    """One body of a scene.
-
-    :param name: of its prim, below /World
-    :param surface: its shape, of one material, in its own frame; None for a bare point target
-    :param position: of its frame's origin, world [m]
-    :param yaw_deg: right-handed rotation about z [deg]
-    :param velocity: world velocity [m/s]
-    :param rcs_dbsm: makes it a point target at its frame's origin, and the surface a picture [dBsm]
-    """
-
-    name: str
-    surface: Surface | None
-    position: Vector = (0.0, 0.0, 0.0)
-    yaw_deg: float = 0.0
-    velocity: Vector = (0.0, 0.0, 0.0)
-    rcs_dbsm: float | None = None
-
-
-@dataclass(frozen=True)
 class EffectScene:
     """A scene and where it is seen from.
 
     :param shows: what it is, one sentence; stands in the header of its file
+    :param pieces: its bodies, each of one material; a surface with a cross section beside it is a picture
     :param poses: entries of a ``--poses`` file
     """
 
     name: str
     shows: str
-    pieces: tuple[Piece, ...]
+    pieces: tuple[Placement, ...]
     poses: list[dict[str, Any]] = field(default_factory=lambda: standing())
 
 
@@ -153,41 +135,41 @@ def ground(outline: Sequence[tuple[float, float]], material: str) -> Surface:
     return sheet([(x, y, 0.0) for x, y in outline], material)
 
 
-def street() -> tuple[Piece, ...]:
+def street() -> tuple[Placement, ...]:
     """A road in a cutting: walls at y = +-6 m from x = 4 m, a van and a car at the kerb; nothing moves."""
     return (
-        Piece("Road", ground(ROAD, "asphalt")),
-        Piece("Wall_left", retaining_wall(6.0, 4.0, 66.0, "concrete")),
-        Piece("Wall_right", retaining_wall(-6.0, 4.0, 66.0, "concrete")),
-        Piece("Van", box((7.0, -4.8, 0.6), (12.0, -2.8, 2.4), "metal")),
-        Piece("Car", car_body(), (26.0, 4.0, 0.0)),
+        Placement("Road", ground(ROAD, "asphalt")),
+        Placement("Wall_left", retaining_wall(6.0, 4.0, 66.0, "concrete")),
+        Placement("Wall_right", retaining_wall(-6.0, 4.0, 66.0, "concrete")),
+        Placement("Van", box((7.0, -4.8, 0.6), (12.0, -2.8, 2.4), "metal")),
+        Placement("Car", car_body(), (26.0, 4.0, 0.0)),
     )
 
 
 def scenes() -> tuple[EffectScene, ...]:
     """All effect scenes, in the order of ``tests/effect_scenes/expected.json``."""
     ahead: Vector = (60.0, 0.0, SENSOR[2])
-    trihedral = Piece("Trihedral", corner_reflector(0.2), ahead, rcs_dbsm=26.51)
+    trihedral = Placement("Trihedral", corner_reflector(0.2), ahead, rcs_dbsm=26.51)
     return (
         EffectScene(
             "wall", "A concrete wall 40 m wide and 10 m high, square to the radar at 60 m.",
-            (Piece("Wall", box((60.0, -19.0, -4.5), (60.3, 21.0, 5.5), "concrete")),),
+            (Placement("Wall", box((60.0, -19.0, -4.5), (60.3, 21.0, 5.5), "concrete")),),
         ),
         EffectScene(
             "plate", "A metal plate of 0.2 x 0.2 m, square to the radar at 50 m: smaller than a Fresnel zone.",
-            (Piece("Plate", upright(0.2, 0.4, 0.6, "metal"), (50.0, 0.02, 0.0)),),
+            (Placement("Plate", upright(0.2, 0.4, 0.6, "metal"), (50.0, 0.02, 0.0)),),
         ),
         EffectScene(
             "dihedral", "Two metal walls of 14 m that meet at 85 deg, 60 m away; seen only by bounces on both.",
-            (Piece("Corner", dihedral(14.0, 85.0, -3.5, 4.5), (60.0, 0.0, 0.0)),),
+            (Placement("Corner", dihedral(14.0, 85.0, -3.5, 4.5), (60.0, 0.0, 0.0)),),
         ),
         EffectScene(
             "square_corner", "Two metal walls of 0.1 m that meet at a right angle, 60 m away.",
-            (Piece("Corner", dihedral(0.1, 90.0, 0.44, 0.56), CORNER_AT),), level(),
+            (Placement("Corner", dihedral(0.1, 90.0, 0.44, 0.56), CORNER_AT),), level(),
         ),
         EffectScene(
             "three_faces", "A trihedral of 0.1 m, as a mesh of three metal triangles at 60 m.",
-            (Piece("Trihedral", corner_reflector(0.1), (*CORNER_AT[:2], SENSOR[2])),), level(),
+            (Placement("Trihedral", corner_reflector(0.1), (*CORNER_AT[:2], SENSOR[2])),), level(),
         ),
         EffectScene(
             "trihedral", "A trihedral of 0.2 m, as a point target at 60 m.", (trihedral,),
@@ -195,34 +177,34 @@ def scenes() -> tuple[EffectScene, ...]:
         EffectScene(
             "reflector_behind_pane", "A large metal wall at 80 m behind a front of glass at 75 m turned by 30 deg.",
             (
-                Piece("Pane", upright(16.0, -5.0, 6.0, "glass"), (75.0, 0.8, 0.0), yaw_deg=30.0),
-                Piece("Reflector", box((80.0, -5.0, -4.5), (80.2, 7.0, 5.5), "metal")),
+                Placement("Pane", upright(16.0, -5.0, 6.0, "glass"), (75.0, 0.8, 0.0), yaw_deg=30.0),
+                Placement("Reflector", box((80.0, -5.0, -4.5), (80.2, 7.0, 5.5), "metal")),
             ),
         ),
         EffectScene(
             "target_behind_pane", "A trihedral at 60 m behind a pane of acrylic at 50 m turned by 30 deg.",
-            (Piece("Pane", upright(10.0, -3.5, 4.5, "acrylic"), (50.0, 0.4, 0.0), yaw_deg=30.0), trihedral),
+            (Placement("Pane", upright(10.0, -3.5, 4.5, "acrylic"), (50.0, 0.4, 0.0), yaw_deg=30.0), trihedral),
         ),
         EffectScene(
             "corner", "A point target at 60 m in the shadow of a concrete wedge, 0.14 m behind its edge at 30 m.",
             (
-                Piece("Wedge", prism([(30.0, 0.0), (34.0, 0.6), (31.5, 2.0)], -0.5, 1.5, "concrete")),
-                Piece("Hidden", None, (60.0, 0.27, SENSOR[2]), rcs_dbsm=24.7),
+                Placement("Wedge", prism([(30.0, 0.0), (34.0, 0.6), (31.5, 2.0)], -0.5, 1.5, "concrete")),
+                Placement("Hidden", None, (60.0, 0.27, SENSOR[2]), rcs_dbsm=24.7),
             ),
         ),
         EffectScene(
             "parked_car", "A car body at 50 m, turned by 30 deg so that no face looks at the radar.",
-            (Piece("Car", car_body(), (50.0, 0.0, 0.0), yaw_deg=30.0),),
+            (Placement("Car", car_body(), (50.0, 0.0, 0.0), yaw_deg=30.0),),
         ),
         EffectScene(
             "moving_car", "A car as a point target, 14.6 dBsm from behind, driving away at 11 m/s from 36 m.",
-            (Piece("Car", box((0.0, -0.9, -0.3), (4.4, 0.9, 0.9), "metal"), (36.0, 0.0, SENSOR[2]),
+            (Placement("Car", box((0.0, -0.9, -0.3), (4.4, 0.9, 0.9), "metal"), (36.0, 0.0, SENSOR[2]),
                    velocity=(11.0, 0.0, 0.0), rcs_dbsm=14.6),),
             standing((0.0, 0.2, 0.4)),
         ),
         EffectScene(
             "creeping_target", "A pedestrian as a point target at 60 m, approaching at 0.1 m/s: Doppler alone.",
-            (Piece("Pedestrian", None, ahead, velocity=(-0.1, 0.0, 0.0), rcs_dbsm=-1.4),),
+            (Placement("Pedestrian", None, ahead, velocity=(-0.1, 0.0, 0.0), rcs_dbsm=-1.4),),
             standing((0.0, 0.2, 0.4)),
         ),
         EffectScene(
@@ -230,15 +212,15 @@ def scenes() -> tuple[EffectScene, ...]:
         ),
         EffectScene(
             "target_1m", "A metal sphere of 2 cm radius as a point target, 1 to 2 m ahead.",
-            (Piece("Sphere", None, (1.0, 0.0, SENSOR[2]), rcs_dbsm=-29.0),),
+            (Placement("Sphere", None, (1.0, 0.0, SENSOR[2]), rcs_dbsm=-29.0),),
         ),
         EffectScene(
             "target_80m", "A pedestrian as a point target at 80 m.",
-            (Piece("Pedestrian", None, (80.0, 0.0, SENSOR[2]), rcs_dbsm=-1.4),),
+            (Placement("Pedestrian", None, (80.0, 0.0, SENSOR[2]), rcs_dbsm=-1.4),),
         ),
         EffectScene(
             "empty_field", "Grass from 1 m ahead of the sensor, and nothing on it.",
-            (Piece("Field", ground(FIELD, "vegetation")),),
+            (Placement("Field", ground(FIELD, "vegetation")),),
         ),
     )  # fmt: skip
 
@@ -251,7 +233,7 @@ def write_stage(path: Path, scene: EffectScene) -> None:
     UsdGeom.SetStageMetersPerUnit(stage, UsdGeom.LinearUnits.meters)
     stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/World").GetPrim())
     for piece in scene.pieces:
-        xform = UsdGeom.Xform.Define(stage, f"/World/{piece.name}")
+        xform = UsdGeom.Xform.Define(stage, f"/World/{piece.path}")
         if any(piece.position):
             xform.AddTranslateOp().Set(Gf.Vec3d(*piece.position))
         if piece.yaw_deg:
@@ -263,7 +245,7 @@ def write_stage(path: Path, scene: EffectScene) -> None:
             prim.CreateAttribute("radar:rcs_dbsm", Sdf.ValueTypeNames.Double).Set(piece.rcs_dbsm)
         if piece.surface is not None:
             prim.CreateAttribute("radar:material", Sdf.ValueTypeNames.Token).Set(piece.surface.materials[0])
-            mesh = UsdGeom.Mesh.Define(stage, f"/World/{piece.name}/Geometry")
+            mesh = UsdGeom.Mesh.Define(stage, f"/World/{piece.path}/Geometry")
             mesh.CreatePointsAttr(piece.surface.vertices.astype(np.float32))
             mesh.CreateFaceVertexCountsAttr([len(face) for face in piece.surface.faces])
             mesh.CreateFaceVertexIndicesAttr([vertex for face in piece.surface.faces for vertex in face])

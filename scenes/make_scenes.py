@@ -13,8 +13,8 @@ from xml.etree import ElementTree
 import trimesh
 from street_layout import StreetLayout
 
-from datafactory.scenes.city.placement import Placement
 from datafactory.scenes.city.shapes import Surface, box, cylinder, yaw_rotation
+from datafactory.scenes.city.site import Placement
 from datafactory.scenes.city.usd import write_usd
 from shared.physics.units import power_to_db
 from shared.radar.waveform import Waveform

@@ -10,12 +10,11 @@ cars, pedestrians and cyclists have a ``radar:velocity``. People are point targe
 from __future__ import annotations
 
 import numpy as np
-from street_houses import HouseStyle, house
+from street_parts import RIDER_HEIGHT, TORSO_HEIGHT, HouseStyle, cyclist, house, pedestrian, tree
 
 from datafactory.scenes.city import furniture, vehicles
-from datafactory.scenes.city.placement import Placement
 from datafactory.scenes.city.shapes import Surface, stepped_surface, welded
-from datafactory.scenes.city.site import CLASSES
+from datafactory.scenes.city.site import CLASSES, Placement
 
 BLOCK_LENGTH = 76.0
 LANE = 3.5
@@ -56,10 +55,10 @@ class StreetLayout:
         # A pedestrian crossing lies 9 m east of each cross street; a city of one block has one in its middle.
         self.zebras = [centre + 9.0 for centre in self.crossings] or [0.0]
         self.models: dict[str, Surface] = {name: vehicles.car(shape) for name, shape in vehicles.CAR_SHAPES.items()}
-        self.models |= {f"Tree_{i}": furniture.tree(self.rng) for i in range(3)}
+        self.models |= {f"Tree_{i}": tree(self.rng) for i in range(3)}
         self.models |= {f"Sign_{kind}": furniture.sign(kind) for kind in ("round", "triangle", "panel")}
         self.models |= {"Lamp": furniture.lamp_post(), "Bollard": furniture.bollard(), "Bin": furniture.litter_bin()}
-        self.models |= {"Pedestrian": vehicles.pedestrian(), "Cyclist": vehicles.cyclist()}
+        self.models |= {"Pedestrian": pedestrian(), "Cyclist": cyclist()}
 
     def build(self) -> tuple[Placement, ...]:
         """Everything in the city, ground first."""
@@ -222,7 +221,7 @@ class StreetLayout:
                 self._place("Bollards", "Bollard", "Bollard", (x + offset, side * (KERB + 0.35), KERB_HEIGHT))
             sign_at = (x + 2.4 * side, side * (KERB + 0.5), KERB_HEIGHT)
             self._place("Signs", "Sign", "Sign_panel", sign_at, 180.0 if side > 0 else 0.0)
-        crossing_at = (x + self.rng.uniform(-0.8, 0.8), self.rng.uniform(-3.0, 3.0), vehicles.TORSO_HEIGHT)
+        crossing_at = (x + self.rng.uniform(-0.8, 0.8), self.rng.uniform(-3.0, 3.0), TORSO_HEIGHT)
         self._place(
             "People", "Pedestrian", "Pedestrian", crossing_at, 90.0, (0.0, self.rng.uniform(1.0, 1.6)),
             PEDESTRIAN_RCS_DBSM,
@@ -243,7 +242,7 @@ class StreetLayout:
             for start in self.block_starts:
                 x = start + rng.uniform(5.0, BLOCK_LENGTH - 5.0)
                 self._place(
-                    "People", "Cyclist", "Cyclist", (x, -direction * 3.05, vehicles.RIDER_HEIGHT),
+                    "People", "Cyclist", "Cyclist", (x, -direction * 3.05, RIDER_HEIGHT),
                     0.0 if direction > 0 else 180.0, (direction * rng.uniform(3.5, 6.5), 0.0), CYCLIST_RCS_DBSM,
                 )  # fmt: skip
 
@@ -256,7 +255,7 @@ class StreetLayout:
                 direction = int(rng.choice([-1, 1]))
                 x = start + rng.uniform(2.0, BLOCK_LENGTH - 2.0)
                 self._place(
-                    "People", "Pedestrian", "Pedestrian", (x, y, KERB_HEIGHT + vehicles.TORSO_HEIGHT),
+                    "People", "Pedestrian", "Pedestrian", (x, y, KERB_HEIGHT + TORSO_HEIGHT),
                     0.0 if direction > 0 else 180.0, (direction * rng.uniform(0.8, 1.7), 0.0), PEDESTRIAN_RCS_DBSM,
                 )  # fmt: skip
 

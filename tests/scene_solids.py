@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from solids import Shape, Standing
 
-from datafactory.scenes.city.placement import Placement
 from datafactory.scenes.city.shapes import yaw_rotation
+from datafactory.scenes.city.site import Placement
 from datafactory.scenes.scene import Scene, SceneObject
 from datafactory.scenes.things import Thing
 
@@ -16,31 +16,18 @@ FLAT = ("Ground/", "Covers/")
 """Sheets that everything stands on: no bodies."""
 
 
-def placed(item: Placement, time_s: float) -> tuple[tuple[float, float, float], float]:
-    """Where a placement is at a time, by its keyframes: linear between them, at rest beyond them."""
-    if not item.keyframes:
-        return item.position, item.yaw_deg
-    times = [key.time_s for key in item.keyframes]
-    x, y, z = (float(np.interp(time_s, times, [key.position[axis] for key in item.keyframes])) for axis in range(3))
-    return (x, y, z), float(np.interp(time_s, times, [key.yaw_deg for key in item.keyframes]))
-
-
-class CitySolids:
-    """Of a city's placements."""
-
-    def __init__(self, placements: Sequence[Placement]) -> None:
-        self.placements = [item for item in placements if item.surface is not None and not item.path.startswith(FLAT)]
-        surfaces = {item.model or item.path: item.surface for item in self.placements}
-        self.shapes = {key: Shape.of(of.vertices, of.triangles()) for key, of in surfaces.items() if of is not None}
-        self.still = {item.path: self._standing(item, 0.0) for item in self.placements if not item.keyframes}
-
-    def at(self, time_s: float) -> list[Standing]:
-        return [self.still.get(item.path) or self._standing(item, time_s) for item in self.placements]
-
-    def _standing(self, item: Placement, time_s: float) -> Standing:
-        position, yaw_deg = placed(item, time_s)
-        shape = self.shapes[item.model or item.path]
-        return Standing(item.path, shape, yaw_rotation(yaw_deg), np.array(position), bool(item.keyframes))
+def city_solids(placements: Sequence[Placement]) -> list[Standing]:
+    """Of a city's placements, none of which moves."""
+    shapes: dict[str, Shape] = {}
+    found = []
+    for item in placements:
+        if item.surface is None or item.path.startswith(FLAT):
+            continue
+        key = item.model or item.path
+        if key not in shapes:
+            shapes[key] = Shape.of(item.surface.vertices, item.surface.triangles())
+        found.append(Standing(item.path, shapes[key], yaw_rotation(item.yaw_deg), np.array(item.position)))
+    return found
 
 
 class PopulationSolids:

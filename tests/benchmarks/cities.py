@@ -29,9 +29,8 @@ from datafactory.paths.merged_scene import merge_scene
 from datafactory.paths.solver import TraceSettings
 from datafactory.run.order import Order
 from datafactory.run.preparation import prepare
-from datafactory.scenes.city.city import city, write_city
-from datafactory.scenes.city.options import CityOptions
-from datafactory.scenes.city.style import Style
+from datafactory.scenes.city.city import CityOptions, city, write_city
+from datafactory.scenes.city.rules import Style
 from datafactory.scenes.height_map import HeightMap, height_map
 from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.poses import Pose

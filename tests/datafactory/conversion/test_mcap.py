@@ -12,13 +12,16 @@ import numpy as np
 import pytest
 from boxed_frames import RADAR, box, frame, write
 from matplotlib.image import imread
+from typer.testing import CliRunner
 
 from datafactory import InputError, convert
-from datafactory.conversion.formats import FORMATS
+from datafactory.cli.app import app
 
 pytest.importorskip("foxglove", reason="the package foxglove-sdk is not installed")
 reader = pytest.importorskip("mcap.reader", reason="the package mcap is not installed")
 decoder = pytest.importorskip("mcap_protobuf.decoder", reason="the package mcap-protobuf-support is not installed")
+OTHER_COLOUR = (0.5, 0.5, 0.5)
+"""Of what has no class with a colour."""
 
 TOPICS = {
     "/tf": "foxglove.FrameTransform",
@@ -41,7 +44,7 @@ def messages(path: Path) -> dict[str, list[tuple[int, Any]]]:
 
 @pytest.fixture
 def source(tmp_path: Path) -> Path:
-    boxes = [box(10.0, 4.0, "pedestrian", speed=-2.0), box(18.0, -6.0, "car", yaw=0.5)]
+    boxes = [box(10.0, 4.0, "pedestrian", speed=-2.0), box(18.0, -6.0, "car", yaw=0.5), box(30.0, 2.0, "bicycle")]
     frames = [frame(0, boxes, "range-channel"), frame(1, boxes[:1], "range-channel"), frame(2, [], "range-channel")]
     return write(tmp_path / "data", frames, ["train", "train", "test"], "range-channel")
 
@@ -94,7 +97,7 @@ def test_points_are_the_targets(source: Path, tmp_path: Path) -> None:
     names = [field.name for field in cloud.fields]
     assert names == ["x", "y", "z", "velocity", "amplitude_db"]
     values = np.frombuffer(cloud.data, np.float32).reshape(-1, cloud.point_stride // 4)
-    expected = frame(0, [box(10.0, 4.0, "pedestrian", speed=-2.0), box(18.0, -6.0, "car")]).targets
+    expected = frame(0, [box(10.0, 4.0, "pedestrian", speed=-2.0), box(18.0, -6.0, "car"), box(30.0, 2.0)]).targets
     for row, target in zip(values, expected, strict=True):
         assert np.hypot(row[0], row[1]) == pytest.approx(target.range_m, rel=1e-6)
         assert row[1] == pytest.approx(target.range_m * target.u, rel=1e-5)
@@ -104,12 +107,14 @@ def test_points_are_the_targets(source: Path, tmp_path: Path) -> None:
 def test_boxes_replace_those_of_the_frame_before(source: Path, tmp_path: Path) -> None:
     convert(source, tmp_path / "out", to="mcap")
     (_, first), (_, second) = messages(tmp_path / "out" / "train.mcap")["/boxes"]
-    assert [entity.id for entity in first.entities] == ["/pedestrian at 10", "/car at 18"]
+    assert [entity.id for entity in first.entities] == ["/pedestrian at 10", "/car at 18", "/bicycle at 30"]
     assert [entity.id for entity in second.entities] == ["/pedestrian at 10"]
     assert [item.type for item in second.deletions] == [1]  # ALL
     car = first.entities[1]
     assert car.frame_id == "radar"
     assert {pair.key: pair.value for pair in car.metadata}["class"] == "car"
+    colours = [entity.cubes[0].color for entity in first.entities]
+    assert len({(colour.r, colour.g, colour.b) for colour in colours} - {OTHER_COLOUR}) == 3
     (cube,) = car.cubes
     assert (cube.pose.position.x, cube.pose.position.y, cube.size.x, cube.size.y) == (18.0, -6.0, 4.0, 2.0)
     assert 2.0 * np.arctan2(cube.pose.orientation.z, cube.pose.orientation.w) == pytest.approx(0.5)
@@ -128,4 +133,13 @@ def test_a_missing_package_is_one_line(source: Path, tmp_path: Path, monkeypatch
     with pytest.raises(InputError, match=r"--to mcap: needs the package foxglove-sdk.*pip install .*\[convert\]"):
         convert(source, tmp_path / "out", to="mcap")
     assert not (tmp_path / "out").exists()
-    assert "mcap" in FORMATS
+
+
+def test_the_command_says_what_it_wrote_and_writes_over_nothing(source: Path, tmp_path: Path) -> None:
+    command = ["convert", str(source), "--to", "mcap", "--out", str(tmp_path / "out")]
+    done = CliRunner().invoke(app, command, catch_exceptions=False)
+    assert (done.exit_code, "3 frames in" in done.output, "targets have no height" in done.output) == (0, True, True)
+    with pytest.raises(InputError, match="is there already"):
+        CliRunner().invoke(app, command, catch_exceptions=False)
+    with pytest.raises(InputError, match="--to: 'mpac'; expected one of mcap"):
+        CliRunner().invoke(app, [*command[:3], "mpac", "--out", "new"], catch_exceptions=False)

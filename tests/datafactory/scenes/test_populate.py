@@ -24,11 +24,11 @@ from datafactory.scenes.movers import CLEAR_M, Movers, Traffic
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import PointTarget, Scene, SceneObject
-from datafactory.scenes.things import CLASSES, Population, Thing
+from datafactory.scenes.things import CLASSES, Population, Strip, Thing
+from datafactory.scenes.traffic.arrange import REACH_M
 from datafactory.scenes.traffic.asked import Asked, parse_populate
-from datafactory.scenes.traffic.assets import REACH_M
+from datafactory.scenes.traffic.layout import HORIZON_S, Course, spaced
 from datafactory.scenes.traffic.population import populated, sensor_ground
-from datafactory.scenes.traffic.streams import HORIZON_S, Course, spaced
 from shared.physics.errors import InputError
 
 STREET = Path(__file__).resolve().parents[3] / "scenes" / "street.usda"
@@ -168,24 +168,6 @@ def test_velocities_are_finite_differences_of_places(hill: Scene) -> None:
         assert np.linalg.norm(thing.at(12.0)[1]) > 0.5
         ahead, velocity = np.array(thing.axes[0]), thing.at(12.0)[1]
         assert ahead @ velocity == pytest.approx(np.linalg.norm(velocity), rel=1e-6)  # it looks where it goes
-
-
-def test_traffic_keeps_to_the_right_and_its_distance(hill: Scene) -> None:
-    population = population_of(hill)
-    for thing in population.movers:
-        if thing.label not in ("car", "truck", "bus"):
-            continue
-        for time_s in (0.0, 100.0):
-            place, velocity = thing.at(time_s)
-            (road,) = [road for road in population.roads if road.holds(place[0], place[1])]
-            _, left = road.coordinates(place[0], place[1])
-            along = np.array([np.cos(road.heading_rad), np.sin(road.heading_rad)]) @ velocity[:2]
-            assert left * along < 0.0
-            assert 8.0 <= np.linalg.norm(velocity) <= 14.0
-            others = [other for other in population.movers if other is not thing and other.label in ("car", "truck")]
-            same = [other for other in others if np.allclose(other.at(time_s)[1], velocity)]
-            for other in same:
-                assert np.linalg.norm(other.at(time_s)[0] - place) > 17.0
 
 
 def test_a_course_is_gone_along_again_and_again() -> None:
@@ -338,3 +320,18 @@ def test_the_manifest_counts_what_was_put_in(hill: Scene) -> None:
         said.append,
     )
     assert "2 of 2 poses are within 3 m of what drives or walks by" in said
+
+
+def test_rectangles_meet_where_no_side_of_either_separates_them() -> None:
+    """Squares of side 2: side by side, corner to corner, and with one turned by 45 deg, whose corner reaches 1.41 m."""
+    square = Strip((0.0, 0.0), 0.0, 2.0, 1.0)
+    for other, apart_m in (
+        (Strip((2.0, 0.0), 0.0, 2.0, 1.0), 0.0),
+        (Strip((2.0, 2.0), 0.0, 2.0, 1.0), 0.0),
+        (Strip((2.5, 0.0), np.pi / 4.0, 2.0, 1.0), 2.5 - 1.0 - np.sqrt(2.0)),
+        (Strip((2.0, 2.0), np.pi / 4.0, 2.0, 1.0), 2.0 * np.sqrt(2.0) - 1.0 - np.sqrt(2.0)),
+    ):
+        assert square.overlaps(other, apart_m + 1e-9)
+        assert other.overlaps(square, apart_m + 1e-9)
+        assert not square.overlaps(other, apart_m - 1e-9)
+        assert not other.overlaps(square, apart_m - 1e-9)

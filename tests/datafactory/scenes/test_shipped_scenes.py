@@ -11,65 +11,32 @@ import pytest
 import trimesh
 from pxr import Usd, UsdGeom, UsdShade
 
-from datafactory.scenes.city.shapes import Surface
+from datafactory.scenes.city.site import Placement
 from datafactory.scenes.city.usd import MATERIAL_COLOURS
 from shared.physics.units import SPEED_OF_LIGHT
 
 SCENES = Path(__file__).resolve().parents[3] / "scenes"
 sys.path.append(str(SCENES))
 import make_scenes  # noqa: E402
-import street_houses  # noqa: E402
 from street_layout import StreetLayout  # noqa: E402
 
 USD_SCENES = ("street.usda", "test_range.usda", "tiny.usda")
 
 
-def as_mesh(surface: Surface) -> trimesh.Trimesh:
-    return trimesh.Trimesh(surface.vertices, surface.triangles(), process=False)
+@pytest.fixture(scope="module")
+def street() -> tuple[Placement, ...]:
+    return StreetLayout(seed=7, blocks=2).build()
 
 
-def house_style(gabled: bool = False) -> street_houses.HouseStyle:
-    return street_houses.HouseStyle(11.0, 10.0, 3, "brick", "wood", gabled, door_bay=1)
-
-
-def test_house_volume_is_the_box_less_its_recesses() -> None:
-    style = house_style()
-    bay = style.width / style.bays
-    half = 0.5 * min(1.4, bay - 1.0)
-    window, border = 2 * half * 1.35, 0.07
-    pane = (2 * half - 2 * border) * (1.35 - 2 * border)
-    windows = style.bays * style.floors - 1
-    recess = windows * (
-        window * street_houses.FRAME_RECESS + pane * (street_houses.WINDOW_RECESS - street_houses.FRAME_RECESS)
-    )
-    door = 2 * half * (2.5 - street_houses.PLINTH) * street_houses.DOOR_RECESS
-    eaves = style.floors * street_houses.FLOOR_HEIGHT + 0.4
-    expected = style.width * style.depth * eaves - recess - door
-    # 1 mm of rounding over 20 m2 of openings
-    assert as_mesh(street_houses.house(style)).volume == pytest.approx(expected, abs=0.03)
-
-
-def test_gable_adds_a_triangular_prism() -> None:
-    flat, gabled = (as_mesh(street_houses.house(house_style(gabled))).volume for gabled in (False, True))
-    attic = 0.5 * 10.0 * (0.5 * 10.0 * math.tan(street_houses.ROOF_PITCH)) * 11.0
-    assert gabled - flat == pytest.approx(attic, rel=1e-3)
-
-
-@pytest.mark.parametrize("gabled", [False, True])
-def test_houses_are_closed_and_face_outwards(gabled: bool) -> None:
-    mesh = as_mesh(street_houses.house(house_style(gabled)))
-    assert mesh.is_watertight
-    assert mesh.is_winding_consistent
-    assert mesh.volume > 0.0
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_nothing_stands_where_it_should_not(seed: int) -> None:
-    """Houses leave the street free, cars do not overlap, and kerbside furniture stands on the pavement."""
-    placements = StreetLayout(seed, 2).build()
+def test_nothing_of_the_street_stands_where_it_should_not(street: tuple[Placement, ...]) -> None:
+    """Houses are closed and leave the street free, cars do not overlap, kerbside furniture stands on the pavement."""
     corners = {}
-    for item in placements:
+    for item in street:
         assert item.surface is not None
+        if item.path.startswith("Houses/"):
+            mesh = trimesh.Trimesh(item.surface.vertices, item.surface.triangles(), process=False)
+            assert mesh.is_watertight
+            assert mesh.volume > 0.0
         placed = item.surface.moved(item.position, _rotation(item.yaw_deg)).vertices
         corners[item.path] = placed.min(axis=0), placed.max(axis=0)
     for path, (lower, upper) in corners.items():
@@ -77,7 +44,7 @@ def test_nothing_stands_where_it_should_not(seed: int) -> None:
             assert lower[1] >= 8.49 or upper[1] <= -8.49
             assert lower[0] >= 6.49 or upper[0] <= -6.49
         if path.startswith(("Trees/", "Bins/", "Bollards/")):
-            foot = next(item.position for item in placements if item.path == path)
+            foot = next(item.position for item in street if item.path == path)
             assert 5.5 < abs(foot[1]) < 8.5
             assert foot[2] == 0.12
     cars = [bounds for path, bounds in corners.items() if path.startswith("Cars/")]
@@ -92,8 +59,8 @@ def _rotation(yaw_deg: float) -> np.ndarray:
     return np.array([[math.cos(yaw), -math.sin(yaw), 0], [math.sin(yaw), math.cos(yaw), 0], [0, 0, 1]])
 
 
-def test_traffic_keeps_right_and_faces_where_it_goes() -> None:
-    moving = [item for item in StreetLayout(1, 2).build() if any(item.velocity)]
+def test_traffic_keeps_right_and_faces_where_it_goes(street: tuple[Placement, ...]) -> None:
+    moving = [item for item in street if any(item.velocity)]
     cars = [item for item in moving if item.path.startswith("Cars/")]
     assert len(cars) >= 4
     for item in cars:

@@ -9,9 +9,11 @@ import pytest
 from pxr import Usd, UsdGeom
 from usd_files import CUBE, CUBE_FACES, CUBE_POINTS, METRES_Z_UP, MOVING, SPLINE, read, translated, write_usda
 
-from datafactory.scenes.city.city import write_city
-from datafactory.scenes.city.style import Style
+from datafactory.scenes.city.shapes import box, yaw_rotation
+from datafactory.scenes.city.site import Keyframe, Placement
+from datafactory.scenes.city.usd import write_usd
 from datafactory.scenes.motion import Motion, Moving
+from datafactory.scenes.network.driving import thinned
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import PointTarget, Scene, SceneObject
 
@@ -149,10 +151,22 @@ def test_velocities_are_differences_of_places_at_every_keyframe(tmp_path: Path, 
     assert hold_every_key(moving_scenes(tmp_path)[name]) >= keys
 
 
-@pytest.mark.parametrize("style", [Style.OLD_TOWN, Style.CAR_PARK])
-def test_so_they_are_of_a_citys_traffic(tmp_path: Path, style: Style) -> None:
-    write_city(tmp_path / "city.usdc", seed=1, blocks=1, style=style)
-    assert hold_every_key(open_scene(str(tmp_path / "city.usdc"))) > 50
+def test_so_they_are_of_the_vehicles_that_a_city_on_a_network_has(tmp_path: Path) -> None:
+    """A car that stands, sets out and turns: where every keyframe has it, though only those between pieces are kept."""
+    every = [
+        Keyframe(0.5 * n, (0.25 * max(n - 4, 0) ** 2, 0.1 * max(n - 9, 0), 0.2), 4.0 * max(n - 9, 0)) for n in range(13)
+    ]
+    kept = thinned(every)
+    assert len(kept) == len(every) - 3  # it stands until 2 s
+    body = box((-2.0, -0.9, 0.3), (2.0, 0.9, 1.4), "metal")
+    car = Placement("Cars/Car_0", body, every[0].position, keyframes=tuple(kept))
+    write_usd(tmp_path / "car.usda", [car], "A car.")
+    scene = open_scene(str(tmp_path / "car.usda"))
+    assert hold_every_key(scene) == len(kept)
+    (item,) = scene.objects
+    for key in every:
+        there = body.moved(key.position, yaw_rotation(key.yaw_deg)).vertices
+        np.testing.assert_allclose(item.at(key.time_s).vertices, there, atol=2e-3)
 
 
 def test_instances_that_move_stand_where_usd_has_them(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from datafactory.scenes.targets.moving_parts import Motion, MovingParts
+from datafactory.scenes.targets.interface import Motion, MovingParts
 from datafactory.scenes.targets.road_users import Pedestrian
 from datafactory.scenes.targets.walking import (
     PARTS,
@@ -110,7 +110,7 @@ def test_the_legs_do_what_legs_do() -> None:
 
 
 @pytest.mark.parametrize(("speed", "foot", "torso"), [(1.4, 51.0, 5.0), (2.5, 85.5, 13.0)])
-def test_accelerations_are_those_that_the_module_states(speed: float, foot: float, torso: float) -> None:
+def test_accelerations_are_those_that_the_manual_states(speed: float, foot: float, torso: float) -> None:
     """What a constant velocity within a frame of 10 ms leaves out."""
     times = np.linspace(0.0, cycle_s(speed, STATURE_M), 2000, endpoint=False)
     velocity = np.array([walker(speed, t).velocity for t in times])

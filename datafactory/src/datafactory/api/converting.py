@@ -16,10 +16,10 @@ from shared.dataset.locations import local
 def convert(asked: ConvertOptions) -> Converted:
     """Write a dataset in another layout, as ``datafactory convert`` does.
 
-    >>> convert("build/cubes", "build/raddet", to="raddet")  # doctest: +SKIP
+    >>> convert("build/dataset", "build/mcap", to="mcap")  # doctest: +SKIP
 
     :returns: how many frames were written, and what has no place in the new layout
-    :raises InputError: an unknown format, a folder that is there already, a dataset without what the format needs
+    :raises InputError: an unknown format, a folder that is there already, a package that is not installed
     :raises OSError: the disk fails; nothing is left behind
     """
     dataset = open_dataset(str(asked.directory))

@@ -20,7 +20,7 @@ from datafactory.frame.defaults import (
 )
 from datafactory.paths.defaults import ASKED_DEVICES, CPU, DEFAULT_DEPTH, DEFAULT_RAYS, LARGEST_DEPTH, MOST_RAYS
 from datafactory.run.defaults import ENGINES, LOCAL
-from datafactory.scenes.city.style import MOST_BLOCKS, Style
+from datafactory.scenes.city.rules import MOST_BLOCKS, Style
 from shared.processes.defaults import ANGLE_WINDOWS, DEFAULT_RADAR, LARGEST_SEED, STORES
 
 if TYPE_CHECKING:
@@ -278,7 +278,6 @@ class CityOptions(Options):
     blocks: Annotated[int | None, Option(
         "House blocks along the street; 2 without.", least=1, most=MOST_BLOCKS)] = None
     style: Annotated[Style, Option("What the city is like.")] = Style.OLD_TOWN
-    traffic: Annotated[bool, Option("With what moves; without, the streets are free for --populate.")] = True
     opendrive: Annotated[Path | None, Option("Roads, lanes and traffic from an OpenDRIVE file (.xodr).")] = None
     osm: Annotated[Path | None, Option("The same from an OpenStreetMap extract (.osm).")] = None
     centre: Annotated[str | None, Option("x,y of the window's middle in the network [m]; its own without.")] = None
@@ -310,6 +309,6 @@ class MergeOptions(TellingOptions):
 class ConvertOptions(TellingOptions):
     directory: Annotated["FileName", Option(
         "Folder of a finished dataset, also s3:// or gs://.", typed=str, place="DIR", flag=None)] = field(kw_only=False)
-    to: Annotated[str, Option("raddet: RADDet's folders, of a dataset with cubes; mcap: files for Foxglove.")]
+    to: Annotated[str, Option("mcap: files for Foxglove.")]
     out: Annotated["FileName", Option("Folder to write; it must not exist yet.", typed=Path)] = field(kw_only=False)
 # fmt: on

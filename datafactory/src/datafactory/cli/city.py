@@ -1,4 +1,4 @@
-"""``datafactory city``: a city with traffic, in USD; procedural, or on a real road network."""
+"""``datafactory city``: a city in USD; procedural, or on a real road network with traffic."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from shared.physics.errors import InputError
 
 @asking(CityOptions)
 def city(asked: CityOptions) -> None:
-    """Write a city with traffic: a procedural one, or one on the roads of a real network."""
+    """Write a city: a procedural one for --populate, or one with traffic on the roads of a real network."""
     blocks, centre, extent = asked.blocks, asked.centre, asked.extent
     if asked.opendrive is not None and asked.osm is not None:
         raise InputError("city", "--opendrive and --osm are both given", "one of the two")
@@ -25,13 +25,11 @@ def city(asked: CityOptions) -> None:
             )
         from datafactory.scenes.city.city import write_city
 
-        write_city(asked.out, asked.seed, 2 if blocks is None else blocks, asked.style, asked.traffic)
-        typer.echo(f"wrote {asked.out}")
-        return
-    if not asked.traffic:
-        raise InputError(
-            "city", "--no-traffic beside a network", "--no-traffic of a procedural city, or the network's traffic"
+        write_city(asked.out, asked.seed, 2 if blocks is None else blocks, asked.style)
+        typer.echo(
+            f"wrote {asked.out}: nothing moves in it; --populate of the other commands puts traffic in its streets"
         )
+        return
     if blocks is not None:
         raise InputError("city", "--blocks beside a network", "--extent, which says how much of it")
     from datafactory.scenes.network.town import write_town

@@ -13,6 +13,7 @@ from shared.physics.errors import InputError, meant
 
 Progress: TypeAlias = Callable[[int, int], None]
 """Takes frames done and frames in all."""
+FORMATS = ("mcap",)
 
 
 @dataclass(frozen=True)
@@ -32,25 +33,13 @@ def convert(dataset: Dataset, to: str, out: Path, progress: Progress) -> Convert
     """Write a dataset in another layout; the new folder is there once it is whole.
 
     :param to: one of :data:`FORMATS`
-    :raises InputError: an unknown format, a folder that is there already, a dataset without what the format needs
+    :raises InputError: an unknown format, a folder that is there already, a package that is not installed
     """
     if to not in FORMATS:
         raise InputError("--to", f"{to!r}", f"one of {', '.join(FORMATS)}{meant(to, FORMATS)}")
     if out.exists():
         raise InputError("--out", f"{out} is there already", "a folder that does not exist yet")
     dataset.description()  # refuses a folder of traced paths
-    with atomic_folder(out) as partial:
-        frames, notes = FORMATS[to](dataset, partial, progress)
-    return Converted(out, frames, notes)
-
-
-def _raddet(dataset: Dataset, out: Path, progress: Progress) -> tuple[int, tuple[str, ...]]:
-    from datafactory.conversion.raddet import write_raddet
-
-    return write_raddet(dataset, out, progress)
-
-
-def _mcap(dataset: Dataset, out: Path, progress: Progress) -> tuple[int, tuple[str, ...]]:
     try:
         import foxglove  # noqa: F401
     except ImportError as error:
@@ -58,10 +47,6 @@ def _mcap(dataset: Dataset, out: Path, progress: Progress) -> tuple[int, tuple[s
         raise InputError("--to mcap", "needs the package foxglove-sdk, which is not installed", expected) from error
     from datafactory.conversion.mcap import write_mcap
 
-    return write_mcap(dataset, out, progress)
-
-
-FORMATS: dict[str, Callable[[Dataset, Path, Progress], tuple[int, tuple[str, ...]]]] = {
-    "raddet": _raddet,
-    "mcap": _mcap,
-}
+    with atomic_folder(out) as partial:
+        frames, notes = write_mcap(dataset, partial, progress)
+    return Converted(out, frames, notes)

@@ -8,6 +8,7 @@ the topmost surface alone: ground under a bridge or a tree is not used.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,10 +81,20 @@ class Ground:
         i = np.floor((x - self.origin[0]) / self.cell_m).astype(np.int64)
         return i, np.floor((y - self.origin[1]) / self.cell_m).astype(np.int64)
 
-    def height_at(self, x: float, y: float) -> float:
-        """Height of the ground [m] at a point on free ground, bilinear between the cells' centres."""
+    def values_at(self, values: NDArray[Any], x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[Any]:
+        """Values [nx, ny] of the cells that the points [...] lie in [m]; 0 beyond the grid."""
+        i, j = self.cell_of(x, y)
+        inside = (i >= 0) & (i < values.shape[0]) & (j >= 0) & (j < values.shape[1])
+        return np.where(inside, values[np.where(inside, i, 0), np.where(inside, j, 0)], values.dtype.type(0))
+
+    def heights_at(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Heights of the ground [m] at points [n], bilinear between cells' centres; NaN beside where there is none."""
         at = [(x - self.origin[0]) / self.cell_m - 0.5, (y - self.origin[1]) / self.cell_m - 0.5]
-        return float(ndimage.map_coordinates(self.height_m, np.array(at)[:, None], order=1, mode="nearest")[0])
+        return np.asarray(ndimage.map_coordinates(self.height_m, np.array(at), order=1, mode="nearest"))
+
+    def height_at(self, x: float, y: float) -> float:
+        """Height of the ground [m] at a point on free ground."""
+        return float(self.heights_at(np.array([x]), np.array([y]))[0])
 
     def tilt_deg(self, x: float, y: float, yaw_rad: float) -> tuple[float, float]:
         """Pitch and roll [deg] of a car that stands on free ground and looks along a heading."""
@@ -103,9 +114,8 @@ class Ground:
         Searched in steps of half a cell; beyond the edge of the scene there is no obstacle.
         """
         distance = np.arange(0.5 * self.cell_m, reach_m, 0.5 * self.cell_m)
-        i, j = self.cell_of(x + np.cos(headings_rad)[:, None] * distance, y + np.sin(headings_rad)[:, None] * distance)
-        inside = (i >= 0) & (i < self.obstacle.shape[0]) & (j >= 0) & (j < self.obstacle.shape[1])
-        blocked = inside & self.obstacle[np.where(inside, i, 0), np.where(inside, j, 0)]
+        along_x, along_y = np.cos(headings_rad)[:, None] * distance, np.sin(headings_rad)[:, None] * distance
+        blocked = self.values_at(self.obstacle, x + along_x, y + along_y)
         return np.where(blocked.any(axis=1), distance[blocked.argmax(axis=1)], np.inf)
 
 

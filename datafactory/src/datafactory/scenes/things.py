@@ -54,7 +54,7 @@ class Thing:
 
 @dataclass(frozen=True)
 class Strip:
-    """A rectangle seen from above: a piece of straight road.
+    """A rectangle seen from above: a piece of straight road, or what a body takes up.
 
     :param middle: (x, y) [m]; :param heading_rad: of its length
     """
@@ -75,6 +75,20 @@ class Strip:
         along, left = self.coordinates(x, y)
         inside: NDArray[np.bool_] = (np.abs(along) <= 0.5 * self.length_m) & (np.abs(left) <= self.half_width_m)
         return inside
+
+    def corners(self) -> Real:
+        """[4, 2] counter-clockwise [m]."""
+        cosine, sine = np.cos(self.heading_rad), np.sin(self.heading_rad)
+        ahead, left = 0.5 * self.length_m * np.array([cosine, sine]), self.half_width_m * np.array([-sine, cosine])
+        return np.array(self.middle) + np.array([-ahead - left, ahead - left, ahead + left, left - ahead])
+
+    def overlaps(self, other: Strip, apart_m: float = 0.0) -> bool:
+        """Whether the two meet, or come nearer than ``apart_m``: no side of either separates them."""
+        for one, far in ((self, other), (other, self)):
+            sides = zip(one.coordinates(*far.corners().T), (0.5 * one.length_m, one.half_width_m), strict=True)
+            if any(at.min() >= half + apart_m or at.max() <= -half - apart_m for at, half in sides):
+                return False
+        return True
 
 
 @dataclass(frozen=True)

@@ -7,14 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scene_solids import CitySolids, PopulationSolids
+from scene_solids import PopulationSolids, city_solids
 from solids import Shape, Standing, containing, intersecting
 from town_scenes import two_blocks
 
 from datafactory.frame.deal import Deal
-from datafactory.scenes.city.city import city
-from datafactory.scenes.city.options import CityOptions
-from datafactory.scenes.city.style import Style
+from datafactory.scenes.city.city import CityOptions, city
+from datafactory.scenes.city.rules import Style
 from datafactory.scenes.city.usd import write_usd
 from datafactory.scenes.drives import Drives, draw_drive
 from datafactory.scenes.movers import Movers, Traffic
@@ -22,10 +21,12 @@ from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene
 from datafactory.scenes.things import Population, Thing
 from datafactory.scenes.traffic.asked import parse_populate
+from datafactory.scenes.traffic.layout import HORIZON_S
 from datafactory.scenes.traffic.population import populated, sensor_ground
-from datafactory.scenes.traffic.streams import HORIZON_S
 
 ASKED = parse_populate("cars=8,trucks=2,buses=1,cyclists=4,pedestrians=12,poles=12,signs=6,bins=3,benches=2,parked=0.6")
+EVERYWHERE = {"poles": 12, "pedestrians": 12, "cyclists": 4}
+"""Of these, what a city of any style has room for: all."""
 DRIVE_S = np.arange(0.0, 12.0, 0.5)
 """Times of a long drive. Everything of one stream has one speed."""
 WHOLE_S = np.linspace(0.0, HORIZON_S - 0.01, 61)
@@ -59,14 +60,14 @@ class Populated:
 
 
 def bare_scene(which: str, folder: Path) -> tuple[Scene, list[Standing]]:
-    """A scene without traffic, and the solids in it: of a city what stands, parked cars too."""
+    """A scene without traffic, and the solids in it: of a city the parked cars too."""
     if which in ("hill", CANYON):
         bare = two_blocks() if which == "hill" else open_scene(which)
         houses = [item for item in bare.objects if item.name not in ("ground", "mesh-floor")]
         return bare, [Standing(item.name, Shape.around([(item.vertices, item.triangles)])) for item in houses]
-    standing = city(CityOptions(seed=0, blocks=2, style=Style(which), traffic=False))
+    standing = city(CityOptions(seed=0, blocks=2, style=Style(which)))
     write_usd(folder / "city.usdc", standing, "what stands")
-    return open_scene(str(folder / "city.usdc")), CitySolids(standing).at(0.0)
+    return open_scene(str(folder / "city.usdc")), city_solids(standing)
 
 
 @pytest.mark.parametrize("which", ["hill", CANYON, *Style])
@@ -75,6 +76,10 @@ def test_populated_scenes_are_sound_at_all_times(which: str, tmp_path: Path) -> 
     for seed in SEEDS:
         item = Populated.of(bare, walls, seed)
         assert len(item.population.things) > 30
+        if which in list(Style):  # every style has room
+            placed = item.population.placed
+            assert placed["cars"] + placed["trucks"] >= 2
+            assert {kind: placed[kind] for kind in EVERYWHERE} == EVERYWHERE
         nothing_is_in_anything_else(item)
         sensors_are_within_nothing(item)
         lanes_are_kept(item.population)
@@ -124,6 +129,7 @@ def lanes_are_kept(population: Population) -> None:
             assert left[0] * ahead[0] < 0.0 or thing.label == "bicycle", thing.name
         if thing.label in VEHICLES:
             assert far < LANE_M, thing.name
+            assert 8.0 <= abs(ahead[0]) <= 14.0, thing.name
 
 
 def nobody_catches_up_with_anybody(population: Population) -> int:

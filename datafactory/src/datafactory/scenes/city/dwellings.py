@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from datafactory.scenes.city.buildings import Building, Opening, bays, building
-from datafactory.scenes.city.chance import drawn
-from datafactory.scenes.city.frontage import Frontage, frontage
-from datafactory.scenes.city.plan import Block, Rectangle
-from datafactory.scenes.city.rules import Rules
+from datafactory.scenes.city.plan import Block, Frontage, Rectangle, frontage
+from datafactory.scenes.city.rules import Rules, drawn
 from datafactory.scenes.city.shapes import box
 from datafactory.scenes.city.site import Site
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from datafactory.scenes.city.shapes import Surface
+from datafactory.scenes.things import Strip
 
 TOUCH_M = 0.01
 """Things that overlap by less stand beside each other."""
@@ -18,39 +19,25 @@ TOUCH_M = 0.01
 
 @dataclass(frozen=True)
 class Footprint:
-    """An upright box: a rectangle on the ground, between two heights.
+    """An upright box.
 
-    :param x, y: its middle [m]
-    :param length, width: along its own x and y [m]
-    :param yaw_deg: of its x axis
-    :param low, high: [m]
+    :param ground: seen from above
+    :param low, high: its heights [m]
     """
 
-    x: float
-    y: float
-    length: float
-    width: float
-    yaw_deg: float = 0.0
-    low: float = 0.0
-    high: float = 100.0
+    ground: Strip
+    low: float
+    high: float
 
-    def corners(self) -> NDArray[np.float64]:
-        """[4, 2] counter-clockwise."""
-        cosine, sine = math.cos(math.radians(self.yaw_deg)), math.sin(math.radians(self.yaw_deg))
-        signs = np.array([(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)])
-        return signs * (self.length, self.width) @ np.array([(cosine, sine), (-sine, cosine)]) + (self.x, self.y)
+    def grown(self, margin: float) -> Footprint:
+        """Larger to every side [m]."""
+        length, half_width = self.ground.length_m + 2.0 * margin, self.ground.half_width_m + margin
+        return replace(self, ground=replace(self.ground, length_m=length, half_width_m=half_width))
 
     def overlaps(self, other: Footprint) -> bool:
-        """Whether the two have more in common than a touch: no axis along a side keeps them apart."""
-        if self.low >= other.high - TOUCH_M or other.low >= self.high - TOUCH_M:
-            return False
-        mine, theirs = self.corners(), other.corners()
-        for yaw in (self.yaw_deg, self.yaw_deg + 90.0, other.yaw_deg, other.yaw_deg + 90.0):
-            axis = np.array([math.cos(math.radians(yaw)), math.sin(math.radians(yaw))])
-            a, b = mine @ axis, theirs @ axis
-            if a.min() >= b.max() - TOUCH_M or b.min() >= a.max() - TOUCH_M:
-                return False
-        return True
+        """Whether the two have more in common than a touch."""
+        apart = self.low >= other.high - TOUCH_M or other.low >= self.high - TOUCH_M
+        return not apart and self.ground.overlaps(other.ground, -TOUCH_M)
 
 
 def body_boxes(surface: Surface) -> NDArray[np.float64]:
@@ -66,16 +53,18 @@ def body_boxes(surface: Surface) -> NDArray[np.float64]:
     return np.stack([lower, upper], axis=1)
 
 
-def footprints_of(
-    boxes: NDArray[np.float64], position: tuple[float, float, float], yaw_deg: float, margin: float = 0.0
-) -> list[Footprint]:
-    """The boxes [B, 2, 3] of a surface's bodies where it is placed, ``margin`` [m] larger to every side."""
-    cosine, sine = math.cos(math.radians(yaw_deg)), math.sin(math.radians(yaw_deg))
+def footprints_of(boxes: NDArray[np.float64], position: tuple[float, float, float], yaw_deg: float) -> list[Footprint]:
+    """The boxes [B, 2, 3] of a surface's bodies where it is placed."""
+    yaw = math.radians(yaw_deg)
     found = []
     for lower, upper in boxes:
-        (mx, my, _), (length, width, _) = 0.5 * (lower + upper), upper - lower + 2.0 * margin
-        x, y = position[0] + cosine * mx - sine * my, position[1] + sine * mx + cosine * my
-        found.append(Footprint(x, y, length, width, yaw_deg, position[2] + lower[2], position[2] + upper[2]))
+        (mx, my, _), (length, width, _) = 0.5 * (lower + upper), upper - lower
+        middle = (
+            position[0] + math.cos(yaw) * mx - math.sin(yaw) * my,
+            position[1] + math.sin(yaw) * mx + math.cos(yaw) * my,
+        )
+        ground = Strip(middle, yaw, length, 0.5 * width)
+        found.append(Footprint(ground, position[2] + lower[2], position[2] + upper[2]))
     return found
 
 
@@ -97,7 +86,8 @@ class Occupied:
             self._cells.setdefault(cell, []).append(item)
 
     def _touched(self, item: Footprint) -> list[tuple[int, int]]:
-        (x0, y0), (x1, y1) = item.corners().min(axis=0), item.corners().max(axis=0)
+        corners = item.ground.corners()
+        (x0, y0), (x1, y1) = corners.min(axis=0), corners.max(axis=0)
         columns = range(math.floor(x0 / self.CELL_M), math.floor(x1 / self.CELL_M) + 1)
         rows = range(math.floor(y0 / self.CELL_M), math.floor(y1 / self.CELL_M) + 1)
         return [(i, j) for i in columns for j in rows]

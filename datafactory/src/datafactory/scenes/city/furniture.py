@@ -45,14 +45,6 @@ def litter_bin() -> Surface:
     return cylinder(0.24, 0.0, 0.9, 12, "metal")
 
 
-def tree(rng: np.random.Generator) -> Surface:
-    """Street tree: a wooden trunk and a ragged crown."""
-    trunk_height, radius = rng.uniform(2.4, 3.0), rng.uniform(1.1, 1.4)
-    crown = blob((radius, radius, 1.4 * radius), 0.2, rng, "vegetation")
-    trunk = cylinder(rng.uniform(0.1, 0.17), 0.0, trunk_height + 0.3, 10, "wood")
-    return joined([trunk, crown.moved((0.0, 0.0, trunk_height + 1.2 * radius))])
-
-
 def street_tree(rng: np.random.Generator, radius: float) -> Surface:
     """A tree whose crown stays within 1.2 ``radius`` [m] of its trunk and begins 3.9 m above the ground, or higher.
 
@@ -110,15 +102,8 @@ def pedestrian_rail(length: float) -> Surface:
 def barrier(length: float) -> Surface:
     """Concrete safety barrier from x = 0 to ``length``, 0.8 m high and 0.6 m wide (New Jersey profile)."""
     profile = [
-        (-0.3, 0.0),
-        (0.3, 0.0),
-        (0.3, 0.08),
-        (0.11, 0.33),
-        (0.08, 0.8),
-        (-0.08, 0.8),
-        (-0.11, 0.33),
-        (-0.3, 0.08),
-    ]
+        (-0.3, 0.0), (0.3, 0.0), (0.3, 0.08), (0.11, 0.33), (0.08, 0.8), (-0.08, 0.8), (-0.11, 0.33), (-0.3, 0.08),
+    ]  # fmt: skip
     # The profile is not convex at its waist: a foot and a wall that stands on it.
     foot = prism([profile[i] for i in (0, 1, 2, 3, 6, 7)], 0.0, length, "concrete").moved((0.0, 0.0, 0.0), X_TO_Z_CYCLE)
     wall = prism([profile[i] for i in (6, 3, 4, 5)], 0.0, length, "concrete").moved((0.0, 0.0, 0.0), X_TO_Z_CYCLE)

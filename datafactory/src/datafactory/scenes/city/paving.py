@@ -6,32 +6,23 @@ radar sees from far away. At pedestrians' crossings kerbs are lowered to 3 cm (D
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from datafactory.scenes.city.placement import Placement
 from datafactory.scenes.city.plan import ZEBRA_M, Plan, Rectangle
 from datafactory.scenes.city.shapes import Surface, stepped_surface, welded
+from datafactory.scenes.city.site import Placement
 
 LOWERED_KERB_M = 0.03
 MATERIALS = {
-    "Road_0": "asphalt",
-    "Pavement": "concrete",
-    "Lowered_kerb": "concrete",
-    "Median": "vegetation",
-    "Plot": "vegetation",
-    "Court": "concrete",
-    "Asphalt_yard": "asphalt",
-}
+    "Road_0": "asphalt", "Pavement": "concrete", "Lowered_kerb": "concrete", "Median": "vegetation",
+    "Plot": "vegetation", "Court": "concrete", "Asphalt_yard": "asphalt",
+}  # fmt: skip
 GROUND_OF_USE = {
-    "houses": "Plot",
-    "gardens": "Plot",
-    "park": "Plot",
-    "verge": "Plot",
-    "square": "Court",
-    "works": "Asphalt_yard",
-    "depot": "Asphalt_yard",
-    "parking": "Asphalt_yard",
-}
+    "houses": "Plot", "gardens": "Plot", "park": "Plot", "verge": "Plot", "square": "Court",
+    "works": "Asphalt_yard", "depot": "Asphalt_yard", "parking": "Asphalt_yard",
+}  # fmt: skip
 
 
 def ground(plan: Plan, kerb_m: float, islands: list[Rectangle]) -> list[Placement]:
@@ -45,22 +36,17 @@ def ground(plan: Plan, kerb_m: float, islands: list[Rectangle]) -> list[Placemen
     painted += [(island, "Island") for island in islands]
     painted += [(street.strip(street.kind.facade), "Pavement") for street in plan.streets]
     for street, middle in plan.zebras():
-        reach = 0.5 * ZEBRA_M
-        band = street.strip(street.kind.facade)
-        if street.axis == "x":
-            painted.append((Rectangle(middle - reach, band.y0, middle + reach, band.y1), "Lowered_kerb"))
-        else:
-            painted.append((Rectangle(band.x0, middle - reach, band.x1, middle + reach), "Lowered_kerb"))
+        piece = replace(street, start=middle - 0.5 * ZEBRA_M, end=middle + 0.5 * ZEBRA_M)
+        painted.append((piece.strip(street.kind.facade), "Lowered_kerb"))
     painted += [(street.strip(street.kind.kerb), "Road_0") for street in plan.streets]
     painted += [(street.strip(street.kind.median_m), "Median") for street in plan.streets if street.kind.median_m]
 
-    xs, ys = (sorted({round(value, 3) for item, _ in painted for value in pair(item)}) for pair in (_xs, _ys))
-    xs = [x for x in xs if plan.bounds.x0 <= x <= plan.bounds.x1]
-    ys = [y for y in ys if plan.bounds.y0 <= y <= plan.bounds.y1]
+    bounds = plan.bounds
+    xs = sorted({x for item, _ in painted for x in _rounded(item.x0, item.x1) if bounds.x0 <= x <= bounds.x1})
+    ys = sorted({y for item, _ in painted for y in _rounded(item.y0, item.y1) if bounds.y0 <= y <= bounds.y1})
     uses = np.full((len(xs) - 1, len(ys) - 1), "Plot", dtype=object)
     for item, use in painted:
-        columns = [np.searchsorted(xs, round(value, 3)) for value in _xs(item)]
-        rows = [np.searchsorted(ys, round(value, 3)) for value in _ys(item)]
+        columns, rows = np.searchsorted(xs, _rounded(item.x0, item.x1)), np.searchsorted(ys, _rounded(item.y0, item.y1))
         uses[columns[0] : columns[1], rows[0] : rows[1]] = use
     levels = dict.fromkeys(["Pavement", "Plot", "Court", "Asphalt_yard", "Median"], kerb_m)
     levels |= {"Lowered_kerb": min(LOWERED_KERB_M, kerb_m), "Island": 2.0 * kerb_m, "Road_0": 0.0}
@@ -76,9 +62,5 @@ def ground(plan: Plan, kerb_m: float, islands: list[Rectangle]) -> list[Placemen
     return placements
 
 
-def _xs(item: Rectangle) -> tuple[float, float]:
-    return item.x0, item.x1
-
-
-def _ys(item: Rectangle) -> tuple[float, float]:
-    return item.y0, item.y1
+def _rounded(first: float, last: float) -> tuple[float, float]:
+    return round(first, 3), round(last, 3)

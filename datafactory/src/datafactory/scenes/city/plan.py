@@ -1,23 +1,25 @@
 """The plan of a city: streets, crossings and blocks, as rectangles along the axes.
 
 The main street lies along x at y = 0. Rows of blocks lie on both of its sides; parallel side streets between further
-rows, cross streets along y between neighbouring columns. A cross street may end at the main street: a T. Traffic keeps
-to the right (:mod:`datafactory.scenes.city.lanes`).
+rows, cross streets along y between neighbouring columns. A cross street may end at the main street: a T. Signs and
+parked cars face as traffic does that keeps to the right.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from datafactory.scenes.city.chance import drawn
-from datafactory.scenes.city.rules import Rules, StreetKind
+from datafactory.scenes.city.rules import Rules, StreetKind, drawn
 
 REACH_M = 24.0
 """Streets and ground go on this far beyond the last block."""
 ZEBRA_M = 3.0
 """Width of a pedestrians' crossing; it begins at the facade line of the street that is crossed."""
+YAW_DEG = {"south": 0.0, "east": 90.0, "north": 180.0, "west": 270.0}
+"""Of the sides of a block."""
 
 
 @dataclass(frozen=True)
@@ -39,10 +41,6 @@ class Rectangle:
 
     def inset(self, by: float) -> Rectangle:
         return Rectangle(self.x0 + by, self.y0 + by, self.x1 - by, self.y1 - by)
-
-    def holds(self, x: float, y: float, margin: float = 0.0) -> bool:
-        """Whether a point lies inside, at least ``margin`` from the border; outside by up to -margin if negative."""
-        return self.x0 + margin <= x <= self.x1 - margin and self.y0 + margin <= y <= self.y1 - margin
 
 
 @dataclass(frozen=True)
@@ -78,22 +76,6 @@ class Street:
 
 
 @dataclass(frozen=True)
-class Crossing:
-    """Where a street along x meets one along y.
-
-    :param ends: whether the one along y ends here
-    """
-
-    along_x: Street
-    along_y: Street
-    ends: bool
-
-    @property
-    def centre(self) -> tuple[float, float]:
-        return self.along_y.at, self.along_x.at
-
-
-@dataclass(frozen=True)
 class Block:
     """A plot between streets.
 
@@ -108,6 +90,40 @@ class Block:
 
 
 @dataclass(frozen=True)
+class Frontage:
+    """One side of a block as a frame of its own, so that one builder serves all four.
+
+    Its x runs along the side, to the right for somebody who stands in the street and looks at the block; its y runs
+    into the block. That is the frame of :mod:`datafactory.scenes.city.buildings`, whose front faces -y.
+
+    :param x, y: of its origin, the left end seen from the street [m]
+    :param length: [m]
+    :param yaw_deg: of its x axis
+    """
+
+    x: float
+    y: float
+    length: float
+    yaw_deg: float
+
+    def place(self, along: float, inwards: float, z: float = 0.0) -> tuple[float, float, float]:
+        """World place of a point ``along`` the side and ``inwards`` of it [m]."""
+        cosine, sine = round(math.cos(math.radians(self.yaw_deg))), round(math.sin(math.radians(self.yaw_deg)))
+        return self.x + cosine * along - sine * inwards, self.y + sine * along + cosine * inwards, z
+
+
+def frontage(area: Rectangle, side: str) -> Frontage:
+    """The side of a rectangle: ``"south"``, ``"east"``, ``"north"`` or ``"west"``."""
+    x, y, length = {
+        "south": (area.x0, area.y0, area.width),
+        "east": (area.x1, area.y0, area.depth),
+        "north": (area.x1, area.y1, area.width),
+        "west": (area.x0, area.y1, area.depth),
+    }[side]
+    return Frontage(x, y, length, YAW_DEG[side])
+
+
+@dataclass(frozen=True)
 class Plan:
     """The plan of a city.
 
@@ -118,7 +134,6 @@ class Plan:
 
     streets: tuple[Street, ...]
     bridges: tuple[Street, ...]
-    crossings: tuple[Crossing, ...]
     blocks: tuple[Block, ...]
     bounds: Rectangle
 
@@ -128,12 +143,13 @@ class Plan:
 
     def crossings_of(self, street: Street) -> list[tuple[float, Street]]:
         """Where along a street [m] it is crossed, and by which one; rising."""
-        found = []
-        for item in self.crossings:
-            if street is item.along_x:
-                found.append((item.along_y.at, item.along_y))
-            elif street is item.along_y:
-                found.append((item.along_x.at, item.along_x))
+        found = [
+            (other.at, other)
+            for other in self.streets
+            if other.axis != street.axis
+            and other.start <= street.at <= other.end
+            and street.start <= other.at <= street.end
+        ]
         return sorted(found, key=lambda pair: pair[0])
 
     def stretches(self, street: Street) -> list[tuple[float, float]]:
@@ -197,12 +213,6 @@ def draw_plan(rng: np.random.Generator, rules: Rules, blocks: int) -> Plan:
         end = 0.0 if ends_here and not goes_up else north
         crossing_streets.append(Street("y", centre, start, end, kind))
 
-    crossings = tuple(
-        Crossing(along_x, along_y, ends=along_x.at in (along_y.start, along_y.end))
-        for along_x in (main, *parallel)
-        for along_y in crossing_streets
-        if along_y.start <= along_x.at <= along_y.end
-    )
     plots = []
     for rows, sign in ((up, 1.0), (down, -1.0)):
         for number, (near, far) in enumerate(rows):
@@ -216,8 +226,8 @@ def draw_plan(rng: np.random.Generator, rules: Rules, blocks: int) -> Plan:
                 plots.append(Block(area, drawn(rng, rules.uses), frozenset(fronts)))
     bounds = Rectangle(west, south, east, north)
     if rules.bridges:
-        return Plan((main, *parallel), tuple(crossing_streets), (), tuple(plots), bounds)
-    return Plan((main, *parallel, *crossing_streets), (), crossings, tuple(plots), bounds)
+        return Plan((main, *parallel), tuple(crossing_streets), tuple(plots), bounds)
+    return Plan((main, *parallel, *crossing_streets), (), tuple(plots), bounds)
 
 
 def _rows(depths: list[float], facade: float, kind: StreetKind) -> tuple[list[tuple[float, float]], list[float]]:

@@ -6,11 +6,13 @@ those of a street: along it, and to the left of its axis.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
 import numpy as np
 
-from datafactory.scenes.city.chance import drawn
 from datafactory.scenes.city.plan import ZEBRA_M, Plan, Street
-from datafactory.scenes.city.rules import Rules
+from datafactory.scenes.city.rules import Rules, drawn
 from datafactory.scenes.city.site import Site
 
 SLOT_M = 8.5
@@ -47,31 +49,62 @@ def _heading(street: Street, side: float) -> float:
     return street.yaw_deg + (180.0 if side > 0.0 else 0.0)
 
 
-def _kerb_line(site: Site, street: Street, first: float, last: float, side: float, rules: Rules) -> None:
-    rng, kind = site.rng, street.kind
-    aside = side * (kind.kerb + FROM_KERB_M)
+@dataclass(frozen=True)
+class Piece:
+    """What stands at a place beside a kerb.
+
+    :param group, kind, model: as :meth:`Site.place` takes them
+    """
+
+    group: str
+    kind: str
+    model: str
+    yaw_deg: float
+
+
+def pieces_along(
+    rng: np.random.Generator,
+    rules: Rules,
+    slots: Iterable[tuple[float, float]],
+    trees: bool = True,
+    rails: bool = False,
+) -> Iterator[tuple[int, Piece]]:
+    """Lamps, trees, signs, litter bins and rails beside a kerb, each with the number of its slot.
+
+    :param slots: how far along the kerb each is [m], and the heading of the traffic beside it [degree]
+    :param trees, rails: whether there is room for them
+    """
     lamp = rng.uniform(2.0, 12.0) if rules.lamps_m else np.inf
-    for slot in range(int((last - first) / SLOT_M)):
-        along = first + 3.0 + SLOT_M * slot
-        place = _at(street, along, aside, rules.kerb_m)
-        if along - first >= lamp:
+    for number, (along, heading) in enumerate(slots):
+        if along >= lamp:
             # The arm, along -y of the lamp, reaches over the road.
-            site.place("Lamps", "Lamp", "Lamp", place, street.yaw_deg + (0.0 if side > 0.0 else 180.0))
+            yield number, Piece("Lamps", "Lamp", "Lamp", (heading + 180.0) % 360.0)
             lamp += rules.lamps_m
             continue
         what = drawn(rng, (("tree", rules.trees), ("sign", 0.12), ("bin", 0.08), ("rail", 0.05), ("none", 0.25)))
-        if what == "tree" and kind.pavement_m >= TREE_NEEDS_M:
-            model = f"Tree_{rng.integers(3)}"
-            site.place("Trees", "Tree", model, place, float(rng.integers(0, 360)))
+        if what == "tree" and trees:
+            yield number, Piece("Trees", "Tree", f"Tree_{rng.integers(3)}", float(rng.integers(0, 360)))
         elif what == "sign":
-            model = f"Sign_{drawn(rng, (('round', 0.4), ('triangle', 0.3), ('panel', 0.3)))}"
             # A sign faces -x of its own: against the traffic that passes it.
-            site.place("Signs", "Sign", model, place, _heading(street, side))
+            model = f"Sign_{drawn(rng, (('round', 0.4), ('triangle', 0.3), ('panel', 0.3)))}"
+            yield number, Piece("Signs", "Sign", model, heading)
         elif what == "bin":
-            site.place("Bins", "Bin", "Bin", place)
-        elif what == "rail" and kind.lanes * kind.lane_m + kind.median_m == kind.kerb:
-            rail = _at(street, along, side * (kind.kerb + 0.3), rules.kerb_m)
-            site.place("Rails", "Rail", "PedestrianRail", rail, street.yaw_deg, margin=0.1)
+            yield number, Piece("Bins", "Bin", "Bin", 0.0)
+        elif what == "rail" and rails:
+            yield number, Piece("Rails", "Rail", "PedestrianRail", heading % 180.0)
+
+
+def _kerb_line(site: Site, street: Street, first: float, last: float, side: float, rules: Rules) -> None:
+    kind, heading = street.kind, _heading(street, side)
+    places = [3.0 + SLOT_M * slot for slot in range(int((last - first) / SLOT_M))]
+    pieces = pieces_along(
+        site.rng, rules, [(place, heading) for place in places],
+        trees=kind.pavement_m >= TREE_NEEDS_M, rails=not kind.parking_m,
+    )  # fmt: skip
+    for number, item in pieces:
+        aside, margin = (0.3, 0.1) if item.kind == "Rail" else (FROM_KERB_M, 0.0)
+        place = _at(street, first + places[number], side * (kind.kerb + aside), rules.kerb_m)
+        site.place(item.group, item.kind, item.model, place, item.yaw_deg, margin)
 
 
 def _bus_stop(
@@ -79,7 +112,7 @@ def _bus_stop(
 ) -> tuple[float, float] | None:
     """A flag at the kerb, a shelter on a wide pavement, now and then a bus in a wide strip; what it takes up."""
     rng, kind = site.rng, street.kind
-    if rules.walkers == 0 or last - first < 40.0 or rng.random() < 0.45:
+    if not rules.walked or last - first < 40.0 or rng.random() < 0.45:
         return None
     middle = rng.uniform(first + 16.0, last - 16.0)
     if kind.pavement_m >= SHELTER_NEEDS_M:

@@ -1,13 +1,31 @@
-"""What each style is made of: widths, chances and speeds. Numbers alone; the builders beside this module use them.
+"""What each style of city is made of: widths, chances and how they are drawn. The builders beside this module use them.
 
-Widths of streets follow the German guidelines RASt 06 (urban roads) and RAA (motorways), rounded to 0.25 m.
+Widths of streets follow the German guidelines RASt 06 (urban roads) and RAA (motorways), rounded to 0.25 m. This module
+imports nothing that computes, so that ``--help`` may name the styles.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING
 
-from datafactory.scenes.city.style import Style
+if TYPE_CHECKING:
+    import numpy as np
+
+MOST_BLOCKS = 20
+
+
+class Style(StrEnum):
+    """What a city is like."""
+
+    OLD_TOWN = "old-town"
+    SUBURB = "suburb"
+    MOTORWAY = "motorway"
+    INDUSTRIAL = "industrial"
+    CAR_PARK = "car-park"
+
 
 Span = tuple[float, float]
 """From and to, drawn uniformly."""
@@ -51,12 +69,10 @@ class Rules:
     :param tee: chance that a cross street ends at the main street
     :param uses: what blocks are used for, with weights
     :param kerb_m: height of the kerbs
-    :param speed_mps: wanted speeds of cars
-    :param gap_m: between moving vehicles of a lane, at the start
-    :param heavy: share of lorries and buses among them
+    :param heavy: share of lorries and buses among vehicles
     :param parked: share of the parking strip's places that are taken
     :param trees, lamps_m, lamp_height_m: chance of a tree at a slot of the kerb, spacing and height of lamps
-    :param walkers: on each pavement of a block
+    :param walked: whether people walk here: bus stops and litter bins
     :param signals: whether crossings have traffic lights
     :param bridges: whether cross streets lead over the main street
     """
@@ -69,106 +85,64 @@ class Rules:
     tee: float
     uses: tuple[tuple[str, float], ...]
     kerb_m: float = 0.12
-    speed_mps: Span = (7.0, 13.0)
-    gap_m: Span = (16.0, 45.0)
     heavy: float = 0.08
     parked: float = 0.6
     trees: float = 0.5
     lamps_m: float = 30.0
     lamp_height_m: float = 7.0
-    walkers: int = 2
+    walked: bool = True
     signals: bool = True
     bridges: bool = False
 
 
+# fmt: off
 RULES = {
     Style.OLD_TOWN: Rules(
-        mains=(
-            StreetKind(1, 3.5, 0.0, 2.0, 3.0),
-            StreetKind(1, 3.25, 0.0, 2.0, 4.0),
-            StreetKind(2, 3.25, 0.0, 0.0, 4.0),
-        ),
+        mains=(StreetKind(1, 3.5, 0.0, 2.0, 3.0), StreetKind(1, 3.25, 0.0, 2.0, 4.0),
+               StreetKind(2, 3.25, 0.0, 0.0, 4.0)),
         sides=(StreetKind(1, 2.75, 0.0, 0.0, 2.0), StreetKind(1, 3.0, 0.0, 2.0, 2.5)),
-        rows=(2, 3),
-        column_m=(52.0, 84.0),
-        row_m=(34.0, 52.0),
-        tee=0.35,
+        rows=(2, 3), column_m=(52.0, 84.0), row_m=(34.0, 52.0), tee=0.35,
         uses=(("houses", 0.8), ("square", 0.12), ("park", 0.08)),
     ),
     Style.SUBURB: Rules(
         mains=(StreetKind(1, 3.25, 0.0, 2.0, 3.5), StreetKind(1, 3.25, 0.0, 0.0, 4.5)),
         sides=(StreetKind(1, 2.75, 0.0, 0.0, 2.0), StreetKind(1, 2.75, 0.0, 2.0, 1.75)),
-        rows=(2, 3),
-        column_m=(60.0, 95.0),
-        row_m=(46.0, 60.0),
-        tee=0.4,
+        rows=(2, 3), column_m=(60.0, 95.0), row_m=(46.0, 60.0), tee=0.4,
         uses=(("gardens", 0.85), ("park", 0.15)),
-        speed_mps=(6.0, 11.0),
-        gap_m=(30.0, 80.0),
-        heavy=0.05,
-        parked=0.3,
-        trees=0.6,
-        lamps_m=34.0,
-        lamp_height_m=5.0,
-        walkers=1,
-        signals=False,
+        heavy=0.05, parked=0.3, trees=0.6, lamps_m=34.0, lamp_height_m=5.0, signals=False,
     ),
     Style.MOTORWAY: Rules(
-        mains=(
-            StreetKind(2, 3.75, 2.0, 2.5, 3.0),
-            StreetKind(3, 3.75, 2.0, 2.5, 3.0),
-            StreetKind(3, 3.5, 1.75, 0.0, 2.5),
-        ),
+        mains=(StreetKind(2, 3.75, 2.0, 2.5, 3.0), StreetKind(3, 3.75, 2.0, 2.5, 3.0),
+               StreetKind(3, 3.5, 1.75, 0.0, 2.5)),
         sides=(StreetKind(1, 3.5, 0.0, 0.0, 1.5),),
-        rows=(2, 2),
-        column_m=(150.0, 190.0),
-        row_m=(36.0, 46.0),
-        tee=0.0,
+        rows=(2, 2), column_m=(150.0, 190.0), row_m=(36.0, 46.0), tee=0.0,
         uses=(("verge", 1.0),),
-        kerb_m=0.0,
-        speed_mps=(22.0, 36.0),
-        gap_m=(28.0, 75.0),
-        heavy=0.25,
-        parked=0.0,
-        trees=0.0,
-        lamps_m=0.0,
-        walkers=0,
-        signals=False,
-        bridges=True,
+        kerb_m=0.0, heavy=0.25, parked=0.0, trees=0.0, lamps_m=0.0, walked=False, signals=False, bridges=True,
     ),
     Style.INDUSTRIAL: Rules(
-        mains=(
-            StreetKind(1, 3.75, 0.0, 0.0, 2.5),
-            StreetKind(1, 3.75, 0.0, 2.5, 2.5),
-            StreetKind(2, 3.5, 0.0, 0.0, 2.5),
-        ),
+        mains=(StreetKind(1, 3.75, 0.0, 0.0, 2.5), StreetKind(1, 3.75, 0.0, 2.5, 2.5),
+               StreetKind(2, 3.5, 0.0, 0.0, 2.5)),
         sides=(StreetKind(1, 3.5, 0.0, 2.5, 2.0), StreetKind(1, 3.5, 0.0, 0.0, 2.0)),
-        rows=(2, 2),
-        column_m=(85.0, 125.0),
-        row_m=(58.0, 76.0),
-        tee=0.4,
+        rows=(2, 2), column_m=(85.0, 125.0), row_m=(58.0, 76.0), tee=0.4,
         uses=(("works", 0.55), ("depot", 0.35), ("park", 0.1)),
-        gap_m=(28.0, 80.0),
-        heavy=0.45,
-        parked=0.35,
-        trees=0.1,
-        lamps_m=40.0,
-        lamp_height_m=9.0,
-        walkers=1,
+        heavy=0.45, parked=0.35, trees=0.1, lamps_m=40.0, lamp_height_m=9.0,
     ),
     Style.CAR_PARK: Rules(
         mains=(StreetKind(1, 3.5, 0.0, 0.0, 3.0), StreetKind(2, 3.25, 0.0, 0.0, 3.0)),
         sides=(StreetKind(1, 3.0, 0.0, 0.0, 2.0),),
-        rows=(2, 2),
-        column_m=(66.0, 100.0),
-        row_m=(50.0, 74.0),
-        tee=0.5,
+        rows=(2, 2), column_m=(66.0, 100.0), row_m=(50.0, 74.0), tee=0.5,
         uses=(("parking", 0.8), ("works", 0.2)),
-        gap_m=(25.0, 60.0),
-        heavy=0.06,
-        parked=0.0,
-        trees=0.4,
-        lamp_height_m=6.0,
-        walkers=2,
+        heavy=0.06, parked=0.0, trees=0.4, lamp_height_m=6.0,
     ),
 }
+# fmt: on
+
+
+def drawn(rng: np.random.Generator, weights: Sequence[tuple[str, float]]) -> str:
+    """One of the names, by weight."""
+    at = rng.random() * sum(weight for _, weight in weights)
+    for name, weight in weights:
+        at -= weight
+        if at < 0.0:
+            return name
+    return weights[-1][0]

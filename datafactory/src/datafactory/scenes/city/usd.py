@@ -3,7 +3,7 @@
 The USD stage is in metres and z up. Each placement is an Xform with a mesh named Geometry below it. Surfaces that share
 a model are written once and referenced as instances. The attributes for the radar are those of the USD reader:
 ``radar:velocity`` (double3, world frame, m/s), ``radar:rcs_dbsm`` (float, dBsm: a point target in place of the meshes
-below it), ``radar:target``, and ``radar:class`` (string: what a detector is to find).
+below it), and ``radar:class`` (string: what a detector is to find).
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from datafactory.scenes.city.placement import Placement
 from datafactory.scenes.city.shapes import Surface
+from datafactory.scenes.city.site import Placement
 from datafactory.scenes.usd_library import Gf, Sdf, Tf, Usd, UsdGeom, UsdShade
 from shared.dataset.writing import atomic
 from shared.physics.errors import InputError
@@ -27,17 +27,10 @@ SUFFIXES = (".usd", ".usda", ".usdc")
 CODES_PER_SECOND = 10.0
 
 MATERIAL_COLOURS = {
-    "concrete": (0.62, 0.61, 0.58),
-    "brick": (0.55, 0.27, 0.2),
-    "glass": (0.45, 0.6, 0.7),
-    "metal": (0.55, 0.57, 0.6),
-    "asphalt": (0.2, 0.2, 0.21),
-    "plasterboard": (0.88, 0.85, 0.76),
-    "wood": (0.45, 0.32, 0.2),
-    "vegetation": (0.3, 0.45, 0.2),
-    "marble": (0.85, 0.84, 0.82),
-    "rubber": (0.08, 0.08, 0.08),
-}
+    "concrete": (0.62, 0.61, 0.58), "brick": (0.55, 0.27, 0.2), "glass": (0.45, 0.6, 0.7), "metal": (0.55, 0.57, 0.6),
+    "asphalt": (0.2, 0.2, 0.21), "plasterboard": (0.88, 0.85, 0.76), "wood": (0.45, 0.32, 0.2),
+    "vegetation": (0.3, 0.45, 0.2), "marble": (0.85, 0.84, 0.82), "rubber": (0.08, 0.08, 0.08),
+}  # fmt: skip
 """The material keys and the colours that viewers show; the radar does not use the colours."""
 
 
@@ -98,10 +91,6 @@ def write_usd(
             prim.CreateAttribute("radar:rcs_dbsm", Sdf.ValueTypeNames.Float).Set(item.rcs_dbsm)
         if item.radar_class:
             prim.CreateAttribute("radar:class", Sdf.ValueTypeNames.String).Set(item.radar_class)
-        if item.target:
-            prim.CreateAttribute("radar:target", Sdf.ValueTypeNames.String).Set(item.target)
-        for name, number in item.target_options:
-            prim.CreateAttribute(f"radar:{name}", Sdf.ValueTypeNames.Float).Set(number)
         if item.surface is None:
             continue
         if not item.model:

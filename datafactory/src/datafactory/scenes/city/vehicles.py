@@ -1,4 +1,4 @@
-"""Vehicles and people of the procedural city. Metres, z up; x is forward, wheels and feet stand at z = 0.
+"""Vehicles of the procedural city. Metres, z up; x is forward, wheels stand at z = 0.
 
 Every part is closed, and its normals point outwards. The wavelength at 77 GHz is 3.9 mm: meshes hold panes in their
 frames, wheels and axles, and leave the grain of a surface to its material.
@@ -12,21 +12,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.scenes.city.shapes import (
-    QUARTER_TURN_X,
-    Polygon,
-    Surface,
-    box,
-    cylinder,
-    framed_pane,
-    joined,
-    prism,
-    welded,
-)
-
-TORSO_HEIGHT = 1.1
-"""Height [m] of a person's point of reflection above the ground."""
-RIDER_HEIGHT = 1.2
+from datafactory.scenes.city.shapes import QUARTER_TURN_X, Polygon, Surface, box, cylinder, framed_pane, joined, welded
 
 
 @dataclass(frozen=True)
@@ -52,48 +38,21 @@ class CarShape:
 
 CAR_SHAPES = {
     "Saloon": CarShape(
-        (
-            (-2.15, 0.25),
-            (-2.28, 0.55),
-            (-2.22, 0.9),
-            (-1.6, 0.96),
-            (0.95, 0.96),
-            (2.05, 0.78),
-            (2.28, 0.5),
-            (2.2, 0.22),
-        ),
-        (-0.95, 0.15),
-        1.44,
-        0.89,
-        0.6,
-        (-1.38, 1.4),
+        ((-2.15, 0.25), (-2.28, 0.55), (-2.22, 0.9), (-1.6, 0.96),
+         (0.95, 0.96), (2.05, 0.78), (2.28, 0.5), (2.2, 0.22)),
+        roof=(-0.95, 0.15), roof_height=1.44, half_width=0.89, roof_half_width=0.6, axles=(-1.38, 1.4),
     ),
     "Hatchback": CarShape(
-        (
-            (-1.85, 0.25),
-            (-1.95, 0.55),
-            (-1.92, 0.9),
-            (-1.85, 0.97),
-            (0.8, 0.97),
-            (1.75, 0.8),
-            (1.96, 0.5),
-            (1.88, 0.22),
-        ),
-        (-1.5, 0.1),
-        1.5,
-        0.87,
-        0.61,
-        (-1.22, 1.25),
+        ((-1.85, 0.25), (-1.95, 0.55), (-1.92, 0.9), (-1.85, 0.97),
+         (0.8, 0.97), (1.75, 0.8), (1.96, 0.5), (1.88, 0.22)),
+        roof=(-1.5, 0.1), roof_height=1.5, half_width=0.87, roof_half_width=0.61, axles=(-1.22, 1.25),
     ),
     "Van": CarShape(
-        ((-2.4, 0.3), (-2.5, 0.6), (-2.5, 1.1), (-2.46, 1.2), (1.7, 1.2), (2.3, 0.98), (2.5, 0.6), (2.4, 0.28)),
-        (-2.36, 1.05),
-        1.95,
-        0.97,
-        0.82,
-        (-1.5, 1.55),
+        ((-2.4, 0.3), (-2.5, 0.6), (-2.5, 1.1), (-2.46, 1.2),
+         (1.7, 1.2), (2.3, 0.98), (2.5, 0.6), (2.4, 0.28)),
+        roof=(-2.36, 1.05), roof_height=1.95, half_width=0.97, roof_half_width=0.82, axles=(-1.5, 1.55),
     ),
-}
+}  # fmt: skip
 
 
 def car(shape: CarShape) -> Surface:
@@ -184,25 +143,3 @@ def bus() -> Surface:
     panes = {"front": (1.2, 2.65, 1), "rear": (1.2, 2.65, 1), "left": (1.2, 2.65, 7), "right": (1.2, 2.65, 7)}
     body = _glazed_box((-5.75, -1.25, 0.36), (5.75, 1.25, 3.05), panes)
     return joined([body, *_wheels((-2.7, 3.0), 1.3, 0.48)])
-
-
-def pedestrian() -> Surface:
-    """A person of 1.75 m about the point of reflection: the feet stand at z = -TORSO_HEIGHT.
-
-    The mesh is for viewers alone: the reader replaces it by a point target. The material represents clothing.
-    """
-    legs = [box((-0.1, y - 0.07, 0.0), (0.1, y + 0.07, 0.85), "rubber") for y in (-0.1, 0.1)]
-    torso = box((-0.13, -0.22, 0.85), (0.13, 0.22, 1.5), "rubber")
-    head = cylinder(0.1, 1.52, 1.75, 8, "rubber")
-    return joined([*legs, torso, head]).moved((0.0, 0.0, -TORSO_HEIGHT))
-
-
-def cyclist() -> Surface:
-    """A rider on a bicycle about the point of reflection: the wheels stand at z = -RIDER_HEIGHT."""
-    wheel = cylinder(0.34, -0.02, 0.02, 12, "rubber")
-    wheels = [wheel.moved((x, 0.0, 0.34), QUARTER_TURN_X) for x in (-0.52, 0.52)]
-    frame = box((-0.45, -0.03, 0.45), (0.45, 0.03, 0.85), "metal")
-    handlebar = box((0.42, -0.28, 0.98), (0.46, 0.28, 1.02), "metal")
-    rider = prism([(-0.3, -0.2), (0.15, -0.2), (0.15, 0.2), (-0.3, 0.2)], 0.88, 1.5, "rubber")
-    head = cylinder(0.1, 1.52, 1.75, 8, "rubber").moved((0.05, 0.0, 0.0))
-    return joined([*wheels, frame, handlebar, rider, head]).moved((0.0, 0.0, -RIDER_HEIGHT))

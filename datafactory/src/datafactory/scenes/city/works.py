@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from datafactory.scenes.city.buildings import Building, Opening, bays, building
-from datafactory.scenes.city.chance import drawn
-from datafactory.scenes.city.frontage import Frontage, frontage
 from datafactory.scenes.city.furniture import tank
-from datafactory.scenes.city.plan import Block, Rectangle
-from datafactory.scenes.city.rules import Rules
+from datafactory.scenes.city.plan import Block, Frontage, Rectangle, frontage
+from datafactory.scenes.city.rules import Rules, drawn
 from datafactory.scenes.city.site import Site
 
 FENCE_M = 5.0
@@ -110,13 +108,6 @@ def _double_rows(area: Rectangle) -> list[float]:
     count = max(1, int(usable / MODULE_M))
     first = 0.5 * (area.y0 + area.y1) - 0.5 * (count - 1) * MODULE_M
     return [first + MODULE_M * index for index in range(count)]
-
-
-def aisles(block: Block) -> list[tuple[float, float, float]]:
-    """(y, from x, to x) of the middle of each aisle of a car park."""
-    rows = _double_rows(block.area)
-    ys = [row + 0.5 * MODULE_M for row in rows[:-1]]
-    return [(y, block.area.x0 + 9.0, block.area.x1 - 9.0) for y in ys]
 
 
 def parking(site: Site, block: Block, rules: Rules) -> None:

@@ -34,14 +34,12 @@ WANTED = {"opendrive": "an OpenDRIVE file (.xodr) with roads", "osm": "an OpenSt
 class Lane:
     """A lane that cars drive on.
 
-    :param name: SUMO's, ``"edge_index"`` counted from the right
     :param points: [n, 3] its centre line in the direction of travel [m], in the network's coordinates
     :param width: [m]
     :param outermost: whether nothing lies to its right
     :param junction: whether it leads over a junction
     """
 
-    name: str
     points: Real
     width: float
     outermost: bool
@@ -114,7 +112,7 @@ def read_network(path: Path, form: str, folder: Path) -> Network:
         for index, lane in enumerate(edge.getLanes()):
             points = np.array(lane.getShape3D(), dtype=np.float64)
             if len(points) >= 2 and np.isfinite(points).all():
-                lanes.append(Lane(lane.getID(), points, float(lane.getWidth()), index == 0, junction))
+                lanes.append(Lane(points, float(lane.getWidth()), index == 0, junction))
     if not speeds:
         raise InputError(path, "no lane that cars drive on", WANTED[form])
     outlines = [np.array(node.getShape(), dtype=np.float64) for node in net.getNodes()]

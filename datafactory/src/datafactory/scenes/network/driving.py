@@ -9,19 +9,24 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from datafactory.scenes.city.movers import LENGTHS
-from datafactory.scenes.city.placement import Keyframe
 from datafactory.scenes.city.rules import Rules
-from datafactory.scenes.city.traffic import DURATION_S, thinned
+from datafactory.scenes.city.site import Keyframe
 from datafactory.scenes.network.conversion import Network, sumo_tools
 from shared.physics.errors import InputError
 
 WARM_UP_S = 60.0
 """Before the scene's time 0: the network fills."""
+DURATION_S = 24.0
+"""Of the traffic in the file, from time 0 on."""
 STEP_S = 0.5
 METRES_A_VEHICLE = 60.0
 """Of lane, for each vehicle that sets out."""
-SHARES = {"Saloon": 0.42, "Hatchback": 0.42, "Van": 0.16}
+CARS = ("Saloon", "Hatchback", "Van")
+LENGTHS_M = {"Saloon": 4.6, "Hatchback": 4.0, "Van": 5.0, "Lorry": 9.0, "Bus": 11.5}
+CLASSES = {"Lorry": "truck", "Bus": "bus"}
+"""SUMO's, of what is no passenger car."""
+STRAIGHT_M = 5e-4
+"""A keyframe that lies within this of the line between its neighbours is left out."""
 
 
 def trajectories(
@@ -61,7 +66,7 @@ def trajectories(
         count += 1
         for vehicle in step:
             model, keys = driven.setdefault(vehicle.attrib["id"], (vehicle.attrib["type"], []))
-            keys.append(_keyframe(vehicle.attrib, time_s, LENGTHS[model], origin, keys[-1] if keys else None))
+            keys.append(_keyframe(vehicle.attrib, time_s, LENGTHS_M[model], origin, keys[-1] if keys else None))
         step.clear()
     return [(model, thinned(keys)) for model, keys in driven.values() if len(keys) == count]
 
@@ -81,11 +86,11 @@ def _keyframe(
 def _write_trips(network: Network, rules: Rules, rng: np.random.Generator, path: Path) -> None:
     """Trips from any edge to any other, over the warm-up; those without a way are left out by SUMO."""
     root = ElementTree.Element("routes")
-    for model, length in LENGTHS.items():
-        kind = "passenger" if model in SHARES else {"Lorry": "truck", "Bus": "bus"}.get(model, "passenger")
+    for model, length in LENGTHS_M.items():
         ElementTree.SubElement(
-            root, "vType", id=model, length=str(length), vClass=kind, speedFactor="1", speedDev="0.1"
-        )
+            root, "vType", id=model, length=str(length), vClass=CLASSES.get(model, "passenger"),
+            speedFactor="1", speedDev="0.1",
+        )  # fmt: skip
     edges = sorted(network.speeds)
     lanes = [lane.points for lane in network.lanes if not lane.junction]
     metres = sum(float(np.linalg.norm(np.diff(points[:, :2], axis=0), axis=1).sum()) for points in lanes)
@@ -93,7 +98,25 @@ def _write_trips(network: Network, rules: Rules, rng: np.random.Generator, path:
     for number, depart in enumerate(departs):
         first, last = (edges[int(index)] for index in rng.integers(len(edges), size=2))
         heavy = rng.random() < rules.heavy
-        model = ("Lorry" if rng.random() < 0.6 else "Bus") if heavy else str(list(SHARES)[int(rng.integers(3))])
+        model = ("Lorry" if rng.random() < 0.6 else "Bus") if heavy else CARS[int(rng.integers(len(CARS)))]
         trip = {"from": first, "to": last, "departSpeed": "avg", "departPos": "random_free"}
         ElementTree.SubElement(root, "trip", id=str(number), type=model, depart=f"{depart:.2f}", attrib=trip)
     ElementTree.ElementTree(root).write(path)
+
+
+def thinned(keys: list[Keyframe]) -> list[Keyframe]:
+    """The keyframes without those that lie on the lines between the others."""
+    kept, first = keys[:1], 0
+    for last in range(2, len(keys)):
+        if not all(_between(keys[first], key, keys[last]) for key in keys[first + 1 : last]):
+            kept.append(keys[last - 1])
+            first = last - 1
+    return [*kept, keys[-1]]
+
+
+def _between(before: Keyframe, key: Keyframe, after: Keyframe) -> bool:
+    share = (key.time_s - before.time_s) / (after.time_s - before.time_s)
+    places = zip(before.position, key.position, after.position, strict=True)
+    off = max(abs(start + share * (end - start) - here) for start, here, end in places)
+    turned = abs(before.yaw_deg + share * (after.yaw_deg - before.yaw_deg) - key.yaw_deg)
+    return off <= STRAIGHT_M and turned <= 0.01

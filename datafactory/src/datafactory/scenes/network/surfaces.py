@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from datafactory.scenes.city.placement import Placement
 from datafactory.scenes.city.shapes import Polygon, welded
+from datafactory.scenes.city.site import Placement
 from datafactory.scenes.network.conversion import Network, along
 
 Real = NDArray[np.float64]

@@ -10,18 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.scenes.city import furniture, vehicles
 from datafactory.scenes.city.buildings import building
-from datafactory.scenes.city.chance import drawn
+from datafactory.scenes.city.city import VERSION, CityOptions, models
 from datafactory.scenes.city.dwellings import garden_house, town_house
-from datafactory.scenes.city.footprints import Footprint
-from datafactory.scenes.city.movers import KINDS
-from datafactory.scenes.city.options import VERSION, CityOptions
-from datafactory.scenes.city.placement import Placement
-from datafactory.scenes.city.rules import RULES, Rules
+from datafactory.scenes.city.roadside import SLOT_M, Piece, pieces_along
+from datafactory.scenes.city.rules import RULES, Rules, Style
 from datafactory.scenes.city.shapes import Surface
-from datafactory.scenes.city.site import Site
-from datafactory.scenes.city.style import Style
+from datafactory.scenes.city.site import Placement, Site
 from datafactory.scenes.city.usd import check_output, write_usd
 from datafactory.scenes.city.works import hall_style
 from datafactory.scenes.network.conversion import Lane, Network, along, read_network
@@ -31,11 +26,13 @@ from shared.physics.errors import InputError
 
 Real = NDArray[np.float64]
 
-SLOT_M = 8.5
 HOUSE_SLOT_M = 3.0
 EXTENTS_M = (40.0, 2000.0)
 LAND = {Style.INDUSTRIAL: "asphalt", Style.CAR_PARK: "asphalt"}
-RAIL_M = 8.0
+HEADROOM_M = 2.0
+"""What hangs higher than this may reach over a road or a pavement: a lamp's arm, a balcony."""
+KINDS = {"Lorry": ("Lorries", "Lorry"), "Bus": ("Buses", "Bus")}
+"""Group and kind of the vehicles that are no cars."""
 
 
 def write_town(
@@ -80,7 +77,7 @@ def town(
         middle = ", ".join(f"{value:.0f}" for value in network.centre())
         wanted = f"--centre and --extent over its roads, whose middle is ({middle})"
         raise InputError(network.source, f"no road within {half:g} m of ({centre[0]:g}, {centre[1]:g})", wanted)
-    site = Site(rng, _models(rng, rules))
+    site = Site(rng, models(rng, rules))
     land = LAND.get(options.style, "vegetation")
     site.placements += ground(network, window, road, heights, rules.kerb_m, land)
     beside = _Beside(site, rules, options.style, window, road, heights)
@@ -98,16 +95,6 @@ def town(
     return site.placements, moving
 
 
-def _models(rng: np.random.Generator, rules: Rules) -> dict[str, Surface]:
-    shared = {name: vehicles.car(shape) for name, shape in vehicles.CAR_SHAPES.items()}
-    shared |= {"Lorry": vehicles.lorry(), "Bus": vehicles.bus()}
-    shared |= {f"Tree_{i}": furniture.street_tree(rng, rng.uniform(1.0, 1.4)) for i in range(3)}
-    shared |= {f"Conifer_{i}": furniture.conifer(rng) for i in range(2)}
-    shared |= {f"Sign_{kind}": furniture.sign(kind) for kind in ("round", "triangle", "panel")}
-    shared |= {"Lamp": furniture.lamp_post(rules.lamp_height_m or 9.0), "Bin": furniture.litter_bin()}
-    return shared | {"GuardRail": furniture.guard_rail(RAIL_M, 4.0)}
-
-
 class _Beside:
     """Places things to the right of lanes, off all roads and within the window."""
 
@@ -123,31 +110,29 @@ class _Beside:
         shapely.prepare(self._road)
         shapely.prepare(self._paved)
 
-    def _right_of(self, place: Real, heading_deg: float, aside: float) -> tuple[float, float]:
+    def _right_of(self, place: Real, heading_deg: float, aside: float) -> Real:
+        """[2] a place to the right of another, as seen along a heading [m]."""
         angle = math.radians(heading_deg)
-        x, y = place[0] + aside * math.sin(angle), place[1] - aside * math.cos(angle)
-        return float(x), float(y)
+        return np.array([place[0] + aside * math.sin(angle), place[1] - aside * math.cos(angle)])
 
-    def _stand(
-        self, group: str, kind: str, what: str | Surface, at: tuple[float, float], z: float, yaw: float, off: Any,
-        size: tuple[float, float, float, float], margin: float = 0.0,
-    ) -> bool:  # fmt: skip
-        """Place something if its rectangle is off an area and within the window.
+    def _stand(self, item: Piece, at: Real, above: float, off: Any, surface: Surface | None = None) -> bool:
+        """Place something if what of it stands on the ground is off an area and within the window.
 
-        :param size: from and to in its own x and y [m]
+        :param at: [2] in the network's coordinates [m]
+        :param above: the lowest ground under it [m]
+        :param surface: its shape, where it is no model that others share
         """
         import shapely
 
-        x0, y0, x1, y1 = size
-        cosine, sine = math.cos(math.radians(yaw)), math.sin(math.radians(yaw))
-        mx, my = 0.5 * (x0 + x1), 0.5 * (y0 + y1)
-        middle = (at[0] + cosine * mx - sine * my, at[1] + sine * mx + cosine * my)
-        corners = Footprint(middle[0], middle[1], x1 - x0, y1 - y0, yaw).corners()
-        outline = shapely.Polygon(corners)
-        if not self._window.contains(outline) or off.intersects(outline):
-            return False
-        local = (at[0] - self._origin[0], at[1] - self._origin[1], z)
-        return self._site.place(group, kind, what, local, yaw, margin=margin)
+        what = item.model if surface is None else surface
+        bodies = self._site.footprints(what, (float(at[0]), float(at[1]), 0.0), item.yaw_deg)
+        outlines = [body.ground.corners() for body in bodies if body.low < HEADROOM_M]
+        for outline in map(shapely.Polygon, outlines):
+            if not self._window.contains(outline) or off.intersects(outline):
+                return False
+        x, y = (at - self._origin).tolist()
+        z = float(self._heights.at(np.concatenate(outlines)).min()) + above
+        return self._site.place(item.group, item.kind, what, (x, y, z), item.yaw_deg, margin=0.05)
 
     def buildings(self, lane: Lane) -> None:
         """Houses or halls that look at the road, where there is room behind the pavement."""
@@ -159,14 +144,9 @@ class _Beside:
             if number * HOUSE_SLOT_M < clear:
                 continue
             style, setback = self._house()
-            # The building's front looks along its own -y: to the left of the lane's heading.
-            yaw = heading + 180.0
-            aside = 0.5 * lane.width + self._pavement + 0.4 + setback
-            corner = self._right_of(place, heading, aside)
-            foot = np.array([corner, self._right_of(place, heading, aside + style.depth)])
-            z = float(self._heights.at(foot).min()) - 0.1
-            size = (0.0, -1.2, style.width, style.depth)
-            if self._stand("Houses", "House", building(style), corner, z, yaw, self._paved, size, margin=0.05):
+            # The building's front looks along its own -y: against the lane's heading that is to the left, at the road.
+            corner = self._right_of(place, heading, 0.5 * lane.width + self._pavement + 0.4 + setback)
+            if self._stand(Piece("Houses", "House", "", heading + 180.0), corner, -0.1, self._paved, building(style)):
                 gap = 0.0 if self._style is Style.OLD_TOWN and rng.random() < 0.7 else rng.uniform(3.0, 12.0)
                 clear = number * HOUSE_SLOT_M + style.width + gap
 
@@ -181,32 +161,19 @@ class _Beside:
         return hall_style(rng, rng.uniform(18.0, 40.0), rng.uniform(15.0, 30.0)), rng.uniform(8.0, 16.0)
 
     def furniture(self, lane: Lane) -> None:
-        """Lamps, trees, signs, bins and rails along the kerb."""
-        rng, rules = self._site.rng, self._rules
-        lamp = rng.uniform(2.0, 14.0)
-        for number, (place, heading) in enumerate(zip(*along(lane.points, SLOT_M), strict=True)):
-            at = self._right_of(place, heading, 0.5 * lane.width + 0.6)
-            z = float(self._heights.at(np.array([at]))[0]) + (rules.kerb_m or -0.1)
-            round_post = (-0.3, -0.3, 0.3, 0.3)
-            if self._style is Style.MOTORWAY:
-                first = self._right_of(place, heading, 0.5 * lane.width + 1.0)
+        """Lamps, trees, signs and bins along the kerb; along a motorway rails."""
+        places, headings = along(lane.points, SLOT_M)
+        beside = 0.5 * lane.width
+        if self._style is Style.MOTORWAY:
+            for place, heading in zip(places, headings, strict=True):
                 # The rail faces its own -y, which is towards the lane if it runs against the heading.
-                z = float(self._heights.at(np.array([first]))[0]) - 0.1
-                size = (0.0, -0.1, RAIL_M, 0.15)
-                self._stand("Rails", "GuardRail", "GuardRail", first, z, heading + 180.0, self._road, size)
-            if rules.lamps_m and number * SLOT_M >= lamp:
-                self._stand("Lamps", "Lamp", "Lamp", at, z, heading + 180.0, self._road, round_post)
-                lamp += rules.lamps_m
-                continue
-            what = drawn(rng, (("tree", 0.35), ("sign", 0.12), ("bin", 0.08), ("none", 0.45)))
-            if what == "tree":
-                behind = self._right_of(place, heading, 0.5 * lane.width + self._pavement + 2.2)
-                model = drawn(rng, (("Tree_0", 0.3), ("Tree_1", 0.3), ("Tree_2", 0.2), ("Conifer_0", 0.2)))
-                below = float(self._heights.at(np.array([behind]))[0]) - 0.1
-                kind, turn = model.split("_")[0], float(rng.integers(0, 360))
-                self._stand("Trees", kind, model, behind, below, turn, self._paved, round_post, margin=0.2)
-            elif what == "sign":
-                model = drawn(rng, (("Sign_round", 0.4), ("Sign_triangle", 0.3), ("Sign_panel", 0.3)))
-                self._stand("Signs", "Sign", model, at, z, heading, self._road, round_post)
-            elif what == "bin" and rules.walkers:
-                self._stand("Bins", "Bin", "Bin", at, z, 0.0, self._road, round_post)
+                rail = Piece("Rails", "GuardRail", "GuardRail", heading + 180.0)
+                self._stand(rail, self._right_of(place, heading, beside + 1.0), -0.1, self._road)
+        slots = [(SLOT_M * number, float(heading)) for number, heading in enumerate(headings)]
+        for number, item in pieces_along(self._site.rng, self._rules, slots):
+            if item.kind == "Tree":  # behind the pavement, which is too narrow for one
+                behind = self._right_of(places[number], headings[number], beside + self._pavement + 2.2)
+                self._stand(item, behind, -0.1, self._paved)
+            else:
+                at = self._right_of(places[number], headings[number], beside + 0.6)
+                self._stand(item, at, self._rules.kerb_m or -0.1, self._road)

@@ -1,18 +1,53 @@
-"""What every model of a target offers, and the part of it that rigid ones have in common."""
+"""What every model of a target offers, and the part of it that rigid ones have in common.
+
+A frame's paths have constant velocities (:mod:`datafactory.paths.table`). Those of parts that move against the body
+are theirs at the frame's start. Acceleration a then makes an error of a T^2 / 2 in place and a T in velocity by the end
+of a frame of T seconds.
+"""
 
 from __future__ import annotations
 
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.scenes.targets.moving_parts import Motion, MovingParts
-
 Real = NDArray[np.float64]
 Extent = tuple[tuple[float, float, float], tuple[float, float, float]]
 """Lower and upper corner of a box in the target's frame [m]."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """How a target moves, for models whose parts move too.
+
+    :param forward_mps: speed along the model's x [m/s]; negative where it goes backwards
+    :param time_s: since the scene's time 0 [s]
+    :param seed: of what is random in a target: where in its cycle it is at time 0
+    """
+
+    forward_mps: float = 0.0
+    time_s: float = 0.0
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class MovingParts:
+    """N echo points in the target's frame.
+
+    :param position: [N, 3] [m]
+    :param velocity: [N, 3] relative to the target's origin [m/s]
+    :param rcs_m2: [N] cross sections towards the radar [m^2]
+    """
+
+    position: Real
+    velocity: Real
+    rcs_m2: Real
+
+    @staticmethod
+    def none() -> MovingParts:
+        return MovingParts(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
 
 
 class RcsModel(Protocol):

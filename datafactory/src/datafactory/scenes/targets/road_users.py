@@ -15,8 +15,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.scenes.targets.interface import Extent, Rigid, text_without_defaults, unit
-from datafactory.scenes.targets.moving_parts import Motion, MovingParts
+from datafactory.scenes.targets.interface import Extent, Motion, MovingParts, Rigid, text_without_defaults, unit
 from datafactory.scenes.targets.walking import FASTEST_RV, leg_m, parts_of_walker
 from datafactory.scenes.targets.wheels import rolling_wheels
 from shared.physics.units import db_to_power

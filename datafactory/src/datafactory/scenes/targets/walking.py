@@ -29,10 +29,8 @@ half axes a across and c along, theta between its axis and the line of sight. On
 together have the level of the pedestrian's model, from everywhere.
 
 Limits: 0 < RV <= 3; level ground, straight on, one gait for all; a part does not hide another. Who walks backwards goes
-through the gait in reverse. The feet are not fixed to the ground: one that stands slides at up to 0.7 m/s for 1.4 m/s.
-A foot is accelerated by up to 51 m/s^2 at 1.4 m/s and 85 m/s^2 at 2.5 m/s, the torso by 5 and 13 (asserted in
-``tests/datafactory/scenes/test_walking.py``). Over a frame of 10.3 ms 51 m/s^2 are 2.7 mm and 0.53 m/s, three Doppler
-cells; the torso's 5 m/s^2 a quarter of a cell. A foot's echo is a line where it should be spread over as much.
+through the gait in reverse. The feet are not fixed to the ground: one that stands slides. What a frame of constant
+velocities leaves out of a foot's motion stands in docs/targets.md.
 """
 
 from __future__ import annotations
@@ -44,7 +42,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.scenes.targets.moving_parts import Motion, MovingParts
+from datafactory.scenes.targets.interface import Motion, MovingParts
 
 if TYPE_CHECKING:
     from scipy.interpolate import PchipInterpolator
@@ -96,7 +94,7 @@ def joints(phase: float, relative_speed: float, stature_m: float) -> dict[str, C
     gait = _Gait(rv)
     spine = gait.spine(phase) + np.array([0.0, 0.0, (LEG + ANKLE) * h])
     # Of the body, in the order in which the source turns it: thorax about z, back about y; pelvis about z, then x.
-    upper = _turn_left(-gait.thorax(phase)) @ _swing_forward(gait.lean(phase))
+    upper = _turn_left(-gait.bend("thorax", phase)) @ _swing_forward(gait.lean(phase))
     lower = _turn_left(gait.torsion(phase)) @ _left_up(gait.drop(phase))
     found = {"spine": spine, "neck": spine + upper @ _up(TORSO * h)}
     found["chin"] = spine + upper @ _up((TORSO + NECK) * h)
@@ -105,13 +103,13 @@ def joints(phase: float, relative_speed: float, stature_m: float) -> dict[str, C
         shoulder = np.array([0.0, sign * SHOULDER * h, TORSO * h])
         arm = _swing_forward(gait.shoulder(own))
         elbow = shoulder + arm @ _up(-UPPER_ARM * h)
-        hand = elbow + arm @ _swing_forward(gait.elbow(own)) @ _up(-FOREARM * h)
+        hand = elbow + arm @ _swing_forward(gait.bend("elbow", own)) @ _up(-FOREARM * h)
         hip = np.array([0.0, sign * HIP * h, 0.0])
-        thigh = _swing_forward(gait.hip(own))
-        shank = thigh @ _swing_forward(-gait.knee(own))
+        thigh = _swing_forward(gait.bend("hip", own))
+        shank = thigh @ _swing_forward(-gait.bend("knee", own))
         knee = hip + thigh @ _up(-THIGH * h)
         ankle = knee + shank @ _up(-SHANK * h)
-        toe = ankle + shank @ _swing_forward(gait.ankle(own)) @ np.array([FOOT * h, 0.0, 0.0])
+        toe = ankle + shank @ _swing_forward(gait.bend("ankle", own)) @ np.array([FOOT * h, 0.0, 0.0])
         for name, place in (("shoulder", shoulder), ("elbow", elbow), ("hand", hand)):
             found[f"{side} {name}"] = spine + upper @ place
         for name, place in (("hip", hip), ("knee", knee), ("ankle", ankle), ("toe", toe)):
@@ -199,22 +197,8 @@ class _Gait:
         swing = 9.88 * self._rv
         return np.radians(3.0 - 0.5 * swing) - np.radians(swing) * _sine(1.0, 0.25, phase)
 
-    def thorax(self, phase: float) -> complex:
-        return self._along("thorax", phase)
-
-    def hip(self, phase: float) -> complex:
-        return self._along("hip", phase)
-
-    def knee(self, phase: float) -> complex:
-        return self._along("knee", phase)
-
-    def ankle(self, phase: float) -> complex:
-        return self._along("ankle", phase)
-
-    def elbow(self, phase: float) -> complex:
-        return self._along("elbow", phase)
-
-    def _along(self, name: str, phase: float) -> complex:
+    def bend(self, name: str, phase: float) -> complex:
+        """Of a joint between its control points."""
         curve, slope = self._curves[name]
         return complex(curve(phase % 1.0), STEP * slope(phase % 1.0))
 
@@ -232,11 +216,7 @@ def control_points(rv: float) -> dict[str, tuple[tuple[float, float], ...]]:
     slow = min(rv, 0.5)
     support = 0.752 - 0.143 * float(np.sqrt(rv)) / 1.346
     return {
-        "hip": (
-            (-0.1 + 0.2 * fast, 50.0 * slow + 5.0 * fast),
-            (0.5, -30.0 * slow),
-            (0.9, 50.0 * slow + 6.0 * fast),
-        ),
+        "hip": ((-0.1 + 0.2 * fast, 50.0 * slow + 5.0 * fast), (0.5, -30.0 * slow), (0.9, 50.0 * slow + 6.0 * fast)),
         "knee": (
             (0.17 - 0.05 * fast, 3.0 + 22.0 * fast),
             (0.4, 3.0),
@@ -262,9 +242,7 @@ def control_points(rv: float) -> dict[str, tuple[tuple[float, float], ...]]:
 @lru_cache(maxsize=64)
 def _curves(rv: float) -> dict[str, tuple[PchipInterpolator, PchipInterpolator]]:
     """Angle [rad] over the phase, and its derivative."""
-    from scipy.interpolate import (
-        PchipInterpolator,
-    )  # where needed: it takes a fifth of a second, as in tracks and drives
+    from scipy.interpolate import PchipInterpolator  # where needed: it takes a fifth of a second
 
     curves = {}
     for name, points in control_points(rv).items():

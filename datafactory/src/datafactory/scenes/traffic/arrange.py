@@ -1,4 +1,4 @@
-"""Who drives, parks, walks and stands where along the stretches of road.
+"""Who drives, parks, walks and stands where along the stretches of road: the shipped vehicles and street furniture.
 
 Everything has a place of its own across the road (:mod:`datafactory.scenes.traffic.layout`), and along it a distance
 from what shares that place; furniture is besides held clear of furniture. Numbers that are asked for are dealt to the
@@ -9,16 +9,27 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from datafactory.scenes.ground import Ground
+from datafactory.scenes.motion import Vector
+from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.traffic.asked import Asked
-from datafactory.scenes.traffic.assets import CAR_SHARES, CARS, POLE_SHARES, POLES, SIGNS, asset
-from datafactory.scenes.traffic.layout import FURNITURE_M, Layout, Line, layout_of
-from datafactory.scenes.traffic.streams import Course, spaced
-from datafactory.scenes.traffic.stretches import Stretch, heights_at, tilted
+from datafactory.scenes.traffic.layout import FURNITURE_M, Course, Layout, Line, layout_of, spaced
+from datafactory.scenes.traffic.stretches import Stretch, tilted
 
+Real = NDArray[np.float64]
+
+CARS = ("saloon", "hatchback", "suv", "van")
+CAR_SHARES = (0.35, 0.35, 0.2, 0.1)
+POLES = ("lamp", "traffic_light", "bollard")
+POLE_SHARES = (0.6, 0.15, 0.25)
+SIGNS = ("sign_round", "sign_triangle", "sign_octagon", "sign_panel")
+REACH_M = 2.2
+"""What is higher than this above the ground may reach over others: a lamp's arm."""
 HEADWAY_M = 18.0
 """Of a lane for each vehicle, at least, from middle to middle: a bus, and 6 m."""
 CYCLING_M, WALKING_M = 8.0, 3.0
@@ -33,8 +44,40 @@ UNEVEN_M = 0.08
 """How far the ground may be off the plane that something stands on."""
 
 
+@dataclass(frozen=True, eq=False)
+class Asset:
+    """A thing in its own frame, x ahead, standing at z = 0.
+
+    :param label: its class, as its file has it
+    :param parts: of each mesh a name, its vertices [V, 3] [m], triangles [T, 3] and material
+    :param lower, upper: corners of its box [m]
+    :param foot: length and width of what of it stands below ``REACH_M``, about the origin [m]
+    """
+
+    label: str
+    parts: tuple[tuple[str, Real, NDArray[np.int32], str], ...]
+    lower: Vector
+    upper: Vector
+    foot: tuple[float, float]
+
+
+@lru_cache(maxsize=32)
+def asset(name: str) -> Asset:
+    """The asset in ``scenes/assets/NAME.usda``."""
+    scene = open_scene(f"shipped:assets/{name}")
+    parts = tuple(
+        (item.name.rpartition("/")[2].lower(), item.vertices, item.triangles, item.material) for item in scene.objects
+    )
+    points = np.concatenate([vertices for _, vertices, _, _ in parts])
+    low = points[points[:, 2] <= REACH_M]
+    (a, b, c), (d, e, f) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
+    half = np.abs(low[:, :2]).max(axis=0)
+    label = next(item.label.class_name for item in scene.objects if item.label is not None)
+    return Asset(label, parts, (a, b, c), (d, e, f), (2.0 * float(half[0]), 2.0 * float(half[1])))
+
+
 @dataclass(frozen=True)
-class Placement:
+class Arranged:
     """One thing with its place.
 
     :param kind: as it was asked for; :param what: an asset, ``"pedestrian"`` or ``"cyclist"``
@@ -51,8 +94,8 @@ class Placement:
     stature_m: float = 0.0
 
 
-def arrange(stretches: Sequence[Stretch], ground: Ground, asked: Asked, rng: np.random.Generator) -> list[Placement]:
-    """Placements of what was asked for, as much of it as there is room for."""
+def arrange(stretches: Sequence[Stretch], ground: Ground, asked: Asked, rng: np.random.Generator) -> list[Arranged]:
+    """Places of what was asked for, as much of it as there is room for."""
     layouts = [layout_of(stretch.strip.half_width_m, asked.parked > 0.0, rng) for stretch in stretches]
     roads = list(zip(stretches, layouts, strict=True))
     vehicles = ["cars"] * asked.cars + ["trucks"] * asked.trucks + ["buses"] * asked.buses
@@ -66,7 +109,7 @@ def arrange(stretches: Sequence[Stretch], ground: Ground, asked: Asked, rng: np.
 
 def _streams(
     roads: Sequence[tuple[Stretch, Layout]], kinds: Sequence[str], lines: str, rng: np.random.Generator
-) -> Iterator[Placement]:
+) -> Iterator[Arranged]:
     """What moves, dealt to all lines of one use in turn."""
     end_m, least_m, speeds = {
         "lanes": (END_M, HEADWAY_M, VEHICLE_MPS),
@@ -93,7 +136,7 @@ def _streams(
         course = Course((x, y, z), (a, b, c), length, float(rng.uniform(*speeds)))
         for kind, at_m in zip(own, spaced(len(own), length, least_m, rng).tolist(), strict=True):
             stature = float(rng.uniform(*STATURE_M)) if kind == "pedestrians" else 0.0
-            yield Placement(kind, _model(kind, rng), course.place(at_m), axes, (course, at_m), stature)
+            yield Arranged(kind, _model(kind, rng), course.place(at_m), axes, (course, at_m), stature)
 
 
 def _model(kind: str, rng: np.random.Generator) -> str:
@@ -104,7 +147,7 @@ def _model(kind: str, rng: np.random.Generator) -> str:
 
 def _parked(
     roads: Sequence[tuple[Stretch, Layout]], ground: Ground, share: float, rng: np.random.Generator
-) -> Iterator[Placement]:
+) -> Iterator[Arranged]:
     """Cars in that share of the slots along the kerbs, each a little off its line."""
     for stretch, layout in roads:
         slots = int((stretch.strip.length_m - 2.0 * END_M) / SLOT_M)
@@ -122,7 +165,7 @@ def _parked(
 
 def _furniture(
     roads: Sequence[tuple[Stretch, Layout]], ground: Ground, asked: Asked, rng: np.random.Generator
-) -> Iterator[Placement]:
+) -> Iterator[Arranged]:
     """Poles, signs, bins and benches behind the kerbs, at places drawn without putting one back."""
     spots = [
         (number, side, along)
@@ -157,7 +200,7 @@ def _piece(kind: str, side: float, rng: np.random.Generator) -> tuple[str, float
 
 def standing(
     stretch: Stretch, ground: Ground, kind: str, what: str, along: float, left: float, turn_rad: float
-) -> Placement | None:
+) -> Arranged | None:
     """An asset on the ground under it; None where that is no plane, or no ground."""
     x, y, _ = stretch.point(along, left).tolist()
     heading = stretch.strip.heading_rad + turn_rad
@@ -165,7 +208,7 @@ def standing(
     span = 0.5 * np.maximum(foot, ground.cell_m)
     ahead, aside = (axis.ravel() for axis in np.meshgrid(*(np.linspace(-half, half, 3) for half in span)))
     cosine, sine = np.cos(heading), np.sin(heading)
-    z = heights_at(ground, x + cosine * ahead - sine * aside, y + sine * ahead + cosine * aside)
+    z = ground.heights_at(x + cosine * ahead - sine * aside, y + sine * ahead + cosine * aside)
     if not np.isfinite(z).all():
         return None
     plane = np.linalg.lstsq(np.stack([np.ones_like(ahead), ahead, aside], axis=1), z, rcond=None)[0]
@@ -173,4 +216,4 @@ def standing(
         return None
     upright = max(foot) < 1.0  # a post stands plumb on a slope
     axes = tilted(heading, 0.0, 0.0) if upright else tilted(heading, float(plane[1]), float(plane[2]))
-    return Placement(kind, what, (x, y, float(plane[0])), axes)
+    return Arranged(kind, what, (x, y, float(plane[0])), axes)

@@ -16,10 +16,9 @@ from datafactory.scenes.scene import PointTarget, Scene, SceneObject
 from datafactory.scenes.targets.models import RcsModel
 from datafactory.scenes.targets.road_users import Cyclist, Pedestrian
 from datafactory.scenes.things import Population, Strip, Thing
-from datafactory.scenes.traffic.arrange import Placement, arrange
+from datafactory.scenes.traffic.arrange import Arranged, arrange, asset
 from datafactory.scenes.traffic.asked import Asked
-from datafactory.scenes.traffic.assets import asset
-from datafactory.scenes.traffic.streams import HORIZON_S
+from datafactory.scenes.traffic.layout import HORIZON_S
 from datafactory.scenes.traffic.stretches import find_stretches
 
 Mask = NDArray[np.bool_]
@@ -79,7 +78,7 @@ def populated(scene: Scene, asked: Asked, seed: int) -> Scene:
     )
 
 
-def _meshes(name: str, placement: Placement) -> tuple[list[SceneObject], Thing]:
+def _meshes(name: str, placement: Arranged) -> tuple[list[SceneObject], Thing]:
     """The meshes of an asset in their place."""
     what, motion = asset(placement.what), _motion(placement)
     axes, origin = placement.axes, np.array(placement.position)
@@ -93,7 +92,7 @@ def _meshes(name: str, placement: Placement) -> tuple[list[SceneObject], Thing]:
     return parts, Thing(name, what.label, _vector(high - low), _vector(foot), _rows(axes), motion)
 
 
-def _road_user(name: str, placement: Placement) -> tuple[PointTarget, Thing]:
+def _road_user(name: str, placement: Arranged) -> tuple[PointTarget, Thing]:
     """A pedestrian or a cyclist as a target of known cross section."""
     motion, axes = _motion(placement), _rows(placement.axes)
     assert motion is not None
@@ -117,14 +116,14 @@ def _road_user(name: str, placement: Placement) -> tuple[PointTarget, Thing]:
     return target, Thing(name, kind, _vector(high - low), placement.position, axes, motion)
 
 
-def _label(name: str, placement: Placement, class_name: str) -> Label:
+def _label(name: str, placement: Arranged, class_name: str) -> Label:
     """What the boxes of a thing are called, and along which axes they lie."""
     home = np.eye(4)
     home[:3, :3], home[:3, 3] = placement.axes.T, placement.position
     return Label(name, Chain((home,)), class_name)
 
 
-def _motion(placement: Placement) -> Track | None:
+def _motion(placement: Arranged) -> Track | None:
     if placement.course is None:
         return None
     course, at_m = placement.course

@@ -83,16 +83,6 @@ def clear_width(ground: Ground, blocked: Mask) -> Real:
     return np.where(away > 0.0, away - np.sqrt(0.5) * ground.cell_m + CLEARANCE_M, 0.0)
 
 
-def heights_at(ground: Ground, x: Real, y: Real) -> Real:
-    """Heights of the ground at points [m], bilinear; NaN beside where there is none."""
-    at = [
-        (np.asarray(x) - ground.origin[0]) / ground.cell_m - 0.5,
-        (np.asarray(y) - ground.origin[1]) / ground.cell_m - 0.5,
-    ]
-    found: Real = ndimage.map_coordinates(ground.height_m, np.array(at), order=1, mode="nearest")
-    return found
-
-
 def find_stretches(ground: Ground, blocked: Mask, wanted_m: float, rng: np.random.Generator) -> tuple[Stretch, ...]:
     """Stretches of road of a total length, in every split's region as its share.
 
@@ -135,9 +125,7 @@ def _candidates(ground: Ground, width: Real, cells: NDArray[np.int64]) -> list[t
     middle = np.array(ground.origin) + (cells + 0.5) * ground.cell_m
     x = middle[:, 0, None, None] + along * np.cos(heading)[:, None]
     y = middle[:, 1, None, None] + along * np.sin(heading)[:, None]
-    i, j = ground.cell_of(x, y)
-    inside = (i >= 0) & (i < width.shape[0]) & (j >= 0) & (j < width.shape[1])
-    free = np.where(inside, width[np.where(inside, i, 0), np.where(inside, j, 0)], 0.0)
+    free = ground.values_at(width, x, y)
     best: list[tuple[float, Strip] | None] = [None] * len(cells)
     for least, worth in zip(WIDTHS_M, WORTH, strict=True):
         wide = free >= least
@@ -163,7 +151,7 @@ def _region(ground: Ground, strip: Strip) -> int:
 
 def _fitting(ground: Ground, strip: Strip, region: int, others: Sequence[Stretch]) -> Stretch | None:
     """The strip as a road, shorter where the ground bends; None where it is in another's way or too uneven."""
-    if any(overlap(strip, other.strip, APART_M) for other in others):
+    if any(strip.overlaps(other.strip, APART_M) for other in others):
         return None
     half = min(strip.half_width_m - CLEARANCE_M, 3.0)
     while strip.length_m >= SHORTEST_M:
@@ -172,7 +160,7 @@ def _fitting(ground: Ground, strip: Strip, region: int, others: Sequence[Stretch
         ))  # fmt: skip
         flat = Stretch(strip, (0.0, 0.0, 0.0), region)
         x, y = np.array([flat.point(a, b)[:2] for a, b in zip(along, left, strict=True)]).T
-        z = heights_at(ground, x, y)
+        z = ground.heights_at(x, y)
         if np.isfinite(z).all():
             base = np.stack([np.ones_like(along), along, left], axis=1)
             plane = np.linalg.lstsq(base, z, rcond=None)[0]
@@ -181,16 +169,3 @@ def _fitting(ground: Ground, strip: Strip, region: int, others: Sequence[Stretch
                 return Stretch(strip, (level, rise, tilt), region)
         strip = Strip(strip.middle, strip.heading_rad, 0.7 * strip.length_m, strip.half_width_m)
     return None
-
-
-def overlap(one: Strip, other: Strip, apart_m: float = 0.0) -> bool:
-    """Whether two rectangles meet, or come nearer than ``apart_m``: no side of either separates them."""
-    for a, b in ((one, other), (other, one)):
-        corners = np.array([(s, t) for s in (-0.5, 0.5) for t in (-1.0, 1.0)]) * [b.length_m, b.half_width_m]
-        cosine, sine = np.cos(b.heading_rad), np.sin(b.heading_rad)
-        x = b.middle[0] + cosine * corners[:, 0] - sine * corners[:, 1]
-        y = b.middle[1] + sine * corners[:, 0] + cosine * corners[:, 1]
-        for values, half in zip(a.coordinates(x, y), (0.5 * a.length_m, a.half_width_m), strict=True):
-            if values.min() >= half + apart_m or values.max() <= -half - apart_m:
-                return False
-    return True

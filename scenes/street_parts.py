@@ -1,4 +1,4 @@
-"""The houses of the shipped street. Metres, z up; the facade faces -y, the base lies at z = 0."""
+"""Houses, trees and people of the shipped street. Metres, z up; a facade faces -y, a house's base lies at z = 0."""
 
 from __future__ import annotations
 
@@ -8,7 +8,19 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.scenes.city.shapes import Polygon, Surface, framed_pane, stepped_surface, welded
+from datafactory.scenes.city.shapes import (
+    QUARTER_TURN_X,
+    Polygon,
+    Surface,
+    blob,
+    box,
+    cylinder,
+    framed_pane,
+    joined,
+    prism,
+    stepped_surface,
+    welded,
+)
 
 FLOOR_HEIGHT = 3.0
 WINDOW_RECESS = 0.15
@@ -18,6 +30,8 @@ DOOR_RECESS = 0.30
 PLINTH = 0.27
 """Top of the plinth [m]: pavement level 0.12 m and one step of 0.15 m, on which the door stands."""
 ROOF_PITCH = np.radians(38.0)
+TORSO_HEIGHT, RIDER_HEIGHT = 1.1, 1.2
+"""Of a person's and a cyclist's point of reflection above the ground [m]."""
 
 
 @dataclass(frozen=True)
@@ -106,3 +120,33 @@ def _shell(xs: NDArray[np.float64], zs: NDArray[np.float64], style: HouseStyle) 
         rear = [(width, depth, eaves), (0.0, depth, eaves), (0.0, 0.5 * depth, ridge), (width, 0.5 * depth, ridge)]
         polygons.append(Polygon(np.array(rear), roof))
     return polygons
+
+
+def tree(rng: np.random.Generator) -> Surface:
+    """Street tree: a wooden trunk and a ragged crown."""
+    trunk_height, radius = rng.uniform(2.4, 3.0), rng.uniform(1.1, 1.4)
+    crown = blob((radius, radius, 1.4 * radius), 0.2, rng, "vegetation")
+    trunk = cylinder(rng.uniform(0.1, 0.17), 0.0, trunk_height + 0.3, 10, "wood")
+    return joined([trunk, crown.moved((0.0, 0.0, trunk_height + 1.2 * radius))])
+
+
+def pedestrian() -> Surface:
+    """A person of 1.75 m about the point of reflection: the feet stand at z = -TORSO_HEIGHT.
+
+    The mesh is for viewers alone: the reader replaces it by a point target. The material represents clothing.
+    """
+    legs = [box((-0.1, y - 0.07, 0.0), (0.1, y + 0.07, 0.85), "rubber") for y in (-0.1, 0.1)]
+    torso = box((-0.13, -0.22, 0.85), (0.13, 0.22, 1.5), "rubber")
+    head = cylinder(0.1, 1.52, 1.75, 8, "rubber")
+    return joined([*legs, torso, head]).moved((0.0, 0.0, -TORSO_HEIGHT))
+
+
+def cyclist() -> Surface:
+    """A rider on a bicycle about the point of reflection: the wheels stand at z = -RIDER_HEIGHT."""
+    wheel = cylinder(0.34, -0.02, 0.02, 12, "rubber")
+    wheels = [wheel.moved((x, 0.0, 0.34), QUARTER_TURN_X) for x in (-0.52, 0.52)]
+    frame = box((-0.45, -0.03, 0.45), (0.45, 0.03, 0.85), "metal")
+    handlebar = box((0.42, -0.28, 0.98), (0.46, 0.28, 1.02), "metal")
+    rider = prism([(-0.3, -0.2), (0.15, -0.2), (0.15, 0.2), (-0.3, 0.2)], 0.88, 1.5, "rubber")
+    head = cylinder(0.1, 1.52, 1.75, 8, "rubber").moved((0.05, 0.0, 0.0))
+    return joined([*wheels, frame, handlebar, rider, head]).moved((0.0, 0.0, -RIDER_HEIGHT))
