@@ -36,7 +36,7 @@ sys.path.append(str(Path(__file__).resolve().parents[1] / "trainer"))
 from small_evaluation import FULL, make_run
 from tiny_radar import RADAR, small_dataset
 
-from trainer.captures.numpy_files import read_npz
+from trainer.captures.reading import read_npz
 from trainer.data.arrays import choose_array
 from trainer.data.measurements import open_measurements
 from trainer.evaluation.experiments.measured_input import read_snapshot
@@ -85,25 +85,18 @@ def test_the_undamaged_files_are_read(folder: Path) -> None:
     load_imager(folder / "run")
 
 
-@fuzz(150, splices=SPLICES)
-def test_damaged_npy(folder: Path, splices: list[Splice]) -> None:
-    write_and_read(folder / "damaged.npy", damaged(CUBE, splices), measure)
-
-
-@fuzz(150, splices=SPLICES, edits=EDITS)
-def test_a_npy_of_an_odd_header(folder: Path, splices: list[Splice], edits: list[Edit]) -> None:
+@fuzz(4, splices=SPLICES, edits=EDITS)
+def test_damaged_cubes(folder: Path, splices: list[Splice], edits: list[Edit]) -> None:
+    """Few: each starts a process."""
     text = damaged(edited(b"\n" + CUBE[10:128], edits)[1:], splices[:1])
-    header = CUBE[:8] + struct.pack("<H", len(text)) + text
-    write_and_read(folder / "damaged.npy", header + CUBE[128:], measure)
-
-
-@fuzz(150, splices=SPLICES)
-def test_damaged_npz(folder: Path, splices: list[Splice]) -> None:
+    odd_header = CUBE[:8] + struct.pack("<H", len(text)) + text + CUBE[128:]
     whole = npz(cube=CUBE, radar=of_array(json.dumps(RADAR_JSON)))
+    write_and_read(folder / "damaged.npy", damaged(CUBE, splices), measure)
+    write_and_read(folder / "damaged.npy", odd_header, measure)
     write_and_read(folder / "damaged.npz", damaged(whole, splices), measure)
 
 
-@fuzz(150, alterations=ALTERATIONS)
+@fuzz(25, alterations=ALTERATIONS)
 def test_a_npz_of_an_odd_radar(folder: Path, alterations: list[tuple[float, Any]]) -> None:
     text = json.dumps(altered(RADAR_JSON, alterations))
     write_and_read(folder / "odd.npz", npz(cube=CUBE, radar=of_array(text)), measure)
@@ -115,7 +108,7 @@ def test_damaged_cell(folder: Path, splices: list[Splice]) -> None:
     write_and_read(folder / "cell.npz", damaged(whole, splices), read_npz)
 
 
-@fuzz(100, splices=SPLICES)
+@fuzz(4, splices=SPLICES)
 def test_damaged_snapshot(folder: Path, splices: list[Splice]) -> None:
     snapshot = np.exp(1j * np.arange(12.0))
     buffer = io.BytesIO()
