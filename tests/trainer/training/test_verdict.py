@@ -20,7 +20,7 @@ from trainer.training import verdict as module
 from trainer.training.fit import fit
 from trainer.training.verdict import PICTURE, VERDICT, judge
 
-WHOLE = {"model": "spectral-unet", "features": "row"}
+WHOLE = {"model": "spectral-unet", "features": "adaptive"}
 """A network without a detection head, whose input has delay-and-sum as its third channel."""
 
 

@@ -35,7 +35,7 @@ def fit(
         str | None, typer.Option(help="unrolled, spectral-unet, attention-unet or doa-cnn.", show_default=BY_RECIPE)
     ] = None,
     features: Annotated[
-        str | None, typer.Option(help="snapshots, adaptive, row, paper or covariance.", show_default=BY_RECIPE)
+        str | None, typer.Option(help="snapshots, adaptive, paper or covariance.", show_default=BY_RECIPE)
     ] = None,
     target: Annotated[str | None, typer.Option(help="row, paper, class or doa.", show_default=BY_RECIPE)] = None,
     width: Annotated[

@@ -34,7 +34,7 @@ from trainer.training.task import ImagingTask
 from trainer.training.verdict import judge
 
 NETWORK_FIELDS = (
-    "model", "width", "hidden", "blocks", "features", "iterations", "learned", "detection", "target", "exponent",
+    "model", "width", "hidden", "features", "iterations", "learned", "detection", "target", "exponent",
 )  # fmt: skip
 """What the weights of a run mean depends on these."""
 DEVELOPER_ADVICE = (
