@@ -12,7 +12,7 @@ from tiny_radar import RADAR, TINY, frame, write_dataset
 from shared.physics.errors import InputError
 from trainer.errors import TrainingStopped
 from trainer.run.folder import WEIGHTS, load_imager
-from trainer.training.fit import fit
+from trainer.training.fit import FitRequest, fit
 
 
 def test_an_infinite_input_stops_with_its_frame_and_keeps_the_weights(dataset, tmp_path, monkeypatch):
@@ -48,7 +48,7 @@ def test_datasets_of_different_radars_are_not_mixed(dataset, tmp_path):
     frames = {"train": [frame(0, other)], "validation": [frame(1, other)]}
     second = write_dataset(tmp_path / "other", frames, other)
     with pytest.raises(InputError, match=r"other: radar 'tiny', waveform.bandwidth_hz = 2000000000.0; expected 10000"):
-        fit([dataset, second], tmp_path / "run", TINY, array="full")
+        fit(FitRequest([dataset, second], tmp_path / "run", TINY, array="full"))
 
 
 def test_a_run_does_not_begin_with_another_network(dataset, tmp_path):
