@@ -254,7 +254,7 @@ def _foreign_weights() -> float:
 
 def _another_radar() -> float:
     """Cubes of arrays without the run's elements that are imaged all the same."""
-    from trainer.run.predict import predict
+    from trainer.run.predict import PredictRequest, predict
 
     with _run_folder() as run:
 
@@ -263,7 +263,7 @@ def _another_radar() -> float:
             shape = (other.waveform.chirps, other.waveform.samples, other.array.channels)
             file = run.parent / f"{name}.npz"
             np.savez(file, cube=np.ones(shape, np.complex64), radar=other.model_dump_json())
-            return lambda: predict(run, file, run.parent / "images", announce=lambda line: None)
+            return lambda: predict(PredictRequest(file, run.parent / "images", run=run), lambda line: None)
 
         array = small_radar().array
         stretched = [(x, 1.2 * y, z) for x, y, z in array.rx_m]
@@ -295,7 +295,7 @@ def _full_disk() -> float:
     from shared.dataset.writing import write_bytes
     from trainer.run.export import export
     from trainer.run.folder import load_imager, read_run, save_weights, write_run
-    from trainer.run.predict import predict
+    from trainer.run.predict import PredictRequest, predict
 
     with _run_folder() as run, _run_folder(model="spectral-unet") as exported:
         described, imager = load_imager(run)
@@ -308,7 +308,7 @@ def _full_disk() -> float:
         attempts: dict[str, Callable[[], object]] = {
             "weights": lambda: save_weights(out, imager),
             "run.json": lambda: write_run(out, read_run(run)),
-            "images": lambda: predict(run, cube, run.parent / "images", announce=lambda line: None),
+            "images": lambda: predict(PredictRequest(cube, run.parent / "images", run=run), lambda line: None),
             "export": lambda: export(exported, out / "network.onnx"),
             "text": lambda: write_bytes(out / "text", bytes(10_000)),
         }

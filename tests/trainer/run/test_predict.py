@@ -18,7 +18,7 @@ from trainer.data.measurements import Measurement, open_measurements
 from trainer.run.answers import answer_peaks
 from trainer.run.export import export
 from trainer.run.folder import load_imager
-from trainer.run.predict import merge_peaks, predict
+from trainer.run.predict import PredictRequest, merge_peaks, predict
 
 SPECTRAL = {"model": "spectral-unet"}
 SHAPE = (RADAR.waveform.range_bins, RADAR.grid.bins)
@@ -32,7 +32,7 @@ def read_images(path):
 
 def test_a_dataset_becomes_images_and_pictures(tmp_path):
     data, run = small_dataset(tmp_path / "data", training=2), make_run(tmp_path / "run")
-    assert predict(run, data, tmp_path / "out", split="all", announce=str) == 5
+    assert predict(PredictRequest(data, tmp_path / "out", run=run, split="all"), str) == 5
     table, images = read_images(tmp_path / "out/images.parquet")
     assert table["frame_id"].to_pylist() == [0, 1, 100, 101, 200]
     description = json.loads(table.schema.metadata[b"sparseradar"])
@@ -92,7 +92,7 @@ def test_a_cube_is_imaged_and_its_target_is_where_it_was_put(tmp_path):
     run = make_run(tmp_path / "run")
     das = load_imager(run)[1].das(torch.from_numpy(measurement.range_channel[:1]))[0].numpy()
     assert RADAR.grid.u[das[row].argmax()] == pytest.approx(0.4 / np.hypot(2.0, 0.4), abs=RADAR.grid.step)
-    assert predict(run, tmp_path / "cube.npz", tmp_path / "out", announce=str) == 1
+    assert predict(PredictRequest(tmp_path / "cube.npz", tmp_path / "out", run=run), str) == 1
     assert (tmp_path / "out/cube.png").is_file()
 
 
@@ -107,7 +107,7 @@ def test_of_tx_in_turns_it_is_said_what_is_known_of_velocities(tmp_path):
     np.savez(tmp_path / "cube.npz", cube=cube.astype(np.complex64), radar=radar.model_dump_json())
     said: list[str] = []
     run = run_of(tmp_path / "run", radar, tiny())
-    assert predict(run, tmp_path / "cube.npz", tmp_path / "out", announce=said.append, pictures=False) == 1
+    assert predict(PredictRequest(tmp_path / "cube.npz", tmp_path / "out", run=run, pictures=False), said.append) == 1
     assert "resolve 2 Doppler intervals of 12 m/s; velocities hold from -12 to 12 m/s" in said[0]
     table, images = read_images(tmp_path / "out/images.parquet")
     assert json.loads(table.schema.metadata[b"sparseradar"])["conventions"]["velocity"] == said[0]
@@ -154,20 +154,20 @@ def test_another_array_or_other_axes_are_refused_with_both(tmp_path):
     cut = type(small)(**{**vars(small), "range_channel": np.ascontiguousarray(small.range_channel[..., :5])})
     data = write_dataset(tmp_path / "data", {"test": [cut]}, other)
     with pytest.raises(InputError, match=r"radar 'other', array.rx_m = 5 positions .*; expected 6 positions .* 'tiny'"):
-        predict(run, data, tmp_path / "out")
+        predict(PredictRequest(data, tmp_path / "out", run=run))
     grid = RADAR.grid.model_copy(update={"u_start": -0.4, "u_stop": 0.6})
     shifted = write_dataset(tmp_path / "shifted", {"test": [small]}, RADAR.model_copy(update={"grid": grid}))
     with pytest.raises(InputError, match=r"grid.u_start = -0.4; expected -0.5"):
-        predict(run, shifted, tmp_path / "out")
+        predict(PredictRequest(shifted, tmp_path / "out", run=run))
     assert not (tmp_path / "out").exists()
 
 
 def test_a_split_without_frames_and_a_full_folder_are_refused(tmp_path):
     run, data = make_run(tmp_path / "run"), write_dataset(tmp_path / "data", {"train": [frame(0)]})
     with pytest.raises(InputError, match="no frames in split 'test'"):
-        predict(run, data, tmp_path / "out")
+        predict(PredictRequest(data, tmp_path / "out", run=run))
     with pytest.raises(InputError, match="is not empty"):
-        predict(run, data, tmp_path / "run", split="train")
+        predict(PredictRequest(data, tmp_path / "run", run=run, split="train"))
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from shared.signal.features import steering_weights
 from trainer.run.configuration import FitConfig
 from trainer.run.export import export
 from trainer.run.folder import CHECKPOINT
-from trainer.run.predict import predict
+from trainer.run.predict import PredictRequest, predict
 from trainer.training.doa import AMPLITUDE_SPAN_DB, DoaSamples, DoaTask
 from trainer.training.fit import FitRequest, fit
 
@@ -65,7 +65,7 @@ def test_it_trains_resumes_predicts_and_exports(tmp_path, monkeypatch):
     states = [torch.load(tmp_path / name / CHECKPOINT, weights_only=True) for name in ("whole", "killed")]
     for key, tensor in states[0]["state_dict"].items():
         assert torch.equal(tensor, states[1]["state_dict"][key]), key
-    assert predict(tmp_path / "whole", data, tmp_path / "images", announce=lines.append) == 1
+    assert predict(PredictRequest(data, tmp_path / "images", run=tmp_path / "whole"), lines.append) == 1
     assert export(tmp_path / "whole", tmp_path / "doa.onnx").difference <= 1e-4
 
 

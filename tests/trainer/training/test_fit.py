@@ -21,7 +21,7 @@ from trainer.run.configuration import FitConfig
 from trainer.run.folder import METRICS, WEIGHTS, load_imager, read_run, save_weights
 from trainer.run.imager import Imager
 from trainer.run.imperfections import CALIBRATED
-from trainer.run.predict import predict
+from trainer.run.predict import PredictRequest, predict
 
 
 def test_eight_frames_are_learned_by_heart(dataset, tmp_path):
@@ -197,7 +197,7 @@ def test_a_dataset_in_another_place_trains_the_same_weights(dataset, tmp_path):
         for file in (WEIGHTS, METRICS, "run.json", "verdict.json"):
             assert (tmp_path / name / file).read_bytes() == (tmp_path / "local" / file).read_bytes(), file
     for name, source in (("local", dataset), ("remote", place)):
-        predict(tmp_path / "local", source, tmp_path / f"images-{name}", announce=str)
+        predict(PredictRequest(source, tmp_path / f"images-{name}", run=tmp_path / "local"), str)
     assert (tmp_path / "images-remote/images.parquet").read_bytes() == (
         tmp_path / "images-local/images.parquet"
     ).read_bytes()

@@ -46,8 +46,7 @@ def predict(
     ] = False,
 ) -> None:
     """Image frames with a trained network or a classical estimator, every Doppler peak of a range bin included."""
-    from trainer.run.animation import ANIMATION, save_animation
-    from trainer.run.predict import IMAGES
+    from trainer.run.predict import PredictRequest
     from trainer.run.predict import predict as run_predict
     from trainer.run.pretrained import pretrained_run
 
@@ -58,9 +57,9 @@ def predict(
         raise InputError(
             "arguments", f"{len(paths)} paths", "INPUT alone with --pretrained or --method, else RUN INPUT"
         )
-    if animation and not points:
-        raise InputError("--animation", "without --points", "--points beside it")
-    run = None if method else pretrained_run(pretrained) if pretrained else Path(paths[0])
-    run_predict(run, paths[-1], out, radar, split, pictures, points=points, points_format=points_format, method=method)
-    if animation:
-        save_animation(out / IMAGES, out / ANIMATION)
+    request = PredictRequest(
+        paths[-1], out, run=None if method else pretrained_run(pretrained) if pretrained else Path(paths[0]),
+        method=method, radar=radar, split=split, pictures=pictures, points=points, points_format=points_format,
+        animation=animation,
+    )  # fmt: skip
+    run_predict(request)
