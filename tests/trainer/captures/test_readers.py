@@ -268,24 +268,6 @@ def test_a_wrong_cascade_is_one_line(tmp_path: Path, fault: str, message: str) -
         read(tmp_path, ".", "mmwcas")
 
 
-@pytest.mark.parametrize(
-    ("values", "options", "message"),
-    [
-        (np.zeros((3, 5), complex), {}, r"0 arrays that fit, of array \[3, 5\]; expected one array of radar 'capture'"),
-        (np.full((4, 8, 32), np.nan + 0j), {}, r"array has values that are not finite"),
-        (np.zeros((4, 8, 32)), {"axes": "chirp (tx rx) time"}, r"--axes: 'chirp \(tx rx\) time'; expected words of"),
-        (np.zeros((4, 8, 32)), {"axes": "chirp (tx rx sample"}, r"--axes: "),
-        (np.zeros((4, 8, 32)), {"variable": "adc"}, r"no array 'adc'; expected one of \['array'\]"),
-        (np.zeros((4, 8, 32)), {"frames": (1, 2)}, r"--frames: 1:2 of .*, which has 1; expected a part of 0:1"),
-    ],
-)
-def test_a_wrong_array_is_one_line(tmp_path: Path, values: object, options: dict[str, object], message: str) -> None:
-    radar_file(tmp_path, "iwr1642")
-    np.save(tmp_path / "a.npy", np.asarray(values))
-    with pytest.raises(InputError, match=message):
-        read(tmp_path, "a.npy", "iwr1642", **options)
-
-
 @pytest.mark.parametrize("suffix", SUFFIXES)
 @pytest.mark.parametrize("content", [b"", b"\x89HDF\r\n\x1a\n" + bytes(100), b"PK\x03\x04", b"no arrays" * 30])
 def test_a_damaged_file_of_arrays_is_one_line(tmp_path: Path, suffix: str, content: bytes) -> None:

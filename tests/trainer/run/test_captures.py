@@ -15,7 +15,6 @@ from shared.radar import load_radar
 from shared.radar.arrays import AntennaArray, line
 from shared.signal.model_error import NO_MODEL_ERROR_DB, UNCALIBRATED_DB
 from shared.signal.windows import cell_noise_power
-from trainer.cli.app import main
 from trainer.data.measurements import open_measurements
 from trainer.run.answers import estimator_answer
 from trainer.run.folder import load_imager
@@ -158,25 +157,3 @@ def test_an_estimator_sees_elements_that_coincide_once(tmp_path, dead):
     row = int(images[1].max(axis=1).argmax())
     # Uniform over eight elements, as of eight RX; as twelve channels its sidelobes would be those of a tapered line.
     np.testing.assert_allclose(images[0][row], images[1][row], atol=0.02 * images[1].max())
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["cube.npz", "--method", "capon"], "--method: 'capon'; expected one of das, "),
-        (["run", "cube.npz", "--method", "iaa"], "arguments: 2 paths; expected INPUT alone with --pretrained or "),
-        (["cube.npz", "--method", "iaa", "--pretrained", "sparse6"], "--method: 'iaa' beside --pretrained sparse6; "),
-        (["cube.npz", "--pretrained", "sparse6"], "radar 'other' differs from 'avr-qdm-110' of "),
-    ],
-)
-def test_what_does_not_go_together_is_one_line(tmp_path, monkeypatch, capsys, arguments, message):
-    monkeypatch.chdir(tmp_path)
-    write_capture(tmp_path / "cube.npz", other_radar())
-    monkeypatch.setattr("sys.argv", ["trainer", "predict", *arguments, "--out", "out"])
-    with pytest.raises(SystemExit) as caught:
-        main()
-    assert caught.value.code == 2
-    error = capsys.readouterr().err
-    assert message in error
-    assert len(error.splitlines()) == 1
-    assert not (tmp_path / "out").exists()

@@ -183,16 +183,3 @@ def test_other_tools_get_files_from_the_command_line(tmp_path, form: str, files:
     result = CliRunner().invoke(app, [*command, "--points", "--points-format", form])
     assert result.exit_code == 0, result.output
     assert sorted(path.name for path in (tmp_path / "out").iterdir() if path.name != "images.parquet") == files
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"points": True, "points_format": "las"}, r"--points-format: 'las'; expected parquet or csv or pcd"),
-        ({"points_format": "csv"}, r"'csv' without --points"),
-    ],
-)
-def test_formats_are_checked_before_any_work(tmp_path, options: dict, message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        predict(PredictRequest(tmp_path / "none", tmp_path / "out", run=tmp_path / "none", **options))
-    assert not (tmp_path / "out").exists()

@@ -3,12 +3,10 @@
 import numpy as np
 import pytest
 import torch
-from pydantic import ValidationError
 from tiny_radar import RADAR, TINY, frame, write_dataset
 
 from shared.radar.arrays import line
 from shared.signal.features import steering_weights
-from trainer.run.configuration import FitConfig
 from trainer.run.export import export
 from trainer.run.folder import CHECKPOINT
 from trainer.run.predict import PredictRequest, predict
@@ -67,8 +65,3 @@ def test_it_trains_resumes_predicts_and_exports(tmp_path, monkeypatch):
         assert torch.equal(tensor, states[1]["state_dict"][key]), key
     assert predict(PredictRequest(data, tmp_path / "images", run=tmp_path / "whole"), lines.append) == 1
     assert export(tmp_path / "whole", tmp_path / "doa.onnx").difference <= 1e-4
-
-
-def test_its_parts_belong_together():
-    with pytest.raises(ValidationError, match="belong together"):
-        FitConfig(model="doa-cnn")
