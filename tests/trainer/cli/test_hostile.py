@@ -32,6 +32,7 @@ def test_a_run_that_is_nested_deeply_or_asks_for_much_is_one_line(tmp_path, caps
     document = json.loads((run / "run.json").read_text())
     for text, message in (
         ("[" * 200_000, "not readable as JSON"),
+        (json.dumps(document | {"version": 2}), "version = 2"),
         (json.dumps(sealed(document | {"config": document["config"] | {"width": 10**9}})), "config.width = 1000000000"),
     ):
         (run / "run.json").write_text(text)
