@@ -8,7 +8,7 @@ from tiny_radar import RADAR, tiny
 
 from trainer.networks.attention_unet import AttentionUNet
 from trainer.networks.doa_cnn import DoaCnn
-from trainer.networks.padding import crop_like, pad_to_multiple
+from trainer.networks.light_unet import crop_like, pad_to_multiple
 from trainer.networks.spectral_unet import SpectralUNet
 from trainer.networks.unrolled import UnrolledNetwork
 from trainer.run.building import build_network

@@ -9,8 +9,6 @@ from jaxtyping import Float
 from torch import nn
 from torch.nn import functional
 
-from trainer.networks.padding import crop_like, pad_to_multiple
-
 LEVELS = 3
 BRANCH_GAIN = 0.3
 """Initial scale of residual branches: without normalisation over pixels, which would tie a pixel to the whole image
@@ -72,3 +70,19 @@ class LightUNet(nn.Module):
             batch, _, rows, bins = answer.shape
             answer = answer.reshape(batch, self.outputs, self.stride, rows, bins).permute(0, 1, 3, 4, 2).flatten(3)
         return crop_like(answer, features)
+
+
+def pad_to_multiple(
+    image: Float[torch.Tensor, "batch channels rows bins"], rows: int, bins: int | None = None
+) -> Float[torch.Tensor, "batch channels padded_rows padded_bins"]:
+    """Zero-padded at the end of range and angle to multiples, the same for both by default; pixel (0, 0) stays."""
+    height, width = image.shape[-2:]
+    return functional.pad(image, (0, -width % (bins or rows), 0, -height % rows))
+
+
+def crop_like(
+    image: Float[torch.Tensor, "batch channels padded_rows padded_bins"],
+    reference: Float[torch.Tensor, "batch features rows bins"],
+) -> Float[torch.Tensor, "batch channels rows bins"]:
+    """The part of ``image`` that :func:`pad_to_multiple` did not add to ``reference``."""
+    return image[..., : reference.shape[-2], : reference.shape[-1]]
