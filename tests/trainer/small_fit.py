@@ -11,12 +11,12 @@ from tiny_radar import TINY
 
 from trainer.run.configuration import FitConfig
 from trainer.run.folder import CHECKPOINT, METRICS, Run
-from trainer.training.fit import fit
+from trainer.training.fit import FitRequest, fit
 
 
 def run(dataset: Any, out: Path, config: FitConfig = TINY, **arguments: Any) -> tuple[Run, list[str]]:
     lines: list[str] = []
-    result = fit([dataset], out, config, array="full", announce=lines.append, **arguments)
+    result = fit(FitRequest([dataset], out, config, array="full", **arguments), lines.append)
     return result, lines
 
 

@@ -186,7 +186,7 @@ def test_a_calibration_of_something_else_is_refused(bench: Bench, change: dict[s
     ("old", "new", "message"),
     [
         ("mmwcas-azimuth", "iwr1843", r"its entries have sha256"),
-        ("[[captures]]", "[captures", r"not readable as TOML"),
+        ("captures = [", "captures = [}", r"not readable as TOML"),
         ("gain_db = [", "gain_db = [0.0, ", r"its entries have sha256"),
         ("carrier_hz = ", "carrier_hz = 1979-05-27 #", r"not readable"),
     ],

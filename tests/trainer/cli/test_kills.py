@@ -12,22 +12,14 @@ from contextlib import contextmanager
 
 import psutil
 import pytest
+from command_line import status
 from small_evaluation import make_data
 from tiny_radar import small_dataset
 
-from trainer.cli.app import main
 from trainer.run.claim import JOB
 
 SIZE = ["--width", "4", "--hidden", "16", "--rows", "16", "--validate-every", "4", "--array", "full", "--points", "0"]
 INTERRUPTED = "trainer: interrupted"
-
-
-def status(capsys, monkeypatch, *arguments):
-    """(exit status, standard error) of the command, here."""
-    monkeypatch.setattr("sys.argv", ["trainer", *map(str, arguments)])
-    with pytest.raises(SystemExit) as caught:
-        main()
-    return caught.value.code, capsys.readouterr().err
 
 
 def wait_for(condition: Callable[[], object], seconds: float = 120.0) -> None:
@@ -64,22 +56,12 @@ def ended(processes: list[psutil.Process]) -> bool:
 def test_an_evaluation_that_is_killed(tmp_path, capsys, monkeypatch):
     """By SIGTERM, by the death of a worker, by SIGKILL; beside it a second one is refused at once."""
     data, out = make_data(tmp_path / "data"), tmp_path / "out"
-    arguments = [
-        "evaluate",
-        data,
-        "--out",
-        out,
-        "--arrays",
-        "full",
-        "--methods",
-        "das,omp",
-        "--experiments",
-        "resolution",
-    ]
+    chosen = ["--arrays", "full", "--methods", "das,omp", "--experiments", "resolution"]
+    arguments = ["evaluate", data, "--out", out, *chosen]
     many = [*arguments, "--trials", "4000", "--workers", "2"]
     with started(*many) as process:
         wait_for(lambda: (out / JOB / "workers").is_dir() and len(descendants(process)) > 2)
-        code, line = status(capsys, monkeypatch, *arguments, "--resume")
+        code, _, line = status(capsys, monkeypatch, *arguments, "--resume")
         assert (code, line.count("\n")) == (2, 1)
         assert line.startswith(f"trainer: --out: another process is at work in {out}; expected to wait")
         workers = descendants(process)
@@ -96,7 +78,8 @@ def test_an_evaluation_that_is_killed(tmp_path, capsys, monkeypatch):
     wait_for(lambda: ended(workers))
     (out / "figures").mkdir(exist_ok=True)
     (out / "figures/resolution.png.partial").write_bytes(b"half a picture")
-    assert status(capsys, monkeypatch, *arguments, "--trials", "2", "--workers", "1", "--resume") == (None, "")
+    code, _, line = status(capsys, monkeypatch, *arguments, "--trials", "2", "--workers", "1", "--resume")
+    assert (code, line) == (0, "")
     assert not (out / JOB).exists()
     assert not list(out.rglob("*.partial"))
 
@@ -107,7 +90,7 @@ def test_a_training_that_is_killed(tmp_path, capsys, monkeypatch):
     arguments = ["fit", data, "--out", out, *SIZE, "--steps", "100000"]
     with started(*arguments, "--workers", "1") as process:
         wait_for((out / "last.ckpt").is_file)
-        code, line = status(capsys, monkeypatch, *arguments, "--resume")
+        code, _, line = status(capsys, monkeypatch, *arguments, "--resume")
         assert (code, line.count("\n")) == (2, 1)
         assert line.startswith(f"trainer: --out: another process is at work in {out}; expected to wait")
         readers = descendants(process)

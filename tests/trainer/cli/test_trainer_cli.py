@@ -6,77 +6,15 @@ import sys
 
 import pytest
 import torch
-from small_dataset import make_traced
-from small_evaluation import FULL, make_run
-from tiny_radar import RADAR, small_dataset
+from command_line import status
+from tiny_radar import small_dataset
 from typer.testing import CliRunner
 
 from trainer.cli import app as cli
-from trainer.cli.app import app, main
+from trainer.cli.app import app
 from trainer.errors import TrainingStopped
 
 SIZE = ["--width", "4", "--hidden", "16", "--rows", "16", "--steps", "4", "--validate-every", "4", "--array", "full"]
-
-
-def status(capsys, monkeypatch, *arguments):
-    """(exit status, standard error) of the command."""
-    monkeypatch.setattr(sys, "argv", ["trainer", *map(str, arguments)])
-    with pytest.raises(SystemExit) as caught:
-        main()
-    return caught.value.code, capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("fit", "none", "--out", "run"), "trainer: none/manifest.json: no such file; expected the folder"),
-        (("fit", "none", "--out", "run", "--model", "u-net"), "trainer: trainer fit: model = 'u-net'; expected input"),
-        (("fit", "none", "--out", "run", "--steps", "0"), "trainer: trainer fit: steps = 0; expected input should"),
-        (
-            ("fit", "none", "--out", "run", "--target", "paper"),
-            "trainer: trainer fit: document: model 'unrolled' answers",
-        ),
-        (
-            ("fit", "none", "--out", "run", "--model", "spectral-unet", "--target", "paper"),
-            "trainer: trainer fit: document: target 'paper' is normalised per whole image",
-        ),
-        (("fit", "none", "--out", "run", "--recipe", "best"), "trainer: --recipe: 'best'; expected recommended"),
-        (("fit", "ftp://host/set", "--out", "run"), "trainer: ftp://host/set: scheme 'ftp'; expected a local path, or"),
-        (("fit", "s3://", "--out", "run"), "trainer: s3://: names no bucket; expected s3://BUCKET"),
-        (("predict", "none", "none", "--out", "o"), "trainer: none: no run.json; expected a run folder"),
-        (("export", "none", "--out", "o.onnx"), "trainer: none: no run.json; expected a run folder"),
-        (("evaluate", "none", "--out", "o", "--bogus"), "trainer: No such option: --bogus"),
-        (("evaluate", "none"), "trainer: Missing option '--out'"),
-        (("judge", "none"), "trainer: No such command 'judge'"),
-    ],
-)
-def test_a_user_s_error_is_one_line_and_status_2(tmp_path, capsys, monkeypatch, arguments, message):
-    monkeypatch.chdir(tmp_path)
-    code, line = status(capsys, monkeypatch, *arguments)
-    assert code == 2
-    assert line.startswith(message)
-    assert line.count("\n") == 1
-
-
-@pytest.mark.parametrize(
-    "command",
-    [
-        ("fit", "TRACED", "--array", "full"),
-        ("evaluate", "TRACED", "--arrays", "full", "--methods", "das"),
-        ("predict", "RUN", "TRACED"),
-        ("predict", "RUN", "TRACED", "--split", "all"),
-    ],
-)
-def test_a_folder_of_traced_paths_is_refused_in_one_line(tmp_path, capsys, monkeypatch, command):
-    traced = make_traced(tmp_path / "traced")
-    places = {"TRACED": traced, "RUN": make_run(tmp_path / "run", FULL, RADAR)}
-    arguments = [places.get(word, word) for word in command]
-    code, line = status(capsys, monkeypatch, *arguments, "--out", tmp_path / "out")
-    assert code == 2
-    made_by = f"datafactory render --paths {traced} --out OTHER"
-    expected = f"holds traced paths and no frames; expected a dataset, as made by {made_by}"
-    assert line == f"trainer: {traced}: {expected}\n"
-    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
@@ -92,7 +30,7 @@ def test_a_run_that_failed_is_one_line_and_status_1(capsys, monkeypatch, error, 
         raise error
 
     monkeypatch.setattr(cli, "app", failing)
-    found, text = status(capsys, monkeypatch)
+    found, _, text = status(capsys, monkeypatch)
     assert found == code
     assert text.startswith(line)
     assert text.count("\n") == 1
@@ -105,7 +43,7 @@ def test_an_interrupted_command_says_how_to_go_on(capsys, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("trainer.evaluation.evaluate.evaluate", interrupted)
-    code, text = status(capsys, monkeypatch, "evaluate", "data", "--out", "out")
+    code, _, text = status(capsys, monkeypatch, "evaluate", "data", "--out", "out")
     assert code == 130
     assert text.startswith("trainer: interrupted; the same command with --resume goes on")
 

@@ -11,9 +11,9 @@ from paper_arrays import ARRAYS, IRREGULAR, RADAR, U
 from shared.signal.imaging import delay_and_sum
 from trainer.data.arrays import choose_array
 from trainer.estimators import array as array_module
+from trainer.estimators.adaptive import Scan
 from trainer.estimators.array import draw_lines, scan_axis, uniform_axis
 from trainer.estimators.base import LineArray, line_array
-from trainer.estimators.covariance import Distances
 from trainer.estimators.das import DelayAndSum
 
 
@@ -86,13 +86,13 @@ def test_distances_stand_for_the_dense_covariance(array: LineArray) -> None:
     u = uniform_axis(array, 3)
     power = generator.random((2, len(u)))
     manifold = array.manifold(u)
-    distances = Distances(array, u)
+    scan = Scan(array, u)
     dense = np.einsum("bn,cn,dn->bcd", power, manifold, manifold.conj())
-    np.testing.assert_allclose(distances.covariance(power), dense, atol=1e-9 * len(u))
+    np.testing.assert_allclose(scan.covariance(power), dense, atol=1e-9 * len(u))
     matrix = generator.standard_normal(dense.shape) + 1j * generator.standard_normal(dense.shape)
     matrix += np.swapaxes(matrix, 1, 2).conj()
     expected = np.einsum("cn,bcd,dn->bn", manifold.conj(), matrix, manifold).real
-    np.testing.assert_allclose(distances.quadratic_form(matrix), expected, atol=1e-9)
+    np.testing.assert_allclose(scan.quadratic_form(matrix), expected, atol=1e-9)
 
 
 def test_lines_are_drawn_in_their_nearest_bin() -> None:

@@ -10,12 +10,10 @@ from paper_arrays import ARRAYS, RADAR, U, echoes, noise, some_rows
 from shared.signal.windows import cell_noise_power
 from trainer.data.arrays import choose_array
 from trainer.data.pairs import Condition, simulate
+from trainer.estimators.adaptive import FLOOR, IterativeAdaptive, SparseCovariance
 from trainer.estimators.array import scan_axis
 from trainer.estimators.base import ESTIMATORS, LineArray
-from trainer.estimators.covariance import FLOOR
 from trainer.estimators.das import DelayAndSum
-from trainer.estimators.iaa import IterativeAdaptive
-from trainer.estimators.spice import SparseCovariance
 from trainer.metrics.resolution import resolved, strongest_peaks
 
 

@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 from paper_arrays import ARRAYS, IRREGULAR, U, echoes, noise, some_rows
 
 from shared.signal.windows import angle_window
+from trainer.estimators.adaptive import ELEMENTS, FLOOR, VIEW_ITERATIONS, WINDOW, VirtualView
 from trainer.estimators.array import scan_axis
 from trainer.estimators.base import LineArray
-from trainer.estimators.covariance import FLOOR
-from trainer.estimators.view import ELEMENTS, ITERATIONS, WINDOW, VirtualView
 
 
 def line_response(u: float, towards: NDArray[np.floating]) -> NDArray[np.complex128]:
@@ -36,7 +35,7 @@ def slow_view(
         return np.asarray(sum(p * np.outer(a, a.conj()) for p, a in zip(power, columns, strict=True)))
 
     power = np.array([abs(np.vdot(a, x)) ** 2 for a in columns]) / array.channels**2
-    for _ in range(ITERATIONS):
+    for _ in range(VIEW_ITERATIONS):
         full = covariance(power)
         inverse = np.linalg.inv(full + FLOOR * full[0, 0].real * identity)
         power = np.array([abs(np.vdot(a, inverse @ x) / np.vdot(a, inverse @ a).real) ** 2 for a in columns])

@@ -7,9 +7,8 @@ from jaxtyping import TypeCheckError
 from tiny_radar import RADAR, tiny
 
 from trainer.networks.attention_unet import AttentionUNet
-from trainer.networks.blocks import ConvNextBlock
 from trainer.networks.doa_cnn import DoaCnn
-from trainer.networks.padding import crop_like, pad_to_multiple
+from trainer.networks.light_unet import crop_like, pad_to_multiple
 from trainer.networks.spectral_unet import SpectralUNet
 from trainer.networks.unrolled import UnrolledNetwork
 from trainer.run.building import build_network
@@ -25,7 +24,6 @@ def networks():
         "spectral": SpectralUNet(5, 1, BINS, width=4, hidden=8),
         "spectral, two classes": SpectralUNet(5, 2, BINS, width=4, hidden=8),
         "spectral, from an estimate": SpectralUNet(5, 1, BINS, width=4, hidden=8, start=4),
-        "spectral, convnext": SpectralUNet(5, 1, BINS, width=4, hidden=8, blocks="convnext"),
     }
 
 
@@ -99,7 +97,7 @@ def test_padding_and_cropping_leave_an_image_in_place():
     assert padded[..., 630:, :].abs().max() == 0
 
 
-@pytest.mark.parametrize("name", ["attention", "spectral", "spectral, from an estimate", "spectral, convnext"])
+@pytest.mark.parametrize("name", ["attention", "spectral", "spectral, from an estimate"])
 def test_a_shifted_input_shifts_the_output(name):
     """By a whole number of the coarsest level's pixels; in range, where both networks are convolutions."""
     network = networks()[name].eval().double()
@@ -113,7 +111,7 @@ def test_a_shifted_input_shifts_the_output(name):
     assert (answer[:, :, 60:64] - answer[:, :, 52:56]).abs().max() > 1e-3
 
 
-@pytest.mark.parametrize(("name", "tolerance"), [("attention", 0.15), ("spectral", 0.02), ("spectral, convnext", 0.02)])
+@pytest.mark.parametrize(("name", "tolerance"), [("attention", 0.15), ("spectral", 0.02)])
 def test_bfloat16_stays_near_single_precision(name, tolerance):
     """Untrained, on white noise: batch normalisation lifts what cancels, and the rounding with it."""
     network = networks()[name].to(memory_format=torch.channels_last)
@@ -136,24 +134,10 @@ def test_the_answer_is_added_to_the_estimate_that_the_input_holds():
         torch.testing.assert_close(beside(data) - without(data), data[:, 3:4])
 
 
-def test_a_convnext_block_normalises_no_pixel_by_another():
-    """A change reaches three pixels, the reach of its convolution, and no farther."""
-    torch.manual_seed(0)
-    block = ConvNextBlock(4)
-    data = torch.randn(1, 4, 20, 20)
-    other = data.clone()
-    other[..., 10, 10] += 1.0
-    with torch.no_grad():
-        changed = (block(other) != block(data)).any(dim=1)[0].nonzero()
-    assert changed.min() == 7
-    assert changed.max() == 13
-
-
 @pytest.mark.parametrize(
     ("changes", "inputs", "start"),
     [
         ({}, 5, 4),
-        ({"features": "row"}, 4, None),
         ({"target": "class"}, 5, None),
     ],
 )

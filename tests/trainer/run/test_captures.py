@@ -15,12 +15,11 @@ from shared.radar import load_radar
 from shared.radar.arrays import AntennaArray, line
 from shared.signal.model_error import NO_MODEL_ERROR_DB, UNCALIBRATED_DB
 from shared.signal.windows import cell_noise_power
-from trainer.cli.app import main
 from trainer.data.measurements import open_measurements
 from trainer.run.answers import estimator_answer
 from trainer.run.folder import load_imager
 from trainer.run.other_radars import fitted_imager, matching_elements, position_tolerance, training_commands
-from trainer.run.predict import predict
+from trainer.run.predict import PredictRequest, predict
 
 
 def test_the_same_places_in_wavelengths_give_the_same_image(tmp_path):
@@ -86,7 +85,7 @@ def test_the_commands_name_a_preset_where_it_is_one():
 def test_a_capture_of_another_band_is_imaged_by_the_run(tmp_path):
     cube = write_capture(tmp_path / "cube.npz", other_radar(shift_m=0.003))
     said: list[str] = []
-    assert predict(make_run(tmp_path / "run"), cube, tmp_path / "out", announce=said.append) == 1
+    assert predict(PredictRequest(cube, tmp_path / "out", run=make_run(tmp_path / "run")), said.append) == 1
     assert len(said) == 3
     table = pq.read_table(tmp_path / "out/images.parquet")
     description = json.loads(table.schema.metadata[b"sparseradar"])
@@ -101,7 +100,7 @@ def test_an_estimator_needs_no_run(tmp_path, method):
     position = (2.0, 0.4, 0.0)
     cube = write_capture(tmp_path / "cube.npz", radar, [position], model_error_db=-20.0, dead_channels=(1,))
     out = tmp_path / "out"
-    assert predict(None, cube, out, announce=str, points=True, points_format="csv", method=method) == 1
+    assert predict(PredictRequest(cube, out, points=True, points_format="csv", method=method), str) == 1
     table = pq.read_table(out / "images.parquet")
     description = json.loads(table.schema.metadata[b"sparseradar"])
     assert description["model"] == method
@@ -158,25 +157,3 @@ def test_an_estimator_sees_elements_that_coincide_once(tmp_path, dead):
     row = int(images[1].max(axis=1).argmax())
     # Uniform over eight elements, as of eight RX; as twelve channels its sidelobes would be those of a tapered line.
     np.testing.assert_allclose(images[0][row], images[1][row], atol=0.02 * images[1].max())
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["cube.npz", "--method", "capon"], "--method: 'capon'; expected one of das, "),
-        (["run", "cube.npz", "--method", "iaa"], "arguments: 2 paths; expected INPUT alone with --pretrained or "),
-        (["cube.npz", "--method", "iaa", "--pretrained", "sparse6"], "--method: 'iaa' beside --pretrained sparse6; "),
-        (["cube.npz", "--pretrained", "sparse6"], "radar 'other' differs from 'avr-qdm-110' of "),
-    ],
-)
-def test_what_does_not_go_together_is_one_line(tmp_path, monkeypatch, capsys, arguments, message):
-    monkeypatch.chdir(tmp_path)
-    write_capture(tmp_path / "cube.npz", other_radar())
-    monkeypatch.setattr("sys.argv", ["trainer", "predict", *arguments, "--out", "out"])
-    with pytest.raises(SystemExit) as caught:
-        main()
-    assert caught.value.code == 2
-    error = capsys.readouterr().err
-    assert message in error
-    assert len(error.splitlines()) == 1
-    assert not (tmp_path / "out").exists()

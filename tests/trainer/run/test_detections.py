@@ -23,7 +23,7 @@ from trainer.data.simulation import amplitude_of, in_plane, snapshot
 from trainer.estimators.base import ESTIMATORS
 from trainer.run.detection_files import UNITS, records, write_csv, write_pcd
 from trainer.run.detections import Detections, find_detections, hann_envelope_db
-from trainer.run.predict import predict
+from trainer.run.predict import PredictRequest, predict
 
 ARRAY = ARRAYS["sparse6"]
 CHANNELS = choose_array("sparse6", RADAR).channels(RADAR)
@@ -152,7 +152,7 @@ def test_a_point_cloud_says_what_it_holds(tmp_path) -> None:
 def test_predict_writes_the_list_beside_the_image(tmp_path) -> None:
     data, run = small_dataset(tmp_path / "data", training=2), make_run(tmp_path / "run", detection=0.0)
     said: list[str] = []
-    predict(run, data, tmp_path / "out", split="test", pictures=False, announce=said.append, points=True)
+    predict(PredictRequest(data, tmp_path / "out", run=run, split="test", pictures=False, points=True), said.append)
     table = pq.read_table(tmp_path / "out/images.parquet")
     (found,) = table["detections"].to_pylist()
     assert len(found) >= 6  # one or two targets in every third of 24 range bins, far above the noise
@@ -161,7 +161,7 @@ def test_predict_writes_the_list_beside_the_image(tmp_path) -> None:
     assert {row["probability"] for row in found} == {None}
     assert json.loads(table.schema.metadata[b"sparseradar"])["units"]["detections"] == UNITS
     assert said[0].endswith("has no detection head: the detections' probability is null")
-    predict(run, data, tmp_path / "plain", split="test", pictures=False, announce=said.append)
+    predict(PredictRequest(data, tmp_path / "plain", run=run, split="test", pictures=False), said.append)
     assert pq.read_schema(tmp_path / "plain/images.parquet").names == ["frame_id", "image", "velocity"]
 
 
@@ -169,7 +169,7 @@ def test_predict_writes_the_list_beside_the_image(tmp_path) -> None:
 def test_a_detection_head_and_a_network_of_probabilities_give_the_probability(tmp_path, changes: dict) -> None:
     data, run = small_dataset(tmp_path / "data", training=2), make_run(tmp_path / "run", **changes)
     said: list[str] = []
-    predict(run, data, tmp_path / "out", split="test", pictures=False, announce=said.append, points=True)
+    predict(PredictRequest(data, tmp_path / "out", run=run, split="test", pictures=False, points=True), said.append)
     (found,) = pq.read_table(tmp_path / "out/images.parquet")["detections"].to_pylist()
     assert len(found) >= 6
     assert all(0.0 < row["probability"] < 1.0 for row in found)
@@ -183,16 +183,3 @@ def test_other_tools_get_files_from_the_command_line(tmp_path, form: str, files:
     result = CliRunner().invoke(app, [*command, "--points", "--points-format", form])
     assert result.exit_code == 0, result.output
     assert sorted(path.name for path in (tmp_path / "out").iterdir() if path.name != "images.parquet") == files
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"points": True, "points_format": "las"}, r"--points-format: 'las'; expected parquet or csv or pcd"),
-        ({"points_format": "csv"}, r"'csv' without --points"),
-    ],
-)
-def test_formats_are_checked_before_any_work(tmp_path, options: dict, message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        predict(tmp_path / "none", tmp_path / "none", tmp_path / "out", **options)
-    assert not (tmp_path / "out").exists()

@@ -11,9 +11,9 @@ from shared.physics.errors import InputError
 from trainer.data.shards import ShardDataset
 from trainer.run.folder import read_run
 from trainer.training.datamodule import ImagingData
-from trainer.training.fit import fit
+from trainer.training.fit import FitRequest, fit
 
-BESIDES: dict[str, Any] = {"workers": 0, "check": False, "announce": lambda _: None, "logger": "none"}
+BESIDES: dict[str, Any] = {"workers": 0, "check": False, "logger": "none"}
 
 
 def city(directory, frames=16):
@@ -77,28 +77,19 @@ def test_too_few_frames_are_refused(tmp_path):
 
 def test_the_run_says_what_it_has_seen_and_goes_on_with_it_alone(tmp_path):
     folder = city(tmp_path / "city")
-    fit([folder], tmp_path / "run", tiny(frames=4, steps=2), "full", **BESIDES)
+    fit(FitRequest([folder], tmp_path / "run", tiny(frames=4, steps=2), "full", **BESIDES), str)
     run = read_run(tmp_path / "run")
     assert run.config.frames == 4
     assert run.datasets[0].frames == {"train": 3, "validation": 1, "test": 0}
     assert run.datasets[0].scenes is None
     with pytest.raises(InputError, match=r"frames is 8, but the run in .* had 4"):
-        fit([folder], tmp_path / "run", tiny(frames=8, steps=2), "full", resume=True, **BESIDES)
+        fit(FitRequest([folder], tmp_path / "run", tiny(frames=8, steps=2), "full", resume=True, **BESIDES), str)
 
 
 def test_the_same_frames_and_seed_are_the_same_weights(tmp_path):
     """What lies behind the first frames changes nothing."""
     long, short = city(tmp_path / "long", 16), city(tmp_path / "short", 8)
     for name, folder, frames, seed in (("a", long, 8, 3), ("b", short, 0, 3), ("c", long, 8, 4)):
-        fit([folder], tmp_path / name, tiny(frames=frames, steps=2, seed=seed), "full", **BESIDES)
+        fit(FitRequest([folder], tmp_path / name, tiny(frames=frames, steps=2, seed=seed), "full", **BESIDES), str)
     weights = {name: (tmp_path / name / "weights.safetensors").read_bytes() for name in "abc"}
     assert weights["a"] == weights["b"] != weights["c"]
-
-
-def test_a_run_of_a_release_that_wrote_no_scenes_is_resumed(tmp_path):
-    folder = city(tmp_path / "city")
-    fit([folder], tmp_path / "run", tiny(steps=2), "full", **BESIDES)
-    manifest = folder / "manifest.json"
-    text = manifest.read_text().replace('{"version"', '{"scenes": [{"name": "a", "content_sha256": "b"}], "version"')
-    manifest.write_text(text)
-    fit([folder], tmp_path / "run", tiny(steps=2), "full", resume=True, **BESIDES)

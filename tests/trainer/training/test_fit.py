@@ -18,10 +18,10 @@ from shared.signal.imaging import steering_matrix
 from shared.signal.steering import manifold
 from trainer.data.shards import ShardDataset
 from trainer.run.configuration import FitConfig
-from trainer.run.folder import METRICS, WEIGHTS, load_imager, read_run, save_weights, write_run
+from trainer.run.folder import METRICS, WEIGHTS, load_imager, read_run, save_weights
 from trainer.run.imager import Imager
 from trainer.run.imperfections import CALIBRATED
-from trainer.run.predict import predict
+from trainer.run.predict import PredictRequest, predict
 
 
 def test_eight_frames_are_learned_by_heart(dataset, tmp_path):
@@ -151,9 +151,6 @@ def test_a_run_begins_with_the_weights_of_another(dataset, tmp_path):
     with pytest.raises(InputError, match=r"start is None, but the run in .* had name='first'"):
         run(dataset, tmp_path / "second", still, resume=True)
     assert [fingerprint.name for fingerprint in result.trained_on] == ["data", "data"]
-    # A release that did not say what the start was trained on made runs that are resumed all the same.
-    write_run(tmp_path / "second", result.model_copy(update={"start": result.start.weights}))
-    run(dataset, tmp_path / "second", still, start=tmp_path / "first", resume=True)
 
 
 def test_weights_survive_the_run_folder_bit_for_bit(dataset, tmp_path):
@@ -200,7 +197,7 @@ def test_a_dataset_in_another_place_trains_the_same_weights(dataset, tmp_path):
         for file in (WEIGHTS, METRICS, "run.json", "verdict.json"):
             assert (tmp_path / name / file).read_bytes() == (tmp_path / "local" / file).read_bytes(), file
     for name, source in (("local", dataset), ("remote", place)):
-        predict(tmp_path / "local", source, tmp_path / f"images-{name}", announce=str)
+        predict(PredictRequest(source, tmp_path / f"images-{name}", run=tmp_path / "local"), str)
     assert (tmp_path / "images-remote/images.parquet").read_bytes() == (
         tmp_path / "images-local/images.parquet"
     ).read_bytes()

@@ -11,8 +11,8 @@ from tiny_radar import RADAR, TINY, frame, write_dataset
 
 from shared.physics.errors import InputError
 from trainer.errors import TrainingStopped
-from trainer.run.folder import WEIGHTS, load_imager
-from trainer.training.fit import fit
+from trainer.run.folder import WEIGHTS, load_imager, save_weights
+from trainer.training.fit import FitRequest, fit
 
 
 def test_an_infinite_input_stops_with_its_frame_and_keeps_the_weights(dataset, tmp_path, monkeypatch):
@@ -48,37 +48,39 @@ def test_datasets_of_different_radars_are_not_mixed(dataset, tmp_path):
     frames = {"train": [frame(0, other)], "validation": [frame(1, other)]}
     second = write_dataset(tmp_path / "other", frames, other)
     with pytest.raises(InputError, match=r"other: radar 'tiny', waveform.bandwidth_hz = 2000000000.0; expected 10000"):
-        fit([dataset, second], tmp_path / "run", TINY, array="full")
+        fit(FitRequest([dataset, second], tmp_path / "run", TINY, array="full"))
 
 
-def test_a_run_does_not_begin_with_another_network(dataset, tmp_path):
-    run(dataset, tmp_path / "first")
-    with pytest.raises(InputError, match=r"--from: .*first has width = 4; expected 8"):
-        run(dataset, tmp_path / "second", TINY.model_copy(update={"width": 8}), start=tmp_path / "first")
-    with pytest.raises(InputError, match=f"none/{WEIGHTS}: no such file"):
-        run(dataset, tmp_path / "third", start=tmp_path / "none")
-    assert not (tmp_path / "third").exists() or not any((tmp_path / "third").iterdir())
-
-
-def test_weights_that_are_cut_short_or_foreign_are_named(dataset, tmp_path):
+def test_weights_that_are_no_whole_network_of_the_run_are_named(dataset, tmp_path):
     run(dataset, tmp_path / "run")
-    path = tmp_path / "run" / WEIGHTS
-    whole = path.read_bytes()
-    path.write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(InputError, match=r"weights.safetensors: not readable as safetensors"):
-        load_imager(tmp_path / "run")
     run(dataset, tmp_path / "wider", TINY.model_copy(update={"width": 8}))
-    path.write_bytes((tmp_path / "wider" / WEIGHTS).read_bytes())
-    with pytest.raises(InputError, match=r"decoder.0.first.bias is float32 \[16\]; expected float32 \[8\]"):
-        load_imager(tmp_path / "run")
-    path.unlink()
-    with pytest.raises(InputError, match="no such file"):
-        load_imager(tmp_path / "run")
-    with pytest.raises(InputError, match=r"no run.json"):
-        load_imager(tmp_path)
+    path, executed = tmp_path / "run" / WEIGHTS, tmp_path / "executed"
+    whole = path.read_bytes()
+    imager = load_imager(tmp_path / "run")[1]
 
+    class Trap:
+        def __reduce__(self):
+            return open, (str(executed), "w")
 
-@pytest.mark.parametrize(("weights", "message"), [((1.0, 2.0), "2 weights for 1 datasets"), ((0.0,), "above 0")])
-def test_bad_weights_are_refused(dataset, tmp_path, weights, message):
-    with pytest.raises(InputError, match=message):
-        run(dataset, tmp_path / "run", weights=weights)
+    def pickled():
+        torch.save(Trap(), path)
+
+    def not_finite():
+        with torch.no_grad():
+            next(imager.parameters()).fill_(torch.nan)
+        save_weights(tmp_path / "run", imager)
+
+    for spoil, message in (
+        (lambda: path.write_bytes(whole[: len(whole) // 2]), "not readable as safetensors"),
+        (pickled, "not readable as safetensors"),
+        (not_finite, ".* has values that are not finite"),
+        (
+            lambda: path.write_bytes((tmp_path / "wider" / WEIGHTS).read_bytes()),
+            r".* is float32 \[16\]; expected float32",
+        ),
+        (path.unlink, "no such file"),
+    ):
+        spoil()
+        with pytest.raises(InputError, match=f"weights.safetensors: {message}"):
+            load_imager(tmp_path / "run")
+    assert not executed.exists()

@@ -82,12 +82,8 @@ def test_a_run_killed_while_it_noted_itself_goes_on(dataset, tmp_path):
 
 def test_what_a_resumed_run_must_not_change(dataset, tmp_path):
     run(dataset, tmp_path / "run")
-    with pytest.raises(InputError, match="is not empty; expected an empty or new folder, or --resume"):
-        run(dataset, tmp_path / "run")
     with pytest.raises(InputError, match=r"--resume: learning_rate is 0.5, but the run in .* had 0.003"):
         run(dataset, tmp_path / "run", TINY.model_copy(update={"learning_rate": 0.5}), resume=True)
-    with pytest.raises(InputError, match="holds no run"):
-        run(dataset, tmp_path / "none", resume=True)
 
 
 def test_a_checkpoint_that_holds_code_is_not_executed(dataset, tmp_path):
@@ -97,24 +93,6 @@ def test_a_checkpoint_that_holds_code_is_not_executed(dataset, tmp_path):
 
     run(dataset, tmp_path / "run")
     torch.save({"state_dict": Trap()}, tmp_path / "run" / CHECKPOINT)
-    with pytest.raises(InputError, match=r"last.ckpt: not readable"):
+    with pytest.raises(InputError, match=r"last.ckpt: cannot be restored"):
         run(dataset, tmp_path / "run", resume=True)
     assert not (tmp_path / "executed").exists()
-
-
-def test_the_best_of_a_checkpoint_that_holds_an_image_error_is_not_taken_for_a_loss(dataset, tmp_path, monkeypatch):
-    def killed(self, batch, batch_index):
-        if self.global_step == 2:
-            raise MemoryError("killed")
-        return original(self, batch, batch_index)
-
-    original = ImagingTask.training_step
-    monkeypatch.setattr(ImagingTask, "training_step", killed)
-    with pytest.raises(MemoryError):
-        run(dataset, tmp_path / "run")
-    monkeypatch.undo()
-    content = torch.load(tmp_path / "run" / CHECKPOINT, weights_only=True)
-    content["callbacks"]["RunKeeper"] = {"best": 1e-6}
-    torch.save(content, tmp_path / "run" / CHECKPOINT)
-    _, lines = run(dataset, tmp_path / "run", resume=True)
-    assert any(line.startswith("step 4") and line.endswith("(best)") for line in lines)

@@ -17,10 +17,10 @@ from trainer.metrics.ranking import pooled
 from trainer.run.folder import Run, load_imager, save_weights, write_run
 from trainer.run.imager import Imager
 from trainer.training import verdict as module
-from trainer.training.fit import fit
+from trainer.training.fit import FitRequest, fit
 from trainer.training.verdict import PICTURE, VERDICT, judge
 
-WHOLE = {"model": "spectral-unet", "features": "row"}
+WHOLE = {"model": "spectral-unet", "features": "adaptive"}
 """A network without a detection head, whose input has delay-and-sum as its third channel."""
 
 
@@ -198,7 +198,7 @@ def test_a_radar_that_ends_before_the_first_truth_cell_has_no_average_precision(
 def test_fit_ends_with_the_verdict_of_its_best_weights(tmp_path):
     data = strong_dataset(tmp_path / "data", training=8)
     lines: list[str] = []
-    fit([data], tmp_path / "run", TINY, array="full", announce=lines.append)
+    fit(FitRequest([data], tmp_path / "run", TINY, array="full"), lines.append)
     assert lines[-1].startswith("test split, 1 frames")
     document = json.loads((tmp_path / "run" / VERDICT).read_text())
     assert document["gain"] == pytest.approx(load_imager(tmp_path / "run")[1].gain)

@@ -17,9 +17,7 @@ from numpy.typing import NDArray
 
 from shared.physics.errors import InputError
 from shared.radar import Radar
-from trainer.captures.hdf5_files import is_hdf5, read_hdf5
-from trainer.captures.matlab_files import read_arrays
-from trainer.captures.numpy_files import read_npy, read_npz
+from trainer.captures.reading import read_arrays
 from trainer.captures.samples import Order, as_cube, chosen_frames, one_sided, ordered
 
 NAMES = ("frame", "chirp", "tx", "rx", "sample", "iq")
@@ -34,7 +32,6 @@ GUESSES = (
     "frame chirp sample (rx tx)",
 )
 """Tried in this order: what OpenRadar's ``organize`` gives, the same after ``separate_tx``, and this project's own."""
-SUFFIXES = (".npy", ".npz", ".mat", ".h5", ".hdf5")
 
 Axes = tuple[tuple[str, ...], ...]
 
@@ -54,20 +51,6 @@ def parse_axes(text: str) -> Axes:
     return axes
 
 
-def read_arrays_of(path: Path) -> dict[str, NDArray[Any]]:
-    """The arrays of numbers in a file by their names.
-
-    :raises InputError: missing, of another kind, or damaged
-    """
-    if not path.is_file() or path.suffix not in SUFFIXES:
-        raise InputError(path, "no such file of arrays", f"one of {', '.join(SUFFIXES)}")
-    if path.suffix == ".npy":
-        return {"array": read_npy(path)}
-    if path.suffix == ".npz":
-        return {name: values for name, values in read_npz(path).items() if values.dtype.kind in "iufc"}
-    return read_hdf5(path) if path.suffix != ".mat" or is_hdf5(path) else read_arrays(path)
-
-
 def read_array_capture(
     path: Path,
     radar: Radar,
@@ -84,7 +67,7 @@ def read_array_capture(
     :param variable: name of the array; by default the one that fits
     :raises InputError: no array that fits the radar, several, or samples that are not finite
     """
-    arrays = read_arrays_of(path)
+    arrays = {name: values for name, values in read_arrays(path).items() if values.dtype.kind in "iufc"}
     if variable is not None and variable not in arrays:
         raise InputError(path, f"no array {variable!r}", f"one of {sorted(arrays)}")
     candidates = arrays if variable is None else {variable: arrays[variable]}

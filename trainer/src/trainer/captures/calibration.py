@@ -125,8 +125,22 @@ class Calibration(BaseModel):
 
 def write_calibration(path: Path, calibration: Calibration) -> None:
     """Write a TOML file, sealed with the SHA-256 of its entries, in one step."""
-    document = sealed({k: v for k, v in calibration.model_dump(mode="json").items() if v is not None})
-    write_text(path, _toml(document))
+    entries = {name: value for name, value in calibration.model_dump(mode="json").items() if value is not None}
+    write_text(path, to_toml(sealed(entries)))
+
+
+def to_toml(document: Mapping[str, Any]) -> str:
+    """A line for each entry of a document of plain JSON values."""
+    return "".join(f"{name} = {_value(value)}\n" for name, value in document.items())
+
+
+def _value(value: Any) -> str:
+    """Numbers, strings and lists of them are written alike in JSON and TOML; tables are not, on their own or listed."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{name} = {_value(inner)}" for name, inner in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(_value(inner) for inner in value) + "]"
+    return json.dumps(value, ensure_ascii=False)
 
 
 def read_calibration(path: Path) -> Calibration:
@@ -146,25 +160,3 @@ def read_calibration(path: Path) -> Calibration:
         raise InputError(path, *first_validation_error(error)) from error
     except TypeError as error:  # a date, which TOML has and a document has not
         raise InputError(path, f"not readable: {error}", expected) from error
-
-
-def _toml(document: Mapping[str, Any]) -> str:
-    """A document of plain JSON values as TOML: what stands alone, then its tables, then its lists of tables."""
-    tables = {name: value for name, value in document.items() if isinstance(value, dict)}
-    lists = {name: value for name, value in document.items() if isinstance(value, list) and _of_tables(value)}
-    lines = _entries({name: value for name, value in document.items() if name not in tables and name not in lists})
-    for name, table in tables.items():
-        lines += ["", f"[{name}]", *_entries(table)]
-    for name, items in lists.items():
-        for item in items:
-            lines += ["", f"[[{name}]]", *_entries(item)]
-    return "\n".join(lines) + "\n"
-
-
-def _of_tables(values: list[Any]) -> bool:
-    return bool(values) and all(isinstance(value, dict) for value in values)
-
-
-def _entries(table: Mapping[str, Any]) -> list[str]:
-    """Lines of a table: numbers, strings and lists of them are written alike in JSON and TOML."""
-    return [f"{name} = {json.dumps(value, ensure_ascii=False)}" for name, value in table.items()]

@@ -26,7 +26,7 @@ from shared.dataset.documents import sealed, unsealed
 from shared.dataset.writing import atomic
 from shared.physics.errors import InputError
 from shared.radar import Radar, first_validation_error, load_radar
-from trainer.captures.numpy_files import read_npy, read_npz
+from trainer.captures.reading import read_arrays
 
 LARGEST_SAMPLE = 1e12
 """Of a cube [sqrt(W), or counts of a converter]; powers of more, summed over a frame, leave single precision."""
@@ -108,9 +108,9 @@ def read_cube(path: Path, radar: str | None) -> CubeFile:
     if path.suffix == ".npy":
         if radar is None:
             raise InputError("--radar", "not given", f"the radar that measured {path}")
-        cube, found = read_npy(path), load_radar(radar)
+        cube, found = read_arrays(path)["array"], load_radar(radar)
     else:
-        content = read_npz(path)
+        content = read_arrays(path)
         if missing := {"cube", "radar"} - content.keys():
             raise InputError(path, f"no array {min(missing)!r}", "the arrays 'cube' and 'radar'")
         cube = content["cube"]

@@ -16,11 +16,12 @@ from shared.physics.units import amplitude_to_db, dbm_to_watt, power_to_db
 from shared.radar import CaptureRadar, Radar, board_radar, load_capture_radar
 from shared.radar.boards import BOARDS
 from shared.signal.spectrum import range_doppler
-from trainer.captures.array_files import SUFFIXES, read_array_capture
+from trainer.captures.array_files import read_array_capture
 from trainer.captures.calibration import read_calibration
 from trainer.captures.cascade import DEVICES, cascade_files, read_cascade
 from trainer.captures.cube_file import Capture, write_cube
 from trainer.captures.dca1000 import LANES, Lanes, read_dca1000
+from trainer.captures.reading import SUFFIXES
 from trainer.captures.samples import FULL_SCALE, OTHER_SIDE_DB, Order, flatness_db, other_side_db
 
 DEAD_DB = 25.0

@@ -7,7 +7,7 @@ A reader gives the samples of some frames in the order of its format; :func:`as_
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -23,11 +23,6 @@ LARGEST_CUBE = 3 * LARGEST_ARRAY
 """Bytes of all frames together: what a .npz is read up to."""
 FULL_SCALE = 2**15
 """Of 16-bit samples, in counts."""
-SWAPPED = 4.0
-"""Bytes are exchanged where this makes the RMS that much smaller. Exchanged bytes of a signal are all but uniform over
-the whole range (RMS 18 900 counts), whatever the signal was; a signal of more than 4 700 counts is not looked at."""
-LOOKED_AT = 2**20
-"""Samples of a file whose bytes are looked at."""
 NEAR_BINS, OTHER_SIDE_DB = 4, 10.0
 """TX leak into RX at a range of almost 0, in the first bins after bin 0. Where the last bins, which are those of
 negative frequencies, hold that much more, I and Q are the other way round, or the bytes are something else."""
@@ -85,12 +80,10 @@ def frames_there(path: Path, sizes: Sizes) -> int:
 
 def _that_fit(there: int, sizes: Sizes) -> str:
     """Other numbers of TX, RX or kinds of samples that make whole frames of the file, as text."""
-    kinds = [(f"{tx} TX", Sizes(sizes.chirps, tx, sizes.rx, sizes.samples, sizes.real, sizes.lanes))
-             for tx in range(1, 5) if tx != sizes.tx]  # fmt: skip
-    kinds += [(f"{rx} RX", Sizes(sizes.chirps, sizes.tx, rx, sizes.samples, sizes.real))
-              for rx in range(1, 5) if rx != sizes.rx and not sizes.lanes]  # fmt: skip
-    other = Sizes(sizes.chirps, sizes.tx, sizes.rx, sizes.samples, not sizes.real, sizes.lanes)
-    kinds.append(("complex samples" if sizes.real else "real samples", other))
+    kinds = [(f"{tx} TX", replace(sizes, tx=tx)) for tx in range(1, 5) if tx != sizes.tx]
+    if not sizes.lanes:
+        kinds += [(f"{rx} RX", replace(sizes, rx=rx)) for rx in range(1, 5) if rx != sizes.rx]
+    kinds.append(("complex samples" if sizes.real else "real samples", replace(sizes, real=not sizes.real)))
     return " or ".join(name for name, kind in kinds if there >= 2 * kind.numbers and there % (2 * kind.numbers) == 0)
 
 
@@ -113,7 +106,7 @@ def chosen_frames(path: Path, count: int, chosen: tuple[int, int] | None, radar:
 def read_numbers(path: Path, sizes: Sizes, frames: range) -> NDArray[np.int16]:
     """[frame, numbers] of these frames, little-endian.
 
-    :raises InputError: cut short since, bytes exchanged, all zero, or packets with their headers
+    :raises InputError: cut short since, all zero, or packets with their headers
     """
     try:
         start, size = 2 * frames.start * sizes.numbers, len(frames) * sizes.numbers
@@ -127,20 +120,11 @@ def read_numbers(path: Path, sizes: Sizes, frames: range) -> NDArray[np.int16]:
 
 
 def require_samples(path: Path, numbers: NDArray[np.int16]) -> None:
-    """Refuse what cannot be samples: zeros, exchanged bytes, headers of packets between them."""
+    """Refuse what cannot be samples: zeros, headers of packets between them."""
     if tuple(numbers[:7]) == (1, 0, 1456, 0, 0, 0, 0):
         raise InputError(path, "holds the headers of its packets", "the adc_data.bin that mmWave Studio makes of it")
-    looked_at = numbers.reshape(-1)[:: max(numbers.size // LOOKED_AT, 1)]
-    as_stored, exchanged = (_rms(values) for values in (looked_at, looked_at.byteswap()))
-    if not as_stored:
+    if not numbers.any():
         raise InputError(path, "all samples are 0", "a capture")
-    if as_stored > SWAPPED * exchanged:
-        problem = f"RMS of {as_stored:.0f} counts, {exchanged:.0f} with the bytes of each sample exchanged"
-        raise InputError(path, problem, "little-endian 16-bit samples: exchange the bytes")
-
-
-def _rms(values: NDArray[np.int16]) -> float:
-    return float(np.sqrt(np.mean(np.square(values, dtype=np.float64))))
 
 
 def ordered(samples: NDArray[np.complex64], order: Order) -> NDArray[np.complex64]:

@@ -11,9 +11,8 @@ from shared.processes.command_line import Ending, run_app
 from shared.processes.interrupt import INTERRUPTED
 from trainer.cli.captures import calibrate, import_
 from trainer.cli.evaluate import evaluate
-from trainer.cli.export import export
 from trainer.cli.fit import fit
-from trainer.cli.predict import predict
+from trainer.cli.predict import export, predict
 from trainer.errors import TrainingStopped, out_of_memory
 
 STOPPED = "interrupted; the same command with --resume goes on from the last checkpoint"

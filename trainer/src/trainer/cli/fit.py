@@ -35,7 +35,7 @@ def fit(
         str | None, typer.Option(help="unrolled, spectral-unet, attention-unet or doa-cnn.", show_default=BY_RECIPE)
     ] = None,
     features: Annotated[
-        str | None, typer.Option(help="snapshots, adaptive, row, paper or covariance.", show_default=BY_RECIPE)
+        str | None, typer.Option(help="snapshots, adaptive, paper or covariance.", show_default=BY_RECIPE)
     ] = None,
     target: Annotated[str | None, typer.Option(help="row, paper, class or doa.", show_default=BY_RECIPE)] = None,
     width: Annotated[
@@ -90,6 +90,7 @@ def fit(
     """Train a network on datasets of the factory."""
     # Lightning takes seconds to import, and trainer --help should not.
     from shared.dataset.locations import locate
+    from trainer.training.fit import FitRequest
     from trainer.training.fit import fit as run_fit
     from trainer.training.processes import is_first
     from trainer.training.recipes import configuration
@@ -105,20 +106,11 @@ def fit(
     def announce(line: str) -> None:
         console.print(line, markup=False)
 
-    run_fit(
-        datasets,
-        out,
-        configuration(recipe, given, config),
-        array,
-        weight,
-        resume,
-        workers,
-        check,
-        devices,
-        announce,
-        start,
-        logger,
-    )
+    request = FitRequest(
+        datasets, out, configuration(recipe, given, config), array=array, weights=weight, start=start, resume=resume,
+        workers=workers, check=check, devices=devices, logger=logger,
+    )  # fmt: skip
+    run_fit(request, announce)
     if not is_first():
         return
     # The located name is shown: a URI as given may hold a key.

@@ -1,4 +1,4 @@
-"""``trainer predict``."""
+"""``trainer predict`` and ``trainer export``: what a run is used for."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from typing import Annotated
 import typer
 
 from shared.physics.errors import InputError
+
+EXTRA = "pip install 'sparseradar-trainer[export]'"
 
 
 def predict(
@@ -46,8 +48,7 @@ def predict(
     ] = False,
 ) -> None:
     """Image frames with a trained network or a classical estimator, every Doppler peak of a range bin included."""
-    from trainer.run.animation import ANIMATION, save_animation
-    from trainer.run.predict import IMAGES
+    from trainer.run.predict import PredictRequest
     from trainer.run.predict import predict as run_predict
     from trainer.run.pretrained import pretrained_run
 
@@ -58,9 +59,28 @@ def predict(
         raise InputError(
             "arguments", f"{len(paths)} paths", "INPUT alone with --pretrained or --method, else RUN INPUT"
         )
-    if animation and not points:
-        raise InputError("--animation", "without --points", "--points beside it")
-    run = None if method else pretrained_run(pretrained) if pretrained else Path(paths[0])
-    run_predict(run, paths[-1], out, radar, split, pictures, points=points, points_format=points_format, method=method)
-    if animation:
-        save_animation(out / IMAGES, out / ANIMATION)
+    request = PredictRequest(
+        paths[-1], out, run=None if method else pretrained_run(pretrained) if pretrained else Path(paths[0]),
+        method=method, radar=radar, split=split, pictures=pictures, points=points, points_format=points_format,
+        animation=animation,
+    )  # fmt: skip
+    run_predict(request)
+
+
+def export(
+    run: Annotated[Path, typer.Argument(help="Run folder of trainer fit.", show_default=False)],
+    out: Annotated[Path, typer.Option("--out", help="File to write, ending in .onnx.", show_default=False)],
+) -> None:
+    """Write a run's network as ONNX, checked against torch."""
+    try:
+        from trainer.run.export import export as run_export
+    except ModuleNotFoundError as error:
+        if error.name not in ("onnx", "onnxruntime"):
+            raise
+        raise InputError("trainer export", f"the package {error.name} is not installed", EXTRA) from error
+
+    result = run_export(run, out)
+    print(
+        f"{result.path}: within {result.difference:.1e} of torch; one image takes {1e3 * result.torch_seconds:.0f} ms "
+        f"in torch, {1e3 * result.onnx_seconds:.0f} ms in onnxruntime"
+    )

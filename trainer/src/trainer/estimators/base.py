@@ -8,14 +8,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from trainer.estimators.adaptive import IterativeAdaptive, SparseCovariance, VirtualView
 from trainer.estimators.array import LineArray, NoisePower, line_array
 from trainer.estimators.das import DelayAndSum
-from trainer.estimators.iaa import IterativeAdaptive
 from trainer.estimators.ml import MaximumLikelihood
 from trainer.estimators.music import Music
 from trainer.estimators.omp import OrthogonalMatchingPursuit
-from trainer.estimators.spice import SparseCovariance
-from trainer.estimators.view import VirtualView
 
 __all__ = ["ESTIMATORS", "UNIFORM_ESTIMATORS", "Estimator", "LineArray", "NoisePower", "line_array"]
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from shared.dataset.locations import sha256_of
 from shared.dataset.writing import atomic
 from shared.physics.errors import InputError
-from trainer.captures.numpy_files import read_npz
+from trainer.captures.reading import read_npz
 
 Values = Mapping[str, NDArray[Any]]
 """Named arrays, numbers among them as arrays without axes."""

@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float
 from torch import nn
 
-from trainer.networks.padding import crop_like, pad_to_multiple
+from trainer.networks.light_unet import crop_like, pad_to_multiple
 
 LEVELS = 4
 

@@ -47,7 +47,6 @@ class SpectralUNet(nn.Module):
     :param bins: U, angle bins
     :param width: channels of the U-Net's first level, doubled at each of the two others
     :param hidden: units of the mixing
-    :param blocks: of the U-Net, a name in :data:`trainer.networks.blocks.BLOCKS`
     :param start: the input channel that is an estimate already, to which the network's answer is added; None if none is
     """
 
@@ -58,13 +57,12 @@ class SpectralUNet(nn.Module):
         bins: int,
         width: int,
         hidden: int,
-        blocks: str = "convolution",
         start: int | None = None,
     ) -> None:
         super().__init__()
         self.inputs, self.bins, self.outputs, self.start = inputs, bins, outputs, start
         self.mixing = AngularMixing(inputs, bins, hidden, max(MIXED, outputs))
-        self.context = LightUNet(inputs + max(MIXED, outputs), outputs, width, blocks)
+        self.context = LightUNet(inputs + max(MIXED, outputs), outputs, width)
 
     def forward(
         self, features: Float[torch.Tensor, "batch {self.inputs} rows {self.bins}"]

@@ -9,7 +9,7 @@ from torch import nn
 
 from shared.physics.errors import InputError
 from shared.radar import Radar
-from shared.signal.features import ADAPTIVE_CHANNELS, COMPRESSED, COVARIANCE_CHANNELS, PAPER_CHANNELS, ROW_CHANNELS
+from shared.signal.features import ADAPTIVE_CHANNELS, COMPRESSED, COVARIANCE_CHANNELS, PAPER_CHANNELS
 from trainer.networks.attention_unet import AttentionUNet
 from trainer.networks.doa_cnn import LEAST_CHANNELS, DoaCnn
 from trainer.networks.spectral_unet import SpectralUNet
@@ -18,7 +18,6 @@ from trainer.run.configuration import FitConfig
 
 CHANNELS = {
     "adaptive": ADAPTIVE_CHANNELS,
-    "row": ROW_CHANNELS,
     "paper": PAPER_CHANNELS,
     "covariance": COVARIANCE_CHANNELS,
 }
@@ -65,7 +64,7 @@ def _network(config: FitConfig, radar: Radar, channels: NDArray[np.intp]) -> nn.
         return AttentionUNet(inputs, outputs, config.width)
     # The adaptive spectrum is an answer of the "row" target's kind: a magnitude over its row's, compressed alike.
     start = ADAPTIVE_CHANNELS.index(COMPRESSED) if (config.features, config.target) == ("adaptive", "row") else None
-    return SpectralUNet(inputs, outputs, bins, config.width, config.hidden, config.blocks, start)
+    return SpectralUNet(inputs, outputs, bins, config.width, config.hidden, start)
 
 
 def lay_out(network: nn.Module, memory_format: torch.memory_format) -> None:

@@ -17,9 +17,8 @@ Positive = Annotated[FiniteFloat, Field(gt=0)]
 NotNegative = Annotated[FiniteFloat, Field(ge=0)]
 
 Model = Literal["unrolled", "spectral-unet", "attention-unet", "doa-cnn"]
-Features = Literal["snapshots", "adaptive", "row", "paper", "covariance"]
+Features = Literal["snapshots", "adaptive", "paper", "covariance"]
 Target = Literal["row", "paper", "class", "doa"]
-Blocks = Literal["convolution", "convnext"]
 Precision = Literal["32", "bf16"]
 
 FEATURES: dict[str, Features] = {"unrolled": "snapshots", "doa-cnn": "covariance"}
@@ -32,7 +31,6 @@ class FitConfig(BaseModel):
     :param model: network, see :mod:`trainer.networks`
     :param width: channels of the first level of its U-Net; of every convolution of the "doa-cnn"
     :param hidden: units of the spectral network's angular mixing
-    :param blocks: of the spectral network's U-Net, see :mod:`trainer.networks.blocks`
     :param features: input, see :mod:`shared.signal.features`
     :param iterations: of the spectrum among the "adaptive" features; of the "unrolled" network those without weights
     :param learned: iterations of the "unrolled" network with weights
@@ -68,7 +66,6 @@ class FitConfig(BaseModel):
     model: Model = "unrolled"
     width: Few = 12
     hidden: Few = 384
-    blocks: Blocks = "convolution"
     features: Features = "snapshots"
     iterations: Few = 5
     learned: Annotated[int, Field(ge=0, le=64)] = 2
@@ -122,9 +119,9 @@ class FitConfig(BaseModel):
             raise ValueError(f"model 'unrolled' answers target 'row'; got {self.target!r}")
         if self.truth_window not in ANGLE_WINDOWS:
             raise ValueError(f"truth_window = {self.truth_window!r}, expected one of {list(ANGLE_WINDOWS)}")
-        if self.target == "row" and self.features not in ("snapshots", "adaptive", "row"):
+        if self.target == "row" and self.features not in ("snapshots", "adaptive"):
             raise ValueError(
-                f"target 'row' needs the scale that features 'snapshots', 'adaptive' and 'row' take out; "
+                f"target 'row' needs the scale that features 'snapshots' and 'adaptive' take out; "
                 f"got features {self.features!r}"
             )
         if self.target == "paper" and self.rows:

@@ -51,8 +51,7 @@ class Fingerprint(BaseModel):
     :param name: of its folder
     :param sha256: over the shards' own hashes
     :param frames: by split, those that a run trains and validates with, and all of the test split
-    :param scenes: that the frames to train and to validate with are of; None where the dataset, or an earlier release,
-        did not say
+    :param scenes: that the frames to train and to validate with are of; None where the dataset did not say
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -74,25 +73,20 @@ class Fingerprint(BaseModel):
         sha256 = hashlib.sha256(lines.encode()).hexdigest()
         return cls(name=folder_name(directory), sha256=sha256, frames=dict(frames), scenes=scenes)
 
-    @property
-    def data(self) -> Fingerprint:
-        """Without what may be said of the same shards or not: two runs of these have seen the same frames."""
-        return self.model_copy(update={"scenes": None})
-
 
 class Start(BaseModel):
     """Which weights a run began with, if not with random ones.
 
     :param name: of the run's folder
     :param sha256: of its weights' file
-    :param trained_on: datasets that these weights have seen; None where an earlier release did not say
+    :param trained_on: datasets that these weights have seen
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: str
     sha256: str
-    trained_on: tuple[Fingerprint, ...] | None = None
+    trained_on: tuple[Fingerprint, ...]
 
     @classmethod
     def of(cls, directory: Path) -> Start:
@@ -102,11 +96,6 @@ class Start(BaseModel):
             raise InputError(path, "no such file", "the weights of a run that has validated at least once")
         sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
         return cls(name=directory.resolve().name, sha256=sha256, trained_on=read_run(directory).trained_on)
-
-    @property
-    def weights(self) -> Start:
-        """Without what may be said of the same weights or not."""
-        return self.model_copy(update={"trained_on": None})
 
 
 class Run(BaseModel):
@@ -125,16 +114,8 @@ class Run(BaseModel):
 
     @property
     def trained_on(self) -> tuple[Fingerprint, ...]:
-        """The datasets that its weights have seen: its own, and before them those of the run that it began with.
-
-        Where that run does not say them, one stands for them of which nothing is known.
-        """
-        if self.start is None:
-            return self.datasets
-        before = self.start.trained_on
-        if before is None:
-            before = (Fingerprint(name=self.start.name, sha256="", frames={}),)
-        return (*before, *self.datasets)
+        """The datasets that its weights have seen: its own, and before them those of the run that it began with."""
+        return (*(() if self.start is None else self.start.trained_on), *self.datasets)
 
 
 def versions() -> dict[str, str]:
@@ -200,9 +181,9 @@ def load_imager(directory: Path | str) -> tuple[Run, Imager]:
     try:
         with safe_open(path, framework="pt") as file:
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - it is no mapping
-            gain, *digest = (file.metadata() or {}).get(GAIN, "1.0").split()  # earlier releases wrote no checksum
+            gain, digest = (file.metadata() or {}).get(GAIN, "").split()
             imager.gain = float(gain)
-            if digest and digest != [_digest(tensors, gain)]:
+            if digest != _digest(tensors, gain):
                 raise ValueError("its weights are not as they were written")
     except (SafetensorError, OSError, ValueError, AttributeError, MemoryError) as error:
         raise InputError(path, f"not readable as safetensors: {error}", "a whole weights file") from error

@@ -12,7 +12,6 @@ from shared.signal.features import (
     adaptive_features,
     covariance_channels,
     paper_features,
-    row_features,
     snapshot_features,
     steering_weights,
 )
@@ -69,8 +68,6 @@ class Imager(nn.Module):
                 return paper_features(chosen, self.weights), None
             if self.config.features == "covariance":
                 return covariance_channels(chosen), None
-            if self.config.features == "row":
-                return row_features(chosen, self.weights, noise_power, model_error)
             tables = AdaptiveTables(*(self.get_buffer(name) for name in AdaptiveTables._fields))
             iterations, exponent = self.config.iterations, self.config.exponent
             return adaptive_features(chosen, self.weights, noise_power, tables, iterations, exponent, model_error)

@@ -2,16 +2,12 @@
 
 The array enters a network's input through the elements' positions in wavelengths, and nothing else of the radar does:
 
-- chirps, their interval, samples, number of range bins, carrier, TX that take turns: any, exactly. They end in the
-  range-channel matrix, its noise power, and the wavelength.
-- range step: any. A point's echo is as many bins wide at every step. What extends over several bins, a wall or a car,
-  is to the network as much larger or smaller as the bins are.
-- angles: those of the run's images. They are a choice, not a property of the cube.
-- elements: each of the run's needs one of the cube's at its place, in wavelengths and relative to the others, but for a
-  common stretch. The tables are made of the places where the cube's really stand, so that nothing is displaced; the
-  learned weights have seen the run's array alone. The misfit allowed would move an echo at the edge of the image by
-  half a cell of the truth, if the tables were those of the run. The stretch allowed is what changes nothing that can be
-  measured (:data:`MOST_STRETCH`).
+- chirps, their interval, samples, range bins, carrier, TX that take turns: any, exactly;
+- range step: any, exactly for points; what extends over several bins is as much larger or smaller as the bins are;
+- angles: those of the run's images, a choice and no property of the cube;
+- elements: each of the run's needs one of the cube's at its place in wavelengths, but for a common shift and stretch
+  (:func:`position_tolerance`, :data:`MOST_STRETCH`). The tables are made of the places where the cube's really stand,
+  so that nothing is displaced; the learned weights have seen the run's array alone.
 """
 
 from __future__ import annotations

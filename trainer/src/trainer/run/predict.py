@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from shared.physics.errors import InputError
 from shared.signal.tdm import statement
 from trainer.data.measurements import Measurement, Measurements, open_measurements
 from trainer.estimators.fitting import MODEL_ERROR_DB
+from trainer.run.animation import ANIMATION, save_animation
 from trainer.run.answers import Answer, check_method, estimator_answer, network_answer
 from trainer.run.claim import output_folder
 from trainer.run.detection_files import COLUMN, CSV_FILE, check_format, column, write_csv, write_pcd
@@ -31,37 +33,55 @@ from trainer.run.pictures import save_picture
 IMAGES = "images.parquet"
 
 
-def predict(
-    run_directory: Path | None,
-    source: Location | str,
-    out: Path,
-    radar: str | None = None,
-    split: str = "test",
-    pictures: bool = True,
-    announce: Callable[[str], object] = print,
-    points: bool = False,
-    points_format: str = "parquet",
-    method: str | None = None,
-) -> int:
-    """Image every frame into ``out``: ``images.parquet``, and a PNG with DaS beside it; returns the frames imaged.
+@dataclass(frozen=True)
+class PredictRequest:
+    """Which frames are imaged, by what, and what is written.
 
-    :param run_directory: of the network; None with ``method``
+    :param out: a folder, new or empty
+    :param run: folder of the network; None with ``method``
+    :param method: a classical estimator in place of a network, see :data:`trainer.estimators.base.ESTIMATORS`
+    :param radar: of a .npy cube: a preset or a TOML file
     :param split: of a dataset, or "all"
+    :param pictures: a PNG for each frame, with DaS beside it
     :param points: a column ``detections`` as well
     :param points_format: with "csv" also ``detections.csv``, with "pcd" a cloud of each frame
-    :param method: a classical estimator in place of a network, see :data:`trainer.estimators.base.ESTIMATORS`
+    :param animation: also ``animation.gif``
+    :raises InputError: options that do not go together
+    """
+
+    source: Location | str
+    out: Path
+    run: Path | None = None
+    method: str | None = None
+    radar: str | None = None
+    split: str = "test"
+    pictures: bool = True
+    points: bool = False
+    points_format: str = "parquet"
+    animation: bool = False
+
+    def __post_init__(self) -> None:
+        check_format(self.points_format)
+        if self.points_format != "parquet" and not self.points:
+            raise InputError("--points-format", f"{self.points_format!r} without --points", "--points beside it")
+        if self.animation and not self.points:
+            raise InputError("--animation", "without --points", "--points beside it")
+        if (self.run is None) == (self.method is None):
+            problem = "a run and --method" if self.method else "neither a run nor --method"
+            raise InputError("arguments", problem, "one of both")
+        if self.method is not None:
+            check_method(self.method)
+
+
+def predict(request: PredictRequest, announce: Callable[[str], object] = print) -> int:
+    """Image every frame: ``images.parquet``, and what else is asked for; returns the frames imaged.
+
     :raises InputError: a run or input that cannot be read, an array or axes that the run was not trained for
     """
-    check_format(points_format)
-    if points_format != "parquet" and not points:
-        raise InputError("--points-format", f"{points_format!r} without --points", "--points beside it")
-    if (run_directory is None) == (method is None):
-        raise InputError("arguments", "a run and --method" if method else "neither a run nor --method", "one of both")
-    if method is not None:
-        check_method(method)
+    out, points_format = request.out, request.points_format
     with output_folder(out, resume=False):
-        answer, measurements = _open(run_directory, method, source, radar, split, announce)
-        schema, count = _schema(answer, points), 0
+        answer, measurements = _open(request, announce)
+        schema, count = _schema(answer, request.points), 0
         if said := statement(answer.radar):
             announce(said)
         listed: list[tuple[int, Detections]] = []
@@ -75,51 +95,46 @@ def predict(
                     "image": _row(image, schema.field("image").type),
                     "velocity": _row(velocity, schema.field("velocity").type),
                 }
-                if points:
+                if request.points:
                     targets = _detections(answer, images, probability, measurement)
                     row["detections"] = column(targets)
-                    headless = probability is None and method is None
+                    headless = probability is None and request.method is None
                     if points_format == "pcd":
                         write_pcd(out / f"{measurement.name}.pcd", targets)
                     elif points_format == "csv":
                         listed.append((measurement.frame_id, targets))
                 writer.write_table(pa.table(row, schema=schema))
-                if pictures:
+                if request.pictures:
                     _picture(out, answer, measurement, image)
                 count += 1
         if points_format == "csv":
             write_csv(out / CSV_FILE, listed)
+        if request.animation:
+            save_animation(out / IMAGES, out / ANIMATION)
     if headless:
-        announce(f"{run_directory} has no detection head: the detections' probability is null")
-    announce(f"{count} frames of {source} in {out}")
+        announce(f"{request.run} has no detection head: the detections' probability is null")
+    announce(f"{count} frames of {request.source} in {out}")
     return count
 
 
-def _open(
-    run_directory: Path | None,
-    method: str | None,
-    source: Location | str,
-    radar: str | None,
-    split: str,
-    announce: Callable[[str], object],
-) -> tuple[Answer, Measurements]:
+def _open(request: PredictRequest, announce: Callable[[str], object]) -> tuple[Answer, Measurements]:
     """Who answers, and what is asked."""
-    run_and_imager = None if run_directory is None else load_imager(run_directory)
-    found, measurements = open_measurements(source, radar, split)
+    run_and_imager = None if request.run is None else load_imager(request.run)
+    found, measurements = open_measurements(request.source, request.radar, request.split)
     if run_and_imager is None:
-        assert method is not None
-        return estimator_answer(method, found, measurements.dead_channels), measurements
+        assert request.method is not None
+        return estimator_answer(request.method, found, measurements.dead_channels), measurements
     run, imager = run_and_imager
     channels = run.array.channels(run.radar)
     if measurements.dataset:
-        same_radar(run.radar, str(run_directory), found, str(source))
+        same_radar(run.radar, str(request.run), found, str(request.source))
     else:
-        fitted = fitted_imager(run, imager, str(run_directory), found, str(source))
+        fitted = fitted_imager(run, imager, str(request.run), found, str(request.source))
         imager, channels = fitted.imager, fitted.channels
         for remark in fitted.remarks:
             announce(remark)
         if dead := sorted(set(channels.tolist()) & set(measurements.dead_channels)):
-            announce(f"the network looks at channels {dead} of {source}, which are dead")
+            announce(f"the network looks at channels {dead} of {request.source}, which are dead")
     imager.to("cuda" if torch.cuda.is_available() else "cpu")
     return network_answer(run, imager, channels, found), measurements
 

@@ -34,7 +34,7 @@ from trainer.run.configuration import FitConfig
 from trainer.run.folder import METRICS, RUN_FILE, Run, load_imager
 from trainer.run.imager import Imager
 from trainer.training.callbacks import LOSS
-from trainer.training.fit import fit
+from trainer.training.fit import FitRequest, fit
 from trainer.training.frame_scores import image_and_score, score_network
 from trainer.training.recipes import VARIANTS
 from trainer.training.verdict import VERDICT
@@ -119,7 +119,7 @@ def table(
                 if not (folder / VERDICT).is_file():
                     changes = {"steps": steps, "precision": precision, "seed": seed, **VARIANTS[name]}
                     config = FitConfig.model_validate(changes)
-                    fit(datasets, folder, config, array, resume=(folder / RUN_FILE).is_file())
+                    fit(FitRequest(datasets, folder, config, array, resume=(folder / RUN_FILE).is_file()))
             verdicts = [json.loads((folder / VERDICT).read_text(encoding="utf-8")) for folder in folders]
             run, imager = load_imager(folders[0])
             scores = [score_run(*load_imager(folder), datasets) for folder in folders]

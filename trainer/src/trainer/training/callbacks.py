@@ -1,10 +1,11 @@
-"""What a run leaves behind while it trains: metrics, the best weights, a checkpoint, pictures."""
+"""What a run leaves behind while it trains: metrics, best weights, checkpoint, pictures; and how it is ended early."""
 
 from __future__ import annotations
 
 import csv
 import signal
 import threading
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
@@ -15,11 +16,14 @@ from lightning.pytorch import Callback, LightningModule, Trainer
 from lightning.pytorch.loggers import TensorBoardLogger
 
 from shared.dataset.writing import atomic
+from shared.physics.errors import InputError
 from trainer.run.folder import CHECKPOINT, METRICS, save_weights
 from trainer.run.pictures import panel
 from trainer.training.task import ImagingTask
 
 LOSS = "validation_loss"
+RESTORED = {"state_dict", "optimizer_states", "lr_schedulers", "loops", "callbacks"}
+"""Parts of a checkpoint."""
 COLUMNS = ("step", "train_loss", LOSS, "validation_nmse", "validation_gain", "das_nmse")
 
 
@@ -50,8 +54,7 @@ class RunKeeper(Callback):
         return {"least_loss": self.best}
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        # A checkpoint of an earlier release holds the least error of the image, which no loss compares with.
-        self.best = state_dict.get("least_loss", float("inf"))
+        self.best = state_dict["least_loss"]
 
     def on_validation_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         values = {name: float(value) for name, value in trainer.callback_metrics.items()}
@@ -88,6 +91,29 @@ class RunKeeper(Callback):
             if fresh:
                 writer.writeheader()
             writer.writerow(row)
+
+
+def require_checkpoint(path: Path) -> None:
+    """Refuse a damaged checkpoint before anything depends on it: torch does not look at the checksums that it writes.
+
+    :raises InputError: naming the file
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            if (piece := archive.testzip()) is not None:
+                raise ValueError(f"{piece} is damaged")
+        content = torch.load(path, map_location="cpu", weights_only=True)
+        if missing := sorted(RESTORED - set(content)):  # Lightning goes on from the first step without a word
+            raise ValueError(f"no {missing[0]}")
+    except Exception as error:  # torch raises whatever its zip reader and its unpickler come across
+        raise not_restored(path, error) from error
+
+
+def not_restored(path: Path, error: Exception) -> InputError:
+    """A checkpoint that cannot be read, or is of something else, in one line."""
+    reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
+    wanted = "the last checkpoint of this run; without it the run begins anew in another folder"
+    return InputError(path, f"cannot be restored: {reason}", wanted)
 
 
 class Interrupts(Callback):

@@ -8,11 +8,13 @@ import sys
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 import torch
-from lightning.pytorch import LightningDataModule, Trainer
+from lightning.pytorch import LightningDataModule, LightningModule, Trainer
 from lightning.pytorch.callbacks import Callback, EarlyStopping
+from lightning.pytorch.loggers import Logger
 from lightning.pytorch.trainer.states import TrainerStatus
 
 from shared.dataset.locations import Location
@@ -24,8 +26,7 @@ from trainer.run.claim import output_folder
 from trainer.run.configuration import FitConfig
 from trainer.run.folder import CHECKPOINT, RUN_FILE, WEIGHTS, Run, Start, load_imager, read_run, versions, write_run
 from trainer.run.imager import Imager
-from trainer.training.callbacks import LOSS, Interrupts, PictureLogger, RunKeeper
-from trainer.training.checkpoint import not_restored, require_checkpoint
+from trainer.training.callbacks import LOSS, Interrupts, PictureLogger, RunKeeper, not_restored, require_checkpoint
 from trainer.training.datamodule import ImagingData
 from trainer.training.doa import DoaData, DoaTask
 from trainer.training.loggers import TENSORBOARD, check_logger, make_logger
@@ -34,7 +35,7 @@ from trainer.training.task import ImagingTask
 from trainer.training.verdict import judge
 
 NETWORK_FIELDS = (
-    "model", "width", "hidden", "blocks", "features", "iterations", "learned", "detection", "target", "exponent",
+    "model", "width", "hidden", "features", "iterations", "learned", "detection", "target", "exponent",
 )  # fmt: skip
 """What the weights of a run mean depends on these."""
 DEVELOPER_ADVICE = (
@@ -47,148 +48,130 @@ DEVELOPER_ADVICE = (
 """Warnings of Lightning that no user of this package can act on."""
 
 
-def fit(
-    datasets: Sequence[Location | str],
-    out: Path,
-    config: FitConfig,
-    array: str = "sparse6",
-    weights: Sequence[float] | None = None,
-    resume: bool = False,
-    workers: int = 0,
-    check: bool = True,
-    devices: int = 1,
-    announce: Callable[[str], object] = print,
-    start: Path | None = None,
-    logger: str = TENSORBOARD,
-) -> Run:
-    """Train one network, keep it in ``out`` and score it on the test frames (:mod:`trainer.training.verdict`).
+@dataclass(frozen=True)
+class FitRequest:
+    """What is trained on what, and where it is kept.
 
     :param datasets: folders of datasets of one radar, local or by URI; the "doa-cnn" takes only the radar from them
     :param array: see :func:`trainer.data.arrays.choose_array`
     :param weights: share of each dataset in the batches
+    :param start: a run of the same network whose weights training begins with
     :param resume: go on with the run in ``out``, at the batch after its last checkpoint
     :param workers: reading processes
     :param check: hash every shard before training
     :param devices: processes, one a device; torchrun has started as many as it was told to
-    :param start: a run of the same network whose weights training begins with
     :param logger: of the curves, see :mod:`trainer.training.loggers`
+    """
+
+    datasets: Sequence[Location | str]
+    out: Path
+    config: FitConfig
+    array: str = "sparse6"
+    weights: Sequence[float] | None = None
+    start: Path | None = None
+    resume: bool = False
+    workers: int = 0
+    check: bool = True
+    devices: int = 1
+    logger: str = TENSORBOARD
+
+
+def fit(request: FitRequest, announce: Callable[[str], object] = print) -> Run:
+    """Train one network, keep it in ``out`` and score it on the test frames (:mod:`trainer.training.verdict`).
+
     :raises InputError: bad data, a folder that holds another run, a start that is another network
     :raises TrainingStopped: a loss that is not finite, a process that has ended
     :raises KeyboardInterrupt: Ctrl-C; what the last validation left is whole
     """
-    check_logger(logger)
-    devices, machines = launched(devices)
-    first = is_first()
-    with output_folder(out, resume, "an empty or new folder, or --resume") if first else follower():
-        return _fit(
-            datasets,
-            out,
-            config,
-            array,
-            weights,
-            resume,
-            workers,
-            check,
-            devices,
-            machines,
-            announce,
-            first,
-            start,
-            logger,
-        )
+    check_logger(request.logger)
+    launch = launched(request.devices)
+    out, first = request.out, is_first()
+    with output_folder(out, request.resume, "an empty or new folder, or --resume") if first else follower():
+        data = ImagingData(request.datasets, request.weights, request.config, request.workers, request.check)
+        run = _run_of(request, data)
+        online = run.config.model == "doa-cnn"
+        task = (DoaTask if online else ImagingTask)(run.config, run.radar, run.array)
+        if request.start is not None:
+            _begin_with(task.imager, run.config, request.start)
+        if first:
+            _prepare(out, run, request.resume)
+        checkpoint = out / CHECKPOINT if request.resume and (out / CHECKPOINT).is_file() else None
+        if checkpoint is not None:
+            require_checkpoint(checkpoint)
+        if first:
+            announce(_summary(run, task))
+        keeper, interrupts = RunKeeper(out, announce), Interrupts(first)
+        callbacks: list[Callback] = [keeper, interrupts, *([] if online else [PictureLogger()])]
+        with _quiet():
+            trainer = _trainer(run.config, make_logger(request.logger, out), callbacks, launch)
+        source: LightningDataModule = DoaData(run.config, run.radar) if online else data
+        try:
+            with _quiet(), interrupts:
+                trainer.fit(task, datamodule=source, ckpt_path=checkpoint, weights_only=True)
+        except SystemExit:
+            if trainer.state.status != TrainerStatus.INTERRUPTED:
+                raise
+            # Lightning turns Ctrl-C into an exit without a message.
+            raise KeyboardInterrupt from None
+        except InputError:
+            raise
+        except Exception as error:
+            if ended := ended_process(trainer):
+                raise KeyboardInterrupt if interrupts.asked else TrainingStopped(ended) from error
+            if checkpoint is None or keeper.started or out_of_memory(error):
+                raise
+            raise not_restored(checkpoint, error) from error
+        if first and not online and (out / WEIGHTS).is_file():
+            judge(out, request.datasets, announce)
+        return run
 
 
-def _fit(
-    datasets: Sequence[Location | str],
-    out: Path,
-    config: FitConfig,
-    array: str,
-    weights: Sequence[float] | None,
-    resume: bool,
-    workers: int,
-    check: bool,
-    devices: int,
-    machines: int,
-    announce: Callable[[str], object],
-    first: bool,
-    start: Path | None,
-    logger: str,
-) -> Run:
-    """:func:`fit` in a folder that is held.
-
-    :param first: of the processes; it writes
-    """
-    data = ImagingData(datasets, weights, config, workers, check)
-    config = config.model_copy(update={"truth_window": data.truth_window})
-    run = Run(
-        config=config,
+def _run_of(request: FitRequest, data: ImagingData) -> Run:
+    return Run(
+        config=request.config.model_copy(update={"truth_window": data.truth_window}),
         radar=data.radar,
-        array=choose_array(array, data.radar),
+        array=choose_array(request.array, data.radar),
         datasets=data.fingerprints,
-        weights=tuple(weights) if weights else None,
+        weights=tuple(request.weights) if request.weights else None,
         versions=versions(),
-        start=None if start is None else Start.of(start),
+        start=None if request.start is None else Start.of(request.start),
     )
-    online = config.model == "doa-cnn"
-    task = (DoaTask if online else ImagingTask)(config, run.radar, run.array)
-    if start is not None:
-        _begin_with(task.imager, config, start)
-    if first:
-        _prepare(out, run, resume)
-    checkpoint = out / CHECKPOINT if resume and (out / CHECKPOINT).is_file() else None
-    if checkpoint is not None:
-        require_checkpoint(checkpoint, task.state_dict())
-    source: LightningDataModule = DoaData(config, run.radar) if online else data
+
+
+def _summary(run: Run, task: LightningModule) -> str:
     parameters = sum(parameter.numel() for parameter in task.parameters())
     frames = ", ".join(f"{f.name}: {f.frames['train']} + {f.frames['validation']}" for f in run.datasets)
-    if first:
-        announce(f"{config.model}, {parameters} parameters; array {run.array.name}; train + validate frames: {frames}")
-    keeper, interrupts = RunKeeper(out, announce), Interrupts(first)
-    callbacks: list[Callback] = [keeper, interrupts, *([] if online else [PictureLogger()])]
-    if config.patience:
-        callbacks.append(EarlyStopping(LOSS, patience=config.patience))
-    with _quiet():
-        curves = make_logger(logger, out)
-        trainer = Trainer(
-            accelerator="auto",
-            devices=devices,
-            num_nodes=machines,
-            max_epochs=1,
-            max_steps=config.steps,
-            accumulate_grad_batches=config.accumulate,
-            gradient_clip_val=config.clip,
-            val_check_interval=_validation_interval(config) * config.accumulate,
-            check_val_every_n_epoch=None,
-            num_sanity_val_steps=-1,  # all frames before the first step; not of a run that is resumed
-            log_every_n_steps=10,
-            callbacks=callbacks,
-            logger=curves,
-            enable_checkpointing=False,  # RunKeeper's own, written whole or not at all
-            enable_model_summary=False,
-            enable_progress_bar=sys.stderr.isatty(),
-            deterministic=not torch.cuda.is_available(),
-            benchmark=False,
-            use_distributed_sampler=False,  # BatchOrder deals the batches out itself
-        )
-    try:
-        with _quiet(), interrupts:
-            trainer.fit(task, datamodule=source, ckpt_path=checkpoint, weights_only=True)
-    except SystemExit:
-        if trainer.state.status != TrainerStatus.INTERRUPTED:
-            raise
-        # Lightning turns Ctrl-C into an exit without a message.
-        raise KeyboardInterrupt from None
-    except InputError:
-        raise
-    except Exception as error:
-        if ended := ended_process(trainer):
-            raise KeyboardInterrupt if interrupts.asked else TrainingStopped(ended) from error
-        if checkpoint is None or keeper.started or out_of_memory(error):
-            raise
-        raise not_restored(checkpoint, error) from error
-    if first and not online and (out / WEIGHTS).is_file():
-        judge(out, datasets, announce)
-    return run
+    model, array = run.config.model, run.array.name
+    return f"{model}, {parameters} parameters; array {array}; train + validate frames: {frames}"
+
+
+def _trainer(config: FitConfig, curves: Logger | bool, callbacks: list[Callback], launch: tuple[int, int]) -> Trainer:
+    """Lightning's trainer of a run.
+
+    :param launch: (processes of this machine, machines)
+    """
+    stops = [EarlyStopping(LOSS, patience=config.patience)] if config.patience else []
+    return Trainer(
+        accelerator="auto",
+        devices=launch[0],
+        num_nodes=launch[1],
+        max_epochs=1,
+        max_steps=config.steps,
+        accumulate_grad_batches=config.accumulate,
+        gradient_clip_val=config.clip,
+        val_check_interval=_validation_interval(config) * config.accumulate,
+        check_val_every_n_epoch=None,
+        num_sanity_val_steps=-1,  # all frames before the first step; not of a run that is resumed
+        log_every_n_steps=10,
+        callbacks=[*callbacks, *stops],
+        logger=curves,
+        enable_checkpointing=False,  # RunKeeper's own, written whole or not at all
+        enable_model_summary=False,
+        enable_progress_bar=sys.stderr.isatty(),
+        deterministic=not torch.cuda.is_available(),
+        benchmark=False,
+        use_distributed_sampler=False,  # BatchOrder deals the batches out itself
+    )
 
 
 def _begin_with(imager: Imager, config: FitConfig, start: Path) -> None:
@@ -225,11 +208,8 @@ def _prepare(out: Path, run: Run, resume: bool) -> None:
     if not (out / RUN_FILE).is_file():
         raise InputError("--resume", f"{out} holds no run", "the folder of an earlier trainer fit")
     before = read_run(out)
-    for part in ("config", "radar", "array", "weights"):
+    for part in ("config", "radar", "array", "weights", "datasets", "start"):
         _same(out, part, getattr(before, part), getattr(run, part))
-    # An earlier release did not write the scenes, nor what the start was trained on.
-    _same(out, "datasets", *(tuple(fingerprint.data for fingerprint in one.datasets) for one in (before, run)))
-    _same(out, "start", *(None if one.start is None else one.start.weights for one in (before, run)))
     remove_partial(out)
 
 

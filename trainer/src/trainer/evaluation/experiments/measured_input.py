@@ -16,8 +16,7 @@ from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
 from shared.signal.model_error import UNCALIBRATED_DB, model_error_ratio
 from shared.signal.tdm import averaged
-from trainer.captures.matlab_files import read_complex_arrays
-from trainer.captures.numpy_files import read_npy
+from trainer.captures.reading import read_arrays
 from trainer.data.arrays import ArrayChoice
 from trainer.data.measurements import Measurement, open_measurements
 from trainer.estimators.base import LineArray
@@ -116,9 +115,8 @@ def read_snapshot(path: Path) -> NDArray[np.complex128]:
     """
     if not path.is_file() or path.suffix not in (".mat", ".npy"):
         raise InputError("--measured", f"{path}", "a .mat or .npy file with one complex vector, or a cube as .npz")
-    found = {"array": read_npy(path)} if path.suffix == ".npy" else read_complex_arrays(path)
     vectors = {
-        k: np.asarray(v) for k, v in found.items() if np.iscomplexobj(v) and np.size(v) == max(np.shape(v), default=0)
+        k: v for k, v in read_arrays(path).items() if np.iscomplexobj(v) and np.size(v) == max(np.shape(v), default=0)
     }
     if len(vectors) != 1:
         raise InputError(path, f"complex vectors {sorted(vectors)}", "exactly one")

@@ -1,0 +1,233 @@
+"""What the trainer's commands refuse: one line that begins with what is wrong, exit status 2, and nothing written.
+
+One table a command; that of ``evaluate`` stands in ``tests/trainer/evaluation/test_evaluate_refusals.py``.
+"""
+
+from __future__ import annotations
+
+import json
+import shlex
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from captured_cubes import other_radar, write_capture
+from command_line import status
+from numpy.typing import NDArray
+from numpy_bytes import npz, of_array
+from raw_files import CHIRPS
+from small_dataset import make_traced
+from tiny_radar import RADAR, frame, small_dataset, write_dataset
+from tiny_run import make_run
+
+SHAPE = (RADAR.waveform.chirps, RADAR.waveform.samples, RADAR.array.channels)
+RADAR_TOML = "[waveform]\nsamples = 32\nrange_bins = 24\nchirps = 4\n[array]\n" + "".join(
+    f"{name} = {json.dumps(getattr(RADAR.array, name))}\n" for name in ("tx_m", "rx_m")
+)
+
+
+@pytest.fixture(scope="module")
+def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
+    """What the words in brackets of the tables stand for."""
+    made = tmp_path_factory.mktemp("refused")
+    shorter = RADAR.model_copy(update={"array": RADAR.array.model_copy(update={"rx_m": RADAR.array.rx_m[:5]})})
+    cut = frame(0)
+    cut = type(cut)(**{**vars(cut), "range_channel": np.ascontiguousarray(cut.range_channel[..., :5])})
+    (made / "file").write_text("mine")
+    (made / "wrong.toml").write_text("steps = 0\n")
+    (made / "slip.toml").write_text("step = 5\n")
+    (made / "broken.toml").write_text("steps =")
+    (made / "rx9.toml").write_text("rx = [0, 9]")
+    (made / "falling.toml").write_text("rx = [2, 0]")
+    np.save(made / "array.npy", np.zeros((3, 5), complex))
+    np.save(made / "nan.npy", np.full((4, 8, 32), np.nan + 0j))
+    (made / "capture.toml").write_text(f'board = "iwr1642"\n[capture]\n{CHIRPS}\n')
+    (made / "short.bin").write_bytes(bytes(100))
+    (made / "zeros.bin").write_bytes(bytes(2 * 2 * 4 * 2 * 4 * 32))
+    (made / "damaged.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
+    (made / "radar.toml").write_text(RADAR_TOML)
+    return {
+        "data": small_dataset(made / "data"),
+        "other_data": write_dataset(made / "other", {"test": [cut]}, shorter),
+        "untested": write_dataset(made / "untested", {"train": [frame(0)], "validation": [frame(1)]}),
+        "traced": make_traced(made / "traced"),
+        "run": make_run(made / "run"),
+        "cube": write_capture(made / "cube.npz", other_radar()),
+        "chirps": f"--board iwr1642 --radar {made}/capture.toml",
+        "here": made,
+    }
+
+
+FIT = [
+    ("none", "none/manifest.json: no such file"),
+    ("ftp://host/set", "ftp://host/set: scheme 'ftp'"),
+    ("s3://", "s3://: names no bucket"),
+    ("{traced}", "{traced}: holds traced paths and no frames"),
+    ("none --model u-net", "trainer fit: model = 'u-net'"),
+    ("none --steps 0", "trainer fit: steps = 0"),
+    ("none --width 1000000000", "trainer fit: width = 1000000000"),
+    ("none --batch 1000000000", "trainer fit: batch = 1000000000"),
+    ("none --seed 123456789012345678901234567890", "Invalid value for '--seed'"),
+    ("none --target class", "trainer fit: document: model 'unrolled' answers target 'row'"),
+    ("none --features adaptive", "trainer fit: document: model 'unrolled' and features 'snapshots' belong together"),
+    ("none --model spectral-unet --target paper", "trainer fit: document: target 'paper' is normalised per whole"),
+    ("none --model spectral-unet --features paper", "trainer fit: document: target 'row' needs the scale"),
+    ("none --model spectral-unet --features snapshots", "trainer fit: document: model 'unrolled' and features"),
+    ("none --model doa-cnn", "trainer fit: document: model 'doa-cnn', features 'covariance' and target 'doa' belong"),
+    ("none --recipe best", "--recipe: 'best'"),
+    ("none --config {here}/wrong.toml", "trainer fit with {here}/wrong.toml: steps = 0"),
+    ("none --config {here}/slip.toml", "{here}/slip.toml: unknown field 'step'"),
+    ("none --config {here}/broken.toml", "{here}/broken.toml: not readable as TOML"),
+    ("none --logger tensorbord", "--logger: 'tensorbord'"),
+    ("none --out {here}/file/out", "--out: {here}/file/out: Not a directory"),
+    ("{data} --out {here}", "--out: {here} is not empty"),
+    ("{data} --resume", "--array: sparse6 uses RX 15"),
+    ("{data} --array full --resume", "--resume: out holds no run"),
+    ("{data} --array sparse5", "--array: no named array and no file 'sparse5'"),
+    ("{data} --array {here}/rx9.toml", "--array: {here}/rx9.toml uses RX 9"),
+    ("{data} --array {here}/falling.toml", "{here}/falling.toml: "),
+    ("{data} --array {here}/broken.toml", "{here}/broken.toml: not readable as TOML"),
+    ("{data} --array {here}/slip.toml", "{here}/slip.toml: rx = "),
+    ("{data} --array full --recipe doa", "--array: 6 channels; expected at least 9"),
+    ("{data} --array full --width 16000", "network: width = 16000"),
+    ("{data} --weight nan", "--weight: nan"),
+    ("{data} --weight 0", "--weight: 0.0"),
+    ("{data} --weight 1 --weight 2", "--weight: 2 weights for 1 datasets"),
+    ("{data} --frames 1", "{data}: no frame"),
+    ("{data} --array full --from none", "none/weights.safetensors: no such file"),
+    ("{data} --array full --from {run}", "--from: {run} has width = 4"),
+]
+PREDICT = [
+    ("none none", "none: no run.json"),
+    ("{run} none", "INPUT: none"),
+    ("{run} {here}/array.npy", "--radar: not given"),
+    ("{run} {traced}", "{traced}: holds traced paths and no frames"),
+    ("{run} {traced} --split all", "{traced}: holds traced paths and no frames"),
+    ("{run} {untested}", "{untested}: no frames in split 'test'"),
+    ("{run} {other_data}", "{other_data}: radar 'tiny', array.rx_m = 5 positions"),
+    ("none none --out {here}/file/out", "--out: {here}/file/out: Not a directory"),
+    ("{run} {data} --out {here}", "--out: {here} is not empty"),
+    ("{run} {cube} --method iaa", "arguments: 2 paths"),
+    ("{cube}", "arguments: 1 paths"),
+    ("{cube} --method capon", "--method: 'capon'"),
+    ("{cube} --method iaa --pretrained sparse6", "--method: 'iaa' beside --pretrained sparse6"),
+    ("{cube} --pretrained sparse7", "--pretrained: 'sparse7'"),
+    ("{cube} --pretrained sparse6", "{cube}: radar 'other' differs from 'avr-qdm-110'"),
+    ("{run} {data} --points --points-format las", "--points-format: 'las'"),
+    ("{run} {data} --points-format csv", "--points-format: 'csv' without --points"),
+    ("{run} {data} --animation", "--animation: without --points"),
+]
+EXPORT = [
+    ("none --out o.onnx", "none: no run.json"),
+    ("{run} --out network.pt", "--out: network.pt"),
+    ("{run} --out none/network.onnx", "--out: none/network.onnx"),
+]
+EVALUATE = [
+    ("none --bogus", "No such option: --bogus"),
+    ("none --seed 123456789012345678901234567890", "Invalid value for '--seed'"),
+    ("none --methods ''", "--methods: none"),
+    ("none --experiments ,", "--experiments: none"),
+    ("none --measured none.mat", "--measured: none.mat"),
+    ("none --out {here}/file/out", "--out: {here}/file/out: Not a directory"),
+    ("{traced} --arrays full --methods das", "{traced}: holds traced paths and no frames"),
+]
+IMPORT = [
+    ("none.bin --board iwr1843", "CAPTURE: none.bin"),
+    ("none.npy --board iwr1843", "none.npy: no such file of arrays"),
+    ("none.bin --board iwr9", "--board: 'iwr9'"),
+    ("none.bin --board iwr1843 --out cube.npy", "--out: cube.npy"),
+    ("none.bin --board iwr1843 --order q", "--order: 'q'"),
+    ("none.bin --board iwr1843 --frames 1", "--frames: '1'"),
+    ("{here}/array.npy {chirps}", "{here}/array.npy: 0 arrays that fit"),
+    ("{here}/array.npy {chirps} --variable adc", "{here}/array.npy: no array 'adc'"),
+    ("{here}/array.npy {chirps} --axes chirp-time", "--axes: 'chirp-time'"),
+    ("{here}/array.npy {chirps} --axes (tx", "--axes: '(tx'"),
+    ("{here}/array.npy {chirps} --layout 2-lane", "--layout: '2-lane' of {here}/array.npy"),
+    ("{here}/nan.npy {chirps}", "{here}/nan.npy: array has values that are not finite"),
+    ("{here}/nan.npy {chirps} --frames 1:2", "--frames: 1:2 of {here}/nan.npy, which has 1"),
+    ("{here}/short.bin {chirps}", "{here}/short.bin: 100 bytes"),
+    ("{here}/zeros.bin {chirps}", "{here}/zeros.bin: all samples are 0"),
+    ("{here}/damaged.h5 {chirps}", "{here}/damaged.h5: not readable"),
+]
+CALIBRATE = [
+    ("a.bin --board iwr1843 --range 3", "Missing option '--angle'"),
+    ("a.bin b.bin --board iwr1843 --range 3 --angle 1", "arguments: 2 captures, 1 --range and 1 --angle"),
+    ("a.bin --board iwr1843 --range -3 --angle 1", "--range: -3.0"),
+    ("a.bin --board iwr1843 --range 3 --angle 91", "--angle: 91.0"),
+    ("a.bin --board iwr1843 --range 3 --angle 1 --out c", "--out: c"),
+    ("a.bin --board iwr1843 --range 3 --angle 1 --check b", "--check: without all of the three"),
+]
+TABLES = {
+    "fit": FIT, "predict": PREDICT, "export": EXPORT, "evaluate": EVALUATE, "import": IMPORT, "calibrate": CALIBRATE,
+}  # fmt: skip
+OUT = {"import": "out.npz", "calibrate": "out.toml"}
+ROWS = [(command, line, source) for command, table in TABLES.items() for line, source in table]
+
+
+@pytest.mark.parametrize(("command", "line", "source"), ROWS, ids=[f"{row[0]} {row[1]}" for row in ROWS])
+def test_what_is_refused(
+    places: dict[str, object], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch,
+    command: str, line: str, source: str,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    words = shlex.split(line.format(**places))
+    out = [] if "--out" in words else ["--out", OUT.get(command, "out")]
+    code, _, said = status(capsys, monkeypatch, command, *words, *out)
+    assert code == 2, said
+    assert said.startswith(f"trainer: {source.format(**places)}"), said
+    assert said.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+CUBE, RADAR_TEXT = of_array(np.zeros(SHAPE, np.complex64)), of_array(RADAR.model_dump_json())
+HEADER = b"{'descr': '<c8', 'fortran_order': False, 'shape': (1000000, 1000000, 48)}\n"
+
+
+def scrambled(content: bytes) -> bytes:
+    """A .npz whose compressed bytes were changed, its directory left as it was."""
+    place = content.index(b"cube.npy") + 12
+    return content[:place] + bytes(255 - byte for byte in content[place : place + 40]) + content[place + 40 :]
+
+
+def of_radar(radar: object) -> bytes:
+    return npz(cube=CUBE, radar=of_array(radar))
+
+
+def of_cube(cube: NDArray[Any]) -> bytes:
+    return npz(cube=of_array(cube), radar=RADAR_TEXT)
+
+
+CUBES = {
+    "huge.npy": (b"\x93NUMPY\x01\x00" + len(HEADER).to_bytes(2, "little") + HEADER, "not readable: Unable to allocate"),
+    "cut.npy": (CUBE[:-7], "not readable: "),
+    "no archive.npz": (b"PK no archive", "not readable: "),
+    "scrambled.npz": (scrambled(of_cube(np.zeros(SHAPE, np.complex64))), "not readable: "),
+    "objects.npz": (of_cube(np.array([{}], object)), "not readable: "),
+    "without radar.npz": (npz(cube=CUBE), "no array 'radar'"),
+    "channels.npz": (of_cube(np.zeros((4, 32, 5), np.complex64)), "cube is complex64 [4, 32, 5]"),
+    "real.npz": (of_cube(np.zeros(SHAPE)), "cube is float64"),
+    "nan.npz": (of_cube(np.full(SHAPE, np.nan, np.complex64)), "cube has 768 values that are not finite"),
+    "loud.npz": (of_cube(np.full(SHAPE, 1e30, np.complex128)), "cube has samples of 1e+30"),
+    "nested.npz": (of_radar("[" * 100_000), "radar is not JSON"),
+    "numbers.npz": (of_radar(np.arange(3)), "radar is not JSON"),
+    "field.npz": (of_radar('{"chirps": 3}'), "radar: unknown field chirps"),
+    "grid.npz": (of_radar('{"grid": {"bins": 10000000}}'), "radar: grid.bins = 10000000"),
+    "room.npz": (of_radar('{"waveform": {"chirps": 65536, "samples": 1048576}}'), "radar: document: chirps = 65536"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CUBES)
+def test_a_cube_that_is_none(
+    places: dict[str, object], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch,
+    name: str,
+) -> None:  # fmt: skip
+    content, problem = CUBES[name]
+    (tmp_path / name).write_bytes(content)
+    beside = ["--radar", f"{places['here']}/radar.toml"] if name.endswith(".npy") else []
+    command = ["predict", places["run"], tmp_path / name, "--out", tmp_path / "out", *beside]
+    code, _, said = status(capsys, monkeypatch, *command)
+    assert code == 2
+    assert said.startswith(f"trainer: {tmp_path / name}: {problem}"), said
+    assert said.count("\n") == 1
+    assert not (tmp_path / "out").exists()
