@@ -9,7 +9,7 @@ import pytest
 from pxr import Gf, Usd, UsdGeom
 
 from datafactory.scenes.chain import Chain, Operation, Samples
-from datafactory.scenes.readers.notes import Notes
+from datafactory.scenes.readers.common import Notes
 from datafactory.scenes.readers.usd_motion import Frame, Transforms, columns
 from datafactory.scenes.readers.usd_times import Clock
 

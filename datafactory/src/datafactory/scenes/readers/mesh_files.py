@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import logging
-from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,11 +15,8 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from datafactory.scenes.readers.limits import MAXIMUM_TRIANGLES, check_counts, figure
-from datafactory.scenes.readers.local_mesh import LocalMesh
-from datafactory.scenes.readers.meshes import Y_UP_TO_Z_UP
-from datafactory.scenes.readers.notes import Notes
-from datafactory.scenes.readers.scale import note_coarse_vertices, size_remark
+from datafactory.scenes.readers.common import MAXIMUM_TRIANGLES, Notes, check_counts, size_remark
+from datafactory.scenes.readers.meshes import Y_UP_TO_Z_UP, note_coarse_vertices, place_mesh, vertex_spacing_m
 from datafactory.scenes.scene import Scene, SceneObject
 from shared.physics.errors import InputError
 
@@ -74,20 +70,17 @@ def read_mesh_file(path: Path) -> Scene:
         if not isinstance(part, trimesh.Trimesh):
             notes.count(f"# geometries of type {type(part).__name__} ignored (only triangle meshes are used)")
     check_counts(path, "the scene", len(meshes), sum(len(part.faces) for _, _, part in meshes))
-    uses = Counter(id(part) for _, _, part in meshes)
-    local: dict[int, LocalMesh] = {}
+    points: dict[int, NDArray[np.floating]] = {}  # one mesh may be in several places
     objects, spacings = [], []
     for name, in_file, part in meshes:
         with np.errstate(over="ignore", invalid="ignore"):
             matrix = to_world @ in_file
-        if id(part) not in local:
-            local[id(part)] = LocalMesh(_in_file_precision(part, path), part.faces, shared=uses[id(part)] > 1)
-        mesh = local[id(part)]
-        spacings.append(mesh.spacing_m(matrix))
-        vertices, triangles, dropped = mesh.placed(matrix)
-        dropped.add_to(notes)
+        if id(part) not in points:
+            points[id(part)] = _in_file_precision(part, path)
+        spacings.append(vertex_spacing_m(points[id(part)], matrix))
+        vertices, triangles, _ = place_mesh(points[id(part)], part.faces, matrix, notes)
         if len(triangles):
-            objects.append(SceneObject.of(_text(name), vertices, triangles, _material_name(part)))
+            objects.append(SceneObject(_text(name), vertices, triangles, _material_name(part)))
         else:
             notes.count("# meshes without a usable triangle ignored")
     if objects and suffix not in (".glb", ".gltf"):
@@ -167,6 +160,6 @@ def _check_gltf(path: Path, notes: Notes) -> None:
     if unread:
         raise InputError(path, f"uses the glTF extension {unread[0]}", "a file exported without it")
     if largest > 3 * MAXIMUM_TRIANGLES:  # an accessor without a buffer has as many zeros
-        raise InputError(path, f"an accessor of {figure(largest)} elements", f"at most {3 * MAXIMUM_TRIANGLES}")
+        raise InputError(path, f"an accessor of {largest} elements", f"at most {3 * MAXIMUM_TRIANGLES}")
     notes.count("# glTF animations ignored: every object stands still", animations)
     notes.count("# glTF skins ignored: meshes taken in their rest pose", skins)

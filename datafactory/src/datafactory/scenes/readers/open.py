@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from datafactory.scenes.readers.common import AS_WRITTEN, Reading
 from datafactory.scenes.readers.named import SHIPPED_PREFIX, SIONNA_PREFIX, named_file
-from datafactory.scenes.readers.reading import AS_WRITTEN, Reading
 from datafactory.scenes.scene import Scene
 from shared.physics.errors import InputError, meant, require_utf8
 

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.scenes.chain import Samples
-from datafactory.scenes.readers.local_mesh import LocalMesh
-from datafactory.scenes.readers.notes import Notes
+from datafactory.scenes.readers.common import Notes
 from datafactory.scenes.readers.usd_prims import (
     PrimMesh,
     is_solid,
@@ -57,13 +56,15 @@ class PrimFacts:
 class PrimShape:
     """The meshes of one prim: one for each of its material subsets, and one for the rest.
 
-    :param meshes: (name of the subset, "" for the prim itself; its mesh)
+    :param points: [P, 3] in local coordinates, in the precision of the file
+    :param parts: (name of the subset, "" for the prim itself; its triangles [T, 3]); none without a mesh
     :param probes: [P, 3] points between which all others lie
     :param track: samples [K, P, 3] of all points; None where they stay as they are
     :param notes: what was left out of the geometry
     """
 
-    meshes: tuple[tuple[str, LocalMesh], ...]
+    points: NDArray[np.floating]
+    parts: tuple[tuple[str, NDArray[np.int64]], ...]
     probes: NDArray[np.floating]
     notes: Notes
     track: Samples | None = None
@@ -101,10 +102,10 @@ class FactsOfPrims:
     def shape(self, prim: Usd.Prim, shared: bool) -> PrimShape:
         """The meshes of a Mesh or a solid; kept only where they are ``shared``."""
         if not shared:
-            return self._read_shape(prim, shared)
+            return self._read_shape(prim)
         key = source_path(prim)
         if key not in self._shapes:
-            self._shapes[key] = self._read_shape(prim, shared)
+            self._shapes[key] = self._read_shape(prim)
         return self._shapes[key]
 
     def bound_material(self, prim: Usd.Prim) -> tuple[str, bool]:
@@ -168,7 +169,7 @@ class FactsOfPrims:
             raise InputError(self._path, f"{prim.GetPath()}.{name} = {value!r}", expected)
         return value
 
-    def _read_shape(self, prim: Usd.Prim, shared: bool) -> PrimShape:
+    def _read_shape(self, prim: Usd.Prim) -> PrimShape:
         notes = Notes()
         mesh: PrimMesh | None
         track = None
@@ -179,16 +180,17 @@ class FactsOfPrims:
             mesh = solid_mesh(prim, self._start)
             notes.count("# solids change their size: taken as they are at the start", int(size_changes(prim)))
         if mesh is None:
-            return PrimShape((), np.zeros((0, 3)), notes)
-        meshes = []
+            return PrimShape(np.zeros((0, 3)), (), np.zeros((0, 3)), notes)
+        parts = []
         rest = np.ones(len(mesh.triangles), dtype=bool)
         for subset in UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets():
             chosen = rest & np.isin(mesh.faces, whole_numbers(subset.GetIndicesAttr(), self._start))
             rest &= ~chosen
-            meshes.append((subset.GetPrim().GetName(), LocalMesh(mesh.points, mesh.triangles[chosen], shared)))
+            parts.append((subset.GetPrim().GetName(), mesh.triangles[chosen]))
         if rest.any() or not len(rest):
-            meshes.append(("", LocalMesh(mesh.points, mesh.triangles[rest], shared)))
-        return PrimShape(tuple(meshes), mesh.points if track is not None else _corners(mesh.points), notes, track)
+            parts.append(("", mesh.triangles[rest]))
+        probes = mesh.points if track is not None else _corners(mesh.points)
+        return PrimShape(mesh.points, tuple(parts), probes, notes, track)
 
 
 def _corners(points: NDArray[np.floating]) -> NDArray[np.floating]:

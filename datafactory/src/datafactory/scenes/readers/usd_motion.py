@@ -8,7 +8,8 @@ them. Time 0 is the USD stage's start, and seconds are time codes over timeCodes
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from datafactory.scenes.chain import Chain, Factor, Operation, Samples
 from datafactory.scenes.motion import Motion, Moving, Track, looked_at
-from datafactory.scenes.readers.notes import Notes
+from datafactory.scenes.readers.common import Notes
 from datafactory.scenes.readers.usd_facts import source_path
 from datafactory.scenes.readers.usd_prims import whole_numbers
 from datafactory.scenes.readers.usd_samples import attribute_samples, numbers_of
@@ -191,8 +192,8 @@ def _numbers_in(kind: str) -> int:
 
 def instance_frames(
     instancer: UsdGeom.PointInstancer, frame: Frame, transforms: Transforms, predicate: Usd._PrimFlagsPredicate
-) -> list[Frame]:
-    """One frame for each visible instance, in the order of the instancer's arrays.
+) -> Iterator[tuple[Frame, int]]:
+    """One frame for each visible instance, in the order of the instancer's arrays, and how many have its prototype.
 
     :raises ValueError: the arrays contradict one another, or a prototype is missing
     """
@@ -203,10 +204,10 @@ def instance_frames(
     if not all(prototypes):
         raise ValueError("a target of 'prototypes' does not exist")
     if not len(chosen):
-        return []
+        return iter(())
     if not (chosen.min() >= 0 and chosen.max() < len(prototypes)):
         raise ValueError(f"protoIndices run from {chosen.min()} to {chosen.max()} with {len(prototypes)} prototypes")
-    mask = instancer.ComputeMaskAtTime(start) or [True] * len(chosen)
+    shown = np.flatnonzero(instancer.ComputeMaskAtTime(start) or [True] * len(chosen)).tolist()
     local = np.array(
         instancer.ComputeInstanceTransformsAtTime(
             start, start, UsdGeom.PointInstancer.IncludeProtoXform, UsdGeom.PointInstancer.IgnoreMask
@@ -218,13 +219,16 @@ def instance_frames(
     world = transforms.matrix(prim, frame)
     chain_of = _instance_chains(instancer, frame, transforms, prototypes, len(chosen))
     name = frame.name(prim)
-    frames = []
-    for index, prototype in enumerate(chosen.tolist()):
-        if mask[index]:
+    repeats = Counter(chosen[shown].tolist())
+
+    def frames() -> Iterator[tuple[Frame, int]]:
+        for index in shown:
+            prototype = int(chosen[index])
             chain = chain_of(index, prototype)
             matrix = product(world, columns(local[index])) if chain is None else chain.at(0.0)[0]
-            frames.append(Frame(prototypes[prototype], f"{name}[{index}]", matrix, chain, predicate))
-    return frames
+            yield Frame(prototypes[prototype], f"{name}[{index}]", matrix, chain, predicate), repeats[prototype]
+
+    return frames()
 
 
 def _instance_chains(

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.scenes.readers import primitives
-from datafactory.scenes.readers.notes import Notes
+from datafactory.scenes.readers.common import Notes
 from datafactory.scenes.readers.triangulation import triangulate
 from datafactory.scenes.readers.usd_skinning import is_baked
 from datafactory.scenes.usd_library import Usd, UsdGeom, UsdSkel

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.scenes.chain import Samples
-from datafactory.scenes.readers.limits import MAXIMUM_SAMPLED
-from datafactory.scenes.readers.notes import Notes
+from datafactory.scenes.readers.common import MAXIMUM_SAMPLED, Notes
 from datafactory.scenes.readers.usd_times import Clock
 from datafactory.scenes.usd_library import Gf, Usd, UsdGeom
 

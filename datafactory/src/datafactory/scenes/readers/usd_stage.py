@@ -8,10 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.scenes.readers.common import AS_WRITTEN, Notes, Reading, size_remark
 from datafactory.scenes.readers.meshes import Y_UP_TO_Z_UP
-from datafactory.scenes.readers.notes import Notes
-from datafactory.scenes.readers.reading import AS_WRITTEN, Reading
-from datafactory.scenes.readers.scale import size_remark
 from datafactory.scenes.readers.usd_missing import LEFT_OUT, note_missing
 from datafactory.scenes.readers.usd_variants import select_variants
 from datafactory.scenes.scene import Scene

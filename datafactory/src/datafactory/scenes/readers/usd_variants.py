@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 
-from datafactory.scenes.readers.limits import MAXIMUM_NESTING
+from datafactory.scenes.readers.common import MAXIMUM_NESTING
 from datafactory.scenes.usd_library import Usd
 from shared.physics.errors import InputError
 
