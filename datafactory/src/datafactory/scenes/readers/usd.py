@@ -30,10 +30,10 @@ from datafactory.scenes.readers.meshes import note_coarse_vertices, place_mesh, 
 from datafactory.scenes.readers.usd_facts import FactsOfPrims, has_shape
 from datafactory.scenes.readers.usd_labels import UNLABELLED, Labelling
 from datafactory.scenes.readers.usd_motion import Frame, Transforms, check_motion, instance_frames, product
+from datafactory.scenes.readers.usd_samples import Clock
 from datafactory.scenes.readers.usd_skinning import bake_skinning
 from datafactory.scenes.readers.usd_stage import check_sizes, open_usd_stage, usd_stage_to_world
 from datafactory.scenes.readers.usd_targets import model_axes, occupied_below, prim_model
-from datafactory.scenes.readers.usd_times import Clock
 from datafactory.scenes.scene import WORLD_AXES, ZERO, PointTarget, Scene, SceneObject, Vector
 from datafactory.scenes.usd_library import Tf, Usd, UsdGeom
 from shared.physics.errors import InputError

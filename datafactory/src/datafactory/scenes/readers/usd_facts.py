@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +20,12 @@ from datafactory.scenes.readers.usd_prims import (
     solid_mesh,
     whole_numbers,
 )
-from datafactory.scenes.readers.usd_samples import point_track
+from datafactory.scenes.readers.usd_samples import Clock, point_track
 from datafactory.scenes.readers.usd_targets import names_are_targets, target_kind
-from datafactory.scenes.readers.usd_times import Clock
 from datafactory.scenes.usd_library import Sdf, Usd, UsdGeom, UsdShade
 from shared.physics.errors import InputError
+
+Found = TypeVar("Found")
 
 
 @dataclass(frozen=True)
@@ -77,47 +80,36 @@ class FactsOfPrims:
         self._path = path
         self._clock = clock
         self._start = Usd.TimeCode(clock.start)
-        self._facts: dict[Sdf.Path, PrimFacts] = {}
-        self._materials: dict[Sdf.Path, tuple[str, bool]] = {}
-        self._kinds: dict[tuple[Sdf.Path, bool], str | None] = {}
-        self._shapes: dict[Sdf.Path, PrimShape] = {}
+        self._known: dict[tuple[Hashable, ...], Any] = {}
 
     def of(self, prim: Usd.Prim) -> PrimFacts:
         """The facts of one prim.
 
         :raises InputError: a ``radar:`` attribute without a usable value
         """
-        key = source_path(prim)
-        if key not in self._facts:
-            self._facts[key] = self._read(prim)
-        return self._facts[key]
+        return self._once((source_path(prim),), lambda: self._read(prim))
 
     def kind(self, prim: Usd.Prim, by_name: bool) -> str | None:
         """The model of a target that the prim calls for, see :func:`.usd_targets.target_kind`."""
-        key = source_path(prim), by_name
-        if key not in self._kinds:
-            self._kinds[key] = target_kind(self._path, prim, self._start, by_name)
-        return self._kinds[key]
+        key = "kind", source_path(prim), by_name
+        return self._once(key, lambda: target_kind(self._path, prim, self._start, by_name))
 
     def shape(self, prim: Usd.Prim, shared: bool) -> PrimShape:
         """The meshes of a Mesh or a solid; kept only where they are ``shared``."""
         if not shared:
             return self._read_shape(prim)
-        key = source_path(prim)
-        if key not in self._shapes:
-            self._shapes[key] = self._read_shape(prim)
-        return self._shapes[key]
+        return self._once(("shape", source_path(prim)), lambda: self._read_shape(prim))
 
     def bound_material(self, prim: Usd.Prim) -> tuple[str, bool]:
         """Name of the material bound to a prim, "" without one, and whether a binding leads to no material."""
-        key = prim.GetPath()
-        if key not in self._materials:
-            binding = UsdShade.MaterialBindingAPI(prim)
-            bound, _ = binding.ComputeBoundMaterial()
-            leads_nowhere = not bound and bool(binding.GetDirectBindingRel().GetTargets())
-            # Bindings above an instance count too, so that its prims do not have those of the prototype.
-            self._materials[key] = str(bound.GetPrim().GetName()) if bound else "", leads_nowhere
-        return self._materials[key]
+        # Bindings above an instance count too, so that its prims do not have those of the prototype.
+        return self._once(("material", prim.GetPath()), lambda: _bound_material(prim))
+
+    def _once(self, key: tuple[Hashable, ...], read: Callable[[], Found]) -> Found:
+        if key not in self._known:
+            self._known[key] = read()
+        found: Found = self._known[key]
+        return found
 
     def numbers(self, prim: Usd.Prim, name: str, size: int, expected: str) -> NDArray[np.float64]:
         """A custom attribute's value as [size] float64."""
@@ -191,6 +183,13 @@ class FactsOfPrims:
             parts.append(("", mesh.triangles[rest]))
         probes = mesh.points if track is not None else _corners(mesh.points)
         return PrimShape(mesh.points, tuple(parts), probes, notes, track)
+
+
+def _bound_material(prim: Usd.Prim) -> tuple[str, bool]:
+    binding = UsdShade.MaterialBindingAPI(prim)
+    bound, _ = binding.ComputeBoundMaterial()
+    leads_nowhere = not bound and bool(binding.GetDirectBindingRel().GetTargets())
+    return str(bound.GetPrim().GetName()) if bound else "", leads_nowhere
 
 
 def _corners(points: NDArray[np.floating]) -> NDArray[np.floating]:

@@ -20,8 +20,7 @@ from datafactory.scenes.motion import Motion, Moving, Track, looked_at
 from datafactory.scenes.readers.common import Notes
 from datafactory.scenes.readers.usd_facts import source_path
 from datafactory.scenes.readers.usd_prims import whole_numbers
-from datafactory.scenes.readers.usd_samples import attribute_samples, numbers_of
-from datafactory.scenes.readers.usd_times import Clock
+from datafactory.scenes.readers.usd_samples import Clock, attribute_samples, numbers_of
 from datafactory.scenes.usd_library import Sdf, Usd, UsdGeom
 from shared.physics.errors import InputError
 from shared.physics.units import FARTHEST_M, FASTEST_MPS
