@@ -176,7 +176,7 @@ def above_figure(subject: Subject) -> Figure:
     for line in field_of_view(subject):
         axis.plot(line[:, 1], line[:, 0], color=css(SENSOR), linewidth=0.8, linestyle="--")
     for mover in subject.movers():
-        (x, y), (vx, vy) = mover.position[:2], mover.velocity[:2]
+        (x, y, _), (vx, vy, _) = mover.position, mover.velocity
         axis.annotate(
             "",
             (y + vy, x + vx),

@@ -8,12 +8,13 @@ so that coordinates stay small wherever the scene lies in its world.
 from __future__ import annotations
 
 import json
+import math
 from importlib.resources import files
 from typing import Any
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 from trimesh.viewer.notebook import scene_to_html
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
@@ -87,7 +88,7 @@ def page_data(subject: Subject, shown: Shown | None) -> dict[str, Any]:
         "motion": css(MOTION),
         "movers": [
             {"name": item.name, "at": _rounded(item.position), "velocity": _rounded(item.velocity),
-             "speed": round(item.speed_mps, 2)}
+             "speed": round(math.hypot(*item.velocity), 2)}
             for item in subject.movers()
         ],
         "target": css(TARGET),
@@ -118,6 +119,6 @@ def _said(path: ShownPath) -> str:
     return ", ".join(filter(None, parts))
 
 
-def _rounded(places: NDArray[np.float64]) -> Any:
+def _rounded(places: ArrayLike) -> Any:
     """As JSON values, to a millimetre."""
     return np.round(places, DECIMALS).tolist()
