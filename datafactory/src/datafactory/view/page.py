@@ -20,7 +20,6 @@ from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from datafactory.view.colours import KINDS, MOTION, SENSOR, TARGET, css, material_colour
-from datafactory.view.field import field_of_view
 from datafactory.view.strongest import PATHS_SHOWN, Shown, ShownPath, shown_paths
 from datafactory.view.subject import Subject
 
@@ -84,7 +83,7 @@ def page_data(subject: Subject, shown: Shown | None) -> dict[str, Any]:
         "kinds": [] if shown is None else _kinds(shown),
         "not_drawn": 0 if shown is None else shown.not_drawn,
         "sensor": css(SENSOR),
-        "field": [_rounded(line) for line in field_of_view(subject)],
+        "field": [_rounded(line) for line in subject.field_of_view()],
         "motion": css(MOTION),
         "movers": [
             {"name": item.name, "at": _rounded(item.position), "velocity": _rounded(item.velocity),

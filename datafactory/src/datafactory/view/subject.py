@@ -20,6 +20,10 @@ from shared.radar import Radar
 
 Real = NDArray[np.float64]
 
+ARCS_M = (10.0, 20.0, 40.0, 80.0)
+"""Ranges at which the field of view has an arc."""
+ARC_POINTS = 49
+
 
 @dataclass(frozen=True, eq=False)
 class Mover:
@@ -69,6 +73,15 @@ class Subject:
         if any(self.pose.velocity):
             found.append(Mover("sensor", ZERO, triple(np.array(self.pose.velocity) @ self.pose.rotation())))
         return tuple(found)
+
+    def field_of_view(self) -> list[Real]:
+        """Lines [n, 3] round what the image covers, level with the sensor [m]: edges in u, arcs of equal range."""
+        grid, farthest = self.radar.grid, float(self.radar.waveform.ranges_m[-1])
+        azimuth = np.arcsin(np.clip(np.linspace(grid.u_start, grid.u_stop, ARC_POINTS), -1.0, 1.0))
+        arc = np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros_like(azimuth)], axis=1)
+        radii = [radius for radius in ARCS_M if radius < farthest] or [farthest]
+        edges = [np.stack([np.zeros(3), radii[-1] * arc[end]]) for end in (0, -1)]
+        return edges + [radius * arc for radius in radii]
 
     def _seen(self, world: Real) -> Real:
         return (world - np.asarray(self.pose.position)) @ self.pose.rotation()
