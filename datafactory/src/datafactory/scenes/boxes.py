@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 
 from datafactory.scenes.chain import Chain
 from datafactory.scenes.labels import OF_MODELS, OTHER
-from datafactory.scenes.motion import Moving, Track, Vector, drift, upright_axes
+from datafactory.scenes.motion import Moving, Track, Vector, drift, triple, upright_axes
 from datafactory.scenes.poses import Pose
-from datafactory.scenes.scene import WORLD_AXES, PointTarget, Scene, SceneObject, triple
+from datafactory.scenes.scene import WORLD_AXES, PointTarget, Scene, SceneObject
 from datafactory.scenes.targets.models import MODELS
 
 Real = NDArray[np.float64]

@@ -8,6 +8,7 @@ the topmost surface alone: ground under a bridge or a tree is not used.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +37,9 @@ HALF_LENGTH_M, HALF_WIDTH_M = 1.4, 0.8
 """Of the rectangle of a car's wheels, by whose heights it pitches and rolls."""
 
 ROAD_WORDS = frozenset({"road", "street", "lane", "asphalt", "tarmac", "highway", "strasse", "fahrbahn"})
+
+
+Value = TypeVar("Value", bound=np.generic)
 
 
 @dataclass(frozen=True)
@@ -80,6 +84,19 @@ class Ground:
         i = np.floor((x - self.origin[0]) / self.cell_m).astype(np.int64)
         return i, np.floor((y - self.origin[1]) / self.cell_m).astype(np.int64)
 
+    def values_at(
+        self, values: NDArray[Value], x: NDArray[np.float64], y: NDArray[np.float64], beyond: float = 0
+    ) -> NDArray[Value]:
+        """Values [nx, ny] of the cells that the points [...] lie in [m].
+
+        :param beyond: the value outside of the grid
+        """
+        i, j = self.cell_of(x, y)
+        inside = (i >= 0) & (i < values.shape[0]) & (j >= 0) & (j < values.shape[1])
+        found = values[np.where(inside, i, 0), np.where(inside, j, 0)]
+        found[~inside] = beyond
+        return found
+
     def height_at(self, x: float, y: float) -> float:
         """Height of the ground [m] at a point on free ground, bilinear between the cells' centres."""
         at = [(x - self.origin[0]) / self.cell_m - 0.5, (y - self.origin[1]) / self.cell_m - 0.5]
@@ -103,9 +120,8 @@ class Ground:
         Searched in steps of half a cell; beyond the edge of the scene there is no obstacle.
         """
         distance = np.arange(0.5 * self.cell_m, reach_m, 0.5 * self.cell_m)
-        i, j = self.cell_of(x + np.cos(headings_rad)[:, None] * distance, y + np.sin(headings_rad)[:, None] * distance)
-        inside = (i >= 0) & (i < self.obstacle.shape[0]) & (j >= 0) & (j < self.obstacle.shape[1])
-        blocked = inside & self.obstacle[np.where(inside, i, 0), np.where(inside, j, 0)]
+        ahead, aside = np.cos(headings_rad)[:, None] * distance, np.sin(headings_rad)[:, None] * distance
+        blocked = self.values_at(self.obstacle, x + ahead, y + aside)
         return np.where(blocked.any(axis=1), distance[blocked.argmax(axis=1)], np.inf)
 
 

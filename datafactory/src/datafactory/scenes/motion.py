@@ -74,7 +74,7 @@ class Track:
             rates = [np.zeros(3) if rests else rate for rate, rests in zip(rates, slow, strict=True)]
         if all(slow) and not any(place.any() for place in places):
             return None
-        return Track(tuple(float(t) for t in times), tuple(map(_vector, places)), tuple(map(_vector, rates)))
+        return Track(tuple(float(t) for t in times), tuple(map(triple, places)), tuple(map(triple, rates)))
 
     def at(self, time_s: float) -> tuple[Real, Real]:
         """Displacement from time 0 [3] [m], and velocity [3] [m/s]."""
@@ -201,10 +201,11 @@ def upright_axes(forward: Real, up: Real) -> tuple[Vector, Vector, Vector] | Non
             return None
     z = z / length
     rows = np.stack([x, np.cross(z, x), z]) + 0.0
-    one, two, three = map(_vector, rows)
+    one, two, three = map(triple, rows)
     return one, two, three
 
 
-def _vector(values: Real) -> Vector:
+def triple(values: Real) -> Vector:
+    """Three numbers of an array."""
     x, y, z = (float(value) for value in values)
     return x, y, z

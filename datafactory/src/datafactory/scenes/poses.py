@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, TypeAdapter, Val
 from scipy.spatial.transform import Rotation
 
 from datafactory.scenes.ground import Ground, Split
+from datafactory.scenes.motion import Vector
 from datafactory.scenes.views import BEST, view_from
 from shared.physics.errors import InputError
 from shared.physics.units import FARTHEST_M, FASTEST_MPS
@@ -27,8 +28,6 @@ ROAD_PREFERENCE = 0.8
 """Share of the positions drawn on roads, where the split's region has any. The others are drawn on the kerbs."""
 POSITION_TRIES = 32
 YAW_TRIES = 8
-
-Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True)

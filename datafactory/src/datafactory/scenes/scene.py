@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from datafactory.scenes.chain import Chain
 from datafactory.scenes.labels import Label
-from datafactory.scenes.motion import Instant, Motion, Moving, Track, Vector, drift, fastest_mps, upright_axes
+from datafactory.scenes.motion import Instant, Motion, Moving, Track, Vector, drift, fastest_mps, triple, upright_axes
 from datafactory.scenes.targets.models import RcsModel
 from datafactory.scenes.things import Population
 
@@ -228,9 +228,3 @@ def _turned_axes(
     turned = upright_axes(turn @ np.array(axes[0]), turn @ np.array(axes[2]))
     spin = 0.5 * np.array([whirl[2, 1] - whirl[1, 2], whirl[0, 2] - whirl[2, 0], whirl[1, 0] - whirl[0, 1]])
     return turned or axes, triple(spin)
-
-
-def triple(values: NDArray[np.float64]) -> Vector:
-    """Three numbers of an array."""
-    x, y, z = (float(value) for value in values)
-    return x, y, z

@@ -12,9 +12,9 @@ from datafactory.frame.prepared import PreparedScene
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.table import PathTable
 from datafactory.scenes.boxes import seen_things
-from datafactory.scenes.motion import Vector
+from datafactory.scenes.motion import Vector, triple
 from datafactory.scenes.poses import Pose
-from datafactory.scenes.scene import ZERO, triple
+from datafactory.scenes.scene import ZERO
 from datafactory.view.casting import RayCaster
 from shared.radar import Radar
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from datafactory.scenes.scene import Scene
 from shared.physics.errors import InputError
@@ -90,18 +90,17 @@ def check_counts(source: object, what: str, objects: int, triangles: int) -> Non
             raise InputError(source, f"{what} makes {count} {kind}", f"at most {limit}")
 
 
-def size_remark(scene: Scene, remedy: str, always: bool = False) -> str:
-    """The remark on a scene of implausible size; "" for a plausible one.
+def with_remarks(scene: Scene, notes: Notes, remedy: str, always: bool = False) -> Scene:
+    """The scene with the remarks of its reading, among them one on its size where that is implausible.
 
-    :param remedy: what the user should check
-    :param always: return the remark for any size
+    :param remedy: what the user should check then
+    :param always: say the size, whatever it is
     """
-    if not scene.objects and not scene.targets:
-        return ""
-    lower, upper = scene.bounds()
-    sides = upper - lower
-    low, high = PLAUSIBLE_METRES
-    if not (always or sides.max() > high or (scene.objects and sides.max() < low)):
-        return ""
-    text = " x ".join(f"{side:.3g}" for side in sides)
-    return f"the scene measures {text} m (x, y, z): check {remedy}"
+    if scene.objects or scene.targets:
+        lower, upper = scene.bounds()
+        sides = upper - lower
+        low, high = PLAUSIBLE_METRES
+        if always or sides.max() > high or (scene.objects and sides.max() < low):
+            text = " x ".join(f"{side:.3g}" for side in sides)
+            notes.say(f"the scene measures {text} m (x, y, z): check {remedy}")
+    return replace(scene, warnings=notes.sentences())

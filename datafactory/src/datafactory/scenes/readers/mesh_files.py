@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import json
 import logging
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from datafactory.scenes.readers.common import MAXIMUM_TRIANGLES, Notes, check_counts, size_remark
+from datafactory.scenes.readers.common import MAXIMUM_TRIANGLES, Notes, check_counts, with_remarks
 from datafactory.scenes.readers.meshes import Y_UP_TO_Z_UP, note_coarse_vertices, place_mesh, vertex_spacing_m
 from datafactory.scenes.scene import Scene, SceneObject
 from shared.physics.errors import InputError
@@ -87,9 +86,7 @@ def read_mesh_file(path: Path) -> Scene:
         notes.say(f"{suffix} files state no units and no up axis: taken as metres, z up")
     note_coarse_vertices(spacings, notes)
     scene = Scene(path.stem, tuple(objects), source=str(path))
-    if remark := size_remark(scene, "its units, which are taken as metres"):
-        notes.say(remark)
-    return replace(scene, warnings=notes.sentences())
+    return with_remarks(scene, notes, "its units, which are taken as metres")
 
 
 def _placed_geometries(path: Path, source: object) -> list[tuple[str, NDArray[np.float64], trimesh.parent.Geometry]]:

@@ -7,19 +7,17 @@ so.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.scenes.readers import primitives
-from datafactory.scenes.readers.common import Notes, check_counts, size_remark
+from datafactory.scenes.readers.common import Notes, check_counts, with_remarks
 from datafactory.scenes.readers.mesh_files import load_mesh
 from datafactory.scenes.readers.meshes import note_coarse_vertices, place_mesh, vertex_spacing_m
 from datafactory.scenes.readers.mitsuba_xml import Shape, read_shapes
 from datafactory.scenes.scene import Scene, SceneObject
-from shared.physics.errors import InputError
 
 ORIGIN = (0.0, 0.0, 0.0)
 
@@ -35,8 +33,6 @@ def read_mitsuba(path: str | Path, name: str | None = None) -> Scene:
         mesh, more objects or triangles than a scene may hold
     """
     path = Path(path)
-    if not path.is_file():
-        raise InputError(path, "no such file", "an existing Mitsuba XML file")
     notes = Notes()
     objects: list[SceneObject] = []
     spacings: list[float] = []
@@ -59,9 +55,7 @@ def read_mitsuba(path: str | Path, name: str | None = None) -> Scene:
             notes.count("# shapes without a usable triangle ignored")
     note_coarse_vertices(spacings, notes)
     scene = Scene(name or path.stem, tuple(objects), source=str(path))
-    if remark := size_remark(scene, "its units, which are taken as metres"):
-        notes.say(remark)
-    return replace(scene, warnings=notes.sentences())
+    return with_remarks(scene, notes, "its units, which are taken as metres")
 
 
 def _mesh(shape: Shape, known: dict[tuple[str, str], Mesh]) -> Mesh | None:

@@ -24,17 +24,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.scenes.chain import Chain, Samples
-from datafactory.scenes.motion import Motion, Moving
-from datafactory.scenes.readers.common import AS_WRITTEN, MAXIMUM_NESTING, Notes, Reading, check_counts
+from datafactory.scenes.motion import Motion, Moving, Vector
+from datafactory.scenes.readers.common import AS_WRITTEN, MAXIMUM_NESTING, Notes, Reading, check_counts, with_remarks
 from datafactory.scenes.readers.meshes import note_coarse_vertices, place_mesh, vertex_spacing_m
 from datafactory.scenes.readers.usd_facts import FactsOfPrims, has_shape
 from datafactory.scenes.readers.usd_labels import UNLABELLED, Labelling
 from datafactory.scenes.readers.usd_motion import Frame, Transforms, check_motion, instance_frames, product
 from datafactory.scenes.readers.usd_samples import Clock
 from datafactory.scenes.readers.usd_skinning import bake_skinning
-from datafactory.scenes.readers.usd_stage import check_sizes, open_usd_stage, usd_stage_to_world
+from datafactory.scenes.readers.usd_stage import open_usd_stage, usd_stage_to_world
 from datafactory.scenes.readers.usd_targets import model_axes, occupied_below, prim_model
-from datafactory.scenes.scene import WORLD_AXES, ZERO, PointTarget, Scene, SceneObject, Vector
+from datafactory.scenes.scene import WORLD_AXES, ZERO, PointTarget, Scene, SceneObject
 from datafactory.scenes.usd_library import Tf, Usd, UsdGeom
 from shared.physics.errors import InputError
 from shared.physics.units import FARTHEST_M
@@ -66,8 +66,6 @@ def read_usd(path: str | Path, reading: Reading = AS_WRITTEN) -> Scene:
         or a ``radar:`` attribute without a usable value
     """
     path = Path(path)
-    if not path.is_file():
-        raise InputError(path, "no such file", "an existing USD file")
     notes = Notes()
     # USD would print its diagnostics. The trap keeps them for the error's one line or for a counted warning.
     with Tf.DiagnosticTrap() as trap:
@@ -85,8 +83,8 @@ def read_usd(path: str | Path, reading: Reading = AS_WRITTEN) -> Scene:
     if remarks:
         more = f" (and {len(remarks) - 1} more)" if len(remarks) > 1 else ""
         notes.say(f"USD reported: {' '.join(remarks[0].split())}{more}")
-    check_sizes(scene, notes)
-    return replace(scene, warnings=notes.sentences())
+    mixed = any("which USD does not convert" in sentence for sentence in notes.sentences())
+    return with_remarks(scene, notes, "metersPerUnit", always=mixed)
 
 
 def _reason(error: Exception) -> str:

@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.scenes.readers.common import AS_WRITTEN, MAXIMUM_NESTING, Notes, Reading, size_remark
+from datafactory.scenes.readers.common import AS_WRITTEN, MAXIMUM_NESTING, Notes, Reading
 from datafactory.scenes.readers.meshes import Y_UP_TO_Z_UP
 from datafactory.scenes.readers.usd_missing import LEFT_OUT, note_missing
-from datafactory.scenes.scene import Scene
 from datafactory.scenes.usd_library import Usd, UsdGeom
 from shared.physics.errors import InputError
 
@@ -139,10 +138,3 @@ def _note_other_units(usd_stage: Usd.Stage, metres: float, axis: str, notes: Not
         other_axis = top.GetInfo(UsdGeom.Tokens.upAxis) if top.HasInfo(UsdGeom.Tokens.upAxis) else axis
         if other_axis != axis:
             notes.count(f"# layers have {other_axis} up within a stage with {axis} up, which USD does not convert")
-
-
-def check_sizes(scene: Scene, notes: Notes) -> None:
-    """Note the scene's size where it is implausible or units are mixed."""
-    mixed = any("which USD does not convert" in sentence for sentence in notes.sentences())
-    if remark := size_remark(scene, "metersPerUnit", always=mixed):
-        notes.say(remark)
