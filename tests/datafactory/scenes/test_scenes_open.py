@@ -128,6 +128,7 @@ def test_sionna_scenes_are_found_by_name_and_unknown_ones_listed() -> None:
         open_scene("sionna:atlantis")
 
 
+@np.errstate(invalid="ignore")
 def test_placing_counts_each_reason_and_leaves_out_unused_points() -> None:
     points = np.array([[9, 9, 9], [0, 0, 0], [1, 0, 0], [0, 1, 0], [np.inf, 0, 0], [2, 0, 0], [1e30, 0, 0]])
     triangles = np.array([[1, 2, 3], [1, 2, 7], [1, -1, 2], [1, 2, 4], [1, 2, 5], [2, 2, 3], [1, 3, 6]])

@@ -41,11 +41,10 @@ class _Line(BaseModel):
 
     def entry(self) -> _Entry:
         velocity = None if self.vx is None else [self.vx, self.vy, self.vz]
-        # Checked already; the angles of a list have no bounds.
-        return _Entry.model_construct(
-            time=self.time, position=[self.x, self.y, self.z], yaw_deg=self.yaw_deg, pitch_deg=self.pitch_deg,
-            roll_deg=self.roll_deg, velocity=velocity,
-        )  # fmt: skip
+        angles = {"yaw_deg": self.yaw_deg, "pitch_deg": self.pitch_deg, "roll_deg": self.roll_deg}
+        return _Entry.model_validate(
+            {"time": self.time, "position": [self.x, self.y, self.z], **angles, "velocity": velocity}
+        )
 
 
 class _Entry(PoseEntry):

@@ -120,4 +120,4 @@ def _said(path: ShownPath) -> str:
 
 def _rounded(places: ArrayLike) -> Any:
     """As JSON values, to a millimetre."""
-    return np.round(places, DECIMALS).tolist()
+    return np.round(np.asarray(places, dtype=np.float64), DECIMALS).tolist()

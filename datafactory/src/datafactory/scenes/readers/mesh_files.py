@@ -72,8 +72,7 @@ def read_mesh_file(path: Path) -> Scene:
     points: dict[int, NDArray[np.floating]] = {}  # one mesh may be in several places
     objects, spacings = [], []
     for name, in_file, part in meshes:
-        with np.errstate(over="ignore", invalid="ignore"):
-            matrix = to_world @ in_file
+        matrix = to_world @ in_file
         if id(part) not in points:
             points[id(part)] = _in_file_precision(part, path)
         spacings.append(vertex_spacing_m(points[id(part)], matrix))
@@ -124,8 +123,7 @@ def _in_file_precision(mesh: trimesh.Trimesh, path: Path) -> NDArray[np.floating
     properties = mesh.metadata.get("_ply_raw", {}).get("vertex", {}).get("properties", {})
     if path.suffix.lower() not in (".glb", ".gltf", ".stl") and not str(properties.get("x", "")).endswith("f4"):
         return mesh.vertices
-    with np.errstate(over="ignore"):  # an STL of text may hold more than float32 does
-        single = mesh.vertices.astype(np.float32)
+    single = mesh.vertices.astype(np.float32)
     return single if np.array_equal(single, mesh.vertices, equal_nan=True) else mesh.vertices
 
 

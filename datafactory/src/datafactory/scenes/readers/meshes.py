@@ -38,8 +38,7 @@ def place_mesh(
     """
     world = placed(np.asarray(points).reshape(-1, 3), matrix)
     kept = np.asarray(triangles, dtype=np.int64).reshape(-1, 3)
-    with np.errstate(invalid="ignore", over="ignore"):
-        mirrors = np.linalg.det(matrix[:3, :3]) < 0
+    mirrors = np.linalg.det(matrix[:3, :3]) < 0
     kept = kept[:, ::-1] if mirrors else kept
     inside = ((kept >= 0) & (kept < len(world))).all(axis=1)
     notes.count("# triangles with a vertex index out of range dropped", int((~inside).sum()))
@@ -79,8 +78,7 @@ def vertex_spacing_m(points: NDArray[np.floating], matrix: NDArray[np.float64]) 
     largest = np.float32(np.max(np.abs(points), initial=0.0, where=np.isfinite(points)))
     # The largest number has infinity above it: its spacing is that to the number below.
     spacing = float(largest - np.nextafter(largest, np.float32(0.0)))
-    with np.errstate(over="ignore"):
-        found = spacing * float(np.linalg.norm(matrix[:3, :3], ord=2))
+    found = spacing * float(np.linalg.norm(matrix[:3, :3], ord=2))
     return found if np.isfinite(found) else 0.0
 
 

@@ -29,7 +29,7 @@ from datafactory.scenes.readers.common import AS_WRITTEN, MAXIMUM_NESTING, Notes
 from datafactory.scenes.readers.meshes import note_coarse_vertices, place_mesh, vertex_spacing_m
 from datafactory.scenes.readers.usd_facts import FactsOfPrims, has_shape
 from datafactory.scenes.readers.usd_labels import UNLABELLED, Labelling
-from datafactory.scenes.readers.usd_motion import Frame, Transforms, check_motion, instance_frames, product
+from datafactory.scenes.readers.usd_motion import Frame, Transforms, check_motion, instance_frames
 from datafactory.scenes.readers.usd_samples import Clock
 from datafactory.scenes.readers.usd_skinning import bake_skinning
 from datafactory.scenes.readers.usd_stage import open_usd_stage, usd_stage_to_world
@@ -194,10 +194,10 @@ class _Reader:
         below = Usd.PrimRange(prim, inherited.frame.predicate)
         replaced = sum(1 for item in below if item.IsA(UsdGeom.Gprim) or item.IsA(UsdGeom.PointInstancer))
         if kind is None and replaced:
-            occupied = occupied_below(prim, self._start, product(self._to_world, matrix)[:3, :3], axes)
+            occupied = occupied_below(prim, self._start, (self._to_world @ matrix)[:3, :3], axes)
         reason = "a point target (radar:rcs_dbsm)" if kind is None else "the model of a target"
         self._notes.count(f"# geometry prims left out: {reason} stands for them", replaced)
-        x, y, z = (float(value) for value in product(self._to_world, matrix)[:3, 3])
+        x, y, z = (float(value) for value in (self._to_world @ matrix)[:3, 3])
         if not (np.abs([x, y, z]) <= FARTHEST_M).all():
             raise InputError(
                 self._path, f"{prim.GetPath()} stands at ({x}, {y}, {z})", f"a position within {FARTHEST_M:g} m"
@@ -280,7 +280,7 @@ class _Reader:
         if not shape.parts:
             return
         matrix, motion = self._placing(prim, inherited, shape.track)
-        matrix = product(self._to_world, matrix)
+        matrix = self._to_world @ matrix
         label = inherited.labelling.of_shape(prim, inherited.frame, self._transforms, shape.track is not None)
         self._spacings.append(vertex_spacing_m(shape.points, matrix))
         if motion is not None:

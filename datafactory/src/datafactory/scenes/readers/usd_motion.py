@@ -78,7 +78,7 @@ class Transforms:
         if frame.root.IsPseudoRoot():
             return columns(self._cache.GetLocalToWorldTransform(prim))
         relative, _ = self._cache.ComputeRelativeTransform(prim, frame.root)
-        return product(frame.matrix, columns(relative))
+        return frame.matrix @ columns(relative)
 
     def chain(self, prim: Usd.Prim, frame: Frame) -> Chain | None:
         """From the prim's coordinates to the USD stage's, at all times; None where it does not move."""
@@ -224,7 +224,7 @@ def instance_frames(
         for index in shown:
             prototype = int(chosen[index])
             chain = chain_of(index, prototype)
-            matrix = product(world, columns(local[index])) if chain is None else chain.at(0.0)[0]
+            matrix = world @ columns(local[index]) if chain is None else chain.at(0.0)[0]
             yield Frame(prototypes[prototype], f"{name}[{index}]", matrix, chain, predicate), repeats[prototype]
 
     return frames()
@@ -239,8 +239,8 @@ def _instance_chains(
     turning = [transforms.moves(item) for item in prototypes]
     arrays: list[tuple[str, Samples]] = []
     start = Usd.TimeCode(transforms.clock.start)
-    orientations = instancer.GetOrientationsfAttr() if hasattr(instancer, "GetOrientationsfAttr") else None
-    if orientations is None or not orientations.HasAuthoredValue():
+    orientations = instancer.GetOrientationsfAttr()  # finer, and counts more
+    if not orientations.HasAuthoredValue():
         orientations = instancer.GetOrientationsAttr()
     moves = False
     for kind, attribute in (
@@ -273,13 +273,6 @@ def columns(matrix: object) -> NDArray[np.float64]:
     found = np.array(matrix, dtype=np.float64).T
     found[3] = (0.0, 0.0, 0.0, 1.0)
     return found
-
-
-def product(outer: NDArray[np.float64], inner: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The transform ``inner``, then ``outer``; what is infinite or NaN in them stays so."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        product: NDArray[np.float64] = outer @ inner
-    return product
 
 
 def check_motion(source: object, name: str, motion: Motion, points: NDArray[np.floating] = np.zeros((1, 3))) -> None:

@@ -72,9 +72,8 @@ def attribute_samples(attribute: Usd.Attribute, clock: Clock, notes: Notes) -> S
 
     :return: values [K, ...] of the attribute's own shape, quaternions as w, x, y, z
     """
-    spline = attribute.GetSpline() if hasattr(attribute, "HasSpline") and attribute.HasSpline() else None
-    if spline is not None and not attribute.GetTimeSamples():
-        return _of_spline(spline, clock, notes)
+    if attribute.HasSpline() and not attribute.GetTimeSamples():
+        return _of_spline(attribute.GetSpline(), clock, notes)
     codes = [code for code in attribute.GetTimeSamples() if np.isfinite(code)]
     times: list[float] = []
     values: list[NDArray[np.floating]] = []
