@@ -30,18 +30,7 @@ Pattern = Literal["lambertian", "backscattering"]
 
 @dataclass(frozen=True)
 class Material:
-    """The properties of a substance at 77 GHz that the tracer uses.
-
-    :param name: name in the table
-    :param relative_permittivity: real part
-    :param conductivity_s_per_m: [S/m]
-    :param thickness_m: of the slab behind each facet [m]
-    :param scattering_coefficient: S of the effective-roughness model, 0 to 1
-    :param pattern: shape of the diffuse reflection
-    :param source: where the permittivity comes from
-    :param valid_ghz: lower and upper end of the source's range [GHz]
-    :param assumptions: what is not measured at 77 GHz
-    """
+    """What the tracer uses of a :class:`MaterialEntry`; its roughness is S, 0 to 1, however it was stated."""
 
     name: str
     relative_permittivity: float
@@ -183,17 +172,9 @@ class MaterialEntry(BaseModel):
             coefficient = scattering_coefficient_for_sigma0(
                 self.sigma0_db, self.grazing_deg, self.relative_permittivity, self.conductivity, FREQUENCY_HZ
             )
-        return Material(
-            name=name,
-            relative_permittivity=self.relative_permittivity,
-            conductivity_s_per_m=self.conductivity,
-            thickness_m=self.thickness,
-            scattering_coefficient=coefficient,
-            pattern=self.pattern,
-            source=self.source,
-            valid_ghz=(self.valid_ghz[0], self.valid_ghz[1]),
-            assumptions=tuple(self.assumptions),
-        )
+        electrical = self.relative_permittivity, self.conductivity, self.thickness, coefficient
+        lower, upper = self.valid_ghz
+        return Material(name, *electrical, self.pattern, self.source, (lower, upper), tuple(self.assumptions))
 
 
 class MaterialFile(BaseModel):
