@@ -6,9 +6,9 @@ import numpy as np
 from sionna_scenes import MATERIALS
 
 from datafactory.paths.merged_scene import MergedScene, merge_scene
-from datafactory.scenes.chain import Chain, Operation, Samples
+from datafactory.scenes.chain import Chain, Operation, Samples, placed
 from datafactory.scenes.motion import Moving
-from datafactory.scenes.scene import PlacedPoints, Scene, SceneObject
+from datafactory.scenes.scene import Scene, SceneObject
 
 TURN_DEG_PER_S = 40.0
 
@@ -23,8 +23,8 @@ def turning(item: SceneObject, body: str = "body", yaw: float = TURN_DEG_PER_S, 
         )
     )
     points = item.vertices - np.array([8.0, 0.0, 0.0])
-    stored = PlacedPoints(points, np.arange(len(points)), chain.at(0.0)[0])
-    return SceneObject.of(item.name, stored, item.triangles, item.material, motion=Moving(body, chain))
+    vertices, local = placed(points, chain.at(0.0)[0]), (points, np.arange(len(points)))
+    return SceneObject.of(item.name, vertices, item.triangles, item.material, motion=Moving(body, chain), local=local)
 
 
 def merged_of(*objects: SceneObject) -> MergedScene:

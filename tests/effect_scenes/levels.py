@@ -18,7 +18,6 @@ from datafactory.scenes.materials.reflectivity import (
     complex_permittivity,
     fresnel_reflectivity,
     lambertian_sigma0,
-    normal_reflectivity,
 )
 from datafactory.scenes.materials.table import Material, load_materials
 from shared.physics.units import amplitude_to_db, power_to_db
@@ -67,7 +66,7 @@ def plane_rcs_dbsm(range_m: float) -> float:
 def normal_reflection(name: str) -> float:
     """|Gamma| of the half-space at normal incidence."""
     m = material(name)
-    return math.sqrt(normal_reflectivity(m.relative_permittivity, m.conductivity_s_per_m, MID_SWEEP_HZ))
+    return math.sqrt(fresnel_reflectivity(m.relative_permittivity, m.conductivity_s_per_m, MID_SWEEP_HZ, 0.0, "te"))
 
 
 def _smooth_db(name: str) -> float:

@@ -31,7 +31,8 @@ from oracles import relative_error
 from datafactory.frame.points import read_targets
 from datafactory.paths.table import PathTable
 from datafactory.scenes.poses import Pose, read_poses
-from datafactory.scenes.readers.meshes import clean_mesh
+from datafactory.scenes.readers.common import Notes
+from datafactory.scenes.readers.meshes import place_mesh
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import SceneObject
 from datafactory.synthesis.cube import cube_of_paths
@@ -158,8 +159,9 @@ def _degenerate_triangles() -> float:
     vertices = np.concatenate([vertices, needle])
     extra = [[0, 0, 1], [2 * n, 2 * n + 1, 2 * n + 2], [0, n, 1], [2 * n + 3, 2 * n + 4, 2 * n + 5]]
     triangles = np.concatenate([wall.triangles[:1], wall.triangles[1:] + n, extra])
-    vertices, kept, dropped = clean_mesh(vertices, triangles)
-    if dropped.no_area != 3:  # the needle has an area, and is traced
+    notes = Notes()
+    vertices, kept, _ = place_mesh(vertices, triangles, np.eye(4), notes)
+    if notes.sentences() != ("3 triangles without area dropped",):  # the needle has an area, and is traced
         return np.inf
     return _diffuse_level_db(traced([replace(wall, vertices=vertices, triangles=kept)]), traced([wall]))
 
@@ -184,9 +186,12 @@ def _not_a_number() -> float:
     wall = wall_ahead(material="rough")
     bad = np.array([[np.nan, 0.0, 0.0], [np.inf, 0.0, 0.0], [0.0, -np.inf, 0.0]])
     triangles = np.concatenate([wall.triangles, [[0, 1, 4], [1, 2, 5], [2, 3, 6]]])
-    vertices, kept, dropped = clean_mesh(np.concatenate([wall.vertices, bad]), triangles)
+    notes = Notes()
+    vertices, kept, _ = place_mesh(np.concatenate([wall.vertices, bad]), triangles, np.eye(4), notes)
+    if notes.sentences() != ("3 triangles with a NaN or infinite vertex dropped",):
+        return np.inf
     paths = traced([replace(wall, vertices=vertices, triangles=kept)])
-    return float(abs(dropped.not_finite - 3) + abs(len(kept) - 2) + not_finite_paths(paths) + (len(paths) == 0))
+    return float(abs(len(kept) - 2) + not_finite_paths(paths) + (len(paths) == 0))
 
 
 def _flipped() -> float:

@@ -9,9 +9,9 @@ import pytest
 from pxr import Gf, Usd, UsdGeom
 
 from datafactory.scenes.chain import Chain, Operation, Samples
-from datafactory.scenes.readers.notes import Notes
+from datafactory.scenes.readers.common import Notes
 from datafactory.scenes.readers.usd_motion import Frame, Transforms, columns
-from datafactory.scenes.readers.usd_times import Clock
+from datafactory.scenes.readers.usd_samples import Clock
 
 CODES = (0.0, 3.0, 4.5, 20.0)  # non-uniform keys, 10 codes a second
 STEP_S = 1e-6

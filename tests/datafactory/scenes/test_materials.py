@@ -18,7 +18,6 @@ from datafactory.scenes.materials.reflectivity import (
     VACUUM_PERMITTIVITY,
     fresnel_reflectivity,
     lambertian_sigma0,
-    normal_reflectivity,
     scattering_coefficient_for_sigma0,
 )
 from datafactory.scenes.materials.table import FREQUENCY_HZ, load_materials
@@ -153,7 +152,6 @@ def test_reflectivity_is_a_fraction(permittivity, conductivity, angle, polarizat
 def test_polarisations_agree_at_normal_incidence(permittivity, conductivity):
     te, tm = (fresnel_reflectivity(permittivity, conductivity, FREQUENCY_HZ, 0.0, kind) for kind in ("te", "tm"))
     assert float(te) == pytest.approx(float(tm), rel=1e-9)
-    assert normal_reflectivity(permittivity, conductivity, FREQUENCY_HZ) == pytest.approx(float(te))
 
 
 @given(permittivities)
@@ -162,12 +160,9 @@ def test_brewster_angle_has_no_tm_reflection(permittivity):
     assert float(fresnel_reflectivity(permittivity, 0.0, FREQUENCY_HZ, brewster, "tm")) < 1e-12
 
 
-def test_lossless_reflectivity_is_the_textbook_one():
-    assert normal_reflectivity(4.0, 0.0, FREQUENCY_HZ) == pytest.approx(1.0 / 9.0)
-
-
-def test_metal_reflects_everything():
-    assert normal_reflectivity(1.0, 1e7, FREQUENCY_HZ) == pytest.approx(1.0, abs=2e-3)
+def test_a_lossless_substance_reflects_as_the_textbook_says_and_metal_everything():
+    assert fresnel_reflectivity(4.0, 0.0, FREQUENCY_HZ, 0.0, "te") == pytest.approx(1.0 / 9.0)
+    assert fresnel_reflectivity(1.0, 1e7, FREQUENCY_HZ, 0.0, "te") == pytest.approx(1.0, abs=2e-3)
 
 
 @given(st.floats(-60.0, -35.0), st.floats(3.0, 90.0), st.sampled_from(["te", "tm"]))
@@ -241,11 +236,11 @@ def test_unknown_names_get_the_default_and_are_listed():
     mapping = TABLE.map_materials(["white", "brick", "", "white"])
     assert mapping.unknown == ("white", "")
     assert mapping["white"].name == "concrete"
-    assert [row[:3] for row in mapping.describe()] == [
-        ("white", "concrete", "default"),
-        ("brick", "brick", "name"),
-        ("(none)", "concrete", "default"),
-    ]
+    assert mapping.to_json()["names"] == {
+        "white": {"material": "concrete", "rule": "default"},
+        "brick": {"material": "brick", "rule": "name"},
+        "": {"material": "concrete", "rule": "default"},
+    }
     stored = json.loads(json.dumps(mapping.to_json()))
     assert stored["names"]["brick"] == {"material": "brick", "rule": "name"}
     assert stored["materials"]["brick"]["relative_permittivity"] == 4.06
@@ -322,24 +317,16 @@ def test_file_can_state_a_backscatter_instead_of_a_coefficient(tmp_path):
     ("text", "message"),
     [
         ("[material.brick\n", "malformed TOML"),
-        ("[materials.brick]\n", "unknown key materials; expected one of material, map, default"),
+        ("[materials.brick]\n", "unknown field materials; expected one of material, map, default"),
         (
             "[material.brick]\nconductance = 1.0",
-            r"unknown key material\.brick\.conductance; expected one of relative_p",
+            r"unknown field material\.brick\.conductance; expected one of relative_p",
         ),
         (
             "[material.brick]\nrelative_permittivity = 0.5",
             r"material\.brick\.relative_permittivity = 0\.5; expected input",
         ),
-        (
-            "[material.brick]\nconductivity = nan",
-            r"material\.brick\.conductivity = nan; expected input should be a fin",
-        ),
         ("[material.brick]\nconductivity = '1'", r"material\.brick\.conductivity = '1'; expected"),
-        (
-            "[material.brick]\nscattering_coefficient = 1.5",
-            r"scattering_coefficient = 1\.5; expected input should be less",
-        ),
         ("[material.brick]\npattern = 'shiny'", r"pattern = 'shiny'; expected input should be 'lambertian' or"),
         (
             "[material.brick]\nsigma0_db = -20.0",
@@ -353,7 +340,6 @@ def test_file_can_state_a_backscatter_instead_of_a_coefficient(tmp_path):
         ),
         ("[map]\nwall = 'jelly'", r"map\.wall = 'jelly'; expected one of concrete, brick"),
         ("default = 'jelly'", "default = 'jelly'; expected one of concrete"),
-        ("default = 3", "default = 3; expected input should be a valid string"),
     ],
 )
 def test_bad_files_are_refused_in_one_line(tmp_path, text, message):

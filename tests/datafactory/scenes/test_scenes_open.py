@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from datafactory.scenes.readers.meshes import clean_mesh, place_mesh
+from datafactory.scenes.readers.common import Notes
+from datafactory.scenes.readers.meshes import place_mesh
 from datafactory.scenes.readers.named import shipped_scenes, sionna_scenes
 from datafactory.scenes.readers.open import KNOWN_SUFFIXES, open_scene
 from shared.physics.errors import InputError
@@ -127,32 +128,38 @@ def test_sionna_scenes_are_found_by_name_and_unknown_ones_listed() -> None:
         open_scene("sionna:atlantis")
 
 
-def test_cleaning_counts_each_reason_and_drops_unused_vertices() -> None:
-    vertices = np.array([[9, 9, 9], [0, 0, 0], [1, 0, 0], [0, 1, 0], [np.inf, 0, 0], [2, 0, 0]])
-    triangles = np.array([[1, 2, 3], [1, 2, 6], [1, -1, 2], [1, 2, 4], [1, 2, 5], [2, 2, 3]])
-    kept, faces, dropped = clean_mesh(vertices, triangles)
-    np.testing.assert_array_equal(kept, vertices[[1, 2, 3]])
+@np.errstate(invalid="ignore")
+def test_placing_counts_each_reason_and_leaves_out_unused_points() -> None:
+    points = np.array([[9, 9, 9], [0, 0, 0], [1, 0, 0], [0, 1, 0], [np.inf, 0, 0], [2, 0, 0], [1e30, 0, 0]])
+    triangles = np.array([[1, 2, 3], [1, 2, 7], [1, -1, 2], [1, 2, 4], [1, 2, 5], [2, 2, 3], [1, 3, 6]])
+    notes = Notes()
+    vertices, faces, used = place_mesh(points, triangles, np.eye(4), notes)
+    np.testing.assert_array_equal(used, [1, 2, 3])
+    np.testing.assert_array_equal(vertices, points[used])
     np.testing.assert_array_equal(faces, [[0, 1, 2]])
-    assert (dropped.out_of_range, dropped.not_finite, dropped.no_area) == (2, 1, 2)
-    assert (kept.dtype, faces.dtype) == (np.float64, np.int32)
+    assert notes.sentences() == (
+        "2 triangles with a vertex index out of range dropped",
+        "1 triangles with a NaN or infinite vertex dropped",
+        "1 triangles with a vertex beyond 1e+09 m dropped",
+        "2 triangles without area dropped",
+    )
+    assert (vertices.dtype, faces.dtype) == (np.float64, np.int32)
 
 
-def test_cleaning_keeps_thin_and_small_triangles() -> None:
+def test_thin_and_small_triangles_stay_and_nothing_gives_nothing() -> None:
     thin = np.array([[0, 0, 0], [1000.0, 0, 0], [500.0, 1e-6, 0]])
-    assert len(clean_mesh(thin, np.array([[0, 1, 2]]))[1]) == 1
-    assert len(clean_mesh(thin[[0, 1, 2]] * 1e-9, np.array([[0, 1, 2]]))[1]) == 1
-
-
-def test_cleaning_nothing_gives_nothing() -> None:
-    kept, faces, _ = clean_mesh(np.empty((0, 3)), np.empty((0, 3), dtype=np.int64))
-    assert (kept.shape, faces.shape) == ((0, 3), (0, 3))
+    for points in (thin, thin * 1e-9):
+        assert len(place_mesh(points, np.array([[0, 1, 2]]), np.eye(4), Notes())[1]) == 1
+    vertices, faces, _ = place_mesh(np.empty((0, 3)), np.empty((0, 3), dtype=np.int64), np.eye(4), Notes())
+    assert (vertices.shape, faces.shape) == ((0, 3), (0, 3))
 
 
 def test_a_mirror_reverses_the_winding_and_a_rotation_does_not() -> None:
     box = trimesh.creation.box()
     for diagonal, scale in (((-1, 1, 1, 1), 1), ((-1, -1, 1, 1), 1), ((-2, -2, -2, 1), 8)):
-        placed, faces = place_mesh(box.vertices, box.faces, np.diag(np.array(diagonal, dtype=np.float64)))
-        assert volume(placed, faces) == pytest.approx(scale)
+        matrix = np.diag(np.array(diagonal, dtype=np.float64))
+        vertices, faces, _ = place_mesh(box.vertices, box.faces, matrix, Notes())
+        assert volume(vertices, faces) == pytest.approx(scale)
 
 
 @pytest.mark.parametrize("name", [[], {}, 3, "\ud800"])

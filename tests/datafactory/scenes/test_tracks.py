@@ -136,8 +136,8 @@ def test_table_and_list_are_the_same_track(tmp_path: Path) -> None:
     [
         ("", r"is empty; expected a line of names, time,x,y,z,yaw_deg\[,pitch_deg\]"),
         ("time,x,y,z\n0,0,0,0\n", "line 1: no column 'yaw_deg'"),
-        ("time,x,y,z,yaw_deg,speed\n", "line 1: unknown column 'speed'; expected some of time, x"),
-        ("time,x,x,y,z,yaw_deg\n", "line 1: the column 'x' is there twice"),
+        ("time,x,y,z,yaw_deg,speed\n", "line 1: column 'speed' unknown; expected some of time, x"),
+        ("time,x,x,y,z,yaw_deg\n", "line 1: column 'x' twice"),
         ("time,x,y,z,yaw_deg,vx\n", "line 1: no column 'vy'"),
         ("time,x,y,z,yaw_deg\n", "0 poses; expected at least two"),
         ("time,x,y,z,yaw_deg\n0,0,0,0,0\n", "1 pose; expected at least two"),
@@ -163,11 +163,11 @@ def test_a_bad_table_is_refused_in_one_line(tmp_path: Path, text: str, message: 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("{}", "holds dict, not a list"),
+        ("{}", "expected input should be a valid list"),
         ("[]", "the list is empty"),
-        ('[{"position": [0, 0, 1]}]', r"entry 0\.time missing; expected \[\{"),
-        ('[{"time": 0}]', r"entry 0\.position missing; expected \[x, y, z\] in metres"),
-        ('[{"time": 0, "position": [0, 0, 1], "yaw": 3}]', r"unknown key entry 0\.yaw"),
+        ('[{"position": [0, 0, 1]}]', r"entry 0\.time missing; expected field required, as in \[\{"),
+        ('[{"time": 0}]', r"entry 0\.position missing; expected field required"),
+        ('[{"time": 0, "position": [0, 0, 1], "yaw": 3}]', r"unknown field entry 0\.yaw"),
         ('[{"time": "0", "position": [0, 0, 1]}]', r"entry 0\.time = '0'"),
         ('[{"time": 0, "position": [0, 0, 1]}, {"time": 0, "position": [0, 0, 1]}]', "entry 1, time = 0 after 0"),
         (

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from usd_files import CUBE, METRES_Z_UP, TWINS, Twin, read, translated, write_usda
 
+from datafactory.scenes.readers.common import Reading, parse_variants
 from datafactory.scenes.readers.open import open_scene
-from datafactory.scenes.readers.reading import Reading, parse_variants
 from shared.physics.errors import InputError
 
 BOX = f"""def Mesh "box" (prepend apiSchemas = ["MaterialBindingAPI"]) {{

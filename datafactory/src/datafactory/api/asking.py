@@ -34,8 +34,8 @@ from datafactory.run.order import Order, TracedFolder
 from datafactory.scenes.drives import WORD, Drives, parse_drives
 from datafactory.scenes.materials.table import MaterialTable, load_materials
 from datafactory.scenes.poses import Pose, read_poses
+from datafactory.scenes.readers.common import Reading, parse_variants
 from datafactory.scenes.readers.open import open_scene
-from datafactory.scenes.readers.reading import Reading, parse_variants
 from datafactory.scenes.scene import Scene
 from datafactory.scenes.track_files import read_track
 from datafactory.scenes.traffic.asked import Asked, parse_populate

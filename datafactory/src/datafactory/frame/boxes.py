@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from datafactory.paths.table import PathTable
 from datafactory.scenes.boxes import SeenThing
-from datafactory.scenes.scene import triple
+from datafactory.scenes.motion import triple
 from shared.dataset import Box
 from shared.radar import Radar
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,15 +13,15 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from datafactory.view.camera import camera_picture, draw_camera
-from datafactory.view.cameras import Cameras, stored_picture
+from datafactory.view.camera import draw_camera
+from datafactory.view.cameras import Cameras, seen
 from shared.dataset import Frame
 from shared.dataset.folder import Dataset
 from shared.dataset.locations import Location
 from shared.dataset.reading import radar_of, read_frame
 from shared.dataset.writing import write_bytes
 from shared.physics.errors import figure_text
-from shared.pictures import LEVEL_LABEL, draw_levels, range_weighted_db
+from shared.pictures import LEVEL_LABEL, any_name, draw_levels, range_weighted_db
 from shared.radar import Radar
 from shared.signal.imaging import delay_and_sum
 
@@ -94,13 +93,12 @@ def _film(
     """The GIF of some frames; 0 dB is the maximum of the truth of all of them."""
     frames = [read_frame(shard, row, columns=("range_channel", "image")) for shard, row in rows]
     brightest = np.maximum.reduce([_truth(frame) for frame in frames])
-    first = _seen(dataset, frames[0], cameras)
+    first = seen(dataset, frames[0], cameras)
     figure = Figure(figsize=(7.0 if first is None else 11.5, 4.6), layout="constrained", dpi=DOTS_PER_INCH)
     FigureCanvasAgg(figure)
     axes = figure.subplots(1, 2 if first is None else 3, width_ratios=[1.0, 1.0] if first is None else [1.0, 1.0, 1.5])
     # The writer tells the format by the file's name, and leaves half a file where it fails.
-    with TemporaryDirectory() as scratch, warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph .* missing from font")  # a scene's name may be of any script
+    with TemporaryDirectory() as scratch, any_name():
         film = Path(scratch) / "film.gif"
         writer = PillowWriter(fps=_pictures_a_second(frames))
         with writer.saving(figure, str(film), DOTS_PER_INCH):
@@ -116,7 +114,7 @@ def _film(
                 if number == 0:
                     axes[0].set_ylabel("range [m]")
                     figure.colorbar(drawn, ax=axes[:2], label=f"{LEVEL_LABEL}, 0 dB: the truth's maximum")
-                if first is not None and (picture := _seen(dataset, frame, cameras)) is not None:
+                if first is not None and (picture := seen(dataset, frame, cameras)) is not None:
                     axes[2].clear()
                     draw_camera(axes[2], picture)
                     axes[2].set_title("camera at the sensor")
@@ -132,14 +130,6 @@ def _film(
 def _truth(frame: Frame) -> NDArray[np.float32]:
     """[R, U] magnitudes of a frame's truth [sqrt(W)]."""
     return frame.image * np.float32(frame.image_peak)
-
-
-def _seen(dataset: Dataset, frame: Frame, cameras: Cameras | None) -> NDArray[np.uint8] | None:
-    """What a camera sees of a frame; None where no picture was written and none is to be made."""
-    picture = stored_picture(dataset, frame.frame_id)
-    if picture is None and cameras is not None and (subject := cameras.subject(frame)) is not None:
-        picture = camera_picture(subject)
-    return picture
 
 
 def _pictures_a_second(frames: Sequence[Frame]) -> int:

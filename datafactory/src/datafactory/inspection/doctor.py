@@ -75,19 +75,14 @@ def examine() -> list[Finding]:
     return [
         _python(),
         *examine_names(),
-        _package("numba"),
-        _package("usd-core"),
-        _package("mitsuba"),
-        _package("drjit"),
-        _package("sionna-rt"),
-        _package("pyarrow"),
+        *(_package(name) for name in ("numba", "usd-core", "mitsuba", "drjit", "sionna-rt", "pyarrow")),
         _package("torch", required=False),
         *_gpu(cuda_device()),
         _llvm(),
         _variant(),
-        _cores(),
-        _memory(),
-        _disk(),
+        Finding("CPU cores", f"{usable_cores()} usable of {os.cpu_count()}", True, required=False),
+        _amount("memory", usable_memory, MINIMUM_MEMORY_GIB, "fewer --workers, or a larger machine"),
+        _amount("free disk space", _free_disk, MINIMUM_DISK_GIB, "make room, or give --out on another disk"),
     ]
 
 
@@ -165,24 +160,14 @@ def _outcome(script: str, *arguments: str) -> tuple[str, str]:
     return "", (done.stdout.strip().splitlines() or [""])[-1]
 
 
-def _cores() -> Finding:
-    return Finding("CPU cores", f"{usable_cores()} usable of {os.cpu_count()}", True, required=False)
+def _free_disk() -> int:
+    return shutil.disk_usage(os.getcwd()).free
 
 
-def _amount(item: str, measure: Callable[[], float], minimum_gib: float, remedy: str) -> Finding:
+def _amount(item: str, measure: Callable[[], int], minimum_gib: float, remedy: str) -> Finding:
     try:
-        gib = measure()
+        gib = measure() / _GIB
     except (ImportError, OSError) as error:
         return Finding(item, f"cannot be told: {error}", False, "pip install psutil", required=False)
     ok = gib >= minimum_gib
-    return Finding(item, f"{gib:.1f} GiB", ok, "" if ok else remedy, required=False)
-
-
-def _memory() -> Finding:
-    remedy = f"at least {MINIMUM_MEMORY_GIB:g} GiB: fewer --workers, or a larger machine"
-    return _amount("memory", lambda: usable_memory() / _GIB, MINIMUM_MEMORY_GIB, remedy)
-
-
-def _disk() -> Finding:
-    remedy = f"at least {MINIMUM_DISK_GIB:g} GiB free here: make room, or give --out on another disk"
-    return _amount("free disk space", lambda: shutil.disk_usage(os.getcwd()).free / _GIB, MINIMUM_DISK_GIB, remedy)
+    return Finding(item, f"{gib:.1f} GiB", ok, "" if ok else f"at least {minimum_gib:g} GiB: {remedy}", required=False)

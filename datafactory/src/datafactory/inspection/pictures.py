@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -12,15 +11,14 @@ from matplotlib.image import AxesImage
 from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
-from datafactory.view.camera import camera_picture, draw_camera
-from datafactory.view.cameras import Cameras, stored_picture
+from datafactory.view.camera import draw_camera
+from datafactory.view.cameras import Cameras, seen
 from shared.dataset import Box, Frame
 from shared.dataset.boxes import footprint, range_and_u
 from shared.dataset.folder import Dataset
 from shared.dataset.reading import radar_of, read_frame
-from shared.dataset.writing import atomic
 from shared.physics.errors import InputError, figure_text
-from shared.pictures import LEVEL_LABEL, draw_from_above, draw_levels, range_weighted_db
+from shared.pictures import LEVEL_LABEL, draw_from_above, draw_levels, range_weighted_db, save_figure
 from shared.radar import Radar
 from shared.radar.arrays import AVR_QDM_110_THINNED_RX
 from shared.signal.imaging import delay_and_sum
@@ -57,13 +55,7 @@ def write_pictures(dataset: Dataset, count: int, folder: Path, cameras: Cameras 
     for split, shard, row in (rows[index] for index in chosen):
         frame = read_frame(shard, row, columns=("range_channel", "image", "targets", "boxes"))
         path = folder / f"frame-{frame.frame_id:06d}.png"
-        camera = stored_picture(dataset, frame.frame_id)
-        if camera is None and cameras is not None and (subject := cameras.subject(frame)) is not None:
-            camera = camera_picture(subject)
-        # No software version in the file: the same frame gives the same bytes.
-        with atomic(path) as partial, warnings.catch_warnings():
-            warnings.filterwarnings("ignore", "Glyph .* missing from font")  # a scene's name may be of any script
-            draw_frame(frame, radar, split, camera).savefig(partial, format="png", dpi=150, metadata={"Software": None})
+        save_figure(draw_frame(frame, radar, split, seen(dataset, frame, cameras)), path, dpi=150)
         pictures.append(path)
     return pictures
 
@@ -95,8 +87,8 @@ def draw_frame(frame: Frame, radar: Radar, split: str = "", camera: NDArray[np.u
     if camera is None:
         plane = figure.add_subplot(grid[:, -1])
     else:
-        draw_camera(seen := figure.add_subplot(grid[0, -1]), camera)
-        seen.set_title("camera at the sensor")
+        draw_camera(above := figure.add_subplot(grid[0, -1]), camera)
+        above.set_title("camera at the sensor")
         plane = figure.add_subplot(grid[1, -1])
     draw_from_above(plane, levels[TRUTH_TITLE], waveform.range_step_m, angles.u)
     _mark_targets(plane, frame)

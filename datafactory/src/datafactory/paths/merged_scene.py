@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.scenes.materials.table import Material, MaterialMapping
-from datafactory.scenes.motion import Moving, Track, drift
+from datafactory.scenes.motion import Moving, Track, Vector, drift, triple
 from datafactory.scenes.poses import Pose
-from datafactory.scenes.scene import ZERO, PointTarget, Scene, SceneObject, Vector, triple
+from datafactory.scenes.scene import ZERO, PointTarget, Scene, SceneObject
 from shared.physics.vectors import taken
 
 Real = NDArray[np.float64]

@@ -11,7 +11,7 @@ walks by its skeleton alone.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -19,10 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.scenes.chain import Chain
-from datafactory.scenes.labels import Parts, parts_of_things
-from datafactory.scenes.motion import Moving, Track, Vector, drift, upright_axes
+from datafactory.scenes.labels import OF_MODELS, OTHER
+from datafactory.scenes.motion import Moving, Track, Vector, drift, triple, upright_axes
 from datafactory.scenes.poses import Pose
-from datafactory.scenes.scene import WORLD_AXES, PointTarget, Scene, triple
+from datafactory.scenes.scene import WORLD_AXES, PointTarget, Scene, SceneObject
+from datafactory.scenes.targets.models import MODELS
 
 Real = NDArray[np.float64]
 Axes = tuple[Vector, Vector, Vector]
@@ -42,6 +43,24 @@ class WorldBox:
     size: Real
     axes: Real
     velocity: Real
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """The parts of one thing.
+
+    :param name: of the thing
+    :param class_name: never ""
+    :param frame: see :class:`Label`; None where none is known
+    :param indices: their places among the scene's objects, the point targets after them
+    """
+
+    name: str
+    class_name: str
+    frame: Chain | None
+    objects: tuple[SceneObject, ...]
+    targets: tuple[PointTarget, ...]
+    indices: tuple[int, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +90,11 @@ class BoxedThing:
 
 
 def boxed_things(scene: Scene) -> tuple[BoxedThing, ...]:
-    """The things of a scene that move or have a class (:mod:`datafactory.scenes.labels`)."""
-    return tuple(_thing(parts) for parts in parts_of_things(scene))
+    """The things of a scene that move or have a class, in the order of their first parts.
+
+    What moves without a label is a thing by itself.
+    """
+    return tuple(_thing(parts) for parts in _parts_of_things(scene))
 
 
 @dataclass(frozen=True)
@@ -116,6 +138,32 @@ def _seen(thing: BoxedThing, box: WorldBox, pose: Pose) -> SeenThing:
         velocity=triple((box.velocity - np.asarray(pose.velocity)) @ rotation),
         indices=thing.indices,
     )
+
+
+def _parts_of_things(scene: Scene) -> Iterator[Parts]:
+    members: dict[Hashable, list[int]] = {}
+    items: tuple[SceneObject | PointTarget, ...] = (*scene.objects, *scene.targets)
+    for index, item in enumerate(items):
+        key: Hashable = index if item.label is None else item.label.thing
+        members.setdefault(key, []).append(index)
+    for indices in members.values():
+        own = [items[index] for index in indices]
+        class_name = next((name for name in map(_class_of, own) if name), "")
+        if not class_name and not any(item.moves for item in own):
+            continue
+        label = own[0].label
+        objects = tuple(scene.objects[index] for index in indices if index < len(scene.objects))
+        targets = tuple(scene.targets[i - len(scene.objects)] for i in indices if i >= len(scene.objects))
+        name, frame = (own[0].name, None) if label is None else (label.thing, label.frame)
+        yield Parts(name, class_name or OTHER, frame, objects, targets, tuple(indices))
+
+
+def _class_of(item: SceneObject | PointTarget) -> str:
+    """The class that a part states, or that its model implies; "" without either."""
+    if item.label is not None and item.label.class_name:
+        return item.label.class_name
+    model = getattr(item, "model", None)
+    return next((name for kind, name in OF_MODELS.items() if isinstance(model, MODELS[kind])), "")
 
 
 def _thing(parts: Parts) -> BoxedThing:

@@ -92,12 +92,11 @@ class Operation:
             matrix, rate = self._of_value(*self.samples.at(time_s))
         if not self.inverse:
             return matrix, rate
-        with np.errstate(all="ignore"):
-            try:
-                back: Real = np.linalg.inv(matrix).astype(np.float64)
-            except np.linalg.LinAlgError:  # flat at this moment; USD has the identity here
-                return np.eye(4), np.zeros((4, 4))
-            return back, -back @ rate @ back
+        try:
+            back: Real = np.linalg.inv(matrix).astype(np.float64)
+        except np.linalg.LinAlgError:  # flat at this moment; USD has the identity here
+            return np.eye(4), np.zeros((4, 4))
+        return back, -back @ rate @ back
 
     def _of_value(self, value: Real, slope: Real) -> tuple[Real, Real]:
         matrix, rate = np.eye(4), np.zeros((4, 4))
@@ -120,8 +119,7 @@ class Operation:
             return self.samples.varies
         linear = np.asarray(self.samples.values, dtype=np.float64).reshape(-1, 4, 4)[:, :3, :3]
         # Exporters write a turned, moving prim's matrices with rounding in the last digits.
-        with np.errstate(invalid="ignore", over="ignore"):
-            return not np.abs(linear - linear[0]).max() <= 1e-9 * np.abs(linear[0]).max()
+        return not np.abs(linear - linear[0]).max() <= 1e-9 * np.abs(linear[0]).max()
 
 
 Factor = Real | Operation
@@ -138,8 +136,7 @@ class Chain:
         factors = list(self.factors)
         for factor in inner:
             if factors and not isinstance(factor, Operation) and not isinstance(factors[-1], Operation):
-                with np.errstate(invalid="ignore", over="ignore"):
-                    factors[-1] = factors[-1] @ factor
+                factors[-1] = factors[-1] @ factor
             else:
                 factors.append(factor)
         return Chain(tuple(factors))
@@ -166,13 +163,12 @@ class Chain:
     def at(self, time_s: float) -> tuple[Real, Real]:
         """The product [4, 4] at a time, and its rate [1/s]."""
         matrix, rate = np.eye(4), np.zeros((4, 4))
-        with np.errstate(invalid="ignore", over="ignore"):
-            for factor in self.factors:
-                if isinstance(factor, Operation):
-                    step, slope = factor.at(time_s)
-                    matrix, rate = matrix @ step, rate @ step + matrix @ slope
-                else:
-                    matrix, rate = matrix @ factor, rate @ factor
+        for factor in self.factors:
+            if isinstance(factor, Operation):
+                step, slope = factor.at(time_s)
+                matrix, rate = matrix @ step, rate @ step + matrix @ slope
+            else:
+                matrix, rate = matrix @ factor, rate @ factor
         return matrix, rate
 
 
@@ -183,8 +179,7 @@ def _rotated(axes: str, angle: Real, slope: Real) -> tuple[Real, Real]:
         across = np.zeros((3, 3))
         n = "XYZ".index(axis)
         across[(n + 1) % 3, (n + 2) % 3], across[(n + 2) % 3, (n + 1) % 3] = -1.0, 1.0  # the axis' cross product
-        with np.errstate(invalid="ignore"):
-            step = np.eye(3) + np.sin(turned) * across + (1.0 - np.cos(turned)) * across @ across
+        step = np.eye(3) + np.sin(turned) * across + (1.0 - np.cos(turned)) * across @ across
         matrix, rate = step @ matrix, step @ rate + speed * across @ step @ matrix
     return matrix, rate
 
@@ -233,6 +228,5 @@ def rotation_of(quaternion: Real) -> Real:
 
 def placed(points: NDArray[np.floating], matrix: Real) -> Real:
     """[P, 3] points after an affine transform [4, 4], in float64; points that are not finite stay so."""
-    with np.errstate(invalid="ignore", over="ignore"):
-        world: Real = np.asarray(points, dtype=np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
+    world: Real = np.asarray(points, dtype=np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
     return world

@@ -8,7 +8,7 @@ the topmost surface alone: ground under a bridge or a tree is not used.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,9 @@ HALF_LENGTH_M, HALF_WIDTH_M = 1.4, 0.8
 """Of the rectangle of a car's wheels, by whose heights it pitches and rolls."""
 
 ROAD_WORDS = frozenset({"road", "street", "lane", "asphalt", "tarmac", "highway", "strasse", "fahrbahn"})
+
+
+Value = TypeVar("Value", bound=np.generic)
 
 
 @dataclass(frozen=True)
@@ -81,7 +84,7 @@ class Ground:
         i = np.floor((x - self.origin[0]) / self.cell_m).astype(np.int64)
         return i, np.floor((y - self.origin[1]) / self.cell_m).astype(np.int64)
 
-    def values_at(self, values: NDArray[Any], x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[Any]:
+    def values_at(self, values: NDArray[Value], x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[Value]:
         """Values [nx, ny] of the cells that the points [...] lie in [m]; 0 beyond the grid."""
         i, j = self.cell_of(x, y)
         inside = (i >= 0) & (i < values.shape[0]) & (j >= 0) & (j < values.shape[1])
@@ -114,8 +117,8 @@ class Ground:
         Searched in steps of half a cell; beyond the edge of the scene there is no obstacle.
         """
         distance = np.arange(0.5 * self.cell_m, reach_m, 0.5 * self.cell_m)
-        along_x, along_y = np.cos(headings_rad)[:, None] * distance, np.sin(headings_rad)[:, None] * distance
-        blocked = self.values_at(self.obstacle, x + along_x, y + along_y)
+        ahead, aside = np.cos(headings_rad)[:, None] * distance, np.sin(headings_rad)[:, None] * distance
+        blocked = self.values_at(self.obstacle, x + ahead, y + aside)
         return np.where(blocked.any(axis=1), distance[blocked.argmax(axis=1)], np.inf)
 
 

@@ -182,18 +182,13 @@ def _lane_along(way: Real, ground: Ground, allowed: Mask, room: Real, length_m: 
         return None
     along = np.gradient(middle, axis=0)
     right = np.stack([along[:, 1], -along[:, 0]], axis=1) / np.maximum(np.hypot(*along.T), 1e-9)[:, None]
-    aside = np.minimum(LANE_OFFSET_M, 0.5 * ground.values_at(room, *middle.T))
-    offset = ndimage.gaussian_filter1d(aside, SMOOTHING_M / STEP_M, mode="nearest")
+    here = ground.values_at(room, *middle.T)
+    offset = ndimage.gaussian_filter1d(np.minimum(LANE_OFFSET_M, 0.5 * here), SMOOTHING_M / STEP_M, mode="nearest")
     points = _even(middle + offset[:, None] * right)
-    points = points[: _kept(points, ground, allowed)]
+    good = ground.values_at(allowed, *points.T)
+    points = points if good.all() else points[: int(np.argmin(good))]
     points = points[: int(np.ceil(length_m / STEP_M)) + 2]
     return Lane(points) if len(points) > 2.0 / STEP_M else None
-
-
-def _kept(points: Real, ground: Ground, allowed: Mask) -> int:
-    """How many points from the first on lie on allowed cells."""
-    good = ground.values_at(allowed, *points.T)
-    return len(good) if good.all() else int(np.argmin(good))
 
 
 def _even(points: Real) -> Real:

@@ -66,15 +66,14 @@ class Track:
         if times[0] < 0.0 < times[-1]:
             times = np.union1d(times, [0.0])
         home = chain.at(0.0)[0][:3, 3]
-        with np.errstate(invalid="ignore", over="ignore"):
-            instants = [chain.at(float(time)) for time in times]
-            places = [matrix[:3, 3] - home for matrix, _ in instants]
-            rates = [rate[:3, 3] for _, rate in instants]
-            slow = [bool(np.linalg.norm(rate) <= RESTING_MPS) for rate in rates]  # false for NaN, which is refused
-            rates = [np.zeros(3) if rests else rate for rate, rests in zip(rates, slow, strict=True)]
+        instants = [chain.at(float(time)) for time in times]
+        places = [matrix[:3, 3] - home for matrix, _ in instants]
+        rates = [rate[:3, 3] for _, rate in instants]
+        slow = [bool(np.linalg.norm(rate) <= RESTING_MPS) for rate in rates]  # false for NaN, which is refused
+        rates = [np.zeros(3) if rests else rate for rate, rests in zip(rates, slow, strict=True)]
         if all(slow) and not any(place.any() for place in places):
             return None
-        return Track(tuple(float(t) for t in times), tuple(map(_vector, places)), tuple(map(_vector, rates)))
+        return Track(tuple(float(t) for t in times), tuple(map(triple, places)), tuple(map(triple, rates)))
 
     def at(self, time_s: float) -> tuple[Real, Real]:
         """Displacement from time 0 [3] [m], and velocity [3] [m/s]."""
@@ -117,10 +116,9 @@ class Moving:
             local, slope = np.asarray(points[used], dtype=np.float64), None
         else:
             local, slope = self.shape.at(time_s, used)
-        with np.errstate(invalid="ignore", over="ignore"):
-            velocities = placed(local, rate)
-            if slope is not None:
-                velocities = velocities + slope @ matrix[:3, :3].T
+        velocities = placed(local, rate)
+        if slope is not None:
+            velocities = velocities + slope @ matrix[:3, :3].T
         return Instant(placed(local, matrix), velocities)
 
     def times(self) -> Real:
@@ -192,19 +190,19 @@ def looked_at(motion: Moving) -> list[float]:
 
 def upright_axes(forward: Real, up: Real) -> tuple[Vector, Vector, Vector] | None:
     """Right-handed unit vectors x along ``forward`` [3] and z towards ``up`` [3]; None where the two are parallel."""
-    with np.errstate(over="ignore", invalid="ignore"):  # a transform beyond all bounds counts as flat
-        x = forward / (np.linalg.norm(forward) or 1.0)
-        z = up - (up @ x) * x
-        length = float(np.linalg.norm(z))
-        finite = np.isfinite(forward).all() and np.isfinite(up).all()
-        if not (finite and np.any(x) and length > 1e-6 * np.linalg.norm(up)):
-            return None
+    x = forward / (np.linalg.norm(forward) or 1.0)
+    z = up - (up @ x) * x
+    length = float(np.linalg.norm(z))
+    finite = np.isfinite(forward).all() and np.isfinite(up).all()
+    if not (finite and np.any(x) and length > 1e-6 * np.linalg.norm(up)):
+        return None
     z = z / length
     rows = np.stack([x, np.cross(z, x), z]) + 0.0
-    one, two, three = map(_vector, rows)
+    one, two, three = map(triple, rows)
     return one, two, three
 
 
-def _vector(values: Real) -> Vector:
+def triple(values: Real) -> Vector:
+    """Three numbers of an array."""
     x, y, z = (float(value) for value in values)
     return x, y, z

@@ -14,9 +14,11 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, TypeAdapter, Val
 from scipy.spatial.transform import Rotation
 
 from datafactory.scenes.ground import Ground, Split
+from datafactory.scenes.motion import Vector
 from datafactory.scenes.views import BEST, view_from
 from shared.physics.errors import InputError
 from shared.physics.units import FARTHEST_M, FASTEST_MPS
+from shared.radar import first_validation_error
 
 SENSOR_HEIGHT_M = 0.5
 MAXIMUM_SPEED_MPS = 6.0
@@ -26,8 +28,6 @@ ROAD_PREFERENCE = 0.8
 """Share of the positions drawn on roads, where the split's region has any. The others are drawn on the kerbs."""
 POSITION_TRIES = 32
 YAW_TRIES = 8
-
-Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,8 @@ def read_entries(path: Path, entries: TypeAdapter[list[Entry]], form: str) -> li
     try:
         found = entries.validate_python(raw)
     except ValidationError as error:
-        raise _first_fault(error, path, form) from None
+        problem, expected = first_validation_error(error, "entry ", PoseEntry.model_fields)
+        raise InputError(path, problem, f"{expected}, as in {form}") from None
     if not found:
         raise InputError(path, "the list is empty", "at least one pose")
     return found
@@ -134,23 +135,6 @@ def _without_repeated_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         if any(key == other for other, _ in pairs[:n]):
             raise ValueError(f"the key {key!r} is given twice in one object")
     return dict(pairs)
-
-
-def _first_fault(error: ValidationError, path: Path, form: str) -> InputError:
-    """One line of pydantic's first complaint: entry, field, value, what is right."""
-    first = error.errors(include_url=False)[0]
-    more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
-    if not first["loc"]:
-        return InputError(path, f"holds {type(first['input']).__name__}, not a list", form)
-    entry, *field = first["loc"]
-    where = f"entry {entry}" + "".join(f".{part}" for part in field)
-    if first["type"] == "extra_forbidden":
-        return InputError(path, f"unknown key {where}{more}", f"one of {', '.join(PoseEntry.model_fields)}")
-    value = "missing" if first["type"] == "missing" else f"= {first['input']!r}"
-    message = first["msg"][0].lower() + first["msg"][1:]
-    if first["type"] == "missing":
-        message = "[x, y, z] in metres" if field == ["position"] else form
-    return InputError(path, f"{where} {value}{more}", message)
 
 
 def sample_pose(ground: Ground, split: Split, rng: np.random.Generator) -> Pose:

@@ -10,14 +10,13 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.scenes.chain import Chain, placed
+from datafactory.scenes.chain import Chain
 from datafactory.scenes.labels import Label
-from datafactory.scenes.motion import Instant, Motion, Moving, Track, Vector, drift, fastest_mps, upright_axes
+from datafactory.scenes.motion import Instant, Motion, Moving, Track, Vector, drift, fastest_mps, triple, upright_axes
 from datafactory.scenes.targets.models import RcsModel
 from datafactory.scenes.things import Population
 
@@ -25,48 +24,19 @@ ZERO = (0.0, 0.0, 0.0)
 WORLD_AXES: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
-@dataclass(frozen=True, eq=False)
-class PlacedPoints:
-    """The vertices of one instance of a mesh that several objects share.
-
-    :param points: [P, 3] of the shared mesh in its own coordinates, in any precision
-    :param used: [V] the points that are vertices of the object
-    :param matrix: [4, 4] from the mesh's coordinates to the world, acting on column vectors
-    """
-
-    points: NDArray[np.floating]
-    used: NDArray[np.integer]
-    matrix: NDArray[np.float64]
-
-    def world(self) -> NDArray[np.float64]:
-        """[V, 3] world coordinates [m]."""
-        return placed(self.points, self.matrix)[self.used]
-
-
-class _WorldVertices:
-    """The field ``vertices``: an array, or points of a shared mesh that are placed at each access."""
-
-    def __get__(self, item: SceneObject | None, owner: type) -> NDArray[np.float64]:
-        if item is None:
-            raise AttributeError("vertices")  # the field has no default
-        stored: NDArray[np.float64] | PlacedPoints = item.__dict__["vertices"]
-        return stored.world() if isinstance(stored, PlacedPoints) else stored
-
-    def __set__(self, item: SceneObject, value: NDArray[np.float64] | PlacedPoints) -> None:
-        item.__dict__["vertices"] = value
-
-
 @dataclass(frozen=True)
 class SceneObject:
     """One triangle mesh of one material, at time 0.
 
     :param name: unique within the scene, e.g. the prim path
-    :param vertices: [V, 3] world coordinates [m], float64; of an instance they are computed at each access
+    :param vertices: [V, 3] world coordinates [m], float64
     :param triangles: [T, 3] vertex indices, int32; every triangle has a positive area
     :param material: the name that the source gave its material, e.g. ``"mat-itu_concrete"``; "" where it gave none
     :param velocity: world velocity [m/s] at time 0; of what turns or changes its shape, that of its vertices' mean
     :param motion: how it moves; None: straight on with ``velocity``
     :param label: the thing that it is a part of, for boxes; None where the source does not say
+    :param local: of what turns or changes its shape, points [P, 3] in its own coordinates, in any precision, and which
+        of them [V] are its vertices; None of everything else
     """
 
     name: str
@@ -76,6 +46,7 @@ class SceneObject:
     velocity: tuple[float, float, float] = ZERO
     motion: Motion | None = None
     label: Label | None = field(default=None, repr=False)
+    local: tuple[NDArray[np.floating], NDArray[np.integer]] | None = field(default=None, repr=False)
 
     @property
     def moves(self) -> bool:
@@ -84,7 +55,8 @@ class SceneObject:
     def at(self, time_s: float) -> Instant:
         """Where the vertices are at a time [s], and each one's velocity."""
         if isinstance(self.motion, Moving):
-            return self.motion.at(*self._own_points(), time_s)
+            assert self.local is not None
+            return self.motion.at(*self.local, time_s)
         shift, velocity = drift(self.velocity, self.motion, time_s)
         vertices = self.vertices + shift
         return Instant(vertices, np.broadcast_to(velocity, vertices.shape))
@@ -92,36 +64,28 @@ class SceneObject:
     @property
     def fastest_mps(self) -> float:
         """Largest speed of a vertex at any time [m/s]."""
-        own = self._own_points() if isinstance(self.motion, Moving) else ()
-        return fastest_mps(self.velocity, self.motion, *own)
-
-    def _own_points(self) -> tuple[NDArray[np.floating], NDArray[np.integer]]:
-        stored: PlacedPoints = self.__dict__["vertices"]
-        return stored.points, stored.used
+        return fastest_mps(self.velocity, self.motion, *(self.local or ()))
 
     @staticmethod
     def of(
         name: str,
-        vertices: NDArray[np.float64] | PlacedPoints,
+        vertices: NDArray[np.float64],
         triangles: NDArray[np.int32],
         material: str = "",
         velocity: Vector = ZERO,
         motion: Motion | None = None,
         label: Label | None = None,
+        local: tuple[NDArray[np.floating], NDArray[np.integer]] | None = None,
     ) -> SceneObject:
-        """An object with vertices of its own, or one that shares points and triangles with other instances.
+        """An object whose velocity follows from its motion where it has one.
 
-        :param vertices: of what turns or changes its shape, the points in its own coordinates
-        :param velocity: of what has no motion; otherwise it follows from that
+        :param velocity: of what has no motion
         """
-        item = SceneObject(name, cast(NDArray[np.float64], vertices), triangles, material, velocity, motion, label)
+        item = SceneObject(name, vertices, triangles, material, velocity, motion, label, local)
         if motion is None:
             return item
-        velocity = triple(motion.at(0.0)[1] if isinstance(motion, Track) else item.at(0.0).velocities.mean(axis=0))
-        return SceneObject(name, cast(NDArray[np.float64], vertices), triangles, material, velocity, motion, label)
-
-
-setattr(SceneObject, "vertices", _WorldVertices())  # noqa: B010  after the dataclass, to which it would be a default
+        own = motion.at(0.0)[1] if isinstance(motion, Track) else item.at(0.0).velocities.mean(axis=0)
+        return replace(item, velocity=triple(own))
 
 
 @dataclass(frozen=True)
@@ -207,11 +171,8 @@ class Scene:
 
     @cached_property
     def _corners(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        # Object by object: the vertices of instances are computed at each access.
         corners = [np.array([target.position, target.position]) for target in self.targets]
-        for item in self.objects:
-            vertices = item.vertices
-            corners.append(np.stack([vertices.min(axis=0), vertices.max(axis=0)]))
+        corners += [np.stack([item.vertices.min(axis=0), item.vertices.max(axis=0)]) for item in self.objects]
         every = np.stack(corners)
         return every[:, 0].min(axis=0), every[:, 1].max(axis=0)
 
@@ -220,7 +181,9 @@ class Scene:
         if time_s == 0.0 or (not any(item.moves for item in self.objects) and not self.targets):
             return self
         objects = tuple(
-            replace(item, vertices=item.at(time_s).vertices, velocity=ZERO, motion=None) if item.moves else item
+            replace(item, vertices=item.at(time_s).vertices, velocity=ZERO, motion=None, local=None)
+            if item.moves
+            else item
             for item in self.objects
         )
         return replace(self, objects=objects, targets=tuple(target.at(time_s) for target in self.targets))
@@ -265,9 +228,3 @@ def _turned_axes(
     turned = upright_axes(turn @ np.array(axes[0]), turn @ np.array(axes[2]))
     spin = 0.5 * np.array([whirl[2, 1] - whirl[1, 2], whirl[0, 2] - whirl[2, 0], whirl[1, 0] - whirl[0, 1]])
     return turned or axes, triple(spin)
-
-
-def triple(values: NDArray[np.float64]) -> Vector:
-    """Three numbers of an array."""
-    x, y, z = (float(value) for value in values)
-    return x, y, z

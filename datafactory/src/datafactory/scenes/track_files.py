@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, TypeAdapter, ValidationError
@@ -13,9 +13,9 @@ from datafactory.scenes.poses import Coordinate, PoseEntry, Speed, Time, Velocit
 from datafactory.scenes.tracks import Curve
 from shared.physics.errors import InputError
 from shared.physics.units import FASTEST_MPS
+from shared.radar import first_validation_error
 
 COLUMNS = ("time", "x", "y", "z", "yaw_deg")
-ANGLES = ("pitch_deg", "roll_deg")
 VELOCITY = ("vx", "vy", "vz")
 FORM = "time,x,y,z,yaw_deg[,pitch_deg][,roll_deg][,vx,vy,vz], in s, m, degrees and m/s"
 JSON_FORM = '[{"time": s, "position": [x, y, z], "yaw_deg": 0, ..., "velocity": [x, y, z]}, ...]'
@@ -38,6 +38,13 @@ class _Line(BaseModel):
     vx: Speed | None = None
     vy: Speed | None = None
     vz: Speed | None = None
+
+    def entry(self) -> _Entry:
+        velocity = None if self.vx is None else [self.vx, self.vy, self.vz]
+        angles = {"yaw_deg": self.yaw_deg, "pitch_deg": self.pitch_deg, "roll_deg": self.roll_deg}
+        return _Entry.model_validate(
+            {"time": self.time, "position": [self.x, self.y, self.z], **angles, "velocity": velocity}
+        )
 
 
 class _Entry(PoseEntry):
@@ -62,14 +69,7 @@ def read_track(path: Path) -> Curve:
 
 def _from_json(path: Path) -> Curve:
     entries = read_entries(path, _ENTRIES, JSON_FORM)
-    rows = [
-        (
-            [entry.time, *entry.position, entry.yaw_deg, entry.pitch_deg, entry.roll_deg],
-            None if entry.velocity is None else list(entry.velocity),
-        )
-        for entry in entries
-    ]
-    return _curve(path, rows, [f"entry {number}" for number in range(len(rows))])
+    return _curve(path, entries, [f"entry {number}" for number in range(len(entries))])
 
 
 def _from_table(path: Path) -> Curve:
@@ -83,17 +83,14 @@ def _from_table(path: Path) -> Curve:
         raise InputError(path, f"is no table: {error}", f"text with the columns {FORM}") from None
     if not lines:
         raise InputError(path, "is empty", f"a line of names, {FORM}")
-    names = [cell.strip() for cell in lines[0][1]]
-    known = (*COLUMNS, *ANGLES, *VELOCITY)
+    head, names = lines[0][0], [cell.strip() for cell in lines[0][1]]
     for name in names:
-        if name not in known:
-            raise InputError(path, f"line {lines[0][0]}: unknown column {name!r}", f"some of {', '.join(known)}")
-        if names.count(name) > 1:
-            raise InputError(path, f"line {lines[0][0]}: the column {name!r} is there twice", "each column once")
-    needed = (*COLUMNS, *(VELOCITY if set(names) & set(VELOCITY) else ()))
-    for name in needed:
+        if name not in _Line.model_fields or names.count(name) > 1:
+            why = "twice" if names.count(name) > 1 else "unknown"
+            raise InputError(path, f"line {head}: column {name!r} {why}", f"some of {', '.join(_Line.model_fields)}")
+    for name in (*COLUMNS, *(VELOCITY if set(names) & set(VELOCITY) else ())):
         if name not in names:
-            raise InputError(path, f"line {lines[0][0]}: no column {name!r}", FORM)
+            raise InputError(path, f"line {head}: no column {name!r}", FORM)
     rows = []
     for number, cells in lines[1:]:
         if len(cells) != len(names):
@@ -101,34 +98,26 @@ def _from_table(path: Path) -> Curve:
         try:
             line = _Line.model_validate(dict(zip(names, (cell.strip() for cell in cells), strict=True)))
         except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            where = f"line {number}, {'.'.join(map(str, first['loc']))} = {first['input']!r}"
-            raise InputError(path, where, first["msg"][0].lower() + first["msg"][1:]) from None
-        velocity: list[Any] = [line.vx, line.vy, line.vz]
-        rows.append(
-            (
-                [line.time, line.x, line.y, line.z, line.yaw_deg, line.pitch_deg, line.roll_deg],
-                velocity if "vx" in names else None,
-            )
-        )
+            raise InputError(path, *first_validation_error(error, f"line {number}, ")) from None
+        rows.append(line.entry())
     return _curve(path, rows, [f"line {number}" for number, _ in lines[1:]])
 
 
-def _curve(path: Path, rows: list[tuple[list[float], list[float] | None]], places: list[str]) -> Curve:
+def _curve(path: Path, rows: list[_Entry], places: list[str]) -> Curve:
     """The rows as a curve.
 
-    :param rows: (time, x, y, z, yaw, pitch, roll) and velocity of each
     :param places: where in the file each stands
     """
     if len(rows) < 2:
         raise InputError(path, f"{len(rows)} pose{'' if len(rows) == 1 else 's'}", "at least two: a track has a length")
-    values = np.array([row for row, _ in rows], dtype=np.float64)
-    time_s, position = values[:, 0], values[:, 1:4]
+    time_s = np.array([row.time for row in rows], dtype=np.float64)
+    position = np.array([row.position for row in rows], dtype=np.float64)
+    angles_deg = np.array([[row.yaw_deg, row.pitch_deg, row.roll_deg] for row in rows], dtype=np.float64)
     steps_s = np.diff(time_s)
     if (steps_s <= 0.0).any():
         row = int(np.argmax(steps_s <= 0.0)) + 1
         raise InputError(path, f"{places[row]}, time = {time_s[row]:g} after {time_s[row - 1]:g}", "times that rise")
-    given = [velocity is not None for _, velocity in rows]
+    given = [row.velocity is not None for row in rows]
     if any(given) and not all(given):
         raise InputError(path, f"{places[given.index(False)]} has no velocity, others have", "one in each, or in none")
     speed = np.linalg.norm(np.diff(position, axis=0), axis=1) / steps_s
@@ -136,5 +125,5 @@ def _curve(path: Path, rows: list[tuple[list[float], list[float] | None]], place
         row = int(np.argmax(speed > FASTEST_MPS)) + 1
         problem = f"{places[row]} is reached at {speed[row - 1]:.3g} m/s from the pose before"
         raise InputError(path, problem, f"at most {FASTEST_MPS:g} m/s")
-    velocity = np.array([row for _, row in rows], dtype=np.float64) if all(given) else None
-    return Curve(time_s, position, values[:, 4:], velocity)
+    velocity = np.array([row.velocity for row in rows], dtype=np.float64) if all(given) else None
+    return Curve(time_s, position, angles_deg, velocity)

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
+from datafactory.scenes.motion import triple
 from datafactory.scenes.poses import Pose
 from shared.physics.errors import InputError
 
@@ -90,10 +91,7 @@ def require_rate(rate_hz: float) -> None:
 
 def pose_of(time_s: float, position: Real, angles_deg: Real, velocity: Real) -> Pose:
     """A pose of plain numbers."""
-    x, y, z = map(float, position)
-    vx, vy, vz = map(float, velocity)
-    yaw, pitch, roll = map(float, angles_deg)
-    return Pose((x, y, z), yaw, pitch, roll, (vx, vy, vz), float(time_s))
+    return Pose(triple(position), *triple(angles_deg), triple(velocity), float(time_s))
 
 
 def nearest_m(one: Sequence[Pose], other: Sequence[Pose]) -> float:

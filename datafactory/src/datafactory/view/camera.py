@@ -7,7 +7,6 @@ has them.
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -20,11 +19,10 @@ from numpy.typing import NDArray
 
 from datafactory.view.casting import Met
 from datafactory.view.colours import KINDS, MOTION, SENSOR, TARGET, css, material_colour
-from datafactory.view.field import field_of_view
 from datafactory.view.strongest import shown_paths
 from datafactory.view.subject import Subject
-from shared.dataset.writing import atomic
 from shared.physics.errors import figure_text
+from shared.pictures import save_figure
 
 Real = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -128,9 +126,7 @@ def write_pictures(subject: Subject, folder: Path, stem: str) -> tuple[Path, Pat
     written = []
     for name, figure in (("camera", camera_figure(subject)), ("above", above_figure(subject))):
         path = folder / f"{stem}-{name}.png"
-        with atomic(path) as partial, warnings.catch_warnings():
-            warnings.filterwarnings("ignore", "Glyph .* missing from font")  # a scene's name may be of any script
-            figure.savefig(partial, format="png", dpi=110, metadata={"Software": None})
+        save_figure(figure, path, dpi=110)
         written.append(path)
     return written[0], written[1]
 
@@ -173,10 +169,10 @@ def above_figure(subject: Subject) -> Figure:
         for path in reversed(shown.paths):
             axis.plot(path.points[:, 1], path.points[:, 0], color=css(KINDS[path.kind]), linewidth=0.6, alpha=0.8)
         kinds = [kind for kind in KINDS if any(path.kind == kind for path in shown.paths)]
-    for line in field_of_view(subject):
+    for line in subject.field_of_view():
         axis.plot(line[:, 1], line[:, 0], color=css(SENSOR), linewidth=0.8, linestyle="--")
     for mover in subject.movers():
-        (x, y), (vx, vy) = mover.position[:2], mover.velocity[:2]
+        (x, y, _), (vx, vy, _) = mover.position, mover.velocity
         axis.annotate(
             "",
             (y + vy, x + vx),

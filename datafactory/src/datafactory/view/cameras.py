@@ -103,6 +103,14 @@ def stored_picture(dataset: Dataset, frame_id: int) -> NDArray[np.uint8] | None:
         ) from error
 
 
+def seen(dataset: Dataset, frame: Frame, cameras: Cameras | None) -> NDArray[np.uint8] | None:
+    """What a camera sees of a frame; None where no picture was written with it and none is to be made."""
+    picture = stored_picture(dataset, frame.frame_id)
+    if picture is None and cameras is not None and (subject := cameras.subject(frame)) is not None:
+        picture = camera_picture(subject)
+    return picture
+
+
 def write_cameras(dataset: Dataset, cameras: Cameras) -> Iterator[Location]:
     """Write the camera pictures of all scene frames that have none yet, one after the other."""
     make_folder(dataset.path / CAMERA)

@@ -9,38 +9,17 @@ Colour = tuple[int, int, int]
 """Red, green, blue, 0 to 255."""
 
 MATERIALS: dict[str, Colour] = {
-    "concrete": (178, 176, 170),
-    "road_concrete": (150, 149, 145),
-    "asphalt": (92, 93, 98),
-    "brick": (178, 98, 74),
-    "plasterboard": (222, 214, 198),
-    "ceiling_board": (232, 228, 220),
-    "marble": (214, 206, 214),
-    "wood": (176, 132, 84),
-    "chipboard": (196, 158, 110),
-    "plywood": (206, 172, 124),
-    "floorboard": (158, 112, 66),
-    "glass": (126, 186, 214),
-    "acrylic": (160, 204, 224),
-    "metal": (70, 110, 168),
-    "polypropylene": (98, 88, 150),
-    "tyre_rubber": (52, 50, 54),
-    "very_dry_ground": (206, 184, 140),
-    "medium_dry_ground": (172, 148, 104),
-    "wet_ground": (128, 106, 74),
-    "water": (74, 132, 196),
-    "vegetation": (106, 154, 84),
-    "human_skin": (226, 168, 140),
-}
+    "concrete": (178, 176, 170), "road_concrete": (150, 149, 145), "asphalt": (92, 93, 98), "brick": (178, 98, 74),
+    "plasterboard": (222, 214, 198), "ceiling_board": (232, 228, 220), "marble": (214, 206, 214),
+    "wood": (176, 132, 84), "chipboard": (196, 158, 110), "plywood": (206, 172, 124), "floorboard": (158, 112, 66),
+    "glass": (126, 186, 214), "acrylic": (160, 204, 224), "metal": (70, 110, 168), "polypropylene": (98, 88, 150),
+    "tyre_rubber": (52, 50, 54), "very_dry_ground": (206, 184, 140), "medium_dry_ground": (172, 148, 104),
+    "wet_ground": (128, 106, 74), "water": (74, 132, 196), "vegetation": (106, 154, 84), "human_skin": (226, 168, 140),
+}  # fmt: skip
 """Of the material table, as one would paint them; metal is blue, so that it stands out."""
 
-DIRECT, MIRROR, SEVERAL, DIFFRACTION, REFRACTION = (
-    "direct scatter",
-    "mirror",
-    "multi-bounce",
-    "diffraction",
-    "refraction",
-)
+DIRECT, MIRROR, SEVERAL = "direct scatter", "mirror", "multi-bounce"
+DIFFRACTION, REFRACTION = "diffraction", "refraction"
 KINDS: dict[str, Colour] = {
     DIRECT: (213, 94, 0),
     MIRROR: (0, 114, 178),

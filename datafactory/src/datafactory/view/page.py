@@ -8,18 +8,18 @@ so that coordinates stay small wherever the scene lies in its world.
 from __future__ import annotations
 
 import json
+import math
 from importlib.resources import files
 from typing import Any
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 from trimesh.viewer.notebook import scene_to_html
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from datafactory.view.colours import KINDS, MOTION, SENSOR, TARGET, css, material_colour
-from datafactory.view.field import field_of_view
 from datafactory.view.strongest import PATHS_SHOWN, Shown, ShownPath, shown_paths
 from datafactory.view.subject import Subject
 
@@ -83,11 +83,11 @@ def page_data(subject: Subject, shown: Shown | None) -> dict[str, Any]:
         "kinds": [] if shown is None else _kinds(shown),
         "not_drawn": 0 if shown is None else shown.not_drawn,
         "sensor": css(SENSOR),
-        "field": [_rounded(line) for line in field_of_view(subject)],
+        "field": [_rounded(line) for line in subject.field_of_view()],
         "motion": css(MOTION),
         "movers": [
             {"name": item.name, "at": _rounded(item.position), "velocity": _rounded(item.velocity),
-             "speed": round(item.speed_mps, 2)}
+             "speed": round(math.hypot(*item.velocity), 2)}
             for item in subject.movers()
         ],
         "target": css(TARGET),
@@ -118,6 +118,6 @@ def _said(path: ShownPath) -> str:
     return ", ".join(filter(None, parts))
 
 
-def _rounded(places: NDArray[np.float64]) -> Any:
+def _rounded(places: ArrayLike) -> Any:
     """As JSON values, to a millimetre."""
-    return np.round(places, DECIMALS).tolist()
+    return np.round(np.asarray(places, dtype=np.float64), DECIMALS).tolist()

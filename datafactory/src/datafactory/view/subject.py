@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -11,28 +11,27 @@ from numpy.typing import NDArray
 from datafactory.frame.prepared import PreparedScene
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.table import PathTable
+from datafactory.scenes.boxes import seen_things
+from datafactory.scenes.motion import Vector, triple
 from datafactory.scenes.poses import Pose
+from datafactory.scenes.scene import ZERO
 from datafactory.view.casting import RayCaster
 from shared.radar import Radar
 
 Real = NDArray[np.float64]
 
+ARCS_M = (10.0, 20.0, 40.0, 80.0)
+"""Ranges at which the field of view has an arc."""
+ARC_POINTS = 49
+
 
 @dataclass(frozen=True, eq=False)
 class Mover:
-    """Something that moves.
-
-    :param position: [3] of its middle, radar frame [m]; :param velocity: [3] over ground, in the radar frame's axes
-    """
+    """Something that moves: where its middle is, radar frame [m], and its velocity over ground in that frame's axes."""
 
     name: str
-    position: Real
-    velocity: Real
-
-    @property
-    def speed_mps(self) -> float:
-        """[m/s]"""
-        return float(np.linalg.norm(self.velocity))
+    position: Vector
+    velocity: Vector
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,31 +67,21 @@ class Subject:
         return self._seen(np.array([item.position for item in self.merged.targets], dtype=np.float64).reshape(-1, 3))
 
     def movers(self) -> tuple[Mover, ...]:
-        """What moves: the parts of one body as one, then point targets, then the sensor itself.
-
-        Parts are objects of one velocity below one prim, or of one name where there are no prims.
-        """
-        merged, rotation = self.merged, self.pose.rotation()
-        bodies: dict[tuple[str, tuple[float, ...]], list[Real]] = {}
-        for number, mesh in enumerate(merged.meshes):
-            if not mesh.velocity.any():
-                continue
-            corners = self.vertices(number)[mesh.triangles]  # [T, 3, 3]
-            for index in np.unique(mesh.object_of_triangle):
-                name = merged.objects[index]
-                body = name.rpartition("/")[0] or name
-                own = corners[mesh.object_of_triangle == index].reshape(-1, 3)
-                bodies.setdefault((body, tuple(mesh.velocity)), []).append(np.stack([own.min(axis=0), own.max(axis=0)]))
-        found = []
-        for (name, velocity), boxes in bodies.items():
-            middle = 0.5 * (np.min(boxes, axis=(0, 1)) + np.max(boxes, axis=(0, 1)))
-            found.append(Mover(name, middle, np.array(velocity) @ rotation))
-        for target, position in zip(merged.targets, self.targets(), strict=True):
-            if any(target.velocity):
-                found.append(Mover(target.name, position, np.array(target.velocity) @ rotation))
+        """The things of the scene that move at the pose's time, then the sensor itself if it does."""
+        seen = seen_things(self.scene.things, replace(self.pose, velocity=ZERO))
+        found = [Mover(thing.name, thing.center, thing.velocity) for thing in seen if any(thing.velocity)]
         if any(self.pose.velocity):
-            found.append(Mover("sensor", np.zeros(3), np.array(self.pose.velocity) @ rotation))
+            found.append(Mover("sensor", ZERO, triple(np.array(self.pose.velocity) @ self.pose.rotation())))
         return tuple(found)
+
+    def field_of_view(self) -> list[Real]:
+        """Lines [n, 3] round what the image covers, level with the sensor [m]: edges in u, arcs of equal range."""
+        grid, farthest = self.radar.grid, float(self.radar.waveform.ranges_m[-1])
+        azimuth = np.arcsin(np.clip(np.linspace(grid.u_start, grid.u_stop, ARC_POINTS), -1.0, 1.0))
+        arc = np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros_like(azimuth)], axis=1)
+        radii = [radius for radius in ARCS_M if radius < farthest] or [farthest]
+        edges = [np.stack([np.zeros(3), radii[-1] * arc[end]]) for end in (0, -1)]
+        return edges + [radius * arc for radius in radii]
 
     def _seen(self, world: Real) -> Real:
         return (world - np.asarray(self.pose.position)) @ self.pose.rotation()

@@ -1,20 +1,26 @@
-"""Levels of a range-angle image drawn into an axis of matplotlib, over u or from above.
+"""Levels of a range-angle image drawn into an axis of matplotlib, over u or from above; figures written to files.
 
-Matplotlib is not imported here: the axes are those of the caller.
+Matplotlib is not imported here: axes and figures are those of the caller.
 """
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
 
+from shared.dataset.writing import atomic
 from shared.pictures.levels import SPAN_DB, hold_peaks
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.collections import QuadMesh
+    from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
 
 COLOUR_MAP = "magma"
@@ -76,3 +82,17 @@ def draw_from_above(
     drawn = axis.pcolormesh(y, x, held, cmap=COLOUR_MAP, vmin=-SPAN_DB, vmax=0.0, rasterized=True)
     axis.set(aspect="equal", facecolor=OUTSIDE, xlim=(float(y.max()), float(y.min())), ylim=(0.0, float(x.max())))
     return drawn
+
+
+@contextmanager
+def any_name() -> Iterator[None]:
+    """Draw names of any script without a word: a box stands for what the font does not have."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from font")
+        yield
+
+
+def save_figure(figure: Figure, path: Path, dpi: int) -> None:
+    """Write a PNG, whole or not at all; it names no version of matplotlib, so that its bytes do not depend on it."""
+    with atomic(path) as partial, any_name():
+        figure.savefig(partial, format="png", dpi=dpi, metadata={"Software": None})

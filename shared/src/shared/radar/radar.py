@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import Annotated, Any
 
 import numpy as np
@@ -156,12 +157,18 @@ def _positions(array: AntennaArray) -> dict[str, list[list[float]]]:
     return {"tx_m": [list(position) for position in array.tx_m], "rx_m": [list(position) for position in array.rx_m]}
 
 
-def first_validation_error(error: ValidationError) -> tuple[str, str]:
-    """The first fault of a pydantic validation as (field and value, what would be right)."""
-    fault = error.errors()[0]
-    field = ".".join(str(part) for part in fault["loc"]) or "document"
+def first_validation_error(error: ValidationError, place: str = "", keys: Iterable[str] = ()) -> tuple[str, str]:
+    """The first fault of a pydantic validation as (field and value, what would be right).
+
+    :param place: where the fields stand, put before the field, e.g. ``"line 3, "``
+    :param keys: the fields that there are, named where one is unknown
+    """
+    fault = error.errors(include_url=False)[0]
+    field = place + ".".join(str(part) for part in fault["loc"]) if fault["loc"] else "document"
     if fault["type"] == "extra_forbidden":
-        return f"unknown field {field}", "a field of this table; see the documentation"
+        known = ", ".join(keys)
+        return f"unknown field {field}", f"one of {known}" if known else "a field of this table"
     if fault["type"] == "value_error":
         return f"{field}: {fault['ctx']['error']}", ""
-    return f"{field} = {fault['input']!r}", fault["msg"][0].lower() + fault["msg"][1:]
+    value = "missing" if fault["type"] == "missing" else f"= {fault['input']!r}"
+    return f"{field} {value}", fault["msg"][0].lower() + fault["msg"][1:]

@@ -52,11 +52,6 @@ def fresnel_reflectivity(
     return np.abs((leading - root) / (leading + root)) ** 2
 
 
-def normal_reflectivity(relative_permittivity: float, conductivity_s_per_m: float, frequency_hz: float) -> float:
-    """Power reflectivity at normal incidence, |(1 - sqrt(eta)) / (1 + sqrt(eta))|^2: the same for TE and TM."""
-    return float(fresnel_reflectivity(relative_permittivity, conductivity_s_per_m, frequency_hz, 0.0, "te"))
-
-
 def lambertian_sigma0(
     scattering_coefficient: float, reflectivity: ArrayLike, incidence_rad: ArrayLike
 ) -> NDArray[np.float64]:

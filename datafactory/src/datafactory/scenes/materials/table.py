@@ -18,6 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError,
 from datafactory.scenes.materials.names import phrases, singular, words
 from datafactory.scenes.materials.reflectivity import scattering_coefficient_for_sigma0
 from shared.physics.errors import InputError
+from shared.radar import first_validation_error
 
 FREQUENCY_HZ = 77e9
 """Frequency of the table [Hz]."""
@@ -29,18 +30,7 @@ Pattern = Literal["lambertian", "backscattering"]
 
 @dataclass(frozen=True)
 class Material:
-    """The properties of a substance at 77 GHz that the tracer uses.
-
-    :param name: name in the table
-    :param relative_permittivity: real part
-    :param conductivity_s_per_m: [S/m]
-    :param thickness_m: of the slab behind each facet [m]
-    :param scattering_coefficient: S of the effective-roughness model, 0 to 1
-    :param pattern: shape of the diffuse reflection
-    :param source: where the permittivity comes from
-    :param valid_ghz: lower and upper end of the source's range [GHz]
-    :param assumptions: what is not measured at 77 GHz
-    """
+    """What the tracer uses of a :class:`MaterialEntry`; its roughness is S, 0 to 1, however it was stated."""
 
     name: str
     relative_permittivity: float
@@ -66,20 +56,6 @@ class MaterialMapping:
 
     def __getitem__(self, name: str) -> Material:
         return self.entries[name][0]
-
-    def describe(self) -> list[tuple[str, ...]]:
-        """Rows for printing: name, material, rule, permittivity, conductivity [S/m], S."""
-        return [
-            (
-                name or "(none)",
-                material.name,
-                rule,
-                f"{material.relative_permittivity:g}",
-                f"{material.conductivity_s_per_m:g}",
-                f"{material.scattering_coefficient:.3f}",
-            )
-            for name, (material, rule) in self.entries.items()
-        ]
 
     def to_json(self) -> dict[str, Any]:
         """For the manifest: ``{"names": {name: {"material", "rule"}}, "materials": {material: {...}}, "unknown"}``."""
@@ -196,17 +172,9 @@ class MaterialEntry(BaseModel):
             coefficient = scattering_coefficient_for_sigma0(
                 self.sigma0_db, self.grazing_deg, self.relative_permittivity, self.conductivity, FREQUENCY_HZ
             )
-        return Material(
-            name=name,
-            relative_permittivity=self.relative_permittivity,
-            conductivity_s_per_m=self.conductivity,
-            thickness_m=self.thickness,
-            scattering_coefficient=coefficient,
-            pattern=self.pattern,
-            source=self.source,
-            valid_ghz=(self.valid_ghz[0], self.valid_ghz[1]),
-            assumptions=tuple(self.assumptions),
-        )
+        electrical = self.relative_permittivity, self.conductivity, self.thickness, coefficient
+        lower, upper = self.valid_ghz
+        return Material(name, *electrical, self.pattern, self.source, (lower, upper), tuple(self.assumptions))
 
 
 class MaterialFile(BaseModel):
@@ -232,7 +200,7 @@ def load_materials(path: Path | None = None) -> MaterialTable:
     or adds a new one; ``[map]`` gives single names of a scene a material; ``default`` is for unknown names. A new
     material needs permittivity and conductivity; without a roughness it gets S = 0.3, noted as an assumption.
 
-    :raises InputError: if the file cannot be read, is no TOML, or holds an unknown key, a wrong value or an unknown
+    :raises InputError: if the file cannot be read, is no TOML, or holds an unknown field, a wrong value or an unknown
         material
     """
     base = _parsed(
@@ -261,7 +229,7 @@ def _parsed(text: str, source: object) -> MaterialFile:
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise InputError(source, f"malformed TOML: {error}", "[material.NAME] tables, [map] and default") from None
     except ValidationError as error:
-        raise _first_fault(error, source, "") from None
+        raise InputError(source, *first_validation_error(error, keys=MaterialFile.model_fields)) from None
 
 
 def _with_changes(known: dict[str, Any] | None, changes: dict[str, Any], source: str) -> dict[str, Any]:
@@ -287,7 +255,8 @@ def _checked_table(
         try:
             entries[name] = MaterialEntry.model_validate(table)
         except ValidationError as error:
-            raise _first_fault(error, source, f"material.{name}") from None
+            fault = first_validation_error(error, f"material.{name}.", MaterialEntry.model_fields)
+            raise InputError(source, *fault) from None
     known = ", ".join(entries)
     for key, target in {"default": default, **{f"map.{name}": target for name, target in exact.items()}}.items():
         if target not in entries:
@@ -310,17 +279,3 @@ def _checked_table(
         exact=dict(exact),
         default=default,
     )
-
-
-def _first_fault(error: ValidationError, source: object, prefix: str) -> InputError:
-    """One line of pydantic's first complaint: field, value, what is right."""
-    first = error.errors(include_url=False)[0]
-    where = ".".join(str(part) for part in ((prefix,) if prefix else ()) + first["loc"])
-    more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
-    if first["type"] == "extra_forbidden":
-        allowed = ", ".join((MaterialEntry if prefix else MaterialFile).model_fields)
-        return InputError(source, f"unknown key {where}{more}", f"one of {allowed}")
-    if first["type"] == "value_error":
-        return InputError(source, f"{where}: {first['ctx']['error']}{more}")
-    value = "missing" if first["type"] == "missing" else f"= {first['input']!r}"
-    return InputError(source, f"{where} {value}{more}", first["msg"][0].lower() + first["msg"][1:])

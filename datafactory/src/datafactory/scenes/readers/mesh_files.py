@@ -8,19 +8,14 @@ from __future__ import annotations
 
 import json
 import logging
-from collections import Counter
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from datafactory.scenes.readers.limits import MAXIMUM_TRIANGLES, check_counts, figure
-from datafactory.scenes.readers.local_mesh import LocalMesh
-from datafactory.scenes.readers.meshes import Y_UP_TO_Z_UP
-from datafactory.scenes.readers.notes import Notes
-from datafactory.scenes.readers.scale import note_coarse_vertices, size_remark
+from datafactory.scenes.readers.common import MAXIMUM_TRIANGLES, Notes, check_counts, with_remarks
+from datafactory.scenes.readers.meshes import Y_UP_TO_Z_UP, note_coarse_vertices, place_mesh, vertex_spacing_m
 from datafactory.scenes.scene import Scene, SceneObject
 from shared.physics.errors import InputError
 
@@ -74,29 +69,23 @@ def read_mesh_file(path: Path) -> Scene:
         if not isinstance(part, trimesh.Trimesh):
             notes.count(f"# geometries of type {type(part).__name__} ignored (only triangle meshes are used)")
     check_counts(path, "the scene", len(meshes), sum(len(part.faces) for _, _, part in meshes))
-    uses = Counter(id(part) for _, _, part in meshes)
-    local: dict[int, LocalMesh] = {}
+    points: dict[int, NDArray[np.floating]] = {}  # one mesh may be in several places
     objects, spacings = [], []
     for name, in_file, part in meshes:
-        with np.errstate(over="ignore", invalid="ignore"):
-            matrix = to_world @ in_file
-        if id(part) not in local:
-            local[id(part)] = LocalMesh(_in_file_precision(part, path), part.faces, shared=uses[id(part)] > 1)
-        mesh = local[id(part)]
-        spacings.append(mesh.spacing_m(matrix))
-        vertices, triangles, dropped = mesh.placed(matrix)
-        dropped.add_to(notes)
+        matrix = to_world @ in_file
+        if id(part) not in points:
+            points[id(part)] = _in_file_precision(part, path)
+        spacings.append(vertex_spacing_m(points[id(part)], matrix))
+        vertices, triangles, _ = place_mesh(points[id(part)], part.faces, matrix, notes)
         if len(triangles):
-            objects.append(SceneObject.of(_text(name), vertices, triangles, _material_name(part)))
+            objects.append(SceneObject(_text(name), vertices, triangles, _material_name(part)))
         else:
             notes.count("# meshes without a usable triangle ignored")
     if objects and suffix not in (".glb", ".gltf"):
         notes.say(f"{suffix} files state no units and no up axis: taken as metres, z up")
     note_coarse_vertices(spacings, notes)
     scene = Scene(path.stem, tuple(objects), source=str(path))
-    if remark := size_remark(scene, "its units, which are taken as metres"):
-        notes.say(remark)
-    return replace(scene, warnings=notes.sentences())
+    return with_remarks(scene, notes, "its units, which are taken as metres")
 
 
 def _placed_geometries(path: Path, source: object) -> list[tuple[str, NDArray[np.float64], trimesh.parent.Geometry]]:
@@ -134,8 +123,7 @@ def _in_file_precision(mesh: trimesh.Trimesh, path: Path) -> NDArray[np.floating
     properties = mesh.metadata.get("_ply_raw", {}).get("vertex", {}).get("properties", {})
     if path.suffix.lower() not in (".glb", ".gltf", ".stl") and not str(properties.get("x", "")).endswith("f4"):
         return mesh.vertices
-    with np.errstate(over="ignore"):  # an STL of text may hold more than float32 does
-        single = mesh.vertices.astype(np.float32)
+    single = mesh.vertices.astype(np.float32)
     return single if np.array_equal(single, mesh.vertices, equal_nan=True) else mesh.vertices
 
 
@@ -167,6 +155,6 @@ def _check_gltf(path: Path, notes: Notes) -> None:
     if unread:
         raise InputError(path, f"uses the glTF extension {unread[0]}", "a file exported without it")
     if largest > 3 * MAXIMUM_TRIANGLES:  # an accessor without a buffer has as many zeros
-        raise InputError(path, f"an accessor of {figure(largest)} elements", f"at most {3 * MAXIMUM_TRIANGLES}")
+        raise InputError(path, f"an accessor of {largest} elements", f"at most {3 * MAXIMUM_TRIANGLES}")
     notes.count("# glTF animations ignored: every object stands still", animations)
     notes.count("# glTF skins ignored: meshes taken in their rest pose", skins)

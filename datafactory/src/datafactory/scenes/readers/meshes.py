@@ -1,100 +1,96 @@
-"""Triangle meshes: placing them in the world, and dropping triangles that no ray tracer can use."""
+"""Triangle meshes: their place in the world, triangles that no ray tracer can use, and how finely vertices are written.
+
+float32 keeps 24 bits: at 500 km from the origin neighbouring numbers are 3 cm apart, eight wavelengths of 77 GHz. A
+vertex rounded by half a spacing moves its echo's phase by up to 2 * 360 deg * (spacing / 2) / wavelength.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.scenes.chain import placed
-from datafactory.scenes.readers.notes import Notes
-from shared.physics.units import FARTHEST_M
+from datafactory.scenes.readers.common import Notes
+from shared.physics.units import FARTHEST_M, SPEED_OF_LIGHT
 
 Y_UP_TO_Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # (x, y, z) -> (x, -z, y)
 FLAT = 1e-12  # twice a triangle's area over its longest edge squared: below this float64 cannot tell it from a line
+WAVELENGTH_M = SPEED_OF_LIGHT / 77e9
+COARSE_DEG = 10.0
+"""Smaller phase errors of vertices are not noted. float32 vertices reach this about 1 km from the origin."""
+
+Placed = tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.int64]]
 
 
-@dataclass(frozen=True)
-class Dropped:
-    """Triangles that a mesh lost in cleaning, by reason."""
+def place_mesh(
+    points: NDArray[np.floating], triangles: NDArray[np.integer], matrix: NDArray[np.float64], notes: Notes
+) -> Placed:
+    """Place a mesh in the world, in float64, outer sides outside also under a mirror.
 
-    out_of_range: int = 0
-    not_finite: int = 0
-    beyond: int = 0
-    no_area: int = 0
+    Left out and counted are triangles that no ray tracer can use; left out are points that no triangle uses.
 
-    def add_to(self, notes: Notes) -> None:
-        notes.count("# triangles with a vertex index out of range dropped", self.out_of_range)
-        notes.count("# triangles with a NaN or infinite vertex dropped", self.not_finite)
-        notes.count(f"# triangles with a vertex beyond {FARTHEST_M:g} m dropped", self.beyond)
-        notes.count("# triangles without area dropped", self.no_area)
-
-
-def clean_mesh(
-    vertices: NDArray[np.floating], triangles: NDArray[np.integer]
-) -> tuple[NDArray[np.float64], NDArray[np.int32], Dropped]:
-    """Drop triangles that no ray tracer can use, and vertices that no triangle uses.
-
-    :param vertices: [V, 3]
-    :param triangles: [T, 3] vertex indices
-    :return: vertices [V', 3] float64, triangles [T', 3] int32 in the order given, and what was dropped
+    :param points: [P, 3] in local coordinates, in the precision of the file
+    :param triangles: [T, 3] indices of points; counter-clockwise seen from outside
+    :param matrix: [4, 4] to the world, acting on column vectors
+    :return: vertices [V, 3]; triangles [T', 3] on them, in the order given; which points [V] the vertices are
     """
-    vertices = np.asarray(vertices, dtype=np.float64).reshape(-1, 3)
-    kept, dropped = usable_triangles(vertices, triangles)
-    used, compact = np.unique(kept, return_inverse=True)
-    return vertices[used], compact.reshape(-1, 3).astype(np.int32), dropped
-
-
-def usable_triangles(
-    vertices: NDArray[np.float64], triangles: NDArray[np.integer]
-) -> tuple[NDArray[np.int64], Dropped]:
-    """The triangles [T', 3] that a ray tracer can use, in the order given, and what was dropped.
-
-    :param vertices: [V, 3]; :param triangles: [T, 3] vertex indices
-    """
-    triangles = np.asarray(triangles, dtype=np.int64).reshape(-1, 3)
-    inside = np.all((triangles >= 0) & (triangles < len(vertices)), axis=1)
-    kept = triangles[inside]
-    finite = np.isfinite(vertices[kept]).all(axis=(1, 2))
+    world = placed(np.asarray(points).reshape(-1, 3), matrix)
+    kept = np.asarray(triangles, dtype=np.int64).reshape(-1, 3)
+    mirrors = np.linalg.det(matrix[:3, :3]) < 0
+    kept = kept[:, ::-1] if mirrors else kept
+    inside = ((kept >= 0) & (kept < len(world))).all(axis=1)
+    notes.count("# triangles with a vertex index out of range dropped", int((~inside).sum()))
+    kept = kept[inside]
+    finite = np.isfinite(world[kept]).all(axis=(1, 2))
+    notes.count("# triangles with a NaN or infinite vertex dropped", int((~finite).sum()))
     kept = kept[finite]
-    near = (np.abs(vertices[kept]) <= FARTHEST_M).all(axis=(1, 2))
+    near = (np.abs(world[kept]) <= FARTHEST_M).all(axis=(1, 2))
+    notes.count(f"# triangles with a vertex beyond {FARTHEST_M:g} m dropped", int((~near).sum()))
     kept = kept[near]
-    solid = _has_area(vertices[kept])
-    kept = kept[solid]
-    return kept, Dropped(*(int((~mask).sum()) for mask in (inside, finite, near, solid)))
-
-
-def usable(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """[T] whether :func:`clean_mesh` keeps triangles with these corners [T, 3, 3]."""
-    with np.errstate(invalid="ignore", over="ignore"):
-        solid = _has_area(corners)
-    near = np.all(np.abs(corners) <= FARTHEST_M, axis=(1, 2))  # false for NaN
-    kept: NDArray[np.bool_] = solid & near
-    return kept
+    solid = _has_area(world[kept])
+    notes.count("# triangles without area dropped", int((~solid).sum()))
+    used, compact = np.unique(kept[solid], return_inverse=True)
+    return world[used], compact.reshape(-1, 3).astype(np.int32), used
 
 
 def _has_area(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
-    edges = np.roll(corners, -1, axis=1) - corners  # [T, 3, 3]
+    edges = corners[:, [1, 2, 0]] - corners  # [T, 3, 3]
     doubled_area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
     solid: NDArray[np.bool_] = doubled_area > FLAT * np.square(edges).sum(axis=2).max(axis=1, initial=0.0)
     return solid
 
 
-def place_mesh(
-    vertices: NDArray[np.floating], triangles: NDArray[np.integer], matrix: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.integer]]:
-    """Apply an affine transform in float64, and keep outer sides outside under a mirror.
+def phase_error_deg(spacing_m: float) -> float:
+    """Two-way phase error [deg] at 77 GHz of a vertex on a grid of this spacing [m]."""
+    return 360.0 * spacing_m / WAVELENGTH_M
 
-    :param vertices: [V, 3]
-    :param triangles: [T, 3] vertex indices; counter-clockwise seen from outside
-    :param matrix: [4, 4] acting on column vectors; a negative determinant reverses the winding
+
+def vertex_spacing_m(points: NDArray[np.floating], matrix: NDArray[np.float64]) -> float:
+    """Spacing [m] of the numbers that a mesh's farthest vertex is written in; 0 for float64, which is always fine.
+
+    :param points: [P, 3] in local coordinates, in the precision of the file
+    :param matrix: [4, 4] to the world in metres; its offset is added in float64 and costs nothing
     """
-    # NaN, infinite and absurdly far vertices are dropped and counted in ``clean_mesh``.
-    return placed(vertices, matrix), triangles[:, ::-1] if mirrors(matrix) else triangles
+    if points.dtype.itemsize > 4 or not np.isfinite(matrix).all():
+        return 0.0
+    largest = np.float32(np.max(np.abs(points), initial=0.0, where=np.isfinite(points)))
+    # The largest number has infinity above it: its spacing is that to the number below.
+    spacing = float(largest - np.nextafter(largest, np.float32(0.0)))
+    found = spacing * float(np.linalg.norm(matrix[:3, :3], ord=2))
+    return found if np.isfinite(found) else 0.0
 
 
-def mirrors(matrix: NDArray[np.float64]) -> bool:
-    """Whether an affine transform [4, 4] turns outer sides in."""
-    with np.errstate(invalid="ignore", over="ignore"):
-        return bool(np.linalg.det(matrix[:3, :3]) < 0)
+def note_coarse_vertices(spacings_m: Sequence[float], notes: Notes) -> None:
+    """Count the meshes whose vertices are too coarse for coherent echoes, with the largest phase error.
+
+    :param spacings_m: :func:`vertex_spacing_m` of every mesh
+    """
+    coarse = [spacing for spacing in spacings_m if phase_error_deg(spacing) > COARSE_DEG]
+    if coarse:
+        notes.count(
+            f"# meshes have float32 vertices far from their origin, {max(coarse) * 1e3:.2g} mm apart: phases at 77 GHz "
+            f"are wrong by up to {phase_error_deg(max(coarse)):.0f} deg; hold the offset in a transform or in doubles",
+            len(coarse),
+        )

@@ -1,8 +1,15 @@
-"""The syntax of shapes in Mitsuba 3 XML: references, transforms, properties; to plain values."""
+"""The syntax of shapes in Mitsuba 3 XML: includes, parameters, references, transforms, properties; to plain values.
+
+Mitsuba's own parser is not used: importing Mitsuba loads Dr.Jit, which loads the first libLLVM that it finds, and
+without a variant it does not give its transforms away. Python's parser fetches no external entity, and expat bounds the
+expansion of internal ones.
+"""
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,9 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 from trimesh.transformations import rotation_matrix
 
-from datafactory.scenes.readers.mitsuba_files import read_elements
 from shared.physics.errors import InputError
 
+INCLUDE_DEPTH = 15  # Mitsuba's limit
+LONGEST_VALUE = 100_000
+PARAMETER = re.compile(r"\$(\w+)")
 LARGEST = 1e60  # of a number in a scene: cubes of it, as in determinants, are still finite
 TRANSFORM_NAMES = ("to_world", "toWorld")  # since version 2, and before
 
@@ -87,9 +96,10 @@ class Shape:
 def read_shapes(path: Path) -> list[Shape]:
     """The shapes of a scene, in the file's order; those within other objects (shape groups) are not among them.
 
-    :raises InputError: as :func:`.mitsuba_files.read_elements`; an id used twice, a reference that leads nowhere
+    :raises InputError: malformed XML, an undefined parameter, includes nested too deeply, an id used twice, a reference
+        that leads nowhere
     """
-    elements = read_elements(path)
+    elements = list(_elements(path, path, {}, 0))
     kinds: dict[str, str] = {}
     aliases = {top.get("as", ""): top.get("id", "") for top in elements if top.tag == "alias"}
     for element in (item for top in elements if top.tag != "alias" for item in top.iter()):
@@ -101,6 +111,43 @@ def read_shapes(path: Path) -> list[Shape]:
         kinds[name] = element.tag
     tops = [element for element in elements if element.tag == "shape"]
     return [_shape(path, element, number, kinds, aliases) for number, element in enumerate(tops, start=1)]
+
+
+def _elements(path: Path, scene: Path, parameters: dict[str, str], depth: int) -> Iterator[ElementTree.Element]:
+    """Children of the scene element with includes in place and ``$name`` substituted as far as it is known there.
+
+    :param scene: the main file, for messages; Mitsuba looks for every file from its folder
+    """
+    try:
+        root = ElementTree.parse(path).getroot()
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        raise InputError(path, f"not well-formed XML ({error})", "a valid Mitsuba 3 scene") from error
+    except OSError as error:
+        raise InputError(scene, f"{path}: {error.strerror}", "a readable file") from error
+    if root.tag != "scene":
+        raise InputError(path, f"the outermost element is <{root.tag}>", "<scene>")
+    for top in root:
+        for element in top.iter():
+            for key, value in element.attrib.items():
+                element.set(key, _substituted(path, value, parameters))
+        if top.tag == "default":
+            parameters.setdefault(top.get("name", ""), top.get("value", ""))
+        elif top.tag == "include":
+            if depth >= INCLUDE_DEPTH:
+                raise InputError(scene, f"<include> is nested more than {INCLUDE_DEPTH} deep", "no include loop")
+            yield from _elements(scene.parent / top.get("filename", ""), scene, parameters, depth + 1)
+        else:
+            yield top
+
+
+def _substituted(path: Path, text: str, parameters: dict[str, str]) -> str:
+    for name in PARAMETER.findall(text):
+        if name not in parameters:
+            raise InputError(path, f"undefined parameter ${name}", "a <default> for it")
+    value = PARAMETER.sub(lambda match: parameters[match[1]], text)
+    if len(value) > LONGEST_VALUE:  # sixty parameters of two parameters each would fill the memory
+        raise InputError(path, f"{text!r} has {len(value)} characters", f"at most {LONGEST_VALUE}")
+    return value
 
 
 def _shape(

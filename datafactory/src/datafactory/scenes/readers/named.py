@@ -1,4 +1,4 @@
-"""Scenes by name: those that this package ships, and those that Sionna ships.
+"""Scenes by name: those that this package ships, and those that Sionna ships; what their files say of themselves.
 
 The files of this package lie in ``datafactory/scenes/shipped``. In a checkout its entries are links to the folder
 ``scenes`` at the root; a wheel has the files themselves.
@@ -7,6 +7,7 @@ The files of this package lie in ``datafactory/scenes/shipped``. In a checkout i
 from __future__ import annotations
 
 import importlib.util
+from dataclasses import dataclass
 from pathlib import Path
 
 from shared.physics.errors import InputError, meant
@@ -16,6 +17,23 @@ SIONNA_PREFIX = "sionna:"
 SHIPPED_FOLDER = Path(__file__).resolve().parents[1] / "shipped"
 SHIPPED_SUFFIXES = (".usda", ".xml")
 """Of two files of one name the first of these has the bare name, and the other its suffix."""
+
+FORMATS = {".usda": "USD", ".xml": "Mitsuba"}
+
+
+@dataclass(frozen=True)
+class NamedScene:
+    """One scene.
+
+    :param name: what ``--scene`` takes
+    :param bytes: of its file and, of Mitsuba's format, of its meshes
+    :param about: the file's own documentation; "" where it has none
+    """
+
+    name: str
+    kind: str
+    bytes: int
+    about: str
 
 
 def shipped_scenes() -> dict[str, Path]:
@@ -52,3 +70,27 @@ def named_file(source: str) -> tuple[str, Path] | None:
                 raise InputError(source, f"unknown {owner} scene", expected)
             return known[name].stem if prefix == SHIPPED_PREFIX else name, known[name]
     return None
+
+
+def named_scenes() -> list[NamedScene]:
+    """All scenes that have a name: this package's, then Sionna's."""
+    found = []
+    for prefix, scenes in ((SHIPPED_PREFIX, shipped_scenes()), (SIONNA_PREFIX, sionna_scenes())):
+        for name, file in scenes.items():
+            found.append(NamedScene(f"{prefix}{name}", FORMATS[file.suffix], _bytes(file), _about(file)))
+    return found
+
+
+def _bytes(file: Path) -> int:
+    meshes = sorted((file.parent / "meshes").glob("*.ply")) if file.suffix == ".xml" else []
+    return sum(path.stat().st_size for path in (file, *meshes))
+
+
+def _about(file: Path) -> str:
+    """The documentation in a USD layer's header, on one line."""
+    if file.suffix != ".usda":
+        return ""
+    from datafactory.scenes.usd_library import Sdf
+
+    layer = Sdf.Layer.FindOrOpen(str(file))
+    return " ".join(layer.documentation.split()) if layer is not None else ""

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
+from datafactory.scenes.readers.common import AS_WRITTEN, Reading
 from datafactory.scenes.readers.named import SHIPPED_PREFIX, SIONNA_PREFIX, named_file
-from datafactory.scenes.readers.reading import AS_WRITTEN, Reading
 from datafactory.scenes.scene import Scene
 from shared.physics.errors import InputError, meant, require_utf8
 
@@ -50,6 +52,7 @@ def open_scene(source: str, reading: Reading = AS_WRITTEN) -> Scene:
     return scene
 
 
+@np.errstate(invalid="ignore", over="ignore")  # what is not finite is left out and counted, or refused
 def _read(path: Path, name: str, reading: Reading) -> Scene:
     suffix = path.suffix.lower()
     if suffix in USD_SUFFIXES:

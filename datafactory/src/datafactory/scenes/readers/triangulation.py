@@ -51,8 +51,7 @@ def triangulate(
     for size in np.unique(counts[~bad]):
         chosen = np.flatnonzero(~bad & (counts == size))
         polygons = indices[starts[chosen][:, None] + np.arange(size)].astype(np.int64)
-        with np.errstate(invalid="ignore"):  # NaN and infinite corners make a fan, for others to drop and count
-            concave = _concave(points[polygons].astype(np.float64))
+        concave = _concave(points[polygons].astype(np.float64))
         fans, owners = _fan(polygons[~concave]), np.repeat(chosen[~concave], size - 2)
         corners.append(fans)
         faces.append(owners)

@@ -24,25 +24,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.scenes.chain import Chain, Samples
-from datafactory.scenes.labels import Label
-from datafactory.scenes.motion import Motion, Moving
-from datafactory.scenes.readers.local_mesh import LocalMesh
-from datafactory.scenes.readers.notes import Notes
-from datafactory.scenes.readers.reading import AS_WRITTEN, Reading
-from datafactory.scenes.readers.scale import note_coarse_vertices
-from datafactory.scenes.readers.usd_composition import check_composition
-from datafactory.scenes.readers.usd_counts import PROTOTYPE_PRIMS, SCENE_PRIMS, check_expansion
+from datafactory.scenes.motion import Motion, Moving, Vector
+from datafactory.scenes.readers.common import AS_WRITTEN, MAXIMUM_NESTING, Notes, Reading, check_counts, with_remarks
+from datafactory.scenes.readers.meshes import note_coarse_vertices, place_mesh, vertex_spacing_m
 from datafactory.scenes.readers.usd_facts import FactsOfPrims, has_shape
 from datafactory.scenes.readers.usd_labels import UNLABELLED, Labelling
-from datafactory.scenes.readers.usd_motion import Frame, Transforms, check_motion, instance_frames, product
+from datafactory.scenes.readers.usd_motion import Frame, Transforms, check_motion, instance_frames
+from datafactory.scenes.readers.usd_samples import Clock
 from datafactory.scenes.readers.usd_skinning import bake_skinning
-from datafactory.scenes.readers.usd_stage import check_sizes, open_usd_stage, usd_stage_to_world
+from datafactory.scenes.readers.usd_stage import open_usd_stage, usd_stage_to_world
 from datafactory.scenes.readers.usd_targets import model_axes, occupied_below, prim_model
-from datafactory.scenes.readers.usd_times import Clock
-from datafactory.scenes.scene import WORLD_AXES, ZERO, PointTarget, Scene, SceneObject, Vector
+from datafactory.scenes.scene import WORLD_AXES, ZERO, PointTarget, Scene, SceneObject
 from datafactory.scenes.usd_library import Tf, Usd, UsdGeom
 from shared.physics.errors import InputError
 from shared.physics.units import FARTHEST_M
+
+SCENE_PRIMS = Usd.TraverseInstanceProxies()  # active, loaded, defined, not abstract
+# The prims of a prototype are often overs or classes.
+PROTOTYPE_PRIMS = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded)
 
 
 @dataclass(frozen=True)
@@ -67,13 +66,10 @@ def read_usd(path: str | Path, reading: Reading = AS_WRITTEN) -> Scene:
         or a ``radar:`` attribute without a usable value
     """
     path = Path(path)
-    if not path.is_file():
-        raise InputError(path, "no such file", "an existing USD file")
     notes = Notes()
     # USD would print its diagnostics. The trap keeps them for the error's one line or for a counted warning.
     with Tf.DiagnosticTrap() as trap:
         try:
-            check_composition(path)
             usd_stage = open_usd_stage(path, notes, reading)
             bake_skinning(usd_stage, notes)
             scene = _Reader(path, usd_stage, notes).read()
@@ -87,8 +83,8 @@ def read_usd(path: str | Path, reading: Reading = AS_WRITTEN) -> Scene:
     if remarks:
         more = f" (and {len(remarks) - 1} more)" if len(remarks) > 1 else ""
         notes.say(f"USD reported: {' '.join(remarks[0].split())}{more}")
-    check_sizes(scene, notes)
-    return replace(scene, warnings=notes.sentences())
+    mixed = any("which USD does not convert" in sentence for sentence in notes.sentences())
+    return with_remarks(scene, notes, "metersPerUnit", always=mixed)
 
 
 def _reason(error: Exception) -> str:
@@ -97,8 +93,9 @@ def _reason(error: Exception) -> str:
         text = str(error)
     except UnicodeDecodeError as undecodable:  # the text quotes bytes of the file that are no UTF-8
         text = str(undecodable)
-    quoted = "; ".join(line.split(" : ", 1)[-1].strip("' ") for line in text.splitlines() if " : '" in line)
-    return re.sub(r"pxrInternal\w*?::", "", quoted) or text  # without the namespace of USD's own build
+    quoted = [line.split(" : ", 1)[-1].strip("' ") for line in text.splitlines() if " : '" in line]
+    whys = [line for line in quoted if not line.startswith("Failed to open layer")] or quoted
+    return re.sub(r"pxrInternal\w*?::", "", "; ".join(whys)) or text  # without the namespace of USD's own build
 
 
 def _commentary(remark: Any) -> str:
@@ -124,21 +121,25 @@ class _Reader:
         self._turn = self._to_world[:3, :3] / np.cbrt(np.linalg.det(self._to_world[:3, :3]))
         self._objects: list[SceneObject] = []
         self._targets: list[PointTarget] = []
+        self._triangles = 0
         self._spacings: list[float] = []
         self._registry = Usd.SchemaRegistry()
 
     def read(self) -> Scene:
         root = self._usd_stage.GetPseudoRoot()
-        check_expansion(self._path, root, self._facts, self._start)
         top = _Inherited(Frame(root, "", np.eye(4), None, SCENE_PRIMS))
-        waiting = [(prim, top) for prim in reversed(root.GetFilteredChildren(SCENE_PRIMS))]
-        while waiting:
-            prim, inherited = waiting.pop()
-            below = self._visit(prim, inherited)
-            waiting.extend(reversed(below))  # the last one is taken next: the order of the USD stage
+        for prim in root.GetFilteredChildren(SCENE_PRIMS):
+            self._read_from(prim, top)
         note_coarse_vertices(self._spacings, self._notes)
         self._clock.note_outside(self._notes)
         return Scene(self._path.stem, tuple(self._objects), tuple(self._targets), str(self._path))
+
+    def _read_from(self, prim: Usd.Prim, inherited: _Inherited) -> None:
+        """Read a prim and everything below it."""
+        waiting = [(prim, inherited)]
+        while waiting:
+            below = self._visit(*waiting.pop())
+            waiting.extend(reversed(below))  # the last one is taken next: the order of the USD stage
 
     def _visit(self, prim: Usd.Prim, inherited: _Inherited) -> list[tuple[Usd.Prim, _Inherited]]:
         """Read the prim itself; return the prims below it that are to be read, with what they inherit."""
@@ -160,7 +161,8 @@ class _Reader:
                 self._add_target(prim, inherited, kind)
                 return []
             if facts.is_instancer:
-                return self._instances(UsdGeom.PointInstancer(prim), inherited)
+                self._read_instances(UsdGeom.PointInstancer(prim), inherited)
+                return []
             self._add_geometry(prim, facts.is_gprim, inherited)
         elif facts.is_gprim or facts.is_instancer:
             self._notes.count(f"# prims of purpose {inherited.purpose} skipped")
@@ -192,10 +194,10 @@ class _Reader:
         below = Usd.PrimRange(prim, inherited.frame.predicate)
         replaced = sum(1 for item in below if item.IsA(UsdGeom.Gprim) or item.IsA(UsdGeom.PointInstancer))
         if kind is None and replaced:
-            occupied = occupied_below(prim, self._start, product(self._to_world, matrix)[:3, :3], axes)
+            occupied = occupied_below(prim, self._start, (self._to_world @ matrix)[:3, :3], axes)
         reason = "a point target (radar:rcs_dbsm)" if kind is None else "the model of a target"
         self._notes.count(f"# geometry prims left out: {reason} stands for them", replaced)
-        x, y, z = (float(value) for value in product(self._to_world, matrix)[:3, 3])
+        x, y, z = (float(value) for value in (self._to_world @ matrix)[:3, 3])
         if not (np.abs([x, y, z]) <= FARTHEST_M).all():
             raise InputError(
                 self._path, f"{prim.GetPath()} stands at ({x}, {y}, {z})", f"a position within {FARTHEST_M:g} m"
@@ -209,6 +211,7 @@ class _Reader:
         if model is not None and (problem := model.unfit(float(np.dot(axes[0], target.velocity)))):
             raise InputError(self._path, f"{prim.GetPath()}: {problem}")
         self._targets.append(target)
+        self._check_counts(name)
 
     def _placing(
         self, prim: Usd.Prim, inherited: _Inherited, track: Samples | None = None
@@ -230,20 +233,34 @@ class _Reader:
             motion = Moving(frame.name(prim), chain, track)
         return matrix, motion
 
-    def _instances(self, instancer: UsdGeom.PointInstancer, inherited: _Inherited) -> list[tuple[Usd.Prim, _Inherited]]:
-        path = str(instancer.GetPath())
+    def _read_instances(self, instancer: UsdGeom.PointInstancer, inherited: _Inherited) -> None:
+        path, depth = str(instancer.GetPath()), len(inherited.instancers)
         if path in inherited.instancers:
             raise InputError(self._path, f"point instancer {path} is within its own prototypes", "no such loop")
+        if depth >= MAXIMUM_NESTING:
+            raise InputError(self._path, f"{path} lies within {depth} levels of instances", f"less than {depth}")
+        inherited = replace(inherited, instancers=(*inherited.instancers, path))
         if instancer.GetVelocitiesAttr().HasAuthoredValue():
             self._notes.count("# point instancers have 'velocities', which are not used (positions' samples are)")
         try:
             frames = instance_frames(instancer, inherited.frame, self._transforms, PROTOTYPE_PRIMS)
-            return [
-                (frame.root, replace(inherited, frame=frame, instancers=(*inherited.instancers, path)))
-                for frame in frames
-            ]
         except ValueError as error:
             raise InputError(self._path, f"point instancer {path}: {error}", "arrays that fit together") from error
+        known = set()
+        for frame, repeats in frames:
+            objects, triangles = self._count, self._triangles
+            self._read_from(frame.root, replace(inherited, frame=frame))
+            if frame.root not in known:  # what the first instance of a prototype makes, each of them will
+                known.add(frame.root)
+                objects, triangles = repeats * (self._count - objects), repeats * (self._triangles - triangles)
+                check_counts(self._path, f"point instancer {path}", objects, triangles)
+
+    @property
+    def _count(self) -> int:
+        return len(self._objects) + len(self._targets)
+
+    def _check_counts(self, name: str) -> None:
+        check_counts(self._path, f"the scene as far as {name}", self._count, self._triangles)
 
     def _add_geometry(self, prim: Usd.Prim, is_gprim: bool, inherited: _Inherited) -> None:
         if has_shape(prim):
@@ -260,41 +277,34 @@ class _Reader:
         shared = prim.IsInstanceProxy() or not inherited.frame.root.IsPseudoRoot()
         shape = self._facts.shape(prim, shared)
         self._notes.repeat(shape.notes)
-        if not shape.meshes:
+        if not shape.parts:
             return
         matrix, motion = self._placing(prim, inherited, shape.track)
-        matrix = product(self._to_world, matrix)
+        matrix = self._to_world @ matrix
         label = inherited.labelling.of_shape(prim, inherited.frame, self._transforms, shape.track is not None)
-        self._spacings.append(shape.meshes[0][1].spacing_m(matrix))
+        self._spacings.append(vertex_spacing_m(shape.points, matrix))
         if motion is not None:
             check_motion(self._path, inherited.frame.name(prim), motion, shape.probes)
-        for name, mesh in shape.meshes:
-            if name:
-                subset = prim.GetChild(name)
-                self._add_object(subset, mesh, matrix, motion, label, self._with_attributes(subset, inherited))
-            else:
-                self._add_object(prim, mesh, matrix, motion, label, inherited)
+        for subset, triangles in shape.parts:
+            part, own = prim, inherited
+            if subset:
+                part = prim.GetChild(subset)
+                own = self._with_attributes(part, inherited)
+            vertices, kept, used = place_mesh(shape.points, triangles, matrix, self._notes)
+            if not len(kept):
+                self._notes.count("# meshes or subsets without a usable triangle ignored")
+                continue
+            name, material, velocity = own.frame.name(part), self._material(part, own), own.velocity or ZERO
+            its_own = motion if own.velocity is None else None  # a subset may have a radar:velocity
+            local = (shape.points, used) if isinstance(its_own, Moving) else None
+            item = SceneObject.of(name, vertices, kept, material, velocity, its_own, label, local)
+            self._objects.append(item)
+            self._triangles += len(kept)
+            self._check_counts(name)
 
-    def _add_object(
-        self,
-        prim: Usd.Prim,
-        mesh: LocalMesh,
-        matrix: NDArray[np.float64],
-        motion: Motion | None,
-        label: Label | None,
-        inherited: _Inherited,
-    ) -> None:
-        vertices, triangles, dropped = mesh.placed(matrix, keep_points=isinstance(motion, Moving))
-        dropped.add_to(self._notes)
-        if not len(triangles):
-            self._notes.count("# meshes or subsets without a usable triangle ignored")
-            return
-        material = inherited.material
-        if material is None:
-            material, leads_nowhere = self._facts.bound_material(prim)
-            self._notes.count("# material bindings lead to no material", int(leads_nowhere))
-        if inherited.velocity is not None:  # a subset's own
-            motion = None
-        name = inherited.frame.name(prim)
-        velocity = inherited.velocity or ZERO
-        self._objects.append(SceneObject.of(name, vertices, triangles, material, velocity, motion, label))
+    def _material(self, prim: Usd.Prim, inherited: _Inherited) -> str:
+        if inherited.material is not None:
+            return inherited.material
+        material, leads_nowhere = self._facts.bound_material(prim)
+        self._notes.count("# material bindings lead to no material", int(leads_nowhere))
+        return material

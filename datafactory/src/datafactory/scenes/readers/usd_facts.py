@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.scenes.chain import Samples
-from datafactory.scenes.readers.local_mesh import LocalMesh
-from datafactory.scenes.readers.notes import Notes
+from datafactory.scenes.readers.common import Notes
 from datafactory.scenes.readers.usd_prims import (
     PrimMesh,
     is_solid,
@@ -19,11 +20,12 @@ from datafactory.scenes.readers.usd_prims import (
     solid_mesh,
     whole_numbers,
 )
-from datafactory.scenes.readers.usd_samples import point_track
+from datafactory.scenes.readers.usd_samples import Clock, point_track
 from datafactory.scenes.readers.usd_targets import names_are_targets, target_kind
-from datafactory.scenes.readers.usd_times import Clock
 from datafactory.scenes.usd_library import Sdf, Usd, UsdGeom, UsdShade
 from shared.physics.errors import InputError
+
+Found = TypeVar("Found")
 
 
 @dataclass(frozen=True)
@@ -57,13 +59,15 @@ class PrimFacts:
 class PrimShape:
     """The meshes of one prim: one for each of its material subsets, and one for the rest.
 
-    :param meshes: (name of the subset, "" for the prim itself; its mesh)
+    :param points: [P, 3] in local coordinates, in the precision of the file
+    :param parts: (name of the subset, "" for the prim itself; its triangles [T, 3]); none without a mesh
     :param probes: [P, 3] points between which all others lie
     :param track: samples [K, P, 3] of all points; None where they stay as they are
     :param notes: what was left out of the geometry
     """
 
-    meshes: tuple[tuple[str, LocalMesh], ...]
+    points: NDArray[np.floating]
+    parts: tuple[tuple[str, NDArray[np.int64]], ...]
     probes: NDArray[np.floating]
     notes: Notes
     track: Samples | None = None
@@ -76,47 +80,36 @@ class FactsOfPrims:
         self._path = path
         self._clock = clock
         self._start = Usd.TimeCode(clock.start)
-        self._facts: dict[Sdf.Path, PrimFacts] = {}
-        self._materials: dict[Sdf.Path, tuple[str, bool]] = {}
-        self._kinds: dict[tuple[Sdf.Path, bool], str | None] = {}
-        self._shapes: dict[Sdf.Path, PrimShape] = {}
+        self._known: dict[tuple[Hashable, ...], Any] = {}
 
     def of(self, prim: Usd.Prim) -> PrimFacts:
         """The facts of one prim.
 
         :raises InputError: a ``radar:`` attribute without a usable value
         """
-        key = source_path(prim)
-        if key not in self._facts:
-            self._facts[key] = self._read(prim)
-        return self._facts[key]
+        return self._once((source_path(prim),), lambda: self._read(prim))
 
     def kind(self, prim: Usd.Prim, by_name: bool) -> str | None:
         """The model of a target that the prim calls for, see :func:`.usd_targets.target_kind`."""
-        key = source_path(prim), by_name
-        if key not in self._kinds:
-            self._kinds[key] = target_kind(self._path, prim, self._start, by_name)
-        return self._kinds[key]
+        key = "kind", source_path(prim), by_name
+        return self._once(key, lambda: target_kind(self._path, prim, self._start, by_name))
 
     def shape(self, prim: Usd.Prim, shared: bool) -> PrimShape:
         """The meshes of a Mesh or a solid; kept only where they are ``shared``."""
         if not shared:
-            return self._read_shape(prim, shared)
-        key = source_path(prim)
-        if key not in self._shapes:
-            self._shapes[key] = self._read_shape(prim, shared)
-        return self._shapes[key]
+            return self._read_shape(prim)
+        return self._once(("shape", source_path(prim)), lambda: self._read_shape(prim))
 
     def bound_material(self, prim: Usd.Prim) -> tuple[str, bool]:
         """Name of the material bound to a prim, "" without one, and whether a binding leads to no material."""
-        key = prim.GetPath()
-        if key not in self._materials:
-            binding = UsdShade.MaterialBindingAPI(prim)
-            bound, _ = binding.ComputeBoundMaterial()
-            leads_nowhere = not bound and bool(binding.GetDirectBindingRel().GetTargets())
-            # Bindings above an instance count too, so that its prims do not have those of the prototype.
-            self._materials[key] = str(bound.GetPrim().GetName()) if bound else "", leads_nowhere
-        return self._materials[key]
+        # Bindings above an instance count too, so that its prims do not have those of the prototype.
+        return self._once(("material", prim.GetPath()), lambda: _bound_material(prim))
+
+    def _once(self, key: tuple[Hashable, ...], read: Callable[[], Found]) -> Found:
+        if key not in self._known:
+            self._known[key] = read()
+        found: Found = self._known[key]
+        return found
 
     def numbers(self, prim: Usd.Prim, name: str, size: int, expected: str) -> NDArray[np.float64]:
         """A custom attribute's value as [size] float64."""
@@ -168,7 +161,7 @@ class FactsOfPrims:
             raise InputError(self._path, f"{prim.GetPath()}.{name} = {value!r}", expected)
         return value
 
-    def _read_shape(self, prim: Usd.Prim, shared: bool) -> PrimShape:
+    def _read_shape(self, prim: Usd.Prim) -> PrimShape:
         notes = Notes()
         mesh: PrimMesh | None
         track = None
@@ -179,16 +172,24 @@ class FactsOfPrims:
             mesh = solid_mesh(prim, self._start)
             notes.count("# solids change their size: taken as they are at the start", int(size_changes(prim)))
         if mesh is None:
-            return PrimShape((), np.zeros((0, 3)), notes)
-        meshes = []
+            return PrimShape(np.zeros((0, 3)), (), np.zeros((0, 3)), notes)
+        parts = []
         rest = np.ones(len(mesh.triangles), dtype=bool)
         for subset in UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets():
             chosen = rest & np.isin(mesh.faces, whole_numbers(subset.GetIndicesAttr(), self._start))
             rest &= ~chosen
-            meshes.append((subset.GetPrim().GetName(), LocalMesh(mesh.points, mesh.triangles[chosen], shared)))
+            parts.append((subset.GetPrim().GetName(), mesh.triangles[chosen]))
         if rest.any() or not len(rest):
-            meshes.append(("", LocalMesh(mesh.points, mesh.triangles[rest], shared)))
-        return PrimShape(tuple(meshes), mesh.points if track is not None else _corners(mesh.points), notes, track)
+            parts.append(("", mesh.triangles[rest]))
+        probes = mesh.points if track is not None else _corners(mesh.points)
+        return PrimShape(mesh.points, tuple(parts), probes, notes, track)
+
+
+def _bound_material(prim: Usd.Prim) -> tuple[str, bool]:
+    binding = UsdShade.MaterialBindingAPI(prim)
+    bound, _ = binding.ComputeBoundMaterial()
+    leads_nowhere = not bound and bool(binding.GetDirectBindingRel().GetTargets())
+    return str(bound.GetPrim().GetName()) if bound else "", leads_nowhere
 
 
 def _corners(points: NDArray[np.floating]) -> NDArray[np.floating]:

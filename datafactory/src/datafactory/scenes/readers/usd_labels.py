@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from datafactory.scenes.chain import Chain
 from datafactory.scenes.labels import Label
 from datafactory.scenes.readers.usd_facts import PrimFacts
-from datafactory.scenes.readers.usd_motion import Frame, Transforms, product
+from datafactory.scenes.readers.usd_motion import Frame, Transforms
 from datafactory.scenes.usd_library import Usd, UsdGeom, UsdSkel
 
 
@@ -73,7 +73,7 @@ def label_of(prim: Usd.Prim, frame: Frame, transforms: Transforms, straight: boo
     """
     chain = transforms.chain(prim, frame)
     if chain is None or straight:
-        way = Chain((product(transforms.to_world, transforms.matrix(prim, frame)),))
+        way = Chain((transforms.to_world @ transforms.matrix(prim, frame),))
     else:
         way = Chain((transforms.to_world,)).then(*chain.factors)
     return Label(frame.name(prim), way, class_name)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from pathlib import PurePosixPath
 
-from datafactory.scenes.readers.notes import Notes
+from datafactory.scenes.readers.common import Notes
 from datafactory.scenes.usd_library import Pcp, Sdf, Usd, UsdGeom
 
 LEFT_OUT = (
@@ -20,26 +20,10 @@ LEFT_OUT = (
     Pcp.ErrorUnresolvedPrimPath,
 )
 """Composition errors that leave out a part of the scene."""
-MATERIAL_SUFFIXES = frozenset(
-    [
-        ".mtlx",
-        ".mdl",
-        ".osl",
-        ".oso",
-        ".glslfx",
-        ".png",
-        ".jpg",
-        ".jpeg",
-        ".exr",
-        ".hdr",
-        ".tif",
-        ".tiff",
-        ".tga",
-        ".tx",
-        ".tex",
-        ".webp",
-    ]
-)
+MATERIAL_SUFFIXES = frozenset([
+    ".mtlx", ".mdl", ".osl", ".oso", ".glslfx",
+    ".png", ".jpg", ".jpeg", ".exr", ".hdr", ".tif", ".tiff", ".tga", ".tx", ".tex", ".webp",
+])  # fmt: skip
 MATERIAL_TYPES = frozenset(("Material", "Shader", "NodeGraph"))
 MATERIAL_SCOPES = frozenset(
     ["material", "materials", "mat", "mats", "mtl", "mtls", "look", "looks", "shader", "shaders", "texture", "textures"]

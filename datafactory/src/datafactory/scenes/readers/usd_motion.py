@@ -8,7 +8,8 @@ them. Time 0 is the USD stage's start, and seconds are time codes over timeCodes
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,11 +17,10 @@ from numpy.typing import NDArray
 
 from datafactory.scenes.chain import Chain, Factor, Operation, Samples
 from datafactory.scenes.motion import Motion, Moving, Track, looked_at
-from datafactory.scenes.readers.notes import Notes
+from datafactory.scenes.readers.common import Notes
 from datafactory.scenes.readers.usd_facts import source_path
 from datafactory.scenes.readers.usd_prims import whole_numbers
-from datafactory.scenes.readers.usd_samples import attribute_samples, numbers_of
-from datafactory.scenes.readers.usd_times import Clock
+from datafactory.scenes.readers.usd_samples import Clock, attribute_samples, numbers_of
 from datafactory.scenes.usd_library import Sdf, Usd, UsdGeom
 from shared.physics.errors import InputError
 from shared.physics.units import FARTHEST_M, FASTEST_MPS
@@ -78,7 +78,7 @@ class Transforms:
         if frame.root.IsPseudoRoot():
             return columns(self._cache.GetLocalToWorldTransform(prim))
         relative, _ = self._cache.ComputeRelativeTransform(prim, frame.root)
-        return product(frame.matrix, columns(relative))
+        return frame.matrix @ columns(relative)
 
     def chain(self, prim: Usd.Prim, frame: Frame) -> Chain | None:
         """From the prim's coordinates to the USD stage's, at all times; None where it does not move."""
@@ -191,8 +191,8 @@ def _numbers_in(kind: str) -> int:
 
 def instance_frames(
     instancer: UsdGeom.PointInstancer, frame: Frame, transforms: Transforms, predicate: Usd._PrimFlagsPredicate
-) -> list[Frame]:
-    """One frame for each visible instance, in the order of the instancer's arrays.
+) -> Iterator[tuple[Frame, int]]:
+    """One frame for each visible instance, in the order of the instancer's arrays, and how many have its prototype.
 
     :raises ValueError: the arrays contradict one another, or a prototype is missing
     """
@@ -203,10 +203,10 @@ def instance_frames(
     if not all(prototypes):
         raise ValueError("a target of 'prototypes' does not exist")
     if not len(chosen):
-        return []
+        return iter(())
     if not (chosen.min() >= 0 and chosen.max() < len(prototypes)):
         raise ValueError(f"protoIndices run from {chosen.min()} to {chosen.max()} with {len(prototypes)} prototypes")
-    mask = instancer.ComputeMaskAtTime(start) or [True] * len(chosen)
+    shown = np.flatnonzero(instancer.ComputeMaskAtTime(start) or [True] * len(chosen)).tolist()
     local = np.array(
         instancer.ComputeInstanceTransformsAtTime(
             start, start, UsdGeom.PointInstancer.IncludeProtoXform, UsdGeom.PointInstancer.IgnoreMask
@@ -218,13 +218,16 @@ def instance_frames(
     world = transforms.matrix(prim, frame)
     chain_of = _instance_chains(instancer, frame, transforms, prototypes, len(chosen))
     name = frame.name(prim)
-    frames = []
-    for index, prototype in enumerate(chosen.tolist()):
-        if mask[index]:
+    repeats = Counter(chosen[shown].tolist())
+
+    def frames() -> Iterator[tuple[Frame, int]]:
+        for index in shown:
+            prototype = int(chosen[index])
             chain = chain_of(index, prototype)
-            matrix = product(world, columns(local[index])) if chain is None else chain.at(0.0)[0]
-            frames.append(Frame(prototypes[prototype], f"{name}[{index}]", matrix, chain, predicate))
-    return frames
+            matrix = world @ columns(local[index]) if chain is None else chain.at(0.0)[0]
+            yield Frame(prototypes[prototype], f"{name}[{index}]", matrix, chain, predicate), repeats[prototype]
+
+    return frames()
 
 
 def _instance_chains(
@@ -236,8 +239,8 @@ def _instance_chains(
     turning = [transforms.moves(item) for item in prototypes]
     arrays: list[tuple[str, Samples]] = []
     start = Usd.TimeCode(transforms.clock.start)
-    orientations = instancer.GetOrientationsfAttr() if hasattr(instancer, "GetOrientationsfAttr") else None
-    if orientations is None or not orientations.HasAuthoredValue():
+    orientations = instancer.GetOrientationsfAttr()  # finer, and counts more
+    if not orientations.HasAuthoredValue():
         orientations = instancer.GetOrientationsAttr()
     moves = False
     for kind, attribute in (
@@ -270,13 +273,6 @@ def columns(matrix: object) -> NDArray[np.float64]:
     found = np.array(matrix, dtype=np.float64).T
     found[3] = (0.0, 0.0, 0.0, 1.0)
     return found
-
-
-def product(outer: NDArray[np.float64], inner: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The transform ``inner``, then ``outer``; what is infinite or NaN in them stays so."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        product: NDArray[np.float64] = outer @ inner
-    return product
 
 
 def check_motion(source: object, name: str, motion: Motion, points: NDArray[np.floating] = np.zeros((1, 3))) -> None:

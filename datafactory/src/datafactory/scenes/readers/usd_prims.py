@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.scenes.readers import primitives
-from datafactory.scenes.readers.notes import Notes
+from datafactory.scenes.readers.common import Notes
 from datafactory.scenes.readers.triangulation import triangulate
 from datafactory.scenes.readers.usd_skinning import is_baked
 from datafactory.scenes.usd_library import Usd, UsdGeom, UsdSkel
@@ -46,8 +47,8 @@ def is_solid(prim: Usd.Prim) -> bool:
 
 def size_changes(prim: Usd.Prim) -> bool:
     """Whether a solid's size has samples."""
-    sizes = ("size", "radius", "radiusBottom", "radiusTop", "height", "width", "length")
-    return any(prim.HasAttribute(name) and prim.GetAttribute(name).ValueMightBeTimeVarying() for name in sizes)
+    names, _ = _SOLIDS[str(prim.GetTypeName())]
+    return any(prim.GetAttribute(name).ValueMightBeTimeVarying() for name in names if name != "axis")
 
 
 def polygon_mesh(mesh: UsdGeom.Mesh, time: Usd.TimeCode, notes: Notes) -> PrimMesh | None:
@@ -61,14 +62,9 @@ def polygon_mesh(mesh: UsdGeom.Mesh, time: Usd.TimeCode, notes: Notes) -> PrimMe
     if points.dtype == object or counts.dtype == object or indices.dtype == object:  # None: no value in the file
         notes.count("# meshes without points or faces ignored")
         return None
-    if points.ndim != 2 or points.shape[1] != 3 or counts.ndim != 1 or indices.ndim != 1:
-        notes.count("# meshes ignored whose points are not an array of 3-vectors")
-        return None
-    if counts.dtype.kind not in "iu" or indices.dtype.kind not in "iu":
-        notes.count("# meshes ignored whose faceVertexCounts or faceVertexIndices are not whole numbers")
-        return None
-    if (counts < 0).any() or counts.sum() != len(indices):
-        notes.count("# meshes ignored whose faceVertexCounts do not add up to their faceVertexIndices")
+    whole = counts.dtype.kind in "iu" and indices.dtype.kind in "iu" and counts.ndim == indices.ndim == 1
+    if points.ndim != 2 or points.shape[1] != 3 or not whole or (counts < 0).any() or counts.sum() != len(indices):
+        notes.count("# meshes ignored whose points, faceVertexCounts and faceVertexIndices do not fit together")
         return None
     if not len(counts):
         notes.count("# meshes without points or faces ignored")
@@ -89,7 +85,14 @@ def solid_mesh(prim: Usd.Prim, time: Usd.TimeCode) -> PrimMesh:
 
     :raises InputError: a size that is negative or not finite
     """
-    points, triangles = _SOLIDS[str(prim.GetTypeName())](prim, time)
+    names, make = _SOLIDS[str(prim.GetTypeName())]
+    sizes = [_size(prim, name, time) for name in names if name != "axis"]
+    if "axis" in names:
+        axis = _axis(prim)
+        points, triangles = make(axis, *sizes)
+        points = points[:, _EXCHANGE[axis]]
+    else:
+        points, triangles = make(*sizes)
     return PrimMesh(points, _wound(UsdGeom.Gprim(prim), triangles), np.zeros(len(triangles), dtype=np.int64))
 
 
@@ -106,13 +109,6 @@ def _size(prim: Usd.Prim, name: str, time: Usd.TimeCode) -> float:
     return float(value)
 
 
-def _along_axis(prim: Usd.Prim, mesh: primitives.Mesh) -> primitives.Mesh:
-    """Turn a solid built along z to the prim's axis, by a cyclic exchange of coordinates (a rotation)."""
-    points, triangles = mesh
-    order = {"X": [2, 0, 1], "Y": [1, 2, 0], "Z": [0, 1, 2]}[_axis(prim)]
-    return points[:, order], triangles
-
-
 def _axis(prim: Usd.Prim) -> str:
     axis = str(prim.GetAttribute("axis").Get())
     if axis not in ("X", "Y", "Z"):
@@ -120,54 +116,22 @@ def _axis(prim: Usd.Prim) -> str:
     return axis
 
 
-def _cube(prim: Usd.Prim, time: Usd.TimeCode) -> primitives.Mesh:
-    return primitives.box(_size(prim, "size", time))
-
-
-def _sphere(prim: Usd.Prim, time: Usd.TimeCode) -> primitives.Mesh:
-    return primitives.sphere(_size(prim, "radius", time))
-
-
-def _cylinder(prim: Usd.Prim, time: Usd.TimeCode) -> primitives.Mesh:
-    radius = _size(prim, "radius", time)
-    return _along_axis(prim, primitives.cylinder(radius, radius, _size(prim, "height", time)))
-
-
-def _cylinder_1(prim: Usd.Prim, time: Usd.TimeCode) -> primitives.Mesh:
-    bottom, top = _size(prim, "radiusBottom", time), _size(prim, "radiusTop", time)
-    return _along_axis(prim, primitives.cylinder(bottom, top, _size(prim, "height", time)))
-
-
-def _cone(prim: Usd.Prim, time: Usd.TimeCode) -> primitives.Mesh:
-    return _along_axis(prim, primitives.cylinder(_size(prim, "radius", time), 0.0, _size(prim, "height", time)))
-
-
-def _capsule(prim: Usd.Prim, time: Usd.TimeCode) -> primitives.Mesh:
-    radius = _size(prim, "radius", time)
-    return _along_axis(prim, primitives.capsule(radius, radius, _size(prim, "height", time)))
-
-
-def _capsule_1(prim: Usd.Prim, time: Usd.TimeCode) -> primitives.Mesh:
-    bottom, top = _size(prim, "radiusBottom", time), _size(prim, "radiusTop", time)
-    return _along_axis(prim, primitives.capsule(bottom, top, _size(prim, "height", time)))
-
-
-def _plane(prim: Usd.Prim, time: Usd.TimeCode) -> primitives.Mesh:
+def _plane(axis: str, width: float, length: float) -> primitives.Mesh:
     """UsdGeomPlane: width along x (along z where the axis is X), length along y (along z where the axis is Y)."""
-    width, length = _size(prim, "width", time), _size(prim, "length", time)
-    if _axis(prim) == "Z":
-        return primitives.rectangle(width, length)
     # The cyclic exchange brings the built (x, y) to (y, z) for axis X, to (z, x) for axis Y: width stands second.
-    return _along_axis(prim, primitives.rectangle(length, width))
+    return primitives.rectangle(width, length) if axis == "Z" else primitives.rectangle(length, width)
 
 
-_SOLIDS = {
-    "Cube": _cube,
-    "Sphere": _sphere,
-    "Cylinder": _cylinder,
-    "Cylinder_1": _cylinder_1,
-    "Cone": _cone,
-    "Capsule": _capsule,
-    "Capsule_1": _capsule_1,
-    "Plane": _plane,
+# The attributes of each solid, and its mesh along z from their values; with an axis that comes first.
+_SOLIDS: dict[str, tuple[tuple[str, ...], Callable[..., primitives.Mesh]]] = {
+    "Cube": (("size",), primitives.box),
+    "Sphere": (("radius",), primitives.sphere),
+    "Cylinder": (("axis", "radius", "height"), lambda _, radius, height: primitives.cylinder(radius, radius, height)),
+    "Cylinder_1": (("axis", "radiusBottom", "radiusTop", "height"), lambda _, *sizes: primitives.cylinder(*sizes)),
+    "Cone": (("axis", "radius", "height"), lambda _, radius, height: primitives.cylinder(radius, 0.0, height)),
+    "Capsule": (("axis", "radius", "height"), lambda _, radius, height: primitives.capsule(radius, radius, height)),
+    "Capsule_1": (("axis", "radiusBottom", "radiusTop", "height"), lambda _, *sizes: primitives.capsule(*sizes)),
+    "Plane": (("axis", "width", "length"), _plane),
 }
+_EXCHANGE = {"X": [2, 0, 1], "Y": [1, 2, 0], "Z": [0, 1, 2]}
+"""Coordinates of a solid along z that turn it to another axis, cyclic: a rotation."""

@@ -1,4 +1,4 @@
-"""The time samples of a USD attribute as arrays.
+"""The time of a USD stage, and the time samples of an attribute as arrays.
 
 A gap, USD's blocked sample, holds the value before it: USD itself has none there, and would put a prim at its parent.
 Splines are taken as straight lines, ``LINES_A_SPAN`` from knot to knot.
@@ -6,6 +6,7 @@ Splines are taken as straight lines, ``LINES_A_SPAN`` from knot to knot.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
 
@@ -13,13 +14,57 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.scenes.chain import Samples
-from datafactory.scenes.readers.limits import MAXIMUM_SAMPLED
-from datafactory.scenes.readers.notes import Notes
-from datafactory.scenes.readers.usd_times import Clock
+from datafactory.scenes.readers.common import MAXIMUM_SAMPLED, Notes
 from datafactory.scenes.usd_library import Gf, Usd, UsdGeom
 
 LINES_A_SPAN = 32
 """Lines that a curve between two knots of a spline is taken as: the rate's error is 1/64 of its change in between."""
+
+
+@dataclass
+class Clock:
+    """Time codes to seconds since the scene's time 0.
+
+    :param start: time code of time 0
+    :param codes_per_second: time codes in a second
+    :param end: last time code that the file states; None where it states none
+    """
+
+    start: float
+    codes_per_second: float
+    end: float | None = None
+    _outside: int = field(default=0, init=False)
+
+    @staticmethod
+    def of(usd_stage: Usd.Stage, notes: Notes) -> Clock:
+        """The clock of a USD stage: its authored start, or else the first sample in any layer, or 0.
+
+        A start after the end is said, and the earlier of the two is the start.
+        """
+        per_second = float(usd_stage.GetTimeCodesPerSecond())
+        if not usd_stage.HasAuthoredTimeCodeRange():
+            samples = [time for layer in usd_stage.GetUsedLayers() for time in layer.ListAllTimeSamples()]
+            return Clock(min((time for time in samples if np.isfinite(time)), default=0.0), per_second)
+        start, end = float(usd_stage.GetStartTimeCode()), float(usd_stage.GetEndTimeCode())
+        if start > end:
+            notes.say(f"startTimeCode {start:g} lies after endTimeCode {end:g}: time 0 is that of {end:g}")
+            start, end = end, start
+        return Clock(start, per_second, end)
+
+    def seconds(self, code: float) -> float:
+        """Seconds since the start."""
+        return (code - self.start) / self.codes_per_second
+
+    def saw(self, first_s: float, last_s: float) -> None:
+        """Take note of an animation's first and last sample."""
+        end_s = np.inf if self.end is None else self.seconds(self.end)
+        self._outside += int(first_s < 0.0 or last_s > end_s)
+
+    def note_outside(self, notes: Notes) -> None:
+        """Say how many animations have samples outside of the stated range."""
+        notes.count(
+            "# animations have samples before startTimeCode or after endTimeCode, which count too", self._outside
+        )
 
 
 def attribute_samples(attribute: Usd.Attribute, clock: Clock, notes: Notes) -> Samples | None:
@@ -27,9 +72,8 @@ def attribute_samples(attribute: Usd.Attribute, clock: Clock, notes: Notes) -> S
 
     :return: values [K, ...] of the attribute's own shape, quaternions as w, x, y, z
     """
-    spline = attribute.GetSpline() if hasattr(attribute, "HasSpline") and attribute.HasSpline() else None
-    if spline is not None and not attribute.GetTimeSamples():
-        return _of_spline(spline, clock, notes)
+    if attribute.HasSpline() and not attribute.GetTimeSamples():
+        return _of_spline(attribute.GetSpline(), clock, notes)
     codes = [code for code in attribute.GetTimeSamples() if np.isfinite(code)]
     times: list[float] = []
     values: list[NDArray[np.floating]] = []

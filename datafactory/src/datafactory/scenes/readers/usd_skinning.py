@@ -7,8 +7,7 @@ sample. Nothing can be written into a native instance: those with skeletons in t
 
 from __future__ import annotations
 
-from datafactory.scenes.readers.limits import MAXIMUM_NESTING, MAXIMUM_SAMPLED
-from datafactory.scenes.readers.notes import Notes
+from datafactory.scenes.readers.common import MAXIMUM_NESTING, MAXIMUM_SAMPLED, Notes
 from datafactory.scenes.usd_library import Gf, Usd, UsdGeom, UsdSkel
 
 

@@ -1,20 +1,17 @@
-"""Checks of a whole USD stage: missing layers, units and axes, size."""
+"""A whole USD stage: its variants, missing layers, units and axes, size."""
 
 from __future__ import annotations
 
 import re
+from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.scenes.readers.common import AS_WRITTEN, MAXIMUM_NESTING, Notes, Reading
 from datafactory.scenes.readers.meshes import Y_UP_TO_Z_UP
-from datafactory.scenes.readers.notes import Notes
-from datafactory.scenes.readers.reading import AS_WRITTEN, Reading
-from datafactory.scenes.readers.scale import size_remark
 from datafactory.scenes.readers.usd_missing import LEFT_OUT, note_missing
-from datafactory.scenes.readers.usd_variants import select_variants
-from datafactory.scenes.scene import Scene
 from datafactory.scenes.usd_library import Usd, UsdGeom
 from shared.physics.errors import InputError
 
@@ -47,6 +44,60 @@ def open_usd_stage(path: Path, notes: Notes, reading: Reading = AS_WRITTEN) -> U
     first = re.sub(r"@anon:[^@]*@,?|@,@anon:[^@]*(?=@)", "", " ".join(str(errors[0]).split())) if errors else ""
     notes.count(f"# composition errors, the first: {first}", len(errors))
     return usd_stage
+
+
+def select_variants(usd_stage: Usd.Stage, variants: tuple[tuple[str, str], ...]) -> None:
+    """Select variants on every prim that has them, in a layer of this session.
+
+    A variant may bring in prims with further sets, so that it is repeated until nothing changes. Instances that have
+    such a prim in them become plain prims: nothing can be selected within an instance.
+
+    :param variants: (set, variant)
+    :raises InputError: no prim has the set, or none of its sets has the variant
+    """
+    if not variants:
+        return
+    usd_stage.SetEditTarget(Usd.EditTarget(usd_stage.GetSessionLayer()))
+    known: dict[str, set[str]] = defaultdict(set)
+    for _ in range(MAXIMUM_NESTING):
+        changed = False
+        for prim in list(usd_stage.Traverse()):
+            for name, variant in _differing(prim, variants, known):
+                prim.GetVariantSet(name).SetVariantSelection(variant)
+                changed = True
+        for prototype in usd_stage.GetPrototypes():
+            inner = (prim for prim in Usd.PrimRange(prototype) if prim != prototype)
+            if any([_differing(prim, variants, known) for prim in inner]):
+                for instance in prototype.GetInstances():
+                    if not instance.IsInPrototype():
+                        instance.SetInstanceable(False)
+                        changed = True
+        if not changed:
+            break
+    for name, variant in variants:
+        if name not in known:
+            sets = ", ".join(sorted(known)) or "none: the file has no variant sets"
+            raise InputError("--variant", f"no prim has a variant set {name!r}", sets)
+        if variant not in known[name]:
+            raise InputError("--variant", f"{name} has no variant {variant!r}", ", ".join(sorted(known[name])))
+
+
+def _differing(
+    prim: Usd.Prim, variants: tuple[tuple[str, str], ...], known: dict[str, set[str]]
+) -> list[tuple[str, str]]:
+    """Those of the variants that the prim has and does not select; ``known`` takes all that it has."""
+    if not prim or not prim.HasVariantSets():
+        return []
+    sets = prim.GetVariantSets()
+    for name in sets.GetNames():
+        known[name].update(sets.GetVariantSet(name).GetVariantNames())
+    wanted = [(name, variant) for name, variant in variants if sets.HasVariantSet(name)]
+    return [
+        (name, variant)
+        for name, variant in wanted
+        if variant in sets.GetVariantSet(name).GetVariantNames()
+        and sets.GetVariantSet(name).GetVariantSelection() != variant
+    ]
 
 
 def usd_stage_to_world(path: Path, usd_stage: Usd.Stage, notes: Notes) -> NDArray[np.float64]:
@@ -87,10 +138,3 @@ def _note_other_units(usd_stage: Usd.Stage, metres: float, axis: str, notes: Not
         other_axis = top.GetInfo(UsdGeom.Tokens.upAxis) if top.HasInfo(UsdGeom.Tokens.upAxis) else axis
         if other_axis != axis:
             notes.count(f"# layers have {other_axis} up within a stage with {axis} up, which USD does not convert")
-
-
-def check_sizes(scene: Scene, notes: Notes) -> None:
-    """Note the scene's size where it is implausible or units are mixed."""
-    mixed = any("which USD does not convert" in sentence for sentence in notes.sentences())
-    if remark := size_remark(scene, "metersPerUnit", always=mixed):
-        notes.say(remark)

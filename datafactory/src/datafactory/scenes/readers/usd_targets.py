@@ -88,8 +88,7 @@ def model_axes(local: NDArray[np.float64], turn: NDArray[np.float64]) -> tuple[V
     :param turn: [3, 3] rotation from the USD stage's axes to the world's
     """
     # The model's axes are the world's. ``turn.T`` brings them to the USD stage's, ``turn`` brings the result back.
-    with np.errstate(over="ignore", invalid="ignore"):
-        matrix = turn @ local @ turn.T
+    matrix = turn @ local @ turn.T
     return upright_axes(matrix[:, 0], matrix[:, 2]) if np.isfinite(matrix).all() else None
 
 
@@ -105,8 +104,7 @@ def occupied_below(
     if box.IsEmpty():
         return None
     corners = np.array([tuple(box.GetCorner(n)) for n in range(8)], dtype=np.float64)
-    with np.errstate(over="ignore", invalid="ignore"):
-        along = corners @ linear.T @ np.array(axes).T
+    along = corners @ linear.T @ np.array(axes).T
     if not np.isfinite(along).all():
         return None
     (a, b, c), (d, e, f) = along.min(axis=0).tolist(), along.max(axis=0).tolist()
