@@ -32,7 +32,7 @@ from shared.dataset.manifest import ShardRecord
 from shared.physics.errors import InputError
 from trainer.evaluation.store import Cell, CellStore
 from trainer.run.folder import RUN_FILE, load_imager, read_run
-from trainer.training.checkpoint import require_checkpoint
+from trainer.training.callbacks import require_checkpoint
 
 FLIPS = 200
 """Of each file."""
@@ -80,7 +80,7 @@ def checkpoint(folder: Path) -> Iterator[Kept]:
     )  # fmt: skip
 
     def read() -> Any:
-        require_checkpoint(path, state)
+        require_checkpoint(path)
         content = torch.load(path, weights_only=True)
         return {**content, "state_dict": content["state_dict"]["weight"].tolist()}
 
