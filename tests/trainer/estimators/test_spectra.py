@@ -16,7 +16,7 @@ from trainer.estimators.covariance import FLOOR
 from trainer.estimators.das import DelayAndSum
 from trainer.estimators.iaa import IterativeAdaptive
 from trainer.estimators.spice import SparseCovariance
-from trainer.metrics.resolution import resolved, strongest_peaks
+from trainer.metrics.peaks import resolved, strongest_peaks
 
 
 def test_windows_trade_sidelobes_for_width() -> None:

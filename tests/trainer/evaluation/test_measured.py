@@ -10,7 +10,7 @@ from trainer.estimators.das import DelayAndSum
 from trainer.evaluation.evaluate import EXPERIMENTS, open_bench
 from trainer.evaluation.experiments.measured import reference_degrees
 from trainer.evaluation.experiments.measured_input import half_wavelength_line, read_measured, read_snapshot
-from trainer.metrics.resolution import strongest_peaks
+from trainer.metrics.peaks import strongest_peaks
 
 
 def test_a_measured_pair_is_found_where_it_stands(evaluation):

@@ -18,7 +18,7 @@ from trainer.estimators.ml import MaximumLikelihood
 from trainer.estimators.music import Music
 from trainer.evaluation.evaluate import evaluate
 from trainer.evaluation.experiments.measured_input import MeasuredInput, half_wavelength_line, read_measured
-from trainer.metrics.resolution import strongest_peaks
+from trainer.metrics.peaks import strongest_peaks
 
 TWINS = 300
 

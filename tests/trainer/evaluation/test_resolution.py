@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from paper_arrays import FAR
+from paper_arrays import FAR, deterministic_bound
 
 from trainer.data.arrays import choose_array
 from trainer.data.pairs import Condition, Trials, simulate
@@ -16,8 +16,7 @@ from trainer.evaluation.experiments.bench import Bench, EvaluationConfig
 from trainer.evaluation.experiments.contenders import Contender, estimator_contender
 from trainer.evaluation.experiments.resolution import PAIRS, SINGLES, Resolution, locate_targets
 from trainer.metrics.bootstrap import wilson
-from trainer.metrics.bounds import deterministic_bound, single_source_bound
-from trainer.metrics.resolution import resolved
+from trainer.metrics.peaks import resolved, single_source_bound
 
 PLANE_FROM_M = 200.0
 """From here on the fronts are flat to 0.01 rad over the array. At 12 m they are bent by 0.15 rad, which costs maximum

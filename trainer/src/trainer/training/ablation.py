@@ -28,8 +28,8 @@ from shared.signal.windows import cell_noise_power
 from trainer.data.arrays import choose_array
 from trainer.data.pairs import Condition, simulate
 from trainer.data.shards import ShardDataset
+from trainer.metrics.peaks import resolved, strongest_peaks
 from trainer.metrics.ranking import pooled
-from trainer.metrics.resolution import resolved, strongest_peaks
 from trainer.run.configuration import FitConfig
 from trainer.run.folder import METRICS, RUN_FILE, Run, load_imager
 from trainer.run.imager import Imager

@@ -196,7 +196,7 @@ def mean_row(
 ) -> MetricRow:
     """A row of the mean of samples with its bootstrap interval.
 
-    Samples that are not finite (a metric that is not defined, the PSNR of a perfect image) do not count; the row says
+    Samples that are not finite (a metric that is not defined) do not count; the row says
     how many did.
     """
     values = np.asarray(samples, dtype=np.float64)

@@ -28,11 +28,10 @@ from trainer.metrics.detection import D_MAX_BINS, PROMINENCES
 TP, FP, FN, TN = range(4)
 RATES = {"detection rate": (TP, (TP, FN)), "false-alarm rate": (FP, (FP, TN)), "precision": (TP, (TP, FP))}
 """Numerator and summands of the denominator of the paper's three metrics."""
-GOSPA_PARTS = ("localisation", "missed", "false")
 RECALL, PRECISION, F1 = "one-to-one recall", "one-to-one precision", "one-to-one F1"
 UNSUPPORTED = "peaks that the data do not support"
 SCALED_NMSE, SSIM = "NMSE at the best scale", "SSIM of levels"
-IMAGE_METRICS = {"NMSE": "nmse", SCALED_NMSE: "scaled_nmse", "PSNR of levels [dB]": "psnr", SSIM: "ssim"}
+IMAGE_METRICS = {"NMSE": "nmse", SCALED_NMSE: "scaled_nmse", SSIM: "ssim"}
 """Names in the table, and in the cells."""
 
 _MATCH = f"d_max={D_MAX_BINS[0]} bins"
@@ -68,7 +67,7 @@ class Detection:
         "frames drawn for both at once. The other figure is by the paper's rules: every range bin's spectrum "
         "normalised to its maximum, peaks of scipy.signal.find_peaks above 0.5, against the peaks of the truth, over "
         "the prominence that a peak needs. Upper line: a detection counts within 2 bins of a truth, lower line: "
-        "within 4. The table has the one-to-one scores, GOSPA and image errors beside them."
+        "within 4. The table has the one-to-one scores and image errors beside them."
     )
     summary: tuple[SummaryColumn, ...] = SUMMARY
 
@@ -125,7 +124,7 @@ class Detection:
 def strict_rows(
     bench: Bench, experiment: str, results: Results, contender: Contender, refs: Sequence[FrameRef], condition: str
 ) -> list[MetricRow]:
-    """Average precision, one-to-one scores, GOSPA and image errors over frames."""
+    """Average precision, one-to-one scores and image errors over frames."""
     prefix = f"{condition}," if condition else ""
     found = ranking_rows(bench, experiment, results, contender.method, contender.array.name, refs, condition)
     strict = gathered(results, contender, refs, "strict")  # (frames, d_max, 3)
@@ -138,10 +137,6 @@ def strict_rows(
             (F1, 2 * tp, 2 * tp + fp + fn),
         ):
             found.append(ratio_row(bench, experiment, contender, metric, of, parts, wholes))
-    rows, parts = gathered(results, contender, refs, "rows"), gathered(results, contender, refs, "gospa")
-    for index, part in enumerate(GOSPA_PARTS):
-        metric = f"GOSPA {part} [bins^2 a range bin]"
-        found.append(ratio_row(bench, experiment, contender, metric, condition, parts[:, index], rows))
     residual = dict(zip(RESIDUAL, np.moveaxis(gathered(results, contender, refs, "residual"), -1, 0), strict=True))
     for metric, part, whole in (
         (UNSUPPORTED, "unsupported", "lines"),

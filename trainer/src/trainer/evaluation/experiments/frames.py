@@ -26,21 +26,18 @@ from trainer.metrics.detection import (
     D_MAX_BINS,
     PROMINENCES,
     TRUTH_PROMINENCE,
-    ImagePeaks,
     find_image_peaks,
     paper_sweep,
     strict_counts,
 )
-from trainer.metrics.gospa import gospa
-from trainer.metrics.image import SPAN_DB, SSIM_WINDOW, nmse, nmse_best_scaled, psnr, ssim
+from trainer.metrics.image import SPAN_DB, SSIM_WINDOW, nmse, nmse_best_scaled, ssim
 from trainer.metrics.ranking import Ranking, pooled
 from trainer.metrics.residual import explain
 from trainer.run.targets import AMPLITUDE, level_image
 
 CELLS = "frames"
-GOSPA_CUTOFF_BINS = 4.0
 STRICT_PROMINENCE = 0.05
-RESIDUAL = ("rows", "explained_rows", "lines", "unsupported", "untested", "energy", "left")
+RESIDUAL = ("rows", "explained_rows", "lines", "unsupported", "energy", "left")
 """Of :class:`trainer.metrics.residual.Explanation`."""
 COLUMNS = ("range_channel", "velocity", "image", "targets")
 
@@ -111,10 +108,8 @@ def score_frame(radar: Radar, contender: Contender, load: Callable[[], Frame]) -
     """All scores of one image against the frame's truth, at the strongest Doppler peaks.
 
     paper [2 d_max, prominences, 4]: TP, FP, FN, TN by the paper's rules; strict [2 d_max, 3]: TP, FP, FN one to one;
-    gospa [3]: localisation, missed, false [bins^2], summed over the range bins with a truth; rows []: how many those
-    are; residual [7]: see :data:`RESIDUAL`; nmse (NaN unless in sqrt(W)), scaled_nmse, psnr [dB], ssim []: NaN where
-    the truth is empty; cells_matched [m], cells_false [f], cells_true []: see
-    :class:`trainer.metrics.cells.CellScores`.
+    residual [6]: see :data:`RESIDUAL`; nmse (NaN unless in sqrt(W)), scaled_nmse, ssim []: NaN where the truth is
+    empty; cells_matched [m], cells_false [f], cells_true []: see :class:`trainer.metrics.cells.CellScores`.
     """
     frame = load()
     truth = np.asarray(frame.image, dtype=np.float64) * frame.image_peak
@@ -127,16 +122,15 @@ def score_frame(radar: Radar, contender: Contender, load: Callable[[], Frame]) -
     paper = [[astuple(counts) for counts in paper_sweep(detected, true, PROMINENCES, d_max)] for d_max in D_MAX_BINS]
     prominent = detected.above(STRICT_PROMINENCE)
     strict = [astuple(strict_counts(prominent, true, d_max))[:3] for d_max in D_MAX_BINS]
-    parts, rows = _gospa_parts(prominent, true)
     explanation = explain(image, radar.grid.u, chosen, contender.line, frame.noise_power)
     residual = [getattr(explanation, name) for name in RESIDUAL]
-    values = {"paper": paper, "strict": strict, "gospa": parts, "rows": rows, "residual": residual}
-    quality = {"nmse": math.nan, "scaled_nmse": math.nan, "psnr": math.nan, "ssim": math.nan}
+    values = {"paper": paper, "strict": strict, "residual": residual}
+    quality = {"nmse": math.nan, "scaled_nmse": math.nan, "ssim": math.nan}
     if truth.any():
         levels = scene_levels(image, contender.unit, truth, SPAN_DB) / SPAN_DB + 1.0
         true_levels = scene_levels(truth, AMPLITUDE, truth, SPAN_DB) / SPAN_DB + 1.0
         quality["scaled_nmse"] = nmse_best_scaled(image, truth)
-        quality["psnr"], quality["ssim"] = psnr(levels, true_levels), ssim(levels, true_levels)
+        quality["ssim"] = ssim(levels, true_levels)
         if contender.unit == AMPLITUDE:
             quality["nmse"] = nmse(image, truth)
     return {name: np.asarray(value, dtype=np.float64) for name, value in (values | quality | _stored(cells)).items()}
@@ -159,18 +153,6 @@ def ranking(results: Results, method: str, array: str, refs: Sequence[FrameRef])
     """Detections of a method, or of :data:`TRUTH`, over frames."""
     found = [results[method, array, ref.condition] for ref in refs]
     return pooled([CellScores(one["cells_matched"], one["cells_false"], int(one["cells_true"])) for one in found])
-
-
-def _gospa_parts(detected: ImagePeaks, true: ImagePeaks) -> tuple[NDArray[np.float64], int]:
-    """([3] localisation, missed, false [bins^2] summed over rows with a truth, number of those rows)."""
-    parts, rows = np.zeros(3), 0
-    for found, truth in zip(detected.by_row(), true.by_row(), strict=True):
-        if not len(truth):
-            continue
-        distance = gospa(found[:, None].astype(np.float64), truth[:, None].astype(np.float64), GOSPA_CUTOFF_BINS)
-        parts += [distance.localisation, distance.missed, distance.false]
-        rows += 1
-    return parts, rows
 
 
 def gathered(results: Results, contender: Contender, refs: Sequence[FrameRef], name: str) -> NDArray[np.float64]:

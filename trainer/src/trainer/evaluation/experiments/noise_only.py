@@ -18,7 +18,7 @@ from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.report.style import Look, new_figure, subplots
 from trainer.evaluation.rows import MetricRow, SummaryColumn
 from trainer.evaluation.store import Values
-from trainer.metrics.noise_only import false_alarms, noise_level
+from trainer.metrics.peaks import false_alarms, noise_level
 from trainer.run.targets import AMPLITUDE, PROBABILITY
 
 FRAMES = 8

@@ -38,7 +38,7 @@ from trainer.evaluation.report.levels import own_levels
 from trainer.evaluation.report.panels import image_panels
 from trainer.evaluation.rows import MetricRow, SummaryColumn
 from trainer.evaluation.store import Values
-from trainer.metrics.resolution import resolved, strongest_peaks
+from trainer.metrics.peaks import resolved, strongest_peaks
 
 CENTRE_U = 0.05
 MOST_REALISATIONS = 24

@@ -34,9 +34,7 @@ from trainer.evaluation.experiments.contenders import Contender, estimator_conte
 from trainer.evaluation.report.style import Look, legend_below, new_figure, subplots
 from trainer.evaluation.rows import MetricRow, SummaryColumn
 from trainer.evaluation.store import Values
-from trainer.metrics.bounds import single_source_bound
-from trainer.metrics.resolution import resolved, strongest_peaks
-from trainer.metrics.width import point_spread
+from trainer.metrics.peaks import point_spread, resolved, single_source_bound, strongest_peaks
 
 SEPARATIONS = (1.0, 0.75, 0.5, 0.25)
 SNRS_DB = (10.0, 20.0, 30.0)

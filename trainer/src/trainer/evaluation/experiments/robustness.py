@@ -38,7 +38,7 @@ from trainer.evaluation.report.style import Look, legend_below, new_figure, subp
 from trainer.evaluation.rows import MetricRow, SummaryColumn
 from trainer.evaluation.store import Values
 from trainer.metrics.detection import find_row_peaks
-from trainer.metrics.resolution import resolved, strongest_peaks
+from trainer.metrics.peaks import resolved, strongest_peaks
 
 SEPARATION_CELLS = 1.0
 SNR_DB = 20.0
