@@ -39,7 +39,7 @@ def evaluate(
         str | None,
         typer.Option(
             help="Comma-separated: point-spread, street, two-reflectors, detection, doppler, resolution, robustness, "
-            "generalisation, worlds, noise-only, tradeoff, measured. By default all that apply."
+            "generalisation, noise-only, tradeoff, measured. By default all that apply."
         ),
     ] = None,
     frames: Annotated[int, typer.Option(help="Most test frames of each kind that are scored.")] = 50,

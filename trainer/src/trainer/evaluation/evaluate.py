@@ -50,7 +50,6 @@ from trainer.evaluation.experiments.resolution import Resolution
 from trainer.evaluation.experiments.robustness import Robustness
 from trainer.evaluation.experiments.street import Street
 from trainer.evaluation.experiments.tradeoff import SECONDS, Tradeoff
-from trainer.evaluation.experiments.worlds import Worlds
 from trainer.evaluation.outcome import REPORT, SUMMARY, write_outcome
 from trainer.evaluation.report.page import ReportFigure
 from trainer.evaluation.report.style import save_figure
@@ -64,7 +63,7 @@ EXPERIMENTS: dict[str, Experiment] = {
     experiment.name: experiment
     for experiment in (
         CylinderSpread(), Street(), Reflectors(), Detection(), Doppler(), Resolution(), Robustness(), Generalisation(),
-        Worlds(), NoiseOnly(), Tradeoff(), Measured(),
+        NoiseOnly(), Tradeoff(), Measured(),
     )
 }  # fmt: skip
 """By the name that ``--experiments`` takes, in the order of the report."""

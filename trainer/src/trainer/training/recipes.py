@@ -1,4 +1,4 @@
-"""Named configurations: what ``--recipe`` stands for, what the device changes, and what the ablation varies."""
+"""Named configurations: what ``--recipe`` stands for and what the device changes."""
 
 from __future__ import annotations
 
@@ -38,32 +38,6 @@ RECIPES: dict[str, Changes] = {
     },
 }  # fmt: skip
 """By the name that ``--recipe`` takes."""
-
-_ROW: Changes = {"model": "spectral-unet", "features": "row"}
-"""Without the adaptive spectrum. What stands below it was decided before there was one."""
-_ATTENTION: Changes = {"model": "attention-unet", "width": 8}
-_SPECTRAL: Changes = {"model": "spectral-unet"}
-"""With an adaptive spectrum in its input. What stands below it was decided before there was the unrolled network."""
-VARIANTS: dict[str, Changes] = {
-    "recommended": {},
-    "plain-iterations": {"iterations": 8, "learned": 0},
-    "no-detection": {"detection": 0.0},
-    "spectral-unet": _SPECTRAL,
-    "attention-unet": _ATTENTION,
-    "convnext": {**_SPECTRAL, "blocks": "convnext"},
-    "row-features": _ROW,
-    "attention-unet-row-features": {**_ROW, **_ATTENTION},
-    "convnext-row-features": {**_ROW, "blocks": "convnext"},
-    "no-points": {**_ROW, "points": 0, "batch": 4},
-    "no-augmentation": {**_ROW, "augment": False},
-    "foreground-0": {**_ROW, "foreground": 0.0},
-    "exponent-1": {**_ROW, "exponent": 1.0},
-    "paper": {
-        **_ATTENTION, "features": "paper", "target": "paper", "rows": 0, "batch": 1, "augment": False, "points": 0,
-        "foreground": 0.0,
-    },
-}  # fmt: skip
-"""What each variant of :mod:`trainer.training.ablation` changes of the recommended configuration."""
 
 
 def configuration(recipe: str = "recommended", given: Changes | None = None, file: Path | None = None) -> FitConfig:

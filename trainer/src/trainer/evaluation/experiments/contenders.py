@@ -21,7 +21,6 @@ from trainer.data.pairs import Trials
 from trainer.estimators.base import ESTIMATORS, Estimator, LineArray, line_array
 from trainer.estimators.fitting import fit_lines, score_peaks
 from trainer.evaluation.store import digest
-from trainer.run.configuration import FitConfig
 from trainer.run.detections import CANDIDATES
 from trainer.run.folder import RUN_FILE, WEIGHTS, Fingerprint, Run, load_imager, same_radar
 from trainer.run.imager import Imager
@@ -54,7 +53,6 @@ class Contender:
     :param scoring: for a method that ranks its detections by something else than their level: the same arguments to
         (image, score), both [R, U], in one pass; to be pickled too
     :param fits: whether its peaks begin a fit of lines, see :meth:`locate`
-    :param config: that its weights were trained with, None for an estimator
     """
 
     method: str
@@ -70,7 +68,6 @@ class Contender:
     device: str = "cpu"
     scoring: Callable[[NDArray[np.complex64], float], tuple[NDArray[np.floating], NDArray[np.floating]]] | None = None
     fits: bool = False
-    config: FitConfig | None = None
 
     @property
     def name(self) -> str:
@@ -239,7 +236,6 @@ def _network(label: str, array: ArrayChoice, path: Path, run: Run, imager: Image
         of_angles, digest(["run", content, device]), () if of_angles else run.trained_on,
         partial(_network_image, imager, device), device,
         partial(_network_score, imager, device) if imager.detects else None, imager.detects,
-        run.config,
     )  # fmt: skip
 
 
