@@ -168,5 +168,5 @@ def test_a_row_wise_contender_images_the_rows_asked_for_alone():
     snapshots = (generator.standard_normal((24, 6, 2)) @ np.array([1.0, 1.0j])).astype(np.complex64)
     rows = np.array([2, 9, 23])
     np.testing.assert_allclose(
-        contender.image_rows(snapshots, 1e-3, rows), contender.image(snapshots, 1e-3)[rows], rtol=1e-6
+        contender.answer.image_rows(snapshots, 1e-3, rows), contender.answer.image(snapshots, 1e-3)[rows], rtol=1e-6
     )

@@ -48,7 +48,7 @@ def error_over_bound(array: str, snr_db: float, trials: int) -> tuple[float, flo
     errors = (found - true)[:, 0]
     rmse = math.sqrt(float(np.mean(errors**2)))
     bias = float(errors.mean()) / (rmse / math.sqrt(len(errors)))
-    bound = single_source_bound(contender("ml", array).line, 10.0 ** (snr_db / 10.0))
+    bound = single_source_bound(contender("ml", array).answer.line, 10.0 ** (snr_db / 10.0))
     return rmse / math.sqrt(bound), bias
 
 
@@ -65,10 +65,10 @@ def test_below_the_threshold_sidelobes_take_over() -> None:
 
 def test_maximum_likelihood_of_pairs_is_efficient() -> None:
     found, true, phase = located("ml", "sparse6", Condition(1.0, 20.0), 440, 5)
-    whole = contender("ml", "full").line
+    whole = contender("ml", "full").answer.line
     middle = 0.5 * (whole.positions_m.min() + whole.positions_m.max())
     at_origin = phase + 2.0 * np.pi / whole.wavelength_m * middle * np.diff(true, axis=1)[:, 0]
-    line = contender("ml", "sparse6").line
+    line = contender("ml", "sparse6").answer.line
     variances = []
     for u, turn in zip(true, at_origin, strict=True):
         amplitudes = 10.0 * np.exp(1j * np.array([0.0, turn])).astype(np.complex128)  # 20 dB over noise of power 1

@@ -40,7 +40,7 @@ def noisy_snapshot(radar: Radar, echoes: Echoes, seed: list[int]) -> NDArray[np.
 def image_around(radar: Radar, contender: Contender, scene: Callable[[], NDArray[np.complex64]]) -> Values:
     """A contender's image of the range bins around the cylinders, ``image`` [rows, U]."""
     rows, _ = close_up(radar, RANGE_M)
-    return {"image": contender.image_rows(scene(), cell_noise_power(radar), rows).astype(np.float32)}
+    return {"image": contender.answer.image_rows(scene(), cell_noise_power(radar), rows).astype(np.float32)}
 
 
 def truth_around(radar: Radar, echoes: Echoes) -> Values:

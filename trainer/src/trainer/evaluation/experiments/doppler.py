@@ -99,7 +99,9 @@ class Doppler:
         contender, ref = shown_contender(bench), moving_frames(bench)[0]
         images = results[contender.method, contender.array.name, ref.condition]["images"].astype(np.float64)
         frame, radar = read_frame(ref.path, ref.row), bench.radar
-        shown = images if contender.unit == PROBABILITY else np.stack([range_weighted(image) for image in images])
+        shown = (
+            images if contender.answer.unit == PROBABILITY else np.stack([range_weighted(image) for image in images])
+        )
         # Where a range bin has fewer peaks, the dataset repeats the strongest; the figure shows it once.
         shown[1:][frame.velocity[1:] == frame.velocity[0]] = 0.0
         reference = float(shown.max())
@@ -141,7 +143,7 @@ def moving_frames(bench: Bench) -> tuple[FrameRef, ...]:
 
 def shown_contender(bench: Bench) -> Contender:
     """The first network of whole images; the first contender where there is none."""
-    networks = [contender for contender in bench.contenders if contender.parameters and not contender.row_wise]
+    networks = [contender for contender in bench.contenders if contender.parameters and not contender.answer.row_wise]
     return networks[0] if networks else bench.contenders[0]
 
 
@@ -167,7 +169,7 @@ def _score(radar: Radar, contender: Contender, ref: FrameRef, keep: bool) -> Val
 
 def score_peaks(radar: Radar, contender: Contender, frame: Frame, keep: bool) -> Values:
     """found [2 places, 3]: targets, found by the strongest peak's image, found by any; images [D, R, U] if kept."""
-    images = [contender.image(snapshot, frame.noise_power) for snapshot in frame.range_channel]
+    images = [contender.answer.image(snapshot, frame.noise_power) for snapshot in frame.range_channel]
     counts = np.zeros((len(PLACES), 3))
     for target in frame.targets:
         place = _place(target, frame, radar)

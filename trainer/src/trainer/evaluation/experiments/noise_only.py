@@ -86,11 +86,11 @@ class NoiseOnly:
 
 def _judged(bench: Bench) -> tuple[Contender, ...]:
     """The contenders whose images have an absolute level."""
-    return tuple(contender for contender in bench.contenders if contender.unit in (AMPLITUDE, PROBABILITY))
+    return tuple(contender for contender in bench.contenders if contender.answer.unit in (AMPLITUDE, PROBABILITY))
 
 
 def _condition(contender: Contender) -> str:
-    level = f"{LEVEL_PROBABILITY:g} of das" if contender.unit == AMPLITUDE else f"{HALF:g}"
+    level = f"{LEVEL_PROBABILITY:g} of das" if contender.answer.unit == AMPLITUDE else f"{HALF:g}"
     return f"level={level}"
 
 
@@ -104,5 +104,5 @@ def _counts(results: Results, contender: Contender) -> list[float]:
 
 def _count(radar: Radar, contender: Contender, load: partial[NDArray[np.complex64]]) -> Values:
     noise = cell_noise_power(radar)
-    level = noise_level(contender.line, noise, LEVEL_PROBABILITY) if contender.unit == AMPLITUDE else HALF
-    return {"count": np.asarray(false_alarms(contender.image(load(), noise), level))}
+    level = noise_level(contender.answer.line, noise, LEVEL_PROBABILITY) if contender.answer.unit == AMPLITUDE else HALF
+    return {"count": np.asarray(false_alarms(contender.answer.image(load(), noise), level))}

@@ -176,17 +176,17 @@ def locate_targets(radar: Radar, contender: Contender, load: Callable[[], Trials
     trials = load()
     targets = trials.u.shape[1]
     if contender.method == CEILING:
-        snapshots = trials.snapshots[:, trials.rows][..., contender.channels]
+        snapshots = trials.snapshots[:, trials.rows][..., contender.answer.channels]
         flat = snapshots.reshape(-1, snapshots.shape[-1])
-        found = MaximumLikelihood(targets).locate(flat, contender.line)[0]
+        found = MaximumLikelihood(targets).locate(flat, contender.answer.line)[0]
     elif contender.method.endswith(LINES):
-        found = contender.locate(trials, radar)
+        found = contender.locate(trials)
     else:
         if targets == 1:
-            spreads = [point_spread(image, radar.grid.u) for image in contender.image_trials(trials, radar)]
+            spreads = [point_spread(image, radar.grid.u) for image in contender.image_trials(trials)]
             found = np.array([[math.nan if spread is None else spread.u] for spread in spreads])
         else:
-            found = strongest_peaks(contender.score_trials(trials, radar), radar.grid.u, targets)
+            found = strongest_peaks(contender.score_trials(trials), radar.grid.u, targets)
     return {"found": found, "u": trials.u, "phase_rad": trials.phase_rad}
 
 
@@ -204,4 +204,4 @@ def _error_over_bound(results: Results, contender: Contender, single: Condition)
 
 
 def _bound(contender: Contender, single: Condition) -> float:
-    return single_source_bound(contender.line, 10.0 ** (single.snr_db / 10.0))
+    return single_source_bound(contender.answer.line, 10.0 ** (single.snr_db / 10.0))

@@ -212,7 +212,7 @@ def _score(bench: Bench, contender: Contender, impairment: Impairment, image: in
     nearest = np.abs(np.arange(radar.waveform.range_bins)[:, None] - trials.rows).argmin(axis=1)
     factors = sensors[nearest]  # (R, C)
     seen = replace(trials, snapshots=(trials.snapshots * factors).astype(np.complex64))
-    images = contender.image_trials(seen, radar)
+    images = contender.image_trials(seen)
     reach = 0.5 * SEPARATION_CELLS * resolution_cell(radar)
     return {
         METRICS[0]: resolved(strongest_peaks(images, radar.grid.u, 2), trials.u),

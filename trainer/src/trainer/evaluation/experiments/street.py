@@ -79,8 +79,8 @@ def shown_frames(bench: Bench) -> tuple[FrameRef, ...]:
 
 def _levels(contender: Contender, ref: FrameRef) -> Values:
     frame = load_frame(ref)
-    image = contender.image(frame.range_channel[0], frame.noise_power)
-    return {"levels": to_bytes(scene_levels(image, contender.unit, true_magnitude(ref)))}
+    image = contender.answer.image(frame.range_channel[0], frame.noise_power)
+    return {"levels": to_bytes(scene_levels(image, contender.answer.unit, true_magnitude(ref)))}
 
 
 def _truth(radar: Radar, ref: FrameRef) -> Values:
