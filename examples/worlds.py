@@ -39,7 +39,7 @@ def compare(unseen: Path, runs: Sequence[Path]) -> list[tuple[int, str, Interval
     Both of a gain are drawn on the same frames, so that its interval is narrower than those of the two numbers.
     """
     runs = sorted(runs, key=seen_by)
-    bench, _ = open_bench(str(unseen), runs, ["unet"], [ARRAY], EvaluationConfig(), None)
+    bench, _ = open_bench(str(unseen), runs, ["unet"], [ARRAY], EvaluationConfig())
     refs = scene_frames(bench)
     for contender in bench.contenders:
         for scene in {ref.scene for ref in refs}:

@@ -46,7 +46,7 @@ truth = frame.image * frame.image_peak
 arrays = [choose_array(name, radar) for name in ("sparse6", "sparse4")]
 images = {
     contender.name: to_bytes(
-        scene_levels(contender.image(frame.range_channel[0], frame.noise_power), contender.unit, truth)
+        scene_levels(contender.answer.image(frame.range_channel[0], frame.noise_power), contender.answer.unit, truth)
     )
     for contender in gather(["das", "iaa", "omp"], [], arrays, radar, arguments.dataset)
 } | {"truth": to_bytes(scene_levels(truth, AMPLITUDE, truth))}

@@ -43,8 +43,10 @@ def images():
 
 def table():
     rows = [
-        MetricRow("detection", "das", "full", "precision", "d_max=2 bins", 0.25, 0.125, 0.5, 9),
-        MetricRow("detection", "iaa", "full", "precision", "d_max=2 bins", float("nan"), float("nan"), float("inf"), 0),
+        MetricRow("detection", "das", "full", "precision", {"d_max": "2 bins"}, 0.25, 0.125, 0.5, 9),
+        MetricRow(
+            "detection", "iaa", "full", "precision", {"d_max": "2 bins"}, float("nan"), float("nan"), float("inf"), 0
+        ),
     ]
     return metrics_table(rows, {("das", "full"): 0.5}, {("das", "full"): 0})
 
@@ -134,7 +136,14 @@ def test_panels_show_what_stands_left_on_the_left():
 
 def test_a_missing_contender_is_said_in_its_panel():
     empty = np.full(SHAPE, -40.0)
-    figure = image_panels({("das", "full"): empty, ("unet", "thin"): empty}, empty, RADAR, 0, "title", cut_row=3)
+    figure = image_panels(
+        {("das", "full"): empty, ("unet", "thin"): empty},
+        empty,
+        RADAR,
+        0,
+        "title",
+        [(3 * RADAR.waveform.range_step_m, 0.0)],
+    )
     texts = {text.get_text() for axis in figure.axes for text in axis.texts}
     assert texts == {"no das\nfor thin", "no unet\nfor full"}
 

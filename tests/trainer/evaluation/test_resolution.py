@@ -15,6 +15,7 @@ from trainer.data.pairs import Condition, Trials, simulate
 from trainer.evaluation.experiments.bench import Bench, EvaluationConfig
 from trainer.evaluation.experiments.contenders import Contender, estimator_contender
 from trainer.evaluation.experiments.resolution import PAIRS, SINGLES, Resolution, locate_targets
+from trainer.evaluation.rows import condition_text
 from trainer.metrics.bootstrap import wilson
 from trainer.metrics.peaks import resolved, single_source_bound
 
@@ -33,7 +34,7 @@ def located(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """([T, K] angles that a method finds on an array, [T, K] the true ones, [T] phases), of plane waves."""
     drawn = trials_of(condition, trials, seed)
-    found = locate_targets(FAR, contender(method, array), lambda: drawn)["found"]
+    found = locate_targets(contender(method, array), drawn)["found"]
     plane = np.tile(drawn.rows * FAR.waveform.range_step_m >= PLANE_FROM_M, len(drawn.snapshots))
     return found[plane], drawn.u[plane], drawn.phase_rad[plane]
 
@@ -125,7 +126,7 @@ def test_a_resolution_table_has_every_cell_once() -> None:
             results[method, array, condition] = {**values, "found": np.full_like(values["found"], np.nan)}
     rows = [row for row in experiment.rows(bench, results) if row.metric == "probability of resolution"]
     whole = [row for row in rows if "phase" not in row.condition]
-    assert len({(row.method, row.array, row.condition) for row in whole}) == len(whole) == 2 * 2 * len(PAIRS)
+    assert len({(row.method, row.array, str(row.condition)) for row in whole}) == len(whole) == 2 * 2 * len(PAIRS)
     assert all(row.value == 0.0 for row in rows if row.method == "ml")
     assert any(row.value > 0.5 for row in rows if row.method == "das")
 
@@ -140,7 +141,10 @@ def test_a_known_error_reads_as_what_it_is() -> None:
     results["das", "sparse6", str(single)] = {"found": found, "u": true, "phase_rad": np.zeros(50)}
     nothing = {"found": np.full_like(true, np.nan), "u": true, "phase_rad": np.zeros(50)}
     results["das", "sparse4", str(single)] = nothing
-    rows = {(row.method, row.array, row.metric, row.condition): row for row in experiment.rows(bench, results)}
+    rows = {
+        (row.method, row.array, row.metric, condition_text(row.condition)): row
+        for row in experiment.rows(bench, results)
+    }
     bias = rows["das", "sparse6", "bias [bins]", str(single)]
     assert bias.value == pytest.approx(0.01 / FAR.grid.step)
     assert bias.samples == 49

@@ -17,12 +17,15 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+from matplotlib.figure import Figure
+from threadpoolctl import threadpool_limits
 
 from shared.dataset.folder import MANIFEST, open_dataset
 from shared.dataset.locations import Location, folder_name, locate
 from shared.dataset.reading import radar_of
 from shared.dataset.writing import remove_partial, write_text
 from shared.physics.errors import InputError
+from shared.radar import Radar
 from trainer.data.arrays import choose_array
 from trainer.data.scene_records import scene_records
 from trainer.evaluation.experiments.bench import (
@@ -36,16 +39,22 @@ from trainer.evaluation.experiments.bench import (
     single_row,
 )
 from trainer.evaluation.experiments.contenders import Contender, check_methods, gather
+from trainer.evaluation.experiments.cylinders import PointSpread, Reflectors
 from trainer.evaluation.experiments.detection import Detection
 from trainer.evaluation.experiments.doppler import Doppler
 from trainer.evaluation.experiments.frames import frame_refs, load_frame
 from trainer.evaluation.experiments.generalisation import Generalisation
-from trainer.evaluation.experiments.measured import Measured, line_list
-from trainer.evaluation.experiments.measured_bench import measured_bench
+from trainer.evaluation.experiments.measured import (
+    CAPTION,
+    TITLE,
+    MeasuredRow,
+    check_measured_methods,
+    fitting_networks,
+    look_at,
+)
+from trainer.evaluation.experiments.measured import NAME as MEASURED
 from trainer.evaluation.experiments.measured_input import MeasuredInput, read_measured, with_arrays
 from trainer.evaluation.experiments.noise_only import NoiseOnly
-from trainer.evaluation.experiments.point_spread import CylinderSpread
-from trainer.evaluation.experiments.reflectors import Reflectors
 from trainer.evaluation.experiments.resolution import Resolution
 from trainer.evaluation.experiments.robustness import Robustness
 from trainer.evaluation.experiments.street import Street
@@ -62,11 +71,12 @@ from trainer.run.folder import Fingerprint
 EXPERIMENTS: dict[str, Experiment] = {
     experiment.name: experiment
     for experiment in (
-        CylinderSpread(), Street(), Reflectors(), Detection(), Doppler(), Resolution(), Robustness(), Generalisation(),
-        NoiseOnly(), Tradeoff(), Measured(),
+        PointSpread(), Street(), Reflectors(), Detection(), Doppler(), Resolution(), Robustness(), Generalisation(),
+        NoiseOnly(), Tradeoff(),
     )
 }  # fmt: skip
-"""By the name that ``--experiments`` takes, in the order of the report."""
+"""By the name that ``--experiments`` takes, in the order of the report; the measured row comes after them."""
+NAMES = (*EXPERIMENTS, MEASURED)
 SUMMARY_COLUMNS = [(name, column) for name, experiment in EXPERIMENTS.items() for column in experiment.summary]
 DEFAULT_ARRAYS = ("sparse6", "sparse4", "full")
 CELLS, FIGURES = "cells", "figures"
@@ -103,7 +113,7 @@ def evaluate(
     :param methods: names of estimators, "cnn" and "unet" for the runs; see
         :func:`trainer.evaluation.experiments.contenders.gather`
     :param arrays: see :func:`trainer.data.arrays.choose_array`
-    :param experiments: names of :data:`EXPERIMENTS`; all that apply by default
+    :param experiments: some of :data:`NAMES`; all that apply by default
     :param measured: snapshot or cube for the experiment "measured"
     :param targets, range_m, model_error_db: of it, see
         :func:`trainer.evaluation.experiments.measured_input.read_measured`
@@ -126,17 +136,19 @@ def evaluate(
         if dataset is None:
             if row is None:
                 raise InputError("arguments", "neither a dataset nor --measured", "one of both, or both")
-            if experiments is not None and list(experiments) != [Measured.name]:
-                raise InputError("--experiments", ", ".join(experiments), f"{Measured.name} alone without a dataset")
-            # The default names are of the default radar: of another cube nobody has asked for them.
-            asked = ("full",) if row.radar is not None and tuple(arrays) == DEFAULT_ARRAYS else arrays
-            bench, obstacles = measured_bench(row, runs, methods, asked, config)
-            chosen, left_out = [EXPERIMENTS[Measured.name]], dict[str, int]()
+            if experiments is not None and list(experiments) != [MEASURED]:
+                raise InputError("--experiments", ", ".join(experiments), f"{MEASURED} alone without a dataset")
+            look, obstacles = _measured_alone(row, runs, methods, arrays)
+            bench, left_out = Bench("", row.radar or Radar(), (), frozenset(), (), config), dict[str, int]()
+            chosen = list[Experiment]()
             title = f"Evaluation of {row.path.name}"
         else:
-            bench, left_out = open_bench(dataset, runs, methods, arrays, config, row)
-            chosen, obstacles = choose_experiments(experiments, bench)
+            bench, left_out = open_bench(dataset, runs, methods, arrays, config)
+            chosen, obstacles = choose_experiments(experiments, bench, measured)
             title = f"Evaluation on {folder_name(locate(dataset))}"
+            if row is not None:
+                row = with_arrays(row, bench.radar, [contender.array for contender in bench.contenders])
+                look = partial(look_at, row)
         remove_partial(out)
         store = CellStore(out / CELLS)
         for line in obstacles:
@@ -148,29 +160,39 @@ def evaluate(
         rows: list[MetricRow] = []
         figures: list[ReportFigure] = []
         (out / FIGURES).mkdir(exist_ok=True)
-        written = set()
+        written = set[str]()
+
+        def save(name: str, figure: Figure) -> bytes:
+            written.update({f"{name}.png", f"{name}.svg"})
+            return save_figure(figure, out / FIGURES, name)
+
         with Workers(bench, workers, folder) as pool:
             street = EXPERIMENTS[Street.name]
             shown = _compute(street, bench, store, pool, partial(advance, "images")) if bench.frames else {}
             for experiment in chosen:
                 results = _compute(experiment, bench, store, pool, partial(advance, experiment.name))
                 rows += experiment.rows(bench, results)
-                if experiment.name == Measured.name:
-                    write_text(out / LINES, line_list(bench, results))
                 for name, figure in experiment.figures(bench, results).items():
-                    png = save_figure(figure, out / FIGURES, name)
-                    written |= {f"{name}.png", f"{name}.svg"}
-                    figures.append(ReportFigure(experiment.title, experiment.caption, png))
+                    figures.append(ReportFigure(experiment.title, experiment.caption, save(name, figure)))
+        if row is not None:
+            advance(MEASURED, 0, 1)
+            with threadpool_limits(limits=1):
+                seen = look()
+            advance(MEASURED, 1, 1)
+            rows += seen.rows
+            write_text(out / LINES, seen.lines)
+            figures += [ReportFigure(TITLE, CAPTION, save(name, figure)) for name, figure in seen.figures.items()]
         rows += (
             [
-                single_row(RUNTIME, contender, SECONDS, "", bench.seconds[contender.method, contender.array.name])
+                single_row(RUNTIME, contender, SECONDS, {}, bench.seconds[contender.method, contender.array.name])
                 for contender in bench.contenders
             ]
             if bench.frames
             else []
         )
         source = None if dataset is None else open_dataset(dataset)
-        table = write_outcome(out, bench, title, chosen, rows, figures, shown, source, SUMMARY_COLUMNS)
+        ran = [*(experiment.name for experiment in chosen), *([MEASURED] if row is not None else [])]
+        table = write_outcome(out, bench, title, ran, rows, figures, shown, source, SUMMARY_COLUMNS)
     if stale := sum(path.name not in written for path in (out / FIGURES).iterdir()):
         announce(f"{stale} files in {out / FIGURES} are of other arguments and not in this report")
     if store.unused:
@@ -189,7 +211,6 @@ def open_bench(
     methods: Sequence[str] | None,
     array_names: Sequence[str],
     config: EvaluationConfig,
-    measured: MeasuredInput | None,
 ) -> tuple[Bench, dict[str, int]]:
     """(what the experiments work on, frames left out by kind); arguments and errors as :func:`evaluate`."""
     dataset = open_dataset(source)
@@ -206,27 +227,45 @@ def open_bench(
     scenes = (
         frozenset(frame.scene for frame in dataset.frames("train", ())) if "train" in dataset.splits else frozenset()
     )
-    row = None if measured is None else with_arrays(measured, radar, [contender.array for contender in contenders])
     of_data = scene_records(dataset.manifest)
-    return Bench(fingerprint.sha256, radar, refs, scenes, contenders, config, scenes=of_data, measured=row), left_out
+    return Bench(fingerprint.sha256, radar, refs, scenes, contenders, config, scenes=of_data), left_out
 
 
-def choose_experiments(names: Sequence[str] | None, bench: Bench) -> tuple[list[Experiment], list[str]]:
+def _measured_alone(
+    row: MeasuredInput, runs: Sequence[Path], methods: Sequence[str] | None, array_names: Sequence[str]
+) -> tuple[Callable[[], MeasuredRow], list[str]]:
+    """(what looks at a row without a dataset, a line for each array and run that does not fit)."""
+    # The default names are of the default radar: of another cube nobody has asked for them.
+    asked = ("full",) if row.radar is not None and tuple(array_names) == DEFAULT_ARRAYS else array_names
+    chosen, radar = check_measured_methods(methods), row.radar or Radar()
+    arrays, obstacles = [], []
+    for name in asked:
+        try:
+            arrays.append(choose_array(name, radar))
+        except InputError as error:
+            obstacles.append(f"left out: {error}")
+    networks, others = fitting_networks(row, runs)
+    return partial(look_at, with_arrays(row, radar, arrays), chosen, networks), [*obstacles, *others]
+
+
+def choose_experiments(
+    names: Sequence[str] | None, bench: Bench, measured: Path | None
+) -> tuple[list[Experiment], list[str]]:
     """(the experiments that apply, a line for each that does not).
 
-    :param names: of :data:`EXPERIMENTS`; None for all
+    :param names: of :data:`NAMES`; None for all
     :raises InputError: an unknown name, one that does not apply, none, a snapshot that no experiment looks at
     """
     _check_experiments(names)
     wanted = [experiment for name, experiment in EXPERIMENTS.items() if names is None or name in names]
     obstacles = {experiment.name: experiment.obstacle(bench) for experiment in wanted}
+    if names is None or MEASURED in names:
+        obstacles[MEASURED] = None if measured else "no --measured file"
     for name, obstacle in obstacles.items():
         if obstacle and names is not None:
             raise InputError("--experiments", f"{name}: {obstacle}", "an experiment that applies")
-    if bench.measured is not None and Measured.name not in obstacles:
-        raise InputError(
-            "--measured", f"{bench.measured.path} without the experiment", f"{Measured.name!r} in --experiments"
-        )
+    if measured is not None and MEASURED not in obstacles:
+        raise InputError("--measured", f"{measured} without the experiment", f"{MEASURED!r} in --experiments")
     return (
         [experiment for experiment in wanted if not obstacles[experiment.name]],
         [f"experiment {name} is left out: {obstacle}" for name, obstacle in obstacles.items() if obstacle],
@@ -234,10 +273,10 @@ def choose_experiments(names: Sequence[str] | None, bench: Bench) -> tuple[list[
 
 
 def _check_experiments(names: Sequence[str] | None) -> None:
-    if unknown := [name for name in names or () if name not in EXPERIMENTS]:
-        raise InputError("--experiments", repr(unknown[0]), f"some of {', '.join(EXPERIMENTS)}")
+    if unknown := [name for name in names or () if name not in NAMES]:
+        raise InputError("--experiments", repr(unknown[0]), f"some of {', '.join(NAMES)}")
     if names is not None and not names:
-        raise InputError("--experiments", "none", f"some of {', '.join(EXPERIMENTS)}")
+        raise InputError("--experiments", "none", f"some of {', '.join(NAMES)}")
 
 
 def _require_cells(out: Path) -> None:
@@ -250,7 +289,7 @@ def _compute(
 ) -> Results:
     """The cells of an experiment in the order of its tasks; those not yet on disk are computed and kept one by one."""
     tasks = experiment.tasks(bench)
-    cells = [_cell(experiment.cells, task) for task in tasks]
+    cells = [_cell(experiment.cells or experiment.name, task) for task in tasks]
     values: dict[int, Values] = {}
     for place, cell in enumerate(cells):
         if (found := store.finished(cell)) is not None:

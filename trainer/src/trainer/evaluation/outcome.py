@@ -9,7 +9,7 @@ import pyarrow as pa
 
 from shared.dataset.folder import Dataset
 from shared.dataset.writing import write_text
-from trainer.evaluation.experiments.bench import Bench, Experiment, Results
+from trainer.evaluation.experiments.bench import Bench, Results
 from trainer.evaluation.experiments.street import shown_frames
 from trainer.evaluation.report.camera import small_picture
 from trainer.evaluation.report.doppler_map import PEAKS, WHOLE
@@ -25,7 +25,7 @@ def write_outcome(
     out: Path,
     bench: Bench,
     title: str,
-    chosen: Sequence[Experiment],
+    ran: Sequence[str],
     rows: Sequence[MetricRow],
     figures: Sequence[ReportFigure],
     shown: Results,
@@ -34,6 +34,7 @@ def write_outcome(
 ) -> pa.Table:
     """Write the tables and the page; returns the table of all numbers.
 
+    :param ran: names of the experiments
     :param shown: the cells of the frames to look at
     :param columns: of the summary
     :param dataset: whose camera pictures stand beside them
@@ -44,7 +45,7 @@ def write_outcome(
     if bench.frames:
         write_text(out / SUMMARY, summary(table, columns))
     frames = _report_frames(bench, shown, dataset)
-    page = report_page(title, _introduction(bench, chosen), bench.radar, frames, figures, table)
+    page = report_page(title, _introduction(bench, ran), bench.radar, frames, figures, table)
     write_text(out / REPORT, page)
     return table
 
@@ -62,8 +63,8 @@ def _report_frames(bench: Bench, results: Results, dataset: Dataset | None) -> l
     return frames
 
 
-def _introduction(bench: Bench, chosen: Sequence[Experiment]) -> str:
-    config, run = bench.config, ", ".join(experiment.name for experiment in chosen)
+def _introduction(bench: Bench, ran: Sequence[str]) -> str:
+    config, run = bench.config, ", ".join(ran)
     if not bench.frames:
         return f"No dataset; experiments: {run}."
     kinds = [ref.kind for ref in bench.frames]

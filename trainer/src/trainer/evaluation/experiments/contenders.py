@@ -19,6 +19,7 @@ from trainer.data.arrays import ArrayChoice
 from trainer.data.pairs import Trials
 from trainer.estimators.base import ESTIMATORS
 from trainer.estimators.fitting import fit_lines, score_peaks
+from trainer.evaluation.report.style import Look
 from trainer.evaluation.store import digest
 from trainer.run.answers import Answer, array_answer, network_answer
 from trainer.run.detections import CANDIDATES
@@ -85,6 +86,11 @@ class Contender:
             lines = fit_lines(matrix[trials.rows][:, answer.channels], answer.line, noise, candidates)
             found.append(np.sort(lines.u[:, :count], axis=1))
         return np.concatenate(found)
+
+
+def look_of(contenders: Sequence[Contender]) -> Look:
+    """Colours and lines of these."""
+    return Look([one.method for one in contenders], [one.array.name for one in contenders])
 
 
 def check_methods(names: Sequence[str]) -> None:

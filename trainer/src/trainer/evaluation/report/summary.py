@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from shared.physics.errors import printable
 from trainer.evaluation.report.tables import SECONDS
-from trainer.evaluation.rows import SummaryColumn
+from trainer.evaluation.rows import SummaryColumn, condition_text
 
 Row = Mapping[str, object]
 """One line of the metrics table by the names of its columns."""
@@ -54,7 +54,7 @@ def markdown_cell(text: str) -> str:
 
 def _belongs(row: Row, experiment: str, column: SummaryColumn) -> bool:
     named = row["experiment"] == experiment and row["metric"] == column.metric
-    return named and str(row["condition"]).startswith(column.condition)
+    return named and (column.condition is None or row["condition"] == condition_text(column.condition))
 
 
 def _value_text(rows: Sequence[Row], experiment: str, column: SummaryColumn) -> str:

@@ -12,7 +12,7 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 
 from shared.dataset.writing import atomic
-from trainer.evaluation.rows import MetricRow
+from trainer.evaluation.rows import MetricRow, condition_text
 
 SECONDS = "seconds_per_image"
 METRICS_FILE = "metrics.parquet"
@@ -43,6 +43,7 @@ def metrics_table(
     records = [
         {
             **asdict(row),
+            "condition": condition_text(row.condition),
             SECONDS: seconds.get((row.method, row.array)),
             "parameters": parameters.get((row.method, row.array)),
         }
