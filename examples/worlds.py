@@ -11,6 +11,7 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from matplotlib.figure import Figure
 
@@ -33,8 +34,21 @@ def seen_by(run: Path) -> tuple[int, str]:
     return len(scenes), "populated" if any(scene.populate for scene in scenes.values()) else "bare"
 
 
-def compare(unseen: Path, runs: Sequence[Path]) -> list[tuple[int, str, Interval, Interval]]:
-    """(scenes, kind, average precision, gain over the fewest scenes) of each run, the fewest scenes first.
+class Point(NamedTuple):
+    """What a network of some scenes is worth.
+
+    :param precision: average precision
+    :param gain: over the network of the fewest scenes
+    """
+
+    scenes: int
+    kind: str
+    precision: Interval
+    gain: Interval
+
+
+def compare(unseen: Path, runs: Sequence[Path]) -> list[Point]:
+    """A point for each run, the fewest scenes first.
 
     Both of a gain are drawn on the same frames, so that its interval is narrower than those of the two numbers.
     """
@@ -51,21 +65,20 @@ def compare(unseen: Path, runs: Sequence[Path]) -> list[tuple[int, str, Interval
     }
     rankings = [of_run[run.resolve().name] for run in runs]
     return [
-        (*seen_by(run), mean_average_precision([one]), mean_average_precision([one], [rankings[0]]))
+        Point(*seen_by(run), mean_average_precision([one]), mean_average_precision([one], [rankings[0]]))
         for run, one in zip(runs, rankings, strict=True)
     ]
 
 
-def draw(rows: Sequence[tuple[int, str, Interval, Interval]]) -> Figure:
+def draw(points: Sequence[Point]) -> Figure:
     """Average precision over the number of scenes above, the gain below."""
     figure = Figure(figsize=(6.0, 6.0), layout="constrained")
     axes = figure.subplots(2, 1, sharex=True)
-    for kind in dict.fromkeys(row[1] for row in rows):
-        line = [row for row in rows if row[1] == kind]
-        for axis, column in zip(axes, (2, 3), strict=True):
-            values = [row[column] for row in line]
+    for kind in dict.fromkeys(point.kind for point in points):
+        line = [point for point in points if point.kind == kind]
+        for axis, values in zip(axes, ([one.precision for one in line], [one.gain for one in line]), strict=True):
             spread = [[one.value - one.low for one in values], [one.high - one.value for one in values]]
-            axis.errorbar([row[0] for row in line], [one.value for one in values], spread, fmt="o-", label=kind)
+            axis.errorbar([one.scenes for one in line], [one.value for one in values], spread, fmt="o-", label=kind)
     axes[0].set(ylabel="average precision", title=f"Trained on scenes that are not among the test's, {ARRAY}")
     axes[0].legend(frameon=False)
     axes[1].set(xlabel="scenes trained on", ylabel="gain over the fewest scenes")

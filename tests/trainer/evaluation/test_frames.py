@@ -1,7 +1,8 @@
 """Scores of images whose score is known, and the frames that are shown."""
 
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,27 +14,33 @@ from trainer.evaluation.experiments.bench import FrameRef
 from trainer.evaluation.experiments.contenders import estimator_contender
 from trainer.evaluation.experiments.doppler import score_peaks
 from trainer.evaluation.experiments.frames import one_of_each_scene, ranking, score_frame, score_truth
-from trainer.evaluation.report.levels import from_bytes, scene_levels, to_bytes
+from trainer.evaluation.report.shown import from_bytes, scene_levels, to_bytes
 from trainer.metrics.cells import truth_cells
-from trainer.run.answers import EstimatorAnswer
+from trainer.run.answers import Answer
 
 
-class Known(EstimatorAnswer):
-    """Answers with what its function says."""
+@dataclass(frozen=True, eq=False)
+class Known(Answer):
+    """Answers with what a function says."""
+
+    function: Any
 
     def images(self, range_channel, noise_power, model_error_db=None):
-        return self.estimator(range_channel, noise_power)
+        return self.function(range_channel, noise_power)
+
+    def das(self, range_channel):
+        raise NotImplementedError
 
 
-def known(image, probability=None, **changes):
-    """A contender that answers with this image [R, U], and with this probability."""
-    return answering(lambda *_: (image[None], None if probability is None else probability[None]), **changes)
+def known(image, **changes):
+    """A contender that answers with this image [R, U]."""
+    return answering(lambda *_: (image[None], None), **changes)
 
 
 def answering(function, **changes):
     contender = estimator_contender("das", FULL, RADAR)
-    given = {field.name: getattr(contender.answer, field.name) for field in fields(contender.answer)}
-    return replace(contender, answer=Known(**given | {"estimator": function} | changes))
+    given = {field.name: getattr(contender.answer, field.name) for field in fields(Answer)}
+    return replace(contender, answer=Known(**(given | changes), function=function))
 
 
 def test_the_truth_scores_one_an_empty_image_nothing_and_noise_between():

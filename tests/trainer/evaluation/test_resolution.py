@@ -149,7 +149,7 @@ def test_a_known_error_reads_as_what_it_is() -> None:
     assert bias.value == pytest.approx(0.01 / FAR.grid.step)
     assert bias.samples == 49
     ratio = rows["das", "sparse6", "RMSE over bound", str(single)]
-    line = bench.contenders[0].line
+    line = bench.contenders[0].answer.line
     assert ratio.value == pytest.approx(0.01 / math.sqrt(single_source_bound(line, 100.0)))
     # Where nothing was found there is no error.
     for metric in ("bias [bins]", "RMSE over bound"):

@@ -7,8 +7,7 @@ from collections.abc import Mapping
 
 from trainer.data.pairs import Condition
 from trainer.evaluation.evaluate import SUMMARY_COLUMNS
-from trainer.evaluation.report.summary import summary
-from trainer.evaluation.report.tables import metrics_table
+from trainer.evaluation.report.tables import metrics_table, summary
 from trainer.evaluation.rows import MetricRow
 
 CLOSE, CLOSER = Condition(1.0, 20.0).named, Condition(0.5, 20.0).named

@@ -11,11 +11,9 @@ from shared.dataset.folder import Dataset
 from shared.dataset.writing import write_text
 from trainer.evaluation.experiments.bench import Bench, Results
 from trainer.evaluation.experiments.street import shown_frames
-from trainer.evaluation.report.camera import small_picture
-from trainer.evaluation.report.doppler_map import PEAKS, WHOLE
 from trainer.evaluation.report.page import ReportFigure, ReportFrame, report_page
-from trainer.evaluation.report.summary import summary
-from trainer.evaluation.report.tables import metrics_table, write_table
+from trainer.evaluation.report.shown import PEAKS, WHOLE, small_picture
+from trainer.evaluation.report.tables import metrics_table, summary, write_table
 from trainer.evaluation.rows import TRUTH, MetricRow, SummaryColumn
 
 REPORT, SUMMARY = "report.html", "summary.md"

@@ -33,8 +33,8 @@ from trainer.evaluation.experiments.bench import (
     share_row,
 )
 from trainer.evaluation.experiments.contenders import Contender
-from trainer.evaluation.report.levels import REPORT_SPAN_DB, own_levels
 from trainer.evaluation.report.panels import image_panels
+from trainer.evaluation.report.shown import REPORT_SPAN_DB, own_levels
 from trainer.evaluation.rows import TRUTH, MetricRow
 from trainer.evaluation.store import Values
 from trainer.metrics.peaks import point_spread, resolved, strongest_peaks

@@ -168,7 +168,7 @@ def _rows(spectra: Found, reference: NDArray[np.float64]) -> list[MetricRow]:
     ]
     for (method, array), values in spectra.items():
         angles = _degrees(values["lines"])
-        numbers = {}
+        numbers: dict[str, float] = {}
         for n, (angle, level) in enumerate(zip(angles, values["levels_db"], strict=True), 1):
             numbers |= {f"angle {n} [deg]": float(angle), f"level {n} [dB]": float(level)}
         numbers["power left [dB]"] = float(values["left_db"])

@@ -109,8 +109,8 @@ class Resolution(Simulated):
                 )
                 over_bound = errors**2 / _bound(contender, condition)
                 squares = mean_row(bench, self.name, contender, "RMSE over bound", named, over_bound)
-                roots = {name: math.sqrt(getattr(squares, name)) for name in ("value", "low", "high")}
-                found.append(replace(squares, **roots))
+                root, lower, upper = map(math.sqrt, (squares.value, squares.low, squares.high))
+                found.append(replace(squares, value=root, low=lower, high=upper))
         return found
 
     def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
