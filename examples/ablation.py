@@ -56,12 +56,13 @@ def main() -> None:
     runs = [OUT / name for name in names or VARIANTS]
     for run in runs:
         if not (run / VERDICT).is_file():
-            config = FitConfig.model_validate({"steps": STEPS, **VARIANTS[run.name]})
-            fit([dataset], run, config, ARRAY, resume=(run / RUN_FILE).is_file())
-    evaluate(
-        dataset, OUT / "evaluation", runs, ["das", "unet"], [ARRAY], ["detection", "resolution"],
-        EvaluationConfig(trials=TRIALS), resume=(OUT / "evaluation").is_dir(),
+            changed = FitConfig.model_validate({"steps": STEPS, **VARIANTS[run.name]})
+            fit([dataset], run, changed, ARRAY, resume=(run / RUN_FILE).is_file())
+    config = EvaluationConfig(
+        runs=tuple(runs), methods=("das", "unet"), arrays=(ARRAY,), experiments=("detection", "resolution"),
+        trials=TRIALS,
     )  # fmt: skip
+    evaluate(dataset, OUT / "evaluation", config, resume=(OUT / "evaluation").is_dir())
     print((OUT / "evaluation" / "summary.md").read_text(encoding="utf-8"))
 
 

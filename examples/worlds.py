@@ -53,7 +53,7 @@ def compare(unseen: Path, runs: Sequence[Path]) -> list[Point]:
     Both of a gain are drawn on the same frames, so that its interval is narrower than those of the two numbers.
     """
     runs = sorted(runs, key=seen_by)
-    bench, _ = open_bench(str(unseen), runs, ["unet"], [ARRAY], EvaluationConfig())
+    bench, _ = open_bench(str(unseen), EvaluationConfig(runs=tuple(runs), methods=("unet",), arrays=(ARRAY,)))
     refs = scene_frames(bench)
     for contender in bench.contenders:
         for scene in {ref.scene for ref in refs}:

@@ -72,7 +72,7 @@ def test_data_without_a_test_split_and_folders_in_use_are_refused(inputs, tmp_pa
 
 def test_a_radar_that_does_not_see_so_far_leaves_experiments_out_and_says_so(tmp_path):
     data = make_data(tmp_path / "data", SHORT_RADAR)
-    bench, _ = open_bench(data, [], ["das"], ["full"], QUICK)
+    bench, _ = open_bench(data, QUICK.model_copy(update={"methods": ("das",), "arrays": ("full",)}))
     chosen, lines = choose_experiments(None, bench, None)
     reason = "the radar sees to 3.4 m, the targets stand at 5.7 m"
     assert lines == [

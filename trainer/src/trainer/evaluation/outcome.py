@@ -26,37 +26,39 @@ def write_outcome(
     ran: Sequence[str],
     rows: Sequence[MetricRow],
     figures: Sequence[ReportFigure],
-    shown: Results,
-    dataset: Dataset | None,
+    frames: Sequence[ReportFrame],
     columns: Sequence[tuple[str, SummaryColumn]],
 ) -> pa.Table:
     """Write the tables and the page; returns the table of all numbers.
 
     :param ran: names of the experiments
-    :param shown: the cells of the frames to look at
+    :param frames: to look at
     :param columns: of the summary
-    :param dataset: whose camera pictures stand beside them
     """
     parameters = {(contender.method, contender.array.name): contender.parameters for contender in bench.contenders}
     table = metrics_table(rows, bench.seconds, parameters)
     write_table(table, out)
     if bench.frames:
         write_text(out / SUMMARY, summary(table, columns))
-    frames = _report_frames(bench, shown, dataset)
     page = report_page(title, _introduction(bench, ran), bench.radar, frames, figures, table)
     write_text(out / REPORT, page)
     return table
 
 
-def _report_frames(bench: Bench, results: Results, dataset: Dataset | None) -> list[ReportFrame]:
+def report_frames(bench: Bench, results: Results, dataset: Dataset) -> list[ReportFrame]:
+    """The frames to look at.
+
+    :param results: the cells of the street
+    :param dataset: whose camera pictures stand beside them
+    """
     frames = []
-    for ref in shown_frames(bench) if bench.frames else ():
+    for ref in shown_frames(bench):
         known = results[TRUTH, "", ref.condition]
         truth, doppler = known["levels"], (WHOLE if known["doppler_whole"] else PEAKS, known["doppler"])
         images = {c.name: results[c.method, c.array.name, ref.condition]["levels"] for c in bench.contenders}
         # The cut starts where the truth is strongest.
         row = int(truth.max(axis=1).argmax())
-        camera = small_picture(dataset, ref.frame_id) if dataset is not None else b""
+        camera = small_picture(dataset, ref.frame_id)
         frames.append(ReportFrame(f"{ref.scene}, frame {ref.frame_id}", row, {**images, TRUTH: truth}, doppler, camera))
     return frames
 

@@ -8,6 +8,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,9 +30,17 @@ KEPT = 2
 """Frames or simulated scenes that an experiment holds while its contenders take turns."""
 
 
-class EvaluationConfig(BaseModel):
-    """How much is computed.
+DEFAULT_ARRAYS = ("sparse6", "sparse4", "full")
 
+
+class EvaluationConfig(BaseModel):
+    """Who is compared by what, and how much is computed.
+
+    :param runs: run folders of trainer fit, each evaluated on its own array
+    :param methods: names of estimators, "cnn" and "unet" for the runs; None for those of
+        :func:`trainer.evaluation.experiments.contenders.gather`, of a measured row alone for all
+    :param arrays: see :func:`trainer.data.arrays.choose_array`
+    :param experiments: some of :data:`trainer.evaluation.evaluate.NAMES`; None for all that apply
     :param frames: most frames of the test split that are scored, 50 as in the paper
     :param shown: frames that the report shows
     :param trials: simulated trials of each condition
@@ -40,6 +49,10 @@ class EvaluationConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
+    runs: tuple[Path, ...] = ()
+    methods: tuple[str, ...] | None = None
+    arrays: tuple[str, ...] = DEFAULT_ARRAYS
+    experiments: tuple[str, ...] | None = None
     frames: int = Field(default=50, ge=1, le=10**6)
     shown: int = Field(default=3, ge=1, le=1000)
     trials: int = Field(default=120, ge=2, le=10**5)
