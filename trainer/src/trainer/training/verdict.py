@@ -12,9 +12,10 @@ training images. Two numbers each:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -162,34 +163,24 @@ def _test_frames(answer: Answer, folders: Sequence[Location], mean: Image) -> It
             continue
         frames = ShardDataset(folder, "test")
         for index in _evenly_spaced(len(frames)):
-            frame = frames[index]
-            relative, peak, noise = frame["image"].numpy(), float(frame["image_peak"]), float(frame["noise_power"])
-            range_channel = frame["range_channel"][0].numpy()
-            truth = relative.astype(np.float64) * peak
-            das = answer.das(range_channel[None])[0]
-            image, score = answer.image_and_score(range_channel, noise)
+            frame = {key: value.numpy() for key, value in frames[index].items()}
+            yield _scored(f"{folder_name(folder)}, frame {int(frame['frame_id'])}", answer, frame, mean)
 
-            def of_level(
-                level: NDArray[np.floating], truth: NDArray[np.float64] = truth, noise: float = noise
-            ) -> CellScores:
-                return score_cells(truth, level, noise, len(answer.channels), answer.radar.waveform.range_step_m)
 
-            # Relative to the truth's peak, as the truth is; as it is where the truth is zero or there is no amplitude.
-            scale = np.float32(peak or 1.0)
-            yield _Scored(
-                name=f"{folder_name(folder)}, frame {int(frame['frame_id'])}",
-                truth=relative,
-                images={
-                    "network": image.astype(np.float32) / (scale if answer.unit == AMPLITUDE else np.float32(1.0)),
-                    "das": das / scale,
-                    "mean": mean,
-                },
-                cells={
-                    "network": answer.score_cells(truth, range_channel, noise, (image, score)),
-                    "das": of_level(das),
-                    "truth": of_level(truth),
-                },
-            )
+def _scored(name: str, answer: Answer, frame: Mapping[str, NDArray[Any]], mean: Image) -> _Scored:
+    range_channel, noise, peak = frame["range_channel"][0], float(frame["noise_power"]), float(frame["image_peak"])
+    truth = frame["image"].astype(np.float64) * peak
+    das, seen = answer.das(range_channel[None])[0], answer.image_and_score(range_channel, noise)
+    cells = {
+        kind: score_cells(truth, level, noise, len(answer.channels), answer.radar.waveform.range_step_m)
+        for kind, level in (("das", das), ("truth", truth))
+    }
+    cells["network"] = answer.score_cells(truth, range_channel, noise, seen)
+    # Amplitudes relative to the truth's peak, as the truth is; as they are where the truth is zero.
+    scale = np.float32(peak or 1.0)
+    network = seen[0].astype(np.float32)
+    images = {"network": network / scale if answer.unit == AMPLITUDE else network, "das": das / scale, "mean": mean}
+    return _Scored(name, frame["image"], images, cells)
 
 
 def _evenly_spaced(frames: int) -> list[int]:

@@ -7,7 +7,7 @@ method lists its lines; what they leave of the row's power says whether they exp
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -76,12 +76,12 @@ class MeasuredRow:
 
 
 def look_at(
-    measured: MeasuredInput, methods: Sequence[str] = (), networks: Mapping[str, NetworkAnswer] | None = None
+    measured: MeasuredInput, methods: Sequence[str] = (), networks: Sequence[tuple[str, NetworkAnswer]] = ()
 ) -> MeasuredRow:
     """The row by every method on every one of its element sets, and by the networks that fit it; of a cube a picture.
 
     :param methods: some of :data:`METHODS`; all where empty
-    :param networks: by the name that tables have for them, see :func:`fitting_networks`
+    :param networks: with the name that tables have for them, see :func:`fitting_networks`
     """
     spectra: Found = {}
     pictures: Found = {}
@@ -101,7 +101,7 @@ def look_at(
             for method in methods or PICTURED
             if method in PICTURED
         }
-    for name, answer in (networks or {}).items():
+    for name, answer in networks:
         key, elements, u = (name, answer.array.name), _elements(measured, answer), answer.radar.grid.u
         if measured.frame is None:
             rows = (np.array(HANN)[:, None] * measured.snapshot).astype(np.complex64)
@@ -119,12 +119,14 @@ def look_at(
     return MeasuredRow(_rows(spectra, reference), figures, _line_list(measured, spectra, reference))
 
 
-def fitting_networks(measured: MeasuredInput, runs: Sequence[Path]) -> tuple[dict[str, NetworkAnswer], list[str]]:
-    """(the runs whose array the row has, by name; a line for each other one).
+def fitting_networks(
+    measured: MeasuredInput, runs: Sequence[Path]
+) -> tuple[list[tuple[str, NetworkAnswer]], list[str]]:
+    """(the runs whose array the row has, with their names; a line for each other one).
 
     :raises InputError: a run that cannot be read
     """
-    networks, obstacles = {}, []
+    networks, obstacles = [], []
     for path in runs:
         try:
             run, imager = load_imager(path)
@@ -134,7 +136,8 @@ def fitting_networks(measured: MeasuredInput, runs: Sequence[Path]) -> tuple[dic
             if (_elements(measured, answer) < 0).any():
                 problem = f"a channel of {run.array.name!r} is dead or off the line"
                 raise InputError(measured.path, problem, "all of them alive")
-            networks[f"{kind_of(run)}:{path.resolve().name}" if len(runs) > 1 else kind_of(run)] = answer
+            name = f"{kind_of(run)}:{path.resolve().name}" if len(runs) > 1 else kind_of(run)
+            networks.append((name, answer))
         except InputError as error:
             if not path.joinpath(RUN_FILE).is_file():
                 raise
