@@ -12,8 +12,6 @@ import pytest
 from matplotlib.image import imread
 from tiny_radar import RADAR
 
-from trainer.data.arrays import ArrayChoice
-from trainer.evaluation.experiments.contenders import estimator_contender
 from trainer.evaluation.report.page import ReportFigure, ReportFrame, report_page
 from trainer.evaluation.report.panels import image_panels
 from trainer.evaluation.report.style import (
@@ -169,13 +167,3 @@ def test_figures_are_the_same_bytes_twice(tmp_path):
 
     assert draw(tmp_path / "one") == draw(tmp_path / "two")
     assert b"matplotlib.org" not in draw(tmp_path / "three")[0]
-
-
-def test_a_row_wise_contender_images_the_rows_asked_for_alone():
-    contender = estimator_contender("das", ArrayChoice(name="full", rx=tuple(range(6))), RADAR)
-    generator = np.random.default_rng(3)
-    snapshots = (generator.standard_normal((24, 6, 2)) @ np.array([1.0, 1.0j])).astype(np.complex64)
-    rows = np.array([2, 9, 23])
-    np.testing.assert_allclose(
-        contender.answer.image_rows(snapshots, 1e-3, rows), contender.answer.image(snapshots, 1e-3)[rows], rtol=1e-6
-    )

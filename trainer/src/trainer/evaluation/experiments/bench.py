@@ -229,8 +229,7 @@ def mean_row(
 ) -> MetricRow:
     """A row of the mean of samples with its bootstrap interval.
 
-    Samples that are not finite (a metric that is not defined) do not count; the row says
-    how many did.
+    Samples that are not finite (a metric that is not defined) do not count; the row says how many did.
     """
     values = np.asarray(samples, dtype=np.float64)
     values = values[np.isfinite(values)]
