@@ -1,7 +1,7 @@
 # Every target sets itself up: `make dataset` and `make test` work in a fresh clone with Python 3.11 or newer and a C compiler.
 
 .DEFAULT_GOAL := help
-.PHONY: help setup dataset study worlds test test-all size compatibility lint lock smoke bench accuracy hardcases soak fuzz gpu scenes browser docs clean
+.PHONY: help setup dataset study test test-all size compatibility lint lock smoke bench accuracy hardcases soak fuzz gpu scenes browser docs clean
 
 PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do \
 	$$p -c 'import sys; raise SystemExit(sys.version_info < (3, 11))' 2>/dev/null && { echo $$p; break; }; done)
@@ -12,19 +12,6 @@ DATASET := build/dataset
 STUDY := build/study
 STUDY_STEPS := 1500
 STUDY_METHODS := das,das-hann,music,iaa,iaa-view,omp,omp-cfar,spice,likes,cnn,unet
-WORLDS := build/worlds
-# Numbers of cities to train on, rising, all with as many frames; a city is its seed and its style.
-WORLDS_COUNTS := 1 2 4 8
-WORLDS_CITIES := 1:suburb 2:industrial 3:motorway 4:old-town 5:suburb 6:industrial 7:motorway 8:old-town
-WORLDS_UNSEEN := 101:suburb 102:old-town 103:car-park
-WORLDS_OTHERS := sionna:munich
-WORLDS_SPLIT := 7:1:0
-WORLDS_FRAMES := 64
-WORLDS_TEST_FRAMES := 24
-WORLDS_RAYS := 20000
-WORLDS_STEPS := 300
-WORLDS_SEEDS := 0
-WORLDS_METHODS := das,iaa-view,unet
 POPULATE := --populate cars=20,trucks=2,pedestrians=10,cyclists=4,poles=30,signs=10,parked=0.6
 CITIES := --scene scenes/street.usda --scene sionna:simple_street_canyon_with_cars --scene sionna:munich
 
@@ -33,7 +20,6 @@ help:
 	@echo "make study     704 frames, networks for two arrays, all methods against each other; hours"
 	@echo "make test      lint, types, import directions and the tests of every change"
 	@echo "make test-all  the same with what takes long: grids, kills, fuzz, clusters, notebooks, every command of the manual"
-	@echo "make worlds    networks of one to eight cities, bare and populated, in cities that none saw; an hour"
 	@echo "make smoke     tiny scenes, end to end"
 	@echo "make setup     only the set-up that the others do by themselves"
 	@echo "make hardcases the cases that break radar simulators: hazard, bound, what was measured"
@@ -103,63 +89,6 @@ $(STUDY)/report/report.html: $(STUDY_RUNS)
 
 $(STUDY)/unseen-report/report.html: $(STUDY)/unseen/manifest.json $(STUDY_RUNS)
 	$(call EVALUATE,unseen) --experiments street,detection,generalisation
-
-# What a further city to train on is worth. City K is in the datasets bare-K and populated-K,
-# with as many frames as the smallest number of cities asks of it; networks of more cities take its first ones alone. Every
-# command has one core, two run at a time. Killed, it goes on where it was, as the study does.
-worlds: | $(INSTALLED)
-	@OMP_NUM_THREADS=1 $(MAKE) --no-print-directory --jobs=2 $(WORLDS)/chart/worlds.md
-	@echo
-	@cat $(WORLDS)/chart/worlds.md
-	@echo "Look at $(WORLDS)/chart/worlds.png; the table is in worlds.md beside it."
-
-WORLDS_KINDS := bare populated
-WORLDS_PUT_IN_bare :=
-WORLDS_PUT_IN_populated := $(POPULATE)
-seed_of = $(firstword $(subst :, ,$(1)))
-style_of = $(patsubst $(1):%,%,$(filter $(1):%,$(WORLDS_CITIES) $(WORLDS_UNSEEN)))
-WORLDS_NUMBERS := $(foreach city,$(WORLDS_CITIES),$(call seed_of,$(city)))
-# The first N cities; the frames that each gives to a network of N; the least N that has city K.
-first_cities = $(wordlist 1,$(1),$(WORLDS_NUMBERS))
-frames_of = $(shell expr $(WORLDS_FRAMES) / $(1))
-fewest_with = $(firstword $(foreach count,$(WORLDS_COUNTS),$(if $(filter $(1),$(call first_cities,$(count))),$(count))))
-WORLDS_RENDER = $(BIN)/datafactory render --effects all --rays $(WORLDS_RAYS) --workers 1 --out $(@D) --resume
-WORLDS_TESTS := $(foreach city,$(WORLDS_UNSEEN),$(WORLDS)/city-$(call seed_of,$(city)).usda)
-
-.PRECIOUS: $(WORLDS)/city-%.usda
-$(WORLDS)/city-%.usda: | $(INSTALLED)
-	@mkdir -p $(@D)
-	$(BIN)/datafactory city --seed $* --style $(call style_of,$*) --out $@
-
-define WORLDS_OF_KIND
-$(WORLDS)/$(1)-%/manifest.json: | $(WORLDS)/city-%.usda
-	$$(WORLDS_RENDER) --scene $(WORLDS)/city-$$*.usda $(WORLDS_PUT_IN_$(1)) --seed $$* \
-		--frames $$(call frames_of,$$(call fewest_with,$$*)) --split $(WORLDS_SPLIT)
-
-$(WORLDS)/unseen/$(1)/manifest.json: | $(WORLDS_TESTS)
-	$$(WORLDS_RENDER) $(WORLDS_TESTS:%=--scene %) $(WORLDS_OTHERS:%=--scene %) $(WORLDS_PUT_IN_$(1)) --seed 100 \
-		--frames $(WORLDS_TEST_FRAMES) --split 0:0:1
-
-$(WORLDS)/report/$(1)/report.html: $(WORLDS)/unseen/$(1)/manifest.json $$(WORLDS_RUNS)
-	$(BIN)/trainer evaluate $(WORLDS)/unseen/$(1) $$(WORLDS_RUNS:%.done=--run %) --arrays sparse6 \
-		--methods $(WORLDS_METHODS) --experiments detection,generalisation,worlds --workers 1 --out $$(@D) --resume
-endef
-
-define WORLDS_RUN
-WORLDS_RUNS += $(WORLDS)/runs/$(1)-$(2)-seed$(3).done
-$(WORLDS)/runs/$(1)-$(2)-seed$(3).done: $(patsubst %,$(WORLDS)/$(1)-%/manifest.json,$(call first_cities,$(2)))
-	$(BIN)/trainer fit $$(^:/manifest.json=) --frames $(call frames_of,$(2)) --steps $(WORLDS_STEPS) --seed $(3) \
-		--out $$(@:.done=) $$(if $$(wildcard $$(@:.done=)/run.json),--resume)
-	@touch $$@
-endef
-
-$(foreach kind,$(WORLDS_KINDS),$(foreach count,$(WORLDS_COUNTS),$(foreach seed,$(WORLDS_SEEDS),\
-	$(eval $(call WORLDS_RUN,$(kind),$(count),$(seed))))))
-$(foreach kind,$(WORLDS_KINDS),$(eval $(call WORLDS_OF_KIND,$(kind))))
-
-WORLDS_REPORTS := $(WORLDS_KINDS:%=$(WORLDS)/report/%)
-$(WORLDS)/chart/worlds.md: $(WORLDS_REPORTS:%=%/report.html)
-	$(BIN)/python -m trainer.evaluation.report.worlds $(WORLDS_REPORTS) --out $(@D)
 
 test: lint
 	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow"

@@ -24,10 +24,8 @@ from shared.dataset.reading import radar_of, read_frame
 from shared.pictures import level_db, range_weighted
 from trainer.data.arrays import choose_array
 from trainer.evaluation.experiments.contenders import gather
-from trainer.evaluation.report.camera import small_picture
-from trainer.evaluation.report.doppler_map import doppler_map
-from trainer.evaluation.report.levels import REPORT_SPAN_DB, scene_levels, to_bytes
 from trainer.evaluation.report.page import ReportFrame, report_page
+from trainer.evaluation.report.shown import REPORT_SPAN_DB, doppler_map, scene_levels, small_picture, to_bytes
 from trainer.evaluation.report.tables import metrics_table
 from trainer.run.targets import AMPLITUDE
 
@@ -46,7 +44,7 @@ truth = frame.image * frame.image_peak
 arrays = [choose_array(name, radar) for name in ("sparse6", "sparse4")]
 images = {
     contender.name: to_bytes(
-        scene_levels(contender.image(frame.range_channel[0], frame.noise_power), contender.unit, truth)
+        scene_levels(contender.answer.image(frame.range_channel[0], frame.noise_power), contender.answer.unit, truth)
     )
     for contender in gather(["das", "iaa", "omp"], [], arrays, radar, arguments.dataset)
 } | {"truth": to_bytes(scene_levels(truth, AMPLITUDE, truth))}

@@ -62,7 +62,6 @@ NOT_RUN = {
     "make test": "it is what runs this",
     "make test-all": "it is what runs this",
     "make study": "hours",
-    "make worlds": "an hour; tests/integration/test_worlds_make.py looks at its steps",
     "python3 -m venv .venv": "makes the environment that this runs in",
     ".venv/bin/python -m pip install torch==2.13.0 --index-url https://download.pytorch.org/whl/cpu": "a package index",
     ".venv/bin/trainer fit build/mine --array full --out build/run": "the README's, with another folder",

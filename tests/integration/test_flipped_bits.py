@@ -108,7 +108,7 @@ def predicted(folder: Path) -> Any:
 
 
 def evaluated(folder: Path) -> Any:
-    bench, left_out = open_bench(folder, [], ["das"], ["full"], EvaluationConfig(), None)
+    bench, left_out = open_bench(folder, EvaluationConfig(methods=("das",), arrays=("full",)))
     frames = [read_frame(ref.path, ref.row, COLUMNS) for ref in bench.frames]
     return bench.radar, bench.data_sha256, bench.frames, sorted(bench.training_scenes), left_out, frames
 

@@ -56,3 +56,25 @@ def lines_image(places: list[list[int]], width: float = 1.0) -> NDArray[np.float
     """[rows, 450] images of Gaussian lines of equal height."""
     bins = np.arange(len(U))
     return np.array([sum((np.exp(-0.5 * ((bins - p) / width) ** 2) for p in row), np.zeros(len(U))) for row in places])
+
+
+def deterministic_bound(
+    array: LineArray,
+    u: NDArray[np.floating],
+    sources: NDArray[np.complexfloating],
+    noise_power: float,
+    snapshots: int = 1,
+) -> NDArray[np.float64]:
+    """[K, K] least covariance of u for unknown, fixed amplitudes: sigma^2 / (2 N) { Re[(D^H P_A_perp D) o S^T] }^-1.
+
+    Stoica and Nehorai, "MUSIC, maximum likelihood, and Cramer-Rao bound", IEEE Trans. Acoust. Speech Signal Process.
+    37(5), 1989. D = dA/du, P_A_perp projects off the span of A, o is the product of elements.
+
+    :param sources: [K, K] S, the mean of s s^H over the snapshots [W]; s s^H itself for one
+    """
+    manifold = array.manifold(u)
+    derivative = -2j * np.pi / array.wavelength_m * array.positions_m[:, None] * manifold
+    basis, _ = np.linalg.qr(manifold)
+    outside = derivative - basis @ (basis.conj().T @ derivative)
+    information = ((derivative.conj().T @ outside) * np.asarray(sources).T).real
+    return np.asarray(noise_power / (2.0 * snapshots) * np.linalg.inv(information))

@@ -12,6 +12,7 @@ from trainer.cli.app import main
 from trainer.data.arrays import ArrayChoice
 from trainer.evaluation.evaluate import evaluate
 from trainer.evaluation.experiments.bench import EvaluationConfig
+from trainer.evaluation.experiments.measured_input import read_measured
 from trainer.run.folder import Run, save_weights, write_run
 from trainer.run.imager import Imager
 
@@ -55,13 +56,26 @@ def make_run(directory, array=THIN, radar=RADAR, datasets=(), **changes):
     return directory
 
 
+ASKED = ("runs", "methods", "arrays", "experiments")
+READ = ("targets", "range_m", "model_error_db")
+
+
+def evaluated(data, out, measured=None, config=QUICK, **given):
+    """An evaluation whose configuration, and what is to be read of a measured file, are stated by name."""
+    asked = {name: given.pop(name) for name in ASKED if name in given}
+    told = {name: given.pop(name) for name in READ if name in given}
+    config = EvaluationConfig.model_validate(config.model_dump() | asked)
+    row = None if measured is None else read_measured(measured, **told)
+    return evaluate(data, out, config, row, **given)
+
+
 def run_all(inputs, out, **changes):
     data, run, thin, measured = inputs
     arguments = {
-        "runs": [run], "methods": ["das", "omp", "unet"], "arrays": [str(thin), "full"], "config": QUICK,
-        "measured": measured, "targets": 2, "announce": lambda _: None,
+        "runs": [run], "methods": ["das", "omp", "unet"], "arrays": [str(thin), "full"], "measured": measured,
+        "targets": 2, "announce": lambda _: None,
     }  # fmt: skip
-    return evaluate(data, out, **(arguments | changes))
+    return evaluated(data, out, **(arguments | changes))
 
 
 def status(capsys, monkeypatch, *arguments):

@@ -16,13 +16,12 @@ from matplotlib.figure import Figure
 from threadpoolctl import threadpool_info
 
 from shared.physics.errors import InputError
-from trainer.evaluation.experiments.bench import Bench, Results, Task
-from trainer.evaluation.rows import MetricRow, SummaryColumn
+from trainer.evaluation.experiments.bench import Bench, Experiment, Results, Task
 from trainer.evaluation.store import Values
 
 
 @dataclass(eq=False)
-class Troubled:
+class Troubled(Experiment):
     """Cells of what :data:`WORK` has, by name.
 
     :param died: file that notes the processes that died of "die once"
@@ -31,13 +30,8 @@ class Troubled:
     work: tuple[str, ...]
     name: str = "troubled"
     died: Path = Path("died")
-    cells: str = "troubled"
     title: str = ""
     caption: str = ""
-    summary: tuple[SummaryColumn, ...] = ()
-
-    def obstacle(self, bench: Bench) -> str | None:
-        return None
 
     def tasks(self, bench: Bench) -> Sequence[Task]:
         return [
@@ -51,9 +45,6 @@ class Troubled:
             )
             for place, kind in enumerate(self.work)
         ]
-
-    def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
-        return []
 
     def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
         return {}

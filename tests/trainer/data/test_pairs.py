@@ -9,7 +9,6 @@ from shared.physics.errors import InputError
 from shared.signal.windows import cell_noise_power
 from trainer.data.pairs import SPACING_BINS, Condition, simulate
 from trainer.estimators.base import line_array
-from trainer.evaluation.experiments.contenders import estimator_contender
 
 
 def test_trials_have_the_separation_the_ratio_and_the_noise_that_they_say():
@@ -18,7 +17,7 @@ def test_trials_have_the_separation_the_ratio_and_the_noise_that_they_say():
     images, rows, channels = trials.snapshots.shape
     assert (rows, channels) == (48, 6)
     assert len(trials.u) == images * len(trials.rows) >= 5
-    line = estimator_contender("das", FULL, RADAR).line
+    line = line_array(RADAR, FULL.channels(RADAR))
     np.testing.assert_allclose(np.diff(trials.u, axis=1), 2.0 * line.resolution_cell)
     flat = trials.snapshots[:, trials.rows].reshape(len(trials.u), -1)
     for x, u, phase in zip(flat, trials.u, trials.phase_rad, strict=True):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from paper_arrays import ARRAYS, IRREGULAR, U, echoes, noise, some_rows
+from paper_arrays import ARRAYS, IRREGULAR, U, deterministic_bound, echoes, noise, some_rows
 
 from shared.physics.errors import InputError
 from trainer.estimators.array import LineArray, uniform_axis
@@ -14,8 +14,7 @@ from trainer.estimators.fitting import FittedLines, fit_lines, line_threshold, s
 from trainer.estimators.lines import bounded_energy_left, line_covariance, line_energy_left
 from trainer.estimators.ml import MaximumLikelihood
 from trainer.estimators.moves import NEAR_CELLS, additions, best_refit, pairs_elsewhere, refit, removals, splits
-from trainer.metrics.bounds import deterministic_bound, single_source_bound
-from trainer.metrics.resolution import resolved
+from trainer.metrics.peaks import resolved, single_source_bound
 
 RL = ARRAYS["full"].resolution_cell
 

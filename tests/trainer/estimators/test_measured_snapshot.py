@@ -14,7 +14,7 @@ from trainer.estimators.base import ESTIMATORS
 from trainer.estimators.das import DelayAndSum
 from trainer.estimators.ml import MaximumLikelihood
 from trainer.estimators.music import Music
-from trainer.metrics.resolution import strongest_peaks
+from trainer.metrics.peaks import strongest_peaks
 
 MEASURED = Path(__file__).resolve().parents[3] / ".." / "shared" / "data" / "measured" / "two_reflectors"
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from paper_arrays import ARRAYS, U, echoes, noise, some_rows
+import pytest
+from paper_arrays import ARRAYS, U, echoes, half_wavelength_line, noise, some_rows
 
 from trainer.estimators.base import ESTIMATORS, UNIFORM_ESTIMATORS, LineArray
 from trainer.estimators.music import aic_count, forward_backward, pseudo_spectrum
-from trainer.metrics.resolution import strongest_peaks
+from trainer.metrics.peaks import strongest_peaks
 
 
 def test_the_papers_music_is_a_rising_function_of_delay_and_sum() -> None:
@@ -53,3 +54,20 @@ def test_smoothed_data_are_those_of_a_subarray() -> None:
     assert np.linalg.matrix_rank(data[0], tol=1e-9) == 1
     steering = LineArray(0.5 * np.arange(5.0), 1.0).manifold(np.array([0.3]))
     assert pseudo_spectrum(data, steering, 1)[0, 0] > 1e6
+
+
+def test_music_reaches_its_asymptotic_covariance() -> None:
+    line, u, snapshots, trials = half_wavelength_line(10), np.array([-0.3, 0.2]), 200, 150
+    generator = np.random.default_rng(8)
+    data = []
+    for _ in range(trials):
+        strengths = (generator.standard_normal((snapshots, 2, 2)) @ np.array([1.0, 1.0j])) * np.sqrt(0.5)
+        data.append((echoes(line, np.tile(u, (snapshots, 1)), strengths) + noise(line, snapshots, 1.0, generator)).T)
+    # Eq. (3.12) of Stoica and Nehorai 1989 for sources of power 1 in noise of power 1: 5 % above the Cramer-Rao bound.
+    expected = 1.840e-3
+    for source in (0, 1):
+        axis = u[source] + np.linspace(-8.0, 8.0, 401) * expected
+        spectrum = pseudo_spectrum(np.array(data), line.manifold(axis), targets=2)
+        rmse = np.sqrt(np.mean((axis[np.argmax(spectrum, axis=1)] - u[source]) ** 2))
+        # 150 trials know a standard deviation to 6 %.
+        assert rmse == pytest.approx(expected, rel=0.2)

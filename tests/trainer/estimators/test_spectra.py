@@ -14,7 +14,7 @@ from trainer.estimators.adaptive import FLOOR, IterativeAdaptive, SparseCovarian
 from trainer.estimators.array import scan_axis
 from trainer.estimators.base import ESTIMATORS, LineArray
 from trainer.estimators.das import DelayAndSum
-from trainer.metrics.resolution import resolved, strongest_peaks
+from trainer.metrics.peaks import resolved, strongest_peaks
 
 
 def test_windows_trade_sidelobes_for_width() -> None:

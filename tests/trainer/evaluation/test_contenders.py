@@ -86,14 +86,14 @@ def test_a_network_of_angles_takes_rows_alone_and_was_trained_on_no_scene(tmp_pa
     seen = (Fingerprint(name="data", sha256="0" * 64, frames={}),)
     run = make_run(tmp_path / "run", FULL, TWO_TX, seen, **DOA)
     (cnn,) = gather(["cnn"], [run], [FULL], TWO_TX, tmp_path)
-    assert (cnn.name, cnn.unit, cnn.trained_on) == ("cnn full", "probability of a target", ())
+    assert (cnn.name, cnn.answer.unit, cnn.trained_on) == ("cnn full", "probability of a target", ())
     generator = np.random.default_rng(1)
     snapshots = (generator.standard_normal((48, 12, 2)) @ np.array([1.0, 1.0j])).astype(np.complex64)
-    image = cnn.image(snapshots, 1e-3)
+    image = cnn.answer.image(snapshots, 1e-3)
     assert image.shape == (48, 20)
     assert 0.0 < image.min() < image.max() < 1.0
     rows = np.array([4, 40])
-    np.testing.assert_allclose(cnn.image_rows(snapshots, 1e-3, rows), image[rows], rtol=1e-5)
+    np.testing.assert_allclose(cnn.answer.image_rows(snapshots, 1e-3, rows), image[rows], rtol=1e-5)
 
 
 def test_contenders_stand_in_the_order_of_methods_and_arrays_whatever_that_of_the_runs(tmp_path):

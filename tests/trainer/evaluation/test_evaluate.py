@@ -5,7 +5,7 @@ import pytest
 from small_evaluation import QUICK, run_all
 
 from shared.physics.errors import InputError
-from trainer.evaluation.evaluate import EXPERIMENTS
+from trainer.evaluation.evaluate import NAMES
 from trainer.evaluation.report.tables import SECONDS
 
 
@@ -22,13 +22,13 @@ def test_every_experiment_leaves_numbers_and_figures(evaluation):
     table, out = evaluation
     assert pq.read_table(out / "metrics.parquet").equals(table)
     assert table.column_names[:8] == ["experiment", "method", "array", "metric", "condition", "value", "low", "high"]
-    # A street scene is to be looked at; one run has not been trained on more scenes than another.
-    assert set(table["experiment"].to_pylist()) == {*EXPERIMENTS, "runtime"} - {"street", "worlds"}
+    # A street scene is to be looked at.
+    assert set(table["experiment"].to_pylist()) == {*NAMES, "runtime"} - {"street"}
     lines = (out / "metrics.csv").read_text().splitlines()
     assert len(lines) == len(table) + 1
     assert lines[0].replace('"', "").startswith("experiment,method,array,metric,condition,value,low,high")
     pictures = {path.stem for path in (out / "figures").glob("*.png")}
-    assert pictures >= {*EXPERIMENTS, "detection-probability", "street-thin", "street-full"} - {"street", "worlds"}
+    assert pictures >= {*NAMES, "detection-probability", "street-thin", "street-full"} - {"street"}
     for name in pictures:
         assert (out / f"figures/{name}.png").read_bytes()[:4] == b"\x89PNG"
         assert (out / f"figures/{name}.svg").read_bytes().startswith(b"<?xml")

@@ -9,7 +9,7 @@ from tiny_radar import RADAR as SHORT_RADAR
 from tiny_radar import frame, write_dataset
 
 from shared.physics.errors import InputError
-from trainer.evaluation.evaluate import EXPERIMENTS, choose_experiments, open_bench
+from trainer.evaluation.evaluate import EXPERIMENTS, NAMES, choose_experiments, open_bench
 
 REFUSALS = {
     "an unknown method": (["--methods", "das,best"], "--methods: 'best'; expected some of das"),
@@ -72,19 +72,17 @@ def test_data_without_a_test_split_and_folders_in_use_are_refused(inputs, tmp_pa
 
 def test_a_radar_that_does_not_see_so_far_leaves_experiments_out_and_says_so(tmp_path):
     data = make_data(tmp_path / "data", SHORT_RADAR)
-    bench, _ = open_bench(data, [], ["das"], ["full"], QUICK, None)
-    chosen, lines = choose_experiments(None, bench)
+    bench, _ = open_bench(data, QUICK.model_copy(update={"methods": ("das",), "arrays": ("full",)}))
+    chosen, lines = choose_experiments(None, bench, None)
     reason = "the radar sees to 3.4 m, the targets stand at 5.7 m"
     assert lines == [
         f"experiment point-spread is left out: {reason}", f"experiment two-reflectors is left out: {reason}",
-        "experiment worlds is left out: no two runs of one array say that they were trained on different numbers of "
-        "scenes",
         "experiment measured is left out: no --measured file",
     ]  # fmt: skip
     names = {experiment.name for experiment in chosen}
-    assert names == EXPERIMENTS.keys() - {"point-spread", "two-reflectors", "worlds", "measured"}
+    assert names == EXPERIMENTS.keys() - {"point-spread", "two-reflectors"}
     with pytest.raises(InputError, match=f"point-spread: {reason}"):
-        choose_experiments(["point-spread"], bench)
+        choose_experiments(["point-spread"], bench, None)
 
 
 @pytest.mark.slow
@@ -99,8 +97,8 @@ def test_names_in_the_data_are_text_wherever_they_are_shown(inputs, tmp_path, ca
     measured = shutil.copy(inputs[3], tmp_path / "$m{$.npy")
     arguments = [data, "--out", out, "--arrays", array, "--methods", "das", "--trials", "2", "--measured", measured]
     assert status(capsys, monkeypatch, *arguments, "--workers", "1") == (None, "")
-    # One figure an experiment, and a second one of detection; of a street one an array; of worlds none without runs.
-    expected = {*EXPERIMENTS, "detection-probability", "street-$a{$|"} - {"street", "worlds"}
+    # One figure an experiment, and a second one of detection; of a street one an array.
+    expected = {*NAMES, "detection-probability", "street-$a{$|"} - {"street"}
     assert {path.stem for path in (out / "figures").glob("*.png")} == expected
     page = (out / "report.html").read_text()
     assert page.count("<script") == page.count("</script") == 4  # two shown frames

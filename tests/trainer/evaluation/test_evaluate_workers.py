@@ -30,7 +30,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def bench(data: Path) -> Bench:
-    return open_bench(data, [], ["das"], ["full"], EvaluationConfig(seed=7), None)[0]
+    return open_bench(data, EvaluationConfig(methods=("das",), arrays=("full",), seed=7))[0]
 
 
 def results(pool: Workers, *work: str) -> Iterator[tuple[int, Values]]:
@@ -113,7 +113,7 @@ from trainer.evaluation.evaluate import open_bench
 from trainer.evaluation.experiments.bench import EvaluationConfig
 from trainer.evaluation.workers import Workers
 
-bench = open_bench(Path(sys.argv[2]), [], ["das"], ["full"], EvaluationConfig(), None)[0]
+bench = open_bench(Path(sys.argv[2]), EvaluationConfig(methods=("das",), arrays=("full",)))[0]
 experiment = Troubled(("report", "hang", "hang"))
 with Workers(bench, 2, Path(sys.argv[3])) as pool:
     for _ in pool.results(experiment, experiment.tasks(bench), range(3)):

@@ -1,7 +1,8 @@
 """Scores of images whose score is known, and the frames that are shown."""
 
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,32 +14,49 @@ from trainer.evaluation.experiments.bench import FrameRef
 from trainer.evaluation.experiments.contenders import estimator_contender
 from trainer.evaluation.experiments.doppler import score_peaks
 from trainer.evaluation.experiments.frames import one_of_each_scene, ranking, score_frame, score_truth
-from trainer.evaluation.report.levels import from_bytes, scene_levels, to_bytes
+from trainer.evaluation.report.shown import from_bytes, scene_levels, to_bytes
 from trainer.metrics.cells import truth_cells
+from trainer.run.answers import Answer
 
 
-def known(image):
-    """A contender that answers with this image."""
-    return replace(estimator_contender("das", FULL, RADAR), imaging=lambda _snapshot, _noise: image)
+@dataclass(frozen=True, eq=False)
+class Known(Answer):
+    """Answers with what a function says."""
+
+    function: Any
+
+    def images(self, range_channel, noise_power, model_error_db=None):
+        return self.function(range_channel, noise_power)
+
+    def das(self, range_channel):
+        raise NotImplementedError
+
+
+def known(image, **changes):
+    """A contender that answers with this image [R, U]."""
+    return answering(lambda *_: (image[None], None), **changes)
+
+
+def answering(function, **changes):
+    contender = estimator_contender("das", FULL, RADAR)
+    given = {field.name: getattr(contender.answer, field.name) for field in fields(Answer)}
+    return replace(contender, answer=Known(**(given | changes), function=function))
 
 
 def test_the_truth_scores_one_an_empty_image_nothing_and_noise_between():
     made = frame(3, RADAR)
     truth = made.image.astype(np.float64) * made.image_peak
-    perfect = score_frame(RADAR, known(truth), lambda: made)
+    perfect = score_frame(known(truth), lambda: made)
     tp, fp, fn = perfect["strict"][0]
     assert tp > 10
     assert (fp, fn) == (0, 0)
     assert perfect["nmse"] == perfect["scaled_nmse"] == 0.0
     assert perfect["ssim"] == 1.0
-    assert perfect["psnr"] == np.inf
-    assert not perfect["gospa"].any()
-    empty = score_frame(RADAR, known(np.zeros_like(truth)), lambda: made)
+    empty = score_frame(known(np.zeros_like(truth)), lambda: made)
     assert empty["strict"][0].tolist() == [0, 0, tp + fn]
     assert empty["nmse"] == empty["scaled_nmse"] == 1.0
-    assert empty["gospa"][1] == 8.0 * (tp + fn)  # c^2 / 2 for each missed one
     noise = np.random.default_rng(0).rayleigh(truth.max(), truth.shape)
-    white = score_frame(RADAR, known(noise), lambda: made)
+    white = score_frame(known(noise), lambda: made)
     assert white["strict"][0][1] > fp
     assert 0.5 < white["scaled_nmse"] < 1.0
     assert white["ssim"] < 0.5
@@ -46,14 +64,14 @@ def test_the_truth_scores_one_an_empty_image_nothing_and_noise_between():
 
 def test_an_empty_truth_has_no_image_errors_and_every_detection_is_false():
     made = replace(frame(3, RADAR), image=np.zeros((48, 20), np.float32))
-    scores = score_frame(RADAR, estimator_contender("das", FULL, RADAR), lambda: made)
-    assert np.isnan([scores[name] for name in ("nmse", "scaled_nmse", "psnr", "ssim")]).all()
+    scores = score_frame(estimator_contender("das", FULL, RADAR), lambda: made)
+    assert np.isnan([scores[name] for name in ("nmse", "scaled_nmse", "ssim")]).all()
     assert scores["strict"][0][0] == 0
     assert scores["strict"][0][1] > 0
 
 
 def average_precision(contender, made):
-    values = score_frame(RADAR, contender, lambda: made)
+    values = score_frame(contender, lambda: made)
     refs = [FrameRef(Path("p"), 0, 0, "scene", "hall")]
     results = {(contender.method, contender.array.name, refs[0].condition): values}
     return ranking(results, contender.method, contender.array.name, refs).average_precision()
@@ -77,13 +95,13 @@ def test_detections_are_found_and_ranked_by_the_score_where_a_method_has_one():
     loud = np.random.default_rng(0).rayleigh(truth.max(), truth.shape)
     calls = []
 
-    def scoring(snapshot, noise):
-        calls.append((snapshot.shape, noise))
-        return loud.astype(np.float32), truth.astype(np.float32)
+    def answer(range_channel, noise):
+        calls.append((range_channel.shape, noise))
+        return loud[None], (truth[None] / loud) ** 2
 
     assert average_precision(known(loud), made) < 0.5
-    assert average_precision(replace(known(loud), scoring=scoring), made) == 1.0
-    assert calls == [((48, 6), made.noise_power)]  # one pass for image and score
+    assert average_precision(answering(answer, detects=True), made) == 1.0
+    assert calls == [((1, 48, 6), made.noise_power)]  # one pass for image and score
 
 
 def test_a_probability_is_read_by_delay_and_sum():
@@ -96,12 +114,12 @@ def test_a_probability_is_read_by_delay_and_sum():
     probability = np.zeros_like(truth)
     cells = truth_cells(truth, made.noise_power, 6, RADAR.waveform.range_step_m)
     probability[tuple(cells.T)] = 0.5
-    sure = replace(known(probability), unit="probability of a target")
+    sure = known(probability, unit="probability of a target")
     assert average_precision(sure, made) == 1.0
     probability[43, 10] = 1.0  # where the truth has nothing
-    assert score_frame(RADAR, sure, lambda: made)["cells_false"].tolist() == [1.0]
+    assert score_frame(sure, lambda: made)["cells_false"].tolist() == [1.0]
     silent = replace(made, range_channel=np.zeros_like(made.range_channel))
-    assert score_frame(RADAR, sure, lambda: silent)["cells_false"].tolist() == []
+    assert score_frame(sure, lambda: silent)["cells_false"].tolist() == []
 
 
 def test_what_moves_is_found_in_its_own_doppler_cell_only():
@@ -111,7 +129,7 @@ def test_what_moves_is_found_in_its_own_doppler_cell_only():
     images = np.full((3, 48, 20), 1e-9)
     images[1, row, column] = 1.0
     calls = iter(images)
-    contender = replace(known(None), imaging=lambda _snapshot, _noise: next(calls))
+    contender = answering(lambda *_: (next(calls)[None], None))
     mover = Target(row * RADAR.waveform.range_step_m, float(RADAR.grid.u[column]), 1.0, -100.0, "truck")
     wide = RADAR.model_copy(update={"waveform": RADAR.waveform.model_copy(update={"chirps": 512})})
     found = score_peaks(wide, contender, replace(made, targets=(mover,)), keep=False)["found"]

@@ -8,7 +8,7 @@ import pytest
 from captured_cubes import other_radar, write_capture
 from numpy.typing import NDArray
 from oracles import reference_file
-from small_evaluation import status
+from small_evaluation import evaluated, status
 from tiny_radar import RADAR
 from tiny_run import make_run
 
@@ -16,9 +16,8 @@ from shared.radar.arrays import AntennaArray, line
 from trainer.estimators.das import DelayAndSum
 from trainer.estimators.ml import MaximumLikelihood
 from trainer.estimators.music import Music
-from trainer.evaluation.evaluate import evaluate
 from trainer.evaluation.experiments.measured_input import MeasuredInput, half_wavelength_line, read_measured
-from trainer.metrics.resolution import strongest_peaks
+from trainer.metrics.peaks import strongest_peaks
 
 TWINS = 300
 
@@ -57,7 +56,7 @@ def test_a_snapshot_needs_no_dataset(inputs, tmp_path, capsys, monkeypatch):
 
 def test_nobody_needs_to_know_how_many_there_are(inputs, tmp_path):
     said: list[str] = []
-    evaluate(None, tmp_path / "out", methods=["likes", "das"], measured=inputs[3], announce=said.append)
+    evaluated(None, tmp_path / "out", methods=["likes", "das"], measured=inputs[3], announce=said.append)
     found = values(tmp_path / "out")
     metrics = {metric for method, array, metric in found if (method, array) == ("likes", "all 40")}
     assert metrics == {
@@ -79,7 +78,7 @@ def test_a_cube_is_cut_at_a_range_and_seen_from_above(tmp_path):
         "arrays": ["full", str(tmp_path / "few.toml"), "sparse6"],
     }
     said: list[str] = []
-    evaluate(None, out, runs=[run], announce=said.append, **given)
+    evaluated(None, out, runs=[run], announce=said.append, **given)
     assert any("sparse6 uses RX 15" in line for line in said)
     found = values(out)
     assert {(method, array) for method, array, _ in found} == {
@@ -90,12 +89,12 @@ def test_a_cube_is_cut_at_a_range_and_seen_from_above(tmp_path):
     assert found["likes", "full", "angle 1 [deg]"] == pytest.approx(strongest, abs=1.5)
     for name in ("measured", "measured-picture"):
         assert (out / f"figures/{name}.png").read_bytes()[:4] == b"\x89PNG"
-    evaluate(None, tmp_path / "near", range_m=np.hypot(1.5, 0.3), announce=said.append, **given)
+    evaluated(None, tmp_path / "near", range_m=np.hypot(1.5, 0.3), announce=said.append, **given)
     nearer = values(tmp_path / "near")["likes", "full", "angle 1 [deg]"]
     assert nearer == pytest.approx(np.rad2deg(np.arctan2(0.3, 1.5)), abs=1.5)
     dead = make_run(tmp_path / "other")
     cube = write_capture(tmp_path / "dead.npz", radar, places, dead_channels=(1,))
-    evaluate(None, tmp_path / "no-run", runs=[dead], announce=said.append, **(given | {"measured": cube}))
+    evaluated(None, tmp_path / "no-run", runs=[dead], announce=said.append, **(given | {"measured": cube}))
     assert any("a channel of 'mine' is dead or off the line" in line for line in said)
 
 
@@ -133,7 +132,7 @@ def reflectors() -> MeasuredInput:
 def test_the_real_reflectors_have_their_stated_angles(reflectors, tmp_path):
     """By the command of docs/measured.md; the numbers are those of the README beside the file."""
     given: dict[str, Any] = {"methods": ["das", "likes", "omp-cfar", "ml", "music-fbss", "line-fit"], "arrays": []}
-    evaluate(None, tmp_path / "out", measured=reflectors.path, targets=2, announce=str, **given)
+    evaluated(None, tmp_path / "out", measured=reflectors.path, targets=2, announce=str, **given)
     found = values(tmp_path / "out")
     stated = {
         ("ml", "reference"): ([-0.006, 6.985], 0.002), ("das", "first 48"): ([-0.08, 7.00], 0.02),
@@ -156,7 +155,7 @@ def test_a_shipped_network_resolves_the_real_reflectors(reflectors, tmp_path, na
     from trainer.run.pretrained import pretrained_run
 
     given: dict[str, Any] = {"methods": ["das"], "arrays": [], "targets": 2, "announce": str}
-    evaluate(None, tmp_path / "out", runs=[pretrained_run(name)], measured=reflectors.path, **given)
+    evaluated(None, tmp_path / "out", runs=[pretrained_run(name)], measured=reflectors.path, **given)
     found = values(tmp_path / "out")
     np.testing.assert_allclose([found["unet", name, f"angle {n} [deg]"] for n in (1, 2)], [0.0, 7.0], atol=0.2)
 
@@ -220,6 +219,6 @@ def test_channels_that_coincide_are_one_element(tmp_path):
     assert found.frame is not None
     expected = found.frame.range_channel[0][found.row][[1, 6]].mean()
     assert found.snapshot[0] == pytest.approx(complex(expected), rel=1e-5)
-    evaluate(None, tmp_path / "out", measured=cube, targets=1, methods=["music-fbss"], announce=str)
+    evaluated(None, tmp_path / "out", measured=cube, targets=1, methods=["music-fbss"], announce=str)
     angle = values(tmp_path / "out")["music-fbss", "full", "angle 1 [deg]"]
     assert angle == pytest.approx(np.rad2deg(np.arctan2(-0.6, 2.4)), abs=1.5)

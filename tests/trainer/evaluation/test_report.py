@@ -12,8 +12,6 @@ import pytest
 from matplotlib.image import imread
 from tiny_radar import RADAR
 
-from trainer.data.arrays import ArrayChoice
-from trainer.evaluation.experiments.contenders import estimator_contender
 from trainer.evaluation.report.page import ReportFigure, ReportFrame, report_page
 from trainer.evaluation.report.panels import image_panels
 from trainer.evaluation.report.style import (
@@ -43,8 +41,10 @@ def images():
 
 def table():
     rows = [
-        MetricRow("detection", "das", "full", "precision", "d_max=2 bins", 0.25, 0.125, 0.5, 9),
-        MetricRow("detection", "iaa", "full", "precision", "d_max=2 bins", float("nan"), float("nan"), float("inf"), 0),
+        MetricRow("detection", "das", "full", "precision", {"d_max": "2 bins"}, 0.25, 0.125, 0.5, 9),
+        MetricRow(
+            "detection", "iaa", "full", "precision", {"d_max": "2 bins"}, float("nan"), float("nan"), float("inf"), 0
+        ),
     ]
     return metrics_table(rows, {("das", "full"): 0.5}, {("das", "full"): 0})
 
@@ -134,7 +134,14 @@ def test_panels_show_what_stands_left_on_the_left():
 
 def test_a_missing_contender_is_said_in_its_panel():
     empty = np.full(SHAPE, -40.0)
-    figure = image_panels({("das", "full"): empty, ("unet", "thin"): empty}, empty, RADAR, 0, "title", cut_row=3)
+    figure = image_panels(
+        {("das", "full"): empty, ("unet", "thin"): empty},
+        empty,
+        RADAR,
+        0,
+        "title",
+        [(3 * RADAR.waveform.range_step_m, 0.0)],
+    )
     texts = {text.get_text() for axis in figure.axes for text in axis.texts}
     assert texts == {"no das\nfor thin", "no unet\nfor full"}
 
@@ -160,13 +167,3 @@ def test_figures_are_the_same_bytes_twice(tmp_path):
 
     assert draw(tmp_path / "one") == draw(tmp_path / "two")
     assert b"matplotlib.org" not in draw(tmp_path / "three")[0]
-
-
-def test_a_row_wise_contender_images_the_rows_asked_for_alone():
-    contender = estimator_contender("das", ArrayChoice(name="full", rx=tuple(range(6))), RADAR)
-    generator = np.random.default_rng(3)
-    snapshots = (generator.standard_normal((24, 6, 2)) @ np.array([1.0, 1.0j])).astype(np.complex64)
-    rows = np.array([2, 9, 23])
-    np.testing.assert_allclose(
-        contender.image_rows(snapshots, 1e-3, rows), contender.image(snapshots, 1e-3)[rows], rtol=1e-6
-    )

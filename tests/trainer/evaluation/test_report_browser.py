@@ -62,7 +62,7 @@ def frame(name, spots):
 
 def html(frames, radar=RADAR):
     rows = [
-        MetricRow("detection", method, "full", "precision", "d_max=2 bins", value, 0.125, 0.5, 9)
+        MetricRow("detection", method, "full", "precision", {"d_max": "2 bins"}, value, 0.125, 0.5, 9)
         for method, value in (("das", 0.25), ("iaa", 0.375))
     ]
     return report_page("A title", "A summary", radar, frames, [], metrics_table(rows, {}, {}))

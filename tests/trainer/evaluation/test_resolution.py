@@ -8,16 +8,16 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from paper_arrays import FAR
+from paper_arrays import FAR, deterministic_bound
 
 from trainer.data.arrays import choose_array
 from trainer.data.pairs import Condition, Trials, simulate
 from trainer.evaluation.experiments.bench import Bench, EvaluationConfig
 from trainer.evaluation.experiments.contenders import Contender, estimator_contender
 from trainer.evaluation.experiments.resolution import PAIRS, SINGLES, Resolution, locate_targets
+from trainer.evaluation.rows import condition_text
 from trainer.metrics.bootstrap import wilson
-from trainer.metrics.bounds import deterministic_bound, single_source_bound
-from trainer.metrics.resolution import resolved
+from trainer.metrics.peaks import resolved, single_source_bound
 
 PLANE_FROM_M = 200.0
 """From here on the fronts are flat to 0.01 rad over the array. At 12 m they are bent by 0.15 rad, which costs maximum
@@ -34,7 +34,7 @@ def located(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """([T, K] angles that a method finds on an array, [T, K] the true ones, [T] phases), of plane waves."""
     drawn = trials_of(condition, trials, seed)
-    found = locate_targets(FAR, contender(method, array), lambda: drawn)["found"]
+    found = locate_targets(contender(method, array), drawn)["found"]
     plane = np.tile(drawn.rows * FAR.waveform.range_step_m >= PLANE_FROM_M, len(drawn.snapshots))
     return found[plane], drawn.u[plane], drawn.phase_rad[plane]
 
@@ -49,7 +49,7 @@ def error_over_bound(array: str, snr_db: float, trials: int) -> tuple[float, flo
     errors = (found - true)[:, 0]
     rmse = math.sqrt(float(np.mean(errors**2)))
     bias = float(errors.mean()) / (rmse / math.sqrt(len(errors)))
-    bound = single_source_bound(contender("ml", array).line, 10.0 ** (snr_db / 10.0))
+    bound = single_source_bound(contender("ml", array).answer.line, 10.0 ** (snr_db / 10.0))
     return rmse / math.sqrt(bound), bias
 
 
@@ -66,10 +66,10 @@ def test_below_the_threshold_sidelobes_take_over() -> None:
 
 def test_maximum_likelihood_of_pairs_is_efficient() -> None:
     found, true, phase = located("ml", "sparse6", Condition(1.0, 20.0), 440, 5)
-    whole = contender("ml", "full").line
+    whole = contender("ml", "full").answer.line
     middle = 0.5 * (whole.positions_m.min() + whole.positions_m.max())
     at_origin = phase + 2.0 * np.pi / whole.wavelength_m * middle * np.diff(true, axis=1)[:, 0]
-    line = contender("ml", "sparse6").line
+    line = contender("ml", "sparse6").answer.line
     variances = []
     for u, turn in zip(true, at_origin, strict=True):
         amplitudes = 10.0 * np.exp(1j * np.array([0.0, turn])).astype(np.complex128)  # 20 dB over noise of power 1
@@ -126,7 +126,7 @@ def test_a_resolution_table_has_every_cell_once() -> None:
             results[method, array, condition] = {**values, "found": np.full_like(values["found"], np.nan)}
     rows = [row for row in experiment.rows(bench, results) if row.metric == "probability of resolution"]
     whole = [row for row in rows if "phase" not in row.condition]
-    assert len({(row.method, row.array, row.condition) for row in whole}) == len(whole) == 2 * 2 * len(PAIRS)
+    assert len({(row.method, row.array, str(row.condition)) for row in whole}) == len(whole) == 2 * 2 * len(PAIRS)
     assert all(row.value == 0.0 for row in rows if row.method == "ml")
     assert any(row.value > 0.5 for row in rows if row.method == "das")
 
@@ -141,12 +141,15 @@ def test_a_known_error_reads_as_what_it_is() -> None:
     results["das", "sparse6", str(single)] = {"found": found, "u": true, "phase_rad": np.zeros(50)}
     nothing = {"found": np.full_like(true, np.nan), "u": true, "phase_rad": np.zeros(50)}
     results["das", "sparse4", str(single)] = nothing
-    rows = {(row.method, row.array, row.metric, row.condition): row for row in experiment.rows(bench, results)}
+    rows = {
+        (row.method, row.array, row.metric, condition_text(row.condition)): row
+        for row in experiment.rows(bench, results)
+    }
     bias = rows["das", "sparse6", "bias [bins]", str(single)]
     assert bias.value == pytest.approx(0.01 / FAR.grid.step)
     assert bias.samples == 49
     ratio = rows["das", "sparse6", "RMSE over bound", str(single)]
-    line = bench.contenders[0].line
+    line = bench.contenders[0].answer.line
     assert ratio.value == pytest.approx(0.01 / math.sqrt(single_source_bound(line, 100.0)))
     # Where nothing was found there is no error.
     for metric in ("bias [bins]", "RMSE over bound"):

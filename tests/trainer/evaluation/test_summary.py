@@ -3,36 +3,39 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 from trainer.data.pairs import Condition
 from trainer.evaluation.evaluate import SUMMARY_COLUMNS
-from trainer.evaluation.report.summary import summary
-from trainer.evaluation.report.tables import metrics_table
+from trainer.evaluation.report.tables import metrics_table, summary
 from trainer.evaluation.rows import MetricRow
 
-CLOSE, CLOSER = str(Condition(1.0, 20.0)), str(Condition(0.5, 20.0))
+CLOSE, CLOSER = Condition(1.0, 20.0).named, Condition(0.5, 20.0).named
+NEAR: dict[str, object] = {"d_max": "2 bins"}
 
 
-def row(method: str, array: str, metric: str, condition: str, value: float, spread: float = 0.1) -> MetricRow:
+def row(
+    method: str, array: str, metric: str, condition: Mapping[str, object], value: float, spread: float = 0.1
+) -> MetricRow:
     experiment = "resolution" if metric.startswith("probability") else "detection"
     return MetricRow(experiment, method, array, metric, condition, value, value - spread, value + spread, 9)
 
 
 ROWS = [
-    row("das", "sparse6", "one-to-one F1", "d_max=2 bins", 0.25),
-    row("das", "sparse6", "one-to-one F1", "d_max=4 bins", 0.95),
-    row("unet", "sparse6", "one-to-one F1", "d_max=2 bins", 0.75, math.nan),
-    row("unet", "sparse6", "average precision", "", 0.5, 0.125),
-    row("unet", "sparse6", "detection probability", "false alarms=1 a frame", 0.1),
-    row("unet", "sparse6", "detection probability", "false alarms=10 a frame", 0.2),
-    row("truth", "sparse6", "average precision", "", 1.0, 0.0),
-    row("unet", "sparse4", "one-to-one F1", "d_max=2 bins", math.nan),
+    row("das", "sparse6", "one-to-one F1", NEAR, 0.25),
+    row("das", "sparse6", "one-to-one F1", {"d_max": "4 bins"}, 0.95),
+    row("unet", "sparse6", "one-to-one F1", NEAR, 0.75, math.nan),
+    row("unet", "sparse6", "average precision", {}, 0.5, 0.125),
+    row("unet", "sparse6", "detection probability", {"false alarms": "1 a frame"}, 0.1),
+    row("unet", "sparse6", "detection probability", {"false alarms": "10 a frame"}, 0.2),
+    row("truth", "sparse6", "average precision", {}, 1.0, 0.0),
+    row("unet", "sparse4", "one-to-one F1", NEAR, math.nan),
     row("das", "sparse6", "probability of resolution", CLOSE, 0.5),
-    row("das", "sparse6", "probability of resolution", f"{CLOSE},phase=0-60 deg", 0.4),
+    row("das", "sparse6", "probability of resolution", {**CLOSE, "phase": "0-60 deg"}, 0.4),
     row("ml", "sparse6", "probability of resolution", CLOSER, 0.6),
-    row("iaa", "sparse4", "bias [bins]", "snr=20 dB", 1.0),
-    row("ml", "reference", "angle 1 [deg]", "elements=all", 1.0),
-    row("das", "sparse6", "bias [bins]", "snr=20 dB", 7.0),
+    row("iaa", "sparse4", "bias [bins]", {"snr": "20 dB"}, 1.0),
+    row("ml", "reference", "angle 1 [deg]", {"elements": "all"}, 1.0),
+    row("das", "sparse6", "bias [bins]", {"snr": "20 dB"}, 7.0),
 ]
 SECONDS = {("das", "sparse6"): 0.0123, ("unet", "sparse6"): 1.5, ("unet", "sparse4"): 1.4}
 PARAMETERS = {("das", "sparse6"): 0, ("unet", "sparse6"): 1612123, ("unet", "sparse4"): 1612123}
@@ -66,14 +69,14 @@ def test_what_is_undefined_is_blank_and_other_numbers_make_no_line():
 
 def test_with_none_of_its_experiments_it_is_a_sentence():
     text = summary(
-        metrics_table([row("iaa", "sparse4", "bias [bins]", "snr=20 dB", 1.0)], {("iaa", "sparse4"): 1.0}, {}),
+        metrics_table([row("iaa", "sparse4", "bias [bins]", {"snr": "20 dB"}, 1.0)], {("iaa", "sparse4"): 1.0}, {}),
         SUMMARY_COLUMNS,
     )
     assert text == "Nothing to sum up: none of detection, resolution, noise-only was run.\n"
 
 
 def test_a_name_is_no_markup() -> None:
-    hostile = [row("unet:<b>|x\x1b[31m", "a|<script>", "one-to-one F1", "d_max=2 bins", 0.75)]
+    hostile = [row("unet:<b>|x\x1b[31m", "a|<script>", "one-to-one F1", NEAR, 0.75)]
     text = summary(metrics_table(hostile, {("unet:<b>|x\x1b[31m", "a|<script>"): 1.0}, {}), SUMMARY_COLUMNS)
     assert "| a\\|&lt;script&gt; |" in text
     assert "| unet:&lt;b&gt;\\|x\\x1b[31m |" in text

@@ -1,4 +1,4 @@
-"""NMSE, PSNR, SSIM and levels: a perfect image, an empty one, white noise, torchmetrics."""
+"""NMSE and SSIM: a perfect image, an empty one, white noise, torchmetrics."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import torch
 from torchmetrics.functional.image import structural_similarity_index_measure
 
 from shared.physics.errors import InputError
-from trainer.metrics.image import level_image, nmse, nmse_best_scaled, psnr, ssim
+from trainer.metrics.image import nmse, nmse_best_scaled, ssim
 
 
 def test_image_metrics_of_perfect_and_empty_images() -> None:
@@ -18,8 +18,6 @@ def test_image_metrics_of_perfect_and_empty_images() -> None:
     assert nmse(empty, truth) == nmse_best_scaled(empty, truth) == 1.0
     assert nmse(3.0 * truth, truth) == pytest.approx(4.0)
     assert nmse_best_scaled(3.0 * truth, truth) == pytest.approx(0.0, abs=1e-12)
-    assert psnr(truth, truth) == np.inf
-    assert psnr(empty, np.ones_like(truth)) == 0.0
     assert ssim(truth, truth) == pytest.approx(1.0)
     assert ssim(empty, truth) < 0.02
 
@@ -32,7 +30,6 @@ def test_image_metrics_of_white_noise() -> None:
     assert nmse_best_scaled(rayleigh, truth) == pytest.approx(1.0 - np.pi / 4 * 2 / np.pi, abs=0.01)
     assert nmse(rayleigh, truth) == pytest.approx(2.0 + 1.0 - 2.0 * np.sqrt(np.pi / 2) * np.sqrt(2 / np.pi), abs=0.02)
     noisy = 0.5 + 0.1 * generator.standard_normal((300, 300))
-    assert psnr(noisy, np.full((300, 300), 0.5)) == pytest.approx(20.0, abs=0.1)
     # Independent noise of variance 0.01 has no covariance: what is left is c_2 over the variances, as windows with
     # sum w^2 = 1 / (4 pi 1.5^2) see them, to first order.
     c2 = 0.03**2
@@ -50,18 +47,12 @@ def test_ssim_is_that_of_torchmetrics() -> None:
     assert ssim(estimate, truth) == pytest.approx(float(likeness[..., 5:-5, 5:-5].mean()), abs=1e-9)
 
 
-def test_level_image_has_a_fixed_scale() -> None:
-    levels = level_image(np.array([2.0, 1.0, 0.1, 1e-2, 1e-9, 0.0]), peak=1.0, span_db=40.0)
-    np.testing.assert_allclose(levels, [1.0, 1.0, 0.5, 0.0, 0.0, 0.0], atol=1e-12)
-    np.testing.assert_allclose(level_image(np.array([1e-21]), 1e-20, 40.0), [0.5])
-
-
 @pytest.mark.parametrize(
     "call",
     [
         lambda: nmse(np.zeros(3), np.zeros(4)), lambda: nmse(np.ones(3), np.zeros(3)),
-        lambda: psnr(np.full(3, np.nan), np.ones(3)), lambda: ssim(np.ones((5, 50)), np.ones((5, 50))),
-        lambda: level_image(np.ones(3), 0.0), lambda: nmse(np.empty(0), np.empty(0)),
+        lambda: nmse(np.full(3, np.nan), np.ones(3)), lambda: ssim(np.ones((5, 50)), np.ones((5, 50))),
+        lambda: nmse(np.empty(0), np.empty(0)),
     ],
 )  # fmt: skip
 def test_images_that_cannot_be_compared_are_refused(call) -> None:

@@ -14,7 +14,7 @@ from shared.signal import if_signal
 from shared.signal.adaptive import adaptive_tables
 from shared.signal.features import adaptive_features, row_features, snapshot_features, steering_weights
 from trainer.data.measurements import Measurement, open_measurements
-from trainer.run.answers import answer_peaks
+from trainer.run.answers import network_answer
 from trainer.run.export import export
 from trainer.run.folder import load_imager
 from trainer.run.predict import PredictRequest, merge_peaks, predict
@@ -50,7 +50,7 @@ def test_a_dataset_becomes_images_and_pictures(tmp_path):
 
 def test_doppler_peaks_are_merged_by_maximum_and_keep_their_velocity(tmp_path):
     """Two targets at one range and different velocities: each pixel has the velocity of the peak that shows it."""
-    imager = load_imager(make_run(tmp_path / "run", **SPECTRAL))[1]
+    run, imager = load_imager(make_run(tmp_path / "run", **SPECTRAL))
     rows = SHAPE[0]
 
     class Echo(torch.nn.Module):
@@ -64,7 +64,7 @@ def test_doppler_peaks_are_merged_by_maximum_and_keep_their_velocity(tmp_path):
     snapshots = np.zeros((3, rows, 6), np.complex64)
     snapshots[:, 10] = np.stack([echoes[:, 4] * 2e-7, echoes[:, 16] * 1e-7, echoes[:, 4] * 2e-7])
     velocity = np.tile(np.array([[0.0], [9.0], [0.0]], np.float32), (1, rows))
-    images, probability = answer_peaks(imager, Measurement("m", 0, snapshots, velocity, 0.0, None))
+    images, probability = network_answer(run, imager).peaks(Measurement("m", 0, snapshots, velocity, 0.0, None))
     assert probability is None
     image, speed = merge_peaks(images, velocity)
     assert speed[10, 4] == 0.0
@@ -156,12 +156,12 @@ def test_onnx_gives_what_torch_gives(tmp_path, changes):
 
 def test_a_network_is_told_the_model_error_of_a_capture(tmp_path):
     """As noise: an image with it is that of more noise."""
-    imager = load_imager(make_run(tmp_path / "run"))[1]
+    answer = network_answer(*load_imager(make_run(tmp_path / "run")))
     snapshots, velocity = frame(5).range_channel[:1], np.zeros((1, 24), np.float32)
     unit = snapshots / np.sqrt(np.mean(np.abs(snapshots[..., [0, 1, 2, 5]]) ** 2, axis=-1, keepdims=True))
 
     def imaged(noise_power, **told):
-        return answer_peaks(imager, Measurement("m", 0, unit, velocity, noise_power, None, **told))[0]
+        return answer.peaks(Measurement("m", 0, unit, velocity, noise_power, None, **told))[0]
 
     np.testing.assert_allclose(imaged(0.0, model_error_db=-10.0), imaged(0.1), rtol=1e-5)
     assert np.abs(imaged(0.1) - imaged(0.0)).max() > 1e-3

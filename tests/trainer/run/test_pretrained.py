@@ -9,7 +9,7 @@ from shared.signal.windows import cell_noise_power
 from trainer.data.pairs import Condition, simulate
 from trainer.estimators.base import line_array
 from trainer.estimators.fitting import fit_lines, score_peaks
-from trainer.metrics.resolution import resolved
+from trainer.metrics.peaks import resolved
 from trainer.run.folder import load_imager
 from trainer.run.pretrained import pretrained_names, pretrained_run
 

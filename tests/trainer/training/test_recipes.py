@@ -11,7 +11,7 @@ import torch
 from shared.physics.errors import InputError
 from trainer.run.configuration import FitConfig
 from trainer.training.loggers import check_logger, make_logger
-from trainer.training.recipes import GPU, RECIPES, VARIANTS, configuration
+from trainer.training.recipes import GPU, RECIPES, configuration
 
 
 @pytest.fixture(autouse=True)
@@ -20,11 +20,9 @@ def processor_without_bfloat16(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(torch.cpu, "get_capabilities", dict)
 
 
-def test_every_recipe_and_variant_is_a_configuration() -> None:
+def test_every_recipe_is_a_configuration() -> None:
     for recipe in RECIPES:
         assert configuration(recipe) == FitConfig.model_validate(RECIPES[recipe])
-    for changes in VARIANTS.values():
-        FitConfig.model_validate(changes)
     assert configuration() == FitConfig()
 
 

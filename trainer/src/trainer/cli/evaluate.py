@@ -39,7 +39,7 @@ def evaluate(
         str | None,
         typer.Option(
             help="Comma-separated: point-spread, street, two-reflectors, detection, doppler, resolution, robustness, "
-            "generalisation, worlds, noise-only, tradeoff, measured. By default all that apply."
+            "generalisation, noise-only, tradeoff, measured. By default all that apply."
         ),
     ] = None,
     frames: Annotated[int, typer.Option(help="Most test frames of each kind that are scored.")] = 50,
@@ -76,13 +76,18 @@ def evaluate(
     from shared.radar import first_validation_error
     from trainer.evaluation.evaluate import evaluate as run_evaluate
     from trainer.evaluation.experiments.bench import EvaluationConfig
+    from trainer.evaluation.experiments.measured_input import read_measured
     from trainer.run.pretrained import pretrained_run
 
     try:
-        config = EvaluationConfig(frames=frames, shown=shown, trials=trials, seed=seed)
+        config = EvaluationConfig(
+            runs=(*(run or []), *(pretrained_run(name) for name in pretrained or [])), methods=_names(methods),
+            arrays=_names(arrays) or (), experiments=_names(experiments), frames=frames, shown=shown, trials=trials,
+            seed=seed,
+        )  # fmt: skip
     except ValidationError as error:
         raise InputError("trainer evaluate", *first_validation_error(error)) from error
-    runs = [*(run or []), *(pretrained_run(name) for name in pretrained or [])]
+    row = None if measured is None else read_measured(measured, targets, range_m, model_error)
     console = Console(soft_wrap=True, highlight=False)
     columns = TextColumn("{task.description:<15}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
     with Progress(*columns, console=console) as bars:
@@ -93,12 +98,11 @@ def evaluate(
                 shown_bars[name] = bars.add_task(name, total=total)
             bars.update(shown_bars[name], completed=done, total=total)
 
-        run_evaluate(
-            dataset, out, runs, _names(methods), _names(arrays) or [], _names(experiments), config, measured,
-            resume, workers, lambda line: bars.console.print(line, markup=False), advance, targets, range_m,
-            model_error,
-        )  # fmt: skip
+        def announce(line: str) -> None:
+            bars.console.print(line, markup=False)
+
+        run_evaluate(dataset, out, config, row, resume, workers, announce, advance)
 
 
-def _names(text: str | None) -> list[str] | None:
-    return None if text is None else [name.strip() for name in text.split(",") if name.strip()]
+def _names(text: str | None) -> tuple[str, ...] | None:
+    return None if text is None else tuple(name.strip() for name in text.split(",") if name.strip())

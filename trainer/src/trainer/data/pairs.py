@@ -49,12 +49,17 @@ class Condition:
         if not self.ratio_db >= 0.0:
             raise InputError("pair", f"ratio_db = {self.ratio_db!r}", "at least 0, the stronger over the weaker")
 
-    def __str__(self) -> str:
-        single = f"snr={self.snr_db:g} dB"
+    @property
+    def named(self) -> dict[str, str]:
+        """What was varied, by name, as the tables have it."""
+        single = {"snr": f"{self.snr_db:g} dB"}
         if self.separation_cells == 0:
             return single
-        phase = "" if self.phase_rad is None else f",phase={np.rad2deg(self.phase_rad):g} deg"
-        return f"separation={self.separation_cells:g} RL,{single},ratio={self.ratio_db:g} dB{phase}"
+        phase = {} if self.phase_rad is None else {"phase": f"{np.rad2deg(self.phase_rad):g} deg"}
+        return {"separation": f"{self.separation_cells:g} RL", **single, "ratio": f"{self.ratio_db:g} dB", **phase}
+
+    def __str__(self) -> str:
+        return ",".join(f"{name}={value}" for name, value in self.named.items())
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,15 +17,19 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+from matplotlib.figure import Figure
+from threadpoolctl import threadpool_limits
 
 from shared.dataset.folder import MANIFEST, open_dataset
 from shared.dataset.locations import Location, folder_name, locate
 from shared.dataset.reading import radar_of
 from shared.dataset.writing import remove_partial, write_text
 from shared.physics.errors import InputError
+from shared.radar import Radar
 from trainer.data.arrays import choose_array
 from trainer.data.scene_records import scene_records
 from trainer.evaluation.experiments.bench import (
+    DEFAULT_ARRAYS,
     Bench,
     EvaluationConfig,
     Experiment,
@@ -36,22 +40,27 @@ from trainer.evaluation.experiments.bench import (
     single_row,
 )
 from trainer.evaluation.experiments.contenders import Contender, check_methods, gather
+from trainer.evaluation.experiments.cylinders import PointSpread, Reflectors
 from trainer.evaluation.experiments.detection import Detection
 from trainer.evaluation.experiments.doppler import Doppler
 from trainer.evaluation.experiments.frames import frame_refs, load_frame
 from trainer.evaluation.experiments.generalisation import Generalisation
-from trainer.evaluation.experiments.measured import Measured, line_list
-from trainer.evaluation.experiments.measured_bench import measured_bench
-from trainer.evaluation.experiments.measured_input import MeasuredInput, read_measured, with_arrays
+from trainer.evaluation.experiments.measured import (
+    CAPTION,
+    TITLE,
+    MeasuredRow,
+    check_measured_methods,
+    fitting_networks,
+    look_at,
+)
+from trainer.evaluation.experiments.measured import NAME as MEASURED
+from trainer.evaluation.experiments.measured_input import MeasuredInput, with_arrays
 from trainer.evaluation.experiments.noise_only import NoiseOnly
-from trainer.evaluation.experiments.point_spread import CylinderSpread
-from trainer.evaluation.experiments.reflectors import Reflectors
 from trainer.evaluation.experiments.resolution import Resolution
 from trainer.evaluation.experiments.robustness import Robustness
 from trainer.evaluation.experiments.street import Street
 from trainer.evaluation.experiments.tradeoff import SECONDS, Tradeoff
-from trainer.evaluation.experiments.worlds import Worlds
-from trainer.evaluation.outcome import REPORT, SUMMARY, write_outcome
+from trainer.evaluation.outcome import REPORT, SUMMARY, report_frames, write_outcome
 from trainer.evaluation.report.page import ReportFigure
 from trainer.evaluation.report.style import save_figure
 from trainer.evaluation.rows import MetricRow
@@ -63,13 +72,13 @@ from trainer.run.folder import Fingerprint
 EXPERIMENTS: dict[str, Experiment] = {
     experiment.name: experiment
     for experiment in (
-        CylinderSpread(), Street(), Reflectors(), Detection(), Doppler(), Resolution(), Robustness(), Generalisation(),
-        Worlds(), NoiseOnly(), Tradeoff(), Measured(),
+        PointSpread(), Street(), Reflectors(), Detection(), Doppler(), Resolution(), Robustness(), Generalisation(),
+        NoiseOnly(), Tradeoff(),
     )
 }  # fmt: skip
-"""By the name that ``--experiments`` takes, in the order of the report."""
+"""By the name that ``--experiments`` takes, in the order of the report; the measured row comes after them."""
+NAMES = (*EXPERIMENTS, MEASURED)
 SUMMARY_COLUMNS = [(name, column) for name, experiment in EXPERIMENTS.items() for column in experiment.summary]
-DEFAULT_ARRAYS = ("sparse6", "sparse4", "full")
 CELLS, FIGURES = "cells", "figures"
 LINES = "lines.md"
 RUNTIME = "runtime"
@@ -83,30 +92,17 @@ Progress = Callable[[str, int, int], None]
 def evaluate(
     dataset: Location | str | None,
     out: Path,
-    runs: Sequence[Path] = (),
-    methods: Sequence[str] | None = None,
-    arrays: Sequence[str] = DEFAULT_ARRAYS,
-    experiments: Sequence[str] | None = None,
     config: EvaluationConfig | None = None,
-    measured: Path | None = None,
+    measured: MeasuredInput | None = None,
     resume: bool = False,
     workers: int = 1,
     announce: Callable[[str], object] = print,
     progress: Progress | None = None,
-    targets: int | None = None,
-    range_m: float | None = None,
-    model_error_db: float | None = None,
 ) -> pa.Table:
     """Run the experiments that apply and write everything into ``out``; returns the metrics table.
 
     :param dataset: folder of a dataset with a test split, local or remote; None with ``measured``, for that alone
-    :param runs: run folders of trainer fit, each evaluated on its own array
-    :param methods: names of estimators, "cnn" and "unet" for the runs; see
-        :func:`trainer.evaluation.experiments.contenders.gather`
-    :param arrays: see :func:`trainer.data.arrays.choose_array`
-    :param experiments: names of :data:`EXPERIMENTS`; all that apply by default
-    :param measured: snapshot or cube for the experiment "measured"
-    :param targets, range_m, model_error_db: of it, see
+    :param measured: a row of a snapshot or cube, see
         :func:`trainer.evaluation.experiments.measured_input.read_measured`
     :param resume: keep the cells that ``out`` already has
     :param workers: processes that compute cells, see :class:`trainer.evaluation.workers.Workers`; the numbers, but for
@@ -114,30 +110,33 @@ def evaluate(
     :raises InputError: bad data, runs, names, or an experiment asked for that does not apply
     :raises TrainingStopped: three worker processes died of a cell
     """
+    config = config or EvaluationConfig()
     remedy = "an empty or new folder, or --resume to keep what is finished"
     advance = progress or (lambda *_: None)
     with output_folder(out, resume, remedy) as folder:
         if resume:
             _require_cells(out)
-        if methods is not None and dataset is not None:
-            check_methods(methods)
-        _check_experiments(experiments)
-        row = None if measured is None else read_measured(measured, targets, range_m, model_error_db)
-        config = config or EvaluationConfig()
+        if config.methods is not None and dataset is not None:
+            check_methods(config.methods)
+        _check_experiments(config.experiments)
         if dataset is None:
-            if row is None:
+            if measured is None:
                 raise InputError("arguments", "neither a dataset nor --measured", "one of both, or both")
-            if experiments is not None and list(experiments) != [Measured.name]:
-                raise InputError("--experiments", ", ".join(experiments), f"{Measured.name} alone without a dataset")
-            # The default names are of the default radar: of another cube nobody has asked for them.
-            asked = ("full",) if row.radar is not None and tuple(arrays) == DEFAULT_ARRAYS else arrays
-            bench, obstacles = measured_bench(row, runs, methods, asked, config)
-            chosen, left_out = [EXPERIMENTS[Measured.name]], dict[str, int]()
-            title = f"Evaluation of {row.path.name}"
+            if config.experiments is not None and config.experiments != (MEASURED,):
+                raise InputError("--experiments", ", ".join(config.experiments), f"{MEASURED} alone without a dataset")
+            look, obstacles = _measured_alone(measured, config)
+            bench, left_out = Bench("", measured.radar or Radar(), (), frozenset(), (), config), dict[str, int]()
+            chosen = list[Experiment]()
+            title = f"Evaluation of {measured.path.name}"
         else:
-            bench, left_out = open_bench(dataset, runs, methods, arrays, config, row)
-            chosen, obstacles = choose_experiments(experiments, bench)
+            bench, left_out = open_bench(dataset, config)
+            chosen, obstacles = choose_experiments(
+                config.experiments, bench, None if measured is None else measured.path
+            )
             title = f"Evaluation on {folder_name(locate(dataset))}"
+            if measured is not None:
+                arrays = [contender.array for contender in bench.contenders]
+                look = partial(look_at, with_arrays(measured, bench.radar, arrays))
         remove_partial(out)
         store = CellStore(out / CELLS)
         for line in obstacles:
@@ -149,34 +148,40 @@ def evaluate(
         rows: list[MetricRow] = []
         figures: list[ReportFigure] = []
         (out / FIGURES).mkdir(exist_ok=True)
-        written = set()
+        written = set[str]()
+
+        def save(name: str, figure: Figure) -> bytes:
+            written.update({f"{name}.png", f"{name}.svg"})
+            return save_figure(figure, out / FIGURES, name)
+
         with Workers(bench, workers, folder) as pool:
             street = EXPERIMENTS[Street.name]
             shown = _compute(street, bench, store, pool, partial(advance, "images")) if bench.frames else {}
             for experiment in chosen:
                 results = _compute(experiment, bench, store, pool, partial(advance, experiment.name))
                 rows += experiment.rows(bench, results)
-                if experiment.name == Measured.name:
-                    write_text(out / LINES, line_list(bench, results))
                 for name, figure in experiment.figures(bench, results).items():
-                    png = save_figure(figure, out / FIGURES, name)
-                    written |= {f"{name}.png", f"{name}.svg"}
-                    figures.append(ReportFigure(experiment.title, experiment.caption, png))
-        rows += (
-            [
-                single_row(RUNTIME, contender, SECONDS, "", bench.seconds[contender.method, contender.array.name])
-                for contender in bench.contenders
-            ]
-            if bench.frames
-            else []
-        )
-        source = None if dataset is None else open_dataset(dataset)
-        table = write_outcome(out, bench, title, chosen, rows, figures, shown, source, SUMMARY_COLUMNS)
+                    figures.append(ReportFigure(experiment.title, experiment.caption, save(name, figure)))
+        if measured is not None:
+            advance(MEASURED, 0, 1)
+            with threadpool_limits(limits=1):
+                seen = look()
+            advance(MEASURED, 1, 1)
+            rows += seen.rows
+            write_text(out / LINES, seen.lines)
+            figures += [ReportFigure(TITLE, CAPTION, save(name, figure)) for name, figure in seen.figures.items()]
+        rows += [
+            single_row(RUNTIME, contender, SECONDS, {}, bench.seconds[contender.method, contender.array.name])
+            for contender in bench.contenders
+        ]
+        frames = [] if dataset is None else report_frames(bench, shown, open_dataset(dataset))
+        ran = [*(experiment.name for experiment in chosen), *([MEASURED] if measured is not None else [])]
+        table = write_outcome(out, bench, title, ran, rows, figures, frames, SUMMARY_COLUMNS)
     if stale := sum(path.name not in written for path in (out / FIGURES).iterdir()):
         announce(f"{stale} files in {out / FIGURES} are of other arguments and not in this report")
     if store.unused:
         announce(f"{store.unused} cells in {store.directory} are of other arguments and not in this report")
-    written_texts = [REPORT, *([SUMMARY] if bench.frames else []), *([LINES] if row is not None else [])]
+    written_texts = [REPORT, *([SUMMARY] if bench.frames else []), *([LINES] if measured is not None else [])]
     announce(
         f"{store.computed} cells computed, {store.kept} kept; {len(table)} numbers; look: "
         f"{', '.join(str(out / name) if name == REPORT else name for name in written_texts)}"
@@ -184,50 +189,59 @@ def evaluate(
     return table
 
 
-def open_bench(
-    source: Location | str,
-    runs: Sequence[Path],
-    methods: Sequence[str] | None,
-    array_names: Sequence[str],
-    config: EvaluationConfig,
-    measured: MeasuredInput | None,
-) -> tuple[Bench, dict[str, int]]:
-    """(what the experiments work on, frames left out by kind); arguments and errors as :func:`evaluate`."""
+def open_bench(source: Location | str, config: EvaluationConfig) -> tuple[Bench, dict[str, int]]:
+    """(what the experiments work on, frames left out by kind); errors as :func:`evaluate`."""
     dataset = open_dataset(source)
     radar = radar_of(dataset.description(), dataset.path / MANIFEST)
-    if not array_names:
+    if not config.arrays:
         raise InputError("--arrays", "none", f"some of {', '.join(DEFAULT_ARRAYS)}, or TOML files")
-    arrays = [choose_array(name, radar) for name in array_names]
+    arrays = [choose_array(name, radar) for name in config.arrays]
     names = [array.name for array in arrays]
     if twice := [name for index, name in enumerate(names) if name in names[:index]]:
         raise InputError("--arrays", f"{twice[0]!r} twice", "every array once, files of different names")
     refs, left_out = frame_refs(dataset, "test", config.frames)
-    contenders = gather(methods, runs, arrays, radar, dataset.path)
+    contenders = gather(config.methods, config.runs, arrays, radar, dataset.path)
     fingerprint = Fingerprint.of(dataset.path, dataset.records, {})
     scenes = (
         frozenset(frame.scene for frame in dataset.frames("train", ())) if "train" in dataset.splits else frozenset()
     )
-    row = None if measured is None else with_arrays(measured, radar, [contender.array for contender in contenders])
     of_data = scene_records(dataset.manifest)
-    return Bench(fingerprint.sha256, radar, refs, scenes, contenders, config, scenes=of_data, measured=row), left_out
+    return Bench(fingerprint.sha256, radar, refs, scenes, contenders, config, scenes=of_data), left_out
 
 
-def choose_experiments(names: Sequence[str] | None, bench: Bench) -> tuple[list[Experiment], list[str]]:
+def _measured_alone(row: MeasuredInput, config: EvaluationConfig) -> tuple[Callable[[], MeasuredRow], list[str]]:
+    """(what looks at a row without a dataset, a line for each array and run that does not fit)."""
+    # The default names are of the default radar: of another cube nobody has asked for them.
+    asked = ("full",) if row.radar is not None and config.arrays == DEFAULT_ARRAYS else config.arrays
+    chosen, radar = check_measured_methods(config.methods), row.radar or Radar()
+    arrays, obstacles = [], []
+    for name in asked:
+        try:
+            arrays.append(choose_array(name, radar))
+        except InputError as error:
+            obstacles.append(f"left out: {error}")
+    networks, others = fitting_networks(row, config.runs)
+    return partial(look_at, with_arrays(row, radar, arrays), chosen, networks), [*obstacles, *others]
+
+
+def choose_experiments(
+    names: Sequence[str] | None, bench: Bench, measured: Path | None
+) -> tuple[list[Experiment], list[str]]:
     """(the experiments that apply, a line for each that does not).
 
-    :param names: of :data:`EXPERIMENTS`; None for all
+    :param names: of :data:`NAMES`; None for all
     :raises InputError: an unknown name, one that does not apply, none, a snapshot that no experiment looks at
     """
     _check_experiments(names)
     wanted = [experiment for name, experiment in EXPERIMENTS.items() if names is None or name in names]
     obstacles = {experiment.name: experiment.obstacle(bench) for experiment in wanted}
+    if names is None or MEASURED in names:
+        obstacles[MEASURED] = None if measured else "no --measured file"
     for name, obstacle in obstacles.items():
         if obstacle and names is not None:
             raise InputError("--experiments", f"{name}: {obstacle}", "an experiment that applies")
-    if bench.measured is not None and Measured.name not in obstacles:
-        raise InputError(
-            "--measured", f"{bench.measured.path} without the experiment", f"{Measured.name!r} in --experiments"
-        )
+    if measured is not None and MEASURED not in obstacles:
+        raise InputError("--measured", f"{measured} without the experiment", f"{MEASURED!r} in --experiments")
     return (
         [experiment for experiment in wanted if not obstacles[experiment.name]],
         [f"experiment {name} is left out: {obstacle}" for name, obstacle in obstacles.items() if obstacle],
@@ -235,10 +249,10 @@ def choose_experiments(names: Sequence[str] | None, bench: Bench) -> tuple[list[
 
 
 def _check_experiments(names: Sequence[str] | None) -> None:
-    if unknown := [name for name in names or () if name not in EXPERIMENTS]:
-        raise InputError("--experiments", repr(unknown[0]), f"some of {', '.join(EXPERIMENTS)}")
+    if unknown := [name for name in names or () if name not in NAMES]:
+        raise InputError("--experiments", repr(unknown[0]), f"some of {', '.join(NAMES)}")
     if names is not None and not names:
-        raise InputError("--experiments", "none", f"some of {', '.join(EXPERIMENTS)}")
+        raise InputError("--experiments", "none", f"some of {', '.join(NAMES)}")
 
 
 def _require_cells(out: Path) -> None:
@@ -251,7 +265,7 @@ def _compute(
 ) -> Results:
     """The cells of an experiment in the order of its tasks; those not yet on disk are computed and kept one by one."""
     tasks = experiment.tasks(bench)
-    cells = [_cell(experiment.cells, task) for task in tasks]
+    cells = [_cell(experiment.cells or experiment.name, task) for task in tasks]
     values: dict[int, Values] = {}
     for place, cell in enumerate(cells):
         if (found := store.finished(cell)) is not None:
@@ -289,10 +303,10 @@ def _seconds(bench: Bench, store: CellStore, advance: Progress) -> dict[tuple[st
 
 def _time(contender: Contender, ref: FrameRef) -> Values:
     frame = load_frame(ref)
-    contender.image(frame.range_channel[0], frame.noise_power)
+    contender.answer.image(frame.range_channel[0], frame.noise_power)
     seconds = []
     for _ in range(RUNTIME_REPEATS):
         start = time.perf_counter()
-        contender.image(frame.range_channel[0], frame.noise_power)
+        contender.answer.image(frame.range_channel[0], frame.noise_power)
         seconds.append(time.perf_counter() - start)
     return {"seconds": np.asarray(min(seconds))}

@@ -9,13 +9,11 @@ import pyarrow as pa
 
 from shared.dataset.folder import Dataset
 from shared.dataset.writing import write_text
-from trainer.evaluation.experiments.bench import Bench, Experiment, Results
+from trainer.evaluation.experiments.bench import Bench, Results
 from trainer.evaluation.experiments.street import shown_frames
-from trainer.evaluation.report.camera import small_picture
-from trainer.evaluation.report.doppler_map import PEAKS, WHOLE
 from trainer.evaluation.report.page import ReportFigure, ReportFrame, report_page
-from trainer.evaluation.report.summary import summary
-from trainer.evaluation.report.tables import metrics_table, write_table
+from trainer.evaluation.report.shown import PEAKS, WHOLE, small_picture
+from trainer.evaluation.report.tables import metrics_table, summary, write_table
 from trainer.evaluation.rows import TRUTH, MetricRow, SummaryColumn
 
 REPORT, SUMMARY = "report.html", "summary.md"
@@ -25,45 +23,48 @@ def write_outcome(
     out: Path,
     bench: Bench,
     title: str,
-    chosen: Sequence[Experiment],
+    ran: Sequence[str],
     rows: Sequence[MetricRow],
     figures: Sequence[ReportFigure],
-    shown: Results,
-    dataset: Dataset | None,
+    frames: Sequence[ReportFrame],
     columns: Sequence[tuple[str, SummaryColumn]],
 ) -> pa.Table:
     """Write the tables and the page; returns the table of all numbers.
 
-    :param shown: the cells of the frames to look at
+    :param ran: names of the experiments
+    :param frames: to look at
     :param columns: of the summary
-    :param dataset: whose camera pictures stand beside them
     """
     parameters = {(contender.method, contender.array.name): contender.parameters for contender in bench.contenders}
     table = metrics_table(rows, bench.seconds, parameters)
     write_table(table, out)
     if bench.frames:
         write_text(out / SUMMARY, summary(table, columns))
-    frames = _report_frames(bench, shown, dataset)
-    page = report_page(title, _introduction(bench, chosen), bench.radar, frames, figures, table)
+    page = report_page(title, _introduction(bench, ran), bench.radar, frames, figures, table)
     write_text(out / REPORT, page)
     return table
 
 
-def _report_frames(bench: Bench, results: Results, dataset: Dataset | None) -> list[ReportFrame]:
+def report_frames(bench: Bench, results: Results, dataset: Dataset) -> list[ReportFrame]:
+    """The frames to look at.
+
+    :param results: the cells of the street
+    :param dataset: whose camera pictures stand beside them
+    """
     frames = []
-    for ref in shown_frames(bench) if bench.frames else ():
+    for ref in shown_frames(bench):
         known = results[TRUTH, "", ref.condition]
         truth, doppler = known["levels"], (WHOLE if known["doppler_whole"] else PEAKS, known["doppler"])
         images = {c.name: results[c.method, c.array.name, ref.condition]["levels"] for c in bench.contenders}
         # The cut starts where the truth is strongest.
         row = int(truth.max(axis=1).argmax())
-        camera = small_picture(dataset, ref.frame_id) if dataset is not None else b""
+        camera = small_picture(dataset, ref.frame_id)
         frames.append(ReportFrame(f"{ref.scene}, frame {ref.frame_id}", row, {**images, TRUTH: truth}, doppler, camera))
     return frames
 
 
-def _introduction(bench: Bench, chosen: Sequence[Experiment]) -> str:
-    config, run = bench.config, ", ".join(experiment.name for experiment in chosen)
+def _introduction(bench: Bench, ran: Sequence[str]) -> str:
+    config, run = bench.config, ", ".join(ran)
     if not bench.frames:
         return f"No dataset; experiments: {run}."
     kinds = [ref.kind for ref in bench.frames]

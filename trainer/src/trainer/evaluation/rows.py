@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 TRUTH = "truth"
@@ -10,11 +11,20 @@ AVERAGE_PRECISION = "average precision"
 """Name of the metric that methods are compared by first."""
 
 
+Condition = Mapping[str, object]
+"""What was varied, by name; as text in tables and in the names of cells."""
+
+
+def condition_text(condition: Condition) -> str:
+    """ "name=value" pairs, separated by commas."""
+    return ",".join(f"{name}={value}" for name, value in condition.items())
+
+
 @dataclass(frozen=True)
 class MetricRow:
     """One line of the metrics table.
 
-    :param condition: "name=value" pairs, separated by commas; "" for none
+    :param condition: what the number belongs to; empty for all that the experiment looked at
     :param value: NaN where the metric is not defined
     :param low: lower end of the 95 % interval
     :param high: upper end
@@ -25,7 +35,7 @@ class MetricRow:
     method: str
     array: str
     metric: str
-    condition: str
+    condition: Condition
     value: float
     low: float
     high: float
@@ -37,11 +47,11 @@ class SummaryColumn:
     """One column of the summary: of each method and array it shows one row of its experiment.
 
     :param metric: of that row
-    :param condition: how the row's condition begins; the first such row counts
+    :param condition: of the row; None where each method has one row of the metric, whatever its condition
     :param digits: behind the decimal point
     """
 
     heading: str
     metric: str
-    condition: str = ""
+    condition: Condition | None = None
     digits: int = 2

@@ -11,12 +11,13 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from shared.physics.errors import InputError
@@ -25,6 +26,7 @@ from shared.processes.pool import WorkerPool
 from trainer.errors import TrainingStopped
 from trainer.evaluation.experiments.bench import Bench, Experiment, Task
 from trainer.evaluation.store import Values
+from trainer.run.answers import Answer, Images
 
 POLL_S = 1.0
 """Longest wait for a cell before the next look."""
@@ -130,12 +132,22 @@ def _failure_line(experiment: Experiment, task: Task, how: str) -> str:
 
 def _without_gpu(bench: Bench) -> Bench:
     """The bench for processes that compute nothing of a contender on a GPU."""
-    contenders = tuple(c if c.device == "cpu" else replace(c, imaging=_not_here) for c in bench.contenders)
+    contenders = tuple(c if c.device == "cpu" else replace(c, answer=_elsewhere(c.answer)) for c in bench.contenders)
     return replace(bench, contenders=contenders)
 
 
-def _not_here(_snapshots: object, _noise_power: float) -> Any:
-    raise RuntimeError("a contender on a GPU is imaged in the main process")
+class _Elsewhere(Answer):
+    """Images nothing here: a contender on a GPU is imaged in the main process."""
+
+    def images(self, range_channel: object, noise_power: object, model_error_db: object = None) -> Images:
+        raise NotImplementedError(_Elsewhere.__doc__)
+
+    def das(self, range_channel: object) -> NDArray[np.floating]:
+        raise NotImplementedError(_Elsewhere.__doc__)
+
+
+def _elsewhere(answer: Answer) -> Answer:
+    return _Elsewhere(**{field.name: getattr(answer, field.name) for field in fields(Answer)})
 
 
 def alone(task: Task) -> Values:

@@ -45,21 +45,6 @@ class Counts:
     def __add__(self, other: Counts) -> Counts:
         return Counts(self.tp + other.tp, self.fp + other.fp, self.fn + other.fn, self.tn + other.tn)
 
-    @property
-    def detection_rate(self) -> float:
-        """Recall, TP / (TP + FN); 0 where there is nothing to detect."""
-        return _ratio(self.tp, self.tp + self.fn)
-
-    @property
-    def false_alarm_rate(self) -> float:
-        """FP / (TN + FP)."""
-        return _ratio(self.fp, self.tn + self.fp)
-
-    @property
-    def precision(self) -> float:
-        """TP / (TP + FP); 0 where nothing was detected."""
-        return _ratio(self.tp, self.tp + self.fp)
-
 
 @dataclass(frozen=True, eq=False)
 class Peaks:
@@ -222,10 +207,6 @@ def half_separation(true: NDArray[np.float64]) -> NDArray[np.float64]:
 def total(counts: Iterable[Counts]) -> Counts:
     """The sum of counts."""
     return sum(counts, start=Counts())
-
-
-def _ratio(part: int, whole: int) -> float:
-    return part / whole if whole else 0.0
 
 
 def _same_shape(detected: ImagePeaks, true: ImagePeaks) -> None:

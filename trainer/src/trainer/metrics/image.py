@@ -1,4 +1,4 @@
-"""How near an image is to the truth, pixel by pixel: NMSE, PSNR, SSIM."""
+"""How near an image is to the truth, pixel by pixel: NMSE and SSIM."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from shared.physics.errors import InputError
-from shared.physics.units import amplitude_to_db
 
 SPAN_DB = 40.0
 """Dynamic range in which images are compared in dB."""
@@ -37,29 +36,6 @@ def nmse_best_scaled(estimate: NDArray[np.floating], truth: NDArray[np.floating]
     energy = float(np.sum(x**2))
     factor = float(np.sum(x * y)) / energy if energy > 0.0 else 0.0
     return nmse(factor * x, y)
-
-
-def level_image(image: NDArray[np.floating], peak: float, span_db: float = SPAN_DB) -> NDArray[np.float64]:
-    """Level of a magnitude image on a fixed scale: 1 at ``peak`` or above, 0 at ``span_db`` below it or less.
-
-    :raises InputError: a peak that is not positive
-    """
-    if not (np.isfinite(peak) and peak > 0.0):
-        raise InputError("level image", f"peak = {peak!r}", "a positive magnitude")
-    floor = 10.0 ** (-span_db / 20.0)
-    relative = np.clip(np.asarray(image, dtype=np.float64) / peak, floor, 1.0)
-    return np.asarray(1.0 + amplitude_to_db(relative) / span_db)
-
-
-def psnr(estimate: NDArray[np.floating], truth: NDArray[np.floating], data_range: float = 1.0) -> float:
-    """Peak signal-to-noise ratio 10 log10(range^2 / mean (e - t)^2) [dB]; infinite for identical images.
-
-    :param data_range: largest possible difference of two pixels, 1 for two images of :func:`level_image`
-    :raises InputError: different shapes or not finite
-    """
-    x, y = _pair(estimate, truth)
-    error = float(np.mean((x - y) ** 2))
-    return float("inf") if error == 0.0 else float(10.0 * np.log10(data_range**2 / error))
 
 
 def ssim(estimate: NDArray[np.floating], truth: NDArray[np.floating], data_range: float = 1.0) -> float:

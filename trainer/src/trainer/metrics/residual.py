@@ -36,37 +36,18 @@ class Explanation:
 
     :param rows: number of rows
     :param explained_rows: rows in which what is left is no more than noise
-    :param lines: peaks tested
+    :param lines: peaks tested: of a row at most half as many as channels, the strongest; least squares fits anything
     :param unsupported: peaks among them without which the fit is as good: hallucinations
-    :param untested: peaks beyond half the number of channels, the weakest of their rows: least squares fits anything
     :param energy: of the snapshots [W]
     :param left: energy that the fit leaves [W]
-    :param expected: energy that noise would leave [W]
     """
 
     rows: int
     explained_rows: int
     lines: int
     unsupported: int
-    untested: int
     energy: float
     left: float
-    expected: float
-
-    @property
-    def data_nmse(self) -> float:
-        """Energy left over the snapshots' energy: 0 if the peaks explain all, 1 for an empty image; 0 without data."""
-        return self.left / self.energy if self.energy > 0.0 else 0.0
-
-    @property
-    def explained_share(self) -> float:
-        """Rows explained to the noise, of all; 0 without data."""
-        return self.explained_rows / self.rows if self.rows else 0.0
-
-    @property
-    def hallucinated_share(self) -> float:
-        """Unsupported peaks of those tested; 0 where there are none."""
-        return self.unsupported / self.lines if self.lines else 0.0
 
 
 def explain(
@@ -95,11 +76,10 @@ def explain(
     rows = np.asarray(snapshots, dtype=np.complex128)
     energies = np.sum(np.abs(rows) ** 2, axis=1)
     present = np.flatnonzero(energies > 0.0)
-    peaks = image_lines(np.asarray(image)[present], level)
-    lines = [found[:most] for found in peaks]
+    lines = [found[:most] for found in image_lines(np.asarray(image)[present], level)]
     noise = np.maximum(noise_power, LEAST_NOISE * energies[present] / array.channels)
     explained = unsupported = 0
-    left = expected = 0.0
+    left = 0.0
     for group, bins in _by_count(lines):
         x, power, count = rows[present[group]], noise[group], bins.shape[1]
         angles = _within_their_bins(x, bins, array, u)
@@ -107,11 +87,10 @@ def explain(
         explained += int(np.sum(remains <= power * limits[count]))
         needed = supported_lines(x, angles, array, -power * float(np.log(SUPPORT_PROBABILITY)))
         unsupported += int(np.sum(count - needed))
-        left, expected = left + float(remains.sum()), expected + float(power.sum()) * (array.channels - count)
+        left += float(remains.sum())
     tested = sum(len(found) for found in lines)
-    untested = sum(len(found) for found in peaks) - tested
     energy = float(energies[present].sum())
-    return Explanation(len(present), explained, tested, unsupported, untested, energy, left, expected)
+    return Explanation(len(present), explained, tested, unsupported, energy, left)
 
 
 def image_lines(image: NDArray[np.floating], level: float = PEAK_LEVEL) -> list[NDArray[np.intp]]:

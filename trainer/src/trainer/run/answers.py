@@ -1,9 +1,10 @@
-"""What images a frame: a trained network, or a classical estimator, which needs no training."""
+"""Network or estimator: range-channel matrices to images, and to scores of them. Predictions, evaluations, measured
+rows and the verdict of a fit all ask here."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -11,28 +12,34 @@ from numpy.typing import NDArray
 
 from shared.physics.errors import InputError, meant
 from shared.radar import Radar
-from shared.signal.model_error import row_noise
+from shared.signal.model_error import NO_MODEL_ERROR_DB, row_noise
 from shared.signal.tdm import averaged
 from trainer.data.arrays import ArrayChoice
 from trainer.data.measurements import Measurement
 from trainer.estimators.base import ESTIMATORS, Estimator, LineArray, line_array
 from trainer.estimators.das import DelayAndSum
+from trainer.metrics.cells import CellScores, score_cells
 from trainer.run.detections import new_peaks
 from trainer.run.folder import Run
 from trainer.run.imager import Imager
-from trainer.run.targets import AMPLITUDE, UNITS
+from trainer.run.targets import AMPLITUDE, UNITS, level_image
+
+Images = tuple[NDArray[np.floating], NDArray[np.float32] | None]
+"""([B, R, U] images, [B, R, U] probability of a target or None)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Answer(ABC):
-    """Images of measurements of one radar.
+    """A method that images range-channel matrices of one radar.
 
     :param name: of network or estimator
     :param array: the channels that it looks at, as output files name them
-    :param channels: [C] those among the measurement's
+    :param channels: [C] those among the radar's
     :param line: their places
-    :param radar: of the measurements, its grid that of the images
+    :param radar: of the data, its grid that of the images
     :param unit: of the images
+    :param row_wise: an image row depends on nothing but that row's snapshot
+    :param detects: it ranks its detections by more than their level
     """
 
     name: str
@@ -41,14 +48,80 @@ class Answer(ABC):
     line: LineArray
     radar: Radar
     unit: str
+    row_wise: bool
+    detects: bool
 
     @abstractmethod
-    def peaks(self, measurement: Measurement) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
-        """([D, R, U] image, [D, R, U] probability of a target or None) of each Doppler peak."""
+    def images(
+        self, range_channel: NDArray[np.complexfloating], noise_power: float, model_error_db: float = NO_MODEL_ERROR_DB
+    ) -> Images:
+        """Of matrices [B, R, C] of all the radar's channels [sqrt(W)], each with this noise in a channel [W]."""
 
     @abstractmethod
+    def das(self, range_channel: NDArray[np.complexfloating]) -> NDArray[np.floating]:
+        """[B, R, U] delay-and-sum images of the same channels [sqrt(W)]."""
+
+    def peaks(self, measurement: Measurement) -> Images:
+        """:meth:`images` of each Doppler peak of a frame (paper, section II-E).
+
+        The strongest peaks of all range bins first, then the second strongest and so on, the strongest again where
+        there is none.
+        """
+        return self.images(measurement.range_channel, measurement.noise_power, measurement.model_error_db)
+
     def baseline(self, measurement: Measurement) -> NDArray[np.floating]:
         """[R, U] delay-and-sum image of the same channels, the maximum over the peaks [sqrt(W)]."""
+        return np.asarray(self.das(measurement.range_channel).max(axis=0))
+
+    def image(self, range_channel: NDArray[np.complexfloating], noise_power: float) -> NDArray[np.float64]:
+        """[R, U] of one matrix [R, C]."""
+        return np.asarray(self.images(range_channel[None], noise_power)[0][0], dtype=np.float64)
+
+    def image_and_score(
+        self, range_channel: NDArray[np.complexfloating], noise_power: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """([R, U] :meth:`image`, [R, U] score by which detections are found and ranked, in any unit), in one pass.
+
+        Where a network says where targets are it is image times the root of that probability, elsewhere the image.
+        """
+        images, probability = self.images(range_channel[None], noise_power)
+        score = images * np.sqrt(probability) if self.detects and probability is not None else images
+        return np.asarray(images[0], dtype=np.float64), np.asarray(score[0], dtype=np.float64)
+
+    def image_rows(
+        self, range_channel: NDArray[np.complexfloating], noise_power: float, rows: NDArray[np.intp]
+    ) -> NDArray[np.float64]:
+        """[len(rows), U] rows of :meth:`image`; nothing else is computed where rows do not depend on each other."""
+        if self.row_wise:
+            return self.image(range_channel[rows], noise_power)
+        return self.image(range_channel, noise_power)[rows]
+
+    def score_rows(
+        self, range_channel: NDArray[np.complexfloating], noise_power: float, rows: NDArray[np.intp]
+    ) -> NDArray[np.float64]:
+        """[len(rows), U] rows of the score of :meth:`image_and_score`."""
+        if self.detects:
+            return self.image_and_score(range_channel, noise_power)[1][rows]
+        return self.image_rows(range_channel, noise_power, rows)
+
+    def score_cells(
+        self,
+        truth: NDArray[np.floating],
+        range_channel: NDArray[np.complexfloating],
+        noise_power: float,
+        seen: tuple[NDArray[np.floating], NDArray[np.floating]],
+    ) -> CellScores:
+        """What became of the detections of a frame.
+
+        :param truth: [R, U] magnitude [sqrt(W)]
+        :param range_channel: [R, C] of all channels
+        :param seen: of :meth:`image_and_score`
+        """
+        image, score = seen
+        chosen = range_channel[:, self.channels]
+        level = level_image(image, self.unit, chosen, self.line, self.radar.grid.u, noise_power)
+        step = self.radar.waveform.range_step_m
+        return score_cells(truth, level, noise_power, len(self.channels), step, score)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,13 +130,21 @@ class NetworkAnswer(Answer):
 
     imager: Imager
 
-    def peaks(self, measurement: Measurement) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
-        return answer_peaks(self.imager, measurement)
-
-    def baseline(self, measurement: Measurement) -> NDArray[np.floating]:
+    def images(
+        self, range_channel: NDArray[np.complexfloating], noise_power: float, model_error_db: float = NO_MODEL_ERROR_DB
+    ) -> Images:
         with torch.inference_mode():
-            snapshots = torch.from_numpy(np.array(measurement.range_channel)).to(self.imager.weights.device)
-            return np.asarray(self.imager.das(snapshots).amax(dim=0).cpu().numpy())
+            snapshots = self._tensor(range_channel)
+            noise = torch.full((len(snapshots),), noise_power, dtype=torch.float64, device=snapshots.device)
+            images, probability = self.imager.detect(snapshots, noise, model_error_db)
+            return images.cpu().numpy(), None if probability is None else probability.float().cpu().numpy()
+
+    def das(self, range_channel: NDArray[np.complexfloating]) -> NDArray[np.floating]:
+        with torch.inference_mode():
+            return np.asarray(self.imager.das(self._tensor(range_channel)).cpu().numpy())
+
+    def _tensor(self, range_channel: NDArray[np.complexfloating]) -> torch.Tensor:
+        return torch.from_numpy(np.array(range_channel)).to(self.imager.weights.device)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +153,20 @@ class EstimatorAnswer(Answer):
 
     estimator: Estimator
 
-    def peaks(self, measurement: Measurement) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+    def images(
+        self, range_channel: NDArray[np.complexfloating], noise_power: float, model_error_db: float = NO_MODEL_ERROR_DB
+    ) -> Images:
+        found = []
+        for matrix in range_channel:
+            rows = matrix[:, self.channels]
+            noise = row_noise(rows, noise_power, model_error_db) if model_error_db > NO_MODEL_ERROR_DB else noise_power
+            found.append(self.estimator.image(rows, self.line, self.radar.grid.u, noise))
+        return np.stack(found), None
+
+    def das(self, range_channel: NDArray[np.complexfloating]) -> NDArray[np.floating]:
+        return replace(self, estimator=DelayAndSum()).images(range_channel, 0.0)[0]
+
+    def peaks(self, measurement: Measurement) -> Images:
         """A peak that repeats an earlier one of its range bin is zero; the maximum over the peaks is the same."""
         return self._images(self.estimator, measurement).astype(np.float32), None
 
@@ -104,15 +198,28 @@ class EstimatorAnswer(Answer):
         return means, LineArray(places[:, 1], wavelength_m)
 
 
-def network_answer(run: Run, imager: Imager, channels: NDArray[np.intp], radar: Radar) -> NetworkAnswer:
-    """The imager of a run for measurements of ``radar``, of which it looks at ``channels``."""
-    shown = radar.model_copy(update={"grid": run.radar.grid})
-    line, unit = line_array(radar, channels), UNITS[run.config.target]
-    return NetworkAnswer(run.config.model, run.array, channels, line, shown, unit, imager)
+def network_answer(
+    run: Run, imager: Imager, channels: NDArray[np.intp] | None = None, radar: Radar | None = None
+) -> NetworkAnswer:
+    """The imager of a run, for measurements of ``radar``, of which it looks at ``channels``; by default its own."""
+    radar = radar or run.radar
+    channels = run.array.channels(run.radar) if channels is None else channels
+    shown, config = radar.model_copy(update={"grid": run.radar.grid}), run.config
+    return NetworkAnswer(
+        config.model, run.array, channels, line_array(radar, channels), shown, UNITS[config.target],
+        config.model == "doa-cnn", imager.detects, imager,
+    )  # fmt: skip
+
+
+def array_answer(name: str, array: ArrayChoice, radar: Radar) -> EstimatorAnswer:
+    """The estimator of this name (:data:`trainer.estimators.base.ESTIMATORS`) on the channels of an array."""
+    channels = array.channels(radar)
+    line = line_array(radar, channels)
+    return EstimatorAnswer(name, array, channels, line, radar, AMPLITUDE, True, False, ESTIMATORS[name]())
 
 
 def estimator_answer(name: str, radar: Radar, dead_channels: tuple[int, ...] = ()) -> EstimatorAnswer:
-    """The estimator of this name (:data:`trainer.estimators.base.ESTIMATORS`), on the line of channels along azimuth.
+    """The estimator of this name on the line of channels along azimuth.
 
     :param dead_channels: left out
     :raises InputError: an unknown name, no channel left
@@ -122,26 +229,11 @@ def estimator_answer(name: str, radar: Radar, dead_channels: tuple[int, ...] = (
     if not len(channels):
         raise InputError("channels", f"all {radar.array.channels} are dead", "a channel with an echo")
     # Output files name RX: those of which any channel is in use.
-    rx = np.unique(radar.array.channel_rx[channels])
-    array = ArrayChoice(name="full", rx=tuple(rx.tolist()))
-    return EstimatorAnswer(name, array, channels, line_array(radar, channels), radar, AMPLITUDE, ESTIMATORS[name]())
+    array = ArrayChoice(name="full", rx=tuple(np.unique(radar.array.channel_rx[channels]).tolist()))
+    return replace(array_answer(name, array, radar), channels=channels, line=line_array(radar, channels))
 
 
 def check_method(name: str) -> None:
     """:raises InputError: no estimator of this name"""
     if name not in ESTIMATORS:
         raise InputError("--method", repr(name), f"one of {', '.join(ESTIMATORS)}{meant(name, ESTIMATORS)}")
-
-
-def answer_peaks(imager: Imager, measurement: Measurement) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
-    """([D, R, U] image, [D, R, U] probability or None) of each Doppler peak of a frame (paper, section II-E).
-
-    The network images the strongest peaks of all range bins, then the second strongest and so on, the strongest again
-    where there is none.
-    """
-    device = imager.weights.device
-    with torch.inference_mode():
-        snapshots = torch.from_numpy(np.array(measurement.range_channel)).to(device)
-        noise = torch.full((len(snapshots),), measurement.noise_power, dtype=torch.float64, device=device)
-        images, probability = imager.detect(snapshots, noise, measurement.model_error_db)
-        return images.cpu().numpy(), None if probability is None else probability.float().cpu().numpy()

@@ -103,18 +103,6 @@ class Imager(nn.Module):
             return image, answer[:, 1].float().sigmoid()
         return image, image if UNITS[self.config.target] == PROBABILITY else None
 
-    def image_and_score(
-        self, range_channel: torch.Tensor, noise_power: torch.Tensor, model_error_db: float = NO_MODEL_ERROR_DB
-    ) -> tuple[torch.Tensor, torch.Tensor]:
-        """([B, R, U] image of :meth:`detect`, [B, R, U] score by which detections are found and ranked, in any unit).
-
-        A detection head makes the score: image times the root of its probability. Without one it is the image.
-        """
-        image, probability = self.detect(range_channel, noise_power, model_error_db)
-        if probability is None or not self.detects:
-            return image, image
-        return image, image * probability.sqrt()
-
     def forward(
         self, range_channel: torch.Tensor, noise_power: torch.Tensor, model_error_db: float = NO_MODEL_ERROR_DB
     ) -> torch.Tensor:

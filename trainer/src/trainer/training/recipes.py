@@ -1,4 +1,4 @@
-"""Named configurations: what ``--recipe`` stands for, what the device changes, and what the ablation varies."""
+"""Named configurations: what ``--recipe`` stands for and what the device changes."""
 
 from __future__ import annotations
 
@@ -38,20 +38,6 @@ RECIPES: dict[str, Changes] = {
     },
 }  # fmt: skip
 """By the name that ``--recipe`` takes."""
-
-_ATTENTION: Changes = {"model": "attention-unet", "width": 8}
-VARIANTS: dict[str, Changes] = {
-    "recommended": {},
-    "plain-iterations": {"iterations": 8, "learned": 0},
-    "no-detection": {"detection": 0.0},
-    "spectral-unet": {"model": "spectral-unet"},
-    "attention-unet": _ATTENTION,
-    "paper": {
-        **_ATTENTION, "features": "paper", "target": "paper", "rows": 0, "batch": 1, "augment": False, "points": 0,
-        "foreground": 0.0,
-    },
-}  # fmt: skip
-"""What each variant of :mod:`trainer.training.ablation` changes of the recommended configuration."""
 
 
 def configuration(recipe: str = "recommended", given: Changes | None = None, file: Path | None = None) -> FitConfig:

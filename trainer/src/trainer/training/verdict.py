@@ -12,27 +12,29 @@ training images. Two numbers each:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from shared.dataset.folder import open_dataset
 from shared.dataset.locations import Location, folder_name, locate
 from shared.dataset.reading import radar_of
 from shared.dataset.writing import write_json
-from shared.radar import Radar
 from trainer.data.shards import ShardDataset
-from trainer.metrics.cells import CellScores
+from trainer.metrics.cells import CellScores, score_cells
 from trainer.metrics.image import nmse, nmse_best_scaled
 from trainer.metrics.ranking import pooled
+from trainer.run.answers import Answer, network_answer
 from trainer.run.folder import load_imager, same_radar
-from trainer.run.imager import Imager
 from trainer.run.pictures import save_comparison
-from trainer.run.targets import PROBABILITY, UNITS
-from trainer.training.frame_scores import Image, relative, score_level, score_network, true_level
+from trainer.run.targets import AMPLITUDE, PROBABILITY
+
+Image = NDArray[np.float32]
 
 VERDICT = "verdict.json"
 PICTURE = "pictures/test.png"
@@ -104,7 +106,8 @@ def judge(
     errors: list[list[float]] = []
     cells: dict[str, list[CellScores]] = {name: [] for name in DETECTORS}
     shown: list[_Scored] = []
-    for frame in _test_frames(imager, run.radar, folders, _mean_image(folders, run.config.frames)):
+    answer = network_answer(run, imager)
+    for frame in _test_frames(answer, folders, _mean_image(folders, run.config.frames)):
         for name, so_far in cells.items():
             so_far.append(frame.cells[name])
         if frame.truth.any():
@@ -114,7 +117,7 @@ def judge(
         announce("no test frames with a truth: no verdict")
         return None
     rankings = {name: pooled(of_method) for name, of_method in cells.items()}
-    of_amplitude = UNITS[run.config.target] != PROBABILITY
+    of_amplitude = answer.unit != PROBABILITY
     error = dict(zip(METHODS, np.mean(errors, axis=0).tolist(), strict=True)) if of_amplitude else {}
     verdict = Verdict(
         frames=len(errors),
@@ -154,26 +157,30 @@ def _mean_image(folders: Sequence[Location], first: int) -> Image:
     return np.asarray(np.mean(images, axis=0), dtype=np.float32)
 
 
-def _test_frames(imager: Imager, radar: Radar, folders: Sequence[Location], mean: Image) -> Iterator[_Scored]:
+def _test_frames(answer: Answer, folders: Sequence[Location], mean: Image) -> Iterator[_Scored]:
     for folder in folders:
         if "test" not in open_dataset(folder, check_sizes=False).splits:
             continue
         frames = ShardDataset(folder, "test")
         for index in _evenly_spaced(len(frames)):
-            frame = frames[index]
-            with torch.inference_mode():
-                das = imager.das(frame["range_channel"][:1].to(imager.weights.device))[0].cpu().numpy()
-            network, cells = score_network(imager, radar, frame)
-            yield _Scored(
-                name=f"{folder_name(folder)}, frame {int(frame['frame_id'])}",
-                truth=frame["image"].numpy(),
-                images={"network": network, "das": relative(das, frame), "mean": mean},
-                cells={
-                    "network": cells,
-                    "das": score_level(das, imager, radar, frame),
-                    "truth": score_level(true_level(frame), imager, radar, frame),
-                },
-            )
+            frame = {key: value.numpy() for key, value in frames[index].items()}
+            yield _scored(f"{folder_name(folder)}, frame {int(frame['frame_id'])}", answer, frame, mean)
+
+
+def _scored(name: str, answer: Answer, frame: Mapping[str, NDArray[Any]], mean: Image) -> _Scored:
+    range_channel, noise, peak = frame["range_channel"][0], float(frame["noise_power"]), float(frame["image_peak"])
+    truth = frame["image"].astype(np.float64) * peak
+    das, seen = answer.das(range_channel[None])[0], answer.image_and_score(range_channel, noise)
+    cells = {
+        kind: score_cells(truth, level, noise, len(answer.channels), answer.radar.waveform.range_step_m)
+        for kind, level in (("das", das), ("truth", truth))
+    }
+    cells["network"] = answer.score_cells(truth, range_channel, noise, seen)
+    # Amplitudes relative to the truth's peak, as the truth is; as they are where the truth is zero.
+    scale = np.float32(peak or 1.0)
+    network = seen[0].astype(np.float32)
+    images = {"network": network / scale if answer.unit == AMPLITUDE else network, "das": das / scale, "mean": mean}
+    return _Scored(name, frame["image"], images, cells)
 
 
 def _evenly_spaced(frames: int) -> list[int]:

@@ -4,13 +4,16 @@ table."""
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import BaseModel, ConfigDict, Field
 
 from shared.dataset.locations import Location
@@ -19,19 +22,25 @@ from shared.radar import Radar
 from trainer.data.arrays import ArrayChoice
 from trainer.data.scene_records import SceneRecord
 from trainer.evaluation.experiments.contenders import Contender
-from trainer.evaluation.experiments.measured_input import MeasuredInput
-from trainer.evaluation.rows import MetricRow, SummaryColumn
+from trainer.evaluation.rows import Condition, MetricRow, SummaryColumn
 from trainer.evaluation.store import Values, digest
 from trainer.metrics.bootstrap import Interval, bootstrap_mean, bootstrap_ratio, wilson
-from trainer.run.imager import Imager
 
 KEPT = 2
 """Frames or simulated scenes that an experiment holds while its contenders take turns."""
 
 
-class EvaluationConfig(BaseModel):
-    """How much is computed.
+DEFAULT_ARRAYS = ("sparse6", "sparse4", "full")
 
+
+class EvaluationConfig(BaseModel):
+    """Who is compared by what, and how much is computed.
+
+    :param runs: run folders of trainer fit, each evaluated on its own array
+    :param methods: names of estimators, "cnn" and "unet" for the runs; None for those of
+        :func:`trainer.evaluation.experiments.contenders.gather`, of a measured row alone for all
+    :param arrays: see :func:`trainer.data.arrays.choose_array`
+    :param experiments: some of :data:`trainer.evaluation.evaluate.NAMES`; None for all that apply
     :param frames: most frames of the test split that are scored, 50 as in the paper
     :param shown: frames that the report shows
     :param trials: simulated trials of each condition
@@ -40,6 +49,10 @@ class EvaluationConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
+    runs: tuple[Path, ...] = ()
+    methods: tuple[str, ...] | None = None
+    arrays: tuple[str, ...] = DEFAULT_ARRAYS
+    experiments: tuple[str, ...] | None = None
     frames: int = Field(default=50, ge=1, le=10**6)
     shown: int = Field(default=3, ge=1, le=1000)
     trials: int = Field(default=120, ge=2, le=10**5)
@@ -66,26 +79,6 @@ class FrameRef:
 
 
 @dataclass(frozen=True, eq=False)
-class MeasuredNetwork:
-    """A run that fits a measured row.
-
-    :param name: in tables and figures
-    :param array: name of the run's array
-    :param imager: of range-channel matrices with all channels of the measurement
-    :param elements: those of the measured row which it looks at
-    :param u: [U] of its images
-    :param inputs: fingerprint of its weights
-    """
-
-    name: str
-    array: str
-    imager: Imager
-    elements: NDArray[np.intp]
-    u: NDArray[np.float64]
-    inputs: str
-
-
-@dataclass(frozen=True, eq=False)
 class Bench:
     """What every experiment works on.
 
@@ -94,9 +87,6 @@ class Bench:
     :param training_scenes: scenes with frames in the dataset's training split
     :param scenes: that the dataset is of; None where it does not say
     :param seconds: for one image by (method, array), measured
-    :param measured: row of a measurement, if any
-    :param measured_methods: estimators that look at it; all where empty
-    :param measured_networks: runs that look at it
     """
 
     data_sha256: str
@@ -107,9 +97,6 @@ class Bench:
     config: EvaluationConfig
     seconds: Mapping[tuple[str, str], float] = field(default_factory=dict)
     scenes: tuple[SceneRecord, ...] | None = None
-    measured: MeasuredInput | None = None
-    measured_methods: tuple[str, ...] = ()
-    measured_networks: tuple[MeasuredNetwork, ...] = ()
 
     @property
     def arrays(self) -> tuple[ArrayChoice, ...]:
@@ -161,43 +148,88 @@ Results = Mapping[tuple[str, str, str], Values]
 """The filled cells of one experiment by (method, array, condition)."""
 
 
-class Experiment(Protocol):
+def cell_of(results: Results, contender: Contender, condition: str) -> Values:
+    """The cell of a contender."""
+    return results[contender.method, contender.array.name, condition]
+
+
+class Experiment(ABC):
     """One question, its cells, its numbers and its figure.
 
-    :ivar name: as ``--experiments`` takes it
-    :ivar cells: name under which its cells are kept; experiments that evaluate the same cells share it
-    :ivar title: one line for report and help
-    :ivar caption: below its figures
-    :ivar summary: the columns that it has in the summary
+    :cvar name: as ``--experiments`` takes it
+    :cvar cells: name under which its cells are kept, its own where empty; experiments that evaluate the same cells
+        share it
+    :cvar title: one line for report and help
+    :cvar caption: below its figures
+    :cvar summary: the columns that it has in the summary
     """
 
     name: str
-    cells: str
+    cells: str = ""
     title: str
     caption: str
-    summary: tuple[SummaryColumn, ...]
+    summary: tuple[SummaryColumn, ...] = ()
 
     def obstacle(self, bench: Bench) -> str | None:
         """Why the experiment does not apply to what is given; None where it does."""
+        return None
 
+    @abstractmethod
     def tasks(self, bench: Bench) -> Sequence[Task]:
         """The cells that the experiment needs, in an order that the bench alone decides; those that share a frame or a
         simulated scene follow each other."""
 
     def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
         """The numbers."""
+        return []
 
+    @abstractmethod
     def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
         """The figures by the name of their files."""
 
 
+class Simulated(Experiment):
+    """Every contender on the same simulated scenes: a cell is what one of them makes of one scene."""
+
+    @abstractmethod
+    def conditions(self, bench: Bench) -> Sequence[str]:
+        """The scenes, as text that tells them apart."""
+
+    @abstractmethod
+    def scene(self, bench: Bench, place: int) -> Any:
+        """The scene of a condition; it is kept while the contenders take turns."""
+
+    @abstractmethod
+    def score(self, bench: Bench, contender: Contender, place: int, scene: Any) -> Values:
+        """The cell of a contender."""
+
+    def entrants(self, bench: Bench) -> tuple[Contender, ...]:
+        """Who takes part."""
+        return bench.contenders
+
+    def inputs(self, bench: Bench) -> list[int]:
+        """What a cell depends on besides contender, radar and condition."""
+        return [bench.config.seed]
+
+    def tasks(self, bench: Bench) -> Sequence[Task]:
+        kept = lru_cache(maxsize=KEPT)(partial(self.scene, bench))
+
+        def cell(contender: Contender, place: int) -> Values:
+            return self.score(bench, contender, place, kept(place))
+
+        return [
+            contender_task(bench, contender, condition, self.inputs(bench), partial(cell, contender, place))
+            for place, condition in enumerate(self.conditions(bench))
+            for contender in self.entrants(bench)
+        ]
+
+
 def mean_row(
-    bench: Bench, experiment: str, contender: Contender, metric: str, condition: str, samples: ArrayLike
+    bench: Bench, experiment: str, contender: Contender, metric: str, condition: Condition, samples: ArrayLike
 ) -> MetricRow:
     """A row of the mean of samples with its bootstrap interval.
 
-    Samples that are not finite (a metric that is not defined, the PSNR of a perfect image) do not count; the row says
-    how many did.
+    Samples that are not finite (a metric that is not defined) do not count; the row says how many did.
     """
     values = np.asarray(samples, dtype=np.float64)
     values = values[np.isfinite(values)]
@@ -210,7 +242,7 @@ def ratio_row(
     experiment: str,
     contender: Contender,
     metric: str,
-    condition: str,
+    condition: Condition,
     parts: ArrayLike,
     wholes: ArrayLike,
 ) -> MetricRow:
@@ -221,13 +253,15 @@ def ratio_row(
     return _row(experiment, contender, metric, condition, found, len(whole))
 
 
-def share_row(experiment: str, contender: Contender, metric: str, condition: str, successes: ArrayLike) -> MetricRow:
+def share_row(
+    experiment: str, contender: Contender, metric: str, condition: Condition, successes: ArrayLike
+) -> MetricRow:
     """A row of a share of trials with its Wilson interval, which keeps a width where all trials end alike."""
     outcomes = np.asarray(successes, dtype=bool)
     return _row(experiment, contender, metric, condition, wilson(int(outcomes.sum()), len(outcomes)), len(outcomes))
 
 
-def single_row(experiment: str, contender: Contender, metric: str, condition: str, value: float) -> MetricRow:
+def single_row(experiment: str, contender: Contender, metric: str, condition: Condition, value: float) -> MetricRow:
     """A row of a number that is known, not estimated."""
     return _row(experiment, contender, metric, condition, Interval(value, value, value), 1)
 
@@ -236,7 +270,7 @@ UNDEFINED = Interval(math.nan, math.nan, math.nan)
 
 
 def _row(
-    experiment: str, contender: Contender, metric: str, condition: str, found: Interval, samples: int
+    experiment: str, contender: Contender, metric: str, condition: Condition, found: Interval, samples: int
 ) -> MetricRow:
     return MetricRow(
         experiment,

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,14 +17,14 @@ from shared.radar import Radar
 from shared.signal.windows import cell_noise_power
 from trainer.data.arrays import ArrayChoice
 from trainer.data.pairs import Trials
-from trainer.estimators.base import ESTIMATORS, Estimator, LineArray, line_array
+from trainer.estimators.base import ESTIMATORS
 from trainer.estimators.fitting import fit_lines, score_peaks
+from trainer.evaluation.report.style import Look
 from trainer.evaluation.store import digest
-from trainer.run.configuration import FitConfig
+from trainer.run.answers import Answer, array_answer, network_answer
 from trainer.run.detections import CANDIDATES
 from trainer.run.folder import RUN_FILE, WEIGHTS, Fingerprint, Run, load_imager, same_radar
 from trainer.run.imager import Imager
-from trainer.run.targets import AMPLITUDE, UNITS
 
 NETWORKS = ("cnn", "unet")
 """Names in ``--methods`` that stand for the runs: direction-of-arrival networks, and networks of whole images."""
@@ -40,96 +39,58 @@ class Contender:
     """One method on one array.
 
     :param method: name in tables and figures
-    :param array: the channels that it sees
-    :param channels: [C] indices of those among the radar's channels
-    :param line: their places
-    :param parameters: trained weights, 0 for an estimator
-    :param unit: of its images
-    :param row_wise: an image row depends on nothing but that row's snapshot
+    :param answer: what images; to be pickled, for worker processes
     :param inputs: fingerprint of what its images depend on besides the data
+    :param parameters: trained weights, 0 for an estimator
     :param trained_on: datasets that its weights have seen
-    :param imaging: range-channel matrix [R, C] of all the radar's channels and noise power [W] to image [R, U]; to be
-        pickled, for worker processes
     :param device: that it images on, "cpu" or "cuda"
-    :param scoring: for a method that ranks its detections by something else than their level: the same arguments to
-        (image, score), both [R, U], in one pass; to be pickled too
     :param fits: whether its peaks begin a fit of lines, see :meth:`locate`
-    :param config: that its weights were trained with, None for an estimator
     """
 
     method: str
-    array: ArrayChoice
-    channels: NDArray[np.intp]
-    line: LineArray
-    parameters: int
-    unit: str
-    row_wise: bool
+    answer: Answer
     inputs: str
-    trained_on: tuple[Fingerprint, ...]
-    imaging: Callable[[NDArray[np.complex64], float], NDArray[np.floating]]
+    parameters: int = 0
+    trained_on: tuple[Fingerprint, ...] = ()
     device: str = "cpu"
-    scoring: Callable[[NDArray[np.complex64], float], tuple[NDArray[np.floating], NDArray[np.floating]]] | None = None
     fits: bool = False
-    config: FitConfig | None = None
+
+    @property
+    def array(self) -> ArrayChoice:
+        """The channels that it sees."""
+        return self.answer.array
 
     @property
     def name(self) -> str:
         return f"{self.method} {self.array.name}"
 
-    def image(self, range_channel: NDArray[np.complex64], noise_power: float) -> NDArray[np.float64]:
-        """[R, U] image, see :attr:`unit`, of the range-channel matrix [R, C] of all channels [sqrt(W)]."""
-        return np.asarray(self.imaging(range_channel, noise_power), dtype=np.float64)
+    def image_trials(self, trials: Trials) -> NDArray[np.float64]:
+        """[T, U] the image rows of all trials."""
+        noise = cell_noise_power(self.answer.radar)
+        return np.concatenate([self.answer.image_rows(matrix, noise, trials.rows) for matrix in trials.snapshots])
 
-    def image_and_score(
-        self, range_channel: NDArray[np.complex64], noise_power: float
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """([R, U] :meth:`image`, [R, U] score by which detections are found and ranked, in any unit): the image twice
-        where the method has no other."""
-        if self.scoring is None:
-            image = self.image(range_channel, noise_power)
-            return image, image
-        level, score = self.scoring(range_channel, noise_power)
-        return np.asarray(level, dtype=np.float64), np.asarray(score, dtype=np.float64)
+    def score_trials(self, trials: Trials) -> NDArray[np.float64]:
+        """[T, U] the score's rows of all trials."""
+        noise = cell_noise_power(self.answer.radar)
+        return np.concatenate([self.answer.score_rows(matrix, noise, trials.rows) for matrix in trials.snapshots])
 
-    def locate(self, trials: Trials, radar: Radar) -> NDArray[np.float64]:
+    def locate(self, trials: Trials) -> NDArray[np.float64]:
         """[T, K] angles of the K strongest lines of each trial, rising, NaN where there are fewer.
 
         The lines are fitted to the snapshots from the peaks of the score on; nobody tells their number.
         """
-        noise, count = cell_noise_power(radar), trials.u.shape[1]
-        found = []
-        for image in trials.snapshots:
-            score = self.score_rows(image, noise, trials.rows)
-            candidates = score_peaks(score, radar.grid.u, CANDIDATES)
-            lines = fit_lines(image[trials.rows][:, self.channels], self.line, noise, candidates)
+        answer, count = self.answer, trials.u.shape[1]
+        noise, found = cell_noise_power(answer.radar), []
+        for matrix in trials.snapshots:
+            candidates = score_peaks(answer.score_rows(matrix, noise, trials.rows), answer.radar.grid.u, CANDIDATES)
+            lines = fit_lines(matrix[trials.rows][:, answer.channels], answer.line, noise, candidates)
             found.append(np.sort(lines.u[:, :count], axis=1))
         return np.concatenate(found)
 
-    def image_rows(
-        self, range_channel: NDArray[np.complex64], noise_power: float, rows: NDArray[np.intp]
-    ) -> NDArray[np.float64]:
-        """[len(rows), U] rows of :meth:`image`; nothing else is computed where rows do not depend on each other."""
-        if self.row_wise:
-            return self.image(range_channel[rows], noise_power)
-        return self.image(range_channel, noise_power)[rows]
 
-    def score_rows(
-        self, range_channel: NDArray[np.complex64], noise_power: float, rows: NDArray[np.intp]
-    ) -> NDArray[np.float64]:
-        """[len(rows), U] rows of the score of :meth:`image_and_score`."""
-        if self.scoring is None:
-            return self.image_rows(range_channel, noise_power, rows)
-        return self.image_and_score(range_channel, noise_power)[1][rows]
-
-    def score_trials(self, trials: Trials, radar: Radar) -> NDArray[np.float64]:
-        """[T, U] the score's rows of all trials."""
-        noise = cell_noise_power(radar)
-        return np.concatenate([self.score_rows(image, noise, trials.rows) for image in trials.snapshots])
-
-    def image_trials(self, trials: Trials, radar: Radar) -> NDArray[np.float64]:
-        """[T, U] the image rows of all trials."""
-        noise = cell_noise_power(radar)
-        return np.concatenate([self.image_rows(image, noise, trials.rows) for image in trials.snapshots])
+def look_of(contenders: Sequence[Contender]) -> Look:
+    """Colours and lines of these."""
+    return Look([one.method for one in contenders], [one.array.name for one in contenders])
 
 
 def check_methods(names: Sequence[str]) -> None:
@@ -164,7 +125,7 @@ def gather(
     loaded = [(path, *load_imager(path)) for path in runs]
     for path, run, _ in loaded:
         same_radar(run.radar, str(path), radar, str(source))
-    kinds = [_kind(run) for _, run, _ in loaded]
+    kinds = [kind_of(run) for _, run, _ in loaded]
     chosen = tuple(methods) if methods is not None else (*DEFAULT_METHODS, *sorted(set(kinds)))
     check_methods(chosen)
     for name in NETWORKS:
@@ -200,64 +161,26 @@ def gather(
 _MODELS = {"cnn": "doa-cnn (trainer fit --recipe doa)", "unet": "network of whole images (trainer fit)"}
 
 
-def _kind(run: Run) -> str:
+def kind_of(run: Run) -> str:
     return "cnn" if run.config.model == "doa-cnn" else "unet"
 
 
 def estimator_contender(name: str, array: ArrayChoice, radar: Radar) -> Contender:
     """The estimator of this name (:data:`trainer.estimators.base.ESTIMATORS`) on an array."""
-    channels = array.channels(radar)
-    line = line_array(radar, channels)
     inputs = digest(["estimator", name, list(array.rx)])
-    return Contender(
-        name, array, channels, line, 0, AMPLITUDE, True, inputs, (),
-        partial(_estimate, ESTIMATORS[name](), channels, line, radar.grid.u), fits=name in FITTED,
-    )  # fmt: skip
+    return Contender(name, array_answer(name, array, radar), inputs, fits=name in FITTED)
 
 
-def _estimate(
-    estimator: Estimator,
-    channels: NDArray[np.intp],
-    line: LineArray,
-    u: NDArray[np.float64],
-    range_channel: NDArray[np.complex64],
-    noise_power: float,
-) -> NDArray[np.float64]:
-    return estimator.image(range_channel[:, channels], line, u, noise_power)
+def run_digest(path: Path, device: str = "cpu") -> str:
+    """Fingerprint of a run's configuration and weights."""
+    content = hashlib.sha256((path / RUN_FILE).read_bytes() + (path / WEIGHTS).read_bytes()).hexdigest()
+    return digest(["run", content, device])
 
 
 def _network(label: str, array: ArrayChoice, path: Path, run: Run, imager: Imager) -> Contender:
     device = "cuda" if torch.cuda.is_available() else "cpu"
-    imager.to(device)
-    of_angles = _kind(run) == "cnn"
-    channels = array.channels(run.radar)
+    answer = replace(network_answer(run, imager.to(device)), array=array)
     parameters = sum(parameter.numel() for parameter in imager.parameters())
-    content = hashlib.sha256((path / RUN_FILE).read_bytes() + (path / WEIGHTS).read_bytes()).hexdigest()
-    return Contender(
-        label, array, channels, line_array(run.radar, channels), parameters, UNITS[run.config.target],
-        # A "cnn" images range bins one by one. It trains on its own samples and takes only the radar from its datasets.
-        of_angles, digest(["run", content, device]), () if of_angles else run.trained_on,
-        partial(_network_image, imager, device), device,
-        partial(_network_score, imager, device) if imager.detects else None, imager.detects,
-        run.config,
-    )  # fmt: skip
-
-
-def _network_score(
-    imager: Imager, device: str, range_channel: NDArray[np.complex64], noise_power: float
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """(image, image times the root of the probability of a target), both [R, U]."""
-    with torch.inference_mode():
-        snapshots = torch.from_numpy(np.array(range_channel)).to(device)[None]
-        noise = torch.full((1,), noise_power, dtype=torch.float64, device=device)
-        image, score = imager.image_and_score(snapshots, noise)
-        return image[0].cpu().numpy(), score[0].cpu().numpy()
-
-
-def _network_image(
-    imager: Imager, device: str, range_channel: NDArray[np.complex64], noise_power: float
-) -> NDArray[np.float32]:
-    with torch.inference_mode():
-        snapshots = torch.from_numpy(np.array(range_channel)).to(device)[None]
-        noise = torch.full((1,), noise_power, dtype=torch.float64, device=device)
-        return np.asarray(imager(snapshots, noise)[0].cpu().numpy(), dtype=np.float32)
+    # A "cnn" images range bins one by one. It trains on its own samples and takes only the radar from its datasets.
+    seen = () if kind_of(run) == "cnn" else run.trained_on
+    return Contender(label, answer, run_digest(path, device), parameters, seen, device, imager.detects)

@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from trainer.evaluation.experiments.bench import Bench, FrameRef, Results, Task, mean_row, ratio_row
-from trainer.evaluation.experiments.contenders import Contender
+from trainer.evaluation.experiments.bench import Bench, Experiment, FrameRef, Results, Task, mean_row, ratio_row
+from trainer.evaluation.experiments.contenders import Contender, look_of
 from trainer.evaluation.experiments.frames import CELLS, RESIDUAL, frame_tasks, gathered, too_small
 from trainer.evaluation.experiments.ranking import (
     DETECTION_PROBABILITY,
@@ -21,23 +21,22 @@ from trainer.evaluation.experiments.ranking import (
     ranking_figure,
     ranking_rows,
 )
-from trainer.evaluation.report.style import Look, counted, legend_below, new_figure, subplots
-from trainer.evaluation.rows import AVERAGE_PRECISION, TRUTH, MetricRow, SummaryColumn
+from trainer.evaluation.report.style import counted, legend_below, new_figure, subplots
+from trainer.evaluation.rows import AVERAGE_PRECISION, TRUTH, Condition, MetricRow, SummaryColumn
 from trainer.metrics.detection import D_MAX_BINS, PROMINENCES
 
 TP, FP, FN, TN = range(4)
 RATES = {"detection rate": (TP, (TP, FN)), "false-alarm rate": (FP, (FP, TN)), "precision": (TP, (TP, FP))}
 """Numerator and summands of the denominator of the paper's three metrics."""
-GOSPA_PARTS = ("localisation", "missed", "false")
 RECALL, PRECISION, F1 = "one-to-one recall", "one-to-one precision", "one-to-one F1"
 UNSUPPORTED = "peaks that the data do not support"
 SCALED_NMSE, SSIM = "NMSE at the best scale", "SSIM of levels"
-IMAGE_METRICS = {"NMSE": "nmse", SCALED_NMSE: "scaled_nmse", "PSNR of levels [dB]": "psnr", SSIM: "ssim"}
+IMAGE_METRICS = {"NMSE": "nmse", SCALED_NMSE: "scaled_nmse", SSIM: "ssim"}
 """Names in the table, and in the cells."""
 
-_MATCH = f"d_max={D_MAX_BINS[0]} bins"
+_MATCH: Condition = {"d_max": f"{D_MAX_BINS[0]} bins"}
 SUMMARY = (
-    SummaryColumn("AP", AVERAGE_PRECISION),
+    SummaryColumn("AP", AVERAGE_PRECISION, {}),
     SummaryColumn("AP over the next best", OVER_NEXT),
     SummaryColumn("P(detect) at 10 FA", DETECTION_PROBABILITY, at_false_alarms(10)),
     SummaryColumn("NMSE, best scale", SCALED_NMSE),
@@ -51,7 +50,7 @@ def scene_frames(bench: Bench) -> tuple[FrameRef, ...]:
     return tuple(ref for ref in bench.frames if ref.kind == "scene")
 
 
-class Detection:
+class Detection(Experiment):
     """What is found in scenes, and what is found that is not there?"""
 
     name = "detection"
@@ -68,9 +67,9 @@ class Detection:
         "frames drawn for both at once. The other figure is by the paper's rules: every range bin's spectrum "
         "normalised to its maximum, peaks of scipy.signal.find_peaks above 0.5, against the peaks of the truth, over "
         "the prominence that a peak needs. Upper line: a detection counts within 2 bins of a truth, lower line: "
-        "within 4. The table has the one-to-one scores, GOSPA and image errors beside them."
+        "within 4. The table has the one-to-one scores and image errors beside them."
     )
-    summary: tuple[SummaryColumn, ...] = SUMMARY
+    summary = SUMMARY
 
     def obstacle(self, bench: Bench) -> str | None:
         return too_small(bench) if scene_frames(bench) else "the test split has no scene frames"
@@ -86,17 +85,17 @@ class Detection:
             for (metric, (part, whole)), (d, d_max), (p, prominence) in product(
                 RATES.items(), enumerate(D_MAX_BINS), enumerate(PROMINENCES)
             ):
-                condition = f"d_max={d_max} bins,prominence={prominence:g}"
+                condition = {"d_max": f"{d_max} bins", "prominence": f"{prominence:g}"}
                 parts, wholes = counts[:, d, p, part], counts[:, d, p, list(whole)].sum(axis=-1)
                 found.append(ratio_row(bench, self.name, contender, metric, condition, parts, wholes))
-            found += strict_rows(bench, self.name, results, contender, refs, "")
+            found += strict_rows(bench, self.name, results, contender, refs, {})
         for array in bench.arrays:
-            found += ranking_rows(bench, self.name, results, TRUTH, array.name, refs, "")
+            found += ranking_rows(bench, self.name, results, TRUTH, array.name, refs, {})
         return found + gain_rows(bench, self.name, results, refs)
 
     def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
         refs = scene_frames(bench)
-        look = Look([c.method for c in bench.contenders], [c.array.name for c in bench.contenders])
+        look = look_of(bench.contenders)
         figure = new_figure(11.0, 6.4, f"{self.title}: {counted(len(refs), 'frame')}")
         axes = subplots(figure, len(D_MAX_BINS), len(RATES), sharex=True, sharey="col")
         for contender in bench.contenders:
@@ -123,25 +122,25 @@ class Detection:
 
 
 def strict_rows(
-    bench: Bench, experiment: str, results: Results, contender: Contender, refs: Sequence[FrameRef], condition: str
+    bench: Bench,
+    experiment: str,
+    results: Results,
+    contender: Contender,
+    refs: Sequence[FrameRef],
+    condition: Condition,
 ) -> list[MetricRow]:
-    """Average precision, one-to-one scores, GOSPA and image errors over frames."""
-    prefix = f"{condition}," if condition else ""
+    """Average precision, one-to-one scores and image errors over frames."""
     found = ranking_rows(bench, experiment, results, contender.method, contender.array.name, refs, condition)
     strict = gathered(results, contender, refs, "strict")  # (frames, d_max, 3)
     for d, d_max in enumerate(D_MAX_BINS):
         tp, fp, fn = np.moveaxis(strict[:, d], -1, 0)
-        of = f"{prefix}d_max={d_max} bins"
+        of = {**condition, "d_max": f"{d_max} bins"}
         for metric, parts, wholes in (
             (RECALL, tp, tp + fn),
             (PRECISION, tp, tp + fp),
             (F1, 2 * tp, 2 * tp + fp + fn),
         ):
             found.append(ratio_row(bench, experiment, contender, metric, of, parts, wholes))
-    rows, parts = gathered(results, contender, refs, "rows"), gathered(results, contender, refs, "gospa")
-    for index, part in enumerate(GOSPA_PARTS):
-        metric = f"GOSPA {part} [bins^2 a range bin]"
-        found.append(ratio_row(bench, experiment, contender, metric, condition, parts[:, index], rows))
     residual = dict(zip(RESIDUAL, np.moveaxis(gathered(results, contender, refs, "residual"), -1, 0), strict=True))
     for metric, part, whole in (
         (UNSUPPORTED, "unsupported", "lines"),

@@ -21,6 +21,7 @@ from shared.pictures import COLOUR_MAP, SPAN_DB, hold_peaks, level_db, range_wei
 from shared.radar import Radar
 from trainer.evaluation.experiments.bench import (
     Bench,
+    Experiment,
     FrameRef,
     Results,
     Task,
@@ -31,9 +32,9 @@ from trainer.evaluation.experiments.bench import (
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.experiments.frames import load_frame
 from trainer.evaluation.experiments.street import true_magnitude
-from trainer.evaluation.report.doppler_map import doppler_map
+from trainer.evaluation.report.shown import doppler_map
 from trainer.evaluation.report.style import PANEL_PIXELS, colour_bar, draw_image, new_figure, subplots
-from trainer.evaluation.rows import MetricRow, SummaryColumn
+from trainer.evaluation.rows import MetricRow
 from trainer.evaluation.store import Values
 from trainer.metrics.detection import find_row_peaks
 from trainer.run.targets import PROBABILITY
@@ -47,11 +48,10 @@ LEVEL = 0.1
 PLACES = ("in the strongest Doppler peak", "in a weaker Doppler peak")
 
 
-class Doppler:
+class Doppler(Experiment):
     """Is what moves found behind what stands?"""
 
     name = "doppler"
-    cells = name
     title = "What moves, in up to three Doppler peaks (paper, Fig. 12)"
     caption = (
         "From left: the range-Doppler map where the dataset stores it, else the Doppler peaks of every range bin "
@@ -60,7 +60,6 @@ class Doppler:
         "weaker one. The table has the share of targets found within 4 angle bins in an image of their own Doppler "
         "cell, by the strongest peak alone and by all."
     )
-    summary: tuple[SummaryColumn, ...] = ()
 
     def obstacle(self, bench: Bench) -> str | None:
         return None if bench.radar.waveform.chirps > 1 else "the radar sends one chirp a frame"
@@ -87,19 +86,21 @@ class Doppler:
                 total = counts[:, index, 0]
                 for column, peaks in ((1, "the strongest Doppler peak alone"), (2, "all Doppler peaks")):
                     found.append(
-                        ratio_row(bench, self.name, contender, f"targets found by {peaks}", f"target={place}",
+                        ratio_row(bench, self.name, contender, f"targets found by {peaks}", {"target": place},
                                   counts[:, index, column], total)
                     )  # fmt: skip
         rows = [float(np.any(f.velocity[1:] != f.velocity[0], axis=0).sum()) for f in map(load_frame, frames)]
         # The number is a property of the data, the same for all contenders; the first one's row holds it.
-        found.append(mean_row(bench, self.name, bench.contenders[0], "range bins with a second peak", "", rows))
+        found.append(mean_row(bench, self.name, bench.contenders[0], "range bins with a second peak", {}, rows))
         return found
 
     def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
         contender, ref = shown_contender(bench), moving_frames(bench)[0]
         images = results[contender.method, contender.array.name, ref.condition]["images"].astype(np.float64)
         frame, radar = read_frame(ref.path, ref.row), bench.radar
-        shown = images if contender.unit == PROBABILITY else np.stack([range_weighted(image) for image in images])
+        shown = (
+            images if contender.answer.unit == PROBABILITY else np.stack([range_weighted(image) for image in images])
+        )
         # Where a range bin has fewer peaks, the dataset repeats the strongest; the figure shows it once.
         shown[1:][frame.velocity[1:] == frame.velocity[0]] = 0.0
         reference = float(shown.max())
@@ -141,7 +142,7 @@ def moving_frames(bench: Bench) -> tuple[FrameRef, ...]:
 
 def shown_contender(bench: Bench) -> Contender:
     """The first network of whole images; the first contender where there is none."""
-    networks = [contender for contender in bench.contenders if contender.parameters and not contender.row_wise]
+    networks = [contender for contender in bench.contenders if contender.parameters and not contender.answer.row_wise]
     return networks[0] if networks else bench.contenders[0]
 
 
@@ -167,7 +168,7 @@ def _score(radar: Radar, contender: Contender, ref: FrameRef, keep: bool) -> Val
 
 def score_peaks(radar: Radar, contender: Contender, frame: Frame, keep: bool) -> Values:
     """found [2 places, 3]: targets, found by the strongest peak's image, found by any; images [D, R, U] if kept."""
-    images = [contender.image(snapshot, frame.noise_power) for snapshot in frame.range_channel]
+    images = [contender.answer.image(snapshot, frame.noise_power) for snapshot in frame.range_channel]
     counts = np.zeros((len(PLACES), 3))
     for target in frame.targets:
         place = _place(target, frame, radar)

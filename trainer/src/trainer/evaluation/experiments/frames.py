@@ -18,7 +18,7 @@ from shared.radar import Radar
 from trainer.data.arrays import ArrayChoice
 from trainer.evaluation.experiments.bench import KEPT, Bench, FrameRef, Results, Task, contender_task, radar_task
 from trainer.evaluation.experiments.contenders import Contender
-from trainer.evaluation.report.levels import scene_levels
+from trainer.evaluation.report.shown import scene_levels
 from trainer.evaluation.rows import TRUTH
 from trainer.evaluation.store import Values
 from trainer.metrics.cells import CellScores, score_cells
@@ -26,21 +26,18 @@ from trainer.metrics.detection import (
     D_MAX_BINS,
     PROMINENCES,
     TRUTH_PROMINENCE,
-    ImagePeaks,
     find_image_peaks,
     paper_sweep,
     strict_counts,
 )
-from trainer.metrics.gospa import gospa
-from trainer.metrics.image import SPAN_DB, SSIM_WINDOW, nmse, nmse_best_scaled, psnr, ssim
+from trainer.metrics.image import SPAN_DB, SSIM_WINDOW, nmse, nmse_best_scaled, ssim
 from trainer.metrics.ranking import Ranking, pooled
 from trainer.metrics.residual import explain
-from trainer.run.targets import AMPLITUDE, level_image
+from trainer.run.targets import AMPLITUDE
 
 CELLS = "frames"
-GOSPA_CUTOFF_BINS = 4.0
 STRICT_PROMINENCE = 0.05
-RESIDUAL = ("rows", "explained_rows", "lines", "unsupported", "untested", "energy", "left")
+RESIDUAL = ("rows", "explained_rows", "lines", "unsupported", "energy", "left")
 """Of :class:`trainer.metrics.residual.Explanation`."""
 COLUMNS = ("range_channel", "velocity", "image", "targets")
 
@@ -88,7 +85,7 @@ def frame_tasks(bench: Bench) -> list[Task]:
     for ref in bench.frames:
         inputs, load = [bench.data_sha256, ref.frame_id], partial(load_frame, ref)
         tasks += [
-            contender_task(bench, contender, ref.condition, inputs, partial(score_frame, bench.radar, contender, load))
+            contender_task(bench, contender, ref.condition, inputs, partial(score_frame, contender, load))
             for contender in bench.contenders
         ]
         tasks += [
@@ -107,37 +104,32 @@ def load_frame(ref: FrameRef) -> Frame:
     return read_frame(ref.path, ref.row, COLUMNS)
 
 
-def score_frame(radar: Radar, contender: Contender, load: Callable[[], Frame]) -> Values:
+def score_frame(contender: Contender, load: Callable[[], Frame]) -> Values:
     """All scores of one image against the frame's truth, at the strongest Doppler peaks.
 
     paper [2 d_max, prominences, 4]: TP, FP, FN, TN by the paper's rules; strict [2 d_max, 3]: TP, FP, FN one to one;
-    gospa [3]: localisation, missed, false [bins^2], summed over the range bins with a truth; rows []: how many those
-    are; residual [7]: see :data:`RESIDUAL`; nmse (NaN unless in sqrt(W)), scaled_nmse, psnr [dB], ssim []: NaN where
-    the truth is empty; cells_matched [m], cells_false [f], cells_true []: see
-    :class:`trainer.metrics.cells.CellScores`.
+    residual [6]: see :data:`RESIDUAL`; nmse (NaN unless in sqrt(W)), scaled_nmse, ssim []: NaN where the truth is
+    empty; cells_matched [m], cells_false [f], cells_true []: see :class:`trainer.metrics.cells.CellScores`.
     """
-    frame = load()
+    frame, answer = load(), contender.answer
+    range_channel, noise = frame.range_channel[0], frame.noise_power
     truth = np.asarray(frame.image, dtype=np.float64) * frame.image_peak
-    image, score = contender.image_and_score(frame.range_channel[0], frame.noise_power)
-    chosen = frame.range_channel[0][:, contender.channels]
-    level = level_image(image, contender.unit, chosen, contender.line, radar.grid.u, frame.noise_power)
-    step = radar.waveform.range_step_m
-    cells = score_cells(truth, level, frame.noise_power, len(contender.channels), step, score)
+    image, score = answer.image_and_score(range_channel, noise)
+    cells = answer.score_cells(truth, range_channel, noise, (image, score))
     detected, true = find_image_peaks(image), find_image_peaks(truth).above(TRUTH_PROMINENCE)
     paper = [[astuple(counts) for counts in paper_sweep(detected, true, PROMINENCES, d_max)] for d_max in D_MAX_BINS]
     prominent = detected.above(STRICT_PROMINENCE)
     strict = [astuple(strict_counts(prominent, true, d_max))[:3] for d_max in D_MAX_BINS]
-    parts, rows = _gospa_parts(prominent, true)
-    explanation = explain(image, radar.grid.u, chosen, contender.line, frame.noise_power)
+    explanation = explain(image, answer.radar.grid.u, range_channel[:, answer.channels], answer.line, noise)
     residual = [getattr(explanation, name) for name in RESIDUAL]
-    values = {"paper": paper, "strict": strict, "gospa": parts, "rows": rows, "residual": residual}
-    quality = {"nmse": math.nan, "scaled_nmse": math.nan, "psnr": math.nan, "ssim": math.nan}
+    values = {"paper": paper, "strict": strict, "residual": residual}
+    quality = {"nmse": math.nan, "scaled_nmse": math.nan, "ssim": math.nan}
     if truth.any():
-        levels = scene_levels(image, contender.unit, truth, SPAN_DB) / SPAN_DB + 1.0
+        levels = scene_levels(image, answer.unit, truth, SPAN_DB) / SPAN_DB + 1.0
         true_levels = scene_levels(truth, AMPLITUDE, truth, SPAN_DB) / SPAN_DB + 1.0
         quality["scaled_nmse"] = nmse_best_scaled(image, truth)
-        quality["psnr"], quality["ssim"] = psnr(levels, true_levels), ssim(levels, true_levels)
-        if contender.unit == AMPLITUDE:
+        quality["ssim"] = ssim(levels, true_levels)
+        if answer.unit == AMPLITUDE:
             quality["nmse"] = nmse(image, truth)
     return {name: np.asarray(value, dtype=np.float64) for name, value in (values | quality | _stored(cells)).items()}
 
@@ -159,18 +151,6 @@ def ranking(results: Results, method: str, array: str, refs: Sequence[FrameRef])
     """Detections of a method, or of :data:`TRUTH`, over frames."""
     found = [results[method, array, ref.condition] for ref in refs]
     return pooled([CellScores(one["cells_matched"], one["cells_false"], int(one["cells_true"])) for one in found])
-
-
-def _gospa_parts(detected: ImagePeaks, true: ImagePeaks) -> tuple[NDArray[np.float64], int]:
-    """([3] localisation, missed, false [bins^2] summed over rows with a truth, number of those rows)."""
-    parts, rows = np.zeros(3), 0
-    for found, truth in zip(detected.by_row(), true.by_row(), strict=True):
-        if not len(truth):
-            continue
-        distance = gospa(found[:, None].astype(np.float64), truth[:, None].astype(np.float64), GOSPA_CUTOFF_BINS)
-        parts += [distance.localisation, distance.missed, distance.false]
-        rows += 1
-    return parts, rows
 
 
 def gathered(results: Results, contender: Contender, refs: Sequence[FrameRef], name: str) -> NDArray[np.float64]:

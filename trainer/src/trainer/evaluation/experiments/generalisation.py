@@ -8,18 +8,18 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from shared.physics.errors import figure_text
-from trainer.evaluation.experiments.bench import Bench, FrameRef, Results, Task
-from trainer.evaluation.experiments.contenders import Contender
+from trainer.evaluation.experiments.bench import Bench, Experiment, FrameRef, Results, Task
+from trainer.evaluation.experiments.contenders import Contender, look_of
 from trainer.evaluation.experiments.detection import SSIM, strict_rows
 from trainer.evaluation.experiments.frames import CELLS, frame_tasks, too_small
-from trainer.evaluation.report.style import Look, counted, legend_below, new_figure, subplots
-from trainer.evaluation.rows import AVERAGE_PRECISION, MetricRow, SummaryColumn
+from trainer.evaluation.report.style import counted, legend_below, new_figure, subplots
+from trainer.evaluation.rows import AVERAGE_PRECISION, MetricRow
 from trainer.run.folder import Fingerprint
 
 SHOWN = (AVERAGE_PRECISION, SSIM)
 
 
-class Generalisation:
+class Generalisation(Experiment):
     """Is a scene worse than another, and was it trained on?"""
 
     name = "generalisation"
@@ -30,7 +30,6 @@ class Generalisation:
         "to a network that was trained on other frames of this scene or to an estimator, which is trained on "
         "nothing; a hatched one to a network that never saw the scene, or of which it is not known."
     )
-    summary: tuple[SummaryColumn, ...] = ()
 
     def obstacle(self, bench: Bench) -> str | None:
         return too_small(bench)
@@ -42,14 +41,14 @@ class Generalisation:
         found = []
         for scene, refs in by_scene(bench).items():
             for contender in bench.contenders:
-                condition = f"scene={scene},trained on it={trained_on(bench, contender, scene)}"
+                condition = {"scene": scene, "trained on it": trained_on(bench, contender, scene)}
                 found += strict_rows(bench, self.name, results, contender, refs, condition)
         return found
 
     def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
-        rows = self.rows(bench, results)
+        rows = {(row.method, row.array, row.metric, row.condition["scene"]): row for row in self.rows(bench, results)}
         scenes = by_scene(bench)
-        look = Look([c.method for c in bench.contenders], [c.array.name for c in bench.contenders])
+        look = look_of(bench.contenders)
         width = max(7.0, 1.2 + len(scenes) * (0.28 * len(bench.contenders) + 0.4))
         figure = new_figure(width, 6.0, self.title)
         axes = subplots(figure, len(SHOWN), 1, sharex=True)[:, 0]
@@ -57,7 +56,7 @@ class Generalisation:
         for axis, metric in zip(axes, SHOWN, strict=True):
             for place, contender in enumerate(bench.contenders):
                 for column, scene in enumerate(scenes):
-                    row = _row(rows, contender, metric, scene)
+                    row = rows[contender.method, contender.array.name, metric, scene]
                     centre = column + (place - 0.5 * (len(bench.contenders) - 1)) * slot
                     unseen = trained_on(bench, contender, scene) in ("no", "unknown")
                     axis.bar(
@@ -111,12 +110,3 @@ def _seen(bench: Bench, fingerprint: Fingerprint, scene: str) -> str:
     if any(record.content_sha256 in contents for record in fingerprint.scenes):
         return "yes"
     return "unknown" if scene in {record.name for record in fingerprint.scenes} else "no"
-
-
-def _row(rows: Sequence[MetricRow], contender: Contender, metric: str, scene: str) -> MetricRow:
-    return next(
-        row
-        for row in rows
-        if (row.method, row.array, row.metric) == (contender.method, contender.array.name, metric)
-        and row.condition.startswith(f"scene={scene},")
-    )

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from functools import partial
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
-import torch
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from shared.physics.errors import InputError
 from shared.physics.units import power_to_db
 from shared.signal.model_error import row_noise
 from trainer.estimators.array import draw_lines
@@ -23,13 +24,20 @@ from trainer.estimators.fitting import fit_lines, score_peaks
 from trainer.estimators.lines import line_amplitudes
 from trainer.estimators.ml import MaximumLikelihood
 from trainer.estimators.music import Music
-from trainer.evaluation.experiments.bench import Bench, MeasuredNetwork, Results, Task
+from trainer.evaluation.experiments.contenders import NETWORKS, kind_of
 from trainer.evaluation.experiments.measured_figures import cartesian_figure, cut_figure
-from trainer.evaluation.experiments.measured_input import MeasuredInput
-from trainer.evaluation.rows import MetricRow, SummaryColumn
-from trainer.evaluation.store import Values, digest
+from trainer.evaluation.experiments.measured_input import MeasuredInput, snapshot_radar
+from trainer.evaluation.rows import MetricRow
+from trainer.evaluation.store import Values
+from trainer.run.answers import NetworkAnswer, network_answer
 from trainer.run.detections import CANDIDATES
+from trainer.run.folder import RUN_FILE, load_imager
+from trainer.run.other_radars import fitted_imager
 
+NAME = "measured"
+"""As ``--experiments`` takes it."""
+Found = dict[tuple[str, str], Values]
+"""By (method, array)."""
 LINE_FIT = "line-fit"
 METHODS = (*ESTIMATORS, *UNIFORM_ESTIMATORS, LINE_FIT)
 PICTURED = ("das", "iaa", "likes", "omp-cfar")
@@ -42,110 +50,165 @@ FOUND_WITHIN_DEG = 1.0
 HANN = (0.0, -0.5, 1.0, -0.5, 0.0)
 """What a point in the middle of a range bin is in its neighbours: a network that looks along range is shown a snapshot
 so."""
-PICTURE = "picture"
+TITLE = "A measured row"
+CAPTION = (
+    "One row of measured channels, and parts of it. Levels below each spectrum's maximum; dotted, where the number "
+    "of targets is told: maximum likelihood of as many on all elements. Lines reach down from their level where a "
+    "method finds lines instead of a spectrum. Maximum likelihood and MUSIC with forward-backward smoothing over "
+    "subarrays of half the length (music-fbss, which needs a uniform line) are told the number of targets where it "
+    "is known, the others never are. Every method is told the noise with what the calibration leaves. Weaker lines "
+    "are errors of calibration or echoes, drawn where they stand above what a method takes for noise."
+)
 
 
-class Measured:
-    """Does it hold on real hardware?"""
+@dataclass(frozen=True, eq=False)
+class MeasuredRow:
+    """What all methods say of a measured row.
 
-    name = "measured"
-    cells = name
-    title = "A measured row"
-    caption = (
-        "One row of measured channels, and parts of it. Levels below each spectrum's maximum; dotted, where the number "
-        "of targets is told: maximum likelihood of as many on all elements. Lines reach down from their level where a "
-        "method finds lines instead of a spectrum. Maximum likelihood and MUSIC with forward-backward smoothing over "
-        "subarrays of half the length (music-fbss, which needs a uniform line) are told the number of targets where it "
-        "is known, the others never are. Every method is told the noise with what the calibration leaves. Weaker lines "
-        "are errors of calibration or echoes, drawn where they stand above what a method takes for noise."
-    )
-    summary: tuple[SummaryColumn, ...] = ()
+    :param rows: of the metrics table
+    :param figures: by the name of their files
+    :param lines: Markdown, see :func:`_line_list`
+    """
 
-    def obstacle(self, bench: Bench) -> str | None:
-        return None if bench.measured else "no --measured file"
-
-    def tasks(self, bench: Bench) -> Sequence[Task]:
-        measured = _measured(bench)
-        tasks = [
-            Task(method, name, "", digest([measured.sha256, elements.tolist()]), partial(_cell, measured, name, method))
-            for name, elements in measured.elements.items()
-            for method in bench.measured_methods or METHODS
-            if _applies(method, measured, elements)
-        ]
-        everything = next(iter(measured.elements))
-        if measured.frame is not None:
-            tasks += [
-                Task(method, everything, PICTURE, digest([measured.sha256]), partial(_picture, measured, method))
-                for method in bench.measured_methods or PICTURED
-                if method in PICTURED
-            ]
-        for network in bench.measured_networks:
-            inputs = digest([measured.sha256, network.inputs])
-            tasks.append(Task(network.name, network.array, "", inputs, partial(_network_cell, measured, network)))
-            if measured.frame is not None:
-                picture = partial(_network_picture, measured, network)
-                tasks.append(Task(network.name, network.array, PICTURE, inputs, picture))
-        return tasks
-
-    def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
-        measured = _measured(bench)
-        reference = reference_degrees(measured)
-
-        def row(method: str, array: str, metric: str, value: float, condition: str = "") -> MetricRow:
-            known = method == "ml" and array == "reference"
-            return MetricRow(
-                self.name, method, array, metric, condition, value, *((value, value) if known else (math.nan,) * 2), 1
-            )
-
-        found = [
-            row("ml", "reference", f"angle {n} [deg]", angle, "elements=all") for n, angle in enumerate(reference, 1)
-        ]
-        for (method, array, condition), values in results.items():
-            if condition == PICTURE:
-                continue
-            angles = _degrees(values["lines"])
-            for n, (angle, level) in enumerate(zip(angles, values["levels_db"], strict=True), 1):
-                found.append(row(method, array, f"angle {n} [deg]", float(angle)))
-                found.append(row(method, array, f"level {n} [dB]", float(level)))
-            found.append(row(method, array, "power left [dB]", float(values["left_db"])))
-            if len(reference):
-                metric = f"{'both' if len(reference) == 2 else 'all'} within {FOUND_WITHIN_DEG:g} deg"
-                found.append(row(method, array, metric, float(_all_found(angles, reference))))
-        return found
-
-    def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
-        measured = _measured(bench)
-        reference = reference_degrees(measured)
-        spectra = {(m, a): values for (m, a, condition), values in results.items() if condition != PICTURE}
-        counts: dict[str, tuple[int, int]] = {}
-        for (_, array), values in spectra.items():
-            found, of = counts.get(array, (0, 0))
-            counts[array] = found + _all_found(_degrees(values["lines"]), reference), of + 1
-        notes = {a: f"{n} of {of} find all within {FOUND_WITHIN_DEG:g} deg" for a, (n, of) in counts.items()}
-        figures = {self.name: cut_figure(measured, self.title, spectra, reference, notes if len(reference) else {})}
-        if measured.frame is not None:
-            images = {(m, a): v for (m, a, condition), v in results.items() if condition == PICTURE}
-            if images:
-                figures[f"{self.name}-picture"] = cartesian_figure(measured, images)
-        return figures
+    rows: list[MetricRow]
+    figures: dict[str, Figure]
+    lines: str
 
 
-def line_list(bench: Bench, results: Results) -> str:
+def look_at(
+    measured: MeasuredInput, methods: Sequence[str] = (), networks: Sequence[tuple[str, NetworkAnswer]] = ()
+) -> MeasuredRow:
+    """The row by every method on every one of its element sets, and by the networks that fit it; of a cube a picture.
+
+    :param methods: some of :data:`METHODS`; all where empty
+    :param networks: with the name that tables have for them, see :func:`fitting_networks`
+    """
+    spectra: Found = {}
+    pictures: Found = {}
+    places, left = reference_lines(measured)
+    reference = _degrees(places)
+    for name, elements in measured.elements.items():
+        for method in methods or METHODS:
+            if _applies(method, measured, elements):
+                x, line = measured.snapshot[None, elements], measured.line(elements)
+                # Where the number of targets is known the noise is what as many lines leave, if that is more.
+                stated = row_noise(x, measured.noise_power, measured.model_error_db)
+                image = _estimator(method, measured.targets).image(x, line, measured.u, np.maximum(stated, left))
+                spectra[method, name] = _judged(image[0], measured.u, x, line, measured.targets)
+    if measured.frame is not None:
+        pictures = {
+            (method, next(iter(measured.elements))): _picture(measured, method)
+            for method in methods or PICTURED
+            if method in PICTURED
+        }
+    for name, answer in networks:
+        key, elements, u = (name, answer.array.name), _elements(measured, answer), answer.radar.grid.u
+        if measured.frame is None:
+            rows = (np.array(HANN)[:, None] * measured.snapshot).astype(np.complex64)
+            spectrum = answer.images(rows[None], measured.noise_power, measured.model_error_db)[0][0, HANN.index(1.0)]
+        else:
+            frame = measured.frame
+            image = answer.images(frame.range_channel[:1], frame.noise_power, measured.model_error_db)[0][0]
+            pictures[key] = {"image": image, "u": u}
+            spectrum = image[measured.row]
+        x, line = measured.snapshot[None, elements], measured.line(elements)
+        spectra[key] = _judged(spectrum.astype(np.float64), u, x, line, measured.targets)
+    figures = {NAME: cut_figure(measured, TITLE, spectra, reference, _notes(spectra, reference))}
+    if pictures:
+        figures[f"{NAME}-picture"] = cartesian_figure(measured, pictures)
+    return MeasuredRow(_rows(spectra, reference), figures, _line_list(measured, spectra, reference))
+
+
+def fitting_networks(
+    measured: MeasuredInput, runs: Sequence[Path]
+) -> tuple[list[tuple[str, NetworkAnswer]], list[str]]:
+    """(the runs whose array the row has, with their names; a line for each other one).
+
+    :raises InputError: a run that cannot be read
+    """
+    networks, obstacles = [], []
+    for path in runs:
+        try:
+            run, imager = load_imager(path)
+            radar = measured.radar or snapshot_radar(measured, run.radar)
+            fitted = fitted_imager(run, imager, str(path), radar, str(measured.path))
+            answer = network_answer(run, fitted.imager, fitted.channels, radar)
+            if (_elements(measured, answer) < 0).any():
+                problem = f"a channel of {run.array.name!r} is dead or off the line"
+                raise InputError(measured.path, problem, "all of them alive")
+            name = f"{kind_of(run)}:{path.resolve().name}" if len(runs) > 1 else kind_of(run)
+            networks.append((name, answer))
+        except InputError as error:
+            if not path.joinpath(RUN_FILE).is_file():
+                raise
+            obstacles.append(f"left out: {error}")
+    return networks, obstacles
+
+
+def check_measured_methods(methods: Sequence[str] | None) -> tuple[str, ...]:
+    """The estimators among the methods asked for, none where all are to look.
+
+    :raises InputError: an unknown one, or none
+    """
+    chosen = tuple(name for name in methods or () if name not in NETWORKS)
+    if unknown := [name for name in chosen if name not in METHODS]:
+        raise InputError("--methods", repr(unknown[0]), f"some of {', '.join((*METHODS, *NETWORKS))}")
+    if methods is not None and not methods:
+        raise InputError("--methods", "none", f"some of {', '.join(METHODS)}")
+    return chosen
+
+
+def _elements(measured: MeasuredInput, answer: NetworkAnswer) -> NDArray[np.intp]:
+    """[C] of the row, which a network looks at; -1 for a channel that the row does not have."""
+    return answer.channels if measured.frame is None else measured.element[answer.channels]
+
+
+def _rows(spectra: Found, reference: NDArray[np.float64]) -> list[MetricRow]:
+    unknown = (math.nan, math.nan)
+    found = [
+        MetricRow(NAME, "ml", "reference", f"angle {n} [deg]", {"elements": "all"}, angle, angle, angle, 1)
+        for n, angle in enumerate(reference, 1)
+    ]
+    for (method, array), values in spectra.items():
+        angles = _degrees(values["lines"])
+        numbers: dict[str, float] = {}
+        for n, (angle, level) in enumerate(zip(angles, values["levels_db"], strict=True), 1):
+            numbers |= {f"angle {n} [deg]": float(angle), f"level {n} [dB]": float(level)}
+        numbers["power left [dB]"] = float(values["left_db"])
+        if len(reference):
+            which = "both" if len(reference) == 2 else "all"
+            numbers[f"{which} within {FOUND_WITHIN_DEG:g} deg"] = float(_all_found(angles, reference))
+        found += [MetricRow(NAME, method, array, metric, {}, value, *unknown, 1) for metric, value in numbers.items()]
+    return found
+
+
+def _notes(spectra: Found, reference: NDArray[np.float64]) -> dict[str, str]:
+    """How many methods find all, by array; nothing where nobody knows how many there are."""
+    if not len(reference):
+        return {}
+    of_array: dict[str, list[bool]] = {}
+    for (_, array), values in spectra.items():
+        of_array.setdefault(array, []).append(_all_found(_degrees(values["lines"]), reference))
+    return {
+        array: f"{sum(found)} of {len(found)} find all within {FOUND_WITHIN_DEG:g} deg"
+        for array, found in of_array.items()
+    }
+
+
+def _line_list(measured: MeasuredInput, spectra: Found, reference: NDArray[np.float64]) -> str:
     """Markdown: the lines of all methods beside each other, a table for each array, and what they leave."""
-    measured = _measured(bench)
     tables = []
-    arrays = list(dict.fromkeys(array for _, array, condition in results if condition != PICTURE))
-    for array in arrays:
+    for array in dict.fromkeys(array for _, array in spectra):
         lines = [f"| {array} | azimuth [deg] (level [dB]) | power left [dB] |", "|---|---|---|"]
-        for (method, of_array, condition), values in results.items():
-            if of_array == array and condition != PICTURE:
+        for (method, of_array), values in spectra.items():
+            if of_array == array:
                 pairs = zip(_degrees(values["lines"]), values["levels_db"], strict=True)
                 listed = ", ".join(f"{angle:.2f} ({level:.1f})" for angle, level in pairs if np.isfinite(angle))
                 lines.append(f"| {method} | {listed} | {float(values['left_db']):.1f} |")
         tables.append("\n".join(lines) + "\n")
     told = ""
     if measured.targets is not None:
-        angles = ", ".join(f"{angle:.3f}" for angle in reference_degrees(measured))
+        angles = ", ".join(f"{angle:.3f}" for angle in reference)
         told = f", {measured.targets} told (maximum likelihood of as many on all elements: {angles} deg)"
     where = ""
     if measured.radar is not None:
@@ -154,33 +217,18 @@ def line_list(bench: Bench, results: Results) -> str:
     return f"Measured row{where}{told}, {error}\n\n" + "\n".join(tables)
 
 
-def reference_degrees(measured: MeasuredInput) -> NDArray[np.float64]:
-    """[K] azimuths by maximum likelihood on all elements [deg], rising; none where the number is not known."""
-    if measured.targets is None:
-        return np.empty(0)
-    line = measured.line(np.arange(len(measured.snapshot)))
-    return _degrees(MaximumLikelihood(measured.targets).locate(measured.snapshot[None], line)[0][0])
+def reference_lines(measured: MeasuredInput) -> tuple[NDArray[np.float64], float]:
+    """([K] u by maximum likelihood on all elements, rising, what these lines leave in a channel [W]).
 
-
-def told_noise(measured: MeasuredInput, elements: NDArray[np.intp]) -> NDArray[np.float64]:
-    """[1] noise of the row that every method is told, with the model error.
-
-    Where the number of targets is known it is what as many lines by maximum likelihood on all elements leave, if that
-    is more.
+    None, and nothing left, where the number of targets is not known.
     """
-    stated = row_noise(measured.snapshot[None, elements], measured.noise_power, measured.model_error_db)
     if measured.targets is None:
-        return np.asarray(stated)
+        return np.empty(0), 0.0
     count = len(measured.snapshot)
     line = measured.line(np.arange(count))
     u, amplitude = MaximumLikelihood(measured.targets).locate(measured.snapshot[None], line)
     left = measured.snapshot - line.manifold(u[0]) @ amplitude[0]
-    return np.maximum(stated, float(np.sum(np.abs(left) ** 2)) / (count - measured.targets))
-
-
-def _measured(bench: Bench) -> MeasuredInput:
-    assert bench.measured is not None
-    return bench.measured
+    return u[0], float(np.sum(np.abs(left) ** 2)) / (count - measured.targets)
 
 
 def _applies(method: str, measured: MeasuredInput, elements: NDArray[np.intp]) -> bool:
@@ -222,28 +270,6 @@ class LineFit:
         return found
 
 
-def _cell(measured: MeasuredInput, name: str, method: str) -> Values:
-    elements = measured.elements[name]
-    x, line = measured.snapshot[None, elements], measured.line(elements)
-    estimator = _estimator(method, measured.targets)
-    spectrum = estimator.image(x, line, measured.u, told_noise(measured, elements))[0]
-    return _judged(spectrum, measured.u, x, line, measured.targets)
-
-
-def _network_cell(measured: MeasuredInput, network: MeasuredNetwork) -> Values:
-    line = measured.line(network.elements)
-    if measured.frame is None:
-        rows = np.array(HANN)[:, None] * measured.snapshot
-        image = _network_images(network, rows[None].astype(np.complex64), measured.noise_power, measured)[0]
-        spectrum = image[HANN.index(1.0)]
-    else:
-        strongest = measured.frame.range_channel[:1]
-        image = _network_images(network, strongest, measured.frame.noise_power, measured)[0]
-        spectrum = image[measured.row]
-    x = measured.snapshot[None, network.elements]
-    return _judged(spectrum.astype(np.float64), network.u, x, line, measured.targets)
-
-
 def _judged(
     spectrum: NDArray[np.float64],
     u: NDArray[np.float64],
@@ -272,29 +298,12 @@ def _judged(
 
 def _picture(measured: MeasuredInput, method: str) -> Values:
     """[R, U] image of the strongest Doppler peaks of a cube."""
-    assert measured.frame is not None
     assert measured.radar is not None
     rows = measured.rows.astype(np.complex128)
     noise = np.asarray(row_noise(rows, measured.noise_power, measured.model_error_db))
     line = measured.line(np.arange(rows.shape[1]))
     image = _estimator(method, measured.targets).image(rows, line, measured.radar.grid.u, noise)
     return {"image": image.astype(np.float32), "u": measured.radar.grid.u}
-
-
-def _network_picture(measured: MeasuredInput, network: MeasuredNetwork) -> Values:
-    assert measured.frame is not None
-    strongest = measured.frame.range_channel[:1]
-    return {"image": _network_images(network, strongest, measured.frame.noise_power, measured)[0], "u": network.u}
-
-
-def _network_images(
-    network: MeasuredNetwork, range_channel: NDArray[np.complex64], noise_power: float, measured: MeasuredInput
-) -> NDArray[np.float32]:
-    """[B, R, U] images of range-channel matrices [B, R, C]."""
-    with torch.inference_mode():
-        snapshots = torch.from_numpy(np.array(range_channel))
-        noise = torch.full((len(snapshots),), noise_power, dtype=torch.float64)
-        return np.asarray(network.imager(snapshots, noise, measured.model_error_db).numpy(), dtype=np.float32)
 
 
 def _degrees(u: NDArray[np.floating]) -> NDArray[np.float64]:

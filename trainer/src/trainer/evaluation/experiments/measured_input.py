@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -20,7 +19,6 @@ from trainer.captures.reading import read_arrays
 from trainer.data.arrays import ArrayChoice
 from trainer.data.measurements import Measurement, open_measurements
 from trainer.estimators.base import LineArray
-from trainer.evaluation.store import digest
 
 CARRIER_HZ = 77e9
 """Taken for a snapshot, of which no radar is known; u does not depend on it, since the elements stand half a wavelength
@@ -40,7 +38,6 @@ class MeasuredInput:
     """One row of channels, and how it is to be judged.
 
     :param path: of its file
-    :param sha256: fingerprint of its numbers and of what follows
     :param snapshot: [C] the channels
     :param positions_m: [C] y_tx + y_rx
     :param u: [U] angles scanned
@@ -56,7 +53,6 @@ class MeasuredInput:
     """
 
     path: Path
-    sha256: str
     snapshot: NDArray[np.complex128]
     positions_m: NDArray[np.float64]
     wavelength_m: float
@@ -103,7 +99,7 @@ def read_measured(
     sets.update({f"first {first}": everything[:first] for first in FIRST if first < len(snapshot)})
     error = UNCALIBRATED_DB if model_error_db is None else model_error_db
     found = MeasuredInput(
-        path, "", snapshot, half_wavelength_line(everything).positions_m, WAVELENGTH_M, AXIS, sets, 0.0, error, targets
+        path, snapshot, half_wavelength_line(everything).positions_m, WAVELENGTH_M, AXIS, sets, 0.0, error, targets
     )
     return _checked(found)
 
@@ -191,23 +187,15 @@ def _of_cube(path: Path, targets: int | None, range_m: float | None, model_error
     line = LineArray(places[:, 1], radar.waveform.wavelength_m)
     u = np.arange(radar.grid.u_start, radar.grid.u_stop, AXIS_STEP)
     found = MeasuredInput(
-        path, "", rows[row].astype(np.complex128), line.positions_m, line.wavelength_m, u,
+        path, rows[row].astype(np.complex128), line.positions_m, line.wavelength_m, u,
         {"full": np.arange(len(places))}, frame.noise_power, error, targets, radar, frame, row, rows, element,
     )  # fmt: skip
     return _checked(found)
 
 
 def _checked(found: MeasuredInput) -> MeasuredInput:
-    """With its fingerprint.
-
-    :raises InputError: more targets than the elements of its smallest array can tell
-    """
+    """:raises InputError: more targets than the elements of its smallest array can tell"""
     fewest = min(len(elements) for elements in found.elements.values())
     if found.targets is not None and found.targets > fewest // 2:
         raise InputError("--targets", f"{found.targets} with {fewest} elements", f"at most {fewest // 2}")
-    numbers: list[NDArray[np.generic]] = [found.snapshot, found.positions_m, found.u]
-    if found.frame is not None:
-        numbers.append(found.frame.range_channel)
-    content = hashlib.sha256(b"".join(np.ascontiguousarray(values).tobytes() for values in numbers)).hexdigest()
-    told = [found.wavelength_m, found.noise_power, max(found.model_error_db, -1e3), found.targets]
-    return replace(found, sha256=digest([content, *told]))
+    return found

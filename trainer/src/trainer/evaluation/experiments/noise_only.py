@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache, partial
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from shared.physics.errors import figure_text
-from shared.radar import Radar
 from shared.signal.windows import cell_noise_power
 from trainer.data.simulation import snapshot
-from trainer.evaluation.experiments.bench import KEPT, Bench, Results, Task, contender_task, mean_row
-from trainer.evaluation.experiments.contenders import Contender
-from trainer.evaluation.report.style import Look, new_figure, subplots
+from trainer.evaluation.experiments.bench import Bench, Results, Simulated, cell_of, mean_row
+from trainer.evaluation.experiments.contenders import Contender, look_of
+from trainer.evaluation.report.style import new_figure, subplots
 from trainer.evaluation.rows import MetricRow, SummaryColumn
 from trainer.evaluation.store import Values
-from trainer.metrics.noise_only import false_alarms, noise_level
+from trainer.metrics.peaks import false_alarms, noise_level
 from trainer.run.targets import AMPLITUDE, PROBABILITY
 
 FRAMES = 8
@@ -29,49 +27,47 @@ METRIC = "false alarms a noise-only frame"
 SUMMARY = (SummaryColumn("false alarms", METRIC, digits=1),)
 
 
-class NoiseOnly:
+class NoiseOnly(Simulated):
     """Is anything invented?"""
 
     name = "noise-only"
-    cells = name
     title = "False alarms in frames of noise alone"
     caption = (
         "Peaks in frames of receiver noise without any target: of images in sqrt(W) above the level that "
         "delay-and-sum of the same array exceeds with a probability of 1e-4 at each angle, of probabilities above "
         "0.5. Images relative to their own peak have no level and are left out. Bars: 95 % intervals."
     )
-    summary: tuple[SummaryColumn, ...] = SUMMARY
+    summary = SUMMARY
 
     def obstacle(self, bench: Bench) -> str | None:
         return None if _judged(bench) else "every image is relative to its own peak"
 
-    def tasks(self, bench: Bench) -> Sequence[Task]:
-        seed = bench.config.seed
-        count = min(FRAMES, bench.config.trials)
+    def conditions(self, bench: Bench) -> Sequence[str]:
+        return [f"frame={index}" for index in range(min(FRAMES, bench.config.trials))]
 
-        @lru_cache(maxsize=KEPT)
-        def frame(index: int) -> NDArray[np.complex64]:
-            nothing = np.zeros((0, 3)), np.zeros(0, dtype=np.complex128)
-            return snapshot(bench.radar, *nothing, np.random.default_rng([seed, 40, index]))
+    def entrants(self, bench: Bench) -> tuple[Contender, ...]:
+        return _judged(bench)
 
-        return [
-            contender_task(
-                bench, contender, f"frame={index}", [seed, LEVEL_PROBABILITY],
-                partial(_count, bench.radar, contender, partial(frame, index)),
-            )
-            for index in range(count)
-            for contender in _judged(bench)
-        ]  # fmt: skip
+    def scene(self, bench: Bench, place: int) -> NDArray[np.complex64]:
+        nothing = np.zeros((0, 3)), np.zeros(0, dtype=np.complex128)
+        return snapshot(bench.radar, *nothing, np.random.default_rng([bench.config.seed, 40, place]))
+
+    def score(self, bench: Bench, contender: Contender, place: int, scene: NDArray[np.complex64]) -> Values:
+        noise = cell_noise_power(bench.radar)
+        amplitudes = contender.answer.unit == AMPLITUDE
+        level = noise_level(contender.answer.line, noise, LEVEL_PROBABILITY) if amplitudes else HALF
+        return {"count": np.asarray(false_alarms(contender.answer.image(scene, noise), level))}
 
     def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
-        return [
-            mean_row(bench, self.name, contender, METRIC, _condition(contender), _counts(results, contender))
-            for contender in _judged(bench)
-        ]
+        found = []
+        for contender in _judged(bench):
+            counts = [float(cell_of(results, contender, frame)["count"]) for frame in self.conditions(bench)]
+            found.append(mean_row(bench, self.name, contender, METRIC, _condition(contender), counts))
+        return found
 
     def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
         contenders = _judged(bench)
-        look = Look([c.method for c in contenders], [c.array.name for c in contenders])
+        look = look_of(contenders)
         figure = new_figure(max(5.0, 0.5 * len(contenders) + 1.5), 3.6, self.title)
         axis = subplots(figure, 1, 1)[0, 0]
         for place, row in enumerate(self.rows(bench, results)):
@@ -86,23 +82,9 @@ class NoiseOnly:
 
 def _judged(bench: Bench) -> tuple[Contender, ...]:
     """The contenders whose images have an absolute level."""
-    return tuple(contender for contender in bench.contenders if contender.unit in (AMPLITUDE, PROBABILITY))
+    return tuple(contender for contender in bench.contenders if contender.answer.unit in (AMPLITUDE, PROBABILITY))
 
 
-def _condition(contender: Contender) -> str:
-    level = f"{LEVEL_PROBABILITY:g} of das" if contender.unit == AMPLITUDE else f"{HALF:g}"
-    return f"level={level}"
-
-
-def _counts(results: Results, contender: Contender) -> list[float]:
-    return [
-        float(values["count"])
-        for (method, array, _), values in results.items()
-        if (method, array) == (contender.method, contender.array.name)
-    ]
-
-
-def _count(radar: Radar, contender: Contender, load: partial[NDArray[np.complex64]]) -> Values:
-    noise = cell_noise_power(radar)
-    level = noise_level(contender.line, noise, LEVEL_PROBABILITY) if contender.unit == AMPLITUDE else HALF
-    return {"count": np.asarray(false_alarms(contender.image(load(), noise), level))}
+def _condition(contender: Contender) -> dict[str, str]:
+    level = f"{LEVEL_PROBABILITY:g} of das" if contender.answer.unit == AMPLITUDE else f"{HALF:g}"
+    return {"level": level}

@@ -9,9 +9,10 @@ from matplotlib.figure import Figure
 
 from shared.physics.errors import figure_text
 from trainer.evaluation.experiments.bench import Bench, FrameRef, Results
+from trainer.evaluation.experiments.contenders import look_of
 from trainer.evaluation.experiments.frames import ranking
-from trainer.evaluation.report.style import TRUTH_COLOUR, Look, counted, label_ends, new_figure, subplots
-from trainer.evaluation.rows import AVERAGE_PRECISION, TRUTH, MetricRow
+from trainer.evaluation.report.style import TRUTH_COLOUR, counted, label_ends, new_figure, subplots
+from trainer.evaluation.rows import AVERAGE_PRECISION, TRUTH, Condition, MetricRow
 from trainer.metrics.ranking import mean_average_precision
 
 DETECTION_PROBABILITY = "detection probability"
@@ -24,18 +25,23 @@ SHOWN_FALSE_ALARMS = (0.1, 1000.0)
 TITLE = "Detection probability over false alarms"
 
 
-def at_false_alarms(count: int) -> str:
+def at_false_alarms(count: int) -> dict[str, object]:
     """The condition of a row of :data:`DETECTION_PROBABILITY`."""
-    return f"false alarms={count} a frame"
+    return {"false alarms": f"{count} a frame"}
 
 
 def ranking_rows(
-    bench: Bench, experiment: str, results: Results, method: str, array: str, refs: Sequence[FrameRef], condition: str
+    bench: Bench,
+    experiment: str,
+    results: Results,
+    method: str,
+    array: str,
+    refs: Sequence[FrameRef],
+    condition: Condition,
 ) -> list[MetricRow]:
     """Average precision and detection probabilities of a method, or of the truth itself, over frames."""
     metrics = [(AVERAGE_PRECISION, condition)]
-    prefix = f"{condition}," if condition else ""
-    metrics += [(DETECTION_PROBABILITY, f"{prefix}{at_false_alarms(count)}") for count in FALSE_ALARMS]
+    metrics += [(DETECTION_PROBABILITY, {**condition, **at_false_alarms(count)}) for count in FALSE_ALARMS]
     found = ranking(results, method, array, refs).intervals(FALSE_ALARMS, bench.config.seed)
     return [
         MetricRow(experiment, method, array, metric, of, one.value, one.low, one.high, len(refs))
@@ -62,7 +68,7 @@ def gain_rows(bench: Bench, experiment: str, results: Results, refs: Sequence[Fr
             gain = mean_average_precision([rankings[network.method]], [rankings[best]], bench.config.seed)
             found.append(
                 MetricRow(
-                    experiment, network.method, array.name, OVER_NEXT, f"over={best}",
+                    experiment, network.method, array.name, OVER_NEXT, {"over": best},
                     gain.value, gain.low, gain.high, len(refs),
                 )
             )  # fmt: skip
@@ -71,7 +77,7 @@ def gain_rows(bench: Bench, experiment: str, results: Results, refs: Sequence[Fr
 
 def ranking_figure(bench: Bench, results: Results, refs: Sequence[FrameRef]) -> Figure:
     """Detection probability over false alarms a frame, a panel for each array."""
-    look = Look([c.method for c in bench.contenders], [c.array.name for c in bench.contenders])
+    look = look_of(bench.contenders)
     figure = new_figure(4.4 * len(look.arrays) + 0.6, 4.6, f"{TITLE}: {counted(len(refs), 'frame')}")
     axes = subplots(figure, 1, len(look.arrays), sharey=True)[0]
     least, most = SHOWN_FALSE_ALARMS

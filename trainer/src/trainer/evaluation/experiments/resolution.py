@@ -7,9 +7,8 @@ prior or is helped by neighbouring range bins. It is computed on every array, wh
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache, partial
 from itertools import product
 
 import numpy as np
@@ -18,25 +17,21 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from shared.physics.errors import figure_text
-from shared.radar import Radar
 from trainer.data.pairs import Condition, Trials, no_room, simulate
 from trainer.estimators.ml import MaximumLikelihood
 from trainer.evaluation.experiments.bench import (
-    KEPT,
     Bench,
     Results,
-    Task,
-    contender_task,
+    Simulated,
+    cell_of,
     mean_row,
     share_row,
 )
-from trainer.evaluation.experiments.contenders import Contender, estimator_contender
-from trainer.evaluation.report.style import Look, legend_below, new_figure, subplots
+from trainer.evaluation.experiments.contenders import Contender, estimator_contender, look_of
+from trainer.evaluation.report.style import legend_below, new_figure, subplots
 from trainer.evaluation.rows import MetricRow, SummaryColumn
 from trainer.evaluation.store import Values
-from trainer.metrics.bounds import single_source_bound
-from trainer.metrics.resolution import resolved, strongest_peaks
-from trainer.metrics.width import point_spread
+from trainer.metrics.peaks import point_spread, resolved, single_source_bound, strongest_peaks
 
 SEPARATIONS = (1.0, 0.75, 0.5, 0.25)
 SNRS_DB = (10.0, 20.0, 30.0)
@@ -53,17 +48,16 @@ LINES = ", lines"
 """After the name of a method whose peaks begin a fit of lines."""
 PROBABILITY_OF_RESOLUTION = "probability of resolution"
 SUMMARY = (
-    SummaryColumn("P(resolve) 1 RL", PROBABILITY_OF_RESOLUTION, str(Condition(1.0, SHOWN_SNR_DB))),
-    SummaryColumn("0.5 RL", PROBABILITY_OF_RESOLUTION, str(Condition(0.5, SHOWN_SNR_DB))),
+    SummaryColumn("P(resolve) 1 RL", PROBABILITY_OF_RESOLUTION, Condition(1.0, SHOWN_SNR_DB).named),
+    SummaryColumn("0.5 RL", PROBABILITY_OF_RESOLUTION, Condition(0.5, SHOWN_SNR_DB).named),
 )
 """Pairs of equal targets."""
 
 
-class Resolution:
+class Resolution(Simulated):
     """How close may two targets be, and how well is one placed?"""
 
     name = "resolution"
-    cells = name
     title = "Resolution against maximum likelihood, accuracy against the Cramer-Rao bound"
     caption = (
         "Upper line: share of pairs of equal targets of random phase of which both were found within half of their "
@@ -74,65 +68,54 @@ class Resolution:
         "a hundred costs far more than the bound, and at 40 dB the front's curvature at 12 m costs all as much as the "
         "noise."
     )
-    summary: tuple[SummaryColumn, ...] = SUMMARY
+    summary = SUMMARY
 
     def obstacle(self, bench: Bench) -> str | None:
         return no_room(bench.radar, max(SEPARATIONS))
 
-    def tasks(self, bench: Bench) -> Sequence[Task]:
+    def conditions(self, bench: Bench) -> Sequence[str]:
+        return [str(condition) for condition in (*PAIRS, *SINGLES)]
+
+    def entrants(self, bench: Bench) -> tuple[Contender, ...]:
+        return entrants(bench)
+
+    def inputs(self, bench: Bench) -> list[int]:
+        return [bench.config.seed, bench.config.trials]
+
+    def scene(self, bench: Bench, place: int) -> Trials:
         config = bench.config
+        return simulate(bench.radar, (*PAIRS, *SINGLES)[place], config.trials, [config.seed, 20, place])
 
-        @lru_cache(maxsize=KEPT)
-        def trials(index: int) -> Trials:
-            return simulate(bench.radar, (*PAIRS, *SINGLES)[index], config.trials, [config.seed, 20, index])
-
-        return [
-            contender_task(
-                bench, contender, str(condition), [config.seed, config.trials, index],
-                partial(locate_targets, bench.radar, contender, partial(trials, index)),
-            )
-            for index, condition in enumerate((*PAIRS, *SINGLES))
-            for contender in entrants(bench)
-        ]  # fmt: skip
+    def score(self, bench: Bench, contender: Contender, place: int, scene: Trials) -> Values:
+        return locate_targets(contender, scene)
 
     def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
         found = []
         for contender in entrants(bench):
             for condition in PAIRS:
-                values = results[contender.method, contender.array.name, str(condition)]
+                values = cell_of(results, contender, str(condition))
                 both = resolved(values["found"], values["u"])
-                found.append(share_row(self.name, contender, PROBABILITY_OF_RESOLUTION, str(condition), both))
+                found.append(share_row(self.name, contender, PROBABILITY_OF_RESOLUTION, condition.named, both))
                 degrees = np.abs(np.rad2deg(values["phase_rad"]))
                 for low, high in PHASE_GROUPS_DEG:
                     group = (degrees >= low) & (degrees <= high)
                     if group.any():
-                        text = f"{condition},phase={low}-{high} deg"
-                        found.append(share_row(self.name, contender, PROBABILITY_OF_RESOLUTION, text, both[group]))
+                        of = {**condition.named, "phase": f"{low}-{high} deg"}
+                        found.append(share_row(self.name, contender, PROBABILITY_OF_RESOLUTION, of, both[group]))
             for condition in SINGLES:
-                errors = _errors(results, contender, condition)
-                step = bench.radar.grid.step
-                found.append(mean_row(bench, self.name, contender, "bias [bins]", str(condition), errors / step))
-                squares = mean_row(
-                    bench,
-                    self.name,
-                    contender,
-                    "RMSE over bound",
-                    str(condition),
-                    errors**2 / _bound(contender, condition),
-                )
+                errors, named = _errors(results, contender, condition), condition.named
                 found.append(
-                    replace(
-                        squares,
-                        value=math.sqrt(squares.value),
-                        low=math.sqrt(squares.low),
-                        high=math.sqrt(squares.high),
-                    )
+                    mean_row(bench, self.name, contender, "bias [bins]", named, errors / bench.radar.grid.step)
                 )
+                over_bound = errors**2 / _bound(contender, condition)
+                squares = mean_row(bench, self.name, contender, "RMSE over bound", named, over_bound)
+                root, lower, upper = map(math.sqrt, (squares.value, squares.low, squares.high))
+                found.append(replace(squares, value=root, low=lower, high=upper))
         return found
 
     def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
         contenders = entrants(bench)
-        look = Look([c.method for c in contenders], [c.array.name for c in contenders])
+        look = look_of(contenders)
         figure = new_figure(3.4 * len(look.arrays) + 0.6, 6.6, self.title)
         axes = subplots(figure, 2, len(look.arrays), sharey="row")
         for contender in contenders:
@@ -144,7 +127,7 @@ class Resolution:
             }  # fmt: skip
             shares = []
             for separation in SEPARATIONS:
-                values = results[contender.method, contender.array.name, str(Condition(separation, SHOWN_SNR_DB, 0.0))]
+                values = cell_of(results, contender, str(Condition(separation, SHOWN_SNR_DB)))
                 shares.append(float(resolved(values["found"], values["u"]).mean()))
             axes[0, column].plot(SEPARATIONS, shares, **style)
             ratios = [_error_over_bound(results, contender, single) for single in SINGLES]
@@ -172,29 +155,28 @@ def entrants(bench: Bench) -> tuple[Contender, ...]:
     return (*others, *fitted, *(estimator_contender(CEILING, array, bench.radar) for array in bench.arrays))
 
 
-def locate_targets(radar: Radar, contender: Contender, load: Callable[[], Trials]) -> Values:
+def locate_targets(contender: Contender, trials: Trials) -> Values:
     """found [T, K] angles of the targets of each trial, rising, NaN where there are fewer; u [T, K] the true ones;
     phase_rad [T] of the trials."""
-    trials = load()
-    targets = trials.u.shape[1]
+    targets, u = trials.u.shape[1], contender.answer.radar.grid.u
     if contender.method == CEILING:
-        snapshots = trials.snapshots[:, trials.rows][..., contender.channels]
+        snapshots = trials.snapshots[:, trials.rows][..., contender.answer.channels]
         flat = snapshots.reshape(-1, snapshots.shape[-1])
-        found = MaximumLikelihood(targets).locate(flat, contender.line)[0]
+        found = MaximumLikelihood(targets).locate(flat, contender.answer.line)[0]
     elif contender.method.endswith(LINES):
-        found = contender.locate(trials, radar)
+        found = contender.locate(trials)
     else:
         if targets == 1:
-            spreads = [point_spread(image, radar.grid.u) for image in contender.image_trials(trials, radar)]
+            spreads = [point_spread(image, u) for image in contender.image_trials(trials)]
             found = np.array([[math.nan if spread is None else spread.u] for spread in spreads])
         else:
-            found = strongest_peaks(contender.score_trials(trials, radar), radar.grid.u, targets)
+            found = strongest_peaks(contender.score_trials(trials), u, targets)
     return {"found": found, "u": trials.u, "phase_rad": trials.phase_rad}
 
 
 def _errors(results: Results, contender: Contender, single: Condition) -> NDArray[np.float64]:
     """[T] errors in u of single targets, NaN where none was found."""
-    values = results[contender.method, contender.array.name, str(single)]
+    values = cell_of(results, contender, str(single))
     return (values["found"] - values["u"])[:, 0]
 
 
@@ -206,4 +188,4 @@ def _error_over_bound(results: Results, contender: Contender, single: Condition)
 
 
 def _bound(contender: Contender, single: Condition) -> float:
-    return single_source_bound(contender.line, 10.0 ** (single.snr_db / 10.0))
+    return single_source_bound(contender.answer.line, 10.0 ** (single.snr_db / 10.0))

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -25,20 +24,19 @@ from trainer.data.pairs import (
     trial_rows,
 )
 from trainer.evaluation.experiments.bench import (
-    KEPT,
     Bench,
     Results,
-    Task,
-    contender_task,
+    Simulated,
+    cell_of,
     mean_row,
     share_row,
 )
-from trainer.evaluation.experiments.contenders import Contender
-from trainer.evaluation.report.style import Look, legend_below, new_figure, subplots
-from trainer.evaluation.rows import MetricRow, SummaryColumn
+from trainer.evaluation.experiments.contenders import Contender, look_of
+from trainer.evaluation.report.style import legend_below, new_figure, subplots
+from trainer.evaluation.rows import MetricRow, condition_text
 from trainer.evaluation.store import Values
 from trainer.metrics.detection import find_row_peaks
-from trainer.metrics.resolution import resolved, strongest_peaks
+from trainer.metrics.peaks import resolved, strongest_peaks
 
 SEPARATION_CELLS = 1.0
 SNR_DB = 20.0
@@ -55,8 +53,9 @@ class Impairment:
     kind: str
     size: float
 
-    def __str__(self) -> str:
-        return f"{self.kind}={self.size:g} {UNITS[self.kind]}".strip()
+    @property
+    def named(self) -> dict[str, str]:
+        return {self.kind: f"{self.size:g} {UNITS[self.kind]}".strip()}
 
 
 UNITS = {"gain error": "dB", "phase error": "deg", "dead RX": "", "RX position error": "mm", "SNR": "dB"}
@@ -109,58 +108,58 @@ def channel_factors(
     return factors
 
 
-class Robustness:
+class Robustness(Simulated):
     """Who depends on a calibrated sensor?"""
 
     name = "robustness"
-    cells = name
     title = "Robustness to errors of the sensor"
     caption = (
         "Two equal targets one resolution cell of the full array apart, random phase, 20 dB in each channel unless "
         "stated. Upper line: share of pairs found. Lower line: peaks above half of the maximum that belong to no "
         "target."
     )
-    summary: tuple[SummaryColumn, ...] = ()
 
     def obstacle(self, bench: Bench) -> str | None:
         return no_room(bench.radar, SEPARATION_CELLS)
 
-    def tasks(self, bench: Bench) -> Sequence[Task]:
-        config = bench.config
-        images = -(-config.trials // len(trial_rows(bench.radar)))
+    def conditions(self, bench: Bench) -> Sequence[str]:
+        return [_condition(impairment, image) for impairment, image in _scenes(bench)]
 
-        @lru_cache(maxsize=KEPT)
-        def sensor(impairment: Impairment, image: int) -> Trials:
-            """One image; the same targets and noise whatever the impairment."""
-            seed = [config.seed, 30, image]
-            snr = impairment.size if impairment.kind == "SNR" else SNR_DB
-            arrays = None
-            if impairment.kind == "RX position error":
-                generator = np.random.default_rng([config.seed, 31, image])
-                arrays = [displaced(bench.radar.array, impairment.size, generator) for _ in trial_rows(bench.radar)]
-            return simulate(bench.radar, Condition(SEPARATION_CELLS, snr), 1, seed, arrays)
+    def scene(self, bench: Bench, place: int) -> Trials:
+        """One image; the same targets and noise whatever the impairment."""
+        (impairment, image), seed = _scenes(bench)[place], bench.config.seed
+        snr = impairment.size if impairment.kind == "SNR" else SNR_DB
+        arrays = None
+        if impairment.kind == "RX position error":
+            generator = np.random.default_rng([seed, 31, image])
+            arrays = [displaced(bench.radar.array, impairment.size, generator) for _ in trial_rows(bench.radar)]
+        return simulate(bench.radar, Condition(SEPARATION_CELLS, snr), 1, [seed, 30, image], arrays)
 
-        return [
-            contender_task(
-                bench, contender, f"{impairment},image={image}", [config.seed, image],
-                partial(_score, bench, contender, impairment, image, partial(sensor, impairment, image)),
-            )
-            for impairment in impairments()
-            for image in range(images)
-            for contender in bench.contenders
-        ]  # fmt: skip
+    def score(self, bench: Bench, contender: Contender, place: int, scene: Trials) -> Values:
+        (impairment, image), radar = _scenes(bench)[place], bench.radar
+        generator = np.random.default_rng([bench.config.seed, 32, image])
+        sensors = np.stack([channel_factors(impairment, radar.array, contender.array, generator) for _ in scene.rows])
+        # The range bins between two pairs have the sensor of the nearer pair.
+        nearest = np.abs(np.arange(radar.waveform.range_bins)[:, None] - scene.rows).argmin(axis=1)
+        seen = replace(scene, snapshots=(scene.snapshots * sensors[nearest]).astype(np.complex64))
+        images = contender.image_trials(seen)
+        reach = 0.5 * SEPARATION_CELLS * resolution_cell(radar)
+        return {
+            METRICS[0]: resolved(strongest_peaks(images, radar.grid.u, 2), scene.u),
+            METRICS[1]: false_peaks(images, radar.grid.u, scene.u, reach),
+        }
 
     def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
         found = []
         for contender in bench.contenders:
             for impairment in impairments():
                 both, extra = (_samples(bench, results, contender, impairment, metric) for metric in METRICS)
-                found.append(share_row(self.name, contender, METRICS[0], str(impairment), both))
-                found.append(mean_row(bench, self.name, contender, METRICS[1], str(impairment), extra))
+                found.append(share_row(self.name, contender, METRICS[0], impairment.named, both))
+                found.append(mean_row(bench, self.name, contender, METRICS[1], impairment.named, extra))
         return found
 
     def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
-        look = Look([c.method for c in bench.contenders], [c.array.name for c in bench.contenders])
+        look = look_of(bench.contenders)
         figure = new_figure(13.0, 5.4, self.title)
         axes = subplots(figure, len(METRICS), len(SIZES), sharey="row", sharex="col")
         for column, (kind, sizes) in enumerate(SIZES.items()):
@@ -195,29 +194,25 @@ def _at(kind: str, size: float) -> Impairment:
     return IDEAL if kind != "SNR" and size == 0 else Impairment(kind, size)
 
 
+def _images(bench: Bench) -> range:
+    return range(-(-bench.config.trials // len(trial_rows(bench.radar))))
+
+
+def _scenes(bench: Bench) -> list[tuple[Impairment, int]]:
+    """(impairment, image) of all scenes."""
+    return [(impairment, image) for impairment in impairments() for image in _images(bench)]
+
+
+def _condition(impairment: Impairment, image: int) -> str:
+    return condition_text({**impairment.named, "image": image})
+
+
 def _samples(
     bench: Bench, results: Results, contender: Contender, impairment: Impairment, metric: str
 ) -> NDArray[np.float64]:
     """[trials] of all images of a condition."""
-    images = -(-bench.config.trials // len(trial_rows(bench.radar)))
-    keys = [(contender.method, contender.array.name, f"{impairment},image={image}") for image in range(images)]
-    return np.concatenate([results[key][metric].astype(np.float64) for key in keys])
-
-
-def _score(bench: Bench, contender: Contender, impairment: Impairment, image: int, sensor: partial[Trials]) -> Values:
-    trials, radar = sensor(), bench.radar
-    generator = np.random.default_rng([bench.config.seed, 32, image])
-    sensors = np.stack([channel_factors(impairment, radar.array, contender.array, generator) for _ in trials.rows])
-    # The range bins between two pairs have the sensor of the nearer pair.
-    nearest = np.abs(np.arange(radar.waveform.range_bins)[:, None] - trials.rows).argmin(axis=1)
-    factors = sensors[nearest]  # (R, C)
-    seen = replace(trials, snapshots=(trials.snapshots * factors).astype(np.complex64))
-    images = contender.image_trials(seen, radar)
-    reach = 0.5 * SEPARATION_CELLS * resolution_cell(radar)
-    return {
-        METRICS[0]: resolved(strongest_peaks(images, radar.grid.u, 2), trials.u),
-        METRICS[1]: false_peaks(images, radar.grid.u, trials.u, reach),
-    }
+    cells = [cell_of(results, contender, _condition(impairment, image)) for image in _images(bench)]
+    return np.concatenate([cell[metric].astype(np.float64) for cell in cells])
 
 
 def false_peaks(

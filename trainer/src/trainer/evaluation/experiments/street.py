@@ -14,18 +14,17 @@ from shared.dataset.reading import open_shard, read_frame
 from shared.physics.errors import figure_text
 from shared.pictures import SPAN_DB, level_db, range_weighted
 from shared.radar import Radar
-from trainer.evaluation.experiments.bench import Bench, FrameRef, Results, Task, contender_task, radar_task
+from trainer.evaluation.experiments.bench import Bench, Experiment, FrameRef, Results, Task, contender_task, radar_task
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.experiments.frames import load_frame, one_of_each_scene
-from trainer.evaluation.report.doppler_map import WHOLE, doppler_map
-from trainer.evaluation.report.levels import REPORT_SPAN_DB, from_bytes, scene_levels, to_bytes
 from trainer.evaluation.report.panels import image_sheet
-from trainer.evaluation.rows import TRUTH, MetricRow, SummaryColumn
+from trainer.evaluation.report.shown import REPORT_SPAN_DB, WHOLE, doppler_map, from_bytes, scene_levels, to_bytes
+from trainer.evaluation.rows import TRUTH
 from trainer.evaluation.store import Values
 from trainer.run.targets import AMPLITUDE
 
 
-class Street:
+class Street(Experiment):
     """What do the images look like?"""
 
     name = "street"
@@ -36,10 +35,6 @@ class Street:
         "those in sqrt(W) under the maximum of the truth (256 elements), relative ones and probabilities under their "
         "own."
     )
-    summary: tuple[SummaryColumn, ...] = ()
-
-    def obstacle(self, bench: Bench) -> str | None:
-        return None
 
     def tasks(self, bench: Bench) -> Sequence[Task]:
         tasks = []
@@ -51,9 +46,6 @@ class Street:
             ]
             tasks.append(radar_task(bench, TRUTH, ref.condition, inputs, partial(_truth, bench.radar, ref)))
         return tasks
-
-    def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
-        return []
 
     def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
         ref = next((ref for ref in shown_frames(bench) if ref.kind == "scene"), shown_frames(bench)[0])
@@ -79,8 +71,8 @@ def shown_frames(bench: Bench) -> tuple[FrameRef, ...]:
 
 def _levels(contender: Contender, ref: FrameRef) -> Values:
     frame = load_frame(ref)
-    image = contender.image(frame.range_channel[0], frame.noise_power)
-    return {"levels": to_bytes(scene_levels(image, contender.unit, true_magnitude(ref)))}
+    image = contender.answer.image(frame.range_channel[0], frame.noise_power)
+    return {"levels": to_bytes(scene_levels(image, contender.answer.unit, true_magnitude(ref)))}
 
 
 def _truth(radar: Radar, ref: FrameRef) -> Values:

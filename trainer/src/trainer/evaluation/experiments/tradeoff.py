@@ -6,17 +6,18 @@ from collections.abc import Sequence
 
 from matplotlib.figure import Figure
 
-from trainer.evaluation.experiments.bench import Bench, Results, Task, single_row
+from trainer.evaluation.experiments.bench import Bench, Experiment, Results, Task, single_row
+from trainer.evaluation.experiments.contenders import look_of
 from trainer.evaluation.experiments.detection import SSIM, scene_frames, strict_rows
 from trainer.evaluation.experiments.frames import CELLS, frame_tasks, too_small
-from trainer.evaluation.report.style import Look, legend_below, new_figure, subplots
-from trainer.evaluation.rows import AVERAGE_PRECISION, MetricRow, SummaryColumn
+from trainer.evaluation.report.style import legend_below, new_figure, subplots
+from trainer.evaluation.rows import AVERAGE_PRECISION, MetricRow
 
 SHOWN = (AVERAGE_PRECISION, SSIM)
 SECONDS, PARAMETERS = "seconds for an image", "trained parameters"
 
 
-class Tradeoff:
+class Tradeoff(Experiment):
     """What does quality cost?"""
 
     name = "tradeoff"
@@ -27,7 +28,6 @@ class Tradeoff:
         "for one image on the machine that made this report, features included. On the left, beside the networks, "
         "their parameters."
     )
-    summary: tuple[SummaryColumn, ...] = ()
 
     def obstacle(self, bench: Bench) -> str | None:
         return too_small(bench) if scene_frames(bench) else "the test split has no scene frames"
@@ -37,16 +37,16 @@ class Tradeoff:
 
     def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
         return [
-            single_row(self.name, contender, PARAMETERS, "", float(contender.parameters))
+            single_row(self.name, contender, PARAMETERS, {}, float(contender.parameters))
             for contender in bench.contenders
         ]
 
     def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
-        look = Look([c.method for c in bench.contenders], [c.array.name for c in bench.contenders])
+        look = look_of(bench.contenders)
         figure = new_figure(10.0, 4.8, self.title)
         axes = subplots(figure, 1, len(SHOWN))[0]
         for contender in bench.contenders:
-            rows = strict_rows(bench, self.name, results, contender, scene_frames(bench), "")
+            rows = strict_rows(bench, self.name, results, contender, scene_frames(bench), {})
             for axis, metric in zip(axes, SHOWN, strict=True):
                 row = next(r for r in rows if r.metric == metric)
                 seconds = bench.seconds[contender.method, contender.array.name]

@@ -19,7 +19,7 @@ from PIL import Image
 
 from shared.pictures import COLOUR_MAP
 from shared.radar import Radar
-from trainer.evaluation.report.levels import REPORT_SPAN_DB
+from trainer.evaluation.report.shown import REPORT_SPAN_DB
 
 SCALE = (
     "All images on one scale. Amplitudes are weighted by range; those in sqrt(W) stand under the maximum of the truth, "
@@ -37,7 +37,7 @@ class ReportFrame:
 
     :param name: shown in the list
     :param row: range bin where the cut starts
-    :param images: by name, [R, U] bytes of levels (:func:`trainer.evaluation.report.levels.to_bytes`); one is "truth"
+    :param images: by name, [R, U] bytes of levels (:func:`trainer.evaluation.report.shown.to_bytes`); one is "truth"
     :param doppler: (its title, [R, chirps] bytes of levels over velocity), if known
     :param camera: JPEG of what a camera at the sensor sees; empty if there is none
     """

@@ -40,22 +40,20 @@ def image_panels(
     first_row: int,
     title: str,
     marks: Sequence[tuple[float, float]] = (),
-    cut_row: int | None = None,
     reach: float | None = None,
     notes: Mapping[tuple[str, str], str] | None = None,
 ) -> Figure:
-    """Images on one dB scale; where ``cut_row`` is given, a cut through them at the right.
+    """Images on one dB scale; where there are targets, a cut through the range bin of the first at the right.
 
     :param levels: [n, U] range bins from ``first_row`` on [dB], at most 0
     :param truth: the same of the virtual sensor's image
     :param marks: (range [m], u) of the targets, pointed at from above
-    :param cut_row: range bin of the cut
     :param reach: u shown beyond the outermost targets; all by default
     :param notes: numbers written into the panels, by (method, array)
     """
     look = Look([method for method, _ in levels], [array for _, array in levels])
     names = [*look.methods, *(["truth"] if truth is not None else [])]
-    with_cut = cut_row is not None
+    with_cut = bool(marks)
     ratios = [1.0] * len(names) + [1.8] * with_cut
     figure = new_figure(2.0 * sum(ratios) + 0.8, 2.4 * len(look.arrays) + 1.1, title)
     axes = subplots(figure, len(look.arrays), len(ratios), width_ratios=ratios)
@@ -76,7 +74,8 @@ def image_panels(
             above = [r + MARK_ABOVE_BINS * radar.waveform.range_step_m for r, _ in marks]
             axis.plot([u for _, u in marks], above, "v", color="cyan", ms=4, mew=0.0)
             axis.set_xlim(_limits(radar, [u for _, u in marks], reach))
-        if cut_row is not None:
+        if with_cut:
+            cut_row = round(marks[0][0] / radar.waveform.range_step_m)
             _draw_cut(axes[line, -1], look, array, levels, truth, radar, cut_row - first_row)
             axes[line, -1].set_xlim(_limits(radar, [u for _, u in marks], reach))
             for _, u in marks:

@@ -1,4 +1,8 @@
-"""The point-spread function of one target: width, peak and integrated sidelobe ratio."""
+"""What the peaks of an image row say of one target, of two, and of none.
+
+Where they stand and how well that can be known, whether two targets are told apart, how wide a lobe is and what stands
+beside it, and how many peaks noise alone makes.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +11,65 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
+from scipy.signal import find_peaks
 
 from shared.physics.errors import InputError
+from trainer.estimators.array import LineArray
+
+
+def strongest_peaks(image: NDArray[np.floating], u: NDArray[np.floating], count: int) -> NDArray[np.float64]:
+    """[R, count] angles of the largest local maxima of each row of an image [R, U], rising; NaN for those missing."""
+    found = np.full((len(image), count), np.nan)
+    for row, spectrum in enumerate(image):
+        peaks, _ = find_peaks(spectrum)
+        best = peaks[np.argsort(spectrum[peaks], kind="stable")[::-1][:count]]
+        found[row, : len(best)] = np.sort(np.asarray(u)[best])
+    return found
+
+
+def resolved(found: NDArray[np.floating], true: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """[T] whether both errors are below half the separation; found and true are [T, 2], both rising.
+
+    :raises InputError: not two angles each
+    """
+    if np.shape(found) != np.shape(true) or np.ndim(true) != 2 or np.shape(true)[1] != 2:
+        raise InputError("resolution", f"shapes {np.shape(found)} and {np.shape(true)}", "[trials, 2] both")
+    half = 0.5 * (true[:, 1] - true[:, 0])
+    # NaN, a target not found, compares false.
+    return np.all(np.abs(found - true) < half[:, None], axis=1)
+
+
+def single_source_bound(array: LineArray, snr: float) -> float:
+    """Least variance of u for one source, 1 / (2 SNR k^2 sum (p - mean p)^2), k = 2 pi / lambda.
+
+    :param snr: per channel, after range and Doppler processing, linear
+    :raises InputError: elements all at one place, or an SNR that is not positive
+    """
+    spread = float(np.sum((array.positions_m - array.positions_m.mean()) ** 2))
+    if not (snr > 0.0 and spread > 0.0):
+        raise InputError("bound", f"snr = {snr!r}, sum of squares {spread!r} m^2", "both positive")
+    return 1.0 / (2.0 * snr * (2.0 * np.pi / array.wavelength_m) ** 2 * spread)
+
+
+def noise_level(array: LineArray, noise_power: float, probability: float) -> float:
+    """Magnitude that delay-and-sum of noise exceeds at any one angle with this probability [sqrt(W)].
+
+    |I|^2 of noise is exponential of mean sigma^2 / C, so that the level is sqrt(-ln(probability) sigma^2 / C).
+
+    :raises InputError: a probability not between 0 and 1
+    """
+    if not 0.0 < probability < 1.0:
+        raise InputError("noise level", f"probability = {probability!r}", "a number between 0 and 1")
+    return float(np.sqrt(-np.log(probability) * noise_power / array.channels))
+
+
+def false_alarms(image: NDArray[np.floating], level: float) -> int:
+    """Local maxima above ``level`` [sqrt(W)] in the rows of an image [R, U] of noise alone; a plateau is one.
+
+    Delay-and-sum has sqrt(-ln p) beta Delta u / sqrt(pi) p of them in a row, at the level of probability p << 1 (Rice
+    1944; beta = k std(p_c), Delta u the axis).
+    """
+    return sum(len(find_peaks(row, height=level)[0]) for row in image)
 
 
 @dataclass(frozen=True)
