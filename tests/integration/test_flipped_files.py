@@ -22,8 +22,8 @@ sys.path.append(str(Path(__file__).resolve().parents[1] / "trainer"))
 from small_evaluation import FULL, make_run
 from tiny_radar import RADAR
 
+from datafactory.accuracy.cache import cached
 from datafactory.accuracy.prices import Price, Prices
-from datafactory.run.cache import cached
 from datafactory.run.progress import FinishedShard, begin, claimed, completed, record_finished
 from datafactory.run.shards import ShardPlan
 from shared.dataset.documents import DIGEST

@@ -15,6 +15,7 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
+from datafactory.accuracy.cache import Announce, cached, user_cache
 from datafactory.accuracy.clock import Advance, Clock
 from datafactory.accuracy.errors import peak_error, relative_l2
 from datafactory.accuracy.knobs import REFERENCE_DEPTH, KnobSettings
@@ -25,7 +26,6 @@ from datafactory.accuracy.samples import SampleFrame, made_with, traced
 from datafactory.frame.deal import Deal, first_middle_last
 from datafactory.frame.prepared import PreparedScene
 from datafactory.paths.backend import select_variant, set_threads
-from datafactory.run.cache import Announce, cached, user_cache
 from datafactory.run.order import Order
 from datafactory.run.preparation import prepare
 from datafactory.scenes.materials.table import MaterialTable

@@ -10,12 +10,12 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from datafactory.accuracy.budget import Budget, as_run, power_errors, worst_of
+from datafactory.accuracy.cache import Announce
 from datafactory.accuracy.clock import Clock
 from datafactory.accuracy.errors import peak_error, relative_l2
 from datafactory.accuracy.looking import reference_of, run
 from datafactory.accuracy.prices import Errors
 from datafactory.accuracy.samples import SampleFrame, traced
-from datafactory.run.cache import Announce
 from datafactory.run.shards import write_manifest
 from shared.dataset import Frame
 from shared.dataset.folder import Split, open_dataset, read_manifest

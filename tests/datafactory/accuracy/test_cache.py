@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from datafactory.accuracy.cache import cached, user_cache
 from datafactory.accuracy.prices import Price, Prices
-from datafactory.run.cache import cached, user_cache
 
 PRICES = Prices(
     frame_ids=(0,), prices=(Price(knob="rays", value=1.0, cube=(0.0,), image=(0.0,), power=(0.1,), paths=7.0),)
