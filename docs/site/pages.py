@@ -45,7 +45,7 @@ def navigation(generated: list[str], folder: Path = DOCS) -> list[dict[str, obje
         {"Guides": list(GUIDES)},
         {"Ideas": list(IDEAS)},
         {"Depth": depth(folder)},
-        *({"Notes": pages} for pages in [notes(folder)] if pages),
+        {"Notes": notes(folder)},
         {"Reference": ["reference/index.md", *(f"reference/{name}" for name in generated)]},
     ]
 

@@ -102,7 +102,7 @@ def cell(folder: Path) -> Iterator[Kept]:
 def measurements(folder: Path) -> Iterator[Kept]:
     """What the plan of effects and the error budget keep in the user's cache."""
     price = Price(knob="rays", value=1.0, cube=(0.25,), image=(0.5,), power=(0.125,), bias=(1.0,), paths=7.0)
-    prices = Prices(frame_ids=(0,), prices=(price,))
+    prices = Prices(prices=(price,))
     cached(folder, {}, Prices, lambda _: prices, print)
 
     def measured_again(_: Path) -> Prices:

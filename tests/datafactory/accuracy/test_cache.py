@@ -9,7 +9,7 @@ import pytest
 from datafactory.accuracy.cache import cached, user_cache
 from datafactory.accuracy.prices import Price, Prices
 
-PRICES = Prices(frame_ids=(0,), prices=(Price(knob="rays", value=1.0, power=(0.1,), bias=(1.0,), paths=7.0),))
+PRICES = Prices(prices=(Price(knob="rays", value=1.0, power=(0.1,), bias=(1.0,), paths=7.0),))
 
 
 def test_a_damaged_cache_is_measured_again(tmp_path: Path) -> None:

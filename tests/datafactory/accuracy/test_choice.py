@@ -6,7 +6,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 from datafactory.accuracy.choice import CUBE_S, choose, front, trace_work, work
-from datafactory.accuracy.knobs import DEFAULT, POWER_KNOBS, QUICK, SIGNAL_KNOBS, STUDY, Menu, menu_for
+from datafactory.accuracy.knobs import DEFAULT, KNOBS, POWER_KNOBS, QUICK, STUDY, Menu, menu_for
 from datafactory.accuracy.prices import Price, Prices
 
 
@@ -16,7 +16,7 @@ def price_list(menu: Menu, power: float = 1.0, power_floor: float = 0.0) -> Pric
     :param power: factor of the errors of the power
     """
     entries = []
-    for knob in (*SIGNAL_KNOBS, *POWER_KNOBS):
+    for knob in KNOBS:
         for place, value in enumerate(getattr(menu, knob)):
             error = (0.1 * 0.2**place,)
             entries.append(
@@ -30,7 +30,7 @@ def price_list(menu: Menu, power: float = 1.0, power_floor: float = 0.0) -> Pric
                     paths={"prune_db": 90.0, "rays": 0.7 * value}.get(knob, 100.0),
                 )
             )
-    return Prices(frame_ids=(0,), prices=tuple(entries))
+    return Prices(prices=tuple(entries))
 
 
 def test_the_front_buys_accuracy_with_work(radar) -> None:
@@ -65,7 +65,7 @@ def test_the_cheapest_choice_that_keeps_the_budget(radar) -> None:
     both = choose([prices, price_list(menu, power=3.0)], menu, -25.0, radar)
     assert both.settings.rays > found[1].settings.rays
     # Of paths alone only how they are traced is chosen, by what the trace takes.
-    paths = choose([prices], menu.of_paths(), -25.0, radar)
+    paths = choose([price_list(menu.of_paths())], menu.of_paths(), -25.0, radar)
     assert set(paths.predicted.measured()) == {"power_db"}
     assert paths.settings == replace(DEFAULT, rays=paths.settings.rays, depth=paths.settings.depth)
     assert paths.work == trace_work(paths.settings)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from oracles import doppler_filtered, if_cube, peak_error_db, relative_error
+from path_tables import a_table
 from sampled_frames import EFFECTS, POSE, order_of_two, samples_of
 
 from datafactory.accuracy.errors import Errors, level_db, peak_error, relative_l2, worst_of
@@ -17,36 +18,10 @@ from datafactory.frame.chain import ChainSettings
 from datafactory.frame.measurement import Processing
 from datafactory.paths.density import cell_power
 from datafactory.paths.solver import TraceSettings
-from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
 from datafactory.run.pipeline import Execution, render
 from datafactory.scenes.materials.table import load_materials
 from shared.dataset.folder import open_dataset
 from shared.signal.imaging import sweep_moments
-
-
-@pytest.fixture
-def table(generator) -> PathTable:
-    """Moving points and one image of the TX, all within the small radar's range."""
-    count = 12
-    position = generator.uniform([3.0, -6.0, -1.0], [10.0, 6.0, 1.0], (count, 3))
-    amplitude = np.exp(2j * np.pi * generator.random(count))
-    scattered = ScatteredPaths.of_points(position, generator.uniform(-9.0, 9.0, (count, 3)), amplitude)
-    # The points as the RX sees them lie elsewhere, so that what mixes up the two sides shows.
-    scattered = replace(
-        scattered, rx_point=position + generator.uniform(0.1, 1.0, (count, 3)), between_m=np.full(count, 1.0)
-    )
-    normal = np.array([-1.0, 0.2, 0.1]) / np.linalg.norm([-1.0, 0.2, 0.1])
-    specular = SpecularPaths(
-        image=np.array([[20.0, -5.0, -2.0]]),
-        image_velocity=np.array([[-6.0, 3.0, 0.0]]),
-        axes=(np.eye(3) - 2.0 * np.outer(normal, normal))[None],
-        reference=np.array([0.0, -0.04, 0.0]),
-        amplitude=np.array([2.0 + 0.5j]),
-        depth=np.ones(1, np.int8),
-        object_index=np.zeros(1, np.int32),
-        kinds=np.ones(1, np.uint8),
-    )
-    return PathTable(scattered, specular)
 
 
 def test_errors_have_a_finite_floor_and_a_scale() -> None:
@@ -67,7 +42,8 @@ def test_errors_leave_out_what_was_not_made() -> None:
     assert both == Errors.of([0.1], [1.0], [0.1])
 
 
-def test_reference_moments_are_those_of_the_whole_virtual_cube(radar, table) -> None:
+def test_reference_moments_are_those_of_the_whole_virtual_cube(radar, generator) -> None:
+    table = a_table(generator, nearest_m=3.0, farthest_m=10.0)
     cells = np.random.default_rng(5).integers(0, radar.waveform.chirps, radar.waveform.range_bins)
     moments = reference_moments(table, radar, cells, 4)
     some = (0, 100, 255)  # elements of three blocks

@@ -15,7 +15,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from datafactory.accuracy.errors import Errors
-from datafactory.accuracy.knobs import DEFAULT, POWER_KNOBS, SIGNAL_KNOBS, KnobSettings, Menu
+from datafactory.accuracy.knobs import KNOBS, KnobSettings, Menu
 from datafactory.accuracy.prices import Price, Prices
 from datafactory.paths.solver import TraceSettings
 from shared.radar import Radar
@@ -32,6 +32,8 @@ SAMPLE_S = 7e-9
 """Of a sample's range-Doppler spectrum."""
 IMAGE_S = 1.3e-10
 """Of a term, a range bin, an element and a direction in the truth's image."""
+PriceList = dict[tuple[str, float], Price]
+"""By knob and value."""
 LEVELS_DB = tuple(float(level) for level in range(-15, -65, -5))
 CUBE_S = {
     1e-2: (0.07, 1.1e-6), 1e-3: (0.07, 1.7e-6), 1e-4: (0.07, 3.0e-6), 1e-5: (0.14, 4.7e-6), 1e-6: (0.14, 8.8e-6),
@@ -72,40 +74,20 @@ class Choice:
     keeps_budget: bool
 
 
-class _List:
-    """The prices of a scene by knob and value, and what follows of them for settings of all knobs together."""
-
-    def __init__(self, prices: Prices, menu: Menu) -> None:
-        self.prices = {(price.knob, price.value): price for price in prices.prices}
-        self.usual_depth = menu.usual.depth
-        self.knobs = POWER_KNOBS if menu.paths_only else (*SIGNAL_KNOBS, *POWER_KNOBS)
-
-    def of(self, settings: KnobSettings) -> dict[str, Price]:
-        """The price of each knob at its setting."""
-        return {knob: self.prices[knob, getattr(settings, knob)] for knob in self.knobs}
-
-    def paths(self, settings: KnobSettings) -> float:
-        """Paths after pruning: those of the rays, times what the depth changes, times what pruning keeps."""
-        own, usual = self.of(settings), self.prices["depth", self.usual_depth].paths
-        share = own["prune_db"].paths / max(own["tolerance"].paths, 1.0)  # of the same paths, which are not pruned
-        return own["rays"].paths * own["depth"].paths / max(usual, 1.0) * share
-
-
 def choose(scenes: Sequence[Prices], menu: Menu, budget_db: float, radar: Radar) -> Choice:
     """The least work of all combinations that keep the budget in every frame of every scene.
 
     Where none does, the one that exceeds it least: by its worst error first, then by the others, so that these are
     still kept where they can be; and of equals the cheapest.
     """
-    choices, lists = [], [_List(prices, menu) for prices in scenes]
-    for rays, depth, *signal in itertools.product(
-        menu.rays, menu.depth, *(getattr(menu, knob) or (getattr(DEFAULT, knob),) for knob in SIGNAL_KNOBS)
-    ):
-        settings = KnobSettings(rays=rays, depth=depth, **dict(zip(SIGNAL_KNOBS, signal, strict=True)))
-        errors = _predicted([prices.of(settings) for prices in lists], menu.paths_only)
+    choices, usual = [], menu.usual
+    lists = [{(price.knob, price.value): price for price in prices.prices} for prices in scenes]
+    for values in itertools.product(*(getattr(menu, knob) or (getattr(usual, knob),) for knob in KNOBS)):
+        settings = KnobSettings(*values)
         cost = trace_work(settings)
         if not menu.paths_only:
-            cost = sum(work(settings, prices.paths(settings), radar) for prices in lists) / len(lists)
+            cost = sum(work(settings, _paths(prices, settings, usual), radar) for prices in lists) / len(lists)
+        errors = _together([_chosen(prices, settings) for prices in lists])
         choices.append(Choice(settings, cost, errors, errors.worst_db <= budget_db))
     good = [choice for choice in choices if choice.keeps_budget]
     if good:
@@ -113,16 +95,30 @@ def choose(scenes: Sequence[Prices], menu: Menu, budget_db: float, radar: Radar)
     return min(choices, key=lambda choice: (choice.predicted.excess_db(budget_db), choice.work))
 
 
-def predicted(prices: Prices, menu: Menu, settings: KnobSettings) -> Errors:
-    """What settings of the menu should err by together."""
-    return _predicted([_List(prices, menu).of(settings)], menu.paths_only)
+def predicted(prices: Prices, settings: KnobSettings) -> Errors:
+    """What settings should err by together."""
+    return _together([_chosen({(price.knob, price.value): price for price in prices.prices}, settings)])
 
 
-def _predicted(lists: Sequence[dict[str, Price]], paths_only: bool) -> Errors:
+def _chosen(prices: PriceList, settings: KnobSettings) -> dict[str, Price]:
+    """The price of each knob at its setting, of those that have one."""
+    return {knob: price for (knob, value), price in prices.items() if getattr(settings, knob) == value}
+
+
+def _paths(prices: PriceList, settings: KnobSettings, usual: KnobSettings) -> float:
+    """Paths after pruning: those of the rays, times what the depth changes, times what pruning keeps."""
+    own = _chosen(prices, settings)
+    deeper = own["depth"].paths / max(prices["depth", usual.depth].paths, 1.0)
+    kept = own["prune_db"].paths / max(own["tolerance"].paths, 1.0)  # of the same paths, which are not pruned
+    return own["rays"].paths * deeper * kept
+
+
+def _together(scenes: Sequence[dict[str, Price]]) -> Errors:
+    """The errors of these prices in all frames of all scenes."""
     cube, image, power = list[float](), list[float](), list[float]()
-    for own in lists:
+    for own in scenes:
         power += map(math.hypot, own["rays"].power, own["depth"].power)
-        if not paths_only:
+        if "tolerance" in own:
             cube += map(math.hypot, own["tolerance"].cube, own["prune_db"].cube)
             image += map(math.hypot, own["truth_terms"].image, own["prune_db"].image)
     return Errors.of(cube, image, power)

@@ -14,13 +14,13 @@ from typing import Any
 from datafactory.frame.chain import ChainSettings
 from datafactory.paths.prune import UNPRUNED_DB
 
-SIGNAL_KNOBS = ("tolerance", "prune_db", "truth_terms")
-POWER_KNOBS = ("rays", "depth")
+KNOBS = ("rays", "depth", "prune_db", "tolerance", "truth_terms")
+POWER_KNOBS, SIGNAL_KNOBS = KNOBS[:2], KNOBS[2:]
 
 
 @dataclass(frozen=True)
 class KnobSettings:
-    """A setting of every knob.
+    """A setting of every knob, in their order.
 
     :param rays, depth: see :class:`datafactory.paths.solver.TraceSettings`
     :param prune_db: see :func:`datafactory.paths.prune.pruned`

@@ -42,11 +42,10 @@ class Price(BaseModel):
 
 
 class Prices(BaseModel):
-    """All prices of a scene; the frames they were measured on."""
+    """The prices of a scene; of paths alone those of power knobs."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    frame_ids: tuple[int, ...]
     prices: tuple[Price, ...]
 
 
@@ -128,4 +127,4 @@ def measure_prices(samples: Sequence[Sample], menu: Menu, advance: Advance) -> P
     for knob, value in menu.settings(*POWER_KNOBS):
         advance(len(prices), total, f"{knob} {value}")
         prices.append(power_price(samples, menu, knob, value, traces))
-    return Prices(frame_ids=tuple(sample.frame_id for sample in samples), prices=tuple(prices))
+    return Prices(prices=tuple(prices))

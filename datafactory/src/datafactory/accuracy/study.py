@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TypedDict
 
 from threadpoolctl import threadpool_limits
 
@@ -16,6 +15,7 @@ from datafactory.accuracy.clock import STAGES, Advance, Clock
 from datafactory.accuracy.errors import Errors, level_db, worst_db
 from datafactory.accuracy.knobs import (
     DEFAULT,
+    KNOBS,
     POWER_KNOBS,
     QUICK,
     SIGNAL_KNOBS,
@@ -36,17 +36,10 @@ from shared.radar import Radar
 
 DEFAULTS, FRONT = "defaults", "front"
 """What rows of all knobs together are called."""
+Levels = tuple[float | None, float | None, float | None, float | None]
+"""Errors of cube, image and power, and the bias [dB]."""
 LEAST_REPEATS = 3
 """Of writing a file, which takes little and waits for the disk."""
-
-
-class Took(TypedDict):
-    """Those columns of a row."""
-
-    seconds: float
-    stage_seconds: dict[str, float]
-    paths: float
-    work: float
 
 
 @dataclass(frozen=True)
@@ -67,12 +60,12 @@ class Row:
     default: bool
     seconds: float
     stage_seconds: dict[str, float]
-    paths: float
-    work: float
     cube_error_db: float | None
     image_error_db: float | None
     power_error_db: float | None
     power_bias_db: float | None
+    paths: float
+    work: float
 
     @property
     def worst_db(self) -> float:
@@ -136,11 +129,11 @@ class _Study:
         self.bench.kept.clear()  # many rays need the room
         kept = Kept()
         power = [self._power_row(knob, value, kept) for knob, value in self.menu.settings(*POWER_KNOBS)]
-        prices = Prices(frame_ids=tuple(sample.frame_id for sample in self.samples), prices=tuple(self.prices))
-        defaults = self._row_together(DEFAULTS, "all", self.usual, predicted(prices, self.menu, self.usual))
+        prices = Prices(prices=tuple(self.prices))
+        defaults = self._row_together(DEFAULTS, "all", self.usual, predicted(prices, self.usual))
         points = [
-            self._row_together(FRONT, f"{level_db:g} dB: {choice.settings}", choice.settings, choice.predicted)
-            for level_db, choice in front(prices, self.menu, self.radar)
+            self._row_together(FRONT, f"{level:g} dB: {choice.settings}", choice.settings, choice.predicted)
+            for level, choice in front(prices, self.menu, self.radar)
         ]
         return [defaults, *signal, *power, *points]
 
@@ -156,26 +149,15 @@ class _Study:
         price, clock = self.bench.price(knob, value)
         self.prices.append(price)
         knobs = self.usual.converged().at(knob, value)
-        return self._row(knob, str(value), price, self._took(knobs, clock, price.paths))
+        return self._row(knob, str(value), knobs, clock, price.paths, _levels(price))
 
     def _power_row(self, knob: str, value: float, kept: Kept) -> Row:
         """Its errors are those of all frames, its time and paths the first frame's."""
         self.begin(f"{knob} {value}")
         price = power_price(self.samples, self.menu, knob, value, kept)
         self.prices.append(price)
-        return self._row(knob, str(value), price, self._from_rays(self.usual.at(knob, value)))
-
-    def _row(self, knob: str, setting: str, price: Price, took: Took) -> Row:
-        return Row(
-            knob=knob,
-            setting=setting,
-            default=price.value == getattr(DEFAULT, knob),
-            **took,
-            cube_error_db=worst_db(price.cube),
-            image_error_db=worst_db(price.image),
-            power_error_db=worst_db(price.power),
-            power_bias_db=max((0.5 * level_db(ratio) for ratio in price.bias), key=abs),
-        )
+        knobs = self.usual.at(knob, value)
+        return self._row(knob, str(value), knobs, *self._from_rays(knobs), _levels(price))
 
     def _row_together(self, name: str, setting: str, knobs: KnobSettings, expected: Errors) -> Row:
         """All knobs together: errors of cube and image on the frames traced as usual; that of the power as rays and
@@ -183,30 +165,35 @@ class _Study:
         self.begin(f"{name} {setting}")
         self.sample.traced(knobs)  # the solver compiles for every number of rays and of bounces
         cube, image = self.bench.errors(self.bench.made(knobs, Clock()))
-        return Row(
-            knob=name,
-            setting=setting,
-            default=name == DEFAULTS,
-            **self._from_rays(knobs),
-            cube_error_db=worst_db(cube),
-            image_error_db=worst_db(image),
-            power_error_db=expected.power_db,
-            power_bias_db=None,
-        )
+        levels = (worst_db(cube), worst_db(image), expected.power_db, None)
+        return self._row(name, setting, knobs, *self._from_rays(knobs), levels)
 
-    def _from_rays(self, knobs: KnobSettings) -> Took:
-        """What the first frame takes, its trace included."""
+    def _from_rays(self, knobs: KnobSettings) -> tuple[Clock, float]:
+        """Times and paths of the first frame, its trace included."""
         sample, clock = self.sample, Clock(self.repeats)
         frame = clock("trace", partial(sample.traced, knobs))
         outcome = made([frame], sample.settings(knobs), self.radar, clock, batch=self.batch)
-        return self._took(knobs, clock, outcome.paths[0])
+        return clock, float(outcome.paths[0])
 
-    def _took(self, knobs: KnobSettings, clock: Clock, paths: float) -> Took:
-        """What the clock did not see is as it was for all."""
+    def _row(self, knob: str, setting: str, knobs: KnobSettings, clock: Clock, paths: float, levels: Levels) -> Row:
+        """What the clock did not see takes what it took for all."""
+        cube, image, power, bias = levels
         seconds = self.fixed | clock.seconds()
-        return {
-            "seconds": sum(seconds.values()),
-            "stage_seconds": {stage: seconds[stage] for stage in STAGES},
-            "paths": float(paths),
-            "work": work(knobs, paths, self.radar),
-        }
+        return Row(
+            knob=knob,
+            setting=setting,
+            default=knob == DEFAULTS or (knob in KNOBS and getattr(knobs, knob) == getattr(DEFAULT, knob)),
+            seconds=sum(seconds.values()),
+            stage_seconds={stage: seconds[stage] for stage in STAGES},
+            cube_error_db=cube,
+            image_error_db=image,
+            power_error_db=power,
+            power_bias_db=bias,
+            paths=paths,
+            work=work(knobs, paths, self.radar),
+        )
+
+
+def _levels(price: Price) -> Levels:
+    bias_db = max((0.5 * level_db(ratio) for ratio in price.bias), key=abs)
+    return worst_db(price.cube), worst_db(price.image), worst_db(price.power), bias_db
