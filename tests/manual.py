@@ -14,7 +14,8 @@ sys.path.append(str(DOCS / "site"))  # what makes the site: pages, reference
 
 PAGES = sorted(
     [
-        *ROOT.glob("*.md"), *DOCS.glob("*.md"), *DOCS.glob("reference/*.md"), *ROOT.glob("*/README.md"),
+        *ROOT.glob("*.md"), *DOCS.glob("*.md"), *DOCS.glob("reference/*.md"), *DOCS.glob("notes/*.md"),
+        *ROOT.glob("*/README.md"),
         ROOT / "trainer/src/trainer/run/pretrained/README.md",
     ]
 )  # fmt: skip

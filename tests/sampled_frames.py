@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from datafactory.accuracy.power import Effort
-from datafactory.accuracy.prices import Menu
-from datafactory.accuracy.samples import SampleFrame
+from datafactory.accuracy.knobs import Effort, Menu
+from datafactory.accuracy.samples import Sample
 from datafactory.effects.catalogue import ALL
 from datafactory.run.order import Order
 from datafactory.run.preparation import prepare
@@ -25,14 +24,13 @@ MENU = Menu(
 )  # fmt: skip
 
 
-def samples_at(radar: Radar, *poses: Pose) -> list[SampleFrame]:
-    """Frames of the tiny scene at these poses, as a run would have them."""
-    order = Order(radar=radar, scenes=(str(TINY),), poses=poses, seed=3, effects=EFFECTS)
+def samples_of(order: Order) -> list[Sample]:
+    """The frames of an order of one scene at given poses."""
     prepared = prepare(order, load_materials(None))
-    return [SampleFrame(prepared.deal.frame(frame_id), prepared.scenes[0]) for frame_id in range(len(poses))]
+    return [Sample(prepared.deal.frame(frame_id), prepared.scenes[0], order) for frame_id in range(len(prepared.deal))]
 
 
 def order_of_two(radar: Radar) -> Order:
     """Two frames of the tiny scene."""
     poses = (POSE, replace(POSE, position=(-8.0, 1.0, 0.5)))
-    return Order(radar=radar, scenes=(str(TINY),), poses=poses, split="1:0:0", effects=EFFECTS)
+    return Order(radar=radar, scenes=(str(TINY),), poses=poses, split="1:0:0", effects=EFFECTS, seed=3)

@@ -30,6 +30,11 @@ def depth(folder: Path = DOCS) -> list[str]:
     return sorted(path.name for path in folder.glob("*.md") if path.name not in {START, *GUIDES, *IDEAS})
 
 
+def notes(folder: Path = DOCS) -> list[str]:
+    """What was measured once and recorded."""
+    return sorted(f"notes/{path.name}" for path in folder.glob("notes/*.md"))
+
+
 def navigation(generated: list[str], folder: Path = DOCS) -> list[dict[str, object]]:
     """The menu: sections of pages, each page once.
 
@@ -40,6 +45,7 @@ def navigation(generated: list[str], folder: Path = DOCS) -> list[dict[str, obje
         {"Guides": list(GUIDES)},
         {"Ideas": list(IDEAS)},
         {"Depth": depth(folder)},
+        {"Notes": notes(folder)},
         {"Reference": ["reference/index.md", *(f"reference/{name}" for name in generated)]},
     ]
 

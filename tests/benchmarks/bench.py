@@ -51,7 +51,6 @@ BENCHMARKS: dict[str, Callable[[Workload], Record]] = {
     "cube_on_cuda_vs_compiled": devices.cube_on_cuda,
     "truth_on_cuda_vs_compiled": devices.truth_on_cuda,
     "cube_vs_sionna_cfr": peers.cube_vs_sionna_cfr,
-    "points_vs_mmwrt": peers.points_vs_mmwrt,
     "datafactory_help_vs_numpy": starts.help_of_datafactory,
     "trainer_help_vs_numpy": starts.help_of_trainer,
     "first_frame_vs_numpy": starts.first_frame,

@@ -14,7 +14,7 @@ import psutil
 from record import timed
 from threadpoolctl import threadpool_info
 
-PACKAGES = ("numpy", "scipy", "numba", "finufft", "sionna-rt", "mitsuba", "drjit", "mmwrt", "sparseradar-datafactory")
+PACKAGES = ("numpy", "scipy", "numba", "finufft", "sionna-rt", "mitsuba", "drjit", "sparseradar-datafactory")
 
 
 @cache

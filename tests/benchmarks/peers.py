@@ -1,25 +1,19 @@
-"""Other people's simulators on the same paths: Sionna's channel frequency response, mmWrt's point targets."""
+"""Another simulator on the same paths: Sionna's channel frequency response."""
 
 from __future__ import annotations
 
-import importlib
 from typing import Any
 
 import numpy as np
-from record import RELATIVE_L2, NotInstalledError, Record, relative_l2, timed
-from workloads import EGO_SPEED_MPS, SEED, Workload
+from record import RELATIVE_L2, Record, relative_l2, timed
+from workloads import EGO_SPEED_MPS, Workload
 
 from datafactory.paths.backend import select_variant, set_threads
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.cube import cube_of_paths
-from shared.physics.units import SPEED_OF_LIGHT
-from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
-from shared.radar.waveform import Waveform
 
 SINGLE = AntennaArray(tx_m=((0.0, 0.0, 0.0),), rx_m=((0.0, 0.0, 0.0),))
-MMWRT_SAMPLES = 512
-"""mmWrt refuses 1024."""
 
 
 def _sionna_paths(work: Workload) -> Any:
@@ -80,54 +74,4 @@ def cube_vs_sionna_cfr(work: Workload) -> Record:
         error=relative_l2(single, cfr.conj()),
         error_unit=f"{RELATIVE_L2}, one channel and chirp; Sionna's phases are float32",
         details={"measured_reference_seconds": cfr_time.seconds, "paths": len(moving)},
-    )
-
-
-def points_vs_mmwrt(work: Workload) -> Record:
-    """Point targets against mmWrt: one chirp, one TX, 16 RX, residual video phase, the same speed of light.
-
-    :raises NotInstalledError: mmWrt is no dependency of this project
-    """
-    try:
-        Raytracing, Scene = (importlib.import_module(f"mmWrt.{name}") for name in ("Raytracing", "Scene"))
-    except ImportError as error:
-        raise NotInstalledError(f"mmWrt cannot be imported ({error}): pip install mmwrt") from None
-    waveform = Waveform(samples=MMWRT_SAMPLES, range_bins=MMWRT_SAMPLES, chirps=1, residual_video_phase=True)
-    full = Radar().array
-    array = AntennaArray(tx_m=full.tx_m[:1], rx_m=full.rx_m)
-    generator = np.random.default_rng(SEED)
-    count = work.size.peer_targets
-    range_m, u = generator.uniform(3.0, 60.0, count), generator.uniform(-0.8, 0.8, count)
-    points = range_m[:, None] * np.stack([np.sqrt(1.0 - u**2), u, np.zeros(count)], axis=1)
-    rx_antennas = tuple(Scene.Antenna(x=x, y=y, z=z) for x, y, z in array.rx_m)
-    tx_antennas = [Scene.Antenna(x=x, y=y, z=z) for x, y, z in array.tx_m]
-    receiver = Scene.Receiver(
-        adc_sample_rate=waveform.sample_rate_hz, antennas=rx_antennas, adc_sample_count=MMWRT_SAMPLES
-    )
-    transmitter = Scene.Transmitter(
-        chirp_start_freq=waveform.carrier_hz, chirp_slope=waveform.slope_hz_per_s, antennas=tx_antennas,
-        chirp_end_time=1.001 * waveform.chirp_duration_s, chirp_period=1.001 * waveform.chirp_duration_s,
-    )  # fmt: skip
-    peer = Scene.Radar(transmitter, receiver, medium=Scene.Medium(v=SPEED_OF_LIGHT, name="exact"))
-    scatterers = [Scene.Scatterer(x=x, y=y, z=z) for x, y, z in points.tolist()]
-
-    def trace():
-        return Raytracing.rt_points([peer], scatterers, peer, datatype=np.complex128)["adc_cube"]
-
-    trace()
-    peer_time, peer_cube = timed(trace, 3)
-    radar = Radar(waveform=waveform, array=array)
-    table = PathTable(ScatteredPaths.of_points(points, np.zeros((count, 3)), np.ones(count, dtype=np.complex128)))
-    cube_of_paths(table, radar)
-    elapsed, cube = timed(lambda: cube_of_paths(table, radar), max(work.size.repeats, 3))
-    # mmWrt has no echo before the wave is back: leave those samples out.
-    first = int(np.ceil(2.0 * 60.5 / SPEED_OF_LIGHT * waveform.sample_rate_hz))
-    return Record(
-        name="points_vs_mmwrt",
-        ours=f"cube_of_paths, {count} targets x {array.channels} channels x {MMWRT_SAMPLES} samples, 1 thread",
-        ours_time=elapsed,
-        reference="mmWrt rt_points, complex128, the same targets and channels; NumPy",
-        reference_time=peer_time,
-        error=relative_l2(cube[0, first:], peer_cube.reshape(-1, MMWRT_SAMPLES).T[first:]),
-        error_unit=RELATIVE_L2,
     )

@@ -14,9 +14,9 @@ import time
 from dataclasses import replace
 
 from datafactory.accuracy.errors import level_db
-from datafactory.accuracy.knobs import KnobSettings
-from datafactory.accuracy.power import Effort, power_error
-from datafactory.accuracy.samples import SampleFrame, lit_paths
+from datafactory.accuracy.knobs import DEFAULT, Effort
+from datafactory.accuracy.power import power_error
+from datafactory.accuracy.samples import Sample
 from datafactory.effects.catalogue import ALL
 from datafactory.paths.density import lit_cells
 from datafactory.paths.prune import pruned
@@ -45,18 +45,20 @@ def main() -> None:
     parser.add_argument("--reference", type=int, default=800_000)
     arguments = parser.parse_args()
     radar = load_radar("avr-qdm-110")
-    prepared = prepare(Order(radar=radar, scenes=(arguments.scene,), frames=3, effects=ALL), load_materials())
-    sample = SampleFrame(prepared.deal.frame(arguments.frame), prepared.scenes[0])
-    settings = KnobSettings(effects=ALL, rays=arguments.rays)
-    lit_paths(sample, settings, radar)  # compiles
+    order = Order(radar=radar, scenes=(arguments.scene,), frames=3, effects=ALL)
+    prepared = prepare(order, load_materials())
+    sample = Sample(prepared.deal.frame(arguments.frame), prepared.scenes[0], order)
+    settings = replace(DEFAULT, rays=arguments.rays)
+    sample.lit_paths(settings)  # compiles
     start = time.process_time()
-    paths = lit_paths(sample, settings, radar)
+    paths = sample.lit_paths(settings)
     print(f"{time.process_time() - start:.2f} s of processor time")
     kept = pruned(paths, radar, settings.prune_db)
     for name, table in (("traced", paths), ("pruned", kept)):
         print(f"{name}: {len(table)} paths, {len(table) / arguments.rays:.2f} a ray; {share_of_few(table, radar)}")
     effort = Effort(arguments.reference, realisations=2, reference_realisations=2)
-    error = power_error(sample, settings, replace(settings, rays=arguments.reference), effort, radar, {})
+    against = replace(settings, rays=arguments.reference)
+    error = power_error(sample, settings, sample, against, effort, {})
     print(f"power in a cell {level_db(error.peak):.1f} dB of the peak, total {float(power_to_db(error.total)):+.3f} dB")
 
 

@@ -26,7 +26,7 @@ class Size:
 
     :param name: "full" are the sizes that the results are quoted at
     :param paths: K of the cubes
-    :param peer_rays, peer_targets: work of Sionna and mmWrt
+    :param peer_rays: work of Sionna
     :param direct_samples, nufft_samples: channel-chirps of the moving cube on which the references are run
     :param truth_paths: K at which the truth's moments are checked against the whole virtual cube
     :param waveform: of the cubes and images
@@ -41,7 +41,6 @@ class Size:
     name: str
     paths: int
     peer_rays: int
-    peer_targets: int
     direct_samples: int
     nufft_samples: int
     truth_paths: int
@@ -59,7 +58,6 @@ FULL = Size(
     name="full",
     paths=100_000,
     peer_rays=200_000,
-    peer_targets=100,
     direct_samples=4,
     nufft_samples=48,
     truth_paths=1_000,
@@ -76,7 +74,6 @@ QUICK = Size(
     name="quick",
     paths=5_000,
     peer_rays=20_000,
-    peer_targets=20,
     direct_samples=4,
     nufft_samples=16,
     truth_paths=300,

@@ -25,7 +25,7 @@ def test_every_page_is_once_in_the_menu() -> None:
     listed = [START, *GUIDES, *IDEAS, *depth()]
     assert sorted(listed) == sorted(path.name for path in DOCS.glob("*.md"))
     menu = navigation(["radar.md"])
-    assert [next(iter(section)) for section in menu] == ["Manual", "Guides", "Ideas", "Depth", "Reference"]
+    assert [next(iter(section)) for section in menu] == ["Manual", "Guides", "Ideas", "Depth", "Notes", "Reference"]
     assert menu[-1] == {"Reference": ["reference/index.md", "reference/radar.md"]}
 
 

@@ -22,8 +22,8 @@ sys.path.append(str(Path(__file__).resolve().parents[1] / "trainer"))
 from small_evaluation import FULL, make_run
 from tiny_radar import RADAR
 
+from datafactory.accuracy.cache import cached
 from datafactory.accuracy.prices import Price, Prices
-from datafactory.run.cache import cached
 from datafactory.run.progress import FinishedShard, begin, claimed, completed, record_finished
 from datafactory.run.shards import ShardPlan
 from shared.dataset.documents import DIGEST
@@ -101,8 +101,8 @@ def cell(folder: Path) -> Iterator[Kept]:
 
 def measurements(folder: Path) -> Iterator[Kept]:
     """What the plan of effects and the error budget keep in the user's cache."""
-    price = Price(knob="rays", value=1.0, cube=(0.25,), image=(0.5,), power=(0.125,), paths=7.0)
-    prices = Prices(frame_ids=(0,), prices=(price,))
+    price = Price(knob="rays", value=1.0, cube=(0.25,), image=(0.5,), power=(0.125,), bias=(1.0,), paths=7.0)
+    prices = Prices(prices=(price,))
     cached(folder, {}, Prices, lambda _: prices, print)
 
     def measured_again(_: Path) -> Prices:

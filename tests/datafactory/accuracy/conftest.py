@@ -1,49 +1,82 @@
-"""A small radar, frames of a tiny scene, and one small sweep that several tests look at."""
+"""A small radar, frames of a tiny scene, and one price list that the command has made of it."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import pytest
-from sampled_frames import EFFECTS, POSE, samples_at
+from matplotlib.figure import Figure
+from sampled_frames import MENU, POSE, TINY, order_of_two, samples_of
+from typer.testing import CliRunner
 
-from datafactory.accuracy.knobs import DEFAULT, Knob
-from datafactory.accuracy.power import Effort
-from datafactory.accuracy.row import Row
-from datafactory.accuracy.samples import SampleFrame
-from datafactory.accuracy.sweep import sweep
-from shared.radar import ImageGrid, Radar
-from shared.radar.waveform import Waveform
+from datafactory.accuracy import chart, study
+from datafactory.accuracy.knobs import Effort
+from datafactory.accuracy.samples import Sample
+from datafactory.accuracy.study import Row
+from datafactory.cli.app import app
+from shared.radar import Radar, load_radar
+
+RADAR = """
+name = "small"
+[waveform]
+samples = 512
+chirps = 8
+range_bins = 96
+[grid]
+bins = 48
+"""
+"""All 256 elements, because the range walk is over them, and no echo that folds; short in everything else."""
+TRIED = replace(
+    MENU, rays=(500, 4000), tolerance=(1e-3, 1e-6, 1e-9), effort=Effort(20_000, realisations=2), usual_rays=4000
+)
 
 
 @pytest.fixture(scope="session")
-def radar() -> Radar:
-    """All 256 elements, because the range walk is over them, and no echo that folds; short in everything else."""
-    return Radar(name="small", waveform=Waveform(samples=512, chirps=8, range_bins=96), grid=ImageGrid(bins=48))
+def radar_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("radar") / "small.toml"
+    path.write_text(RADAR, encoding="utf-8")
+    return path
 
 
 @pytest.fixture(scope="session")
-def samples(variant: str, radar: Radar) -> list[SampleFrame]:
-    return samples_at(radar, POSE)
+def radar(radar_file: Path) -> Radar:
+    return load_radar(str(radar_file))
 
 
 @pytest.fixture(scope="session")
-def rows(samples, radar) -> list[Row]:
-    signal = (
-        Knob("tolerance", (1e-3, 1e-6, 1e-9)),
-        Knob("width", ("float32 geometry",)),
-        Knob("prune_db", (-20.0, -40.0)),
-        Knob("delays", ("linear",)),
-        Knob("truth_terms", (3, 6)),
-        Knob("truth_wave", ("plane",)),
-    )
-    power = (
-        Knob("rays", (500, 4000), power=True, paired=False),
-        Knob("rays", (16_000,), power=True, paired=False, beside=("lattice", "sphere"), label="sphere rays"),
-        Knob("depth", (1,), power=True),
-        Knob("surface_phase", (False,), power=True),
-        Knob("diffuse", (False,), power=True),
-        Knob("diffraction", (True,), power=True),
-    )
-    effort = Effort(20_000, realisations=2, reference_realisations=2, repeats=2, batch=1, rays=4000)
-    return sweep(samples, signal, power, effort, radar, usual=replace(DEFAULT, effects=EFFECTS))
+def samples(variant: str, radar: Radar) -> list[Sample]:
+    return samples_of(replace(order_of_two(radar), poses=(POSE,)))
+
+
+@dataclass(frozen=True)
+class PriceList:
+    """What the command printed, its folder, and the rows that it drew."""
+
+    said: str
+    folder: Path
+    rows: list[Row]
+
+
+@pytest.fixture(scope="session")
+def prices(variant: str, radar_file: Path, tmp_path_factory: pytest.TempPathFactory) -> PriceList:
+    """``datafactory accuracy --quick`` with a smaller menu."""
+    folder = tmp_path_factory.mktemp("prices")
+    poses, drawn, draw = folder / "poses.json", list[Row](), chart.draw
+    poses.write_text(json.dumps([{"position": POSE.position, "yaw_deg": 5.0, "velocity": POSE.velocity}]))
+
+    def kept(rows: Sequence[Row], title: str) -> Figure:
+        drawn.extend(rows)
+        return draw(rows, title)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(study, "QUICK", TRIED)
+        patch.setattr(chart, "draw", kept)
+        result = CliRunner().invoke(
+            app, ["accuracy", "--scene", str(TINY), "--poses", str(poses), "--radar", str(radar_file), "--quick",
+                  "--repeats", "2", "--out", str(folder)], catch_exceptions=False,
+        )  # fmt: skip
+    assert result.exit_code == 0, result.output
+    return PriceList(result.output, folder, drawn)

@@ -6,7 +6,6 @@ Where there is no GPU, torch's kernels on the processor stand in for it: all but
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,6 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
-from datafactory.accuracy.samples import made_with
 from datafactory.api import making
 from datafactory.api.asking import order_of
 from datafactory.api.forecasting import forecast
@@ -138,13 +136,3 @@ def test_the_command_line_names_the_device(tmp_path, stand_in):
     result = CliRunner().invoke(app, ["points", "--frames", "1", "--out", str(tmp_path / "out"), "--device", "cuda"])
     assert result.exit_code == 0, result.output
     assert json.loads((tmp_path / "out" / "manifest.json").read_text())["arguments"]["device"] == "cuda"
-
-
-def test_prices_of_one_device_are_not_those_of_another():
-    # They are cached by the settings, of which the device is one.
-    order = order_of(OrderOptions("shipped:tiny", frames=1, radar="avr-qdm-110"))
-    assert order.settings.device == "cpu"
-    on_gpu = replace(order, settings=replace(order.settings, device="cuda"))
-    assert made_with(order) != made_with(on_gpu)
-    assert made_with(on_gpu).chain().device == "cuda"
-    assert made_with(on_gpu).tracing().device == "cuda"

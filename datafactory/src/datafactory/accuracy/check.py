@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from datafactory.accuracy.budget import Budget, as_run, power_errors, worst_of
-from datafactory.accuracy.clock import Clock
-from datafactory.accuracy.errors import peak_error, relative_l2
-from datafactory.accuracy.looking import reference_of, run
-from datafactory.accuracy.prices import Errors
-from datafactory.accuracy.samples import SampleFrame, traced
-from datafactory.run.cache import Announce
+from datafactory.accuracy.budget import Budget, errors_together
+from datafactory.accuracy.cache import Announce
+from datafactory.accuracy.errors import Errors, worst_of
+from datafactory.accuracy.knobs import POWER_KNOBS, SIGNAL_KNOBS
+from datafactory.accuracy.looking import Cells
+from datafactory.accuracy.power import Kept
+from datafactory.accuracy.samples import Sample
 from datafactory.run.shards import write_manifest
-from shared.dataset import Frame
-from shared.dataset.folder import Split, open_dataset, read_manifest
+from shared.dataset.folder import open_dataset, read_manifest
 from shared.dataset.locations import Location
 from shared.dataset.reading import read_frame
 
@@ -26,8 +25,6 @@ HONEST_DB = 3.0
 """Achieved and predicted error may differ by this much."""
 CHECK_DRAW = 1
 """Of the rays for the power in cells: not those of the prediction, nor of its reference."""
-OF_PATHS = ("rays", "depth")
-CHOSEN = (*OF_PATHS, "prune_db", "tolerance", "truth_terms")
 
 
 def check(budget: Budget, directory: Location, announce: Announce) -> None:
@@ -37,14 +34,27 @@ def check(budget: Budget, directory: Location, announce: Announce) -> None:
     For the power in a cell the rays are drawn anew: the realisations are not those of the prediction.
     """
     started = time.perf_counter()
-    choice = budget.choice
+    choice, menu = budget.choice, budget.menu
+    dataset = None if menu.paths_only else open_dataset(directory)
+
+    def stored(sample: Sample) -> tuple[Cells, NDArray]:
+        """The frame's row."""
+        assert dataset is not None
+        split, place = budget.deal.place_of(sample.frame_id)
+        frame = read_frame(*dataset.rows(split)[place], ("velocity", "image"))
+        cells = sample.radar.waveform.doppler_cells(frame.velocity[0])
+        return cells, frame.image * np.float32(frame.image_peak)
+
+    def achieved_by(samples: tuple[Sample, ...]) -> Errors:
+        return errors_together(samples, choice.settings, menu, Kept(), CHECK_DRAW, stored)
+
     with threadpool_limits(limits=1):
-        achieved = worst_of([_achieved(scene.swept, budget, directory) for scene in budget.scenes])
-        others = [_achieved(scene.elsewhere, budget, directory) for scene in budget.scenes if scene.elsewhere]
+        achieved = worst_of([achieved_by(scene.swept) for scene in budget.scenes])
+        others = [achieved_by(scene.elsewhere) for scene in budget.scenes if scene.elsewhere]
     predicted = choice.predicted.measured()
     differences = {name: round(value - predicted[name], 1) for name, value in achieved.measured().items()}
     honest = max(map(abs, differences.values())) <= HONEST_DB
-    chosen = OF_PATHS if budget.menu.paths_only else CHOSEN
+    chosen = POWER_KNOBS if menu.paths_only else (*POWER_KNOBS, *SIGNAL_KNOBS)
     entry: dict[str, Any] = {
         "budget_db": budget.level_db,
         "keeps_budget": choice.keeps_budget,
@@ -69,22 +79,3 @@ def check(budget: Budget, directory: Location, announce: Announce) -> None:
         announce(f"warning: prediction and achieved error differ by more than {HONEST_DB:.0f} dB")
     if achieved.worst_db > budget.level_db:
         announce(f"warning: the error budget of {budget.level_db:g} dB is not kept")
-
-
-def _achieved(samples: Sequence[SampleFrame], budget: Budget, directory: Location) -> Errors:
-    radar, chosen = budget.order.radar, budget.choice.settings
-    cube, image, settings = list[float](), list[float](), as_run(chosen, budget.order)
-    for sample in () if budget.menu.paths_only else samples:
-        stored = _stored_frame(directory, *budget.deal.place_of(sample.frame_id))
-        rows = radar.waveform.doppler_cells(stored.velocity[0])
-        frames = [traced(sample, settings, radar)]
-        reference = reference_of(frames, settings, radar, [rows])
-        cube.append(relative_l2(run(frames, settings, radar, Clock(), [rows], batch=1).cubes[0], reference.cubes[0]))
-        image.append(peak_error(stored.image * np.float32(stored.image_peak), reference.images[0]))
-    return Errors.of(cube, image, power_errors(samples, chosen, budget.menu, budget.order, {}, CHECK_DRAW))
-
-
-def _stored_frame(directory: Location, split: Split, place: int) -> Frame:
-    """Velocity and image of the frame at a place of its split."""
-    path, row = open_dataset(directory).rows(split)[place]
-    return read_frame(path, row, ("velocity", "image"))

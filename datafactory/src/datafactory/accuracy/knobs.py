@@ -1,4 +1,4 @@
-"""Every approximation between a scene and a frame as a knob: its settings, its default, its converged value.
+"""The knobs between a scene and a frame: what is chosen, and what there is to choose from.
 
 Two kinds. The settings of a *signal* knob see the same traced paths, so that cubes and images can be subtracted. A
 *power* knob changes the paths themselves and with them the speckle: subtracting images would compare two
@@ -7,237 +7,164 @@ realisations. What converges there is the power in a resolution cell (:mod:`data
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 from typing import Any
 
-from datafactory.accuracy.variants import FAN
-from datafactory.effects.catalogue import ALL, NAMES, EffectSet
 from datafactory.frame.chain import ChainSettings
-from datafactory.frame.measurement import Processing
 from datafactory.paths.prune import UNPRUNED_DB
-from datafactory.paths.solver import TraceSettings
-from datafactory.synthesis.sorting import FLOAT32_TOLERANCE
 
-_CHAIN = ChainSettings()
-_TRACE, _PROCESSING = _CHAIN.trace, _CHAIN.processing
+KNOBS = ("rays", "depth", "prune_db", "tolerance", "truth_terms")
+POWER_KNOBS, SIGNAL_KNOBS = KNOBS[:2], KNOBS[2:]
 
 
 @dataclass(frozen=True)
 class KnobSettings:
-    """How one frame is made; the defaults are the pipeline's with every effect.
+    """A setting of every knob, in their order.
 
-    :param effects: what may be simulated
-    :param budget_db: what each frame may leave out of it, see :class:`datafactory.frame.chain.ChainSettings`
-    :param rays, depth, finite_mirrors, surface_phase: see :class:`datafactory.paths.solver.TraceSettings`
-    :param lattice: "fan", the pipeline's; "sphere", the solver's own lattice, of which the front half is used, as the
-        fan does; "all around", all of it
+    :param rays, depth: see :class:`datafactory.paths.solver.TraceSettings`
     :param prune_db: see :func:`datafactory.paths.prune.pruned`
-    :param delays: "exact", or "linear": one constant range rate a path, developed at mid-frame from the origin
-    :param width: "complex64" or "complex128" sums in the cube, or "float32 geometry": coordinates rounded to float32
     :param tolerance: of the cube, relative L2
-    :param video_phase: the residual video phase that eq. (1) leaves out
     :param truth_terms: polynomial terms of the range walk
-    :param truth_wave: "spherical", or "plane": range FFT and far-field steering of the virtual sensor
-    :param truth_window: over the virtual sensor's elements
-    :param device: of the run, see :class:`datafactory.frame.chain.ChainSettings`
     """
 
-    effects: EffectSet = ALL
-    budget_db: float | None = None
-    rays: int = _TRACE.rays
-    depth: int = _TRACE.depth
-    finite_mirrors: bool = True
-    surface_phase: bool = True
-    lattice: str = FAN
-    prune_db: float = _CHAIN.prune_db
-    delays: str = "exact"
-    width: str = "complex64"
-    tolerance: float = _PROCESSING.tolerance
-    video_phase: bool = False
-    truth_terms: int = _PROCESSING.truth_terms
-    truth_wave: str = "spherical"
-    truth_window: str = _PROCESSING.truth_window
-    device: str = _CHAIN.device
+    rays: int
+    depth: int
+    prune_db: float
+    tolerance: float
+    truth_terms: int
 
-    def chain(self) -> ChainSettings:
-        """Settings of the chain with these effects, without noise; the polarisation is the radar's."""
-        tolerance = self.tolerance
-        if self.width == "complex128":
-            tolerance = min(tolerance, 0.99 * FLOAT32_TOLERANCE)
-        chosen = self.effects.settings(
-            ChainSettings(
-                trace=TraceSettings(
-                    rays=self.rays,
-                    depth=self.depth,
-                    finite_mirrors=self.finite_mirrors,
-                    surface_phase=self.surface_phase,
-                ),
-                processing=Processing(
-                    noise=False,
-                    tolerance=tolerance,
-                    truth_terms=self.truth_terms,
-                    truth_window=self.truth_window,
-                ),
-                prune_db=self.prune_db,
-                device=self.device,
-            )
+    @staticmethod
+    def of(chain: ChainSettings) -> KnobSettings:
+        """Those of the chain."""
+        trace, processing = chain.trace, chain.processing
+        return KnobSettings(trace.rays, trace.depth, chain.prune_db, processing.tolerance, processing.truth_terms)
+
+    def on(self, chain: ChainSettings) -> ChainSettings:
+        """The chain with these."""
+        return replace(
+            chain,
+            trace=replace(chain.trace, rays=self.rays, depth=self.depth),
+            prune_db=self.prune_db,
+            processing=replace(chain.processing, tolerance=self.tolerance, truth_terms=self.truth_terms),
         )
-        return replace(chosen, budget_db=self.budget_db)
 
-    def tracing(self) -> KnobSettings:
-        """These settings as far as they change the power in a cell; all others as they are by default."""
-        own = {name: getattr(self.effects, name) for name in POWER_EFFECTS}
-        names = ("budget_db", "rays", "depth", "finite_mirrors", "surface_phase", "lattice", "truth_window", "device")
-        return KnobSettings(effects=replace(ALL, **own), **{name: getattr(self, name) for name in names})
+    def at(self, knob: str, value: Any) -> KnobSettings:
+        """These with another setting of one knob."""
+        return replace(self, **{knob: value})
 
-    def of_geometry(self) -> tuple[Any, ...]:
-        """What decides delays and amplitudes of the same traced paths."""
-        return (self.prune_db, self.delays, self.width == "float32 geometry", self.effects)
+    def converged(self) -> KnobSettings:
+        """What signal knobs are varied around: nothing pruned, the cube at -120 dB, the truth at its best."""
+        return replace(self, prune_db=UNPRUNED_DB, tolerance=1e-6, truth_terms=6)
 
-    def of_signal(self) -> tuple[Any, ...]:
-        """What decides the cube of the same traced paths."""
-        return (*self.of_geometry(), self.width, self.tolerance, self.video_phase)
+    def reference(self) -> KnobSettings:
+        """What signal knobs are held against: two orders below the finest tolerance of a menu, which makes the cube
+        complex128, and the range walk developed to -120 dB."""
+        return replace(self, prune_db=UNPRUNED_DB, tolerance=1e-11, truth_terms=8)
 
-    def of_truth(self) -> tuple[Any, ...]:
-        """What decides the truth's moments of the same traced paths."""
-        return (*self.of_geometry(), self.truth_terms)
-
-    def of_image(self) -> tuple[Any, ...]:
-        """What decides the truth image of the same traced paths."""
-        return (*self.of_truth(), self.truth_wave, self.truth_window)
+    def __str__(self) -> str:
+        return (
+            f"{self.rays} rays, depth {self.depth}, prune {self.prune_db:g} dB, tolerance {self.tolerance:g}, "
+            f"{self.truth_terms} truth terms"
+        )
 
 
-POWER_EFFECTS = (
-    "specular", "diffuse", "multi_bounce", "refraction", "diffraction", "corners", "antenna_pattern", "rcs_targets",
-)  # fmt: skip
-"""Effects that add paths or change their power. What is left is motion, and the noise, which no frame here has."""
-DEFAULT = KnobSettings()
-
-
-def converged(settings: KnobSettings) -> KnobSettings:
-    """What signal knobs are varied around: these settings with nothing pruned, the cube at -120 dB, the truth at its
-    best."""
-    return replace(settings, prune_db=UNPRUNED_DB, tolerance=1e-6, truth_terms=6)
+DEFAULT = KnobSettings.of(ChainSettings())
+REFERENCE_DEPTH = 3
+MOST_REALISATIONS = 16
+"""Where single rays rule a frame (50 000 of them, few surfaces, error -10 dB), two draws of 4 differed by 3.5 dB, and
+two of 16 by 1 dB.
+"""
 
 
 @dataclass(frozen=True)
-class Knob:
-    """One field of :class:`KnobSettings`, or one effect of its set, and the values to try.
+class Effort:
+    """How well the power in cells is measured.
 
-    :param power: whether it changes the paths, see the module
-    :param paired: held against the default with the same rays, whose sampling is then common to both; otherwise against
-        the densest fan
-    :param beside: field and value of another setting that all values share, as (name, value)
-    :param label: what it is called; its name by default
+    :param reference_rays: rays of the converged tracing
+    :param realisations: of the rays, of every setting; of few rays there are more, see :meth:`count`
+    :param reference_realisations: of the reference
     """
 
-    name: str
-    values: tuple[Any, ...]
-    power: bool = False
-    paired: bool = True
-    beside: tuple[str, Any] | None = None
-    label: str = ""
+    reference_rays: int
+    realisations: int = 4
+    reference_realisations: int = 4
 
-    def __post_init__(self) -> None:
-        if self.name not in {item.name for item in fields(KnobSettings)} | set(NAMES):
-            raise ValueError(f"knob {self.name!r}; expected a field of KnobSettings or an effect")
-        if not self.label:
-            object.__setattr__(self, "label", self.name)
-
-    def at(self, base: KnobSettings, value: Any) -> KnobSettings:
-        """``base`` with this knob set to ``value``."""
-        if self.beside is not None:
-            base = replace(base, **dict([self.beside]))
-        if self.name in NAMES:
-            return replace(base, effects=replace(base.effects, **{self.name: value}))
-        return replace(base, **{self.name: value})
+    def count(self, rays: int) -> int:
+        """Realisations of this many rays: few rays scatter most, and more of them cost little."""
+        return min(max(self.realisations, self.realisations * self.reference_rays // (4 * rays)), MOST_REALISATIONS)
 
 
-def effect_knobs(effects: Collection[str]) -> tuple[Knob, ...]:
-    """A knob that leaves out one effect, for each of these; multiple bounces are the knob ``depth``."""
-    return tuple(
-        Knob(name, (False,), power=name in POWER_EFFECTS)
-        for name in ("doppler", *POWER_EFFECTS)
-        if name in effects and name != "multi_bounce"
-    )
+@dataclass(frozen=True)
+class Menu:
+    """What may be chosen from, each from cheap to dear; the default is an error budget's.
+
+    Fewer rays save nothing: a pass of rays has a price whatever their number
+    (:data:`datafactory.accuracy.choice.PASS_S`). A budget's reference has as many as the menu's most in each
+    realisation; its mean over four errs half as much, and what is left of it is subtracted.
+
+    :param prune_db, tolerance, truth_terms: none where only paths are made; the default stays then
+    :param usual_rays: of everything but the rays' own settings
+    """
+
+    rays: tuple[int, ...] = (3_125, 6_250, 12_500, 25_000, 50_000, 100_000, 200_000, 400_000, 800_000)
+    depth: tuple[int, ...] = (1, 2, REFERENCE_DEPTH)
+    prune_db: tuple[float, ...] = (-20.0, -30.0, -40.0, -50.0, -60.0)
+    tolerance: tuple[float, ...] = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
+    truth_terms: tuple[int, ...] = (3, 4, 5, 6)
+    effort: Effort = field(default_factory=lambda: Effort(800_000))
+    usual_rays: int = DEFAULT.rays
+
+    @property
+    def paths_only(self) -> bool:
+        """Whether nothing is chosen but how to trace."""
+        return not (self.prune_db or self.tolerance or self.truth_terms)
+
+    def of_paths(self) -> Menu:
+        """What of it concerns the paths alone."""
+        return replace(self, prune_db=(), tolerance=(), truth_terms=())
+
+    @property
+    def usual(self) -> KnobSettings:
+        """What knobs are while another one is varied: the default where the menu has it, else its middle number of rays
+        and its last depth."""
+        rays = self.usual_rays if self.usual_rays in self.rays else self.rays[len(self.rays) // 2]
+        depth = DEFAULT.depth if DEFAULT.depth in self.depth else self.depth[-1]
+        return replace(DEFAULT, rays=rays, depth=depth)
+
+    def settings(self, *knobs: str) -> Iterator[tuple[str, Any]]:
+        """Knob and value of all that is measured."""
+        for knob in knobs or (*SIGNAL_KNOBS, *POWER_KNOBS):
+            for value in getattr(self, knob):
+                yield knob, value
+
+    def with_rays(self, rays: int) -> Menu:
+        """With this number of rays, and a reference of at least twice as many."""
+        reference_rays = max(self.effort.reference_rays, 2 * rays)
+        return replace(
+            self, rays=tuple(sorted({*self.rays, rays})), effort=replace(self.effort, reference_rays=reference_rays)
+        )
+
+    def with_more_rays(self, most: int) -> Menu:
+        """The rays going on in doublings to ``most``, which is the last."""
+        menu, rays = self, 2 * self.rays[-1]
+        while rays < most:
+            menu, rays = menu.with_rays(rays), 2 * rays
+        return menu.with_rays(most)
 
 
-def _rays(fan: tuple[int, ...], sphere: tuple[int, ...]) -> tuple[Knob, ...]:
-    return (
-        Knob("rays", fan, power=True, paired=False),
-        Knob("rays", sphere, power=True, paired=False, beside=("lattice", "sphere"), label=SPHERE_RAYS),
-    )
+def menu_for(rays: int | None, depth: int | None) -> Menu:
+    """The full menu, or only what the user asked for where they did."""
+    menu = Menu() if rays is None else replace(Menu().with_rays(rays), rays=(rays,))
+    return menu if depth is None else replace(menu, depth=(depth,))
 
 
-FAN_RAYS = (3_125, 6_250, 12_500, 25_000, 50_000, 100_000, 200_000, 400_000, 800_000)
-"""What a full sweep tries, and what an error budget chooses from. Fewer save nothing: a pass of rays has a price
-whatever their number (:data:`datafactory.accuracy.work.RAY_PASS`).
-"""
-SPHERE_RAYS = "sphere rays"
-"""Label of the rows with rays of the solver's own lattice."""
-SIGNAL_KNOBS = (
-    Knob("tolerance", (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-9)),
-    Knob("width", ("complex64", "complex128", "float32 geometry")),
-    Knob("prune_db", (-20.0, -30.0, -40.0, -50.0, -60.0, UNPRUNED_DB)),
-    Knob("delays", ("linear",)),
-    Knob("video_phase", (False, True)),
-    Knob("truth_terms", (3, 4, 5, 6)),
-    Knob("truth_wave", ("plane",)),
-    Knob("truth_window", ("none", "taylor-25", "taylor-30", "hann")),
+STUDY = replace(
+    Menu(), prune_db=(*Menu.prune_db, UNPRUNED_DB), tolerance=(*Menu.tolerance, 1e-9), effort=Effort(1_600_000)
 )
-POWER_KNOBS = (
-    *_rays(FAN_RAYS, (200_000, 400_000, 800_000, 1_600_000)),
-    Knob("lattice", ("all around",), power=True, paired=False),
-    Knob("depth", (1, 2, 3), power=True),
-    Knob("finite_mirrors", (False,), power=True),
-    Knob("surface_phase", (False,), power=True),
-)
-QUICK_SIGNAL_KNOBS = (
-    Knob("tolerance", (1e-2, 1e-3, 1e-4, 1e-6)),
-    Knob("width", ("float32 geometry",)),
-    Knob("prune_db", (-20.0, -30.0, -40.0, -50.0, -60.0)),
-    Knob("delays", ("linear",)),
-    Knob("video_phase", (True,)),
-    Knob("truth_terms", (3, 4, 5, 6)),
-    Knob("truth_wave", ("plane",)),
-    Knob("truth_window", ("hann",)),
-)
-QUICK_POWER_KNOBS = (
-    *_rays(tuple(rays for rays in FAN_RAYS if rays <= DEFAULT.rays), (100_000, 200_000)),
-    Knob("depth", (1, 2, 3), power=True),
-    Knob("finite_mirrors", (False,), power=True),
-    Knob("surface_phase", (False,), power=True),
-)
-
-
-def most_rays(knobs: Sequence[Knob]) -> int:
-    """The most rays of the fan that are tried."""
-    return max(value for knob in knobs if knob.label == "rays" for value in knob.values)
-
-
-def with_more_rays(knobs: Sequence[Knob], most: int) -> tuple[Knob, ...]:
-    """The knobs, that of the fan's rays going on in doublings to ``most``, which is the last."""
-
-    def doubled(values: tuple[Any, ...]) -> tuple[Any, ...]:
-        more = list(values)
-        while 2 * more[-1] < most:
-            more.append(2 * more[-1])
-        return (*more, most) if most > more[-1] else tuple(more)
-
-    return tuple(replace(knob, values=doubled(knob.values)) if knob.label == "rays" else knob for knob in knobs)
-
-
-REFERENCE_DEPTH = 3
-REFERENCE_RAYS = 1_600_000
-BUDGET_REFERENCE_RAYS = 800_000
-"""Of a budget's reference: as many as the menu's most in each realisation, whose mean over four errs half as much; what
-is left of it is subtracted.
-"""
-QUICK_REFERENCE_RAYS = 400_000
-QUICK_RAYS = 50_000
-"""Of everything but the rays' own rows in a quick sweep: a quarter of the default."""
-REFERENCE_TOLERANCE = 1e-11
-"""Of the reference cube, complex128: two orders below the finest setting swept."""
-REFERENCE_TERMS = 8
-"""Of the reference image: its range walk is then developed to -120 dB."""
+"""What ``datafactory accuracy`` measures: the exact kernel and unpruned cubes as well."""
+QUICK = Menu(
+    rays=tuple(rays for rays in Menu.rays if rays <= DEFAULT.rays), tolerance=(1e-2, 1e-3, 1e-4, 1e-6),
+    effort=Effort(400_000, realisations=2, reference_realisations=3), usual_rays=50_000,
+)  # fmt: skip
+"""What ``--quick`` measures of it, with a quarter of the rays."""

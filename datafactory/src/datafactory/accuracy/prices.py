@@ -1,264 +1,130 @@
-"""From the errors of single knobs to the cheapest settings that keep an error budget.
+"""What each setting of each knob errs by: measured once, for a price list that is read and for a budget that chooses.
 
-Errors of different knobs have no common phase, so their squares add. Three errors are bounded, each as an amplitude:
-the cube's (relative L2) and the truth image's (largest difference over peak) on the same paths, and the amplitude in
-a resolution cell, sqrt(power), over its peak (:mod:`datafactory.accuracy.power`). The price is counted work, so that
-every machine chooses alike.
+Signal knobs share the paths of one tracing, unpruned, and are held against a cube of 1e-11 and a truth whose Doppler
+filter and range walk are exact. Power knobs are held against many rays, or against the deepest with the same rays.
 """
 
 from __future__ import annotations
 
-import itertools
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from datafactory.accuracy.clock import Advance, Clock
-from datafactory.accuracy.errors import level_db, peak_error, relative_l2
-from datafactory.accuracy.knobs import (
-    BUDGET_REFERENCE_RAYS,
-    DEFAULT,
-    FAN_RAYS,
-    REFERENCE_DEPTH,
-    KnobSettings,
-    converged,
-)
-from datafactory.accuracy.looking import Outcome, reference_of, run
-from datafactory.accuracy.power import Effort, Kept, power_error, realisations
-from datafactory.accuracy.samples import SampleFrame, traced
-from datafactory.accuracy.work import frame_work, trace_work
-from shared.radar import Radar
-
-
-@dataclass(frozen=True)
-class Menu:
-    """What may be chosen from, each from cheap to dear; of knobs without values the default stays.
-
-    :param effort: of measuring the power in cells
-    """
-
-    rays: tuple[int, ...] = FAN_RAYS
-    depth: tuple[int, ...] = (1, 2, REFERENCE_DEPTH)
-    prune_db: tuple[float, ...] = (-20.0, -30.0, -40.0, -50.0, -60.0)
-    tolerance: tuple[float, ...] = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
-    truth_terms: tuple[int, ...] = (3, 4, 5, 6)
-    effort: Effort = field(default_factory=lambda: Effort(BUDGET_REFERENCE_RAYS))
-
-    @property
-    def paths_only(self) -> bool:
-        """Whether nothing is chosen but how to trace."""
-        return not (self.prune_db or self.tolerance or self.truth_terms)
-
-    def of_paths(self) -> Menu:
-        """What of it concerns the paths alone."""
-        return replace(self, prune_db=(), tolerance=(), truth_terms=())
-
-    def steps(self) -> int:
-        return len(self.rays) + len(self.depth) + len(self.prune_db) + len(self.tolerance) + len(self.truth_terms)
+from datafactory.accuracy.errors import peak_error, relative_l2
+from datafactory.accuracy.knobs import POWER_KNOBS, REFERENCE_DEPTH, SIGNAL_KNOBS, KnobSettings, Menu
+from datafactory.accuracy.looking import Outcome, made, reference_of
+from datafactory.accuracy.power import Kept, paired_error, power_error
+from datafactory.accuracy.samples import Sample
 
 
 class Price(BaseModel):
-    """One setting of one knob: its errors in every frame as amplitude ratios, and the paths that it leaves.
+    """One setting of one knob: its errors in every frame, empty where it can have none.
 
-    :param paths: mean number; for ``prune_db`` the share kept
-    :param fixed_work, path_work: counted multiply-adds a frame whatever the paths, and a path: of the cube for
-        ``tolerance``, of the truth for ``truth_terms``
+    :param cube, image, power: amplitude ratios, see :mod:`datafactory.accuracy.errors` and
+        :mod:`datafactory.accuracy.power`
+    :param bias: total power over the reference's; of signal knobs that of the image
+    :param paths: mean number, of power knobs before pruning
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     knob: str
     value: float
-    cube: tuple[float, ...]
-    image: tuple[float, ...]
-    power: tuple[float, ...]
+    cube: tuple[float, ...] = ()
+    image: tuple[float, ...] = ()
+    power: tuple[float, ...] = ()
+    bias: tuple[float, ...]
     paths: float
-    fixed_work: float = 0.0
-    path_work: float = 0.0
-
-
-PriceList = dict[tuple[str, float], Price]
 
 
 class Prices(BaseModel):
-    """All prices of a scene; the frames they were measured on."""
+    """The prices of a scene; of paths alone those of power knobs."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    frame_ids: tuple[int, ...]
     prices: tuple[Price, ...]
 
-    def by_setting(self) -> PriceList:
-        return {(price.knob, price.value): price for price in self.prices}
 
+class Bench:
+    """Frames of a run, traced once, whose signal is made under other settings.
 
-class Errors(BaseModel):
-    """The three errors [dB], the largest over the frames, to 0.1 dB so that the last bits of a sum do not decide.
-
-    None of cube and image where only paths are made.
+    :param usual: the knobs that they are traced with
+    :param repeats: runs of each timed step
+    :param batch: frames whose images share their time
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    def __init__(self, samples: Sequence[Sample], usual: KnobSettings, repeats: int = 1, batch: int = 1) -> None:
+        self.samples, self.usual, self.repeats, self.batch = samples, usual, repeats, batch
+        self.tracing = Clock(repeats)
+        self.frames = [self.tracing("trace", partial(sample.traced, usual)) for sample in samples]
+        self.reference = reference_of(self.frames, samples[0].settings(usual), samples[0].radar)
+        converged = Clock(repeats, keep=True)
+        self.made(usual.converged(), converged)
+        self.kept = converged.kept
 
-    cube_db: float | None
-    image_db: float | None
-    power_db: float
+    def made(self, knobs: KnobSettings, clock: Clock) -> Outcome:
+        """All frames from the paths that they have, in the Doppler cells of the reference."""
+        first = self.samples[0]
+        return made(self.frames, first.settings(knobs), first.radar, clock, self.reference.cells, self.batch)
 
-    @staticmethod
-    def of(cube: Sequence[float], image: Sequence[float], power: Sequence[float]) -> Errors:
-        """The largest of amplitude ratios; none of a cube or image that is not made."""
+    def errors(self, outcome: Outcome) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Those of cubes and of images made of these paths, by frame."""
+        reference = self.reference
+        return (
+            tuple(map(relative_l2, outcome.cubes, reference.cubes)),
+            tuple(map(peak_error, outcome.images, reference.images)),
+        )
 
-        def largest(ratios: Sequence[float]) -> float | None:
-            return round(level_db(max(ratios)), 1) if ratios else None
-
-        return Errors(cube_db=largest(cube), image_db=largest(image), power_db=round(level_db(max(power)), 1))
-
-    def measured(self) -> dict[str, float]:
-        """Name and level of those that there are."""
-        return {name: value for name, value in self.model_dump().items() if value is not None}
-
-    def excess_db(self, budget_db: float) -> tuple[float, ...]:
-        """By how much each exceeds a budget, 0 where it does not, the largest first."""
-        return tuple(sorted((max(value - budget_db, 0.0) for value in self.measured().values()), reverse=True))
-
-    @property
-    def worst_db(self) -> float:
-        return max(self.measured().values())
-
-    def __str__(self) -> str:
-        names = {"cube_db": "cube", "image_db": "image", "power_db": "power in a cell"}
-        return ", ".join(f"{names[name]} {value:.1f}" for name, value in self.measured().items()) + " dB"
-
-
-@dataclass(frozen=True)
-class Choice:
-    """The settings chosen, their counted work a frame, what they promise, and whether that keeps the budget."""
-
-    settings: KnobSettings
-    work: float
-    predicted: Errors
-    keeps_budget: bool
+    def price(self, knob: str, value: float) -> tuple[Price, Clock]:
+        """One setting of a signal knob away from what is converged, and what the stages after tracing took."""
+        clock = Clock(self.repeats, self.kept)
+        outcome = self.made(self.usual.converged().at(knob, value), clock)
+        cube, image = self.errors(outcome)
+        pairs = zip(outcome.images, self.reference.images, strict=True)
+        bias = tuple(float((a**2).sum() / (b**2).sum()) if b.any() else 1.0 for a, b in pairs)
+        paths = float(np.mean(outcome.paths))
+        return Price(knob=knob, value=value, cube=cube, image=image, bias=bias, paths=paths), clock
 
 
-def measure_prices(
-    samples: Sequence[SampleFrame], menu: Menu, radar: Radar, made_with: KnobSettings, advance: Advance
-) -> Prices:
-    """Sweep the knobs of the menu; nothing is timed.
+def power_price(samples: Sequence[Sample], menu: Menu, knob: str, value: float, kept: Kept) -> Price:
+    """One setting of a power knob: rays against a reference's, depth against the deepest with the same rays.
 
-    Where they are not varied, rays and depth are the default's if the menu has them, else its middle and its last ones.
-
-    :param made_with: effects, truth window and video phase of the run
+    :param kept: realisations traced before; those traced here are added
     """
-    depth = DEFAULT.depth if DEFAULT.depth in menu.depth else menu.depth[-1]
-    rays = DEFAULT.rays if DEFAULT.rays in menu.rays else menu.rays[len(menu.rays) // 2]
-    usual = replace(made_with, rays=rays, depth=depth)
-    total, prices = menu.steps(), list[Price]()
-    advance(0, total, "reference")
-    if not menu.paths_only:
-        base = converged(usual)
-        frames = [traced(sample, usual, radar) for sample in samples]
-        reference, kept = reference_of(frames, base, radar), Clock(keep=True)
-        run(frames, base, radar, kept, reference.cells)
-        for knob in ("tolerance", "prune_db", "truth_terms"):
-            for value in getattr(menu, knob):
-                advance(len(prices), total, f"{knob} {value}")
-                clock = Clock(kept=kept.kept)
-                settings = replace(base, **{knob: value})
-                outcome = run(frames, settings, radar, clock, reference.cells)
-                prices.append(signal_price(knob, value, outcome, reference))
-        del reference, kept
-    traces: Kept = {}
-    for knob in ("rays", "depth"):
-        for value in getattr(menu, knob):
-            advance(len(prices), total, f"{knob} {value}")
-            settings = replace(usual, **{knob: value})
-            deep = knob == "depth"
-            against = replace(usual, depth=REFERENCE_DEPTH) if deep else replace(usual, rays=menu.effort.reference_rays)
-            errors = tuple(
-                power_error(sample, settings, against, menu.effort, radar, traces, paired=deep).peak
-                for sample in samples
-            )
-            count = menu.effort.realisations if deep else menu.effort.count(value)
-            paths = [realisations(sample, settings, radar, 1, count, traces).paths for sample in samples]
-            prices.append(power_price(knob, value, errors, float(np.mean(paths))))
-    return Prices(frame_ids=tuple(sample.frame_id for sample in samples), prices=tuple(prices))
-
-
-def signal_price(knob: str, value: float, outcome: Outcome, reference: Outcome) -> Price:
-    """The price of one setting of a knob of the signal, from the frames made with it."""
-    works = {"tolerance": outcome.cube_work, "truth_terms": outcome.truth_work}.get(knob, ())
+    effort, usual = menu.effort, menu.usual
+    knobs = usual.at(knob, value)
+    deepest, densest = replace(usual, depth=REFERENCE_DEPTH), replace(usual, rays=effort.reference_rays)
+    found = [
+        paired_error(sample, knobs, deepest, effort, kept)
+        if knob == "depth"
+        else power_error(sample, knobs, sample, densest, effort, kept)
+        for sample in samples
+    ]
     return Price(
         knob=knob,
         value=value,
-        cube=tuple(relative_l2(a, b) for a, b in zip(outcome.cubes, reference.cubes, strict=True)),
-        image=tuple(peak_error(a, b) for a, b in zip(outcome.images, reference.images, strict=True)),
-        power=(0.0,) * len(outcome.paths),
-        paths=sum(outcome.paths) / max(sum(outcome.reached), 1),
-        fixed_work=sum(work.fixed for work in works) / max(len(works), 1),
-        path_work=sum(work.by_paths for work in works) / max(sum(outcome.paths), 1),
+        power=tuple(error.peak for error in found),
+        bias=tuple(error.total for error in found),
+        paths=float(np.mean([error.paths for error in found])),
     )
 
 
-def power_price(knob: str, value: float, power: Sequence[float], paths: float) -> Price:
-    """The price of one setting of a knob of the paths.
-
-    :param power: errors of every frame; :param paths: mean number
-    """
-    none = (0.0,) * len(power)
-    return Price(knob=knob, value=value, cube=none, image=none, power=tuple(power), paths=paths)
-
-
-def choose(scenes: Sequence[Prices], menu: Menu, budget_db: float, radar: Radar) -> Choice:
-    """The least counted work of all combinations that keep the budget in every frame of every scene.
-
-    Where none does, the one that exceeds it least: by its worst error first, then by the others, so that these are
-    still kept where they can be; and of equals the cheapest.
-    """
-    choices, lists = [], [prices.by_setting() for prices in scenes]
-    for rays, depth, prune, tolerance, terms in itertools.product(
-        menu.rays,
-        menu.depth,
-        menu.prune_db or (DEFAULT.prune_db,),
-        menu.tolerance or (DEFAULT.tolerance,),
-        menu.truth_terms or (DEFAULT.truth_terms,),
-    ):
-        settings = replace(DEFAULT, rays=rays, depth=depth, prune_db=prune, tolerance=tolerance, truth_terms=terms)
-        predicted = _predicted(lists, settings, menu)
-        work = trace_work(settings) if menu.paths_only else _work(lists, settings, radar)
-        choices.append(Choice(settings, work, predicted, predicted.worst_db <= budget_db))
-    good = [choice for choice in choices if choice.keeps_budget]
-    if good:
-        return min(good, key=lambda choice: choice.work)
-    return min(choices, key=lambda choice: (choice.predicted.excess_db(budget_db), choice.work))
-
-
-def _predicted(lists: Sequence[PriceList], settings: KnobSettings, menu: Menu) -> Errors:
-    cube, image, power = list[float](), list[float](), list[float]()
-    for prices in lists:
-        rays, depth = prices["rays", settings.rays], prices["depth", settings.depth]
-        power += map(math.hypot, rays.power, depth.power)
-        if not menu.paths_only:
-            tolerance, prune = prices["tolerance", settings.tolerance], prices["prune_db", settings.prune_db]
-            cube += map(math.hypot, tolerance.cube, prune.cube)
-            image += map(math.hypot, prices["truth_terms", settings.truth_terms].image, prune.image)
-    return Errors.of(cube, image, power)
-
-
-def _work(lists: Sequence[PriceList], settings: KnobSettings, radar: Radar) -> float:
-    """Counted multiply-adds of one frame, mean over the scenes."""
-    total = 0.0
-    for prices in lists:
-        cube, truth = prices["tolerance", settings.tolerance], prices["truth_terms", settings.truth_terms]
-        total += cube.fixed_work + truth.fixed_work + _paths(prices, settings) * (cube.path_work + truth.path_work)
-    return total / len(lists) + trace_work(settings) + frame_work(settings, radar)
-
-
-def _paths(prices: PriceList, settings: KnobSettings) -> float:
-    """Paths after pruning: those of the rays, times what the depth changes, times what pruning keeps."""
-    depths = [value for knob, value in prices if knob == "depth"]
-    priced_at = DEFAULT.depth if DEFAULT.depth in depths else depths[-1]
-    deeper = prices["depth", settings.depth].paths / max(prices["depth", priced_at].paths, 1.0)
-    return prices["rays", settings.rays].paths * deeper * prices["prune_db", settings.prune_db].paths
+def measure_prices(samples: Sequence[Sample], menu: Menu, advance: Advance) -> Prices:
+    """The prices of a whole menu."""
+    prices = list[Price]()
+    total, traces = len(list(menu.settings())), Kept()
+    advance(0, total, "reference")
+    if not menu.paths_only:
+        bench = Bench(samples, menu.usual)
+        for knob, value in menu.settings(*SIGNAL_KNOBS):
+            advance(len(prices), total, f"{knob} {value}")
+            prices.append(bench.price(knob, value)[0])
+        del bench  # many rays need the room
+    for knob, value in menu.settings(*POWER_KNOBS):
+        advance(len(prices), total, f"{knob} {value}")
+        prices.append(power_price(samples, menu, knob, value, traces))
+    return Prices(prices=tuple(prices))

@@ -2,65 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
-from datafactory.accuracy.knobs import DEFAULT, KnobSettings
-from datafactory.accuracy.variants import FAN, LATTICES, SPHERE, ahead_alone
+from datafactory.accuracy.knobs import KnobSettings
 from datafactory.effects.catalogue import ALL
-from datafactory.frame.chain import SceneSource, narrowed
+from datafactory.frame.chain import ChainSettings, SceneSource, narrowed
 from datafactory.frame.deal import DealtFrame
 from datafactory.frame.prepared import PreparedScene
-from datafactory.paths.rays import RayFan
 from datafactory.paths.storage import TracedFrame
 from datafactory.paths.table import PathTable
 from datafactory.run.order import Order
+from shared.dataset import STORES
 from shared.radar import Radar
 
 
 @dataclass(frozen=True)
-class SampleFrame:
-    """A frame of a run, to measure on."""
+class Sample:
+    """A frame of a run, to be made under other settings of the knobs, without noise and whatever is to be stored."""
 
     frame: DealtFrame
     scene: PreparedScene
+    order: Order
 
     @property
     def frame_id(self) -> int:
         """Its index in the run."""
         return self.frame.frame_id
 
+    @property
+    def radar(self) -> Radar:
+        return self.order.radar
 
-def made_with(order: Order) -> KnobSettings:
-    """What the frames of a run are made with, whatever is chosen for accuracy: effects, truth window, video phase."""
-    return replace(
-        DEFAULT,
-        effects=order.effects or ALL,
-        budget_db=order.of_scenes.budget_db,
-        truth_window=order.settings.processing.truth_window,
-        video_phase=order.radar.waveform.residual_video_phase,
-        device=order.settings.device,
-    )
+    def settings(self, knobs: KnobSettings) -> ChainSettings:
+        """How the frame is made with these knobs: the rest is the run's."""
+        chain = replace(self.order, settings=knobs.on(self.order.settings)).of_scenes
+        return replace(chain, processing=replace(chain.processing, noise=False, store=STORES[0]))
 
+    def complete(self) -> Sample:
+        """The same with every effect that the run may have, whatever the frame decides to leave out."""
+        return replace(self, order=replace(self.order, effects=self.order.effects or ALL))
 
-def traced(sample: SampleFrame, settings: KnobSettings, radar: Radar, realisation: int = 0) -> TracedFrame:
-    """One realisation of a frame's paths; number 0 has the rays of the run itself."""
+    def traced(self, knobs: KnobSettings, realisation: int = 0) -> TracedFrame:
+        """One realisation of the paths; number 0 has the rays of the run itself."""
+        return SceneSource(self.frame.with_rays(realisation), self.scene, self.settings(knobs)).traced(self.radar)
 
-    def at(step: str, function: Callable[..., Any], *arguments: Any) -> Any:
-        if step != "trace" or settings.lattice == FAN:
-            return function(*arguments)
-        swapped = [
-            LATTICES[settings.lattice](item.count, offset=item.offset) if isinstance(item, RayFan) else item
-            for item in arguments
-        ]
-        return function(*swapped)
-
-    frame = SceneSource(sample.frame.with_rays(realisation), sample.scene, settings.chain()).traced(radar, at)
-    return replace(frame, table=ahead_alone(frame.table)) if settings.lattice == SPHERE else frame
-
-
-def lit_paths(sample: SampleFrame, settings: KnobSettings, radar: Radar, realisation: int = 0) -> PathTable:
-    """Illuminated paths of one realisation."""
-    _, paths = narrowed(traced(sample, settings, radar, realisation), settings.chain(), radar)
-    return paths
+    def lit_paths(self, knobs: KnobSettings, realisation: int = 0) -> PathTable:
+        """Illuminated paths of one realisation."""
+        _, paths = narrowed(self.traced(knobs, realisation), self.settings(knobs), self.radar)
+        return paths

@@ -8,9 +8,9 @@ from dataclasses import replace
 from functools import partial
 from typing import TypeAlias
 
-from datafactory.accuracy.budget import menu_for, settle
+from datafactory.accuracy.budget import settle
 from datafactory.accuracy.check import check
-from datafactory.accuracy.prices import Menu
+from datafactory.accuracy.knobs import Menu, menu_for
 from datafactory.api.asking import materials_of, order_of
 from datafactory.api.declared import taking
 from datafactory.api.options import Progress, RenderOptions, TraceOptions

@@ -6,12 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from datafactory.accuracy.cache import cached, user_cache
 from datafactory.accuracy.prices import Price, Prices
-from datafactory.run.cache import cached, user_cache
 
-PRICES = Prices(
-    frame_ids=(0,), prices=(Price(knob="rays", value=1.0, cube=(0.0,), image=(0.0,), power=(0.1,), paths=7.0),)
-)
+PRICES = Prices(prices=(Price(knob="rays", value=1.0, power=(0.1,), bias=(1.0,), paths=7.0),))
 
 
 def test_a_damaged_cache_is_measured_again(tmp_path: Path) -> None:

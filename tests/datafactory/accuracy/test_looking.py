@@ -1,0 +1,114 @@
+"""Frames under settings of the knobs are the run's own; what they are held against is exact."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from oracles import doppler_filtered, if_cube, peak_error_db, relative_error
+from path_tables import a_table
+from sampled_frames import EFFECTS, POSE, order_of_two, samples_of
+
+from datafactory.accuracy.errors import Errors, level_db, peak_error, relative_l2, worst_of
+from datafactory.accuracy.knobs import DEFAULT
+from datafactory.accuracy.looking import made, reference_moments, reference_of
+from datafactory.effects.catalogue import ALL, NAMES, EffectSet
+from datafactory.frame.chain import ChainSettings
+from datafactory.frame.measurement import Processing
+from datafactory.paths.density import cell_power
+from datafactory.paths.solver import TraceSettings
+from datafactory.run.making import render
+from datafactory.run.pipeline import Execution
+from datafactory.scenes.materials.table import load_materials
+from shared.dataset.folder import open_dataset
+from shared.signal.imaging import sweep_moments
+
+
+def test_errors_have_a_finite_floor_and_a_scale() -> None:
+    one = np.array([3.0, 4.0j])
+    assert relative_l2(one, one) == peak_error(one, one) == 0.0
+    assert level_db(0.0) == -200.0
+    assert relative_l2(1.1 * one, one) == pytest.approx(0.1)
+    assert peak_error(one + np.array([0.4, 0.0]), one) == pytest.approx(0.1)
+    assert relative_l2(one, 0.0 * one) == 1.0
+
+
+def test_errors_leave_out_what_was_not_made() -> None:
+    paths = Errors.of([], [], [1e-2, 1e-3])
+    assert paths.measured() == {"power_db": -40.0} == {"power_db": paths.worst_db}
+    assert str(paths) == "power in a cell -40.0 dB"
+    assert worst_of([paths, Errors.of([], [], [0.1])]) == Errors.of([], [], [0.1])
+    both = worst_of([Errors.of([0.1], [0.1], [0.01]), Errors.of([1e-3], [1.0], [0.1])])
+    assert both == Errors.of([0.1], [1.0], [0.1])
+
+
+def test_reference_moments_are_those_of_the_whole_virtual_cube(radar, generator) -> None:
+    table = a_table(generator, nearest_m=3.0, farthest_m=10.0)
+    cells = np.random.default_rng(5).integers(0, radar.waveform.chirps, radar.waveform.range_bins)
+    moments = reference_moments(table, radar, cells, 4)
+    some = (0, 100, 255)  # elements of three blocks
+    sensor = radar.virtual_sensor.model_copy(update={"rx_m": tuple(radar.virtual_sensor.rx_m[e] for e in some)})
+    cube = if_cube(table, radar, sensor)
+    for cell in np.unique(cells):
+        rows = np.flatnonzero(cells == cell)
+        expected = sweep_moments(doppler_filtered(cube, radar, int(cell)), radar, 4)[:, rows]
+        assert peak_error_db(moments[:, rows][:, :, some], expected) < -100.0
+
+
+def test_more_truth_terms_follow_the_range_walk(variant, radar) -> None:
+    """From a radar at rest, where the Doppler filter adds no error of its own."""
+    (still,) = samples_of(replace(order_of_two(radar), poses=(replace(POSE, velocity=(0.0, 0.0, 0.0)),)))
+    knobs = replace(DEFAULT, rays=2000).converged()
+    frames = [still.traced(knobs)]
+    reference = reference_of(frames, still.settings(knobs), radar)
+    errors = []
+    for terms in (3, 4, 6):
+        outcome = made(frames, still.settings(replace(knobs, truth_terms=terms)), radar, rows=reference.cells)
+        errors.append(level_db(peak_error(outcome.images[0], reference.images[0])))
+    assert errors[0] > errors[1] + 5.0
+    assert errors[1] > errors[2] + 5.0
+    assert errors[2] < -70.0
+
+
+def test_cell_power_keeps_the_power_of_every_path_in_range(samples, radar) -> None:
+    paths = samples[0].lit_paths(replace(DEFAULT, rays=2000))
+    inside = np.rint(paths.scattered.range_m() / radar.waveform.range_step_m) < radar.waveform.range_bins
+    images = np.rint(paths.specular.range_m() / radar.waveform.range_step_m) < radar.waveform.range_bins
+    expected = (np.abs(paths.scattered.amplitude[inside]) ** 2).sum()
+    expected += (np.abs(paths.specular.amplitude[images]) ** 2).sum()
+    assert expected > 0.0
+    assert cell_power(paths, radar, "taylor-30").sum() == pytest.approx(expected, rel=1e-12)
+
+
+def test_default_settings_are_those_of_a_run(samples) -> None:
+    silent = ChainSettings(processing=Processing(noise=False))
+    for name in NAMES:
+        effects = ALL.without(name)
+        sample = replace(samples[0], order=replace(samples[0].order, effects=effects))
+        assert sample.settings(DEFAULT) == effects.settings(silent)
+    # What a frame decides to leave out is decided by the run's budget; a complete frame has all of it.
+    deciding = replace(samples[0], order=replace(samples[0].order, effects=None, budget_db=-25.0))
+    assert deciding.settings(DEFAULT).budget_db == -25.0
+    assert deciding.complete().settings(DEFAULT) == ALL.settings(silent)
+    # Measurements are kept by the settings, of which the device is one.
+    order = samples[0].order
+    on_gpu = replace(samples[0], order=replace(order, settings=replace(order.settings, device="cuda")))
+    assert on_gpu.settings(DEFAULT) == replace(samples[0].settings(DEFAULT), device="cuda")
+
+
+@pytest.mark.parametrize("left_out", [(), ("doppler",), ("near_field", "antenna_pattern")])
+def test_a_frame_of_the_study_is_a_frame_of_the_run(left_out, radar, tmp_path, variant) -> None:
+    """Rendered by the pipeline itself, without noise."""
+    effects = EffectSet.of(set(EFFECTS.names) - {"noise", *left_out})
+    settings = ChainSettings(trace=TraceSettings(rays=1000), processing=Processing(store="cube"))
+    order = replace(order_of_two(radar), poses=(POSE,), effects=effects, seed=5, settings=settings)
+    render(order, load_materials(None), Execution(tmp_path / "data"))
+    (expected,) = open_dataset(tmp_path / "data").frames("train")
+
+    (sample,) = samples_of(order)
+    knobs = replace(DEFAULT, rays=1000)
+    outcome = made([sample.traced(knobs)], sample.settings(knobs), radar)
+    assert expected.cube is not None
+    assert relative_error(outcome.cubes[0], expected.cube) < 1e-6
+    assert peak_error_db(outcome.images[0], expected.image * expected.image_peak) < -60.0
