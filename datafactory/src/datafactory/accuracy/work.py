@@ -19,6 +19,7 @@ from datafactory.paths.table import PathTable
 from datafactory.synthesis.chirps import OVERSAMPLING, exact_blocks
 from datafactory.synthesis.doppler_moments import SHIFT_TERMS
 from datafactory.synthesis.frame_lines import block_plans
+from datafactory.synthesis.slow_time import FEW_TERMS, MANY_TERMS
 from datafactory.synthesis.sorting import FLOAT32_TOLERANCE, SortedPaths
 from datafactory.synthesis.spread import LANES
 from datafactory.synthesis.truth import truth_plan
@@ -112,10 +113,11 @@ def _lines_work(paths: SortedPaths, radar: Radar, tolerance: float, array: Anten
         (taps, terms), elements = plan.weights.shape, len(array.rx_m[plan.rx])
         channels, by_paths = len(array.tx_m) * elements, 0.0
         for job in plan.jobs:
-            orders, nodes = job.group.orders, job.group.weights.taps
+            orders, lines_of = job.group.orders, job.group.weights.taps
+            polynomial = 8.0 * MANY_TERMS if job.group.close else 2.0 * FEW_TERMS
             lanes = _padded(elements) * (job.part.tx.stop - job.part.tx.start)
-            one = PHASE * nodes * _padded(elements) + lanes * orders * (
-                4.0 * nodes + nodes * nodes + taps * (terms - 1) + 2.0 * nodes * taps
+            one = PHASE * _padded(elements) + lanes * orders * (
+                taps * (terms - 1) + lines_of * (polynomial + 4.0 + 2.0 * taps)
             )
             by_paths += SPREAD * one * len(job.first)
         lines, half = len(plan.lines()), waveform.chirps // 2 + 1
