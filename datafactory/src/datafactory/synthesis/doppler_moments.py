@@ -45,8 +45,8 @@ def add_doppler_moments(
 ):  # fmt: skip
     """Add K paths' moments in one Doppler cell to ``grid`` [cells, doppler terms * SHIFT_TERMS * 2 * BLOCK].
 
-    With d from the block's centre to the path, t to an element and u = -d t / L, its leg is longer than the centre's, L,
-    by l = u + (t^2 - u^2) / (L + u + L + l), and its rate is larger by -(v t + rate l) / (L + l). The phase of u is
+    With d from the block's centre to the path, t to an element and u = -d t / L, its leg is longer than the centre's,
+    L, by l = u + (t^2 - u^2) / (L + u + L + l), and its rate is larger by -(v t + rate l) / (L + l). The phase of u is
     float64 until it is reduced. All else is small beside it, and float32.
 
     :param path_terms: [K] Doppler terms of each path
