@@ -60,15 +60,20 @@ def chirp() -> Arrays:
 def along_lines() -> Arrays:
     """Paths along Doppler lines with all three separable terms, and the sums over the lines."""
     draw, (tx, rx), node = numbers(5), elements(), np.linspace(-0.5, 0.5, 16)
-    cells, taps, terms, half = 128, 5, 4, 4
-    grid = np.zeros((40, cells + taps - 1, 2, 3 * rx.shape[1]), dtype=np.float32)
-    even, odd = draw.standard_normal((2, len(node) // 2, half)).astype(np.float32)
-    weights = draw.standard_normal((taps, terms)).astype(np.float32)
-    lines.add_lines(
-        table(), draw.uniform(-10.0, 10.0, PATHS), draw.integers(0, 40 - 2 * half, PATHS),
-        draw.uniform(-0.1, 0.1, (6, PATHS)), tx, rx, CENTRE, CENTRE, node, 5e-3 + 1e-2 * node, 5e-3, 6e-3,
-        *SWEEP, 1.5, cells, even, odd, weights, (0.1, 0.01), (0,) * terms, (0,) * 3, 0, grid,
+    cells, taps, terms, powers, line_taps = 128, 5, 4, 10, 8
+    grid = spread.aligned((40, 3 * rx.shape[1] // spread.LANES, cells + taps - 1, 2, spread.LANES), np.float32)
+    grid.fill(0.0)
+    paths = lines.Paths(
+        table(), draw.uniform(-10.0, 10.0, PATHS), draw.integers(0, 40 - line_taps, PATHS),
+        draw.uniform(-0.1, 0.1, (6, PATHS)),
     )  # fmt: skip
+    weights = lines.Weights(
+        node, draw.standard_normal((line_taps * powers * 2, 2 * len(node))),
+        draw.standard_normal((taps, terms)).astype(np.float32),
+    )  # fmt: skip
+    forms = tuple((0,) * count for count in (taps, terms, 3, powers, 2))
+    sweep = lines.Sweep(*SWEEP, 1.5, cells, 1e-2, 5e-3, 6e-3, BANDWIDTH_HZ / REFERENCE_HZ)
+    lines.add_lines(paths, lines.Sensor(tx, rx, CENTRE, CENTRE, 0), sweep, weights, forms, grid)
     yield grid
     rows = np.empty((8, 2, 65, 30), dtype=np.float32)
     frequency, scale = draw.uniform(-60.0, 60.0, 30), draw.uniform(0.99, 1.01, 8)

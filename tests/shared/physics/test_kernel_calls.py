@@ -63,7 +63,7 @@ def name(kernel: Dispatcher) -> str:
 def test_functions_of_fast_kernels_are_inlined():
     found = calls(kernels())
     names = {(name(outer).split(".")[-1], name(inner).split(".")[-1]) for outer, inner in found}
-    assert {("add_lines", "rx_lengths"), ("_rx_legs", "phasor"), ("_along_edges", "_integral_from_foot")} <= names
+    assert {("add_moments", "rx_lengths"), ("_rx_legs", "phasor"), ("_along_edges", "_integral_from_foot")} <= names
     assert [f"{name(outer)} calls {name(inner)}" for outer, inner in found if broken(outer, inner)] == []
 
 

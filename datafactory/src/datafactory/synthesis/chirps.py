@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache, partial
 from math import factorial
@@ -61,10 +62,12 @@ def cube_by_chirps(
     return cube
 
 
-def precision(paths: PathTable, waveform: Waveform, tolerance: float) -> type:
-    """Of the sums: np.complex64, or np.complex128 for small tolerances and where the fullest range cell is crowded."""
+def precision(tables: Sequence[PathTable], waveform: Waveform, tolerance: float) -> type:
+    """Of the sums over all tables: np.complex64, or np.complex128 for small tolerances and where the fullest range cell
+    is crowded."""
     cells = OVERSAMPLING * waveform.samples
-    parts = [range_cells(part.range_m(), waveform, OVERSAMPLING, cells) for part in (paths.scattered, paths.specular)]
+    lengths = [part.range_m() for paths in tables for part in (paths.scattered, paths.specular)]
+    parts = [range_cells(length, waveform, OVERSAMPLING, cells) for length in lengths]
     crowded = int(np.bincount(np.concatenate(parts)).max(initial=0)) > crowd_limit(tolerance)
     return np.complex128 if crowded or tolerance < FLOAT32_TOLERANCE else np.complex64
 

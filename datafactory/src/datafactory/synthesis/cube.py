@@ -51,7 +51,7 @@ def cube_of_sorted(
     shape = waveform.chirps, waveform.samples, array.channels
 
     def exactly(table: PathTable, chirps: int) -> Complex[np.ndarray, "{chirps} samples channels"]:
-        dtype = precision(table, waveform, tolerance)
+        dtype = precision([table], waveform, tolerance)
         result = cube_by_chirps(table, radar, tolerance, array, threads, intra_chirp, chirps, dtype).reshape(
             chirps, *shape[1:]
         )

@@ -22,13 +22,26 @@ from jaxtyping import Complex64, Float32, Float64, Int64
 from threadpoolctl import threadpool_limits
 
 from datafactory.synthesis.line_sums import add_samples, fill_lines, line_spectrum
-from datafactory.synthesis.lines import add_lines
+from datafactory.synthesis.lines import Paths, Sensor, Sweep, Weights, add_lines
 from datafactory.synthesis.motion import Motion, coupling, instants, motion_of
 from datafactory.synthesis.parts import Part, centre, parts_of, reach_bins, rx_blocks
-from datafactory.synthesis.slow_time import LINE_OVERSAMPLING, line_shape
-from datafactory.synthesis.sorting import RANGE_SHARE, RANGE_SLACK_BINS, PathsAlongLines, range_cells
-from datafactory.synthesis.spread import columns, padded
-from shared.physics.units import SPEED_OF_LIGHT
+from datafactory.synthesis.slow_time import (
+    FEW_TERMS,
+    LINE_OVERSAMPLING,
+    MANY_TERMS,
+    element_reach,
+    element_weights,
+    line_shape,
+)
+from datafactory.synthesis.sorting import (
+    RANGE_SHARE,
+    RANGE_SLACK_BINS,
+    VIEW_SHARE,
+    PathsAlongLines,
+    frame_half,
+    range_cells,
+)
+from datafactory.synthesis.spread import LANES, aligned, columns, padded
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
 from shared.radar.waveform import Waveform
@@ -118,11 +131,12 @@ def add_along_lines(
         rx, cells, taps = array.rx[plan.rx], plan.cells, len(plan.weights)
         columns_of = slice(plan.rx.start * len(array.tx), plan.rx.stop * len(array.tx))
         row_bytes = (cells + taps - 1) * len(array.tx) * padded(rx).shape[1] * 8
-        for lines, chosen in turns(plan.jobs, max(int(GRID_BYTES / row_bytes), 1)):
-            shape = len(lines), cells + taps - 1, 2, len(array.tx) * padded(rx).shape[1]
-            grid = np.zeros(shape, dtype=np.float32)
+        for lines, chosen in _turns(plan.jobs, max(int(GRID_BYTES / row_bytes), 1)):
+            shape = len(lines), len(array.tx) * padded(rx).shape[1] // LANES, cells + taps - 1, 2, LANES
+            grid = aligned(shape, np.float32)
+            grid.fill(0.0)
             for job, some in chosen:
-                _spread(grid, job, some, lines, cells, plan.weights, radar, array, rx, intra_chirp)
+                _spread(grid, job, some, lines, plan, radar, array, tolerance, intra_chirp)
             fast_time = _fast_time(grid, cells, taps, plan.gain, (len(rx), len(array.tx)))
             by_channel = cube.reshape(*cube.shape[:2], -1)[:, :, columns_of]
             _add_chirps(by_channel, fast_time, lines / LINE_OVERSAMPLING, gain_taps, radar, threads)
@@ -151,7 +165,7 @@ def _jobs(
     return jobs
 
 
-def turns(
+def _turns(
     jobs: list[Job], most: int
 ) -> Iterator[tuple[Int64[np.ndarray, " lines"], list[tuple[Job, Int64[np.ndarray, " chosen"]]]]]:
     """Lines in use [spacings], rising, about ``most`` at a time, with the jobs' paths that lie within, in their order.
@@ -196,37 +210,40 @@ def _range_weights(
 
 
 def _spread(
-    grid: Float32[np.ndarray, "lines cells 2 padded"],
+    grid: Float32[np.ndarray, "lines panels cells 2 16"],
     job: Job,
     chosen: Int64[np.ndarray, " chosen"],
     lines: Int64[np.ndarray, " lines"],
-    cells: int,
-    weights: Float32[np.ndarray, "taps terms"],
+    plan: BlockPlan,
     radar: Radar,
     array: AntennaArray,
-    rx: Float64[np.ndarray, "rx 3"],
+    tolerance: float,
     intra_chirp: bool,
 ) -> None:
     """Add some paths of a job to the grid."""
-    waveform, part, line = radar.waveform, job.part, job.group.weights
-    frame_s = waveform.chirps * waveform.chirp_interval_s
+    waveform, part, group = radar.waveform, job.part, job.group
+    tx, rx, line = array.tx[part.tx], array.rx[plan.rx], group.weights
     after, lead = instants(radar, intra_chirp)
     mid_time = float(part.start[waveform.chirps // 2]) + after
-    per_rate = coupling(radar) * reference_frequency_hz(radar) / SPEED_OF_LIGHT * frame_s
-    add_lines(
+    terms = MANY_TERMS if group.close else FEW_TERMS
+    reach = element_reach(terms, VIEW_SHARE * tolerance, frame_half(radar))
+    paths = Paths(
         columns(part.paths, chosen), job.anchor[chosen], np.searchsorted(lines, job.first[chosen]),
         np.take(job.motion.bend, chosen, axis=1),
-        array.tx[part.tx], padded(rx), centre(array.tx), centre(rx),
-        line.node, mid_time + line.node * frame_s, mid_time, mid_time + lead,
-        reference_frequency_hz(radar), waveform.bandwidth_hz, waveform.slope_hz_per_s,
-        float(waveform.residual_video_phase), cells / waveform.samples, cells,
-        line.even, line.odd, weights, (per_rate, 0.5 * frame_s * per_rate),
-        (0,) * weights.shape[1], (0,) * job.group.orders, part.tx.start, grid,
     )  # fmt: skip
+    sensor = Sensor(tx, padded(rx), centre(array.tx), centre(rx), part.tx.start)
+    sweep = Sweep(
+        reference_frequency_hz(radar), waveform.bandwidth_hz, waveform.slope_hz_per_s,
+        float(waveform.residual_video_phase), plan.cells / waveform.samples, plan.cells,
+        waveform.chirps * waveform.chirp_interval_s, mid_time, mid_time + lead, coupling(radar),
+    )  # fmt: skip
+    weights = Weights(line.node, element_weights(line, reach, terms), plan.weights)
+    forms = *plan.weights.shape, group.orders, terms, 2 if group.close else 1
+    add_lines(paths, sensor, sweep, weights, tuple((0,) * form for form in forms), grid)
 
 
 def _fast_time(
-    grid: Float32[np.ndarray, "lines cells 2 padded"],
+    grid: Float32[np.ndarray, "lines panels cells 2 16"],
     cells: int,
     taps: int,
     gain: Float32[np.ndarray, " samples"],

@@ -1,6 +1,6 @@
 """Where cube and truth are made: the one place that decides by device.
 
-Sorting, weights and error bounds are common to both. On ``"cpu"`` the loops are compiled by numba. On ``"cuda"`` they
+Weights and error bounds are common to both. On ``"cpu"`` the loops are compiled by numba. On ``"cuda"`` they
 are torch's (:mod:`datafactory.synthesis.device`), which is imported only then.
 """
 

@@ -17,23 +17,25 @@ _FAST = {"contract", "nsz", "arcp"}
 def line_spectrum(row, margin, spectrum):
     """One line's grid, folded to cyclic cells, as complex numbers in the channels' order.
 
-    :param row: [cells + 2 * margin, 2, TX * padded RX]; what the margins hold belongs to the other end
+    :param row: [TX * panels, cells + 2 * margin, 2, LANES]; what the margins hold belongs to the other end
     :param spectrum: [cells, RX, TX] complex64, overwritten
     """
     cells, rx_count, tx_count = spectrum.shape
-    padded_rx = row.shape[2] // tx_count
+    panels, lanes = row.shape[0] // tx_count, row.shape[3]
     for cell in range(cells):
-        for i in range(tx_count):
-            for e in range(rx_count):
-                at = i * padded_rx + e
-                spectrum[cell, e, i] = complex(row[cell + margin, 0, at], row[cell + margin, 1, at])
+        for panel in range(panels):
+            first = panel * lanes
+            for i in range(tx_count):
+                re, im = row[i * panels + panel, cell + margin, 0], row[i * panels + panel, cell + margin, 1]
+                for e in range(min(lanes, rx_count - first)):
+                    spectrum[cell, first + e, i] = complex(re[e], im[e])
     for outside in range(margin):
         for source in (outside, cells + margin + outside):
             cell = (source - margin) % cells
             for i in range(tx_count):
                 for e in range(rx_count):
-                    at = i * padded_rx + e
-                    spectrum[cell, e, i] += complex(row[source, 0, at], row[source, 1, at])
+                    here = row[i * panels + e // lanes, source]
+                    spectrum[cell, e, i] += complex(here[0, e % lanes], here[1, e % lanes])
 
 
 @compiled(nogil=True, error_model="numpy", fastmath=_FAST)

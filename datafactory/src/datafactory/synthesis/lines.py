@@ -11,9 +11,16 @@ function of eta' = (1 + nu kappa) eta alone, so that what is left of the path se
     exp(j 2 pi z nu) exp(j 2 pi s(eta')),             z = x - g / h,  s = the phase that the line leaves,
 
 and each factor is a sum of a few neighbouring atoms. The first is the polynomial in z of
-:mod:`datafactory.synthesis.spread`. The second is known at a few instants of the frame, where every delay is evaluated
-exactly; :mod:`datafactory.synthesis.slow_time` turns its values there into weights of lines. Curvature, the different
-Doppler of every element and motion of whatever kind enter through the exact values.
+:mod:`datafactory.synthesis.spread`. The second is known at a few instants of the frame, where the delay of the arrays'
+centres is evaluated exactly; :mod:`datafactory.synthesis.slow_time` turns its values there into weights of lines.
+
+An element c has the phase of the centres, one of its own at mid-frame, which is evaluated exactly, and in between
+
+    d_c eta + q_c eta^2 + c_c eta^3,
+
+with d, q and c from the derivatives of its length at mid-frame. Its factor exp(j 2 pi d_c eta) is a polynomial in d_c
+(:func:`shared.signal.sweep.shift_polynomials`), so that a line's weight is one as well, whose coefficients all elements
+share. *Close* paths have many terms, q_c to second and c_c to first order; others have few, and neither q_c nor c_c.
 
 A delay that curves does not separate wholly. Let the phase be sum_p c_p eta^p and the range sum_p d_p eta^p / kappa,
 equal to each other but for motion within the chirp. With eta = eta' / (1 + nu kappa), what is left is a phase
@@ -31,326 +38,381 @@ by z of the range's factor. What is left out is part of the path's error (:mod:`
 
 from __future__ import annotations
 
-import numpy as np
+from typing import NamedTuple
 
-from datafactory.synthesis.spread import rx_lengths
+import numpy as np
+from jaxtyping import Float32, Float64
+
+from datafactory.synthesis.spread import LANES
 from shared.physics.compiled import compiled, inlined
 from shared.physics.cycles import phasor, phasor_like
 from shared.physics.units import SPEED_OF_LIGHT
 
 _FAST = {"contract", "nsz", "arcp"}
-DOUBLES = 8
-"""Float64 in the widest vectors. A loop's rest is worked on one by one: padded to a multiple, it has none."""
+CHUNK = 64
+"""Paths whose centres are worked on together."""
+_RE, _IM, _BINS, _D, _Q, _C = (LANES * n for n in range(6))
+"""Where the parts of what elements see of a path stand in one array, so that the compiler sees that they do not
+overlap: the phasor at mid-frame; range [bins], d, q and c [cycles] beyond the centre's."""
 
 
-@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
-def _length(x, y, z, element):
-    dx, dy, dz = x - element[0], y - element[1], z - element[2]
-    return np.sqrt(dx * dx + dy * dy + dz * dz)
+class Paths(NamedTuple):
+    """Paths to be spread.
 
-
-@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
-def _rate_and_bend(x, y, z, vx, vy, vz, ex, ey, ez):
-    """First and second derivative of the length between a moving point and an element."""
-    dx, dy, dz = x - ex, y - ey, z - ez
-    length = max(np.sqrt(dx * dx + dy * dy + dz * dz), 1e-9)
-    rate = (dx * vx + dy * vy + dz * vz) / length
-    return rate, (vx * vx + vy * vy + vz * vz - rate * rate) / length
-
-
-@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
-def _phasors(length, cycles_per_metre, re, im, at):
-    for e in range(len(length)):
-        to = np.uint64(at) + np.uint64(e)
-        re[to], im[to] = phasor_like(cycles_per_metre * length[e], re[to])
-
-
-@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
-def _pair(one, other, rx_re, rx_im, rx_count, bends, tilt, dish, orders, at, sums):
-    """V_i + V_-i and j (V_-i - V_i) of one TX at two nodes, then the same for V e and V (e^2 - j g / pi).
-
-    :param one, other: re and im of the TX leg, and the node's first RX leg
-    :param bends: (e, g / pi) at one node, the same at the other, (eta, eta^2 - 1/12) at the other, and a row's length
-    :param tilt, dish: [channels] what an element has beyond e: its coefficients of eta and of eta^2 - 1/12
-    :param orders: a tuple of as many entries as there are terms; only its length is used, which the compiler knows
-    :param at: of the first channel; ``sums`` [4 * orders, channels]
+    :param table: of :func:`datafactory.synthesis.spread.columns`
+    :param anchor: f_l between the two middle lines [cycles a frame]
+    :param row: the grid's row of the first line
+    :param bends: coefficients of e and g, see :class:`datafactory.synthesis.motion.Motion`
     """
-    a_re, a_im, first = one
-    b_re, b_im, second = other
-    e, f, g, h, odd, square, row, channel = bends
-    stride = np.uint64(row)
-    for lane in range(rx_count):
-        c, d, to = np.uint64(first + lane), np.uint64(second + lane), np.uint64(at + lane)
-        x_re, x_im = a_re * rx_re[c] - a_im * rx_im[c], a_re * rx_im[c] + a_im * rx_re[c]
-        y_re, y_im = b_re * rx_re[d] - b_im * rx_im[d], b_re * rx_im[d] + b_im * rx_re[d]
-        sums[to] = x_re + y_re
-        sums[to + stride] = x_im + y_im
-        sums[to + np.uint64(2) * stride] = x_im - y_im
-        sums[to + np.uint64(3) * stride] = y_re - x_re
-        if len(orders) == 2:
-            sums[to + np.uint64(4) * stride] = e * x_re + f * y_re
-            sums[to + np.uint64(5) * stride] = e * x_im + f * y_im
-            sums[to + np.uint64(6) * stride] = e * x_im - f * y_im
-            sums[to + np.uint64(7) * stride] = f * y_re - e * x_re
-        if len(orders) == 3:
-            own = np.uint64(channel + lane)
-            even_part, odd_part = square * dish[own], odd * tilt[own]
-            p, q = e + (even_part - odd_part), f + (even_part + odd_part)
-            sums[to + np.uint64(4) * stride] = p * x_re + q * y_re
-            sums[to + np.uint64(5) * stride] = p * x_im + q * y_im
-            sums[to + np.uint64(6) * stride] = p * x_im - q * y_im
-            sums[to + np.uint64(7) * stride] = q * y_re - p * x_re
-            u_re, u_im = p * p * x_re + g * x_im, p * p * x_im - g * x_re
-            v_re, v_im = q * q * y_re + h * y_im, q * q * y_im - h * y_re
-            sums[to + np.uint64(8) * stride] = u_re + v_re
-            sums[to + np.uint64(9) * stride] = u_im + v_im
-            sums[to + np.uint64(10) * stride] = u_im - v_im
-            sums[to + np.uint64(11) * stride] = v_re - u_re
+
+    table: Float64[np.ndarray, "16 paths"]
+    anchor: Float64[np.ndarray, " paths"]
+    row: np.ndarray
+    bends: Float64[np.ndarray, "6 paths"]
+
+
+class Sensor(NamedTuple):
+    """A block of elements.
+
+    :param tx: [m]; ``rx`` of :func:`datafactory.synthesis.spread.padded` [m]
+    :param tx_centre, rx_centre: the arrays' centres [m], which choose the cell
+    :param first_tx: index among the grid's TX of the first of ``tx``
+    """
+
+    tx: Float64[np.ndarray, "tx 3"]
+    rx: Float64[np.ndarray, "3 padded_rx"]
+    tx_centre: Float64[np.ndarray, " 3"]
+    rx_centre: Float64[np.ndarray, " 3"]
+    first_tx: int
+
+
+class Sweep(NamedTuple):
+    """What frame and sweep are.
+
+    :param video_phase: 1.0 adds the residual video phase as far as it is linear in the departure from a cell
+    :param oversampling: ``cells`` in a bin
+    :param frame_s: length of a frame; ``mid_time``, ``beat_time`` when phases and ranges are those of mid-frame [s]
+    """
+
+    reference_hz: float
+    bandwidth_hz: float
+    slope_hz_per_s: float
+    video_phase: float
+    oversampling: float
+    cells: int
+    frame_s: float
+    mid_time: float
+    beat_time: float
+    kappa: float
+
+
+class Weights(NamedTuple):
+    """What turns paths into cells and lines.
+
+    :param node: positions in the frame
+    :param lines: a line's coefficients of powers of d, re and im, from re and im at the nodes, of
+        :func:`datafactory.synthesis.slow_time.element_weights`
+    :param cells: of the range's shift
+    """
+
+    node: Float64[np.ndarray, " nodes"]
+    lines: Float64[np.ndarray, "coefficients values"]
+    cells: Float32[np.ndarray, "taps terms"]
 
 
 @inlined(nogil=True, error_model="numpy", fastmath=_FAST)
-def _line_taps(sums, stride, even, odd, orders, taps):
-    """Weights of all lines, [lines, orders, re and im, channels]."""
-    pairs, half = even.shape
-    count = len(orders)
-    for t in range(half):
-        for part in range(count):
-            low = np.uint64((2 * count * t + 2 * part) * stride)
-            high = np.uint64((2 * count * (2 * half - 1 - t) + 2 * part) * stride)
-            for lane in range(2 * stride):
-                taps[low + np.uint64(lane)] = np.float32(0.0)
-                taps[high + np.uint64(lane)] = np.float32(0.0)
-            for i in range(0, pairs, 2):
-                p, q, u, v = even[i, t], odd[i, t], np.float32(0.0), np.float32(0.0)
-                j = min(i + 1, pairs - 1)
-                if j > i:
-                    u, v = even[j, t], odd[j, t]
-                one = np.uint64((4 * count * i + 4 * part) * stride)
-                other = np.uint64((4 * count * j + 4 * part) * stride)
-                odd_one, odd_other = one + np.uint64(2 * stride), other + np.uint64(2 * stride)
-                for lane in range(2 * stride):
-                    c = np.uint64(lane)
-                    plus = p * sums[one + c] + u * sums[other + c]
-                    minus = q * sums[odd_one + c] + v * sums[odd_other + c]
-                    taps[low + c] += plus - minus
-                    taps[high + c] += plus + minus
+def _legs(paths, end, time, element, result):
+    """Length, rate, second and third derivative [4, CHUNK] between moving points and an element.
+
+    :param paths: [16, CHUNK] as the table; ``end`` is 0 for the leg of the TX, 3 for that of the RX
+    """
+    x0, y0, z0, vx, vy, vz = paths[end], paths[end + 1], paths[end + 2], paths[end + 7], paths[end + 8], paths[end + 9]
+    length, rate, bend, jerk = result[0], result[1], result[2], result[3]
+    for b in range(CHUNK):
+        dx, dy = x0[b] + vx[b] * time - element[0], y0[b] + vy[b] * time - element[1]
+        dz = z0[b] + vz[b] * time - element[2]
+        length[b] = max(np.sqrt(dx * dx + dy * dy + dz * dz), 1e-9)
+        rate[b] = (dx * vx[b] + dy * vy[b] + dz * vz[b]) / length[b]
+    for b in range(CHUNK):
+        square = vx[b] * vx[b] + vy[b] * vy[b] + vz[b] * vz[b]
+        bend[b] = (square - rate[b] * rate[b]) / length[b]
+        jerk[b] = -3.0 * rate[b] * bend[b] / length[b]
 
 
 @inlined(nogil=True, error_model="numpy", fastmath=_FAST)
-def _cell_taps(shift, stride, weights, powers, orders, taps):
-    """Weights of all cells, their derivatives by the shift and half of the second ones, [cells, orders, channels]."""
-    count = len(orders)
-    for g in range(len(weights)):
-        to = np.uint64(g * count * stride)
-        for lane in range(stride):
-            c = to + np.uint64(lane)
-            z, value = shift[lane], weights[g, len(powers) - 1]
-            slope, bend = np.float32(0.0), np.float32(0.0)
+def _lengths(paths, end, time, centre, result):
+    """Lengths [CHUNK] between moving points and the centre."""
+    x0, y0, z0, vx, vy, vz = paths[end], paths[end + 1], paths[end + 2], paths[end + 7], paths[end + 8], paths[end + 9]
+    for b in range(CHUNK):
+        dx, dy = x0[b] + vx[b] * time - centre[0], y0[b] + vy[b] * time - centre[1]
+        dz = z0[b] + vz[b] * time - centre[2]
+        result[b] = np.sqrt(dx * dx + dy * dy + dz * dz)
+
+
+@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
+def _node_values(cycles, eta, bends, kappa, lead, at, close, orders, values):
+    """re and im [CHUNK] at a node, rows ``at`` and ``at`` + 1 of values [orders, 1 or 4, 2 * nodes, CHUNK].
+
+    Of all elements, and if ``close`` of their q, of q^2 and of their c.
+    """
+    square, own_e = 2.0 * np.pi * eta * eta, kappa * (2.0 * lead * eta - (eta * eta - 1.0 / 12.0))
+    re, im = values[0, 0, at], values[0, 0, at + 1]
+    for b in range(CHUNK):
+        re[b], im[b] = phasor(cycles[b])
+    for order in range(len(orders)):
+        to_re, to_im = values[order, 0, at], values[order, 0, at + 1]
+        for b in range(CHUNK):
+            v_re, v_im, own = 1.0, 0.0, 0.0
+            if order > 0:
+                e = eta * (bends[0, b] + bends[2, b] * eta * eta) + bends[1, b] * (eta * eta - 1.0 / 12.0)
+                v_re, own = e, own_e
+                if order > 1:
+                    g = eta * (bends[3, b] + eta * (bends[4, b] + eta * bends[5, b])) / np.pi
+                    v_re, v_im, own = e * e, -g, 2.0 * e * own_e
+            x, y = re[b], im[b]
+            if len(close) > 1:
+                # j 2 pi eta^2 with what e has of an element, half the square of both, j 2 pi eta^3.
+                q_re, q_im = own - square * v_im, square * v_re
+                p_re, p_im = -0.5 * square * square * v_re, square * own - 0.5 * square * square * v_im
+                if order > 1:
+                    p_re += own_e * own_e
+                c_re, c_im = -square * eta * v_im, square * eta * v_re
+                values[order, 1, at, b], values[order, 1, at + 1, b] = q_re * x - q_im * y, q_re * y + q_im * x
+                values[order, 2, at, b], values[order, 2, at + 1, b] = p_re * x - p_im * y, p_re * y + p_im * x
+                values[order, 3, at, b], values[order, 3, at + 1, b] = c_re * x - c_im * y, c_re * y + c_im * x
+            if order > 0:
+                to_re[b], to_im[b] = v_re * x - v_im * y, v_re * y + v_im * x
+
+
+@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
+def _rx_seen(place, point, velocity, leg, scales, close, work, seen):
+    """What a panel of RX sees of a leg.
+
+    :param place: [3 * LANES] of the elements [m]
+    :param point, velocity, leg: of the leg's end, and the centre's length and derivatives, which are taken off
+    :param scales: cycles and bins of a metre, length of a frame [s]
+    :param work: [3 * LANES] float64
+    """
+    x, y, z = point
+    vx, vy, vz = velocity
+    cycles, bins, frame_s = scales
+    length_0, rate_0, bend_0, jerk_0 = leg
+    for lane in range(LANES):
+        dx, dy, dz = x - place[lane], y - place[LANES + lane], z - place[2 * LANES + lane]
+        length = max(np.sqrt(dx * dx + dy * dy + dz * dz), 1e-9)
+        inverse = 1.0 / length
+        work[lane], work[LANES + lane] = length, inverse
+        work[2 * LANES + lane] = (dx * vx + dy * vy + dz * vz) * inverse
+    for lane in range(LANES):
+        length, rate = work[lane], work[2 * LANES + lane]
+        seen[_RE + lane], seen[_IM + lane] = phasor_like(cycles * length, seen[lane])
+        seen[_BINS + lane] = bins * (length - length_0)
+        seen[_D + lane] = cycles * frame_s * (rate - rate_0)
+    if len(close) > 1:
+        square = vx * vx + vy * vy + vz * vz
+        for lane in range(LANES):
+            inverse, rate = work[LANES + lane], work[2 * LANES + lane]
+            bend = (square - rate * rate) * inverse
+            seen[_Q + lane] = 0.5 * cycles * frame_s**2 * (bend - bend_0)
+            seen[_C + lane] = cycles * frame_s**3 / 6.0 * (-3.0 * rate * bend * inverse - jerk_0)
+
+
+@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
+def _channels(rx_seen, tx_seen, kappa, lead, close, seen):
+    """TX and RX together: the product of their phasors, the sums of all else; the range is that of the beat."""
+    t_re, t_im, t_bins, t_d, t_q, t_c = tx_seen
+    for lane in range(LANES):
+        re, im = rx_seen[_RE + lane], rx_seen[_IM + lane]
+        seen[_RE + lane], seen[_IM + lane] = t_re * re - t_im * im, t_re * im + t_im * re
+        d = t_d + rx_seen[_D + lane]
+        z = t_bins + rx_seen[_BINS + lane] + kappa * lead * d
+        if len(close) > 1:
+            q, c = t_q + rx_seen[_Q + lane], t_c + rx_seen[_C + lane]
+            seen[_Q + lane], seen[_C + lane] = q, c
+            z += kappa * (q * (lead * lead - np.float32(1.0 / 12.0)) + c * lead * lead * lead)
+        seen[_BINS + lane], seen[_D + lane] = z, d
+
+
+@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
+def _cell_taps(seen, weights, cells, powers, orders, taps):
+    """Weights of all cells, their derivatives by the shift and half of the second ones, [orders, cells, LANES]."""
+    for lane in range(LANES):
+        z, to = seen[_BINS + lane], np.uint64(lane)
+        for g in range(len(cells)):
+            value, slope, bend = weights[g, len(powers) - 1], np.float32(0.0), np.float32(0.0)
             for p in range(len(powers) - 1):
-                if count > 2:
+                if len(orders) > 2:
                     bend = bend * z + slope
-                if count > 1:
+                if len(orders) > 1:
                     slope = slope * z + value
                 value = value * z + weights[g, len(powers) - 2 - p]
-            taps[c] = value
-            if count > 1:
-                taps[c + np.uint64(stride)] = slope
-            if count > 2:
-                taps[c + np.uint64(2 * stride)] = bend
+            taps[to + np.uint64(g * LANES)] = value
+            if len(orders) > 1:
+                taps[to + np.uint64((len(cells) + g) * LANES)] = slope
+            if len(orders) > 2:
+                taps[to + np.uint64((2 * len(cells) + g) * LANES)] = bend
 
 
 @inlined(nogil=True, error_model="numpy", fastmath=_FAST)
-def _add_taps(line_taps, cell_taps, stride, first, strides, counts, orders, grid):
-    """Add one path to the grid, from index ``first``: the product of its lines' and its cells' weights."""
-    line_stride, cell_stride, half_stride = strides
-    count = len(orders)
-    for t in range(counts[0]):
-        for part in range(2):
-            b = np.uint64((2 * count * t + part) * stride)
-            to = np.uint64(first + t * line_stride + part * half_stride)
-            for g in range(counts[1]):
-                a, at = np.uint64(count * g * stride), to + np.uint64(g * cell_stride)
-                for lane in range(stride):
-                    c = np.uint64(lane)
-                    total = cell_taps[a + c] * line_taps[b + c]
-                    if count > 1:
-                        total += cell_taps[a + np.uint64(stride) + c] * line_taps[b + np.uint64(2 * stride) + c]
-                    if count > 2:
-                        total += cell_taps[a + np.uint64(2 * stride) + c] * line_taps[b + np.uint64(4 * stride) + c]
-                    grid[at + c] += total
+def _polynomial(coefficients, at, d, terms):
+    """re and im of a polynomial in d, whose coefficients stand CHUNK apart from index ``at`` on."""
+    step, last = np.uint64(CHUNK), at + np.uint64((2 * len(terms) - 2) * CHUNK)
+    re, im = coefficients[last], coefficients[last + step]
+    for p in range(len(terms) - 1):
+        here = last - np.uint64((2 * p + 2) * CHUNK)
+        re, im = re * d + coefficients[here], im * d + coefficients[here + step]
+    return re, im
 
 
 @inlined(nogil=True, error_model="numpy", fastmath=_FAST)
-def _elements_apart(table, k, time, lead, tx, rx, tx_centre, rx_centre, scales, tilt, dish):
-    """What every element's e has beyond that of the centres: coefficients of eta and of eta^2 - 1/12, [TX * RX].
+def _line_taps(seen, coefficients, part, step, terms, close, to, taps):
+    """A line's weight with one number of orders, re and im of LANES from index ``to``.
 
-    :param time: mid-frame [s]; ``lead`` time by which ranges precede phases [s]
-    :param scales: kappa times the cycles a frame of 1 m/s, and of 1 m/s^2 of second derivative
+    :param part: where the coefficients of this path and line begin; ``step`` from there to those of q, q^2, c
     """
-    per_rate, per_bend = scales
-    rx_count = rx.shape[1]
-    px, py, pz, qx, qy, qz, _ = _at(table, k, time)
-    ux, uy, uz = table[7, k], table[8, k], table[9, k]
-    vx, vy, vz = table[10, k], table[11, k], table[12, k]
-    for sign in range(2 if lead > 0.0 else 1):
-        # Once the phase's part; where ranges precede phases, then the range's part, at its own time.
-        later = sign * lead
-        of_rate = per_rate * (1.0 if sign else -1.0) if lead > 0.0 else 0.0
-        of_bend = per_bend * (1.0 if sign else -2.0) if lead > 0.0 else -per_bend
-        ax, ay, az = px + later * ux, py + later * uy, pz + later * uz
-        bx, by, bz = qx + later * vx, qy + later * vy, qz + later * vz
-        rate_0, bend_0 = _rate_and_bend(ax, ay, az, ux, uy, uz, tx_centre[0], tx_centre[1], tx_centre[2])
-        rate_1, bend_1 = _rate_and_bend(bx, by, bz, vx, vy, vz, rx_centre[0], rx_centre[1], rx_centre[2])
-        rate_0, bend_0 = rate_0 + rate_1, bend_0 + bend_1
-        for i in range(len(tx)):
-            tx_rate, tx_bend = _rate_and_bend(ax, ay, az, ux, uy, uz, tx[i, 0], tx[i, 1], tx[i, 2])
-            for e in range(rx_count):
-                to = i * rx_count + e
-                rate, bend = _rate_and_bend(bx, by, bz, vx, vy, vz, rx[0, e], rx[1, e], rx[2, e])
-                tilt_part, dish_part = of_rate * (tx_rate + rate - rate_0), of_bend * (tx_bend + bend - bend_0)
-                if sign:
-                    tilt[to] += tilt_part
-                    dish[to] += dish_part
-                else:
-                    tilt[to] = tilt_part
-                    dish[to] = dish_part
+    for lane in range(LANES):
+        d, a_re, a_im = seen[_D + lane], seen[_RE + lane], seen[_IM + lane]
+        x, y = _polynomial(coefficients, np.uint64(part), d, terms)
+        taps[np.uint64(to + lane)] = x * a_re - y * a_im
+        taps[np.uint64(to + LANES + lane)] = x * a_im + y * a_re
+    if len(close) > 1:
+        for own in range(1, 4):
+            for lane in range(LANES):
+                d, q, c = seen[_D + lane], seen[_Q + lane], seen[_C + lane]
+                size = q if own == 1 else (q * q if own == 2 else c)
+                a_re, a_im = size * seen[_RE + lane], size * seen[_IM + lane]
+                x, y = _polynomial(coefficients, np.uint64(part + own * step), d, terms)
+                taps[np.uint64(to + lane)] += x * a_re - y * a_im
+                taps[np.uint64(to + LANES + lane)] += x * a_im + y * a_re
 
 
 @inlined(nogil=True, error_model="numpy", fastmath=_FAST)
-def _tx_ways(tx, node, node_time, ways):
-    """Fill ``ways`` [5, ways] for every TX and node: the TX's place [m], the node's time [s] and position in the frame.
-
-    Ways beyond TX * nodes fill the last vector; nobody reads what comes of them.
-    """
-    for i in range(len(tx)):
-        for n in range(len(node)):
-            way = i * len(node) + n
-            ways[0, way], ways[1, way], ways[2, way] = tx[i, 0], tx[i, 1], tx[i, 2]
-            ways[3, way], ways[4, way] = node_time[n], node[n]
-
-
-@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
-def _tx_phasors(table, k, frequency, constant, anchor, ways, cycles, re, im):
-    """Path k's amplitude, turned by its way from every TX at every node; one loop over both fills the vectors.
-
-    :param ways: of :func:`_tx_ways`; ``cycles``, ``re``, ``im`` have its length
-    """
-    px, py, pz, link = table[0, k], table[1, k], table[2, k], table[6, k]
-    vx, vy, vz, rate = table[7, k], table[8, k], table[9, k], table[13, k]
-    ex, ey, ez, time, eta = ways[0], ways[1], ways[2], ways[3], ways[4]
-    for way in range(len(cycles)):
-        x, y, z = px + vx * time[way] - ex[way], py + vy * time[way] - ey[way], pz + vz * time[way] - ez[way]
-        cycles[way] = np.sqrt(x * x + y * y + z * z)
-    for way in range(len(cycles)):
-        length = cycles[way] + (link + rate * time[way])
-        cycles[way] = frequency * length + constant - anchor * eta[way]
-    a_re, a_im = table[14, k], table[15, k]
-    for way in range(len(cycles)):
-        cosine, sine = phasor(cycles[way])
-        re[way] = cosine * a_re - sine * a_im
-        im[way] = cosine * a_im + sine * a_re
+def _add_taps(line_taps, cell_taps, cells, orders, at, flat):
+    """Add one line's cells to the grid, from index ``at``: the products of the line's weights and the cells'."""
+    for lane in range(LANES):
+        to, here = np.uint64(at + lane), np.uint64(lane)
+        for g in range(len(cells)):
+            re, im = np.float32(0.0), np.float32(0.0)
+            for order in range(len(orders)):
+                tap = cell_taps[here + np.uint64((order * len(cells) + g) * LANES)]
+                re += tap * line_taps[here + np.uint64(2 * order * LANES)]
+                im += tap * line_taps[here + np.uint64((2 * order + 1) * LANES)]
+            flat[to + np.uint64(2 * g * LANES)] += re
+            flat[to + np.uint64((2 * g + 1) * LANES)] += im
 
 
 @compiled(nogil=True, error_model="numpy", fastmath=_FAST)
-def add_lines(
-    table, anchor, row, bends, tx, rx, tx_centre, rx_centre, node, node_time, mid_time, beat_time,
-    reference_hz, bandwidth_hz, slope_hz_per_s, video_phase, oversampling, cells, even, odd, weights, scales, powers,
-    orders, first_tx, grid,
-):  # fmt: skip
-    """Add paths to the grid [lines, cells + margin, 2, TX * RX].
+def add_lines(paths, sensor, sweep, weights, forms, grid):
+    """Add paths to the grid [lines, TX * panels, cells + margin, 2, LANES].
 
-    :param table: [16, K] of :func:`datafactory.synthesis.spread.columns`
-    :param anchor: [K] f_l between the two middle lines [cycles a frame]
-    :param row: [K] the grid's row of the first line
-    :param bends: [6, K] coefficients of e and g, see :class:`datafactory.synthesis.motion.Motion`
-    :param tx: [TX, 3] elements [m]; ``rx`` [3, E] of :func:`datafactory.synthesis.spread.padded` [m]
-    :param tx_centre, rx_centre: [3] the arrays' centres, which choose the cell
-    :param node, node_time: [nodes] positions in the frame, and when phases there are those of the scene [s]
-    :param mid_time, beat_time: when phases and ranges are those of mid-frame [s]
-    :param video_phase: 1.0 adds the residual video phase as far as it is linear in the departure from a cell
-    :param oversampling: ``cells`` in a bin
-    :param even, odd: of :class:`datafactory.synthesis.slow_time.LineWeights`
-    :param weights: [taps, terms] of the range's shift
-    :param scales: of :func:`_elements_apart`
-    :param powers: a tuple of as many entries as ``weights`` has terms; only its length is used
-    :param orders: likewise of 1 to 3 entries, as many as there are separable terms; with 3
-        the elements have their own e
-    :param first_tx: index among the grid's TX of the first of ``tx``
+    :param forms: tuples of which only the lengths are used, which the compiler knows: the cells of a path, the terms of
+        ``weights.cells``, the separable terms, the terms of a line's polynomial in d; and one of two entries for q and
+        c, of one for neither
     """
-    path_count, nodes, tx_count, rx_count = table.shape[1], len(node), len(tx), rx.shape[1]
-    count, stride = len(orders), tx_count * rx_count
-    flat = grid.reshape(grid.size)
-    half_stride = grid.shape[3]
-    strides = (grid.shape[1] * 2 * half_stride, 2 * half_stride, half_stride)
-    counts = (2 * even.shape[1], len(weights))
+    cells, powers, orders, terms, close = forms
+    table, anchor, row = paths.table, paths.anchor, paths.row
+    node, matrix = weights.node, weights.lines
     single = np.float32
-    length = np.empty(rx_count)
-    rx_re, rx_im = np.empty(nodes * rx_count, dtype=single), np.empty(nodes * rx_count, dtype=single)
-    ways = np.zeros((5, -(-tx_count * nodes // DOUBLES) * DOUBLES))
-    _tx_ways(tx, node, node_time, ways)
-    cycles, tx_re, tx_im = np.empty(ways.shape[1]), np.empty(ways.shape[1], single), np.empty(ways.shape[1], single)
-    bend, scaling = np.zeros(nodes, dtype=single), np.zeros(nodes, dtype=single)
-    tilt, dish = np.zeros(stride, dtype=single), np.zeros(stride, dtype=single)
-    shift, departure = np.empty(stride, dtype=single), np.empty(tx_count)
-    sums = np.empty(len(even) * 4 * count * stride, dtype=single)
-    line_taps, cell_taps = (
-        np.empty(counts[0] * 2 * count * stride, dtype=single),
-        np.empty(counts[1] * count * stride, dtype=single),
-    )
-    bins_per_metre = bandwidth_hz / SPEED_OF_LIGHT
-    for k in range(path_count):
-        px, py, pz, qx, qy, qz, link = _at(table, k, beat_time)
-        rx_leg = _length(qx, qy, qz, rx_centre)
-        # The bend's mean over the frame is a range like any other.
-        mean = bends[1, k] / 12.0
-        middle = bins_per_metre * (_length(px, py, pz, tx_centre) + link + rx_leg) + mean
-        nearest = np.floor(middle * oversampling + 0.5)
-        delay = nearest / (oversampling * bandwidth_hz)
-        frequency = (reference_hz - video_phase * slope_hz_per_s * delay) / SPEED_OF_LIGHT
-        constant = 0.5 * video_phase * slope_hz_per_s * delay * delay
-        for i in range(tx_count):
-            leg = _length(px, py, pz, tx[i]) + link + rx_leg
-            departure[i] = bins_per_metre * leg + mean - nearest / oversampling
-        rx_lengths(qx, qy, qz, rx[0], rx[1], rx[2], length)
-        for i in range(tx_count):
-            for e in range(rx_count):
-                shift[i * rx_count + e] = departure[i] + bins_per_metre * (length[e] - rx_leg)
-        if count > 2:
-            _elements_apart(table, k, mid_time, beat_time - mid_time, tx, rx, tx_centre, rx_centre, scales, tilt, dish)
-            for e in range(stride):
-                shift[e] += dish[e] / single(12.0)
-        _tx_phasors(table, k, frequency, constant, anchor[k], ways, cycles, tx_re, tx_im)
-        for n in range(nodes):
+    panels, tx_count, path_count = sensor.rx.shape[1] // LANES, len(sensor.tx), table.shape[1]
+    flat = grid.reshape(grid.size)
+    panel_stride = grid.shape[2] * 2 * LANES
+    line_stride = grid.shape[1] * panel_stride
+    frame_s, kappa, lead = sweep.frame_s, sweep.kappa, (sweep.beat_time - sweep.mid_time) / sweep.frame_s
+    bins_per_metre = sweep.bandwidth_hz / SPEED_OF_LIGHT
+    place = np.empty((panels, 3 * LANES))
+    for axis in range(3):
+        for e in range(sensor.rx.shape[1]):
+            place[e // LANES, axis * LANES + e % LANES] = sensor.rx[axis, e]
+    parts = 4 if len(close) > 1 else 1
+    now, bends = np.zeros((16, CHUNK)), np.zeros((6, CHUNK))
+    tx_leg, rx_leg, leg = np.zeros((4, CHUNK)), np.zeros((4, CHUNK)), np.zeros((4, CHUNK))
+    link, rate = now[6], now[13]
+    tx_length, rx_length, cycles, nearest = np.empty(CHUNK), np.empty(CHUNK), np.empty(CHUNK), np.empty(CHUNK)
+    departure, frequency, constant = np.empty(CHUNK), np.empty(CHUNK), np.empty(CHUNK)
+    tx_seen = np.zeros((tx_count, 6, CHUNK))
+    values = np.zeros((len(orders), parts, 2 * len(node), CHUNK))
+    coefficients = np.zeros((len(orders), parts, len(matrix), CHUNK), dtype=single)
+    product = np.empty((len(matrix), CHUNK))
+    all_coefficients = coefficients.reshape(coefficients.size)
+    part_stride, line_step = len(matrix) * CHUNK, 2 * len(terms) * CHUNK
+    lines = len(matrix) // (2 * len(terms))
+    work, seen = np.empty(3 * LANES), np.zeros(6 * LANES, dtype=single)
+    rx_seen = np.zeros((panels, 6 * LANES), dtype=single)
+    cell_taps = np.empty(len(orders) * len(cells) * LANES, dtype=single)
+    line_taps = np.empty(2 * len(orders) * LANES, dtype=single)
+    for first in range(0, path_count, CHUNK):
+        count = min(CHUNK, path_count - first)
+        for column in range(16):
+            for b in range(count):
+                now[column, b] = table[column, first + b]
+        for column in range(6):
+            for b in range(count):
+                bends[column, b] = paths.bends[column, first + b]
+        mid, beat = sweep.mid_time, sweep.beat_time
+        _lengths(now, 0, beat, sensor.tx_centre, tx_length)
+        _lengths(now, 3, beat, sensor.rx_centre, rx_length)
+        for b in range(CHUNK):
+            # The bend's mean over the frame is a range like any other.
+            middle = bins_per_metre * (tx_length[b] + (link[b] + rate[b] * beat) + rx_length[b]) + bends[1, b] / 12.0
+            nearest[b] = np.floor(middle * sweep.oversampling + 0.5)
+            departure[b] = middle - nearest[b] / sweep.oversampling
+        for b in range(CHUNK):
+            delay = nearest[b] / (sweep.oversampling * sweep.bandwidth_hz)
+            frequency[b] = (sweep.reference_hz - sweep.video_phase * sweep.slope_hz_per_s * delay) / SPEED_OF_LIGHT
+            constant[b] = 0.5 * sweep.video_phase * sweep.slope_hz_per_s * delay * delay
+        _legs(now, 0, mid, sensor.tx_centre, tx_leg)
+        _legs(now, 3, mid, sensor.rx_centre, rx_leg)
+        for n in range(len(node)):
             eta = node[n]
-            if count > 1:
-                bend[n] = eta * (bends[0, k] + bends[2, k] * eta * eta) + bends[1, k] * (eta * eta - 1.0 / 12.0)
-            if count > 2:
-                scaling[n] = eta * (bends[3, k] + eta * (bends[4, k] + eta * bends[5, k])) / np.pi
-            _, _, _, qx, qy, qz, _ = _at(table, k, node_time[n])
-            rx_lengths(qx, qy, qz, rx[0], rx[1], rx[2], length)
-            _phasors(length, frequency, rx_re, rx_im, n * rx_count)
-        for n in range(len(even)):
-            last = nodes - 1 - n
-            square = single(node[last] * node[last] - 1.0 / 12.0)
+            _lengths(now, 0, mid + eta * frame_s, sensor.tx_centre, tx_length)
+            _lengths(now, 3, mid + eta * frame_s, sensor.rx_centre, rx_length)
+            for b in range(CHUNK):
+                longer = (tx_length[b] - tx_leg[0, b]) + (rx_length[b] - rx_leg[0, b]) + rate[b] * (eta * frame_s)
+                cycles[b] = frequency[b] * longer
+            for b in range(count):
+                cycles[b] -= anchor[first + b] * eta
+            _node_values(cycles, eta, bends, kappa, lead, 2 * n, close, orders, values)
+        for order in range(len(orders)):
+            for part in range(parts):
+                np.dot(matrix, values[order, part], product)
+                coefficients[order, part] = product
+        for i in range(tx_count):
+            _legs(now, 0, mid, sensor.tx[i], leg)
+            re, im = tx_seen[i, 0], tx_seen[i, 1]
+            for b in range(CHUNK):
+                cycles[b] = frequency[b] * (leg[0, b] + (link[b] + rate[b] * mid)) + constant[b]
+            for b in range(CHUNK):
+                re[b], im[b] = phasor(cycles[b])
+            for b in range(CHUNK):
+                x, y = re[b], im[b]
+                re[b], im[b] = x * now[14, b] - y * now[15, b], x * now[15, b] + y * now[14, b]
+            for b in range(CHUNK):
+                tx_seen[i, 2, b] = departure[b] + bins_per_metre * (leg[0, b] - tx_leg[0, b])
+                tx_seen[i, 3, b] = frequency[b] * frame_s * (leg[1, b] - tx_leg[1, b])
+            for b in range(CHUNK):
+                tx_seen[i, 4, b] = 0.5 * frequency[b] * frame_s**2 * (leg[2, b] - tx_leg[2, b])
+                tx_seen[i, 5, b] = frequency[b] * frame_s**3 / 6.0 * (leg[3, b] - tx_leg[3, b])
+        for b in range(count):
+            vx, vy, vz = now[10, b], now[11, b], now[12, b]
+            point = (now[3, b] + vx * mid, now[4, b] + vy * mid, now[5, b] + vz * mid)
+            centre_leg = (rx_leg[0, b], rx_leg[1, b], rx_leg[2, b], rx_leg[3, b])
+            scales = (frequency[b], bins_per_metre, frame_s)
+            for panel in range(panels):
+                _rx_seen(place[panel], point, (vx, vy, vz), centre_leg, scales, close, work, rx_seen[panel])
+            start = row[first + b] * line_stride + (int(nearest[b]) % sweep.cells) * 2 * LANES
             for i in range(tx_count):
-                here, there = i * nodes + n, i * nodes + last
-                _pair(
-                    (tx_re[here], tx_im[here], n * rx_count), (tx_re[there], tx_im[there], last * rx_count),
-                    rx_re, rx_im, rx_count,
-                    (bend[n], bend[last], scaling[n], scaling[last], single(node[last]), square, stride, i * rx_count),
-                    tilt, dish, orders, 4 * count * n * stride + i * rx_count, sums,
+                of_tx = (
+                    single(tx_seen[i, 0, b]), single(tx_seen[i, 1, b]), single(tx_seen[i, 2, b]),
+                    single(tx_seen[i, 3, b]), single(tx_seen[i, 4, b]), single(tx_seen[i, 5, b]),
                 )  # fmt: skip
-        _line_taps(sums, stride, even, odd, orders, line_taps)
-        _cell_taps(shift, stride, weights, powers, orders, cell_taps)
-        first = row[k] * strides[0] + (int(nearest) % cells) * strides[1] + first_tx * rx_count
-        _add_taps(line_taps, cell_taps, stride, first, strides, counts, orders, flat)
-
-
-@inlined(nogil=True, error_model="numpy", fastmath=_FAST)
-def _at(table, k, time):
-    """TX point, RX point and length between of path k at a time."""
-    return (
-        table[0, k] + table[7, k] * time, table[1, k] + table[8, k] * time, table[2, k] + table[9, k] * time,
-        table[3, k] + table[10, k] * time, table[4, k] + table[11, k] * time, table[5, k] + table[12, k] * time,
-        table[6, k] + table[13, k] * time,
-    )  # fmt: skip
+                for panel in range(panels):
+                    _channels(rx_seen[panel], of_tx, single(kappa), single(lead), close, seen)
+                    _cell_taps(seen, weights.cells, cells, powers, orders, cell_taps)
+                    at = start + ((sensor.first_tx + i) * panels + panel) * panel_stride
+                    for line in range(lines):
+                        for order in range(len(orders)):
+                            part = order * parts * part_stride + line * line_step + b
+                            _line_taps(
+                                seen, all_coefficients, part, part_stride, terms, close, 2 * order * LANES, line_taps
+                            )
+                        _add_taps(line_taps, cell_taps, cells, orders, at + line * line_stride, flat)

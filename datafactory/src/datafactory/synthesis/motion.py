@@ -33,7 +33,9 @@ CENTRED_SQUARE_RMS = 180.0**-0.5
 CUBE_RMS = 448.0**-0.5
 """... of their cubes,"""
 FOURTH_RMS = 2304.0**-0.5
-"""... of their fourth powers."""
+"""... of their fourth powers,"""
+FIFTH_RMS, SIXTH_RMS = 11264.0**-0.5, 53248.0**-0.5
+"""... of their fifth and sixth powers."""
 FOURTH_ROOT = 80.0**-0.25
 """Fourth root of the mean of eta^4,"""
 CENTRED_FOURTH_ROOT = (1.0 / 2304.0 - 1.0 / 1344.0 + 1.0 / 1920.0 - 1.0 / 5184.0 + 1.0 / 20736.0) ** 0.25
@@ -70,6 +72,23 @@ class Motion:
     doppler: Float64[np.ndarray, " paths"]
     curvature: Float64[np.ndarray, " paths"]
     bend: Float64[np.ndarray, "6 paths"]
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """What the line kernel must reach and what it leaves out.
+
+    :param view: Doppler of an element beyond the centre's, at most [cycles a frame], infinite where an element is
+        reached within the frame
+    :param extra: the frequency that a path has beyond its own, by curvature and ``view`` [cycles a frame]
+    :param far, close: bounds on the relative root mean square error over sweep and frame with 1, 2 and 3 orders,
+        without and with the elements' own curvature
+    """
+
+    view: Float64[np.ndarray, " paths"]
+    extra: Float64[np.ndarray, " paths"]
+    far: Float64[np.ndarray, "3 paths"]
+    close: Float64[np.ndarray, "3 paths"]
 
 
 def leg_of(
@@ -169,20 +188,17 @@ def left_out(
     start_s: float,
     radar: Radar,
     intra_chirp: bool,
-) -> tuple[Float64[np.ndarray, " paths"], Float64[np.ndarray, "3 paths"]]:
+) -> LeftOut:
     """What the line kernel must reach and what it leaves out.
 
     :param reaches_m: of TX and RX about their centres [m]
-    :returns: the frequency that a path has beyond its own, by curvature and the elements' different views [cycles a
-        frame], infinite where an element is reached within the frame; and bounds on the relative root mean square error
-        over sweep and frame with 1, 2 and 3 orders
     """
     waveform, kappa = radar.waveform, coupling(radar)
     frame_s = waveform.chirps * waveform.chirp_interval_s
     after, lead = instants(radar, intra_chirp)
     time = start_s + after
     cycles = reference_frequency_hz(radar) / SPEED_OF_LIGHT * frame_s
-    view, bends, jerks, fourth = (np.zeros(len(paths)) for _ in range(4))
+    view, bends, jerks, fourth, fourths = (np.zeros(len(paths)) for _ in range(5))
     ends = (paths.tx_point, paths.tx_velocity), (paths.rx_point, paths.rx_velocity)
     for (point, velocity), reach, centre in zip(ends, reaches_m, centres, strict=True):
         leg = leg_of(point, velocity, time, centre)
@@ -193,18 +209,30 @@ def left_out(
             part = np.where(nearest > 0.0, reach / nearest, np.inf)
             # Between elements r' differs by v_across a / r, r'' by at most 2 / sqrt(3) v^2 a / r^2, r''' by at most
             # 3.8 v^3 a / r^3: 3 of it by direction and 2.3 by distance. The fourth derivative is at most
-            # 15 v^2 v_across^2 / r^3.
+            # 15 v^2 v_across^2 / r^3, and differs by at most 21 v^4 a / r^4: 11.4 by direction and 9.4 by distance.
             terms = (
                 cycles * (np.sqrt(across) * part + 1.5 * leg.speed * part**2),
                 cycles * 0.5 * frame_s * 1.155 * leg.speed**2 * part / nearest,
                 cycles * frame_s**2 / 6.0 * 3.8 * leg.speed**3 * part / nearest**2,
                 cycles * frame_s**3 / 24.0 * 15.0 * leg.speed**2 * across / nearest**3,
+                cycles * frame_s**3 / 24.0 * 21.0 * leg.speed**4 * part / nearest**3,
             )
-        for total, term in zip((view, bends, jerks, fourth), terms, strict=True):
+        for total, term in zip((view, bends, jerks, fourth, fourths), terms, strict=True):
             total += np.where(leg.speed > 0.0, np.where(nearest > 0.0, term, np.inf), 0.0)
     curvature, sizes = np.abs(motion.curvature), np.abs(motion.bend)
     slope = 0.75 * sizes[2] / (2.0 * kappa)
-    return view + 1.02 * curvature + slope, _orders_left_out(sizes, bends, jerks, fourth, kappa, lead / frame_s)
+    orders = _orders_left_out(sizes, bends, jerks, fourth, kappa, lead / frame_s)
+    apart = 2.0 * np.pi * FOURTH_RMS * fourths
+    close = apart + (2.0 * np.pi) ** 3 / 6.0 * SIXTH_RMS * (bends + jerks) ** 3
+    close += (2.0 * np.pi) ** 2 * FIFTH_RMS * bends * jerks
+    late = lead / frame_s
+    few = apart + 2.0 * np.pi * (
+        (SQUARE_RMS + NU_RMS * kappa * (late**2 + 1.0 / 12.0)) * bends + (CUBE_RMS + NU_RMS * kappa * late**3) * jerks
+    )
+    # Far paths have no e of their own either: the third order is that of the centre.
+    elements = 2.0 * np.pi * NU_RMS * kappa * (SQUARE_RMS + 2.0 * NU_RMS * late) * bends
+    third = np.stack([np.zeros_like(elements), np.zeros_like(elements), elements])
+    return LeftOut(view, view + 1.02 * curvature + slope, orders + third + few, orders + close)
 
 
 def _orders_left_out(

@@ -19,6 +19,8 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Complex128, Float32, Float64
 
+from shared.signal.sweep import shift_error_rms, shift_polynomials
+
 LINE_OVERSAMPLING = 1.5
 """Lines in a Doppler bin, h. With 2 the lines are a third more, and so is the work that every frame has; with 1.25 a
 path takes 2 to 4 lines more."""
@@ -32,6 +34,8 @@ small and with them the rounding, small cuts keep the fit."""
 ROUNDING = 1e-7
 """Of a value at a node: float32 phasors and products."""
 MOST_TAPS = 48
+FEW_TERMS, MANY_TERMS = 4, 10
+"""Of the polynomial in an element's own Doppler. Few serve whatever is not close."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,3 +131,28 @@ def applied(
     even = np.tensordot(weights.even.T.astype(np.float64), first + last, axes=1)
     odd = np.tensordot(weights.odd.T.astype(np.float64), 1j * (last - first), axes=1)
     return np.concatenate([even - odd, (even + odd)[::-1]])
+
+
+@lru_cache(maxsize=8)
+def element_reach(terms: int, error: float, half: float) -> float:
+    """The largest Doppler of an element beyond its centre's [cycles a frame] at which a polynomial of so many terms
+    keeps ``error``, as a root mean square over the frame."""
+    eta, least, most = np.linspace(-half, half, POINTS), 0.0, 4.0
+    while most - least > 1e-3 * most:
+        middle = 0.5 * (least + most)
+        least, most = (middle, most) if shift_error_rms(eta, middle, terms) <= error else (least, middle)
+    return least
+
+
+@lru_cache(maxsize=32)
+def element_weights(weights: LineWeights, reach: float, terms: int) -> Float64[np.ndarray, "coefficients values"]:
+    """The coefficients of every line, [line, power of d, re and im], from re and im of the values at the nodes.
+
+    A line's weight for an element whose Doppler is d beyond the centre's, up to ``reach``, is their polynomial in d.
+    """
+    lines = applied(weights, np.eye(weights.taps, dtype=np.complex128))
+    powers = shift_polynomials(weights.node, reach, terms)
+    matrix = np.einsum("tn,pn->ntp", lines, powers)
+    by_re = np.stack([matrix.real, matrix.imag], axis=-1)
+    by_im = np.stack([-matrix.imag, matrix.real], axis=-1)
+    return np.ascontiguousarray(np.stack([by_re, by_im], axis=1).reshape(2 * weights.taps, -1).T)

@@ -19,7 +19,14 @@ from jaxtyping import Bool, Int64
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.motion import coupling, left_out, motion_of, moving
 from datafactory.synthesis.parts import centre, reach_m, rx_blocks
-from datafactory.synthesis.slow_time import LINE_OVERSAMPLING, LineWeights, line_weights
+from datafactory.synthesis.slow_time import (
+    FEW_TERMS,
+    LINE_OVERSAMPLING,
+    MANY_TERMS,
+    LineWeights,
+    element_reach,
+    line_weights,
+)
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
@@ -28,9 +35,9 @@ from shared.radar.waveform import Waveform
 FLOAT32_TOLERANCE = 5e-7
 """Below this the cube is made in complex128: rounding alone is up to 2.7e-7 in complex64, measured with 1e2 to 1e5
 paths."""
-RANGE_SHARE, LINE_SHARE, BEND_SHARE = 0.5, 0.4, 0.4
-"""Of the tolerance, for the range's weights, the lines' weights and what a bent delay leaves. They are independent:
-their squares add to 0.57, and rounding has 0.36."""
+RANGE_SHARE, LINE_SHARE, BEND_SHARE, VIEW_SHARE = 0.5, 0.4, 0.4, 0.2
+"""Of the tolerance, for the range's weights, the lines' weights, what a bent delay leaves and an element's own
+Doppler. They are independent: their squares add to 0.61, and rounding has 0.36."""
 EXTRAS = (0.1, 0.3, 1.0, 3.0, 8.0)
 """What sets of line weights reach beyond half a spacing [cycles a frame]. On munich at 2.5 m/s the first serves nine
 paths of ten."""
@@ -50,11 +57,13 @@ class PathsAlongLines:
     """Paths that are spread with one set of line weights and the same number of separable terms.
 
     :param orders: 1 to 3, see :mod:`datafactory.synthesis.lines`
+    :param close: whether their elements have a curvature of their own
     """
 
     weights: LineWeights
     orders: int
     paths: PathTable
+    close: bool
 
 
 @dataclass(frozen=True)
@@ -84,10 +93,14 @@ def crowd_limit(tolerance: float) -> int:
     return max(CROWD, round(CROWD_GROWTH * tolerance / 1e-6))
 
 
+def frame_half(radar: Radar) -> float:
+    """Where the frame ends: at eta (1 + nu kappa) with eta = nu = 1/2."""
+    return 0.5 * (1.0 + 0.5 * coupling(radar))
+
+
 def line_sets(radar: Radar, tolerance: float) -> list[tuple[float, LineWeights]]:
     """The sets of line weights that there are for a tolerance, with what each reaches; narrow to wide."""
-    # The frame ends at eta (1 + nu kappa) with eta = nu = 1/2.
-    half, error = 0.5 * (1.0 + 0.5 * coupling(radar)), LINE_SHARE * tolerance
+    half, error = frame_half(radar), LINE_SHARE * tolerance
     first = line_weights(EXTRAS[0], error, half)
     if first is None:
         return []
@@ -114,7 +127,7 @@ def sorted_paths(
 
     wanted = np.union1d(scattered, specular)
     lines = tuple(
-        PathsAlongLines(sets[need // ORDERS][1], need % ORDERS + 1, chosen(need))
+        PathsAlongLines(sets[need // FORMS][1], need % ORDERS + 1, chosen(need), need % FORMS >= ORDERS)
         for need in wanted[(wanted >= 0) & (wanted < BY_CHIRPS)].tolist()
     )
     return SortedPaths(chosen(STANDING), lines, chosen(BY_CHIRPS))
@@ -122,8 +135,10 @@ def sorted_paths(
 
 ORDERS = 3
 """Most separable terms."""
-STANDING, BY_CHIRPS = -1, ORDERS * len(EXTRAS)
-"""Needs that are not ORDERS times the index of a set of line weights, plus the orders less one."""
+FORMS = 2 * ORDERS
+"""Of the terms, by orders and by whether a path is close."""
+STANDING, BY_CHIRPS = -1, FORMS * len(EXTRAS)
+"""Needs that are not FORMS times the index of a set of line weights, plus the form."""
 
 
 def _needs(
@@ -140,7 +155,10 @@ def _needs(
     if sets and len(paths):
         start = radar.waveform.chirps // 2 * radar.waveform.chirp_interval_s
         tx_reach, limits = reach_m(array.tx), [limit for limit, _ in sets]
-        widest, orders = np.zeros(len(paths), dtype=np.int64), np.zeros(len(paths), dtype=np.int64)
+        few, many = (
+            element_reach(terms, VIEW_SHARE * tolerance, frame_half(radar)) for terms in (FEW_TERMS, MANY_TERMS)
+        )
+        widest, form = np.zeros(len(paths), dtype=np.int64), np.zeros(len(paths), dtype=np.int64)
         crowded = np.zeros(len(paths), dtype=bool)
         for block in rx_blocks(array, radar.waveform.bandwidth_hz):
             rx = array.rx[block]
@@ -148,14 +166,15 @@ def _needs(
             # The image of a specular path moves with the TX as far as the TX itself.
             reaches = (0.0, tx_reach + reach_m(rx)) if specular else (tx_reach, reach_m(rx))
             motion = motion_of(paths, *centres, start, radar, intra_chirp)
-            extra, errors = left_out(paths, motion, reaches, centres, start, radar, intra_chirp)
-            kept = errors + _video_phase_error(motion.doppler, radar) <= BEND_SHARE * tolerance
+            out = left_out(paths, motion, reaches, centres, start, radar, intra_chirp)
+            limit = BEND_SHARE * tolerance - _video_phase_error(motion.doppler, radar)
+            kept = np.concatenate([(out.far <= limit) & (out.view <= few), (out.close <= limit) & (out.view <= many)])
             kept &= np.abs(motion.bend[1]) <= 12.0 * RANGE_SLACK_BINS
-            widest = np.maximum(widest, np.searchsorted(limits, extra))
-            orders = np.maximum(orders, np.where(kept.any(axis=0), kept.argmax(axis=0), ORDERS))
+            widest = np.maximum(widest, np.searchsorted(limits, out.extra))
+            form = np.maximum(form, np.where(kept.any(axis=0), kept.argmax(axis=0), FORMS))
             crowded |= _crowded(motion.doppler, paths, radar.waveform, crowd_limit(tolerance))
-        along = (widest < len(sets)) & (orders < ORDERS) & ~crowded
-        result[along] = (ORDERS * widest + orders)[along]
+        along = (widest < len(sets)) & (form < FORMS) & ~crowded
+        result[along] = (FORMS * widest + form)[along]
     result[~moving(paths)] = STANDING
     return result
 

@@ -55,20 +55,22 @@ def columns(paths: ScatteredPaths, order: Integer[np.ndarray, " paths"]) -> Floa
     return table
 
 
-def padded(elements: Float64[np.ndarray, "rx 3"]) -> Float64[np.ndarray, "3 padded_rx"]:
-    """Coordinates of RX elements by rows, the last element repeated up to a multiple of LANES."""
-    missing = -len(elements) % LANES
+def padded(elements: Float64[np.ndarray, "elements 3"], lanes: int = LANES) -> Float64[np.ndarray, "3 padded"]:
+    """Coordinates of elements by rows, the last element repeated up to a multiple of ``lanes``."""
+    missing = -len(elements) % lanes
     return np.ascontiguousarray(np.concatenate([elements, np.repeat(elements[-1:], missing, axis=0)]).T)
 
 
 def empty_moments(
     cells: int, tx_count: int, rx_count: int, terms: int, real: DTypeLike
 ) -> Float[np.ndarray, "{cells} {tx_count} panels {terms}*2*16"]:
-    """Uninitialised moments of panels of LANES elements, real and imaginary parts apart.
+    """Uninitialised moments of panels of LANES elements, real and imaginary parts apart."""
+    return aligned((cells, tx_count, -(-rx_count // LANES), terms * 2 * LANES), real)
 
-    They start on a boundary of 64 bytes: storing a vector across two cache lines takes twice the time.
-    """
-    shape = (cells, tx_count, -(-rx_count // LANES), terms * 2 * LANES)
+
+def aligned(shape: tuple[int, ...], real: DTypeLike) -> Float[np.ndarray, ...]:
+    """An uninitialised array that starts on a boundary of 64 bytes: storing a vector across two cache lines takes twice
+    the time."""
     size = int(np.prod(shape)) * np.dtype(real).itemsize
     raw = np.empty(size + 64, dtype=np.uint8)
     first = -raw.ctypes.data % 64

@@ -13,7 +13,7 @@ from torch_devices import EVERY_DEVICE, required
 
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.cube import cube_of_paths
-from datafactory.synthesis.device import arrays, cube
+from datafactory.synthesis.device import arrays
 from datafactory.synthesis.kernels import torch_kernels
 from datafactory.synthesis.sorting import FLOAT32_TOLERANCE, sorted_paths
 from shared.radar import Radar
@@ -72,20 +72,6 @@ def test_cube_keeps_its_tolerance(device, tolerance, nearest_m, farthest_m, spee
     assert relative_error(made, if_cube(table, radar)) <= tolerance
 
 
-def test_these_paths_go_by_every_kernel(device):
-    # Otherwise the test above judges one of them alone.
-    required(device)
-    radar, kernels, orders = radar_of(), set[str](), set[int]()
-    for speed in (0.0, 0.1, 1.0, 4.0):
-        for tolerance in (1e-3, 1e-6):
-            table = slowed(a_table(np.random.default_rng(31), 10, 3.0), speed)
-            by_kernel = sorted_paths(table, radar, tolerance, radar.array, intra_chirp=False)
-            kernels |= {name for name, count in by_kernel.counts().items() if count}
-            orders |= {group.orders for group in by_kernel.lines}
-    assert kernels == {"paths_standing", "paths_along_lines", "paths_by_chirps"}
-    assert orders == {1, 2, 3}
-
-
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6])
 def test_motion_within_the_chirp_is_that_of_the_exact_kernel(device, tolerance):
     # Which test_motion_within_the_chirp.py holds to the sum over all samples, at 1e-9.
@@ -118,10 +104,9 @@ def test_a_crowd_in_one_cell_keeps_the_tolerance(device, speed):
     assert relative_error(cube_on(device, paths, radar, 1e-6), if_cube(paths, radar)) <= 1e-6
 
 
-def test_grids_in_turns_and_small_batches_are_the_same_sum(device, monkeypatch):
+def test_small_batches_are_the_same_sum(device, monkeypatch):
     radar, table = radar_of(), a_table(np.random.default_rng(36), 30, 2.0)
     at_once = cube_on(device, table, radar, 1e-4)
-    monkeypatch.setattr(cube, "GRID_BYTES", 1e4)
     monkeypatch.setitem(arrays.VALUES_AT_ONCE, device, 2**9)
     assert relative_error(cube_on(device, table, radar, 1e-4), at_once) < 1e-5
 

@@ -6,6 +6,8 @@ It is that of :mod:`datafactory.synthesis.chirps`: equations, weights and reache
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import torch
 from jaxtyping import Complex, Float64, Int64
@@ -26,7 +28,7 @@ from shared.signal.sweep import reference_frequency_hz
 
 def add_by_chirps(
     cube: Complex[Tensor, "chirps samples rx tx"],
-    paths: PathTable,
+    tables: Sequence[PathTable],
     radar: Radar,
     tolerance: float,
     array: AntennaArray,
@@ -40,7 +42,7 @@ def add_by_chirps(
     """
     waveform, device = radar.waveform, str(cube.device)
     times = chirp_times(radar.model_copy(update={"array": array}))[:, :chirps]
-    parts, tx_centre = parts_of(paths, array, times), centre(array.tx)
+    parts, tx_centre = [part for table in tables for part in parts_of(table, array, times)], centre(array.tx)
     after, lead = instants(radar, intra_chirp)
     echoes = [Echoes.of(part.paths, device) for part in parts]
     cells = OVERSAMPLING * waveform.samples
