@@ -158,8 +158,7 @@ def measured(paths: PathTable, effects: EffectSet, radar: Radar, **fields: Any) 
     """The frame that ``effects`` make of these paths; fields of its processing."""
     settings = effects.settings(ChainSettings(processing=Processing(peaks=1, store="cube")))
     processing = replace(settings.processing, **fields)
-    generator = np.random.default_rng(0)
-    return measure(FrameIdentity(0, "scene", "effects", 0), paths, (), radar, processing, generator)
+    return measure(FrameIdentity(0, "scene", "effects", 0), paths, (), radar, processing)
 
 
 def spectra_of(paths: PathTable, effects: EffectSet, radar: Radar, **fields: Any) -> Complex:

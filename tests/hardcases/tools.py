@@ -68,7 +68,7 @@ def cube_error(paths: PathTable, radar: Radar, tolerance: float = 1e-6) -> float
 def frame_of(paths: PathTable, radar: Radar, noise: bool = True) -> Frame:
     """The whole method after tracing: cube, noise, Doppler choice, truth image, targets."""
     processing = Processing(noise=noise)
-    measurement = measure(FrameIdentity(0, "scene", "hard", 0), paths, (), radar, processing, np.random.default_rng(0))
+    measurement = measure(FrameIdentity(0, "scene", "hard", 0), paths, (), radar, processing)
     frame, _ = next(image([measurement], radar, processing.store))
     return frame
 

@@ -213,9 +213,8 @@ def measured(source: Source, radar: Radar, at: Hook = plainly) -> Measurement:
             **{f"{FRAMES_WITH}{name}": int(on) for name, on in effects.items()},
         }
     counts = {**paths.counts, **counted, "frames": 1, "paths": len(paths)}
-    noise = generator(identity.seed, "noise")
     kernels = kernels_on(settings.device)
-    measurement = measure(identity, paths, known, radar, settings.processing, noise, at, counts, kernels)
+    measurement = measure(identity, paths, known, radar, settings.processing, at, counts, kernels)
     return replace(measurement, boxes=boxes)
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
 from datafactory.frame.points import target_list
+from datafactory.frame.seeds import generator
 from datafactory.paths.table import PathTable
 from datafactory.synthesis.kernels import ON_CPU, Kernels
 from datafactory.synthesis.sorting import sorted_paths
@@ -116,14 +117,12 @@ def measure(
     targets: tuple[Target, ...],
     radar: Radar,
     processing: Processing,
-    generator: np.random.Generator,
     at: Hook = plainly,
     counts: Mapping[str, int] | None = None,
     kernels: Kernels = ON_CPU,
 ) -> Measurement:
     """Input and sweep moments of one frame from its illuminated paths.
 
-    :param generator: of the receiver's noise
     :param counts: handed on
     :param kernels: of the device that makes the signals
     """
@@ -132,9 +131,8 @@ def measure(
     tolerance, array = processing.tolerance, radar.array
     by_kernel = at("sorting", sorted_paths, paths, radar, tolerance, array, intra_chirp)
     cube = at("cube", kernels.cube, by_kernel, radar, tolerance, array, 1, intra_chirp)
-    recorded, saturated = at(
-        "receiver", received, cube.astype(np.complex64, copy=False), radar, generator if processing.noise else None
-    )
+    noise = generator(identity.seed, "noise") if processing.noise else None
+    recorded, saturated = at("receiver", received, cube.astype(np.complex64, copy=False), radar, noise)
     noise_power = cell_noise_power(radar) if processing.noise else 0.0
     spectra = at("range-Doppler", range_doppler, recorded, radar)
     selection = at("Doppler choice", select_doppler, spectra, noise_power, processing.peaks)
