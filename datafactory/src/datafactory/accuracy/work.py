@@ -31,7 +31,7 @@ PHASE = 12.0
 VIEW = 30.0
 """Of one path and virtual element of the truth: a length, its rate, a phasor."""
 SPREAD = 0.5
-"""A multiply-add of the loops along lines, which are whole vectors: 0.52 us a far path of six lines, 2.7 a close one."""
+"""A multiply-add of the loops along lines, whole vectors: 0.52 us a far path of six lines, 2.7 a close one of ten."""
 MOMENT = 0.7
 """A multiply-add of the truth's loop over paths."""
 PRODUCT = 0.5
