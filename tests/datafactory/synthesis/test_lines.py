@@ -164,6 +164,30 @@ def test_every_order_stays_within_its_bound(intra_chirp, multiplexing):
         assert found[0] > 0.1 * out.close[0, 0]
 
 
+@pytest.mark.parametrize("intra_chirp", [False, True], ids=["frozen", "within the chirp"])
+def test_without_the_elements_curvature_the_bound_of_far_paths_holds(intra_chirp):
+    """Far enough for the few terms in an element's own Doppler; nearer, the bound says that it does not do."""
+    radar = radar_of(samples=64, chirps=64, array=Radar().array)
+    start, tolerance = 32 * radar.waveform.chirp_interval_s, 1e-4
+    centres = centre(radar.array.tx), centre(radar.array.rx)
+    reaches = reach_m(radar.array.tx), reach_m(radar.array.rx)
+    nothing = one_path(9.0).scattered.take(np.zeros(0, dtype=np.int64))
+    bounds = []
+    for distance, velocity in ((6.0, (-3.0, 4.0, 0.0)), (20.0, (-6.0, 9.0, 0.0)), (60.0, (10.0, -20.0, 5.0))):
+        paths = one_path(distance, velocity)
+        motion = motion_of(paths.scattered, *centres, start, radar, intra_chirp)
+        out = left_out(paths.scattered, motion, reaches, centres, start, radar, intra_chirp)
+        weights = next(weights for limit, weights in line_sets(radar, tolerance) if out.extra[0] <= limit)
+        exact = cube_of_paths(paths, radar, 1e-9, intra_chirp=intra_chirp)
+        for orders in range(1, ORDERS + 1):
+            group = PathsAlongLines(weights, orders, paths, close=False)
+            alone = SortedPaths(PathTable(nothing), (group,), PathTable(nothing))
+            error = relative_error(cube_of_sorted(alone, radar, tolerance, radar.array, 1, intra_chirp), exact)
+            assert error <= out.far[orders - 1, 0] + tolerance
+        bounds.append(out.far[ORDERS - 1, 0])
+    assert bounds[0] > bounds[2]
+
+
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 1e-6])
 def test_the_switch_between_orders_leaves_no_seam(tolerance):
     radar = radar_of(samples=64, chirps=64)
