@@ -36,10 +36,16 @@ settings.register_profile("repeatable", derandomize=True, deadline=None, databas
 settings.load_profile("repeatable")
 
 LONG = (
-    "fuzz",
-    "examples",
+    "benchmarks/test_bench.py",
+    "datafactory/accuracy/test_budget.py::test_a_budget_on_two_scenes",
+    "datafactory/synthesis/test_kept_machine_code.py",
     "documentation/test_commands.py",
     "documentation/test_reference.py",
+    "effect_scenes/test_effect_frames.py::test_what_is_left_out_is_within_the_budget[moving",
+    "examples/",
+    "fuzz/",
+    "hardcases/test_hardcases.py::test_hard_case[kernels-0.5 m",
+    "hardcases/test_hardcases.py::test_hard_case[signals-one",
     "integration/test_flipped_bits.py",
     "integration/test_flipped_files.py",
     "integration/test_ray.py",
@@ -47,7 +53,7 @@ LONG = (
     "integration/test_twenty_cities.py",
     "test_browser.py",
 )
-"""Folders and files whose tests are all marked slow: what they hold takes long, and seldom breaks."""
+"""How the names begin of tests that are all marked slow: what they hold takes long, and seldom breaks."""
 
 RadarMaker = Callable[..., "Radar"]
 
@@ -99,7 +105,6 @@ def generator() -> np.random.Generator:
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark what :data:`LONG` names."""
-    here = Path(__file__).resolve().parent
     for item in items:
-        if any(item.path.is_relative_to(here / name) for name in LONG):
+        if item.nodeid.removeprefix("tests/").startswith(LONG):
             item.add_marker(pytest.mark.slow)

@@ -129,7 +129,7 @@ def plates() -> Arrays:
     points, along, across = draw.uniform(-3.0, 3.0, (3, 1000, 3))
     of_one = np.zeros(1000, dtype=np.int64)
     yield facets._mirror_shares(
-        draw.uniform(-3.0, 3.0, (40, 2, 3)), np.array([0]), np.array([40]), of_one, points, along,
+        draw.uniform(-3.0, 3.0, (40, 2, 3)), np.tile([0, 40], (1000, 1)), points, along,
         np.array([[0.0, 0.0, 1.0]]), of_one, np.abs(across[:, 0]),
     )  # fmt: skip
     yield from ray_hits._lines(points, 20.0 * across)

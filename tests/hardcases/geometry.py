@@ -187,7 +187,8 @@ def _not_a_number() -> float:
     bad = np.array([[np.nan, 0.0, 0.0], [np.inf, 0.0, 0.0], [0.0, -np.inf, 0.0]])
     triangles = np.concatenate([wall.triangles, [[0, 1, 4], [1, 2, 5], [2, 3, 6]]])
     notes = Notes()
-    vertices, kept, _ = place_mesh(np.concatenate([wall.vertices, bad]), triangles, np.eye(4), notes)
+    with np.errstate(invalid="ignore"):  # as where a file is read
+        vertices, kept, _ = place_mesh(np.concatenate([wall.vertices, bad]), triangles, np.eye(4), notes)
     if notes.sentences() != ("3 triangles with a NaN or infinite vertex dropped",):
         return np.inf
     paths = traced([replace(wall, vertices=vertices, triangles=kept)])

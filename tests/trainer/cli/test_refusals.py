@@ -88,7 +88,7 @@ FIT = [
     ("{data} --array {here}/rx9.toml", "--array: {here}/rx9.toml uses RX 9"),
     ("{data} --array {here}/falling.toml", "{here}/falling.toml: "),
     ("{data} --array {here}/broken.toml", "{here}/broken.toml: not readable as TOML"),
-    ("{data} --array {here}/slip.toml", "{here}/slip.toml: rx = "),
+    ("{data} --array {here}/slip.toml", "{here}/slip.toml: rx missing"),
     ("{data} --array full --recipe doa", "--array: 6 channels; expected at least 9"),
     ("{data} --array full --width 16000", "network: width = 16000"),
     ("{data} --weight nan", "--weight: nan"),
