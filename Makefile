@@ -141,7 +141,6 @@ scenes: $(INSTALLED)
 	$(BIN)/python scenes/make_scenes.py
 	$(BIN)/python scenes/make_effects.py
 	$(BIN)/python scenes/make_assets.py
-	$(BIN)/python tests/effect_scenes/write_expected.py
 
 # The packages as a user installs them, with no pins of ours: RESOLUTION=lowest-direct takes the oldest versions that they
 # allow, highest the newest; PYTHON=python3.13 another interpreter.

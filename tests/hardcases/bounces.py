@@ -5,18 +5,13 @@ References are the two-ray model, the echo without its hazard, and counts of wha
 
 from __future__ import annotations
 
-import json
-import tempfile
 from collections.abc import Sequence
-from functools import partial
-from pathlib import Path
 
 import numpy as np
-from hardcases.case import HardCase, unrefused
+from hardcases.case import HardCase
 from hardcases.tools import MATERIALS, MIRROR, not_finite_paths, rectangle
 from numpy.typing import NDArray
 
-from datafactory.frame.points import read_targets
 from datafactory.paths.table import TARGET, PathTable
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import PointTarget, Scene, SceneObject
@@ -172,26 +167,6 @@ def _moving_parts() -> float:
     return float(wrong)
 
 
-def _refusals() -> float:
-    """Files of targets with impossible models that are not refused."""
-    base = {"x": 9.0, "y": 0.0}
-    hostile = (
-        {**base, "model": "pedestrian", "stature_m": 1e300},
-        {**base, "model": "pedestrian", "stature_m": -1.7},
-        {**base, "model": "pedestrian", "stature_m": 1.7, "vx": 1e4},
-        {**base, "model": "car", "wheel_radius_m": 1e-300},
-        {**base, "model": "car", "wheel_radius_m": None},
-        {**base, "model": ["car"]},
-        {**base, "model": "car", "heading_deg": "north"},
-        {**base, "model": "sphere", "radius_m": 0.0},
-    )
-    with tempfile.TemporaryDirectory() as folder:
-        paths = [Path(folder) / f"{number}.json" for number in range(len(hostile))]
-        for path, entry in zip(paths, hostile, strict=True):
-            path.write_text(json.dumps([[entry]]), encoding="utf-8")
-        return unrefused({path.name: partial(read_targets, path) for path in paths})
-
-
 CASES = (
     HardCase("a target that touches the ground", "the two legs' lengths are one; 1/0", 0.05, "dB", _touching),
     HardCase("bounces at 0.1 deg of grazing", "rays in float32 meet the ground itself", 0.1, "dB", _grazing),
@@ -203,5 +178,4 @@ CASES = (
     HardCase("ground with faces of no area", "normals of no length", 0.0, "wrong values", _no_area),
     HardCase("thirty mirrors of one target", "paths without bound, or silently lost", 0.0, "mirrors", _many_mirrors),
     HardCase("walkers and wheels at odd times", "phases of 1e7 s, no speed", 0.0, "wrong values", _moving_parts),
-    HardCase("impossible moving targets", "a traceback", 0.0, "not refused", _refusals),
 )

@@ -9,10 +9,8 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-
-from shared.physics.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -63,21 +61,3 @@ def judge(theme: str, case: HardCase) -> Verdict:
     if not math.isfinite(measured):
         return Verdict(theme, case, measured, "not finite")
     return Verdict(theme, case, measured, "" if measured <= case.bound else "above the bound")
-
-
-def unrefused(attempts: Mapping[str, Callable[[], object]]) -> float:
-    """How many of these attempts were not refused with :class:`InputError` in one line.
-
-    Any other exception propagates: that is the crash that the case is about.
-
-    :param attempts: by what they try, for the reader of the code
-    """
-    accepted = 0
-    for attempt in attempts.values():
-        try:
-            attempt()
-        except InputError as error:
-            accepted += "\n" in str(error)
-        else:
-            accepted += 1
-    return float(accepted)

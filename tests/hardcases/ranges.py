@@ -5,12 +5,10 @@ References are the float64 sum of eq. (1) and the exact matched filter.
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
-from hardcases.case import HardCase, unrefused
+from hardcases.case import HardCase
 from hardcases.tools import (
     cube_error,
     frame_of,
@@ -20,7 +18,6 @@ from hardcases.tools import (
 )
 from oracles import peak_error_db, truth_rows
 
-from datafactory.frame.points import read_targets
 from datafactory.synthesis.cube import cube_of_paths
 from datafactory.synthesis.truth import truth_moments
 from shared.radar.arrays import AntennaArray, line
@@ -65,23 +62,10 @@ def _same_point() -> float:
     return np.inf if not_finite(frame_of(paths, radar)) else cube_error(paths, radar)
 
 
-def _targets_on_the_radar() -> float:
-    """Targets files with a target nearer than 1 cm that are not refused in one line."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "targets.json"
-
-        def attempt(x: float, y: float) -> None:
-            path.write_text(f'[[{{"x": {x}, "y": {y}, "rcs_dbsm": 0}}]]', encoding="utf-8")
-            read_targets(path)
-
-        return unrefused({"origin": lambda: attempt(0.0, 0.0), "9 mm": lambda: attempt(0.009, 0.0)})
-
-
 CASES = (
     HardCase("scatterer at 1 cm", "1 / R^2, near field of one element", 1e-6, "relative",
              lambda: _near([0.01, 0.0, 0.0])),
     HardCase("scatterer on an RX element", "a leg of length 0", 1e-6, "relative", lambda: _near([0.0, -0.045, 0.0])),
-    HardCase("target nearer than 1 cm", "the radar equation diverges", 0.0, "not refused", _targets_on_the_radar),
     HardCase("TX and RX at one point", "a round trip of 0", 1e-6, "relative", _same_point),
     HardCase("echo in the last range bin", "neighbours wrap round", -60.0, "dB", _last_range_bin_db),
     HardCase("echo beyond the unambiguous range", "folds silently", 1e-6, "relative", _beyond_range),

@@ -33,7 +33,7 @@ PAGE_WIDTH = 160
 HEAD = """# Hard cases
 
 What breaks radar simulators and estimators: {count} cases, each with its hazard, its bound and what was measured.
-Each is rendered within its bound, or refused with one line.
+Each is rendered within its bound; what cannot be rendered is refused with one line (`make fuzz`).
 
     make hardcases
 

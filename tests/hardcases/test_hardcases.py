@@ -6,11 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from hardcases.case import HardCase, judge, unrefused
+from hardcases.case import HardCase, judge
 from hardcases.catalogue import catalogue
 from hardcases.run import markdown_of, records_of
-
-from shared.physics.errors import InputError
 
 CATALOGUE = catalogue()
 
@@ -47,15 +45,3 @@ def test_a_kept_bound_is_said() -> None:
     verdict = judge("theme", case_of(lambda: 1.0))
     assert verdict.kept
     assert records_of([verdict])[0]["measured"] == 1.0
-
-
-def test_only_one_line_is_a_refusal() -> None:
-    def refuse() -> None:
-        raise InputError("file", "wrong", "right")
-
-    def crash() -> None:
-        raise KeyError("field")
-
-    assert unrefused({"refused": refuse, "accepted": lambda: None}) == 1.0
-    with pytest.raises(KeyError):
-        unrefused({"crash": crash})

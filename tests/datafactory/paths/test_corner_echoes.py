@@ -42,7 +42,7 @@ def test_turned_about_its_edge_it_loses_what_its_aperture_loses(turned_deg):
     assert abs(level_db(corner_echo(turned), reference_echo(turned))) < 0.3
 
 
-@pytest.mark.parametrize("distance_m", [0.2, 0.4, 1.0, 3.0, 10.0, 60.0])
+@pytest.mark.parametrize("distance_m", [0.2, 1.0, 3.0, 60.0])
 @pytest.mark.parametrize("turned_deg", [0.0, 7.0, 15.0])
 def test_level_and_phase_hold_from_twice_its_size_to_the_far_field(distance_m, turned_deg):
     faces = dihedral(distance_m, 0.1, 0.1, turned_deg)

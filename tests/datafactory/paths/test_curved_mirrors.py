@@ -40,9 +40,8 @@ from datafactory.scenes.poses import Pose
 pytestmark = pytest.mark.usefixtures("variant")
 
 
-@pytest.mark.parametrize("radius", [0.05, 0.4, 5.0])
-@pytest.mark.parametrize("times", [2.0, 7.0, 100.0])
-@pytest.mark.parametrize("segments", [16, 33, 64])
+@pytest.mark.parametrize(("radius", "times"), [(0.05, 2.0), (0.05, 100.0), (0.4, 7.0), (5.0, 2.0), (5.0, 100.0)])
+@pytest.mark.parametrize("segments", [16, 33])
 def test_a_sphere_has_its_divergence_near_and_far(radius, times, segments):
     for seed in range(3):
         table = traced(body(sphere(radius, segments), (times * radius, 0.0, 0.0), turned(seed)))
@@ -60,7 +59,7 @@ def test_a_sphere_far_away_has_pi_r_squared():
 
 
 @pytest.mark.parametrize("subdivisions", [2, 3, 4])
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_an_icosphere_is_a_sphere(subdivisions, seed):
     table = traced(body(icosphere(0.3, subdivisions), (4.0, 1.0, 0.5), turned(seed)))
     assert abs(level_db(table, sphere_amplitude(0.3, float(np.linalg.norm([4.0, 1.0, 0.5]))))) < 0.05
@@ -80,7 +79,7 @@ def test_the_echo_comes_from_the_sphere_and_not_from_its_chords(segments):
     ("radius", "length", "distance"),
     [(0.05, 0.1, 8.0), (0.05, 1.2, 0.4), (0.3, 0.05, 30.0), (0.3, 2.0, 3.0), (2.0, 0.5, 60.0), (5.0, 0.3, 12.0)],
 )
-@pytest.mark.parametrize("segments", [15, 24, 200])
+@pytest.mark.parametrize("segments", [15, 200])
 def test_a_cylinder_seen_broadside(radius, length, distance, segments):
     for turn in (0.0, 0.1, 0.37):
         table = traced(body(cylinder(radius, length, segments), (distance, 0.0, 0.0), Rotation.from_euler("z", turn)))
@@ -174,7 +173,7 @@ def ellipsoid_amplitude(radii: tuple[float, float, float], eye: Real) -> float:
 
 
 @pytest.mark.parametrize(("segments", "bound_db"), [(48, 0.4), (72, 0.2), (120, 0.1)])
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_an_ellipsoid_as_long_as_a_car(segments, bound_db, seed):
     radii = (2.2, 0.9, 0.7)
     turn, centre = turned(seed), np.array([9.0, 1.0, -0.5])

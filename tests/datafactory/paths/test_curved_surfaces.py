@@ -14,19 +14,16 @@ from curved_bodies import (
     icosphere,
     rounded_box,
     sphere,
-    tube,
 )
 from curved_scenes import (
     body,
     traced,
-    turned,
 )
 from scipy.spatial.transform import Rotation
 from sionna_scenes import mesh, plate, scene_of
 
 from datafactory.paths.curved_surfaces import curved_surfaces_of
 from datafactory.paths.edges import edges_of
-from datafactory.paths.smooth import SMOOTH_FOLD_DEG
 
 pytestmark = pytest.mark.usefixtures("variant")
 
@@ -93,13 +90,6 @@ def test_a_ragged_body_and_one_that_is_coarse_in_places_are_flat_throughout():
         surfaces = curved_surfaces_of(scene_of(body(of, (6.0, 0.0, 0.0))))
         assert len(surfaces) == 0
         assert surfaces.coarse > 0
-
-
-@pytest.mark.parametrize("beside", [-1e-6, 1e-6])
-def test_beside_the_limit_all_folds_of_a_body_are_of_one_kind(beside):
-    fold = np.radians(SMOOTH_FOLD_DEG + beside)
-    surfaces = curved_surfaces_of(scene_of(body(tube(1.0, 1.0, 6, turn=6.0 * fold), (6.0, 0.0, 0.0), turned(1))))
-    assert len(surfaces) == (12 if beside < 0.0 else 0)
 
 
 def test_two_planes_with_a_low_ridge_and_a_crest_of_a_road_are_no_curved_surface():

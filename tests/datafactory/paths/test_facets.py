@@ -179,8 +179,8 @@ def test_oblique_incidence_foreshortens_the_facet():
     assert steep == pytest.approx(share(plate((-0.03, 0.03), (-0.03, 0.03))), abs=1e-9)
 
 
-@pytest.mark.parametrize("height", [1e-9, 0.01, 0.3, 1.0, 3.0, 6.0])
-@pytest.mark.parametrize("end", [0.05, 0.3, 1.0, 1.4, 1.6, 2.5, 5.0, 9.0, 40.0])
+@pytest.mark.parametrize("height", [1e-9, 0.3, 6.0])
+@pytest.mark.parametrize("end", [0.05, 1.4, 1.6, 40.0])
 def test_the_edge_integral_agrees_with_quadrature(height, end):
     def integrand(u: float) -> complex:
         square = height**2 + u**2
@@ -222,8 +222,8 @@ def along_edges(edges: np.ndarray) -> tuple[complex, float]:
     return total, turned
 
 
-@pytest.mark.parametrize("spread", [1.0, 10.0, 100.0])
-@pytest.mark.parametrize("winding", [-3, -1, 0, 1, 4])
+@pytest.mark.parametrize("spread", [1.0, 100.0])
+@pytest.mark.parametrize("winding", [-3, 0, 1, 4])
 def test_the_angles_of_far_edges_add_up_whatever_the_turns_and_whether_they_close(generator, spread, winding):
     """Up to 400 edges: a polygon of many turns around or beside the point, then edges that belong to none."""
     steps = np.linspace(0.0, 2.0 * np.pi * (winding or 1), 301)

@@ -8,8 +8,8 @@ import pytest
 from datafactory.paths.rising import rising
 
 
-@pytest.mark.parametrize("span", [1, 2, 50, 8_191, 8_192, 8_193, 2**38, 2**63 - 1])
-@pytest.mark.parametrize("count", [1, 2, 20_000])
+@pytest.mark.parametrize("span", [1, 50, 8_191, 8_192, 8_193, 2**63 - 1])
+@pytest.mark.parametrize("count", [2, 20_000])
 def test_numbers_are_ordered_as_by_a_stable_sort(count, span):
     random = np.random.default_rng(span)
     numbers = random.integers(-(span // 2), span - span // 2, size=count)

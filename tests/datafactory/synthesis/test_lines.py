@@ -56,13 +56,17 @@ def along_lines(paths: PathTable, radar: Radar, tolerance: float, intra_chirp: b
     return sorted_paths(paths, radar, tolerance, radar.array, intra_chirp).counts()["paths_along_lines"]
 
 
-@pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 1e-5, 1e-6])
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 1e-6])
 @pytest.mark.parametrize(
-    ("speed", "limits_m"),
-    [(0.5, (0.5, 3.0)), (3.0, (0.5, 20.0)), (10.0, (3.0, 40.0)), (40.0, (0.5, 60.0)), (40.0, (20.0, 150.0))],
-)
-@pytest.mark.parametrize(
-    "waveform", [{}, {"multiplexing": "tdm"}, {"residual_video_phase": True}], ids=["plain", "tdm", "video phase"]
+    ("speed", "limits_m", "waveform"),
+    [
+        (0.5, (0.5, 3.0), {}),
+        (10.0, (3.0, 40.0), {}),
+        (40.0, (0.5, 60.0), {}),
+        (40.0, (20.0, 150.0), {}),
+        (40.0, (0.5, 60.0), {"multiplexing": "tdm"}),
+        (40.0, (0.5, 60.0), {"residual_video_phase": True}),
+    ],
 )
 def test_cube_keeps_its_tolerance_over_speeds_and_ranges(tolerance, speed, limits_m, waveform):
     # 128 samples reach to 19 m: most of the farther echoes are folded.
@@ -80,7 +84,7 @@ def test_most_of_these_paths_go_along_lines():
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6])
 @pytest.mark.parametrize("multiplexing", ["simultaneous", "tdm"])
-@pytest.mark.parametrize("chirps", [16, 33, 128])
+@pytest.mark.parametrize("chirps", [16, 33])
 def test_default_array_keeps_its_tolerance(tolerance, multiplexing, chirps):
     radar = radar_of(samples=65, chirps=chirps, array=Radar().array, multiplexing=multiplexing)
     # At 1e-6 what is fast and near goes by chirps.
@@ -232,17 +236,6 @@ def test_paths_of_every_need_are_counted_once():
     counts = sorted_paths(paths, radar, 1e-4, radar.array, intra_chirp=False).counts()
     assert counts == {"paths_standing": 1, "paths_along_lines": 1, "paths_by_chirps": 1}
     assert relative_error(cube_of_paths(paths, radar, 1e-4), if_cube(paths, radar)) <= 1e-4
-
-
-@pytest.mark.parametrize("alike", [True, False])
-def test_a_crowd_in_one_cell_keeps_the_tolerance(alike):
-    radar = radar_of(samples=16, chirps=16, array=AntennaArray(tx_m=line(np.zeros(1)), rx_m=line(np.zeros(1))))
-    generator = np.random.default_rng(5)
-    for tolerance, count in ((1e-3, 20_000), (1e-6, 600)):
-        spread = 0.0 if alike else 0.01
-        place = np.array([12.0, 2.0, 0.0]) + spread * generator.uniform(-1.0, 1.0, (count, 3))
-        paths = PathTable(ScatteredPaths.of_points(place, np.tile([1.0, 0.5, 0.0], (count, 1)), np.full(count, 0.1)))
-        assert relative_error(cube_of_paths(paths, radar, tolerance), if_cube(paths, radar)) <= tolerance
 
 
 def test_threads_and_turns_do_not_change_the_bytes(monkeypatch):

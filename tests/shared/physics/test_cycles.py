@@ -52,7 +52,7 @@ def test_sweep_positions_are_centred_on_the_window(samples):
 
 
 @pytest.mark.parametrize("reach", [0.25, 0.8, 1.5])
-@pytest.mark.parametrize("terms", [1, 3, 5, 9, 14])
+@pytest.mark.parametrize("terms", [1, 5, 14])
 def test_shift_polynomials_keep_their_bound(reach, terms):
     nu = sweep_positions(65)
     z = np.linspace(-reach, reach, 101)

@@ -16,7 +16,7 @@ from shared.radar.receiver import received, receiver_noise
 from shared.radar.waveform import Waveform
 from shared.signal import chirp_times, if_signal, round_trip_delays, target_amplitudes
 from shared.signal.spectrum import range_doppler
-from shared.signal.windows import cell_noise_power, hann
+from shared.signal.windows import cell_noise_power
 
 PAIR = AntennaArray(tx_m=((0.0, 0.0, 0.0),), rx_m=((0.0, 0.0, 0.0),))
 
@@ -162,12 +162,3 @@ def test_noise_depends_on_the_generator_alone(small_radar):
     first, again = (receiver_noise(radar, np.random.default_rng(3)).tobytes() for _ in range(2))
     assert first == again
     assert first != receiver_noise(radar, np.random.default_rng(4)).tobytes()
-
-
-@pytest.mark.parametrize("length", [1, 2, 7, 64])
-def test_hann_window_is_the_periodic_one(length):
-    window = hann(length)
-    if length == 1:
-        assert window.tolist() == [1.0]
-    else:
-        np.testing.assert_allclose(window, np.sin(np.pi * np.arange(length) / length) ** 2, atol=1e-15)

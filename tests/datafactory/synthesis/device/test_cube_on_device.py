@@ -56,12 +56,17 @@ def cube_on(
     return torch_kernels(required(device)).cube(by_kernel, radar, tolerance, radar.array, 1, intra_chirp)
 
 
-@pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 1e-6, 1e-9])
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9])
 @pytest.mark.parametrize(
-    ("nearest_m", "farthest_m", "speed"), [(0.6, 30.0, 0.0), (0.6, 6.0, 0.1), (3.0, 40.0, 1.0), (20.0, 150.0, 4.0)]
-)
-@pytest.mark.parametrize(
-    "waveform", [{}, {"multiplexing": "tdm"}, {"residual_video_phase": True}], ids=["plain", "tdm", "video phase"]
+    ("nearest_m", "farthest_m", "speed", "waveform"),
+    [
+        (0.6, 30.0, 0.0, {}),
+        (0.6, 6.0, 0.1, {}),
+        (3.0, 40.0, 1.0, {}),
+        (20.0, 150.0, 4.0, {}),
+        (3.0, 40.0, 1.0, {"multiplexing": "tdm"}),
+        (3.0, 40.0, 1.0, {"residual_video_phase": True}),
+    ],
 )
 def test_cube_keeps_its_tolerance(device, tolerance, nearest_m, farthest_m, speed, waveform):
     # Standing, slow and near, moving, fast and far; 64 samples reach to 9.6 m, so that most echoes are folded.
