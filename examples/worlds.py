@@ -2,7 +2,8 @@
 
 ``python examples/worlds.py UNSEEN RUN RUN [RUN ...]`` prints the average precision of every network and what it gains
 over the one of the fewest scenes, and draws both into build/examples/worlds/worlds.png. The networks are of one array
-and, for a fair comparison, of as many frames and the same options. docs/worlds.md has the commands that make them.
+and, for a fair comparison, of as many frames and the same options. docs/notes/worlds.md has the commands that make
+them.
 """
 
 from __future__ import annotations

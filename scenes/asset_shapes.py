@@ -1,8 +1,8 @@
 """Rounded bodies of facets, of which :mod:`make_assets` builds vehicles and street furniture. Metres, x ahead, z up.
 
 A facet that samples a curved surface reflects as that surface does if its neighbours are turned by 25 degrees at most
-and are of like width (docs/curved.md): outlines here turn by less, in strips of like width. Vertices are kept to a
-hundredth of a millimetre: rounded to a whole one they would bend a post by as much as its own facets do.
+and are of like width (docs/notes/curved.md): outlines here turn by less, in strips of like width. Vertices are kept to
+a hundredth of a millimetre: rounded to a whole one they would bend a post by as much as its own facets do.
 """
 
 from __future__ import annotations

@@ -11,18 +11,16 @@ START = "index.md"
 GUIDES = (
     "start.md",
     "own-scene.md",
+    "view.md",
     "own-radar.md",
     "own-network.md",
     "captures.md",
     "measured.md",
     "dataset.md",
-    "convert.md",
-    "view.md",
     "commands.md",
-    "examples.md",
 )
 """What a reader follows with own hands. The tests run their commands, or say why not."""
-IDEAS = ("concepts.md", "glossary.md", "effects.md", "limits.md", "experiments.md")
+IDEAS = ("concepts.md", "glossary.md", "effects.md", "experiments.md")
 
 
 def depth(folder: Path = DOCS) -> list[str]:

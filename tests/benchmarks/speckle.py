@@ -1,4 +1,4 @@
-"""How converged a frame's speckle is, and what its trace costs: the table of docs/speckle.md.
+"""How converged a frame's speckle is, and what its trace costs: the table of docs/notes/speckle.md.
 
     python tests/benchmarks/speckle.py --scene scenes/street.usda --frame 1 --rays 600000
 

@@ -1,4 +1,4 @@
-"""The batch script of docs/slurm.md, as it stands but for its size, under a stand-in for Slurm."""
+"""The batch script of docs/large-runs.md, as it stands but for its size, under a stand-in for Slurm."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SMALLER = {
 
 
 def script() -> str:
-    (text,) = blocks(DOCS / "slurm.md", "bash")
+    (text,) = blocks(DOCS / "large-runs.md", "bash")
     return text
 
 

@@ -1,4 +1,4 @@
-"""The pictures of docs/targets.md can be made, and show what the page says."""
+"""The pictures of docs/notes/targets.md can be made, and show what the page says."""
 
 from __future__ import annotations
 

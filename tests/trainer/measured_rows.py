@@ -63,7 +63,7 @@ def fit_counts(rows: NDArray[np.complex128], array: LineArray, model_error_db: f
 
 
 def main(count: int = 200) -> None:
-    """The table of docs/measured.md."""
+    """The table of docs/notes/measured.md."""
     names = ("iaa", "iaa-view", "omp", "omp-cfar", "spice", "likes", "ml")
     cases = [(array, targets) for array in ("sparse6", "sparse4") for targets in (1, 2)]
     measured = {case: measured_rows(ARRAYS[case[0]], case[1], count) for case in cases}

@@ -63,7 +63,7 @@ def test_asset_has_its_size_class_and_materials(name: str) -> None:
     ("name", "share"), [("saloon", 0.55), ("suv", 0.55), ("van", 0.55), ("truck", 0.55), ("bus", 0.5), ("lamp", 0.4)]
 )
 def test_rounded_bodies_are_curved_mirrors(name: str, share: float) -> None:
-    """None of their facets is too coarse to be one (docs/curved.md)."""
+    """None of their facets is too coarse to be one (docs/notes/curved.md)."""
     scene = open_scene(f"shipped:assets/{name}")
     (body,) = bodies_of(merge_scene(scene, load_materials().map_materials([item.material for item in scene.objects])))
     found = smooth_facets(body)

@@ -203,7 +203,7 @@ def test_silence_and_few_chirps_have_interval_0(chirps):
 
 
 def test_the_interval_is_found_at_the_stated_signal_to_noise_ratio():
-    # docs/tdm.md: two overlapped elements, 3 TX: 8 % are wrong at 3 dB, 1 % at 6 dB, 1 of 20 000 at 10 dB.
+    # docs/notes/tdm.md: two overlapped elements, 3 TX: 8 % are wrong at 3 dB, 1 % at 6 dB, 1 of 20 000 at 10 dB.
     radar = tdm_radar(chirps=16, array=OVERLAPPED)
     generator = np.random.default_rng(5)
     waveform, share = radar.waveform, {}

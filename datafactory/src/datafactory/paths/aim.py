@@ -34,7 +34,7 @@ STRIPS, RAYS_A_STRIP = 256, 64
 RAYS_A_CELL = 6.0
 """K. One more than makes speckle (:data:`datafactory.paths.density.FEW_PATHS`), for a lattice does not fall evenly."""
 UNAIMED = 0.55
-"""Least factor on the fan's density. More lights more cells far away and fills fewer near by (docs/speckle.md)."""
+"""Least factor on the fan's density. More lights more cells far away and fills fewer near (docs/notes/speckle.md)."""
 AGREEING = 0.75
 """Share of a strip's rays that what it asks for is enough for."""
 SHARE_IN_U = UNIFORM_IN_U * U_CELL / 2.0

@@ -13,7 +13,7 @@ INSTALL_TORCH = "torch for CUDA: pip install --force-reinstall torch (the public
 
 DEFAULT_RAYS = 200_000
 """Three times as many light nearly half of the cells within 30 m by five paths, take 1.6 times the time of a frame, and
-do not bring the power of its cells nearer to the mean (docs/speckle.md)."""
+do not bring the power of its cells nearer to the mean (docs/notes/speckle.md)."""
 
 MOST_RAYS = 20_000_000
 """See :data:`datafactory.run.memory.RAY_BYTES`."""

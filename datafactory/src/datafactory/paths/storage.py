@@ -137,7 +137,7 @@ def paths_schema() -> pa.Schema:
 def writer_options() -> dict[str, Any]:
     """How a paths shard is written: bytes of equal weight side by side where values differ, else a dictionary.
 
-    What that saves: docs/trace-once.md.
+    What that saves: docs/own-radar.md.
     """
     columns = [(f"{kind}_{name}", name) for kind, names in SHAPES.items() for name in names]
     columns += [(f"candidates_{name}", name) for name in CANDIDATES]

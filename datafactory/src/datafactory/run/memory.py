@@ -1,8 +1,8 @@
 """How much memory a run takes, said before it is begun: of a worker for its scenes, rays and radar; of all together.
 
-What is counted is what was measured to matter (``tests/benchmarks/worker_memory.py``, docs/memory.md): libraries and
-the kernels that they compile, triangles, rays, the arrays of a cube, and what a batch of frames keeps until its images
-are made. Every figure is an upper one: what is measured lies between a third of the prediction and all of it.
+What is counted is what was measured to matter (``tests/benchmarks/worker_memory.py``, docs/large-runs.md): libraries
+and the kernels that they compile, triangles, rays, the arrays of a cube, and what a batch of frames keeps until its
+images are made. Every figure is an upper one: what is measured lies between a third of the prediction and all of it.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ together have the level of the pedestrian's model, from everywhere.
 
 Limits: 0 < RV <= 3; level ground, straight on, one gait for all; a part does not hide another. Who walks backwards goes
 through the gait in reverse. The feet are not fixed to the ground: one that stands slides. What a frame of constant
-velocities leaves out of a foot's motion stands in docs/targets.md.
+velocities leaves out of a foot's motion stands in docs/notes/targets.md.
 """
 
 from __future__ import annotations
