@@ -39,8 +39,6 @@ LONG = (
     "benchmarks/test_bench.py",
     "datafactory/accuracy/test_budget.py::test_a_budget_on_two_scenes",
     "datafactory/synthesis/test_kept_machine_code.py",
-    "documentation/test_commands.py",
-    "documentation/test_reference.py",
     "effect_scenes/test_effect_frames.py::test_what_is_left_out_is_within_the_budget[moving",
     "examples/",
     "fuzz/",
