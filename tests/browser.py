@@ -173,11 +173,11 @@ def _unpack(package: Path, folder: Path) -> None:
 
         (folder / PROGRAM).write_bytes(content(PROGRAM))
         (folder / PROGRAM).chmod(0o755)
-        for name in (LIBRARIES, FONTS):
+        for name, place in ((LIBRARIES, folder / LIBRARIES), (FONTS, folder / FONTS), (GRAPHICS, folder)):
             with tarfile.open(fileobj=BytesIO(content(f"{name}.tar"))) as inner:
-                inner.extractall(folder / name, filter="data")
-        with tarfile.open(fileobj=BytesIO(content(f"{GRAPHICS}.tar"))) as inner:
-            inner.extractall(folder, filter="data")
+                # Python 3.11.4 brought the filter; Debian 12 has 3.11.2, where the attribute says nothing.
+                inner.extraction_filter = getattr(tarfile, "data_filter", None)
+                inner.extractall(place)
     (folder / FONTS / "own.conf").write_text(FONT_CONFIGURATION)
 
 
