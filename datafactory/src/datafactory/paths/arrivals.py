@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from datafactory.paths.columns import Columns
 from datafactory.paths.panes import polarization_axis
-from datafactory.paths.ray_hits import clear_between, ray_margin_m
+from datafactory.paths.ray_hits import ray_margin_m
 from datafactory.paths.rays import RayFan
 from datafactory.paths.scattering import share_at
 from datafactory.paths.solver import Bundle, TraceSettings
@@ -134,7 +134,7 @@ class Arrivals:
         seen = np.flatnonzero(lengths(hits.point) >= CLOSEST_M)
         if self.kinds:
             seen = seen[dots(taken(hits.normal, seen), taken(hits.point, seen)) < 0.0]
-            seen = seen[clear_between(self.view.geometry, taken(hits.point, seen), np.zeros(3))]
+            seen = seen[self.view.sight(taken(hits.point, seen), np.zeros(3))]
         # Home again, theta^ is where it was when the wave came, and phi^ is reversed: the RX looks against the wave.
         sign = 1.0 if self.settings.polarization[1] == "V" else -1.0
         kept = sign * reflectivity(waves.direction, hits.normal, waves.field, self.te, self.tm)

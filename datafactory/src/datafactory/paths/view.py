@@ -19,7 +19,7 @@ from datafactory.paths.curved_surfaces import curved_surfaces_of
 from datafactory.paths.edges import WedgeEdges, edges_of
 from datafactory.paths.facets import mirrors_of, reflected_share
 from datafactory.paths.geometry import mesh_of_shape
-from datafactory.paths.merged_scene import MergedScene
+from datafactory.paths.merged_scene import MergedScene, velocities_on
 from datafactory.paths.ray_hits import clear_between, first_hits
 from datafactory.paths.scattering import has_lobes
 from datafactory.paths.slabs import Slabs
@@ -192,13 +192,7 @@ class View:
 
     def velocity(self, triangle: Index, point: Real) -> Real:
         """[n, 3] velocities relative to the radar of points [n, 3] on triangles [n] [m/s]."""
-        mesh = self.merged.mesh_of_triangle[triangle]
-        velocity = taken(self._velocity, mesh)
-        if self.merged.turns:
-            world = point @ self.rotation.T + np.asarray(self.pose.position)
-            carried = self.merged.carried(triangle, world, mesh)
-            velocity[carried.index] = (carried.velocity - np.asarray(self.pose.velocity)) @ self.rotation
-        return velocity
+        return velocities_on(self.merged, self.pose, self._velocity, triangle, point)
 
     def reflected_share(self, triangle: Index, point: Real, arrival: Real, before_m: Real, after_m: Real) -> Complex:
         """[n] factor of the mirrors' finite size at points [n, 3]; see :func:`.facets.reflected_share`."""

@@ -42,7 +42,7 @@ def render(order: Order, table: MaterialTable, execution: Execution) -> Report:
 
 
 def trace_paths(order: Order, table: MaterialTable, execution: Execution) -> Report:
-    """Trace scene frames into ``paths/`` of the folder, for :func:`render` with ``Order.paths``; otherwise like it."""
+    """Trace scene frames into ``paths/`` of the folder, for :func:`render` with ``Order.traced``; otherwise like it."""
     started = time.perf_counter()
     with claimed(execution.directory, execution.resume), _ahead(order, execution):
         order, execution = _fitted(order, execution, rendered=False)

@@ -78,8 +78,8 @@ def produce(recipe: Recipe, execution: Execution, started: float) -> Report:
     :raises OSError: the disk or the store fails; what was finished can be resumed
     :raises RunFailed: worker processes died; what was finished can be resumed
     """
-    directory, job, plans, manifest = execution.directory, recipe.job, recipe.plans, recipe.manifest
-    arguments = manifest["arguments"]
+    directory, job, manifest = execution.directory, recipe.job, recipe.manifest
+    arguments, plans = manifest["arguments"], job.plans
     if execution.job is not None:
         plans = execution.job.own(plans)
         arguments = {**arguments, ARGUMENT: str(execution.job)}

@@ -15,7 +15,6 @@ from datafactory.paths.storage import paths_schema
 from datafactory.run.job import Job
 from datafactory.run.order import Order
 from datafactory.run.preparation import Prepared
-from datafactory.run.shards import ShardPlan
 from shared.dataset import arrow_schema, description
 from shared.radar import Radar
 from shared.signal.tdm import statement
@@ -28,11 +27,6 @@ class Recipe:
 
     job: Job
     manifest: dict[str, Any]
-
-    @property
-    def plans(self) -> tuple[ShardPlan, ...]:
-        """The shards of the whole dataset."""
-        return self.job.plans
 
 
 def of_frames(order: Order, prepared: Prepared) -> Recipe:

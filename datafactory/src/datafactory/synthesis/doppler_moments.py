@@ -45,9 +45,10 @@ def add_doppler_moments(
 ):  # fmt: skip
     """Add K paths' moments in one Doppler cell to ``grid`` [cells, doppler terms * SHIFT_TERMS * 2 * BLOCK].
 
-    With d from the block's centre to the path, t to an element and u = -d t / L, its leg is longer than the centre's,
-    L, by l = u + (t^2 - u^2) / (L + u + L + l), and its rate is larger by -(v t + rate l) / (L + l). The phase of u is
-    float64 until it is reduced. All else is small beside it, and float32.
+    With d from the block's centre to the path and t to an element, its leg is longer than the centre's, L, by
+    l = (t^2 - 2 d t) / (2 L + l), and its rate is larger by -(v t + rate l) / (L + l). The l of the divisor may be
+    float32, so that a float32 root serves: the phase is float64 until it is reduced. Range and Doppler beyond the
+    centre's are small, and float32.
 
     :param path_terms: [K] Doppler terms of each path
     :param elements: [BLOCK, 3] from ``rx_centre`` [m]
@@ -68,7 +69,6 @@ def add_doppler_moments(
         place[3 * BLOCK + c] = x * x + y * y + z * z
     per_metre = reference_hz / SPEED_OF_LIGHT
     bins_per_metre = bandwidth_hz / SPEED_OF_LIGHT
-    cycles_of_leg = single(per_metre)
     bins_of_leg, bins_of_rate = single(bins_per_metre), single(bins_per_metre * lead)
     doppler_per_rate = single(per_metre * frame_s)
     for k in range(len(path_terms)):
@@ -94,25 +94,19 @@ def add_doppler_moments(
         turned = per_metre * (tx_length[k] + centre_leg)
         turned -= np.floor(turned)
         k_re, k_im = single(amplitude[k].real), single(amplitude[k].imag)
-        leg, rate = single(centre_leg), single(centre_rate)
-        nearer = -1.0 / max(centre_leg, 1e-9)
-        ux, uy, uz = cx * nearer, cy * nearer, cz * nearer
+        leg, square, rate = single(centre_leg), single(centre_leg * centre_leg), single(centre_rate)
         for c in range(BLOCK):
             x, y, z = place[c], place[BLOCK + c], place[2 * BLOCK + c]
-            along = ux * x + uy * y + uz * z
-            cycles = turned + per_metre * along
-            near = single(along)
-            straight = leg + near
-            more = single(place[3 * BLOCK + c]) - near * near
-            own = np.sqrt(max(straight * straight + more, _NEAREST))
-            rest = more / (own + straight) if straight > single(0.0) else own - straight
-            work[_PHASE + c] = single(cycles - np.floor(cycles + 0.5)) + cycles_of_leg * rest
-            work[_LEG + c] = near + rest
-            work[_RATE + c] = -(single(vx * x + vy * y + vz * z) + rate * (near + rest)) / own
+            more = place[3 * BLOCK + c] - 2.0 * (cx * x + cy * y + cz * z)
+            own = np.sqrt(max(square + single(more), _NEAREST))
+            longer = more / (2.0 * centre_leg + single(more) / (own + leg))
+            cycles = turned + per_metre * longer
+            work[_PHASE + c] = cycles - np.floor(cycles + 0.5)
+            work[_LEG + c] = longer
+            work[_RATE + c] = -(single(vx * x + vy * y + vz * z) + rate * single(longer)) / own
         for c in range(BLOCK):
             longer, faster = work[_LEG + c], work[_RATE + c]
-            cycles_left = work[_PHASE + c]
-            cosine, sine = short_phasor(cycles_left - np.floor(cycles_left + single(0.5)))
+            cosine, sine = short_phasor(work[_PHASE + c])
             work[_RE + c] = cosine * k_re - sine * k_im
             work[_IM + c] = cosine * k_im + sine * k_re
             work[_SHIFT + c] = off_cell + bins_of_leg * longer + bins_of_rate * faster

@@ -47,7 +47,6 @@ from datafactory.synthesis.doppler_moments import (
 )
 from datafactory.synthesis.mid_frame import MidFrame, at_mid_frame
 from datafactory.synthesis.motion import coupling, instants
-from datafactory.synthesis.spread import aligned
 from datafactory.synthesis.visibility import DOPPLER_REACH, ROW_REACH, seen_paths
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import Radar
@@ -80,8 +79,7 @@ def truth_moments(
     mid, path_terms, cells = truth_plan(paths, radar, doppler_cells, terms, intra_chirp)
     table = doppler_table(mid.curvature, waveform.chirps, int(path_terms.max(initial=1)))
     moments = np.zeros((terms, waveform.range_bins, array.channels), dtype=np.complex64)
-    most = waveform.samples * CELLS_PER_BIN * SHIFT_TERMS * table[2].shape[2] * 2 * BLOCK
-    workspace = aligned((most,), np.float32)
+    workspace = np.empty(waveform.samples * CELLS_PER_BIN * SHIFT_TERMS * table[2].shape[2] * 2 * BLOCK, np.float32)
     for cell in cells:
         _fill_rows(moments, cell, mid.take(cell.chosen), path_terms[cell.chosen], table, radar, intra_chirp, workspace)
     return moments

@@ -15,7 +15,6 @@ from scipy.linalg import toeplitz
 from shared.physics.units import dbm_to_watt
 from shared.radar import Radar
 from shared.radar.front_end import Converter, PhaseNoise
-from shared.radar.normals import fill_circular
 from shared.radar.waveform import Waveform
 
 Cube = Complex64[np.ndarray, "chirps samples channels"]
@@ -102,10 +101,11 @@ def _range_correlation(waveform: Waveform) -> Complex64[np.ndarray, "bins bins"]
 
 def with_receiver_noise(cube: Cube, radar: Radar, generator: np.random.Generator) -> Cube:
     """The cube and :func:`receiver_noise`, drawn and added chirp by chirp, so that the noise stays in the cache."""
-    deviation = float(np.sqrt(radar.sample_noise_power_w / 2.0))
+    deviation = np.float32(np.sqrt(radar.sample_noise_power_w / 2.0))
     result, noise = np.empty_like(cube), np.empty((*cube.shape[1:], 2), dtype=np.float32)
     for ideal, recorded in zip(cube, result, strict=True):
-        fill_circular(generator, deviation, noise)
+        generator.standard_normal(out=noise, dtype=np.float32)
+        np.multiply(noise, deviation, out=noise)
         np.add(ideal, noise.view(np.complex64)[..., 0], out=recorded)
     return result
 
@@ -113,6 +113,7 @@ def with_receiver_noise(cube: Cube, radar: Radar, generator: np.random.Generator
 def receiver_noise(radar: Radar, generator: np.random.Generator) -> Cube:
     """[chirps, samples, channels] circular white Gaussian noise of k T0 F f_s [W] a sample."""
     shape = (radar.waveform.chirps, radar.waveform.samples, radar.array.channels)
-    noise = np.empty((*shape, 2), dtype=np.float32)
-    fill_circular(generator, float(np.sqrt(radar.sample_noise_power_w / 2.0)), noise)
+    deviation = np.float32(np.sqrt(radar.sample_noise_power_w / 2.0))
+    noise = generator.standard_normal((*shape, 2), dtype=np.float32)
+    noise *= deviation
     return noise.view(np.complex64)[..., 0]
