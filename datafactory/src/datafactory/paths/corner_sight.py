@@ -20,36 +20,43 @@ def pieces_in_sight(
 ) -> NDArray[np.bool_]:
     """[2, K, ACROSS] whether both legs to the pieces of the aperture are free."""
     seen = np.ones((2, len(cells.corner) * ACROSS), dtype=bool)
-    corner = np.repeat(cells.corner, ACROSS)
     for order in (0, 1):
-        one, faces = FaceOrder.of(cells, views, order), (order, 1 - order)
-        b = one.beam(wavelength_m)
-        below = (one.height * np.sin(one.angle))[:, None]
-        share = below / (below + b * np.sin(one.opening)[:, None])  # of the way from the image to the second face
-        a = (one.height * np.sin(one.angle + one.opening))[:, None] * b * share / below
-        legs = ((a, cells.z[:, None] * share), (b, np.tile(cells.z[:, None], ACROSS)))
-        for face, (away, z) in zip(faces, legs, strict=True):
+        b = FaceOrder.of(cells, views, order).beam(wavelength_m)
+        angle = views.angle if order == 0 else views.opening - views.angle
+        below, above = (views.height * np.sin(phi) for phi in (angle, angle + views.opening))
+        for leg, face in enumerate((order, 1 - order)):
             here = np.flatnonzero(seen[order])  # what is hidden on the first face need not be looked at on the second
-            of, away, z = corner[here], away.reshape(-1)[here], z.reshape(-1)[here]
             point = _points_before_faces(
-                of, z, away, views.foot, corners.direction, np.ascontiguousarray(corners.into[:, face]),
-                np.ascontiguousarray(corners.normal[:, face]),
+                here, leg == 0, (cells.corner, cells.z, b), (below, above, np.sin(views.opening)),
+                (views.foot, corners.direction),
+                (np.ascontiguousarray(corners.into[:, face]), np.ascontiguousarray(corners.normal[:, face])),
             )  # fmt: skip
             seen[order, here] = sight(np.zeros_like(point), point)
     return seen.reshape(2, -1, ACROSS)
 
 
 @compiled()
-def _points_before_faces(corner, z, away, foot, direction, into, normal):
-    """[n, 3] points at z along the edge and ``away`` from it in a face, lifted off by the ray caster's error.
+def _points_before_faces(pieces, first, cells, bend, edge, face):
+    """[n, 3] where the waves of pieces of the aperture meet a face, lifted off by the ray caster's error.
 
-    :param corner: [n]; :param z, away: [n] [m]; :param foot, direction, into, normal: [C, 3] of the corners
+    :param pieces: [n] K-th cell times ``ACROSS`` and the piece of it; :param first: on the first face, or the second
+    :param cells: corner [K], z along the edge [K] and b on the second face [K, ACROSS] [m]
+    :param bend: h sin(phi) [C], h sin(phi + psi) [C], sin(psi) [C]
+    :param edge: foot [C, 3], direction [C, 3]; :param face: into [C, 3], normal [C, 3] of the one that is met
     """
-    points = np.empty((len(corner), 3))
-    for n in range(len(corner)):
-        c, square = corner[n], 0.0
+    corner, along, across = cells
+    below, above, opening = bend
+    foot, direction = edge
+    into, normal = face
+    points = np.empty((len(pieces), 3))
+    for n in range(len(pieces)):
+        k = pieces[n] // ACROSS
+        c, z, away, square = corner[k], along[k], across[k, pieces[n] % ACROSS], 0.0
+        if first:
+            share = below[c] / (below[c] + away * opening[c])  # of the way from the image to the second face
+            away, z = above[c] * away * share / below[c], z * share
         for i in range(3):
-            points[n, i] = foot[c, i] + z[n] * direction[c, i] + away[n] * into[c, i]
+            points[n, i] = foot[c, i] + z * direction[c, i] + away * into[c, i]
             square += points[n, i] * points[n, i]
         margin = ray_margin_m(np.sqrt(square))
         for i in range(3):
