@@ -19,9 +19,9 @@ from datafactory.paths.corner_aperture import (
     ends_along,
     integrals,
     longer_along,
+    pieces_in_sight,
 )
 from datafactory.paths.corner_edges import CornerEdges
-from datafactory.paths.corner_sight import pieces_in_sight
 
 CORNERS = [
     dihedral(20.0, 0.15, 0.2, 6.0),

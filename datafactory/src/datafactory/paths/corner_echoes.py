@@ -57,12 +57,12 @@ from datafactory.paths.corner_aperture import (
     ends_along,
     integrals,
     longer_along,
+    pieces_in_sight,
     place_of,
     widths_across,
     without_hidden,
 )
 from datafactory.paths.corner_edges import CornerEdges
-from datafactory.paths.corner_sight import pieces_in_sight
 from datafactory.paths.diffraction import NEAREST_M, Sight, along_array
 from datafactory.paths.mirror_feet import AHEAD_M
 from datafactory.paths.panes import Polarization, polarization_axis

@@ -10,7 +10,7 @@ with Gamma the slab's reflection coefficient at normal incidence (ITU-R P.2040-3
 coefficient, and F the factor of the facet's size (:mod:`datafactory.paths.facets`). The echo has no cross-polarised
 part.
 
-Triangles that sample a curved surface have no feet here; the surface has (:mod:`datafactory.paths.curved_mirrors`).
+Triangles that sample a curved surface have no feet here; the surface has (:mod:`datafactory.paths.curved_echoes`).
 """
 
 from __future__ import annotations

@@ -28,9 +28,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.columns import Columns
+from datafactory.paths.geometry import ray_margin_m
 from datafactory.paths.mirror_feet import CLOSEST_M, INSIDE, SAME_IMAGE_M
 from datafactory.paths.panes import Polarization, polarization_axis
-from datafactory.paths.ray_hits import ray_margin_m
 from datafactory.paths.slabs import LEAST_COSINE
 from datafactory.paths.unfold import apart
 from datafactory.paths.view import View

@@ -12,6 +12,28 @@ pane's transmission both ways.
 
 What is dear is a path and not a ray, so that crowded resolution cells keep some of their paths, with the power of all
 (:mod:`datafactory.paths.thinning`).
+
+Echoes that rough surfaces scatter twice, or more often: what one of them scatters another one sees.
+
+At a surface a wave's ray goes on in one direction k', drawn with the density q over the half space in front. It carries
+f / q of what is scattered, so that the expectation of its power is the surface's S^2 |Gamma|^2 f, whatever q is:
+
+    e' = S |Gamma| sqrt(f / q) (e_theta theta^' + e_phi phi^'),
+
+with the components along theta^ and phi^ kept, as wherever a surface scatters (:mod:`datafactory.paths.arrivals`). A
+Lambertian surface has q = cos(theta) / pi = f, and f / q is 1. A pattern with lobes has q = 1 / (2 pi); with q of the
+cosine a lobe along the surface would have weights without a bound. Where the ray arrives, it is scattered to the RX as
+any other is. From three bounces on it may as well go on as from a mirror, before or after it is scattered.
+
+Both orders of a pair of surfaces are drawn, each with its half of the power. The echo of the one is the reverse of the
+other's, of the same length; that they add in phase (coherent backscattering, up to 3 dB) is left out, as in Sionna.
+Left out too: panes on the way; what ends with a mirror, for which its reverse stands.
+
+Their power agrees with that of Sionna's own to 0.2 dB, which is as well as the solver's rays say it, in each of three
+scenes (``tests/datafactory/paths/test_scattered_twice.py``); of 12 million rays, to 0.01 +- 0.04, 0.05 +- 0.03 dB.
+
+One of many of the frame's rays is followed (:attr:`TraceSettings.twice_share`), as these echoes are weak. The random
+numbers of a ray are its own. Whichever rays are asked for, a ray's echoes are the same.
 """
 
 from __future__ import annotations
@@ -20,8 +42,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from datafactory.paths.arrivals import Arrivals, Echoes, clear_of
-from datafactory.paths.panes import polarization_axis
+from datafactory.paths.arrivals import DIRECTIONS, Arrivals, Echoes, clear_of
+from datafactory.paths.panes import Polarization, polarization_axis
+from datafactory.paths.scattering import share_at
+from datafactory.paths.table import DIFFUSE
+from datafactory.paths.view import Real
 from datafactory.paths.wave_steps import passed_fields, reflectivity
 from shared.physics.compiled import compiled
 
@@ -65,3 +90,77 @@ def _turned_back(field, vertical):
         for i in range(3):
             back[k, i] = 2.0 * along * vertical[k, i] - field[k, i]
     return back
+
+
+AXES: tuple[Polarization, ...] = ("V", "H")
+LEAST_RAYS = 1_000
+"""No fewer are followed, where there are as many."""
+GRAZING = 1e-4
+"""Least cosine of a direction drawn to its surface: nearer ones run into the surface itself in float32."""
+
+
+def scattered_twice(first: Arrivals, seed: int) -> list[Echoes]:
+    """What is scattered twice and more often, by the kinds of bounce.
+
+    :param first: where the frame's rays meet their first surfaces, or a share of them
+    :param seed: of the directions
+    """
+    settings, rays = first.settings, round(first.rays)
+    each = max(min(settings.twice_share, rays // LEAST_RAYS), 1)
+    followed = replace(first.share(each)[0], rays=first.rays / each)
+    echoes, front = list[Echoes](), [followed]
+    for bounce in range(1, settings.depth):
+        following = list[Arrivals]()
+        for arrivals in front:
+            random = np.random.default_rng([seed, DIRECTIONS, *arrivals.kinds]).random((rays // each + 1, 2))
+            following.append(_scattered(arrivals, random[arrivals.ray // each]))
+            if settings.specular and (DIFFUSE in arrivals.kinds or bounce + 1 < settings.depth):
+                following.append(arrivals.reflected())
+        front = following
+        echoes += [arrivals.echoes() for arrivals in front if DIFFUSE in arrivals.kinds]
+    return echoes
+
+
+def _scattered(arrivals: Arrivals, random: Real) -> Arrivals:
+    """Where those waves arrive next that the surfaces scatter on, each in one direction.
+
+    :param random: [n, 2] 0 to 1
+    """
+    view, waves, hits = arrivals.view, arrivals.waves, arrivals.hits
+    direction, weight = _drawn(waves.direction, hits.normal, view.lobes[hits.mesh], random)
+    kept = reflectivity(waves.direction, hits.normal, waves.field, arrivals.te, arrivals.tm)
+    kept *= view.slabs.scattering[hits.mesh] * np.sqrt(weight)
+    field = np.zeros(waves.field.shape, dtype=np.complex128)
+    for which in AXES:
+        part = np.einsum("ni,ni->n", waves.field, polarization_axis(waves.direction, which)) * kept
+        field += part[:, None] * polarization_axis(direction, which)
+    return arrivals.onward(direction, field, DIFFUSE)
+
+
+@compiled(error_model="numpy")
+def _drawn(direction, normal, lobes, random):
+    """Directions [n, 3] in which surfaces scatter, and f / q [n] of the module.
+
+    :param direction: [n, 3] of arrival; :param normal: [n, 3] unit, on its side
+    :param lobes: [n] whether the pattern has lobes; :param random: [n, 2] 0 to 1
+    """
+    drawn, weight = np.empty((len(direction), 3)), np.empty(len(direction))
+    for k in range(len(direction)):
+        d, n = direction[k], normal[k]
+        up = random[k, 0] if lobes[k] else np.sqrt(random[k, 0])
+        up = max(up, GRAZING)
+        level, turn = np.sqrt(max(1.0 - up * up, 0.0)), 2.0 * np.pi * random[k, 1]
+        # Two axes across the normal, without a branch but for its sign (Duff et al. 2017, JCGT 6).
+        sign = 1.0 if n[2] >= 0.0 else -1.0
+        a = -1.0 / (sign + n[2])
+        b = n[0] * n[1] * a
+        x, y = level * np.cos(turn), level * np.sin(turn)
+        drawn[k, 0] = x * (1.0 + sign * n[0] * n[0] * a) + y * b + up * n[0]
+        drawn[k, 1] = x * sign * b + y * (sign + n[1] * n[1] * a) + up * n[1]
+        drawn[k, 2] = -x * sign * n[0] - y * n[1] + up * n[2]
+        incidence, turned = 0.0, 0.0
+        for i in range(3):
+            incidence -= d[i] * n[i]
+            turned += d[i] * drawn[k, i]
+        weight[k] = 2.0 * np.pi * share_at(True, incidence, up, turned) if lobes[k] else 1.0
+    return drawn, weight

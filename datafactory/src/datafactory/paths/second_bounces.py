@@ -1,6 +1,6 @@
 """Second bounces of a frame: estimated first, followed with all its rays only where they matter.
 
-Waves scattered twice (:mod:`.scattered_twice`) are found from one ray in many as it is: they are their own estimate.
+Waves scattered twice (:mod:`.scattered_once`) are found from one ray in many as it is: they are their own estimate.
 Waves mirrored and then scattered (:mod:`.scattered_once`) are looked for along a thin share of the rays first: every
 k-th ray, so that some ``THIN_RAYS`` of those that met a surface are among them, and at least one ray in ``THINNEST``.
 Each echo of the share stands for what k rays would bring. Of n echoes alike in a resolution cell the sum has the
@@ -19,8 +19,7 @@ from datafactory.paths.candidates import CHAIN, MIRRORED, TWICE, Candidates
 from datafactory.paths.chains import chain_candidates
 from datafactory.paths.corner_edges import corners_of
 from datafactory.paths.defaults import LARGEST_DEPTH
-from datafactory.paths.scattered_once import over_mirrors
-from datafactory.paths.scattered_twice import scattered_twice
+from datafactory.paths.scattered_once import over_mirrors, scattered_twice
 from datafactory.paths.table import SPECULAR
 from shared.physics.vectors import lengths
 

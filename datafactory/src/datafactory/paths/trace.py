@@ -7,8 +7,8 @@ served, or every effect is asked for, all candidates are followed.
 * What rough surfaces scatter is found by the frame's own rays, at their first surface and beyond it
   (:mod:`datafactory.paths.second_bounces`). No ray ends with a mirror after a diffuse bounce. The reverses of such
   paths, mirror first, are found, and by reciprocity each of them stands for both: it enters the table twice, with the
-  TX's and the RX's side exchanged. A diffuse bounce takes on the phase of its surface cell (:mod:`.roughness`).
-* Single mirrors are found without rays (:mod:`.mirror_feet`, :mod:`.curved_mirrors`), chains of them by the solver
+  TX's and the RX's side exchanged. A diffuse bounce takes on the phase of its surface cell (:mod:`.scattering`).
+* Single mirrors are found without rays (:mod:`.mirror_feet`, :mod:`.curved_echoes`), chains of them by the solver
   (:mod:`.solver`), and where panes let waves through, those beyond them. A mirror reflects with the share of its
   facet's size (:mod:`.facets`).
 * Targets given by a radar cross section (:mod:`.targets`), edges (:mod:`.diffraction`) and right-angled corners
@@ -27,12 +27,12 @@ from numpy.typing import NDArray
 from datafactory.paths.aim import aimed
 from datafactory.paths.arrivals import Arrivals
 from datafactory.paths.candidates import CHAIN, MIRRORED, PANE, TWICE, Candidates
+from datafactory.paths.chains import without_corners
 from datafactory.paths.corner_echoes import CornerEchoes
 from datafactory.paths.corner_edges import corners_of
 from datafactory.paths.corner_point_echoes import CornerPointEchoes
 from datafactory.paths.corner_points import points_of
-from datafactory.paths.corners import without_corners
-from datafactory.paths.curved_mirrors import curved_mirrors
+from datafactory.paths.curved_echoes import curved_mirrors
 from datafactory.paths.curved_surfaces import curved_surfaces_of
 from datafactory.paths.diffraction import EdgeEchoes, Sight
 from datafactory.paths.edges import edges_of

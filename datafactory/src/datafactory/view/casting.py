@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.backend import select_variant
-from datafactory.paths.geometry import Geometry, mesh_of_shape
+from datafactory.paths.geometry import Geometry, first_hits, mesh_of_shape
 from datafactory.paths.merged_scene import MergedScene
-from datafactory.paths.ray_hits import first_hits
 from datafactory.scenes.poses import Pose
 
 Real = NDArray[np.float64]
