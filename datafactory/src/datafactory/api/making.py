@@ -14,10 +14,9 @@ from datafactory.accuracy.knobs import Menu, menu_for
 from datafactory.api.asking import materials_of, order_of
 from datafactory.api.declared import taking
 from datafactory.api.options import Progress, RenderOptions, TraceOptions
-from datafactory.paths.defaults import AUTO_DEVICE, CPU, CUDA
+from datafactory.defaults import AUTO_DEVICE, CPU, CUDA, LOCAL
 from datafactory.run import making
 from datafactory.run.array_job import OPTION, parse_job
-from datafactory.run.defaults import LOCAL
 from datafactory.run.engines import opened
 from datafactory.run.order import Order
 from datafactory.run.pipeline import Execution, Report

@@ -10,16 +10,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 from datafactory.api.declared import Option, Options
-from datafactory.frame.defaults import (
+from datafactory.defaults import (
+    ASKED_DEVICES,
+    CPU,
     DEFAULT_BUDGET_DB,
+    DEFAULT_DEPTH,
     DEFAULT_FRAMES,
     DEFAULT_PATTERN,
+    DEFAULT_RAYS,
+    ENGINES,
     IMAGE_BATCH,
     LARGEST_BUDGET_DB,
+    LARGEST_DEPTH,
+    LOCAL,
+    MOST_RAYS,
     SMALLEST_BUDGET_DB,
 )
-from datafactory.paths.defaults import ASKED_DEVICES, CPU, DEFAULT_DEPTH, DEFAULT_RAYS, LARGEST_DEPTH, MOST_RAYS
-from datafactory.run.defaults import ENGINES, LOCAL
 from datafactory.scenes.city.rules import MOST_BLOCKS, Style
 from shared.processes.defaults import ANGLE_WINDOWS, DEFAULT_RADAR, LARGEST_SEED, STORES
 

@@ -22,7 +22,7 @@ from functools import cached_property
 from itertools import accumulate
 from typing import Literal
 
-from datafactory.frame.defaults import DEFAULT_PATTERN
+from datafactory.defaults import DEFAULT_PATTERN
 from datafactory.frame.points import PointTargets
 from datafactory.frame.seeds import frame_seed, generator, sequence_seed
 from datafactory.scenes.ground import Ground

@@ -9,13 +9,9 @@ radar, and meets the mirrors where that line, unfolded mirror by mirror, crosses
 a little stand for those that do not. The echo of a chain of length L is at most lambda / (4 pi L), that of perfect
 mirrors. Visibility and the true reflections are the solver's (:mod:`datafactory.paths.solver`).
 
-Mirrors that are the faces of one right-angled corner are left to :mod:`datafactory.paths.chains`.
-
-Right-angled corners in one frame: what their edges and their points send back, in place of mirrors that meet there.
-
-The ray that a corner turns back to the radar runs into an edge, or into the point in which three faces meet. A path
-solver finds it by chance or not at all. All echoes of two or three mirrors that are the faces of one corner come from
-here, and the solver's are left out.
+Mirrors that are the faces of one right-angled corner are left to :mod:`datafactory.paths.corner_echoes` and
+:mod:`datafactory.paths.corner_point_echoes`. The ray that a corner turns back to the radar runs into an edge, or into
+the point in which three faces meet. A path solver finds it by chance or not at all, and what it finds is left out.
 """
 
 from __future__ import annotations

@@ -1,10 +1,7 @@
 """The aperture of right-angled corners: pieces along the edge, what either order of the faces opens, Fresnel integrals.
 
-The equations stand in :mod:`datafactory.paths.corner_echoes`.
-
-Which pieces of the apertures of right-angled corners are in sight: both legs to points of both faces are free.
-
-The aperture of either order is looked at within the first Fresnel zones (:class:`.corner_aperture.FaceOrder`).
+The equations stand in :mod:`datafactory.paths.corner_echoes`. A piece is in sight
+where both legs to a point of either face are free; the aperture of either order is looked at within the first zones.
 """
 
 from __future__ import annotations

@@ -1,4 +1,9 @@
-"""What a curved surface sends back from one of its feet: divergence, the share of a surface that ends, delay law.
+"""Single mirrors on curved surfaces: where their echoes come from, how strong they are, when they arrive.
+
+    A = conj(Gamma) sqrt(1 - S^2) lambda / (4 pi 2 R) G F
+
+with Gamma and S as for a plane (:mod:`datafactory.paths.mirror_feet`), the divergence G, and the share F of a surface
+that ends. The incidence at a foot is normal, so that echoes have no cross-polarised part.
 
 With R the distance and kappa_1, kappa_2 the principal curvatures at the foot (positive where convex towards the radar),
 the wave of a point source at R leaves with the radii of curvature rho_i, 1 / rho_i = 1 / R + 2 kappa_i, and arrives
@@ -32,14 +37,6 @@ are nearly flat. The law with the smaller error for ``TX_OFFSET_M`` and ``RX_OFF
 
 Limits: k r > 50 (no creeping waves, no tips); within some Fresnel zones the surface is of one material and its
 curvature is constant.
-
-Single mirrors on curved surfaces: where their echoes come from, how strong they are, when they arrive.
-
-    A = conj(Gamma) sqrt(1 - S^2) lambda / (4 pi 2 R) G F
-
-with Gamma and S as for a plane (:mod:`datafactory.paths.mirror_feet`), the divergence G and the share F of a surface
-that ends (:mod:`datafactory.paths.curved_echoes`). The incidence at a foot is normal. Echoes have no cross-polarised
-part.
 """
 
 from __future__ import annotations

@@ -9,10 +9,9 @@ Sionna's radio scene stands on the same meshes and has an acceleration structure
 Mitsuba's where the path solver first runs (:mod:`datafactory.paths.solver`); a scene whose frames need no solver has
 none. A kept scene shows one pose at a time: what was asked of an earlier frame's has to be read before the next.
 
-Mitsuba's rays: what each of them meets first, and whether it meets anything.
-
-Whatever is asked of a cast is evaluated in one kernel. Dr.Jit evaluates what is read and keeps nothing else: read one
-after another, shape, triangle and distance would each follow all the rays again.
+Rays are asked what they meet first, and whether they meet anything. Whatever is asked of a cast is evaluated in one
+kernel. Dr.Jit evaluates what is read and keeps nothing else: read one after another, shape, triangle and distance would
+each follow all the rays again.
 """
 
 from __future__ import annotations

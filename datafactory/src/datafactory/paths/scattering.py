@@ -1,4 +1,4 @@
-"""What a rough surface scatters: the patterns of the effective-roughness model.
+"""What a rough surface scatters: the patterns of the effective-roughness model, and a phase that is the surface's own.
 
 A surface of scattering coefficient S takes S^2 |Gamma|^2 of the power that falls on it out of the mirror's direction
 and spreads it over the half space in front, with the pattern f [1/sr] (Degli-Esposti et al. 2007,
@@ -15,8 +15,6 @@ With u_j the integral of cos(psi)^j over the half space,
                                          for odd j;
 
 it is the same for both lobes where they have the same exponent, as here.
-
-The random phase of a rough surface, fixed to the surface.
 
 Sionna's diffuse paths have the phase of geometry alone. A real surface, rough on the scale of the wavelength, adds a
 phase to every patch, the same from every position. The phase is therefore a hash of the object and of the cell in the

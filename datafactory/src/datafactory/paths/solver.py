@@ -23,9 +23,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.defaults import DEFAULT_DEPTH, DEFAULT_RAYS, LARGEST_DEPTH
 from datafactory.paths.backend import select_variant
 from datafactory.paths.columns import Columns
-from datafactory.paths.defaults import DEFAULT_DEPTH, DEFAULT_RAYS, LARGEST_DEPTH
 from datafactory.paths.geometry import Geometry, name_of
 from datafactory.paths.merged_scene import MergedScene, velocities_on
 from datafactory.paths.rays import RayFan

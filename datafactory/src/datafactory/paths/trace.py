@@ -43,7 +43,7 @@ from datafactory.paths.notice import Notice
 from datafactory.paths.panes import pane_candidates
 from datafactory.paths.rays import RayFan
 from datafactory.paths.rows import scattered_rows, specular_rows, with_surfaces
-from datafactory.paths.scattered_once import behind_panes
+from datafactory.paths.scattered import behind_panes
 from datafactory.paths.second_bounces import SecondBounces
 from datafactory.paths.slabs import Slabs
 from datafactory.paths.solver import Bundle, Solved, TraceSettings, radio_scene, solve

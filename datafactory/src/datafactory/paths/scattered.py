@@ -1,11 +1,11 @@
-"""Echoes that are scattered once, by the surface they reach last: every ray scatters wherever it arrives.
+"""Echoes of rough surfaces: every ray scatters wherever it arrives.
 
-The solver follows one kind of bounce a ray and surface. It lets a ray scatter with a probability near S^2, so that one
-in eleven rays on concrete (S = 0.3) becomes an echo, with eleven times the power. Here every ray scatters at the
-surface that the sensor sees, and at the surfaces that it reaches through mirrors; the expectation of the power is the
-same. :mod:`datafactory.paths.arrivals` has the amplitudes. Of the surfaces in sight they are lambda^2 / (4 pi)^3 times
-the integral of sigma^0 / R^4 over the surface, sigma^0 = 4 pi S^2 |Gamma|^2 f cos(theta) (:func:`lambertian_sigma0` of
-the material table).
+**Once, by the surface that a wave reaches last.** The solver follows one kind of bounce a ray and surface. It lets a
+ray scatter with a probability near S^2, so that one in eleven rays on concrete (S = 0.3) becomes an echo, with eleven
+times the power. Here every ray scatters at the surface that the sensor sees, and at the surfaces that it reaches
+through mirrors; the expectation of the power is the same. :mod:`datafactory.paths.arrivals` has the amplitudes. Of the
+surfaces in sight they are lambda^2 / (4 pi)^3 times the integral of sigma^0 / R^4 over the surface, sigma^0 = 4 pi S^2
+|Gamma|^2 f cos(theta) (:func:`lambertian_sigma0` of the material table).
 
 A mirror before has the factor sqrt(1 - S^2) R. The first surface may be seen through one pane, out and back, with the
 pane's transmission both ways.
@@ -13,10 +13,9 @@ pane's transmission both ways.
 What is dear is a path and not a ray, so that crowded resolution cells keep some of their paths, with the power of all
 (:mod:`datafactory.paths.thinning`).
 
-Echoes that rough surfaces scatter twice, or more often: what one of them scatters another one sees.
-
-At a surface a wave's ray goes on in one direction k', drawn with the density q over the half space in front. It carries
-f / q of what is scattered, so that the expectation of its power is the surface's S^2 |Gamma|^2 f, whatever q is:
+**Twice, or more often.** What one rough surface scatters another one sees. At a surface a wave's ray goes on in one
+direction k', drawn with the density q over the half space in front. It carries f / q of what is scattered, so that the
+expectation of its power is the surface's S^2 |Gamma|^2 f, whatever q is:
 
     e' = S |Gamma| sqrt(f / q) (e_theta theta^' + e_phi phi^'),
 
