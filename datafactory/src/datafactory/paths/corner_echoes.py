@@ -64,7 +64,7 @@ from datafactory.paths.corner_aperture import (
 )
 from datafactory.paths.corner_edges import CornerEdges
 from datafactory.paths.diffraction import NEAREST_M, Sight, along_array
-from datafactory.paths.mirror_feet import AHEAD_M
+from datafactory.paths.mirrors import AHEAD_M
 from datafactory.paths.panes import Polarization, polarization_axis
 from datafactory.paths.slabs import Slabs
 from datafactory.paths.table import CORNER, ScatteredPaths, SpecularPaths

@@ -30,7 +30,7 @@ from datafactory.paths.corner_echoes import FAINTEST_DBSM, WIDE
 from datafactory.paths.corner_points import CornerPoints
 from datafactory.paths.diffraction import NEAREST_M, Sight
 from datafactory.paths.geometry import ray_margin_m
-from datafactory.paths.mirror_feet import AHEAD_M
+from datafactory.paths.mirrors import AHEAD_M
 from datafactory.paths.panes import Polarization, polarization_axis
 from datafactory.paths.slabs import Slabs
 from datafactory.paths.table import CORNER, ScatteredPaths, SpecularPaths

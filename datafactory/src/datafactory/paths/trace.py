@@ -8,7 +8,7 @@ served, or every effect is asked for, all candidates are followed.
   (:mod:`datafactory.paths.second_bounces`). No ray ends with a mirror after a diffuse bounce. The reverses of such
   paths, mirror first, are found, and by reciprocity each of them stands for both: it enters the table twice, with the
   TX's and the RX's side exchanged. A diffuse bounce takes on the phase of its surface cell (:mod:`.scattering`).
-* Single mirrors are found without rays (:mod:`.mirror_feet`, :mod:`.curved_echoes`), chains of them by the solver
+* Single mirrors are found without rays (:mod:`.mirrors`, :mod:`.curved_echoes`), chains of them by the solver
   (:mod:`.solver`), and where panes let waves through, those beyond them. A mirror reflects with the share of its
   facet's size (:mod:`.facets`).
 * Targets given by a radar cross section (:mod:`.targets`), edges (:mod:`.diffraction`) and right-angled corners
@@ -38,7 +38,7 @@ from datafactory.paths.diffraction import EdgeEchoes, Sight
 from datafactory.paths.edges import edges_of
 from datafactory.paths.geometry import Geometry, placed
 from datafactory.paths.merged_scene import MergedScene
-from datafactory.paths.mirror_feet import single_mirrors
+from datafactory.paths.mirrors import single_mirrors
 from datafactory.paths.notice import Notice
 from datafactory.paths.panes import pane_candidates
 from datafactory.paths.rays import RayFan
