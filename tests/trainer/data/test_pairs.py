@@ -7,7 +7,7 @@ from small_evaluation import FULL, RADAR
 
 from shared.physics.errors import InputError
 from shared.signal.windows import cell_noise_power
-from trainer.data.pairs import SPACING_BINS, Condition, simulate
+from trainer.data.simulation import SPACING_BINS, Condition, simulate
 from trainer.estimators.base import line_array
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from trainer.data.scene_records import SceneRecord, scene_records
+from trainer.run.folder import SceneRecord, scene_records
 
 MUNICH = {"name": "munich", "content_sha256": "a" * 64, "source": "sionna:munich", "triangles": 38936}
 

@@ -12,17 +12,16 @@ import pytest
 from matplotlib.image import imread
 from tiny_radar import RADAR
 
-from trainer.evaluation.report.page import ReportFigure, ReportFrame, report_page
-from trainer.evaluation.report.panels import image_panels
-from trainer.evaluation.report.style import (
+from trainer.evaluation.report.figures import (
     Look,
+    image_panels,
     legend_below,
     new_figure,
     save_figure,
     subplots,
 )
-from trainer.evaluation.report.tables import metrics_table, write_table
-from trainer.evaluation.rows import MetricRow
+from trainer.evaluation.report.page import ReportFigure, ReportFrame, report_page
+from trainer.evaluation.report.tables import MetricRow, metrics_table, write_table
 
 SHAPE = (RADAR.waveform.range_bins, RADAR.grid.bins)
 NODE = shutil.which("node")

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from paper_arrays import FAR, deterministic_bound
 
 from trainer.data.arrays import choose_array
-from trainer.data.pairs import Condition, Trials, simulate
+from trainer.data.simulation import Condition, Trials, simulate
 from trainer.evaluation.experiments.bench import Bench, EvaluationConfig
 from trainer.evaluation.experiments.contenders import Contender, estimator_contender
 from trainer.evaluation.experiments.resolution import PAIRS, SINGLES, Resolution, locate_targets
-from trainer.evaluation.rows import condition_text
+from trainer.evaluation.report.tables import condition_text
 from trainer.metrics.bootstrap import wilson
 from trainer.metrics.peaks import resolved, single_source_bound
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from trainer.data.pairs import Condition
+from trainer.data.simulation import Condition
 from trainer.evaluation.evaluate import SUMMARY_COLUMNS
-from trainer.evaluation.report.tables import metrics_table, summary
-from trainer.evaluation.rows import MetricRow
+from trainer.evaluation.report.tables import MetricRow, metrics_table, summary
 
 CLOSE, CLOSER = Condition(1.0, 20.0).named, Condition(0.5, 20.0).named
 NEAR: dict[str, object] = {"d_max": "2 bins"}

@@ -6,12 +6,10 @@ import torch
 from jaxtyping import TypeCheckError
 from tiny_radar import RADAR, tiny
 
-from trainer.networks.attention_unet import AttentionUNet
 from trainer.networks.doa_cnn import DoaCnn
-from trainer.networks.light_unet import crop_like, pad_to_multiple
-from trainer.networks.spectral_unet import SpectralUNet
+from trainer.networks.unets import AttentionUNet, SpectralUNet, crop_like, pad_to_multiple
 from trainer.networks.unrolled import UnrolledNetwork
-from trainer.run.building import build_network
+from trainer.run.imager import build_network
 
 BINS, CHANNELS = RADAR.grid.bins, np.arange(6)
 

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from shared.physics.errors import InputError
 from trainer.cli.app import app
-from trainer.run.animation import save_animation
+from trainer.run.pictures import save_animation
 
 
 def predicted(tmp_path, *more: str):

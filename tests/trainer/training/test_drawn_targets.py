@@ -6,8 +6,8 @@ from tiny_radar import RADAR as TINY_RADAR
 
 from shared.radar import Radar
 from trainer.estimators.array import line_array
-from trainer.training import drawn_targets as module
-from trainer.training.drawn_targets import EXTENT_CELLS, FLASH_DB, LEVEL_DB, MOST_POINTS, SCATTERERS, draw_targets
+from trainer.training import online_points as module
+from trainer.training.online_points import EXTENT_CELLS, FLASH_DB, LEVEL_DB, MOST_POINTS, SCATTERERS, draw_targets
 
 RADAR, ROWS = Radar(), 160
 CELL = line_array(RADAR).resolution_cell

@@ -17,10 +17,9 @@ from shared.physics.errors import InputError
 from shared.signal.imaging import steering_matrix
 from shared.signal.steering import manifold
 from trainer.data.shards import ShardDataset
-from trainer.run.configuration import FitConfig
+from trainer.run.configuration import CALIBRATED, FitConfig
 from trainer.run.folder import METRICS, WEIGHTS, load_imager, read_run, save_weights
 from trainer.run.imager import Imager
-from trainer.run.imperfections import CALIBRATED
 from trainer.run.predict import PredictRequest, predict
 
 

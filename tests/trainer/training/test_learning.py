@@ -9,7 +9,7 @@ from tiny_radar import NOISE_POWER, RADAR, TINY, frame, tiny
 
 from shared.signal.features import steering_weights
 from trainer.data.arrays import ArrayChoice, choose_array
-from trainer.data.order import BatchOrder
+from trainer.data.shards import BatchOrder
 from trainer.run.configuration import FitConfig
 from trainer.run.imager import Imager
 from trainer.run.targets import decode, encode

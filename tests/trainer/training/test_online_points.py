@@ -9,8 +9,7 @@ from shared.radar import load_radar
 from shared.signal import if_signal, if_signal_of_delays
 from shared.signal.spectrum import range_doppler
 from shared.signal.windows import hann
-from trainer.training.drawn_targets import Targets
-from trainer.training.online_points import NEIGHBOURS, OnlinePoints, hann_response
+from trainer.training.online_points import NEIGHBOURS, OnlinePoints, Targets, hann_response
 
 CPU = torch.device("cpu")
 QUIET = torch.zeros(1, 24, 6, dtype=torch.complex64)
@@ -148,7 +147,7 @@ def test_a_crop_is_a_function_of_seed_step_and_place_alone():
 
 
 def test_noise_has_unit_power_and_the_truth_none(monkeypatch):
-    monkeypatch.setattr("trainer.training.drawn_targets.GROUPS_PER_ROW", (1e-9, 2e-9))
+    monkeypatch.setattr("trainer.training.online_points.GROUPS_PER_ROW", (1e-9, 2e-9))
     crops = OnlinePoints(RADAR, "none", 6)(0, 0, range(40), 24, CPU)
     assert crops.range_channel.abs().square().mean().item() == pytest.approx(1.0, abs=0.05)
     assert not crops.image.any()

@@ -5,7 +5,7 @@ import torch
 from tiny_radar import NOISE_POWER, RADAR, frame
 
 from trainer.metrics.cells import truth_cells
-from trainer.training.spots import SIGMA_BINS, SIGMA_ROWS, scene_spots, spots
+from trainer.training.losses import SIGMA_BINS, SIGMA_ROWS, scene_spots, spots
 
 ROWS, BINS = 12, 20
 

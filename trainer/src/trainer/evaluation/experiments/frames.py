@@ -19,7 +19,7 @@ from trainer.data.arrays import ArrayChoice
 from trainer.evaluation.experiments.bench import KEPT, Bench, FrameRef, Results, Task, contender_task, radar_task
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.report.shown import scene_levels
-from trainer.evaluation.rows import TRUTH
+from trainer.evaluation.report.tables import TRUTH
 from trainer.evaluation.store import Values
 from trainer.metrics.cells import CellScores, score_cells
 from trainer.metrics.detection import (
