@@ -18,14 +18,7 @@ from tiny_radar import RADAR
 
 from trainer.data.simulation import Condition
 from trainer.evaluation.evaluate import SUMMARY_COLUMNS
-from trainer.evaluation.report.figures import (
-    Look,
-    image_panels,
-    legend_below,
-    new_figure,
-    save_figure,
-    subplots,
-)
+from trainer.evaluation.report.figures import Look, image_panels, legend_below, new_figure, save_figure, subplots
 from trainer.evaluation.report.page import ReportFigure, ReportFrame, report_page
 from trainer.evaluation.report.tables import MetricRow, metrics_table, summary, write_table
 

@@ -19,14 +19,7 @@ from numpy.typing import NDArray
 from shared.physics.errors import figure_text
 from trainer.data.simulation import Condition, Trials, no_room, simulate
 from trainer.estimators.ml import MaximumLikelihood
-from trainer.evaluation.experiments.bench import (
-    Bench,
-    Results,
-    Simulated,
-    cell_of,
-    mean_row,
-    share_row,
-)
+from trainer.evaluation.experiments.bench import Bench, Results, Simulated, cell_of, mean_row, share_row
 from trainer.evaluation.experiments.contenders import Contender, estimator_contender, look_of
 from trainer.evaluation.report.figures import legend_below, new_figure, subplots
 from trainer.evaluation.report.tables import MetricRow, SummaryColumn

@@ -15,22 +15,8 @@ from numpy.typing import NDArray
 
 from shared.radar.arrays import AntennaArray
 from trainer.data.arrays import ArrayChoice
-from trainer.data.simulation import (
-    Condition,
-    Trials,
-    no_room,
-    resolution_cell,
-    simulate,
-    trial_rows,
-)
-from trainer.evaluation.experiments.bench import (
-    Bench,
-    Results,
-    Simulated,
-    cell_of,
-    mean_row,
-    share_row,
-)
+from trainer.data.simulation import Condition, Trials, no_room, resolution_cell, simulate, trial_rows
+from trainer.evaluation.experiments.bench import Bench, Results, Simulated, cell_of, mean_row, share_row
 from trainer.evaluation.experiments.contenders import Contender, look_of
 from trainer.evaluation.report.figures import legend_below, new_figure, subplots
 from trainer.evaluation.report.tables import MetricRow, condition_text
