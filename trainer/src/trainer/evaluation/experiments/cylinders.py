@@ -33,7 +33,7 @@ from trainer.evaluation.experiments.bench import (
 )
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.report.figures import image_panels
-from trainer.evaluation.report.shown import REPORT_SPAN_DB, own_levels
+from trainer.evaluation.report.page import REPORT_SPAN_DB, own_levels
 from trainer.evaluation.report.tables import TRUTH, MetricRow
 from trainer.evaluation.store import Values
 from trainer.metrics.peaks import point_spread, resolved, strongest_peaks

@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from shared.physics.errors import figure_text
-from trainer.evaluation.experiments.bench import Bench, Experiment, FrameRef, Results, Task, mean_row, ratio_row
+from trainer.evaluation.experiments.bench import Bench, FrameRef, Results, mean_row, ratio_row
 from trainer.evaluation.experiments.contenders import Contender, look_of
-from trainer.evaluation.experiments.frames import CELLS, RESIDUAL, frame_tasks, gathered, ranking, too_small
+from trainer.evaluation.experiments.frames import RESIDUAL, OfFrames, gathered, ranking
 from trainer.evaluation.report.figures import TRUTH_COLOUR, counted, label_ends, legend_below, new_figure, subplots
 from trainer.evaluation.report.tables import AVERAGE_PRECISION, TRUTH, Condition, MetricRow, SummaryColumn
 from trainer.metrics.detection import D_MAX_BINS, PROMINENCES
@@ -129,15 +129,10 @@ SUMMARY = (
 )
 
 
-def scene_frames(bench: Bench) -> tuple[FrameRef, ...]:
-    return tuple(ref for ref in bench.frames if ref.kind == "scene")
-
-
-class Detection(Experiment):
+class Detection(OfFrames):
     """What is found in scenes, and what is found that is not there?"""
 
     name = "detection"
-    cells = CELLS
     title = "Detection rate, false-alarm rate and precision on unseen scene frames (paper, Fig. 11)"
     caption = (
         "Detection probability over false alarms: the share of the truth's 3 x 3 maxima (13 dB above the noise of all "
@@ -154,14 +149,8 @@ class Detection(Experiment):
     )
     summary = SUMMARY
 
-    def obstacle(self, bench: Bench) -> str | None:
-        return too_small(bench) if scene_frames(bench) else "the test split has no scene frames"
-
-    def tasks(self, bench: Bench) -> Sequence[Task]:
-        return frame_tasks(bench)
-
     def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
-        refs = scene_frames(bench)
+        refs = self.refs(bench)
         found = []
         for contender in bench.contenders:
             counts = gathered(results, contender, refs, "paper")  # (frames, d_max, prominence, 4)
@@ -177,7 +166,7 @@ class Detection(Experiment):
         return found + gain_rows(bench, self.name, results, refs)
 
     def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
-        refs = scene_frames(bench)
+        refs = self.refs(bench)
         look = look_of(bench.contenders)
         figure = new_figure(11.0, 6.4, f"{self.title}: {counted(len(refs), 'frame')}")
         axes = subplots(figure, len(D_MAX_BINS), len(RATES), sharex=True, sharey="col")

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from matplotlib.figure import Figure
 
 from shared.physics.errors import figure_text
-from trainer.evaluation.experiments.bench import Bench, Experiment, FrameRef, Results, Task, single_row
+from trainer.evaluation.experiments.bench import Bench, FrameRef, Results, single_row
 from trainer.evaluation.experiments.contenders import Contender, look_of
-from trainer.evaluation.experiments.detection import SSIM, scene_frames, strict_rows
-from trainer.evaluation.experiments.frames import CELLS, frame_tasks, too_small
+from trainer.evaluation.experiments.detection import SSIM, strict_rows
+from trainer.evaluation.experiments.frames import OfFrames
 from trainer.evaluation.report.figures import counted, legend_below, new_figure, subplots
 from trainer.evaluation.report.tables import AVERAGE_PRECISION, MetricRow
 from trainer.run.folder import Fingerprint
@@ -19,23 +17,17 @@ from trainer.run.folder import Fingerprint
 SHOWN = (AVERAGE_PRECISION, SSIM)
 
 
-class Generalisation(Experiment):
+class Generalisation(OfFrames):
     """Is a scene worse than another, and was it trained on?"""
 
     name = "generalisation"
-    cells = CELLS
+    scenes_alone = False
     title = "Scores by scene"
     caption = (
         "The test frames of each scene apart, and close point targets as a scene of their own. A filled bar belongs "
         "to a network that was trained on other frames of this scene or to an estimator, which is trained on "
         "nothing; a hatched one to a network that never saw the scene, or of which it is not known."
     )
-
-    def obstacle(self, bench: Bench) -> str | None:
-        return too_small(bench)
-
-    def tasks(self, bench: Bench) -> Sequence[Task]:
-        return frame_tasks(bench)
 
     def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
         found = []
@@ -115,23 +107,16 @@ def _seen(bench: Bench, fingerprint: Fingerprint, scene: str) -> str:
 SECONDS, PARAMETERS = "seconds for an image", "trained parameters"
 
 
-class Tradeoff(Experiment):
+class Tradeoff(OfFrames):
     """What does quality cost?"""
 
     name = "tradeoff"
-    cells = CELLS
     title = "Quality against runtime and parameters"
     caption = (
         "Means over the test split's scene frames with their 95 % intervals, over the least of some repeated runs "
         "for one image on the machine that made this report, features included. On the left, beside the networks, "
         "their parameters."
     )
-
-    def obstacle(self, bench: Bench) -> str | None:
-        return too_small(bench) if scene_frames(bench) else "the test split has no scene frames"
-
-    def tasks(self, bench: Bench) -> Sequence[Task]:
-        return frame_tasks(bench)
 
     def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
         return [
@@ -144,7 +129,7 @@ class Tradeoff(Experiment):
         figure = new_figure(10.0, 4.8, self.title)
         axes = subplots(figure, 1, len(SHOWN))[0]
         for contender in bench.contenders:
-            rows = strict_rows(bench, self.name, results, contender, scene_frames(bench), {})
+            rows = strict_rows(bench, self.name, results, contender, self.refs(bench), {})
             for axis, metric in zip(axes, SHOWN, strict=True):
                 row = next(r for r in rows if r.metric == metric)
                 seconds = bench.seconds[contender.method, contender.array.name]
