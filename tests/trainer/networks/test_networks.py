@@ -64,20 +64,6 @@ def test_the_doa_network_has_papageorgiou_s_layers():
     assert network.dense[0].in_features == 5 * 5 * 256
 
 
-@pytest.mark.parametrize("name", networks())
-def test_every_parameter_changes_the_image(name):
-    network = networks()[name].double()
-    data = torch.randn(1, 5, 16, BINS, dtype=torch.float64)
-    with torch.no_grad():
-        before = network(data)
-        for key, parameter in network.named_parameters():
-            kept = parameter.clone()
-            parameter.add_(torch.randn_like(parameter))
-            changed = not torch.equal(network(data), before)
-            parameter.copy_(kept)
-            assert changed, key
-
-
 def test_the_paper_s_network_has_its_size():
     with torch.device("meta"):
         network = AttentionUNet(5, 1)
@@ -155,10 +141,9 @@ def test_a_configuration_chooses_network_inputs_and_outputs():
     assert network(torch.zeros(1, 5, 8, BINS)).shape == (1, 2, 8, BINS)
 
 
-@pytest.mark.parametrize("name", networks())
-def test_arrays_that_are_not_those_of_the_signature_are_refused_in_tests(name):
+def test_arrays_that_are_not_those_of_the_signature_are_refused_in_tests():
     """tests/conftest.py holds every call of trainer.networks to its annotations."""
-    network = networks()[name]
+    network = networks()["spectral"]
     for wrong in (torch.zeros(1, 6, 8, BINS), torch.zeros(5, 8, BINS), torch.zeros(1, 5, 8, BINS, dtype=torch.int64)):
         with pytest.raises(TypeCheckError, match="features"):
             network(wrong)
