@@ -37,7 +37,7 @@ for line in sys.stdin:
 """
 
 
-@pytest.fixture(scope="session", autouse=True)
+@pytest.fixture(scope="module", autouse=True)
 def forked_reader(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     said = tmp_path_factory.mktemp("reader") / "said"
     command = [sys.executable, "-c", FORKING]
