@@ -112,7 +112,7 @@ def test_two_processes_of_torchrun_train_one_network(tmp_path: Path) -> None:
     script.write_text(WATCHED, encoding="utf-8")
     command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2", script, tmp_path]
     command += ["fit", data, "--out", out, "--width", "4", "--hidden", "16", "--rows", "16", "--array", "full"]
-    command += ["--batch", BATCH, "--steps", TORCH_STEPS, "--validate-every", STEPS // 2, "--accumulate", 1]
+    command += ["--batch", BATCH, "--steps", TORCH_STEPS, "--validate-every", TORCH_STEPS // 2, "--accumulate", 1]
     done = subprocess.run(
         [str(part) for part in command], env={**os.environ, "OMP_NUM_THREADS": "1"}, capture_output=True, text=True,
         timeout=300, check=False,
