@@ -12,8 +12,8 @@ from typer.testing import CliRunner
 
 from datafactory.cli.app import app
 from datafactory.inspection import animation
-from datafactory.inspection.animation import LARGEST_BYTES, sequences_of, write_animations
 from datafactory.inspection.dataset import summarise
+from datafactory.inspection.pictures import LARGEST_BYTES, sequences_of, write_animations
 from datafactory.run.shards import plan_shards, write_manifest, write_shard
 from shared.dataset import VERSION, Frame, arrow_schema, description
 from shared.dataset.folder import Dataset, open_dataset

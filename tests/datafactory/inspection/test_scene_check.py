@@ -12,7 +12,7 @@ from usd_files import CUBE, METRES_Z_UP, read, translated, write_usda
 from datafactory.cli.app import app
 from datafactory.inspection.scene import SceneReport, examine_scene
 from datafactory.scenes.materials.table import load_materials
-from datafactory.scenes.readers.named import named_scenes
+from datafactory.scenes.readers.open import named_scenes
 
 BODY = f"""def Mesh "street" {{
   point3f[] points = [(-60,-60,0),(60,-60,0),(60,60,0),(-60,60,0)]

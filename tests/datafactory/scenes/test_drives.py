@@ -10,6 +10,7 @@ import pytest
 from prepared_scenes import SCENES
 from town_scenes import BUILDINGS, PLATE, box, sheet
 
+from datafactory.scenes.boxes import Movers
 from datafactory.scenes.drives import (
     ACCELERATION_MPS2,
     FASTEST_MPS,
@@ -22,7 +23,6 @@ from datafactory.scenes.drives import (
 )
 from datafactory.scenes.ground import CLEARANCE_M, Ground, free_ground
 from datafactory.scenes.lanes import Lane
-from datafactory.scenes.movers import Movers
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene
 from shared.dataset.folder import SPLITS, Split

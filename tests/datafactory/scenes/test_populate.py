@@ -16,19 +16,18 @@ from datafactory.api.options import OrderOptions
 from datafactory.cli.app import app
 from datafactory.frame.deal import Deal
 from datafactory.run.preparation import prepare
-from datafactory.scenes.boxes import boxed_things
+from datafactory.scenes.boxes import CLEAR_M, Movers, Traffic, boxed_things
 from datafactory.scenes.ground import free_ground
 from datafactory.scenes.height_map import height_map
 from datafactory.scenes.materials.table import load_materials
-from datafactory.scenes.movers import CLEAR_M, Movers, Traffic
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import PointTarget, Scene, SceneObject
 from datafactory.scenes.things import CLASSES, Population, Strip, Thing
 from datafactory.scenes.traffic.arrange import REACH_M
 from datafactory.scenes.traffic.asked import Asked, parse_populate
-from datafactory.scenes.traffic.layout import HORIZON_S, Course, spaced
 from datafactory.scenes.traffic.population import populated, sensor_ground
+from datafactory.scenes.traffic.stretches import HORIZON_S, Course, spaced
 from shared.physics.errors import InputError
 
 STREET = Path(__file__).resolve().parents[3] / "scenes" / "street.usda"

@@ -11,8 +11,7 @@ import pytest
 import trimesh
 
 from datafactory.scenes.readers.mitsuba import read_mitsuba
-from datafactory.scenes.readers.named import sionna_scenes
-from datafactory.scenes.readers.open import open_scene
+from datafactory.scenes.readers.open import open_scene, sionna_scenes
 from datafactory.scenes.scene import SceneObject
 from shared.physics.errors import InputError
 

@@ -8,9 +8,8 @@ from town_scenes import BUILDINGS, PLATE, box, flat, sheet
 
 from datafactory.scenes.ground import Ground, free_ground
 from datafactory.scenes.poses import sample_pose
-from datafactory.scenes.regions import cut_into_regions
 from datafactory.scenes.scene import Scene, SceneObject
-from datafactory.scenes.streets import KERB_M, WIDEST_STREET_M
+from datafactory.scenes.streets import KERB_M, WIDEST_STREET_M, cut_into_regions
 from shared.dataset.folder import SPLITS
 
 

@@ -10,8 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from datafactory.scenes.poses import Pose
-from datafactory.scenes.track_files import read_track
-from datafactory.scenes.tracks import Curve, nearest_m
+from datafactory.scenes.tracks import Curve, nearest_m, read_track
 from shared.physics.errors import InputError
 
 TEXT = "time,x,y,z,yaw_deg\n0,0,0,0.5,0\n1,4,0,0.5,0\n2,8,0,0.5,90\n4,8,8,0.5,90\n"

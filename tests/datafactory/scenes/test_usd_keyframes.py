@@ -13,7 +13,7 @@ from datafactory.scenes.city.shapes import box, yaw_rotation
 from datafactory.scenes.city.site import Keyframe, Placement
 from datafactory.scenes.city.usd import write_usd
 from datafactory.scenes.motion import Motion, Moving
-from datafactory.scenes.network.driving import thinned
+from datafactory.scenes.network.conversion import thinned
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import PointTarget, Scene, SceneObject
 

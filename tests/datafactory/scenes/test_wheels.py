@@ -14,7 +14,7 @@ from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import PointTarget
 from datafactory.scenes.targets.interface import Motion
 from datafactory.scenes.targets.models import Car, Cyclist, Pedestrian, options_of, target_model
-from datafactory.scenes.targets.wheels import POINTS, rolling_wheels
+from datafactory.scenes.targets.road_users import POINTS, rolling_wheels
 from datafactory.synthesis.cube import cube_of_paths
 from shared.physics.errors import InputError
 from shared.radar import Radar

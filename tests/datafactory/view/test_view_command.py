@@ -20,9 +20,8 @@ from datafactory.paths.merged_scene import MergedMesh, MergedScene
 from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.poses import Pose, read_poses
 from datafactory.view.camera import ABOVE_M, ABOVE_PIXELS_A_METRE, FIELD_DEG, above_picture, camera_picture
-from datafactory.view.colours import material_colour
 from datafactory.view.page import page_data, view_page
-from datafactory.view.subject import Subject
+from datafactory.view.subject import Subject, material_colour
 from shared.physics.errors import InputError
 from shared.radar import load_radar
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from packaging.licenses import InvalidLicenseExpression, canonicalize_license_expression
 
-from datafactory.scenes.readers.named import SHIPPED_PREFIX, SIONNA_PREFIX
+from datafactory.scenes.readers.open import SHIPPED_PREFIX, SIONNA_PREFIX
 from shared.physics.errors import InputError
 
 UNKNOWN = "unknown"

@@ -19,12 +19,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.scenes.boxes import Movers
 from datafactory.scenes.ground import CLEARANCE_M, Ground
 from datafactory.scenes.lanes import STEP_M, Lane, draw_lane, smoothed
-from datafactory.scenes.movers import Movers
-from datafactory.scenes.poses import SENSOR_HEIGHT_M, Pose
+from datafactory.scenes.poses import SENSOR_HEIGHT_M, Pose, view_from
 from datafactory.scenes.tracks import MOST_FRAMES, pose_of, require_rate
-from datafactory.scenes.views import view_from
 from shared.dataset.folder import SPLITS, Split
 from shared.physics.errors import InputError
 

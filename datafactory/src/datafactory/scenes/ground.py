@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from datafactory.scenes.height_map import HeightMap, height_map
-from datafactory.scenes.materials.names import singular, words
-from datafactory.scenes.regions import cut_into_regions
+from datafactory.scenes.materials.table import singular, words
 from datafactory.scenes.scene import PointTarget, Scene
-from datafactory.scenes.streets import ROUTE_CLEARANCE_M, reachable, streets
+from datafactory.scenes.streets import ROUTE_CLEARANCE_M, cut_into_regions, reachable, streets
 from shared.dataset.folder import SPLITS, Split
 from shared.physics.errors import InputError
 

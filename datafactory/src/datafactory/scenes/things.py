@@ -1,7 +1,8 @@
-"""The things that were put into a scene: what each is, how large, where it is at a time, and what was asked for.
+"""The things of a scene: what each mesh or point target is a part of, and what was put into the scene besides.
 
-A thing is one car or one lamp, of however many meshes it is made. The names of its meshes begin with its own and a
-slash; a thing that is a point target has the target's name.
+A thing is one car, one pedestrian, one gate: whatever meshes and point targets it is made of. A reader labels each of
+them with its thing. The class is the one that the source states, of a target with the model of a road user that of the
+road user, of everything else ``"other"``.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.scenes.chain import Chain
 from datafactory.scenes.motion import Track, Vector
 
 Real = NDArray[np.float64]
@@ -136,3 +138,28 @@ class Population:
             "roads": len(self.roads), "road_m": round(sum(road.length_m for road in self.roads), 1),
             "horizon_s": self.horizon_s,
         }  # fmt: skip
+
+
+OTHER = "other"
+"""Class of what moves and states none."""
+OF_MODELS = {"car": "car", "pedestrian": "pedestrian", "cyclist": "bicycle"}
+"""Classes that the models of road users imply; a bicycle has its rider."""
+
+
+@dataclass(frozen=True, eq=False)
+class Label:
+    """What a mesh or a point target is a part of.
+
+    :param thing: name of the thing, unique in the scene: all of its parts have it
+    :param frame: from the thing's own coordinates to the world, at all times
+    :param class_name: as the source states it; "" where it states none
+    """
+
+    thing: str
+    frame: Chain
+    class_name: str = ""
+
+    def fingerprint(self) -> bytes:
+        """Equal for equal labels: what its boxes depend on that the meshes do not say."""
+        home = np.ascontiguousarray(self.frame.at(0.0)[0], dtype="<f8")
+        return repr((self.thing, self.class_name)).encode() + home.tobytes()

@@ -17,10 +17,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from datafactory.view.casting import Met
-from datafactory.view.colours import KINDS, MOTION, SENSOR, TARGET, css, material_colour
 from datafactory.view.strongest import shown_paths
-from datafactory.view.subject import Subject
+from datafactory.view.subject import KINDS, MOTION, SENSOR, TARGET, Met, Subject, css, material_colour
 from shared.physics.errors import figure_text
 from shared.pictures import save_figure
 

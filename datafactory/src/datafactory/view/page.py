@@ -19,9 +19,8 @@ from trimesh.viewer.notebook import scene_to_html
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
-from datafactory.view.colours import KINDS, MOTION, SENSOR, TARGET, css, material_colour
 from datafactory.view.strongest import PATHS_SHOWN, Shown, ShownPath, shown_paths
-from datafactory.view.subject import Subject
+from datafactory.view.subject import KINDS, MOTION, SENSOR, TARGET, Subject, css, material_colour
 
 DECIMALS = 3
 """Of the places in the page [m]."""

@@ -12,17 +12,17 @@ from solids import Shape, Standing, containing, intersecting
 from town_scenes import two_blocks
 
 from datafactory.frame.deal import Deal
+from datafactory.scenes.boxes import Movers, Traffic
 from datafactory.scenes.city.city import CityOptions, city
 from datafactory.scenes.city.rules import Style
 from datafactory.scenes.city.usd import write_usd
 from datafactory.scenes.drives import Drives, draw_drive
-from datafactory.scenes.movers import Movers, Traffic
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene
 from datafactory.scenes.things import Population, Thing
 from datafactory.scenes.traffic.asked import parse_populate
-from datafactory.scenes.traffic.layout import HORIZON_S
 from datafactory.scenes.traffic.population import populated, sensor_ground
+from datafactory.scenes.traffic.stretches import HORIZON_S
 
 ASKED = parse_populate("cars=8,trucks=2,buses=1,cyclists=4,pedestrians=12,poles=12,signs=6,bins=3,benches=2,parked=0.6")
 EVERYWHERE = {"poles": 12, "pedestrians": 12, "cyclists": 4}

@@ -19,8 +19,7 @@ from datafactory.scenes.city.shapes import Surface
 from datafactory.scenes.city.site import Placement, Site
 from datafactory.scenes.city.usd import check_output, write_usd
 from datafactory.scenes.city.works import hall_style
-from datafactory.scenes.network.conversion import Lane, Network, along, read_network
-from datafactory.scenes.network.driving import trajectories
+from datafactory.scenes.network.conversion import Lane, Network, along, read_network, trajectories
 from datafactory.scenes.network.surfaces import PAVEMENT_M, Heights, ground, road_area
 from shared.physics.errors import InputError
 

@@ -25,13 +25,21 @@ from numpy.typing import NDArray
 
 from datafactory.scenes.chain import Chain, Samples
 from datafactory.scenes.motion import Motion, Moving, Vector
-from datafactory.scenes.readers.common import AS_WRITTEN, MAXIMUM_NESTING, Notes, Reading, check_counts, with_remarks
-from datafactory.scenes.readers.meshes import note_coarse_vertices, place_mesh, vertex_spacing_m
+from datafactory.scenes.readers.common import (
+    AS_WRITTEN,
+    MAXIMUM_NESTING,
+    Notes,
+    Reading,
+    check_counts,
+    note_coarse_vertices,
+    place_mesh,
+    vertex_spacing_m,
+    with_remarks,
+)
 from datafactory.scenes.readers.usd_facts import FactsOfPrims, has_shape
 from datafactory.scenes.readers.usd_labels import UNLABELLED, Labelling
 from datafactory.scenes.readers.usd_motion import Frame, Transforms, check_motion, instance_frames
-from datafactory.scenes.readers.usd_samples import Clock
-from datafactory.scenes.readers.usd_skinning import bake_skinning
+from datafactory.scenes.readers.usd_samples import Clock, bake_skinning
 from datafactory.scenes.readers.usd_stage import open_usd_stage, usd_stage_to_world
 from datafactory.scenes.readers.usd_targets import model_axes, occupied_below, prim_model
 from datafactory.scenes.scene import WORLD_AXES, ZERO, PointTarget, Scene, SceneObject

@@ -1,6 +1,6 @@
 """Who drives, parks, walks and stands where along the stretches of road: the shipped vehicles and street furniture.
 
-Everything has a place of its own across the road (:mod:`datafactory.scenes.traffic.layout`), and along it a distance
+Everything has a place of its own across the road (:mod:`datafactory.scenes.traffic.stretches`), and along it a distance
 from what shares that place; furniture is besides held clear of furniture. Numbers that are asked for are dealt to the
 stretches in turn. What stands is put on the ground under it, and left out where that is no plane.
 """
@@ -18,8 +18,7 @@ from datafactory.scenes.ground import Ground
 from datafactory.scenes.motion import Vector
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.traffic.asked import Asked
-from datafactory.scenes.traffic.layout import FURNITURE_M, Course, Layout, Line, layout_of, spaced
-from datafactory.scenes.traffic.stretches import Stretch, tilted
+from datafactory.scenes.traffic.stretches import FURNITURE_M, Course, Layout, Line, Stretch, layout_of, spaced, tilted
 
 Real = NDArray[np.float64]
 

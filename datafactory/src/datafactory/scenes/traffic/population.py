@@ -10,16 +10,14 @@ from numpy.typing import NDArray
 
 from datafactory.scenes.chain import Chain
 from datafactory.scenes.ground import Ground, free_ground
-from datafactory.scenes.labels import Label
 from datafactory.scenes.motion import Track, Vector
 from datafactory.scenes.scene import PointTarget, Scene, SceneObject
 from datafactory.scenes.targets.models import RcsModel
 from datafactory.scenes.targets.road_users import Cyclist, Pedestrian
-from datafactory.scenes.things import Population, Strip, Thing
+from datafactory.scenes.things import Label, Population, Strip, Thing
 from datafactory.scenes.traffic.arrange import Arranged, arrange, asset
 from datafactory.scenes.traffic.asked import Asked
-from datafactory.scenes.traffic.layout import HORIZON_S
-from datafactory.scenes.traffic.stretches import find_stretches
+from datafactory.scenes.traffic.stretches import HORIZON_S, find_stretches
 
 Mask = NDArray[np.bool_]
 
