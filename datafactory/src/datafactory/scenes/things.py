@@ -7,51 +7,18 @@ road user, of everything else ``"other"``.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.scenes.chain import Chain
-from datafactory.scenes.motion import Track, Vector
 
 Real = NDArray[np.float64]
 
 CLASSES = ("car", "truck", "bus", "bicycle", "pedestrian", "pole", "sign", "other")
 """What a thing may be, as ``radar:class`` says it in a USD file; a bicycle has its rider."""
-
-
-@dataclass(frozen=True)
-class Thing:
-    """One thing.
-
-    :param name: unique in the scene
-    :param label: one of ``CLASSES``
-    :param size_m: length, width and height along its own axes
-    :param position: of the middle of its underside at time 0, world [m]
-    :param axes: its x (ahead), y (left) and z in the world, right-handed unit vectors
-    :param motion: how it is shifted; None where it stands
-    """
-
-    name: str
-    label: str
-    size_m: Vector
-    position: Vector
-    axes: tuple[Vector, Vector, Vector]
-    motion: Track | None = field(default=None, repr=False)
-
-    @property
-    def yaw_deg(self) -> float:
-        """Of its x about z, from the world's x, positive to the left [degree]."""
-        return float(np.degrees(np.arctan2(self.axes[0][1], self.axes[0][0])))
-
-    def at(self, time_s: float) -> tuple[Real, Real]:
-        """Where the middle of its underside is at a time [s], [3] m, and its velocity [3] m/s."""
-        if self.motion is None:
-            return np.array(self.position), np.zeros(3)
-        shift, velocity = self.motion.at(time_s)
-        return np.array(self.position) + shift, velocity
 
 
 @dataclass(frozen=True)
@@ -100,7 +67,6 @@ class Population:
     :param text: what was asked for, as ``--populate`` takes it
     :param seed: of the dataset
     :param asked, placed: numbers by kind
-    :param things: all of it
     :param roads: where it drives
     :param horizon_s: traffic runs from time 0 to here
     """
@@ -109,13 +75,8 @@ class Population:
     seed: int
     asked: dict[str, int]
     placed: dict[str, int]
-    things: tuple[Thing, ...] = field(repr=False)
     roads: tuple[Strip, ...]
     horizon_s: float
-
-    @property
-    def movers(self) -> tuple[Thing, ...]:
-        return tuple(thing for thing in self.things if thing.motion is not None)
 
     def lines(self) -> tuple[str, ...]:
         """What to tell the user."""

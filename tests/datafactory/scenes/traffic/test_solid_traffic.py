@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scene_solids import PopulationSolids, city_solids
+from scene_solids import PopulationSolids, Thing, city_solids
 from solids import Shape, Standing, containing, intersecting
 from town_scenes import two_blocks
 
@@ -19,7 +19,7 @@ from datafactory.scenes.city.usd import write_usd
 from datafactory.scenes.drives import Drives, draw_drive
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene
-from datafactory.scenes.things import Population, Thing
+from datafactory.scenes.things import Population
 from datafactory.scenes.traffic.asked import parse_populate
 from datafactory.scenes.traffic.population import populated, sensor_ground
 from datafactory.scenes.traffic.stretches import HORIZON_S
@@ -55,6 +55,10 @@ class Populated:
         assert scene.population is not None
         return Populated(scene, scene.population, PopulationSolids(scene), walls)
 
+    @property
+    def moving(self) -> list[Thing]:
+        return [thing for thing in self.solids.things if thing.moves]
+
     def standing(self, time_s: float) -> list[Standing]:
         return [*self.walls, *self.solids.at(time_s)]
 
@@ -75,15 +79,15 @@ def test_populated_scenes_are_sound_at_all_times(which: str, tmp_path: Path) -> 
     bare, walls = bare_scene(which, tmp_path)
     for seed in SEEDS:
         item = Populated.of(bare, walls, seed)
-        assert len(item.population.things) > 30
+        assert len(item.solids.things) > 30
         if which in list(Style):  # every style has room
             placed = item.population.placed
             assert placed["cars"] + placed["trucks"] >= 2
             assert {kind: placed[kind] for kind in EVERYWHERE} == EVERYWHERE
         nothing_is_in_anything_else(item)
         sensors_are_within_nothing(item)
-        lanes_are_kept(item.population)
-        assert nobody_catches_up_with_anybody(item.population) > 0
+        lanes_are_kept(item)
+        assert nobody_catches_up_with_anybody(item) > 0
 
 
 def nothing_is_in_anything_else(item: Populated) -> None:
@@ -113,10 +117,10 @@ def of_its_road(population: Population, thing: Thing, time_s: float) -> tuple[fl
     return float(left), cosine * velocity[0] + sine * velocity[1], cosine * velocity[1] - sine * velocity[0]
 
 
-def lanes_are_kept(population: Population) -> None:
+def lanes_are_kept(item: Populated) -> None:
     """Who moves stays on its own line across the road, all of it on its own side, with one speed, straight ahead."""
-    for thing in population.movers:
-        left, ahead, aside = np.transpose([of_its_road(population, thing, time_s) for time_s in WHOLE_S])
+    for thing in item.moving:
+        left, ahead, aside = np.transpose([of_its_road(item.population, thing, time_s) for time_s in WHOLE_S])
         assert np.ptp(left) < 0.01, thing.name
         assert np.ptp(ahead) < 1e-6, thing.name
         assert np.abs(aside).max() < 1e-6, thing.name
@@ -132,13 +136,13 @@ def lanes_are_kept(population: Population) -> None:
             assert 8.0 <= abs(ahead[0]) <= 14.0, thing.name
 
 
-def nobody_catches_up_with_anybody(population: Population) -> int:
+def nobody_catches_up_with_anybody(item: Populated) -> int:
     """Who shares a line keeps its distance, round the line's end too; how many lines are shared."""
     lines: dict[tuple[int, float], list[Thing]] = {}
-    for thing in population.movers:
-        x, y = np.array(thing.position)[:2, None]
-        (number,) = [n for n, road in enumerate(population.roads) if road.holds(x, y)]
-        left = float(population.roads[number].coordinates(x, y)[1][0])
+    for thing in item.moving:
+        x, y = thing.at(0.0)[0][:2, None]
+        (number,) = [n for n, road in enumerate(item.population.roads) if road.holds(x, y)]
+        left = float(item.population.roads[number].coordinates(x, y)[1][0])
         lines.setdefault((number, round(left, 1)), []).append(thing)
     shared = [line for line in lines.values() if len(line) > 1]
     for line in shared:

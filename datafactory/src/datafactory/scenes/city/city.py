@@ -18,7 +18,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from datafactory.scenes.city import dwellings, furniture, motorway, paving, roadside, vehicles, works
+from datafactory.scenes.city import dwellings, furniture, roadside, vehicles, works
 from datafactory.scenes.city.plan import ZEBRA_M, Block, Plan, Rectangle, draw_plan
 from datafactory.scenes.city.rules import MOST_BLOCKS, RULES, Rules, Style
 from datafactory.scenes.city.shapes import Surface, stepped_surface, welded
@@ -85,8 +85,8 @@ def models(rng: np.random.Generator, rules: Rules, gantry_m: float = 10.0) -> di
     shared |= {"Bollard": furniture.bollard(), "Bin": furniture.litter_bin(), "Bench": furniture.bench()}
     shared |= {"Shelter": furniture.bus_shelter(), "Manhole": furniture.manhole_cover()}
     shared |= {"PedestrianRail": furniture.pedestrian_rail(3.0), "Fence": furniture.fence(works.FENCE_M)}
-    shared |= {"Container": furniture.container(), "Barrier": furniture.barrier(motorway.PIECE_M)}
-    shared |= {"GuardRail": furniture.guard_rail(motorway.PIECE_M, 4.0)}
+    shared |= {"Container": furniture.container(), "Barrier": furniture.barrier(works.PIECE_M)}
+    shared |= {"GuardRail": furniture.guard_rail(works.PIECE_M, 4.0)}
     shared |= {"Gantry": furniture.gantry(gantry_m)}
     height = round(rng.uniform(3.0, 5.0), 1)
     shared |= {f"NoiseWall_{i}": furniture.noise_wall(4.0, height, key) for i, key in enumerate(("concrete", "wood"))}
@@ -99,9 +99,9 @@ def city(options: CityOptions) -> tuple[Placement, ...]:
     plan = draw_plan(rng, rules, options.blocks)
     site = Site(rng, models(rng, rules, plan.main.kind.kerb + 1.4))
     islands = [island for block in plan.blocks if block.use == "parking" for island in works.islands(block)]
-    site.placements += paving.ground(plan, rules.kerb_m, islands)
+    site.placements += ground(plan, rules.kerb_m, islands)
     if rules.bridges:
-        motorway.equip(site, plan)
+        works.equip(site, plan)
     for block in plan.blocks:
         FILLERS[block.use](site, block, rules)
     roadside.furnish(site, plan, rules)
