@@ -36,7 +36,7 @@ from shared.signal.imaging import delay_and_sum
 PANEL_INCHES, PLANE_INCHES, HEIGHT_INCHES = 1.75, 4.4, 5.2
 """Widths of a panel over u and of the view from above, and the height: read at the width of a page, 900 pixels."""
 
-TRUTH_TITLE = "truth"
+TRUTH_TITLE, TRUTH_LEVEL = "truth", f"{LEVEL_LABEL}, 0 dB: the truth's maximum"
 MARK_COLOUR = "cyan"
 """Of targets: a colour that the levels do not have."""
 BOX_COLOURS = {"car": "cyan", "truck": "deepskyblue", "bus": "deepskyblue", "pedestrian": "lime", "bicycle": "white"}
@@ -83,16 +83,13 @@ def draw_frame(frame: Frame, radar: Radar, split: str = "", camera: NDArray[np.u
     truth = images[TRUTH_TITLE]
     reference = truth if truth.any() else np.maximum.reduce(list(images.values()))
     levels = {title: range_weighted_db(image, reference=reference) for title, image in images.items()}
-    waveform, angles = radar.waveform, radar.grid
     figure = Figure(figsize=(PANEL_INCHES * len(levels) + PLANE_INCHES, HEIGHT_INCHES), layout="constrained")
     ratios = [*[PANEL_INCHES] * len(levels), PLANE_INCHES]
     grid = figure.add_gridspec(2, len(ratios), width_ratios=ratios)
     axes = [figure.add_subplot(grid[:, column]) for column in range(len(levels))]
     for axis, (title, level) in zip(axes, levels.items(), strict=True):
-        drawn = draw_levels(axis, level, waveform.range_step_m, angles.u_start, angles.step)
-        axis.set(title=title, xlabel="u = sin(azimuth)")
+        drawn = _panel(axis, title, level, radar)
         _draw_boxes(axis, frame)
-        axis.label_outer()
     axes[0].set_ylabel("range [m]")
     if camera is None:
         plane = figure.add_subplot(grid[:, -1])
@@ -100,11 +97,11 @@ def draw_frame(frame: Frame, radar: Radar, split: str = "", camera: NDArray[np.u
         draw_camera(above := figure.add_subplot(grid[0, -1]), camera)
         above.set_title("camera at the sensor")
         plane = figure.add_subplot(grid[1, -1])
-    draw_from_above(plane, levels[TRUTH_TITLE], waveform.range_step_m, angles.u)
+    draw_from_above(plane, levels[TRUTH_TITLE], radar.waveform.range_step_m, radar.grid.u)
     _mark_targets(plane, frame)
     _outline_boxes(plane, frame)
     plane.set(title="truth from above", xlabel="y, to the left [m]", ylabel="x, ahead [m]")
-    _level_bar(figure, drawn, axes)
+    figure.colorbar(drawn, ax=axes, location="left", aspect=40, pad=0.01, label=TRUTH_LEVEL)
     speed = float(np.linalg.norm(frame.sensor_velocity))
     figure.suptitle(
         f"{figure_text(frame.scene)}, frame {frame.frame_id} ({', '.join(filter(None, (split, frame.kind)))}), "
@@ -113,10 +110,12 @@ def draw_frame(frame: Frame, radar: Radar, split: str = "", camera: NDArray[np.u
     return figure
 
 
-def _level_bar(figure: Figure, drawn: AxesImage, axes: list[Axes]) -> None:
-    figure.colorbar(
-        drawn, ax=axes, location="left", aspect=40, pad=0.01, label=f"{LEVEL_LABEL}, 0 dB: the truth's maximum"
-    )
+def _panel(axis: Axes, title: str, levels: NDArray[np.floating], radar: Radar) -> AxesImage:
+    """Levels [R, U] [dB] over u, under a title."""
+    drawn = draw_levels(axis, levels, radar.waveform.range_step_m, radar.grid.u_start, radar.grid.step)
+    axis.set(title=title, xlabel="u = sin(azimuth)")
+    axis.label_outer()
+    return drawn
 
 
 def _images(frame: Frame, radar: Radar) -> dict[str, NDArray[np.floating]]:
@@ -129,7 +128,7 @@ def _images(frame: Frame, radar: Radar) -> dict[str, NDArray[np.floating]]:
         if name != "full" and rx_count == len(AVR_QDM_110_THINNED_RX["full"]):
             thinned = delay_and_sum(strongest, radar, radar.array.channel_indices(rx))
             images[f"{len(rx)} RX ({name})"] = np.abs(thinned)
-    images[TRUTH_TITLE] = frame.image * np.float32(frame.image_peak)
+    images[TRUTH_TITLE] = _truth(frame)
     return images
 
 
@@ -254,13 +253,10 @@ def _film(
                 for axis, image, title in zip(axes, images, TITLES, strict=False):
                     for artist in list(axis.images):
                         artist.remove()
-                    levels = range_weighted_db(image, reference=brightest)
-                    drawn = draw_levels(axis, levels, radar.waveform.range_step_m, radar.grid.u_start, radar.grid.step)
-                    axis.set(title=title, xlabel="u = sin(azimuth)")
-                    axis.label_outer()
+                    drawn = _panel(axis, title, range_weighted_db(image, reference=brightest), radar)
                 if number == 0:
                     axes[0].set_ylabel("range [m]")
-                    figure.colorbar(drawn, ax=axes[:2], label=f"{LEVEL_LABEL}, 0 dB: the truth's maximum")
+                    figure.colorbar(drawn, ax=axes[:2], label=TRUTH_LEVEL)
                 if first is not None and (picture := seen(dataset, frame, cameras)) is not None:
                     axes[2].clear()
                     draw_camera(axes[2], picture)

@@ -168,13 +168,10 @@ def _class_of(item: SceneObject | PointTarget) -> str:
 
 def _thing(parts: Parts) -> BoxedThing:
     start = _box_of(parts, 0.0)
-    motions = {(part.velocity, part.motion) for part in parts.objects}
-    motions |= {(target.velocity, target.motion) for target in parts.targets}
-    one = len(motions) == 1 and not any(isinstance(motion, Moving) for _, motion in motions)
-    if not one:
+    items: tuple[SceneObject | PointTarget, ...] = (*parts.objects, *parts.targets)
+    (_, motion), *others = {(item.velocity, item.motion) for item in items}
+    if others or isinstance(motion, Moving):
         return BoxedThing(parts.name, parts.class_name, parts.indices, start, turning=parts)
-    (_, motion), *_ = motions
-    assert not isinstance(motion, Moving)
     return BoxedThing(parts.name, parts.class_name, parts.indices, start, track=motion)
 
 
@@ -247,7 +244,7 @@ class Movers:
             for item in moving
             if not isinstance(item.motion, Moving)
         ]
-        self._targets = [item for item in scene.targets if item.motion is not None or any(item.velocity)]
+        self._targets = [item for item in scene.targets if item.moves]
         every = [item.motion for item in moving] + [target.motion for target in self._targets]
         self.rests_from_s = max((motion.ends_s for motion in every if motion is not None), default=np.inf)
         """From when on what has samples rests [s]; inf where nothing has."""

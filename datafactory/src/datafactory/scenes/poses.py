@@ -184,8 +184,9 @@ def sample_pose(ground: Ground, split: Split, rng: np.random.Generator) -> Pose:
     pitch_deg, roll_deg = ground.tilt_deg(x, y, yaw)
     # Positive pitch points down: the ground's rise per metre towards the direction of travel.
     rise, _ = ground.tilt_deg(x, y, direction)
+    (height,) = ground.heights_at(np.array([x]), np.array([y])).tolist()
     return Pose(
-        position=(x, y, ground.height_at(x, y) + SENSOR_HEIGHT_M),
+        position=(x, y, height + SENSOR_HEIGHT_M),
         yaw_deg=math.degrees(yaw),
         pitch_deg=pitch_deg,
         roll_deg=roll_deg,
@@ -235,12 +236,7 @@ def view_from(ground: Ground, x: float, y: float, yaw_rad: float, split: Split) 
     headings = yaw_rad + SECTOR_RAD
     free = ground.free_path(x, y, headings, SIGHT_M)
     met = np.isfinite(free)
-    side = _sides(ground, x + np.cos(headings[met]) * free[met], y + np.sin(headings[met]) * free[met])
+    i, j = ground.cell_of(x + np.cos(headings[met]) * free[met], y + np.sin(headings[met]) * free[met])
+    side = ground.side[i, j]
     foreign = float(np.mean(side != SPLITS.index(split))) if met.any() else 0.0
     return View(float(free[SECTOR_RAYS // 2]), float(free.max()), bool(met.any()), foreign)
-
-
-def _sides(ground: Ground, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.int8]:
-    """[n] whose side the points' cells [n] lie on."""
-    i, j = ground.cell_of(x, y)
-    return ground.side[i, j]

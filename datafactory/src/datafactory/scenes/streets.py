@@ -10,8 +10,6 @@ its own side of the middle of every gap, and drawn poses look at nothing on anot
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
@@ -98,25 +96,14 @@ GAP_SHARE = 0.06
 """Of the extent: the gaps of a larger scene are wider."""
 
 
-@dataclass(frozen=True, eq=False)
-class Regions:
-    """Cells cut into regions; arrays are [nx, ny].
-
-    :param region: index into ``SPLITS`` of the region that a cell belongs to; -1 for cells in gaps and all others
-    :param side: index into ``SPLITS`` of the split on whose side of the gaps' middles any cell lies, used or not
-    :param gap_m: width of the gaps [m]
-    """
-
-    region: NDArray[np.int8]
-    side: NDArray[np.int8]
-    gap_m: float
-
-
-def cut_into_regions(cells: NDArray[np.bool_], cell_m: float) -> Regions:
+def cut_into_regions(cells: Mask, cell_m: float) -> tuple[NDArray[np.int8], NDArray[np.int8], float]:
     """Cut cells along their longer axis into train, gap, validation, gap, test, areas about 6 : 1 : 1.
 
     The gap is at least 5 m and at least 6 % of the extent. Where the ground is too short for gaps and three regions,
     train has it all and the others stay empty.
+
+    :return: [nx, ny] index into ``SPLITS`` of the region that a cell belongs to, -1 for those in gaps and all others;
+        [nx, ny] that of the split on whose side of the gaps' middles any cell lies, used or not; width of the gaps [m]
     """
     extents = [np.flatnonzero(cells.any(axis=1 - axis)) for axis in (0, 1)]
     spans = [int(used[-1] - used[0] + 1) for used in extents]
@@ -145,4 +132,4 @@ def cut_into_regions(cells: NDArray[np.bool_], cell_m: float) -> Regions:
     shape = (-1, 1) if axis == 0 else (1, -1)
     region = np.where(cells, along.reshape(shape), -1).astype(np.int8)
     side = np.broadcast_to(nearest.reshape(shape), cells.shape).astype(np.int8)
-    return Regions(region, side, gap * cell_m)
+    return region, side, gap * cell_m
