@@ -186,24 +186,6 @@ def test_what_is_asked_of_drives_is_read() -> None:
     assert Drives(seconds=0.3, rate_hz=10.0).frames == 3
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("walk", r"--trajectory: 'walk'; expected a file, or drive\[:speed=M/S\]\[,seconds=S\]"),
-        ("drive:sped=3", r"'sped=3' in 'drive:sped=3'"),
-        ("drive:speed=3,speed=4", r"'speed=4' in"),
-        ("drive:speed=fast", r"speed = 'fast'; expected a number"),
-        ("drive:speed=16", r"speed = 16.0; expected 0 to 15 m/s"),
-        ("drive:speed=nan", r"speed = nan; expected 0 to 15 m/s"),
-        ("drive:seconds=0", r"seconds = 0.0; expected more than 0"),
-        ("drive:seconds=0.01", r"0.01 s at 10 Hz are 0 frames"),
-    ],
-)
-def test_what_is_wrong_of_drives_is_said(text: str, message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        parse_drives(text, None)
-
-
 def test_poses_along_a_lane_stand_where_it_is(street: Ground) -> None:
     lane = Lane(np.stack([np.arange(-50.0, -20.0, 0.5), np.zeros(60)], axis=1))
     (pose,) = poses_along(lane, street, np.array([7.0]), np.array([10.0]), np.array([3.0]))

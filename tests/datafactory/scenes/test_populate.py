@@ -189,30 +189,6 @@ def test_sensors_stand_on_the_populated_road_and_in_no_parked_car(hill: Scene) -
     assert any(ground.road[i, j].any() for i, j in cells)  # what drives is no obstacle of the map
 
 
-@pytest.mark.parametrize(
-    ("text", "line"),
-    [
-        ("cras=3", "unknown kind 'cras'; expected one of cars, trucks"),
-        ("cras=3", "did you mean 'cars'?"),
-        ("cars=-3", "cars=-3; expected a whole number from 0 to 2000"),
-        ("cars=2.5", "cars=2.5; expected a whole number"),
-        ("cars=many", "cars=many; expected a whole number"),
-        ("cars", "cars without a number"),
-        ("cars=", "cars=; expected a whole number"),
-        ("cars=1,cars=2", "cars is given twice"),
-        ("parked=1.5", "parked=1.5; expected a share of the kerb from 0 to 1"),
-        ("parked=nan", "parked=nan; expected a share"),
-        ("", "unknown kind ''"),
-    ],
-)
-def test_bad_request_is_one_line(text: str, line: str) -> None:
-    with pytest.raises(InputError) as caught:
-        load_scene(str(STREET), populate=text)
-    message = str(caught.value)
-    assert line in message
-    assert "\n" not in message
-
-
 def test_a_request_is_read_back_as_it_is_told() -> None:
     assert parse_populate(ASKED.text) == ASKED
     assert parse_populate(" cars = 3 , parked=0.25") == Asked(cars=3, parked=0.25)

@@ -141,22 +141,6 @@ def test_a_cross_section_makes_a_point_target_of_the_whole_subtree(tmp_path: Pat
     assert any("1 geometry prims left out" in warning for warning in scene.warnings)
 
 
-@pytest.mark.parametrize(
-    ("attribute", "value"),
-    [
-        ("radar:rcs_dbsm", "custom string radar:rcs_dbsm = 'ten'"),
-        ("radar:rcs_dbsm", "custom float radar:rcs_dbsm = nan"),
-        ("radar:velocity", "custom float radar:velocity = 3"),
-        ("radar:velocity", "custom double3 radar:velocity = (inf, 0, 0)"),
-        ("radar:material", "custom float radar:material = 3"),
-    ],
-)
-def test_an_unusable_radar_attribute_is_named(tmp_path: Path, attribute: str, value: str) -> None:
-    with pytest.raises(InputError, match=rf"stage\.usda: /m\.{attribute} = .*; expected ") as caught:
-        read(tmp_path, f'def Mesh "m" {{\n{CUBE}\n{value}\n}}')
-    assert "\n" not in str(caught.value)
-
-
 def test_what_is_not_to_be_seen_is_left_out_and_counted(tmp_path: Path) -> None:
     body = f"""def Xform "hidden" {{
       token visibility = "invisible"
