@@ -30,7 +30,7 @@ JUMP = (
     "\ndouble xformOp:translateX.timeSamples = { 0: 0, 1: nan }\nuniform token[] xformOpOrder = ['xformOp:translateX']"
 )
 
-FILES = {
+FILES: dict[str, list[tuple[str | bytes, str]]] = {
     "poses.json": [
         ("[{", "malformed JSON"),
         (b"\xff\xfe[", "malformed JSON"),

@@ -150,12 +150,6 @@ def test_other_formats_have_no_variants(tmp_path: Path) -> None:
         open_scene(str(path), Reading((("a", "b"),)))
 
 
-def test_x_up_is_turned_to_z_up(tmp_path: Path) -> None:
-    body = f'def Mesh "m" {{\n{CUBE}\n{translated(3, 4, 5)}}}'
-    item = read(tmp_path, body, 'metersPerUnit = 1\n upAxis = "X"').objects[0]
-    np.testing.assert_allclose(item.vertices.mean(axis=0), [4, 5, 3])
-
-
 @pytest.mark.parametrize("twin", TWINS, ids=str)
 def test_twins_in_other_axes_and_units_are_the_same_scene(tmp_path: Path, twin: Twin) -> None:
     """Paths of such twins are compared in tests/integration/test_twins.py."""

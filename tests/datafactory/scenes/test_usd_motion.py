@@ -151,19 +151,6 @@ def test_a_spline_is_followed(tmp_path: Path) -> None:
     assert float(item.at(1.5).velocities[0, 0]) == 0.0
 
 
-def test_point_instances_move(tmp_path: Path) -> None:
-    body = f"""def PointInstancer "birds" {{
-      point3f[] positions.timeSamples = {{ 0: [(0, 0, 0), (9, 0, 0)], 24: [(3, 0, 0), (9, 0, 4)] }}
-      int[] protoIndices = [0, 0]
-      rel prototypes = </birds/bird>
-      def Mesh "bird" {{
-      {CUBE}
-      }}
-    }}"""
-    objects = read(tmp_path, body, f"{METRES_Z_UP}\n timeCodesPerSecond = 24").objects
-    np.testing.assert_allclose([item.velocity for item in objects], [[3, 0, 0], [0, 0, 4]], atol=1e-9)
-
-
 def test_the_velocity_attribute_goes_to_all_below_and_turns_with_the_axes(tmp_path: Path) -> None:
     body = f"""def Xform "car" {{
       custom float3 radar:velocity = (1, 2, 3)

@@ -17,9 +17,6 @@ from datafactory.scenes.chain import Chain
 
 Real = NDArray[np.float64]
 
-CLASSES = ("car", "truck", "bus", "bicycle", "pedestrian", "pole", "sign", "other")
-"""What a thing may be, as ``radar:class`` says it in a USD file; a bicycle has its rider."""
-
 
 @dataclass(frozen=True)
 class Strip:

@@ -2,15 +2,8 @@
 
 The reader takes the USD stage at its start, with the variants that the file selects, and how each prim moves from there
 on (see ``usd_motion``). It expands instances and point instancers. It leaves out invisible prims and those of purpose
-guide or proxy. Custom attributes state what the radar needs:
-
-- ``radar:rcs_dbsm`` (a number): the prim is a point target at its origin, and replaces all geometry below it;
-- ``radar:target`` (string or token) and ``radar:targets_by_name`` (bool): a point target with a model (see
-  ``usd_targets``);
-- ``radar:velocity`` (three numbers, m/s in the USD stage's own world axes): velocity of the prim and all below it, from
-  where they are at the start; samples below it do not count;
-- ``radar:material`` (string or token): material name for the prim and all below it;
-- ``radar:class`` (string or token): class of the prim and all below it, for boxes (see ``usd_labels``).
+guide or proxy. Custom attributes state what the radar needs: docs/own-scene.md lists them. ``radar:velocity`` is in the
+axes of the USD stage, and samples below it do not count.
 """
 
 from __future__ import annotations

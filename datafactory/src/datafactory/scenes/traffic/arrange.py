@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.scenes.ground import Ground
-from datafactory.scenes.motion import Vector
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.traffic.asked import Asked
 from datafactory.scenes.traffic.stretches import FURNITURE_M, Course, Layout, Line, Stretch, layout_of, spaced, tilted
@@ -49,14 +48,11 @@ class Asset:
 
     :param label: its class, as its file has it
     :param parts: of each mesh a name, its vertices [V, 3] [m], triangles [T, 3] and material
-    :param lower, upper: corners of its box [m]
     :param foot: length and width of what of it stands below ``REACH_M``, about the origin [m]
     """
 
     label: str
     parts: tuple[tuple[str, Real, NDArray[np.int32], str], ...]
-    lower: Vector
-    upper: Vector
     foot: tuple[float, float]
 
 
@@ -69,10 +65,9 @@ def asset(name: str) -> Asset:
     )
     points = np.concatenate([vertices for _, vertices, _, _ in parts])
     low = points[points[:, 2] <= REACH_M]
-    (a, b, c), (d, e, f) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
     half = np.abs(low[:, :2]).max(axis=0)
     label = next(item.label.class_name for item in scene.objects if item.label is not None)
-    return Asset(label, parts, (a, b, c), (d, e, f), (2.0 * float(half[0]), 2.0 * float(half[1])))
+    return Asset(label, parts, (2.0 * float(half[0]), 2.0 * float(half[1])))
 
 
 @dataclass(frozen=True)
