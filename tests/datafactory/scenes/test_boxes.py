@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from usd_files import CUBE, METRES_Z_UP, read
+from usd_files import CUBE, METRES_Z_UP, ops, read
 
 from datafactory.scenes.boxes import BoxedThing, boxed_things, seen_things
 from datafactory.scenes.poses import Pose
@@ -16,9 +16,7 @@ from datafactory.scenes.targets.models import target_model
 # A car of 4 x 2 x 1.5 m: a cube of edge 2 scaled, its middle 0.75 m up, its axes turned by the Xform above it.
 BODY = f"""def Mesh "Body" {{
     {CUBE}
-    double3 xformOp:translate = (0, 0, 0.75)
-    double3 xformOp:scale = (2, 1, 0.75)
-    uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:scale"]
+    {ops(translate=(0, 0, 0.75), scale=(2, 1, 0.75))}
 }}"""
 
 
@@ -73,10 +71,7 @@ def test_a_turning_car_keeps_its_size_and_its_velocity_is_its_centres(tmp_path: 
  uniform token[] xformOpOrder = ["xformOp:rotateZ", "xformOp:translate"]
 """
     wheel = f"""def Mesh "Wheel" {{ {CUBE}
-    double3 xformOp:translate = (0, 0, 0.75)
-    double xformOp:rotateY.timeSamples = {{ 0: 0, 2: 3600 }}
-    double3 xformOp:scale = (0.2, 0.2, 0.2)
-    uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateY", "xformOp:scale"]
+    {ops(translate=(0, 0, 0.75), rotateY={0: 0, 2: 3600}, scale=(0.2, 0.2, 0.2))}
 }}"""
     metadata = f"{METRES_Z_UP}\n timeCodesPerSecond = 1\n startTimeCode = 0\n endTimeCode = 2"
     thing = only(read(tmp_path, car(circle, body=f"{BODY}\n{wheel}"), metadata))

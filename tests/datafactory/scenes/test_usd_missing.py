@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from usd_files import CUBE, METRES_Z_UP, TWINS, Twin, read, translated, write_usda
+from usd_files import CUBE, METRES_Z_UP, TWINS, Twin, ops, read, translated, write_usda
 
 from datafactory.scenes.readers.common import Reading, parse_variants
 from datafactory.scenes.readers.open import open_scene
@@ -155,8 +155,7 @@ def test_twins_in_other_axes_and_units_are_the_same_scene(tmp_path: Path, twin: 
     """Paths of such twins are compared in tests/integration/test_twins.py."""
     body = f"""def Sphere "m" {{
       double radius = {1.0 / twin.metres}
-      double3 xformOp:translate.timeSamples = {{ 0: {twin.place((3, 4, 5))}, 24: {twin.place((3, 4, 14))} }}
-      uniform token[] xformOpOrder = ["xformOp:translate"]
+      {ops(translate={0: twin.place((3, 4, 5)), 24: twin.place((3, 4, 14))})}
     }}"""
     scene = read(tmp_path, body, twin.metadata)
     np.testing.assert_allclose(np.mean(scene.bounds(), axis=0), [3, 4, 5], atol=1e-9)
