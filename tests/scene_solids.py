@@ -57,7 +57,7 @@ class Thing:
 
     @property
     def moves(self) -> bool:
-        return self.boxed.track is not None
+        return any(item.moves for item in self.boxed.items)
 
     def at(self, time_s: float) -> tuple[np.ndarray, np.ndarray]:
         """Where the middle of its underside is [3] m, and its velocity [3] m/s."""

@@ -91,7 +91,7 @@ def test_a_track_of_two_pieces_has_the_velocity_of_the_piece(tmp_path: Path) -> 
 """
     metadata = f"{METRES_Z_UP}\n timeCodesPerSecond = 1\n startTimeCode = 0\n endTimeCode = 3"
     thing = only(read(tmp_path, car(track), metadata))
-    assert thing.turning is None  # its box is shifted, and not computed anew
+    assert not thing.turns  # its box is shifted, and not computed anew
     np.testing.assert_allclose(thing.at(0.5).center, [2.0, 0.0, 0.75])
     np.testing.assert_allclose(thing.at(2.0).velocity, [0.0, 1.0, 0.0])
     for time_s in (0.25, 1.0, 1.5):
