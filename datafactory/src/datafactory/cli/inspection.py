@@ -107,7 +107,7 @@ def inspect(asked: InspectOptions) -> None:
     """
     from datafactory.inspection.dataset import summarise
     from datafactory.inspection.pictures import write_animations, write_pictures
-    from datafactory.view.cameras import Cameras
+    from datafactory.view.camera import Cameras
     from shared.dataset.folder import open_dataset
     from shared.dataset.folder import verify as verify_dataset
     from shared.dataset.locations import RemotePath

@@ -19,8 +19,7 @@ from matplotlib.image import AxesImage
 from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
-from datafactory.view.camera import draw_camera
-from datafactory.view.cameras import Cameras, seen
+from datafactory.view.camera import Cameras, draw_camera, seen
 from shared.dataset import Box, Frame
 from shared.dataset.boxes import footprint, range_and_u
 from shared.dataset.folder import Dataset
