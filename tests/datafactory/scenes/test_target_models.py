@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from usd_files import read
 
 from datafactory.frame.points import PointTargets
 from datafactory.paths.echo_points import EchoPoints, Seen, all_echo_points
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.scenes.readers.open import open_scene
-from datafactory.scenes.scene import PointTarget, Scene
+from datafactory.scenes.scene import PointTarget
 from datafactory.scenes.targets.models import (
     MODELS,
     Car,
@@ -199,17 +198,11 @@ def test_targets_obey_the_radar_equation_end_to_end(small_radar, model):
     assert echo_power_db(same, radar) == pytest.approx(level, abs=0.01)
 
 
-def stage(tmp_path: Path, body: str, header: str = 'metersPerUnit = 1\n upAxis = "Z"') -> Scene:
-    path = tmp_path / "stage.usda"
-    path.write_text(f"#usda 1.0\n(\n {header}\n)\n{body}\n", encoding="utf-8")
-    return open_scene(str(path))
-
-
 TURNED = 'double xformOp:rotateZ = 90\n uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateZ"]'
 
 
 def test_the_target_attribute_calls_for_a_model_and_gives_it_the_prims_heading(tmp_path):
-    scene = stage(
+    scene = read(
         tmp_path,
         f"""def Xform "taxi" {{
             custom token radar:target = "car"
@@ -242,7 +235,7 @@ def test_units_and_up_axis_turn_the_frame_and_leave_the_size(tmp_path):
         float3 xformOp:scale = (3, 3, 3)
         uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateY", "xformOp:scale"]
     }"""
-    (post,) = stage(tmp_path, body, 'metersPerUnit = 0.01\n upAxis = "Y"').targets
+    (post,) = read(tmp_path, body, 'metersPerUnit = 0.01\n upAxis = "Y"').targets
     assert post.position == pytest.approx((2.0, 1.0, 0.5))
     np.testing.assert_allclose(post.axes, [[0, 1, 0], [-1, 0, 0], [0, 0, 1]], atol=1e-12)
     assert isinstance(post.model, Cylinder)
@@ -255,7 +248,7 @@ def test_a_mirror_leaves_a_right_handed_frame(tmp_path):
         float3 xformOp:scale = (1, -1, 1)
         uniform token[] xformOpOrder = ["xformOp:scale"]
     }"""
-    (car,) = stage(tmp_path, body).targets
+    (car,) = read(tmp_path, body).targets
     assert np.linalg.det(np.array(car.axes)) == pytest.approx(1.0)
 
 
@@ -272,7 +265,7 @@ def test_the_name_rule_holds_where_it_is_asked_for(tmp_path):
             ("Car_post", "custom float radar:rcs_dbsm = 2"),
         )
     )
-    asked = stage(tmp_path, f'def Xform "Traffic" {{\n custom bool radar:targets_by_name = true\n {prims}\n }}')
+    asked = read(tmp_path, f'def Xform "Traffic" {{\n custom bool radar:targets_by_name = true\n {prims}\n }}')
     assert [(target.name, type(target.model).__name__) for target in asked.targets] == [
         ("/Traffic/Car_0", "Car"),
         ("/Traffic/pedestrian2", "Pedestrian"),
@@ -280,5 +273,5 @@ def test_the_name_rule_holds_where_it_is_asked_for(tmp_path):
         ("/Traffic/Car_post", "NoneType"),
     ]
     assert [item.name for item in asked.objects] == ["/Traffic/Carport/m", "/Traffic/Cars/m", "/Traffic/car_parked/m"]
-    unasked = stage(tmp_path, f'def Xform "Traffic" {{\n {prims}\n }}')
+    unasked = read(tmp_path, f'def Xform "Traffic" {{\n {prims}\n }}')
     assert [target.name for target in unasked.targets] == ["/Traffic/Car_post"]

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from usd_files import read
 
 from datafactory.frame.points import read_targets
-from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import PointTarget
 from datafactory.scenes.targets.interface import Motion
 from datafactory.scenes.targets.models import Car, Cyclist, Pedestrian, options_of, target_model
@@ -114,14 +114,10 @@ def test_options_are_off_unless_stated() -> None:
     assert set(options_of("car")) == {"wheel_radius_m", "wheel_hidden_below_m"}
 
 
-STAGE = '#usda 1.0\n(\n metersPerUnit = 1\n upAxis = "Z"\n)\n'
-
-
 def test_a_scene_states_options_as_attributes(tmp_path: Path) -> None:
-    path = tmp_path / "stage.usda"
-    path.write_text(
-        STAGE
-        + """def Xform "car" {
+    scene = read(
+        tmp_path,
+        """def Xform "car" {
             custom string radar:target = "car"
             custom double radar:wheel_radius_m = 0.31
             custom double3 radar:velocity = (8, 0, 0)
@@ -131,9 +127,8 @@ def test_a_scene_states_options_as_attributes(tmp_path: Path) -> None:
             custom float radar:stature_m = 1.75
             custom float radar:gait_phase = 0.25
             custom double3 radar:velocity = (1.4, 0, 0)
-        }"""
+        }""",
     )
-    scene = open_scene(str(path))
     assert [target.model for target in scene.targets] == [Car(0.31), Pedestrian(1.75, 0.25)]
     stated = [replace(target, model=Pedestrian()) for target in scene.targets]
     assert replace(scene, targets=tuple(stated)).content_hash() != scene.content_hash()
