@@ -190,8 +190,7 @@ def above_figure(subject: Subject) -> Figure:
         kinds = [kind for kind in KINDS if any(path.kind == kind for path in shown.paths)]
     for line in subject.field_of_view():
         axis.plot(line[:, 1], line[:, 0], color=css(SENSOR), linewidth=0.8, linestyle="--")
-    for mover in subject.movers():
-        (x, y, _), (vx, vy, _) = mover.position, mover.velocity
+    for _, (x, y, _), (vx, vy, _) in subject.movers():
         axis.annotate(
             "",
             (y + vy, x + vx),

@@ -85,9 +85,9 @@ def page_data(subject: Subject, shown: Shown | None) -> dict[str, Any]:
         "field": [_rounded(line) for line in subject.field_of_view()],
         "motion": css(MOTION),
         "movers": [
-            {"name": item.name, "at": _rounded(item.position), "velocity": _rounded(item.velocity),
-             "speed": round(math.hypot(*item.velocity), 2)}
-            for item in subject.movers()
+            {"name": name, "at": _rounded(place), "velocity": _rounded(velocity),
+             "speed": round(math.hypot(*velocity), 2)}
+            for name, place, velocity in subject.movers()
         ],
         "target": css(TARGET),
         "targets": [

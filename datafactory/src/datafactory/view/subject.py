@@ -33,15 +33,6 @@ ARC_POINTS = 49
 
 
 @dataclass(frozen=True, eq=False)
-class Mover:
-    """Something that moves: where its middle is, radar frame [m], and its velocity over ground in that frame's axes."""
-
-    name: str
-    position: Vector
-    velocity: Vector
-
-
-@dataclass(frozen=True, eq=False)
 class Subject:
     """A scene from a pose, all places in that pose's radar frame: x forward, y left, z up, the sensor at the origin.
 
@@ -73,13 +64,16 @@ class Subject:
         """[T, 3] where the point targets stand [m]."""
         return self._seen(np.array([item.position for item in self.merged.targets], dtype=np.float64).reshape(-1, 3))
 
-    def movers(self) -> tuple[Mover, ...]:
-        """The things of the scene that move at the pose's time, then the sensor itself if it does."""
+    def movers(self) -> list[tuple[str, Vector, Vector]]:
+        """The things of the scene that move at the pose's time, then the sensor itself if it does.
+
+        Of each its name, where its middle is [m], and its velocity over ground in the radar frame's axes [m/s].
+        """
         seen = seen_things(self.scene.things, replace(self.pose, velocity=ZERO))
-        found = [Mover(thing.name, thing.center, thing.velocity) for thing in seen if any(thing.velocity)]
+        found = [(thing.name, thing.center, thing.velocity) for thing in seen if any(thing.velocity)]
         if any(self.pose.velocity):
-            found.append(Mover("sensor", ZERO, triple(np.array(self.pose.velocity) @ self.pose.rotation())))
-        return tuple(found)
+            found.append(("sensor", ZERO, triple(np.array(self.pose.velocity) @ self.pose.rotation())))
+        return found
 
     def field_of_view(self) -> list[Real]:
         """Lines [n, 3] round what the image covers, level with the sensor [m]: edges in u, arcs of equal range."""
