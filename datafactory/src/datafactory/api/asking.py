@@ -36,7 +36,7 @@ from datafactory.scenes.poses import Pose, read_poses
 from datafactory.scenes.readers.common import Reading, parse_variants
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene
-from datafactory.scenes.track_files import read_track
+from datafactory.scenes.tracks import read_track
 from datafactory.scenes.traffic.asked import Asked, parse_populate
 from datafactory.scenes.traffic.population import populated
 from shared.dataset.locations import locate

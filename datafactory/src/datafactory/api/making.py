@@ -85,7 +85,7 @@ def _made(asked: RenderOptions | TraceOptions, order: Order, menu: Menu | None, 
 
 def _with_cameras(order: Order, table: MaterialTable, report: Report, progress: Progress) -> Report:
     """The pictures of a camera at the sensor beside a finished run; those that are there are kept."""
-    from datafactory.view.cameras import Cameras, write_cameras  # where needed: Matplotlib takes a quarter of a second
+    from datafactory.view.camera import Cameras, write_cameras  # where needed: Matplotlib takes a quarter of a second
 
     started = time.perf_counter()
     dataset = open_dataset(report.directory)

@@ -46,7 +46,7 @@ RadarLike: TypeAlias = "str | Path | Radar"
 PosesLike: TypeAlias = "str | Path | Sequence[Pose]"
 """The path of a JSON file, see :func:`datafactory.scenes.poses.read_poses`, or the poses themselves."""
 TrajectoryLike: TypeAlias = "str | Path | Drives | Sequence[str | Path | Sequence[Pose]]"
-"""The path of a CSV or JSON file, see :func:`datafactory.scenes.track_files.read_track`; several, or the poses of
+"""The path of a CSV or JSON file, see :func:`datafactory.scenes.tracks.read_track`; several, or the poses of
 several tracks, a sequence each; or ``"drive"``, ``"drive:speed=10,seconds=4"`` or what that means, to draw them."""
 MaterialsLike: TypeAlias = "str | Path | MaterialTable"
 TargetsLike: TypeAlias = "str | Path | Sequence[PointTargets]"

@@ -17,7 +17,7 @@ import pyarrow as pa
 from packaging.licenses import InvalidLicenseExpression, canonicalize_license_expression
 
 from datafactory.frame.chain import FRAMES_WITH
-from datafactory.scenes.readers.named import SHIPPED_PREFIX, SIONNA_PREFIX
+from datafactory.scenes.readers.open import SHIPPED_PREFIX, SIONNA_PREFIX
 from shared.dataset import arrow_schema
 from shared.dataset.folder import SPLITS
 from shared.dataset.locations import Location
