@@ -1,6 +1,6 @@
 """The trainer's readers on damaged files and on whole files of odd content: they read, or say one line.
 
-See ``tests/fuzzing.py``: ``FUZZ_SECONDS`` lets each go on.
+See ``tests/fuzzing.py``: ``FUZZ_INPUTS`` lets them go on.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-import scipy.io
 import torch
 from fuzzing import EDITS, JSON, SPLICES, Edit, Splice, altered, damaged, edited, fuzz, reads_or_says_one_line
 from hypothesis import strategies as st
@@ -36,10 +35,8 @@ sys.path.append(str(Path(__file__).resolve().parents[1] / "trainer"))
 from small_evaluation import FULL, make_run
 from tiny_radar import RADAR, small_dataset
 
-from trainer.captures.reading import read_npz
 from trainer.data.arrays import choose_array
 from trainer.data.measurements import open_measurements
-from trainer.evaluation.experiments.measured_input import read_snapshot
 from trainer.run.folder import load_imager, read_run
 from trainer.training.callbacks import RESTORED, require_checkpoint
 
@@ -100,21 +97,6 @@ def test_damaged_cubes(folder: Path, splices: list[Splice], edits: list[Edit]) -
 def test_a_npz_of_an_odd_radar(folder: Path, alterations: list[tuple[float, Any]]) -> None:
     text = json.dumps(altered(RADAR_JSON, alterations))
     write_and_read(folder / "odd.npz", npz(cube=CUBE, radar=of_array(text)), measure)
-
-
-@fuzz(100, splices=SPLICES)
-def test_damaged_cell(folder: Path, splices: list[Splice]) -> None:
-    whole = npz(levels=of_array(np.arange(20.0)), rows=of_array(3))
-    write_and_read(folder / "cell.npz", damaged(whole, splices), read_npz)
-
-
-@fuzz(4, splices=SPLICES)
-def test_damaged_snapshot(folder: Path, splices: list[Splice]) -> None:
-    snapshot = np.exp(1j * np.arange(12.0))
-    buffer = io.BytesIO()
-    scipy.io.savemat(buffer, {"snapshot": snapshot[None]})
-    for name, whole in (("snapshot.npy", of_array(snapshot)), ("snapshot.mat", buffer.getvalue())):
-        write_and_read(folder / name, damaged(whole, splices), read_snapshot)
 
 
 @fuzz(120, splices=SPLICES)
