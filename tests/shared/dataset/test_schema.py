@@ -23,7 +23,7 @@ from small_dataset import (
 )  # fmt: skip
 
 from shared.dataset import Box, Target, arrow_schema, description, row_bytes, to_record_batch
-from shared.dataset.reading import read_description, read_frame, read_frames
+from shared.dataset.reading import read_frame, read_frames
 from shared.physics.errors import InputError
 from shared.radar import ImageGrid, Radar
 from shared.radar.arrays import AntennaArray, line
@@ -99,15 +99,6 @@ def test_row_bytes_is_what_arrow_holds():
     shapes = description(RADAR, PEAKS, "cube")["shapes"]
     assert row_bytes(shapes) == expected
     assert row_bytes(shapes, ["image", "scene"]) == frame.image.nbytes
-
-
-def test_description_keeps_what_is_added_but_lets_nothing_be_replaced(tmp_path):
-    write(tmp_path / "shard.parquet", [make_frame(0)], truth_window="hann")
-    assert read_description(tmp_path / "shard.parquet")["truth_window"] == "hann"
-    with pytest.raises(ValueError, match="'radar'"):
-        description(RADAR, PEAKS, "range-channel", {"radar": {}})
-    with pytest.raises(InputError, match=r"--store: 'all'.*'cube'"):
-        description(RADAR, PEAKS, "all")
 
 
 @pytest.mark.parametrize(
