@@ -25,6 +25,7 @@ BIN = Path(sys.executable).parent
 HANG_S = 300.0
 """No command here takes a tenth of this on a machine of its own. Where others take the processor it may: a command
 hangs that has not ended by then and whose processes all sleep."""
+FRAMES = "44"
 ON_RAY = 0.8
 """Share of the starts of ``ray`` that are on the cluster; the others go on on this machine."""
 
@@ -94,7 +95,7 @@ def commands(work: Path, names: list[str]) -> list[Command]:
     evaluate += ["--workers", "2"]
 
     def render(of: list[str]) -> Callable[[Path], list[str]]:
-        return lambda out: [factory, "render", *of, "--frames", "44", "--points", "4", "--out", str(out)]
+        return lambda out: [factory, "render", *of, "--frames", FRAMES, "--points", "4", "--out", str(out)]
 
     def trace(of: list[str]) -> Callable[[Path], list[str]]:
         return lambda out: [factory, "trace", *of, "--frames", "40", "--out", str(out)]
