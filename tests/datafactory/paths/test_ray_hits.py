@@ -68,19 +68,6 @@ def test_lines_leave_their_ends_by_the_ray_casters_error(generator):
     np.testing.assert_array_equal(reach, np.maximum(left, 0.0).astype(np.float32))
 
 
-def test_all_that_is_read_of_a_cast_is_evaluated_in_one_kernel(generator):
-    import drjit as dr  # not before the variant is chosen, and with it the LLVM that Dr.Jit loads
-
-    geometry = sionna_scene(TWO_WALLS).mi_scene
-    cast = (*rays(64, generator), np.full(64, np.inf))
-    for normals in (True, False):
-        first_hits(geometry, *cast, normals)
-        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-            dr.kernel_history_clear()
-            first_hits(geometry, *cast, normals)
-            assert len(dr.kernel_history((dr.KernelType.JIT,))) == 1
-
-
 STRIPS = (0.5, 0.25, 2.25, 1.5, 1.0, 0.5)
 AIMED = RayFan(60_000, (0.37, 0.81), strips=STRIPS)
 
@@ -123,14 +110,6 @@ def test_azimuth_has_the_stated_density(offset):
     np.testing.assert_allclose(
         share, (np.arange(20_000) + 0.5) / 20_000, atol=4.0 / 20_000
     )  # discrepancy of the sequence
-
-
-@pytest.mark.parametrize("offset", [(0.0, 0.0), (0.37, 0.81)])
-def test_elevation_has_the_stated_density(offset):
-    fan = RayFan(20_000, offset, beam=0.05)
-    z = np.sort(directions_of(fan)[:, 2])
-    share = 0.5 + np.arctan(z / 0.05) / (2.0 * np.arctan(1.0 / 0.05))
-    np.testing.assert_allclose(share, (np.arange(20_000) + 0.5) / 20_000, atol=1.5 / 20_000)
 
 
 @pytest.mark.parametrize("fan", [RayFan(20_000, (0.37, 0.81), 0.05), RayFan(20_000, beam=0.2), AIMED], ids=str)

@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
-from jaxtyping import TypeCheckError
 
-from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.mid_frame import MidFrame
-from datafactory.synthesis.spread import columns, padded
-from datafactory.synthesis.truth import truth_moments
 from datafactory.synthesis.visibility import DOPPLER_REACH, LEVELS, NEGLECTED, ROW_REACH, seen_paths
 from shared.radar import Radar
 from shared.radar.waveform import Waveform
@@ -74,26 +68,3 @@ def test_the_same_paths_are_seen(samples, count, spread_db):
     expected = one_after_another(mid, radar.waveform, cells)
     np.testing.assert_array_equal(seen_paths(mid, radar, cells), expected)
     assert count < 60 or expected.sum() > 0
-
-
-RadarMaker = Callable[..., Radar]
-
-
-def one_path() -> ScatteredPaths:
-    return ScatteredPaths.of_points(np.array([[5.0, 1.0, 0.0]]), np.zeros((1, 3)), np.ones(1))
-
-
-def test_right_shapes_pass() -> None:
-    assert columns(one_path(), np.array([0])).shape == (16, 1)
-    assert padded(np.zeros((17, 3))).shape == (3, 32)
-
-
-def test_wrong_shapes_and_types_do_not(small_radar: RadarMaker) -> None:
-    with pytest.raises(TypeCheckError):
-        padded(np.zeros((17, 2)))
-    with pytest.raises(TypeCheckError):
-        columns(one_path(), np.array([0.0]))
-    with pytest.raises(TypeCheckError):
-        truth_moments(PathTable(one_path()), small_radar(), np.zeros((64, 1), dtype=np.int64))
-    with pytest.raises(TypeCheckError):
-        truth_moments(PathTable(one_path()), small_radar(), np.zeros(64))

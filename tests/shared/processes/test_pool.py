@@ -15,7 +15,6 @@ import psutil
 import pytest
 from pool_work import Squares, note_process
 
-from shared.physics.errors import InputError
 from shared.processes.lock import one_job
 from shared.processes.pool import Processes, ThisProcess, WorkerPool
 from shared.processes.tasks import ATTEMPTS, LOSSES, Attempts, Finished
@@ -186,14 +185,6 @@ with one_job(Path({str(tmp_path)!r}), Path({str(tmp_path / "lock")!r}), "--out")
     assert (tmp_path / "lock").exists()
     with one_job(tmp_path, tmp_path / "lock", "--out"):
         pass
-
-
-def test_the_message_of_a_held_folder_is_one_line(tmp_path: Path) -> None:
-    with one_job(tmp_path, tmp_path / "lock", "--out"), pytest.raises(InputError) as caught:  # noqa: SIM117
-        with one_job(tmp_path, tmp_path / "lock", "--out"):
-            pass
-    assert str(caught.value).startswith("--out: another process is at work in ")
-    assert "\n" not in str(caught.value)
 
 
 def test_a_task_fails_with_its_third_process() -> None:
