@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -98,11 +97,6 @@ def test_every_path_of_the_solver_is_found_with_its_amplitude(polarization):
         np.testing.assert_array_equal(ours.objects[index], theirs.objects)
         np.testing.assert_array_equal(ours.triangles[index], theirs.triangles)
         np.testing.assert_allclose(ours.velocities[index], theirs.velocities, atol=1e-12)
-
-
-def test_across_the_polarization_a_surface_scatters_nothing():
-    crossed = once_of(*CORNER, rays=2_000, depth=1, polarization=("V", "H"))
-    assert sum(len(part.amplitude) for part in crossed) == 0
 
 
 def test_rings_on_a_plane_have_the_integrals_power():
@@ -266,15 +260,3 @@ def test_panes_change_no_path_that_does_not_cross_them(depth):
             if field.name == "candidate":  # a number in a list that is longer with panes
                 continue
             np.testing.assert_array_equal(getattr(ours, field.name), getattr(theirs, field.name))
-
-
-def test_each_number_of_bounces_is_left_alone_by_more_of_them():
-    tables = [
-        trace(merged_of(*CORNER), HERE, FREQUENCY_HZ, TraceSettings(rays=20_000, depth=d), RayFan(20_000), 1)
-        for d in (1, 2, 3)
-    ]
-    for fewer, more in pairwise(tables):
-        most = int(fewer.scattered.depth.max())
-        kept = more.scattered.take(np.flatnonzero(more.scattered.depth <= most))
-        np.testing.assert_array_equal(kept.amplitude, fewer.scattered.amplitude)
-        np.testing.assert_array_equal(kept.rx_point, fewer.scattered.rx_point)
