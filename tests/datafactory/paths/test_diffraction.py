@@ -225,3 +225,9 @@ def test_source_and_observer_may_change_places(of, polarization):
     here, there = np.array([0.0, 4.0, 0.0]), np.array([12.0, -2.0, 0.7])
     (_, _, one), (_, _, two) = (bistatic(house, a, b, polarization) for a, b in ((here, there), (there, here)))
     assert np.abs(one).max() == pytest.approx(np.abs(two).max(), rel=1e-10)
+
+
+def test_crossed_polarisations_hear_nothing_of_an_upright_edge():
+    scattered, _, _ = echoes(upright_edge(turned=0.6), polarization=("V", "H"))
+    assert len(scattered) > 0
+    assert np.abs(scattered.amplitude).max() < 1e-15

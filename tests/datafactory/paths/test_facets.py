@@ -194,3 +194,11 @@ def test_the_angles_of_far_edges_add_up_whatever_the_turns_and_whether_they_clos
     assert not through
     assert abs(total - slow_total) < 1e-9
     assert abs(turned - slow_turned) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("y", "z", "expected"),
+    [((-9.0, 9.0), (-9.0, 9.0), 1.0), ((0.0, 9.0), (-9.0, 9.0), 0.5), ((0.0, 9.0), (0.0, 9.0), 0.25)],
+)
+def test_whole_plane_edge_and_corner(y, z, expected):
+    assert share(plate(y, z)) == pytest.approx(expected, abs=1e-6)

@@ -260,3 +260,8 @@ def test_panes_change_no_path_that_does_not_cross_them(depth):
             if field.name == "candidate":  # a number in a list that is longer with panes
                 continue
             np.testing.assert_array_equal(getattr(ours, field.name), getattr(theirs, field.name))
+
+
+def test_across_the_polarization_a_surface_scatters_nothing():
+    crossed = once_of(*CORNER, rays=2_000, depth=1, polarization=("V", "H"))
+    assert sum(len(part.amplitude) for part in crossed) == 0

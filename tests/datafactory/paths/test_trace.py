@@ -192,3 +192,8 @@ def test_neighbouring_poses_share_a_rough_surfaces_phases():
 
     assert kept(near) > 0.9
     assert kept(far) < 0.1
+
+
+def test_single_bounces_have_no_chains():
+    assert set(traced(*WALLS, depth=1).specular.depth) == {1}
+    assert set(traced(*WALLS, depth=2, specular=False).specular.depth) == set()

@@ -183,3 +183,10 @@ def test_an_unknown_preset_names_the_known_ones(tmp_path):
         load_radar("avr")
     with pytest.raises(InputError, match="no preset and no file"):
         load_radar(str(tmp_path))
+
+
+def test_virtual_sensor():
+    array = virtual_sensor_256(77e9)
+    half_wavelength = 299_792_458.0 / 77e9 / 2.0
+    np.testing.assert_allclose(array.rx[:, 1], (np.arange(256) - 127.5) * half_wavelength, rtol=1e-12)
+    np.testing.assert_array_equal(array.tx, np.zeros((1, 3)))

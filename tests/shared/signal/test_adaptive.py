@@ -255,3 +255,15 @@ def test_snapshot_features_are_the_rows_and_their_noise(generator):
     again, again_scale = snapshot_features(torch.from_numpy(frames), torch.from_numpy(noise_power))
     np.testing.assert_allclose(again, planes, rtol=1e-5, atol=1e-7)
     np.testing.assert_allclose(again_scale, scale, rtol=1e-6)
+
+
+@pytest.mark.parametrize("rule", ["iaa", "likes"])
+def test_iterations_go_on_from_given_powers(generator, rule):
+    channels = chosen("sparse4")
+    x, noise, _ = echoes(generator, channels, rows=2)
+    tables = adaptive_tables(RADAR, channels)
+    first = adaptive_powers(x, noise, tables, 2, rule)
+    np.testing.assert_array_equal(
+        adaptive_powers(x, noise, tables, 3, rule, start=first), adaptive_powers(x, noise, tables, 5, rule)
+    )
+    np.testing.assert_array_equal(adaptive_powers(x, noise, tables, 0, rule, start=first), first)

@@ -258,3 +258,11 @@ def test_a_real_capture_shows_the_reflector_and_both_movers():
         u, _ = lobes(selection.range_channel[peak, row], array.virtual[:, 1], waveform.wavelength_m)
         assert np.degrees(np.arcsin(u)) == pytest.approx(angle_deg, abs=1.0)
     assert "nothing resolves" in str(statement(radar))
+
+
+def test_where_only_half_of_the_intervals_are_told_apart_the_slower_one_is_taken():
+    radar = tdm_radar(array=half_wavelengths([0, 20, 3, 40], [0, 1, 2, 3]))
+    span = radar.waveform.velocity_span_mps
+    for velocity, found in ((0.8, 0.8), (-0.8, -0.8), (1.3, -0.7)):
+        selection, row = selected(radar, [velocity * span])
+        assert selection.velocities_mps(radar.waveform)[0, row] == pytest.approx(found * span, abs=span / 128)
