@@ -130,7 +130,8 @@ def test_three_mirrors_are_followed_from_two_bounces_on(depth, settings):
 
 def test_what_is_scattered_keeps_to_the_bounces_asked_for():
     rough = (wall("rough", AHEAD_M), rectangle("side", (5.0, 6.0, 0.0), (5.0, 0.0, 0.0), (0.0, 0.0, 9.0), "rough"))
-    two, three = (traced(*rough, WALLS[1], depth=depth, rays=4_000) for depth in (2, 3))
+    one, two, three = (traced(*rough, WALLS[1], depth=depth, rays=4_000) for depth in (1, 2, 3))
+    assert one.scattered.depth.max() == 1
     assert two.scattered.depth.max() == 2
     assert three.scattered.depth.max() == 3
     # The same chains of mirrors, whatever else is followed.
