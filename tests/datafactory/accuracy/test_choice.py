@@ -1,4 +1,4 @@
-"""The choice among measured prices: the cheapest that keeps the budget, and the front that these make."""
+"""The choice among measured prices: the cheapest that keeps the budget, the front, and what is measured once."""
 
 from __future__ import annotations
 

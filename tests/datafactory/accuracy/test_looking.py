@@ -1,4 +1,4 @@
-"""Frames under settings of the knobs are the run's own; what they are held against is exact."""
+"""Frames under settings of the knobs are the run's own; what they are held against is exact, or without its scatter."""
 
 from __future__ import annotations
 

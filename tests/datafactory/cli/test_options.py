@@ -1,4 +1,4 @@
-"""Options are declared once: the command and the function that take a group have the same names, bounds and texts."""
+"""Options are declared once: names, bounds and texts of command and function are the same; what comes next."""
 
 import inspect
 import re

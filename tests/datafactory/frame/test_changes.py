@@ -1,4 +1,4 @@
-"""How much a frame would change without an effect: the formulas against slow sums."""
+"""How much a frame would change without an effect, against slow sums; what it is then made with."""
 
 from __future__ import annotations
 

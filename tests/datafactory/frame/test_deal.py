@@ -1,4 +1,4 @@
-"""Which frame is frame i: every question has one answer, whoever asks."""
+"""Which frame is frame i, of which sequence: every question has one answer, whoever asks."""
 
 from __future__ import annotations
 

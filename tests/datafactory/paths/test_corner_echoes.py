@@ -1,4 +1,4 @@
-"""Echoes of right-angled corners against closed forms, and against physical optics on a fine grid."""
+"""Echoes of right-angled corners against closed forms and physical optics; their aperture against slower ways."""
 
 from __future__ import annotations
 

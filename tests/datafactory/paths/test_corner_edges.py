@@ -1,4 +1,4 @@
-"""Right-angled corners of small meshes, counted and measured by hand."""
+"""Right-angled corners of small meshes, counted and measured by hand; of scenes in which something turns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Levels of curved mirrors against closed forms and physical optics, tessellated in many ways.
+"""Curved mirrors: levels against closed forms and physical optics, delays against shortest paths, what is degenerate.
 
 Levels are those of one metal body; the bound of 0.5 dB is for k r > 50.
 """

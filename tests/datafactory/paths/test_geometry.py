@@ -1,4 +1,4 @@
-"""The geometry that a process keeps: a frame is the same whatever was traced before it."""
+"""The geometry that a process keeps, and what is found of a scene: the same whatever was traced before."""
 
 from __future__ import annotations
 

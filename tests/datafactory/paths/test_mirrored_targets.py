@@ -1,4 +1,4 @@
-"""Levels of targets over mirrors against the two-ray model in closed form, and the sum over a small face.
+"""Targets over mirrors: levels against the two-ray model and a sum over a small face, ways against mirror images.
 
 The closed form is written here from Fresnel's equations and lengths alone. It shares with what it judges
 the scene's classes alone.

@@ -1,4 +1,4 @@
-"""What rays meet first: the numbers of shapes and triangles, distances, normals; and one kernel for all of them."""
+"""The ray fan, its density and solid angles; and what rays meet first."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Echoes scattered once: path by path against Sionna's own, by the closed form, by object, through panes."""
+"""Echoes scattered once and twice: against Sionna's own, by the closed form, drawn in parts, through panes."""
 
 from __future__ import annotations
 

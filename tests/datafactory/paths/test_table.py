@@ -1,4 +1,4 @@
-"""The path table: both delay laws, illumination, reciprocity, and what counts what."""
+"""The path table: both delay laws, illumination, reciprocity, what counts what, and a table that stands still."""
 
 from __future__ import annotations
 

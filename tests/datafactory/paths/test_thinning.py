@@ -1,4 +1,4 @@
-"""Fewer paths of the same power."""
+"""Fewer paths of the same power: thinned, pruned, sorted, counted; against sums written out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One trace: the same bytes each time, names, hidden and small mirrors, empty views, places far from the origin."""
+"""One trace: its bytes, names, hidden and small mirrors, places far from the origin, chains of mirrors, motion."""
 
 from __future__ import annotations
 

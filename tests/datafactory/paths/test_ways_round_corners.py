@@ -1,4 +1,4 @@
-"""Targets behind an edge: knife-edge loss, exact lengths and their changes, all ways round, and what is left out."""
+"""Targets behind an edge: knife-edge loss, exact lengths, all ways round, and many targets at once as each alone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Jobs of an array become the dataset of the run in one piece, or are refused with what is wrong."""
+"""Jobs of an array: which shards are whose, how they become the run in one piece, and what is refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Portions of shards: how frames are cut, put in order again, and what is left of those that cannot be made."""
+"""Portions of shards: how frames are cut and put in order again, what is left of some; poses that come late."""
 
 from __future__ import annotations
 

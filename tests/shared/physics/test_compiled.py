@@ -1,4 +1,4 @@
-"""Kernels without a folder for their machine code: compiled all the same, and kept where there is one."""
+"""Kernels: compiled without a folder for their machine code, kept where there is one, and the rule for their calls."""
 
 from __future__ import annotations
 

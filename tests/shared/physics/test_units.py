@@ -1,4 +1,4 @@
-"""Constants and conversions."""
+"""Constants and conversions, vectors, and the error that a user can cause."""
 
 from __future__ import annotations
 

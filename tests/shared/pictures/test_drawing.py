@@ -1,4 +1,4 @@
-"""Where a bin is drawn: over u and from above, however many bins a pixel holds."""
+"""Levels that a picture can show, and where a bin is drawn, however many bins a pixel holds."""
 
 from __future__ import annotations
 

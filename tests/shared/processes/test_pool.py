@@ -1,4 +1,4 @@
-"""Worker processes that die: replaced, their tasks tried again, and nothing hangs or stays behind."""
+"""Worker processes that die: replaced, their tasks tried again so often, and nothing hangs or stays behind."""
 
 from __future__ import annotations
 

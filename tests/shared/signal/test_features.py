@@ -1,4 +1,4 @@
-"""Features: equal to eq. (7)-(12) written out in float64, the same in NumPy and torch, finite on every hard row."""
+"""Features: eq. (7)-(12) written out in float64, the same in NumPy and torch; the floor that a model error lays."""
 
 from __future__ import annotations
 

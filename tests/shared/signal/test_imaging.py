@@ -1,4 +1,4 @@
-"""Images: where targets peak, with which sign and level; the fast matched filter against the exact one; resolution."""
+"""Images: where targets peak, with which sign and level; the fast matched filter against the exact one; steering."""
 
 from __future__ import annotations
 

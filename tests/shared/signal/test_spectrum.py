@@ -1,4 +1,4 @@
-"""Range-Doppler spectra and the choice of Doppler cells."""
+"""Range-Doppler spectra, the choice of Doppler cells, windows."""
 
 from __future__ import annotations
 
