@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from corner_references import Rectangle
 from corner_scenes import (
+    Rectangle,
     Sight,
     corner_echo,
     corners_seen,
