@@ -231,3 +231,11 @@ def test_crossed_polarisations_hear_nothing_of_an_upright_edge():
     scattered, _, _ = echoes(upright_edge(turned=0.6), polarization=("V", "H"))
     assert len(scattered) > 0
     assert np.abs(scattered.amplitude).max() < 1e-15
+
+
+def test_a_sheet_of_air_has_no_edges_and_glass_fainter_ones_than_metal():
+    air, glass, metal = (
+        np.abs(echoes(upright_edge(turned=0.4, of=of))[0].amplitude[0]) for of in ("air", "glass", "metal")
+    )
+    assert air < 1e-12 * metal
+    assert 0.02 * metal < glass < metal

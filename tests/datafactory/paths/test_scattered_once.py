@@ -265,3 +265,16 @@ def test_panes_change_no_path_that_does_not_cross_them(depth):
 def test_across_the_polarization_a_surface_scatters_nothing():
     crossed = once_of(*CORNER, rays=2_000, depth=1, polarization=("V", "H"))
     assert sum(len(part.amplitude) for part in crossed) == 0
+
+
+def table_of(*objects: SceneObject, rays: int, **settings) -> PathTable:
+    chosen = TraceSettings(rays=rays, **settings)
+    return trace(merged_of(*objects), HERE, FREQUENCY_HZ, chosen, RayFan(rays), 1)
+
+
+def test_thinned_paths_have_the_power_of_all():
+    settings = {"rays": 20_000, "depth": 1, "finite_mirrors": False}
+    every, some = (table_of(*CORNER, paths_a_cell=most, **settings).scattered for most in (0, 4))
+    assert len(some) < 0.8 * len(every)
+    ratio = np.sum(np.abs(some.amplitude) ** 2) / np.sum(np.abs(every.amplitude) ** 2)
+    assert ratio == pytest.approx(1.0, rel=1e-12)

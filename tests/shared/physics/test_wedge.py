@@ -169,3 +169,7 @@ def test_the_coefficient_is_finite_exactly_on_its_boundaries():
 def test_rays_that_cannot_be_are_refused(changes, message):
     with pytest.raises(InputError, match=message):
         geometry(**changes)
+
+
+def test_a_sheet_of_air_diffracts_nothing():
+    assert diffraction_coefficient(geometry(n=2.0, observer=5.0), WAVENUMBER, 0.0, 0.0, 1.0) == 0.0
