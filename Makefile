@@ -12,7 +12,7 @@ DATASET := build/dataset
 STUDY := build/study
 STUDY_STEPS := 1500
 STUDY_METHODS := das,das-hann,music,iaa,iaa-view,omp,omp-cfar,spice,likes,cnn,unet
-POPULATE := --populate cars=20,trucks=2,pedestrians=10,cyclists=4,poles=30,signs=10,parked=0.6
+POPULATE := --populate cars=4/100m,trucks=0.4/100m,pedestrians=10,cyclists=4,poles=30,signs=10,parked=0.6
 CITIES := --scene scenes/street.usda --scene sionna:simple_street_canyon_with_cars --scene sionna:munich
 
 help:
@@ -43,11 +43,9 @@ $(INSTALLED): constraints.txt shared/pyproject.toml datafactory/pyproject.toml t
 	@touch $@
 
 dataset: $(DATASET)/manifest.json
-	@echo
-	@echo "The dataset is in $(DATASET) (manifest.json says how it was made). Look at it:"
-	@echo "  $(BIN)/datafactory inspect $(DATASET)        numbers, and pictures in $(DATASET)/pictures"
-	@echo "Next:"
-	@echo "  $(BIN)/datafactory render --scene YOUR_SCENE.usd --out build/mine --frames 16"
+	@echo "The dataset is in $(DATASET). Numbers and pictures of it, and images by a network:"
+	@echo "  $(BIN)/datafactory inspect $(DATASET)"
+	@echo "  $(BIN)/trainer predict $(DATASET) --pretrained sparse6 --points --out build/images"
 
 $(DATASET)/manifest.json: | $(INSTALLED)
 	$(BIN)/datafactory render $(CITIES) $(POPULATE) --frames 64 --points 16 --out $(DATASET) --resume

@@ -224,6 +224,20 @@ def test_what_does_not_fit_is_said() -> None:
     assert line.startswith(f"{population_of(crowded).placed['trucks']} of 500 trucks placed")
 
 
+def test_a_density_asks_for_what_the_road_holds() -> None:
+    """Numbers follow from the metres of road, and what has no room is nobody's disappointment."""
+    dense = populated(two_blocks(), parse_populate("cars=4/100m,poles=3"), 0)
+    population = population_of(dense)
+    road_m = sum(road.length_m for road in population.roads)
+    assert population.placed == {"cars": round(0.04 * road_m), "poles": 3}
+    assert population.placed["cars"] > 0
+    assert population.asked == {"poles": 3}
+    assert population.text == "cars=4/100m,poles=3"
+    crowded = populated(two_blocks(), parse_populate("trucks=100/100m"), 0)
+    assert 0 < population_of(crowded).placed["trucks"] < sum(road.length_m for road in population_of(crowded).roads)
+    assert crowded.warnings == ()
+
+
 def test_same_seed_same_scene(hill: Scene) -> None:
     again = populated(two_blocks(), ASKED, 3)
     assert again.content_hash() == hill.content_hash()
@@ -265,6 +279,10 @@ def test_sensors_stand_on_the_populated_road_and_in_no_parked_car(hill: Scene) -
         ("cars=-3", "cars=-3; expected a whole number from 0 to 2000"),
         ("cars=2.5", "cars=2.5; expected a whole number"),
         ("cars=many", "cars=many; expected a whole number"),
+        ("cars=many/100m", "cars=many/100m; expected from 0 to 100 a hundred metres of road"),
+        ("cars=nan/100m", "cars=nan/100m; expected from 0"),
+        ("cars=1,cars=2/100m", "cars is given twice"),
+        ("parked=4/100m", "parked=4/100m; expected a share"),
         ("cars", "cars without a number"),
         ("cars=", "cars=; expected a whole number"),
         ("cars=1,cars=2", "cars is given twice"),
@@ -284,6 +302,8 @@ def test_bad_request_is_one_line(text: str, line: str) -> None:
 def test_a_request_is_read_back_as_it_is_told() -> None:
     assert parse_populate(ASKED.text) == ASKED
     assert parse_populate(" cars = 3 , parked=0.25") == Asked(cars=3, parked=0.25)
+    dense = Asked(poles=2, densities=(("cars", 0.4),))
+    assert parse_populate(dense.text) == dense
 
 
 def test_check_tells_what_was_put_in(tmp_path: Path) -> None:
