@@ -115,7 +115,7 @@ def test_samples_are_labelled_and_scaled(records):
     record = records["cube_moving_vs_direct"]
     assert "3 of 384 channel-chirps, scaled" in record["reference"]
     assert record["reference_seconds"] == pytest.approx(record["measured_reference_seconds"] * 384 / 3)
-    assert 10.0 < record["peak_memory_mb"] < 2000.0
+    assert record["peak_memory_mb"] > 10.0  # of the whole process, whatever ran in it before
 
 
 def test_the_machine_is_described_beside_the_records(records):
