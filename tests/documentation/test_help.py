@@ -82,8 +82,10 @@ def _run(patch: pytest.MonkeyPatch, text: str) -> None:
     smaller = {option: value for option, value in SMALLER.items() if option in options}
     if name in ("render", "trace"):
         smaller |= {"--frames": "3"}
-    if program == "datafactory":
+    if name != "fit":  # elsewhere it is a flag, or adds frames
         smaller.pop("--points", None)
+    if program == "trainer":  # a dataset has its radar
+        smaller.pop("--radar", None)
     patch.setattr(sys, "argv", [program, name, *arguments, *(word for pair in smaller.items() for word in pair)])
     code: object = None
     try:
