@@ -70,7 +70,7 @@ def test_the_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, varia
     for text in EVERY:
         if text.split()[1] not in NOT_RUN and "--pretrained" not in text:  # its radar is no small one; README's is run
             _run(monkeypatch, text)
-    for made in ("mine/manifest.json", "whole/manifest.json", "street.html", "city-7.usda", "run.onnx", "images-of-run"):
+    for made in ("mine/manifest.json", "whole/manifest.json", "street.html", "run.onnx", "images-of-run"):
         assert (tmp_path / "build" / made).exists(), made
 
 
