@@ -61,7 +61,8 @@ def main(
             listed[name] += hit.any(axis=2).all(axis=1).tolist()
     for name in channels:
         pairs = f"{np.mean(listed[name]):.3f} of {len(listed[name])}"
-        print(f"{name}: pairs {pairs}, false lines {np.mean(false[name]):.2f} a frame, {np.median(seconds[name]):.3f} s")
+        lines, cost = f"{np.mean(false[name]):.2f} a frame", f"{np.median(seconds[name]):.3f} s a frame"
+        print(f"{name}: pairs {pairs}, false lines {lines}, {cost}")
 
 
 def drawn_cube(
