@@ -18,8 +18,7 @@ from matplotlib.figure import Figure
 
 from trainer.evaluation.evaluate import open_bench
 from trainer.evaluation.experiments.bench import EvaluationConfig
-from trainer.evaluation.experiments.detection import scene_frames
-from trainer.evaluation.experiments.frames import frame_tasks, ranking
+from trainer.evaluation.experiments.frames import frame_tasks, ranking, scene_frames
 from trainer.evaluation.experiments.generalisation import trained_on
 from trainer.metrics.bootstrap import Interval
 from trainer.metrics.ranking import mean_average_precision

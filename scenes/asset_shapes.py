@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike, NDArray
 from datafactory.scenes.city.shapes import Surface
 
 Real = NDArray[np.float64]
-Quad = tuple[int, int, int, int]
 DECIMALS = 5
 
 

@@ -11,7 +11,7 @@ EVERY_DEVICE = ("cpu", pytest.param("cuda", marks=pytest.mark.gpu))
 def required(device: str) -> str:
     """The device, or a skip that says why it is not there."""
     if device == "cuda":
-        from datafactory.synthesis.kernels import synthesis_problem
+        from datafactory.synthesis.cube import synthesis_problem
 
         if (problem := synthesis_problem()) is not None:
             pytest.skip(f"no CUDA device: {problem}")

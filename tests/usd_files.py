@@ -66,7 +66,25 @@ def area(item: SceneObject) -> float:
 
 
 def translated(x: float, y: float, z: float) -> str:
-    return f'double3 xformOp:translate = ({x}, {y}, {z})\n uniform token[] xformOpOrder = ["xformOp:translate"]\n'
+    return ops(translate=(x, y, z))
+
+
+def ops(**operations: object) -> str:
+    """Operations of a transform, outermost first; a dict has a value at each of its time codes."""
+    lines = []
+    for name, value in operations.items():
+        kind = "double" if name in ("rotateX", "rotateY", "rotateZ") else "double3"
+        samples = (
+            f"{{ {', '.join(f'{code}: {each}' for code, each in value.items())} }}" if isinstance(value, dict) else ""
+        )
+        lines.append(f"{kind} xformOp:{name}{'.timeSamples' if samples else ''} = {samples or value}")
+    order = ", ".join(f'"xformOp:{name}"' for name in operations)
+    return "\n".join([*lines, f"uniform token[] xformOpOrder = [{order}]\n"])
+
+
+def cube(name: str) -> str:
+    """A mesh of edge 2 about the origin."""
+    return f'def Mesh "{name}" {{\n{CUBE}\n}}'
 
 
 UPWARD = {"Z": (0, 1, 2), "Y": (0, 2, 1), "X": (2, 0, 1)}

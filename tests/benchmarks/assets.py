@@ -20,10 +20,11 @@ from datafactory.paths.rays import RayFan
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.trace import trace
 from datafactory.run.preparation import prepare
+from datafactory.scenes.boxes import boxed_things
 from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.readers.open import open_scene
-from datafactory.scenes.things import Population
+from datafactory.scenes.traffic.population import FOLDER
 from shared.radar import load_radar
 
 ASSETS = ("saloon", "hatchback", "suv", "van", "truck", "bus", "lamp", "traffic_light", "bollard", "sign_round", "bin")
@@ -50,10 +51,9 @@ def cross_sections_dbsm(name: str) -> np.ndarray:
     return np.array(found)
 
 
-def put_in(population: Population, objects: tuple[str, ...]) -> np.ndarray:
+def put_in(objects: tuple[str, ...]) -> np.ndarray:
     """[objects + 1] whether each belongs to the population; the last is for -1, whose object is unknown."""
-    names = {thing.name for thing in population.things}
-    return np.array([*(name in names or name.rpartition("/")[0] in names for name in objects), False])
+    return np.array([*(name.startswith(f"{FOLDER}/") for name in objects), False])
 
 
 def city() -> None:
@@ -73,18 +73,15 @@ def city() -> None:
             if scene.population is None:
                 continue
             table = illuminated(source.traced(order.radar), settings, order.radar)
-            ours = put_in(scene.population, table.objects)
+            ours = put_in(table.objects)
             power = [
                 (np.abs(part.amplitude) ** 2, ours[part.object_index]) for part in (table.scattered, table.specular)
             ]
             total = sum(float(values.sum()) for values, _ in power)
             shares.append(sum(float(values[own].sum()) for values, own in power) / total)
-            away = np.array(
-                [
-                    np.linalg.norm(thing.at(dealt.where.time_s)[0] - dealt.where.position)
-                    for thing in scene.population.things
-                ]
-            )
+            things = [thing for thing in boxed_things(scene) if thing.name.startswith(f"{FOLDER}/")]
+            centers = np.array([thing.at(dealt.where.time_s).center for thing in things])
+            away = np.linalg.norm(centers - dealt.where.position, axis=1)
             moving.append(int((away < 90.0).sum()))
         # The first frame finds the scene's shapes.
         print(

@@ -23,8 +23,8 @@ from sionna_scenes import WAVELENGTH_M, mesh, scene_of, view_of
 
 from datafactory.paths import smooth
 from datafactory.paths.backend import select_variant
-from datafactory.paths.curved_mirrors import curved_mirrors
-from datafactory.paths.mirror_feet import single_mirrors
+from datafactory.paths.curved_echoes import curved_mirrors
+from datafactory.paths.mirrors import single_mirrors
 from datafactory.paths.solver import TraceSettings
 from datafactory.scenes.poses import Pose
 

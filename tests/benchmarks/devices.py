@@ -12,7 +12,7 @@ from workloads import EGO_SPEED_MPS, Workload, street
 
 from datafactory.paths.backend import cuda_device
 from datafactory.paths.table import PathTable
-from datafactory.synthesis.kernels import ON_CPU, Kernels, synthesis_problem, torch_kernels
+from datafactory.synthesis.cube import ON_CPU, Kernels, synthesis_problem, torch_kernels
 from datafactory.synthesis.sorting import sorted_paths
 from shared.signal.imaging import DEFAULT_TERMS
 from shared.signal.spectrum import range_doppler, select_doppler

@@ -26,7 +26,7 @@ from datafactory.scenes.ground import free_ground
 from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.poses import Pose, sample_pose
 from datafactory.scenes.readers.open import open_scene
-from datafactory.view.casting import RayCaster
+from datafactory.view.subject import RayCaster
 
 FIELD_DEG = 58.0
 RAYS = 59

@@ -12,7 +12,7 @@ from record import DB_OF_PEAK, Record, Timing, peak_error_db, timed
 from references import back_projection, nufft_image
 from workloads import EGO_SPEED_MPS, SEED, Workload, street
 
-from datafactory.frame.defaults import IMAGE_BATCH
+from datafactory.defaults import IMAGE_BATCH
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.cube import cube_of_paths
 from datafactory.synthesis.truth import truth_moments

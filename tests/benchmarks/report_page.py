@@ -24,8 +24,15 @@ from shared.dataset.reading import radar_of, read_frame
 from shared.pictures import level_db, range_weighted
 from trainer.data.arrays import choose_array
 from trainer.evaluation.experiments.contenders import gather
-from trainer.evaluation.report.page import ReportFrame, report_page
-from trainer.evaluation.report.shown import REPORT_SPAN_DB, doppler_map, scene_levels, small_picture, to_bytes
+from trainer.evaluation.report.page import (
+    REPORT_SPAN_DB,
+    ReportFrame,
+    doppler_map,
+    report_page,
+    scene_levels,
+    small_picture,
+    to_bytes,
+)
 from trainer.evaluation.report.tables import metrics_table
 from trainer.run.targets import AMPLITUDE
 

@@ -72,7 +72,7 @@ NOT_RUN = {
 HARDWARE = (
     "a capture of the reader's board; tests/trainer/cli/test_captures_cli.py runs these commands on simulated ones"
 )
-REFERENCE = "the reference captures; tests/trainer/evaluation/test_measured_alone.py runs it where they are"
+REFERENCE = "the reference captures; tests/trainer/evaluation/test_measured.py runs it where they are"
 VIEWED = "tests of datafactory/view run it, and open its page in a browser"
 NOT_RUN_PAGES = {"docs/view.md": VIEWED, "docs/captures.md": HARDWARE, "docs/measured.md": REFERENCE}
 """Pages whose commands need what only some machines have."""

@@ -14,12 +14,12 @@ import pytest
 from prepared_scenes import EFFECT_SCENES as EFFECTS
 from prepared_scenes import prepared_scene
 
+from datafactory.defaults import DEFAULT_BUDGET_DB
 from datafactory.effects import proof
 from datafactory.effects.catalogue import ALL
 from datafactory.effects.plan import plan_of_frame
 from datafactory.frame.chain import ChainSettings
 from datafactory.frame.deal import Deal
-from datafactory.frame.defaults import DEFAULT_BUDGET_DB
 from datafactory.paths.solver import TraceSettings
 from datafactory.scenes.poses import read_poses
 from shared.radar import Radar

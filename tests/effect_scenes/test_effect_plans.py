@@ -21,10 +21,10 @@ from oracles import cube_with_frozen_ranges, cube_with_plane_waves
 from prepared_scenes import EFFECT_SCENES as EFFECTS
 from prepared_scenes import prepared_scene
 
+from datafactory.defaults import DEFAULT_BUDGET_DB
 from datafactory.effects.catalogue import ALL, EffectSet
 from datafactory.frame.chain import ChainSettings, SceneSource, illuminated
 from datafactory.frame.deal import Deal, DealtFrame
-from datafactory.frame.defaults import DEFAULT_BUDGET_DB
 from datafactory.frame.measurement import FrameIdentity, Measurement, Processing, measure
 from datafactory.frame.prepared import PreparedScene
 from datafactory.paths.density import cell_power

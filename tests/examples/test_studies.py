@@ -17,9 +17,8 @@ sys.path.append(str(ROOT / "tests" / "trainer"))
 from small_evaluation import RADAR, THIN, make_run, strong_frame  # noqa: E402
 from tiny_radar import write_dataset  # noqa: E402
 
-from trainer.data.scene_records import SceneRecord  # noqa: E402
 from trainer.run.configuration import FitConfig  # noqa: E402
-from trainer.run.folder import Fingerprint  # noqa: E402
+from trainer.run.folder import Fingerprint, SceneRecord  # noqa: E402
 
 
 def unseen(directory: Path, content: str = "m") -> Path:

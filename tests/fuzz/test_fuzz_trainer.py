@@ -85,9 +85,8 @@ def test_the_undamaged_files_are_read(folder: Path) -> None:
     load_imager(folder / "run")
 
 
-@fuzz(4, splices=SPLICES, edits=EDITS)
+@fuzz(150, splices=SPLICES, edits=EDITS)
 def test_damaged_cubes(folder: Path, splices: list[Splice], edits: list[Edit]) -> None:
-    """Few: each starts a process."""
     text = damaged(edited(b"\n" + CUBE[10:128], edits)[1:], splices[:1])
     odd_header = CUBE[:8] + struct.pack("<H", len(text)) + text + CUBE[128:]
     whole = npz(cube=CUBE, radar=of_array(json.dumps(RADAR_JSON)))
@@ -96,7 +95,7 @@ def test_damaged_cubes(folder: Path, splices: list[Splice], edits: list[Edit]) -
     write_and_read(folder / "damaged.npz", damaged(whole, splices), measure)
 
 
-@fuzz(25, alterations=ALTERATIONS)
+@fuzz(150, alterations=ALTERATIONS)
 def test_a_npz_of_an_odd_radar(folder: Path, alterations: list[tuple[float, Any]]) -> None:
     text = json.dumps(altered(RADAR_JSON, alterations))
     write_and_read(folder / "odd.npz", npz(cube=CUBE, radar=of_array(text)), measure)
@@ -108,7 +107,7 @@ def test_damaged_cell(folder: Path, splices: list[Splice]) -> None:
     write_and_read(folder / "cell.npz", damaged(whole, splices), read_npz)
 
 
-@fuzz(4, splices=SPLICES)
+@fuzz(100, splices=SPLICES)
 def test_damaged_snapshot(folder: Path, splices: list[Splice]) -> None:
     snapshot = np.exp(1j * np.arange(12.0))
     buffer = io.BytesIO()

@@ -29,8 +29,7 @@ from oracles import relative_error
 
 from datafactory.paths.table import PathTable
 from datafactory.scenes.poses import Pose
-from datafactory.scenes.readers.common import Notes
-from datafactory.scenes.readers.meshes import place_mesh
+from datafactory.scenes.readers.common import Notes, place_mesh
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import SceneObject
 from datafactory.synthesis.cube import cube_of_paths

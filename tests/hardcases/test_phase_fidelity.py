@@ -8,7 +8,7 @@ import pytest
 from hardcases.phase_fidelity import FLOOR_DB, PHASE_DEG, YAW_DEG, fidelity, radar, sidelobe_floor_db
 
 from datafactory.scenes.poses import Pose
-from datafactory.scenes.readers.meshes import vertex_spacing_m
+from datafactory.scenes.readers.common import vertex_spacing_m
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.signal.sweep import reference_frequency_hz
 

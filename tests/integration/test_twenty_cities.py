@@ -10,12 +10,12 @@ from scene_solids import city_solids
 from solids import Standing, containing, intersecting
 
 import datafactory
+from datafactory.scenes.boxes import Movers
 from datafactory.scenes.city.city import CityOptions, city
 from datafactory.scenes.city.rules import Style
 from datafactory.scenes.city.usd import write_usd
 from datafactory.scenes.drives import Drives, draw_drive
 from datafactory.scenes.ground import free_ground
-from datafactory.scenes.movers import Movers
 from datafactory.scenes.poses import Pose, sample_pose
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene

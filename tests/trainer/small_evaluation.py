@@ -1,7 +1,6 @@
 """A radar, data and a run for evaluations of seconds."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 import torch
@@ -23,7 +22,6 @@ RADAR = SHORT_RADAR.model_copy(
 FULL = ArrayChoice(name="full", rx=tuple(range(6)))
 THIN = ArrayChoice(name="thin", rx=(0, 1, 2, 5))
 QUICK = EvaluationConfig(frames=3, shown=2, trials=2)
-REFERENCE = Path(__file__).resolve().parents[3] / "shared" / "data" / "measured" / "two_reflectors"
 
 
 def make_data(directory, radar=RADAR):

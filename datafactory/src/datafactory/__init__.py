@@ -10,10 +10,10 @@ from shared.processes.lazy import lazy_names
 
 if TYPE_CHECKING:
     from datafactory.api.asking import load_scene as load_scene
-    from datafactory.api.converting import convert as convert
+    from datafactory.api.finished import convert as convert
+    from datafactory.api.finished import merge as merge
     from datafactory.api.making import render as render
     from datafactory.api.making import trace as trace
-    from datafactory.api.merging import merge as merge
     from datafactory.api.planning import ScenePlan as ScenePlan
     from datafactory.api.planning import plan as plan
     from datafactory.conversion.formats import Converted as Converted
@@ -60,10 +60,10 @@ __getattr__, __dir__ = lazy_names(
         "RunFailed": "datafactory.run.portions",
         "Scene": "datafactory.scenes.scene",
         "ScenePlan": "datafactory.api.planning",
-        "convert": "datafactory.api.converting",
+        "convert": "datafactory.api.finished",
         "load_radar": "shared.radar",
         "load_scene": "datafactory.api.asking",
-        "merge": "datafactory.api.merging",
+        "merge": "datafactory.api.finished",
         "plan": "datafactory.api.planning",
         "read_poses": "datafactory.scenes.poses",
         "read_targets": "datafactory.frame.points",

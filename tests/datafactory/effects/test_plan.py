@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from prepared_scenes import EFFECT_SCENES, prepared_scene
 
+from datafactory.defaults import DEFAULT_BUDGET_DB
 from datafactory.effects import timing
 from datafactory.effects.catalogue import ALL, NAMES, NO_CHOICE, EffectSet
 from datafactory.effects.losses import FLOOR_DB, Loss
@@ -16,7 +17,6 @@ from datafactory.effects.picture import draw
 from datafactory.effects.plan import FramePlan, plan_of_frame, plan_of_scene
 from datafactory.frame.chain import ChainSettings
 from datafactory.frame.deal import Deal, DealtFrame
-from datafactory.frame.defaults import DEFAULT_BUDGET_DB
 from datafactory.frame.prepared import PreparedScene
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.solver import TraceSettings

@@ -7,7 +7,7 @@ import pytest
 from datafactory.frame import device
 from datafactory.frame.device import device_of
 from datafactory.paths.backend import CudaDevice
-from datafactory.synthesis import kernels
+from datafactory.synthesis import cube
 from shared.physics.errors import InputError
 
 NONE = CudaDevice("", "there is no NVIDIA driver", "a driver")
@@ -63,7 +63,7 @@ def test_the_processor_asks_for_nothing(monkeypatch):
 
 
 def test_kernels_that_cannot_be_had_are_refused(monkeypatch):
-    monkeypatch.setattr(kernels, "synthesis_problem", lambda: NO_TORCH)
-    assert kernels.kernels_on("cpu") is kernels.ON_CPU
+    monkeypatch.setattr(cube, "synthesis_problem", lambda: NO_TORCH)
+    assert cube.kernels_on("cpu") is cube.ON_CPU
     with pytest.raises(InputError, match=f"--device: cuda: {NO_TORCH}; expected torch for CUDA: pip install"):
-        kernels.kernels_on("cuda")
+        cube.kernels_on("cuda")

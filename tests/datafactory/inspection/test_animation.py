@@ -11,9 +11,9 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from datafactory.cli.app import app
-from datafactory.inspection import animation
-from datafactory.inspection.animation import LARGEST_BYTES, sequences_of, write_animations
+from datafactory.inspection import pictures as made
 from datafactory.inspection.dataset import summarise
+from datafactory.inspection.pictures import LARGEST_BYTES, sequences_of, write_animations
 from datafactory.run.shards import plan_shards, write_manifest, write_shard
 from shared.dataset import VERSION, Frame, arrow_schema, description
 from shared.dataset.folder import Dataset, open_dataset
@@ -91,10 +91,10 @@ def test_a_film_that_is_too_large_leaves_pictures_out(
 ) -> None:
     (tmp_path / "films").mkdir()
     (whole,) = write_animations(dataset, 1, tmp_path / "films")
-    monkeypatch.setattr(animation, "LARGEST_BYTES", whole.stat().st_size)
+    monkeypatch.setattr(made, "LARGEST_BYTES", whole.stat().st_size)
     (shorter,) = write_animations(dataset, 1, tmp_path / "films")
     assert len(pictures(shorter)) == 3
-    monkeypatch.setattr(animation, "MOST_PICTURES", 2)
+    monkeypatch.setattr(made, "MOST_PICTURES", 2)
     (strides,) = write_animations(dataset, 1, tmp_path / "films")
     assert len(pictures(strides)) == 2
 

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
-from usd_files import CUBE, METRES_Z_UP, read, translated, write_usda
+from usd_files import CUBE, METRES_Z_UP, cube, ops, read, translated, write_usda
 
 from datafactory.cli.app import app
 from datafactory.inspection.scene import SceneReport, examine_scene
 from datafactory.scenes.materials.table import load_materials
-from datafactory.scenes.readers.named import named_scenes
+from datafactory.scenes.readers.open import named_scenes
 
 BODY = f"""def Mesh "street" {{
   point3f[] points = [(-60,-60,0),(60,-60,0),(60,60,0),(-60,60,0)]
@@ -34,15 +34,12 @@ def Mesh "bent" {{
 def Mesh "wheel" {{
   {CUBE}
   custom token radar:material = "metal"
-  double xformOp:rotateX.timeSamples = {{ 0: 0, 48: 720 }}
-  double3 xformOp:translate = (-20, 0, 2)
-  uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateX"]
+  {ops(translate=(-20, 0, 2), rotateX={0: 0, 48: 720})}
 }}
 def Mesh "cart" {{
   {CUBE}
   custom token radar:material = "metal"
-  double3 xformOp:translate.timeSamples = {{ 0: (0, 20, 1), 24: (3, 20, 1) }}
-  uniform token[] xformOpOrder = ["xformOp:translate"]
+  {ops(translate={0: (0, 20, 1), 24: (3, 20, 1)})}
 }}
 def Xform "walker" {{
   custom token radar:target = "pedestrian"
@@ -112,9 +109,7 @@ def test_variants_and_missing_geometry_are_options_of_the_command(tmp_path: Path
     ) {{
       variantSet "body" = {{
         "low" {{
-          def Mesh "m" {{
-          {CUBE}
-          }}
+          {cube("m")}
         }}
         "high" {{
           def Mesh "m" {{

@@ -12,16 +12,16 @@ from datafactory.paths import corner_echoes
 from datafactory.paths.corner_aperture import (
     ACROSS,
     Cells,
+    FaceOrder,
     Views,
     _from_foot,
     cells_along,
     ends_along,
     integrals,
-    integrals_of_all,
     longer_along,
+    pieces_in_sight,
 )
 from datafactory.paths.corner_edges import CornerEdges
-from datafactory.paths.corner_sight import pieces_in_sight
 
 CORNERS = [
     dihedral(20.0, 0.15, 0.2, 6.0),
@@ -44,7 +44,12 @@ def seen_corners() -> tuple[CornerEdges, Views, Cells]:
 def test_the_sum_over_all_of_the_aperture_is_that_of_its_pieces(seen_corners) -> None:
     _, views, cells = seen_corners
     pieces = integrals(cells, views, WAVELENGTH_M, np.ones((2, len(cells.corner), ACROSS), dtype=bool))
-    np.testing.assert_allclose(integrals_of_all(cells, views, WAVELENGTH_M), pieces, rtol=0.0, atol=1e-13)
+    whole, along = np.zeros_like(pieces), cells.shares_along(WAVELENGTH_M)
+    for order in (0, 1):
+        one = FaceOrder.of(cells, views, order)
+        ends = (one.share_to(b, WAVELENGTH_M) for b in (one.end(), np.zeros(len(along))))
+        np.add.at(whole[order], cells.corner, along * np.subtract(*ends))
+    np.testing.assert_allclose(whole, pieces, rtol=0.0, atol=1e-13)
     assert np.abs(pieces).max() > 0.1
 
 
@@ -58,7 +63,7 @@ def test_cells_of_a_strip_join(seen_corners) -> None:
     assert (nearest == 0.0).any()
     assert (nearest != 0.0).any()
     total = np.zeros(len(corners), dtype=np.complex128)
-    np.add.at(total, cells.corner, cells.share)
+    np.add.at(total, cells.corner, cells.shares_along(WAVELENGTH_M))
     low, high = (_from_foot(v, 0.25 * WAVELENGTH_M * v**2 - least) for v in ends_along(cells, len(corners)))
     np.testing.assert_allclose(total, high - low, rtol=0.0, atol=1e-12)
 

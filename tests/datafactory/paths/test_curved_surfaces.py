@@ -62,7 +62,7 @@ def test_scenes_of_flat_faces_have_no_curved_surface_and_the_bytes_they_had(monk
     assert len(curved_surfaces_of(scene_of(*objects))) == 0
     with_them = traced(*objects, depth=2, diffraction=True, refraction=True)
     nothing = replace(curved_surfaces_of(scene_of()), coarse=0)
-    monkeypatch.setattr("datafactory.paths.curved_mirrors.curved_surfaces_of", lambda merged: nothing)
+    monkeypatch.setattr("datafactory.paths.curved_echoes.curved_surfaces_of", lambda merged: nothing)
     monkeypatch.setattr("datafactory.paths.view.curved_surfaces_of", lambda merged: nothing)
     without = traced(*objects, depth=2, diffraction=True, refraction=True)
     assert len(with_them.specular) > 1

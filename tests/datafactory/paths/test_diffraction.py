@@ -14,9 +14,9 @@ from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, box, channel, p
 from datafactory.paths.diffraction import EdgeEchoes, field_over_edges, rays_over_edges
 from datafactory.paths.edges import edges_of
 from datafactory.paths.facets import TAPER, mirrors_of, reflected_share
+from datafactory.paths.geometry import clear_between
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.panes import polarization_axis
-from datafactory.paths.ray_hits import clear_between
 from datafactory.paths.slabs import Slabs
 from datafactory.paths.table import DIFFRACTED, ScatteredPaths, SpecularPaths
 from datafactory.scenes.poses import Pose

@@ -13,7 +13,7 @@ from sionna_scenes import MATERIALS
 from datafactory.paths import facets
 from datafactory.paths.facets import Mirrors, reflected_share
 from datafactory.paths.merged_scene import MergedMesh
-from datafactory.paths.roughness import SURFACE_CELL_M, surface_phase
+from datafactory.paths.scattering import SURFACE_CELL_M, surface_phase
 
 WAVELENGTH_M = 299_792_458.0 / 77.5e9
 DISTANCE_M = 10.0

@@ -18,7 +18,7 @@ from mirrored_scenes import (
 from numpy.typing import NDArray
 from oracles import if_cube, mirrored, relative_error, scattered_delays
 
-from datafactory.paths.mirror_ways import points_of_reflection
+from datafactory.paths.mirrors import points_of_reflection
 from datafactory.paths.table import PathTable
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import PointTarget, SceneObject

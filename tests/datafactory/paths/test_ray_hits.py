@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from sionna_scenes import plate, scene_of, sionna_scene
 
-from datafactory.paths.geometry import mesh_of_shape
-from datafactory.paths.ray_hits import _lines, first_hits, ray_margin_m
+from datafactory.paths.geometry import _lines, first_hits, mesh_of_shape, ray_margin_m
 from datafactory.paths.unfold import unit
 
 pytestmark = pytest.mark.usefixtures("variant")

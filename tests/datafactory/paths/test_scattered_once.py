@@ -16,7 +16,7 @@ from datafactory.paths.arrivals import Arrivals
 from datafactory.paths.geometry import placed
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.rays import RayFan
-from datafactory.paths.scattered_once import behind_panes, over_mirrors
+from datafactory.paths.scattered import behind_panes, over_mirrors
 from datafactory.paths.slabs import slab_transmission
 from datafactory.paths.solver import Bundle, TraceSettings
 from datafactory.paths.table import DIFFUSE, SPECULAR, PathTable

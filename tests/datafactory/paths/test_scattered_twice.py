@@ -14,7 +14,7 @@ from datafactory.paths import solver as solver_module
 from datafactory.paths.arrivals import Arrivals, Echoes
 from datafactory.paths.geometry import placed
 from datafactory.paths.rays import RayFan
-from datafactory.paths.scattered_twice import scattered_twice
+from datafactory.paths.scattered import scattered_twice
 from datafactory.paths.solver import Bundle, TraceSettings
 from datafactory.paths.table import DIFFUSE, REFRACTED, SPECULAR, PathTable
 from datafactory.paths.trace import trace

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, box, channel, plate, scene_of, sionna_scene, view_of
 
+from datafactory.paths.geometry import clear_between
 from datafactory.paths.panes import panes_between, polarization_axis
-from datafactory.paths.ray_hits import clear_between
 from datafactory.paths.slabs import lets_through, slab_reflection, slab_transmission
 from datafactory.scenes.materials.table import load_materials
 from shared.physics.errors import InputError

@@ -11,8 +11,8 @@ from edge_scenes import HOME, everything, only_edge_at, shortest_over, table_len
 from sionna_scenes import WAVELENGTH_M, box, plate, scene_of, sionna_scene, slabs
 
 from datafactory.paths.edges import edges_of
+from datafactory.paths.geometry import clear_between
 from datafactory.paths.merged_scene import MergedScene
-from datafactory.paths.ray_hits import clear_between
 from datafactory.paths.round_corners import Hidden, echoes_round_corners
 from datafactory.paths.table import DIFFRACTED, TARGET
 from datafactory.scenes.poses import Pose

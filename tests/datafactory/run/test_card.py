@@ -13,8 +13,7 @@ import pytest
 
 from datafactory import render
 from datafactory.run import portions
-from datafactory.run.card import COLUMNS, card
-from datafactory.run.licences import hub_licence, scene_licence, stated_licence
+from datafactory.run.card import COLUMNS, card, hub_licence, scene_licence, stated_licence
 from shared.dataset import arrow_schema
 from shared.dataset.folder import open_dataset
 from shared.physics.errors import InputError

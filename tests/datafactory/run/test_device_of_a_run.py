@@ -1,6 +1,6 @@
 """A run on a device: what stands in the manifest, what is refused, what the bytes depend on.
 
-Where there is no GPU, torch's kernels on the processor stand in for it: all but the hardware is as it would be.
+Where there is no GPU, torch's cube on the processor stand in for it: all but the hardware is as it would be.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ from datafactory.paths.backend import CudaDevice
 from datafactory.run import pipeline, provenance
 from datafactory.run.memory import processes
 from datafactory.run.pipeline import Report
-from datafactory.synthesis import kernels
+from datafactory.synthesis import cube
 from shared.physics.errors import InputError
 
 
 @pytest.fixture
 def stand_in(monkeypatch):
     """A machine on which ``cuda`` is torch on the processor."""
-    on_torch = kernels.torch_kernels
+    on_torch = cube.torch_kernels
     for module in (device, provenance):
         monkeypatch.setattr(module, "cuda_device", lambda: CudaDevice("a stand-in"))
-    for owner in (device, kernels):
+    for owner in (device, cube):
         monkeypatch.setattr(owner, "synthesis_problem", lambda: None)
-    monkeypatch.setattr(kernels, "torch_kernels", lambda name: on_torch("cpu"))
+    monkeypatch.setattr(cube, "torch_kernels", lambda name: on_torch("cpu"))
 
 
 def points(

@@ -11,7 +11,7 @@ import pytest
 FAULTS_OF_THE_LAST_ARRAYS = """
 import resource
 import numpy as np
-from datafactory.run.freed_memory import keep_freed_memory
+from datafactory.run.memory import keep_freed_memory
 
 def faults():
     return resource.getrusage(resource.RUSAGE_SELF).ru_minflt

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from pxr import Gf, Usd, UsdGeom
@@ -105,12 +103,3 @@ def test_constants_become_one_and_only_operations_move() -> None:
     assert not chain.turns
     assert chain.times().tolist() == [0.0, 2.0]
     assert not Chain((np.eye(4), Operation("scale", Samples.constant([1.0, 2.0, 3.0])))).moves
-
-
-def test_the_clock_says_what_is_odd(tmp_path: Path) -> None:
-    stage = Usd.Stage.CreateInMemory()
-    stage.SetStartTimeCode(48)
-    stage.SetEndTimeCode(24)
-    notes = Notes()
-    assert Clock.of(stage, notes).start == 24
-    assert notes.sentences() == ("startTimeCode 48 lies after endTimeCode 24: time 0 is that of 24",)

@@ -10,6 +10,7 @@ import pytest
 from prepared_scenes import SCENES
 from town_scenes import BUILDINGS, PLATE, box, sheet
 
+from datafactory.scenes.boxes import Movers
 from datafactory.scenes.drives import (
     ACCELERATION_MPS2,
     FASTEST_MPS,
@@ -22,7 +23,6 @@ from datafactory.scenes.drives import (
 )
 from datafactory.scenes.ground import CLEARANCE_M, Ground, free_ground
 from datafactory.scenes.lanes import Lane
-from datafactory.scenes.movers import Movers
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene
 from shared.dataset.folder import SPLITS, Split
@@ -184,24 +184,6 @@ def test_what_is_asked_of_drives_is_read() -> None:
     assert parse_drives("drive", None) == Drives()
     assert parse_drives("drive:speed=10,seconds=4", 20.0) == Drives(10.0, 4.0, 20.0)
     assert Drives(seconds=0.3, rate_hz=10.0).frames == 3
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("walk", r"--trajectory: 'walk'; expected a file, or drive\[:speed=M/S\]\[,seconds=S\]"),
-        ("drive:sped=3", r"'sped=3' in 'drive:sped=3'"),
-        ("drive:speed=3,speed=4", r"'speed=4' in"),
-        ("drive:speed=fast", r"speed = 'fast'; expected a number"),
-        ("drive:speed=16", r"speed = 16.0; expected 0 to 15 m/s"),
-        ("drive:speed=nan", r"speed = nan; expected 0 to 15 m/s"),
-        ("drive:seconds=0", r"seconds = 0.0; expected more than 0"),
-        ("drive:seconds=0.01", r"0.01 s at 10 Hz are 0 frames"),
-    ],
-)
-def test_what_is_wrong_of_drives_is_said(text: str, message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        parse_drives(text, None)
 
 
 def test_poses_along_a_lane_stand_where_it_is(street: Ground) -> None:

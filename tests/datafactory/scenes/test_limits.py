@@ -82,20 +82,11 @@ def test_shapes_of_a_mitsuba_file_are_refused_likewise(tmp_path: Path, monkeypat
         open_scene(str(path))
 
 
-@pytest.mark.parametrize(
-    ("body", "message"),
-    [
-        (
-            '<default name="a0" value="xx"/>'
-            + "".join(f'<default name="a{i}" value="$a{i - 1}$a{i - 1}"/>' for i in range(1, 60)),
-            r"has 131072 characters; expected at most 100000",
-        ),
-        ('<include filename="scene.xml"/>' * 2, "<include> is nested more than 15 deep"),
-    ],
-)
-def test_xml_that_grows_is_refused(tmp_path: Path, body: str, message: str) -> None:
-    (tmp_path / "scene.xml").write_text(f'<scene version="2.1.0">{body}<shape type="cube"/></scene>')
-    with pytest.raises(InputError, match=message):
+def test_xml_that_grows_is_refused(tmp_path: Path) -> None:
+    """Sixty parameters of two parameters each would fill the memory."""
+    grown = "".join(f'<default name="a{i}" value="$a{i - 1}$a{i - 1}"/>' for i in range(1, 60))
+    (tmp_path / "scene.xml").write_text(f'<scene version="2.1.0"><default name="a0" value="xx"/>{grown}</scene>')
+    with pytest.raises(InputError, match=r"has 131072 characters; expected at most 100000"):
         open_scene(str(tmp_path / "scene.xml"))
 
 

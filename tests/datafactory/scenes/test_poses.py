@@ -76,37 +76,6 @@ def test_reads_what_is_given_and_fills_the_rest_with_zero(tmp_path):
     assert poses == (Pose((1, 2.5, 3), 10, -2, 1, (4, 5, 0), 0.25), Pose((0, 0, 1)))
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("[{", "malformed JSON"),
-        ("{}", r"document = \{\}; expected input should be a valid list, as in \[\{"),
-        ("[]", "the list is empty; expected at least one pose"),
-        ("[3]", "entry 0 = 3"),
-        ("[{}]", r"entry 0\.position missing; expected field required, as in \[\{.position"),
-        ('[{"position": [0, 0, 1]}, {"position": [0, 0]}]', r"entry 1\.position = \[0, 0\]; expected list should have"),
-        ('[{"position": [0, 0, "1"]}]', r"entry 0\.position\.2 = '1'; expected input should be a valid number"),
-        ('[{"position": [0, 0, NaN]}]', r"entry 0\.position\.2 = nan; expected input should be a finite number"),
-        ('[{"position": [0, 0, 1], "yaw": 3}]', r"unknown field entry 0\.yaw; expected one of position, yaw_deg"),
-        ('[{"position": [0, 0, 1], "yaw_deg": true}]', r"entry 0\.yaw_deg = True"),
-        ('[{"position": [0, 0, 1], "position": [1, 0, 1]}]', "the key 'position' is given twice"),
-    ],
-)
-def test_bad_files_are_refused_in_one_line(tmp_path, text, message):
-    with pytest.raises(InputError, match=message) as caught:
-        read_poses(written(tmp_path, text))
-    assert "poses.json: " in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
-def test_unreadable_files_are_refused(tmp_path):
-    with pytest.raises(InputError, match=r"none\.json: cannot be read: No such file"):
-        read_poses(tmp_path / "none.json")
-    (tmp_path / "poses.json").write_bytes(b"\xff\xfe[")
-    with pytest.raises(InputError, match="malformed JSON"):
-        read_poses(tmp_path / "poses.json")
-
-
 # --- free ground ----------------------------------------------------------------------------------------------------
 
 

@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from datafactory.scenes.readers.common import Notes
-from datafactory.scenes.readers.meshes import place_mesh
-from datafactory.scenes.readers.named import shipped_scenes, sionna_scenes
-from datafactory.scenes.readers.open import KNOWN_SUFFIXES, open_scene
+from datafactory.scenes.readers.common import Notes, place_mesh
+from datafactory.scenes.readers.open import KNOWN_SUFFIXES, open_scene, shipped_scenes, sionna_scenes
 from shared.physics.errors import InputError
 
 

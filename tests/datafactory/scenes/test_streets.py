@@ -8,9 +8,8 @@ from town_scenes import BUILDINGS, PLATE, box, flat, sheet
 
 from datafactory.scenes.ground import Ground, free_ground
 from datafactory.scenes.poses import sample_pose
-from datafactory.scenes.regions import cut_into_regions
 from datafactory.scenes.scene import Scene, SceneObject
-from datafactory.scenes.streets import KERB_M, WIDEST_STREET_M
+from datafactory.scenes.streets import KERB_M, WIDEST_STREET_M, cut_into_regions
 from shared.dataset.folder import SPLITS
 
 
@@ -98,13 +97,13 @@ def test_named_roads_and_their_kerbs_are_the_streets() -> None:
 
 def test_every_cell_of_a_region_lies_on_its_own_side_half_a_gap_from_the_next() -> None:
     cells = np.ones((400, 40), dtype=bool)
-    cut = cut_into_regions(cells, 0.5)
-    lines = [np.flatnonzero((cut.region == number).any(axis=1)) for number in range(len(SPLITS))]
+    region, side, gap_m = cut_into_regions(cells, 0.5)
+    lines = [np.flatnonzero((region == number).any(axis=1)) for number in range(len(SPLITS))]
     for number, own in enumerate(lines):
-        assert np.all(cut.side[own] == number)
+        assert np.all(side[own] == number)
         for other in range(len(SPLITS)):
             if other != number:
-                theirs = np.flatnonzero((cut.side == other).any(axis=1))
+                theirs = np.flatnonzero((side == other).any(axis=1))
                 nearest = np.abs(own[:, None] - theirs[None, :]).min() - 1
-                assert nearest * 0.5 >= cut.gap_m / 2 - 0.5
-    assert cut.gap_m == pytest.approx(12.0)
+                assert nearest * 0.5 >= gap_m / 2 - 0.5
+    assert gap_m == pytest.approx(12.0)

@@ -10,8 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from datafactory.scenes.poses import Pose
-from datafactory.scenes.track_files import read_track
-from datafactory.scenes.tracks import Curve, nearest_m
+from datafactory.scenes.tracks import Curve, nearest_m, read_track
 from shared.physics.errors import InputError
 
 TEXT = "time,x,y,z,yaw_deg\n0,0,0,0.5,0\n1,4,0,0.5,0\n2,8,0,0.5,90\n4,8,8,0.5,90\n"
@@ -129,63 +128,3 @@ def test_table_and_list_are_the_same_track(tmp_path: Path) -> None:
     one = read_track(written(tmp_path, "\ufeff" + table))
     assert one.rows() == read_track(written(tmp_path, json.dumps(entries), "track.json")).rows()
     assert one.velocity is not None
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", r"is empty; expected a line of names, time,x,y,z,yaw_deg\[,pitch_deg\]"),
-        ("time,x,y,z\n0,0,0,0\n", "line 1: no column 'yaw_deg'"),
-        ("time,x,y,z,yaw_deg,speed\n", "line 1: column 'speed' unknown; expected some of time, x"),
-        ("time,x,x,y,z,yaw_deg\n", "line 1: column 'x' twice"),
-        ("time,x,y,z,yaw_deg,vx\n", "line 1: no column 'vy'"),
-        ("time,x,y,z,yaw_deg\n", "0 poses; expected at least two"),
-        ("time,x,y,z,yaw_deg\n0,0,0,0,0\n", "1 pose; expected at least two"),
-        (TEXT + "5,1,2,3\n", "line 6 has 4 values; expected 5"),
-        (TEXT + "5,a,2,3,4\n", "line 6, x = 'a'; expected input should be a valid number"),
-        (TEXT + "5,1,,3,4\n", "line 6, y = ''; expected input should be a valid number"),
-        (TEXT + "5,1,2,nan,4\n", "line 6, z = 'nan'; expected input should be a finite number"),
-        (TEXT + "inf,1,2,3,4\n", "line 6, time = 'inf'; expected input should be a finite number"),
-        (TEXT + "5,1e10,2,3,4\n", "line 6, x = '1e10'; expected input should be less than or equal to"),
-        (TEXT + "4,1,2,3,4\n", "line 6, time = 4 after 4; expected times that rise"),
-        (TEXT + "3,1,2,3,4\n", "line 6, time = 3 after 4; expected times that rise"),
-        (TEXT + "4.000001,9,8,0.5,4\n", r"line 6 is reached at 1e\+06 m/s from the pose before; expected at most"),
-        (TEXT + '5,"1,2,3,4\n', "is no table"),
-    ],
-)
-def test_a_bad_table_is_refused_in_one_line(tmp_path: Path, text: str, message: str) -> None:
-    with pytest.raises(InputError, match=message) as caught:
-        read_track(written(tmp_path, text))
-    assert "track.csv: " in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("{}", "expected input should be a valid list"),
-        ("[]", "the list is empty"),
-        ('[{"position": [0, 0, 1]}]', r"entry 0\.time missing; expected field required, as in \[\{"),
-        ('[{"time": 0}]', r"entry 0\.position missing; expected field required"),
-        ('[{"time": 0, "position": [0, 0, 1], "yaw": 3}]', r"unknown field entry 0\.yaw"),
-        ('[{"time": "0", "position": [0, 0, 1]}]', r"entry 0\.time = '0'"),
-        ('[{"time": 0, "position": [0, 0, 1]}, {"time": 0, "position": [0, 0, 1]}]', "entry 1, time = 0 after 0"),
-        (
-            '[{"time": 0, "position": [0, 0, 1], "velocity": [1, 0, 0]}, {"time": 1, "position": [0, 0, 1]}]',
-            "entry 1 has no velocity, others have",
-        ),
-    ],
-)
-def test_a_bad_list_is_refused_in_one_line(tmp_path: Path, text: str, message: str) -> None:
-    with pytest.raises(InputError, match=message) as caught:
-        read_track(written(tmp_path, text, "track.json"))
-    assert "track.json: " in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
-def test_unreadable_files_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"none\.csv: cannot be read: No such file"):
-        read_track(tmp_path / "none.csv")
-    (tmp_path / "bytes.csv").write_bytes(b"\xff\xfe\x00t")
-    with pytest.raises(InputError, match=r"bytes\.csv: is no table"):
-        read_track(tmp_path / "bytes.csv")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from datafactory.scenes.readers.triangulation import triangulate
+from datafactory.scenes.readers.usd_prims import triangulate
 
 
 def test_concave_polygons_keep_their_area_and_outline() -> None:

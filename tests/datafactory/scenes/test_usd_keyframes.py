@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pxr import Usd, UsdGeom
-from usd_files import CUBE, CUBE_FACES, CUBE_POINTS, METRES_Z_UP, MOVING, SPLINE, read, translated, write_usda
+from usd_files import CUBE, CUBE_FACES, CUBE_POINTS, METRES_Z_UP, MOVING, SPLINE, ops, read, translated, write_usda
 
 from datafactory.scenes.city.shapes import box, yaw_rotation
 from datafactory.scenes.city.site import Keyframe, Placement
 from datafactory.scenes.city.usd import write_usd
 from datafactory.scenes.motion import Motion, Moving
-from datafactory.scenes.network.driving import thinned
+from datafactory.scenes.network.conversion import thinned
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import PointTarget, Scene, SceneObject
 
@@ -56,9 +56,7 @@ SKINNED = """def SkelRoot "man" {
 def moving_scenes(folder: Path) -> dict[str, Scene]:
     """Scenes with every kind of motion that a file has, by name."""
     turning = f"""def Xform "a" {{
-      float3 xformOp:rotateXYZ.timeSamples = {{ 0: (0, 0, 0), 7: (40, -20, 10), 24: (80, 0, 300) }}
-      float3 xformOp:scale.timeSamples = {{ 0: (1, 1, 1), 24: (2, 1, 1) }}
-      uniform token[] xformOpOrder = ["xformOp:rotateXYZ", "xformOp:scale"]
+      {ops(rotateXYZ={0: (0, 0, 0), 7: (40, -20, 10), 24: (80, 0, 300)}, scale={0: (1, 1, 1), 24: (2, 1, 1)})}
       def Mesh "m" {{
       {CUBE}
       {translated(4, 0, 0)}
@@ -68,8 +66,7 @@ def moving_scenes(folder: Path) -> dict[str, Scene]:
     breathing = f"""def Mesh "m" {{
       point3f[] points.timeSamples = {{ 0: {CUBE_POINTS.removeprefix("point3f[] points = ")}, 12: {lifted} }}
       {CUBE_FACES}
-      double3 xformOp:translate.timeSamples = {{ 0: (0, 0, 0), 24: (9, 0, 0) }}
-      uniform token[] xformOpOrder = ["xformOp:translate"]
+      {ops(translate={0: (0, 0, 0), 24: (9, 0, 0)})}
     }}"""
     birds = f"""def PointInstancer "birds" {{
       point3f[] positions.timeSamples = {{ 0: [(0, 0, 0), (9, 0, 0)], 24: [(3, 0, 0), (9, 0, 4)] }}
@@ -79,24 +76,18 @@ def moving_scenes(folder: Path) -> dict[str, Scene]:
       {translated(0, 50, 0)}
       def Mesh "bird" {{
       {CUBE}
-      double xformOp:rotateZ.timeSamples = {{ 0: 0, 24: 90 }}
-      uniform token[] xformOpOrder = ["xformOp:rotateZ"]
+      {ops(rotateZ={0: 0, 24: 90})}
       }}
     }}"""
     rolling = f"""def Xform "car" {{
-      double xformOp:rotateZ.timeSamples = {{ 0: 0, 9: 20, 24: 90 }}
-      double3 xformOp:translate.timeSamples = {{ 0: (100, 0, 0), 15: (100, 12, 0), 24: (93, 12, 1) }}
-      uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateZ"]
+      {ops(translate={0: (100, 0, 0), 15: (100, 12, 0), 24: (93, 12, 1)}, rotateZ={0: 0, 9: 20, 24: 90})}
       def Mesh "wheel" {{
       {CUBE}
-        double xformOp:rotateX.timeSamples = {{ 0: 0, 24: 720 }}
-        double3 xformOp:translate = (0, 2, 0)
-        uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateX"]
+        {ops(translate=(0, 2, 0), rotateX={0: 0, 24: 720})}
       }}
       def Xform "rider" {{
         custom token radar:target = "cyclist"
-        double3 xformOp:translate = (1, 1, 0)
-        uniform token[] xformOpOrder = ["xformOp:translate"]
+        {ops(translate=(1, 1, 0))}
       }}
     }}"""
     bodies = {

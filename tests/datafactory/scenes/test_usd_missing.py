@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from usd_files import CUBE, METRES_Z_UP, TWINS, Twin, read, translated, write_usda
+from usd_files import CUBE, METRES_Z_UP, TWINS, Twin, ops, read, translated, write_usda
 
 from datafactory.scenes.readers.common import Reading, parse_variants
 from datafactory.scenes.readers.open import open_scene
@@ -150,19 +150,12 @@ def test_other_formats_have_no_variants(tmp_path: Path) -> None:
         open_scene(str(path), Reading((("a", "b"),)))
 
 
-def test_x_up_is_turned_to_z_up(tmp_path: Path) -> None:
-    body = f'def Mesh "m" {{\n{CUBE}\n{translated(3, 4, 5)}}}'
-    item = read(tmp_path, body, 'metersPerUnit = 1\n upAxis = "X"').objects[0]
-    np.testing.assert_allclose(item.vertices.mean(axis=0), [4, 5, 3])
-
-
 @pytest.mark.parametrize("twin", TWINS, ids=str)
 def test_twins_in_other_axes_and_units_are_the_same_scene(tmp_path: Path, twin: Twin) -> None:
     """Paths of such twins are compared in tests/integration/test_twins.py."""
     body = f"""def Sphere "m" {{
       double radius = {1.0 / twin.metres}
-      double3 xformOp:translate.timeSamples = {{ 0: {twin.place((3, 4, 5))}, 24: {twin.place((3, 4, 14))} }}
-      uniform token[] xformOpOrder = ["xformOp:translate"]
+      {ops(translate={0: twin.place((3, 4, 5)), 24: twin.place((3, 4, 14))})}
     }}"""
     scene = read(tmp_path, body, twin.metadata)
     np.testing.assert_allclose(np.mean(scene.bounds(), axis=0), [3, 4, 5], atol=1e-9)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from usd_files import CUBE, area, read, signed_volume
+from usd_files import CUBE, area, ops, read, signed_volume
 
 from datafactory.scenes.readers.primitives import CHORD_ERROR, sphere
 
@@ -27,8 +27,7 @@ def test_outer_sides_stay_outside(tmp_path: Path, left_handed: bool, scale: tupl
     body = f"""def Mesh "m" {{
       {CUBE}
       {orientation}
-      double3 xformOp:scale = {scale}
-      uniform token[] xformOpOrder = ["xformOp:scale"]
+      {ops(scale=scale)}
     }}"""
     assert signed_volume(read(tmp_path, body).objects[0]) == pytest.approx(8.0 * order)
 

@@ -12,10 +12,9 @@ from prepared_scenes import SCENES
 from town_scenes import TOWN, box, sheet
 
 from datafactory.scenes.ground import Ground, free_ground
-from datafactory.scenes.poses import Pose, sample_pose
+from datafactory.scenes.poses import FAR_M, SECTOR_DEG, Pose, sample_pose, view_from
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene
-from datafactory.scenes.views import FAR_M, SECTOR_DEG, view_from
 from shared.dataset.folder import SPLITS
 
 SHIPPED = ("street.usda", "street.xml")

@@ -109,6 +109,7 @@ def test_the_legs_do_what_legs_do() -> None:
     assert crown == pytest.approx(STATURE_M, abs=0.06)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("speed", "foot", "torso"), [(1.4, 51.0, 5.0), (2.5, 85.5, 13.0)])
 def test_accelerations_are_those_that_the_manual_states(speed: float, foot: float, torso: float) -> None:
     """What a constant velocity within a frame of 10 ms leaves out."""

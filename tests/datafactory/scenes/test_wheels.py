@@ -8,15 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from usd_files import read
 
 from datafactory.frame.points import read_targets
-from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import PointTarget
 from datafactory.scenes.targets.interface import Motion
 from datafactory.scenes.targets.models import Car, Cyclist, Pedestrian, options_of, target_model
-from datafactory.scenes.targets.wheels import POINTS, rolling_wheels
+from datafactory.scenes.targets.road_users import POINTS, rolling_wheels
 from datafactory.synthesis.cube import cube_of_paths
-from shared.physics.errors import InputError
 from shared.radar import Radar
 from shared.signal.spectrum import range_doppler
 
@@ -109,29 +108,16 @@ def test_the_spectrum_of_a_wheel_reaches_from_rest_to_twice_the_speed(tmp_path: 
     assert spread[0] > 0.4 * speed
 
 
-def test_options_are_off_unless_stated_and_within_their_bounds() -> None:
+def test_options_are_off_unless_stated() -> None:
     assert [repr(model) for model in (Car(), Cyclist(), Pedestrian())] == ["Car()", "Cyclist()", "Pedestrian()"]
     assert target_model("car", {"wheel_radius_m": 0.3}) == Car(0.3)
     assert set(options_of("car")) == {"wheel_radius_m", "wheel_hidden_below_m"}
-    for kind, sizes, message in (
-        ("car", {"wheel_radius_m": 3.0}, r"wheel_radius_m = 3\.0; expected 0\.1 to 1"),
-        ("car", {"wheel_radius_m": float("nan")}, "wheel_radius_m = nan"),
-        ("pedestrian", {"stature_m": 17.5}, r"stature_m = 17\.5; expected 0\.5 to 2\.5"),
-        ("pedestrian", {"gait_phase": 1.5}, r"gait_phase = 1\.5; expected 0 to 1"),
-        ("sphere", {"radius_m": 0.1, "wheel_radius_m": 0.3}, "expected radius_m"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            target_model(kind, sizes)
-
-
-STAGE = '#usda 1.0\n(\n metersPerUnit = 1\n upAxis = "Z"\n)\n'
 
 
 def test_a_scene_states_options_as_attributes(tmp_path: Path) -> None:
-    path = tmp_path / "stage.usda"
-    path.write_text(
-        STAGE
-        + """def Xform "car" {
+    scene = read(
+        tmp_path,
+        """def Xform "car" {
             custom string radar:target = "car"
             custom double radar:wheel_radius_m = 0.31
             custom double3 radar:velocity = (8, 0, 0)
@@ -141,34 +127,11 @@ def test_a_scene_states_options_as_attributes(tmp_path: Path) -> None:
             custom float radar:stature_m = 1.75
             custom float radar:gait_phase = 0.25
             custom double3 radar:velocity = (1.4, 0, 0)
-        }"""
+        }""",
     )
-    scene = open_scene(str(path))
     assert [target.model for target in scene.targets] == [Car(0.31), Pedestrian(1.75, 0.25)]
     stated = [replace(target, model=Pedestrian()) for target in scene.targets]
     assert replace(scene, targets=tuple(stated)).content_hash() != scene.content_hash()
-
-
-@pytest.mark.parametrize(
-    ("attributes", "message"),
-    [
-        (
-            'custom string radar:target = "car"\n custom float radar:stature_m = 1.7',
-            "'car' with stature_m; expected no",
-        ),
-        ('custom string radar:target = "car"\n custom bool radar:wheel_radius_m = 1', "radar:wheel_radius_m = True"),
-        (
-            'custom string radar:target = "pedestrian"\n custom float radar:stature_m = 1.7\n'
-            "custom double3 radar:velocity = (3, 0, 0)",
-            r"/t: a walker of 1\.7 m at 3 m/s; expected at most 2\.5 m/s",
-        ),
-    ],
-)
-def test_wrong_options_are_refused(tmp_path: Path, attributes: str, message: str) -> None:
-    path = tmp_path / "stage.usda"
-    path.write_text(f'{STAGE}def Xform "t" {{\n {attributes}\n}}\n')
-    with pytest.raises(InputError, match=message):
-        open_scene(str(path))
 
 
 def written(tmp_path: Path, *entries: object) -> Path:
@@ -196,24 +159,3 @@ def test_a_file_of_targets_may_name_models(tmp_path: Path) -> None:
     assert placed.position.tobytes() != targets.echo_points(radar, 8).position.tobytes()
     assert len(placed.truth(radar)) == 18
     assert corner.axes[0][0] == -1.0
-
-
-@pytest.mark.parametrize(
-    ("entry", "message"),
-    [
-        ({"x": 1.0, "y": 0.0}, "no rcs_dbsm; expected one, or a model"),
-        ({"x": 1.0, "y": 0.0, "model": "car", "rcs_dbsm": 1.0}, "a model beside rcs_dbsm"),
-        ({"x": 1.0, "y": 0.0, "model": "car", "phase": 1.0}, "a model beside rcs_dbsm"),
-        ({"x": 1.0, "y": 0.0, "model": "lorry"}, "'lorry'; expected one of car"),
-        ({"x": 1.0, "y": 0.0, "rcs_dbsm": 1.0, "stature_m": 1.7}, "stature_m without a model"),
-        ({"x": 1.0, "y": 0.0, "rcs_dbsm": 1.0, "heading_deg": 9.0}, "heading_deg without a model"),
-        ({"x": 1.0, "y": 0.0, "model": "pedestrian", "stature_m": "tall"}, "tall"),
-        ({"x": 1.0, "y": 0.0, "model": "pedestrian", "stature_m": 1.7, "vx": 9.0}, "a walker of 1.7 m at 9 m/s"),
-        ({"x": 1.0, "y": 0.0, "model": "car", "sizes": {"wheel_radius_m": 0.3}}, "sizes"),
-        ({"x": 1.0, "y": 0.0, "model": "car", "colour": "red"}, "unknown field"),
-    ],
-)
-def test_wrong_entries_are_refused_in_one_line(tmp_path: Path, entry: dict[str, object], message: str) -> None:
-    with pytest.raises(InputError, match=message) as refused:
-        read_targets(written(tmp_path, entry))
-    assert "\n" not in str(refused.value)

@@ -14,8 +14,7 @@ from typer.testing import CliRunner
 from datafactory import Pose, render, trace
 from datafactory.api.asking import load_scene
 from datafactory.cli.app import app
-from datafactory.view.camera import HEIGHT, WIDTH
-from datafactory.view.cameras import Cameras
+from datafactory.view.camera import HEIGHT, WIDTH, Cameras
 from shared.dataset.folder import open_dataset, verify
 from shared.physics.errors import InputError
 

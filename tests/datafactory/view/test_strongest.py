@@ -22,9 +22,8 @@ from datafactory.paths.table import (
 )
 from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.poses import Pose
-from datafactory.view.casting import RayCaster
-from datafactory.view.colours import DIFFRACTION, DIRECT, KINDS, MIRROR, REFRACTION, SEVERAL
 from datafactory.view.strongest import kinds_of, shown_paths, strongest
+from datafactory.view.subject import DIFFRACTION, DIRECT, KINDS, MIRROR, REFRACTION, SEVERAL, RayCaster
 
 NO_TARGETS = np.zeros((0, 3))
 ORIGIN = np.zeros(3)

@@ -15,7 +15,7 @@ from prepared_scenes import SCENES
 
 from datafactory.api.viewing import view
 from datafactory.scenes.poses import Pose
-from datafactory.view.colours import DIRECT, KINDS, material_colour
+from datafactory.view.subject import DIRECT, KINDS, material_colour
 
 BROWSER = installed_browser()
 if BROWSER is None:

@@ -8,16 +8,7 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
-from raw_files import (
-    COUNTS,
-    quantised,
-    radar_file,
-    radar_of,
-    scene,
-    write_cascade,
-    write_four_lanes,
-    write_two_lanes,
-)
+from raw_files import COUNTS, quantised, radar_file, radar_of, scene, write_cascade, write_four_lanes, write_two_lanes
 
 from shared.physics.errors import InputError
 from shared.signal.spectrum import range_doppler

@@ -16,7 +16,7 @@ from command_line import status
 from small_evaluation import make_data
 from tiny_radar import small_dataset
 
-from trainer.run.claim import JOB
+from trainer.run.folder import JOB
 
 SIZE = ["--width", "4", "--hidden", "16", "--rows", "16", "--validate-every", "4", "--array", "full", "--points", "0"]
 INTERRUPTED = "trainer: interrupted"

@@ -1,14 +1,17 @@
-"""Resting point targets: one chirp stands for the frame."""
+"""What the simulated experiments look at: resting targets, and pairs that are what they say."""
 
 import numpy as np
 import pytest
-from small_evaluation import RADAR
+from paper_arrays import FAR
+from small_evaluation import FULL, RADAR
 
+from shared.physics.errors import InputError
 from shared.radar import load_radar
 from shared.signal import if_signal
 from shared.signal.spectrum import range_doppler
 from shared.signal.windows import cell_noise_power
-from trainer.data.simulation import in_plane, snapshot, truth_image
+from trainer.data.simulation import SPACING_BINS, Condition, in_plane, simulate, snapshot, truth_image
+from trainer.estimators.base import line_array
 
 
 def test_one_chirp_stands_for_the_frame_of_resting_targets():
@@ -31,3 +34,62 @@ def test_a_simulated_target_reads_its_amplitude_in_the_truth():
     truth = truth_image(RADAR, position, np.array([2e-6 + 0j]))
     assert np.unravel_index(truth.argmax(), truth.shape) == (row, column)
     assert truth.max() == pytest.approx(2e-6, rel=0.02)
+
+
+def test_trials_have_the_separation_the_ratio_and_the_noise_that_they_say():
+    condition = Condition(separation_cells=2.0, snr_db=200.0, ratio_db=6.0)
+    trials = simulate(RADAR, condition, 5, [0])
+    images, rows, channels = trials.snapshots.shape
+    assert (rows, channels) == (48, 6)
+    assert len(trials.u) == images * len(trials.rows) >= 5
+    line = line_array(RADAR, FULL.channels(RADAR))
+    np.testing.assert_allclose(np.diff(trials.u, axis=1), 2.0 * line.resolution_cell)
+    flat = trials.snapshots[:, trials.rows].reshape(len(trials.u), -1)
+    for x, u, phase in zip(flat, trials.u, trials.phase_rad, strict=True):
+        amplitude = np.linalg.lstsq(line.manifold(u), x, rcond=None)[0]
+        ratio_db = 20.0 * np.log10(np.abs(amplitude))
+        assert abs(ratio_db[1] - ratio_db[0]) == pytest.approx(6.0, abs=0.3)
+        middle = 0.5 * (line.positions_m.min() + line.positions_m.max())
+        turned = amplitude * np.exp(-2j * np.pi / line.wavelength_m * middle * u)
+        assert np.angle(turned[1] / turned[0] * np.exp(-1j * phase)) == pytest.approx(0.0, abs=0.1)
+
+
+def test_a_stated_phase_is_that_at_the_middle_of_the_array_and_leaves_all_else_as_it_is() -> None:
+    free, stated = (simulate(RADAR, Condition(2.0, 40.0, phase_rad=phase), 5, [3]) for phase in (None, np.pi / 3))
+    np.testing.assert_allclose(stated.phase_rad, np.pi / 3)
+    assert np.ptp(free.phase_rad) > 1.0
+    np.testing.assert_array_equal(stated.u, free.u)
+    line = line_array(RADAR)
+    middle = 0.5 * (line.positions_m.min() + line.positions_m.max())
+    for x, u in zip(stated.snapshots[:, stated.rows].reshape(len(stated.u), -1), stated.u, strict=True):
+        amplitude = np.linalg.lstsq(line.manifold(u), x, rcond=None)[0]
+        turned = amplitude * np.exp(-2j * np.pi / line.wavelength_m * middle * u)
+        assert np.angle(turned[1] / turned[0]) == pytest.approx(np.pi / 3, abs=0.1)
+
+
+def test_noise_and_amplitude_are_those_of_the_ratio_that_they_say() -> None:
+    radar = FAR
+    loud, quiet = (simulate(radar, Condition(0.0, snr), 200, [4]) for snr in (30.0, 10.0))
+    np.testing.assert_array_equal(loud.u, quiet.u)
+    power = cell_noise_power(radar)
+    line = line_array(radar)
+    for trials, snr in ((loud, 1e3), (quiet, 10.0)):
+        empty = trials.snapshots[:, trials.rows - SPACING_BINS // 2]
+        assert np.mean(np.abs(empty) ** 2) == pytest.approx(power, rel=0.05)
+        rows = trials.snapshots[:, trials.rows].reshape(len(trials.u), -1)
+        matched = np.abs(np.einsum("ct,tc->t", line.manifold(trials.u[:, 0]).conj(), rows)) ** 2 / line.channels**2
+        assert np.mean(matched) == pytest.approx(power * (snr + 1.0 / line.channels), rel=0.05)
+
+
+def test_the_same_seed_draws_the_same_trials() -> None:
+    condition = Condition(1.0, 20.0, 10.0)
+    one, again, other = (simulate(RADAR, condition, 5, [seed]) for seed in (9, 9, 10))
+    np.testing.assert_array_equal(one.snapshots, again.snapshots)
+    np.testing.assert_array_equal(one.phase_rad, again.phase_rad)
+    assert not np.array_equal(one.u, other.u)
+
+
+@pytest.mark.parametrize("condition", [(-1.0, 10.0), (np.nan, 10.0), (1.0, 10.0, -3.0)])
+def test_impossible_pairs_are_refused(condition: tuple[float, ...]) -> None:
+    with pytest.raises(InputError, match="pair"):
+        Condition(*condition)

@@ -4,16 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from measured_rows import (
-    MODEL_ERROR_DB,
-    NEAR_CELLS,
-    ROWS,
-    THERMAL,
-    estimator_of,
-    fit_counts,
-    measured_rows,
-    wrong_rows,
-)
+from measured_rows import MODEL_ERROR_DB, NEAR_CELLS, ROWS, THERMAL, estimator_of, fit_counts, measured_rows, wrong_rows
 from paper_arrays import ARRAYS, U, noise
 
 from shared.signal.model_error import NO_MODEL_ERROR_DB, row_noise

@@ -9,7 +9,7 @@ from paper_arrays import ARRAYS, RADAR, U, echoes, noise, some_rows
 
 from shared.signal.windows import cell_noise_power
 from trainer.data.arrays import choose_array
-from trainer.data.pairs import Condition, simulate
+from trainer.data.simulation import Condition, simulate
 from trainer.estimators.adaptive import FLOOR, IterativeAdaptive, SparseCovariance
 from trainer.estimators.array import scan_axis
 from trainer.estimators.base import ESTIMATORS, LineArray

@@ -7,11 +7,10 @@ import pytest
 from small_evaluation import FULL, RADAR, THIN, make_run, run_all
 
 from shared.physics.errors import InputError
-from trainer.data.scene_records import SceneRecord
 from trainer.evaluation.experiments.bench import Bench, EvaluationConfig
 from trainer.evaluation.experiments.contenders import estimator_contender, gather
 from trainer.evaluation.experiments.generalisation import trained_on
-from trainer.run.folder import Fingerprint, Start, read_run, write_run
+from trainer.run.folder import Fingerprint, SceneRecord, Start, read_run, write_run
 
 TWO_TX = RADAR.model_copy(
     update={"array": RADAR.array.model_copy(update={"tx_m": ((0.0, 0.0, 0.0), (0.0, 0.024, 0.0))})}

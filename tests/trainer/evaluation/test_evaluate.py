@@ -98,14 +98,7 @@ def test_a_killed_evaluation_goes_on_and_ends_in_the_same_numbers(inputs, evalua
     assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == files
 
 
-def test_two_evaluations_make_the_same_figures(inputs, evaluation, tmp_path):
-    out = tmp_path / "out"
-    run_all(inputs, out, experiments=["detection", "noise-only"], measured=None)
-    for name in ("detection.png", "detection.svg", "noise-only.png", "noise-only.svg"):
-        assert (out / "figures" / name).read_bytes() == (evaluation[1] / "figures" / name).read_bytes()
-
-
-def test_the_numbers_do_not_depend_on_the_number_of_workers(inputs, evaluation, tmp_path):
+def test_numbers_and_figures_do_not_depend_on_the_number_of_workers(inputs, evaluation, tmp_path):
     out, chosen = tmp_path / "out", ["two-reflectors", "detection", "noise-only", "measured"]
     steps = []
     table = run_all(inputs, out, experiments=chosen, workers=2, progress=lambda *step: steps.append(step))
@@ -113,6 +106,8 @@ def test_the_numbers_do_not_depend_on_the_number_of_workers(inputs, evaluation, 
     for path in (out / "cells").glob("*.npz"):
         if not path.name.startswith("runtime"):
             assert path.read_bytes() == (evaluation[1] / "cells" / path.name).read_bytes()
+    for name in ("detection.png", "detection.svg", "noise-only.png", "noise-only.svg"):
+        assert (out / "figures" / name).read_bytes() == (evaluation[1] / "figures" / name).read_bytes()
     # Progress is that of single cells.
     done = [done for name, done, total in steps if name == "detection"]
     assert done == list(range(len(done)))

@@ -97,6 +97,7 @@ def test_a_worker_that_dies_is_replaced_and_its_cell_computed(bench: Bench, tmp_
     assert int(died.read_text()) not in {int(values["pid"]) for values in found.values()}
 
 
+@pytest.mark.slow
 def test_a_cell_that_three_workers_die_of_is_one_line_here(bench: Bench, tmp_path: Path) -> None:
     line = r"^report-die-hang die place=1: three worker processes died of it, its process ended by SIGKILL.*--resume"
     with pytest.raises(TrainingStopped, match=line), Workers(bench, 2, tmp_path / "workers") as pool:
@@ -121,6 +122,7 @@ with Workers(bench, 2, Path(sys.argv[3])) as pool:
 """
 
 
+@pytest.mark.slow
 def test_workers_end_with_a_parent_that_was_killed(data: Path, tmp_path: Path) -> None:
     """A script needs no guard around its main part."""
     script = tmp_path / "script.py"

@@ -14,7 +14,7 @@ from trainer.evaluation.experiments.bench import FrameRef
 from trainer.evaluation.experiments.contenders import estimator_contender
 from trainer.evaluation.experiments.doppler import score_peaks
 from trainer.evaluation.experiments.frames import one_of_each_scene, ranking, score_frame, score_truth
-from trainer.evaluation.report.shown import from_bytes, scene_levels, to_bytes
+from trainer.evaluation.report.page import from_bytes, scene_levels, to_bytes
 from trainer.metrics.cells import truth_cells
 from trainer.run.answers import Answer
 

@@ -16,8 +16,7 @@ from tiny_radar import RADAR
 
 from shared.radar import Radar
 from trainer.evaluation.report.page import ReportFrame, report_page
-from trainer.evaluation.report.tables import metrics_table
-from trainer.evaluation.rows import MetricRow
+from trainer.evaluation.report.tables import MetricRow, metrics_table
 
 BROWSER = installed_browser()
 if BROWSER is None:

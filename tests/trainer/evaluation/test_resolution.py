@@ -10,12 +10,14 @@ import pytest
 from numpy.typing import NDArray
 from paper_arrays import FAR, deterministic_bound
 
-from trainer.data.arrays import choose_array
-from trainer.data.pairs import Condition, Trials, simulate
+from shared.radar import load_radar
+from trainer.data.arrays import ArrayChoice, choose_array
+from trainer.data.simulation import Condition, Trials, simulate
 from trainer.evaluation.experiments.bench import Bench, EvaluationConfig
 from trainer.evaluation.experiments.contenders import Contender, estimator_contender
 from trainer.evaluation.experiments.resolution import PAIRS, SINGLES, Resolution, locate_targets
-from trainer.evaluation.rows import condition_text
+from trainer.evaluation.experiments.robustness import Impairment, channel_factors, displaced
+from trainer.evaluation.report.tables import condition_text
 from trainer.metrics.bootstrap import wilson
 from trainer.metrics.peaks import resolved, single_source_bound
 
@@ -161,3 +163,23 @@ def test_a_known_error_reads_as_what_it_is() -> None:
 def task_angles(condition: str) -> NDArray[np.float64]:
     """[50, K] angles of a task of one target or of two."""
     return np.tile([[-0.1, 0.1]] if condition.startswith("separation") else [[0.1]], (50, 1))
+
+
+def test_impairments_do_what_they_say():
+    generator = np.random.default_rng(2)
+    array = load_radar("avr-qdm-110").array
+    sparse = ArrayChoice(name="sparse4", rx=(0, 1, 10, 15))
+    assert np.all(channel_factors(Impairment("SNR", 20.0), array, sparse, generator) == 1.0)
+    dead = channel_factors(Impairment("dead RX", 2.0), array, sparse, generator)
+    assert np.count_nonzero(dead == 0) == 2 * 3
+    assert set(array.channel_rx[dead == 0]) < set(sparse.rx)
+    phases = np.stack([channel_factors(Impairment("phase error", 10.0), array, sparse, generator) for _ in range(50)])
+    assert np.allclose(np.abs(phases), 1.0)
+    assert np.rad2deg(np.angle(phases)).std() == pytest.approx(10.0, rel=0.07)
+    gains = np.stack([channel_factors(Impairment("gain error", 2.0), array, sparse, generator) for _ in range(50)])
+    assert (20.0 * np.log10(np.abs(gains))).std() == pytest.approx(2.0, rel=0.07)
+    moved = displaced(array, 0.5, generator)
+    difference = moved.rx - array.rx
+    assert not difference[:, [0, 2]].any()
+    assert 0.2e-3 < difference[:, 1].std() < 0.9e-3
+    assert displaced(array, 0.0, generator) == array

@@ -1,12 +1,16 @@
-"""Confidence intervals: coverage, repeatability, ratios of sums, Wilson."""
+"""Intervals of means, ratios and shares, and of average precisions of several methods on the same frames."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.stats import bootstrap
 
 from shared.physics.errors import InputError
+from trainer.metrics import bootstrap as intervals
 from trainer.metrics.bootstrap import bootstrap_mean, bootstrap_ratio, wilson
+from trainer.metrics.cells import CellScores
+from trainer.metrics.ranking import mean_average_precision, pooled
 
 
 def test_intervals_cover_the_truth_as_often_as_they_say() -> None:
@@ -59,3 +63,71 @@ def test_wilson_intervals() -> None:
 def test_intervals_of_nothing_are_refused(call) -> None:
     with pytest.raises(InputError, match="expected"):
         call()
+
+
+TRUTHS = (6, 3, 0, 9, 4, 7, 2)
+
+
+def frames(seed: int, skill: float) -> list[CellScores]:
+    """A method whose matched detections stand ``skill`` above its false alarms; hard frames are hard for every one."""
+    generator = np.random.default_rng(seed)
+    return [
+        CellScores(
+            generator.normal(skill + 0.2 * index, 1.0, generator.integers(0, truths + 1)),
+            generator.normal(0.0, 1.0, 5),
+            truths,
+        )
+        for index, truths in enumerate(TRUTHS)
+    ]
+
+
+def test_of_one_method_it_is_the_average_precision():
+    ranking = pooled(frames(0, 1.0))
+    assert mean_average_precision([ranking], seed=4) == ranking.intervals((), seed=4)[0]
+
+
+def test_a_method_gains_nothing_over_itself():
+    ranking = pooled(frames(0, 1.0))
+    found = mean_average_precision([ranking, ranking], [ranking])
+    assert (found.value, found.low, found.high) == (0.0, 0.0, 0.0)
+
+
+def test_the_interval_is_that_of_frames_drawn_for_all_methods_at_once(monkeypatch):
+    """Against the slow way: pool the drawn frames of each method anew."""
+    monkeypatch.setattr(intervals, "RESAMPLES", 200)
+    of, less = [frames(0, 1.0), frames(1, 1.5)], [frames(2, 0.5)]
+
+    def mean(methods, drawn):
+        return np.mean([pooled([method[index] for index in drawn]).average_precision() for method in methods])
+
+    def gain(drawn):
+        return mean(of, drawn) - mean(less, drawn)
+
+    expected = bootstrap(
+        (np.arange(len(TRUTHS)),), gain, vectorized=False, n_resamples=200, batch=100, method="percentile",
+        rng=np.random.default_rng(3),
+    ).confidence_interval  # fmt: skip
+    found = mean_average_precision([pooled(one) for one in of], [pooled(one) for one in less], seed=3)
+    assert found.value == pytest.approx(gain(range(len(TRUTHS))))
+    assert (found.low, found.high) == (pytest.approx(expected.low), pytest.approx(expected.high))
+
+
+def test_a_difference_is_surer_than_its_parts():
+    """Two networks whose detections differ by little: what the drawn frames do to both is no difference."""
+    first = frames(0, 1.0)
+    second = [CellScores(one.matched + 0.05, one.false_alarms, one.truths) for one in first]
+    gain = mean_average_precision([pooled(second)], [pooled(first)])
+    alone = mean_average_precision([pooled(second)])
+    assert gain.high - gain.low < 0.3 * (alone.high - alone.low)
+
+
+def test_frames_without_anything_to_detect_have_no_value():
+    nothing = pooled([CellScores(np.empty(0), np.ones(2), 0)] * 3)
+    assert np.isnan(mean_average_precision([nothing], [nothing]).value)
+
+
+def test_other_frames_cannot_be_compared():
+    with pytest.raises(InputError, match="of other frames"):
+        mean_average_precision([pooled(frames(0, 1.0))], [pooled(frames(0, 1.0)[:-1])])
+    with pytest.raises(InputError, match="one or more"):
+        mean_average_precision([])

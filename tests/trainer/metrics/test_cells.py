@@ -1,4 +1,4 @@
-"""Truth cells, detections and false alarms: by hand, by a slow reference, in noise alone; shuffled, flipped, empty."""
+"""Truth cells, detections and false alarms: by hand, by a slow reference; shuffled, flipped, empty."""
 
 from __future__ import annotations
 
@@ -129,13 +129,6 @@ def test_a_shoulder_is_no_maximum_and_a_plateau_is_one() -> None:
     assert local_maxima(np.zeros((0, 4))).shape == (0, 2)
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_maxima_are_those_of_every_three_by_three_window(seed: int) -> None:
-    image = smooth((20, 31), seed)
-    assert [tuple(place) for place in local_maxima(image).tolist()] == slow_maxima(image)
-    assert len(slow_maxima(image)) > 20
-
-
 # Matching and false alarms by hand
 
 
@@ -171,16 +164,6 @@ def test_a_false_alarm_is_judged_by_level_ranked_by_score_and_beyond_five_metres
     near = np.zeros_like(truth)
     near[33, 7], near[34, 20] = 1.0, 2.0
     assert scores(truth, near).false_alarms.tolist() == [2.0]
-
-
-def test_a_detection_makes_room_for_a_weaker_one() -> None:
-    """The stronger one is within two bins of both cells, the weaker of one only: nearest first would lose it."""
-    truth = far(dots((5, 20), (2, 8, 1.0), (2, 11, 1.0)))
-    found = scores(truth, far(dots((5, 20), (2, 9, 2.0), (2, 7, 1.5))))
-    assert found.matched.tolist() == [2.0, 1.5]
-    # A weaker one never takes the place of a stronger.
-    found = scores(far(dots((5, 20), (2, 8, 1.0))), far(dots((5, 20), (2, 10, 2.0), (2, 7, 1.5))))
-    assert found.matched.tolist() == [2.0]
 
 
 def test_room_is_found_at_the_end_of_a_long_chain() -> None:
@@ -227,24 +210,10 @@ def test_the_truth_scores_one_and_an_empty_image_nothing() -> None:
     assert pooled(tiny).average_precision() == 1.0
 
 
-def test_noise_alone_has_the_expected_number_of_false_alarms() -> None:
-    """Of independent pixels one in nine is the largest of its window, one in six at an edge, one in four in a corner.
-    Of the inner ones (1 - F^9) / 9 also exceed a level that a pixel stays below with the probability F."""
-    rows, columns, frames = 90, 140, 12
+def test_without_a_truth_there_are_false_alarms_alone() -> None:
     generator = np.random.default_rng(3)
-    found = []
-    for _ in range(frames):
-        image = generator.rayleigh(size=(rows, columns))
-        found.append(scores(np.zeros_like(image), image))
-    alarms = np.concatenate([one.false_alarms for one in found])
-    # Row 34 is the first beyond 5 m and an inner one; the last has three neighbours less.
-    judged = rows - 34
-    inner = (judged - 1) * (columns - 2)
-    expected = frames * (inner / 9 + (columns - 2 + 2 * (judged - 1)) / 6 + 2 / 4)
-    assert len(alarms) == pytest.approx(expected, abs=4 * np.sqrt(expected))
-    level = 3.0
-    above = frames * (judged * columns) * (1.0 - (1.0 - np.exp(-(level**2) / 2)) ** 9) / 9
-    assert np.sum(alarms > level) == pytest.approx(above, abs=4 * np.sqrt(above))
+    images = [generator.rayleigh(size=(60, 90)) for _ in range(4)]
+    found = [scores(np.zeros_like(image), image) for image in images]
     ranking = pooled(found)
     assert not ranking.defined
     assert np.isnan([ranking.average_precision(), ranking.detection_probability(10.0)]).all()

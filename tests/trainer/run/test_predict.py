@@ -1,5 +1,8 @@
-"""``trainer predict`` and ``trainer export``: images of datasets and cubes, ONNX, and what is refused."""
+"""``trainer predict`` and ``trainer export``: images of datasets and cubes, ONNX, animation, and what is refused."""
 
+from __future__ import annotations
+
+import itertools
 import json
 
 import numpy as np
@@ -7,16 +10,21 @@ import onnxruntime
 import pyarrow.parquet as pq
 import pytest
 import torch
+from PIL import Image, ImageSequence
 from tiny_radar import NOISE_POWER, RADAR, frame, small_dataset, tiny
 from tiny_run import make_run, run_of
+from typer.testing import CliRunner
 
+from shared.physics.errors import InputError
 from shared.signal import if_signal
 from shared.signal.adaptive import adaptive_tables
 from shared.signal.features import adaptive_features, row_features, snapshot_features, steering_weights
+from trainer.cli.app import app
 from trainer.data.measurements import Measurement, open_measurements
 from trainer.run.answers import network_answer
 from trainer.run.export import export
 from trainer.run.folder import load_imager
+from trainer.run.pictures import save_animation
 from trainer.run.predict import PredictRequest, merge_peaks, predict
 
 SPECTRAL = {"model": "spectral-unet"}
@@ -181,3 +189,33 @@ def test_the_unrolled_network_is_exported_in_real_arithmetic(tmp_path):
     with torch.no_grad():
         expected = imager.network(torch.from_numpy(features)).numpy()
     np.testing.assert_allclose(found, expected, atol=1e-3 * np.abs(expected).max())
+
+
+def predicted(tmp_path, *more: str):
+    data, run = tmp_path / "data", tmp_path / "run"
+    if not run.exists():
+        small_dataset(data, training=2)
+        make_run(run)
+    arguments = ["predict", str(run), str(data), "--split", "all", "--no-pictures", "--out", str(tmp_path / "out")]
+    CliRunner().invoke(app, [*arguments, *more], catch_exceptions=False)
+    return tmp_path / "out"
+
+
+def test_every_frame_is_a_picture_in_its_order(tmp_path):
+    out = predicted(tmp_path, "--points", "--animation")
+    with Image.open(out / "animation.gif") as film:
+        pictures = [np.asarray(picture.convert("RGB")) for picture in ImageSequence.all_frames(film)]
+    assert len(pictures) == 5
+    assert pictures[0].shape[1] > 2 * 200
+    differences = [np.abs(one.astype(int) - other).max() for one, other in itertools.pairwise(pictures)]
+    assert min(differences) > 50
+    assert save_animation(out / "images.parquet", out / "again.gif") == 5
+    assert (out / "again.gif").read_bytes() == (out / "animation.gif").read_bytes()
+    assert sorted(path.name for path in out.iterdir()) == ["again.gif", "animation.gif", "images.parquet"]
+
+
+def test_it_needs_the_list_of_targets(tmp_path):
+    out = predicted(tmp_path)
+    with pytest.raises(InputError, match=r"images.parquet: no detections; expected a file of trainer predict --points"):
+        save_animation(out / "images.parquet", out / "animation.gif")
+    assert not (out / "animation.gif").exists()

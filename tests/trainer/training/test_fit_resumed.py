@@ -8,8 +8,8 @@ from small_fit import metrics, run
 from tiny_radar import TINY
 
 from shared.physics.errors import InputError
+from trainer.run.configuration import CALIBRATED
 from trainer.run.folder import CHECKPOINT, WEIGHTS, read_run
-from trainer.run.imperfections import CALIBRATED
 from trainer.training.task import ImagingTask
 
 

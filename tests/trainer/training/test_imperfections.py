@@ -12,8 +12,7 @@ from shared.radar.waveform import Waveform
 from shared.signal.spectrum import range_doppler
 from shared.signal.steering import manifold
 from shared.signal.windows import hann
-from trainer.run.configuration import FitConfig
-from trainer.run.imperfections import CALIBRATED, Imperfections
+from trainer.run.configuration import CALIBRATED, FitConfig, Imperfections
 from trainer.training.imperfections import Board, BoardErrors
 
 RADAR = Radar()

@@ -10,7 +10,7 @@ import torch
 
 from shared.physics.errors import InputError
 from trainer.run.configuration import FitConfig
-from trainer.training.loggers import check_logger, make_logger
+from trainer.training.callbacks import check_logger, make_logger
 from trainer.training.recipes import GPU, RECIPES, configuration
 
 

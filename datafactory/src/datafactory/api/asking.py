@@ -20,16 +20,15 @@ from datafactory.api.options import (
     TargetsLike,
     TrajectoryLike,
 )
+from datafactory.defaults import DEFAULT_BUDGET_DB, DEFAULT_DEPTH, DEFAULT_PATTERN, DEFAULT_RAYS
 from datafactory.effects.catalogue import parse_effects
 from datafactory.frame.chain import ChainSettings
 from datafactory.frame.deal import parse_split_pattern
-from datafactory.frame.defaults import DEFAULT_BUDGET_DB, DEFAULT_PATTERN
 from datafactory.frame.device import device_of
 from datafactory.frame.measurement import Processing
 from datafactory.frame.points import PointTargets, read_targets
-from datafactory.paths.defaults import DEFAULT_DEPTH, DEFAULT_RAYS
 from datafactory.paths.solver import TraceSettings
-from datafactory.run.licences import stated_licence
+from datafactory.run.card import stated_licence
 from datafactory.run.order import Order, TracedFolder
 from datafactory.scenes.drives import WORD, Drives, parse_drives
 from datafactory.scenes.materials.table import MaterialTable, load_materials
@@ -37,7 +36,7 @@ from datafactory.scenes.poses import Pose, read_poses
 from datafactory.scenes.readers.common import Reading, parse_variants
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene
-from datafactory.scenes.track_files import read_track
+from datafactory.scenes.tracks import read_track
 from datafactory.scenes.traffic.asked import Asked, parse_populate
 from datafactory.scenes.traffic.population import populated
 from shared.dataset.locations import locate

@@ -9,12 +9,11 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 
-from datafactory.paths.defaults import CPU
+from datafactory.defaults import CPU
 from datafactory.run.array_job import parse_job
-from datafactory.run.memory import amount, most_workers, processes, statement
+from datafactory.run.memory import CLOSE_TARGETS, STREETS, amount, free_bytes, most_workers, processes, statement
 from datafactory.run.order import Order
 from datafactory.run.preparation import deal_of, deal_of_stored, load_of, opened_scenes
-from datafactory.run.room import CLOSE_TARGETS, STREETS, free_bytes
 from datafactory.run.shards import plan_shards
 from datafactory.run.stored import stored_paths
 from shared.dataset import description, row_bytes

@@ -14,10 +14,9 @@ from datafactory.accuracy.knobs import Menu, menu_for
 from datafactory.api.asking import materials_of, order_of
 from datafactory.api.declared import taking
 from datafactory.api.options import Progress, RenderOptions, TraceOptions
-from datafactory.paths.defaults import AUTO_DEVICE, CPU, CUDA
+from datafactory.defaults import AUTO_DEVICE, CPU, CUDA, LOCAL
 from datafactory.run import making
 from datafactory.run.array_job import OPTION, parse_job
-from datafactory.run.defaults import LOCAL
 from datafactory.run.engines import opened
 from datafactory.run.order import Order
 from datafactory.run.pipeline import Execution, Report
@@ -86,7 +85,7 @@ def _made(asked: RenderOptions | TraceOptions, order: Order, menu: Menu | None, 
 
 def _with_cameras(order: Order, table: MaterialTable, report: Report, progress: Progress) -> Report:
     """The pictures of a camera at the sensor beside a finished run; those that are there are kept."""
-    from datafactory.view.cameras import Cameras, write_cameras  # where needed: Matplotlib takes a quarter of a second
+    from datafactory.view.camera import Cameras, write_cameras  # where needed: Matplotlib takes a quarter of a second
 
     started = time.perf_counter()
     dataset = open_dataset(report.directory)

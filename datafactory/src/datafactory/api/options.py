@@ -10,16 +10,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 from datafactory.api.declared import Option, Options
-from datafactory.frame.defaults import (
+from datafactory.defaults import (
+    ASKED_DEVICES,
+    CPU,
     DEFAULT_BUDGET_DB,
+    DEFAULT_DEPTH,
     DEFAULT_FRAMES,
     DEFAULT_PATTERN,
+    DEFAULT_RAYS,
+    ENGINES,
     IMAGE_BATCH,
     LARGEST_BUDGET_DB,
+    LARGEST_DEPTH,
+    LOCAL,
+    MOST_RAYS,
     SMALLEST_BUDGET_DB,
 )
-from datafactory.paths.defaults import ASKED_DEVICES, CPU, DEFAULT_DEPTH, DEFAULT_RAYS, LARGEST_DEPTH, MOST_RAYS
-from datafactory.run.defaults import ENGINES, LOCAL
 from datafactory.scenes.city.rules import MOST_BLOCKS, Style
 from shared.processes.defaults import ANGLE_WINDOWS, DEFAULT_RADAR, LARGEST_SEED, STORES
 
@@ -40,7 +46,7 @@ RadarLike: TypeAlias = "str | Path | Radar"
 PosesLike: TypeAlias = "str | Path | Sequence[Pose]"
 """The path of a JSON file, see :func:`datafactory.scenes.poses.read_poses`, or the poses themselves."""
 TrajectoryLike: TypeAlias = "str | Path | Drives | Sequence[str | Path | Sequence[Pose]]"
-"""The path of a CSV or JSON file, see :func:`datafactory.scenes.track_files.read_track`; several, or the poses of
+"""The path of a CSV or JSON file, see :func:`datafactory.scenes.tracks.read_track`; several, or the poses of
 several tracks, a sequence each; or ``"drive"``, ``"drive:speed=10,seconds=4"`` or what that means, to draw them."""
 MaterialsLike: TypeAlias = "str | Path | MaterialTable"
 TargetsLike: TypeAlias = "str | Path | Sequence[PointTargets]"

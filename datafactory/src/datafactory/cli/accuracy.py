@@ -5,7 +5,7 @@ from __future__ import annotations
 from datafactory.api.options import AccuracyOptions, OrderOptions
 from datafactory.cli.console import plain_console, shown, table
 from datafactory.cli.options import asking
-from datafactory.frame.defaults import DEFAULT_FRAMES, IMAGE_BATCH
+from datafactory.defaults import DEFAULT_FRAMES, IMAGE_BATCH
 from shared.physics.errors import InputError
 
 TABLE_WIDTH = 120

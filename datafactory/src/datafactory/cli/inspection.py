@@ -28,7 +28,7 @@ MOST_FILMS = 3
 
 def scenes() -> None:
     """List the scenes that this package and Sionna ship, by the names that --scene takes."""
-    from datafactory.scenes.readers.named import named_scenes
+    from datafactory.scenes.readers.open import named_scenes
 
     rows = [(item.name, item.kind, f"{item.bytes / 1e3:.0f}", item.about) for item in named_scenes()]
     plain_console(narrowest=TABLE_WIDTH).print(table("scenes", ("--scene", "format", "[kB]", "what it is"), rows))
@@ -105,10 +105,9 @@ def inspect(asked: InspectOptions) -> None:
 
     Exit status 1: --verify found damaged files.
     """
-    from datafactory.inspection.animation import write_animations
     from datafactory.inspection.dataset import summarise
-    from datafactory.inspection.pictures import write_pictures
-    from datafactory.view.cameras import Cameras
+    from datafactory.inspection.pictures import write_animations, write_pictures
+    from datafactory.view.camera import Cameras
     from shared.dataset.folder import open_dataset
     from shared.dataset.folder import verify as verify_dataset
     from shared.dataset.locations import RemotePath

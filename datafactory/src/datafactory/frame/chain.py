@@ -15,10 +15,10 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import islice
 
+from datafactory.defaults import CPU, IMAGE_BATCH
 from datafactory.frame.boxes import boxes_of
 from datafactory.frame.deal import DealtFrame
 from datafactory.frame.decision import Decided, doppler_called_for, path_effects
-from datafactory.frame.defaults import IMAGE_BATCH
 from datafactory.frame.measurement import (
     FrameIdentity,
     Hook,
@@ -33,7 +33,6 @@ from datafactory.frame.points import CloseTargets, draw_close_targets
 from datafactory.frame.prepared import PreparedScene
 from datafactory.frame.seeds import generator
 from datafactory.paths.backend import select_variant
-from datafactory.paths.defaults import CPU
 from datafactory.paths.density import lit_cells
 from datafactory.paths.notice import Notice
 from datafactory.paths.prune import DEFAULT_LEVEL_DB, pruned
@@ -43,7 +42,7 @@ from datafactory.paths.storage import TracedFrame, read_frame_paths
 from datafactory.paths.table import PathTable
 from datafactory.paths.trace import trace
 from datafactory.scenes.boxes import seen_things
-from datafactory.synthesis.kernels import kernels_on
+from datafactory.synthesis.cube import kernels_on
 from shared.dataset import Box, Frame
 from shared.dataset.locations import Location
 from shared.radar import Radar

@@ -22,11 +22,11 @@ from functools import cached_property
 from itertools import accumulate
 from typing import Literal
 
-from datafactory.frame.defaults import DEFAULT_PATTERN
+from datafactory.defaults import DEFAULT_PATTERN
 from datafactory.frame.points import PointTargets
 from datafactory.frame.seeds import frame_seed, generator, sequence_seed
+from datafactory.scenes.boxes import Traffic
 from datafactory.scenes.ground import Ground
-from datafactory.scenes.movers import Traffic
 from datafactory.scenes.poses import Pose, sample_pose
 from shared.dataset.folder import SPLITS, Split
 from shared.physics.errors import InputError

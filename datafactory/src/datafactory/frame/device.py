@@ -6,16 +6,16 @@ resumed on another device is therefore refused, also where ``auto`` finds anothe
 
 from __future__ import annotations
 
+from datafactory.defaults import AUTO_DEVICE, CPU, CUDA, INSTALL_TORCH
 from datafactory.paths.backend import cuda_device
-from datafactory.paths.defaults import AUTO_DEVICE, CPU, CUDA, INSTALL_TORCH
-from datafactory.synthesis.kernels import synthesis_problem
+from datafactory.synthesis.cube import synthesis_problem
 from shared.physics.errors import InputError
 
 
 def device_of(asked: str, tracing: bool, synthesis: bool) -> str:
     """``"cpu"`` or ``"cuda"``.
 
-    :param asked: one of :data:`datafactory.paths.defaults.ASKED_DEVICES`; ``"auto"`` is CUDA where it can be used
+    :param asked: one of :data:`datafactory.defaults.ASKED_DEVICES`; ``"auto"`` is CUDA where it can be used
     :param tracing: whether rays are to be traced on it, which needs OptiX
     :param synthesis: whether signals are to be made on it, which needs torch
     :raises InputError: CUDA was asked for and something that it needs is missing

@@ -17,7 +17,7 @@ from scipy.ndimage import maximum_filter
 from datafactory.frame.points import target_list
 from datafactory.frame.seeds import generator
 from datafactory.paths.table import PathTable
-from datafactory.synthesis.kernels import ON_CPU, Kernels
+from datafactory.synthesis.cube import ON_CPU, Kernels
 from datafactory.synthesis.sorting import sorted_paths
 from shared.dataset import Box, Frame, Target
 from shared.physics.units import amplitude_to_db

@@ -15,8 +15,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 
+from datafactory.defaults import INSTALL_TORCH
 from datafactory.paths.backend import CudaDevice, cuda_device, find_llvm
-from datafactory.paths.defaults import INSTALL_TORCH
 from shared.physics.errors import InputError
 from shared.processes.machine import usable_cores, usable_memory
 from shared.processes.strangers import OURS, remedy, strangers
@@ -47,7 +47,7 @@ print(variant)
 
 # Whether torch can use a CUDA device: in a process of its own, for a broken driver may end it.
 _TORCH_TRIAL = """
-from datafactory.synthesis.kernels import synthesis_problem
+from datafactory.synthesis.cube import synthesis_problem
 print(synthesis_problem() or "")
 """
 

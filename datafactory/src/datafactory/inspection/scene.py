@@ -117,15 +117,17 @@ def _materials(scene: Scene, mapping: MaterialMapping) -> Iterator[MaterialUse]:
     for item in scene.objects:
         objects[item.material] += 1
         triangles[item.material] += len(item.triangles)
-        area[item.material] += float(_areas(item).sum())
+        edges = _edges(item)
+        area[item.material] += 0.5 * float(np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1).sum())
     for name, (material, rule) in mapping.entries.items():
         known = name not in mapping.unknown
         yield MaterialUse(name, material.name, rule, known, objects[name], triangles[name], area[name])
 
 
-def _areas(item: SceneObject) -> NDArray[np.float64]:
+def _edges(item: SceneObject) -> NDArray[np.float64]:
+    """[T, 3, 3] sides of the triangles [m]."""
     corners = item.vertices[item.triangles]
-    return 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    return np.roll(corners, -1, axis=1) - corners
 
 
 def _motions(scene: Scene) -> Iterator[MotionUse]:
@@ -179,7 +181,7 @@ def _remarks(scene: Scene, mapping: MaterialMapping) -> Iterator[str]:
     ):
         if counts.get(key):
             yield f"{counts[key]} {sentence}"
-    small = sum(int((_longest_sides(item) < SMALL_FACET_M).sum()) for item in scene.objects)
+    small = sum(int((np.linalg.norm(_edges(item), axis=2).max(axis=1) < SMALL_FACET_M).sum()) for item in scene.objects)
     if small:
         yield (
             f"{small} triangles have no side above {SMALL_FACET_M * 1e3:.0f} mm, three wavelengths: rays meet them "
@@ -195,8 +197,3 @@ def _one_way_db(slab: Any) -> float:
         slab.relative_permittivity, slab.conductivity_s_per_m, slab.thickness_m, MID_SWEEP_HZ, np.ones(1)
     )
     return float(amplitude_to_db(te)[0])
-
-
-def _longest_sides(item: SceneObject) -> NDArray[np.float64]:
-    corners = item.vertices[item.triangles]
-    return np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)

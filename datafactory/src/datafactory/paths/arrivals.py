@@ -26,8 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.columns import Columns
+from datafactory.paths.geometry import ray_margin_m
 from datafactory.paths.panes import polarization_axis
-from datafactory.paths.ray_hits import ray_margin_m
 from datafactory.paths.rays import RayFan
 from datafactory.paths.scattering import share_at
 from datafactory.paths.solver import Bundle, TraceSettings

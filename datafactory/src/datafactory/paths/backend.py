@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-from datafactory.paths.defaults import CPU, CUDA, DEVICES
+from datafactory.defaults import CPU, CUDA, DEVICES
 from shared.physics.errors import InputError
 
 CUDA_VARIANT = "cuda_ad_mono_polarized"

@@ -9,7 +9,9 @@ radar, and meets the mirrors where that line, unfolded mirror by mirror, crosses
 a little stand for those that do not. The echo of a chain of length L is at most lambda / (4 pi L), that of perfect
 mirrors. Visibility and the true reflections are the solver's (:mod:`datafactory.paths.solver`).
 
-Mirrors that are the faces of one right-angled corner are left to :mod:`datafactory.paths.corners`.
+Mirrors that are the faces of one right-angled corner are left to :mod:`datafactory.paths.corner_echoes` and
+:mod:`datafactory.paths.corner_point_echoes`. The ray that a corner turns back to the radar runs into an edge, or into
+the point in which three faces meet. A path solver finds it by chance or not at all, and what it finds is left out.
 """
 
 from __future__ import annotations
@@ -21,7 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.candidates import CHAIN, Candidates
-from datafactory.paths.corner_edges import CornerEdges
+from datafactory.paths.corner_edges import CornerEdges, corners_of
+from datafactory.paths.merged_scene import MergedScene
+from datafactory.paths.solver import Bundle
+from datafactory.paths.table import DIFFUSE
 from datafactory.paths.view import View
 
 Real = NDArray[np.float64]
@@ -77,3 +82,18 @@ def _within(corner: Real, place: Real) -> NDArray[np.bool_]:
     second, third = (c * d - b * e) / area, (a * e - b * d) / area
     shares: Real = np.stack([1.0 - second - third, second, third])
     return shares.min(axis=0) >= (1.0 - LARGER) / 3.0
+
+
+def without_corners(bundle: Bundle, merged_scene: MergedScene) -> tuple[Bundle, int]:
+    """The paths without those that are mirrored once by each face of a corner and nothing else, and their number."""
+    corners = corners_of(merged_scene)
+    count = (bundle.interactions > 0).sum(axis=1)
+    mirrored = (bundle.interactions != DIFFUSE).all(axis=1) & (bundle.crossings == 0)
+    keep = np.ones(len(count), dtype=bool)
+    for bounces in range(2, min(bundle.interactions.shape[1], 3) + 1):
+        index = np.flatnonzero(mirrored & (count == bounces))
+        joined = np.ones(len(index), dtype=bool)
+        for one, other in combinations(bundle.triangles[index, :bounces].T, 2):
+            joined &= corners.joins(one, other)
+        keep[index] = ~joined
+    return bundle.take(keep), int((~keep).sum())

@@ -1,6 +1,7 @@
 """The aperture of right-angled corners: pieces along the edge, what either order of the faces opens, Fresnel integrals.
 
-The equations stand in :mod:`datafactory.paths.corner_echoes`.
+The equations stand in :mod:`datafactory.paths.corner_echoes`. A piece is in sight
+where both legs to a point of either face are free; the aperture of either order is looked at within the first zones.
 """
 
 from __future__ import annotations
@@ -13,6 +14,9 @@ from scipy.special import fresnel
 
 from datafactory.paths.columns import Columns
 from datafactory.paths.corner_edges import CornerEdges
+from datafactory.paths.diffraction import Sight
+from datafactory.paths.geometry import ray_margin_m
+from shared.physics.compiled import compiled
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -58,7 +62,7 @@ class Cells(Columns):
     """K pieces of the corners along their edges.
 
     :param corner: [K]; :param start, stop: [K] v along the edge
-    :param share: [K] of F_along
+    :param least: [K] E at the corner's nearer end [m]; 0 where the foot lies on the edge
     :param z: [K] its middle, from the foot [m]; :param reach: [K, 2] of the faces there [m]
     :param beyond: [K] z over that of the corner's nearer end, less 1; infinite where the foot lies on the edge
     """
@@ -66,10 +70,15 @@ class Cells(Columns):
     corner: Index
     start: Real
     stop: Real
-    share: Complex
+    least: Real
     z: Real
     reach: Real
     beyond: Real
+
+    def shares_along(self, wavelength_m: float) -> Complex:
+        """[K] of F_along."""
+        begin, end = (_from_foot(v, 0.25 * wavelength_m * v**2 - self.least) for v in (self.start, self.stop))
+        return end - begin
 
 
 def longer_along(z: Real, height: Real) -> Real:
@@ -84,7 +93,7 @@ def place_of(v: Real, height: Real, wavelength_m: float) -> Real:
 
 
 def cells_along(corners: CornerEdges, views: Views, wavelength_m: float) -> Cells:
-    """The strips in cells that are narrow near the foot of the perpendicular, and F_along of each."""
+    """The strips in cells that are narrow near the foot of the perpendicular."""
     of = corners.corner_of_strip
     height, foot_z = views.height[of], views.foot_z[of]
     low, high = corners.extent()
@@ -104,21 +113,17 @@ def cells_along(corners: CornerEdges, views: Views, wavelength_m: float) -> Cell
     index = np.repeat(np.arange(len(used)), count)
     step = np.arange(len(index)) - np.repeat(np.cumsum(count) - count, count)
     width = (stretched[:, 1] - stretched[:, 0]) / count
-    edges = [np.sinh(stretched[index, 0] + (step + k) * width[index]) for k in (0.0, 0.5, 1.0)]
-    edges[0][step == 0] = v[index[step == 0], 0]
+    start, middle, stop = (np.sinh(stretched[index, 0] + (step + k) * width[index]) for k in (0.0, 0.5, 1.0))
+    start[step == 0] = v[index[step == 0], 0]
     last = step == count[index] - 1
-    edges[2][last] = v[index[last], 1]
-    z = place_of(edges[1], height[index], wavelength_m)
+    stop[last] = v[index[last], 1]
+    z = place_of(middle, height[index], wavelength_m)
     share = np.clip((z + place[index] - strip[index, 0]) / (strip[index, 1] - strip[index, 0]), 0.0, 1.0)[:, None]
     reach = (1.0 - share) * strip[index][:, [2, 4]] + share * strip[index][:, [3, 5]]
     corner = of[index]
-    # A cell ends where the next one of its strip starts.
-    begin = _from_foot(edges[0], 0.25 * wavelength_m * edges[0] ** 2 - least[corner])
-    end = np.roll(begin, -1)
-    end[last] = _from_foot(edges[2][last], 0.25 * wavelength_m * edges[2][last] ** 2 - least[corner[last]])
     beside = nearest[corner] != 0.0
     beyond = np.where(beside, z / np.where(beside, nearest[corner], 1.0) - 1.0, np.inf)
-    return Cells(corner, edges[0], edges[2], end - begin, z, reach, beyond)
+    return Cells(corner, start, stop, least[corner], z, reach, beyond)
 
 
 def _from_foot(v: Real, longer_m: Real) -> Complex:
@@ -148,13 +153,6 @@ class FaceOrder:
         angle = here.angle if order == 0 else here.opening - here.angle
         reach = cells.reach if order == 0 else cells.reach[:, ::-1]
         return FaceOrder(here.height, angle, here.opening, reach, cells.beyond)
-
-    @staticmethod
-    def of_views(views: Views, order: int) -> FaceOrder:
-        """The same for C corners whose faces go on for ever."""
-        angle = views.angle if order == 0 else views.opening - views.angle
-        endless = np.full(len(angle), np.inf)
-        return FaceOrder(views.height, angle, views.opening, np.stack([endless, endless], axis=1), endless)
 
     def end(self) -> Real:
         """[K] how far from the edge the second face is lit by the first [m]."""
@@ -190,35 +188,15 @@ def _like(value: Real, points: Real) -> Real:
     return value if points.ndim == 1 else value[:, None]
 
 
-def integrals_of_all(cells: Cells, views: Views, wavelength_m: float) -> Complex:
-    """[2, C] F of both orders with all of the aperture in sight: :func:`integrals` without a look at its pieces."""
-    total = np.zeros((2, len(views.height)), dtype=np.complex128)
-    for order in (0, 1):
-        one = FaceOrder.of(cells, views, order)
-        at_edge = FaceOrder.of_views(views, order).share_to(np.zeros(len(views.height)), wavelength_m)
-        across = one.share_to(one.end(), wavelength_m) - at_edge[cells.corner]
-        np.add.at(total[order], cells.corner, cells.share * across)
-    return total
-
-
 def integrals(cells: Cells, views: Views, wavelength_m: float, seen: NDArray[np.bool_]) -> Complex:
     """[2, C] F of both orders.
 
     :param seen: [2, K, ACROSS] whether a piece of the aperture is in sight
     """
-    total = np.zeros((2, len(views.height)), dtype=np.complex128)
+    total, along = np.zeros((2, len(views.height)), dtype=np.complex128), cells.shares_along(wavelength_m)
     for order in (0, 1):
         across = (_pieces_across(FaceOrder.of(cells, views, order), wavelength_m) * seen[order]).sum(axis=1)
-        np.add.at(total[order], cells.corner, cells.share * across)
-    return total
-
-
-def integrals_at_most(cells: Cells, views: Views, wavelength_m: float) -> Real:
-    """[C] what the sum of |F| of both orders does not exceed, whatever pieces are in sight: all of them in phase."""
-    total = np.zeros(len(views.height))
-    for order in (0, 1):
-        across = np.abs(_pieces_across(FaceOrder.of(cells, views, order), wavelength_m)).sum(axis=1)
-        np.add.at(total, cells.corner, np.abs(cells.share) * across)
+        np.add.at(total[order], cells.corner, along * across)
     return total
 
 
@@ -246,6 +224,55 @@ def widths_across(cells: Cells, views: Views, wavelength_m: float, count: int) -
     """v [C] from the edge to the aperture's narrower end, weighted with the cells' shares."""
     ends = [one.longer(one.end()) for one in (FaceOrder.of(cells, views, order) for order in (0, 1))]
     v = np.sqrt(4.0 * np.minimum(*ends) / wavelength_m)
-    weight = np.abs(cells.share)
+    weight = np.abs(cells.shares_along(wavelength_m))
     total = np.bincount(cells.corner, weight, count)
     return np.bincount(cells.corner, weight * v, count) / np.maximum(total, 1e-300)
+
+
+def pieces_in_sight(
+    corners: CornerEdges, cells: Cells, views: Views, wavelength_m: float, sight: Sight
+) -> NDArray[np.bool_]:
+    """[2, K, ACROSS] whether both legs to the pieces of the aperture are free."""
+    seen = np.ones((2, len(cells.corner) * ACROSS), dtype=bool)
+    for order in (0, 1):
+        b = FaceOrder.of(cells, views, order).beam(wavelength_m)
+        angle = views.angle if order == 0 else views.opening - views.angle
+        below, above = (views.height * np.sin(phi) for phi in (angle, angle + views.opening))
+        for leg, face in enumerate((order, 1 - order)):
+            here = np.flatnonzero(seen[order])  # what is hidden on the first face need not be looked at on the second
+            point = _points_before_faces(
+                here, leg == 0, (cells.corner, cells.z, b), (below, above, np.sin(views.opening)),
+                (views.foot, corners.direction),
+                (np.ascontiguousarray(corners.into[:, face]), np.ascontiguousarray(corners.normal[:, face])),
+            )  # fmt: skip
+            seen[order, here] = sight(np.zeros_like(point), point)
+    return seen.reshape(2, -1, ACROSS)
+
+
+@compiled()
+def _points_before_faces(pieces, first, cells, bend, edge, face):
+    """[n, 3] where the waves of pieces of the aperture meet a face, lifted off by the ray caster's error.
+
+    :param pieces: [n] K-th cell times ``ACROSS`` and the piece of it; :param first: on the first face, or the second
+    :param cells: corner [K], z along the edge [K] and b on the second face [K, ACROSS] [m]
+    :param bend: h sin(phi) [C], h sin(phi + psi) [C], sin(psi) [C]
+    :param edge: foot [C, 3], direction [C, 3]; :param face: into [C, 3], normal [C, 3] of the one that is met
+    """
+    corner, along, across = cells
+    below, above, opening = bend
+    foot, direction = edge
+    into, normal = face
+    points = np.empty((len(pieces), 3))
+    for n in range(len(pieces)):
+        k = pieces[n] // ACROSS
+        c, z, away, square = corner[k], along[k], across[k, pieces[n] % ACROSS], 0.0
+        if first:
+            share = below[c] / (below[c] + away * opening[c])  # of the way from the image to the second face
+            away, z = above[c] * away * share / below[c], z * share
+        for i in range(3):
+            points[n, i] = foot[c, i] + z * direction[c, i] + away * into[c, i]
+            square += points[n, i] * points[n, i]
+        margin = ray_margin_m(np.sqrt(square))
+        for i in range(3):
+            points[n, i] += margin * normal[c, i]
+    return points

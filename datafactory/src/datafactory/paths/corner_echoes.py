@@ -56,17 +56,15 @@ from datafactory.paths.corner_aperture import (
     cells_along,
     ends_along,
     integrals,
-    integrals_at_most,
-    integrals_of_all,
     longer_along,
+    pieces_in_sight,
     place_of,
     widths_across,
     without_hidden,
 )
 from datafactory.paths.corner_edges import CornerEdges
-from datafactory.paths.corner_sight import pieces_in_sight
 from datafactory.paths.diffraction import NEAREST_M, Sight, along_array
-from datafactory.paths.mirror_feet import AHEAD_M
+from datafactory.paths.mirrors import AHEAD_M
 from datafactory.paths.panes import Polarization, polarization_axis
 from datafactory.paths.slabs import Slabs
 from datafactory.paths.table import CORNER, ScatteredPaths, SpecularPaths
@@ -99,53 +97,49 @@ class CornerEchoes:
         polarization: tuple[Polarization, Polarization] = ("V", "V"),
     ) -> None:
         self._slabs, self._polarization = slabs, polarization
-        wavelength = slabs.wavelength_m
-        facing, views = _facing(corners, wavelength)
-        corners = corners.take(facing)
-        cells = cells_along(corners, views, wavelength)
-        possible = np.abs(integrals_of_all(cells, views, wavelength)).sum(axis=0)
-        heard = np.pi * views.height**2 * possible**2 > float(db_to_power(FAINTEST_DBSM))
-        self._faint = len(corners) - int(heard.sum())
-        self._corners, self._views, self._cells = _kept(heard, corners, views, cells)
+        facing, self._views = _facing(corners, slabs.wavelength_m)
+        self._corners = corners.take(facing)
 
     @property
     def candidates(self) -> Candidates:
-        """Of every corner: all pieces of its aperture in phase, or what none exceeds."""
-        corners, views = self._corners, self._views
-        wavelength = self._slabs.wavelength_m
-        in_phase = (
-            wavelength / (4.0 * np.pi * views.shortest) * integrals_at_most(self._cells, views, wavelength)
-        ) ** 2
+        """Of every corner that the radar looks into: its apertures are cut into pieces for those that are followed."""
+        corners, views, wavelength = self._corners, self._views, self._slabs.wavelength_m
         nearest = _nearest(corners, views)
-        of_section = wavelength**2 * _bound(corners, views, nearest, wavelength) / (64.0 * np.pi**3 * views.height**4)
-        return Candidates.of(CORNER_ECHO, nearest, np.minimum(in_phase, of_section))
+        power = wavelength**2 * _bound(corners, views, nearest, wavelength) / (64.0 * np.pi**3 * views.height**4)
+        return Candidates.of(CORNER_ECHO, nearest, power)
 
     def seen(
         self, sight: Sight, worth: NDArray[np.bool_] | None = None
     ) -> tuple[ScatteredPaths, SpecularPaths, dict[str, int]]:
         """Small corners and wide ones, with the delay law that suits either, and counts.
 
+        Most corners of a scene are hidden: the integrals are of those in sight.
+
         :param worth: which of the candidates are followed; None for all
         """
         wavelength = self._slabs.wavelength_m
-        corners, views, cells = self._corners, self._views, self._cells
+        corners, views = self._corners, self._views
         number = np.arange(len(corners), dtype=np.int32)
         if worth is not None:
-            (corners, views, cells), number = _kept(worth, corners, views, cells), number[worth]
+            corners, views, number = corners.take(worth), views.take(worth), number[worth]
+        cells = cells_along(corners, views, wavelength)
         seen = pieces_in_sight(corners, cells, views, wavelength, sight)
         in_sight = np.zeros(len(corners), dtype=bool)
         np.logical_or.at(in_sight, cells.corner, seen.any(axis=(0, 2)))
-        cells, seen = without_hidden(cells, seen)
         hidden = len(corners) - int(in_sight.sum())
-        shares = integrals(cells, views, wavelength, seen)[:, in_sight]
-        low, high = ends_along(cells, len(corners))
-        width = widths_across(cells, views, wavelength, len(corners))
-        corners, views = corners.take(in_sight), views.take(in_sight)
+        number, seen = number[in_sight], seen[:, in_sight[cells.corner]]
+        corners, views, cells = _kept(in_sight, corners, views, cells)
+        possible = np.abs(integrals(cells, views, wavelength, np.ones_like(seen))).sum(axis=0)
+        heard = np.pi * views.height**2 * possible**2 > float(db_to_power(FAINTEST_DBSM))
+        faint = len(corners) - int(heard.sum())
+        number, seen = number[heard], seen[:, heard[cells.corner]]
+        corners, views, cells = _kept(heard, corners, views, cells)
+        cells, seen = without_hidden(cells, seen)
         scattered, specular = _paths(
-            corners, views, shares, (low[in_sight], high[in_sight]), width[in_sight], self._slabs,
-            self._polarization, number[in_sight],
+            corners, views, integrals(cells, views, wavelength, seen), ends_along(cells, len(corners)),
+            widths_across(cells, views, wavelength, len(corners)), self._slabs, self._polarization, number,
         )  # fmt: skip
-        return scattered, specular, {"corners_faint": self._faint, "corners_hidden": hidden}
+        return scattered, specular, {"corners_faint": faint, "corners_hidden": hidden}
 
 
 def _facing(corners: CornerEdges, wavelength_m: float) -> tuple[Index, Views]:

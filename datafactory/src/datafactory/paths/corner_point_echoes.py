@@ -29,9 +29,9 @@ from datafactory.paths.corner_aperture import BEAM_ZONES, GRAZING, SPREAD_M
 from datafactory.paths.corner_echoes import FAINTEST_DBSM, WIDE
 from datafactory.paths.corner_points import CornerPoints
 from datafactory.paths.diffraction import NEAREST_M, Sight
-from datafactory.paths.mirror_feet import AHEAD_M
+from datafactory.paths.geometry import ray_margin_m
+from datafactory.paths.mirrors import AHEAD_M
 from datafactory.paths.panes import Polarization, polarization_axis
-from datafactory.paths.ray_hits import ray_margin_m
 from datafactory.paths.slabs import Slabs
 from datafactory.paths.table import CORNER, ScatteredPaths, SpecularPaths
 from datafactory.paths.unfold import unit

@@ -1,4 +1,9 @@
-"""What a curved surface sends back from one of its feet: divergence, the share of a surface that ends, delay law.
+"""Single mirrors on curved surfaces: where their echoes come from, how strong they are, when they arrive.
+
+    A = conj(Gamma) sqrt(1 - S^2) lambda / (4 pi 2 R) G F
+
+with Gamma and S as for a plane (:mod:`datafactory.paths.mirrors`), the divergence G, and the share F of a surface
+that ends. The incidence at a foot is normal, so that echoes have no cross-polarised part.
 
 With R the distance and kappa_1, kappa_2 the principal curvatures at the foot (positive where convex towards the radar),
 the wave of a point source at R leaves with the radii of curvature rho_i, 1 / rho_i = 1 / R + 2 kappa_i, and arrives
@@ -36,15 +41,15 @@ curvature is constant.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.paths.curved_feet import CurvedFeet
-from datafactory.paths.curved_surfaces import CurvedSurfaces
+from datafactory.paths.curved_feet import CurvedFeet, curved_feet
+from datafactory.paths.curved_surfaces import CurvedSurfaces, curved_surfaces_of
 from datafactory.paths.facets import share_within_rims
+from datafactory.paths.mirrors import AHEAD_M, CLOSEST_M, MirrorEchoes, plane_amplitude, way_and_back
 from datafactory.paths.table import ScatteredPaths, SpecularPaths
+from datafactory.paths.view import View
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -94,18 +99,10 @@ def curved_shares(
     return divergence * np.where((factor < 0.0).all(axis=1), np.conj(share), share)
 
 
-@dataclass(frozen=True)
-class EchoFields:
-    """What echoes have in common with those of flat mirrors: fields of the path table, [n] each."""
-
-    amplitude: Complex
-    object_index: NDArray[np.int32]
-    kinds: NDArray[np.uint8]
-
-
 def curved_paths(
-    feet: CurvedFeet, velocity: Real, echoes: EchoFields, wavelength_m: float
-) -> tuple[ScatteredPaths, SpecularPaths]:
+    feet: CurvedFeet, velocity: Real, amplitude: Complex, owner: NDArray[np.int32], kinds: NDArray[np.uint8],
+    wavelength_m: float,
+) -> tuple[ScatteredPaths, SpecularPaths]:  # fmt: skip
     """The echoes with the delay law that suits each.
 
     :param velocity: [n, 3] of the surfaces relative to the radar, in its frame [m/s]
@@ -117,12 +114,8 @@ def curved_paths(
     turning = np.einsum("nj,nj,nji->ni", bend, np.einsum("nji,ni->nj", feet.axes, velocity), feet.axes)
     k = _along_array(sight, bend, feet.axes)
     laws = _law_of_points(range_m, k)
-    with_point = np.flatnonzero(laws)
-    flat = np.flatnonzero(~laws)
-    return (
-        _scattered(sight, range_m, rate, turning, k, echoes, with_point),
-        _specular(sight, range_m, rate, turning, echoes, flat),
-    )
+    echoes = MirrorEchoes(sight, range_m, rate, turning, amplitude, owner, kinds)
+    return _scattered(echoes.take(laws), k[laws]), echoes.take(~laws).images()
 
 
 def _along_array(sight: Real, bend: Real, axes: Real) -> Real:
@@ -144,10 +137,8 @@ def _law_of_points(range_m: Real, k: Real) -> NDArray[np.bool_]:
     return (k > 0.0) & (point < image)
 
 
-def _scattered(
-    sight: Real, range_m: Real, rate: Real, turning: Real, k: Real, echoes: EchoFields, index: NDArray
-) -> ScatteredPaths:
-    sight, range_m, rate, turning, k = (part[index] for part in (sight, range_m, rate, turning, k))
+def _scattered(echoes: MirrorEchoes, k: Real) -> ScatteredPaths:
+    sight, range_m, rate, turning = echoes.sight, echoes.range_m, echoes.rate, echoes.turning
     rx_m = 2.0 * range_m / (1.0 + range_m * k)
     tx_m = 2.0 / k - rx_m
     rx_rate = 0.5 * rx_m**2 * (1.0 / range_m**2 + k**2) * rate
@@ -157,19 +148,39 @@ def _scattered(
         tx_velocity=(2.0 * rate - rx_rate)[:, None] * sight + tx_m[:, None] * turning,
         rx_velocity=rx_rate[:, None] * sight + rx_m[:, None] * turning,
         between_m=2.0 * range_m - 2.0 / k,
-        between_rate_mps=np.zeros(len(index)),
-        amplitude=echoes.amplitude[index],
-        depth=np.ones(len(index), dtype=np.int8),
-        object_index=echoes.object_index[index],
-        kinds=echoes.kinds[index],
+        between_rate_mps=np.zeros(len(k)),
+        amplitude=echoes.amplitude,
+        depth=np.ones(len(k), dtype=np.int8),
+        object_index=echoes.owner,
+        kinds=echoes.kinds,
     )
 
 
-def _specular(
-    sight: Real, range_m: Real, rate: Real, turning: Real, echoes: EchoFields, index: NDArray
-) -> SpecularPaths:
-    sight, range_m, rate, turning = (part[index] for part in (sight, range_m, rate, turning))
-    image, velocity = 2.0 * range_m[:, None] * sight, 2.0 * rate[:, None] * sight + 2.0 * range_m[:, None] * turning
-    axes = np.eye(3) - 2.0 * sight[:, :, None] * sight[:, None, :]
-    amplitude, owner, kinds = (part[index] for part in (echoes.amplitude, echoes.object_index, echoes.kinds))
-    return SpecularPaths.of(image, velocity, axes, amplitude, owner, kinds)
+def curved_mirrors(view: View) -> tuple[ScatteredPaths, SpecularPaths, dict[str, int]]:
+    """All single echoes of curved surfaces in a frame, by the delay law that suits each, and counts.
+
+    :return: counts are ``curved_mirrors``, ``curved_mirrors_hidden``, ``triangles_round_their_focus`` of scenes that
+        have a curved surface, and ``facets_too_coarse`` of those whose facets may stand for one
+    """
+    surfaces, settings = curved_surfaces_of(view.merged), view.settings
+    counts = {"facets_too_coarse": surfaces.coarse} if surfaces.coarse else dict[str, int]()
+    if not len(surfaces) or settings.polarization[0] != settings.polarization[1]:
+        return ScatteredPaths.none(), SpecularPaths.none(), counts
+    mesh_of_triangle = view.merged.mesh_of_triangle
+    moved = view.moved[mesh_of_triangle[surfaces.triangle]]
+    every, focused = curved_feet(surfaces, moved, view.rotation, -AHEAD_M)
+    every = every.take(every.range_m() >= CLOSEST_M)
+    passed, kinds = way_and_back(view, every.seen_to)
+    seen = np.flatnonzero(passed != 0.0)
+    feet = every.take(seen)
+    mesh = mesh_of_triangle[feet.triangle]
+    shares = curved_shares(surfaces, feet, view.moved[mesh], view.rotation, view.wavelength_m, settings.finite_mirrors)
+    amplitude = plane_amplitude(view, mesh, feet.range_m()) * (shares * passed[seen])
+    velocity, owner = view.velocity(feet.triangle, feet.foot), view.owner[feet.triangle]
+    points, images = curved_paths(feet, velocity, amplitude, owner, kinds[seen], view.wavelength_m)
+    counts |= {
+        "curved_mirrors": len(feet),
+        "curved_mirrors_hidden": len(every) - len(feet),
+        "triangles_round_their_focus": focused,
+    }
+    return points, images, counts

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from datafactory.paths.columns import Columns
 from datafactory.paths.curved_surfaces import CurvedSurfaces, turned_to
-from datafactory.paths.ray_hits import ray_margin_m
+from datafactory.paths.geometry import ray_margin_m
 from datafactory.paths.unfold import apart, unit
 
 Real = NDArray[np.float64]

@@ -18,7 +18,7 @@ radar from another point, and is diffraction. The sign of the phase is that of t
 
 Limits: the facet is plane and lit as a whole; successive mirrors are treated one by one; coplanar pieces count as one
 mirror of one material (where they overlap, as their mean). Pieces of a curved surface are no mirrors of their own:
-:mod:`datafactory.paths.curved_mirrors`.
+:mod:`datafactory.paths.curved_echoes`.
 """
 
 from __future__ import annotations

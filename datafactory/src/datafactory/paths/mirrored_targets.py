@@ -1,6 +1,6 @@
 """Targets over mirrors: the echoes that a road, a wall or any other smooth face adds to a target's own.
 
-A mirror gives a second way between radar and target (:mod:`datafactory.paths.mirror_ways`). With the direct one there
+A mirror gives a second way between radar and target (:mod:`datafactory.paths.mirrors`). With the direct one there
 are four paths: direct, out over the mirror and directly back, its reverse, and over the mirror both ways. With g the
 field of one way over that of free space and R its length,
 
@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.echo_points import EchoPoints, Seen, seen_from
-from datafactory.paths.mirror_ways import AXES, Ways, ways_over_mirrors
+from datafactory.paths.mirrors import AXES, Ways, ways_over_mirrors
 from datafactory.paths.table import SPECULAR, TARGET, ScatteredPaths
 from datafactory.paths.unfold import mirrored_velocity, unit
 from datafactory.paths.view import View

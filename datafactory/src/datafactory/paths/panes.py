@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.candidates import PANE, Candidates
-from datafactory.paths.ray_hits import first_hits, ray_margin_m
+from datafactory.paths.geometry import first_hits, ray_margin_m
 from datafactory.paths.thinning import RANGE_CELL_M, U_CELL
 from datafactory.paths.unfold import unit
 from datafactory.paths.view import View

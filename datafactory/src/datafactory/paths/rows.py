@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.rays import RayFan
-from datafactory.paths.roughness import surface_phase
+from datafactory.paths.scattering import surface_phase
 from datafactory.paths.solver import Bundle
 from datafactory.paths.table import DIFFUSE, REFRACTED, SPECULAR, ScatteredPaths, SpecularPaths
 from datafactory.paths.unfold import image_seen_from_tx, segment_lengths, tx_image_seen_from_rx, unit, with_ends

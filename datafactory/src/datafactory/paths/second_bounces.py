@@ -1,7 +1,7 @@
 """Second bounces of a frame: estimated first, followed with all its rays only where they matter.
 
-Waves scattered twice (:mod:`.scattered_twice`) are found from one ray in many as it is: they are their own estimate.
-Waves mirrored and then scattered (:mod:`.scattered_once`) are looked for along a thin share of the rays first: every
+Waves scattered twice (:mod:`.scattered`) are found from one ray in many as it is: they are their own estimate.
+Waves mirrored and then scattered (:mod:`.scattered`) are looked for along a thin share of the rays first: every
 k-th ray, so that some ``THIN_RAYS`` of those that met a surface are among them, and at least one ray in ``THINNEST``.
 Each echo of the share stands for what k rays would bring. Of n echoes alike in a resolution cell the sum has the
 standard error 1 / sqrt(n) of itself, of a single one its own size, so that three times the echo's power is the
@@ -14,13 +14,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.defaults import LARGEST_DEPTH
 from datafactory.paths.arrivals import Arrivals, Echoes
 from datafactory.paths.candidates import CHAIN, MIRRORED, TWICE, Candidates
 from datafactory.paths.chains import chain_candidates
 from datafactory.paths.corner_edges import corners_of
-from datafactory.paths.defaults import LARGEST_DEPTH
-from datafactory.paths.scattered_once import over_mirrors
-from datafactory.paths.scattered_twice import scattered_twice
+from datafactory.paths.scattered import over_mirrors, scattered_twice
 from datafactory.paths.table import SPECULAR
 from shared.physics.vectors import lengths
 

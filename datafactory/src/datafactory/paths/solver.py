@@ -23,9 +23,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.defaults import DEFAULT_DEPTH, DEFAULT_RAYS, LARGEST_DEPTH
 from datafactory.paths.backend import select_variant
 from datafactory.paths.columns import Columns
-from datafactory.paths.defaults import DEFAULT_DEPTH, DEFAULT_RAYS, LARGEST_DEPTH
 from datafactory.paths.geometry import Geometry, name_of
 from datafactory.paths.merged_scene import MergedScene, velocities_on
 from datafactory.paths.rays import RayFan
@@ -95,13 +95,8 @@ class TraceSettings:
 
     @property
     def of_mirrors(self) -> TraceSettings:
-        """How chains of mirrors are followed, without panes."""
-        return replace(self, depth=LARGEST_DEPTH, diffuse=False, refraction=False)
-
-    @property
-    def beyond_panes(self) -> TraceSettings:
-        """How mirrors are followed, and panes passed."""
-        return replace(self, diffuse=False, refraction=True)
+        """How chains of mirrors are followed."""
+        return replace(self, depth=LARGEST_DEPTH, diffuse=False)
 
     @property
     def most_in_a_cell(self) -> int:
@@ -173,10 +168,6 @@ class Solved:
     bundle: Bundle
     invalid: int
     truncated: int
-
-    def beyond_panes(self) -> Solved:
-        """Those of its paths that pass panes."""
-        return replace(self, bundle=self.bundle.take(self.bundle.crossings > 0))
 
     @staticmethod
     def nothing() -> Solved:

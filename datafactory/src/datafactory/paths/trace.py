@@ -7,8 +7,8 @@ served, or every effect is asked for, all candidates are followed.
 * What rough surfaces scatter is found by the frame's own rays, at their first surface and beyond it
   (:mod:`datafactory.paths.second_bounces`). No ray ends with a mirror after a diffuse bounce. The reverses of such
   paths, mirror first, are found, and by reciprocity each of them stands for both: it enters the table twice, with the
-  TX's and the RX's side exchanged. A diffuse bounce takes on the phase of its surface cell (:mod:`.roughness`).
-* Single mirrors are found without rays (:mod:`.mirror_feet`, :mod:`.curved_mirrors`), chains of them by the solver
+  TX's and the RX's side exchanged. A diffuse bounce takes on the phase of its surface cell (:mod:`.scattering`).
+* Single mirrors are found without rays (:mod:`.mirrors`, :mod:`.curved_echoes`), chains of them by the solver
   (:mod:`.solver`), and where panes let waves through, those beyond them. A mirror reflects with the share of its
   facet's size (:mod:`.facets`).
 * Targets given by a radar cross section (:mod:`.targets`), edges (:mod:`.diffraction`) and right-angled corners
@@ -27,23 +27,23 @@ from numpy.typing import NDArray
 from datafactory.paths.aim import aimed
 from datafactory.paths.arrivals import Arrivals
 from datafactory.paths.candidates import CHAIN, MIRRORED, PANE, TWICE, Candidates
+from datafactory.paths.chains import without_corners
 from datafactory.paths.corner_echoes import CornerEchoes
 from datafactory.paths.corner_edges import corners_of
 from datafactory.paths.corner_point_echoes import CornerPointEchoes
 from datafactory.paths.corner_points import points_of
-from datafactory.paths.corners import without_corners
-from datafactory.paths.curved_mirrors import curved_mirrors
+from datafactory.paths.curved_echoes import curved_mirrors
 from datafactory.paths.curved_surfaces import curved_surfaces_of
 from datafactory.paths.diffraction import EdgeEchoes, Sight
 from datafactory.paths.edges import edges_of
 from datafactory.paths.geometry import Geometry, placed
 from datafactory.paths.merged_scene import MergedScene
-from datafactory.paths.mirror_feet import single_mirrors
+from datafactory.paths.mirrors import single_mirrors
 from datafactory.paths.notice import Notice
 from datafactory.paths.panes import pane_candidates
 from datafactory.paths.rays import RayFan
 from datafactory.paths.rows import scattered_rows, specular_rows, with_surfaces
-from datafactory.paths.scattered_once import behind_panes
+from datafactory.paths.scattered import behind_panes
 from datafactory.paths.second_bounces import SecondBounces
 from datafactory.paths.slabs import Slabs
 from datafactory.paths.solver import Bundle, Solved, TraceSettings, radio_scene, solve
@@ -149,7 +149,7 @@ def trace(
                 _add_scattered(found, echoes.thinned(seed), view, fan, followed[group])
         if settings.refraction and PANE in followed:
             _add_scattered(found, behind_panes(first).thinned(seed), view, fan, followed[PANE])
-    _add_chains(found, _chains(view, kept, fan, seed, followed), view, followed)
+    _add_chains(found, view, kept, fan, seed, followed, len(panes) > 0)
     return found.table(objects=merged.objects, candidates=candidates, counts=found.counts)
 
 
@@ -196,35 +196,32 @@ def _add_scattered(found: _Found, part: Bundle, view: View, fan: RayFan, group: 
     found.add([_of_group(rows, group) for rows in scattered_rows(with_surfaces(part, view), fan)])
 
 
-def _chains(view: View, kept: Geometry, fan: RayFan, seed: int, followed: dict[int, int]) -> dict[int, Solved]:
-    """Chains of mirrors, and mirrors beyond panes, by the solver, of the groups that are followed."""
-    settings = view.settings
-    wanted = [CHAIN] * (CHAIN in followed) + [PANE] * (PANE in followed and settings.refraction)
-    if not (wanted and settings.depth > 1 and settings.specular and view.merged.meshes):
-        return {}
-    scene = radio_scene(kept, view.slabs, settings)
-    solved = dict[int, Solved]()
-    for group in wanted:
-        of = settings.of_mirrors if group == CHAIN else settings.beyond_panes
-        solved[group] = solve(scene, view.merged, view.pose, of, fan, seed)
-    if PANE in solved:
-        solved[PANE] = solved[PANE].beyond_panes()
-    return solved
+def _add_chains(
+    found: _Found, view: View, kept: Geometry, fan: RayFan, seed: int, followed: dict[int, int], panes: bool
+) -> None:
+    """Chains of mirrors, and mirrors beyond panes, of the groups that are followed, by one pass of the solver.
 
-
-def _add_chains(found: _Found, solved: dict[int, Solved], view: View, followed: dict[int, int]) -> None:
-    if CHAIN in solved and view.settings.corners:
-        bundle, by_the_solver = without_corners(solved[CHAIN].bundle, view.merged)
-        solved[CHAIN] = replace(solved[CHAIN], bundle=bundle)
-        found.counts["corners_by_the_solver"] = by_the_solver
-    for group, item in solved.items():
-        for depth in range(2, item.bundle.interactions.shape[1] + 1):
-            part = item.bundle.of_bounces(depth).in_fixed_order()
+    :param panes: whether there are any: the solver passes them whichever group is followed, so that a group has the
+        same bytes with the other one and without
+    """
+    settings, solved = view.settings, Solved.nothing()
+    wanted = followed.keys() & ({CHAIN, PANE} if settings.refraction else {CHAIN})
+    if wanted and settings.depth > 1 and settings.specular and view.merged.meshes:
+        scene = radio_scene(kept, view.slabs, settings)
+        solved = solve(scene, view.merged, view.pose, replace(settings.of_mirrors, refraction=panes), fan, seed)
+    bundle = solved.bundle
+    beyond, short = bundle.crossings > 0, (bundle.interactions > 0).sum(axis=1) <= settings.depth
+    groups = {CHAIN: bundle.take(~beyond), PANE: bundle.take(beyond & short)}
+    if settings.corners:
+        groups[CHAIN], found.counts["corners_by_the_solver"] = without_corners(groups[CHAIN], view.merged)
+    for group in (group for group in groups if group in wanted):
+        for depth in range(2, bundle.interactions.shape[1] + 1):
+            part = groups[group].of_bounces(depth).in_fixed_order()
             found.add([], [_of_group(specular_rows(with_surfaces(part, view)), followed[group])])
     found.counts |= {
-        "traced": sum(len(item.bundle.amplitude) for item in solved.values()),
-        "truncated": max((item.truncated for item in solved.values()), default=0),
-        "invalid": sum(item.invalid for item in solved.values()),
+        "traced": sum(len(groups[group]) for group in wanted),
+        "truncated": solved.truncated,
+        "invalid": solved.invalid,
     }
 
 

@@ -18,9 +18,8 @@ from datafactory.paths.corner_points import CornerPoints, points_of
 from datafactory.paths.curved_surfaces import curved_surfaces_of
 from datafactory.paths.edges import WedgeEdges, edges_of
 from datafactory.paths.facets import mirrors_of, reflected_share
-from datafactory.paths.geometry import mesh_of_shape
+from datafactory.paths.geometry import clear_between, first_hits, mesh_of_shape
 from datafactory.paths.merged_scene import MergedScene, velocities_on
-from datafactory.paths.ray_hits import clear_between, first_hits
 from datafactory.paths.scattering import has_lobes
 from datafactory.paths.slabs import Slabs
 from datafactory.paths.solver import TraceSettings

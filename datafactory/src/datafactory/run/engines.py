@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 from typing import Protocol
 
-from datafactory.run.defaults import LOCAL, RAY
+from datafactory.defaults import LOCAL, RAY
 from datafactory.run.portions import PortionWork, Rows, make_ready
 from datafactory.run.shards import Portion
 from shared.physics.errors import InputError
@@ -20,7 +20,7 @@ class Engine(Protocol):
 
     @property
     def name(self) -> str:
-        """One of :data:`datafactory.run.defaults.ENGINES`."""
+        """One of :data:`datafactory.defaults.ENGINES`."""
 
     def processes_here(self, workers: int) -> int:
         """Processes of this machine that make frames at a time; this one hands out, and counts as one.
@@ -77,7 +77,7 @@ class Local:
 def opened(name: str, address: str | None, announce: Callable[[str], None]) -> Iterator[Engine]:
     """An engine that is ready to work; its connection, where it has one, ends with the block.
 
-    :param name: one of :data:`datafactory.run.defaults.ENGINES`
+    :param name: one of :data:`datafactory.defaults.ENGINES`
     :param address: HOST:PORT of a Ray cluster; None for the one that this machine is a node of, or one for this run
     :param announce: takes lines for the user
     :raises InputError: an address without Ray, Ray not installed, a cluster that cannot be reached or worked with

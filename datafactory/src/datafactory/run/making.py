@@ -14,12 +14,11 @@ from datafactory.effects.catalogue import ALL
 from datafactory.paths.trace import find_shapes
 from datafactory.run import recipe
 from datafactory.run.engines import LOCAL
-from datafactory.run.memory import processes_ahead, workers_for
+from datafactory.run.memory import processes_ahead, require_room, workers_for
 from datafactory.run.order import Order
 from datafactory.run.pipeline import Execution, Report, produce
 from datafactory.run.preparation import Prepared, load_of, opened_scenes, prepare
 from datafactory.run.progress import claimed
-from datafactory.run.room import require_room
 from datafactory.scenes.materials.table import MaterialTable
 from shared.signal.tdm import statement
 

@@ -17,6 +17,7 @@ from typing import Any
 from datafactory.run.array_job import ENTRY
 from datafactory.run.engines import LOCAL
 from datafactory.run.finished_jobs import FinishedJob, find_jobs, require_same_arguments, shards_of_all
+from datafactory.run.memory import free_bytes
 from datafactory.run.pipeline import Report, total_counts
 from datafactory.run.progress import (
     FinishedShard,
@@ -29,7 +30,6 @@ from datafactory.run.progress import (
     record_finished,
 )
 from datafactory.run.provenance import provenance
-from datafactory.run.room import free_bytes
 from datafactory.run.shards import ShardPlan
 from shared.dataset.documents import MADE
 from shared.dataset.writing import PARTIAL, atomic

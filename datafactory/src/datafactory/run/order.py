@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from datafactory.defaults import DEFAULT_BUDGET_DB, DEFAULT_PATTERN, DEFAULT_RAYS
 from datafactory.effects.catalogue import ALL, EffectSet
 from datafactory.frame.chain import ChainSettings
-from datafactory.frame.defaults import DEFAULT_BUDGET_DB, DEFAULT_PATTERN
 from datafactory.frame.points import PointTargets
-from datafactory.paths.defaults import DEFAULT_RAYS
 from datafactory.scenes.drives import Drives
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import Scene

@@ -19,8 +19,8 @@ from threadpoolctl import threadpool_limits
 
 from datafactory.paths.backend import select_variant, set_threads
 from datafactory.paths.solver import load_solver
-from datafactory.run.freed_memory import keep_freed_memory
 from datafactory.run.job import Job, StepSeconds
+from datafactory.run.memory import keep_freed_memory
 from datafactory.run.progress import FinishedShard, record_finished
 from datafactory.run.shards import Portion, ShardPlan, write_tables
 from shared.dataset.locations import Location

@@ -23,11 +23,10 @@ from datafactory.paths.merged_scene import merge_scene
 from datafactory.run.memory import Load
 from datafactory.run.order import Order
 from datafactory.run.stored import StoredPaths, stored_paths
-from datafactory.scenes.boxes import boxed_things
+from datafactory.scenes.boxes import CLEAR_M, Movers, Traffic, boxed_things
 from datafactory.scenes.drives import draw_drive
 from datafactory.scenes.ground import Ground
 from datafactory.scenes.materials.table import MaterialMapping, MaterialTable
-from datafactory.scenes.movers import CLEAR_M, Movers, Traffic
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene

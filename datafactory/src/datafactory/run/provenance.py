@@ -9,8 +9,8 @@ from importlib.metadata import version
 from importlib.util import find_spec
 from typing import Any
 
+from datafactory.defaults import CPU
 from datafactory.paths.backend import cuda_device
-from datafactory.paths.defaults import CPU
 
 PACKAGES = (
     "sparseradar-shared",

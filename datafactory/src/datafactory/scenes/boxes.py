@@ -1,4 +1,4 @@
-"""Where a scene's things are at a time: oriented boxes around them, and their velocities.
+"""Where a scene's things are at a time: oriented boxes around them, their velocities, and who keeps clear of them.
 
 A box stands in its thing's own axes, as the source has them. Up is the one of the thing's axes that points closest to
 the world's up at time 0, forward its x (its y where x is the one that points up). The axes turn with the thing; the box
@@ -11,19 +11,20 @@ walks by its skeleton alone.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.scenes.chain import Chain
-from datafactory.scenes.labels import OF_MODELS, OTHER
-from datafactory.scenes.motion import Moving, Track, Vector, drift, triple, upright_axes
+from datafactory.scenes.motion import Moving, Vector, drift, triple, upright_axes
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import WORLD_AXES, PointTarget, Scene, SceneObject
 from datafactory.scenes.targets.models import MODELS
+from datafactory.scenes.things import OF_MODELS, OTHER
 
 Real = NDArray[np.float64]
 Axes = tuple[Vector, Vector, Vector]
@@ -46,46 +47,38 @@ class WorldBox:
 
 
 @dataclass(frozen=True, eq=False)
-class Parts:
-    """The parts of one thing.
+class BoxedThing:
+    """Something that moves or has a class, with its box at any time.
 
-    :param name: of the thing
-    :param class_name: never ""
+    :param class_name: "other" where the source states none
     :param frame: see :class:`Label`; None where none is known
+    :param items: the meshes and point targets that it is made of
     :param indices: their places among the scene's objects, the point targets after them
     """
 
     name: str
     class_name: str
     frame: Chain | None
-    objects: tuple[SceneObject, ...]
-    targets: tuple[PointTarget, ...]
+    items: tuple[SceneObject | PointTarget, ...]
     indices: tuple[int, ...]
 
+    @cached_property
+    def start(self) -> WorldBox:
+        """At time 0."""
+        return _box_of(self, 0.0)
 
-@dataclass(frozen=True, eq=False)
-class BoxedThing:
-    """Something that moves or has a class, with its box at any time.
-
-    :param name: of the thing; :param class_name: "other" where the source states none
-    :param indices: its parts' places among the scene's objects, the point targets after them
-    :param start: at time 0
-    :param track: of what is shifted and does not turn; None: straight on with the velocity of ``start``
-    :param turning: the parts of what turns or changes its shape; None for what does not
-    """
-
-    name: str
-    class_name: str
-    indices: tuple[int, ...]
-    start: WorldBox
-    track: Track | None = None
-    turning: Parts | None = None
+    @cached_property
+    def turns(self) -> bool:
+        """Whether it does more than to be shifted as a whole."""
+        motions = {(item.velocity, item.motion) for item in self.items}
+        return len(motions) > 1 or isinstance(self.items[0].motion, Moving)
 
     def at(self, time_s: float) -> WorldBox:
         """The box at a time [s]; its velocity is that of the interval that begins there."""
-        if self.turning is not None:
-            return _box_of(self.turning, time_s)
-        shift, velocity = drift(triple(self.start.velocity), self.track, time_s)
+        motion = self.items[0].motion
+        if self.turns or isinstance(motion, Moving):
+            return _box_of(self, time_s)
+        shift, velocity = drift(triple(self.start.velocity), motion, time_s)
         return replace(self.start, center=self.start.center + shift, velocity=velocity)
 
 
@@ -94,7 +87,19 @@ def boxed_things(scene: Scene) -> tuple[BoxedThing, ...]:
 
     What moves without a label is a thing by itself.
     """
-    return tuple(_thing(parts) for parts in _parts_of_things(scene))
+    items: tuple[SceneObject | PointTarget, ...] = (*scene.objects, *scene.targets)
+    members: dict[Hashable, list[int]] = {}
+    for index, item in enumerate(items):
+        members.setdefault(index if item.label is None else item.label.thing, []).append(index)
+    found = []
+    for indices in members.values():
+        own = tuple(items[index] for index in indices)
+        class_name = next((name for name in map(_class_of, own) if name), "")
+        if class_name or any(item.moves for item in own):
+            label = own[0].label
+            name, frame = (own[0].name, None) if label is None else (label.thing, label.frame)
+            found.append(BoxedThing(name, class_name or OTHER, frame, own, tuple(indices)))
+    return tuple(found)
 
 
 @dataclass(frozen=True)
@@ -140,24 +145,6 @@ def _seen(thing: BoxedThing, box: WorldBox, pose: Pose) -> SeenThing:
     )
 
 
-def _parts_of_things(scene: Scene) -> Iterator[Parts]:
-    members: dict[Hashable, list[int]] = {}
-    items: tuple[SceneObject | PointTarget, ...] = (*scene.objects, *scene.targets)
-    for index, item in enumerate(items):
-        key: Hashable = index if item.label is None else item.label.thing
-        members.setdefault(key, []).append(index)
-    for indices in members.values():
-        own = [items[index] for index in indices]
-        class_name = next((name for name in map(_class_of, own) if name), "")
-        if not class_name and not any(item.moves for item in own):
-            continue
-        label = own[0].label
-        objects = tuple(scene.objects[index] for index in indices if index < len(scene.objects))
-        targets = tuple(scene.targets[i - len(scene.objects)] for i in indices if i >= len(scene.objects))
-        name, frame = (own[0].name, None) if label is None else (label.thing, label.frame)
-        yield Parts(name, class_name or OTHER, frame, objects, targets, tuple(indices))
-
-
 def _class_of(item: SceneObject | PointTarget) -> str:
     """The class that a part states, or that its model implies; "" without either."""
     if item.label is not None and item.label.class_name:
@@ -166,23 +153,11 @@ def _class_of(item: SceneObject | PointTarget) -> str:
     return next((name for kind, name in OF_MODELS.items() if isinstance(model, MODELS[kind])), "")
 
 
-def _thing(parts: Parts) -> BoxedThing:
-    start = _box_of(parts, 0.0)
-    motions = {(part.velocity, part.motion) for part in parts.objects}
-    motions |= {(target.velocity, target.motion) for target in parts.targets}
-    one = len(motions) == 1 and not any(isinstance(motion, Moving) for _, motion in motions)
-    if not one:
-        return BoxedThing(parts.name, parts.class_name, parts.indices, start, turning=parts)
-    (_, motion), *_ = motions
-    assert not isinstance(motion, Moving)
-    return BoxedThing(parts.name, parts.class_name, parts.indices, start, track=motion)
-
-
-def _box_of(parts: Parts, time_s: float) -> WorldBox:
+def _box_of(parts: BoxedThing, time_s: float) -> WorldBox:
     """The box around all parts at a time."""
-    instants = [(instant.vertices, instant.velocities) for instant in (item.at(time_s) for item in parts.objects)]
-    instants += [_corners(target.at(time_s)) for target in parts.targets]
-    points, velocities = (np.concatenate(values) for values in zip(*instants, strict=True))
+    instants = [item.at(time_s) for item in parts.items]
+    corners = [_corners(now) if isinstance(now, PointTarget) else (now.vertices, now.velocities) for now in instants]
+    points, velocities = (np.concatenate(values) for values in zip(*corners, strict=True))
     axes = np.array(_axes_of(parts, time_s))
     along = points @ axes.T
     low, high = along.min(axis=0), along.max(axis=0)
@@ -205,10 +180,11 @@ def _rate_field(frame: Chain, time_s: float) -> Real:
     return found if np.isfinite(found).all() else np.zeros((4, 4))
 
 
-def _axes_of(parts: Parts, time_s: float) -> Axes:
+def _axes_of(parts: BoxedThing, time_s: float) -> Axes:
     """Forward, left and up of a thing at a time."""
     if parts.frame is None:
-        return parts.targets[0].at(time_s).axes if parts.targets else WORLD_AXES
+        item = parts.items[0].at(time_s)
+        return item.axes if isinstance(item, PointTarget) else WORLD_AXES
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         home = parts.frame.at(0.0)[0][:3, :3]
         upward = np.nan_to_num(home[2] / np.linalg.norm(home, axis=0))
@@ -223,3 +199,89 @@ def _corners(target: PointTarget) -> tuple[Real, Real]:
     low, high = target.extent
     offsets = np.array(list(product(*zip(low, high, strict=True)))) @ np.array(target.axes)
     return np.array(target.position) + offsets, np.array(target.velocity) + np.cross(np.array(target.spin), offsets)
+
+
+Box = tuple[NDArray[np.float64], NDArray[np.float64]]
+
+CLEAR_M = 3.0
+"""A drawn sensor is so far from everything that drives or walks by: nothing passes through it."""
+TRIES = 64
+"""Times that are drawn for a frame until its sensor stands clear."""
+
+
+class Movers:
+    """The boxes around everything that moves in a scene, upright and along the world's axes, at any time.
+
+    What is only shifted is measured once; of what turns, every vertex is placed anew.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        moving = [item for item in scene.objects if item.moves]
+        self._turning = [item for item in moving if isinstance(item.motion, Moving)]
+        self._shifted = [
+            (item, (item.vertices.min(axis=0), item.vertices.max(axis=0)))
+            for item in moving
+            if not isinstance(item.motion, Moving)
+        ]
+        self._targets = [item for item in scene.targets if item.moves]
+        every = [item.motion for item in moving] + [target.motion for target in self._targets]
+        self.rests_from_s = max((motion.ends_s for motion in every if motion is not None), default=np.inf)
+        """From when on what has samples rests [s]; inf where nothing has."""
+
+    def __bool__(self) -> bool:
+        return bool(self._turning or self._shifted or self._targets)
+
+    def boxes(self, time_s: float) -> list[Box]:
+        """Lower and upper corner [3] [m] of each at a time [s]."""
+        found: list[Box] = []
+        for item, (lower, upper) in self._shifted:
+            assert not isinstance(item.motion, Moving)
+            shift, _ = drift(item.velocity, item.motion, time_s)
+            found.append((lower + shift, upper + shift))
+        for item in self._turning:
+            vertices = item.at(time_s).vertices
+            found.append((vertices.min(axis=0), vertices.max(axis=0)))
+        for target in self._targets:
+            middle = np.asarray(target.at(time_s).position)
+            reach = target.model.footprint_m if target.model is not None else 0.0
+            found.append((middle - reach, middle + reach))
+        return found
+
+    def clear_of(self, poses: Sequence[Pose], least_m: float) -> bool:
+        """Whether poses, each at its time, keep at least this from every box [m]."""
+        for pose in poses if self else ():
+            corners = np.array(self.boxes(pose.time_s))
+            here = np.asarray(pose.position)
+            outside = np.maximum(np.maximum(corners[:, 0] - here, here - corners[:, 1]), 0.0)
+            if np.linalg.norm(outside, axis=1).min() < least_m:
+                return False
+        return True
+
+
+@dataclass(frozen=True, eq=False)
+class Traffic:
+    """What moves in a populated scene, for frames that have no time yet.
+
+    :param until_s: it runs from time 0 to here [s]
+    """
+
+    movers: Movers
+    until_s: float
+
+    @staticmethod
+    def of(scene: Scene) -> Traffic | None:
+        """None of a scene that is not populated, or in which nothing moves."""
+        movers = Movers(scene)
+        return Traffic(movers, scene.population.horizon_s) if scene.population is not None and movers else None
+
+    def clear_of(self, pose: Pose) -> bool:
+        """Whether a sensor keeps ``CLEAR_M`` from everything at its pose's time."""
+        return self.movers.clear_of([pose], CLEAR_M)
+
+    def at_a_clear_time(self, pose: Pose, rng: np.random.Generator) -> Pose:
+        """The pose at a drawn time at which nothing is near; at the last of 64 drawn ones where something always is."""
+        for time_s in rng.uniform(0.0, self.until_s, TRIES).tolist():
+            pose = replace(pose, time_s=time_s)
+            if self.clear_of(pose):
+                break
+        return pose

@@ -19,12 +19,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from datafactory.scenes.boxes import Movers
 from datafactory.scenes.ground import CLEARANCE_M, Ground
 from datafactory.scenes.lanes import STEP_M, Lane, draw_lane, smoothed
-from datafactory.scenes.movers import Movers
-from datafactory.scenes.poses import SENSOR_HEIGHT_M, Pose
+from datafactory.scenes.poses import SENSOR_HEIGHT_M, Pose, view_from
 from datafactory.scenes.tracks import MOST_FRAMES, pose_of, require_rate
-from datafactory.scenes.views import view_from
 from shared.dataset.folder import SPLITS, Split
 from shared.physics.errors import InputError
 
@@ -158,7 +157,7 @@ def ride(lane: Lane, cruise_mps: float, stop: int | None = None, standing_s: flo
 
 def poses_along(lane: Lane, ground: Ground, time_s: Real, way_m: Real, speed_mps: Real) -> tuple[Pose, ...]:
     """The sensor's poses at times [k], way [k] down a lane: 0.5 m above the ground and looking along it."""
-    height = np.array([ground.height_at(x, y) for x, y in lane.points]) + SENSOR_HEIGHT_M
+    height = ground.heights_at(*lane.points.T) + SENSOR_HEIGHT_M
     from scipy.interpolate import CubicSpline  # where needed: it takes a fifth of a second
 
     course = CubicSpline(lane.distance_m, np.column_stack([lane.points, smoothed(height[:, None], ROUGH_M)]))

@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from datafactory.scenes.height_map import HeightMap, height_map
-from datafactory.scenes.materials.names import singular, words
-from datafactory.scenes.regions import cut_into_regions
+from datafactory.scenes.materials.table import singular, words
 from datafactory.scenes.scene import PointTarget, Scene
-from datafactory.scenes.streets import ROUTE_CLEARANCE_M, reachable, streets
+from datafactory.scenes.streets import ROUTE_CLEARANCE_M, cut_into_regions, reachable, streets
 from shared.dataset.folder import SPLITS, Split
 from shared.physics.errors import InputError
 
@@ -95,20 +94,13 @@ class Ground:
         at = [(x - self.origin[0]) / self.cell_m - 0.5, (y - self.origin[1]) / self.cell_m - 0.5]
         return np.asarray(ndimage.map_coordinates(self.height_m, np.array(at), order=1, mode="nearest"))
 
-    def height_at(self, x: float, y: float) -> float:
-        """Height of the ground [m] at a point on free ground."""
-        return float(self.heights_at(np.array([x]), np.array([y]))[0])
-
     def tilt_deg(self, x: float, y: float, yaw_rad: float) -> tuple[float, float]:
         """Pitch and roll [deg] of a car that stands on free ground and looks along a heading."""
-        ahead, left = np.array([np.cos(yaw_rad), np.sin(yaw_rad)]), np.array([-np.sin(yaw_rad), np.cos(yaw_rad)])
-        rises = [
-            self.height_at(x + reach * way[0], y + reach * way[1])
-            - self.height_at(x - reach * way[0], y - reach * way[1])
-            for way, reach in ((ahead, HALF_LENGTH_M), (left, HALF_WIDTH_M))
-        ]
-        pitch = np.arctan2(-rises[0], 2.0 * HALF_LENGTH_M)
-        roll = np.arctan2(rises[1] * np.cos(pitch), 2.0 * HALF_WIDTH_M)
+        reach = np.array([HALF_LENGTH_M, HALF_WIDTH_M])
+        east, north = reach * [np.cos(yaw_rad), -np.sin(yaw_rad)], reach * [np.sin(yaw_rad), np.cos(yaw_rad)]
+        ahead, left = self.heights_at(x + east, y + north) - self.heights_at(x - east, y - north)
+        pitch = np.arctan2(-ahead, 2.0 * HALF_LENGTH_M)
+        roll = np.arctan2(left * np.cos(pitch), 2.0 * HALF_WIDTH_M)
         return float(np.degrees(pitch)), float(np.degrees(roll))
 
     def free_path(self, x: float, y: float, headings_rad: NDArray[np.float64], reach_m: float) -> NDArray[np.float64]:
@@ -165,10 +157,8 @@ def free_ground(scene: Scene) -> Ground:
         heights.owner, [n for n, item in enumerate(scene.objects) if _is_road(item.name, item.material)]
     )
     street = streets(free, road, obstacle, cell)
-    cut = cut_into_regions(street, cell)
-    return Ground(
-        scene.name, heights.origin, cell, heights.surface, obstacle, free, road, street, cut.region, cut.side, cut.gap_m
-    )
+    grid = scene.name, heights.origin, cell, heights.surface
+    return Ground(*grid, obstacle, free, road, street, *cut_into_regions(street, cell))
 
 
 def _is_road(name: str, material: str) -> bool:

@@ -193,9 +193,9 @@ def _lane_along(way: Real, ground: Ground, allowed: Mask, room: Real, length_m: 
 
 def _even(points: Real) -> Real:
     """The same line with a point every ``STEP_M``."""
-    far = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
-    at = np.arange(0.0, far[-1], STEP_M)
-    return np.stack([np.interp(at, far, points[:, axis]) for axis in (0, 1)], axis=1)
+    line = Lane(points)
+    at = np.arange(0.0, line.length_m, STEP_M)
+    return np.stack([np.interp(at, line.distance_m, points[:, axis]) for axis in (0, 1)], axis=1)
 
 
 def smoothed(points: Real, deviation_m: float) -> Real:

@@ -1,4 +1,9 @@
-"""Where the radar stands and how it moves: poses from a file, or drawn on free ground."""
+"""Where the radar stands and how it moves: poses from a file, or drawn on free ground.
+
+What a sensor would see from a place is found by a fan of rays over the ground's map of obstacles. The map marks every
+cell that anything stands in by more than 0.3 m, so that what it calls free is free of the triangles too, and nothing
+but ground lies within 1.5 m of free ground.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +18,9 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, TypeAdapter, ValidationError
 from scipy.spatial.transform import Rotation
 
-from datafactory.scenes.ground import Ground, Split
+from datafactory.scenes.ground import Ground
 from datafactory.scenes.motion import Vector
-from datafactory.scenes.views import BEST, view_from
+from shared.dataset.folder import SPLITS, Split
 from shared.physics.errors import InputError
 from shared.physics.units import FARTHEST_M, FASTEST_MPS
 from shared.radar import first_validation_error
@@ -143,7 +148,7 @@ def sample_pose(ground: Ground, split: Split, rng: np.random.Generator) -> Pose:
     A position is drawn uniformly, on roads with probability 0.8 and else on their kerbs where there are any, and a yaw
     uniformly. Both are taken if the boresight is free for 8 m, some ray of the field of view for 15 m, something
     stands within 95 m in the field of view, and nothing that is seen there lies on another split's side
-    (:mod:`datafactory.scenes.views`). After 32 positions with 8 yaws each the best of them is taken. The velocity lies
+    (:mod:`datafactory.scenes.poses`). After 32 positions with 8 yaws each the best of them is taken. The velocity lies
     in the ground's plane, its horizontal speed uniform from 0 to 6 m/s and its direction uniform.
 
     :param ground: from :func:`datafactory.scenes.ground.free_ground`
@@ -179,10 +184,59 @@ def sample_pose(ground: Ground, split: Split, rng: np.random.Generator) -> Pose:
     pitch_deg, roll_deg = ground.tilt_deg(x, y, yaw)
     # Positive pitch points down: the ground's rise per metre towards the direction of travel.
     rise, _ = ground.tilt_deg(x, y, direction)
+    (height,) = ground.heights_at(np.array([x]), np.array([y])).tolist()
     return Pose(
-        position=(x, y, ground.height_at(x, y) + SENSOR_HEIGHT_M),
+        position=(x, y, height + SENSOR_HEIGHT_M),
         yaw_deg=math.degrees(yaw),
         pitch_deg=pitch_deg,
         roll_deg=roll_deg,
         velocity=(speed * math.cos(direction), speed * math.sin(direction), -speed * math.tan(math.radians(rise))),
     )
+
+
+SIGHT_M = 95.0
+"""The default radar's 94.4 m."""
+SECTOR_DEG = 58.0
+"""To each side: the default radar's images end at u = 0.85."""
+SECTOR_RAYS = 25
+"""One heading every 5 deg across the sector: one of them meets a facade 8 m wide at 90 m."""
+SECTOR_RAD = np.radians(np.linspace(-SECTOR_DEG, SECTOR_DEG, SECTOR_RAYS))
+FREE_AHEAD_M = 8.0
+FAR_M = 15.0
+
+
+@dataclass(frozen=True)
+class View:
+    """A sensor's view.
+
+    :param ahead_m: free path along the boresight [m]; inf where nothing stands within ``SIGHT_M``
+    :param farthest_m: the longest free path in the field of view [m]
+    :param seen: whether anything stands in the field of view within ``SIGHT_M``
+    :param foreign: of the rays that meet something, the share that meets it on another split's side
+    """
+
+    ahead_m: float
+    farthest_m: float
+    seen: bool
+    foreign: float
+
+    @property
+    def worth(self) -> tuple[bool, float, float]:
+        """The better of two views has the larger: along a street at something; of its own; free ahead."""
+        along = self.seen and self.farthest_m >= FAR_M
+        return along, -self.foreign, min(self.ahead_m, FREE_AHEAD_M)
+
+
+BEST = (True, 0.0, FREE_AHEAD_M)
+"""The worth of a view that nothing is wrong with."""
+
+
+def view_from(ground: Ground, x: float, y: float, yaw_rad: float, split: Split) -> View:
+    """The view of a sensor of a split that stands at (x, y) [m] and looks along a heading."""
+    headings = yaw_rad + SECTOR_RAD
+    free = ground.free_path(x, y, headings, SIGHT_M)
+    met = np.isfinite(free)
+    i, j = ground.cell_of(x + np.cos(headings[met]) * free[met], y + np.sin(headings[met]) * free[met])
+    side = ground.side[i, j]
+    foreign = float(np.mean(side != SPLITS.index(split))) if met.any() else 0.0
+    return View(float(free[SECTOR_RAYS // 2]), float(free.max()), bool(met.any()), foreign)

@@ -15,10 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.scenes.chain import Chain
-from datafactory.scenes.labels import Label
 from datafactory.scenes.motion import Instant, Motion, Moving, Track, Vector, drift, fastest_mps, triple, upright_axes
 from datafactory.scenes.targets.models import RcsModel
-from datafactory.scenes.things import Population
+from datafactory.scenes.things import Label, Population
 
 ZERO = (0.0, 0.0, 0.0)
 WORLD_AXES: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))

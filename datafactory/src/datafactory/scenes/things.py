@@ -1,55 +1,21 @@
-"""The things that were put into a scene: what each is, how large, where it is at a time, and what was asked for.
+"""The things of a scene: what each mesh or point target is a part of, and what was put into the scene besides.
 
-A thing is one car or one lamp, of however many meshes it is made. The names of its meshes begin with its own and a
-slash; a thing that is a point target has the target's name.
+A thing is one car, one pedestrian, one gate: whatever meshes and point targets it is made of. A reader labels each of
+them with its thing. The class is the one that the source states, of a target with the model of a road user that of the
+road user, of everything else ``"other"``.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.scenes.motion import Track, Vector
+from datafactory.scenes.chain import Chain
 
 Real = NDArray[np.float64]
-
-CLASSES = ("car", "truck", "bus", "bicycle", "pedestrian", "pole", "sign", "other")
-"""What a thing may be, as ``radar:class`` says it in a USD file; a bicycle has its rider."""
-
-
-@dataclass(frozen=True)
-class Thing:
-    """One thing.
-
-    :param name: unique in the scene
-    :param label: one of ``CLASSES``
-    :param size_m: length, width and height along its own axes
-    :param position: of the middle of its underside at time 0, world [m]
-    :param axes: its x (ahead), y (left) and z in the world, right-handed unit vectors
-    :param motion: how it is shifted; None where it stands
-    """
-
-    name: str
-    label: str
-    size_m: Vector
-    position: Vector
-    axes: tuple[Vector, Vector, Vector]
-    motion: Track | None = field(default=None, repr=False)
-
-    @property
-    def yaw_deg(self) -> float:
-        """Of its x about z, from the world's x, positive to the left [degree]."""
-        return float(np.degrees(np.arctan2(self.axes[0][1], self.axes[0][0])))
-
-    def at(self, time_s: float) -> tuple[Real, Real]:
-        """Where the middle of its underside is at a time [s], [3] m, and its velocity [3] m/s."""
-        if self.motion is None:
-            return np.array(self.position), np.zeros(3)
-        shift, velocity = self.motion.at(time_s)
-        return np.array(self.position) + shift, velocity
 
 
 @dataclass(frozen=True)
@@ -98,7 +64,6 @@ class Population:
     :param text: what was asked for, as ``--populate`` takes it
     :param seed: of the dataset
     :param asked, placed: numbers by kind
-    :param things: all of it
     :param roads: where it drives
     :param horizon_s: traffic runs from time 0 to here
     """
@@ -107,13 +72,8 @@ class Population:
     seed: int
     asked: dict[str, int]
     placed: dict[str, int]
-    things: tuple[Thing, ...] = field(repr=False)
     roads: tuple[Strip, ...]
     horizon_s: float
-
-    @property
-    def movers(self) -> tuple[Thing, ...]:
-        return tuple(thing for thing in self.things if thing.motion is not None)
 
     def lines(self) -> tuple[str, ...]:
         """What to tell the user."""
@@ -136,3 +96,28 @@ class Population:
             "roads": len(self.roads), "road_m": round(sum(road.length_m for road in self.roads), 1),
             "horizon_s": self.horizon_s,
         }  # fmt: skip
+
+
+OTHER = "other"
+"""Class of what moves and states none."""
+OF_MODELS = {"car": "car", "pedestrian": "pedestrian", "cyclist": "bicycle"}
+"""Classes that the models of road users imply; a bicycle has its rider."""
+
+
+@dataclass(frozen=True, eq=False)
+class Label:
+    """What a mesh or a point target is a part of.
+
+    :param thing: name of the thing, unique in the scene: all of its parts have it
+    :param frame: from the thing's own coordinates to the world, at all times
+    :param class_name: as the source states it; "" where it states none
+    """
+
+    thing: str
+    frame: Chain
+    class_name: str = ""
+
+    def fingerprint(self) -> bytes:
+        """Equal for equal labels: what its boxes depend on that the meshes do not say."""
+        home = np.ascontiguousarray(self.frame.at(0.0)[0], dtype="<f8")
+        return repr((self.thing, self.class_name)).encode() + home.tobytes()

@@ -1,10 +1,12 @@
-"""Tracks: poses with times, one after the other, as values and as curves through them.
+"""Tracks: poses with times, one after the other, from files, and as curves through them.
 
 Between two rows a track is a cubic in each coordinate (Hermite form), and its velocity is that cubic's derivative.
 Where no velocities are given, the slopes at the rows are those of the modified Akima method (H. Akima, "A new method
 of interpolation and smooth curve fitting", J. ACM 17(4), 1970, with the weights of ``scipy``'s "makima"): it does not
 swing where the sensor stops. The attitude turns at a constant rate from row to row, the shorter way (K. Shoemake,
 "Animating rotation with quaternion curves", SIGGRAPH 1985).
+
+A file is a table (CSV) with a line for each pose, or the JSON list that ``--poses`` reads, with times.
 """
 
 from __future__ import annotations
@@ -24,6 +26,17 @@ from shared.physics.errors import InputError
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicHermiteSpline
+
+
+import csv
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, TypeAdapter, ValidationError
+
+from datafactory.scenes.poses import Coordinate, PoseEntry, Speed, Time, Velocity, read_entries
+from shared.physics.units import FASTEST_MPS
+from shared.radar import first_validation_error
 
 Real = NDArray[np.float64]
 
@@ -100,3 +113,117 @@ def nearest_m(one: Sequence[Pose], other: Sequence[Pose]) -> float:
 
     distance, _ = cKDTree([pose.position for pose in one]).query([pose.position for pose in other])
     return float(distance.min())
+
+
+COLUMNS = ("time", "x", "y", "z", "yaw_deg")
+VELOCITY = ("vx", "vy", "vz")
+FORM = "time,x,y,z,yaw_deg[,pitch_deg][,roll_deg][,vx,vy,vz], in s, m, degrees and m/s"
+JSON_FORM = '[{"time": s, "position": [x, y, z], "yaw_deg": 0, ..., "velocity": [x, y, z]}, ...]'
+
+_Given = Annotated[FiniteFloat, Field(ge=-1e9, le=1e9)]
+
+
+class _Line(BaseModel):
+    """One line of a table; numbers are parsed from text."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    time: Time
+    x: Coordinate
+    y: Coordinate
+    z: Coordinate
+    yaw_deg: _Given
+    pitch_deg: _Given = 0.0
+    roll_deg: _Given = 0.0
+    vx: Speed | None = None
+    vy: Speed | None = None
+    vz: Speed | None = None
+
+    def entry(self) -> _Entry:
+        velocity = None if self.vx is None else [self.vx, self.vy, self.vz]
+        angles = {"yaw_deg": self.yaw_deg, "pitch_deg": self.pitch_deg, "roll_deg": self.roll_deg}
+        return _Entry.model_validate(
+            {"time": self.time, "position": [self.x, self.y, self.z], **angles, "velocity": velocity}
+        )
+
+
+class _Entry(PoseEntry):
+    """One entry of a JSON list: a pose with a time, the velocity where it is known."""
+
+    time: Time = Field()
+    velocity: Velocity | None = None  # type: ignore[assignment]
+
+
+_ENTRIES = TypeAdapter(list[_Entry])
+
+
+def read_track(path: Path) -> Curve:
+    """Read a ``--trajectory`` file: JSON if its name ends in ``.json``, else a table with a line of names.
+
+    :raises InputError: a file that cannot be read, an unknown, doubled or missing column, a value that is no number or
+        out of bounds, fewer than two poses, times that do not rise, velocities for some poses alone, or a way between
+        two poses that nothing drives; the message names the line or the entry, the field and the value
+    """
+    return _from_json(path) if path.suffix.lower() == ".json" else _from_table(path)
+
+
+def _from_json(path: Path) -> Curve:
+    entries = read_entries(path, _ENTRIES, JSON_FORM)
+    return _curve(path, entries, [f"entry {number}" for number in range(len(entries))])
+
+
+def _from_table(path: Path) -> Curve:
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as handle:
+            reader = csv.reader(handle, strict=True)
+            lines = [(reader.line_num, line) for line in reader if any(cell.strip() for cell in line)]
+    except OSError as error:
+        raise InputError(path, f"cannot be read: {error.strerror}", f"a table with the columns {FORM}") from None
+    except (ValueError, csv.Error) as error:  # no UTF-8, an open quote, a field that never ends
+        raise InputError(path, f"is no table: {error}", f"text with the columns {FORM}") from None
+    if not lines:
+        raise InputError(path, "is empty", f"a line of names, {FORM}")
+    head, names = lines[0][0], [cell.strip() for cell in lines[0][1]]
+    for name in names:
+        if name not in _Line.model_fields or names.count(name) > 1:
+            why = "twice" if names.count(name) > 1 else "unknown"
+            raise InputError(path, f"line {head}: column {name!r} {why}", f"some of {', '.join(_Line.model_fields)}")
+    for name in (*COLUMNS, *(VELOCITY if set(names) & set(VELOCITY) else ())):
+        if name not in names:
+            raise InputError(path, f"line {head}: no column {name!r}", FORM)
+    rows = []
+    for number, cells in lines[1:]:
+        if len(cells) != len(names):
+            raise InputError(path, f"line {number} has {len(cells)} values", f"{len(names)}: {','.join(names)}")
+        try:
+            line = _Line.model_validate(dict(zip(names, (cell.strip() for cell in cells), strict=True)))
+        except ValidationError as error:
+            raise InputError(path, *first_validation_error(error, f"line {number}, ")) from None
+        rows.append(line.entry())
+    return _curve(path, rows, [f"line {number}" for number, _ in lines[1:]])
+
+
+def _curve(path: Path, rows: list[_Entry], places: list[str]) -> Curve:
+    """The rows as a curve.
+
+    :param places: where in the file each stands
+    """
+    if len(rows) < 2:
+        raise InputError(path, f"{len(rows)} pose{'' if len(rows) == 1 else 's'}", "at least two: a track has a length")
+    time_s = np.array([row.time for row in rows], dtype=np.float64)
+    position = np.array([row.position for row in rows], dtype=np.float64)
+    angles_deg = np.array([[row.yaw_deg, row.pitch_deg, row.roll_deg] for row in rows], dtype=np.float64)
+    steps_s = np.diff(time_s)
+    if (steps_s <= 0.0).any():
+        row = int(np.argmax(steps_s <= 0.0)) + 1
+        raise InputError(path, f"{places[row]}, time = {time_s[row]:g} after {time_s[row - 1]:g}", "times that rise")
+    given = [row.velocity is not None for row in rows]
+    if any(given) and not all(given):
+        raise InputError(path, f"{places[given.index(False)]} has no velocity, others have", "one in each, or in none")
+    speed = np.linalg.norm(np.diff(position, axis=0), axis=1) / steps_s
+    if (speed > FASTEST_MPS).any():
+        row = int(np.argmax(speed > FASTEST_MPS)) + 1
+        problem = f"{places[row]} is reached at {speed[row - 1]:.3g} m/s from the pose before"
+        raise InputError(path, problem, f"at most {FASTEST_MPS:g} m/s")
+    velocity = np.array([row.velocity for row in rows], dtype=np.float64) if all(given) else None
+    return Curve(time_s, position, angles_deg, velocity)

@@ -3,26 +3,45 @@
 A ray's colour is that of the material it meets, dimmed by the angle at which it meets it and paled by distance. There
 is no light source and no shadow: the pictures say where things stand and what they are made of, as the radar's model
 has them.
+
+The frames of a dataset are seen in the scenes that its manifest names.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator, Sequence
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.image import imread, imsave
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
+from pydantic import BaseModel, ValidationError
+from scipy.spatial.transform import Rotation
 
-from datafactory.view.casting import Met
-from datafactory.view.colours import KINDS, MOTION, SENSOR, TARGET, css, material_colour
+from datafactory.frame.prepared import PreparedScene
+from datafactory.run.preparation import prepared_scene
+from datafactory.scenes.materials.table import MaterialTable, load_materials
+from datafactory.scenes.poses import Pose
+from datafactory.scenes.readers.open import open_scene
+from datafactory.scenes.scene import Scene
 from datafactory.view.strongest import shown_paths
-from datafactory.view.subject import Subject
-from shared.physics.errors import figure_text
+from datafactory.view.subject import KINDS, MOTION, SENSOR, TARGET, Met, Subject, css, material_colour
+from shared.dataset import Frame
+from shared.dataset.folder import CAMERA, Dataset, camera_path
+from shared.dataset.locations import Location, file_size
+from shared.dataset.manifest import MANIFEST
+from shared.dataset.reading import radar_of
+from shared.dataset.writing import atomic, make_folder
+from shared.physics.errors import InputError, figure_text
 from shared.pictures import save_figure
+from shared.radar import first_validation_error
 
 Real = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -171,8 +190,7 @@ def above_figure(subject: Subject) -> Figure:
         kinds = [kind for kind in KINDS if any(path.kind == kind for path in shown.paths)]
     for line in subject.field_of_view():
         axis.plot(line[:, 1], line[:, 0], color=css(SENSOR), linewidth=0.8, linestyle="--")
-    for mover in subject.movers():
-        (x, y, _), (vx, vy, _) = mover.position, mover.velocity
+    for _, (x, y, _), (vx, vy, _) in subject.movers():
         axis.annotate(
             "",
             (y + vy, x + vx),
@@ -199,3 +217,97 @@ def _legend(figure: Figure, subject: Subject, kinds: list[str]) -> None:
         figure.legend(
             handles=entries, loc="outside lower center", ncols=min(7, len(entries)), fontsize=8, frameon=False
         )
+
+
+class _SceneEntry(BaseModel):
+    name: str
+    source: str
+    content_sha256: str
+
+
+class _Rendered(BaseModel):
+    """What a picture needs of a manifest."""
+
+    scenes: tuple[_SceneEntry, ...] = ()
+
+
+class Cameras:
+    """The scenes of a dataset, each opened when a frame needs it.
+
+    :param scenes: those that were opened before, among them any that no file holds
+    :param materials: that decide the colours
+    :raises InputError: a manifest without what is needed
+    """
+
+    def __init__(self, dataset: Dataset, scenes: Sequence[Scene] = (), materials: MaterialTable | None = None) -> None:
+        self._source = dataset.path / MANIFEST
+        try:
+            self._rendered = _Rendered.model_validate(dataset.manifest)
+        except ValidationError as error:
+            raise InputError(self._source, *first_validation_error(error)) from error
+        self._radar = radar_of(dataset.description(), self._source)
+        self._given = {scene.content_hash(): scene for scene in scenes}
+        self._materials = materials or load_materials()
+        self._opened: dict[str, PreparedScene] = {}
+
+    def subject(self, frame: Frame) -> Subject | None:
+        """Scene and pose of a frame; None of a frame of point targets.
+
+        :raises InputError: a scene that cannot be opened, or is not what it was
+        """
+        if frame.kind != "scene":
+            return None
+        w, x, y, z = frame.sensor_orientation
+        yaw, pitch, roll = Rotation.from_quat([w, x, y, z], scalar_first=True).as_euler("ZYX", degrees=True).tolist()
+        if math.isnan(frame.time):
+            raise InputError(self._source, "its frames do not say when they are", "a dataset made anew")
+        pose = Pose(frame.sensor_position, yaw, pitch, roll, frame.sensor_velocity, frame.time)
+        return Subject(f"{frame.scene}, frame {frame.frame_id}", self._scene(frame.scene), pose, self._radar)
+
+    def _scene(self, name: str) -> PreparedScene:
+        if name not in self._opened:
+            entries = [entry for entry in self._rendered.scenes if entry.name == name]
+            if len(entries) != 1:
+                raise InputError(self._source, f"{len(entries)} scenes named {name!r}", "one")
+            (entry,) = entries
+            scene = self._given.get(entry.content_sha256) or open_scene(entry.source)
+            if scene.content_hash() != entry.content_sha256:
+                raise InputError(entry.source, "is not the scene that was rendered", "the file as it was then")
+            self._opened[name] = prepared_scene(scene, self._materials, lambda line: None)
+        return self._opened[name]
+
+
+def stored_picture(dataset: Dataset, frame_id: int) -> NDArray[np.uint8] | None:
+    """The camera picture of a frame that was written with it; None where there is none.
+
+    :raises InputError: a file that is no picture
+    """
+    if (picture := dataset.camera(frame_id)) is None:
+        return None
+    try:
+        return np.rint(255.0 * imread(BytesIO(picture))[..., :3]).astype(np.uint8)
+    except (OSError, ValueError, SyntaxError, IndexError) as error:
+        raise InputError(
+            camera_path(dataset.path, frame_id), f"no picture: {error}", "the file as render --camera wrote it"
+        ) from error
+
+
+def seen(dataset: Dataset, frame: Frame, cameras: Cameras | None) -> NDArray[np.uint8] | None:
+    """What a camera sees of a frame; None where no picture was written with it and none is to be made."""
+    picture = stored_picture(dataset, frame.frame_id)
+    if picture is None and cameras is not None and (subject := cameras.subject(frame)) is not None:
+        picture = camera_picture(subject)
+    return picture
+
+
+def write_cameras(dataset: Dataset, cameras: Cameras) -> Iterator[Location]:
+    """Write the camera pictures of all scene frames that have none yet, one after the other."""
+    make_folder(dataset.path / CAMERA)
+    for split in dataset.splits:
+        for frame in dataset.frames(split, columns=()):
+            path, subject = camera_path(dataset.path, frame.frame_id), cameras.subject(frame)
+            if subject is None or file_size(path) is not None:
+                continue
+            with atomic(path) as partial:
+                imsave(partial, camera_picture(subject), format="png", metadata={"Software": ""})
+            yield path

@@ -19,9 +19,8 @@ from trimesh.viewer.notebook import scene_to_html
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
-from datafactory.view.colours import KINDS, MOTION, SENSOR, TARGET, css, material_colour
 from datafactory.view.strongest import PATHS_SHOWN, Shown, ShownPath, shown_paths
-from datafactory.view.subject import Subject
+from datafactory.view.subject import KINDS, MOTION, SENSOR, TARGET, Subject, css, material_colour
 
 DECIMALS = 3
 """Of the places in the page [m]."""
@@ -86,9 +85,9 @@ def page_data(subject: Subject, shown: Shown | None) -> dict[str, Any]:
         "field": [_rounded(line) for line in subject.field_of_view()],
         "motion": css(MOTION),
         "movers": [
-            {"name": item.name, "at": _rounded(item.position), "velocity": _rounded(item.velocity),
-             "speed": round(math.hypot(*item.velocity), 2)}
-            for item in subject.movers()
+            {"name": name, "at": _rounded(place), "velocity": _rounded(velocity),
+             "speed": round(math.hypot(*velocity), 2)}
+            for name, place, velocity in subject.movers()
         ],
         "target": css(TARGET),
         "targets": [

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.paths.table import CORNER, DIFFRACTED, REFRACTED, SPECULAR, TARGET, PathTable, ScatteredPaths
-from datafactory.view.casting import RayCaster
-from datafactory.view.colours import DIFFRACTION, DIRECT, KINDS, MIRROR, REFRACTION, SEVERAL
+from datafactory.view.subject import DIFFRACTION, DIRECT, KINDS, MIRROR, REFRACTION, SEVERAL, RayCaster
 from shared.physics.units import amplitude_to_db
 
 Real = NDArray[np.float64]
@@ -35,7 +34,7 @@ CLEAR_M = 1e-3
 class ShownPath:
     """One path.
 
-    :param kind: of :data:`datafactory.view.colours.KINDS`
+    :param kind: of :data:`datafactory.view.subject.KINDS`
     :param points: [n, 3] in the radar frame, from the sensor and back to it [m]
     :param level_db: 10 log10 of its power [dBW], antennas included
     :param range_m: half of its length [m]

@@ -67,7 +67,7 @@ def placements_of(style: Style, seed: int) -> tuple[Placement, ...]:
     return city(CityOptions(seed=seed, style=style))
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("style", list(Style))
 def test_no_body_is_in_another(style: Style, seed: int) -> None:
     """By the meshes themselves."""

@@ -12,9 +12,8 @@ from path_tables import a_table
 from torch_devices import EVERY_DEVICE, required
 
 from datafactory.paths.table import PathTable, ScatteredPaths
-from datafactory.synthesis.cube import cube_of_paths
+from datafactory.synthesis.cube import cube_of_paths, torch_kernels
 from datafactory.synthesis.device import arrays
-from datafactory.synthesis.kernels import torch_kernels
 from datafactory.synthesis.sorting import FLOAT32_TOLERANCE, sorted_paths
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray, line

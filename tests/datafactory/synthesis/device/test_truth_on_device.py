@@ -9,7 +9,7 @@ from path_tables import a_table
 from torch_devices import EVERY_DEVICE, required
 
 from datafactory.paths.table import PathTable, ScatteredPaths
-from datafactory.synthesis.kernels import torch_kernels
+from datafactory.synthesis.cube import torch_kernels
 from datafactory.synthesis.truth import truth_moments
 from shared.radar import ImageGrid, Radar
 from shared.radar.arrays import AntennaArray, line

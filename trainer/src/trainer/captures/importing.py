@@ -17,10 +17,9 @@ from shared.radar import CaptureRadar, Radar, board_radar, load_capture_radar
 from shared.radar.boards import BOARDS
 from shared.signal.spectrum import range_doppler
 from trainer.captures.array_files import read_array_capture
+from trainer.captures.binary_files import DEVICES, LANES, Lanes, cascade_files, read_cascade, read_dca1000
 from trainer.captures.calibration import read_calibration
-from trainer.captures.cascade import DEVICES, cascade_files, read_cascade
 from trainer.captures.cube_file import Capture, write_cube
-from trainer.captures.dca1000 import LANES, Lanes, read_dca1000
 from trainer.captures.reading import SUFFIXES
 from trainer.captures.samples import FULL_SCALE, OTHER_SIDE_DB, Order, flatness_db, other_side_db
 

@@ -40,15 +40,20 @@ def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
     with tempfile.TemporaryDirectory() as folder:
         found = Path(folder) / "arrays.npz"
         seconds = int(SECONDS + path.stat().st_size / SLOWEST)
-        # -P: the reader's folder is no place to import from.
-        command = [sys.executable, "-P", str(READER), str(path), str(found), str(MEMORY), str(seconds)]
-        ended = subprocess.run(command, capture_output=True, check=False)
-        if ended.returncode:
-            reason = ended.stderr.decode("utf-8", "replace").strip() if ended.returncode > 0 else ""
-            reason = reason.splitlines()[-1] if reason else f"its library ended with status {ended.returncode}"
+        status, said = run_reader(str(path), str(found), str(MEMORY), str(seconds))
+        if status:
+            reason = said.decode("utf-8", "replace").strip() if status > 0 else ""
+            reason = reason.splitlines()[-1] if reason else f"its library ended with status {status}"
             raise InputError(path, f"not readable: {reason}", f"a whole {path.suffix} file without objects")
         arrays = read_npz(found)
         return {str(name): arrays[f"arr_{number}"] for number, name in enumerate(arrays["names"])}
+
+
+def run_reader(*arguments: str) -> tuple[int, bytes]:
+    """(exit status, what was said on stderr) of :data:`READER`; a signal that ended it is a negative status."""
+    # -P: the reader's folder is no place to import from.
+    ended = subprocess.run([sys.executable, "-P", str(READER), *arguments], capture_output=True, check=False)
+    return ended.returncode, ended.stderr
 
 
 def read_npz(path: Path) -> dict[str, NDArray[Any]]:

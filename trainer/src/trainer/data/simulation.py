@@ -4,18 +4,28 @@ Eq. (1) and (2) of the paper, by :mod:`shared.signal`. A resting target has the 
 Doppler spectrum is divided by its window's sum, so that the zero-Doppler cell of the frame is the range spectrum of
 one chirp, with noise of power k T0 F f_s sum(w^2) / sum(w)^2 in each of its samples: one chirp stands for the frame,
 exactly.
+
+Pairs of point targets for trials of resolution: many in one image, far enough apart in range not to meet. Every method
+sees the same simulated range-channel matrices, with targets in the middle of a range bin, spherical waves, and receiver
+noise; a method that images range bins one by one is given the bins with targets alone.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
+from shared.physics.errors import InputError
 from shared.radar import Radar
+from shared.radar.arrays import AntennaArray
 from shared.signal import if_signal
 from shared.signal.imaging import DEFAULT_TERMS, near_field_images, sweep_moments
 from shared.signal.spectrum import range_doppler
 from shared.signal.windows import angle_window, cell_noise_power, hann
+from trainer.estimators.base import line_array
 
 TRUTH_WINDOW = "taylor-30"
 """Of the virtual sensor's elements, the dataset factory's default."""
@@ -88,3 +98,136 @@ def amplitude_of(signal_to_noise_db: float, radar: Radar) -> float:
 def _one_chirp(radar: Radar) -> Radar:
     waveform = radar.waveform.model_copy(update={"chirps": 1})
     return radar.model_copy(update={"waveform": waveform})
+
+
+NEAREST_M = 12.0
+"""Plane waves, which all estimators assume, are right over the input array from about 5 m."""
+SPACING_BINS = 12
+"""From one pair to the next: there the sidelobes of the range window are below -90 dB."""
+SPREAD_U = 0.5
+"""Pair centres are uniform in |u| below this: the second target stays in the image, the element pattern plays no
+part."""
+
+
+@dataclass(frozen=True)
+class Condition:
+    """What a set of trials has in common.
+
+    :param separation_cells: between the targets, in resolution cells of the full array; 0 for a single target
+    :param snr_db: of the stronger target in one channel
+    :param ratio_db: stronger over weaker target
+    :param phase_rad: of the second target against the first at the middle of the array; uniform where None
+    :raises InputError: a separation or a ratio that is negative
+    """
+
+    separation_cells: float
+    snr_db: float
+    ratio_db: float = 0.0
+    phase_rad: float | None = None
+
+    def __post_init__(self) -> None:
+        if not self.separation_cells >= 0.0:
+            raise InputError("pair", f"separation_cells = {self.separation_cells!r}", "resolution cells, 0 or more")
+        if not self.ratio_db >= 0.0:
+            raise InputError("pair", f"ratio_db = {self.ratio_db!r}", "at least 0, the stronger over the weaker")
+
+    @property
+    def named(self) -> dict[str, str]:
+        """What was varied, by name, as the tables have it."""
+        single = {"snr": f"{self.snr_db:g} dB"}
+        if self.separation_cells == 0:
+            return single
+        phase = {} if self.phase_rad is None else {"phase": f"{np.rad2deg(self.phase_rad):g} deg"}
+        return {"separation": f"{self.separation_cells:g} RL", **single, "ratio": f"{self.ratio_db:g} dB", **phase}
+
+    def __str__(self) -> str:
+        return ",".join(f"{name}={value}" for name, value in self.named.items())
+
+
+@dataclass(frozen=True, eq=False)
+class Trials:
+    """Simulated images full of trials.
+
+    :param snapshots: [I, R, C] range-channel matrices of I images [sqrt(W)]
+    :param rows: [n] range bins with targets, the same in every image
+    :param u: [I n, K] true angles, rising along K
+    :param phase_rad: [I n] of the second target against the first at the middle of the array, -pi to pi; 0 for single
+        ones
+    """
+
+    snapshots: NDArray[np.complex64]
+    rows: NDArray[np.intp]
+    u: NDArray[np.float64]
+    phase_rad: NDArray[np.float64]
+
+
+def resolution_cell(radar: Radar) -> float:
+    """lambda / (span + spacing) of the full array in u, the RL of the tables."""
+    return line_array(radar).resolution_cell
+
+
+def trial_rows(radar: Radar) -> NDArray[np.intp]:
+    """Range bins of the trials."""
+    first = min(round(NEAREST_M / radar.waveform.range_step_m), radar.waveform.range_bins // 2)
+    return np.arange(first, radar.waveform.range_bins - SPACING_BINS // 2, SPACING_BINS)
+
+
+def no_room(radar: Radar, separation_cells: float) -> str | None:
+    """Why trials of pairs up to this far apart cannot be simulated, None if they can."""
+    if not len(trial_rows(radar)):
+        return f"{radar.waveform.range_bins} range bins hold no trial; {SPACING_BINS} do"
+    if radar.grid.bins < LEAST_BINS:
+        return f"{radar.grid.bins} angle bins hold no two targets; {LEAST_BINS} do"
+    gap, half = separation_cells * resolution_cell(radar), min(radar.grid.u_stop, -radar.grid.u_start)
+    return None if half > gap else f"pairs {gap:.2g} apart in u leave an image from u = {-half:.2g} to {half:.2g}"
+
+
+def simulate(
+    radar: Radar,
+    condition: Condition,
+    trials: int,
+    seed: Sequence[int],
+    arrays: Sequence[AntennaArray] | None = None,
+) -> Trials:
+    """At least ``trials`` trials, in whole images.
+
+    :param arrays: one for each trial, where the elements really stand; where the radar has them, by default
+    """
+    generator = np.random.default_rng(seed)
+    rows, grid = trial_rows(radar), radar.grid
+    count = -(-trials // len(rows)) * len(rows)
+    targets = 1 if condition.separation_cells == 0 else 2
+    gap = condition.separation_cells * resolution_cell(radar)
+    reach = min(SPREAD_U, min(grid.u_stop, -grid.u_start) - gap)
+    centre = generator.uniform(-reach, reach, count)
+    phase = generator.uniform(-np.pi, np.pi, (count, 2))  # at the origin of the radar
+    stronger = generator.integers(0, 2, count)
+    u = centre[:, None] + gap * np.array([[-0.5, 0.5]]) if targets == 2 else centre[:, None]
+    level_db = np.zeros((count, targets))
+    if targets == 2:
+        if condition.phase_rad is not None:
+            phase[:, 1] += condition.phase_rad - _phase_at_middle(radar, u, phase)
+        level_db[np.arange(count), 1 - stronger] = -condition.ratio_db
+    amplitude = amplitude_of(condition.snr_db, radar) * 10.0 ** (level_db / 20.0) * np.exp(1j * phase[:, :targets])
+    ranges = radar.waveform.range_step_m * np.repeat(rows, targets).astype(np.float64)
+    images = []
+    for part in np.split(np.arange(count), count // len(rows)):
+        positions, echoes = in_plane(ranges, u[part].reshape(-1)), amplitude[part].reshape(-1)
+        if arrays is None:
+            images.append(snapshot(radar, positions, echoes, generator))
+            continue
+        image = snapshot(radar, positions[:0], echoes[:0], generator)
+        for place, trial in enumerate(part):
+            one = slice(place * targets, (place + 1) * targets)
+            seen = radar.model_copy(update={"array": arrays[trial]})
+            image += snapshot(seen, positions[one], echoes[one], None)
+        images.append(image)
+    return Trials(np.stack(images), rows, u, _phase_at_middle(radar, u, phase) if targets == 2 else np.zeros(count))
+
+
+def _phase_at_middle(radar: Radar, u: NDArray[np.float64], phase: NDArray[np.float64]) -> NDArray[np.float64]:
+    """[T] of the second of two echoes s_k exp(-j k u_k p) against the first, p the middle of the aperture."""
+    line = line_array(radar)
+    middle = 0.5 * (line.positions_m.min() + line.positions_m.max())
+    there = phase - 2.0 * np.pi / line.wavelength_m * middle * u
+    return np.angle(np.exp(1j * (there[:, 1] - there[:, 0])))

@@ -27,7 +27,6 @@ from shared.dataset.writing import remove_partial, write_text
 from shared.physics.errors import InputError
 from shared.radar import Radar
 from trainer.data.arrays import choose_array
-from trainer.data.scene_records import scene_records
 from trainer.evaluation.experiments.bench import (
     DEFAULT_ARRAYS,
     Bench,
@@ -44,7 +43,7 @@ from trainer.evaluation.experiments.cylinders import PointSpread, Reflectors
 from trainer.evaluation.experiments.detection import Detection
 from trainer.evaluation.experiments.doppler import Doppler
 from trainer.evaluation.experiments.frames import frame_refs, load_frame
-from trainer.evaluation.experiments.generalisation import Generalisation
+from trainer.evaluation.experiments.generalisation import SECONDS, Generalisation, Tradeoff
 from trainer.evaluation.experiments.measured import (
     CAPTION,
     TITLE,
@@ -59,15 +58,13 @@ from trainer.evaluation.experiments.noise_only import NoiseOnly
 from trainer.evaluation.experiments.resolution import Resolution
 from trainer.evaluation.experiments.robustness import Robustness
 from trainer.evaluation.experiments.street import Street
-from trainer.evaluation.experiments.tradeoff import SECONDS, Tradeoff
 from trainer.evaluation.outcome import REPORT, SUMMARY, report_frames, write_outcome
+from trainer.evaluation.report.figures import save_figure
 from trainer.evaluation.report.page import ReportFigure
-from trainer.evaluation.report.style import save_figure
-from trainer.evaluation.rows import MetricRow
+from trainer.evaluation.report.tables import MetricRow
 from trainer.evaluation.store import Cell, CellStore, Values, code_fingerprint
 from trainer.evaluation.workers import Workers, alone
-from trainer.run.claim import JOB, output_folder
-from trainer.run.folder import Fingerprint
+from trainer.run.folder import JOB, Fingerprint, output_folder, scene_records
 
 EXPERIMENTS: dict[str, Experiment] = {
     experiment.name: experiment

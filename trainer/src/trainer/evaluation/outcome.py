@@ -11,10 +11,8 @@ from shared.dataset.folder import Dataset
 from shared.dataset.writing import write_text
 from trainer.evaluation.experiments.bench import Bench, Results
 from trainer.evaluation.experiments.street import shown_frames
-from trainer.evaluation.report.page import ReportFigure, ReportFrame, report_page
-from trainer.evaluation.report.shown import PEAKS, WHOLE, small_picture
-from trainer.evaluation.report.tables import metrics_table, summary, write_table
-from trainer.evaluation.rows import TRUTH, MetricRow, SummaryColumn
+from trainer.evaluation.report.page import PEAKS, WHOLE, ReportFigure, ReportFrame, report_page, small_picture
+from trainer.evaluation.report.tables import TRUTH, MetricRow, SummaryColumn, metrics_table, summary, write_table
 
 REPORT, SUMMARY = "report.html", "summary.md"
 

@@ -37,7 +37,7 @@ from shared.signal.adaptive import (
     view_table,
     virtual_view,
 )
-from trainer.networks.light_unet import LightUNet
+from trainer.networks.unets import LightUNet
 
 LAGS = (1, 2, 4, 8)
 """Distances of the products [angle bins]; a resolution cell of the full array has 10.75."""

@@ -20,8 +20,8 @@ from shared.physics.errors import InputError
 from trainer.errors import TrainingStopped
 from trainer.networks.real_unrolled import RealUnrolledNetwork
 from trainer.networks.unrolled import UnrolledNetwork
-from trainer.run.building import CHANNELS, lay_out
 from trainer.run.folder import load_imager
+from trainer.run.imager import CHANNELS, lay_out
 from trainer.run.targets import UNITS
 
 TOLERANCE = 1e-4

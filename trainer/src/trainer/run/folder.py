@@ -6,16 +6,22 @@ RUN/metrics.csv          one line for each validation
 RUN/last.ckpt            for --resume: plain tensors and numbers, loaded with weights_only
 RUN/tensorboard/         curves and pictures
 RUN/verdict.json         scores on the test split, beside RUN/pictures/test.png
+
+It is held for one command, from before that reads any data until it ends, as the folder of every command is.
 """
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import math
 import platform
-from collections.abc import Iterable, Mapping
+import shutil
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import torch
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -27,12 +33,78 @@ from shared.dataset.folder import ShardRecord
 from shared.dataset.locations import Location, folder_name
 from shared.dataset.writing import write_bytes, write_json
 from shared.physics.errors import InputError
+from shared.processes.lock import claimed
 from shared.radar import Radar, first_validation_error
 from trainer.data.arrays import ArrayChoice
-from trainer.data.scene_records import SceneRecord
-from trainer.run.building import lay_out
 from trainer.run.configuration import FitConfig
-from trainer.run.imager import Imager
+from trainer.run.imager import Imager, lay_out
+
+
+class SceneRecord(BaseModel):
+    """One scene of a dataset.
+
+    :param name: as the frames' column ``scene`` has it
+    :param content_sha256: over geometry, materials, motion and targets, what was put in included
+    :param populate: what ``--populate`` put in, as it was asked for; None for a scene as its file has it
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: str
+    content_sha256: str
+    populate: str | None = None
+
+
+def scene_records(manifest: Mapping[str, Any]) -> tuple[SceneRecord, ...] | None:
+    """The scenes of a manifest in its order; None where it does not say them, as one of another maker may not.
+
+    A dataset of close targets alone has none.
+    """
+    entries = manifest.get("scenes")
+    if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+        return None
+    try:
+        return tuple(
+            SceneRecord(
+                name=entry["name"],
+                content_sha256=entry["content_sha256"],
+                populate=entry["population"]["populate"] if "population" in entry else None,
+            )
+            for entry in entries
+        )
+    except (KeyError, TypeError, ValidationError):
+        return None
+
+
+JOB = ".job"
+"""Folder of the lock and of what worker processes are given; it is there only while a command is at work."""
+
+
+@contextmanager
+def output_folder(out: Path, resume: bool, remedy: str = "an empty or new folder") -> Iterator[Path]:
+    """Hold the folder for one command; yields the place for what worker processes are given.
+
+    :param resume: the folder may hold something
+    :param remedy: what to do about a folder that is not empty
+    :raises InputError: a folder that cannot be written, that another process works in, or that is not empty
+    """
+
+    def check() -> None:
+        if not resume and any(item.name != JOB for item in out.iterdir()):
+            raise InputError("--out", f"{out} is not empty", remedy)
+
+    with claimed(out, out / JOB, "--out", check):
+        workers = out / JOB / "workers"
+        shutil.rmtree(workers, ignore_errors=True)  # of a command that was killed
+        try:
+            yield workers
+        except OSError as error:
+            if error.filename is not None:
+                raise
+            # What a library writes, TensorBoard for one, does not say where.
+            reason = error.strerror or " ".join(str(error).split())
+            raise OSError(error.errno or errno.EIO, reason, str(out)) from error
+
 
 RUN_VERSION = 1
 RUN_FILE = "run.json"

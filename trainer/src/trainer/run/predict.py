@@ -20,15 +20,13 @@ from shared.physics.errors import InputError
 from shared.signal.tdm import statement
 from trainer.data.measurements import Measurement, Measurements, open_measurements
 from trainer.estimators.fitting import MODEL_ERROR_DB
-from trainer.run.animation import ANIMATION, save_animation
 from trainer.run.answers import Answer, check_method, estimator_answer, network_answer
-from trainer.run.claim import output_folder
 from trainer.run.detection_files import COLUMN, CSV_FILE, check_format, column, write_csv, write_pcd
 from trainer.run.detection_files import UNITS as DETECTION_UNITS
 from trainer.run.detections import Detections, find_detections
-from trainer.run.folder import load_imager, same_radar
+from trainer.run.folder import load_imager, output_folder, same_radar
 from trainer.run.other_radars import fitted_imager
-from trainer.run.pictures import save_picture
+from trainer.run.pictures import ANIMATION, save_animation, save_picture
 
 IMAGES = "images.parquet"
 

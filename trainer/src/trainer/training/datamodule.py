@@ -17,11 +17,9 @@ from shared.dataset.reading import radar_of
 from shared.physics.errors import InputError
 from shared.processes.pool import end_with_parent
 from shared.signal.windows import ANGLE_WINDOWS
-from trainer.data.order import BatchOrder
-from trainer.data.scene_records import scene_records
-from trainer.data.shards import ShardDataset
+from trainer.data.shards import BatchOrder, ShardDataset
 from trainer.run.configuration import FitConfig
-from trainer.run.folder import Fingerprint, same_radar
+from trainer.run.folder import Fingerprint, same_radar, scene_records
 from trainer.training.task import ImagingTask
 
 COLUMNS = ("range_channel", "image")

@@ -22,14 +22,33 @@ from shared.dataset.writing import PARTIAL, remove_partial
 from shared.physics.errors import InputError
 from trainer.data.arrays import choose_array
 from trainer.errors import TrainingStopped, out_of_memory
-from trainer.run.claim import output_folder
 from trainer.run.configuration import FitConfig
-from trainer.run.folder import CHECKPOINT, RUN_FILE, WEIGHTS, Run, Start, load_imager, read_run, versions, write_run
+from trainer.run.folder import (
+    CHECKPOINT,
+    RUN_FILE,
+    WEIGHTS,
+    Run,
+    Start,
+    load_imager,
+    output_folder,
+    read_run,
+    versions,
+    write_run,
+)
 from trainer.run.imager import Imager
-from trainer.training.callbacks import LOSS, Interrupts, PictureLogger, RunKeeper, not_restored, require_checkpoint
+from trainer.training.callbacks import (
+    LOSS,
+    TENSORBOARD,
+    Interrupts,
+    PictureLogger,
+    RunKeeper,
+    check_logger,
+    make_logger,
+    not_restored,
+    require_checkpoint,
+)
 from trainer.training.datamodule import ImagingData
 from trainer.training.doa import DoaData, DoaTask
-from trainer.training.loggers import TENSORBOARD, check_logger, make_logger
 from trainer.training.processes import ended_process, follower, is_first, launched
 from trainer.training.task import ImagingTask
 from trainer.training.verdict import judge
@@ -60,7 +79,7 @@ class FitRequest:
     :param workers: reading processes
     :param check: hash every shard before training
     :param devices: processes, one a device; torchrun has started as many as it was told to
-    :param logger: of the curves, see :mod:`trainer.training.loggers`
+    :param logger: of the curves, see :mod:`trainer.training.callbacks`
     """
 
     datasets: Sequence[Location | str]

@@ -41,7 +41,7 @@ from shared.physics.units import db_to_power
 from shared.radar import Radar
 from shared.signal.steering import manifold
 from shared.signal.windows import cell_noise_power, hann
-from trainer.run.imperfections import Imperfections
+from trainer.run.configuration import Imperfections
 from trainer.training.online_points import hann_response
 
 STREAM = 2

@@ -15,15 +15,13 @@ from numpy.typing import NDArray
 from shared.radar import Radar
 from trainer.data.arrays import ArrayChoice
 from trainer.errors import TrainingStopped
-from trainer.run.building import lay_out
 from trainer.run.configuration import FitConfig
-from trainer.run.imager import Imager
+from trainer.run.imager import Imager, lay_out
 from trainer.run.targets import decode, encode
 from trainer.training.augmentation import AngularAugmentation, draw
 from trainer.training.imperfections import BoardErrors
-from trainer.training.losses import frame_losses
+from trainer.training.losses import frame_losses, scene_spots
 from trainer.training.online_points import OnlinePoints
-from trainer.training.spots import scene_spots
 
 WARM_UP = 0.05
 """Share of the steps in which the learning rate rises."""

@@ -2,21 +2,26 @@
 
 The same options give the same file on every machine: all draws come from one NumPy generator, all coordinates are
 rounded to the millimetre before they are written, and nothing depends on a library's last digit.
+
+The ground is one terrace over a grid, cut into a surface for each use: roads, pavements behind kerbs, plots. A kerb is
+an upright face between two cells of different height, so that it makes a right angle with the road, which a radar sees
+from far away. At pedestrians' crossings kerbs are lowered to 3 cm (DIN 18040-3).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from datafactory.scenes.city import dwellings, furniture, motorway, paving, roadside, vehicles, works
-from datafactory.scenes.city.plan import Block, draw_plan
+from datafactory.scenes.city import dwellings, furniture, roadside, vehicles, works
+from datafactory.scenes.city.plan import ZEBRA_M, Block, Plan, Rectangle, draw_plan
 from datafactory.scenes.city.rules import MOST_BLOCKS, RULES, Rules, Style
-from datafactory.scenes.city.shapes import Surface
+from datafactory.scenes.city.shapes import Surface, stepped_surface, welded
 from datafactory.scenes.city.site import Placement, Site
 from datafactory.scenes.city.usd import check_output, write_usd
 from shared.physics.errors import InputError
@@ -80,8 +85,8 @@ def models(rng: np.random.Generator, rules: Rules, gantry_m: float = 10.0) -> di
     shared |= {"Bollard": furniture.bollard(), "Bin": furniture.litter_bin(), "Bench": furniture.bench()}
     shared |= {"Shelter": furniture.bus_shelter(), "Manhole": furniture.manhole_cover()}
     shared |= {"PedestrianRail": furniture.pedestrian_rail(3.0), "Fence": furniture.fence(works.FENCE_M)}
-    shared |= {"Container": furniture.container(), "Barrier": furniture.barrier(motorway.PIECE_M)}
-    shared |= {"GuardRail": furniture.guard_rail(motorway.PIECE_M, 4.0)}
+    shared |= {"Container": furniture.container(), "Barrier": furniture.barrier(works.PIECE_M)}
+    shared |= {"GuardRail": furniture.guard_rail(works.PIECE_M, 4.0)}
     shared |= {"Gantry": furniture.gantry(gantry_m)}
     height = round(rng.uniform(3.0, 5.0), 1)
     shared |= {f"NoiseWall_{i}": furniture.noise_wall(4.0, height, key) for i, key in enumerate(("concrete", "wood"))}
@@ -94,9 +99,9 @@ def city(options: CityOptions) -> tuple[Placement, ...]:
     plan = draw_plan(rng, rules, options.blocks)
     site = Site(rng, models(rng, rules, plan.main.kind.kerb + 1.4))
     islands = [island for block in plan.blocks if block.use == "parking" for island in works.islands(block)]
-    site.placements += paving.ground(plan, rules.kerb_m, islands)
+    site.placements += ground(plan, rules.kerb_m, islands)
     if rules.bridges:
-        motorway.equip(site, plan)
+        works.equip(site, plan)
     for block in plan.blocks:
         FILLERS[block.use](site, block, rules)
     roadside.furnish(site, plan, rules)
@@ -116,3 +121,55 @@ def write_city(path: Path, seed: int = 0, blocks: int = 2, style: Style = Style.
     options = CityOptions.checked(seed=seed, blocks=blocks, style=style)
     name = f"Procedural city: {options.style.value}, seed {seed}, blocks {blocks}. Metres, z up."
     write_usd(path, city(options), name, options.metadata())
+
+
+LOWERED_KERB_M = 0.03
+MATERIALS = {
+    "Road_0": "asphalt", "Pavement": "concrete", "Lowered_kerb": "concrete", "Median": "vegetation",
+    "Plot": "vegetation", "Court": "concrete", "Asphalt_yard": "asphalt",
+}  # fmt: skip
+GROUND_OF_USE = {
+    "houses": "Plot", "gardens": "Plot", "park": "Plot", "verge": "Plot", "square": "Court",
+    "works": "Asphalt_yard", "depot": "Asphalt_yard", "parking": "Asphalt_yard",
+}  # fmt: skip
+
+
+def ground(plan: Plan, kerb_m: float, islands: list[Rectangle]) -> list[Placement]:
+    """The ground, a placement for each use.
+
+    :param kerb_m: height of the pavements over the road
+    :param islands: kerbed islands on plots, as high above them as a pavement is above the road
+    """
+    painted: list[tuple[Rectangle, str]] = [(plan.bounds, "Plot")]
+    painted += [(block.area, GROUND_OF_USE[block.use]) for block in plan.blocks]
+    painted += [(island, "Island") for island in islands]
+    painted += [(street.strip(street.kind.facade), "Pavement") for street in plan.streets]
+    for street, middle in plan.zebras():
+        piece = replace(street, start=middle - 0.5 * ZEBRA_M, end=middle + 0.5 * ZEBRA_M)
+        painted.append((piece.strip(street.kind.facade), "Lowered_kerb"))
+    painted += [(street.strip(street.kind.kerb), "Road_0") for street in plan.streets]
+    painted += [(street.strip(street.kind.median_m), "Median") for street in plan.streets if street.kind.median_m]
+
+    bounds = plan.bounds
+    xs = sorted({x for item, _ in painted for x in _rounded(item.x0, item.x1) if bounds.x0 <= x <= bounds.x1})
+    ys = sorted({y for item, _ in painted for y in _rounded(item.y0, item.y1) if bounds.y0 <= y <= bounds.y1})
+    uses = np.full((len(xs) - 1, len(ys) - 1), "Plot", dtype=object)
+    for item, use in painted:
+        columns, rows = np.searchsorted(xs, _rounded(item.x0, item.x1)), np.searchsorted(ys, _rounded(item.y0, item.y1))
+        uses[columns[0] : columns[1], rows[0] : rows[1]] = use
+    levels = dict.fromkeys(["Pavement", "Plot", "Court", "Asphalt_yard", "Median"], kerb_m)
+    levels |= {"Lowered_kerb": min(LOWERED_KERB_M, kerb_m), "Island": 2.0 * kerb_m, "Road_0": 0.0}
+    heights = [[levels[use] for use in row] for row in uses]
+    # An island's kerb is of concrete, as a pavement's; both are one surface.
+    uses[uses == "Island"] = "Pavement"
+    polygons = stepped_surface(xs, ys, heights, lambda i, j: uses[i, j])
+    placements = []
+    for name in sorted({polygon.material for polygon in polygons}):
+        surface = welded(polygon for polygon in polygons if polygon.material == name)
+        surface = Surface(surface.vertices, surface.faces, (MATERIALS[name],) * len(surface.faces))
+        placements.append(Placement(f"Ground/{name}", surface))
+    return placements
+
+
+def _rounded(first: float, last: float) -> tuple[float, float]:
+    return round(first, 3), round(last, 3)

@@ -14,8 +14,16 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from datafactory.scenes.readers.common import MAXIMUM_TRIANGLES, Notes, check_counts, with_remarks
-from datafactory.scenes.readers.meshes import Y_UP_TO_Z_UP, note_coarse_vertices, place_mesh, vertex_spacing_m
+from datafactory.scenes.readers.common import (
+    MAXIMUM_TRIANGLES,
+    Y_UP_TO_Z_UP,
+    Notes,
+    check_counts,
+    note_coarse_vertices,
+    place_mesh,
+    vertex_spacing_m,
+    with_remarks,
+)
 from datafactory.scenes.scene import Scene, SceneObject
 from shared.physics.errors import InputError
 

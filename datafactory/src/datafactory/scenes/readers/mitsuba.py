@@ -3,21 +3,36 @@
 The reader creates no Mitsuba object, so that it needs no plugin: of a BSDF it reads only the id. It skips cameras,
 lights and integrators. A Mitsuba file states no unit. Sionna's scenes are in metres with z up, and every file is read
 so.
+
+Mitsuba's own parser is not used: importing Mitsuba loads Dr.Jit, which loads the first libLLVM that it finds, and
+without a variant it does not give its transforms away. Python's parser fetches no external entity, and expat bounds the
+expansion of internal ones.
 """
 
 from __future__ import annotations
 
+import re
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from trimesh.transformations import rotation_matrix
 
 from datafactory.scenes.readers import primitives
-from datafactory.scenes.readers.common import Notes, check_counts, with_remarks
+from datafactory.scenes.readers.common import (
+    Notes,
+    check_counts,
+    note_coarse_vertices,
+    place_mesh,
+    vertex_spacing_m,
+    with_remarks,
+)
 from datafactory.scenes.readers.mesh_files import load_mesh
-from datafactory.scenes.readers.meshes import note_coarse_vertices, place_mesh, vertex_spacing_m
-from datafactory.scenes.readers.mitsuba_xml import Shape, read_shapes
 from datafactory.scenes.scene import Scene, SceneObject
+from shared.physics.errors import InputError
 
 ORIGIN = (0.0, 0.0, 0.0)
 
@@ -99,3 +114,227 @@ def _tube(shape: Shape) -> primitives.Mesh:
     side /= np.linalg.norm(side)
     frame = np.column_stack([side, np.cross(axis, side), axis])
     return vertices @ frame.T + (p0 + p1) / 2, triangles
+
+
+INCLUDE_DEPTH = 15  # Mitsuba's limit
+LONGEST_VALUE = 100_000
+PARAMETER = re.compile(r"\$(\w+)")
+LARGEST = 1e60  # of a number in a scene: cubes of it, as in determinants, are still finite
+TRANSFORM_NAMES = ("to_world", "toWorld")  # since version 2, and before
+
+
+@dataclass(frozen=True)
+class Shape:
+    """One shape as written, its parameters substituted.
+
+    :param path: the scene file, for messages
+    :param name: its id, or ``shape-N`` where it has none
+    :param kind: the plugin, e.g. ``"ply"``
+    :param material: id of its BSDF, "" without one
+    :param to_world: [4, 4] acting on column vectors
+    :param properties: name to (XML tag, attributes)
+    """
+
+    path: Path
+    name: str
+    kind: str
+    material: str
+    to_world: NDArray[np.float64]
+    properties: dict[str, tuple[str, dict[str, str]]]
+
+    def error(self, problem: str, expected: str) -> InputError:
+        return InputError(self.path, f"shape {self.name!r}: {problem}", expected)
+
+    def number(self, key: str, default: float) -> float:
+        """A positive number."""
+        value = self._value(key, ("float", "integer"), "a positive number")
+        if value is None:
+            return default
+        (number,) = self._numbers(key, value.get("value", ""), 1, "a positive number")
+        if number <= 0:
+            raise self.error(f"{key} = {number:g}", "a positive number")
+        return float(number)
+
+    def point(self, key: str, default: tuple[float, float, float]) -> NDArray[np.float64]:
+        value = self._value(key, ("point", "vector"), "a <point>")
+        if value is None:
+            return np.array(default)
+        text = value.get("value") or " ".join(value.get(axis, "0") for axis in "xyz")
+        return self._numbers(key, text, 3, "three finite numbers")
+
+    def flag(self, key: str) -> bool:
+        value = self._value(key, ("boolean",), "true or false")
+        text = "false" if value is None else value.get("value", "").strip().lower()
+        if text not in ("true", "false"):
+            raise self.error(f"{key} = {text!r}", "true or false")
+        return text == "true"
+
+    def text(self, key: str) -> str:
+        value = self._value(key, ("string",), "a <string>")
+        if value is None or not value.get("value"):
+            raise self.error(f"no {key}", "a <string> with a value")
+        return value["value"]
+
+    def _value(self, key: str, tags: tuple[str, ...], expected: str) -> dict[str, str] | None:
+        if key not in self.properties:
+            return None
+        tag, attributes = self.properties[key]
+        if tag not in tags:
+            raise self.error(f"{key} = {attributes.get('value', '')!r} is a <{tag}>", expected)
+        return attributes
+
+    def _numbers(self, key: str, text: str, size: int, expected: str) -> NDArray[np.float64]:
+        numbers = _numbers(text)
+        if numbers is None or len(numbers) != size:
+            raise self.error(f"{key} = {text!r}", expected)
+        return numbers
+
+
+def read_shapes(path: Path) -> list[Shape]:
+    """The shapes of a scene, in the file's order; those within other objects (shape groups) are not among them.
+
+    :raises InputError: malformed XML, an undefined parameter, includes nested too deeply, an id used twice, a reference
+        that leads nowhere
+    """
+    elements = list(_elements(path, path, {}, 0))
+    kinds: dict[str, str] = {}
+    aliases = {top.get("as", ""): top.get("id", "") for top in elements if top.tag == "alias"}
+    for element in (item for top in elements if top.tag != "alias" for item in top.iter()):
+        name = element.get("id")
+        if name is None or element.tag == "ref":
+            continue
+        if name in kinds:
+            raise InputError(path, f"id {name!r} is used twice", "a unique id for every object")
+        kinds[name] = element.tag
+    tops = [element for element in elements if element.tag == "shape"]
+    return [_shape(path, element, number, kinds, aliases) for number, element in enumerate(tops, start=1)]
+
+
+def _elements(path: Path, scene: Path, parameters: dict[str, str], depth: int) -> Iterator[ElementTree.Element]:
+    """Children of the scene element with includes in place and ``$name`` substituted as far as it is known there.
+
+    :param scene: the main file, for messages; Mitsuba looks for every file from its folder
+    """
+    try:
+        root = ElementTree.parse(path).getroot()
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        raise InputError(path, f"not well-formed XML ({error})", "a valid Mitsuba 3 scene") from error
+    except OSError as error:
+        raise InputError(scene, f"{path}: {error.strerror}", "a readable file") from error
+    if root.tag != "scene":
+        raise InputError(path, f"the outermost element is <{root.tag}>", "<scene>")
+    for top in root:
+        for element in top.iter():
+            for key, value in element.attrib.items():
+                element.set(key, _substituted(path, value, parameters))
+        if top.tag == "default":
+            parameters.setdefault(top.get("name", ""), top.get("value", ""))
+        elif top.tag == "include":
+            if depth >= INCLUDE_DEPTH:
+                raise InputError(scene, f"<include> is nested more than {INCLUDE_DEPTH} deep", "no include loop")
+            yield from _elements(scene.parent / top.get("filename", ""), scene, parameters, depth + 1)
+        else:
+            yield top
+
+
+def _substituted(path: Path, text: str, parameters: dict[str, str]) -> str:
+    for name in PARAMETER.findall(text):
+        if name not in parameters:
+            raise InputError(path, f"undefined parameter ${name}", "a <default> for it")
+    value = PARAMETER.sub(lambda match: parameters[match[1]], text)
+    if len(value) > LONGEST_VALUE:  # sixty parameters of two parameters each would fill the memory
+        raise InputError(path, f"{text!r} has {len(value)} characters", f"at most {LONGEST_VALUE}")
+    return value
+
+
+def _shape(
+    path: Path, element: ElementTree.Element, number: int, kinds: dict[str, str], aliases: dict[str, str]
+) -> Shape:
+    name = element.get("id") or f"shape-{number}"
+    material = ""
+    to_world = np.eye(4)
+    properties: dict[str, tuple[str, dict[str, str]]] = {}
+    for child in element:
+        key = child.get("name", "")
+        if child.tag == "ref":
+            target = aliases.get(child.get("id", ""), child.get("id", ""))
+            if target not in kinds:
+                raise InputError(path, f"shape {name!r}: reference to {target!r}", "the id of an object in the scene")
+            material = target if kinds[target] == "bsdf" else material
+        elif child.tag == "bsdf":
+            material = child.get("id", "")
+        elif key in TRANSFORM_NAMES:
+            if child.tag != "transform":
+                problem = f"shape {name!r}: {key} = {child.get('value', '')!r} is a <{child.tag}>"
+                raise InputError(path, problem, "a <transform>")
+            to_world = _transform(path, name, child)
+        else:
+            properties[key] = (child.tag, dict(child.attrib))
+    return Shape(path, name, element.get("type", ""), material, to_world, properties)
+
+
+def _transform(path: Path, name: str, element: ElementTree.Element) -> NDArray[np.float64]:
+    """The product of a <transform>'s steps, the first applied first."""
+    total = np.eye(4)
+    for step in element:
+        matrix = _step(step)
+        if matrix is None or not np.isfinite(matrix).all() or not np.array_equal(matrix[3], [0.0, 0.0, 0.0, 1.0]):
+            written = ElementTree.tostring(step, encoding="unicode").strip()
+            expected = "<translate>, <scale>, <rotate>, <lookat> or an affine <matrix>, with finite numbers"
+            raise InputError(path, f"shape {name!r}: to_world has {written}", expected)
+        total = matrix @ total
+    return total
+
+
+def _step(step: ElementTree.Element) -> NDArray[np.float64] | None:
+    """One step as [4, 4], or None where it makes no sense."""
+    matrix = np.eye(4)
+    if step.tag == "matrix":
+        values = _numbers(step.get("value", ""))
+        if values is None or len(values) not in (9, 16):
+            return None
+        size = 3 if len(values) == 9 else 4
+        matrix[:size, :size] = values.reshape(size, size)
+        return matrix
+    if step.tag in ("lookat", "look_at"):
+        given = [_numbers(step.get(key, "")) for key in ("origin", "target", "up")]
+        if any(vector is None or len(vector) != 3 for vector in given):
+            return None
+        origin, target, up = (np.asarray(vector) for vector in given)
+        forward = target - origin
+        left = np.cross(up, forward)
+        lengths = np.linalg.norm(forward), np.linalg.norm(left)
+        if not min(lengths) > 0.0:
+            return None
+        forward, left = forward / lengths[0], left / lengths[1]
+        matrix[:3] = np.column_stack([left, np.cross(forward, left), forward, origin])
+        return matrix
+    if step.tag not in ("translate", "scale", "rotate"):
+        return None
+    rest = "1" if step.tag == "scale" else "0"
+    values = _numbers(step.get("value") or " ".join(step.get(axis, rest) for axis in "xyz"))
+    if values is not None and step.tag == "scale" and len(values) == 1:
+        values = np.repeat(values, 3)
+    if values is None or len(values) != 3:
+        return None
+    if step.tag == "translate":
+        matrix[:3, 3] = values
+    elif step.tag == "scale":
+        matrix[:3, :3] = np.diag(values)
+    else:
+        angle = _numbers(step.get("angle", ""))
+        if angle is None or len(angle) != 1 or not values.any():
+            return None
+        if not 1e-100 < np.abs(values).max() < 1e100:  # whose square is 0 or infinite
+            values = values / np.abs(values).max()
+        matrix = np.asarray(rotation_matrix(np.radians(angle[0]), values), dtype=np.float64)
+    return matrix
+
+
+def _numbers(text: str) -> NDArray[np.float64] | None:
+    """Numbers of at most LARGEST separated by blanks or commas, or None."""
+    try:
+        numbers = np.array([float(word) for word in text.replace(",", " ").split()], dtype=np.float64)
+    except ValueError:
+        return None
+    return numbers if (np.abs(numbers) <= LARGEST).all() else None

@@ -2,15 +2,8 @@
 
 The reader takes the USD stage at its start, with the variants that the file selects, and how each prim moves from there
 on (see ``usd_motion``). It expands instances and point instancers. It leaves out invisible prims and those of purpose
-guide or proxy. Custom attributes state what the radar needs:
-
-- ``radar:rcs_dbsm`` (a number): the prim is a point target at its origin, and replaces all geometry below it;
-- ``radar:target`` (string or token) and ``radar:targets_by_name`` (bool): a point target with a model (see
-  ``usd_targets``);
-- ``radar:velocity`` (three numbers, m/s in the USD stage's own world axes): velocity of the prim and all below it, from
-  where they are at the start; samples below it do not count;
-- ``radar:material`` (string or token): material name for the prim and all below it;
-- ``radar:class`` (string or token): class of the prim and all below it, for boxes (see ``usd_labels``).
+guide or proxy. Custom attributes state what the radar needs: docs/own-scene.md lists them. ``radar:velocity`` is in the
+axes of the USD stage, and samples below it do not count.
 """
 
 from __future__ import annotations
@@ -25,13 +18,21 @@ from numpy.typing import NDArray
 
 from datafactory.scenes.chain import Chain, Samples
 from datafactory.scenes.motion import Motion, Moving, Vector
-from datafactory.scenes.readers.common import AS_WRITTEN, MAXIMUM_NESTING, Notes, Reading, check_counts, with_remarks
-from datafactory.scenes.readers.meshes import note_coarse_vertices, place_mesh, vertex_spacing_m
+from datafactory.scenes.readers.common import (
+    AS_WRITTEN,
+    MAXIMUM_NESTING,
+    Notes,
+    Reading,
+    check_counts,
+    note_coarse_vertices,
+    place_mesh,
+    vertex_spacing_m,
+    with_remarks,
+)
 from datafactory.scenes.readers.usd_facts import FactsOfPrims, has_shape
 from datafactory.scenes.readers.usd_labels import UNLABELLED, Labelling
 from datafactory.scenes.readers.usd_motion import Frame, Transforms, check_motion, instance_frames
-from datafactory.scenes.readers.usd_samples import Clock
-from datafactory.scenes.readers.usd_skinning import bake_skinning
+from datafactory.scenes.readers.usd_samples import Clock, bake_skinning
 from datafactory.scenes.readers.usd_stage import open_usd_stage, usd_stage_to_world
 from datafactory.scenes.readers.usd_targets import model_axes, occupied_below, prim_model
 from datafactory.scenes.scene import WORLD_AXES, ZERO, PointTarget, Scene, SceneObject

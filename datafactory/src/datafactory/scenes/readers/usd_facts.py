@@ -45,12 +45,12 @@ class PrimFacts:
 
     visible: bool
     purpose: str | None
-    velocity: NDArray[np.float64] | None
-    material: str | None
-    targets_by_name: bool | None
-    has_rcs: bool
-    is_instancer: bool
-    is_gprim: bool
+    velocity: NDArray[np.float64] | None = None
+    material: str | None = None
+    targets_by_name: bool | None = None
+    has_rcs: bool = False
+    is_instancer: bool = False
+    is_gprim: bool = False
     blinks: bool = False
     class_name: str | None = None
 
@@ -131,7 +131,7 @@ class FactsOfPrims:
             if imageable.GetPurposeAttr().HasAuthoredValue():
                 purpose = str(imageable.GetPurposeAttr().Get())
         if not visible:
-            return PrimFacts(False, purpose, None, None, None, False, False, False)
+            return PrimFacts(False, purpose)
         velocity = material = by_name = class_name = None
         if prim.HasAttribute("radar:velocity"):
             velocity = self.numbers(prim, "radar:velocity", 3, "three finite numbers [m/s]")

@@ -12,9 +12,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from datafactory.scenes.chain import Chain
-from datafactory.scenes.labels import Label
 from datafactory.scenes.readers.usd_facts import PrimFacts
 from datafactory.scenes.readers.usd_motion import Frame, Transforms
+from datafactory.scenes.things import Label
 from datafactory.scenes.usd_library import Usd, UsdGeom, UsdSkel
 
 

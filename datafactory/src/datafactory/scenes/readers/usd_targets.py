@@ -1,11 +1,8 @@
 """The USD prims that are targets with a model of their radar cross section.
 
-- ``radar:target`` (string or token): the name of a model of ``target_models``, with ``radar:radius_m``,
-  ``radar:length_m`` and so on for its sizes [m], and options as ``radar:wheel_radius_m`` or ``radar:stature_m``
-  (:mod:`datafactory.scenes.targets.road_users`); ``"none"`` exempts a prim from the name rule;
-- ``radar:targets_by_name`` (bool): below this prim, placed prims named car, pedestrian or cyclist are those targets. A
-  name may go on with anything but a letter: ``Car``, ``car_17`` and ``Pedestrian2``, but neither ``Cars`` nor
-  ``Carport``.
+``radar:target`` (string or token) names a model; ``"none"`` exempts a prim from the name rule. That rule holds below a
+prim with ``radar:targets_by_name``: placed prims named car, pedestrian or cyclist are those targets. A name may go on
+with anything but a letter: ``Car``, ``car_17`` and ``Pedestrian2``, but neither ``Cars`` nor ``Carport``.
 
 The model's x (forward) and z (up) are those of the USD stage: with Y up they lie along the prim's x and y. The prim's
 scale does not change a model's size.

@@ -1,6 +1,6 @@
 """Who drives, parks, walks and stands where along the stretches of road: the shipped vehicles and street furniture.
 
-Everything has a place of its own across the road (:mod:`datafactory.scenes.traffic.layout`), and along it a distance
+Everything has a place of its own across the road (:mod:`datafactory.scenes.traffic.stretches`), and along it a distance
 from what shares that place; furniture is besides held clear of furniture. Numbers that are asked for are dealt to the
 stretches in turn. What stands is put on the ground under it, and left out where that is no plane.
 """
@@ -15,11 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.scenes.ground import Ground
-from datafactory.scenes.motion import Vector
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.traffic.asked import Asked
-from datafactory.scenes.traffic.layout import FURNITURE_M, Course, Layout, Line, layout_of, spaced
-from datafactory.scenes.traffic.stretches import Stretch, tilted
+from datafactory.scenes.traffic.stretches import FURNITURE_M, Course, Layout, Line, Stretch, layout_of, spaced, tilted
 
 Real = NDArray[np.float64]
 
@@ -50,14 +48,11 @@ class Asset:
 
     :param label: its class, as its file has it
     :param parts: of each mesh a name, its vertices [V, 3] [m], triangles [T, 3] and material
-    :param lower, upper: corners of its box [m]
     :param foot: length and width of what of it stands below ``REACH_M``, about the origin [m]
     """
 
     label: str
     parts: tuple[tuple[str, Real, NDArray[np.int32], str], ...]
-    lower: Vector
-    upper: Vector
     foot: tuple[float, float]
 
 
@@ -70,10 +65,9 @@ def asset(name: str) -> Asset:
     )
     points = np.concatenate([vertices for _, vertices, _, _ in parts])
     low = points[points[:, 2] <= REACH_M]
-    (a, b, c), (d, e, f) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
     half = np.abs(low[:, :2]).max(axis=0)
     label = next(item.label.class_name for item in scene.objects if item.label is not None)
-    return Asset(label, parts, (a, b, c), (d, e, f), (2.0 * float(half[0]), 2.0 * float(half[1])))
+    return Asset(label, parts, (2.0 * float(half[0]), 2.0 * float(half[1])))
 
 
 @dataclass(frozen=True)

@@ -10,16 +10,14 @@ from numpy.typing import NDArray
 
 from datafactory.scenes.chain import Chain
 from datafactory.scenes.ground import Ground, free_ground
-from datafactory.scenes.labels import Label
-from datafactory.scenes.motion import Track, Vector
+from datafactory.scenes.motion import Track, triple
 from datafactory.scenes.scene import PointTarget, Scene, SceneObject
 from datafactory.scenes.targets.models import RcsModel
 from datafactory.scenes.targets.road_users import Cyclist, Pedestrian
-from datafactory.scenes.things import Population, Strip, Thing
+from datafactory.scenes.things import Label, Population, Strip
 from datafactory.scenes.traffic.arrange import Arranged, arrange, asset
 from datafactory.scenes.traffic.asked import Asked
-from datafactory.scenes.traffic.layout import HORIZON_S
-from datafactory.scenes.traffic.stretches import find_stretches
+from datafactory.scenes.traffic.stretches import HORIZON_S, find_stretches
 
 Mask = NDArray[np.bool_]
 
@@ -49,23 +47,19 @@ def populated(scene: Scene, asked: Asked, seed: int) -> Scene:
     wanted_m = max([LEAST_ROAD_M, *(METRES_OF_ROAD[kind] * count for kind, count in asked.counts.items())])
     stretches = find_stretches(ground, passed_by(scene, ground), wanted_m, rng)
     placements = arrange(stretches, ground, asked, rng)
-    objects, targets, things = list[SceneObject](), list[PointTarget](), list[Thing]()
+    objects, targets = list[SceneObject](), list[PointTarget]()
     for number, placement in enumerate(placements):
         name = f"{FOLDER}/{placement.what}_{number:03d}"
         if placement.kind in ("pedestrians", "cyclists"):
-            target, thing = _road_user(name, placement)
-            targets.append(target)
+            targets.append(_road_user(name, placement))
         else:
-            parts, thing = _meshes(name, placement)
-            objects += parts
-        things.append(thing)
+            objects += _meshes(name, placement)
     counted = {kind: sum(item.kind == kind for item in placements) for kind in (*asked.counts, "parked")}
     population = Population(
         text=asked.text,
         seed=seed,
         asked=asked.counts,
         placed={kind: count for kind, count in counted.items() if kind in asked.counts or asked.parked},
-        things=tuple(things),
         roads=tuple(stretch.strip for stretch in stretches),
         horizon_s=HORIZON_S,
     )
@@ -78,42 +72,28 @@ def populated(scene: Scene, asked: Asked, seed: int) -> Scene:
     )
 
 
-def _meshes(name: str, placement: Arranged) -> tuple[list[SceneObject], Thing]:
+def _meshes(name: str, placement: Arranged) -> list[SceneObject]:
     """The meshes of an asset in their place."""
     what, motion = asset(placement.what), _motion(placement)
     axes, origin = placement.axes, np.array(placement.position)
     label = _label(name, placement, what.label)
-    parts = [
+    return [
         SceneObject.of(f"{name}/{part}", vertices @ axes + origin, triangles, material, motion=motion, label=label)
         for part, vertices, triangles, material in what.parts
     ]
-    low, high = np.array(what.lower), np.array(what.upper)
-    foot = np.array([*0.5 * (low + high)[:2], low[2]]) @ axes + origin
-    return parts, Thing(name, what.label, _vector(high - low), _vector(foot), _rows(axes), motion)
 
 
-def _road_user(name: str, placement: Arranged) -> tuple[PointTarget, Thing]:
+def _road_user(name: str, placement: Arranged) -> PointTarget:
     """A pedestrian or a cyclist as a target of known cross section."""
-    motion, axes = _motion(placement), _rows(placement.axes)
+    motion = _motion(placement)
     assert motion is not None
-    if placement.kind == "cyclists":
-        model: RcsModel = Cyclist()
-        kind = "bicycle"
-    else:
-        model, kind = Pedestrian(placement.stature_m), "pedestrian"
-    low, high = np.array(model.extent_m)
-    velocity = motion.velocities[0]
-    target = PointTarget(
-        name,
-        placement.position,
-        model.nominal_rcs_dbsm,
-        velocity,
-        model,
-        axes,
-        motion,
-        label=_label(name, placement, kind),
-    )
-    return target, Thing(name, kind, _vector(high - low), placement.position, axes, motion)
+    cyclist = placement.kind == "cyclists"
+    model: RcsModel = Cyclist() if cyclist else Pedestrian(placement.stature_m)
+    ahead, left, up = map(triple, placement.axes)
+    return PointTarget(
+        name, placement.position, model.nominal_rcs_dbsm, motion.velocities[0], model, (ahead, left, up), motion,
+        label=_label(name, placement, "bicycle" if cyclist else "pedestrian"),
+    )  # fmt: skip
 
 
 def _label(name: str, placement: Arranged, class_name: str) -> Label:
@@ -136,7 +116,7 @@ def passed_by(scene: Scene, ground: Ground) -> Mask:
     ends, step = PASSING_S
     items: tuple[SceneObject | PointTarget, ...] = (*scene.objects, *scene.targets)
     for item in items:
-        if not _moves(item):
+        if not item.moves:
             continue
         for time_s in np.arange(0.0, ends, step):
             if isinstance(item, SceneObject):
@@ -151,10 +131,6 @@ def passed_by(scene: Scene, ground: Ground) -> Mask:
     return marked
 
 
-def _moves(item: SceneObject | PointTarget) -> bool:
-    return item.motion is not None or any(item.velocity)
-
-
 def sensor_ground(scene: Scene) -> Ground:
     """Where a sensor may be drawn: free of all that stands, and on the roads with traffic first of all.
 
@@ -165,9 +141,8 @@ def sensor_ground(scene: Scene) -> Ground:
     population = scene.population
     if population is None:
         return free_ground(scene)
-    moving = {thing.name for thing in population.movers}
-    objects = tuple(item for item in scene.objects if item.name.rpartition("/")[0] not in moving)
-    targets = tuple(target for target in scene.targets if target.name not in moving)
+    objects = tuple(item for item in scene.objects if not _put_in_and_moves(item))
+    targets = tuple(target for target in scene.targets if not _put_in_and_moves(target))
     ground = free_ground(replace(scene, objects=objects, targets=targets))
     road = ground.road.copy()
     x, y = np.array(ground.origin)[:, None, None] + (np.indices(road.shape) + 0.5) * ground.cell_m
@@ -177,11 +152,5 @@ def sensor_ground(scene: Scene) -> Ground:
     return replace(ground, road=road)
 
 
-def _vector(values: NDArray[np.float64]) -> Vector:
-    x, y, z = (float(value) for value in values)
-    return x, y, z
-
-
-def _rows(axes: NDArray[np.float64]) -> tuple[Vector, Vector, Vector]:
-    ahead, left, up = (_vector(row) for row in axes)
-    return ahead, left, up
+def _put_in_and_moves(item: SceneObject | PointTarget) -> bool:
+    return item.motion is not None and item.name.startswith(f"{FOLDER}/")

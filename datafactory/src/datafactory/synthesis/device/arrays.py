@@ -1,7 +1,7 @@
 """What every kernel on the device starts from: arrays moved there, phasors, and sums whose order is fixed.
 
 This package is the only one of ours that imports torch, which is an extra of its own. Nothing imports it before a
-device was asked for (:mod:`datafactory.synthesis.kernels`). All of it runs on torch's ``"cpu"`` as well, which is how
+device was asked for (:mod:`datafactory.synthesis.cube`). All of it runs on torch's ``"cpu"`` as well, which is how
 the tests hold it to the same bounds as the compiled kernels where there is no GPU.
 """
 

@@ -20,11 +20,11 @@ from shared.dataset.locations import Location
 from shared.processes.defaults import LARGEST_SEED
 from shared.radar import Radar
 from trainer.data.arrays import ArrayChoice
-from trainer.data.scene_records import SceneRecord
 from trainer.evaluation.experiments.contenders import Contender
-from trainer.evaluation.rows import Condition, MetricRow, SummaryColumn
+from trainer.evaluation.report.tables import Condition, MetricRow, SummaryColumn
 from trainer.evaluation.store import Values, digest
 from trainer.metrics.bootstrap import Interval, bootstrap_mean, bootstrap_ratio, wilson
+from trainer.run.folder import SceneRecord
 
 KEPT = 2
 """Frames or simulated scenes that an experiment holds while its contenders take turns."""

@@ -16,10 +16,10 @@ from shared.physics.errors import InputError
 from shared.radar import Radar
 from shared.signal.windows import cell_noise_power
 from trainer.data.arrays import ArrayChoice
-from trainer.data.pairs import Trials
+from trainer.data.simulation import Trials
 from trainer.estimators.base import ESTIMATORS
 from trainer.estimators.fitting import fit_lines, score_peaks
-from trainer.evaluation.report.style import Look
+from trainer.evaluation.report.figures import Look
 from trainer.evaluation.store import digest
 from trainer.run.answers import Answer, array_answer, network_answer
 from trainer.run.detections import CANDIDATES

@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 from shared.radar import Radar
 from shared.signal import target_amplitudes
 from shared.signal.windows import cell_noise_power
-from trainer.data.pairs import resolution_cell
-from trainer.data.simulation import close_up, in_plane, out_of_sight, snapshot, truth_image
+from trainer.data.simulation import close_up, in_plane, out_of_sight, resolution_cell, snapshot, truth_image
 from trainer.evaluation.experiments.bench import (
     Bench,
     Results,
@@ -33,9 +32,9 @@ from trainer.evaluation.experiments.bench import (
     share_row,
 )
 from trainer.evaluation.experiments.contenders import Contender
-from trainer.evaluation.report.panels import image_panels
-from trainer.evaluation.report.shown import REPORT_SPAN_DB, own_levels
-from trainer.evaluation.rows import TRUTH, MetricRow
+from trainer.evaluation.report.figures import image_panels
+from trainer.evaluation.report.page import REPORT_SPAN_DB, own_levels
+from trainer.evaluation.report.tables import TRUTH, MetricRow
 from trainer.evaluation.store import Values
 from trainer.metrics.peaks import point_spread, resolved, strongest_peaks
 

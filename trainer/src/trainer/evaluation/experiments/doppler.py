@@ -32,9 +32,9 @@ from trainer.evaluation.experiments.bench import (
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.experiments.frames import load_frame
 from trainer.evaluation.experiments.street import true_magnitude
-from trainer.evaluation.report.shown import doppler_map
-from trainer.evaluation.report.style import PANEL_PIXELS, colour_bar, draw_image, new_figure, subplots
-from trainer.evaluation.rows import MetricRow
+from trainer.evaluation.report.figures import PANEL_PIXELS, colour_bar, draw_image, new_figure, subplots
+from trainer.evaluation.report.page import doppler_map
+from trainer.evaluation.report.tables import MetricRow
 from trainer.evaluation.store import Values
 from trainer.metrics.detection import find_row_peaks
 from trainer.run.targets import PROBABILITY

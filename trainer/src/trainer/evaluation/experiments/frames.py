@@ -16,10 +16,19 @@ from shared.dataset.folder import Dataset
 from shared.dataset.reading import read_frame
 from shared.radar import Radar
 from trainer.data.arrays import ArrayChoice
-from trainer.evaluation.experiments.bench import KEPT, Bench, FrameRef, Results, Task, contender_task, radar_task
+from trainer.evaluation.experiments.bench import (
+    KEPT,
+    Bench,
+    Experiment,
+    FrameRef,
+    Results,
+    Task,
+    contender_task,
+    radar_task,
+)
 from trainer.evaluation.experiments.contenders import Contender
-from trainer.evaluation.report.shown import scene_levels
-from trainer.evaluation.rows import TRUTH
+from trainer.evaluation.report.page import scene_levels
+from trainer.evaluation.report.tables import TRUTH
 from trainer.evaluation.store import Values
 from trainer.metrics.cells import CellScores, score_cells
 from trainer.metrics.detection import (
@@ -71,14 +80,6 @@ def one_of_each_scene(refs: Sequence[FrameRef], count: int) -> tuple[FrameRef, .
     return tuple(ref for _, _, ref in turns[:count])
 
 
-def too_small(bench: Bench) -> str | None:
-    """Why frames cannot be scored, None if they can."""
-    shape = bench.radar.waveform.range_bins, bench.radar.grid.bins
-    if min(shape) >= SSIM_WINDOW:
-        return None
-    return f"images have {shape[0]} x {shape[1]} bins, SSIM's window {SSIM_WINDOW} x {SSIM_WINDOW}"
-
-
 def frame_tasks(bench: Bench) -> list[Task]:
     """The cells of all frames and contenders, frame by frame, and of the truth itself for each array."""
     tasks = []
@@ -96,6 +97,35 @@ def frame_tasks(bench: Bench) -> list[Task]:
             for array in bench.arrays
         ]  # fmt: skip
     return tasks
+
+
+class OfFrames(Experiment):
+    """An experiment on the scores of single frames, whose cells it shares with the others.
+
+    :cvar scenes_alone: it looks at the frames of scenes and not at those of point targets
+    """
+
+    cells = CELLS
+    scenes_alone: bool = True
+
+    def refs(self, bench: Bench) -> tuple[FrameRef, ...]:
+        """The frames that it looks at."""
+        return scene_frames(bench) if self.scenes_alone else bench.frames
+
+    def obstacle(self, bench: Bench) -> str | None:
+        if not self.refs(bench):
+            return "the test split has no scene frames"
+        shape = bench.radar.waveform.range_bins, bench.radar.grid.bins
+        if min(shape) >= SSIM_WINDOW:
+            return None
+        return f"images have {shape[0]} x {shape[1]} bins, SSIM's window {SSIM_WINDOW} x {SSIM_WINDOW}"
+
+    def tasks(self, bench: Bench) -> Sequence[Task]:
+        return frame_tasks(bench)
+
+
+def scene_frames(bench: Bench) -> tuple[FrameRef, ...]:
+    return tuple(ref for ref in bench.frames if ref.kind == "scene")
 
 
 @lru_cache(maxsize=KEPT)

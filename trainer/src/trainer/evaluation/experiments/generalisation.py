@@ -1,41 +1,33 @@
-"""Scores by scene: does a network image what it was never trained on?"""
+"""Scores of the test frames by scene (does a network image what it was never trained on?), and against their cost."""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from shared.physics.errors import figure_text
-from trainer.evaluation.experiments.bench import Bench, Experiment, FrameRef, Results, Task
+from trainer.evaluation.experiments.bench import Bench, FrameRef, Results, single_row
 from trainer.evaluation.experiments.contenders import Contender, look_of
 from trainer.evaluation.experiments.detection import SSIM, strict_rows
-from trainer.evaluation.experiments.frames import CELLS, frame_tasks, too_small
-from trainer.evaluation.report.style import counted, legend_below, new_figure, subplots
-from trainer.evaluation.rows import AVERAGE_PRECISION, MetricRow
+from trainer.evaluation.experiments.frames import OfFrames
+from trainer.evaluation.report.figures import counted, legend_below, new_figure, subplots
+from trainer.evaluation.report.tables import AVERAGE_PRECISION, MetricRow
 from trainer.run.folder import Fingerprint
 
 SHOWN = (AVERAGE_PRECISION, SSIM)
 
 
-class Generalisation(Experiment):
+class Generalisation(OfFrames):
     """Is a scene worse than another, and was it trained on?"""
 
     name = "generalisation"
-    cells = CELLS
+    scenes_alone = False
     title = "Scores by scene"
     caption = (
         "The test frames of each scene apart, and close point targets as a scene of their own. A filled bar belongs "
         "to a network that was trained on other frames of this scene or to an estimator, which is trained on "
         "nothing; a hatched one to a network that never saw the scene, or of which it is not known."
     )
-
-    def obstacle(self, bench: Bench) -> str | None:
-        return too_small(bench)
-
-    def tasks(self, bench: Bench) -> Sequence[Task]:
-        return frame_tasks(bench)
 
     def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
         found = []
@@ -110,3 +102,46 @@ def _seen(bench: Bench, fingerprint: Fingerprint, scene: str) -> str:
     if any(record.content_sha256 in contents for record in fingerprint.scenes):
         return "yes"
     return "unknown" if scene in {record.name for record in fingerprint.scenes} else "no"
+
+
+SECONDS, PARAMETERS = "seconds for an image", "trained parameters"
+
+
+class Tradeoff(OfFrames):
+    """What does quality cost?"""
+
+    name = "tradeoff"
+    title = "Quality against runtime and parameters"
+    caption = (
+        "Means over the test split's scene frames with their 95 % intervals, over the least of some repeated runs "
+        "for one image on the machine that made this report, features included. On the left, beside the networks, "
+        "their parameters."
+    )
+
+    def rows(self, bench: Bench, results: Results) -> list[MetricRow]:
+        return [
+            single_row(self.name, contender, PARAMETERS, {}, float(contender.parameters))
+            for contender in bench.contenders
+        ]
+
+    def figures(self, bench: Bench, results: Results) -> dict[str, Figure]:
+        look = look_of(bench.contenders)
+        figure = new_figure(10.0, 4.8, self.title)
+        axes = subplots(figure, 1, len(SHOWN))[0]
+        for contender in bench.contenders:
+            rows = strict_rows(bench, self.name, results, contender, self.refs(bench), {})
+            for axis, metric in zip(axes, SHOWN, strict=True):
+                row = next(r for r in rows if r.metric == metric)
+                seconds = bench.seconds[contender.method, contender.array.name]
+                style = {"color": look.colour(contender.method), "marker": look.marker(contender.array.name)}
+                axis.plot(seconds, row.value, ms=7, ls="", **style)
+                axis.plot([seconds, seconds], [row.low, row.high], color=look.colour(contender.method), lw=1.0)
+                if contender.parameters and axis is axes[0]:
+                    text = f"{contender.parameters / 1e6:.2g} M"
+                    axis.annotate(text, (seconds, row.value), xytext=(7, 4), textcoords="offset points", fontsize=7)
+        for axis, metric in zip(axes, SHOWN, strict=True):
+            axis.set(xscale="log", xlabel="seconds for one image", ylabel=metric)
+            axis.grid(alpha=0.25, which="both")
+            axis.margins(0.12)
+        legend_below(figure, [*look.method_handles(), *look.array_handles(lines=False)])
+        return {self.name: figure}

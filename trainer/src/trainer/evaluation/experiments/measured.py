@@ -27,7 +27,7 @@ from trainer.estimators.music import Music
 from trainer.evaluation.experiments.contenders import NETWORKS, kind_of
 from trainer.evaluation.experiments.measured_figures import cartesian_figure, cut_figure
 from trainer.evaluation.experiments.measured_input import MeasuredInput, snapshot_radar
-from trainer.evaluation.rows import MetricRow
+from trainer.evaluation.report.tables import MetricRow
 from trainer.evaluation.store import Values
 from trainer.run.answers import NetworkAnswer, network_answer
 from trainer.run.detections import CANDIDATES

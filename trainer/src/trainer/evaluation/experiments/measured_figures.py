@@ -13,13 +13,7 @@ from scipy.ndimage import maximum_filter
 from shared.physics.errors import figure_text
 from shared.pictures import SPAN_DB, draw_from_above, level_db, range_weighted_db
 from trainer.evaluation.experiments.measured_input import MeasuredInput
-from trainer.evaluation.report.style import (
-    Look,
-    colour_bar,
-    legend_below,
-    new_figure,
-    subplots,
-)
+from trainer.evaluation.report.figures import Look, colour_bar, legend_below, new_figure, subplots
 from trainer.evaluation.store import Values
 
 COLUMNS = 3

@@ -13,8 +13,8 @@ from shared.signal.windows import cell_noise_power
 from trainer.data.simulation import snapshot
 from trainer.evaluation.experiments.bench import Bench, Results, Simulated, cell_of, mean_row
 from trainer.evaluation.experiments.contenders import Contender, look_of
-from trainer.evaluation.report.style import new_figure, subplots
-from trainer.evaluation.rows import MetricRow, SummaryColumn
+from trainer.evaluation.report.figures import new_figure, subplots
+from trainer.evaluation.report.tables import MetricRow, SummaryColumn
 from trainer.evaluation.store import Values
 from trainer.metrics.peaks import false_alarms, noise_level
 from trainer.run.targets import AMPLITUDE, PROBABILITY

@@ -17,19 +17,12 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from shared.physics.errors import figure_text
-from trainer.data.pairs import Condition, Trials, no_room, simulate
+from trainer.data.simulation import Condition, Trials, no_room, simulate
 from trainer.estimators.ml import MaximumLikelihood
-from trainer.evaluation.experiments.bench import (
-    Bench,
-    Results,
-    Simulated,
-    cell_of,
-    mean_row,
-    share_row,
-)
+from trainer.evaluation.experiments.bench import Bench, Results, Simulated, cell_of, mean_row, share_row
 from trainer.evaluation.experiments.contenders import Contender, estimator_contender, look_of
-from trainer.evaluation.report.style import legend_below, new_figure, subplots
-from trainer.evaluation.rows import MetricRow, SummaryColumn
+from trainer.evaluation.report.figures import legend_below, new_figure, subplots
+from trainer.evaluation.report.tables import MetricRow, SummaryColumn
 from trainer.evaluation.store import Values
 from trainer.metrics.peaks import point_spread, resolved, single_source_bound, strongest_peaks
 

@@ -15,25 +15,11 @@ from numpy.typing import NDArray
 
 from shared.radar.arrays import AntennaArray
 from trainer.data.arrays import ArrayChoice
-from trainer.data.pairs import (
-    Condition,
-    Trials,
-    no_room,
-    resolution_cell,
-    simulate,
-    trial_rows,
-)
-from trainer.evaluation.experiments.bench import (
-    Bench,
-    Results,
-    Simulated,
-    cell_of,
-    mean_row,
-    share_row,
-)
+from trainer.data.simulation import Condition, Trials, no_room, resolution_cell, simulate, trial_rows
+from trainer.evaluation.experiments.bench import Bench, Results, Simulated, cell_of, mean_row, share_row
 from trainer.evaluation.experiments.contenders import Contender, look_of
-from trainer.evaluation.report.style import legend_below, new_figure, subplots
-from trainer.evaluation.rows import MetricRow, condition_text
+from trainer.evaluation.report.figures import legend_below, new_figure, subplots
+from trainer.evaluation.report.tables import MetricRow, condition_text
 from trainer.evaluation.store import Values
 from trainer.metrics.detection import find_row_peaks
 from trainer.metrics.peaks import resolved, strongest_peaks

@@ -17,9 +17,9 @@ from shared.radar import Radar
 from trainer.evaluation.experiments.bench import Bench, Experiment, FrameRef, Results, Task, contender_task, radar_task
 from trainer.evaluation.experiments.contenders import Contender
 from trainer.evaluation.experiments.frames import load_frame, one_of_each_scene
-from trainer.evaluation.report.panels import image_sheet
-from trainer.evaluation.report.shown import REPORT_SPAN_DB, WHOLE, doppler_map, from_bytes, scene_levels, to_bytes
-from trainer.evaluation.rows import TRUTH
+from trainer.evaluation.report.figures import image_sheet
+from trainer.evaluation.report.page import REPORT_SPAN_DB, WHOLE, doppler_map, from_bytes, scene_levels, to_bytes
+from trainer.evaluation.report.tables import TRUTH
 from trainer.evaluation.store import Values
 from trainer.run.targets import AMPLITUDE
 

@@ -1,0 +1,305 @@
+"""Flat mirrors: all of them, whatever the number of rays; the radar's own echo of each, and ways over one to points.
+
+**Single mirrors.** A facet gives a single specular echo where it contains the foot of the perpendicular from the radar.
+The solver finds that echo only if a ray hits the facet, so that a small facet appears in some realisations and not in
+others. The amplitude at the distance R is
+
+    A = conj(Gamma) sqrt(1 - S^2) lambda / (4 pi 2 R) F,
+
+with Gamma the slab's reflection coefficient at normal incidence (ITU-R P.2040-3, eq. (37)), S the scattering
+coefficient, and F the factor of the facet's size (:mod:`datafactory.paths.facets`). The echo has no cross-polarised
+part. The foot is the point of reflection to the radar's own place. Mirrors in the front half space count, into which
+rays are sent.
+
+**Ways to points.** A face reflects a wave from the radar to a point p where the line from the radar to the image of p
+in the face's plane meets the face. The way back is that out, by reciprocity. The field at p over that of free space at
+the same length is
+
+    g = conj(R e) sqrt(1 - S^2) F,
+
+with R e what the slab reflects of the radar's unit field (TE and TM of ITU-R P.2040,
+:func:`datafactory.paths.wave_steps.reflected_fields`).
+
+The loss of a rough surface is sqrt(1 - S^2), here as in every other path of the table; it does not depend on the angle.
+Heights with a normal distribution of rms h leave exp(-2 (k h sin psi)^2) at the grazing angle psi (Ament, Toward a
+theory of reflection by a rough surface, Proc. IRE 41, 1953). Of asphalt with h = 0.65 mm that is 0.0, -0.1, -0.6 and
+-2.3 dB at 1, 5, 10 and 20 deg, where S has -0.4 dB. So the loss is right to 0.4 dB up to 10 deg of grazing, where road
+users beyond 8 m stand for a radar at 0.5 m, and too small above.
+
+Left out: ways over two mirrors, over curved ones and through panes; the light that the rough face scatters on to the
+point. Triangles that sample a curved surface have no feet here; the surface has (:mod:`.curved_echoes`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from datafactory.paths.columns import Columns
+from datafactory.paths.facets import COPLANAR_M
+from datafactory.paths.geometry import ray_margin_m
+from datafactory.paths.merged_scene import MergedScene
+from datafactory.paths.panes import FAINTEST, Polarization, panes_between, polarization_axis
+from datafactory.paths.slabs import LEAST_COSINE
+from datafactory.paths.table import REFRACTED, SPECULAR, SpecularPaths
+from datafactory.paths.unfold import apart
+from datafactory.paths.view import View
+from datafactory.paths.wave_steps import reflected_fields
+from shared.physics.compiled import compiled
+
+Real = NDArray[np.float64]
+
+INSIDE = 1e-9
+"""Barycentric coordinates may fall below zero by this: a foot on an edge belongs to both triangles, and counts once."""
+CLOSEST_M = 0.01
+"""Nearer mirrors are left out, as the solver does: the antennas' own size matters there."""
+SAME_IMAGE_M = 2.0 * COPLANAR_M
+"""Images nearer to each other belong to one mirror: faces that lie in one plane, or on top of each other."""
+AHEAD_M = 1e-6
+"""A foot straight below the radar lies at x = 0, apart from rounding, and counts as ahead."""
+
+
+@dataclass(frozen=True)
+class MirrorEchoes(Columns):
+    """n echoes of single mirrors, flat or curved, at whose feet the sight is the normal.
+
+    :param sight: [n, 3] unit vectors to the feet; :param range_m: [n] R; :param rate: [n] of R [m/s]
+    :param turning: [n, 3] rate of the sight's direction at which the mirror is met [1/s]
+    :param amplitude, owner, kinds: [n] fields of the path table
+    """
+
+    sight: Real
+    range_m: Real
+    rate: Real
+    turning: Real
+    amplitude: Complex
+    owner: NDArray[np.int32]
+    kinds: NDArray[np.uint8]
+
+    def images(self) -> SpecularPaths:
+        """With the delay law of the tangent planes, in which the radar has its image at 2 R."""
+        sight, range_m = self.sight, self.range_m[:, None]
+        velocity = 2.0 * self.rate[:, None] * sight + 2.0 * range_m * self.turning
+        axes = np.eye(3) - 2.0 * sight[:, :, None] * sight[:, None, :]
+        return SpecularPaths.of(2.0 * range_m * sight, velocity, axes, self.amplitude, self.owner, self.kinds)
+
+
+def single_mirrors(view: View) -> tuple[SpecularPaths, dict[str, int]]:
+    """All single specular echoes of a frame, and how many are hidden."""
+    merged, polarization = view.merged, view.settings.polarization
+    if not merged.meshes or polarization[0] != polarization[1]:
+        return SpecularPaths.none(), {}
+    _, found, foot = points_of_reflection(np.zeros((1, 3)), view.corners[view.flat], view.normals[view.flat])
+    ahead = foot[:, 0] >= -AHEAD_M
+    found, foot = found[ahead], foot[ahead]
+    triangle = view.flat[found]
+    passed, kinds = way_and_back(view, foot)
+    seen = np.flatnonzero(passed != 0.0)
+    every, seen = _nearest_of_doubles(foot, np.arange(len(foot))), _nearest_of_doubles(foot, seen)
+    hidden = len(every) - len(seen)
+    triangle, foot, passed, kinds = triangle[seen], foot[seen], passed[seen], kinds[seen]
+    range_m, mesh = np.linalg.norm(foot, axis=1), merged.mesh_of_triangle[triangle]
+    sight, normal = foot / range_m[:, None], view.normals[triangle]
+    amplitude = plane_amplitude(view, mesh, range_m) * passed
+    if view.settings.finite_mirrors:
+        off = np.einsum("ki,ki->k", foot, normal) - view.heights[triangle]
+        amplitude *= view.reflected_share(triangle, foot - off[:, None] * normal, foot, range_m, range_m)
+    rate = np.einsum("ki,ki->k", sight, view.velocity(triangle, foot))
+    side = np.sign(np.einsum("ki,ki->k", normal, sight))
+    turning = side[:, None] * _rates_of_normals(merged, triangle, mesh) @ view.rotation
+    echoes = MirrorEchoes(sight, range_m, rate, turning, amplitude, view.owner[triangle], kinds)
+    return echoes.images(), {"mirrors_hidden": hidden}
+
+
+def _nearest_of_doubles(foot: Real, index: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Those of the feet ``index`` that belong to different mirrors, rising; of faces on top of each other the nearest.
+
+    Triangles that share an edge may both hold a foot on it.
+    """
+    nearest = index[np.argsort(np.rint(np.linalg.norm(foot[index], axis=1) / 1e-6), kind="stable")]
+    return np.sort(nearest[apart(2.0 * foot[nearest], SAME_IMAGE_M)])
+
+
+def way_and_back(view: View, point: Real) -> tuple[NDArray[np.complex128], NDArray[np.uint8]]:
+    """What the way to points [n, 3] and back leaves of an amplitude, 0 where they are hidden, and the kinds of path."""
+    clear = view.sight(np.zeros((len(point), 3)), point)
+    passed = clear.astype(np.complex128)
+    kinds = np.full(len(point), SPECULAR, dtype=np.uint8)
+    if view.settings.refraction and not clear.all():
+        behind = np.flatnonzero(~clear)
+        panes = panes_between(view, point[behind], view.settings.polarization[0])
+        passed[behind] = np.where(np.abs(panes.factor) > FAINTEST, panes.factor, 0.0) ** 2
+        kinds[behind] |= REFRACTED
+    return passed, kinds
+
+
+def plane_amplitude(view: View, mesh: NDArray[np.int64], range_m: Real) -> NDArray[np.complex128]:
+    """[n] amplitude of infinite planes of the meshes' materials, square to the sight at ``range_m`` [n]."""
+    te, _ = view.slabs.reflection(mesh, np.ones(len(mesh)))
+    scale = view.wavelength_m / (8.0 * np.pi * range_m)
+    return np.asarray(np.conj(te) * (view.slabs.unscattered(mesh) * scale), dtype=np.complex128)
+
+
+def _rates_of_normals(merged_scene: MergedScene, triangle: NDArray[np.int64], mesh: NDArray[np.int64]) -> Real:
+    """[n, 3] rates [1/s] of the unit normals of triangles, in the world: 0 but on meshes that turn.
+
+    With N = a x b of two sides, N' = a' x b + a x b', and n' = (N' - n (n . N')) / |N|.
+    """
+    rates = np.zeros((len(triangle), 3))
+    first = np.cumsum([0, *(len(item.triangles) for item in merged_scene.meshes)])
+    for number in np.unique(mesh):
+        item, here = merged_scene.meshes[number], np.flatnonzero(mesh == number)
+        if item.turned is None:
+            continue
+        corners = item.triangles[triangle[here] - first[number]]
+        sides, changes = (
+            values[corners][:, 1:] - values[corners][:, :1] for values in (item.vertices, item.turned.velocities)
+        )
+        area = np.cross(sides[:, 0], sides[:, 1])
+        change = np.cross(changes[:, 0], sides[:, 1]) + np.cross(sides[:, 0], changes[:, 1])
+        length = np.linalg.norm(area, axis=1, keepdims=True)
+        normal = area / length
+        rates[here] = (change - np.einsum("ki,ki->k", normal, change)[:, None] * normal) / length
+    return rates
+
+
+Complex = NDArray[np.complex128]
+Index = NDArray[np.int64]
+
+TOUCHING_M = 1e-4
+"""A point may lie this far behind a face and still stand on it: rounding of a scene's coordinates."""
+AXES: tuple[Polarization, Polarization] = ("V", "H")
+"""Components of a field across a direction: along theta^ and phi^."""
+
+
+@dataclass(frozen=True)
+class Ways(Columns):
+    """W ways from the radar over one mirror each to points, in the radar frame.
+
+    :param point: [W] number of the point
+    :param triangle: [W] that reflects, index into the merged scene's triangles
+    :param normal: [W, 3] unit, of its plane; :param height: [W] n . x of the plane [m]
+    :param velocity: [W, 3] of the mirror relative to the radar [m/s]
+    :param sent: [W, 2] field at the point over that of free space, along theta^ and phi^, in the table's convention
+    :param received: [W, 2] the same for the RX's polarisation, by reciprocity
+    """
+
+    point: Index
+    triangle: Index
+    normal: Real
+    height: Real
+    velocity: Real
+    sent: Complex
+    received: Complex
+
+    def image(self, place: Real) -> Real:
+        """[W, 3] mirror images of places [3] or [W, 3] [m]."""
+        above = np.einsum("wi,wi->w", self.normal, np.broadcast_to(place, self.normal.shape)) - self.height
+        return place - 2.0 * above[:, None] * self.normal
+
+
+def ways_over_mirrors(view: View, position: Real) -> Ways:
+    """All clear ways from the radar over one mirror to points, by point and triangle.
+
+    :param position: [K, 3] in the radar frame [m]
+    """
+    point, found, foot = points_of_reflection(position, view.corners[view.flat], view.normals[view.flat])
+    triangle = view.flat[found]
+    clear = _clear(view, foot, triangle, position[point])
+    point, triangle, foot = point[clear], triangle[clear], foot[clear]
+    normal, before, mesh = view.normals[triangle], np.linalg.norm(foot, axis=1), view.merged.mesh_of_triangle[triangle]
+    towards = foot / before[:, None]
+    share = view.slabs.unscattered(mesh).astype(np.complex128)
+    if view.settings.finite_mirrors and len(point):
+        after = np.maximum(np.linalg.norm(position[point] - foot, axis=1), TOUCHING_M)
+        share *= view.reflected_share(triangle, foot, foot, before, after)
+    cosine = np.clip(np.abs(np.einsum("wi,wi->w", towards, normal)), LEAST_COSINE, 1.0)
+    te, tm = view.slabs.reflection(mesh, cosine)
+    sent, received = (
+        np.conj(_field_at_point(towards, normal, te, tm, which)) * share[:, None]
+        for which in view.settings.polarization
+    )
+    ways = Ways(
+        point=point,
+        triangle=triangle,
+        normal=normal,
+        height=np.einsum("wi,wi->w", normal, view.corners[triangle, 0]),
+        velocity=view.velocity(triangle, foot),
+        sent=sent,
+        received=received,
+    )
+    # Of faces on top of each other one counts. Images of different points are as far apart as their numbers say.
+    images = np.column_stack([ways.image(position[point]), point.astype(np.float64)])
+    return ways.take(apart(images, SAME_IMAGE_M))
+
+
+def _clear(view: View, foot: Real, triangle: Index, position: Real) -> NDArray[np.bool_]:
+    """[W] whether nothing stands on either leg.
+
+    The point of reflection is lifted off its face, to the radar's side, by the error of rays in float32.
+    """
+    normal = view.normals[triangle]
+    side = -np.sign(np.einsum("wi,wi->w", normal, view.corners[triangle, 0]))
+    lifted = foot + (side * ray_margin_m(np.linalg.norm(foot, axis=1)))[:, None] * normal
+    clear = view.sight(np.zeros_like(lifted), lifted)
+    clear[clear] = view.sight(lifted[clear], position[clear])
+    return clear
+
+
+def _field_at_point(towards: Real, normal: Real, te: Complex, tm: Complex, polarization: Polarization) -> Complex:
+    """[W, 2] components along theta^ and phi^ of what mirrors make of the radar's unit field."""
+    field = polarization_axis(towards, polarization).astype(np.complex128)
+    onward, reflected = reflected_fields(towards, normal, field, te, tm)
+    return np.stack([np.einsum("wi,wi->w", reflected, polarization_axis(onward, axis)) for axis in AXES], axis=1)
+
+
+def points_of_reflection(position: Real, corners: Real, normals: Real) -> tuple[Index, Index, Real]:
+    """Where triangles reflect waves from the origin to points: numbers of point [W] and triangle [W], place [W, 3] [m].
+
+    A face reflects on either side: radar and point are on the same one.
+
+    :param position: [K, 3] [m]; :param corners: [T, 3, 3] [m]; :param normals: [T, 3] unit, 0 of a face without area
+    """
+    height = np.einsum("ti,ti->t", normals, corners[:, 0])
+    edges = np.roll(corners, -1, axis=1) - corners
+    inward = np.cross(normals[:, None], edges)
+    border = np.einsum("tci,tci->tc", inward, corners) - INSIDE * np.einsum("tci,tci->tc", edges, edges)
+    found = _reflecting(np.ascontiguousarray(position), np.ascontiguousarray(normals), height, inward, border)
+    point, triangle = np.array(found, dtype=np.int64).reshape(-1, 2).T
+    normal, height = normals[triangle], height[triangle]
+    above = np.einsum("wi,wi->w", normal, position[point]) - height
+    image = position[point] - 2.0 * above[:, None] * normal
+    radar = np.abs(height)
+    share = radar / (radar + np.maximum(-np.sign(height) * above, 0.0))
+    return point, triangle, share[:, None] * image
+
+
+@compiled()
+def _reflecting(position, normals, height, inward, border):
+    """Pairs of point and triangle whose point of reflection lies within the triangle.
+
+    :param inward: [T, 3, 3] normals of the edges, in the plane; :param border: [T, 3] the least n . x within
+    """
+    found = [(0, 0) for _ in range(0)]
+    for k in range(len(position)):
+        px, py, pz = position[k]
+        for t in range(len(normals)):
+            radar = abs(height[t])
+            above = normals[t, 0] * px + normals[t, 1] * py + normals[t, 2] * pz - height[t]
+            over = -above if height[t] > 0.0 else above  # positive on the radar's side
+            if radar < CLOSEST_M or over < -TOUCHING_M:
+                continue
+            share = radar / (radar + max(over, 0.0))
+            x = share * (px - 2.0 * above * normals[t, 0])
+            y = share * (py - 2.0 * above * normals[t, 1])
+            z = share * (pz - 2.0 * above * normals[t, 2])
+            inside = True
+            for c in range(3):
+                if inward[t, c, 0] * x + inward[t, c, 1] * y + inward[t, c, 2] * z < border[t, c]:
+                    inside = False
+                    break
+            if inside:
+                found.append((k, t))
+    return found
