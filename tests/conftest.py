@@ -38,7 +38,7 @@ settings.load_profile("repeatable")
 LONG = (
     "benchmarks/test_bench.py",
     "datafactory/accuracy/test_budget.py::test_a_budget_on_two_scenes",
-    "datafactory/synthesis/test_kept_machine_code.py",
+    "datafactory/paths/test_trace_on_device.py",
     "effect_scenes/test_effect_frames.py::test_what_is_left_out_is_within_the_budget[moving",
     "examples/",
     "fuzz/",
@@ -49,6 +49,8 @@ LONG = (
     "integration/test_ray.py",
     "integration/test_remote_runs.py",
     "integration/test_twenty_cities.py",
+    "shared/physics/test_compiled.py::test_a_read_only",
+    "shared/physics/test_compiled.py::test_machine_code",
     "test_browser.py",
 )
 """How the names begin of tests that are all marked slow: what they hold takes long, and seldom breaks."""

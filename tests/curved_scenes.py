@@ -65,10 +65,3 @@ def cylinder_amplitude(radius: float, length: float, distance: float) -> float:
     sine, cosine = fresnel(np.sqrt(2.0) * 0.5 * length * np.sqrt(2.0 / (range_m * WAVELENGTH_M)))
     share = np.sqrt(2.0) * abs(cosine + 1j * sine)
     return WAVELENGTH_M / (8.0 * np.pi * range_m) * share / np.sqrt(1.0 + range_m / radius)
-
-
-def rcs_dbsm(table: PathTable) -> float:
-    """Radar cross section of the only echo at its range [dBsm]."""
-    (amplitude,) = amplitudes(table)
-    range_m = np.concatenate([table.scattered.range_m(), table.specular.range_m()])[0]
-    return float(10.0 * np.log10(abs(amplitude / METAL) ** 2 * (4.0 * np.pi) ** 3 * range_m**4 / WAVELENGTH_M**2))

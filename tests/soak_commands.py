@@ -1,4 +1,4 @@
-"""The commands that are killed and resumed: their arguments, what of their results has to be the same."""
+"""The commands that are killed and resumed: their arguments, what of their results has to be the same; a tally."""
 
 from __future__ import annotations
 
@@ -7,24 +7,25 @@ import random
 import subprocess
 import sys
 import time
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from array_jobs import ArrayRun
 from small_radar import write_small_radar
-from soak_tally import KINDS
 
 if TYPE_CHECKING:
-    from ray_nodes import Nodes
+    from ray_cluster import Nodes
 
 ROOT = Path(__file__).resolve().parents[1]
 BIN = Path(sys.executable).parent
 HANG_S = 300.0
 """No command here takes a tenth of this on a machine of its own. Where others take the processor it may: a command
 hangs that has not ended by then and whose processes all sleep."""
+FRAMES = "44"
 ON_RAY = 0.8
 """Share of the starts of ``ray`` that are on the cluster; the others go on on this machine."""
 
@@ -94,7 +95,7 @@ def commands(work: Path, names: list[str]) -> list[Command]:
     evaluate += ["--workers", "2"]
 
     def render(of: list[str]) -> Callable[[Path], list[str]]:
-        return lambda out: [factory, "render", *of, "--frames", "44", "--points", "4", "--out", str(out)]
+        return lambda out: [factory, "render", *of, "--frames", FRAMES, "--points", "4", "--out", str(out)]
 
     def trace(of: list[str]) -> Callable[[Path], list[str]]:
         return lambda out: [factory, "trace", *of, "--frames", "40", "--out", str(out)]
@@ -130,8 +131,7 @@ def cluster_for(names: list[str], chance: random.Random) -> Iterator[Nodes | Non
     if "ray" not in names:
         yield None
         return
-    from ray_cluster import ray_cluster
-    from ray_nodes import Nodes
+    from ray_cluster import Nodes, ray_cluster
 
     with ray_cluster(2) as cluster:
         yield Nodes(cluster, chance)
@@ -144,3 +144,53 @@ def run(arguments: list[str]) -> float:
     if done.returncode:
         raise RuntimeError(f"{' '.join(arguments)}: {done.stderr[-800:]}")
     return time.monotonic() - started
+
+
+KINDS = ("group", "parent", "worker", "node")
+"""Of kills: a process group, the process alone, one of its workers, a node of its cluster."""
+
+
+@dataclass
+class Tally:
+    """What happened to the runs of one command.
+
+    :param kills: by kind
+    :param finished: runs that were compared
+    :param differing: of them, those whose files were not the reference's: a frame lost, doubled or changed
+    :param hangs: commands that did not end in time
+    :param orphans: processes that outlived the one that started them
+    :param leftovers: files of a finished run that the reference does not have
+    :param tracebacks: runs that showed one
+    :param waited_s: longest time from a kill to the end of all processes
+    """
+
+    kills: dict[str, int] = field(default_factory=lambda: dict.fromkeys(KINDS, 0))
+    finished: int = 0
+    differing: int = 0
+    hangs: int = 0
+    orphans: int = 0
+    leftovers: int = 0
+    tracebacks: int = 0
+    waited_s: float = 0.0
+
+    @property
+    def clean(self) -> bool:
+        """Whether nothing went wrong."""
+        return not (self.differing or self.hangs or self.orphans or self.leftovers or self.tracebacks)
+
+
+def table(tallies: dict[str, Tally]) -> str:
+    """The tallies in Markdown."""
+    heads = ["command", *(f"{kind} kills" for kind in KINDS), "runs compared", "differing", "hangs", "orphans",
+             "leftovers", "tracebacks", "longest wait [s]"]  # fmt: skip
+    lines = ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
+    totals: dict[str, float] = defaultdict(float)
+    for name, tally in tallies.items():
+        numbers = [*tally.kills.values(), tally.finished, tally.differing, tally.hangs, tally.orphans, tally.leftovers,
+                   tally.tracebacks]  # fmt: skip
+        for head, number in zip(heads[1:], numbers, strict=False):
+            totals[head] += number
+        lines.append("| " + " | ".join([name, *map(str, numbers), f"{tally.waited_s:.1f}"]) + " |")
+    longest = max(tally.waited_s for tally in tallies.values())
+    sums = [f"{totals[head]:.0f}" for head in heads[1:-1]]
+    return "\n".join([*lines, "| " + " | ".join(["all", *sums, f"{longest:.1f}"]) + " |"])

@@ -118,18 +118,6 @@ def test_the_command_makes_the_bytes_that_the_function_makes(radar_file: Path, t
     assert len(shards[0]) == 1
 
 
-def test_paths_traced_by_call_are_rendered_by_call(radar_file: Path, tmp_path: Path) -> None:
-    folders = tmp_path / "paths", tmp_path / "again", tmp_path / "once"
-    reports = (
-        datafactory.trace(TINY, folders[0], radar=radar_file, seed=3, frames=1, rays=4000, effects="all"),
-        datafactory.render(None, folders[1], radar=radar_file, seed=3, paths=folders[0], effects="all"),
-        datafactory.render(TINY, folders[2], radar=radar_file, seed=3, frames=1, rays=4000, effects="all"),
-    )
-    assert [report.frames for report in reports] == [1, 1, 1]
-    part = Path("train/part-00000.parquet")
-    assert (folders[1] / part).read_bytes() == (folders[2] / part).read_bytes()
-
-
 def test_a_plan_says_what_the_command_says(radar_file: Path) -> None:
     (planned,) = datafactory.plan([str(TINY)], radar=str(radar_file), frames=1, rays=4000)
     arguments = ["plan", "--scene", TINY, "--radar", radar_file, "--frames", 1, "--rays", 4000, "--no-times", "--json"]
@@ -154,7 +142,12 @@ def test_a_plan_says_what_the_command_says(radar_file: Path) -> None:
         ({"scenes": TINY, "device": "cdua"}, "--device: 'cdua'; expected one of auto, cpu, cuda; did you mean 'cuda'"),
         ({"scenes": TINY, "effects": ["mirrors"]}, "--effects: 'mirrors'; expected auto, all, or some of"),
         ({"scenes": TINY, "radar": "none.toml"}, "--radar: no preset and no file 'none.toml'"),
+        ({"scenes": TINY, "split": "1:2"}, "--split: '1:2'; expected train:validation:test"),
+        ({"scenes": TINY, "truth_window": "oval"}, "--truth-window: 'oval'; expected one of"),
+        ({"scenes": TINY, "poses": "nowhere.json"}, "nowhere.json: cannot be read"),
+        ({"scenes": TINY, "materials": "nowhere.toml"}, "nowhere.toml: "),
         ({"scenes": "none.usda"}, "none.usda: no such file"),
+        ({"scenes": "sionna:atlantis"}, "sionna:atlantis: "),
     ],
 )
 def test_bad_arguments_are_refused_in_one_line(tmp_path: Path, arguments: dict[str, object], message: str) -> None:
@@ -199,3 +192,15 @@ def test_a_rendering_process_starts_without_what_few_frames_need() -> None:
 @pytest.mark.parametrize("program", ["datafactory", "trainer"])
 def test_a_package_is_a_program(program: str) -> None:
     assert f"Usage: python -m {program}" in told("-m", program, "--help")
+
+
+def test_paths_traced_by_call_are_rendered_by_call(radar_file: Path, tmp_path: Path) -> None:
+    folders = tmp_path / "paths", tmp_path / "again", tmp_path / "once"
+    reports = (
+        datafactory.trace(TINY, folders[0], radar=radar_file, seed=3, frames=1, rays=4000, effects="all"),
+        datafactory.render(None, folders[1], radar=radar_file, seed=3, paths=folders[0], effects="all"),
+        datafactory.render(TINY, folders[2], radar=radar_file, seed=3, frames=1, rays=4000, effects="all"),
+    )
+    assert [report.frames for report in reports] == [1, 1, 1]
+    part = Path("train/part-00000.parquet")
+    assert (folders[1] / part).read_bytes() == (folders[2] / part).read_bytes()

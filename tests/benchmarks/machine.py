@@ -1,43 +1,17 @@
-"""The machine that a benchmark ran on: what it is, and the rates that nothing on it can exceed."""
+"""The machine that a benchmark ran on."""
 
 from __future__ import annotations
 
 import os
 import platform
-from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import psutil
-from record import timed
 from threadpoolctl import threadpool_info
 
-PACKAGES = ("numpy", "scipy", "numba", "finufft", "sionna-rt", "mitsuba", "drjit", "sparseradar-datafactory")
-
-
-@cache
-def gemm_flops_per_second(size: int) -> float:
-    """Rate of a square complex64 matrix product, 8 operations a multiply-add, by processor time [1/s]."""
-    generator = np.random.default_rng(0)
-    left, right = (
-        generator.standard_normal((size, size, 2), dtype=np.float32).view(np.complex64)[..., 0] for _ in "lr"
-    )
-    out = np.empty((size, size), dtype=np.complex64)
-    np.matmul(left, right, out=out)
-    elapsed, _ = timed(lambda: np.matmul(left, right, out=out), 3)
-    return 8.0 * size**3 / elapsed.cpu_seconds
-
-
-@cache
-def copy_bytes_per_second(megabytes: int) -> float:
-    """Rate of a copy of a block much larger than the caches, bytes read plus bytes written, by processor time [1/s]."""
-    source = np.ones(megabytes * 1_000_000 // 8)
-    target = np.empty_like(source)
-    np.copyto(target, source)
-    elapsed, _ = timed(lambda: np.copyto(target, source), 5)
-    return 2.0 * source.nbytes / elapsed.cpu_seconds
+PACKAGES = ("numpy", "scipy", "numba", "sionna-rt", "mitsuba", "drjit", "sparseradar-datafactory")
 
 
 def description() -> dict[str, Any]:

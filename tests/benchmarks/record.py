@@ -45,8 +45,7 @@ class Record:
     :param ours_time: ours, the median of its repeats
     :param reference: what it is held against, its threads, and whether its time was scaled up from a sample
     :param reference_time: the reference
-    :param error: of ours against the reference or, where the reference is a limit or another setting, against the
-        float64 sum
+    :param error: of ours against the reference or, where the reference is another setting, against the float64 sum
     :param error_unit: unit of ``error``
     :param ours: what was measured, with its threads
     :param details: whatever else was measured, by name with units
@@ -63,7 +62,7 @@ class Record:
 
     @property
     def ratio(self) -> float:
-        """How many times faster ours is; against a limit of the machine the fraction of it that is reached."""
+        """How many times faster ours is."""
         return self.reference_time.seconds / self.ours_time.seconds
 
     @property

@@ -36,7 +36,7 @@ def first_frame(work: Workload) -> Record:
     """One frame of the tiny scene; kernels were compiled by the run before."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "out"
-        options = ("--scene", str(TINY_SCENE), "--frames", "1", "--rays", str(work.size.peer_rays), "--out", str(out))
+        options = ("--scene", str(TINY_SCENE), "--frames", "1", "--rays", str(work.size.rays), "--out", str(out))
         clear = f"import shutil; shutil.rmtree({str(out)!r}, ignore_errors=True)"
         render = _program("datafactory", "render", *options)
         program = (f"{clear}; {render[0]}", *render[1:])

@@ -20,26 +20,25 @@ import numpy as np
 from datafactory.api.asking import load_scene, order_of
 from datafactory.api.options import OrderOptions
 from datafactory.frame.chain import SceneSource
-from datafactory.paths import corners, targets, trace
+from datafactory.paths import trace
 from datafactory.paths.backend import select_variant, set_threads
 from datafactory.run.preparation import prepare
 from datafactory.scenes.materials.table import load_materials
 
 PARTS: tuple[tuple[Any, str, str], ...] = (
-    (corners, "corner_echoes", "edges of right angles"),
-    (corners, "corner_point_echoes", "points of right angles"),
-    (targets, "echoes_round_corners", "targets round corners"),
-    (targets, "echoes_over_mirrors", "targets over mirrors"),
+    (trace, "_listed", "candidates"),
+    (trace.CornerEchoes, "seen", "edges of right angles"),
+    (trace.CornerPointEchoes, "seen", "points of right angles"),
+    (trace.TargetEchoes, "seen", "targets"),
+    (trace.EdgeEchoes, "seen", "edges"),
     (trace, "single_mirrors", "mirrors"),
     (trace, "curved_mirrors", "curved mirrors"),
-    (trace, "edge_echoes", "edges"),
     (trace.Arrivals, "first", "first hits"),
-    (trace, "over_mirrors", "scattered after mirrors"),
+    (trace, "SecondBounces", "second bounces, estimated"),
     (trace, "behind_panes", "scattered behind panes"),
-    (trace, "scattered_twice", "scattered twice"),
     (trace, "solve", "solver"),
     (trace, "placed", "geometry"),
-    (trace, "_with_surfaces", "shares of mirrors, phases"),
+    (trace, "with_surfaces", "shares of mirrors, phases"),
 )
 
 

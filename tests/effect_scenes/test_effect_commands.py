@@ -139,26 +139,6 @@ def test_effects_that_are_no_choice_are_told_so(small, monkeypatch, capsys, tmp_
     assert shards[0] == shards[1]
 
 
-def test_traced_paths_are_decided_on_when_they_are_rendered(small, monkeypatch, capsys, tmp_path: Path) -> None:
-    """Rendered from its trace, a scene has the effects and the bytes of the scene rendered at once."""
-    traced, again, once = (tmp_path / name for name in ("traced", "again", "once"))
-    radar = small[small.index("--radar") : small.index("--radar") + 2]
-    assert run(monkeypatch, "trace", *small, "--out", traced) == 0
-    assert run(monkeypatch, "render", "--paths", traced, *radar, "--workers", 1, "--out", again) == 0
-    assert run(monkeypatch, "render", *small, "--out", once) == 0
-    said = " ".join(capsys.readouterr().out.split())
-    assert "diffraction 1" in said
-    assert "specular" in said.partition("; never ")[2]
-    assert made_with(again) == made_with(once)
-    assert manifest(again)["arguments"]["effects"] == manifest(once)["arguments"]["effects"] == list(NAMES)
-    assert manifest(once)["arguments"]["budget_db"] == manifest(again)["arguments"]["budget_db"] == -30.0
-    assert manifest(traced)["arguments"]["budget_db"] is None
-    shards = [path.relative_to(once) for path in once.glob("*/*.parquet")]
-    assert shards
-    for shard in shards:
-        assert (again / shard).read_bytes() == (once / shard).read_bytes()
-
-
 def test_traced_paths_cannot_get_other_paths_afterwards(small, monkeypatch, capsys, tmp_path: Path) -> None:
     """What works on the signal may be asked for anew; what decides which paths there are may not."""
     traced, silent = tmp_path / "traced", tmp_path / "silent"

@@ -1,6 +1,6 @@
 """The trainer's readers on damaged files and on whole files of odd content: they read, or say one line.
 
-See ``tests/fuzzing.py``: ``FUZZ_SECONDS`` lets each go on.
+See ``tests/fuzzing.py``: ``FUZZ_INPUTS`` lets them go on.
 """
 
 from __future__ import annotations

@@ -3,6 +3,11 @@
 A measurement returns one number, smaller is better, that must be finite and at most ``bound``: an error against a slow
 reference, or the count of things that went wrong (crashes, silent losses, wrong answers), whose bound is 0. While it
 runs, every RuntimeWarning is an error: a logarithm of zero or a division by zero is a broken bound whatever comes out.
+
+A theme is a module of this folder with a tuple ``CASES``; it is found by itself, its cases are run by
+``test_hardcases.py`` and printed by ``run.py``. Keep its name off the standard library's (``run.py`` starts with this
+folder first on the path), import heavy libraries inside the measurements, and write temporary files to a
+``tempfile.TemporaryDirectory``. A measurement must not depend on the clock or on other cases.
 """
 
 from __future__ import annotations
@@ -11,6 +16,8 @@ import math
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
 
 
 @dataclass(frozen=True)
@@ -61,3 +68,20 @@ def judge(theme: str, case: HardCase) -> Verdict:
     if not math.isfinite(measured):
         return Verdict(theme, case, measured, "not finite")
     return Verdict(theme, case, measured, "" if measured <= case.bound else "above the bound")
+
+
+def catalogue() -> tuple[tuple[str, HardCase], ...]:
+    """(theme, case) of every case, themes by name, cases in their module's order.
+
+    :raises ValueError: two cases share a name
+    """
+    cases: list[tuple[str, HardCase]] = []
+    for path in sorted(Path(__file__).parent.glob("*.py")):
+        if path.stem in ("case", "run") or path.stem.startswith("test_"):
+            continue
+        theme = import_module(f"hardcases.{path.stem}")
+        cases += [(path.stem, case) for case in getattr(theme, "CASES", ())]
+    names = [case.name for _, case in cases]
+    if len(set(names)) < len(names):
+        raise ValueError(f"cases share a name: {sorted({name for name in names if names.count(name) > 1})}")
+    return tuple(cases)

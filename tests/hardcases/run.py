@@ -1,6 +1,6 @@
-"""Run the catalogue of hard cases; print its table, write it as JSON and, if wanted, as Markdown.
+"""Run the catalogue of hard cases; print its table and, if wanted, write it as Markdown.
 
-    python tests/hardcases/run.py [--only WORD] [--out build/hardcases.json] [--markdown FILE]
+    python tests/hardcases/run.py [--only WORD] [--markdown FILE]
 
 Exit status 1 if any bound is broken. A case that hangs ends the run with a traceback.
 """
@@ -8,7 +8,6 @@ Exit status 1 if any bound is broken. A case that hangs ends the run with a trac
 from __future__ import annotations
 
 import faulthandler
-import json
 import math
 import sys
 from collections.abc import Sequence
@@ -21,8 +20,7 @@ from rich.table import Table
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 
-from hardcases.case import Verdict, judge
-from hardcases.catalogue import catalogue
+from hardcases.case import Verdict, catalogue, judge
 from threadpoolctl import threadpool_limits
 
 HANG_SECONDS = 300.0
@@ -67,26 +65,8 @@ def markdown_of(verdicts: Sequence[Verdict]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def records_of(verdicts: Sequence[Verdict]) -> list[dict[str, object]]:
-    """The same as plain JSON values; null where nothing finite was measured."""
-    return [
-        {
-            "theme": verdict.theme,
-            "case": verdict.case.name,
-            "hazard": verdict.case.hazard,
-            "bound": verdict.case.bound,
-            "unit": verdict.case.unit,
-            "measured": verdict.measured if math.isfinite(verdict.measured) else None,
-            "kept": verdict.kept,
-            "fault": verdict.fault,
-        }
-        for verdict in verdicts
-    ]
-
-
 def run(
     only: Annotated[str, typer.Option(help="Only cases with this word in theme or name.")] = "",
-    out: Annotated[Path, typer.Option(help="JSON file of the results.")] = Path("build/hardcases.json"),
     markdown: Annotated[Path | None, typer.Option(help="File for a Markdown table.", show_default=False)] = None,
 ) -> None:
     """Run the catalogue of hard cases."""
@@ -102,11 +82,9 @@ def run(
     broken = [verdict for verdict in verdicts if not verdict.kept]
     for verdict in broken:
         console.print(f"{verdict.case.name}: {verdict.fault}", markup=False)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    out.write_text(json.dumps(records_of(verdicts), indent=1) + "\n", encoding="utf-8")
     if markdown is not None:
         markdown.write_text(markdown_of(verdicts), encoding="utf-8")
-    console.print(f"{len(verdicts) - len(broken)} of {len(verdicts)} bounds kept; {out}", markup=False)
+    console.print(f"{len(verdicts) - len(broken)} of {len(verdicts)} bounds kept", markup=False)
     if broken or not verdicts:
         raise typer.Exit(1)
 

@@ -45,7 +45,7 @@ def contents(folder: Path) -> dict[str, Any]:
 
 def test_rendered_traced_and_rendered_from_traces(radar: Path, tmp_path: Path) -> None:
     """The plan is the first job's work; the second finds it in the user's cache."""
-    scene = (TINY, "--radar", radar, "--rays", 500, "--frames", 14, "--seed", 3, "--workers", 1)
+    scene = (TINY, "--radar", radar, "--rays", 500, "--frames", 9, "--seed", 3, "--workers", 1)
     kinds = {
         "render": ("render", *scene, "--points", 3),
         "trace": ("trace", *scene, "--effects", "specular,diffuse"),

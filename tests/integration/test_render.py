@@ -174,7 +174,7 @@ def test_given_poses_are_taken_exactly(radar_file, tmp_path):
     ]
     file = tmp_path / "poses.json"
     file.write_text(json.dumps(poses), encoding="utf-8")
-    rendered(tmp_path / "data", radar_file, "--poses", file)
+    rendered(tmp_path / "data", radar_file, "--poses", file, "--workers", 1)
     first, second = open_dataset(tmp_path / "data").frames("train")
     assert first.sensor_position == (-5.0, 0.0, 0.6)
     assert first.sensor_velocity == (1.0, 0.0, 0.0)
@@ -183,39 +183,12 @@ def test_given_poses_are_taken_exactly(radar_file, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "names"),
-    [
-        (["render", "--scene", "missing.usda"], "missing.usda"),
-        (["render", "--scene", "sionna:atlantis"], "atlantis"),
-        (["render", "--scene", TINY, "--radar", "nothing.toml"], "nothing.toml"),
-        (["render", "--scene", TINY, "--split", "1:2"], "--split"),
-        (["render", "--scene", TINY, "--store", "floppy"], "--store"),
-        (["render", "--scene", TINY, "--truth-window", "oval"], "--truth-window"),
-        (["render", "--scene", TINY, "--frames", "0"], "--frames"),
-        (["render", "--scene", TINY, "--poses", "nowhere.json"], "nowhere.json"),
-        (["render", "--scene", TINY, "--materials", "nowhere.toml"], "nowhere.toml"),
-        (["points", "--targets", "none.json"], "none.json"),
-    ],
-)
-def test_bad_input_is_one_line_and_nothing_is_written(arguments, names, tmp_path):
-    out = tmp_path / "out"
-    with pytest.raises(InputError) as caught:
-        run(*arguments, "--out", out)
-    assert names in str(caught.value)
-    assert "\n" not in str(caught.value)
-    assert not out.exists()
-
-
-@pytest.mark.parametrize(
     "targets",
     [
         "not json",
         "[]",
-        "{}",
         '[[{"x": 1}]]',
-        '[[{"x": "a", "y": 0, "rcs_dbsm": 0}]]',
         '[[{"x": 0, "y": 0, "rcs_dbsm": 0}]]',
-        '[[{"x": 1e999, "y": 0, "rcs_dbsm": 0}]]',
         '[[{"x": 1, "y": 0, "rcs_dbsm": 0, "colour": 3}]]',
     ],
 )
@@ -228,7 +201,8 @@ def test_a_bad_targets_file_is_named(targets, tmp_path):
 
 def test_rendering_from_traced_paths_gives_the_same_frames(dataset, radar_file, tmp_path):
     """The trace of a scene, rendered later, is the scene rendered at once; so is a second radar's."""
-    run("trace", "--scene", TINY, "--radar", radar_file, "--rays", 4000, "--frames", 9, "--out", tmp_path / "trace")
+    here = ("--radar", radar_file, "--workers", 1)
+    run("trace", "--scene", TINY, *here, "--rays", 4000, "--frames", 9, "--out", tmp_path / "trace")
     again = tmp_path / "data"
     for more in ((), ("--verify",)):
         said = run("inspect", tmp_path / "trace", *more)
@@ -236,7 +210,7 @@ def test_rendering_from_traced_paths_gives_the_same_frames(dataset, radar_file, 
             f"traced paths and no frames; next: datafactory render --paths {tmp_path / 'trace'} --out OTHER\n"
         )
     assert "as they were written" in said
-    run("render", "--paths", tmp_path / "trace", "--radar", radar_file, "--frames", 0, "--points", 3, "--out", again)
+    run("render", "--paths", tmp_path / "trace", *here, "--frames", 0, "--points", 3, "--out", again)
     assert shard_bytes(again) == shard_bytes(dataset)
     with pytest.raises(InputError, match="no traced paths"):
         run("render", "--paths", dataset, "--radar", radar_file, "--out", tmp_path / "other")
@@ -260,8 +234,8 @@ def test_traced_paths_keep_their_split(radar_file, tmp_path):
     """Drawn poses stand in their split's region: the split of the trace is taken, and another one refused."""
     traced = tmp_path / "traced"
     run("trace", "--scene", TINY, "--radar", radar_file, "--rays", 500, "--frames", 4, "--split", "2:1:1",
-        "--effects", "diffuse,noise", "--out", traced)  # fmt: skip
-    run("render", "--paths", traced, "--radar", radar_file, "--out", tmp_path / "data")
+        "--effects", "diffuse,noise", "--workers", 1, "--out", traced)  # fmt: skip
+    run("render", "--paths", traced, "--radar", radar_file, "--workers", 1, "--out", tmp_path / "data")
     assert [len(open_dataset(tmp_path / "data").rows(split)) for split in ("train", "validation", "test")] == [2, 1, 1]
     with pytest.raises(InputError, match=r"--split: '6:1:1': the poses of .* were drawn in the regions of '2:1:1'"):
         run("render", "--paths", traced, "--radar", radar_file, "--split", "6:1:1", "--out", tmp_path / "other")
@@ -283,15 +257,14 @@ from datafactory.scenes.materials.table import load_materials
 from shared.radar import load_radar
 
 order = Order(radar=load_radar({radar!r}), points=20, split="1:1:0")
-print(render(order, load_materials(), Execution(Path({out!r}), workers={workers})).frames)
+print(render(order, load_materials(), Execution(Path({out!r}), workers=2)).frames)
 """
 
 
-@pytest.mark.parametrize("workers", [1, 2])
-def test_a_script_needs_no_guard_around_its_main_part(workers, radar_file, tmp_path):
-    """Three shards, in this process or in two others, from the top of a script."""
+def test_a_script_needs_no_guard_around_its_main_part(radar_file, tmp_path):
+    """Three shards in two other processes, from the top of a script."""
     script = tmp_path / "script.py"
-    script.write_text(SCRIPT.format(radar=str(radar_file), out=str(tmp_path / "data"), workers=workers))
+    script.write_text(SCRIPT.format(radar=str(radar_file), out=str(tmp_path / "data")))
     done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=False, timeout=300)
     assert (done.stdout.strip(), done.returncode) == ("20", 0), done.stderr[-800:]
 

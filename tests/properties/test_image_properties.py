@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from datafactory.paths.table import PathTable, ScatteredPaths
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray, line
-from shared.signal import target_amplitudes
 from shared.signal.imaging import delay_and_sum
 
 RADAR = small_radar(samples=48, chirps=4)
@@ -72,19 +71,3 @@ def test_delay_and_sum_reads_the_amplitude_where_the_wave_comes_from(
     image = delay_and_sum(wave.astype(np.complex64)[None], radar)[0]
     assert abs(image[column] - np.exp(1j * phase)) < 1e-5
     assert np.abs(image).max() < 1.0 + 1e-5
-
-
-@settings(max_examples=40)
-@given(
-    st.tuples(st.floats(0.1, 100.0), st.floats(-50.0, 50.0), st.floats(-5.0, 5.0)),
-    st.floats(-60.0, 60.0),
-    st.floats(0.5, 4.0),
-)
-def test_the_radar_equation_falls_with_the_square_of_the_range(
-    position: tuple[float, float, float], rcs_dbsm: float, factor: float
-) -> None:
-    place = np.array([position])
-    near = target_amplitudes(RADAR, place, np.array([rcs_dbsm]), np.zeros(1))
-    far = target_amplitudes(RADAR, place * factor, np.array([rcs_dbsm]), np.zeros(1))
-    stronger = target_amplitudes(RADAR, place, np.array([rcs_dbsm + 20.0]), np.zeros(1))
-    np.testing.assert_allclose([np.abs(near / far)[0], np.abs(stronger / near)[0]], [factor**2, 10.0], rtol=1e-9)

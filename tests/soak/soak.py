@@ -2,7 +2,7 @@
 
 Each round starts a command, kills its whole process group, the process alone or one of its workers after a random time,
 and goes on with ``--resume``. After a few kills the run is left to finish, and its files are compared with those of a
-run that was never killed. What is counted stands in :class:`soak_tally.Tally`. The command ``ray`` makes its shards on
+run that was never killed. What is counted stands in ``soak_commands.Tally``. The command ``ray`` makes its shards on
 a Ray cluster of this machine, whose nodes are killed as well.
 """
 
@@ -23,8 +23,7 @@ import psutil
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))  # where this is run as a script
 
-from soak_commands import HANG_S, ROOT, Command, cluster_for, commands, on_ray, run
-from soak_tally import Tally, table
+from soak_commands import HANG_S, ROOT, Command, Tally, cluster_for, commands, on_ray, run, table
 
 LOOKS, LOOK_S = 20, 0.25
 """How often, and how far apart, the processes of a command that takes long are looked at."""

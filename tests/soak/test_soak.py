@@ -14,7 +14,8 @@ from soak import soak as driver
 from soak.soak import soak, wants_the_processor
 
 
-def test_a_killed_run_resumes_to_the_same_shards(tmp_path: Path) -> None:
+def test_a_killed_run_resumes_to_the_same_shards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(soak_commands, "FRAMES", "9")
     (tally,) = soak(1, ["render"], tmp_path, seed=5).values()
     assert sum(tally.kills.values()) == 1
     assert tally.clean

@@ -185,7 +185,7 @@ def test_stages_have_rows_and_no_number_that_is_not_known() -> None:
 
 def test_counts_are_told_in_words_where_they_are_asked_for() -> None:
     counts = {"frames": 2, "rays": 100, "truncated": 1, "mirrors_hidden": 0, "frames_with_noise": 2, "new_count": 7}
-    effects = "effects, by the number of frames that have them: noise 2; never corners"
+    effects = "effects simulated: in 2 frames noise; never corners"
     counts["frames_with_corners"] = 0
     assert told(counts, verbose=False) == [f"1 {MEANINGS['truncated']}", effects]
     assert told(counts, verbose=True) == ["100 rays sent", f"1 {MEANINGS['truncated']}", "7 new count", effects]

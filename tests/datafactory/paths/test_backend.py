@@ -49,10 +49,6 @@ def test_version_is_read_off_the_file_that_a_link_names(tmp_path):
     assert backend.llvm_version(tmp_path / "libLLVM.so") == "21.1"
 
 
-def test_version_of_a_nameless_file_that_is_no_library_cannot_be_told(tmp_path):
-    assert backend.llvm_version(fake_library(tmp_path, "libLLVM.so")) is None
-
-
 def test_a_library_says_of_itself_what_its_name_says():
     """The subprocess's answer, which counts where a name has no version, against the name of a real library."""
     try:
@@ -64,13 +60,7 @@ def test_a_library_says_of_itself_what_its_name_says():
     assert asked.split(".")[0] == version.split(".")[0]
 
 
-def test_a_library_without_a_version_in_its_name_is_asked(tmp_path, monkeypatch):
-    library = fake_library(tmp_path, "libLLVM.so")
-    monkeypatch.setattr(backend, "_script_output", lambda script, path: f"20.1.0 of {path}")
-    assert backend.llvm_version(library) == f"20.1.0 of {library}"
-
-
-@pytest.mark.parametrize("name", ["libLLVM-15.so.1", "libLLVM-16.so", "libLLVM-14.so"])
+@pytest.mark.parametrize("name", ["libLLVM-15.so.1", "libLLVM-16.so"])
 def test_old_llvm_in_the_variable_is_refused(tmp_path, monkeypatch, name):
     monkeypatch.setenv(backend.LLVM_VARIABLE, str(fake_library(tmp_path, name)))
     monkeypatch.setitem(sys.modules, "mitsuba", None)
@@ -82,13 +72,6 @@ def test_old_llvm_in_the_variable_is_refused(tmp_path, monkeypatch, name):
 def test_missing_file_in_the_variable_is_refused(tmp_path, monkeypatch):
     monkeypatch.setenv(backend.LLVM_VARIABLE, str(tmp_path / "libLLVM-20.so"))
     with pytest.raises(InputError, match="DRJIT_LIBLLVM_PATH: no file"):
-        backend.find_llvm()
-
-
-def test_only_old_libraries_are_refused_with_the_command_that_mends_it(tmp_path, monkeypatch):
-    old = [fake_library(tmp_path, "libLLVM-15.0.6.so"), fake_library(tmp_path, "libLLVM-14.so")]
-    monkeypatch.setattr(backend, "_candidates", lambda: iter(old))
-    with pytest.raises(InputError, match=r"LLVM: found 15\.0\.6 at .*pip install karellen-llvm-core"):
         backend.find_llvm()
 
 
@@ -209,11 +192,6 @@ def test_what_the_driver_says_of_its_device(monkeypatch, said, name, problem):
         assert backend.select_variant("cuda") == backend.CUDA_VARIANT
 
 
-def test_the_probe_itself_has_an_answer_on_this_machine():
-    said = backend._script_output(backend._CUDA_PROBE)
-    assert said is None or said.splitlines()[0] in (*backend._CUDA_PROBLEMS, "usable")
-
-
 def test_no_other_module_names_a_variant_or_a_type_of_one_back_end():
     """What a module computes with follows the variant that is set: ``mi.Float`` of Mitsuba, no ``drjit.llvm``."""
     root = Path(backend.__file__).parents[1]
@@ -222,13 +200,6 @@ def test_no_other_module_names_a_variant_or_a_type_of_one_back_end():
     )
     guilty = [path for path in sorted(root.rglob("*.py")) if named.search(path.read_text())]
     assert guilty == [Path(backend.__file__)]
-
-
-def test_a_foreign_variant_is_replaced(tmp_path, monkeypatch):
-    monkeypatch.setattr(sys, "platform", "linux")
-    monkeypatch.setenv(backend.LLVM_VARIABLE, str(fake_library(tmp_path, "libLLVM-20.so")))
-    monkeypatch.setitem(sys.modules, "mitsuba", FakeMitsuba(current="scalar_rgb"))
-    assert backend.select_variant() == backend.LLVM_VARIANT
 
 
 def test_missing_mitsuba_is_an_input_error(tmp_path, monkeypatch):
@@ -244,11 +215,6 @@ def test_a_probe_that_crashes_or_fails_harms_nothing():
     assert backend._script_output("import sys; print(sys.argv[1])", "word") == "word"
 
 
-def test_threads_below_one_are_refused():
-    with pytest.raises(InputError, match="threads: 0; expected a whole number of at least 1"):
-        backend.set_threads(0)
-
-
 def test_sionna_keeps_the_chosen_variant():
     """In a process of its own, for the variant is global: select, then import Sionna, then compute."""
     if (
@@ -257,8 +223,8 @@ def test_sionna_keeps_the_chosen_variant():
         pytest.skip("there is no Mitsuba")
     script = (
         "from datafactory.paths.backend import select_variant, set_threads, VARIANTS\n"
+        "set_threads(1)\n"  # Dr.Jit loads an LLVM with its first thread: set_threads chooses the library too
         "chosen = select_variant()\n"
-        "set_threads(1)\n"
         "import drjit, mitsuba, sionna.rt\n"
         "assert mitsuba.variant() == chosen and chosen in VARIANTS, mitsuba.variant()\n"
         "assert drjit.thread_count() == 1\n"
@@ -266,15 +232,3 @@ def test_sionna_keeps_the_chosen_variant():
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert done.stdout.strip() == "28", done.stderr[-500:]
-
-
-def test_threads_are_those_of_the_chosen_library():
-    """Dr.Jit loads an LLVM with its first thread; the system's may be one with which it aborts."""
-    script = (
-        "from datafactory.paths.backend import set_threads, VARIANTS\n"
-        "set_threads(1)\n"
-        "import mitsuba\n"
-        "print(mitsuba.variant() in VARIANTS)\n"
-    )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
-    assert done.stdout.strip() == "True", done.stderr[-500:]

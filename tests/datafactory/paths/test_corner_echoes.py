@@ -1,14 +1,14 @@
-"""Echoes of right-angled corners against closed forms, and against physical optics on a fine grid."""
+"""Echoes of right-angled corners against closed forms and physical optics; their aperture against slower ways."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from corner_references import Rectangle
 from corner_scenes import (
-    HERE,
-    NOWHERE,
+    Rectangle,
+    Sight,
     corner_echo,
+    corners_seen,
     cross_section_dbsm,
     dihedral,
     echoes,
@@ -17,8 +17,23 @@ from corner_scenes import (
     received,
     reference_echo,
 )
-from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, mesh, scene_of
+from numpy.typing import NDArray
+from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, scene_of
 
+from datafactory.paths import corner_echoes
+from datafactory.paths.corner_aperture import (
+    ACROSS,
+    Cells,
+    FaceOrder,
+    Views,
+    _from_foot,
+    cells_along,
+    ends_along,
+    integrals,
+    longer_along,
+    pieces_in_sight,
+)
+from datafactory.paths.corner_edges import CornerEdges
 from datafactory.paths.slabs import slab_reflection
 from datafactory.paths.table import CORNER
 from datafactory.scenes.poses import Pose
@@ -32,7 +47,7 @@ def test_a_dihedral_far_away_has_its_cross_section(across_m, along_m):
     assert abs(cross_section_dbsm(corner_echo(dihedral(100.0, across_m, along_m)), 100.0) - expected) < 0.3
 
 
-@pytest.mark.parametrize("turned_deg", [-15.0, -10.0, -5.0, 0.0, 5.0, 10.0, 15.0])
+@pytest.mark.parametrize("turned_deg", [-15.0, -5.0, 0.0, 10.0])
 def test_turned_about_its_edge_it_loses_what_its_aperture_loses(turned_deg):
     """The aperture is 2 a sin(45 deg - |turn|) wide."""
     narrower = np.sin(np.radians(45.0 - abs(turned_deg))) / np.sin(np.radians(45.0))
@@ -42,19 +57,13 @@ def test_turned_about_its_edge_it_loses_what_its_aperture_loses(turned_deg):
     assert abs(level_db(corner_echo(turned), reference_echo(turned))) < 0.3
 
 
-@pytest.mark.parametrize("distance_m", [0.2, 1.0, 3.0, 60.0])
-@pytest.mark.parametrize("turned_deg", [0.0, 7.0, 15.0])
+@pytest.mark.parametrize("distance_m", [0.2, 3.0, 60.0])
+@pytest.mark.parametrize("turned_deg", [0.0, 15.0])
 def test_level_and_phase_hold_from_twice_its_size_to_the_far_field(distance_m, turned_deg):
     faces = dihedral(distance_m, 0.1, 0.1, turned_deg)
     ours, theirs = corner_echo(faces), reference_echo(faces)
     assert abs(level_db(ours, theirs)) < 1.0
     assert abs(np.angle(ours / theirs)) < np.radians(10.0)
-
-
-def test_unequal_faces_end_where_the_shorter_one_does():
-    for distance_m in (1.0, 30.0):
-        faces = dihedral(distance_m, (0.08, 0.2), 0.1, 4.0)
-        assert abs(level_db(corner_echo(faces), reference_echo(faces))) < 0.5
 
 
 def test_the_lobes_along_the_edge_are_in_place_and_level():
@@ -69,7 +78,7 @@ def test_the_lobes_along_the_edge_are_in_place_and_level():
     assert tilts[np.argmin(ours[:10])] == tilts[np.argmin(theirs[:10])] == pytest.approx(1.2, abs=0.11)
 
 
-@pytest.mark.parametrize("opening_deg", [87.5, 89.0, 89.7, 90.3, 91.0, 92.5])
+@pytest.mark.parametrize("opening_deg", [87.5, 89.7, 91.0])
 def test_off_a_right_angle_it_loses_what_the_integral_says(opening_deg):
     faces = dihedral(20.0, 0.1, 0.1, opening_deg=opening_deg)
     ours, theirs, whole = (corner_echo(faces), reference_echo(faces), reference_echo(dihedral(20.0, 0.1, 0.1)))
@@ -181,27 +190,74 @@ def test_a_moving_corner_has_the_doppler_of_the_turned_radar():
             assert abs(np.angle(now / then)) < 0.05
 
 
-@pytest.mark.parametrize("cuts", [3, 10])
-def test_a_corner_cut_otherwise_sends_the_same_echo(cuts):
-    for faces in (dihedral(20.0, 0.15, 0.2, 6.0), dihedral(5.0, 3.0, 2.0, 6.0, middle_m=0.4)):
-        whole = received(echoes(scene_of(*meshes_of(faces)))[:2])
-        pieces = received(echoes(scene_of(*meshes_of(faces, cuts)))[:2])
-        assert abs(level_db(pieces, whole)) < 0.01
+CORNERS = [
+    dihedral(20.0, 0.15, 0.2, 6.0),
+    dihedral(12.0, (3.0, 0.4), 2.0, -20.0, middle_m=2.5),
+    dihedral(6.0, (0.2, 5.0), 1.0, 25.0, 91.0, middle_m=-0.8, tilt_deg=4.0),
+    dihedral(30.0, 8.0, 9.0),
+]
 
 
-def test_moved_by_500_km_and_turned_it_sends_the_same_echo():
-    faces = meshes_of(dihedral(20.0, 0.15, 0.2, 6.0))
-    still = received(echoes(scene_of(*faces))[:2])
-    shift, pose = np.array([500_000.0, 5_480_000.0, 320.0]), Pose((500_000.0, 5_480_000.0, 320.0), yaw_deg=20.0)
-    turn = pose.rotation()
-    far = [mesh(item.name, item.vertices @ turn.T + shift, item.triangles, "metal") for item in faces]
-    scattered, specular, _ = echoes(scene_of(*far), pose)
-    assert abs(level_db(received((scattered, specular)), still)) < 0.01
-    assert abs(scattered.range_m()[0] - 20.0) < 1e-6
+@pytest.fixture
+def seen_corners() -> tuple[CornerEdges, Views, Cells]:
+    """Corners whose edges have the foot of the perpendicular and others, small, wide, unequal and off square."""
+    faces = [item for n, faces in enumerate(CORNERS) for item in meshes_of(faces, cuts=2 + n)]
+    facing, views = corner_echoes._facing(corners_seen(scene_of(*faces)), WAVELENGTH_M)
+    corners = corners_seen(scene_of(*faces)).take(facing)
+    assert len(corners) >= len(CORNERS)
+    return corners, views, cells_along(corners, views, WAVELENGTH_M)
 
 
-def test_a_corner_behind_the_radar_is_left_out():
-    behind = scene_of(*meshes_of(dihedral(20.0, 0.1, 0.1)))
-    assert len(echoes(behind, Pose((0.0, 0.0, 0.0), yaw_deg=180.0))[0]) == 0
-    assert HERE.yaw_deg == 0.0
-    assert not NOWHERE.any()
+def test_the_sum_over_all_of_the_aperture_is_that_of_its_pieces(seen_corners) -> None:
+    _, views, cells = seen_corners
+    pieces = integrals(cells, views, WAVELENGTH_M, np.ones((2, len(cells.corner), ACROSS), dtype=bool))
+    whole, along = np.zeros_like(pieces), cells.shares_along(WAVELENGTH_M)
+    for order in (0, 1):
+        one = FaceOrder.of(cells, views, order)
+        ends = (one.share_to(b, WAVELENGTH_M) for b in (one.end(), np.zeros(len(along))))
+        np.add.at(whole[order], cells.corner, along * np.subtract(*ends))
+    np.testing.assert_allclose(whole, pieces, rtol=0.0, atol=1e-13)
+    assert np.abs(pieces).max() > 0.1
+
+
+def test_cells_of_a_strip_join(seen_corners) -> None:
+    """Each begins where the last one ended, and all of a corner's have together the share between its two ends."""
+    corners, views, cells = seen_corners
+    joined = cells.corner[1:] == cells.corner[:-1]
+    assert np.abs(cells.start[1:][joined] - cells.stop[:-1][joined]).max() < 1e-9
+    nearest = np.clip(views.foot_z, *corners.extent()) - views.foot_z
+    least = longer_along(nearest, views.height)
+    assert (nearest == 0.0).any()
+    assert (nearest != 0.0).any()
+    total = np.zeros(len(corners), dtype=np.complex128)
+    np.add.at(total, cells.corner, cells.shares_along(WAVELENGTH_M))
+    low, high = (_from_foot(v, 0.25 * WAVELENGTH_M * v**2 - least) for v in ends_along(cells, len(corners)))
+    np.testing.assert_allclose(total, high - low, rtol=0.0, atol=1e-12)
+
+
+def test_a_leg_behind_a_hidden_one_is_not_looked_at_and_nothing_else_changes(seen_corners) -> None:
+    """Against both legs of every piece of both orders."""
+    corners, views, cells = seen_corners
+    looked: list[NDArray[np.float64]] = []
+
+    def recorded(sight: Sight) -> Sight:
+        def look(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.bool_]:
+            looked.append(end)
+            return sight(start, end)
+
+        return look
+
+    def blinds(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.bool_]:
+        return np.sin(40.0 * end[:, 2]) + np.sin(90.0 * end[:, 1]) > -0.4
+
+    def open_sky(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.bool_]:
+        return np.ones(len(end), dtype=bool)
+
+    everything = pieces_in_sight(corners, cells, views, WAVELENGTH_M, recorded(open_sky))
+    assert everything.all()
+    legs, looked = looked, []
+    fast = pieces_in_sight(corners, cells, views, WAVELENGTH_M, recorded(blinds))
+    slow = [blinds(one, one) & blinds(other, other) for one, other in (legs[:2], legs[2:])]
+    np.testing.assert_array_equal(fast, np.reshape(slow, fast.shape))
+    assert 0.1 < fast.mean() < 0.6
+    assert sum(map(len, looked)) < 0.9 * sum(map(len, legs))

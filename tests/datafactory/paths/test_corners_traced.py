@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pyarrow as pa
 import pytest
 from corner_scenes import corner_echo, dihedral, level_db, meshes_of, received
-from sionna_scenes import FREQUENCY_HZ, box, plate, scene_of
+from sionna_scenes import FREQUENCY_HZ, box, scene_of
 
 from datafactory.paths.rays import RayFan
 from datafactory.paths.solver import TraceSettings
-from datafactory.paths.storage import TracedFrame, from_row, paths_schema, to_row
 from datafactory.paths.table import CORNER, SPECULAR, PathTable
 from datafactory.paths.trace import trace
 from datafactory.scenes.poses import Pose
@@ -89,25 +87,3 @@ def test_beyond_the_limit_the_mirror_paths_take_over():
     assert np.abs(20.0 * np.log10(np.sort(np.abs(mirrors.amplitude)) / np.sort(np.abs(corners.amplitude)))).max() < 1.0
     by_side = [paths.image[np.argsort(paths.image[:, 1])] for paths in (mirrors, corners)]
     assert np.linalg.norm(by_side[0] - by_side[1], axis=1).max() < 2.0 * 60.0 * np.radians(0.5)
-
-
-def test_a_wall_on_the_ground_and_a_kerb_from_half_a_metre():
-    """Ground and wall are the image of the radar in their edge; a kerb of 12 cm is less, and nearer."""
-    ground = plate("ground", (20.0, 0.0, -0.5), (25.0, 0.0, 0.0), (0.0, 20.0, 0.0), "metal")
-    wall = plate("wall", (20.0, 0.3, 1.0), (0.0, 8.0, 0.0), (0.0, 0.0, 1.5), "metal")
-    kerb = box("kerb", (8.0, -6.0, -0.6), (8.3, 5.0, -0.38), "metal")
-    table = of_corners(traced(ground, wall, kerb))
-    range_m = np.concatenate([table.scattered.range_m(), table.specular.range_m()])
-    level = np.abs(np.concatenate([table.scattered.amplitude, table.specular.amplitude]))
-    assert np.hypot(20.0, 0.5) == pytest.approx(range_m[level > 0.3 * level.max()].max(), abs=0.01)
-    assert np.hypot(8.0, 0.5) == pytest.approx(range_m.min(), abs=0.01)
-
-
-def test_stored_paths_carry_corners():
-    table = traced(*meshes_of(dihedral(20.0, 0.4, 0.5, 6.0)))
-    frame = TracedFrame(0, "corners", 0, 1, HERE, 0.00387, 0, table)
-    row = pa.RecordBatch.from_pylist([to_row(frame)], schema=paths_schema())
-    again = from_row(row).table
-    assert len(of_corners(again)) == len(of_corners(table)) == 2
-    np.testing.assert_array_equal(again.specular.kinds, table.specular.kinds)
-    np.testing.assert_array_equal(again.scattered.amplitude, table.scattered.amplitude)

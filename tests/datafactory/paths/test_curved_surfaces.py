@@ -28,16 +28,6 @@ from datafactory.paths.edges import edges_of
 pytestmark = pytest.mark.usefixtures("variant")
 
 
-def test_triangles_of_no_curved_surface_may_be_flat_mirrors():
-    merged = scene_of(
-        body(sphere(0.5, 16), (6.0, 0.0, 0.0)),
-        plate("wall", (9.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), "metal"),
-    )
-    surfaces, count = curved_surfaces_of(merged), len(merged.mesh_of_triangle)
-    assert len(surfaces.covered) == count - 2
-    np.testing.assert_array_equal(surfaces.flat(count), np.setdiff1d(np.arange(count), surfaces.covered))
-
-
 @pytest.mark.parametrize("of", [sphere(0.5, 16), icosphere(0.5, 2), capsule(0.3, 1.0, 16)])
 def test_folds_of_a_curved_surface_do_not_diffract(of):
     """At 22.5 deg they would be edges, were they not of a smooth surface."""
@@ -46,11 +36,6 @@ def test_folds_of_a_curved_surface_do_not_diffract(of):
 
 def test_the_rim_of_a_cylinder_still_diffracts():
     assert len(edges_of(scene_of(body(cylinder(0.5, 1.0, 16), (6.0, 0.0, 0.0))))) == 2 * 16
-
-
-def test_each_body_has_one_echo():
-    for of in (sphere(0.5, 16), icosphere(0.5, 3), cylinder(0.5, 1.0, 16), capsule(0.5, 1.0, 24)):
-        assert len(traced(body(of, (6.0, 0.0, 0.0)))) == 1
 
 
 def test_scenes_of_flat_faces_have_no_curved_surface_and_the_bytes_they_had(monkeypatch):

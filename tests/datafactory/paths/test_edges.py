@@ -151,7 +151,3 @@ def test_edges_in_range_are_those_of_which_a_part_is():
     """Rims 3 m above and below, 12 m to the sides, at 4 m: nearest points at 5 m and 12.65 m."""
     edges = edges_of(scene_of(plate("wall", (4.0, 0.0, 0.0), (0.0, 12.0, 0.0), (0.0, 0.0, 3.0), "metal")))
     assert [len(edges.within(distance)) for distance in (4.9, 5.1, 12.6, 12.7)] == [0, 2, 2, 4]
-
-
-def test_an_empty_stage_has_no_edges():
-    assert len(edges_of(scene_of())) == 0

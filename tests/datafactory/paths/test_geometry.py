@@ -1,25 +1,33 @@
-"""The geometry that a process keeps: a frame is the same whatever was traced before it."""
+"""The geometry that a process keeps, and what is found of a scene: the same whatever was traced before."""
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import fields
 
 import numpy as np
 import pytest
+from prepared_scenes import EFFECT_SCENES, prepared_scene
 from rough_plates import FREQUENCY_HZ, merged_of, plate
 from sionna_scenes import box
 from turning_scenes import turning
 
 from datafactory.paths import geometry as geometry_module
 from datafactory.paths import trace as trace_module
+from datafactory.paths.corner_edges import corners_of
+from datafactory.paths.corner_points import points_of
+from datafactory.paths.curved_surfaces import curved_surfaces_of
+from datafactory.paths.edges import edges_of
 from datafactory.paths.geometry import Geometry, mesh_of_shape
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.rays import RayFan
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import PathTable
+from datafactory.paths.trace import find_shapes
 from datafactory.scenes.poses import Pose
 
 pytestmark = pytest.mark.usefixtures("variant")
+
 
 POSES = tuple(
     Pose((0.4 * n, 0.1 * n, 0.2), yaw_deg=5.0 * n, velocity=(2.0, 0.0, 0.0), time_s=0.1 * n) for n in range(10)
@@ -83,3 +91,23 @@ def test_shapes_are_named_by_their_meshes():
     assert sorted(mesh_of_shape(geometry.mi_scene).values()) == list(range(len(merged.meshes)))
     empty = Geometry(MergedScene((), ())).place(MergedScene((), ()), POSES[0])
     assert mesh_of_shape(empty.mi_scene) == {}
+
+
+def test_what_was_found_goes_along_and_is_the_same():
+    scene = prepared_scene(EFFECT_SCENES / "three_faces.usda").merged
+    find_shapes(scene, TraceSettings(corners=True, diffraction=True))
+    copy = pickle.loads(pickle.dumps(scene))
+    found = set(copy.found)
+    pairs = [(find(copy), find(scene)) for find in (edges_of, corners_of, points_of, curved_surfaces_of)]
+    assert set(copy.found) == found, "something was found again"
+    assert min(len(points_of(scene)), len(corners_of(scene)), len(edges_of(scene))) > 0
+    for own, other in pairs:
+        for name, values in vars(other).items():
+            assert np.array_equal(getattr(own, name), values), name
+
+
+def test_another_time_of_a_scene_begins_with_nothing_found():
+    scene = prepared_scene(EFFECT_SCENES / "moving_car.usda").merged
+    find_shapes(scene, TraceSettings())
+    assert scene.found
+    assert scene.at(0.5).found == {}

@@ -1,4 +1,4 @@
-"""Levels of targets over mirrors against the two-ray model in closed form, and the sum over a small face.
+"""Targets over mirrors: levels against the two-ray model and a sum over a small face, ways against mirror images.
 
 The closed form is written here from Fresnel's equations and lengths alone. It shares with what it judges
 the scene's classes alone.
@@ -21,12 +21,15 @@ from mirrored_scenes import (
     point,
 )
 from numpy.typing import NDArray
+from oracles import mirrored, scattered_delays
 
 from datafactory.frame.measurement import object_targets
-from datafactory.paths.table import SPECULAR, TARGET, ScatteredPaths
+from datafactory.paths.mirrors import points_of_reflection
+from datafactory.paths.table import SPECULAR, TARGET
 from datafactory.scenes.materials.table import Material
 from datafactory.scenes.poses import Pose
-from datafactory.scenes.scene import SceneObject
+from datafactory.scenes.scene import PointTarget, SceneObject
+from datafactory.scenes.targets.models import Sphere, Trihedral
 from shared.radar import Radar
 
 pytestmark = pytest.mark.usefixtures("variant")
@@ -76,25 +79,6 @@ def test_the_lobes_over_range_are_those_of_the_two_ray_model(of: str, polarizati
         assert np.abs(ours - theirs).max() <= 1
 
 
-def test_nulls_and_peaks_stand_where_skolnik_has_them() -> None:
-    """Path difference 2 h_1 h_2 / R a whole number of wavelengths: peaks over metal in vertical polarisation."""
-    radar_m, target_m = 0.5, 0.8
-    for order in (6, 7, 8, 9):
-        peak_m, null_m = (2.0 * radar_m * target_m / (n * WAVELENGTH_M) for n in (order, order + 0.5))
-        free_db, peak_db, null_db = (
-            40.0 * np.log10(r) + level for r, level in (
-                (1.0, 20.0 * np.log10(WAVELENGTH_M / (4.0 * np.pi) ** 1.5)),
-                (peak_m, swept("mirror", np.array([peak_m]), radar_m, target_m, "V")[0]),
-                (null_m, swept("mirror", np.array([null_m]), radar_m, target_m, "V")[0]),
-            )
-        )  # fmt: skip
-        # F^4 = 16 less what metal of 1e7 S/m takes near its Brewster angle, 0.01 deg.
-        gamma = abs(fresnel(METAL, np.array(1.3 / peak_m), "V"))
-        assert peak_db - free_db == pytest.approx(40.0 * np.log10(1.0 + gamma), abs=0.05)
-        assert peak_db - free_db > 11.7
-        assert null_db - free_db < -20.0
-
-
 def test_four_paths_each_with_its_own_length_and_bounces() -> None:
     paths, table = echoes([ground()], [point((12.0, 3.0, 0.7))], Pose((0.0, 0.0, 0.5)))
     assert sorted(paths.depth.tolist()) == [1, 2, 2, 3]
@@ -117,26 +101,6 @@ def test_four_paths_each_with_its_own_length_and_bounces() -> None:
 def test_the_bounce_needs_second_bounces_mirrors_and_targets(settings: dict[str, object], bounced: int) -> None:
     paths, _ = echoes([ground()], [point((12.0, 3.0, 0.7))], Pose((0.0, 0.0, 0.5)), **settings)
     assert len(paths) == 1 + bounced
-
-
-def test_no_mirror_below_changes_nothing() -> None:
-    """The same bytes with a ground that ends before the point of reflection, and with second bounces off."""
-    targets, pose = [point((20.0, 0.0, 0.5))], Pose((0.0, 0.0, 0.5))
-    short = ground(x=(-5.0, 9.99))  # the wave is reflected at 10 m
-    with_bounces, table = echoes([short], targets, pose)
-    without, _ = echoes([short], targets, pose, depth=1)
-    assert table.counts["target_mirrors"] == 0
-    for name in ScatteredPaths.__dataclass_fields__:
-        assert getattr(with_bounces, name).tobytes() == getattr(without, name).tobytes()
-
-
-@pytest.mark.parametrize(("end_m", "share"), [(10.0, 0.5), (400.0, 1.0)])
-def test_a_face_reflects_with_the_share_of_its_size(end_m: float, share: float) -> None:
-    paths, _ = echoes([ground(x=(-400.0, end_m))], [point((20.0, 0.0, 0.5))], Pose((0.0, 0.0, 0.5)))
-    gamma = abs(fresnel(METAL, np.array(1.0 / np.sqrt(401.0)), "V"))
-    whole = WAVELENGTH_M / (4.0 * np.pi) ** 1.5 / 401.0 * gamma**2
-    twice = abs(paths.amplitude[paths.depth == 3][0])
-    assert twice == pytest.approx(share**2 * whole, rel=0.03)
 
 
 @pytest.mark.parametrize(
@@ -181,23 +145,183 @@ def test_a_wall_beside_is_a_ground_in_the_other_polarisation(polarization: str) 
         assert level_db(paths) == pytest.approx(expected, abs=0.05)
 
 
-def test_a_target_on_the_ground_is_doubled() -> None:
-    for height_m in (0.0, 1e-9, 1e-5):
-        paths, _ = echoes([ground()], [point((15.0, 0.0, height_m))], Pose((0.0, 0.0, 0.5)))
-        assert sorted(paths.depth.tolist()) == [1, 2, 2, 3]
-        free = 20.0 * np.log10(WAVELENGTH_M / (4.0 * np.pi) ** 1.5 / (225.25))
-        gamma = abs(fresnel(METAL, np.array(0.5 / np.sqrt(225.25)), "V"))
-        assert level_db(paths) - free == pytest.approx(40.0 * np.log10(1.0 + gamma), abs=0.02)
+def test_occlusion_of_either_leg_takes_its_paths() -> None:
+    """A screen that stands in the bounced way but not in the direct one, before and behind the point of reflection."""
+    for x, z in ((4.0, 0.15), (9.0, 0.4)):
+        low = np.array([(x, -9.0, 0.0), (x, 9.0, 0.0), (x, 9.0, z), (x, -9.0, z)])
+        screen = SceneObject("screen", low, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), "mirror")
+        target = [point((12.0, 0.0, 0.6))]
+        paths, _ = echoes([ground(), screen], target, Pose((0.0, 0.0, 0.5)))
+        free, _ = echoes([ground()], target, Pose((0.0, 0.0, 0.5)))
+        lengths = paths.range_m()
+        assert paths.depth.tolist().count(1) == 1
+        bounced = np.linalg.norm([12.0, 1.1])
+        over_ground = np.abs(lengths - bounced) < 1e-9
+        assert not over_ground.any()
+        assert (np.abs(free.range_m() - bounced) < 1e-9).sum() == 1
 
 
-@pytest.mark.parametrize("height_m", [-0.4, -0.004])
-def test_a_sensor_below_the_ground_sees_no_bounce(height_m: float) -> None:
-    paths, table = echoes([ground()], [point((15.0, 0.0, 0.7))], Pose((0.0, 0.0, height_m)))
-    assert len(paths) == 0
+def test_a_target_that_is_hidden_directly_is_seen_over_a_wall() -> None:
+    """Round a corner by a mirror: only the path that is reflected twice is there."""
+    screen = SceneObject(
+        "screen", np.array([(6.0, -9.0, -9.0), (6.0, 1.0, -9.0), (6.0, 1.0, 9.0), (6.0, -9.0, 9.0)]),
+        np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), "mirror",
+    )  # fmt: skip
+    side = SceneObject(
+        "side", np.array([(-9.0, 4.0, -9.0), (30.0, 4.0, -9.0), (30.0, 4.0, 9.0), (-9.0, 4.0, 9.0)]),
+        np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), "mirror",
+    )  # fmt: skip
+    paths, table = echoes([screen, side], [point((12.0, 0.0, 0.0))], Pose((0.0, 0.0, 0.0)))
     assert table.counts["point_targets_hidden"] == 1
+    assert paths.depth.tolist() == [3]
+    np.testing.assert_allclose(paths.tx_point, [[12.0, 8.0, 0.0]], atol=1e-9)
+    np.testing.assert_allclose(paths.rx_point, [[12.0, 8.0, 0.0]], atol=1e-9)
 
 
-def test_a_sensor_in_a_hollow_sees_over_the_edge_without_a_bounce() -> None:
-    """The ground begins 3 m ahead, above the sensor: its lower side reflects, its upper side cannot."""
-    paths, _ = echoes([ground(x=(3.0, 50.0))], [point((15.0, 0.0, 1.5))], Pose((0.0, 0.0, -0.1)), diffraction=False)
-    assert set(paths.depth.tolist()) <= {1}
+def turn(degrees: float, axis: int) -> NDArray:
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    i, j = [k for k in range(3) if k != axis]
+    found = np.eye(3)
+    found[i, i] = found[j, j] = c
+    found[i, j], found[j, i] = -s, s
+    return found
+
+
+TILTED = turn(4.0, 1) @ turn(-3.0, 0)
+MOVING = {
+    "target": ((-14.0, 2.0, 0.1), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+    "radar": ((0.0, 0.0, 0.0), (9.0, -1.0, 0.0), (0.0, 0.0, 0.0)),
+    "ground": ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, -0.6)),
+    "all": ((-14.0, 2.0, 0.1), (9.0, -1.0, 0.0), (0.5, 0.0, -0.6)),
+}
+
+
+@pytest.mark.parametrize("moves", MOVING)
+def test_delays_and_doppler_are_those_of_mirror_images_for_every_pair(moves: str) -> None:
+    """A tilted moving ground, a turned moving radar, a moving target: each path of each TX and RX, over the frame."""
+    target_velocity, radar_velocity, ground_velocity = (np.array(value) for value in MOVING[moves])
+    sheet = ground(velocity=tuple(ground_velocity))
+    sheet = replace(sheet, vertices=sheet.vertices @ TILTED.T)
+    pose = Pose((0.0, 0.0, 0.5), yaw_deg=7.0, pitch_deg=-2.0, roll_deg=5.0, velocity=tuple(radar_velocity), time_s=0.3)
+    start = np.array([14.0, 1.0, 2.5]) - 0.3 * target_velocity
+    paths, _ = echoes([sheet], [point(tuple(start), tuple(target_velocity))], pose)
+    assert sorted(paths.depth.tolist()) == [1, 2, 2, 3]
+    rotation = pose.rotation()
+    normal = TILTED @ np.array([0.0, 0.0, 1.0])
+    generator = np.random.default_rng(3)
+    for tx, rx in generator.uniform(-0.1, 0.1, (4, 2, 3)):
+
+        def lengths(time_s: float, tx: NDArray = tx, rx: NDArray = rx) -> NDArray:
+            """By images in the world: direct, over the mirror out, over it back, twice."""
+            ends = [np.array(pose.position) + radar_velocity * time_s + rotation @ place for place in (tx, rx)]
+            place = start + target_velocity * (0.3 + time_s)
+            image = mirrored(place, (ground_velocity * (0.3 + time_s), normal))
+            ways = [[np.linalg.norm(end - seen) for seen in (place, image)] for end in ends]
+            return np.sort([a + b for a in ways[0] for b in ways[1]])
+
+        for time_s in (0.0, 5e-3, 1e-2):
+            found = np.sort(scattered_delays(paths, tx, rx, time_s)) * 299_792_458.0
+            np.testing.assert_allclose(found, lengths(time_s), rtol=0.0, atol=1e-10)
+        step = 1e-3
+        slope = (lengths(step) - lengths(-step)) / (2.0 * step)
+        later, sooner = (np.sort(scattered_delays(paths, tx, rx, t)) * 299_792_458.0 for t in (step, -step))
+        np.testing.assert_allclose((later - sooner) / (2.0 * step), slope, rtol=0.0, atol=1e-6)
+
+
+def test_a_wall_behind_the_target_gives_the_way_over_it_both_ways_and_counts_the_rest() -> None:
+    """The bistatic angle of a mixed path is 180 deg there, where the monostatic cross section says nothing."""
+    behind = SceneObject(
+        "behind", np.array([(20.0, -9.0, -9.0), (20.0, 9.0, -9.0), (20.0, 9.0, 9.0), (20.0, -9.0, 9.0)]),
+        np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), "mirror",
+    )  # fmt: skip
+    paths, table = echoes([behind], [point((12.0, 0.3, 0.1))], Pose((0.0, 0.0, 0.0)))
+    assert sorted(paths.depth.tolist()) == [1, 3]
+    assert table.counts["target_mirrors_too_wide"] == 2
+
+
+def test_faces_on_top_of_each_other_are_one_mirror_to_the_radar_and_to_targets() -> None:
+    """A poster half a millimetre before a wall, each of a body of its own; a board at 3 mm is a mirror of its own."""
+    pose, target = Pose((0.0, 0.0, 0.0)), [point((6.0, 4.0, 0.3))]
+
+    def upright(x: float, name: str, velocity: float) -> SceneObject:
+        corners = np.array([(x, -9.0, -9.0), (x, 9.0, -9.0), (x, 9.0, 9.0), (x, -9.0, 9.0)])
+        triangles = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
+        return SceneObject(name, corners, triangles, "mirror", (velocity, 0.0, 0.0))
+
+    wall, poster, board = upright(12.0, "wall", 0.0), upright(11.9995, "poster", -1.0), upright(11.997, "board", -1.0)
+    paths, alone = echoes([wall], target, pose)
+    doubled, both = echoes([wall, poster], target, pose)
+    assert len(alone.specular) == len(both.specular) == 1
+    assert both.objects[both.specular.object_index[0]] == "poster"  # it stands before the wall
+    assert both.counts["target_mirrors"] == alone.counts["target_mirrors"] == 1
+    np.testing.assert_allclose(np.abs(both.specular.amplitude), np.abs(alone.specular.amplitude), rtol=1e-3)
+    np.testing.assert_allclose(np.sort(np.abs(doubled.amplitude)), np.sort(np.abs(paths.amplitude)), rtol=1e-3)
+    _, before = echoes([wall, board], target, pose)
+    assert before.counts["mirrors_hidden"] == 1
+    assert [before.objects[index] for index in before.specular.object_index] == ["board"]
+
+
+def test_a_models_aspect_is_that_towards_the_bisector() -> None:
+    """A trihedral is seen by the mixed paths as from between radar and image, a sphere from its nearest points."""
+    axes = ((-1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0))
+    corner = PointTarget("corner", (10.0, 0.0, 0.6), 0.0, model=Trihedral(0.1), axes=axes)
+    paths, _ = echoes([ground()], [corner], Pose((0.0, 0.0, 0.5)))
+
+    def section(direction: NDArray) -> float:
+        turned = direction * [-1.0, -1.0, 1.0]
+        return float(Trihedral(0.1).echoes(1e3 * turned, WAVELENGTH_M)[1][0])
+
+    radar, image = (np.array([-10.0, 0.0, z - 0.6]) for z in (0.5, -0.5))
+    radar, image = radar / np.linalg.norm(radar), image / np.linalg.norm(image)
+    for depth, towards in ((1, radar), (2, radar + image), (3, image)):
+        own = paths.take(paths.depth == depth)
+        spread = np.linalg.norm(own.tx_point, axis=1) * np.linalg.norm(own.rx_point, axis=1)
+        expected = WAVELENGTH_M * np.sqrt(section(towards / np.linalg.norm(towards))) / (4.0 * np.pi) ** 1.5
+        gamma = abs(fresnel(METAL, np.array(1.1 / np.hypot(10.0, 1.1)), "V")) ** (depth - 1)
+        np.testing.assert_allclose(np.abs(own.amplitude) * spread, gamma * expected, rtol=1e-3)
+    ball = PointTarget("ball", (10.0, 0.0, 0.6), 0.0, model=Sphere(0.2))
+    paths, _ = echoes([ground()], [ball], Pose((0.0, 0.0, 0.5)))
+    twice = paths.take(paths.depth == 3)
+    # Seen from the image of the radar, 0.5 m under the ground, the nearest point of the sphere.
+    np.testing.assert_allclose(np.linalg.norm(twice.tx_point), np.hypot(10.0, 1.1) - 0.2, atol=1e-9)
+
+
+def test_points_of_reflection_are_those_of_mirror_images(generator: np.random.Generator) -> None:
+    """Random triangles and points: the place lies on the plane, on the line to the image, and within."""
+    corners = generator.uniform(-10.0, 10.0, (300, 3, 3))
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    position = generator.uniform(-10.0, 10.0, (40, 3))
+    place, triangle, foot = points_of_reflection(position, corners, normals)
+    assert len(place) > 100
+    for k, t, found in zip(place, triangle, foot, strict=True):
+        image = mirrored(position[k], (corners[t, 0], normals[t]))
+        length = np.linalg.norm(found) + np.linalg.norm(position[k] - found)
+        assert length == pytest.approx(np.linalg.norm(image), rel=1e-9)
+        weights = np.linalg.lstsq(np.vstack([corners[t].T, np.ones(3)]), np.append(found, 1.0), rcond=None)[0]
+        assert (weights > -1e-6).all()
+    # And none is missed: the same by barycentric coordinates, one by one.
+    count = 0
+    for k in range(40):
+        for t in range(300):
+            height = normals[t] @ corners[t, 0]
+            above = normals[t] @ position[k] - height
+            if height * above >= 0.0 or abs(height) < 0.01:
+                continue
+            image = position[k] - 2.0 * above * normals[t]
+            hit = image * height / (normals[t] @ image)
+            weights = np.linalg.lstsq(np.vstack([corners[t].T, np.ones(3)]), np.append(hit, 1.0), rcond=None)[0]
+            count += bool((weights > 0.0).all())
+    assert abs(count - len(place)) <= 1
+
+
+def test_facets_of_a_curved_body_are_no_mirrors_of_a_target() -> None:
+    """A smooth post beside the line of sight: whichever of its facets is square to the bisector reflects nothing."""
+    turns = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
+    ring = np.stack([5.0 + 0.5 * np.cos(turns), 1.0 + 0.5 * np.sin(turns)], axis=1)
+    vertices = np.concatenate([np.column_stack([ring, np.full(48, z)]) for z in (-2.0, 2.0)])
+    faces = [(k, (k + 1) % 48, 48 + k) for k in range(48)]
+    faces += [((k + 1) % 48, 48 + (k + 1) % 48, 48 + k) for k in range(48)]
+    post = SceneObject("post", vertices, np.array(faces, dtype=np.int32), "mirror")
+    _, table = echoes([post], [point((10.0, 0.0, 0.0))], Pose((0.0, 0.0, 0.0)))
+    assert table.counts["target_mirrors"] == 0

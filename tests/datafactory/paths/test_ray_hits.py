@@ -1,15 +1,18 @@
-"""What rays meet first: the numbers of shapes and triangles, distances, normals; and one kernel for all of them."""
+"""The ray fan, its density and solid angles; and what rays meet first."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from sionna_scenes import plate, scene_of, sionna_scene
 
 from datafactory.paths.geometry import _lines, first_hits, mesh_of_shape, ray_margin_m
+from datafactory.paths.rays import UNIFORM_IN_U, RayFan, _azimuth_at
 from datafactory.paths.unfold import unit
 
 pytestmark = pytest.mark.usefixtures("variant")
+
 
 TWO_WALLS = scene_of(
     plate("near", (5.0, 1.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), "metal"),
@@ -64,14 +67,85 @@ def test_lines_leave_their_ends_by_the_ray_casters_error(generator):
     np.testing.assert_array_equal(reach, np.maximum(left, 0.0).astype(np.float32))
 
 
-def test_all_that_is_read_of_a_cast_is_evaluated_in_one_kernel(generator):
-    import drjit as dr  # not before the variant is chosen, and with it the LLVM that Dr.Jit loads
+STRIPS = (0.5, 0.25, 2.25, 1.5, 1.0, 0.5)
+AIMED = RayFan(60_000, (0.37, 0.81), strips=STRIPS)
 
-    geometry = sionna_scene(TWO_WALLS).mi_scene
-    cast = (*rays(64, generator), np.full(64, np.inf))
-    for normals in (True, False):
-        first_hits(geometry, *cast, normals)
-        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-            dr.kernel_history_clear()
-            first_hits(geometry, *cast, normals)
-            assert len(dr.kernel_history((dr.KernelType.JIT,))) == 1
+
+def directions_of(fan: RayFan) -> NDArray[np.float64]:
+    """[count, 3] by the map that Mitsuba documents: azimuth 2 pi a, z = 1 - 2 b."""
+    a, b = fan.unit_square().T
+    z = 1.0 - 2.0 * b
+    rho = np.sqrt(1.0 - z**2)
+    return np.stack([rho * np.cos(2.0 * np.pi * a), rho * np.sin(2.0 * np.pi * a), z], axis=1)
+
+
+@pytest.mark.usefixtures("variant")
+def test_mitsuba_maps_the_square_as_claimed():
+    import mitsuba as mi
+
+    fan = RayFan(5_000, (0.2, 0.7))
+    a, b = fan.unit_square().T.astype(np.float32)
+    mapped = mi.warp.square_to_uniform_sphere(mi.Point2f(a, b)).numpy().T
+    np.testing.assert_allclose(mapped, directions_of(fan), atol=3e-6)
+
+
+def test_azimuths_are_where_the_law_has_their_share():
+    """By bisection of the law, 60 halvings of the half circle each."""
+    share = np.concatenate([[0.0, 1.0, 1e-12, 0.5], np.random.default_rng(6).random(2000)])
+    low, high = np.full(len(share), -0.5 * np.pi), np.full(len(share), 0.5 * np.pi)
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        below = UNIFORM_IN_U * 0.5 * (np.sin(middle) + 1.0) + (1.0 - UNIFORM_IN_U) * (middle / np.pi + 0.5) < share
+        low, high = np.where(below, middle, low), np.where(below, high, middle)
+    np.testing.assert_allclose(_azimuth_at(share), 0.5 * (low + high), atol=1e-14)
+
+
+@pytest.mark.parametrize("offset", [(0.0, 0.0), (0.37, 0.81)])
+def test_azimuth_has_the_stated_density(offset):
+    x, y, _ = directions_of(RayFan(20_000, offset)).T
+    assert (x > -1e-9).all()
+    azimuth = np.sort(np.arctan2(y, x))
+    share = 0.8 * 0.5 * (np.sin(azimuth) + 1.0) + 0.2 * (azimuth / np.pi + 0.5)
+    np.testing.assert_allclose(
+        share, (np.arange(20_000) + 0.5) / 20_000, atol=4.0 / 20_000
+    )  # discrepancy of the sequence
+
+
+@pytest.mark.parametrize("fan", [RayFan(20_000, (0.37, 0.81), 0.05), RayFan(20_000, beam=0.2), AIMED], ids=str)
+def test_solid_angles_fill_the_front_half_space(fan):
+    directions = directions_of(fan)
+    solid_angle = 4.0 * np.pi / fan.count * fan.solid_angle_ratio(directions)
+    assert solid_angle.sum() == pytest.approx(2.0 * np.pi, rel=5e-3)
+    # ... and any part of it: here the cap within 60 deg of boresight, 2 pi (1 - cos 60 deg).
+    assert solid_angle[directions[:, 0] > 0.5].sum() == pytest.approx(np.pi, rel=2e-2)
+
+
+def test_offsets_move_the_lattice_and_nothing_else():
+    first, second = RayFan(1_000).unit_square(), RayFan(1_000, (0.5, 0.25)).unit_square()
+    assert not np.allclose(first, second)
+    np.testing.assert_allclose(first, RayFan(1_000, (1.0, 0.0)).unit_square(), atol=1e-12)
+    assert first.tobytes() == RayFan(1_000).unit_square().tobytes()
+    for square in (first, second):
+        assert square.shape == (1_000, 2)
+        assert square.min() >= 0.0
+        assert square.max() <= 1.0
+
+
+@pytest.mark.parametrize("offset", [(0.0, 0.0), (0.37, 0.81)])
+def test_strips_have_their_shares_of_the_rays(offset):
+    fan = RayFan(60_000, offset, strips=STRIPS)
+    z = directions_of(fan)[:, 2]
+    plain = 0.5 + np.arctan(z / fan.beam) / (2.0 * np.arctan(1.0 / fan.beam))
+    counts = np.bincount((plain * 6.0).astype(int), minlength=6)
+    np.testing.assert_allclose(counts / 60_000, np.array(STRIPS) / 6.0, atol=2.0 / 60_000)
+
+
+@pytest.mark.parametrize("strips", [(), STRIPS])
+def test_the_density_of_elevations_is_what_the_rays_show(strips):
+    fan = RayFan(200_000, strips=strips)
+    edges = np.linspace(-0.3, 0.3, 25)
+    counts, _ = np.histogram(directions_of(fan)[:, 2], edges)
+    fine = np.linspace(-0.3, 0.3, 24 * 20_000 + 1)
+    middles = 0.5 * (fine[1:] + fine[:-1])
+    expected = (fan.elevation_density(middles).reshape(24, 20_000)).mean(axis=1) * (edges[1] - edges[0])
+    np.testing.assert_allclose(counts / 200_000, expected, atol=2e-5)

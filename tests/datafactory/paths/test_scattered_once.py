@@ -1,25 +1,25 @@
-"""Echoes scattered once: path by path against Sionna's own, by the closed form, by object, through panes."""
+"""Echoes scattered once and twice: against Sionna's own, by the closed form, drawn in parts, through panes."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from rough_plates import CORNER, FREQUENCY_HZ, HERE, ROUGHNESS, WAVELENGTH_M, merged_of, plate
+from rough_plates import CORNER, FREQUENCY_HZ, HERE, ROUGHNESS, WAVELENGTH_M, decibels_of, merged_of, plate
 from sionna_scenes import slabs, view_of
 
 from datafactory.paths import solver as solver_module
-from datafactory.paths import trace as trace_module
-from datafactory.paths.arrivals import Arrivals
+from datafactory.paths.arrivals import Arrivals, Echoes
 from datafactory.paths.geometry import placed
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.rays import RayFan
-from datafactory.paths.scattered import behind_panes, over_mirrors
+from datafactory.paths.scattered import behind_panes, over_mirrors, scattered_twice
 from datafactory.paths.slabs import slab_transmission
 from datafactory.paths.solver import Bundle, TraceSettings
-from datafactory.paths.table import DIFFUSE, SPECULAR, PathTable
+from datafactory.paths.table import DIFFUSE, REFRACTED, SPECULAR, PathTable
+from datafactory.paths.trace import trace
 from datafactory.scenes.materials.reflectivity import fresnel_reflectivity, lambertian_sigma0
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import SceneObject
@@ -98,46 +98,6 @@ def test_every_path_of_the_solver_is_found_with_its_amplitude(polarization):
         np.testing.assert_allclose(ours.velocities[index], theirs.velocities, atol=1e-12)
 
 
-def test_across_the_polarization_a_surface_scatters_nothing():
-    crossed = once_of(*CORNER, rays=2_000, depth=1, polarization=("V", "H"))
-    assert sum(len(part.amplitude) for part in crossed) == 0
-
-
-def rings_and_objects(bundle: Bundle) -> NDArray[np.int64]:
-    """[n] number of the path's range ring of 2 m and last object."""
-    length = np.linalg.norm(np.diff(np.pad(bundle.vertices, ((0, 0), (1, 1), (0, 0))), axis=1), axis=2).sum(axis=1)
-    return (0.5 * length / 2.0).astype(np.int64) * 8 + bundle.objects[:, -1]
-
-
-@pytest.mark.parametrize("bounces", [1, 2])
-def test_power_by_ring_and_object_is_the_solvers(bounces):
-    # Power of the solver's estimator: mean p, variance p^2 (1 / chance - 1) a ray, p that of the ray here.
-    rays = 60_000
-    ours = once_of(*CORNER, rays=rays, depth=bounces)[-1]
-    theirs = kind(solved(*CORNER, rays=rays, depth=bounces), bounces)
-    power, estimated = np.abs(ours.amplitude) ** 2, np.abs(theirs.amplitude) ** 2
-    variance = power**2 * (1.0 / chance_of(ours, merged_of(*CORNER)) - 1.0)
-    cells = rings_and_objects(ours)
-    here, there = (
-        np.bincount(rings_and_objects(part), values, 200) for part, values in ((ours, power), (theirs, estimated))
-    )
-    deviation = np.sqrt(np.bincount(cells, variance, 200))
-    rays_in = np.bincount(cells, minlength=200)
-    many = rays_in >= 200
-    assert many.sum() >= 10
-    assert (np.abs(here - there)[many] < 4.5 * deviation[many]).all()
-    assert abs(here.sum() - there.sum()) < 3.0 * np.sqrt(variance.sum())
-    assert np.sqrt(variance.sum()) < 0.03 * here.sum()
-
-
-def test_total_power_converges_to_the_solvers():
-    # Where nothing is left to chance the solver scatters every ray too: the same sum, to float32.
-    ours = once_of(*CORNER, rays=20_000, depth=1, specular=False)[0]
-    theirs = kind(solved(*CORNER, rays=20_000, depth=1, specular=False), 1)
-    ratio = np.sum(np.abs(ours.amplitude) ** 2) / np.sum(np.abs(theirs.amplitude) ** 2)
-    assert 10.0 * np.log10(ratio) == pytest.approx(0.0, abs=1e-3)
-
-
 def test_rings_on_a_plane_have_the_integrals_power():
     # Height h, the half plane ahead: lambda^2 / (4 pi)^3 int sigma0 / R^4 pi R dR, sigma0 = 4 S^2 |Gamma|^2 (h / R)^2.
     height, rays = 1.5, 200_000
@@ -193,19 +153,122 @@ def test_what_stands_behind_a_pane_is_heard_through_it_twice():
     assert 10.0 * np.log10(many / few) == pytest.approx(0.0, abs=0.3)
 
 
+CANYON = (
+    plate("left", (20.0, 6.0, 3.0), (25.0, 0.0, 0.0), (0.0, 0.0, 6.0), "concrete"),
+    plate("right", (20.0, -6.0, 3.0), (25.0, 0.0, 0.0), (0.0, 0.0, 6.0), "concrete"),
+    plate("road", (20.0, 0.0, -1.5), (25.0, 0.0, 0.0), (0.0, 6.0, 0.0), "concrete"),
+)
+HALL = (
+    plate("left", (10.0, 6.0, 0.0), (12.0, 0.0, 0.0), (0.0, 0.0, 4.0), "lobed"),
+    plate("right", (10.0, -6.0, 0.0), (12.0, 0.0, 0.0), (0.0, 0.0, 4.0), "concrete"),
+    plate("ceiling", (10.0, 0.0, 4.0), (12.0, 0.0, 0.0), (0.0, 6.0, 0.0), "lobed"),
+    plate("end", (20.0, 0.0, 0.0), (0.0, 6.0, 0.0), (0.0, 0.0, 4.0), "metal"),
+)
+SHOP = (
+    *CORNER,
+    plate("pane", (6.0, -2.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), "glass"),
+    plate("behind", (8.0, -2.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), "metal"),
+)
+EVERY = TraceSettings(solver_share=1, twice_share=1, paths_a_cell=0, depth=2)
+
+
+def first_hits(objects: tuple[SceneObject, ...], settings: TraceSettings, fan: RayFan) -> Arrivals:
+    merged = merged_of(*objects)
+    return Arrivals.first(view_of(merged, HERE, settings), fan)
+
+
+def of_kinds(bundle: Bundle, *kinds: int) -> Bundle:
+    part = bundle.of_bounces(len(kinds))
+    return part.take((part.interactions == np.array(kinds)).all(axis=1))
+
+
+def powers(bundle: Bundle, fan: RayFan) -> float:
+    return float(np.sum(np.abs(bundle.amplitude) ** 2 * fan.solid_angle_ratio(bundle.vertices[:, 0])))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("objects", "polarization"),
+    [(CORNER, ("V", "V")), (CORNER, ("H", "H")), (CANYON, ("V", "V")), (HALL, ("V", "V"))],
+    ids=["corner", "corner, level", "canyon", "hall"],
+)
+def test_power_is_sionnas_own(objects, polarization):
+    rays, merged = 2_000_000, merged_of(*objects)
+    settings = replace(EVERY, rays=rays, polarization=polarization)
+    geometry = placed(merged, HERE)
+    scene = solver_module.radio_scene(geometry, slabs(merged), settings)
+    ours, theirs = 0.0, 0.0
+    for seed in (1, 2):
+        fan = RayFan(rays, (0.37 * seed, 0.11 * seed))
+        (twice,) = scattered_twice(first_hits(objects, settings, fan), seed)
+        ours += float(twice.power.sum())
+        solved = solver_module.solve(scene, merged, HERE, settings, fan, seed).bundle
+        theirs += powers(of_kinds(solved, DIFFUSE, DIFFUSE), fan)
+    assert decibels_of(ours / theirs) == pytest.approx(0.0, abs=0.2)
+
+
+def test_three_bounces_are_followed_in_all_their_orders():
+    settings = replace(EVERY, rays=20_000, depth=3)
+    fan = RayFan(20_000)
+    found = {group.kinds: group.thinned(1) for group in scattered_twice(first_hits(CORNER, settings, fan), 1)}
+    two, three = (DIFFUSE, DIFFUSE), {(DIFFUSE, DIFFUSE, DIFFUSE), (DIFFUSE, SPECULAR, DIFFUSE), (1, 2, 2)}
+    assert set(found) == {two, *three}
+    assert min(len(part.amplitude) for part in found.values()) > 1_000
+    # Each bounce more costs as much as a surface keeps to itself.
+    assert all(powers(found[kinds], fan) < powers(found[two], fan) for kinds in three)
+    mirrors_off = first_hits(CORNER, replace(settings, specular=False), fan)
+    assert {group.kinds for group in scattered_twice(mirrors_off, 1)} == {two, (2, 2, 2)}
+
+
+@pytest.mark.parametrize("depth", [2, 3])
+def test_parts_are_the_whole(depth):
+    settings = replace(EVERY, rays=20_000, depth=depth, twice_share=4)
+    first = first_hits(CORNER, settings, RayFan(20_000))
+    thin, rest = first.share(64)
+    assert 0 < len(thin.ray) < len(rest.ray) / 32
+    parts = zip(scattered_twice(thin, 1), scattered_twice(rest, 1), strict=True)
+    for whole, (some, others) in zip(scattered_twice(first, 1), parts, strict=True):
+        joined = Echoes.joined([others, some])
+        for item in ("amplitude", "power", "cell"):
+            np.testing.assert_array_equal(getattr(joined, item), getattr(whole, item))
+        one, other = joined.thinned(1), whole.thinned(1)
+        for field in fields(Bundle):
+            np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name))
+
+
+def uncrossed(table: PathTable) -> tuple[PathTable, int]:
+    """The table without the paths through panes, and how many those are."""
+    scattered = table.scattered.take(np.flatnonzero((table.scattered.kinds & REFRACTED) == 0))
+    specular = table.specular.take(np.flatnonzero((table.specular.kinds & REFRACTED) == 0))
+    return replace(table, scattered=scattered, specular=specular), len(table) - len(scattered) - len(specular)
+
+
+@pytest.mark.parametrize("depth", [1, 2, 3])
+def test_panes_change_no_path_that_does_not_cross_them(depth):
+    settings = TraceSettings(rays=20_000, depth=depth, diffraction=True, corners=True)
+    without, through = (
+        trace(merged_of(*SHOP), HERE, FREQUENCY_HZ, replace(settings, refraction=on), RayFan(20_000), 1)
+        for on in (False, True)
+    )
+    kept, crossing = uncrossed(through)
+    assert crossing > 20
+    assert uncrossed(without)[1] == 0
+    for kind in ("scattered", "specular"):
+        ours, theirs = getattr(kept, kind), getattr(without, kind)
+        for field in fields(ours):
+            if field.name == "candidate":  # a number in a list that is longer with panes
+                continue
+            np.testing.assert_array_equal(getattr(ours, field.name), getattr(theirs, field.name))
+
+
+def test_across_the_polarization_a_surface_scatters_nothing():
+    crossed = once_of(*CORNER, rays=2_000, depth=1, polarization=("V", "H"))
+    assert sum(len(part.amplitude) for part in crossed) == 0
+
+
 def table_of(*objects: SceneObject, rays: int, **settings) -> PathTable:
     chosen = TraceSettings(rays=rays, **settings)
-    return trace_module.trace(merged_of(*objects), HERE, FREQUENCY_HZ, chosen, RayFan(rays), 1)
-
-
-def test_single_bounces_need_no_solver_and_no_pass_without_diffuse(monkeypatch):
-    def never(*arguments):
-        raise AssertionError("called")
-
-    monkeypatch.setattr(trace_module, "solve", never)
-    assert len(table_of(*CORNER, rays=1_000, depth=1).scattered) > 500
-    table = table_of(*CORNER, rays=1_000, depth=1, diffuse=False)
-    assert len(table.scattered) == table.counts["scattered_once"] == 0
+    return trace(merged_of(*objects), HERE, FREQUENCY_HZ, chosen, RayFan(rays), 1)
 
 
 def test_thinned_paths_have_the_power_of_all():
@@ -214,12 +277,3 @@ def test_thinned_paths_have_the_power_of_all():
     assert len(some) < 0.8 * len(every)
     ratio = np.sum(np.abs(some.amplitude) ** 2) / np.sum(np.abs(every.amplitude) ** 2)
     assert ratio == pytest.approx(1.0, rel=1e-12)
-
-
-def test_rays_that_meet_nothing_any_more_end():
-    # A single wall: nothing stands where its mirror sends the rays, nor behind it.
-    wall = plate("wall", (8.0, 0.0, 0.0), (0.0, 2.0, 0.0), (0.0, 0.0, 2.0), "concrete")
-    once = once_of(wall, rays=1_000, depth=3, refraction=True)
-    assert [len(part.amplitude) > 0 for part in once] == [True, False, False]
-    behind = plate("behind", (-8.0, 0.0, 0.0), (0.0, 2.0, 0.0), (0.0, 0.0, 2.0), "concrete")
-    assert [len(part.amplitude) for part in once_of(behind, rays=1_000, depth=2, refraction=True)] == [0, 0]

@@ -1,10 +1,11 @@
-"""The path table: both delay laws, illumination, reciprocity, and what counts what."""
+"""The path table: both delay laws, illumination, reciprocity, what counts what, and a table that stands still."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 from oracles import mirror_path, mirrored, scattered_delays, specular_delays
+from path_tables import a_table
 
 from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
 from shared.radar import FrontEnd, Radar
@@ -180,3 +181,23 @@ def test_paths_beyond_the_unambiguous_range_are_counted():
     assert len(near.specular) == 0
     assert near.counts == {"rays": 7, "beyond_range": 2}
     assert near.within(radar).counts == near.counts
+
+
+@pytest.mark.parametrize("time_s", [0.0, 5.2e-3, -1.0])
+def test_a_table_at_rest_keeps_the_delays_of_its_moment(generator, time_s: float) -> None:
+    table = a_table(generator)
+    still = table.at_rest(time_s)
+    assert table.moves()
+    assert not still.moves()
+    tx, rx = np.array([0.0, -0.048, 0.0]), np.array([0.0, 0.045, 0.0])
+    for later_s in (0.0, 0.3):
+        scattered = (
+            scattered_delays(part, tx, rx, at) for part, at in ((still.scattered, later_s), (table.scattered, time_s))
+        )
+        specular = (
+            specular_delays(part, tx, rx, at) for part, at in ((still.specular, later_s), (table.specular, time_s))
+        )
+        for got, expected in (scattered, specular):
+            np.testing.assert_allclose(np.asarray(got), np.asarray(expected), rtol=1e-12)
+    np.testing.assert_array_equal(still.scattered.amplitude, table.scattered.amplitude)
+    np.testing.assert_array_equal(still.specular.amplitude, table.specular.amplitude)

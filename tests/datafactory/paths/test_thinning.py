@@ -1,11 +1,17 @@
-"""Fewer paths of the same power."""
+"""Fewer paths of the same power: thinned, pruned, sorted, counted; against sums written out."""
 
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
+from datafactory.paths.density import lit_cells
+from datafactory.paths.prune import _by_group_and_power, pruned
+from datafactory.paths.rising import rising
 from datafactory.paths.solver import TraceSettings
+from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.paths.thinning import cell_of, thinned
+from shared.radar import Radar
 
 
 def rng(seed: int = 0) -> np.random.Generator:
@@ -58,26 +64,8 @@ def test_few_paths_and_no_limit_change_nothing_and_the_dark_are_left_out():
     assert len(index) == len(factor) == 0
 
 
-def test_same_generator_same_choice():
-    cell, power = drawn_cells(3_000)
-    first, again, other = (thinned(cell, power, 2, rng(seed))[0] for seed in (1, 1, 2))
-    np.testing.assert_array_equal(first, again)
-    assert not np.array_equal(first, other)
-
-
-def test_cells_that_lie_across_those_that_are_thinned_scatter_by_the_root_of_what_is_kept():
-    """Why more rays ask for more paths a cell: 400 even paths a cell, looked at in cells shifted by half of one."""
-    cells, dense = 400, 400
-    random = rng(2)
-    place = random.random(cells * dense) * cells
-    scatter = []
-    for most in (6, 24, 96):
-        index, factor = thinned(place.astype(np.int64), np.ones(len(place)), most, random)
-        power = np.bincount((place[index] + 0.5).astype(np.int64), factor, cells + 1)[1:-1] / dense
-        scatter.append(float(np.std(power)) * np.sqrt(most))
-    # Two halves, each of a draw of its own: a share of 1/2 of K / 2 paths twice, so 1 / sqrt(2 K) if these are drawn
-    # one by one, less where they are drawn by turns.
-    assert all(0.3 < value < 1.0 for value in scatter)
+def test_more_rays_than_usual_keep_as_many_times_more_paths_in_a_cell():
+    """Else cells shifted by half of one would scatter as before, however many rays there are."""
     assert TraceSettings().most_in_a_cell == TraceSettings(rays=1_000).most_in_a_cell == 6
     assert TraceSettings(rays=4 * TraceSettings().rays).most_in_a_cell == 24
     assert TraceSettings(rays=4 * TraceSettings().rays, paths_a_cell=0).most_in_a_cell == 0
@@ -123,3 +111,64 @@ def test_the_same_paths_are_kept_as_by_whole_arrays():
         expected, of_expected = by_numpy(cell, power, most, rng(5))
         np.testing.assert_array_equal(index, expected)
         np.testing.assert_allclose(factor, of_expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("span", [1, 50, 8_191, 8_192, 8_193, 2**63 - 1])
+@pytest.mark.parametrize("count", [2, 20_000])
+def test_numbers_are_ordered_as_by_a_stable_sort(count, span):
+    random = np.random.default_rng(span)
+    numbers = random.integers(-(span // 2), span - span // 2, size=count)
+    np.testing.assert_array_equal(rising(numbers), np.argsort(numbers, kind="stable"))
+
+
+def test_of_no_numbers_there_is_no_order():
+    assert rising(np.zeros(0, dtype=np.int64)).shape == (0,)
+
+
+def at(range_m: np.ndarray, u: np.ndarray, amplitude: np.ndarray) -> PathTable:
+    position = np.stack([range_m * np.sqrt(1 - u**2), range_m * u, np.zeros_like(u)], axis=1)
+    return PathTable(ScatteredPaths.of_points(position, np.zeros_like(position), amplitude.astype(complex)))
+
+
+def test_cells_with_few_paths_are_counted():
+    """Seven paths in one cell, three in the next range bin, one outside the image."""
+    step = Radar().waveform.range_step_m
+    range_m = step * np.array([100.5] * 7 + [101.5] * 3 + [100.5])
+    u = np.array([0.1] * 10 + [0.9])
+    counts = lit_cells(at(range_m, u, np.ones(11)), Radar())
+    assert counts == {"cells_lit": 2, "cells_lit_by_fewer_than_5_paths": 1}
+
+
+@pytest.mark.parametrize("level_db", [-60.0, -40.0, -20.0])
+def test_pruning_keeps_every_range_bin_within_its_level(level_db):
+    generator = np.random.default_rng(3)
+    range_m = generator.uniform(1.0, 40.0, 4000)
+    amplitude = 10.0 ** generator.uniform(-8.0, 0.0, 4000) / range_m**2
+    table = at(range_m, generator.uniform(-0.8, 0.8, 4000), amplitude)
+    kept = pruned(table, Radar(), level_db)
+    assert kept.counts["pruned"] == 4000 - len(kept) > 0
+    row = np.floor(table.scattered.range_m() / Radar().waveform.range_step_m).astype(int)
+    row_kept = np.floor(kept.scattered.range_m() / Radar().waveform.range_step_m).astype(int)
+    before = np.bincount(row, np.abs(table.scattered.amplitude) ** 2)
+    after = np.bincount(row_kept, np.abs(kept.scattered.amplitude) ** 2, minlength=len(before))
+    occupied = before > 0
+    assert np.all(after[occupied] >= (1.0 - 1.0001 * 10.0 ** (level_db / 10.0)) * before[occupied])
+
+
+def test_pruning_drops_as_many_as_the_level_allows():
+    """Powers 1, 1e-3, 1e-5 in one bin: -40 dB allows the third alone, -20 dB the second and third."""
+    range_m = np.full(3, 10.02)
+    table = at(range_m, np.zeros(3), np.sqrt([1.0, 1e-3, 1e-5]))
+    assert len(pruned(table, Radar(), -40.0)) == 2
+    assert len(pruned(table, Radar(), -20.0)) == 1
+    assert len(pruned(table, Radar(), -60.0)) == 3
+
+
+def test_groups_are_sorted_as_by_lexsort():
+    """Equal powers, none at all, and such as differ in their last bit."""
+    random = np.random.default_rng(9)
+    for count in (0, 1, 7, 5000):
+        group, power = random.integers(0, 60, count), np.exp(6.0 * random.normal(size=count) - 40.0)
+        power[::5], power[1::7] = 0.0, 1e-18
+        power[2::7] = np.nextafter(1e-18, 1.0)
+        np.testing.assert_array_equal(_by_group_and_power(group, power), np.lexsort((power, group)))

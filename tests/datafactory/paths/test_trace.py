@@ -1,4 +1,4 @@
-"""One trace: the same bytes each time, names, hidden and small mirrors, empty views, places far from the origin."""
+"""One trace: its bytes, names, hidden and small mirrors, places far from the origin, chains of mirrors, motion."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from dataclasses import fields
 import numpy as np
 import pytest
 from traced_walls import (
+    WAVELENGTH_M,
+    power,
     rectangle,
     side_wall,
     traced,
@@ -18,6 +20,11 @@ from datafactory.paths.rays import RayFan
 from datafactory.paths.table import PathTable
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import SceneObject
+from datafactory.synthesis.cube import cube_of_paths
+from shared.radar import FrontEnd, Radar
+from shared.radar.antenna import IsotropicPattern
+from shared.radar.waveform import Waveform
+from shared.signal.spectrum import range_doppler
 
 pytestmark = pytest.mark.usefixtures("variant")
 
@@ -96,12 +103,98 @@ def test_a_small_mirror_is_found_without_a_ray_on_it():
     assert abs(table.specular.amplitude[0]) == pytest.approx(0.02**2 / (4.0 * np.pi * 50.0**2), rel=2e-3)
 
 
-def test_a_foot_on_the_diagonal_of_a_quad_counts_once():
-    assert len(traced(wall("mirror")).specular) == 1
-
-
 def test_a_hidden_mirror_is_counted_and_not_heard():
     blind = rectangle("blind", (5.0, 0.0, 0.0), (0.3, 1.0, 0.0), (0.0, 0.0, 1.0), "concrete")
     table = traced(wall("mirror"), blind)
     assert len(table.specular) == 0
     assert table.counts["mirrors_hidden"] == 1
+
+
+AHEAD_M, BEHIND_M = 10.0, 6.0
+THERE_AND_BACK_M = 2.0 * AHEAD_M + 2.0 * (AHEAD_M + BEHIND_M)
+"""From the radar to the wall ahead, to that behind, ahead again, and home."""
+WALLS = (wall("mirror", AHEAD_M), wall("mirror", -BEHIND_M, name="behind"))
+
+
+@pytest.mark.parametrize(
+    ("depth", "settings"), [(2, {}), (2, {"diffuse": False}), (3, {"refraction": True}), (3, {"solver_share": 1})]
+)
+def test_three_mirrors_are_followed_from_two_bounces_on(depth, settings):
+    found = traced(*WALLS, depth=depth, **settings).specular
+    third = found.take(found.depth == 3)
+    assert len(third) == 1
+    assert np.linalg.norm(third.image[0]) == pytest.approx(THERE_AND_BACK_M, rel=1e-6)
+    assert abs(third.amplitude[0]) == pytest.approx(WAVELENGTH_M / (4.0 * np.pi * THERE_AND_BACK_M), rel=1e-2)
+    assert found.depth.max() == 3
+
+
+def test_what_is_scattered_keeps_to_the_bounces_asked_for():
+    rough = (wall("rough", AHEAD_M), rectangle("side", (5.0, 6.0, 0.0), (5.0, 0.0, 0.0), (0.0, 0.0, 9.0), "rough"))
+    one, two, three = (traced(*rough, WALLS[1], depth=depth, rays=4_000) for depth in (1, 2, 3))
+    assert one.scattered.depth.max() == 1
+    assert two.scattered.depth.max() == 2
+    assert three.scattered.depth.max() == 3
+    # The same chains of mirrors, whatever else is followed.
+    np.testing.assert_array_equal(two.specular.amplitude, three.specular.amplitude)
+    assert (two.specular.depth == 3).any()
+
+
+def peak_velocity(table: PathTable) -> float:
+    """Velocity [m/s] of the strongest range-Doppler cell."""
+    waveform = Waveform(samples=128, range_bins=128, chirps=64)
+    front_end = FrontEnd(tx_pattern=IsotropicPattern(), rx_pattern=IsotropicPattern())
+    radar = Radar(waveform=waveform, front_end=front_end)
+    spectra = range_doppler(cube_of_paths(table.illuminated(front_end), radar).astype(np.complex64), radar)
+    return float(waveform.velocities_mps[(np.abs(spectra) ** 2).sum(axis=(0, 2)).argmax()])
+
+
+@pytest.mark.parametrize("kind", ["mirror", "rough"])
+@pytest.mark.parametrize("speed", [-6.0, 3.0])
+def test_a_moving_objects_velocity_appears_in_the_doppler(kind, speed):
+    table = traced(wall(kind, half_m=0.5, velocity=(speed, 0.0, 0.0)), rays=5_000)
+    assert len(table) > 0
+    assert peak_velocity(table) == pytest.approx(speed, abs=0.2)  # half a cell
+
+
+@pytest.mark.parametrize("kind", ["mirror", "rough"])
+@pytest.mark.parametrize("yaw_deg", [0.0, 90.0])
+def test_driving_ahead_brings_the_wall_nearer(kind, yaw_deg):
+    pose = Pose((0.0, 0.0, 0.0), yaw_deg=yaw_deg, velocity=(5.0, 0.0, 0.0) if yaw_deg == 0.0 else (0.0, 5.0, 0.0))
+    ahead = wall(kind, half_m=0.5)
+    if yaw_deg:
+        ahead = rectangle("wall", (0.0, 10.0, 0.0), (0.5, 0.0, 0.0), (0.0, 0.0, 0.5), kind)
+    table = traced(ahead, pose=pose, rays=5_000)
+    assert peak_velocity(table) == pytest.approx(-5.0, abs=0.2)
+
+
+def test_a_moving_mirror_moves_its_image_twice_as_fast():
+    table = traced(wall("mirror", velocity=(-3.0, 5.0, 0.0)), pose=Pose((0.0, 0.0, 0.0), time_s=0.5))
+    np.testing.assert_allclose(table.specular.image[0], [2.0 * 8.5, 0.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(table.specular.image_velocity[0], [-6.0, 0.0, 0.0], atol=1e-9)
+
+
+def test_neighbouring_poses_share_a_rough_surfaces_phases():
+    # The same lattice seen 1 mm and 10 cm further: phases of the surface stay, or are drawn anew; powers stay.
+    def phases(step_m: float) -> dict[tuple[float, ...], complex]:
+        wide = wall("rough")  # wider than the beam, so that the same rays hit it from all three places
+        pose = Pose((0.0, step_m, 0.0))
+        rough, smooth = (traced(wide, pose=pose, rays=5_000, surface_phase=given) for given in (True, False))
+        assert power(rough.scattered) == pytest.approx(power(smooth.scattered), rel=1e-9)
+        turn = rough.scattered.amplitude / smooth.scattered.amplitude
+        near = np.linalg.norm(rough.scattered.rx_point, axis=1) < 30.0  # where float32 hits agree to a millimetre
+        return dict(zip(map(tuple, np.round(rough.scattered.rx_point[near], 2)), turn[near], strict=True))
+
+    here, near, far = phases(0.0), phases(1e-3), phases(0.1)
+
+    def kept(there: dict[tuple[float, ...], complex]) -> float:
+        both = here.keys() & there.keys()
+        assert len(both) > 500
+        return float(np.mean([abs(here[place] - there[place]) < 1e-9 for place in both]))
+
+    assert kept(near) > 0.9
+    assert kept(far) < 0.1
+
+
+def test_single_bounces_have_no_chains():
+    assert set(traced(*WALLS, depth=1).specular.depth) == {1}
+    assert set(traced(*WALLS, depth=2, specular=False).specular.depth) == set()

@@ -46,12 +46,6 @@ def test_a_dielectric_wall_returns_its_reflection_coefficient():
     assert np.abs(table.specular.amplitude[0]) == pytest.approx(gamma * WAVELENGTH_M / (4.0 * np.pi * 20.0), rel=1e-3)
 
 
-def test_specular_paths_are_followed_only_when_asked():
-    assert len(traced(wall("mirror"), specular=False)) == 0
-    assert len(traced(wall("rough"), specular=False).specular) == 0
-    assert len(traced(wall("rough"), diffuse=False).scattered) == 0
-
-
 def test_what_scatters_is_missing_from_the_mirror():
     smooth, rough = traced(wall("mirror")), traced(wall("rough"))
     assert power(rough.specular) / power(smooth.specular) == pytest.approx(1.0 - SCATTERING**2, rel=1e-3)
@@ -65,18 +59,16 @@ def lambertian_plane(distance_m: float) -> float:
     return WAVELENGTH_M**2 * SCATTERING**2 / (32.0 * np.pi**2 * distance_m**2)
 
 
-@pytest.mark.parametrize("rays", [5_000, 20_000, 80_000])
-@pytest.mark.parametrize("offset", [(0.0, 0.0), (0.37, 0.81)])
+@pytest.mark.parametrize(("rays", "offset"), [(5_000, (0.37, 0.81)), (80_000, (0.0, 0.0))])
 def test_a_rough_wall_returns_the_radar_integral(rays, offset):
     table = traced(wall("rough"), rays=rays, fan=RayFan(rays, offset))
     assert decibels(power(table.scattered) / lambertian_plane(10.0)) == pytest.approx(0.0, abs=0.15)
 
 
-@pytest.mark.parametrize("rays", [20_000, 80_000])
-def test_a_rough_road_returns_half_of_it(rays):
+def test_a_rough_road_returns_half_of_it():
     # The fan looks ahead only: half of the plane 2 m below.
     road = rectangle("road", (0.0, 0.0, -2.0), (300.0, 0.0, 0.0), (0.0, 300.0, 0.0), "rough")
-    table = traced(road, rays=rays)
+    table = traced(road, rays=20_000)
     assert decibels(power(table.scattered) / (0.5 * lambertian_plane(2.0))) == pytest.approx(0.0, abs=0.1)
 
 
@@ -97,11 +89,6 @@ def radar_integral(panel: SceneObject, points: int = 400) -> float:
 
 
 PANEL = rectangle("panel", (8.0, 1.0, 0.5), (1.0, 3.0, 0.0), (0.0, 0.0, 2.0), "rough")
-
-
-def test_sionnas_own_lattice_returns_the_radar_integral():
-    table = traced(PANEL, rays=400_000, fan=WholeSphere(400_000))
-    assert decibels(power(table.scattered) / radar_integral(PANEL)) == pytest.approx(0.0, abs=0.1)
 
 
 def test_the_fan_is_unbiased():

@@ -52,38 +52,6 @@ def test_a_slab_is_its_transfer_matrix(permittivity, conductivity, thickness):
         np.testing.assert_allclose(reflected[index], [sign * r for _, r in exact], rtol=1e-8, atol=1e-12)
 
 
-def test_power_is_kept_without_loss_and_lost_with_it():
-    for conductivity, kept in ((0.0, True), (1.0, False)):
-        transmitted = slab_transmission(4.0, conductivity, 0.01, FREQUENCY_HZ, COSINES)
-        reflected = slab_reflection(4.0, conductivity, 0.01, FREQUENCY_HZ, COSINES)
-        for t, r in zip(transmitted, reflected, strict=True):
-            total = np.abs(t) ** 2 + np.abs(r) ** 2
-            assert np.allclose(total, 1.0, atol=1e-12) if kept else np.all(total < 0.99)
-
-
-def test_a_pane_of_air_is_a_length_of_air():
-    te, tm = slab_transmission(1.0, 0.0, 0.05, FREQUENCY_HZ, COSINES)
-    exact = np.exp(-2j * np.pi / WAVELENGTH_M * 0.05 * COSINES)
-    np.testing.assert_allclose(te, exact, rtol=1e-12)
-    np.testing.assert_allclose(tm, exact, rtol=1e-12)
-    assert np.all(slab_reflection(1.0, 0.0, 0.05, FREQUENCY_HZ, 1e-6)[0] == 0.0)
-
-
-def test_everything_in_the_plane_of_incidence_passes_at_brewsters_angle():
-    brewster = np.cos(np.arctan(np.sqrt(4.0)))
-    te, tm = slab_transmission(4.0, 0.0, 0.0123, FREQUENCY_HZ, brewster)
-    assert abs(tm) == pytest.approx(1.0, abs=1e-12)
-    assert abs(te) < 0.9
-
-
-def test_total_reflection_lets_only_the_evanescent_wave_through():
-    """eta = 0.5 reflects totally beyond 45 deg; behind it the field falls as exp(-k d sqrt(sin^2 - 0.5))."""
-    near, far = (abs(slab_transmission(0.5, 0.0, d, FREQUENCY_HZ, 0.5)[0]) for d in (0.010, 0.012))
-    decay = np.exp(-2.0 * np.pi / WAVELENGTH_M * 0.002 * np.sqrt(0.75 - 0.5))
-    assert far / near == pytest.approx(decay, rel=1e-3)
-    assert abs(slab_reflection(0.5, 0.0, 0.012, FREQUENCY_HZ, 0.5)[0]) == pytest.approx(1.0, abs=1e-3)
-
-
 def test_thick_lossy_walls_swallow_everything_and_nothing_overflows():
     for material in load_materials().materials.values():
         values = slab_transmission(
@@ -197,12 +165,6 @@ def test_what_lies_behind_too_many_panes_is_given_up_and_counted():
     assert result.given_up == 1
     assert result.factor[0] == 0.0
     np.testing.assert_array_equal(result.count, [4, 2])
-
-
-@pytest.mark.usefixtures("variant")
-def test_no_points_need_no_rays():
-    result = crossed([far_pane("glass")], np.zeros((0, 3)))
-    assert (len(result.factor), result.given_up) == (0, 0)
 
 
 @pytest.mark.usefixtures("variant")

@@ -12,7 +12,6 @@ from pathlib import Path
 import pytest
 
 from datafactory import render
-from datafactory.run import portions
 from datafactory.run.card import COLUMNS, card, hub_licence, scene_licence, stated_licence
 from shared.dataset import arrow_schema
 from shared.dataset.folder import open_dataset
@@ -60,28 +59,6 @@ def test_every_column_has_a_line_with_its_meaning(dataset: Path) -> None:
         assert f"| `{field.name}` |" in text
         assert COLUMNS[field.name] in text
     assert "3 x 40 x 48 x 2 (Doppler peak, range, channel, re/im)" in text
-
-
-def test_a_killed_and_resumed_run_ends_with_the_same_card(
-    dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    out, record, recorded = tmp_path / "again", portions.record_finished, list[object]()
-
-    def dies_at_the_second(directory: Path, plan: object, finished: object) -> None:
-        if recorded:
-            raise OSError(28, "No space left on device")
-        recorded.append(plan)
-        record(directory, plan, finished)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(portions, "record_finished", dies_at_the_second)
-    with pytest.raises(OSError, match="No space left"):
-        render(None, out, frames=0, points=9, radar=RADAR, license="cc-by-4.0")
-    monkeypatch.undo()
-    assert not (out / "README.md").exists()
-    with pytest.raises(InputError, match="license is nothing, but the run"):
-        render(None, out, frames=0, points=9, radar=RADAR, resume=True)
-    render(None, out, frames=0, points=9, radar=RADAR, license="cc-by-4.0", resume=True)
-    assert (out / "README.md").read_bytes() == (dataset / "README.md").read_bytes()
 
 
 def test_scenes_effects_and_licences_are_told(dataset: Path) -> None:

@@ -20,7 +20,7 @@ from datafactory.api.options import Announce, OrderOptions, silent
 from datafactory.cli.app import app
 from datafactory.frame import device
 from datafactory.paths.backend import CudaDevice
-from datafactory.run import pipeline, provenance
+from datafactory.run import provenance
 from datafactory.run.memory import processes
 from datafactory.run.pipeline import Report
 from datafactory.synthesis import cube
@@ -71,13 +71,6 @@ def test_a_run_on_another_device_has_the_same_signals_within_the_bound(tmp_path,
         assert np.linalg.norm(other - one) < 1e-3 * np.linalg.norm(one), column
 
 
-def test_the_bytes_are_those_of_the_device_alone(tmp_path, stand_in):
-    hashes = [
-        [shard["sha256"] for shard in manifest_of(points(tmp_path / name, "cuda"))["shards"]] for name in ("a", "b")
-    ]
-    assert hashes[0] == hashes[1]
-
-
 def test_a_run_is_not_resumed_on_another_device(tmp_path, stand_in):
     points(tmp_path / "run", "cuda")
     with pytest.raises(InputError, match=r"--resume: device is 'cpu', but the run in .* had 'cuda'"):
@@ -91,20 +84,6 @@ def test_auto_is_settled_before_the_run_and_refused_where_it_changes(tmp_path, s
     monkeypatch.setattr(device, "cuda_device", lambda: CudaDevice("", "there is no NVIDIA driver", "a driver"))
     with pytest.raises(InputError, match=r"--resume: device is 'cpu', but the run in .* had 'cuda'"):
         points(tmp_path / "run", "auto", resume=True)
-
-
-def test_a_kill_is_survived_on_a_device_too(tmp_path, stand_in, monkeypatch):
-    whole = manifest_of(points(tmp_path / "whole", "cuda"))
-
-    def fails(*arguments: object) -> None:
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as cut:
-        cut.setattr(pipeline, "finish", fails)
-        with pytest.raises(KeyboardInterrupt):
-            points(tmp_path / "cut", "cuda")
-    resumed = manifest_of(points(tmp_path / "cut", "cuda", resume=True))
-    assert {**resumed, "made": None} == {**whole, "made": None}
 
 
 def test_one_worker_has_the_gpu_unless_more_are_asked_for(tmp_path, stand_in):
@@ -130,9 +109,3 @@ def test_a_device_that_is_not_there_is_refused_before_anything_is_written(tmp_pa
     assert isinstance(result.exception, InputError)
     assert str(result.exception) == "--device: cuda: there is no NVIDIA driver; expected a driver"
     assert not out.exists()
-
-
-def test_the_command_line_names_the_device(tmp_path, stand_in):
-    result = CliRunner().invoke(app, ["points", "--frames", "1", "--out", str(tmp_path / "out"), "--device", "cuda"])
-    assert result.exit_code == 0, result.output
-    assert json.loads((tmp_path / "out" / "manifest.json").read_text())["arguments"]["device"] == "cuda"

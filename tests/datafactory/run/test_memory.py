@@ -8,12 +8,10 @@ from pathlib import Path
 
 import pytest
 from prepared_scenes import SCENES
-from typer.testing import CliRunner
 
 from datafactory.api.asking import order_of
 from datafactory.api.forecasting import forecast
 from datafactory.api.options import OrderOptions
-from datafactory.cli.app import app
 from datafactory.frame.chain import ChainSettings
 from datafactory.frame.measurement import Processing
 from datafactory.paths.solver import TraceSettings
@@ -103,19 +101,6 @@ def test_half_of_the_memory_is_large_enough_to_be_said(machine: pytest.MonkeyPat
     assert workers_for(load(), 4, said.append) == 4
     assert said[0].startswith("about ")
     assert "in 4 processes" in said[0]
-
-
-def test_it_is_refused_before_any_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(memory, "usable_memory", lambda: int(0.8 * GB))
-    for command in ("render", "trace"):
-        with pytest.raises(InputError, match=r"memory: one frame takes|--rays: ") as caught:
-            CliRunner().invoke(
-                app,
-                [command, str(SCENES / "tiny.usda"), "--out", str(tmp_path / "out"), "--effects", "diffuse"],
-                catch_exceptions=False,
-            )
-        assert "800 MB may be used here" in str(caught.value)
-        assert not (tmp_path / "out").exists()
 
 
 def test_a_dry_run_says_it_of_the_scene_and_the_workers_that_fit(tmp_path: Path) -> None:

@@ -1,13 +1,15 @@
-"""Portions of shards: how frames are cut, put in order again, and what is left of those that cannot be made."""
+"""Portions of shards: how frames are cut and put in order again, what is left of some; poses that come late."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from sionna_scenes import box
 from small_radar import write_small_radar
 
 from datafactory import Report, RunFailed, render
@@ -15,8 +17,12 @@ from datafactory.frame.deal import split_of
 from datafactory.run import pipeline, portions
 from datafactory.run.engines import Local
 from datafactory.run.portions import Rows
+from datafactory.run.preparation import _late_poses
 from datafactory.run.progress import FOLDER, handed_over
 from datafactory.run.shards import MOST_FRAMES, PATHS, Portion, plan_shards, portions_of
+from datafactory.scenes.motion import Track
+from datafactory.scenes.poses import Pose
+from datafactory.scenes.scene import Scene, SceneObject
 from shared.processes.pool import ThisProcess
 from shared.processes.tasks import Finished
 
@@ -126,3 +132,21 @@ def test_rows_of_a_run_that_was_killed_are_gone(tmp_path: Path) -> None:
         assert folder == left.parent
         assert list(folder.iterdir()) == []
     assert not folder.exists()
+
+
+CAR = box("car", (5.0, 0.0, 0.0), (9.0, 2.0, 1.5), "metal")
+TRACK = Track((0.0, 2.0), ((0.0, 0.0, 0.0), (6.0, 0.0, 0.0)), ((3.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+POSES = tuple(Pose((0.0, 0.0, 0.5), time_s=time) for time in (0.0, 1.9, 2.0, 7.0))
+
+
+def test_poses_after_the_last_sample_are_counted() -> None:
+    driven = SceneObject.of("driven", CAR.vertices, CAR.triangles, "metal", motion=TRACK)
+    scene = Scene("street", (CAR, driven))
+    expected = "street: 2 of 4 poses are not before 2 s, from when on what has samples rests"
+    assert _late_poses(scene, POSES) == expected
+    assert _late_poses(scene, POSES[:2]) == ""
+
+
+def test_what_goes_straight_on_never_ends() -> None:
+    scene = Scene("street", (replace(CAR, velocity=(1.0, 0.0, 0.0)),))
+    assert _late_poses(scene, POSES) == ""

@@ -1,8 +1,6 @@
 """Shards on disk: plans, complete files only, and a killed run that ends in the same bytes."""
 
 import hashlib
-import json
-import resource
 import subprocess
 import sys
 import tempfile
@@ -17,13 +15,11 @@ from datafactory.run import progress
 from datafactory.run.shards import (
     ShardPlan,
     plan_shards,
-    write_manifest,
     write_shard,
 )
 from shared.dataset import Frame, arrow_schema, description
 from shared.dataset.folder import open_dataset, read_manifest, verify
 from shared.dataset.reading import read_frames
-from shared.dataset.writing import write_json
 from shared.physics.errors import InputError
 from shared.radar import ImageGrid, Radar
 from shared.radar.arrays import AntennaArray, line
@@ -125,41 +121,6 @@ def test_a_shard_is_what_its_record_says(tmp_path):
     assert pq.read_schema(path).equals(SCHEMA, check_metadata=True)
 
 
-def test_the_same_frames_give_the_same_bytes(tmp_path):
-    for name in ("train", "test"):
-        write_shard(tmp_path / name / "part-00000.parquet", map(make_frame, range(3)), SCHEMA)
-    first, second = contents(tmp_path).values()
-    assert first == second
-
-
-@pytest.mark.parametrize("module", ["polars", "duckdb", "pandas"])
-def test_other_readers_take_our_encoding(tmp_path, module):
-    reader = pytest.importorskip(module)
-    path = tmp_path / "train/part-00000.parquet"
-    write_shard(path, map(make_frame, range(3)), SCHEMA)
-    if module == "duckdb":
-        with reader.connect() as connection:
-            images = [row[0] for row in connection.execute(f"select image from '{path}' order by frame_id").fetchall()]
-    else:
-        images = list(reader.read_parquet(path)["image"])
-    expected = [make_frame(index).image.reshape(-1) for index in range(3)]
-    np.testing.assert_array_equal(np.array([np.asarray(image, np.float32) for image in images]), expected)
-
-
-def test_a_full_disk_leaves_nothing_behind(tmp_path):
-    path = tmp_path / "train/part-00000.parquet"
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
-    try:
-        with pytest.raises(OSError, match="File too large"):
-            write_shard(path, map(make_frame, range(50)), SCHEMA)
-        with pytest.raises(OSError, match="File too large"):
-            write_json(tmp_path / "manifest.json", {"long": "x" * 10_000})
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-    assert contents(tmp_path) == {}
-
-
 def test_a_frame_that_fails_leaves_the_old_shard_and_nothing_else(tmp_path):
     def frames():
         yield make_frame(1)
@@ -173,22 +134,6 @@ def test_a_frame_that_fails_leaves_the_old_shard_and_nothing_else(tmp_path):
     with pytest.raises(ValueError, match="no frames"):
         write_shard(path, [], SCHEMA)
     assert contents(tmp_path) == {"train/part-00000.parquet": b"old"}
-
-
-def test_a_manifest_is_sorted_whole_and_free_of_nan(tmp_path):
-    write_manifest(tmp_path, {"version": 1, "b": 2, "a": [1.5, None]})
-    text = (tmp_path / "manifest.json").read_text()
-    document = json.loads(text)
-    assert text == json.dumps(document, indent=1, sort_keys=True) + "\n"
-    assert {name: value for name, value in document.items() if name != "sha256"} == {
-        "a": [1.5, None],
-        "b": 2,
-        "version": 1,
-    }
-    with pytest.raises(ValueError, match="not JSON compliant"):
-        write_manifest(tmp_path, {"version": 1, "a": float("nan")})
-    assert read_manifest(tmp_path)["b"] == 2
-    assert [path.name for path in tmp_path.iterdir()] == ["manifest.json"]
 
 
 @pytest.mark.parametrize("stop_after", [0, 1, 3])

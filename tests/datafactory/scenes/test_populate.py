@@ -127,6 +127,20 @@ def test_what_does_not_fit_is_said() -> None:
     assert line.startswith(f"{population_of(crowded).placed['trucks']} of 500 trucks placed")
 
 
+def test_a_density_asks_for_what_the_road_holds() -> None:
+    """Numbers follow from the metres of road, and what has no room is nobody's disappointment."""
+    dense = populated(two_blocks(), parse_populate("cars=4/100m,poles=3"), 0)
+    population = population_of(dense)
+    road_m = sum(road.length_m for road in population.roads)
+    assert population.placed == {"cars": round(0.04 * road_m), "poles": 3}
+    assert population.placed["cars"] > 0
+    assert population.asked == {"poles": 3}
+    assert population.text == "cars=4/100m,poles=3"
+    crowded = populated(two_blocks(), parse_populate("trucks=100/100m"), 0)
+    assert 0 < population_of(crowded).placed["trucks"] < sum(road.length_m for road in population_of(crowded).roads)
+    assert crowded.warnings == ()
+
+
 def test_same_seed_same_scene(hill: Scene) -> None:
     again = populated(two_blocks(), ASKED, 3)
     assert again.content_hash() == hill.content_hash()
@@ -164,6 +178,8 @@ def test_sensors_stand_on_the_populated_road_and_in_no_parked_car(hill: Scene) -
 def test_a_request_is_read_back_as_it_is_told() -> None:
     assert parse_populate(ASKED.text) == ASKED
     assert parse_populate(" cars = 3 , parked=0.25") == Asked(cars=3, parked=0.25)
+    dense = Asked(poles=2, densities=(("cars", 0.4),))
+    assert parse_populate(dense.text) == dense
 
 
 def test_check_tells_what_was_put_in(tmp_path: Path) -> None:

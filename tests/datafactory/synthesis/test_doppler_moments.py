@@ -81,7 +81,7 @@ def reference(table, terms, needed, lead, drawn) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("lead", "nearest_m"), [(0.0, 0.3), (40e-6, 0.3), (0.0, 5.0)])
-@pytest.mark.parametrize("most", [1, 2, 5, 9])
+@pytest.mark.parametrize("most", [1, 9])
 def test_moments_are_those_of_the_equations(most, lead, nearest_m):
     drawn = paths(40, nearest_m)
     terms = np.random.default_rng(3).integers(1, most + 1, 40)

@@ -57,7 +57,7 @@ def along_lines(paths: PathTable, radar: Radar, tolerance: float, intra_chirp: b
     return sorted_paths(paths, radar, tolerance, radar.array, intra_chirp).counts()["paths_along_lines"]
 
 
-@pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 1e-6])
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6])
 @pytest.mark.parametrize(
     ("speed", "limits_m", "waveform"),
     [
@@ -84,8 +84,7 @@ def test_most_of_these_paths_go_along_lines():
 
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6])
-@pytest.mark.parametrize("multiplexing", ["simultaneous", "tdm"])
-@pytest.mark.parametrize("chirps", [16, 33])
+@pytest.mark.parametrize(("multiplexing", "chirps"), [("simultaneous", 33), ("tdm", 16)])
 def test_default_array_keeps_its_tolerance(tolerance, multiplexing, chirps):
     radar = radar_of(samples=65, chirps=chirps, array=Radar().array, multiplexing=multiplexing)
     # At 1e-6 what is fast and near goes by chirps.

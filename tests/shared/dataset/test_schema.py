@@ -101,15 +101,6 @@ def test_row_bytes_is_what_arrow_holds():
     assert row_bytes(shapes, ["image", "scene"]) == frame.image.nbytes
 
 
-def test_description_keeps_what_is_added_but_lets_nothing_be_replaced(tmp_path):
-    write(tmp_path / "shard.parquet", [make_frame(0)], truth_window="hann")
-    assert read_description(tmp_path / "shard.parquet")["truth_window"] == "hann"
-    with pytest.raises(ValueError, match="'radar'"):
-        description(RADAR, PEAKS, "range-channel", {"radar": {}})
-    with pytest.raises(InputError, match=r"--store: 'all'.*'cube'"):
-        description(RADAR, PEAKS, "all")
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -134,3 +125,12 @@ def test_a_frame_that_does_not_fit_is_refused_by_name(change, message):
     schema = arrow_schema(description(RADAR, PEAKS, "range-channel"))
     with pytest.raises(InputError, match=message):
         to_record_batch([dataclasses.replace(make_frame(1), **change)], schema)
+
+
+def test_description_keeps_what_is_added_but_lets_nothing_be_replaced(tmp_path):
+    write(tmp_path / "shard.parquet", [make_frame(0)], truth_window="hann")
+    assert read_description(tmp_path / "shard.parquet")["truth_window"] == "hann"
+    with pytest.raises(ValueError, match="'radar'"):
+        description(RADAR, PEAKS, "range-channel", {"radar": {}})
+    with pytest.raises(InputError, match=r"--store: 'all'.*'cube'"):
+        description(RADAR, PEAKS, "all")

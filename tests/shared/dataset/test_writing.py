@@ -90,17 +90,6 @@ def test_a_folder_that_is_missing_or_a_file_is_named(tmp_path: Path) -> None:
     assert no_folder.value.filename == str(tmp_path / "file" / "x")
 
 
-def test_an_error_about_another_file_keeps_its_name(tmp_path: Path) -> None:
-    def attempt() -> None:
-        with atomic(tmp_path / "copy") as partial:
-            partial.write_bytes((tmp_path / "source").read_bytes())
-
-    with pytest.raises(FileNotFoundError) as caught:
-        attempt()
-    assert caught.value.filename == str(tmp_path / "source")
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_killed_writer_leaves_the_old_file(tmp_path: Path) -> None:
     path = tmp_path / "manifest.json"
     path.write_bytes(b"old")

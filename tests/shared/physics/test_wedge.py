@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import mpmath
 import numpy as np
 import pytest
 from scipy.special import fresnel, jv
 
 from shared.physics.errors import InputError
-from shared.physics.wedge import WedgeGeometry, diffraction_coefficient, transition_function
+from shared.physics.wedge import WedgeGeometry, _transition_over_root, diffraction_coefficient
 
 WAVENUMBER = 2.0 * np.pi * 77.5e9 / 299_792_458.0
 SOFT, HARD = -1.0, 1.0
@@ -56,13 +54,8 @@ def test_the_transition_function_is_its_integral(x):
     root = mpmath.sqrt(x)
     tail = mpmath.sqrt(mpmath.pi) / 2 * mpmath.erfc(mpmath.sqrt(1j) * root) / mpmath.sqrt(1j)
     exact = complex(2j * root * mpmath.exp(1j * x) * tail)
-    assert transition_function(x) == pytest.approx(exact, rel=1e-11)
-
-
-def test_the_transition_function_has_its_known_limits():
-    assert transition_function(0.0) == 0.0
-    x = 1e3  # 1 + j / 2X - 3 / 4X^2: Kouyoumjian and Pathak, eq. (28)
-    assert transition_function(x) == pytest.approx(1.0 + 0.5j / x - 0.75 / x**2, abs=1e-8)
+    root = np.sqrt(np.array([x]))
+    assert (root * _transition_over_root(root))[0] == pytest.approx(exact, rel=1e-11)
 
 
 @pytest.mark.parametrize("reflection", [SOFT, HARD])
@@ -125,13 +118,6 @@ def test_the_total_field_is_continuous_across_both_boundaries(n, reflection):
             assert abs(above - below) < 1e-3 * max(abs(below), abs(above))
 
 
-def test_the_n_face_has_its_reflection_boundary_too():
-    n, source = 1.5, 1.2 * np.pi
-    boundary = 2.0 * n * np.pi - np.pi - source
-    below, above = (total_field(n, source, boundary + side, 20.0, 11.0, fresnel_te) for side in (-1e-9, 1e-9))
-    assert abs(above - below) < 1e-3 * max(abs(below), abs(above))
-
-
 @pytest.mark.parametrize("face", [fresnel_te, lambda angle: SOFT + 0.0 * angle, lambda angle: HARD + 0.0 * angle])
 def test_source_and_observer_may_change_places(face):
     """Reciprocal; R_0 and R_n belong to source and observer, so that the faces change places with them."""
@@ -158,10 +144,6 @@ def test_a_screen_that_reflects_nothing_is_the_knife_edge():
         assert loss_db == pytest.approx(formula_db, abs=0.35)
 
 
-def test_a_sheet_of_air_diffracts_nothing():
-    assert diffraction_coefficient(geometry(n=2.0, observer=5.0), WAVENUMBER, 0.0, 0.0, 1.0) == 0.0
-
-
 def test_the_coefficient_is_finite_exactly_on_its_boundaries():
     source = 0.25 * np.pi
     for observer in (source + np.pi, np.pi - source):
@@ -173,12 +155,6 @@ def test_the_coefficient_is_finite_exactly_on_its_boundaries():
         # Half of the field of the wave that ends there.
         assert abs(on) * geometry().spreading()[0] == pytest.approx(0.5 / 40.0, rel=0.02)
         assert abs(beside) == pytest.approx(abs(on), rel=0.02)
-
-
-def test_the_field_falls_steadily_into_the_shadow():
-    rays = [geometry(1.5, 0.5, np.pi + 0.5 + deep) for deep in (0.0, 0.01, 0.03, 0.1, 0.3, 0.9)]
-    levels = [abs(diffraction_coefficient(ray, WAVENUMBER, SOFT, SOFT)[0]) for ray in rays]
-    assert all(deeper < lighter for lighter, deeper in pairwise(levels))
 
 
 @pytest.mark.parametrize(
@@ -193,3 +169,7 @@ def test_the_field_falls_steadily_into_the_shadow():
 def test_rays_that_cannot_be_are_refused(changes, message):
     with pytest.raises(InputError, match=message):
         geometry(**changes)
+
+
+def test_a_sheet_of_air_diffracts_nothing():
+    assert diffraction_coefficient(geometry(n=2.0, observer=5.0), WAVENUMBER, 0.0, 0.0, 1.0) == 0.0

@@ -1,4 +1,4 @@
-"""Worker processes that die: replaced, their tasks tried again, and nothing hangs or stays behind."""
+"""Worker processes that die: replaced, their tasks tried again so often, and nothing hangs or stays behind."""
 
 from __future__ import annotations
 
@@ -15,10 +15,9 @@ import psutil
 import pytest
 from pool_work import Squares, note_process
 
-from shared.physics.errors import InputError
 from shared.processes.lock import one_job
 from shared.processes.pool import Processes, ThisProcess, WorkerPool
-from shared.processes.tasks import ATTEMPTS, Finished
+from shared.processes.tasks import ATTEMPTS, LOSSES, Attempts, Finished
 
 TESTS = Path(__file__).resolve().parents[2]
 
@@ -188,9 +187,15 @@ with one_job(Path({str(tmp_path)!r}), Path({str(tmp_path / "lock")!r}), "--out")
         pass
 
 
-def test_the_message_of_a_held_folder_is_one_line(tmp_path: Path) -> None:
-    with one_job(tmp_path, tmp_path / "lock", "--out"), pytest.raises(InputError) as caught:  # noqa: SIM117
-        with one_job(tmp_path, tmp_path / "lock", "--out"):
-            pass
-    assert str(caught.value).startswith("--out: another process is at work in ")
-    assert "\n" not in str(caught.value)
+def test_a_task_fails_with_its_third_process() -> None:
+    attempts = Attempts[str, int]()
+    assert [attempts.died("a", "it ended") for _ in range(ATTEMPTS - 1)] == [None] * (ATTEMPTS - 1)
+    assert attempts.died("b", "it ended") is None
+    assert attempts.died("a", "it ended") == Finished("a", None, "three worker processes died of it, it ended")
+
+
+def test_a_lost_machine_is_no_fault_of_its_tasks_unless_it_always_is() -> None:
+    attempts = Attempts[str, int]()
+    assert [attempts.lost("a") for _ in range(LOSSES - 1)] == [None] * (LOSSES - 1)
+    assert attempts.died("a", "it ended") is None
+    assert attempts.lost("a") == Finished("a", None, "10 machines were lost while they worked on it")

@@ -101,32 +101,6 @@ def test_an_echo_reads_its_amplitude_at_its_angle_and_ambiguities_fall(generator
         assert np.abs(x @ steering_weights(RADAR, channels))[0, away].max() > 0.7
 
 
-def test_arrays_agree_where_delay_and_sum_does_not(generator):
-    """The same two echoes by 16, 6 and 4 RX: what the spectrum says of the bins off the echoes' main lobes."""
-    outside = {}
-    for name in ARRAYS:
-        channels = chosen(name)
-        x, noise, u = echoes(np.random.default_rng(3), channels, rows=40)
-        away = np.abs(RADAR.grid.u[None, :, None] - u[:, None, :]).min(axis=-1) > 0.05
-        found = adaptive_spectrum(x, noise, adaptive_tables(RADAR, channels), BINS, 5)
-        das = np.abs(x @ steering_weights(RADAR, channels))
-        outside[name] = [float(np.sqrt(np.mean(image[away] ** 2))) for image in (found, das)]
-    for adaptive, das in outside.values():
-        assert adaptive < 0.4 * das
-
-
-def test_zero_rows_give_zeros_and_noise_alone_stays_noise(generator):
-    channels = chosen("sparse6")
-    tables = adaptive_tables(RADAR, channels)
-    x = np.zeros((2, 3, len(channels)), np.complex64)
-    assert not adaptive_spectrum(x, np.zeros((2, 3), np.float32), tables, BINS, 5).any()
-    values = generator.standard_normal((50, len(channels), 2)).astype(np.float32) / np.sqrt(np.float32(2))
-    x = values.view(np.complex64)[..., 0]
-    found = adaptive_spectrum(x, np.ones(50, np.float32), tables, BINS, 5)
-    # E |s|^2 of white noise is 1 / C for delay-and-sum; the covariance is nearly white, so not far from it here.
-    assert np.mean(found**2) < 3.0 / len(channels)
-
-
 def test_the_features_are_the_row_s_and_the_compressed_spectrum(generator):
     channels = chosen("sparse4")
     weights, tables = steering_weights(RADAR, channels), adaptive_tables(RADAR, channels)
@@ -205,34 +179,6 @@ def test_the_likes_rule_equals_its_equation_written_out(generator, name, iterati
     np.testing.assert_allclose(again.sqrt(), np.sqrt(found), atol=5e-3)
 
 
-@pytest.mark.parametrize("rule", ["iaa", "likes"])
-def test_iterations_go_on_from_given_powers(generator, rule):
-    channels = chosen("sparse4")
-    x, noise, _ = echoes(generator, channels, rows=2)
-    tables = adaptive_tables(RADAR, channels)
-    first = adaptive_powers(x, noise, tables, 2, rule)
-    np.testing.assert_array_equal(
-        adaptive_powers(x, noise, tables, 3, rule, start=first), adaptive_powers(x, noise, tables, 5, rule)
-    )
-    np.testing.assert_array_equal(adaptive_powers(x, noise, tables, 0, rule, start=first), first)
-
-
-def test_the_likes_rule_ends_where_likes_does(generator):
-    """At a fixed point |q|^2 = s wherever there is power. Its own step gets there in twice as many iterations."""
-    channels = chosen("sparse4")
-    x, noise, _ = echoes(generator, channels, rows=1)
-    row, n = x[0].astype(complex), float(noise[0])
-    power = slow_powers(row, n, channels, 400)
-    q, s = slow_forms(power, row, n, full_manifold(channels, scanned_angles(RADAR)))
-    present = power > 1e-3 * power.max()
-    assert 1 < present.sum() < 30
-    np.testing.assert_allclose((np.abs(q) ** 2 / s)[present], 1.0, atol=0.01)
-    assert (np.abs(q) ** 2 <= 1.01 * s).all()
-    np.testing.assert_allclose(
-        np.sqrt(slow_powers(row, n, channels, 10)), np.sqrt(slow_powers(row, n, channels, 20, root=True)), atol=0.1
-    )
-
-
 def slow_view(power, q, s, channels, uncertain, bins):
     """[len(bins)] of one row: the module's sum over angles, one image bin at a time."""
     sensor, u = RADAR.virtual_sensor, scanned_angles(RADAR)
@@ -309,3 +255,15 @@ def test_snapshot_features_are_the_rows_and_their_noise(generator):
     again, again_scale = snapshot_features(torch.from_numpy(frames), torch.from_numpy(noise_power))
     np.testing.assert_allclose(again, planes, rtol=1e-5, atol=1e-7)
     np.testing.assert_allclose(again_scale, scale, rtol=1e-6)
+
+
+@pytest.mark.parametrize("rule", ["iaa", "likes"])
+def test_iterations_go_on_from_given_powers(generator, rule):
+    channels = chosen("sparse4")
+    x, noise, _ = echoes(generator, channels, rows=2)
+    tables = adaptive_tables(RADAR, channels)
+    first = adaptive_powers(x, noise, tables, 2, rule)
+    np.testing.assert_array_equal(
+        adaptive_powers(x, noise, tables, 3, rule, start=first), adaptive_powers(x, noise, tables, 5, rule)
+    )
+    np.testing.assert_array_equal(adaptive_powers(x, noise, tables, 0, rule, start=first), first)

@@ -1,21 +1,28 @@
-"""Features: equal to eq. (7)-(12) written out in float64, the same in NumPy and torch, finite on every hard row."""
+"""Features: eq. (7)-(12) written out in float64, the same in NumPy and torch; the floor that a model error lays."""
+
+from __future__ import annotations
 
 import numpy as np
 import pytest
 import torch
 
+from shared.physics.errors import InputError
 from shared.radar import ImageGrid, Radar
 from shared.radar.arrays import AVR_QDM_110_THINNED_RX
 from shared.radar.waveform import Waveform
+from shared.signal.adaptive import adaptive_tables
 from shared.signal.features import (
     MAGNITUDE_FLOOR_DB,
+    adaptive_features,
     covariance_channels,
     covariance_rows,
     covariance_size,
     paper_features,
     row_features,
+    snapshot_features,
     steering_weights,
 )
+from shared.signal.model_error import NO_MODEL_ERROR_DB, UNCALIBRATED_DB, model_error_ratio, row_noise
 
 RADAR = Radar(waveform=Waveform(samples=16, chirps=2, range_bins=5), grid=ImageGrid(bins=450))
 ARRAYS = sorted(AVR_QDM_110_THINNED_RX)
@@ -119,24 +126,6 @@ def test_a_single_echo_reads_one_at_its_place():
     assert features[3, 0, 0] == pytest.approx((np.log10(9e-14 / 1e-17) + 2) / 10, abs=1e-5)
 
 
-@pytest.mark.parametrize("value", [0.0, 1e-30, 1e30])
-def test_hard_rows_are_finite_in_both_libraries(value):
-    weights = steering_weights(RADAR, np.arange(12))
-    data = np.full((2, 5, 12), value, np.complex64)
-    data[1, 2:] = 0
-    noise = np.zeros(2)
-    paper, (rows, scale) = paper_features(data, weights), row_features(data, weights, noise)
-    assert np.isfinite(paper).all()
-    assert np.isfinite(rows).all()
-    assert np.isfinite(scale).all()
-    assert np.abs(paper).max() < 3.2
-    assert np.abs(rows).max() <= 1.0 + 1e-5
-    arguments = torch.from_numpy(data), torch.from_numpy(weights)
-    assert torch.isfinite(paper_features(*arguments)).all()
-    assert torch.isfinite(row_features(*arguments, torch.from_numpy(noise))[0]).all()
-    assert np.all(rows[1, :3, 2:] == 0)
-
-
 def test_the_whole_covariance_equals_eq_13(generator):
     data = snapshots(generator, 12)
     found = covariance_channels(data)
@@ -147,3 +136,57 @@ def test_the_whole_covariance_equals_eq_13(generator):
         np.testing.assert_allclose(found[0, row] + 1j * found[1, row], matrix.ravel(), atol=1e-6)
         assert wrapped(found[2, row] - np.angle(matrix.ravel())).max() < 1e-2
     np.testing.assert_allclose(covariance_channels(torch.from_numpy(data))[:2], found[:2], atol=1e-6)
+
+
+SMALL = Radar(grid=ImageGrid(bins=90))
+CHANNELS = np.arange(12)
+WEIGHTS = steering_weights(SMALL, CHANNELS)
+TABLES = adaptive_tables(SMALL, CHANNELS)
+
+
+def rows(generator, shape=(2, 3)):
+    """[..., R, 12] rows 30 dB apart [sqrt(W)]."""
+    values = generator.standard_normal((*shape, 12, 2)) @ np.array([1.0, 1.0j])
+    return (values * np.array([1e-4, 3e-6, 1e-7])[:, None]).astype(np.complex64)
+
+
+def test_the_noise_of_a_row_is_the_receiver_s_and_a_share_of_its_power(generator):
+    data = rows(generator)[0]
+    expected = [1e-12 + 0.01 * sum(abs(complex(x)) ** 2 for x in row) / 12 for row in data]
+    np.testing.assert_allclose(row_noise(data, 1e-12, -20.0), expected, rtol=1e-6)
+    assert row_noise(data, 1e-12, NO_MODEL_ERROR_DB).tolist() == [1e-12] * 3
+    assert model_error_ratio(UNCALIBRATED_DB) == pytest.approx(10**-2.5)
+
+
+@pytest.mark.parametrize("level", [0.1, np.nan, np.inf])
+def test_a_model_error_above_the_row_s_power_is_refused(level):
+    with pytest.raises(InputError, match=r"^model_error_db: .*; expected at most 0 dB of the row"):
+        model_error_ratio(level)
+
+
+@pytest.mark.parametrize("library", [np.asarray, torch.from_numpy])
+def test_a_network_is_told_the_sum_of_both(generator, library):
+    data, noise = rows(generator), np.array([1e-14, 1e-18])
+    error = np.array([10**-2.5, 0.0])
+    given = library(data), library(noise)
+    planes, scale = (np.asarray(values) for values in snapshot_features(*given, library(error)))
+    expected = noise[:, None] / scale.astype(float) ** 2 + error[:, None]
+    np.testing.assert_allclose(planes[:, 24, :, 0], expected, rtol=1e-5)
+    level = np.asarray(row_features(given[0], library(WEIGHTS), given[1], library(error))[0])[:, 3, :, 0]
+    np.testing.assert_allclose(10.0 ** -(10.0 * level - 2.0), np.clip(expected, 1e-8, 1e2), rtol=1e-3)
+    tables = type(TABLES)(*(library(table) for table in TABLES))
+    mixed = np.asarray(adaptive_features(given[0], library(WEIGHTS), given[1], tables, 3, 0.5, library(error))[0])
+    floor = np.asarray(adaptive_features(given[0], library(WEIGHTS), given[1], tables, 3, 0.5, 10**-2.5)[0])
+    none = np.asarray(adaptive_features(given[0], library(WEIGHTS), given[1], tables, 3, 0.5)[0])
+    np.testing.assert_allclose(mixed[0], floor[0], rtol=1e-3, atol=1e-4)
+    np.testing.assert_allclose(mixed[1], none[1], rtol=1e-3, atol=1e-4)
+    assert np.abs(mixed[0] - none[0]).max() > 0.01
+
+
+def test_none_changes_no_bit(generator):
+    data, noise = torch.from_numpy(rows(generator)), torch.tensor([1e-14, 0.0], dtype=torch.float64)
+    for one, other in zip(snapshot_features(data, noise), snapshot_features(data, noise, 0.0), strict=True):
+        assert torch.equal(one, other)
+    weights = torch.from_numpy(WEIGHTS)
+    for one, other in zip(row_features(data, weights, noise), row_features(data, weights, noise, 0.0), strict=True):
+        assert torch.equal(one, other)

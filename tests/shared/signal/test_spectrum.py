@@ -1,15 +1,16 @@
-"""Range-Doppler spectra and the choice of Doppler cells."""
+"""Range-Doppler spectra, the choice of Doppler cells, windows."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import get_window
 
 from shared.radar import Radar
 from shared.radar.receiver import receiver_noise
 from shared.signal import if_signal
 from shared.signal.spectrum import RAYLEIGH_DEVIATION, RAYLEIGH_MEAN, range_doppler, select_doppler
-from shared.signal.windows import cell_noise_power, hann
+from shared.signal.windows import angle_window, cell_noise_power, hann
 
 
 def spectra_of(radar: Radar, ranges_m, velocities_mps, amplitudes, noise: int | None = None) -> np.ndarray:
@@ -54,18 +55,6 @@ def test_a_cube_of_another_shape_is_refused(small_radar):
         range_doppler(np.zeros((64, 8, 2), np.complex64), small_radar())
 
 
-def test_a_static_target_is_one_target(small_radar):
-    # The Hann window leaves the neighbours of the zero-Doppler cell only 6 dB down: they are no second target.
-    radar = small_radar(chirps=32)
-    amplitude = 1e4 * np.sqrt(radar.sample_noise_power_w)
-    selection = select_doppler(spectra_of(radar, [4.5], [0.0], [amplitude], noise=1), cell_noise_power(radar))
-    row = round(4.5 / radar.waveform.range_step_m)
-    magnitude = selection.magnitude[row]
-    assert 20.0 * np.log10(magnitude[17] / magnitude[16]) == pytest.approx(-6.02, abs=0.1)
-    assert selection.cells[:, row].tolist() == [16, 16, 16]
-    np.testing.assert_array_equal(selection.range_channel[0, row], selection.range_channel[1, row])
-
-
 def test_two_movers_in_one_range_bin_are_two(small_radar):
     radar = small_radar(chirps=64)
     level = 1e3 * np.sqrt(cell_noise_power(radar))
@@ -84,15 +73,6 @@ def test_peaks_stand_in_order_of_strength(small_radar):
     row = round(4.5 / radar.waveform.range_step_m)
     assert select_doppler(spectra, 1e-12).cells[:, row].tolist() == [52, 32, 12]
     assert select_doppler(spectra, 1e-12, peaks=2).cells[:, row].tolist() == [52, 32]
-
-
-def test_peaks_wrap_around_the_doppler_axis(small_radar):
-    radar = small_radar(chirps=16)
-    step = radar.waveform.velocity_step_mps
-    spectra = spectra_of(radar, [4.5], [-8 * step], [1.0])
-    row = round(4.5 / radar.waveform.range_step_m)
-    # Cells 15 and 1 are its neighbours, 6 dB down, on either side of the fold.
-    assert select_doppler(spectra, 1e-12).cells[:, row].tolist() == [0, 0, 0]
 
 
 def test_a_weak_second_peak_needs_the_threshold():
@@ -133,3 +113,35 @@ def test_silence_and_few_chirps_are_no_trouble(chirps):
     assert not selection.cells.any()
     assert not selection.range_channel.any()
     assert selection.magnitude.shape == (5, chirps)
+
+
+LENGTHS = (2, 3, 4, 5, 16, 63, 128, 450, 1024)
+
+
+@pytest.mark.parametrize("length", LENGTHS)
+def test_the_periodic_hann_window_is_scipys_to_the_last_bit(length):
+    np.testing.assert_array_equal(hann(length), get_window("hann", length, fftbins=True))
+
+
+@pytest.mark.parametrize("length", LENGTHS[1:])
+@pytest.mark.parametrize(
+    ("name", "window"), [("hann", "hann"), ("taylor-25", ("taylor", 4, 25)), ("taylor-30", ("taylor", 4, 30))]
+)
+def test_windows_over_the_elements_are_scipys_of_mean_one(name, window, length):
+    expected = get_window(window, length, fftbins=False)
+    np.testing.assert_allclose(angle_window(name, length), expected / expected.mean(), rtol=0.0, atol=4e-15)
+
+
+def test_a_single_sample_has_weight_one_and_an_unknown_name_is_refused():
+    assert hann(1).tolist() == angle_window("taylor-30", 2).tolist()[:1] == [1.0]
+    with pytest.raises(ValueError, match="expected one of"):
+        angle_window("taylor-35", 8)
+
+
+def test_peaks_wrap_around_the_doppler_axis(small_radar):
+    """A peak's neighbours, 6 dB down, stand on either side of the fold."""
+    radar = small_radar(chirps=16)
+    row = round(4.5 / radar.waveform.range_step_m)
+    for cell in (0, 15):
+        spectra = spectra_of(radar, [4.5], [(cell - 8) * radar.waveform.velocity_step_mps], [1.0])
+        assert select_doppler(spectra, 1e-12).cells[:, row].tolist() == [cell] * 3

@@ -87,7 +87,7 @@ def test_seven_metres_a_second_leave_the_sidelobes_where_they_were():
     assert lobes(spoilt(moving, radar)[0, row], y_m, wavelength)[1] > -3.0
 
 
-@pytest.mark.parametrize("share", [-0.9999, -0.99, -0.61, -0.25, -0.003, 0.003, 0.25, 0.61, 0.99, 0.998, 0.9999])
+@pytest.mark.parametrize("share", [-0.9999, -0.61, 0.003, 0.25, 0.9999])
 def test_sidelobes_and_angle_hold_over_the_whole_velocity_interval(share):
     radar = tdm_radar()
     velocity = 0.5 * share * radar.waveform.velocity_span_mps
@@ -117,19 +117,6 @@ def test_what_is_left_is_the_stated_phase_and_magnitude(off):
     assert np.abs(np.abs(left) - 1.0).max() < crossed
 
 
-def test_tx_0_keeps_its_values_and_simultaneous_tx_keep_all():
-    radar = tdm_radar(chirps=8)
-    generator = np.random.default_rng(1)
-    spectra = (generator.normal(size=(4, 8, 48)) + 1j * generator.normal(size=(4, 8, 48))).astype(np.complex64)
-    turned = compensated(spectra.copy(), radar)
-    np.testing.assert_array_equal(turned[..., ::3], spectra[..., ::3])
-    np.testing.assert_array_equal(turned[:, 4], spectra[:, 4])  # no Doppler
-    assert not np.isclose(turned[:, 5, 1::3], spectra[:, 5, 1::3]).any()
-    assert compensated(spectra, at_once(radar)) is spectra
-    selection = select_doppler(spectra, 0.0)
-    assert unfold(selection, at_once(radar)).range_channel is selection.range_channel
-
-
 def test_other_channels_than_the_arrays_are_refused():
     with pytest.raises(ValueError, match="spectra of 5 channels; expected the 48"):
         compensated(np.zeros((4, 8, 5), np.complex64), tdm_radar(chirps=8))
@@ -153,7 +140,7 @@ def test_overlapped_elements_say_how_many_intervals_are_told_apart(array, interv
     assert at_once(radar).velocity_intervals == 1
 
 
-@pytest.mark.parametrize("share", [-2.998, -2.4, -1.002, -0.998, -0.3, 0.0, 0.3, 0.998, 1.002, 1.7, 2.4, 2.998])
+@pytest.mark.parametrize("share", [-2.998, -1.002, -0.998, 0.0, 0.998, 1.002, 1.7, 2.998])
 def test_overlapped_elements_tell_the_interval(share):
     radar = tdm_radar(array=OVERLAPPED)
     velocity = 0.5 * share * radar.waveform.velocity_span_mps
@@ -175,22 +162,6 @@ def test_each_peak_of_a_range_bin_has_its_own_interval():
     assert selection.interval[:, row].tolist() == [0, 1, -1]
     found = selection.velocities_mps(radar.waveform)[:, row] / span
     np.testing.assert_allclose(found, [0.1, 1.3, -0.8], atol=0.51 / 128)
-
-
-def test_of_two_targets_in_one_cell_the_stronger_decides():
-    radar = tdm_radar(array=OVERLAPPED)
-    span = radar.waveform.velocity_span_mps
-    for amplitudes, expected in (([1.0, 0.5], 0), ([0.5, 1.0], 1)):
-        selection, row = selected(radar, [0.1 * span, 1.1 * span], amplitudes=amplitudes, u=0.2)
-        assert selection.interval[0, row] == expected
-
-
-def test_where_only_half_of_the_intervals_are_told_apart_the_slower_one_is_taken():
-    radar = tdm_radar(array=half_wavelengths([0, 20, 3, 40], [0, 1, 2, 3]))
-    span = radar.waveform.velocity_span_mps
-    for velocity, found in ((0.8, 0.8), (-0.8, -0.8), (1.3, -0.7)):
-        selection, row = selected(radar, [velocity * span])
-        assert selection.velocities_mps(radar.waveform)[0, row] == pytest.approx(found * span, abs=span / 128)
 
 
 @pytest.mark.parametrize("chirps", [1, 2, 3, 8])
@@ -257,15 +228,6 @@ def test_coinciding_elements_are_averaged_and_missing_ones_left_out():
     np.testing.assert_allclose(elements[[0, 2]].real, [3, 1])
 
 
-def test_elements_of_one_line_and_elevated_ones_are_apart():
-    half = 0.5 * tdm_radar().waveform.wavelength_m
-    elevated = AntennaArray(tx_m=((0.0, 0.0, 0.0), (0.0, 0.0, half)), rx_m=line(half * np.arange(3.0)))
-    places, element = elevated.unique_elements(2.0 * half)
-    assert len(places) == 6
-    np.testing.assert_allclose(places[element], elevated.virtual)
-    assert tdm_radar(array=elevated).velocity_intervals == 1
-
-
 def test_the_statement_says_what_is_resolved():
     assert statement(at_once(tdm_radar())) is None
     assert "nothing resolves the Doppler ambiguity; velocities hold from -8 to 8 m/s" in str(statement(tdm_radar()))
@@ -296,3 +258,11 @@ def test_a_real_capture_shows_the_reflector_and_both_movers():
         u, _ = lobes(selection.range_channel[peak, row], array.virtual[:, 1], waveform.wavelength_m)
         assert np.degrees(np.arcsin(u)) == pytest.approx(angle_deg, abs=1.0)
     assert "nothing resolves" in str(statement(radar))
+
+
+def test_where_only_half_of_the_intervals_are_told_apart_the_slower_one_is_taken():
+    radar = tdm_radar(array=half_wavelengths([0, 20, 3, 40], [0, 1, 2, 3]))
+    span = radar.waveform.velocity_span_mps
+    for velocity, found in ((0.8, 0.8), (-0.8, -0.8), (1.3, -0.7)):
+        selection, row = selected(radar, [velocity * span])
+        assert selection.velocities_mps(radar.waveform)[0, row] == pytest.approx(found * span, abs=span / 128)

@@ -58,7 +58,7 @@ def load_scene(
         ``"shipped:NAME"`` or ``"sionna:NAME"`` for a scene that this package or Sionna ships; or a scene, to populate
     :param variant: ``"set=name"`` each: variants of a USD scene, over those that the file selects
     :param allow_missing: go on without geometry that cannot be opened
-    :param populate: traffic and street furniture to put on its free ground, ``"cars=20,parked=0.6"``
+    :param populate: traffic and street furniture to put on its free ground, ``"cars=4/100m,parked=0.6"``
     :param seed: of the dataset; what is put where follows from it and from the scene
     :raises InputError: an unknown suffix or name, a file that is missing, damaged or empty; with ``populate`` one that
         has no free ground

@@ -88,7 +88,7 @@ class SceneOptions(Options, heading="Scene"):
         "set=name: a variant of the USD scenes; may be repeated.", typed=list[str])] = ()
     allow_missing: Annotated[bool, Option("Go on without geometry that cannot be opened.")] = False
     populate: Annotated["str | Asked | None", Option(
-        "Traffic and street furniture on the free ground, e.g. cars=20,pedestrians=10,poles=30,parked=0.6.",
+        "Traffic and street furniture on the free ground, e.g. cars=20,poles=30,parked=0.6; cars=4/100m of road.",
         typed=str, metavar="KIND=N,...", first=True)] = None
     materials: Annotated["MaterialsLike | None", Option(
         "TOML file that overrides the material table.", "Or a table.", typed=Path)] = None

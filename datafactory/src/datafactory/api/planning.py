@@ -21,13 +21,14 @@ from datafactory.frame.prepared import PreparedScene
 from datafactory.paths.backend import select_variant, set_threads
 from datafactory.run.order import Order
 from datafactory.run.preparation import prepare
+from shared.physics.telling import Told
 
 MOST_FRAMES = 8
 """Frames of a scene whose decisions are told, spread over the run; each costs about as much as one that is rendered."""
 
 
 @dataclass(frozen=True)
-class ScenePlan:
+class ScenePlan(Told):
     """What is simulated of one scene, why, what each effect costs and contributes.
 
     :param plan: of all frames that were looked at
@@ -40,6 +41,20 @@ class ScenePlan:
     frames: int
     seconds: Mapping[str, float]
     proof: Proof | None
+
+    def __str__(self) -> str:
+        """The effects that are on and off; the reasons stand in ``plan.decisions``."""
+        decided = self.plan.decisions
+        on, off = ([item.effect for item in decided if item.on is wanted] for wanted in (True, False))
+        counted = f"{self.frames} frame{'' if self.frames == 1 else 's'} looked at"
+        told = [
+            f"plan of {self.plan.scene}: {counted}, effects below {self.plan.budget_db:g} dB are left out",
+            f"on: {', '.join(on) or 'none'}",
+            f"off: {', '.join(off) or 'none'}",
+        ]
+        if any(self.seconds.values()):
+            told.append(f"the effects cost {sum(self.seconds.values()):.2f} processor seconds a frame")
+        return "\n".join(told)
 
     def to_json(self) -> dict[str, Any]:
         """What ``datafactory plan --json`` prints."""

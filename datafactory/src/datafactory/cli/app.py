@@ -15,10 +15,11 @@ from typer.exceptions import TyperException
 
 from datafactory.cli.accuracy import accuracy
 from datafactory.cli.city import city
+from datafactory.cli.examples import EXAMPLES
 from datafactory.cli.inspection import check, doctor, inspect, scenes, view
 from datafactory.cli.making import convert, merge, points, render, trace
 from datafactory.cli.plan import plan
-from shared.processes.command_line import Ending, run_app
+from shared.processes.command_line import Ending, ending_with, run_app
 from shared.processes.interrupt import INTERRUPTED
 
 STOPPED = "interrupted; what was finished is kept: the same command with --resume goes on"
@@ -41,7 +42,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 for command in (render, points, plan, accuracy, trace, merge, view, scenes, check, city, inspect, convert, doctor):
-    app.command(cls=PlainCommand)(command)
+    app.command(cls=PlainCommand, epilog=ending_with(EXAMPLES[command.__name__]))(command)
 
 
 def _version(wanted: bool) -> None:

@@ -29,7 +29,7 @@ other's, of the same length; that they add in phase (coherent backscattering, up
 Left out too: panes on the way; what ends with a mirror, for which its reverse stands.
 
 Their power agrees with that of Sionna's own to 0.2 dB, which is as well as the solver's rays say it, in each of three
-scenes (``tests/datafactory/paths/test_scattered_twice.py``); of 12 million rays, to 0.01 +- 0.04, 0.05 +- 0.03 dB.
+scenes (``tests/datafactory/paths/test_scattered_once.py``); of 12 million rays, to 0.01 +- 0.04, 0.05 +- 0.03 dB.
 
 One of many of the frame's rays is followed (:attr:`TraceSettings.twice_share`), as these echoes are weak. The random
 numbers of a ray are its own. Whichever rays are asked for, a ray's echoes are the same.

@@ -72,8 +72,8 @@ def told(counts: Mapping[str, float], verbose: bool) -> list[str]:
     lines = [f"{counts[name]:.0f} {MEANINGS.get(name, name.replace('_', ' '))}" for name in wanted if counts.get(name)]
     made_with = {name.removeprefix(FRAMES_WITH): n for name, n in counts.items() if name.startswith(FRAMES_WITH)}
     if made_with:
-        simulated = ", ".join(f"{name} {count:.0f}" for name, count in made_with.items() if count)
-        never = ", ".join(name for name, count in made_with.items() if not count)
-        told_never = f"; never {never}" if never else ""
-        lines.append(f"effects, by the number of frames that have them: {simulated}{told_never}")
+        numbers = sorted(set(made_with.values()), reverse=True)
+        having = {count: ", ".join(name for name, n in made_with.items() if n == count) for count in numbers}
+        told_each = (f"in {count:.0f} frames {names}" if count else f"never {names}" for count, names in having.items())
+        lines.append(f"effects simulated: {'; '.join(told_each)}")
     return lines

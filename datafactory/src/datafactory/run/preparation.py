@@ -220,8 +220,10 @@ def prepared_scene(scene: Scene, table: MaterialTable, announce: Announce) -> Pr
         announce(f"{scene.name}: {warning}")
     for line in scene.population.lines() if scene.population is not None else ():
         announce(f"{scene.name}: {line}")
-    pairs = ", ".join(f"{name or '(none)'} -> {material.name}" for name, (material, _) in materials.entries.items())
-    announce(f"{scene.name}: {len(scene.objects)} objects, {scene.triangle_count} triangles; materials {pairs}")
+    mapped = [f"{name or '(none)'} -> {material.name}" for name, (material, _) in materials.entries.items()
+              if name != material.name]  # fmt: skip
+    told = f"{len(materials.entries)} materials{', ' if mapped else ''}{', '.join(mapped)}"
+    announce(f"{scene.name}: {len(scene.objects)} objects, {scene.triangle_count} triangles, {told}")
     unknown = ", ".join(name or "(none)" for name in materials.unknown)
     if unknown:
         announce(f"{scene.name}: unknown materials given the default: {unknown}")

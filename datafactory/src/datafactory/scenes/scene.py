@@ -18,6 +18,7 @@ from datafactory.scenes.chain import Chain
 from datafactory.scenes.motion import Instant, Motion, Moving, Track, Vector, drift, fastest_mps, triple, upright_axes
 from datafactory.scenes.targets.models import RcsModel
 from datafactory.scenes.things import Label, Population
+from shared.physics.telling import Told
 
 ZERO = (0.0, 0.0, 0.0)
 WORLD_AXES: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -140,7 +141,7 @@ class PointTarget:
 
 
 @dataclass(frozen=True)
-class Scene:
+class Scene(Told):
     """The contents of a scene file, in metres and z up.
 
     :param name: short name, used in the dataset's ``scene`` column
@@ -158,6 +159,23 @@ class Scene:
     source: str = ""
     warnings: tuple[str, ...] = field(default=())
     population: Population | None = None
+
+    def __str__(self) -> str:
+        moving = sum(item.moves for item in self.objects) + sum(target.moves for target in self.targets)
+        told = [
+            f"scene {self.name}: {len(self.objects)} objects of {self.triangle_count} triangles, "
+            f"{len(self.targets)} point targets; {moving} of them move"
+        ]
+        if self.objects or self.targets:
+            lower, upper = self._corners
+            axes = zip("xyz", lower, upper, strict=True)
+            told.append("spans " + ", ".join(f"{axis} {low:.1f} to {high:.1f}" for axis, low, high in axes) + " m")
+        if self.source:
+            told.append(f"read from {self.source}")
+        if self.warnings:
+            others = f"; {len(self.warnings) - 1} more in warnings" if len(self.warnings) > 1 else ""
+            told.append(f"warned: {self.warnings[0]}{others}")
+        return "\n".join(told)
 
     @property
     def triangle_count(self) -> int:

@@ -63,7 +63,7 @@ class Population:
 
     :param text: what was asked for, as ``--populate`` takes it
     :param seed: of the dataset
-    :param asked, placed: numbers by kind
+    :param asked: numbers by kind, without what was asked for as a density; :param placed: numbers by kind
     :param roads: where it drives
     :param horizon_s: traffic runs from time 0 to here
     """
@@ -79,7 +79,7 @@ class Population:
         """What to tell the user."""
         metres = sum(road.length_m for road in self.roads)
         got = ", ".join(f"{count} {kind}" for kind, count in self.placed.items() if count) or "nothing"
-        return (f"populated with {got}, along {len(self.roads)} stretches of road of {metres:.0f} m together",)
+        return (f"populated with {got}, along {metres:.0f} m of road",)
 
     def left_out(self) -> tuple[str, ...]:
         """What did not fit, one line each kind."""

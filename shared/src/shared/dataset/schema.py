@@ -22,6 +22,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from shared.physics.errors import InputError
+from shared.physics.telling import Told
 from shared.processes.defaults import STORES
 from shared.radar import Radar
 
@@ -99,7 +100,7 @@ class Box:
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class Frame(Told):
     """One frame of a dataset. An array column that was not read has length 0 along its first axis (or is None).
 
     :param frame_id: index in the dataset
@@ -140,6 +141,18 @@ class Frame:
     cube: NDArray[np.complex64] | None = None
     time: float = 0.0
     sequence: int = -1
+
+    def __str__(self) -> str:
+        place = ", ".join(f"{metres:.1f}" for metres in self.sensor_position)
+        arrays = ("range_channel", "velocity", "image", "range_doppler", "cube")
+        found = {name: getattr(self, name) for name in arrays}
+        read = (f"{name} {list(array.shape)}" for name, array in found.items() if array is not None and len(array))
+        return "\n".join([
+            f"frame {self.frame_id}: {self.kind}, {self.scene}, seed {self.seed}, {self.time:.3f} s",
+            f"sensor at ({place}) m, {math.hypot(*self.sensor_velocity):.1f} m/s",
+            f"{len(self.targets)} targets, {len(self.boxes)} boxes, noise {self.noise_power:.2g} W a channel and cell",
+            f"arrays: {', '.join(read) or 'none was read'}",
+        ])  # fmt: skip
 
 
 def description(radar: Radar, doppler_peaks: int, store: str, extra: Mapping[str, Any] | None = None) -> dict[str, Any]:

@@ -46,14 +46,10 @@ Complex = Complex128[ArrayOrScalar, "..."]
 PerRay = Float[np.ndarray, " rays"]
 
 
-def transition_function(x: ArrayLike) -> Complex:
-    """F(x) = 2j sqrt(x) exp(jx) int_sqrt(x)^inf exp(-j t^2) dt, for x >= 0 of any shape: 0 at 0, near 1 beyond 10."""
-    root = np.sqrt(np.asarray(x, dtype=np.float64))
-    return root * _transition_over_root(root)
-
-
 def _transition_over_root(root: Real) -> Complex:
-    """F(x) / sqrt(x) at sqrt(x) = ``root`` >= 0: finite at 0, where F itself vanishes.
+    """F(x) / sqrt(x) at sqrt(x) = ``root`` >= 0: finite at 0, where F itself vanishes; F is near 1 beyond 10.
+
+    F(x) = 2j sqrt(x) exp(jx) int_sqrt(x)^inf exp(-j t^2) dt.
 
     SciPy's K_-(r) = exp(j (r^2 + pi/4)) / sqrt(pi) int_r^inf exp(-j t^2) dt takes the fast phase off within.
     """

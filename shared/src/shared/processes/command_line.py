@@ -44,3 +44,8 @@ def run_app(
     if line:
         print(f"{program}: {line}", file=sys.stderr)
     sys.exit(code)
+
+
+def ending_with(examples: tuple[str, ...]) -> str:
+    """The end of a command's help. Typer joins the lines of a paragraph: each example is one."""
+    return "\n\n".join(("Examples:", *examples))

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float, Float64, Int
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
+from shared.physics.telling import Told
 from shared.physics.units import SPEED_OF_LIGHT
 
 Position = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
@@ -30,7 +31,7 @@ MOST_CHANNELS = 2**14
 """Some eight times the largest imaging radars."""
 
 
-class AntennaArray(BaseModel):
+class AntennaArray(Told, BaseModel):
     """A MIMO array of TX and RX phase centres.
 
     :param tx_m: TX positions in the radar frame [m]
@@ -53,6 +54,13 @@ class AntennaArray(BaseModel):
         if reach > 1.0:
             raise ValueError(f"array positions reach {reach:g} m from the origin; expected metres, at most 1 m")
         return self
+
+    def __str__(self) -> str:
+        _, wide, high = 1e3 * np.ptp(self.virtual, axis=0)
+        return (
+            f"{len(self.tx_m)} TX x {len(self.rx_m)} RX, {self.channels} virtual channels, "
+            f"{wide:.0f} mm wide, {high:.0f} mm high"
+        )
 
     @property
     def tx(self) -> Float64[np.ndarray, "tx 3"]:

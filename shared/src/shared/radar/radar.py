@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float64
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
+from shared.physics.telling import Told
 from shared.physics.units import BOLTZMANN, REFERENCE_TEMPERATURE, db_to_power
 from shared.radar.arrays import AntennaArray, avr_qdm_110, virtual_sensor_256
 from shared.radar.front_end import FrontEnd
@@ -63,7 +64,7 @@ class ImageGrid(BaseModel):
         return round(place) if abs(place - round(place)) < MIRROR_TOLERANCE else None
 
 
-class Radar(BaseModel):
+class Radar(Told, BaseModel):
     """Everything about the sensor; frozen, and written into what is made with it.
 
     :param name: preset name or the TOML file's own
@@ -103,6 +104,20 @@ class Radar(BaseModel):
             if size > LARGEST_ARRAY:
                 raise ValueError(f"{factors} make {what} of {size / 1e9:.3g} GB; expected at most {LARGEST_GB} GB")
         return self
+
+    def __str__(self) -> str:
+        waveform, grid = self.waveform, self.grid
+        sent = "all TX at once" if waveform.multiplexing == "simultaneous" else "TX in turn"
+        return "\n".join([
+            f"radar {self.name}: {waveform.carrier_hz / 1e9:g} GHz, {waveform.bandwidth_hz / 1e6:g} MHz swept, "
+            f"{waveform.chirps} chirps of {waveform.samples} samples, {sent}",
+            f"array: {self.array}",
+            f"range: {waveform.range_bins} bins of {waveform.range_step_m:.3g} m, to "
+            f"{waveform.range_bins * waveform.range_step_m:.3g} m; "
+            f"velocity: +-{waveform.velocity_span_mps / 2.0:.3g} m/s in steps of {waveform.velocity_step_mps:.3g} m/s",
+            f"image: {waveform.range_bins} x {grid.bins} (range, u), u from {grid.u_start:g} to {grid.u_stop:g}",
+            f"truth: of {self.virtual_sensor.channels} channels",
+        ])  # fmt: skip
 
     @property
     def sample_noise_power_w(self) -> float:

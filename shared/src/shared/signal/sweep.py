@@ -46,12 +46,6 @@ def shift_polynomials(
     return polynomials
 
 
-def shift_error(reach: float, terms: int) -> float:
-    """Bound on the error of :func:`shift_polynomials` anywhere in the sweep: the sum of the terms left out."""
-    left_out = np.arange(terms, terms + 40)
-    return float(2.0 * np.abs(jv(left_out, np.pi * reach)).sum())
-
-
 def shift_error_rms(nu: Float[np.ndarray, " samples"], reach: float, terms: int) -> float:
     """Bound on the root mean square error of :func:`shift_polynomials` over the sweep ``nu``, for any |z| <= reach.
 

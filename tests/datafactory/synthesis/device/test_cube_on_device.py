@@ -55,7 +55,7 @@ def cube_on(
     return torch_kernels(required(device)).cube(by_kernel, radar, tolerance, radar.array, 1, intra_chirp)
 
 
-@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9])
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-9])
 @pytest.mark.parametrize(
     ("nearest_m", "farthest_m", "speed", "waveform"),
     [

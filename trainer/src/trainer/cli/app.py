@@ -2,29 +2,43 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from rich.markup import escape
+from typer.core import TyperCommand
 from typer.exceptions import TyperException
 
-from shared.processes.command_line import Ending, run_app
+from shared.processes.command_line import Ending, ending_with, run_app
 from shared.processes.interrupt import INTERRUPTED
 from trainer.cli.captures import calibrate, import_
 from trainer.cli.evaluate import evaluate
+from trainer.cli.examples import EXAMPLES
 from trainer.cli.fit import fit
 from trainer.cli.predict import export, predict
 from trainer.errors import TrainingStopped, out_of_memory
 
 STOPPED = "interrupted; the same command with --resume goes on from the last checkpoint"
 
+
+class PlainCommand(TyperCommand):
+    """A command whose help is plain text: Rich would take a unit in square brackets for markup, and drop it."""
+
+    def __init__(self, *arguments: Any, **named: Any) -> None:
+        super().__init__(*arguments, **named)
+        for parameter in self.params:
+            if isinstance(text := getattr(parameter, "help", None), str):
+                parameter.help = escape(text)  # type: ignore[attr-defined]
+
+
 app = typer.Typer(
     no_args_is_help=True,
     add_completion=True,
     pretty_exceptions_enable=False,
 )
-for command in (fit, predict, evaluate, export, calibrate):
-    app.command()(command)
-app.command("import")(import_)
+for command in (fit, predict, evaluate, export, calibrate, import_):
+    name = command.__name__.rstrip("_")
+    app.command(name, cls=PlainCommand, epilog=ending_with(EXAMPLES[name]))(command)
 
 
 def _version(wanted: bool) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from html import escape
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -38,6 +39,16 @@ class Example(NamedTuple):
     input: torch.Tensor
     image: torch.Tensor
     metadata: dict[str, Any]
+
+    def __str__(self) -> str:
+        facts = self.metadata
+        return (
+            f"frame {facts['frame_id']}: {facts['kind']}, {facts['scene']}\n"
+            f"input {list(self.input.shape)} (peak, range, channel), image {list(self.image.shape)} (range, u)"
+        )
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(str(self))}</pre>"
 
 
 class RadarDataset(Dataset[Example]):

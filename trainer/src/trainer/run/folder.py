@@ -33,6 +33,7 @@ from shared.dataset.folder import ShardRecord
 from shared.dataset.locations import Location, folder_name
 from shared.dataset.writing import write_bytes, write_json
 from shared.physics.errors import InputError
+from shared.physics.telling import Told
 from shared.processes.lock import claimed
 from shared.radar import Radar, first_validation_error
 from trainer.data.arrays import ArrayChoice
@@ -170,7 +171,7 @@ class Start(BaseModel):
         return cls(name=directory.resolve().name, sha256=sha256, trained_on=read_run(directory).trained_on)
 
 
-class Run(BaseModel):
+class Run(Told, BaseModel):
     """All that is needed to use a run's weights, and to say where they come from."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -183,6 +184,19 @@ class Run(BaseModel):
     weights: tuple[float, ...] | None = None
     versions: dict[str, str] = {}
     start: Start | None = None
+
+    def __str__(self) -> str:
+        seen = "; ".join(
+            f"{data.name} ({', '.join(f'{count} {split}' for split, count in data.frames.items())})"
+            for data in self.datasets
+        )
+        return "\n".join([
+            f"run of {self.config.model}, {self.config.steps} steps, seed {self.config.seed}",
+            f"array {self.array.name}: RX {', '.join(map(str, self.array.rx))} of radar "
+            f"{self.radar.name}, which has {len(self.radar.array.rx_m)}",
+            f"datasets: {seen or 'none'}",
+            f"began with {'random weights' if self.start is None else f'the weights of {self.start.name}'}",
+        ])  # fmt: skip
 
     @property
     def trained_on(self) -> tuple[Fingerprint, ...]:

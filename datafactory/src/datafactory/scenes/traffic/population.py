@@ -46,7 +46,8 @@ def populated(scene: Scene, asked: Asked, seed: int) -> Scene:
     rng = np.random.default_rng(np.random.SeedSequence(entropy=seed, spawn_key=(content,)))
     wanted_m = max([LEAST_ROAD_M, *(METRES_OF_ROAD[kind] * count for kind, count in asked.counts.items())])
     stretches = find_stretches(ground, passed_by(scene, ground), wanted_m, rng)
-    placements = arrange(stretches, ground, asked, rng)
+    numbers = asked.along(sum(stretch.strip.length_m for stretch in stretches))
+    placements = arrange(stretches, ground, numbers, rng)
     objects, targets = list[SceneObject](), list[PointTarget]()
     for number, placement in enumerate(placements):
         name = f"{FOLDER}/{placement.what}_{number:03d}"
@@ -54,12 +55,12 @@ def populated(scene: Scene, asked: Asked, seed: int) -> Scene:
             targets.append(_road_user(name, placement))
         else:
             objects += _meshes(name, placement)
-    counted = {kind: sum(item.kind == kind for item in placements) for kind in (*asked.counts, "parked")}
+    counted = {kind: sum(item.kind == kind for item in placements) for kind in (*numbers.counts, "parked")}
     population = Population(
         text=asked.text,
         seed=seed,
         asked=asked.counts,
-        placed={kind: count for kind, count in counted.items() if kind in asked.counts or asked.parked},
+        placed={kind: count for kind, count in counted.items() if kind in numbers.counts or asked.parked},
         roads=tuple(stretch.strip for stretch in stretches),
         horizon_s=HORIZON_S,
     )

@@ -1,44 +1,86 @@
-"""Every scene reader on damaged and odd files: a finite scene, or one line. Anything else fails the test.
+"""Every reader of the data factory on damaged and odd files: finite values, or one line. Anything else fails the test.
 
-What is read must be finite: a NaN that a reader lets through is found much later, by somebody else.
+What is read must be finite: a NaN that a reader lets through is found much later, by somebody else. Good files are
+damaged by splices of bytes that parsers trip over, and by edits after which most of them can still be parsed. The
+examples are the same in every run and bounded in number; ``FUZZ_INPUTS`` lets them go on (``tests/fuzzing.py``).
 """
 
 from __future__ import annotations
 
 import json
-import zipfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pytest
 import trimesh
 from fuzzing import EDITS, JSON, SPLICES, Edit, Splice, altered, damaged, edited, fuzz, reads_or_says_one_line
 from hypothesis import strategies as st
 
+from datafactory.frame.points import read_targets
+from datafactory.paths.storage import TracedFrame, paths_schema, read_paths, to_row, writer_options
+from datafactory.paths.table import PathTable, ScatteredPaths
+from datafactory.run.shards import write_shard, write_tables
+from datafactory.scenes.materials.table import load_materials
+from datafactory.scenes.poses import Pose, read_poses
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene
+from shared.dataset import VERSION, Frame, arrow_schema, description
+from shared.dataset.folder import MANIFEST, open_dataset, verify
+from shared.dataset.reading import read_frames
+from shared.radar import ImageGrid, Radar, load_radar
+from shared.radar.waveform import Waveform
 
-TIMES_S = (-1.0, 0.0, 0.3, 1.0, 50.0)
-"""Times at which what moves is looked at: before, at, between, at and after its samples."""
+RADAR = b"""name = "fuzz"
+[waveform]
+carrier_hz = 76.5e9
+bandwidth_hz = 4e8
+chirp_interval_s = 0.2e-3
+chirps = 16
+samples = 64
+range_bins = 60
+multiplexing = "tdm"
+[array]
+tx_m = [[0.0, 0.0, 0.0], [0.0, 0.01, 0.0]]
+rx_m = [[0.0, 0.0, 0.0], [0.0, 0.002, 0.0]]
+[front_end]
+noise_figure_db = 10
+tx_pattern = { kind = "isotropic", gain_dbi = 3.0 }
+[grid]
+bins = 20
+u_start = -0.5
+"""
+
+MATERIALS = b"""default = "metal"
+[map]
+"wall 1" = "snow"
+[material.snow]
+relative_permittivity = 1.5
+conductivity = 0.01
+sigma0_db = -20.0
+grazing_deg = 10.0
+pattern = "backscattering"
+valid_ghz = [70.0, 80.0]
+aliases = ["ice", "drift"]
+"""
+
+POSES = b"""[{"position": [1, 2.5, 0.5], "yaw_deg": 30, "pitch_deg": -2e0, "velocity": [3, 0, 0], "time": 0.5},
+ {"position": [0, 0, 1]}]"""
+
+TARGETS = b"""[[{"x": 10, "y": -2.5, "z": 0.1, "vx": 3, "rcs_dbsm": 5.0, "phase": 1e-3}], [],
+ [{"x": 4, "y": 0, "rcs_dbsm": -10}],
+ [{"x": 9, "y": 1, "z": -0.5, "vx": -1.4, "model": "pedestrian", "stature_m": 1.75, "gait_phase": 0.5},
+  {"x": 20, "y": 3, "vx": 9, "model": "car", "wheel_radius_m": 0.3, "heading_deg": 2e1}]]"""
 
 
-def finite_scene(path: Path) -> Scene:
-    scene = open_scene(str(path))
-    lower, upper = scene.bounds()
-    assert np.isfinite([lower, upper]).all()
-    for item in scene.objects:
-        assert np.isfinite(item.vertices).all()
-        assert np.isfinite(item.velocity).all()
-        assert item.triangles.min() >= 0
-        assert item.triangles.max() < len(item.vertices)
-        for time in TIMES_S if item.moves else ():
-            now = item.at(time)
-            assert np.isfinite([now.vertices, now.velocities]).all()
-    for target in scene.targets:
-        for there in (target, *(target.at(time) for time in TIMES_S)):
-            assert np.isfinite([*there.position, *there.velocity, *there.spin, there.rcs_dbsm]).all()
-    return scene
+PATTERN = b"""azimuth_deg,elevation_deg,gain_dbi
+-180,-90,0
+-180,90,1.5
+180,-90,-3
+180,90,2e0
+"""
 
 
 USD = b"""#usda 1.0
@@ -193,13 +235,76 @@ endfacet
 endsolid part
 """
 
-TEXTS = {
-    "scene.usda": USD,
-    "scene.xml": XML,
-    "inner.xml": INNER,
-    "scene.obj": OBJ,
-    "scene.ply": PLY,
-    "scene.stl": STL,
+
+def finite_radar(path: Path) -> None:
+    radar = load_radar(str(path))
+    json.dumps(radar.metadata(), allow_nan=False)
+
+
+def finite_poses(path: Path) -> None:
+    for pose in read_poses(path):
+        assert np.isfinite([*pose.position, *pose.velocity, *pose.quaternion(), pose.time_s]).all()
+
+
+def finite_targets(path: Path) -> None:
+    for frame in read_targets(path):
+        placed = frame.echo_points(Radar(), 1)
+        for values in (placed.position, placed.velocity, placed.rcs_dbsm, placed.phase_rad):
+            assert np.isfinite(values).all()
+
+
+def finite_materials(path: Path) -> None:
+    table = load_materials(path)
+    json.dumps(table.map_materials(["wall 1", "", "\x00"]).to_json(), allow_nan=False)
+
+
+def finite_pattern(path: Path) -> None:
+    radar = path.with_name("with-pattern.toml")
+    radar.write_text(f'[front_end]\nrx_pattern = {{ kind = "table", file = "{path.name}" }}\n')
+    finite_radar(radar)
+
+
+TIMES_S = (-1.0, 0.0, 0.3, 1.0, 50.0)
+"""Times at which what moves is looked at: before, at, between, at and after its samples."""
+
+
+def finite_scene(path: Path) -> Scene:
+    scene = open_scene(str(path))
+    lower, upper = scene.bounds()
+    assert np.isfinite([lower, upper]).all()
+    for item in scene.objects:
+        assert np.isfinite(item.vertices).all()
+        assert np.isfinite(item.velocity).all()
+        assert item.triangles.min() >= 0
+        assert item.triangles.max() < len(item.vertices)
+        for time in TIMES_S if item.moves else ():
+            now = item.at(time)
+            assert np.isfinite([now.vertices, now.velocities]).all()
+    for target in scene.targets:
+        for there in (target, *(target.at(time) for time in TIMES_S)):
+            assert np.isfinite([*there.position, *there.velocity, *there.spin, there.rcs_dbsm]).all()
+    return scene
+
+
+def finite_part(path: Path) -> None:
+    """A scene that is a part of another."""
+    outer = path.with_name("outer.xml")
+    outer.write_text('<scene version="2.1.0"><include filename="inner.xml"/></scene>')
+    finite_scene(outer)
+
+
+TEXTS: dict[str, tuple[bytes, Callable[[Path], object]]] = {
+    "radar.toml": (RADAR, finite_radar),
+    "materials.toml": (MATERIALS, finite_materials),
+    "poses.json": (POSES, finite_poses),
+    "targets.json": (TARGETS, finite_targets),
+    "pattern.csv": (PATTERN, finite_pattern),
+    "scene.usda": (USD, finite_scene),
+    "scene.xml": (XML, finite_scene),
+    "inner.xml": (INNER, finite_part),
+    "scene.obj": (OBJ, finite_scene),
+    "scene.ply": (PLY, finite_scene),
+    "scene.stl": (STL, finite_scene),
 }
 
 
@@ -210,38 +315,37 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     box = trimesh.creation.box((1.0, 2.0, 3.0))
     box.export(made / "part.ply")
     box.export(made / "part.obj")
-    (made / "outer.xml").write_text('<scene version="2.1.0"><include filename="inner.xml"/></scene>')
     return made
 
 
-def read_text(folder: Path, name: str, content: bytes) -> Scene:
+def read_text(folder: Path, name: str, content: bytes) -> None:
     (folder / name).write_bytes(content)
-    return finite_scene(folder / ("outer.xml" if name == "inner.xml" else name))
+    TEXTS[name][1](folder / name)
 
 
 @pytest.mark.parametrize("name", TEXTS)
 def test_the_undamaged_text_is_read(folder: Path, name: str) -> None:
-    assert read_text(folder, name, TEXTS[name]).objects
+    read_text(folder, name, TEXTS[name][0])
 
 
 @pytest.mark.parametrize("name", TEXTS)
 @fuzz(120, splices=SPLICES)
 def test_damaged_text(folder: Path, name: str, splices: list[Splice]) -> None:
-    reads_or_says_one_line(lambda: read_text(folder, name, damaged(TEXTS[name], splices)))
+    reads_or_says_one_line(lambda: read_text(folder, name, damaged(TEXTS[name][0], splices)))
 
 
 @pytest.mark.parametrize("name", TEXTS)
 @fuzz(120, edits=EDITS)
 def test_edited_text(folder: Path, name: str, edits: list[Edit]) -> None:
-    reads_or_says_one_line(lambda: read_text(folder, name, edited(TEXTS[name], edits)))
+    reads_or_says_one_line(lambda: read_text(folder, name, edited(TEXTS[name][0], edits)))
 
 
-@fuzz(60, edits=EDITS)
-def test_a_package_of_edited_text(folder: Path, edits: list[Edit]) -> None:
-    path = folder / "scene.usdz"
-    with zipfile.ZipFile(path, "w") as package:
-        package.writestr("scene.usda", edited(USD, edits))
-    reads_or_says_one_line(lambda: finite_scene(path))
+@pytest.mark.parametrize("name", ["poses.json", "targets.json"])
+@fuzz(80, edits=st.lists(st.tuples(st.floats(0.0, 1.0), JSON), min_size=1, max_size=3))
+def test_altered_documents(folder: Path, name: str, edits: list[tuple[float, object]]) -> None:
+    """Of the right syntax and the wrong content."""
+    document = json.dumps(altered(json.loads(TEXTS[name][0]), edits))
+    reads_or_says_one_line(lambda: read_text(folder, name, document.encode()))
 
 
 @pytest.fixture(scope="module")
@@ -300,3 +404,54 @@ def test_a_gltf_with_an_altered_header(
     path = folder / "altered.glb"
     path.write_bytes(b"glTF" + (2).to_bytes(4, "little") + (12 + len(chunks)).to_bytes(4, "little") + chunks)
     reads_or_says_one_line(lambda: finite_scene(path))
+
+
+def small_radar() -> Radar:
+    return Radar(waveform=Waveform(samples=4, range_bins=3, chirps=2), grid=ImageGrid(bins=5))
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory) -> Path:
+    """A dataset of two frames in one shard, and a shard of traced paths."""
+    made = tmp_path_factory.mktemp("dataset")
+    radar = small_radar()
+    frames = [
+        Frame(
+            index, "points", "points", index, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0),
+            np.ones((3, 3, 48), np.complex64), np.zeros((3, 3), np.float32), np.ones((3, 5), np.float32), 1.0, 0.5,
+        )
+        for index in range(2)
+    ]  # fmt: skip
+    about = description(radar, 3, "range-channel")
+    record = write_shard(made / "train" / "part-00000.parquet", frames, arrow_schema(about))
+    manifest = {"version": VERSION, "shards": [record.model_dump()], "made": {}}
+    (made / MANIFEST).write_text(json.dumps(manifest), encoding="utf-8")
+    points = ScatteredPaths.of_points(np.ones((2, 3)), np.zeros((2, 3)), np.ones(2))
+    traced = TracedFrame(0, "scene", 0, 1, Pose((0.0, 0.0, 0.0)), 0.0039, 0, PathTable(points, objects=("a",)))
+    rows = [pa.Table.from_pylist([to_row(traced)], schema=paths_schema())]
+    write_tables(made / "paths" / "part-00000.parquet", rows, paths_schema(), **writer_options())
+    return made
+
+
+@fuzz(120, splices=SPLICES)
+def test_damaged_shard(dataset: Path, splices: list[Splice]) -> None:
+    path = dataset / "damaged.parquet"
+    path.write_bytes(damaged((dataset / "train" / "part-00000.parquet").read_bytes(), splices))
+    reads_or_says_one_line(lambda: list(read_frames(path)))
+
+
+@fuzz(120, splices=SPLICES)
+def test_damaged_paths_shard(dataset: Path, splices: list[Splice]) -> None:
+    path = dataset / "damaged-paths.parquet"
+    path.write_bytes(damaged((dataset / "paths" / "part-00000.parquet").read_bytes(), splices))
+    reads_or_says_one_line(lambda: list(read_paths(path)))
+
+
+@fuzz(100, splices=SPLICES)
+def test_damaged_manifest(dataset: Path, splices: list[Splice]) -> None:
+    whole = (dataset / MANIFEST).read_bytes()
+    try:
+        (dataset / MANIFEST).write_bytes(damaged(whole, splices))
+        reads_or_says_one_line(lambda: verify(open_dataset(dataset)))
+    finally:
+        (dataset / MANIFEST).write_bytes(whole)

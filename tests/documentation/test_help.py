@@ -1,0 +1,95 @@
+"""What ``--help`` ends with: two examples of every command, run here in their order on smaller scenes."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from small_radar import write_small_radar
+from typer.main import get_command
+from typer.testing import CliRunner
+
+from datafactory.cli.app import app as datafactory
+from datafactory.cli.app import main as run_datafactory
+from datafactory.cli.examples import EXAMPLES as OF_DATAFACTORY
+from trainer.cli.app import app as trainer
+from trainer.cli.app import main as run_trainer
+from trainer.cli.examples import EXAMPLES as OF_TRAINER
+
+APPS = {"datafactory": datafactory, "trainer": trainer}
+GROUPS: dict[str, Any] = {program: get_command(app) for program, app in APPS.items()}
+NAMES = [("datafactory", name) for name in OF_DATAFACTORY] + [("trainer", name) for name in OF_TRAINER]
+EVERY = [*sum(OF_DATAFACTORY.values(), ()), *sum(OF_TRAINER.values(), ())]
+
+SMALLER = {
+    "--radar": "small.toml", "--rays": "2000", "--effects": "diffuse", "--workers": "1", "--split": "1:1:1",
+    "--steps": "2", "--rows": "16", "--points": "0", "--batch": "1", "--validate-every": "2", "--width": "4",
+    "--hidden": "8", "--blocks": "1",
+}  # fmt: skip
+"""Given besides, or instead, where a command has the option."""
+FEWER = {"shipped:street": "shipped:tiny", "sionna:munich": "sionna:simple_street_canyon_with_cars"}
+"""In place of a scene."""
+NOT_RUN = {
+    "calibrate": "a reader's captures; tests/trainer/cli/test_captures_cli.py runs it on simulated ones",
+    "import": "a reader's captures; tests/trainer/cli/test_captures_cli.py runs it on simulated ones",
+    "doctor": "its exit status is the machine's; tests/datafactory/inspection runs it",
+    "accuracy": "minutes; tests/datafactory/accuracy runs it on a small scene",
+    "evaluate": "minutes; tests/trainer/evaluation runs it on a small dataset",
+}
+
+
+def test_every_command_has_two_examples() -> None:
+    for program, examples in (("datafactory", OF_DATAFACTORY), ("trainer", OF_TRAINER)):
+        assert examples.keys() == GROUPS[program].commands.keys()
+        assert all(len(pair) == 2 for pair in examples.values())
+
+
+@pytest.mark.parametrize(("program", "name"), NAMES, ids=" ".join)
+def test_help_ends_with_examples_that_are_understood(program: str, name: str) -> None:
+    pair = (OF_DATAFACTORY if program == "datafactory" else OF_TRAINER)[name]
+    shown = CliRunner().invoke(APPS[program], [name, "--help"], env={"COLUMNS": "200", "TERMINAL_WIDTH": "200"})
+    lines = [line.strip() for line in shown.stdout.splitlines() if line.strip()]
+    assert lines[-3:] == ["Examples:", *pair]
+    for text in pair:
+        own, command, *arguments = shlex.split(text)
+        assert own == program
+        GROUPS[program].commands[command].make_context(command, arguments)
+
+
+@pytest.mark.slow
+def test_the_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, variant: str) -> None:
+    """In the order of the lists, each on what those before it wrote; the jobs that ``merge`` joins are made here."""
+    monkeypatch.chdir(tmp_path)
+    write_small_radar(tmp_path)
+    Path("build").mkdir()
+    for job in (0, 1):
+        _run(monkeypatch, f"datafactory points --frames 4 --out build/jobs --shard {job}/2")
+    for text in EVERY:
+        if text.split()[1] not in NOT_RUN and "--pretrained" not in text:  # its radar is no small one; README's is run
+            _run(monkeypatch, text)
+    for made in ("mine/manifest.json", "whole/manifest.json", "street.html", "run.onnx", "images-of-run"):
+        assert (tmp_path / "build" / made).exists(), made
+
+
+def _run(patch: pytest.MonkeyPatch, text: str) -> None:
+    """In this process, smaller; the exit status is 0."""
+    program, name, *arguments = shlex.split(text)
+    arguments = [FEWER.get(word, word) for word in arguments]
+    options = {option for parameter in GROUPS[program].commands[name].params for option in parameter.opts}
+    smaller = {option: value for option, value in SMALLER.items() if option in options}
+    if name in ("render", "trace"):
+        smaller |= {"--frames": "3"}
+    if name != "fit":  # elsewhere it is a flag, or adds frames
+        smaller.pop("--points", None)
+    if program == "trainer":  # a dataset has its radar
+        smaller.pop("--radar", None)
+    patch.setattr(sys, "argv", [program, name, *arguments, *(word for pair in smaller.items() for word in pair)])
+    code: object = None
+    try:
+        (run_datafactory if program == "datafactory" else run_trainer)()
+    except SystemExit as left:
+        code = left.code
+    assert not code, f"{text}: status {code}"
