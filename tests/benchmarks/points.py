@@ -38,7 +38,9 @@ def main(
     radar, draw = Radar(), np.random.default_rng(seed)
     channels = {name: choose_array(name, radar).channels(radar) for name in ("sparse6", "sparse4")}
     cell, step = line_array(radar).resolution_cell, radar.waveform.range_step_m
-    listed, false, seconds = ({name: [] for name in channels} for _ in range(3))
+    listed: dict[str, list[bool]] = {name: [] for name in channels}
+    false: dict[str, list[int]] = {name: [] for name in channels}
+    seconds: dict[str, list[float]] = {name: [] for name in channels}
     for _ in range(frames):
         range_m = step * (draw.choice(BINS, PAIRS, replace=False) + draw.uniform(-0.5, 0.5, PAIRS))
         u = draw.uniform(-0.6, 0.6, PAIRS)[:, None] + 0.25 * cell * np.array([-1.0, 1.0])
@@ -55,10 +57,10 @@ def main(
             seconds[name].append(time.process_time() - began)
             at = in_plane(found.range_m, found.u)
             off = np.linalg.norm(at[:, None] - place, axis=2).min(axis=1, initial=np.inf)
-            false[name].append(len(found) if noise else np.count_nonzero(off > FALSE_M))
+            false[name].append(len(found) if noise else int(np.count_nonzero(off > FALSE_M)))
             near = np.abs(found.range_m - range_m[:, None]) < step
             hit = near[:, None] & (np.abs(found.u - u[..., None]) < 0.25 * cell)
-            listed[name] += hit.any(axis=2).all(axis=1).tolist()
+            listed[name] += np.all(np.any(hit, axis=2), axis=1).tolist()
     for name in channels:
         pairs = f"{np.mean(listed[name]):.3f} of {len(listed[name])}"
         lines, cost = f"{np.mean(false[name]):.2f} a frame", f"{np.median(seconds[name]):.3f} s a frame"

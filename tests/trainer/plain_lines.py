@@ -47,14 +47,14 @@ class PlainFit:
             self.u = np.array(given)[: self.most] if len(given) else self._added(self.u)[0]
             self._begin()
             self._prune()
-            self._take(self.u, groups.STEPS)
+            self._take(self.u, int(groups.STEPS))
             if self._grow():
                 self._prune()
             if 0 < len(self.u) <= 2:
                 self._replace(self._added(np.empty(0), groups.ELSEWHERE))
             if len(self.u) >= 2:
                 self._pairs()
-            self._take(self.u, groups.STEPS)
+            self._take(self.u, int(groups.STEPS))
         return np.sort(self.u)
 
     def left(self, u: Lines) -> float:
@@ -78,11 +78,11 @@ class PlainFit:
             if min(costs) >= self.price:
                 break
             self.u = np.delete(self.u, int(np.argmin(costs)))
-        self._take(self.u, groups.PRUNING_STEPS)
+        self._take(self.u, int(groups.PRUNING_STEPS))
 
     def _prune(self) -> None:
         while len(self.u):
-            trials = [self._refined(fewer, groups.PRUNING_STEPS) for fewer in without(self.u)]
+            trials = [self._refined(fewer, int(groups.PRUNING_STEPS)) for fewer in without(self.u)]
             best, left = min(trials, key=lambda trial: trial[1])
             if left - self.left(self.u) >= self.price:
                 break
@@ -99,7 +99,7 @@ class PlainFit:
             raced = sorted(
                 (self._refined(trial, int(groups.RACE_STEPS)) for trial in begun), key=lambda trial: trial[1]
             )
-            ended = [self._refined(trial, groups.STEPS) for trial, _ in raced[: groups.RACE_KEPT]]
+            ended = [self._refined(trial, int(groups.STEPS)) for trial, _ in raced[: groups.RACE_KEPT]]
             best, least = min(ended, key=lambda trial: trial[1])
             if left - least <= self.price:
                 break
@@ -117,6 +117,8 @@ class PlainFit:
         return pairs_elsewhere(self.x, self.array, self.axis, kept[None], avoided[None], groups.ELSEWHERE)[0]
 
     def _replace(self, trials: NDArray[np.float64]) -> None:
-        best, left = min((self._refined(trial, groups.PRUNING_STEPS) for trial in trials), key=lambda trial: trial[1])
+        best, left = min(
+            (self._refined(trial, int(groups.PRUNING_STEPS)) for trial in trials), key=lambda trial: trial[1]
+        )
         if left < self.left(self.u) + (len(self.u) - len(best)) * self.price:
             self.u = best

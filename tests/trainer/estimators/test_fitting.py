@@ -223,14 +223,19 @@ def test_model_error_keeps_a_curved_front_one_line() -> None:
     assert (counts(fit_lines(rows, array, 1e-5, start, model_error_db=-np.inf)) > 2).mean() > 0.9
 
 
-def test_compiled_lines_are_those_of_the_plain_fit() -> None:
+@pytest.mark.parametrize(
+    ("seed", "times", "most"), [(5, 1, 0), pytest.param(7, 8, 3, marks=pytest.mark.slow)], ids=["160 rows", "1280 rows"]
+)
+def test_compiled_lines_are_those_of_the_plain_fit(seed: int, times: int, most: int) -> None:
     """One to eight lines, at most a third of 6 to 48 channels, at -5 to 50 dB, every second pair of neighbours 0.4 to
-    1.5 cells apart: as many lines in 98 of 100 rows, in 97 at the same places within 0.05 of the bound. The plain fit
-    tries every removal and every pair, the compiled one leaves out those that cost too much to begin with."""
-    generator = np.random.default_rng(12)
+    1.5 cells apart: as many lines, at the same places within 0.05 of the bound, in all but a few of a thousand rows.
+    The plain fit tries every removal and every pair, the compiled one leaves out those that cost too much to begin
+    with. Where they differ either may have found the better optimum."""
+    generator = np.random.default_rng(seed)
     arrays = {"sparse4": 60, "sparse6": 50, "irregular": 40, "full": 10}
     differ = elsewhere = 0
     for name, count in arrays.items():
+        count *= times
         array = ARRAYS.get(name, IRREGULAR)
         threshold, x = line_threshold(array, 1e-3), noise(array, count, 1.0, generator)
         for row in x:
@@ -252,8 +257,8 @@ def test_compiled_lines_are_those_of_the_plain_fit() -> None:
                 half = array.half_period
                 off = (u[here][order] - plain + half) % (2.0 * half) - half
                 elsewhere += bool((np.abs(off) > 0.05 * deviation[here][order]).any())
-    assert differ <= 0.02 * sum(arrays.values())  # 2 of 160
-    assert elsewhere <= 0.03 * sum(arrays.values())
+    assert differ <= most
+    assert elsewhere <= 0.01 * times * sum(arrays.values())
 
 
 def test_any_number_of_threads_gives_the_same_bytes() -> None:

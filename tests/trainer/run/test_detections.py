@@ -88,11 +88,10 @@ def test_a_pair_between_bins_is_two_in_one_of_its_bins_and_stays_two() -> None:
         rows = snapshot(RADAR, positions, amplitude_of(19.5, RADAR) * phases, np.random.default_rng(seed))
         found = detect(rows[None], np.zeros((1, 630)))
         for place, centre in zip(ranges, centres, strict=True):
-            two += (
-                np.count_nonzero((np.abs(found.range_m / STEP - place) < 1.0) & (np.abs(found.u - centre) < cell)) == 2
-            )
+            near = (np.abs(found.range_m / STEP - place) < 1.0) & (np.abs(found.u - centre) < cell)
+            two += int(np.count_nonzero(near) == 2)
         off = np.abs(found.range_m[:, None] / STEP - ranges).min(axis=1)
-        false += np.count_nonzero(off > 3.0)
+        false += int(np.count_nonzero(off > 3.0))
     assert two >= 46
     assert false <= 6
 

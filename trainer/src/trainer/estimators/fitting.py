@@ -16,7 +16,8 @@ from scipy.stats import chi2
 from shared.physics.errors import InputError
 from shared.signal.model_error import model_error_ratio, with_model_error
 from trainer.estimators.array import LARGEST_RELATIVE_NOISE, LineArray, check_snapshots, row_powers, uniform_axis
-from trainer.estimators.groups import POINTS_A_BIN, Model, fit_all
+from trainer.estimators.group_model import POINTS_A_BIN, Model
+from trainer.estimators.groups import fit_all
 
 MODEL_ERROR_DB = -30.0
 """Of a row's power, of simulated data: the curvature of a wave front from 12 m over 94 mm leaves that much of one plane
@@ -175,7 +176,7 @@ def hann_correlation(bins: NDArray[np.integer]) -> NDArray[np.float64]:
 
 
 def _response_table() -> NDArray[np.float64]:
-    """The response and its derivative as :class:`trainer.estimators.groups.Model` has them."""
+    """The response and its derivative as :class:`trainer.estimators.group_model.Model` has them."""
     x, step = np.arange(RESPONSE_BINS * POINTS_A_BIN + 2) / POINTS_A_BIN, 1e-5
     return np.stack([hann_response(x), (hann_response(x + step) - hann_response(x - step)) / (2.0 * step)])
 

@@ -31,19 +31,28 @@ with known noise):
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import prange
-from numpy.typing import NDArray
 
-from shared.physics.compiled import compiled, inlined
+from shared.physics.compiled import compiled
+from trainer.estimators.group_model import (
+    FARTHEST,
+    ONE,
+    RIDGE,
+    ZERO,
+    Group,
+    Work,
+    bounded,
+    describe,
+    energy_left,
+    evaluate,
+    every,
+    information,
+    least_squares,
+    window,
+)
+from trainer.estimators.small_matrices import dot, forward, part, solve
 
-SEPARABLE = 0.05
-"""Least eigenvalue of the Gram matrix of normed lines whose part of the amplitudes is told, see
-:func:`trainer.estimators.lines.bounded_amplitudes`."""
-RIDGE = 1e-12
-"""On the diagonal of a Gram matrix: two lines at one place share its amplitude instead of failing."""
 STEPS, PRUNING_STEPS, RACE_STEPS, RACE_KEPT = np.int64(12), np.int64(4), np.int64(4), 4
 """Gauss-Newton steps of what is kept and of a trial; of splits all go so many steps and the best are refined to the
 end."""
@@ -66,109 +75,27 @@ KEPT_ANGLES = 48
 """Of a group, of which all pairs are tried."""
 CLOSEST, LEAST_APART = 1e-9, 1e-4
 """Least share of a line outside the span of others, and of a pair outside each other's, that is told from rounding."""
-FARTHEST = 2.5
-"""Cells from a group's centre to a line that it is told of: what stands there reaches its outer cells."""
 DRAWS_AT = 1.5
 """Resolution cells: only lines so near to another may lose it for less than least squares at these angles says."""
 DEAR = 20.0
 """Times the threshold: a line that costs so much more and has no neighbour is not tried without."""
 OFF_GRID = 0.1
 """Share of its energy that a pair between grid angles may gain by being refined, at most."""
-JACOBI_SWEEPS, JACOBI_ZERO = 12, 1e-12
-"""Until no element beside the diagonal of a normed Gram matrix is larger."""
-POINTS_A_BIN = 64
-"""Of the table of a window's response, read by cubic Hermite interpolation: 1e-8 of the peak."""
 
 
-class Model(NamedTuple):
-    """What all groups share; A search angles."""
-
-    phase: NDArray[np.float64]
-    """[C] k p_c [rad]"""
-    walk: NDArray[np.float64]
-    """[C] w_c [bins]"""
-    response: NDArray[np.float64]
-    """[2, S] h and its derivative from 0 on, at POINTS_A_BIN"""
-    cell: float
-    """Resolution cell in u"""
-    axis: NDArray[np.float64]
-    """[A] uniform"""
-    steering: NDArray[np.float64]
-    """[2, A, C] real and imaginary part of exp(-j k p u)"""
-    overlap: NDArray[np.complex128]
-    """[A] mean over channels of exp(-j k p u) at multiples of the axis' step"""
-    first: float
-    """Threshold of the first line of a group"""
-    further: float
-    """Threshold of every other line"""
-    limit: NDArray[np.float64]
-    """[M + 1, most + 1] energy in units of the noise below which nothing is added, by cells and lines"""
-    most: int
-    """Lines of a group"""
-
-
-class Work(NamedTuple):
-    """Scratch of one group: V = lines (1 + coordinates) columns, two sets of them."""
-
-    re: NDArray[np.float64]
-    im: NDArray[np.float64]
-    gram: NDArray[np.complex128]
-    right: NDArray[np.complex128]
-    amplitude: NDArray[np.complex128]
-    factor: NDArray[np.complex128]
-    mixed: NDArray[np.complex128]
-    curvature: NDArray[np.float64]
-    slope: NDArray[np.float64]
-    score: NDArray[np.float64]
-    matched: NDArray[np.complex128]
-    inside: NDArray[np.complex128]
-
-
-class Group(NamedTuple):
-    """The data of one group."""
-
-    x: NDArray[np.float64]
-    """[2, N] real and imaginary part, whitened, of largest element about 1"""
-    offset: NDArray[np.int64]
-    """[M, 2] range and Doppler cells from the centre"""
-    white: NDArray[np.float64]
-    """[M, M] inverse Cholesky factor of the cells' noise"""
-    free: NDArray[np.int64]
-    """[P] coordinates that the cells tell: 0 u, 1 range, 2 Doppler"""
-    noise: float
-    energy: float
-    """|x|^2"""
-
-
-_part = compiled(cache=False, error_model="numpy")
-"""Of :func:`fit_all`. Slices are copied by loops and sorted by hand, and constants are typed: numba's own slices and
-sorts, and the copies of a function that it makes for each constant it is called with, take minutes to compile."""
-ZERO, ONE = np.int64(0), np.int64(1)
-
-
-@inlined(error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
-def _dot(ar, ai, br, bi):
-    """a^H b, its real and imaginary part."""
-    real = imaginary = 0.0
-    for n in range(len(ar)):
-        real += ar[n] * br[n] + ai[n] * bi[n]
-        imaginary += ar[n] * bi[n] - ai[n] * br[n]
-    return real, imaginary
-
-
-@_part
+@part
 def _copy(source, lines, out):
     for k in range(lines):
         for d in range(3):
             out[k, d] = source[k, d]
 
 
-@_part
+@part
 def _set(place, line, u, range_offset):
     place[line, 0], place[line, 1], place[line, 2] = u, range_offset, 0.0
 
 
-@_part
+@part
 def _smallest_first(values, count, order):
     """Fill ``order`` with the indices of the ``len(order)`` smallest of ``count`` values; equal ones in their order."""
     kept = 0
@@ -187,291 +114,17 @@ def _smallest_first(values, count, order):
     return kept
 
 
-@_part
-def _window(response, x):
-    """(h, dh/dx) of the window at x [cells]; 0 beyond the table."""
-    place = abs(x) * POINTS_A_BIN
-    below = int(place)
-    if below + 1 >= response.shape[1]:
-        return 0.0, 0.0
-    t, step = place - below, 1.0 / POINTS_A_BIN
-    low, high = response[0, below], response[0, below + 1]
-    rise, next_rise = response[1, below] * step, response[1, below + 1] * step
-    bend = 3.0 * (high - low) - 2.0 * rise - next_rise
-    twist = 2.0 * (low - high) + rise + next_rise
-    value = low + t * (rise + t * (bend + t * twist))
-    slope = (rise + t * (2.0 * bend + 3.0 * t * twist)) * POINTS_A_BIN
-    return value, slope if x >= 0.0 else -slope
-
-
-@_part
-def _columns(model, group, place, lines, re, im):
-    """Fill re and im [V, N] with the responses of ``lines`` lines at ``place`` [K, 3] and their derivatives."""
-    channels, cells = len(model.phase), len(group.white)
-    wide = 1 + len(group.free)
-    plain = np.empty((3, cells))
-    for k in range(lines):
-        u = place[k, 0]
-        for c in range(channels):
-            cosine, sine = np.cos(model.phase[c] * u), -np.sin(model.phase[c] * u)
-            if cells == 1 and wide == 2:
-                re[k * wide, c], im[k * wide, c] = cosine, sine
-                re[k * wide + 1, c], im[k * wide + 1, c] = model.phase[c] * sine, -model.phase[c] * cosine
-                continue
-            for m in range(cells):
-                range_h, range_d = _window(model.response, group.offset[m, 0] - place[k, 1] + model.walk[c] * u)
-                velocity_h, velocity_d = _window(model.response, group.offset[m, 1] - place[k, 2])
-                plain[0, m] = range_h * velocity_h
-                plain[1, m], plain[2, m] = range_d * velocity_h, range_h * velocity_d
-            for m in range(cells):
-                value = by_range = by_velocity = 0.0
-                for other in range(m + 1):
-                    weight = group.white[m, other]
-                    value += weight * plain[0, other]
-                    by_range += weight * plain[1, other]
-                    by_velocity += weight * plain[2, other]
-                n = m * channels + c
-                re[k * wide, n], im[k * wide, n] = value * cosine, value * sine
-                for d in range(len(group.free)):
-                    row = k * wide + 1 + d
-                    if group.free[d] == 0:
-                        turned, walked = model.phase[c] * value, model.walk[c] * by_range
-                        re[row, n] = turned * sine + walked * cosine
-                        im[row, n] = walked * sine - turned * cosine
-                    else:
-                        moved = -by_range if group.free[d] == 1 else -by_velocity
-                        re[row, n], im[row, n] = moved * cosine, moved * sine
-
-
-@_part
-def _products(group, columns, re, im, gram, right):
-    """The inner products of all columns with each other and with x."""
-    for a in range(columns):
-        real, imaginary = _dot(re[a], im[a], group.x[0], group.x[1])
-        right[a] = complex(real, imaginary)
-        for b in range(a + 1):
-            real, imaginary = _dot(re[a], im[a], re[b], im[b])
-            gram[a, b], gram[b, a] = complex(real, imaginary), complex(real, -imaginary)
-
-
-@_part
-def _cholesky(matrix, size):
-    """Factor a Hermitian matrix in place, its lower triangle; False where it is not positive definite."""
-    for i in range(size):
-        for j in range(i + 1):
-            total = matrix[i, j]
-            for k in range(j):
-                total -= matrix[i, k] * np.conj(matrix[j, k])
-            if i == j:
-                if not total.real > 0.0:
-                    return False
-                matrix[i, i] = np.sqrt(total.real)
-            else:
-                matrix[i, j] = total / matrix[j, j].real
-    return True
-
-
-@_part
-def _forward(factor, size, vector):
-    """vector := L^-1 vector."""
-    for i in range(size):
-        total = vector[i]
-        for k in range(i):
-            total -= factor[i, k] * vector[k]
-        vector[i] = total / factor[i, i].real
-
-
-@_part
-def _backward(factor, size, vector):
-    """vector := L^-H vector."""
-    for i in range(size - 1, -1, -1):
-        total = vector[i]
-        for k in range(i + 1, size):
-            total -= np.conj(factor[k, i]) * vector[k]
-        vector[i] = total / factor[i, i].real
-
-
-@_part
-def _least_squares(gram, right, wide, lines, factor, amplitude):
-    """Amplitudes of the lines and the energy that they explain; leaves the Cholesky factor of their Gram matrix."""
-    for i in range(lines):
-        for j in range(i + 1):
-            factor[i, j] = gram[i * wide, j * wide]
-        factor[i, i] = factor[i, i] * (1.0 + RIDGE) + RIDGE
-        amplitude[i] = right[i * wide]
-    _cholesky(factor, lines)
-    _forward(factor, lines, amplitude)
-    explained = 0.0
-    for i in range(lines):
-        explained += amplitude[i].real ** 2 + amplitude[i].imag ** 2
-    _backward(factor, lines, amplitude)
-    return explained
-
-
-@_part
-def _eigen(matrix, vectors, size):
-    """Jacobi's rotations of a Hermitian matrix, in place: its eigenvalues on the diagonal, vectors in the columns."""
-    for i in range(size):
-        for j in range(size):
-            vectors[i, j] = 1.0 if i == j else 0.0
-    for _ in range(JACOBI_SWEEPS):
-        beside = 0.0
-        for p in range(size):
-            for q in range(p + 1, size):
-                norm = np.abs(matrix[p, q])
-                beside = max(beside, norm)
-                if norm < JACOBI_ZERO:
-                    continue
-                turn = matrix[p, q] / norm
-                ratio = (matrix[q, q].real - matrix[p, p].real) / (2.0 * norm)
-                tangent = (1.0 if ratio >= 0.0 else -1.0) / (abs(ratio) + np.sqrt(ratio**2 + 1.0))
-                cosine = 1.0 / np.sqrt(tangent**2 + 1.0)
-                sine = tangent * cosine * turn
-                for k in range(size):
-                    a, b = matrix[k, p], matrix[k, q]
-                    matrix[k, p], matrix[k, q] = cosine * a - np.conj(sine) * b, sine * a + cosine * b
-                    a, b = vectors[k, p], vectors[k, q]
-                    vectors[k, p], vectors[k, q] = cosine * a - np.conj(sine) * b, sine * a + cosine * b
-                for k in range(size):
-                    a, b = matrix[p, k], matrix[q, k]
-                    matrix[p, k], matrix[q, k] = cosine * a - sine * b, np.conj(sine) * a + cosine * b
-        if beside < JACOBI_ZERO:
-            break
-
-
-@_part
-def _bounded(gram, right, wide, used, lines, amplitude, factor):
-    """Amplitudes without the directions that noise decides, and the energy that they explain.
-
-    :param used: [K] which of the columns' lines take part, ``lines`` of them
-    """
-    # Where all eigenvalues of the normed Gram matrix are above SEPARABLE nothing is left out.
-    for i in range(lines):
-        own = gram[used[i] * wide, used[i] * wide].real
-        for j in range(i + 1):
-            other = gram[used[j] * wide, used[j] * wide].real
-            factor[i, j] = gram[used[i] * wide, used[j] * wide] / np.sqrt(max(own * other, 1e-300))
-        factor[i, i] = 1.0 - SEPARABLE
-    if _cholesky(factor, lines):
-        for i in range(lines):
-            for j in range(i + 1):
-                factor[i, j] = gram[used[i] * wide, used[j] * wide]
-            amplitude[i] = right[used[i] * wide]
-        _cholesky(factor, lines)
-        _forward(factor, lines, amplitude)
-        explained = 0.0
-        for i in range(lines):
-            explained += amplitude[i].real ** 2 + amplitude[i].imag ** 2
-        _backward(factor, lines, amplitude)
-        return explained
-    normed = np.empty((lines, lines), dtype=np.complex128)
-    norm = np.empty(lines)
-    for i in range(lines):
-        norm[i] = np.sqrt(max(gram[used[i] * wide, used[i] * wide].real, 1e-300))
-    for i in range(lines):
-        for j in range(lines):
-            normed[i, j] = gram[used[i] * wide, used[j] * wide] / (norm[i] * norm[j])
-        normed[i, i] = 1.0
-        amplitude[i] = 0.0
-    vectors = np.empty((lines, lines), dtype=np.complex128)
-    _eigen(normed, vectors, lines)
-    explained = 0.0
-    for j in range(lines):
-        if normed[j, j].real >= SEPARABLE:
-            part = 0.0j
-            for i in range(lines):
-                part += np.conj(vectors[i, j]) * right[used[i] * wide] / norm[i]
-            explained += (part.real**2 + part.imag**2) / normed[j, j].real
-            for i in range(lines):
-                amplitude[i] += vectors[i, j] * part / normed[j, j].real / norm[i]
-    return explained
-
-
-@_part
-def _all(lines):
-    return np.arange(lines)
-
-
-@_part
-def _information(gram, right, wide, lines, work):
-    """Curvature Re[J^H J] and slope Re[J^H x] of all free coordinates, from the factor and amplitudes in ``work``."""
-    factor, amplitude, mixed = work.factor, work.amplitude, work.mixed
-    size = lines * (wide - 1)
-    for a in range(size):
-        line, column = a // (wide - 1), a // (wide - 1) * wide + 1 + a % (wide - 1)
-        # (L^-1 A^H D)_a; what is left of x is orthogonal to A.
-        for k in range(lines):
-            mixed[a, k] = gram[k * wide, column]
-        _forward(factor, lines, mixed[a])
-        residual = right[column]
-        for k in range(lines):
-            residual -= gram[column, k * wide] * amplitude[k]
-        work.slope[a] = (np.conj(amplitude[line]) * residual).real
-        for b in range(a + 1):
-            other, beside = b // (wide - 1), b // (wide - 1) * wide + 1 + b % (wide - 1)
-            value = gram[column, beside]
-            for k in range(lines):
-                value -= np.conj(mixed[a, k]) * mixed[b, k]
-            value *= np.conj(amplitude[line]) * amplitude[other]
-            work.curvature[a, b] = work.curvature[b, a] = value.real
-    return size
-
-
-@_part
-def _solve(matrix, vector, size):
-    """Solve a symmetric positive definite system in place; False where it is not."""
-    for i in range(size):
-        for j in range(i + 1):
-            total = matrix[i, j]
-            for k in range(j):
-                total -= matrix[i, k] * matrix[j, k]
-            if i == j:
-                if not total > 0.0:
-                    return False
-                matrix[i, i] = np.sqrt(total)
-            else:
-                matrix[i, j] = total / matrix[j, j]
-    for i in range(size):
-        total = vector[i]
-        for k in range(i):
-            total -= matrix[i, k] * vector[k]
-        vector[i] = total / matrix[i, i]
-    for i in range(size - 1, -1, -1):
-        total = vector[i]
-        for k in range(i + 1, size):
-            total -= matrix[k, i] * vector[k]
-        vector[i] = total / matrix[i, i]
-    return True
-
-
-@_part
-def _evaluate(model, group, place, lines, work, which):
-    """Fill set ``which`` of ``work`` for lines at ``place``."""
-    wide = 1 + len(group.free)
-    _columns(model, group, place, lines, work.re[which], work.im[which])
-    _products(group, lines * wide, work.re[which], work.im[which], work.gram[which], work.right[which])
-
-
-@_part
-def _energy_left(model, group, place, lines, work):
-    """Energy that lines at ``place`` leave with bounded amplitudes; set 0 of ``work`` is theirs."""
-    _evaluate(model, group, place, lines, work, ZERO)
-    wide = 1 + len(group.free)
-    explained = _bounded(work.gram[0], work.right[0], wide, _all(lines), lines, work.amplitude, work.factor)
-    return max(group.energy - explained, 0.0)
-
-
-@_part
+@part
 def _refine(model, group, place, lines, steps, work):
     """Move the lines [K, 3], in place, to a local optimum; never to a worse one. The energy left with bounded
     amplitudes."""
     if lines == 0:
         return group.energy
     wide, now = 1 + len(group.free), ZERO
-    everyone = _all(lines)
-    _evaluate(model, group, place, lines, work, now)
-    before = _bounded(work.gram[now], work.right[now], wide, everyone, lines, work.amplitude, work.factor)
-    explained = _least_squares(work.gram[now], work.right[now], wide, lines, work.factor, work.amplitude)
+    everyone = every(lines)
+    evaluate(model, group, place, lines, work, now)
+    before = bounded(work.gram[now], work.right[now], wide, everyone, lines, work.amplitude, work.factor)
+    explained = least_squares(work.gram[now], work.right[now], wide, lines, work.factor, work.amplitude)
     best, trial = np.empty((lines, 3)), np.empty((lines, 3))
     keep = np.empty(lines, dtype=np.complex128)
     _copy(place, lines, best)
@@ -481,7 +134,7 @@ def _refine(model, group, place, lines, steps, work):
     fresh = True
     for _ in range(steps):
         if fresh:
-            size = _information(work.gram[now], work.right[now], wide, lines, work)
+            size = information(work.gram[now], work.right[now], wide, lines, work)
         largest = 0.0
         for a in range(size):
             largest = max(largest, work.curvature[a, a])
@@ -491,7 +144,7 @@ def _refine(model, group, place, lines, steps, work):
                 damped[a, b] = work.curvature[a, b]
             # A line without amplitude has no curvature, and no step.
             damped[a, a] += damping * damped[a, a] + max(RIDGE * largest, 1e-300)
-        solved = _solve(damped, step, size)
+        solved = solve(damped, step, size)
         moved = expected = 0.0
         for a in range(size):
             coordinate = group.free[a % (wide - 1)]
@@ -505,10 +158,10 @@ def _refine(model, group, place, lines, steps, work):
             trial[line, coordinate] += step[a]
             if coordinate > 0:
                 trial[line, coordinate] = min(max(trial[line, coordinate], -FARTHEST), FARTHEST)
-        _evaluate(model, group, trial, lines, work, 1 - now)
+        evaluate(model, group, trial, lines, work, 1 - now)
         for k in range(lines):
             keep[k] = work.amplitude[k]
-        found = _least_squares(work.gram[1 - now], work.right[1 - now], wide, lines, work.factor, work.amplitude)
+        found = least_squares(work.gram[1 - now], work.right[1 - now], wide, lines, work.factor, work.amplitude)
         fresh = found > explained
         if fresh:
             _copy(trial, lines, best)
@@ -520,14 +173,14 @@ def _refine(model, group, place, lines, steps, work):
             damping = min(damping * DAMPING_FACTOR, MOST_DAMPING)
         if moved < SETTLED or expected < ENOUGH * group.noise:
             break
-    after = _bounded(work.gram[now], work.right[now], wide, everyone, lines, work.amplitude, work.factor)
+    after = bounded(work.gram[now], work.right[now], wide, everyone, lines, work.amplitude, work.factor)
     if after >= before:
         _copy(best, lines, place)
         return max(group.energy - after, 0.0)
     return max(group.energy - before, 0.0)
 
 
-@_part
+@part
 def _scan(model, group, place, lines, range_offset, work):
     """What a further line at each search angle meets beside the lines, at one range offset and the centre's Doppler.
 
@@ -542,16 +195,16 @@ def _scan(model, group, place, lines, range_offset, work):
     for m in range(cells):
         weight[m] = 0.0
         for other in range(m + 1):
-            value = _window(model.response, group.offset[other, 0] - range_offset)[0]
-            value *= _window(model.response, 1.0 * group.offset[other, 1])[0]
+            value = window(model.response, group.offset[other, 0] - range_offset)[0]
+            value *= window(model.response, 1.0 * group.offset[other, 1])[0]
             weight[m] += group.white[m, other] * (value if cells > 1 else 1.0)
         norm += weight[m] ** 2
     norm = np.sqrt(norm * channels)
     reduced = np.zeros((2, lines + 1, channels))
     factor, amplitude = work.factor, work.amplitude
     if lines:
-        _evaluate(model, group, place, lines, work, ZERO)
-        _least_squares(work.gram[0], work.right[0], wide, lines, factor, amplitude)
+        evaluate(model, group, place, lines, work, ZERO)
+        least_squares(work.gram[0], work.right[0], wide, lines, factor, amplitude)
     for m in range(cells):
         for c in range(channels):
             n = m * channels + c
@@ -566,14 +219,14 @@ def _scan(model, group, place, lines, range_offset, work):
             reduced[1, lines, c] += weight[m] * imaginary
     span = np.empty(lines, dtype=np.complex128)
     for i in range(len(model.axis)):
-        real, imaginary = _dot(model.steering[0, i], model.steering[1, i], reduced[0, lines], reduced[1, lines])
+        real, imaginary = dot(model.steering[0, i], model.steering[1, i], reduced[0, lines], reduced[1, lines])
         work.matched[i] = complex(real, imaginary) / norm
         outside = 1.0
         for k in range(lines):
             # A^H b; L^-1 of it is Q^H b.
-            real, imaginary = _dot(reduced[0, k], reduced[1, k], model.steering[0, i], model.steering[1, i])
+            real, imaginary = dot(reduced[0, k], reduced[1, k], model.steering[0, i], model.steering[1, i])
             span[k] = complex(real, imaginary) / norm
-        _forward(factor, lines, span)
+        forward(factor, lines, span)
         for k in range(lines):
             work.inside[k, i] = span[k]
             outside -= span[k].real ** 2 + span[k].imag ** 2
@@ -581,7 +234,7 @@ def _scan(model, group, place, lines, range_offset, work):
         work.score[i] = energy / outside if outside > CLOSEST else 0.0
 
 
-@_part
+@part
 def _best_start(model, group, place, lines, work):
     """(angle, range offset, energy) of the best further line; ``work`` holds the scan at that offset."""
     if len(group.white) == 1:
@@ -597,7 +250,7 @@ def _best_start(model, group, place, lines, work):
     return angle, offset, most
 
 
-@_part
+@part
 def _without(place, lines, line, out):
     """Copy all lines but one."""
     for k in range(lines - 1):
@@ -605,10 +258,10 @@ def _without(place, lines, line, out):
             out[k, d] = place[k if k < line else k + 1, d]
 
 
-@_part
+@part
 def _cheapest(model, group, place, lines, work, costs):
     """Fill ``costs`` [K] with the energy that each line's removal adds at these places; energy left with all."""
-    left = _energy_left(model, group, place, lines, work)
+    left = energy_left(model, group, place, lines, work)
     wide = 1 + len(group.free)
     used = np.empty(max(lines - 1, 1), dtype=np.int64)
     for line in range(lines):
@@ -616,12 +269,12 @@ def _cheapest(model, group, place, lines, work, costs):
             used[k] = k if k < line else k + 1
         explained = 0.0
         if lines > 1:
-            explained = _bounded(work.gram[0], work.right[0], wide, used, lines - 1, work.amplitude, work.factor)
+            explained = bounded(work.gram[0], work.right[0], wide, used, lines - 1, work.amplitude, work.factor)
         costs[line] = group.energy - explained - left
     return left
 
 
-@_part
+@part
 def _prune(model, group, place, lines, left, work):
     """Remove lines, the others refined again, while the cheapest one gains less than its threshold: (lines, left)."""
     costs, trial, best = np.empty(model.most), np.empty((model.most, 3)), np.empty((model.most, 3))
@@ -655,7 +308,7 @@ def _prune(model, group, place, lines, left, work):
     return lines, left
 
 
-@_part
+@part
 def _grow(model, group, place, lines, left, work):
     """Add or split lines while the energy left fails its test and the best trial gains: (lines, left, grown)."""
     grown = False
@@ -689,7 +342,7 @@ def _grow(model, group, place, lines, left, work):
     return lines, left, grown
 
 
-@_part
+@part
 def _try_lone(model, group, place, lines, left, work):
     """The angles that explain most in place of all: a peak that the fit began with may be a sidelobe's."""
     offset, fewer = place[0, 1], lines - 1
@@ -714,7 +367,7 @@ def _try_lone(model, group, place, lines, left, work):
     return lines, left
 
 
-@_part
+@part
 def _replace_by_pair(model, group, place, lines, left, line, work):
     """The best pairs beside line ``line``, -1 for none, in the place of a group's others where that costs less."""
     kept = 0 if line < 0 else 1
@@ -796,7 +449,7 @@ def _replace_by_pair(model, group, place, lines, left, line, work):
     return lines, left
 
 
-@_part
+@part
 def _begin(model, group, place, lines, work):
     """Of the given lines those that least squares needs, at least one, refined: (lines, left)."""
     costs, fewer = np.empty(model.most), np.empty((model.most, 3))
@@ -813,7 +466,7 @@ def _begin(model, group, place, lines, work):
     return lines, _refine(model, group, place, lines, PRUNING_STEPS, work)
 
 
-@_part
+@part
 def _fit(model, group, given, place, work):
     """Fit one group from the angles ``given`` on; the number of lines, at ``place`` [most, 3]."""
     angle, offset, most = _best_start(model, group, place, ZERO, work)
@@ -846,31 +499,6 @@ def _fit(model, group, given, place, work):
     return lines
 
 
-@_part
-def _describe(model, group, place, lines, work, amplitude, deviation):
-    """Bounded amplitudes [K] and Cramer-Rao deviations [K, 3] of the lines."""
-    wide = 1 + len(group.free)
-    _evaluate(model, group, place, lines, work, ZERO)
-    _least_squares(work.gram[0], work.right[0], wide, lines, work.factor, work.amplitude)
-    size = _information(work.gram[0], work.right[0], wide, lines, work)
-    scale, matrix, column = np.empty(size), np.empty((size, size)), np.empty(size)
-    for a in range(size):
-        # Elements at one place say nothing of an angle, but for rounding.
-        scale[a] = 1.0 / np.sqrt(max(work.curvature[a, a], RIDGE * (2.0 * np.pi) ** 2 * group.energy))
-    for a in range(size):
-        for i in range(size):
-            for j in range(size):
-                matrix[i, j] = work.curvature[i, j] * scale[i] * scale[j]
-            matrix[i, i] += RIDGE
-            column[i] = 1.0 if i == a else 0.0
-        solved = _solve(matrix, column, size)
-        variance = 0.5 * group.noise * column[a] * scale[a] ** 2 if solved else np.inf
-        deviation[a // (wide - 1), group.free[a % (wide - 1)]] = np.sqrt(max(variance, 0.0))
-    _bounded(work.gram[0], work.right[0], wide, _all(lines), lines, work.amplitude, work.factor)
-    for k in range(lines):
-        amplitude[k] = work.amplitude[k]
-
-
 @compiled(parallel=True, error_model="numpy")
 def fit_all(model, x, offset, white, free, noise, given, place, amplitude, deviation):
     """Fit G groups of equal cells.
@@ -900,5 +528,5 @@ def fit_all(model, x, offset, white, free, noise, given, place, amplitude, devia
         found = np.zeros((most, 3))
         lines = _fit(model, group, given[index], found, work)
         if lines:
-            _describe(model, group, found, lines, work, amplitude[index], deviation[index])
+            describe(model, group, found, lines, work, amplitude[index], deviation[index])
             _copy(found, lines, place[index])
