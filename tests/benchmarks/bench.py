@@ -17,6 +17,7 @@ from typing import Annotated
 import cubes
 import devices
 import images
+import line_fits
 import machine
 import numba
 import scipy.fft
@@ -43,6 +44,8 @@ BENCHMARKS: dict[str, Callable[[Workload], Record]] = {
     "truth_on_torch_vs_compiled": devices.truth_on_torch,
     "cube_on_cuda_vs_compiled": devices.cube_on_cuda,
     "truth_on_cuda_vs_compiled": devices.truth_on_cuda,
+    "lines_of_a_dense_frame_vs_omp_cfar": line_fits.dense_frame,
+    "lines_of_192_channels_vs_omp_cfar": line_fits.wide_board,
     "datafactory_help_vs_numpy": starts.help_of_datafactory,
     "trainer_help_vs_numpy": starts.help_of_trainer,
     "first_frame_vs_numpy": starts.first_frame,

@@ -194,11 +194,13 @@ def measured_noise(cube: NDArray[np.complex64], radar: Radar, dead: tuple[int, .
 def _summary(out: Path, cube: NDArray[np.complex64], radar: Radar, capture: Capture) -> list[str]:
     waveform, array = radar.waveform, radar.array
     strongest = float(amplitude_to_db(np.abs(cube).max()))
+    # One chirp tells no velocity.
+    velocities = f", velocities to {-waveform.velocities_mps[0]:.2f} m/s" if waveform.chirps > 1 else ""
     lines = [
         f"{capture.frames} frames of {waveform.chirps} chirps x {waveform.samples} samples x {array.channels} channels "
         f"({len(array.tx_m)} TX, {len(array.rx_m)} RX) in {out}",
         f"sampled sweep {waveform.carrier_hz / 1e9:.4f} to {(waveform.carrier_hz + waveform.bandwidth_hz) / 1e9:.4f} "
-        f"GHz, range bins of {waveform.range_step_m:.4f} m, velocities to {-waveform.velocities_mps[0]:.2f} m/s",
+        f"GHz, range bins of {waveform.range_step_m:.4f} m{velocities}",
         f"scale {capture.scale}: largest sample {strongest:.1f} dB, noise {power_to_db(capture.noise_power):.1f} dB",
     ]
     if capture.dead_channels:

@@ -88,26 +88,6 @@ def refine_lines(
     return best
 
 
-def line_covariance(
-    x: NDArray[np.complex128], u: NDArray[np.float64], array: LineArray, noise: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """[B, K, K] Cramer-Rao bound of lines at u [B, K] with the amplitudes that snapshots x [B, C] give them.
-
-    sigma^2 / 2 Re[(P D diag(s))^H (P D diag(s))]^-1. Lines that cannot be placed have a large variance, not an error.
-
-    :param noise: [B] sigma^2 in each channel [W]
-    """
-    information = _jacobian_products(x, u, array)[0]
-    diagonal = np.arange(u.shape[1])
-    own = information[:, diagonal, diagonal]
-    # Elements at one place say nothing of an angle, but for rounding.
-    least = RIDGE * (2.0 * np.pi) ** 2 * _energy(x)[:, None]
-    scale = 1.0 / np.sqrt(np.maximum(own, np.maximum(least, np.finfo(np.float64).tiny)))
-    information = information * scale[:, :, None] * scale[:, None, :]
-    information[:, diagonal, diagonal] += RIDGE
-    return 0.5 * noise[:, None, None] * np.linalg.inv(information) * scale[:, :, None] * scale[:, None, :]
-
-
 def _damped_step(
     x: NDArray[np.complex128], u: NDArray[np.float64], array: LineArray, damping: NDArray[np.float64]
 ) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""Changes to a set of lines: take one away, split one, add one, put one elsewhere; and the refit that judges them.
+"""Changes to a set of lines: add one, put two elsewhere; and the refit that judges them.
 
 Every move turns lines u [B, K] into trials [B, T, L]. :func:`best_refit` refines all trials and keeps the one that
 leaves least of the snapshot.
@@ -26,23 +26,6 @@ KEPT_ANGLES = 48
 
 EnergyLeft = Callable[[NDArray[np.complex128], NDArray[np.float64], LineArray], NDArray[np.float64]]
 """What lines [B, K] leave of snapshots [B, C]: the energies [B]."""
-
-
-def removals(u: NDArray[np.float64]) -> NDArray[np.float64]:
-    """[B, K, K - 1] the lines u [B, K] without each of them."""
-    lines = u.shape[1]
-    kept = np.array([[other for other in range(lines) if other != line] for line in range(lines)], dtype=np.intp)
-    return u[:, kept.reshape(lines, max(lines - 1, 0))]
-
-
-def splits(u: NDArray[np.float64], distances: Sequence[float]) -> NDArray[np.float64]:
-    """[B, K * len(distances), K + 1] each of the lines u [B, K] in two, at each of these distances in u."""
-    halves = [
-        np.concatenate([np.delete(u, line, axis=1), u[:, [line]] - 0.5 * apart, u[:, [line]] + 0.5 * apart], axis=1)
-        for line in range(u.shape[1])
-        for apart in distances
-    ]
-    return np.stack(halves, axis=1)
 
 
 def additions(

@@ -20,11 +20,13 @@ CSV_FILE = "detections.csv"
 UNITS = {
     "range": "m", "u": "sin(azimuth)", "velocity": "m/s, receding", "amplitude_db": "dB re 1 sqrt(W)",
     "u_std": "sin(azimuth), Cramer-Rao", "probability": "of a target; null without a detection head",
+    "range_std": "m, Cramer-Rao, or of a bin", "velocity_std": "m/s, of a Doppler cell",
 }  # fmt: skip
 """Of the fields of a detection, in their order."""
 DETECTION = pa.struct([pa.field(name, pa.float64(), nullable=name == "probability") for name in UNITS])
 COLUMN = pa.field("detections", pa.list_(pa.field("element", DETECTION, nullable=False)), nullable=False)
-"""list<struct<range, u, velocity, amplitude_db, u_std, probability>>, strongest first."""
+"""list<struct<range, u, velocity, amplitude_db, u_std, probability, range_std, velocity_std>>, strongest
+first."""
 PCD_FIELDS = ("x", "y", "z", "intensity", "velocity", "probability")
 
 
@@ -36,7 +38,10 @@ def check_format(name: str) -> None:
 
 def records(found: Detections) -> list[dict[str, float | None]]:
     """One dictionary a detection, probability None where it is not known."""
-    columns = (found.range_m, found.u, found.velocity, found.amplitude_db, found.u_std, found.probability)
+    columns = (
+        found.range_m, found.u, found.velocity, found.amplitude_db, found.u_std, found.probability,
+        found.range_std, found.velocity_std,
+    )  # fmt: skip
     rows = zip(*(column.tolist() for column in columns), strict=True)
     return [
         {name: None if math.isnan(value) else value for name, value in zip(UNITS, row, strict=True)} for row in rows

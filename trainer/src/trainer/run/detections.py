@@ -1,11 +1,18 @@
-"""The detections of a frame: lines fitted to every range bin and Doppler peak, one for each target.
+"""The detections of a frame: lines fitted to groups of cells, one for each target.
 
 A target stands in several range bins and Doppler cells: the Hann window's main lobe is four of either wide, and its
-sidelobes begin at -31 dB. A line is a detection where no stronger line at its angle explains it so.
+sidelobes begin at -31 dB. A cell above a threshold and the cells of its two neighbouring bins at the same Doppler are a
+group, in which one decision is made on the number of lines. A target belongs to the group of its own bin: of the groups
+that see it the one with most energy lists it, and lists all that it has resolved there. A line that the window's
+sidelobes of a stronger one explain is none.
+
+The false alarms of a frame are dealt in halves: one to the cells searched, all Doppler cells among which the stored
+ones were chosen, the other to further lines in the groups that were heard.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,11 +21,32 @@ from numpy.typing import NDArray
 from shared.physics.errors import InputError
 from shared.physics.units import amplitude_to_db
 from shared.radar import Radar
-from trainer.estimators.array import LineArray
-from trainer.estimators.fitting import MODEL_ERROR_DB, fit_lines, score_peaks
+from trainer.estimators.array import LineArray, uniform_axis
+from trainer.estimators.fitting import (
+    FALSE_ALARM,
+    MODEL_ERROR_DB,
+    SEARCH_POINTS,
+    fit_groups,
+    line_threshold,
+    score_peaks,
+)
+from trainer.estimators.moves import beside_lines
 
 CANDIDATES = 6
 """Peaks of a row's score that its fit begins with."""
+FALSE_ALARMS = 1.0
+"""Expected lines of a frame of noise alone, at most."""
+PLACES_IN_A_BIN = 4.0
+"""Times as many false alarms as at one range come from all ranges within a bin: beta (2 t - 1) / (2 sqrt(pi t)) for
+beta = 2 pi / sqrt(12) and t = 15, of the Euler characteristic (Worsley 1994) over range and angle."""
+HEARD_SHARE = 0.5
+"""Of the threshold of a group: a cell that holds less of its own is no centre. Between bins a target loses 1.4 dB."""
+OWN_BINS = 0.75
+"""A line so far from the centre of its group is left to the neighbour; what both have is listed once."""
+PLACED_BINS = 0.5
+"""A line whose range its cells tell no better is the flank of a sidelobe, at whatever level fits."""
+SAME_BINS = 1.0
+"""Lines of different groups so near in range are one target's."""
 SAME_ANGLE_CELLS = 0.5
 """Lines of neighbouring range bins at most so far apart, in resolution cells of the array, are one target's."""
 LOBE_MARGIN_DB = 3.0
@@ -31,12 +59,14 @@ LEAST_OFFSET = 1.5
 class Detections:
     """N detections, the strongest first.
 
-    :param range_m: [N] between two range bins where both neighbours show the target, else that of its bin [m]
+    :param range_m: [N] between two range bins where a neighbour shows the target, else that of its bin [m]
     :param u: [N] sin(azimuth)
     :param velocity: [N] of the Doppler cell [m/s]
     :param amplitude_db: [N] of the line in its range-Doppler cell [dB re 1 sqrt(W)]
     :param u_std: [N] standard deviation of u by the Cramer-Rao bound
     :param probability: [N] of a target, by the network's detection head; NaN where it has none
+    :param range_std: [N] likewise of the range, that of a uniform bin where it is the bin's [m]
+    :param velocity_std: [N] that of a uniform Doppler cell [m/s]
     """
 
     range_m: NDArray[np.float64]
@@ -45,6 +75,8 @@ class Detections:
     amplitude_db: NDArray[np.float64]
     u_std: NDArray[np.float64]
     probability: NDArray[np.float64]
+    range_std: NDArray[np.float64]
+    velocity_std: NDArray[np.float64]
 
     def __len__(self) -> int:
         return len(self.u)
@@ -59,6 +91,7 @@ def find_detections(
     array: LineArray,
     noise_power: float,
     model_error_db: float = MODEL_ERROR_DB,
+    false_alarms: float = FALSE_ALARMS,
 ) -> Detections:
     """The detections of one frame.
 
@@ -68,42 +101,139 @@ def find_detections(
     :param velocity: [D, R] of those [m/s]; a peak that repeats an earlier one of its range bin is left out
     :param noise_power: of one channel and cell [W]
     :param model_error_db: see :func:`trainer.estimators.fitting.fit_lines`
+    :param false_alarms: expected of a frame of noise alone, at most
     :raises InputError: shapes that do not fit
     """
     expected = (*np.shape(snapshots)[:2], radar.grid.bins)
     if np.shape(image) != expected or np.shape(velocity) != expected[:2]:
         raise InputError("detections", f"an image {np.shape(image)}, velocities {np.shape(velocity)}", f"{expected}")
-    peak, row = np.nonzero(new_peaks(velocity))
+    new, waveform, axis = new_peaks(velocity), radar.waveform, radar.grid.u
+    rate = false_alarms / 2.0
+    first = min(rate / (PLACES_IN_A_BIN * snapshots.shape[1] * waveform.chirps), 0.5)
+    peak, row = _heard(snapshots, new, array, noise_power, HEARD_SHARE * line_threshold(array, first))
     score = image[peak, row].astype(np.float64)
     if probability is not None:
         score *= np.sqrt(probability[peak, row])
-    axis = radar.grid.u
-    found = fit_lines(
-        snapshots[peak, row], array, noise_power, score_peaks(score, axis, CANDIDATES), model_error_db=model_error_db
-    )
+    further = min(rate / (PLACES_IN_A_BIN * max(len(row), 1)), FALSE_ALARM)
+    candidates = score_peaks(score, axis, CANDIDATES)
+    cells = np.rint(np.asarray(velocity, dtype=np.float64) / waveform.velocity_step_mps).astype(np.int64)
+    found, part = [], []
+    for peaks_at, members in _patterns(peak, row, cells, new):
+        bins = np.array(list(peaks_at))
+        values = np.stack([snapshots[peaks_at[step], row[members] + step] for step in peaks_at], axis=1)
+        fitted = fit_groups(
+            values, bins, array, waveform.range_step_m, noise_power, candidates[members], model_error_db, first, further
+        )
+        energy = np.sum(np.abs(values) ** 2, axis=(1, 2))
+        group, line = np.nonzero(np.abs(fitted.amplitude) > 0.0)
+        columns = (fitted.u, fitted.offset, np.abs(fitted.amplitude), fitted.u_std, fitted.offset_std)
+        found.append(np.stack([values[group, line] for values in columns]))
+        part.append(np.stack([members[group], energy[group]]))
+    u, offset, amplitude, u_std, offset_std = np.concatenate([np.empty((5, 0)), *found], axis=1)
+    group, energy = np.concatenate([np.empty((2, 0)), *part], axis=1)
+    group = group.astype(np.intp)
     half_bin = 0.5 * radar.grid.step
-    with np.errstate(invalid="ignore"):
-        shown = (found.u >= axis[0] - half_bin) & (found.u <= axis[-1] + half_bin)
-    snapshot, line = np.nonzero(shown & (np.abs(found.amplitude) > 0.0))
-    order = np.argsort(-np.abs(found.amplitude[snapshot, line]), kind="stable")
-    snapshot, line = snapshot[order], line[order]
-    rows, peaks = row[snapshot], peak[snapshot]
-    u, level = found.u[snapshot, line], amplitude_to_db(found.amplitude[snapshot, line])
-    speed = np.asarray(velocity, dtype=np.float64)[peaks, rows]
-    cell = speed / radar.waveform.velocity_step_mps
+    shown = (u >= axis[0] - half_bin) & (u <= axis[-1] + half_bin) & (np.abs(offset) <= OWN_BINS)
+    shown &= ~(offset_std > PLACED_BINS)
+    lines = _Lines(group, energy, row[group] + offset, cells[peak[group], row[group]], u, amplitude_to_db(amplitude))
     near = SAME_ANGLE_CELLS * array.resolution_cell
-    kept, offset = _targets(rows, cell, u, level, radar.waveform.chirps, near)
-    certain = np.full(len(u), np.nan)
+    kept = lines.once(np.flatnonzero(shown), near, waveform.chirps)
+    kept = lines.explained_by_none(kept, near, waveform.chirps)
+    peaks, rows = peak[group[kept]], row[group[kept]]
+    certain = np.full(len(kept), np.nan)
     if probability is not None:
-        certain = _around(probability, peaks, rows, u, axis)
+        certain = _around(probability, peaks, rows, u[kept], axis)
+    uniform = np.sqrt(1.0 / 12.0)
     return Detections(
-        range_m=((rows + offset) * radar.waveform.range_step_m)[kept],
+        range_m=lines.place[kept] * waveform.range_step_m,
         u=u[kept],
-        velocity=speed[kept],
-        amplitude_db=level[kept],
-        u_std=found.u_std[snapshot, line][kept],
-        probability=certain[kept],
+        velocity=np.asarray(velocity, dtype=np.float64)[peaks, rows],
+        amplitude_db=lines.level_db[kept],
+        u_std=u_std[kept],
+        probability=certain,
+        range_std=np.where(np.isnan(offset_std[kept]), uniform, offset_std[kept]) * waveform.range_step_m,
+        velocity_std=np.full(len(kept), uniform * waveform.velocity_step_mps),
     )
+
+
+def _heard(
+    snapshots: NDArray[np.complexfloating], new: NDArray[np.bool_], array: LineArray, noise_power: float, least: float
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """(peaks, rows) of the cells in which an angle takes more than ``least`` times the noise."""
+    peak, row = np.nonzero(new)
+    cells = np.asarray(snapshots, dtype=np.complex128)[peak, row]
+    most = beside_lines(cells, array, uniform_axis(array, SEARCH_POINTS), np.empty((len(cells), 0)))[0].max(axis=1)
+    heard = most > least * noise_power
+    return peak[heard], row[heard]
+
+
+def _patterns(
+    peak: NDArray[np.intp], row: NDArray[np.intp], cells: NDArray[np.int64], new: NDArray[np.bool_]
+) -> Iterator[tuple[dict[int, NDArray[np.intp]], NDArray[np.intp]]]:
+    """By which neighbouring bins hold a centre's Doppler cell too: ({bins from it: [n] peaks}, [n] the centres)."""
+    own, beside = cells[peak, row], {}
+    for step in (-1, 1):
+        other = np.clip(row + step, 0, cells.shape[1] - 1)
+        same = (cells[:, other] == own) & new[:, other] & (other == row + step)
+        beside[step] = np.where(same.any(axis=0), same.argmax(axis=0), -1)
+    for left in (False, True):
+        for right in (False, True):
+            members = np.flatnonzero(((beside[-1] >= 0) == left) & ((beside[1] >= 0) == right))
+            if len(members):
+                steps = [-1] * left + [0] + [1] * right
+                yield {step: beside[step][members] if step else peak[members] for step in steps}, members
+
+
+@dataclass(frozen=True, eq=False)
+class _Lines:
+    """N lines of all groups.
+
+    :param group: [N] index of its group
+    :param energy: [N] of its group's cells
+    :param place: [N] range bin with its fraction
+    :param cell: [N] Doppler cell
+    """
+
+    group: NDArray[np.intp]
+    energy: NDArray[np.float64]
+    place: NDArray[np.float64]
+    cell: NDArray[np.int64]
+    u: NDArray[np.float64]
+    level_db: NDArray[np.float64]
+
+    def _apart(self, index: int, others: NDArray[np.intp], chirps: int) -> tuple[NDArray, NDArray]:
+        cells = (self.cell[others] - self.cell[index] + 0.5 * chirps) % chirps - 0.5 * chirps
+        return np.abs(self.place[others] - self.place[index]), np.abs(cells)
+
+    def once(self, lines: NDArray[np.intp], near: float, chirps: int) -> NDArray[np.intp]:
+        """Those that no group of more energy has at the same place."""
+        order = lines[np.lexsort((self.group[lines], -self.energy[lines]))]
+        kept = np.zeros(len(self.u), dtype=bool)
+        for index, beside in self._neighbours(order, near):
+            others = beside[kept[beside] & (self.group[beside] != self.group[index])]
+            bins, cells = self._apart(index, others, chirps)
+            kept[index] = not ((bins < SAME_BINS) & (cells < 0.5)).any()
+        return order[kept[order]]
+
+    def explained_by_none(self, lines: NDArray[np.intp], near: float, chirps: int) -> NDArray[np.intp]:
+        """The strongest first; without those that a stronger one's window explains."""
+        order = lines[np.argsort(-self.level_db[lines], kind="stable")]
+        kept = np.zeros(len(self.u), dtype=bool)
+        for index, beside in self._neighbours(order, near):
+            others = beside[kept[beside] & (self.group[beside] != self.group[index])]
+            bins, cells = self._apart(index, others, chirps)
+            window = hann_envelope_db(np.maximum(bins - 0.5, 0.0)) + hann_envelope_db(np.maximum(cells - 0.5, 0.0))
+            there = (bins >= SAME_BINS) | (cells > 0.5)
+            kept[index] = not (there & (self.level_db[index] < self.level_db[others] + window + LOBE_MARGIN_DB)).any()
+        return order[kept[order]]
+
+    def _neighbours(self, order: NDArray[np.intp], near: float) -> Iterator[tuple[int, NDArray[np.intp]]]:
+        """(line, those of ``order`` at its angle), one after the other."""
+        by_angle = order[np.argsort(self.u[order], kind="stable")]
+        first = np.searchsorted(self.u[by_angle], self.u[order] - near, side="left")
+        last = np.searchsorted(self.u[by_angle], self.u[order] + near, side="right")
+        for index, start, stop in zip(order.tolist(), first, last, strict=True):
+            yield index, by_angle[start:stop]
 
 
 def new_peaks(velocity: NDArray[np.floating]) -> NDArray[np.bool_]:
@@ -120,44 +250,6 @@ def hann_envelope_db(offset: NDArray[np.floating]) -> NDArray[np.float64]:
     distance = np.maximum(np.abs(np.asarray(offset, dtype=np.float64)), LEAST_OFFSET)
     fallen = -20.0 * np.log10(np.pi * distance * (distance**2 - 1.0))
     return np.where(np.abs(offset) < LEAST_OFFSET, 0.0, fallen)
-
-
-def _targets(
-    row: NDArray[np.intp],
-    cell: NDArray[np.float64],
-    u: NDArray[np.float64],
-    level_db: NDArray[np.float64],
-    chirps: int,
-    near: float,
-) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-    """([N] which lines, the strongest first, no stronger one explains, [N] bins from their row to the target).
-
-    A peak between two bins stands up to half a bin from either: the window's response counts from there.
-    """
-    kept, offset = np.ones(len(u), dtype=bool), np.zeros(len(u))
-    by_angle = np.argsort(u, kind="stable")
-    first = np.searchsorted(u[by_angle], u - near, side="left")
-    last = np.searchsorted(u[by_angle], u + near, side="right")
-    for index in range(len(u)):
-        beside = by_angle[first[index] : last[index]]
-        bins = row[beside] - row[index]
-        cells = (cell[beside] - cell[index] + 0.5 * chirps) % chirps - 0.5 * chirps
-        stronger = beside < index
-        window = hann_envelope_db(np.maximum(np.abs(bins) - 0.5, 0.0))
-        window += hann_envelope_db(np.maximum(np.abs(cells) - 0.5, 0.0))
-        there = stronger & ((bins != 0) | (np.abs(cells) > 0.5))
-        kept[index] = not (there & (level_db[index] < level_db[beside] + window + LOBE_MARGIN_DB)).any()
-        same = np.abs(cells) < 0.5
-        before, after = (_magnitude(level_db[beside][same & (bins == step)], level_db[index]) for step in (-1, 1))
-        if kept[index] and before > 0.0 and after > 0.0:
-            # Exact for one target through a Hann window: 1 / (d (1 - d^2)) and 1 / (d (1 +- d) (2 +- d)).
-            offset[index] = np.clip(2.0 * (after - before) / (before + 2.0 + after), -0.5, 0.5)
-    return kept, offset
-
-
-def _magnitude(levels_db: NDArray[np.float64], reference_db: float) -> float:
-    """The largest of these over a reference, linear; 0 where there is none."""
-    return float(10.0 ** ((levels_db.max() - reference_db) / 20.0)) if len(levels_db) else 0.0
 
 
 def _around(

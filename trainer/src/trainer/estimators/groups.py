@@ -1,0 +1,532 @@
+"""The line fit of one group of range-Doppler cells, compiled; groups are shared out to threads.
+
+A group is M cells (one, or a cell and its neighbours) of C channels. A line is an angle u, an offset r in range and v
+in Doppler from the group's centre [cells] and a complex amplitude. In cell (i, j) of channel c it shows as
+
+    s h(i - r + w_c u) h(j - v) exp(-j k p_c u)
+
+with h the window's response (:func:`window_response`) and w_c = p_c / 2 over the range step: across the array an echo
+walks through the range bins. The noise of neighbouring cells is correlated by the windows; cells and model are
+multiplied by the inverse of its Cholesky factor, after which least squares is maximum likelihood.
+
+With A [N, K] the responses of K lines to unit amplitudes, N = M C, and D their derivatives by the free coordinates, the
+amplitudes are s = A^+ x, P = I - A A^+ projects on what they leave, and the step of least squares in all coordinates is
+
+    Re[(P D diag(s))^H (P D diag(s))]^-1 Re[(P D diag(s))^H x]
+
+(Golub and Pereyra 1973 in the form of Kaufman 1975), damped as Levenberg does. All of it follows from the inner
+products of the columns of A and D with each other and with x, which is what the time goes to.
+
+A line stays where it lowers what is left by more than a threshold times the noise (a generalised likelihood-ratio test
+with known noise):
+
+1. A group in which no angle takes more than the first threshold has no line, and costs nothing more.
+2. The given angles that least squares needs are refined together.
+3. The line whose removal, the others refined again, costs least is removed while it costs less than the threshold.
+4. Where the energy left fails its chi-square test a line is added or one is split; the best is kept while it gains
+   more than the threshold. Then step 3 again: an older line may have become needless.
+5. In the place of one or two lines the best lone one is tried, of two and more the best pair elsewhere, of three to
+   five also pairs beside each one: the lobes of a sparse array make optima that no small step leaves.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import prange
+
+from shared.physics.compiled import compiled
+from trainer.estimators.group_model import (
+    FARTHEST,
+    ONE,
+    RIDGE,
+    ZERO,
+    Group,
+    Work,
+    bounded,
+    describe,
+    energy_left,
+    evaluate,
+    every,
+    information,
+    least_squares,
+    window,
+)
+from trainer.estimators.small_matrices import dot, forward, part, solve
+
+STEPS, PRUNING_STEPS, RACE_STEPS, RACE_KEPT = np.int64(12), np.int64(4), np.int64(4), 4
+"""Gauss-Newton steps of what is kept and of a trial; of splits all go so many steps and the best are refined to the
+end."""
+LARGEST_STEP, SETTLED = 0.25, 1e-6
+"""Of a resolution cell or a bin: farther than the one the linear step is no guide, below the other it changes
+nothing."""
+ENOUGH = 1e-4
+"""Of the noise power: a trial that would gain less is at its optimum."""
+FIRST_DAMPING, DAMPING_FACTOR, LEAST_DAMPING, MOST_DAMPING = 1e-3, 10.0, 1e-9, 1e9
+"""Levenberg's, relative to the diagonal: a rejected step raises it, an accepted one lowers it."""
+SPLIT_CELLS = (0.5, 0.2)
+"""Distances of the two halves of a split line before they are refined, in resolution cells."""
+ELSEWHERE = 3
+"""Angles, and pairs of angles far from a row's lines, that are refined in their place."""
+MOST_SEARCHED = 5
+"""Lines of a group beside each of which pairs are tried."""
+NEAR_CELLS = 0.2
+"""Angles so near are refined to the same ones."""
+KEPT_ANGLES = 48
+"""Of a group, of which all pairs are tried."""
+CLOSEST, LEAST_APART = 1e-9, 1e-4
+"""Least share of a line outside the span of others, and of a pair outside each other's, that is told from rounding."""
+DRAWS_AT = 1.5
+"""Resolution cells: only lines so near to another may lose it for less than least squares at these angles says."""
+DEAR = 20.0
+"""Times the threshold: a line that costs so much more and has no neighbour is not tried without."""
+OFF_GRID = 0.1
+"""Share of its energy that a pair between grid angles may gain by being refined, at most."""
+
+
+@part
+def _copy(source, lines, out):
+    for k in range(lines):
+        for d in range(3):
+            out[k, d] = source[k, d]
+
+
+@part
+def _set(place, line, u, range_offset):
+    place[line, 0], place[line, 1], place[line, 2] = u, range_offset, 0.0
+
+
+@part
+def _smallest_first(values, count, order):
+    """Fill ``order`` with the indices of the ``len(order)`` smallest of ``count`` values; equal ones in their order."""
+    kept = 0
+    for index in range(count):
+        if kept < len(order):
+            place = kept
+            kept += 1
+        elif values[index] < values[order[kept - 1]]:
+            place = kept - 1
+        else:
+            continue
+        while place > 0 and values[index] < values[order[place - 1]]:
+            order[place] = order[place - 1]
+            place -= 1
+        order[place] = index
+    return kept
+
+
+@part
+def _refine(model, group, place, lines, steps, work):
+    """Move the lines [K, 3], in place, to a local optimum; never to a worse one. The energy left with bounded
+    amplitudes."""
+    if lines == 0:
+        return group.energy
+    wide, now = 1 + len(group.free), ZERO
+    everyone = every(lines)
+    evaluate(model, group, place, lines, work, now)
+    before = bounded(work.gram[now], work.right[now], wide, everyone, lines, work.amplitude, work.factor)
+    explained = least_squares(work.gram[now], work.right[now], wide, lines, work.factor, work.amplitude)
+    best, trial = np.empty((lines, 3)), np.empty((lines, 3))
+    keep = np.empty(lines, dtype=np.complex128)
+    _copy(place, lines, best)
+    damping = FIRST_DAMPING
+    step = np.empty(lines * (wide - 1))
+    damped = np.empty((lines * (wide - 1), lines * (wide - 1)))
+    fresh = True
+    for _ in range(steps):
+        if fresh:
+            size = information(work.gram[now], work.right[now], wide, lines, work)
+        largest = 0.0
+        for a in range(size):
+            largest = max(largest, work.curvature[a, a])
+        for a in range(size):
+            step[a] = work.slope[a]
+            for b in range(size):
+                damped[a, b] = work.curvature[a, b]
+            # A line without amplitude has no curvature, and no step.
+            damped[a, a] += damping * damped[a, a] + max(RIDGE * largest, 1e-300)
+        solved = solve(damped, step, size)
+        moved = expected = 0.0
+        for a in range(size):
+            coordinate = group.free[a % (wide - 1)]
+            unit = model.cell if coordinate == 0 else 1.0
+            step[a] = min(max(step[a], -LARGEST_STEP * unit), LARGEST_STEP * unit) if solved else 0.0
+            moved = max(moved, abs(step[a]) / unit)
+            expected += step[a] * work.slope[a]
+        _copy(best, lines, trial)
+        for a in range(size):
+            line, coordinate = a // (wide - 1), group.free[a % (wide - 1)]
+            trial[line, coordinate] += step[a]
+            if coordinate > 0:
+                trial[line, coordinate] = min(max(trial[line, coordinate], -FARTHEST), FARTHEST)
+        evaluate(model, group, trial, lines, work, 1 - now)
+        for k in range(lines):
+            keep[k] = work.amplitude[k]
+        found = least_squares(work.gram[1 - now], work.right[1 - now], wide, lines, work.factor, work.amplitude)
+        fresh = found > explained
+        if fresh:
+            _copy(trial, lines, best)
+            explained, now = found, 1 - now
+            damping = max(damping / DAMPING_FACTOR, LEAST_DAMPING)
+        else:
+            for k in range(lines):
+                work.amplitude[k] = keep[k]
+            damping = min(damping * DAMPING_FACTOR, MOST_DAMPING)
+        if moved < SETTLED or expected < ENOUGH * group.noise:
+            break
+    after = bounded(work.gram[now], work.right[now], wide, everyone, lines, work.amplitude, work.factor)
+    if after >= before:
+        _copy(best, lines, place)
+        return max(group.energy - after, 0.0)
+    return max(group.energy - before, 0.0)
+
+
+@part
+def _scan(model, group, place, lines, range_offset, work):
+    """What a further line at each search angle meets beside the lines, at one range offset and the centre's Doppler.
+
+    Fills ``work.score`` [A] with the energy that it takes, |b^H P x|^2 / b^H P b, ``work.matched`` [A] with b^H P x /
+    |b| and ``work.inside`` [K, A] with Q^H b / |b|, Q an orthonormal basis of the lines. An angle in their span scores
+    0. The walk of the echo through the bins is left out: it takes a few hundredths of the energy.
+    """
+    channels, cells = len(model.phase), len(group.white)
+    wide = 1 + len(group.free)
+    weight = np.empty(cells)
+    norm = 0.0
+    for m in range(cells):
+        weight[m] = 0.0
+        for other in range(m + 1):
+            value = window(model.response, group.offset[other, 0] - range_offset)[0]
+            value *= window(model.response, 1.0 * group.offset[other, 1])[0]
+            weight[m] += group.white[m, other] * (value if cells > 1 else 1.0)
+        norm += weight[m] ** 2
+    norm = np.sqrt(norm * channels)
+    reduced = np.zeros((2, lines + 1, channels))
+    factor, amplitude = work.factor, work.amplitude
+    if lines:
+        evaluate(model, group, place, lines, work, ZERO)
+        least_squares(work.gram[0], work.right[0], wide, lines, factor, amplitude)
+    for m in range(cells):
+        for c in range(channels):
+            n = m * channels + c
+            real, imaginary = group.x[0, n], group.x[1, n]
+            for k in range(lines):
+                a, b = work.re[0, k * wide, n], work.im[0, k * wide, n]
+                real -= a * amplitude[k].real - b * amplitude[k].imag
+                imaginary -= a * amplitude[k].imag + b * amplitude[k].real
+                reduced[0, k, c] += weight[m] * a
+                reduced[1, k, c] += weight[m] * b
+            reduced[0, lines, c] += weight[m] * real
+            reduced[1, lines, c] += weight[m] * imaginary
+    span = np.empty(lines, dtype=np.complex128)
+    for i in range(len(model.axis)):
+        real, imaginary = dot(model.steering[0, i], model.steering[1, i], reduced[0, lines], reduced[1, lines])
+        work.matched[i] = complex(real, imaginary) / norm
+        outside = 1.0
+        for k in range(lines):
+            # A^H b; L^-1 of it is Q^H b.
+            real, imaginary = dot(reduced[0, k], reduced[1, k], model.steering[0, i], model.steering[1, i])
+            span[k] = complex(real, imaginary) / norm
+        forward(factor, lines, span)
+        for k in range(lines):
+            work.inside[k, i] = span[k]
+            outside -= span[k].real ** 2 + span[k].imag ** 2
+        energy = work.matched[i].real ** 2 + work.matched[i].imag ** 2
+        work.score[i] = energy / outside if outside > CLOSEST else 0.0
+
+
+@part
+def _best_start(model, group, place, lines, work):
+    """(angle, range offset, energy) of the best further line; ``work`` holds the scan at that offset."""
+    if len(group.white) == 1:
+        _scan(model, group, place, lines, 0.0, work)
+        best = np.argmax(work.score)
+        return model.axis[best], 0.0, work.score[best]
+    angle, offset, most = 0.0, 0.0, -1.0
+    for step in range(-2, 3):
+        _scan(model, group, place, lines, 0.5 * step, work)
+        best = np.argmax(work.score)
+        if work.score[best] > most:
+            angle, offset, most = model.axis[best], 0.5 * step, work.score[best]
+    return angle, offset, most
+
+
+@part
+def _without(place, lines, line, out):
+    """Copy all lines but one."""
+    for k in range(lines - 1):
+        for d in range(3):
+            out[k, d] = place[k if k < line else k + 1, d]
+
+
+@part
+def _cheapest(model, group, place, lines, work, costs):
+    """Fill ``costs`` [K] with the energy that each line's removal adds at these places; energy left with all."""
+    left = energy_left(model, group, place, lines, work)
+    wide = 1 + len(group.free)
+    used = np.empty(max(lines - 1, 1), dtype=np.int64)
+    for line in range(lines):
+        for k in range(lines - 1):
+            used[k] = k if k < line else k + 1
+        explained = 0.0
+        if lines > 1:
+            explained = bounded(work.gram[0], work.right[0], wide, used, lines - 1, work.amplitude, work.factor)
+        costs[line] = group.energy - explained - left
+    return left
+
+
+@part
+def _prune(model, group, place, lines, left, work):
+    """Remove lines, the others refined again, while the cheapest one gains less than its threshold: (lines, left)."""
+    costs, trial, best = np.empty(model.most), np.empty((model.most, 3)), np.empty((model.most, 3))
+    order = np.empty(model.most, dtype=np.int64)
+    while lines:
+        price = (model.first if lines == 1 else model.further) * group.noise
+        if lines == 1:
+            if group.energy - left >= price:
+                break
+            return 0, group.energy
+        _cheapest(model, group, place, lines, work, costs)
+        least = np.inf
+        for ranked in range(_smallest_first(costs, lines, order)):
+            line = order[ranked]
+            near = False
+            for other in range(lines):
+                near |= other != line and abs(place[other, 0] - place[line, 0]) < DRAWS_AT * model.cell
+            if costs[line] > DEAR * price and not near:
+                continue
+            _without(place, lines, line, trial)
+            energy = _refine(model, group, trial, lines - 1, PRUNING_STEPS, work)
+            if energy < least:
+                least = energy
+                _copy(trial, lines - 1, best)
+            if costs[line] < price:
+                break
+        if not least - left < price:
+            break
+        lines, left = lines - 1, least
+        _copy(best, lines, place)
+    return lines, left
+
+
+@part
+def _grow(model, group, place, lines, left, work):
+    """Add or split lines while the energy left fails its test and the best trial gains: (lines, left, grown)."""
+    grown = False
+    trials, energies = np.empty((2 * model.most + 1, model.most, 3)), np.empty(2 * model.most + 1)
+    order = np.empty(RACE_KEPT, dtype=np.int64)
+    while 0 < lines < model.most and left > model.limit[len(group.white), lines] * group.noise:
+        angle, offset, _ = _best_start(model, group, place, lines, work)
+        _copy(place, lines, trials[0])
+        _set(trials[0], lines, angle, offset)
+        count = 1
+        for line in range(lines):
+            for apart in SPLIT_CELLS:
+                _copy(place, lines, trials[count])
+                _set(trials[count], lines, place[line, 0], place[line, 1])
+                trials[count, lines, 2] = place[line, 2]
+                trials[count, line, 0] -= 0.5 * apart * model.cell
+                trials[count, lines, 0] += 0.5 * apart * model.cell
+                count += 1
+        for index in range(count):
+            energies[index] = _refine(model, group, trials[index], lines + 1, RACE_STEPS, work)
+        best, least = -1, left
+        for ranked in range(_smallest_first(energies, count, order)):
+            index = order[ranked]
+            energy = _refine(model, group, trials[index], lines + 1, STEPS, work)
+            if energy < least:
+                best, least = index, energy
+        if best < 0 or not left - least > model.further * group.noise:
+            break
+        lines, left, grown = lines + 1, least, True
+        _copy(trials[best], lines, place)
+    return lines, left, grown
+
+
+@part
+def _try_lone(model, group, place, lines, left, work):
+    """The angles that explain most in place of all: a peak that the fit began with may be a sidelobe's."""
+    offset, fewer = place[0, 1], lines - 1
+    _scan(model, group, place, ZERO, offset, work)
+    angles = len(model.axis)
+    trial, height = np.empty((1, 3)), np.empty(angles)
+    peaks = np.empty(ELSEWHERE, dtype=np.int64)
+    for index in range(angles):
+        before, after = work.score[(index - 1) % angles], work.score[(index + 1) % angles]
+        height[index] = -work.score[index] if work.score[index] >= before and work.score[index] > after else 0.0
+    count = _smallest_first(height, angles, peaks)
+    for ranked in range(count):
+        index = peaks[ranked]
+        allowed = left + fewer * model.further * group.noise
+        if group.energy + height[index] * (1.0 + OFF_GRID) >= allowed:
+            break
+        _set(trial, ZERO, model.axis[index], offset)
+        energy = _refine(model, group, trial, ONE, PRUNING_STEPS, work)
+        if energy < allowed:
+            _copy(trial, ONE, place)
+            lines, left, fewer = 1, energy, 0
+    return lines, left
+
+
+@part
+def _replace_by_pair(model, group, place, lines, left, line, work):
+    """The best pairs beside line ``line``, -1 for none, in the place of a group's others where that costs less."""
+    kept = 0 if line < 0 else 1
+    fewer = lines - kept - 2
+    trial = np.empty((kept + 2, 3))
+    offset = place[0, 1]
+    if kept:
+        for d in range(3):
+            trial[0, d] = place[line, d]
+        offset = place[0 if line else 1, 1]
+    _scan(model, group, trial, kept, offset, work)
+    count = min(KEPT_ANGLES, len(model.axis))
+    angles = np.empty(count, dtype=np.int64)
+    for index in range(len(model.axis)):
+        work.score[index] = -work.score[index]
+    _smallest_first(work.score, len(model.axis), angles)
+    # In rising order: the overlap is that of the second angle less the first.
+    for i in range(1, count):
+        index, j = angles[i], i
+        while j > 0 and angles[j - 1] > index:
+            angles[j] = angles[j - 1]
+            j -= 1
+        angles[j] = index
+    near = NEAR_CELLS * model.cell
+    pairs = count * (count - 1) // 2
+    energy, first, second = np.empty(pairs), np.empty(pairs, dtype=np.int64), np.empty(pairs, dtype=np.int64)
+    norm, inside, matched = np.ones(count), np.zeros(count, dtype=np.complex128), np.empty(count, dtype=np.complex128)
+    occupied = np.zeros(count, dtype=np.bool_)
+    for i in range(count):
+        if kept:
+            inside[i] = work.inside[0, angles[i]]
+            norm[i] = np.sqrt(max(1.0 - inside[i].real ** 2 - inside[i].imag ** 2, LEAST_APART))
+        matched[i] = work.matched[angles[i]] / norm[i]
+        # Where a line fewer would do, the best pair may stand near the lines.
+        if lines == 2:
+            for k in range(2):
+                occupied[i] |= abs(model.axis[angles[i]] - place[k, 0]) < near
+    pair = 0
+    for i in range(count):
+        for j in range(i + 1, count):
+            first[pair], second[pair], energy[pair] = i, j, 0.0
+            if not (occupied[i] and occupied[j]):
+                overlap = model.overlap[angles[j] - angles[i]] - np.conj(inside[i]) * inside[j]
+                overlap = overlap / (norm[i] * norm[j])
+                apart = 1.0 - overlap.real**2 - overlap.imag**2
+                if apart > LEAST_APART:
+                    cross = np.conj(matched[i]) * matched[j]
+                    power = np.abs(matched[i]) ** 2 + np.abs(matched[j]) ** 2
+                    joint = power - 2.0 * (cross.real * overlap.real - cross.imag * overlap.imag)
+                    energy[pair] = joint / apart
+            pair += 1
+    have = group.energy
+    if kept:
+        # What the kept line leaves by itself.
+        have = group.energy - (work.right[0, 0].real ** 2 + work.right[0, 0].imag ** 2) / work.gram[0, 0, 0].real
+    best_left, best = np.inf, np.empty((kept + 2, 3))
+    allowed = left + fewer * model.further * group.noise
+    for _ in range(ELSEWHERE):
+        top = np.argmax(energy)
+        if have - energy[top] - OFF_GRID * (group.energy - have + energy[top]) >= allowed:
+            break
+        low, high = model.axis[angles[first[top]]], model.axis[angles[second[top]]]
+        _set(trial, kept, low, offset)
+        _set(trial, kept + 1, high, offset)
+        if kept:
+            for d in range(3):
+                trial[0, d] = place[line, d]
+        found = _refine(model, group, trial, kept + 2, PRUNING_STEPS, work)
+        if found < best_left:
+            best_left = found
+            _copy(trial, kept + 2, best)
+        for pair in range(pairs):
+            a, b = model.axis[angles[first[pair]]], model.axis[angles[second[pair]]]
+            if min(abs(a - low), abs(a - high)) < near and min(abs(b - low), abs(b - high)) < near:
+                energy[pair] = 0.0
+    if best_left < allowed:
+        lines, left = kept + 2, best_left
+        _copy(best, lines, place)
+    return lines, left
+
+
+@part
+def _begin(model, group, place, lines, work):
+    """Of the given lines those that least squares needs, at least one, refined: (lines, left)."""
+    costs, fewer = np.empty(model.most), np.empty((model.most, 3))
+    order = np.empty(1, dtype=np.int64)
+    while lines > 1:
+        _cheapest(model, group, place, lines, work, costs)
+        _smallest_first(costs, lines, order)
+        least = order[0]
+        if not costs[least] < model.further * group.noise:
+            break
+        _without(place, lines, least, fewer)
+        lines -= 1
+        _copy(fewer, lines, place)
+    return lines, _refine(model, group, place, lines, PRUNING_STEPS, work)
+
+
+@part
+def _fit(model, group, given, place, work):
+    """Fit one group from the angles ``given`` on; the number of lines, at ``place`` [most, 3]."""
+    angle, offset, most = _best_start(model, group, place, ZERO, work)
+    if not most > model.first * group.noise:
+        return 0
+    lines = 0
+    for index in range(len(given)):
+        start = given[index]
+        if not np.isnan(start) and lines < model.most:
+            _set(place, lines, start, offset)
+            lines += 1
+    if lines == 0:
+        _set(place, ZERO, angle, offset)
+        lines = 1
+    lines, left = _begin(model, group, place, lines, work)
+    lines, left = _prune(model, group, place, lines, left, work)
+    left = _refine(model, group, place, lines, STEPS, work)
+    lines, left, grown = _grow(model, group, place, lines, left, work)
+    if grown:
+        lines, left = _prune(model, group, place, lines, left, work)
+    if 0 < lines <= 2:
+        lines, left = _try_lone(model, group, place, lines, left, work)
+    if lines >= 2:
+        count = lines
+        lines, left = _replace_by_pair(model, group, place, lines, left, -ONE, work)
+        for line in range(count if 2 < count <= MOST_SEARCHED else 0):
+            if lines == count:
+                lines, left = _replace_by_pair(model, group, place, lines, left, line, work)
+    _refine(model, group, place, lines, STEPS, work)
+    return lines
+
+
+@compiled(parallel=True, error_model="numpy")
+def fit_all(model, x, offset, white, free, noise, given, place, amplitude, deviation):
+    """Fit G groups of equal cells.
+
+    :param x: [G, 2, N] real and imaginary part, whitened, of largest element about 1
+    :param offset: [G, M, 2] cells from the centre; :param white: [M, M] see :class:`Group`
+    :param free: [P] coordinates that the cells tell
+    :param noise: [G] noise power of one element in the scale of x
+    :param given: [G, n] angles to begin with, NaN for none
+    :param place: [G, most, 3] filled with u, range and Doppler offsets, NaN where there is no line
+    :param amplitude, deviation: [G, most] and [G, most, 3], filled
+    """
+    wide, size = 1 + len(free), x.shape[2]
+    columns, most, angles = model.most * wide, model.most, len(model.axis)
+    for index in prange(len(x)):
+        energy = 0.0
+        for n in range(size):
+            energy += x[index, 0, n] ** 2 + x[index, 1, n] ** 2
+        group = Group(x[index], offset, white, free, noise[index], energy)
+        work = Work(
+            np.empty((2, columns, size)), np.empty((2, columns, size)),
+            np.empty((2, columns, columns), dtype=np.complex128), np.empty((2, columns), dtype=np.complex128),
+            np.empty(most, dtype=np.complex128), np.empty((most, most), dtype=np.complex128),
+            np.empty((columns, most), dtype=np.complex128), np.empty((columns, columns)), np.empty(columns),
+            np.empty(angles), np.empty(angles, dtype=np.complex128), np.empty((most, angles), dtype=np.complex128),
+        )  # fmt: skip
+        found = np.zeros((most, 3))
+        lines = _fit(model, group, given[index], found, work)
+        if lines:
+            describe(model, group, found, lines, work, amplitude[index], deviation[index])
+            _copy(found, lines, place[index])

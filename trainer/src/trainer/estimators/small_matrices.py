@@ -1,0 +1,118 @@
+"""Algebra of small matrices for compiled kernels, on arrays of the caller: their first ``size`` rows count."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from shared.physics.compiled import compiled, inlined
+
+JACOBI_SWEEPS, JACOBI_ZERO = 12, 1e-12
+"""Until no element beside the diagonal of a normed Gram matrix is larger."""
+part = compiled(cache=False, error_model="numpy")
+"""Of :func:`fit_all`. Slices are copied by loops and sorted by hand, and constants are typed: numba's own slices and
+sorts, and the copies of a function that it makes for each constant it is called with, take minutes to compile."""
+
+
+@inlined(error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+def dot(ar, ai, br, bi):
+    """a^H b, its real and imaginary part."""
+    real = imaginary = 0.0
+    for n in range(len(ar)):
+        real += ar[n] * br[n] + ai[n] * bi[n]
+        imaginary += ar[n] * bi[n] - ai[n] * br[n]
+    return real, imaginary
+
+
+@part
+def cholesky(matrix, size):
+    """Factor a Hermitian matrix in place, its lower triangle; False where it is not positive definite."""
+    for i in range(size):
+        for j in range(i + 1):
+            total = matrix[i, j]
+            for k in range(j):
+                total -= matrix[i, k] * np.conj(matrix[j, k])
+            if i == j:
+                if not total.real > 0.0:
+                    return False
+                matrix[i, i] = np.sqrt(total.real)
+            else:
+                matrix[i, j] = total / matrix[j, j].real
+    return True
+
+
+@part
+def forward(factor, size, vector):
+    """vector := L^-1 vector."""
+    for i in range(size):
+        total = vector[i]
+        for k in range(i):
+            total -= factor[i, k] * vector[k]
+        vector[i] = total / factor[i, i].real
+
+
+@part
+def backward(factor, size, vector):
+    """vector := L^-H vector."""
+    for i in range(size - 1, -1, -1):
+        total = vector[i]
+        for k in range(i + 1, size):
+            total -= np.conj(factor[k, i]) * vector[k]
+        vector[i] = total / factor[i, i].real
+
+
+@part
+def eigen(matrix, vectors, size):
+    """Jacobi's rotations of a Hermitian matrix, in place: its eigenvalues on the diagonal, vectors in the columns."""
+    for i in range(size):
+        for j in range(size):
+            vectors[i, j] = 1.0 if i == j else 0.0
+    for _ in range(JACOBI_SWEEPS):
+        beside = 0.0
+        for p in range(size):
+            for q in range(p + 1, size):
+                norm = np.abs(matrix[p, q])
+                beside = max(beside, norm)
+                if norm < JACOBI_ZERO:
+                    continue
+                turn = matrix[p, q] / norm
+                ratio = (matrix[q, q].real - matrix[p, p].real) / (2.0 * norm)
+                tangent = (1.0 if ratio >= 0.0 else -1.0) / (abs(ratio) + np.sqrt(ratio**2 + 1.0))
+                cosine = 1.0 / np.sqrt(tangent**2 + 1.0)
+                sine = tangent * cosine * turn
+                for k in range(size):
+                    a, b = matrix[k, p], matrix[k, q]
+                    matrix[k, p], matrix[k, q] = cosine * a - np.conj(sine) * b, sine * a + cosine * b
+                    a, b = vectors[k, p], vectors[k, q]
+                    vectors[k, p], vectors[k, q] = cosine * a - np.conj(sine) * b, sine * a + cosine * b
+                for k in range(size):
+                    a, b = matrix[p, k], matrix[q, k]
+                    matrix[p, k], matrix[q, k] = cosine * a - sine * b, np.conj(sine) * a + cosine * b
+        if beside < JACOBI_ZERO:
+            break
+
+
+@part
+def solve(matrix, vector, size):
+    """Solve a symmetric positive definite system in place; False where it is not."""
+    for i in range(size):
+        for j in range(i + 1):
+            total = matrix[i, j]
+            for k in range(j):
+                total -= matrix[i, k] * matrix[j, k]
+            if i == j:
+                if not total > 0.0:
+                    return False
+                matrix[i, i] = np.sqrt(total)
+            else:
+                matrix[i, j] = total / matrix[j, j]
+    for i in range(size):
+        total = vector[i]
+        for k in range(i):
+            total -= matrix[i, k] * vector[k]
+        vector[i] = total / matrix[i, i]
+    for i in range(size - 1, -1, -1):
+        total = vector[i]
+        for k in range(i + 1, size):
+            total -= matrix[k, i] * vector[k]
+        vector[i] = total / matrix[i, i]
+    return True
