@@ -48,6 +48,41 @@ def test_an_interrupted_command_says_how_to_go_on(capsys, monkeypatch):
     assert text.startswith("trainer: interrupted; the same command with --resume goes on")
 
 
+@pytest.mark.parametrize(
+    ("work", "arguments", "advice"),
+    [
+        ("trainer.run.predict.predict", ["predict", "x.npy", "--method", "das"], ", into a new or emptied --out"),
+        ("trainer.captures.importing.import_capture", ["import", "x.bin", "--board", "iwr1843"], ""),
+    ],
+)
+def test_an_interrupted_command_without_resume_says_to_run_it_again(capsys, monkeypatch, work, arguments, advice):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(work, interrupted)
+    code, _, text = status(capsys, monkeypatch, *arguments, "--out", "out.npz")
+    assert (code, text) == (130, f"trainer: interrupted; it has no --resume: run it again{advice}\n")
+
+
+def test_what_an_interrupted_predict_advises_works(tmp_path, capsys, monkeypatch):
+    """The folder has a picture and no images.parquet, and is refused until it is emptied."""
+    data, out = small_dataset(tmp_path / "data"), tmp_path / "images"
+
+    def interrupted(path, *_):
+        path.write_bytes(b"")
+        raise KeyboardInterrupt
+
+    arguments = ("predict", data, "--method", "das", "--out", out)
+    with monkeypatch.context() as patched:
+        patched.setattr("trainer.run.predict.save_picture", interrupted)
+        assert status(capsys, patched, *arguments)[0] == 130
+    (picture,) = out.iterdir()
+    assert "is not empty; expected an empty or new folder" in status(capsys, monkeypatch, *arguments)[2]
+    picture.unlink()
+    assert status(capsys, monkeypatch, *arguments)[0] == 0
+    assert (out / "images.parquet").is_file()
+
+
 def test_fit_predict_and_export_work_one_after_the_other(tmp_path):
     data, run = small_dataset(tmp_path / "data"), tmp_path / "run"
     runner = CliRunner()
