@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from trainer.cli import app as cli
 from trainer.cli.app import app
 from trainer.errors import TrainingStopped
+from trainer.run.folder import read_run
 
 SIZE = ["--width", "4", "--hidden", "16", "--rows", "16", "--steps", "4", "--validate-every", "4", "--array", "full"]
 
@@ -81,6 +82,22 @@ def test_what_an_interrupted_predict_advises_works(tmp_path, capsys, monkeypatch
     picture.unlink()
     assert status(capsys, monkeypatch, *arguments)[0] == 0
     assert (out / "images.parquet").is_file()
+
+
+def test_a_fit_from_none_is_one_that_does_not_say(tmp_path, capsys, monkeypatch):
+    """Also where a run folder has that name: ./none is it."""
+    monkeypatch.chdir(tmp_path)
+    data = small_dataset(tmp_path / "data")
+    notes = []
+    for out, begin in (("none", ()), ("second", ("--from", "none")), ("third", ("--from", "./none"))):
+        arguments = ("fit", data, "--out", out, "--model", "spectral-unet", *SIZE, *begin)
+        assert status(capsys, monkeypatch, *arguments)[0] == 0
+        notes.append((tmp_path / out / "run.json").read_bytes())
+    assert notes[0] == notes[1]
+    assert read_run(tmp_path / "second").start is None
+    start = read_run(tmp_path / "third").start
+    assert start is not None
+    assert start.name == "none"
 
 
 def test_fit_predict_and_export_work_one_after_the_other(tmp_path):
