@@ -95,7 +95,7 @@ FIT = [
     ("{data} --weight 0", "--weight: 0.0"),
     ("{data} --weight 1 --weight 2", "--weight: 2 weights for 1 datasets"),
     ("{data} --frames 1", "{data}: no frame"),
-    ("{data} --array full --from none", "none/weights.safetensors: no such file"),
+    ("{data} --array full --from nothing", "nothing/weights.safetensors: no such file"),
     ("{data} --array full --from {run}", "--from: {run} has width = 4"),
 ]
 PREDICT = [

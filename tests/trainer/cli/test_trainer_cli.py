@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from trainer.cli import app as cli
 from trainer.cli.app import app
 from trainer.errors import TrainingStopped
+from trainer.run.folder import read_run
 
 SIZE = ["--width", "4", "--hidden", "16", "--rows", "16", "--steps", "4", "--validate-every", "4", "--array", "full"]
 
@@ -46,6 +47,57 @@ def test_an_interrupted_command_says_how_to_go_on(capsys, monkeypatch):
     code, _, text = status(capsys, monkeypatch, "evaluate", "data", "--out", "out")
     assert code == 130
     assert text.startswith("trainer: interrupted; the same command with --resume goes on")
+
+
+@pytest.mark.parametrize(
+    ("work", "arguments", "advice"),
+    [
+        ("trainer.run.predict.predict", ["predict", "x.npy", "--method", "das"], ", into a new or emptied --out"),
+        ("trainer.captures.importing.import_capture", ["import", "x.bin", "--board", "iwr1843"], ""),
+    ],
+)
+def test_an_interrupted_command_without_resume_says_to_run_it_again(capsys, monkeypatch, work, arguments, advice):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(work, interrupted)
+    code, _, text = status(capsys, monkeypatch, *arguments, "--out", "out.npz")
+    assert (code, text) == (130, f"trainer: interrupted; it has no --resume: run it again{advice}\n")
+
+
+def test_what_an_interrupted_predict_advises_works(tmp_path, capsys, monkeypatch):
+    """The folder has a picture and no images.parquet, and is refused until it is emptied."""
+    data, out = small_dataset(tmp_path / "data"), tmp_path / "images"
+
+    def interrupted(path, *_):
+        path.write_bytes(b"")
+        raise KeyboardInterrupt
+
+    arguments = ("predict", data, "--method", "das", "--out", out)
+    with monkeypatch.context() as patched:
+        patched.setattr("trainer.run.predict.save_picture", interrupted)
+        assert status(capsys, patched, *arguments)[0] == 130
+    (picture,) = out.iterdir()
+    assert "is not empty; expected an empty or new folder" in status(capsys, monkeypatch, *arguments)[2]
+    picture.unlink()
+    assert status(capsys, monkeypatch, *arguments)[0] == 0
+    assert (out / "images.parquet").is_file()
+
+
+def test_a_fit_from_none_is_one_that_does_not_say(tmp_path, capsys, monkeypatch):
+    """Also where a run folder has that name: ./none is it."""
+    monkeypatch.chdir(tmp_path)
+    data = small_dataset(tmp_path / "data")
+    notes = []
+    for out, begin in (("none", ()), ("second", ("--from", "none")), ("third", ("--from", "./none"))):
+        arguments = ("fit", data, "--out", out, "--model", "spectral-unet", *SIZE, *begin)
+        assert status(capsys, monkeypatch, *arguments)[0] == 0
+        notes.append((tmp_path / out / "run.json").read_bytes())
+    assert notes[0] == notes[1]
+    assert read_run(tmp_path / "second").start is None
+    start = read_run(tmp_path / "third").start
+    assert start is not None
+    assert start.name == "none"
 
 
 def test_fit_predict_and_export_work_one_after_the_other(tmp_path):

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -58,6 +59,7 @@ def read_array_capture(
     variable: str | None = None,
     order: Order = "iq",
     frames: tuple[int, int] | None = None,
+    arrays: Mapping[str, NDArray[Any]] | None = None,
 ) -> tuple[NDArray[np.complex64], str]:
     """([frame, chirp, sample, C] in the file's unit, the axes that were taken).
 
@@ -65,9 +67,11 @@ def read_array_capture(
     16-bit numbers with a sign that was lost, as in a capture that was read as uint16.
 
     :param variable: name of the array; by default the one that fits
+    :param arrays: the file's arrays, where they have been read
     :raises InputError: no array that fits the radar, several, or samples that are not finite
     """
-    arrays = {name: values for name, values in read_arrays(path).items() if values.dtype.kind in "iufc"}
+    read = read_arrays(path) if arrays is None else arrays
+    arrays = {name: values for name, values in read.items() if values.dtype.kind in "iufc"}
     if variable is not None and variable not in arrays:
         raise InputError(path, f"no array {variable!r}", f"one of {sorted(arrays)}")
     candidates = arrays if variable is None else {variable: arrays[variable]}

@@ -18,13 +18,20 @@ from shared.radar.boards import BOARDS
 from shared.signal.spectrum import range_doppler
 from trainer.captures.array_files import read_array_capture
 from trainer.captures.binary_files import DEVICES, LANES, Lanes, cascade_files, read_cascade, read_dca1000
-from trainer.captures.calibration import read_calibration
+from trainer.captures.calibration import Calibration, read_calibration
+from trainer.captures.cascade_calibration import is_cascade_calibration, read_cascade_calibration
 from trainer.captures.cube_file import Capture, write_cube
-from trainer.captures.reading import SUFFIXES
-from trainer.captures.samples import FULL_SCALE, OTHER_SIDE_DB, Order, flatness_db, other_side_db
+from trainer.captures.reading import SUFFIXES, read_arrays
+from trainer.captures.samples import (
+    DEAD_DB,
+    FULL_SCALE,
+    OTHER_SIDE_DB,
+    Order,
+    chosen_frames,
+    flatness_db,
+    other_side_db,
+)
 
-DEAD_DB = 25.0
-"""A channel whose samples have that much less power than the median channel's has no echo: gains differ by a few dB."""
 OTHER_LANES_DB = 3.0
 """A file whose range profile is that much narrower as one of the other number of lanes is of another board."""
 LAYOUTS = ("2-lane", "4-lane", "cascade")
@@ -80,15 +87,13 @@ def import_capture(
 ) -> Capture:
     """Read a capture and write it to ``out``, in one step, as a cube (:mod:`trainer.captures.cube_file`).
 
-    :param calibration: file of ``trainer calibrate`` to apply
+    :param calibration: file of ``trainer calibrate``, or of TI's scripts for the cascade, to apply
     :raises InputError: a capture that does not fit board and chirps, a calibration of another board or waveform, a
         name of ``out`` that is no .npz
     """
     if out.suffix != ".npz" or not out.parent.is_dir():
         raise InputError("--out", f"{out}", "a .npz in a folder that is there")
-    found = None if calibration is None else read_calibration(calibration)
-    if found is not None:
-        found.require_fits(str(calibration), reading.board, described(reading).radar)
+    found = None if calibration is None else _calibration(calibration, reading)
     raw = read_capture(source, reading)
     cube, dead = raw.cube, raw.dead
     if found is not None:
@@ -106,8 +111,20 @@ def import_capture(
     return capture
 
 
+def _calibration(path: Path, reading: Reading) -> Calibration:
+    """That of a file, for what is to be read."""
+    radar = described(reading).radar
+    if path.suffix == ".mat":
+        return read_cascade_calibration(path).calibration(reading.board, radar)
+    found = read_calibration(path)
+    found.require_fits(str(path), reading.board, radar)
+    return found
+
+
 def read_capture(source: Path, reading: Reading) -> RawCapture:
     """The samples of a capture with the radar that they are of.
+
+    A calibration file of TI's scripts is a capture too: the mean chirp of its reflector.
 
     :raises InputError: see :func:`import_capture`
     """
@@ -117,8 +134,16 @@ def read_capture(source: Path, reading: Reading) -> RawCapture:
     if source.suffix in SUFFIXES:
         if reading.layout is not None:
             raise InputError("--layout", f"{reading.layout!r} of {source}", "no --layout: it is of .bin files")
-        cube, axes = read_array_capture(source, radar, reading.axes, reading.variable, reading.order, reading.frames)
-        notes.append(f"axes of {source}: {axes}")
+        arrays = read_arrays(source)
+        if is_cascade_calibration(arrays):
+            chosen_frames(source, 1, reading.frames, radar)
+            radar = radar.model_copy(update={"waveform": radar.waveform.model_copy(update={"chirps": 1})})
+            cube = read_cascade_calibration(source, arrays).samples(reading.board, radar)
+        else:
+            cube, axes = read_array_capture(
+                source, radar, reading.axes, reading.variable, reading.order, reading.frames, arrays
+            )
+            notes.append(f"axes of {source}: {axes}")
         digest = sha256_of(source)
     else:
         cube, digest = _of_binary(source, reading, radar, real, rx)
@@ -205,8 +230,10 @@ def _summary(out: Path, cube: NDArray[np.complex64], radar: Radar, capture: Capt
     ]
     if capture.dead_channels:
         lines.append(f"dead channels: {', '.join(map(str, capture.dead_channels))}")
-    if capture.model_error_db is None:
+    if capture.calibration is None:
         lines.append("not calibrated: trainer calibrate, then --calibration")
+    elif capture.model_error_db is None:
+        lines.append("calibrated; what it leaves of a reflector is not known: trainer calibrate --check")
     else:
         lines.append(f"calibrated; it leaves {capture.model_error_db:.1f} dB of a reflector")
     return lines

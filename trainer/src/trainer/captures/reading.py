@@ -30,8 +30,8 @@ MEMORY = 6 * LARGEST_ARRAY + 2 * 10**9
 def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
     """The file's arrays by their names; that of a .npy is called "array".
 
-    Of .mat and HDF5 they are those of numbers. Pairs of "real" and "imag" are complex, and arrays of MATLAB 7.3 in
-    MATLAB's order of axes.
+    Of .mat and HDF5 they are those of numbers; a structure's or group's are "structure/field". Pairs of "real" and
+    "imag" are complex, and arrays of MATLAB 7.3 in MATLAB's order of axes.
 
     :raises InputError: missing, of another kind, damaged, with objects, or beyond :data:`MEMORY`
     """

@@ -26,8 +26,21 @@ def arrays_of(path: str) -> dict[str, Any]:
         return of_hdf5(path)
     import scipy.io
 
-    found = scipy.io.loadmat(path)
-    return {name: values for name, values in found.items() if isinstance(values, np.ndarray) and is_numeric(values)}
+    arrays: dict[str, Any] = {}
+    for name, values in scipy.io.loadmat(path).items():
+        of_structure(name, values, arrays)
+    return arrays
+
+
+def of_structure(name: str, values: object, arrays: dict[str, Any]) -> None:
+    """Put the arrays of numbers of a MATLAB variable into ``arrays``, by the names that they have in HDF5."""
+    if not isinstance(values, np.ndarray):
+        return
+    if is_numeric(values):
+        arrays[name] = values
+    elif values.dtype.names and values.size == 1:  # a structure; of an array of them no field is one array
+        for field in values.dtype.names:
+            of_structure(f"{name}/{field}", values[field].flat[0], arrays)
 
 
 def of_hdf5(path: str) -> dict[str, Any]:

@@ -21,6 +21,8 @@ from shared.radar.radar import LARGEST_ARRAY
 Order = Literal["iq", "qi"]
 LARGEST_CUBE = 3 * LARGEST_ARRAY
 """Bytes of all frames together: what a .npz is read up to."""
+DEAD_DB = 25.0
+"""A channel whose samples have that much less power than the median channel's has no echo: gains differ by a few dB."""
 FULL_SCALE = 2**15
 """Of 16-bit samples, in counts."""
 NEAR_BINS, OTHER_SIDE_DB = 4, 10.0

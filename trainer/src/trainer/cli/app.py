@@ -19,16 +19,34 @@ from trainer.cli.predict import export, predict
 from trainer.errors import TrainingStopped, out_of_memory
 
 STOPPED = "interrupted; the same command with --resume goes on from the last checkpoint"
+BEGINS_AGAIN = "interrupted; it has no --resume: run it again"
+
+
+class Interrupted(Exception):
+    """Ctrl-C in a command without ``--resume``; its text says what to do."""
 
 
 class PlainCommand(TyperCommand):
-    """A command whose help is plain text: Rich would take a unit in square brackets for markup, and drop it."""
+    """A command whose help is plain text: Rich would take a unit in square brackets for markup, and drop it.
+
+    :raises Interrupted: in :meth:`invoke`, which else raises what the command does
+    """
 
     def __init__(self, *arguments: Any, **named: Any) -> None:
         super().__init__(*arguments, **named)
         for parameter in self.params:
             if isinstance(text := getattr(parameter, "help", None), str):
                 parameter.help = escape(text)  # type: ignore[attr-defined]
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            if any("--resume" in parameter.opts for parameter in self.params):
+                raise
+            # Pictures of the frames imaged so far may stand in predict's folder, which has to be empty.
+            into = ", into a new or emptied --out" if self.name == "predict" else ""
+            raise Interrupted(BEGINS_AGAIN + into) from None
 
 
 app = typer.Typer(
@@ -66,6 +84,8 @@ def main() -> None:
 def _ending_of(error: Exception) -> Ending | None:
     if isinstance(error, TrainingStopped):
         return str(error), 1
+    if isinstance(error, Interrupted):
+        return str(error), INTERRUPTED
     if isinstance(error, (MemoryError, RuntimeError)) and out_of_memory(error):
         reason = (str(error).strip().splitlines() or ["out of memory"])[0]
         return f"{reason}; expected a smaller --batch, --rows, --points or --width, or fewer --workers", 1

@@ -32,7 +32,9 @@ def import_(
     board: Board,
     out: Annotated[Path, typer.Option("--out", help="The cube, a .npz.", show_default=False)],
     radar: RadarFile = None,
-    calibration: Annotated[Path | None, typer.Option(help="A file of trainer calibrate.")] = None,
+    calibration: Annotated[
+        Path | None, typer.Option(help="Of trainer calibrate, or the cascade's calibrateResults.mat.")
+    ] = None,
     axes: Axes = None,
     variable: Variable = None,
     layout: Layout = None,
@@ -48,7 +50,9 @@ def import_(
 
 
 def calibrate(
-    captures: Annotated[list[Path], typer.Argument(help="Captures of a reflector.", show_default=False)],
+    captures: Annotated[
+        list[Path], typer.Argument(help="Captures of a reflector, or a calibrateResults.mat.", show_default=False)
+    ],
     board: Board,
     ranges: Annotated[
         list[float], typer.Option("--range", help="Of the reflector [m]; once for each capture.", show_default=False)

@@ -11,6 +11,8 @@ from rich.console import Console
 from shared.processes.defaults import LARGEST_SEED
 
 BY_RECIPE = "by recipe and device"
+NO_START = "none"
+"""In place of a run to begin with. A run folder of this name is ./none."""
 
 
 def fit(
@@ -74,8 +76,8 @@ def fit(
         typer.Option(help="Train and validate with the first N frames of each dataset; 0: all.", show_default="0"),
     ] = None,
     start: Annotated[
-        Path | None, typer.Option("--from", help="Begin with the weights of this run.", show_default=False)
-    ] = None,
+        str, typer.Option("--from", metavar="RUN|none", help="Begin with the weights of this run, or with random ones.")
+    ] = NO_START,
     seed: Annotated[
         int | None,
         typer.Option(min=0, max=LARGEST_SEED, help="Same seed, same weights on one device.", show_default="0"),
@@ -106,8 +108,9 @@ def fit(
     def announce(line: str) -> None:
         console.print(line, markup=False)
 
+    begin = None if start == NO_START else Path(start)
     request = FitRequest(
-        datasets, out, configuration(recipe, given, config), array=array, weights=weight, start=start, resume=resume,
+        datasets, out, configuration(recipe, given, config), array=array, weights=weight, start=begin, resume=resume,
         workers=workers, check=check, devices=devices, logger=logger,
     )  # fmt: skip
     run_fit(request, announce)

@@ -10,7 +10,7 @@ OUT/report.html       everything, in one file
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -64,7 +64,9 @@ from trainer.evaluation.report.page import ReportFigure
 from trainer.evaluation.report.tables import MetricRow
 from trainer.evaluation.store import Cell, CellStore, Values, code_fingerprint
 from trainer.evaluation.workers import Workers, alone
+from trainer.run.answers import Answer, NetworkAnswer
 from trainer.run.folder import JOB, Fingerprint, output_folder, scene_records
+from trainer.run.precision import precision_remark
 
 EXPERIMENTS: dict[str, Experiment] = {
     experiment.name: experiment
@@ -130,6 +132,7 @@ def evaluate(
             chosen, obstacles = choose_experiments(
                 config.experiments, bench, None if measured is None else measured.path
             )
+            obstacles = [*obstacles, *_of_precision(contender.answer for contender in bench.contenders)]
             title = f"Evaluation on {folder_name(locate(dataset))}"
             if measured is not None:
                 arrays = [contender.array for contender in bench.contenders]
@@ -207,7 +210,7 @@ def open_bench(source: Location | str, config: EvaluationConfig) -> tuple[Bench,
 
 
 def _measured_alone(row: MeasuredInput, config: EvaluationConfig) -> tuple[Callable[[], MeasuredRow], list[str]]:
-    """(what looks at a row without a dataset, a line for each array and run that does not fit)."""
+    """(what looks at a row without a dataset, a line for each array and run that does not fit, and on precision)."""
     # The default names are of the default radar: of another cube nobody has asked for them.
     asked = ("full",) if row.radar is not None and config.arrays == DEFAULT_ARRAYS else config.arrays
     chosen, radar = check_measured_methods(config.methods), row.radar or Radar()
@@ -218,7 +221,14 @@ def _measured_alone(row: MeasuredInput, config: EvaluationConfig) -> tuple[Calla
         except InputError as error:
             obstacles.append(f"left out: {error}")
     networks, others = fitting_networks(row, config.runs)
-    return partial(look_at, with_arrays(row, radar, arrays), chosen, networks), [*obstacles, *others]
+    obstacles += [*others, *_of_precision(answer for _, answer in networks)]
+    return partial(look_at, with_arrays(row, radar, arrays), chosen, networks), obstacles
+
+
+def _of_precision(answers: Iterable[Answer]) -> list[str]:
+    """A line where networks among these are computed in another precision than their runs say."""
+    remark = precision_remark(answer.imager.config for answer in answers if isinstance(answer, NetworkAnswer))
+    return [remark] if remark else []
 
 
 def choose_experiments(

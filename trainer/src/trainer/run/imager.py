@@ -28,6 +28,7 @@ from trainer.networks.doa_cnn import LEAST_CHANNELS, DoaCnn
 from trainer.networks.unets import AttentionUNet, SpectralUNet
 from trainer.networks.unrolled import UnrolledNetwork
 from trainer.run.configuration import FitConfig
+from trainer.run.precision import in_bfloat16
 from trainer.run.targets import PROBABILITY, UNITS, decode
 
 CHANNELS = {
@@ -141,8 +142,9 @@ class Imager(nn.Module):
         return (range_channel[..., self.channels] @ self.weights).abs()
 
     def answer(self, features: torch.Tensor) -> torch.Tensor:
-        """[B, 1 or 2, R, U] of the network, in the configuration's precision."""
-        with torch.autocast(features.device.type, torch.bfloat16, enabled=self.config.precision == "bf16"):
+        """[B, 1 or 2, R, U] of the network, see :mod:`trainer.run.precision`."""
+        device = features.device.type
+        with torch.autocast(device, torch.bfloat16, enabled=in_bfloat16(self.config, device)):
             return self.network(features.contiguous(memory_format=torch.channels_last))
 
     @property

@@ -20,13 +20,14 @@ from shared.physics.errors import InputError
 from shared.signal.tdm import statement
 from trainer.data.measurements import Measurement, Measurements, open_measurements
 from trainer.estimators.fitting import MODEL_ERROR_DB
-from trainer.run.answers import Answer, check_method, estimator_answer, network_answer
+from trainer.run.answers import Answer, NetworkAnswer, check_method, estimator_answer, network_answer
 from trainer.run.detection_files import COLUMN, CSV_FILE, check_format, column, write_csv, write_pcd
 from trainer.run.detection_files import UNITS as DETECTION_UNITS
 from trainer.run.detections import Detections, find_detections
 from trainer.run.folder import load_imager, output_folder, same_radar
 from trainer.run.other_radars import fitted_imager
 from trainer.run.pictures import ANIMATION, save_animation, save_picture
+from trainer.run.precision import precision_remark
 
 IMAGES = "images.parquet"
 
@@ -111,7 +112,8 @@ def predict(request: PredictRequest, announce: Callable[[str], object] = print) 
             save_animation(out / IMAGES, out / ANIMATION)
     if headless:
         announce(f"{request.run} has no detection head: the detections' probability is null")
-    announce(f"{count} frames of {request.source} in {out}")
+    remark = precision_remark([answer.imager.config] if isinstance(answer, NetworkAnswer) else [])
+    announce(f"{count} frames of {request.source} in {out}" + (f"; {remark}" if remark else ""))
     return count
 
 

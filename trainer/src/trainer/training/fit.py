@@ -36,6 +36,7 @@ from trainer.run.folder import (
     write_run,
 )
 from trainer.run.imager import Imager
+from trainer.run.precision import precision_remark
 from trainer.training.callbacks import (
     LOSS,
     TENSORBOARD,
@@ -161,7 +162,9 @@ def _summary(run: Run, task: LightningModule) -> str:
     parameters = sum(parameter.numel() for parameter in task.parameters())
     frames = ", ".join(f"{f.name}: {f.frames['train']} + {f.frames['validation']}" for f in run.datasets)
     model, array = run.config.model, run.array.name
-    return f"{model}, {parameters} parameters; array {array}; train + validate frames: {frames}"
+    remark = precision_remark([run.config])
+    said = f"{model}, {parameters} parameters; array {array}; train + validate frames: {frames}"
+    return f"{said}; {remark}" if remark else said
 
 
 def _trainer(config: FitConfig, curves: Logger | bool, callbacks: list[Callback], launch: tuple[int, int]) -> Trainer:
