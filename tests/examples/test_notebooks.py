@@ -39,7 +39,7 @@ def said(request: pytest.FixtureRequest, tmp_path: Path) -> str:
 @pytest.mark.slow
 @pytest.mark.parametrize("said", ["tour"], indirect=True)
 def test_the_tour_ends_at_moving_cars(said: str) -> None:
-    """The network's image is nearer to the truth than that of all receivers' delay-and-sum; a car comes on the left."""
+    """The network sees more of the truth than delay-and-sum of the same receivers; a car comes on the left."""
     assert "cube [chirp, sample, channel]: (128, 1024, 48)" in said
     errors = dict(re.findall(r"^(.*): error ([0-9.]+)$", said, re.M))
     assert float(errors["network, 6 receivers"]) < 0.8 * float(errors["6 receivers"])
