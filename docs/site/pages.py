@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import re
+from os.path import relpath
 from pathlib import Path
 
 DOCS = Path(__file__).resolve().parents[1]
 
 START = "index.md"
+NOTEBOOKS = ("tour", "own_scene", "own_radar", "own_network", "cube_to_points", "accuracy_and_time")
+"""Of the examples: scripts of cells, each a page under ``examples/``."""
 GUIDES = (
     "start.md",
     "own-scene.md",
@@ -40,6 +43,7 @@ def navigation(generated: list[str], folder: Path = DOCS) -> list[dict[str, obje
     """
     return [
         {"Manual": START},
+        {"Examples": [f"examples/{name}.md" for name in NOTEBOOKS]},
         {"Guides": list(GUIDES)},
         {"Ideas": list(IDEAS)},
         {"Depth": depth(folder)},
@@ -55,7 +59,7 @@ _FENCED = re.compile(r"(```.*?```)", re.DOTALL)
 def without_links_out(markdown: str, page: Path, folder: Path = DOCS) -> str:
     """The page with links to files of the repository as plain text: the site holds the pages alone.
 
-    A link to the repository's README becomes one to the manual's first page.
+    A link to the repository's README becomes one to the manual's first page, a link to a notebook one to its page.
 
     :param page: the page's own path, under ``folder``
     :raises FileNotFoundError: a link to a file that does not exist
@@ -72,6 +76,8 @@ def without_links_out(markdown: str, page: Path, folder: Path = DOCS) -> str:
             raise FileNotFoundError(f"{page.name}: {target}")
         if file == folder.parent / "README.md":
             return f"[{label}]({START})"
+        if file.parent == folder.parent / "examples" and file.stem in NOTEBOOKS:
+            return f"[{label}]({relpath(folder / 'examples' / file.stem, page.parent)}.md)"
         return label
 
     pieces = _FENCED.split(markdown)

@@ -6,7 +6,9 @@ from pathlib import Path
 
 import pytest
 from manual import DOCS, PAGES, ROOT, anchors, links, name_of
-from pages import GUIDES, IDEAS, START, depth, navigation, without_links_out
+from pages import GUIDES, IDEAS, NOTEBOOKS, START, depth, navigation, without_links_out
+
+SECTIONS = ["Guides", "Ideas", "Depth", "Notes", "Reference"]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
@@ -25,7 +27,7 @@ def test_every_page_is_once_in_the_menu() -> None:
     listed = [START, *GUIDES, *IDEAS, *depth()]
     assert sorted(listed) == sorted(path.name for path in DOCS.glob("*.md"))
     menu = navigation(["radar.md"])
-    assert [next(iter(section)) for section in menu] == ["Manual", "Guides", "Ideas", "Depth", "Notes", "Reference"]
+    assert [next(iter(section)) for section in menu] == ["Manual", "Examples", *SECTIONS]
     assert menu[-1] == {"Reference": ["reference/index.md", "reference/radar.md"]}
 
 
@@ -44,5 +46,12 @@ def test_links_out_of_the_manual_become_text(tmp_path: Path) -> None:
     assert without_links_out(text, page, folder) == "`code.py`, [start](index.md), [here](other.md#x), ![p](p.png)\n"
     with pytest.raises(FileNotFoundError, match=r"page\.md: \.\./gone\.py"):
         without_links_out("[gone](../gone.py)", page, folder)
+    notebooks = tmp_path / "examples"
+    notebooks.mkdir()
+    (notebooks / f"{NOTEBOOKS[0]}.py").touch()
+    (folder / "notes").mkdir()
+    for place, up in ((page, ""), (folder / "notes" / "page.md", "../")):
+        link = f"[tour]({up}../examples/{NOTEBOOKS[0]}.py)"
+        assert without_links_out(link, place, folder) == f"[tour]({up}examples/{NOTEBOOKS[0]}.md)"
     fenced = "```\n[gone](../gone.py)\n```\n"
     assert without_links_out(fenced, page, folder) == fenced

@@ -154,7 +154,7 @@ def test_the_site_is_made_without_a_warning(tmp_path: Path) -> None:
     )  # fmt: skip
     assert made.returncode == 0, made.stdout + made.stderr
     assert made.stdout + made.stderr == ""
-    for page in ("index", "start", "reference/radar", "reference/trainer"):
+    for page in ("index", "start", "examples/tour", "reference/radar", "reference/trainer"):
         assert (tmp_path / f"site/{page}.html").is_file()
     text = (tmp_path / "site/start.html").read_text(encoding="utf-8")
     assert "fonts.googleapis.com" not in text

@@ -12,6 +12,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 SMALL = {
+    "tour": {"EXAMPLES_RAYS": "4000"},
     "own_scene": {"EXAMPLES_RAYS": "4000"},
     "own_radar": {},
     "own_network": {"EXAMPLES_FRAMES": "16", "EXAMPLES_EPOCHS": "4"},
@@ -31,9 +32,19 @@ def said(request: pytest.FixtureRequest, tmp_path: Path) -> str:
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert done.stderr == "", done.stderr
-    if name != "own_network":
-        assert len(list((tmp_path / name).glob("*.png"))) == 1
+    assert len(list((tmp_path / name).glob("*.png"))) == {"tour": 8, "own_network": 0}.get(name, 1)
     return done.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("said", ["tour"], indirect=True)
+def test_the_tour_ends_at_moving_cars(said: str) -> None:
+    """The network sees more of the truth than delay-and-sum of the same receivers; a car comes on the left."""
+    assert "cube [chirp, sample, channel]: (128, 1024, 48)" in said
+    errors = dict(re.findall(r"^(.*): error ([0-9.]+)$", said, re.M))
+    assert float(errors["network, 6 receivers"]) < 0.8 * float(errors["6 receivers"])
+    found = [tuple(map(float, row)) for row in re.findall(r"x +(\S+) m, y +(\S+) m, +(\S+) m/s", said)]
+    assert any(6.0 < x < 12.0 and 2.0 < y < 5.0 and velocity < -7.0 for x, y, velocity in found)
 
 
 @pytest.mark.slow
