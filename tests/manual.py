@@ -8,6 +8,8 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 sys.path.append(str(DOCS / "site"))  # what makes the site: pages, reference
@@ -15,7 +17,7 @@ sys.path.append(str(DOCS / "site"))  # what makes the site: pages, reference
 PAGES = sorted(
     [
         *ROOT.glob("*.md"), *DOCS.glob("*.md"), *DOCS.glob("reference/*.md"), *DOCS.glob("notes/*.md"),
-        *ROOT.glob("*/README.md"),
+        *ROOT.glob("[!.]*/README.md"),
         ROOT / "trainer/src/trainer/run/pretrained/README.md",
     ]
 )  # fmt: skip
@@ -106,3 +108,17 @@ def sentences(page: Path) -> list[str]:
         plain = re.sub(r"\]\([^)]*\)|[\[\]*`!]", "", " ".join(paragraph.split()))
         found += [sentence for sentence in re.split(r"(?<=[.:;?])\s+", plain) if sentence.strip()]
     return found
+
+
+def run_program(patch: pytest.MonkeyPatch, program: str, arguments: list[str]) -> None:
+    """``datafactory`` or ``trainer`` in this process; the exit status is 0."""
+    from datafactory.cli.app import main as datafactory
+    from trainer.cli.app import main as trainer
+
+    patch.setattr(sys, "argv", [program, *arguments])
+    code: object = None
+    try:
+        (datafactory if program == "datafactory" else trainer)()
+    except SystemExit as left:
+        code = left.code
+    assert not code, f"{program} {' '.join(arguments)}: status {code}"

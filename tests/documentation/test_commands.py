@@ -9,23 +9,20 @@ from __future__ import annotations
 import importlib.util
 import re
 import shutil
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from manual import DOCS, PAGES, ROOT, Command, blocks, commands, name_of
+from manual import DOCS, PAGES, ROOT, Command, blocks, commands, name_of, run_program
 from pages import GUIDES
 from typer.main import get_command
 
 from datafactory.cli.app import app as datafactory
-from datafactory.cli.app import main as run_datafactory
 from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.poses import read_poses
 from shared.radar.loading import load_capture_radar
 from trainer.cli.app import app as trainer
-from trainer.cli.app import main as run_trainer
 
 GROUPS: dict[str, Any] = {"datafactory": get_command(datafactory), "trainer": get_command(trainer)}
 FOLLOWED = [ROOT / "README.md", *(DOCS / name for name in GUIDES)]
@@ -155,20 +152,9 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     (folder / "radar.toml").write_text(blocks(DOCS / "own-radar.md", "toml")[0], encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        _run(patch, "datafactory", ["points", "--frames", "8", "--workers", "1", "--out", "build/dataset"])
+        run_program(patch, "datafactory", ["points", "--frames", "8", "--workers", "1", "--out", "build/dataset"])
     yield folder
     shutil.rmtree(folder)
-
-
-def _run(patch: pytest.MonkeyPatch, program: str, arguments: list[str]) -> None:
-    """In this process; the exit status is 0."""
-    patch.setattr(sys, "argv", [program, *arguments])
-    code: object = None
-    try:
-        (run_datafactory if program == "datafactory" else run_trainer)()
-    except SystemExit as left:
-        code = left.code
-    assert not code, f"{program} {' '.join(arguments)}: status {code}"
 
 
 @pytest.mark.slow
@@ -192,7 +178,7 @@ def test_a_reader_follows_the_page(page: Path, place: Path, monkeypatch: pytest.
         smaller = [*arguments, *SMALLER[kind]]
         if "--frames" in arguments:
             smaller += ["--frames", FEWER_FRAMES.get(kind, "2")]
-        _run(monkeypatch, program, smaller)
+        run_program(monkeypatch, program, smaller)
     for block in blocks(page, "python"):
         for theirs, ours in SMALLER_PYTHON.items():
             block = block.replace(theirs, ours)

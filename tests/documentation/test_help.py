@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import shlex
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
+from manual import run_program
 from small_radar import write_small_radar
 from typer.main import get_command
 from typer.testing import CliRunner
 
 from datafactory.cli.app import app as datafactory
-from datafactory.cli.app import main as run_datafactory
 from datafactory.cli.examples import EXAMPLES as OF_DATAFACTORY
 from trainer.cli.app import app as trainer
-from trainer.cli.app import main as run_trainer
 from trainer.cli.examples import EXAMPLES as OF_TRAINER
 
 APPS = {"datafactory": datafactory, "trainer": trainer}
@@ -86,10 +84,4 @@ def _run(patch: pytest.MonkeyPatch, text: str) -> None:
         smaller.pop("--points", None)
     if program == "trainer":  # a dataset has its radar
         smaller.pop("--radar", None)
-    patch.setattr(sys, "argv", [program, name, *arguments, *(word for pair in smaller.items() for word in pair)])
-    code: object = None
-    try:
-        (run_datafactory if program == "datafactory" else run_trainer)()
-    except SystemExit as left:
-        code = left.code
-    assert not code, f"{text}: status {code}"
+    run_program(patch, program, [name, *arguments, *(word for pair in smaller.items() for word in pair)])

@@ -10,9 +10,11 @@ from paper_arrays import ARRAYS, IRREGULAR, U, deterministic_bound, echoes, nois
 from plain_lines import PlainFit
 
 from shared.physics.errors import InputError
+from trainer.estimators import fitting
 from trainer.estimators.array import LineArray, uniform_axis
 from trainer.estimators.base import ESTIMATORS
 from trainer.estimators.fitting import FittedLines, fit_lines, line_threshold, score_peaks
+from trainer.estimators.group_model import Group, columns_of
 from trainer.estimators.lines import bounded_energy_left, line_energy_left
 from trainer.estimators.ml import MaximumLikelihood
 from trainer.estimators.moves import NEAR_CELLS, additions, best_refit, pairs_elsewhere, refit
@@ -326,3 +328,24 @@ def test_bad_arguments_are_refused(arguments: tuple, text: str) -> None:
         fit_lines(empty, ARRAYS["sparse4"], 1.0, np.zeros((1, 1)), model_error_db=np.nan)
     with pytest.raises(InputError, match="false_alarm"):
         fit_lines(empty, ARRAYS["sparse4"], 1.0, np.zeros((1, 1)), false_alarm=0.0)
+
+
+def test_responses_in_three_bins_are_the_windows_and_their_derivatives_those_of_differences() -> None:
+    array, bins, step = ARRAYS["sparse6"], np.array([-1, 0, 1]), 1e-6
+    walk = 0.5 * array.positions_m / 0.05
+    white = np.linalg.inv(np.linalg.cholesky(fitting.hann_correlation(bins[:, None] - bins)))
+    model = fitting._model(array, 10.0, 10.0, walk)
+    group = Group(np.zeros((2, 3 * array.channels)), bins, white, 2, 1.0, 1.0)
+
+    def response(u: float, offset: float) -> NDArray[np.complex128]:
+        window = fitting.hann_response(bins[:, None] - offset + walk * u)
+        return ((white @ window) * np.exp(-1j * model.phase * u)).ravel()
+
+    places = np.array([[0.3, -0.4], [-0.62, 0.7]])
+    re, im = np.empty((2, 6, 3 * array.channels))
+    columns_of(model, group, places, 2, re, im)
+    for row, (u, offset) in zip((re + 1j * im).reshape(2, 3, -1), places, strict=True):
+        np.testing.assert_allclose(row[0], response(u, offset), atol=1e-7)
+        by_u = (response(u + step, offset) - response(u - step, offset)) / (2.0 * step)
+        by_range = (response(u, offset + step) - response(u, offset - step)) / (2.0 * step)
+        np.testing.assert_allclose(row[1:], [by_u, by_range], atol=1e-4 * np.abs(by_u).max())

@@ -19,7 +19,8 @@ Functions without such flags may call each other. That is cheaper where they are
 inlined, those of ``datafactory.paths.free_extent`` take two thirds longer to compile.
 
 numba lets a function without flags of its own take over those of the caller that is compiled first. Both decorators
-rule that out by giving all of them. ``tests/shared/physics/test_compiled.py`` holds the sources to the rule.
+rule that out by giving all of them. ``tests/shared/physics/test_compiled.py`` holds the sources to the rule,
+``tests/datafactory/synthesis/test_kept_machine_code.py`` the results.
 """
 
 from __future__ import annotations

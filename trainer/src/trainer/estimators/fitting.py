@@ -107,8 +107,10 @@ def fit_groups(
 ) -> FittedGroups:
     """The lines of groups of range bins of Hann windowed spectra, each group fitted as one.
 
-    :param cells: [B, M, C] [sqrt(W)]
-    :param bins: [M] of each cell from the group's centre
+    :param cells: [B, M, C] of one Doppler cell [sqrt(W)]
+    :param bins: [M] of each cell from the group's centre, 0 among them
+    :param range_step_m: of a bin [m]
+    :param noise_power, candidates, model_error_db: as of :func:`fit_lines`
     :param first, further: false-alarm probabilities of a group's first line and of every other one
     """
     walk = 0.5 * array.positions_m / range_step_m
@@ -139,13 +141,12 @@ def _fitted(
     relative = np.minimum(np.sqrt(thermal[present]) / scale[present], LARGEST_RELATIVE_NOISE) ** 2
     power = np.mean(np.abs(cells[present] / scale[present, None, None]) ** 2, axis=2).max(axis=1, initial=0.0)
     noise = with_model_error(relative, power, model_error)
-    place = np.full((len(x), model.most, 3), np.nan)
+    place = np.full((len(x), model.most, 2), np.nan)
     amplitude, deviation = np.zeros(place.shape[:2], dtype=np.complex128), np.full(place.shape, np.nan)
     given = np.ascontiguousarray(candidates, dtype=np.float64)[present]
     parts = np.ascontiguousarray(np.stack([x.real, x.imag], axis=1))
-    offset = np.stack([bins, np.zeros_like(bins)], axis=1)
-    free = np.arange(1 if len(bins) == 1 else 2, dtype=np.int64)
-    fit_all(model, parts, offset, np.ascontiguousarray(white), free, noise, given, place, amplitude, deviation)
+    coordinates = 1 if len(bins) == 1 else 2
+    fit_all(model, parts, bins, np.ascontiguousarray(white), coordinates, noise, given, place, amplitude, deviation)
     order = np.argsort(-np.abs(amplitude), axis=1, kind="stable")
     u, half = place[..., 0], array.half_period
     place[..., 0] = (u + half) % (2.0 * half) - half if half < 1.0 else np.clip(u, -1.0, 1.0)

@@ -18,7 +18,7 @@ SEPARABLE = 0.05
 RIDGE = 1e-12
 """On the diagonal of a Gram matrix: two lines at one place share its amplitude instead of failing."""
 FARTHEST = 2.5
-"""Cells from a group's centre to a line that it is told of: what stands there reaches its outer cells."""
+"""Bins from a group's centre to a line that it is told of: what stands there reaches its outer cells."""
 POINTS_A_BIN = 64
 """Of the table of a window's response, read by cubic Hermite interpolation: 1e-8 of the peak."""
 
@@ -77,12 +77,13 @@ class Group(NamedTuple):
     x: NDArray[np.float64]
     """[2, N] real and imaginary part, whitened, of largest element about 1"""
     offset: NDArray[np.int64]
-    """[M, 2] range and Doppler cells from the centre"""
+    """[M] range bins from the centre"""
     white: NDArray[np.float64]
     """[M, M] inverse Cholesky factor of the cells' noise"""
-    free: NDArray[np.int64]
-    """[P] coordinates that the cells tell: 0 u, 1 range, 2 Doppler"""
+    coordinates: int
+    """Of a line, that the cells tell: 1, its u, or 2, its range as well"""
     noise: float
+    """Power of one element"""
     energy: float
     """|x|^2"""
 
@@ -106,10 +107,10 @@ def window(response, x):
 
 @part
 def columns_of(model, group, place, lines, re, im):
-    """Fill re and im [V, N] with the responses of ``lines`` lines at ``place`` [K, 3] and their derivatives."""
+    """Fill re and im [V, N] with the responses of ``lines`` lines at ``place`` [K, 2] and their derivatives."""
     channels, cells = len(model.phase), len(group.white)
-    wide = 1 + len(group.free)
-    plain = np.empty((3, cells))
+    wide = 1 + group.coordinates
+    plain = np.empty((2, cells))
     for k in range(lines):
         u = place[k, 0]
         for c in range(channels):
@@ -119,28 +120,21 @@ def columns_of(model, group, place, lines, re, im):
                 re[k * wide + 1, c], im[k * wide + 1, c] = model.phase[c] * sine, -model.phase[c] * cosine
                 continue
             for m in range(cells):
-                range_h, range_d = window(model.response, group.offset[m, 0] - place[k, 1] + model.walk[c] * u)
-                velocity_h, velocity_d = window(model.response, group.offset[m, 1] - place[k, 2])
-                plain[0, m] = range_h * velocity_h
-                plain[1, m], plain[2, m] = range_d * velocity_h, range_h * velocity_d
+                plain[0, m], plain[1, m] = window(model.response, group.offset[m] - place[k, 1] + model.walk[c] * u)
             for m in range(cells):
-                value = by_range = by_velocity = 0.0
+                value = by_range = 0.0
                 for other in range(m + 1):
                     weight = group.white[m, other]
                     value += weight * plain[0, other]
                     by_range += weight * plain[1, other]
-                    by_velocity += weight * plain[2, other]
                 n = m * channels + c
                 re[k * wide, n], im[k * wide, n] = value * cosine, value * sine
-                for d in range(len(group.free)):
-                    row = k * wide + 1 + d
-                    if group.free[d] == 0:
-                        turned, walked = model.phase[c] * value, model.walk[c] * by_range
-                        re[row, n] = turned * sine + walked * cosine
-                        im[row, n] = walked * sine - turned * cosine
-                    else:
-                        moved = -by_range if group.free[d] == 1 else -by_velocity
-                        re[row, n], im[row, n] = moved * cosine, moved * sine
+                by_angle, by_place = k * wide + 1, k * wide + 2
+                turned, walked = model.phase[c] * value, model.walk[c] * by_range
+                re[by_angle, n] = turned * sine + walked * cosine
+                im[by_angle, n] = walked * sine - turned * cosine
+                if wide == 3:
+                    re[by_place, n], im[by_place, n] = -by_range * cosine, -by_range * sine
 
 
 @part
@@ -155,13 +149,9 @@ def products(group, columns, re, im, gram, right):
 
 
 @part
-def least_squares(gram, right, wide, lines, factor, amplitude):
-    """Amplitudes of the lines and the energy that they explain; leaves the Cholesky factor of their Gram matrix."""
-    for i in range(lines):
-        for j in range(i + 1):
-            factor[i, j] = gram[i * wide, j * wide]
-        factor[i, i] = factor[i, i] * (1.0 + RIDGE) + RIDGE
-        amplitude[i] = right[i * wide]
+def _solved(factor, lines, amplitude):
+    """The energy that lines explain whose Gram matrix stands in ``factor``, and A^H x in ``amplitude``; leaves the
+    Cholesky factor and the amplitudes there."""
     cholesky(factor, lines)
     forward(factor, lines, amplitude)
     explained = 0.0
@@ -169,6 +159,17 @@ def least_squares(gram, right, wide, lines, factor, amplitude):
         explained += amplitude[i].real ** 2 + amplitude[i].imag ** 2
     backward(factor, lines, amplitude)
     return explained
+
+
+@part
+def least_squares(gram, right, wide, lines, factor, amplitude):
+    """Amplitudes of the lines and the energy that they explain; leaves the Cholesky factor of their Gram matrix."""
+    for i in range(lines):
+        for j in range(i + 1):
+            factor[i, j] = gram[i * wide, j * wide]
+        factor[i, i] = factor[i, i] * (1.0 + RIDGE) + RIDGE
+        amplitude[i] = right[i * wide]
+    return _solved(factor, lines, amplitude)
 
 
 @part
@@ -189,13 +190,7 @@ def bounded(gram, right, wide, used, lines, amplitude, factor):
             for j in range(i + 1):
                 factor[i, j] = gram[used[i] * wide, used[j] * wide]
             amplitude[i] = right[used[i] * wide]
-        cholesky(factor, lines)
-        forward(factor, lines, amplitude)
-        explained = 0.0
-        for i in range(lines):
-            explained += amplitude[i].real ** 2 + amplitude[i].imag ** 2
-        backward(factor, lines, amplitude)
-        return explained
+        return _solved(factor, lines, amplitude)
     normed = np.empty((lines, lines), dtype=np.complex128)
     norm = np.empty(lines)
     for i in range(lines):
@@ -210,17 +205,18 @@ def bounded(gram, right, wide, used, lines, amplitude, factor):
     explained = 0.0
     for j in range(lines):
         if normed[j, j].real >= SEPARABLE:
-            part = 0.0j
+            along = 0.0j
             for i in range(lines):
-                part += np.conj(vectors[i, j]) * right[used[i] * wide] / norm[i]
-            explained += (part.real**2 + part.imag**2) / normed[j, j].real
+                along += np.conj(vectors[i, j]) * right[used[i] * wide] / norm[i]
+            explained += (along.real**2 + along.imag**2) / normed[j, j].real
             for i in range(lines):
-                amplitude[i] += vectors[i, j] * part / normed[j, j].real / norm[i]
+                amplitude[i] += vectors[i, j] * along / normed[j, j].real / norm[i]
     return explained
 
 
 @part
 def every(lines):
+    """[lines] which lines take part: all of them."""
     return np.arange(lines)
 
 
@@ -252,7 +248,7 @@ def information(gram, right, wide, lines, work):
 @part
 def evaluate(model, group, place, lines, work, which):
     """Fill set ``which`` of ``work`` for lines at ``place``."""
-    wide = 1 + len(group.free)
+    wide = 1 + group.coordinates
     columns_of(model, group, place, lines, work.re[which], work.im[which])
     products(group, lines * wide, work.re[which], work.im[which], work.gram[which], work.right[which])
 
@@ -261,15 +257,15 @@ def evaluate(model, group, place, lines, work, which):
 def energy_left(model, group, place, lines, work):
     """Energy that lines at ``place`` leave with bounded amplitudes; set 0 of ``work`` is theirs."""
     evaluate(model, group, place, lines, work, ZERO)
-    wide = 1 + len(group.free)
+    wide = 1 + group.coordinates
     explained = bounded(work.gram[0], work.right[0], wide, every(lines), lines, work.amplitude, work.factor)
     return max(group.energy - explained, 0.0)
 
 
 @part
 def describe(model, group, place, lines, work, amplitude, deviation):
-    """Bounded amplitudes [K] and Cramer-Rao deviations [K, 3] of the lines."""
-    wide = 1 + len(group.free)
+    """Bounded amplitudes [K] and Cramer-Rao deviations [K, 2] of the lines."""
+    wide = 1 + group.coordinates
     evaluate(model, group, place, lines, work, ZERO)
     least_squares(work.gram[0], work.right[0], wide, lines, work.factor, work.amplitude)
     size = information(work.gram[0], work.right[0], wide, lines, work)
@@ -285,7 +281,7 @@ def describe(model, group, place, lines, work, amplitude, deviation):
             column[i] = 1.0 if i == a else 0.0
         solved = solve(matrix, column, size)
         variance = 0.5 * group.noise * column[a] * scale[a] ** 2 if solved else np.inf
-        deviation[a // (wide - 1), group.free[a % (wide - 1)]] = np.sqrt(max(variance, 0.0))
+        deviation[a // (wide - 1), a % (wide - 1)] = np.sqrt(max(variance, 0.0))
     bounded(work.gram[0], work.right[0], wide, every(lines), lines, work.amplitude, work.factor)
     for k in range(lines):
         amplitude[k] = work.amplitude[k]

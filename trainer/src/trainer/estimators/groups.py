@@ -1,13 +1,13 @@
-"""The line fit of one group of range-Doppler cells, compiled; groups are shared out to threads.
+"""The line fit of one group of range bins, compiled; groups are shared out to threads.
 
-A group is M cells (one, or a cell and its neighbours) of C channels. A line is an angle u, an offset r in range and v
-in Doppler from the group's centre [cells] and a complex amplitude. In cell (i, j) of channel c it shows as
+A group is M range bins (one, or a bin and its neighbours) of one Doppler cell and C channels. A line is an angle u, an
+offset r in range from the group's centre [bins] and a complex amplitude s. In bin i of channel c it shows as
 
-    s h(i - r + w_c u) h(j - v) exp(-j k p_c u)
+    s h(i - r + w_c u) exp(-j k p_c u)
 
-with h the window's response (:func:`window_response`) and w_c = p_c / 2 over the range step: across the array an echo
-walks through the range bins. The noise of neighbouring cells is correlated by the windows; cells and model are
-multiplied by the inverse of its Cholesky factor, after which least squares is maximum likelihood.
+with h the window's response (:func:`trainer.estimators.fitting.hann_response`) and w_c = p_c / 2 over the range step:
+across the array an echo walks through the range bins. The noise of neighbouring cells is correlated by the windows;
+cells and model are multiplied by the inverse of its Cholesky factor, after which least squares is maximum likelihood.
 
 With A [N, K] the responses of K lines to unit amplitudes, N = M C, and D their derivatives by the free coordinates, the
 amplitudes are s = A^+ x, P = I - A A^+ projects on what they leave, and the step of least squares in all coordinates is
@@ -86,13 +86,12 @@ OFF_GRID = 0.1
 @part
 def _copy(source, lines, out):
     for k in range(lines):
-        for d in range(3):
-            out[k, d] = source[k, d]
+        out[k, 0], out[k, 1] = source[k, 0], source[k, 1]
 
 
 @part
 def _set(place, line, u, range_offset):
-    place[line, 0], place[line, 1], place[line, 2] = u, range_offset, 0.0
+    place[line, 0], place[line, 1] = u, range_offset
 
 
 @part
@@ -116,16 +115,16 @@ def _smallest_first(values, count, order):
 
 @part
 def _refine(model, group, place, lines, steps, work):
-    """Move the lines [K, 3], in place, to a local optimum; never to a worse one. The energy left with bounded
+    """Move the lines [K, 2], in place, to a local optimum; never to a worse one. The energy left with bounded
     amplitudes."""
     if lines == 0:
         return group.energy
-    wide, now = 1 + len(group.free), ZERO
+    wide, now = 1 + group.coordinates, ZERO
     everyone = every(lines)
     evaluate(model, group, place, lines, work, now)
     before = bounded(work.gram[now], work.right[now], wide, everyone, lines, work.amplitude, work.factor)
     explained = least_squares(work.gram[now], work.right[now], wide, lines, work.factor, work.amplitude)
-    best, trial = np.empty((lines, 3)), np.empty((lines, 3))
+    best, trial = np.empty((lines, 2)), np.empty((lines, 2))
     keep = np.empty(lines, dtype=np.complex128)
     _copy(place, lines, best)
     damping = FIRST_DAMPING
@@ -147,14 +146,14 @@ def _refine(model, group, place, lines, steps, work):
         solved = solve(damped, step, size)
         moved = expected = 0.0
         for a in range(size):
-            coordinate = group.free[a % (wide - 1)]
+            coordinate = a % (wide - 1)
             unit = model.cell if coordinate == 0 else 1.0
             step[a] = min(max(step[a], -LARGEST_STEP * unit), LARGEST_STEP * unit) if solved else 0.0
             moved = max(moved, abs(step[a]) / unit)
             expected += step[a] * work.slope[a]
         _copy(best, lines, trial)
         for a in range(size):
-            line, coordinate = a // (wide - 1), group.free[a % (wide - 1)]
+            line, coordinate = a // (wide - 1), a % (wide - 1)
             trial[line, coordinate] += step[a]
             if coordinate > 0:
                 trial[line, coordinate] = min(max(trial[line, coordinate], -FARTHEST), FARTHEST)
@@ -182,21 +181,20 @@ def _refine(model, group, place, lines, steps, work):
 
 @part
 def _scan(model, group, place, lines, range_offset, work):
-    """What a further line at each search angle meets beside the lines, at one range offset and the centre's Doppler.
+    """What a further line at each search angle meets beside the lines, at one range offset.
 
     Fills ``work.score`` [A] with the energy that it takes, |b^H P x|^2 / b^H P b, ``work.matched`` [A] with b^H P x /
     |b| and ``work.inside`` [K, A] with Q^H b / |b|, Q an orthonormal basis of the lines. An angle in their span scores
     0. The walk of the echo through the bins is left out: it takes a few hundredths of the energy.
     """
     channels, cells = len(model.phase), len(group.white)
-    wide = 1 + len(group.free)
+    wide = 1 + group.coordinates
     weight = np.empty(cells)
     norm = 0.0
     for m in range(cells):
         weight[m] = 0.0
         for other in range(m + 1):
-            value = window(model.response, group.offset[other, 0] - range_offset)[0]
-            value *= window(model.response, 1.0 * group.offset[other, 1])[0]
+            value = window(model.response, group.offset[other] - range_offset)[0]
             weight[m] += group.white[m, other] * (value if cells > 1 else 1.0)
         norm += weight[m] ** 2
     norm = np.sqrt(norm * channels)
@@ -254,15 +252,15 @@ def _best_start(model, group, place, lines, work):
 def _without(place, lines, line, out):
     """Copy all lines but one."""
     for k in range(lines - 1):
-        for d in range(3):
-            out[k, d] = place[k if k < line else k + 1, d]
+        other = k if k < line else k + 1
+        out[k, 0], out[k, 1] = place[other, 0], place[other, 1]
 
 
 @part
 def _cheapest(model, group, place, lines, work, costs):
     """Fill ``costs`` [K] with the energy that each line's removal adds at these places; energy left with all."""
     left = energy_left(model, group, place, lines, work)
-    wide = 1 + len(group.free)
+    wide = 1 + group.coordinates
     used = np.empty(max(lines - 1, 1), dtype=np.int64)
     for line in range(lines):
         for k in range(lines - 1):
@@ -277,7 +275,7 @@ def _cheapest(model, group, place, lines, work, costs):
 @part
 def _prune(model, group, place, lines, left, work):
     """Remove lines, the others refined again, while the cheapest one gains less than its threshold: (lines, left)."""
-    costs, trial, best = np.empty(model.most), np.empty((model.most, 3)), np.empty((model.most, 3))
+    costs, trial, best = np.empty(model.most), np.empty((model.most, 2)), np.empty((model.most, 2))
     order = np.empty(model.most, dtype=np.int64)
     while lines:
         price = (model.first if lines == 1 else model.further) * group.noise
@@ -312,7 +310,7 @@ def _prune(model, group, place, lines, left, work):
 def _grow(model, group, place, lines, left, work):
     """Add or split lines while the energy left fails its test and the best trial gains: (lines, left, grown)."""
     grown = False
-    trials, energies = np.empty((2 * model.most + 1, model.most, 3)), np.empty(2 * model.most + 1)
+    trials, energies = np.empty((2 * model.most + 1, model.most, 2)), np.empty(2 * model.most + 1)
     order = np.empty(RACE_KEPT, dtype=np.int64)
     while 0 < lines < model.most and left > model.limit[len(group.white), lines] * group.noise:
         angle, offset, _ = _best_start(model, group, place, lines, work)
@@ -323,7 +321,6 @@ def _grow(model, group, place, lines, left, work):
             for apart in SPLIT_CELLS:
                 _copy(place, lines, trials[count])
                 _set(trials[count], lines, place[line, 0], place[line, 1])
-                trials[count, lines, 2] = place[line, 2]
                 trials[count, line, 0] -= 0.5 * apart * model.cell
                 trials[count, lines, 0] += 0.5 * apart * model.cell
                 count += 1
@@ -348,7 +345,7 @@ def _try_lone(model, group, place, lines, left, work):
     offset, fewer = place[0, 1], lines - 1
     _scan(model, group, place, ZERO, offset, work)
     angles = len(model.axis)
-    trial, height = np.empty((1, 3)), np.empty(angles)
+    trial, height = np.empty((1, 2)), np.empty(angles)
     peaks = np.empty(ELSEWHERE, dtype=np.int64)
     for index in range(angles):
         before, after = work.score[(index - 1) % angles], work.score[(index + 1) % angles]
@@ -372,11 +369,10 @@ def _replace_by_pair(model, group, place, lines, left, line, work):
     """The best pairs beside line ``line``, -1 for none, in the place of a group's others where that costs less."""
     kept = 0 if line < 0 else 1
     fewer = lines - kept - 2
-    trial = np.empty((kept + 2, 3))
+    trial = np.empty((kept + 2, 2))
     offset = place[0, 1]
     if kept:
-        for d in range(3):
-            trial[0, d] = place[line, d]
+        _set(trial, ZERO, place[line, 0], place[line, 1])
         offset = place[0 if line else 1, 1]
     _scan(model, group, trial, kept, offset, work)
     count = min(KEPT_ANGLES, len(model.axis))
@@ -423,7 +419,7 @@ def _replace_by_pair(model, group, place, lines, left, line, work):
     if kept:
         # What the kept line leaves by itself.
         have = group.energy - (work.right[0, 0].real ** 2 + work.right[0, 0].imag ** 2) / work.gram[0, 0, 0].real
-    best_left, best = np.inf, np.empty((kept + 2, 3))
+    best_left, best = np.inf, np.empty((kept + 2, 2))
     allowed = left + fewer * model.further * group.noise
     for _ in range(ELSEWHERE):
         top = np.argmax(energy)
@@ -433,8 +429,7 @@ def _replace_by_pair(model, group, place, lines, left, line, work):
         _set(trial, kept, low, offset)
         _set(trial, kept + 1, high, offset)
         if kept:
-            for d in range(3):
-                trial[0, d] = place[line, d]
+            _set(trial, ZERO, place[line, 0], place[line, 1])
         found = _refine(model, group, trial, kept + 2, PRUNING_STEPS, work)
         if found < best_left:
             best_left = found
@@ -452,7 +447,7 @@ def _replace_by_pair(model, group, place, lines, left, line, work):
 @part
 def _begin(model, group, place, lines, work):
     """Of the given lines those that least squares needs, at least one, refined: (lines, left)."""
-    costs, fewer = np.empty(model.most), np.empty((model.most, 3))
+    costs, fewer = np.empty(model.most), np.empty((model.most, 2))
     order = np.empty(1, dtype=np.int64)
     while lines > 1:
         _cheapest(model, group, place, lines, work, costs)
@@ -468,7 +463,7 @@ def _begin(model, group, place, lines, work):
 
 @part
 def _fit(model, group, given, place, work):
-    """Fit one group from the angles ``given`` on; the number of lines, at ``place`` [most, 3]."""
+    """Fit one group from the angles ``given`` on; the number of lines, at ``place`` [most, 2]."""
     angle, offset, most = _best_start(model, group, place, ZERO, work)
     if not most > model.first * group.noise:
         return 0
@@ -500,24 +495,23 @@ def _fit(model, group, given, place, work):
 
 
 @compiled(parallel=True, error_model="numpy")
-def fit_all(model, x, offset, white, free, noise, given, place, amplitude, deviation):
+def fit_all(model, x, offset, white, coordinates, noise, given, place, amplitude, deviation):
     """Fit G groups of equal cells.
 
     :param x: [G, 2, N] real and imaginary part, whitened, of largest element about 1
-    :param offset: [G, M, 2] cells from the centre; :param white: [M, M] see :class:`Group`
-    :param free: [P] coordinates that the cells tell
+    :param offset, white, coordinates: see :class:`.group_model.Group`; all groups have the same
     :param noise: [G] noise power of one element in the scale of x
     :param given: [G, n] angles to begin with, NaN for none
-    :param place: [G, most, 3] filled with u, range and Doppler offsets, NaN where there is no line
-    :param amplitude, deviation: [G, most] and [G, most, 3], filled
+    :param place: [G, most, 2] filled with u and range offsets [bins], NaN where there is no line
+    :param amplitude: [G, most], filled; :param deviation: [G, most, 2] of the places, filled
     """
-    wide, size = 1 + len(free), x.shape[2]
+    wide, size = 1 + coordinates, x.shape[2]
     columns, most, angles = model.most * wide, model.most, len(model.axis)
     for index in prange(len(x)):
         energy = 0.0
         for n in range(size):
             energy += x[index, 0, n] ** 2 + x[index, 1, n] ** 2
-        group = Group(x[index], offset, white, free, noise[index], energy)
+        group = Group(x[index], offset, white, coordinates, noise[index], energy)
         work = Work(
             np.empty((2, columns, size)), np.empty((2, columns, size)),
             np.empty((2, columns, columns), dtype=np.complex128), np.empty((2, columns), dtype=np.complex128),
@@ -525,7 +519,7 @@ def fit_all(model, x, offset, white, free, noise, given, place, amplitude, devia
             np.empty((columns, most), dtype=np.complex128), np.empty((columns, columns)), np.empty(columns),
             np.empty(angles), np.empty(angles, dtype=np.complex128), np.empty((most, angles), dtype=np.complex128),
         )  # fmt: skip
-        found = np.zeros((most, 3))
+        found = np.zeros((most, 2))
         lines = _fit(model, group, given[index], found, work)
         if lines:
             describe(model, group, found, lines, work, amplitude[index], deviation[index])
