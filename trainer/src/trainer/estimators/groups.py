@@ -35,34 +35,13 @@ import numpy as np
 from numba import prange
 
 from shared.physics.compiled import compiled
-from trainer.estimators.group_model import (
-    FARTHEST,
-    ONE,
-    RIDGE,
-    ZERO,
-    Group,
-    Work,
-    bounded,
-    describe,
-    energy_left,
-    evaluate,
-    every,
-    information,
-    least_squares,
-    window,
-)
-from trainer.estimators.small_matrices import dot, forward, part, solve
+from trainer.estimators.group_model import ONE, ZERO, Group, Work, bounded, describe, energy_left
+from trainer.estimators.group_steps import best_start, copy, put, refine, scan
+from trainer.estimators.small_matrices import part
 
 STEPS, PRUNING_STEPS, RACE_STEPS, RACE_KEPT = np.int64(12), np.int64(4), np.int64(4), 4
 """Gauss-Newton steps of what is kept and of a trial; of splits all go so many steps and the best are refined to the
 end."""
-LARGEST_STEP, SETTLED = 0.25, 1e-6
-"""Of a resolution cell or a bin: farther than the one the linear step is no guide, below the other it changes
-nothing."""
-ENOUGH = 1e-4
-"""Of the noise power: a trial that would gain less is at its optimum."""
-FIRST_DAMPING, DAMPING_FACTOR, LEAST_DAMPING, MOST_DAMPING = 1e-3, 10.0, 1e-9, 1e9
-"""Levenberg's, relative to the diagonal: a rejected step raises it, an accepted one lowers it."""
 SPLIT_CELLS = (0.5, 0.2)
 """Distances of the two halves of a split line before they are refined, in resolution cells."""
 ELSEWHERE = 3
@@ -73,25 +52,14 @@ NEAR_CELLS = 0.2
 """Angles so near are refined to the same ones."""
 KEPT_ANGLES = 48
 """Of a group, of which all pairs are tried."""
-CLOSEST, LEAST_APART = 1e-9, 1e-4
-"""Least share of a line outside the span of others, and of a pair outside each other's, that is told from rounding."""
 DRAWS_AT = 1.5
 """Resolution cells: only lines so near to another may lose it for less than least squares at these angles says."""
 DEAR = 20.0
 """Times the threshold: a line that costs so much more and has no neighbour is not tried without."""
+LEAST_APART = 1e-4
+"""Least share of a pair's lines outside each other that is told from rounding."""
 OFF_GRID = 0.1
 """Share of its energy that a pair between grid angles may gain by being refined, at most."""
-
-
-@part
-def _copy(source, lines, out):
-    for k in range(lines):
-        out[k, 0], out[k, 1] = source[k, 0], source[k, 1]
-
-
-@part
-def _set(place, line, u, range_offset):
-    place[line, 0], place[line, 1] = u, range_offset
 
 
 @part
@@ -111,141 +79,6 @@ def _smallest_first(values, count, order):
             place -= 1
         order[place] = index
     return kept
-
-
-@part
-def _refine(model, group, place, lines, steps, work):
-    """Move the lines [K, 2], in place, to a local optimum; never to a worse one. The energy left with bounded
-    amplitudes."""
-    if lines == 0:
-        return group.energy
-    wide, now = 1 + group.coordinates, ZERO
-    everyone = every(lines)
-    evaluate(model, group, place, lines, work, now)
-    before = bounded(work.gram[now], work.right[now], wide, everyone, lines, work.amplitude, work.factor)
-    explained = least_squares(work.gram[now], work.right[now], wide, lines, work.factor, work.amplitude)
-    best, trial = np.empty((lines, 2)), np.empty((lines, 2))
-    keep = np.empty(lines, dtype=np.complex128)
-    _copy(place, lines, best)
-    damping = FIRST_DAMPING
-    step = np.empty(lines * (wide - 1))
-    damped = np.empty((lines * (wide - 1), lines * (wide - 1)))
-    fresh = True
-    for _ in range(steps):
-        if fresh:
-            size = information(work.gram[now], work.right[now], wide, lines, work)
-        largest = 0.0
-        for a in range(size):
-            largest = max(largest, work.curvature[a, a])
-        for a in range(size):
-            step[a] = work.slope[a]
-            for b in range(size):
-                damped[a, b] = work.curvature[a, b]
-            # A line without amplitude has no curvature, and no step.
-            damped[a, a] += damping * damped[a, a] + max(RIDGE * largest, 1e-300)
-        solved = solve(damped, step, size)
-        moved = expected = 0.0
-        for a in range(size):
-            coordinate = a % (wide - 1)
-            unit = model.cell if coordinate == 0 else 1.0
-            step[a] = min(max(step[a], -LARGEST_STEP * unit), LARGEST_STEP * unit) if solved else 0.0
-            moved = max(moved, abs(step[a]) / unit)
-            expected += step[a] * work.slope[a]
-        _copy(best, lines, trial)
-        for a in range(size):
-            line, coordinate = a // (wide - 1), a % (wide - 1)
-            trial[line, coordinate] += step[a]
-            if coordinate > 0:
-                trial[line, coordinate] = min(max(trial[line, coordinate], -FARTHEST), FARTHEST)
-        evaluate(model, group, trial, lines, work, 1 - now)
-        for k in range(lines):
-            keep[k] = work.amplitude[k]
-        found = least_squares(work.gram[1 - now], work.right[1 - now], wide, lines, work.factor, work.amplitude)
-        fresh = found > explained
-        if fresh:
-            _copy(trial, lines, best)
-            explained, now = found, 1 - now
-            damping = max(damping / DAMPING_FACTOR, LEAST_DAMPING)
-        else:
-            for k in range(lines):
-                work.amplitude[k] = keep[k]
-            damping = min(damping * DAMPING_FACTOR, MOST_DAMPING)
-        if moved < SETTLED or expected < ENOUGH * group.noise:
-            break
-    after = bounded(work.gram[now], work.right[now], wide, everyone, lines, work.amplitude, work.factor)
-    if after >= before:
-        _copy(best, lines, place)
-        return max(group.energy - after, 0.0)
-    return max(group.energy - before, 0.0)
-
-
-@part
-def _scan(model, group, place, lines, range_offset, work):
-    """What a further line at each search angle meets beside the lines, at one range offset.
-
-    Fills ``work.score`` [A] with the energy that it takes, |b^H P x|^2 / b^H P b, ``work.matched`` [A] with b^H P x /
-    |b| and ``work.inside`` [K, A] with Q^H b / |b|, Q an orthonormal basis of the lines. An angle in their span scores
-    0. The walk of the echo through the bins is left out: it takes a few hundredths of the energy.
-    """
-    channels, cells = len(model.phase), len(group.white)
-    wide = 1 + group.coordinates
-    weight = np.empty(cells)
-    norm = 0.0
-    for m in range(cells):
-        weight[m] = 0.0
-        for other in range(m + 1):
-            value = window(model.response, group.offset[other] - range_offset)[0]
-            weight[m] += group.white[m, other] * (value if cells > 1 else 1.0)
-        norm += weight[m] ** 2
-    norm = np.sqrt(norm * channels)
-    reduced = np.zeros((2, lines + 1, channels))
-    factor, amplitude = work.factor, work.amplitude
-    if lines:
-        evaluate(model, group, place, lines, work, ZERO)
-        least_squares(work.gram[0], work.right[0], wide, lines, factor, amplitude)
-    for m in range(cells):
-        for c in range(channels):
-            n = m * channels + c
-            real, imaginary = group.x[0, n], group.x[1, n]
-            for k in range(lines):
-                a, b = work.re[0, k * wide, n], work.im[0, k * wide, n]
-                real -= a * amplitude[k].real - b * amplitude[k].imag
-                imaginary -= a * amplitude[k].imag + b * amplitude[k].real
-                reduced[0, k, c] += weight[m] * a
-                reduced[1, k, c] += weight[m] * b
-            reduced[0, lines, c] += weight[m] * real
-            reduced[1, lines, c] += weight[m] * imaginary
-    span = np.empty(lines, dtype=np.complex128)
-    for i in range(len(model.axis)):
-        real, imaginary = dot(model.steering[0, i], model.steering[1, i], reduced[0, lines], reduced[1, lines])
-        work.matched[i] = complex(real, imaginary) / norm
-        outside = 1.0
-        for k in range(lines):
-            # A^H b; L^-1 of it is Q^H b.
-            real, imaginary = dot(reduced[0, k], reduced[1, k], model.steering[0, i], model.steering[1, i])
-            span[k] = complex(real, imaginary) / norm
-        forward(factor, lines, span)
-        for k in range(lines):
-            work.inside[k, i] = span[k]
-            outside -= span[k].real ** 2 + span[k].imag ** 2
-        energy = work.matched[i].real ** 2 + work.matched[i].imag ** 2
-        work.score[i] = energy / outside if outside > CLOSEST else 0.0
-
-
-@part
-def _best_start(model, group, place, lines, work):
-    """(angle, range offset, energy) of the best further line; ``work`` holds the scan at that offset."""
-    if len(group.white) == 1:
-        _scan(model, group, place, lines, 0.0, work)
-        best = np.argmax(work.score)
-        return model.axis[best], 0.0, work.score[best]
-    angle, offset, most = 0.0, 0.0, -1.0
-    for step in range(-2, 3):
-        _scan(model, group, place, lines, 0.5 * step, work)
-        best = np.argmax(work.score)
-        if work.score[best] > most:
-            angle, offset, most = model.axis[best], 0.5 * step, work.score[best]
-    return angle, offset, most
 
 
 @part
@@ -293,16 +126,16 @@ def _prune(model, group, place, lines, left, work):
             if costs[line] > DEAR * price and not near:
                 continue
             _without(place, lines, line, trial)
-            energy = _refine(model, group, trial, lines - 1, PRUNING_STEPS, work)
+            energy = refine(model, group, trial, lines - 1, PRUNING_STEPS, work)
             if energy < least:
                 least = energy
-                _copy(trial, lines - 1, best)
+                copy(trial, lines - 1, best)
             if costs[line] < price:
                 break
         if not least - left < price:
             break
         lines, left = lines - 1, least
-        _copy(best, lines, place)
+        copy(best, lines, place)
     return lines, left
 
 
@@ -313,29 +146,29 @@ def _grow(model, group, place, lines, left, work):
     trials, energies = np.empty((2 * model.most + 1, model.most, 2)), np.empty(2 * model.most + 1)
     order = np.empty(RACE_KEPT, dtype=np.int64)
     while 0 < lines < model.most and left > model.limit[len(group.white), lines] * group.noise:
-        angle, offset, _ = _best_start(model, group, place, lines, work)
-        _copy(place, lines, trials[0])
-        _set(trials[0], lines, angle, offset)
+        angle, offset, _ = best_start(model, group, place, lines, work)
+        copy(place, lines, trials[0])
+        put(trials[0], lines, angle, offset)
         count = 1
         for line in range(lines):
             for apart in SPLIT_CELLS:
-                _copy(place, lines, trials[count])
-                _set(trials[count], lines, place[line, 0], place[line, 1])
+                copy(place, lines, trials[count])
+                put(trials[count], lines, place[line, 0], place[line, 1])
                 trials[count, line, 0] -= 0.5 * apart * model.cell
                 trials[count, lines, 0] += 0.5 * apart * model.cell
                 count += 1
         for index in range(count):
-            energies[index] = _refine(model, group, trials[index], lines + 1, RACE_STEPS, work)
+            energies[index] = refine(model, group, trials[index], lines + 1, RACE_STEPS, work)
         best, least = -1, left
         for ranked in range(_smallest_first(energies, count, order)):
             index = order[ranked]
-            energy = _refine(model, group, trials[index], lines + 1, STEPS, work)
+            energy = refine(model, group, trials[index], lines + 1, STEPS, work)
             if energy < least:
                 best, least = index, energy
         if best < 0 or not left - least > model.further * group.noise:
             break
         lines, left, grown = lines + 1, least, True
-        _copy(trials[best], lines, place)
+        copy(trials[best], lines, place)
     return lines, left, grown
 
 
@@ -343,7 +176,7 @@ def _grow(model, group, place, lines, left, work):
 def _try_lone(model, group, place, lines, left, work):
     """The angles that explain most in place of all: a peak that the fit began with may be a sidelobe's."""
     offset, fewer = place[0, 1], lines - 1
-    _scan(model, group, place, ZERO, offset, work)
+    scan(model, group, place, ZERO, offset, work)
     angles = len(model.axis)
     trial, height = np.empty((1, 2)), np.empty(angles)
     peaks = np.empty(ELSEWHERE, dtype=np.int64)
@@ -356,10 +189,10 @@ def _try_lone(model, group, place, lines, left, work):
         allowed = left + fewer * model.further * group.noise
         if group.energy + height[index] * (1.0 + OFF_GRID) >= allowed:
             break
-        _set(trial, ZERO, model.axis[index], offset)
-        energy = _refine(model, group, trial, ONE, PRUNING_STEPS, work)
+        put(trial, ZERO, model.axis[index], offset)
+        energy = refine(model, group, trial, ONE, PRUNING_STEPS, work)
         if energy < allowed:
-            _copy(trial, ONE, place)
+            copy(trial, ONE, place)
             lines, left, fewer = 1, energy, 0
     return lines, left
 
@@ -372,9 +205,9 @@ def _replace_by_pair(model, group, place, lines, left, line, work):
     trial = np.empty((kept + 2, 2))
     offset = place[0, 1]
     if kept:
-        _set(trial, ZERO, place[line, 0], place[line, 1])
+        put(trial, ZERO, place[line, 0], place[line, 1])
         offset = place[0 if line else 1, 1]
-    _scan(model, group, trial, kept, offset, work)
+    scan(model, group, trial, kept, offset, work)
     count = min(KEPT_ANGLES, len(model.axis))
     angles = np.empty(count, dtype=np.int64)
     for index in range(len(model.axis)):
@@ -426,21 +259,21 @@ def _replace_by_pair(model, group, place, lines, left, line, work):
         if have - energy[top] - OFF_GRID * (group.energy - have + energy[top]) >= allowed:
             break
         low, high = model.axis[angles[first[top]]], model.axis[angles[second[top]]]
-        _set(trial, kept, low, offset)
-        _set(trial, kept + 1, high, offset)
+        put(trial, kept, low, offset)
+        put(trial, kept + 1, high, offset)
         if kept:
-            _set(trial, ZERO, place[line, 0], place[line, 1])
-        found = _refine(model, group, trial, kept + 2, PRUNING_STEPS, work)
+            put(trial, ZERO, place[line, 0], place[line, 1])
+        found = refine(model, group, trial, kept + 2, PRUNING_STEPS, work)
         if found < best_left:
             best_left = found
-            _copy(trial, kept + 2, best)
+            copy(trial, kept + 2, best)
         for pair in range(pairs):
             a, b = model.axis[angles[first[pair]]], model.axis[angles[second[pair]]]
             if min(abs(a - low), abs(a - high)) < near and min(abs(b - low), abs(b - high)) < near:
                 energy[pair] = 0.0
     if best_left < allowed:
         lines, left = kept + 2, best_left
-        _copy(best, lines, place)
+        copy(best, lines, place)
     return lines, left
 
 
@@ -457,28 +290,28 @@ def _begin(model, group, place, lines, work):
             break
         _without(place, lines, least, fewer)
         lines -= 1
-        _copy(fewer, lines, place)
-    return lines, _refine(model, group, place, lines, PRUNING_STEPS, work)
+        copy(fewer, lines, place)
+    return lines, refine(model, group, place, lines, PRUNING_STEPS, work)
 
 
 @part
 def _fit(model, group, given, place, work):
     """Fit one group from the angles ``given`` on; the number of lines, at ``place`` [most, 2]."""
-    angle, offset, most = _best_start(model, group, place, ZERO, work)
+    angle, offset, most = best_start(model, group, place, ZERO, work)
     if not most > model.first * group.noise:
         return 0
     lines = 0
     for index in range(len(given)):
         start = given[index]
         if not np.isnan(start) and lines < model.most:
-            _set(place, lines, start, offset)
+            put(place, lines, start, offset)
             lines += 1
     if lines == 0:
-        _set(place, ZERO, angle, offset)
+        put(place, ZERO, angle, offset)
         lines = 1
     lines, left = _begin(model, group, place, lines, work)
     lines, left = _prune(model, group, place, lines, left, work)
-    left = _refine(model, group, place, lines, STEPS, work)
+    left = refine(model, group, place, lines, STEPS, work)
     lines, left, grown = _grow(model, group, place, lines, left, work)
     if grown:
         lines, left = _prune(model, group, place, lines, left, work)
@@ -490,7 +323,7 @@ def _fit(model, group, given, place, work):
         for line in range(count if 2 < count <= MOST_SEARCHED else 0):
             if lines == count:
                 lines, left = _replace_by_pair(model, group, place, lines, left, line, work)
-    _refine(model, group, place, lines, STEPS, work)
+    refine(model, group, place, lines, STEPS, work)
     return lines
 
 
@@ -523,4 +356,4 @@ def fit_all(model, x, offset, white, coordinates, noise, given, place, amplitude
         lines = _fit(model, group, given[index], found, work)
         if lines:
             describe(model, group, found, lines, work, amplitude[index], deviation[index])
-            _copy(found, lines, place[index])
+            copy(found, lines, place[index])
