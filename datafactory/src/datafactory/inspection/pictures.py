@@ -44,6 +44,16 @@ OTHER_COLOUR = "0.6"
 """Of the boxes of all other classes."""
 
 
+MOST_PICTURES = 60
+"""Of one animation; a longer sequence is shown in strides."""
+LARGEST_BYTES = 3_000_000
+"""Of the file: where it is larger, every second picture is left out, until it is not."""
+DOTS_PER_INCH = 72
+FASTEST, SLOWEST = 20, 1
+"""Pictures a second; in between as fast as it was."""
+TITLES = ("measured, delay-and-sum", "truth")
+
+
 def write_pictures(dataset: Dataset, count: int, folder: Path, cameras: Cameras | None = None) -> list[Path]:
     """Draw ``count`` frames spread evenly over the dataset, as ``frame-NNNNNN.png``.
 
@@ -168,16 +178,6 @@ def _mark_targets(axis: Axes, frame: Frame) -> None:
     x, y = range_m * np.sqrt(np.maximum(1.0 - u**2, 0.0)), range_m * u
     axis.scatter(y, x, s=60.0, facecolors="none", edgecolors=MARK_COLOUR, linewidths=0.8, label="objects")
     axis.legend(loc="upper right")
-
-
-MOST_PICTURES = 60
-"""Of one animation; a longer sequence is shown in strides."""
-LARGEST_BYTES = 3_000_000
-"""Of the file: where it is larger, every second picture is left out, until it is not."""
-DOTS_PER_INCH = 72
-FASTEST, SLOWEST = 20, 1
-"""Pictures a second; in between as fast as it was."""
-TITLES = ("measured, delay-and-sum", "truth")
 
 
 @dataclass(frozen=True)

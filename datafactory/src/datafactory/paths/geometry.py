@@ -32,6 +32,12 @@ KEPT = 4
 """Scenes that a process keeps: the frames of several are dealt in turn."""
 
 
+Real = NDArray[np.float64]
+Index = NDArray[np.int64]
+MARGIN_M, MARGIN_SHARE = 1e-4, 2e-5
+"""Error of a ray's float32 distance [m], nearby and as a share of the distance."""
+
+
 class Geometry:
     """A merged scene's meshes in Mitsuba, in the radar frame of one pose at a time.
 
@@ -113,13 +119,6 @@ def _mesh(name: str, vertices: int, triangles: NDArray[np.int32]) -> Any:
     parameters["faces"] = triangles.astype(np.uint32).ravel()
     parameters.update()
     return mesh
-
-
-Real = NDArray[np.float64]
-Index = NDArray[np.int64]
-
-MARGIN_M, MARGIN_SHARE = 1e-4, 2e-5
-"""Error of a ray's float32 distance [m], nearby and as a share of the distance."""
 
 
 @dataclass(frozen=True)

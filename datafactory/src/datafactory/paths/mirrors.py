@@ -61,6 +61,14 @@ AHEAD_M = 1e-6
 """A foot straight below the radar lies at x = 0, apart from rounding, and counts as ahead."""
 
 
+Complex = NDArray[np.complex128]
+Index = NDArray[np.int64]
+TOUCHING_M = 1e-4
+"""A point may lie this far behind a face and still stand on it: rounding of a scene's coordinates."""
+AXES: tuple[Polarization, Polarization] = ("V", "H")
+"""Components of a field across a direction: along theta^ and phi^."""
+
+
 @dataclass(frozen=True)
 class MirrorEchoes(Columns):
     """n echoes of single mirrors, flat or curved, at whose feet the sight is the normal.
@@ -163,15 +171,6 @@ def _rates_of_normals(merged_scene: MergedScene, triangle: NDArray[np.int64], me
         normal = area / length
         rates[here] = (change - np.einsum("ki,ki->k", normal, change)[:, None] * normal) / length
     return rates
-
-
-Complex = NDArray[np.complex128]
-Index = NDArray[np.int64]
-
-TOUCHING_M = 1e-4
-"""A point may lie this far behind a face and still stand on it: rounding of a scene's coordinates."""
-AXES: tuple[Polarization, Polarization] = ("V", "H")
-"""Components of a field across a direction: along theta^ and phi^."""
 
 
 @dataclass(frozen=True)

@@ -49,6 +49,12 @@ from datafactory.paths.view import Real
 from datafactory.paths.wave_steps import passed_fields, reflectivity
 from shared.physics.compiled import compiled
 
+AXES: tuple[Polarization, ...] = ("V", "H")
+LEAST_RAYS = 1_000
+"""No fewer are followed, where there are as many."""
+GRAZING = 1e-4
+"""Least cosine of a direction drawn to its surface: nearer ones run into the surface itself in float32."""
+
 
 def over_mirrors(first: Arrivals) -> list[Echoes]:
     """What is scattered last, after mirrors alone: for each number of bounces from two on.
@@ -89,13 +95,6 @@ def _turned_back(field, vertical):
         for i in range(3):
             back[k, i] = 2.0 * along * vertical[k, i] - field[k, i]
     return back
-
-
-AXES: tuple[Polarization, ...] = ("V", "H")
-LEAST_RAYS = 1_000
-"""No fewer are followed, where there are as many."""
-GRAZING = 1e-4
-"""Least cosine of a direction drawn to its surface: nearer ones run into the surface itself in float32."""
 
 
 def scattered_twice(first: Arrivals, seed: int) -> list[Echoes]:

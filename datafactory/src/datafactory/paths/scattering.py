@@ -42,6 +42,16 @@ normal incidence.
 """
 
 
+SURFACE_CELL_M = 0.05
+"""About half the input array's aperture, the correlation length of a real surface's speckle at the sensor (Goodman,
+section 4.3): a sensor that moves by it receives independent speckle.
+"""
+OFF_THE_GRID = 1.0 / 3.0
+"""Shift of the cells: a plane at a whole number of them, as the ground at z = 0 is, would lie on their very border, and
+rounding would draw its phases anew in every frame.
+"""
+
+
 def has_lobes(pattern: Pattern) -> bool:
     """Whether it is the backscattering pattern and not the Lambertian one.
 
@@ -88,17 +98,6 @@ def _lobe_integral(incidence_cosine):
         total += _ODD[w] * incidence_cosine * series
         power *= half_sine_squared
     return total / 2.0**LOBE_EXPONENT
-
-
-SURFACE_CELL_M = 0.05
-"""About half the input array's aperture, the correlation length of a real surface's speckle at the sensor (Goodman,
-section 4.3): a sensor that moves by it receives independent speckle.
-"""
-
-OFF_THE_GRID = 1.0 / 3.0
-"""Shift of the cells: a plane at a whole number of them, as the ground at z = 0 is, would lie on their very border, and
-rounding would draw its phases anew in every frame.
-"""
 
 
 def surface_phase(position: NDArray[np.float64], object_index: NDArray[np.int64]) -> NDArray[np.float64]:

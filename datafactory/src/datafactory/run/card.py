@@ -67,6 +67,21 @@ _SIZES = ((1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000
 _LARGEST = "1M<n<10M"
 
 
+UNKNOWN = "unknown"
+_ON_THE_HUB = {
+    name: name
+    for name in (
+        "apache-2.0", "mit", "bsd-2-clause", "bsd-3-clause", "bsd-3-clause-clear", "c-uda-1.0", "cc0-1.0", "cc-by-2.0",
+        "cc-by-2.5", "cc-by-3.0", "cc-by-4.0", "cc-by-sa-3.0", "cc-by-sa-4.0", "cc-by-nc-2.0", "cc-by-nc-3.0",
+        "cc-by-nc-4.0", "cc-by-nd-4.0", "cc-by-nc-nd-3.0", "cc-by-nc-nd-4.0", "cc-by-nc-sa-2.0", "cc-by-nc-sa-3.0",
+        "cc-by-nc-sa-4.0", "cdla-sharing-1.0", "cdla-permissive-1.0", "cdla-permissive-2.0", "mpl-2.0", "isc",
+        "unlicense", "zlib",
+    )
+} | {"odbl-1.0": "odbl", "odc-by-1.0": "odc-by", "pddl-1.0": "pddl", "c-uda-1.0": "c-uda"}  # fmt: skip
+_OPENSTREETMAP = ("etoile", "florence", "munich", "san_francisco")
+"""Scenes of Sionna made of OpenStreetMap's data, as its documentation says."""
+
+
 def write_card(directory: Location, manifest: Mapping[str, Any]) -> Location:
     """Write the card of a dataset in one step.
 
@@ -234,23 +249,8 @@ def _licence(manifest: Mapping[str, Any]) -> str:
     )
 
 
-UNKNOWN = "unknown"
-
 # Of the licences for data those that the Hub knows by name (https://huggingface.co/docs/hub/repositories-licenses):
 # SPDX identifiers in small letters. The two named otherwise there stand with their names.
-_ON_THE_HUB = {
-    name: name
-    for name in (
-        "apache-2.0", "mit", "bsd-2-clause", "bsd-3-clause", "bsd-3-clause-clear", "c-uda-1.0", "cc0-1.0", "cc-by-2.0",
-        "cc-by-2.5", "cc-by-3.0", "cc-by-4.0", "cc-by-sa-3.0", "cc-by-sa-4.0", "cc-by-nc-2.0", "cc-by-nc-3.0",
-        "cc-by-nc-4.0", "cc-by-nd-4.0", "cc-by-nc-nd-3.0", "cc-by-nc-nd-4.0", "cc-by-nc-sa-2.0", "cc-by-nc-sa-3.0",
-        "cc-by-nc-sa-4.0", "cdla-sharing-1.0", "cdla-permissive-1.0", "cdla-permissive-2.0", "mpl-2.0", "isc",
-        "unlicense", "zlib",
-    )
-} | {"odbl-1.0": "odbl", "odc-by-1.0": "odc-by", "pddl-1.0": "pddl", "c-uda-1.0": "c-uda"}  # fmt: skip
-
-_OPENSTREETMAP = ("etoile", "florence", "munich", "san_francisco")
-"""Scenes of Sionna made of OpenStreetMap's data, as its documentation says."""
 
 
 def stated_licence(text: str | None) -> str | None:

@@ -30,6 +30,13 @@ Real = NDArray[np.float64]
 Axes = tuple[Vector, Vector, Vector]
 
 
+Box = tuple[NDArray[np.float64], NDArray[np.float64]]
+CLEAR_M = 3.0
+"""A drawn sensor is so far from everything that drives or walks by: nothing passes through it."""
+TRIES = 64
+"""Times that are drawn for a frame until its sensor stands clear."""
+
+
 @dataclass(frozen=True, eq=False)
 class WorldBox:
     """A box in the world.
@@ -199,14 +206,6 @@ def _corners(target: PointTarget) -> tuple[Real, Real]:
     low, high = target.extent
     offsets = np.array(list(product(*zip(low, high, strict=True)))) @ np.array(target.axes)
     return np.array(target.position) + offsets, np.array(target.velocity) + np.cross(np.array(target.spin), offsets)
-
-
-Box = tuple[NDArray[np.float64], NDArray[np.float64]]
-
-CLEAR_M = 3.0
-"""A drawn sensor is so far from everything that drives or walks by: nothing passes through it."""
-TRIES = 64
-"""Times that are drawn for a frame until its sensor stands clear."""
 
 
 class Movers:

@@ -35,6 +35,19 @@ POSITION_TRIES = 32
 YAW_TRIES = 8
 
 
+SIGHT_M = 95.0
+"""The default radar's 94.4 m."""
+SECTOR_DEG = 58.0
+"""To each side: the default radar's images end at u = 0.85."""
+SECTOR_RAYS = 25
+"""One heading every 5 deg across the sector: one of them meets a facade 8 m wide at 90 m."""
+SECTOR_RAD = np.radians(np.linspace(-SECTOR_DEG, SECTOR_DEG, SECTOR_RAYS))
+FREE_AHEAD_M = 8.0
+FAR_M = 15.0
+BEST = (True, 0.0, FREE_AHEAD_M)
+"""The worth of a view that nothing is wrong with."""
+
+
 @dataclass(frozen=True)
 class Pose:
     """The radar's frame in the world at the start of a frame.
@@ -194,17 +207,6 @@ def sample_pose(ground: Ground, split: Split, rng: np.random.Generator) -> Pose:
     )
 
 
-SIGHT_M = 95.0
-"""The default radar's 94.4 m."""
-SECTOR_DEG = 58.0
-"""To each side: the default radar's images end at u = 0.85."""
-SECTOR_RAYS = 25
-"""One heading every 5 deg across the sector: one of them meets a facade 8 m wide at 90 m."""
-SECTOR_RAD = np.radians(np.linspace(-SECTOR_DEG, SECTOR_DEG, SECTOR_RAYS))
-FREE_AHEAD_M = 8.0
-FAR_M = 15.0
-
-
 @dataclass(frozen=True)
 class View:
     """A sensor's view.
@@ -225,10 +227,6 @@ class View:
         """The better of two views has the larger: along a street at something; of its own; free ahead."""
         along = self.seen and self.farthest_m >= FAR_M
         return along, -self.foreign, min(self.ahead_m, FREE_AHEAD_M)
-
-
-BEST = (True, 0.0, FREE_AHEAD_M)
-"""The worth of a view that nothing is wrong with."""
 
 
 def view_from(ground: Ground, x: float, y: float, yaw_rad: float, split: Split) -> View:

@@ -30,6 +30,13 @@ LEAST_STREETS_M2 = 500.0
 """With less than this between its facades a scene has no streets, and all its free ground is used."""
 
 
+SHARES = (6.0, 1.0, 1.0)
+"""Areas of the regions, in the proportion of their frames."""
+LEAST_GAP_M = 5.0
+GAP_SHARE = 0.06
+"""Of the extent: the gaps of a larger scene are wider."""
+
+
 def reachable(free: Mask, passable: Mask) -> Mask:
     """The free cells with a way over passable cells to the largest free ground.
 
@@ -87,13 +94,6 @@ def _between_facades(free, obstacle, reach, axes):
                     between[i, j] = True
                     break
     return between
-
-
-SHARES = (6.0, 1.0, 1.0)
-"""Areas of the regions, in the proportion of their frames."""
-LEAST_GAP_M = 5.0
-GAP_SHARE = 0.06
-"""Of the extent: the gaps of a larger scene are wider."""
 
 
 def cut_into_regions(cells: Mask, cell_m: float) -> tuple[NDArray[np.int8], NDArray[np.int8], float]:

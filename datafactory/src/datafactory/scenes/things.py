@@ -18,6 +18,12 @@ from datafactory.scenes.chain import Chain
 Real = NDArray[np.float64]
 
 
+OTHER = "other"
+"""Class of what moves and states none."""
+OF_MODELS = {"car": "car", "pedestrian": "pedestrian", "cyclist": "bicycle"}
+"""Classes that the models of road users imply; a bicycle has its rider."""
+
+
 @dataclass(frozen=True)
 class Strip:
     """A rectangle seen from above: a piece of straight road, or what a body takes up.
@@ -96,12 +102,6 @@ class Population:
             "roads": len(self.roads), "road_m": round(sum(road.length_m for road in self.roads), 1),
             "horizon_s": self.horizon_s,
         }  # fmt: skip
-
-
-OTHER = "other"
-"""Class of what moves and states none."""
-OF_MODELS = {"car": "car", "pedestrian": "pedestrian", "cyclist": "bicycle"}
-"""Classes that the models of road users imply; a bicycle has its rider."""
 
 
 @dataclass(frozen=True, eq=False)

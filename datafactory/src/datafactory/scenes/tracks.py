@@ -45,6 +45,13 @@ MOST_FRAMES = 1_000_000
 """Of one track: more than a month at 0.3 Hz is a mistyped rate."""
 
 
+COLUMNS = ("time", "x", "y", "z", "yaw_deg")
+VELOCITY = ("vx", "vy", "vz")
+FORM = "time,x,y,z,yaw_deg[,pitch_deg][,roll_deg][,vx,vy,vz], in s, m, degrees and m/s"
+JSON_FORM = '[{"time": s, "position": [x, y, z], "yaw_deg": 0, ..., "velocity": [x, y, z]}, ...]'
+_Given = Annotated[FiniteFloat, Field(ge=-1e9, le=1e9)]
+
+
 @dataclass(frozen=True, eq=False)
 class Curve:
     """Where a sensor is at any time, by its rows.
@@ -113,14 +120,6 @@ def nearest_m(one: Sequence[Pose], other: Sequence[Pose]) -> float:
 
     distance, _ = cKDTree([pose.position for pose in one]).query([pose.position for pose in other])
     return float(distance.min())
-
-
-COLUMNS = ("time", "x", "y", "z", "yaw_deg")
-VELOCITY = ("vx", "vy", "vz")
-FORM = "time,x,y,z,yaw_deg[,pitch_deg][,roll_deg][,vx,vy,vz], in s, m, degrees and m/s"
-JSON_FORM = '[{"time": s, "position": [x, y, z], "yaw_deg": 0, ..., "velocity": [x, y, z]}, ...]'
-
-_Given = Annotated[FiniteFloat, Field(ge=-1e9, le=1e9)]
 
 
 class _Line(BaseModel):

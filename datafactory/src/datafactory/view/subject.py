@@ -31,6 +31,32 @@ ARCS_M = (10.0, 20.0, 40.0, 80.0)
 ARC_POINTS = 49
 
 
+Colour = tuple[int, int, int]
+"""Red, green, blue, 0 to 255."""
+MATERIALS: dict[str, Colour] = {
+    "concrete": (178, 176, 170), "road_concrete": (150, 149, 145), "asphalt": (92, 93, 98), "brick": (178, 98, 74),
+    "plasterboard": (222, 214, 198), "ceiling_board": (232, 228, 220), "marble": (214, 206, 214),
+    "wood": (176, 132, 84), "chipboard": (196, 158, 110), "plywood": (206, 172, 124), "floorboard": (158, 112, 66),
+    "glass": (126, 186, 214), "acrylic": (160, 204, 224), "metal": (70, 110, 168), "polypropylene": (98, 88, 150),
+    "tyre_rubber": (52, 50, 54), "very_dry_ground": (206, 184, 140), "medium_dry_ground": (172, 148, 104),
+    "wet_ground": (128, 106, 74), "water": (74, 132, 196), "vegetation": (106, 154, 84), "human_skin": (226, 168, 140),
+}  # fmt: skip
+"""Of the material table, as one would paint them; metal is blue, so that it stands out."""
+DIRECT, MIRROR, SEVERAL = "direct scatter", "mirror", "multi-bounce"
+DIFFRACTION, REFRACTION = "diffraction", "refraction"
+KINDS: dict[str, Colour] = {
+    DIRECT: (213, 94, 0),
+    MIRROR: (0, 114, 178),
+    SEVERAL: (160, 32, 120),
+    DIFFRACTION: (0, 140, 90),
+    REFRACTION: (204, 153, 0),
+}
+"""Kinds of path, after Okabe and Ito, Color Universal Design, 2008: told apart with any kind of colour vision."""
+SENSOR: Colour = (20, 20, 20)
+MOTION: Colour = (220, 20, 60)
+TARGET: Colour = (255, 0, 160)
+
+
 @dataclass(frozen=True, eq=False)
 class Subject:
     """A scene from a pose, all places in that pose's radar frame: x forward, y left, z up, the sensor at the origin.
@@ -129,35 +155,6 @@ class RayCaster:
         nothing.normal[met.valid] = (met.normal * towards[:, None])[met.valid]
         nothing.distance[met.valid] = met.distance[met.valid]
         return nothing
-
-
-Colour = tuple[int, int, int]
-"""Red, green, blue, 0 to 255."""
-
-MATERIALS: dict[str, Colour] = {
-    "concrete": (178, 176, 170), "road_concrete": (150, 149, 145), "asphalt": (92, 93, 98), "brick": (178, 98, 74),
-    "plasterboard": (222, 214, 198), "ceiling_board": (232, 228, 220), "marble": (214, 206, 214),
-    "wood": (176, 132, 84), "chipboard": (196, 158, 110), "plywood": (206, 172, 124), "floorboard": (158, 112, 66),
-    "glass": (126, 186, 214), "acrylic": (160, 204, 224), "metal": (70, 110, 168), "polypropylene": (98, 88, 150),
-    "tyre_rubber": (52, 50, 54), "very_dry_ground": (206, 184, 140), "medium_dry_ground": (172, 148, 104),
-    "wet_ground": (128, 106, 74), "water": (74, 132, 196), "vegetation": (106, 154, 84), "human_skin": (226, 168, 140),
-}  # fmt: skip
-"""Of the material table, as one would paint them; metal is blue, so that it stands out."""
-
-DIRECT, MIRROR, SEVERAL = "direct scatter", "mirror", "multi-bounce"
-DIFFRACTION, REFRACTION = "diffraction", "refraction"
-KINDS: dict[str, Colour] = {
-    DIRECT: (213, 94, 0),
-    MIRROR: (0, 114, 178),
-    SEVERAL: (160, 32, 120),
-    DIFFRACTION: (0, 140, 90),
-    REFRACTION: (204, 153, 0),
-}
-"""Kinds of path, after Okabe and Ito, Color Universal Design, 2008: told apart with any kind of colour vision."""
-
-SENSOR: Colour = (20, 20, 20)
-MOTION: Colour = (220, 20, 60)
-TARGET: Colour = (255, 0, 160)
 
 
 def material_colour(name: str) -> Colour:

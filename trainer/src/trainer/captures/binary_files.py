@@ -46,6 +46,11 @@ LANES = 4
 """In a "4-lane" file, whatever RX are on."""
 
 
+DEVICES = ("master", "slave1", "slave2", "slave3")
+RX_OF_DEVICE = 4
+INDEX_HEADER = struct.Struct("<IIIIQ")
+
+
 def read_dca1000(
     path: Path,
     radar: Radar,
@@ -86,11 +91,6 @@ def _complex(in_phase: NDArray[np.int16], quadrature: NDArray[np.int16]) -> NDAr
     samples = np.empty(in_phase.shape, np.complex64)
     samples.real, samples.imag = in_phase, quadrature
     return samples
-
-
-DEVICES = ("master", "slave1", "slave2", "slave3")
-RX_OF_DEVICE = 4
-INDEX_HEADER = struct.Struct("<IIIIQ")
 
 
 def cascade_files(path: Path) -> list[Path]:

@@ -37,6 +37,15 @@ CLOSE_UP_BINS = 7
 """Range bins shown on either side of a target."""
 
 
+NEAREST_M = 12.0
+"""Plane waves, which all estimators assume, are right over the input array from about 5 m."""
+SPACING_BINS = 12
+"""From one pair to the next: there the sidelobes of the range window are below -90 dB."""
+SPREAD_U = 0.5
+"""Pair centres are uniform in |u| below this: the second target stays in the image, the element pattern plays no
+part."""
+
+
 def in_plane(range_m: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
     """[K, 3] positions [m] at ranges [K] [m] and u [K] = sin(azimuth) in the plane z = 0."""
     return np.stack([range_m * np.sqrt(1.0 - u**2), range_m * u, np.zeros_like(u)], axis=-1)
@@ -98,15 +107,6 @@ def amplitude_of(signal_to_noise_db: float, radar: Radar) -> float:
 def _one_chirp(radar: Radar) -> Radar:
     waveform = radar.waveform.model_copy(update={"chirps": 1})
     return radar.model_copy(update={"waveform": waveform})
-
-
-NEAREST_M = 12.0
-"""Plane waves, which all estimators assume, are right over the input array from about 5 m."""
-SPACING_BINS = 12
-"""From one pair to the next: there the sidelobes of the range window are below -90 dB."""
-SPREAD_U = 0.5
-"""Pair centres are uniform in |u| below this: the second target stays in the image, the element pattern plays no
-part."""
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,11 @@ BRANCH_GAIN = 0.3
 (and a crop's result to where it was cut), the sum of branches must start near its skip."""
 
 
+MIXED = 3
+"""Images that the mixing hands to the U-Net; the first is an estimate that the U-Net corrects."""
+ATTENTION_LEVELS = 4
+
+
 class ResidualBlock(nn.Module):
     """Two 3 x 3 convolutions beside the identity."""
 
@@ -99,10 +104,6 @@ def crop_like(
     return image[..., : reference.shape[-2], : reference.shape[-1]]
 
 
-MIXED = 3
-"""Images that the mixing hands to the U-Net; the first is an estimate that the U-Net corrects."""
-
-
 class AngularMixing(nn.Module):
     """[B, F, R, U] to [B, outputs, R, U] by a dense network along angle, the same for every range bin."""
 
@@ -154,9 +155,6 @@ class SpectralUNet(nn.Module):
         mixed = self.mixing(features)
         answer = mixed[:, : self.outputs] + self.context(torch.cat([features, mixed], dim=1))
         return answer if self.start is None else answer + features[:, self.start : self.start + 1]
-
-
-ATTENTION_LEVELS = 4
 
 
 def _convolution(inputs: int, outputs: int, size: int) -> list[nn.Module]:

@@ -14,6 +14,8 @@ from shared.processes.defaults import LARGEST_SEED
 from shared.radar.front_end import PhaseNoise
 from shared.signal.windows import ANGLE_WINDOWS
 
+Share = Annotated[FiniteFloat, Field(ge=0, le=1)]
+
 
 def _rising(ends: tuple[float, float]) -> tuple[float, float]:
     if ends[0] > ends[1]:
@@ -22,7 +24,6 @@ def _rising(ends: tuple[float, float]) -> tuple[float, float]:
 
 
 NotNegative = Annotated[FiniteFloat, Field(ge=0)]
-Share = Annotated[FiniteFloat, Field(ge=0, le=1)]
 Spread = Annotated[tuple[NotNegative, NotNegative], AfterValidator(_rising)]
 """Least and largest root mean square of a board."""
 Level = Annotated[tuple[FiniteFloat, FiniteFloat], AfterValidator(_rising)]

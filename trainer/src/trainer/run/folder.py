@@ -40,6 +40,9 @@ from trainer.data.arrays import ArrayChoice
 from trainer.run.configuration import FitConfig
 from trainer.run.imager import Imager, lay_out
 
+JOB = ".job"
+"""Folder of the lock and of what worker processes are given; it is there only while a command is at work."""
+
 
 class SceneRecord(BaseModel):
     """One scene of a dataset.
@@ -75,10 +78,6 @@ def scene_records(manifest: Mapping[str, Any]) -> tuple[SceneRecord, ...] | None
         )
     except (KeyError, TypeError, ValidationError):
         return None
-
-
-JOB = ".job"
-"""Folder of the lock and of what worker processes are given; it is there only while a command is at work."""
 
 
 @contextmanager

@@ -24,6 +24,13 @@ from shared.physics.errors import InputError, figure_text
 from shared.pictures import COLOUR_MAP, LEVEL_LABEL, SPAN_DB, draw_levels, range_weighted_db, save_figure
 from shared.radar import Radar
 
+ANIMATION = "animation.gif"
+FRAMES_PER_SECOND = 3
+DOTS_PER_INCH = 80
+"""A frame of two panels then has about 30 kB."""
+LARGEST_DOT = 80.0
+"""Of a detection as strong as the strongest of all frames [points^2]; one 40 dB weaker has none."""
+
 
 def panel(images: Mapping[str, NDArray[np.floating]]) -> NDArray[np.uint8]:
     """[R, n U, 3] colours of the images in one row, far range at the top, without axes."""
@@ -66,14 +73,6 @@ def save_picture(path: Path, images: Mapping[str, NDArray[np.floating]], radar: 
     figure.colorbar(drawn, ax=axes, label=f"{LEVEL_LABEL}, 0 dB at the maximum")
     figure.suptitle(figure_text(title))
     save_figure(figure, path, 100)
-
-
-ANIMATION = "animation.gif"
-FRAMES_PER_SECOND = 3
-DOTS_PER_INCH = 80
-"""A frame of two panels then has about 30 kB."""
-LARGEST_DOT = 80.0
-"""Of a detection as strong as the strongest of all frames [points^2]; one 40 dB weaker has none."""
 
 
 def save_animation(images: Path, path: Path) -> int:

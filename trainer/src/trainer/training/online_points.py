@@ -55,6 +55,10 @@ NEAREST_M = 3.0
 """Range of the nearest targets; nearer, the wave front's curvature needs more than two orders."""
 
 
+Scatterers = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.complex128], NDArray[np.bool_]]
+"""Rows, u, amplitudes and whether they are points."""
+
+
 @dataclass(frozen=True, eq=False)
 class Targets:
     """Scatterers of one crop.
@@ -99,10 +103,6 @@ def draw_targets(generator: np.random.Generator, rows: int, radar: Radar) -> Tar
             parts.append(_points(generator, row, cell, level_db))
     row, u, amplitude, point = (np.concatenate(column) for column in zip(*parts, strict=True))
     return Targets(row, u, amplitude, point.astype(bool), first_m / waveform.range_step_m, extended)
-
-
-Scatterers = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.complex128], NDArray[np.bool_]]
-"""Rows, u, amplitudes and whether they are points."""
 
 
 def _no_scatterers() -> Scatterers:

@@ -31,6 +31,17 @@ VERSION = 3
 """Of the generator: the same options, version and kind of file give the same bytes."""
 
 
+LOWERED_KERB_M = 0.03
+MATERIALS = {
+    "Road_0": "asphalt", "Pavement": "concrete", "Lowered_kerb": "concrete", "Median": "vegetation",
+    "Plot": "vegetation", "Court": "concrete", "Asphalt_yard": "asphalt",
+}  # fmt: skip
+GROUND_OF_USE = {
+    "houses": "Plot", "gardens": "Plot", "park": "Plot", "verge": "Plot", "square": "Court",
+    "works": "Asphalt_yard", "depot": "Asphalt_yard", "parking": "Asphalt_yard",
+}  # fmt: skip
+
+
 class CityOptions(BaseModel):
     """The options of a procedural city.
 
@@ -121,17 +132,6 @@ def write_city(path: Path, seed: int = 0, blocks: int = 2, style: Style = Style.
     options = CityOptions.checked(seed=seed, blocks=blocks, style=style)
     name = f"Procedural city: {options.style.value}, seed {seed}, blocks {blocks}. Metres, z up."
     write_usd(path, city(options), name, options.metadata())
-
-
-LOWERED_KERB_M = 0.03
-MATERIALS = {
-    "Road_0": "asphalt", "Pavement": "concrete", "Lowered_kerb": "concrete", "Median": "vegetation",
-    "Plot": "vegetation", "Court": "concrete", "Asphalt_yard": "asphalt",
-}  # fmt: skip
-GROUND_OF_USE = {
-    "houses": "Plot", "gardens": "Plot", "park": "Plot", "verge": "Plot", "square": "Court",
-    "works": "Asphalt_yard", "depot": "Asphalt_yard", "parking": "Asphalt_yard",
-}  # fmt: skip
 
 
 def ground(plan: Plan, kerb_m: float, islands: list[Rectangle]) -> list[Placement]:

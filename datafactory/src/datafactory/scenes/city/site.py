@@ -20,6 +20,10 @@ from datafactory.scenes.things import Strip
 Vector = tuple[float, float, float]
 
 
+TOUCH_M = 0.01
+"""Things that overlap by less stand beside each other."""
+
+
 @dataclass(frozen=True)
 class Keyframe:
     """Where a moving thing is at a time; straight on to the next one.
@@ -139,10 +143,6 @@ class Site:
                 radar_class=CLASSES.get(kind, ""),
             )
         )
-
-
-TOUCH_M = 0.01
-"""Things that overlap by less stand beside each other."""
 
 
 @dataclass(frozen=True)

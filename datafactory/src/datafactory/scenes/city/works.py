@@ -19,6 +19,12 @@ BAY_M, BAY_DEPTH_M, AISLE_M = 2.5, 5.0, 6.0
 MODULE_M = 2.0 * BAY_DEPTH_M + AISLE_M
 
 
+PIECE_M = 8.0
+CLEARANCE_M = 5.2
+DECK_M = 1.1
+GIRDERS = 4
+
+
 def works(site: Site, block: Block, rules: Rules) -> None:
     """A hall with gates, a fence, tanks and lorries before it."""
     rng = site.rng
@@ -164,12 +170,6 @@ def verge(site: Site, block: Block, rules: Rules) -> None:
         kind = drawn(rng, (("Tree", 0.6), ("Conifer", 0.4)))
         model = f"{kind}_{rng.integers(2 if kind == 'Conifer' else 3)}"
         site.place("Trees", kind, model, (x, y, rules.kerb_m), float(rng.integers(0, 360)), margin=0.2)
-
-
-PIECE_M = 8.0
-CLEARANCE_M = 5.2
-DECK_M = 1.1
-GIRDERS = 4
 
 
 def equip(site: Site, plan: Plan) -> None:

@@ -28,6 +28,11 @@ BUILT_IN = "materials_77ghz.toml"
 Pattern = Literal["lambertian", "backscattering"]
 
 
+PREFIXES = frozenset({"mat", "mtl", "material", "itu", "m", "mi", "radio", "tex", "shader"})
+"""Words that mark any material (Sionna ``mat-itu_``, Blender ``Material.``, Unreal ``M_``) and name none."""
+SUFFIXES = frozenset({"mat", "mtl", "material", "shader", "inst", "instance", "sg"})
+
+
 @dataclass(frozen=True)
 class Material:
     """What the tracer uses of a :class:`MaterialEntry`; its roughness is S, 0 to 1, however it was stated."""
@@ -279,12 +284,6 @@ def _checked_table(
         exact=dict(exact),
         default=default,
     )
-
-
-PREFIXES = frozenset({"mat", "mtl", "material", "itu", "m", "mi", "radio", "tex", "shader"})
-"""Words that mark any material (Sionna ``mat-itu_``, Blender ``Material.``, Unreal ``M_``) and name none."""
-
-SUFFIXES = frozenset({"mat", "mtl", "material", "shader", "inst", "instance", "sg"})
 
 
 def words(name: str) -> tuple[str, ...]:

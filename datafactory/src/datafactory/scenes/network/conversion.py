@@ -34,6 +34,21 @@ READ = {
 WANTED = {"opendrive": "an OpenDRIVE file (.xodr) with roads", "osm": "an OpenStreetMap extract (.osm) with streets"}
 
 
+WARM_UP_S = 60.0
+"""Before the scene's time 0: the network fills."""
+DURATION_S = 24.0
+"""Of the traffic in the file, from time 0 on."""
+STEP_S = 0.5
+METRES_A_VEHICLE = 60.0
+"""Of lane, for each vehicle that sets out."""
+CARS = ("Saloon", "Hatchback", "Van")
+LENGTHS_M = {"Saloon": 4.6, "Hatchback": 4.0, "Van": 5.0, "Lorry": 9.0, "Bus": 11.5}
+CLASSES = {"Lorry": "truck", "Bus": "bus"}
+"""SUMO's, of what is no passenger car."""
+STRAIGHT_M = 5e-4
+"""A keyframe that lies within this of the line between its neighbours is left out."""
+
+
 @dataclass(frozen=True, eq=False)
 class Lane:
     """A lane that cars drive on.
@@ -140,21 +155,6 @@ def along(points: Real, step_m: float) -> tuple[Real, Real]:
     delta = points[piece + 1] - points[piece]
     headings = np.array([math.degrees(math.atan2(y, x)) for x, y in delta[:, :2]])
     return places, headings
-
-
-WARM_UP_S = 60.0
-"""Before the scene's time 0: the network fills."""
-DURATION_S = 24.0
-"""Of the traffic in the file, from time 0 on."""
-STEP_S = 0.5
-METRES_A_VEHICLE = 60.0
-"""Of lane, for each vehicle that sets out."""
-CARS = ("Saloon", "Hatchback", "Van")
-LENGTHS_M = {"Saloon": 4.6, "Hatchback": 4.0, "Van": 5.0, "Lorry": 9.0, "Bus": 11.5}
-CLASSES = {"Lorry": "truck", "Bus": "bus"}
-"""SUMO's, of what is no passenger car."""
-STRAIGHT_M = 5e-4
-"""A keyframe that lies within this of the line between its neighbours is left out."""
 
 
 def trajectories(

@@ -39,6 +39,17 @@ KINDS = {"Lorry": ("Lorries", "Lorry"), "Bus": ("Buses", "Bus")}
 """Group and kind of the vehicles that are no cars."""
 
 
+OUTLINE_STEP_M = 6.0
+NEIGHBOURS = 4
+CLOSES_M = 1.0
+"""Gaps between lanes and junctions up to twice this are closed: asphalt has none."""
+SIMPLER_M = 0.01
+PAVEMENT_M = 2.5
+LAND_BELOW_M = 0.1
+LAND_CELL_M = 10.0
+SKIRT_M = 0.6
+
+
 def write_town(
     out: Path, source: Path, form: str, seed: int = 0, style: Style = Style.OLD_TOWN,
     centre: tuple[float, float] | None = None, extent: float = 300.0,
@@ -181,17 +192,6 @@ class _Beside:
             else:
                 at = self._right_of(places[number], headings[number], beside + 0.6)
                 self._stand(item, at, self._rules.kerb_m or -0.1, self._road)
-
-
-OUTLINE_STEP_M = 6.0
-NEIGHBOURS = 4
-CLOSES_M = 1.0
-"""Gaps between lanes and junctions up to twice this are closed: asphalt has none."""
-SIMPLER_M = 0.01
-PAVEMENT_M = 2.5
-LAND_BELOW_M = 0.1
-LAND_CELL_M = 10.0
-SKIRT_M = 0.6
 
 
 class Heights:

@@ -30,6 +30,14 @@ PLAUSIBLE_METRES = (0.1, 50e3)
 """Of a scene's longest side: a tin can, a city."""
 
 
+Y_UP_TO_Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # (x, y, z) -> (x, -z, y)
+FLAT = 1e-12  # twice a triangle's area over its longest edge squared: below this float64 cannot tell it from a line
+WAVELENGTH_M = SPEED_OF_LIGHT / 77e9
+COARSE_DEG = 10.0
+"""Smaller phase errors of vertices are not noted. float32 vertices reach this about 1 km from the origin."""
+Placed = tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.int64]]
+
+
 @dataclass(frozen=True)
 class Reading:
     """How a scene is read, where that is not settled by the file.
@@ -113,15 +121,6 @@ def with_remarks(scene: Scene, notes: Notes, remedy: str, always: bool = False) 
             text = " x ".join(f"{side:.3g}" for side in sides)
             notes.say(f"the scene measures {text} m (x, y, z): check {remedy}")
     return replace(scene, warnings=notes.sentences())
-
-
-Y_UP_TO_Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # (x, y, z) -> (x, -z, y)
-FLAT = 1e-12  # twice a triangle's area over its longest edge squared: below this float64 cannot tell it from a line
-WAVELENGTH_M = SPEED_OF_LIGHT / 77e9
-COARSE_DEG = 10.0
-"""Smaller phase errors of vertices are not noted. float32 vertices reach this about 1 km from the origin."""
-
-Placed = tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.int64]]
 
 
 def place_mesh(

@@ -39,6 +39,13 @@ ORIGIN = (0.0, 0.0, 0.0)
 Mesh = tuple[NDArray[np.floating], NDArray[np.int64]]
 
 
+INCLUDE_DEPTH = 15  # Mitsuba's limit
+LONGEST_VALUE = 100_000
+PARAMETER = re.compile(r"\$(\w+)")
+LARGEST = 1e60  # of a number in a scene: cubes of it, as in determinants, are still finite
+TRANSFORM_NAMES = ("to_world", "toWorld")  # since version 2, and before
+
+
 def read_mitsuba(path: str | Path, name: str | None = None) -> Scene:
     """Read a Mitsuba XML file.
 
@@ -114,13 +121,6 @@ def _tube(shape: Shape) -> primitives.Mesh:
     side /= np.linalg.norm(side)
     frame = np.column_stack([side, np.cross(axis, side), axis])
     return vertices @ frame.T + (p0 + p1) / 2, triangles
-
-
-INCLUDE_DEPTH = 15  # Mitsuba's limit
-LONGEST_VALUE = 100_000
-PARAMETER = re.compile(r"\$(\w+)")
-LARGEST = 1e60  # of a number in a scene: cubes of it, as in determinants, are still finite
-TRANSFORM_NAMES = ("to_world", "toWorld")  # since version 2, and before
 
 
 @dataclass(frozen=True)

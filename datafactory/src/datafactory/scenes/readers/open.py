@@ -22,6 +22,14 @@ MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl")
 KNOWN_SUFFIXES = USD_SUFFIXES + MITSUBA_SUFFIXES + MESH_SUFFIXES
 
 
+SHIPPED_PREFIX = "shipped:"
+SIONNA_PREFIX = "sionna:"
+SHIPPED_FOLDER = Path(__file__).resolve().parents[1] / "shipped"
+SHIPPED_SUFFIXES = (".usda", ".xml")
+"""Of two files of one name the first of these has the bare name, and the other its suffix."""
+FORMATS = {".usda": "USD", ".xml": "Mitsuba"}
+
+
 def open_scene(source: str, reading: Reading = AS_WRITTEN) -> Scene:
     """Read a scene in metres and z up.
 
@@ -83,15 +91,6 @@ def _meant_file(path: Path) -> str:
     except OSError:
         beside = []
     return meant(path.name, (other.name for other in beside if other.suffix.lower() in KNOWN_SUFFIXES))
-
-
-SHIPPED_PREFIX = "shipped:"
-SIONNA_PREFIX = "sionna:"
-SHIPPED_FOLDER = Path(__file__).resolve().parents[1] / "shipped"
-SHIPPED_SUFFIXES = (".usda", ".xml")
-"""Of two files of one name the first of these has the bare name, and the other its suffix."""
-
-FORMATS = {".usda": "USD", ".xml": "Mitsuba"}
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,9 @@ from shared.physics.errors import InputError
 LARGEST = 1e60  # of a solid's size: squares of it, as in areas, are still finite
 
 
+CONVEX_TOLERANCE = 1e-9  # relative to the squared polygon size: float32 corners on a straight edge are not concave
+
+
 @dataclass(frozen=True)
 class PrimMesh:
     """A prim's triangles in local coordinates and units of the USD stage.
@@ -141,9 +144,6 @@ _SOLIDS: dict[str, tuple[tuple[str, ...], Callable[..., primitives.Mesh]]] = {
 }
 _EXCHANGE = {"X": [2, 0, 1], "Y": [1, 2, 0], "Z": [0, 1, 2]}
 """Coordinates of a solid along z that turn it to another axis, cyclic: a rotation."""
-
-
-CONVEX_TOLERANCE = 1e-9  # relative to the squared polygon size: float32 corners on a straight edge are not concave
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,24 @@ UP_TO_Z_UP = {"X": np.eye(3)[[1, 2, 0]], "Y": Y_UP_TO_Z_UP, "Z": np.eye(3)}
 """Rotations to z up. X up is no value that USD defines, but older exporters wrote it: (x, y, z) becomes (y, z, x)."""
 
 
+LEFT_OUT = (
+    Pcp.ErrorInvalidAssetPath,
+    Pcp.ErrorInvalidSublayerPath,
+    Pcp.ErrorMutedAssetPath,
+    Pcp.ErrorUnresolvedPrimPath,
+)
+"""Composition errors that leave out a part of the scene."""
+MATERIAL_SUFFIXES = frozenset([
+    ".mtlx", ".mdl", ".osl", ".oso", ".glslfx",
+    ".png", ".jpg", ".jpeg", ".exr", ".hdr", ".tif", ".tiff", ".tga", ".tx", ".tex", ".webp",
+])  # fmt: skip
+MATERIAL_TYPES = frozenset(("Material", "Shader", "NodeGraph"))
+MATERIAL_SCOPES = frozenset(
+    ["material", "materials", "mat", "mats", "mtl", "mtls", "look", "looks", "shader", "shaders", "texture", "textures"]
+)
+BINDINGS = "material:binding"
+
+
 def open_usd_stage(path: Path, notes: Notes, reading: Reading = AS_WRITTEN) -> Usd.Stage:
     """Open a USD stage with everything loaded.
 
@@ -142,24 +160,6 @@ def _note_other_units(usd_stage: Usd.Stage, metres: float, axis: str, notes: Not
         other_axis = top.GetInfo(UsdGeom.Tokens.upAxis) if top.HasInfo(UsdGeom.Tokens.upAxis) else axis
         if other_axis != axis:
             notes.count(f"# layers have {other_axis} up within a stage with {axis} up, which USD does not convert")
-
-
-LEFT_OUT = (
-    Pcp.ErrorInvalidAssetPath,
-    Pcp.ErrorInvalidSublayerPath,
-    Pcp.ErrorMutedAssetPath,
-    Pcp.ErrorUnresolvedPrimPath,
-)
-"""Composition errors that leave out a part of the scene."""
-MATERIAL_SUFFIXES = frozenset([
-    ".mtlx", ".mdl", ".osl", ".oso", ".glslfx",
-    ".png", ".jpg", ".jpeg", ".exr", ".hdr", ".tif", ".tiff", ".tga", ".tx", ".tex", ".webp",
-])  # fmt: skip
-MATERIAL_TYPES = frozenset(("Material", "Shader", "NodeGraph"))
-MATERIAL_SCOPES = frozenset(
-    ["material", "materials", "mat", "mats", "mtl", "mtls", "look", "looks", "shader", "shaders", "texture", "textures"]
-)
-BINDINGS = "material:binding"
 
 
 def note_missing(usd_stage: Usd.Stage, errors: list[Pcp.ErrorBase], notes: Notes) -> list[str]:

@@ -44,6 +44,10 @@ STATURES_M = (0.5, 2.5)
 """Bounds of the options [m]."""
 
 
+POINTS = 24
+"""Echo points of a wheel."""
+
+
 def option(low: float, high: float) -> float | None:
     """A field that may be left out, which turns the option off; else within these bounds, both included."""
     value: float | None = field(default=None, metadata={"bounds": (low, high)})
@@ -219,10 +223,6 @@ class Cyclist(Rigid):
         return whole * np.array([0.5, 0.25, 0.25])
 
     __repr__ = text_without_defaults
-
-
-POINTS = 24
-"""Echo points of a wheel."""
 
 
 def rolling_wheels(

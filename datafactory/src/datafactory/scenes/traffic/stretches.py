@@ -48,6 +48,18 @@ UNEVEN_M = 0.1
 """How far the ground may be off a plane where vehicles drive."""
 
 
+FURNITURE_M = 0.45
+"""Poles and signs stand so far behind the kerb."""
+FIRST_ROW_M = 1.1
+"""The first row of walkers."""
+ROW_M = 0.7
+WALL_M = 0.35
+"""Nobody walks nearer to what bounds the pavement."""
+PAVEMENT_M = 4.0
+HORIZON_S = 600.0
+"""Streams run from time 0 to here, and rest before and after."""
+
+
 @dataclass(frozen=True)
 class Stretch:
     """A straight piece of road.
@@ -178,18 +190,6 @@ def _fitting(ground: Ground, strip: Strip, region: int, others: Sequence[Stretch
                 return Stretch(strip, (level, rise, tilt), region)
         strip = Strip(strip.middle, strip.heading_rad, 0.7 * strip.length_m, strip.half_width_m)
     return None
-
-
-FURNITURE_M = 0.45
-"""Poles and signs stand so far behind the kerb."""
-FIRST_ROW_M = 1.1
-"""The first row of walkers."""
-ROW_M = 0.7
-WALL_M = 0.35
-"""Nobody walks nearer to what bounds the pavement."""
-PAVEMENT_M = 4.0
-HORIZON_S = 600.0
-"""Streams run from time 0 to here, and rest before and after."""
 
 
 @dataclass(frozen=True)

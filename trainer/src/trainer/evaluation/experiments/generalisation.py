@@ -17,6 +17,9 @@ from trainer.run.folder import Fingerprint
 SHOWN = (AVERAGE_PRECISION, SSIM)
 
 
+SECONDS, PARAMETERS = "seconds for an image", "trained parameters"
+
+
 class Generalisation(OfFrames):
     """Is a scene worse than another, and was it trained on?"""
 
@@ -102,9 +105,6 @@ def _seen(bench: Bench, fingerprint: Fingerprint, scene: str) -> str:
     if any(record.content_sha256 in contents for record in fingerprint.scenes):
         return "yes"
     return "unknown" if scene in {record.name for record in fingerprint.scenes} else "no"
-
-
-SECONDS, PARAMETERS = "seconds for an image", "trained parameters"
 
 
 class Tradeoff(OfFrames):

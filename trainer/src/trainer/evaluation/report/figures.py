@@ -56,6 +56,13 @@ STYLE: dict[Any, Any] = {
 }
 
 
+MARK_ABOVE_BINS = 3.0
+"""From a target to the tip that points at it."""
+SHEET_COLUMNS = 4
+Levels = Mapping[tuple[str, str], NDArray[np.floating]]
+"""Levels [dB] of images by (method, array)."""
+
+
 class Look:
     """Colours and lines of the methods and arrays of one figure.
 
@@ -181,15 +188,6 @@ def save_figure(figure: Figure, directory: Path, name: str) -> bytes:
     for kind, text in content.items():
         write_bytes(directory / f"{name}.{kind}", text)
     return content["png"]
-
-
-MARK_ABOVE_BINS = 3.0
-"""From a target to the tip that points at it."""
-
-SHEET_COLUMNS = 4
-
-Levels = Mapping[tuple[str, str], NDArray[np.floating]]
-"""Levels [dB] of images by (method, array)."""
 
 
 def image_panels(

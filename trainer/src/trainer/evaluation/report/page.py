@@ -35,6 +35,11 @@ STEPS = 255
 """A level is kept as a byte, 0 for the floor: steps of 0.24 dB."""
 
 
+WHOLE, PEAKS = "range-Doppler map", "strongest Doppler peaks"
+WIDTH = 800
+QUALITY = 85
+
+
 def scene_levels(
     image: NDArray[np.floating], unit: str, truth: NDArray[np.floating] | None, span_db: float = REPORT_SPAN_DB
 ) -> NDArray[np.float64]:
@@ -68,9 +73,6 @@ def from_bytes(levels: NDArray[np.uint8]) -> NDArray[np.float64]:
     return REPORT_SPAN_DB * (levels / STEPS - 1.0)
 
 
-WHOLE, PEAKS = "range-Doppler map", "strongest Doppler peaks"
-
-
 def doppler_map(frame: Frame, radar: Radar) -> tuple[str, NDArray[np.float64]]:
     """(:data:`WHOLE` or :data:`PEAKS`, [R, chirps] mean magnitude over channels on the rising velocity axis [sqrt(W)]).
 
@@ -86,10 +88,6 @@ def doppler_map(frame: Frame, radar: Radar) -> tuple[str, NDArray[np.float64]]:
     rows = np.broadcast_to(np.arange(waveform.range_bins), cells.shape)
     magnitude[rows, cells % waveform.chirps] = np.abs(frame.range_channel).mean(axis=2)
     return PEAKS, magnitude
-
-
-WIDTH = 800
-QUALITY = 85
 
 
 def small_picture(dataset: Dataset, frame_id: int) -> bytes:
