@@ -171,6 +171,7 @@ wheels: $(INSTALLED)
 	rm -rf build/wheels build/wheels-from
 	mkdir -p build/wheels-from
 	cp -rL shared datafactory trainer build/wheels-from
+	rm -rf build/wheels-from/*/build build/wheels-from/*/src/*.egg-info
 	$(BIN)/python -m pip wheel --no-deps --quiet --disable-pip-version-check --wheel-dir build/wheels \
 		build/wheels-from/shared build/wheels-from/datafactory build/wheels-from/trainer
 	rm -rf build/wheels-from

@@ -28,8 +28,9 @@ CELL, TEXT = "# %%", "[markdown]"
 
 def cells(script: str) -> Iterator[tuple[int, bool, str]]:
     """The cells of a script: (lines before it, whether it is text, its content)."""
-    before = 0
-    for piece in script.split(CELL)[1:]:
+    first, *pieces = script.split(CELL)
+    before = first.count("\n")
+    for piece in pieces:
         head, _, body = piece.partition("\n")
         is_text = head.strip() == TEXT
         text = "\n".join(line[2:] for line in body.splitlines()) if is_text else body
@@ -91,7 +92,7 @@ def _run_cells(script: Path, folder: Path) -> None:
             if not (folder / picture.name).exists():
                 shutil.copy(picture, folder)
                 shown.append(f"![{picture.stem}]({script.stem}/{picture.name})")
-    note = f"*`examples/{script.name}` with its output, as it was when this site was made.*"
+    note = f"*`examples/{script.name}` with its output, as it was when the script was last run.*"
     (folder / PAGE).write_text(_joined(shown, note), encoding="utf-8")
 
 

@@ -202,7 +202,7 @@ CORNERS = [
 def seen_corners() -> tuple[CornerEdges, Views, Cells]:
     """Corners whose edges have the foot of the perpendicular and others, small, wide, unequal and off square."""
     faces = [item for n, faces in enumerate(CORNERS) for item in meshes_of(faces, cuts=2 + n)]
-    facing, views = corner_echoes._facing(corners_seen(scene_of(*faces)), WAVELENGTH_M)
+    facing, views, _, _ = corner_echoes._facing(corners_seen(scene_of(*faces)), WAVELENGTH_M)
     corners = corners_seen(scene_of(*faces)).take(facing)
     assert len(corners) >= len(CORNERS)
     return corners, views, cells_along(corners, views, WAVELENGTH_M)

@@ -14,6 +14,7 @@ from command_line import status
 from numpy.typing import NDArray
 from raw_files import radar_file, radar_of
 
+from shared.physics.errors import InputError
 from shared.radar import Radar, load_radar
 from shared.signal.signal import if_signal
 from trainer.captures.cascade_calibration import read_cascade_calibration
@@ -155,6 +156,8 @@ def test_calibrate_finds_what_it_finds_in_the_samples(
         ("params.Slope_MHzperus", 30e12, "params/Slope_MHzperus = 3e+13; expected MHz/us, 1 to 300"),
         ("params.Sampling_Rate_sps", -1.0, "params/Sampling_Rate_sps = -1; expected samples a second, more than 0"),
         ("calibResult.PeakValMat", np.full((12, 16), np.nan), "calibResult/PeakValMat has values that are not finite"),
+        ("calibResult.PeakValMat", 1.0 - (np.arange(192).reshape(12, 16) == 176.0),
+         "calibResult/PeakValMat of the reference, TX12 and RX1, has no echo; expected a calibration of a board whose"),
         ("board", "iwr1843", "calibResult/PeakValMat is of the cascade's 12 TX x 16 RX; expected a calibration of"),
     ],
 )  # fmt: skip
@@ -204,3 +207,32 @@ def test_a_capture_of_other_chirps_is_one_line(
     options = ("--board", "mmwcas", "--radar", "capture.toml", "--range", 4.0, "--angle", 0.0, "--out", "c.toml")
     code, _, said = status(capsys, monkeypatch, "calibrate", "calibrateResults.mat", *options)
     assert (code, said) == (2, f"trainer: calibrateResults.mat: {message}\n")
+
+
+@pytest.mark.parametrize("count", [256, 2048])
+def test_samples_of_any_number_come_back(tmp_path: Path, whole: Radar, count: int) -> None:
+    """The window leaves 2e-8 of the last of 256, 5e-12 of the last of 2048; one that is told of fewer is refused."""
+    duration = count / 2e6
+    waveform = {"samples": count, "range_bins": count, "chirp_duration_s": duration, "bandwidth_hz": 30e12 * duration}
+    radar = whole.model_copy(update={"waveform": whole.waveform.model_copy(update=waveform)})
+    samples = reflector(radar)
+    scipy.io.savemat(tmp_path / "calibrateResults.mat", results(samples, radar))
+    found = read_cascade_calibration(tmp_path / "calibrateResults.mat")
+    np.testing.assert_allclose(found.samples("mmwcas", radar)[0, 0], samples.reshape(count, -1), rtol=1e-5)
+    shorter = {"samples": count - 1, "chirp_duration_s": duration - 5e-7, "bandwidth_hz": 30e12 * (duration - 5e-7)}
+    other = radar.model_copy(update={"waveform": radar.waveform.model_copy(update=shorter)})
+    with pytest.raises(InputError, match=f"is of {count} samples"):
+        found.samples("mmwcas", other)
+
+
+@pytest.mark.parametrize("option", [("--axes", "chirp sample channel"), ("--variable", "x"), ("--order", "qi")])
+def test_an_option_that_tells_nothing_of_it_is_refused(
+    tmp_path: Path, whole: Radar, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch,
+    option: tuple[str, str],
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    scipy.io.savemat("calibrateResults.mat", results(reflector(whole), whole))
+    options = ("--board", "mmwcas", "--radar", "capture.toml", "--range", 4.0, "--angle", 0.0, "--out", "c.toml")
+    code, _, said = status(capsys, monkeypatch, "calibrate", "calibrateResults.mat", *options, *option)
+    expected = f"{option[1]!r} of calibrateResults.mat; expected no {option[0]}: TI's file says how it is laid out"
+    assert (code, said) == (2, f"trainer: {option[0]}: {expected}\n")

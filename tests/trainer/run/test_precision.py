@@ -16,7 +16,7 @@ from trainer.run.precision import FLOAT32_INSTEAD, in_bfloat16, precision_remark
 from trainer.run.predict import PredictRequest, predict
 
 WITHOUT: dict[str, bool] = {}
-WITH = [{"avx512_bf16": True}, {"amx_bf16": True}]
+WITH = [{name: True} for name in ("avx512_bf16", "amx_bf16", "bf16", "sve_bf16")]
 
 
 @pytest.mark.parametrize("capabilities", [WITHOUT, *WITH])

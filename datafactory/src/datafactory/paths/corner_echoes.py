@@ -97,16 +97,14 @@ class CornerEchoes:
         polarization: tuple[Polarization, Polarization] = ("V", "V"),
     ) -> None:
         self._slabs, self._polarization = slabs, polarization
-        facing, self._views = _facing(corners, slabs.wavelength_m)
+        facing, self._views, self._nearest, self._section = _facing(corners, slabs.wavelength_m)
         self._corners = corners.take(facing)
 
     @property
     def candidates(self) -> Candidates:
         """Of every corner that the radar looks into: its apertures are cut into pieces for those that are followed."""
-        corners, views, wavelength = self._corners, self._views, self._slabs.wavelength_m
-        nearest = _nearest(corners, views)
-        power = wavelength**2 * _bound(corners, views, nearest, wavelength) / (64.0 * np.pi**3 * views.height**4)
-        return Candidates.of(CORNER_ECHO, nearest, power)
+        power = self._slabs.wavelength_m**2 * self._section / (64.0 * np.pi**3 * self._views.height**4)
+        return Candidates.of(CORNER_ECHO, self._nearest, power)
 
     def seen(
         self, sight: Sight, worth: NDArray[np.bool_] | None = None
@@ -142,8 +140,9 @@ class CornerEchoes:
         return scattered, specular, {"corners_faint": faint, "corners_hidden": hidden}
 
 
-def _facing(corners: CornerEdges, wavelength_m: float) -> tuple[Index, Views]:
-    """The corners that the radar looks into, in front of it, and that may be heard."""
+def _facing(corners: CornerEdges, wavelength_m: float) -> tuple[Index, Views, Real, Real]:
+    """The corners that the radar looks into, in front of it, and that may be heard: their indices, the views of them,
+    the points nearest to the radar [C, 3], and the cross sections that no echo exceeds [C]."""
     foot_z = -np.einsum("ci,ci->c", corners.origin, corners.direction)
     foot = corners.origin + foot_z[:, None] * corners.direction
     height = np.linalg.norm(foot, axis=1)
@@ -155,9 +154,10 @@ def _facing(corners: CornerEdges, wavelength_m: float) -> tuple[Index, Views]:
     views = Views(foot, foot_z, height, angle, opening)
     inside = (angle > GRAZING) & (angle < opening - GRAZING) & (height > NEAREST_M)
     nearest = _nearest(corners, views)
-    heard = _bound(corners, views, nearest, wavelength_m) > float(db_to_power(FAINTEST_DBSM))
+    section = _bound(corners, views, nearest, wavelength_m)
+    heard = section > float(db_to_power(FAINTEST_DBSM))
     index = np.flatnonzero(inside & heard & (nearest[:, 0] >= -AHEAD_M))
-    return index, views.take(index)
+    return index, views.take(index), nearest[index], section[index]
 
 
 def _nearest(corners: CornerEdges, views: Views) -> Real:

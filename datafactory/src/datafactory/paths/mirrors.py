@@ -41,7 +41,7 @@ from datafactory.paths.columns import Columns
 from datafactory.paths.facets import COPLANAR_M
 from datafactory.paths.geometry import ray_margin_m
 from datafactory.paths.merged_scene import MergedScene
-from datafactory.paths.panes import FAINTEST, Polarization, panes_between, polarization_axis
+from datafactory.paths.panes import AXES, FAINTEST, Polarization, panes_between, polarization_axis
 from datafactory.paths.slabs import LEAST_COSINE
 from datafactory.paths.table import REFRACTED, SPECULAR, SpecularPaths
 from datafactory.paths.unfold import apart
@@ -65,8 +65,6 @@ Complex = NDArray[np.complex128]
 Index = NDArray[np.int64]
 TOUCHING_M = 1e-4
 """A point may lie this far behind a face and still stand on it: rounding of a scene's coordinates."""
-AXES: tuple[Polarization, Polarization] = ("V", "H")
-"""Components of a field across a direction: along theta^ and phi^."""
 
 
 @dataclass(frozen=True)

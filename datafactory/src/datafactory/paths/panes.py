@@ -24,6 +24,8 @@ Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 Polarization = Literal["V", "H"]
+AXES: tuple[Polarization, Polarization] = ("V", "H")
+"""Components of a field across a direction: along theta^ and phi^."""
 
 MAXIMUM_CROSSINGS = 8
 FADED = 1e-6

@@ -1,11 +1,11 @@
 """Second bounces of a frame: estimated first, followed with all its rays only where they matter.
 
-Waves scattered twice (:mod:`.scattered`) are found from one ray in many as it is: they are their own estimate.
-Waves mirrored and then scattered (:mod:`.scattered`) are looked for along a thin share of the rays first: every
-k-th ray, so that some ``THIN_RAYS`` of those that met a surface are among them, and at least one ray in ``THINNEST``.
-Each echo of the share stands for what k rays would bring. Of n echoes alike in a resolution cell the sum has the
-standard error 1 / sqrt(n) of itself, of a single one its own size, so that three times the echo's power is the
-estimate and two standard errors above. What is found here is not looked for again: where the group is followed, the
+Waves scattered twice (:func:`.scattered.scattered_twice`) are found from one ray in many as it is: they are their own
+estimate. Waves mirrored and then scattered (:func:`.scattered.over_mirrors`) are looked for along a thin share of the
+rays first: every k-th ray, so that some ``THIN_RAYS`` of those that met a surface are among them, and at least one ray
+in ``THINNEST``. Each echo of the share stands for what k rays would bring. Of n echoes alike in a resolution cell the
+sum has the standard error 1 / sqrt(n) of itself, of a single one its own size, so that three times the echo's power is
+the estimate and two standard errors above. What is found here is not looked for again: where the group is followed, the
 other rays are added. The same share tells the faces over which there may be chains of mirrors (:mod:`.chains`).
 """
 

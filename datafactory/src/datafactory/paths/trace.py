@@ -202,7 +202,8 @@ def _add_chains(
     """Chains of mirrors, and mirrors beyond panes, of the groups that are followed, by one pass of the solver.
 
     :param panes: whether there are any: the solver passes them whichever group is followed, so that a group has the
-        same bytes with the other one and without
+        same bytes with the other one and without. It lets a ray that meets a pane be mirrored or pass, by chance, so
+        that chains over glass are looked for along part of its rays where refraction is on, along all of them else
     """
     settings, solved = view.settings, Solved.nothing()
     wanted = followed.keys() & ({CHAIN, PANE} if settings.refraction else {CHAIN})

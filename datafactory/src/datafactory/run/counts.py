@@ -23,7 +23,7 @@ MEANINGS = {
     "right_angles": "pairs of faces at a right angle",
     "corner_edges": "edges of right-angled corners",
     "corner_points": "points where three faces meet at right angles",
-    "corners_faint": "right-angled corners too small to be heard",
+    "corners_faint": "right-angled corners in sight, too small to be heard",
     "corners_hidden": "right-angled corners that something stands before",
     "corners_by_the_solver": "echoes of corners that the solver found as well, taken once",
     "corner_points_off_square": "corners of three faces too far from right angles to send the wave back",

@@ -82,9 +82,10 @@ class BoxedThing:
 
     def at(self, time_s: float) -> WorldBox:
         """The box at a time [s]; its velocity is that of the interval that begins there."""
-        motion = self.items[0].motion
-        if self.turns or isinstance(motion, Moving):
+        if self.turns:
             return _box_of(self, time_s)
+        motion = self.items[0].motion
+        assert not isinstance(motion, Moving)
         shift, velocity = drift(triple(self.start.velocity), motion, time_s)
         return replace(self.start, center=self.start.center + shift, velocity=velocity)
 

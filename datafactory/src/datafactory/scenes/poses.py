@@ -161,7 +161,7 @@ def sample_pose(ground: Ground, split: Split, rng: np.random.Generator) -> Pose:
     A position is drawn uniformly, on roads with probability 0.8 and else on their kerbs where there are any, and a yaw
     uniformly. Both are taken if the boresight is free for 8 m, some ray of the field of view for 15 m, something
     stands within 95 m in the field of view, and nothing that is seen there lies on another split's side
-    (:mod:`datafactory.scenes.poses`). After 32 positions with 8 yaws each the best of them is taken. The velocity lies
+    (:func:`view_from`). After 32 positions with 8 yaws each the best of them is taken. The velocity lies
     in the ground's plane, its horizontal speed uniform from 0 to 6 m/s and its direction uniform.
 
     :param ground: from :func:`datafactory.scenes.ground.free_ground`

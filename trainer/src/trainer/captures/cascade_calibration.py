@@ -12,7 +12,8 @@ sample n of a capture by
     exp(-2 pi j d / bins * (f_c / f) (S / S_c) n) exp(-j arg(peak / peak_ref))
 
 with d the bins from the reference channel's peak, S and f slope and sample rate of the capture, S_c and f_c those of
-the file. Gains are left as they are. Limit: d is whole, so that a delay is known to half a bin.
+the file. Gains are left as they are. Limits: d is whole, so that a delay is known to half
+a bin; the file does not say its carrier.
 """
 
 from __future__ import annotations
@@ -45,8 +46,9 @@ SLOPES = (1.0, 300.0)
 """MHz/us that the devices can send."""
 SAME_CHIRP = 1e-3
 """Slopes and sample rates that differ relatively by less are the same: registers round a slope to 0.05 MHz/us."""
-NO_SAMPLE = 1e-11
-"""Power relative to the largest: the window leaves 2e-8 of the last sample, double precision 1e-30 behind it."""
+NO_SAMPLE = 0.01
+"""Of (pi / (N + 1))^4, the power that the window leaves of the last of N samples relative to the largest, with N the
+number of bins, for there are no more samples: 1e-16 of 10 240. Double precision leaves 1e-30 behind the last one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +109,8 @@ class CascadeCalibration:
                 raise InputError(self.path, f"{name} = {there:g}", f"{here:g}, as the capture's --radar has it")
         windowed = np.fft.ifft(self.spectra, axis=0)
         power = np.sum(np.abs(windowed) ** 2, axis=(1, 2))
-        count = int(np.flatnonzero(power > NO_SAMPLE * power.max())[-1]) + 1
+        least = NO_SAMPLE * (np.pi / (len(windowed) + 1)) ** 4
+        count = int(np.flatnonzero(power > least * power.max())[-1]) + 1
         if count != waveform.samples:
             raise InputError(self.path, f"{SPECTRA} is of {count} samples", f"{waveform.samples}, as --radar has it")
         # MATLAB's hanning, which has no 0 at its ends.
@@ -162,6 +165,10 @@ def read_cascade_calibration(path: Path, arrays: Mapping[str, NDArray[Any]] | No
     for name in (SPECTRA, PEAKS):
         if not found[name].any():
             raise InputError(path, f"{name} is 0 throughout", "the echo of a reflector")
+    level = amplitude_to_db(np.abs(found[PEAKS]))
+    if level[REFERENCE] < np.median(level) - DEAD_DB:
+        problem = f"{PEAKS} of the reference, TX{REFERENCE[0] + 1} and RX{REFERENCE[1] + 1}, has no echo"
+        raise InputError(path, problem, "a calibration of a board whose TX12 and RX1 work")
     bins = found[BINS].real.astype(np.float64)
     return CascadeCalibration(path, found[SPECTRA], found[PEAKS], bins, 1e12 * slope, rate)
 

@@ -136,6 +136,11 @@ def read_capture(source: Path, reading: Reading) -> RawCapture:
             raise InputError("--layout", f"{reading.layout!r} of {source}", "no --layout: it is of .bin files")
         arrays = read_arrays(source)
         if is_cascade_calibration(arrays):
+            order = None if reading.order == "iq" else reading.order
+            for option, value in (("--axes", reading.axes), ("--variable", reading.variable), ("--order", order)):
+                if value is not None:
+                    problem, expected = f"{value!r} of {source}", f"no {option}: TI's file says how it is laid out"
+                    raise InputError(option, problem, expected)
             chosen_frames(source, 1, reading.frames, radar)
             radar = radar.model_copy(update={"waveform": radar.waveform.model_copy(update={"chirps": 1})})
             cube = read_cascade_calibration(source, arrays).samples(reading.board, radar)

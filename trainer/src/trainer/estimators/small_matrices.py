@@ -9,8 +9,9 @@ from shared.physics.compiled import compiled, inlined
 JACOBI_SWEEPS, JACOBI_ZERO = 12, 1e-12
 """Until no element beside the diagonal of a normed Gram matrix is larger."""
 part = compiled(cache=False, error_model="numpy")
-"""Of :func:`fit_all`. Slices are copied by loops and sorted by hand, and constants are typed: numba's own slices and
-sorts, and the copies of a function that it makes for each constant it is called with, take minutes to compile."""
+"""Of :func:`trainer.estimators.groups.fit_all`. Slices are copied by loops and sorted by hand, and constants are typed:
+numba's own slices and sorts, and the copies of a function that it makes for each constant it is called with, take
+minutes to compile."""
 
 
 @inlined(error_model="numpy", fastmath={"reassoc", "contract", "nsz"})

@@ -33,24 +33,28 @@ from trainer.estimators.fitting import (
 from trainer.estimators.moves import beside_lines
 
 CANDIDATES = 6
-"""Peaks of a row's score that its fit begins with."""
+"""Peaks of a row's score that its fit begins with: the fit adds what is missing and drops what is needless."""
 FALSE_ALARMS = 1.0
 """Expected lines of a frame of noise alone, at most."""
 PLACES_IN_A_BIN = 4.0
 """Times as many false alarms as at one range come from all ranges within a bin: beta (2 t - 1) / (2 sqrt(pi t)) for
 beta = 2 pi / sqrt(12) and t = 15, of the Euler characteristic (Worsley 1994) over range and angle."""
 HEARD_SHARE = 0.5
-"""Of the threshold of a group: a cell that holds less of its own is no centre. Between bins a target loses 1.4 dB."""
+"""Of the threshold of a group: a cell that holds less of its own is no centre. Half-way between bins, and between
+Doppler cells, a target loses 1.4 dB to the Hann window: both together are less than this half."""
 OWN_BINS = 0.75
-"""A line so far from the centre of its group is left to the neighbour; what both have is listed once."""
+"""A line so far from the centre of its group is left to the neighbour. Half a bin and a quarter more, so that noise in
+the offset loses no target between two bins; what both have is listed once."""
 PLACED_BINS = 0.5
-"""A line whose range its cells tell no better is the flank of a sidelobe, at whatever level fits."""
+"""A line whose range its cells tell no better, half a bin, is the flank of a sidelobe, at whatever level fits."""
 SAME_BINS = 1.0
-"""Lines of different groups so near in range are one target's."""
+"""Lines of different groups so near in range are one target's: groups of neighbouring bins fit it each for itself."""
 SAME_ANGLE_CELLS = 0.5
-"""Lines of neighbouring range bins at most so far apart, in resolution cells of the array, are one target's."""
+"""Lines of different groups at most so far apart, in resolution cells of the array, are one target's: the Hann window's
+neighbours tell its angle to a fraction of that, and pairs half a cell apart are resolved within one group."""
 LOBE_MARGIN_DB = 3.0
-"""A line so far above what the window gives a stronger one there is a target of its own."""
+"""A line so far above what the window gives a stronger one there is a target of its own: twice its power, which noise
+seldom adds."""
 LEAST_OFFSET = 1.5
 """Bins from a peak where the window's response has fallen and its envelope begins."""
 
@@ -59,7 +63,7 @@ LEAST_OFFSET = 1.5
 class Detections:
     """N detections, the strongest first.
 
-    :param range_m: [N] between two range bins where a neighbour shows the target, else that of its bin [m]
+    :param range_m: [N] fitted where a neighbouring bin shows the target, else that of its bin [m]
     :param u: [N] sin(azimuth)
     :param velocity: [N] of the Doppler cell [m/s]
     :param amplitude_db: [N] of the line in its range-Doppler cell [dB re 1 sqrt(W)]
@@ -192,6 +196,7 @@ class _Lines:
     :param energy: [N] of its group's cells
     :param place: [N] range bin with its fraction
     :param cell: [N] Doppler cell
+    :param u: [N] sin(azimuth); :param level_db: [N] of the amplitude [dB re 1 sqrt(W)]
     """
 
     group: NDArray[np.intp]
@@ -202,6 +207,7 @@ class _Lines:
     level_db: NDArray[np.float64]
 
     def _apart(self, index: int, others: NDArray[np.intp], chirps: int) -> tuple[NDArray, NDArray]:
+        """How far others are from a line: range bins, and Doppler cells the short way round."""
         cells = (self.cell[others] - self.cell[index] + 0.5 * chirps) % chirps - 0.5 * chirps
         return np.abs(self.place[others] - self.place[index]), np.abs(cells)
 

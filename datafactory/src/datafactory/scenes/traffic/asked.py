@@ -8,6 +8,9 @@ from dataclasses import dataclass, fields, replace
 from shared.physics.errors import InputError, meant
 
 LARGEST_COUNT = 2000
+"""Of a kind, however it was asked for."""
+LARGEST_DENSITY = 100.0
+"""One a metre: more than has room of any kind."""
 PER_100_M = "/100m"
 """Behind the number of a density."""
 
@@ -43,7 +46,7 @@ class Asked:
 
     def along(self, road_m: float) -> Asked:
         """With numbers in place of densities, for so much road [m]."""
-        numbers = {kind: round(density * road_m / 100.0) for kind, density in self.densities}
+        numbers = {kind: min(round(density * road_m / 100.0), LARGEST_COUNT) for kind, density in self.densities}
         return replace(self, densities=(), **numbers)
 
     @property
@@ -91,10 +94,9 @@ def _density(kind: str, value: str) -> float:
         density = float(value.removesuffix(PER_100_M))
     except ValueError:
         density = math.nan
-    if not 0.0 <= density <= 100.0:
-        raise InputError(
-            "--populate", f"{kind}={value}", f"from 0 to 100 a hundred metres of road, as {kind}=4{PER_100_M}"
-        )
+    if not 0.0 <= density <= LARGEST_DENSITY:
+        expected = f"from 0 to {LARGEST_DENSITY:g} a hundred metres of road, as {kind}=4{PER_100_M}"
+        raise InputError("--populate", f"{kind}={value}", expected)
     return density
 
 

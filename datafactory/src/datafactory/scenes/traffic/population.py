@@ -30,6 +30,7 @@ METRES_OF_ROAD = {
 }  # fmt: skip
 """Of road that one of a kind calls for: a vehicle every 40 m in either lane, a pole every 25 m on either side."""
 LEAST_ROAD_M = 240.0
+"""Of road that is populated where there is so much: two stretches of full length. Densities call for no more."""
 PASSING_S = (60.0, 0.25)
 """How long the scene's own traffic is followed, and in which steps."""
 

@@ -1,7 +1,7 @@
 """What a sensor that is not the ideal one costs: gain and phase errors, dead elements, displaced elements, noise.
 
-Pairs of equal targets one resolution cell of the full array apart, at 20 dB in each channel, as in :mod:`pairs`; every
-pair is seen by another sensor, i.e. has errors of its own, and no method is told of them.
+Pairs of equal targets one resolution cell of the full array apart, at 20 dB in each channel; every pair is seen by
+another sensor, i.e. has errors of its own, and no method is told of them.
 """
 
 from __future__ import annotations
