@@ -82,6 +82,7 @@ def _run(patch: pytest.MonkeyPatch, text: str) -> None:
         smaller |= {"--frames": "3"}
     if name != "fit":  # elsewhere it is a flag, or adds frames
         smaller.pop("--points", None)
-    if program == "trainer":  # a dataset has its radar
+    if program == "trainer":  # a dataset has its radar, and its splits
         smaller.pop("--radar", None)
+        smaller.pop("--split", None)
     run_program(patch, program, [name, *arguments, *(word for pair in smaller.items() for word in pair)])

@@ -1,4 +1,4 @@
-"""Two examples of every command: its help ends with them, and ``tests/documentation/test_help.py`` runs them.
+"""Two examples of every command: its help ends with them, and ``tests/documentation/test_help.py`` runs what it can.
 
 ``build/mine`` is a dataset that ``datafactory render`` made; captures are the reader's own.
 """
