@@ -87,6 +87,13 @@ def test_one_moving_frame_of_twenty_has_doppler_and_the_others_have_none(driving
     assert velocity[:ODD] + velocity[ODD + 1 :] == [0.0] * (FRAMES - 1)
 
 
+@pytest.mark.slow
+def test_workers_do_not_change_what_frames_decide(driving: Path, folder: Path) -> None:
+    other = made(folder, "render", "workers", standing_but_one(), "--workers", 2, "--no-noise")
+    assert shards(other) == shards(driving)
+    assert counts(other) == counts(driving)
+
+
 def test_traced_now_and_decided_later_is_decided_at_once(driving: Path, folder: Path) -> None:
     traced = made(folder, "trace", "traced", standing_but_one(), "--workers", 1)
     run("render", "--paths", traced, "--radar", folder / "radar.toml", "--split", "1:0:0", "--workers", 1,

@@ -6,6 +6,7 @@ a run are alike, so that a frame that got another's would show.
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -49,11 +50,16 @@ def shards(folder: Path) -> dict[str, bytes]:
     [
         (2, ("--frames", 10, "--seed", 3)),  # the turn begins one scene later from frame 8 on
         (5, ("--frames", 6, "--split", "2:1:1")),
+        pytest.param(3, ("--poses",), marks=pytest.mark.slow),
     ],
 )
 def test_traced_now_and_rendered_later_is_rendered_at_once(
     count: int, more: tuple[object, ...], scenes: list[Path], radar_file: Path, tmp_path: Path
 ) -> None:
+    if more == ("--poses",):
+        poses = [{"position": [-10.0 + 0.5 * number, 0.2 * number, 0.5]} for number in range(7)]
+        (tmp_path / "poses.json").write_text(json.dumps(poses), encoding="utf-8")
+        more = ("--poses", tmp_path / "poses.json")
     given = [item for path in scenes[:count] for item in ("--scene", path)]
     common = ("--radar", radar_file, "--rays", 500, *more, "--workers", 1)
     run("render", *given, *common, "--points", 2, "--out", tmp_path / "once")

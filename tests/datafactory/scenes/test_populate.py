@@ -89,6 +89,33 @@ def test_vehicles_and_posts_stand_on_the_hill(hill: Scene) -> None:
                 assert np.ptp(every[lowest] @ thing.axes[0]) > 0.4 * thing.size_m[0], thing.name
 
 
+def test_velocities_are_finite_differences_of_places(hill: Scene) -> None:
+    step, rng = 1e-3, np.random.default_rng(5)
+    every: tuple[SceneObject | PointTarget, ...] = (*hill.objects, *hill.targets)
+    moving = [item for item in every if item.moves]
+    things = {thing.name: thing for thing in things_of(hill) if thing.moves}
+    assert {item.name.rpartition("/")[0] if isinstance(item, SceneObject) else item.name for item in moving} == set(
+        things
+    )
+    checked = 0
+    for item in moving:
+        for time_s in rng.uniform(0.0, HORIZON_S - 1.0, 4):
+            if isinstance(item, SceneObject):
+                now, then = item.at(time_s), item.at(time_s + step)
+                place, later, velocity = now.vertices[0], then.vertices[0], now.velocities[0]
+            else:
+                place, later = np.array(item.at(time_s).position), np.array(item.at(time_s + step).position)
+                velocity = np.array(item.at(time_s).velocity)
+            if np.linalg.norm(later - place) < 1.0:  # else it begins its way again
+                np.testing.assert_allclose((later - place) / step, velocity, atol=1e-6)
+                checked += 1
+    assert checked > 3 * len(moving)
+    for thing in things.values():
+        assert np.linalg.norm(thing.at(12.0)[1]) > 0.5
+        ahead, velocity = thing.axes[0], thing.at(12.0)[1]
+        assert ahead @ velocity == pytest.approx(np.linalg.norm(velocity), rel=1e-6)  # it looks where it goes
+
+
 def test_a_course_is_gone_along_again_and_again() -> None:
     course = Course((1.0, 2.0, 0.0), (0.6, 0.8, 0.0), 50.0, 10.0)
     track = course.track(20.0)

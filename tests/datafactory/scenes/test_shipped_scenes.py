@@ -114,22 +114,52 @@ def test_stage_is_metric_z_up_and_every_binding_resolves(name: str) -> None:
     assert meshes > 0
 
 
+def test_street_carries_velocities_and_cross_sections() -> None:
+    stage = Usd.Stage.Open(str(SCENES / "street.usda"))
+    people = [prim for prim in stage.GetPrimAtPath("/World/People").GetChildren()]
+    assert len(people) > 8
+    cache = UsdGeom.XformCache()
+    for prim in people:
+        expected, torso = (-1.4, (1.1, 1.22)) if prim.GetName().startswith("Pedestrian") else (-10.0, (1.2,))
+        assert prim.GetAttribute("radar:rcs_dbsm").Get() == pytest.approx(expected)
+        height = cache.GetLocalToWorldTransform(prim).ExtractTranslation()[2]
+        assert min(abs(height - value) for value in torso) < 1e-6
+        assert prim.GetAttribute("radar:velocity").Get().GetLength() > 0.5
+    cars = stage.GetPrimAtPath("/World/Cars").GetChildren()
+    moving = [prim for prim in cars if prim.GetAttribute("radar:velocity").HasAuthoredValue()]
+    assert 4 <= len(moving) < len(cars)
+
+
+REFLECTORS = {
+    # name: range [m], u, edge [m]
+    "Pair_left": (5.7, 0.0406, 0.1),
+    "Pair_right": (5.7, -0.0406, 0.1),
+    "Single_10m": (10.0, 0.0, 0.1),
+    "Single_20m": (20.0, 0.5, 0.1),
+    "Single_40m": (40.0, -0.5, 0.2),
+    "Single_60m": (60.0, 0.2, 0.2),
+    "Single_80m": (80.0, 0.0, 0.2),
+    "Moving_30m": (30.0, -0.2, 0.2),
+}
+
+
 def test_reflectors_stand_at_the_stated_range_and_u() -> None:
     stage = Usd.Stage.Open(str(SCENES / "test_range.usda"))
     prims = {prim.GetName(): prim for prim in stage.GetPrimAtPath("/World/Reflectors").GetChildren()}
-    assert set(prims) == {item.name for item in make_scenes.REFLECTORS}
+    assert set(prims) == set(REFLECTORS)
     cache = UsdGeom.XformCache()
     wavelength = SPEED_OF_LIGHT / 77.5e9
-    for item in make_scenes.REFLECTORS:
-        prim = prims[item.name]
-        position = np.array(cache.GetLocalToWorldTransform(prim).ExtractTranslation()) - (0.0, 0.0, 0.6)
-        assert np.linalg.norm(position) == pytest.approx(item.range_m, abs=1e-9)
-        assert position[1] / np.linalg.norm(position) == pytest.approx(item.u, abs=1e-9)
+    for name, (range_m, u, edge) in REFLECTORS.items():
+        position = np.array(cache.GetLocalToWorldTransform(prims[name]).ExtractTranslation()) - (0.0, 0.0, 0.6)
+        assert np.linalg.norm(position) == pytest.approx(range_m, abs=1e-9)
+        assert position[1] / np.linalg.norm(position) == pytest.approx(u, abs=1e-9)
         assert position[0] > 0
-        rcs_dbsm = 10.0 * math.log10(4.0 * math.pi * item.edge_m**4 / (3.0 * wavelength**2))
-        assert prim.GetAttribute("radar:rcs_dbsm").Get() == pytest.approx(rcs_dbsm, abs=1e-4)
-        velocity = prim.GetAttribute("radar:velocity").Get()
-        assert (tuple(velocity) if velocity else (0.0, 0.0, 0.0)) == item.velocity
+        rcs_dbsm = 10.0 * math.log10(4.0 * math.pi * edge**4 / (3.0 * wavelength**2))
+        assert prims[name].GetAttribute("radar:rcs_dbsm").Get() == pytest.approx(rcs_dbsm, abs=1e-4)
+        velocity = prims[name].GetAttribute("radar:velocity").Get()
+        assert (tuple(velocity) if velocity else (0.0, 0.0, 0.0)) == (
+            (-5.0, 0.0, 0.0) if "Moving" in name else (0.0,) * 3
+        )
 
 
 def test_readme_states_the_reflectors_as_they_are() -> None:

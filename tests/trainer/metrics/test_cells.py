@@ -1,4 +1,4 @@
-"""Truth cells, detections and false alarms: by hand, by a slow reference; shuffled, flipped, empty."""
+"""Truth cells, detections and false alarms: by hand, by a slow reference, in noise alone; shuffled, flipped, empty."""
 
 from __future__ import annotations
 
@@ -210,10 +210,24 @@ def test_the_truth_scores_one_and_an_empty_image_nothing() -> None:
     assert pooled(tiny).average_precision() == 1.0
 
 
-def test_without_a_truth_there_are_false_alarms_alone() -> None:
+def test_noise_alone_has_the_expected_number_of_false_alarms() -> None:
+    """Of independent pixels one in nine is the largest of its window, one in six at an edge, one in four in a corner.
+    Of the inner ones (1 - F^9) / 9 also exceed a level that a pixel stays below with the probability F."""
+    rows, columns, frames = 90, 140, 12
     generator = np.random.default_rng(3)
-    images = [generator.rayleigh(size=(60, 90)) for _ in range(4)]
-    found = [scores(np.zeros_like(image), image) for image in images]
+    found = []
+    for _ in range(frames):
+        image = generator.rayleigh(size=(rows, columns))
+        found.append(scores(np.zeros_like(image), image))
+    alarms = np.concatenate([one.false_alarms for one in found])
+    # Row 34 is the first beyond 5 m and an inner one; the last has three neighbours less.
+    judged = rows - 34
+    inner = (judged - 1) * (columns - 2)
+    expected = frames * (inner / 9 + (columns - 2 + 2 * (judged - 1)) / 6 + 2 / 4)
+    assert len(alarms) == pytest.approx(expected, abs=4 * np.sqrt(expected))
+    level = 3.0
+    above = frames * (judged * columns) * (1.0 - (1.0 - np.exp(-(level**2) / 2)) ** 9) / 9
+    assert np.sum(alarms > level) == pytest.approx(above, abs=4 * np.sqrt(above))
     ranking = pooled(found)
     assert not ranking.defined
     assert np.isnan([ranking.average_precision(), ranking.detection_probability(10.0)]).all()

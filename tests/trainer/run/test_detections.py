@@ -75,6 +75,23 @@ def test_range_is_interpolated_where_both_neighbours_show_the_target() -> None:
         assert found.velocity_std[0] == pytest.approx(RADAR.waveform.velocity_step_mps / math.sqrt(12.0))
 
 
+def test_range_is_that_of_the_bin_where_no_neighbour_shows_the_target() -> None:
+    """No two neighbouring bins have a peak at one Doppler cell."""
+    velocity = RADAR.waveform.velocity_step_mps * (np.arange(630.0) % 64.0)
+    found = detect(at_rest([150.3], [0.2], [35.0]), velocity[None])
+    assert found.range_m[0] == pytest.approx(150.0 * STEP)
+    np.testing.assert_allclose(found.range_m / STEP, np.rint(found.range_m / STEP), rtol=1e-12)
+    np.testing.assert_allclose(found.range_std, STEP / math.sqrt(12.0))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_strong_target_between_bins_is_one_line_whose_place_its_cells_tell(seed: int) -> None:
+    """Half a bin from two centres: beyond OWN_BINS its sidelobes would be more, within half a bin it would be none."""
+    found = detect(at_rest([150.5], [0.2], [60.0], seed), np.zeros((1, 630)))
+    assert (found.range_std <= 0.5 * STEP).all()  # PLACED_BINS
+    assert found.range_m / STEP == pytest.approx([150.5], abs=0.06)  # OWN_BINS
+
+
 def test_a_pair_between_bins_is_two_in_one_of_its_bins_and_stays_two() -> None:
     """Half a cell apart, 19.5 dB, eight pairs a frame, random phases: nine in ten were two when bins were fitted each
     by itself and the stronger merged line won."""

@@ -152,17 +152,26 @@ def test_without_a_truth_to_test_there_is_no_verdict(tmp_path):
     assert lines == ["no test frames with a truth: no verdict"]
 
 
-def test_a_class_probability_has_no_amplitude_and_no_error_of_it(tmp_path, monkeypatch):
-    """How its detections are scored is said in tests/trainer/evaluation/test_frames.py."""
-    data, run = strong_dataset(tmp_path / "data"), make_run(tmp_path / "run", target="class")
+def test_a_class_probability_has_no_amplitude_and_is_read_by_delay_and_sum(tmp_path, monkeypatch):
+    """Sure of the truth cells, and surer of one bin where the data are strong and the truth is not."""
     made = strong_frame(200)
-    sure = np.zeros(made.image.shape)
-    sure[tuple(truth_cells(level(made), made.noise_power, 6, RADAR.waveform.range_step_m).T)] = 0.5
-    loader(monkeypatch, detect=answers((sure, sure)))
-    found = verdict_of(run, [data])
-    assert found.nmse == {}
-    assert found.average_precision["network"] == 1.0
-    assert found.average_precision.keys() == {"network", "das", "truth"}
+    image = made.image.copy()
+    image[41:46] = 0.0
+    made = replace(made, image=image)
+    splits = {"train": [strong_frame(0)], "validation": [strong_frame(1)], "test": [made]}
+    data, run = write_dataset(tmp_path / "data", splits, RADAR), make_run(tmp_path / "run", target="class")
+    cells = truth_cells(level(made), made.noise_power, 6, RADAR.waveform.range_step_m)
+    sure = np.zeros(image.shape)
+    sure[tuple(cells.T)] = 0.5
+    wrong = sure.copy()
+    wrong[43, 10] = 1.0
+    for probability, expected in ((sure, 1.0), (wrong, len(cells) / (len(cells) + 1))):
+        loader(monkeypatch, detect=answers((probability, probability)))
+        found = verdict_of(run, [data])
+        assert found.nmse == {}
+        assert found.average_precision["network"] == pytest.approx(expected)
+        assert found.average_precision.keys() == {"network", "das", "truth"}
+        monkeypatch.undo()
 
 
 def test_a_radar_that_ends_before_the_first_truth_cell_has_no_average_precision(tmp_path):
