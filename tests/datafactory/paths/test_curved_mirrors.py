@@ -5,11 +5,15 @@ Levels are those of one metal body; the bound of 0.5 dB is for k r > 50.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from curved_bodies import (
+    capsule,
     cylinder,
     ellipsoid,
+    icosphere,
     joined,
     rounded_box,
     sphere,
@@ -35,6 +39,8 @@ from scipy.spatial.transform import Rotation
 from scipy.special import fresnel
 from sionna_scenes import WAVELENGTH_M, mesh, plate
 
+from datafactory.paths import curved_echoes
+from datafactory.paths.curved_feet import CurvedFeet
 from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
 
 pytestmark = pytest.mark.usefixtures("variant")
@@ -48,6 +54,17 @@ def test_a_sphere_has_its_divergence_near_and_far(radius, times, segments):
         assert abs(level_db(table, sphere_amplitude(radius, times * radius))) < 0.1
 
 
+def test_a_sphere_of_many_facets():
+    table = traced(body(sphere(1.0, 200), (20.0, 3.0, -1.0), turned(1)))
+    assert abs(level_db(table, sphere_amplitude(1.0, np.sqrt(410.0)))) < 0.02
+
+
+@pytest.mark.parametrize("subdivisions", [2, 3, 4])
+def test_an_icosphere_is_a_sphere(subdivisions):
+    table = traced(body(icosphere(0.3, subdivisions), (4.0, 1.0, 0.5), turned(1)))
+    assert abs(level_db(table, sphere_amplitude(0.3, float(np.linalg.norm([4.0, 1.0, 0.5]))))) < 0.05
+
+
 @pytest.mark.parametrize(
     ("radius", "length", "distance"),
     [(0.05, 0.1, 8.0), (0.05, 1.2, 0.4), (0.3, 0.05, 30.0), (0.3, 2.0, 3.0), (2.0, 0.5, 60.0), (5.0, 0.3, 12.0)],
@@ -57,6 +74,12 @@ def test_a_cylinder_seen_broadside(radius, length, distance, segments):
     for turn in (0.0, 0.1, 0.37):
         table = traced(body(cylinder(radius, length, segments), (distance, 0.0, 0.0), Rotation.from_euler("z", turn)))
         assert abs(level_db(table, cylinder_amplitude(radius, length, distance))) < 0.25
+
+
+@pytest.mark.parametrize("rings", [1, 3, 40])
+def test_a_cylinder_cut_into_rings_is_the_same(rings):
+    table = traced(body(cylinder(0.4, 1.0, 40, rings), (5.0, 0.0, 0.0)))
+    assert abs(level_db(table, cylinder_amplitude(0.4, 1.0, 5.0))) < 0.25
 
 
 def test_the_lying_cylinder_is_as_strong_as_the_standing_one():
@@ -78,6 +101,48 @@ def test_a_half_cylinder_ends():
     assert amplitudes(seen(0.05))[0] == pytest.approx(0.5 * whole, rel=0.06)
     (inside,) = seen(-0.1).scattered.range_m()  # what is left is the hollow of the far side
     assert inside == pytest.approx(5.5)
+
+
+def test_a_capsule_is_a_cylinder_from_the_side_and_a_sphere_from_its_ends():
+    side = traced(body(capsule(0.3, 1.5, 32), (6.0, 0.0, 0.0)))
+    assert abs(level_db(side, cylinder_amplitude(0.3, 1.5, 6.0))) < 0.3
+    for degrees in (90.0, 60.0, 25.0):
+        turn = Rotation.from_euler("y", -degrees, degrees=True)
+        end = traced(body(capsule(0.3, 1.5, 32), (6.0, 0.0, 0.0), turn))
+        to_end = np.array([6.0, 0.0, 0.0]) - np.abs(turn.apply([0.0, 0.0, 0.75])) * np.sign([1.0, 0.0, 0.0])
+        centre = min(
+            (np.array([6.0, 0.0, 0.0]) + s * turn.apply([0.0, 0.0, 0.75]) for s in (-1.0, 1.0)), key=np.linalg.norm
+        )
+        assert to_end[0] == pytest.approx(centre[0])
+        assert abs(level_db(end, sphere_amplitude(0.3, float(np.linalg.norm(centre))))) < 0.3
+
+
+def ellipsoid_amplitude(radii: tuple[float, float, float], eye: Real) -> float:
+    """From the curvature of (x/a)^2 + (y/b)^2 + (z/c)^2 = 1 at its point nearest to ``eye``.
+
+    The Gaussian curvature is h^4 / (a b c)^2 and the mean curvature h^3 (a^2 + b^2 + c^2 - |p|^2) / (2 (a b c)^2), h
+    the distance of the tangent plane from the centre (do Carmo).
+    """
+    a2 = np.array(radii) ** 2
+    low, high = -a2.min() + 1e-9, np.linalg.norm(eye) * max(radii)
+    for _ in range(200):
+        t = 0.5 * (low + high)
+        low, high = (t, high) if np.sum((np.sqrt(a2) * eye / (a2 + t)) ** 2) > 1.0 else (low, t)
+    point = a2 * eye / (a2 + t)
+    h = 1.0 / np.linalg.norm(point / a2)
+    gauss = h**4 / np.prod(a2)
+    mean = h**3 * (a2.sum() - point @ point) / (2.0 * np.prod(a2))
+    range_m = np.linalg.norm(eye - point)
+    return WAVELENGTH_M / (8.0 * np.pi * range_m) / np.sqrt(1.0 + 2.0 * mean * range_m + gauss * range_m**2)
+
+
+@pytest.mark.parametrize(("segments", "bound_db"), [(48, 0.4), (72, 0.2), (120, 0.1)])
+@pytest.mark.parametrize("seed", range(3))
+def test_an_ellipsoid_as_long_as_a_car(segments, bound_db, seed):
+    radii = (2.2, 0.9, 0.7)
+    turn, centre = turned(seed), np.array([9.0, 1.0, -0.5])
+    table = traced(body(ellipsoid(radii, segments), centre, turn))
+    assert abs(level_db(table, ellipsoid_amplitude(radii, turn.inv().apply(-centre)))) < bound_db
 
 
 @pytest.mark.parametrize("steps", [4, 40])
@@ -211,6 +276,15 @@ def finite(table: PathTable) -> bool:
     )
 
 
+def test_at_a_focus_the_echo_is_finite_and_counted():
+    for of, centre in ((sphere(2.0, 32), (0.0, 0.0, 0.0)), (tube(2.0, 9.0, 40), (0.0, 0.0, 0.0)),
+                       (sphere(2.0, 32), (0.01, 0.0, 0.0)), (tube(2.0, 9.0, 40), (0.0, 0.02, 0.0))):  # fmt: skip
+        table = traced(body(of, centre))
+        assert finite(table)
+        assert np.abs(amplitudes(table)).max(initial=0.0) < 1.0
+        assert len(table) + table.counts["triangles_round_their_focus"] > 0
+
+
 def test_a_saddle_has_its_two_curvatures():
     """The inner side of a torus, seen along its plane from within its hole, off its axis."""
     ring, thick, eye = 3.0, 0.8, 1.5
@@ -222,6 +296,22 @@ def test_a_saddle_has_its_two_curvatures():
     gain = 1.0 / np.sqrt(np.prod(1.0 + kappa * range_m[here]))
     expected = WAVELENGTH_M / (8.0 * np.pi * range_m[here]) * gain
     assert abs(20.0 * np.log10(abs(amplitudes(table)[here]) / expected)) < 0.3
+
+
+def test_near_a_focus_the_magnitude_is_bounded():
+    feet = replace(_feet(), curvature=np.array([[-0.5, 3.0], [-0.5 * (1.0 + 1e-9), 0.0], [0.7, 0.7]]))
+    factor = curved_echoes.focus_factors(feet, WAVELENGTH_M)
+    assert (np.abs(factor) >= 0.5 * WAVELENGTH_M * 0.25 * 2.0 * 0.999).all()
+    np.testing.assert_allclose(factor[2], 2.4)
+
+
+def _feet():
+    count = 3
+    foot = np.tile([2.0, 0.0, 0.0], (count, 1))
+    return CurvedFeet(
+        triangle=np.arange(count), surface=np.zeros(count, dtype=int), foot=foot, seen_to=foot, normal=-0.5 * foot,
+        curvature=np.zeros((count, 2)), axes=np.tile(np.eye(3)[1:], (count, 1, 1)),
+    )  # fmt: skip
 
 
 def test_degenerate_triangles_and_doubled_ones_change_nothing():

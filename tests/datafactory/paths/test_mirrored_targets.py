@@ -29,7 +29,7 @@ from datafactory.paths.table import SPECULAR, TARGET
 from datafactory.scenes.materials.table import Material
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import PointTarget, SceneObject
-from datafactory.scenes.targets.models import Sphere, Trihedral
+from datafactory.scenes.targets.models import Car, Pedestrian, Sphere, Trihedral
 from shared.radar import Radar
 
 pytestmark = pytest.mark.usefixtures("variant")
@@ -228,6 +228,16 @@ def test_delays_and_doppler_are_those_of_mirror_images_for_every_pair(moves: str
         np.testing.assert_allclose((later - sooner) / (2.0 * step), slope, rtol=0.0, atol=1e-6)
 
 
+def test_a_wall_beside_and_a_ground_below_give_every_way_out_with_every_way_back() -> None:
+    side = SceneObject(
+        "side", np.array([(-9.0, 4.0, 0.0), (30.0, 4.0, 0.0), (30.0, 4.0, 9.0), (-9.0, 4.0, 9.0)]),
+        np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), "mirror",
+    )  # fmt: skip
+    paths, table = echoes([ground(), side], [point((12.0, 0.0, 1.0))], Pose((0.0, 0.0, 0.5)))
+    assert sorted(paths.depth.tolist()) == [1, 2, 2, 2, 2, 3, 3, 3, 3]
+    assert table.counts["target_mirrors"] == 2
+
+
 def test_a_wall_behind_the_target_gives_the_way_over_it_both_ways_and_counts_the_rest() -> None:
     """The bistatic angle of a mixed path is 180 deg there, where the monostatic cross section says nothing."""
     behind = SceneObject(
@@ -284,6 +294,17 @@ def test_a_models_aspect_is_that_towards_the_bisector() -> None:
     twice = paths.take(paths.depth == 3)
     # Seen from the image of the radar, 0.5 m under the ground, the nearest point of the sphere.
     np.testing.assert_allclose(np.linalg.norm(twice.tx_point), np.hypot(10.0, 1.1) - 0.2, atol=1e-9)
+
+
+def test_many_targets_and_their_points_keep_their_owners() -> None:
+    targets = [
+        PointTarget("car", (15.0, -3.0, 0.0), 11.25, model=Car()),
+        PointTarget("post", (12.0, 1.0, 0.4), 0.0),
+        PointTarget("human", (9.0, 2.0, 0.0), -1.4, model=Pedestrian()),
+    ]
+    paths, table = echoes([ground("asphalt")], targets, Pose((0.0, 0.0, 0.5)))
+    names = np.array(table.objects)[paths.object_index]
+    assert {name: int((names == name).sum()) for name in ("car", "post", "human")} == {"car": 20, "post": 4, "human": 4}
 
 
 def test_points_of_reflection_are_those_of_mirror_images(generator: np.random.Generator) -> None:

@@ -98,6 +98,26 @@ def test_every_path_of_the_solver_is_found_with_its_amplitude(polarization):
         np.testing.assert_allclose(ours.velocities[index], theirs.velocities, atol=1e-12)
 
 
+@pytest.mark.parametrize("bounces", [1, 2])
+def test_total_power_is_the_solvers(bounces):
+    # Power of the solver's estimator: mean p, variance p^2 (1 / chance - 1) a ray, p that of the ray here.
+    rays = 60_000
+    ours = once_of(*CORNER, rays=rays, depth=bounces)[-1]
+    theirs = kind(solved(*CORNER, rays=rays, depth=bounces), bounces)
+    power, estimated = np.abs(ours.amplitude) ** 2, np.abs(theirs.amplitude) ** 2
+    variance = power**2 * (1.0 / chance_of(ours, merged_of(*CORNER)) - 1.0)
+    assert abs(power.sum() - estimated.sum()) < 3.0 * np.sqrt(variance.sum())
+    assert np.sqrt(variance.sum()) < 0.03 * power.sum()
+
+
+def test_total_power_converges_to_the_solvers():
+    # Where nothing is left to chance the solver scatters every ray too: the same sum, to float32.
+    ours = once_of(*CORNER, rays=20_000, depth=1, specular=False)[0]
+    theirs = kind(solved(*CORNER, rays=20_000, depth=1, specular=False), 1)
+    ratio = np.sum(np.abs(ours.amplitude) ** 2) / np.sum(np.abs(theirs.amplitude) ** 2)
+    assert 10.0 * np.log10(ratio) == pytest.approx(0.0, abs=1e-3)
+
+
 def test_rings_on_a_plane_have_the_integrals_power():
     # Height h, the half plane ahead: lambda^2 / (4 pi)^3 int sigma0 / R^4 pi R dR, sigma0 = 4 S^2 |Gamma|^2 (h / R)^2.
     height, rays = 1.5, 200_000
@@ -234,6 +254,19 @@ def test_parts_are_the_whole(depth):
         one, other = joined.thinned(1), whole.thinned(1)
         for field in fields(Bundle):
             np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name))
+
+
+def test_a_share_of_the_rays_says_what_all_would():
+    first = first_hits(CANYON, replace(EVERY, rays=400_000), RayFan(400_000))
+    (whole,) = scattered_twice(first, 1)
+    (some,) = scattered_twice(first.share(16)[0], 1)
+    assert decibels_of(16.0 * some.power.sum() / whole.power.sum()) == pytest.approx(0.0, abs=0.5)
+    few, many = (
+        scattered_twice(first_hits(CANYON, replace(EVERY, rays=400_000, twice_share=n), RayFan(400_000)), 1)[0]
+        for n in (16, 1)
+    )
+    assert decibels_of(few.power.sum() / many.power.sum()) == pytest.approx(0.0, abs=0.5)
+    assert len(few.power) == pytest.approx(len(many.power) / 16.0, rel=0.1)
 
 
 def uncrossed(table: PathTable) -> tuple[PathTable, int]:

@@ -6,6 +6,8 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+from sionna_scenes import FREQUENCY_HZ, plate, scene_of
 from traced_walls import (
     WAVELENGTH_M,
     power,
@@ -17,7 +19,9 @@ from traced_walls import (
 
 from datafactory.paths import solver as solver_module
 from datafactory.paths.rays import RayFan
-from datafactory.paths.table import PathTable
+from datafactory.paths.solver import LEAST_SOLVER_RAYS, TraceSettings
+from datafactory.paths.table import REFRACTED, PathTable
+from datafactory.paths.trace import trace
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import SceneObject
 from datafactory.synthesis.cube import cube_of_paths
@@ -198,3 +202,32 @@ def test_neighbouring_poses_share_a_rough_surfaces_phases():
 def test_single_bounces_have_no_chains():
     assert set(traced(*WALLS, depth=1).specular.depth) == {1}
     assert set(traced(*WALLS, depth=2, specular=False).specular.depth) == set()
+
+
+def facing(name: str, half_m: float, before: NDArray, at: NDArray, after: NDArray, of: str) -> SceneObject:
+    """A square mirror at a point that sends what comes from one point to another."""
+    normal = sum((end - at) / np.linalg.norm(end - at) for end in (before, after))
+    across = np.cross(normal, [0.0, 0.0, 1.0])
+    across /= np.linalg.norm(across)
+    up = np.cross(normal, across) / np.linalg.norm(normal)
+    return plate(name, at, half_m * across, half_m * up, of)
+
+
+@pytest.mark.parametrize("half_m", [0.5, 0.1])
+def test_a_pane_in_a_chain_of_mirrors_reflects_the_same_whether_it_lets_waves_through(half_m, generator):
+    """At random places 6 to 20 m away, by the fewest rays that the solver follows."""
+    radar, fan, found = np.zeros(3), RayFan(LEAST_SOLVER_RAYS), 0
+    for _ in range(6):
+        pane, mirror = (generator.uniform((6.0, y, -0.5), (20.0, y + 5.0, 0.5)) for y in (-6.0, 1.0))
+        scene = scene_of(facing("pane", half_m, radar, pane, mirror, "glass"),
+                         facing("mirror", half_m, pane, mirror, radar, "metal"))  # fmt: skip
+        chains = []
+        for refraction in (False, True):
+            settings = TraceSettings(rays=fan.count, depth=2, diffuse=False, refraction=refraction)
+            paths = trace(scene, Pose((0.0, 0.0, 0.0)), FREQUENCY_HZ, settings, fan, 1).specular
+            chains.append(paths.take((paths.depth > 1) & (paths.kinds & REFRACTED == 0)))
+        without, through = chains
+        np.testing.assert_allclose(through.image, without.image, atol=1e-9)
+        np.testing.assert_allclose(through.amplitude, without.amplitude, rtol=1e-4)
+        found += len(without)
+    assert found >= 6

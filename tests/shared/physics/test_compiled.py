@@ -22,7 +22,8 @@ import shared
 import trainer
 from shared.physics.compiled import compiled
 
-PACKAGES = [Path(package.__file__ or "").parent for package in (shared, datafactory)]
+PACKAGES = [Path(package.__file__ or "").parent for package in (shared, datafactory, trainer)]
+OURS = [package.name for package in PACKAGES]
 KERNEL = """
 from shared.physics.compiled import compiled
 
@@ -62,7 +63,7 @@ def unwritable(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def read_only(tmp_path: Path) -> Path:
-    """A copy of both packages in which no cache can be written: every ``__pycache__`` is a file."""
+    """A copy of the packages in which no cache can be written: every ``__pycache__`` is a file."""
     folder = tmp_path / "site-packages"
     for package in PACKAGES:
         shutil.copytree(package, folder / package.name, ignore=shutil.ignore_patterns("__pycache__"))
@@ -114,14 +115,10 @@ def test_no_kernel_goes_round_the_decorator() -> None:
             assert path.name == "compiled.py" or "njit" not in path.read_text(encoding="utf-8"), path
 
 
-ALL_PACKAGES = [Path(package.__file__ or "").parent for package in (shared, datafactory, trainer)]
-OURS = [package.name for package in ALL_PACKAGES]
-
-
 def kernels() -> list[Dispatcher]:
     """All of the packages."""
     found = {}
-    for package in ALL_PACKAGES:
+    for package in PACKAGES:
         for path in sorted(package.rglob("*.py")):
             if "physics.compiled import" in path.read_text(encoding="utf-8"):
                 place = path.relative_to(package.parent).with_suffix("")

@@ -118,6 +118,13 @@ def test_the_total_field_is_continuous_across_both_boundaries(n, reflection):
             assert abs(above - below) < 1e-3 * max(abs(below), abs(above))
 
 
+def test_the_n_face_has_its_reflection_boundary_too():
+    n, source = 1.5, 1.2 * np.pi
+    boundary = 2.0 * n * np.pi - np.pi - source
+    below, above = (total_field(n, source, boundary + side, 20.0, 11.0, fresnel_te) for side in (-1e-9, 1e-9))
+    assert abs(above - below) < 1e-3 * max(abs(below), abs(above))
+
+
 @pytest.mark.parametrize("face", [fresnel_te, lambda angle: SOFT + 0.0 * angle, lambda angle: HARD + 0.0 * angle])
 def test_source_and_observer_may_change_places(face):
     """Reciprocal; R_0 and R_n belong to source and observer, so that the faces change places with them."""

@@ -149,7 +149,7 @@ def trace(
                 _add_scattered(found, echoes.thinned(seed), view, fan, followed[group])
         if settings.refraction and PANE in followed:
             _add_scattered(found, behind_panes(first).thinned(seed), view, fan, followed[PANE])
-    _add_chains(found, view, kept, fan, seed, followed, len(panes) > 0)
+    _add_chains(found, view, kept, fan, seed, followed)
     return found.table(objects=merged.objects, candidates=candidates, counts=found.counts)
 
 
@@ -196,33 +196,33 @@ def _add_scattered(found: _Found, part: Bundle, view: View, fan: RayFan, group: 
     found.add([_of_group(rows, group) for rows in scattered_rows(with_surfaces(part, view), fan)])
 
 
-def _add_chains(
-    found: _Found, view: View, kept: Geometry, fan: RayFan, seed: int, followed: dict[int, int], panes: bool
-) -> None:
-    """Chains of mirrors, and mirrors beyond panes, of the groups that are followed, by one pass of the solver.
+def _add_chains(found: _Found, view: View, kept: Geometry, fan: RayFan, seed: int, followed: dict[int, int]) -> None:
+    """Chains of mirrors, and mirrors beyond panes, of the groups that are followed, by one pass of the solver each.
 
-    :param panes: whether there are any: the solver passes them whichever group is followed, so that a group has the
-        same bytes with the other one and without. It lets a ray that meets a pane be mirrored or pass, by chance, so
-        that chains over glass are looked for along part of its rays where refraction is on, along all of them else
+    A ray that may pass a pane is reflected there by chance: in one pass for both, chains over small panes are lost.
     """
-    settings, solved = view.settings, Solved.nothing()
-    wanted = followed.keys() & ({CHAIN, PANE} if settings.refraction else {CHAIN})
+    settings, solved = view.settings, dict[int, Solved]()
+    passes = {CHAIN: replace(settings.of_mirrors, refraction=False)}
+    if settings.refraction:
+        passes[PANE] = replace(settings, diffuse=False)
+    wanted = [group for group in passes if group in followed]
     if wanted and settings.depth > 1 and settings.specular and view.merged.meshes:
         scene = radio_scene(kept, view.slabs, settings)
-        solved = solve(scene, view.merged, view.pose, replace(settings.of_mirrors, refraction=panes), fan, seed)
-    bundle = solved.bundle
-    beyond, short = bundle.crossings > 0, (bundle.interactions > 0).sum(axis=1) <= settings.depth
-    groups = {CHAIN: bundle.take(~beyond), PANE: bundle.take(beyond & short)}
-    if settings.corners:
+        for group in wanted:
+            solved[group] = solve(scene, view.merged, view.pose, passes[group], fan, seed)
+    groups = {group: item.bundle for group, item in solved.items()}
+    if PANE in groups:
+        groups[PANE] = groups[PANE].take(groups[PANE].crossings > 0)
+    if settings.corners and CHAIN in groups:
         groups[CHAIN], found.counts["corners_by_the_solver"] = without_corners(groups[CHAIN], view.merged)
-    for group in (group for group in groups if group in wanted):
+    for group, bundle in groups.items():
         for depth in range(2, bundle.interactions.shape[1] + 1):
-            part = groups[group].of_bounces(depth).in_fixed_order()
+            part = bundle.of_bounces(depth).in_fixed_order()
             found.add([], [_of_group(specular_rows(with_surfaces(part, view)), followed[group])])
     found.counts |= {
-        "traced": sum(len(groups[group]) for group in wanted),
-        "truncated": solved.truncated,
-        "invalid": solved.invalid,
+        "traced": sum(len(bundle) for bundle in groups.values()),
+        "truncated": max((item.truncated for item in solved.values()), default=0),
+        "invalid": sum(item.invalid for item in solved.values()),
     }
 
 
