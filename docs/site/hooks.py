@@ -11,6 +11,8 @@ from notebooks import ROOT, page_of
 from pages import NOTEBOOKS, navigation, without_links_out
 from reference import contents, reference_pages
 
+SHIM = "iframe-worker.js"
+"""Lets the search of a page that lies on the disk run without a server."""
 log = logging.getLogger("mkdocs.hooks.manual")
 """A warning here fails a strict build."""
 
@@ -21,6 +23,7 @@ def on_config(config: Any) -> Any:
 
 
 def on_files(files: Files, config: Any) -> Files:
+    files.append(File.generated(config, SHIM, abs_src_path=str(Path(__file__).with_name(SHIM))))
     for name, markdown in reference_pages().items():
         files.append(File.generated(config, f"reference/{name}", content=markdown))
     for name in NOTEBOOKS:

@@ -6,14 +6,18 @@ import shlex
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from manual import run_program
+from raw_files import write_two_lanes
 from small_radar import write_small_radar
 from typer.main import get_command
 from typer.testing import CliRunner
 
 from datafactory.cli.app import app as datafactory
 from datafactory.cli.examples import EXAMPLES as OF_DATAFACTORY
+from shared.radar import load_radar
+from shared.signal.signal import if_signal
 from trainer.cli.app import app as trainer
 from trainer.cli.examples import EXAMPLES as OF_TRAINER
 
@@ -25,18 +29,13 @@ EVERY = [*sum(OF_DATAFACTORY.values(), ()), *sum(OF_TRAINER.values(), ())]
 SMALLER = {
     "--radar": "small.toml", "--rays": "2000", "--effects": "diffuse", "--workers": "1", "--split": "1:1:1",
     "--steps": "2", "--rows": "16", "--points": "0", "--batch": "1", "--validate-every": "2", "--width": "4",
-    "--hidden": "8", "--blocks": "1",
+    "--hidden": "8", "--blocks": "1", "--quick": "", "--trials": "2", "--shown": "1", "--experiments": "street",
 }  # fmt: skip
 """Given besides, or instead, where a command has the option."""
 FEWER = {"shipped:street": "shipped:tiny", "sionna:munich": "sionna:simple_street_canyon_with_cars"}
 """In place of a scene."""
-NOT_RUN = {
-    "calibrate": "a reader's captures; tests/trainer/cli/test_captures_cli.py runs it on simulated ones",
-    "import": "a reader's captures; tests/trainer/cli/test_captures_cli.py runs it on simulated ones",
-    "doctor": "its exit status is the machine's; tests/datafactory/inspection runs it",
-    "accuracy": "minutes; tests/datafactory/accuracy runs it on a small scene",
-    "evaluate": "minutes; tests/trainer/evaluation runs it on a small dataset",
-}
+CORNERS = {"corner.bin": (5.02, 0.0), "other.bin": (4.1, 15.0), "adc_data.bin": (3.0, -20.0)}
+"""Captures that the examples name: metres and degrees of the reflector in each."""
 
 
 def test_every_command_has_two_examples() -> None:
@@ -59,16 +58,24 @@ def test_help_ends_with_examples_that_are_understood(program: str, name: str) ->
 
 @pytest.mark.slow
 def test_the_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, variant: str) -> None:
-    """In the order of the lists, each on what those before it wrote; the jobs that ``merge`` joins are made here."""
+    """In the order of the lists, each on what those before it wrote; captures, and the jobs that ``merge`` joins, are
+    made here."""
     monkeypatch.chdir(tmp_path)
     write_small_radar(tmp_path)
     Path("build").mkdir()
     for job in (0, 1):
         _run(monkeypatch, f"datafactory points --frames 4 --out build/jobs --shard {job}/2")
+    radar = load_radar("iwr1843")
+    for name, (range_m, angle_deg) in CORNERS.items():
+        place = range_m * np.exp(1j * np.deg2rad(angle_deg))
+        cube = if_signal(radar, np.array([[place.real, place.imag, 0.0]]), np.zeros((1, 3)), np.ones(1))
+        write_two_lanes(tmp_path / name, np.asarray(cube)[None], radar)
     for text in EVERY:
-        if text.split()[1] not in NOT_RUN and "--pretrained" not in text:  # its radar is no small one; README's is run
-            _run(monkeypatch, text)
-    for made in ("mine/manifest.json", "whole/manifest.json", "street.html", "run.onnx", "images-of-run"):
+        _run(monkeypatch, text)
+    for made in (
+        "mine/manifest.json", "whole/manifest.json", "street.html", "run.onnx", "images", "images-of-run",
+        "report/report.html", "accuracy/accuracy.png",
+    ):  # fmt: skip
         assert (tmp_path / "build" / made).exists(), made
 
 
@@ -82,7 +89,9 @@ def _run(patch: pytest.MonkeyPatch, text: str) -> None:
         smaller |= {"--frames": "3"}
     if name != "fit":  # elsewhere it is a flag, or adds frames
         smaller.pop("--points", None)
-    if program == "trainer":  # a dataset has its radar, and its splits
+    if name == "render" or program == "trainer":  # the shipped networks' radar, and that of datasets and captures
         smaller.pop("--radar", None)
+    if program == "trainer":  # a dataset has its splits
         smaller.pop("--split", None)
-    run_program(patch, program, [name, *arguments, *(word for pair in smaller.items() for word in pair)])
+    words = (word for pair in smaller.items() for word in pair if word)
+    run_program(patch, program, [name, *arguments, *words])

@@ -151,3 +151,5 @@ def test_two_of_eight_poses_see_through_the_one_pane(folder: Path) -> None:
     run("render", "--scene", scene, "--poses", folder / "pane.json", "--rays", 20_000, "--split", "1:0:0",
         "--workers", 1, "--out", folder / "pane")  # fmt: skip
     assert counts(folder / "pane")["frames_with_refraction"] == 2
+    arguments = json.loads((folder / "pane" / "manifest.json").read_text(encoding="utf-8"))["arguments"]
+    assert (arguments["effects"], arguments["budget_db"]) == ("auto", DEFAULT_BUDGET_DB)

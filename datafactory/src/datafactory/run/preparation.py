@@ -196,7 +196,7 @@ def _from_stored(order: Order, stored: StoredPaths) -> Prepared:
 
 def _common_arguments(order: Order) -> dict[str, Any]:
     return {
-        "effects": (ALL if order.effects is None else order.effects).names,
+        "effects": "auto" if order.effects is None else order.effects.names,
         "budget_db": order.budget_db if order.effects is None else None,
         "points": order.points,
         "targets": [_as_lists(targets) for targets in order.targets],

@@ -1,4 +1,4 @@
-"""Two examples of every command: its help ends with them, and ``tests/documentation/test_help.py`` runs what it can.
+"""Two examples of every command: its help ends with them, and ``tests/documentation/test_help.py`` runs them.
 
 ``build/mine`` is a dataset that ``datafactory render`` made; captures are the reader's own.
 """
@@ -24,7 +24,8 @@ EXAMPLES = {
     ),
     "calibrate": (
         "trainer calibrate corner.bin --board iwr1843 --range 5.02 --angle 0 --out calibration.toml",
-        "trainer calibrate corner.bin --board iwr1843 --range 5.02 --angle 0 --check other.bin --out c.toml",
+        "trainer calibrate corner.bin --board iwr1843 --range 5.02 --angle 0 "
+        "--check other.bin --check-range 4.1 --check-angle 15 --out checked.toml",
     ),
     "import": (
         "trainer import adc_data.bin --board iwr1843 --out cube.npz",
