@@ -11,6 +11,7 @@ from prepared_scenes import EFFECT_SCENES
 from typer.testing import CliRunner
 
 from datafactory.cli.app import app
+from datafactory.defaults import DEFAULT_BUDGET_DB
 from shared.dataset.folder import open_dataset
 from shared.dataset.schema import Frame
 from shared.radar import load_radar
