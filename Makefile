@@ -12,7 +12,7 @@ DATASET := build/dataset
 STUDY := build/study
 STUDY_STEPS := 1500
 NOTEBOOKS := tour
-STUDY_METHODS := das,das-hann,music,iaa,iaa-view,omp,omp-cfar,spice,likes,cnn,unet
+STUDY_METHODS := das,das-hann,music,iaa,iaa-view,likes-view,likes-view-ego,omp,omp-cfar,spice,likes,cnn,unet
 POPULATE := --populate cars=4/100m,trucks=0.4/100m,pedestrians=10,cyclists=4,poles=30,signs=10,parked=0.6
 CITIES := --scene scenes/street.usda --scene sionna:simple_street_canyon_with_cars --scene sionna:munich
 
@@ -73,11 +73,11 @@ $(STUDY)/unseen/manifest.json: | $(INSTALLED)
 
 # A run is done when its command has ended, not when its folder is there.
 $(STUDY)/unet-%.done: $(STUDY)/data/manifest.json
-	$(BIN)/trainer fit $(STUDY)/data --array $* --steps $(STUDY_STEPS) --validate-every 300 --out $(@:.done=) $(if $(wildcard $(@:.done=)/run.json),--resume)
+	$(BIN)/trainer fit $(STUDY)/data --array $* --from none --steps $(STUDY_STEPS) --validate-every 300 --out $(@:.done=) $(if $(wildcard $(@:.done=)/run.json),--resume)
 	@touch $@
 
 $(STUDY)/cnn-%.done: $(STUDY)/data/manifest.json
-	$(BIN)/trainer fit $(STUDY)/data --array $* --recipe doa --out $(@:.done=) $(if $(wildcard $(@:.done=)/run.json),--resume)
+	$(BIN)/trainer fit $(STUDY)/data --array $* --from none --recipe doa --out $(@:.done=) $(if $(wildcard $(@:.done=)/run.json),--resume)
 	@touch $@
 
 STUDY_RUNS := $(foreach network,unet cnn,$(foreach array,sparse6 sparse4,$(STUDY)/$(network)-$(array).done))

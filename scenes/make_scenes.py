@@ -1,4 +1,4 @@
-"""Write the shipped scenes into this script's folder: ``.venv/bin/python scenes/make_scenes.py``.
+"""Write the test range and the tiny scene into this script's folder: ``.venv/bin/python scenes/make_scenes.py``.
 
 Everything follows from the fixed seeds and the positions below: the same versions write the same bytes.
 """
@@ -8,12 +8,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from xml.etree import ElementTree
 
-import trimesh
-from street_layout import StreetLayout
-
-from datafactory.scenes.city.shapes import Surface, box, cylinder, yaw_rotation
+from datafactory.scenes.city.shapes import Surface, box, cylinder
 from datafactory.scenes.city.site import Placement
 from datafactory.scenes.city.usd import write_usd
 from shared.physics.units import power_to_db
@@ -24,14 +20,6 @@ RADAR_POSITION = (0.0, 0.0, 0.6)
 
 RAYLEIGH_LENGTH_U = 0.0406
 """lambda / (span + spacing) of the full 48-element array, in u = sin(azimuth)."""
-
-CONSTANT_MATERIALS = {
-    # Relative permittivity and conductivity [S/m] at 77 GHz of what ITU-R P.2040 has no type for: asphalt in the middle
-    # of the 5 to 9 of Kurz (2021); vegetation 4.0 - j5.2 (unverified); rubber (loss tangent 0.05) by assumption.
-    "asphalt": (7.0, 1.0),
-    "rubber": (4.0, 0.857),
-    "vegetation": (4.0, 22.28),
-}
 
 
 @dataclass(frozen=True)
@@ -111,63 +99,12 @@ def tiny() -> list[Placement]:
     ]
 
 
-def material_id(material: str) -> str:
-    """The name of a material as Sionna's own exporter for Blender writes it, e.g. ``"mat-itu_concrete"``."""
-    return f"mat-{material}" if material in CONSTANT_MATERIALS else f"mat-itu_{material}"
-
-
-def write_mitsuba(folder: Path, name: str, placements: tuple[Placement, ...]) -> None:
-    """Write ``name``.xml and its meshes/*.ply as Sionna's ``load_scene`` takes them: one material a mesh.
-
-    Car bodies stay single objects; everything else is merged by group and material. People are left
-    out: a Mitsuba file has no place for a radar cross section, and a person's mesh is only there for the eye.
-    """
-    meshes: dict[tuple[str, str], list[trimesh.Trimesh]] = {}
-    for item in placements:
-        if item.surface is None or item.rcs_dbsm is not None:
-            continue
-        group, _, kind = item.path.partition("/")
-        placed = item.surface.moved(item.position, yaw_rotation(item.yaw_deg))
-        for material in sorted(set(placed.materials)):
-            mesh = trimesh.Trimesh(placed.vertices, placed.triangles(material), process=False)
-            mesh.remove_unreferenced_vertices()
-            owner = kind if group == "Cars" and material == "metal" else group
-            meshes.setdefault((owner, material), []).append(mesh)
-
-    scene = ElementTree.Element("scene", version="2.1.0")
-    for material in sorted({material for _, material in meshes}):
-        free = CONSTANT_MATERIALS.get(material)
-        plugin = "radio-material" if free else "itu-radio-material"
-        bsdf = ElementTree.SubElement(scene, "bsdf", type=plugin, id=material_id(material))
-        if free:
-            ElementTree.SubElement(bsdf, "float", name="relative_permittivity", value=str(free[0]))
-            ElementTree.SubElement(bsdf, "float", name="conductivity", value=str(free[1]))
-        else:
-            ElementTree.SubElement(bsdf, "string", name="type", value=material)
-        ElementTree.SubElement(bsdf, "float", name="thickness", value="0.1")
-    (folder / "meshes").mkdir(exist_ok=True)
-    for (owner, material), parts in meshes.items():
-        stem = f"{name}-{owner.lower()}-{material}"
-        (folder / "meshes" / f"{stem}.ply").write_bytes(
-            trimesh.util.concatenate(parts).export(file_type="ply", vertex_normal=False)
-        )
-        shape = ElementTree.SubElement(scene, "shape", type="ply", id=f"mesh-{stem}", name=f"mesh-{stem}")
-        ElementTree.SubElement(shape, "string", name="filename", value=f"meshes/{stem}.ply")
-        ElementTree.SubElement(shape, "boolean", name="face_normals", value="true")
-        ElementTree.SubElement(shape, "ref", id=material_id(material), name="bsdf")
-    ElementTree.indent(scene, space="    ")
-    (folder / f"{name}.xml").write_text(ElementTree.tostring(scene, encoding="unicode") + "\n", encoding="utf-8")
-
-
 def write_scenes(folder: Path) -> None:
-    """Write all shipped scenes into an existing folder."""
-    street = StreetLayout(seed=7, blocks=2).build()
-    write_usd(folder / "street.usda", street, "Procedural city: seed 7, blocks 2. Metres, z up.")
+    """Write both into an existing folder."""
     write_usd(
         folder / "test_range.usda", reflector_range(), "Test range; the radar stands at (0, 0, 0.6), looking along x."
     )
     write_usd(folder / "tiny.usda", tiny(), "A tiny scene for smoke tests.")
-    write_mitsuba(folder, "street", StreetLayout(seed=7, blocks=1, largest_floors=3).build())
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -15,6 +16,11 @@ from threadpoolctl import threadpool_limits
 
 if TYPE_CHECKING:
     from shared.radar import Radar
+
+# Numba's threads and PyTorch's are of one OpenMP, and its idle threads spin: where another process held the other core,
+# a step of training took ten times as long. It reads these where it is loaded, here and in commands that tests start.
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 # Behind everything else on the path: the folder tests/shared must not come before the package of that name.
 sys.path.append(str(Path(__file__).resolve().parent))
@@ -84,6 +90,13 @@ def one_blas_thread() -> Iterator[None]:
     """Small products gain nothing from threads, and lose a hundredfold where other processes hold the cores."""
     with threadpool_limits(limits=1, user_api="blas"):
         yield
+
+
+@pytest.fixture(autouse=True)
+def one_torch_thread() -> None:
+    """Numba's first parallel kernel gives PyTorch as many threads as there are cores; every test begins with one."""
+    if "torch" in sys.modules:
+        sys.modules["torch"].set_num_threads(1)
 
 
 @pytest.fixture(scope="session")

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.special import fresnel
 from sionna_scenes import FREQUENCY_HZ, WAVELENGTH_M, mesh, scene_of
+from slab_coefficients import slab_reflection
 
 from datafactory.paths.rays import RayFan
-from datafactory.paths.slabs import slab_reflection
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import PathTable
 from datafactory.paths.trace import trace

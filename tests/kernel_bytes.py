@@ -52,7 +52,8 @@ def chirp() -> Arrays:
         moments = spread.empty_moments(cells, 3, 20, terms, np.float32)
         moments[:] = 0.0
         used, grid = np.zeros(cells, dtype=bool), np.zeros((cells, 20, 3), dtype=np.complex64)
-        spread.add_moments(table(), tx, rx, CENTRE, CENTRE, 1e-3, beat_s, *SWEEP, 2, (0,) * terms, 0, moments, used)
+        sweep = spread.Sweep(*SWEEP, 2, cells, 1e-2, 1e-3, beat_s, 0.0)
+        spread.add_moments(table(), spread.Sensor(tx, rx, CENTRE, CENTRE, 0), sweep, (0,) * terms, moments, used)
         weights = numbers(4).standard_normal((5, terms)).astype(np.float32)
         spread.add_to_grid(moments, used, weights, (0,) * terms, np.complex64(1.0), grid)
         yield moments
@@ -74,8 +75,8 @@ def along_lines() -> Arrays:
         draw.standard_normal((taps, terms)).astype(np.float32),
     )  # fmt: skip
     forms = tuple((0,) * count for count in (taps, terms, 3, powers, 2))
-    sweep = lines.Sweep(*SWEEP, 1.5, cells, 1e-2, 5e-3, 6e-3, BANDWIDTH_HZ / REFERENCE_HZ)
-    lines.add_lines(paths, lines.Sensor(tx, rx, CENTRE, CENTRE, 0), sweep, weights, forms, grid)
+    sweep = spread.Sweep(*SWEEP, 1.5, cells, 1e-2, 5e-3, 6e-3, BANDWIDTH_HZ / REFERENCE_HZ)
+    lines.add_lines(paths, spread.Sensor(tx, rx, CENTRE, CENTRE, 0), sweep, weights, forms, grid)
     yield grid
     rows = np.empty((8, 2, 65, 30), dtype=np.float32)
     frequency, scale = draw.uniform(-60.0, 60.0, 30), draw.uniform(0.99, 1.01, 8)
@@ -94,10 +95,13 @@ def truth() -> Arrays:
         response = draw.standard_normal((5, 200, count)) + 1j * draw.standard_normal((5, 200, count))
         grid = np.zeros((cells, count * shifts * 2 * block), dtype=np.float32)
         doppler_moments.add_doppler_moments(
-            np.full(PATHS, count), draw.uniform((10.0, -10.0, -10.0), (30.0, 10.0, 10.0), (PATHS, 3)),
-            draw.uniform(-3.0, 3.0, (PATHS, 3)), draw.uniform(5.0, 20.0, PATHS), draw.uniform(-3.0, 3.0, PATHS),
-            draw.uniform(-0.05, 0.05, PATHS), amplitude, places, CENTRE, 3.0, 128.0, 0.01, REFERENCE_HZ, BANDWIDTH_HZ,
-            1e-5, 0.013, np.ones(cells, dtype=bool), (-2, -6.0, response), doppler_moments.BINOMIAL, grid,
+            doppler_moments.Seen(
+                np.full(PATHS, count), draw.uniform((10.0, -10.0, -10.0), (30.0, 10.0, 10.0), (PATHS, 3)),
+                draw.uniform(-3.0, 3.0, (PATHS, 3)), draw.uniform(5.0, 20.0, PATHS), draw.uniform(-3.0, 3.0, PATHS),
+                draw.uniform(-0.05, 0.05, PATHS), amplitude,
+            ),
+            (places, CENTRE), doppler_moments.Frame(3.0, 128.0, 0.01, REFERENCE_HZ, BANDWIDTH_HZ, 1e-5, 0.013),
+            np.ones(cells, dtype=bool), (-2, -6.0, response), doppler_moments.BINOMIAL, grid,
         )  # fmt: skip
         yield grid
 
@@ -117,11 +121,11 @@ def seen() -> Arrays:
 def near_field() -> Arrays:
     """A row's matrix, whole and folded."""
     rx, u = numbers(7).uniform(-0.2, 0.2, (64, 3)), np.linspace(0.0, 0.8, 225)
-    array = np.zeros((1, 3)), rx, np.zeros(64, dtype=np.int64), np.arange(64)
-    row = 20.0, u, REFERENCE_HZ / 3e8, BANDWIDTH_HZ / 3e8, 134.0, np.float32(1.0 / 64.0)
+    pairs = near_field_kernels.Pairs(np.zeros((1, 3)), rx, np.zeros(64, dtype=np.int64), np.arange(64))
+    row = near_field_kernels.Row(134.0, 20.0, u, REFERENCE_HZ / 3e8, BANDWIDTH_HZ / 3e8, np.float32(1.0 / 64.0))
     whole, even, odd = np.empty((3, 3, 64, 2, len(u)), dtype=np.float32)
-    near_field_kernels.fill_matrix(*array, *row, whole)
-    near_field_kernels.fill_folded(*array, *row, even, odd)
+    near_field_kernels.fill_matrix(pairs, row, whole)
+    near_field_kernels.fill_folded(pairs, row, even, odd)
     yield from (whole, even, odd)
 
 

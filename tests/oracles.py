@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
-from shared.signal.imaging import matched_filter_row
+from shared.signal.windows import hann
 
 LIGHT_MPS = 299_792_458.0
 
@@ -33,6 +33,33 @@ def reference_file(*parts: str) -> Path:
     if not path.is_file():
         pytest.skip(f"no reference material beside the checkout: {'/'.join(parts)}")
     return path
+
+
+def pixel_delays(radar: Radar, array: AntennaArray, range_m: float) -> Real:
+    """[C, U] round trip [s] from each element pair to the pixels (range, u) in the plane z = 0, eq. (2)."""
+    u = radar.grid.u
+    pixel = np.stack([range_m * np.sqrt(1.0 - u**2), range_m * u, np.zeros_like(u)], axis=-1)  # (U, 3)
+    tx_leg = np.linalg.norm(array.tx[:, None] - pixel, axis=-1)
+    rx_leg = np.linalg.norm(array.rx[:, None] - pixel, axis=-1)
+    return (tx_leg[array.channel_tx] + rx_leg[array.channel_rx]) / LIGHT_MPS
+
+
+def matched_filter_row(fast_time: Complex, radar: Radar, array: AntennaArray, row: int) -> Complex:
+    """[U] one image row by the exact matched filter, the slow reference.
+
+    I(r, u) = 1/C sum_c sum_n w_n / sum(w) s_c[n] exp(-j 2 pi (f_c + B n / N) tau_c(r, u))
+
+    :param fast_time: [samples, C] the virtual sensor's signal in the row's Doppler cell
+    """
+    waveform = radar.waveform
+    window = hann(waveform.samples)
+    tau = pixel_delays(radar, array, row * waveform.range_step_m)
+    frequency = waveform.carrier_hz + waveform.bandwidth_hz * np.arange(waveform.samples) / waveform.samples
+    weighted = fast_time * (window / window.sum())[:, None]
+    image = np.zeros(radar.grid.bins, dtype=np.complex128)
+    for channel in range(array.channels):
+        image += weighted[:, channel] @ np.exp(-2j * np.pi * frequency[:, None] * tau[channel][None, :])
+    return image / array.channels
 
 
 def scattered_delays(paths: ScatteredPaths, tx: Real, rx: Real, time_s: float) -> Real:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from datafactory.frame.prepared import PreparedScene
+from datafactory.frame.deal import PreparedScene
 from datafactory.paths.merged_scene import merge_scene
 from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.readers.open import open_scene

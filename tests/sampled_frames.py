@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from datafactory.accuracy.knobs import Effort, Menu
-from datafactory.accuracy.samples import Sample
+from datafactory.accuracy.knobs import Effort, Menu, Sample
 from datafactory.effects.catalogue import ALL
 from datafactory.run.order import Order
 from datafactory.run.preparation import prepare

@@ -24,7 +24,9 @@ def turning(item: SceneObject, body: str = "body", yaw: float = TURN_DEG_PER_S, 
     )
     points = item.vertices - np.array([8.0, 0.0, 0.0])
     vertices, local = placed(points, chain.at(0.0)[0]), (points, np.arange(len(points)))
-    return SceneObject.of(item.name, vertices, item.triangles, item.material, motion=Moving(body, chain), local=local)
+    return SceneObject(
+        item.name, vertices, item.triangles, item.material, motion=Moving(body, chain), local=local
+    ).as_it_moves()
 
 
 def merged_of(*objects: SceneObject) -> MergedScene:

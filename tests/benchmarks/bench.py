@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Annotated
 
 import cubes
+import decided
 import devices
 import images
 import line_fits
@@ -49,7 +50,7 @@ BENCHMARKS: dict[str, Callable[[Workload], Record]] = {
     "datafactory_help_vs_numpy": starts.help_of_datafactory,
     "trainer_help_vs_numpy": starts.help_of_trainer,
     "first_frame_vs_numpy": starts.first_frame,
-    "effects_auto_vs_all": starts.decided_frames,
+    "effects_auto_vs_all": decided.decided_frames,
     "two_workers_vs_one": starts.two_workers,
 }
 

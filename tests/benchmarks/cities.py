@@ -24,14 +24,14 @@ from scipy.signal import fftconvolve
 
 from datafactory.effects.catalogue import ALL
 from datafactory.frame.chain import ChainSettings, SceneSource, make_frames
-from datafactory.frame.prepared import PreparedScene
+from datafactory.frame.deal import PreparedScene
 from datafactory.paths.merged_scene import merge_scene
 from datafactory.paths.solver import TraceSettings
 from datafactory.run.order import Order
 from datafactory.run.preparation import prepare
-from datafactory.scenes.city.city import CityOptions, city, write_city
+from datafactory.scenes.city.city import city, write_city
 from datafactory.scenes.city.rules import Style
-from datafactory.scenes.height_map import HeightMap, height_map
+from datafactory.scenes.ground import HeightMap, height_map
 from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.readers.open import open_scene
@@ -92,7 +92,7 @@ def cost(folder: Path, styles: Sequence[Style], count: int, rays: int) -> None:
     for style in styles:
         sizes = []
         for seed in range(3):
-            placements = city(CityOptions(seed=seed, style=style))
+            placements = city(seed=seed, style=style)
             sizes.append((sum(len(item.surface.triangles()) for item in placements if item.surface), seed))
         triangles, seed = sorted(sizes)[1]
         path = folder / f"{style.value}.usda"

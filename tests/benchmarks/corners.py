@@ -19,8 +19,7 @@ import numpy as np
 
 from datafactory.effects.catalogue import ALL
 from datafactory.frame.chain import ChainSettings, SceneSource, illuminated, make_frames
-from datafactory.frame.deal import Deal
-from datafactory.frame.prepared import PreparedScene
+from datafactory.frame.deal import Deal, PreparedScene
 from datafactory.paths.density import cell_power
 from datafactory.paths.merged_scene import merge_scene
 from datafactory.paths.solver import TraceSettings

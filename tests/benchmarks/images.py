@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +17,12 @@ from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.cube import cube_of_paths
 from datafactory.synthesis.truth import truth_moments
 from shared.radar import Radar
-from shared.signal.imaging import DEFAULT_TERMS, matched_filter_row, near_field_images, sweep_moments
+from shared.signal.imaging import DEFAULT_TERMS, near_field_images, sweep_moments
 from shared.signal.spectrum import range_doppler, select_doppler
 from shared.signal.windows import hann
+
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+from oracles import matched_filter_row
 
 RANGES_M = (3.0, 5.7, 20.0, 60.0)
 FRAMES = 8

@@ -13,14 +13,12 @@ import argparse
 import time
 from dataclasses import replace
 
-from datafactory.accuracy.errors import level_db
-from datafactory.accuracy.knobs import DEFAULT, Effort
-from datafactory.accuracy.power import power_error
-from datafactory.accuracy.samples import Sample
+from datafactory.accuracy.knobs import DEFAULT, Effort, Sample
+from datafactory.accuracy.power import level_db, power_error
 from datafactory.effects.catalogue import ALL
 from datafactory.paths.density import lit_cells
-from datafactory.paths.prune import pruned
 from datafactory.paths.table import PathTable
+from datafactory.paths.thinning import pruned
 from datafactory.run.order import Order
 from datafactory.run.preparation import prepare
 from datafactory.scenes.materials.table import load_materials

@@ -24,12 +24,12 @@ EXIT_STATUS = "exit status"
 
 def help_of_datafactory(work: Workload) -> Record:
     """``datafactory --help``."""
-    return _beside_numpy(work, "datafactory_help_vs_numpy", "datafactory --help", _program("datafactory", "--help"))
+    return _beside_numpy(work, "datafactory_help_vs_numpy", "datafactory --help", program_of("datafactory", "--help"))
 
 
 def help_of_trainer(work: Workload) -> Record:
     """``trainer --help``."""
-    return _beside_numpy(work, "trainer_help_vs_numpy", "trainer --help", _program("trainer", "--help"))
+    return _beside_numpy(work, "trainer_help_vs_numpy", "trainer --help", program_of("trainer", "--help"))
 
 
 def first_frame(work: Workload) -> Record:
@@ -38,33 +38,10 @@ def first_frame(work: Workload) -> Record:
         out = Path(folder) / "out"
         options = ("--scene", str(TINY_SCENE), "--frames", "1", "--rays", str(work.size.rays), "--out", str(out))
         clear = f"import shutil; shutil.rmtree({str(out)!r}, ignore_errors=True)"
-        render = _program("datafactory", "render", *options)
+        render = program_of("datafactory", "render", *options)
         program = (f"{clear}; {render[0]}", *render[1:])
-        _run(program)
+        timed_run(program)
         return _beside_numpy(work, "first_frame_vs_numpy", "datafactory render, one frame of tiny.usda", program)
-
-
-def decided_frames(work: Workload) -> Record:
-    """Frames of the tiny scene as they decide, and with every effect: whole commands, in turn."""
-    with tempfile.TemporaryDirectory() as folder:
-
-        def run(effects: str) -> Timing:
-            out = str(Path(folder) / effects)
-            shutil.rmtree(out, ignore_errors=True)
-            options = ("--scene", str(TINY_SCENE), "--frames", str(work.size.decided_frames), "--workers", "1")
-            return _run(_program("datafactory", "render", *options, "--effects", effects, "--out", out))
-
-        run("auto")  # kernels are compiled
-        ours, reference = zip(*((run("auto"), run("all")) for _ in range(work.size.repeats)), strict=True)
-    return Record(
-        name="effects_auto_vs_all",
-        ours_time=_median(ours),
-        reference="the same, --effects all",
-        reference_time=_median(reference),
-        error=0.0,  # of another status nothing is recorded
-        error_unit=EXIT_STATUS,
-        ours=f"datafactory render, {work.size.decided_frames} frames of tiny.usda, 1 worker",
-    )
 
 
 def two_workers(work: Workload) -> Record:
@@ -74,16 +51,16 @@ def two_workers(work: Workload) -> Record:
         def run(workers: int) -> Timing:
             shutil.rmtree(Path(folder) / str(workers), ignore_errors=True)
             options = ("--frames", str(work.size.worker_frames), "--workers", str(workers))
-            return _run(_program("datafactory", "points", *options, "--out", str(Path(folder) / str(workers))))
+            return timed_run(program_of("datafactory", "points", *options, "--out", str(Path(folder) / str(workers))))
 
         ours, reference = zip(*((run(2), run(1)) for _ in range(work.size.repeats)), strict=True)
         shards = [[path.read_bytes() for path in sorted(Path(folder, name).glob("*/*.parquet"))] for name in "12"]
-    frames, time_of = work.size.worker_frames, _median(ours)
+    frames, time_of = work.size.worker_frames, median_time(ours)
     return Record(
         name="two_workers_vs_one",
         ours_time=time_of,
         reference="the same, 1 worker",
-        reference_time=_median(reference),
+        reference_time=median_time(reference),
         error=float(shards[0] != shards[1]),
         error_unit="shards differ",
         ours=f"datafactory points --frames {frames}, 2 workers",
@@ -91,26 +68,26 @@ def two_workers(work: Workload) -> Record:
     )
 
 
-def _program(name: str, *arguments: str) -> tuple[str, ...]:
+def program_of(name: str, *arguments: str) -> tuple[str, ...]:
     """What ``python -c`` is given to be this command."""
     return (f"import sys; sys.argv[0] = {name!r}; from {name}.cli.entry import main; main()", *arguments)
 
 
 def _beside_numpy(work: Workload, name: str, what: str, program: tuple[str, ...]) -> Record:
     """Medians over repeats, ours and the reference in turn."""
-    ours, reference = zip(*((_run(program), _run(NUMPY)) for _ in range(work.size.repeats)), strict=True)
+    ours, reference = zip(*((timed_run(program), timed_run(NUMPY)) for _ in range(work.size.repeats)), strict=True)
     return Record(
         name=name,
-        ours_time=_median(ours),
+        ours_time=median_time(ours),
         reference='python -c "import numpy"',
-        reference_time=_median(reference),
+        reference_time=median_time(reference),
         error=0.0,  # of another status nothing is recorded
         error_unit=EXIT_STATUS,
         ours=what,
     )
 
 
-def _run(program: tuple[str, ...]) -> Timing:
+def timed_run(program: tuple[str, ...]) -> Timing:
     """Times of one child that ends with status 0."""
     start, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
     subprocess.run([sys.executable, "-c", *program], check=True, stdout=subprocess.DEVNULL)
@@ -119,7 +96,7 @@ def _run(program: tuple[str, ...]) -> Timing:
     return Timing(time.perf_counter() - start, used)
 
 
-def _median(times: tuple[Timing, ...]) -> Timing:
+def median_time(times: tuple[Timing, ...]) -> Timing:
     return Timing(
         statistics.median(each.seconds for each in times), statistics.median(each.cpu_seconds for each in times)
     )

@@ -186,11 +186,11 @@ def test_a_reader_follows_the_page(page: Path, place: Path, monkeypatch: pytest.
 
 
 @pytest.mark.slow
-def test_the_lines_of_the_architecture_run(monkeypatch: pytest.MonkeyPatch, variant: str) -> None:
+def test_the_lines_of_one_path_run(monkeypatch: pytest.MonkeyPatch, variant: str) -> None:
     monkeypatch.chdir(ROOT)
     names: dict[str, Any] = {}
-    (block,) = blocks(DOCS / "architecture.md", "python")
-    exec(compile(block, "docs/architecture.md", "exec"), names)
+    (block,) = blocks(DOCS / "notes" / "one-path.md", "python")
+    exec(compile(block, "docs/notes/one-path.md", "exec"), names)
     assert len(names["frames"]) == 1
 
 

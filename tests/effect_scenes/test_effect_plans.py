@@ -25,9 +25,8 @@ from prepared_scenes import prepared_scene
 from datafactory.defaults import DEFAULT_BUDGET_DB
 from datafactory.effects.catalogue import ALL, EffectSet
 from datafactory.frame.chain import ChainSettings, SceneSource, illuminated
-from datafactory.frame.deal import Deal, DealtFrame
+from datafactory.frame.deal import Deal, DealtFrame, PreparedScene
 from datafactory.frame.measurement import FrameIdentity, Measurement, Processing, measure
-from datafactory.frame.prepared import PreparedScene
 from datafactory.paths.density import cell_power
 from datafactory.paths.notice import Notice
 from datafactory.paths.solver import TraceSettings

@@ -24,8 +24,7 @@ from fuzzing import EDITS, JSON, SPLICES, Edit, Splice, altered, damaged, edited
 from hypothesis import strategies as st
 from numpy_bytes import npz, of_array
 
-from datafactory.run.order import Order, TracedFolder
-from datafactory.run.stored import stored_paths
+from datafactory.run.order import Order, TracedFolder, stored_paths
 from shared.dataset import METADATA_KEY
 from shared.dataset.documents import sealed
 from shared.dataset.folder import MANIFEST, open_dataset, verify

@@ -8,15 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from factory_command import run
 from prepared_scenes import SCENES
 from small_radar import write_small_radar
-from typer.testing import CliRunner
 
 import datafactory
-from datafactory.cli.app import app
 from datafactory.frame.deal import split_of
 from datafactory.run import portions
-from datafactory.run.finished_jobs import ranges
+from datafactory.run.merging import ranges
 from datafactory.run.shards import plan_shards
 from shared.dataset.folder import read_manifest
 from shared.physics.errors import InputError
@@ -27,12 +26,6 @@ TINY = SCENES / "tiny.usda"
 @pytest.fixture(scope="module")
 def radar(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_small_radar(tmp_path_factory.mktemp("radar"))
-
-
-def run(*arguments: object) -> str:
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments], catch_exceptions=False)
-    assert result.exit_code == 0, result.output
-    return result.output
 
 
 def contents(folder: Path) -> dict[str, Any]:

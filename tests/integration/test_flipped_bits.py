@@ -21,15 +21,13 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from factory_command import run
 from prepared_scenes import SCENES
 from pydantic import BaseModel
-from typer.testing import CliRunner
 
-from datafactory.cli.app import app
 from datafactory.inspection.dataset import summarise
 from datafactory.paths.storage import read_paths
-from datafactory.run.order import Order, TracedFolder
-from datafactory.run.stored import stored_paths
+from datafactory.run.order import Order, TracedFolder, stored_paths
 from shared.dataset.documents import MADE
 from shared.dataset.folder import open_dataset, verify
 from shared.dataset.reading import read_frame
@@ -62,11 +60,6 @@ LEAST = {
     ("paths", "inspect --verify"): 0.9, ("paths", "render --paths"): 0.9,
 }  # fmt: skip
 """Share of the flips that a command must find, where that is not all: these do not open all shards."""
-
-
-def run(*arguments: object) -> None:
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments], catch_exceptions=False)
-    assert result.exit_code == 0, result.output
 
 
 def plain(value: Any) -> Any:

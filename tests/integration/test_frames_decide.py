@@ -7,10 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from factory_command import run, shards
 from prepared_scenes import EFFECT_SCENES
-from typer.testing import CliRunner
 
-from datafactory.cli.app import app
 from datafactory.defaults import DEFAULT_BUDGET_DB
 from shared.dataset.folder import open_dataset
 from shared.dataset.schema import Frame
@@ -33,12 +32,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("frames")
 
 
-def run(*arguments: object) -> str:
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments], catch_exceptions=False)
-    assert result.exit_code == 0, result.output
-    return result.output
-
-
 def made(folder: Path, command: str, out: str, poses: list[dict], *more: object) -> Path:
     """A run of these poses in ``folder``."""
     (folder / "radar.toml").write_text(RADAR, encoding="utf-8")
@@ -46,10 +39,6 @@ def made(folder: Path, command: str, out: str, poses: list[dict], *more: object)
     run(command, "--scene", SCENE, "--poses", folder / f"{out}.json", "--radar", folder / "radar.toml",
         "--rays", 20_000, "--split", "1:0:0", "--out", folder / out, *more)  # fmt: skip
     return folder / out
-
-
-def shards(out: Path) -> dict[str, bytes]:
-    return {path.relative_to(out).as_posix(): path.read_bytes() for path in sorted(out.glob("*/*.parquet"))}
 
 
 def counts(out: Path) -> dict[str, int]:

@@ -17,10 +17,11 @@ from typing import Any
 import psutil
 import pytest
 import ray_work
+from factory_command import shards
 from ray_cluster import add_node, kill_node, ray_cluster
 
 from datafactory import RunFailed, render
-from datafactory.run import pipeline, recipe
+from datafactory.run import pipeline
 from shared.physics.errors import InputError
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -60,10 +61,6 @@ def cluster() -> Iterator[Any]:
 def made(out: Path, radar: Path, **more: Any) -> pipeline.Report:
     """40 frames of close targets in seven shards."""
     return render(None, out, radar=radar, frames=0, points=FRAMES, split="2:1:1", **more)
-
-
-def shards(folder: Path) -> dict[str, bytes]:
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in sorted(folder.glob("*/*.parquet"))}
 
 
 @pytest.fixture(scope="module")
@@ -125,7 +122,7 @@ def test_a_deadly_portion_is_named_and_the_rest_unharmed(
     """Begun on Ray, finished on this machine."""
     out, lines = tmp_path / "data", list[str]()
     with monkeypatch.context() as patch:
-        patch.setattr(recipe, "Job", ray_work.DeadlyJob)
+        patch.setattr(pipeline, "Job", ray_work.DeadlyJob)
         died = rf"^{DEADLY}, frames 3 to 31: three worker processes died of it, its process ended, .*--resume"
         with pytest.raises(RunFailed, match=died):
             made(out, radar, engine="ray", address=cluster.address, keep_going=True)

@@ -10,14 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from factory_command import run
 
 from datafactory.api.asking import order_of
 from datafactory.api.forecasting import forecast
 from datafactory.api.options import OrderOptions
-from datafactory.cli.app import app
 from datafactory.frame.chain import FRAMES_WITH
-from datafactory.frame.seeds import frame_seed
+from datafactory.frame.deal import frame_seed
 from datafactory.run import portions
 from datafactory.run.counts import MEANINGS
 from datafactory.run.progress import claimed
@@ -49,13 +48,6 @@ def radar_file(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("radar") / "small.toml"
     path.write_text(RADAR, encoding="utf-8")
     return path
-
-
-def run(*arguments: object) -> str:
-    """What the command prints; its errors propagate as they would into ``datafactory.cli.app.main``."""
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments], catch_exceptions=False)
-    assert result.exit_code == 0, result.output
-    return result.output
 
 
 def rendered(out: Path, radar: Path, *more: object) -> Path:
@@ -251,7 +243,7 @@ def test_one_job_works_in_a_folder(radar_file, tmp_path):
 SCRIPT = """
 from pathlib import Path
 from datafactory.run.order import Order
-from datafactory.run.making import render
+from datafactory.run.pipeline import render
 from datafactory.run.pipeline import Execution
 from datafactory.scenes.materials.table import load_materials
 from shared.radar import load_radar

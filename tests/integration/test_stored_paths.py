@@ -10,11 +10,10 @@ import json
 from pathlib import Path
 
 import pytest
+from factory_command import run, shards
 from prepared_scenes import SCENES
 from small_radar import write_small_radar
-from typer.testing import CliRunner
 
-from datafactory.cli.app import app
 from shared.dataset.folder import open_dataset
 
 MADE_OF = ("brick", "glass", "wood", "plasterboard", "marble")
@@ -34,15 +33,6 @@ def scenes(tmp_path: Path) -> list[Path]:
     for path, material in zip(paths, MADE_OF, strict=True):
         path.write_text(text.replace("brick", material), encoding="utf-8")
     return paths
-
-
-def run(*arguments: object) -> None:
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments], catch_exceptions=False)
-    assert result.exit_code == 0, result.output
-
-
-def shards(folder: Path) -> dict[str, bytes]:
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in sorted(folder.glob("*/*.parquet"))}
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from factory_command import run, shards
 from numpy.typing import NDArray
 from prepared_scenes import SCENES
 from small_radar import write_small_radar
@@ -31,16 +32,6 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_small_radar(folder)
     (folder / "track.csv").write_text(ROWS, encoding="utf-8")
     return folder
-
-
-def run(*arguments: object) -> str:
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments], catch_exceptions=False)
-    assert result.exit_code == 0, result.output
-    return result.output
-
-
-def shards(folder: Path) -> dict[str, bytes]:
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in sorted(folder.glob("*/*.parquet"))}
 
 
 def frames_of(folder: Path) -> dict[int, tuple[str, Frame]]:
@@ -141,6 +132,15 @@ def test_traffic_moves_on_from_frame_to_frame(files: Path, tmp_path: Path) -> No
         (("--trajectory", "drive", "--poses", "poses.json"), "poses.json: cannot be read"),
         (("--trajectory", "none.csv"), "none.csv: cannot be read: No such file"),
         (("--trajectory", "drive", "--trajectory", "a.csv"), "--trajectory: 'drive' beside others"),
+        (("--speed", "20"), "--speed: '20'; expected A:B in m/s, e.g. 0:20"),
+        (("--speed", "5:fast"), "--speed: '5:fast'; expected A:B in m/s, e.g. 0:20"),
+        (("--speed", "20:5"), "--speed: 20:5; expected A:B with 0 <= A <= B <= 100 m/s"),
+        (("--speed", "-1:5"), "--speed: -1:5; expected A:B with 0 <= A <= B <= 100 m/s"),
+        (("--speed", "0:nan"), "--speed: 0:nan; expected A:B with 0 <= A <= B <= 100 m/s"),
+        (
+            ("--speed", "0:5", "--trajectory", "drive:speed=5"),
+            "--speed: beside --trajectory drive:speed=, which states",
+        ),
         (("--trajectory", "drive:speed=20"), "--trajectory: speed = 20.0; expected 0 to 15 m/s"),
         (("--trajectory", "drive", "--frame-rate", "0"), "--frame-rate: 0.0; expected 0.001 to 100000 Hz"),
         (("--trajectory", "drive", "--frames", "0"), "--frames: 0 and --points 0: nothing to render"),
@@ -154,3 +154,28 @@ def test_what_is_wrong_is_one_line_and_nothing_is_written(
     said = str(result.exception) if isinstance(result.exception, InputError) else result.output
     assert message in said
     assert not (tmp_path / "data").exists()
+
+
+@pytest.mark.parametrize(
+    ("stated", "named"),
+    [
+        ({"poses": (Pose((-10.0, 0.0, 0.5)),)}, "--poses"),
+        ({"trajectory": ((Pose((-10.0, 0.0, 0.5)),),)}, "--trajectory FILE"),
+    ],
+)
+def test_speeds_are_not_drawn_beside_poses_that_state_them(stated: dict[str, Any], named: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=f"--speed: beside {named}, which states them; expected one of them"):
+        render(TINY, tmp_path / "data", speed=(0.0, 5.0), **stated)
+    assert not (tmp_path / "data").exists()
+
+
+def test_speeds_stand_in_the_manifest_where_they_were_asked_for(files: Path, tmp_path: Path) -> None:
+    few = ("--radar", files / "small.toml", *FEW, "--frames", 2, "--split", "1:0:0")
+    arguments = {}
+    for name, speed in (("usual", ()), ("fast", ("--speed", "15:20"))):
+        run("render", TINY, *few, *speed, "--out", tmp_path / name)
+        arguments[name] = json.loads((tmp_path / name / "manifest.json").read_text(encoding="utf-8"))["arguments"]
+    assert arguments["fast"] == {**arguments["usual"], "speed_mps": [15.0, 20.0]}
+    run("render", TINY, *few, "--speed", "15:20", "--out", tmp_path / "fast", "--resume")
+    speeds = [np.hypot(*frame.sensor_velocity[:2]) for _, frame in frames_of(tmp_path / "fast").values()]
+    assert 15.0 <= min(speeds) < max(speeds) <= 20.0

@@ -11,7 +11,7 @@ from solids import Standing, containing, intersecting
 
 import datafactory
 from datafactory.scenes.boxes import Movers
-from datafactory.scenes.city.city import CityOptions, city
+from datafactory.scenes.city.city import city
 from datafactory.scenes.city.rules import Style
 from datafactory.scenes.city.usd import write_usd
 from datafactory.scenes.drives import Drives, draw_drive
@@ -55,7 +55,7 @@ def test_cities_are_solid_and_render(style: Style, tmp_path: Path) -> None:
     (tmp_path / "small.toml").write_text(RADAR, encoding="utf-8")
     scenes, solids = [], {}
     for seed in SEEDS:
-        placements = city(CityOptions(seed=seed, style=style, blocks=1))
+        placements = city(seed=seed, style=style, blocks=1)
         write_usd(tmp_path / f"city{seed}.usdc", placements, "a city")
         scenes.append(open_scene(str(tmp_path / f"city{seed}.usdc")))
         solids[scenes[-1].name] = city_solids(placements)

@@ -10,8 +10,8 @@ from shared.processes.lazy import lazy_names
 
 if TYPE_CHECKING:
     from datafactory.api.asking import load_scene as load_scene
-    from datafactory.api.finished import convert as convert
-    from datafactory.api.finished import merge as merge
+    from datafactory.api.making import convert as convert
+    from datafactory.api.making import merge as merge
     from datafactory.api.making import render as render
     from datafactory.api.making import trace as trace
     from datafactory.api.planning import ScenePlan as ScenePlan
@@ -60,10 +60,10 @@ __getattr__, __dir__ = lazy_names(
         "RunFailed": "datafactory.run.portions",
         "Scene": "datafactory.scenes.scene",
         "ScenePlan": "datafactory.api.planning",
-        "convert": "datafactory.api.finished",
+        "convert": "datafactory.api.making",
         "load_radar": "shared.radar",
         "load_scene": "datafactory.api.asking",
-        "merge": "datafactory.api.finished",
+        "merge": "datafactory.api.making",
         "plan": "datafactory.api.planning",
         "read_poses": "datafactory.scenes.poses",
         "read_targets": "datafactory.frame.points",

@@ -13,8 +13,7 @@ from sampled_frames import MENU, POSE, TINY, order_of_two, samples_of
 from typer.testing import CliRunner
 
 from datafactory.accuracy import chart, study
-from datafactory.accuracy.knobs import Effort
-from datafactory.accuracy.samples import Sample
+from datafactory.accuracy.knobs import Effort, Sample
 from datafactory.accuracy.study import Row
 from datafactory.cli.app import app
 from shared.radar import Radar, load_radar

@@ -10,11 +10,10 @@ import pytest
 from sampled_frames import EFFECTS, MENU, POSE, TINY, order_of_two
 
 from datafactory.accuracy import budget
-from datafactory.accuracy.check import HONEST_DB, check
+from datafactory.accuracy.budget import HONEST_DB, check
 from datafactory.accuracy.knobs import Menu
-from datafactory.run.making import render, trace_paths
 from datafactory.run.order import Order
-from datafactory.run.pipeline import Execution
+from datafactory.run.pipeline import Execution, render, trace_paths
 from datafactory.scenes.materials.table import load_materials
 from shared.physics.errors import InputError
 

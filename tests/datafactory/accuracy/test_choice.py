@@ -9,9 +9,8 @@ from pathlib import Path
 import pytest
 
 from datafactory.accuracy.cache import cached, user_cache
-from datafactory.accuracy.choice import CUBE_S, choose, front, trace_work, work
 from datafactory.accuracy.knobs import DEFAULT, KNOBS, POWER_KNOBS, QUICK, STUDY, Menu, menu_for
-from datafactory.accuracy.prices import Price, Prices
+from datafactory.accuracy.prices import CUBE_S, Price, Prices, choose, front, trace_work, work
 
 
 def price_list(menu: Menu, power: float = 1.0, power_floor: float = 0.0) -> Prices:

@@ -10,17 +10,26 @@ from oracles import doppler_filtered, if_cube, peak_error_db, relative_error
 from path_tables import a_table
 from sampled_frames import EFFECTS, POSE, order_of_two, samples_of
 
-from datafactory.accuracy.errors import Errors, level_db, peak_error, relative_l2, worst_of
 from datafactory.accuracy.knobs import DEFAULT, Effort
 from datafactory.accuracy.looking import made, reference_moments, reference_of
-from datafactory.accuracy.power import Realisations, compared, mean_and_variance, paired_error, power_error
+from datafactory.accuracy.power import (
+    Errors,
+    Realisations,
+    compared,
+    level_db,
+    mean_and_variance,
+    paired_error,
+    peak_error,
+    power_error,
+    relative_l2,
+    worst_of,
+)
 from datafactory.effects.catalogue import ALL, NAMES, EffectSet
 from datafactory.frame.chain import ChainSettings
 from datafactory.frame.measurement import Processing
 from datafactory.paths.density import cell_power
 from datafactory.paths.solver import TraceSettings
-from datafactory.run.making import render
-from datafactory.run.pipeline import Execution
+from datafactory.run.pipeline import Execution, render
 from datafactory.scenes.materials.table import load_materials
 from shared.dataset.folder import open_dataset
 from shared.signal.imaging import sweep_moments

@@ -15,9 +15,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from typer.testing import CliRunner
 
 from datafactory.accuracy import chart, study
-from datafactory.accuracy.clock import STAGES, Clock
-from datafactory.accuracy.errors import FLOOR_DB
 from datafactory.accuracy.knobs import DEFAULT, POWER_KNOBS, QUICK, STUDY
+from datafactory.accuracy.looking import STAGES, Clock
+from datafactory.accuracy.power import FLOOR_DB
 from datafactory.accuracy.study import DEFAULTS, FRONT, Row
 from datafactory.cli.app import app
 from datafactory.run import memory

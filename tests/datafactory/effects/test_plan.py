@@ -10,14 +10,13 @@ import pytest
 from prepared_scenes import EFFECT_SCENES, prepared_scene
 
 from datafactory.defaults import DEFAULT_BUDGET_DB
-from datafactory.effects import timing
+from datafactory.effects import proof
 from datafactory.effects.catalogue import ALL, NAMES, NO_CHOICE, EffectSet
 from datafactory.effects.losses import FLOOR_DB, Loss
 from datafactory.effects.picture import draw
 from datafactory.effects.plan import FramePlan, plan_of_frame, plan_of_scene
 from datafactory.frame.chain import ChainSettings
-from datafactory.frame.deal import Deal, DealtFrame
-from datafactory.frame.prepared import PreparedScene
+from datafactory.frame.deal import Deal, DealtFrame, PreparedScene
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.solver import TraceSettings
 from datafactory.scenes.materials.table import load_materials
@@ -95,11 +94,11 @@ def test_costs_are_differences_to_the_frame_of_every_effect(monkeypatch: pytest.
         return 1.0 + 0.5 * len(of_settings[settings].names)
 
     plan = plan_of_scene("scene", [a_frame_plan(specular=0.0, diffuse=-50.0, noise=0.0, near_field=-9.0)], -30.0)
-    monkeypatch.setattr(timing, "frame_seconds", frame_seconds)
+    monkeypatch.setattr(proof, "frame_seconds", frame_seconds)
     steps: list[tuple[int, int, str]] = []
     frame, scene = a_frame()
     budget = ChainSettings(budget_db=-30.0)
-    result = timing.costs(frame, scene, Radar(), budget, plan, lambda *step: steps.append(step))
+    result = proof.costs(frame, scene, Radar(), budget, plan, lambda *step: steps.append(step))
     assert result == {name: 0.5 if name in ("specular", "diffuse", "noise") else 0.0 for name in NAMES}
     assert [step[0] for step in steps] == list(range(steps[0][1]))
     assert set(NO_CHOICE) & {"near_field"}

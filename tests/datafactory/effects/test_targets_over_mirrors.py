@@ -14,8 +14,7 @@ from datafactory.defaults import DEFAULT_BUDGET_DB
 from datafactory.effects.catalogue import ALL, EffectSet
 from datafactory.effects.plan import plan_of_frame
 from datafactory.frame.chain import ChainSettings, SceneSource, make_frames
-from datafactory.frame.deal import Deal
-from datafactory.frame.prepared import PreparedScene
+from datafactory.frame.deal import Deal, PreparedScene
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import SPECULAR, TARGET
 from datafactory.scenes.poses import Pose

@@ -10,9 +10,17 @@ import pytest
 from prepared_scenes import SCENES
 from town_scenes import BUILDINGS, PLATE
 
-from datafactory.frame.deal import Deal, drawn_scene, first_middle_last, parse_split_pattern, split_of
+from datafactory.frame.deal import (
+    Deal,
+    drawn_scene,
+    first_middle_last,
+    frame_seed,
+    generator,
+    parse_split_pattern,
+    sequence_seed,
+    split_of,
+)
 from datafactory.frame.points import PointTargets
-from datafactory.frame.seeds import frame_seed, generator, sequence_seed
 from datafactory.run.order import Order
 from datafactory.run.preparation import NEIGHBOURS_M, close_tracks, deal_of
 from datafactory.scenes.drives import Drives
@@ -198,6 +206,14 @@ def test_drives_are_dealt_to_scenes_and_splits_and_the_last_is_cut() -> None:
     shorter = deal_of(order(frames=12, drives=drives, seed=2), (TOWN, TOWN))
     assert shorter.tracks[:2] == deal.tracks[:2]  # how many follow changes nothing
     assert deal_of(order(frames=12, drives=drives, seed=3), (TOWN, TOWN)).tracks[0] != deal.tracks[0]
+
+
+def test_asked_speeds_are_those_of_poses_and_of_drives() -> None:
+    poses = deal_of(order(frames=8, speeds=(10.0, 12.0)), (TOWN,))
+    speeds = [math.hypot(*poses.frame(index).where.velocity[:2]) for index in range(8)]
+    assert 10.0 <= min(speeds) < max(speeds) <= 12.0
+    drives = deal_of(order(frames=10, drives=Drives(seconds=0.5), speeds=(1.0, 2.0)), (TOWN,))
+    assert 0.0 < max(math.hypot(*pose.velocity) for track in drives.tracks for pose in track) <= 2.0 * (1.0 + 1e-6)
 
 
 def test_tracks_of_different_splits_that_meet_are_told() -> None:

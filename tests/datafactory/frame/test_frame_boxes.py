@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from datafactory.frame.boxes import boxes_of
+from datafactory.frame.measurement import boxes_of
 from datafactory.frame.points import target_list
 from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
 from datafactory.scenes.boxes import SeenThing
@@ -43,8 +43,8 @@ def test_power_is_that_of_the_paths_off_its_own_parts() -> None:
     )
     one = np.ones(1)
     specular = SpecularPaths(
-        np.ones((1, 3)), np.zeros((1, 3)), np.eye(3)[None], 4.0 * one.astype(np.complex128),
-        one.astype(np.int8), np.array([2], dtype=np.int32), one.astype(np.uint8),
+        np.ones((1, 3)), np.zeros((1, 3)), np.eye(3)[None], amplitude=4.0 * one.astype(np.complex128),
+        depth=one.astype(np.int8), object_index=np.array([2], dtype=np.int32), kinds=one.astype(np.uint8),
     )  # fmt: skip
     ((box,), _) = boxes_of([CAR], replace(NOTHING, scattered=scattered, specular=specular), RADAR)
     assert box.power == pytest.approx(1.0 + 4.0 + 9.0 + 16.0)

@@ -19,6 +19,7 @@ from corner_scenes import (
 )
 from numpy.typing import NDArray
 from sionna_scenes import FREQUENCY_HZ, MATERIALS, WAVELENGTH_M, scene_of
+from slab_coefficients import slab_reflection
 
 from datafactory.paths import corner_echoes
 from datafactory.paths.corner_aperture import (
@@ -34,7 +35,6 @@ from datafactory.paths.corner_aperture import (
     pieces_in_sight,
 )
 from datafactory.paths.corner_edges import CornerEdges
-from datafactory.paths.slabs import slab_reflection
 from datafactory.paths.table import CORNER
 from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import SceneObject

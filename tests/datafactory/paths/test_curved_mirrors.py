@@ -40,7 +40,7 @@ from scipy.special import fresnel
 from sionna_scenes import WAVELENGTH_M, mesh, plate
 
 from datafactory.paths import curved_echoes
-from datafactory.paths.curved_feet import CurvedFeet
+from datafactory.paths.curved_echoes import CurvedFeet
 from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
 
 pytestmark = pytest.mark.usefixtures("variant")

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from datafactory.paths.candidates import CORNER, EDGE, TARGET_SEEN, TWICE, Candidates
 from datafactory.paths.notice import Notice, first_echoes
-from datafactory.paths.table import DIFFRACTED, DIFFUSE, PathTable, ScatteredPaths, SpecularPaths
+from datafactory.paths.table import DIFFRACTED, DIFFUSE, SPECULAR, PathTable, ScatteredPaths, SpecularPaths
 from shared.radar import Radar
 from shared.signal.windows import angle_window, cell_noise_power, point_spread
 
@@ -44,6 +44,25 @@ def test_the_limit_is_the_smaller_of_budget_and_noise() -> None:
     assert NOTICE.limit_w(weak) == pytest.approx(0.1 * noise, rel=1e-6)
     assert replace(NOTICE, below_noise=False).limit_w(strong) == pytest.approx(1e3 * noise, rel=1e-6)
     assert NOTICE.limit_w(PathTable(ScatteredPaths.none())) == 0.0
+
+
+def test_a_mirror_counts_as_far_as_the_image_is_in_focus_there() -> None:
+    """Against the image of one on boresight, by the sum over the virtual sensor's elements focused on points."""
+    y, wavelength = RADAR.virtual_sensor.rx[:, 1], RADAR.waveform.wavelength_m
+    window = angle_window("taylor-30", len(y))
+    power = 1e-3 * cell_noise_power(RADAR)
+    for range_m in (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 80.0):
+        image = np.array([[2.0 * range_m, 0.0, 0.0]])
+        amplitude = np.array([np.sqrt(power / BORESIGHT_GAIN)], dtype=complex)
+        mirror = SpecularPaths.of(
+            image, np.zeros((1, 3)), np.diag([-1.0, 1.0, 1.0])[None], amplitude, np.zeros(1, np.int32), SPECULAR
+        )
+        limit = NOTICE.limit_w(PathTable(ScatteredPaths.none(), mirror))
+        u = np.linspace(0.0, 0.5, 4001)[:, None]
+        focus = np.sqrt(range_m**2 - 2.0 * range_m * u * y + y**2) - np.hypot(2.0 * range_m, y)
+        shown = np.abs((window * np.exp(2j * np.pi * focus / wavelength)).sum(axis=1)).max() / window.sum()
+        counted_db = 10.0 * np.log10(limit / (1e-3 * power))
+        assert counted_db - 20.0 * np.log10(shown) == pytest.approx(0.0, abs=1.1)
 
 
 def test_the_peak_is_that_of_first_hits_and_single_mirrors() -> None:

@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from rough_plates import CORNER, FREQUENCY_HZ, HERE, ROUGHNESS, WAVELENGTH_M, decibels_of, merged_of, plate
 from sionna_scenes import slabs, view_of
+from slab_coefficients import slab_transmission
 
 from datafactory.paths import solver as solver_module
 from datafactory.paths.arrivals import Arrivals, Echoes
@@ -16,7 +17,6 @@ from datafactory.paths.geometry import placed
 from datafactory.paths.merged_scene import MergedScene
 from datafactory.paths.rays import RayFan
 from datafactory.paths.scattered import behind_panes, over_mirrors, scattered_twice
-from datafactory.paths.slabs import slab_transmission
 from datafactory.paths.solver import Bundle, TraceSettings
 from datafactory.paths.table import DIFFUSE, REFRACTED, SPECULAR, PathTable
 from datafactory.paths.trace import trace

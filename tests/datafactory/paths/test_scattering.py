@@ -9,7 +9,6 @@ import pytest
 
 from datafactory.paths.scattering import has_lobes, share_at
 from datafactory.scenes.materials.table import Pattern
-from shared.physics.errors import InputError
 
 NORMAL = np.array([0.0, 0.0, 1.0])
 ANGLES_DEG = (0.0, 20.0, 45.0, 70.0, 89.0)
@@ -66,8 +65,3 @@ def test_patterns_are_sionnas():
     for pattern, own in theirs.items():
         expected = own(mi.Vector3f(*arrival.T.astype(np.float32)), mi.Vector3f(*departure.T.astype(np.float32))).numpy()
         np.testing.assert_allclose(share(pattern, arrival, departure), expected, rtol=2e-5)
-
-
-def test_an_unknown_pattern_is_refused():
-    with pytest.raises(InputError, match="lambertian or backscattering"):
-        share("glossy", arriving(0.0), NORMAL)

@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 
 from datafactory.paths.density import lit_cells
-from datafactory.paths.prune import _by_group_and_power, pruned
-from datafactory.paths.rising import rising
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.table import PathTable, ScatteredPaths
-from datafactory.paths.thinning import cell_of, thinned
+from datafactory.paths.thinning import _by_group_and_power, cell_of, pruned, rising, thinned
 from shared.radar import Radar
 
 

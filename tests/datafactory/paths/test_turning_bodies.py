@@ -121,8 +121,10 @@ def test_a_scene_at_rest_is_itself_at_all_times() -> None:
 
 def test_a_shifted_scene_keeps_its_shape_and_shares_what_was_found_of_it() -> None:
     track = Track((0.0, 1.0), ((0.0, 0.0, 0.0), (2.0, 0.0, 0.0)), ((2.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
-    car = SceneObject.of("car", CAR.vertices, CAR.triangles, "metal", motion=track)
-    lid = SceneObject.of("lid", CAR.vertices + np.array([0.0, 0.0, 2.0]), CAR.triangles, "glass", motion=track)
+    car = SceneObject("car", CAR.vertices, CAR.triangles, "metal", motion=track).as_it_moves()
+    lid = SceneObject(
+        "lid", CAR.vertices + np.array([0.0, 0.0, 2.0]), CAR.triangles, "glass", motion=track
+    ).as_it_moves()
     merged = merged_of(car, lid, HOUSE)
     there = merged.at(0.5)
     assert mirrors_of(there) is mirrors_of(merged)

@@ -20,7 +20,7 @@ from datafactory.api.options import Announce, OrderOptions, silent
 from datafactory.cli.app import app
 from datafactory.frame import device
 from datafactory.paths.backend import CudaDevice
-from datafactory.run import provenance
+from datafactory.run import shards
 from datafactory.run.memory import processes
 from datafactory.run.pipeline import Report
 from datafactory.synthesis import cube
@@ -31,7 +31,7 @@ from shared.physics.errors import InputError
 def stand_in(monkeypatch):
     """A machine on which ``cuda`` is torch on the processor."""
     on_torch = cube.torch_kernels
-    for module in (device, provenance):
+    for module in (device, shards):
         monkeypatch.setattr(module, "cuda_device", lambda: CudaDevice("a stand-in"))
     for owner in (device, cube):
         monkeypatch.setattr(owner, "synthesis_problem", lambda: None)

@@ -12,9 +12,9 @@ import pytest
 
 from datafactory import RunFailed, render
 from datafactory.run.cluster import engine as cluster_engine
+from datafactory.run.cluster.driver import Look, Outcome
 from datafactory.run.cluster.engine import RayPool
-from datafactory.run.cluster.messages import Look, Outcome
-from datafactory.run.cluster.surroundings import difference, surroundings
+from datafactory.run.cluster.node import difference, surroundings
 from datafactory.run.shards import Portion, ShardPlan
 from shared.physics.errors import InputError
 from shared.processes.tasks import LOSSES

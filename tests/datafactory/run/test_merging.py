@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from factory_command import run, shards
 from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
@@ -17,7 +18,7 @@ from datafactory.cli.app import app
 from datafactory.frame.deal import split_of
 from datafactory.run import merging
 from datafactory.run.array_job import ArrayJob, JobEntry, is_job_folder, parse_job
-from datafactory.run.finished_jobs import ranges
+from datafactory.run.merging import ranges
 from datafactory.run.shards import PATHS, plan_shards
 from shared.dataset.documents import sealed
 from shared.dataset.folder import open_dataset, read_manifest, verify
@@ -39,12 +40,6 @@ tx_m = [[0.0, 0.0, 0.0]]
 rx_m = [[0.0, 0.0, 0.0], [0.0, 0.002, 0.0], [0.0, 0.004, 0.0], [0.0, 0.006, 0.0]]
 """
 JOBS = 3
-
-
-def run(*arguments: object) -> str:
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments], catch_exceptions=False)
-    assert result.exit_code == 0, result.output
-    return result.output
 
 
 @pytest.fixture(scope="module")
@@ -77,10 +72,6 @@ def made_once(tmp_path_factory: pytest.TempPathFactory, radar: Path) -> Path:
 def jobs(made_once: Path, tmp_path: Path) -> Path:
     """A copy that a test may damage."""
     return Path(shutil.copytree(made_once, tmp_path / "jobs"))
-
-
-def shards(folder: Path) -> dict[str, bytes]:
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in sorted(folder.glob("*/*.parquet"))}
 
 
 def but_made(folder: Path) -> dict[str, Any]:

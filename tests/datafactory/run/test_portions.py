@@ -140,7 +140,7 @@ POSES = tuple(Pose((0.0, 0.0, 0.5), time_s=time) for time in (0.0, 1.9, 2.0, 7.0
 
 
 def test_poses_after_the_last_sample_are_counted() -> None:
-    driven = SceneObject.of("driven", CAR.vertices, CAR.triangles, "metal", motion=TRACK)
+    driven = SceneObject("driven", CAR.vertices, CAR.triangles, "metal", motion=TRACK).as_it_moves()
     scene = Scene("street", (CAR, driven))
     expected = "street: 2 of 4 poses are not before 2 s, from when on what has samples rests"
     assert _late_poses(scene, POSES) == expected

@@ -23,8 +23,7 @@ from datafactory.scenes.poses import Pose
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import PointTarget, Scene, SceneObject
 from datafactory.scenes.things import Population, Strip
-from datafactory.scenes.traffic.arrange import REACH_M
-from datafactory.scenes.traffic.asked import Asked, parse_populate
+from datafactory.scenes.traffic.arrange import REACH_M, Asked, parse_populate
 from datafactory.scenes.traffic.population import populated, sensor_ground
 from datafactory.scenes.traffic.stretches import HORIZON_S, Course, spaced
 from shared.physics.errors import InputError

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,9 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from town_scenes import BUILDINGS, CAR, PLATE, POLE, TOWN, box, flat, sheet
 
-from datafactory.scenes.ground import CELL_M, CLEARANCE_M, SPLITS, free_ground
-from datafactory.scenes.height_map import height_map
-from datafactory.scenes.poses import SENSOR_HEIGHT_M, Pose, read_poses, sample_pose
+from datafactory.scenes.ground import CELL_M, CLEARANCE_M, SPLITS, free_ground, height_map
+from datafactory.scenes.poses import DRAWN_SPEEDS, SENSOR_HEIGHT_M, Pose, read_poses, sample_pose
 from datafactory.scenes.scene import PointTarget, Scene, SceneObject
 from datafactory.scenes.targets.models import Car
 from shared.physics.errors import InputError
@@ -225,6 +225,17 @@ def test_speeds_and_directions_fill_their_range(town):
     assert speed.mean() == pytest.approx(3.0, abs=0.6)  # sigma of the mean: 6 / sqrt(12 x 150) = 0.14
     assert speed.max() > 5.0
     assert np.abs(velocities[:, :2].mean(axis=0)).max() < 1.0
+
+
+def test_other_speeds_change_the_speed_alone(town):
+    for seed in range(5):
+        usual, fast = (
+            sample_pose(town, "train", np.random.default_rng(seed), speeds) for speeds in (DRAWN_SPEEDS, (10.0, 22.0))
+        )
+        assert replace(fast, velocity=usual.velocity) == usual
+        speed, other = (np.hypot(*pose.velocity[:2]) for pose in (usual, fast))
+        assert other == pytest.approx(10.0 + 2.0 * speed)
+        np.testing.assert_allclose(np.array(fast.velocity) / other, np.array(usual.velocity) / speed, atol=1e-12)
 
 
 def test_free_path_measures_the_distance_to_a_wall():

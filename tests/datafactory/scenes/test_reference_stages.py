@@ -85,7 +85,9 @@ def test_every_file_but_those_without_geometry_is_read() -> None:
 
 
 @pytest.mark.parametrize(("name", "triangles", "size"), STATED)
-def test_a_file_of_other_shapes_has_its_stated_triangles_and_size(name: str, triangles: int, size: object) -> None:
+def test_a_file_of_other_shapes_has_its_stated_triangles_and_size(
+    name: str, triangles: int, size: tuple[float, float, float]
+) -> None:
     """Those whose triangles are not counted from their faces below."""
     scene = opened(name)
     assert scene is not None

@@ -15,7 +15,7 @@ from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.poses import read_poses
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.tracks import read_track
-from datafactory.scenes.traffic.asked import parse_populate
+from datafactory.scenes.traffic.arrange import parse_populate
 from shared.physics.errors import InputError
 
 READERS: dict[str, Callable[[Path], object]] = {

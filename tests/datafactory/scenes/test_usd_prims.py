@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from usd_files import CUBE, area, ops, read, signed_volume
 
-from datafactory.scenes.readers.primitives import CHORD_ERROR, sphere
+from datafactory.scenes.readers.common import CHORD_ERROR, sphere
 
 
 @pytest.mark.parametrize(

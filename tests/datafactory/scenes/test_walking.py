@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from datafactory.scenes.targets.interface import Motion, MovingParts
+from datafactory.scenes.targets.bodies import Motion, MovingParts
 from datafactory.scenes.targets.road_users import Pedestrian
 from datafactory.scenes.targets.walking import (
     PARTS,

@@ -14,6 +14,8 @@ from datafactory.synthesis.doppler_moments import (
     CURVATURE_STEP,
     DELTA_STEP,
     SHIFT_TERMS,
+    Frame,
+    Seen,
     add_doppler_moments,
 )
 from datafactory.synthesis.truth import doppler_table
@@ -89,11 +91,8 @@ def test_moments_are_those_of_the_equations(most, lead, nearest_m):
     table = doppler_table(drawn[4], int(CHIRPS), most)
     needed = np.random.default_rng(4).random(CELLS) < 0.8
     grid = np.zeros((CELLS, most * SHIFT_TERMS * 2 * BLOCK), dtype=np.float32)
-    point, velocity, tx_length, tx_rate, curvature, amplitude = drawn
-    add_doppler_moments(
-        terms, point, velocity, tx_length, tx_rate, curvature, amplitude, elements(), CENTRE, FREQUENCY, CHIRPS,
-        FRAME_S, REFERENCE_HZ, BANDWIDTH_HZ, lead, KAPPA, needed, table, BINOMIAL, grid,
-    )  # fmt: skip
+    frame = Frame(FREQUENCY, CHIRPS, FRAME_S, REFERENCE_HZ, BANDWIDTH_HZ, lead, KAPPA)
+    add_doppler_moments(Seen(terms, *drawn), (elements(), CENTRE), frame, needed, table, BINOMIAL, grid)
     made = grid.reshape(CELLS, most, SHIFT_TERMS, 2, BLOCK)
     expected = reference(table, terms, needed, lead, drawn)
     assert np.abs(made[..., 0, :] + 1j * made[..., 1, :] - expected).max() < ROUNDING * np.abs(expected).max()
@@ -101,12 +100,10 @@ def test_moments_are_those_of_the_equations(most, lead, nearest_m):
 
 
 def test_paths_outside_the_table_and_the_cells_add_nothing():
-    point, velocity, tx_length, tx_rate, curvature, amplitude = paths(20, 5.0)
-    table = doppler_table(curvature, int(CHIRPS), 2)
+    drawn = paths(20, 5.0)
+    table = doppler_table(drawn[4], int(CHIRPS), 2)
     grid = np.zeros((CELLS, 2 * SHIFT_TERMS * 2 * BLOCK), dtype=np.float32)
     for frequency, needed in ((FREQUENCY + 64.0, np.ones(CELLS, bool)), (FREQUENCY, np.zeros(CELLS, bool))):
-        add_doppler_moments(
-            np.full(20, 2), point, velocity, tx_length, tx_rate, curvature, amplitude, elements(), CENTRE, frequency,
-            CHIRPS, FRAME_S, REFERENCE_HZ, BANDWIDTH_HZ, 0.0, KAPPA, needed, table, BINOMIAL, grid,
-        )  # fmt: skip
+        frame = Frame(frequency, CHIRPS, FRAME_S, REFERENCE_HZ, BANDWIDTH_HZ, 0.0, KAPPA)
+        add_doppler_moments(Seen(np.full(20, 2), *drawn), (elements(), CENTRE), frame, needed, table, BINOMIAL, grid)
     assert not grid.any()

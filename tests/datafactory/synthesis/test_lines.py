@@ -9,8 +9,7 @@ from oracles import if_cube, relative_error
 
 from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
 from datafactory.synthesis.cube import cube_of_paths, cube_of_sorted
-from datafactory.synthesis.motion import left_out, motion_of
-from datafactory.synthesis.parts import centre, reach_m
+from datafactory.synthesis.motion import centre, left_out, motion_of, reach_m
 from datafactory.synthesis.slow_time import LINE_OVERSAMPLING, applied, line_gain, line_weights
 from datafactory.synthesis.sorting import EXTRAS, ORDERS, PathsAlongLines, SortedPaths, line_sets, sorted_paths
 from shared.radar import Radar

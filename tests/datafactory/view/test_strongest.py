@@ -58,15 +58,15 @@ def scattered(
     one = np.ones(1)
     return ScatteredPaths(
         np.array([tx_point], float), np.array([rx_point], float), np.zeros((1, 3)), np.zeros((1, 3)), between_m * one,
-        0.0 * one, np.full(1, 1e-6 + 0j), np.full(1, depth, np.int8), np.full(1, owner, np.int32),
-        np.full(1, kinds, np.uint8),
+        0.0 * one, amplitude=np.full(1, 1e-6 + 0j), depth=np.full(1, depth, np.int8),
+        object_index=np.full(1, owner, np.int32), kinds=np.full(1, kinds, np.uint8),
     )  # fmt: skip
 
 
 def specular(image: Place, depth: int, kinds: int = SPECULAR) -> SpecularPaths:
     return SpecularPaths(
-        np.array([image], float), np.zeros((1, 3)), np.eye(3)[None], np.array([1e-6 + 0j]),
-        np.full(1, depth, np.int8), np.zeros(1, np.int32), np.full(1, kinds, np.uint8),
+        np.array([image], float), np.zeros((1, 3)), np.eye(3)[None], amplitude=np.array([1e-6 + 0j]),
+        depth=np.full(1, depth, np.int8), object_index=np.zeros(1, np.int32), kinds=np.full(1, kinds, np.uint8),
     )  # fmt: skip
 
 

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from datafactory.api.making import trace
 from datafactory.api.viewing import view
 from datafactory.cli.app import app
-from datafactory.frame.prepared import PreparedScene
+from datafactory.frame.deal import PreparedScene
 from datafactory.paths.merged_scene import MergedMesh, MergedScene
 from datafactory.scenes.materials.table import load_materials
 from datafactory.scenes.poses import Pose, read_poses

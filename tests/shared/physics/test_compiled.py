@@ -33,7 +33,7 @@ def tripled(value):
 """
 HEIGHTS = """
 import numpy as np
-from datafactory.scenes.height_map import height_map
+from datafactory.scenes.ground import height_map
 from datafactory.scenes.scene import Scene, SceneObject
 from datafactory.synthesis.cube import cube_of_paths
 from datafactory.synthesis.truth import truth_moments

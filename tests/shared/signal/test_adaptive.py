@@ -267,3 +267,29 @@ def test_iterations_go_on_from_given_powers(generator, rule):
         adaptive_powers(x, noise, tables, 3, rule, start=first), adaptive_powers(x, noise, tables, 5, rule)
     )
     np.testing.assert_array_equal(adaptive_powers(x, noise, tables, 0, rule, start=first), first)
+
+
+@pytest.mark.parametrize("rule", ["iaa", "likes"])
+def test_a_prior_multiplies_the_powers_of_each_iteration(rule):
+    """Three iterations written out; NumPy and torch alike; a flat one changes no bit."""
+    generator, channels = np.random.default_rng(8), chosen("sparse6")
+    x, noise, _ = echoes(generator, channels)
+    tables = adaptive_tables(RADAR, channels)
+    angles = len(scanned_angles(RADAR))
+    prior = generator.uniform(0.1, 1.0, (len(x), angles)).astype(np.float32)
+    expected = adaptive_powers(x, noise, tables, 0, rule)
+    for _ in range(3):
+        q, s = adaptive_forms(expected, x, noise, tables)
+        if rule == "iaa":
+            expected = np.abs(q / s) ** 2 * prior
+        else:
+            expected = np.clip(expected * np.abs(q) ** 2 / s * prior**0.3, LEAST_POWER, MOST_POWER)
+    found = adaptive_powers(x, noise, tables, 3, rule, prior=prior)
+    np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-6)
+    of_torch = AdaptiveTables(*map(torch.from_numpy, tables))
+    in_torch = adaptive_powers(
+        torch.from_numpy(x), torch.from_numpy(noise), of_torch, 3, rule, prior=torch.from_numpy(prior)
+    )
+    np.testing.assert_allclose(in_torch.numpy(), found, rtol=2e-2, atol=1e-4)
+    flat = adaptive_powers(x, noise, tables, 3, rule, prior=np.ones_like(prior))
+    np.testing.assert_array_equal(flat, adaptive_powers(x, noise, tables, 3, rule))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from oracles import interpolated_peak, reference_file
+from oracles import interpolated_peak, matched_filter_row, pixel_delays, reference_file
 
 from datafactory.paths.table import PathTable, ScatteredPaths
 from datafactory.synthesis.cube import cube_of_paths
@@ -19,9 +19,7 @@ from shared.signal.adaptive import adaptive_tables
 from shared.signal.imaging import (
     PRODUCT_FRAMES,
     delay_and_sum,
-    matched_filter_row,
     near_field_images,
-    pixel_delays,
     steering_matrix,
     sweep_moments,
 )

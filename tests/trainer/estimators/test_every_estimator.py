@@ -16,7 +16,7 @@ from trainer.estimators.ml import MaximumLikelihood
 from trainer.estimators.music import Music
 from trainer.estimators.omp import OrthogonalMatchingPursuit
 
-AMPLITUDE_KEPT = {"spice": 0.6, "likes": 0.99, "iaa-view": 0.95}
+AMPLITUDE_KEPT = {"spice": 0.6, "likes": 0.99, "iaa-view": 0.95, "likes-view": 0.95, "likes-view-ego": 0.95}
 """Share of the amplitude of a lone target that an estimator must show; the others show it all."""
 
 

@@ -1,4 +1,4 @@
-"""The view of IAA: its sum written out, a lone target's lobe, echoes that add with their phases."""
+"""The views of IAA and of LIKES: their sums written out, a lone target's lobe, echoes that add with their phases."""
 
 from __future__ import annotations
 
@@ -7,8 +7,18 @@ import pytest
 from numpy.typing import NDArray
 from paper_arrays import ARRAYS, IRREGULAR, U, echoes, noise, some_rows
 
+from shared.signal.adaptive import PRIOR_EXPONENT
 from shared.signal.windows import angle_window
-from trainer.estimators.adaptive import ELEMENTS, FLOOR, VIEW_ITERATIONS, WINDOW, VirtualView
+from trainer.estimators.adaptive import (
+    ELEMENTS,
+    FLOOR,
+    SHARP_ITERATIONS,
+    VIEW_ITERATIONS,
+    WINDOW,
+    Prior,
+    VirtualView,
+    over_period,
+)
 from trainer.estimators.array import scan_axis
 from trainer.estimators.base import LineArray
 
@@ -24,7 +34,12 @@ def line_response(u: float, towards: NDArray[np.floating]) -> NDArray[np.complex
 
 
 def slow_view(
-    x: NDArray[np.complex128], array: LineArray, u: NDArray[np.float64], noise_power: float
+    x: NDArray[np.complex128],
+    array: LineArray,
+    u: NDArray[np.float64],
+    noise_power: float,
+    iterations: tuple[int, int] = (VIEW_ITERATIONS, 0),
+    prior: Prior | None = None,
 ) -> NDArray[np.float64]:
     """[U] of one snapshot [C]: the class's formula, one angle at a time, whole covariances."""
     scan, _ = scan_axis(array, u)
@@ -35,12 +50,17 @@ def slow_view(
         return np.asarray(sum(p * np.outer(a, a.conj()) for p, a in zip(power, columns, strict=True)))
 
     power = np.array([abs(np.vdot(a, x)) ** 2 for a in columns]) / array.channels**2
-    for _ in range(VIEW_ITERATIONS):
+    weight = np.ones(len(scan)) if prior is None else prior(scan)[0]
+    for _ in range(iterations[0]):
         full = covariance(power)
         inverse = np.linalg.inv(full + FLOOR * full[0, 0].real * identity)
-        power = np.array([abs(np.vdot(a, inverse @ x) / np.vdot(a, inverse @ a).real) ** 2 for a in columns])
-    full = covariance(power)
-    inverse = np.linalg.inv(full + max(noise_power, FLOOR * full[0, 0].real) * identity)
+        power = np.array([abs(np.vdot(a, inverse @ x) / np.vdot(a, inverse @ a).real) ** 2 for a in columns]) * weight
+    for step in range(iterations[1] + 1):
+        full = covariance(power)
+        inverse = np.linalg.inv(full + max(noise_power, FLOOR * full[0, 0].real) * identity)
+        if step < iterations[1]:
+            ratio = np.array([abs(np.vdot(a, inverse @ x)) ** 2 / np.vdot(a, inverse @ a).real for a in columns])
+            power = power * ratio * weight**PRIOR_EXPONENT
     image = np.zeros(len(u), dtype=np.complex128)
     for angle, p, a in zip(scan, power, columns, strict=True):
         image += p * np.vdot(a, inverse @ x) * line_response(angle, u)
@@ -54,6 +74,51 @@ def test_it_equals_its_sum_written_out(array: LineArray, noise_power: float) -> 
     rows = some_rows(array, rows=1)
     image = VirtualView().image(rows, array, u, noise_power)
     np.testing.assert_allclose(image[0], slow_view(rows[0], array, u, noise_power), rtol=1e-5, atol=1e-7)
+    for prior in (None, lambda axis: 0.1 + 0.9 * np.exp(-((axis - 0.3) ** 2) / 0.02)[None]):
+        sharp = VirtualView(sharp=True, told=True).image(rows, array, u, noise_power, prior)
+        expected = slow_view(rows[0], array, u, noise_power, SHARP_ITERATIONS, prior)
+        np.testing.assert_allclose(sharp[0], expected, rtol=1e-5, atol=1e-7)
+
+
+def test_a_flat_prior_changes_no_bit_and_one_that_is_not_used_none_either() -> None:
+    array, rows = ARRAYS["sparse6"], some_rows(ARRAYS["sparse6"], rows=70)
+    plain = VirtualView(sharp=True).image(rows, array, U[::9], 1e-3)
+    flat = VirtualView(sharp=True, told=True).image(rows, array, U[::9], 1e-3, lambda axis: np.ones((70, len(axis))))
+    np.testing.assert_array_equal(flat, plain)
+    unused = VirtualView(sharp=True).image(rows, array, U[::9], 1e-3, lambda axis: np.full((70, len(axis)), 0.5))
+    np.testing.assert_array_equal(unused, plain)
+
+
+def test_each_row_has_its_own_prior() -> None:
+    """Lobes of three far elements, told apart by the prior alone; the row of zeros between is left out."""
+    array = LineArray(np.array([0.0, 7.9e-3, 16.3e-3]), ARRAYS["full"].wavelength_m)
+    x = np.ones((3, 3), dtype=complex)
+    x[1] = 0.0
+
+    def prior(axis: NDArray[np.float64]) -> NDArray[np.float64]:
+        sides = np.stack([axis < 0.0, axis < 0.0, axis > 0.0])
+        return np.where(sides & (np.abs(axis) > 0.1), 1.0, 0.1)
+
+    image = VirtualView(sharp=True, told=True).image(x, array, U, 1e-3, prior)
+    left, right = U < -0.1, U > 0.1
+    assert image[0, left].max() > 3.0 * image[0, right].max()
+    assert image[2, right].max() > 3.0 * image[2, left].max()
+
+
+def test_of_angles_that_the_array_takes_for_one_the_likeliest_counts() -> None:
+    """Two elements 8 mm apart see u and u + 0.4835 alike, and are scanned over |u| < 0.2418."""
+    array = LineArray(np.array([0.0, 8e-3]), ARRAYS["full"].wavelength_m)
+    axis, _ = scan_axis(array, U)
+    assert np.abs(axis).max() <= 0.2418
+
+    def prior(u: NDArray[np.float64]) -> NDArray[np.float64]:
+        weight = np.where(np.abs(u - 0.7) < 0.05, 1.0, 0.1)
+        return (weight / weight.max())[None]
+
+    seen = over_period(prior, array, axis)
+    near = np.abs(axis - (0.7 - 0.4835)) < 0.049
+    assert (seen[0, near] == 1.0).all()
+    assert (seen[0, np.abs(axis - (0.7 - 0.4835)) > 0.051] == 0.1).sum() > 0.5 * len(axis)
 
 
 @pytest.mark.parametrize(("array", "share"), [("full", 0.99), ("sparse6", 0.98), ("sparse4", 0.95)])

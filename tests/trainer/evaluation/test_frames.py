@@ -25,7 +25,7 @@ class Known(Answer):
 
     function: Any
 
-    def images(self, range_channel, noise_power, model_error_db=None):
+    def images(self, range_channel, noise_power, model_error_db=None, world=None):
         return self.function(range_channel, noise_power)
 
     def das(self, range_channel):

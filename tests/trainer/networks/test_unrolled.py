@@ -19,6 +19,8 @@ from shared.signal.adaptive import (
 from shared.signal.features import snapshot_features
 from trainer.networks.real_unrolled import RealUnrolledNetwork, inverted
 from trainer.networks.unrolled import LARGEST_CORRECTION, LEAST_RATIO, RARE, SMALLEST, UnrolledNetwork
+from trainer.run.folder import load_imager
+from trainer.run.pretrained import pretrained_run
 
 RADAR = Radar()
 BINS = RADAR.grid.bins
@@ -278,3 +280,25 @@ def test_real_arithmetic_answers_what_complex_arithmetic_does(name, noise_power,
 def test_real_arithmetic_stays_finite_on_hard_rows(kind):
     with torch.no_grad():
         assert torch.isfinite(RealUnrolledNetwork(network())(features(*hard_rows(kind)))).all()
+
+
+@pytest.mark.parametrize("array", ["sparse4", "sparse6"])
+def test_a_flat_prior_gives_todays_answer_of_the_shipped_weights_to_the_bit(array):
+    """Weights that were trained without a prior load as they are; another prior changes the answer."""
+    _, imager = load_imager(pretrained_run(array))
+    generator, rows = np.random.default_rng(6), 3
+    x = generator.standard_normal((1, rows, RADAR.array.channels, 2)) @ np.array([1.0, 1.0j])
+    given, noise = torch.from_numpy(x.astype(np.complex64)), torch.tensor([1e-2])
+    with torch.no_grad():
+        today, sure = imager.detect(given, noise)
+        angles = imager.network.get_buffer("view").shape[0]
+        flat, as_sure = imager.detect(given, noise, prior=torch.ones(1, rows, angles))
+        left = torch.cat([torch.full((1, rows, BINS // 2), 0.1), torch.ones(1, rows, angles - BINS // 2)], dim=2)
+        other, _ = imager.detect(given, noise, prior=left)
+    assert sure is not None
+    assert as_sure is not None
+    assert torch.equal(flat, today)
+    assert torch.equal(as_sure, sure)
+    lower = other[..., : BINS // 2].square().sum() / today[..., : BINS // 2].square().sum()
+    higher = other[..., BINS // 2 :].square().sum() / today[..., BINS // 2 :].square().sum()
+    assert lower < 0.8 * higher

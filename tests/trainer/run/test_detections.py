@@ -160,6 +160,7 @@ def test_shapes_that_do_not_fit_are_refused() -> None:
 SOME = Detections(
     np.array([10.0, 20.0]), np.array([0.6, -0.8]), np.array([1.5, 0.0]), np.array([-100.0, -120.5]),
     np.array([1e-4, 2e-3]), np.array([0.75, math.nan]), np.array([1e-3, 0.04]), np.array([0.05, 0.05]),
+    np.array([0.25, math.nan]),
 )  # fmt: skip
 
 
@@ -169,20 +170,20 @@ def test_csv_has_a_line_a_detection(tmp_path) -> None:
         rows = list(csv.DictReader(handle))
     assert [row["frame_id"] for row in rows] == ["3", "3", "4", "4"]
     assert list(rows[0]) == ["frame_id", *UNITS]
-    assert [float(rows[0][name]) for name in UNITS] == [10.0, 0.6, 1.5, -100.0, 1e-4, 0.75, 1e-3, 0.05]
-    assert rows[1]["probability"] == ""
+    assert [float(rows[0][name]) for name in UNITS] == [10.0, 0.6, 1.5, -100.0, 1e-4, 0.75, 1e-3, 0.05, 0.25]
+    assert rows[1]["probability"] == rows[1]["moving"] == ""
 
 
 def test_a_point_cloud_says_what_it_holds(tmp_path) -> None:
     write_pcd(tmp_path / "d.pcd", SOME)
     lines = (tmp_path / "d.pcd").read_text().splitlines()
     header = dict(line.split(" ", 1) for line in lines[:11])
-    assert (header["VERSION"], header["FIELDS"]) == ("0.7", "x y z intensity velocity probability")
+    assert (header["VERSION"], header["FIELDS"]) == ("0.7", "x y z intensity velocity probability moving")
     assert (header["WIDTH"], header["HEIGHT"], header["POINTS"], header["DATA"]) == ("2", "1", "2", "ascii")
     for name in ("SIZE", "TYPE", "COUNT"):
-        assert len(header[name].split()) == 6
-    assert lines[11].split() == ["8", "6", "0", "-100", "1.5", "0.75"]
-    assert lines[12].split() == ["12", "-16", "0", "-120.5", "0", "nan"]
+        assert len(header[name].split()) == 7
+    assert lines[11].split() == ["8", "6", "0", "-100", "1.5", "0.75", "0.25"]
+    assert lines[12].split() == ["12", "-16", "0", "-120.5", "0", "nan", "nan"]
     assert len(lines) == 13
 
 

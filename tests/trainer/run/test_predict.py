@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import json
 
@@ -11,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 import torch
 from PIL import Image, ImageSequence
-from tiny_radar import NOISE_POWER, RADAR, frame, small_dataset, tiny
+from tiny_radar import NOISE_POWER, RADAR, frame, small_dataset, tiny, write_dataset
 from tiny_run import make_run, run_of
 from typer.testing import CliRunner
 
@@ -219,3 +220,90 @@ def test_it_needs_the_list_of_targets(tmp_path):
     with pytest.raises(InputError, match=r"images.parquet: no detections; expected a file of trainer predict --points"):
         save_animation(out / "images.parquet", out / "animation.gif")
     assert not (out / "animation.gif").exists()
+
+
+WAVEFORM = RADAR.waveform.model_copy(update={"chirps": 128, "bandwidth_hz": 5e7})
+STREET = RADAR.model_copy(update={"waveform": WAVEFORM})
+"""Doppler cells of 0.19 m/s, range bins of 3 m."""
+
+
+def moving_dataset(path, speed):
+    """A street of resting targets seen from a car at this speed, and one that moves: Doppler cells folded."""
+    generator, period, step = np.random.default_rng(3), WAVEFORM.velocity_span_mps, WAVEFORM.velocity_step_mps
+    made = frame(7, STREET)
+    echoes = np.conj(steering_weights(RADAR, np.arange(6)) * 6)
+    at = generator.permutation(20)[np.arange(24) % 20]
+    rates = -speed * np.sqrt(1.0 - RADAR.grid.u[at] ** 2)
+    rates[23] += 0.5 * period
+    velocity = ((np.rint(rates / step) + 64.0) % 128.0 - 64.0) * step
+    rows = 1e-6 * echoes[:, at].T.astype(np.complex64)
+    moved = dataclasses.replace(
+        made, sensor_velocity=(0.0, speed, 0.0), sensor_orientation=(0.5**0.5, 0.0, 0.0, 0.5**0.5),
+        range_channel=np.stack(3 * [rows]), velocity=np.stack(3 * [velocity]).astype(np.float32),
+    )  # fmt: skip
+    return write_dataset(path, {"test": [moved]}, STREET)
+
+
+@pytest.mark.parametrize("speed", [20.0, 31.0])
+def test_lines_that_do_not_fit_the_static_world_are_marked(tmp_path, speed):
+    """Beyond the Doppler axis of +-12 m/s. The frame's pose looks along the world's y, as the car goes."""
+    data, out = moving_dataset(tmp_path / "data", speed), tmp_path / "out"
+    predict(PredictRequest(data, out, method="likes-view-ego", pictures=False, points=True), str)
+    table = pq.read_table(out / "images.parquet")
+    assert table["motion"].to_pylist() == [
+        {"forward": pytest.approx(speed), "left": pytest.approx(0.0, abs=1e-9), "forward_std": 0.0, "left_std": 0.0}
+    ]
+    (found,) = table["detections"].to_pylist()
+    moving = [line for line in found if round(line["range"] / WAVEFORM.range_step_m) == 23]
+    still = [line for line in found if line not in moving and line["range"] > 10.0]
+    assert len(moving) == 1
+    assert moving[0]["moving"] > 0.99
+    assert len(still) > 15
+    assert max(line["moving"] for line in still) < 0.1
+
+
+def test_the_command_goes_before_the_file_and_the_file_before_the_frame(tmp_path):
+    np.savez(tmp_path / "cube.npz", cube=cube_of_one_target(), radar=RADAR.model_dump_json())
+    said: list[str] = []
+
+    def motion(**changes):
+        out = tmp_path / f"out-{len(list(tmp_path.iterdir()))}"
+        request = {"method": "das", "pictures": False, "points": True, **changes}
+        predict(PredictRequest(tmp_path / "cube.npz", out, **request), said.append)
+        table = pq.read_table(out / "images.parquet")
+        return table["motion"].to_pylist()[0], table["detections"].to_pylist()[0]
+
+    seen, lines = motion()
+    assert seen is None
+    assert lines
+    assert {line["moving"] for line in lines} == {None}
+    assert said[0].startswith("the sensor's velocity was estimated in 0 of 1 frames; in 1 too few echoes agree")
+    side = tmp_path / "cube.motion.json"
+    side.write_text(json.dumps({"velocity": [[4.0, 0.0]], "mounting_yaw_deg": 90.0}))
+    seen, lines = motion()
+    assert (seen["forward"], seen["left"]) == pytest.approx((0.0, -4.0), abs=1e-9)
+    assert all(0.0 < line["moving"] < 1.0 for line in lines)
+    told, _ = motion(velocity=(2.0, 1.0), mounting_yaw_deg=-90.0)
+    assert (told["forward"], told["left"]) == pytest.approx((-1.0, 2.0))
+    for text, problem in [
+        ('{"velocity": [1.0]}', "velocity"), ("{", "not JSON"), ('{"velocity": [[1, 0], [2, 0]]}', "2 velocities"),
+        ('{"velocity": [1, 0], "yaw": 3}', "unknown field yaw"),
+    ]:  # fmt: skip
+        side.write_text(text)
+        with pytest.raises(InputError, match=problem):
+            motion()
+
+
+@pytest.mark.parametrize(
+    ("more", "problem"),
+    [
+        (["--velocity", "fast"], "--velocity: 'fast'; expected two numbers"),
+        (["--velocity", "1,2,3"], "--velocity: '1,2,3'; expected two numbers"),
+        (["--velocity", "nan,0"], "expected finite numbers"),
+        (["--mounting-yaw", "30"], "--mounting-yaw: without --velocity"),
+    ],
+)
+def test_a_velocity_that_is_none_is_refused(tmp_path, more, problem):
+    result = CliRunner().invoke(app, ["predict", "c.npz", "--method", "das", "--out", str(tmp_path / "out"), *more])
+    assert result.exit_code != 0
+    assert problem in str(result.exception) + result.output

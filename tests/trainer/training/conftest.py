@@ -5,9 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from small_fit import run
 from tiny_radar import small_dataset
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return small_dataset(tmp_path_factory.mktemp("fit") / "data")
+
+
+@pytest.fixture(scope="session")
+def ordinary(dataset: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a run of TINY on the dataset; nobody writes into it."""
+    folder = tmp_path_factory.mktemp("ordinary") / "first"
+    run(dataset, folder)
+    return folder

@@ -51,8 +51,8 @@ def test_datasets_of_different_radars_are_not_mixed(dataset, tmp_path):
         fit(FitRequest([dataset, second], tmp_path / "run", TINY, array="full"))
 
 
-def test_weights_that_are_no_whole_network_of_the_run_are_named(dataset, tmp_path):
-    run(dataset, tmp_path / "run")
+def test_weights_that_are_no_whole_network_of_the_run_are_named(dataset, ordinary, tmp_path):
+    shutil.copytree(ordinary, tmp_path / "run")
     run(dataset, tmp_path / "wider", TINY.model_copy(update={"width": 8}))
     path, executed = tmp_path / "run" / WEIGHTS, tmp_path / "executed"
     whole = path.read_bytes()

@@ -1,5 +1,6 @@
 """``trainer fit`` killed, interrupted and resumed ends where it would have ended."""
 
+import shutil
 import signal
 
 import pytest
@@ -52,8 +53,7 @@ def test_an_interrupted_run_says_so_and_can_be_taken_up(dataset, tmp_path, monke
     assert [row["step"] for row in metrics(tmp_path / "run")] == ["0", "2", "4"]
 
 
-def test_a_run_killed_while_it_validates_validates_again(dataset, tmp_path, monkeypatch):
-    run(dataset, tmp_path / "whole")
+def test_a_run_killed_while_it_validates_validates_again(dataset, ordinary, tmp_path, monkeypatch):
     original = ImagingTask.validation_step
 
     def killed(self, batch, batch_index):
@@ -66,8 +66,8 @@ def test_a_run_killed_while_it_validates_validates_again(dataset, tmp_path, monk
         with pytest.raises(MemoryError):
             run(dataset, tmp_path / "killed")
     run(dataset, tmp_path / "killed", resume=True)
-    assert metrics(tmp_path / "killed") == metrics(tmp_path / "whole")
-    assert (tmp_path / "killed" / WEIGHTS).read_bytes() == (tmp_path / "whole" / WEIGHTS).read_bytes()
+    assert metrics(tmp_path / "killed") == metrics(ordinary)
+    assert (tmp_path / "killed" / WEIGHTS).read_bytes() == (ordinary / WEIGHTS).read_bytes()
 
 
 def test_a_run_killed_while_it_noted_itself_goes_on(dataset, tmp_path):
@@ -80,18 +80,18 @@ def test_a_run_killed_while_it_noted_itself_goes_on(dataset, tmp_path):
     assert not list(out.glob("*.partial"))
 
 
-def test_what_a_resumed_run_must_not_change(dataset, tmp_path):
-    run(dataset, tmp_path / "run")
+def test_what_a_resumed_run_must_not_change(dataset, ordinary, tmp_path):
+    shutil.copytree(ordinary, tmp_path / "run")
     with pytest.raises(InputError, match=r"--resume: learning_rate is 0.5, but the run in .* had 0.003"):
         run(dataset, tmp_path / "run", TINY.model_copy(update={"learning_rate": 0.5}), resume=True)
 
 
-def test_a_checkpoint_that_holds_code_is_not_executed(dataset, tmp_path):
+def test_a_checkpoint_that_holds_code_is_not_executed(dataset, ordinary, tmp_path):
     class Trap:
         def __reduce__(self):
             return (open, (str(tmp_path / "executed"), "w"))
 
-    run(dataset, tmp_path / "run")
+    shutil.copytree(ordinary, tmp_path / "run")
     torch.save({"state_dict": Trap()}, tmp_path / "run" / CHECKPOINT)
     with pytest.raises(InputError, match=r"last.ckpt: cannot be restored"):
         run(dataset, tmp_path / "run", resume=True)

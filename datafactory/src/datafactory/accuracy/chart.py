@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from datafactory.accuracy.clock import STAGES
+from datafactory.accuracy.looking import STAGES
 from datafactory.accuracy.study import DEFAULTS, FRONT, Row
 from shared.dataset.writing import atomic
 

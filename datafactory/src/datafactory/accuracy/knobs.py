@@ -11,11 +11,23 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from datafactory.frame.chain import ChainSettings
-from datafactory.paths.prune import UNPRUNED_DB
+from datafactory.effects.catalogue import ALL
+from datafactory.frame.chain import ChainSettings, SceneSource, narrowed
+from datafactory.frame.deal import DealtFrame, PreparedScene
+from datafactory.paths.storage import TracedFrame
+from datafactory.paths.table import PathTable
+from datafactory.paths.thinning import UNPRUNED_DB
+from datafactory.run.order import Order
+from shared.dataset import STORES
+from shared.radar import Radar
 
 KNOBS = ("rays", "depth", "prune_db", "tolerance", "truth_terms")
 POWER_KNOBS, SIGNAL_KNOBS = KNOBS[:2], KNOBS[2:]
+REFERENCE_DEPTH = 3
+MOST_REALISATIONS = 16
+"""Where single rays rule a frame (50 000 of them, few surfaces, error -10 dB), two draws of 4 differed by 3.5 dB, and
+two of 16 by 1 dB.
+"""
 
 
 @dataclass(frozen=True)
@@ -23,7 +35,7 @@ class KnobSettings:
     """A setting of every knob, in their order.
 
     :param rays, depth: see :class:`datafactory.paths.solver.TraceSettings`
-    :param prune_db: see :func:`datafactory.paths.prune.pruned`
+    :param prune_db: see :func:`datafactory.paths.thinning.pruned`
     :param tolerance: of the cube, relative L2
     :param truth_terms: polynomial terms of the range walk
     """
@@ -70,11 +82,6 @@ class KnobSettings:
 
 
 DEFAULT = KnobSettings.of(ChainSettings())
-REFERENCE_DEPTH = 3
-MOST_REALISATIONS = 16
-"""Where single rays rule a frame (50 000 of them, few surfaces, error -10 dB), two draws of 4 differed by 3.5 dB, and
-two of 16 by 1 dB.
-"""
 
 
 @dataclass(frozen=True)
@@ -100,7 +107,7 @@ class Menu:
     """What may be chosen from, each from cheap to dear; the default is an error budget's.
 
     Fewer rays save nothing: a pass of rays has a price whatever their number
-    (:data:`datafactory.accuracy.choice.PASS_S`). A budget's reference has as many as the menu's most in each
+    (:data:`datafactory.accuracy.prices.PASS_S`). A budget's reference has as many as the menu's most in each
     realisation; its mean over four errs half as much, and what is left of it is subtracted.
 
     :param prune_db, tolerance, truth_terms: none where only paths are made; the default stays then
@@ -168,3 +175,39 @@ QUICK = Menu(
     effort=Effort(400_000, realisations=2, reference_realisations=3), usual_rays=50_000,
 )  # fmt: skip
 """What ``--quick`` measures of it, with a quarter of the rays."""
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A frame of a run, to be made under other settings of the knobs, without noise and whatever is to be stored."""
+
+    frame: DealtFrame
+    scene: PreparedScene
+    order: Order
+
+    @property
+    def frame_id(self) -> int:
+        """Its index in the run."""
+        return self.frame.frame_id
+
+    @property
+    def radar(self) -> Radar:
+        return self.order.radar
+
+    def settings(self, knobs: KnobSettings) -> ChainSettings:
+        """How the frame is made with these knobs: the rest is the run's."""
+        chain = replace(self.order, settings=knobs.on(self.order.settings)).of_scenes
+        return replace(chain, processing=replace(chain.processing, noise=False, store=STORES[0]))
+
+    def complete(self) -> Sample:
+        """The same with every effect that the run may have, whatever the frame decides to leave out."""
+        return replace(self, order=replace(self.order, effects=self.order.effects or ALL))
+
+    def traced(self, knobs: KnobSettings, realisation: int = 0) -> TracedFrame:
+        """One realisation of the paths; number 0 has the rays of the run itself."""
+        return SceneSource(self.frame.with_rays(realisation), self.scene, self.settings(knobs)).traced(self.radar)
+
+    def lit_paths(self, knobs: KnobSettings, realisation: int = 0) -> PathTable:
+        """Illuminated paths of one realisation."""
+        _, paths = narrowed(self.traced(knobs, realisation), self.settings(knobs), self.radar)
+        return paths

@@ -10,9 +10,6 @@ from functools import partial
 
 from threadpoolctl import threadpool_limits
 
-from datafactory.accuracy.choice import front, predicted, work
-from datafactory.accuracy.clock import STAGES, Advance, Clock
-from datafactory.accuracy.errors import Errors, level_db, worst_db
 from datafactory.accuracy.knobs import (
     DEFAULT,
     KNOBS,
@@ -22,11 +19,11 @@ from datafactory.accuracy.knobs import (
     STUDY,
     KnobSettings,
     Menu,
+    Sample,
 )
-from datafactory.accuracy.looking import made, write_seconds
-from datafactory.accuracy.power import Kept
-from datafactory.accuracy.prices import Bench, Price, Prices, power_price
-from datafactory.accuracy.samples import Sample
+from datafactory.accuracy.looking import STAGES, Advance, Clock, made, write_seconds
+from datafactory.accuracy.power import Errors, Kept, level_db, worst_db
+from datafactory.accuracy.prices import Bench, Price, Prices, front, power_price, predicted, work
 from datafactory.frame.chain import ChainSettings
 from datafactory.paths.solver import TraceSettings
 from datafactory.run.memory import Load, amount, rays_that_fit
@@ -52,7 +49,7 @@ class Row:
     :param cube_error_db: relative L2; :param image_error_db: largest difference over the peak
     :param power_error_db: of the amplitudes in cells, over their peak, mean over realisations
     :param power_bias_db: total power over the reference's [dB]
-    :param paths: after pruning; :param work: seconds by fixed rates, see :mod:`datafactory.accuracy.choice`
+    :param paths: after pruning; :param work: seconds by fixed rates, see :mod:`datafactory.accuracy.prices`
     """
 
     knob: str

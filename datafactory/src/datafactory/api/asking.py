@@ -32,12 +32,12 @@ from datafactory.run.card import stated_licence
 from datafactory.run.order import Order, TracedFolder
 from datafactory.scenes.drives import WORD, Drives, parse_drives
 from datafactory.scenes.materials.table import MaterialTable, load_materials
-from datafactory.scenes.poses import Pose, read_poses
+from datafactory.scenes.poses import Pose, Speeds, checked_speeds, parse_speeds, read_poses
 from datafactory.scenes.readers.common import Reading, parse_variants
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene
 from datafactory.scenes.tracks import read_track
-from datafactory.scenes.traffic.asked import Asked, parse_populate
+from datafactory.scenes.traffic.arrange import Asked, parse_populate
 from datafactory.scenes.traffic.population import populated
 from shared.dataset.locations import locate
 from shared.physics.errors import InputError
@@ -116,6 +116,24 @@ def _track_of(item: str | Path | Sequence[Pose], frame_rate: float | None) -> tu
     return curve.rows() if frame_rate is None else curve.resampled(frame_rate)
 
 
+def speeds_of(asked: OrderOptions, drives: Drives | None) -> Speeds | None:
+    """Ends of the speeds that are to be drawn; None where none are asked for.
+
+    :raises InputError: no two speeds, out of bounds, or beside what states them
+    """
+    if asked.speed is None:
+        return None
+    stated = {
+        "--paths": asked.paths is not None,
+        "--poses": asked.poses is not None,
+        "--trajectory FILE": asked.trajectory is not None and drives is None,
+        "--trajectory drive:speed=": drives is not None and drives.speed_mps is not None,
+    }
+    for other in (name for name, there in stated.items() if there):
+        raise InputError("--speed", f"beside {other}, which states them", "one of them")
+    return parse_speeds(asked.speed) if isinstance(asked.speed, str) else checked_speeds(asked.speed)
+
+
 def materials_of(materials: MaterialsLike | None) -> MaterialTable:
     """:raises InputError: a file that is unreadable or wrong"""
     if isinstance(materials, MaterialTable):
@@ -164,6 +182,7 @@ def order_of(given: Options, synthesis: bool = True) -> Order:
     if asked.trajectory is not None and (asked.poses is not None or traced):
         raise InputError("--trajectory", f"beside --{'paths' if traced else 'poses'}", "one of them")
     tracks, drives = trajectory_of(asked.trajectory, asked.frame_rate)
+    speeds = speeds_of(asked, drives)
     frames = 0 if poses or tracks else asked.frames
     of_scenes = bool(poses or tracks or frames)
     if of_scenes and not scenes and not traced:
@@ -184,6 +203,7 @@ def order_of(given: Options, synthesis: bool = True) -> Order:
         poses=poses,
         tracks=tracks,
         drives=drives if asked.frames else None,
+        speeds=speeds,
         targets=targets,
         settings=ChainSettings(
             trace=TraceSettings(rays=asked.rays or DEFAULT_RAYS, depth=asked.depth or DEFAULT_DEPTH),

@@ -12,10 +12,9 @@ from dataclasses import dataclass
 from datafactory.defaults import CPU
 from datafactory.run.array_job import parse_job
 from datafactory.run.memory import CLOSE_TARGETS, STREETS, amount, free_bytes, most_workers, processes, statement
-from datafactory.run.order import Order
+from datafactory.run.order import Order, stored_paths
 from datafactory.run.preparation import deal_of, deal_of_stored, load_of, opened_scenes
 from datafactory.run.shards import plan_shards
-from datafactory.run.stored import stored_paths
 from shared.dataset import description, row_bytes
 from shared.dataset.locations import Location, RemotePath
 from shared.processes.machine import usable_memory

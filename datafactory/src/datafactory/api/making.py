@@ -1,4 +1,6 @@
-"""Datasets and traced paths: :func:`datafactory.render` and :func:`datafactory.trace`."""
+"""Datasets and traced paths, :func:`datafactory.render` and :func:`datafactory.trace`; what is done with finished ones,
+:func:`datafactory.convert` and :func:`datafactory.merge`.
+"""
 
 from __future__ import annotations
 
@@ -6,16 +8,18 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import TypeAlias
 
-from datafactory.accuracy.budget import settle
-from datafactory.accuracy.check import check
+from datafactory.accuracy.budget import check, settle
 from datafactory.accuracy.knobs import Menu, menu_for
 from datafactory.api.asking import materials_of, order_of
 from datafactory.api.declared import taking
-from datafactory.api.options import Progress, RenderOptions, TraceOptions
+from datafactory.api.options import ConvertOptions, MergeOptions, Progress, RenderOptions, TraceOptions
+from datafactory.conversion import formats
+from datafactory.conversion.formats import Converted
 from datafactory.defaults import AUTO_DEVICE, CPU, CUDA, LOCAL
-from datafactory.run import making
+from datafactory.run import merging, pipeline
 from datafactory.run.array_job import OPTION, parse_job
 from datafactory.run.engines import opened
 from datafactory.run.order import Order
@@ -23,11 +27,11 @@ from datafactory.run.pipeline import Execution, Report
 from datafactory.scenes.materials.table import MaterialTable
 from datafactory.scenes.scene import Scene
 from shared.dataset.folder import open_dataset
-from shared.dataset.locations import locate
+from shared.dataset.locations import local, locate
 from shared.physics.errors import InputError
 
 Make: TypeAlias = Callable[[Order, MaterialTable, Execution], Report]
-"""A run of :mod:`datafactory.run.making`."""
+"""A run of :mod:`datafactory.run.pipeline`."""
 
 
 @taking(RenderOptions)
@@ -45,7 +49,7 @@ def render(asked: RenderOptions) -> Report:
     if asked.camera and asked.shard is not None:
         raise InputError("--camera", f"beside {OPTION}", "datafactory inspect --camera once the jobs are merged")
     menu = None if asked.error_budget is None else menu_for(asked.rays, asked.depth)
-    report = _made(asked, order, menu, making.render)
+    report = _made(asked, order, menu, pipeline.render)
     return _with_cameras(order, materials_of(asked.materials), report, asked.progress) if asked.camera else report
 
 
@@ -58,7 +62,7 @@ def trace(asked: TraceOptions) -> Report:
     :func:`datafactory.render`.
     """
     menu = None if asked.error_budget is None else menu_for(asked.rays, asked.depth).of_paths()
-    return _made(asked, order_of(asked, synthesis=False), menu, making.trace_paths)
+    return _made(asked, order_of(asked, synthesis=False), menu, pipeline.trace_paths)
 
 
 def _made(asked: RenderOptions | TraceOptions, order: Order, menu: Menu | None, make: Make) -> Report:
@@ -113,3 +117,34 @@ def _settled(
     else:  # the frames to be looked at are those of other jobs as well
         announce("what the error budget achieves is measured of a run in one piece alone, not of its jobs")
     return replace(report, seconds=time.perf_counter() - started)
+
+
+@taking(ConvertOptions)
+def convert(asked: ConvertOptions) -> Converted:
+    """Write a dataset in another layout, as ``datafactory convert`` does.
+
+    >>> convert("build/dataset", "build/mcap", to="mcap")  # doctest: +SKIP
+
+    :returns: how many frames were written, and what has no place in the new layout
+    :raises InputError: an unknown format, a folder that is there already, a package that is not installed
+    :raises OSError: the disk fails; nothing is left behind
+    """
+    dataset = open_dataset(str(asked.directory))
+    return formats.convert(dataset, asked.to, local(asked.out, "--out"), partial(asked.progress, "frames"))
+
+
+@taking(MergeOptions)
+def merge(asked: MergeOptions) -> Report:
+    """Join the jobs of an array into the dataset of the run in one piece, as ``datafactory merge`` does.
+
+    >>> merge("build/jobs", "build/dataset")  # doctest: +SKIP
+
+    :returns: what is in the dataset; its shards and its manifest, but for ``made``, have the bytes of the run in one
+        piece
+    :raises InputError: frames or jobs are missing, arguments differ, shards are damaged, the disk has no room; before
+        anything is written
+    :raises OSError: the disk fails; what was done can be resumed
+    """
+    several = [asked.folders] if isinstance(asked.folders, str | Path) else asked.folders
+    folders, out = [local(folder, "DIR") for folder in several], local(asked.out, "--out")
+    return merging.merge(folders, out, asked.resume, asked.announce, asked.progress)

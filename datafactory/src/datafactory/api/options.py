@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from datafactory.scenes.materials.table import MaterialTable
     from datafactory.scenes.poses import Pose
     from datafactory.scenes.scene import Scene
-    from datafactory.scenes.traffic.asked import Asked
+    from datafactory.scenes.traffic.arrange import Asked
     from shared.dataset.locations import Location
     from shared.radar import Radar
 
@@ -145,7 +145,11 @@ class DealOptions(Options, heading="Sampling"):
 
 
 class SamplingOptions(DealOptions):
-    """How many frames are drawn, and how many rays in each."""
+    """How many frames are drawn, how fast, and how many rays in each."""
+
+    speed: Annotated["str | tuple[float, float] | None", Option(
+        "Speeds of drawn poses and drives, uniform from A to B m/s; without it 0 to 6 of poses, 3 to 15 of drives.",
+        "Or both ends.", typed=str, metavar="A:B")] = None
 
     rays: Annotated[int | None, Option(
         "Rays a frame, over the field of view.", least=1, most=MOST_RAYS, usual=DEFAULT_RAYS)] = None

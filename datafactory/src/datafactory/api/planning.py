@@ -14,10 +14,8 @@ from datafactory.api.declared import taking
 from datafactory.api.options import PlanOptions
 from datafactory.effects.catalogue import NAMES
 from datafactory.effects.plan import EffectPlan, plan_of_frame, plan_of_scene
-from datafactory.effects.proof import Proof, prove
-from datafactory.effects.timing import costs
-from datafactory.frame.deal import DealtFrame
-from datafactory.frame.prepared import PreparedScene
+from datafactory.effects.proof import Proof, costs, prove
+from datafactory.frame.deal import DealtFrame, PreparedScene
 from datafactory.paths.backend import select_variant, set_threads
 from datafactory.run.order import Order
 from datafactory.run.preparation import prepare

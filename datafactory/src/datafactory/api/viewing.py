@@ -9,8 +9,8 @@ from datafactory.api.declared import common, taking
 from datafactory.api.options import OrderOptions, ViewOptions
 from datafactory.frame.chain import SceneSource, StoredSource, narrowed
 from datafactory.paths.backend import select_variant, set_threads
+from datafactory.run.order import stored_paths
 from datafactory.run.preparation import prepare, prepared_scene
-from datafactory.run.stored import stored_paths
 from datafactory.scenes.scene import Scene
 from datafactory.view.subject import Subject
 from shared.dataset.locations import Location, locate

@@ -16,7 +16,7 @@ TABLE_WIDTH = 120
 def accuracy(asked: AccuracyOptions) -> None:
     """Show what accuracy costs in time: every approximation as a knob with its price and its error."""
     from datafactory.accuracy import chart, report, study
-    from datafactory.accuracy.samples import Sample
+    from datafactory.accuracy.knobs import Sample
     from datafactory.api.asking import materials_of, order_of
     from datafactory.api.declared import common
     from datafactory.paths.backend import select_variant, set_threads

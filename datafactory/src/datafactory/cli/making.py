@@ -71,16 +71,16 @@ def merge(asked: MergeOptions, verbose: Verbose = False) -> None:
 
     Shards are linked where the jobs lie on the same disk, and copied where not.
     """
-    from datafactory.api import finished
+    from datafactory.api import making
 
-    _run(partial(finished.merge, **vars(asked)), verbose)
+    _run(partial(making.merge, **vars(asked)), verbose)
     typer.echo(f"look:  datafactory inspect {asked.out}")
 
 
 @asking(ConvertOptions)
 def convert(asked: ConvertOptions) -> None:
     """Write a dataset in another layout, and say what has no place in it."""
-    from datafactory.api.finished import convert as made
+    from datafactory.api.making import convert as made
 
     console = plain_console()
     with shown(console, transient=True) as advance:

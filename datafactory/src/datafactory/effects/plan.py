@@ -16,9 +16,8 @@ import numpy as np
 from datafactory.effects.catalogue import DESCRIPTIONS, NAMES, NO_CHOICE, EffectSet
 from datafactory.effects.losses import FLOOR_DB, Loss, losses
 from datafactory.frame.chain import ChainSettings, SceneSource, illuminated, narrowed
-from datafactory.frame.deal import DealtFrame
+from datafactory.frame.deal import DealtFrame, PreparedScene
 from datafactory.frame.decision import Decided, path_effects
-from datafactory.frame.prepared import PreparedScene
 from datafactory.paths.candidates import (
     CHAIN,
     CORNER,

@@ -16,30 +16,28 @@ from dataclasses import dataclass, field, replace
 from itertools import islice
 
 from datafactory.defaults import CPU, IMAGE_BATCH
-from datafactory.frame.boxes import boxes_of
-from datafactory.frame.deal import DealtFrame
+from datafactory.frame.deal import DealtFrame, PreparedScene, generator
 from datafactory.frame.decision import Decided, doppler_called_for, path_effects
 from datafactory.frame.measurement import (
     FrameIdentity,
     Hook,
     Measurement,
     Processing,
+    boxes_of,
     image,
     measure,
     object_targets,
     plainly,
 )
 from datafactory.frame.points import CloseTargets, draw_close_targets
-from datafactory.frame.prepared import PreparedScene
-from datafactory.frame.seeds import generator
 from datafactory.paths.backend import select_variant
 from datafactory.paths.density import lit_cells
 from datafactory.paths.notice import Notice
-from datafactory.paths.prune import DEFAULT_LEVEL_DB, pruned
 from datafactory.paths.rays import RayFan
 from datafactory.paths.solver import TraceSettings
 from datafactory.paths.storage import TracedFrame, read_frame_paths
 from datafactory.paths.table import PathTable
+from datafactory.paths.thinning import DEFAULT_LEVEL_DB, pruned
 from datafactory.paths.trace import trace
 from datafactory.scenes.boxes import seen_things
 from datafactory.synthesis.cube import kernels_on
@@ -60,7 +58,7 @@ class ChainSettings:
 
     :param trace: how its scene is traced; the polarisation is the radar's
     :param processing: what turns paths into columns
-    :param prune_db: see :func:`datafactory.paths.prune.pruned`
+    :param prune_db: see :func:`datafactory.paths.thinning.pruned`
     :param antenna_pattern: an effect: the elements' gain by direction; off: the gain of boresight everywhere
     :param close_targets: distributions of the targets of a point frame
     :param budget_db: what leaving effects out of a frame may change [dB of the peak]: each frame then has what its own

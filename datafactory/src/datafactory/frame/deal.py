@@ -4,7 +4,8 @@ This is the only place that says so. Rendering, tracing, stored paths, ``plan``,
 check all ask a :class:`Deal`.
 
 Scene frames come first, close-target frames after them. A frame's streams depend on (dataset seed, frame index) alone,
-so that frame 17 is the same whether it is rendered alone, first, last, by one worker or by eight.
+so that frame 17 is the same whether it is rendered alone, first, last, by one worker or by eight. Each purpose has one
+of its own: adding a purpose does not change the others.
 
 Frames may come in sequences, each along one track. A whole sequence belongs to one split and one scene: where single
 frames are dealt by their index, sequences are dealt by theirs. Its frames share the ray lattice and the cycle of moving
@@ -22,19 +23,58 @@ from functools import cached_property
 from itertools import accumulate
 from typing import Literal
 
+import numpy as np
+
 from datafactory.defaults import DEFAULT_PATTERN
 from datafactory.frame.points import PointTargets
-from datafactory.frame.seeds import frame_seed, generator, sequence_seed
-from datafactory.scenes.boxes import Traffic
+from datafactory.paths.merged_scene import MergedScene
+from datafactory.scenes.boxes import BoxedThing, Traffic
 from datafactory.scenes.ground import Ground
-from datafactory.scenes.poses import Pose, sample_pose
+from datafactory.scenes.materials.table import MaterialMapping
+from datafactory.scenes.poses import DRAWN_SPEEDS, Pose, Speeds, sample_pose
 from shared.dataset.folder import SPLITS, Split
 from shared.physics.errors import InputError
 
+PURPOSES = ("pose", "rays", "targets", "noise", "traffic")
+SEQUENCES = 1
+"""First spawn key of sequences; those of frames have one number alone."""
 SOLVER_SEEDS = 2**31
 """The solver takes seeds below 2**32; half of that fits every signed integer of its interface."""
-
 Kind = Literal["scene", "points"]
+
+
+@dataclass(frozen=True)
+class PreparedScene:
+    """What a trace needs of a scene.
+
+    :param name: as the ``scene`` column has it
+    :param content: hash of the scene
+    :param merged: its meshes and targets as the ray tracer takes them
+    :param things: what of it gets a box in each frame
+    """
+
+    name: str
+    content: str
+    merged: MergedScene
+    materials: MaterialMapping
+    things: tuple[BoxedThing, ...] = ()
+
+
+def frame_seed(dataset_seed: int, frame_id: int) -> int:
+    """The frame's own seed, a non-negative int64 as the ``seed`` column holds it."""
+    sequence = np.random.SeedSequence(entropy=dataset_seed, spawn_key=(frame_id,))
+    return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(1))
+
+
+def sequence_seed(dataset_seed: int, sequence: int) -> int:
+    """Of what the frames of a sequence have in common; no frame's own seed."""
+    child = np.random.SeedSequence(entropy=dataset_seed, spawn_key=(SEQUENCES, sequence))
+    return int(child.generate_state(1, np.uint64)[0] >> np.uint64(1))
+
+
+def generator(seed: int, purpose: str) -> np.random.Generator:
+    """The stream of one purpose in a frame with this seed."""
+    return np.random.default_rng(np.random.SeedSequence(entropy=seed, spawn_key=(PURPOSES.index(purpose),)))
 
 
 def parse_split_pattern(pattern: str) -> tuple[int, int, int]:
@@ -152,6 +192,7 @@ class Deal:
     :param tracks: poses of every sequence, given or drawn
     :param track_scenes: number of the scene of every track
     :param grounds: where poses are drawn, one a scene; empty where they are given
+    :param speeds: ends of the speed of drawn poses
     :param traffic: of every populated scene, where poses are drawn: a frame has a time of its own
     :param traced: scene number of every scene frame, where their paths were traced before; a stored path row says which
         frame and scene it is, and is believed
@@ -168,6 +209,7 @@ class Deal:
     tracks: tuple[tuple[Pose, ...], ...] = ()
     track_scenes: tuple[int, ...] = ()
     grounds: tuple[Ground, ...] = field(default=(), repr=False)
+    speeds: Speeds = DRAWN_SPEEDS
     traffic: tuple[Traffic | None, ...] = field(default=(), repr=False)
     traced: tuple[int, ...] = ()
     traced_sequences: tuple[int, ...] = ()
@@ -243,7 +285,7 @@ class Deal:
             return DealtFrame(frame_id, "points", split, seed, targets=targets)
         scene, pose = self.scene_of(frame_id), self.pose_of(frame_id)
         if pose is None and not self.traced:
-            pose = sample_pose(self.grounds[scene], split, generator(seed, "pose"))
+            pose = sample_pose(self.grounds[scene], split, generator(seed, "pose"), self.speeds)
             traffic = self.traffic[scene] if self.traffic else None
             if traffic is not None:
                 pose = traffic.at_a_clear_time(pose, generator(seed, "traffic"))

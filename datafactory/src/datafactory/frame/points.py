@@ -17,11 +17,12 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, TypeAdapter, Val
 
 from datafactory.paths.echo_points import Seen, all_echo_points
 from datafactory.paths.table import PathTable, ScatteredPaths
+from datafactory.scenes.poses import Coordinate, Speed
 from datafactory.scenes.scene import PointTarget
 from datafactory.scenes.targets.models import OPTIONS, SIZES, RcsModel, target_model
 from shared.dataset import Target
 from shared.physics.errors import InputError
-from shared.physics.units import FARTHEST_M, FASTEST_MPS, amplitude_to_db, power_to_db
+from shared.physics.units import amplitude_to_db, power_to_db
 from shared.radar import Radar, first_validation_error
 from shared.signal import target_amplitudes
 from shared.signal.windows import cell_noise_power
@@ -153,10 +154,6 @@ def draw_close_targets(radar: Radar, settings: CloseTargets, generator: np.rando
     position = np.concatenate(positions)
     phase = generator.uniform(0.0, 2.0 * np.pi, len(position))
     return PointTargets(position, np.zeros_like(position), np.concatenate(rcs), phase)
-
-
-Coordinate = Annotated[FiniteFloat, Field(ge=-FARTHEST_M, le=FARTHEST_M)]
-Speed = Annotated[FiniteFloat, Field(ge=-FASTEST_MPS, le=FASTEST_MPS)]
 
 
 class _Entry(BaseModel):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from datafactory.paths.curved_surfaces import curved_surfaces_of
 from datafactory.paths.edges import edges_of
 from datafactory.paths.merged_scene import merge_scene
-from datafactory.paths.slabs import slab_transmission
+from datafactory.paths.slabs import Slabs
 from datafactory.scenes.materials.table import MaterialMapping, MaterialTable
 from datafactory.scenes.motion import Moving, Track
 from datafactory.scenes.scene import Scene, SceneObject
@@ -193,7 +193,5 @@ def _remarks(scene: Scene, mapping: MaterialMapping) -> Iterator[str]:
 
 
 def _one_way_db(slab: Any) -> float:
-    te, _ = slab_transmission(
-        slab.relative_permittivity, slab.conductivity_s_per_m, slab.thickness_m, MID_SWEEP_HZ, np.ones(1)
-    )
+    te, _ = Slabs([slab], MID_SWEEP_HZ).transmission(np.zeros(1, dtype=np.int64), np.ones(1))
     return float(amplitude_to_db(te)[0])

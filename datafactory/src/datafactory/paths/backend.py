@@ -236,10 +236,8 @@ def _set_variant(variant: str) -> str:
 def set_threads(count: int) -> None:
     """Let Dr.Jit's LLVM backend use ``count`` threads (no effect on CUDA).
 
-    :raises InputError: if ``count`` is below 1; as :func:`select_variant`
+    :raises InputError: as :func:`select_variant`
     """
-    if count < 1:
-        raise InputError("threads", f"{count!r}", "a whole number of at least 1")
     select_variant()  # Dr.Jit loads its LLVM with the first thread, and would take another than ours
     import drjit
 

@@ -17,8 +17,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from datafactory.paths.found_once import found_once
-from datafactory.paths.merged_scene import MergedMesh, MergedScene
+from datafactory.paths.merged_scene import MergedMesh, MergedScene, found_once
 from datafactory.paths.unfold import unit
 
 Real = NDArray[np.float64]
@@ -41,7 +40,7 @@ class Body:
     :param rim: [E] whether only one triangle has the edge
     :param non_manifold: edges that more than two triangles share; they are in no other field
     :param collapsed: triangles without an area, left out
-    :param found: what was found of it once, see :mod:`datafactory.paths.found_once`
+    :param found: what was found of it once, see :mod:`datafactory.paths.merged_scene`
     """
 
     vertices: Real

@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 
 from datafactory.paths.columns import DIRECTION, POINT, WHOLE, Placed, counts_of
 from datafactory.paths.facets import mirrors_of
-from datafactory.paths.found_once import found_once
 from datafactory.paths.free_extent import flattened, reach_around
-from datafactory.paths.merged_scene import MergedScene, Part, motions_of
+from datafactory.paths.merged_scene import MergedScene, Part, found_once, motions_of
 from datafactory.paths.planar_faces import PlanarFaces, planar_faces_of
 from datafactory.paths.unfold import unit
 from shared.physics.compiled import compiled

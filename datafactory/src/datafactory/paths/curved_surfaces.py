@@ -29,8 +29,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from datafactory.paths.bodies import Body, bodies_of
-from datafactory.paths.found_once import found_once
-from datafactory.paths.merged_scene import MergedScene
+from datafactory.paths.merged_scene import MergedScene, found_once
 from datafactory.paths.smooth import SMOOTH_FOLD_DEG, smooth_facets
 from datafactory.paths.unfold import unit
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from datafactory.paths.columns import WHOLE, Columns
 from datafactory.scenes.scene import PointTarget
-from datafactory.scenes.targets.interface import Motion
+from datafactory.scenes.targets.bodies import Motion
 from shared.physics.units import db_to_power
 
 Real = NDArray[np.float64]

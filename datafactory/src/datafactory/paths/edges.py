@@ -23,8 +23,7 @@ from scipy.spatial import cKDTree
 
 from datafactory.paths.bodies import Body, bodies_of, into_faces
 from datafactory.paths.columns import DIRECTION, POINT, WHOLE, Placed, counts_of
-from datafactory.paths.found_once import found_once
-from datafactory.paths.merged_scene import MergedScene, motions_of
+from datafactory.paths.merged_scene import MergedScene, found_once, motions_of
 from datafactory.paths.smooth import smooth_facets
 from datafactory.paths.unfold import unit
 

@@ -32,8 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import wofz
 
-from datafactory.paths.found_once import found_once
-from datafactory.paths.merged_scene import MergedMesh, MergedScene
+from datafactory.paths.merged_scene import MergedMesh, MergedScene, found_once
 from shared.physics.compiled import compiled
 
 Real = NDArray[np.float64]
@@ -112,7 +111,7 @@ class Mirrors:
         """The triangles of one body, rising, that lie in the plane of this one; none for one without an area."""
         normal, origin = self.normals[triangle], self.corners[triangle, 0]
         # Few triangles have their first corner near the plane; only they are looked at further.
-        near = np.flatnonzero(np.abs(self.first @ normal - origin @ normal) < 2.0 * COPLANAR_M)
+        near = _near_plane(self.first, normal, origin @ normal)
         kept = (np.abs(self.normals[near] @ normal) > COPLANAR_COSINE) & (self.body[near] == self.body[triangle])
         kept &= np.abs((self.corners[near] - origin) @ normal).max(axis=1) < COPLANAR_M
         return near[kept]
@@ -126,6 +125,18 @@ class Mirrors:
         corners = np.where(away[:, None, None], self.corners[members, ::-1], self.corners[members])
         edges = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2, 3)
         return _without_shared(edges - origin) + origin
+
+
+@compiled()
+def _near_plane(first, normal, height):
+    """Indices, rising, of the points [T, 3] that lie within 2 ``COPLANAR_M`` of the plane normal . x = height."""
+    found, count = np.empty(len(first), np.int64), 0
+    for t in range(len(first)):
+        above = first[t, 0] * normal[0] + first[t, 1] * normal[1] + first[t, 2] * normal[2] - height
+        if abs(above) < 2.0 * COPLANAR_M:
+            found[count] = t
+            count += 1
+    return found[:count].copy()
 
 
 @found_once
@@ -181,10 +192,9 @@ def _edges_of_each(mirrors: Mirrors, triangle: Index) -> tuple[Real, Index, Inde
     met = np.flatnonzero(np.bincount(triangle, minlength=len(mirrors.normals)))
     place = np.zeros(len(mirrors.normals), dtype=np.int64)
     place[met] = np.arange(len(met))
-    # Triangles of one plane share the array of its edges.
-    planes = {id(edges): edges for edges in map(mirrors.edges, met.tolist())}
-    ends = dict(zip(planes, np.cumsum([len(edges) for edges in planes.values()]).tolist(), strict=True))
     own = [mirrors.edges(which) for which in met.tolist()]
+    planes = {id(edges): edges for edges in own}  # triangles of one plane share the array of its edges
+    ends = dict(zip(planes, np.cumsum([len(edges) for edges in planes.values()]).tolist(), strict=True))
     last = np.array([ends[id(edges)] for edges in own])
     first = last - np.array([len(edges) for edges in own])
     return np.concatenate(list(planes.values())), np.stack([first, last], axis=1), place

@@ -12,10 +12,10 @@ own velocity. A scene in which nothing moves is the same at all times, and nothi
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
-from typing import Any
+from functools import cached_property, lru_cache, wraps
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,32 @@ from datafactory.scenes.poses import Pose
 from datafactory.scenes.scene import ZERO, PointTarget, Scene, SceneObject
 from shared.physics.vectors import taken
 
+Value = TypeVar("Value")
 Real = NDArray[np.float64]
+
+
+class Keeps(Protocol):
+    """What has a place for what was found of it."""
+
+    @property
+    def found(self) -> dict[str, Any]: ...
+
+
+Subject = TypeVar("Subject", bound=Keeps)
+
+
+def found_once(find: Callable[[Subject], Value]) -> Callable[[Subject], Value]:
+    """A function whose result is kept with its argument, and goes with it to other processes."""
+    name = f"{find.__module__}.{find.__qualname__}"
+
+    @wraps(find)
+    def kept(subject: Subject) -> Value:
+        if name not in subject.found:
+            subject.found[name] = find(subject)
+        value: Value = subject.found[name]
+        return value
+
+    return kept
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +151,7 @@ class MergedScene:
     :param targets: the point targets
     :param fastest_mps: largest speed of a vertex or a target at any time [m/s]
     :param at_rest: the scene at time 0, of which this is another time's; None for that itself
-    :param found: what was found of it once, see :mod:`datafactory.paths.found_once`
+    :param found: what was found of it once, see :mod:`datafactory.paths.merged_scene`
     """
 
     meshes: tuple[MergedMesh, ...]

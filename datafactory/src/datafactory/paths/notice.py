@@ -5,9 +5,9 @@ What is left out of a resolution cell of the truth has, all of it together, at m
     P_limit = min(b P_peak, N):
 
 b is the error budget, P_peak the power in the frame's own strongest cell of first hits and single mirrors, which are
-traced first, and N the receiver's noise in a range-Doppler cell of a channel, the dataset's ``noise_power``. Without
-noise the budget counts alone. Powers are summed without phase, which is the expectation over random phases
-(:mod:`.density`).
+traced first, as far as the truth's image shows it, and N the receiver's noise in a range-Doppler cell of a channel, the
+dataset's ``noise_power``. Without noise the budget counts alone. Powers are summed without phase, which is the
+expectation over random phases (:mod:`.density`).
 
 In every cell candidates are left out from the weakest on, as long as the sum of their bounds stays below the limit:
 edges, corners, targets and the estimates of second bounces alike. So a thousand edges, each just below, are not left
@@ -69,11 +69,24 @@ class Notice:
         if self.below_noise:
             few = _strongest(table).within(self.radar).illuminated(self.front_end)
             amplitude = np.concatenate([few.scattered.amplitude, few.specular.amplitude])
-            if budget * float(np.max(np.abs(amplitude) ** 2, initial=0.0)) >= noise:
+            power = self._in_focus(few) * np.abs(amplitude) ** 2
+            if budget * float(np.max(power, initial=0.0)) >= noise:
                 return noise
         lit = first_echoes(table).within(self.radar).illuminated(self.front_end)
-        of_budget = budget * float(cell_power(lit, self.radar, self.truth_window).max(initial=0.0))
+        of_budget = budget * float(cell_power(lit, self.radar, self.truth_window, self._in_focus(lit)).max(initial=0.0))
         return min(of_budget, noise) if self.below_noise else of_budget
+
+    def _in_focus(self, paths: PathTable) -> NDArray[np.float64]:
+        """[K] share of a path's power that its cell of the truth's image shows, scattered paths first.
+
+        The image is focused on points. A mirror at R shows the TX at 2 R: over an aperture D its phase is off by up to
+        pi D^2 / (8 lambda R), a quarter of a turn at R = D^2 / (4 lambda). The echoes of nearer mirrors, the ground
+        below the sensor among them, spread over as many cells as they are nearer.
+        """
+        aperture_m = float(np.ptp(self.radar.virtual_sensor.rx[:, 1]))
+        near_m = aperture_m**2 / (4.0 * self.radar.waveform.wavelength_m)
+        mirrors = np.minimum(paths.specular.range_m() / near_m, 1.0) if near_m > 0.0 else np.ones(len(paths.specular))
+        return np.concatenate([np.ones(len(paths.scattered)), mirrors])
 
     def power_w(self, candidates: Candidates) -> NDArray[np.float64]:
         """[N] the candidates' bounds as the radar lights them [W]; 0 beyond its unambiguous range."""

@@ -16,8 +16,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from datafactory.paths.facets import COPLANAR_COSINE, COPLANAR_M, mirrors_of
-from datafactory.paths.found_once import found_once
-from datafactory.paths.merged_scene import MergedScene
+from datafactory.paths.merged_scene import MergedScene, found_once
 from shared.physics.compiled import compiled
 
 Real = NDArray[np.float64]

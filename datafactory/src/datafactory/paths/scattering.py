@@ -32,7 +32,6 @@ from numpy.typing import NDArray
 
 from datafactory.scenes.materials.table import Pattern
 from shared.physics.compiled import inlined
-from shared.physics.errors import InputError
 
 LOBE_EXPONENT = 4
 """a of the backscattering pattern: lobes about 40 deg to either side."""
@@ -53,12 +52,7 @@ rounding would draw its phases anew in every frame.
 
 
 def has_lobes(pattern: Pattern) -> bool:
-    """Whether it is the backscattering pattern and not the Lambertian one.
-
-    :raises InputError: neither
-    """
-    if pattern not in ("lambertian", "backscattering"):
-        raise InputError("pattern", f"{pattern!r}", "lambertian or backscattering")
+    """Whether it is the backscattering pattern and not the Lambertian one."""
     return pattern == "backscattering"
 
 

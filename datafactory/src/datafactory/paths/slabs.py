@@ -23,14 +23,13 @@ from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from datafactory.paths.wave_steps import passed_fields, reflected_fields
 from datafactory.scenes.materials.reflectivity import complex_permittivity
 from datafactory.scenes.materials.table import Material
 from shared.physics.compiled import compiled, inlined
 from shared.physics.cycles import phasor
-from shared.physics.errors import InputError
 from shared.physics.units import SPEED_OF_LIGHT, amplitude_to_db
 from shared.physics.vectors import dots
 
@@ -43,44 +42,6 @@ OPAQUE_DB = -60.0
 error budget. A wall of 0.2 m of marble has -71 dB."""
 LEAST_COSINE = 1e-9
 """Of an angle of incidence: a face seen edge on is seen almost so."""
-
-
-def slab_transmission(
-    relative_permittivity: float,
-    conductivity_s_per_m: float,
-    thickness_m: float,
-    frequency_hz: float,
-    incidence_cosine: ArrayLike,
-) -> tuple[Complex, Complex]:
-    """T of a slab for the electric field across (TE) and in (TM) the plane of incidence.
-
-    :param relative_permittivity: eps' > 0; :param conductivity_s_per_m: at least 0; :param thickness_m: at least 0
-    :param incidence_cosine: [...] cosine of the angle from the normal, above 0 and at most 1
-    :return: TE [...] and TM [...]; 0 where the slab absorbs everything
-    :raises InputError: a value outside these bounds
-    """
-    values = relative_permittivity, conductivity_s_per_m, thickness_m, frequency_hz, incidence_cosine
-    return _checked(_transmission, *values)
-
-
-def slab_reflection(
-    relative_permittivity: float,
-    conductivity_s_per_m: float,
-    thickness_m: float,
-    frequency_hz: float,
-    incidence_cosine: ArrayLike,
-) -> tuple[Complex, Complex]:
-    """R of a slab, TE [...] and TM [...], at its front face; arguments as in :func:`slab_transmission`.
-
-    TE is the sign of the electric field, TM that of the magnetic one: a perfect conductor has -1 and +1.
-    """
-    values = relative_permittivity, conductivity_s_per_m, thickness_m, frequency_hz, incidence_cosine
-    return _checked(_reflection, *values)
-
-
-def lets_through(slab: Material, frequency_hz: float) -> bool:
-    """Whether surfaces behind a slab are heard, see :attr:`Slabs.lets_through`."""
-    return bool(Slabs([slab], frequency_hz).lets_through[0])
 
 
 class Slabs:
@@ -144,25 +105,6 @@ class Slabs:
         cosine = np.linspace(0.02, 1.0, 99)
         every = [np.abs(self.transmission(np.full(99, m), cosine)).max() for m in range(len(self.materials))]
         return np.array(every, dtype=np.float64)
-
-
-def _checked(
-    kernel, permittivity: float, conductivity: float, thickness_m: float, frequency_hz: float, incidence: ArrayLike
-) -> tuple[Complex, Complex]:
-    cosine = np.asarray(incidence, dtype=np.float64)
-    for name, bad, value, expected in (
-        ("relative_permittivity", not permittivity > 0.0, permittivity, "above 0"),
-        ("conductivity", not conductivity >= 0.0, conductivity, "at least 0 S/m"),
-        ("thickness", not thickness_m >= 0.0, thickness_m, "at least 0 m"),
-        ("frequency", not frequency_hz > 0.0, frequency_hz, "above 0 Hz"),
-        ("incidence_cosine", not np.all((cosine > 0.0) & (cosine <= 1.0)), incidence, "above 0 and at most 1"),
-    ):
-        if bad:
-            raise InputError(f"slab {name}", f"{value!r}", expected)
-    eta = np.array([complex_permittivity(permittivity, conductivity, frequency_hz)], dtype=np.complex128)
-    thickness = np.array([thickness_m * frequency_hz / SPEED_OF_LIGHT])
-    te, tm = kernel(eta, thickness, np.zeros(cosine.size, np.int64), np.ascontiguousarray(cosine).reshape(-1))
-    return te.reshape(cosine.shape), tm.reshape(cosine.shape)
 
 
 @compiled(error_model="numpy")

@@ -28,7 +28,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from datafactory.paths.bodies import Body, fold_angles, into_faces
-from datafactory.paths.found_once import found_once
+from datafactory.paths.merged_scene import found_once
 
 Real = NDArray[np.float64]
 Index = NDArray[np.int64]

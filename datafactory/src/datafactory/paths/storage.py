@@ -27,33 +27,16 @@ from shared.dataset.locations import Location
 from shared.dataset.reading import open_shard
 from shared.physics.errors import InputError
 
+OF_BOTH: dict[str, tuple[int, ...]] = {"amplitude": (2,), "depth": (), "object_index": (), "kinds": (), "candidate": ()}
 SHAPES = {
     "scattered": {
-        "tx_point": (3,),
-        "rx_point": (3,),
-        "tx_velocity": (3,),
-        "rx_velocity": (3,),
-        "between_m": (),
-        "between_rate_mps": (),
-        "amplitude": (2,),
-        "depth": (),
-        "object_index": (),
-        "kinds": (),
-        "candidate": (),
+        "tx_point": (3,), "rx_point": (3,), "tx_velocity": (3,), "rx_velocity": (3,), "between_m": (),
+        "between_rate_mps": (), **OF_BOTH,
     },
-    "specular": {
-        "image": (3,),
-        "image_velocity": (3,),
-        "axes": (3, 3),
-        "amplitude": (2,),
-        "depth": (),
-        "object_index": (),
-        "kinds": (),
-        "candidate": (),
-    },
-}
+    "specular": {"image": (3,), "image_velocity": (3,), "axes": (3, 3), **OF_BOTH},
+}  # fmt: skip
 """Trailing shape of each list column; ``amplitude`` holds (real, imaginary), ``tx_point`` as many as are marked."""
-TWO_POINTS = "scattered_two_points"
+TWO_POINTS, ARRAYS = "scattered_two_points", ("scattered_", "specular_", "candidates_")
 CONSTANT = ("tx_velocity", "rx_velocity", "between_m", "between_rate_mps", "image_velocity")
 """Columns with few values, most of them that of the standing world."""
 
@@ -65,6 +48,9 @@ CANDIDATES = {"family": (), "departure": (3,), "arrival": (3,), "range_m": (), "
 VERSION = b"8"
 """Of the paths' columns; 2 added ``kinds``, 3 ``scene_number``, 4 ``sequence``, 5 ``things``, 6
 ``scattered_two_points``, 7 the candidates."""
+
+AS_IT_IS = ("frame_id", "scene", "scene_number", "sequence", "seed", "wavelength_m", "point_targets")
+"""Columns that a frame has under the same name."""
 
 THING = pa.struct(
     [
@@ -106,31 +92,22 @@ class TracedFrame:
 
 def paths_schema() -> pa.Schema:
     """Columns of a paths shard."""
-    triple = pa.list_(pa.float64(), 3)
+    triple, number = pa.list_(pa.float64(), 3), pa.int64()
     fields = [
-        pa.field("frame_id", pa.int64()),
-        pa.field("scene", pa.string()),
-        pa.field("scene_number", pa.int64()),
-        pa.field("sequence", pa.int64()),
-        pa.field("seed", pa.int64()),
-        pa.field("position", triple),
-        pa.field("velocity", triple),
-        pa.field("yaw_pitch_roll_deg", triple),
-        pa.field("time_s", pa.float64()),
-        pa.field("wavelength_m", pa.float64()),
-        pa.field("point_targets", pa.int64()),
-        pa.field("objects", pa.list_(pa.string())),
-        pa.field("counts", pa.map_(pa.string(), pa.int64())),
-        pa.field("things", pa.list_(THING)),
-    ]
+        pa.field(name, kind)
+        for name, kind in (
+            ("frame_id", number), ("scene", pa.string()), ("scene_number", number), ("sequence", number),
+            ("seed", number), ("position", triple), ("velocity", triple), ("yaw_pitch_roll_deg", triple),
+            ("time_s", pa.float64()), ("wavelength_m", pa.float64()), ("point_targets", number),
+            ("objects", pa.list_(pa.string())), ("counts", pa.map_(pa.string(), number)), ("things", pa.list_(THING)),
+        )
+    ]  # fmt: skip
     for kind, columns in SHAPES.items():
         for name in columns:
-            number = pa.int32() if name in INTEGERS else pa.float64()
-            fields.append(pa.field(f"{kind}_{name}", pa.list_(number)))
+            fields.append(pa.field(f"{kind}_{name}", pa.list_(pa.int32() if name in INTEGERS else pa.float64())))
     fields.append(pa.field(TWO_POINTS, pa.list_(pa.bool_())))
     for name in CANDIDATES:
-        number = pa.uint8() if name == "family" else pa.float32()
-        fields.append(pa.field(f"candidates_{name}", pa.list_(number)))
+        fields.append(pa.field(f"candidates_{name}", pa.list_(pa.uint8() if name == "family" else pa.float32())))
     return pa.schema(fields, metadata={b"sparseradar_paths": VERSION})
 
 
@@ -152,17 +129,11 @@ def to_row(frame: TracedFrame) -> dict[str, Any]:
     pose, table = frame.pose, frame.table
     two_points = _differ(table.scattered.tx_point, table.scattered.rx_point)
     row: dict[str, Any] = {
-        "frame_id": frame.frame_id,
-        "scene": frame.scene,
-        "scene_number": frame.scene_number,
-        "sequence": frame.sequence,
-        "seed": frame.seed,
+        **{name: getattr(frame, name) for name in AS_IT_IS},
         "position": list(pose.position),
         "velocity": list(pose.velocity),
         "yaw_pitch_roll_deg": [pose.yaw_deg, pose.pitch_deg, pose.roll_deg],
         "time_s": pose.time_s,
-        "wavelength_m": frame.wavelength_m,
-        "point_targets": frame.point_targets,
         "objects": list(table.objects),
         "counts": sorted(table.counts.items()),
         "things": [vars(thing) for thing in frame.things],
@@ -189,35 +160,26 @@ def _differ(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[
 
 def from_row(batch: pa.RecordBatch) -> TracedFrame:
     """The way back from a batch of one row of :func:`paths_schema`."""
+
+    def values_of(column: str) -> NDArray:
+        values: NDArray = batch.column(column).flatten().to_numpy(zero_copy_only=False)
+        return values
+
     parts: dict[str, dict[str, Any]] = {}
     for kind, columns in SHAPES.items():
         parts[kind] = {}
         for name, shape in columns.items():
-            values = batch.column(f"{kind}_{name}").flatten().to_numpy(zero_copy_only=False)
-            values = values.astype(INTEGERS.get(name, np.float64), copy=False).reshape(-1, *shape)
+            values = values_of(f"{kind}_{name}").astype(INTEGERS.get(name, np.float64), copy=False).reshape(-1, *shape)
             parts[kind][name] = values[:, 0] + 1j * values[:, 1] if name == "amplitude" else values
-    parts["scattered"]["tx_point"] = _with_one_point(
-        parts["scattered"]["tx_point"],
-        parts["scattered"]["rx_point"],
-        batch.column(TWO_POINTS).flatten().to_numpy(zero_copy_only=False).astype(bool),
-    )
-    candidates = {
-        name: batch.column(f"candidates_{name}").flatten().to_numpy(zero_copy_only=False).reshape(-1, *shape)
-        for name, shape in CANDIDATES.items()
-    }
-    arrays = [TWO_POINTS] + [f"{kind}_{name}" for kind, columns in SHAPES.items() for name in columns]
-    arrays += [f"candidates_{name}" for name in CANDIDATES]
-    (row,) = batch.select([name for name in batch.schema.names if name not in arrays]).to_pylist()
+    scattered = parts["scattered"]
+    two_points = values_of(TWO_POINTS).astype(bool)
+    scattered["tx_point"] = _with_one_point(scattered["tx_point"], scattered["rx_point"], two_points)
+    candidates = {name: values_of(f"candidates_{name}").reshape(-1, *shape) for name, shape in CANDIDATES.items()}
+    (row,) = batch.select([field.name for field in batch.schema if not field.name.startswith(ARRAYS)]).to_pylist()
     yaw, pitch, roll = row["yaw_pitch_roll_deg"]
     return TracedFrame(
-        frame_id=row["frame_id"],
-        scene=row["scene"],
-        scene_number=row["scene_number"],
-        sequence=row["sequence"],
-        seed=row["seed"],
+        **{name: row[name] for name in AS_IT_IS},
         pose=Pose(tuple(row["position"]), yaw, pitch, roll, tuple(row["velocity"]), row["time_s"]),
-        wavelength_m=row["wavelength_m"],
-        point_targets=row["point_targets"],
         table=PathTable(
             scattered=ScatteredPaths(**parts["scattered"]),
             specular=SpecularPaths(**parts["specular"]),

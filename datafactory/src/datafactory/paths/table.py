@@ -48,7 +48,31 @@ ALWAYS = np.array([-1], dtype=np.int32)
 
 
 @dataclass(frozen=True)
-class ScatteredPaths(Columns):
+class _Paths(Columns):
+    """What paths of both kinds have.
+
+    :param amplitude: [K] complex, see the module
+    :param depth: [K] number of bounces
+    :param object_index: [K] index into the table's ``objects`` of what scattered, or of the last mirror; -1 where
+        unknown
+    :param kinds: [K] kinds of interaction on the path, see ``SPECULAR`` and its neighbours
+    :param candidate: [K] index into the table's ``candidates`` of what it was before it was found; -1 of what is there
+        whatever a radar notices
+    """
+
+    amplitude: NDArray[np.complex128] = field(kw_only=True)
+    depth: NDArray[np.int8] = field(kw_only=True)
+    object_index: NDArray[np.int32] = field(kw_only=True)
+    kinds: NDArray[np.uint8] = field(kw_only=True)
+    candidate: NDArray[np.int32] = field(default_factory=lambda: ALWAYS, kw_only=True)
+
+    def __post_init__(self) -> None:
+        if self.candidate is ALWAYS:
+            object.__setattr__(self, "candidate", np.full(len(self.amplitude), -1, dtype=np.int32))
+
+
+@dataclass(frozen=True)
+class ScatteredPaths(_Paths):
     """K paths with a scattering point.
 
     :param tx_point: [K, 3] p, the point as the TX sees it at t = 0 [m]
@@ -57,12 +81,6 @@ class ScatteredPaths(Columns):
     :param rx_velocity: [K, 3] v_q relative to the radar [m/s]
     :param between_m: [K] b [m]
     :param between_rate_mps: [K] b' [m/s]
-    :param amplitude: [K] complex, see the module
-    :param depth: [K] number of bounces
-    :param object_index: [K] index into the table's ``objects`` of what scattered; -1 where unknown
-    :param kinds: [K] kinds of interaction on the path, see ``SPECULAR`` and its neighbours
-    :param candidate: [K] index into the table's ``candidates`` of what it was before it was found; -1 of what is there
-        whatever a radar notices
     """
 
     tx_point: Real
@@ -71,15 +89,6 @@ class ScatteredPaths(Columns):
     rx_velocity: Real
     between_m: Real
     between_rate_mps: Real
-    amplitude: NDArray[np.complex128]
-    depth: NDArray[np.int8]
-    object_index: NDArray[np.int32]
-    kinds: NDArray[np.uint8]
-    candidate: NDArray[np.int32] = field(default_factory=lambda: ALWAYS)
-
-    def __post_init__(self) -> None:
-        if self.candidate is ALWAYS:
-            object.__setattr__(self, "candidate", np.full(len(self.amplitude), -1, dtype=np.int32))
 
     def reversed(self) -> ScatteredPaths:
         """The same paths run backwards: by reciprocity of the same amplitude."""
@@ -129,31 +138,17 @@ class ScatteredPaths(Columns):
 
 
 @dataclass(frozen=True)
-class SpecularPaths(Columns):
+class SpecularPaths(_Paths):
     """S purely specular paths.
 
     :param image: [S, 3] s, image of the origin at t = 0 [m]
     :param image_velocity: [S, 3] v_s relative to the radar [m/s]
     :param axes: [S, 3, 3] H, orthogonal
-    :param amplitude: [S] complex, see the module
-    :param depth: [S] number of bounces
-    :param object_index: [S] index of the last mirror's object; -1 where unknown
-    :param kinds: [S] kinds of interaction on the path
-    :param candidate: [S] as of :class:`ScatteredPaths`
     """
 
     image: Real
     image_velocity: Real
     axes: Real
-    amplitude: NDArray[np.complex128]
-    depth: NDArray[np.int8]
-    object_index: NDArray[np.int32]
-    kinds: NDArray[np.uint8]
-    candidate: NDArray[np.int32] = field(default_factory=lambda: ALWAYS)
-
-    def __post_init__(self) -> None:
-        if self.candidate is ALWAYS:
-            object.__setattr__(self, "candidate", np.full(len(self.amplitude), -1, dtype=np.int32))
 
     @staticmethod
     def of(
@@ -169,8 +164,10 @@ class SpecularPaths(Columns):
         """Paths of one depth; of one kind where ``kinds`` is a number."""
         count = len(amplitude)
         kinds = np.full(count, kinds, dtype=np.uint8) if isinstance(kinds, int) else kinds
-        whole = np.full(count, depth, dtype=np.int8)
-        return SpecularPaths(image, image_velocity, axes, amplitude, whole, object_index, kinds, candidate)
+        return SpecularPaths(
+            image, image_velocity, axes, amplitude=amplitude, depth=np.full(count, depth, dtype=np.int8),
+            object_index=object_index, kinds=kinds, candidate=candidate,
+        )  # fmt: skip
 
     @staticmethod
     def none() -> SpecularPaths:

@@ -5,7 +5,7 @@ what the frame's radar would not notice is not looked for (:mod:`datafactory.pat
 served, or every effect is asked for, all candidates are followed.
 
 * What rough surfaces scatter is found by the frame's own rays, at their first surface and beyond it
-  (:mod:`datafactory.paths.second_bounces`). No ray ends with a mirror after a diffuse bounce. The reverses of such
+  (:mod:`datafactory.paths.scattered`). No ray ends with a mirror after a diffuse bounce. The reverses of such
   paths, mirror first, are found, and by reciprocity each of them stands for both: it enters the table twice, with the
   TX's and the RX's side exchanged. A diffuse bounce takes on the phase of its surface cell (:mod:`.scattering`).
 * Single mirrors are found without rays (:mod:`.mirrors`, :mod:`.curved_echoes`), chains of them by the solver
@@ -43,8 +43,7 @@ from datafactory.paths.notice import Notice
 from datafactory.paths.panes import pane_candidates
 from datafactory.paths.rays import RayFan
 from datafactory.paths.rows import scattered_rows, specular_rows, with_surfaces
-from datafactory.paths.scattered import behind_panes
-from datafactory.paths.second_bounces import SecondBounces
+from datafactory.paths.scattered import SecondBounces, behind_panes
 from datafactory.paths.slabs import Slabs
 from datafactory.paths.solver import Bundle, Solved, TraceSettings, radio_scene, solve
 from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths

@@ -11,9 +11,8 @@ from typing import Any, TypeVar
 import pyarrow as pa
 
 from datafactory.frame.chain import ChainSettings, PointSource, SceneSource, Source, StoredSource, make_frames
-from datafactory.frame.deal import Deal
+from datafactory.frame.deal import Deal, PreparedScene
 from datafactory.frame.measurement import Hook
-from datafactory.frame.prepared import PreparedScene
 from datafactory.paths.storage import to_row, writer_options
 from datafactory.run.memory import Load
 from datafactory.run.shards import PATHS, ShardPlan, frame_options, plan_shards

@@ -15,19 +15,16 @@ from typing import Any
 import numpy as np
 
 from datafactory.effects.catalogue import ALL, NO_CHOICE
-from datafactory.frame.deal import Deal, drawn_scene, split_of
+from datafactory.frame.deal import Deal, PreparedScene, drawn_scene, generator, sequence_seed, split_of
 from datafactory.frame.points import PointTargets
-from datafactory.frame.prepared import PreparedScene
-from datafactory.frame.seeds import generator, sequence_seed
 from datafactory.paths.merged_scene import merge_scene
 from datafactory.run.memory import Load
-from datafactory.run.order import Order
-from datafactory.run.stored import StoredPaths, stored_paths
+from datafactory.run.order import Order, StoredPaths, stored_paths
 from datafactory.scenes.boxes import CLEAR_M, Movers, Traffic, boxed_things
-from datafactory.scenes.drives import draw_drive
+from datafactory.scenes.drives import CRUISING_SPEEDS, draw_drive
 from datafactory.scenes.ground import Ground
 from datafactory.scenes.materials.table import MaterialMapping, MaterialTable
-from datafactory.scenes.poses import Pose
+from datafactory.scenes.poses import DRAWN_SPEEDS, Pose
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene
 from datafactory.scenes.tracks import nearest_m
@@ -88,6 +85,7 @@ def prepare(
         "tracks": [[asdict(pose) for pose in track] for track in order.tracks],
         "drives": None if order.drives is None else asdict(order.drives),
         "trace": asdict(order.settings.trace),
+        **({} if order.speeds is None else {"speed_mps": list(order.speeds)}),
     }
     entries = [_entry(source, scene.materials) for source, scene in zip(opened, scenes, strict=True)]
     return Prepared(scenes, deal, (), arguments, entries)
@@ -134,6 +132,7 @@ def deal_of(order: Order, scenes: Sequence[Scene]) -> Deal:
         tracks=tracks,
         track_scenes=tuple(number_of(k) if order.drives is not None else k % len(scenes) for k in range(len(tracks))),
         grounds=grounds,
+        speeds=order.speeds or DRAWN_SPEEDS,
         traffic=tuple(Traffic.of(scene) for scene in scenes),
         points=order.points,
         targets=order.targets,
@@ -149,7 +148,8 @@ def drawn_tracks(order: Order, scenes: Sequence[Scene], grounds: Sequence[Ground
     for number in range(-(-order.frames // asked.frames)):
         scene = drawn_scene(number, len(scenes), order.split)
         stream = generator(sequence_seed(order.seed, number), "pose")
-        tracks.append(draw_drive(grounds[scene], movers[scene], split_of(number, order.split), asked, stream))
+        split, speeds = split_of(number, order.split), order.speeds or CRUISING_SPEEDS
+        tracks.append(draw_drive(grounds[scene], movers[scene], split, asked, stream, speeds))
     over = len(tracks) * asked.frames - order.frames
     return (*tracks[:-1], tracks[-1][: asked.frames - over])
 

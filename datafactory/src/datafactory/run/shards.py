@@ -1,4 +1,5 @@
-"""Frames to Parquet shards: which frame goes where, what is made at a time, and how a shard becomes complete.
+"""Frames to Parquet shards: which frame goes where, what is made at a time, and how a shard becomes complete;
+and what made them.
 
 A file with the final name is whole, see :mod:`shared.dataset.writing`.
 What a killed run had finished is taken up again by :mod:`datafactory.run.progress`.
@@ -6,13 +7,19 @@ What a killed run had finished is taken up again by :mod:`datafactory.run.progre
 
 from __future__ import annotations
 
+import platform
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from importlib.util import find_spec
 from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from datafactory.defaults import CPU
+from datafactory.paths.backend import cuda_device
 from shared.dataset import Frame, to_record_batch
 from shared.dataset.documents import sealed
 from shared.dataset.folder import SPLITS
@@ -36,6 +43,16 @@ PATHS = "paths"
 # LZ4 + byte stream split 470 / 555, 82 %; zstd level 1 + byte stream split 390 / 465, 76 %.
 COMPRESSION = "lz4"
 FRAMES_PER_ROW_GROUP = 1
+PACKAGES = (
+    "sparseradar-shared",
+    "sparseradar-datafactory",
+    "sionna-rt",
+    "mitsuba",
+    "drjit",
+    "numpy",
+    "numba",
+    "pyarrow",
+)
 
 
 @dataclass(frozen=True)
@@ -155,4 +172,34 @@ def frame_options(schema: pa.Schema) -> dict[str, Any]:
         "use_dictionary": False,  # noise has no repeated values
         "use_byte_stream_split": [f"{name}.list.element" for name in floats],
         "write_statistics": plain,  # minima of array elements help nobody
+    }
+
+
+def provenance(
+    engine: str, workers: int, seconds: float, step_seconds: Mapping[str, float], device: str = CPU
+) -> dict[str, Any]:
+    """The manifest's ``made``.
+
+    :param engine: that made the shards, see :mod:`datafactory.run.engines`
+    :param workers: its processes; 0 on a cluster for all that its nodes had
+    :param seconds: wall-clock seconds of the run
+    :param step_seconds: seconds of each step of the chain, added over the workers
+    :param device: of the run; a GPU is named
+    """
+    packages: tuple[str, ...] = PACKAGES
+    gpu = dict[str, str]()
+    if device != CPU:
+        gpu = {"gpu": cuda_device().name}
+        packages += ("torch",) if find_spec("torch") else ()
+    return {
+        **gpu,
+        "finished": datetime.now(UTC).isoformat(timespec="seconds"),
+        "host": platform.node(),
+        "machine": f"{platform.system()} {platform.machine()}",
+        "python": platform.python_version(),
+        "versions": {name: version(name) for name in packages},
+        "engine": engine,
+        "workers": workers,
+        "seconds": round(seconds, 1),
+        "step_seconds": {name: round(value, 1) for name, value in sorted(step_seconds.items())},
     }

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from datafactory.scenes.boxes import Movers
 from datafactory.scenes.ground import CLEARANCE_M, Ground
 from datafactory.scenes.lanes import STEP_M, Lane, draw_lane, smoothed
-from datafactory.scenes.poses import SENSOR_HEIGHT_M, Pose, view_from
+from datafactory.scenes.poses import SENSOR_HEIGHT_M, Pose, Speeds, view_from
 from datafactory.scenes.tracks import MOST_FRAMES, pose_of, require_rate
 from shared.dataset.folder import SPLITS, Split
 from shared.physics.errors import InputError
@@ -33,7 +33,7 @@ WORD = "drive"
 ACCELERATION_MPS2 = 3.0
 LATERAL_MPS2 = 3.0
 FASTEST_MPS = 15.0
-SLOWEST_MPS = 3.0
+CRUISING_SPEEDS: Speeds = (3.0, FASTEST_MPS)
 """Of a drawn cruising speed."""
 STOP_SHARE = 0.3
 """Of the drives that stop on their way."""
@@ -169,7 +169,12 @@ def poses_along(lane: Lane, ground: Ground, time_s: Real, way_m: Real, speed_mps
 
 
 def draw_drive(
-    ground: Ground, movers: Movers, split: Split, asked: Drives, rng: np.random.Generator
+    ground: Ground,
+    movers: Movers,
+    split: Split,
+    asked: Drives,
+    rng: np.random.Generator,
+    speeds: Speeds = CRUISING_SPEEDS,
 ) -> tuple[Pose, ...]:
     """Draw one drive in a split's region.
 
@@ -178,6 +183,7 @@ def draw_drive(
     looks along its street at something, and at nothing on another split's side; else the best, in this order.
 
     :param movers: of the ground's scene
+    :param speeds: ends of the cruising speed, where ``asked`` states none
     :raises InputError: no lane in the region, or none that keeps clear of what moves
     """
     region = ground.region == SPLITS.index(split)
@@ -186,7 +192,7 @@ def draw_drive(
     best: tuple[tuple[float, ...], tuple[Pose, ...]] | None = None
     lanes = 0
     for _ in range(DRAWN):
-        cruise = float(rng.uniform(SLOWEST_MPS, FASTEST_MPS)) if asked.speed_mps is None else asked.speed_mps
+        cruise = float(rng.uniform(*speeds)) if asked.speed_mps is None else asked.speed_mps
         lane = draw_lane(ground, cruise * asked.seconds + ACCELERATION_MPS2, rng, region)
         stops, place, stands = rng.random() < STOP_SHARE, rng.uniform(0.2, 0.8), rng.uniform(*STANDING_S)
         begins_s = round(rng.uniform(0.0, latest_s), 3)

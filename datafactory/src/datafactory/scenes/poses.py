@@ -26,8 +26,12 @@ from shared.physics.units import FARTHEST_M, FASTEST_MPS
 from shared.radar import first_validation_error
 
 SENSOR_HEIGHT_M = 0.5
-MAXIMUM_SPEED_MPS = 6.0
-"""Uniform from 0 in a random direction: the paper, section "Training data generation"."""
+Speeds = tuple[float, float]
+"""Least and largest speed [m/s]."""
+DRAWN_SPEEDS: Speeds = (0.0, 6.0)
+"""Uniform, in a random direction: the paper, section "Training data generation"."""
+LARGEST_SPEED_MPS = 100.0
+"""Of a sensor whose speed is drawn: no road has a faster one."""
 
 ROAD_PREFERENCE = 0.8
 """Share of the positions drawn on roads, where the split's region has any. The others are drawn on the kerbs."""
@@ -155,18 +159,39 @@ def _without_repeated_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return dict(pairs)
 
 
-def sample_pose(ground: Ground, split: Split, rng: np.random.Generator) -> Pose:
+def parse_speeds(text: str) -> Speeds:
+    """``A:B``, two speeds [m/s].
+
+    :raises InputError: see :func:`checked_speeds`
+    """
+    try:
+        least, most = map(float, text.split(":"))
+    except ValueError:
+        raise InputError("--speed", repr(text), "A:B in m/s, e.g. 0:20") from None
+    return checked_speeds((least, most))
+
+
+def checked_speeds(speeds: Speeds) -> Speeds:
+    """:raises InputError: speeds that do not rise, or out of bounds"""
+    least, most = speeds
+    if not 0.0 <= least <= most <= LARGEST_SPEED_MPS:
+        raise InputError("--speed", f"{least:g}:{most:g}", f"A:B with 0 <= A <= B <= {LARGEST_SPEED_MPS:g} m/s")
+    return least, most
+
+
+def sample_pose(ground: Ground, split: Split, rng: np.random.Generator, speeds: Speeds = DRAWN_SPEEDS) -> Pose:
     """Draw a pose on the streets of a split's region, 0.5 m above the ground and tilted as it is.
 
     A position is drawn uniformly, on roads with probability 0.8 and else on their kerbs where there are any, and a yaw
     uniformly. Both are taken if the boresight is free for 8 m, some ray of the field of view for 15 m, something
     stands within 95 m in the field of view, and nothing that is seen there lies on another split's side
     (:func:`view_from`). After 32 positions with 8 yaws each the best of them is taken. The velocity lies
-    in the ground's plane, its horizontal speed uniform from 0 to 6 m/s and its direction uniform.
+    in the ground's plane, its horizontal speed and its direction uniform.
 
     :param ground: from :func:`datafactory.scenes.ground.free_ground`
     :param split: ``"train"``, ``"validation"`` or ``"test"``
     :param rng: the frame's own generator; the same state draws the same pose
+    :param speeds: ends of the horizontal speed
     :raises InputError: if the split's region has no free ground
     """
     cells = ground.cells(split)
@@ -192,7 +217,7 @@ def sample_pose(ground: Ground, split: Split, rng: np.random.Generator) -> Pose:
             break
     assert best is not None  # at least one yaw was tried
     _, x, y, yaw = best
-    speed = rng.uniform(0.0, MAXIMUM_SPEED_MPS)
+    speed = rng.uniform(*speeds)
     direction = rng.uniform(-math.pi, math.pi)
     pitch_deg, roll_deg = ground.tilt_deg(x, y, yaw)
     # Positive pitch points down: the ground's rise per metre towards the direction of travel.

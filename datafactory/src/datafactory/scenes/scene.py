@@ -66,26 +66,12 @@ class SceneObject:
         """Largest speed of a vertex at any time [m/s]."""
         return fastest_mps(self.velocity, self.motion, *(self.local or ()))
 
-    @staticmethod
-    def of(
-        name: str,
-        vertices: NDArray[np.float64],
-        triangles: NDArray[np.int32],
-        material: str = "",
-        velocity: Vector = ZERO,
-        motion: Motion | None = None,
-        label: Label | None = None,
-        local: tuple[NDArray[np.floating], NDArray[np.integer]] | None = None,
-    ) -> SceneObject:
-        """An object whose velocity follows from its motion where it has one.
-
-        :param velocity: of what has no motion
-        """
-        item = SceneObject(name, vertices, triangles, material, velocity, motion, label, local)
-        if motion is None:
-            return item
-        own = motion.at(0.0)[1] if isinstance(motion, Track) else item.at(0.0).velocities.mean(axis=0)
-        return replace(item, velocity=triple(own))
+    def as_it_moves(self) -> SceneObject:
+        """The same with the velocity that follows from its motion, where it has one."""
+        if self.motion is None:
+            return self
+        own = self.motion.at(0.0)[1] if isinstance(self.motion, Track) else self.at(0.0).velocities.mean(axis=0)
+        return replace(self, velocity=triple(own))
 
 
 @dataclass(frozen=True)
@@ -214,17 +200,13 @@ class Scene(Told):
             digest.update(np.ascontiguousarray(item.triangles, dtype="<i4").tobytes())
         for target in self.targets:
             digest.update(repr(target).encode())
-        named = [(item.name, item.motion) for item in self.objects] + [
-            (item.name, item.motion) for item in self.targets
-        ]
-        for name, motion in named:
-            if motion is not None:
-                digest.update(name.encode() + motion.fingerprint())
-        for name, label in [(item.name, item.label) for item in self.objects] + [
-            (target.name, target.label) for target in self.targets
-        ]:
-            if label is not None:
-                digest.update(name.encode() + label.fingerprint())
+        every: list[SceneObject | PointTarget] = [*self.objects, *self.targets]
+        for part in every:
+            if part.motion is not None:
+                digest.update(part.name.encode() + part.motion.fingerprint())
+        for part in every:
+            if part.label is not None:
+                digest.update(part.name.encode() + part.label.fingerprint())
         for target in self.targets:
             if target.occupied is not None:
                 digest.update(repr((target.name, target.occupied)).encode())

@@ -11,32 +11,26 @@ A file is a table (CSV) with a line for each pose, or the JSON list that ``--pos
 
 from __future__ import annotations
 
+import csv
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, TypeAdapter, ValidationError
 from scipy.spatial.transform import Rotation, Slerp
 
 from datafactory.scenes.motion import triple
-from datafactory.scenes.poses import Pose
+from datafactory.scenes.poses import Coordinate, Pose, PoseEntry, Speed, Time, Velocity, read_entries
 from shared.physics.errors import InputError
+from shared.physics.units import FASTEST_MPS
+from shared.radar import first_validation_error
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicHermiteSpline
-
-
-import csv
-from pathlib import Path
-from typing import Annotated
-
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, TypeAdapter, ValidationError
-
-from datafactory.scenes.poses import Coordinate, PoseEntry, Speed, Time, Velocity, read_entries
-from shared.physics.units import FASTEST_MPS
-from shared.radar import first_validation_error
 
 Real = NDArray[np.float64]
 

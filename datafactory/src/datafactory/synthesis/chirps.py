@@ -13,16 +13,14 @@ from jaxtyping import Complex, Float64
 from numpy.typing import NDArray
 
 from datafactory.paths.table import PathTable, ScatteredPaths
-from datafactory.synthesis.motion import instants
-from datafactory.synthesis.parts import Part, centre, parts_of, reach_bins, rx_blocks
+from datafactory.synthesis.motion import Part, centre, instants, parts_of, reach_bins, rx_blocks, sweep_of
 from datafactory.synthesis.sorting import FLOAT32_TOLERANCE, crowd_limit, range_cells
-from datafactory.synthesis.spread import add_moments, add_to_grid, columns, empty_moments, padded
+from datafactory.synthesis.spread import Sensor, add_moments, add_to_grid, columns, empty_moments, padded
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
 from shared.radar.waveform import Waveform
 from shared.signal import chirp_times
 from shared.signal.sweep import (
-    reference_frequency_hz,
     shift_error_rms,
     shift_weights,
     shift_weights_error,
@@ -169,11 +167,9 @@ def _add_chirps(
         moments, used = workspaces[shape], np.zeros(cells, dtype=np.bool_)
         for table, part in parts:
             time = float(part.start[chirp]) + after
-            add_moments(
-                table, tx[part.tx], padded(rx), tx_centre, centre(rx), time, time + lead,
-                reference_frequency_hz(radar), waveform.bandwidth_hz, waveform.slope_hz_per_s,
-                float(waveform.residual_video_phase), OVERSAMPLING, powers, part.tx.start, moments, used,
-            )  # fmt: skip
+            sensor = Sensor(tx[part.tx], padded(rx), tx_centre, centre(rx), part.tx.start)
+            sweep = sweep_of(radar, OVERSAMPLING, cells, time, time + lead)
+            add_moments(table, sensor, sweep, powers, moments, used)
         grid = np.zeros((cells, len(rx), len(tx)), dtype=cube.dtype)
         add_to_grid(moments, used, weights.real.astype(real, order="C"), powers, cube.dtype.type(1.0), grid)
         if np.iscomplexobj(weights):

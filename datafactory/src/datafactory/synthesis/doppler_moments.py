@@ -6,8 +6,10 @@ The equations are those of :mod:`datafactory.synthesis.truth`.
 from __future__ import annotations
 
 from math import comb
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Complex128, Float64, Int64
 
 from shared.physics.compiled import compiled, inlined
 from shared.physics.cycles import short_phasor
@@ -37,12 +39,39 @@ _NEAREST = np.float32(1e-18)
 """Square of the smallest distance of an element [m^2]."""
 
 
+class Seen(NamedTuple):
+    """K paths that are seen in a Doppler cell, as :class:`datafactory.synthesis.mid_frame.MidFrame` has them.
+
+    :param path_terms: Doppler terms of each
+    """
+
+    path_terms: Int64[np.ndarray, " paths"]
+    rx_point: Float64[np.ndarray, "paths 3"]
+    rx_velocity: Float64[np.ndarray, "paths 3"]
+    tx_length: Float64[np.ndarray, " paths"]
+    tx_rate: Float64[np.ndarray, " paths"]
+    curvature: Float64[np.ndarray, " paths"]
+    amplitude: Complex128[np.ndarray, " paths"]
+
+
+class Frame(NamedTuple):
+    """A Doppler cell, and what frame and sweep are.
+
+    :param frequency: of the cell [bins]
+    :param lead: time by which ranges precede phases [s]; :param kappa: B / f_0
+    """
+
+    frequency: float
+    chirps: float
+    frame_s: float
+    reference_hz: float
+    bandwidth_hz: float
+    lead: float
+    kappa: float
+
+
 @compiled(nogil=True, error_model="numpy", fastmath=_FAST)
-def add_doppler_moments(
-    path_terms, rx_point, rx_velocity, tx_length, tx_rate, curvature, amplitude,
-    elements, rx_centre, frequency, chirps, frame_s,
-    reference_hz, bandwidth_hz, lead, kappa, needed, table_parts, binomial, grid,
-):  # fmt: skip
+def add_doppler_moments(seen, block, frame, needed, table_parts, binomial, grid):
     """Add K paths' moments in one Doppler cell to ``grid`` [cells, doppler terms * SHIFT_TERMS * 2 * BLOCK].
 
     With d from the block's centre to the path and t to an element, its leg is longer than the centre's, L, by
@@ -50,13 +79,13 @@ def add_doppler_moments(
     float32, so that a float32 root serves: the phase is float64 until it is reduced. Range and Doppler beyond the
     centre's are small, and float32.
 
-    :param path_terms: [K] Doppler terms of each path
-    :param elements: [BLOCK, 3] from ``rx_centre`` [m]
-    :param frequency: of the Doppler cell [bins]
-    :param lead: time by which ranges precede phases [s]
-    :param kappa: B / f_0
+    :param seen: a :class:`Seen`; :param frame: a :class:`Frame`
+    :param block: its elements [BLOCK, 3] from its centre [m], and that centre [3]
     :param needed: [cells] of the grid
     """
+    path_terms, rx_point, rx_velocity, tx_length, tx_rate, curvature, amplitude = seen
+    frequency, chirps, frame_s, reference_hz, bandwidth_hz, lead, kappa = frame
+    elements, rx_centre = block
     lowest_q, lowest_delta, table = table_parts
     single = np.float32
     per_slot = grid.shape[1]

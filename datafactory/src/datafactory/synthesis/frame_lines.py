@@ -22,9 +22,19 @@ from jaxtyping import Complex64, Float32, Float64, Int64
 from threadpoolctl import threadpool_limits
 
 from datafactory.synthesis.line_sums import add_samples, fill_lines, line_spectrum
-from datafactory.synthesis.lines import Paths, Sensor, Sweep, Weights, add_lines
-from datafactory.synthesis.motion import Motion, coupling, instants, motion_of
-from datafactory.synthesis.parts import Part, centre, parts_of, reach_bins, rx_blocks
+from datafactory.synthesis.lines import Paths, Weights, add_lines
+from datafactory.synthesis.motion import (
+    Motion,
+    Part,
+    centre,
+    coupling,
+    instants,
+    motion_of,
+    parts_of,
+    reach_bins,
+    rx_blocks,
+    sweep_of,
+)
 from datafactory.synthesis.slow_time import (
     FEW_TERMS,
     LINE_OVERSAMPLING,
@@ -41,13 +51,12 @@ from datafactory.synthesis.sorting import (
     frame_half,
     range_cells,
 )
-from datafactory.synthesis.spread import LANES, aligned, columns, padded
+from datafactory.synthesis.spread import LANES, Sensor, aligned, columns, padded
 from shared.radar import Radar
 from shared.radar.arrays import AntennaArray
 from shared.radar.waveform import Waveform
 from shared.signal import chirp_times
 from shared.signal.sweep import (
-    reference_frequency_hz,
     shift_error_rms,
     shift_weights,
     shift_weights_error,
@@ -92,6 +101,10 @@ class BlockPlan:
     jobs: list[Job]
     gain: Float32[np.ndarray, " samples"]
     weights: Float32[np.ndarray, "taps terms"]
+    radar: Radar
+    array: AntennaArray
+    tolerance: float
+    intra_chirp: bool
 
     def lines(self) -> Int64[np.ndarray, " lines"]:
         """The lines that some path takes [spacings], rising."""
@@ -110,7 +123,8 @@ def block_plans(
         reach = reach_bins(array.tx, waveform.bandwidth_hz) + reach_bins(rx, waveform.bandwidth_hz)
         reach = float(np.ceil((0.5 * waveform.samples / cells + reach + RANGE_SLACK_BINS) * 1e6) * 1e-6)
         gain, weights = _range_weights(waveform, cells, reach, RANGE_SHARE * tolerance)
-        yield BlockPlan(block, cells, _jobs(groups, radar, array, rx, intra_chirp, cells), gain, weights)
+        jobs = _jobs(groups, radar, array, rx, intra_chirp, cells)
+        yield BlockPlan(block, cells, jobs, gain, weights, radar, array, tolerance, intra_chirp)
 
 
 def add_along_lines(
@@ -136,7 +150,7 @@ def add_along_lines(
             grid = aligned(shape, np.float32)
             grid.fill(0.0)
             for job, some in chosen:
-                _spread(grid, job, some, lines, plan, radar, array, tolerance, intra_chirp)
+                _spread(grid, job, some, lines, plan)
             fast_time = _fast_time(grid, cells, taps, plan.gain, (len(rx), len(array.tx)))
             by_channel = cube.reshape(*cube.shape[:2], -1)[:, :, columns_of]
             _add_chirps(by_channel, fast_time, lines / LINE_OVERSAMPLING, gain_taps, radar, threads)
@@ -215,28 +229,21 @@ def _spread(
     chosen: Int64[np.ndarray, " chosen"],
     lines: Int64[np.ndarray, " lines"],
     plan: BlockPlan,
-    radar: Radar,
-    array: AntennaArray,
-    tolerance: float,
-    intra_chirp: bool,
 ) -> None:
     """Add some paths of a job to the grid."""
+    radar, array = plan.radar, plan.array
     waveform, part, group = radar.waveform, job.part, job.group
     tx, rx, line = array.tx[part.tx], array.rx[plan.rx], group.weights
-    after, lead = instants(radar, intra_chirp)
+    after, lead = instants(radar, plan.intra_chirp)
     mid_time = float(part.start[waveform.chirps // 2]) + after
     terms = MANY_TERMS if group.close else FEW_TERMS
-    reach = element_reach(terms, VIEW_SHARE * tolerance, frame_half(radar))
+    reach = element_reach(terms, VIEW_SHARE * plan.tolerance, frame_half(radar))
     paths = Paths(
         columns(part.paths, chosen), job.anchor[chosen], np.searchsorted(lines, job.first[chosen]),
         np.take(job.motion.bend, chosen, axis=1),
     )  # fmt: skip
     sensor = Sensor(tx, padded(rx), centre(array.tx), centre(rx), part.tx.start)
-    sweep = Sweep(
-        reference_frequency_hz(radar), waveform.bandwidth_hz, waveform.slope_hz_per_s,
-        float(waveform.residual_video_phase), plan.cells / waveform.samples, plan.cells,
-        waveform.chirps * waveform.chirp_interval_s, mid_time, mid_time + lead, coupling(radar),
-    )  # fmt: skip
+    sweep = sweep_of(radar, plan.cells / waveform.samples, plan.cells, mid_time, mid_time + lead)
     weights = Weights(line.node, element_weights(line, reach, terms), plan.weights)
     forms = *plan.weights.shape, group.orders, terms, 2 if group.close else 1
     add_lines(paths, sensor, sweep, weights, tuple((0,) * form for form in forms), grid)

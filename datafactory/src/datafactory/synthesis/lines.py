@@ -71,41 +71,6 @@ class Paths(NamedTuple):
     bends: Float64[np.ndarray, "6 paths"]
 
 
-class Sensor(NamedTuple):
-    """A block of elements.
-
-    :param tx: [m]; ``rx`` of :func:`datafactory.synthesis.spread.padded` [m]
-    :param tx_centre, rx_centre: the arrays' centres [m], which choose the cell
-    :param first_tx: index among the grid's TX of the first of ``tx``
-    """
-
-    tx: Float64[np.ndarray, "tx 3"]
-    rx: Float64[np.ndarray, "3 padded_rx"]
-    tx_centre: Float64[np.ndarray, " 3"]
-    rx_centre: Float64[np.ndarray, " 3"]
-    first_tx: int
-
-
-class Sweep(NamedTuple):
-    """What frame and sweep are.
-
-    :param video_phase: 1.0 adds the residual video phase as far as it is linear in the departure from a cell
-    :param oversampling: ``cells`` in a bin
-    :param frame_s: length of a frame; ``mid_time``, ``beat_time`` when phases and ranges are those of mid-frame [s]
-    """
-
-    reference_hz: float
-    bandwidth_hz: float
-    slope_hz_per_s: float
-    video_phase: float
-    oversampling: float
-    cells: int
-    frame_s: float
-    mid_time: float
-    beat_time: float
-    kappa: float
-
-
 class Weights(NamedTuple):
     """What turns paths into cells and lines.
 
@@ -150,11 +115,14 @@ def _lengths(paths, end, time, centre, result):
 
 
 @inlined(nogil=True, error_model="numpy", fastmath=_FAST)
-def _node_values(cycles, eta, bends, kappa, lead, at, close, orders, values):
+def _node_values(cycles, eta, bends, coupled, at, close, orders, values):
     """re and im [CHUNK] at a node, rows ``at`` and ``at`` + 1 of values [orders, 1 or 4, 2 * nodes, CHUNK].
 
     Of all elements, and if ``close`` of their q, of q^2 and of their c.
+
+    :param coupled: kappa, and the lead of ranges before phases in frames
     """
+    kappa, lead = coupled
     square, own_e = 2.0 * np.pi * eta * eta, kappa * (2.0 * lead * eta - (eta * eta - 1.0 / 12.0))
     re, im = values[0, 0, at], values[0, 0, at + 1]
     for b in range(CHUNK):
@@ -371,7 +339,7 @@ def add_lines(paths, sensor, sweep, weights, forms, grid):
                 cycles[b] = frequency[b] * longer
             for b in range(count):
                 cycles[b] -= anchor[first + b] * eta
-            _node_values(cycles, eta, bends, kappa, lead, 2 * n, close, orders, values)
+            _node_values(cycles, eta, bends, (kappa, lead), 2 * n, close, orders, values)
         for order in range(len(orders)):
             for part in range(parts):
                 np.dot(matrix, values[order, part], product)

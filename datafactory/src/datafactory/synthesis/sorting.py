@@ -17,8 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Int64
 
 from datafactory.paths.table import PathTable, ScatteredPaths
-from datafactory.synthesis.motion import coupling, left_out, motion_of, moving
-from datafactory.synthesis.parts import centre, reach_m, rx_blocks
+from datafactory.synthesis.motion import centre, coupling, left_out, motion_of, moving, reach_m, rx_blocks
 from datafactory.synthesis.slow_time import (
     FEW_TERMS,
     LINE_OVERSAMPLING,

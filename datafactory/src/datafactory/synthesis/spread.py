@@ -24,6 +24,8 @@ Delays are evaluated in float64 for every TX, RX and chirp; the phase is reduced
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from jaxtyping import Float, Float64, Integer
 from numpy.typing import DTypeLike
@@ -39,6 +41,43 @@ LANES = 16
 """RX elements worked on together: a constant, so that the compiler keeps their moments in registers; 16 float32 fill
 the widest ones."""
 _FAST = {"contract", "nsz", "arcp"}
+
+
+class Sensor(NamedTuple):
+    """A block of elements.
+
+    :param tx: [m]; ``rx`` of :func:`padded` [m]
+    :param tx_centre, rx_centre: the arrays' centres [m], which choose the cell
+    :param first_tx: index among the grid's TX of the first of ``tx``
+    """
+
+    tx: Float64[np.ndarray, "tx 3"]
+    rx: Float64[np.ndarray, "3 padded_rx"]
+    tx_centre: Float64[np.ndarray, " 3"]
+    rx_centre: Float64[np.ndarray, " 3"]
+    first_tx: int
+
+
+class Sweep(NamedTuple):
+    """What frame and sweep are.
+
+    :param video_phase: 1.0 adds the residual video phase -mu tau^2 / 2 up to its part linear in the departure z from
+        a cell, the exact kernel also its part quadratic in z
+    :param oversampling: ``cells`` in a bin
+    :param frame_s: length of a frame; ``mid_time``, ``beat_time`` when phases and ranges are those of mid-frame, or
+        of a chirp [s], see :func:`datafactory.synthesis.motion.instants`
+    """
+
+    reference_hz: float
+    bandwidth_hz: float
+    slope_hz_per_s: float
+    video_phase: float
+    oversampling: float
+    cells: int
+    frame_s: float
+    mid_time: float
+    beat_time: float
+    kappa: float
 
 
 def columns(paths: ScatteredPaths, order: Integer[np.ndarray, " paths"]) -> Float64[np.ndarray, "16 paths"]:
@@ -101,11 +140,12 @@ def rx_lengths(px, py, pz, x, y, z, length):
 
 
 @inlined(nogil=True, error_model="numpy", fastmath=_FAST)
-def _rx_legs(length, beat_length, cycles_per_metre, bins_per_metre, offset, at, re, im, shift):
-    """Phasor of these lengths [E] and range [bins] of those, from index ``at`` of re, im, shift.
+def _rx_legs(length, beat_length, cycles_per_metre, bins_per_metre, offset, at, seen):
+    """Phasor of these lengths [E] and range [bins] of those, from index ``at`` of re, im, shift in ``seen``.
 
     Indices are unsigned: numba's test for negative indices would prevent vectorisation.
     """
+    re, im, shift = seen
     for first in range(0, len(length), LANES):
         for lane in range(LANES):
             e = np.uint64(first) + np.uint64(lane)
@@ -115,12 +155,13 @@ def _rx_legs(length, beat_length, cycles_per_metre, bins_per_metre, offset, at, 
 
 
 @inlined(nogil=True, error_model="numpy", fastmath=_FAST)
-def _add_powers(one, other, rx_count, rx_re, rx_im, rx_shift, powers, to, moments):
+def _add_powers(one, other, rx_count, seen, powers, to, moments):
     """Add two paths of one TX to the moments of their common cell, from index ``to``, with one store for both.
 
     :param one, other: of each path re, im and range [bins] of the TX leg, and the index of its first RX leg
     :param powers: a tuple of ``terms`` entries; only its length is used, which the compiler knows
     """
+    rx_re, rx_im, rx_shift = seen
     t_re, t_im, t_shift, at = one
     u_re, u_im, u_shift, other_at = other
     for panel in range(rx_count // LANES):
@@ -141,22 +182,15 @@ def _add_powers(one, other, rx_count, rx_re, rx_im, rx_shift, powers, to, moment
 
 
 @compiled(nogil=True, error_model="numpy", fastmath=_FAST)
-def add_moments(
-    table, tx, rx, tx_centre, rx_centre, time, beat_time,
-    reference_hz, bandwidth_hz, slope_hz_per_s, video_phase, oversampling, powers, first_tx, moments, used,
-):  # fmt: skip
+def add_moments(table, sensor, sweep, powers, moments, used):
     """Add all paths at one instant to ``moments`` of :func:`empty_moments`.
 
     :param table: [16, K] of :func:`columns`
-    :param tx: [TX, 3] elements [m]; ``rx`` [3, E] of :func:`padded` [m]
-    :param tx_centre, rx_centre: [3] the arrays' centres, which choose the cell
-    :param time, beat_time: when phases and ranges are those of the scene [s], see
-        :func:`datafactory.synthesis.motion.instants`
-    :param video_phase: 1.0 adds the residual video phase -mu tau^2 / 2 up to its part quadratic in the remainder z
+    :param sensor: a :class:`Sensor`; :param sweep: a :class:`Sweep`
     :param powers: a tuple of ``terms`` entries
-    :param first_tx: index among the moments' TX of the first of ``tx``
     :param used: [cells] set where a path stands
     """
+    tx, rx, time, beat_time, oversampling = sensor.tx, sensor.rx, sweep.mid_time, sweep.beat_time, sweep.oversampling
     cells, moment_tx = moments.shape[0], moments.shape[1]
     tx_count, rx_count, path_count = len(tx), rx.shape[1], table.shape[1]
     flat = moments.reshape(moments.size)
@@ -175,7 +209,8 @@ def add_moments(
     real = moments.dtype.type
     rx_re, rx_im = np.empty(on_rx, dtype=moments.dtype), np.empty(on_rx, dtype=moments.dtype)
     rx_shift = np.empty(on_rx, dtype=moments.dtype)
-    bins_per_metre = bandwidth_hz / SPEED_OF_LIGHT
+    bins_per_metre = sweep.bandwidth_hz / SPEED_OF_LIGHT
+    seen = (rx_re, rx_im, rx_shift)
     for first in range(0, path_count, CHUNK):
         count = min(CHUNK, path_count - first)
         for row in range(7):
@@ -185,8 +220,8 @@ def add_moments(
             for b in range(count):
                 beat_line[b] = start[first + b] + rate[first + b] * beat_time
         # Each loop uses few arrays: the compiler tests at most about eight pairs of arrays for overlap.
-        _distances(count, bx, by, bz, tx_centre, length)
-        _distances(count, cx, cy, cz, rx_centre, rx_length)
+        _distances(count, bx, by, bz, sensor.tx_centre, length)
+        _distances(count, cx, cy, cz, sensor.rx_centre, rx_length)
         for b in range(count):
             nearest[b] = np.floor(bins_per_metre * (length[b] + beat_link[b] + rx_length[b]) * oversampling + 0.5)
         for b in range(count):
@@ -195,9 +230,9 @@ def add_moments(
             tx_offset[b] = nearest[b] / oversampling - bins_per_metre * rx_length[b]
         for b in range(count):
             # tau^2 = tau_0 (2 tau - tau_0) + (z / B)^2 with tau_0 the cell's delay; the last term is in the weights.
-            delay = nearest[b] / (oversampling * bandwidth_hz)
-            frequency[b] = (reference_hz - video_phase * slope_hz_per_s * delay) / SPEED_OF_LIGHT
-            constant[b] = 0.5 * video_phase * slope_hz_per_s * delay * delay
+            delay = nearest[b] / (oversampling * sweep.bandwidth_hz)
+            frequency[b] = (sweep.reference_hz - sweep.video_phase * sweep.slope_hz_per_s * delay) / SPEED_OF_LIGHT
+            constant[b] = 0.5 * sweep.video_phase * sweep.slope_hz_per_s * delay * delay
         for i in range(tx_count):
             t_re, t_im, t_shift = tx_re[i], tx_im[i], tx_shift[i]
             _distances(count, px, py, pz, tx[i], length)
@@ -215,7 +250,7 @@ def add_moments(
         for b in range(count):
             rx_lengths(qx[b], qy[b], qz[b], x, y, z, leg)
             rx_lengths(cx[b], cy[b], cz[b], x, y, z, beat_leg)
-            _rx_legs(leg, beat_leg, frequency[b], bins_per_metre, rx_offset[b], b * rx_count, rx_re, rx_im, rx_shift)
+            _rx_legs(leg, beat_leg, frequency[b], bins_per_metre, rx_offset[b], b * rx_count, seen)
         b = 0
         while b < count:
             # A path without a neighbour in its cell is paired with itself at amplitude 0.
@@ -227,8 +262,7 @@ def add_moments(
                 _add_powers(
                     (real(tx_re[i, b]), real(tx_im[i, b]), real(tx_shift[i, b]), b * rx_count),
                     (real(weight * tx_re[i, f]), real(weight * tx_im[i, f]), real(tx_shift[i, f]), f * rx_count),
-                    rx_count, rx_re, rx_im, rx_shift,
-                    powers, (cell * moment_tx + first_tx + i) * one_tx, flat,
+                    rx_count, seen, powers, (cell * moment_tx + sensor.first_tx + i) * one_tx, flat,
                 )  # fmt: skip
             b += 2 if paired else 1
 

@@ -43,6 +43,8 @@ from datafactory.synthesis.doppler_moments import (
     DELTA_STEP,
     MAX_DOPPLER_TERMS,
     SHIFT_TERMS,
+    Frame,
+    Seen,
     add_doppler_moments,
 )
 from datafactory.synthesis.mid_frame import MidFrame, at_mid_frame
@@ -159,8 +161,12 @@ def _fill_rows(
     :param workspace: for any cell's grid
     """
     waveform, terms, array = radar.waveform, len(moments), radar.virtual_sensor
-    frame_s = waveform.chirps * waveform.chirp_interval_s
     _, lead = instants(radar, intra_chirp)
+    seen = Seen(path_terms, mid.rx_point, mid.rx_velocity, mid.tx_length, mid.tx_rate, mid.curvature, mid.amplitude)
+    frame = Frame(
+        cell.frequency, float(waveform.chirps), waveform.chirps * waveform.chirp_interval_s,
+        reference_frequency_hz(radar), waveform.bandwidth_hz, lead, coupling(radar),
+    )  # fmt: skip
     offsets = around_row(waveform.samples)
     shape = len(cell.needed), cell.doppler_terms * SHIFT_TERMS * 2 * BLOCK
     grid = workspace[: int(np.prod(shape))].reshape(shape)
@@ -172,12 +178,7 @@ def _fill_rows(
         centre = 0.5 * (rx[0] + rx[-1])
         elements = np.concatenate([rx, np.repeat(rx[-1:], BLOCK - len(rx), axis=0)]) - centre
         grid[cell.needed] = 0.0
-        add_doppler_moments(
-            path_terms, mid.rx_point, mid.rx_velocity, mid.tx_length, mid.tx_rate, mid.curvature, mid.amplitude,
-            elements, centre, cell.frequency, float(waveform.chirps), frame_s,
-            reference_frequency_hz(radar), waveform.bandwidth_hz, lead, coupling(radar), cell.needed, table,
-            BINOMIAL, grid,
-        )  # fmt: skip
+        add_doppler_moments(seen, (elements, centre), frame, cell.needed, table, BINOMIAL, grid)
         for row, product in zip(cell.rows, products, strict=True):
             around = _cyclic_slice(grid, row * CELLS_PER_BIN + offsets).reshape(cell.mixing.shape[1], -1)
             np.matmul(cell.mixing, around, out=product)

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ValidationError
 from scipy.spatial.transform import Rotation
 
-from datafactory.frame.prepared import PreparedScene
+from datafactory.frame.deal import PreparedScene
 from datafactory.run.preparation import prepared_scene
 from datafactory.scenes.materials.table import MaterialTable, load_materials
 from datafactory.scenes.poses import Pose

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.frame.prepared import PreparedScene
+from datafactory.frame.deal import PreparedScene
 from datafactory.paths.backend import select_variant
 from datafactory.paths.geometry import Geometry, first_hits, mesh_of_shape
 from datafactory.paths.merged_scene import MergedScene

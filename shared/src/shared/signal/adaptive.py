@@ -20,6 +20,9 @@ array beyond some 5 m.
 Given P the echoes are Gaussian a posteriori, with mean P q and variance P (1 - P s): :func:`virtual_view` says what the
 virtual sensor would see of them.
 
+What is known beforehand of where echoes are, a prior w_n (:mod:`shared.signal.ego_motion`), multiplies P in each
+iteration of "iaa", and :data:`PRIOR_EXPONENT` of it in each of "likes". Without one, or where it is 1, nothing changes.
+
 One implementation for NumPy and torch, in single precision and for all rows at once: a network's input.
 ``trainer.estimators`` has the estimators, in double precision, on an axis as fine as their array asks for.
 """
@@ -43,8 +46,8 @@ FLOOR = 1e-4
 """Least power of white noise, of the power in a row: the inverse then stays within single precision."""
 DISTANCE_DIGITS = 8
 """Distances that agree to this many decimals of a wavelength count as equal."""
-
-
+PRIOR_EXPONENT = 0.3
+"""Of the prior in an iteration of "likes", which keeps what earlier ones did: the whole prior in each is too much."""
 LEAST_POWER, MOST_POWER = 1e-10, 1e6
 """Of an angle, in units of the row's power: an angle that fell to nothing can be called back, and no square
 overflows."""
@@ -155,16 +158,22 @@ def adaptive_powers(
     iterations: int,
     rule: Rule,
     start: Float32[Array, "rows angles"] | None = None,
+    prior: Float32[Array, "rows angles"] | None = None,
 ) -> Float32[Array, "rows angles"]:
     """[B, N] powers P after ``iterations`` of a rule, of rows of RMS 1 or 0.
 
     :param loading: [B] sigma^2, noise power over the row's
     :param start: [B, N] powers to begin with; delay-and-sum's by default
+    :param prior: [B, N] how far echoes are expected at each angle, at most 1; the same everywhere by default
     """
+    weight = 1.0 if prior is None else prior if rule == "iaa" else prior**PRIOR_EXPONENT
     power = _squared(snapshot @ tables.matched) / snapshot.shape[-1] ** 2 if start is None else start
     for _ in range(iterations):
         filtered, form = adaptive_forms(power, snapshot, loading, tables)
-        power = _squared(filtered) / form**2 if rule == "iaa" else bounded_power(power * likes_ratio(filtered, form))
+        if rule == "iaa":
+            power = _squared(filtered) / form**2 * weight
+        else:
+            power = bounded_power(power * likes_ratio(filtered, form) * weight)
     return power
 
 

@@ -9,14 +9,14 @@ the range window has its weight: an echo's phase in a range bin is that of mid-s
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Complex, Complex64, Complex128, Float64, Int
+from jaxtyping import Complex, Complex64, Complex128, Int
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from shared.physics.units import SPEED_OF_LIGHT
 from shared.radar import ImageGrid, Radar
 from shared.radar.arrays import AntennaArray
-from shared.signal.near_field_kernels import PRODUCT_FRAMES, fill_folded, fill_matrix, fold_signals, unfold
+from shared.signal.near_field_kernels import PRODUCT_FRAMES, Pairs, Row, fill_folded, fill_matrix, fold_signals, unfold
 from shared.signal.steering import manifold
 from shared.signal.sweep import reference_frequency_hz, shift_polynomials, sweep_positions
 from shared.signal.windows import hann
@@ -51,35 +51,6 @@ def delay_and_sum(
     if range_channel.shape[-1] != len(weights):
         raise ValueError(f"range_channel has {range_channel.shape[-1]} channels; expected {len(weights)}")
     return (range_channel @ (weights / len(weights)).astype(np.complex64)).astype(np.complex64, copy=False)
-
-
-def pixel_delays(radar: Radar, array: AntennaArray, range_m: float) -> Float64[np.ndarray, "channels bins"]:
-    """[C, U] round trip [s] from each element pair to the pixels (range, u) in the plane z = 0, eq. (2)."""
-    u = radar.grid.u
-    pixel = np.stack([range_m * np.sqrt(1.0 - u**2), range_m * u, np.zeros_like(u)], axis=-1)  # (U, 3)
-    tx_leg = np.linalg.norm(array.tx[:, None] - pixel, axis=-1)
-    rx_leg = np.linalg.norm(array.rx[:, None] - pixel, axis=-1)
-    return (tx_leg[array.channel_tx] + rx_leg[array.channel_rx]) / SPEED_OF_LIGHT
-
-
-def matched_filter_row(
-    fast_time: Complex[np.ndarray, "samples channels"], radar: Radar, array: AntennaArray, row: int
-) -> Complex128[np.ndarray, " bins"]:
-    """[U] one image row by the exact matched filter, the slow reference.
-
-    I(r, u) = 1/C sum_c sum_n w_n / sum(w) s_c[n] exp(-j 2 pi (f_c + B n / N) tau_c(r, u))
-
-    :param fast_time: [samples, C] the virtual sensor's signal in the row's Doppler cell
-    """
-    waveform = radar.waveform
-    window = hann(waveform.samples)
-    tau = pixel_delays(radar, array, row * waveform.range_step_m)
-    frequency = waveform.carrier_hz + waveform.bandwidth_hz * np.arange(waveform.samples) / waveform.samples
-    weighted = fast_time * (window / window.sum())[:, None]
-    image = np.zeros(radar.grid.bins, dtype=np.complex128)
-    for channel in range(array.channels):
-        image += weighted[:, channel] @ np.exp(-2j * np.pi * frequency[:, None] * tau[channel][None, :])
-    return image / array.channels
 
 
 def sweep_moments(
@@ -168,9 +139,10 @@ def _whole_images(moments: NDArray, radar: Radar, array: AntennaArray, images: N
     batch, terms, _, channels = moments.shape
     signal = np.zeros((-(-batch // PRODUCT_FRAMES), 2, PRODUCT_FRAMES, terms, channels), dtype=np.complex64)
     matrix = np.empty((terms, channels, 2, radar.grid.bins), dtype=np.float32)
+    pairs = Pairs(array.tx, array.rx, array.channel_tx, array.channel_rx)
     for row, range_m in enumerate(radar.waveform.ranges_m):
-        geometry = array.tx, array.rx, array.channel_tx, array.channel_rx, range_m, radar.grid.u
-        fill_matrix(*geometry, *_per_metre(radar), float(row), np.float32(1.0 / channels), matrix)
+        here = Row(float(row), range_m, radar.grid.u, *_per_metre(radar), np.float32(1.0 / channels))
+        fill_matrix(pairs, here, matrix)
         for b in range(batch):
             signal[b // PRODUCT_FRAMES, :, b % PRODUCT_FRAMES] = moments[b, :, row], -1j * moments[b, :, row]
         product = _product(signal, matrix).swapaxes(1, 2).reshape(-1, 2, radar.grid.bins)[:batch]
@@ -189,9 +161,12 @@ def _folded_images(moments: NDArray, radar: Radar, array: AntennaArray, crossing
     lines = (-(-batch // PRODUCT_FRAMES), 2, PRODUCT_FRAMES, terms, half)
     sums, differences = np.zeros(lines, dtype=np.complex64), np.zeros(lines, dtype=np.complex64)
     even, odd = (np.empty((terms, half, 2, len(u)), dtype=np.float32) for _ in range(2))
-    elements, scale = (array.tx, array.rx, array.channel_tx[half:], array.channel_rx[half:]), np.float32(0.5 / channels)
+    pairs, scale = (
+        Pairs(array.tx, array.rx, array.channel_tx[half:], array.channel_rx[half:]),
+        np.float32(0.5 / channels),
+    )
     for row, range_m in enumerate(radar.waveform.ranges_m):
-        fill_folded(*elements, range_m, u, *_per_metre(radar), float(row), scale, even, odd)
+        fill_folded(pairs, Row(float(row), range_m, u, *_per_metre(radar), scale), even, odd)
         fold_signals(moments, row, sums, differences)
         unfold(_product(sums, even), _product(differences, odd), row, start, crossing, first, images)
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from jaxtyping import Float64, Int64
 
 from shared.physics.compiled import compiled, inlined
 from shared.physics.cycles import single_phasor
@@ -11,9 +14,36 @@ PRODUCT_FRAMES = 8
 """Frames of one matrix product; batches are filled up with zeros."""
 
 
+class Pairs(NamedTuple):
+    """C pairs of elements.
+
+    :param tx, rx: places [m]; :param tx_of, rx_of: their numbers in each pair
+    """
+
+    tx: Float64[np.ndarray, "tx 3"]
+    rx: Float64[np.ndarray, "rx 3"]
+    tx_of: Int64[np.ndarray, " channels"]
+    rx_of: Int64[np.ndarray, " channels"]
+
+
+class Row(NamedTuple):
+    """A row of an image, ``range_m`` away.
+
+    :param u: of its pixels; :param scale: of its phasors
+    :param cycles_per_metre: at mid-sweep; :param bins_per_metre: of the range
+    """
+
+    number: float
+    range_m: float
+    u: Float64[np.ndarray, " bins"]
+    cycles_per_metre: float
+    bins_per_metre: float
+    scale: np.float32
+
+
 @inlined(error_model="numpy", fastmath={"contract", "nsz", "arcp"})
-def _steer(tx_leg, x, y, element, cycles_per_metre, bins_per_metre, row, scale, re, im, walk):
-    """Fill re, im, walk [U] for one element pair: phasor of the delay at mid-sweep times ``scale``, range walk [bins].
+def _steer(tx_leg, x, y, element, row, re, im, walk):
+    """Fill re, im, walk [U] for one element pair: phasor of the delay at mid-sweep, range walk [bins].
 
     :param tx_leg: [U] from the TX to the pixels (x, y, 0) [m]; ``element`` [3] the RX [m]
     """
@@ -21,9 +51,9 @@ def _steer(tx_leg, x, y, element, cycles_per_metre, bins_per_metre, row, scale, 
     for j in range(len(x)):
         dx, dy = x[j] - rx_x, y[j] - rx_y
         path = tx_leg[j] + np.sqrt(dx * dx + dy * dy + rx_z * rx_z)
-        cosine, sine = single_phasor(cycles_per_metre * path)
-        re[j], im[j] = scale * cosine, scale * sine
-        walk[j] = row - bins_per_metre * path
+        cosine, sine = single_phasor(row.cycles_per_metre * path)
+        re[j], im[j] = row.scale * cosine, row.scale * sine
+        walk[j] = row.number - row.bins_per_metre * path
 
 
 @inlined(error_model="numpy", fastmath={"contract", "nsz", "arcp"})
@@ -45,6 +75,12 @@ def _store_folded_power(left, right, left_walk, right_walk, even, odd):
 
 
 @inlined(error_model="numpy")
+def _pixels(row):
+    """x and y [U] of a row's pixels [m]."""
+    return row.range_m * np.sqrt(1.0 - row.u * row.u), row.range_m * row.u
+
+
+@inlined(error_model="numpy")
 def _pixel_legs(elements, x, y):
     """[E, U] distances from elements [E, 3] to the pixels (x, y, 0) [m]."""
     legs = np.empty((len(elements), len(x)))
@@ -55,35 +91,35 @@ def _pixel_legs(elements, x, y):
 
 
 @compiled(error_model="numpy")
-def fill_matrix(tx, rx, tx_of, rx_of, range_m, u, cycles_per_metre, bins_per_metre, row, scale, matrix):
+def fill_matrix(pairs, row, matrix):
     """Fill ``matrix`` [terms, C, 2, U]: re and im of the delays' phasors times powers of the range walk [bins].
 
     Real and imaginary parts stand in lines of their own: interleaved stores took four times as long.
     """
     terms, channels, _, columns = matrix.shape
-    x, y = range_m * np.sqrt(1.0 - u * u), range_m * u
-    tx_leg = _pixel_legs(tx, x, y)
+    x, y = _pixels(row)
+    tx_leg = _pixel_legs(pairs.tx, x, y)
     re, im, walk = np.empty(columns, np.float32), np.empty(columns, np.float32), np.empty(columns, np.float32)
     for c in range(channels):
-        _steer(tx_leg[tx_of[c]], x, y, rx[rx_of[c]], cycles_per_metre, bins_per_metre, row, scale, re, im, walk)
+        _steer(tx_leg[pairs.tx_of[c]], x, y, pairs.rx[pairs.rx_of[c]], row, re, im, walk)
         for p in range(terms):
             _store_power(re, walk, matrix[p, c, 0])
             _store_power(im, walk, matrix[p, c, 1])
 
 
 @compiled(error_model="numpy")
-def fill_folded(tx, rx, tx_of, rx_of, range_m, u, cycles_per_metre, bins_per_metre, row, scale, even, odd):
+def fill_folded(pairs, row, even, odd):
     """Sum and difference of :func:`fill_matrix` at +u and -u into ``even`` and ``odd`` [terms, C, 2, U]."""
     terms, channels, _, columns = even.shape
-    x, y = range_m * np.sqrt(1.0 - u * u), range_m * u
+    x, y = _pixels(row)
     mirror_y = -y
-    tx_leg, mirror_leg = _pixel_legs(tx, x, y), _pixel_legs(tx, x, mirror_y)
+    tx_leg, mirror_leg = _pixel_legs(pairs.tx, x, y), _pixel_legs(pairs.tx, x, mirror_y)
     l_re, l_im, l_walk = np.empty(columns, np.float32), np.empty(columns, np.float32), np.empty(columns, np.float32)
     r_re, r_im, r_walk = np.empty(columns, np.float32), np.empty(columns, np.float32), np.empty(columns, np.float32)
     for c in range(channels):
-        i, element = tx_of[c], rx[rx_of[c]]
-        _steer(tx_leg[i], x, y, element, cycles_per_metre, bins_per_metre, row, scale, l_re, l_im, l_walk)
-        _steer(mirror_leg[i], x, mirror_y, element, cycles_per_metre, bins_per_metre, row, scale, r_re, r_im, r_walk)
+        i, element = pairs.tx_of[c], pairs.rx[pairs.rx_of[c]]
+        _steer(tx_leg[i], x, y, element, row, l_re, l_im, l_walk)
+        _steer(mirror_leg[i], x, mirror_y, element, row, r_re, r_im, r_walk)
         for p in range(terms):
             _store_folded_power(l_re, r_re, l_walk, r_walk, even[p, c, 0], odd[p, c, 0])
             _store_folded_power(l_im, r_im, l_walk, r_walk, even[p, c, 1], odd[p, c, 1])

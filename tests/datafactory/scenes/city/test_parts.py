@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from datafactory.scenes.city import furniture, vehicles
+from datafactory.scenes.city import furniture
 from datafactory.scenes.city.buildings import (
     DEPTHS,
     FRAME_RECESS,
@@ -35,8 +35,8 @@ PARTS = {
     **{f"house {shape} {len(glazed)}": building(house(shape, glazed, bands=True, cornice=True))
        for shape in ("flat", "gable", "hip") for glazed in (("front",), SIDES, (), ("front", "left"))},
     "house balconies": building(house("flat", ("front",), balconies=((1, 0), (2, 2)))),
-    **{name: vehicles.car(shape) for name, shape in vehicles.CAR_SHAPES.items()},
-    "lorry": vehicles.lorry(), "bus": vehicles.bus(),
+    **{name: furniture.car(shape) for name, shape in furniture.CAR_SHAPES.items()},
+    "lorry": furniture.lorry(), "bus": furniture.bus(),
     "lamp": furniture.lamp_post(9.0), "bollard": furniture.bollard(), "bin": furniture.litter_bin(),
     **{f"sign {kind}": furniture.sign(kind) for kind in ("round", "triangle", "panel")},
     "tree": furniture.street_tree(RNG, 1.3), "conifer": furniture.conifer(RNG),
@@ -102,7 +102,7 @@ def test_panes_are_set_back_in_their_reveals() -> None:
 
 
 def test_crowns_leave_room_for_lorries() -> None:
-    tallest = vehicles.lorry().vertices[:, 2].max()
+    tallest = furniture.lorry().vertices[:, 2].max()
     for radius in (1.0, 1.4):
         tree = furniture.street_tree(np.random.default_rng(0), radius)
         crown = {
@@ -115,9 +115,9 @@ def test_crowns_leave_room_for_lorries() -> None:
         assert np.linalg.norm(tree.vertices[list(crown), :2], axis=1).max() <= 1.2 * radius + 1e-3
 
 
-@pytest.mark.parametrize("name", vehicles.CAR_SHAPES)
+@pytest.mark.parametrize("name", furniture.CAR_SHAPES)
 def test_cars_have_plausible_size_and_materials(name: str) -> None:
-    surface = vehicles.car(vehicles.CAR_SHAPES[name])
+    surface = furniture.car(furniture.CAR_SHAPES[name])
     lower, upper = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
     assert 3.5 < (upper - lower)[0] < 5.2
     assert 1.6 < (upper - lower)[1] < 2.1

@@ -11,7 +11,6 @@ from road_networks import ARC_M, GRADE, LANE_M, LINE_M, OSM, OTHER_M, RADIUS_M, 
 from typer.testing import CliRunner
 
 from datafactory.cli.app import app
-from datafactory.scenes.city.city import CityOptions
 from datafactory.scenes.city.rules import Style
 from datafactory.scenes.city.site import Placement
 from datafactory.scenes.network import conversion
@@ -40,7 +39,7 @@ def own(folder: Path) -> Network:
 
 @pytest.fixture(scope="module")
 def built(own: Network, folder: Path) -> tuple[list[Placement], int]:
-    return town(own, CityOptions(seed=1, style=Style.SUBURB), own.centre(), 600.0, folder)
+    return town(own, 1, Style.SUBURB, own.centre(), 600.0, folder)
 
 
 def from_reference_line(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -121,7 +120,7 @@ def test_vehicles_drive_on_lanes_the_way_they_face(own: Network, built: tuple[li
 def test_nothing_stands_on_a_road(own: Network, folder: Path, style: Style) -> None:
     import shapely
 
-    placements, _ = town(own, CityOptions(seed=2, style=style), own.centre(), 600.0, folder)
+    placements, _ = town(own, 2, style, own.centre(), 600.0, folder)
     middle = np.array(own.centre())
     asphalt = shapely.union_all(
         [shapely.LineString(lane.points[:, :2]).buffer(0.45 * lane.width) for lane in own.lanes]

@@ -14,14 +14,14 @@ from town_scenes import two_blocks
 
 from datafactory.frame.deal import Deal
 from datafactory.scenes.boxes import Movers, Traffic
-from datafactory.scenes.city.city import CityOptions, city
+from datafactory.scenes.city.city import city
 from datafactory.scenes.city.rules import Style
 from datafactory.scenes.city.usd import write_usd
 from datafactory.scenes.drives import Drives, draw_drive
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import Scene
 from datafactory.scenes.things import Population
-from datafactory.scenes.traffic.asked import parse_populate
+from datafactory.scenes.traffic.arrange import parse_populate
 from datafactory.scenes.traffic.population import populated, sensor_ground
 from datafactory.scenes.traffic.stretches import HORIZON_S
 
@@ -84,7 +84,7 @@ def bare_scene(which: str, folder: Path) -> tuple[Scene, list[Standing]]:
         bare = two_blocks() if which == "hill" else open_scene(which)
         houses = [item for item in bare.objects if item.name not in ("ground", "mesh-floor")]
         return bare, [Standing(item.name, Shape.around([(item.vertices, item.triangles)])) for item in houses]
-    standing = city(CityOptions(seed=0, blocks=2, style=Style(which)))
+    standing = city(seed=0, blocks=2, style=Style(which))
     write_usd(folder / "city.usdc", standing, "what stands")
     return open_scene(str(folder / "city.usdc")), city_solids(standing)
 

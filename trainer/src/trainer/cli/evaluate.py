@@ -29,7 +29,8 @@ def evaluate(
     methods: Annotated[
         str | None,
         typer.Option(
-            help="Comma-separated: das, das-hamming, das-hann, music, iaa, iaa-view, omp, omp-cfar, spice, likes, ml; "
+            help="Comma-separated: das, das-hamming, das-hann, music, iaa, iaa-view, likes-view, likes-view-ego, omp, "
+            "omp-cfar, spice, likes, ml; "
             "of a measured row also music-fbss and line-fit; cnn and unet stand for the runs. By default das, music, "
             "iaa, omp and all runs, of a measured row all."
         ),

@@ -76,8 +76,14 @@ def fit(
         typer.Option(help="Train and validate with the first N frames of each dataset; 0: all.", show_default="0"),
     ] = None,
     start: Annotated[
-        str, typer.Option("--from", metavar="RUN|none", help="Begin with the weights of this run, or with random ones.")
-    ] = NO_START,
+        str | None,
+        typer.Option(
+            "--from",
+            metavar="RUN|none",
+            help="Begin with the weights of this run, or with random ones.",
+            show_default="the shipped weights where they fit",
+        ),
+    ] = None,
     seed: Annotated[
         int | None,
         typer.Option(min=0, max=LARGEST_SEED, help="Same seed, same weights on one device.", show_default="0"),
@@ -96,6 +102,7 @@ def fit(
     from trainer.training.fit import fit as run_fit
     from trainer.training.processes import is_first
     from trainer.training.recipes import configuration
+    from trainer.training.start import SHIPPED
 
     given = {
         "model": model, "features": features, "target": target, "width": width, "hidden": hidden, "steps": steps,
@@ -108,7 +115,7 @@ def fit(
     def announce(line: str) -> None:
         console.print(line, markup=False)
 
-    begin = None if start == NO_START else Path(start)
+    begin = None if start == NO_START else SHIPPED if start is None else Path(start)
     request = FitRequest(
         datasets, out, configuration(recipe, given, config), array=array, weights=weight, start=begin, resume=resume,
         workers=workers, check=check, devices=devices, logger=logger,

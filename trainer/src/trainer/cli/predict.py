@@ -30,7 +30,7 @@ def predict(
         str | None,
         typer.Option(
             help="A classical estimator in place of a network, for any array: das, das-hamming, das-hann, music, iaa, "
-            "iaa-view, omp, omp-cfar, spice, likes or ml."
+            "iaa-view, likes-view, likes-view-ego, omp, omp-cfar, spice, likes or ml."
         ),
     ] = None,
     radar: Annotated[str | None, typer.Option(help="Radar of a .npy cube: a preset or a TOML file.")] = None,
@@ -46,6 +46,17 @@ def predict(
         bool,
         typer.Option("--animation", help="Also animation.gif: images and detections, frame by frame; with --points."),
     ] = False,
+    velocity: Annotated[
+        str | None,
+        typer.Option(
+            metavar="VX,VY",
+            help="Of the vehicle at the radar, forward and to the left [m/s]; by default what the data say, else what "
+            "a frame shows. For likes-view-ego, and for 'moving' of --points.",
+        ),
+    ] = None,
+    mounting_yaw: Annotated[
+        float, typer.Option(help="By how much the radar is turned to the left on the vehicle [degree].")
+    ] = 0.0,
 ) -> None:
     """Image frames with a trained network or a classical estimator, every Doppler peak of a range bin included."""
     from trainer.run.predict import PredictRequest
@@ -62,9 +73,17 @@ def predict(
     request = PredictRequest(
         paths[-1], out, run=None if method else pretrained_run(pretrained) if pretrained else Path(paths[0]),
         method=method, radar=radar, split=split, pictures=pictures, points=points, points_format=points_format,
-        animation=animation,
+        animation=animation, velocity=None if velocity is None else _velocity(velocity), mounting_yaw_deg=mounting_yaw,
     )  # fmt: skip
     run_predict(request)
+
+
+def _velocity(text: str) -> tuple[float, float]:
+    try:
+        forward, left = (float(part) for part in text.split(","))
+    except ValueError:
+        raise InputError("--velocity", repr(text), "two numbers [m/s], e.g. 8.3,0") from None
+    return forward, left
 
 
 def export(

@@ -13,10 +13,12 @@ from shared.dataset.locations import Location, RemotePath, locate
 from shared.dataset.reading import radar_of
 from shared.physics.errors import InputError
 from shared.radar import Radar
+from shared.signal.ego_motion import EgoMotion
 from shared.signal.model_error import NO_MODEL_ERROR_DB, UNCALIBRATED_DB
 from shared.signal.spectrum import range_doppler, select_doppler, unfold
 from shared.signal.windows import cell_noise_power
 from trainer.captures.cube_file import Capture, CubeFile, read_cube
+from trainer.data.motion import read_motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +32,7 @@ class Measurement:
     :param noise_power: of one channel and cell [W]
     :param truth: [R, U] relative to its peak, if known
     :param model_error_db: power of a row that no plane wave explains, of the row's [dB]; -inf of simulated data
+    :param motion: of the sensor, if known
     """
 
     name: str
@@ -39,6 +42,7 @@ class Measurement:
     noise_power: float
     truth: NDArray[np.float32] | None
     model_error_db: float = NO_MODEL_ERROR_DB
+    motion: EgoMotion | None = None
 
     @property
     def measured(self) -> bool:
@@ -68,7 +72,8 @@ class Measurements(Iterator[Measurement]):
 def open_measurements(source: Location | str, radar: str | None, split: str) -> tuple[Radar, Measurements]:
     """The radar and the frames of a dataset's split, local or remote, or of a cube.
 
-    A cube is a ``.npy`` with its radar named by ``radar``, or a ``.npz``, see :mod:`trainer.captures.cube_file`.
+    A cube is a ``.npy`` with its radar named by ``radar``, or a ``.npz``, see :mod:`trainer.captures.cube_file`; a file
+    beside it may state the sensor's motion, see :mod:`trainer.data.motion`.
 
     :raises InputError: neither, or one that is damaged or does not fit its radar
     """
@@ -83,25 +88,31 @@ def open_measurements(source: Location | str, radar: str | None, split: str) -> 
         columns = ("range_channel", "velocity", "image")
         frames = (
             Measurement(
-                f"frame-{f.frame_id:06d}", f.frame_id, f.range_channel, f.velocity, f.noise_power, np.array(f.image)
+                f"frame-{f.frame_id:06d}", f.frame_id, f.range_channel, f.velocity, f.noise_power, np.array(f.image),
+                motion=EgoMotion.of_pose(f.sensor_velocity, f.sensor_orientation),
             )
             for name in chosen if name in dataset.splits
             for f in dataset.frames(name, columns)
         )  # fmt: skip
         return radar_of(dataset.description(), source / MANIFEST), Measurements(frames, True)
     found = read_cube(source, radar)
-    cubes = (_measurement(source.stem, found, frame) for frame in range(len(found.cube)))
+    motions = read_motion(source, len(found.cube))
+    cubes = (
+        _measurement(source.stem, found, frame, None if motions is None else motions[frame])
+        for frame in range(len(found.cube))
+    )
     return found.radar, Measurements(cubes, False, () if found.capture is None else found.capture.dead_channels)
 
 
-def _measurement(name: str, found: CubeFile, frame: int) -> Measurement:
+def _measurement(name: str, found: CubeFile, frame: int, motion: EgoMotion | None) -> Measurement:
     """A frame of a cube; of several the name says which."""
     radar, capture = found.radar, found.capture
     noise_power = cell_noise_power(radar) if capture is None else capture.noise_power
     selection = unfold(select_doppler(range_doppler(found.cube[frame], radar), noise_power), radar)
     velocity = selection.velocities_mps(radar.waveform).astype(np.float32)
     name = name if len(found.cube) == 1 else f"{name}-{frame:06d}"
-    return Measurement(name, frame, selection.range_channel, velocity, noise_power, None, _model_error_db(capture))
+    channels, error_db = selection.range_channel, _model_error_db(capture)
+    return Measurement(name, frame, channels, velocity, noise_power, None, error_db, motion)
 
 
 def _model_error_db(capture: Capture | None) -> float:

@@ -17,9 +17,12 @@ and so does the form that the Capon family divides by, for a Hermitian matrix M:
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
+from shared.signal.adaptive import PRIOR_EXPONENT
 from shared.signal.steering import manifold
 from shared.signal.windows import angle_window
 from trainer.estimators.array import LineArray, NoisePower, image_rows, scan_axis
@@ -30,6 +33,8 @@ SPICE_ITERATIONS, LIKES_ITERATIONS = 60, 12
 """LIKES resolves as many pairs with these as with 30 steps of its paper; SPICE, of first order, converges slowly."""
 VIEW_ITERATIONS = 5
 """More make the powers sparser, and the view of extended targets with them."""
+SHARP_ITERATIONS = (4, 5)
+"""Of IAA, then of LIKES, of the sharper view."""
 ELEMENTS, WINDOW = 256, "taylor-30"
 """Of the line of the view: the virtual sensor of the paper and the datasets' default truth."""
 DISTANCE_DIGITS = 8
@@ -37,6 +42,9 @@ DISTANCE_DIGITS = 8
 FLOOR = 1e-6
 """Least power of white noise in a covariance, of the power in a channel. The form a^H R^-1 a is wrong by some
 (power / noise)^2 x 2e-16 where R was inverted as a whole: 1e-3 with this floor, everything with 1e-9."""
+
+Prior = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+"""Angles [N] to how far echoes of each row are expected there [R, N]."""
 
 
 class Scan:
@@ -135,12 +143,17 @@ class IterativeAdaptive:
         return image_rows(snapshots, array, len(u), noise_power, solve)
 
 
-def adaptive_amplitudes(x: NDArray[np.complex128], scan: Scan, iterations: int) -> NDArray[np.float64]:
-    """[B, N] |s(u)| of snapshots x [B, C] at the scanned angles."""
-    amplitude = scan.begin(x)
+def adaptive_amplitudes(
+    x: NDArray[np.complex128], scan: Scan, iterations: int, prior: NDArray[np.float64] | float = 1.0
+) -> NDArray[np.float64]:
+    """[B, N] |s(u)| of snapshots x [B, C] at the scanned angles.
+
+    :param prior: [B, N] by which each iteration multiplies the power, see :mod:`shared.signal.adaptive`
+    """
+    amplitude, weight = scan.begin(x), np.sqrt(prior)
     for _ in range(iterations):
         inverse, channel_power = scan.inverse(amplitude**2, 0.0)
-        amplitude = np.abs(scan.filtered(inverse, x)) / scan.form(inverse, channel_power)
+        amplitude = np.abs(scan.filtered(inverse, x)) / scan.form(inverse, channel_power) * weight
     return amplitude
 
 
@@ -192,6 +205,18 @@ class SparseCovariance:
         return image_rows(snapshots, array, len(u), noise_power, solve)
 
 
+def over_period(prior: Prior, array: LineArray, axis: NDArray[np.float64]) -> NDArray[np.float64]:
+    """[R, N] the prior at scanned angles, each of which stands for all that the array takes for it: the largest."""
+    period = 2.0 * array.half_period
+    most = int(2.0 / period) + 1 if array.half_period < 1.0 else 0
+    angles = axis + period * np.arange(-most, most + 1)[:, None]
+    real = (np.abs(angles) <= 1.0) | (angles == axis)
+    known = prior(angles[real])
+    each = np.zeros((len(known), *angles.shape))
+    each[:, real] = known
+    return np.asarray(each.max(axis=1))
+
+
 class VirtualView:
     """|sum_n h(u - u_n) P_n a_n^H R^-1 x|,   R = sum_n P_n a_n a_n^H + sigma^2 I,   P_n = |s(u_n)|^2 of IAA.
 
@@ -200,14 +225,29 @@ class VirtualView:
     truth image has the line's width, and its sum of several echoes. No training: how far the physics goes alone.
 
     The line has half a wavelength between its elements and stands in the middle of the radar frame.
+
+    :param sharp: :data:`SHARP_ITERATIONS` of IAA and of LIKES (:class:`SparseCovariance`) in place of IAA alone
+    :param told: :meth:`image` uses a prior, where it is given one
     """
 
-    name = "iaa-view"
+    def __init__(self, sharp: bool = False, told: bool = False) -> None:
+        self.iterations, self.sharpening = SHARP_ITERATIONS if sharp else (VIEW_ITERATIONS, 0)
+        self.told = told
+        self.name = ("likes-view" if sharp else "iaa-view") + ("-ego" if told else "")
 
     def image(
-        self, snapshots: NDArray[np.complexfloating], array: LineArray, u: NDArray[np.floating], noise_power: NoisePower
+        self,
+        snapshots: NDArray[np.complexfloating],
+        array: LineArray,
+        u: NDArray[np.floating],
+        noise_power: NoisePower,
+        prior: Prior | None = None,
     ) -> NDArray[np.float64]:
-        """[R, U] magnitude [sqrt(W)] of snapshots [R, C] with noise of ``noise_power`` [W] at the angles u [U]."""
+        """[R, U] magnitude [sqrt(W)] of snapshots [R, C] with noise of ``noise_power`` [W] at the angles u [U].
+
+        :param prior: how far echoes are expected at angles [N], as [R, N] of at most 1, see
+            :meth:`shared.signal.ego_motion.StaticWorld.prior`
+        """
         axis, _ = scan_axis(array, u)
         scan = Scan(array, axis)
         places = 0.5 * array.wavelength_m * (np.arange(ELEMENTS) - 0.5 * (ELEMENTS - 1))
@@ -215,9 +255,16 @@ class VirtualView:
         seen = manifold(places, array.wavelength_m, axis).T
         line = seen @ (weights * manifold(places, array.wavelength_m, np.asarray(u)).conj())  # (N, U)
 
-        def solve(x: NDArray[np.complex128], noise: NDArray[np.float64]) -> NDArray[np.float64]:
-            power = adaptive_amplitudes(x, scan, VIEW_ITERATIONS) ** 2
+        def solve(
+            x: NDArray[np.complex128], noise: NDArray[np.float64], known: NDArray[np.float64] | float = 1.0
+        ) -> NDArray[np.float64]:
+            power = adaptive_amplitudes(x, scan, self.iterations, known) ** 2
+            for _ in range(self.sharpening):
+                inverse, channel_power = scan.inverse(power, noise)
+                ratio = np.abs(scan.filtered(inverse, x)) ** 2 / scan.form(inverse, channel_power)
+                power = power * ratio * np.asarray(known) ** PRIOR_EXPONENT
             inverse, _ = scan.inverse(power, noise)
             return np.asarray(np.abs((power * scan.filtered(inverse, x)) @ line))
 
-        return image_rows(snapshots, array, len(u), noise_power, solve)
+        known = None if prior is None or not self.told else over_period(prior, array, axis)
+        return image_rows(snapshots, array, len(u), noise_power, solve, known)

@@ -134,12 +134,18 @@ def uniform_axis(array: LineArray, points_per_cell: float) -> NDArray[np.float64
     return -half + 2.0 * half / count * np.arange(count, dtype=np.float64)
 
 
-Solver = Callable[[NDArray[np.complex128], NDArray[np.float64]], NDArray[np.float64]]
-"""([B, C] snapshots of largest element 1, [B] noise power in their scale) to [B, U] magnitudes."""
+Solver = Callable[..., NDArray[np.float64]]
+"""([B, C] snapshots of largest element 1, [B] noise power in their scale) to [B, U] magnitudes; a third argument is
+what else is known of these rows."""
 
 
 def image_rows(
-    snapshots: NDArray[np.complexfloating], array: LineArray, bins: int, noise_power: NoisePower, solve: Solver
+    snapshots: NDArray[np.complexfloating],
+    array: LineArray,
+    bins: int,
+    noise_power: NoisePower,
+    solve: Solver,
+    known: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
     """[R, bins] magnitudes of ``solve`` in the snapshots' unit, zero where the snapshot is zero.
 
@@ -147,6 +153,7 @@ def image_rows(
 
     :param snapshots: [R, C] one for each range bin [sqrt(W)]
     :param noise_power: of one channel [W], of all rows or of each; 0 where there is none
+    :param known: [R, ...] what else ``solve`` is told of each row
     :raises InputError: of another shape, not finite, or negative noise power
     """
     check_snapshots(snapshots, array)
@@ -159,7 +166,8 @@ def image_rows(
         block = present[start : start + ROWS_AT_ONCE]
         # The quotient comes before the square: the square of 1e-200 would be zero.
         relative = np.minimum(np.sqrt(noise[block]) / scale[block], LARGEST_RELATIVE_NOISE) ** 2
-        image[block] = scale[block, None] * solve(rows[block] / scale[block, None], relative)
+        told = () if known is None else (known[block],)
+        image[block] = scale[block, None] * solve(rows[block] / scale[block, None], relative, *told)
     return image
 
 

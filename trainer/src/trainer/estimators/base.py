@@ -45,6 +45,8 @@ ESTIMATORS: dict[str, Callable[[], Estimator]] = {
     "music": Music,
     "iaa": IterativeAdaptive,
     "iaa-view": VirtualView,
+    "likes-view": lambda: VirtualView(sharp=True),
+    "likes-view-ego": lambda: VirtualView(sharp=True, told=True),
     "omp": OrthogonalMatchingPursuit,
     "omp-cfar": lambda: OrthogonalMatchingPursuit("cfar"),
     "spice": SparseCovariance,

@@ -139,7 +139,9 @@ def _without_gpu(bench: Bench) -> Bench:
 class _Elsewhere(Answer):
     """Images nothing here: a contender on a GPU is imaged in the main process."""
 
-    def images(self, range_channel: object, noise_power: object, model_error_db: object = None) -> Images:
+    def images(
+        self, range_channel: object, noise_power: object, model_error_db: object = None, world: object = None
+    ) -> Images:
         raise NotImplementedError(_Elsewhere.__doc__)
 
     def das(self, range_channel: object) -> NDArray[np.floating]:

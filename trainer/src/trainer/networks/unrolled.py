@@ -12,6 +12,9 @@ the products z(u)* z(u + l) of z = q / sqrt(s), which no common phase changes. W
 the plain iteration. A light U-Net over range and angle corrects the base by what has been found, and says where targets
 are. Before training its correction is zero, and the answer the base.
 
+What the sensor's own motion says of each row's angles (:mod:`shared.signal.ego_motion`) may multiply P in both kinds of
+iterations.
+
 No weight knows the array: it enters through the tables alone.
 """
 
@@ -28,6 +31,7 @@ from torch.nn import functional
 from shared.radar import Radar
 from shared.signal.adaptive import (
     LEAST_POWER,
+    PRIOR_EXPONENT,
     AdaptiveTables,
     adaptive_forms,
     adaptive_powers,
@@ -121,21 +125,25 @@ class UnrolledNetwork(nn.Module):
             self.row.bias.copy_(torch.tensor([0.0, RARE][: self.outputs]))
 
     def forward(
-        self, snapshots: Float[torch.Tensor, "batch planes rows 1"]
+        self, snapshots: Float[torch.Tensor, "batch planes rows 1"], prior: torch.Tensor | None = None
     ) -> Float[torch.Tensor, "batch {self.outputs} rows {self.bins}"]:
+        """The answer; ``prior`` [B, R, N] is that of :mod:`shared.signal.adaptive`, the same everywhere by default."""
         batch, planes, rows, _ = snapshots.shape
+        known = None if prior is None else prior.reshape(batch * rows, -1)
         with torch.autocast(snapshots.device.type, enabled=False):
             row = snapshots.float()[..., 0].transpose(1, 2).reshape(batch * rows, planes)
             snapshot, noise = torch.complex(row[:, : planes // 2], row[:, planes // 2 : -1]), row[:, -1]
             tables = AdaptiveTables(*(self.get_buffer(name) for name in AdaptiveTables._fields))
             with torch.no_grad():
-                power = adaptive_powers(snapshot, noise, tables, self.plain, "iaa")
+                power = adaptive_powers(snapshot, noise, tables, self.plain, "iaa", prior=known)
                 filtered, form = adaptive_forms(power, snapshot, noise, tables)
                 seen = virtual_view(power, filtered, form, self.get_buffer("view"), uncertain=0.0)
         shape = (batch, rows, self.bins)
         for step in self.steps:
             state, _ = self.state(power, filtered.real, filtered.imag, form, noise, shape)
             power = self.stepped(power, filtered, form, step(state))
+            if known is not None:
+                power = bounded_power(power * known**PRIOR_EXPONENT)
             with torch.autocast(snapshots.device.type, enabled=False):
                 filtered, form = adaptive_forms(power, snapshot, noise, tables)
         return self.corrected(seen, power, filtered.real, filtered.imag, form, noise, shape)

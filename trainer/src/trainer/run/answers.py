@@ -12,11 +12,15 @@ from numpy.typing import NDArray
 
 from shared.physics.errors import InputError, meant
 from shared.radar import Radar
+from shared.signal.adaptive import scanned_angles
+from shared.signal.ego_motion import EgoMotion, StaticWorld
 from shared.signal.model_error import NO_MODEL_ERROR_DB, row_noise
 from shared.signal.tdm import averaged
 from trainer.data.arrays import ArrayChoice
 from trainer.data.measurements import Measurement
-from trainer.estimators.base import ESTIMATORS, Estimator, LineArray, line_array
+from trainer.data.motion import seen_motion
+from trainer.estimators.adaptive import VirtualView
+from trainer.estimators.base import ESTIMATORS, Estimator, LineArray, NoisePower, line_array
 from trainer.estimators.das import DelayAndSum
 from trainer.metrics.cells import CellScores, score_cells
 from trainer.run.detections import new_peaks
@@ -53,13 +57,25 @@ class Answer(ABC):
 
     @abstractmethod
     def images(
-        self, range_channel: NDArray[np.complexfloating], noise_power: float, model_error_db: float = NO_MODEL_ERROR_DB
+        self,
+        range_channel: NDArray[np.complexfloating],
+        noise_power: float,
+        model_error_db: float = NO_MODEL_ERROR_DB,
+        world: StaticWorld | None = None,
     ) -> Images:
-        """Of matrices [B, R, C] of all the radar's channels [sqrt(W)], each with this noise in a channel [W]."""
+        """Of matrices [B, R, C] of all the radar's channels [sqrt(W)], each with this noise in a channel [W].
+
+        :param world: what the sensor's motion says of these [B, R] rows, for methods that use it
+        """
 
     @abstractmethod
     def das(self, range_channel: NDArray[np.complexfloating]) -> NDArray[np.floating]:
         """[B, R, U] delay-and-sum images of the same channels [sqrt(W)]."""
+
+    @property
+    def uses_motion(self) -> bool:
+        """Whether its images depend on the sensor's motion."""
+        return False
 
     def peaks(self, measurement: Measurement) -> Images:
         """:meth:`images` of each Doppler peak of a frame (paper, section II-E).
@@ -67,7 +83,21 @@ class Answer(ABC):
         The strongest peaks of all range bins first, then the second strongest and so on, the strongest again where
         there is none.
         """
-        return self.images(measurement.range_channel, measurement.noise_power, measurement.model_error_db)
+        world = self._world(measurement)
+        return self.images(measurement.range_channel, measurement.noise_power, measurement.model_error_db, world)
+
+    def _world(self, measurement: Measurement) -> StaticWorld | None:
+        """What is known of the frame's rows [D, R]."""
+        motion = measurement.motion
+        return None if motion is None else StaticWorld(motion, measurement.velocity, self.radar)
+
+    def seen_motion(self, measurement: Measurement) -> EgoMotion | None:
+        """The sensor's motion as these channels see it in the frame, which seeds what is drawn."""
+        new = new_peaks(measurement.velocity)
+        cells = measurement.range_channel[new][:, self.channels]
+        return seen_motion(
+            cells, measurement.velocity[new], self.line, self.radar, measurement.noise_power, measurement.frame_id
+        )
 
     def baseline(self, measurement: Measurement) -> NDArray[np.floating]:
         """[R, U] delay-and-sum image of the same channels, the maximum over the peaks [sqrt(W)]."""
@@ -78,13 +108,14 @@ class Answer(ABC):
         return np.asarray(self.images(range_channel[None], noise_power)[0][0], dtype=np.float64)
 
     def image_and_score(
-        self, range_channel: NDArray[np.complexfloating], noise_power: float
+        self, range_channel: NDArray[np.complexfloating], noise_power: float, world: StaticWorld | None = None
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """([R, U] :meth:`image`, [R, U] score by which detections are found and ranked, in any unit), in one pass.
 
         Where a network says where targets are it is image times the root of that probability, elsewhere the image.
         """
-        images, probability = self.images(range_channel[None], noise_power)
+        one = None if world is None else world[None]
+        images, probability = self.images(range_channel[None], noise_power, world=one)
         score = images * np.sqrt(probability) if self.detects and probability is not None else images
         return np.asarray(images[0], dtype=np.float64), np.asarray(score[0], dtype=np.float64)
 
@@ -110,33 +141,51 @@ class Answer(ABC):
         range_channel: NDArray[np.complexfloating],
         noise_power: float,
         seen: tuple[NDArray[np.floating], NDArray[np.floating]],
+        channels: int | None = None,
     ) -> CellScores:
         """What became of the detections of a frame.
 
         :param truth: [R, U] magnitude [sqrt(W)]
         :param range_channel: [R, C] of all channels
         :param seen: of :meth:`image_and_score`
+        :param channels: how many should find the truth's cells; its own by default
         """
         image, score = seen
         chosen = range_channel[:, self.channels]
         level = level_image(image, self.unit, chosen, self.line, self.radar.grid.u, noise_power)
         step = self.radar.waveform.range_step_m
-        return score_cells(truth, level, noise_power, len(self.channels), step, score)
+        return score_cells(truth, level, noise_power, channels or len(self.channels), step, score)
 
 
 @dataclass(frozen=True, eq=False)
 class NetworkAnswer(Answer):
-    """A run's network."""
+    """A run's network.
+
+    :param told: an unrolled network's iterations use what is known of the sensor's motion
+    """
 
     imager: Imager
+    told: bool = False
+
+    @property
+    def uses_motion(self) -> bool:
+        return self.told and self.imager.config.model == "unrolled"
 
     def images(
-        self, range_channel: NDArray[np.complexfloating], noise_power: float, model_error_db: float = NO_MODEL_ERROR_DB
+        self,
+        range_channel: NDArray[np.complexfloating],
+        noise_power: float,
+        model_error_db: float = NO_MODEL_ERROR_DB,
+        world: StaticWorld | None = None,
     ) -> Images:
         with torch.inference_mode():
             snapshots = self._tensor(range_channel)
             noise = torch.full((len(snapshots),), noise_power, dtype=torch.float64, device=snapshots.device)
-            images, probability = self.imager.detect(snapshots, noise, model_error_db)
+            prior = None
+            if world is not None and self.uses_motion:
+                weights = world.prior(scanned_angles(self.radar)).astype(np.float32)
+                prior = torch.from_numpy(weights).to(snapshots.device)
+            images, probability = self.imager.detect(snapshots, noise, model_error_db, prior)
             return images.cpu().numpy(), None if probability is None else probability.float().cpu().numpy()
 
     def das(self, range_channel: NDArray[np.complexfloating]) -> NDArray[np.floating]:
@@ -153,15 +202,36 @@ class EstimatorAnswer(Answer):
 
     estimator: Estimator
 
+    @property
+    def uses_motion(self) -> bool:
+        return isinstance(self.estimator, VirtualView) and self.estimator.told
+
     def images(
-        self, range_channel: NDArray[np.complexfloating], noise_power: float, model_error_db: float = NO_MODEL_ERROR_DB
+        self,
+        range_channel: NDArray[np.complexfloating],
+        noise_power: float,
+        model_error_db: float = NO_MODEL_ERROR_DB,
+        world: StaticWorld | None = None,
     ) -> Images:
         found = []
-        for matrix in range_channel:
+        for index, matrix in enumerate(range_channel):
             rows = matrix[:, self.channels]
             noise = row_noise(rows, noise_power, model_error_db) if model_error_db > NO_MODEL_ERROR_DB else noise_power
-            found.append(self.estimator.image(rows, self.line, self.radar.grid.u, noise))
+            found.append(self._rows(self.estimator, rows, self.line, noise, None if world is None else world[index]))
         return np.stack(found), None
+
+    def _rows(
+        self,
+        estimator: Estimator,
+        rows: NDArray[np.complexfloating],
+        line: LineArray,
+        noise: NoisePower,
+        world: StaticWorld | None,
+    ) -> NDArray[np.float64]:
+        """[n, U] of rows [n, C]."""
+        if world is not None and isinstance(estimator, VirtualView) and estimator.told:
+            return estimator.image(rows, line, self.radar.grid.u, noise, world.prior)
+        return estimator.image(rows, line, self.radar.grid.u, noise)
 
     def das(self, range_channel: NDArray[np.complexfloating]) -> NDArray[np.floating]:
         return replace(self, estimator=DelayAndSum()).images(range_channel, 0.0)[0]
@@ -179,8 +249,9 @@ class EstimatorAnswer(Answer):
         noise: float | NDArray[np.float64] = measurement.noise_power
         if measurement.measured:
             noise = np.asarray(row_noise(rows, measurement.noise_power, measurement.model_error_db))
+        world = self._world(measurement)
         images = np.zeros((*new.shape, self.radar.grid.bins))
-        images[new] = estimator.image(rows, line, self.radar.grid.u, noise)
+        images[new] = self._rows(estimator, rows, line, noise, None if world is None else world[new])
         return images
 
     def _elements(self, rows: NDArray[np.complexfloating]) -> tuple[NDArray[np.complexfloating], LineArray]:

@@ -13,6 +13,7 @@ import pyarrow as pa
 
 from shared.dataset.writing import write_text
 from shared.physics.errors import InputError
+from shared.signal.ego_motion import EgoMotion
 from trainer.run.detections import Detections
 
 FORMATS = ("parquet", "csv", "pcd")
@@ -21,13 +22,18 @@ UNITS = {
     "range": "m", "u": "sin(azimuth)", "velocity": "m/s, receding", "amplitude_db": "dB re 1 sqrt(W)",
     "u_std": "sin(azimuth), Cramer-Rao", "probability": "of a target; null without a detection head",
     "range_std": "m, Cramer-Rao, or of a bin", "velocity_std": "m/s, of a Doppler cell",
+    "moving": "probability of no part of the static world; null where the sensor's motion is not known",
 }  # fmt: skip
 """Of the fields of a detection, in their order."""
-DETECTION = pa.struct([pa.field(name, pa.float64(), nullable=name == "probability") for name in UNITS])
+DETECTION = pa.struct([pa.field(name, pa.float64(), nullable=name in ("probability", "moving")) for name in UNITS])
 COLUMN = pa.field("detections", pa.list_(pa.field("element", DETECTION, nullable=False)), nullable=False)
-"""list<struct<range, u, velocity, amplitude_db, u_std, probability, range_std, velocity_std>>, strongest
+"""list<struct<range, u, velocity, amplitude_db, u_std, probability, range_std, velocity_std, moving>>, strongest
 first."""
-PCD_FIELDS = ("x", "y", "z", "intensity", "velocity", "probability")
+MOTION_UNITS = {"forward": "m/s", "left": "m/s", "forward_std": "m/s, 0 if told", "left_std": "m/s, 0 if told"}
+"""Of the sensor's velocity in the radar frame."""
+MOTION = pa.field("motion", pa.struct([pa.field(name, pa.float64(), nullable=False) for name in MOTION_UNITS]))
+"""Null where it is not known."""
+PCD_FIELDS = ("x", "y", "z", "intensity", "velocity", "probability", "moving")
 
 
 def check_format(name: str) -> None:
@@ -37,10 +43,10 @@ def check_format(name: str) -> None:
 
 
 def records(found: Detections) -> list[dict[str, float | None]]:
-    """One dictionary a detection, probability None where it is not known."""
+    """One dictionary a detection, a probability None where it is not known."""
     columns = (
         found.range_m, found.u, found.velocity, found.amplitude_db, found.u_std, found.probability,
-        found.range_std, found.velocity_std,
+        found.range_std, found.velocity_std, found.moving,
     )  # fmt: skip
     rows = zip(*(column.tolist() for column in columns), strict=True)
     return [
@@ -53,8 +59,14 @@ def column(found: Detections) -> pa.Array:
     return pa.array([records(found)], COLUMN.type)
 
 
+def motion_column(motion: EgoMotion | None) -> pa.Array:
+    """One frame's entry of the column ``motion``."""
+    values = None if motion is None else (motion.forward_mps, motion.left_mps, *motion.std_mps)
+    return pa.array([None if values is None else dict(zip(MOTION_UNITS, values, strict=True))], MOTION.type)
+
+
 def write_csv(path: Path, frames: Sequence[tuple[int, Detections]]) -> None:
-    """One line a detection, after its frame's index; an empty field where the probability is not known."""
+    """One line a detection, after its frame's index; an empty field where a probability is not known."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["frame_id", *UNITS])
@@ -71,7 +83,7 @@ def write_pcd(path: Path, found: Detections) -> None:
     points = np.stack(
         [
             found.range_m * np.sqrt(np.maximum(1.0 - found.u**2, 0.0)), found.range_m * found.u, np.zeros(len(found)),
-            found.amplitude_db, found.velocity, found.probability,
+            found.amplitude_db, found.velocity, found.probability, found.moving,
         ],
         axis=1,
     )  # fmt: skip

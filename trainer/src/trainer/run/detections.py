@@ -13,7 +13,7 @@ ones were chosen, the other to further lines in the groups that were heard.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from shared.physics.errors import InputError
 from shared.physics.units import amplitude_to_db
 from shared.radar import Radar
+from shared.signal.ego_motion import EgoMotion, moving_probability
 from trainer.estimators.array import LineArray, uniform_axis
 from trainer.estimators.fitting import (
     FALSE_ALARM,
@@ -71,6 +72,8 @@ class Detections:
     :param probability: [N] of a target, by the network's detection head; NaN where it has none
     :param range_std: [N] likewise of the range, that of a uniform bin where it is the bin's [m]
     :param velocity_std: [N] that of a uniform Doppler cell [m/s]
+    :param moving: [N] probability that it does not belong to the static world; NaN where the sensor's own motion is not
+        known
     """
 
     range_m: NDArray[np.float64]
@@ -81,6 +84,7 @@ class Detections:
     probability: NDArray[np.float64]
     range_std: NDArray[np.float64]
     velocity_std: NDArray[np.float64]
+    moving: NDArray[np.float64]
 
     def __len__(self) -> int:
         return len(self.u)
@@ -157,7 +161,16 @@ def find_detections(
         probability=certain,
         range_std=np.where(np.isnan(offset_std[kept]), uniform, offset_std[kept]) * waveform.range_step_m,
         velocity_std=np.full(len(kept), uniform * waveform.velocity_step_mps),
+        moving=np.full(len(kept), np.nan),
     )
+
+
+def with_moving(found: Detections, motion: EgoMotion | None, radar: Radar) -> Detections:
+    """The detections with ``moving`` by the sensor's motion; as they are where it is not known."""
+    if motion is None:
+        return found
+    seen = found.range_m, found.u, found.velocity, found.u_std, found.velocity_std
+    return replace(found, moving=moving_probability(motion, radar, *seen))
 
 
 def _heard(

@@ -141,11 +141,14 @@ class Imager(nn.Module):
         """[B, R, U] delay-and-sum magnitude of the same channels [sqrt(W)], the network's baseline."""
         return (range_channel[..., self.channels] @ self.weights).abs()
 
-    def answer(self, features: torch.Tensor) -> torch.Tensor:
-        """[B, 1 or 2, R, U] of the network, see :mod:`trainer.run.precision`."""
-        device = features.device.type
+    def answer(self, features: torch.Tensor, prior: torch.Tensor | None = None) -> torch.Tensor:
+        """[B, 1 or 2, R, U] of the network, see :mod:`trainer.run.precision`.
+
+        :param prior: [B, R, N] of an "unrolled" network
+        """
+        device, known = features.device.type, () if prior is None else (prior,)
         with torch.autocast(device, torch.bfloat16, enabled=in_bfloat16(self.config, device)):
-            return self.network(features.contiguous(memory_format=torch.channels_last))
+            return self.network(features.contiguous(memory_format=torch.channels_last), *known)
 
     @property
     def detects(self) -> bool:
@@ -153,17 +156,22 @@ class Imager(nn.Module):
         return self.config.model == "unrolled" and self.config.detection > 0
 
     def detect(
-        self, range_channel: torch.Tensor, noise_power: torch.Tensor, model_error_db: float = NO_MODEL_ERROR_DB
+        self,
+        range_channel: torch.Tensor,
+        noise_power: torch.Tensor,
+        model_error_db: float = NO_MODEL_ERROR_DB,
+        prior: torch.Tensor | None = None,
     ) -> tuple[torch.Tensor, torch.Tensor | None]:
         """([B, R, U] image, see :data:`trainer.run.targets.UNITS`; [B, R, U] probability of a target, or None).
 
         A network without a detection head has no such probability, but where its image is one.
 
         :param model_error_db: what calibration leaves of a plane wave, see :mod:`shared.signal.model_error`
+        :param prior: see :meth:`answer`
         :raises InputError: a model error above 0 dB
         """
         features, scale = self.features(range_channel, noise_power, model_error_ratio(model_error_db))
-        answer = self.answer(features)
+        answer = self.answer(features, prior)
         image = self.gain * decode(self.config, answer, scale)
         if self.detects:
             return image, answer[:, 1].float().sigmoid()

@@ -21,9 +21,20 @@ from shared.signal.tdm import statement
 from trainer.data.measurements import Measurement, Measurements, open_measurements
 from trainer.estimators.fitting import MODEL_ERROR_DB
 from trainer.run.answers import Answer, NetworkAnswer, check_method, estimator_answer, network_answer
-from trainer.run.detection_files import COLUMN, CSV_FILE, check_format, column, write_csv, write_pcd
+from trainer.run.detection_files import (
+    COLUMN,
+    CSV_FILE,
+    MOTION,
+    MOTION_UNITS,
+    check_format,
+    column,
+    motion_column,
+    write_csv,
+    write_pcd,
+)
 from trainer.run.detection_files import UNITS as DETECTION_UNITS
-from trainer.run.detections import Detections, find_detections
+from trainer.run.detections import Detections, find_detections, with_moving
+from trainer.run.ego_motion import Motions
 from trainer.run.folder import load_imager, output_folder, same_radar
 from trainer.run.other_radars import fitted_imager
 from trainer.run.pictures import ANIMATION, save_animation, save_picture
@@ -45,6 +56,9 @@ class PredictRequest:
     :param points: a column ``detections`` as well
     :param points_format: with "csv" also ``detections.csv``, with "pcd" a cloud of each frame
     :param animation: also ``animation.gif``
+    :param velocity: of the vehicle at the radar, forward and to the left [m/s], in every frame; else what the source
+        says, else what the frame shows
+    :param mounting_yaw_deg: by how much the radar is turned to the left on it
     :raises InputError: options that do not go together
     """
 
@@ -58,6 +72,8 @@ class PredictRequest:
     points: bool = False
     points_format: str = "parquet"
     animation: bool = False
+    velocity: tuple[float, float] | None = None
+    mounting_yaw_deg: float = 0.0
 
     def __post_init__(self) -> None:
         check_format(self.points_format)
@@ -65,6 +81,10 @@ class PredictRequest:
             raise InputError("--points-format", f"{self.points_format!r} without --points", "--points beside it")
         if self.animation and not self.points:
             raise InputError("--animation", "without --points", "--points beside it")
+        if not np.isfinite([*(self.velocity or ()), self.mounting_yaw_deg]).all():
+            raise InputError("--velocity", f"{self.velocity}, yaw {self.mounting_yaw_deg}", "finite numbers")
+        if self.mounting_yaw_deg and self.velocity is None:
+            raise InputError("--mounting-yaw", "without --velocity", "--velocity beside it")
         if (self.run is None) == (self.method is None):
             problem = "a run and --method" if self.method else "neither a run nor --method"
             raise InputError("arguments", problem, "one of both")
@@ -84,9 +104,11 @@ def predict(request: PredictRequest, announce: Callable[[str], object] = print) 
         if said := statement(answer.radar):
             announce(said)
         listed: list[tuple[int, Detections]] = []
+        motions = Motions(request.velocity, request.mounting_yaw_deg, request.points or answer.uses_motion)
         headless = False
         with atomic(out / IMAGES) as partial, pq.ParquetWriter(partial, schema, compression="lz4") as writer:
-            for measurement in measurements:
+            for seen in measurements:
+                measurement = motions.told(seen, answer)
                 images, probability = answer.peaks(measurement)
                 image, velocity = merge_peaks(images, measurement.velocity)
                 row = {
@@ -97,6 +119,7 @@ def predict(request: PredictRequest, announce: Callable[[str], object] = print) 
                 if request.points:
                     targets = _detections(answer, images, probability, measurement)
                     row["detections"] = column(targets)
+                    row["motion"] = motion_column(measurement.motion)
                     headless = probability is None and request.method is None
                     if points_format == "pcd":
                         write_pcd(out / f"{measurement.name}.pcd", targets)
@@ -112,6 +135,8 @@ def predict(request: PredictRequest, announce: Callable[[str], object] = print) 
             save_animation(out / IMAGES, out / ANIMATION)
     if headless:
         announce(f"{request.run} has no detection head: the detections' probability is null")
+    if motions.estimated:
+        announce(str(motions))
     remark = precision_remark([answer.imager.config] if isinstance(answer, NetworkAnswer) else [])
     announce(f"{count} frames of {request.source} in {out}" + (f"; {remark}" if remark else ""))
     return count
@@ -149,7 +174,7 @@ def merge_peaks(
 def _detections(
     answer: Answer, images: NDArray[np.float32], probability: NDArray[np.float32] | None, measurement: Measurement
 ) -> Detections:
-    return find_detections(
+    found = find_detections(
         images,
         probability,
         measurement.range_channel[..., answer.channels],
@@ -159,6 +184,7 @@ def _detections(
         measurement.noise_power,
         max(MODEL_ERROR_DB, measurement.model_error_db),
     )
+    return with_moving(found, measurement.motion, answer.radar)
 
 
 def _picture(out: Path, answer: Answer, measurement: Measurement, image: NDArray[np.float32]) -> None:
@@ -178,10 +204,10 @@ def _schema(answer: Answer, points: bool) -> pa.Schema:
     values = pa.list_(pa.field("element", pa.float32(), nullable=False), shape[0] * shape[1])
     fields = [pa.field(name, kind, nullable=False) for name, kind in (("image", values), ("velocity", values))]
     if points:
-        fields.append(COLUMN)
+        fields += [COLUMN, MOTION]
     units: dict[str, object] = {"image": answer.unit, "velocity": "m/s"}
     if points:
-        units["detections"] = DETECTION_UNITS
+        units |= {"detections": DETECTION_UNITS, "motion": MOTION_UNITS}
     said = statement(answer.radar)
     text = json.dumps(
         {

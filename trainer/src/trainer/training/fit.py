@@ -29,13 +29,11 @@ from trainer.run.folder import (
     WEIGHTS,
     Run,
     Start,
-    load_imager,
     output_folder,
     read_run,
     versions,
     write_run,
 )
-from trainer.run.imager import Imager
 from trainer.run.precision import precision_remark
 from trainer.training.callbacks import (
     LOSS,
@@ -51,13 +49,10 @@ from trainer.training.callbacks import (
 from trainer.training.datamodule import ImagingData
 from trainer.training.doa import DoaData, DoaTask
 from trainer.training.processes import ended_process, follower, is_first, launched
+from trainer.training.start import SHIPPED, begin_with, shipped_start
 from trainer.training.task import ImagingTask
 from trainer.training.verdict import judge
 
-NETWORK_FIELDS = (
-    "model", "width", "hidden", "features", "iterations", "learned", "detection", "target", "exponent",
-)  # fmt: skip
-"""What the weights of a run mean depends on these."""
 DEVELOPER_ADVICE = (
     ".*does not have many workers.*",
     ".*smaller than the logging interval.*",
@@ -75,7 +70,8 @@ class FitRequest:
     :param datasets: folders of datasets of one radar, local or by URI; the "doa-cnn" takes only the radar from them
     :param array: see :func:`trainer.data.arrays.choose_array`
     :param weights: share of each dataset in the batches
-    :param start: a run of the same network whose weights training begins with
+    :param start: a run of the same network whose weights training begins with; None for random ones, or
+        :data:`trainer.training.start.SHIPPED`
     :param resume: go on with the run in ``out``, at the batch after its last checkpoint
     :param workers: reading processes
     :param check: hash every shard before training
@@ -88,7 +84,7 @@ class FitRequest:
     config: FitConfig
     array: str = "sparse6"
     weights: Sequence[float] | None = None
-    start: Path | None = None
+    start: Path | str | None = None
     resume: bool = False
     workers: int = 0
     check: bool = True
@@ -108,11 +104,12 @@ def fit(request: FitRequest, announce: Callable[[str], object] = print) -> Run:
     out, first = request.out, is_first()
     with output_folder(out, request.resume, "an empty or new folder, or --resume") if first else follower():
         data = ImagingData(request.datasets, request.weights, request.config, request.workers, request.check)
-        run = _run_of(request, data)
+        start, said = _start_of(request, data)
+        run = _run_of(request, data, start)
         online = run.config.model == "doa-cnn"
         task = (DoaTask if online else ImagingTask)(run.config, run.radar, run.array)
-        if request.start is not None:
-            _begin_with(task.imager, run.config, request.start)
+        if start is not None:
+            begin_with(task.imager, run.config, start)
         if first:
             _prepare(out, run, request.resume)
         checkpoint = out / CHECKPOINT if request.resume and (out / CHECKPOINT).is_file() else None
@@ -120,6 +117,8 @@ def fit(request: FitRequest, announce: Callable[[str], object] = print) -> Run:
             require_checkpoint(checkpoint)
         if first:
             announce(_summary(run, task))
+            if said:
+                announce(said)
         keeper, interrupts = RunKeeper(out, announce), Interrupts(first)
         callbacks: list[Callback] = [keeper, interrupts, *([] if online else [PictureLogger()])]
         with _quiet():
@@ -142,19 +141,32 @@ def fit(request: FitRequest, announce: Callable[[str], object] = print) -> Run:
                 raise
             raise not_restored(checkpoint, error) from error
         if first and not online and (out / WEIGHTS).is_file():
-            judge(out, request.datasets, announce)
+            judge(out, request.datasets, announce, start)
         return run
 
 
-def _run_of(request: FitRequest, data: ImagingData) -> Run:
+def _start_of(request: FitRequest, data: ImagingData) -> tuple[Path | None, str]:
+    """(the run whose weights training begins with, what to say of a start that was not stated)."""
+    if request.start != SHIPPED:
+        return None if request.start is None else Path(request.start), ""
+    if request.resume and (request.out / RUN_FILE).is_file() and read_run(request.out).start is None:
+        return None, ""  # it began with random weights: so it was asked for, or nothing shipped did fit
+    return shipped_start(_config_of(request, data), data.radar, choose_array(request.array, data.radar))
+
+
+def _config_of(request: FitRequest, data: ImagingData) -> FitConfig:
+    return request.config.model_copy(update={"truth_window": data.truth_window})
+
+
+def _run_of(request: FitRequest, data: ImagingData, start: Path | None) -> Run:
     return Run(
-        config=request.config.model_copy(update={"truth_window": data.truth_window}),
+        config=_config_of(request, data),
         radar=data.radar,
         array=choose_array(request.array, data.radar),
         datasets=data.fingerprints,
         weights=tuple(request.weights) if request.weights else None,
         versions=versions(),
-        start=None if request.start is None else Start.of(request.start),
+        start=None if start is None else Start.of(start),
     )
 
 
@@ -194,23 +206,6 @@ def _trainer(config: FitConfig, curves: Logger | bool, callbacks: list[Callback]
         benchmark=False,
         use_distributed_sampler=False,  # BatchOrder deals the batches out itself
     )
-
-
-def _begin_with(imager: Imager, config: FitConfig, start: Path) -> None:
-    """Give the imager the weights of another run.
-
-    :raises InputError: no whole run, or another network
-    """
-    run, trained = load_imager(start)
-    for name in NETWORK_FIELDS:
-        if getattr(run.config, name) != getattr(config, name):
-            raise InputError(
-                "--from", f"{start} has {name} = {getattr(run.config, name)!r}", f"{getattr(config, name)!r}"
-            )
-    try:
-        imager.network.load_state_dict(trained.network.state_dict())
-    except RuntimeError as error:  # of another array or grid, where a network knows them
-        raise InputError("--from", f"{start} has weights of other shapes", "a run of this array and grid") from error
 
 
 def _validation_interval(config: FitConfig) -> int:

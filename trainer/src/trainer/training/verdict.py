@@ -1,13 +1,17 @@
-"""Scores of a finished run: its network against baselines that need no training, on frames that no choice used.
+"""Scores of a finished run: its network against what it began with and what needs no training, on frames that no choice
+used.
 
-The test split is imaged by the network, by delay-and-sum of the same channels, by nothing (zero) and by the mean of the
-training images. Two numbers each:
+Each method of :data:`NAMES` images the test split. Two numbers each:
 
-- NMSE = sum |estimate - truth|^2 / sum |truth|^2 of the linear image, the mean over frames. The network's image counts
+- NMSE = sum |estimate - truth|^2 / sum |truth|^2 of the linear image, the mean over frames. A network's image counts
   as it comes out, in sqrt(W) with the one gain that the validation frames gave the run; the others are helped by the
   best factor for each frame.
 - Average precision of the detections, all frames in one ranking (:mod:`trainer.metrics.cells`,
-  :mod:`trainer.metrics.ranking`). No threshold is chosen. The truth as an estimate of itself says what is possible.
+  :mod:`trainer.metrics.ranking`). No threshold is chosen. All methods are asked for the cells that the network's
+  channels can see. The truth as an estimate of itself says what is possible.
+
+And of the network less each other method the difference of both, with the interval that frames drawn again for the two
+together give.
 """
 
 from __future__ import annotations
@@ -25,14 +29,19 @@ from shared.dataset.folder import open_dataset
 from shared.dataset.locations import Location, folder_name, locate
 from shared.dataset.reading import radar_of
 from shared.dataset.writing import write_json
+from trainer.data.arrays import choose_array
 from trainer.data.shards import ShardDataset
+from trainer.estimators.base import ESTIMATORS
+from trainer.metrics.bootstrap import Interval, bootstrap_mean
 from trainer.metrics.cells import CellScores, score_cells
 from trainer.metrics.image import nmse, nmse_best_scaled
-from trainer.metrics.ranking import pooled
-from trainer.run.answers import Answer, network_answer
-from trainer.run.folder import load_imager, same_radar
+from trainer.metrics.ranking import mean_average_precision, pooled
+from trainer.run.answers import Answer, array_answer, network_answer
+from trainer.run.folder import Run, load_imager, same_radar
+from trainer.run.imager import Imager
 from trainer.run.pictures import save_comparison
 from trainer.run.targets import AMPLITUDE, PROBABILITY
+from trainer.training.start import begin_with
 
 Image = NDArray[np.float32]
 
@@ -43,21 +52,34 @@ MOST_FRAMES = 64
 SHOWN = 3
 """Frames in the picture: those with the most truth cells."""
 
-METHODS = ("network", "das", "zero", "mean")
-"""Of which there is an NMSE."""
-DETECTORS = ("network", "das", "truth")
-"""Of which there is an average precision."""
+DAS, VIEW, START, NETWORK, EVERY, TRUTH = "das", "iaa-view", "start", "network", "full", "truth"
+NAMES = {
+    DAS: "delay and sum",
+    VIEW: "untrained view",
+    "likes-view": "untrained view, LIKES",
+    START: "network it started from",
+    NETWORK: "network",
+    EVERY: "untrained view, all RX",
+    TRUTH: "truth",
+}
+"""By the name of a method in ``verdict.json``, in the table's order. The recommended network is the untrained view
+before its first step, and that stands for what any network began with that did not begin with another run's weights.
+"""
+VIEWS = tuple(name for name in (VIEW, "likes-view") if name in ESTIMATORS)
+"""Estimators of what the virtual sensor would see, the best last: that one is shown all channels."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Scores on the test split.
+    """Scores on the test split, by method; no network's NMSE if its image has no amplitudes.
 
     :param frames: with a truth
     :param empty_frames: whose truth is zero: they have no NMSE, and all that is detected in them is false
     :param gain: of the network's linear image, from the validation frames
-    :param nmse: by method; empty for a run whose image has no amplitudes
-    :param average_precision: by method, the truth among them; empty if no frame has a truth cell
+    :param nmse: the truth has none
+    :param average_precision: empty if no frame has a truth cell
+    :param nmse_over: the network's less that of another method; none of a single frame, which has no interval
+    :param average_precision_over: the same
     """
 
     frames: int
@@ -65,124 +87,163 @@ class Verdict:
     gain: float
     nmse: dict[str, float]
     average_precision: dict[str, float]
+    nmse_over: dict[str, Interval]
+    average_precision_over: dict[str, Interval]
 
     def table(self) -> str:
         """The scores as lines of text."""
-        names = {
-            "network": "network", "das": "delay and sum", "zero": "zero image", "mean": "mean training image",
-            "truth": "truth",
-        }  # fmt: skip
-        lines = [f"{f'test split, {self.frames} frames':<24} {'NMSE':>8}  average precision"]
-        for key, name in names.items():
-            cells = [f"{scores[key]:.3f}" if key in scores else "-" for scores in (self.nmse, self.average_precision)]
-            lines.append(f"  {name:<22} {cells[0]:>8} {cells[1]:>18}")
+        lines = [f"{f'test split, {self.frames} frames':<26} {'NMSE':>6} {'the network less it':>25}"
+                 f" {'average precision':>18} {'the network less it':>25}"]  # fmt: skip
+        for key, name in NAMES.items():
+            if key not in self.nmse and key not in self.average_precision:
+                continue
+            cells = [
+                cell
+                for scores, over in ((self.nmse, self.nmse_over), (self.average_precision, self.average_precision_over))
+                for cell in (f"{scores[key]:.3f}" if key in scores else "-", _told(over[key]) if key in over else "")
+            ]
+            lines.append(f"  {name:<24} {cells[0]:>6} {cells[1]:>25} {cells[2]:>18} {cells[3]:>25}".rstrip())
         return "\n".join(lines)
+
+    def sentence(self) -> str:
+        """Whether training helped, by the intervals of both differences to what it began with."""
+        begun = START if START in {*self.nmse, *self.average_precision} else VIEW
+        told, signs = [], []
+        for name, over, better in (("average precision", self.average_precision_over, 1), ("NMSE", self.nmse_over, -1)):
+            if begun in over:
+                told.append(f"{name} {_told(over[begun])}")
+                signs.append(better * (int(over[begun].low > 0.0) - int(over[begun].high < 0.0)))
+        if not told:
+            return "Whether training helped cannot be said of so few frames."
+        said = {
+            (True, False): "Training helped",
+            (False, True): "Training harmed",
+            (True, True): "Training helped one and harmed the other",
+            (False, False): "These frames do not show that training helped",
+        }[1 in signs, -1 in signs]
+        return f"{said}: {', '.join(told)} over the {NAMES[begun]}."
+
+
+def _told(interval: Interval) -> str:
+    return f"{interval.value:+.3f} ({interval.low:+.3f} to {interval.high:+.3f})"
 
 
 @dataclass(frozen=True, eq=False)
 class _Scored:
-    """One frame: the truth and each method's image, all relative to the truth's peak; what became of detections."""
+    """One frame: the truth and each method's image, all relative to the truth's peak; what became of detections.
+
+    :param errors: NMSE of each method; empty where the truth is zero
+    """
 
     name: str
     truth: Image
     images: dict[str, Image]
+    errors: dict[str, float]
     cells: dict[str, CellScores]
 
 
 def judge(
-    run_directory: Path, datasets: Sequence[Location | str], announce: Callable[[str], object] = print
+    run_directory: Path,
+    datasets: Sequence[Location | str],
+    announce: Callable[[str], object] = print,
+    start: Path | None = None,
 ) -> Verdict | None:
     """Score a run on its datasets' test frames; writes ``verdict.json`` and ``pictures/test.png`` into its folder.
 
     :param datasets: those of the run; the ones without a test split do not count
+    :param start: the run whose weights it began with
     :returns: None if there is nothing to score: no test frames, or a truth that is zero in all of them
     :raises InputError: no whole run, datasets that cannot be read or of another radar
     """
     run, imager = load_imager(run_directory)
-    imager.to("cuda" if torch.cuda.is_available() else "cpu")
     folders = [locate(directory) for directory in datasets]
     for folder in folders:
         same_radar(run.radar, str(run_directory), radar_of(open_dataset(folder).description(), folder), str(folder))
-    errors: list[list[float]] = []
-    cells: dict[str, list[CellScores]] = {name: [] for name in DETECTORS}
+    answers = _answers(run, imager, start)
+    errors: list[dict[str, float]] = []
+    cells: dict[str, list[CellScores]] = {name: [] for name in (*answers, TRUTH)}
     shown: list[_Scored] = []
-    answer = network_answer(run, imager)
-    for frame in _test_frames(answer, folders, _mean_image(folders, run.config.frames)):
+    for frame in _test_frames(answers, folders):
         for name, so_far in cells.items():
             so_far.append(frame.cells[name])
         if frame.truth.any():
-            errors.append(_errors(frame))
-            shown = sorted([*shown, frame], key=lambda one: -one.cells["truth"].truths)[:SHOWN]
+            errors.append(frame.errors)
+            shown = sorted([*shown, frame], key=lambda one: -one.cells[TRUTH].truths)[:SHOWN]
     if not errors:
         announce("no test frames with a truth: no verdict")
         return None
-    rankings = {name: pooled(of_method) for name, of_method in cells.items()}
-    of_amplitude = answer.unit != PROBABILITY
-    error = dict(zip(METHODS, np.mean(errors, axis=0).tolist(), strict=True)) if of_amplitude else {}
+    error = {name: np.array([one[name] for one in errors]) for name in errors[0]}
+    rankings = {name: found for name, scored in cells.items() if (found := pooled(scored)).defined}
+    others = [name for name in answers if name != NETWORK]
+    of_frames = {name: bootstrap_mean(error[NETWORK] - error[name]) for name in others if NETWORK in error}
+    of_rankings = {name: mean_average_precision([rankings[NETWORK]], [rankings[name]]) for name in others if rankings}
     verdict = Verdict(
         frames=len(errors),
-        empty_frames=len(cells["truth"]) - len(errors),
+        empty_frames=len(cells[TRUTH]) - len(errors),
         gain=imager.gain,
-        nmse=error,
-        average_precision={name: found.average_precision() for name, found in rankings.items() if found.defined},
+        nmse={name: float(values.mean()) for name, values in error.items()},
+        average_precision={name: found.average_precision() for name, found in rankings.items()},
+        nmse_over=_with_ends(of_frames),
+        average_precision_over=_with_ends(of_rankings),
     )
     write_json(run_directory / VERDICT, asdict(verdict), sort_keys=False)
     rows = {
-        frame.name: {f"delay and sum, {run.array.name}": frame.images["das"], run.config.model: frame.images["network"],
+        frame.name: {f"delay and sum, {run.array.name}": frame.images[DAS], run.config.model: frame.images[NETWORK],
                      "truth": frame.truth}
         for frame in shown
     }  # fmt: skip
     (run_directory / PICTURE).parent.mkdir(exist_ok=True)
     save_comparison(run_directory / PICTURE, rows, run.radar)
     announce(verdict.table())
+    announce(verdict.sentence())
     return verdict
 
 
-def _errors(frame: _Scored) -> list[float]:
-    """NMSE of each of :data:`METHODS`; all but the network with the best factor for the frame."""
-    images, truth = frame.images, frame.truth
-    scaled = [nmse_best_scaled(images[name], truth) for name in ("das", "mean")]
-    return [nmse(images["network"], truth), scaled[0], 1.0, scaled[1]]
+def _with_ends(intervals: Mapping[str, Interval]) -> dict[str, Interval]:
+    """Without those of a single frame."""
+    return {name: one for name, one in intervals.items() if np.isfinite(one.low)}
 
 
-def _mean_image(folders: Sequence[Location], first: int) -> Image:
-    """[R, U] mean of the training truths, each relative to its peak; at most :data:`MOST_FRAMES` of each dataset.
+def _answers(run: Run, imager: Imager, start: Path | None) -> dict[str, Answer]:
+    """The methods, by their names in :data:`NAMES`."""
+    device = "cuda" if torch.cuda.is_available() else "cpu"
+    full = choose_array("full", run.radar)
+    answers: dict[str, Answer] = {name: array_answer(name, run.array, run.radar) for name in (DAS, *VIEWS)}
+    answers[NETWORK] = network_answer(run, imager.to(device))
+    if start is not None:
+        begun = Imager(run.config, run.radar, run.array)
+        begun.gain = begin_with(begun, run.config, start)
+        answers[START] = network_answer(run, begun.eval().to(device))
+    if run.array.rx != full.rx:
+        answers[EVERY] = array_answer(VIEWS[-1], full, run.radar)
+    return answers
 
-    :param first: the run trained with the frames whose index is below it; 0 for all
-    """
-    images = []
-    for folder in folders:
-        frames = ShardDataset(folder, "train", ("image",), first=first)
-        images += [frames[index]["image"].numpy() for index in _evenly_spaced(len(frames))]
-    return np.asarray(np.mean(images, axis=0), dtype=np.float32)
 
-
-def _test_frames(answer: Answer, folders: Sequence[Location], mean: Image) -> Iterator[_Scored]:
+def _test_frames(answers: Mapping[str, Answer], folders: Sequence[Location]) -> Iterator[_Scored]:
     for folder in folders:
         if "test" not in open_dataset(folder, check_sizes=False).splits:
             continue
         frames = ShardDataset(folder, "test")
-        for index in _evenly_spaced(len(frames)):
+        for index in sorted({int(index) for index in np.linspace(0, len(frames) - 1, min(len(frames), MOST_FRAMES))}):
             frame = {key: value.numpy() for key, value in frames[index].items()}
-            yield _scored(f"{folder_name(folder)}, frame {int(frame['frame_id'])}", answer, frame, mean)
+            yield _scored(f"{folder_name(folder)}, frame {int(frame['frame_id'])}", answers, frame)
 
 
-def _scored(name: str, answer: Answer, frame: Mapping[str, NDArray[Any]], mean: Image) -> _Scored:
+def _scored(name: str, answers: Mapping[str, Answer], frame: Mapping[str, NDArray[Any]]) -> _Scored:
     range_channel, noise, peak = frame["range_channel"][0], float(frame["noise_power"]), float(frame["image_peak"])
     truth = frame["image"].astype(np.float64) * peak
-    das, seen = answer.das(range_channel[None])[0], answer.image_and_score(range_channel, noise)
-    cells = {
-        kind: score_cells(truth, level, noise, len(answer.channels), answer.radar.waveform.range_step_m)
-        for kind, level in (("das", das), ("truth", truth))
-    }
-    cells["network"] = answer.score_cells(truth, range_channel, noise, seen)
-    # Amplitudes relative to the truth's peak, as the truth is; as they are where the truth is zero.
-    scale = np.float32(peak or 1.0)
-    network = seen[0].astype(np.float32)
-    images = {"network": network / scale if answer.unit == AMPLITUDE else network, "das": das / scale, "mean": mean}
-    return _Scored(name, frame["image"], images, cells)
-
-
-def _evenly_spaced(frames: int) -> list[int]:
-    """At most :data:`MOST_FRAMES` indices, evenly spaced over all."""
-    return sorted({int(index) for index in np.linspace(0, frames - 1, min(frames, MOST_FRAMES))})
+    network = answers[NETWORK]
+    channels = len(network.channels)
+    cells = {TRUTH: score_cells(truth, truth, noise, channels, network.radar.waveform.range_step_m)}
+    images: dict[str, Image] = {}
+    errors: dict[str, float] = {}
+    for method, answer in answers.items():
+        seen = answer.image_and_score(range_channel, noise)
+        cells[method] = answer.score_cells(truth, range_channel, noise, seen, channels)
+        # Amplitudes relative to the truth's peak, as the truth is; as they are where the truth is zero.
+        scale = np.float32(peak or 1.0) if answer.unit == AMPLITUDE else np.float32(1.0)
+        images[method] = seen[0].astype(np.float32) / scale
+        if truth.any() and answer.unit != PROBABILITY:
+            error = nmse if method in (NETWORK, START) else nmse_best_scaled
+            errors[method] = error(images[method], frame["image"])
+    return _Scored(name, frame["image"], images, errors, cells)

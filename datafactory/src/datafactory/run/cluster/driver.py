@@ -1,8 +1,8 @@
 """The process that holds the connection to Ray: ``python -c``, started by :mod:`datafactory.run.cluster.engine`.
 
-It reads portions to be made from its pipe, and sends a :class:`~datafactory.run.cluster.messages.Look` several times a
-second. It ends with the process that started it, or as the pipe is closed; Ray then ends what it had begun.
-"""
+It reads portions to be made from its pipe, and sends a :class:`~datafactory.run.cluster.driver.Look` several times a
+second; what the two say to each other stands here. It ends with the process that started it, or as the pipe is closed;
+Ray then ends what it had begun."""
 
 from __future__ import annotations
 
@@ -14,16 +14,17 @@ import time
 from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any
 
-from datafactory.run.cluster.messages import PROBE_S, Begin, Connect, Connected, Look, Outcome, Reached
-from datafactory.run.cluster.node import make_portion
-from datafactory.run.cluster.surroundings import difference, look_around, processor, surroundings, unlike
+from datafactory.run.cluster.node import difference, look_around, make_portion, processor, surroundings, unlike
 from datafactory.run.portions import Rows, new_file
 from datafactory.run.shards import Portion
 from shared.physics.errors import InputError
 from shared.processes.pool import end_with_parent
 
+PROBE_S = 120.0
+"""Within this a node has to say what is installed on it; the first process of a node takes some seconds to start."""
 LOOK_S = 0.3
 """How often the cluster is looked at."""
 NODES_EVERY_S = 2.0
@@ -35,6 +36,78 @@ QUIET = {
 }
 LONGEST_TEMPORARY = 38
 """Characters of a temporary folder below which Ray's sockets, 68 characters on, have paths that Linux takes."""
+
+
+@dataclass(frozen=True)
+class Connect:
+    """The first thing said.
+
+    :param address: HOST:PORT of a cluster; None for the one that this machine is a node of, or a Ray of this run's own
+    """
+
+    address: str | None
+
+
+@dataclass(frozen=True)
+class Reached:
+    """The driver's first answer: Ray is there. An exception in its place, or later, says why not."""
+
+
+@dataclass(frozen=True)
+class Connected:
+    """The driver's second answer: the nodes have been asked what they are like.
+
+    :param nodes: alive, that have a processor for tasks
+    :param cores: that they have together
+    :param notes: lines for the user
+    """
+
+    nodes: int
+    cores: int
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Begin:
+    """What all portions need.
+
+    :param given: a pickled :class:`datafactory.run.cluster.node.Given`
+    :param folder: of this machine, for the files of rows
+    :param memory: of a process [bytes]
+    """
+
+    given: bytes
+    folder: Path
+    memory: int
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a portion that was handed out: one of the four is set.
+
+    :param rows: it is made
+    :param died: how the process that worked on it ended
+    :param lost: its machine is gone
+    :param error: what its task raised
+    """
+
+    portion: Portion
+    rows: Rows | None = None
+    died: str = ""
+    lost: bool = False
+    error: Exception | None = None
+
+
+@dataclass(frozen=True)
+class Look:
+    """How the cluster stands.
+
+    :param outcomes: since the last look
+    :param places: portions that its nodes can work on at a time
+    """
+
+    outcomes: tuple[Outcome, ...]
+    places: int
 
 
 def main() -> None:

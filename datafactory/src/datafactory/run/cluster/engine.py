@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 
 import cloudpickle
 
-from datafactory.run.cluster.messages import PROBE_S, Begin, Connect, Connected, Look, Reached
+from datafactory.run.cluster.driver import PROBE_S, Begin, Connect, Connected, Look, Reached
 from datafactory.run.cluster.node import Given, surroundings_of
 from datafactory.run.portions import PortionWork, Rows, RunFailed
 from datafactory.run.shards import Portion

@@ -13,19 +13,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from datafactory.scenes.city import dwellings, furniture, roadside, vehicles, works
+from datafactory.scenes.city import dwellings, furniture, roadside, works
 from datafactory.scenes.city.plan import ZEBRA_M, Block, Plan, Rectangle, draw_plan
-from datafactory.scenes.city.rules import MOST_BLOCKS, RULES, Rules, Style
+from datafactory.scenes.city.rules import RULES, Rules, Style
 from datafactory.scenes.city.shapes import Surface, stepped_surface, welded
 from datafactory.scenes.city.site import Placement, Site
 from datafactory.scenes.city.usd import check_output, write_usd
-from shared.physics.errors import InputError
-from shared.processes.defaults import LARGEST_SEED
 
 VERSION = 3
 """Of the generator: the same options, version and kind of file give the same bytes."""
@@ -42,39 +38,6 @@ GROUND_OF_USE = {
 }  # fmt: skip
 
 
-class CityOptions(BaseModel):
-    """The options of a procedural city.
-
-    :param seed: of the NumPy generator that all choices are drawn from
-    :param style: which kinds of streets and buildings
-    :param blocks: house blocks along the main street, with a cross street between neighbours
-    """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
-
-    seed: Annotated[int, Field(ge=0, le=LARGEST_SEED)] = 0
-    style: Style = Style.OLD_TOWN
-    blocks: Annotated[int, Field(ge=1, le=MOST_BLOCKS)] = 2
-
-    @staticmethod
-    def checked(**values: Any) -> CityOptions:
-        """The options, if they are valid.
-
-        :raises InputError: the first that is not, with its value and what would be right
-        """
-        try:
-            return CityOptions(**values)
-        except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            name = str(first["loc"][0])
-            right = first["msg"][0].lower() + first["msg"][1:]
-            raise InputError(f"city {name}", f"{name} = {first['input']!r}", right) from None
-
-    def metadata(self) -> dict[str, Any]:
-        """For the file's metadata."""
-        return {"style": self.style.value, "seed": self.seed, "blocks": self.blocks, "version": VERSION}
-
-
 FILLERS: dict[str, Callable[[Site, Block, Rules], None]] = {
     "houses": dwellings.houses, "gardens": dwellings.gardens, "square": dwellings.square, "park": dwellings.park,
     "works": works.works, "depot": works.depot, "parking": works.parking, "verge": works.verge,
@@ -87,8 +50,8 @@ def models(rng: np.random.Generator, rules: Rules, gantry_m: float = 10.0) -> di
 
     :param gantry_m: from the middle of the main street to the posts of a gantry
     """
-    shared = {name: vehicles.car(shape) for name, shape in vehicles.CAR_SHAPES.items()}
-    shared |= {"Lorry": vehicles.lorry(), "Bus": vehicles.bus()}
+    shared = {name: furniture.car(shape) for name, shape in furniture.CAR_SHAPES.items()}
+    shared |= {"Lorry": furniture.lorry(), "Bus": furniture.bus()}
     shared |= {f"Tree_{i}": furniture.street_tree(rng, rng.uniform(1.0, 1.4)) for i in range(3)}
     shared |= {f"Conifer_{i}": furniture.conifer(rng) for i in range(2)}
     shared |= {f"Sign_{kind}": furniture.sign(kind) for kind in ("round", "triangle", "panel")}
@@ -104,10 +67,10 @@ def models(rng: np.random.Generator, rules: Rules, gantry_m: float = 10.0) -> di
     return shared
 
 
-def city(options: CityOptions) -> tuple[Placement, ...]:
-    """Everything in a city, ground first."""
-    rng, rules = np.random.default_rng(options.seed), RULES[options.style]
-    plan = draw_plan(rng, rules, options.blocks)
+def city(seed: int = 0, style: Style = Style.OLD_TOWN, blocks: int = 2) -> tuple[Placement, ...]:
+    """Everything in a city, ground first; options as those of :func:`write_city`."""
+    rng, rules = np.random.default_rng(seed), RULES[style]
+    plan = draw_plan(rng, rules, blocks)
     site = Site(rng, models(rng, rules, plan.main.kind.kerb + 1.4))
     islands = [island for block in plan.blocks if block.use == "parking" for island in works.islands(block)]
     site.placements += ground(plan, rules.kerb_m, islands)
@@ -126,12 +89,12 @@ def write_city(path: Path, seed: int = 0, blocks: int = 2, style: Style = Style.
     :param seed: 0 or more
     :param blocks: house blocks along the main street, at least 1, with a cross street between neighbours
     :param style: what the city is like
-    :raises InputError: a bad argument, or a place that cannot be written
+    :raises InputError: a place that cannot be written
     """
     path = check_output(path)
-    options = CityOptions.checked(seed=seed, blocks=blocks, style=style)
-    name = f"Procedural city: {options.style.value}, seed {seed}, blocks {blocks}. Metres, z up."
-    write_usd(path, city(options), name, options.metadata())
+    name = f"Procedural city: {style.value}, seed {seed}, blocks {blocks}. Metres, z up."
+    made = {"style": style.value, "seed": seed, "blocks": blocks, "version": VERSION}
+    write_usd(path, city(seed, style, blocks), name, made)
 
 
 def ground(plan: Plan, kerb_m: float, islands: list[Rectangle]) -> list[Placement]:

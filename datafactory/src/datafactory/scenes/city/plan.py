@@ -18,8 +18,6 @@ REACH_M = 24.0
 """Streets and ground go on this far beyond the last block."""
 ZEBRA_M = 3.0
 """Width of a pedestrians' crossing; it begins at the facade line of the street that is crossed."""
-YAW_DEG = {"south": 0.0, "east": 90.0, "north": 180.0, "west": 270.0}
-"""Of the sides of a block."""
 
 
 @dataclass(frozen=True)
@@ -59,9 +57,9 @@ class Street:
     end: float
     kind: StreetKind
 
-    def point(self, along: float, aside: float) -> tuple[float, float]:
-        """(x, y) of a point on it: ``aside`` is positive to the left of the axis' direction."""
-        return (along, self.at + aside) if self.axis == "x" else (self.at - aside, along)
+    def point(self, along: float, aside: float, z: float) -> tuple[float, float, float]:
+        """World place of a point of it: ``aside`` is positive to the left of the axis' direction [m]."""
+        return (along, self.at + aside, z) if self.axis == "x" else (self.at - aside, along, z)
 
     def strip(self, half_width: float) -> Rectangle:
         """The rectangle within ``half_width`` of the centre line."""
@@ -114,13 +112,12 @@ class Frontage:
 
 def frontage(area: Rectangle, side: str) -> Frontage:
     """The side of a rectangle: ``"south"``, ``"east"``, ``"north"`` or ``"west"``."""
-    x, y, length = {
-        "south": (area.x0, area.y0, area.width),
-        "east": (area.x1, area.y0, area.depth),
-        "north": (area.x1, area.y1, area.width),
-        "west": (area.x0, area.y1, area.depth),
+    return {
+        "south": Frontage(area.x0, area.y0, area.width, 0.0),
+        "east": Frontage(area.x1, area.y0, area.depth, 90.0),
+        "north": Frontage(area.x1, area.y1, area.width, 180.0),
+        "west": Frontage(area.x0, area.y1, area.depth, 270.0),
     }[side]
-    return Frontage(x, y, length, YAW_DEG[side])
 
 
 @dataclass(frozen=True)

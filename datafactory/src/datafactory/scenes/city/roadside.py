@@ -39,11 +39,6 @@ def furnish(site: Site, plan: Plan, rules: Rules) -> None:
     _corners(site, plan, rules)
 
 
-def _at(street: Street, along: float, aside: float, z: float) -> tuple[float, float, float]:
-    x, y = street.point(along, aside)
-    return x, y, z
-
-
 def _heading(street: Street, side: float) -> float:
     """Of traffic on this side of the street: to the right of the axis it goes along the axis."""
     return street.yaw_deg + (180.0 if side > 0.0 else 0.0)
@@ -103,7 +98,7 @@ def _kerb_line(site: Site, street: Street, first: float, last: float, side: floa
     )  # fmt: skip
     for number, item in pieces:
         aside, margin = (0.3, 0.1) if item.kind == "Rail" else (FROM_KERB_M, 0.0)
-        place = _at(street, first + places[number], side * (kind.kerb + aside), rules.kerb_m)
+        place = street.point(first + places[number], side * (kind.kerb + aside), rules.kerb_m)
         site.place(item.group, item.kind, item.model, place, item.yaw_deg, margin)
 
 
@@ -116,14 +111,14 @@ def _bus_stop(
         return None
     middle = rng.uniform(first + 16.0, last - 16.0)
     if kind.pavement_m >= SHELTER_NEEDS_M:
-        shelter = _at(street, middle, side * (kind.kerb + 0.9), rules.kerb_m)
+        shelter = street.point(middle, side * (kind.kerb + 0.9), rules.kerb_m)
         # The shelter opens along -y of its own, towards the road.
         site.place("BusStops", "Shelter", "Shelter", shelter, street.yaw_deg + (0.0 if side > 0.0 else 180.0))
     ahead = middle + (-4.0 if side > 0.0 else 4.0)
-    flag = _at(street, ahead, side * (kind.kerb + 0.45), rules.kerb_m)
+    flag = street.point(ahead, side * (kind.kerb + 0.45), rules.kerb_m)
     site.place("BusStops", "Sign", "Sign_panel", flag, _heading(street, side))
     if kind.parking_m >= 2.5 and rng.random() < 0.5:
-        place = _at(street, middle, side * (kind.kerb - 1.4), 0.0)
+        place = street.point(middle, side * (kind.kerb - 1.4), 0.0)
         site.place("Buses", "Bus", "Bus", place, _heading(street, side))
     return middle - 9.0, middle + 9.0
 
@@ -148,7 +143,7 @@ def _parked(
         if not taken or along > last or (stop is not None and stop[0] < at < stop[1]):
             continue
         group, name = ("Lorries", "Lorry") if lorry else ("Cars", "Car")
-        site.place(group, name, model, _at(street, at, side * aside, 0.0), _heading(street, side) + skew)
+        site.place(group, name, model, street.point(at, side * aside, 0.0), _heading(street, side) + skew)
 
 
 def _covers(site: Site, street: Street, rules: Rules) -> None:
@@ -158,7 +153,7 @@ def _covers(site: Site, street: Street, rules: Rules) -> None:
     along = street.start + site.rng.uniform(8.0, 30.0)
     while along < street.end - 3.0:
         aside = site.rng.uniform(-0.8, 0.8) * (street.kind.kerb - street.kind.parking_m - 0.6)
-        site.add("Covers", "Manhole", "Manhole", _at(street, along, aside, 0.0))
+        site.add("Covers", "Manhole", "Manhole", street.point(along, aside, 0.0))
         along += site.rng.uniform(22.0, 48.0)
 
 
@@ -175,6 +170,6 @@ def _corners(site: Site, plan: Plan, rules: Rules) -> None:
             if side == outwards:
                 model = "Signal" if rules.signals else "Sign_triangle"
                 kind = "Signal" if rules.signals else "Sign"
-                site.place("Signals", kind, model, _at(street, along, aside, rules.kerb_m), _heading(street, side))
+                site.place("Signals", kind, model, street.point(along, aside, rules.kerb_m), _heading(street, side))
             elif site.rng.random() < 0.5:
-                site.place("Bollards", "Bollard", "Bollard", _at(street, along, aside, rules.kerb_m))
+                site.place("Bollards", "Bollard", "Bollard", street.point(along, aside, rules.kerb_m))

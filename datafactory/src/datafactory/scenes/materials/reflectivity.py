@@ -12,7 +12,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shared.physics.errors import InputError
 from shared.physics.units import db_to_power
 
 VACUUM_PERMITTIVITY = 8.854_187_8128e-12
@@ -84,10 +83,7 @@ def scattering_coefficient_for_sigma0(
     :param sigma0_db: radar cross section per unit area [dB relative to 1 m^2/m^2]
     :param grazing_deg: angle above the surface [deg], above 0 and at most 90
     :param polarization: ``"tm"`` for a vertically polarised radar over a road
-    :raises InputError: if the grazing angle is outside (0, 90]
     """
-    if not 0.0 < grazing_deg <= 90.0:
-        raise InputError("grazing_deg", f"{grazing_deg!r}", "an angle above 0 and at most 90 degrees")
     incidence = math.radians(90.0 - grazing_deg)
     reflectivity = fresnel_reflectivity(
         relative_permittivity, conductivity_s_per_m, frequency_hz, incidence, polarization

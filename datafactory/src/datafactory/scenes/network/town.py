@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from datafactory.scenes.city.buildings import building
-from datafactory.scenes.city.city import VERSION, CityOptions, models
+from datafactory.scenes.city.city import VERSION, models
 from datafactory.scenes.city.dwellings import garden_house, town_house
 from datafactory.scenes.city.roadside import SLOT_M, Piece, pieces_along
 from datafactory.scenes.city.rules import RULES, Rules, Style
@@ -64,27 +64,26 @@ def write_town(
     :raises InputError: a bad argument or file, no road in the window, or SUMO is not installed
     """
     out = check_output(out)
-    options = CityOptions.checked(seed=seed, style=style)
     if not EXTENTS_M[0] <= extent <= EXTENTS_M[1]:
         raise InputError("city --extent", f"{extent:g}", f"{EXTENTS_M[0]:g} to {EXTENTS_M[1]:g} m")
     with tempfile.TemporaryDirectory() as folder:
         network = read_network(Path(source), form, Path(folder))
         middle = network.centre() if centre is None else centre
-        placements, moving = town(network, options, middle, extent, Path(folder))
-    made: dict[str, Any] = {"style": options.style.value, "seed": seed, "version": VERSION, form: Path(source).name}
+        placements, moving = town(network, seed, style, middle, extent, Path(folder))
+    made: dict[str, Any] = {"style": style.value, "seed": seed, "version": VERSION, form: Path(source).name}
     made |= {"centre_x_m": float(middle[0]), "centre_y_m": float(middle[1]), "extent_m": float(extent)}
-    name = f"City on {Path(source).name}: {options.style.value}, seed {seed}. Metres, z up."
+    name = f"City on {Path(source).name}: {style.value}, seed {seed}. Metres, z up."
     write_usd(out, placements, name, made)
     return moving
 
 
 def town(
-    network: Network, options: CityOptions, centre: tuple[float, float], extent: float, folder: Path
+    network: Network, seed: int, style: Style, centre: tuple[float, float], extent: float, folder: Path
 ) -> tuple[list[Placement], int]:
     """Everything in the window, ground first, and how many vehicles move."""
     import shapely
 
-    rng, rules = np.random.default_rng(options.seed), RULES[options.style]
+    rng, rules = np.random.default_rng(seed), RULES[style]
     half = 0.5 * extent
     window = shapely.box(centre[0] - half, centre[1] - half, centre[0] + half, centre[1] + half)
     road, heights = road_area(network, window), Heights(network)
@@ -93,9 +92,9 @@ def town(
         wanted = f"--centre and --extent over its roads, whose middle is ({middle})"
         raise InputError(network.source, f"no road within {half:g} m of ({centre[0]:g}, {centre[1]:g})", wanted)
     site = Site(rng, models(rng, rules))
-    land = LAND.get(options.style, "vegetation")
+    land = LAND.get(style, "vegetation")
     site.placements += ground(network, window, road, heights, rules.kerb_m, land)
-    beside = _Beside(site, rules, options.style, window, road, heights)
+    beside = _Beside(site, rules, style, window, road, heights)
     outer = [lane for lane in network.lanes if lane.outermost and not lane.junction]
     for lane in outer:
         beside.buildings(lane)

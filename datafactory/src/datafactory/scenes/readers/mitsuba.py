@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from trimesh.transformations import rotation_matrix
 
-from datafactory.scenes.readers import primitives
+from datafactory.scenes.readers import common
 from datafactory.scenes.readers.common import (
     Notes,
     check_counts,
@@ -88,7 +88,7 @@ def _mesh(shape: Shape, known: dict[tuple[str, str], Mesh]) -> Mesh | None:
     :param known: takes meshes that do not depend on the shape's numbers, by plugin and file
     """
     if shape.kind == "sphere":
-        vertices, triangles = primitives.sphere(shape.number("radius", 1.0))
+        vertices, triangles = common.sphere(shape.number("radius", 1.0))
         return vertices + shape.point("center", ORIGIN), triangles
     if shape.kind == "cylinder":
         return _tube(shape)
@@ -97,25 +97,25 @@ def _mesh(shape: Shape, known: dict[tuple[str, str], Mesh]) -> Mesh | None:
         if file:
             mesh = load_mesh(shape.path.parent / file, f"{shape.path}, shape {shape.name!r}")
         elif shape.kind == "rectangle":
-            mesh = primitives.rectangle(2.0, 2.0)
+            mesh = common.rectangle(2.0, 2.0)
         elif shape.kind == "cube":
-            mesh = primitives.box(2.0)
+            mesh = common.box(2.0)
         elif shape.kind == "disk":
-            mesh = primitives.disk(1.0)
+            mesh = common.disk(1.0)
         else:
             return None
         known[shape.kind, file] = mesh
     return known[shape.kind, file]
 
 
-def _tube(shape: Shape) -> primitives.Mesh:
+def _tube(shape: Shape) -> common.Mesh:
     """Mitsuba's cylinder: an open tube from p0 to p1."""
     p0, p1 = shape.point("p0", ORIGIN), shape.point("p1", (0.0, 0.0, 1.0))
     length = float(np.linalg.norm(p1 - p0))
     if not length > 0:
         raise shape.error(f"p0 = p1 = {p0.tolist()}", "two different points")
     radius = shape.number("radius", 1.0)
-    vertices, triangles = primitives.cylinder(radius, radius, length, closed=False)
+    vertices, triangles = common.cylinder(radius, radius, length, closed=False)
     axis = (p1 - p0) / length
     side = np.cross(np.eye(3)[np.argmin(np.abs(axis))], axis)
     side /= np.linalg.norm(side)

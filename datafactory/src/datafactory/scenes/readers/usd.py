@@ -298,7 +298,7 @@ class _Reader:
             name, material, velocity = own.frame.name(part), self._material(part, own), own.velocity or ZERO
             its_own = motion if own.velocity is None else None  # a subset may have a radar:velocity
             local = (shape.points, used) if isinstance(its_own, Moving) else None
-            item = SceneObject.of(name, vertices, kept, material, velocity, its_own, label, local)
+            item = SceneObject(name, vertices, kept, material, velocity, its_own, label, local).as_it_moves()
             self._objects.append(item)
             self._triangles += len(kept)
             self._check_counts(name)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.scenes.readers import primitives
+from datafactory.scenes.readers import common
 from datafactory.scenes.readers.common import Notes
 from datafactory.scenes.readers.usd_samples import is_baked
 from datafactory.scenes.usd_library import Usd, UsdGeom, UsdSkel
@@ -125,21 +125,21 @@ def _axis(prim: Usd.Prim) -> str:
     return axis
 
 
-def _plane(axis: str, width: float, length: float) -> primitives.Mesh:
+def _plane(axis: str, width: float, length: float) -> common.Mesh:
     """UsdGeomPlane: width along x (along z where the axis is X), length along y (along z where the axis is Y)."""
     # The cyclic exchange brings the built (x, y) to (y, z) for axis X, to (z, x) for axis Y: width stands second.
-    return primitives.rectangle(width, length) if axis == "Z" else primitives.rectangle(length, width)
+    return common.rectangle(width, length) if axis == "Z" else common.rectangle(length, width)
 
 
 # The attributes of each solid, and its mesh along z from their values; with an axis that comes first.
-_SOLIDS: dict[str, tuple[tuple[str, ...], Callable[..., primitives.Mesh]]] = {
-    "Cube": (("size",), primitives.box),
-    "Sphere": (("radius",), primitives.sphere),
-    "Cylinder": (("axis", "radius", "height"), lambda _, radius, height: primitives.cylinder(radius, radius, height)),
-    "Cylinder_1": (("axis", "radiusBottom", "radiusTop", "height"), lambda _, *sizes: primitives.cylinder(*sizes)),
-    "Cone": (("axis", "radius", "height"), lambda _, radius, height: primitives.cylinder(radius, 0.0, height)),
-    "Capsule": (("axis", "radius", "height"), lambda _, radius, height: primitives.capsule(radius, radius, height)),
-    "Capsule_1": (("axis", "radiusBottom", "radiusTop", "height"), lambda _, *sizes: primitives.capsule(*sizes)),
+_SOLIDS: dict[str, tuple[tuple[str, ...], Callable[..., common.Mesh]]] = {
+    "Cube": (("size",), common.box),
+    "Sphere": (("radius",), common.sphere),
+    "Cylinder": (("axis", "radius", "height"), lambda _, radius, height: common.cylinder(radius, radius, height)),
+    "Cylinder_1": (("axis", "radiusBottom", "radiusTop", "height"), lambda _, *sizes: common.cylinder(*sizes)),
+    "Cone": (("axis", "radius", "height"), lambda _, radius, height: common.cylinder(radius, 0.0, height)),
+    "Capsule": (("axis", "radius", "height"), lambda _, radius, height: common.capsule(radius, radius, height)),
+    "Capsule_1": (("axis", "radiusBottom", "radiusTop", "height"), lambda _, *sizes: common.capsule(*sizes)),
     "Plane": (("axis", "width", "length"), _plane),
 }
 _EXCHANGE = {"X": [2, 0, 1], "Y": [1, 2, 0], "Z": [0, 1, 2]}

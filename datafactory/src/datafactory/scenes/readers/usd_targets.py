@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datafactory.scenes.motion import Vector, upright_axes
-from datafactory.scenes.targets.interface import Extent
+from datafactory.scenes.targets.bodies import Extent
 from datafactory.scenes.targets.models import MODELS, OPTIONS, ROAD_USERS, SIZES, RcsModel, target_model
 from datafactory.scenes.usd_library import Usd, UsdGeom
 from shared.physics.errors import InputError

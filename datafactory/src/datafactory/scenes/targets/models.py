@@ -9,8 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import MISSING, Field, fields
 
-from datafactory.scenes.targets.bodies import Cylinder, Dihedral, Plate, Sphere, Trihedral
-from datafactory.scenes.targets.interface import RcsModel
+from datafactory.scenes.targets.bodies import Cylinder, Dihedral, Plate, RcsModel, Sphere, Trihedral
 from datafactory.scenes.targets.road_users import Car, Cyclist, Pedestrian
 
 __all__ = [

@@ -18,7 +18,7 @@ The points' angles are drawn once, from the target's seed, and stay: at any time
 number for a wheel, an assumption: -10 dBsm for a car's (21 dB below a car's mean), a quarter of a cyclist's total for a
 bicycle's.
 
-Limits. A point's velocity is constant within a frame (:mod:`datafactory.scenes.targets.interface`), though it turns
+Limits. A point's velocity is constant within a frame (:mod:`datafactory.scenes.targets.bodies`), though it turns
 by 26 deg in 10.3 ms at 14 m/s: docs/notes/targets.md says what that leaves out. The ``POINTS`` of a wheel stand 15
 deg apart on average: the spectrum of all is filled as it should be, from 0 to 2 v, and its fine structure is not
 right. Spokes and discs are left out, which fill the spectrum's middle. Of a car's wheels those on the side that the
@@ -33,7 +33,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.scenes.targets.interface import Extent, Motion, MovingParts, Rigid, text_without_defaults, unit
+from datafactory.scenes.targets.bodies import Extent, Motion, MovingParts, Rigid, text_without_defaults, unit
 from datafactory.scenes.targets.walking import FASTEST_RV, leg_m, parts_of_walker
 from shared.physics.units import db_to_power
 

@@ -42,7 +42,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from datafactory.scenes.targets.interface import Motion, MovingParts
+from datafactory.scenes.targets.bodies import Motion, MovingParts
 
 if TYPE_CHECKING:
     from scipy.interpolate import PchipInterpolator

@@ -15,8 +15,7 @@ from datafactory.scenes.scene import PointTarget, Scene, SceneObject
 from datafactory.scenes.targets.models import RcsModel
 from datafactory.scenes.targets.road_users import Cyclist, Pedestrian
 from datafactory.scenes.things import Label, Population, Strip
-from datafactory.scenes.traffic.arrange import Arranged, arrange, asset
-from datafactory.scenes.traffic.asked import Asked
+from datafactory.scenes.traffic.arrange import Arranged, Asked, arrange, asset
 from datafactory.scenes.traffic.stretches import HORIZON_S, find_stretches
 
 Mask = NDArray[np.bool_]
@@ -80,7 +79,9 @@ def _meshes(name: str, placement: Arranged) -> list[SceneObject]:
     axes, origin = placement.axes, np.array(placement.position)
     label = _label(name, placement, what.label)
     return [
-        SceneObject.of(f"{name}/{part}", vertices @ axes + origin, triangles, material, motion=motion, label=label)
+        SceneObject(
+            f"{name}/{part}", vertices @ axes + origin, triangles, material, motion=motion, label=label
+        ).as_it_moves()
         for part, vertices, triangles, material in what.parts
     ]
 

@@ -1,4 +1,5 @@
-"""What every kernel on the device starts from: arrays moved there, phasors, and sums whose order is fixed.
+"""What every kernel on the device starts from: arrays moved there, phasors, sums whose order is fixed, and
+the lengths of paths' legs in float64, which eq. (2) needs at any time.
 
 This package is the only one of ours that imports torch, which is an extra of its own. Nothing imports it before a
 device was asked for (:mod:`datafactory.synthesis.cube`). All of it runs on torch's ``"cpu"`` as well, which is how
@@ -10,13 +11,16 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Complex, Float64, Shaped
+from jaxtyping import Complex, Complex128, Float64, Shaped
 from numpy.typing import NDArray
 from torch import Tensor
+
+from datafactory.paths.table import ScatteredPaths
 
 VALUES_AT_ONCE = {"cpu": 2**17, "cuda": 2**25}
 """Complex numbers that a step holds at a time: on the processor what its cache has room for, on a GPU enough to fill
@@ -86,3 +90,61 @@ def cuda_problem() -> str | None:
     if not torch.cuda.is_available():
         return f"torch {torch.__version__} for CUDA {torch.version.cuda} finds no usable device"
     return None
+
+
+@dataclass(frozen=True)
+class Instant:
+    """Paths at some times.
+
+    :param tx_point, rx_point: as the TX and the RX see them [m]
+    :param between: length between [m]
+    """
+
+    tx_point: Float64[Tensor, "paths times 3"]
+    rx_point: Float64[Tensor, "paths times 3"]
+    between: Float64[Tensor, "paths times"]
+
+
+@dataclass(frozen=True)
+class Echoes:
+    """Scattered paths on the device; fields as those of :class:`datafactory.paths.table.ScatteredPaths`."""
+
+    tx_point: Float64[Tensor, "paths 3"]
+    rx_point: Float64[Tensor, "paths 3"]
+    tx_velocity: Float64[Tensor, "paths 3"]
+    rx_velocity: Float64[Tensor, "paths 3"]
+    between_m: Float64[Tensor, " paths"]
+    between_rate_mps: Float64[Tensor, " paths"]
+    amplitude: Complex128[Tensor, " paths"]
+
+    @staticmethod
+    def of(paths: ScatteredPaths, device: str) -> Echoes:
+        """The paths of a table on the device."""
+        return Echoes(**{name: moved(getattr(paths, name), device) for name in Echoes.__dataclass_fields__})
+
+    def __len__(self) -> int:
+        return len(self.amplitude)
+
+    def take(self, some: slice) -> Echoes:
+        """Some of the paths."""
+        return Echoes(**{name: getattr(self, name)[some] for name in self.__dataclass_fields__})
+
+    def at(self, times: Float64[Tensor, " times"]) -> Instant:
+        """The paths at these times [s]."""
+        apart = times[:, None]
+        return Instant(
+            self.tx_point[:, None] + self.tx_velocity[:, None] * apart,
+            self.rx_point[:, None] + self.rx_velocity[:, None] * apart,
+            self.between_m[:, None] + self.between_rate_mps[:, None] * times,
+        )
+
+
+def distances(
+    points: Float64[Tensor, "paths times 3"], elements: Float64[np.ndarray, "elements 3"]
+) -> Float64[Tensor, "paths times elements"]:
+    """Lengths of the legs between points and elements [m]."""
+    place = moved(elements, str(points.device))
+    squares = (points[..., 0, None] - place[:, 0]) ** 2
+    for axis in (1, 2):
+        squares += (points[..., axis, None] - place[:, axis]) ** 2
+    return squares.sqrt_()

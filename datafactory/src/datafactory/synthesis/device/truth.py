@@ -15,8 +15,7 @@ from jaxtyping import Bool, Complex64, Complex128, Float32, Float64, Int64
 from torch import Tensor
 
 from datafactory.paths.table import PathTable
-from datafactory.synthesis.device.arrays import back, batches, moved, phasors, repeatable
-from datafactory.synthesis.device.echoes import distances
+from datafactory.synthesis.device.arrays import back, batches, distances, moved, phasors, repeatable
 from datafactory.synthesis.doppler_moments import (
     BINOMIAL,
     BLOCK,

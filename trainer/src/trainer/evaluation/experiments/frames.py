@@ -15,6 +15,7 @@ from shared.dataset import Frame
 from shared.dataset.folder import Dataset
 from shared.dataset.reading import read_frame
 from shared.radar import Radar
+from shared.signal.ego_motion import EgoMotion, StaticWorld
 from trainer.data.arrays import ArrayChoice
 from trainer.evaluation.experiments.bench import (
     KEPT,
@@ -134,8 +135,13 @@ def load_frame(ref: FrameRef) -> Frame:
     return read_frame(ref.path, ref.row, COLUMNS)
 
 
+def static_world(frame: Frame, radar: Radar) -> StaticWorld:
+    """What the sensor's motion says of a frame's rows [R] at their strongest Doppler peaks."""
+    return StaticWorld(EgoMotion.of_pose(frame.sensor_velocity, frame.sensor_orientation), frame.velocity[0], radar)
+
+
 def score_frame(contender: Contender, load: Callable[[], Frame]) -> Values:
-    """All scores of one image against the frame's truth, at the strongest Doppler peaks.
+    """All scores of one image against the frame's truth, at the strongest Doppler peaks, told the sensor's motion.
 
     paper [2 d_max, prominences, 4]: TP, FP, FN, TN by the paper's rules; strict [2 d_max, 3]: TP, FP, FN one to one;
     residual [6]: see :data:`RESIDUAL`; nmse (NaN unless in sqrt(W)), scaled_nmse, ssim []: NaN where the truth is
@@ -144,7 +150,7 @@ def score_frame(contender: Contender, load: Callable[[], Frame]) -> Values:
     frame, answer = load(), contender.answer
     range_channel, noise = frame.range_channel[0], frame.noise_power
     truth = np.asarray(frame.image, dtype=np.float64) * frame.image_peak
-    image, score = answer.image_and_score(range_channel, noise)
+    image, score = answer.image_and_score(range_channel, noise, static_world(frame, answer.radar))
     cells = answer.score_cells(truth, range_channel, noise, (image, score))
     detected, true = find_image_peaks(image), find_image_peaks(truth).above(TRUTH_PROMINENCE)
     paper = [[astuple(counts) for counts in paper_sweep(detected, true, PROMINENCES, d_max)] for d_max in D_MAX_BINS]

@@ -16,7 +16,7 @@ from shared.pictures import SPAN_DB, level_db, range_weighted
 from shared.radar import Radar
 from trainer.evaluation.experiments.bench import Bench, Experiment, FrameRef, Results, Task, contender_task, radar_task
 from trainer.evaluation.experiments.contenders import Contender
-from trainer.evaluation.experiments.frames import load_frame, one_of_each_scene
+from trainer.evaluation.experiments.frames import load_frame, one_of_each_scene, static_world
 from trainer.evaluation.report.figures import image_sheet
 from trainer.evaluation.report.page import REPORT_SPAN_DB, WHOLE, doppler_map, from_bytes, scene_levels, to_bytes
 from trainer.evaluation.report.tables import TRUTH
@@ -71,7 +71,8 @@ def shown_frames(bench: Bench) -> tuple[FrameRef, ...]:
 
 def _levels(contender: Contender, ref: FrameRef) -> Values:
     frame = load_frame(ref)
-    image = contender.answer.image(frame.range_channel[0], frame.noise_power)
+    world = static_world(frame, contender.answer.radar)
+    image, _ = contender.answer.image_and_score(frame.range_channel[0], frame.noise_power, world)
     return {"levels": to_bytes(scene_levels(image, contender.answer.unit, true_magnitude(ref)))}
 
 

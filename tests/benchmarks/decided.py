@@ -1,0 +1,143 @@
+"""Frames as they decide, and with every effect: whole commands in turn, one worker, processor time.
+
+    python tests/benchmarks/decided.py [SCENE ...] [--frames 20] [--pairs 3]
+
+Prints of each scene the medians, and the median, least and largest of the pairs' ratios. SCENE is one of ``WRITTEN``,
+which are written here, or whatever ``datafactory render`` takes; without, all of ``SCENES``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import statistics
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from record import Record, Timing
+from starts import TINY_SCENE, median_time, program_of, timed_run
+from workloads import Workload
+
+from datafactory.scenes.city.city import write_city
+from datafactory.scenes.city.rules import Style
+
+FIELD = """#usda 1.0
+(
+    metersPerUnit = 1
+    upAxis = "Z"
+)
+
+def Mesh "Ground"
+{
+    custom token radar:material = "asphalt"
+    int[] faceVertexCounts = [4]
+    int[] faceVertexIndices = [0, 1, 2, 3]
+    point3f[] points = [(-100, -100, 0), (100, -100, 0), (100, 100, 0), (-100, 100, 0)]
+    uniform token subdivisionScheme = "none"
+}
+
+def Mesh "Hut"
+{
+    custom token radar:material = "brick"
+    int[] faceVertexCounts = [4, 4, 4, 4, 4]
+    int[] faceVertexIndices = [4, 5, 6, 7, 0, 1, 5, 4, 1, 2, 6, 5, 2, 3, 7, 6, 3, 0, 4, 7]
+    point3f[] points = [
+        (88, 88, 0), (94, 88, 0), (94, 93, 0), (88, 93, 0), (88, 88, 3), (94, 88, 3), (94, 93, 3), (88, 93, 3)]
+    uniform token subdivisionScheme = "none"
+}
+
+def Mesh "Window"
+{
+    custom token radar:material = "glass"
+    int[] faceVertexCounts = [4]
+    int[] faceVertexIndices = [0, 1, 2, 3]
+    point3f[] points = [(-92, -90, 0), (-90, -92, 0), (-90, -92, 2), (-92, -90, 2)]
+    uniform token subdivisionScheme = "none"
+}
+"""
+"""An open field of 200 m with a hut and a window in two corners."""
+
+WRITTEN: dict[str, Callable[[Path], object]] = {
+    "field": lambda path: path.write_text(FIELD, encoding="utf-8"),
+    "motorway": lambda path: write_city(path, style=Style.MOTORWAY),
+    "car-park": lambda path: write_city(path, style=Style.CAR_PARK),
+}
+SCENES = (
+    *WRITTEN,
+    str(TINY_SCENE),
+    str(TINY_SCENE.with_name("street.usda")),
+    "sionna:munich",
+    "sionna:florence",
+    "sionna:simple_street_canyon_with_cars",
+)
+
+
+def decided_frames(work: Workload) -> Record:
+    """All scenes; of the quick size the tiny one. Times are sums of the scenes' medians."""
+    ours, reference, ratios = [], [], {}
+    for scene in SCENES if work.size.name == "full" else (str(TINY_SCENE),):
+        auto, every = pairs(scene, work.size.decided_frames, work.size.repeats)
+        ours.append(median_time(auto))
+        reference.append(median_time(every))
+        ratios[f"cpu_ratio_{Path(scene).stem}"] = statistics.median(_ratios(auto, every))
+    return Record(
+        name="effects_auto_vs_all",
+        ours_time=_sum(ours),
+        reference="the same, --effects all",
+        reference_time=_sum(reference),
+        error=0.0,  # of another status nothing is recorded
+        error_unit="exit status",
+        ours=f"datafactory render, {work.size.decided_frames} frames each of {len(ratios)} scenes, 1 worker",
+        details=ratios,
+    )
+
+
+def pairs(scene: str, frames: int, repeats: int) -> tuple[tuple[Timing, ...], tuple[Timing, ...]]:
+    """Times of both, pair by pair; which of a pair is first alternates. One run before compiles kernels."""
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder) / f"{scene}.usda"
+        if scene in WRITTEN:
+            WRITTEN[scene](place)
+
+        def timed(effects: str, count: int = frames) -> Timing:
+            out = Path(folder) / effects
+            shutil.rmtree(out, ignore_errors=True)
+            options = ("--frames", str(count), "--workers", "1", "--effects", effects, "--out", str(out))
+            return timed_run(program_of("datafactory", "render", str(place) if scene in WRITTEN else scene, *options))
+
+        timed("all", 1)
+        both: list[dict[str, Timing]] = []
+        for number in range(repeats):
+            order = ("auto", "all") if number % 2 == 0 else ("all", "auto")
+            both.append({effects: timed(effects) for effects in order})
+    return tuple(pair["auto"] for pair in both), tuple(pair["all"] for pair in both)
+
+
+def _ratios(auto: tuple[Timing, ...], every: tuple[Timing, ...]) -> Iterator[float]:
+    return (other.cpu_seconds / own.cpu_seconds for own, other in zip(auto, every, strict=True))
+
+
+def _sum(times: list[Timing]) -> Timing:
+    return Timing(sum(each.seconds for each in times), sum(each.cpu_seconds for each in times))
+
+
+def main() -> None:
+    """One line a scene."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scenes", nargs="*", default=SCENES)
+    parser.add_argument("--frames", type=int, default=20)
+    parser.add_argument("--pairs", type=int, default=3)
+    asked = parser.parse_args()
+    for scene in asked.scenes:
+        auto, every = pairs(scene, asked.frames, asked.pairs)
+        ratios = sorted(_ratios(auto, every))
+        print(
+            f"{scene}: auto {median_time(auto).cpu_seconds:.1f} s, all {median_time(every).cpu_seconds:.1f} s, "
+            f"{statistics.median(ratios):.3f} ({ratios[0]:.3f} to {ratios[-1]:.3f})",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()

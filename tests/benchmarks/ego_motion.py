@@ -1,0 +1,99 @@
+"""What the sensor's own motion is worth: the table of docs/notes/ego-motion.md.
+
+    python tests/benchmarks/ego_motion.py DATASET [sparse6,sparse4,full]
+
+Frames of the test split at their strongest Doppler peaks; average precision and NMSE with bootstrap intervals over the
+frames, paired for differences. ``estimated`` is told the velocity that the frame itself shows; before the table stands
+how far that is from the truth.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shared.dataset import Frame
+from shared.dataset.folder import MANIFEST, open_dataset
+from shared.dataset.reading import radar_of
+from shared.radar import Radar
+from shared.signal.ego_motion import EgoMotion
+from trainer.data.arrays import choose_array
+from trainer.data.measurements import Measurement
+from trainer.evaluation.experiments.frames import static_world
+from trainer.metrics.bootstrap import Interval, bootstrap_mean
+from trainer.metrics.image import nmse
+from trainer.metrics.ranking import Ranking, mean_average_precision, pooled
+from trainer.run.answers import Answer, array_answer, network_answer
+from trainer.run.folder import load_imager
+from trainer.run.pretrained import pretrained_run
+
+VIEWS = ("iaa-view", "likes-view", "likes-view-ego")
+PAIRS = (
+    ("likes-view", "iaa-view"), ("likes-view-ego", "likes-view"), ("network", "likes-view-ego"),
+    ("network, told", "network"), ("estimated", "likes-view"),
+)  # fmt: skip
+
+
+def main(dataset: Path, arrays: Sequence[str]) -> None:
+    opened = open_dataset(dataset)
+    radar = radar_of(opened.description(), dataset / MANIFEST)
+    frames = list(opened.frames("test", ("range_channel", "velocity", "image")))
+    for array in arrays:
+        scored = {name: _scored(answer, frames, radar) for name, answer in _answers(array, radar)}
+        views = array_answer("likes-view-ego", choose_array(array, radar), radar)
+        scored["estimated"] = _scored(views, [_estimated(frame, views) for frame in frames], radar)
+        for name, (ranking, errors) in scored.items():
+            _row(array, name, mean_average_precision([ranking]), bootstrap_mean(errors))
+        for one, other in PAIRS:
+            if one in scored:
+                (ranking, errors), (below, error_below) = scored[one], scored[other]
+                gain = mean_average_precision([ranking], [below])
+                _row(array, f"{one} less {other}", gain, bootstrap_mean(errors - error_below))
+
+
+def _answers(array: str, radar: Radar) -> Iterator[tuple[str, Answer]]:
+    chosen = choose_array(array, radar)
+    for name in VIEWS:
+        yield name, array_answer(name, chosen, radar)
+    if array != "full":
+        network = network_answer(*load_imager(pretrained_run(array)))
+        yield "network", network
+        yield "network, told", replace(network, told=True)
+
+
+def _estimated(frame: Frame, answer: Answer) -> Frame:
+    """The frame with the velocity that it shows; said beside the truth, in the radar frame."""
+    seen = Measurement("", frame.frame_id, frame.range_channel, frame.velocity, frame.noise_power, None)
+    truth, found = EgoMotion.of_pose(frame.sensor_velocity, frame.sensor_orientation), answer.seen_motion(seen)
+    print(f"frame {frame.frame_id}: {truth.forward_mps:.3f}, {truth.left_mps:.3f} m/s; estimated {found}")
+    if found is None:
+        raise SystemExit(f"frame {frame.frame_id} shows no velocity")
+    return replace(
+        frame, sensor_velocity=(found.forward_mps, found.left_mps, 0.0), sensor_orientation=(1.0, 0.0, 0.0, 0.0)
+    )
+
+
+def _scored(answer: Answer, frames: Sequence[Frame], radar: Radar) -> tuple[Ranking, NDArray[np.float64]]:
+    """(the detections of all frames, [frames] NMSE)."""
+    cells, errors = [], []
+    for frame in frames:
+        rows, noise = frame.range_channel[0], frame.noise_power
+        truth = np.asarray(frame.image, dtype=np.float64) * frame.image_peak
+        seen = answer.image_and_score(rows, noise, static_world(frame, radar))
+        cells.append(answer.score_cells(truth, rows, noise, seen))
+        errors.append(nmse(seen[0], truth))
+    return pooled(cells), np.array(errors)
+
+
+def _row(array: str, name: str, precision: Interval, error: Interval) -> None:
+    shown = (f"{one.value:.3f} ({one.low:.3f} to {one.high:.3f})" for one in (precision, error))
+    print(f"| {array} | {name} | {' | '.join(shown)} |", flush=True)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), sys.argv[2].split(",") if len(sys.argv) > 2 else ("sparse6", "sparse4", "full"))
