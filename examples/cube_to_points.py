@@ -20,7 +20,7 @@ from shared.pictures import COLOUR_MAP, draw_levels, level_db
 from shared.signal.imaging import delay_and_sum
 from shared.signal.spectrum import range_doppler, select_doppler
 from trainer import estimators
-from trainer.run.detections import find_detections
+from trainer.run.detections import Sought, find_detections
 
 CLEAR_DB = 20.0
 """Over the noise, from which on a target is drawn: weaker ones beside a strong one are what its wave front leaves."""
@@ -92,7 +92,7 @@ image = np.abs(delay_and_sum(selection.range_channel[0], radar))
 line = estimators.line_array(radar, radar.array.azimuth_channels)
 estimator = estimators.ESTIMATORS["likes"]()
 sharp = np.stack([estimator.image(rows, line, radar.grid.u, frame.noise_power) for rows in selection.range_channel])
-found = find_detections(sharp, None, selection.range_channel, velocity, radar, line, frame.noise_power)
+found = find_detections(sharp, None, selection.range_channel, velocity, radar, line, Sought(frame.noise_power))
 print(f"{len(found)} targets; the strongest:")
 for index in range(min(len(found), 8)):
     x = found.range_m[index] * np.sqrt(1.0 - found.u[index] ** 2)

@@ -31,7 +31,7 @@ from shared.signal.imaging import delay_and_sum
 from shared.signal.spectrum import range_doppler
 from trainer import RadarDataset, estimators, load_imager, pretrained_run
 from trainer.metrics.image import nmse_best_scaled
-from trainer.run.detections import find_detections
+from trainer.run.detections import Sought, find_detections
 
 OUT = Path(os.environ.get("EXAMPLES_OUT", "build/examples")) / "tour"
 RAYS = int(os.environ.get("EXAMPLES_RAYS", "100000"))
@@ -175,7 +175,7 @@ for name, image in {"16 receivers": full, "6 receivers": thinned, "network, 6 re
 # %%
 found = find_detections(
     images.numpy(), probability.numpy(), measured[..., sparse], example.metadata["velocity"].numpy(), radar,
-    estimators.line_array(radar, sparse), example.metadata["noise_power"],
+    estimators.line_array(radar, sparse), Sought(example.metadata["noise_power"]),
 )  # fmt: skip
 print(f"{len(found)} points; the strongest that move:")
 x, y = found.range_m * np.sqrt(1.0 - found.u**2), found.range_m * found.u

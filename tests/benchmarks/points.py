@@ -1,10 +1,10 @@
 """What the list of ``trainer predict --points`` is worth on close pairs, and on noise alone.
 
-    python tests/benchmarks/points.py [--frames 160] [--seed 35] [--noise]
+    python tests/benchmarks/points.py [--frames 160] [--seed 35] [--noise] [--false-alarms 1]
 
 Each frame has eight equal pairs at rest, half a resolution cell of the full array apart, 19.5 dB in a channel, at 8 to
 40 m, between range bins, random phases; the Doppler cells are chosen as in a dataset. The fit begins with the peaks of
-delay and sum. Printed for each thinned array: pairs of which both are listed within half their separation, lines more
+delay and sum. Printed for each array: pairs of which both are listed within half their separation, lines more
 than half a metre from every target (all, of noise alone), seconds of processor time a frame.
 """
 
@@ -24,8 +24,9 @@ from shared.signal.windows import cell_noise_power
 from trainer.data.arrays import choose_array
 from trainer.data.simulation import amplitude_of, in_plane
 from trainer.estimators.base import ESTIMATORS, line_array
-from trainer.run.detections import find_detections
+from trainer.run.detections import FALSE_ALARMS, Sought, find_detections
 
+ARRAYS = ("sparse6", "sparse4", "full")
 PAIRS, SNR_DB, FALSE_M = 8, 19.5, 0.5
 BINS = np.arange(54, 266, 8)
 
@@ -34,9 +35,10 @@ def main(
     frames: Annotated[int, typer.Option()] = 160,
     seed: Annotated[int, typer.Option()] = 35,
     noise: Annotated[bool, typer.Option("--noise")] = False,
+    false_alarms: Annotated[float, typer.Option()] = FALSE_ALARMS,
 ) -> None:
     radar, draw = Radar(), np.random.default_rng(seed)
-    channels = {name: choose_array(name, radar).channels(radar) for name in ("sparse6", "sparse4")}
+    channels = {name: choose_array(name, radar).channels(radar) for name in ARRAYS}
     cell, step = line_array(radar).resolution_cell, radar.waveform.range_step_m
     listed: dict[str, list[bool]] = {name: [] for name in channels}
     false: dict[str, list[int]] = {name: [] for name in channels}
@@ -52,8 +54,9 @@ def main(
         for name, used in channels.items():
             array, rows = line_array(radar, used), chosen.range_channel[..., used]
             image = np.stack([ESTIMATORS["das"]().image(peak, array, radar.grid.u, power) for peak in rows])
+            sought = Sought(power, false_alarms=false_alarms)
             began = time.process_time()
-            found = find_detections(image, None, rows, chosen.velocities_mps(radar.waveform), radar, array, power)
+            found = find_detections(image, None, rows, chosen.velocities_mps(radar.waveform), radar, array, sought)
             seconds[name].append(time.process_time() - began)
             at = in_plane(found.range_m, found.u)
             off = np.linalg.norm(at[:, None] - place, axis=2).min(axis=1, initial=np.inf)

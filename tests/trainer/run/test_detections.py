@@ -22,7 +22,7 @@ from trainer.data.arrays import choose_array
 from trainer.data.simulation import amplitude_of, in_plane, snapshot
 from trainer.estimators.base import ESTIMATORS
 from trainer.run.detection_files import UNITS, records, write_csv, write_pcd
-from trainer.run.detections import Detections, find_detections, hann_envelope_db
+from trainer.run.detections import Detections, Sought, find_detections, hann_envelope_db
 from trainer.run.predict import PredictRequest, predict
 
 ARRAY = ARRAYS["sparse6"]
@@ -31,11 +31,13 @@ NOISE = cell_noise_power(RADAR)
 STEP = RADAR.waveform.range_step_m
 
 
-def detect(snapshots: NDArray[np.complexfloating], velocity: NDArray[np.floating], probability=None) -> Detections:
+def detect(
+    snapshots: NDArray[np.complexfloating], velocity: NDArray[np.floating], probability=None, false_alarms=1.0
+) -> Detections:
     """From delay-and-sum images of snapshots [D, R, C]."""
     chosen = snapshots[..., CHANNELS]
     image = np.stack([ESTIMATORS["das"]().image(peak, ARRAY, U, NOISE) for peak in chosen])
-    return find_detections(image, probability, chosen, velocity, RADAR, ARRAY, NOISE)
+    return find_detections(image, probability, chosen, velocity, RADAR, ARRAY, Sought(NOISE, false_alarms=false_alarms))
 
 
 def at_rest(ranges: list[float], u: list[float], snr_db: list[float], seed: int = 0) -> NDArray[np.complex64]:
@@ -153,7 +155,7 @@ def test_probability_orders_candidates_and_is_read_beside_the_line() -> None:
 def test_shapes_that_do_not_fit_are_refused() -> None:
     with pytest.raises(InputError, match="detections"):
         find_detections(
-            np.zeros((1, 5, 450)), None, np.zeros((1, 6, 18), complex), np.zeros((1, 6)), RADAR, ARRAY, NOISE
+            np.zeros((1, 5, 450)), None, np.zeros((1, 6, 18), complex), np.zeros((1, 6)), RADAR, ARRAY, Sought(NOISE)
         )
 
 

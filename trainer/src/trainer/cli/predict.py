@@ -42,6 +42,15 @@ def predict(
     points_format: Annotated[
         str, typer.Option(help="Of the list: parquet, the column alone; csv or pcd, files for other tools as well.")
     ] = "parquet",
+    false_alarms: Annotated[
+        float, typer.Option(help="Of the list: expected lines of a frame of noise alone, at most.")
+    ] = 1.0,
+    cells: Annotated[
+        str,
+        typer.Option(
+            help="Of the list: peaks, three of a range bin; all, of a cube, what passes OS-CFAR."
+        ),
+    ] = "peaks",
     animation: Annotated[
         bool,
         typer.Option("--animation", help="Also animation.gif: images and detections, frame by frame; with --points."),
@@ -59,7 +68,7 @@ def predict(
     ] = 0.0,
 ) -> None:
     """Image frames with a trained network or a classical estimator, every Doppler peak of a range bin included."""
-    from trainer.run.predict import PredictRequest
+    from trainer.run.predict import PointsRequest, PredictRequest
     from trainer.run.predict import predict as run_predict
     from trainer.run.pretrained import pretrained_run
 
@@ -73,6 +82,7 @@ def predict(
     request = PredictRequest(
         paths[-1], out, run=None if method else pretrained_run(pretrained) if pretrained else Path(paths[0]),
         method=method, radar=radar, split=split, pictures=pictures, points=points, points_format=points_format,
+        listed=PointsRequest(false_alarms, cells),
         animation=animation, velocity=None if velocity is None else _velocity(velocity), mounting_yaw_deg=mounting_yaw,
     )  # fmt: skip
     run_predict(request)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from shared.dataset.folder import MANIFEST, SPLITS, open_dataset
 from shared.dataset.locations import Location, RemotePath, locate
 from shared.dataset.reading import radar_of
+from shared.dataset.schema import Frame
 from shared.physics.errors import InputError
 from shared.radar import Radar
 from shared.signal.ego_motion import EgoMotion
@@ -18,7 +19,12 @@ from shared.signal.model_error import NO_MODEL_ERROR_DB, UNCALIBRATED_DB
 from shared.signal.spectrum import range_doppler, select_doppler, unfold
 from shared.signal.windows import cell_noise_power
 from trainer.captures.cube_file import Capture, CubeFile, read_cube
+from trainer.data.cfar import cfar_cells
 from trainer.data.motion import read_motion
+
+PEAKS, ALL = "peaks", "all"
+CELLS = (PEAKS, ALL)
+"""Of a frame: its three strongest Doppler peaks of every range bin, or what passes :mod:`trainer.data.cfar`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +39,7 @@ class Measurement:
     :param truth: [R, U] relative to its peak, if known
     :param model_error_db: power of a row that no plane wave explains, of the row's [dB]; -inf of simulated data
     :param motion: of the sensor, if known
+    :param centre: [D, R] of the rows, which are peaks and not the neighbours of one; None for all
     """
 
     name: str
@@ -43,6 +50,7 @@ class Measurement:
     truth: NDArray[np.float32] | None
     model_error_db: float = NO_MODEL_ERROR_DB
     motion: EgoMotion | None = None
+    centre: NDArray[np.bool_] | None = None
 
     @property
     def measured(self) -> bool:
@@ -69,12 +77,15 @@ class Measurements(Iterator[Measurement]):
         return next(self.frames)
 
 
-def open_measurements(source: Location | str, radar: str | None, split: str) -> tuple[Radar, Measurements]:
+def open_measurements(
+    source: Location | str, radar: str | None, split: str, cells: str = PEAKS
+) -> tuple[Radar, Measurements]:
     """The radar and the frames of a dataset's split, local or remote, or of a cube.
 
     A cube is a ``.npy`` with its radar named by ``radar``, or a ``.npz``, see :mod:`trainer.captures.cube_file`; a file
     beside it may state the sensor's motion, see :mod:`trainer.data.motion`.
 
+    :param cells: of :data:`CELLS`
     :raises InputError: neither, or one that is damaged or does not fit its radar
     """
     source = locate(source)
@@ -85,34 +96,60 @@ def open_measurements(source: Location | str, radar: str | None, split: str) -> 
         chosen = SPLITS if split == "all" else (split,)
         if split != "all":
             dataset.shards(split)
-        columns = ("range_channel", "velocity", "image")
-        frames = (
-            Measurement(
-                f"frame-{f.frame_id:06d}", f.frame_id, f.range_channel, f.velocity, f.noise_power, np.array(f.image),
-                motion=EgoMotion.of_pose(f.sensor_velocity, f.sensor_orientation),
+        description = dataset.description()
+        if cells == ALL and "cube" not in description["shapes"]:
+            raise InputError(
+                "--cells", f"'all' of {source}, which holds no cubes", "'peaks', or a dataset made with --store cube"
             )
+        measuring = radar_of(description, source / MANIFEST)
+        frames = (
+            _of_frame(frame, measuring, cells)
             for name in chosen if name in dataset.splits
-            for f in dataset.frames(name, columns)
+            for frame in dataset.frames(name, ("cube" if cells == ALL else "range_channel", "velocity", "image"))
         )  # fmt: skip
-        return radar_of(dataset.description(), source / MANIFEST), Measurements(frames, True)
+        return measuring, Measurements(frames, True)
     found = read_cube(source, radar)
     motions = read_motion(source, len(found.cube))
     cubes = (
-        _measurement(source.stem, found, frame, None if motions is None else motions[frame])
+        _measurement(source.stem, found, frame, None if motions is None else motions[frame], cells)
         for frame in range(len(found.cube))
     )
     return found.radar, Measurements(cubes, False, () if found.capture is None else found.capture.dead_channels)
 
 
-def _measurement(name: str, found: CubeFile, frame: int, motion: EgoMotion | None) -> Measurement:
+def _of_frame(frame: Frame, radar: Radar, cells: str) -> Measurement:
+    motion, centre = EgoMotion.of_pose(frame.sensor_velocity, frame.sensor_orientation), None
+    channels, velocity = frame.range_channel, frame.velocity
+    if cells == ALL:
+        assert frame.cube is not None
+        channels, velocity, centre = _cells(frame.cube, radar, frame.noise_power, cells)
+    name = f"frame-{frame.frame_id:06d}"
+    return Measurement(
+        name, frame.frame_id, channels, velocity, frame.noise_power, np.array(frame.image), motion=motion, centre=centre
+    )
+
+
+def _cells(
+    cube: NDArray[np.complex64], radar: Radar, noise_power: float, cells: str
+) -> tuple[NDArray[np.complex64], NDArray[np.float32], NDArray[np.bool_] | None]:
+    """([D, R, C] channels, [D, R] velocities, [D, R] which are peaks) of a cube's cells."""
+    spectra = range_doppler(cube, radar)
+    centre = None
+    if cells == ALL:
+        selection, centre = cfar_cells(spectra)
+    else:
+        selection = select_doppler(spectra, noise_power)
+    selection = unfold(selection, radar)
+    return selection.range_channel, selection.velocities_mps(radar.waveform).astype(np.float32), centre
+
+
+def _measurement(name: str, found: CubeFile, frame: int, motion: EgoMotion | None, cells: str) -> Measurement:
     """A frame of a cube; of several the name says which."""
     radar, capture = found.radar, found.capture
     noise_power = cell_noise_power(radar) if capture is None else capture.noise_power
-    selection = unfold(select_doppler(range_doppler(found.cube[frame], radar), noise_power), radar)
-    velocity = selection.velocities_mps(radar.waveform).astype(np.float32)
+    channels, velocity, centre = _cells(found.cube[frame], radar, noise_power, cells)
     name = name if len(found.cube) == 1 else f"{name}-{frame:06d}"
-    channels, error_db = selection.range_channel, _model_error_db(capture)
-    return Measurement(name, frame, channels, velocity, noise_power, None, error_db, motion)
+    return Measurement(name, frame, channels, velocity, noise_power, None, _model_error_db(capture), motion, centre)
 
 
 def _model_error_db(capture: Capture | None) -> float:

@@ -94,28 +94,39 @@ class FittedGroups(FittedLines):
     offset_std: NDArray[np.float64]
 
 
+@dataclass(frozen=True)
+class GroupTest:
+    """What a line of a group has to stand out of.
+
+    :param noise_power, model_error_db: as of :func:`fit_lines`
+    :param first, further: false-alarm probabilities of a group's first line and of every other one
+    """
+
+    noise_power: float
+    model_error_db: float
+    first: float
+    further: float
+
+
 def fit_groups(
     cells: NDArray[np.complexfloating],
     bins: NDArray[np.integer],
     array: LineArray,
     range_step_m: float,
-    noise_power: float,
     candidates: NDArray[np.floating],
-    model_error_db: float,
-    first: float,
-    further: float,
+    test: GroupTest,
 ) -> FittedGroups:
     """The lines of groups of range bins of Hann windowed spectra, each group fitted as one.
 
     :param cells: [B, M, C] of one Doppler cell [sqrt(W)]
     :param bins: [M] of each cell from the group's centre, 0 among them
     :param range_step_m: of a bin [m]
-    :param noise_power, candidates, model_error_db: as of :func:`fit_lines`
-    :param first, further: false-alarm probabilities of a group's first line and of every other one
+    :param candidates: as of :func:`fit_lines`
     """
     walk = 0.5 * array.positions_m / range_step_m
-    model = _model(array, line_threshold(array, first), line_threshold(array, further), walk)
-    thermal, model_error = row_powers(noise_power, len(cells)), max(model_error_ratio(model_error_db), ROUNDING)
+    model = _model(array, line_threshold(array, test.first), line_threshold(array, test.further), walk)
+    thermal = row_powers(test.noise_power, len(cells))
+    model_error = max(model_error_ratio(test.model_error_db), ROUNDING)
     return _fitted(np.asarray(cells, np.complex128), np.asarray(bins, np.int64), array, model, thermal, candidates,
                    model_error)  # fmt: skip
 

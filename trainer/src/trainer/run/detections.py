@@ -27,6 +27,7 @@ from trainer.estimators.fitting import (
     FALSE_ALARM,
     MODEL_ERROR_DB,
     SEARCH_POINTS,
+    GroupTest,
     fit_groups,
     line_threshold,
     score_peaks,
@@ -90,6 +91,20 @@ class Detections:
         return len(self.u)
 
 
+@dataclass(frozen=True)
+class Sought:
+    """What counts as a detection.
+
+    :param noise_power: of one channel and cell [W]
+    :param model_error_db: see :func:`trainer.estimators.fitting.fit_lines`
+    :param false_alarms: expected lines of a frame of noise alone, at most
+    """
+
+    noise_power: float
+    model_error_db: float = MODEL_ERROR_DB
+    false_alarms: float = FALSE_ALARMS
+
+
 def find_detections(
     image: NDArray[np.floating],
     probability: NDArray[np.floating] | None,
@@ -97,9 +112,8 @@ def find_detections(
     velocity: NDArray[np.floating],
     radar: Radar,
     array: LineArray,
-    noise_power: float,
-    model_error_db: float = MODEL_ERROR_DB,
-    false_alarms: float = FALSE_ALARMS,
+    sought: Sought,
+    centre: NDArray[np.bool_] | None = None,
 ) -> Detections:
     """The detections of one frame.
 
@@ -107,31 +121,28 @@ def find_detections(
     :param probability: [D, R, U] of a target, None for a network without a detection head
     :param snapshots: [D, R, C] the channels of ``array`` at each Doppler peak [sqrt(W)]
     :param velocity: [D, R] of those [m/s]; a peak that repeats an earlier one of its range bin is left out
-    :param noise_power: of one channel and cell [W]
-    :param model_error_db: see :func:`trainer.estimators.fitting.fit_lines`
-    :param false_alarms: expected of a frame of noise alone, at most
+    :param centre: [D, R] about which of them a group may be made, the others being its neighbours; None for all
     :raises InputError: shapes that do not fit
     """
     expected = (*np.shape(snapshots)[:2], radar.grid.bins)
     if np.shape(image) != expected or np.shape(velocity) != expected[:2]:
         raise InputError("detections", f"an image {np.shape(image)}, velocities {np.shape(velocity)}", f"{expected}")
     new, waveform, axis = new_peaks(velocity), radar.waveform, radar.grid.u
-    rate = false_alarms / 2.0
+    rate, about = sought.false_alarms / 2.0, new if centre is None else new & centre
     first = min(rate / (PLACES_IN_A_BIN * snapshots.shape[1] * waveform.chirps), 0.5)
-    peak, row = _heard(snapshots, new, array, noise_power, HEARD_SHARE * line_threshold(array, first))
+    peak, row = _heard(snapshots, about, array, sought.noise_power, HEARD_SHARE * line_threshold(array, first))
     score = image[peak, row].astype(np.float64)
     if probability is not None:
         score *= np.sqrt(probability[peak, row])
     further = min(rate / (PLACES_IN_A_BIN * max(len(row), 1)), FALSE_ALARM)
+    test = GroupTest(sought.noise_power, sought.model_error_db, first, further)
     candidates = score_peaks(score, axis, CANDIDATES)
     cells = np.rint(np.asarray(velocity, dtype=np.float64) / waveform.velocity_step_mps).astype(np.int64)
     found, part = [], []
     for peaks_at, members in _patterns(peak, row, cells, new):
         bins = np.array(list(peaks_at))
         values = np.stack([snapshots[peaks_at[step], row[members] + step] for step in peaks_at], axis=1)
-        fitted = fit_groups(
-            values, bins, array, waveform.range_step_m, noise_power, candidates[members], model_error_db, first, further
-        )
+        fitted = fit_groups(values, bins, array, waveform.range_step_m, candidates[members], test)
         energy = np.sum(np.abs(values) ** 2, axis=(1, 2))
         group, line = np.nonzero(np.abs(fitted.amplitude) > 0.0)
         columns = (fitted.u, fitted.offset, np.abs(fitted.amplitude), fitted.u_std, fitted.offset_std)

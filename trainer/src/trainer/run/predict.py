@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,7 @@ from shared.dataset.locations import Location
 from shared.dataset.writing import atomic
 from shared.physics.errors import InputError
 from shared.signal.tdm import statement
-from trainer.data.measurements import Measurement, Measurements, open_measurements
+from trainer.data.measurements import CELLS, PEAKS, Measurement, Measurements, open_measurements
 from trainer.estimators.fitting import MODEL_ERROR_DB
 from trainer.run.answers import Answer, NetworkAnswer, check_method, estimator_answer, network_answer
 from trainer.run.detection_files import (
@@ -33,7 +33,7 @@ from trainer.run.detection_files import (
     write_pcd,
 )
 from trainer.run.detection_files import UNITS as DETECTION_UNITS
-from trainer.run.detections import Detections, find_detections, with_moving
+from trainer.run.detections import FALSE_ALARMS, Detections, Sought, find_detections, with_moving
 from trainer.run.ego_motion import Motions
 from trainer.run.folder import load_imager, output_folder, same_radar
 from trainer.run.other_radars import fitted_imager
@@ -41,6 +41,25 @@ from trainer.run.pictures import ANIMATION, save_animation, save_picture
 from trainer.run.precision import precision_remark
 
 IMAGES = "images.parquet"
+
+
+@dataclass(frozen=True)
+class PointsRequest:
+    """Which points are listed.
+
+    :param false_alarms: expected lines of a frame of noise alone, at most
+    :param cells: "peaks", the three Doppler peaks of every range bin, or "all", of a cube: see :mod:`trainer.data.cfar`
+    :raises InputError: values out of range
+    """
+
+    false_alarms: float = FALSE_ALARMS
+    cells: str = PEAKS
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.false_alarms) and self.false_alarms > 0.0):
+            raise InputError("--false-alarms", f"{self.false_alarms}", "a finite number above 0, of lines a frame")
+        if self.cells not in CELLS:
+            raise InputError("--cells", repr(self.cells), " or ".join(CELLS))
 
 
 @dataclass(frozen=True)
@@ -54,6 +73,7 @@ class PredictRequest:
     :param split: of a dataset, or "all"
     :param pictures: a PNG for each frame, with DaS beside it
     :param points: a column ``detections`` as well
+    :param listed: which
     :param points_format: with "csv" also ``detections.csv``, with "pcd" a cloud of each frame
     :param animation: also ``animation.gif``
     :param velocity: of the vehicle at the radar, forward and to the left [m/s], in every frame; else what the source
@@ -70,6 +90,7 @@ class PredictRequest:
     split: str = "test"
     pictures: bool = True
     points: bool = False
+    listed: PointsRequest = PointsRequest()
     points_format: str = "parquet"
     animation: bool = False
     velocity: tuple[float, float] | None = None
@@ -79,6 +100,8 @@ class PredictRequest:
         check_format(self.points_format)
         if self.points_format != "parquet" and not self.points:
             raise InputError("--points-format", f"{self.points_format!r} without --points", "--points beside it")
+        if self.listed != PointsRequest() and not self.points:
+            raise InputError("--cells, --false-alarms", "without --points", "--points beside them")
         if self.animation and not self.points:
             raise InputError("--animation", "without --points", "--points beside it")
         if not np.isfinite([*(self.velocity or ()), self.mounting_yaw_deg]).all():
@@ -100,7 +123,7 @@ def predict(request: PredictRequest, announce: Callable[[str], object] = print) 
     out, points_format = request.out, request.points_format
     with output_folder(out, resume=False):
         answer, measurements = _open(request, announce)
-        schema, count = _schema(answer, request.points), 0
+        schema, count = _schema(answer, request.listed if request.points else None), 0
         if said := statement(answer.radar):
             announce(said)
         listed: list[tuple[int, Detections]] = []
@@ -117,7 +140,7 @@ def predict(request: PredictRequest, announce: Callable[[str], object] = print) 
                     "velocity": _row(velocity, schema.field("velocity").type),
                 }
                 if request.points:
-                    targets = _detections(answer, images, probability, measurement)
+                    targets = _detections(answer, images, probability, measurement, request.listed.false_alarms)
                     row["detections"] = column(targets)
                     row["motion"] = motion_column(measurement.motion)
                     headless = probability is None and request.method is None
@@ -145,7 +168,7 @@ def predict(request: PredictRequest, announce: Callable[[str], object] = print) 
 def _open(request: PredictRequest, announce: Callable[[str], object]) -> tuple[Answer, Measurements]:
     """Who answers, and what is asked."""
     run_and_imager = None if request.run is None else load_imager(request.run)
-    found, measurements = open_measurements(request.source, request.radar, request.split)
+    found, measurements = open_measurements(request.source, request.radar, request.split, request.listed.cells)
     if run_and_imager is None:
         assert request.method is not None
         return estimator_answer(request.method, found, measurements.dead_channels), measurements
@@ -172,7 +195,11 @@ def merge_peaks(
 
 
 def _detections(
-    answer: Answer, images: NDArray[np.float32], probability: NDArray[np.float32] | None, measurement: Measurement
+    answer: Answer,
+    images: NDArray[np.float32],
+    probability: NDArray[np.float32] | None,
+    measurement: Measurement,
+    false_alarms: float,
 ) -> Detections:
     found = find_detections(
         images,
@@ -181,8 +208,8 @@ def _detections(
         measurement.velocity,
         answer.radar,
         answer.line,
-        measurement.noise_power,
-        max(MODEL_ERROR_DB, measurement.model_error_db),
+        Sought(measurement.noise_power, max(MODEL_ERROR_DB, measurement.model_error_db), false_alarms),
+        measurement.centre,
     )
     return with_moving(found, measurement.motion, answer.radar)
 
@@ -198,7 +225,7 @@ def _row(values: NDArray[np.float32], kind: pa.DataType) -> pa.Array:
     return pa.FixedSizeListArray.from_arrays(pa.array(np.ascontiguousarray(values).reshape(-1)), type=kind)
 
 
-def _schema(answer: Answer, points: bool) -> pa.Schema:
+def _schema(answer: Answer, points: PointsRequest | None) -> pa.Schema:
     """The dataset's own way to write arrays: plain fixed-size lists, their shapes and axes in the metadata."""
     shape = [answer.radar.waveform.range_bins, answer.radar.grid.bins]
     values = pa.list_(pa.field("element", pa.float32(), nullable=False), shape[0] * shape[1])
@@ -217,6 +244,7 @@ def _schema(answer: Answer, points: bool) -> pa.Schema:
             "units": units,
             "chosen_array": answer.array.model_dump(mode="json"),
             "model": answer.name,
+            **({} if points is None else {"points": asdict(points)}),
         },
         sort_keys=True,
     )

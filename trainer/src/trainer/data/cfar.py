@@ -1,0 +1,109 @@
+"""The cells of a frame that hold an echo, by a test of ordered statistics (OS-CFAR).
+
+A cell's power X is summed over its C channels. X is compared with the k-th smallest of N cells around it in range and
+Doppler (Rohling 1983, "Radar CFAR thresholding in clutter and multiple target situations", IEEE Trans. AES 19):
+
+    X > alpha X_(k)
+
+In noise of unit power X is of a Gamma distribution of shape C. With Q its upper tail and V = 1 - Q(X_(k)), which is of
+a Beta distribution with k and N - k + 1, the probability that noise alone passes is
+
+    P = E[Q(alpha Q^-1(1 - V))]
+
+For C = 1 it is prod_{i<k} (N - i) / (N - i + alpha), Rohling's eq. (11). It holds exactly for the cells that are taken:
+a Hann window correlates the noise of cells less than three apart, so that they stand three apart.
+
+Up to N - k of them may hold echoes. At the ends of range, as of Doppler, the other end serves.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+from scipy.special import gammaincc, gammainccinv
+from scipy.stats import beta
+
+from shared.physics.errors import InputError
+from shared.signal.spectrum import DopplerSelection, selection_at
+
+CELL_FALSE_ALARM = 1e-3
+"""Probability that a cell of noise is looked at. The fit decides whether it lists a line there: what it would list
+stands far above this."""
+APART, REACH = 3, 9
+"""Cells between those compared with, and to the farthest of them."""
+RANK_SHARE = 0.5
+"""k / N: half of the surroundings may hold echoes."""
+QUADRATURE = 200
+"""Points of the expectation: within 1e-6 of Rohling's product for C = 1."""
+
+
+def cfar_cells(
+    spectra: NDArray[np.complexfloating], false_alarm: float = CELL_FALSE_ALARM
+) -> tuple[DopplerSelection, NDArray[np.bool_]]:
+    """The cells of ``spectra`` [R, chirps, C] that pass, and those beside them in range at the same Doppler.
+
+    :return: (D cells of every range bin, D the most of any; where a bin has fewer its first again, [D, R] which of them
+        pass and are local maxima in Doppler)
+    :raises InputError: too few cells to compare with
+    """
+    power = np.sum(np.abs(spectra) ** 2, axis=2, dtype=np.float64)
+    passed = os_cfar(power, spectra.shape[2], false_alarm)
+    # The first stands in where a bin has none.
+    strongest = power.argmax(axis=1)
+    wanted = passed.copy()
+    wanted[1:] |= passed[:-1]
+    wanted[:-1] |= passed[1:]
+    peaks = passed & (power > np.roll(power, 1, axis=1)) & (power >= np.roll(power, -1, axis=1))
+    if power.shape[1] == 1:
+        peaks = passed
+    rank = np.where(wanted, -power, np.inf)
+    order = np.argsort(rank, axis=1, kind="stable")[:, : max(int(wanted.sum(axis=1).max(initial=0)), 1)]
+    there = np.take_along_axis(wanted, order, axis=1)
+    first = np.where(there[:, 0], order[:, 0], strongest)
+    cells = np.where(there, order, first[:, None]).T
+    return selection_at(spectra, cells), (there & np.take_along_axis(peaks, order, axis=1)).T
+
+
+def os_cfar(power: NDArray[np.floating], channels: int, false_alarm: float) -> NDArray[np.bool_]:
+    """[R, chirps] which cells pass, of the powers summed over the channels.
+
+    :raises InputError: too few cells to compare with
+    """
+    away = [_distances(size) for size in power.shape]
+    lags = [(i, j) for i in away[0] for j in away[1] if i or j]
+    if not lags:
+        problem = f"{power.shape[0]} range bins and {power.shape[1]} Doppler cells"
+        raise InputError("--cells", f"'all' of {problem}", "at least 9 of either, or 'peaks'")
+    rank = max(int(RANK_SHARE * len(lags)), 1)
+    around = np.stack([np.roll(power, lag, axis=(0, 1)) for lag in lags])
+    level = np.partition(around, rank - 1, axis=0)[rank - 1]
+    return np.asarray(power > cfar_factor(channels, len(lags), rank, false_alarm) * level)
+
+
+@cache
+def cfar_factor(channels: int, cells: int, rank: int, false_alarm: float) -> float:
+    """alpha of the module's equation for C channels, N cells and k = ``rank``."""
+
+    def excess(log_factor: float) -> float:
+        return float(np.log(cfar_probability(np.exp(log_factor), channels, cells, rank)) - np.log(false_alarm))
+
+    return float(np.exp(brentq(excess, 0.0, 12.0)))
+
+
+def cfar_probability(factor: float, channels: int, cells: int, rank: int) -> float:
+    """P of the module's equation."""
+    nodes, weights = np.polynomial.legendre.leggauss(QUADRATURE)
+    spread = beta(rank, cells - rank + 1)
+    low, high = spread.ppf(1e-13), spread.isf(1e-13)
+    v = low + 0.5 * (high - low) * (nodes + 1.0)
+    density = 0.5 * (high - low) * weights * spread.pdf(v)
+    return float(density @ gammaincc(channels, factor * gammainccinv(channels, 1.0 - v)))
+
+
+def _distances(size: int) -> list[int]:
+    """Of cells compared with along one axis, which is a circle; they stand apart across its ends too."""
+    reach = min(REACH, (size - APART) // 2) // APART * APART
+    return list(range(-reach, reach + 1, APART)) if reach > 0 else [0]
