@@ -16,6 +16,7 @@ from tiny_run import make_run
 from typer.testing import CliRunner
 
 from shared.physics.errors import InputError
+from shared.signal import if_signal
 from shared.signal.windows import cell_noise_power, hann
 from trainer.cli.app import app
 from trainer.data.arrays import choose_array
@@ -23,7 +24,7 @@ from trainer.data.simulation import amplitude_of, in_plane, snapshot
 from trainer.estimators.base import ESTIMATORS
 from trainer.run.detection_files import UNITS, records, write_csv, write_pcd
 from trainer.run.detections import Detections, Sought, find_detections, hann_envelope_db
-from trainer.run.predict import PredictRequest, predict
+from trainer.run.predict import PointsRequest, PredictRequest, predict
 
 ARRAY = ARRAYS["sparse6"]
 CHANNELS = choose_array("sparse6", RADAR).channels(RADAR)
@@ -143,6 +144,20 @@ def test_noise_alone_and_nothing_at_all() -> None:
     assert records(empty) == []
 
 
+def test_noise_alone_lists_as_many_lines_as_asked() -> None:
+    """Frames of the strongest of 128 cells in each bin: between a fifth of what is asked and its Poisson interval."""
+    frames, asked, listed = 6, 10.0, 0
+    for seed in range(frames):
+        draw = np.random.default_rng(seed)
+        noise = draw.standard_normal((630, 128, 48, 2), dtype=np.float32).view(np.complex64)[..., 0]
+        noise *= np.float32(np.sqrt(0.5 * NOISE))
+        cells = np.abs(noise).sum(axis=2).argmax(axis=1)
+        rows = noise[np.arange(630), cells][None]
+        velocity = RADAR.waveform.velocities_mps[cells][None]
+        listed += len(detect(rows, velocity, false_alarms=asked))
+    assert 0 < listed <= asked * frames + 3.0 * math.sqrt(asked * frames)
+
+
 def test_probability_orders_candidates_and_is_read_beside_the_line() -> None:
     place = 300
     probability = np.zeros((1, 630, 450), np.float32)
@@ -162,7 +177,7 @@ def test_shapes_that_do_not_fit_are_refused() -> None:
 SOME = Detections(
     np.array([10.0, 20.0]), np.array([0.6, -0.8]), np.array([1.5, 0.0]), np.array([-100.0, -120.5]),
     np.array([1e-4, 2e-3]), np.array([0.75, math.nan]), np.array([1e-3, 0.04]), np.array([0.05, 0.05]),
-    np.array([0.25, math.nan]),
+    np.array([0.25, math.nan]), np.array([70, 64]),
 )  # fmt: skip
 
 
@@ -172,7 +187,7 @@ def test_csv_has_a_line_a_detection(tmp_path) -> None:
         rows = list(csv.DictReader(handle))
     assert [row["frame_id"] for row in rows] == ["3", "3", "4", "4"]
     assert list(rows[0]) == ["frame_id", *UNITS]
-    assert [float(rows[0][name]) for name in UNITS] == [10.0, 0.6, 1.5, -100.0, 1e-4, 0.75, 1e-3, 0.05, 0.25]
+    assert [float(rows[0][name]) for name in UNITS] == [10.0, 0.6, 1.5, -100.0, 1e-4, 0.75, 1e-3, 0.05, 0.25, 70]
     assert rows[1]["probability"] == rows[1]["moving"] == ""
 
 
@@ -197,6 +212,7 @@ def test_predict_writes_the_list_beside_the_image(tmp_path) -> None:
     (found,) = table["detections"].to_pylist()
     assert len(found) >= 6  # one or two targets in every third of 24 range bins, far above the noise
     assert list(found[0]) == list(UNITS)
+    assert json.loads(table.schema.metadata[b"sparseradar"])["points"] == {"cells": "peaks", "false_alarms": 1.0}
     assert [row["amplitude_db"] for row in found] == sorted((row["amplitude_db"] for row in found), reverse=True)
     assert {row["probability"] for row in found} == {None}
     assert json.loads(table.schema.metadata[b"sparseradar"])["units"]["detections"] == UNITS
@@ -223,3 +239,47 @@ def test_other_tools_get_files_from_the_command_line(tmp_path, form: str, files:
     result = CliRunner().invoke(app, [*command, "--points", "--points-format", form])
     assert result.exit_code == 0, result.output
     assert sorted(path.name for path in (tmp_path / "out").iterdir() if path.name != "images.parquet") == files
+
+
+@pytest.mark.parametrize(
+    "options",
+    [["--false-alarms", "0"], ["--false-alarms", "nan"], ["--cells", "some"], ["--cells", "all"]],
+)
+def test_options_that_do_not_fit_are_refused_in_one_line(tmp_path, options: list[str]) -> None:
+    """The last one because the dataset holds no cubes."""
+    data = small_dataset(tmp_path / "data", training=2)
+    command = ["predict", str(data), "--method", "das", "--out", str(tmp_path / "out"), "--no-pictures", "--points"]
+    result = CliRunner().invoke(app, [*command, *options])
+    assert isinstance(result.exception, InputError)
+    assert options[0] in str(result.exception)
+    result = CliRunner().invoke(app, [*command[:-1], *options[:1], {"--cells": "all"}.get(options[0], "2")])
+    assert "--points" in str(result.exception)
+
+
+def test_all_cells_of_a_cube_list_what_the_three_peaks_leave_out(tmp_path) -> None:
+    """Twelve targets in one range bin, each at its own Doppler cell."""
+    waveform = RADAR.waveform.model_copy(update={"chirps": 64, "max_range_m": 20.0})
+    radar = RADAR.model_copy(update={"waveform": waveform})
+    u, cells = np.linspace(-0.6, 0.6, 12), np.arange(4, 64, 5)
+    place = in_plane(np.full(12, 60.0 * waveform.range_step_m), u)
+    velocity = place / np.linalg.norm(place, axis=1, keepdims=True) * waveform.velocities_mps[cells][:, None]
+    amplitude = np.full(12, amplitude_of(25.0, radar), complex)
+    draw = np.random.default_rng(0)
+    echo = if_signal(radar, place, velocity, amplitude)
+    noise = draw.standard_normal((*echo.shape, 2)).view(complex)[..., 0] * np.sqrt(0.5 * radar.sample_noise_power_w)
+    np.savez(tmp_path / "cube.npz", cube=(echo + noise).astype(np.complex64), radar=radar.model_dump_json())
+    listed = {}
+    for which in ("peaks", "all"):
+        out = tmp_path / which
+        predict(
+            PredictRequest(tmp_path / "cube.npz", out, method="das", pictures=False, points=True,
+                           listed=PointsRequest(cells=which)), lambda _: None
+        )  # fmt: skip
+        (found,) = pq.read_table(out / "images.parquet")["detections"].to_pylist()
+        listed[which] = [
+            any(row["doppler_cell"] == cell and abs(row["u"] - angle) < 0.01 for row in found)
+            for cell, angle in zip(cells, u, strict=True)
+        ]
+    assert sum(listed["peaks"]) <= 9  # three in each of the three range bins that see them
+    assert all(listed["all"])
+    assert len(found) <= 14

@@ -47,9 +47,7 @@ def predict(
     ] = 1.0,
     cells: Annotated[
         str,
-        typer.Option(
-            help="Of the list: peaks, three of a range bin; all, of a cube, what passes OS-CFAR."
-        ),
+        typer.Option(help="Of the list: peaks, three of a range bin; all, of a cube, what passes OS-CFAR."),
     ] = "peaks",
     animation: Annotated[
         bool,

@@ -88,7 +88,8 @@ def cfar_factor(channels: int, cells: int, rank: int, false_alarm: float) -> flo
     """alpha of the module's equation for C channels, N cells and k = ``rank``."""
 
     def excess(log_factor: float) -> float:
-        return float(np.log(cfar_probability(np.exp(log_factor), channels, cells, rank)) - np.log(false_alarm))
+        probability = cfar_probability(np.exp(log_factor), channels, cells, rank)
+        return float(np.log(max(probability, 1e-300)) - np.log(false_alarm))
 
     return float(np.exp(brentq(excess, 0.0, 12.0)))
 

@@ -23,12 +23,20 @@ UNITS = {
     "u_std": "sin(azimuth), Cramer-Rao", "probability": "of a target; null without a detection head",
     "range_std": "m, Cramer-Rao, or of a bin", "velocity_std": "m/s, of a Doppler cell",
     "moving": "probability of no part of the static world; null where the sensor's motion is not known",
+    "doppler_cell": "index on the rising velocity axis",
 }  # fmt: skip
 """Of the fields of a detection, in their order."""
-DETECTION = pa.struct([pa.field(name, pa.float64(), nullable=name in ("probability", "moving")) for name in UNITS])
+DETECTION = pa.struct(
+    [
+        pa.field(
+            name, pa.int64() if name == "doppler_cell" else pa.float64(), nullable=name in ("probability", "moving")
+        )
+        for name in UNITS
+    ]
+)
 COLUMN = pa.field("detections", pa.list_(pa.field("element", DETECTION, nullable=False)), nullable=False)
-"""list<struct<range, u, velocity, amplitude_db, u_std, probability, range_std, velocity_std, moving>>, strongest
-first."""
+"""list<struct<range, u, velocity, amplitude_db, u_std, probability, range_std, velocity_std, moving, doppler_cell>>,
+strongest first."""
 MOTION_UNITS = {"forward": "m/s", "left": "m/s", "forward_std": "m/s, 0 if told", "left_std": "m/s, 0 if told"}
 """Of the sensor's velocity in the radar frame."""
 MOTION = pa.field("motion", pa.struct([pa.field(name, pa.float64(), nullable=False) for name in MOTION_UNITS]))
@@ -46,7 +54,7 @@ def records(found: Detections) -> list[dict[str, float | None]]:
     """One dictionary a detection, a probability None where it is not known."""
     columns = (
         found.range_m, found.u, found.velocity, found.amplitude_db, found.u_std, found.probability,
-        found.range_std, found.velocity_std, found.moving,
+        found.range_std, found.velocity_std, found.moving, found.doppler_cell,
     )  # fmt: skip
     rows = zip(*(column.tolist() for column in columns), strict=True)
     return [

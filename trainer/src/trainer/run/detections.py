@@ -75,6 +75,7 @@ class Detections:
     :param velocity_std: [N] that of a uniform Doppler cell [m/s]
     :param moving: [N] probability that it does not belong to the static world; NaN where the sensor's own motion is not
         known
+    :param doppler_cell: [N] on the rising velocity axis, where its range-Doppler cell stands
     """
 
     range_m: NDArray[np.float64]
@@ -86,6 +87,7 @@ class Detections:
     range_std: NDArray[np.float64]
     velocity_std: NDArray[np.float64]
     moving: NDArray[np.float64]
+    doppler_cell: NDArray[np.int64]
 
     def __len__(self) -> int:
         return len(self.u)
@@ -173,6 +175,7 @@ def find_detections(
         range_std=np.where(np.isnan(offset_std[kept]), uniform, offset_std[kept]) * waveform.range_step_m,
         velocity_std=np.full(len(kept), uniform * waveform.velocity_step_mps),
         moving=np.full(len(kept), np.nan),
+        doppler_cell=(lines.cell[kept] + waveform.chirps // 2) % waveform.chirps,
     )
 
 
