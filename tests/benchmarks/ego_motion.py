@@ -61,9 +61,11 @@ def _answers(array: str, radar: Radar) -> Iterator[tuple[str, Answer]]:
     for name in VIEWS:
         yield name, array_answer(name, chosen, radar)
     if array != "full":
-        network = network_answer(*load_imager(pretrained_run(array)))
-        yield "network", network
-        yield "network, told", replace(network, told=True)
+        run, imager = load_imager(pretrained_run(array))
+        yield "network", network_answer(run, imager)
+        _, told = load_imager(pretrained_run(array))
+        told.config = told.config.model_copy(update={"told": 1.0})
+        yield "network, told", network_answer(run, told)
 
 
 def _estimated(frame: Frame, answer: Answer) -> Frame:
