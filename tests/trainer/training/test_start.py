@@ -91,8 +91,8 @@ def test_a_network_that_is_told_the_motion_begins_with_weights_of_one_that_is_no
     begun = imager.network.state_dict()
     assert not begun.pop("prior.weight").any()
     assert all(torch.equal(tensor, weights[key]) for key, tensor in begun.items())
-    moved = {"sensor_velocity": (5.0 * RADAR.waveform.velocity_step_mps, 0.0, 0.0)}
-    frames = [replace(frame(index), **moved) for index in range(4)]
+    velocity = (5.0 * RADAR.waveform.velocity_step_mps, 0.0, 0.0)
+    frames = [replace(frame(index), sensor_velocity=velocity) for index in range(4)]
     drive = write_dataset(tmp_path / "drive", {"train": frames, "validation": frames[:1], "test": frames[1:2]})
     result, _ = run(drive, tmp_path / "run", config, start=SHIPPED)
     assert result.config.told == 0.5
