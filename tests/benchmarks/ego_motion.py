@@ -44,16 +44,16 @@ def main(dataset: Path, arrays: Sequence[str]) -> None:
     radar = radar_of(opened.description(), dataset / MANIFEST)
     frames = list(opened.frames("test", ("range_channel", "velocity", "image")))
     for array in arrays:
-        scored = {name: _scored(answer, frames, radar) for name, answer in _answers(array, radar)}
+        found = {name: scored(answer, frames, radar) for name, answer in _answers(array, radar)}
         views = array_answer("likes-view-ego", choose_array(array, radar), radar)
-        scored["estimated"] = _scored(views, [_estimated(frame, views) for frame in frames], radar)
-        for name, (ranking, errors) in scored.items():
-            _row(array, name, mean_average_precision([ranking]), bootstrap_mean(errors))
+        found["estimated"] = scored(views, [_estimated(frame, views) for frame in frames], radar)
+        for name, (ranking, errors) in found.items():
+            row(array, name, mean_average_precision([ranking]), bootstrap_mean(errors))
         for one, other in PAIRS:
-            if one in scored:
-                (ranking, errors), (below, error_below) = scored[one], scored[other]
+            if one in found:
+                (ranking, errors), (below, error_below) = found[one], found[other]
                 gain = mean_average_precision([ranking], [below])
-                _row(array, f"{one} less {other}", gain, bootstrap_mean(errors - error_below))
+                row(array, f"{one} less {other}", gain, bootstrap_mean(errors - error_below))
 
 
 def _answers(array: str, radar: Radar) -> Iterator[tuple[str, Answer]]:
@@ -61,9 +61,11 @@ def _answers(array: str, radar: Radar) -> Iterator[tuple[str, Answer]]:
     for name in VIEWS:
         yield name, array_answer(name, chosen, radar)
     if array != "full":
-        network = network_answer(*load_imager(pretrained_run(array)))
-        yield "network", network
-        yield "network, told", replace(network, told=True)
+        run, imager = load_imager(pretrained_run(array))
+        yield "network", network_answer(run, imager)
+        _, told = load_imager(pretrained_run(array))
+        told.config = told.config.model_copy(update={"told": 1.0})
+        yield "network, told", network_answer(run, told)
 
 
 def _estimated(frame: Frame, answer: Answer) -> Frame:
@@ -78,7 +80,7 @@ def _estimated(frame: Frame, answer: Answer) -> Frame:
     )
 
 
-def _scored(answer: Answer, frames: Sequence[Frame], radar: Radar) -> tuple[Ranking, NDArray[np.float64]]:
+def scored(answer: Answer, frames: Sequence[Frame], radar: Radar) -> tuple[Ranking, NDArray[np.float64]]:
     """(the detections of all frames, [frames] NMSE)."""
     cells, errors = [], []
     for frame in frames:
@@ -90,7 +92,7 @@ def _scored(answer: Answer, frames: Sequence[Frame], radar: Radar) -> tuple[Rank
     return pooled(cells), np.array(errors)
 
 
-def _row(array: str, name: str, precision: Interval, error: Interval) -> None:
+def row(array: str, name: str, precision: Interval, error: Interval) -> None:
     shown = (f"{one.value:.3f} ({one.low:.3f} to {one.high:.3f})" for one in (precision, error))
     print(f"| {array} | {name} | {' | '.join(shown)} |", flush=True)
 

@@ -59,7 +59,7 @@ def test_tensors_may_be_written_without_touching_the_next_reading(directory):
 
 def test_only_the_columns_asked_for_are_there(directory):
     item = ShardDataset(directory, "train", columns=("image",))[0]
-    assert set(item) == {"image", "image_peak", "noise_power", "frame_id"}
+    assert set(item) == {"image", "image_peak", "noise_power", "frame_id", "sensor_velocity", "sensor_orientation"}
 
 
 def test_a_dataset_that_was_used_can_be_pickled(directory):

@@ -302,3 +302,22 @@ def test_a_flat_prior_gives_todays_answer_of_the_shipped_weights_to_the_bit(arra
     lower = other[..., : BINS // 2].square().sum() / today[..., : BINS // 2].square().sum()
     higher = other[..., BINS // 2 :].square().sum() / today[..., BINS // 2 :].square().sum()
     assert lower < 0.8 * higher
+
+
+def test_a_prior_is_an_input_whose_weights_begin_at_zero():
+    """Until they are trained a network that is told answers as one that is not; a flat prior never adds anything."""
+    plain, told = network(seed=2, trained=True), network(told=True)
+    kept = told.load_state_dict(plain.state_dict(), strict=False)
+    assert kept.missing_keys == ["prior.weight"]
+    assert not kept.unexpected_keys
+    given = features(*rows(5))
+    flat = torch.ones(1, 5, told.get_buffer("view").shape[0])
+    prior = flat.clone()
+    prior[..., : BINS // 2] = 0.1
+    with torch.no_grad():
+        assert torch.equal(told(given, prior), plain(given, prior))
+        assert told.prior is not None
+        told.prior.weight.add_(0.1)
+        assert torch.equal(told(given, flat), plain(given))
+        assert torch.equal(told(given), plain(given))
+        assert not torch.equal(told(given, prior), plain(given, prior))

@@ -8,6 +8,7 @@ import torch
 from tiny_radar import NOISE_POWER, RADAR, TINY, frame, tiny
 
 from shared.signal.features import steering_weights
+from shared.signal.steering import manifold
 from trainer.data.arrays import ArrayChoice, choose_array
 from trainer.data.shards import BatchOrder
 from trainer.metrics.cells import truth_cells
@@ -17,6 +18,8 @@ from trainer.run.targets import decode, encode
 from trainer.training.augmentation import AngularAugmentation, Draw, draw
 from trainer.training.losses import SIGMA_BINS, SIGMA_ROWS, frame_losses, scene_spots, spots
 from trainer.training.task import ImagingTask, best_scaled, normalised_error
+
+UNTOLD = np.ones(1)
 
 
 def test_an_epoch_sees_every_frame_once_and_the_next_in_another_order():
@@ -51,7 +54,7 @@ def test_a_shift_in_angle_is_that_of_a_target_seen_elsewhere():
     weights = steering_weights(RADAR, np.arange(6))
     echoes = torch.from_numpy(np.conj(weights * 6).T.copy())  # (U, C)
     image = torch.eye(20)[None]  # row r holds one target at column r
-    drawn = Draw(torch.tensor([3]), torch.tensor([False]), 0.0)
+    drawn = Draw(torch.tensor([3]), torch.tensor([False]), 0.0, UNTOLD)
     moved, (truth, again), known = AngularAugmentation(RADAR)(echoes[None], [image, 2.0 * image], drawn)
     torch.testing.assert_close(moved[0, :17], echoes[3:], rtol=0, atol=1e-5)
     assert torch.equal(truth[0, :17, 3:], torch.eye(17))
@@ -62,13 +65,27 @@ def test_a_shift_in_angle_is_that_of_a_target_seen_elsewhere():
 def test_a_mirrored_frame_is_that_of_targets_on_the_other_side():
     weights = steering_weights(RADAR, np.arange(6))
     echoes = torch.from_numpy(np.conj(weights * 6).T.copy())
-    drawn = Draw(torch.tensor([0]), torch.tensor([True]), 0.0)
+    drawn = Draw(torch.tensor([0]), torch.tensor([True]), 0.0, UNTOLD)
     moved, (truth,), known = AngularAugmentation(RADAR)(echoes[None], [torch.eye(20)[None]], drawn)
     # u_10 = 0 is its own mirror image; u_0 = -0.5 has no partner on the grid.
     for column in range(1, 20):
         torch.testing.assert_close(moved[0, column], echoes[20 - column], rtol=0, atol=1e-5)
         assert truth[0, column].argmax() == 20 - column
     assert known[0, 0].tolist() == [0.0] + [1.0] * 19
+
+
+@pytest.mark.parametrize("mirror", [False, True])
+def test_a_prior_moves_with_the_echoes(mirror):
+    """What stood at u stands where its origin is u: an echo at the new angle is what the echo at the old one became."""
+    u = np.array([-0.3, 0.1, 0.95])
+    drawn = Draw(torch.tensor([3]), torch.tensor([mirror]), 0.0, UNTOLD)
+    augment = AngularAugmentation(RADAR)
+    y, wavelength_m = RADAR.array.virtual[:, 1], RADAR.waveform.wavelength_m
+    old = torch.from_numpy(manifold(y, wavelength_m, augment.origins(u, drawn)[0]).T.astype(np.complex64))
+    moved, _, _ = augment(old[None], [], drawn)
+    new = torch.from_numpy(manifold(y, wavelength_m, u).T.astype(np.complex64))
+    torch.testing.assert_close(moved[0], new, rtol=0, atol=1e-5)
+    assert np.abs(augment.origins(u, drawn)).max() <= 1.0
 
 
 def test_draws_depend_on_seed_and_step_alone_and_are_dealt_out():

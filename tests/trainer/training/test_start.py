@@ -1,11 +1,12 @@
 """What training begins with where nobody says: the weights that come with the package if they fit, else random ones."""
 
 import hashlib
+from dataclasses import replace
 
 import pytest
 import torch
 from small_fit import run
-from tiny_radar import RADAR, TINY, tiny
+from tiny_radar import RADAR, TINY, frame, tiny, write_dataset
 from tiny_run import run_of
 
 from shared.physics.errors import InputError
@@ -79,6 +80,23 @@ def test_a_fit_that_is_not_told_begins_with_them_and_says_so(dataset, tmp_path, 
     run(dataset, tmp_path / "run", still, start=SHIPPED, resume=True)
     with pytest.raises(InputError, match="start is None, but the run in"):
         run(dataset, tmp_path / "run", still, resume=True)
+
+
+def test_a_network_that_is_told_the_motion_begins_with_weights_of_one_that_is_not(tmp_path, shipped):
+    """The prior's own weights begin at zero and are trained by the frames that are told."""
+    config = tiny(model="unrolled", target="row", truth_window="none", told=0.5)
+    weights = load_imager(shipped)[1].network.state_dict()
+    imager = Imager(config, RADAR, choose_array("full", RADAR))
+    begin_with(imager, config, shipped)
+    begun = imager.network.state_dict()
+    assert not begun.pop("prior.weight").any()
+    assert all(torch.equal(tensor, weights[key]) for key, tensor in begun.items())
+    velocity = (5.0 * RADAR.waveform.velocity_step_mps, 0.0, 0.0)
+    frames = [replace(frame(index), sensor_velocity=velocity) for index in range(4)]
+    drive = write_dataset(tmp_path / "drive", {"train": frames, "validation": frames[:1], "test": frames[1:2]})
+    result, _ = run(drive, tmp_path / "run", config, start=SHIPPED)
+    assert result.config.told == 0.5
+    assert load_imager(tmp_path / "run")[1].network.get_parameter("prior.weight").any()
 
 
 def test_a_run_from_none_is_resumed_as_such(dataset, tmp_path, shipped):

@@ -12,8 +12,9 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, cast
+from typing import Annotated, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from shared.physics.errors import InputError
 from shared.radar import Radar, first_validation_error
-from shared.signal.ego_motion import EgoMotion, estimated_motion
+from shared.signal.ego_motion import EgoMotion, StaticWorld, estimated_motion
 from trainer.estimators.array import LineArray, uniform_axis
 
 SUFFIX = ".motion.json"
@@ -67,6 +68,15 @@ def read_motion(cube: Path, frames: int) -> list[EgoMotion] | None:
     if (motions := content.motions(frames)) is None:
         raise InputError(path, f"{len(content.velocity)} velocities", f"one, or one for each of {frames} frames")
     return motions
+
+
+def known_world(frame: Mapping[str, Any], radar: Radar) -> StaticWorld:
+    """What the sensor's motion says of the rows [R] of a frame of a dataset at their strongest Doppler peaks.
+
+    :param frame: of :class:`trainer.data.shards.ShardDataset`, its arrays or tensors by name, the velocity among them
+    """
+    motion = EgoMotion.of_pose(frame["sensor_velocity"].tolist(), frame["sensor_orientation"].tolist())
+    return StaticWorld(motion, np.asarray(frame["velocity"][0]), radar)
 
 
 def seen_motion(

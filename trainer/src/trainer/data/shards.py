@@ -85,8 +85,11 @@ class BatchOrder(Sampler[list[int]]):
 COLUMNS = ("range_channel", "velocity", "image", "range_doppler", "cube")
 """Array columns that become tensors."""
 
-SCALARS = {"image_peak": torch.float64, "noise_power": torch.float64, "frame_id": torch.int64}
-"""Scalar columns that every frame comes with, and their types."""
+SCALARS = {
+    "image_peak": torch.float64, "noise_power": torch.float64, "frame_id": torch.int64,
+    "sensor_velocity": torch.float64, "sensor_orientation": torch.float64,
+}  # fmt: skip
+"""Scalars and short lists that every frame comes with, and their types."""
 
 FACTS = ("kind", "scene", "seed", "sensor_position", "sensor_velocity", "sensor_orientation", "time", "sequence")
 """Columns that say where a frame comes from, as Python values."""

@@ -91,6 +91,7 @@ class UnrolledNetwork(nn.Module):
     :param learned: iterations with weights, by the "likes" rule
     :param width: channels of the U-Net's first level
     :param detects: whether the second output is there
+    :param told: whether the logarithm of a prior is an input; its weights begin at zero
     """
 
     def __init__(
@@ -103,6 +104,7 @@ class UnrolledNetwork(nn.Module):
         learned: int,
         width: int,
         detects: bool = True,
+        told: bool = False,
     ) -> None:
         super().__init__()
         self.bins, self.exponent, self.plain = radar.grid.bins, exponent, plain
@@ -123,6 +125,10 @@ class UnrolledNetwork(nn.Module):
                 head.bias.zero_()
             assert self.row.bias is not None
             self.row.bias.copy_(torch.tensor([0.0, RARE][: self.outputs]))
+        # Without a bias a flat prior, whose logarithm is zero, adds nothing, before training and after it.
+        self.prior = nn.Conv2d(1, STATE + 2, (1, KERNEL), padding=(0, KERNEL // 2), bias=False) if told else None
+        if self.prior is not None:
+            nn.init.zeros_(self.prior.weight)
 
     def forward(
         self, snapshots: Float[torch.Tensor, "batch planes rows 1"], prior: torch.Tensor | None = None
@@ -146,7 +152,8 @@ class UnrolledNetwork(nn.Module):
                 power = bounded_power(power * known**PRIOR_EXPONENT)
             with torch.autocast(snapshots.device.type, enabled=False):
                 filtered, form = adaptive_forms(power, snapshot, noise, tables)
-        return self.corrected(seen, power, filtered.real, filtered.imag, form, noise, shape)
+        weight = None if prior is None else prior[..., : self.bins]
+        return self.corrected(seen, power, filtered.real, filtered.imag, form, noise, shape, weight)
 
     def corrected(
         self,
@@ -157,6 +164,7 @@ class UnrolledNetwork(nn.Module):
         form: torch.Tensor,
         noise: torch.Tensor,
         shape: tuple[int, int, int],
+        prior: torch.Tensor | None = None,
     ) -> torch.Tensor:
         """[B, 1 or 2, R, U] the answer, of what the iterations have found in B R rows.
 
@@ -164,10 +172,13 @@ class UnrolledNetwork(nn.Module):
         :param power, real, imaginary, form: [B R, N] P, the parts of q, and s
         :param noise: [B R] over the row's power
         :param shape: (B, R, U)
+        :param prior: [B, R, U]
         """
         base = (seen + SMALLEST).pow(self.exponent).reshape(shape)
         state, level = self.state(power, real, imaginary, form, noise, shape)
         known = torch.cat([state, base[:, None], level[:, None]], dim=1)
+        if self.prior is not None and prior is not None:
+            known = known + self.prior(prior.log10()[:, None]).float()
         answer = self.context(known).float() + self.row(known).float()
         return torch.cat([answer[:, :1] + base[:, None], answer[:, 1:]], dim=1)
 

@@ -159,17 +159,13 @@ class Answer(ABC):
 
 @dataclass(frozen=True, eq=False)
 class NetworkAnswer(Answer):
-    """A run's network.
-
-    :param told: an unrolled network's iterations use what is known of the sensor's motion
-    """
+    """A run's network."""
 
     imager: Imager
-    told: bool = False
 
     @property
     def uses_motion(self) -> bool:
-        return self.told and self.imager.config.model == "unrolled"
+        return self.imager.config.told > 0
 
     def images(
         self,

@@ -130,6 +130,8 @@ class FitConfig(BaseModel):
     :param rows: range bins of a training crop, 0 for whole images; snapshots of one online sample of the "doa-cnn"
     :param augment: shift and mirror the training frames in angle
     :param points: crops of online point targets beside each training frame, see :mod:`trainer.training.online_points`
+    :param told: share of the training frames of which the "unrolled" network is told the sensor's motion, the others
+        being flat (:mod:`shared.signal.ego_motion`); if any are, it is told wherever the motion is known, else nowhere
     :param imperfections: of the boards that training frames and online points are seen by, or their name; None for
         ideal ones, see :mod:`trainer.training.imperfections`
     :param seed: of initial weights, data order, crops and augmentation
@@ -165,6 +167,7 @@ class FitConfig(BaseModel):
     rows: Annotated[int, Field(ge=0, le=2**20)] = 160
     augment: bool = True
     points: Annotated[int, Field(ge=0, le=2**14)] = 1
+    told: Share = 0.0
     imperfections: Given = None
     seed: Annotated[int, Field(ge=0, le=LARGEST_SEED)] = 0
     precision: Precision = "32"
@@ -193,6 +196,8 @@ class FitConfig(BaseModel):
             raise ValueError(
                 f"model 'unrolled' and features 'snapshots' belong together; got {self.model!r} and {self.features!r}"
             )
+        if self.told and self.model != "unrolled":
+            raise ValueError(f"model 'unrolled' alone is told the motion; got told = {self.told:g}, expected 0")
         if self.model == "unrolled" and self.target != "row":
             raise ValueError(f"model 'unrolled' answers target 'row'; got {self.target!r}")
         if self.truth_window not in ANGLE_WINDOWS:

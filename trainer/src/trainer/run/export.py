@@ -51,7 +51,7 @@ def export(run_directory: Path, out: Path) -> Export:
 
     Input ``features`` [1, F, R, U], of the "doa-cnn" [1, 3, R, C * C], of the "unrolled" network [1, 2 C + 1, R, 1]
     snapshots; output ``answer`` [1, 1 or 2, R, U]. The "unrolled" network is exported in real arithmetic
-    (:mod:`trainer.networks.real_unrolled`).
+    (:mod:`trainer.networks.real_unrolled`), where the prior of the sensor's motion is flat and no input.
     :mod:`shared.signal.features`, NumPy alone, computes the features. The image follows from the answer by a power, the
     row's scale and the gain. The file's metadata hold array, axes, gain and both names under ``sparseradar``.
 

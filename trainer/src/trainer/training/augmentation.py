@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from shared.radar import Radar
 
@@ -26,11 +27,13 @@ class Draw:
     :param shift: [B] angle bins
     :param mirror: [B] bool, before the shift
     :param crop: the first range bin of the crop, as a fraction of what is possible
+    :param told: [B] uniform from 0 to 1: below the share that is told the sensor's motion, the frame is
     """
 
     shift: torch.Tensor
     mirror: torch.Tensor
     crop: float
+    told: NDArray[np.float64]
 
 
 def draw(seed: int, step: int, batch: int, first: int, count: int, largest: int) -> Draw:
@@ -42,7 +45,7 @@ def draw(seed: int, step: int, batch: int, first: int, count: int, largest: int)
     shift = torch.from_numpy(generator.integers(-largest, largest + 1, batch))
     mirror = torch.from_numpy(generator.random(batch) < (0.5 if largest else 0.0))
     part = slice(first, first + count)
-    return Draw(shift[part], mirror[part], float(generator.random()))
+    return Draw(shift[part], mirror[part], float(generator.random()), generator.random(batch)[part])
 
 
 class AngularAugmentation:
@@ -54,7 +57,7 @@ class AngularAugmentation:
     def __init__(self, radar: Radar) -> None:
         grid = radar.grid
         wavenumber = 2.0 * np.pi / radar.waveform.wavelength_m
-        self.bins = grid.bins
+        self.bins, self._step = grid.bins, grid.step
         self.largest_shift = int(LARGEST_SHIFT / grid.step)
         # Phase [rad] of one bin's shift, for each channel.
         self._phase = torch.from_numpy(wavenumber * grid.step * radar.array.virtual[:, 1])
@@ -78,3 +81,10 @@ class AngularAugmentation:
         source = source.clamp(0, self.bins - 1)
         gathered = [torch.take_along_dim(truth, source, dim=-1) * known for truth in truths]
         return moved, gathered, known.to(torch.float32)
+
+    def origins(self, u: NDArray[np.float64], drawn: Draw) -> NDArray[np.float64]:
+        """[B, N] where in the frames stood what now is at angles u; beyond 1 it folds, as of half a wavelength."""
+        origin = u - self._step * drawn.shift.numpy()[:, None]
+        if self._mirror is not None:
+            origin = np.where(drawn.mirror.numpy()[:, None], -origin, origin)
+        return (origin + 1.0) % 2.0 - 1.0

@@ -22,7 +22,7 @@ from trainer.run.configuration import FitConfig
 from trainer.run.folder import Fingerprint, same_radar, scene_records
 from trainer.training.task import ImagingTask
 
-COLUMNS = ("range_channel", "image")
+COLUMNS = ("range_channel", "velocity", "image")
 LARGEST_WEIGHT = 1e9
 """Shares are sums of such numbers over their sum."""
 

@@ -53,7 +53,7 @@ def _misfit(run: Run, config: FitConfig, radar: Radar) -> str:
 
 
 def begin_with(imager: Imager, config: FitConfig, start: Path) -> float:
-    """Give the imager the weights of another run; returns the gain that belongs to them.
+    """Give the new imager the weights of another run, zeros where that has no input for a prior; returns its gain.
 
     :raises InputError: no whole run, or another network
     """
@@ -64,7 +64,8 @@ def begin_with(imager: Imager, config: FitConfig, start: Path) -> float:
                 "--from", f"{start} has {name} = {getattr(run.config, name)!r}", f"{getattr(config, name)!r}"
             )
     try:
-        imager.network.load_state_dict(trained.network.state_dict())
+        # Only a prior's weights can be in one network and not in the other: they stay zeros, or nothing asks for them.
+        imager.network.load_state_dict(trained.network.state_dict(), strict=False)
     except RuntimeError as error:  # of another array or grid, where a network knows them
         raise InputError("--from", f"{start} has weights of other shapes", "a run of this array and grid") from error
     return trained.gain

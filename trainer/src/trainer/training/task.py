@@ -13,12 +13,14 @@ from lightning.pytorch.utilities.types import OptimizerLRScheduler
 from numpy.typing import NDArray
 
 from shared.radar import Radar
+from shared.signal.adaptive import scanned_angles
 from trainer.data.arrays import ArrayChoice
+from trainer.data.motion import known_world
 from trainer.errors import TrainingStopped
 from trainer.run.configuration import FitConfig
 from trainer.run.imager import Imager, lay_out
 from trainer.run.targets import decode, encode
-from trainer.training.augmentation import AngularAugmentation, draw
+from trainer.training.augmentation import AngularAugmentation, Draw, draw
 from trainer.training.imperfections import BoardErrors
 from trainer.training.losses import frame_losses, scene_spots
 from trainer.training.online_points import OnlinePoints
@@ -56,7 +58,7 @@ class ImagingTask(LightningModule):
     def training_step(self, batch: Batch, batch_index: int) -> torch.Tensor:
         batch = self._training_batch(batch)
         features, scale = self.imager.features(batch["range_channel"], batch["noise_power"], batch["model_error"])
-        answer = self.imager.answer(features)
+        answer = self.imager.answer(features, batch.get("prior"))
         losses = self._losses(batch, answer, scale, batch["known"], batch.get("spots"))
         self.batches_seen += 1
         loss = losses.mean()
@@ -68,7 +70,7 @@ class ImagingTask(LightningModule):
         from; that of the best-scaled DaS."""
         range_channel, image = batch["range_channel"][:, 0], batch["image"]
         features, scale = self.imager.features(range_channel, batch["noise_power"])
-        answer = self.imager.answer(features)
+        answer = self.imager.answer(features, self._prior(batch))
         losses = self._losses(batch, answer, scale, torch.ones_like(image[:, :1]), self._spots(batch))
         self.log("validation_loss", losses.mean(), batch_size=len(image), prog_bar=True, sync_dist=True)
         shown = image.amax(dim=(-2, -1)) > 0  # an empty truth has no normalised error
@@ -148,6 +150,9 @@ class ImagingTask(LightningModule):
             range_channel, truths, known = self._augment(range_channel, truths, drawn)
         parts = {**batch, "range_channel": range_channel, "known": known}
         parts |= dict(zip(("image", "spots"), truths, strict=False))
+        prior = self._prior(batch, drawn, slice(first, first + range_channel.shape[1]))
+        if prior is not None:
+            parts["prior"] = prior
         rows = np.full(count, float(first))
         boards = range(count * rank, count * (rank + 1))
         if self._points is None:
@@ -164,11 +169,29 @@ class ImagingTask(LightningModule):
         }
         if spots is not None:
             extra["spots"] = crops.spots
+        if prior is not None:
+            extra["prior"] = prior.new_ones(len(places), *prior.shape[1:])
         joined = {name: torch.cat([parts[name], extra[name]]) for name in extra}
         # The boards of the points come behind those of all processes' frames.
         return self._by_boards(
             joined, [*boards, *(count * world + place for place in places)], np.concatenate([rows, crops.first_row])
         )
+
+    def _prior(self, batch: Batch, drawn: Draw | None = None, rows: slice = slice(None)) -> torch.Tensor | None:
+        """[B, R, N] what the sensor's motion says of rows of the frames, of all if nothing is drawn; None of a network
+        that is not told.
+        """
+        if not self.config.told:
+            return None
+        u = scanned_angles(self._radar)
+        angles = [u] * len(batch["frame_id"]) if drawn is None else self._augment.origins(u, drawn)
+        priors = []
+        for index, seen_at in enumerate(angles):
+            frame = {name: batch[name][index].cpu() for name in ("sensor_velocity", "sensor_orientation", "velocity")}
+            prior = known_world(frame, self._radar)[rows].prior(seen_at)
+            unknown = drawn is not None and drawn.told[index] >= self.config.told
+            priors.append(np.ones_like(prior) if unknown else prior)
+        return torch.from_numpy(np.stack(priors).astype(np.float32)).to(batch["image"].device)
 
     def _by_boards(self, batch: Batch, places: Sequence[int], first_row: NDArray[np.float64]) -> Batch:
         """The batch as imperfect boards see it, and the model error of each."""

@@ -30,6 +30,7 @@ from shared.dataset.locations import Location, folder_name, locate
 from shared.dataset.reading import radar_of
 from shared.dataset.writing import write_json
 from trainer.data.arrays import choose_array
+from trainer.data.motion import known_world
 from trainer.data.shards import ShardDataset
 from trainer.estimators.base import ESTIMATORS
 from trainer.metrics.bootstrap import Interval, bootstrap_mean
@@ -37,7 +38,7 @@ from trainer.metrics.cells import CellScores, score_cells
 from trainer.metrics.image import nmse, nmse_best_scaled
 from trainer.metrics.ranking import mean_average_precision, pooled
 from trainer.run.answers import Answer, array_answer, network_answer
-from trainer.run.folder import Run, load_imager, same_radar
+from trainer.run.folder import Run, load_imager, read_run, same_radar
 from trainer.run.imager import Imager
 from trainer.run.pictures import save_comparison
 from trainer.run.targets import AMPLITUDE, PROBABILITY
@@ -211,8 +212,10 @@ def _answers(run: Run, imager: Imager, start: Path | None) -> dict[str, Answer]:
     answers: dict[str, Answer] = {name: array_answer(name, run.array, run.radar) for name in (DAS, *VIEWS)}
     answers[NETWORK] = network_answer(run, imager.to(device))
     if start is not None:
-        begun = Imager(run.config, run.radar, run.array)
-        begun.gain = begin_with(begun, run.config, start)
+        # As it was, whether it was told the motion or not.
+        config = run.config.model_copy(update={"told": read_run(start).config.told})
+        begun = Imager(config, run.radar, run.array)
+        begun.gain = begin_with(begun, config, start)
         answers[START] = network_answer(run, begun.eval().to(device))
     if run.array.rx != full.rx:
         answers[EVERY] = array_answer(VIEWS[-1], full, run.radar)
@@ -223,7 +226,7 @@ def _test_frames(answers: Mapping[str, Answer], folders: Sequence[Location]) -> 
     for folder in folders:
         if "test" not in open_dataset(folder, check_sizes=False).splits:
             continue
-        frames = ShardDataset(folder, "test")
+        frames = ShardDataset(folder, "test", ("range_channel", "velocity", "image"))
         for index in sorted({int(index) for index in np.linspace(0, len(frames) - 1, min(len(frames), MOST_FRAMES))}):
             frame = {key: value.numpy() for key, value in frames[index].items()}
             yield _scored(f"{folder_name(folder)}, frame {int(frame['frame_id'])}", answers, frame)
@@ -233,12 +236,13 @@ def _scored(name: str, answers: Mapping[str, Answer], frame: Mapping[str, NDArra
     range_channel, noise, peak = frame["range_channel"][0], float(frame["noise_power"]), float(frame["image_peak"])
     truth = frame["image"].astype(np.float64) * peak
     network = answers[NETWORK]
+    world = known_world(frame, network.radar)
     channels = len(network.channels)
     cells = {TRUTH: score_cells(truth, truth, noise, channels, network.radar.waveform.range_step_m)}
     images: dict[str, Image] = {}
     errors: dict[str, float] = {}
     for method, answer in answers.items():
-        seen = answer.image_and_score(range_channel, noise)
+        seen = answer.image_and_score(range_channel, noise, world)
         cells[method] = answer.score_cells(truth, range_channel, noise, seen, channels)
         # Amplitudes relative to the truth's peak, as the truth is; as they are where the truth is zero.
         scale = np.float32(peak or 1.0) if answer.unit == AMPLITUDE else np.float32(1.0)

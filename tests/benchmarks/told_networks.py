@@ -1,0 +1,54 @@
+"""What the sensor's motion as an input is worth: the second table of docs/notes/ego-motion.md.
+
+    python tests/benchmarks/told_networks.py DATASET PLAIN TOLD
+
+Runs on the frames of the test split at their strongest Doppler peaks: PLAIN was trained with ``told = 0``, TOLD with a
+share; each with a flat prior and with the motion. Lines as those of ``ego_motion.py`` beside it.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from ego_motion import row, scored
+
+from shared.dataset.folder import MANIFEST, open_dataset
+from shared.dataset.reading import radar_of
+from trainer.metrics.bootstrap import bootstrap_mean
+from trainer.metrics.ranking import mean_average_precision
+from trainer.run.answers import NetworkAnswer, network_answer
+from trainer.run.folder import load_imager
+from trainer.run.pretrained import pretrained_run
+
+PAIRS = (
+    ("plain", "shipped"), ("told", "plain"), ("plain, told", "plain"), ("told, told", "plain"),
+    ("told, told", "plain, told"), ("told, told", "told"), ("told, told", "shipped, told"),
+)  # fmt: skip
+
+
+def main(dataset: Path, plain: Path, told: Path) -> None:
+    opened = open_dataset(dataset)
+    radar = radar_of(opened.description(), dataset / MANIFEST)
+    frames = list(opened.frames("test", ("range_channel", "velocity", "image")))
+    found = {}
+    for name, folder in (("shipped", pretrained_run("sparse6")), ("plain", plain), ("told", told)):
+        for share, suffix in ((0.0, ""), (1.0, ", told")):
+            found[name + suffix] = scored(with_share(folder, share), frames, radar)
+    for name, (ranking, errors) in found.items():
+        row("sparse6", name, mean_average_precision([ranking]), bootstrap_mean(errors))
+    for one, other in PAIRS:
+        (ranking, errors), (below, error_below) = found[one], found[other]
+        row("sparse6", f"{one} less {other}", mean_average_precision([ranking], [below]),
+            bootstrap_mean(errors - error_below))  # fmt: skip
+
+
+def with_share(folder: Path, share: float) -> NetworkAnswer:
+    """The run's network, told the motion if the share is above 0, whatever it was trained with."""
+    run, imager = load_imager(folder)
+    imager.config = imager.config.model_copy(update={"told": share})
+    return network_answer(run, imager)
+
+
+if __name__ == "__main__":
+    main(*map(Path, sys.argv[1:4]))
