@@ -49,7 +49,7 @@ def cfar_cells(
         pass and are local maxima in Doppler)
     :raises InputError: too few cells to compare with
     """
-    power = np.sum(np.abs(spectra) ** 2, axis=2, dtype=np.float64)
+    power: NDArray[np.float64] = np.sum(np.abs(spectra) ** 2, axis=2, dtype=np.float64)
     passed = os_cfar(power, spectra.shape[2], false_alarm)
     # The first stands in where a bin has none.
     strongest = power.argmax(axis=1)
