@@ -18,6 +18,7 @@ GUIDES = (
     "own-radar.md",
     "own-network.md",
     "captures.md",
+    "points.md",
     "measured.md",
     "dataset.md",
     "commands.md",
