@@ -256,11 +256,11 @@ def test_options_that_do_not_fit_are_refused_in_one_line(tmp_path, options: list
 
 
 def test_all_cells_of_a_cube_list_what_the_three_peaks_leave_out(tmp_path) -> None:
-    """Twelve targets in one range bin at 50 m, each at its own Doppler cell."""
-    waveform = RADAR.waveform.model_copy(update={"chirps": 64, "max_range_m": 60.0})
+    """Twelve targets in one range bin at 9 m, where wave fronts are curved, each at its own Doppler cell."""
+    waveform = RADAR.waveform.model_copy(update={"chirps": 64, "max_range_m": 20.0})
     radar = RADAR.model_copy(update={"waveform": waveform})
     u, cells = np.linspace(-0.6, 0.6, 12), np.arange(4, 64, 5)
-    place = in_plane(np.full(12, 330.0 * waveform.range_step_m), u)
+    place = in_plane(np.full(12, 60.0 * waveform.range_step_m), u)
     velocity = place / np.linalg.norm(place, axis=1, keepdims=True) * waveform.velocities_mps[cells][:, None]
     amplitude = np.full(12, amplitude_of(25.0, radar), complex)
     draw = np.random.default_rng(0)

@@ -28,6 +28,7 @@ from trainer.estimators.fitting import (
     MODEL_ERROR_DB,
     SEARCH_POINTS,
     GroupTest,
+    RangePlace,
     fit_groups,
     line_threshold,
     score_peaks,
@@ -130,6 +131,8 @@ def find_detections(
     if np.shape(image) != expected or np.shape(velocity) != expected[:2]:
         raise InputError("detections", f"an image {np.shape(image)}, velocities {np.shape(velocity)}", f"{expected}")
     new, waveform, axis = new_peaks(velocity), radar.waveform, radar.grid.u
+    range_m = np.maximum(np.arange(snapshots.shape[1]), 1) * waveform.range_step_m
+    snapshots = snapshots * np.exp(-1j * array.bend_phase(range_m))
     rate, about = sought.false_alarms / 2.0, new if centre is None else new & centre
     first = min(rate / (PLACES_IN_A_BIN * snapshots.shape[1] * waveform.chirps), 0.5)
     peak, row = _heard(snapshots, about, array, sought.noise_power, HEARD_SHARE * line_threshold(array, first))
@@ -144,7 +147,8 @@ def find_detections(
     for peaks_at, members in _patterns(peak, row, cells, new):
         bins = np.array(list(peaks_at))
         values = np.stack([snapshots[peaks_at[step], row[members] + step] for step in peaks_at], axis=1)
-        fitted = fit_groups(values, bins, array, waveform.range_step_m, candidates[members], test)
+        at = RangePlace(range_m[row[members]], waveform.range_step_m)
+        fitted = fit_groups(values, bins, array, at, candidates[members], test)
         energy = np.sum(np.abs(values) ** 2, axis=(1, 2))
         group, line = np.nonzero(np.abs(fitted.amplitude) > 0.0)
         columns = (fitted.u, fitted.offset, np.abs(fitted.amplitude), fitted.u_std, fitted.offset_std)
