@@ -145,7 +145,7 @@ def test_noise_alone_and_nothing_at_all() -> None:
 
 
 def test_noise_alone_lists_as_many_lines_as_asked() -> None:
-    """Frames of the strongest of 128 cells in each bin: between a fifth of what is asked and its Poisson interval."""
+    """Frames of the strongest of 128 cells in each bin: between a quarter of what is asked and its Poisson interval."""
     frames, asked, listed = 6, 10.0, 0
     for seed in range(frames):
         draw = np.random.default_rng(seed)
@@ -155,7 +155,7 @@ def test_noise_alone_lists_as_many_lines_as_asked() -> None:
         rows = noise[np.arange(630), cells][None]
         velocity = RADAR.waveform.velocities_mps[cells][None]
         listed += len(detect(rows, velocity, false_alarms=asked))
-    assert 0 < listed <= asked * frames + 3.0 * math.sqrt(asked * frames)
+    assert 0.25 * asked * frames < listed <= asked * frames + 3.0 * math.sqrt(asked * frames)
 
 
 def test_probability_orders_candidates_and_is_read_beside_the_line() -> None:
