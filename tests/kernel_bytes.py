@@ -19,7 +19,7 @@ from datafactory.paths import corner_aperture, facets, geometry, thinning
 from datafactory.synthesis import doppler_moments, line_sums, lines, spread, visibility
 from shared.signal import near_field_kernels
 from trainer.estimators.array import LineArray
-from trainer.estimators.fitting import GroupTest, fit_groups, fit_lines
+from trainer.estimators.fitting import GroupTest, RangePlace, fit_groups, fit_lines
 
 Arrays = Iterable[NDArray]
 PATHS, CENTRE, CHIRP_S = 400, np.zeros(3), 80e-6
@@ -155,7 +155,8 @@ def line_fit() -> Arrays:
     echoes = 10.0 * phases @ array.manifold(draw.uniform(-0.8, 0.8, 2)).T
     cells, none = noise + echoes, np.empty((60, 0))
     rows = fit_lines(cells[:, 1], array, 2.0, none)
-    groups = fit_groups(cells, np.array([-1, 0, 1]), array, 0.05, none, GroupTest(2.0, -30.0, 1e-3, 1e-3))
+    place = RangePlace(np.full(60, 10.0), 0.05)
+    groups = fit_groups(cells, np.array([-1, 0, 1]), array, place, none, GroupTest(2.0, -30.0, 1e-3, 1e-3))
     for found in (rows, groups):
         yield found.amplitude
         yield np.nan_to_num(found.u)

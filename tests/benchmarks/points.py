@@ -1,6 +1,6 @@
 """What the list of ``trainer predict --points`` is worth on close pairs, and on noise alone.
 
-    python tests/benchmarks/points.py [--frames 160] [--seed 35] [--noise] [--false-alarms 1]
+    python tests/benchmarks/points.py [--frames 160] [--seed 35] [--noise] [--false-alarms 1] [--cells peaks|all]
 
 Each frame has eight equal pairs at rest, half a resolution cell of the full array apart, 19.5 dB in a channel, at 8 to
 40 m, between range bins, random phases; the Doppler cells are chosen as in a dataset. The fit begins with the peaks of
@@ -22,6 +22,8 @@ from shared.signal import if_signal
 from shared.signal.spectrum import range_doppler, select_doppler
 from shared.signal.windows import cell_noise_power
 from trainer.data.arrays import choose_array
+from trainer.data.cfar import cfar_cells
+from trainer.data.measurements import ALL, PEAKS
 from trainer.data.simulation import amplitude_of, in_plane
 from trainer.estimators.base import ESTIMATORS, line_array
 from trainer.run.detections import FALSE_ALARMS, Sought, find_detections
@@ -36,6 +38,7 @@ def main(
     seed: Annotated[int, typer.Option()] = 35,
     noise: Annotated[bool, typer.Option("--noise")] = False,
     false_alarms: Annotated[float, typer.Option()] = FALSE_ALARMS,
+    cells: Annotated[str, typer.Option()] = PEAKS,
 ) -> None:
     radar, draw = Radar(), np.random.default_rng(seed)
     channels = {name: choose_array(name, radar).channels(radar) for name in ARRAYS}
@@ -50,13 +53,16 @@ def main(
         amplitude = 0.0 if noise else amplitude_of(SNR_DB, radar)
         cube = drawn_cube(radar, place, amplitude * np.exp(2j * np.pi * draw.random(2 * PAIRS)), draw)
         power = cell_noise_power(radar)
-        chosen = select_doppler(range_doppler(cube, radar), power)
+        spectra = range_doppler(cube, radar)
+        chosen, centre = cfar_cells(spectra) if cells == ALL else (select_doppler(spectra, power), None)
         for name, used in channels.items():
             array, rows = line_array(radar, used), chosen.range_channel[..., used]
             image = np.stack([ESTIMATORS["das"]().image(peak, array, radar.grid.u, power) for peak in rows])
             sought = Sought(power, false_alarms=false_alarms)
             began = time.process_time()
-            found = find_detections(image, None, rows, chosen.velocities_mps(radar.waveform), radar, array, sought)
+            found = find_detections(
+                image, None, rows, chosen.velocities_mps(radar.waveform), radar, array, sought, centre
+            )
             seconds[name].append(time.process_time() - began)
             at = in_plane(found.range_m, found.u)
             off = np.linalg.norm(at[:, None] - place, axis=2).min(axis=1, initial=np.inf)

@@ -334,12 +334,12 @@ def test_responses_in_three_bins_are_the_windows_and_their_derivatives_those_of_
     array, bins, step = ARRAYS["sparse6"], np.array([-1, 0, 1]), 1e-6
     walk = 0.5 * array.positions_m / 0.05
     white = np.linalg.inv(np.linalg.cholesky(fitting.hann_correlation(bins[:, None] - bins)))
-    model = fitting._model(array, 10.0, 10.0, walk)
-    group = Group(np.zeros((2, 3 * array.channels)), bins, white, 2, 1.0, 1.0)
+    model, bend = fitting._model(array, 10.0, 10.0, walk), 1.0 / 3.0
+    group = Group(np.zeros((2, 3 * array.channels)), bins, white, 2, 1.0, 1.0, bend)
 
     def response(u: float, offset: float) -> NDArray[np.complex128]:
         window = fitting.hann_response(bins[:, None] - offset + walk * u)
-        return ((white @ window) * np.exp(-1j * model.phase * u)).ravel()
+        return ((white @ window) * np.exp(-1j * (model.phase * u + model.curve * bend * u**2))).ravel()
 
     places = np.array([[0.3, -0.4], [-0.62, 0.7]])
     re, im = np.empty((2, 6, 3 * array.channels))

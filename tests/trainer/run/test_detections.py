@@ -145,7 +145,7 @@ def test_noise_alone_and_nothing_at_all() -> None:
 
 
 def test_noise_alone_lists_as_many_lines_as_asked() -> None:
-    """Frames of the strongest of 128 cells in each bin: between a fifth of what is asked and its Poisson interval."""
+    """Frames of the strongest of 128 cells in each bin: between a quarter of what is asked and its Poisson interval."""
     frames, asked, listed = 6, 10.0, 0
     for seed in range(frames):
         draw = np.random.default_rng(seed)
@@ -155,7 +155,7 @@ def test_noise_alone_lists_as_many_lines_as_asked() -> None:
         rows = noise[np.arange(630), cells][None]
         velocity = RADAR.waveform.velocities_mps[cells][None]
         listed += len(detect(rows, velocity, false_alarms=asked))
-    assert 0 < listed <= asked * frames + 3.0 * math.sqrt(asked * frames)
+    assert 0.25 * asked * frames < listed <= asked * frames + 3.0 * math.sqrt(asked * frames)
 
 
 def test_probability_orders_candidates_and_is_read_beside_the_line() -> None:
@@ -256,11 +256,11 @@ def test_options_that_do_not_fit_are_refused_in_one_line(tmp_path, options: list
 
 
 def test_all_cells_of_a_cube_list_what_the_three_peaks_leave_out(tmp_path) -> None:
-    """Twelve targets in one range bin at 50 m, each at its own Doppler cell."""
-    waveform = RADAR.waveform.model_copy(update={"chirps": 64, "max_range_m": 60.0})
+    """Twelve targets in one range bin at 9 m, where wave fronts are curved, each at its own Doppler cell."""
+    waveform = RADAR.waveform.model_copy(update={"chirps": 64, "max_range_m": 20.0})
     radar = RADAR.model_copy(update={"waveform": waveform})
     u, cells = np.linspace(-0.6, 0.6, 12), np.arange(4, 64, 5)
-    place = in_plane(np.full(12, 330.0 * waveform.range_step_m), u)
+    place = in_plane(np.full(12, 60.0 * waveform.range_step_m), u)
     velocity = place / np.linalg.norm(place, axis=1, keepdims=True) * waveform.velocities_mps[cells][:, None]
     amplitude = np.full(12, amplitude_of(25.0, radar), complex)
     draw = np.random.default_rng(0)

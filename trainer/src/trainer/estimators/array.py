@@ -5,7 +5,8 @@ Signal model, for one range bin after range and Doppler processing (plane waves,
     x_c = sum_k s_k exp(-j k u_k p_c) + n_c,    k = 2 pi / lambda,    p_c = y_tx + y_rx,    u = sin(azimuth)
 
 with the sign and the mid-sweep wavelength of :func:`shared.signal.steering.manifold`, so that a target on the left
-peaks at u > 0. Valid from about 5 m for the input array of 94 mm; nearer than that the wave front is curved.
+peaks at u > 0. Valid from about 5 m for the input array of 94 mm; nearer than that the wave front is curved: by
+exp(j k (1 - u^2) q_c / R), q_c = (y_tx^2 + y_rx^2) / 2 (Fresnel), which the fit of a frame's detections takes in.
 """
 
 from __future__ import annotations
@@ -43,11 +44,13 @@ class LineArray:
 
     :param positions_m: [C] y_tx + y_rx of each virtual channel relative to the radar's origin [m]
     :param wavelength_m: at mid-sweep [m]
+    :param bend_m2: [C] q_c [m^2]; None for plane waves
     :raises InputError: no element, a position that is not finite, a wavelength that is not positive
     """
 
     positions_m: NDArray[np.float64]
     wavelength_m: float
+    bend_m2: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         positions = np.asarray(self.positions_m, dtype=np.float64)
@@ -96,14 +99,20 @@ class LineArray:
         """[C, *u.shape] echoes exp(-j k u p) of unit amplitude from the directions u."""
         return manifold(self.positions_m, self.wavelength_m, np.asarray(u))
 
+    def bend_phase(self, range_m: NDArray[np.floating]) -> NDArray[np.float64]:
+        """[*range_m.shape, C] k q_c / R [rad], by which an echo from straight ahead is bent."""
+        bend = np.zeros(self.channels) if self.bend_m2 is None else self.bend_m2
+        return 2.0 * np.pi / self.wavelength_m * bend / np.asarray(range_m, dtype=np.float64)[..., None]
+
 
 def line_array(radar: Radar, channels: NDArray[np.intp] | None = None) -> LineArray:
     """The virtual elements of a radar, in its rx-major channel order.
 
     :param channels: indices of the virtual elements to use; all by default
     """
-    positions = radar.array.virtual[:, 1]
-    return LineArray(positions if channels is None else positions[channels], radar.waveform.wavelength_m)
+    array, used = radar.array, slice(None) if channels is None else channels
+    bend = 0.5 * (array.tx[array.channel_tx, 1] ** 2 + array.rx[array.channel_rx, 1] ** 2)
+    return LineArray(array.virtual[used, 1], radar.waveform.wavelength_m, bend[used])
 
 
 def scan_axis(array: LineArray, u: NDArray[np.floating]) -> tuple[NDArray[np.float64], NDArray[np.intp]]:

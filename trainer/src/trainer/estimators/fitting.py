@@ -78,7 +78,8 @@ def fit_lines(
     cells = np.asarray(snapshots, dtype=np.complex128)[:, None]
     price = line_threshold(array, false_alarm)
     model = _model(array, price, price, np.zeros(array.channels))
-    found = _fitted(cells, np.zeros(1, dtype=np.int64), array, model, thermal, candidates, model_error)
+    noise = _Noise(thermal, model_error)
+    found = _fitted(cells, np.zeros(1, dtype=np.int64), array, model, noise, candidates, np.zeros(len(cells)))
     return FittedLines(found.u, found.amplitude, found.u_std)
 
 
@@ -92,6 +93,18 @@ class FittedGroups(FittedLines):
 
     offset: NDArray[np.float64]
     offset_std: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class RangePlace:
+    """Where groups stand in range.
+
+    :param centre_m: [B] range of each group's centre, above 0
+    :param step_m: of a bin
+    """
+
+    centre_m: NDArray[np.float64]
+    step_m: float
 
 
 @dataclass(frozen=True)
@@ -112,23 +125,30 @@ def fit_groups(
     cells: NDArray[np.complexfloating],
     bins: NDArray[np.integer],
     array: LineArray,
-    range_step_m: float,
+    place: RangePlace,
     candidates: NDArray[np.floating],
     test: GroupTest,
 ) -> FittedGroups:
     """The lines of groups of range bins of Hann windowed spectra, each group fitted as one.
 
-    :param cells: [B, M, C] of one Doppler cell [sqrt(W)]
+    :param cells: [B, M, C] of one Doppler cell [sqrt(W)], straightened for u = 0: see :mod:`trainer.estimators.array`
     :param bins: [M] of each cell from the group's centre, 0 among them
-    :param range_step_m: of a bin [m]
     :param candidates: as of :func:`fit_lines`
     """
-    walk = 0.5 * array.positions_m / range_step_m
+    walk = 0.5 * array.positions_m / place.step_m
     model = _model(array, line_threshold(array, test.first), line_threshold(array, test.further), walk)
     thermal = row_powers(test.noise_power, len(cells))
-    model_error = max(model_error_ratio(test.model_error_db), ROUNDING)
-    return _fitted(np.asarray(cells, np.complex128), np.asarray(bins, np.int64), array, model, thermal, candidates,
-                   model_error)  # fmt: skip
+    noise = _Noise(thermal, max(model_error_ratio(test.model_error_db), ROUNDING))
+    return _fitted(np.asarray(cells, np.complex128), np.asarray(bins, np.int64), array, model, noise, candidates,
+                   1.0 / place.centre_m)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Noise:
+    """Of one channel and cell [W], [B] for each group, and the share of a group's power that the model leaves out."""
+
+    thermal: NDArray[np.float64]
+    model_error: float
 
 
 def _fitted(
@@ -136,9 +156,9 @@ def _fitted(
     bins: NDArray[np.int64],
     array: LineArray,
     model: Model,
-    thermal: NDArray[np.float64],
+    received: _Noise,
     candidates: NDArray[np.floating],
-    model_error: float,
+    bend: NDArray[np.float64],
 ) -> FittedGroups:
     groups = len(cells)
     # A Hann window's response at whole bins changes its sign from one to the next.
@@ -149,15 +169,15 @@ def _fitted(
     present = np.flatnonzero(scale > 0.0)
     x = whitened[present] / scale[present, None]
     # The quotient comes before the square: the square of 1e-200 would be zero.
-    relative = np.minimum(np.sqrt(thermal[present]) / scale[present], LARGEST_RELATIVE_NOISE) ** 2
+    relative = np.minimum(np.sqrt(received.thermal[present]) / scale[present], LARGEST_RELATIVE_NOISE) ** 2
     power = np.mean(np.abs(cells[present] / scale[present, None, None]) ** 2, axis=2).max(axis=1, initial=0.0)
-    noise = with_model_error(relative, power, model_error)
+    noise = with_model_error(relative, power, received.model_error)
     place = np.full((len(x), model.most, 2), np.nan)
     amplitude, deviation = np.zeros(place.shape[:2], dtype=np.complex128), np.full(place.shape, np.nan)
     given = np.ascontiguousarray(candidates, dtype=np.float64)[present]
     parts = np.ascontiguousarray(np.stack([x.real, x.imag], axis=1))
-    coordinates = 1 if len(bins) == 1 else 2
-    fit_all(model, parts, bins, np.ascontiguousarray(white), coordinates, noise, given, place, amplitude, deviation)
+    scales = np.stack([noise, bend[present]], axis=1)
+    fit_all(model, parts, bins, np.ascontiguousarray(white), scales, given, place, amplitude, deviation)
     order = np.argsort(-np.abs(amplitude), axis=1, kind="stable")
     u, half = place[..., 0], array.half_period
     place[..., 0] = (u + half) % (2.0 * half) - half if half < 1.0 else np.clip(u, -1.0, 1.0)
@@ -204,6 +224,7 @@ def _model(array: LineArray, first: float, further: float, walk: NDArray[np.floa
     return Model(
         phase=2.0 * np.pi / array.wavelength_m * array.positions_m,
         walk=walk,
+        curve=array.bend_phase(np.ones(1))[0],
         response=_response_table(),
         cell=array.resolution_cell,
         axis=axis,

@@ -34,6 +34,8 @@ class Model(NamedTuple):
     """[C] k p_c [rad]"""
     walk: NDArray[np.float64]
     """[C] w_c [bins]"""
+    curve: NDArray[np.float64]
+    """[C] k q_c [rad m]"""
     response: NDArray[np.float64]
     """[2, S] h and its derivative from 0 on, at POINTS_A_BIN"""
     cell: float
@@ -80,12 +82,14 @@ class Group(NamedTuple):
     """[M] range bins from the centre"""
     white: NDArray[np.float64]
     """[M, M] inverse Cholesky factor of the cells' noise"""
-    coordinates: int
+    coordinates: int | np.int64
     """Of a line, that the cells tell: 1, its u, or 2, its range as well"""
     noise: float
     """Power of one element"""
     energy: float
     """|x|^2"""
+    bend: float
+    """1 / R [1/m]"""
 
 
 @part
@@ -114,10 +118,12 @@ def columns_of(model, group, place, lines, re, im):
     for k in range(lines):
         u = place[k, 0]
         for c in range(channels):
-            cosine, sine = np.cos(model.phase[c] * u), -np.sin(model.phase[c] * u)
+            bent = model.curve[c] * group.bend * u
+            angle, turn = (model.phase[c] + bent) * u, model.phase[c] + 2.0 * bent
+            cosine, sine = np.cos(angle), -np.sin(angle)
             if cells == 1 and wide == 2:
                 re[k * wide, c], im[k * wide, c] = cosine, sine
-                re[k * wide + 1, c], im[k * wide + 1, c] = model.phase[c] * sine, -model.phase[c] * cosine
+                re[k * wide + 1, c], im[k * wide + 1, c] = turn * sine, -turn * cosine
                 continue
             for m in range(cells):
                 plain[0, m], plain[1, m] = window(model.response, group.offset[m] - place[k, 1] + model.walk[c] * u)
@@ -130,7 +136,7 @@ def columns_of(model, group, place, lines, re, im):
                 n = m * channels + c
                 re[k * wide, n], im[k * wide, n] = value * cosine, value * sine
                 by_angle, by_place = k * wide + 1, k * wide + 2
-                turned, walked = model.phase[c] * value, model.walk[c] * by_range
+                turned, walked = turn * value, model.walk[c] * by_range
                 re[by_angle, n] = turned * sine + walked * cosine
                 im[by_angle, n] = walked * sine - turned * cosine
                 if wide == 3:

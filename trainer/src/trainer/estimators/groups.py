@@ -3,11 +3,13 @@
 A group is M range bins (one, or a bin and its neighbours) of one Doppler cell and C channels. A line is an angle u, an
 offset r in range from the group's centre [bins] and a complex amplitude s. In bin i of channel c it shows as
 
-    s h(i - r + w_c u) exp(-j k p_c u)
+    s h(i - r + w_c u) exp(-j k (p_c u + q_c u^2 / R))
 
 with h the window's response (:func:`trainer.estimators.fitting.hann_response`) and w_c = p_c / 2 over the range step:
-across the array an echo walks through the range bins. The noise of neighbouring cells is correlated by the windows;
-cells and model are multiplied by the inverse of its Cholesky factor, after which least squares is maximum likelihood.
+across the array an echo walks through the range bins. R is the group's range: wave fronts are curved, and the cells
+have been straightened for u = 0 (:mod:`trainer.estimators.array`). The noise of neighbouring cells is correlated by the
+windows; cells and model are multiplied by the inverse of its Cholesky factor, after which least squares is maximum
+likelihood.
 
 With A [N, K] the responses of K lines to unit amplitudes, N = M C, and D their derivatives by the free coordinates, the
 amplitudes are s = A^+ x, P = I - A A^+ projects on what they leave, and the step of least squares in all coordinates is
@@ -328,23 +330,24 @@ def _fit(model, group, given, place, work):
 
 
 @compiled(parallel=True, error_model="numpy")
-def fit_all(model, x, offset, white, coordinates, noise, given, place, amplitude, deviation):
+def fit_all(model, x, offset, white, scale, given, place, amplitude, deviation):
     """Fit G groups of equal cells.
 
     :param x: [G, 2, N] real and imaginary part, whitened, of largest element about 1
-    :param offset, white, coordinates: see :class:`.group_model.Group`; all groups have the same
-    :param noise: [G] noise power of one element in the scale of x
+    :param offset, white: see :class:`.group_model.Group`; all groups have the same
+    :param scale: [G, 2] noise power of one element in the scale of x, 1 / R [1/m]
     :param given: [G, n] angles to begin with, NaN for none
     :param place: [G, most, 2] filled with u and range offsets [bins], NaN where there is no line
     :param amplitude: [G, most], filled; :param deviation: [G, most, 2] of the places, filled
     """
+    coordinates = ONE if len(offset) == 1 else ONE + ONE
     wide, size = 1 + coordinates, x.shape[2]
     columns, most, angles = model.most * wide, model.most, len(model.axis)
     for index in prange(len(x)):
         energy = 0.0
         for n in range(size):
             energy += x[index, 0, n] ** 2 + x[index, 1, n] ** 2
-        group = Group(x[index], offset, white, coordinates, noise[index], energy)
+        group = Group(x[index], offset, white, coordinates, scale[index, 0], energy, scale[index, 1])
         work = Work(
             np.empty((2, columns, size)), np.empty((2, columns, size)),
             np.empty((2, columns, columns), dtype=np.complex128), np.empty((2, columns), dtype=np.complex128),

@@ -3,11 +3,11 @@
 A target stands in several range bins and Doppler cells: the Hann window's main lobe is four of either wide, and its
 sidelobes begin at -31 dB. A cell above a threshold and the cells of its two neighbouring bins at the same Doppler are a
 group, in which one decision is made on the number of lines. A target belongs to the group of its own bin: of the groups
-that see it the one with most energy lists it, and lists all that it has resolved there. A line that the window's
-sidelobes of a stronger one explain is none.
+that see it the one with most energy lists it, and lists all that it has resolved there. A line is none that the
+window's sidelobes of a stronger one explain, alone or with what noise may add.
 
-The false alarms of a frame are dealt in halves: one to the cells searched, all Doppler cells among which the stored
-ones were chosen, the other to further lines in the groups that were heard.
+The false alarms of a frame are those of first lines in noise, all Doppler cells searched among which the fitted ones
+were chosen; as many are allowed to further lines in the groups that were heard.
 """
 
 from __future__ import annotations
@@ -19,28 +19,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shared.physics.errors import InputError
-from shared.physics.units import amplitude_to_db
+from shared.physics.units import amplitude_to_db, db_to_power
 from shared.radar import Radar
 from shared.signal.ego_motion import EgoMotion, moving_probability
+from trainer.data.cfar import CELL_FALSE_ALARM
 from trainer.estimators.array import LineArray, uniform_axis
 from trainer.estimators.fitting import (
     FALSE_ALARM,
     MODEL_ERROR_DB,
     SEARCH_POINTS,
     GroupTest,
+    RangePlace,
     fit_groups,
     line_threshold,
     score_peaks,
 )
 from trainer.estimators.moves import beside_lines
+from trainer.run.false_alarms import first_line_probability
 
 CANDIDATES = 6
 """Peaks of a row's score that its fit begins with: the fit adds what is missing and drops what is needless."""
 FALSE_ALARMS = 1.0
 """Expected lines of a frame of noise alone, at most."""
-PLACES_IN_A_BIN = 4.0
-"""Times as many false alarms as at one range come from all ranges within a bin: beta (2 t - 1) / (2 sqrt(pi t)) for
-beta = 2 pi / sqrt(12) and t = 15, of the Euler characteristic (Worsley 1994) over range and angle."""
 HEARD_SHARE = 0.5
 """Of the threshold of a group: a cell that holds less of its own is no centre. Half-way between bins, and between
 Doppler cells, a target loses 1.4 dB to the Hann window: both together are less than this half."""
@@ -130,13 +130,16 @@ def find_detections(
     if np.shape(image) != expected or np.shape(velocity) != expected[:2]:
         raise InputError("detections", f"an image {np.shape(image)}, velocities {np.shape(velocity)}", f"{expected}")
     new, waveform, axis = new_peaks(velocity), radar.waveform, radar.grid.u
-    rate, about = sought.false_alarms / 2.0, new if centre is None else new & centre
-    first = min(rate / (PLACES_IN_A_BIN * snapshots.shape[1] * waveform.chirps), 0.5)
-    peak, row = _heard(snapshots, about, array, sought.noise_power, HEARD_SHARE * line_threshold(array, first))
+    range_m = np.maximum(np.arange(snapshots.shape[1]), 1) * waveform.range_step_m
+    snapshots = snapshots * np.exp(-1j * array.bend_phase(range_m))
+    about, share = (new, 1.0 / waveform.chirps) if centre is None else (new & centre, CELL_FALSE_ALARM)
+    first = first_line_probability(sought.false_alarms, radar, array, share)
+    least = HEARD_SHARE * line_threshold(array, first) * sought.noise_power
+    peak, row = _heard(snapshots, about, array, least)
     score = image[peak, row].astype(np.float64)
     if probability is not None:
         score *= np.sqrt(probability[peak, row])
-    further = min(rate / (PLACES_IN_A_BIN * max(len(row), 1)), FALSE_ALARM)
+    further = min(sought.false_alarms / max(len(row), 1), FALSE_ALARM)
     test = GroupTest(sought.noise_power, sought.model_error_db, first, further)
     candidates = score_peaks(score, axis, CANDIDATES)
     cells = np.rint(np.asarray(velocity, dtype=np.float64) / waveform.velocity_step_mps).astype(np.int64)
@@ -144,7 +147,8 @@ def find_detections(
     for peaks_at, members in _patterns(peak, row, cells, new):
         bins = np.array(list(peaks_at))
         values = np.stack([snapshots[peaks_at[step], row[members] + step] for step in peaks_at], axis=1)
-        fitted = fit_groups(values, bins, array, waveform.range_step_m, candidates[members], test)
+        at = RangePlace(range_m[row[members]], waveform.range_step_m)
+        fitted = fit_groups(values, bins, array, at, candidates[members], test)
         energy = np.sum(np.abs(values) ** 2, axis=(1, 2))
         group, line = np.nonzero(np.abs(fitted.amplitude) > 0.0)
         columns = (fitted.u, fitted.offset, np.abs(fitted.amplitude), fitted.u_std, fitted.offset_std)
@@ -159,7 +163,7 @@ def find_detections(
     lines = _Lines(group, energy, row[group] + offset, cells[peak[group], row[group]], u, amplitude_to_db(amplitude))
     near = SAME_ANGLE_CELLS * array.resolution_cell
     kept = lines.once(np.flatnonzero(shown), near, waveform.chirps)
-    kept = lines.explained_by_none(kept, near, waveform.chirps)
+    kept = lines.explained_by_none(kept, near, waveform.chirps, float(np.sqrt(least / array.channels)))
     peaks, rows = peak[group[kept]], row[group[kept]]
     certain = np.full(len(kept), np.nan)
     if probability is not None:
@@ -188,13 +192,13 @@ def with_moving(found: Detections, motion: EgoMotion | None, radar: Radar) -> De
 
 
 def _heard(
-    snapshots: NDArray[np.complexfloating], new: NDArray[np.bool_], array: LineArray, noise_power: float, least: float
+    snapshots: NDArray[np.complexfloating], new: NDArray[np.bool_], array: LineArray, least: float
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """(peaks, rows) of the cells in which an angle takes more than ``least`` times the noise."""
+    """(peaks, rows) of the cells in which an angle takes more than ``least`` [W]."""
     peak, row = np.nonzero(new)
     cells = np.asarray(snapshots, dtype=np.complex128)[peak, row]
     most = beside_lines(cells, array, uniform_axis(array, SEARCH_POINTS), np.empty((len(cells), 0)))[0].max(axis=1)
-    heard = most > least * noise_power
+    heard = most > least
     return peak[heard], row[heard]
 
 
@@ -248,8 +252,8 @@ class _Lines:
             kept[index] = not ((bins < SAME_BINS) & (cells < 0.5)).any()
         return order[kept[order]]
 
-    def explained_by_none(self, lines: NDArray[np.intp], near: float, chirps: int) -> NDArray[np.intp]:
-        """The strongest first; without those that a stronger one's window explains."""
+    def explained_by_none(self, lines: NDArray[np.intp], near: float, chirps: int, noise: float) -> NDArray[np.intp]:
+        """The strongest first; without those that a stronger one's window explains, or it and ``noise`` [sqrt(W)]."""
         order = lines[np.argsort(-self.level_db[lines], kind="stable")]
         kept = np.zeros(len(self.u), dtype=bool)
         for index, beside in self._neighbours(order, near):
@@ -257,7 +261,8 @@ class _Lines:
             bins, cells = self._apart(index, others, chirps)
             window = hann_envelope_db(np.maximum(bins - 0.5, 0.0)) + hann_envelope_db(np.maximum(cells - 0.5, 0.0))
             there = (bins >= SAME_BINS) | (cells > 0.5)
-            kept[index] = not (there & (self.level_db[index] < self.level_db[others] + window + LOBE_MARGIN_DB)).any()
+            explained = np.sqrt(db_to_power(self.level_db[others] + window + LOBE_MARGIN_DB)) + noise
+            kept[index] = not (there & (self.level_db[index] < amplitude_to_db(explained))).any()
         return order[kept[order]]
 
     def _neighbours(self, order: NDArray[np.intp], near: float) -> Iterator[tuple[int, NDArray[np.intp]]]:
