@@ -23,7 +23,7 @@ from trainer.estimators.small_matrices import dot, forward, part, solve
 LARGEST_STEP, SETTLED = 0.25, 1e-6
 """Of a resolution cell or a bin: farther than the one the linear step is no guide, below the other it changes
 nothing."""
-ENOUGH = 1e-4
+ENOUGH = 1e-2
 """Of the noise power: a trial that would gain less is at its optimum."""
 FIRST_DAMPING, DAMPING_FACTOR, LEAST_DAMPING, MOST_DAMPING = 1e-3, 10.0, 1e-9, 1e9
 """Levenberg's, relative to the diagonal: a rejected step raises it, an accepted one lowers it."""
@@ -169,9 +169,9 @@ def best_start(model, group, place, lines, work):
         best = np.argmax(work.score)
         return model.axis[best], 0.0, work.score[best]
     angle, offset, most = 0.0, 0.0, -1.0
-    for step in range(-2, 3):
-        scan(model, group, place, lines, 0.5 * step, work)
+    for step in range(-1, 2):
+        scan(model, group, place, lines, float(step), work)
         best = np.argmax(work.score)
         if work.score[best] > most:
-            angle, offset, most = model.axis[best], 0.5 * step, work.score[best]
+            angle, offset, most = model.axis[best], float(step), work.score[best]
     return angle, offset, most

@@ -26,7 +26,8 @@ with known noise):
 2. The given angles that least squares needs are refined together.
 3. The line whose removal, the others refined again, costs least is removed while it costs less than the threshold.
 4. Where the energy left fails its chi-square test a line is added or one is split; the best is kept while it gains
-   more than the threshold. Then step 3 again: an older line may have become needless.
+   more than the threshold. Beside more than a few lines none is split where an added one gains enough. Then step 3
+   again: an older line may have become needless.
 5. In the place of one or two lines the best lone one is tried, of two and more the best pair elsewhere, of three to
    five also pairs beside each one: the lobes of a sparse array make optima that no small step leaves.
 """
@@ -42,8 +43,10 @@ from trainer.estimators.group_steps import best_start, copy, put, refine, scan
 from trainer.estimators.small_matrices import part
 
 STEPS, PRUNING_STEPS, RACE_STEPS, RACE_KEPT = np.int64(12), np.int64(4), np.int64(4), 4
-"""Gauss-Newton steps of what is kept and of a trial; of splits all go so many steps and the best are refined to the
-end."""
+"""Gauss-Newton steps of what is kept, of a trial, and of a line that is added or split; of splits the best are refined
+to the end."""
+FEW = 6
+"""Lines, up to which splits are tried where adding one would do."""
 SPLIT_CELLS = (0.5, 0.2)
 """Distances of the two halves of a split line before they are refined, in resolution cells."""
 ELSEWHERE = 3
@@ -56,6 +59,8 @@ KEPT_ANGLES = 48
 """Of a group, of which all pairs are tried."""
 DRAWS_AT = 1.5
 """Resolution cells: only lines so near to another may lose it for less than least squares at these angles says."""
+CHEAPEST = 4
+"""Lines whose removal is tried, the others refined again."""
 DEAR = 20.0
 """Times the threshold: a line that costs so much more and has no neighbour is not tried without."""
 LEAST_APART = 1e-4
@@ -111,7 +116,7 @@ def _cheapest(model, group, place, lines, work, costs):
 def _prune(model, group, place, lines, left, work):
     """Remove lines, the others refined again, while the cheapest one gains less than its threshold: (lines, left)."""
     costs, trial, best = np.empty(model.most), np.empty((model.most, 2)), np.empty((model.most, 2))
-    order = np.empty(model.most, dtype=np.int64)
+    order = np.empty(CHEAPEST, dtype=np.int64)
     while lines:
         price = (model.first if lines == 1 else model.further) * group.noise
         if lines == 1:
@@ -142,6 +147,21 @@ def _prune(model, group, place, lines, left, work):
 
 
 @part
+def _split(model, group, place, lines, trials, energies, work):
+    """Fill ``trials`` with the lines of which one is split, and ``energies`` with what a few steps leave; how many."""
+    count = 0
+    for line in range(lines):
+        for apart in SPLIT_CELLS:
+            copy(place, lines, trials[count])
+            put(trials[count], lines, place[line, 0], place[line, 1])
+            trials[count, line, 0] -= 0.5 * apart * model.cell
+            trials[count, lines, 0] += 0.5 * apart * model.cell
+            energies[count] = refine(model, group, trials[count], lines + 1, RACE_STEPS, work)
+            count += 1
+    return count
+
+
+@part
 def _grow(model, group, place, lines, left, work):
     """Add or split lines while the energy left fails its test and the best trial gains: (lines, left, grown)."""
     grown = False
@@ -151,20 +171,14 @@ def _grow(model, group, place, lines, left, work):
         angle, offset, _ = best_start(model, group, place, lines, work)
         copy(place, lines, trials[0])
         put(trials[0], lines, angle, offset)
+        energies[0] = refine(model, group, trials[0], lines + 1, RACE_STEPS, work)
         count = 1
-        for line in range(lines):
-            for apart in SPLIT_CELLS:
-                copy(place, lines, trials[count])
-                put(trials[count], lines, place[line, 0], place[line, 1])
-                trials[count, line, 0] -= 0.5 * apart * model.cell
-                trials[count, lines, 0] += 0.5 * apart * model.cell
-                count += 1
-        for index in range(count):
-            energies[index] = refine(model, group, trials[index], lines + 1, RACE_STEPS, work)
+        if lines <= FEW or not left - energies[0] > model.further * group.noise:
+            count += _split(model, group, place, lines, trials[1:], energies[1:], work)
         best, least = -1, left
         for ranked in range(_smallest_first(energies, count, order)):
             index = order[ranked]
-            energy = refine(model, group, trials[index], lines + 1, STEPS, work)
+            energy = energies[0] if count == 1 else refine(model, group, trials[index], lines + 1, STEPS, work)
             if energy < least:
                 best, least = index, energy
         if best < 0 or not left - least > model.further * group.noise:
