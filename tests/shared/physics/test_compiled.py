@@ -54,6 +54,37 @@ def run(script: str, folder: Path, home: Path, **more: str) -> str:
     return done.stdout.strip()
 
 
+OUTER = """
+from part import plus
+from shared.physics.compiled import compiled, is_kept
+
+@compiled(error_model="numpy")
+def outer(value):
+    return plus(value)
+
+print(is_kept(outer), outer(1))
+"""
+PART = """
+from shared.physics.compiled import compiled
+
+STEP = {step}
+
+@compiled(cache=False, error_model="numpy")
+def plus(value):
+    return value + STEP
+"""
+
+
+def test_kept_code_is_compiled_anew_where_a_function_that_it_calls_has_changed(tmp_path: Path) -> None:
+    """Another file than the caller's, which numba does not look at."""
+    (tmp_path / "outer.py").write_text(OUTER)
+    said = []
+    for step in (1, 1, 5):
+        (tmp_path / "part.py").write_text(PART.format(step=step))
+        said.append(run("import outer", tmp_path, tmp_path / "home"))
+    assert said == ["False 2", "True 2", "False 6"]
+
+
 @pytest.fixture
 def unwritable(tmp_path: Path) -> Path:
     """A folder in which nothing can be made, not even by root: its parent is a file."""

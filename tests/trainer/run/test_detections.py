@@ -24,7 +24,8 @@ from trainer.data.simulation import amplitude_of, in_plane, snapshot
 from trainer.estimators.base import ESTIMATORS
 from trainer.run.detection_files import UNITS, records, write_csv, write_pcd
 from trainer.run.detections import Detections, Sought, find_detections, hann_envelope_db
-from trainer.run.predict import PointsRequest, PredictRequest, predict
+from trainer.run.predict import PredictRequest, predict
+from trainer.run.predictor import PointsRequest
 
 ARRAY = ARRAYS["sparse6"]
 CHANNELS = choose_array("sparse6", RADAR).channels(RADAR)

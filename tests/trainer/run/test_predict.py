@@ -17,16 +17,20 @@ from tiny_run import make_run, run_of
 from typer.testing import CliRunner
 
 from shared.physics.errors import InputError
+from shared.radar import Radar
 from shared.signal import if_signal
 from shared.signal.adaptive import adaptive_tables
 from shared.signal.features import adaptive_features, row_features, snapshot_features, steering_weights
 from trainer.cli.app import app
 from trainer.data.measurements import Measurement, open_measurements
 from trainer.run.answers import network_answer
+from trainer.run.detection_files import records
 from trainer.run.export import export
 from trainer.run.folder import load_imager
 from trainer.run.pictures import save_animation
-from trainer.run.predict import PredictRequest, merge_peaks, predict
+from trainer.run.predict import PredictRequest, predict
+from trainer.run.predictor import Predictor, merge_peaks
+from trainer.run.pretrained import pretrained_run
 
 SPECTRAL = {"model": "spectral-unet"}
 SHAPE = (RADAR.waveform.range_bins, RADAR.grid.bins)
@@ -307,3 +311,31 @@ def test_a_velocity_that_is_none_is_refused(tmp_path, more, problem):
     result = CliRunner().invoke(app, ["predict", "c.npz", "--method", "das", "--out", str(tmp_path / "out"), *more])
     assert result.exit_code != 0
     assert problem in str(result.exception) + result.output
+
+
+@pytest.mark.parametrize("model", ["das", "sparse6"])
+def test_cubes_one_by_one_give_what_the_command_gives(tmp_path, model: str) -> None:
+    radar = Radar()
+    radar = radar.model_copy(update={"waveform": radar.waveform.model_copy(update={"chirps": 4})})
+    place, at_rest = np.array([[20.0, 3.0, 0.0]]), np.zeros((1, 3))
+    draw = np.random.default_rng(2)
+    cubes = []
+    for _ in range(2):
+        echo = if_signal(radar, place, at_rest, np.array([1e-6 + 0j]))
+        noise = draw.standard_normal((*echo.shape, 2)) @ [1.0, 1j] * np.sqrt(0.5 * radar.sample_noise_power_w)
+        cubes.append((echo + noise).astype(np.complex64))
+    np.savez(tmp_path / "cube.npz", cube=np.stack(cubes), radar=radar.model_dump_json())
+    which = {"method": model} if model == "das" else {"run": pretrained_run(model)}
+    predict(PredictRequest(tmp_path / "cube.npz", tmp_path / "out", pictures=False, points=True, **which), str)
+    table = pq.read_table(tmp_path / "out" / "images.parquet")
+    predictor = Predictor.load(model, radar)
+    for frame, cube in enumerate(cubes):
+        seen = predictor.cube(cube, frame)
+        np.testing.assert_array_equal(seen.image.ravel(), table["image"][frame].values)
+        assert records(seen.points) == table["detections"][frame].as_py()
+        assert seen.points.range_m[0] == pytest.approx(np.hypot(20.0, 3.0), abs=0.05)
+
+
+def test_a_model_that_there_is_not_is_refused() -> None:
+    with pytest.raises(InputError, match=r"'sparse7'; expected the folder of a run, or one of sparse4, sparse6, das"):
+        Predictor.load("sparse7", RADAR)

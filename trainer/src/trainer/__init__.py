@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from trainer.run.folder import Run as Run
     from trainer.run.folder import load_imager as load_imager
     from trainer.run.imager import Imager as Imager
+    from trainer.run.predictor import Predictor as Predictor
     from trainer.run.pretrained import pretrained_names as pretrained_names
     from trainer.run.pretrained import pretrained_run as pretrained_run
 
@@ -25,6 +26,7 @@ __all__ = [
     "Example",
     "Imager",
     "InputError",
+    "Predictor",
     "RadarDataset",
     "Run",
     "choose_array",
@@ -41,6 +43,7 @@ __getattr__, __dir__ = lazy_names(
         "Example": "trainer.data.dataset",
         "Imager": "trainer.run.imager",
         "InputError": "shared.physics.errors",
+        "Predictor": "trainer.run.predictor",
         "RadarDataset": "trainer.data.dataset",
         "Run": "trainer.run.folder",
         "choose_array": "trainer.data.arrays",

@@ -3,7 +3,8 @@
 :func:`compiled` is for functions that Python calls. Their machine code is kept on disk. numba looks for a folder that
 it can write: ``NUMBA_CACHE_DIR``, then ``__pycache__`` beside the source, then the user's cache folder. Where there is
 none, as in a read-only installation, it refuses to make the function. Such a function is compiled in every process
-instead.
+instead. numba compiles anew where the function's own file has changed; the functions that it calls stand in other
+files, and an update that changes only those would run old code. So the sources of all of them are part of its stamp.
 
 :func:`inlined` is for functions that are only compiled into others. The rule: **where the caller or the function has
 fast-math flags, the function is inlined.** For a call between two kernels finds one of two machine codes:
@@ -25,11 +26,15 @@ rule that out by giving all of them. ``tests/shared/physics/test_compiled.py`` h
 
 from __future__ import annotations
 
+import hashlib
 import inspect
 from collections.abc import Callable
+from pathlib import Path
+from types import FunctionType
 from typing import Any
 
 import numba
+from numba.core.dispatcher import Dispatcher
 
 _OWN = {"error_model": "python", "fastmath": False, "forceinline": False}
 """What numba would take over from the first caller: its own defaults."""
@@ -46,7 +51,7 @@ def compiled(cache: bool = True, **options: Any) -> Callable[[Callable[..., Any]
         kernel = inspect.unwrap(function)  # numba cannot compile the wrapper of a type checker
         if cache:
             try:
-                return numba.njit(cache=True, **{**_OWN, **options})(kernel)
+                return _stamped(numba.njit(cache=True, **{**_OWN, **options})(kernel))
             except RuntimeError as error:
                 if "cannot cache function" not in str(error):
                     raise
@@ -64,3 +69,33 @@ def inlined(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     :param options: of :func:`numba.njit`
     """
     return compiled(cache=False, **{**options, "forceinline": True})
+
+
+def is_kept(kernel: Any) -> bool:
+    """Whether machine code of this function is on disk, so that a call need not compile."""
+    file = getattr(getattr(kernel, "_cache", None), "_cache_file", None)
+    return file is not None and bool(file._load_index())
+
+
+def _stamped(kernel: Any) -> Any:
+    """The function, its kept code bound to the sources of all functions that it calls, and the constants they use."""
+    file = getattr(getattr(kernel, "_cache", None), "_cache_file", None)
+    if file is None:  # numba runs without its compiler
+        return kernel
+    sources, constants = set(), set()
+    found, left = {kernel.py_func}, [kernel.py_func]
+    while left:
+        function: FunctionType = left.pop()
+        sources.add(function.__code__.co_filename)
+        for name in function.__code__.co_names:
+            value = function.__globals__.get(name)
+            if isinstance(value, Dispatcher) and value.py_func not in found:
+                found.add(value.py_func)
+                left.append(value.py_func)
+            elif isinstance(value, int | float | complex | tuple):
+                constants.add(f"{name} = {value!r}")
+    digest = hashlib.sha256("\n".join(sorted(constants)).encode())
+    for source in sorted(sources):
+        digest.update(Path(source).read_bytes())
+    file._source_stamp = f"{file._source_stamp} {digest.hexdigest()}"
+    return kernel

@@ -36,7 +36,7 @@ from jaxtyping import Complex64, Float32, Float64, Int, Int64
 
 from shared.radar import Radar
 from shared.signal.imaging import steering_matrix
-from shared.signal.namespace import Array, array_namespace
+from shared.signal.namespace import Array, array_namespace, one_thread
 from shared.signal.steering import manifold
 from shared.signal.windows import angle_window
 
@@ -130,7 +130,8 @@ def adaptive_forms(
     total = power.sum(-1)
     white = xp.maximum(loading, FLOOR * total + FLOOR)
     identity = xp.eye(channels, dtype=cosine.dtype, device=snapshot.device)
-    inverse = xp.linalg.inv(covariance.reshape(-1, channels, channels) + white[:, None, None] * identity)
+    with one_thread(xp):
+        inverse = xp.linalg.inv(covariance.reshape(-1, channels, channels) + white[:, None, None] * identity)
     filtered = (inverse @ snapshot[:, :, None])[:, :, 0] @ tables.matched
     # a^H M a = sum_l (Re m_l cos(k u l) - Im m_l sin(k u l)), m_l the sum of M_cd over p_c - p_d = +-l.
     flat = inverse.reshape(-1, channels * channels)

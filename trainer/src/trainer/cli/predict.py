@@ -66,8 +66,9 @@ def predict(
     ] = 0.0,
 ) -> None:
     """Image frames with a trained network or a classical estimator, every Doppler peak of a range bin included."""
-    from trainer.run.predict import PointsRequest, PredictRequest
+    from trainer.run.predict import PredictRequest
     from trainer.run.predict import predict as run_predict
+    from trainer.run.predictor import PointsRequest
     from trainer.run.pretrained import pretrained_run
 
     if pretrained and method:

@@ -23,8 +23,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
-from scipy.special import gammaincc, gammainccinv
-from scipy.stats import beta
+from scipy.special import betaincinv, betaln, gammaincc, gammainccinv, xlog1py, xlogy
 
 from shared.physics.errors import InputError
 from shared.signal.spectrum import DopplerSelection, selection_at
@@ -97,10 +96,12 @@ def cfar_factor(channels: int, cells: int, rank: int, false_alarm: float) -> flo
 def cfar_probability(factor: float, channels: int, cells: int, rank: int) -> float:
     """P of the module's equation."""
     nodes, weights = np.polynomial.legendre.leggauss(QUADRATURE)
-    spread = beta(rank, cells - rank + 1)
-    low, high = spread.ppf(1e-13), spread.isf(1e-13)
+    above = cells - rank + 1
+    low, high = betaincinv(rank, above, 1e-13), 1.0 - betaincinv(above, rank, 1e-13)
     v = low + 0.5 * (high - low) * (nodes + 1.0)
-    density = 0.5 * (high - low) * weights * spread.pdf(v)
+    density = (
+        0.5 * (high - low) * weights * np.exp(xlogy(rank - 1.0, v) + xlog1py(above - 1.0, -v) - betaln(rank, above))
+    )
     return float(density @ gammaincc(channels, factor * gammainccinv(channels, 1.0 - v)))
 
 

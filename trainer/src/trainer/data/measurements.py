@@ -111,7 +111,7 @@ def open_measurements(
     found = read_cube(source, radar)
     motions = read_motion(source, len(found.cube))
     cubes = (
-        _measurement(source.stem, found, frame, None if motions is None else motions[frame], cells)
+        of_cube(source.stem, found, frame, None if motions is None else motions[frame], cells)
         for frame in range(len(found.cube))
     )
     return found.radar, Measurements(cubes, False, () if found.capture is None else found.capture.dead_channels)
@@ -143,13 +143,28 @@ def _cells(
     return selection.range_channel, selection.velocities_mps(radar.waveform).astype(np.float32), centre
 
 
-def _measurement(name: str, found: CubeFile, frame: int, motion: EgoMotion | None, cells: str) -> Measurement:
-    """A frame of a cube; of several the name says which."""
+def of_cube(
+    name: str, found: CubeFile, frame: int, motion: EgoMotion | None, cells: str, number: int | None = None
+) -> Measurement:
+    """A frame of a cube; of several the name says which.
+
+    :param cells: of :data:`CELLS`; :param number: of the frame, where it is not its place in the cube
+    """
     radar, capture = found.radar, found.capture
     noise_power = cell_noise_power(radar) if capture is None else capture.noise_power
     channels, velocity, centre = _cells(found.cube[frame], radar, noise_power, cells)
     name = name if len(found.cube) == 1 else f"{name}-{frame:06d}"
-    return Measurement(name, frame, channels, velocity, noise_power, None, _model_error_db(capture), motion, centre)
+    return Measurement(
+        name,
+        frame if number is None else number,
+        channels,
+        velocity,
+        noise_power,
+        None,
+        _model_error_db(capture),
+        motion,
+        centre,
+    )
 
 
 def _model_error_db(capture: Capture | None) -> float:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from shared.physics.errors import InputError
 from shared.signal.model_error import model_error_ratio, with_model_error
@@ -220,7 +220,7 @@ def _model(array: LineArray, first: float, further: float, walk: NDArray[np.floa
     steering = array.manifold(axis).T
     cells, lines = np.arange(MOST_CELLS + 1)[:, None], np.arange(most + 1)
     freedom = 2 * array.channels * cells - np.where(cells == 1, 3, 4) * lines
-    limit = np.where(freedom > 0, 0.5 * chi2.ppf(1.0 - RESIDUAL_TAIL, np.maximum(freedom, 1)), np.inf)
+    limit = np.where(freedom > 0, gammaincinv(0.5 * np.maximum(freedom, 1), 1.0 - RESIDUAL_TAIL), np.inf)
     return Model(
         phase=2.0 * np.pi / array.wavelength_m * array.positions_m,
         walk=walk,

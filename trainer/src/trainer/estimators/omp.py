@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
-from scipy.special import gammaln
-from scipy.stats import chi2
+from scipy.special import gammaincinv, gammaln
 
 from shared.physics.errors import InputError
 from trainer.estimators.array import LineArray, NoisePower, draw_lines, image_rows, scan_axis, uniform_axis
@@ -69,7 +68,7 @@ class OrthogonalMatchingPursuit:
         axis = scan_axis(array, u)[0] if self.stop == "noise" else uniform_axis(array, SEARCH_POINTS)
         most = min(MOST_LINES, max(array.channels // 2, 1))
         if self.stop == "noise":
-            limits = [0.5 * chi2.ppf(0.99, 2 * (array.channels - k)) for k in range(most)]
+            limits = [float(gammaincinv(array.channels - k, 0.99)) for k in range(most)]
         elif known:
             limits = [line_threshold(array, FALSE_ALARM)] * most
         else:

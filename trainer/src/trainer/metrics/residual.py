@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from shared.physics.errors import InputError
 from trainer.estimators.array import LineArray, check_snapshots
@@ -72,7 +72,7 @@ def explain(
         problem = f"an image {np.shape(image)} and noise_power = {noise_power!r}"
         raise InputError("residual", problem, f"an image {(len(snapshots), len(u))} and a power of at least 0 W")
     most = array.channels // 2
-    limits = 0.5 * chi2.ppf(1.0 - FIT_PROBABILITY, 2 * (array.channels - np.arange(most + 1)))
+    limits = gammaincinv(array.channels - np.arange(most + 1), 1.0 - FIT_PROBABILITY)
     rows = np.asarray(snapshots, dtype=np.complex128)
     energies = np.sum(np.abs(rows) ** 2, axis=1)
     present = np.flatnonzero(energies > 0.0)

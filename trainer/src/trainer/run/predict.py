@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +17,11 @@ from numpy.typing import NDArray
 from shared.dataset import METADATA_KEY
 from shared.dataset.locations import Location
 from shared.dataset.writing import atomic
+from shared.physics.compiled import is_kept
 from shared.physics.errors import InputError
 from shared.signal.tdm import statement
-from trainer.data.measurements import CELLS, PEAKS, Measurement, Measurements, open_measurements
-from trainer.estimators.fitting import MODEL_ERROR_DB
+from trainer.data.measurements import Measurements, open_measurements
+from trainer.estimators.groups import fit_all
 from trainer.run.answers import Answer, NetworkAnswer, check_method, estimator_answer, network_answer
 from trainer.run.detection_files import (
     COLUMN,
@@ -33,33 +35,13 @@ from trainer.run.detection_files import (
     write_pcd,
 )
 from trainer.run.detection_files import UNITS as DETECTION_UNITS
-from trainer.run.detections import FALSE_ALARMS, Detections, Sought, find_detections, with_moving
+from trainer.run.detections import Detections
 from trainer.run.ego_motion import Motions
 from trainer.run.folder import load_imager, output_folder, same_radar
-from trainer.run.other_radars import fitted_imager
-from trainer.run.pictures import ANIMATION, save_animation, save_picture
 from trainer.run.precision import precision_remark
+from trainer.run.predictor import PointsRequest, Prediction, Predictor, answer_for_cubes
 
 IMAGES = "images.parquet"
-
-
-@dataclass(frozen=True)
-class PointsRequest:
-    """Which points are listed.
-
-    :param false_alarms: expected lines of a frame of noise alone, at most
-    :param cells: "peaks", the three Doppler peaks of every range bin, or "all", of a cube: see :mod:`trainer.data.cfar`
-    :raises InputError: values out of range
-    """
-
-    false_alarms: float = FALSE_ALARMS
-    cells: str = PEAKS
-
-    def __post_init__(self) -> None:
-        if not (np.isfinite(self.false_alarms) and self.false_alarms > 0.0):
-            raise InputError("--false-alarms", f"{self.false_alarms}", "a finite number above 0, of lines a frame")
-        if self.cells not in CELLS:
-            raise InputError("--cells", repr(self.cells), " or ".join(CELLS))
 
 
 @dataclass(frozen=True)
@@ -90,7 +72,7 @@ class PredictRequest:
     split: str = "test"
     pictures: bool = True
     points: bool = False
-    listed: PointsRequest = PointsRequest()
+    listed: PointsRequest = field(default_factory=PointsRequest)
     points_format: str = "parquet"
     animation: bool = False
     velocity: tuple[float, float] | None = None
@@ -123,40 +105,50 @@ def predict(request: PredictRequest, announce: Callable[[str], object] = print) 
     out, points_format = request.out, request.points_format
     with output_folder(out, resume=False):
         answer, measurements = _open(request, announce)
-        schema, count = _schema(answer, request.listed if request.points else None), 0
+        listed = request.listed if request.points else None
+        motions = Motions(request.velocity, request.mounting_yaw_deg, request.points or answer.uses_motion)
+        predictor = Predictor(answer, motions, listed)
+        schema, count = _schema(answer, listed), 0
+        if request.points and not is_kept(fit_all):
+            announce("the line fit is compiled for this machine, once; that takes about a minute")
         if said := statement(answer.radar):
             announce(said)
-        listed: list[tuple[int, Detections]] = []
-        motions = Motions(request.velocity, request.mounting_yaw_deg, request.points or answer.uses_motion)
-        headless = False
-        with atomic(out / IMAGES) as partial, pq.ParquetWriter(partial, schema, compression="lz4") as writer:
+        lists: list[tuple[int, Detections]] = []
+        drawn: Future[None] | None = None
+        with (
+            atomic(out / IMAGES) as partial,
+            pq.ParquetWriter(partial, schema, compression="lz4") as writer,
+            ThreadPoolExecutor(1) as drawing,  # a picture, while the next frame is computed
+        ):
             for seen in measurements:
-                measurement = motions.told(seen, answer)
-                images, probability = answer.peaks(measurement)
-                image, velocity = merge_peaks(images, measurement.velocity)
+                found = predictor(seen)
                 row = {
-                    "frame_id": pa.array([measurement.frame_id], pa.int64()),
-                    "image": _row(image, schema.field("image").type),
-                    "velocity": _row(velocity, schema.field("velocity").type),
+                    "frame_id": pa.array([seen.frame_id], pa.int64()),
+                    "image": _row(found.image, schema.field("image").type),
+                    "velocity": _row(found.velocity, schema.field("velocity").type),
                 }
-                if request.points:
-                    targets = _detections(answer, images, probability, measurement, request.listed.false_alarms)
-                    row["detections"] = column(targets)
-                    row["motion"] = motion_column(measurement.motion)
-                    headless = probability is None and request.method is None
+                if found.points is not None:
+                    row["detections"] = column(found.points)
+                    row["motion"] = motion_column(found.measurement.motion)
                     if points_format == "pcd":
-                        write_pcd(out / f"{measurement.name}.pcd", targets)
+                        write_pcd(out / f"{seen.name}.pcd", found.points)
                     elif points_format == "csv":
-                        listed.append((measurement.frame_id, targets))
+                        lists.append((seen.frame_id, found.points))
                 writer.write_table(pa.table(row, schema=schema))
+                if drawn is not None:
+                    drawn.result()
                 if request.pictures:
-                    _picture(out, answer, measurement, image)
+                    drawn = drawing.submit(_picture, out, answer, found)
                 count += 1
+            if drawn is not None:
+                drawn.result()
         if points_format == "csv":
-            write_csv(out / CSV_FILE, listed)
+            write_csv(out / CSV_FILE, lists)
         if request.animation:
+            from trainer.run.pictures import ANIMATION, save_animation
+
             save_animation(out / IMAGES, out / ANIMATION)
-    if headless:
+    if request.points and isinstance(answer, NetworkAnswer) and not answer.imager.config.detection:
         announce(f"{request.run} has no detection head: the detections' probability is null")
     if motions.estimated:
         announce(str(motions))
@@ -167,55 +159,24 @@ def predict(request: PredictRequest, announce: Callable[[str], object] = print) 
 
 def _open(request: PredictRequest, announce: Callable[[str], object]) -> tuple[Answer, Measurements]:
     """Who answers, and what is asked."""
-    run_and_imager = None if request.run is None else load_imager(request.run)
     found, measurements = open_measurements(request.source, request.radar, request.split, request.listed.cells)
-    if run_and_imager is None:
+    if request.run is None:
         assert request.method is not None
         return estimator_answer(request.method, found, measurements.dead_channels), measurements
-    run, imager = run_and_imager
-    channels = run.array.channels(run.radar)
-    if measurements.dataset:
-        same_radar(run.radar, str(request.run), found, str(request.source))
-    else:
-        fitted = fitted_imager(run, imager, str(request.run), found, str(request.source))
-        imager, channels = fitted.imager, fitted.channels
-        for remark in fitted.remarks:
-            announce(remark)
-        if dead := sorted(set(channels.tolist()) & set(measurements.dead_channels)):
-            announce(f"the network looks at channels {dead} of {request.source}, which are dead")
+    if not measurements.dataset:
+        dead = measurements.dead_channels
+        return answer_for_cubes(request.run, found, str(request.source), dead, announce), measurements
+    run, imager = load_imager(request.run)
+    same_radar(run.radar, str(request.run), found, str(request.source))
     imager.to("cuda" if torch.cuda.is_available() else "cpu")
-    return network_answer(run, imager, channels, found), measurements
+    return network_answer(run, imager, None, found), measurements
 
 
-def merge_peaks(
-    images: NDArray[np.float32], velocity: NDArray[np.float32]
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """([R, U] maximum of the peaks' images [D, R, U], [R, U] velocity [m/s] of the peak that has it)."""
-    return images.max(axis=0), np.take_along_axis(velocity.T, images.argmax(axis=0), axis=1)
+def _picture(out: Path, answer: Answer, found: Prediction) -> None:
+    from trainer.run.pictures import save_picture
 
-
-def _detections(
-    answer: Answer,
-    images: NDArray[np.float32],
-    probability: NDArray[np.float32] | None,
-    measurement: Measurement,
-    false_alarms: float,
-) -> Detections:
-    found = find_detections(
-        images,
-        probability,
-        measurement.range_channel[..., answer.channels],
-        measurement.velocity,
-        answer.radar,
-        answer.line,
-        Sought(measurement.noise_power, max(MODEL_ERROR_DB, measurement.model_error_db), false_alarms),
-        measurement.centre,
-    )
-    return with_moving(found, measurement.motion, answer.radar)
-
-
-def _picture(out: Path, answer: Answer, measurement: Measurement, image: NDArray[np.float32]) -> None:
-    images = {f"delay and sum, {answer.array.name}": answer.baseline(measurement), answer.name: image}
+    measurement = found.measurement
+    images = {f"delay and sum, {answer.array.name}": answer.baseline(measurement), answer.name: found.image}
     if measurement.truth is not None:
         images["truth (strongest peaks)"] = measurement.truth
     save_picture(out / f"{measurement.name}.png", images, answer.radar, measurement.name)

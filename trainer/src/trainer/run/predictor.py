@@ -1,0 +1,154 @@
+"""Frames one by one, as they come: of each an image, and the list of points.
+
+predictor = Predictor.load("sparse6", radar)
+for number, cube in enumerate(stream):  # [chirp, sample, channel]
+    seen = predictor.cube(cube, number)
+    print(seen.points.range_m, seen.points.u)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from shared.physics.errors import InputError
+from shared.radar import Radar
+from trainer.captures.cube_file import CubeFile
+from trainer.data.measurements import CELLS, PEAKS, Measurement, of_cube
+from trainer.estimators.base import ESTIMATORS
+from trainer.estimators.fitting import MODEL_ERROR_DB
+from trainer.run.answers import Answer, NetworkAnswer, estimator_answer, network_answer
+from trainer.run.detections import FALSE_ALARMS, Detections, Sought, find_detections, with_moving
+from trainer.run.ego_motion import Motions
+from trainer.run.folder import load_imager
+from trainer.run.other_radars import fitted_imager
+from trainer.run.pretrained import pretrained_names, pretrained_run
+
+
+@dataclass(frozen=True)
+class PointsRequest:
+    """Which points are listed.
+
+    :param false_alarms: expected lines of a frame of noise alone, at most
+    :param cells: "peaks", the three Doppler peaks of every range bin, or "all", of a cube: see :mod:`trainer.data.cfar`
+    :raises InputError: values out of range
+    """
+
+    false_alarms: float = FALSE_ALARMS
+    cells: str = PEAKS
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.false_alarms) and self.false_alarms > 0.0):
+            raise InputError("--false-alarms", f"{self.false_alarms}", "a finite number above 0, of lines a frame")
+        if self.cells not in CELLS:
+            raise InputError("--cells", repr(self.cells), " or ".join(CELLS))
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """What is made of one frame.
+
+    :param measurement: the frame, with the sensor's motion as well as it is known
+    :param image: [R, U] the maximum over its Doppler peaks
+    :param velocity: [R, U] of the peak that has it [m/s]
+    :param points: None where none were asked for
+    """
+
+    measurement: Measurement
+    image: NDArray[np.float32]
+    velocity: NDArray[np.float32]
+    points: Detections | None
+
+
+@dataclass(frozen=True, eq=False)
+class Predictor:
+    """A network or an estimator, asked frame by frame.
+
+    :param answer: which
+    :param motions: how the sensor's motion is known
+    :param listed: which points; None for images alone
+    """
+
+    answer: Answer
+    motions: Motions
+    listed: PointsRequest | None = None
+
+    @classmethod
+    def load(
+        cls,
+        model: str | Path,
+        radar: Radar,
+        listed: PointsRequest | None = PointsRequest(),
+        velocity: tuple[float, float] | None = None,
+        mounting_yaw_deg: float = 0.0,
+    ) -> Predictor:
+        """For the cubes of ``radar``.
+
+        :param model: a run's folder, or a name of :func:`pretrained_names` or of :data:`ESTIMATORS`
+        :param velocity: of the vehicle at the radar, forward and to the left [m/s]; None to see it in the frames
+        :raises InputError: no such model, or one that does not fit the radar
+        """
+        if model in ESTIMATORS:
+            answer: Answer = estimator_answer(str(model), radar, ())
+        elif Path(model).is_dir() or model in pretrained_names():
+            folder = Path(model) if Path(model).is_dir() else pretrained_run(str(model))
+            answer = answer_for_cubes(folder, radar, "the cube", (), lambda _: None)
+        else:
+            known = [*pretrained_names(), *ESTIMATORS]
+            raise InputError("model", f"{str(model)!r}", f"the folder of a run, or one of {', '.join(known)}")
+        wanted = listed is not None or answer.uses_motion
+        return cls(answer, Motions(velocity, mounting_yaw_deg, wanted), listed)
+
+    def cube(self, cube: NDArray[np.complexfloating], frame: int = 0) -> Prediction:
+        """Of the samples [chirp, sample, channel] [sqrt(W)] of the radar that was named to :meth:`load`."""
+        found = CubeFile(np.asarray(cube, dtype=np.complex64)[None], self.answer.radar, None)
+        return self(of_cube("cube", found, 0, None, PEAKS if self.listed is None else self.listed.cells, frame))
+
+    def __call__(self, seen: Measurement) -> Prediction:
+        measurement = self.motions.told(seen, self.answer)
+        images, probability = self.answer.peaks(measurement)
+        points = None
+        if self.listed is not None:
+            level = max(MODEL_ERROR_DB, measurement.model_error_db)
+            points = find_detections(
+                images,
+                probability,
+                measurement.range_channel[..., self.answer.channels],
+                measurement.velocity,
+                self.answer.radar,
+                self.answer.line,
+                Sought(measurement.noise_power, level, self.listed.false_alarms),
+                measurement.centre,
+            )
+            points = with_moving(points, measurement.motion, self.answer.radar)
+        return Prediction(measurement, *merge_peaks(images, measurement.velocity), points)
+
+
+def merge_peaks(
+    images: NDArray[np.float32], velocity: NDArray[np.float32]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """([R, U] maximum of the peaks' images [D, R, U], [R, U] velocity [m/s] of the peak that has it)."""
+    return images.max(axis=0), np.take_along_axis(velocity.T, images.argmax(axis=0), axis=1)
+
+
+def answer_for_cubes(
+    folder: Path, radar: Radar, source: str, dead: tuple[int, ...], announce: Callable[[str], object]
+) -> NetworkAnswer:
+    """The network of a run's folder, for cubes of ``radar``.
+
+    :param source: of the cubes, for messages; :param dead: channels of it without an echo
+    :raises InputError: a run that cannot be read, an array without its elements
+    """
+    run, imager = load_imager(folder)
+    fitted = fitted_imager(run, imager, str(folder), radar, source)
+    for remark in fitted.remarks:
+        announce(remark)
+    if blind := sorted(set(fitted.channels.tolist()) & set(dead)):
+        announce(f"the network looks at channels {blind} of {source}, which are dead")
+    fitted.imager.to("cuda" if torch.cuda.is_available() else "cpu")
+    return network_answer(run, fitted.imager, fitted.channels, radar)
