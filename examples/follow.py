@@ -53,10 +53,8 @@ def main(
         strongest = f"{found.range_m[0]:6.2f} m, u = {found.u[0]:+.3f}" if len(found) else "nothing"
         print(f"frame {number:3}: {len(found):4} points, strongest at {strongest}, {1e3 * late[-1]:.0f} ms late")
     if len(late) > 1:
-        passed = time.monotonic() - began - patience
-        print(
-            f"{len(late) / passed:.2f} frames/s, {skipped} skipped, {1e3 * np.median(late[1:]):.0f} ms late in the middle"
-        )
+        rate, middle = len(late) / (time.monotonic() - began - patience), 1e3 * np.median(late[1:])
+        print(f"{rate:.2f} frames/s, {skipped} skipped, {middle:.0f} ms late in the middle")
 
 
 def growing(file: Path, radar: Radar, patience_s: float) -> Iterator[tuple[int, np.ndarray, float]]:

@@ -329,10 +329,11 @@ def test_cubes_one_by_one_give_what_the_command_gives(tmp_path, model: str) -> N
     predict(PredictRequest(tmp_path / "cube.npz", tmp_path / "out", pictures=False, points=True, **which), str)
     table = pq.read_table(tmp_path / "out" / "images.parquet")
     predictor = Predictor.load(model, radar)
-    for frame, cube in enumerate(cubes):
-        seen = predictor.cube(cube, frame)
-        np.testing.assert_array_equal(seen.image.ravel(), table["image"][frame].values)
-        assert records(seen.points) == table["detections"][frame].as_py()
+    for number, cube in enumerate(cubes):
+        seen = predictor.cube(cube, number)
+        assert seen.points is not None
+        np.testing.assert_array_equal(seen.image.ravel(), table["image"][number].values)
+        assert records(seen.points) == table["detections"][number].as_py()
         assert seen.points.range_m[0] == pytest.approx(np.hypot(20.0, 3.0), abs=0.05)
 
 
