@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -65,14 +65,12 @@ FULL = Size(
     worker_frames=96,
     decided_frames=20,
 )
-QUICK = Size(
+QUICK = replace(
+    FULL,
     name="quick",
     paths=5_000,
     rays=20_000,
-    direct_samples=4,
     truth_paths=300,
-    waveform=Waveform(),
-    elements=256,
     angle_bins=90,
     repeats=2,
     worker_frames=16,
