@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from curved_bodies import Mesh, cylinder, sphere, torus, tube
 from hardcases.case import HardCase
-from hardcases.tools import MIRROR, frame_of, not_finite, not_finite_paths, small_radar, traced
+from hardcases.tools import MIRROR, frame_of, not_finite, not_finite_paths, small_radar, stage, traced
 from numpy.typing import ArrayLike
 
 from datafactory.paths.table import PathTable
@@ -80,33 +80,13 @@ def _beside_the_limit() -> float:
     return float(mixed)
 
 
-def _stage(of: Mesh, metres: float, offset: ArrayLike) -> str:
-    """A USD layer of a mesh, its points in units of ``metres`` under a translation [m]."""
-    points = ", ".join(f"({x!r}, {y!r}, {z!r})" for x, y, z in (of[0] / metres).tolist())
-    place = ", ".join(repr(float(value) / metres) for value in np.asarray(offset))
-    return f"""#usda 1.0
-(
-  metersPerUnit = {metres}
-  upAxis = "Z"
-)
-def Mesh "body" {{
-  point3f[] points = [{points}]
-  int[] faceVertexCounts = [{", ".join(["3"] * len(of[1]))}]
-  int[] faceVertexIndices = [{", ".join(map(str, of[1].reshape(-1).tolist()))}]
-  uniform token subdivisionScheme = "none"
-  double3 xformOp:translate = ({place})
-  uniform token[] xformOpOrder = ["xformOp:translate"]
-}}
-"""
-
-
 def _centimetres_far_away() -> float:
     """Level error [dB] of a sphere and a cylinder from a file in centimetres, 500 km away, float32 points."""
     shift, errors = np.array([500_000.0, 5_480_000.0, 320.0]), []
     with tempfile.TemporaryDirectory() as folder:
         for of in (sphere(0.3, 40), cylinder(0.3, 1.0, 40)):
             path = Path(folder) / "body.usda"
-            path.write_text(_stage(of, 0.01, shift + np.array([6.0, 0.0, 0.0])), encoding="utf-8")
+            path.write_text(stage({"body": of}, 0.01, shift + np.array([6.0, 0.0, 0.0])), encoding="utf-8")
             item = replace(open_scene(str(path)).objects[0], material=MIRROR)
             errors.append(_level_db(traced([item], Pose(tuple(shift.tolist()))), traced([_body(of)])))
     return max(errors)

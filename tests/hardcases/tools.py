@@ -1,11 +1,8 @@
-"""What several themes need: small radars, whole frames, one trace, a command in this process."""
+"""What several themes need: small radars, whole frames, one trace, a stage of USD."""
 
 from __future__ import annotations
 
-import contextlib
-import io
-import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -117,23 +114,24 @@ def traced(
     return trace(merged, pose, 77.5e9, TraceSettings(rays=rays, depth=depth), fan or RayFan(rays), seed=1)
 
 
-def factory(*arguments: object) -> tuple[int, str, str]:
-    """(exit status, standard output, standard error) of ``datafactory`` with these arguments, in this process.
-
-    What ``main`` does not catch propagates: that is the traceback that a user would see.
-    """
-    from datafactory.cli.app import main
-
-    out, err, before = io.StringIO(), io.StringIO(), sys.argv
-    sys.argv = ["datafactory", *map(str, arguments)]
-    try:
-        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-            main()
-    except SystemExit as end:
-        return int(end.code or 0), out.getvalue(), err.getvalue()
-    finally:
-        sys.argv = before
-    return 0, out.getvalue(), err.getvalue()
+def stage(
+    meshes: Mapping[str, tuple[NDArray, NDArray]], metres: float = 1.0, offset: ArrayLike = (0.0, 0.0, 0.0)
+) -> str:
+    """A USD layer of named meshes (vertices [V, 3] m, triangles [T, 3]) in units of ``metres``, moved by [3] m."""
+    layer = f'#usda 1.0\n(\n  metersPerUnit = {metres}\n  upAxis = "Z"\n)\n'
+    place = ", ".join(repr(float(value) / metres) for value in np.asarray(offset))
+    for name, (vertices, triangles) in meshes.items():
+        corners = ", ".join(f"({x!r}, {y!r}, {z!r})" for x, y, z in (vertices / metres).tolist())
+        layer += f"""def Mesh "{name}" {{
+  point3f[] points = [{corners}]
+  int[] faceVertexCounts = [{", ".join(["3"] * len(triangles))}]
+  int[] faceVertexIndices = [{", ".join(map(str, triangles.reshape(-1).tolist()))}]
+  uniform token subdivisionScheme = "none"
+  double3 xformOp:translate = ({place})
+  uniform token[] xformOpOrder = ["xformOp:translate"]
+}}
+"""
+    return layer
 
 
 def level_db(value: NDArray | complex | float, reference: complex | float) -> float:
