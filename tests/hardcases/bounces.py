@@ -9,12 +9,12 @@ from collections.abc import Sequence
 
 import numpy as np
 from hardcases.case import HardCase
-from hardcases.tools import MATERIALS, MIRROR, not_finite_paths, rectangle
+from hardcases.tools import MIRROR, not_finite_paths, rectangle, traced
 from numpy.typing import NDArray
 
 from datafactory.paths.table import TARGET, PathTable
 from datafactory.scenes.poses import Pose
-from datafactory.scenes.scene import PointTarget, Scene, SceneObject
+from datafactory.scenes.scene import PointTarget, SceneObject
 from datafactory.scenes.targets.models import Car, Pedestrian
 
 WAVELENGTH_M = 299_792_458.0 / 77.5e9
@@ -26,14 +26,7 @@ def _ground(material: str = MIRROR, half_m: float = 400.0) -> SceneObject:
 
 
 def _traced(objects: Sequence[SceneObject], targets: Sequence[PointTarget], pose: Pose) -> PathTable:
-    from datafactory.paths.merged_scene import merge_scene
-    from datafactory.paths.rays import RayFan
-    from datafactory.paths.solver import TraceSettings
-    from datafactory.paths.trace import trace
-
-    merged = merge_scene(Scene("hard", tuple(objects), tuple(targets)), MATERIALS)
-    settings = TraceSettings(rays=100, depth=2, diffuse=False)
-    return trace(merged, pose, 77.5e9, settings, RayFan(100), 1)
+    return traced(objects, pose, rays=100, depth=2, targets=targets, diffuse=False)
 
 
 def _post(x: float, z: float) -> PointTarget:

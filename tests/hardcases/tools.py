@@ -7,13 +7,14 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from oracles import if_cube, relative_error
+from sionna_scenes import material, plate
 
 from datafactory.frame.measurement import FrameIdentity, Processing, image, measure
 from datafactory.paths.rays import RayFan
 from datafactory.paths.table import PathTable, ScatteredPaths
-from datafactory.scenes.materials.table import Material, MaterialMapping
+from datafactory.scenes.materials.table import MaterialMapping
 from datafactory.scenes.poses import Pose
-from datafactory.scenes.scene import Scene, SceneObject
+from datafactory.scenes.scene import PointTarget, Scene, SceneObject
 from datafactory.synthesis.cube import cube_of_paths
 from shared.dataset import Frame
 from shared.radar import FrontEnd, ImageGrid, Radar
@@ -23,17 +24,14 @@ from shared.radar.waveform import Waveform
 
 MIRROR = "mirror"
 """Name of the perfect conductor among :data:`MATERIALS`; ``rough`` scatters diffusely, ``vacuum`` does nothing."""
-
-
-def _material(name: str, permittivity: float, conductivity: float, scattering: float) -> Material:
-    return Material(name, permittivity, conductivity, 0.1, scattering, "lambertian", "test", (77.0, 78.0), ())
-
-
 MATERIALS = MaterialMapping(
     entries={
-        MIRROR: (_material(MIRROR, 1.0, 1e7, 0.0), "test"),
-        "rough": (_material("rough", 5.0, 1.0, 0.6), "test"),
-        "vacuum": (_material("vacuum", 1.0, 0.0, 0.0), "test"),
+        item.name: (item, "test")
+        for item in (
+            material(MIRROR, 1.0, 1e7, 0.1),
+            material("rough", 5.0, 1.0, 0.1, scattering=0.6),
+            material("vacuum", 1.0, 0.0, 0.1),
+        )
     },
     unknown=(),
 )
@@ -88,9 +86,7 @@ def not_finite_paths(paths: PathTable) -> int:
 
 def rectangle(name: str, centre: ArrayLike, across: ArrayLike, up: ArrayLike, material: str = MIRROR) -> SceneObject:
     """A flat rectangle, centre +- across +- up [m], of two triangles."""
-    middle, a, b = (np.array(vector, dtype=float) for vector in (centre, across, up))
-    vertices = np.array([middle - a - b, middle + a - b, middle + a + b, middle - a + b])
-    return SceneObject(name, vertices, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), material)
+    return plate(name, centre, across, up, material)
 
 
 def wall_ahead(distance_m: float = 10.0, material: str = MIRROR, name: str = "wall") -> SceneObject:
@@ -104,14 +100,17 @@ def traced(
     rays: int = 20_000,
     depth: int = 1,
     fan: RayFan | None = None,
+    targets: Sequence[PointTarget] = (),
+    diffuse: bool = True,
 ) -> PathTable:
-    """The multipath of objects of :data:`MATERIALS` seen from a pose, as traced: amplitudes not yet illuminated."""
+    """The multipath of objects of :data:`MATERIALS`, and of targets, as traced: amplitudes not yet illuminated."""
     from datafactory.paths.merged_scene import merge_scene
     from datafactory.paths.solver import TraceSettings
     from datafactory.paths.trace import trace
 
-    merged = merge_scene(Scene("hard", tuple(objects)), MATERIALS)
-    return trace(merged, pose, 77.5e9, TraceSettings(rays=rays, depth=depth), fan or RayFan(rays), seed=1)
+    merged = merge_scene(Scene("hard", tuple(objects), tuple(targets)), MATERIALS)
+    settings = TraceSettings(rays=rays, depth=depth, diffuse=diffuse)
+    return trace(merged, pose, 77.5e9, settings, fan or RayFan(rays), seed=1)
 
 
 def stage(
@@ -132,10 +131,3 @@ def stage(
 }}
 """
     return layer
-
-
-def level_db(value: NDArray | complex | float, reference: complex | float) -> float:
-    """Largest magnitude of ``value`` relative to ``reference`` [dB]; -400 where it is zero."""
-    from shared.physics.units import amplitude_to_db
-
-    return float(amplitude_to_db(np.abs(np.asarray(value)).max() / abs(reference)))
