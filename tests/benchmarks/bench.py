@@ -11,26 +11,30 @@ from __future__ import annotations
 import json
 import os
 import platform
+import sys
 from collections.abc import Callable, Sequence
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
 
+import numba
+import psutil
+import scipy.fft
+import typer
+from rich.console import Console
+from rich.table import Table
+from threadpoolctl import threadpool_info, threadpool_limits
+
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+
 import cubes
 import decided
 import devices
 import images
 import line_fits
-import numba
-import psutil
-import scipy.fft
 import starts
-import typer
 from record import NotInstalledError, Record
-from rich.console import Console
-from rich.table import Table
-from threadpoolctl import threadpool_info, threadpool_limits
 from workloads import FULL, QUICK, Size, Workload
 
 PACKAGES = ("numpy", "scipy", "numba", "sionna-rt", "mitsuba", "drjit", "sparseradar-datafactory")

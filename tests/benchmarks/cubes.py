@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from record import RELATIVE_L2, Record, relative_l2, timed
+from oracles import relative_error
+from record import RELATIVE_L2, Record, timed
 from workloads import EGO_SPEED_MPS, Workload, street
 
 from datafactory.synthesis.chirps import cube_by_chirps
@@ -42,7 +43,7 @@ def two_threads_vs_one(work: Workload) -> Record:
         ours_time=elapsed,
         reference="the same on 1 thread",
         reference_time=one_time,
-        error=relative_l2(cube, one),
+        error=relative_error(cube, one),
         error_unit=RELATIVE_L2,
     )
 

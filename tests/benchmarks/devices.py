@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from record import RELATIVE_L2, NotInstalledError, Record, relative_l2, timed
+from oracles import relative_error
+from record import RELATIVE_L2, NotInstalledError, Record, timed
 from workloads import EGO_SPEED_MPS, Workload, street
 
 from datafactory.paths.backend import cuda_device
@@ -69,6 +70,6 @@ def _record(name: str, what: str, make: Make, work: Workload, device: str) -> Re
         ours_time=elapsed,
         reference="the compiled kernels, the same; 1 thread",
         reference_time=reference_time,
-        error=relative_l2(made, reference),
+        error=relative_error(made, reference),
         error_unit=RELATIVE_L2,
     )

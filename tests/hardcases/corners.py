@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from corner_scenes import dihedral, echoes, level_db, meshes_of, received
 from hardcases.case import HardCase
-from hardcases.tools import stage
+from hardcases.tools import UTM, stage
 from sionna_scenes import mesh, plate, scene_of
 
 from datafactory.paths.corner_edges import corners_of
@@ -22,7 +22,6 @@ from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import SceneObject
 
 FACES = dihedral(20.0, 0.15, 0.2, 6.0)
-FAR = (500_000.0, 5_480_000.0, 320.0)
 
 
 def _echo(objects: Sequence[SceneObject], pose: Pose | None = None) -> complex:
@@ -37,8 +36,8 @@ def _cut() -> float:
 
 def _far_away() -> float:
     """Level error [dB] of a corner 5500 km from its scene's origin."""
-    moved = [mesh(item.name, item.vertices + np.array(FAR), item.triangles, "metal") for item in meshes_of(FACES)]
-    return abs(level_db(_echo(moved, Pose(FAR)), _echo(meshes_of(FACES))))
+    moved = [mesh(item.name, item.vertices + np.array(UTM), item.triangles, "metal") for item in meshes_of(FACES)]
+    return abs(level_db(_echo(moved, Pose(UTM)), _echo(meshes_of(FACES))))
 
 
 def _centimetres() -> float:

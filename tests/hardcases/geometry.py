@@ -6,7 +6,7 @@ References are mirror images in closed form, or the same scene without what make
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +15,7 @@ import trimesh
 from hardcases.case import HardCase
 from hardcases.tools import (
     MIRROR,
+    UTM,
     frame_of,
     not_finite,
     not_finite_paths,
@@ -35,9 +36,6 @@ from datafactory.scenes.readers.common import Notes, place_mesh
 from datafactory.scenes.readers.open import open_scene
 from datafactory.scenes.scene import SceneObject
 from datafactory.synthesis.cube import cube_of_paths
-
-UTM = (500_000.0, 5_480_000.0, 320.0)
-"""Easting, northing and height of a place in the middle of a UTM zone [m]."""
 
 
 def _moved(item: SceneObject, by: Sequence[float]) -> SceneObject:
@@ -148,23 +146,13 @@ def _thin_triangles() -> float:
     )
 
 
-def _flipped() -> float:
-    """Level error [dB] of walls whose normals point away, mirror and rough."""
+def _walls(hard: Callable[[SceneObject, SceneObject], list[SceneObject]]) -> float:
+    """Level error [dB] of what is made of a wall and the same with its normals turned, mirror and rough."""
     errors = []
     for material, compare in ((MIRROR, _specular_level_db), ("rough", _diffuse_level_db)):
         wall = wall_ahead(material=material)
-        away = replace(wall, triangles=wall.triangles[:, ::-1].copy())
-        errors.append(compare(traced([away]), traced([wall])))
-    return max(errors)
-
-
-def _coplanar() -> float:
-    """Level error [dB] of two walls in one plane that face each other, against one of them."""
-    errors = []
-    for material, compare in ((MIRROR, _specular_level_db), ("rough", _diffuse_level_db)):
-        wall = wall_ahead(material=material)
-        back = replace(wall, name="back", triangles=wall.triangles[:, ::-1].copy())
-        errors.append(compare(traced([wall, back]), traced([wall])))
+        away = replace(wall, name="back", triangles=wall.triangles[:, ::-1].copy())
+        errors.append(compare(traced(hard(wall, away)), traced([wall])))
     return max(errors)
 
 
@@ -203,8 +191,8 @@ CASES = (
     HardCase("millimetres without a unit", "a thousandfold scene, silently", 0.0, "silent readers", _unstated_units),
     HardCase("zero areas, needles, double vertices", "normals of no length", 0.01, "dB", _degenerate_triangles),
     HardCase("slivers of 60 m by 6 cm", "rays slip between triangles", 0.05, "dB", _thin_triangles),
-    HardCase("flipped normals", "one-sided reflection", 1e-4, "dB", _flipped),
-    HardCase("coplanar facing walls", "an echo counted twice", 1e-3, "dB", _coplanar),
+    HardCase("flipped normals", "one-sided reflection", 1e-4, "dB", lambda: _walls(lambda _, away: [away])),
+    HardCase("coplanar facing walls", "an echo counted twice", 1e-3, "dB", lambda: _walls(lambda *both: list(both))),
     HardCase("sensor inside a wall", "segments of centimetres", 0.0, "not finite", lambda: _misplaced_sensor(AROUND)),
     HardCase("sensor on a surface", "a ray of length 0", 0.0, "not finite", lambda: _misplaced_sensor([FLOOR])),
     HardCase("sensor touching an edge", "as above, at an edge", 0.0, "not finite", lambda: _misplaced_sensor([AHEAD])),

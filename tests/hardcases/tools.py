@@ -24,6 +24,8 @@ from shared.radar.waveform import Waveform
 
 MIRROR = "mirror"
 """Name of the perfect conductor among :data:`MATERIALS`; ``rough`` scatters diffusely, ``vacuum`` does nothing."""
+UTM = (500_000.0, 5_480_000.0, 320.0)
+"""Easting, northing and height of a place in the middle of a UTM zone [m]."""
 MATERIALS = MaterialMapping(
     entries={
         item.name: (item, "test")
