@@ -167,6 +167,13 @@ def _doppler_choice(scale: float) -> float:
     return float(np.count_nonzero(plain.cells != scaled.cells) + np.count_nonzero(~np.isfinite(scaled.magnitude)))
 
 
+def _doppler_of_nothing() -> float:
+    """Values that are not zero, or cells off the axis, for spectra of zeros and no noise at all."""
+    selection = select_doppler(np.zeros((5, 8, 3), dtype=np.complex64), 0.0)
+    off_axis = np.count_nonzero((selection.cells < 0) | (selection.cells >= 8))
+    return float(np.count_nonzero(selection.magnitude) + np.count_nonzero(selection.range_channel) + off_axis)
+
+
 def _levels() -> float:
     """Levels [dB] that are not finite, for powers and amplitudes from nothing to the end of float64."""
     values = np.array([0.0, 5e-324, 1e-300, 1e-20, 1.0, 1e20, 1e300])
@@ -206,6 +213,7 @@ CASES = (
     HardCase("truth image at 1e20", "as above", 1e-6, "relative", lambda: _near_field_scaled(1e20)),
     HardCase("Doppler choice at 1e-15", "thresholds with constants", 0.0, "cells", lambda: _doppler_choice(1e-15)),
     HardCase("Doppler choice at 1e20", "as above", 0.0, "cells", lambda: _doppler_choice(1e20)),
+    HardCase("Doppler choice of zeros", "a maximum of nothing", 0.0, "wrong values", _doppler_of_nothing),
     HardCase("levels in dB from 0 to 1e300", "log of zero", 0.0, "not finite", _levels),
     HardCase("features in float32", "rounding against float64", 1e-6, "absolute", _float32_features),
     HardCase("features in bf16", "8 bits of mantissa", 2.0**-9, "absolute", _bfloat16_features),
