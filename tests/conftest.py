@@ -55,7 +55,6 @@ LONG = (
     "integration/test_flipped_files.py",
     "integration/test_ray.py",
     "integration/test_remote_runs.py",
-    "integration/test_twenty_cities.py",
     "shared/physics/test_compiled.py::test_a_read_only",
     "shared/physics/test_compiled.py::test_machine_code",
     "test_browser.py",

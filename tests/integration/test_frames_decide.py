@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from factory_command import run, shards
+from factory_command import run
 from prepared_scenes import EFFECT_SCENES
 
 from datafactory.defaults import DEFAULT_BUDGET_DB
@@ -32,11 +32,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("frames")
 
 
-def made(folder: Path, command: str, out: str, poses: list[dict], *more: object) -> Path:
+def made(folder: Path, out: str, poses: list[dict], *more: object) -> Path:
     """A run of these poses in ``folder``."""
     (folder / "radar.toml").write_text(RADAR, encoding="utf-8")
     (folder / f"{out}.json").write_text(json.dumps(poses), encoding="utf-8")
-    run(command, "--scene", SCENE, "--poses", folder / f"{out}.json", "--radar", folder / "radar.toml",
+    run("render", "--scene", SCENE, "--poses", folder / f"{out}.json", "--radar", folder / "radar.toml",
         "--rays", 20_000, "--split", "1:0:0", "--out", folder / out, *more)  # fmt: skip
     return folder / out
 
@@ -58,7 +58,7 @@ def standing_but_one() -> list[dict]:
 
 @pytest.fixture(scope="module")
 def driving(folder: Path) -> Path:
-    return made(folder, "render", "driving", standing_but_one(), "--workers", 1, "--no-noise")
+    return made(folder, "driving", standing_but_one(), "--workers", 1, "--no-noise")
 
 
 def test_one_moving_frame_of_twenty_has_doppler_and_the_others_have_none(driving: Path) -> None:
@@ -77,28 +77,11 @@ def test_one_moving_frame_of_twenty_has_doppler_and_the_others_have_none(driving
     assert velocity[:ODD] + velocity[ODD + 1 :] == [0.0] * (FRAMES - 1)
 
 
-@pytest.mark.slow
-def test_workers_do_not_change_what_frames_decide(driving: Path, folder: Path) -> None:
-    other = made(folder, "render", "workers", standing_but_one(), "--workers", 2, "--no-noise")
-    assert shards(other) == shards(driving)
-    assert counts(other) == counts(driving)
-
-
-def test_traced_now_and_decided_later_is_decided_at_once(driving: Path, folder: Path) -> None:
-    traced = made(folder, "trace", "traced", standing_but_one(), "--workers", 1)
-    run("render", "--paths", traced, "--radar", folder / "radar.toml", "--split", "1:0:0", "--workers", 1,
-        "--no-noise", "--out", folder / "later")  # fmt: skip
-    assert shards(folder / "later") == shards(driving)
-    of_frames, later = ({name: value for name, value in counts(out).items() if name.startswith("frames")}
-                        for out in (driving, folder / "later"))  # fmt: skip
-    assert later == of_frames  # what was looked for is another matter: of stored paths, all that there is
-
-
 def test_a_frame_decides_alone(driving: Path, folder: Path) -> None:
     """The moving frame in a run in which all others move too, and faster, is the same frame."""
     poses = [{**pose, "velocity": [11.0, 0.0, 0.0]} for pose in standing_but_one()]
     poses[ODD] = standing_but_one()[ODD]
-    others = made(folder, "render", "others", poses, "--workers", 1, "--no-noise")
+    others = made(folder, "others", poses, "--workers", 1, "--no-noise")
     other, ours = frames(others)[ODD], frames(driving)[ODD]
     np.testing.assert_array_equal(other.range_channel, ours.range_channel)
     np.testing.assert_array_equal(other.image, ours.image)
@@ -108,7 +91,7 @@ def test_frames_that_look_away_leave_out_what_they_do_not_see(folder: Path) -> N
     """Nineteen frames look away from the car, with only its edges behind them: no pose speaks for another."""
     poses = [{"position": [0.0, 0.0, 0.5], "yaw_deg": 180.0} for _ in range(FRAMES)]
     poses[ODD] = {"position": [0.0, 0.0, 0.5]}
-    out = made(folder, "render", "away", poses, "--workers", 1)
+    out = made(folder, "away", poses, "--workers", 1)
     found = counts(out)
     assert found["frames_with_diffuse"] == 1
     assert found["frames_with_diffraction"] == FRAMES  # where there is no first hit nothing may be left out

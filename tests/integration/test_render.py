@@ -174,23 +174,6 @@ def test_given_poses_are_taken_exactly(radar_file, tmp_path):
     assert second.sensor_position == (-6.0, 0.5, 0.6)
 
 
-@pytest.mark.parametrize(
-    "targets",
-    [
-        "not json",
-        "[]",
-        '[[{"x": 1}]]',
-        '[[{"x": 0, "y": 0, "rcs_dbsm": 0}]]',
-        '[[{"x": 1, "y": 0, "rcs_dbsm": 0, "colour": 3}]]',
-    ],
-)
-def test_a_bad_targets_file_is_named(targets, tmp_path):
-    file = tmp_path / "targets.json"
-    file.write_text(targets, encoding="utf-8")
-    with pytest.raises(InputError, match=r"targets\.json"):
-        run("points", "--targets", file, "--out", tmp_path / "out")
-
-
 def test_rendering_from_traced_paths_gives_the_same_frames(dataset, radar_file, tmp_path):
     """The trace of a scene, rendered later, is the scene rendered at once; so is a second radar's."""
     here = ("--radar", radar_file, "--workers", 1)

@@ -11,7 +11,7 @@ from path_tables import a_table
 from sampled_frames import EFFECTS, POSE, order_of_two, samples_of
 
 from datafactory.accuracy.knobs import DEFAULT, Effort
-from datafactory.accuracy.looking import made, reference_moments, reference_of
+from datafactory.accuracy.looking import made, reference_moments
 from datafactory.accuracy.power import (
     Errors,
     Realisations,
@@ -64,21 +64,6 @@ def test_reference_moments_are_those_of_the_whole_virtual_cube(radar, generator)
         rows = np.flatnonzero(cells == cell)
         expected = sweep_moments(doppler_filtered(cube, radar, int(cell)), radar, 4)[:, rows]
         assert peak_error_db(moments[:, rows][:, :, some], expected) < -100.0
-
-
-def test_more_truth_terms_follow_the_range_walk(variant, radar) -> None:
-    """From a radar at rest, where the Doppler filter adds no error of its own."""
-    (still,) = samples_of(replace(order_of_two(radar), poses=(replace(POSE, velocity=(0.0, 0.0, 0.0)),)))
-    knobs = replace(DEFAULT, rays=2000).converged()
-    frames = [still.traced(knobs)]
-    reference = reference_of(frames, still.settings(knobs), radar)
-    errors = []
-    for terms in (3, 4, 6):
-        outcome = made(frames, still.settings(replace(knobs, truth_terms=terms)), radar, rows=reference.cells)
-        errors.append(level_db(peak_error(outcome.images[0], reference.images[0])))
-    assert errors[0] > errors[1] + 5.0
-    assert errors[1] > errors[2] + 5.0
-    assert errors[2] < -70.0
 
 
 def test_cell_power_keeps_the_power_of_every_path_in_range(samples, radar) -> None:

@@ -124,12 +124,6 @@ def test_tables_and_lines_show_square_brackets_and_colons(
     assert max(map(len, printed.splitlines())) == 60
 
 
-def test_a_wide_table_keeps_its_width_in_a_narrow_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("COLUMNS", "60")
-    assert plain_console(narrowest=150).width == 150
-    assert plain_console(narrowest=20).width == 60
-
-
 def test_the_version_is_that_of_the_distribution() -> None:
     result = CliRunner().invoke(app, ["--version"])
     assert (result.exit_code, result.output) == (0, f"datafactory {version('sparseradar-datafactory')}\n")

@@ -145,12 +145,6 @@ def test_boxes_are_drawn_over_every_image_and_from_above():
     np.testing.assert_allclose(np.asarray(above.patches[0].get_path().vertices, dtype=float)[0], corner[::-1])
 
 
-def test_the_title_names_the_frame():
-    title = draw_frame(make_frame(5), RADAR, "train").get_suptitle()
-    for part in ("street [2]", "frame 5", "train", "scene", "5.0 m/s"):
-        assert part in title
-
-
 def test_an_array_that_is_not_the_papers_is_drawn_without_thinned_ones():
     radar = load_radar("avr-qdm-110-virtual").model_copy(
         update={"waveform": RADAR.waveform, "grid": RADAR.grid},

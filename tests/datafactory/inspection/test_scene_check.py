@@ -12,6 +12,7 @@ from usd_files import CUBE, METRES_Z_UP, cube, ops, read, translated, write_usda
 from datafactory.cli.app import app
 from datafactory.inspection.scene import SceneReport, examine_scene
 from datafactory.scenes.materials.table import load_materials
+from datafactory.scenes.readers.common import sphere
 from datafactory.scenes.readers.open import named_scenes
 
 BODY = f"""def Mesh "street" {{
@@ -41,6 +42,10 @@ def Mesh "cart" {{
   custom token radar:material = "metal"
   {ops(translate={0: (0, 20, 1), 24: (3, 20, 1)})}
 }}
+def Sphere "ball" {{
+  double radius = 0.5
+  {translated(-20, 10, 1)}
+}}
 def Xform "walker" {{
   custom token radar:target = "pedestrian"
   custom double3 radar:velocity = (0, 1.5, 0)
@@ -59,7 +64,8 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> SceneReport:
 
 
 def test_counts_sizes_and_what_materials_became(report: SceneReport) -> None:
-    assert (report.objects, report.triangles, report.point_targets) == (5, 2 + 12 + 1 + 12 + 12, 1)
+    triangles = 2 + 12 + 1 + 12 + 12 + len(sphere(0.5)[1])
+    assert (report.objects, report.triangles, report.point_targets) == (6, triangles, 1)
     assert report.size_m == pytest.approx((120, 120, 3))
     uses = {item.name: item for item in report.materials}
     assert [uses[name].known for name in ("asphalt", "mithril", "glass", "metal")] == [True, False, True, True]
@@ -85,6 +91,7 @@ def test_what_is_dropped_and_what_to_know(report: SceneReport) -> None:
     assert all(area > 0.0 for area in report.ground_m2.values())
     text = "\n".join(report.remarks)
     assert "glass let waves through" in text
+    assert "triangles sample 1 curved surfaces" in text
     assert "7 rims of open sheets" in text  # four of the street, three of the bent pane
     assert "1 objects turn or deform" in text
     json.dumps(report.to_json())

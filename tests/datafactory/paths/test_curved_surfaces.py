@@ -95,42 +95,6 @@ def test_a_panel_with_chamfers_is_no_curved_surface():
     assert len(traced(tail).specular) == 1
 
 
-def test_a_run_counts_its_curved_mirrors_and_says_what_is_coarse(tmp_path):
-    """From a file to the manifest: a round sphere, and a column of eight sides."""
-    import json
-
-    from hardcases.geometry import SMALL_RADAR
-    from hardcases.tools import factory
-
-    of, corners = cylinder(0.3, 1.0, 8), []
-    corners = [f"({x!r}, {y!r}, {z!r})" for x, y, z in (of[0] + np.array([9.0, 4.0, 0.0])).tolist()]
-    column = f"""def Mesh "column" {{
-  point3f[] points = [{", ".join(corners)}]
-  int[] faceVertexCounts = [{", ".join(["3"] * len(of[1]))}]
-  int[] faceVertexIndices = [{", ".join(map(str, of[1].reshape(-1).tolist()))}]
-  uniform token subdivisionScheme = "none"
-}}
-"""
-    ball = 'def Sphere "ball" {\n  double radius = 0.5\n  double3 xformOp:translate = (6, 0, 0)\n'
-    ball += '  uniform token[] xformOpOrder = ["xformOp:translate"]\n}\n'
-    (tmp_path / "bodies.usda").write_text('#usda 1.0\n(\n  metersPerUnit = 1\n  upAxis = "Z"\n)\n' + ball + column)
-    (tmp_path / "radar.toml").write_text(SMALL_RADAR)
-    (tmp_path / "poses.json").write_text(json.dumps([{"position": [0, 0, 0.1]}, {"position": [0.5, 0.2, 0]}]))
-    status, said, warned = factory(
-        "render", "--scene", tmp_path / "bodies.usda", "--radar", tmp_path / "radar.toml", "--rays", 2000,
-        "--poses", tmp_path / "poses.json", "--effects", "all", "--workers", 1, "--out", tmp_path / "data",
-    )  # fmt: skip
-    assert status == 0, warned
-    counts = json.loads((tmp_path / "data" / "manifest.json").read_text())["counts"]
-    assert counts["curved_mirrors"] == 2
-    assert counts["facets_too_coarse"] == 2 * 8
-    status, said, warned = factory("check", "--scene", tmp_path / "bodies.usda")
-    assert status == 0, warned
-    words = " ".join(said.split())
-    assert "triangles sample 1 curved surfaces" in words
-    assert "8 facets meet others at more than 25 deg and stay flat mirrors" in words
-
-
 def test_noise_of_rounded_vertices_bends_no_wall():
     generator = np.random.default_rng(4)
     y, z = np.meshgrid(np.linspace(-3.0, 3.0, 40), np.linspace(-2.0, 2.0, 30), indexing="ij")

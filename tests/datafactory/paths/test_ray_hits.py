@@ -7,9 +7,8 @@ import pytest
 from numpy.typing import NDArray
 from sionna_scenes import plate, scene_of, sionna_scene
 
-from datafactory.paths.geometry import _lines, first_hits, mesh_of_shape, ray_margin_m
+from datafactory.paths.geometry import first_hits, mesh_of_shape
 from datafactory.paths.rays import UNIFORM_IN_U, RayFan, _azimuth_at
-from datafactory.paths.unfold import unit
 
 pytestmark = pytest.mark.usefixtures("variant")
 
@@ -50,21 +49,6 @@ def test_the_first_of_two_walls_is_met_within_reach(generator):
     for name in ("valid", "distance", "shape", "primitive"):
         np.testing.assert_array_equal(getattr(without, name)[hits.valid], getattr(hits, name)[hits.valid])
     np.testing.assert_allclose(np.abs(hits.normal[hits.valid, 0]), 1.0, atol=1e-6)
-
-
-def test_lines_leave_their_ends_by_the_ray_casters_error(generator):
-    """Float64, rounded to float32 last, byte for byte as the formula says; lines without a length among them."""
-    start, end = generator.uniform(-80.0, 80.0, (2, 300, 3))
-    start[:100], end[40] = 0.0, 0.0
-    end[200] = start[200]
-    first, direction, reach = _lines(start, end)
-    length = np.linalg.norm(end - start, axis=1)
-    towards = unit(end - start)
-    ahead = 1e-4 + 2e-5 * np.linalg.norm(start, axis=1)
-    left = length - ahead - ray_margin_m(np.linalg.norm(end, axis=1))
-    np.testing.assert_array_equal(first, (start + ahead[:, None] * towards).T.astype(np.float32))
-    np.testing.assert_array_equal(direction, towards.T.astype(np.float32))
-    np.testing.assert_array_equal(reach, np.maximum(left, 0.0).astype(np.float32))
 
 
 STRIPS = (0.5, 0.25, 2.25, 1.5, 1.0, 0.5)

@@ -19,7 +19,6 @@ from datafactory.scenes.drives import (
     Drives,
     draw_drive,
     parse_drives,
-    poses_along,
     ride,
 )
 from datafactory.scenes.ground import CLEARANCE_M, Ground, free_ground
@@ -182,12 +181,6 @@ def test_the_cruising_speed_is_drawn_between_the_ends_asked_for(street: Ground) 
     assert FASTEST_MPS < max(fastest) <= 20.1
 
 
-def test_the_same_generator_draws_the_same_drive(street: Ground) -> None:
-    one, same, other = (draw_drive(street, Movers(TOWN), "test", Drives(), np.random.default_rng(n)) for n in (4, 4, 5))
-    assert one == same
-    assert one != other
-
-
 def test_no_street_is_said_in_one_line(street: Ground) -> None:
     none = replace(street, region=np.full_like(street.region, -1))
     with pytest.raises(
@@ -200,12 +193,3 @@ def test_what_is_asked_of_drives_is_read() -> None:
     assert parse_drives("drive", None) == Drives()
     assert parse_drives("drive:speed=10,seconds=4", 20.0) == Drives(10.0, 4.0, 20.0)
     assert Drives(seconds=0.3, rate_hz=10.0).frames == 3
-
-
-def test_poses_along_a_lane_stand_where_it_is(street: Ground) -> None:
-    lane = Lane(np.stack([np.arange(-50.0, -20.0, 0.5), np.zeros(60)], axis=1))
-    (pose,) = poses_along(lane, street, np.array([7.0]), np.array([10.0]), np.array([3.0]))
-    assert pose.position == pytest.approx((-40.0, 0.0, 0.5))
-    assert pose.velocity == pytest.approx((3.0, 0.0, 0.0))
-    assert (pose.yaw_deg, pose.pitch_deg, pose.roll_deg) == pytest.approx((0.0, 0.0, 0.0))
-    assert pose.time_s == 7.0

@@ -59,8 +59,7 @@ def test_objects_of_one_track_are_one_motion(tmp_path: Path) -> None:
     assert both[0].motion == both[2].motion
 
 
-def test_a_spinning_wheel_has_the_velocity_of_each_point(tmp_path: Path) -> None:
-    """v + omega x r: a wheel about x, rolling along y, within a car that turns about z."""
+def test_what_turns_by_itself_is_a_body_by_itself(tmp_path: Path) -> None:
     body = f"""def Xform "car" {{
       {ops(translate={0: (100, 0, 0), 24: (100, 12, 0)}, rotateZ={0: 0, 24: 30})}
       def Mesh "wheel" {{
@@ -69,20 +68,8 @@ def test_a_spinning_wheel_has_the_velocity_of_each_point(tmp_path: Path) -> None
       }}
       {cube("body")}
     }}"""
-    wheel, shell = read(tmp_path, body, f"{METRES_Z_UP}\n timeCodesPerSecond = 24").objects
-    assert isinstance(wheel.motion, Moving)
-    assert isinstance(shell.motion, Moving)
-    assert (wheel.motion.body, shell.motion.body) == ("/car/wheel", "/car")
-    for time in (0.0, 0.31, 0.7):
-        now, yaw = wheel.at(time), np.radians(30.0 * time)
-        centre = np.array([100.0, 12.0 * time, 0.0]) + 2.0 * np.array([-np.sin(yaw), np.cos(yaw), 0.0])
-        np.testing.assert_allclose(now.vertices.mean(axis=0), centre, atol=1e-9)
-        axle = np.array([np.cos(yaw), np.sin(yaw), 0.0])
-        spin = np.radians(720.0) * axle + np.array([0.0, 0.0, np.radians(30.0)])
-        hub = np.array([0.0, 12.0, 0.0]) + np.cross([0.0, 0.0, np.radians(30.0)], centre - [100.0, 12.0 * time, 0.0])
-        np.testing.assert_allclose(now.velocities, hub + np.cross(spin, now.vertices - centre), atol=1e-9)
-    after = wheel.at(1.0)
-    np.testing.assert_allclose(after.velocities, 0.0, atol=1e-12)
+    motions = [item.motion for item in read(tmp_path, body).objects]
+    assert [motion.body for motion in motions if isinstance(motion, Moving)] == ["/car/wheel", "/car"]
 
 
 def test_what_is_odd_about_an_animation_is_said(tmp_path: Path) -> None:
@@ -160,22 +147,3 @@ def test_the_same_file_gives_the_same_scene(tmp_path: Path) -> None:
     assert first.content_hash() == second.content_hash()
     assert first.warnings == second.warnings
     assert any("composition errors" in warning and "anon:" not in warning for warning in first.warnings)
-
-
-@pytest.mark.parametrize("value", ["(nan, 1, 1)", "(0, 0, 0)", "(1, 0, 1)", "(inf, 1, 1)", "(1e38, 1e38, 1e38)"])
-@pytest.mark.parametrize("operation", ["scale", "rotateXYZ"])
-def test_transforms_that_no_mesh_survives_are_counted_or_one_line(tmp_path: Path, value: str, operation: str) -> None:
-    """float32 points far from their origin ask for the transform's norm, which is not defined for NaN."""
-    body = f"""def Xform "w" {{
-      float3 xformOp:{operation} = {value}
-      uniform token[] xformOpOrder = ["xformOp:{operation}"]
-      def Mesh "m" {{
-        point3f[] points = [(1e6, 0, 0), (1e6, 1, 0), (1e6, 0, 1)]
-        int[] faceVertexCounts = [3]
-        int[] faceVertexIndices = [0, 1, 2]
-      }}
-    }}
-    {cube("rest")}"""
-    scene = read(tmp_path, body)
-    assert scene.objects[-1].name == "/rest"
-    assert np.isfinite(scene.bounds()).all()

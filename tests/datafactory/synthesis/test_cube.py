@@ -140,13 +140,6 @@ def test_virtual_sensor_keeps_its_tolerance(tolerance, video_phase):
     assert relative_error(cube, if_cube(table, radar, radar.virtual_sensor)) <= tolerance
 
 
-@pytest.mark.parametrize("range_m", [0.3, 0.0749, 0.075, 9.5934, 9.594, 19.19, 150.0])
-def test_both_ends_of_the_range_axis(small_radar, range_m):
-    radar = small_radar(chirps=2)
-    table = PathTable(ScatteredPaths.of_points(np.array([[range_m, 0.0, 0.0]]), np.zeros((1, 3)), np.ones(1)))
-    assert relative_error(cube_of_paths(table, radar), if_cube(table, radar)) <= 1e-6
-
-
 def test_more_paths_than_a_chunk(small_radar):
     radar = small_radar(samples=32, chirps=2)
     table = random_table(np.random.default_rng(9), 301, 20, (1.0, 30.0), 40.0, 10.0)

@@ -209,18 +209,6 @@ def test_an_on_grid_target_reads_its_amplitude():
     assert image.max() == pytest.approx(0.5, rel=1e-3)
 
 
-def test_moments_add_and_repeat():
-    radar = radar_of(64, 30)
-    paths = scattered(np.random.default_rng(17), 8, (1.0, 4.0), 3.0)
-    cells = np.random.default_rng(18).integers(0, 32, 30)
-    whole = truth_moments(PathTable(paths), radar, cells)
-    assert whole.tobytes() == truth_moments(PathTable(paths), radar, cells).tobytes()
-    halves = truth_moments(PathTable(paths.take(np.arange(4))), radar, cells)
-    halves = halves + truth_moments(PathTable(paths.take(np.arange(4, 8))), radar, cells)
-    # The Doppler expansion may take fewer terms for half of the paths, each within -50 dB of its own path.
-    assert np.abs(whole - halves).max() < 10.0 ** (MOVING_DB / 20.0) * np.abs(whole).max()
-
-
 def test_an_empty_table_is_a_dark_image():
     radar = radar_of(64, 30)
     empty = PathTable(scattered(np.random.default_rng(1), 0, (1.0, 2.0), 0.0))

@@ -66,7 +66,7 @@ def placements_of(style: Style, seed: int) -> tuple[Placement, ...]:
     return city(seed=seed, style=style)
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2, 3))])
 @pytest.mark.parametrize("style", list(Style))
 def test_no_body_is_in_another(style: Style, seed: int) -> None:
     """By the meshes themselves."""

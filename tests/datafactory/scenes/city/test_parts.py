@@ -1,4 +1,4 @@
-"""Every part of a city is closed, faces outwards, and has planar convex faces; buildings hold what they state."""
+"""Every part of a city is closed, faces outwards, and has planar convex faces; prisms, terraces, panes in frames."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from datafactory.scenes.city.buildings import (
     bays,
     building,
 )
-from datafactory.scenes.city.shapes import Surface
+from datafactory.scenes.city.shapes import Surface, framed_pane, prism, stepped_surface, welded
 
 RNG = np.random.default_rng(3)
 
@@ -89,18 +89,6 @@ def test_a_building_holds_its_walls_and_roof_less_its_recesses(shape: str) -> No
     assert as_mesh(building(style)).volume == pytest.approx(expected, abs=0.05)
 
 
-def test_panes_are_set_back_in_their_reveals() -> None:
-    surface = building(Building(8.0, 8.0, 1))
-    panes = [
-        surface.vertices[list(face)]
-        for face, key in zip(surface.faces, surface.materials, strict=True)
-        if key == "glass"
-    ]
-    assert len(panes) == 2
-    for pane in panes:
-        assert pane[:, 1] == pytest.approx(np.full(4, FRAME_RECESS + PANE_RECESS))
-
-
 def test_crowns_leave_room_for_lorries() -> None:
     tallest = furniture.lorry().vertices[:, 2].max()
     for radius in (1.0, 1.4):
@@ -115,16 +103,25 @@ def test_crowns_leave_room_for_lorries() -> None:
         assert np.linalg.norm(tree.vertices[list(crown), :2], axis=1).max() <= 1.2 * radius + 1e-3
 
 
-@pytest.mark.parametrize("name", furniture.CAR_SHAPES)
-def test_cars_have_plausible_size_and_materials(name: str) -> None:
-    surface = furniture.car(furniture.CAR_SHAPES[name])
-    lower, upper = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
-    assert 3.5 < (upper - lower)[0] < 5.2
-    assert 1.6 < (upper - lower)[1] < 2.1
-    assert lower[2] == pytest.approx(0.0, abs=0.02)
-    assert 1.3 < upper[2] < 2.1
-    assert set(surface.materials) == {"metal", "glass", "rubber"}
-    assert 100 <= len(surface.triangles()) <= 300
-    # Windscreen and rear window look along the street, the side windows across it.
-    glass = trimesh.Trimesh(surface.vertices, surface.triangles("glass"), process=False).face_normals
-    assert {tuple(np.sign(np.round(normal[:2], 2))) for normal in glass} == {(1, 0), (-1, 0), (0, 1), (0, -1)}
+def test_prism_volume_and_outward_normals() -> None:
+    mesh = as_mesh(prism([(0, 0), (3, 0), (0, 2)], 1.0, 5.0, "metal"))
+    assert mesh.volume == pytest.approx(12.0)
+
+
+def test_stepped_surface_adds_the_kerb_to_the_flat_area() -> None:
+    polygons = stepped_surface([0.0, 2.0, 5.0], [0.0, 4.0], [[0.0], [0.12]], lambda i, j: ("asphalt", "concrete")[i])
+    mesh = as_mesh(welded(polygons))
+    assert mesh.area == pytest.approx(5.0 * 4.0 + 0.12 * 4.0)
+    kerb = np.isclose(mesh.face_normals[:, 0], -1.0)
+    assert kerb.sum() == 2
+    assert np.all(mesh.face_normals[~kerb, 2] > 0.99)
+    assert [polygon.material for polygon in polygons].count("concrete") == 2
+
+
+def test_framed_pane_lies_behind_its_outline_by_the_recess() -> None:
+    outline = np.array([(0.0, 0.0, 0.0), (2.0, 0.0, 0.0), (2.0, 0.0, 1.0), (0.0, 0.0, 1.0)])  # normal -y
+    panes = [item for item in framed_pane(outline, 0.1, 0.05, "wood", "glass") if item.material == "glass"]
+    assert len(panes) == 1
+    assert panes[0].corners == pytest.approx(
+        np.array([(0.1, 0.05, 0.1), (1.9, 0.05, 0.1), (1.9, 0.05, 0.9), (0.1, 0.05, 0.9)])
+    )
