@@ -46,7 +46,7 @@ LONG = (
     "datafactory/accuracy/test_budget.py::test_a_budget_on_two_scenes",
     "datafactory/paths/test_trace_on_device.py",
     "datafactory/synthesis/test_kept_machine_code.py",
-    "effect_scenes/test_effect_frames.py::test_what_is_left_out_is_within_the_budget[moving",
+    "effect_scenes/test_effect_plans.py::test_what_is_left_out_is_within_the_budget[moving",
     "examples/",
     "fuzz/",
     "hardcases/test_hardcases.py::test_hard_case[kernels-0.5 m",

@@ -1,16 +1,16 @@
 """The frames' decisions proven right on ``scenes/effects``: what is on was needed, and what is left out was not.
 
-Of each scene the set is written down beforehand. Then every effect is toggled in that set, and the result is simulated
-again: it changes by more than the frame's limit where the effect was on, and by less where it was off. What "changes"
-means is said in ``expected.json`` (``rules``): the power in a resolution cell for added paths, the response over its
-peak for how echoes are formed. The latter is decided by formulas, which ``tests/datafactory/frame/test_changes.py``
-holds against slow sums.
+Of each scene the set is written down beforehand, and every frame decides for it, whatever its rays. Then every effect
+is toggled in that set, and the result is simulated again: it changes by more than the frame's limit where the effect
+was on, and by less where it was off. What "changes" means is said in ``expected.json`` (``rules``): the power in a
+resolution cell for added paths, the response over its peak for how echoes are formed. The latter is decided by
+formulas, which ``tests/datafactory/frame/test_changes.py`` holds against slow sums.
 """
 
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -20,7 +20,9 @@ from prepared_scenes import EFFECT_SCENES as EFFECTS
 from prepared_scenes import prepared_scene
 
 from datafactory.defaults import DEFAULT_BUDGET_DB
+from datafactory.effects import proof
 from datafactory.effects.catalogue import ALL, EffectSet
+from datafactory.effects.plan import plan_of_frame
 from datafactory.frame.chain import ChainSettings, SceneSource, illuminated
 from datafactory.frame.deal import Deal, DealtFrame, PreparedScene
 from datafactory.frame.measurement import FrameIdentity, Measurement, Processing, measure
@@ -137,3 +139,38 @@ def test_noise_fills_the_weakest_range_bin(name: str) -> None:
     weakest = int(np.argmin(power[1]))
     change_db = power_to_db(abs(power[0][weakest] - power[1][weakest]) / power[0][weakest])
     assert change_db > DEFAULT_BUDGET_DB
+
+
+RADAR = Radar()
+SETTINGS = replace(ALL.settings(ChainSettings(trace=TraceSettings())), budget_db=DEFAULT_BUDGET_DB)
+
+
+def made_with(name: str, seed: int = 0) -> list[list[str]]:
+    """The effects of every frame of a scene."""
+    scene = prepared_scene(EFFECTS / f"{name}.usda")
+    deal = Deal(seed=seed, scenes=1, poses=read_poses(EFFECTS / f"{name}.poses.json"))
+    plans = [plan_of_frame(deal.frame(index), scene, RADAR, SETTINGS) for index in range(len(deal))]
+    return [sorted(effect for effect, on in plan.effects.items() if on) for plan in plans]
+
+
+@pytest.mark.parametrize("name", EXPECTED)
+def test_every_frame_has_what_was_written_down(name: str) -> None:
+    expected = sorted(EXPECTED[name]["effects"])
+    assert made_with(name) == [expected] * len(read_poses(EFFECTS / f"{name}.poses.json"))
+
+
+@pytest.mark.parametrize("seed", [1, 5])
+def test_the_decision_does_not_hang_on_the_rays(seed: int) -> None:
+    """The scene whose rough surface, at 80 m, has the fewest rays in a cell."""
+    (one, *others) = made_with("reflector_behind_pane", seed)
+    assert one == sorted(EXPECTED["reflector_behind_pane"]["effects"])
+    assert all(other == one for other in others)
+
+
+@pytest.mark.parametrize("name", EXPECTED)
+def test_what_is_left_out_is_within_the_budget(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Input image, truth image and power in cells against the same frame with every effect, nothing pruned."""
+    monkeypatch.setattr(proof, "frame_seconds", lambda *of: 0.0)
+    scene = prepared_scene(EFFECTS / f"{name}.usda")
+    frame = Deal(scenes=1, poses=read_poses(EFFECTS / f"{name}.poses.json")).frame(0)
+    assert proof.prove(frame, scene, RADAR, SETTINGS).worst_db < DEFAULT_BUDGET_DB

@@ -19,21 +19,13 @@ import pytest
 import ray_work
 from factory_command import shards
 from ray_cluster import add_node, kill_node, ray_cluster
+from small_radar import write_small_radar
 
 from datafactory import RunFailed, render
 from datafactory.run import pipeline
 from shared.physics.errors import InputError
 
 ROOT = Path(__file__).resolve().parents[2]
-RADAR = """
-[waveform]
-chirps = 4
-samples = 64
-range_bins = 40
-bandwidth_hz = 400e6
-[grid]
-bins = 16
-"""
 FRAMES = 40
 DEADLY = "test/part-00000.parquet"
 """Has the frame that :class:`ray_work.DeadlyJob` dies of."""
@@ -47,9 +39,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def radar(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("radar") / "small.toml"
-    path.write_text(RADAR, encoding="utf-8")
-    return path
+    return write_small_radar(tmp_path_factory.mktemp("radar"))
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from factory_command import run
+from factory_command import run, shards
+from small_radar import write_small_radar
 
 from datafactory.api.asking import order_of
 from datafactory.api.forecasting import forecast
@@ -30,33 +31,17 @@ from shared.signal import if_signal, target_amplitudes
 SCENES = Path(__file__).parents[2] / "scenes"
 TINY = SCENES / "tiny.usda"
 
-RADAR = """
-[waveform]
-chirps = 16
-samples = 256
-range_bins = 160
-bandwidth_hz = 400e6
-[grid]
-bins = 60
-"""
-
 TWELVE = ("--frames", 9, "--points", 3, "--workers", 1)
 
 
 @pytest.fixture(scope="module")
 def radar_file(tmp_path_factory) -> Path:
-    path = tmp_path_factory.mktemp("radar") / "small.toml"
-    path.write_text(RADAR, encoding="utf-8")
-    return path
+    return write_small_radar(tmp_path_factory.mktemp("radar"))
 
 
 def rendered(out: Path, radar: Path, *more: object) -> Path:
     run("render", "--scene", TINY, "--radar", radar, "--rays", 4000, "--out", out, *more)
     return out
-
-
-def shard_bytes(folder: Path) -> dict[str, bytes]:
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in sorted(folder.glob("*/*.parquet"))}
 
 
 def manifest_but_made(folder: Path) -> dict:
@@ -91,7 +76,7 @@ def test_shards_have_the_schema_that_was_meant(dataset):
 
 def test_workers_do_not_change_the_bytes(dataset, radar_file, tmp_path):
     other = rendered(tmp_path / "data", radar_file, *TWELVE[:4], "--workers", 2)
-    assert shard_bytes(other) == shard_bytes(dataset)
+    assert shards(other) == shards(dataset)
     assert manifest_but_made(other) == manifest_but_made(dataset)
 
 
@@ -134,7 +119,7 @@ def test_a_killed_run_resumes_to_the_same_bytes(dataset, radar_file, tmp_path, m
     assert "kept from before" in run(
         "render", "--scene", TINY, "--radar", radar_file, "--rays", 4000, "--out", out, *TWELVE, "--resume"
     )
-    assert shard_bytes(out) == shard_bytes(dataset)
+    assert shards(out) == shards(dataset)
     assert manifest_but_made(out) == manifest_but_made(dataset)
 
 
@@ -186,7 +171,7 @@ def test_rendering_from_traced_paths_gives_the_same_frames(dataset, radar_file, 
         )
     assert "as they were written" in said
     run("render", "--paths", tmp_path / "trace", *here, "--frames", 0, "--points", 3, "--out", again)
-    assert shard_bytes(again) == shard_bytes(dataset)
+    assert shards(again) == shards(dataset)
     with pytest.raises(InputError, match="no traced paths"):
         run("render", "--paths", dataset, "--radar", radar_file, "--out", tmp_path / "other")
 
