@@ -25,7 +25,6 @@ from datafactory import RunFailed, render
 from datafactory.run import pipeline
 from shared.physics.errors import InputError
 
-ROOT = Path(__file__).resolve().parents[2]
 FRAMES = 40
 DEADLY = "test/part-00000.parquet"
 """Has the frame that :class:`ray_work.DeadlyJob` dies of."""
@@ -143,15 +142,6 @@ def test_nothing_outlives_a_command_that_is_killed(
     assert not (out / "manifest.json").exists()
     made(out, radar, engine="ray", address=cluster.address, workers=1, resume=True)
     assert shards(out) == reference
-
-
-def test_scene_frames_are_those_of_this_machine(cluster: Any, radar: Path, tmp_path: Path) -> None:
-    for engine, more in (("local", {}), ("ray", {"address": cluster.address})):
-        render(
-            str(ROOT / "scenes" / "tiny.usda"), tmp_path / engine, radar=radar, frames=1, split="1:0:0", rays=500,
-            effects="specular,diffuse,noise", engine=engine, **more,
-        )  # fmt: skip
-    assert shards(tmp_path / "ray") == shards(tmp_path / "local")
 
 
 def test_a_ray_of_the_runs_own_is_lost(radar: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 from datafactory.accuracy import study
-from datafactory.accuracy.cache import cached, user_cache
+from datafactory.accuracy.cache import cached
 from datafactory.accuracy.knobs import DEFAULT, KNOBS, POWER_KNOBS, QUICK, STUDY, Menu, menu_for
 from datafactory.accuracy.looking import STAGES, Clock
 from datafactory.accuracy.power import FLOOR_DB
@@ -126,11 +126,6 @@ def test_a_damaged_cache_is_measured_again(tmp_path: Path) -> None:
     assert len(said) == 1
     cached(tmp_path, {"scene": "b"}, Prices, measure, said.append)
     assert paths[2] != paths[0]
-
-
-def test_the_cache_follows_the_user(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert user_cache().is_relative_to(tmp_path)
 
 
 def level(rows: list[Row], knob: str, value: object, error: str) -> float:

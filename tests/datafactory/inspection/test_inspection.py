@@ -213,17 +213,11 @@ def test_a_folder_of_traced_paths_is_summarised(tmp_path):
     assert not (tmp_path / "pictures").exists()
 
 
-@pytest.mark.parametrize("damage", ["flip", "cut", "remove"])
-def test_verify_names_the_damaged_shard_and_exits_with_1(directory, damage):
+def test_verify_names_the_damaged_shard_and_exits_with_1(directory):
     shard = directory / "train/part-00001.parquet"
     content = bytearray(shard.read_bytes())
-    if damage == "flip":
-        content[len(content) // 2] ^= 4
-        shard.write_bytes(content)
-    elif damage == "cut":
-        shard.write_bytes(content[:-10])
-    else:
-        shard.unlink()
+    content[len(content) // 2] ^= 4
+    shard.write_bytes(content)
     result = run(directory, "--verify", "--frames", 0)
     assert result.exit_code == 1
     assert "train/part-00001.parquet: " in result.output

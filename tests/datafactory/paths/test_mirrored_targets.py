@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from curved_bodies import tube
 from mirrored_scenes import (
     ASPHALT,
     METAL,
@@ -321,11 +322,7 @@ def test_points_of_reflection_are_those_of_mirror_images(generator: np.random.Ge
 
 def test_facets_of_a_curved_body_are_no_mirrors_of_a_target() -> None:
     """A smooth post beside the line of sight: whichever of its facets is square to the bisector reflects nothing."""
-    turns = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
-    ring = np.stack([5.0 + 0.5 * np.cos(turns), 1.0 + 0.5 * np.sin(turns)], axis=1)
-    vertices = np.concatenate([np.column_stack([ring, np.full(48, z)]) for z in (-2.0, 2.0)])
-    faces = [(k, (k + 1) % 48, 48 + k) for k in range(48)]
-    faces += [((k + 1) % 48, 48 + (k + 1) % 48, 48 + k) for k in range(48)]
-    post = SceneObject("post", vertices, np.array(faces, dtype=np.int32), "mirror")
+    vertices, triangles = tube(0.5, 4.0, 48)
+    post = SceneObject("post", vertices + np.array([5.0, 1.0, 0.0]), triangles, "mirror")
     _, table = echoes([post], [point((10.0, 0.0, 0.0))], Pose((0.0, 0.0, 0.0)))
     assert table.counts["target_mirrors"] == 0

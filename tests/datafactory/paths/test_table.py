@@ -21,7 +21,7 @@ from datafactory.paths.storage import (
     to_row,
     writer_options,
 )
-from datafactory.paths.table import PathTable, ScatteredPaths, SpecularPaths
+from datafactory.paths.table import SPECULAR, PathTable, ScatteredPaths, SpecularPaths
 from datafactory.run.shards import write_tables
 from datafactory.scenes.boxes import SeenThing
 from datafactory.scenes.poses import Pose
@@ -42,15 +42,8 @@ def behind(planes, velocity=(0.0, 0.0, 0.0)) -> SpecularPaths:
     for plane in planes:
         image = mirrored(image, plane)
         axes = (np.eye(3) - 2.0 * np.outer(plane[1], plane[1])) @ axes
-    return SpecularPaths(
-        image=image[None],
-        image_velocity=np.array([velocity]),
-        axes=axes[None],
-        amplitude=np.array([1.0 - 2.0j]),
-        depth=np.array([len(planes)], dtype=np.int8),
-        object_index=np.array([0], dtype=np.int32),
-        kinds=np.array([1], dtype=np.uint8),
-    )
+    amplitude, owner = np.array([1.0 - 2.0j]), np.zeros(1, dtype=np.int32)
+    return SpecularPaths.of(image[None], np.array([velocity]), axes[None], amplitude, owner, SPECULAR, len(planes))
 
 
 def two_points() -> ScatteredPaths:
@@ -162,9 +155,7 @@ def test_each_end_has_its_own_pattern():
     one_way = FrontEnd(transmit_power_dbm=30.0, tx_pattern=narrow, rx_pattern=IsotropicPattern())
     ahead, aside = np.array([[5.0, 0.0, 0.0]]), np.array([[0.0, 5.0, 0.0]])
     base = ScatteredPaths.of_points(ahead, np.zeros((1, 3)), np.ones(1))
-    leaving_ahead = PathTable(
-        ScatteredPaths(**{**{n: getattr(base, n) for n in base.__dataclass_fields__}, "rx_point": aside})
-    )
+    leaving_ahead = PathTable(replace(base, rx_point=aside))
     assert np.abs(leaving_ahead.illuminated(one_way).scattered.amplitude[0]) == pytest.approx(1.0)
     leaving_aside = PathTable(leaving_ahead.scattered.reversed())
     assert np.abs(leaving_aside.illuminated(one_way).scattered.amplitude[0]) == pytest.approx(1e-2)
@@ -296,14 +287,3 @@ def test_a_row_that_is_not_there_is_named(tmp_path):
     path = written(tmp_path, [a_frame(0, 7, 2)])
     with pytest.raises(InputError, match="1 rows, row 1 was asked for"):
         read_frame_paths(path, 1)
-
-
-@pytest.mark.parametrize("foreign", [b"", b"PAR1 but not Parquet", None])
-def test_a_foreign_file_is_named(tmp_path, foreign):
-    path = tmp_path / "part-00000.parquet"
-    if foreign is None:
-        pq.write_table(pa.table({"a": [1]}), path)
-    else:
-        path.write_bytes(foreign)
-    with pytest.raises(InputError, match="part-00000"):
-        list(read_paths(path))

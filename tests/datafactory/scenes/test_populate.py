@@ -147,15 +147,11 @@ def test_same_seed_same_scene(hill: Scene) -> None:
     assert things_of(elsewhere)[0].at(0.0)[0].tolist() != things_of(hill)[0].at(0.0)[0].tolist()
 
 
-def test_sensors_stand_on_the_populated_road_and_in_no_parked_car(hill: Scene) -> None:
+def test_sensors_stand_on_the_populated_road(hill: Scene) -> None:
     ground, bare = sensor_ground(hill), free_ground(two_blocks())
     assert ground.road.any()
     assert not bare.road.any()
     things = things_of(hill)
-    for thing in things:
-        i, j = ground.cell_of(*thing.at(0.0)[0][:2, None])
-        if not thing.moves and thing.size_m[2] > 0.4:
-            assert not ground.free[i, j].any(), thing.name
     moving = [thing for thing in things if thing.moves and thing.label == "car"]
     cells = [ground.cell_of(*thing.at(0.0)[0][:2, None]) for thing in moving]
     assert any(ground.road[i, j].any() for i, j in cells)  # what drives is no obstacle of the map

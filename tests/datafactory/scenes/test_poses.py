@@ -197,22 +197,6 @@ def test_poses_keep_to_their_region_and_to_free_ground(town):
             assert pose.velocity[2] == pose.pitch_deg == pose.roll_deg == 0.0
 
 
-def test_poses_look_at_something_over_a_free_path(town):
-    """Checked against the boxes themselves, not against the height map."""
-    for seed in range(25):
-        pose = sample_pose(town, "train", np.random.default_rng(seed))
-        x, y, _ = pose.position
-        ahead = np.arange(0.0, 7.0, 0.1)
-        yaw = math.radians(pose.yaw_deg)
-        for item in (*BUILDINGS, CAR, POLE):
-            path = [gap_to_box(x + d * math.cos(yaw), y + d * math.sin(yaw), item) for d in ahead]
-            assert min(path) > 0.0
-        corners = np.concatenate([item.vertices[:, :2] for item in (*BUILDINGS, CAR, POLE)]) - [x, y]
-        off = np.angle(np.exp(1j * (np.arctan2(corners[:, 1], corners[:, 0]) - yaw)))
-        # A facade may fill the sector with its corners outside it: 80 deg leaves room for that.
-        assert np.any((np.abs(off) < math.radians(80)) & (np.hypot(*corners.T) < 120))
-
-
 def test_speeds_and_directions_fill_their_range(town):
     velocities = np.array([sample_pose(town, "train", np.random.default_rng(n)).velocity for n in range(150)])
     speed = np.hypot(velocities[:, 0], velocities[:, 1])
